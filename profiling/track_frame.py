@@ -36,7 +36,7 @@ def main() -> None:
             other += 1
             began_ns = time.thread_time_ns()
             if name == "network":
-                network.run()
+                network.invoke()
             else:
                 face = tracker.engine.detect(image)
                 tracker.update(face, k * 33_333_333)

@@ -13,6 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from lfpipe.cli import cli
 from lfpipe.sequence.folder import EYES, MANIFEST, TRUTH, begin_manifest, end_manifest
 from lfpipe.sequence.packets import INDEX, PACKETS, PacketWriter, encoded
 from tests import hostile_files as hostile
@@ -135,3 +136,8 @@ def damage(rng: random.Random, folder: Path) -> str:
     if rng.random() < 0.7:
         sign(folder)
     return kind
+
+
+def typed(*words: str | Path) -> Any:
+    """The exit code of a command as a person types it, in this process; its UserError is raised."""
+    return cli.main(["sequence", *map(str, words)], standalone_mode=False)

@@ -4,7 +4,6 @@ import json
 import os
 import secrets
 import shutil
-import socket
 import subprocess
 import sys
 import tempfile
@@ -30,15 +29,6 @@ def write_scene(folder: Path, rows: int = 3, cols: int = 3, size: tuple[int, int
             view[:] = (8 * row + 5, 8 * col + 5, 8 * (3 * row + col) + 5)
             cv2.imwrite(str(folder / f"view_{row:02d}_{col:02d}.png"), view)
     return folder
-
-
-def raw_address(run_dir: Path, name: str) -> tuple[int, Any]:
-    """Family and address of one of a session's sockets, for who does not speak ZeroMQ."""
-    path = run_dir / name
-    if path.is_socket():
-        return socket.AF_UNIX, str(path)
-    host, _, port = path.read_bytes().split(b"\n")[0].decode().removeprefix("tcp://").partition(":")
-    return socket.AF_INET, (host, int(port))
 
 
 class World:
@@ -116,7 +106,7 @@ class World:
     def monitor(self) -> dict[str, Any]:
         """The figures that `lfpipe monitor --once --json` prints, without a process for them."""
         run_dir = next(path for path in self.run_dir.glob("lfpipe-*") if path.name.endswith(f"-{self.name}"))
-        return control.request(run_dir, {"cmd": "status"}, 30)
+        return control.request(run_dir, {"cmd": "status"}, 60)
 
     def left(self) -> list[str]:
         """What lies in shared memory and the run directory that belongs to sessions of this world."""

@@ -8,6 +8,7 @@ page.png needs chromium and chromedriver, and is left as it is without them.
 
 import argparse
 import asyncio
+import base64
 import os
 import signal
 import subprocess
@@ -117,23 +118,23 @@ def modes(out: Path, folder: str) -> None:
 
 async def take(out: Path, folder: Path) -> None:
     from lfpipe.observe.page_feed import Feed
-    from lfpipe.observe.session_commands import SessionCommands
+    from lfpipe.observe.session_commands import ask
     from lfpipe.observe.session_reader import FollowingReader
-    from lfpipe.observe.state_text import Screen
+    from lfpipe.observe.state_text import screen_text
 
-    feed, follower, screen, text = Feed("docs"), FollowingReader("docs"), Screen("docs"), None
-    jpegs: dict[str, bytes | None] = {}
+    feed, follower, text = Feed("docs"), FollowingReader("docs"), None
+    jpegs: dict[bytes, bytes] = {}
     started = time.monotonic()
-    while time.monotonic() - started < 25:
+    async for sample in feed.events():
         if (state := follower.read()) is not None:
-            jpegs = {which: await feed.picture(which) for which in ("picture", "camera")}  # asking keeps the ring
-            text = screen.draw(state, SessionCommands("docs").ask({"cmd": "hello"}), COLUMNS)
-        await asyncio.sleep(0.25)
+            text = screen_text(state, ask("docs", {"cmd": "hello"}), "")
+        jpegs = dict(event.split(b"\ndata: ") for event in sample.split(b"event: ")[1:])
+        if time.monotonic() - started > 25:
+            break
     assert text is not None, "the demo does not run"
     save(out / "monitor.png", terminal(text))
-    for name, jpeg in (("anaglyph", jpegs["picture"]), ("view_grid", jpegs["camera"])):
-        assert jpeg is not None
-        picture = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    for name, which in (("anaglyph", b"picture"), ("view_grid", b"camera")):
+        picture = cv2.imdecode(np.frombuffer(base64.b64decode(jpegs[which]), np.uint8), cv2.IMREAD_COLOR)
         assert picture is not None
         save(out / f"{name}.png", picture.astype(np.uint8))
     follower.close()

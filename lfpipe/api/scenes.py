@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfpipe.config import Config, Scene, updated
 from lfpipe.errors import UserError
-from lfpipe.files.output import output_file
+from lfpipe.files.safe_files import replaced
 from lfpipe.host.files import is_file
 from lfpipe.render.compositor import Compositor, ViewRenderer
 from lfpipe.scene import open_scene as scenes
@@ -74,7 +74,7 @@ def scene_path(
         for old in folder.iterdir():
             if time.time() - old.stat().st_atime > KEPT_S:
                 old.unlink(missing_ok=True)
-        with output_file(path) as file:
+        with replaced(path) as file:
             if beside:
                 np.savez(file, **arrays)  # type: ignore[arg-type]
             else:

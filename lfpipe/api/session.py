@@ -186,7 +186,7 @@ class Session(Attachment):
                 raise self._failure()
             with contextlib.suppress(UserError, FileNotFoundError):
                 super().__init__(name)
-                rows = self._watch.rows
+                rows = self._watch.table.rows
                 if "render" in rows and rows["render"]["state"] == State.RUNNING and int(rows["render"]["seq"]) > 0:
                     return
                 self.close()

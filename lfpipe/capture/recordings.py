@@ -77,7 +77,7 @@ class SequenceRecording(Recording):
         self.width_px, self.height_px = self._sequence.size_px
         self.rate_hz = self._sequence.measured_hz
         self._file = open_regular(path / PACKETS)
-        self.jpeg = self._sequence.packets.codecs == ["jpeg"]
+        self.jpeg = self._sequence.codecs == {"jpeg"}
         if self._sequence.holds_eyes:
             self.eyes, self.notes = str(path.resolve()), ("holds the eyes of the mouse",)
         elif not self._sequence.complete:

@@ -15,9 +15,9 @@ from lfpipe.config.user_files import camera_file, write_keys
 from lfpipe.errors import UserError
 from lfpipe.observe.calibrate import by_card, by_eyes
 from lfpipe.observe.loop_calibration import measure_loop
-from lfpipe.render.geometry import BANK_CARD_MM, focal_px_from
 from lfpipe.render.monitors import loop_conditions
 
+BANK_CARD_MM = 85.60  # ISO/IEC 7810 ID-1
 USUAL_DEG = (30, 130)  # fields of view of webcams, narrow to wide
 
 
@@ -53,7 +53,7 @@ def calibrate(
         return
     size_px = by_card(config, camera, distance_mm) if by == "card" else by_eyes(config, camera, distance_mm)
     size_mm = BANK_CARD_MM if by == "card" else eyes_mm or EYES_MM
-    focal_px, width_px = round(focal_px_from(size_px, size_mm, distance_mm), 1), config.camera.frame_px[0]
+    focal_px, width_px = round(size_px * distance_mm / size_mm, 1), config.camera.frame_px[0]
     fov_deg = math.degrees(2 * math.atan(width_px / 2 / focal_px))
     click.echo(f"{size_mm:g} mm at a distance of {distance_mm:g} mm measure {size_px:.1f} px")
     click.echo(f"focal length {focal_px} px, field of view {fov_deg:.1f} degrees")

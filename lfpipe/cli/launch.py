@@ -18,11 +18,10 @@ from lfpipe.config import Config, SessionOptions
 from lfpipe.config.user_files import has_key, with_measured_focal
 from lfpipe.errors import UserError
 from lfpipe.files.output import check_outputs
-from lfpipe.files.video_writer import encoder_name
+from lfpipe.files.video_writer import require_encoder
 from lfpipe.host.files import exists
 from lfpipe.observe.state_text import print_state
 from lfpipe.render.display import check_display, has_display
-from lfpipe.render.geometry import check_geometry
 from lfpipe.render.plan import make_plan
 from lfpipe.scene.open_scene import Opened, Packing, open_scenes
 from lfpipe.scene.pack import summarize
@@ -158,7 +157,6 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
     tracking = scene.needs_tracking and not camera.is_mouse
     config = _with_measured_focal(config, camera)
     config = with_engine(config) if tracking else config
-    check_geometry(config, scene)
     if arguments.scenes and arguments.kiosk is None and not arguments.start:
         remember_scene(scenes[0])
     options = attrs.evolve(
@@ -201,7 +199,7 @@ def _demo_display() -> str:
         raise UserError(f"{DEMO_FOLDER}/: {error.strerror}", remedy) from None
     say(f"no screen here: the demo records itself in {DEMO_FOLDER}/")
     try:
-        encoder_name()
+        require_encoder()
     except UserError as error:
         say(f"the demo's video is lossless and large: {error.message}; {error.remedy}")
         return f"file:{DEMO_FOLDER / 'demo.mkv'}"

@@ -1,25 +1,31 @@
 """`lfpipe record` and `lfpipe sequence`: records a camera; inspects, cuts, imports and exports what was recorded."""
 
+import contextlib
 import json
 import os
+import shutil
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 import attrs
 import click
+import numpy as np
 
 from lfpipe import config as config_module
 from lfpipe.capture.open_source import camera_name, check_source
+from lfpipe.capture.recordings import open_recording
 from lfpipe.cli.launch import exit_code, say
 from lfpipe.cli.options import with_camera, with_config
 from lfpipe.config.user_files import with_measured_focal
 from lfpipe.errors import UserError, plain
+from lfpipe.files.safe_files import create_private, open_regular
 from lfpipe.host.files import exists
-from lfpipe.scene.video import Video
+from lfpipe.host.machine import versions
 from lfpipe.sequence import edit
-from lfpipe.sequence.eyes import eyes_lines, read_truth
-from lfpipe.sequence.folder import FILES, check_out, open_sequence
+from lfpipe.sequence.eyes import TRUTH, eyes_lines, read_truth, table_of
+from lfpipe.sequence.folder import FILES, begin_manifest, check_out, end_manifest, new_folder, open_sequence
+from lfpipe.sequence.packets import PacketWriter, encoded
 from lfpipe.supervisor.supervisor import run_session
 from lfpipe.transport.session import Session
 
@@ -78,7 +84,7 @@ def info(paths: tuple[Path, ...], as_json: bool) -> int:
 
 def _info(path: Path, as_json: bool) -> None:
     found = open_sequence(path, verify=False)
-    size, codecs = sum(packet.bytes for packet in found.packets), found.packets.codecs
+    size, codecs = sum(packet.bytes for packet in found.packets), sorted(found.codecs)
     beside = [name.partition(".")[0] for name in FILES[2:] if exists(path / name)]
     source, created = (str(found.manifest.get(name, "")) for name in ("source", "created"))
     if as_json:
@@ -89,7 +95,7 @@ def _info(path: Path, as_json: bool) -> None:
             "rate_hz": round(found.measured_hz, 4),
             "width_px": found.width_px,
             "height_px": found.height_px,
-            "codecs": sorted(codecs),
+            "codecs": codecs,
             "bytes": size,
             "complete": found.complete,
             "eyes": "eyes" in beside,
@@ -149,8 +155,26 @@ def cut(path: Path, out: Path, begin_s: float, end_s: float) -> None:
 @click.option("--truth", type=PATH, metavar="CSV", help="True eye positions, as tools/make_sequence.py writes them.")
 def import_(video: Path, out: Path, truth: Path | None) -> None:
     """Make the sequence OUT from VIDEO. Motion JPEG frames are copied unchanged."""
-    Video(video)  # it has frames that decode
-    click.echo(f"{out}: {edit.from_video(video, out, truth)} frames")
+    if truth is not None:
+        table_of(truth)
+    with contextlib.closing(open_recording(video)) as frames:
+        width_px, height_px, rate_hz = frames.width_px, frames.height_px, frames.rate_hz
+        if not rate_hz:
+            raise UserError(f"{video}: has no frame rate", "give a video (avi, mkv, mp4, ...)")
+        picture = np.empty((height_px, width_px, 3), np.uint8)
+        with new_folder(out):
+            manifest = begin_manifest(out, f"file:{video.name}", width_px, height_px, rate_hz, versions=versions())
+            writer = PacketWriter(out)
+            while frames.next(picture) is not None:
+                packet = ("jpeg", frames.packet.tobytes()) if frames.packet is not None else encoded(picture, fast=False)
+                t_ns = round(writer.count * 1e9 / rate_hz)
+                writer.append(packet[1], packet[0], writer.count, 0, t_ns, t_ns)
+            writer.close()
+            if truth is not None:
+                with create_private(out / TRUTH) as file, open_regular(truth) as table:
+                    shutil.copyfileobj(table, file)
+            end_manifest(out, manifest, writer.count, writer.checksums())
+    click.echo(f"{out}: {writer.count} frames")
 
 
 @sequence.command()

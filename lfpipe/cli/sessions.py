@@ -3,6 +3,7 @@
 import itertools
 import json
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,11 @@ import click
 from lfpipe.cli import completions
 from lfpipe.cli.options import with_session
 from lfpipe.config import parse_set
+from lfpipe.files.output import check_output
 from lfpipe.observe import terminal
-from lfpipe.observe.session_commands import SessionCommands
+from lfpipe.observe.session_commands import ask
 from lfpipe.observe.state_text import print_state
-from lfpipe.observe.timeline import check_out, finish_trace
+from lfpipe.observe.timeline import finish_trace
 from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S
 
 LOAD_S = 900.0  # packing a large scene takes minutes
@@ -82,7 +84,7 @@ def ctl(context: click.Context, session_name: str, as_json: bool) -> None:
 
 
 def _send(target: Target, message: dict[str, Any], timeout_s: float = 3.0) -> None:
-    answer = SessionCommands(target.session_name).ask(message, timeout_s)
+    answer = ask(target.session_name, message, timeout_s)
     answer.pop("v", None)
     if target.as_json:
         click.echo(json.dumps(answer))
@@ -184,8 +186,8 @@ def trace() -> None:
 def start_trace(out: Path | None, session_name: str) -> None:
     """Start a timeline. `lfpipe trace stop` writes it to OUT.json; the default is a name made of the time, in this folder."""
     out = (out or Path(time.strftime("lfpipe-%Y%m%d-%H%M%S.json"))).absolute()
-    check_out(out)
-    SessionCommands(session_name).ask({"cmd": "trace", "path": f"{out}.part"}, FILE_CHECK_TIMEOUT_S)
+    check_output(out)
+    ask(session_name, {"cmd": "trace", "path": f"{out}.part"}, FILE_CHECK_TIMEOUT_S)
     click.echo(f"recording; `lfpipe trace stop` writes {out}")
 
 
@@ -194,5 +196,5 @@ def start_trace(out: Path | None, session_name: str) -> None:
 @with_session
 def stop_trace(out: Path | None, session_name: str) -> None:
     """End the timeline and write it to OUT.json, or to the file given to `start`."""
-    done = finish_trace(SessionCommands(session_name).ask, out)
+    done = finish_trace(partial(ask, session_name), out)
     click.echo(f"{done}: open it at ui.perfetto.dev, which does not upload it, or in chrome://tracing")

@@ -38,7 +38,7 @@ def parse_set(text: str) -> tuple[str, bool | int | float | str]:
         pass
     if isinstance(value, int) and value.bit_length() > 63:
         value = math.inf if value > 0 else -math.inf  # out of every range, and too large for a message
-    word = isinstance(value, bool) and key in options() and bool not in options()[key].types  # as in render.alpha_px=true
+    word = isinstance(value, bool) and key in options() and bool not in options()[key].types  # as in screen.monitor=true
     if word or not isinstance(value, bool | int | float | str):
         value = raw
     for part in (key, value):

@@ -30,8 +30,8 @@ class SceneSummary:
 
     pack: the pack's folder, absolute. height_px, width_px: of a view. method: the method used for render.method = "auto".
     complete: whether the packer has finished; until then there is no disparity. scores: PSNR in dB of each method on held-out
-    views. baseline_mm, focus_distance_mm, focal_length_px: None where unknown. disparity_min_px, disparity_max_px: of the
-    farthest and nearest points, px per view. half_turned: the views run against the order of the pack.
+    views. disparity_min_px, disparity_max_px: of the farthest and nearest points, px per view. half_turned: the views run against
+    the order of the pack.
     """
 
     pack: str
@@ -44,9 +44,6 @@ class SceneSummary:
     has_disparity: bool
     complete: bool = True
     scores: Mapping[str, float] = attrs.field(factory=dict)
-    baseline_mm: float | None = None
-    focus_distance_mm: float | None = None
-    focal_length_px: float | None = None
     disparity_min_px: float = 0.0
     disparity_max_px: float = 0.0
     half_turned: bool = False

@@ -103,8 +103,8 @@ class Render:
         doc="pictures per second of the display clock; auto: every refresh of the screen, 60 without a screen")
     method: Literal["auto", "nearest", "blend", "warp", "warp2", "best"] = key("auto", live=True,
         doc="how a view between the stored views is made; nearest is the paper's")
-    alpha_px: float | Literal["auto", "true"] = key("auto", "px", 1e-09, 1e+09, live=True,
-        doc="camera pixels between neighbouring views of the grid; auto: from geometry and comfort; true: depth as in nature")
+    alpha_px: float | Literal["auto"] = key("auto", "px", 1e-09, 1e+09, live=True,
+        doc="camera pixels between neighbouring views of the grid; auto: from geometry, comfort and render.depth")
     depth: float = key(0.0, "", 0, 1, live=True,
         doc="depth from comfort (0) to true (1), or to the whole grid where true is unknown; with alpha_px auto")
     anaglyph: Anaglyph = key("dubois", live=True, doc="how the two eyes' views share one picture; colour is the paper's")
@@ -155,9 +155,8 @@ class Scene:
 class Governor:
     quality: Literal["auto", "fixed"] = key("auto", live=True, replays=False,
         doc="auto: lower quality level by level if the machine is too slow, and raise it when CPU is free; fixed: never")
-    affinity: str = key("auto", replays=False,
-        doc="cores of each stage, as in track=1,render=0+2; auto: on two cores, tracking has one of its own; none: the system decides")
-    nice: str = key("", replays=False, doc="niceness of each stage, as in render=0,track=5; empty: same as the parent process")
+    affinity: Literal["auto", "none"] = key("auto", replays=False,
+        doc="auto: on two cores, tracking has one of its own; none: the system decides")
 
 
 @attrs.frozen

@@ -23,7 +23,7 @@ from PIL import Image
 from lfpipe.config import Config
 from lfpipe.errors import UserError
 from lfpipe.files.output import MARK, finished_output, marked_picture
-from lfpipe.files.video_writer import VideoWriter, encoder_name, write_error
+from lfpipe.files.video_writer import VideoWriter, require_encoder, write_error
 from lfpipe.render.compositor import ViewRenderer
 from lfpipe.render.geometry import parallax, zero_plane_px
 from lfpipe.scene.lightfield import LightField
@@ -155,7 +155,7 @@ def check_clip(path: Path, count: int) -> None:
     if path.suffix.lower() == ".gif" and count > GIF_PICTURES:
         raise UserError(f"{path}: {count} pictures, a GIF may have {GIF_PICTURES}", "a shorter one, or .mp4")
     if path.suffix.lower() == ".mp4":
-        encoder_name()
+        require_encoder()
 
 
 def write_clip(path: Path, pictures: Iterable[Picture], rate_hz: float) -> int:

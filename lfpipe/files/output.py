@@ -1,14 +1,14 @@
 """Files that a command writes for a person: checked without being changed, written beside their place, moved there when readable.
 
-Nothing a person owns is lost: an output never replaces an input of its command, a file in use, or a file that lfpipe did not
-write. `written_by_lfpipe` recognises the others by their content, whatever their names are:
+An output never replaces an input of its command, a file in use, or a file that lfpipe did not write. `written_by_lfpipe`
+recognises its own by content, whatever their names are:
 
     trace                first line: an object with the keys of TRACE_KEYS
     timeline             the first event names lfpipe
     reports, results     JSON that begins with "format": "lfpipe-..."; JUnit XML of a suite "lfpipe ..."
     tables               the header row of an exported sequence
     text                 a first line of "# ", "// " or "<!-- " and MARK
-    pictures, videos     MARK in their metadata: PNG text, JPEG and GIF comment, MP4 comment, space reserved by Matroska and AVI
+    pictures, videos     MARK in the metadata of a picture, and after the end of a video
 """
 
 import contextlib
@@ -19,19 +19,16 @@ import re
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import IO
 
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import PRIVATE, check_regular, create_private, open_regular, reason
 from lfpipe.host.file_lock import is_held, lock_open
-from lfpipe.host.files import longest_name, write_at
+from lfpipe.host.files import longest_name
 
 MARK = b"written by lfpipe"
 TRACE_KEYS = {"source_seq", "epoch", "t_sensor_ns", "t_presented_ns", "eyes_used", "view", "composed"}
 PLACE = "name a file in an existing folder that you may write to, on a disk with free space"
-_NAMELESS = getattr(os, "O_TMPFILE", 0)  # tries to write in a folder without changing it; not every file system can
 _HEAD_BYTES = 1 << 16  # more than any metadata of ours, and than the longest line of a trace
-_MOOV_BYTES = 1 << 20  # of an MP4: its index may come before the comment
 _TEXTS = (
     re.compile(rb'\{"displayTimeUnit": "ms", "traceEvents": \[\s*\{"name": "process_name"[^\n]*"lfpipe"'),
     re.compile(rb'\{\s*"format": ("lfpipe-|\d+,\s*"versions": \{\s*"lfpipe")'),
@@ -41,8 +38,12 @@ _TEXTS = (
     re.compile(rb"seq,source_seq,epoch,t_sensor_ns,t_read_ns\b"),
     re.compile(rb"(# |// |<!-- |<!doctype html>\s*<!-- )" + MARK, re.IGNORECASE),
 )
-_PICTURES = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"GIF8", b"\x1a\x45\xdf\xa3", b"RIFF")
-_MATROSKA_INFO = bytes.fromhex("1549a966")
+_PICTURES = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"GIF8")
+_EMPTY_PARTS = {  # what players pass over, at the end of a video
+    b"\x1a\x45\xdf\xa3": b"\xec" + bytes([0x80 | len(MARK)]) + MARK,  # Matroska: Void
+    b"RIFF": b"JUNK" + len(MARK).to_bytes(4, "little") + MARK,
+    b"ftyp": (8 + len(MARK)).to_bytes(4, "big") + b"free" + MARK,
+}
 
 
 def check_output(path: Path, inputs: Iterable[Path] = (), force: bool | None = None, label: str = "") -> None:
@@ -58,13 +59,13 @@ def check_output(path: Path, inputs: Iterable[Path] = (), force: bool | None = N
         _check_place(target)
     except (OSError, ValueError) as error:
         raise UserError(f"{what}: {reason(error)}", PLACE) from None
-    ours = not os.path.lexists(target) or written_by_lfpipe(target)
+    exists = os.path.lexists(target)
     for source in inputs:
-        if _is_input(target, Path(os.path.realpath(source)), ours):
+        if _is_input(target, Path(os.path.realpath(source))):
             raise UserError(f"{what}: this command reads it (from {source})", "name another file")
     if _in_use(target) or _in_use(_beside(target)):
         raise UserError(f"{what}: another lfpipe is writing it", "name another file, or end that session first")
-    if not ours and not force:
+    if exists and not force and not written_by_lfpipe(target):
         remedy = "name another file" + ("" if force is None else ", or replace it with --force")
         raise UserError(f"{what}: exists, and was not written by lfpipe", remedy)
 
@@ -85,43 +86,22 @@ def check_outputs(outputs: Mapping[str, Path | None], inputs: Iterable[Path] = (
 def _check_place(target: Path) -> None:
     """Raises OSError if target is not a file, or cannot become one."""
     check_regular(target)
-    folder = target.parent
-    folder.stat()
+    target.parent.stat()
     name = os.fsencode(target.name)
-    if not name or len(name) > longest_name(folder):
+    if not name or len(name) > longest_name(target.parent):
         code = errno.ENAMETOOLONG if name else errno.EISDIR
-        raise OSError(code, os.strerror(code), str(target))
-    if os.path.lexists(target) and not os.access(target, os.W_OK):
-        raise OSError(errno.EACCES, os.strerror(errno.EACCES), str(target))
-    try:
-        if _NAMELESS:
-            os.close(os.open(folder, _NAMELESS | os.O_WRONLY, PRIVATE))
-            return
-    except OSError as error:
-        if error.errno not in (errno.EOPNOTSUPP, errno.EISDIR, errno.EINVAL):
-            raise
-    probe = folder / f".lfpipe.{os.getpid()}.probe"
-    create_private(probe).close()
-    probe.unlink()
+    elif os.access(target.parent, os.W_OK | os.X_OK) and (not os.path.lexists(target) or os.access(target, os.W_OK)):
+        return
+    else:
+        code = errno.EACCES
+    raise OSError(code, os.strerror(code), str(target))
 
 
-def _is_input(target: Path, source: Path, ours: bool) -> bool:
-    """Whether target is source, or an existing file in the folder source. A text of ours in a folder is not what a command reads
-    there; a picture of ours may be."""
-    if target == source:
-        return True
+def _is_input(target: Path, source: Path) -> bool:
+    """Whether target is source, or an existing file in the folder source."""
     with contextlib.suppress(OSError):
-        if target.samefile(source):
-            return True
-        return source.is_dir() and target.is_relative_to(source) and target.exists() and not (ours and _is_text(target))
-    return False
-
-
-def _is_text(path: Path) -> bool:
-    """Whether a file of ours is no picture and not empty (it may be being written)."""
-    with open_regular(path) as file:
-        head = file.read(12)
-    return bool(head) and not head.startswith(_PICTURES) and head[4:8] != b"ftyp"
+        return target.samefile(source) or (source.is_dir() and target.is_relative_to(source))
+    return target == source
 
 
 def _in_use(path: Path) -> bool:
@@ -140,13 +120,17 @@ def written_by_lfpipe(path: Path) -> bool:
                 return True
             if head.startswith(_PICTURES):
                 return MARK in head
-            if head[4:8] == b"ftyp":
-                head += file.read(_MOOV_BYTES)
-                file.seek(max(0, os.fstat(file.fileno()).st_size - _HEAD_BYTES))
-                return MARK in head or MARK in file.read()
+            if _kind(head) in _EMPTY_PARTS:
+                file.seek(-len(MARK), os.SEEK_END)
+                return file.read() == MARK
             return _is_trace_line(head.partition(b"\n")[0])
     except OSError:
         return False
+
+
+def _kind(head: bytes) -> bytes:
+    """Four bytes that name the format of a video."""
+    return head[4:8] if head[4:8] == b"ftyp" else head[:4]
 
 
 def _is_trace_line(line: bytes) -> bool:
@@ -169,26 +153,12 @@ def marked_picture(data: bytes) -> bytes:
     raise ValueError("not a PNG or JPEG")
 
 
-def mark_video(path: Path) -> bool:
-    """Writes MARK into the space that FFmpeg reserves at the head of a Matroska or AVI file, also of one still being written.
-
-    Returns whether the mark is in the file: not before its head is on the disk. Completing the file erases the mark of a
-    Matroska file, so mark it again then. Raises OSError.
-    """
+def mark_video(path: Path) -> None:
+    """Marks a complete Matroska, AVI or MP4 file as written by lfpipe. Raises OSError."""
     with path.open("r+b") as file:
-        head = file.read(_HEAD_BYTES)
-        if MARK in head:
-            return True
-        blank = bytes(len(MARK))
-        if head.startswith(b"RIFF"):
-            junk = head.find(b"JUNK")
-            at = junk + 8 + int.from_bytes(head[junk + 4 : junk + 8], "little") - len(MARK)
-        else:
-            at = head.find(blank + _MATROSKA_INFO)  # the end of the space for an index
-        if at < 0 or head[at : at + len(MARK)] != blank:
-            return False
-        write_at(file.fileno(), MARK, at)
-    return True
+        part = _EMPTY_PARTS.get(_kind(file.read(8)), b"")  # a full disk leaves an empty file
+        file.seek(0, os.SEEK_END)
+        file.write(part)
 
 
 def _beside(target: Path) -> Path:
@@ -246,17 +216,10 @@ def finished_output(path: Path, mode: int = PRIVATE) -> Iterator[OutputFile]:
         output.close()
 
 
-@contextlib.contextmanager
-def output_file(path: Path, mode: int = PRIVATE) -> Iterator[IO[bytes]]:
-    """The open file of a `finished_output`."""
-    with finished_output(path, mode) as output:
-        yield output.file
-
-
 def write_output(path: Path, data: bytes, mode: int = 0o644, label: str = "") -> None:
     """Replaces path, which `check_output` allows, with data. Raises UserError."""
     try:
-        with output_file(path, mode) as file:
-            file.write(data)
+        with finished_output(path, mode) as output:
+            output.file.write(data)
     except OSError as error:
         raise UserError(f"{label} {path}: {reason(error)}".lstrip(), PLACE) from None

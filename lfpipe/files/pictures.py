@@ -22,7 +22,6 @@ FORMATS = ("PNG", "JPEG", "PPM", "BMP", "TIFF", "WEBP", "AVIF", "GIF")
 _GREY = ("1", "L", "I", "I;16", "I;16B", "I;16L")  # Pillow's modes of one sample per pixel
 _ORIENTATION = 0x0112  # EXIF's tag
 _TAIL, _ENDS = 1 << 16, {"JPEG": b"\xff\xd9", "PNG": b"IEND"}
-_STRIP_ROWS = 256
 warnings.filterwarnings("ignore", module="PIL")  # about damage that costs no picture
 Image.MAX_IMAGE_PIXELS = None  # MAX_DECODING_BYTES is the limit, and it counts bytes
 
@@ -114,11 +113,7 @@ def open_header(path: Path) -> Header:
 
 
 def _decode(path: Path, file: IO[bytes], header: Header) -> NDArray[Any]:
-    """The stored pixels, grey or BGR. Raises UserError if they differ from the header in size or type.
-
-    Without `out`, OpenCV decodes and then copies: twice the memory. With it, an unsupported header leaves out unchanged and looks
-    like success. So a mark is written first, and a different one if the picture may happen to equal it.
-    """
+    """The stored pixels, grey or BGR. Raises UserError if they differ from the header in size or type."""
     if header.format in ("AVIF", "GIF"):
         try:
             file.seek(0)
@@ -127,21 +122,26 @@ def _decode(path: Path, file: IO[bytes], header: Header) -> NDArray[Any]:
         except Exception:
             raise _unreadable(path, "damaged") from None
         return out if header.grey else np.asarray(cv2.cvtColor(out, cv2.COLOR_RGB2BGR))
-    out = np.empty(header.stored_shape, np.uint16 if header.max_value > 255 else np.uint8)
-    start = out.reshape(-1)[:16]
-    flags = cv2.IMREAD_GRAYSCALE if header.grey else cv2.IMREAD_COLOR
-    flags |= cv2.IMREAD_IGNORE_ORIENTATION | (cv2.IMREAD_ANYDEPTH if header.max_value > 255 else 0)
-    for mark in (90, 165):
-        start[:] = mark
-        try:
-            found = cv2.imread(path_of(file), out, flags)
-        except cv2.error:
-            break
-        if found is not out:
-            break
-        if (start != mark).any():
-            return out
-    raise _unreadable(path, "truncated, damaged or not what its header claims")
+    deep = header.max_value > 255
+    flags = (cv2.IMREAD_GRAYSCALE if header.grey else cv2.IMREAD_COLOR) | (cv2.IMREAD_ANYDEPTH if deep else 0)
+    pixels = _imread(file, flags)
+    if pixels is None or pixels.shape != header.stored_shape or pixels.dtype != (np.uint16 if deep else np.uint8):
+        raise _unreadable(path, "truncated, damaged or not what its header claims")
+    return pixels
+
+
+def _imread(file: IO[bytes], flags: int) -> NDArray[Any] | None:
+    """The pixels as stored; None where OpenCV cannot read them."""
+    with contextlib.suppress(cv2.error):
+        return cv2.imread(path_of(file), flags | cv2.IMREAD_IGNORE_ORIENTATION)
+    return None
+
+
+def _unchanged(path: Path, file: IO[bytes], like: Header | None) -> Header:
+    header = _checked(path, file)
+    if like is not None and header != like:
+        raise UserError(f"{path}: changed while it was read", "try again once the files are complete")
+    return header
 
 
 def read_picture(path: Path, like: Header | None = None) -> tuple[NDArray[Any], int]:
@@ -152,14 +152,10 @@ def read_picture(path: Path, like: Header | None = None) -> tuple[NDArray[Any], 
     no picture, too large, or has changed since.
     """
     with open_file(path) as file:
-        header = _checked(path, file)
-        if like is not None and header != like:
-            raise UserError(f"{path}: changed while it was read", "try again once the files are complete")
+        header = _unchanged(path, file, like)
         pixels = _decode(path, file, header)
     if not header.grey:  # OpenCV's IMREAD_COLOR_RGB does not convert 16-bit TIFF files
-        for top in range(0, len(pixels), _STRIP_ROWS):
-            strip = pixels[top : top + _STRIP_ROWS]
-            cv2.cvtColor(strip, cv2.COLOR_BGR2RGB, dst=strip)
+        cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB, dst=pixels)
     return upright(pixels, header.orientation), header.max_value
 
 
@@ -192,14 +188,12 @@ def small_grey(path: Path, like: Header, most_px: float) -> NDArray[np.uint8]:
         picture, full = read_picture(path, like)
         grey = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
         return np.asarray(grey if full == 255 else cv2.convertScaleAbs(grey, alpha=255 / full), np.uint8)
-    flags = getattr(cv2, f"IMREAD_REDUCED_GRAYSCALE_{reduced[-1]}")
     with open_file(path) as file:
-        if _checked(path, file) != like:
-            raise UserError(f"{path}: changed while it was read", "try again once the files are complete")
-        found = cv2.imread(path_of(file), flags | cv2.IMREAD_IGNORE_ORIENTATION)
-    if found is None:
+        _unchanged(path, file, like)
+        small = _imread(file, getattr(cv2, f"IMREAD_REDUCED_GRAYSCALE_{reduced[-1]}"))
+    if small is None:
         raise _unreadable(path, "truncated, damaged or not what its header claims")
-    return np.asarray(upright(found, like.orientation), np.uint8)
+    return np.asarray(upright(small, like.orientation), np.uint8)
 
 
 def upright(picture: NDArray[Any], orientation: int) -> NDArray[Any]:

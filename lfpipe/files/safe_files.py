@@ -16,13 +16,6 @@ PRIVATE = 0o600  # of a file that records a face or its movements; its folder ha
 PRIVATE_FOLDER = 0o700
 MAX_FILE_BYTES = 1 << 36  # an hour of lossless light-field video is smaller
 LONGEST_LINE = 1 << 16  # bytes of a `LineFile`; limit of the search for the end of the last line
-_KINDS = {
-    stat.S_IFDIR: "a directory",
-    stat.S_IFIFO: "a FIFO",
-    stat.S_IFSOCK: "a socket",
-    stat.S_IFCHR: "a device",
-    stat.S_IFBLK: "a device",
-}
 
 
 def reason(error: OSError | ValueError) -> str:
@@ -39,8 +32,7 @@ def check_regular(path: Path) -> None:
     except ValueError as error:
         raise OSError(errno.EINVAL, f"not a path: {error}", str(path)) from None
     if not stat.S_ISREG(mode):
-        kind = _KINDS.get(stat.S_IFMT(mode), "a thing")
-        raise OSError(errno.EINVAL, f"is {kind}, not a file", str(path))
+        raise OSError(errno.EINVAL, f"is {'a directory' if stat.S_ISDIR(mode) else 'a device or FIFO'}, not a file", str(path))
 
 
 def check_links(folder: Path, names: Iterable[str]) -> None:
@@ -55,15 +47,11 @@ def check_links(folder: Path, names: Iterable[str]) -> None:
 def open_regular(path: Path) -> BufferedReader:
     """Opens path for reading. Raises OSError if it is not a regular file: a FIFO would block, a device may do anything."""
     check_regular(path)
-    file = open(path, "rb", opener=_open_carefully)  # noqa: SIM115
+    file = open(path, "rb", opener=lambda path, flags: os.open(path, flags | CAREFUL))  # noqa: SIM115
     if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
         file.close()
         raise OSError(errno.EINVAL, "changed while it was opened", str(path))
     return file
-
-
-def _open_carefully(path: str, flags: int) -> int:
-    return os.open(path, flags | CAREFUL)
 
 
 def open_file(path: Path, most_bytes: int = MAX_FILE_BYTES) -> BufferedReader:

@@ -17,37 +17,48 @@ from lfpipe.errors import UserError, shown
 
 MAX_DEPTH = 32
 MAX_INTEGER = (1 << 63) - 1  # what NumPy, msgpack and every other reader can hold
-_MAX_DIGITS = 19
 _MAX_TOML_LINE = 4096  # tomllib's time for dotted keys grows with the square of their number
 
 
 def parse_json(data: bytes | str, where: str, remedy: str) -> Any:
     """The JSON value in data, UTF-8. Unlike json.loads: no NaN or infinity, no integer beyond 64 bits, no deep nesting."""
     try:
-        text = data.decode() if isinstance(data, bytes) else data
-        value = json.loads(text, parse_int=_integer, parse_constant=_no_constant)
+        value = json.loads(data.decode() if isinstance(data, bytes) else data)
+        _check(value)
+        json.dumps(value, ensure_ascii=False, allow_nan=False).encode()  # neither NaN nor half of a surrogate pair
     except (ValueError, RecursionError) as error:
         raise UserError(f"{where}: not valid JSON: {_reason(error)}", remedy) from None
-    return _checked(value, where, remedy)
-
-
-def parse_toml(data: bytes | str, where: str, remedy: str) -> dict[str, Any]:
-    """The table of a TOML document, UTF-8, checked as `parse_json` does."""
-    value = toml_table(data, where, remedy)
-    _checked(value, where, remedy)
     return value
 
 
 def toml_table(data: bytes | str, where: str, remedy: str) -> dict[str, Any]:
-    """The table of a TOML document, UTF-8, unchecked. The caller must check every value."""
+    """The table of a TOML document, UTF-8. Times, and numbers that are not finite, are left to the caller."""
     try:
         text = data.decode() if isinstance(data, bytes) else data
         for number, line in enumerate(text.split("\n"), 1):
             if len(line) > _MAX_TOML_LINE:
                 raise ValueError(f"line {number} has {len(line)} characters; at most {_MAX_TOML_LINE} are allowed")
-        return tomllib.loads(text)
+        table = tomllib.loads(text)
+        _check(table)
     except (ValueError, RecursionError) as error:
         raise UserError(f"{where}: not valid TOML: {_reason(error)}", remedy) from None
+    return table
+
+
+def _check(value: Any, level: int = 0) -> None:
+    """Raises ValueError for deep nesting and large integers."""
+    if level > MAX_DEPTH:
+        raise ValueError(f"nested more than {MAX_DEPTH} levels deep")
+    if isinstance(value, int) and not -MAX_INTEGER - 1 <= value <= MAX_INTEGER:
+        raise ValueError("an integer of more than 64 bits")
+    for item in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
+        _check(item, level + 1)
+
+
+def _reason(error: Exception) -> str:
+    if isinstance(error, UnicodeDecodeError):
+        return f"byte 0x{error.object[error.start]:02x} at {error.start} is not UTF-8"
+    return "too deeply nested" if isinstance(error, RecursionError) else str(error)
 
 
 def json_fields(data: bytes | str, where: str, remedy: str) -> Fields:
@@ -123,42 +134,3 @@ class Fields:
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _integer(text: str) -> int:
-    if len(text) > _MAX_DIGITS + 1:
-        raise ValueError(f"an integer of {len(text)} digits")
-    return int(text)
-
-
-def _no_constant(text: str) -> float:
-    raise ValueError(f"{text} is not a JSON number")
-
-
-def _reason(error: Exception) -> str:
-    if isinstance(error, UnicodeDecodeError):
-        return f"byte 0x{error.object[error.start]:02x} at {error.start} is not UTF-8"
-    return "too deeply nested" if isinstance(error, RecursionError) else str(error)
-
-
-def _checked(value: Any, where: str, remedy: str) -> Any:
-    """Returns value after checking its depth, numbers and strings."""
-    level, depth = [value], 0
-    while level:
-        if depth > MAX_DEPTH:
-            raise UserError(f"{where}: nested more than {MAX_DEPTH} levels deep", remedy)
-        below: list[Any] = []
-        for item in level:
-            if isinstance(item, dict):
-                below += item.keys()
-                below += item.values()
-            elif isinstance(item, list):
-                below += item
-            elif isinstance(item, float) and not math.isfinite(item):
-                raise UserError(f"{where}: contains a number that is not finite", remedy)
-            elif isinstance(item, int) and not -MAX_INTEGER - 1 <= item <= MAX_INTEGER:
-                raise UserError(f"{where}: contains an integer of more than 64 bits", remedy)
-            elif isinstance(item, str) and not item.isascii() and any("\ud800" <= c <= "\udfff" for c in item):
-                raise UserError(f"{where}: contains half of a surrogate pair", remedy)
-        level, depth = below, depth + 1
-    return value

@@ -17,28 +17,25 @@ from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import opencv_name
-from lfpipe.files.output import MARK, mark_video
+from lfpipe.files.output import PLACE, mark_video
 from lfpipe.files.safe_files import reason
 
-ENCODERS = ("libx264", "libopenh264", "h264_videotoolbox", "h264_mf")
+ENCODER = "libx264"
 QUALITY = "18"  # x264's constant rate factor: nearly indistinguishable from the original
 BT709 = 1
 # Of the encoders in OpenCV's wheel, HuffYUV (on RGB), FFV1, PNG and raw RGBA preserve every RGB value. Measured on 512x512
 # anaglyphs: 1.3, 13, 74 and 0.6 ms a picture, 0.30, 0.23, 0.31 and 1.0 MB. HuffYUV is the cheapest that is not raw.
 LOSSLESS = "HFYU"
-PLACE = "name a file in an existing directory that you may write to"
 
 
-def encoder_name() -> str:
-    """Name of the H.264 encoder. Raises UserError if there is none."""
+def require_encoder() -> None:
+    """Raises UserError if there is no H.264 encoder."""
     if importlib.util.find_spec("av") is None:
         raise UserError("no H.264 encoder: PyAV is not installed", "pip install 'lfpipe[media]'; .mkv and .gif do not need it")
     import av
 
-    found = next((name for name in ENCODERS if name in av.codecs_available), "")
-    if not found:
+    if ENCODER not in av.codecs_available:
         raise UserError(f"no H.264 encoder in PyAV {av.__version__}", "install PyAV from PyPI; .mkv and .gif do not need it")
-    return found
 
 
 class VideoWriter:
@@ -60,18 +57,18 @@ class VideoWriter:
             return
         from av import open as open_container
 
-        name, make = encoder_name(), cast(Any, open_container)  # its stubs cover every kind of stream
+        require_encoder()
+        make = cast(Any, open_container)  # its stubs cover every kind of stream
         try:
             self._file = path.open("wb")
         except OSError as error:
             raise write_error(path, error) from None
         try:
             self._container = make(self._file, "w", format="mp4", options={"movflags": "hybrid_fragmented"})
-            self._container.metadata["comment"] = MARK.decode()
-            self._stream = self._container.add_stream(name, rate=Fraction(rate_hz).limit_denominator(1001))
+            self._stream = self._container.add_stream(ENCODER, rate=Fraction(rate_hz).limit_denominator(1001))
             self._stream.width, self._stream.height = self.size_px
             self._stream.pix_fmt = "yuv420p"
-            self._stream.options = {"crf": QUALITY, "preset": "veryfast"} if name == "libx264" else {}
+            self._stream.options = {"crf": QUALITY, "preset": "veryfast"}
             coder = self._stream.codec_context
             coder.colorspace = coder.color_primaries = coder.color_trc = BT709
             coder.color_range = 1  # limited
@@ -100,15 +97,15 @@ class VideoWriter:
         Raises OSError if the disk is full."""
         if self.lossless:
             self._lossless.release()
-            mark_video(path)
-            return
-        try:
-            self._container.mux(self._stream.encode())
-            self._container.close()
-        finally:
-            with contextlib.suppress(OSError):
-                self._file.close()
-        _move_index_first(path)
+        else:
+            try:
+                self._container.mux(self._stream.encode())
+                self._container.close()
+            finally:
+                with contextlib.suppress(OSError):
+                    self._file.close()
+            _move_index_first(path)
+        mark_video(path)
 
 
 def _move_index_first(path: Path) -> None:
@@ -122,7 +119,6 @@ def _move_index_first(path: Path) -> None:
         options = {"movflags": "faststart"}
         with open_any(f"file:{path}") as old, open_any(f"file:{new}", "w", format="mp4", options=options) as made:
             stream = made.add_stream_from_template(old.streams.video[0])
-            made.metadata.update(old.metadata)
             for packet in old.demux(video=0):
                 if packet.dts is not None:  # the last one is empty
                     packet.stream = stream

@@ -6,7 +6,6 @@ On Windows, only files are locked, and only exclusively: what is open there cann
 import contextlib
 import importlib
 import os
-import shutil
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -52,27 +51,6 @@ class Lock:
         fd, self._fd = self._fd, -1
         if fd >= 0:
             os.close(fd)
-
-    def remove_folder(self) -> None:
-        """Removes the folder of the locked file with its content, the file last. Leaves what cannot be removed.
-
-        Works relative to the open folder: if that is replaced meanwhile, the new one stays untouched.
-        """
-        with contextlib.suppress(OSError, NotImplementedError):
-            directory = os.open(self._path.parent, os.O_RDONLY | _FOLDER | _SAFE)
-            try:
-                if not os.path.samestat(os.stat(self._path.name, dir_fd=directory, follow_symlinks=False), os.fstat(self._fd)):
-                    return
-                with os.scandir(directory) as entries:
-                    names = sorted((entry.name for entry in entries), key=lambda name: name == self._path.name)
-                for name in names:
-                    try:
-                        os.unlink(name, dir_fd=directory)
-                    except OSError:
-                        shutil.rmtree(name, ignore_errors=True, dir_fd=directory)
-                self._path.parent.rmdir()
-            finally:
-                os.close(directory)
 
 
 def take(path: Path, shared: bool = False, mode: int = 0o600) -> Lock | None:

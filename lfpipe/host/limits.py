@@ -19,12 +19,6 @@ OPEN_FILES = 128  # about 30 for a stage, as many for the supervisor, and a rese
 MOST_FILES = 1 << 16 if sys.platform == "linux" else 1 << 13
 
 
-def allowed_files() -> int:
-    """The number of files that this process may have open."""
-    soft = resource.getrlimit(resource.RLIMIT_NOFILE)[0] if resource else -1
-    return soft if soft >= 0 else MOST_FILES
-
-
 def allow_files() -> None:
     """Raises the limit of open files, for this process and its children, to the hard limit.
 

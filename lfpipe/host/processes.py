@@ -1,4 +1,4 @@
-"""Processes: cores and niceness, load, the settings of a stage's own, its end with its parent, what it gets from its parent."""
+"""Processes: cores, load, the settings of a stage's own, its end with its parent, what it gets from its parent."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Iterable
+from collections.abc import Sequence
 from multiprocessing import connection, reduction
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -36,20 +36,18 @@ def usable_cores() -> list[int]:
     return sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else list(range(os.cpu_count() or 1))
 
 
-def scheduling(pid: int) -> tuple[list[int], int]:
-    """Cores that a process may run on, and its niceness; ([], 0) if it is gone."""
+def cores_of(pid: int) -> list[int]:
+    """Cores that a process may run on; none if it is gone."""
     try:
-        return (sorted(os.sched_getaffinity(pid)), os.getpriority(os.PRIO_PROCESS, pid)) if pid > 0 else ([], 0)
+        return sorted(os.sched_getaffinity(pid)) if pid > 0 else []
     except (OSError, AttributeError):  # macOS and Windows place processes themselves
-        return [], 0
+        return []
 
 
-def set_scheduling(cores: Iterable[int], nice: int | None) -> None:
-    """Moves this process to cores, or to all if empty, and sets its niceness, where the system can. Raises PermissionError."""
-    if (cores := list(cores)) and hasattr(os, "sched_setaffinity"):
+def run_on(cores: Sequence[int]) -> None:
+    """Moves this process or thread to these cores, if there are any and the system can."""
+    if cores and hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, cores)
-    if nice is not None and not WINDOWS:
-        os.setpriority(os.PRIO_PROCESS, 0, nice)
 
 
 def yield_to_others() -> None:

@@ -1,6 +1,7 @@
 """Measures an object of known size in the camera's picture. A window guides the user if there is a screen."""
 
 import math
+from contextlib import ExitStack, closing
 
 import cv2
 import numpy as np
@@ -22,11 +23,6 @@ NOBODY = UserError(
 RESTLESS = UserError("the eyes did not stay still long enough", "rest your head, keep the distance, and try again")
 
 
-def _frame(config: Config) -> NDArray[np.uint8]:
-    width_px, height_px = config.camera.frame_px
-    return np.empty((height_px, width_px, 3), np.uint8)
-
-
 def _mark(picture: NDArray[np.uint8], x: float, y: float) -> None:
     """A white cross with a dark outline, visible on a face and on a white card."""
     for colour, thick_px in (((0, 0, 0), 5), ((255, 255, 255), 2)):
@@ -38,14 +34,16 @@ def by_eyes(config: Config, camera: str | None, distance_mm: float) -> float:
 
     Raises UserError if no face is detected, the face does not stay still, the source ends, or the user cancels.
     """
-    source = open_source(camera or config.camera.source, config.camera)
-    engine, gauge, guide, picture, missed = make_engine(config.track), EyeGauge(), None, _frame(config), 0
-    ask = f"Eyes {distance_mm:g} mm from the camera. Look into it and keep still."
-    try:
+    width_px, height_px = config.camera.frame_px
+    picture: NDArray[np.uint8] = np.empty((height_px, width_px, 3), np.uint8)
+    gauge, guide, missed = EyeGauge(), None, 0
+    with ExitStack() as stack:
+        source = stack.enter_context(closing(open_source(camera or config.camera.source, config.camera)))
+        engine = stack.enter_context(closing(make_engine(config.track)))
         if has_display():
             from lfpipe.render.window import CalibrationWindow
 
-            guide = CalibrationWindow(config.camera.frame_px, "lfpipe calibrate")
+            guide = stack.enter_context(closing(CalibrationWindow(config.camera.frame_px, "lfpipe calibrate")))
         while not (gauge.full and gauge.steady and (guide is None or guide.enter)):
             if source.read(picture) is None or missed > PATIENCE_FRAMES:
                 raise RESTLESS if gauge.median_px else NOBODY
@@ -57,16 +55,12 @@ def by_eyes(config: Config, camera: str | None, distance_mm: float) -> float:
             for x, y in face.eyes_px.tolist() if face is not None else ():
                 _mark(picture, x, y)
             state = f"eyes {gauge.median_px:.1f} px apart" if face is not None else "no face detected"
+            ask = f"Eyes {distance_mm:g} mm from the camera. Look into it and keep still."
             guide.enter = False
             guide.step(picture, [ask, state, "Enter accepts, Esc cancels"])
             if guide.quit:
                 raise AGAIN
-        return gauge.median_px
-    finally:
-        if guide is not None:
-            guide.close()
-        engine.close()
-        source.close()
+    return gauge.median_px
 
 
 def by_card(config: Config, camera: str | None, distance_mm: float) -> float:
@@ -76,38 +70,34 @@ def by_card(config: Config, camera: str | None, distance_mm: float) -> float:
     """
     if not has_display():
         raise UserError("--by card needs a screen for a window to click in", "run it on a desktop, or use --by eyes")
-    source, picture, frozen = open_source(camera or config.camera.source, config.camera), _frame(config), False
     from lfpipe.render.window import CalibrationWindow
 
-    guide = CalibrationWindow(config.camera.frame_px, "lfpipe calibrate")
-    try:
-        while True:
-            if not frozen:
-                guide.clicks.clear()
-                if source.read(picture) is None:
-                    raise UserError("the source ended before Enter was pressed", "use a longer recording, ?loop=1, or a camera")
-            if len(guide.clicks) > 2:
-                del guide.clicks[:-1]  # a third click starts again
-            ends = list(guide.clicks)
-            shown = picture.copy()
-            for x, y in ends:
-                _mark(shown, x, y)
-            lines = [f"Card {distance_mm:g} mm from the camera, facing it.", "Enter freezes the picture, Esc cancels"]
-            width_px = 0.0
-            if frozen and len(ends) < 2:
-                lines = [EDGES[len(ends)], "Esc cancels"]
-            elif frozen:
-                (x0, y0), (x1, y1) = ends
-                width_px = math.hypot(x1 - x0, y1 - y0)
-                cv2.line(shown, (round(x0), round(y0)), (round(x1), round(y1)), (255, 255, 255), 1, cv2.LINE_AA)
-                lines = [f"{width_px:.1f} px wide. Enter accepts, a click starts again, Esc cancels"]
-            guide.enter = False
-            guide.step(shown, lines)
+    width_px, height_px = config.camera.frame_px
+    picture: NDArray[np.uint8] = np.empty((height_px, width_px, 3), np.uint8)
+    with (
+        closing(open_source(camera or config.camera.source, config.camera)) as source,
+        closing(CalibrationWindow(config.camera.frame_px, "lfpipe calibrate")) as guide,
+    ):
+        while not guide.enter:
+            if source.read(picture) is None:
+                raise UserError("the source ended before Enter was pressed", "use a longer recording, ?loop=1, or a camera")
+            guide.step(picture, [f"Card {distance_mm:g} mm from the camera, facing it.", "Enter freezes it, Esc cancels"])
             if guide.quit:
                 raise AGAIN
-            if guide.enter and width_px > 0:
-                return width_px
-            frozen = frozen or guide.enter
-    finally:
-        guide.close()
-        source.close()
+        guide.clicks.clear()
+        while True:
+            del guide.clicks[: 2 * (len(guide.clicks) > 2)]  # a third click starts again
+            marked, card_px = picture.copy(), 0.0
+            for x, y in guide.clicks:
+                _mark(marked, x, y)
+            if len(guide.clicks) < 2:
+                lines = [EDGES[len(guide.clicks)], "Esc cancels"]
+            else:
+                card_px = math.dist(*guide.clicks)
+                lines = [f"{card_px:.1f} px wide. Enter accepts, a click starts again, Esc cancels"]
+            guide.enter = False
+            guide.step(marked, lines)
+            if guide.quit:
+                raise AGAIN
+            if guide.enter and card_px:
+                return card_px

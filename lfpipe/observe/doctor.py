@@ -18,7 +18,7 @@ from lfpipe.errors import UserError
 from lfpipe.host import shared_memory as memory
 from lfpipe.host.files import exists, is_missing
 from lfpipe.host.processes import usable_cores
-from lfpipe.plugins import GROUPS, plugins
+from lfpipe.plugins import GROUPS, Plugin, plugins
 from lfpipe.render.display import has_display
 from lfpipe.track import models
 
@@ -36,24 +36,21 @@ class Check:
     remedy: str = ""
 
 
-def python(version: tuple[int, int] = sys.version_info[:2]) -> Check:
-    """Python 3.11 to 3.14."""
-    ok = (3, 11) <= version < (3, 15)
-    found = f"{version[0]}.{version[1]} ({platform.python_implementation()}, {sys.executable})"
-    return Check("python", ok, found, "" if ok else "install Python 3.11 to 3.14: `uv python install 3.12`")
+def python() -> Check:
+    """The interpreter, and the cores that it may use."""
+    count = len(usable_cores())
+    detail = f"{platform.python_version()} ({platform.python_implementation()}, {sys.executable}), {count} cores"
+    return Check("python", True, detail, "" if count > 1 else "use at least two cores; on one, the rates are lower")
 
 
-def plugin_checks() -> list[Check]:
-    """What other packages add, one check each; broken ones are skipped by sessions."""
-    found = []
-    for plugin in (plugin for group in GROUPS for plugin in plugins(group).values()):
-        what = f"{plugin.group.removeprefix('lfpipe.').removesuffix('s')} {plugin.name}, from {plugin.package}"
-        try:
-            plugin.load()
-            found.append(Check("plugin", True, what))
-        except UserError as error:
-            found.append(Check("plugin", True, f"{what}: skipped: {error.message}", error.remedy))
-    return found
+def plugin_check(plugin: Plugin) -> Check:
+    """What another package adds; sessions skip a broken one."""
+    what = f"{plugin.group.removeprefix('lfpipe.').removesuffix('s')} {plugin.name}, from {plugin.package}"
+    try:
+        plugin.load()
+    except UserError as error:
+        return Check("plugin", True, f"{what}: skipped: {error.message}", error.remedy)
+    return Check("plugin", True, what)
 
 
 def opencv_distributions() -> list[str]:
@@ -88,8 +85,7 @@ def opencv(distributions: list[str]) -> Check:
 def mediapipe() -> Check:
     """The optional package mediapipe, for track.engine = mediapipe. It is not imported, because that takes 1 s."""
     if models.package_folder() is None:
-        detail = "not installed (it has wheels for Python 3.12 at most, and none for ARM Linux)"
-        return Check("mediapipe", True, f"{detail}; track.engine litert is used instead")
+        return Check("mediapipe", True, "no wheel for this Python or machine; track.engine litert is used instead")
     version = importlib.metadata.version("mediapipe")
     if version != models.VERSION:
         return Check("mediapipe", True, f"{version}: has no FaceMesh", f"pip install {models.PACKAGE}")
@@ -98,14 +94,13 @@ def mediapipe() -> Check:
 
 def face_networks() -> Check:
     """The model files, or how they will be fetched."""
-    found = [models.find_model(relative) for relative in models.SHA256]
-    missing = models.missing_models()
-    if not missing:
-        return Check("models", True, f"in {', '.join(sorted({str(path.parent) for path in found if path}))}")
+    if not (missing := models.missing_models()):
+        folders = {str(path.parent) for relative in models.SHA256 if (path := models.find_model(relative))}
+        return Check("models", True, f"in {', '.join(sorted(folders))}")
     names = ", ".join(Path(relative).name for relative in missing)
-    by = [Path(command[0]).name for command in models.installers(Path())]
-    if by:
-        return Check("models", True, f"not fetched yet: {names}; the first `lfpipe up` fetches them with {by[0]}", models.REMEDY)
+    if installers := models.installers(Path()):
+        by = Path(installers[0][0]).name
+        return Check("models", True, f"not fetched yet: {names}; the first `lfpipe up` fetches them with {by}", models.REMEDY)
     return Check("models", False, f"missing: {names}; neither uv nor pip is installed to fetch them", models.REMEDY)
 
 
@@ -137,8 +132,8 @@ def sdl() -> Check:
     except Exception as error:  # any error of SDL is what the user needs to read
         remedy = "pip install pygame-ce (and uninstall pygame), or use --display none"
         return Check("display", False, f"SDL does not start: {error}", remedy)
+    listed = "; ".join(f"monitor {monitor}" for monitor in monitors)
     how = window_system.drawn_by(driver)
-    listed = "; ".join(f"monitor {each}" for each in monitors)
     return Check("display", True, f"SDL {window_system.version()}, driver {driver}, {how}; {listed}")
 
 
@@ -174,7 +169,7 @@ def camera_checks(source: str, found: list[CameraDevice]) -> list[Check]:
         return [Check("camera", True, f"camera.source is {source}"), *map(camera, found)]
     if not found:
         return [Check("camera", False, "none", NO_CAMERA)]
-    first, *others = [camera(device) for device in found]
+    first, *others = map(camera, found)
     return [attrs.evolve(first, ok=source != "" or not first.remedy), *others]
 
 
@@ -203,23 +198,15 @@ def shared_memory(need_bytes: int = SHM_NEED_BYTES) -> Check:
     return Check("shm", ok, f"{memory.SHM_DIR}: {free / 1e6:.0f} MB free of {total / 1e6:.0f} MB", "" if ok else remedy)
 
 
-def cores() -> Check:
-    """Cores that this process may use."""
-    count = len(usable_cores())
-    remedy = "" if count > 1 else "use at least two cores; on one, the rates are lower"
-    return Check("cores", True, str(count), remedy)
-
-
 def leftovers() -> Check:
     """This user's segments whose session is dead, whatever its run directory."""
     from lfpipe.transport import segment
 
-    found = dict(segment.abandoned())
-    if not found:
+    if not (run_dirs := dict(segment.abandoned())):
         return Check("left over", True, "nothing")
-    places = {str(run_dir.parent) for run_dir in found.values()}
-    remedy = f"run `lfpipe up`, which removes them, with XDG_RUNTIME_DIR={' or '.join(sorted(places))}"
-    return Check("left over", True, ", ".join(found), remedy)
+    places = sorted({str(run_dir.parent) for run_dir in run_dirs.values()})
+    remedy = f"run `lfpipe up`, which removes them, with XDG_RUNTIME_DIR={' or '.join(places)}"
+    return Check("left over", True, ", ".join(run_dirs), remedy)
 
 
 def checks() -> list[Check]:
@@ -238,7 +225,6 @@ def checks() -> list[Check]:
         *camera_checks(source, known().cameras()),
         loop(loaded, source),
         shared_memory(),
-        cores(),
         leftovers(),
-        *plugin_checks(),
+        *(plugin_check(plugin) for group in GROUPS for plugin in plugins(group).values()),
     ]

@@ -27,7 +27,7 @@ STEP_HZ = 60.0
 AIM_S = 60.0  # timeout for aiming the camera
 LOOK_S, LOOK_EVERY_S = 3.0, 1.5
 CLEAR_R = 0.4  # of the best pixel within LOOK_S; pure noise reaches 0.3
-MEASURE_S, MORE_S, MOST_S, GOOD_MS = 10.0, 3.0, 20.0, 0.7  # ends early once half the interval is GOOD_MS
+MEASURE_S, MORE_S, MOST_S, GOOD_MS = 10.0, 3.0, 19.0, 0.7  # ends early once half the interval is GOOD_MS
 EVENTS_NS = 4 * MS_NS
 ASK = "Turn the camera to this screen, or use a mirror, so that the screen is in the middle of its picture."
 AGAIN = UserError("nothing was measured", "start again when you are ready")
@@ -73,7 +73,7 @@ class CameraWatch(threading.Thread):
     @property
     def stamped(self) -> bool:
         """Whether the driver stamps the frames: nearly all; single frames without a stamp are left out."""
-        return self._unstamped < MOST_UNSTAMPED or self._unstamped < len(self._frames) * UNSTAMPED_SHARE
+        return self._unstamped < max(MOST_UNSTAMPED, len(self._frames) * UNSTAMPED_SHARE)
 
     def frames(self, since_ns: int) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
         """Stamps (n,) and pictures (n, height, width) from since_ns on."""
@@ -95,16 +95,6 @@ def holds(rate_hz: float, seed: int = 1) -> Iterator[int]:
         yield int(rng.integers(HOLDS[0], HOLDS[1] + 1)) * step
 
 
-def outlined(inset: NDArray[np.uint8], area: NDArray[np.bool_] | None) -> NDArray[np.uint8]:
-    """The camera's picture with an outline around area."""
-    drawn = inset.copy()
-    if area is not None:
-        mask = cv2.resize(area.astype(np.uint8), (inset.shape[1], inset.shape[0]), interpolation=cv2.INTER_NEAREST)
-        outlines = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0]
-        cv2.drawContours(drawn, outlines, -1, (0, 220, 0), 2)
-    return drawn
-
-
 def advice(area: NDArray[np.bool_]) -> str:
     """How to move the camera so that the screen is in the middle of its picture; "" if it is."""
     place = float(np.nonzero(area)[0].mean() + 0.5) / len(area) - 0.5
@@ -123,9 +113,9 @@ def measure_loop(config: Config, camera: str | None) -> tuple[LoopDelay, Monitor
     try:
         guide = _Guide(config, watch)
         try:
-            return guide.measured(), guide.monitor
+            return guide.measured(), guide.window.monitor
         finally:
-            guide.close()
+            guide.window.close()
     finally:
         watch.close()
 
@@ -137,54 +127,48 @@ class _Guide:
         from lfpipe.render.window import Window
 
         self._camera = config.camera
-        self._watch, self._window = watch, Window(WINDOW_PX, "lfpipe calibrate", monitor=str(config.screen.monitor))
+        self._watch, self.window = watch, Window(WINDOW_PX, "lfpipe calibrate", monitor=str(config.screen.monitor))
         self._levels = [np.full((9, 16, 3), 255 * white, np.uint8) for white in (0, 1)]
-        self._clock, self._holds = ScreenClock(self._window.nominal_hz(), now_ns()), holds(self._window.nominal_hz())
+        self._clock, self._holds = ScreenClock(self.window.nominal_hz(), now_ns()), holds(self.window.nominal_hz())
         self._number, self._due_ns = 0, now_ns()
         self._presented_ns: dict[int, int] = {}
 
-    @property
-    def monitor(self) -> Monitor:
-        return self._window.monitor
-
-    def close(self) -> None:
-        self._window.close()
-
     def measured(self) -> LoopDelay:
         """Waits until the camera sees the window, then measures."""
-        began_ns = look_ns = now_ns()
-        found_ns, next_ns = 0, 0  # first sight of the window, and time of the next estimate
+        since_ns, until_s = self._aimed_ns(), MEASURE_S
         while True:
-            t_ns = self._flip()
-            if self._watch.failure is not None:
-                raise self._watch.failure
-            if not self._watch.stamped:
-                return self._estimate(began_ns)
-            if t_ns > look_ns:
+            self._say(f"Screen detected. Measuring for {until_s:.0f} s, at most {MOST_S:.0f} s. Keep still.", None)
+            while self._flip() < since_ns + until_s * SECOND_NS:
+                pass
+            try:
+                delay = self._estimate(since_ns)
+                if delay.half_ms <= GOOD_MS or until_s >= MOST_S:
+                    return delay
+            except UserError:
+                if until_s >= MOST_S:
+                    raise
+            until_s += MORE_S
+
+    def _aimed_ns(self) -> int:
+        """Flips until the camera sees the window in the middle of its picture; returns since when. After AIM_S, and of a camera
+        without stamps, the estimate says what is wrong."""
+        began_ns = look_ns = now_ns()
+        while (t_ns := self._flip()) < began_ns + AIM_S * SECOND_NS and self._watch.stamped:
+            since_ns = t_ns - int(LOOK_S * SECOND_NS)
+            if t_ns > look_ns and since_ns > began_ns:
                 look_ns = t_ns + int(LOOK_EVERY_S * SECOND_NS)
-                since_ns = t_ns - int(LOOK_S * SECOND_NS)
-                area = self._area(since_ns) if since_ns > began_ns else None
-                if area is None or (not found_ns and advice(area)):
-                    found_ns = 0
-                elif not found_ns:
-                    found_ns, next_ns = since_ns, since_ns + int(MEASURE_S * SECOND_NS)
-                self._say(area, (t_ns - found_ns) / 1e9 if found_ns else 0.0)
-            if not found_ns and t_ns - began_ns > AIM_S * SECOND_NS:
-                return self._estimate(t_ns - int(MOST_S * SECOND_NS))
-            if found_ns and t_ns > next_ns:
-                last = t_ns - found_ns > MOST_S * SECOND_NS
-                try:
-                    found = self._estimate(found_ns)
-                    if last or found.half_ms <= GOOD_MS:
-                        return found
-                except UserError:
-                    if last:
-                        raise
-                next_ns += int(MORE_S * SECOND_NS)
+                area = self._area(since_ns)
+                state = ASK if area is None else advice(area)
+                if not state:
+                    return since_ns
+                self._say(state, self._watch.inset)
+        return t_ns - int(MOST_S * SECOND_NS)
 
     def _flip(self) -> int:
         """Shows the other level when its hold is over; returns when it was handed over."""
-        window, clock = self._window, self._clock
+        if self._watch.failure is not None:
+            raise self._watch.failure
+        window, clock = self.window, self._clock
         reported = bool(window.blanks_by)
         hold_ns = next(self._holds) * clock.period_ns
         lead_ns = round(clock.period_ns / 2) * reported
@@ -211,7 +195,7 @@ class _Guide:
         """The recording from since_ns on."""
         t_frame_ns, pictures = self._watch.frames(since_ns)
         flips = sorted((t_ns, number) for number, t_ns in self._presented_ns.items() if t_ns >= since_ns)
-        times, numbers = (np.array([each[k] for each in flips], np.int64) for k in (0, 1))
+        times, numbers = np.array(flips, np.int64).reshape(-1, 2).T
         return Recording(times, numbers % 2 == 1, t_frame_ns, pictures, self._watch.stamped, self._clock.period_ns / 1e6)
 
     def _estimate(self, since_ns: int) -> LoopDelay:
@@ -228,9 +212,5 @@ class _Guide:
         area = r > max(CLEAR_R, AREA_R * r.max())
         return area if area.sum() >= LEAST_PIXELS else None
 
-    def _say(self, area: NDArray[np.bool_] | None, since_s: float) -> None:
-        state = ASK if area is None else advice(area)
-        if since_s:
-            state = f"Screen detected. Measuring: {since_s:.0f} s of {MEASURE_S:.0f} to {MOST_S:.0f}. Keep still."
-        inset = self._watch.inset
-        self._window.overlay(Overlay((state, "f full screen, q ends"), None if inset is None else outlined(inset, area)))
+    def _say(self, state: str, inset: NDArray[np.uint8] | None) -> None:
+        self.window.overlay(Overlay((state, "f full screen, q ends"), inset))

@@ -43,13 +43,12 @@ def _contents(checks: Iterable[Check]) -> dict[str, str | bytes]:
     return found
 
 
-def write_report(path: Path, checks: Iterable[Check]) -> list[str]:
-    """Writes a new ZIP file; returns the names in it. Raises UserError, also if path exists."""
+def write_report(path: Path, checks: Iterable[Check]) -> None:
+    """Writes a new ZIP file. Raises UserError, also if path exists."""
     contents = _contents(checks)
     try:
-        with path.open("xb") as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as made:
+        with path.open("xb") as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as report:
             for name, content in contents.items():
-                made.writestr(name, content)
+                report.writestr(name, content)
     except OSError as error:
         raise UserError(f"--report {path}: {reason(error)}", "name a new file in a folder that you may write to") from None
-    return list(contents)

@@ -1,18 +1,12 @@
-"""An HTTP server that clients cannot exhaust: Tornado, with limits on time, sizes and connections. One thread, no log.
-
-Its requests need a token and must come from its own page: any local user reaches 127.0.0.1.
-"""
+"""An HTTP server that clients cannot exhaust: Tornado, with limits on time, sizes and connections. One thread, no log."""
 
 import asyncio
 import contextlib
-import functools
-import hmac
 import ipaddress
 import json
 import logging
-import secrets
 import socket
-from collections.abc import Awaitable, Callable, Iterable
+from collections.abc import Awaitable, Callable
 from http import HTTPStatus
 from typing import Any
 
@@ -30,7 +24,6 @@ MAX_HEADER_BYTES = 16 * 1024
 MAX_BODY_BYTES = 64 * 1024
 SEND_BUFFER_BYTES = 64 * 1024  # of the kernel; small, so that a slow reader of a stream skips to the newest data
 MAX_STRANGERS = 64  # connections not yet admitted; one more closes the oldest of them
-MAX_CONNECTIONS = 256  # admitted connections; one more is refused
 POLICY = "frame-ancestors 'none'; default-src 'self'; img-src 'self' data:; base-uri 'self'; form-action 'none'"
 HEADERS = {
     "Content-Security-Policy": POLICY,
@@ -40,11 +33,7 @@ HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "Cache-Control": "no-store",
 }
-LOOPBACK = "127.0.0.1"
-NO_TOKEN = "the token is missing or wrong: open the address that `lfpipe monitor --web` printed; it ends in /?token=..."
-NOT_OURS = "requests must be for this server's own address and come from its own page"
 log = logging.getLogger(__name__)
-
 
 
 def parse_address(text: str, option: str) -> tuple[str, int]:
@@ -52,33 +41,28 @@ def parse_address(text: str, option: str) -> tuple[str, int]:
     host, _, port = text.rpartition(":")
     if not (port.isascii() and port.isdigit() and len(port) <= 5 and int(port) <= 65535):
         raise UserError(f"{option} {text!r}: not a port from 0 to 65535", f"for example: {option} :9108")
-    return host.removeprefix("[").removesuffix("]") or LOOPBACK, int(port)
+    return host.removeprefix("[").removesuffix("]") or "127.0.0.1", int(port)
 
 
 def url_of(host: str, port: int) -> str:
     """The address of a server, for a browser; a server on all interfaces is named by the outgoing one, for phones."""
-    try:
-        address = ipaddress.ip_address(host)
-    except ValueError:
-        return f"http://{host}:{port}"
-    if address.is_unspecified:
+    if host in ("0.0.0.0", "::"):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             try:
                 probe.connect(("192.0.2.1", 9))  # a documentation address; connecting a datagram socket sends nothing
-                return f"http://{probe.getsockname()[0]}:{port}"
+                host = probe.getsockname()[0]
             except OSError:  # no network
-                return f"http://{socket.gethostname()}:{port}"
-    return f"http://[{host}]:{port}" if address.version == 6 else f"http://{host}:{port}"
+                host = socket.gethostname()
+    return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
 
 
-@functools.lru_cache(64)
 def named(host_header: str, bound: str) -> bool:
     """Whether a Host header names a server bound to `bound` by an IP address, as localhost, or by its own name.
 
     Any other name may be an attacker's, pointed at this machine so that the attacker's page can read answers (DNS rebinding).
     """
-    name = host_header.rpartition(":")[0] if host_header.rpartition(":")[2].isdigit() else host_header
-    name = name.lower()
+    name, _, port = host_header.lower().rpartition(":")
+    name = name if port.isdigit() else host_header.lower()
     if name in ("localhost", bound.lower(), socket.gethostname().lower()):
         return True
     try:
@@ -88,75 +72,36 @@ def named(host_header: str, bound: str) -> bool:
     return True
 
 
-def same_origin(origin: str | None, host_header: str) -> bool:
-    """Whether the page that sent a request came from the server that receives it: cookies ignore ports."""
-    return origin is None or origin == f"http://{host_header}"
-
-
-class Access:
-    """The token of one server, 256 random bits, and the cookie that stores it.
-
-    Browsers send a cookie to every port of a host, so also to servers of other users on this machine. The path of the cookie
-    is therefore random too: no other server has an address below it.
-    """
-
-    def __init__(self) -> None:
-        self.token = secrets.token_urlsafe(32)
-        self.path = f"/{secrets.token_urlsafe(16)}/"
-
-    def opens(self, offered: Iterable[str]) -> bool:
-        """Whether one of the texts is the token. The comparison takes constant time."""
-        wanted = self.token.encode()
-        return any([hmac.compare_digest(one.encode(errors="replace"), wanted) for one in offered])
-
-
-class Connections:
-    """The open connections: strangers in order of arrival, and connections with an admitted request."""
-
-    def __init__(self) -> None:
-        self._strangers: dict[Any, None] = {}  # of IOStream
-        self._admitted: set[Any] = set()
-
-    def arrive(self, stream: Any) -> None:
-        """Adds a connection that waits for a request."""
-        if stream not in self._admitted:
-            self._strangers.setdefault(stream)
-            if len(self._strangers) > MAX_STRANGERS:
-                oldest = next(iter(self._strangers))
-                self.leave(oldest)
-                oldest.close()
-
-    def admit(self, stream: Any) -> bool:
-        """Moves a connection from the strangers to the admitted. False if there are too many."""
-        if stream not in self._admitted and len(self._admitted) >= MAX_CONNECTIONS:
-            return False
-        self._strangers.pop(stream, None)
-        self._admitted.add(stream)
-        return True
-
-    def leave(self, stream: Any) -> None:
-        """Forgets a connection."""
-        self._strangers.pop(stream, None)
-        self._admitted.discard(stream)
-
-
 class Server(HTTPServer):
     """Tornado's server with limits. Must be created inside a running event loop."""
 
-    def initialize(self, app: Application, connections: Connections) -> None:  # type: ignore[override]
+    def initialize(self, app: Application) -> None:  # type: ignore[override]
         """Tornado's replacement for __init__."""
-        self._open = connections
+        self._strangers: dict[Any, None] = {}  # streams in order of arrival
+        self._admitted: set[Any] = set()
+        app.settings.update(admit=self.admit, log_function=lambda handler: None)
         super().initialize(app, idle_connection_timeout=READ_TIMEOUT_S, body_timeout=READ_TIMEOUT_S,
                            max_header_size=MAX_HEADER_BYTES, max_body_size=MAX_BODY_BYTES)  # fmt: skip
 
+    def admit(self, stream: Any) -> None:
+        """The connection is no longer a stranger's."""
+        self._strangers.pop(stream, None)
+        self._admitted.add(stream)
+
     def start_request(self, server_conn: Any, request_conn: HTTPConnection) -> HTTPMessageDelegate:
         """Called by Tornado when a connection starts to wait for a request."""
-        self._open.arrive(server_conn.stream)
+        if server_conn.stream not in self._admitted:
+            self._strangers.setdefault(server_conn.stream)
+            if len(self._strangers) > MAX_STRANGERS:
+                oldest = next(iter(self._strangers))
+                del self._strangers[oldest]
+                oldest.close()
         return super().start_request(server_conn, request_conn)
 
     def on_close(self, server_conn: Any) -> None:
         """Called by Tornado when a connection has ended."""
-        self._open.leave(server_conn.stream)
+        self._strangers.pop(server_conn.stream, None)
+        self._admitted.discard(server_conn.stream)
         super().on_close(server_conn)
 
 
@@ -174,36 +119,33 @@ class Handler(RequestHandler):
 
     def refusal(self) -> str:
         """The reason for answering with 403, or ""."""
-        return ""
+        raise NotImplementedError
 
     def prepare(self) -> None:
         """Admits the request or raises HTTPError."""
         if why := self.refusal():
             raise HTTPError(HTTPStatus.FORBIDDEN, why)
-        if not self.settings["connections"].admit(self._stream()):
-            raise HTTPError(HTTPStatus.SERVICE_UNAVAILABLE, "too many connections")
+        self.settings["admit"](self._stream())
 
     def write_error(self, status_code: int, **kwargs: Any) -> None:
         """{"ok": false, "error": why}."""
         error = kwargs.get("exc_info", (None, None, None))[1]
         why = error.log_message if isinstance(error, HTTPError) else None
-        self.set_header("Content-Type", "application/json")
-        self.write(json.dumps({"ok": False, "error": why or HTTPStatus(status_code).phrase.lower()}))
+        self.finish({"ok": False, "error": why or HTTPStatus(status_code).phrase.lower()})
 
     def log_exception(self, kind: Any, error: BaseException | None, trace: Any) -> None:
         """Logs defects of this program, without the query of the address, which may contain the token."""
         if not isinstance(error, HTTPError | StreamClosedError):
             log.error("%s %s", self.request.method, self.request.path, exc_info=error)
 
-    async def answer(self, body: bytes, kind: str, status: HTTPStatus = HTTPStatus.OK) -> None:
-        """Sends a whole answer. Closes the connection of a client that does not read it."""
-        self.set_status(status)
+    async def answer(self, body: bytes, kind: str = "application/json") -> None:
+        """Sends a whole answer."""
         self.set_header("Content-Type", kind)
         await self._sent(self.finish(body))
 
-    async def answer_json(self, value: dict[str, Any], status: HTTPStatus = HTTPStatus.OK) -> None:
+    async def answer_json(self, value: dict[str, Any]) -> None:
         """Sends a JSON object."""
-        await self.answer(json.dumps(value).encode(), "application/json", status)
+        await self.answer(json.dumps(value).encode())
 
     async def piece(self, data: bytes) -> bool:
         """Sends a piece of a stream. False if the client no longer reads it."""
@@ -211,6 +153,7 @@ class Handler(RequestHandler):
         return await self._sent(self.flush())
 
     async def _sent(self, sent: Awaitable[None]) -> bool:
+        """Closes the connection of a client that does not read."""
         try:
             async with asyncio.timeout(WRITE_TIMEOUT_S):
                 await sent
@@ -223,14 +166,6 @@ class Handler(RequestHandler):
         return self.request.connection.stream  # type: ignore[union-attr]
 
 
-class Missing(Handler):
-    """Answers requests for unknown addresses."""
-
-    def prepare(self) -> None:
-        super().prepare()
-        raise HTTPError(HTTPStatus.NOT_FOUND, "no such page")
-
-
 def listen(host: str, port: int, option: str) -> list[socket.socket]:
     """Bound sockets, one for each address of host. Raises UserError with the option's name."""
     try:
@@ -238,25 +173,22 @@ def listen(host: str, port: int, option: str) -> list[socket.socket]:
     except OSError as error:
         why = f"{option} {host}:{port}: {error.strerror or error}"
         raise UserError(why, "use another port, or 0 for a free one") from None
-    for each in bound:
-        each.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
+    for sock in bound:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
     return bound
 
 
-def run(app: Application, bound: list[socket.socket], end: Callable[[], Awaitable[None]] | None = None) -> None:
+def run(app: Application, bound: list[socket.socket], end: Callable[[], Awaitable[None]]) -> None:
     """Serves app until Ctrl-C; `end` is awaited before the connections are closed."""
-    connections = Connections()
-    app.settings.update(connections=connections, log_function=lambda handler: None)
 
     async def serve() -> None:
-        server = Server(app, connections)
+        server = Server(app)
         server.add_sockets(bound)
         try:
             await asyncio.Event().wait()
         finally:
             server.stop()
-            if end is not None:
-                await end()
+            await end()
             await server.close_all_connections()
 
     with contextlib.suppress(KeyboardInterrupt):

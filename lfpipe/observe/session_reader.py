@@ -3,9 +3,8 @@
 import json
 from collections import deque
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
-import attrs
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,21 +23,12 @@ WINDOW_S = 10.0
 HISTOGRAMS = ("wait", "busy", "age", "horizon")
 
 
-@attrs.frozen(eq=False)
-class _Sample:
+class _Sample(NamedTuple):
     """A copy of the table's rows, and the CPU time of the processes."""
 
     t_ns: int
     rows: dict[str, NDArray[np.void]]
     cpu_ns: dict[int, int]
-
-
-@attrs.frozen(eq=False)
-class _Rows:
-    """Rows in place of a table's."""
-
-    rows: dict[str, NDArray[np.void]]
-    session: NDArray[np.void]
 
 
 def since(row: NDArray[np.void], before: NDArray[np.void] | None) -> NDArray[np.void]:
@@ -64,61 +54,51 @@ class Watch:
             self._about = session.run_dir / "session.json"
             self._mark = self._marked()
             about = json.loads(self._about.read_text())
-            self._table = Table(session.segment("status"))
+            self.table = Table(session.segment("status"))
             self._started_ns, self._pid = int(about["started_ns"]), int(about["pid"])
         except WrongSegment:
             raise
         except (FileNotFoundError, ValueError):
             raise UserError(f"session {session.name!r} is starting or ending", "try again in a second") from None
         self._past: deque[_Sample] = deque([self._sample()])
-        self._reset: _Sample | None = None
-
-    @property
-    def rows(self) -> dict[str, NDArray[np.void]]:
-        """The status table itself: name of a stage -> record of dtype ROW."""
-        return self._table.rows
+        self._reset: dict[str, NDArray[np.void]] = {}
 
     def read(self) -> dict[str, Any]:
         """The current state, see `snapshot`."""
-        return snapshot(self.session.name, self._table, self._started_ns)
+        return snapshot(self.session.name, self.table.rows, self.table.session, self._started_ns)
 
     def reset(self) -> None:
         """Counts drops and worst times from now on, for this monitor only."""
         self._past = deque([self._sample()])
-        self._reset = self._past[0]
+        self._reset = self._past[0].rows
 
     def read_window(self) -> dict[str, Any]:
         """`snapshot` with the times of the last WINDOW_S, and more.
 
         `cpu_percent`, `rss_mb`: of the supervisor and of each stage. `worst_ms`, `busy_counts`: of each stage since the reset;
-        the counts on MIDDLES_US. `worst_age_ms`: since the reset. `age_now_ms`: the median since the reading before, or None.
+        the counts on MIDDLES_US. `age_now_ms`: the median since the reading before, or None.
         """
         now, last = self._sample(), self._past[-1]
         while len(self._past) > 1 and now.t_ns - self._past[1].t_ns >= WINDOW_S * 1e9:
             self._past.popleft()
         then = self._past[0]
         self._past.append(now)
-        zero = {} if self._reset is None else self._reset.rows
-        since_reset = {name: since(row, zero.get(name)) for name, row in now.rows.items()}
+        since_reset = {name: since(row, self._reset.get(name)) for name, row in now.rows.items()}
         rows = {name: since(row, then.rows[name]) for name, row in now.rows.items()}
         for name, row in rows.items():
             row["drops"] = since_reset[name]["drops"]
-        state = snapshot(self.session.name, _Rows(rows, self._table.session), self._started_ns)
+        state = snapshot(self.session.name, rows, self.table.session, self._started_ns)
         for name, stage in state["stages"].items():
             busy = since_reset[name]["busy"]
             stage |= self._load(now, then, stage["pid"])
             stage |= {"worst_ms": float(busy["max_ns"]) / 1e6, "busy_counts": busy["buckets"]}
         age = summary_ms(since(now.rows[SHOWN_BY], last.rows[SHOWN_BY])["age"])
-        return {
-            **state,
-            **self._load(now, then, self._pid),
-            "config_rev": int(now.rows[SHOWN_BY]["config_rev"]),
-            "worst_age_ms": float(since_reset[SHOWN_BY]["age"]["max_ns"]) / 1e6,
-            "age_now_ms": age["p50_ms"] if age["n"] else None,
-        }
+        state |= self._load(now, then, self._pid)
+        state |= {"config_rev": int(now.rows[SHOWN_BY]["config_rev"]), "age_now_ms": age["p50_ms"] if age["n"] else None}
+        return state
 
     def _sample(self) -> _Sample:
-        rows = {name: row.copy() for name, row in self._table.rows.items()}
+        rows = {name: row.copy() for name, row in self.table.rows.items()}
         pids = [self._pid, *(int(row["pid"]) for row in rows.values() if row["pid"])]
         return _Sample(now_ns(), rows, {pid: cpu_ns(pid) for pid in pids})
 
@@ -142,7 +122,7 @@ class Watch:
 
     def close(self) -> None:
         """Releases the table."""
-        self._table.close()
+        self.table.close()
 
     def __enter__(self) -> Self:
         return self

@@ -1,19 +1,16 @@
 """A session's state as text for people: `lfpipe monitor`, `ctl status`, and the end of `lfpipe up`. Reads neither session nor
 keyboard."""
 
-from collections import deque
 from collections.abc import Iterable, Mapping
+from datetime import timedelta
 from typing import Any
 
 from rich.console import Console
 from rich.text import Text
 
-COLUMNS = 80
-SPARKS = "▁▂▃▄▅▆▇█"
 STATE_STYLE = {"RUNNING": "green", "STARTING": "yellow", "STOPPING": "yellow", "DEAD": "bold red"}
 KEYS_LINE = "q quit  p pause  r reset  t trace  w warp  m mode  c recentre"
 QUANTILES = ("p50_ms", "p95_ms", "p99_ms")
-HISTORY = 240  # pictures' ages kept for the sparkline: a minute at four a second
 
 
 def spans(cpus: Iterable[int]) -> str:
@@ -37,26 +34,14 @@ def photon_words(latency: Mapping[str, float | None]) -> str:
     return ", ".join(f"{key.removesuffix('_ms')} {value:.1f} ms" for key, value in latency.items() if value is not None)
 
 
-def sparkline(values: list[float | None], width: int) -> str:
-    """The last `width` values, scaled to their range; a dot for a missing value."""
-    newest = values[-width:]
-    known = [value for value in newest if value is not None]
-    low, span = (min(known), max(max(known) - min(known), 1e-9)) if known else (0.0, 1.0)
-    return "".join("·" if v is None else SPARKS[min(7, int(8 * (v - low) / span))] for v in newest)
-
-
-def _clock(seconds: float) -> str:
-    whole = int(seconds)
-    return f"{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"
-
-
 def state_text(state: Mapping[str, Any]) -> Text:
     """The table of stages (rate, wait, busy, drops, restarts, load if it is known), quality, cores, and the age of the picture.
 
-    state: see `snapshot`. At most COLUMNS cells wide.
+    state: see `snapshot`. At most 80 cells wide.
     """
     out = Text(no_wrap=True, overflow="crop")
-    out.append(f"up {_clock(state['uptime_s'])}  camera {state['camera_fps']:.1f} Hz  ")
+    uptime = timedelta(seconds=int(state["uptime_s"]))
+    out.append(f"up {uptime}  camera {state['camera_fps']:.1f} Hz  ")
     if state["camera_light"]:
         out.append(f"{state['camera_light']}  ", "bold yellow")
     out.append(f"viewer {state['viewer']}\n", "green" if state["stages"].get("track", {}).get("face") else "bold yellow")
@@ -77,11 +62,7 @@ def state_text(state: Mapping[str, Any]) -> Text:
         out.append(f"{'supervisor':<68}{_load(state)}\n", "dim")
     level = f"level {state['level']} of {state['lowest_level']}" if state["level"] else "full"
     out.append(f"quality {level}\n", "bold yellow" if state["level"] else "dim")
-    cores = ", ".join(
-        f"{name} {spans(stage['cpus'])}{f' nice {nice}' if (nice := stage['nice']) else ''}"
-        for name, stage in stages.items()
-        if stage["cpus"]
-    )
+    cores = ", ".join(f"{name} {spans(stage['cpus'])}" for name, stage in stages.items() if stage["cpus"])
     out.append(f"cores   {cores or '-'}\n", "dim")
     for notice in state["notices"]:
         out.append(f"now: {notice}\n", "bold yellow")
@@ -114,36 +95,20 @@ def print_state(state: Mapping[str, Any]) -> None:
     console.print(Text.assemble("session ", (str(state["session"]), "bold")).append("  ").append_text(state_text(state)), end="")
 
 
-class Screen:
-    """The screen of a monitor, with what it remembers. session: its name. note: the answer to the last key."""
+def waiting_text(session: str) -> Text:
+    """The screen of a monitor without a session."""
+    return Text.assemble(("lfpipe ", "bold"), (session, "bold"), "  no session; waiting for one (q quits)\n")
 
-    def __init__(self, session: str) -> None:
-        self._session = session
-        self._ages: deque[float | None] = deque(maxlen=HISTORY)
-        self.note = ""
 
-    def reset(self) -> None:
-        """Forgets the history."""
-        self._ages.clear()
-
-    def waiting(self) -> Text:
-        """The screen without a session."""
-        self._ages.clear()
-        return Text.assemble(("lfpipe ", "bold"), (self._session, "bold"), "  no session; waiting for one (q quits)\n")
-
-    def draw(self, state: Mapping[str, Any], hello: Mapping[str, Any], width: int) -> Text:
-        """The whole screen. state: see `Watch.read_window`. hello: the session's answer to `hello`, empty if there is none."""
-        self._ages.append(state["age_now_ms"])
-        out = Text.assemble(("lfpipe ", "bold"), (self._session, "bold cyan"), "  ", no_wrap=True, overflow="crop")
-        if hello:
-            out.append("PAUSED  " if hello["paused"] else "", "bold yellow")
-            render, timeline = hello["config"]["render"], hello["options"].get("timeline", "")
-            alpha = render["alpha_px"] if isinstance(render["alpha_px"], str) else f"{render['alpha_px']:.1f}"
-            out.append(f"{render['method']} views, {render['anaglyph']} anaglyph, alpha {alpha}", "dim")
-            out.append(f"\nrecording timeline {timeline}" if timeline else "", "dim")
-        out.append("\n").append_text(state_text(state))
-        known = [value for value in self._ages if value is not None]
-        ends = (f" {min(known):.1f}-{max(known):.1f} ms" if known else "") + f", worst {state['worst_age_ms']:.1f} ms"
-        out.append(sparkline(list(self._ages), max(width, COLUMNS) - len(ends) - 1), "cyan").append(f"{ends}\n", "dim")
-        out.append(f"{self.note or KEYS_LINE}\n", "bold" if self.note else "dim")
-        return out.append("times of the last 10 s; rst: restarts", "dim")
+def screen_text(state: Mapping[str, Any], hello: Mapping[str, Any], note: str) -> Text:
+    """The whole screen of a monitor. state: see `Watch.read_window`. hello: the session's answer to `hello`, empty if there is
+    none. note: the answer to the last key."""
+    out = Text.assemble(("lfpipe ", "bold"), (state["session"], "bold cyan"), "  ", no_wrap=True, overflow="crop")
+    if hello:
+        out.append("PAUSED  " if hello["paused"] else "", "bold yellow")
+        render, timeline = hello["config"]["render"], hello["options"].get("timeline", "")
+        alpha = render["alpha_px"] if isinstance(render["alpha_px"], str) else f"{render['alpha_px']:.1f}"
+        out.append(f"{render['method']} views, {render['anaglyph']} anaglyph, alpha {alpha}", "dim")
+        out.append(f"\nrecording timeline {timeline}" if timeline else "", "dim")
+    out.append("\n").append_text(state_text(state)).append(f"{note or KEYS_LINE}\n", "bold" if note else "dim")
+    return out.append("times of the last 10 s; rst: restarts", "dim")

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from lfpipe.errors import UserError
-from lfpipe.files.output import PLACE, check_output, output_file
+from lfpipe.files.output import PLACE, check_output, finished_output
 from lfpipe.files.safe_files import reason
 from lfpipe.files.trace import trace_lines
 from lfpipe.supervisor.process_table import CORE
@@ -66,29 +66,19 @@ def events(trace: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
                 yield {**flow, "ph": kind, "tid": piece["tid"], "ts": piece["ts"] + piece["dur"] / 2, **end}
 
 
-def check_out(out: Path) -> None:
-    """Raises UserError if a timeline could not be written to out. Called before recording starts."""
-    check_output(out)
-
-
-def convert(source: Path, out: Path) -> int:
-    """Writes the JSON Lines trace `source` as trace events to `out`, for its owner alone; returns the number of events.
-
-    Raises UserError; out then stays as it was.
-    """
-    count = 0
+def convert(source: Path, out: Path) -> None:
+    """Writes the JSON Lines trace `source` as trace events to `out`, for its owner alone. Raises UserError; out then stays as it
+    was."""
     check_output(out, [source])
-    made = events(fields.values for fields in trace_lines(source, "a trace written by `lfpipe up --trace`"))
+    lines = (fields.values for fields in trace_lines(source, "a trace written by `lfpipe up --trace`"))
     try:
-        with output_file(out) as file:
-            file.write(b'{"displayTimeUnit": "ms", "traceEvents": [\n')
-            for event in made:
-                file.write((b",\n" if count else b"") + json.dumps(event).encode())
-                count += 1
-            file.write(b"\n]}\n")
+        with finished_output(out) as output:
+            for number, event in enumerate(events(lines)):
+                start = b",\n" if number else b'{"displayTimeUnit": "ms", "traceEvents": [\n'
+                output.file.write(start + json.dumps(event).encode())
+            output.file.write(b"\n]}\n")
     except OSError as error:
         raise UserError(f"{out}: {reason(error)}", PLACE) from None
-    return count
 
 
 def finish_trace(ask: Callable[[dict[str, Any]], dict[str, Any]], out: Path | None) -> Path:
@@ -98,7 +88,7 @@ def finish_trace(ask: Callable[[dict[str, Any]], dict[str, Any]], out: Path | No
     running, or if out cannot be written. In that case the timeline continues, or its raw lines are kept.
     """
     if out is not None:
-        check_out(out)
+        check_output(out)
     part = Path(ask({"cmd": "trace", "path": ""})["path"])
     out = out or part.with_suffix("")
     try:

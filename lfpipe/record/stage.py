@@ -23,9 +23,12 @@ from lfpipe.host.machine import versions
 from lfpipe.record.store import Store
 from lfpipe.sequence.eyes import eyes_line
 from lfpipe.sequence.folder import MANIFEST, begin_manifest, end_manifest
+from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.packet_ring import PacketInput
 from lfpipe.transport.ring import Stamp
+
+FULL_NS = 5 * MS_NS  # between looks whether a full store has room again
 
 
 class FrameReader:
@@ -117,12 +120,8 @@ class Recorder:
 
     def wait(self) -> bool:
         """Waits for frames, or for room to store them. False once the recording must end."""
-        store, context = self._store, self._context
-        if store.full:
-            with store.room_fd() as fd:
-                context.wait(instead_fd=fd)
-        else:
-            context.wait()
+        context, full = self._context, self._store.full
+        context.wait(now_ns() + FULL_NS if full else None, inputs=not full)
         return not context.stopping and context.options.record == str(self._folder)
 
     def take(self) -> None:

@@ -1,8 +1,6 @@
 """Writes a recording to disk in a thread of its own, so that a slow disk does not block reading the ring."""
 
-import contextlib
 import queue
-import socket
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,7 +17,6 @@ from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.ring import Stamp
 
 ROOM_BYTES = 128 << 20  # buffer of frames to encode: some seconds, so that a slow disk loses no frame
-LOOK_NS = SECOND_NS  # period of checks that the folder still exists
 SLOW_NS = SECOND_NS // 2  # a longer time per frame is reported
 
 Frame = NDArray[np.uint8] | bytes
@@ -44,7 +41,7 @@ class Store:
 
     def __init__(self, folder: Path, shape: tuple[int, ...], with_eyes: bool) -> None:
         """Raises OSError if the files cannot be written."""
-        self._folder, self._shape = folder, shape
+        self._shape = shape
         self._eyes = LineFile(folder / EYES) if with_eyes else None
         self._writer = PacketWriter(folder)
         self._room = max(8, ROOM_BYTES // int(np.prod(shape)))
@@ -52,11 +49,8 @@ class Store:
         self._done: queue.SimpleQueue[Stored] = queue.SimpleQueue()
         self._spare: list[NDArray[np.uint8]] = []
         self._put = self._taken = 0  # frame counts; each is written by one thread only
-        self._last_ns, self._look_ns, self._busy_ns, self._hurry = 0, 0, 0, False
+        self._last_ns, self._busy_ns, self._hurry = 0, 0, False
         self.failure = ""
-        self._awaited = False
-        self._room_in, self._room_out = socket.socketpair()  # not a pipe, for which not every system can wait
-        self._room_in.setblocking(False)
         self._thread = threading.Thread(target=self._run, name="store")
         self._thread.start()
 
@@ -69,17 +63,6 @@ class Store:
     def full(self) -> bool:
         """Whether the buffer is full."""
         return self._put - self._taken >= self._room
-
-    @contextlib.contextmanager
-    def room_fd(self) -> Iterator[int]:
-        """A file descriptor that becomes readable when there is room again."""
-        self._awaited = True
-        if not self.full:
-            self._room_out.send(b"x")  # meanwhile
-        yield self._room_in.fileno()
-        self._awaited = False
-        with contextlib.suppress(BlockingIOError):
-            self._room_in.recv(4096)
 
     @property
     def slow(self) -> bool:
@@ -113,7 +96,6 @@ class Store:
             self._busy_ns = now_ns()
             try:
                 if not self.failure:
-                    self._look()
                     self._write(work)
             except OSError as error:
                 self.failure = str(error.strerror or error)
@@ -124,16 +106,6 @@ class Store:
                 self._taken += 1
                 if not isinstance(work[2], bytes):
                     self._spare.append(work[2])
-                if self._awaited:
-                    self._room_out.send(b"x")
-
-    def _look(self) -> None:
-        """Raises OSError if the files being written are no longer in the folder."""
-        if self._busy_ns < self._look_ns:
-            return
-        self._look_ns = self._busy_ns + LOOK_NS
-        if not self._writer.in_place(self._folder):
-            raise OSError(0, "its folder is gone")
 
     def _write(self, work: Work | bytes) -> None:
         if isinstance(work, bytes):
@@ -160,6 +132,4 @@ class Store:
         self._writer.close()
         if self._eyes is not None:
             self._eyes.close()
-        self._room_in.close()
-        self._room_out.close()
         return self._writer.checksums()

@@ -10,6 +10,7 @@ most 0.03 dB.
 """
 
 import math
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -17,6 +18,8 @@ from numpy.typing import NDArray
 
 BAND_BYTES = 1 << 20  # of blocks packed and sampled at a time
 Reach = tuple[int, int, NDArray[np.float32]]  # first and last row of blocks that a band needs, and its y counted from there
+Box = tuple[slice, slice]  # rows, columns of a picture
+Pixel = TypeVar("Pixel", np.uint8, np.float32)
 MARGIN = 1  # blocks before the first pixel: the border is repeated outwards for each of a block's pixels
 
 
@@ -37,6 +40,27 @@ def bands_of(rows: int, row_bytes: int, most_bytes: int = BAND_BYTES) -> list[sl
     count = 1 if rows * row_bytes < 3 * most_bytes else math.ceil(rows * row_bytes / most_bytes)
     each = math.ceil(rows / count)
     return [slice(first, min(first + each, rows)) for first in range(0, rows, each)]
+
+
+def shifted(plane: NDArray[Pixel], dy: int, dx: int, box: Box, out: NDArray[Pixel]) -> NDArray[Pixel]:
+    """A box of the picture that shows plane[y + dy, x + dx] at (y, x), the border of the plane repeated outwards: a part of the
+    plane itself, or drawn into out, of the box's size."""
+    (top, bottom, above, below), (left, right, before, after) = (
+        _span(at.start + by, at.stop + by, size) for at, by, size in zip(box, (dy, dx), plane.shape, strict=True)
+    )
+    part = plane[top:bottom, left:right]
+    if above or below or before or after:
+        cv2.copyMakeBorder(part, above, below, before, after, cv2.BORDER_REPLICATE, out)
+        return out
+    return part
+
+
+def _span(first: int, end: int, size: int) -> tuple[int, int, int, int]:
+    """What lies inside of places first to end on an axis of this size: start and stop, at least one place, and how often the
+    border repeats before and after it."""
+    start, stop = min(max(first, 0), size - 1), max(min(end, size), 1)
+    before = min(max(-first, 0), end - first - 1)
+    return start, stop, before, end - first - (stop - start) - before
 
 
 class Blocks:

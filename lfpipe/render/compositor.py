@@ -55,14 +55,16 @@ def planes_of_eyes(render: Render) -> tuple[tuple[Plane, ...], tuple[Plane, ...]
 
 
 def _quantum(method: str, disparity_px: float) -> float:
-    """Grid step to which coordinates are rounded, a power of two, at least 1/1024. Up to 16 px per view it moves nothing by more
-    than 1/128 px, and it changes the weights of a cross-fade by at most 1/512.
+    """Grid step to which coordinates are rounded, a power of two, at least 1/1024. Up to 64 px per view it moves nothing by more
+    than 1/32 px, and it changes the weights of a cross-fade by at most 1/512, of two warped views by at most 1/128.
     """
     if method == "nearest":
         return 1.0
-    step = 1 / 256 if method in ("blend", "warp2", "best") else 1 / 16
-    if method != "blend" and disparity_px > 0:
-        step = min(step, 1 / (64 * disparity_px))
+    if method == "blend":
+        return 1 / 256
+    step = 1 / 16 if method == "warp" else 1 / 64
+    if disparity_px > 0:
+        step = min(step, 1 / (16 * disparity_px))
     return max(1 / 1024, 2.0 ** math.floor(math.log2(step)))
 
 

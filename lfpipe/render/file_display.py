@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area, opencv_name
-from lfpipe.files.output import OutputFile, check_output, mark_video, marked_picture, write_output
-from lfpipe.files.video_writer import VideoWriter, encoder_name, write_error
+from lfpipe.files.output import OutputFile, check_output, marked_picture, write_output
+from lfpipe.files.video_writer import VideoWriter, require_encoder, write_error
 from lfpipe.host.terminal import OPENCV_ERROR, opencv_logging
 from lfpipe.render.display import Display, DisplayNotice
 from lfpipe.render.pair_layout import Pair, scale_into
@@ -41,7 +41,7 @@ def check_file(path: Path) -> None:
     opencv_name(path)
     if path.suffix.lower() == ".mp4":
         try:
-            encoder_name()
+            require_encoder()
         except UserError as error:
             raise UserError(f"--display file:{path}: {error.message}", error.remedy) from None
 
@@ -166,9 +166,7 @@ class FileDisplay(Display):
             self._end("it no longer grows (quota or size limit)")
 
     def _place(self) -> None:
-        """Moves the file to its place once something is on the disk, and marks it as written by lfpipe. Raises OSError."""
-        if self._writer.lossless:
-            mark_video(self._output.current)
+        """Moves the file to its place once something is on the disk. Raises OSError."""
         if self._output.current.stat().st_size:
             self._output.place()
 

@@ -13,7 +13,6 @@ from lfpipe.render.compositor import recipe_for
 from lfpipe.render.notices import Notices
 from lfpipe.render.overlay import Item, Menu
 from lfpipe.render.pair_layout import Pair, laid_out
-from lfpipe.transport.clock import now_ns
 from lfpipe.transport.context import Context
 
 Colour = tuple[int, int, int]
@@ -89,24 +88,17 @@ class Glasses:
 
     def __init__(self, context: Context, notices: Notices) -> None:
         self._context, self._notices = context, notices
-        self._chosen = ""  # value of render.anaglyph whose test follows
         self._before: Render | None = None  # the settings when the test began
 
     @property
     def tests(self) -> bool:
         return self._before is not None
 
-    def wear(self, anaglyph: str) -> bool:
-        """Keeps the answer; returns whether a test follows."""
+    def wear(self, anaglyph: str) -> None:
+        """Keeps the answer, and begins the test of these glasses."""
         self._keep({"anaglyph": anaglyph})
         self._context.request("set", set={"render.anaglyph": anaglyph})
-        self._chosen = "" if anaglyph == "mono" else anaglyph
-        return bool(self._chosen)
-
-    def follow(self, render: Render) -> None:
-        """Begins the test once the chosen setting is in force."""
-        if self._chosen == render.anaglyph and not self.tests:
-            self._chosen = ""
+        if anaglyph != "mono" and not self.tests:
             self.switch()
 
     def switch(self) -> None:
@@ -129,9 +121,9 @@ class Glasses:
             return ""
         if render.anaglyph == "mono":
             return "glasses test: this mode shows both eyes the same picture; m changes the mode"
-        ghost = f"a faint L too? adjust with right and left arrow: compensation {render.ghost_compensation:.0f} %\n"
-        ghost = ghost if render.anaglyph in MATRICES else ""
-        return f"close your left eye: you should see only R\n{ghost}x swaps the eyes, g ends the test"
+        ghost = f"a faint L too? adjust with right and left arrow: compensation {render.ghost_compensation:.0f} %"
+        lines = ("close your left eye: you should see only R", ghost, "x swaps the eyes, g ends the test")
+        return "\n".join(line for line in lines if line != ghost or render.anaglyph in MATRICES)
 
     def _keep(self, values: Mapping[str, float | bool | str]) -> None:
         """Saves keys of [render] in the person's settings."""
@@ -140,7 +132,7 @@ class Glasses:
         try:
             write_keys(user_file(), "render", values)
         except (OSError, ValueError) as error:
-            self._notices.say("kept", f"{user_file()}: not saved: {getattr(error, 'strerror', None) or error}", now_ns())
+            self._notices.say("kept", f"{user_file()}: not saved: {getattr(error, 'strerror', None) or error}")
         else:
             if values:
-                self._notices.say("kept", f"saved for the next session: {', '.join(WORDS[name] for name in values)}", now_ns())
+                self._notices.say("kept", f"saved for the next session: {', '.join(WORDS[name] for name in values)}")

@@ -16,9 +16,9 @@ from lfpipe.config.quality import level_number
 from lfpipe.host.files import is_dir
 from lfpipe.render.display import Display
 from lfpipe.render.file_display import save
-from lfpipe.render.geometry import depth_step_px, zero_plane_px
+from lfpipe.render.geometry import zero_plane_px, zero_planes_px
 from lfpipe.render.glasses import Glasses, glasses_menu
-from lfpipe.render.notices import SHOWN_NS, Notices, changes, status_lines, views_map
+from lfpipe.render.notices import SHOWN_NS, Notices, changes, status_lines
 from lfpipe.render.overlay import DEPTH, Item, Overlay, bar_items
 from lfpipe.render.presenter import Presenter
 from lfpipe.render.scenes import NO_DIALOG, NO_OTHER, FileDialog, SceneLoader, ScenePage
@@ -35,7 +35,6 @@ STATUS_NS = SECOND_NS // 2  # between two readings of the overlay's figures
 FACELESS_NS = 4 * SECOND_NS  # a turned head is no reason for a notice
 INVITATION = "put on the glasses and stand in front of the screen"
 ASKED_NS = 8 * SECOND_NS
-LOST = "camera lost, trying again"
 
 
 class KeyBindings:
@@ -45,16 +44,16 @@ class KeyBindings:
         self._context, self._viewer, self._presenter, self._display = context, viewer, presenter, display
         self._notices = Notices()
         self.scenes = SceneLoader(context, self._notices)
-        self._page, self._dialog = ScenePage(context), FileDialog()
-        self._glasses = Glasses(context, self._notices)
-        self._asks = False  # whether the question about the glasses is open
-        self._status, self._status_due_ns = Overlay(), 0  # lines and map of the overlay
-        self._overlay = False
+        self._page, self._dialog, self._glasses = ScenePage(context), FileDialog(), Glasses(context, self._notices)
+        first = not context.row["restarts"]
+        self._asks = context.options.ask_glasses and first  # whether the question about the glasses is open
+        self._page_waits = context.options.start and first  # for the answer, and for the test of the glasses
+        self._overlay, self._status, self._status_due_ns = False, tuple[str, ...](), 0
         self._width_mm, self._settled_ns = display.width_mm(), 0
         self._known = (context.config.render, level_number(context.options), viewer.field.name, viewer.field.half_turned)
         self._actions: dict[str, Callable[[str], None]] = {
             "quit": lambda _: context.request("stop"),
-            "recentre": self._recentre,
+            "recentre": lambda _: self._recentre(),
             "screenshot": lambda _: self._screenshot(),
             "overlay": lambda _: self._switch_overlay(),
             "freeze": lambda _: context.request("resume" if context.paused else "pause"),
@@ -76,19 +75,13 @@ class KeyBindings:
             "previous": lambda _: self.scenes.step(-1),
             "open": lambda _: self._open(folder=True),
             "open-file": lambda _: self._open(folder=False),
-            "which": lambda _: self._ask(),
+            "which": lambda _: self._close_menu(then_ask=True),
             "wear": self._wear,
             "glasses": lambda _: self._test_glasses(),
             "more": lambda _: self._glasses.compensate(1),
             "less": lambda _: self._glasses.compensate(-1),
         }
         self._ask_about_depth()
-        first = not context.row["restarts"]
-        self._page_waits = context.options.start and first  # for the answer about the glasses, and their test
-        if context.options.ask_glasses and first:
-            self._asks = True
-        else:
-            self._go_on()
         self._show_overlay(now_ns())  # keys that are pressed now are for the menu
 
     def serve(self) -> None:
@@ -103,26 +96,24 @@ class KeyBindings:
         t_ns = now_ns()
         self._presenter.mouse.follow(self._display.pointer(), t_ns)
         self.pass_on_notices()
-        self._follow_width()
+        self._follow_width(t_ns)
         self.scenes.serve(t_ns)
         self._page.serve(t_ns)
-        self._notice_changes(t_ns)
+        self._notice_changes()
+        self._notices.standing = self._standing(t_ns)
         if self._overlay and t_ns >= self._status_due_ns:
-            self._status_due_ns = t_ns + STATUS_NS
-            self._status = Overlay(status_lines(self._context, self._viewer), views_map(self._viewer))
+            self._status, self._status_due_ns = status_lines(self._context, self._viewer), t_ns + STATUS_NS
             self._presenter.redraw()
         self._show_overlay(t_ns)
 
     def _show_overlay(self, t_ns: int) -> None:
+        if self._page_waits and not self._asks and not self._glasses.tests:
+            self._page_waits = False
+            self._page.open()
         menu = glasses_menu(self._context.config.render.anaglyph) if self._asks else self._page.menu
-        lines, inset, notices = self._status.lines, self._status.inset, self._notices.lines(t_ns)
-        self._display.overlay(Overlay(lines, inset, notices, self.scenes.share, menu, self._bar()))
+        self._display.overlay(Overlay(self._status, None, self._notices.lines(t_ns), self.scenes.share, menu, self._bar()))
 
     # menus
-
-    def _ask(self) -> None:
-        self._page.close()
-        self._asks = True
 
     def _switch_page(self) -> None:
         options = self._context.options
@@ -131,45 +122,35 @@ class KeyBindings:
         elif len(options.playlist) > 1 or options.start:
             self._page.open()
         else:
-            self._notices.say("scene", NO_OTHER, now_ns())
+            self._notices.say("scene", NO_OTHER)
 
-    def _close_menu(self) -> None:
-        asked, self._asks = self._asks, False
+    def _close_menu(self, then_ask: bool = False) -> None:
+        self._asks = then_ask
         self._page.close()
-        if asked:
-            self._go_on()
-
-    def _go_on(self) -> None:
-        """Opens the start page that waits, once."""
-        if self._page_waits:
-            self._page_waits = False
-            self._page.open()
 
     def _wear(self, anaglyph: str) -> None:
         self._asks = False
-        if not self._glasses.wear(anaglyph):
-            self._go_on()
+        self._glasses.wear(anaglyph)
+        self._presenter.tests_glasses = self._glasses.tests
 
     def _test_glasses(self) -> None:
-        self._asks = False
-        self._page.close()
+        self._close_menu()
         self._glasses.switch()
-        if not self._glasses.tests:
-            self._go_on()
+        self._presenter.tests_glasses = self._glasses.tests
 
     def _load(self, path: str) -> None:
         self._page.close()
         if path:
             self.scenes.load(Path(path).absolute())
         else:
-            self._notices.say("scene", "not loaded: its name is not UTF-8; use `lfpipe ctl load`", now_ns(), 2 * SHOWN_NS)
+            self._notices.say("scene", "not loaded: its name is not UTF-8; use `lfpipe ctl load`", 2 * SHOWN_NS)
 
     def _open(self, folder: bool) -> None:
         if not self._dialog.open(folder):
-            self._notices.say("scene", NO_DIALOG, now_ns(), 2 * SHOWN_NS)
+            self._notices.say("scene", NO_DIALOG, 2 * SHOWN_NS)
 
     def _bar(self) -> tuple[Item, ...]:
-        options, field, render = self._context.options, self._viewer.field, self._context.config.render
+        options, field = self._context.options, self._viewer.field
         if options.kiosk:
             return ()
         without = set() if len(options.playlist) > 1 or options.start else {"choose"}
@@ -177,24 +158,23 @@ class KeyBindings:
             without.add("record")
         if field.rows * field.cols == 1:
             without |= {DEPTH, "half-turn", "recentre", "which"}
-        depth = 1.0 if render.alpha_px == "true" else render.depth
-        return bar_items(depth, bool(options.record), frozenset(without))
+        return bar_items(self._context.config.render.depth, bool(options.record), frozenset(without))
 
     def _switch_overlay(self) -> None:
-        self._overlay, self._status, self._status_due_ns = not self._overlay, Overlay(), 0
+        self._overlay, self._status, self._status_due_ns = not self._overlay, (), 0
 
     # settings
 
     def _set(self, **values: object) -> None:
         self._context.request("set", set={f"render.{name}": value for name, value in values.items()})
 
-    def _recentre(self, _: str) -> None:
+    def _recentre(self) -> None:
         self._context.request("recentre")
-        self._notices.say("centre", "centred where you are", now_ns())
+        self._notices.say("centre", "centred where you are")
 
     def _move_plane(self, sign: int) -> None:
         field = self._viewer.field
-        step_px = depth_step_px(field.disparity_min_px, field.disparity_max_px)
+        *_, step_px = zero_planes_px(field.disparity_min_px, field.disparity_max_px)
         number = round(zero_plane_px(field, self._context.config.render) / step_px) + sign
         self._set(zero_plane_px=round(number * step_px, 6))
 
@@ -211,15 +191,14 @@ class KeyBindings:
             return
         path = _picture_folder() / time.strftime("lfpipe-recording-%Y%m%d-%H%M%S")
         self._context.request("record", path=str(path), eyes=True)
-        self._notices.say("record", f"recording to {_short(str(path))}", now_ns())
+        self._notices.say("record", f"recording to {_short(str(path))}")
 
     def _screenshot(self) -> None:
-        if self._presenter.picture is None:
-            return
-        path = _picture_folder() / time.strftime("lfpipe-%Y%m%d-%H%M%S.png")
-        text = save(path, self._presenter.picture) or f"picture saved as {path}"
-        self._context.emit("notice", text=text)
-        self._notices.say("picture", _short(text), now_ns())
+        if self._presenter.picture is not None:
+            path = _picture_folder() / time.strftime("lfpipe-%Y%m%d-%H%M%S.png")
+            text = save(path, self._presenter.picture) or f"picture saved as {path}"
+            self._context.emit("notice", text=text)
+            self._notices.say("picture", _short(text))
 
     # notices
 
@@ -228,37 +207,37 @@ class KeyBindings:
         context, field = self._context, self._viewer.field
         on_screen = context.options.display in ("window", "fullscreen") and not context.options.kiosk
         if on_screen and undecided(field, context.config.scene.half_turn):
-            self._notices.say("near and far", "press d if near and far are exchanged", now_ns(), ASKED_NS)
+            self._notices.say("near and far", "press d if near and far are exchanged", ASKED_NS)
             remember(field, "asked")
 
-    def _notice_changes(self, t_ns: int) -> None:
+    def _notice_changes(self) -> None:
         """Shows a notice for each change since the last call."""
-        context, row, field = self._context, self._context.row, self._viewer.field
-        render, level, scene = context.config.render, level_number(context.options), field.name
+        render, level, field = self._context.config.render, level_number(self._context.options), self._viewer.field
         before, level_before, scene_before, half_turned_before = self._known
-        for subject, text in changes(before, render) if render != before else ():
-            self._notices.say(subject, text, t_ns)
+        self._known = (render, level, field.name, field.half_turned)
+        for subject, text in changes(before, render) if render is not before else ():
+            self._notices.say(subject, text)
         if level and not level_before:
-            self._notices.say("quality", "busy computer: simpler picture for now", t_ns)
-        if scene != scene_before:
-            self._display.title(scene)
-            self._notices.say("scene", scene, t_ns)
+            self._notices.say("quality", "busy computer: simpler picture for now")
+        if field.name != scene_before:
+            self._display.title(field.name)
+            self._notices.say("scene", field.name)
             self._ask_about_depth()
         elif field.half_turned != half_turned_before:
-            self._notices.say("near and far", "near and far exchanged: d exchanges them again", t_ns)
-        self._known = (render, level, scene, field.half_turned)
-        self._glasses.follow(render)
-        if self._presenter.tests_glasses != self._glasses.tests:
-            self._presenter.tests_glasses = self._glasses.tests
-            self._presenter.redraw()
-        self._notices.state("glasses", self._glasses.words(render))
-        self._notices.state("paused", "paused: p or space resumes" if context.paused else "")
-        lost = int(context.table.rows[context.spec.source]["state"]) == State.READY  # it has no camera
-        self._notices.state("camera", LOST if lost else "")
-        away_ns = t_ns - row["t_face_ns"]
-        faceless = context.options.tracking and not lost and not context.paused and row["t_face_ns"] and away_ns > FACELESS_NS
-        words = INVITATION if context.options.kiosk else f"no face for {away_ns // SECOND_NS} s: move into the camera's view"
-        self._notices.state("face", words if faceless else "")
+            self._notices.say("near and far", "near and far exchanged: d exchanges them again")
+
+    def _standing(self, t_ns: int) -> list[str]:
+        """The notices that stay as long as they are true."""
+        context, t_face_ns = self._context, int(self._context.row["t_face_ns"])
+        lines = [self.scenes.words(t_ns), self._glasses.words(context.config.render)]
+        if context.paused:
+            lines.append("paused: p or space resumes")
+        if int(context.table.rows[context.spec.source]["state"]) == State.READY:  # it has no camera
+            lines.append("camera lost, trying again")
+        elif context.options.tracking and not context.paused and t_face_ns and t_ns - t_face_ns > FACELESS_NS:
+            words = f"no face for {(t_ns - t_face_ns) // SECOND_NS} s: move into the camera's view"
+            lines.append(INVITATION if context.options.kiosk else words)
+        return lines
 
     def pass_on_notices(self) -> None:
         """Emits the display's notices."""
@@ -268,12 +247,12 @@ class KeyBindings:
             else:
                 self._context.emit("notice", text=notice.text)
 
-    def _follow_width(self) -> None:
+    def _follow_width(self, t_ns: int) -> None:
         """A larger picture has larger parallax: alpha follows once the window keeps its size."""
         width_mm = self._display.width_mm()
         if width_mm != self._width_mm:
-            self._width_mm, self._settled_ns = width_mm, now_ns() + SETTLED_NS
-        elif now_ns() >= self._settled_ns and self._viewer.shown_as_wide(width_mm):
+            self._width_mm, self._settled_ns = width_mm, t_ns + SETTLED_NS
+        elif t_ns >= self._settled_ns and self._viewer.shown_as_wide(width_mm):
             self._presenter.redraw()
 
 

@@ -32,7 +32,6 @@ class Layers:
         self._hint, self._hint_end_s, self._bar_end_s = hint, time.monotonic() + HINT_S, 0.0
         self._at, self._marked = 0, ""  # the item selected in the menu; the event lit in the bar
         self._held: Callable[[int], str] | None = None  # the event of a slider held at x
-        self._known: dict[object, tuple[tuple[object, ...], Panel]] = {}
         self._panels: list[Panel] = []
 
     def set(self, overlay: Overlay) -> None:
@@ -49,35 +48,29 @@ class Layers:
 
     def panels(self, window_px: Place, text_px: int) -> list[Panel]:
         """The panels, the topmost last; equal calls return the same ones. window_px: (width, height)."""
-        overlay, t_s = self.overlay, time.monotonic()
+        overlay, t_s, (width, bottom_px) = self.overlay, time.monotonic(), window_px
         self._hint = self._hint if t_s < self._hint_end_s else ""
         if (t_s > self._bar_end_s and self._held is None) or not overlay.bar or overlay.menu is not None:
             self._bar_end_s = 0.0
-        lines, bottom_px = (*overlay.lines, *(HELP if self.help else ())), window_px[1]
+        lines = (*overlay.lines, *(HELP if self.help else ()))
         if self._hint and not lines and overlay.menu is None:
             lines = (self._hint,)
-        panels = []
-        if overlay.menu is not None:
-            panels.append(self._panel(menu_panel, overlay.menu, self._at, window_px, text_px))
-        if lines:
-            panels.append(self._panel(text_panel, Overlay(lines, overlay.inset), None, window_px, text_px))
+        panels = [text_panel(Overlay(lines, overlay.inset), None, window_px, text_px)] if lines else []
         if self._bar_end_s:
-            panels.append(self._panel(bar_panel, overlay.bar, self._marked, window_px, text_px))
+            panels.append(bar_panel(overlay.bar, self._marked, window_px, text_px))
             bottom_px = panels[-1].at[1]
         if overlay.progress is not None:
-            panels.append(self._panel(progress_panel, overlay.progress, window_px))
+            panels.append(progress_panel(overlay.progress, window_px))
         if overlay.notices:
-            panels.append(self._panel(text_panel, Overlay(overlay.notices), bottom_px, window_px, text_px))
+            panels.append(text_panel(Overlay(overlay.notices), bottom_px, window_px, text_px))
+            bottom_px = panels[-1].at[1]
+        if overlay.menu is not None:
+            menu = menu_panel(overlay.menu, self._at, window_px, text_px)
+            if menu.bottom > bottom_px:  # above the notices
+                menu = menu_panel(overlay.menu, self._at, (width, bottom_px), text_px)
+            panels.insert(0, menu)
         self._panels = panels
         return panels
-
-    def _panel(self, draw: Callable[..., Panel], *what: object) -> Panel:
-        """The panel that draw makes of these arguments, made anew only when they change."""
-        place = draw, what[1] is None  # two kinds of text
-        known = self._known.get(place)
-        if known is None or known[0] != what:
-            known = self._known[place] = what, draw(*what)
-        return known[1]
 
     def key(self, name: str) -> str:
         """The event that a key causes; "" if it only moves the selection."""
@@ -100,7 +93,7 @@ class Layers:
     def mouse(self, event: pygame.Event, at_px: Place) -> str:
         """The event that the mouse or a touch causes, "" for none. at_px: the pointer."""
         self._bar_end_s = time.monotonic() + BAR_S
-        over = next((found for panel in reversed(self._panels) if (found := panel.cell(at_px)) is not None), None)
+        over = next(filter(None, (panel.cell(at_px) for panel in reversed(self._panels))), None)
         self._marked = over[0].event if over is not None else ""
         if event.type == pygame.MOUSEBUTTONUP:
             self._held = None

@@ -13,6 +13,7 @@ SMALLEST_PX, SMALLEST_SHARE = 640, 1 / 3  # of a first window: px, and share of 
 SCREEN_SHARE = 0.85  # of the monitor, at most, for a first window
 INCH_MM = 25.4
 ASPECTS_MM = (16.0, 160.0)  # widths in EDIDs that know only an aspect: 160 x 90, 16 x 10, ...
+NOMINAL_HZ = 60.0  # if a monitor does not report its rate
 SQUARE = 0.1  # pixels further from square than this: the reported size is invented
 
 
@@ -29,7 +30,7 @@ class Monitor:
     width: int
     height: int
     pixel_mm: float | None
-    rate_hz: float = window_system.NOMINAL_HZ
+    rate_hz: float = NOMINAL_HZ
 
     def window_for(self, size_px: tuple[int, int]) -> tuple[int, int]:
         """(width, height) of the first window for pictures of that size: small light fields are enlarged."""
@@ -45,25 +46,20 @@ class Monitor:
 def pixel_mm(dots_per_inch: tuple[float, float], width_px: int) -> float | None:
     """The pitch from the size that SDL reports, (horizontal, vertical); None if that cannot be the size of a monitor."""
     across, down = dots_per_inch
-    if (
-        across <= 0
-        or down <= 0
-        or abs(across / down - 1) > SQUARE
-        or any(abs(width_px * INCH_MM / across - width_mm) < 1 for width_mm in ASPECTS_MM)
-    ):
+    if min(across, down) <= 0 or abs(across / down - 1) > SQUARE:
         return None
-    return INCH_MM / across
+    width_mm = width_px * INCH_MM / across
+    return None if any(abs(width_mm - aspect_mm) < 1 for aspect_mm in ASPECTS_MM) else width_mm / width_px
 
 
 def monitors() -> list[Monitor]:
     """All monitors, by number. pygame.display must be initialised."""
-    found = []
-    for number, (width_px, _) in enumerate(pygame.display.get_desktop_sizes()):
+    sizes, rates_hz = pygame.display.get_desktop_sizes(), pygame.display.get_desktop_refresh_rates()
+    connected = []
+    for number, ((width_px, _), rate_hz) in enumerate(zip(sizes, rates_hz, strict=True)):
         name, place, dots_per_inch = window_system.monitor_facts(number)
-        pitch = pixel_mm(dots_per_inch, width_px) if dots_per_inch else None
-        x, y, width, height = place
-        found.append(Monitor(number, name, x, y, width, height, pitch, window_system.nominal_hz(number)))
-    return found
+        connected.append(Monitor(number, name, *place, pixel_mm(dots_per_inch, width_px), float(rate_hz or NOMINAL_HZ)))
+    return connected
 
 
 def find_monitor(wanted: str, offered: list[Monitor]) -> Monitor:
@@ -86,9 +82,6 @@ def detect_monitors() -> tuple[str, list[Monitor]]:
         pygame.display.quit()
 
 
-CONDITIONS = ("the camera", "its mode", "the monitor", "the screen's rate")
-
-
 def loop_conditions(date: str, camera: str, asked: Camera, monitor: Monitor) -> str:
     """The value of render.loop_measured. date: YYYY-MM-DD. camera: the driver's name. asked: its settings."""
     mode = f"{asked.width_px}x{asked.height_px} {asked.format} {asked.rate_hz:g} Hz"
@@ -99,15 +92,12 @@ def loop_conditions(date: str, camera: str, asked: Camera, monitor: Monitor) -> 
 def loop_doubt(config: Config, camera: str, monitors: list[Monitor]) -> str:
     """The reason to distrust render.loop_ms now; "" if there is none. camera: name of the camera in use. monitors: all connected
     ones; without screen.monitor the window may be on any of them."""
-    _, *then = config.render.loop_measured.split("; ")
-    if len(then) != len(CONDITIONS):
+    date, _, then = config.render.loop_measured.partition("; ")
+    if not then:
         return "it was set by hand, not measured" if config.render.loop_ms else ""
-    wanted = str(config.screen.monitor)
-    chosen = [monitor for monitor in monitors if wanted in ("", str(monitor.number)) or wanted.lower() in monitor.name.lower()]
-    doubts: list[list[str]] = []
-    for monitor in chosen or [Monitor(0, "", 0, 0, 0, 0, None)]:
-        _, *now = loop_conditions("", camera, config.camera, monitor).split("; ")
-        changed = zip(CONDITIONS, now, then, strict=True)
-        doubts.append([f"{name} is {value or 'unknown'}, not {old}" for name, value, old in changed if value != old])
-    fewest = min(doubts, key=len)
-    return "; ".join(fewest)
+    wanted = str(config.screen.monitor).lower()
+    here = [monitor for monitor in monitors if wanted in ("", str(monitor.number)) or wanted in monitor.name.lower()]
+    now = [loop_conditions(date, camera, config.camera, monitor).removeprefix(f"{date}; ") for monitor in here]
+    if then in now:
+        return ""
+    return f"measured with {then}; now it is {' or '.join(now) or 'another monitor'}".replace("; ", ", ")

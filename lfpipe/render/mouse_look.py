@@ -33,8 +33,7 @@ class MouseLook:
         self._focal_px = camera_focal_px(config, self._size_px[0])
         distance_mm = config.screen.distance_mm
         self._distance_mm = SEAT_MM if distance_mm == "auto" else float(distance_mm)
-        self._middle_px: NDArray[np.float64] | None = None  # of the eyes, eased
-        self._between_px: NDArray[np.float64] | None = None  # the same after one low-pass only
+        self._eased_px: tuple[NDArray[np.float64], ...] | None = None  # the middle of the eyes after one low-pass, and after both
         self._t_ns = self._released_ns = 0
         self._ring, self._alone = ring, ring is not None
         self._count = 0
@@ -43,7 +42,7 @@ class MouseLook:
     @property
     def looks(self) -> bool:
         """Whether the mouse is the viewer now."""
-        return self._alone or self._pointer.right or self._middle_px is not None
+        return self._alone or self._pointer.right or self._eased_px is not None
 
     def follow(self, pointer: Pointer, t_ns: int) -> None:
         """Takes the pointer's state at t_ns."""
@@ -63,46 +62,39 @@ class MouseLook:
 
     def eyes(self, record: NDArray[np.void] | None, stamp: Stamp | None, t_ns: int) -> tuple[NDArray[np.void], Stamp]:
         """The record and stamp of the eyes at t_ns. record, stamp: of the camera, if there is one."""
-        solver = self._viewer.solver
-        camera_px = None
-        if record is not None and record["face"]:
-            camera_px = record["filtered_px"].mean(axis=0)
+        solver, field = self._viewer.solver, self._viewer.field
+        face = record is not None and bool(record["face"])
         centre_px = np.array(self._size_px) / 2.0 if solver is None or self._alone else np.array(solver.centre_px)
+        start_px = record["filtered_px"].mean(axis=0) if record is not None and face else centre_px
         target_px = centre_px
         if not self._alone and not self._pointer.right:
-            target_px = centre_px if camera_px is None else camera_px
+            target_px = start_px
         elif solver is not None:
-            field = self._viewer.field
             x, y = self._pointer.x - self._anchor[0], self._pointer.y - self._anchor[1]
             across, down = max(field.cols - 1, 1) * solver.alpha_px, max(field.rows - 1, 1) * solver.alpha_px
             target_px = centre_px + np.array((-x * across, y * down))  # who moves right is further left in the camera's picture
-        if self._middle_px is None or self._between_px is None:
-            self._middle_px = self._between_px = centre_px if camera_px is None else camera_px
-            self._t_ns = t_ns
-        ratio = max(t_ns - self._t_ns, 0) / 1e9 / EASE_S
-        self._t_ns = t_ns
-        self._between_px = self._between_px + (target_px - self._between_px) * ratio / (1 + ratio)
-        self._middle_px = self._middle_px + (self._between_px - self._middle_px) * ratio / (1 + ratio)
-        made, made_stamp = self._record(record, target_px), stamp
-        if self._alone or made_stamp is None:
+        if self._eased_px is None:
+            self._eased_px, self._t_ns = (start_px, start_px), t_ns
+        ratio, self._t_ns = max(t_ns - self._t_ns, 0) / 1e9 / EASE_S, t_ns
+        share = ratio / (1 + ratio)
+        once_px = self._eased_px[0] + (target_px - self._eased_px[0]) * share
+        middle_px = self._eased_px[1] + (once_px - self._eased_px[1]) * share
+        self._eased_px = once_px, middle_px
+
+        eyes = np.zeros((), EYES) if record is None else record.copy()
+        apart_px = self._focal_px * EYES_MM / self._distance_mm
+        if not self._alone and face:
+            apart_px = float(eyes["apart_px"]) or float(np.hypot(*(eyes["filtered_px"][0] - eyes["filtered_px"][1])))
+        half = np.array([[apart_px / 2, 0.0], [-apart_px / 2, 0.0]])
+        eyes["raw_px"], eyes["filtered_px"], eyes["velocity_px_s"] = target_px + half, middle_px + half, 0.0
+        eyes["apart_px"], eyes["confidence"], eyes["face"], eyes["t_tracked_ns"] = apart_px, 1.0, 1, t_ns
+        eyes["width_px"], eyes["height_px"] = self._size_px
+        if self._alone or stamp is None:
             self._count += 1
-            made_stamp = Stamp(self._count, self._count, 0, t_ns, t_ns, t_ns, 0)
+            stamp = Stamp(self._count, self._count, 0, t_ns, t_ns, t_ns, 0)
         if self._ring is not None:
-            self._ring.begin()[...] = made
+            self._ring.begin()[...] = eyes
             self._ring.publish(self._count, t_ns, t_ns, 0, 0)
         if not self._alone and not self._pointer.right and t_ns - self._released_ns > BACK_NS:
-            self._middle_px = None  # the camera's eyes again
-        return made, made_stamp
-
-    def _record(self, record: NDArray[np.void] | None, target_px: NDArray[np.float64]) -> NDArray[np.void]:
-        made = np.zeros((), EYES) if record is None else record.copy()
-        apart_px = self._focal_px * EYES_MM / self._distance_mm
-        if not self._alone and record is not None and record["face"]:
-            apart_px = float(record["apart_px"]) or float(np.hypot(*(record["filtered_px"][0] - record["filtered_px"][1])))
-        half = np.array([[apart_px / 2, 0.0], [-apart_px / 2, 0.0]])
-        assert self._middle_px is not None
-        made["raw_px"], made["filtered_px"], made["velocity_px_s"] = target_px + half, self._middle_px + half, 0.0
-        made["apart_px"], made["confidence"], made["face"] = apart_px, 1.0, 1
-        made["width_px"], made["height_px"] = self._size_px
-        made["t_tracked_ns"] = self._t_ns
-        return made
+            self._eased_px = None  # the camera's eyes again
+        return eyes, stamp

@@ -1,41 +1,32 @@
-"""Words over the picture: short notices, and the overlay of key o with rates, latency, depth and the grid of views."""
-
-import numpy as np
-from numpy.typing import NDArray
+"""Words over the picture: short notices, and the overlay of key o with rates, latency, depth and the views on show."""
 
 from lfpipe.config import Render
 from lfpipe.render.geometry import zero_plane_px
-from lfpipe.render.view_grid import EyesOnGrid, inset
 from lfpipe.render.viewer import Viewer
-from lfpipe.transport.clock import SECOND_NS
+from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.histogram import summary_ms
 from lfpipe.transport.status import rate_hz
 
 SHOWN_NS = 2 * SECOND_NS
-MAP_PX, SLIDER_LETTERS = 120, 20
 
 
 class Notices:
-    """Lines by subject: a new line replaces the previous one of its subject."""
+    """Lines that pass, by subject: a new one replaces the previous one of its subject. standing: those that stay."""
 
     def __init__(self) -> None:
+        self.standing: list[str] = []
         self._passing: dict[str, tuple[str, int]] = {}  # subject -> (text, end)
-        self._states: dict[str, str] = {}
 
-    def say(self, subject: str, text: str, t_ns: int, shown_ns: int = SHOWN_NS) -> None:
+    def say(self, subject: str, text: str, shown_ns: int = SHOWN_NS) -> None:
         """Shows text for shown_ns."""
         self._passing.pop(subject, None)  # the newest comes last
-        self._passing[subject] = (text, t_ns + shown_ns)
-
-    def state(self, subject: str, text: str) -> None:
-        """Shows text until it is empty."""
-        self._states[subject] = text
+        self._passing[subject] = text, now_ns() + shown_ns
 
     def lines(self, t_ns: int) -> tuple[str, ...]:
         """The lines to show at t_ns."""
         self._passing = {subject: notice for subject, notice in self._passing.items() if notice[1] > t_ns}
-        texts = [*(text for text, _ in self._passing.values()), *self._states.values()]
+        texts = [*(text for text, _ in self._passing.values()), *self.standing]
         return tuple(line for text in texts for line in text.splitlines())
 
 
@@ -44,11 +35,8 @@ def status_lines(context: Context, viewer: Viewer) -> tuple[str, ...]:
     rows = context.table.rows
     own = rows[context.spec.name]
     age, horizon = (summary_ms(own[name]) for name in ("age", "horizon"))
+    field, level, render, views = viewer.field, context.options.level, context.config.render, viewer.shown
     alpha = f"alpha {viewer.parallax.alpha_px:.1f} px/view" if viewer.parallax else "no face yet"
-    field, level = viewer.field, context.options.level
-    zero_px, low_px, high_px = zero_plane_px(field, context.config.render), field.disparity_min_px, field.disparity_max_px
-    share = min(max((zero_px - low_px) / (high_px - low_px), 0.0), 1.0) if high_px > low_px else 0.5
-    at = round(SLIDER_LETTERS * share)
     lines = [
         f"camera {rate_hz(rows[context.spec.source]):5.1f} Hz   pictures {rate_hz(own):5.1f} Hz",
         f"age of pictures p50 {age['p50_ms']:.1f} ms, p99 {age['p99_ms']:.1f} ms",
@@ -59,22 +47,13 @@ def status_lines(context: Context, viewer: Viewer) -> tuple[str, ...]:
             for name, row in rows.items()
             if row["state"]
         ),
-        f"{viewer.method}, {alpha}",
-        f"{context.config.render.anaglyph}{', frozen' if context.paused else ''}",
-        f"depth [{'-' * at}|{'-' * (SLIDER_LETTERS - at)}] zero plane {zero_px:+.2f} px/view",
+        f"{viewer.method}, {render.anaglyph}, {alpha}, zero plane {zero_plane_px(field, render):+.2f} px/view",
+        f"row {views.left[0]:.1f}, columns {views.left[1]:.1f} and {views.right[1]:.1f} of {field.rows}x{field.cols} views"
+        if views
+        else "",
         f"quality lowered, level {level.number}: {level.words}" if level else "",
     ]
     return tuple(line for line in lines if line)
-
-
-def views_map(viewer: Viewer) -> NDArray[np.uint8] | None:
-    """The grid of views with the eyes in it; the left eye's dot is filled."""
-    eyes, field = viewer.shown, viewer.field
-    if eyes is None:
-        return None
-    left_x, left_y, right_x, right_y = eyes.eyes_px
-    places = ((left_x, left_y), (right_x, right_y))
-    return inset(EyesOnGrid(field.rows, field.cols, 0.0, (0.0, 0.0), places, (eyes.left, eyes.right), True), MAP_PX)
 
 
 def changes(before: Render, now: Render) -> list[tuple[str, str]]:

@@ -40,7 +40,7 @@ KEYS = (
     Key("g", "glasses", "glasses test: does each eye see its own?"),
     Key("x", "swap", "swap the eyes"),
     Key("p", "freeze", "pause or resume (space)"),
-    Key("o", "overlay", "rate, latency and the grid of views on and off"),
+    Key("o", "overlay", "rate, latency and the views on show, on and off"),
     Key("PgDn PgUp", "next previous", "the next scene of the list, the previous one"),
     Key("q", "quit", "quit"),
 )

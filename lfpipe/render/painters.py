@@ -1,9 +1,13 @@
 """Painters put a picture into a window: SDL's renderer scales it and swaps in step with the screen; the processor fills the
-window's surface.
+window's surface. Of both:
+
+size_px   (width, height) of the window in the screen's own pixels
+paint     draws uint8 (height, width, 3) BGR, scaled to fit, without showing it; exact: it already has the window's size
+swap      hands the drawn picture to the window system
 """
 
 import contextlib
-from typing import Any, Protocol
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,20 +20,6 @@ from lfpipe.render.panels import Panel
 from lfpipe.render.window_system import pygame, uses_renderer, video
 
 RED_MASKS = {0xFF0000: cv2.COLOR_BGR2BGRA, 0xFF: cv2.COLOR_BGR2RGBA}
-
-
-class Painter(Protocol):
-    def size_px(self) -> tuple[int, int]:
-        """(width, height) of the window in the screen's own pixels."""
-        ...
-
-    def paint(self, picture: NDArray[np.uint8], panels: list[Panel], exact: bool) -> None:
-        """Draws uint8 (height, width, 3) BGR, scaled to fit, without showing it. exact: it already has the window's size."""
-        ...
-
-    def swap(self) -> None:
-        """Hands the drawn picture to the window system."""
-        ...
 
 
 class SurfacePainter:
@@ -49,8 +39,7 @@ class SurfacePainter:
     def paint(self, picture: NDArray[np.uint8], panels: list[Panel], exact: bool) -> None:
         surface = self._window.get_surface()
         self._write(surface, picture)
-        for panel in panels:
-            surface.blit(panel.surface, panel.at)
+        surface.blits([(panel.surface, panel.at) for panel in panels])
 
     def swap(self) -> None:
         self._window.flip()
@@ -110,7 +99,7 @@ class RendererPainter:
         self._renderer.present()
 
 
-def open_painter(window: pygame.Window, driver: str) -> Painter:
+def open_painter(window: pygame.Window, driver: str) -> SurfacePainter | RendererPainter:
     """The renderer where it is cheaper and available, with a GPU or on Wayland, else the surface. Raises UserError as
     `SurfacePainter` does."""
     if uses_renderer(driver):

@@ -1,4 +1,7 @@
-"""Drawing of the overlay: each function returns one panel, a surface with the places of its items."""
+"""Drawing of the overlay: each function returns one panel, a surface with the places of its items. Equal
+calls of one after another return the same panel."""
+
+from functools import lru_cache
 
 import attrs
 import cv2
@@ -29,6 +32,10 @@ class Panel:
     cells: list[tuple[Item, pygame.Rect]] = attrs.field(factory=list)
     cols: int = 1
     page: int = 1
+
+    @property
+    def bottom(self) -> int:
+        return self.at[1] + self.surface.get_height()
 
     def cell(self, place: Place) -> tuple[Item, pygame.Rect] | None:
         """The item at a place of the window, and its rectangle in the window."""
@@ -86,6 +93,7 @@ def _draw_item(surface: pygame.Surface, font: pygame.font.Font, item: Item, rect
         surface.blit(words, words.get_rect(center=(room.centerx, (room.top + top) // 2)))
 
 
+@lru_cache(1)
 def bar_panel(items: tuple[Item, ...], marked: str, window_px: Place, text_px: int) -> Panel:
     """The items in rows at the bottom edge, never over the middle. marked: the event whose item is lit."""
     width, height = window_px
@@ -112,6 +120,7 @@ def bar_panel(items: tuple[Item, ...], marked: str, window_px: Place, text_px: i
     return panel
 
 
+@lru_cache(2)
 def menu_panel(menu: Menu, selected: int, window_px: Place, text_px: int) -> Panel:
     """The page with the selected item, in the middle of the window."""
     width, height = (round(MENU_SHARE * side) for side in window_px)
@@ -145,6 +154,7 @@ def menu_panel(menu: Menu, selected: int, window_px: Place, text_px: int) -> Pan
     return panel
 
 
+@lru_cache(2)
 def text_panel(text: Overlay, bottom_px: int | None, window_px: Place, text_px: int) -> Panel:
     """The lines and the inset at the top left, or in the middle above bottom_px; smaller letters if they do not fit.
 
@@ -175,6 +185,7 @@ def text_panel(text: Overlay, bottom_px: int | None, window_px: Place, text_px: 
     return Panel(surface, at)
 
 
+@lru_cache(1)
 def progress_panel(share: float, window_px: Place) -> Panel:
     """A thin line along the bottom."""
     line = pygame.Surface((max(1, round(share * window_px[0])), PROGRESS_PX))

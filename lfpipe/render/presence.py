@@ -22,8 +22,7 @@ jumps.
 
 import enum
 import math
-
-import attrs
+from typing import NamedTuple
 
 from lfpipe.eyes import Eyes
 from lfpipe.transport.clock import SECOND_NS
@@ -56,29 +55,25 @@ class ViewerState(enum.IntEnum):
         return self.name.lower()
 
 
-@attrs.frozen
-class Rest:
+class Rest(NamedTuple):
     """The position of a resting viewer. x_px, y_px: the point between the eyes; apart_px: the distance between them."""
 
     x_px: float
     y_px: float
     apart_px: float
 
+    def holds(self, other: "Rest", span: float, depth: float) -> bool:
+        """Whether other is within span of here, and as large but for depth; both are shares of the distance between the eyes."""
+        aside_px = max(abs(other.x_px - self.x_px), abs(other.y_px - self.y_px))
+        return aside_px <= span * self.apart_px and abs(other.apart_px - self.apart_px) <= depth * self.apart_px
 
-@attrs.frozen
-class Seat:
+
+class Seat(NamedTuple):
     """A seat whose viewer another face has replaced. last: where the viewer was seen last. rest: as measured."""
 
     last: Rest
     rest: Rest
     t_ns: int
-
-    def is_of(self, here: Rest, t_ns: int) -> bool:
-        """Whether the face that is here at t_ns is the one that sat there."""
-        apart_px = self.last.apart_px
-        aside_px = max(abs(here.x_px - self.last.x_px), abs(here.y_px - self.last.y_px))
-        alike = abs(here.apart_px - apart_px) <= RETURN_DEPTH * apart_px
-        return alike and aside_px <= RETURN_SPAN * apart_px and t_ns - self.t_ns < RETURN_S * SECOND_NS
 
 
 class Presence:
@@ -90,9 +85,9 @@ class Presence:
         self._generation = 0
         self._t_ns = self._since_ns = 0  # of the last face; when its rest began
         self._first: Rest | None = None  # where the rest began
-        self._sums, self._count = (0.0, 0.0, 0.0), 0
-        self._measured: Rest | None = None  # of the viewer who is followed
-        self._last: Rest | None = None
+        self._sums, self._count = Rest(0.0, 0.0, 0.0), 0
+        self._last: Rest | None = None  # of the viewer who is followed
+        self._measured: Rest | None = None  # the same
         self._left: Seat | None = None
         self.returned = False  # whether the last frame's face is back in its seat
 
@@ -116,42 +111,31 @@ class Presence:
         elif state is ViewerState.LOST:
             self.state = self._before
         elif other and gap_ns < GAP_S * SECOND_NS:
-            seat, self._left = self._left, self._seat(t_ns) or self._left
-            self.state = ViewerState.EXCHANGED
-            if seat is not None and seat.is_of(here, t_ns):
+            seat = self._left
+            if self._last is not None and self._measured is not None:
+                self._left = Seat(self._last, self._measured, t_ns)
+            recent = seat is not None and t_ns - seat.t_ns < RETURN_S * SECOND_NS
+            if seat is not None and recent and seat.last.holds(here, RETURN_SPAN, RETURN_DEPTH):
                 self.state, self._first, self._last, self._measured = ViewerState.SEATED, None, here, seat.rest
                 self.returned = True
                 return seat.rest
-            self._measured = None
+            self.state, self._measured = ViewerState.EXCHANGED, None
         self._last = here
-        if other:
-            self._first = None
-        rest = self._rest(t_ns, here)
+        rest = self._rest(t_ns, here, other)
         if rest is None or (self.state is ViewerState.SEATED and not beyond):
             return None
         self.state, self._first, self._measured = ViewerState.SEATED, None, rest
         return rest
 
-    def _seat(self, t_ns: int) -> Seat | None:
-        """The seat of the viewer who was followed so far; None if they never rested."""
-        return Seat(self._last, self._measured, t_ns) if self._last is not None and self._measured is not None else None
-
-    def _rest(self, t_ns: int, here: Rest) -> Rest | None:
-        """The mean since the eyes came to rest, if that is at least REST_S ago."""
-        first = self._first
-        if (
-            first is None
-            or max(abs(here.x_px - first.x_px), abs(here.y_px - first.y_px)) > REST_SPAN * first.apart_px
-            or abs(here.apart_px - first.apart_px) > REST_DEPTH * first.apart_px
-        ):
-            self._first, self._since_ns, self._sums, self._count = here, t_ns, (0.0, 0.0, 0.0), 0
-        x, y, apart = self._sums
-        self._sums = x + here.x_px, y + here.y_px, apart + here.apart_px
+    def _rest(self, t_ns: int, here: Rest, other: bool) -> Rest | None:
+        """The mean since the eyes came to rest, if that is at least REST_S ago. other: another face than before."""
+        if other or self._first is None or not self._first.holds(here, REST_SPAN, REST_DEPTH):
+            self._first, self._since_ns, self._sums, self._count = here, t_ns, Rest(0.0, 0.0, 0.0), 0
+        self._sums = Rest(*(total + value for total, value in zip(self._sums, here, strict=True)))
         self._count += 1
         if t_ns - self._since_ns < REST_S * SECOND_NS or self._count < REST_FRAMES:
             return None
-        x, y, apart = self._sums
-        return Rest(x / self._count, y / self._count, apart / self._count)
+        return Rest(*(total / self._count for total in self._sums))
 
 
 class EyeEasing:

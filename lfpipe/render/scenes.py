@@ -7,9 +7,8 @@ import shutil
 import subprocess
 import textwrap
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-import attrs
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +33,7 @@ KEPT_PX = (480, 360)  # of a thumbnail, at most
 HINT = "Click, or arrows and Enter; Delete removes a scene; Tab goes back.\nOr drop a folder of views onto the window."
 
 
-@attrs.frozen
-class _Request:
+class _Request(NamedTuple):
     """A requested scene that is not loaded yet."""
 
     scene: str
@@ -44,20 +42,20 @@ class _Request:
 
 
 class SceneLoader:
-    """Requests scenes and shows the progress in the picture."""
+    """Requests scenes. share: of the packer's work on the scene on the screen that is done; None without."""
 
     def __init__(self, context: Context, notices: Notices) -> None:
         self._context, self._notices = context, notices
-        self._loading: _Request | None = None
+        self._request: _Request | None = None
         self._step = "", ""  # the scene being loaded and its progress
-        self.share: float | None = None  # of the packer's work on the scene on the screen that is done; None without
+        self.share: float | None = None
         self._first_due_ns = 0
 
     def step(self, step: int) -> None:
         """Requests the scene of the playlist that many steps from the one requested last."""
-        scenes, asked = self._context.options.playlist, self._loading.scene if self._loading else ""
+        scenes, asked = self._context.options.playlist, self._request.scene if self._request else ""
         if len(scenes) < 2:
-            self._notices.say("scene", NO_OTHER, now_ns())
+            self._notices.say("scene", NO_OTHER)
             return
         at = scenes.index(asked) if asked in scenes else self._context.options.playlist_at
         self.load(Path(scenes[(at + step) % len(scenes)]))
@@ -67,32 +65,34 @@ class SceneLoader:
         scenes = self._context.options.playlist
         place = f": {scenes.index(str(scene)) + 1} of {len(scenes)}" if str(scene) in scenes else ""
         self._context.request("load", scene=str(scene))
-        self._loading = _Request(str(scene), f"loading {scene.name}{place}", now_ns())
+        self._request = _Request(str(scene), f"loading {scene.name}{place}", now_ns())
 
     def answered(self, answer: dict[str, Any]) -> None:
         """Handles the answer to a request: the picture shows a refusal for a while."""
         if answer.get("replaced"):
             return
-        refused = not answer["ok"]
-        if refused:
-            lines = [f"{self._loading.words}: refused" if self._loading else "refused"]
+        if not answer["ok"]:
+            lines = [f"{self._request.words}: refused" if self._request else "refused"]
             for text in (answer["error"], answer.get("remedy", "")):
                 lines += textwrap.wrap(text, LINE_CHARS)[: MAX_LINES // 2]
-            self._notices.say("refused", "\n".join(lines), now_ns(), REFUSED_NS)
-        if refused or "pack" in answer:
-            self._loading = None
+            self._notices.say("refused", "\n".join(lines), REFUSED_NS)
+        if not answer["ok"] or "pack" in answer:
+            self._request = None
 
     def report(self, news: dict[str, Any]) -> None:
         """Takes the progress of loading, whoever requested the scene. Of the scene on the screen, only a line shows it."""
         self._step = ("", "") if news["shown"] else (news["scene"], news["step"])
         self.share = news["share"] if news["shown"] and news["step"] else None
 
+    def words(self, t_ns: int) -> str:
+        """What is being loaded, how far it is, and for how long; "" for nothing."""
+        (scene, step), request = self._step, self._request
+        waited_s = (t_ns - request.since_ns) // SECOND_NS if request else 0
+        words = request.words if request else f"loading {scene}" if step else ""
+        return ", ".join(filter(None, [words, step, f"{waited_s} s" if waited_s else ""]))
+
     def serve(self, t_ns: int) -> None:
-        """Shows what is being loaded; in an exhibition, requests the first scene for the next visitor."""
-        waited_s = (t_ns - self._loading.since_ns) // SECOND_NS if self._loading else 0
-        (scene, step), loading = self._step, self._loading
-        words = loading.words if loading else f"loading {scene}" if step else ""
-        self._notices.state("loading", ", ".join(filter(None, [words, step, f"{waited_s} s" if waited_s else ""])))
+        """In an exhibition, requests the first scene for the next visitor."""
         options, alone_ns = self._context.options, t_ns - int(self._context.row["t_face_ns"])
         if options.kiosk and options.playlist_at and alone_ns > ALONE_NS and t_ns > self._first_due_ns:
             self._first_due_ns = t_ns + ALONE_NS  # it may need packing again
@@ -114,8 +114,8 @@ class ScenePage:
         self._pictures: dict[str, NDArray[np.uint8] | None] = {}
         self._packing: Packing | None = None  # reads a picture of a scene that is not packed
         self._camera: Reader | None = None
-        self._camera_item: Item | None = None
         self._camera_due_ns = 0
+        self._camera_items: tuple[Item, ...] = ()
 
     def open(self) -> None:
         """Shows the scenes; reads their pictures again, as one may have been packed since."""
@@ -123,7 +123,8 @@ class ScenePage:
         now = options.playlist[options.playlist_at]
         self._pictures.clear()
         if options.tracking:
-            self._camera, self._camera_item = Reader(self._context.spec.session.segment("frames")), Item("the camera")
+            self._camera = Reader(self._context.spec.session.segment("frames"))
+            self._camera_items = (Item("the camera"),)
         self._make_menu(self._scenes.index(now) if now in self._scenes else 0)
 
     def close(self) -> None:
@@ -134,17 +135,12 @@ class ScenePage:
         self.menu = self._camera = self._packing = None
 
     def _make_menu(self, at: int = 0) -> None:
+        pictures = self._pictures
         items = [
-            Item(
-                Path(scene).name,
-                f"load {scene}",
-                "",
-                self._pictures.get(scene),
-                "no picture" if scene in self._pictures else "",
-            )
+            Item(Path(scene).name, f"load {scene}", "", pictures.get(scene), "no picture" if scene in pictures else "")
             for scene in self._scenes
         ]
-        self.menu = Menu("Choose a scene", HINT, (*items, *([self._camera_item] if self._camera_item else [])), at)
+        self.menu = Menu("Choose a scene", HINT, (*items, *self._camera_items), at)
 
     def _is_own(self, scene: str) -> bool:
         """Whether a scene is of our own making: it is always there, and its views take a while to render."""
@@ -165,12 +161,10 @@ class ScenePage:
         if self.menu is None:
             return
         unread = sorted((scene for scene in self._scenes if scene not in self._pictures), key=self._is_own)
-        scene = unread[0] if unread else None
-        read = scene is not None and self._read_picture(scene)
-        seen = self._see_camera() if self._camera is not None and t_ns >= self._camera_due_ns else None
-        if seen is not None:
-            self._camera_item, self._camera_due_ns = seen, t_ns + CAMERA_NS
-        if read or seen is not None:
+        changed = bool(unread) and self._read_picture(unread[0])
+        if t_ns >= self._camera_due_ns and (item := self._see_camera()) is not None:
+            self._camera_items, self._camera_due_ns, changed = (item,), t_ns + CAMERA_NS, True
+        if changed:
             self._make_menu()
 
     def _read_picture(self, scene: str) -> bool:
@@ -191,16 +185,15 @@ class ScenePage:
         return scene in self._pictures
 
     def _see_camera(self) -> Item | None:
-        """What the camera sees, mirrored."""
+        """What the camera sees, mirrored; None if it sees nothing new."""
         width_px, height_px = self._context.config.camera.frame_px
         frame = np.empty((height_px, width_px, 3), np.uint8)
         if self._camera is None or self._camera.read(frame) is None:
             return None
         options = self._context.options
+        caption = "a face: here you are" if self._context.row["face"] else "no face seen"
         if options.source.startswith("demo"):
             caption = "demo face: no camera found" if options.start else "demo face"
-        else:
-            caption = "a face: here you are" if self._context.row["face"] else "no face seen"
         return Item(caption, picture=_small(frame)[:, ::-1, ::-1])
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from lfpipe.config import Config
 from lfpipe.config.quality import lowered
-from lfpipe.host.processes import set_scheduling
+from lfpipe.host.processes import run_on
 from lfpipe.render.display import open_display
 from lfpipe.render.file_display import save
 from lfpipe.render.key_bindings import KeyBindings
@@ -167,9 +167,8 @@ class RenderStage:
 
 
 def _helper(context: Context) -> ThreadPoolExecutor | None:
-    """A thread on any core of the session, or on this stage's if a person chose them; None if there is only one."""
-    cores = list(context.spec.cpus) if context.config.governor.affinity not in ("auto", "none") else context.cores
-    return ThreadPoolExecutor(1, "half", set_scheduling, (cores, None)) if len(cores or context.cores) > 1 else None
+    """A thread on any core of the session; None if there is only one."""
+    return ThreadPoolExecutor(1, "half", run_on, (context.cores,)) if len(context.cores) > 1 else None
 
 
 def main(context: Context) -> None:

@@ -16,25 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config.quality import WARPS
-from lfpipe.render.blocks import Blocks, ViewMean, size_of
+from lfpipe.render.blocks import Blocks, Box, ViewMean, shifted, size_of
 from lfpipe.render.viewpoint import Position, ViewWeight, view_weights
 from lfpipe.render.warper import Warper
 from lfpipe.scene.lightfield import LightField
 
 Source = Callable[[int, int], NDArray[np.uint8]]  # a plane of the stored view (row, col)
-
-
-def shifted(plane: NDArray[np.uint8], dy: int, dx: int, out: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """out[y, x] = plane[y + dy, x + dx], its border repeated outwards. Returns out."""
-    height, width = plane.shape
-    dy, dx = min(max(dy, 1 - height), height - 1), min(max(dx, 1 - width), width - 1)
-    y0, y1, x0, x1 = max(0, -dy), min(height, height - dy), max(0, -dx), min(width, width - dx)
-    out[y0:y1, x0:x1] = plane[y0 + dy : y1 + dy, x0 + dx : x1 + dx]
-    out[y0:y1, :x0] = out[y0:y1, x0 : x0 + 1]
-    out[y0:y1, x1:] = out[y0:y1, x1 - 1 : x1]
-    out[:y0] = out[y0]
-    out[y1:] = out[y1 - 1]
-    return out
 
 
 class Synthesiser:
@@ -46,6 +33,7 @@ class Synthesiser:
         self._centre = ((field.rows - 1) / 2, (field.cols - 1) / 2)
         self._warper = Warper(field) if method in WARPS else None
         height, width = field.height_px, field.width_px
+        self._whole = slice(0, height), slice(0, width)
         self._shifted = [np.empty((height, width), np.uint8) for _ in range(4)]
         self._cross: list[NDArray[np.uint8]] = []  # the cross-fade at pixels of unknown disparity
         self._blocks = Blocks(height, width)
@@ -62,7 +50,7 @@ class Synthesiser:
         """
         views = view_weights(self.method, position, self._rows, self._cols)
         if self._warper is None:
-            return self._faded(views, zero_plane_px, sources, outs)
+            return self._faded(views, zero_plane_px, sources, outs, self._whole)
         shift = (zero_plane_px * (self._centre[0] - position[0]), zero_plane_px * (self._centre[1] - position[1]))
         drawn = list(outs[: len(sources)])
         if self._mean is not None:
@@ -78,23 +66,21 @@ class Synthesiser:
             self._warp(self._warper, view, view.weight / total, planes, drawn if view is views[-1] else [])
         if self._mean is not None:
             self._mean.planes(drawn)
-        if not self._warper.known_around(frame, position):
-            self._fade_unknown(self._warper, position, frame, zero_plane_px, sources, drawn)
+        self._fade_unknown(self._warper, position, frame, zero_plane_px, shift, sources, drawn)
         return drawn
 
     def _faded(
-        self, views: list[ViewWeight], zero_plane_px: float, sources: Sequence[Source], outs: Sequence[NDArray[np.uint8]]
+        self, views: list[ViewWeight], zero_px: float, sources: Sequence[Source], outs: Sequence[NDArray[np.uint8]], box: Box
     ) -> list[NDArray[np.uint8]]:
-        """The weighted sum of the stored views, each shifted as a whole to its zero plane."""
+        """A box of the weighted sum of the stored views, each shifted as a whole to its zero plane. outs: of the box's size."""
         faded: list[NDArray[np.uint8]] = []
+        size = np.s_[: box[0].stop - box[0].start, : box[1].stop - box[1].start]
         total = 0.0
         for view in views:
             total += view.weight
-            dy, dx = round(zero_plane_px * (self._centre[0] - view.row)), round(zero_plane_px * (self._centre[1] - view.col))
-            planes = [source(view.row, view.col) for source in sources]
-            if dy or dx:
-                into = self._shifted if faded else outs
-                planes = [shifted(plane, dy, dx, to) for plane, to in zip(planes, into, strict=False)]
+            by = round(zero_px * (self._centre[0] - view.row)), round(zero_px * (self._centre[1] - view.col))
+            into = self._shifted if faded else outs
+            planes = [shifted(source(view.row, view.col), *by, box, to[size]) for source, to in zip(sources, into, strict=False)]
             if not faded:
                 faded = planes
                 continue
@@ -134,18 +120,17 @@ class Synthesiser:
         position: Position,
         frame: int,
         zero_plane_px: float,
+        shift: Position,
         sources: Sequence[Source],
         drawn: list[NDArray[np.uint8]],
     ) -> None:
         """Replaces what was warped along no known disparity by the cross-fade."""
-        views = view_weights("blend", position, self._rows, self._cols)
-        unknown = warper.unknown(frame, views)
+        unknown = warper.unknown(frame, position, shift)
         if unknown is None:
             return
         box, share = unknown
-        cut = np.s_[:, :] if zero_plane_px else box
-        cuts = [lambda row, col, source=source: source(row, col)[cut] for source in sources]
         self._cross = self._cross or [np.empty_like(plane) for plane in self._shifted]
-        faded = self._faded(views, zero_plane_px, cuts, [plane[cut] for plane in self._cross])
+        views = view_weights("blend", position, self._rows, self._cols)
+        faded = self._faded(views, zero_plane_px, sources, [plane[: len(share), : len(share[0])] for plane in self._cross], box)
         for out, plane in zip(drawn, faded, strict=True):
-            cv2.blendLinear(plane[box] if zero_plane_px else plane, out[box], share, 1 - share, out[box])
+            cv2.blendLinear(plane, out[box], share, 1 - share, out[box])

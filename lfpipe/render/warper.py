@@ -1,15 +1,15 @@
 """The position in a stored view of each pixel of a new picture, and whether that view sees it."""
 
+import itertools
 import math
-from collections.abc import Sequence
 from functools import lru_cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.render.blocks import MARGIN, bands_of, places, size_of
-from lfpipe.render.viewpoint import Position, ViewWeight, cell_of
+from lfpipe.render.blocks import MARGIN, Box, bands_of, places, shifted, size_of
+from lfpipe.render.viewpoint import Position, ViewWeight, cell_of, view_weights
 from lfpipe.scene.lightfield import UNKNOWN, LightField
 
 CAREFUL_PX = 1.0  # separation of near and far above which hidden parts are handled, at a seventh of the cost of a warp
@@ -18,7 +18,6 @@ CAREFUL_PX = 1.0  # separation of near and far above which hidden parts are hand
 UNSEEN, UNSEEN_PX = 0.35, 1.5
 SOFT = 5  # values of disparity over which a cross-fade ramps up
 OUTSIDE = 16  # a view's weight is divided by this if the point lies outside it
-Box = tuple[slice, slice]  # rows, columns of a picture
 
 
 class Band:
@@ -62,8 +61,8 @@ class Warper:
         self._span_px = field.disparity_max_px - field.disparity_min_px
         rows, cols = size_of(field.height_px, field.width_px)
         self._same = self._stored.shape[3:] == (rows, cols)
-        self._known: dict[tuple[int, int, int], bool] = {}  # of the maps examined, those without UNKNOWN
-        self._known_cells: dict[tuple[int, int, int], bool] = {}
+        self._unknown: dict[tuple[int, int, int], Box | None] = {}  # of the maps examined
+        self._unknown_cells: dict[tuple[int, int, int], Box | None] = {}
         self._size = field.width_px, field.height_px
         self._most_px = max(abs(field.disparity_min_px), abs(field.disparity_max_px))
         self._last = field.height_px + MARGIN - 2, field.width_px + MARGIN - 2  # places of the last whole block (y, x)
@@ -101,13 +100,14 @@ class Warper:
         """Prepare `maps` of the view as seen steps away from it, moved by shift_px. steps, shift_px: (row, col)."""
         down, right = steps
         shift_y, shift_x = shift_px
-        stored, known = self._map(frame, view)
+        stored, unknown = self._map(frame, view.row, view.col)
         if self._turned:  # near and far are exchanged
             np.negative(stored, out=self._low, dtype=np.float32)
         else:
             np.copyto(self._low, stored)
-        if not known:
-            self._low[stored == UNKNOWN] = 0
+        if unknown is not None:
+            part = self._low[unknown]
+            part[stored[unknown] == UNKNOWN] = 0
         self._moves = (right * self._unit_px, shift_x), (down * self._unit_px, shift_y)
         self.most_px = 128 * self._unit_px * abs(down) + abs(shift_y)  # by which a pixel is moved down or up at most
         self._reach = math.ceil((self._most_px * max(abs(right), abs(down)) + max(abs(shift_x), abs(shift_y))) / 2) + 1
@@ -136,41 +136,58 @@ class Warper:
         x, y = self._moves
         return _moved(disparity, x, *band.sampled[0]), _moved(disparity, y, *band.sampled[1])
 
-    def _map(self, frame: int, view: ViewWeight) -> tuple[NDArray[np.int8], bool]:
-        """The stored disparity of a view, and whether it is known everywhere."""
-        place = min(frame, len(self._stored) - 1), view.row, view.col
+    def _map(self, frame: int, row: int, col: int) -> tuple[NDArray[np.int8], Box | None]:
+        """The stored disparity of a view, and the box that holds what is unknown in it; None if it is known everywhere."""
+        place = min(frame, len(self._stored) - 1), row, col
         stored: NDArray[np.int8] = self._stored[place]
-        if place not in self._known:
-            self._known[place] = bool(stored.min() > UNKNOWN)
-        return stored, self._known[place]
+        if place not in self._unknown:
+            x, y, width, height = cv2.boundingRect((stored == UNKNOWN).astype(np.uint8)) if stored.min() == UNKNOWN else (0,) * 4
+            self._unknown[place] = np.s_[y : y + height, x : x + width] if width else None
+        return stored, self._unknown[place]
 
-    def known_around(self, frame: int, position: Position) -> bool:
-        """Whether the disparity of the four views around position is known everywhere."""
+    def _unknown_around(self, frame: int, position: Position) -> Box | None:
+        """The box that holds all that is unknown in the four views around position, and as much around it as `SOFT` reaches."""
         rows, cols = self._offsets.shape[:2]
-        cell = frame, cell_of(position[0], rows)[0], cell_of(position[1], cols)[0]
-        known = self._known_cells.get(cell)
-        if known is None:
-            corners = ((min(cell[1] + down, rows - 1), min(cell[2] + right, cols - 1)) for down in (0, 1) for right in (0, 1))
-            known = self._known_cells[cell] = all(self._map(frame, ViewWeight(*at, 1.0))[1] for at in corners)
-        return known
+        r, c = cell_of(position[0], rows)[0], cell_of(position[1], cols)[0]
+        if (frame, r, c) not in self._unknown_cells:
+            corners = itertools.product((r, min(r + 1, rows - 1)), (c, min(c + 1, cols - 1)))
+            boxes = [box for at in corners if (box := self._map(frame, *at)[1]) is not None]
+            sides = zip(*boxes, strict=True)
+            union = [slice(max(min(s.start for s in side) - SOFT, 0), max(s.stop for s in side) + SOFT) for side in sides]
+            self._unknown_cells[frame, r, c] = (union[0], union[1]) if boxes else None
+        return self._unknown_cells[frame, r, c]
 
-    def unknown(self, frame: int, views: Sequence[ViewWeight]) -> tuple[Box, NDArray[np.float32]] | None:
-        """Where views are cross-faded because disparity is unknown: a box of the picture, and the share of the cross-fade at
-        each pixel in it, float32, 0 to 1. None if it is 0 everywhere."""
-        faded = np.zeros_like(self._low)
-        for view in views:
-            faded += np.float32(view.weight) * (self._map(frame, view)[0] == UNKNOWN)
-        most = np.clip(2 * faded - 1, 0, 1)  # other views know it
-        soft = cv2.blur(most, (SOFT, SOFT))
-        x, y, width, height = cv2.boundingRect((soft > 0).astype(np.uint8))
+    def unknown(self, frame: int, position: Position, shift_px: Position) -> tuple[Box, NDArray[np.float32]] | None:
+        """Where a picture is cross-faded because disparity is unknown: a box of the picture, moved by shift_px as by `aim`, and
+        the share of the cross-fade at each of its pixels, float32, 0 to 1. None if it is 0 everywhere."""
+        around = self._unknown_around(frame, position)
+        if around is None:
+            return None
+        low = np.zeros_like(self._low)
+        for view in view_weights("blend", position, *self._offsets.shape[:2]):
+            low[around] += np.float32(view.weight) * (self._map(frame, view.row, view.col)[0][around] == UNKNOWN)
+        low[around] = cv2.blur(np.clip(2 * low[around] - 1, 0, 1), (SOFT, SOFT))  # other views know the rest
+        x, y, width, height = cv2.boundingRect((low > 0).view(np.uint8))
         if not width:
             return None
-        if self._step != (2.0, 2.0):
-            return np.s_[:, :], np.asarray(cv2.resize(soft, self._size, interpolation=cv2.INTER_LINEAR), np.float32)
-        rows, cols = slice(max(y - 1, 0), y + height + 1), slice(max(x - 1, 0), x + width + 1)
-        part = soft[rows, cols]
-        box = slice(2 * rows.start, 2 * rows.stop), slice(2 * cols.start, 2 * cols.stop)
-        return box, np.asarray(cv2.resize(part, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR), np.float32)
+        even = self._step == (2.0, 2.0)  # then a part alone scales as in the whole
+        if not even:
+            x, y, width, height = 0, 0, len(low[0]), len(low)
+        part = low[max(y - 1, 0) : y + height + 1, max(x - 1, 0) : x + width + 1]
+        size = (2 * part.shape[1], 2 * part.shape[0]) if even else self._size
+        share = np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_LINEAR), np.float32)
+        first = 2 * max(y - 1, 0), 2 * max(x - 1, 0)
+        by = round(shift_px[0]), round(shift_px[1])
+        spans = []
+        for start, moved, length, most in zip(first, by, share.shape[:2], self._size[::-1], strict=True):
+            stop = start + length
+            spans.append(slice(max(start - moved, 0) if start else 0, min(stop - moved, most) if stop < most else most))
+        rows, cols = spans
+        if rows.start >= rows.stop or cols.start >= cols.stop:
+            return None
+        box = rows, cols
+        out = np.empty((rows.stop - rows.start, cols.stop - cols.start), np.float32)
+        return box, shifted(share, by[0] - first[0], by[1] - first[1], box, out)
 
     def weights(self, band: Band, share: float, x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.uint8]:
         """Weight of the view at each block of a band, uint8 (rows, columns), at most 255 * share, less if it does not see the

@@ -18,7 +18,7 @@ from lfpipe.render.overlay import EVENTS, Overlay, Pointer
 from lfpipe.render.painters import open_painter
 from lfpipe.render.pair_layout import Pair, laid_out
 from lfpipe.render.panels import Panel
-from lfpipe.render.window_system import KEY_CODES, nominal_hz, open_presentation, pygame
+from lfpipe.render.window_system import KEY_CODES, open_presentation, pygame
 
 USUAL_MM = 531.0  # width of a 24-inch screen of 16:9, for monitors that report no size
 TEXT_PX, TEXT_SHARE = 22, 1 / 50  # of the monitor's height: TEXT_PX is too small on a fine monitor
@@ -29,7 +29,7 @@ NAMES = EVENTS | {"=": "alpha+", " ": "freeze", "?": "help"}
 class Window(Display):
     """A resizable window or the full screen. `show` hands a picture over at once; `presented` says when the screen showed it.
 
-    Its pixels are the screen's own: SDL asks a desktop that scales windows not to scale this one.
+    Its pixels are the screen's own: SDL asks a desktop that scales windows not to scale this one. monitor: the window is on it.
     """
 
     def __init__(
@@ -49,12 +49,12 @@ class Window(Display):
         try:
             self._driver = window_system.start()
             self._monitors = monitors()
-            self._on = find_monitor(monitor, self._monitors) if monitor else self._monitors[0]
-            self._windowed = self._on.window_for(size_px)
+            self.monitor = find_monitor(monitor, self._monitors) if monitor else self._monitors[0]
+            self._windowed = self.monitor.window_for(size_px)
             self._at: tuple[int, int] | None = None
             if monitor:
-                margins = self._on.width - self._windowed[0], self._on.height - self._windowed[1]
-                self._at = self._on.x + margins[0] // 2, self._on.y + margins[1] // 2
+                margins = self.monitor.width - self._windowed[0], self.monitor.height - self._windowed[1]
+                self._at = self.monitor.x + margins[0] // 2, self.monitor.y + margins[1] // 2
             self._number = self._handed = 0  # of the picture, and of the hand-over: a picture may be drawn again
             self._numbers: dict[int, int] = {}  # hand-over -> picture
             pygame.font.init()
@@ -74,7 +74,7 @@ class Window(Display):
 
     def _open(self) -> None:
         if self._fullscreen:
-            size, at = (self._on.width, self._on.height), (self._on.x, self._on.y)
+            size, at = (self.monitor.width, self.monitor.height), (self.monitor.x, self.monitor.y)
             self._window = pygame.Window(self._title, size, at, fullscreen_desktop=True, allow_high_dpi=True)
         else:
             place = self._at or pygame.WINDOWPOS_UNDEFINED
@@ -94,14 +94,13 @@ class Window(Display):
         return self._presentation.name if self._presentation is not None else ""
 
     def nominal_hz(self) -> float:
-        return nominal_hz(self._on.number)
+        return self.monitor.rate_hz
 
     def presented(self) -> list[Presented]:
         answers: list[Presented] = []
         for answer in self._presentation.take() if self._presentation is not None else []:
             number = self._numbers.pop(answer.serial, None)
-            drawn_again = number in self._numbers.values()
-            if number is not None and (answer.t_ns or not drawn_again):
+            if number is not None and (answer.t_ns or number not in self._numbers.values()):  # else it was drawn again
                 answers.append(Presented(number, answer.t_ns, answer.period_ns))
         return answers
 
@@ -113,10 +112,10 @@ class Window(Display):
         if not self._fullscreen:
             self._windowed, self._at = self._window.size, self._window.position
         self._monitors = monitors()  # monitors may have been plugged or unplugged
-        self._on = self._here()
+        self.monitor = self._here()
         if self._wanted:
             with contextlib.suppress(UserError):  # the chosen one was unplugged
-                self._on = find_monitor(self._wanted, self._monitors)
+                self.monitor = find_monitor(self._wanted, self._monitors)
         self._fullscreen = not self._fullscreen
         self._close()
         self._open()
@@ -125,16 +124,11 @@ class Window(Display):
         number = window_system.monitor_number(self._window)
         return next((monitor for monitor in self._monitors if monitor.number == number), self._monitors[0])
 
-    @property
-    def monitor(self) -> Monitor:
-        """The monitor on which the window is."""
-        return self._on
-
     def width_mm(self) -> float | None:
-        if self._on.pixel_mm:
-            return self._shown_px * self._on.pixel_mm
+        if self.monitor.pixel_mm:
+            return self._shown_px * self.monitor.pixel_mm
         scaled = self._painter.size_px()[0] / self._window.size[0]
-        return self._shown_px / (self._on.width * scaled) * USUAL_MM
+        return self._shown_px / (self.monitor.width * scaled) * USUAL_MM
 
     def to_picture(self, position: tuple[int, int]) -> tuple[float, float]:
         """Converts a position in the window to px of the picture."""
@@ -155,7 +149,7 @@ class Window(Display):
 
     def _panels(self) -> list[Panel]:
         window_px = self._painter.size_px()
-        text_px = round(max(TEXT_PX, TEXT_SHARE * self._on.height) * window_px[0] / self._window.size[0])
+        text_px = round(max(TEXT_PX, TEXT_SHARE * self.monitor.height) * window_px[0] / self._window.size[0])
         return self._layers.panels(window_px, text_px)
 
     def _draw(self, panels: list[Panel]) -> None:
@@ -167,7 +161,7 @@ class Window(Display):
         exact = picture.shape[:2] == (height, self._shown_px)
         if self._pair is not None:
             # the row of the screen on which the window begins: known on X and in full screen
-            first_row = 0 if self._fullscreen else max(0, int(self._window.position[1] - self._on.y))
+            first_row = 0 if self._fullscreen else max(0, int(self._window.position[1] - self.monitor.y))
             picture = self._laid = laid_out(self._pair, self._how, window_px, first_row, self._laid)
         self._painter.paint(picture, panels, exact or self._pair is not None)
         self._handed += 1
@@ -211,7 +205,7 @@ class Window(Display):
             elif event.type == pygame.DROPFILE:
                 name = f"load {event.file}".rstrip()
             if event.type in (pygame.WINDOWSIZECHANGED, pygame.WINDOWDISPLAYCHANGED):
-                self._on = self._here()
+                self.monitor = self._here()
             again |= event.type in (pygame.WINDOWEXPOSED, pygame.WINDOWSIZECHANGED, pygame.WINDOWDISPLAYCHANGED)
             if name == "fullscreen":
                 self._toggle()

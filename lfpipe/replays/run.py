@@ -10,7 +10,7 @@ import errno
 import os
 import re
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -29,9 +29,10 @@ from lfpipe.sequence.folder import Sequence as Recorded
 from lfpipe.sequence.packets import COPY, INDEX, PACKETS
 
 REFERENCE = (REPORT, TRACE, PICTURES)  # what a comparison reads
-NEW = ".new"  # a reference that is being written
-RESULTS = (REPORT, TRACE, "first.png", "last.png", "worst.png", PICTURES, "difference", NEW)
-_INNER = re.compile(r"(\.new/)?pictures/frames\.(bin|jsonl)|\.new/(report\.json|trace\.jsonl)|difference/frame_\d+_\w+\.png")
+RESULTS = (*REFERENCE, "first.png", "last.png", "worst.png", "difference")
+_FILE = re.compile(
+    r"report\.json|trace\.jsonl|(first|last|worst)\.png|pictures/frames\.(bin|jsonl)|difference/frame_\d+_\w+\.png"
+)
 PLACE = "name a folder that you may write to, on a disk with free space"
 
 
@@ -58,21 +59,11 @@ def replay_config(sequence: Recorded, file: str | None, sets: tuple[str, ...]) -
         raise UserError(f"{sequence.path / MANIFEST}: config: {what}", f"{COPY}, or override it with --set") from None
 
 
-def _strange_entries(folder: Path) -> list[str]:
-    """Entries of folder that are not results of a replay, by name and content. Raises OSError."""
-    found = [path for path in folder.rglob("*") if not is_dir(path) or path.is_symlink()]
-    top = [path.name for path in folder.iterdir() if path.name not in RESULTS]
-    inner = [path for path in found if path.parent != folder and not _INNER.fullmatch(path.relative_to(folder).as_posix())]
-    known = (PACKETS, INDEX)  # of stored pictures; their folder's name has been checked
-    foreign = [path for path in found if path.name not in known and not path.is_symlink() and not written_by_lfpipe(path)]
-    return sorted([*top, *(path.relative_to(folder).as_posix() for path in (*inner, *foreign))])
-
-
 def check_out(folder: Path) -> None:
     """Creates folder if it does not exist. Raises UserError if it is not writable, or contains anything but results."""
     try:
         folder.mkdir(PRIVATE_FOLDER, parents=True, exist_ok=True)
-        strange = _strange_entries(folder)
+        strange = sorted(name for path in folder.rglob("*") if not _is_result(path, name := path.relative_to(folder).as_posix()))
         if not os.access(folder, os.W_OK | os.X_OK):
             raise PermissionError(errno.EACCES, "Permission denied")
     except (OSError, ValueError) as error:
@@ -81,11 +72,21 @@ def check_out(folder: Path) -> None:
         raise UserError(f"{folder}: contains {strange[0]}, which is not from a replay", "use a new or an empty folder")
 
 
-def clear_out(folder: Path, names: Sequence[str] = RESULTS) -> None:
+def _is_result(path: Path, name: str) -> bool:
+    """Whether an entry of a folder is of a replay, by name and content. Raises OSError."""
+    if path.is_symlink():
+        return name in RESULTS
+    if is_dir(path):
+        return name in (PICTURES, "difference")
+    packets = path.name in (PACKETS, INDEX)  # their contents carry no mark
+    return bool(_FILE.fullmatch(name)) and (packets or written_by_lfpipe(path))
+
+
+def clear_out(folder: Path) -> None:
     """Removes the results of an earlier run from folder. Raises UserError if that fails."""
     check_out(folder)
     try:
-        for name in names:
+        for name in RESULTS:
             path = folder / name
             if is_dir(path) and not path.is_symlink():
                 shutil.rmtree(path)
@@ -100,19 +101,19 @@ def update_reference(reference: Path, folder: Path) -> None:
 
     Raises UserError if writing fails; the old reference is then kept.
     """
-    new = reference / NEW
-    clear_out(reference, (NEW,))
+    new = reference.with_name(f".{reference.name}.new")
     try:
+        shutil.rmtree(new, ignore_errors=True)  # of an update that was killed
         new.mkdir(PRIVATE_FOLDER)
         for path in (folder / name for name in REFERENCE):
             shutil.copytree(path, new / path.name) if is_dir(path) else shutil.copy(path, new)
+        clear_out(reference)
+        for path in new.iterdir():
+            path.replace(reference / path.name)
     except OSError as error:
-        shutil.rmtree(new, ignore_errors=True)
         raise UserError(f"{reference}: cannot be written: {reason(error)}", PLACE) from None
-    clear_out(reference, [name for name in RESULTS if name != NEW])
-    for path in new.iterdir():
-        path.replace(reference / path.name)
-    new.rmdir()
+    finally:
+        shutil.rmtree(new, ignore_errors=True)
 
 
 def replay(

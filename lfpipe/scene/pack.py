@@ -16,7 +16,6 @@ import os
 from pathlib import Path
 from typing import Any, Self
 
-import attrs
 import numpy as np
 from numpy.typing import NDArray
 
@@ -171,6 +170,5 @@ def summarize(field: LightField) -> SceneSummary:
         scores=field.manifest["scores"],
         disparity_min_px=field.disparity_min_px,
         disparity_max_px=field.disparity_max_px,
-        **attrs.asdict(field.geometry),
         **{name: getattr(field, name) for name in same},
     )

@@ -14,6 +14,7 @@ Result: the summary of the pack; the facts of the scene; one view of it; or thos
 
 import base64
 import contextlib
+import os
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,6 @@ import numpy as np
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area
-from lfpipe.host.processes import set_scheduling
 from lfpipe.host.worker import Report, serve
 from lfpipe.scene import layouts
 from lfpipe.scene.cache import cache_dir, find_pack
@@ -52,8 +52,8 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
         report(step=what, done=done, total=total)
 
     def views_ready(pack: Path) -> None:
-        with contextlib.suppress(OSError):
-            set_scheduling((), NICE)  # from now on it works beside the session that shows the pack
+        with contextlib.suppress(OSError, AttributeError):  # Windows has no niceness
+            os.nice(NICE)  # from now on it works beside the session that shows the pack
         report(summary=attrs.asdict(summarize(open_pack(pack, settings.half_turn))))
 
     if request["do"] == "make":

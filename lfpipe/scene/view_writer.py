@@ -14,7 +14,7 @@ from lfpipe.scene.pack import PlaneFile
 
 Progress = Callable[[str, int, int], None]  # task, steps done, steps in total
 T = TypeVar("T")
-FIRST_VIEWS = 9  # enough for the first picture: a viewer begins in the middle of the grid
+FIRST_VIEWS = 5  # the middle and its neighbours: a viewer begins in the middle of the grid
 _ROOM_BYTES = 200_000_000  # for views decoded at the same time
 
 

@@ -91,49 +91,6 @@ def eyes_lines(folder: Path) -> Iterator[tuple[int, NDArray[np.void], bytes]]:
         raise UserError(f"{path}: cannot be read: {reason(error)}", COPY) from None
 
 
-def truth_rows(path: Path) -> Iterator[list[str]]:
-    """The columns of a table, then its rows. Each has a whole number as t_ns, rising, and finite coordinates.
-
-    Raises UserError with the wrong row and column.
-    """
-    last_ns = -MAX_NS - 1
-    columns: list[str] = []
-    at: list[int] = []
-    try:
-        for number, line in lines(path, LINE_BYTES, REMEDY):
-            where = f"{path}:{number}"
-            (row,) = csv.reader([line.decode()], strict=True)
-            if not row and columns:
-                continue
-            if number == 1:
-                columns = row
-                missing = [name for name in ("t_ns", *COLUMNS) if columns.count(name) != 1]
-                if missing:
-                    raise UserError(f"{path}: not a table of true eyes: column {missing[0]} must exist exactly once", REMEDY)
-                at = [columns.index(name) for name in COLUMNS]
-            else:
-                if len(row) != len(columns):
-                    raise UserError(f"{where}: {len(row)} values, expected {len(columns)}", REMEDY)
-                wrong = next((k for k in at if finite(row[k], -MAX_PX, MAX_PX) is None), None)
-                if wrong is not None:
-                    raise UserError(f"{where}: {columns[wrong]} is {shown(row[wrong])}, expected a number of px", REMEDY)
-                last_ns = _stamp(row[columns.index("t_ns")], last_ns, where)
-            yield row
-    except (csv.Error, UnicodeDecodeError) as error:
-        raise UserError(f"{where}: not a line of a table: {error}", REMEDY) from None
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read: {reason(error)}", REMEDY) from None
-
-
-def _stamp(text: str, last_ns: int, where: str) -> int:
-    t_ns = int(text) if len(text) < 20 and text.removeprefix("-").isdecimal() else MAX_NS + 1
-    if not -MAX_NS <= t_ns <= MAX_NS:
-        raise UserError(f"{where}: t_ns is {shown(text)}, expected a whole number of ns", REMEDY)
-    if t_ns <= last_ns:
-        raise UserError(f"{where}: times must rise: t_ns is {t_ns}, after {last_ns}", REMEDY)
-    return t_ns
-
-
 def read_truth(folder: Path) -> Truth | None:
     """The truth of the sequence in folder, or None. Raises UserError if it cannot be read."""
     path = folder / TRUTH
@@ -141,27 +98,51 @@ def read_truth(folder: Path) -> Truth | None:
 
 
 def table_of(path: Path) -> Truth:
-    """The truth in a table. Raises UserError if it cannot be read."""
-    rows = truth_rows(path)
-    columns = next(rows, [])
-    stamp = columns.index("t_ns") if columns else 0
-    at, said, phases = [columns.index(name) for name in COLUMNS if columns], "visible" in columns, "phase" in columns
+    """The truth in a table. Raises UserError with the wrong row and column."""
     stamps, numbers, visible, still = array("q"), array("d"), bytearray(), bytearray()
-    for row in rows:
-        stamps.append(int(row[stamp]))
-        numbers.extend(float(row[k]) for k in at)
-        visible.append(not said or row[columns.index("visible")] != "0")
-        still.append(phases and row[columns.index("phase")] == "still")
+    columns: list[str] = []
+    try:
+        for number, line in lines(path, LINE_BYTES, REMEDY):
+            where = f"{path}:{number}"
+            (values,) = csv.reader([line.decode()], strict=True)
+            if not columns:
+                columns = values
+                if missing := [name for name in ("t_ns", *COLUMNS) if columns.count(name) != 1]:
+                    raise UserError(f"{path}: not a table of true eyes: column {missing[0]} must exist exactly once", REMEDY)
+                continue
+            if not values:
+                continue
+            if len(values) != len(columns):
+                raise UserError(f"{where}: {len(values)} values, expected {len(columns)}", REMEDY)
+            row = dict(zip(columns, values, strict=True))
+            for name in COLUMNS:
+                if (px := finite(row[name], -MAX_PX, MAX_PX)) is None:
+                    raise UserError(f"{where}: {name} is {shown(row[name])}, expected a number of px", REMEDY)
+                numbers.append(px)
+            text = row["t_ns"]
+            t_ns = int(text) if len(text) < 20 and text.removeprefix("-").isdecimal() else MAX_NS + 1
+            if abs(t_ns) > MAX_NS:
+                raise UserError(f"{where}: t_ns is {shown(text)}, expected a whole number of ns", REMEDY)
+            if stamps and t_ns <= stamps[-1]:
+                raise UserError(f"{where}: times must rise: t_ns is {t_ns}, after {stamps[-1]}", REMEDY)
+            stamps.append(t_ns)
+            visible.append(row.get("visible") != "0")
+            still.append(row.get("phase") == "still")
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise UserError(f"{where}: not a line of a table: {error}", REMEDY) from None
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read: {reason(error)}", REMEDY) from None
     if not stamps:
         raise UserError(f"{path}: contains no row", REMEDY)
-    t_ns = np.array(stamps, np.int64)
-    return Truth(t_ns - t_ns[0], np.array(numbers).reshape(-1, 2, 2), np.array(visible, np.bool_), np.array(still, np.bool_))
+    t_ns_of = np.array(stamps, np.int64)
+    points = np.array(numbers).reshape(-1, 2, 2)
+    return Truth(t_ns_of - t_ns_of[0], points, np.array(visible, np.bool_), np.array(still, np.bool_))
 
 
 def summary(errors_px: list[float]) -> dict[str, float] | None:
     """{"n", "rms_px", "p95_px", "max_px"}; None without data."""
     if not errors_px:
         return None
-    found = np.array(errors_px)
-    rms, p95 = float(np.sqrt(np.mean(found**2))), float(np.percentile(found, 95))
-    return {"n": len(errors_px), "rms_px": round(rms, 4), "p95_px": round(p95, 4), "max_px": round(float(found.max()), 4)}
+    errors = np.array(errors_px)
+    figures = {"rms_px": np.sqrt(np.mean(errors**2)), "p95_px": np.percentile(errors, 95), "max_px": errors.max()}
+    return {"n": len(errors_px), **{name: round(float(value), 4) for name, value in figures.items()}}

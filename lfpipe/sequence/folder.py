@@ -26,7 +26,7 @@ from lfpipe.files.safe_files import PRIVATE_FOLDER, check_links, open_regular, r
 from lfpipe.files.untrusted import Fields, json_fields
 from lfpipe.host.files import exists
 from lfpipe.sequence.eyes import EYES, TRUTH, eyes_of
-from lfpipe.sequence.packets import CHANGED, COPY, INDEX, MAX_PIXELS, PACKETS, Packets, changed, decoded, packet_data, read_index
+from lfpipe.sequence.packets import CHANGED, COPY, INDEX, MAX_PIXELS, PACKETS, Packet, changed, decoded, packet_data, read_index
 
 FORMAT, VERSION = "lfpipe-sequence", 1
 MANIFEST = "manifest.json"
@@ -39,12 +39,6 @@ MOST_HZ = 100_000.0
 def is_sequence(path: Path) -> bool:
     """Whether path is the folder of a sequence, readable or not."""
     return os.path.lexists(path / MANIFEST)
-
-
-def checksum(path: Path) -> str:
-    """sha256 of a file's bytes. Raises OSError."""
-    with open_regular(path) as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def check_out(path: Path) -> None:
@@ -90,7 +84,11 @@ def end_manifest(path: Path, manifest: dict[str, Any], frames: int, checksums: d
 
     Raises OSError if the disk is full; the old manifest is then kept.
     """
-    sums = checksums | {name: checksum(path / name) for name in FILES if name not in checksums and exists(path / name)}
+    sums = dict(checksums)
+    for name in FILES:
+        if name not in sums and exists(path / name):
+            with open_regular(path / name) as file:
+                sums[name] = hashlib.file_digest(file, "sha256").hexdigest()
     _write_manifest(path, {**manifest, "complete": True, "frames": frames, "checksums": sums})
 
 
@@ -105,7 +103,7 @@ class Sequence:
 
     path: Path
     manifest: dict[str, Any]
-    packets: Packets
+    packets: list[Packet]
     width_px: int
     height_px: int
     rate_hz: float
@@ -126,6 +124,11 @@ class Sequence:
     def eyes(self, index: int) -> NDArray[np.void]:
         """The record, of dtype EYES, that stands in place of a frame. Raises UserError if its packet is damaged."""
         return eyes_of(self.data(index), f"{self.path}: frame {index}")[1]
+
+    @property
+    def codecs(self) -> set[str]:
+        """The codecs of its packets."""
+        return {packet.codec for packet in self.packets}
 
     @property
     def holds_eyes(self) -> bool:
@@ -167,9 +170,9 @@ def open_sequence(path: Path, verify: bool = True) -> Sequence:
     packets = read_index(path, complete)
     if not packets:
         raise UserError(f"{path}: contains no whole frame", "record it again")
-    if "eyes" in packets.codecs and len(packets.codecs) > 1:
-        raise UserError(f"{path}: holds frames and eyes in their place", COPY)
     sequence = Sequence(path, dict(fields.values), packets, width_px, height_px, rate_hz, complete)
+    if sequence.codecs > {"eyes"}:
+        raise UserError(f"{path}: holds frames and eyes in their place", COPY)
     if sequence.measured_hz > MOST_HZ:
         raise UserError(f"{path}: {len(packets)} frames in {sequence.duration_s:g} s: no camera is that fast", "record it again")
     if complete:
@@ -194,12 +197,12 @@ def _manifest(path: Path) -> Fields:
         version = fields.integer("version", 0, 1 << 30)
         remedy = "read it with the lfpipe that recorded it (versions in its manifest)"
         raise UserError(f"{where}: the sequence has version {version}; this lfpipe reads version {VERSION}", remedy)
-    for name in ("source", "created", "made"):
-        if name in fields.values:
-            fields.text(name)
-    tables = {name: fields.table(name) for name in ("versions", "config", "checksums") if name in fields.values}
-    if "camera" in (config := tables.get("config", fields)).values:
-        config.table("camera")
+    for name in {"source", "created", "made"} & fields.values.keys():
+        fields.text(name)
+    for name in {"versions", "config", "checksums"} & fields.values.keys():
+        fields.table(name)
+    if "camera" in fields.values.get("config", ()):
+        fields.table("config").table("camera")
     return fields
 
 
@@ -213,16 +216,13 @@ def _check_files(sequence: Sequence, fields: Fields, verify: bool) -> None:
         raise UserError(f"{path / PACKETS}: has {size} bytes, but its index ends at {end}", COPY)
     sums = fields.table("checksums") if "checksums" in fields.values else Fields({}, fields.where, COPY)
     for name in sums.values:
-        wanted = sums.text(name, 64)
         if name not in FILES:
             raise UserError(f"{sums.where}: {name!r} is not a file of a sequence", COPY)
         try:
-            size = (path / name).stat().st_size
-            if name in (EYES, TRUTH) and size > (frames + 16) * BESIDE_BYTES:
-                raise UserError(f"{path / name}: has {size} bytes, too many for {frames} frames", COPY)
-            if verify and checksum(path / name) != wanted:
-                raise UserError(f"{path / name}: wrong checksum: it was changed after recording", COPY)
-        except FileNotFoundError:
-            raise UserError(f"{path / name} is missing", COPY) from None
+            with open_regular(path / name) as file:
+                if name in (EYES, TRUTH) and (size := os.fstat(file.fileno()).st_size) > (frames + 16) * BESIDE_BYTES:
+                    raise UserError(f"{path / name}: has {size} bytes, too many for {frames} frames", COPY)
+                if verify and hashlib.file_digest(file, "sha256").hexdigest() != sums.text(name, 64):
+                    raise UserError(f"{path / name}: wrong checksum: it was changed after recording", COPY)
         except OSError as error:
             raise UserError(f"{path / name}: cannot be read: {reason(error)}", COPY) from None

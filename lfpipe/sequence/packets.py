@@ -12,10 +12,7 @@ import hashlib
 import json
 import os
 import zlib
-from array import array
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import attrs
 import cv2
@@ -33,20 +30,19 @@ PACKETS, INDEX = "frames.bin", "frames.jsonl"
 CODECS = ("jpeg", "png", "raw", "eyes")
 MAX_PIXELS = 8192 * 8192  # of a frame
 PACKET_BYTES = 3 * MAX_PIXELS + (1 << 20)  # a packet is at most as large as the raw frame, plus headers
-MAX_PACKETS = 1 << 21  # 19 hours at 30 Hz
+MAX_PACKETS = 1 << 20  # 9.7 hours at 30 Hz; each takes 300 bytes of memory
 LINE_BYTES = 1024
 COPY = "copy the whole folder again from where it was recorded"
 CHANGED = "its bytes were changed after recording (checksum)"
 SCAN, MAX_SCANS = b"\xff\xda", 100  # of a JPEG: each scan of a dozen bytes can cost one more pass over the whole picture
 FORMATS = {"jpeg": "JPEG", "png": "PNG"}  # codec -> name of the picture's format
 _TIME_NS = 1 << 61  # keeps differences, and sums over loops of the recording, within 64 bits
-BOUNDS = {  # field of a line -> (lowest, highest); a codec counts as its place in CODECS
+BOUNDS = {  # field of a line with a number -> (lowest, highest)
     "seq": (0, MAX_PACKETS),
     "source_seq": (0, 1 << 62),
     "epoch": (0, 1 << 62),
     "t_sensor_ns": (-_TIME_NS, _TIME_NS),
     "t_read_ns": (-_TIME_NS, _TIME_NS),
-    "codec": (0, len(CODECS) - 1),
     "offset": (0, 1 << 62),
     "bytes": (0, PACKET_BYTES),
     "crc32": (0, (1 << 32) - 1),
@@ -68,90 +64,50 @@ class Packet:
     crc32: int
 
 
-class Packets:
-    """Packets in order, one row of numbers each: compact even for hours."""
-
-    def __init__(self) -> None:
-        self._rows = array("q")
-
-    def append(self, row: list[int]) -> None:
-        """Appends one: the values of BOUNDS."""
-        self._rows.extend(row)
-
-    def __len__(self) -> int:
-        return len(self._rows) // len(BOUNDS)
-
-    def __getitem__(self, index: int) -> Packet:
-        at = range(len(self))[index] * len(BOUNDS)
-        fields: dict[str, Any] = dict(zip(BOUNDS, self._rows[at : at + len(BOUNDS)], strict=True))
-        return Packet(**fields | {"codec": CODECS[fields["codec"]]})
-
-    def __iter__(self) -> Iterator[Packet]:
-        return map(self.__getitem__, range(len(self)))
-
-    @property
-    def codecs(self) -> list[str]:
-        """The codecs in use."""
-        return [CODECS[number] for number in sorted(set(self._rows[5 :: len(BOUNDS)]))]
-
-
 def line_of(packet: Packet) -> bytes:
     """The line of the index."""
     return json.dumps(attrs.asdict(packet)).encode() + b"\n"
 
 
-def parse_line(line: bytes, where: str) -> list[int]:
-    """The values of BOUNDS in a line. Raises UserError with the field's name."""
-    try:
-        found = json.loads(line)
-        row = [CODECS.index(found[name]) if name == "codec" else found[name] for name in BOUNDS]
-        if len(found) == len(row) and all(
-            type(value) is int and low <= value <= high for value, (low, high) in zip(row, BOUNDS.values(), strict=True)
-        ):
-            return row
-    except (ValueError, RecursionError, LookupError, TypeError):
-        pass
-    fields = json_fields(line, where, COPY)  # again, slowly, for a precise message
-    if strange := sorted(set(fields.values) - set(BOUNDS)):
-        raise UserError(f"{where}: unknown field {strange[0]!r}", COPY)
+def parse_line(line: bytes, where: str) -> Packet:
+    """The packet of a line of the index. Raises UserError with the field's name."""
+    fields = json_fields(line, where, COPY)
     if (codec := fields.text("codec")) not in CODECS:
         raise UserError(f"{where}: codec is {codec!r}, expected one of {', '.join(CODECS)}", COPY)
-    return [CODECS.index(codec) if name == "codec" else fields.integer(name, *BOUNDS[name]) for name in BOUNDS]
+    return Packet(codec=codec, **{name: fields.integer(name, *bounds) for name, bounds in BOUNDS.items()})
 
 
-def read_index(folder: Path, complete: bool) -> Packets:
+def read_index(folder: Path, complete: bool) -> list[Packet]:
     """The packets in folder, in order. complete: the recording ended properly, so exactly all its frames must exist.
 
     Raises UserError with the first frame that is missing, damaged or out of order.
     """
-    path, packets = folder / INDEX, Packets()
+    path, packets = folder / INDEX, list[Packet]()
     end, last_ns = 0, -_TIME_NS - 1
     try:
         check_regular(folder / PACKETS)
         size = (folder / PACKETS).stat().st_size
-        for number, line in lines(path, LINE_BYTES, COPY):
+        for seq, (number, line) in enumerate(lines(path, LINE_BYTES, COPY)):
             if not line.endswith(b"\n"):  # an unfinished line: not yet a frame
                 if complete:
                     raise UserError(f"{path}: its last line is cut off", COPY)
                 break
-            row = parse_line(line, f"{path}:{number}")
-            seq, _, _, t_ns, _, _, offset, count, _ = row
-            if seq != number - 1:
-                raise UserError(f"{folder}: frame {number - 1} is missing; frame {seq} is in its place", COPY)
-            if offset != end:
+            packet = parse_line(line, f"{path}:{number}")
+            if packet.seq != seq:
+                raise UserError(f"{folder}: frame {seq} is missing; frame {packet.seq} is in its place", COPY)
+            if packet.offset != end:
                 raise UserError(f"{folder}: frame {seq} does not begin where the previous frame ends", COPY)
-            if t_ns <= last_ns:
-                back = f"its time stamp {t_ns} ns is not after {last_ns} ns of the previous frame"
+            if packet.t_sensor_ns <= last_ns:
+                back = f"its time stamp {packet.t_sensor_ns} ns is not after {last_ns} ns of the previous frame"
                 raise UserError(f"{folder}: frame {seq}: {back}", "record it again: time stamps that go back cannot be replayed")
-            end, last_ns = offset + count, t_ns
+            end, last_ns = packet.offset + packet.bytes, packet.t_sensor_ns
             if end > size:
                 if complete:
-                    ends = f"{folder / PACKETS} ends after {size} bytes"
-                    raise UserError(f"{ends}, within frame {seq} ({end})", COPY)
+                    raise UserError(f"{folder / PACKETS} ends after {size} bytes, within frame {seq} ({end})", COPY)
                 break
-            if len(packets) == MAX_PACKETS:
+            if seq == MAX_PACKETS:
                 raise UserError(f"{path}: more than {MAX_PACKETS} frames", "use a shorter recording")
-            packets.append(row)
+            packets.append(packet)
     except OSError as error:
         raise UserError(f"{error.filename}: {reason(error)}", COPY) from None
     return packets
@@ -255,13 +211,6 @@ class PacketWriter:
         self._sums[PACKETS].update(data)
         self._sums[INDEX].update(line)
         return packet
-
-    def in_place(self, folder: Path) -> bool:
-        """Whether folder still contains the files being written."""
-        try:
-            return (folder / INDEX).stat().st_ino == os.fstat(self._index).st_ino
-        except FileNotFoundError:
-            return False
 
     def checksums(self) -> dict[str, str]:
         """sha256 of everything written so far, by file name."""

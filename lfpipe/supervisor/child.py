@@ -52,14 +52,6 @@ def run(spec: StageSpec, parent_pid: int, kept: processes.HandedOver | None = No
         _run_stage(spec, parent_pid, run_dir, stack)
 
 
-def _settle(cores: tuple[int, ...], nice: int | None) -> None:
-    try:
-        processes.set_scheduling(cores, nice)
-    except PermissionError:
-        remedy = "use a higher number, or raise the limit (`ulimit -e`; `nice` in limits.conf)"
-        raise UserError(f"governor.nice: {nice} needs a privilege that you do not have", remedy) from None
-
-
 def _run_stage(spec: StageSpec, parent_pid: int, run_dir: Path, stack: TextIO) -> NoReturn:
     context = Context(spec)
 
@@ -72,7 +64,7 @@ def _run_stage(spec: StageSpec, parent_pid: int, run_dir: Path, stack: TextIO) -
     signal.signal(signal.SIGTERM, stop)
     code = 0
     try:
-        _settle(spec.cpus, spec.nice)
+        processes.run_on(spec.cpus)
         import cv2
 
         cv2.setNumThreads(1)  # the plan is one core per stage; thread pools would break it

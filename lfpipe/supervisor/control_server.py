@@ -20,10 +20,10 @@ from lfpipe.config import SceneSummary
 from lfpipe.errors import UserError
 from lfpipe.host.worker import Worker
 from lfpipe.scene.open_scene import Packing
-from lfpipe.supervisor.file_requests import FileCheck, FileRequest, FileRequests
+from lfpipe.supervisor.file_requests import FileRequest, FileRequests
 from lfpipe.supervisor.process_table import NAMES, SHOWN_BY
 from lfpipe.supervisor.requests import Reply, respond, respond_checked
-from lfpipe.supervisor.server_limits import ConnectionLimit, ThrottledSocket
+from lfpipe.supervisor.server_limits import Connections, ThrottledSocket
 from lfpipe.supervisor.session_store import SessionStore
 from lfpipe.transport import control
 from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
@@ -38,6 +38,7 @@ APPLY_NS = SECOND_NS  # time limit for the stages to apply a change before the a
 APPLY_POLL_MS = 4  # polling period meanwhile
 ASKED_OFTEN = ("hello", "status", "pictures")  # requests that change nothing
 MAX_ERROR_CHARS = 2000
+CHECK_S = 10.0  # time limit of a check of paths: a network drive or name server may be dead
 INTERNAL = {"ok": False, "error": "internal error", "remedy": "the session continues; please report the stack in its log"}
 REPLACED = {"ok": False, "error": "another scene was requested meanwhile", "remedy": "load it again", "replaced": True}
 
@@ -60,9 +61,8 @@ class ControlServer:
         self._store, self._live = store, live
         self._ctl, self._bus, self._tap = (ctx.socket(kind) for kind in (zmq.ROUTER, zmq.PULL, zmq.XPUB))
         self._ctl.setsockopt(zmq.ROUTER_HANDOVER, 1)  # a restarted stage reconnects under its old name
-        named = {"ctl": self._ctl, "bus": self._bus, "tap": self._tap}
-        self._connections = ConnectionLimit(named.values(), live.log)
-        for name, socket in named.items():
+        self._clients = Connections(self._ctl)
+        for name, socket in {"ctl": self._ctl, "bus": self._bus, "tap": self._tap}.items():
             control.limit(socket)
             control.bind(socket, session.run_dir, name)
         self._requests, self._telemetry = ThrottledSocket(self._ctl), ThrottledSocket(self._bus)
@@ -72,7 +72,7 @@ class ControlServer:
     def close(self) -> None:
         """Ends the running checks and closes the sockets."""
         self._files.close()
-        self._connections.close()
+        self._clients.close()
         for socket in (self._ctl, self._bus, self._tap):
             socket.close()
 
@@ -81,10 +81,8 @@ class ControlServer:
         for intake in (self._requests, self._telemetry):
             if not intake.rest_ns():
                 poller.register(intake.socket, zmq.POLLIN)
-        for each in self._connections.sockets:
-            poller.register(each, zmq.POLLIN)
-        for fd in self._files.fds:
-            poller.register(fd, zmq.POLLIN)
+        for source in (self._clients.events, *self._files.fds):
+            poller.register(source, zmq.POLLIN)
 
     def wait_ms(self, most_ms: int) -> int:
         """How long the supervisor may sleep, at most most_ms, unless a registered descriptor wakes it."""
@@ -111,13 +109,15 @@ class ControlServer:
 
     def serve(self) -> None:
         """Processes arrived messages, within its share of time."""
-        self._files.cancel(self._connections.serve())  # before messages: a new connection may have the number of an ended one
         for (client, *parts), connection in self._requests.messages():
             self._guard(client, partial(self._take, client, parts, connection))
         for parts, _ in self._telemetry.messages():
             self._guard(None, partial(self._pass_on, parts))
         while self._tap.poll(0):
             self._tap.recv()  # discard subscription messages, which would accumulate
+        # After the messages: one from a new connection may have the number of a connection whose end is not processed yet.
+        self._clients.update()
+        self._files.cancel_abandoned(self._clients.open)
         for request in self._files.serve():
             self._guard(request.client or None, partial(self._served, request))
         self.flush()
@@ -201,7 +201,7 @@ class ControlServer:
         elif self._files.running(message["cmd"]):
             raise UserError(f"another {message['cmd']} is running", "wait until it is done")
         else:
-            worker = FileCheck(check)
+            worker = Worker("lfpipe.supervisor.file_check", check, check["path"], CHECK_S)
         self._files.add(FileRequest(client, message, worker, connection))
 
     def _carry_out(self, client: bytes, message: dict[str, Any], reply: Reply, connection: int = -1) -> None:

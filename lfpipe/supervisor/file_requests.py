@@ -14,48 +14,24 @@ from lfpipe.transport.clock import SECOND_NS, now_ns
 logger = logging.getLogger(__name__)
 STEP_NS = SECOND_NS // 5  # between two reports of progress
 MAX_NAME_CHARS = 200
-CHECK_S = 10.0  # time limit of a check
-
-
-class FileCheck(Worker):
-    """A child that checks paths and hosts; a dead network drive or name server blocks only that."""
-
-    def __init__(self, request: dict[str, Any]) -> None:
-        super().__init__("lfpipe.supervisor.file_check", request, request["path"], CHECK_S)
 
 
 @attrs.define(eq=False)
 class FileRequest:
     """client: who asked, b"" for nobody. connection: the client's, -1 for none. shown: the session shows the scene already; the
-    packer goes on with its disparity."""
+    packer goes on with its disparity. reported: the packer's step in the last report, which was at report_ns."""
 
     client: bytes
     message: dict[str, Any]
     worker: Worker
     connection: int = -1
     shown: bool = False
-    _report_ns: int = 0
-    _step: str = ""
-
-    def progress(self) -> dict[str, Any] | None:
-        """The packer's step for those who look at the session, a few times a second; None if there is nothing to report."""
-        worker, t_ns = self.worker, now_ns()
-        if not isinstance(worker, Packing) or worker.step == self._step or t_ns < self._report_ns:
-            return None
-        self._step, self._report_ns = worker.step, t_ns + STEP_NS
-        return self._message(worker.step, worker.share)
-
-    def end(self) -> dict[str, Any] | None:
-        """Ends the child; returns the last progress, if there was any."""
-        self.worker.close()
-        return self._message("", 1.0) if self._step else None
-
-    def _message(self, step: str, share: float) -> dict[str, Any]:
-        return {"scene": Path(self.worker.subject).name[:MAX_NAME_CHARS], "step": step, "share": share, "shown": self.shown}
+    reported: str = ""
+    report_ns: int = 0
 
 
 class FileRequests:
-    """The running children. report: receives progress. Never blocks."""
+    """The running children. report: receives the packer's progress a few times a second, and step "" at its end. Never blocks."""
 
     def __init__(self, report: Callable[[dict[str, Any]], None]) -> None:
         self._report = report
@@ -74,28 +50,37 @@ class FileRequests:
         """Follows another child."""
         self._running.append(request)
 
-    def cancel(self, gone: set[int]) -> None:
-        """Ends what the clients of these connections waited for."""
-        for request in [each for each in self._running if each.connection in gone and not each.shown]:
-            logger.info("%s cancelled: its client is gone", request.message["cmd"])
-            self.end(request)
+    def cancel_abandoned(self, connections: set[int]) -> None:
+        """Ends the requests of clients that are not among these connections any more."""
+        for request in list(self._running):
+            if request.connection not in connections and not request.shown:
+                logger.info("%s cancelled: its client is gone", request.message["cmd"])
+                self.end(request)
 
     def serve(self) -> Iterator[FileRequest]:
         """Requests with news: the views of a scene are ready, or the child is done."""
         for request in list(self._running):
-            worker = request.worker
+            worker, t_ns = request.worker, now_ns()
             worker.read()
-            if (progress := request.progress()) is not None:
-                self._report(progress)
-            if worker.done or (isinstance(worker, Packing) and worker.views is not None and not request.shown):
+            packing = worker if isinstance(worker, Packing) else None
+            if packing and packing.step != request.reported and t_ns >= request.report_ns + STEP_NS:
+                request.report_ns = t_ns
+                self._tell(request, packing.step, packing.share)
+            if worker.done or (packing and packing.views is not None and not request.shown):
                 yield request
+
+    def _tell(self, request: FileRequest, step: str, share: float) -> None:
+        request.reported = step
+        name = Path(request.worker.subject).name[:MAX_NAME_CHARS]
+        self._report({"scene": name, "step": step, "share": share, "shown": request.shown})
 
     def end(self, request: FileRequest) -> None:
         """Ends a child and forgets it."""
         if request in self._running:
             self._running.remove(request)
-            if (last := request.end()) is not None:
-                self._report(last)
+            request.worker.close()
+            if request.reported:
+                self._tell(request, "", 1.0)
 
     def end_shown(self) -> None:
         """Ends the packers of scenes that the session has left: the next opening completes their packs."""

@@ -62,9 +62,8 @@ class LiveSession:
         tell: Callable[[str], None],
         packing: Packing | None = None,
     ) -> None:
-        governor = state.config.governor
-        where = "none" if state.options.lossless and governor.affinity == "auto" else governor.affinity
-        self._cpus, self._nice = process_table.cores(where, usable_cores()), process_table.niceness(governor.nice)
+        placed = state.config.governor.affinity == "auto" and not state.options.lossless
+        self._cpus = process_table.cores(usable_cores()) if placed else {}
         self._session, self._tell = session, tell
         self._outcome: Outcome | None = None
         self._rollback = ConfigRollback()
@@ -163,7 +162,6 @@ class LiveSession:
             others=tuple(other.name for other in STAGES if other is not stage and other.needed(state.options)),
             source=SOURCE,
             cpus=self._cpus.get(stage.name, ()),
-            nice=self._nice.get(stage.name),
         )
 
     def _follow_up(self) -> None:
@@ -239,7 +237,7 @@ class LiveSession:
 
     def snapshot(self) -> dict[str, Any]:
         """The figures of the stages."""
-        return take_snapshot(self._session.name, self._memory.table, self._started_ns)
+        return take_snapshot(self._session.name, self._memory.table.rows, self._memory.table.session, self._started_ns)
 
     def applied(self, rev: int) -> bool:
         """Whether every stage has applied revision rev."""

@@ -1,16 +1,12 @@
-"""The process table: a stage is one row here and one module with `main(context)`. No other module of this room names a stage.
-
-Also the cores and niceness of stages, from `governor.affinity` and `governor.nice`.
-"""
+"""The process table: a stage is one row here and one module with `main(context)`. No other module of this room names a stage."""
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 
 import attrs
 import numpy as np
 
 from lfpipe.config import Config, SessionOptions
-from lfpipe.errors import UserError
 from lfpipe.eyes import EYES, SHOWN
 from lfpipe.transport.packet_ring import packet_dtype
 from lfpipe.transport.ring import RingSpec
@@ -111,50 +107,6 @@ def consumers() -> dict[str, list[str]]:
     return {name: [stage.name for stage in STAGES if name in stage.reads] for stage in STAGES for name in stage.writes}
 
 
-NICENESS = range(-20, 20)  # as the kernel takes it
-
-
-def _by_stage(key: str, text: str, example: str) -> dict[str, str]:
-    """`a=1,b=2` as a map. Raises UserError for anything else, and for an unknown name."""
-    values = {}
-    for entry in filter(None, (entry.strip() for entry in text.split(","))):
-        name, sign, value = entry.partition("=")
-        if not sign or name.strip() not in NAMES:
-            raise UserError(f"{key}: {entry!r} is not STAGE=VALUE with a stage of {', '.join(NAMES)}", f"for example: {example}")
-        values[name.strip()] = value.strip()
-    return values
-
-
-def cores(text: str, allowed: Iterable[int]) -> dict[str, tuple[int, ...]]:
-    """stage -> cores, from `governor.affinity`; the operating system places stages that are not listed.
-
-    auto: on two cores, stages with own_core get the second; with more, the operating system decides. Raises UserError for
-    invalid text and for a core that is not allowed.
-    """
-    usable = sorted(allowed)
-    if text == "auto":
-        return {stage.name: (usable[stage.own_core],) for stage in STAGES} if len(usable) == 2 else {}
-    if text == "none":
-        return {}
-    example = f"track={usable[-1]},render={usable[0]}, or {usable[0]}+{usable[-1]} for either; auto; none"
-    cores_of: dict[str, tuple[int, ...]] = {}
-    for name, value in _by_stage("governor.affinity", text, example).items():
-        numbers = value.split("+")
-        if not all(number.isdecimal() for number in numbers):
-            raise UserError(f"governor.affinity: {name}={value}: expected cores joined by +", f"for example: {example}")
-        cores_of[name] = tuple(sorted({int(number) for number in numbers}))
-        if missing := set(cores_of[name]) - set(usable):
-            remedy = f"use one of {', '.join(map(str, usable))}"
-            raise UserError(f"governor.affinity: {name}={value}: core {min(missing)} does not exist on this machine", remedy)
-    return cores_of
-
-
-def niceness(text: str) -> dict[str, int]:
-    """stage -> niceness, from `governor.nice`. Raises UserError for invalid text."""
-    example = "render=0,track=5"
-    nice: dict[str, int] = {}
-    for name, value in _by_stage("governor.nice", text, example).items():
-        if not value.removeprefix("-").isdecimal() or int(value) not in NICENESS:
-            raise UserError(f"governor.nice: {name}={value}: not a whole number from -20 to 19", f"for example: {example}")
-        nice[name] = int(value)
-    return nice
+def cores(allowed: Sequence[int]) -> dict[str, tuple[int, ...]]:
+    """stage -> cores: on two cores, stages with own_core get the second; with more, the operating system decides."""
+    return {stage.name: (sorted(allowed)[stage.own_core],) for stage in STAGES} if len(allowed) == 2 else {}

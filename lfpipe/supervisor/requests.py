@@ -14,7 +14,6 @@ from lfpipe import config as config_module
 from lfpipe.config import SceneSummary
 from lfpipe.errors import UserError
 from lfpipe.errors import shown as printable
-from lfpipe.render.geometry import check_geometry
 from lfpipe.share.target import FORMS, MAX_TARGETS
 from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport import control
@@ -55,8 +54,6 @@ def _set(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
     if not isinstance(sets, dict) or not sets:
         raise BadMessage("set needs a map of keys and values")
     config = config_module.updated(state.config, sets, live_only=True)
-    if state.options.scene:
-        check_geometry(config, state.options.scene)
     return Reply({"set": sets}, state.changed(config))
 
 
@@ -162,7 +159,6 @@ def respond_checked(state: SessionState, message: dict[str, Any], result: dict[s
     """The reply to a request after its files were checked. The state may have changed meanwhile. Raises like `respond`."""
     if message["cmd"] == "load":
         scene = SceneSummary(**result)
-        check_geometry(state.config, scene)
         at = _place(state, message)
         new = state.loaded(scene)
         if at is not None:

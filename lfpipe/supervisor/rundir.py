@@ -113,7 +113,9 @@ def acquire(session: Session) -> Lock:
         raise UserError(f"session {session.name!r} is already running", remedy)
     try:
         _empty(session.run_dir)
-        _free_names(session)
+        if not _unlink_memory(session):
+            remedy = "try again in a few seconds, or use another --session NAME"
+            raise UserError(f"session {session.name!r} lost its run directory and has not ended yet", remedy)
     except BaseException:
         release(session, lock)
         raise
@@ -130,22 +132,18 @@ def _empty(run_dir: Path) -> None:
                 path.unlink(missing_ok=True)
 
 
-def _free_names(session: Session) -> None:
-    """Unlinks the memory of a dead session. Waits for a living one that lost its run directory and keeps its memory until it
-    ends."""
+def _unlink_memory(session: Session) -> bool:
+    """Unlinks the session's abandoned memory; whether none is left. Waits for another process that sweeps and looks at it, and
+    for a living session that lost its run directory to end."""
     end_s = time.monotonic() + ENDING_S
-    while not _unlinked(session):
+    while True:
+        for name, _ in segment.abandoned(session.segment("")):
+            shared_memory.unlink(name)
+        if not segment.owned(session.segment("")):
+            return True
         if time.monotonic() > end_s:
-            remedy = "try again in a few seconds, or use another --session NAME"
-            raise UserError(f"session {session.name!r} lost its run directory and has not ended yet", remedy)
+            return False
         time.sleep(PAUSE_S)
-
-
-def _unlinked(session: Session) -> bool:
-    """Unlinks the session's abandoned memory; whether none is left."""
-    for name, _ in segment.abandoned(session.segment("")):
-        shared_memory.unlink(name)
-    return not segment.owned(session.segment(""))
 
 
 def release(session: Session, lock: Lock) -> None:
@@ -154,11 +152,11 @@ def release(session: Session, lock: Lock) -> None:
     """
     try:
         if lock.in_place():
-            for _ in range(ATTEMPTS):  # another process that sweeps may be looking at one: then that counts as in use
-                if _unlinked(session):
-                    break
-                time.sleep(PAUSE_S)
-            lock.remove_folder()
+            _unlink_memory(session)
+            with contextlib.suppress(OSError):
+                _empty(session.run_dir)
+                session.lock.unlink()
+                session.run_dir.rmdir()
             return
     finally:
         lock.release()

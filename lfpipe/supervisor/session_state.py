@@ -28,6 +28,11 @@ class Basis:
     config: Config
     scene: SceneSummary | None
     tracking: bool
+    playlist_at: int
+
+    @classmethod
+    def of(cls, config: Config, options: SessionOptions) -> Basis:
+        return cls(config, options.scene, options.tracking, options.playlist_at)
 
 
 @attrs.frozen
@@ -51,12 +56,12 @@ class SessionState:
     @classmethod
     def first(cls, config: Config, options: SessionOptions) -> SessionState:
         """The state at the start of a session."""
-        return cls(config, options, Basis(config, options.scene, options.tracking))._with_packets()
+        return cls(config, options, Basis.of(config, options))._with_packets()
 
     @property
     def basis(self) -> Basis:
         """The part of the current state that can be rolled back."""
-        return Basis(self.config, self.options.scene, self.options.tracking)
+        return Basis.of(self.config, self.options)
 
     @property
     def levels(self) -> tuple[QualityLevel, ...]:
@@ -145,7 +150,7 @@ class SessionState:
     def rolled_back(self) -> SessionState:
         """With the basis that is known to work; all else unchanged."""
         good = self.known_good
-        return self.changed(config=good.config, scene=good.scene, tracking=good.tracking)
+        return self.changed(good.config, scene=good.scene, tracking=good.tracking, playlist_at=good.playlist_at)
 
     def _with_packets(self) -> SessionState:
         """With the ring of JPEGs if a source of JPEGs is recorded, else without it."""

@@ -1,12 +1,12 @@
-"""The state of a session as one plain map, read only from the status table."""
+"""The state of a session as one plain map, from the status table alone."""
 
-from collections.abc import Iterator
-from typing import Any, Protocol
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.host.processes import scheduling
+from lfpipe.host.processes import cores_of
 from lfpipe.render.presence import ViewerState
 from lfpipe.supervisor.process_table import CORE, SHOWN_BY, SOURCE
 from lfpipe.transport.clock import now_ns
@@ -16,18 +16,6 @@ from lfpipe.transport.status import State, busy_words, rate_hz
 FACELESS_S = 4.0  # a head may be turned away briefly
 BUSY_SHOWN_S = 0.5  # shorter work is not shown
 QUANTILES = ("p50_ms", "p95_ms", "p99_ms", "max_ms")
-
-
-class StatusRows(Protocol):
-    """What `snapshot` reads: a status table, or copies of its rows."""
-
-    @property
-    def rows(self) -> dict[str, NDArray[np.void]]:
-        """Name of a stage -> record of dtype ROW."""
-
-    @property
-    def session(self) -> NDArray[np.void]:
-        """Record of dtype SESSION."""
 
 
 def _notices(source: NDArray[np.void], display: NDArray[np.void], lowered: str) -> Iterator[str]:
@@ -42,7 +30,6 @@ def _notices(source: NDArray[np.void], display: NDArray[np.void], lowered: str) 
 
 
 def _stage(row: NDArray[np.void]) -> dict[str, Any]:
-    cores, nice = scheduling(int(row["pid"]))
     wait, work = summary_ms(row["wait"]), summary_ms(row["busy"])
     words, since_s = busy_words(row), (now_ns() - int(row["busy_since_ns"])) / 1e9
     return {
@@ -60,25 +47,26 @@ def _stage(row: NDArray[np.void]) -> dict[str, Any]:
         "count": int(row["seq"]),
         "cpu_s": round(int(row["cpu_ns"]) / 1e9, 2),
         "face": bool(row["face"]),
-        "cpus": cores,
-        "nice": nice,
+        "cpus": cores_of(int(row["pid"])),
     }
 
 
-def snapshot(session: str, table: StatusRows, started_ns: int) -> dict[str, Any]:
+def snapshot(session: str, rows: Mapping[str, NDArray[np.void]], quality: NDArray[np.void], started_ns: int) -> dict[str, Any]:
     """`{"session", "uptime_s", "camera_fps", "camera_light", "level", "viewer", "stages": {...}, "end_to_end": {...},
     "judder": {...}, "horizon": {...}, "motion_to_photon": {...}}`, as `lfpipe monitor --once --json` prints it.
 
+    rows: of the stages, dtype ROW. quality: dtype SESSION.
+
     Of a stage: p50_ms.. describe its busy time; wait and busy contain all quantiles; busy_with: the work that blocks it, and
-    since when; left_out: inputs left out on purpose; missed: refreshes of the display; cpus, nice: from the kernel, now.
+    since when; left_out: inputs left out on purpose; missed: refreshes of the display; cpus: the cores it may use now.
     end_to_end: the age of a picture, from the sensor's stamp to its presentation. horizon: how far ahead of the sensor's stamp
     the eyes are predicted. camera_light: words if the camera delivers clearly fewer frames than agreed. level, lowest_level: of
     quality, 0 is full; level_words: what is reduced, perhaps of another level during a change. viewer: a word of `ViewerState`.
     judder: refreshes that showed another picture than planned; percent: None if no screen reports its blanks.
     motion_to_photon: latency at the onset of a motion and steady, see docs/photon.md; None where nobody has moved.
     """
-    stages = {name: _stage(row) for name, row in table.rows.items() if name in CORE or row["state"] != State.NONE}
-    source, display, quality = table.rows[SOURCE], table.rows[SHOWN_BY], table.session
+    stages = {name: _stage(row) for name, row in rows.items() if name in CORE or row["state"] != State.NONE}
+    source, display = rows[SOURCE], rows[SHOWN_BY]
     level, words, planned = int(quality["level"]), quality["words"].item().decode(errors="replace"), int(display["planned"])
     age, horizon = (summary_ms(display[name]) for name in ("age", "horizon"))
     return {

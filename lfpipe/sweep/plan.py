@@ -30,7 +30,7 @@ from lfpipe import config
 from lfpipe.config.check import closest, flat
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import read_text
-from lfpipe.files.untrusted import parse_toml
+from lfpipe.files.untrusted import toml_table
 from lfpipe.scene.open_scene import open_scene
 from lfpipe.sequence.folder import MANIFEST, is_sequence
 
@@ -83,7 +83,7 @@ def read_plan(path: Path) -> list[Cell]:
 
     Raises UserError with the key, the value and the remedy.
     """
-    table = parse_toml(read_text(path, PLAN_BYTES, str(path), REMEDY), str(path), REMEDY)
+    table = toml_table(read_text(path, PLAN_BYTES, str(path), REMEDY), str(path), REMEDY)
     _check_names(f"{path}: ", table, ("sequences", "scenes", "subjects", "config", "table"))
     sequences, scenes, subjects = (_texts(path, key, table.get(key, [])) for key in ("sequences", "scenes", "subjects"))
     _check_names(f"{path}: subjects: ", subjects, SUBJECTS)

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.track.network import Network, Roi, Warp, fill, model_file, warp
+from lfpipe.track.network import Network, Roi, Warp, mapped, model_file, warp
 
 MIN_OVERLAP = 0.3  # boxes that overlap more are one face
 SAME = 0.2  # overlap of one face's boxes in successive pictures: 0.3 at 2 m/s, arm's length and 30 Hz
@@ -92,18 +92,16 @@ class Detector:
     def __init__(self, range_: Range = SHORT, warp: Warp = warp) -> None:
         self._range, self._warp = range_, warp
         self._anchors = anchors(range_.grids)
-        count, size_px = len(self._anchors), range_.size_px
-        self._network = Network(model_file(range_.file), (1, size_px, size_px, 3), (count * 16, count))
-        self.model = self._network.name
+        count = len(self._anchors)
+        self._network = Network(model_file(range_.file), range_.size_px, (count * 16, count), low=-1.0)
 
     def detect(self, image: NDArray[np.uint8], region: Roi | None = None) -> list[Detection]:
         """Faces in uint8 (height, width, 3) BGR, highest score first. region: the part to search; None: the whole picture."""
         height_px, width_px = image.shape[:2]
         size_px = self._range.size_px
         whole = region or Roi(width_px / 2, height_px / 2, max(width_px, height_px), 0.0)
-        crop = whole.crop(image, size_px, cv2.BORDER_CONSTANT, self._warp)
-        fill(self._network.input, crop, -1.0, 1.0)
-        regressors, logits = self._network.run()
+        matrix = whole.matrix(size_px)
+        regressors, logits = self._network.run(whole.crop(image, matrix, size_px, cv2.BORDER_CONSTANT, self._warp))
         scores = 1 / (1 + np.exp(-np.clip(logits, -80, 80)))  # float32 holds exp(88)
         keep = np.flatnonzero(scores >= self._range.min_score)
         if not len(keep):
@@ -113,17 +111,12 @@ class Detector:
         raw[:, [0, 2, 3, 4, 5, 6, 7]] += self._anchors[keep, None]
         centre, half = raw[:, 0], raw[:, 1] / 2
         rows = np.concatenate([centre - half, centre + half, raw[:, 2:].reshape(-1, 12)], axis=1)
-        found = []
+        faces = []
         for row, score in suppressed(rows, scores[keep]):
-            points = whole.to_picture(row.reshape(8, 2) * size_px, size_px)
-            (x0, y0), (x1, y1) = points[0], points[1]
-            found.append(Detection((float(x0), float(y0), float(x1), float(y1)), points[2:], score))
-        return found
-
-
-def same_place(a: Box, b: Box) -> bool:
-    """Whether boxes of two pictures can be the same face: near in position and size."""
-    return overlap(a, b) > SAME
+            points = mapped(row.reshape(8, 2) * size_px, matrix)
+            (x0, y0), (x1, y1) = points[:2].tolist()
+            faces.append(Detection((x0, y0, x1, y1), points[2:], score))
+        return faces
 
 
 def prominence(box: Box, width_px: int, height_px: int) -> float:
@@ -147,45 +140,42 @@ class FaceSelector:
         self._rival: Box | None = None
         self._wins = 0
 
-    def follow(self, box: Box) -> None:
-        """Reports the box of the followed face in this picture."""
+    def follow(self, box: Box) -> bool:
+        """Reports the box of the followed face in this picture. Returns whether to scan the whole picture for other faces now."""
         self._pictures += 1
         if self._home is None or self._away > MEMORY:
             self._home, self._away = box, 0
         elif overlap(self._home, box) > HOME:
-            self._home = _between(self._home, box, HOME_SHARE)
+            (x0, y0, x1, y1), (a, b, c, d), share = self._home, box, HOME_SHARE
+            self._home = x0 + share * (a - x0), y0 + share * (b - y0), x1 + share * (c - x1), y1 + share * (d - y1)
             self._away = 0
         else:
             self._away += 1
-
-    @property
-    def due(self) -> bool:
-        """Whether to scan the whole picture for other faces now."""
         return self._pictures >= (FAST_SCAN_PERIOD if self._away or self._wins else SCAN_PERIOD)
 
-    def rank(self, found: Sequence[Detection], width_px: int, height_px: int) -> list[Detection]:
+    def rank(self, faces: Sequence[Detection], width_px: int, height_px: int) -> list[Detection]:
         """Faces of a picture in which none is followed, best first: at the usual place, then by prominence."""
 
         def order(face: Detection) -> tuple[bool, float]:
             return self._at_home(face.box_px), prominence(face.box_px, width_px, height_px)
 
-        return sorted(found, key=order, reverse=True)
+        return sorted(faces, key=order, reverse=True)
 
-    def rival(self, found: Sequence[Detection], followed: Box, width_px: int, height_px: int) -> Detection | None:
-        """The face of found to follow instead of the one in the box followed; None: no change, or not yet."""
+    def rival(self, faces: Sequence[Detection], followed: Box, width_px: int, height_px: int) -> Detection | None:
+        """The face to follow instead of the one in the box followed; None: no change, or not yet."""
         self._pictures = 0
-        others = [face for face in found if not same_place(followed, face.box_px)]
+        others = [face for face in faces if overlap(followed, face.box_px) <= SAME]
         back = [face for face in others if self._at_home(face.box_px)]
         if self._away and back:
             return max(back, key=lambda face: face.score)
-        mine = max(found, key=lambda face: overlap(followed, face.box_px), default=None)
-        box = mine.box_px if mine is not None and same_place(followed, mine.box_px) else followed
-        least = NEARER * prominence(box, width_px, height_px)
+        nearest = max((face.box_px for face in faces), key=lambda box: overlap(followed, box), default=followed)
+        own = nearest if overlap(followed, nearest) > SAME else followed
+        least = NEARER * prominence(own, width_px, height_px)
         best = max(others, key=lambda face: prominence(face.box_px, width_px, height_px), default=None)
         if best is None or prominence(best.box_px, width_px, height_px) < least:
             self._wins = 0
             return None
-        again = self._wins > 0 and self._rival is not None and same_place(self._rival, best.box_px)
+        again = self._wins > 0 and self._rival is not None and overlap(self._rival, best.box_px) > SAME
         self._rival, self._wins = best.box_px, self._wins + 1 if again else 1
         return best if self._wins >= WINS else None
 
@@ -195,8 +185,3 @@ class FaceSelector:
 
     def _at_home(self, box: Box) -> bool:
         return self._home is not None and overlap(self._home, box) > HOME
-
-
-def _between(a: Box, b: Box, share: float) -> Box:
-    (x0, y0, x1, y1), (to_x0, to_y0, to_x1, to_y1) = a, b
-    return x0 + share * (to_x0 - x0), y0 + share * (to_y0 - y0), x1 + share * (to_x1 - x1), y1 + share * (to_y1 - y1)

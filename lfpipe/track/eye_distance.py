@@ -13,14 +13,12 @@ from lfpipe.transport.clock import SECOND_NS
 
 IRIS_MM = 11.7
 WINDOW_NS = 4 * SECOND_NS
-LEAST_NS = SECOND_NS  # shortest time observed
-LEAST_COUNT = 20
+LEAST_NS, LEAST_COUNT = SECOND_NS, 20  # shortest time observed, fewest samples
 SPREAD = 0.05  # a distance is reported if half of the samples are within this share of the median
 PLAUSIBLE_MM = (45.0, 80.0)  # adults and children; anything else is a wrong measurement
 CHANGED_MM = 1.0  # smallest change that is reported
 EVERY = 8  # samples between two updates of the median
-GAUGE_FRAMES = 45  # frames per measurement
-GAUGE_SPREAD = 0.05  # the viewer has moved if the quartiles differ by more than this share of the median
+GAUGE_FRAMES, GAUGE_SPREAD = 45, 0.05  # per measurement; quartiles further apart than this share of the median: they moved
 
 
 class EyeDistance:
@@ -73,10 +71,10 @@ class EyeGauge:
     @property
     def median_px(self) -> float:
         """0 before the first face."""
-        return float(np.median(self._apart_px)) if self._apart_px else 0.0
+        return float(np.median(self._apart_px or [0.0]))
 
     @property
     def steady(self) -> bool:
         """Whether the viewer kept still enough for a reliable median."""
-        low, middle, high = np.percentile(self._apart_px, [25, 50, 75]) if self._apart_px else (0.0, 0.0, 1.0)
-        return bool(high - low <= GAUGE_SPREAD * middle)
+        low, middle, high = np.percentile(self._apart_px or [0.0], (25, 50, 75))
+        return bool(high - low <= GAUGE_SPREAD * middle > 0)

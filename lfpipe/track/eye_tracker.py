@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from lfpipe.config import Track
 from lfpipe.eyes import Eyes, EyesRecord
-from lfpipe.track.detector import same_place
+from lfpipe.track.detector import SAME, overlap
 from lfpipe.track.engine import Face, make_engine
 from lfpipe.track.eye_distance import EyeDistance
 from lfpipe.track.filters import make_filter
@@ -19,9 +19,7 @@ log = logging.getLogger(__name__)
 # Logits of the confidence: 20 for a face that nothing hides, 13 to 20 for turned heads, 1 to 10 behind a hand.
 SUREST, FALL, BACK, SURE = 20.0, 10.0, 4.0, 2.0
 USUAL_S = 1.0  # time constant of a face's usual confidence: nothing is held for much longer
-NEAR, SAME = 0.7, 0.1  # in distances between the eyes: by what a hand pulls a face at most; what nobody sees
-
-
+NEAR, UNSEEN = 0.7, 0.1  # in distances between the eyes: by what a hand pulls a face at most; what nobody sees
 NOWHERE: Eyes = (0.0, 0.0, 0.0, 0.0)
 
 
@@ -50,7 +48,7 @@ class HiddenFace:
         self.sure = sure > self._usual - SURE or (held and not self.held)
         if self.sure:
             self._sure_px = middle_px
-        return held and not self.held and off > SAME
+        return held and not self.held and off > UNSEEN
 
 
 class EyeTracker:
@@ -62,7 +60,8 @@ class EyeTracker:
 
     def __init__(self, settings: Track, portable: bool = False, loop_s: float = 0.0) -> None:
         self.engine = make_engine(settings, portable)
-        self._settings, self._loop_s, self._filter = settings, loop_s, make_filter(settings, loop_s)
+        self._settings: tuple[Track, float] | None = None
+        self.set(settings, loop_s)
         self._distance, self._hidden = EyeDistance(), HiddenFace()
         self._raw_px = self._position_px = self._velocity_px_s = self._sure_position_px = NOWHERE
         self._face: Face | None = None
@@ -72,8 +71,9 @@ class EyeTracker:
 
     def set(self, settings: Track, loop_s: float = 0.0) -> None:
         """Replaces the filter, but not the engine."""
-        if (settings, loop_s) != (self._settings, self._loop_s):
-            self._settings, self._loop_s, self._filter = settings, loop_s, make_filter(settings, loop_s)
+        if (settings, loop_s) != self._settings:
+            self._settings, self._filter = (settings, loop_s), make_filter(settings, loop_s)
+            self._holds, self._averages = settings.filter == "predictive", settings.filter == "mean"
 
     def reset(self) -> None:
         """Starts a new choice of the face."""
@@ -91,7 +91,7 @@ class EyeTracker:
         self._face = face
         if face is None:
             self._velocity_px_s = NOWHERE  # hold the position: the motion is unknown
-            if self._settings.filter == "mean":
+            if self._averages:
                 self._filter.reset()  # the average must not mix positions before and after a loss
         else:
             self._follow(face, t_sensor_ns, epoch)
@@ -103,7 +103,7 @@ class EyeTracker:
         middle_px, confidence = ((lx + rx) / 2, (ly + ry) / 2), min(max(face.confidence, 1e-9), 1 - 1e-10)
         sure = min(math.log(confidence / (1 - confidence)), SUREST)
         away_ns = t_sensor_ns - self._seen_ns
-        same = self._hidden.held or same_place(self._box_px, face.box_px)  # a hidden face's box is as wrong as its eyes
+        same = self._hidden.held or overlap(self._box_px, face.box_px) > SAME  # a hidden face's box is as wrong as its eyes
         if epoch != self._epoch or away_ns >= MAX_STEP_NS or not same:
             self._epoch, anew = epoch, True  # earlier runs say nothing about this one
             self._distance.reset()
@@ -112,7 +112,7 @@ class EyeTracker:
             apart_px = face.apart_px or math.dist((lx, ly), (rx, ry))
             anew = self._hidden.update(sure, middle_px, apart_px, max(away_ns, 0) / 1e9)
         self._raw_px, self._box_px, self._seen_ns = (lx, ly, rx, ry), face.box_px, t_sensor_ns
-        if self._hidden.held and self._settings.filter == "predictive":  # the others are for comparison, as published
+        if self._hidden.held and self._holds:  # the other filters are for comparison, as published
             self._position_px, self._velocity_px_s = self._sure_position_px, NOWHERE
             return
         if anew:

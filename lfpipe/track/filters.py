@@ -120,17 +120,14 @@ class Extrapolation:
             self._score(t_ns, measured, apart_px * apart_px)
         self._velocity, self._acceleration = velocity, (ax, ay)
         self._lines.append((t_ns, position, velocity, (ax, ay)))
-        speed = self._share()
+        speed = min(max(self._moved / self._pointed, 0.0), 1.0)
         ahead_s = self._horizon_ns / 2e9 * min(max(self._gained / (self._bent + NOTHING), 0.0), 1.0)
         return speed * velocity[0] + ahead_s * ax, speed * velocity[1] + ahead_s * ay
-
-    def _share(self) -> float:
-        return min(max(self._moved / self._pointed, 0.0), 1.0)
 
     def _score(self, t_ns: int, measured: Pair, unit: float) -> None:
         """Compares the oldest line with the measurement that it predicted. unit: squared px of one distance between the eyes."""
         began_ns, (x, y), (u, v), (ax, ay) = self._lines.popleft()
-        ahead_s, share = (t_ns - began_ns) / 1e9, self._share()
+        ahead_s, share = (t_ns - began_ns) / 1e9, min(max(self._moved / self._pointed, 0.0), 1.0)
         dx, dy, px, py = measured[0] - x, measured[1] - y, u * ahead_s, v * ahead_s
         pointed, moved = (px * px + py * py) / unit, (dx * px + dy * py) / unit
         weight = 1 / (1 + pointed / MOST_MOVED) ** 2
@@ -190,7 +187,11 @@ class Predictive(Filter):
         apart = max(2 * math.hypot(*half), 1.0)
         self._measure_noise(half, apart, used_s)
         self._update(x, y, apart, used_s)
-        self._follow_half(half)
+        hx, hy = self._half
+        dx, dy = half[0] - hx, half[1] - hy
+        off = dx * dx + dy * dy
+        share = off / max(off + self._noise * self._tuning.half_band**2, 1e-300)  # changes within the band of noise count less
+        self._half = hx, hy = hx + share * dx, hy + share * dy
         mx = my = u = v = 0.0
         for model in self._models:
             share, motion = model.share, model.motion
@@ -201,7 +202,6 @@ class Predictive(Filter):
         band = (30 * self._tuning.speed_band) ** 2 * self._noise  # a smaller speed may be noise
         fast = (u * u + v * v) / max(u * u + v * v + band, 1e-300)
         u, v = self._extrapolation.corrected(t_ns, used_s, (mx, my), (fast * u, fast * v), (x, y), apart)
-        hx, hy = self._half
         return np.array(((mx + hx, my + hy), (mx - hx, my - hy))), np.array(((u, v), (u, v)))
 
     def _confirmed(self, x: float, y: float, ahead_x: float, ahead_y: float) -> bool:
@@ -276,13 +276,6 @@ class Predictive(Filter):
             total += model.share
         for model in models:
             model.share /= total
-
-    def _follow_half(self, half: Pair) -> None:
-        """Passes large changes of the half distance unchanged, and attenuates changes within its noise band."""
-        dx, dy = half[0] - self._half[0], half[1] - self._half[1]
-        off = dx * dx + dy * dy
-        share = off / max(off + self._noise * self._tuning.half_band**2, 1e-300)
-        self._half = self._half[0] + share * dx, self._half[1] + share * dy
 
 
 def make_filter(track: Track, loop_s: float = 0.0) -> EyeFilter:

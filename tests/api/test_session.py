@@ -44,7 +44,7 @@ def test_a_session_is_started_changed_loaded_and_stopped_in_a_thread(home: World
                         other.set(**{"render.method": "wrap"})
                     assert caught.value.remedy
                     session.stop()
-                    assert other.wait(30)
+                    assert other.wait(60)
         except BaseException as error:
             failures.append(error)
 

@@ -90,9 +90,10 @@ def test_the_bar_goes_by_itself_but_not_while_the_slider_is_held(monkeypatch: py
 def test_each_kind_of_glasses_can_be_clicked(size: tuple[int, int]) -> None:
     menu = glasses_menu("mono")
     assert {value for *_, value in KINDS} <= set(choices("render.anaglyph"))
-    screened = Screened(size, Overlay(menu=menu))
-    width, height = screened.draw().surface.get_size()
-    assert width <= size[0] and height <= size[1]
+    screened = Screened(size, Overlay(menu=menu, notices=("camera lost, trying again",) * 4))
+    panels = [panel.surface.get_rect(topleft=panel.at) for panel in screened.layers.panels(size, 22)]
+    assert len(panels) == 2 and not panels[0].colliderect(panels[1]), "notices stand below the menu"
+    assert all(pygame.Rect((0, 0), size).contains(panel) for panel in panels)
     events = dict.fromkeys(screened.click(*place) for place in screened.places())
     assert set(events) - {""} == {item.event for item in menu.items}
     assert [screened.layers.key(key) for key in ("enter", "more", "enter")] == ["wear mono", "", "wear dubois"]

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from lfpipe.sequence.edit import from_video
 from tests.world import World
 
 ROOT = Path(__file__).parents[2]
@@ -40,7 +39,7 @@ def run(world: World, python: Path, *words: str | Path) -> str:
 def test_a_program_runs(world: World, fresh: Path, scene: Path, clip: Path, words: str, printed: str) -> None:
     places = {"SCENE": scene, "VIDEO": clip, "SEQ": world.root / "walk"}
     if "SEQ" in words:
-        from_video(clip, world.root / "walk")
+        assert world.run("sequence", "import", clip, world.root / "walk").returncode == 0
     program, *arguments = words.split()
     start = [fresh] if program.endswith(".py") else []
     assert printed in run(world, fresh, *start, EXAMPLES / program, *(places.get(word, word) for word in arguments))
@@ -61,7 +60,7 @@ def test_the_examples_for_python_run(
     (world.root / "boxes").symlink_to(scene)
     (world.root / "face.avi").symlink_to(clip)
     if "replay(" in example:
-        from_video(clip, world.root / "walk")
+        assert world.run("sequence", "import", clip, world.root / "walk").returncode == 0
     if "attach(" in example:
         live: World = request.getfixturevalue("live")
         world.env = live.env

@@ -167,7 +167,7 @@ def test_what_cannot_be_exported_is_refused(made: SceneExport, tmp_path: Path, m
         with pytest.raises(UserError) as caught:
             call()
         assert why in caught.value.message and caught.value.remedy
-    monkeypatch.setattr(video_writer, "ENCODERS", ("none",))
+    monkeypatch.setattr(video_writer, "ENCODER", "none")
     with pytest.raises(UserError, match=r"no H\.264 encoder in PyAV"):
         check_clip(tmp_path / "x.mp4", 3)
     monkeypatch.setattr(video_writer.importlib.util, "find_spec", lambda name: None)

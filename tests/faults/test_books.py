@@ -52,9 +52,9 @@ def test_gaps_in_the_trace_are_what_was_dropped_and_left_out(
         pass
     run_dir = next(world.run_dir.glob("lfpipe-*"))
     for seconds in (0.4, 0.05, 0.01, 0.7):
-        assert control.request(run_dir, {"cmd": "pause"}, 20)["ok"]
+        assert control.request(run_dir, {"cmd": "pause"}, 60)["ok"]
         time.sleep(seconds)
-        assert control.request(run_dir, {"cmd": "resume"}, 20)["ok"]
+        assert control.request(run_dir, {"cmd": "resume"}, 60)["ok"]
         world.pictures(len(world.lines()) + 4)
     with at_rest() as (last, after):
         pictures = {line["source_seq"] for line in world.lines()}

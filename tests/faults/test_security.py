@@ -94,7 +94,7 @@ def guarded(tmp_path_factory: pytest.TempPathFactory, scene: Path) -> Iterator[W
 @pytest.mark.native("FIFOs, sockets and segments that are files")
 def test_every_file_and_segment_of_a_session_is_the_users_alone(guarded: World) -> None:
     run_dir = _run_dir(guarded)
-    assert control.request(run_dir, {"cmd": "pictures", "lease_s": 30}, 30)["ok"]
+    assert control.request(run_dir, {"cmd": "pictures", "lease_s": 30}, 60)["ok"]
     assert stat.S_IMODE(run_dir.stat().st_mode) == 0o700
     entries = list(run_dir.iterdir())
     assert {stat.S_IFSOCK, stat.S_IFIFO, stat.S_IFREG} <= {stat.S_IFMT(path.stat().st_mode) for path in entries}
@@ -121,7 +121,7 @@ BAD_SCENES: list[tuple[Any, str]] = [
 @pytest.mark.live
 def test_paths_over_ctl_are_checked_as_on_the_command_line(guarded: World, tmp_path: Path) -> None:
     run_dir = _run_dir(guarded)
-    before = control.request(run_dir, {"cmd": "hello"}, 30)
+    before = control.request(run_dir, {"cmd": "hello"}, 60)
     broken = tmp_path / "broken"
     broken.mkdir()
     (broken / "view_00_00.png").write_bytes(b"not a picture")
@@ -135,7 +135,7 @@ def test_paths_over_ctl_are_checked_as_on_the_command_line(guarded: World, tmp_p
         for path in ("../x", "a\0b", 5, None, "/dev/null/x"):
             with pytest.raises(UserError):
                 control.request(run_dir, {"cmd": word, "path": path}, 60)
-    after = control.request(run_dir, {"cmd": "hello"}, 30)
+    after = control.request(run_dir, {"cmd": "hello"}, 60)
     assert (after["options"], after["config"]) == (before["options"], before["config"])
     guarded.pictures(len(guarded.lines()) + 5)
 

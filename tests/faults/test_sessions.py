@@ -133,7 +133,7 @@ def test_sessions_of_different_names_do_not_meet(world: World, scene: Path, clip
 
 
 def _ask(name: str, **message: object) -> dict[str, object]:
-    return control.request(Session(name).run_dir, message, 30)
+    return control.request(Session(name).run_dir, message, 60)
 
 
 def _pictures(name: str) -> int:

@@ -51,7 +51,7 @@ def test_wakes_arrive_also_at_a_restarted_reader(
     def wakes(end: wake.FifoWake) -> bool:
         poller = zmq.Poller()
         poller.register(end.fd, zmq.POLLIN)
-        return bool(poller.poll(5000))
+        return bool(poller.poll(60_000))
 
     writer = kind(path)
     writer.notify(1)  # nobody reads yet

@@ -61,6 +61,13 @@ def test_a_viewer_who_moves_is_no_measure() -> None:
     assert gauge.full and not gauge.steady
 
 
+def wall(path: Path) -> None:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (640, 480))
+    for _ in range(10):
+        writer.write(np.full((480, 640, 3), 120, np.uint8))
+    writer.release()
+
+
 def test_without_a_screen_the_demo_is_measured_and_kept(world: World) -> None:
     done = world.run("calibrate", "--camera", "demo", "--distance", "600")
     assert done.returncode == 0, done.stderr
@@ -68,14 +75,12 @@ def test_without_a_screen_the_demo_is_measured_and_kept(world: World) -> None:
     written = tomllib.loads((settings / "cameras.toml").read_text())["demo"]
     assert 300 < written["focal_px"] < 1200 and str(written["focal_px"]) in done.stdout and written["width_px"] == 640
     assert not (settings / "config.toml").exists()
-    for words in (("--distance", "1600"), ("--distance", "1600", "--set", "camera.focal_px=600")):
-        refused = world.run("calibrate", "--camera", "demo", *words)  # the face fills as much as one would at 600 mm
-        assert refused.returncode == 2 and "not stored" in refused.stderr and "measure again" in refused.stderr
+    refused = world.run("calibrate", "--camera", "demo", "--distance", "1600")  # the face fills as much as one would at 600 mm
+    assert refused.returncode == 2 and "not stored" in refused.stderr and "measure again" in refused.stderr
     assert tomllib.loads((settings / "cameras.toml").read_text()) == {"demo": written}
-    card = world.run("calibrate", "--camera", "demo", "--by", "card")
-    assert card.returncode == 2 and "needs a screen" in card.stderr and "--by eyes" in card.stderr
-    listed = world.run("cameras", "--json")
-    assert listed.returncode == 0 and isinstance(json.loads(listed.stdout)["cameras"], list)
+    wall(world.root / "wall.avi")
+    done = world.run("calibrate", "--camera", "file:wall.avi")
+    assert done.returncode == 2 and "no face was detected" in done.stderr
 
 
 def test_each_camera_keeps_its_own_focal_length(world: World, scene: Path, clip: Path) -> None:
@@ -152,13 +157,3 @@ def test_a_card_is_clicked_in_a_real_window(world: World, screen: Screen, tmp_pa
     written = tomllib.loads(settings.read_text())  # without the focal length that was set for every camera
     assert written == {"camera": {"rate_hz": 25.0}, "render": {"method": "warp"}} and "# mine" in settings.read_text()
     assert str(settings) in out and str(cameras) in out
-
-
-def test_nobody_to_be_seen_is_said(world: World, tmp_path: Path) -> None:
-    writer = cv2.VideoWriter(str(tmp_path / "wall.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (640, 480))
-    for _ in range(10):
-        writer.write(np.full((480, 640, 3), 120, np.uint8))
-    writer.release()
-    done = world.run("calibrate", "--camera", "file:wall.avi")
-    assert done.returncode == 2 and "no face was detected" in done.stderr and "lfpipe up" in done.stderr
-    assert not (world.root / "settings").exists()

@@ -1,4 +1,4 @@
-"""The monitor on real sessions: the screen in a pseudo-terminal, streams, Prometheus, coming and going."""
+"""The monitor on real sessions: the screen in a pseudo-terminal, streams, coming and going."""
 
 import contextlib
 import fcntl
@@ -38,7 +38,7 @@ class Terminal:
         os.close(inner)
         self.raw = ""
 
-    def until(self, pattern: str, timeout_s: float = 20) -> str:
+    def until(self, pattern: str, timeout_s: float = 60) -> str:
         """The text since the last match, up to and including the match."""
         end = time.monotonic() + timeout_s
         while time.monotonic() < end:
@@ -50,7 +50,7 @@ class Terminal:
                 self.raw += os.read(self._fd, 65536).decode(errors="replace")
         raise AssertionError(f"no {pattern!r} in {ESCAPES.sub('', self.raw)[-2000:]!r}")
 
-    def ended(self, timeout_s: float = 20) -> int | None:
+    def ended(self, timeout_s: float = 60) -> int | None:
         """The exit code; what it still writes is taken, as a terminal would."""
         end = time.monotonic() + timeout_s
         while self.process.poll() is None and time.monotonic() < end:
@@ -68,27 +68,19 @@ def test_the_screen_its_keys_and_a_session_that_starts_again(world: World, scene
     world.pictures(5)
     terminal, second = Terminal(world), Terminal(world)
     terminal.until("age of the picture")
-    terminal.until("rst: restarts")
     shown = terminal.until("rst: restarts")
     assert "capture running" in shown and "render  running" in shown and "q quit" in shown
     newest = shown[shown.rindex("lfpipe ") :]  # without what was left of the screen before
     assert max(len(line) for line in newest.splitlines()) <= 80, newest
-    second.until("running")
     terminal.until(r"viewer (arriving|seated)")
     terminal.until(r"eyes predicted ahead of the sensor by p50 \d")
-    terminal.press("w")
-    terminal.until("nearest views")
+    for key, answer in (
+        ("w", "nearest views"), ("m", "dubois-green-magenta anaglyph"), ("p", "PAUSED"), ("p", "resumed"), ("c", "recentred"),
+        ("r", "counts reset"), ("t", "recording timeline"),
+    ):  # fmt: skip
+        terminal.press(key)
+        terminal.until(answer)
     second.until("nearest views")
-    terminal.press("m")
-    terminal.until("dubois-green-magenta anaglyph")
-    terminal.press("p")
-    terminal.until("PAUSED")
-    terminal.press("p")
-    terminal.until("resumed")
-    terminal.press("r")
-    terminal.until("counts reset")
-    terminal.press("t")
-    terminal.until("recording timeline")
     world.wait_for(lambda: any(part.stat().st_size > 2000 for part in world.root.glob("lfpipe-*.part")), "traced pictures")
     terminal.press("t")
     terminal.until(r"timeline: ")
@@ -105,23 +97,21 @@ def test_the_screen_its_keys_and_a_session_that_starts_again(world: World, scene
 
 
 def test_coming_and_going_leaves_nothing_and_costs_no_frame(live: World) -> None:
-    world = live
-    before = world.segments(), sorted(world.run_dir.rglob("*"))
+    before = live.segments(), sorted(live.run_dir.rglob("*"))
     descriptors = len(list(Path("/proc/self/fd").iterdir()))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_RUNTIME_DIR", str(world.run_dir))
+        patch.setenv("XDG_RUNTIME_DIR", str(live.run_dir))
         for _ in range(20):
-            with Watch(find(world.name)) as watch:
+            with Watch(find(live.name)) as watch:
                 assert watch.living() and watch.read_window()["stages"]
     for signum in (signal.SIGKILL, signal.SIGINT):  # whole processes, killed and ended cleanly
-        viewer = world.start("monitor", "--session", world.name, "--json")
-        assert viewer.stdout is not None and json.loads(viewer.stdout.readline())["session"] == world.name
+        viewer = live.start("monitor", "--session", live.name, "--json")
+        assert viewer.stdout is not None and json.loads(viewer.stdout.readline())["session"] == live.name
         viewer.send_signal(signum)
         viewer.communicate(timeout=60)
     assert len(list(Path("/proc/self/fd").iterdir())) <= descriptors + 1
-    assert (world.segments(), sorted(world.run_dir.rglob("*"))) == before
-    state = world.monitor()
-    assert all(stage["restarts"] == 0 for stage in state["stages"].values())
+    assert (live.segments(), sorted(live.run_dir.rglob("*"))) == before
+    assert all(stage["restarts"] == 0 for stage in live.monitor()["stages"].values())
 
 
 def test_the_horizon_is_what_the_trace_says_and_grows_with_the_displays_own_delay(live: World) -> None:
@@ -136,15 +126,12 @@ def test_the_horizon_is_what_the_trace_says_and_grows_with_the_displays_own_dela
 
 
 def test_streams_and_wrong_words(live: World) -> None:
-    world = live
-    stages = world.monitor()["stages"]
-    assert stages["render"]["fps"] > 0 and stages["track"]["dropped"] >= 0
-    assert "age of the picture" in world.run("monitor", "--session", world.name, "--once").stdout
+    assert live.monitor()["stages"]["render"]["fps"] > 0
+    assert "age of the picture" in live.run("monitor", "--session", live.name, "--once").stdout
     for words in (("--web", "--json"), ("--once", "--web")):
-        assert CliRunner().invoke(cli, ["monitor", "--session", world.name, *words]).exit_code == 2
-    plain = Terminal(world, term="dumb")
+        assert CliRunner().invoke(cli, ["monitor", "--session", live.name, *words]).exit_code == 2
+    plain = Terminal(live, term="dumb")
     plain.until(r"drops rst[^\x1b]*drops rst")  # sample after sample, with nothing but text
     plain.process.send_signal(signal.SIGINT)
     assert plain.ended() == 130
-    missing = world.run("monitor", "--session", "nobody")
-    assert missing.returncode == 2 and "no session 'nobody'" in missing.stderr
+    assert live.run("monitor", "--session", "nobody").returncode == 2

@@ -60,20 +60,21 @@ def test_any_trace_gives_a_sound_timeline(made: list[tuple[Any, bool]]) -> None:
     slices = check(list(events(lines)))
     assert len(slices["capture"]) == len({each["source_seq"] for each in lines})
     assert len(slices["render"]) == len(slices["display"]) == sum(each["composed"] for each in lines)
+    seen = {s["args"]["source_seq"] for found in slices.values() for s in found}
+    assert seen == {each["source_seq"] for each in lines}
 
 
-def test_times_are_microseconds_and_each_slice_tells_its_frame() -> None:
+def test_times_are_microseconds() -> None:
     slices = check(list(events([line(7, 2_000_000, (1000, 3000, 500, 4000, 100))])))
     assert [(s["ts"], s["dur"]) for s in slices["render"]] == [(2004.5, 4.0)]
-    assert all(piece["args"]["source_seq"] == 7 for found in slices.values() for piece in found)
     assert slices["display"][0]["args"]["age_ms"] == pytest.approx(0.0086)
 
 
 LINES = [line(k, 10**9 + k * 33_000_000, (1000, 3000, 500, 4000, 100)) for k in range(6)]
 
 
-def written(path: Path, lines: int = 6) -> Path:
-    path.write_text("".join(json.dumps(each) + "\n" for each in LINES[:lines]))
+def written(path: Path) -> Path:
+    path.write_text("".join(json.dumps(each) + "\n" for each in LINES))
     return path
 
 
@@ -84,32 +85,26 @@ def test_a_damaged_trace_is_converted_or_refused(seed: int) -> None:
         trace, out = Path(folder) / "t.jsonl", Path(folder) / "t.json"
         trace.write_bytes(hostile.damaged_lines(random.Random(seed), LINES))
         try:
-            count = convert(trace, out)
-            assert len(json.loads(out.read_text(), parse_constant=pytest.fail)["traceEvents"]) == count
+            convert(trace, out)
+            assert json.loads(out.read_text(), parse_constant=pytest.fail)["traceEvents"]
         except UserError as error:
             assert str(trace) in error.message and error.remedy and len(str(error)) <= 2000
             assert os.listdir(folder) == ["t.jsonl"]  # noqa: PTH208
 
 
-@pytest.mark.parametrize("kind", ["folder", "fifo", "gone"])
-def test_what_is_no_file_is_neither_read_nor_written(kind: str, tmp_path: Path) -> None:
-    thing = tmp_path / "thing"
-    {"folder": thing.mkdir, "fifo": lambda: os.mkfifo(thing), "gone": lambda: None}[kind]()
-    with pytest.raises(UserError, match="thing"):
-        convert(thing, tmp_path / "out.json")
-    if kind != "gone":
-        with pytest.raises(UserError, match="thing"):
-            convert(written(tmp_path / "t.jsonl"), thing)
-
-
 def test_a_conversion_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
-    out = tmp_path / "t.json"
+    out, bad = tmp_path / "t.json", tmp_path / "bad.jsonl"
     out.write_text("# written by lfpipe")
-    (tmp_path / "bad.jsonl").write_text(json.dumps(LINES[0]) + "\n{}\n")
+    bad.write_text(json.dumps(LINES[0]) + "\n{}\n")
     with pytest.raises(UserError, match=r"bad\.jsonl.*line 2: source_seq is missing"):
-        convert(tmp_path / "bad.jsonl", out)
+        convert(bad, out)
     assert out.read_text() == "# written by lfpipe"
-    assert convert(written(tmp_path / "good.jsonl"), out) > 20 and stat.S_IMODE(out.stat().st_mode) == 0o600
+    os.mkfifo(tmp_path / "fifo")
+    for source, place in ((tmp_path / "fifo", out), (tmp_path, out), (written(bad), tmp_path / "fifo"), (bad, tmp_path)):
+        with pytest.raises(UserError):
+            convert(source, place)
+    convert(bad, out)
+    assert len(json.loads(out.read_text())["traceEvents"]) > 20 and stat.S_IMODE(out.stat().st_mode) == 0o600
 
 
 def test_a_timeline_that_cannot_be_left_is_kept(tmp_path: Path) -> None:
@@ -133,7 +128,7 @@ def test_a_timeline_that_cannot_be_left_is_kept(tmp_path: Path) -> None:
 def test_a_timeline_of_a_running_session(live: World, tmp_path: Path) -> None:
     named, out = ("--session", live.name), tmp_path / "t.json"
     assert live.run("trace", "stop", *named).returncode == 2, "none runs"
-    for place in (tmp_path, tmp_path / "gone" / "t.json", "/proc/t.json", "/dev/null"):
+    for place in (tmp_path, tmp_path / "gone" / "t.json", "/dev/null"):
         done = live.run("trace", "start", place, *named)
         assert done.returncode == 2 and str(place) in done.stderr and "remedy" in done.stderr, done
     umask = os.umask(0)

@@ -40,7 +40,7 @@ def listed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
 
 def shown(world: World) -> tuple[int, int]:
     """The place in the list that the session shows, and the rows of its scene."""
-    options = control.request(next(world.run_dir.glob("lfpipe-*")), {"cmd": "hello"}, 30)["options"]
+    options = control.request(next(world.run_dir.glob("lfpipe-*")), {"cmd": "hello"}, 60)["options"]
     assert len(options["playlist"]) == 3
     return options["playlist_at"], options["scene"]["rows"]
 

@@ -9,6 +9,7 @@ import pytest
 
 from lfpipe import config
 from lfpipe.bench.synthesis import ViewRenderer
+from lfpipe.render import compositor
 from lfpipe.render.scoring import psnr_db
 from lfpipe.scene.disparity import quantised
 from lfpipe.scene.lightfield import UNKNOWN
@@ -40,6 +41,22 @@ def test_an_area_without_disparity_is_faded_softly_and_the_rest_warped() -> None
         assert np.abs(mixed - warped)[:, 64:].mean() < 1  # the sharpening follows the mean of the whole picture
         steps = np.abs(np.diff(mixed, axis=1)).mean(axis=0)
         assert steps[40:60].max() < 2 * np.median(steps)
+
+
+@pytest.mark.parametrize("zero_plane_px", [-40.0, 40.0])
+def test_an_area_without_disparity_is_faded_where_the_plane_of_the_screen_moves_it(zero_plane_px: float) -> None:
+    field, _ = scene("ordinary")
+    part = field.disparity.copy()  # type: ignore[union-attr]
+    part[..., :24] = UNKNOWN
+    shift_px = zero_plane_px * ((field.cols - 1) / 2 - 0.25)
+    edge = round(48 - shift_px)
+    subjects = (attrs.evolve(field, disparity=part), "warp"), (field, "warp"), (field, "blend")
+    mixed, warped, faded = (
+        compositor.ViewRenderer(subject, by, zero_plane_px).render(0.5, 0.25).astype(float) for subject, by in subjects
+    )
+    np.testing.assert_allclose(mixed[:, : max(edge - 8, 0)], faded[:, : max(edge - 8, 0)], atol=1)
+    np.testing.assert_array_equal(mixed[:, edge + 8 :], warped[:, edge + 8 :])
+    assert np.abs(warped - faded).mean() > 1
 
 
 def test_unknown_disparity_goes_through_a_pack(tmp_path: Path) -> None:

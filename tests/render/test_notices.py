@@ -8,7 +8,6 @@ import pytest
 
 from lfpipe.config import Render, choices
 from lfpipe.render.anaglyph import MATRICES
-from lfpipe.render.geometry import depth_range_px, depth_step_px
 from lfpipe.render.glasses import glasses_test
 from lfpipe.render.notices import SHOWN_NS, Notices
 from lfpipe.render.scenes import SceneLoader
@@ -16,23 +15,12 @@ from lfpipe.transport.clock import now_ns
 
 
 def test_notices_pass_and_states_stay() -> None:
-    notices = Notices()
-    notices.say("mode", "mode: grey", 0)
-    notices.state("paused", "paused")
-    notices.say("mode", "mode: mono", SHOWN_NS // 2)
-    assert notices.lines(SHOWN_NS) == ("mode: mono", "paused")
-    assert notices.lines(2 * SHOWN_NS) == ("paused",)
-    notices.state("paused", "")
-    assert not notices.lines(2 * SHOWN_NS)
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "step"), [(-0.2, 0.2, 0.01), (-1.5, 1.5, 0.1), (0.0, 20.5, 1.0), (-300.0, 300.0, 20.0), (0.0, 0.0, 0.1)]
-)
-def test_some_forty_presses_go_through_a_scene(low: float, high: float, step: float) -> None:
-    assert depth_step_px(low, high) == pytest.approx(step)
-    first, last = depth_range_px(low, high)
-    assert first < low and last > high
+    notices, t_ns = Notices(), now_ns()
+    notices.standing = ["", "paused"]
+    notices.say("mode", "mode: grey")
+    notices.say("mode", "mode: mono")
+    assert notices.lines(t_ns + SHOWN_NS - 1) == ("mode: mono", "paused")
+    assert notices.lines(now_ns() + SHOWN_NS) == ("paused",)
 
 
 @pytest.mark.parametrize("anaglyph", [name for name in choices("render.anaglyph") if name in MATRICES])
@@ -60,8 +48,7 @@ def test_the_picture_says_how_far_a_scene_is_loaded_whoever_asked() -> None:
     scenes = SceneLoader(context, notices)  # type: ignore[arg-type]
 
     def shown() -> list[str]:
-        scenes.serve(now_ns())
-        return list(notices.lines(now_ns()))
+        return list(filter(None, (*notices.lines(now_ns()), scenes.words(now_ns()))))
 
     def report(scene: str, step: str) -> None:
         scenes.report({"scene": scene, "step": step, "shown": False, "share": None})

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from lfpipe.config.quality import WARPS
 from lfpipe.render import warper
+from lfpipe.render.blocks import shifted
 from lfpipe.render.scoring import psnr_db
-from lfpipe.render.synthesis import Synthesiser, shifted
+from lfpipe.render.synthesis import Synthesiser
 from lfpipe.render.viewpoint import Position, view_weights
 from lfpipe.scene.lightfield import LightField
 from tests.bench.inputs import wall
@@ -139,11 +140,12 @@ def test_weights_are_continuous(row: float, col: float, method: str) -> None:
     assert np.abs(weights(row, col) - weights(row + 1e-6, col + 1e-6)).max() < 1e-5
 
 
-@given(st.integers(-40, 40), st.integers(-40, 40))
-def test_shifted_repeats_the_border(dy: int, dx: int) -> None:
+@given(st.integers(-40, 40), st.integers(-40, 40), st.integers(0, 12), st.integers(0, 16), st.integers(1, 13), st.integers(1, 17))
+def test_shifted_repeats_the_border(dy: int, dx: int, y: int, x: int, height: int, width: int) -> None:
     plane = np.random.default_rng(0).integers(0, 255, (13, 17), dtype=np.uint8)
-    wanted = plane[np.clip(np.arange(13) + dy, 0, 12)][:, np.clip(np.arange(17) + dx, 0, 16)]
-    np.testing.assert_array_equal(shifted(plane, dy, dx, np.empty_like(plane)), wanted)
+    wanted = plane[np.clip(np.arange(13) + dy, 0, 12)][:, np.clip(np.arange(17) + dx, 0, 16)][y : y + height, x : x + width]
+    box = np.s_[y : min(y + height, 13), x : min(x + width, 17)]
+    np.testing.assert_array_equal(shifted(plane, dy, dx, box, np.empty(wanted.shape, np.uint8)), wanted)
 
 
 @settings(max_examples=40)

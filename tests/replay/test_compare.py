@@ -307,6 +307,6 @@ def test_an_update_without_room_leaves_the_reference(first: Path, tmp_path: Path
     with pytest.raises(UserError):
         update_reference(tmp_path / "ref", tmp_path / "now")
     assert {path.name: path.read_bytes() for path in (tmp_path / "ref").rglob("*") if path.is_file()} == before
-    (tmp_path / "ref" / ".new").mkdir()  # of an update that was killed
+    (tmp_path / ".ref.new").mkdir()  # of an update that was killed
     update_reference(tmp_path / "ref", first)
     assert sorted(path.name for path in (tmp_path / "ref").iterdir()) == ["pictures", REPORT, TRACE]

@@ -121,7 +121,7 @@ def test_another_setting_order_of_views_scene_or_sequence_is_named(
     for sequence, field, more, code, said in (
         (short, blocks, "render.alpha_px=8.000001", 1, "render.alpha_px: 8.0 in the reference, 8.000001 now"),
         (short, turned, "render.alpha_px=8", 1, "differs: scene: the same views in another order"),
-        (short, scene, "render.alpha_px=8", 2, "made with another scene: name 'blocks' in the reference, 'grid' now"),
+        (short, scene, "render.alpha_px=8", 2, "made with another scene: rows 5 in the reference, 3 now"),
         (walk, blocks, "render.alpha_px=8", 2, "made with another sequence: frames 60 in the reference, 300 now"),
     ):
         args = ("replay", sequence, "--scene", field, *SETTINGS, "--set", more, "--expect", of_short)

@@ -21,7 +21,6 @@ from hypothesis import strategies as st
 
 from lfpipe import config
 from lfpipe.capture.open_source import check_source, open_source
-from lfpipe.cli import cli
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import LineFile
 from lfpipe.files.trace import TraceFile
@@ -61,11 +60,6 @@ def scored(folder: Path, out: Path) -> None:
     assert truth is None or np.isfinite(truth.error_px([[1.0, 2.0], [3.0, 4.0]], 50_000_000) or 0.0)
 
 
-def typed(*words: str | Path) -> Any:
-    """The exit code of a command as a person types it, in this process; its UserError is raised."""
-    return cli.main(["sequence", *map(str, words)], standalone_mode=False)
-
-
 def cut(folder: Path, out: Path) -> None:
     edit.cut(open_sequence(folder, verify=False), out, 0.03, 0.15)
     open_sequence(out)
@@ -75,8 +69,8 @@ USES: dict[str, Use] = {
     "open": opened,
     "play": played,
     "truth": scored,
-    "info": lambda folder, out: typed("info", folder, "--json"),
-    "check": lambda folder, out: typed("check", folder),
+    "info": lambda folder, out: hostile_sequences.typed("info", folder, "--json"),
+    "check": lambda folder, out: hostile_sequences.typed("check", folder),
     "cut": cut,
     "export": lambda folder, out: edit.export(open_sequence(folder), out.with_suffix(".mkv")),
 }
@@ -119,7 +113,11 @@ def test_eyes_in_place_of_frames_are_finite_and_whole(tmp_path: Path) -> None:
     for bad in (b"", b"[1]", b"{}", eyes_packet(face=2), eyes_packet(raw_px=[[nan, 0], [0, 0]]), eyes_packet(apart_px=1e300)):
         sequence = open_sequence(eyes_only(tmp_path / "seq", *good, bad))
         assert sequence.eyes(4)["apart_px"] == 40 and sequence.eyes(4)["raw_px"][0].tolist() == [340, 240]
-        for use in (partial(sequence.eyes, 5), partial(sequence.frame, 5), partial(typed, "check", sequence.path)):
+        for use in (
+            partial(sequence.eyes, 5),
+            partial(sequence.frame, 5),
+            partial(hostile_sequences.typed, "check", sequence.path),
+        ):
             with pytest.raises(UserError, match="frame 5"):
                 use()
         shutil.rmtree(tmp_path / "seq"), shutil.rmtree(tmp_path / "frames")
@@ -247,8 +245,8 @@ def test_all_broken_frames_are_named_and_those_before_can_be_cut_out(whole: Path
         found[seq] = (found[seq][0], found[seq][1][:-20])
     hostile_sequences.put_packets(folder, found)
     with pytest.raises(UserError, match=r"(?s)frame 2: .*frame 4: .*`lfpipe sequence cut`"):
-        typed("check", folder)
-    typed("cut", folder, tmp_path / "out", "--to", "0.06")
+        hostile_sequences.typed("check", folder)
+    hostile_sequences.typed("cut", folder, tmp_path / "out", "--to", "0.06")
     part = open_sequence(tmp_path / "out")
     assert [np.array_equal(part.frame(k), open_sequence(whole).frame(k)) for k in range(2)] == [True, True]
 
@@ -264,7 +262,7 @@ def test_what_shows_a_person_is_for_its_owner_alone(whole: Path, tmp_path: Path)
         sequence = open_sequence(whole)
         edit.cut(sequence, tmp_path / "cut", 0.0, 1.0)
         table = edit.export(sequence, tmp_path / "video.mkv")
-        edit.from_video(tmp_path / "video.mkv", tmp_path / "back", whole / TRUTH)
+        hostile_sequences.typed("import", tmp_path / "video.mkv", tmp_path / "back", "--truth", whole / TRUTH)
         TraceFile(tmp_path / "trace.jsonl", pytest.fail).close()
         LineFile(tmp_path / "lines").close()
     finally:
@@ -288,7 +286,7 @@ def test_nothing_that_is_there_is_overwritten_and_nothing_half_stays(whole: Path
 
     def refused(*args: str | Path) -> None:
         with pytest.raises(UserError) as caught:
-            typed(*args)
+            hostile_sequences.typed(*args)
         assert caught.value.remedy and sorted(path.name for path in tmp_path.iterdir()) == before, args
 
     for args in (

@@ -1,5 +1,6 @@
 """Sequences on disk: written, cut off anywhere, cut, imported, exported and played. `messages.py` names every damage."""
 
+import hashlib
 import json
 import resource
 import zlib
@@ -16,9 +17,9 @@ from lfpipe.capture.open_source import open_source
 from lfpipe.errors import UserError
 from lfpipe.sequence import edit
 from lfpipe.sequence.eyes import Truth, read_truth
-from lfpipe.sequence.folder import MANIFEST, checksum, open_sequence
+from lfpipe.sequence.folder import MANIFEST, open_sequence
 from lfpipe.sequence.packets import INDEX, PACKETS, Packet, PacketWriter, decoded, encoded, read_index
-from tests.hostile_sequences import FRAMES, SIZE
+from tests.hostile_sequences import FRAMES, SIZE, typed
 
 NOISE = np.random.default_rng(1).integers(0, 256, (24, 32, 3), dtype=np.uint8)
 
@@ -56,7 +57,7 @@ def test_whatever_is_cut_off_the_whole_frames_before_it_are_read_and_written_on(
     again.close()
     found = list(read_index(folder, complete=True))
     assert found[:-1] == left and found[-1].source_seq == 99
-    assert sums == {name: checksum(folder / name) for name in (PACKETS, INDEX)}
+    assert sums == {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in (PACKETS, INDEX)}
 
 
 def test_a_full_disk_leaves_the_frames_before_it(tmp_path: Path) -> None:
@@ -96,7 +97,7 @@ def test_export_and_import_bring_the_same_pictures_back(whole: Path, tmp_path: P
         and header.endswith("filtered_right_y_px")
         and rows[1].endswith(",1,41.0,20.0,25.0,20.5,41.0,20.0,25.0,20.5")
     )
-    assert edit.from_video(tmp_path / "v.mkv", tmp_path / "back") == FRAMES
+    typed("import", tmp_path / "v.mkv", tmp_path / "back")
     back = open_sequence(tmp_path / "back")
     assert all(np.array_equal(back.frame(k), sequence.frame(k)) for k in range(FRAMES))
 
@@ -107,7 +108,7 @@ def test_motion_jpeg_is_imported_unchanged(whole: Path, tmp_path: Path) -> None:
     for k in range(FRAMES):
         writer.write(sequence.frame(k))
     writer.release()
-    assert edit.from_video(tmp_path / "v.avi", tmp_path / "seq") == FRAMES
+    typed("import", tmp_path / "v.avi", tmp_path / "seq")
     imported, stored = open_sequence(tmp_path / "seq"), (tmp_path / "v.avi").read_bytes()
     for packet in imported.packets:
         assert packet.codec == "jpeg" and imported.data(packet.seq).rstrip(b"\0") in stored

@@ -95,7 +95,7 @@ def osc_server(port: int) -> Iterator[list[tuple[str, tuple[Any, ...]]]]:
             thread.join()
 
 
-def wait_for(condition: Any, what: str, timeout_s: float = 30.0) -> Any:
+def wait_for(condition: Any, what: str, timeout_s: float = 60.0) -> Any:
     """Waits until condition gives something."""
     end = time.monotonic() + timeout_s
     while time.monotonic() < end:

@@ -78,7 +78,7 @@ def lsl(tmp_path: Path) -> Any:
 
     output, inlets = LslOutput(Target("lsl", name=LSL_NAME), "unit", 30.0, True), {}
     for stream in ("eyes", "pictures", "markers"):
-        (info,) = pylsl.resolve_byprop("source_id", source_id("unit", f"{LSL_NAME}-{stream}"), 1, 20)
+        (info,) = pylsl.resolve_byprop("source_id", source_id("unit", f"{LSL_NAME}-{stream}"), 1, 60)
         inlets[stream] = pylsl.StreamInlet(info)
         inlets[stream].open_stream(20)
     yield output, inlets
@@ -124,7 +124,7 @@ def test_the_state_is_repeated_every_second_and_the_confidence_is_sent(lsl: Any)
         "face",
         "face lost",
     ]
-    rows = [inlets["eyes"].pull_sample(timeout=2)[0] for _ in range(81)]
+    rows = [inlets["eyes"].pull_sample(timeout=60)[0] for _ in range(81)]
     assert rows[20][15] == 0.75 and rows[0][15] == 0 and math.isnan(rows[0][0]) and rows[20][:3] == [-40.0, 5.0, 600.0]
 
 

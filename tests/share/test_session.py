@@ -134,13 +134,13 @@ def test_lsl_has_the_sensors_time_on_its_clock(sharing: Sharing, tmp_path: Path)
 
     inlets = {}
     for stream in ("eyes", "pictures"):
-        (info,) = pylsl.resolve_byprop("source_id", source_id(sharing.world.name, f"{LSL_NAME}-{stream}"), 1, 20)
+        (info,) = pylsl.resolve_byprop("source_id", source_id(sharing.world.name, f"{LSL_NAME}-{stream}"), 1, 60)
         inlets[stream] = pylsl.StreamInlet(info)
     rows: dict[str, list[list[float]]] = {"eyes": [], "pictures": []}
     stamps: dict[str, list[float]] = {"eyes": [], "pictures": []}
     while min(map(len, rows.values())) < 30:
         for name, inlet in inlets.items():
-            row, stamp = inlet.pull_sample(timeout=10)
+            row, stamp = inlet.pull_sample(timeout=60)
             assert stamp is not None, name
             rows[name].append(row)
             stamps[name].append(stamp)

@@ -3,30 +3,12 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from lfpipe.supervisor import process_table, rundir
+from lfpipe.supervisor import rundir
 from lfpipe.supervisor.requests import respond
 from lfpipe.transport.session import Session
 from tests.supervisor.states import made_state
 
 MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
-    "a stage that does not exist": (
-        lambda here: process_table.cores("trakc=1", {0, 1}),
-        "governor.affinity: 'trakc=1' is not STAGE=VALUE with a stage of capture, track, render, record, share\n"
-        "  remedy: for example: track=1,render=0, or 0+1 for either; auto; none",
-    ),
-    "a core that is no number": (
-        lambda here: process_table.cores("track=x", {0, 1}),
-        "governor.affinity: track=x: expected cores joined by +\n"
-        "  remedy: for example: track=1,render=0, or 0+1 for either; auto; none",
-    ),
-    "a core that is missing": (
-        lambda here: process_table.cores("track=7", {0, 1}),
-        "governor.affinity: track=7: core 7 does not exist on this machine\n  remedy: use one of 0, 1",
-    ),
-    "a niceness out of range": (
-        lambda here: process_table.niceness("track=-21"),
-        "governor.nice: track=-21: not a whole number from -20 to 19\n  remedy: for example: render=0,track=5",
-    ),
     "a session that does not run": (
         lambda here: rundir.find("elsewhere.nobody"),
         "no session 'elsewhere.nobody' is running\n  remedy: start one: `lfpipe up --demo`",

@@ -8,7 +8,7 @@ from lfpipe.config import Config, SceneSummary, SessionOptions, options
 from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.control import COMMANDS
 
-SCENE = SceneSummary("/packs/one", "one", 3, 3, 48, 64, "warp", True, {"warp": 40.0, "nearest": 30.0}, 1.0, 500.0, 100.0)
+SCENE = SceneSummary("/packs/one", "one", 3, 3, 48, 64, "warp", True, {"warp": 40.0, "nearest": 30.0})
 
 
 def made_state(**more: Any) -> SessionState:

@@ -62,7 +62,6 @@ def strange(base: Path, name: str) -> Iterator[list[Path]]:
 
 
 LOOK = """
-from lfpipe.observe import terminal
 from lfpipe.supervisor import rundir
 from lfpipe.transport import segment
 import sys

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from lfpipe.track.detector import SHORT, anchors, overlap, same_place, suppressed
-from lfpipe.track.network import Roi, around, portable_warp, warp
+from lfpipe.track.detector import SAME, SHORT, anchors, overlap, suppressed
+from lfpipe.track.network import Roi, around, mapped, portable_warp, warp
 
 
 def test_anchors_are_two_on_each_cell_of_16_and_six_on_each_of_8() -> None:
@@ -33,7 +33,7 @@ def test_suppression_averages_by_score_and_keeps_the_best_score() -> None:
 @pytest.mark.parametrize("angle", [0.0, 0.4, -1.3, 3.0])
 def test_region_maps_there_and_back(angle: float) -> None:
     roi = Roi(200.0, 100.0, 80.0, angle)
-    points = roi.to_picture(np.array([[32.0, 32.0], [64.0, 32.0], [32.0, 64.0]]), 64)
+    points = mapped(np.array([[32.0, 32.0], [64.0, 32.0], [32.0, 64.0]]), roi.matrix(64))
     np.testing.assert_allclose(points[0], (200, 100))
     np.testing.assert_allclose(points[1] - points[0], 40 * np.array([np.cos(angle), np.sin(angle)]))
     np.testing.assert_allclose(points[2] - points[0], 40 * np.array([-np.sin(angle), np.cos(angle)]))
@@ -43,10 +43,10 @@ def test_crop_shows_what_the_map_says() -> None:
     image = np.zeros((100, 100, 3), np.uint8)
     image[40:44, 60:64] = 255
     roi = Roi(62.0, 42.0, 20.0, 0.5)
-    crop = roi.crop(image, 60, 0)[..., 0].astype(float)
+    crop = roi.crop(image, roi.matrix(60), 60, 0)[..., 0].astype(float)
     y, x = np.indices(crop.shape)
     middle = np.array([[(crop * x).sum() / crop.sum(), (crop * y).sum() / crop.sum()]])
-    np.testing.assert_allclose(roi.to_picture(middle, 60)[0], (61.5, 41.5), atol=0.1)
+    np.testing.assert_allclose(mapped(middle, roi.matrix(60))[0], (61.5, 41.5), atol=0.1)
 
 
 def test_region_is_half_as_large_again_as_the_longer_side_and_turned_with_the_eyes() -> None:
@@ -57,9 +57,8 @@ def test_region_is_half_as_large_again_as_the_longer_side_and_turned_with_the_ey
 
 def test_a_face_is_the_same_where_it_was_and_of_its_size() -> None:
     here = (100.0, 100.0, 200.0, 200.0)
-    assert same_place(here, (130.0, 110.0, 230.0, 210.0))
-    assert not same_place(here, (180.0, 100.0, 280.0, 200.0))
-    assert not same_place(here, (140.0, 140.0, 160.0, 160.0))
+    others = (130.0, 110.0, 230.0, 210.0), (180.0, 100.0, 280.0, 200.0), (140.0, 140.0, 160.0, 160.0)
+    assert [overlap(here, other) > SAME for other in others] == [True, False, False]
 
 
 @pytest.mark.parametrize("roi", [Roi(51.3, 40.2, 60.0, 0.1), Roi(5.0, 3.0, 40.0, -0.4), Roi(90.0, 70.0, 31.0, 3.0)])
@@ -67,5 +66,5 @@ def test_the_portable_warp_differs_by_a_rounding_only(roi: Roi) -> None:
     """Places of 1/32 px: half of one off, along and down, in a picture whose pixels change by at most that much."""
     y, x = np.mgrid[0:80, 0:100]
     image = np.stack([2 * x, 3 * y, x + y], axis=2).astype(np.uint8)
-    exact, rounded = (roi.crop(image, 64, cv2.BORDER_REPLICATE, way).astype(int) for way in (warp, portable_warp))
+    exact, rounded = (roi.crop(image, roi.matrix(64), 64, cv2.BORDER_REPLICATE, way).astype(int) for way in (warp, portable_warp))
     assert np.abs(exact - rounded).max() <= 1 and rounded.std() > 5

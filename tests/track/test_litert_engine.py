@@ -146,9 +146,9 @@ def test_broken_model_and_model_of_another_version_are_refused(tmp_path: Path) -
     broken = tmp_path / "face_landmark.tflite"
     broken.write_bytes(b"no network at all")
     with pytest.raises(UserError, match="not a usable face network"):
-        Network(broken, (1, 192, 192, 3), (1404, 1))
+        Network(broken, 192, (1404, 1))
     with pytest.raises(UserError, match=r"another version: input \(1, 128, 128, 3\)"):
-        Network(model_file("modules/face_detection/face_detection_short_range.tflite"), (1, 192, 192, 3), (1404, 1))
+        Network(model_file("modules/face_detection/face_detection_short_range.tflite"), 192, (1404, 1))
 
 
 def test_mediapipe_is_never_imported() -> None:

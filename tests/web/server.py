@@ -1,48 +1,76 @@
 """`lfpipe monitor --web` as a process, and requests to it."""
 
+import base64
 import http.client
 import json
 import re
 import socket
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
 import attrs
+import cv2
+import numpy as np
 
 from tests.world import World
 
 
 @attrs.frozen
 class Server:
-    """port and token: as printed. pid: of the process. log: the file with all that it writes, after the first line."""
+    """port and token: as printed. pid: of the process."""
 
     port: int
     token: str
     pid: int
-    log: Path
 
     @property
     def url(self) -> str:
         return f"http://127.0.0.1:{self.port}/?token={self.token}"
 
+    @property
+    def bearer(self) -> dict[str, str]:
+        return {"Authorization": f"Bearer {self.token}"}
+
     def ask(self, method: str, path: str, body: Any = None, **headers: str) -> tuple[int, bytes]:
         """Status and body of an answer; with the token. A str or bytes is sent as it is, another body as JSON."""
-        answer, data = self.answer(method, path, body, **{"Authorization": f"Bearer {self.token}", **headers})
+        answer, data = self.answer(method, path, body, **{**self.bearer, **headers})
         return answer.status, data
 
     def answer(self, method: str, path: str, body: Any = None, **headers: str) -> tuple[http.client.HTTPResponse, bytes]:
         """The same, with its headers and without the token."""
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=60)
         kind = {"Content-Type": "application/json"} if body is not None else {}
         data = body if body is None or isinstance(body, str | bytes) else json.dumps(body)
-        connection.request(method, path, data, {**kind, **headers})
-        answer = connection.getresponse()
-        read = answer.read()
-        connection.close()
-        return answer, read
+        with closing(http.client.HTTPConnection("127.0.0.1", self.port, timeout=60)) as connection:
+            connection.request(method, path, data, {**kind, **headers})
+            answer = connection.getresponse()
+            return answer, answer.read()
+
+    def viewer(self) -> tuple[http.client.HTTPConnection, http.client.HTTPResponse]:
+        """An open stream of events."""
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=60)
+        connection.request("GET", "/events", headers=self.bearer)
+        return connection, connection.getresponse()
+
+    def events(self) -> Iterator[tuple[str, bytes]]:
+        """(name, data) of the events of one viewer."""
+        connection, answer = self.viewer()
+        name = ""
+        with closing(connection):
+            for line in answer:
+                word, _, value = line.rstrip(b"\n").partition(b": ")
+                if word == b"data":
+                    yield name, value
+                name = value.decode() if word == b"event" else ""
+
+    def jpeg(self, which: str) -> bytes:
+        """The next picture of that name."""
+        return next(base64.b64decode(data) for name, data in self.events() if name == which)
+
+    def picture(self, which: str = "picture") -> np.ndarray:
+        return cv2.imdecode(np.frombuffer(self.jpeg(which), np.uint8), cv2.IMREAD_COLOR)
 
     def send(self, data: bytes) -> socket.socket:
         """A connection that has sent data."""
@@ -54,8 +82,8 @@ class Server:
         return len(list(Path(f"/proc/{self.pid}/task").iterdir()))
 
     def sockets(self) -> int:
-        found = Path(f"/proc/{self.pid}/fd")
-        return sum(1 for each in found.iterdir() if each.is_symlink() and str(each.readlink()).startswith("socket:"))
+        links = Path(f"/proc/{self.pid}/fd").iterdir()
+        return sum(1 for link in links if link.is_symlink() and str(link.readlink()).startswith("socket:"))
 
 
 @contextmanager
@@ -66,16 +94,15 @@ def served(world: World, *args: str) -> Iterator[Server]:
         words = ("monitor", "--session", world.name, "--web", *(args or (":0",)))
         process = world.start(*words, stdout=output, stderr=output)
     said = until(lambda: re.search(r"http://(\S+):(\d+)/\?token=(\S+)", log.read_text()), "address")
-    yield Server(int(said[2]), said[3], process.pid, log)
+    yield Server(int(said[2]), said[3], process.pid)
     assert process.poll() is None, log.read_text()
     process.terminate()
     process.wait(60)
     text = log.read_text()
-    assert "Traceback" not in text, text
-    assert text.count(said[3]) == 1, text
+    assert "Traceback" not in text and text.count(said[3]) == 1, text
 
 
-def until(condition: Callable[[], Any], what: str, timeout_s: float = 20) -> Any:
+def until(condition: Callable[[], Any], what: str, timeout_s: float = 60) -> Any:
     end = time.monotonic() + timeout_s
     while time.monotonic() < end:
         if found := condition():

@@ -12,13 +12,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.errors import UserError
-from lfpipe.observe.server import Access, named, parse_address, same_origin, url_of
+from lfpipe.observe.page_feed import Feed
+from lfpipe.observe.server import named, parse_address, url_of
+from lfpipe.observe.web import Site
 from tests.web.browser import Browser, missing
 from tests.web.server import Server, until
 from tests.world import World
 
-STATIC = sorted(path.name for path in (Path(__file__).parents[2] / "lfpipe/observe/static").iterdir())
-PATHS = ["/", *(f"/{name}" for name in STATIC), "/events", "/camera.jpg", "/picture.jpg", "/ctl", "/nothing", "//", "/x/ctl"]
+PATHS = ["/", "/page.js", "/index.html", "/events", "/ctl", "/nothing", "//", "/x/ctl"]
 HARDENED = {
     "X-Frame-Options": "DENY",
     "X-Content-Type-Options": "nosniff",
@@ -41,18 +42,11 @@ def test_nothing_is_served_without_the_token(live_server: Server, method: str) -
         ("", {"Cookie": f"lfpipe-1={live_server.token}"}), ("", {"Cookie": f"{name}="}), ("", {"Cookie": f'{name}="'}),
     ]  # fmt: skip
     for path, (query, headers) in itertools.product(PATHS, attempts):
-        answer, _ = live_server.answer(method, path + query, COMMAND if method == "POST" else None, **headers)
+        answer, data = live_server.answer(method, path + query, COMMAND if method == "POST" else None, **headers)
         assert answer.status in (403, 400 if "%ff" in query else 403), (query, headers)
-        assert {key: answer.getheader(key) for key in HARDENED} == HARDENED
+        assert {key: answer.getheader(key) for key in HARDENED} == HARDENED and "Set-Cookie" not in answer.headers
         assert "frame-ancestors 'none'" in answer.headers["Content-Security-Policy"]
-        assert "Set-Cookie" not in answer.headers
-    assert live_server.ask("GET", "/camera.jpg")[0] in (200, 503)
-
-
-def test_the_refusal_says_how_to_get_in(live_server: Server) -> None:
-    answer, data = live_server.answer("GET", "/")
-    assert answer.headers["Content-Type"].startswith("text/html") and b"/?token=" in data and b"lfpipe monitor --web" in data
-    assert "/?token=" in json.loads(live_server.answer("POST", "/ctl", COMMAND)[1])["error"]
+        assert "%ff" in query or "/?token=" in json.loads(data)["error"]
 
 
 def test_the_token_moves_into_a_cookie(live_server: Server) -> None:
@@ -62,10 +56,9 @@ def test_the_token_moves_into_a_cookie(live_server: Server) -> None:
     assert cookie == f"lfpipe-{live_server.port}={live_server.token}"
     path = next(one for one in attributes if one.startswith("Path=")).removeprefix("Path=")
     assert {"HttpOnly", "SameSite=Strict"} < set(attributes) and len(path) > 20, "no other server of this host is sent it"
-    for one in ("", "page.js", "page.css", "uPlot.iife.min.js"):
-        answer, _ = live_server.answer("GET", path + one, Cookie=cookie)
+    for name in ("", "page.js", "page.css", "uPlot.iife.min.js"):
+        answer, _ = live_server.answer("GET", path + name, Cookie=cookie)
         assert answer.status == 200 and {key: answer.getheader(key) for key in HARDENED} == HARDENED
-    assert live_server.ask("GET", f"/page.js?token={live_server.token}", Authorization="")[0] == 200
     assert live_server.ask("GET", "/nothing")[0] == live_server.ask("GET", "/../web.py")[0] == 404
     assert live_server.ask("PUT", "/ctl", COMMAND)[0] == live_server.ask("GET", "/ctl")[0] == 405
 
@@ -77,24 +70,24 @@ def test_names_and_pages_of_others_are_refused(live_server: Server) -> None:
     assert live_server.ask("GET", "/", Host="localhost:9")[0] == 200, "another port of a tunnel"
     for origin in ("http://example.org", "http://127.0.0.1:1", f"https://127.0.0.1:{port}", f"http://localhost:{port}", "null"):
         assert live_server.ask("POST", "/ctl", COMMAND, Origin=origin)[0] == 403, origin
-        assert live_server.ask("GET", "/camera.jpg", Origin=origin)[0] == 403, origin
+        assert live_server.ask("GET", "/events", Origin=origin)[0] == 403, origin
     assert live_server.ask("POST", "/ctl", {"cmd": "resume"}, Origin=f"http://127.0.0.1:{port}")[0] == 200
 
 
 def test_only_commands_of_the_page_are_passed_on(server: Server, world: World) -> None:
-    assert server.ask("GET", "/picture.jpg")[0] == 503, "no session yet"
     for body in ({"cmd": "stop"}, {"cmd": "load", "scene": "/"}, [], "x", {"cmd": ["set"]}, {"cmd": None}, {}):
         assert server.ask("POST", "/ctl", body)[0] == 400
     assert server.ask("POST", "/ctl", {"cmd": "set", "x": "y" * 5000})[0] == 413
     assert server.ask("POST", "/ctl", COMMAND, **{"Content-Type": "text/plain"})[0] == 400
     answer = json.loads(server.ask("POST", "/ctl", COMMAND)[1])
     assert answer["ok"] is False and "no session" in answer["error"]
+    assert json.loads(next(server.events())[1]) == {"alive": False}
     busy = world.run("monitor", "--web", f":{server.port}")
     assert busy.returncode == 2 and "another port" in busy.stderr
 
 
 class Stranger(BaseHTTPRequestHandler):
-    """A page on another port of this host, whose script wants the pictures, the page in a frame, and a command."""
+    """A page on another port of this host, whose script wants the figures, the page in a frame, and a command."""
 
     seen: list[str]
 
@@ -129,53 +122,42 @@ def test_in_a_browser_that_has_the_token_other_pages_get_nothing(live_server: Se
         until(lambda: browser.ask("window.lfpipe.events > 2"), "figures")
         page = str(browser.ask("location.href"))
         assert "token" not in page and browser.ask("document.cookie") == "" and live_server.token not in page
-        browser.open(page)
-        until(lambda: browser.ask("window.lfpipe && window.lfpipe.events > 2"), "figures after a reload")
         browser.ask(f"(() => {{ location.href = '{stranger}/left'; }})()")
         until(lambda: browser.ask("document.title") == "stranger", "page of the stranger")
         browser.ask(f"""(() => {{ window.got = {{}};
-            const base = '{page}';
-            const image = new Image(); image.onload = () => got.image = 'read'; image.onerror = () => got.image = 'refused';
-            image.src = base + 'camera.jpg'; document.body.append(image);
-            const frame = document.createElement('iframe'); frame.src = base; frame.onload = () => {{
+            const base = '{page}', frame = document.createElement('iframe'); frame.src = base; frame.onload = () => {{
                 try {{ got.frame = frame.contentDocument ? 'read' : 'refused'; }} catch (e) {{ got.frame = 'refused'; }} }};
             document.body.append(frame);
             fetch(base + 'ctl', {{method: 'POST', mode: 'no-cors', credentials: 'include', body: '{{"cmd": "pause"}}'}})
               .then(() => got.command = 'sent', () => got.command = 'sent');
             const events = new EventSource(base + 'events', {{withCredentials: true}});
             events.onmessage = () => got.events = 'read'; events.onerror = () => got.events = 'refused'; }})()""")
-        got = until(lambda: len(found := browser.ask("window.got")) == 4 and found, "end of what the stranger tried")
-        assert got == {"image": "refused", "frame": "refused", "command": "sent", "events": "refused"}
+        got = until(lambda: len(found := browser.ask("window.got")) == 3 and found, "end of what the stranger tried")
+        assert got == {"frame": "refused", "command": "sent", "events": "refused"}
         for text in Stranger.seen:
             assert live_server.token not in text and f":{live_server.port}" not in text and "lfpipe-" not in text, text
         browser.open(page)
         until(lambda: browser.ask("window.lfpipe && window.lfpipe.last && window.lfpipe.last.paused === false"), "no pause")
-        browser.open(f"http://127.0.0.1:{live_server.port}/")
-        assert "403" in browser.ask("document.body.textContent")
 
 
 @given(st.lists(st.text()))
 def test_no_other_text_opens(texts: list[str]) -> None:
-    access = Access()
-    assert not access.opens(texts) and access.opens([*texts, access.token]) and len(access.token) >= 43
-    assert Access().token != access.token and Access().path != access.path
+    site = Site("127.0.0.1", 1, Feed("x"))
+    assert not site.opens(texts) and site.opens([*texts, site.token]) and len(site.token) >= 43
 
 
 @given(st.from_regex(r"[a-z]([a-z0-9-]*[a-z0-9])?(\.[a-z]([a-z0-9-]*[a-z0-9])?)+", fullmatch=True), st.integers(0, 65535))
 def test_names_that_may_point_here(name: str, port: int) -> None:
     assert not named(name, "127.0.0.1") and not named(f"{name}:{port}", "127.0.0.1")
-    assert not same_origin(f"http://{name}", "localhost")
     assert named(f"{name}:{port}", name), "the name that was asked for"
     for own in ("127.0.0.1", "localhost", "LOCALHOST", "10.1.2.3", "[::1]"):
         assert named(own, "127.0.0.1") and named(f"{own}:{port}", "127.0.0.1")
-        assert same_origin(f"http://{own}:{port}", f"{own}:{port}")
 
 
 def test_addresses() -> None:
     assert parse_address(":1", "--web") == parse_address("1", "--web") == ("127.0.0.1", 1)
     assert parse_address("[::1]:2", "--web") == ("::1", 2) and url_of("::1", 2) == "http://[::1]:2"
-    assert url_of("lab", 3) == "http://lab:3" and url_of("127.0.0.1", 4) == "http://127.0.0.1:4"
-    assert "0.0.0.0" not in url_of("0.0.0.0", 5)
+    assert url_of("lab", 3) == "http://lab:3" and "0.0.0.0" not in url_of("0.0.0.0", 5)
     for text in ("", "x", ":x", ":70000", "host:", ":-1", ":٣", ":" + 9 * "0"):
         with pytest.raises(UserError):
             parse_address(text, "--web")

@@ -6,7 +6,7 @@ from typing import Any
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from tests.web.server import Server, until
+from tests.web.server import Server
 
 KEYS = ("render.alpha_px", "render.anaglyph", "render.zero_plane_px", "render.ghost_compensation", "track.filter", "nothing", "")
 LARGE = [str(2**63), str(2**64), str(-(2**70)), 5000 * "9"]
@@ -58,4 +58,4 @@ def test_a_hostile_command_is_answered(live_server: Server, body: bytes) -> None
 def test_afterwards_page_and_session_go_on(live_server: Server) -> None:
     answer = json.loads(live_server.ask("POST", "/ctl", {"cmd": "set", "set": {"render.alpha_px": 12.0}})[1])
     assert answer["ok"] is True and live_server.ask("POST", "/ctl", {"cmd": "resume"})[0] == 200
-    until(lambda: live_server.ask("GET", "/picture.jpg")[0] == 200, "picture")
+    assert live_server.jpeg("picture")

@@ -1,6 +1,6 @@
 """Limits on clients: partial, large and many requests, and unread answers."""
 
-import http.client
+import itertools
 import signal
 import socket
 from contextlib import ExitStack
@@ -21,9 +21,10 @@ HALVES = (
 LARGE = 10_000_000
 
 
-def test_half_requests_hold_nothing(live_server: Server) -> None:
-    until(lambda: live_server.ask("GET", "/picture.jpg")[0] == 200, "picture")
+def test_half_requests_hold_nothing_and_close_nobody_with_the_token(live_server: Server) -> None:
     assert live_server.ask("POST", "/ctl", {"cmd": "resume"})[0] == 200
+    live_server.jpeg("picture")
+    connection, viewer = live_server.viewer()
     threads, sockets = live_server.threads(), live_server.sockets()
     with ExitStack() as stack:
         for _ in range(100):
@@ -32,20 +33,9 @@ def test_half_requests_hold_nothing(live_server: Server) -> None:
         assert live_server.ask("GET", "/")[0] == live_server.ask("POST", "/ctl", {"cmd": "resume"})[0] == 200
         assert live_server.threads() <= threads
         assert live_server.sockets() <= sockets + MAX_STRANGERS + 2
-        until(lambda: live_server.sockets() <= sockets, "end of the half requests", 30)
-
-
-def test_those_with_the_token_are_not_closed_for_strangers(live_server: Server) -> None:
-    known = http.client.HTTPConnection("127.0.0.1", live_server.port, timeout=60)
-    bearer = {"Authorization": f"Bearer {live_server.token}"}
-    known.request("GET", "/events", headers=bearer)
-    told = known.getresponse()
-    with ExitStack() as stack:
-        for _ in range(3 * MAX_STRANGERS):
-            stack.enter_context(live_server.send(b"GET"))
-        for _ in range(6):
-            assert told.readline()
-    known.close()
+        assert all(viewer.readline() for _ in range(12))
+        until(lambda: live_server.sockets() <= sockets, "end of the half requests")
+    connection.close()
 
 
 def test_large_requests_are_refused(live_server: Server) -> None:
@@ -69,32 +59,22 @@ def test_large_requests_are_refused(live_server: Server) -> None:
     assert live_server.ask("GET", "/page.js")[0] == 200 and live_server.threads() <= threads + 2
 
 
-def test_many_clients(live_server: Server) -> None:
-    until(lambda: live_server.ask("GET", "/picture.jpg")[0] == 200, "picture")
+def test_many_viewers(live_server: Server) -> None:
+    live_server.jpeg("picture")
     threads = live_server.threads()
-    bearer = {"Authorization": f"Bearer {live_server.token}"}
-    streams = [http.client.HTTPConnection("127.0.0.1", live_server.port, timeout=60) for _ in range(64)]
-    others = [http.client.HTTPConnection("127.0.0.1", live_server.port, timeout=60) for _ in range(64)]
-    answers = []
-    for stream, other in zip(streams, others, strict=True):
-        stream.request("GET", "/events", headers=bearer)
-        answers.append(stream.getresponse())
-        other.request("GET", "/camera.jpg", headers=bearer)
-        assert (answer := other.getresponse()).status == 200 and answer.read()[:2] == b"\xff\xd8"
-    refused = [answer.status for answer in answers].count(503)
-    assert [answer.status for answer in answers].count(200) == MAX_STREAMS and refused == 64 - MAX_STREAMS
-    for answer in answers[:MAX_STREAMS]:
+    viewers = [live_server.viewer() for _ in range(2 * MAX_STREAMS)]
+    statuses = [answer.status for _, answer in viewers]
+    assert statuses.count(200) == statuses.count(503) == MAX_STREAMS
+    for _, answer in viewers[:MAX_STREAMS]:
         assert answer.readline().startswith(b"data: ")
     assert live_server.threads() <= threads
-    for connection in (*streams, *others):
+    for connection, _ in viewers:
         connection.close()
 
     def served_again() -> bool:
-        again = http.client.HTTPConnection("127.0.0.1", live_server.port, timeout=60)
-        again.request("GET", "/events", headers=bearer)
-        found = again.getresponse().status == 200
-        again.close()
-        return found
+        connection, answer = live_server.viewer()
+        connection.close()
+        return answer.status == 200
 
     until(served_again, "place for a new viewer")
 
@@ -103,7 +83,7 @@ def test_who_does_not_read_is_dropped(live_server: Server) -> None:
     sockets = live_server.sockets()
     get = "GET {} HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: Bearer {}\r\n\r\n"
     with ExitStack() as stack:
-        for path, count in (("/events?pictures", 1), ("/page.js", 500)):
+        for path, count in (("/events", 1), ("/page.js", 500)):
             lazy = stack.enter_context(socket.socket())
             lazy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
             lazy.connect(("127.0.0.1", live_server.port))
@@ -112,26 +92,22 @@ def test_who_does_not_read_is_dropped(live_server: Server) -> None:
         until(lambda: live_server.sockets() <= sockets, "end of who does not read", 90)
 
 
-def test_the_end_with_viewers_is_quiet(world: World, scene: Path) -> None:
+def test_the_end_with_viewers_is_quiet(world: World) -> None:
     log = world.root / "log"
     with log.open("w") as output:
         process = world.start("monitor", "--session", world.name, "--web", ":0", stdout=output, stderr=output)
     until(lambda: "token=" in log.read_text(), "address")
     address, token = log.read_text().split("http://")[1].split()[0].split("/?token=")
-    viewer = http.client.HTTPConnection(address, timeout=60)
-    viewer.request("GET", "/events", headers={"Authorization": f"Bearer {token}"})
-    assert viewer.getresponse().readline().startswith(b"data: ")
+    connection, viewer = Server(int(address.rpartition(":")[2]), token, process.pid).viewer()
+    assert viewer.readline().startswith(b"data: ")
     process.send_signal(signal.SIGINT)
     assert process.wait(60) == 0 and len(log.read_text().splitlines()) == 1, log.read_text()
+    connection.close()
 
 
 def test_a_server_that_nobody_looks_at_lets_go_of_the_session(live: World) -> None:
     with served(live) as server:
-        held = Path(f"/proc/{server.pid}/maps")
-        until(lambda: server.ask("GET", "/camera.jpg")[0] == 200, "picture")
-
-        def segments() -> int:
-            return held.read_text().count(f"/{PREFIX}")
-
-        assert segments() > 0
-        until(lambda: segments() == 0, "end of the attachment")
+        maps = Path(f"/proc/{server.pid}/maps")
+        for _ in itertools.islice(server.events(), 6):
+            assert f"/{PREFIX}" in maps.read_text()
+        until(lambda: f"/{PREFIX}" not in maps.read_text(), "end of the attachment")

@@ -1,6 +1,5 @@
 """The page of `lfpipe monitor --web`: in a real browser on a real session."""
 
-import base64
 import json
 from pathlib import Path
 
@@ -8,32 +7,25 @@ import cv2
 import numpy as np
 import pytest
 
-from lfpipe.render.view_grid import EyesOnGrid, draw_over_eyes, inset
+from lfpipe.render.view_grid import EyesOnGrid, draw_over_eyes
 from tests.web.browser import Browser, missing
 from tests.web.server import Server, until
 from tests.world import World
 
 
-def rings(world: World) -> list[str]:
-    return world.segments("pictures")
-
-
 def test_the_picture_is_lent_at_full_chroma_and_taken_back(live: World, live_server: Server) -> None:
-    world, server = live, live_server
-    assert rings(world) == [], "nobody asks, no ring"
-    until(lambda: server.ask("GET", "/picture.jpg")[0] == 200, "picture")
-    assert len(rings(world)) == 1
-    picture = cv2.imdecode(np.frombuffer(server.ask("GET", "/picture.jpg")[1], np.uint8), cv2.IMREAD_COLOR)
+    assert live.segments("pictures") == [], "nobody asks, no ring"
+    jpeg = live_server.jpeg("picture")
+    assert len(live.segments("pictures")) == 1
+    picture = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
     assert picture.shape == (48, 64, 3)
-    shown = [set(8 * (3 * row + col) + 5 for col in range(3)) for row in range(3)]
-    assert min(abs(int(picture[20, 30, 2]) - red) for red in set().union(*shown)) <= 3, "the red plane of a view that is stored"
-    data = server.ask("GET", "/picture.jpg")[1]
-    start = data.index(b"\xff\xc0")
-    assert data[start + 11] == 0x11, "4:4:4: the first component is sampled as the others"
-    camera = cv2.imdecode(np.frombuffer(server.ask("GET", "/camera.jpg")[1], np.uint8), cv2.IMREAD_COLOR)
+    reds = [8 * (3 * row + col) + 5 for row in range(3) for col in range(3)]
+    assert min(abs(int(picture[20, 30, 2]) - red) for red in reds) <= 3, "the red plane of a view that is stored"
+    assert jpeg[jpeg.index(b"\xff\xc0") + 11] == 0x11, "4:4:4: the first component is sampled as the others"
+    camera = live_server.picture("camera")
     assert camera.shape == (240, 320, 3) and camera.std() > 20
-    until(lambda: rings(world) == [], "ring taken back when nobody asks")
-    world.pictures(len(world.lines()) + 5)
+    until(lambda: live.segments("pictures") == [], "ring taken back when nobody asks")
+    live.pictures(len(live.lines()) + 5)
 
 
 @pytest.mark.everyday
@@ -86,18 +78,14 @@ def test_in_a_browser_charts_move_and_controls_work(world: World, scene: Path, s
 
 
 def test_a_control_changes_the_picture_that_is_served(live_server: Server) -> None:
-    server = live_server
-    until(lambda: server.ask("GET", "/picture.jpg")[0] == 200, "picture")
-
     def spread() -> float:
-        picture = cv2.imdecode(np.frombuffer(server.ask("GET", "/picture.jpg")[1], np.uint8), cv2.IMREAD_COLOR)
-        return float(np.ptp(picture.reshape(-1, 3).mean(axis=0)))
+        return float(np.ptp(live_server.picture().reshape(-1, 3).mean(axis=0)))
 
-    status, data = server.ask("POST", "/ctl", {"cmd": "set", "set": {"render.anaglyph": "grey", "render.alpha_px": 1000.0}})
-    assert status == 200 and json.loads(data)["applied"] is True
-    until(lambda: spread() < 4, "grey picture: both eyes see the middle view")
-    assert server.ask("POST", "/ctl", {"cmd": "set", "set": {"render.anaglyph": "colour", "render.alpha_px": 12.0}})[0] == 200
-    until(lambda: spread() > 8, "picture in colour")
+    for anaglyph, alpha_px in (("grey", 1000.0), ("colour", 12.0)):
+        sets = {"render.anaglyph": anaglyph, "render.alpha_px": alpha_px}
+        status, data = live_server.ask("POST", "/ctl", {"cmd": "set", "set": sets})
+        assert status == 200 and json.loads(data)["applied"] is True
+        until(lambda wanted=anaglyph: spread() < 4 if wanted == "grey" else spread() > 8, f"{anaglyph} picture")
 
 
 def test_the_grid_is_where_the_mapping_says() -> None:
@@ -105,7 +93,7 @@ def test_the_grid_is_where_the_mapping_says() -> None:
     from lfpipe.render.viewpoint import ViewSolver
 
     solver = ViewSolver(5, 7, Render(), 20.0, (300.0, 220.0))
-    gaze = EyesOnGrid(5, 7, 20.0, (300.0, 220.0), ((310.0, 230.0), (270.0, 230.0)), ((2.5, 2.5), (2.5, 4.5)), True)
+    gaze = EyesOnGrid(5, 7, 20.0, (300.0, 220.0), ((310.0, 230.0), (270.0, 230.0)), True)
     for row, col in ((0, 0), (4, 6), (2, 3), (1, 5)):
         place = gaze.place_px(row, col)
         assert solver.views((*place, *place))[0] == pytest.approx((row, col))
@@ -115,30 +103,3 @@ def test_the_grid_is_where_the_mapping_says() -> None:
     assert (picture[round(y), round(x)] > 200).all()
     left, right = picture[230, 310], picture[230, 270]
     assert left[2] > 200 > 100 > left[0] and right[0] > 200 > 100 > right[2], "left eye red, right eye cyan"
-    small = inset(gaze, 120)
-    assert small.shape[1] == 120 and (small[:, :, 0] == small[:, :, 2]).all(), "white: the same behind both glasses"
-
-
-def test_events_hold_the_pictures_of_who_asks_for_them(live_server: Server) -> None:
-    def events(path: str, count: int) -> list[tuple[str, bytes]]:
-        head = f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: Bearer {live_server.token}\r\n\r\n"
-        found: list[tuple[str, bytes]] = []
-        with live_server.send(head.encode()) as connection, connection.makefile("rb") as lines:
-            name = ""
-            while len(found) < count:
-                word, _, value = lines.readline().rstrip(b"\n").partition(b": ")
-                if word == b"event":
-                    name = value.decode()
-                elif word == b"data":
-                    found.append((name, value))
-                    name = ""
-        return found
-
-    assert {name for name, _ in events("/events", 6)} == {""}
-    told = events("/events?pictures", 12)
-    assert {name for name, _ in told} == {"", "camera", "picture"}
-    for name, data in told:
-        if name:
-            assert cv2.imdecode(np.frombuffer(base64.b64decode(data), np.uint8), cv2.IMREAD_COLOR) is not None
-        else:
-            assert {"alive", "stages", "config"} <= set(json.loads(data))

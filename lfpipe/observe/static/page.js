@@ -67,7 +67,7 @@ function charts(told) {
 function table(told) {
   const cells = (name, stage) => [[name], [stage.state.toLowerCase(), stage.state !== "RUNNING"], [stage.fps.toFixed(1)], [stage.wait.p50_ms.toFixed(2)],
     [stage.busy.p50_ms.toFixed(2)], [stage.busy.p95_ms.toFixed(2)], [stage.busy.p99_ms.toFixed(2)], [stage.worst_ms.toFixed(2)],
-    [stage.dropped, stage.dropped > 0], [stage.restarts, stage.restarts > 0], [stage.cpu_percent.toFixed(0)], [stage.cpus], [stage.nice], [stage.rss_mb.toFixed(0)]];
+    [stage.dropped, stage.dropped > 0], [stage.restarts, stage.restarts > 0], [stage.cpu_percent.toFixed(0)], [stage.cpus], [stage.rss_mb.toFixed(0)]];
   $("stages").replaceChildren(...Object.entries(told.stages).map(([name, stage]) => {
     const row = document.createElement("tr");
     for (const [text, bad] of cells(name, stage)) {
@@ -150,15 +150,15 @@ function draw(event) {
     + `${told.paused ? ", paused" : ""}`
     + `${told.level ? `, quality lowered to ${told.level_words} (${told.level} of ${told.lowest_level})` : ""}; age of pictures p50 ${dash(told.end_to_end, "p50_ms")}, p99 ${dash(told.end_to_end, "p99_ms")} ms, `
     + `eyes predicted by ${dash(told.horizon, "p50_ms")} ms${told.motion_to_photon ? `; motion to photon: ${told.motion_to_photon}` : ""}`;
-  if (document.hidden) return;
   charts(told); table(told); show(told);
 }
 
-let events = null; // a hidden page asks for no pictures
+let events = null; // a hidden page listens to nothing
 
 function connect() {
   if (events) events.close();
-  const opened = events = new EventSource(document.hidden ? "events" : "events?pictures");
+  if (document.hidden) return;
+  const opened = events = new EventSource("events");
   opened.onmessage = draw;
   for (const which of ["camera", "picture"])
     opened.addEventListener(which, (event) => { $(which).src = `data:image/jpeg;base64,${event.data}`; });
