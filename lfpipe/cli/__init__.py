@@ -14,7 +14,6 @@ from typing import NoReturn
 import click
 
 from lfpipe import __version__, host
-from lfpipe.cli import completions  # noqa: F401 - registers how bash completes
 from lfpipe.errors import UserError, shown
 from lfpipe.host.terminal import protect_output
 from lfpipe.log import set_up

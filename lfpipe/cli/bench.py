@@ -2,35 +2,21 @@
 
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import click
 
 from lfpipe.bench.subjects import SUBJECTS, TABLE
-from lfpipe.cli.options import with_config
-
-PATH = click.Path(path_type=Path)
-
-
-class AllByDefault(click.Group):
-    """A group that runs its command `all` when given options only, and shows its help when given nothing."""
-
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        if args and args[0].startswith("-") and args[0] not in ("-h", "--help"):
-            args = ["all", *args]
-        return super().parse_args(ctx, args)
+from lfpipe.cli.options import PATH, with_config
+from lfpipe.config import Config
 
 
-@click.group(cls=AllByDefault, invoke_without_command=True)
-@click.pass_context
-def bench(context: click.Context) -> None:
+@click.group()
+def bench() -> None:
     """Measure error against run time, on this machine, your scene and your sequence.
 
     Writes a report that opens in any browser. The default inputs are the demo's scene and viewer.
     Start with: lfpipe bench all --quick
     """
-    if context.invoked_subcommand is None:
-        click.echo(context.get_help())
 
 
 def _command(name: str, subjects: tuple[str, ...], about: str) -> click.Command:
@@ -41,17 +27,14 @@ def _command(name: str, subjects: tuple[str, ...], about: str) -> click.Command:
                   help="Folder for results; those of other subjects in it stay.")  # fmt: skip
     @click.option("--quick", is_flag=True, help="Fewer turns, smaller inputs: all subjects in about a minute of CPU.")
     @with_config
-    def run(
-        scene: Path | None, sequence: Path | None, out: Path, quick: bool, config_file: str | None, sets: tuple[str, ...]
-    ) -> None:
+    def run(scene: Path | None, sequence: Path | None, out: Path, quick: bool, config: Config) -> None:
         from lfpipe.bench.inputs import make_inputs
         from lfpipe.bench.page import write_report
         from lfpipe.bench.runner import measure
         from lfpipe.cli.progress import progress
-        from lfpipe.config import load
 
         with progress() as bar:
-            results = measure(subjects, make_inputs(scene, sequence, quick, load(config_file, sets), bar), out, bar)
+            results = measure(subjects, make_inputs(scene, sequence, quick, config, bar), out, bar)
         page = write_report(results, out)
         for one in results.values():
             for method, reason in one.failures.items():
@@ -77,7 +60,7 @@ for _name, _subject in SUBJECTS.items():
 @click.option("--out", type=PATH, default=Path("lfpipe-table"), show_default=True, metavar="DIR", help="Folder for results.")
 @click.option("--untimed", is_flag=True, help="PSNR and SSIM only.")
 @with_config
-def table(scenes: tuple[Path, ...], keep: str, crop: str, border: int, out: Path, untimed: bool, **given: Any) -> int:
+def table(scenes: tuple[Path, ...], keep: str, crop: str, border: int, out: Path, untimed: bool, config: Config) -> int:
     """Measure every method by the protocol of angular super-resolution, 2x2 -> 7x7 views.
 
     FOLDER is a light field of any layout. The table shows PSNR, SSIM, and the time and memory per picture. The exit code is 1 if
@@ -88,13 +71,11 @@ def table(scenes: tuple[Path, ...], keep: str, crop: str, border: int, out: Path
     from lfpipe.bench.runner import opened
     from lfpipe.bench.table import Protocol, measure_scenes
     from lfpipe.cli.progress import progress
-    from lfpipe.config import load
     from lfpipe.scene.open_scene import open_scene
 
-    settings = load(given["config_file"], given["sets"])
     opened(out)
     with progress() as bar:
-        fields = [(path, partial(open_scene, path, settings.scene, bar)) for path in scenes]
+        fields = [(path, partial(open_scene, path, config.scene, bar)) for path in scenes]
         results = measure_scenes(fields, Protocol(int(keep), crop, border, not untimed), bar)
     write({TABLE.name: results}, out)
     if results.rows:

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from lfpipe.capture.open_source import camera_name
-from lfpipe.cli.options import with_camera, with_config
+from lfpipe.cli.options import CAMERA, with_config
 from lfpipe.config import Config, load, user_file
 from lfpipe.config.camera_pose import EYES_MM
 from lfpipe.config.user_files import camera_file, write_keys
@@ -22,22 +22,14 @@ USUAL_DEG = (30, 130)  # fields of view of webcams, narrow to wide
 
 
 @click.command()
-@with_camera
+@CAMERA
 @click.option("--distance", "distance_mm", type=click.FloatRange(100, 5000), default=600.0, show_default=True, metavar="MM",
               help="Distance from the camera to your eyes, or to the card.")  # fmt: skip
 @click.option("--by", type=click.Choice(["eyes", "card"]), default="eyes", show_default=True, help="By your eyes or a bank card.")
 @click.option("--latency", is_flag=True, help="Measure the total delay of camera and display, which prediction uses.")
 @click.option("--eyes-mm", type=click.FloatRange(40, 80), metavar="MM", help="Distance between your pupils; 63 is the mean.")
 @with_config
-def calibrate(
-    camera: str | None,
-    distance_mm: float,
-    by: str,
-    latency: bool,
-    eyes_mm: float | None,
-    sets: tuple[str, ...],
-    config_file: str | None,
-) -> None:
+def calibrate(camera: str | None, distance_mm: float, by: str, latency: bool, eyes_mm: float | None, config: Config) -> None:
     """Measure the camera's focal length (stored under its name), or the delay of the loop.
 
     Sit so that a tape measure reads MM from the camera to your eyes (or hold a bank card there, flat to the camera) and follow
@@ -46,7 +38,6 @@ def calibrate(
     --latency measures what camera and display add to the age of a picture: a window flickers for 10 to 20 s
     while the camera watches it. Turn the camera to the screen, or show it the screen in a hand mirror.
     """
-    config = load(config_file, sets)
     name = camera_name(camera or config.camera.source)
     if latency:
         _latency(config, camera, name)

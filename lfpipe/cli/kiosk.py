@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from lfpipe.cli import completions
+from lfpipe.cli.options import PATH
 from lfpipe.config import user_file
 from lfpipe.config.session_options import check_code
 from lfpipe.errors import UserError
@@ -78,9 +78,8 @@ def kiosk() -> None:
 
 
 @kiosk.command()
-@click.argument("scenes", nargs=-1, required=True, metavar="SCENE...", type=click.Path(path_type=Path),
-                shell_complete=completions.scenes)  # fmt: skip
-@click.option("--code-file", type=click.Path(path_type=Path), metavar="FILE", help=f"It holds the code; or {VARIABLE}.")
+@click.argument("scenes", nargs=-1, required=True, metavar="SCENE...", type=PATH)
+@click.option("--code-file", type=PATH, metavar="FILE", help=f"It holds the code; or {VARIABLE}.")
 def install(scenes: tuple[Path, ...], code_file: Path | None) -> None:
     """Write a systemd unit that shows SCENE in full screen when this user's desktop starts, and restarts it after any failure."""
     import platformdirs

@@ -1,9 +1,7 @@
 """`lfpipe up`, from its arguments to a running session. All checks run before the first process starts."""
 
 import contextlib
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import attrs
 import click
@@ -13,7 +11,7 @@ from lfpipe.capture.open_source import MOUSE, CheckedSource, NoCamera, camera_na
 from lfpipe.capture.spec import playing_once, source_file
 from lfpipe.cli.kiosk import check_exhibition, until_it_ends
 from lfpipe.cli.progress import progress
-from lfpipe.cli.startup_summary import loop_lines, sharing_lines, size_line, startup_lines
+from lfpipe.cli.startup_summary import loop_lines, startup_lines
 from lfpipe.config import Config, SessionOptions
 from lfpipe.config.user_files import has_key, with_measured_focal
 from lfpipe.errors import UserError
@@ -23,7 +21,7 @@ from lfpipe.host.files import exists
 from lfpipe.observe.state_text import print_state
 from lfpipe.render.display import check_display, has_display
 from lfpipe.render.plan import make_plan
-from lfpipe.scene.open_scene import Opened, Packing, open_scenes
+from lfpipe.scene.open_scene import Packing, open_scenes
 from lfpipe.scene.pack import summarize
 from lfpipe.scene.recent_scenes import remember_scene
 from lfpipe.share.target import check_targets
@@ -82,23 +80,17 @@ def launch(arguments: UpArguments) -> int:
     An exhibition that fails after it has run restarts until it succeeds: it has no operator.
     """
     session = Session(arguments.session_name)
-    plan = _planned(session, arguments)
-    if arguments.kiosk is None:
-        return _run(session, plan)
-    return until_it_ends(lambda: _run(session, plan), lambda: _run(session, _planned(session, arguments)))
-
-
-def _planned(session: Session, arguments: UpArguments) -> SessionPlan:
     if session.name in rundir.running():
         rundir.release(session, rundir.acquire(session))  # raises the error with the remedy
-    return prepare(arguments)
+    plan = prepare(arguments)
+    if arguments.kiosk is None:
+        return _run(session, plan)
+    return until_it_ends(lambda: _run(session, plan), lambda: _run(session, prepare(arguments)))
 
 
 def _run(session: Session, plan: SessionPlan) -> int:
     """Runs one session; returns the exit code. Raises UserError if the user can fix what ended it."""
-    with contextlib.ExitStack() as steps:
-        if plan.packing is not None:
-            steps.callback(plan.packing.close)
+    with contextlib.closing(plan.packing) if plan.packing is not None else contextlib.nullcontext():
         outcome = run_session(session, plan.config, plan.options, say, plan.duration_s, plan.packing)
     print_state(outcome.final)
     for path in filter(exists, plan.files):
@@ -129,34 +121,46 @@ def _prepare_tracking(arguments: UpArguments) -> SessionPlan:
     if pointless := [name for name, value in given.items() if value]:
         raise UserError(f"--no-picture with {', '.join(pointless)}: nothing is shown", "leave out one or the other")
     config = configuration.load(arguments.config_file, arguments.sets)
-    _, camera, share = _checked(arguments, config, "none", None)
+    share = check_targets(arguments.share)
+    camera = _source(_camera(arguments, config), "none", config, False)
     config = with_engine(_with_measured_focal(config, camera))
     say(f"camera  {camera.text}; eyes by {config.track.engine}, filter {config.track.filter}; no picture")
-    for line in sharing_lines(share):
-        say(line)
+    _say_shared(share)
     return SessionPlan(config, attrs.evolve(camera.options, show=False, share=share), arguments.duration_s)
 
 
 def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
+    if not arguments.scenes and not arguments.demo:
+        raise UserError("no SCENE given", "name a folder of views, or use --demo for the built-in scene")
     records_itself = arguments.demo and arguments.display is None and not has_display()
     display = _demo_display() if records_itself else arguments.display or ("fullscreen" if arguments.kiosk else "window")
     video = Path(display.removeprefix("file:")) if display.startswith("file:") else None
-    still = DEMO_FOLDER / "demo.png" if records_itself else None
-    duration_s = arguments.duration_s or (DEMO_S if records_itself else None)
     check_exhibition(arguments.kiosk, display)
     halved = ("render.rate_hz=30",) if records_itself else ()  # lossless video is large
     config = configuration.load(arguments.config_file, (*halved, *arguments.sets))
-
-    def opened() -> Opened:
+    source = _camera(arguments, config)
+    outputs = {"--display": video and video.expanduser(), "--trace": arguments.trace}
+    inputs = [path for path in (*arguments.scenes, source_file(source)) if path is not None]
+    check_outputs(outputs, inputs, arguments.force)
+    check_display(display, str(config.screen.monitor))
+    share = check_targets(arguments.share)
+    with contextlib.ExitStack() as failed:
         with progress() as bar:
-            return open_scenes(arguments.scenes, config.scene, bar, complete=video is not None)
-
-    opening, camera, share = _checked(arguments, config, display, opened if arguments.scenes or arguments.demo else None)
-    assert opening is not None
-    scenes, scene = opening.scenes, summarize(opening.field)
-    tracking = scene.needs_tracking and not camera.is_mouse
-    config = _with_measured_focal(config, camera)
-    config = with_engine(config) if tracking else config
+            opened = open_scenes(arguments.scenes, config.scene, bar, complete=video is not None)
+        if opened.packing is not None:
+            failed.callback(opened.packing.close)
+        scenes, scene = opened.scenes, summarize(opened.field)
+        if scene.needs_tracking or len(scenes) > 1:
+            camera = _source(source, display, config, arguments.kiosk is not None)
+        elif arguments.share:
+            remedy = "`lfpipe up --no-picture --share TARGET` tracks without a scene"
+            raise UserError(f"--share with {scenes[0]}: a single view needs no eyes, so none are tracked", remedy)
+        else:
+            camera = CheckedSource("", 0.0)
+        tracking = scene.needs_tracking and not camera.is_mouse
+        config = _with_measured_focal(config, camera)
+        config = with_engine(config) if tracking else config
+        failed.pop_all()
     if arguments.scenes and arguments.kiosk is None and not arguments.start:
         remember_scene(scenes[0])
     options = attrs.evolve(
@@ -165,28 +169,32 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
         tracking=tracking,
         display=display,
         kiosk=arguments.kiosk or "",
-        playlist=tuple(map(_absolute, scenes)) if len(scenes) > 1 or arguments.start else (),
+        playlist=tuple(str(path.resolve()) for path in scenes) if len(scenes) > 1 or arguments.start else (),
         start=arguments.start,
         ask_glasses=_is_first_start(arguments, display),
-        trace=_absolute(arguments.trace),
-        still=_absolute(still),
+        trace=str(arguments.trace.resolve()) if arguments.trace else "",
         share=share,
     )
-    for line in startup_lines(config, opening.field, make_plan(opening.field, config), camera.text, display):
+    for line in startup_lines(config, opened.field, make_plan(opened.field, config), camera.text, display):
         say(line)
-    for line in (*([] if camera.is_mouse else loop_lines(config, camera.text, display)), *sharing_lines(share)):
+    for line in [] if camera.is_mouse else loop_lines(config, camera.text, display):
         say(line)
+    _say_shared(share)
     if len(scenes) > 1:
         say(f"scenes  {len(scenes)}: Tab, Page Up and Page Down show the others, as does `lfpipe ctl load --next`")
-    if video is not None:
-        rate_hz = (camera.rate_hz if config.render.clock == "camera" else None) or config.render.nominal_hz
-        say(size_line(video, opening.field.width_px * opening.field.height_px, rate_hz, duration_s))
-    files = tuple(path for path in (video, still, arguments.trace) if path is not None)
-    return SessionPlan(config, options, duration_s, files, opening.field.hold, opening.packing)
+    files = tuple(path for path in (video, arguments.trace) if path is not None)
+    return SessionPlan(config, options, arguments.duration_s or (DEMO_S if records_itself else None), files,
+                       opened.field.hold, opened.packing)  # fmt: skip
 
 
-def _absolute(path: Path | None) -> str:
-    return "" if path is None else str(path.resolve())
+def _camera(arguments: UpArguments, config: Config) -> str:
+    """The source of frames that is asked for; empty for the first camera."""
+    return arguments.camera or config.camera.source or ("demo" if arguments.demo else "")
+
+
+def _say_shared(share: tuple[str, ...]) -> None:
+    for target in share:
+        say(f"share   eyes and head to {target}")
 
 
 def _demo_display() -> str:
@@ -221,44 +229,6 @@ def with_engine(config: Config) -> Config:
     if config.track.engine == "litert" and models.missing_models():
         models.fetch_models(say)
     return config
-
-
-def _checked(
-    arguments: UpArguments, config: Config, display: str, opened: Callable[[], Opened] | None
-) -> tuple[Opened | None, CheckedSource, tuple[str, ...]]:
-    """The scene, the source of frames, and the targets to share with. Raises one UserError for all mistakes in the arguments."""
-    errors: list[UserError] = []
-
-    def attempt(check: Callable[[], Any]) -> Any:
-        try:
-            return check()
-        except UserError as error:
-            errors.append(error)
-            return None
-
-    if opened is None and not arguments.no_picture:
-        errors.append(UserError("no SCENE given", "name a folder of views, or use --demo for the built-in scene"))
-    opening: Opened | None = None if opened is None else attempt(opened)
-    # a single view needs no eyes, and no camera
-    single = opening is not None and opening.field.rows * opening.field.cols == 1 and len(opening.scenes) < 2
-    camera = arguments.camera or config.camera.source or ("demo" if arguments.demo else "")
-    source = CheckedSource("", 0.0) if single else attempt(lambda: _source(camera, display, config, arguments.kiosk is not None))
-    attempt(lambda: check_display(display, str(config.screen.monitor)))
-    share = attempt(lambda: check_targets(arguments.share))
-    if single and arguments.share:
-        remedy = "`lfpipe up --no-picture --share TARGET` tracks without a scene"
-        errors.append(UserError(f"--share with {arguments.scenes[0]}: a single view needs no eyes, so none are tracked", remedy))
-    video = Path(display.removeprefix("file:")).expanduser() if display.startswith("file:") else None
-    outputs = {"--display": video, "--trace": arguments.trace}
-    inputs = [path for path in (*arguments.scenes, source_file(camera)) if path is not None]
-    attempt(lambda: check_outputs(outputs, inputs, arguments.force))
-    if errors and opening is not None and opening.packing is not None:
-        opening.packing.close()
-    if len(errors) > 1:
-        raise UserError("\nerror: ".join(map(str, errors)))
-    if errors:
-        raise errors[0]
-    return opening, source, share
 
 
 def _source(camera: str, display: str, config: Config, kiosk: bool) -> CheckedSource:

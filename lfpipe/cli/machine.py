@@ -13,9 +13,9 @@ from lfpipe.capture.camera_controls import control_texts
 from lfpipe.capture.camera_list import known
 from lfpipe.capture.pixel_formats import DECODED
 from lfpipe.capture.v4l2_device import FrameSizes, V4L2Device
-from lfpipe.cli.options import JSON, with_config
+from lfpipe.cli.options import JSON, PATH, with_config
 from lfpipe.cli.progress import filled
-from lfpipe.config import load, user_file
+from lfpipe.config import Config, load, user_file
 from lfpipe.config.user_files import commented
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import reason, replaced
@@ -81,7 +81,7 @@ def _folded(modes: dict[str, list[FrameSizes]]) -> list[str]:
 
 
 @click.command()
-@click.option("--report", type=click.Path(path_type=Path), metavar="FILE",
+@click.option("--report", type=PATH, metavar="FILE",
               help="Also pack versions, settings, and the log and state of sessions into a ZIP, for a bug report.")  # fmt: skip
 def doctor(report: Path | None) -> int:
     """Check this machine: one line per check, with remedies. Exit code 1 if `lfpipe up SCENE` would fail."""
@@ -102,7 +102,7 @@ def models() -> None:
 
 
 @models.command()
-@click.option("--from", "wheel", type=click.Path(path_type=Path), metavar="WHEEL", help="Take them from this file; no network.")
+@click.option("--from", "wheel", type=PATH, metavar="WHEEL", help="Take them from this file; no network.")
 def get(wheel: Path | None) -> None:
     """Fetch the face networks with uv or pip if the package mediapipe is not installed.
 
@@ -122,7 +122,7 @@ def config() -> None:
 
 
 @config.command()
-@click.argument("path", required=False, type=click.Path(path_type=Path))
+@click.argument("path", required=False, type=PATH)
 def init(path: Path | None) -> None:
     """Write every key with its default, unit and meaning to PATH, or to your own settings."""
     path = path or user_file()
@@ -139,9 +139,9 @@ def init(path: Path | None) -> None:
 
 @config.command()
 @with_config
-def show(config_file: str | None, sets: tuple[str, ...]) -> None:
+def show(config: Config) -> None:
     """Print the configuration as `lfpipe up` would use it."""
-    click.echo(commented(load(config_file, sets)), nl=False)
+    click.echo(commented(config), nl=False)
 
 
 @config.command()

@@ -2,7 +2,6 @@
 
 import json
 from pathlib import Path
-from typing import Any
 
 import attrs
 import click
@@ -10,9 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.cli.options import JSON, SCENE, with_config, with_scene_options
+from lfpipe.cli.options import JSON, PATH, SCENE, with_config, with_scene
 from lfpipe.cli.progress import filled, progress
-from lfpipe.config import Config, load, parse_set, updated
+from lfpipe.config import Config
 from lfpipe.config.quality import METHODS, WARPS
 from lfpipe.errors import UserError
 from lfpipe.export.pictures import (
@@ -40,19 +39,6 @@ from lfpipe.scene.open_scene import ask_packer, open_scene, packed
 PICTURES = (".png", ".jpg", ".jpeg", ".jps")
 
 
-def scene_config(options: dict[str, Any]) -> Config:
-    """The configuration with the scene options applied. Raises UserError."""
-    config = load(options["config_file"], options["sets"])
-    chosen: dict[str, Any] = {f"scene.{key}": options[key] for key in ("layout", "grid", "flip") if options[key] is not None}
-    if options["force"]:
-        chosen["scene.force"] = True
-    if options["transpose"] is not None:
-        chosen["scene.transpose"] = "yes" if options["transpose"] else "no"
-    if options["gamma"] is not None:
-        chosen["scene.gamma"] = parse_set(f"scene.gamma={options['gamma']}")[1]
-    return updated(config, chosen)
-
-
 def opened(path: Path | None, config: Config) -> LightField:
     """Opens the scene, or the demo; packs it first if necessary, with a progress bar. Raises UserError."""
     with progress() as bar:
@@ -70,7 +56,6 @@ def check_picture(path: Path, scene: Path) -> None:
 
 def write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
     """Writes an RGB picture to a path that `check_picture` allows. Raises UserError."""
-
     suffix = ".png" if path.suffix.lower() == ".png" else ".jpg"
     _, data = cv2.imencode(suffix, cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
     write_output(path, marked_picture(data.tobytes()))
@@ -84,11 +69,10 @@ def scene() -> None:
 
 @scene.command()
 @SCENE
-@with_scene_options
+@with_scene
 @JSON
-def pack(path: Path, as_json: bool, **options: Any) -> None:
+def pack(path: Path, as_json: bool, config: Config) -> None:
     """Pack SCENE into the cache, as `lfpipe up` does by itself."""
-    config = scene_config(options)
     field = opened(path, config)
     if as_json:
         plan = make_plan(field, config)
@@ -101,29 +85,27 @@ def pack(path: Path, as_json: bool, **options: Any) -> None:
 @scene.command("list")
 @with_config
 @JSON
-def list_packs(config_file: str | None, sets: tuple[str, ...], as_json: bool) -> None:
+def list_packs(as_json: bool, config: Config) -> None:
     """List the packs in the cache."""
-    config = load(config_file, sets).scene
-    found = packs(config)
+    found = packs(config.scene)
     if as_json:
         keys = ("name", "source", "layout", "rows", "cols", "frames", "height", "width", "created")
         rows = [{"key": f.name, "bytes": size, **{k: m.get(k) for k in keys}} for f, m, size in found]
-        click.echo(json.dumps({"cache": str(cache_dir(config)), "packs": rows}))
+        click.echo(json.dumps({"cache": str(cache_dir(config.scene)), "packs": rows}))
         return
     for folder, m, size in found:
         grid = f"{m['rows']}x{m['cols']} of {m['width']}x{m['height']}" if "rows" in m else "damaged"
         click.echo(f"{folder.name} {size / 1e6:8.1f} MB  {grid}\n    {m.get('source', '')}")
-    click.echo(f"{len(found)} packs, {sum(size for _, _, size in found) / 1e6:.1f} MB in {cache_dir(config)}")
+    click.echo(f"{len(found)} packs, {sum(size for _, _, size in found) / 1e6:.1f} MB in {cache_dir(config.scene)}")
 
 
 @scene.command()
 @click.argument("keys", nargs=-1, metavar="[KEY|NAME]...")
 @click.option("--all", "everything", is_flag=True, help="Remove every pack.")
 @with_config
-def clean(keys: tuple[str, ...], everything: bool, config_file: str | None, sets: tuple[str, ...]) -> None:
+def clean(keys: tuple[str, ...], everything: bool, config: Config) -> None:
     """Remove packs by key or name. Without KEY, remove only leftovers of killed runs. Packs that a session shows are kept."""
-    config = load(config_file, sets).scene
-    found = packs(config)
+    found = packs(config.scene)
     known = {word for folder, m, _ in found for word in (folder.name, m.get("name"), m.get("source"))}
     if unknown := [key for key in keys if key not in known]:
         raise UserError(f"{', '.join(unknown)}: no such pack", "`lfpipe scene list` shows keys and names")
@@ -132,17 +114,16 @@ def clean(keys: tuple[str, ...], everything: bool, config_file: str | None, sets
     for folder, manifest, _ in chosen:
         if is_dir(folder):
             click.echo(f"in use, kept: {folder.name}  {manifest.get('name', '')}")
-    left = sweep(config)
+    left = sweep(config.scene)
     click.echo(f"removed {len(gone)} packs, {sum(size for _, _, size in gone) / 1e6:.1f} MB, and {left} leftovers")
 
 
 @scene.command()
 @SCENE
-@with_scene_options
+@with_scene
 @JSON
-def plan(path: Path, as_json: bool, **options: Any) -> None:
+def plan(path: Path, as_json: bool, config: Config) -> None:
     """Show which work SCENE does not need, why, and what leaving it out saves."""
-    config = scene_config(options)
     field = opened(path, config)
     made = make_plan(field, config)
     if as_json:
@@ -158,13 +139,12 @@ def plan(path: Path, as_json: bool, **options: Any) -> None:
 
 @scene.command()
 @SCENE
-@with_scene_options
+@with_scene
 @JSON
-def info(path: Path, as_json: bool, **options: Any) -> None:
+def info(path: Path, as_json: bool, config: Config) -> None:
     """Show SCENE's layout, grid, order of views, disparity and geometry."""
-    settings = scene_config(options).scene
-    field = packed(path, settings)
-    facts = describe_pack(field) if field is not None and field.complete else ask_packer(path, settings, do="info")
+    field = packed(path, config.scene)
+    facts = describe_pack(field) if field is not None and field.complete else ask_packer(path, config.scene, do="info")
     click.echo(json.dumps(facts) if as_json else "\n".join(filled(line[14:], line[:14]) for line in lines(facts)))
 
 
@@ -174,12 +154,11 @@ def info(path: Path, as_json: bool, **options: Any) -> None:
 @click.option("--col", type=float, required=True, help="Column of the view, 0 at the left; fractions allowed.")
 @click.option("--frame", type=click.IntRange(0), default=0, show_default=True, help="Frame of a light-field video.")
 @click.option("--method", type=click.Choice(["auto", *reversed(METHODS)]), default="auto", show_default=True)
-@click.option("-o", "--out", type=click.Path(path_type=Path), required=True, help="File for the picture.")
-@with_scene_options
-def view(path: Path, row: float, col: float, frame: int, method: str, out: Path, **options: Any) -> None:
+@click.option("-o", "--out", type=PATH, required=True, help="File for the picture.")
+@with_scene
+def view(path: Path, row: float, col: float, frame: int, method: str, out: Path, config: Config) -> None:
     """Write the picture that a camera at ROW, COL of the grid would see."""
     check_picture(out, path)
-    config = scene_config(options)
     field = opened(path, config)
     for name, value, count in (("row", row, field.rows), ("col", col, field.cols)):
         if not 0 <= value <= count - 1:  # not a number compares false
@@ -193,23 +172,23 @@ def view(path: Path, row: float, col: float, frame: int, method: str, out: Path,
 
 @scene.command()
 @SCENE
-@click.option("-o", "--out", type=click.Path(path_type=Path), required=True, help="File for the picture.")
-@with_scene_options
-def sheet(path: Path, out: Path, **options: Any) -> None:
+@click.option("-o", "--out", type=PATH, required=True, help="File for the picture.")
+@with_scene
+def sheet(path: Path, out: Path, config: Config) -> None:
     """Write a contact sheet of all views, epipolar slices, and depth: near in red, far in blue."""
     check_picture(out, path)
-    write_picture(out, contact_sheet(opened(path, scene_config(options))))
+    write_picture(out, contact_sheet(opened(path, config)))
 
 
 @scene.command()
 @SCENE
-@click.argument("out", type=click.Path(path_type=Path))
+@click.argument("out", type=PATH)
 @click.option("--as", "form", type=click.Choice(["quilt", "pair", "wiggle", "sweep"]), required=True, help="Format of OUT.")
 @click.option("--tiles", default="8x6", show_default=True, metavar="COLSxROWS", help="Tiles of a quilt.")
 @click.option("--apart", type=float, metavar="VIEWS", help="Views between the eyes of a pair or wiggle.  [default: comfortable]")
 @click.option("--seconds", type=click.FloatRange(0.1, 600), metavar="S", help="Length of a wiggle or sweep. [default: 0.8 and 6]")
-@with_scene_options
-def export(path: Path, out: Path, form: str, tiles: str, apart: float | None, seconds: float | None, **options: Any) -> None:
+@with_scene
+def export(path: Path, out: Path, form: str, tiles: str, apart: float | None, seconds: float | None, config: Config) -> None:
     """Write SCENE for other programs: a quilt for Looking Glass displays, a pair (.png, .jpg, .jps, .mpo, .mp4), a wiggle (.mp4,
     .gif), or a sweep.
 
@@ -226,7 +205,6 @@ def export(path: Path, out: Path, form: str, tiles: str, apart: float | None, se
         check_output(out, [path])
     else:
         check_picture(out, path)
-    config = scene_config(options)
     field = opened(path, config)
     made = SceneExport(field, config)
     if form == "quilt":
@@ -246,12 +224,11 @@ def export(path: Path, out: Path, form: str, tiles: str, apart: float | None, se
 
 
 @scene.command()
-@click.argument("path", metavar="CLIP", type=click.Path(path_type=Path))
-@click.option("-o", "--out", type=click.Path(path_type=Path), help="New folder for the views.  [default: CLIP-views beside CLIP]")
-@with_scene_options
-def make(path: Path, out: Path | None, **options: Any) -> None:
+@click.argument("path", metavar="CLIP", type=PATH)
+@click.option("-o", "--out", type=PATH, help="New folder for the views.  [default: CLIP-views beside CLIP]")
+@with_config
+def make(path: Path, out: Path | None, config: Config) -> None:
     """Make a light field of one row from CLIP, a video or a folder of pictures taken while sliding the camera sideways."""
-    config = scene_config(options)
     with progress() as bar:
         folder = out or path.with_name(f"{path.stem}-views")
         made = ask_packer(path, config.scene, bar, do="make", out=str(folder))

@@ -12,11 +12,11 @@ import attrs
 import click
 import numpy as np
 
-from lfpipe import config as config_module
 from lfpipe.capture.open_source import camera_name, check_source
 from lfpipe.capture.recordings import open_recording
 from lfpipe.cli.launch import exit_code, say
-from lfpipe.cli.options import with_camera, with_config
+from lfpipe.cli.options import CAMERA, DURATION, PATH, with_config
+from lfpipe.config import Config
 from lfpipe.config.user_files import with_measured_focal
 from lfpipe.errors import UserError, plain
 from lfpipe.files.safe_files import create_private, open_regular
@@ -30,21 +30,17 @@ from lfpipe.supervisor.supervisor import run_session
 from lfpipe.transport.session import Session
 
 MOST_WRONG = 5  # damages listed per sequence, at most
-PATH = click.Path(path_type=Path)
 SEQUENCES = click.argument("paths", type=PATH, metavar="SEQ...", nargs=-1, required=True)
 
 
 @click.command()
 @click.argument("out", type=PATH)
-@with_camera
-@click.option("--duration", "duration_s", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Stop after S seconds.")
+@CAMERA
+@DURATION
 @click.option("--with-eyes", is_flag=True, help="Track the eyes and store them with the frames.")
 @with_config
-def record(
-    out: Path, camera: str | None, duration_s: float | None, with_eyes: bool, sets: tuple[str, ...], config_file: str | None
-) -> int:
+def record(out: Path, camera: str | None, duration_s: float | None, with_eyes: bool, config: Config) -> int:
     """Record a camera to the new folder OUT, for `lfpipe replay`. Ctrl-C ends it. See also `lfpipe ctl record`."""
-    config = config_module.load(config_file, sets)
     source = check_source(camera or config.camera.source, config.camera)
     config = with_measured_focal(config, camera_name(source.text))
     check_out(out)

@@ -3,15 +3,15 @@
 import itertools
 import json
 import time
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import attrs
 import click
 
 from lfpipe.cli import completions
-from lfpipe.cli.options import with_session
+from lfpipe.cli.options import PATH, SESSION
 from lfpipe.config import parse_set
 from lfpipe.files.output import check_output
 from lfpipe.observe import terminal
@@ -21,11 +21,11 @@ from lfpipe.observe.timeline import finish_trace
 from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S
 
 LOAD_S = 900.0  # packing a large scene takes minutes
-VALUED = ("--session",)
+Send = Callable[..., None]  # of one message, and perhaps timeout_s
 
 
 @click.command()
-@with_session
+@SESSION
 @click.option("--once", is_flag=True, help="Print the state once and end.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object per line.")
 @click.option("--web", is_flag=False, flag_value="", metavar="[[HOST]:PORT]",
@@ -37,22 +37,14 @@ def monitor(session_name: str, once: bool, as_json: bool, web: str | None) -> No
     the monitor waits for it to start again.
     Keys: q quit, p pause, r reset, t record a timeline, w toggle warp, m mode, c recentre.
     """
-    if web is not None:
-        if once or as_json:
-            raise click.UsageError(f"--web excludes {'--once' if once else '--json'}")
-        from lfpipe.observe.web import serve  # Tornado is not needed for anything else
-
-        serve(session_name, web or ":8765", click.echo)
-    else:
+    if web is None:
         terminal.run(session_name, once, as_json)
+        return
+    if once or as_json:
+        raise click.UsageError(f"--web excludes {'--once' if once else '--json'}")
+    from lfpipe.observe.web import serve  # Tornado is not needed for anything else
 
-
-@attrs.frozen
-class Target:
-    """The session to talk to, and how to print its answers."""
-
-    session_name: str
-    as_json: bool
+    serve(session_name, web or ":8765", click.echo)
 
 
 class Leading(click.Group):
@@ -64,15 +56,15 @@ class Leading(click.Group):
         back: list[str] = []
         words = iter(args[:end])
         for word in words:
-            if word in VALUED:
+            if word == "--session":
                 front += [word, *itertools.islice(words, 1)]
             else:
-                (front if word == "--json" or word.partition("=")[0] in VALUED else back).append(word)
+                (front if word == "--json" or word.startswith("--session=") else back).append(word)
         return super().parse_args(ctx, [*front, *back, *args[end:]])
 
 
 @click.group(cls=Leading)
-@with_session
+@SESSION
 @click.option("--json", "as_json", is_flag=True, help="Print answers as JSON.")
 @click.pass_context
 def ctl(context: click.Context, session_name: str, as_json: bool) -> None:
@@ -80,50 +72,49 @@ def ctl(context: click.Context, session_name: str, as_json: bool) -> None:
 
     For a session on another machine: ssh HOST lfpipe ctl ...
     """
-    context.obj = Target(session_name, as_json)
+    context.obj = partial(_send, session_name, as_json)
 
 
-def _send(target: Target, message: dict[str, Any], timeout_s: float = 3.0) -> None:
-    answer = ask(target.session_name, message, timeout_s)
+def _send(session_name: str, as_json: bool, message: dict[str, Any], timeout_s: float = 3.0) -> None:
+    answer = ask(session_name, message, timeout_s)
     answer.pop("v", None)
-    if target.as_json:
+    if as_json:
         click.echo(json.dumps(answer))
     elif message["cmd"] == "status":
         print_state(answer)
     else:
-        said = ", ".join(f"{key} {value}" for key, value in answer.items() if key not in ("ok", "rev", "applied"))
-        click.echo(f"{message['cmd']}: done{', ' + said if said else ''}")
+        facts = [f"{key} {value}" for key, value in answer.items() if key not in ("ok", "rev", "applied")]
+        click.echo(", ".join([f"{message['cmd']}: done", *facts]))
 
 
 @ctl.command("set")
 @click.argument("sets", nargs=-1, required=True, metavar="KEY=VALUE...", shell_complete=completions.settings)
 @click.pass_obj
-def set_keys(target: Target, sets: tuple[str, ...]) -> None:
+def set_keys(send: Send, sets: tuple[str, ...]) -> None:
     """Change keys of the configuration: all of them, or none if one is refused."""
-    _send(target, {"cmd": "set", "set": dict(parse_set(text) for text in sets)})
+    send({"cmd": "set", "set": dict(parse_set(text) for text in sets)})
 
 
 @ctl.command()
-@click.argument("scene", required=False, type=click.Path(path_type=Path), shell_complete=completions.scenes)
+@click.argument("scene", required=False, type=PATH)
 @click.option("--next", "step", flag_value=1, type=int, help="The next scene of the playlist.")
 @click.option("--previous", "step", flag_value=-1, type=int, help="The previous scene of the playlist.")
 @click.option("--layout", help="Its layout on disk, if it is not detected.")
 @click.option("--grid", metavar="ROWSxCOLS", help="Its grid, if the files do not define it.")
 @click.pass_obj
-def load(target: Target, scene: Path | None, step: int | None, layout: str | None, grid: str | None) -> None:
+def load(send: Send, scene: Path | None, step: int | None, layout: str | None, grid: str | None) -> None:
     """Show another light field. It is packed first if necessary; the old one stays visible meanwhile."""
     if (scene is None) == (step is None):
         raise click.UsageError("give one of SCENE, --next and --previous")
-    how = {key: value for key, value in (("layout", layout), ("grid", grid)) if value is not None}
-    which = {"step": step} if scene is None else {"scene": str(scene.resolve())}
-    _send(target, {"cmd": "load", **which, **how}, LOAD_S)
+    how = {"step": step, "scene": scene and str(scene.resolve()), "layout": layout, "grid": grid}
+    send({"cmd": "load", **{key: value for key, value in how.items() if value is not None}}, LOAD_S)
 
 
 def _plain(word: str, text: str) -> None:
     @ctl.command(word, help=text)
     @click.pass_obj
-    def command(target: Target) -> None:
-        _send(target, {"cmd": word})
+    def command(send: Send) -> None:
+        send({"cmd": word})
 
 
 _plain("status", "State and latency of every stage.")
@@ -139,19 +130,19 @@ def record() -> None:
 
 
 @record.command()
-@click.argument("out", type=click.Path(path_type=Path))
+@click.argument("out", type=PATH)
 @click.option("--with-eyes", is_flag=True, help="Store the tracked eyes with the frames.")
 @click.pass_obj
-def start(target: Target, out: Path, with_eyes: bool) -> None:
+def start(send: Send, out: Path, with_eyes: bool) -> None:
     """Record to the new folder OUT, until `stop` or the end of the session."""
-    _send(target, {"cmd": "record", "path": str(out.resolve()), "eyes": with_eyes}, FILE_CHECK_TIMEOUT_S)
+    send({"cmd": "record", "path": str(out.resolve()), "eyes": with_eyes}, FILE_CHECK_TIMEOUT_S)
 
 
 @record.command("stop")
 @click.pass_obj
-def stop_record(target: Target) -> None:
+def stop_record(send: Send) -> None:
     """End the recording."""
-    _send(target, {"cmd": "record", "path": ""})
+    send({"cmd": "record", "path": ""})
 
 
 @ctl.group()
@@ -162,17 +153,17 @@ def share() -> None:
 @share.command("start")
 @click.argument("targets", nargs=-1, required=True, metavar="TARGET...")
 @click.pass_obj
-def start_share(target: Target, targets: tuple[str, ...]) -> None:
+def start_share(send: Send, targets: tuple[str, ...]) -> None:
     """Start sharing with each TARGET: opentrack:HOST:PORT, osc:HOST:PORT or lsl[:NAME]. Append ?rate=HZ for predicted eyes."""
-    _send(target, {"cmd": "share", "start": list(targets)}, FILE_CHECK_TIMEOUT_S)
+    send({"cmd": "share", "start": list(targets)}, FILE_CHECK_TIMEOUT_S)
 
 
 @share.command("stop")
 @click.argument("targets", nargs=-1, metavar="[TARGET]...")
 @click.pass_obj
-def stop_share(target: Target, targets: tuple[str, ...]) -> None:
+def stop_share(send: Send, targets: tuple[str, ...]) -> None:
     """Stop sharing with each TARGET, written as `start` printed it. Without TARGET, stop all sharing."""
-    _send(target, {"cmd": "share", "stop": list(targets)})
+    send({"cmd": "share", "stop": list(targets)})
 
 
 @click.group()
@@ -181,8 +172,8 @@ def trace() -> None:
 
 
 @trace.command("start")
-@click.argument("out", metavar="[OUT.json]", required=False, type=click.Path(path_type=Path))
-@with_session
+@click.argument("out", metavar="[OUT.json]", required=False, type=PATH)
+@SESSION
 def start_trace(out: Path | None, session_name: str) -> None:
     """Start a timeline. `lfpipe trace stop` writes it to OUT.json; the default is a name made of the time, in this folder."""
     out = (out or Path(time.strftime("lfpipe-%Y%m%d-%H%M%S.json"))).absolute()
@@ -192,8 +183,8 @@ def start_trace(out: Path | None, session_name: str) -> None:
 
 
 @trace.command("stop")
-@click.argument("out", metavar="[OUT.json]", required=False, type=click.Path(path_type=Path))
-@with_session
+@click.argument("out", metavar="[OUT.json]", required=False, type=PATH)
+@SESSION
 def stop_trace(out: Path | None, session_name: str) -> None:
     """End the timeline and write it to OUT.json, or to the file given to `start`."""
     done = finish_trace(partial(ask, session_name), out)

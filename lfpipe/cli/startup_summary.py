@@ -1,8 +1,5 @@
 """Prints the settings that `lfpipe up` starts with, in five lines."""
 
-from collections.abc import Sequence
-from pathlib import Path
-
 from lfpipe.capture.open_source import camera_name
 from lfpipe.config import Config
 from lfpipe.host.machine import has_gpu
@@ -11,9 +8,6 @@ from lfpipe.render.geometry import parallax
 from lfpipe.render.monitors import detect_monitors, loop_doubt
 from lfpipe.render.plan import Plan
 from lfpipe.scene.lightfield import LightField
-
-PIXEL_BYTES = {".mp4": 0.02}  # H.264 with our encoder settings; measured 0.013 for anaglyphs of 512x512
-LOSSLESS_BYTES = 1.2  # HuffYUV, same pictures: 0.30 MB each
 
 
 def startup_lines(config: Config, field: LightField, plan: Plan, camera: str, display: str) -> list[str]:
@@ -53,25 +47,6 @@ def loop_lines(config: Config, camera: str, display: str) -> list[str]:
     render = config.render
     if not render.loop_ms or display not in ("window", "fullscreen"):
         return []
-
     doubt = loop_doubt(config, camera_name(camera) if camera else "", detect_monitors()[1])
     why = f"; doubtful: {doubt}; `lfpipe calibrate --latency` measures it" if doubt else ""
     return [f"loop    {render.loop_ms:g} ms delay of camera and display{why}"]
-
-
-def size_line(video: Path, pixels: int, rate_hz: float, duration_s: float | None) -> str:
-    """The expected size of a video. pixels: per picture."""
-    second_mb = pixels * rate_hz * PIXEL_BYTES.get(video.suffix.lower(), LOSSLESS_BYTES) / 1e6
-    whole = f"{second_mb * duration_s:.0f} MB for {duration_s:g} s" if duration_s else f"{60 * second_mb:.0f} MB per minute"
-    small = "" if video.suffix.lower() == ".mp4" else "; .mp4 is smaller, but colours bleed"
-    return f"video   {video}: about {whole}{small}"
-
-
-def sharing_lines(share: Sequence[str]) -> list[str]:
-    """One line for each target that eyes are sent to."""
-    return [f"share   eyes and head to {text.partition('?')[0]}, {_pace(text)}" for text in share]
-
-
-def _pace(text: str) -> str:
-    rate = text.partition("?rate=")[2]
-    return f"predicted, {rate} per second" if rate else "every frame"

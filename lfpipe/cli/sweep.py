@@ -5,9 +5,8 @@ from pathlib import Path
 
 import click
 
+from lfpipe.cli.options import PATH
 from lfpipe.errors import UserError
-
-PATH = click.Path(path_type=Path)
 
 
 @click.command()

@@ -1,12 +1,10 @@
 """`lfpipe up`: a live session."""
 
-from pathlib import Path
 from typing import Any
 
 import click
 
-from lfpipe.cli import completions
-from lfpipe.cli.options import with_config, with_session
+from lfpipe.cli.options import DURATION, PATH, SESSION, with_settings
 
 EXAMPLES = """\b
 Examples:
@@ -19,37 +17,22 @@ Examples:
 
 
 @click.command(epilog=EXAMPLES)
-@click.argument("scenes", nargs=-1, metavar="[SCENE]...", type=click.Path(path_type=Path), shell_complete=completions.scenes)
-@click.option(
-    "--camera",
-    "camera",
-    metavar="SRC",
-    shell_complete=completions.sources,
-    help="camera:N, camera:/dev/videoN, file:PATH[?loop=0|1&pace=recorded|max|HZ], demo or mouse.",
-)
-@click.option(
-    "--display",
-    metavar="WHERE",
-    shell_complete=completions.displays,
-    help="window, fullscreen, none, file:OUT.mkv or file:OUT.mp4.  [default: window]",
-)
-@click.option("--duration", "duration_s", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Stop after S seconds.")
-@click.option("--trace", type=click.Path(path_type=Path), metavar="FILE", help="Write one JSON line per picture.")
+@click.argument("scenes", nargs=-1, metavar="[SCENE]...", type=PATH)
+@click.option("--camera", metavar="SRC",
+              help="camera:N, camera:/dev/videoN, file:PATH[?loop=0|1&pace=recorded|max|HZ], demo or mouse.")  # fmt: skip
+@click.option("--display", metavar="WHERE",
+              help="window, fullscreen, none, file:OUT.mkv or file:OUT.mp4.  [default: window]")  # fmt: skip
+@DURATION
+@click.option("--trace", type=PATH, metavar="FILE", help="Write one JSON line per picture.")
 @click.option("--demo", is_flag=True, help="A built-in scene and face: needs no camera, light field or screen.")
-@click.option(
-    "--share",
-    multiple=True,
-    metavar="TARGET",
-    help="Send eyes and head to opentrack:HOST:PORT, osc:HOST:PORT or lsl[:NAME]; add ?rate=HZ for predicted eyes. Repeatable.",
-)
+@click.option("--share", multiple=True, metavar="TARGET", help="Send eyes and head to opentrack:HOST:PORT, osc:HOST:PORT or "
+              "lsl[:NAME]; add ?rate=HZ for predicted eyes. Repeatable.")  # fmt: skip
 @click.option("--kiosk", is_flag=True, help="Run an exhibition: full screen, all keys ignored; typing its code ends it.")
-@click.option(
-    "--code-file", type=click.Path(path_type=Path), metavar="FILE", help="With --kiosk: holds the code; or LFPIPE_KIOSK_CODE."
-)
+@click.option("--code-file", type=PATH, metavar="FILE", help="With --kiosk: holds the code; or LFPIPE_KIOSK_CODE.")
 @click.option("--force", is_flag=True, help="Replace output files that lfpipe did not write.")
 @click.option("--no-picture", is_flag=True, help="Track the eyes only: no SCENE, no window.")
-@with_session
-@with_config
+@SESSION
+@with_settings
 def up(**options: Any) -> int:
     """Show SCENE, a folder or file with a light field, from the position of the viewer's eyes.
 

@@ -17,7 +17,6 @@ from lfpipe.config import Config
 from lfpipe.config.quality import lowered
 from lfpipe.host.processes import run_on
 from lfpipe.render.display import open_display
-from lfpipe.render.file_display import save
 from lfpipe.render.key_bindings import KeyBindings
 from lfpipe.render.presenter import Presenter
 from lfpipe.render.refresh import Refresh, ScreenClock, ScreenRefresh
@@ -156,11 +155,6 @@ class RenderStage:
 
     def close(self) -> None:
         """Writes what is left to write."""
-        if self._options.still and self._presenter.picture is not None:
-            if failure := save(Path(self._options.still), self._presenter.picture):
-                self._context.report_lost(failure)
-            else:
-                self._context.emit("notice", text=f"picture saved as {self._options.still}")
         self._presenter.close()
         self._display.close()
         self._keys.pass_on_notices()

@@ -17,7 +17,6 @@ from tests.world import World
         (("up", "--demo", "--set", "render.swap_eye=true"), "remedy: --set render.swap_eyes=true"),
         (("up", "--demo", "--set", "render.rate_hz=9999"), "lfpipe config show"),
         (("replay", "walk", "--pace", "fast"), "step, max, recorded or a rate"),
-        (("replay", "walk", "--pace", "recordd"), "did you mean 'recorded'?"),
         (("monitor", "--once", "--web"), "--web excludes --once"),
     ],
 )

@@ -15,7 +15,7 @@ def main(context: Context) -> None:
         with context.saving("writing what is left"):
             end = time.monotonic() + 3.0  # more than a stage may take for its end
             while time.monotonic() < end:
-                (Path(context.options.still) / "saved").write_text("x" * 10_000)
+                (Path(context.options.timeline) / "saved").write_text("x" * 10_000)
                 time.sleep(0.05)
         context.row["seq"] = 78
     elif context.options.source == "hangs at its end":

@@ -134,5 +134,5 @@ def test_plan_says_what_is_left_out(shell: Shell, folder: Path, tmp_path: Path) 
 
 
 def test_words_of_the_user_are_checked(shell: Shell, folder: Path) -> None:
-    for words in (["--grid", "2"], ["--gamma", "wrong"], ["--gamma", "0"], ["--layout", "unknown"]):
+    for words in (["--grid", "2"], ["--set", "scene.gamma=wrong"], ["--set", "scene.gamma=0"], ["--layout", "unknown"]):
         assert isinstance(shell("info", folder, *words).exception, UserError), words

@@ -100,7 +100,7 @@ class Bench:
         self.process = StageProcess(STAGE, self.session, self.memory.table.rows["render"])
 
     def start(self, does: str) -> StageProcess:
-        options = SessionOptions(source=does, still=str(self.folder))
+        options = SessionOptions(source=does, timeline=str(self.folder))
         self.process.start(StageSpec("render", STAGE.module, self.session, Config(), 1, options, consumers(), (), SOURCE))
         self.until(lambda: self.process.row["seq"] == LOOPS)
         return self.process
