@@ -31,6 +31,14 @@ def write_scene(folder: Path, rows: int = 3, cols: int = 3, size: tuple[int, int
     return folder
 
 
+def runs(pid: int) -> bool:
+    """Whether a process exists and has not ended: one whose parent was killed may wait long for init to read its exit code."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
 class World:
     """Starts `lfpipe` commands; `session` waits until a session shows pictures."""
 

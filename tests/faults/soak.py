@@ -1,118 +1,216 @@
-"""Random faults in one session, one after another: time until pictures return, lost frames, leftovers. `pytest -m soak` runs
+"""Random faults in one session, one after another, while every frame and picture is checked from outside. `pytest -m soak` runs
 hundreds of them, `-m live` one of each kind.
 """
 
 import contextlib
+import json
 import os
 import random
 import signal
-import statistics
 import subprocess
 import sys
+import threading
 import time
-from collections.abc import Callable
-from typing import Any
+import zlib
+from pathlib import Path
 
-import attrs
+import cv2
+import numpy as np
 import zmq
+from numpy.typing import NDArray
 
-from lfpipe.transport import control, ring
+from lfpipe import config
+from lfpipe.capture.open_source import open_source
+from lfpipe.transport import control, ring, status
+from lfpipe.transport.clock import now_ns
+from lfpipe.transport.session import Session
+from lfpipe.transport.status import State
 from tests.faults.hostile import hostile
-from tests.faults.session import STAGES, WatchedSession
-from tests.faults.watcher import Account, Figures, Watcher, is_whole
+from tests.world import World, write_scene
 
-LETHAL = ("kill", "terminate", "stop 3 s")
-HARMLESS = ("stop the supervisor 3 s", "source stalls 1 s", "monitor killed", "slow reader", "hogs 2 s", "garbage")
+STAGES = ("capture", "track", "render")
+LETHAL = ("kill", "terminate", "stop")
+HARMLESS = ("stop_supervisor", "stall", "kill_monitor", "read_slowly", "hog", "send_garbage")
 DEATHS, WINDOW_S = 3, 61.0  # of one stage: five in 60 s end a session, and after the fourth it waits before a restart
 LEAK_MB = 4.0  # of one process; allocators differ by less from start to start
+LEASE_S, PATIENCE_S = 20.0, 120.0
+SIZE_PX = (320, 240)
+# pictures of one colour: a torn one shows
+SETS = ("render.clock=camera", "render.method=nearest", "render.anaglyph=colour", "render.alpha_px=12")
 HOG = "import time\nend = time.time() + 2\nwhile time.time() < end: pass"
 
 
-@attrs.frozen
-class Fault:
-    """A fault, its target, and the time from its end to a picture of a newer frame."""
+def write_checked_frames(folder: Path, count: int) -> Path:
+    """A folder of BMP pictures of the demo's face whose first row holds the checksum of the rest and nothing else."""
+    folder.mkdir()
+    width_px, height_px = SIZE_PX
+    source = open_source("demo", config.Camera(width_px=width_px, height_px=height_px))
+    frame = np.empty((height_px, width_px, 3), np.uint8)
+    for k in range(count):
+        source.read(frame)
+        frame[0] = 0
+        frame[0].reshape(-1)[:4] = np.frombuffer(zlib.crc32(frame[1:]).to_bytes(4, "little"), np.uint8)
+        cv2.imwrite(str(folder / f"f{k:04d}.bmp"), frame)
+    source.close()
+    return folder
 
-    kind: str
-    stage: str
-    recovery_s: float
+
+def is_whole(frame: NDArray[np.uint8]) -> bool:
+    """Whether a frame's checksum is right."""
+    return frame[0].reshape(-1)[:4].tobytes() == zlib.crc32(frame[1:]).to_bytes(4, "little")
 
 
-@attrs.define
-class Outcome:
-    """The outcome of a whole run."""
+class Watcher(threading.Thread):
+    """Looks at every frame and picture of a session until `end`. newest: line of the trace."""
 
-    faults: list[Fault]
-    accounts: list[Account]
-    watcher: Watcher
-    before: Figures
-    after: Figures
-    restarts: dict[str, int]
-    seconds: float
+    def __init__(self, session: Session, trace: Path) -> None:
+        super().__init__(daemon=True)
+        self.table = status.Table(session.segment("status"))
+        self._session, self._trace = session, trace
+        self._frames, self._eyes = ring.Reader(session.segment("frames")), ring.Reader(session.segment("eyes"))
+        self._last = (-1, -1)  # epoch and source_seq of the newest frame
+        self._ended = threading.Event()
+        self._offset, self._rest, self._lines = 0, b"", 0
+        self.newest = {"t_read_ns": 0}
+        self.frames = self.pictures = self.torn_frames = self.torn_pictures = self.out_of_order = 0
 
-    def broken(self, recovery_s: float) -> list[str]:
-        """The broken promises, in words; empty if all were kept."""
-        late = [f"pictures only {f.recovery_s:.2f} s after {f.kind} {f.stage}" for f in self.faults if f.recovery_s > recovery_s]
-        watcher = self.watcher
-        counts = {
-            "torn frames": watcher.torn,
-            "torn pictures": watcher.torn_pictures,
-            "frames out of order": watcher.out_of_order,
-        }
-        wrong = [f"{count} {what}" for what, count in counts.items() if count]
-        books = [f"drops counted less those there were: {a.errors()}" for a in self.accounts[-1:] if any(a.errors().values())]
-        leaks = []
-        for name, (before_mb, before_fds) in self.before.processes.items():
-            after_mb, after_fds = self.after.processes.get(name, (0.0, 0))
-            if after_mb > before_mb + LEAK_MB or after_fds > before_fds + 1:
-                leaks.append(f"{name}: {before_mb:.1f} to {after_mb:.1f} MB, {before_fds} to {after_fds} descriptors")
-        for what in ("segments", "files"):
-            if getattr(self.before, what) != getattr(self.after, what):
-                leaks.append(f"{what}: {getattr(self.before, what)} to {getattr(self.after, what)}")
-        if self.before.processes.keys() != self.after.processes.keys():
-            leaks.append(f"processes: {sorted(self.before.processes)} to {sorted(self.after.processes)}")
-        return late + wrong + books + leaks
+    def run(self) -> None:
+        pictures: ring.Reader | None = None
+        lease_ns = 0
+        with control.context() as ctx, ctx.socket(zmq.DEALER) as ctl:
+            control.connect(ctl, self._session.run_dir, "ctl")
+            while not self._ended.wait(0.004):
+                self._look_at_frames()
+                self._read_trace()
+                if now_ns() > lease_ns:
+                    ctl.send(control.encode({"cmd": "pictures", "lease_s": LEASE_S}))
+                    lease_ns = now_ns() + int(LEASE_S / 3 * 1e9)
+                while ctl.poll(0):
+                    answer = control.decode(ctl.recv())
+                    if pictures is None and answer.get("ok"):
+                        pictures = ring.Reader(self._session.segment(answer["ring"]))
+                        picture = np.empty(pictures.shape, np.uint8)
+                if pictures is not None and pictures.read(picture) is not None:
+                    self.pictures += 1
+                    self.torn_pictures += bool((picture != picture[0, 0]).any())
+        if pictures is not None:
+            pictures.close()
 
-    def table(self) -> str:
-        """Kinds of faults with the times until pictures returned, restarts, and the account of frames."""
-        lines = [f"{self.seconds / 60:.1f} min, restarts {self.restarts}, {self.watcher.lapped} frames lapped while looked at"]
-        for kind in (*LETHAL, *HARMLESS):
-            if times_s := [fault.recovery_s for fault in self.faults if fault.kind == kind]:
-                lines.append(f"{kind}: {len(times_s)}, median {statistics.median(times_s):.2f} s, longest {max(times_s):.2f} s")
-        return "\n".join([*lines, str(self.accounts[-1]), str(self.before), str(self.after)])
+    def _look_at_frames(self) -> None:
+        while (peeked := self._frames.peek(in_order=True)) is not None:
+            stamp, frame = peeked
+            whole = is_whole(frame)
+            if self._frames.still_valid(stamp):  # not overwritten meanwhile
+                self.frames += 1
+                self.torn_frames += not whole
+            self.out_of_order += (stamp.epoch, stamp.source_seq) <= self._last
+            self._last = (stamp.epoch, stamp.source_seq)
+
+    def _read_trace(self) -> None:
+        with self._trace.open("rb") as file:
+            file.seek(self._offset)
+            data = file.read()
+        self._offset += len(data)
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        self._lines += len(lines)
+        if lines:
+            self.newest = json.loads(lines[-1])
+
+    def miscounts(self) -> tuple[int, int]:
+        """Drops counted by track and by render, less those there were; exact while no frame is in flight."""
+        track, render = (int(self.table.rows[name]["drops"] + self.table.rows[name]["left_out"]) for name in ("track", "render"))
+        return track - (self._frames.published - self._eyes.published), render - (self._eyes.published - self._lines)
+
+    def end(self) -> None:
+        """Detaches from the session."""
+        self._ended.set()
+        self.join()
+        self._frames.close()
+        self._eyes.close()
+        self.table.close()
 
 
 class Soak:
-    """A session under faults. Raises AssertionError if pictures do not return."""
+    """A session under faults, from the constructor to `end`. restarts: of each stage."""
 
-    def __init__(self, session: WatchedSession, seed: int) -> None:
-        self._session, self._rng = session, random.Random(seed)
-        self._restarts = dict.fromkeys(STAGES, 0)
+    def __init__(self, world: World, seed: int) -> None:
+        self.world, self._rng = world, random.Random(seed)
+        frames = write_checked_frames(world.root / "checked-frames", 40)
+        self._log = (world.root / "session.log").open("w")
+        sets = (f"--set={key}" for key in (f"camera.width_px={SIZE_PX[0]}", f"camera.height_px={SIZE_PX[1]}", *SETS))
+        output = {"stdout": self._log, "stderr": self._log}
+        self._supervisor = world.up(write_scene(world.root / "plain"), *sets, camera=f"file:{frames}?loop=1&pace=30", **output)
+        world.pictures(20)
+        self._session = Session(world.name)
+        self.watcher = Watcher(self._session, world.trace)
+        self.watcher.start()
+        self.restarts = dict.fromkeys(STAGES, 0)
         self._deaths: dict[str, list[float]] = {name: [] for name in STAGES}
 
-    def run(self, count: int, tell: Callable[[str], None] = print, books_every: int = 25) -> Outcome:
-        """Injects faults, one of each kind before random ones; checks the account of frames after every books_every faults."""
-        session, watcher = self._session, self._session.watcher
+    def run(self, count: int) -> list[str]:
+        """Injects faults, one of each kind before random ones. Returns what went wrong, in words."""
         time.sleep(3.0)  # after warm-up of allocators and lazy imports
-        before, start = session.figures(), time.monotonic()
-        faults: list[Fault] = []
-        accounts: list[Account] = []
-        for number in range(1, count + 1):
-            kind, stage = self._choose([*LETHAL, *HARMLESS][number - 1 : number])
-            getattr(self, "_" + "_".join(kind.split()))(stage)
-            faults.append(Fault(kind, stage, session.pictures_again()))
-            if number % books_every == 0 or number == count:
-                accounts.append(session.books())
-                longest = max(fault.recovery_s for fault in faults)
-                tell(
-                    f"{number:4d} {time.monotonic() - start:6.0f} s  pictures again within {longest:.2f} s, "
-                    f"torn {watcher.torn + watcher.torn_pictures} of {watcher.seen + watcher.pictures}, "
-                    f"drops counted less missing {list(accounts[-1].errors().values())}, load {os.getloadavg()[0]:.1f}"
-                )
+        before, wrong = self._resources(), []
+        for number in range(count):
+            kind, stage = self._choose([*LETHAL, *HARMLESS][number : number + 1])
+            getattr(self, f"_{kind}")(stage)
+            self._wait_for_pictures(f"{kind} {stage}")
+            if (number % 4 == 3 or number == count - 1) and any(miscounts := self._miscounts_at_rest()):
+                wrong.append(f"after {kind} {stage}: drops counted less those there were: {miscounts}")
             time.sleep(self._rng.uniform(0.05, 0.4))
         time.sleep(3.0)
-        after = session.figures()
         self._count_deaths()
-        return Outcome(faults, accounts, watcher, before, after, dict(self._restarts), time.monotonic() - start)
+        watcher, after = self.watcher, self._resources()
+        wrong += [f"{n} {name}" for name in ("torn_frames", "torn_pictures", "out_of_order") if (n := getattr(watcher, name))]
+        for name in before.keys() | after.keys():
+            was, now = before.get(name, ()), after.get(name, ())
+            grown = len(was) != len(now) or any(b > a + more for a, b, more in zip(was, now, (LEAK_MB, 1), strict=False))
+            wrong += [f"{name}: {was} to {now} (MB, descriptors)"] if grown else []
+        return wrong
+
+    def _resources(self) -> dict[str, tuple[float, ...]]:
+        """Memory of its own (MB) and descriptors of each process; segments and files by name."""
+        table, pid = self.watcher.table, self._supervisor.pid
+        names = {int(row["pid"]): name for name, row in table.rows.items()} | {pid: "supervisor"}
+        figures: dict[str, tuple[float, ...]] = {}
+        for process in (pid, *map(int, Path(f"/proc/{pid}/task/{pid}/children").read_text().split())):
+            with contextlib.suppress(FileNotFoundError):
+                lines = Path(f"/proc/{process}/status").read_text().splitlines()
+                anonymous_mb = next(int(line.split()[1]) for line in lines if line.startswith("RssAnon:")) / 1024
+                name = names.get(process) or Path(f"/proc/{process}/comm").read_text().strip()  # a helper of multiprocessing
+                figures[name] = anonymous_mb, len(list(Path(f"/proc/{process}/fd").iterdir()))
+        files = [path.name for path in self._session.run_dir.iterdir() if not path.name.startswith(("error.", "stack."))]
+        return figures | dict.fromkeys((*files, *self.world.segments()), (0.0,))
+
+    def _wait_for_pictures(self, after: str) -> None:
+        """Waits for every stage to run and for a picture of a new frame."""
+        begin_ns = now_ns()
+
+        def shown() -> bool:
+            assert self._supervisor.poll() is None, f"the session ended after {after}: {self._output()}"
+            rows = [self.watcher.table.rows[name] for name in STAGES]
+            alive = all(row["state"] == State.RUNNING and Path(f"/proc/{row['pid']}").exists() for row in rows)
+            return alive and self.watcher.newest["t_read_ns"] > begin_ns
+
+        self.world.wait_for(shown, f"picture after {after}", PATIENCE_S)
+
+    def _output(self) -> str:
+        return (self.world.root / "session.log").read_text()[-3000:]
+
+    def _miscounts_at_rest(self) -> tuple[int, int]:
+        """While capture is stopped, for less than the limit of a hang, so that no frame is in flight. Counts that differ are read
+        again, because a stage may still be working: a wrong one stays wrong."""
+        for _ in range(5):
+            pid, end = self._pid("capture"), time.monotonic() + 1.2
+            self._signal(pid, signal.SIGSTOP)
+            time.sleep(0.2)
+            while any(miscounts := self.watcher.miscounts()) and time.monotonic() < end:
+                time.sleep(0.02)
+            self._signal(pid, signal.SIGCONT)
+            self._wait_for_pictures("a look at the counts")
+            if not any(miscounts):
+                break
+        return miscounts
 
     def _choose(self, wanted: list[str]) -> tuple[str, str]:
         """One of those wanted, or any fault, but none that would be the fourth death of a stage within a minute."""
@@ -123,70 +221,71 @@ class Soak:
 
     def _count_deaths(self) -> None:
         for name in STAGES:
-            restarts = self._session.restarts(name)
-            self._deaths[name] += [time.monotonic()] * (restarts - self._restarts[name])
-            self._restarts[name] = restarts
+            restarts = int(self.watcher.table.rows[name]["restarts"])
+            self._deaths[name] += [time.monotonic()] * (restarts - self.restarts[name])
+            self.restarts[name] = restarts
+
+    def _pid(self, stage: str) -> int:
+        return int(self.watcher.table.rows[stage]["pid"])
 
     def _signal(self, pid: int, signum: int) -> None:
         with contextlib.suppress(ProcessLookupError):  # the supervisor was faster
             os.kill(pid, signum)
 
     def _kill(self, stage: str) -> None:
-        self._signal(self._session.pid(stage), signal.SIGKILL)
+        self._signal(self._pid(stage), signal.SIGKILL)
 
     def _terminate(self, stage: str) -> None:
-        self._signal(self._session.pid(stage), signal.SIGTERM)
+        self._signal(self._pid(stage), signal.SIGTERM)
 
-    def _stop_3_s(self, stage: str) -> None:
-        self._stop(stage, 3.0)  # longer than the limit of a hang
-
-    def _source_stalls_1_s(self, _: str) -> None:
-        self._stop("capture", 1.0)
-
-    def _stop(self, stage: str, seconds: float) -> None:
-        pid = self._session.pid(stage)
+    def _stop(self, stage: str, seconds: float = 3.0) -> None:  # longer than the limit of a hang
+        pid = self._pid(stage)
         self._signal(pid, signal.SIGSTOP)
         time.sleep(seconds)
-        if self._session.pid(stage) == pid:
+        if self._pid(stage) == pid:
             self._signal(pid, signal.SIGCONT)
 
-    def _stop_the_supervisor_3_s(self, _: str) -> None:
-        self._session.supervisor.send_signal(signal.SIGSTOP)
-        time.sleep(3.0)
-        self._session.supervisor.send_signal(signal.SIGCONT)
+    def _stall(self, _: str) -> None:
+        self._stop("capture", 1.0)
 
-    def _monitor_killed(self, _: str) -> None:
-        monitor = self._session.world.start("monitor", "--session", self._session.world.name, "--json")
+    def _stop_supervisor(self, _: str) -> None:
+        self._supervisor.send_signal(signal.SIGSTOP)
+        time.sleep(3.0)
+        self._supervisor.send_signal(signal.SIGCONT)
+
+    def _kill_monitor(self, _: str) -> None:
+        monitor = self.world.start("monitor", "--session", self.world.name, "--json")
         assert monitor.stdout is not None
         monitor.stdout.readline()
         monitor.kill()
         monitor.communicate()
 
-    def _slow_reader(self, _: str) -> None:
+    def _read_slowly(self, _: str) -> None:
         """It holds a slot for a second: the frame is intact, or detected as overwritten."""
-        reader = ring.Reader(self._session.session.segment("frames"))
-        try:
-            reader.last_seq = max(0, reader.published - 1)
-            peeked = reader.peek()
-            assert peeked is not None
-            time.sleep(1.0)
-            good = is_whole(peeked[1])
-            assert good or not reader.still_valid(peeked[0]), "torn, and said to be whole"
-        finally:
-            peeked = None
-            reader.close()
+        reader = ring.Reader(self._session.segment("frames"))
+        reader.last_seq = max(0, reader.published - 1)
+        peeked = reader.peek()
+        assert peeked is not None
+        time.sleep(1.0)
+        assert is_whole(peeked[1]) or not reader.still_valid(peeked[0]), "torn, and said to be whole"
+        del peeked
+        reader.close()
 
-    def _hogs_2_s(self, _: str) -> None:
-        hogs = [subprocess.Popen([sys.executable, "-c", HOG]) for _ in range(2)]
-        for hog in hogs:
+    def _hog(self, _: str) -> None:
+        for hog in [subprocess.Popen([sys.executable, "-c", HOG]) for _ in range(2)]:
             hog.wait()
 
-    def _garbage(self, _: str) -> None:
+    def _send_garbage(self, _: str) -> None:
         with control.context() as ctx, ctx.socket(zmq.DEALER) as socket:
             control.connect(socket, self._session.run_dir, "ctl")
             for _ in range(200):
                 socket.send(hostile(self._rng))
             for _ in range(200):
-                assert socket.poll(60_000), "no answer to garbage"
-                answer: dict[str, Any] = control.decode(socket.recv())
-                assert answer["ok"] is False, answer
+                assert socket.poll(60_000) and control.decode(socket.recv())["ok"] is False
+
+    def end(self) -> None:
+        """Ends watcher and session."""
+        self.watcher.end()
+        self._supervisor.send_signal(signal.SIGINT)
+        self._supervisor.wait(120)
+        self._log.close()

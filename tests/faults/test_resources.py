@@ -17,7 +17,6 @@ from pathlib import Path
 import cv2
 import pytest
 
-from lfpipe.files.safe_files import LineFile
 from lfpipe.sequence.folder import open_sequence
 from tests.world import World
 
@@ -52,37 +51,21 @@ def assert_said(done: Done, world: World, *parts: str) -> None:
     assert not world.left(), "something is left"
 
 
-@pytest.fixture(scope="session")
-def cache(scene: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A cache that holds the scene's pack."""
-    folder = tmp_path_factory.mktemp("cache")
-    pack = [sys.executable, "-m", "lfpipe", "scene", "pack", str(scene)]
-    subprocess.run(pack, check=True, capture_output=True, env={**os.environ, "XDG_CACHE_HOME": str(folder)})
-    return folder
-
-
-@pytest.fixture
-def packed(world: World, scene: Path, cache: Path) -> Path:
-    """The scene, already packed."""
-    world.env["XDG_CACHE_HOME"] = str(cache)
-    return scene
-
-
 @mounts
 @pytest.mark.native("/dev/shm")
-def test_too_little_shared_memory(world: World, packed: Path) -> None:
+def test_too_little_shared_memory(world: World, scene: Path) -> None:
     for options, named in (("size=1m", "--shm-size"), ("size=64m,ro", "cannot create shared memory")):
-        done = in_mounts(world, ("up", packed, *PLAIN, "--session", world.name), (Path("/dev/shm"), options), after="ls /dev/shm")
+        done = in_mounts(world, ("up", scene, *PLAIN, "--session", world.name), (Path("/dev/shm"), options), after="ls /dev/shm")
         assert_said(done, world, "/dev/shm", named)
         assert done.stdout.split("===\n")[1] == ""
 
 
 @pytest.mark.parametrize(("soft", "hard", "code"), [(24, 24, 2), (24, 4096, 0)])
-def test_too_few_open_files_are_raised_or_said(world: World, packed: Path, soft: int, hard: int, code: int) -> None:
+def test_too_few_open_files_are_raised_or_said(world: World, scene: Path, soft: int, hard: int, code: int) -> None:
     def limited() -> None:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
-    process = world.start("up", packed, *PLAIN, "--session", world.name, preexec_fn=limited)
+    process = world.start("up", scene, *PLAIN, "--session", world.name, preexec_fn=limited)
     out, err = process.communicate(timeout=120)
     done = subprocess.CompletedProcess([], process.returncode, out, err)
     if code:
@@ -92,50 +75,39 @@ def test_too_few_open_files_are_raised_or_said(world: World, packed: Path, soft:
 
 
 @mounts
-def test_a_full_disk_under_the_run_directory(world: World, packed: Path) -> None:
+def test_a_full_disk_under_the_run_directory(world: World, scene: Path) -> None:
     place = world.root / "small"
     place.mkdir()
     world.env["XDG_RUNTIME_DIR"] = str(place)
-    command = ("up", packed, *PLAIN, "--session", world.name)
+    command = ("up", scene, *PLAIN, "--session", world.name)
     done = in_mounts(world, command, (place, "nr_inodes=6"), after=f"ls -A {place}")
     assert_said(done, world, str(place), "No space left")
     assert done.stdout.split("===\n")[1] == "", "the run directory is gone again"
 
 
-@mounts
-def test_a_cache_without_room(world: World, scene: Path) -> None:
-    place = world.root / "small"
-    place.mkdir()
-    sets = ("--set", f"scene.cache_dir={place}")
-    done = in_mounts(world, ("up", scene, *PLAIN, *sets, "--session", world.name), (place, "size=64k"))
-    assert_said(done, world, str(place), "free")
-
-
-def test_directories_without_permission(world: World, packed: Path, as_nobody: list[str]) -> None:
+def test_directories_without_permission(world: World, scene: Path, as_nobody: list[str]) -> None:
     def unprivileged(world: World, *command: object, **env: str) -> Done:
         words = [*as_nobody, sys.executable, "-m", "lfpipe", *map(str, command)]
         return subprocess.run(words, capture_output=True, text=True, cwd=world.root, env={**world.env, **env}, timeout=60)
 
     closed = world.root / "closed"
     closed.mkdir(mode=0o500)
-    up = ("up", packed, *PLAIN, "--session", world.name)
+    up = ("up", scene, *PLAIN, "--session", world.name)
     denied = "Permission denied"
     assert_said(unprivileged(world, *up, XDG_RUNTIME_DIR=str(closed)), world, str(closed), denied, "XDG_RUNTIME_DIR")
     assert_said(unprivileged(world, *up, "--set", f"scene.cache_dir={closed}"), world, str(closed), denied, "scene.cache_dir")
     assert_said(unprivileged(world, *up, "--trace", closed / "t.jsonl"), world, "t.jsonl", denied)
-    assert_said(
-        unprivileged(world, "up", packed, "--camera", "demo", "--display", f"file:{closed}/v.mkv"), world, "v.mkv", denied
-    )
+    assert_said(unprivileged(world, "up", scene, "--camera", "demo", "--display", f"file:{closed}/v.mkv"), world, "v.mkv", denied)
     assert_said(unprivileged(world, "record", closed / "rec", "--camera", "demo"), world, str(closed / "rec"), denied)
 
 
 @mounts
-def test_full_disks_end_trace_and_video_and_keep_the_session(world: World, packed: Path) -> None:
+def test_full_disks_end_trace_and_video_and_keep_the_session(world: World, scene: Path) -> None:
     videos, traces = world.root / "videos", world.root / "traces"  # apart: whichever is first would fill the other's disk
     for place in (videos, traces):
         place.mkdir()
     shown = "--display", f"file:{videos}/v.mkv", "--duration", "1.5"
-    command = ("up", packed, "--camera", "demo", *shown, "--session", world.name)
+    command = ("up", scene, "--camera", "demo", *shown, "--session", world.name)
     full = (videos, "size=24k"), (traces, "size=12k")
     done = in_mounts(world, (*command, "--trace", traces / "t.jsonl"), *full, after=f"cat {traces}/t.jsonl")
     assert done.returncode == 1 and "Traceback" not in done.stderr and "2 files" in done.stderr, done.stderr
@@ -148,37 +120,33 @@ def test_full_disks_end_trace_and_video_and_keep_the_session(world: World, packe
 
 
 @mounts
-@pytest.mark.parametrize("size", ["size=24k", "nr_inodes=5"])
-def test_a_replay_whose_results_have_no_room_says_so(world: World, packed: Path, clip: Path, size: str) -> None:
-    """The first disk is full under the trace, the second under the pictures at the end."""
+def test_a_replay_whose_results_have_no_room_says_so(world: World, scene: Path, clip: Path) -> None:
     place, sequence = world.root / "small", world.root / "sequence"
     place.mkdir()
     assert world.run("sequence", "import", clip, sequence).returncode == 0
-    done = in_mounts(world, ("replay", sequence, "--scene", packed, "--out", place / "out"), (place, size))
+    done = in_mounts(world, ("replay", sequence, "--scene", scene, "--out", place / "out"), (place, "size=24k"))
     assert_said(done, world, "/out: No space left on device", "another --out")
 
 
 @mounts
-@pytest.mark.parametrize("size", ["nr_inodes=2", "size=2m"])
-def test_a_recording_ends_with_its_last_whole_frame_where_the_disk_is_full(world: World, packed: Path, size: str) -> None:
+def test_a_recording_ends_with_its_last_whole_frame_where_the_disk_is_full(world: World) -> None:
     place = world.root / "small"
     place.mkdir()
     kept = world.root / "kept"
     after = f"cp -r {place}/rec {kept}"
-    done = in_mounts(world, ("record", place / "rec", "--camera", "demo", "--duration", "20"), (place, size), after=after)
+    done = in_mounts(world, ("record", place / "rec", "--camera", "demo", "--duration", "20"), (place, "size=2m"), after=after)
     assert done.returncode == 1 and "Traceback" not in done.stderr, done.stderr
     assert "No space left on device" in done.stderr and "nothing is left to run" in done.stderr
-    if size == "size=2m":
-        found = open_sequence(kept)
-        assert 2 <= len(found.packets) < 30 and f"last frame is {len(found.packets) - 1}" in done.stderr
-        found.frame(len(found.packets) - 1)
+    sequence = open_sequence(kept)
+    assert 2 <= len(sequence.packets) < 30 and f"last frame is {len(sequence.packets) - 1}" in done.stderr
+    sequence.frame(len(sequence.packets) - 1)
     assert not list(kept.glob("*.new")) and not world.left()
 
 
-def test_the_video_of_a_render_stage_that_was_killed_is_not_overwritten(world: World, packed: Path) -> None:
+def test_the_video_of_a_render_stage_that_was_killed_is_not_overwritten(world: World, scene: Path) -> None:
     video = world.root / "v.mkv"
     args = ("--camera", "demo", "--display", f"file:{video}", "--trace", world.trace, "--session", world.name)
-    process = world.start("up", packed, *args)
+    process = world.start("up", scene, *args)
     world.pictures(20)
     world.wait_for(lambda: video.exists() and video.stat().st_size > 1000, "video on disk")
     os.kill(world.monitor()["stages"]["render"]["pid"], signal.SIGKILL)
@@ -189,13 +157,3 @@ def test_the_video_of_a_render_stage_that_was_killed_is_not_overwritten(world: W
     assert process.returncode == 0, err
     for path in (video, world.root / "v.2.mkv"):
         assert cv2.VideoCapture(str(path)).read()[0], f"{path.name} can be played"
-
-
-def test_half_a_line_of_a_killed_writer_is_cut_off(tmp_path: Path) -> None:
-    path = tmp_path / "lines"
-    for before, after in ((b"", b""), (b"one\n", b"one\n"), (b"one\ntw", b"one\n"), (b"on", b"")):
-        path.write_bytes(before)
-        file = LineFile(path)
-        file.append(b"next\n")
-        file.close()
-        assert path.read_bytes() == after + b"next\n"

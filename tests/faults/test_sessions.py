@@ -9,11 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from lfpipe.supervisor import rundir
-from lfpipe.transport import control, status
-from lfpipe.transport.session import Session
-from tests.faults.session import runs
-from tests.world import World, write_scene
+from tests.world import World, runs
 
 pytestmark = pytest.mark.live
 
@@ -101,48 +97,3 @@ def test_a_session_whose_run_directory_is_removed_ends_in_order(world: World, sc
     _, err = process.communicate(timeout=120)
     assert process.returncode == 1 and f"{run_dir} was removed" in err and "Traceback" not in err, err
     assert not world.left() and _gone(pids)
-
-
-@pytest.mark.timeout(180)
-def test_sessions_of_different_names_do_not_meet(world: World, scene: Path, clip: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two of one view, which need no camera, and two that are tracked: each keeps to its own, and ends by itself."""
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(world.run_dir))
-    single = write_scene(world.root / "single", 1, 1)
-    for folder in (scene, single):
-        assert world.run("scene", "pack", folder).returncode == 0
-    names = [f"{world.name}.{k}" for k in range(4)]
-    slow = ("--display", "none", "--set", "render.rate_hz=10", "--camera", f"file:{clip}?pace=10")
-    started = [world.start("up", scene if k < 2 else single, "--session", name, *slow) for k, name in enumerate(names)]
-    world.wait_for(lambda: all(_pictures(name) > 3 for name in names), "pictures of all sessions", 90)
-    assert rundir.running() == sorted(names)
-    before, *others = [_ask(name, cmd="hello") for name in names]
-    assert _ask(names[0], cmd="set", set={"render.swap_eyes": True})["ok"]
-    assert [_ask(name, cmd="hello")["config"] for name in names[1:]] == [other["config"] for other in others], "another's command"
-    assert _ask(names[3], cmd="status")["stages"]["track"]["state"] == "NONE", "a single view needs no camera and no tracking"
-    assert before["ok"] and _ask(names[0], cmd="stop")["ok"]
-    assert started[0].wait(120) == 0
-    started[1].kill()  # and the death of one does not affect another
-    started[1].wait()
-    counts = {name: _pictures(name) for name in names[2:]}
-    world.wait_for(lambda: all(_pictures(name) > count for name, count in counts.items()), "pictures of the two left")
-    for process in started[2:]:
-        process.send_signal(signal.SIGINT)
-        _, err = process.communicate(timeout=120)
-        assert process.returncode == 0 and "Traceback" not in err, err
-    world.wait_for(lambda: not world.left(), "clean end of all")
-
-
-def _ask(name: str, **message: object) -> dict[str, object]:
-    return control.request(Session(name).run_dir, message, 60)
-
-
-def _pictures(name: str) -> int:
-    """Number of pictures that a session has shown; 0 before its start."""
-    try:
-        table = status.Table(Session(name).segment("status"))
-    except (FileNotFoundError, ValueError):  # not made, or made and still empty
-        return 0
-    try:
-        return int(table.rows["render"]["seq"]) if table.rows else 0
-    finally:
-        table.close()

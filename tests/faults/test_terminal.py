@@ -10,14 +10,12 @@ import signal
 import subprocess
 import sys
 import termios
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from lfpipe.sequence.folder import open_sequence
-from tests.faults.session import runs
-from tests.world import World
+from tests.world import World, runs
 
 pytestmark = pytest.mark.live
 
@@ -71,27 +69,19 @@ def test_the_end_of_its_terminal_ends_a_recording_in_order(world: World, how: st
         terminal.close()
 
 
-@pytest.fixture(params=["terminal", "closed"])
-def deaf(request: pytest.FixtureRequest, world: World, scene: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """A session without output that ignores the end of its terminal."""
-    command = lfpipe(
-        "up", scene, "--camera", "demo", "--display", "none", "--trace", world.trace, "--session", world.name, *SMALL
-    )
-    if request.param == "terminal":
+@pytest.mark.parametrize("how", ["terminal", "closed"])
+def test_a_session_without_ears_goes_on_and_ends_when_asked(world: World, scene: Path, how: str) -> None:
+    """It has no output, and ignores the end of its terminal."""
+    shown = ("--camera", "demo", "--display", "none", "--trace", world.trace)
+    command = lfpipe("up", scene, *shown, "--session", world.name, *SMALL)
+    if how == "terminal":
         terminal = Terminal(world, f"trap '' HUP; exec {command}")
-        shell = terminal.shell
+        deaf = terminal.shell
         world.pictures(5)
         terminal.close()
     else:
-        shell = subprocess.Popen(["sh", "-c", f"exec {command} <&- >&- 2>&-"], cwd=world.root, env=world.env)
+        deaf = subprocess.Popen(["sh", "-c", f"exec {command} <&- >&- 2>&-"], cwd=world.root, env=world.env)
         world.pictures(5)
-    yield shell
-    if shell.poll() is None:
-        shell.kill()
-        shell.wait()
-
-
-def test_a_session_without_ears_goes_on_and_ends_when_asked(deaf: subprocess.Popen[bytes], world: World) -> None:
     for stage, signum in (("track", signal.SIGKILL), ("render", signal.SIGSTOP)):  # the supervisor reports both, or tries to
         os.kill(world.monitor()["stages"][stage]["pid"], signum)
         world.wait_for(lambda stage=stage: world.monitor()["stages"][stage]["restarts"] == 1, f"restart of {stage}")
