@@ -22,12 +22,11 @@ from lfpipe.render.pair_layout import Pair, scale_into
 
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # it reports past Python; notices report the same
 
-
 SUFFIXES = (".mkv", ".avi", ".mp4")
 QUEUE_PICTURES = 8
 RESERVE_BYTES = 64 << 20  # left free on the disk, so that the video makes nothing else on the machine fail
 CHECK_FRAMES = 16
-GROWTH_BYTES = 8 << 20  # encoded without the file having grown: more than the 5 MB that the container may hold back
+HELD_BYTES = 8 << 20  # not in the file yet: more than the 5 MB that the container may hold back
 LEAST_BITS = 3  # a pixel takes at least a bit a channel
 BEHIND_S = 0.5  # an encoder that lags by more than this no longer repeats pictures
 AHEAD_FRAMES = 2  # pictures faster than the rate are accepted until the video is this far ahead
@@ -70,8 +69,7 @@ class FileDisplay(Display):
         self._queue: queue.Queue[tuple[int, NDArray[np.uint8] | None]] = queue.Queue(QUEUE_PICTURES)
         self._notices: list[DisplayNotice] = []
         self._lost = False
-        self._written = self._bytes = self._grown = 0
-        self.dropped = 0
+        self._written = self.dropped = 0
         self._thread = threading.Thread(target=self._run, name="video", daemon=True)
         self._thread.start()
 
@@ -154,15 +152,12 @@ class FileDisplay(Display):
         self._written += 1
         if self._written % CHECK_FRAMES or self._lost:
             return
-        # a lossless video does not report a full disk: free space and the growth of the file do
+        # a lossless video does not report a full disk: free space and the size of the file do
         self._place()
         free, size = shutil.disk_usage(self._path.parent).free, self._output.current.stat().st_size
-        encoded_bytes = (self._written - self._grown) * self._size[0] * self._size[1] * LEAST_BITS / 8
         if free < self._reserve:
             self._end(f"the disk is full but for {free / 1e6:.0f} MB")
-        elif size > self._bytes:
-            self._bytes, self._grown = size, self._written
-        elif self._writer.lossless and encoded_bytes > GROWTH_BYTES:
+        elif self._writer.lossless and size + HELD_BYTES < self._written * self._size[0] * self._size[1] * LEAST_BITS / 8:
             self._end("it no longer grows (quota or size limit)")
 
     def _place(self) -> None:

@@ -3,14 +3,32 @@
 A textured wall at disparity FAR and before it a textured square at NEAR (px per grid step), on a grid of any size.
 """
 
+from functools import lru_cache
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.eyes import EYES, EyesRecord
+from lfpipe.render.anaglyph import MATRICES
 from lfpipe.scene.lightfield import Geometry, LightField
 
 FAR, NEAR = -1.0, 2.0
 SQUARE = (20.0, 44.0)  # where the square begins and ends in the middle view, both axes, in px of a 64x64 view
+METHODS = ["nearest", "blend", "warp", "warp2", "best"]
+OUTPUTS = [*MATRICES, "mono", "side-by-side", "row-interleaved"]
+S = 1_000_000_000
+
+
+def record(x: float = 320.0, y: float = 240.0, apart: float = 24.0, **more: Any) -> EyesRecord:
+    """Eyes around (x, y) in a picture of 640x480."""
+    eyes = np.zeros((), EYES)
+    eyes["face"], eyes["width_px"], eyes["height_px"] = 1, 640, 480
+    eyes["raw_px"] = eyes["filtered_px"] = [[x + apart / 2, y], [x - apart / 2, y]]
+    for name, value in more.items():
+        eyes[name] = value
+    return EyesRecord.of(eyes)
 
 
 def _texture(x: NDArray[np.float64], y: NDArray[np.float64], seed: int) -> NDArray[np.float64]:
@@ -44,60 +62,38 @@ def _square(row: float, col: float, height: int, width: int) -> NDArray[np.bool_
     return (x >= low) & (x < high) & (y >= low) & (y < high)
 
 
+@lru_cache(64)
 def field(
-    rows: int = 5,
-    cols: int = 5,
-    height: int = 64,
-    width: int = 64,
-    depth: bool = True,
-    scale: float = 1.0,
-    method: str = "warp2",
-    texture: float = 1.0,
+    rows: int = 5, cols: int = 5, height: int = 64, width: int = 64, depth: bool = True, scale: float = 1.0, texture: float = 1.0
 ) -> LightField:
-    """The grid as a LightField. scale: multiplies the grid's spacing, and so its disparities."""
+    """The grid as a LightField, not to be written to. scale: multiplies the grid's spacing, and so its disparities."""
     views = np.zeros((1, rows, cols, 3, height, width), np.uint8)
-    low = ((height + 1) // 2, (width + 1) // 2)
-    disparity = np.zeros((1, rows, cols, *low), np.int8)
+    disparity = np.zeros((1, rows, cols, (height + 1) // 2, (width + 1) // 2), np.int8)
     unit_px = max(abs(FAR), abs(NEAR)) * scale / 120
     for r in range(rows):
         for c in range(cols):
             row, col = (r - (rows - 1) / 2) * scale, (c - (cols - 1) / 2) * scale
             views[0, r, c] = view(row, col, height, width, texture)
             depth_px = np.where(_square(row, col, height, width), NEAR, FAR).astype(np.float32) * np.float32(scale / unit_px)
-            disparity[0, r, c] = np.rint(cv2.resize(depth_px, low[::-1], interpolation=cv2.INTER_AREA))
-    return LightField(
-        views=views,
-        disparity=disparity if depth else None,
-        disparity_scale_px=unit_px,
-        disparity_min_px=FAR * scale,
-        disparity_max_px=NEAR * scale,
-        disparity_source="truth" if depth else "none",
-        offsets=np.zeros((rows, cols, 2), np.float32),
-        present=np.ones((rows, cols), bool),
-        geometry=Geometry(),
-        frame_rate_hz=0.0,
-        name="drawn",
-        method=method if depth else "blend",
-        manifest={},
-    )
+            disparity[0, r, c] = np.rint(cv2.resize(depth_px, disparity.shape[:2:-1], interpolation=cv2.INTER_AREA))
+    return light_field(views, disparity if depth else None, unit_px, FAR * scale, NEAR * scale)
 
 
 def noise(rows: int, cols: int, height: int, width: int, extent_px: float, seed: int, channels: int = 3) -> LightField:
-    """Views and disparities of pure noise, up to +-extent_px, without any consistency."""
+    """Two frames of views and disparities of pure noise, up to +-extent_px, without any consistency."""
     rng = np.random.default_rng(seed)
-    low = ((height + 1) // 2, (width + 1) // 2)
+    views = rng.integers(0, 256, (2, rows, cols, channels, height, width), dtype=np.uint8)
+    disparity = rng.integers(-127, 128, (1, rows, cols, (height + 1) // 2, (width + 1) // 2), dtype=np.int8)
+    return light_field(views, disparity, extent_px / 127, -extent_px, extent_px, "warp")
+
+
+def light_field(
+    views: NDArray[np.uint8], disparity: NDArray[np.int8] | None, unit_px: float, low_px: float, high_px: float, method: str = ""
+) -> LightField:
+    """views: uint8 (frames, rows, cols, channels, height, width)."""
+    rows, cols = views.shape[1:3]
+    method = method or ("blend" if disparity is None else "warp2")
     return LightField(
-        views=rng.integers(0, 256, (2, rows, cols, channels, height, width), dtype=np.uint8),
-        disparity=rng.integers(-127, 128, (1, rows, cols, *low), dtype=np.int8),
-        disparity_scale_px=extent_px / 127,
-        disparity_min_px=-extent_px,
-        disparity_max_px=extent_px,
-        disparity_source="estimated",
-        offsets=np.zeros((rows, cols, 2), np.float32),
-        present=np.ones((rows, cols), bool),
-        geometry=Geometry(),
-        frame_rate_hz=25.0,
-        name="noise",
-        method="warp",
-        manifest={},
-    )
+        views, disparity, unit_px, low_px, high_px, "none" if disparity is None else "truth",
+        np.zeros((rows, cols, 2), np.float32), np.ones((rows, cols), bool), Geometry(), 25.0, "drawn", method, {},
+    )  # fmt: skip

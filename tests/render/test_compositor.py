@@ -19,9 +19,8 @@ from lfpipe.render.compositor import Compositor, PlaneStore
 from lfpipe.render.viewer import Viewer
 from lfpipe.render.viewpoint import ViewSolver
 from tests.render import rendered
+from tests.render.rendered import METHODS, OUTPUTS
 
-METHODS = ["nearest", "blend", "warp", "warp2", "best"]
-OUTPUTS = [*MATRICES, "mono", "side-by-side", "row-interleaved"]
 SEATED = np.array([[350.0, 240.0], [290.0, 240.0]])  # the left eye stands at larger x of the unmirrored picture
 
 

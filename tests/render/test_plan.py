@@ -11,28 +11,20 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from lfpipe.config import Config, SceneSummary, updated
-from lfpipe.eyes import EYES, EyesRecord
-from lfpipe.render.anaglyph import MATRICES
 from lfpipe.render.compositor import Compositor
 from lfpipe.render.geometry import parallax
 from lfpipe.render.plan import Plan, make_plan
 from lfpipe.render.viewer import Viewer
 from lfpipe.render.viewpoint import ViewSolver
-from lfpipe.scene.lightfield import Geometry, LightField
+from lfpipe.scene.lightfield import LightField
 from tests.render import rendered
-
-METHODS = ["nearest", "blend", "warp", "warp2", "best"]
-OUTPUTS = [*MATRICES, "mono", "side-by-side", "row-interleaved"]
-S = 1_000_000_000
+from tests.render.rendered import METHODS, OUTPUTS, S, record
 
 
-def field(rows: int, cols: int, channels: int = 3, extent_px: float = 3.0, method: str = "warp") -> LightField:
-    views = np.zeros((1, rows, cols, channels, 48, 64), np.uint8)
-    disparity = np.zeros((1, rows, cols, 24, 32), np.int8) if rows * cols > 1 else None
-    return LightField(
-        views, disparity, 1 / 16, -extent_px, extent_px / 2, "estimated", np.zeros((rows, cols, 2), np.float32),
-        np.ones((rows, cols), bool), Geometry(), 0.0, "test", method, {"scores": {"nearest": 30.0, "blend": 41.0}},
-    )  # fmt: skip
+def field(rows: int, cols: int, **changes: Any) -> LightField:
+    """Views of 48x64 px."""
+    scene = attrs.evolve(rendered.noise(rows, cols, 48, 64, 3.0, seed=1), manifest={"scores": {"nearest": 30.0, "blend": 41.0}})
+    return attrs.evolve(scene, views=scene.views[:1], **{"disparity": scene.disparity if rows * cols > 1 else None} | changes)
 
 
 def saved(plan: Plan) -> dict[str, str]:
@@ -50,13 +42,13 @@ def read_channels(view: int, how: Config, channels: int) -> tuple[int, ...]:
     def picture(views: NDArray[np.uint8]) -> NDArray[np.uint8]:
         return Compositor(attrs.evolve(scene, views=views), how.render).compose((0.0, 0.0), (0.0, 2.0)).copy()
 
-    found = []
+    read = []
     for channel in range(channels):
         changed = np.array(scene.views)
         changed[:, 0, view, channel] = 255 - changed[:, 0, view, channel]
         if not np.array_equal(picture(np.asarray(scene.views)), picture(changed)):
-            found.append(channel)
-    return tuple(found)
+            read.append(channel)
+    return tuple(read)
 
 
 @pytest.mark.parametrize("channels", [1, 3])
@@ -69,19 +61,16 @@ def test_planes_are_those_that_change_the_picture(anaglyph: str, ghost_compensat
         assert left == right == ()
         left, middle = middle, left
     assert middle == ()
-    assert make_plan(field(1, 3, channels), how).planes == (left, right)
-
-
-grids = st.tuples(st.integers(1, 3), st.integers(1, 5))
-numbers = st.floats(20.0, 50.0)
+    scene = field(1, 3)
+    assert make_plan(attrs.evolve(scene, views=scene.views[:, :, :, :channels]), how).planes == (left, right)
 
 
 @st.composite
 def scenes(draw: st.DrawFn) -> LightField:
-    rows, cols = draw(grids)
+    rows, cols = draw(st.tuples(st.integers(1, 3), st.integers(1, 5)))
     extent_px = draw(st.sampled_from([0.0, 0.1, 0.4, 0.6, 3.0]))
     scene = rendered.noise(rows, cols, 8, 8, extent_px, seed=1, channels=draw(st.sampled_from([1, 3])))
-    scores = draw(st.dictionaries(st.sampled_from(METHODS), numbers))
+    scores = draw(st.dictionaries(st.sampled_from(METHODS), st.floats(20.0, 50.0)))
     disparity = scene.disparity if draw(st.booleans()) else None
     return attrs.evolve(scene, method=draw(st.sampled_from(METHODS)), manifest={"scores": scores}, disparity=disparity)
 
@@ -97,34 +86,6 @@ configs = st.builds(
 )
 
 
-def record(x: float, y: float, apart: float) -> EyesRecord:
-    """Eyes around (x, y) in a picture of 640x480."""
-    made = np.zeros((), EYES)
-    made["face"], made["width_px"], made["height_px"] = 1, 640, 480
-    made["raw_px"] = made["filtered_px"] = [[x + apart / 2, y], [x - apart / 2, y]]
-    return EyesRecord.of(made)
-
-
-@given(scenes(), configs)
-def test_method_and_tracking_are_those_of_the_stages(scene: LightField, how: Config) -> None:
-    plan = make_plan(scene, how)
-    assert plan.method == Compositor(scene, how.render).method
-    summary = SceneSummary("/pack", "one", scene.rows, scene.cols, 8, 8, scene.method, scene.disparity is not None)
-    assert plan.needs_tracking == summary.needs_tracking
-    assert ("warping" in saved(plan)) == (plan.needs_tracking and not plan.needs_warp)
-    json.dumps(attrs.asdict(plan))
-
-
-@given(scenes(), configs)
-def test_rows_are_needed_where_eyes_that_move_up_change_the_picture(scene: LightField, how: Config) -> None:
-    compositor = Compositor(scene, how.render)
-    solver = ViewSolver(scene.rows, scene.cols, how.render, 30.0, (320.0, 240.0))
-    keys = {compositor.key(*solver.views((350.0, v, 290.0, v))) for v in (0.0, 240.0, 479.0)}
-    plan = make_plan(scene, how)
-    if plan.needs_tracking:
-        assert plan.needs_rows == (len(keys) > 1)
-
-
 class Untouchable:
     """A disparity that fails on reading."""
 
@@ -135,16 +96,25 @@ class Untouchable:
 
 
 @given(scenes(), configs)
-def test_disparity_is_read_where_the_plan_warps(scene: LightField, how: Config) -> None:
-    plan = make_plan(scene, how)
-    if not plan.needs_tracking or scene.disparity is None:
+def test_the_plan_is_what_the_stages_do(scene: LightField, how: Config) -> None:
+    plan, compositor = make_plan(scene, how), Compositor(scene, how.render)
+    assert plan.method == compositor.method
+    summary = SceneSummary("/pack", "one", scene.rows, scene.cols, 8, 8, scene.method, scene.disparity is not None)
+    assert plan.needs_tracking == summary.needs_tracking
+    assert ("warping" in saved(plan)) == (plan.needs_tracking and not plan.needs_warp)
+    json.dumps(attrs.asdict(plan))
+    if not plan.needs_tracking:
         return
-    guarded: Any = Untouchable()
-    try:
-        Compositor(attrs.evolve(scene, disparity=guarded), how.render).compose((0.0, 0.3), (0.0, 0.6))
-        assert not plan.needs_warp
-    except AssertionError as error:
-        assert plan.needs_warp, error
+    solver = ViewSolver(scene.rows, scene.cols, how.render, 30.0, (320.0, 240.0))
+    keys = {compositor.key(*solver.views((350.0, v, 290.0, v))) for v in (0.0, 240.0, 479.0)}
+    assert plan.needs_rows == (len(keys) > 1), "eyes that move up change the picture"
+    if scene.disparity is not None:
+        guarded: Any = Untouchable()
+        try:
+            Compositor(attrs.evolve(scene, disparity=guarded), how.render).compose((0.0, 0.3), (0.0, 0.6))
+            assert not plan.needs_warp
+        except AssertionError as error:
+            assert plan.needs_warp, error
 
 
 @settings(max_examples=50)
@@ -168,7 +138,6 @@ def test_one_view_needs_no_eyes_and_is_drawn_in_its_own_colours() -> None:
     scene = field(1, 1)
     plan = make_plan(scene, Config())
     assert (plan.needs_tracking, plan.needs_warp, plan.needs_depth, plan.method) == (False, False, False, "nearest")
-    assert set(saved(plan)) == {"capture and tracking", "3 of 6 planes per picture"}
     picture = Compositor(scene, Config().render).compose((0.0, 0.0), (0.0, 0.0))
     assert np.array_equal(picture, scene.views[0, 0, 0, ::-1].transpose(1, 2, 0)), "in Dubois colours for two equal eyes"
     assert "room to move" not in str(parallax(Config(), scene, 640, 63.0))
@@ -187,7 +156,9 @@ def test_one_view_needs_no_eyes_and_is_drawn_in_its_own_colours() -> None:
     ],
 )
 def test_why_nothing_is_warped(changes: dict[str, Any], method: str, why: str) -> None:
-    plan = make_plan(attrs.evolve(field(5, 5), **changes), with_keys(render__method=method))
+    plan = make_plan(
+        field(5, 5, **{"disparity_min_px": -1.0, "disparity_max_px": 1.0} | changes), with_keys(render__method=method)
+    )
     assert next(item.why for item in plan.left_out if item.what == "warping") == why
 
 
@@ -195,7 +166,7 @@ def test_what_is_saved_is_counted_in_bytes_and_planes() -> None:
     """Views of 48 x 64 px, three planes each; frames of 640 x 480."""
     assert saved(make_plan(field(1, 1), Config()))["capture and tracking"] == "2 processes, 0.922 MB per frame"
     assert saved(make_plan(field(1, 9), Config()))["row coordinate"] == "0.0246 MB of maps per view"
-    film = attrs.evolve(field(3, 3, channels=1), views=np.zeros((4, 3, 3, 1, 48, 64), np.uint8))
+    film = attrs.evolve(field(3, 3), views=np.zeros((4, 3, 3, 1, 48, 64), np.uint8))
     assert saved(make_plan(film, Config()))["two of three colour planes"] == "0.221 MB of pack and memory"
     by_hand = with_keys(render__anaglyph="colour", render__method="nearest", render__alpha_px=32.0)
     assert saved(make_plan(field(3, 3), by_hand)) == {

@@ -18,8 +18,7 @@ from lfpipe.render.viewpoint import Position, view_weights
 from lfpipe.scene.lightfield import LightField
 from tests.bench.inputs import wall
 from tests.render import rendered
-
-METHODS = ["nearest", "blend", "warp", "warp2", "best"]
+from tests.render.rendered import METHODS
 
 
 def made(field: LightField, method: str, position: Position, zero_plane_px: float = 0.0, channels: int = 1) -> NDArray[np.uint8]:

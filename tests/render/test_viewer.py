@@ -9,23 +9,11 @@ import numpy as np
 import pytest
 
 from lfpipe.config import Config, Render
-from lfpipe.eyes import EYES, EyesRecord
 from lfpipe.render.geometry import parallax
 from lfpipe.render.presence import ViewerState
 from lfpipe.render.viewer import DISTANCE_S, VIDEO_LEAD, Viewer, Viewpoints
 from tests.render import rendered
-
-S = 1_000_000_000
-
-
-def record(x: float = 320.0, y: float = 240.0, apart: float = 24.0, **more: Any) -> EyesRecord:
-    """Eyes around (x, y) in a picture of 640x480."""
-    made = np.zeros((), EYES)
-    made["face"], made["width_px"], made["height_px"] = 1, 640, 480
-    made["raw_px"] = made["filtered_px"] = [[x + apart / 2, y], [x - apart / 2, y]]
-    for name, value in more.items():
-        made[name] = value
-    return EyesRecord.of(made)
+from tests.render.rendered import S, record
 
 
 def viewer(**render: Any) -> Viewer:
