@@ -3,6 +3,7 @@
 import itertools
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -178,7 +179,8 @@ def test_beyond_the_grid_are_both_eyes_on_one_side(eyes: tuple[float, float, flo
 )
 def test_a_picture_is_made_of_its_neighbours_by_their_nearness(method: str, rows: int, cols: int, row: float, col: float) -> None:
     weights = view_weights(method, (row, col), rows, cols)
-    assert sum(one.weight for one in weights) == pytest.approx(1) and all(one.weight > 0 for one in weights)
+    assert 1 <= len(weights) <= 4 and sum(one.weight for one in weights) == pytest.approx(1)
+    assert all(one.weight > 0 for one in weights)
     r, c = min(max(row, 0.0), rows - 1.0), min(max(col, 0.0), cols - 1.0)
     assert all(abs(one.row - r) <= 1 and abs(one.col - c) <= 1 and 0 <= one.row < rows and 0 <= one.col < cols for one in weights)
     if method == "blend":
@@ -187,6 +189,15 @@ def test_a_picture_is_made_of_its_neighbours_by_their_nearness(method: str, rows
     if method in ("nearest", "warp"):
         ((near_row, near_col, _),) = weights
         assert abs(near_row - r) <= 0.5 and abs(near_col - c) <= 0.5
+
+
+@given(st.floats(0, 4), st.floats(0, 4), st.sampled_from(["blend", "warp2", "best"]))
+def test_weights_are_continuous(row: float, col: float, method: str) -> None:
+    tables = np.zeros((2, 5, 5))
+    for table, off in zip(tables, (0.0, 1e-6), strict=True):
+        for one in view_weights(method, (row + off, col + off), 5, 5):
+            table[one.row, one.col] += one.weight
+    assert np.abs(tables[0] - tables[1]).max() < 1e-5
 
 
 def test_fading_is_narrow_for_warp2_and_small_shares_count_nothing_for_best() -> None:
