@@ -13,19 +13,17 @@ from numpy.typing import NDArray
 Picture = NDArray[np.uint8]
 Floats = NDArray[np.float32]
 LIGHT = np.array([-0.45, -0.62, 0.64], np.float32)  # towards the lamp: left, above, before
-
-
-@attrs.define
-class Canvas:
-    """One view while it is painted. fine: uint8 (height*super, width*super, 3) BGR; disparity: float32 (height, width)."""
-
-    fine: Picture
-    disparity: Floats
-    super: int
+LIGHT /= np.linalg.norm(LIGHT)
+SUPERSAMPLE = 3  # fine px to one px of a view, along either side
 
 
 def _span(low: float, high: float, limit: int) -> slice:
     return slice(max(0, int(np.floor(low))), max(0, min(limit, int(np.ceil(high)) + 1)))
+
+
+def _fine(rows: slice, cols: slice) -> tuple[slice, slice]:
+    n = SUPERSAMPLE
+    return slice(rows.start * n, rows.stop * n), slice(cols.start * n, cols.stop * n)
 
 
 def _blend(target: Picture, picture: Picture) -> None:
@@ -48,42 +46,37 @@ class Quad:
     texture: Picture
     corners: NDArray[np.float64]
 
-    def paint(self, canvas: Canvas, u: float, v: float) -> None:
+    def paint(self, fine: Picture, disparity: Floats, u: float, v: float) -> None:
         """Paints the quad over the existing picture, as the camera at grid offset (u, v) sees it.
 
         Disparity is set where the texture covers more than half of a pixel's centre.
         """
         seen = self.corners[:, :2] - self.corners[:, 2:] * np.array([u, v])
-        self._paint_colour(canvas, seen)
-        self._paint_disparity(canvas, seen)
+        height, width = disparity.shape
+        cols, rows = (_span(x.min(), x.max(), limit) for x, limit in zip(seen.T, (width, height), strict=True))
+        if rows.stop > rows.start and cols.stop > cols.start:
+            window, origin = fine[_fine(rows, cols)], np.array([cols.start, rows.start])
+            _blend(window, self._warped(self.texture, (seen + 0.5 - origin) * SUPERSAMPLE - 0.5, window))
+        alpha = self._warped(np.ascontiguousarray(self.texture[..., 3]), seen, disparity)
+        gx, gy, d0 = np.linalg.solve(np.column_stack([seen[[0, 1, 3]], np.ones(3)]), self.corners[[0, 1, 3], 2])
+        y, x = np.nonzero(alpha > 127)
+        disparity[y, x] = gx * x + gy * y + d0
 
-    def _warped(
-        self, texture: Picture, seen: NDArray[np.float64], origin: tuple[float, float], scale: int, size: tuple[int, int]
-    ) -> Picture:
-        h, w = self.texture.shape[:2]
+    def _warped(self, texture: Picture, corners: NDArray[np.float64], like: NDArray[np.generic]) -> Picture:
+        """texture with its corners at px of a picture of the size of `like`."""
+        h, w = texture.shape[:2]
         # The texture's edge, not the centre of its first texel, lies on the corner; pixel i covers i - 1/2 .. i + 1/2.
         source = np.array([[0, 0], [w, 0], [w, h], [0, h]], np.float32) - 0.5
-        target = (seen + 0.5 - np.array(origin)) * scale - 0.5
-        matrix = cv2.getPerspectiveTransform(source, target.astype(np.float32))
-        return np.asarray(cv2.warpPerspective(texture, matrix, size, flags=cv2.INTER_LINEAR), np.uint8)
+        matrix = cv2.getPerspectiveTransform(source, corners.astype(np.float32))
+        return np.asarray(cv2.warpPerspective(texture, matrix, like.shape[1::-1], flags=cv2.INTER_LINEAR), np.uint8)
 
-    def _paint_colour(self, canvas: Canvas, seen: NDArray[np.float64]) -> None:
-        height, width = canvas.disparity.shape
-        rows, cols = _span(seen[:, 1].min(), seen[:, 1].max(), height), _span(seen[:, 0].min(), seen[:, 0].max(), width)
-        size = (cols.stop - cols.start) * canvas.super, (rows.stop - rows.start) * canvas.super
-        if min(size) <= 0:
-            return
-        warped = self._warped(self.texture, seen, (cols.start, rows.start), canvas.super, size)
-        y, x = rows.start * canvas.super, cols.start * canvas.super
-        _blend(canvas.fine[y : y + size[1], x : x + size[0]], warped)
-
-    def _paint_disparity(self, canvas: Canvas, seen: NDArray[np.float64]) -> None:
-        height, width = canvas.disparity.shape
-        alpha = self._warped(np.ascontiguousarray(self.texture[..., 3]), seen, (0, 0), 1, (width, height))
-        basis = np.column_stack([seen[[0, 1, 3]], np.ones(3)])
-        gx, gy, d0 = np.linalg.solve(basis, self.corners[[0, 1, 3], 2])
-        y, x = np.nonzero(alpha > 127)
-        canvas.disparity[y, x] = gx * x + gy * y + d0
+    def scaled(self, scale: float) -> "Quad":
+        """The same for views of another size. A texture finer than the picture would alias."""
+        texture = self.texture
+        if scale < 1:
+            size = [max(2, round(n * scale)) for n in texture.shape[1::-1]]
+            texture = np.asarray(cv2.resize(texture, size, interpolation=cv2.INTER_AREA), np.uint8)
+        return Quad(texture, self.corners * scale)
 
 
 @attrs.frozen(eq=False)
@@ -101,25 +94,21 @@ class Ball:
     depth: float
     gloss: float
 
-    def paint(self, canvas: Canvas, u: float, v: float) -> None:
+    def paint(self, fine: Picture, disparity: Floats, u: float, v: float) -> None:
         """Paints the ball over the existing picture, as the camera at grid offset (u, v) sees it."""
-        height, width = canvas.disparity.shape
         reach = self.radius * 1.02 + self.depth * float(np.hypot(u, v)) + 1
-        at_x, at_y = self.x - self.d * u, self.y - self.d * v
-        rows, cols = _span(at_y - reach, at_y + reach, height), _span(at_x - reach, at_x + reach, width)
+        centre = self.y - self.d * v, self.x - self.d * u
+        rows, cols = (_span(at - reach, at + reach, limit) for at, limit in zip(centre, disparity.shape, strict=True))
         if rows.stop <= rows.start or cols.stop <= cols.start:
             return
-        n = canvas.super
-        fine_y = np.asarray((np.arange(rows.start * n, rows.stop * n) + 0.5) / n - 0.5, np.float32)
-        fine_x = np.asarray((np.arange(cols.start * n, cols.stop * n) + 0.5) / n - 0.5, np.float32)
-        depth, inside = self._hit(fine_x[None, :], fine_y[:, None], u, v)
-        colour = self._colour(fine_x[None, :] + depth * u, fine_y[:, None] + depth * v, depth)
-        window = canvas.fine[rows.start * n : rows.stop * n, cols.start * n : cols.stop * n]
-        np.copyto(window, colour, where=inside[..., None])
-        y = np.arange(rows.start, rows.stop, dtype=np.float32)
-        x = np.arange(cols.start, cols.stop, dtype=np.float32)
+        window = _fine(rows, cols)
+        y, x = (np.asarray((np.arange(s.start, s.stop) + 0.5) / SUPERSAMPLE - 0.5, np.float32) for s in window)
         depth, inside = self._hit(x[None, :], y[:, None], u, v)
-        np.copyto(canvas.disparity[rows, cols], depth, where=inside)
+        colour = self._colour(x[None, :] + depth * u, y[:, None] + depth * v, depth)
+        np.copyto(fine[window], colour, where=inside[..., None])
+        y, x = (np.arange(s.start, s.stop, dtype=np.float32) for s in (rows, cols))
+        depth, inside = self._hit(x[None, :], y[:, None], u, v)
+        np.copyto(disparity[rows, cols], depth, where=inside)
 
     def _hit(self, x: Floats, y: Floats, u: float, v: float) -> tuple[Floats, NDArray[np.bool_]]:
         """Disparity of the nearest point on the ray of pixel (x, y), and whether there is one.
@@ -139,34 +128,30 @@ class Ball:
         h, w = self.texture.shape[:2]
         longitude = np.arctan2(normal[..., 0], normal[..., 2]) / (2 * np.pi) + 0.5
         latitude = np.arcsin(np.clip(normal[..., 1], -1, 1)) / np.pi + 0.5
-        base = cv2.remap(
-            self.texture,
-            (longitude * (w - 1)).astype(np.float32),
-            (latitude * (h - 1)).astype(np.float32),
-            cv2.INTER_LINEAR,
-            borderMode=cv2.BORDER_REPLICATE,
-        )
-        facing = normal @ (LIGHT / np.linalg.norm(LIGHT))
-        lit = 0.34 + 0.72 * np.clip(facing, 0, 1) + 0.06 * np.clip(normal[..., 1], 0, 1)  # lamp, room, and light from the table
-        half = LIGHT / np.linalg.norm(LIGHT) + np.array([0, 0, 1])
+        at_x, at_y = (longitude * (w - 1)).astype(np.float32), (latitude * (h - 1)).astype(np.float32)
+        base = cv2.remap(self.texture, at_x, at_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        # lamp, room, and light from the table
+        lit = 0.34 + 0.72 * np.clip(normal @ LIGHT, 0, 1) + 0.06 * np.clip(normal[..., 1], 0, 1)
+        half = LIGHT + np.array([0, 0, 1])
         shine = self.gloss * np.clip(normal @ (half / np.linalg.norm(half)), 0, 1) ** 60
         return np.asarray(np.clip(base * lit[..., None] + 255 * shine[..., None], 0, 255), np.uint8)
+
+    def scaled(self, scale: float) -> "Ball":
+        """The same for views of another size."""
+        lengths = {name: getattr(self, name) * scale for name in ("x", "y", "d", "radius", "depth")}
+        return attrs.evolve(self, **lengths)
 
 
 Solid = Quad | Ball
 
 
-def render_view(
-    solids: list[Solid], width_px: int, height_px: int, u: float, v: float, supersample: int = 3
-) -> tuple[Picture, Floats]:
-    """The view of the camera at grid offset (u, v) from the centre: uint8 (height, width, 3) BGR and its exact disparity.
+def render_view(solids: list[Solid], size_px: int, u: float, v: float) -> tuple[Picture, Floats]:
+    """The view of the camera at grid offset (u, v) from the centre: uint8 (size_px, size_px, 3) BGR and its exact disparity.
 
-    solids: back to front, together covering the whole view. disparity: float32 (height, width) in px per grid step, at the
-    pixel's centre.
+    solids: back to front, together covering the whole view. disparity: float32 in px per grid step, at the pixel's centre.
     """
-    fine = np.zeros((height_px * supersample, width_px * supersample, 3), np.uint8)
-    canvas = Canvas(fine, np.full((height_px, width_px), np.nan, np.float32), supersample)
+    fine = np.zeros((size_px * SUPERSAMPLE, size_px * SUPERSAMPLE, 3), np.uint8)
+    disparity = np.full((size_px, size_px), np.nan, np.float32)
     for solid in solids:
-        solid.paint(canvas, u, v)
-    picture = cv2.resize(fine, (width_px, height_px), interpolation=cv2.INTER_AREA)
-    return np.asarray(picture, np.uint8), canvas.disparity
+        solid.paint(fine, disparity, u, v)
+    return np.asarray(cv2.resize(fine, (size_px, size_px), interpolation=cv2.INTER_AREA), np.uint8), disparity

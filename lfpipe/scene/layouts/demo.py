@@ -11,7 +11,7 @@ from lfpipe import config
 from lfpipe.files.untrusted import json_fields
 from lfpipe.scene.demo import MARKER
 from lfpipe.scene.demo_layers import render_view
-from lfpipe.scene.demo_still_life import OFFSET_PX, still_life
+from lfpipe.scene.demo_still_life import OFFSET_PX, solids_of
 from lfpipe.scene.files import Listing, read_bytes
 from lfpipe.scene.lightfield import Geometry
 from lfpipe.scene.source import SceneSource, Turn
@@ -28,11 +28,11 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     path = listing.file(MARKER)
     fields = json_fields(read_bytes(path), str(path), "remove the folder; lfpipe makes it again")
     grid, size_px = fields.integer("grid", 1, 33), fields.integer("size_px", 32, 4096)
-    middle, solids = grid // 2, still_life(size_px, fields.text("scene"))
+    middle, solids = grid // 2, solids_of(fields.text("scene"), size_px)
 
     @lru_cache(grid * grid)
     def view(row: int, col: int) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        return render_view(solids, size_px, size_px, col - middle, row - middle)
+        return render_view(solids, size_px, col - middle, row - middle)
 
     def read(_frame: int, row: int, col: int) -> NDArray[Any]:
         return np.asarray(cv2.cvtColor(view(row, col)[0], cv2.COLOR_BGR2RGB))
