@@ -72,21 +72,14 @@ def put_packets(folder: Path, found: list[tuple[dict[str, Any], bytes]]) -> None
 
 def sign(folder: Path) -> None:
     """Makes the checksums of the manifest agree with the files, as far as there are both."""
-    if not readable(folder / MANIFEST):
-        return
+    files = {name: folder / name for name in (MANIFEST, PACKETS, INDEX, EYES, TRUTH)}
+    data = {name: path.read_bytes() for name, path in files.items() if path.is_file() and path.stat().st_size < 1 << 24}
     try:
-        manifest = json.loads((folder / MANIFEST).read_bytes())
-        for name in (PACKETS, INDEX, EYES, TRUTH):
-            if readable(folder / name):
-                manifest["checksums"][name] = hashlib.sha256((folder / name).read_bytes()).hexdigest()
-        (folder / MANIFEST).write_text(json.dumps(manifest))
+        manifest = json.loads(data.pop(MANIFEST))
+        manifest["checksums"] |= {name: hashlib.sha256(content).hexdigest() for name, content in data.items()}
+        files[MANIFEST].write_text(json.dumps(manifest))
     except (ValueError, TypeError, KeyError, RecursionError):  # damaged already
         pass
-
-
-def readable(path: Path) -> bool:
-    """Whether this module itself may read path."""
-    return path.is_file() and path.stat().st_size < 1 << 24
 
 
 def hostile_picture(rng: random.Random, data: bytes) -> bytes:
@@ -112,22 +105,19 @@ def damage(rng: random.Random, folder: Path) -> str:
     """Damages one thing in a whole sequence at folder; returns which."""
     kind = rng.choice(("manifest", "manifest", "index", "index", "frames", "picture", "picture", "truth", "eyes", "no file"))
     if kind == "manifest":
-        path = folder / MANIFEST
-        path.write_bytes(hostile.damaged_json(rng, json.loads(path.read_text())))
+        (folder / MANIFEST).write_bytes(hostile.damaged_json(rng, json.loads((folder / MANIFEST).read_text())))
     elif kind in ("index", "eyes"):
         path = folder / (INDEX if kind == "index" else EYES)
         path.write_bytes(hostile.damaged_lines(rng, [json.loads(line) for line in path.read_text().splitlines()]))
     elif kind == "frames":
-        path = folder / PACKETS
-        path.write_bytes(hostile.damaged_bytes(rng, path.read_bytes()))
+        (folder / PACKETS).write_bytes(hostile.damaged_bytes(rng, (folder / PACKETS).read_bytes()))
     elif kind == "picture":
         found = packets(folder)
         at = rng.randrange(len(found))
         found[at] = (found[at][0], hostile_picture(rng, found[at][1]))
         put_packets(folder, found)
     elif kind == "truth":
-        path = folder / TRUTH
-        path.write_bytes(hostile.damaged_table(rng, path.read_text()))
+        (folder / TRUTH).write_bytes(hostile.damaged_table(rng, (folder / TRUTH).read_text()))
     else:
         path = folder / rng.choice((MANIFEST, INDEX, PACKETS, TRUTH, EYES))
         kind = rng.choice(sorted(hostile.NO_FILES))
