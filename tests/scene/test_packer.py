@@ -1,6 +1,5 @@
 """The packer as a child: what it gives, what it refuses, and what is left when it is killed or the disk is full."""
 
-import json
 import os
 import signal
 import subprocess
@@ -26,18 +25,15 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path / "scene"
 
 
-def test_a_scene_is_packed_by_a_child_once(folder: Path, scene_config: config.Scene) -> None:
+def test_a_scene_is_packed_by_a_child_once_and_its_facts_need_no_pack(folder: Path, scene_config: config.Scene) -> None:
+    facts = ask_packer(folder, scene_config, do="info")
+    assert (facts["rows"], facts["cols"], facts["pack"]) == (3, 3, None) and packed(folder, scene_config) is None
     steps: list[str] = []
     field = open_scene(folder, scene_config, lambda what, *_: steps.append(what))
     assert (field.rows, field.cols, field.complete) == (3, 3, True) and field.disparity is not None
     assert steps.index("views") < steps.index("disparity")
     steps.clear()
     assert open_scene(folder, scene_config, lambda what, *_: steps.append(what)).folder == field.folder and not steps
-
-
-def test_pictures_that_are_kept_wait_for_disparity(folder: Path, scene_config: config.Scene) -> None:
-    opened = open_scenes([folder], scene_config, complete=True)
-    assert opened.packing is None and opened.field.complete and opened.field.disparity is not None
 
 
 def test_a_folder_of_scenes_stands_for_them(folder: Path, scene_config: config.Scene) -> None:
@@ -47,12 +43,6 @@ def test_a_folder_of_scenes_stands_for_them(folder: Path, scene_config: config.S
     assert opened.scenes == [folder, folder.parent / "scene2"] and opened.field.rows == 3
     if opened.packing is not None:
         opened.packing.close()
-
-
-def test_facts_need_no_pack(folder: Path, scene_config: config.Scene) -> None:
-    facts = ask_packer(folder, scene_config, do="info")
-    assert (facts["rows"], facts["cols"], facts["pack"]) == (3, 3, None)
-    assert packed(folder, scene_config) is None
 
 
 def test_a_killed_packer_leaves_a_pack_that_the_next_completes(folder: Path, scene_config: config.Scene) -> None:
@@ -125,12 +115,6 @@ def test_the_packer_ends_with_its_parent(folder: Path, scene_config: config.Scen
     while Path(f"/proc/{pid}").exists() and "Z" not in Path(f"/proc/{pid}/stat").read_text().split(")")[1]:
         assert time.monotonic() < end, "the child is still there"
         time.sleep(0.05)
-
-
-def test_a_path_that_is_not_utf8_arrives_whole(tmp_path: Path, scene_config: config.Scene) -> None:
-    with pytest.raises(UserError, match=r"udcff|xff"):
-        open_scene(os.fsdecode(os.fsencode(tmp_path) + b"/\xff"), scene_config)
-    assert json.loads(json.dumps({"path": "/tmp/\udcff"}))["path"] == "/tmp/\udcff"
 
 
 def test_who_waits_for_another_packer_says_so(folder: Path, scene_config: config.Scene) -> None:
