@@ -14,7 +14,6 @@ from lfpipe.scene.disparity import (
     compared,
     halved,
     luma,
-    mean_square_mismatch,
     neighbours_of,
     quantised,
     scale_for,
