@@ -20,37 +20,21 @@ MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
         "--share 'opentrak:127.0.0.1:4242': unknown kind (did you mean 'opentrack'?)" + REMEDY,
     ),
     "no host": (of("opentrack:127.0.0.1"), "--share 'opentrack:127.0.0.1': no HOST:PORT" + REMEDY),
-    "empty host": (of("opentrack::4242"), "--share 'opentrack::4242': no HOST:PORT" + REMEDY),
     "port 0": (of("osc:127.0.0.1:0"), "--share 'osc:127.0.0.1:0': '0' is not a port, 1 to 65535" + REMEDY),
-    "port 65536": (of("osc:127.0.0.1:65536"), "--share 'osc:127.0.0.1:65536': '65536' is not a port, 1 to 65535" + REMEDY),
-    "port of no ASCII": (of("osc:127.0.0.1:²"), "--share 'osc:127.0.0.1:²': '²' is not a port, 1 to 65535" + REMEDY),
     "every address": (of("osc:[::]:9000"), "--share 'osc:[::]:9000': :: is no address to send to" + REMEDY),
     "broadcast": (
         of("osc:255.255.255.255:9000"),
         "--share 'osc:255.255.255.255:9000': '255.255.255.255': Permission denied"
         "\n  remedy: the name or address of the receiver's machine, 127.0.0.1 for this one",
     ),
-    "a low rate": (
-        of("osc:127.0.0.1:9000?rate=0"),
-        "--share 'osc:127.0.0.1:9000?rate=0': 'rate=0' is not rate=HZ of 1 to 1000" + REMEDY,
-    ),
     "no rate": (
         of("osc:127.0.0.1:9000?rate=nan"),
         "--share 'osc:127.0.0.1:9000?rate=nan': 'rate=nan' is not rate=HZ of 1 to 1000" + REMEDY,
     ),
-    "another option": (
-        of("osc:127.0.0.1:9000?speed=60"),
-        "--share 'osc:127.0.0.1:9000?speed=60': 'speed=60' is not rate=HZ of 1 to 1000" + REMEDY,
-    ),
-    "no name": (of("lsl:"), "--share 'lsl:': a stream's name has 1 to 64 characters" + REMEDY),
     "two lines": (of("lsl:a\nb"), "--share 'lsl:a\\nb': a stream's name has 1 to 64 characters" + REMEDY),
     "twice": (
         lambda here: check_targets(["lsl", "lsl:lfpipe?rate=60"]),
         "--share lsl:lfpipe?rate=60: already a target\n  remedy: give each target once",
-    ),
-    "running": (
-        lambda here: check_targets(["osc:localhost:9000"], running=("osc:127.0.0.1:9000",)),
-        "--share osc:localhost:9000: already a target\n  remedy: give each target once",
     ),
     "nine": (
         lambda here: check_targets([f"osc:127.0.0.1:{9000 + k}" for k in range(9)]),

@@ -1,6 +1,5 @@
 """Targets on the command line: accepted in one exact form, or refused before anything starts (`messages.py`); nothing is sent."""
 
-import socket
 import sys
 from pathlib import Path
 
@@ -46,15 +45,6 @@ def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     for text in ("osc:127.0.0.1:9000", "lsl"):
         with pytest.raises(UserError, match=r"lfpipe\[share\]"):
             check_target(text)
-
-
-def test_a_check_sends_nothing() -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
-        receiver.bind(("127.0.0.1", 0))
-        receiver.settimeout(0.2)
-        check_target(f"opentrack:127.0.0.1:{receiver.getsockname()[1]}")
-        with pytest.raises(TimeoutError):
-            receiver.recv(64)
 
 
 def test_no_picture_goes_with_nothing_that_shows_one() -> None:

@@ -45,10 +45,6 @@ class Holder:
         self.process.kill()
         self.process.communicate()
 
-    def children(self) -> list[int]:
-        pid = self.process.pid
-        return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
-
 
 @contextmanager
 def holding(base: Path, name: str) -> Iterator[list[str]]:

@@ -1,19 +1,13 @@
 """The memory of sessions: names follow the run directory; only dead segments of lfpipe are unlinked."""
 
-import contextlib
 import os
 import shutil
-import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
 
-from lfpipe.observe import terminal
 from lfpipe.supervisor import rundir
-from lfpipe.transport import segment
 from lfpipe.transport.segment import SHM_DIR
 from lfpipe.transport.session import PREFIX, Session
 from tests.supervisor.holder import Holder, gone, holding, inodes
@@ -107,32 +101,6 @@ def test_what_is_not_ours_is_left_alone_in_shared_memory(base: Path, name: str, 
     assert not list(base.iterdir())
 
 
-def test_the_helpers_of_a_killed_session_do_not_take_the_memory_of_the_next(base: Path, name: str) -> None:
-    """The tracker of shared memory that Python starts outlives its process, and unlinks by name what that never unlinked."""
-    first = Holder(base, name)
-    first.ready()
-    helpers = first.children()
-    for pid in helpers:
-        os.kill(pid, signal.SIGSTOP)
-    first.process.kill()
-    first.process.wait()
-    with holding(base, name) as segments:
-        before = inodes(segments)
-        for pid in helpers:
-            os.kill(pid, signal.SIGCONT)
-        end = time.monotonic() + 60
-        while any(Path(f"/proc/{pid}").exists() and "Z" not in _state(pid) for pid in helpers) and time.monotonic() < end:
-            time.sleep(0.01)
-        assert inodes(segments) == before
-    first.kill()
-
-
-def _state(pid: int) -> str:
-    with contextlib.suppress(OSError):
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
-    return "Z"
-
-
 def test_a_killed_session_is_swept_and_a_living_one_is_not(base: Path, name: str) -> None:
     killed = Holder(base, name)
     left = killed.ready()
@@ -172,21 +140,3 @@ def test_a_session_that_lost_its_run_directory_leaves_the_next_one_alone(base: P
     assert rundir.running() == [name] and not gone(segments)
     second.end()
     assert gone(segments) and not list(base.iterdir())
-
-
-def test_a_monitor_says_that_a_session_is_of_another_version(base: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    session = Session(name)
-    lock = rundir.acquire(session)
-    (session.run_dir / "session.json").write_text("{}")
-    memory = segment.create(session.segment("status"), 1 << 16, session.run_dir)
-    segment.buffer(memory)[:8] = b"LFSTAT0\0"
-    command = [sys.executable, "-m", "lfpipe", "monitor", "--session", name, "--once"]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode == 2 and "LFSTAT0" in done.stderr and "remedy" in done.stderr, done.stderr
-    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
-    monkeypatch.setenv("TERM", "xterm")
-    with pytest.raises(segment.WrongSegment, match="LFSTAT0"):
-        terminal.run(name, False, "")
-    memory.unlink()
-    memory.close()
-    rundir.release(session, lock)

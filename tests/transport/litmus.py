@@ -5,8 +5,6 @@ accesses in every order that its fences allow: two accesses stay in order only i
 place. Memory itself is shared by all at once (multi-copy atomic), as on ARMv8, RISC-V and x86. Dependencies order nothing, so the
 model is weaker than any of these machines. The values that an execution loads are given to the real reader, which takes or
 refuses them.
-
-    python -m tests.transport.litmus        # the verdicts, with all fences and without each
 """
 
 import linecache
@@ -231,14 +229,3 @@ def verdict(without: str = "") -> str:
                     if taken is not None and {*taken[1].tolist(), taken[0].source_seq, taken[0].seq} != {number}:
                         return f"torn: {way}, {values}"
     return "whole"
-
-
-def main() -> None:
-    """Prints a table."""
-    print("| fence taken out | verdict |\n|---|---|")
-    for name in ("", *FENCES):
-        print(f"| {name or 'none'} | {verdict(name)} |")
-
-
-if __name__ == "__main__":
-    main()

@@ -119,12 +119,3 @@ def test_packets_go_where_the_options_say_and_nowhere_else(session: Session, mad
         end.close()
     other.close()
     other.unlink()
-
-
-def test_a_recorder_that_comes_late_finds_the_packet_of_its_first_frame(session: Session, made: Segment) -> None:
-    output = opened(session)
-    output.publish(data(0), 0, 0, 0, 0)
-    taken = PacketInput(session, "packets.1")
-    assert taken.of(stamp(0)) == data(0).tobytes()
-    taken.close()
-    output.close()
