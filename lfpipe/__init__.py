@@ -9,39 +9,26 @@ import os
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from lfpipe.api.scenes import open_scene as open_scene
-    from lfpipe.api.scenes import render_anaglyph as render_anaglyph
-    from lfpipe.api.scenes import render_view as render_view
-    from lfpipe.api.session import Attachment as Attachment
-    from lfpipe.api.session import Frame as Frame
-    from lfpipe.api.session import Session as Session
-    from lfpipe.api.session import attach as attach
-    from lfpipe.api.session import replay as replay
-    from lfpipe.api.tracker import Eyes as Eyes
-    from lfpipe.api.tracker import Tracker as Tracker
-    from lfpipe.errors import UserError as UserError
-    from lfpipe.scene.lightfield import LightField as LightField
-    from lfpipe.share.head import Head as Head
+    from lfpipe.api.scenes import open_scene, render_anaglyph, render_view
+    from lfpipe.api.session import Attachment, Frame, Session, attach, replay
+    from lfpipe.api.tracker import Eyes, Tracker
+    from lfpipe.errors import UserError
+    from lfpipe.scene.lightfield import LightField
+    from lfpipe.share.head import Head
 
 __version__ = "0.1.0"
-
+__all__ = [
+    "Attachment", "Eyes", "Frame", "Head", "LightField", "Session", "Tracker", "UserError", "attach", "open_scene",
+    "render_anaglyph", "render_view", "replay",
+]  # fmt: skip
 _MODULES = {
-    "Attachment": "api.session",
-    "Eyes": "api.tracker",
-    "Frame": "api.session",
-    "Head": "share.head",
-    "Session": "api.session",
-    "LightField": "scene.lightfield",
-    "Tracker": "api.tracker",
-    "UserError": "errors",
-    "attach": "api.session",
-    "open_scene": "api.scenes",
-    "render_anaglyph": "api.scenes",
-    "render_view": "api.scenes",
-    "replay": "api.session",
+    "api.scenes": ("open_scene", "render_anaglyph", "render_view"),
+    "api.session": ("Attachment", "Frame", "Session", "attach", "replay"),
+    "api.tracker": ("Eyes", "Tracker"),
+    "errors": ("UserError",),
+    "scene.lightfield": ("LightField",),
+    "share.head": ("Head",),
 }
-
-__all__ = [*_MODULES]
 
 # OpenCV reads these when it is imported. The first is a second limit behind lfpipe.files.pictures; the second keeps FFmpeg
 # from printing a line for every frame of a damaged video.
@@ -50,10 +37,11 @@ os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = globals()[name] = getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)
-    return value
+    for module, names in _MODULES.items():
+        if name in names:
+            value = globals()[name] = getattr(importlib.import_module(f"{__name__}.{module}"), name)
+            return value
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

@@ -1,7 +1,6 @@
 """The log: silent on the terminal unless asked (`-v`, `-vv`, LFPIPE_LOG); a session keeps the newest lines in its run directory.
 
-Every module logs to `logging.getLogger(__name__)` what a session decides, never what happens in every frame. LFPIPE_LOG is a
-level (`debug`), or levels of rooms and modules, comma-separated (`info,render=debug`).
+Every module logs to `logging.getLogger(__name__)` what a session decides, never what happens in every frame.
 """
 
 import contextlib
@@ -56,28 +55,17 @@ class SessionFile(logging.Handler):
                 self.path.replace(self.path.with_name(f"{self.path.name}.1"))
 
 
-def levels(text: str) -> dict[str, int]:
-    """Logger -> level of an LFPIPE_LOG text. Raises UserError."""
-    found = {}
-    for word in filter(None, (word.strip() for word in text.split(","))):
-        name, _, level = word.rpartition("=")
-        if level.lower() not in LEVELS:
-            raise UserError(f"{VARIABLE}={shown(text)}: {shown(level)} is not a level", f"use {', '.join(LEVELS)}, or NAME=LEVEL")
-        logger = f"lfpipe.{name.removeprefix('lfpipe').strip('.')}".rstrip(".")
-        found[logger] = getattr(logging, level.upper())
-    return found
-
-
 def set_up(verbose: int = 0) -> None:
     """Logs to the terminal as LFPIPE_LOG says, or at level info with verbose = 1, debug with more; the same in every process
     that this one starts. Raises UserError for an invalid LFPIPE_LOG."""
     if verbose:
         os.environ[VARIABLE] = "info" if verbose == 1 else "debug"
-    text = os.environ.get(VARIABLE, "")
-    for name, level in ({"lfpipe": logging.INFO} | levels(text)).items():  # the file has what is decided, in any case
-        logging.getLogger(name).setLevel(level)
+    level = os.environ.get(VARIABLE, "").lower()
+    if level and level not in LEVELS:
+        raise UserError(f"{VARIABLE}={shown(level)} is not a level", f"use {', '.join(LEVELS)}")
+    _ROOT.setLevel((level or "info").upper())  # the file has what is decided, in any case
     _ROOT.propagate = False
-    if text:
+    if level:
         handler = logging.StreamHandler(sys.stderr)
         handler.setFormatter(_FORMAT)
         _ROOT.addHandler(handler)

@@ -22,24 +22,7 @@ def _as_before(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(root, "level", logging.NOTSET)
 
 
-@pytest.mark.parametrize(
-    ("text", "levels"),
-    [
-        ("", {}),
-        ("debug", {"lfpipe": 10}),
-        ("Warning, render=DEBUG,lfpipe.track.stage=error", {"lfpipe": 30, "lfpipe.render": 10, "lfpipe.track.stage": 40}),
-    ],
-)
-def test_levels_are_read(text: str, levels: dict[str, int]) -> None:
-    assert log.levels(text) == levels
-
-
-def test_an_unknown_level_is_refused() -> None:
-    with pytest.raises(UserError, match="loud"):
-        log.levels("render=loud")
-
-
-def test_the_terminal_is_silent_unless_asked(capfd: pytest.CaptureFixture[str]) -> None:
+def test_the_terminal_is_silent_unless_asked(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     logger = logging.getLogger("lfpipe.some.room")
     log.set_up()
     logger.info("decided")
@@ -48,6 +31,9 @@ def test_the_terminal_is_silent_unless_asked(capfd: pytest.CaptureFixture[str]) 
     logger.info("decided %d", 2)
     logger.debug("detail")
     assert capfd.readouterr().err.endswith("info lfpipe lfpipe.some.room: decided 2\n")
+    monkeypatch.setenv(log.VARIABLE, "loud")
+    with pytest.raises(UserError, match="loud"):
+        log.set_up()
 
 
 def _write(path: Path, word: str, count: int) -> None:

@@ -4,34 +4,47 @@ Values may have any type and depth that TOML, msgpack or a caller can carry. The
 """
 
 import difflib
-import json
+import itertools
 import unicodedata
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from lfpipe.config.tree import SECTIONS, Config, Key, choices, options, to_dict, trusted
+from lfpipe.config.tree import SECTIONS, Config, Key, options, to_dict, trusted
 from lfpipe.errors import UserError, shown
 from lfpipe.plugins import ENGINES, FILTERS, plugins
 
 TEXT_CHARS = 4096  # of any text; the longest path
-WRONG_SHOWN, UNKNOWN_SHOWN = 10, 5  # problems that one message names
+MOST_LISTED = 10  # problems that one message names
 NAMES = {int: "a whole number", float: "a number", bool: "true or false", str: "text"}
 PLUGGABLE = {"track.engine": ENGINES, "track.filter": FILTERS}  # keys whose words other packages may add
-REPLACED = {"render.display_ms": "render.loop_ms"}  # former keys
+
+
+def _problem(name: object, value: object) -> str:
+    """`key: problem`; "" if the key takes this value."""
+    if not isinstance(name, str):
+        return f"{shown(name)}: unknown key"
+    if name in options():
+        plugged = name in PLUGGABLE and isinstance(value, str) and value in plugins(PLUGGABLE[name])
+        why = "" if plugged else _wrong(value, options()[name])
+        return why and f"{name}: {why}"
+    if name in SECTIONS:
+        first = next(key for key in options() if key.startswith(f"{name}."))
+        return f"{name}: a section, which cannot have the value {shown(value)}; its keys are {first}, ..."
+    section = name.partition(".")[0]
+    name = name if section in SECTIONS else section
+    close = closest(name, [*options(), *SECTIONS])
+    return f"{name if len(name) < 40 else shown(name)}: unknown key" + (f", did you mean {close!r}?" if close else "")
 
 
 def _wrong(value: object, key: Key) -> str:
     """Why a key cannot have this value, or ""."""
-    if any(type(value) is type(word) and value == word for word in key.words):
-        return ""
-    if isinstance(value, bool) and bool in key.types:
+    if any(type(value) is type(word) and value == word for word in key.words) or (isinstance(value, bool) and bool in key.types):
         return ""
     if isinstance(value, int | float) and not isinstance(value, bool) and (float in key.types or int in key.types):
         if int in key.types and not isinstance(value, int):
             return f"{shown(value)} is not a whole number"
-        if not key.low <= value <= key.high:  # also nan
-            return f"{shown(value)} is out of range: {key.low:g} to {key.high:g} {key.unit}".rstrip()
-        return ""
+        inside = key.low <= value <= key.high  # false for nan
+        return "" if inside else f"{shown(value)} is out of range: {key.low:g} to {key.high:g} {key.unit}".rstrip()
     if isinstance(value, str) and str in key.types:
         return wrong_text(value)
     if key.types:
@@ -49,55 +62,21 @@ def wrong_text(value: str) -> str:
     return f"{shown(value)} contains {odd!a}, which is not allowed in text" if odd else ""
 
 
-def _unknown(key: object) -> str:
-    """The message for an unknown key."""
-    if not isinstance(key, str):
-        return f"{shown(key)}: unknown key"
-    if key in REPLACED:
-        return f"{key}: write {REPLACED[key]} instead: {options()[REPLACED[key]].doc}"
-    section = key.partition(".")[0]
-    if section not in SECTIONS:
-        key = section
-    close = closest(key, [*options(), *SECTIONS])
-    return f"{key if len(key) < 40 else shown(key)}: unknown key" + (f", did you mean {close!r}?" if close else "")
-
-
 def closest(value: object, texts: Iterable[str], cutoff: float = 0.6) -> str:
     """The closest of texts to value, a likely typing error; "" without one."""
     close = difflib.get_close_matches(value, list(texts), 1, cutoff) if isinstance(value, str) and len(value) < 40 else []
     return close[0] if close else ""
 
 
-def corrected(key: str, value: object) -> str:
-    """KEY=VALUE with the likely typing error corrected, for `--set`; "" without one."""
-    meant = key if key in options() else REPLACED.get(key) or closest(key, options())
-    if meant and _wrong(value, options()[meant]):
-        value = closest(value, choices(meant), 0.5)
-    return f"{meant}={json.dumps(value) if isinstance(value, bool) else value}" if meant and value != "" else ""
-
-
 def problems(values: Iterable[tuple[object, object]]) -> list[str]:
-    """All problems of (dotted key, value) pairs, as `key: problem`. A long list is cut, with the number of further problems."""
-    wrong, unknown = [], []
-    for key, value in values:
-        if isinstance(key, str) and key in options():
-            why = _wrong(value, options()[key])
-            if why and not (key in PLUGGABLE and isinstance(value, str) and value in plugins(PLUGGABLE[key])):
-                wrong.append(f"{key}: {why}")
-        elif isinstance(key, str) and key in SECTIONS:
-            first = next(name for name in options() if name.startswith(f"{key}."))
-            wrong.append(f"{key}: a section, which cannot have the value {shown(value)}; its keys are {first}, ...")
-        else:
-            unknown.append(key)
-    listed = wrong[:WRONG_SHOWN] + ([f"and {len(wrong) - WRONG_SHOWN} more values"] if len(wrong) > WRONG_SHOWN else [])
-    listed += [_unknown(key) for key in unknown[:UNKNOWN_SHOWN]]
-    return listed + ([f"and {len(unknown) - UNKNOWN_SHOWN} more unknown keys"] if len(unknown) > UNKNOWN_SHOWN else [])
+    """The problems of (dotted key, value) pairs: the first MOST_LISTED, and whether there are more."""
+    wrong = list(itertools.islice(filter(None, itertools.starmap(_problem, values)), MOST_LISTED + 1))
+    return [*wrong[:MOST_LISTED], "and more"] if len(wrong) > MOST_LISTED else wrong
 
 
-def refusal(wrong: list[str], *remedies: str) -> UserError:
+def refusal(wrong: list[str], remedy: str = "`lfpipe config show` lists every key with its unit and range") -> UserError:
     """All problems as one UserError."""
-    listed = "`lfpipe config show` lists every key with its unit and range"
-    return UserError("configuration: " + "\n  ".join(wrong), "; ".join(remedies or (listed,)))
+    return UserError("configuration: " + "\n  ".join(wrong), remedy)
 
 
 def flat(tree: Mapping[Any, Any]) -> list[tuple[object, object]]:

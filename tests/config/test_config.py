@@ -1,13 +1,12 @@
 """The configuration: every error named at once, every key explained, presets whole."""
 
-import re
 import tomllib
 from pathlib import Path
 
 import pytest
 
 from lfpipe import config
-from lfpipe.config import Config, load
+from lfpipe.config import Config
 from lfpipe.config.user_files import commented
 from lfpipe.errors import UserError
 
@@ -15,24 +14,6 @@ from lfpipe.errors import UserError
 @pytest.fixture(autouse=True)
 def no_user_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "none"))
-
-
-@pytest.mark.parametrize(
-    ("typed", "said"),
-    [
-        ("render.method:warp", "did you mean render.method=warp?"),
-        ("render.method warp", "did you mean render.method=warp?"),
-        ("render.methd:warp", "did you mean render.method=warp?"),
-        ("render.alpha_px", "the value is missing; for example render.alpha_px=auto"),
-        ("=3", "'=3' is not KEY=VALUE"),
-        ("render.display_ms=30", "render.display_ms: write render.loop_ms instead: delay of the camera"),
-        ("render.display_ms=30", "--set render.loop_ms=30"),
-        ("camera.fov_deg=175.1", "175.1 is out of range: 5 to 175 deg"),
-    ],
-)
-def test_a_slip_inside_set_is_answered_with_what_was_meant(typed: str, said: str) -> None:
-    with pytest.raises(UserError, match=re.escape(said)):
-        load(None, [typed])
 
 
 def test_the_file_at_the_top_is_what_the_tree_says() -> None:
@@ -47,8 +28,9 @@ def test_the_text_of_any_configuration_reads_back_as_itself() -> None:
 
 def test_every_error_is_named_at_once() -> None:
     sets = ["camera.widht=3", "render.method=neerest", "camera.rate_hz=-4", "render.alpha_px=abc", "track.mean_k=2.5"]
+    sets += ["render.method:warp", "=3", "rendr.x=1", "render.swap_eyes=1", "screen.width_mm=nan", "camera.fov_deg=175.5"]
     with pytest.raises(UserError) as error:
-        config.load(None, [*sets, "rendr.x=1", "render.swap_eyes=1", "screen.width_mm=nan", "camera.fov_deg=175.5"])
+        config.load(None, sets)
     text = str(error.value)
     for part in (
         "camera.widht: unknown key, did you mean 'camera.width_px'?",
@@ -57,6 +39,8 @@ def test_every_error_is_named_at_once() -> None:
         "camera.rate_hz: -4 is out of range: 0.1 to 1000 Hz",
         "render.alpha_px: 'abc' is not",
         "track.mean_k: 2.5 is not a whole number",
+        "'render.method:warp' is not KEY=VALUE",
+        "'=3' is not KEY=VALUE",
         "rendr: unknown key, did you mean 'render'?",
         "render.swap_eyes: 1 is not true or false",
         "screen.width_mm: nan is out of range",

