@@ -10,12 +10,11 @@ from hypothesis import strategies as st
 
 from lfpipe.config import Camera, Config, Render
 from lfpipe.config.camera_pose import EYES_MM, CameraPose, camera_focal_px
-from lfpipe.eyes import EYES, EyesRecord
 from lfpipe.render.viewer import Viewer
 from tests.render import rendered
+from tests.render.rendered import S, record
 
 SIZE = (640, 480)
-S = 1_000_000_000
 heights, tilts = st.floats(-300, 400), st.floats(-30, 30)
 
 
@@ -57,10 +56,8 @@ def test_leaning_in_does_not_look_like_moving_down(above_mm: float, tilt_deg: fl
         for k in range(300):
             z_mm = 600.0 - 200.0 * min(max((k - 90) / 60, 0.0), 1.0)
             eyes_px, apart_px = seen_px(subject.config, np.array([0.0, 0.0, z_mm]), above_mm, tilt_deg)
-            made = np.zeros((), EYES)
-            made["face"], made["width_px"], made["height_px"], made["apart_px"] = 1, *SIZE, apart_px
-            made["raw_px"] = made["filtered_px"] = eyes_px
-            found.append(subject.viewpoints(EyesRecord.of(made), k * S // 30, k * S // 30).left[0])
+            seen = record(filtered_px=eyes_px, apart_px=apart_px)
+            found.append(subject.viewpoints(seen, k * S // 30, k * S // 30).left[0])
         return found
 
     without, with_pose = rows(), rows(above_mm=above_mm, tilt_deg=tilt_deg)
