@@ -15,8 +15,7 @@ LEAD_NS, AGE_NS = 2 * MS, 5 * MS  # what a picture takes; from a frame's stamp t
 
 def frames(rate_hz: float, count: int, start_ns: int = T0_NS, every: int = 1) -> Iterator[tuple[int, int]]:
     """(source_seq, t_sensor_ns)."""
-    for k in range(0, count, every):
-        yield k, start_ns + round(k * 1e9 / rate_hz)
+    return ((k, start_ns + round(k * 1e9 / rate_hz)) for k in range(0, count, every))
 
 
 def hear(refresh: Refresh, seq: int, t_sensor_ns: int) -> list[int]:
@@ -42,15 +41,17 @@ def test_the_second_frame_sets_the_phase(display_hz: float, camera_hz: float, ph
     refresh = Refresh(display_hz, T0_NS - round(phase * 1e9 / display_hz))
     first, second = frames(camera_hz, 2)
     hear(refresh, *first)
-    before = off(refresh, second[1])
     hear(refresh, *second)
-    assert abs(off(refresh, second[1])) < 1e-3, f"{before:.2f} of a period off before"
+    assert abs(off(refresh, second[1])) < 1e-3
 
 
-@pytest.mark.parametrize(("display_hz", "camera_hz"), [(60, 25), (60, 24), (50, 30), (30, 60), (60, 59)])
-def test_rates_that_do_not_fit_are_left_alone(display_hz: float, camera_hz: float) -> None:
+@pytest.mark.parametrize(
+    ("display_hz", "camera_hz", "every"),
+    [(60, 25, 1), (60, 24, 1), (50, 30, 1), (30, 60, 1), (60, 59, 1), (50, 30, 3)],  # every third of 30 Hz would fit 50 Hz
+)
+def test_rates_that_do_not_fit_are_left_alone(display_hz: float, camera_hz: float, every: int) -> None:
     refresh, due = Refresh(display_hz, T0_NS), list[int]()
-    for seq, t_ns in frames(camera_hz, 200):
+    for seq, t_ns in frames(camera_hz, 200 * every, every=every):
         due += hear(refresh, seq, t_ns)
     assert max(abs(t_ns - T0_NS - k * 1e9 / display_hz) for k, t_ns in enumerate(due)) <= 1
 
@@ -86,10 +87,6 @@ def test_frames_lost_on_the_way_do_not_change_the_cameras_rate() -> None:
     for seq, t_ns in frames(30.0, 300, every=3):
         hear(refresh, seq, t_ns)
     assert abs(off(refresh, t_ns)) < 1e-3
-    other, due = Refresh(50.0, T0_NS), list[int]()
-    for seq, t_ns in frames(30.0, 300, every=3):  # every third of 30 Hz would fit 50 Hz
-        due += hear(other, seq, t_ns)
-    assert max(abs(t_ns - T0_NS - k * 20 * MS) for k, t_ns in enumerate(due)) <= 1
 
 
 @pytest.mark.parametrize("restarted", [True, False])

@@ -7,34 +7,26 @@ from lfpipe.render.viewer import Viewpoints
 NOWHERE = Viewpoints((0.0, 0.0, 0.0, 0.0), (0.0, 0.0), (0.0, 0.0), 0)
 
 
-class Log:
-    def __init__(self) -> None:
-        self.waiting = WaitingPictures()
-        self.names: dict[int, str] = {}
+def showing(number: int, t_ns: int, by: str = "") -> Showing:
+    return Showing(number, None, None, NOWHERE, 0, t_ns, 0, 0, 0, 0, 0, t_ns, 0, 0, {}, t_ns if by else 0, by)
 
-    def add(self, name: str, number: int, t_ns: int, by: str = "") -> None:
-        showing = Showing(number, None, None, NOWHERE, 0, t_ns, 0, 0, 0, 0, 0, t_ns, 0, 0, {}, t_ns if by else 0, by)
-        self.names[id(showing)] = name
-        self.waiting.add(showing)
 
-    def take(self, answers: list[Presented], t_ns: int) -> list[tuple[str, int, str]]:
-        known = self.waiting.take(answers, "blanks", t_ns)
-        return [(self.names[id(each)], each.t_presented_ns, each.by) for each in known]
+def known(waiting: WaitingPictures, answers: list[Presented], t_ns: int) -> list[tuple[int, int, str]]:
+    return [(one.t_handed_ns, one.t_presented_ns, one.by) for one in waiting.take(answers, "blanks", t_ns)]
 
 
 def test_a_picture_waits_for_its_blank_and_those_behind_it_wait_too() -> None:
-    log = Log()
-    log.add("a", 1, 100)
-    log.add("b", 0, 200, "blanks")
-    log.add("c", 2, 300)
-    assert log.take([Presented(2, 350, 0)], 360) == []
-    assert log.take([Presented(1, 150, 0)], 370) == [("a", 150, "blanks"), ("b", 200, "blanks"), ("c", 350, "blanks")]
-    assert log.take([Presented(1, 999, 0), Presented(7, 1, 0)], 380) == [], "an answer twice, and one to nothing"
+    waiting = WaitingPictures()
+    for one in (showing(1, 100), showing(0, 200, "blanks"), showing(2, 300)):
+        waiting.add(one)
+    assert known(waiting, [Presented(2, 350, 0)], 360) == []
+    assert known(waiting, [Presented(1, 150, 0)], 370) == [(100, 150, "blanks"), (200, 200, "blanks"), (300, 350, "blanks")]
+    assert known(waiting, [Presented(1, 999, 0), Presented(7, 1, 0)], 380) == [], "an answer twice, and one to nothing"
 
 
 def test_one_that_was_replaced_has_no_time_and_one_never_answered_its_hand_over() -> None:
-    log = Log()
-    log.add("replaced", 1, 100)
-    log.add("unanswered", 2, 200)
-    assert log.take([Presented(1, 0, 0)], 300) == [("replaced", 0, REPLACED)]
-    assert log.take([], 200 + ANSWER_NS + 1) == [("unanswered", 200, HANDOVER)]
+    waiting = WaitingPictures()
+    waiting.add(showing(1, 100))
+    waiting.add(showing(2, 200))
+    assert known(waiting, [Presented(1, 0, 0)], 300) == [(100, 0, REPLACED)]
+    assert known(waiting, [], 200 + ANSWER_NS + 1) == [(200, 200, HANDOVER)]
