@@ -25,7 +25,7 @@ RESULTS = ROOT / "profiling" / "results" / "hosts.md"
 PYTHONS = ("3.11", "3.12", "3.13", "3.14")
 IMPORTS = """
 import importlib, pkgutil, lfpipe
-names = [each.name for each in pkgutil.walk_packages(lfpipe.__path__, "lfpipe.") if not each.name.endswith("__main__")]
+names = [one.name for one in pkgutil.walk_packages(lfpipe.__path__, "lfpipe.") if not one.name.endswith("__main__")]
 for name in names:
     importlib.import_module(name)
 print(len(names))
@@ -34,7 +34,7 @@ MAKE_SEQUENCE = """
 import sys
 from pathlib import Path
 from tests.replay.conftest import make_sequence
-make_sequence(Path(sys.argv[1]) / "walk", int(sys.argv[2]))
+make_sequence(Path(sys.argv[1]), int(sys.argv[2]))
 """
 COLUMNS = ("Python", "modules imported", "tests of the transport", "demo", "replay", "seconds")
 ELSEWHERE = """
@@ -58,90 +58,80 @@ def find_python(version: str) -> str | None:
 
 
 class Interpreter:
-    """One Python with its environment."""
+    """One Python with its environment, and a work folder."""
 
-    def __init__(self, version: str, path: str, work: Path, short: bool) -> None:
-        self._work, self._short = work / version, short
-        self._work.mkdir()
-        own = self._own = Path(sys.prefix) == ROOT / ".venv" and path == sys.executable
-        folder = ROOT / (".venv" if own else f".venv-{version}")
+    def __init__(self, path: str, folder: Path) -> None:
+        self.folder, self.failed = folder, False
+        folder.mkdir(mode=0o700)
+        self.own = Path(sys.prefix) == ROOT / ".venv" and path == sys.executable
+        place = ROOT / (".venv" if self.own else f".venv-{folder.name}")
         self._env = {key: value for key, value in os.environ.items() if key not in ("VIRTUAL_ENV", "DISPLAY", "WAYLAND_DISPLAY")}
-        self._env |= {"UV_PROJECT_ENVIRONMENT": str(folder), "UV_PYTHON": path, "PYTHONPATH": str(ROOT)}
-        self._env |= {"XDG_RUNTIME_DIR": str(self._work)}
-        self._work.chmod(0o700)
-        if not own:
+        self._env |= {"UV_PROJECT_ENVIRONMENT": str(place), "UV_PYTHON": path, "PYTHONPATH": str(ROOT)}
+        self._env |= {"XDG_RUNTIME_DIR": str(folder)}
+        if not self.own:
             subprocess.run(["uv", "sync", "--quiet", "--python", path], cwd=ROOT, env=self._env, check=True)
-        self._python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
-        self.failed = False
+        self._python = place / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
 
-    def run(self, *args: str | Path) -> subprocess.CompletedProcess[str]:
-        """Its Python with args, in its work folder; a failure is printed and kept."""
+    def run(self, *args: str | Path) -> str:
+        """What its Python prints with args, in its work folder; "FAILED", printed and kept, if it fails."""
         command = [str(self._python), *map(str, args)]
-        done = subprocess.run(command, cwd=self._work, env=self._env, capture_output=True, text=True)
+        done = subprocess.run(command, cwd=self.folder, env=self._env, capture_output=True, text=True)
         if done.returncode:
             self.failed = True
-            said = f"{done.stdout[-2000:]}{done.stderr[-2000:]}"
-            print(f"{' '.join(command)[:200]}: exit code {done.returncode}\n{said}", file=sys.stderr)
-        return done
+            output = f"{done.stdout[-2000:]}{done.stderr[-2000:]}"
+            print(f"{' '.join(command)[:200]}: exit code {done.returncode}\n{output}", file=sys.stderr)
+        return "FAILED" if done.returncode else done.stdout.strip()
 
-    def version(self) -> str:
-        return self.run("-c", "import platform; print(platform.python_version())").stdout.strip()
 
-    def imports(self) -> str:
-        return self.run("-c", IMPORTS).stdout.strip() or "FAILED"
+def transport(one: Interpreter, short: bool) -> str:
+    """The tests' own last line; a short run leaves out what the suite has just run under this Python."""
+    if short and one.own:
+        return "in the suite"
+    options = ("-o", "addopts=", "-q", "-W", "ignore", "-p", "no:cacheprovider")
+    output = one.run("-m", "pytest", "--rootdir", ROOT, ROOT / "tests" / "transport", *options)
+    return output.splitlines()[-1].strip("= ").partition(" in ")[0]
 
-    def transport(self) -> str:
-        """The tests' own last line; a short run leaves out what the suite has just run under this Python."""
-        if self._short and self._own:
-            return "in the suite"
-        options = ("-o", "addopts=", "-q", "-W", "ignore", "-p", "no:cacheprovider")
-        done = self.run("-m", "pytest", "--rootdir", ROOT, ROOT / "tests" / "transport", *options)
-        return done.stdout.strip().splitlines()[-1].strip("= ").partition(" in ")[0] if not done.returncode else "FAILED"
 
-    def demo(self) -> str:
-        """Pictures per second and drops, from the trace."""
-        seconds, trace = (3 if self._short else 10), self._work / "trace.jsonl"
-        options = ("--display", "none", "--duration", str(seconds), "--trace", trace, "--session", "hosts")
-        done = self.run("-m", "lfpipe", "up", "--demo", *options)
-        if done.returncode:
-            return "FAILED"
-        rows = [row for row in map(json.loads, trace.read_text().splitlines()) if row["composed"]]
-        span_s = (rows[-1]["t_presented_ns"] - rows[0]["t_presented_ns"]) / 1e9
-        faces = sum(bool(row.get("face")) for row in rows) / len(rows)
-        return f"{len(rows)} pictures, {(len(rows) - 1) / span_s:.1f} Hz, eyes in {faces:.0%}"
+def demo(one: Interpreter, seconds: int) -> str:
+    """Pictures per second and drops, from the trace."""
+    trace = one.folder / "trace.jsonl"
+    options = ("--display", "none", "--duration", str(seconds), "--trace", trace, "--session", "hosts")
+    if one.run("-m", "lfpipe", "up", "--demo", *options) == "FAILED":
+        return "FAILED"
+    rows = [row for row in map(json.loads, trace.read_text().splitlines()) if row["composed"]]
+    span_s = (rows[-1]["t_presented_ns"] - rows[0]["t_presented_ns"]) / 1e9
+    faces = sum(bool(row.get("face")) for row in rows) / len(rows)
+    return f"{len(rows)} pictures, {(len(rows) - 1) / span_s:.1f} Hz, eyes in {faces:.0%}"
 
-    def replay(self, sequence: Path) -> dict[str, str] | None:
-        """Digests of a replay in steps with the demo's scene."""
-        out = self._work / "out"
-        if self.run("-m", "lfpipe", "replay", sequence, "--out", out).returncode:
-            return None
-        digests: dict[str, str] = json.loads((out / "report.json").read_text())["digests"]
-        return digests
 
-    def make_sequence(self, folder: Path) -> Path:
-        self.run("-c", MAKE_SEQUENCE, folder, "30" if self._short else "150")
-        return folder / "walk"
+def replay(one: Interpreter, sequence: Path) -> str:
+    """Digests of a replay in steps with the demo's scene."""
+    out = one.folder / "out"
+    if one.run("-m", "lfpipe", "replay", sequence, "--out", out) == "FAILED":
+        return "FAILED"
+    return " ".join(value[:8] for value in json.loads((out / "report.json").read_text())["digests"].values())
 
 
 def table(short: bool) -> tuple[list[tuple[str, ...]], bool]:
     """A row per Python, and whether anything failed."""
-    rows, failed, first = [], False, None  # type: ignore[var-annotated]
-    with tempfile.TemporaryDirectory(prefix="lfh") as name:
-        work, sequence = Path(name), None
+    rows, failed, first = [], False, ""
+    with tempfile.TemporaryDirectory(prefix="lfh") as work:
+        sequence = Path(work, "walk")
         for version in PYTHONS:
             path = find_python(version)
             if path is None:
                 rows.append((version, *["not installed here"] * 4, ""))
                 continue
-            began = time.monotonic()
-            one = Interpreter(version, path, work, short)
-            sequence = sequence or one.make_sequence(work)
-            imports, tests, demo, digests = one.imports(), one.transport(), one.demo(), one.replay(sequence)
+            began, one = time.monotonic(), Interpreter(path, Path(work, version))
+            if not sequence.exists():
+                one.run("-c", MAKE_SEQUENCE, sequence, "30" if short else "150")
+            cells = [one.run("-c", "import platform; print(platform.python_version())"), one.run("-c", IMPORTS)]
+            cells += [transport(one, short), demo(one, 3 if short else 10)]
+            digests = replay(one, sequence)
             first = first or digests
-            equal = "equal" if digests == first else "DIFFERENT"
-            told = f"{equal}: {' '.join(value[:8] for value in digests.values())}" if digests else "FAILED"
             failed |= one.failed or digests != first
-            rows.append((one.version(), imports, tests, demo, told, f"{time.monotonic() - began:.0f}"))
+            equal = f"{'equal' if digests == first else 'DIFFERENT'}: {digests}"
+            rows.append((*cells, equal, f"{time.monotonic() - began:.0f}"))
             print(" | ".join(rows[-1]), file=sys.stderr)
     return rows, failed
 
@@ -149,8 +139,7 @@ def table(short: bool) -> tuple[list[tuple[str, ...]], bool]:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--short", action="store_true", help="3 s of the demo, 1 s of replay; writes no file")
-    args = parser.parse_args()
-    short = args.short
+    short = parser.parse_args().short
     rows, failed = table(short)
     lines = ["| " + " | ".join(COLUMNS) + " |", "|---" * len(COLUMNS) + "|", *("| " + " | ".join(row) + " |" for row in rows)]
     text = "\n".join(lines)

@@ -1,4 +1,4 @@
-"""What sets of many kinds open as: right, undecided or refused; and what `scene info` costs.
+"""What sets of many kinds open as: right, undecided or refused.
 
     python -m profiling.scene_layouts --out profiling/results/layouts.md
 
@@ -6,9 +6,6 @@ Every set of ../shared/data/lightfields, light fields under many names and in ma
 grid, with every view where it belongs. "undecided": the program says that it cannot tell. "WRONG": sure, and not right.
 """
 
-import json
-import subprocess
-import sys
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -154,35 +151,6 @@ def near(view: np.ndarray, true: np.ndarray, grid: np.ndarray) -> bool:
     return off[0] <= min(off) + 1e-9 and off[0] < 12
 
 
-COST = """
-import json, resource, subprocess, sys
-done = subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL)
-used = resource.getrusage(resource.RUSAGE_CHILDREN)
-print(json.dumps([done.returncode, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024]))
-"""
-
-
-def photograph(folder: Path) -> Path:
-    made.write(folder / "x.jpg", cv2.resize(made.texture(300, 400, 1), (4000, 3000)))
-    made.write(folder / "x_depth.png", cv2.resize(test_pictures.FLOOR, (4000, 3000)))
-    return folder
-
-
-def costs() -> Iterator[str]:
-    """CPU seconds and memory of `scene info` without a pack."""
-    makes: dict[str, Make] = {
-        f"{rows}x{cols} views of {w}x{h}": lambda f, r=rows, c=cols, w=w, h=h: written(f, made.views(r, c, h, w), "v_{r}_{c}.jpg")
-        for rows, cols, w, h in ((1, 2, 1920, 1080), (5, 5, 640, 480), (1, 101, 1000, 700), (17, 17, 512, 512))
-    }
-    for kind, make in {**makes, "a 12-megapixel RGB-D photograph": photograph}.items():
-        with tempfile.TemporaryDirectory() as folder:
-            path = make(Path(folder) / "s")
-            command = [sys.executable, "-m", "lfpipe", "scene", "info", str(path), "--set", f"scene.cache_dir={folder}/cache"]
-            done = subprocess.run([sys.executable, "-c", COST, *command], capture_output=True, text=True, check=True)
-            code, cpu_s, mb = json.loads(done.stdout)
-            yield f"| {kind} | {'ok' if code == 0 else f'exit code {code}'} | {cpu_s:.1f} | {mb:.0f} |"
-
-
 def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("--out", type=Path, default=Path("profiling/results/layouts.md"))
@@ -199,10 +167,8 @@ def main() -> None:
     total = ", ".join(f"{word} {count}" for word, count in sorted(counts.items()))
     head = ["# What sets of many kinds open as", "", f"`python -m profiling.scene_layouts`: {total}.", ""]
     head += ["| group | kind | expected | result | what it opened as, or why not |", "|---|---|---|---|---|"]
-    tail = ["", "`lfpipe scene info` without a pack, its processes together:", ""]
-    tail += ["| set | | CPU s | MB, largest process |", "|---|---|---|---|", *costs()]
-    out.write_text("\n".join([*head, *rows, *tail]) + "\n")
-    print(total, *tail[-5:], sep="\n")
+    out.write_text("\n".join([*head, *rows]) + "\n")
+    print(total)
 
 
 if __name__ == "__main__":

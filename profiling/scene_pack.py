@@ -65,32 +65,17 @@ def cost(*words: str) -> tuple[int, float, float, float]:
     return tuple(figures)
 
 
-def row(name: str, scene: str, folder: Path) -> str:
-    """A line of the table; scene: "" for the demo."""
-    cache = ["--set", f"scene.cache_dir={folder}/cache"]
-    info = cost("scene", "info", scene, *cache) if scene else None
-    trace = folder / "trace.jsonl"
-    words = [scene] if scene else ["--demo"]
-    words += [
-        "--session",
-        f"cost{os.getpid()}",
-        "--camera",
-        "demo",
-        "--display",
-        "none",
-        "--duration",
-        "1.5",
-        "--trace",
-        str(trace),
-        "--set",
-    ]
-    started, *_ = cost("up", *words, f"scene.cache_dir={folder}/first")
-    first = json.loads(trace.read_text().splitlines()[0])["t_presented_ns"]
-    info_text = f"{info[2]:.1f} s, {info[3]:.0f} MB" if info else ""
+def row(scene: str, folder: Path) -> str:
+    """The figures of a scene, "" for the demo."""
+    cache, trace = f"--set=scene.cache_dir={folder}/cache", folder / "trace.jsonl"
+    words = [scene or "--demo", "--session", f"cost{os.getpid()}", "--camera", "demo", "--display", "none", "--duration", "1.5"]
+    started, *_ = cost("up", *words, "--trace", str(trace), f"--set=scene.cache_dir={folder}/first")
+    first_s = (json.loads(trace.read_text().splitlines()[0])["t_presented_ns"] - started) / 1e9
     if not scene:
-        return f"| {name} | {info_text} | {(first - started) / 1e9:.1f} s | | | |"
-    _, wall_s, cpu_s, mb = cost("scene", "pack", scene, *cache)
-    return f"| {name} | {info_text} | {(first - started) / 1e9:.1f} s | {wall_s:.1f} s | {cpu_s:.1f} s | {mb:.0f} MB |"
+        return f" | {first_s:.1f} s | | | |"
+    _, _, info_s, info_mb = cost("scene", "info", scene, cache)
+    _, wall_s, cpu_s, mb = cost("scene", "pack", scene, cache)
+    return f"{info_s:.1f} s, {info_mb:.0f} MB | {first_s:.1f} s | {wall_s:.1f} s | {cpu_s:.1f} s | {mb:.0f} MB |"
 
 
 def rows(scenes: list[Path]) -> Iterator[str]:
@@ -99,9 +84,9 @@ def rows(scenes: list[Path]) -> Iterator[str]:
     for kind in ("the demo", *scenes, *DRAWN, "RGB-D photograph, 12 megapixels"):
         with tempfile.TemporaryDirectory() as temporary:
             folder = Path(temporary)
-            known = isinstance(kind, Path) or kind == "the demo"
-            scene = "" if kind == "the demo" else str(kind if known else draw(folder / "s", str(kind)))
-            yield row(kind.name if isinstance(kind, Path) else kind, scene, folder)
+            drawn = not isinstance(kind, Path) and kind != "the demo"
+            scene = str(draw(folder / "s", str(kind)) if drawn else kind)
+            yield f"| {kind.name if isinstance(kind, Path) else kind} | {row('' if kind == 'the demo' else scene, folder)}"
 
 
 def picture_us(field: LightField, method: str) -> float:

@@ -8,6 +8,7 @@ once. N of them are drawn from a module with a fixed seed; 0 stands for all.
 """
 
 import ast
+import importlib
 import json
 import multiprocessing
 import os
@@ -132,11 +133,8 @@ def survivors(module: str, most: int) -> tuple[int, list[str]]:
 
 def mutation(modules: list[str], most: int) -> str:
     """The part of the report about mutants."""
-    import cv2  # noqa: F401  loaded once, before the forks
-    import hypothesis  # noqa: F401
-    import numpy  # noqa: F401
-    import pytest  # noqa: F401
-
+    for name in ("cv2", "hypothesis", "numpy", "pytest"):  # loaded once, before the forks
+        importlib.import_module(name)
     rows, left = [], []
     for module in modules:
         count, alive = survivors(module, most)
@@ -174,15 +172,14 @@ def main() -> None:
     parser.add_argument("--module", nargs="+", default=list(MODULES), choices=list(MODULES))
     args = parser.parse_args()
     old = REPORT.read_text() if REPORT.exists() else ""
-    made = {
-        "Coverage": coverage if args.coverage else None,
-        "Mutation": (lambda: mutation(args.module, args.mutants)) if args.mutation else None,
-    }
     report = ["# What the tests protect\n"]
-    for title, make in made.items():
-        if make is not None:
+    for title, asked, write in (
+        ("Coverage", args.coverage, coverage),
+        ("Mutation", args.mutation, lambda: mutation(args.module, args.mutants)),
+    ):
+        if asked:
             call = f"`python profiling/tests_coverage.py {' '.join(sys.argv[1:])}`, {time.strftime('%d %B %Y')}"
-            report.append(f"## {title}\n\n{call}\n\n{make()}\n")
+            report.append(f"## {title}\n\n{call}\n\n{write()}\n")
         elif kept := re.search(rf"(?ms)^## {title}\n.*?(?=^## |\Z)", old):
             report.append(kept[0])
     REPORT.write_text("\n".join(report))

@@ -1,13 +1,12 @@
 """Draws the rooms of the house and the imports between them, as a picture and in words.
 
-    uv run python tools/draw_rooms.py [--ref GIT_REF] OUT.png
+    uv run python tools/draw_rooms.py [--root FOLDER] OUT.png
 
 Arrows point from a room to one that it imports, as thick as the number of imports. Red: upwards, or within a circle.
 """
 
 import argparse
 import ast
-import subprocess
 from collections import Counter
 from pathlib import Path
 
@@ -15,20 +14,6 @@ import matplotlib
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
-
-ROOT = Path(__file__).parents[1]
-
-
-def sources(ref: str) -> dict[str, str]:
-    """Path -> text of every module of lfpipe at a git reference; of the work tree where ref is empty."""
-    if not ref:
-        return {str(path.relative_to(ROOT)): path.read_text() for path in (ROOT / "lfpipe").rglob("*.py")}
-    names = _git("ls-tree", "-r", "--name-only", ref, "lfpipe").split()
-    return {name: _git("show", f"{ref}:{name}") for name in names if name.endswith(".py")}
-
-
-def _git(*words: str) -> str:
-    return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=True).stdout
 
 
 def room(name: str) -> str:
@@ -88,7 +73,7 @@ def draw(files: dict[str, str], out: Path) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--ref", default="", metavar="GIT_REF", help="default: the work tree")
+    parser.add_argument("--root", type=Path, default=Path(__file__).parents[1], help="a checkout; default: this one")
     parser.add_argument("out", type=Path, metavar="OUT.png")
     given = parser.parse_args()
-    draw(sources(given.ref), given.out)
+    draw({str(path.relative_to(given.root)): path.read_text() for path in (given.root / "lfpipe").rglob("*.py")}, given.out)

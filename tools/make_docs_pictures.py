@@ -1,149 +1,196 @@
-"""The pictures of README and docs: anaglyph_modes.png of the demo scene; anaglyph.png, view_grid.png, monitor.png and page.png
-of a running demo.
+"""The pictures of README and docs/: look_around.gif, monitor.svg, page.png, window.png and timeline.svg.
 
-    uv run python tools/make_docs_pictures.py [FOLDER]
+    uv run python -m tools.make_docs_pictures [--out docs] [animation] [monitor] [window]
 
-page.png needs chromium and chromedriver, and is left as it is without them.
+animation: left the red/cyan picture of the demo's scene, right what both eyes fuse it to; below, the head moves.
+monitor: the terminal and the page (which needs chromium and chromedriver) of a running demo.
+window: under Xvfb (with xdotool): thumbnails (key Tab), a change and a pause (keys m, p), the glasses test (key g), side by side;
+and the pictures of three camera frames from its trace. Nothing named: all.
 """
 
 import argparse
-import asyncio
-import base64
-import os
-import signal
+import io
+import itertools
+import json
+import math
+import re
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
-import matplotlib
+import matplotlib as mpl
 import numpy as np
-from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
+from matplotlib.figure import Figure
+from PIL import Image, ImageDraw
 from rich.console import Console
 
-ROOT = Path(__file__).resolve().parents[1]
-LARGEST_BYTES = 300_000
-BACK, FORE, DIM = (18, 22, 27), (223, 229, 236), (139, 151, 166)
-INKS = {"green": (139, 226, 139), "yellow": (255, 196, 107), "cyan": (79, 214, 232), "red": (255, 107, 107)}
-COLUMNS, FONT_PX = 80, 17
-TILE_PX, LABEL_PX = 256, 22
+import lfpipe
+from lfpipe.config import Scene
+from lfpipe.observe.session_commands import ask
+from lfpipe.observe.session_reader import FollowingReader
+from lfpipe.observe.state_text import screen_text
+from lfpipe.scene.cache import cache_dir
+from lfpipe.scene.demo import NAMES, demo_scene
+from tests.web.browser import Browser, missing
+from tests.world import World, private_world
+from tests.xvfb_screen import Screen, x_server
+
+FRAMES, STEP_MS = 20, 100  # of the animation: two seconds for a head to go and come back, as people do
+PANEL_PX, FLOOR_PX = 300, 64  # width of a panel, height of the floor with the head: together small enough for under 1 MB
+COLOURS = 80  # of the palette: more are not seen in a picture of this size
+INK, FLOOR, SKIN, RED, CYAN = (87, 96, 106), (246, 248, 250), (241, 212, 184), (216, 52, 59), (0, 165, 181)
+SIDE_PX, WINDOW_COLOURS = 320, 160
+ROWS = ("camera, driver, decoding", "tracking", "waiting for its turn", "composing", "waiting for the blank", "screen to light")
+ROW_COLOURS = ("#56b4e9", "#009e73", "#d0d7de", "#e69f00", "#d0d7de", "#cc79a7")
+STAMPS = ("t_sensor_ns", "t_read_ns", "t_tracked_ns", "t_started_ns", "t_composed_ns", "t_presented_ns")
+SETTLED, LOOP_MS = 60, 45.0  # lines that a session takes to find its pace; drawn behind the present, not in the trace
 
 
-def save(path: Path, picture: NDArray[np.uint8]) -> None:
-    """A PNG of BGR, made smaller until it is small enough."""
-    while True:
-        cv2.imwrite(str(path), picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])
-        if path.stat().st_size < LARGEST_BYTES:
-            print(f"{path}: {path.stat().st_size / 1e3:.0f} kB")
-            return
-        picture = cv2.resize(picture, None, fx=0.9, fy=0.9, interpolation=cv2.INTER_AREA).astype(np.uint8)
+def panel(picture: np.ndarray) -> Image.Image:
+    """A BGR picture at the width of a panel."""
+    height = round(picture.shape[0] * PANEL_PX / picture.shape[1])
+    return Image.fromarray(cv2.resize(picture, (PANEL_PX, height), interpolation=cv2.INTER_AREA)[..., ::-1])
 
 
-def terminal(text: object) -> NDArray[np.uint8]:
-    """A rich text as a terminal of COLUMNS shows it, BGR."""
-    console = Console(width=COLUMNS, color_system="truecolor", force_terminal=True, no_color=False)
-    lines = console.render_lines(text, pad=True)  # type: ignore[arg-type]
-    fonts = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
-    plain, bold = (ImageFont.truetype(str(fonts / name), FONT_PX) for name in ("DejaVuSansMono.ttf", "DejaVuSansMono-Bold.ttf"))
-    cell, step = plain.getlength("x"), FONT_PX + 5
-    image = Image.new("RGB", (round(cell * COLUMNS) + 24, step * len(lines) + 20), BACK)
-    draw = ImageDraw.Draw(image)
-    for row, line in enumerate(lines):
-        column = 0
-        for segment in line:
-            style = segment.style
-            ink = INKS.get(style.color.name if style and style.color else "", DIM if style and style.dim else FORE)
-            for character in segment.text.rstrip("\n"):
-                place = (12 + column * cell, 10 + row * step)
-                draw.text(place, character, ink, bold if style and style.bold else plain)
-                column += 1
-    return cv2.cvtColor(np.asarray(image), cv2.COLOR_RGB2BGR).astype(np.uint8)
+def frame(field: lfpipe.LightField, phase: float) -> Image.Image:
+    """One picture of the animation. phase: 0 to 1, once from side to side and back."""
+    turn = math.sin(2 * math.pi * phase)
+    row, col = (field.rows - 1) / 2, (field.cols - 1) / 2 + ((field.cols - 1) / 2 - 1) * turn
+    screen = panel(lfpipe.render_anaglyph(field, (row, col - 1.0), (row, col + 1.0)))
+    canvas = Image.new("RGB", (2 * PANEL_PX + 12, screen.height + FLOOR_PX), FLOOR)
+    canvas.paste(screen, (0, 0))
+    canvas.paste(panel(lfpipe.render_view(field, row, col)), (PANEL_PX + 12, 0))
+    draw = ImageDraw.Draw(canvas)
+    for left, text in ((0, "on the screen"), (PANEL_PX + 12, "through the glasses")):
+        draw.text((left + 6, screen.height + FLOOR_PX - 16), text, fill=INK)
+    x, y = PANEL_PX / 2 + 0.3 * PANEL_PX * turn, screen.height + 26  # the head from above, the nose towards the screen
+    draw.ellipse((x - 22, y - 14, x + 22, y + 22), fill=SKIN)
+    draw.polygon([(x - 4, y - 13), (x, y - 19), (x + 4, y - 13)], fill=SKIN)
+    draw.rectangle((x - 20, y - 13, x - 4, y - 8), fill=RED)
+    draw.rectangle((x + 4, y - 13, x + 20, y - 8), fill=CYAN)
+    return canvas
 
 
-def page(url: str, out: Path, profile: Path) -> None:
-    """The page in a browser, where there is one."""
-    sys.path.insert(0, str(ROOT))
-    from tests.web.browser import Browser, missing
+def animation(out: Path) -> None:
+    field = lfpipe.open_scene()
+    sample = frame(field, 0.0)
+    for index, colour in enumerate((SKIN, RED, CYAN, INK)):  # small areas, which a palette by frequency leaves out
+        sample.paste(colour, (index * 60, sample.height - FLOOR_PX, index * 60 + 60, sample.height))
+    palette = sample.quantize(COLOURS)
+    pictures = [frame(field, index / FRAMES).quantize(palette=palette, dither=Image.Dither.NONE) for index in range(FRAMES)]
+    path = out / "look_around.gif"
+    pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=STEP_MS, loop=0, optimize=True)
 
-    if why := missing():
-        print(f"{out} left as it is: {why}")
-        return
-    with Browser(profile) as browser:
-        browser.open(url)
-        time.sleep(12)
-        browser.screenshot(profile / "page.png")
-    picture = cv2.imread(str(profile / "page.png"))
-    assert picture is not None
-    save(out, picture.astype(np.uint8))
+
+def started(world: World, *words: str, **env: str) -> "subprocess.Popen[bytes]":
+    """A session of the demo's scene and face."""
+    more = {"XDG_CACHE_HOME": str(cache_dir(Scene()).parent), **env}
+    command = [sys.executable, "-m", "lfpipe", "up", "--camera", "demo", "--session", world.name, *words]
+    settings = Path(world.env["XDG_CONFIG_HOME"]) / "lfpipe" / "config.toml"  # no question about glasses
+    settings.parent.mkdir(parents=True)
+    settings.write_text('[render]\nanaglyph = "dubois"\n')
+    return subprocess.Popen(command, env=world.env | more, cwd=world.root)
+
+
+def monitor(out: Path) -> None:
+    with private_world() as world, tempfile.TemporaryDirectory() as folder:
+        world.name = "default"
+        session = started(world, str(demo_scene(cache_dir(Scene()))), "--display", "none")
+        reader, text = FollowingReader(world.name), None
+        for _ in range(100):
+            time.sleep(0.25)
+            if (state := reader.read()) is not None:
+                text = screen_text(state, ask(world.name, {"cmd": "hello"}), "")
+        reader.close()
+        assert text is not None, "the demo does not run"
+        console = Console(width=80, record=True, file=io.StringIO())
+        console.print(text)
+        svg = re.sub(r"@font-face \{.*?\}\s*", "", console.export_svg(title="lfpipe monitor"), flags=re.DOTALL)
+        (out / "monitor.svg").write_text(svg)  # without fonts from elsewhere
+        if why := missing():
+            print(f"page.png left as it is: {why}")
+        else:
+            command = [sys.executable, "-m", "lfpipe", "monitor", "--session", world.name, "--web", ":0"]
+            with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server, Browser(Path(folder)) as browser:
+                assert server.stdout is not None
+                browser.open(server.stdout.readline().split()[3])
+                time.sleep(12)
+                browser.screenshot(Path(folder, "page.png"))
+                server.terminate()
+            page = Image.open(Path(folder, "page.png")).convert("RGB")
+            page.quantize(256, dither=Image.Dither.NONE).save(out / "page.png", optimize=True)
+        session.terminate()
+        session.wait(30)
+
+
+def window(out: Path) -> None:
+    seen = []
+    with (
+        private_world() as world,
+        tempfile.TemporaryDirectory() as folder,
+        x_server(["Xvfb", "-screen", "0", "1280x800x24", "-fbdir", folder], Path(folder)) as name,
+    ):
+        screen, trace = Screen(name, Path(folder) / "Xvfb_screen0"), Path(folder) / "trace.jsonl"
+        scenes = [str(demo_scene(cache_dir(Scene()), name=scene)) for scene in NAMES]
+        session = started(world, *scenes, "--display", "window", "--trace", str(trace), DISPLAY=name)
+        while not screen.picture().any():  # the first time it packs the scene
+            time.sleep(0.5)
+        time.sleep(8.0)
+        lines = trace.read_text().splitlines()[:-1]
+        for keys, wait_s in ((["Tab"], 14.0), (["Tab", "m", "p"], 0.0), (["p", "m", "g"], 4.0)):  # thumbnails come; the bar goes
+            for key in keys:
+                subprocess.run(["xdotool", "key", key], env={**world.env, "DISPLAY": name}, check=True)
+                time.sleep(1.0)
+            if not wait_s:
+                words = ["xdotool", "mousemove", "600", "400", "mousemove", "640", "420"]
+                subprocess.run(words, env={**world.env, "DISPLAY": name}, check=True)
+            time.sleep(wait_s or 0.8)
+            seen.append(cv2.resize(screen.shown(), (SIDE_PX, SIDE_PX), interpolation=cv2.INTER_AREA))
+        session.terminate()
+        session.wait(30)
+    whole = Image.fromarray(cv2.cvtColor(np.hstack(seen), cv2.COLOR_BGR2RGB))
+    whole.quantize(WINDOW_COLOURS, dither=Image.Dither.NONE).save(out / "window.png", optimize=True)
+    timeline([json.loads(line) for line in lines], out)
+
+
+def timeline(lines: Sequence[dict[str, Any]], out: Path, frames: int = 3) -> None:
+    """The first pictures of a few frames in a row: those whose age is most usual."""
+    new = [line for before, line in itertools.pairwise(lines) if line["source_seq"] != before["source_seq"] and line["composed"]]
+    first = new[SETTLED:]
+    ages = [line["t_presented_ns"] - line["t_sensor_ns"] for line in first]
+    middle = sorted(ages)[len(ages) // 2]
+    best = min(range(len(first) - frames + 1), key=lambda k: max(abs(age - middle) for age in ages[k : k + frames]))
+    pictures = first[best : best + frames]
+    with mpl.rc_context({"svg.hashsalt": "lfpipe", "font.family": "DejaVu Sans", "svg.fonttype": "path"}):
+        figure = Figure(figsize=(10, 4.2), layout="constrained")
+        axes = figure.subplots()
+        high = 0.8 / len(pictures)  # each frame has a lane of its own in every row
+        for number, picture in enumerate(pictures):
+            times = [(picture[name] - pictures[0]["t_sensor_ns"]) / 1e6 for name in STAMPS]
+            for row, (start, end) in enumerate(itertools.pairwise([*times, times[-1] + LOOP_MS])):
+                lane = row - 0.4 + (number + 0.5) * high
+                axes.barh(lane, max(end - start, 0.15), left=start, height=0.9 * high, color=ROW_COLOURS[row])
+                axes.text(end + 0.5, lane, f"{end - start:.1f} ms", va="center", fontsize=7)
+        axes.set_yticks(range(len(ROWS)), ROWS, fontsize=9)
+        axes.invert_yaxis()
+        axes.set_xlabel("ms after the stamp of the first frame", fontsize=9)
+        axes.spines[["top", "right"]].set_visible(False)
+        figure.savefig(out / "timeline.svg", metadata={"Date": None, "Creator": "tools/make_docs_pictures.py"})
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("out", type=Path, nargs="?", default=ROOT / "docs")
-    out = parser.parse_args().out
-    out.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory() as folder:
-        modes(out, folder)
-        os.environ["XDG_RUNTIME_DIR"] = folder
-        for name in ("DISPLAY", "WAYLAND_DISPLAY"):
-            os.environ.pop(name, None)
-        session = subprocess.Popen([sys.executable, "-m", "lfpipe", "up", "--demo", "--display", "none", "--session", "docs"])
-        try:
-            asyncio.run(take(out, Path(folder)))
-        finally:
-            session.send_signal(signal.SIGTERM)
-            session.wait()
-
-
-def modes(out: Path, folder: str) -> None:
-    """The same viewpoint of the demo scene in every anaglyph mode."""
-    from lfpipe.config import Render, Scene
-    from lfpipe.config.tree import choices
-    from lfpipe.render.compositor import Compositor
-    from lfpipe.scene.demo import demo_scene
-    from lfpipe.scene.open_scene import open_scene
-
-    field = open_scene(demo_scene(Path(folder), size_px=TILE_PX), Scene(cache_dir=folder))
-    middle, tiles = (field.rows - 1) / 2, []
-    for mode in choices("render.anaglyph"):
-        compositor = Compositor(field, Render(method="warp2", anaglyph=mode))  # type: ignore[arg-type]
-        label = np.full((LABEL_PX, TILE_PX, 3), 255, np.uint8)
-        cv2.putText(label, mode, (4, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), 1, cv2.LINE_AA)
-        tiles.append(np.vstack([label, compositor.compose((middle, middle - 1.5), (middle, middle + 1.5))]))
-    save(out / "anaglyph_modes.png", np.vstack([np.hstack(tiles[k : k + 5]) for k in range(0, len(tiles), 5)]))
-
-
-async def take(out: Path, folder: Path) -> None:
-    from lfpipe.observe.page_feed import Feed
-    from lfpipe.observe.session_commands import ask
-    from lfpipe.observe.session_reader import FollowingReader
-    from lfpipe.observe.state_text import screen_text
-
-    feed, follower, text = Feed("docs"), FollowingReader("docs"), None
-    jpegs: dict[bytes, bytes] = {}
-    started = time.monotonic()
-    async for sample in feed.events():
-        if (state := follower.read()) is not None:
-            text = screen_text(state, ask("docs", {"cmd": "hello"}), "")
-        jpegs = dict(event.split(b"\ndata: ") for event in sample.split(b"event: ")[1:])
-        if time.monotonic() - started > 25:
-            break
-    assert text is not None, "the demo does not run"
-    save(out / "monitor.png", terminal(text))
-    for name, which in (("anaglyph", b"picture"), ("view_grid", b"camera")):
-        picture = cv2.imdecode(np.frombuffer(base64.b64decode(jpegs[which]), np.uint8), cv2.IMREAD_COLOR)
-        assert picture is not None
-        save(out / f"{name}.png", picture.astype(np.uint8))
-    follower.close()
-    await feed.end()
-    command = [sys.executable, "-m", "lfpipe", "monitor", "--session", "docs", "--web", ":0"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
-        assert server.stdout is not None
-        page(server.stdout.readline().split()[3], out / "page.png", folder)
-        server.terminate()
+    parser.add_argument("--out", type=Path, default=Path(__file__).parents[1] / "docs")
+    parser.add_argument("names", nargs="*", metavar="NAME")
+    options = parser.parse_args()
+    makers = {"animation": animation, "monitor": monitor, "window": window}
+    for name in options.names or makers:
+        makers[name](options.out)
 
 
 if __name__ == "__main__":

@@ -1,13 +1,10 @@
 """The scripts of profiling/ and tools/ in a fresh clone, without sample data."""
 
-import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-
-from lfpipe.bench.subjects import SUBJECTS
 
 ROOT = Path(__file__).parents[2]
 SHARED = ("arguments", "photon_simulation")
@@ -15,7 +12,6 @@ NO_SCRIPTS = (*SHARED, "package_page")  # the last is a build hook
 SCRIPTS = sorted(
     path for folder in ("profiling", "tools") for path in (ROOT / folder).glob("*.py") if path.stem not in NO_SCRIPTS
 )
-PAGES = [ROOT / "README.md", ROOT / "docs" / "replay.md", *sorted((ROOT / "profiling" / "results").glob("*.md"))]
 WITH_DATA = ("eyes_engines", "pipeline_vs_loop", "scene_pack")
 
 
@@ -33,12 +29,3 @@ def test_missing_data_is_named() -> None:
     for name in WITH_DATA:
         done = run(ROOT / "profiling" / f"{name}.py", "nowhere")
         assert done.returncode == 2 and "nowhere" in done.stderr and "Traceback" not in done.stderr, done.stderr
-
-
-def test_quoted_scripts_and_subjects_exist() -> None:
-    for page in PAGES:
-        text = page.read_text()
-        for name in re.findall(r"(?:profiling|tools)/[\w/.-]+\.(?:py|md|toml)", text):
-            assert (ROOT / name).is_file(), f"{page.name}: {name}"
-        for word in re.findall(r"lfpipe bench (\w+)", text):
-            assert word in {*SUBJECTS, "all", "table"}, f"{page.name}: {word}"

@@ -1,5 +1,6 @@
-"""An environment as a person has it who never heard of uv."""
+"""What pages hold, and an environment as a person has it who never heard of uv."""
 
+import re
 import subprocess
 import sys
 import sysconfig
@@ -10,6 +11,11 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 BUILD = "import sys; from hatchling import build; getattr(build, 'build_' + sys.argv[1])(sys.argv[2])"
+
+
+def blocks(page: str, language: str = "python") -> list[str]:
+    """The fenced blocks of that language on a page of the repository."""
+    return re.findall(rf"^```{language}\n(.*?)^```", (ROOT / page).read_text(), re.M | re.S)
 
 
 @pytest.fixture(scope="session")

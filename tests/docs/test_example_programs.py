@@ -1,19 +1,17 @@
 """The programs of examples/ and docs/python.md run in an environment made without uv, as their first line or the page says."""
 
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from tests.docs.conftest import ROOT, blocks
 from tests.world import World
 
-ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
-BLOCKS = re.findall(r"^```python\n(.*?)^```", (ROOT / "docs" / "python.md").read_text(), re.M | re.S)
-PROGRAMS = [block for block in BLOCKS if block.count("\n") > 2]
+PROGRAMS = [block for block in blocks("docs/python.md") if block.count("\n") > 2]
 
 
 def run(world: World, python: Path, *words: str | Path) -> str:

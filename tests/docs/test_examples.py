@@ -21,15 +21,10 @@ import pytest
 from lfpipe import config
 from lfpipe.cli import cli
 from lfpipe.scene import layouts
+from tests.docs.conftest import ROOT, blocks
 from tests.world import World
 
-ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-
-
-def blocks(page: Path, language: str) -> list[str]:
-    """The fenced blocks of that language."""
-    return re.findall(rf"^```{language}\n(.*?)^```", page.read_text(), re.M | re.S)
+PAGES = ["README.md", *(f"docs/{path.name}" for path in sorted((ROOT / "docs").glob("*.md")))]
 
 
 def commands() -> list[tuple[str, str]]:
@@ -37,12 +32,12 @@ def commands() -> list[tuple[str, str]]:
     found = []
     for page in PAGES:
         lines = [line for block in blocks(page, "sh") for line in block.splitlines()]
-        lines += re.findall(r"`((?:uv run )?lfpipe [^`]+)`", page.read_text())
+        lines += re.findall(r"`((?:uv run )?lfpipe [^`]+)`", (ROOT / page).read_text())
         for line in lines:
             for part in re.split(r"&&|\|\|", line.split(" #")[0]):
                 words = part.strip().removeprefix("uv run ").removeprefix("ssh HOST ")
                 if words.startswith("lfpipe "):
-                    found.append((page.name, words))
+                    found.append((page, words))
     return sorted(set(found))
 
 
@@ -78,7 +73,7 @@ def test_blocks_of_data_are_well_formed() -> None:
 
 
 def test_the_ring_example_reads_a_frame(live: World, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    example = next(block for block in blocks(ROOT / "docs" / "contracts.md", "python") if "Reader" in block)
+    example = next(block for block in blocks("docs/contracts.md") if "Reader" in block)
     path = live.root / "ring_example.py"
     path.write_text(example.replace('Session("default")', f'Session("{live.name}")'))
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(live.run_dir))
@@ -88,7 +83,7 @@ def test_the_ring_example_reads_a_frame(live: World, monkeypatch: pytest.MonkeyP
 
 
 def test_the_layout_example_opens_its_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    example = next(block for block in blocks(ROOT / "docs" / "extending.md", "python") if "def detect" in block)
+    example = next(block for block in blocks("docs/extending.md") if "def detect" in block)
     (tmp_path / "trio.py").write_text(example)
     monkeypatch.setattr(layouts, "__path__", [*layouts.__path__, str(tmp_path)])
     importlib.invalidate_caches()
@@ -117,7 +112,7 @@ def test_the_stage_example_runs_in_a_session(world: World, scene: Path, tmp_path
     page = (ROOT / "docs" / "extending.md").read_text()
     row = re.search(r"`(Stage\(.*?\))`\.", page, re.S)
     assert row is not None
-    example = next(block for block in blocks(ROOT / "docs" / "extending.md", "python") if "def main" in block)
+    example = next(block for block in blocks("docs/extending.md") if "def main" in block)
     (tmp_path / "away.py").write_text(example)
     (tmp_path / "runner.py").write_text(textwrap.dedent(RUNNER).format(row=row[1].replace("lfpipe.track.away", "away")))
     env = {**world.env, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}

@@ -3,7 +3,6 @@
 import asyncio
 import json
 import os
-import re
 import socket
 import subprocess
 import sys
@@ -17,15 +16,15 @@ from lfpipe.share.head import Head
 from lfpipe.share.output import LslOutput, Sample, osc_datagram
 from lfpipe.share.target import Target
 from lfpipe.transport.clock import now_ns
+from tests.docs.conftest import blocks
 from tests.share.receivers import free_port, lsl_environment
 
-PAGE = Path(__file__).parents[2] / "docs" / "recipes.md"
 HEAD = Head((-40.0, 5.0, 600.0), (23.0, 4.0, 598.0), (-8.5, 4.5, 599.0), 1.0, 2.0, 3.0)
 
 
 def program(word: str) -> str:
     """The block of Python that holds word."""
-    return next(block for block in re.findall(r"^```python\n(.*?)^```", PAGE.read_text(), re.M | re.S) if word in block)
+    return next(block for block in blocks("docs/recipes.md") if word in block)
 
 
 def test_the_window_keeps_the_screen_where_it_is(capsys: pytest.CaptureFixture[str]) -> None:

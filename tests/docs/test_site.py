@@ -11,6 +11,7 @@ from tests.web.browser import Browser, missing
 
 ROOT = Path(__file__).parents[2]
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
+FILE = re.compile(r"(?<![\w./~-])([\w-]+(?:/[\w.-]+)*/[\w-]+\.(?:py|toml|sh|yml))\b")
 
 
 @pytest.fixture(scope="module")
@@ -50,8 +51,12 @@ def test_no_page_is_wider_than_its_screen(site: Path, tmp_path: Path) -> None:
             assert (paper > ink) != dark, (ink, paper)
 
 
-def test_links_within_the_repository_hold() -> None:
-    for page in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")):
-        for target in LINK.findall(page.read_text()):
+def test_links_and_files_that_pages_name_exist() -> None:
+    results = ROOT / "profiling" / "results"
+    for page in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md"), *results.glob("*.md")):
+        text = page.read_text()
+        for target in LINK.findall(text):
             if not re.match(r"[a-z]+:|#", target):
                 assert (page.parent / target.partition("#")[0]).exists(), f"{page.name}: {target}"
+        for name in FILE.findall(text):
+            assert any((folder / name).exists() for folder in (ROOT, ROOT / "lfpipe")), f"{page.name}: {name}"
