@@ -13,7 +13,6 @@ import attrs
 
 from lfpipe import config
 from lfpipe.capture.camera_list import CameraDevice, known
-from lfpipe.capture.open_source import camera_name
 from lfpipe.errors import UserError
 from lfpipe.host import shared_memory as memory
 from lfpipe.host.files import exists, is_missing
@@ -137,22 +136,6 @@ def sdl() -> Check:
     return Check("display", True, f"SDL {window_system.version()}, driver {driver}, {how}; {listed}")
 
 
-def loop(own: config.Config, source: str) -> Check:
-    """render.loop_ms, and whether it was measured with this camera and monitor. source: of the frames."""
-    measure = "`lfpipe calibrate --latency` measures it, with the camera turned to the screen"
-    render = own.render
-    if not render.loop_ms and not render.loop_measured:
-        return Check("loop", True, "the delay of camera and display was not measured: assuming 0", measure)
-    from lfpipe.render.monitors import detect_monitors, loop_doubt
-
-    try:
-        doubt = loop_doubt(own, camera_name(source), detect_monitors()[1])
-    except Exception as error:  # no camera or no screen: other checks report that
-        doubt = str(error)
-    measured = f"{render.loop_ms:g} ms delay of camera and display ({render.loop_measured or 'set by hand'})"
-    return Check("loop", True, f"{measured}; doubtful: {doubt}" if doubt else measured, measure if doubt else "")
-
-
 def settings() -> Check:
     """The user's own settings, which every command reads."""
     path = config.user_file()
@@ -212,8 +195,6 @@ def leftovers() -> Check:
 def checks() -> list[Check]:
     """All checks, in the order in which to fix problems."""
     own = settings()
-    loaded = config.load() if own.ok else config.Config()
-    source = loaded.camera.source
     return [
         python(),
         own,
@@ -222,8 +203,7 @@ def checks() -> list[Check]:
         face_networks(),
         litert(),
         sdl(),
-        *camera_checks(source, known().cameras()),
-        loop(loaded, source),
+        *camera_checks(config.load().camera.source if own.ok else "", known().cameras()),
         shared_memory(),
         leftovers(),
         *(plugin_check(plugin) for group in GROUPS for plugin in plugins(group).values()),

@@ -25,25 +25,16 @@ from lfpipe.render.geometry import zero_planes_px
 from lfpipe.render.view_grid import EyesOnGrid, draw_over_eyes
 from lfpipe.transport import control, ring
 from lfpipe.transport.clock import SECOND_NS, now_ns
-from lfpipe.transport.histogram import MIDDLES_US
 from lfpipe.transport.session import Session
 
 PERIOD_S = 0.25
 COMMAND_S, LOAD_S = 2.0, 20.0  # timeouts of answers; packing a scene may take longer
 LEASE_S = 5.0  # of the ring of pictures
 PICTURES = {"camera": 320, "picture": 1024}  # px of the longer side on the page
-EDGES_MS = np.geomspace(0.05, 100.0, 34)  # of the page's histograms; the outer bins hold everything below and above
-_BIN = np.clip(np.searchsorted(EDGES_MS, MIDDLES_US / 1e3) - 1, 0, len(EDGES_MS) - 2)
 # full chroma resolution: the chroma of an anaglyph separates the eyes
 FULL_CHROMA = (cv2.IMWRITE_JPEG_QUALITY, 85, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444)
 
 log = logging.getLogger(__name__)
-
-
-def _stage(stage: dict[str, Any]) -> dict[str, Any]:
-    """A stage with its busy times counted between EDGES_MS."""
-    counts = np.bincount(_BIN, stage["busy_counts"], len(EDGES_MS) - 1).astype(int).tolist()
-    return {**stage, "cpus": spans(stage["cpus"]), "busy_counts": counts}
 
 
 def _settings(hello: dict[str, Any]) -> dict[str, Any]:
@@ -192,7 +183,7 @@ class Feed:
         self._sampler = None
 
     async def _figures(self) -> dict[str, Any]:
-        """The state of `Watch.read_window` with histograms in bins, and the session's settings."""
+        """The state of `Watch.read_window`, and the session's settings."""
         before, state = self._follower.watch, self._follower.read()
         if self._follower.watch is not before:
             self._release()
@@ -205,11 +196,11 @@ class Feed:
                 self._hello, self._revision = await self._ask({"cmd": "hello"}, 0.5), state["config_rev"]
             except UserError:
                 self._hello = {}
-        stages = {name: _stage(stage) for name, stage in state["stages"].items() if stage["state"] != "NONE"}
-        edges_ms = [round(float(edge), 3) for edge in EDGES_MS]
+        stages = {name: stage for name, stage in state["stages"].items() if stage["state"] != "NONE"}
+        for stage in stages.values():
+            stage["cpus"] = spans(stage["cpus"])
         photon = photon_words(state["motion_to_photon"])
-        told = {"alive": True, **state, "motion_to_photon": photon, "stages": stages, "edges_ms": edges_ms}
-        return {**told, **_settings(self._hello)}
+        return {"alive": True, **state, "motion_to_photon": photon, "stages": stages, **_settings(self._hello)}
 
     async def _picture(self, which: str) -> bytes:
         """An event with the picture; empty if there is none."""

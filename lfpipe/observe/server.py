@@ -3,7 +3,6 @@
 import asyncio
 import contextlib
 import ipaddress
-import json
 import logging
 import socket
 from collections.abc import Awaitable, Callable
@@ -117,16 +116,6 @@ class Handler(RequestHandler):
     def compute_etag(self) -> None:
         """Returns None: nothing is cached."""
 
-    def refusal(self) -> str:
-        """The reason for answering with 403, or ""."""
-        raise NotImplementedError
-
-    def prepare(self) -> None:
-        """Admits the request or raises HTTPError."""
-        if why := self.refusal():
-            raise HTTPError(HTTPStatus.FORBIDDEN, why)
-        self.settings["admit"](self._stream())
-
     def write_error(self, status_code: int, **kwargs: Any) -> None:
         """{"ok": false, "error": why}."""
         error = kwargs.get("exc_info", (None, None, None))[1]
@@ -138,14 +127,11 @@ class Handler(RequestHandler):
         if not isinstance(error, HTTPError | StreamClosedError):
             log.error("%s %s", self.request.method, self.request.path, exc_info=error)
 
-    async def answer(self, body: bytes, kind: str = "application/json") -> None:
-        """Sends a whole answer."""
-        self.set_header("Content-Type", kind)
+    async def answer(self, body: bytes | dict[str, Any], kind: str = "") -> None:
+        """Sends a whole answer, a map as JSON."""
+        if kind:
+            self.set_header("Content-Type", kind)
         await self._sent(self.finish(body))
-
-    async def answer_json(self, value: dict[str, Any]) -> None:
-        """Sends a JSON object."""
-        await self.answer(json.dumps(value).encode())
 
     async def piece(self, data: bytes) -> bool:
         """Sends a piece of a stream. False if the client no longer reads it."""
@@ -158,11 +144,12 @@ class Handler(RequestHandler):
             async with asyncio.timeout(WRITE_TIMEOUT_S):
                 await sent
         except (TimeoutError, StreamClosedError):
-            self._stream().close()
+            self.stream().close()
             return False
         return True
 
-    def _stream(self) -> Any:
+    def stream(self) -> Any:
+        """The connection."""
         return self.request.connection.stream  # type: ignore[union-attr]
 
 

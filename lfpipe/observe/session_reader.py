@@ -75,8 +75,8 @@ class Watch:
     def read_window(self) -> dict[str, Any]:
         """`snapshot` with the times of the last WINDOW_S, and more.
 
-        `cpu_percent`, `rss_mb`: of the supervisor and of each stage. `worst_ms`, `busy_counts`: of each stage since the reset;
-        the counts on MIDDLES_US. `age_now_ms`: the median since the reading before, or None.
+        `cpu_percent`, `rss_mb`: of the supervisor and of each stage. `worst_ms`: of each stage since the reset. `age_now_ms`: the
+        median since the reading before, or None.
         """
         now, last = self._sample(), self._past[-1]
         while len(self._past) > 1 and now.t_ns - self._past[1].t_ns >= WINDOW_S * 1e9:
@@ -89,9 +89,8 @@ class Watch:
             row["drops"] = since_reset[name]["drops"]
         state = snapshot(self.session.name, rows, self.table.session, self._started_ns)
         for name, stage in state["stages"].items():
-            busy = since_reset[name]["busy"]
-            stage |= self._load(now, then, stage["pid"])
-            stage |= {"worst_ms": float(busy["max_ns"]) / 1e6, "busy_counts": busy["buckets"]}
+            worst_ms = float(since_reset[name]["busy"]["max_ns"]) / 1e6
+            stage |= {**self._load(now, then, stage["pid"]), "worst_ms": worst_ms}
         age = summary_ms(since(now.rows[SHOWN_BY], last.rows[SHOWN_BY])["age"])
         state |= self._load(now, then, self._pid)
         state |= {"config_rev": int(now.rows[SHOWN_BY]["config_rev"]), "age_now_ms": age["p50_ms"] if age["n"] else None}

@@ -63,14 +63,16 @@ class Guarded(Handler):
         site: Site = self.settings["site"]
         return site
 
-    def refusal(self) -> str:
-        """The reason for refusing this request, or ""."""
+    def prepare(self) -> None:
+        """Admits the request or raises HTTPError."""
         headers, host = self.request.headers, self.request.headers.get("Host", "")
         if not named(host, self.site.host) or headers.get("Origin", f"http://{host}") != f"http://{host}":
-            return NOT_OURS
+            raise HTTPError(HTTPStatus.FORBIDDEN, NOT_OURS)
         scheme, _, bearer = headers.get("Authorization", "").partition(" ")
         offered = [self.get_cookie(self.site.cookie) or "", *self.get_query_arguments("token")]
-        return "" if self.site.opens([*offered, bearer if scheme.lower() == "bearer" else ""]) else NO_TOKEN
+        if not self.site.opens([*offered, bearer if scheme.lower() == "bearer" else ""]):
+            raise HTTPError(HTTPStatus.FORBIDDEN, NO_TOKEN)
+        self.settings["admit"](self.stream())
 
 
 class Unknown(Guarded):
@@ -118,10 +120,10 @@ class Commands(Guarded):
         if len(self.request.body) > MAX_COMMAND_BYTES:
             raise HTTPError(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"at most {MAX_COMMAND_BYTES} bytes")
         try:
-            await self.answer_json(await self._done())
+            await self.answer(await self._done())
         except UserError as error:
             self.set_status(HTTPStatus.BAD_REQUEST)
-            await self.answer_json({"ok": False, "error": error.message, "remedy": error.remedy})
+            await self.answer({"ok": False, "error": error.message, "remedy": error.remedy})
 
     async def _done(self) -> dict[str, Any]:
         if self.request.headers.get("Content-Type", "").partition(";")[0].strip() != "application/json":

@@ -5,7 +5,7 @@ const PERIOD_MS = 250, POINTS = 480;
 const ink = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 const inkOf = (key) => ink(key) || ink("other"); // of a stage, or of the age
 const $ = (id) => document.getElementById(id);
-const page = { events: 0, latency: null, hists: {}, last: null };
+const page = { events: 0, latency: null, last: null };
 window.lfpipe = page; // for the tests
 history.replaceState(null, "", document.baseURI); // removes the token from the address; the cookie keeps it for this path
 
@@ -27,39 +27,15 @@ function makeLatency(names) {
   return new uPlot(options, [[], [], ...names.map(() => [])], $("latency"));
 }
 
-function makeBox(name) {
-  const box = document.createElement("div");
-  const title = document.createElement("h2");
-  title.textContent = `${name} busy, ms`;
-  box.append(title);
-  return box;
-}
-
-function makeHist(box, name, edges) {
-  const options = {
-    width: wide(box), height: 150, legend: { show: false }, cursor: { show: false },
-    scales: { x: { time: false }, y: { range: (_, low, high) => [0, Math.max(high, 1)] } },
-    series: [{}, { stroke: () => inkOf(name), fill: () => inkOf(name) + "55", paths: uPlot.paths.bars({ size: [1, 100] }), points: { show: false } }],
-    axes: [{ ...axis, splits: () => [0, 10, 20, 30], values: (_, at) => at.map((k) => edges[k] < 1 ? edges[k].toFixed(2) : edges[k].toFixed(edges[k] < 10 ? 1 : 0)) }, { ...axis, size: 56 }],
-  };
-  return new uPlot(options, [[], []], box);
-}
-
 function charts(told) {
   const names = Object.keys(told.stages);
   if (page.latency === null || names.join() !== Object.keys(rows.stages).join()) {
     if (page.latency) page.latency.destroy();
-    const boxes = names.map(makeBox);
-    $("hists").replaceChildren(...boxes); // all at once: each chart measures its share of the row
-    rows.t = []; rows.age = []; rows.stages = Object.fromEntries(names.map((name) => [name, []])); page.hists = {};
+    rows.t = []; rows.age = []; rows.stages = Object.fromEntries(names.map((name) => [name, []]));
     page.latency = makeLatency(names);
-    names.forEach((name, k) => { page.hists[name] = makeHist(boxes[k], name, told.edges_ms); });
   }
   rows.t.push(told.uptime_s); rows.age.push(told.age_now_ms);
-  for (const [name, stage] of Object.entries(told.stages)) {
-    rows.stages[name].push(stage.wait.p50_ms + stage.busy.p50_ms);
-    page.hists[name].setData([stage.busy_counts.map((_, k) => k), stage.busy_counts]);
-  }
+  for (const [name, stage] of Object.entries(told.stages)) rows.stages[name].push(stage.wait.p50_ms + stage.busy.p50_ms);
   for (const list of [rows.t, rows.age, ...Object.values(rows.stages)]) if (list.length > POINTS) list.shift();
   page.latency.setData([rows.t, rows.age, ...Object.values(rows.stages)]);
 }
@@ -176,10 +152,9 @@ document.addEventListener("visibilitychange", connect);
 
 function fit() {
   if (page.latency) page.latency.setSize({ width: wide($("latency")), height: 220 });
-  for (const chart of Object.values(page.hists)) chart.setSize({ width: wide(chart.root.parentElement), height: 150 });
 }
 addEventListener("resize", fit);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
-  for (const chart of [page.latency, ...Object.values(page.hists)]) if (chart) chart.redraw();
+  if (page.latency) page.latency.redraw();
 });
 connect();
