@@ -2,8 +2,6 @@
 
 import json
 import os
-import shutil
-import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +10,7 @@ import click
 from lfpipe.capture.camera_controls import control_texts
 from lfpipe.capture.camera_list import known
 from lfpipe.capture.pixel_formats import DECODED
-from lfpipe.capture.v4l2_device import FrameSizes, V4L2Device
+from lfpipe.capture.v4l2_device import V4L2Device
 from lfpipe.cli.options import JSON, PATH, with_config
 from lfpipe.cli.progress import filled
 from lfpipe.config import Config, load, user_file
@@ -32,52 +30,41 @@ def cameras(everything: bool, as_json: bool) -> None:
 
     Each size is shown with its highest rate. Give --camera the path or the name: camera:/dev/video0, camera:NAME.
     """
-    width = shutil.get_terminal_size((100, 24)).columns
-    found: list[dict[str, Any]] = []
+    listed: list[dict[str, Any]] = []
     for device in known().cameras():
         about: dict[str, Any] = {"camera": f"camera:{device.path}", "name": device.name}
         about |= {"formats": [], "controls": [], "trouble": ""}
-        lines: list[str] = []
         try:
-            modes, about["controls"] = known().asking(device.path, lambda opened: _about(opened, everything or as_json))
-            about["formats"] = [_every(fourcc, sizes) for fourcc, sizes in modes.items()]
-            lines = about["formats"] if everything else _folded(modes)
-            lines = [*(lines or ["formats unknown"]), *about["controls"]]
+            about["formats"], about["controls"] = known().asking(
+                device.path, lambda opened: (_formats(opened, everything or as_json), control_texts(opened))
+            )
         except OSError as error:
             about["trouble"] = os.strerror(error.errno or 0)
-            lines = [about["trouble"]]
-        found.append(about)
-        if not as_json:
-            click.echo(f"{about['camera']}  {about['name']}")
-            for line in lines:
-                click.echo(textwrap.fill(line, width, initial_indent="  ", subsequent_indent="      ", break_on_hyphens=False))
+        listed.append(about)
     if as_json:
-        click.echo(json.dumps({"cameras": found}))
-    elif not found:
+        click.echo(json.dumps({"cameras": listed}))
+        return
+    for about in listed:
+        click.echo(f"{about['camera']}  {about['name']}")
+        for line in [about["trouble"]] if about["trouble"] else [*(about["formats"] or ["formats unknown"]), *about["controls"]]:
+            click.echo(filled(line, "  "))
+    if not listed:
         click.echo("no camera found; --demo and --camera file:PATH work without one")
 
 
-def _about(device: V4L2Device, everything: bool) -> tuple[dict[str, list[FrameSizes]], list[str]]:
-    """Pixel formats with their sizes, and controls. Formats that cannot be decoded are included only if everything is set."""
-    modes = {fourcc: device.sizes(fourcc) if everything or fourcc in DECODED else [] for fourcc in device.fourccs()}
-    return modes, control_texts(device)
+def _formats(device: V4L2Device, everything: bool) -> list[str]:
+    """One line per pixel format with all rates of every size; or one per group of formats alike, with the highest rates."""
 
+    def sizes(fourcc: str, most_rates: int | None) -> str:
+        rates = [(size.text, ",".join(f"{hz:.4g}" for hz in size.rates_hz[:most_rates])) for size in device.sizes(fourcc)]
+        return " ".join(f"{text}@{hz}" if hz else text for text, hz in rates)
 
-def _every(fourcc: str, sizes: list[FrameSizes]) -> str:
-    rates = [",".join(f"{hz:.4g}" for hz in size.rates_hz) for size in sizes]
-    return " ".join([fourcc, *(f"{size.text}@{rate}" if rate else size.text for size, rate in zip(sizes, rates, strict=True))])
-
-
-def _folded(modes: dict[str, list[FrameSizes]]) -> list[str]:
-    """One line per group of formats with equal sizes and rates (highest rate per size), and one for undecodable formats."""
+    if everything:
+        return [f"{fourcc} {sizes(fourcc, None)}" for fourcc in device.fourccs()]
     groups: dict[str, list[str]] = {}
-    for fourcc, sizes in modes.items():
-        if fourcc in DECODED:
-            text = " ".join(f"{size.text}@{size.rates_hz[0]:.4g}" if size.rates_hz else size.text for size in sizes)
-            groups.setdefault(text, []).append(fourcc)
-    useless = len(modes) - sum(map(len, groups.values()))
-    lines = [f"{' '.join(fourccs)}: {text}" for text, fourccs in groups.items()]
-    return lines + ([f"and {useless} formats that cannot be decoded (--all lists them)"] if useless else [])
+    for fourcc in device.fourccs():
+        groups.setdefault(sizes(fourcc, 1) if fourcc in DECODED else "cannot be decoded", []).append(fourcc)
+    return [f"{' '.join(fourccs)}: {text}" for text, fourccs in groups.items()]
 
 
 @click.command()

@@ -55,9 +55,9 @@ def check_picture(path: Path, scene: Path) -> None:
 
 
 def write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
-    """Writes an RGB picture to a path that `check_picture` allows. Raises UserError."""
+    """Writes a BGR picture to a path that `check_picture` allows. Raises UserError."""
     suffix = ".png" if path.suffix.lower() == ".png" else ".jpg"
-    _, data = cv2.imencode(suffix, cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+    _, data = cv2.imencode(suffix, picture)
     write_output(path, marked_picture(data.tobytes()))
     click.echo(path)
 
@@ -125,15 +125,15 @@ def clean(keys: tuple[str, ...], everything: bool, config: Config) -> None:
 def plan(path: Path, as_json: bool, config: Config) -> None:
     """Show which work SCENE does not need, why, and what leaving it out saves."""
     field = opened(path, config)
-    made = make_plan(field, config)
+    plan = make_plan(field, config)
     if as_json:
-        click.echo(json.dumps({"scene": field.name, **attrs.asdict(made)}))
+        click.echo(json.dumps({"scene": field.name, **attrs.asdict(plan)}))
         return
-    needs = [name for name in ("tracking", "rows", "warp", "depth") if getattr(made, f"needs_{name}")]
-    click.echo(f"{field.name}: {field.rows}x{field.cols} views, method {made.method}, needs {', '.join(needs) or 'nothing'}")
-    for item in made.left_out:
+    needs = [name for name in ("tracking", "rows", "warp", "depth") if getattr(plan, f"needs_{name}")]
+    click.echo(f"{field.name}: {field.rows}x{field.cols} views, method {plan.method}, needs {', '.join(needs) or 'nothing'}")
+    for item in plan.left_out:
         click.echo(f"  left out: {item.what}\n{filled(item.why, '    because ')}\n{filled(item.saves, '    saves   ')}")
-    if not made.left_out:
+    if not plan.left_out:
         click.echo("  nothing can be left out")
 
 
@@ -167,7 +167,7 @@ def view(path: Path, row: float, col: float, frame: int, method: str, out: Path,
         raise UserError(f"--frame {frame}: the scene has {field.frames} frames", f"use --frame 0 to {field.frames - 1}")
     if method in WARPS and field.disparity is None:
         raise UserError(f"--method {method}: {field.name} has no disparity", "use --method nearest or blend")
-    write_picture(out, render_view(field, row, col, method, frame)[..., ::-1])
+    write_picture(out, render_view(field, row, col, method, frame))
 
 
 @scene.command()
@@ -177,7 +177,7 @@ def view(path: Path, row: float, col: float, frame: int, method: str, out: Path,
 def sheet(path: Path, out: Path, config: Config) -> None:
     """Write a contact sheet of all views, epipolar slices, and depth: near in red, far in blue."""
     check_picture(out, path)
-    write_picture(out, contact_sheet(opened(path, config)))
+    write_picture(out, contact_sheet(opened(path, config))[..., ::-1])
 
 
 @scene.command()
@@ -196,31 +196,31 @@ def export(path: Path, out: Path, form: str, tiles: str, apart: float | None, se
     """
     cols, rows = parse_tiles(tiles)
     seconds = seconds or (WIGGLE_S if form == "wiggle" else SWEEP_S)
-    video = form in ("wiggle", "sweep") or (form == "pair" and out.suffix.lower() == ".mp4")
+    suffix = out.suffix.lower()
+    is_clip = form in ("wiggle", "sweep") or (form == "pair" and suffix == ".mp4")
     out = pair_name(out) if form == "pair" else out
-    if video:
+    if is_clip:
         check_clip(out, round(seconds * RATE_HZ))
-        check_output(out, [path])
-    elif out.suffix.lower() == ".mpo" and form == "pair":
+    if is_clip or (form == "pair" and suffix == ".mpo"):
         check_output(out, [path])
     else:
         check_picture(out, path)
     field = opened(path, config)
-    made = SceneExport(field, config)
+    exported = SceneExport(field, config)
     if form == "quilt":
         name = quilt_name(out, cols, rows, field.width_px / field.height_px)
         check_picture(name, path)
-        write_picture(name, made.quilt(cols, rows)[..., ::-1])
-    elif not video:
-        write_output(out, stereo_file(*made.eyes(apart), out.suffix.lower()))
-        click.echo(out)
-    else:
+        write_picture(name, exported.quilt(cols, rows))
+    elif is_clip:
         if form == "sweep":
-            pictures = made.sweep(seconds)
+            pictures = exported.sweep(seconds)
         else:
-            pictures = made.wiggle(apart, seconds) if form == "wiggle" else made.pairs(apart, seconds)
+            pictures = exported.wiggle(apart, seconds) if form == "wiggle" else exported.pairs(apart, seconds)
         write_clip(out, pictures, RATE_HZ)
         click.echo(f"{out}  {out.stat().st_size / 1e6:.2f} MB")
+    else:
+        write_output(out, stereo_file(*exported.eyes(apart), suffix))
+        click.echo(out)
 
 
 @scene.command()
