@@ -52,12 +52,6 @@ def kiosk_code(file: Path | None) -> str:
     return code
 
 
-def check_exhibition(code: str | None, display: str) -> None:
-    """Raises UserError if an exhibition has no screen."""
-    if code is not None and display not in ("window", "fullscreen"):
-        raise UserError(f"--kiosk with --display {display}: an exhibition needs a screen", "leave out one or the other")
-
-
 def until_it_ends(first: Callable[[], int], again: Callable[[], int]) -> int:
     """Runs sessions until one ends without failure: an exhibition has no operator to restart it."""
     run = first

@@ -9,7 +9,7 @@ import click
 from lfpipe import config as configuration
 from lfpipe.capture.open_source import MOUSE, CheckedSource, NoCamera, camera_name, check_source
 from lfpipe.capture.spec import playing_once, source_file
-from lfpipe.cli.kiosk import check_exhibition, until_it_ends
+from lfpipe.cli.kiosk import until_it_ends
 from lfpipe.cli.progress import progress
 from lfpipe.cli.startup_summary import loop_lines, startup_lines
 from lfpipe.config import Config, SessionOptions
@@ -135,7 +135,8 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
     records_itself = arguments.demo and arguments.display is None and not has_display()
     display = _demo_display() if records_itself else arguments.display or ("fullscreen" if arguments.kiosk else "window")
     video = Path(display.removeprefix("file:")) if display.startswith("file:") else None
-    check_exhibition(arguments.kiosk, display)
+    if arguments.kiosk is not None and display not in WINDOWS:
+        raise UserError(f"--kiosk with --display {display}: an exhibition needs a screen", "leave out one or the other")
     halved = ("render.rate_hz=30",) if records_itself else ()  # lossless video is large
     config = configuration.load(arguments.config_file, (*halved, *arguments.sets))
     source = _camera(arguments, config)
@@ -215,8 +216,7 @@ def _demo_display() -> str:
 
 
 def _is_first_start(arguments: UpArguments, display: str) -> bool:
-    """Whether a person opens a window for the first time: no glasses were chosen yet, and no option is given that a script
-    would."""
+    """Whether a person opens a window for the first time: no glasses were chosen yet, and nothing is given as scripts do."""
     scripted = arguments.sets or arguments.config_file or arguments.duration_s or arguments.trace or arguments.kiosk is not None
     return not scripted and display in WINDOWS and not has_key(configuration.user_file(), "render", "anaglyph")
 

@@ -1,5 +1,6 @@
 """Output for people: lines that fit the terminal; progress on stderr as a bar, or in a log as a line for what takes long."""
 
+import math
 import shutil
 import sys
 import textwrap
@@ -23,32 +24,28 @@ def filled(text: str, head: str) -> str:
 
 @contextmanager
 def progress() -> Iterator[Progress]:
-    """Yields a callback that draws one bar per task on a terminal; elsewhere it writes one line for a task of QUIET_S or more."""
+    """Yields a callback that draws one bar per task on a terminal; elsewhere it writes one line for a task of QUIET_S or more:
+    nobody should take a minute of silence for a hang."""
     if not sys.stderr.isatty():
-        yield _lines()
+        began: dict[str, float] = {}
+
+        def line(what: str, done: int, total: int) -> None:
+            if time.monotonic() - began.setdefault(what, time.monotonic()) > QUIET_S:
+                began[what] = math.inf  # once
+                click.echo(f"{what}: {done} of {total}", err=True)
+
+        yield line
         return
     from rich.console import Console
     from rich.progress import Progress as Bars
+    from rich.progress import TaskID
 
     with Bars(console=Console(stderr=True), transient=True) as bars:
-        tasks: dict[str, object] = {}
+        tasks: dict[str, TaskID] = {}
 
         def report(what: str, done: int, total: int) -> None:
             if what not in tasks:
                 tasks[what] = bars.add_task(what, total=total)
-            bars.update(tasks[what], completed=done, total=total)  # type: ignore[arg-type]
+            bars.update(tasks[what], completed=done, total=total)
 
         yield report
-
-
-def _lines() -> Progress:
-    """A callback for a log: nobody should take a minute of silence for a hang."""
-    began: dict[str, float] = {}
-    said: set[str] = set()
-
-    def report(what: str, done: int, total: int) -> None:
-        if time.monotonic() - began.setdefault(what, time.monotonic()) > QUIET_S and what not in said:
-            said.add(what)
-            click.echo(f"{what}: {done} of {total}", err=True)
-
-    return report
