@@ -28,6 +28,7 @@ FIRST_BACKOFF_S, MAX_BACKOFF_S = 0.1, 5.0
 MAX_STACK = 4000  # characters reported
 BUSY_S = 60.0  # without a beat: time for a disk to spin up, or for a network to return
 COMPUTING = 5  # times these limits while it uses a CPU: emulated, one search for a face takes seconds
+LOSSLESS_CPU_S = 60.0  # of its own, without a beat, in a lossless replay: nobody waits for a picture
 COMPUTING_SHARE = 0.03  # of the time: more than polling takes, less than a share beside dozens of busy programs
 ASLEEP_S = 1.0  # after such a gap between checks, the supervisor was stopped or starved, probably like the stages
 DRAIN_NS = 2 * SECOND_NS  # time for the stages to finish their work after the source has ended
@@ -44,6 +45,7 @@ class StageProcess:
         self.next_start_ns = 0
         self.failures: deque[int] = deque(maxlen=MAX_FAILURES)
         self.wanted = False
+        self.lossless = False
         self._killed = False  # killed for a hang, but not ended yet
         self._checked_ns = self._awake_ns = 0
 
@@ -60,7 +62,7 @@ class StageProcess:
         self._checked_ns = self._awake_ns = now_ns()
         self.row["state"], self.row["ready_ns"], self.row["started_ns"] = State.STARTING, 0, self._checked_ns
         self.row["busy_with"], self.row["busy_since_ns"], self.row["cpu_ns"] = b"", 0, 0
-        self._killed = False
+        self._killed, self.lossless = False, spec.options.lossless
         self.process = multiprocessing.get_context("spawn").Process(
             target=child.run,
             args=(spec, os.getpid(), processes.HandedOver() if self.stage.source else None),
@@ -95,8 +97,8 @@ class StageProcess:
         """Why the process counts as hung, or "": it gave no beat for longer than its phase allows. Call often.
 
         Running: the stage's hang_timeout_s. Starting, or within `Context.setting_up`: startup_timeout_s. Within `busy_with` and
-        `saving`, or in the kernel's wait for a disk: BUSY_S. COMPUTING times that while it computes. Stopping otherwise:
-        `wait_for_end` decides.
+        `saving`, or in the kernel's wait for a disk: BUSY_S. COMPUTING times that while it computes, in a lossless replay as long as
+        that takes LOSSLESS_CPU_S. Stopping otherwise: `wait_for_end` decides.
         """
         if self.process is None or self._killed:
             return ""
@@ -112,8 +114,10 @@ class StageProcess:
         if silent_s <= limit_s:
             return ""
         cpu_ns, on_disk = activity(int(row["pid"]))
-        computes = cpu_ns - int(row["cpu_ns"]) > COMPUTING_SHARE * silent_s * 1e9  # since its last output
-        if silent_s <= max(COMPUTING * limit_s * computes, BUSY_S * on_disk):
+        cpu_s = (cpu_ns - int(row["cpu_ns"])) / 1e9  # since its last output
+        computes = cpu_s > COMPUTING_SHARE * silent_s
+        patient = self.lossless and cpu_s <= LOSSLESS_CPU_S
+        if silent_s <= BUSY_S * on_disk or (computes and (patient or silent_s <= COMPUTING * limit_s)):
             return ""
         return f"{words + ': ' if words else ''}{'not ready after' if sets_up else 'no beat for'} {silent_s:.1f} s"
 

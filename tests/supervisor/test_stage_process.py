@@ -15,7 +15,7 @@ from lfpipe.config import Config, SessionOptions
 from lfpipe.supervisor import stage_process
 from lfpipe.supervisor.process_table import SOURCE, Stage, consumers
 from lfpipe.supervisor.session_store import SessionMemory
-from lfpipe.supervisor.stage_process import ASLEEP_S, BUSY_S, COMPUTING, StageProcess, wait_for_end
+from lfpipe.supervisor.stage_process import ASLEEP_S, BUSY_S, COMPUTING, LOSSLESS_CPU_S, StageProcess, wait_for_end
 from lfpipe.transport.clock import MS_NS
 from lfpipe.transport.context import StageSpec
 from lfpipe.transport.session import Session
@@ -72,6 +72,10 @@ def test_each_phase_has_its_time_without_a_beat(phase: str, monkeypatch: pytest.
     assert Script(monkeypatch, **row).after(limit_s + 1, share=0.01), "a thread that only polls computes nothing"
     slow = Script(monkeypatch, **row)
     assert slow.after(COMPUTING * limit_s, share=0.5) == "" and slow.after(1, share=0.5), "a slow machine is no hang"
+    replay = Script(monkeypatch, **row)
+    replay.process.lossless = True
+    longest_s = max(COMPUTING * limit_s, LOSSLESS_CPU_S / 0.5)
+    assert replay.after(longest_s - 1, share=0.5) == "" and replay.after(2, share=0.5), "emulated, an inference takes long"
 
 
 def test_a_wait_for_a_disk_is_busy_declared_or_not_and_an_end_without_words_is_not_judged(
