@@ -44,10 +44,10 @@ def write_disparity(scene: Examined, folder: Path, views: PlaneFile, progress: P
         return {"source": "none", "scale_px": 1 / 16, **NO_DEPTH}
     shape = (frames, rows, cols, (height + 1) // 2, (width + 1) // 2)
     interim_path = folder / "interim.npy"
-    with PlaneFile(interim_path, shape, np.int16, create=True) as interim:
+    with PlaneFile(interim_path, shape, np.int16) as interim:
         about = _estimate(scene, views, interim, progress)
         scale_px = about["scale_px"]
-        with PlaneFile(folder / DISPARITY, shape, np.int8, create=True) as out:
+        with PlaneFile(folder / DISPARITY, shape, np.int8) as out:
             for place in scene.views:
                 steps = interim.read(place).astype(np.float32)
                 steps[steps == _UNKNOWN] = np.nan

@@ -9,7 +9,6 @@ Views come first: a pack without disparity can be shown.
 """
 
 import hashlib
-import io
 import json
 import math
 import os
@@ -72,16 +71,11 @@ class PlaneFile:
     disk would end it.
     """
 
-    def __init__(self, path: Path, shape: tuple[int, ...], dtype: Any, *, create: bool = False) -> None:
-        """create: write a file of zeros first."""
-        self.shape, self.dtype = shape, np.dtype(dtype)
-        header = io.BytesIO()
-        np.lib.format.write_array_header_2_0(header, {"descr": self.dtype.str, "fortran_order": False, "shape": shape})
-        self._start = header.tell()
-        self._file = path.open("w+b" if create else "r+b", buffering=0)
-        if create:
-            self._file.write(header.getvalue())
-            self._file.truncate(self._start + math.prod(shape) * self.dtype.itemsize)
+    def __init__(self, path: Path, shape: tuple[int, ...] | None = None, dtype: Any = np.uint8) -> None:
+        """shape, dtype: of a new file of zeros; without them path exists."""
+        array = np.lib.format.open_memmap(path, "w+" if shape else "r+", dtype, shape)
+        self.shape, self.dtype, self._start = array.shape, array.dtype, array.offset
+        self._file = path.open("r+b", buffering=0)
 
     def _offset(self, index: tuple[int, ...]) -> int:
         flat = int(np.ravel_multi_index(index, self.shape[: len(index)]))

@@ -47,14 +47,12 @@ def pack_scene(
     Several processes may call this at once; a killed one leaves a pack that a later call completes. Raises UserError.
     """
     pack = cache.find_pack(path, settings)
-    if pack is not None and (field := _opened(pack)) is not None:
-        if field.complete:
-            return shown_as(field, settings.half_turn)
-        views_ready(pack)
-    mark = cache.stamp(path, settings)
+    field = None if pack is None else _opened(pack)
+    if field is not None and field.complete:
+        return shown_as(field, settings.half_turn)
+    mark, root = cache.stamp(path, settings), cache.prepare_cache(settings)
     with library_errors(path):
         source = described(path, settings)
-        root = cache.prepare_cache(settings)
         key = cache.content_key(source, settings)
         folder = root / "scenes" / key
 
@@ -64,19 +62,17 @@ def pack_scene(
 
         with cache.locked(root, key, lambda: progress("waiting for another packer", 0, 1)):
             field = _opened(folder)
-            if field is None or not field.complete:
+            if field is not None and field.manifest["views"] and not field.complete:
+                can_be_shown()
+                _complete(attrs.evolve(examined(source, settings), channels=field.channels), folder, progress)
+            elif field is None or not field.complete:
                 scene = examined(source, settings)
-                if field is not None and field.manifest["views"]:
-                    scene = attrs.evolve(scene, channels=field.channels)
-                    can_be_shown()
-                else:
-                    try:
-                        _write_views(scene, folder, can_be_shown, progress)
-                    except NotGreyError:
-                        scene = attrs.evolve(scene, channels=3)
-                        _write_views(scene, folder, can_be_shown, progress)
-                with cache.writing(root):
-                    _complete(scene, folder, progress)
+                try:
+                    _write_views(scene, folder, can_be_shown, progress)
+                except NotGreyError:
+                    scene = attrs.evolve(scene, channels=3)
+                    _write_views(scene, folder, can_be_shown, progress)
+                _complete(scene, folder, progress)
             cache.remember(root, mark, key)
             return open_pack(folder, settings.half_turn)
 
@@ -125,9 +121,9 @@ def _write_views(scene: Examined, folder: Path, can_be_shown: Callable[[], None]
         can_be_shown()
 
     try:
-        with cache.writing(root):
+        with cache.writing(root.parent):
             working.mkdir()
-            with PlaneFile(working / VIEWS, scene.shape, np.uint8, create=True) as views:
+            with PlaneFile(working / VIEWS, scene.shape) as views:
                 write_views(scene, views, appear, progress)
             write_manifest(folder, {**manifest, "views": True})
     finally:
@@ -136,12 +132,14 @@ def _write_views(scene: Examined, folder: Path, can_be_shown: Callable[[], None]
 
 def _complete(scene: Examined, folder: Path, progress: Progress) -> None:
     """Writes the disparity of a pack with views; the manifest that announces it comes last."""
-    with PlaneFile(folder / VIEWS, scene.shape, np.uint8) as views:
-        disparity = write_disparity(scene, folder, views, progress)
-    method = "warp" if max(-disparity["min_px"], disparity["max_px"]) >= 0.5 else "nearest"
-    manifest = manifest_of(scene, folder.name) | {"views": True, "complete": True, "disparity": disparity, "method": method}
-    if scene.rows * scene.cols > 1:
-        progress("method", 0, 1)
-        manifest["method"], manifest["scores"] = importlib.import_module(CHOOSER).choose_method(light_field(folder, manifest))
-        progress("method", 1, 1)
-    write_manifest(folder, manifest)
+    with cache.writing(folder.parents[1]):
+        with PlaneFile(folder / VIEWS) as views:
+            disparity = write_disparity(scene, folder, views, progress)
+        method = "warp" if max(-disparity["min_px"], disparity["max_px"]) >= 0.5 else "nearest"
+        manifest = manifest_of(scene, folder.name) | {"views": True, "complete": True, "disparity": disparity, "method": method}
+        if scene.rows * scene.cols > 1:
+            progress("method", 0, 1)
+            choose = importlib.import_module(CHOOSER).choose_method
+            manifest["method"], manifest["scores"] = choose(light_field(folder, manifest))
+            progress("method", 1, 1)
+        write_manifest(folder, manifest)

@@ -97,8 +97,8 @@ class StageProcess:
         """Why the process counts as hung, or "": it gave no beat for longer than its phase allows. Call often.
 
         Running: the stage's hang_timeout_s. Starting, or within `Context.setting_up`: startup_timeout_s. Within `busy_with` and
-        `saving`, or in the kernel's wait for a disk: BUSY_S. While it computes COMPUTING times that, or in a lossless replay until
-        LOSSLESS_CPU_S of its own. Stopping otherwise: `wait_for_end` decides.
+        `saving`, or in the kernel's wait for a disk: BUSY_S. While it computes COMPUTING times that; in a lossless replay, until
+        it has computed LOSSLESS_CPU_S. Stopping otherwise: `wait_for_end` decides.
         """
         if self.process is None or self._killed:
             return ""
