@@ -14,6 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import attrs
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -24,12 +25,13 @@ from lfpipe.host.machine import OPENCV
 from lfpipe.render import replay_writer
 from lfpipe.render.replay_writer import PICTURES, ReplayWriter
 from lfpipe.replays.compare import MOST_FIELDS, compare
-from lfpipe.replays.report import REPORT, TRACE, read_trace
+from lfpipe.replays.report import REPORT, TRACE, about_scene, read_trace
 from lfpipe.replays.run import clear_out, update_reference
 from lfpipe.sequence.packets import INDEX, PACKETS, PacketWriter, decoded, encoded, read_index
 from lfpipe.transport.ring import Stamp
 from tests import hostile_files as hostile
 from tests import hostile_sequences
+from tests.render import rendered
 
 REFERENCE = Path(__file__).parent / "reference"
 FRAMES = 12
@@ -114,6 +116,24 @@ def test_settings_are_compared_where_they_matter(run: Path) -> None:
     render = {"rate_hz": 50.0, "clock": "camera", "loop_ms": 60.0}
     assert changed(render=render, screen={"monitor": "DP-1"}, scene={"cache_dir": "/x"}) == []
     assert changed(track={"filter": "mean"}) == ["config: track.filter: 'predictive' in the reference, 'mean' now"]
+
+
+def test_another_scene_or_sequence_is_refused_and_other_views_are_named(run: Path) -> None:
+    field = rendered.field(3, 3)
+    one, turned = about_scene(field), about_scene(attrs.evolve(field, views=field.views[:, ::-1]))
+    change_report(run, lambda report: report["scene"].update(order=turned["order"]))
+    assert one["views"] == turned["views"] and one["order"] != turned["order"]
+    assert [str(each) for each in compare(REFERENCE, run).differences] == ["scene: the same views in another order"]
+    change_report(run, lambda report: report["scene"].update(views=one["views"]))
+    assert [str(each) for each in compare(REFERENCE, run).differences] == ["scene: the pictures of its views differ"]
+    for part, key, said in (
+        ("scene", "rows", "rows 5 in the reference, 9 now"),
+        ("sequence", "frames", "frames 300 in the reference, 9 now"),
+    ):
+        change_report(run, lambda report, part=part, key=key: report[part].update({key: 9}))
+        with pytest.raises(UserError, match=f"made with another {part}: {said}"):
+            compare(REFERENCE, run)
+        shutil.copy(REFERENCE / REPORT, run / REPORT)
 
 
 def test_other_versions_are_told_and_a_rounding_passes(run: Path) -> None:

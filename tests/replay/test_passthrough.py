@@ -9,6 +9,7 @@ import numpy as np
 
 from lfpipe.sequence.folder import Sequence, open_sequence
 from lfpipe.sequence.packets import INDEX, PACKETS
+from lfpipe.transport import control
 from tests.world import World
 
 SMALL = ("--set", "camera.width_px=320", "--set", "camera.height_px=240")
@@ -68,31 +69,29 @@ def test_jpegs_of_another_size_stay_and_replay_as_they_were_tracked(world: World
             assert np.abs(np.subtract(then["raw_px"], [line["eyes_raw"]["left"], line["eyes_raw"]["right"]])).max() < 1.0
 
 
-def test_a_live_session_lends_the_ring_only_while_it_records(world: World, short: Path, blocks: Path) -> None:
+def test_a_live_session_lends_the_ring_only_while_it_records_each_whole(world: World, short: Path, blocks: Path) -> None:
     given = [open_sequence(short).data(k) for k in range(60)]
-
-    def rings() -> list[str]:
-        return world.segments("packets")
+    outs = [world.root / f"rec{number}" for number in range(3)]
 
     def recorder() -> dict[str, Any]:
         return world.monitor()["stages"]["record"]
 
+    def ask(path: object) -> None:
+        assert control.request(next(world.run_dir.glob("lfpipe-*")), {"cmd": "record", "path": str(path)}, 60)["ok"]
+
     world.up(blocks, *SMALL, camera=f"file:{short}?loop=1&pace=60")
     world.pictures(3)
-    assert rings() == []
-    missed = []
-    for number in range(2):
-        out = world.root / f"rec{number}"
-        assert world.run("ctl", "--session", world.name, "record", "start", out).returncode == 0
-        assert len(rings()) == 1
+    for number, out in enumerate(outs):
+        assert world.segments("packets") == []
+        ask(out)
+        assert len(world.segments("packets")) == 1
         world.wait_for(lambda out=out: (out / INDEX).exists() and (out / INDEX).read_text().count("\n") > 20, "frames")
-        assert world.run("ctl", "--session", world.name, "record", "stop").returncode == 0
-        assert rings() == []
-        world.wait_for(lambda out=out: json.loads((out / "manifest.json").read_text())["complete"], "manifest")
-        assert _same(open_sequence(out), given)
-        world.wait_for(lambda: recorder()["state"] == "FINISHED", "end of the recorder")
-        missed.append(recorder()["dropped"])
-        assert recorder()["restarts"] == 0
-        if number == 0:
-            world.pictures(len(world.lines()) + 120)  # so many frames pass without a recording
-    assert missed[1] - missed[0] < 30, "frames between two recordings are not lost"
+        ask("")
+        if number:  # the second one follows at once; before the third, so many frames pass without a recording
+            world.wait_for(lambda: recorder()["state"] == "FINISHED", "end of the recorder")
+            missed = recorder()["dropped"]
+            world.pictures(len(world.lines()) + 120)
+    sequences = [open_sequence(out) for out in outs]
+    assert all(sequence.complete and _same(sequence, given) for sequence in sequences)
+    assert recorder()["restarts"] == 0 and recorder()["count"] == sum(len(sequence.packets) for sequence in sequences)
+    assert recorder()["dropped"] - missed < 30, "frames between two recordings are not lost"

@@ -18,7 +18,6 @@ from lfpipe.record import store as store_module
 from lfpipe.record.store import Store
 from lfpipe.sequence.folder import begin_manifest, open_sequence
 from lfpipe.sequence.packets import INDEX
-from lfpipe.transport import control
 from lfpipe.transport.ring import Reader, Stamp
 from lfpipe.transport.session import Session
 from tests.world import World
@@ -82,40 +81,6 @@ def test_a_disk_that_stalls_costs_nothing_and_nobody_is_killed(world: World, sce
     assert open_sequence(out).lost <= stages["capture"]["dropped"] + stages["record"]["dropped"], "every hole is counted"
     process.send_signal(signal.SIGINT)
     assert process.wait(60) == 0
-
-
-def test_the_end_of_a_session_waits_for_the_disk(world: World, disk: Path) -> None:
-    out = disk / "rec"
-    process = world.start("record", out, "--camera", "demo", *SMALL)
-    before = world.wait_for(lambda: count if (count := frames(out)) > 30 else 0, "frames")
-    with stopped(disk):
-        time.sleep(0.5)
-        process.send_signal(signal.SIGINT)
-        time.sleep(4.0)  # longer than a stage may take for its end
-        assert process.poll() is None
-    out_text, err = process.communicate(timeout=60)
-    assert process.returncode == 0 and "record: writing the recording" in err, (out_text, err)
-    sequence = open_sequence(out)
-    assert sequence.complete and len(sequence.packets) > before
-    seqs = [packet.source_seq for packet in sequence.packets]
-    assert seqs == sorted(set(seqs)), "a busy machine may cost frames, but none comes twice or late"
-
-
-def test_recordings_that_follow_each_other_at_once_are_each_whole(world: World, scene: Path) -> None:
-    process = world.up(scene, *SMALL)
-    world.pictures(5)
-    outs = [world.root / f"rec{number}" for number in range(3)]
-    run_dir = next(world.run_dir.glob("lfpipe-*"))
-    for out in outs:
-        assert control.request(run_dir, {"cmd": "record", "path": str(out)}, 20)["ok"]
-        world.wait_for(lambda out=out: frames(out) > 10, "frames")
-        assert control.request(run_dir, {"cmd": "record", "path": ""}, 20)["ok"]
-    world.wait_for(lambda: recorder(world)["state"] == "FINISHED", "end of the recorder")
-    assert recorder(world)["count"] == sum(len(open_sequence(out).packets) for out in outs), "the row counts what is recorded"
-    process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=60)
-    assert process.returncode == 0 and "restarting" not in err, err
-    assert all(open_sequence(out).complete for out in outs)
 
 
 def test_the_death_of_the_supervisor_loses_no_frame_that_the_recorder_had(world: World, monkeypatch: pytest.MonkeyPatch) -> None:

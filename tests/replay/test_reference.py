@@ -109,24 +109,3 @@ def test_a_constant_changed_by_a_hair_is_caught_and_named(
     if part == "pictures":
         kinds = {re.sub(r"frame_\d+_", "", path.name) for path in (world.root / "out" / "difference").iterdir()}
         assert kinds == {"reference.png", "now.png", "difference.png"} and "PSNR" in first
-
-
-def test_another_setting_order_of_views_scene_or_sequence_is_named(
-    world: World, short: Path, walk: Path, blocks: Path, scene: Path, of_short: Path
-) -> None:
-    turned = world.root / blocks.name
-    shutil.copytree(blocks, turned)
-    for name, to in (("view_2_2", "x"), ("view_2_1", "view_2_2"), ("x", "view_2_1")):
-        (turned / f"{name}.png").rename(turned / f"{to}.png")
-    for sequence, field, more, code, said in (
-        (short, blocks, "render.alpha_px=8.000001", 1, "render.alpha_px: 8.0 in the reference, 8.000001 now"),
-        (short, turned, "render.alpha_px=8", 1, "differs: scene: the same views in another order"),
-        (short, scene, "render.alpha_px=8", 2, "made with another scene: rows 5 in the reference, 3 now"),
-        (walk, blocks, "render.alpha_px=8", 2, "made with another sequence: frames 60 in the reference, 300 now"),
-    ):
-        args = ("replay", sequence, "--scene", field, *SETTINGS, "--set", more, "--expect", of_short)
-        done = world.run(*args, "--junit", world.root / "j.xml")
-        assert done.returncode == code and said in done.stdout + done.stderr, done.stdout + done.stderr
-        cases = ElementTree.parse(world.root / "j.xml").getroot()
-        failed = [case.get("name") for case in cases if case.find("failure") is not None]
-        assert code == 2 or failed[0] == ("config" if field == blocks else "scene")
