@@ -79,7 +79,9 @@ def examine_scene(path: str | os.PathLike[str], scene: config.Scene) -> Examined
 
 def described(path: str | os.PathLike[str], scene: config.Scene) -> SceneSource:
     """The scene at path as its layout describes it. Raises UserError."""
-    return without_implausible_truth(layouts.describe(path, scene))
+    source = layouts.describe(path, scene)
+    require_plausible_truth(source)
+    return source
 
 
 def examined(source: SceneSource, scene: config.Scene) -> Examined:
@@ -144,31 +146,15 @@ def grid_offsets(coordinates: NDArray[np.float64] | None, turn: Turn, rows: int,
     return np.clip(out, -0.49, 0.49)
 
 
-def without_implausible_truth(source: SceneSource) -> SceneSource:
-    """source without maps that claim more than a picture's side per view; a note reports them.
-
-    Such values would stretch the range until the whole scene looks flat. Raises UserError if a map differs in size from the
-    views, holds NaN, or cannot be read.
-    """
-    if source.rendered:
-        return source
+def require_plausible_truth(source: SceneSource) -> None:
+    """Raises UserError if a map of true disparity differs in size from the views, holds NaN, claims more than a picture's side
+    per view (the range would be stretched until the whole scene looks flat), or cannot be read."""
     size, remedy = (source.height_px, source.width_px), "remove the map to have disparity estimated"
-    largest: dict[ViewIndex, float] = {}
-    for (row, col), read in source.truth.items():
-        values = read()
-        where = f"{source.path}: true disparity of the view in row {row} column {col}"
+    for (row, col), read in () if source.rendered else source.truth.items():
+        values, where = read(), f"{source.path}: true disparity of the view in row {row} column {col}"
         if values.shape != size:
             raise UserError(f"{where} has {values.shape[1]}x{values.shape[0]} values, the views {size[1]}x{size[0]} px", remedy)
         if bad := int(np.count_nonzero(~np.isfinite(values))):
             raise UserError(f"{where}: {bad} of {values.size} values are NaN or infinite", remedy)
         if (most := float(np.abs(values).max())) > max(size):
-            largest[row, col] = most
-    if not largest:
-        return source
-    (row, col), most = next(iter(largest.items()))
-    note = (
-        f"true disparity of {len(largest)} views is not used: up to {most:g} px per view in row {row} column {col}, "
-        f"but the views have {size[1]}x{size[0]} px"
-    )
-    kept = {place: read for place, read in source.truth.items() if place not in largest}
-    return attrs.evolve(source, truth=kept, notes=(*source.notes, note))
+            raise UserError(f"{where}: up to {most:g} px per view, but the views have {size[1]}x{size[0]} px", remedy)

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from lfpipe.errors import UserError, shown
 from lfpipe.files.safe_files import check_links, open_file, reason
+from lfpipe.host.files import path_of
 from lfpipe.host.terminal import opencv_logging
 
 MAX_FILES = 20_000  # a light field of 100x100 views has half of this; a larger folder is something else
 PICTURES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".pnm", ".bmp", ".tif", ".tiff", ".webp", ".avif", ".gif")
-MAX_MAP_BYTES = 80_000_000  # of a float32 map, which is in memory twice while it is read
 VIDEOS = (".mp4", ".mkv", ".avi", ".mov", ".webm", ".m4v")
 
 
@@ -78,11 +78,6 @@ def _entries(folder: Path) -> tuple[list[str], list[str]]:
         for entry in entries:
             if entry.name.startswith("."):
                 continue
-            if not names and not folders:
-                try:
-                    entry.stat(follow_symlinks=False)
-                except PermissionError:  # it can be listed (r) but not searched (x)
-                    raise UserError(f"{folder}: search permission is missing", f"chmod u+x {folder}") from None
             inner = False
             with contextlib.suppress(OSError):  # a circular link matters only if it is needed
                 inner = entry.is_dir()
@@ -117,22 +112,10 @@ def read_bytes(path: Path, most_bytes: int = 1 << 20) -> bytes:
         return file.read()
 
 
-_PFM = re.compile(rb"Pf\s+(\d{1,6})\s+(\d{1,6})\s+(-?[\d.eE+-]{1,20})\s")
-
-
 def read_pfm(path: Path) -> NDArray[np.float32]:
     """A PFM map, top row first, float32 (h, w); keeps values that are not finite. Raises UserError."""
     with open_file(path) as file:
-        found = _PFM.match(file.read(128))
-        if not found:
-            raise UserError(f"{path}: not a grey PFM file", "a disparity map starts with 'Pf'")
-        width, height = int(found[1]), int(found[2])
-        there = os.fstat(file.fileno()).st_size - found.end()
-        if width * height == 0 or there < 4 * width * height:
-            raise UserError(f"{path}: {width}x{height} values claimed, {there // 4} present", "download the file again")
-        if 4 * width * height > MAX_MAP_BYTES:
-            raise UserError(f"{path}: {width}x{height} values: larger than any view", "check that the file is a disparity map")
-        file.seek(found.end())
-        body = file.read(4 * width * height)
-    order = "<f4" if found[3].startswith(b"-") else ">f4"
-    return np.frombuffer(body, order, width * height).reshape(height, width)[::-1].astype(np.float32)
+        values = cv2.imread(path_of(file), cv2.IMREAD_UNCHANGED)
+    if values is None or values.dtype != np.float32 or values.ndim != 2:
+        raise UserError(f"{path}: not a readable PFM map of one plane", "download the file again")
+    return np.asarray(values, np.float32)

@@ -2,13 +2,12 @@
 
 Pictures are refused where views between two others are predicted badly from these and no disparity explains the flow (it must be
 equal to both neighbours, along the line of cameras), or where they change otherwise than by a camera that moves sideways: in
-focus, exposure, size or roll. Thresholds lie between 211 disturbed and drawn light fields (at least 0.38 explained and 30 dB, or
+focus or size. Thresholds lie between 211 disturbed and drawn light fields (at least 0.38 explained and 30 dB, or
 0.64 and 24 dB) and 40 made sets that are none (focus stacks with and without breathing, refocused pictures, walks around a box,
 portraits, clips, zooms, turns, exposures), of which 37 are refused.
 """
 
 from collections.abc import Callable
-from itertools import pairwise
 
 import attrs
 import cv2
@@ -20,14 +19,12 @@ from lfpipe.scene.grey_views import LOOK_PX, grey_views, present_lines
 from lfpipe.scene.optical_flow import SMALLEST_PX, Grey, confirmed, flow, grid_xy, textured
 from lfpipe.scene.source import SceneSource
 
-_POOR_DB, _EXPLAINED = 26.0, 0.6  # of views between two others, and share of their detail that one disparity explains: lower
-_UNEXPLAINED = 0.15  # ones do not fit together, and below this share whatever their quality
+_POOR_DB, _EXPLAINED = 26.0, 0.6  # of views between two others, and share of their detail that one disparity explains
+_UNEXPLAINED = 0.15  # share below which they do not fit together whatever their quality
 _FINE_DB, _FINE_SHARE = 30.0, 0.7  # of the middle of all lines: enough to skip other views
 _LOOSE_PX, _LOOSE_SHARE = 1.0, 0.2  # tolerance of the flow
 _STILL_PX = 1.0  # motion that is none
 _REFOCUSED = 4.0  # ratio of the sharpest to the least sharp picture of a block, in a focal stack
-_EXPOSED = 1.6  # ratio of brightness of neighbours; flicker and vignetting are below
-_CHANGED = 0.6  # share of detail that two pictures share, if they are of one place
 _ROUND = 1.3  # ratio of motion left in the two directions: below it, there is no direction
 _REACH, _FEWEST_POINTS = 8, 100  # views from the middle; pixels to fit motion to
 _BLOCKS = 8
@@ -37,21 +34,17 @@ _SHORTEST_CIRCLE, _FEWEST_PX, _STAYS = 8, 200, 0.5  # views; pixels that move be
 @attrs.frozen
 class Evidence:
     """held_out_db: PSNR of views predicted from two neighbours, median. explained: share of textured pixels whose flow one
-    disparity explains. change: how the pictures change otherwise than by a camera that moves sideways, "" for nothing. circle:
-    whether a line of views ends where it began."""
+    disparity explains. change: how the pictures change otherwise than by a camera that moves sideways, "" for nothing."""
 
     held_out_db: float
     explained: float
     change: str = ""
-    circle: bool = False
 
     @property
     def reason(self) -> str:
         """Why the pictures are no light field; "" if they may be one."""
         if self.change:
             return self.change
-        if self.circle:
-            return "the last picture follows the first one: a turntable, or a walk around something"
         if self.explained < _UNEXPLAINED or (self.held_out_db < _POOR_DB and self.explained < _EXPLAINED):
             return (
                 f"quality when predicting views from their neighbours {self.held_out_db:.0f} dB, and one disparity explains "
@@ -62,20 +55,18 @@ class Evidence:
 
 @attrs.frozen
 class _Motion:
-    """Motion between two views, px at the edge of the picture: of all (shift), of size and roll, and what is left along x and y
-    (5 to 95 %). shared: share of the detail that both show."""
+    """Motion between two views, px at the edge of the picture: of all (shift), of size, and what is left along x and y (5 to
+    95 %)."""
 
     shift_px: float
     size_px: float
-    roll_px: float
     left_px: tuple[float, float]
-    shared: float
 
     @classmethod
     def between(cls, a: Grey, b: Grey) -> "_Motion | None":
         """None if too little is in both views."""
-        detail, there = textured(a), flow(a, b)
-        sure = confirmed(there, flow(b, a)) & detail
+        there = flow(a, b)
+        sure = confirmed(there, flow(b, a)) & textured(a)
         if np.count_nonzero(sure) < _FEWEST_POINTS:
             return None
         y, x = np.nonzero(sure)
@@ -85,14 +76,11 @@ class _Motion:
         values = there[sure].T.ravel().astype(np.float64)
         matrix = np.concatenate([np.stack([one, none, x, -y], 1), np.stack([none, one, y, x], 1)])
         fit = _robust_fit(matrix, values)
-        # A plane that recedes moves along the line of cameras only; size and roll change along both axes alike.
-        (wider, sheared), (leaning, taller) = (_robust_fit(np.stack([x, y, one], 1), axis)[:2] for axis in values.reshape(2, -1))
+        # A plane that recedes moves along the line of cameras only; size changes along both axes alike.
+        wider, taller = (_robust_fit(np.stack([x, y, one], 1), axis)[k] for k, axis in enumerate(values.reshape(2, -1)))
         size = min(abs(wider), abs(taller)) if wider * taller > 0 else 0.0
-        roll = min(abs(sheared), abs(leaning)) if sheared * leaning < 0 else 0.0
         low, high = np.percentile((values - matrix @ fit).reshape(2, -1), (5, 95), axis=1)
-        shared = float(np.count_nonzero(sure) / np.count_nonzero(detail))
-        left_px = float(high[0] - low[0]), float(high[1] - low[1])
-        return cls(float(np.hypot(*fit[:2])), float(size), float(roll), left_px, shared)
+        return cls(float(np.hypot(*fit[:2])), float(size), (float(high[0] - low[0]), float(high[1] - low[1])))
 
     @property
     def parallax_px(self) -> float:
@@ -103,8 +91,6 @@ class _Motion:
         """What changes more than the viewpoint does; "" for nothing."""
         if self.size_px > max(_STILL_PX, self.parallax_px):
             return "the pictures differ in size, as when focus breathes, the lens zooms or the camera comes nearer"
-        if self.roll_px > max(3 * _STILL_PX, 2 * self.parallax_px):
-            return "the pictures are turned against each other"
         if min(self.left_px) > _STILL_PX and max(self.left_px) < _ROUND * min(self.left_px) > 2 * self.shift_px:
             return "what moves, moves in no direction"
         return ""
@@ -122,20 +108,14 @@ def _robust_fit(matrix: NDArray[np.float64], values: NDArray[np.float64]) -> NDA
 def _change(views: list[Grey], every: list[Grey]) -> str:
     """How the views of a line change otherwise than by a camera that moves sideways; "" for nothing. every: some of the whole
     grid."""
-    light = [float(view.mean()) + 1 for view in views]
-    steps = [max(a, b) / min(a, b) for a, b in pairwise(light)]
-    if float(np.median(steps)) > _EXPOSED:
-        return f"their exposure differs, by a factor of {max(light) / min(light):.1f}"
     middle = len(views) // 2
     near = _Motion.between(views[middle], views[middle + 1])
     far = _Motion.between(views[middle], views[min(len(views) - 1, middle + _REACH)])
     for motion in (near, far):
         if motion is not None and motion.change:
             return motion.change
-    still = near is not None and near.parallax_px < _STILL_PX
-    if still and (far is None or far.shared < _CHANGED):
-        return "they change without moving: the same view in another focus or light"
-    if still and far is not None and far.parallax_px < _STILL_PX and (ratio := _refocused(every)) > _REFOCUSED:
+    still = all(motion is not None and motion.parallax_px < _STILL_PX for motion in (near, far))
+    if still and (ratio := _refocused(every)) > _REFOCUSED:
         return f"their focus or exposure differs (sharpness by a factor of {ratio:.0f}), their viewpoint does not"
     return ""
 
@@ -231,10 +211,11 @@ def examine(source: SceneSource) -> Evidence | None:
     places = [(r, c) for r in range(source.rows) for c in range(source.cols) if (r, c) not in source.missing]
     every = [grey(*places[k]) for k in sorted({round(p) for p in np.linspace(0, len(places) - 1, 9)})]
     changes = [_change([grey(*line[k]) for k in _spread(len(line))], every) for line in lines]
-    line = lines[0]
-    ends = len(lines) == 1 and len(line) >= _SHORTEST_CIRCLE
-    circle = ends and _is_circle(*(grey(*line[k]) for k in (0, 1, len(line) // 2, -1)))
-    return Evidence(held_out, explained, changes[0] if all(changes) else "", circle)
+    change, line = changes[0] if all(changes) else "", lines[0]
+    closed = not change and len(lines) == 1 and len(line) >= _SHORTEST_CIRCLE
+    if closed and _is_circle(*(grey(*line[k]) for k in (0, 1, len(line) // 2, -1))):
+        change = "the last picture follows the first one: a turntable, or a walk around something"
+    return Evidence(held_out, explained, change)
 
 
 def _spread(count: int) -> list[int]:

@@ -28,7 +28,6 @@ _STEP_SHARE, _MIN_PARALLAX = 0.004, 0.008  # of the width: parallax between neig
 _FEWEST, _MOST = 5, 15  # views
 _SHARED = 0.3  # share of the middle frame's details visible in a frame
 _BLURRED, _SHARPNESS = 0.15, 4.0  # sharpness of the chosen frames: over that of the sharpest tenth, and at least
-_SMEARED = 0.15  # ratio of vertical to horizontal detail; below it motion has blurred the picture
 _MAX_RESIDUAL_PX, _MIN_SHRINK, _MIN_VIEW_PX = 0.5, 0.4, 200
 _NO_DETAIL = (
     "the pictures share too little detail: the camera moves too fast, or they are blurred or too dark",
@@ -156,10 +155,8 @@ def choose_frames(count: int, read: Callable[[int], NDArray[Any]], progress: Pro
     for goal in np.linspace(0, travelled[-1], views):
         near = [k for k in range(len(travelled)) if abs(travelled[k] - goal) <= step / 4]
         chosen.add(first + max(near or [int(np.argmin(np.abs(travelled - goal)))], key=lambda k: sharp[first + k]))
-    detail = [[float(np.square(cv2.Sobel(glances[k], cv2.CV_32F, *axis)).mean()) for axis in ((1, 0), (0, 1))] for k in chosen]
-    across, down = np.mean(detail, axis=0)
     least = max(_BLURRED * float(np.percentile(sharp, 90)), _SHARPNESS)
-    if np.median(sharp[sorted(chosen)]) < least or across < _SMEARED * down:
+    if np.median(sharp[sorted(chosen)]) < least:
         raise UserError("the pictures are blurred", "slide more slowly, in more light")
     if len(chosen) < _FEWEST:
         raise UserError(f"only {len(chosen)} steps of the slide have a picture: the camera moved too fast", "slide more slowly")

@@ -327,7 +327,7 @@ REFUSALS = {
         "/here/s: no layout of a light field recognised (notes.txt, ...)\n  remedy: give the folder of the views, or one "
         "file that holds them all by its own path"),
     "no layout": Refused(grid("v_{r}_{c}.png"),
-        "scene.layout: 'qilt' is not a layout (did you mean 'quilt'?)\n  remedy: one of: auto, array, demo, eslf, gif, hci, "
+        "scene.layout: 'qilt' is not a layout\n  remedy: one of: auto, array, demo, eslf, gif, hci, "
         "hci-old, hci-text, jpeg-pleno, mat, mosaic, mosaic-video, numbered, picture, quilt, rgbd, rows-cols, stanford, stereo",
         again(), config.Scene(layout="qilt")),
     "npz: no views": Refused(lambda here: made.write_npz(here / "a.npz", other=GRID, more=GRID),

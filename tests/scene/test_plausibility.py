@@ -153,7 +153,7 @@ def test_a_line_that_ends_where_it_began_is_no_circle() -> None:
         grid = np.array(made.views(1, 9, 144, 192, 0.3, -0.2))
         grid[0, 0], grid[0, -1] = np.roll(grid[0, 0], -shift_px, 1), np.roll(grid[0, 0], -2 * shift_px, 1)
         evidence = examine(as_source(grid))
-        assert evidence is not None and not evidence.circle
+        assert evidence is not None and not evidence.change
 
 
 @pytest.mark.parametrize("name", sorted(path.name for path in made.SAMPLES.glob("*")) or ["none"])

@@ -1,7 +1,6 @@
 """The layouts light fields come in, by module. A new one is one file here with NAME, `detect` and `describe`, or with
 several of them as LAYOUTS."""
 
-import difflib
 import importlib
 import os
 import pkgutil
@@ -40,12 +39,8 @@ def describe(path: str | os.PathLike[str], scene: config.Scene) -> SceneSource:
     Raises UserError where there is nothing, no layout matches, or the scene is damaged.
     """
     known = layouts()
-    if scene.layout != "auto" and scene.layout not in known:
-        close = difflib.get_close_matches(scene.layout, known, 1, 0.4)
-        raise UserError(
-            f"scene.layout: {scene.layout!r} is not a layout" + (f" (did you mean {close[0]!r}?)" if close else ""),
-            f"one of: auto, {', '.join(known)}",
-        )
+    if scene.layout not in ("auto", *known):
+        raise UserError(f"scene.layout: {scene.layout!r} is not a layout", f"one of: auto, {', '.join(known)}")
     try:
         with library_errors(path):
             source = _described(known, list_scene(path), scene)
@@ -71,26 +66,21 @@ _BESIDE = (  # what lies beside views and says nothing of them
 )  # fmt: skip
 
 
-def _require_readable(listing: Listing) -> None:
-    """Raises UserError where no file is a picture, and most need another program first."""
+def _require_pictures(listing: Listing, certain: bool) -> None:
+    """Raises UserError where most files need another program first, or (unless certain) of a kind that is not read here."""
+    pictures = listing.pictures()
     for ends, (what, remedy) in _CONVERTED.items():
         such = [name for name in listing.names if name.lower().endswith(ends)]
-        if such and not listing.pictures() and 2 * len(such) >= len(listing.names):
+        if such and not pictures and 2 * len(such) >= len(listing.names):
             raise UserError(f"{listing.file(such[0])}: {what}", remedy)
-
-
-def _require_pictures(listing: Listing) -> None:
-    """Raises UserError where a folder holds more files of some kind that is not read here than pictures."""
     kinds = Counter(Path(name).suffix.lower() for name in listing.names if not name.lower().endswith((*PICTURES, *_BESIDE)))
     kind, count = kinds.most_common(1)[0] if kinds else ("", 0)
-    pictures = listing.pictures()
-    if count > max(3, len(pictures)):
+    if count > max(3, len(pictures)) and not certain:
         some = ", ".join([name for name in listing.names if Path(name).suffix.lower() == kind][:3])
-        remedy = "convert them to PNG and give their folder"
-        if pictures:
-            remedy += f"; {pictures[0]} alone: give {listing.folder / pictures[0]}"
+        remedy = f"; {pictures[0]} alone: give {listing.folder / pictures[0]}" if pictures else ""
         raise UserError(
-            f"{listing.path}: {count} of {len(listing.names)} files are of a kind that is not read: {some}, ...", remedy
+            f"{listing.path}: {count} of {len(listing.names)} files are of a kind that is not read: {some}, ...",
+            f"convert them to PNG and give their folder{remedy}",
         )
 
 
@@ -101,8 +91,10 @@ def _described(known: dict[str, Layout], given: Listing, scene: config.Scene) ->
     inner = inner_listing(given) if max((mark for mark, _ in marks), default=0) <= _LAST_RESORT else None
     if inner is not None:
         listing, marks = inner, _marks(tries, inner)
-    _require_readable(listing)
-    layout = known[scene.layout] if scene.layout != "auto" else _chosen(known, marks, listing, scene)
+    mark, layout = max(marks, key=lambda pair: pair[0], default=(0, None))
+    certain = scene.layout != "auto" or mark >= 80 or listing.is_file or scene.force or layout is None
+    _require_pictures(listing, certain)
+    layout = known[scene.layout] if scene.layout != "auto" else _checked(known, mark, layout, listing, scene)
     source = layout.describe(listing, scene)
     if inner is not None:
         source = attrs.evolve(source, path=given.path, notes=(*source.notes, *filter(None, [note_of(given, inner)])))
@@ -113,16 +105,14 @@ def _marks(tries: list[Layout], listing: Listing) -> list[tuple[int, Layout]]:
     return [(mark, layout) for layout in tries if (mark := layout.detect(listing)) is not None]
 
 
-def _chosen(known: dict[str, Layout], marks: list[tuple[int, Layout]], listing: Listing, scene: config.Scene) -> Layout:
-    if not marks:
+def _checked(known: dict[str, Layout], mark: int, layout: Layout | None, listing: Listing, scene: config.Scene) -> Layout:
+    """The layout of a scene, unless there is none or the picture is a raw one. Raises UserError."""
+    if layout is None:
         some = ", ".join(listing.names[:3] or listing.folders[:3])
         remedy = "give the folder of the views, or one file that holds them all by its own path"
         if listing.pictures():
             remedy = "name the views view_ROW_COLUMN.png, or give one picture by its own path"
         raise UserError(f"{listing.path}: no layout of a light field recognised ({some}, ...)", remedy)
-    mark, layout = max(marks, key=lambda pair: pair[0])
-    if mark < 80 and not listing.is_file and not scene.force:
-        _require_pictures(listing)
     path = single_picture(listing) if mark < 90 else None  # others say what they are
     if path is None or not is_honeycomb(read_picture(path)[0]):
         return layout

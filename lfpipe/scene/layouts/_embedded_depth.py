@@ -17,15 +17,12 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from lfpipe.errors import UserError
-from lfpipe.files.pictures import header_of
 from lfpipe.files.untrusted import finite
 from lfpipe.scene.files import read_bytes
 
 MAX_BYTES = 60_000_000  # of a photograph with its embedded items
-_MAX_DEPTH_BYTES = 40_000_000  # of a decoded map
 _XMP, _MORE = b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0"
 _ITEM = re.compile(rb"<\w+:Item\b([^>]{0,2000})>")
-_REMEDY = "export the picture and its depth as x.png and x_depth.png, and give their folder"
 
 
 def _packets(data: bytes) -> tuple[bytes, bytes]:
@@ -42,8 +39,8 @@ def _packets(data: bytes) -> tuple[bytes, bytes]:
 
 
 def _value(xmp: bytes, name: bytes) -> bytes | None:
-    found = re.search(rb"\b" + name + rb"\s*=\s*[\"']([^\"']*)", xmp) or re.search(rb"<" + name + rb">([^<]*)", xmp)
-    return found[1] if found else None
+    match = re.search(rb"\b" + name + rb"\s*=\s*[\"']([^\"']*)", xmp) or re.search(rb"<" + name + rb">([^<]*)", xmp)
+    return match[1] if match else None
 
 
 def _depth_item(packet: bytes, data: bytes) -> bytes | None:
@@ -73,17 +70,14 @@ def embedded_depth(path: Path) -> NDArray[Any]:
     """The depth map of a photograph, (h, w) float32, larger is nearer. Raises UserError."""
     data = read_bytes(path, MAX_BYTES)
     packet, more = _packets(data)
-    whole = packet + more
-    try:
+    whole, pixels = packet + more, None
+    with contextlib.suppress(ValueError, cv2.error):
         stored = _value(whole, b"GDepth:Data")
-        coded = base64.b64decode(stored, validate=True) if stored else _depth_item(packet, data)
-    except ValueError:
-        coded = None
-    header = header_of(coded) if coded else None
-    small = header is not None and header.decoded_bytes <= _MAX_DEPTH_BYTES
-    pixels = cv2.imdecode(np.frombuffer(coded, np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH) if coded and small else None
+        coded = base64.b64decode(stored, validate=True) if stored else _depth_item(packet, data) or b""
+        pixels = cv2.imdecode(np.frombuffer(coded, np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
     if pixels is None:
-        raise UserError(f"{path}: claims to contain a depth map, but has no readable one", _REMEDY)
+        remedy = "export the picture and its depth as x.png and x_depth.png, and give their folder"
+        raise UserError(f"{path}: claims to contain a depth map, but has no readable one", remedy)
     share = pixels.astype(np.float32) / np.float32(65535 if pixels.dtype == np.uint16 else 255)
     near, far = (finite((_value(whole, rb"\w*Depth:" + name) or b"").decode("latin-1"), 0) for name in (b"Near", b"Far"))
     linear = (_value(whole, rb"\w*Depth:Format") or b"").lower() == b"rangelinear"

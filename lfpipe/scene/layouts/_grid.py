@@ -23,7 +23,6 @@ from lfpipe.scene.source import SceneSource, ViewIndex
 LOSSY = (".jpg", ".jpeg", ".webp", ".avif", ".gif")
 _MADE_SHARE = 0.25  # of a grid that may be missing: those views are made from their neighbours
 _SMALL_PX = 96 * 128  # of pictures that the columns of a running number follow from
-_MAX_CELLS = 4000  # of a grid with holes
 _RENAME = "name the views view_ROW_COLUMN.png, or give one picture by its own path"
 
 
@@ -101,17 +100,6 @@ def files_source(
     )  # fmt: skip
 
 
-@attrs.frozen
-class GridViews:
-    """Views by place in a grid, and notes for people."""
-
-    views: dict[ViewIndex, str]
-    rows: int
-    cols: int
-    doubt: str = ""
-    notes: tuple[str, ...] = ()
-
-
 @lru_cache(maxsize=2)
 def _one_per_stem(listing: Listing) -> tuple[str, ...]:
     """The pictures of a folder, one of each name: of a view in several formats the one in colour, then the lossless one."""
@@ -165,15 +153,15 @@ def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: boo
         others = f", and so are {count - 1} more pairs" if count > 1 else ""
         remedy = f"move {some([name for _, name in numbered.clashes])} away"
         raise UserError(f"{listing.path}: {first} and {second} are the same view{others}", remedy)
-    grid = parse_grid(scene.grid)
+    grid, doubt = parse_grid(scene.grid), numbered.doubt
+    notes: tuple[str, ...] = ()
     if runs:
-        arranged = _arranged(listing, headers, numbered, scene)
-    else:
-        arranged = GridViews(numbered.views, numbered.rows, numbered.cols, numbered.doubt)
-        if grid is not None and grid != (arranged.rows, arranged.cols):
-            wrong = f"the names give a grid of {arranged.rows}x{arranged.cols}, scene.grid says {grid[0]}x{grid[1]}"
-            raise UserError(f"{listing.path}: {wrong}", "leave out --grid; --layout numbered takes names in order")
-    return _views_source(layout, listing, arranged, pictures, headers, odd, certain=False)
+        numbered, doubt, notes = _arranged(listing, headers, numbered, scene)
+    elif grid is not None and grid != (numbered.rows, numbered.cols):
+        wrong = f"the names give a grid of {numbered.rows}x{numbered.cols}, scene.grid says {grid[0]}x{grid[1]}"
+        raise UserError(f"{listing.path}: {wrong}", "leave out --grid; --layout numbered takes names in order")
+    shape = numbered.rows, numbered.cols
+    return _views_source(layout, listing, numbered.views, shape, pictures, headers, odd, notes, certain=False, doubt=doubt)
 
 
 def placed_views(
@@ -189,35 +177,36 @@ def placed_views(
         row, col = place if shape else (lattice.index(Fraction(n)) for lattice, n in zip(lattices, place, strict=True))
         if name not in odd and views.setdefault((row, col), name) != name:
             raise UserError(f"{listing.path}: {views[row, col]} and {name} are the same view", f"move {name} away")
-    return _views_source(layout, listing, GridViews(views, rows, cols), list(places), headers, odd, **more)
+    return _views_source(layout, listing, views, (rows, cols), list(places), headers, odd, (), **more)
 
 
 def _views_source(
-    layout: str, listing: Listing, grid: GridViews, names: Sequence[str], headers: Mapping[str, Header],
-    odd: Mapping[str, str], **more: Any,
+    layout: str, listing: Listing, views: Mapping[ViewIndex, str], shape: ViewIndex, names: Sequence[str],
+    headers: Mapping[str, Header], odd: Mapping[str, str], notes: tuple[str, ...], **more: Any,
 ) -> SceneSource:  # fmt: skip
-    """The scene of views by place, without parts that have too many gaps. names: of pictures, of which those that are not used
-    are noted; odd: their sizes where these differ. Raises UserError."""
-    if grid.rows * grid.cols > max(len(grid.views), _MAX_CELLS):
-        wrong = f"{listing.path}: the names span {grid.rows}x{grid.cols} views, {len(grid.views)} files are there"
-        raise UserError(wrong, "give a folder with the views of only one scene")
-    whole = whole_part(grid)
-    if 4 * len(whole.views) < len(grid.views):
-        wrong = f"{listing.path}: the {len(grid.views)} views stand scattered in a grid of {grid.rows}x{grid.cols}"
-        raise UserError(wrong, "give a folder with a whole row or a whole grid of them")
-    require_grid(whole.rows, whole.cols, str(listing.path))
-    used, notes = set(whole.views.values()), list(whole.notes)
+    """The scene of views by place. names: of pictures, of which those that are not used are noted; odd: their sizes where these
+    differ. Raises UserError where many places have no view."""
+    rows, cols = shape
+    require_grid(rows, cols, str(listing.path))
+    holes = [(row, col) for row in range(rows) for col in range(cols) if (row, col) not in views]
+    if len(holes) > _MADE_SHARE * rows * cols:
+        wrong = f"the names span {rows}x{cols} views, {len(views)} files are there"
+        raise UserError(f"{listing.path}: {wrong}", "give a folder with a whole row or a whole grid of one scene")
+    if holes:
+        where = some([f"row {row} column {col}" for row, col in holes])
+        notes = (*notes, f"{len(holes)} of {rows}x{cols} views missing, made from others: {where}")
+    used = set(views.values())
     if unused := [f"{name} ({odd[name]})" if name in odd else name for name in names if name not in used]:
-        notes.append(f"{len(used)} of {len(names)} files used; the others are {some(unused)}")
-    files = {place: listing.file(name) for place, name in whole.views.items()}
+        notes = (*notes, f"{len(used)} of {len(names)} files used; the others are {some(unused)}")
+    files = {place: listing.file(name) for place, name in views.items()}
     known = {listing.folder / name: header for name, header in headers.items()}
-    return files_source(
-        layout, listing, files, whole.rows, whole.cols, notes=tuple(notes), doubt=whole.doubt, headers=known, **more
-    )
+    return files_source(layout, listing, files, rows, cols, notes=notes, headers=known, **more)
 
 
-def _arranged(listing: Listing, headers: Mapping[str, Header], numbered: NumberedNames, scene: config.Scene) -> GridViews:
-    """The grid of a running number, by the pictures. Raises UserError."""
+def _arranged(
+    listing: Listing, headers: Mapping[str, Header], numbered: NumberedNames, scene: config.Scene
+) -> tuple[NumberedNames, str, tuple[str, ...]]:
+    """The grid of a running number by the pictures, what it leaves open, and notes. Raises UserError."""
     by_position = {index[1]: name for index, name in numbered.views.items()}
 
     def read(position: int) -> NDArray[np.uint8]:
@@ -228,46 +217,8 @@ def _arranged(listing: Listing, headers: Mapping[str, Header], numbered: Numbere
     if run is None:
         what = f"{listing.path}: {len(by_position)} views do not make {scene.grid}"
         raise UserError(what, "leave out --grid to have it detected")
-    views = {index: name for position, name in by_position.items() if (index := run.index(position)) is not None}
+    views = {run.index(position): name for position, name in by_position.items()}
     shape = f"{run.rows}x{run.cols}" + (", every other row backwards" if run.snake else "")
     why = "as scene.grid says" if scene.grid else "from the likeness of the pictures; --grid ROWSxCOLS overrides it"
-    return GridViews(views, run.rows, run.cols, run.doubt, (f"the numbered views form {shape}: {why}",))
-
-
-def whole_part(grid: GridViews) -> GridViews:
-    """The grid itself where few views are missing, else the largest whole rectangle within it."""
-    views, rows, cols = grid.views, grid.rows, grid.cols
-    holes = [(row, col) for row in range(rows) for col in range(cols) if (row, col) not in views]
-    if not holes:
-        return grid
-    lonely = [(r, c) for r, c in holes if not any((r + y, c + x) in views for y in (-1, 0, 1) for x in (-1, 0, 1))]
-    missing = f"{len(holes)} of {rows}x{cols} views missing"
-    if len(holes) <= _MADE_SHARE * rows * cols and not lonely:
-        where = some([f"row {row} column {col}" for row, col in holes])
-        return attrs.evolve(grid, notes=(*grid.notes, f"{missing}, made from others: {where}"))
-    mask = np.zeros((rows, cols), bool)
-    for index in views:
-        mask[index] = True
-    top, left, height, width = _largest_rectangle(mask)
-    inside = {(r, c): views[top + r, left + c] for r in range(height) for c in range(width)}
-    note = f"{missing}: the whole {height}x{width} views from row {top} column {left} are used"
-    return GridViews(inside, height, width, grid.doubt, (*grid.notes, note))
-
-
-def _largest_rectangle(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
-    """(top, left, rows, columns) of the largest rectangle that is True; of equals the one with two axes, then the wider one, then
-    the one nearest to the middle."""
-    best: tuple[tuple[int, bool, int, int], tuple[int, int, int, int]] = ((0, False, 0, 0), (0, 0, 0, 0))
-    heights = np.zeros(mask.shape[1], int)
-    for bottom, line in enumerate(mask):
-        heights = np.where(line, heights + 1, 0)
-        for left in range(len(heights)):
-            low = 1 << 30
-            for right in range(left, len(heights)):
-                low = min(low, int(heights[right]))
-                if low == 0:
-                    break
-                width = right - left + 1
-                off = abs(2 * left + width - mask.shape[1]) + abs(2 * (bottom + 1) - low - mask.shape[0])
-                best = max(best, ((low * width, min(low, width) > 1, width, -off), (bottom + 1 - low, left, low, width)))
-    return best[1]
+    arranged = attrs.evolve(numbered, views=views, rows=run.rows, cols=run.cols)
+    return arranged, run.doubt, (f"the numbered views form {shape}: {why}",)

@@ -62,20 +62,14 @@ class NumberedNames:
     doubt: str = ""
 
 
-@attrs.frozen(order=True)
-class _Fit:
-    """How well numbers explain names; the largest wins. views: names explained, halved for maps. share: of the grid's places that
-    have a name. likeliest: of the ways to read numbers."""
-
-    views: float
-    grid: bool
-    share: float
-    likeliest: int = 0
+# How well numbers explain names; the largest wins: names explained, halved for maps; whether they are a grid; the share of its
+# places that have a name; of the ways to read numbers, the likeliest.
+_Fit = tuple[float, bool, float, int]
 
 
 @attrs.frozen
 class Lattice:
-    """Equally spaced values: low, low + step, ... (count of them). step 0: values in any distance, by their order."""
+    """Equally spaced values: low, low + step, ... (count of them)."""
 
     low: Fraction
     step: Fraction
@@ -97,12 +91,12 @@ class Lattice:
 @attrs.frozen(eq=False)
 class _Field:
     """One number of a family's names. values: those that occur, ascending; codes: by name, which of them it has; word: the text
-    before it ends in; digits: of the shortest."""
+    before it ends in; lattice: of the values."""
 
     values: list[Fraction]
     codes: NDArray[np.int64]
     word: str
-    digits: int
+    lattice: Lattice
 
     @classmethod
     def of(cls, column: tuple[str, ...], text: str) -> "_Field":
@@ -112,12 +106,16 @@ class _Field:
         rank = {value: position for position, value in enumerate(values)}
         word = re.search(r"([a-z]+)[^a-z]*$", text)
         codes = np.array([rank[by_text[number]] for number in column], np.int64)
-        return cls(values, codes, word[1] if word else "", min(map(len, column)))
+        return cls(values, codes, word[1] if word else "", Lattice.of(values))
 
-    def indices(self, lattice: Lattice | None) -> list[int]:
-        """By name, the place of its value in a lattice; by order without one."""
-        at = [lattice.index(value) if lattice and lattice.step else k for k, value in enumerate(self.values)]
+    def indices(self, by_order: bool = False) -> list[int]:
+        """By name, the place of its value in the lattice, or in the order of values."""
+        at = list(range(len(self.values))) if by_order else [self.lattice.index(value) for value in self.values]
         return [at[code] for code in self.codes.tolist()]
+
+    def side(self, by_order: bool) -> int:
+        """How many places there are."""
+        return len(self.values) if by_order else self.lattice.count
 
 
 def _value(text: str) -> Fraction:
@@ -157,9 +155,9 @@ def _families(stems: dict[str, str], reading: int) -> dict[tuple[str, ...], dict
     return families
 
 
-def _distinct(fields: Collection[_Field]) -> int:
-    """How many combinations of the values of these fields occur."""
-    return len(set(zip(*(field.codes.tolist() for field in fields), strict=True)))
+def _together(fields: Collection[_Field]) -> list[tuple[int, ...]]:
+    """By name, the codes of these fields."""
+    return list(zip(*(field.codes.tolist() for field in fields), strict=True))
 
 
 def _read(names: list[str], fields: list[_Field]) -> tuple[_Fit, NumberedNames]:
@@ -172,49 +170,46 @@ def _read(names: list[str], fields: list[_Field]) -> tuple[_Fit, NumberedNames]:
         first = np.flatnonzero(field.codes == 0).tolist()
         kept = [attrs.evolve(other, codes=other.codes[first]) for other in varying if other is not field]
         fit, numbered = _read([names[k] for k in first], kept)
-        return attrs.evolve(fit, views=count), attrs.evolve(numbered, doubt=doubt)
+        return (count, *fit[1:]), attrs.evolve(numbered, doubt=doubt)
     grid = _grid_fields([field for field in varying if field not in keys], count)
-    if grid is not None and (grid[0].views > 0.9 * count or not keys):
-        fit, down, across, rows, cols = grid
-        numbered = _placed(names, down.indices(rows), across.indices(cols), (rows.count, cols.count))
-        return attrs.evolve(fit, views=len(numbered.views)), numbered
+    if grid is not None and (grid[0] > 0.9 * count or not keys):
+        _, share, axes = grid
+        down, across = (field.indices(by_order) for field, by_order in axes)
+        rows, cols = (field.side(by_order) for field, by_order in axes)
+        numbered = _placed(names, down, across, (rows, cols))
+        return (len(numbered.views), True, share, 0), numbered
     if keys:
-        lattices = {id(key): Lattice.of(key.values) for key in keys}
-        field = min(keys, key=lambda key: lattices[id(key)].count)
-        lattice = lattices[id(field)]
-        if lattice.count <= 2 * count + 2:  # else numbers with large gaps, which count nothing
-            return _Fit(count, False, count / lattice.count), _placed(names, None, field.indices(lattice), (1, lattice.count))
-        return _Fit(count, False, 0.0), _placed(names, None, field.indices(None), (1, count))
-    order = sorted(set(zip(*(field.codes.tolist() for field in varying), strict=True)))  # the numbers together run
-    at = {place: position for position, place in enumerate(order)}
-    places = [at[place] for place in zip(*(field.codes.tolist() for field in varying), strict=True)] if varying else [0] * count
-    numbered = _placed(names, None, places, (1, max(1, len(order))))
-    return _Fit(len(numbered.views), False, 0.0), numbered
+        field = min(keys, key=lambda key: key.lattice.count)
+        by_order = 3 * field.lattice.count > 4 * count  # numbers with large gaps count nothing
+        share = 0.0 if by_order else count / field.lattice.count
+        return (count, False, share, 0), _placed(names, None, field.indices(by_order), (1, field.side(by_order)))
+    places = _together(varying) or [()] * count  # the numbers together run
+    at = {place: position for position, place in enumerate(sorted(set(places)))}
+    numbered = _placed(names, None, [at[place] for place in places], (1, len(at)))
+    return (len(numbered.views), False, 0.0, 0), numbered
 
 
-def _grid_fields(fields: list[_Field], count: int) -> tuple[_Fit, _Field, _Field, Lattice, Lattice] | None:
-    """The two numbers that count rows and columns, with the lattices of their values; None if there are none."""
-    lattices = {id(field): Lattice.of(field.values) for field in fields}
-    best: tuple[tuple[float, float, bool, int], _Fit, _Field, _Field, Lattice, Lattice] | None = None
+_Axes = tuple[tuple[_Field, bool], tuple[_Field, bool]]
+
+
+def _grid_fields(fields: list[_Field], count: int) -> tuple[int, float, _Axes] | None:
+    """How many pairs occur of the two numbers that count rows and columns, the share of the grid's places that they are, and the
+    numbers, each with whether its values count by their order; None if there are none."""
+    best: tuple[tuple[float, float, bool, int], tuple[int, float, _Axes]] | None = None
     for (first, down), (second, across) in combinations(enumerate(fields), 2):
-        pairs, lows = _distinct((down, across)), [lattices[id(down)], lattices[id(across)]]
-        if pairs == count == len(down.values) * len(across.values):  # a whole grid: of steps that are uneven, order counts
-            for k, field in enumerate((down, across)):
-                if lows[k].count > 2 * len(field.values):
-                    lows[k] = Lattice(Fraction(0), Fraction(0), len(field.values))
-        cells = lows[0].count * lows[1].count
-        if max(lows[0].count, lows[1].count) > MAX_SIDE or min(pairs, count) < _MIN_COVERAGE * cells:
+        pairs = len(set(_together((down, across))))
+        whole = pairs == count == len(down.values) * len(across.values)  # then order counts where steps are uneven
+        axes = tuple((field, whole and field.lattice.count > 2 * len(field.values)) for field in (down, across))
+        sides = [field.side(by_order) for field, by_order in axes]
+        cells = sides[0] * sides[1]
+        if max(sides) > MAX_SIDE or pairs < _MIN_COVERAGE * cells:
             continue
-        plain = all(low.step == 1 and low.low in (0, 1) for low in lows)
+        plain = all(not by_order and field.lattice.step == 1 and field.lattice.low in (0, 1) for field, by_order in axes)
         rank = (pairs / count, pairs / cells, plain, -first - second)
         if best is None or rank > best[0]:
-            best = rank, _Fit(pairs, True, pairs / cells), down, across, lows[0], lows[1]
-    if best is None:
-        return None
-    _, fit, down, across, rows, cols = best
-    if down.word in _COL_WORDS and across.word in _ROW_WORDS:
-        return fit, across, down, cols, rows
-    return fit, down, across, rows, cols
+            swapped = down.word in _COL_WORDS and across.word in _ROW_WORDS
+            best = rank, (pairs, pairs / cells, axes[::-1] if swapped else axes)  # type: ignore[assignment]
+    return best and best[1]
 
 
 def _placed(names: list[str], rows: list[int] | None, cols: list[int], shape: ViewIndex) -> NumberedNames:
@@ -230,16 +225,14 @@ def _placed(names: list[str], rows: list[int] | None, cols: list[int], shape: Vi
 
 def _frame_field(varying: list[_Field], count: int) -> tuple[_Field, str] | None:
     """The number that counts frames or exposures, and what that leaves open, where the numbers of views and it fill a box: by the
-    word before it; of three, the one that is written with more or fewer digits than the others, else the last."""
+    word before it, else the last of three."""
     for fields in [*combinations(varying, 3), *combinations(varying, 2)]:
-        if not math.prod(len(field.values) for field in fields) == count == _distinct(fields):
-            continue
-        named = [field for field in fields if field.word in _FRAME_WORDS]
-        if named:
-            return named[0], ""
-        if len(fields) == 3:
-            odd = [field for field in fields if [other.digits for other in fields].count(field.digits) == 1]
-            return (odd[0], "") if len(odd) == 1 else (fields[2], "which of three numbers in the names counts frames")
+        if math.prod(len(field.values) for field in fields) == count == len(set(_together(fields))):
+            named = next((field for field in fields if field.word in _FRAME_WORDS), None)
+            if named is not None:
+                return named, ""
+            if len(fields) == 3:
+                return fields[2], "which of three numbers in the names counts frames"
     return None
 
 
@@ -264,7 +257,7 @@ def _by_folder(names: tuple[str, ...]) -> NumberedNames | None:
 @lru_cache(maxsize=4)
 def read_names(names: tuple[str, ...]) -> NumberedNames | None:
     """What the numbers of most of these names say; None where no two names differ in numbers alone."""
-    readings: list[tuple[_Fit, NumberedNames]] = []
+    best: tuple[_Fit, NumberedNames | None] = (0, False, 0.0, -len(_READINGS)), None
     stems = _stems(names)
     for reading in range(len(_READINGS)):
         families = _families(stems, reading)
@@ -273,16 +266,18 @@ def read_names(names: tuple[str, ...]) -> NumberedNames | None:
             if len(family) < 2 or 2 * len(family) < most:
                 continue
             fields = [_Field.of(column, text) for column, text in zip(zip(*family.values(), strict=True), texts, strict=False)]
-            fit, numbered = _read(list(family), fields)
-            if reading == _HALVES and (numbered.runs or fit.share < 1 or _runs_on(numbered)):
+            (views, grid, share, _), numbered = _read(list(family), fields)
+            if reading == _HALVES and (numbered.runs or share < 1 or _runs_on(numbered)):
                 continue
             if reading == _LETTERS and 2 * len(family) < len(names):  # Roman numerals, initials
                 continue
-            if (fit.views, fit.grid, fit.share) == (len(names), True, 1.0):
+            if (views, grid, share) == (len(names), True, 1.0):
                 return numbered
             maps = any(MAPS.search(text) for text in texts)
-            readings.append((attrs.evolve(fit, views=fit.views / (1 + maps), likeliest=-reading), numbered))
-    best = max(readings, key=lambda pair: pair[0])[1] if readings else None
-    if (best is None or best.runs or best.clashes) and (rows := _by_folder(names)) is not None:
+            fit = views / (1 + maps), grid, share, -reading
+            if fit > best[0]:
+                best = fit, numbered
+    chosen = best[1]
+    if (chosen is None or chosen.runs or chosen.clashes) and (rows := _by_folder(names)) is not None:
         return rows
-    return best
+    return chosen

@@ -20,45 +20,37 @@ _MAX_PICTURES = 64  # that are decoded
 _REACHES = (1.5, 4.0, 12.0, 40.0)  # grid steps over which likeness falls off: far cameras differ at once, near ones slowly
 _ROW_STEPS = (0.6, 1.0, 1.7)  # of a row step against a column step, as the camera may move farther one way
 _SURE, _CLEAR = 0.35, 0.02  # correlation of a sure grid, and its lead on the next one
-_EXTRA_COST = 0.05  # of a grid that leaves a file out: it has to explain the rest that much better
 
 
 @attrs.frozen
 class Running:
-    """How a running number fills a grid: position - first counts through rows of `cols`; every other row backwards in a snake.
-    doubt: what the pictures leave open, "" for nothing."""
+    """How a running number fills a grid: row by row, in a snake every other one backwards. doubt: what is left open."""
 
     rows: int
     cols: int
     snake: bool
-    first: int
     doubt: str = ""
 
     @property
     def shape(self) -> ViewIndex:
         return self.rows, self.cols
 
-    def index(self, position: int) -> ViewIndex | None:
-        """The grid index of a position of the run; None where it lies outside of the grid."""
-        number = position - self.first
-        if not 0 <= number < self.rows * self.cols:
-            return None
-        row, col = divmod(number, self.cols)
+    def index(self, position: int) -> ViewIndex:
+        """The grid index of a position of the run."""
+        row, col = divmod(position, self.cols)
         return row, self.cols - 1 - col if self.snake and row % 2 else col
 
 
 def candidates(count: int, grid: ViewIndex | None) -> list[Running]:
-    """Every grid that a run of `count` positions can fill; grid: the user's, which may leave a few files out."""
-    found: list[Running] = []
-    for extra in range(min(3, count // 8) + 1 if grid else min(1, count // 8) + 1):
-        rest = count - extra
-        shapes = [grid] if grid else [(rest // cols, cols) for cols in range(2, rest // 2 + 1) if rest % cols == 0]
-        for rows, cols in shapes:
-            if rows * cols != rest or (extra and not grid and max(rows, cols) > 3 * min(rows, cols)):
-                continue
-            snakes = (False, True) if min(rows, cols) > 1 else (False,)
-            found += [Running(rows, cols, snake, first) for snake in snakes for first in {0, extra}]
-    return found if grid else [*found, Running(1, count, False, 0)]
+    """Every grid that a run of `count` positions can fill; grid: the user's."""
+    shapes = [grid] if grid else [(count // cols, cols) for cols in range(2, count // 2 + 1)]
+    tries = [
+        Running(rows, cols, snake)
+        for snake in (False, True)
+        for rows, cols in shapes
+        if rows * cols == count and not (snake and min(rows, cols) == 1)
+    ]
+    return tries if grid else [*tries, Running(1, count, False)]
 
 
 def _positions(count: int, there: Sequence[bool], tries: Sequence[Running]) -> list[int]:
@@ -70,8 +62,8 @@ def _positions(count: int, there: Sequence[bool], tries: Sequence[Running]) -> l
     wanted += [middle + sign * (stride + near) for stride in strides for near in (0, 1) for sign in (1, -1)]
     wanted += [end * stride + near for stride in strides for end in (1, 3) for near in (-1, 0)]
     wanted += [end * stride + near for stride in strides for end in (1, 3) for near in (-2, 1)]
-    found = dict.fromkeys(position for position in wanted if 0 <= position < count and there[position])
-    return list(found)[:_MAX_PICTURES]
+    usable = dict.fromkeys(position for position in wanted if 0 <= position < count and there[position])
+    return list(usable)[:_MAX_PICTURES]
 
 
 @attrs.frozen
@@ -102,8 +94,8 @@ def likeliest(read: Callable[[int], NDArray[np.uint8]], there: Sequence[bool], t
 
     pairs = np.array(list(combinations(at, 2)))
     unlike = np.array([np.abs(small(a) - small(b)).mean() if small(a).shape == small(b).shape else 2.0 for a, b in pairs])
-    scores = {run: _explained(run, pairs, unlike) - (_EXTRA_COST if run.rows * run.cols < len(there) else 0) for run in tries}
-    order = sorted(tries, key=lambda run: (-round(scores[run], 4), abs(run.rows - run.cols), run.snake, run.first))
+    scores = {run: _explained(run, pairs, unlike) for run in tries}
+    order = sorted(tries, key=lambda run: (-round(scores[run], 4), abs(run.rows - run.cols), run.snake))
     best, others = order[0], tuple(run for run in order if run.shape != order[0].shape)
     return Likeliest(best, scores[best], tuple(run for run in others if scores[run] > scores[best] - _CLEAR), others)
 
@@ -115,27 +107,25 @@ def find_columns(
     tries = candidates(len(there), grid)
     if len(tries) < 2:
         return tries[0] if tries else None
-    found = likeliest(read, there, tries)
-    if found.clear:
-        return found.run
-    best = next((run for run in found.near if run.rows == 1), found.run)  # people more often make lines than narrow grids
-    others = dict.fromkeys(f"{run.rows}x{run.cols}" for run in (found.run, *found.others) if run.shape != best.shape)
+    likely = likeliest(read, there, tries)
+    if likely.clear:
+        return likely.run
+    best = next((run for run in likely.near if run.rows == 1), likely.run)  # people more often make lines than narrow grids
+    others = dict.fromkeys(f"{run.rows}x{run.cols}" for run in (likely.run, *likely.others) if run.shape != best.shape)
     doubt = f"the grid: {best.rows}x{best.cols}, or {' or '.join(list(others)[:2])} (--grid ROWSxCOLS)" if others else ""
     return attrs.evolve(best, doubt=doubt)
 
 
 def _explained(run: Running, pairs: NDArray[np.int64], unlike: NDArray[np.float64]) -> float:
     """Correlation of unlikeness with distance in the grid, at the ratio of row and column steps that suits best."""
-    index = {position: run.index(position) for position in np.unique(pairs).tolist()}
-    use = np.array([index[a] is not None and index[b] is not None for a, b in pairs.tolist()])
-    if use.sum() < 3:
+    if len(pairs) < 3:
         return -1.0
-    place = np.array([[index[a], index[b]] for a, b in pairs[use].tolist()], np.float64)
+    place = np.array([[run.index(a), run.index(b)] for a, b in pairs.tolist()], np.float64)
     rows, cols = np.abs(place[:, 0] - place[:, 1]).T
     best = -1.0
     for ratio in _ROW_STEPS if min(run.rows, run.cols) > 1 else (1.0,):
         for reach in _REACHES:
             far = 1 - np.exp(-np.hypot(ratio * rows, cols) / reach)
-            if far.std() > 1e-9 and unlike[use].std() > 1e-9:
-                best = max(best, float(np.corrcoef(far, unlike[use])[0, 1]))
+            if far.std() > 1e-9 and unlike.std() > 1e-9:
+                best = max(best, float(np.corrcoef(far, unlike)[0, 1]))
     return best

@@ -24,7 +24,6 @@ from lfpipe.scene.layouts._running import Running, likeliest
 # Sizes and tiles (columns, rows) of displays whose tiles do not divide the picture: the remainder is at the right and the bottom.
 UNEVEN = {(4096, 4096): (5, 9), (8192, 8192): (5, 9)}
 QUILT_NAME = re.compile(r"_qs(\d{1,2})x(\d{1,2})(?:a[\d.]+)?", re.IGNORECASE)  # Looking Glass: columns, rows, aspect
-_LARGE_BYTES = 64_000_000  # of a picture
 _SAME_PICTURE = 0.98  # correlation of two files of one picture
 _LOOK_PX = 32  # side of pictures that are compared
 MOST_TILES = 64  # along one side
@@ -144,29 +143,21 @@ def _by_lines(picture: NDArray[Any]) -> Tiling | None:
     return Tiling(tuple(first for first, _ in down), tuple(first for first, _ in across), bottom - top, right - left)
 
 
-def find_tiles(picture: NDArray[Any], name: str) -> Tiling | None:
-    """The tiles of a picture, or None: a mosaic has lines between its tiles, or nearly repeats itself after one tile.
-
-    name: of the file or folder; a grid named in it (9x9) is used unless the picture contradicts it.
-    """
+def find_tiles(picture: NDArray[Any]) -> Tiling | None:
+    """The tiles of a picture, or None: a mosaic has lines between its tiles, or nearly repeats itself after one tile."""
     height, width = picture.shape[:2]
     lined = _by_lines(picture)
     if lined is not None:
         return lined
     if (width, height) in UNEVEN:
         cols, rows = UNEVEN[width, height]
-        found = find_tiles(picture[: height - height % rows, : width - width % cols], name)
-        if found is not None and found.shape == (rows, cols):
-            return found
+        tiles = find_tiles(picture[: height - height % rows, : width - width % cols])
+        if tiles is not None and tiles.shape == (rows, cols):
+            return tiles
     scale = min(1.0, _GLANCE_PX / max(height, width))
     small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)  # of a single plane it would be a copy
     plane = (small if small.ndim == 2 else small[..., 1]).astype(np.float32)
-    down, across = _unlike(plane, 0), _unlike(plane, 1)
-    for named in re.finditer(r"(?<!\d)(\d{1,2})x(\d{1,2})(?!\d)", name):
-        rows, cols = int(named[1]), int(named[2])
-        if rows * cols > 1 and not (height % rows or width % cols) and (down.get(rows, 0) < 0.8 and across.get(cols, 0) < 0.8):
-            return Tiling.even(picture, rows, cols)
-    (rows, row_unlike), (cols, col_unlike) = _period(down, height), _period(across, width)
+    (rows, row_unlike), (cols, col_unlike) = (_period(_unlike(plane, axis), (height, width)[axis]) for axis in (0, 1))
     if row_unlike < _TWO_AXES and col_unlike < _TWO_AXES:
         return Tiling.even(picture, rows, cols)
     strip = (1, cols) if col_unlike < _ONE_AXIS and cols > 2 else (rows, 1) if row_unlike < _ONE_AXIS and rows > 2 else None
@@ -184,10 +175,10 @@ def _as_quilt(picture: NDArray[Any], plain: Tiling) -> Tiling:
     rows, cols = plain.shape
     if min(rows, cols) < 2:
         return plain
-    line, readings = Running(1, rows * cols, False, 0), {}
+    line, readings = Running(1, rows * cols, False), {}
     for down in (False, True):
         quilt = attrs.evolve(plain, quilt=True, down=down)
-        grid = Running(rows, cols, False, 0)
+        grid = Running(rows, cols, False)
         best = likeliest(lambda at, quilt=quilt: _plane(quilt.cut(picture, 0, at)), [True] * rows * cols, [grid, line])  # type: ignore[misc]
         readings[down] = best, quilt
     lines = [reading for reading in readings.values() if reading[0].run.rows == 1]
@@ -203,21 +194,15 @@ def _plane(tile: NDArray[Any]) -> NDArray[np.uint8]:
     return np.ascontiguousarray(plane if plane.dtype == np.uint8 else (plane >> 8).astype(np.uint8))
 
 
-class LastPictures:
-    """A cache of the last two pictures by frame number (one if they are large), for readers in several threads."""
+def last_picture(load: Callable[[int], NDArray[Any]]) -> Callable[[int], NDArray[Any]]:
+    """load, a picture by frame number, with a cache of one for readers in several threads."""
+    lock, cached = threading.Lock(), lru_cache(maxsize=1)(load)
 
-    def __init__(self, load: Callable[[int], NDArray[Any]]) -> None:
-        self._load = load
-        self._lock = threading.Lock()
-        self._kept: dict[int, NDArray[Any]] = {}
+    def read(frame: int) -> NDArray[Any]:
+        with lock:
+            return cached(frame)
 
-    def __call__(self, frame: int) -> NDArray[Any]:
-        with self._lock:
-            if frame not in self._kept:
-                while self._kept and (len(self._kept) > 1 or next(iter(self._kept.values())).nbytes > _LARGE_BYTES):
-                    del self._kept[min(self._kept)]
-                self._kept[frame] = self._load(frame)
-            return self._kept[frame]
+    return read
 
 
 def halves(picture: NDArray[Any], above: bool) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -270,10 +255,10 @@ def tiling(picture: NDArray[Any], path: Path, scene: config.Scene, quilt: bool =
     height, width = picture.shape[:2]
     named = QUILT_NAME.search(path.stem) if quilt else None
     grid = parse_grid(scene.grid) or ((int(named[2]), int(named[1])) if named else None)
-    tiles = None if quilt and grid else find_tiles(picture, f"{path.parent.name}/{path.stem}")
+    tiles = None if quilt and grid else find_tiles(picture)
     if grid is not None and (tiles is None or tiles.shape != grid):
         rows, cols = grid
-        if rows * cols == 0 or ((height % rows or width % cols) and UNEVEN.get((width, height)) != (cols, rows)):
+        if (height % rows or width % cols) and UNEVEN.get((width, height)) != (cols, rows):
             raise UserError(
                 f"{path}: {width}x{height} px do not divide into {rows} rows and {cols} columns of tiles",
                 "give the grid that was rendered with --set scene.grid=ROWSxCOLS",

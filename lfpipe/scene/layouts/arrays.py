@@ -10,7 +10,6 @@ Goldluecke, "Datasets and Benchmarks for Densely Sampled 4D Light Fields", VMV 2
 
 import contextlib
 import math
-import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
@@ -67,14 +66,10 @@ def _numpy_arrays(path: Path) -> Mapping[str, NDArray[Any]]:
     with _damage(path, "not a readable array", "save it with numpy.save or numpy.savez, without objects"):
         if path.suffix.lower() == ".npy":
             return {VIEWS: np.load(path, mmap_mode="r", allow_pickle=False)}
-        with zipfile.ZipFile(path) as archive:
-            largest = max((entry.file_size for entry in archive.infolist()), default=0)
-        if largest > 2 << 30:  # it must be read as a whole; .npy is mapped
-            raise UserError(f"{path}: an array of {largest / 1e6:.0f} MB", "save the views with numpy.save, as .npy")
         with np.load(path, allow_pickle=False) as held:
             names = [name for name in (VIEWS, DISPARITY, POSITIONS) if name in held.files]
-            alone = VIEWS not in names and len(held.files) == 1
-            return {VIEWS: held[held.files[0]]} if alone else {name: held[name] for name in names}
+            names = names or held.files[:1] * (len(held.files) == 1)
+            return {name if name in (DISPARITY, POSITIONS) else VIEWS: held[name] for name in names}
 
 
 def _numpy_source(listing: Listing, path: Path) -> SceneSource:
@@ -104,16 +99,6 @@ def _numpy_source(listing: Listing, path: Path) -> SceneSource:
     )  # fmt: skip
 
 
-@attrs.frozen(eq=False)
-class _Array:
-    """An array of a file. part(index): some of its values."""
-
-    key: str
-    shape: tuple[int, ...]
-    type: np.dtype[Any]
-    part: Callable[[Any], NDArray[Any]]
-
-
 @contextlib.contextmanager
 def _damage(path: Path, what: str, remedy: str = "fetch the file again") -> Iterator[None]:
     """Turns what a library's parser raises, which may be anything, into UserError."""
@@ -134,8 +119,9 @@ def _hdf5(path: Path) -> Any:
         return h5py.File(path_of(file), "r")
 
 
-def _hdf5_array(path: Path, file: Any, *keys: str) -> _Array | None:
-    """The first of these arrays of numbers in a file, or None. Raises UserError if it leads out of the file."""
+def _hdf5_array(path: Path, file: Any, *keys: str) -> Any:
+    """The first of these arrays of numbers in a file: an array, or a data set that reads like one; None without one. Raises
+    UserError if it leads out of the file."""
     import h5py
 
     for key in keys:
@@ -145,29 +131,19 @@ def _hdf5_array(path: Path, file: Any, *keys: str) -> _Array | None:
                 there = getattr(link, "filename", "") or link.path
                 raise UserError(f"{path}: {key} links to another file or place, {there}", "download the scene as one file")
             data = file.get(key)
-            if isinstance(data, h5py.Dataset) and data.dtype.kind in "uif" and data.shape is not None:
-                if data.external or data.is_virtual:
-                    raise UserError(f"{path}: {key} is stored in other files", "download the whole scene as one file")
-                return _Array(key, tuple(map(int, data.shape)), data.dtype, _hdf5_reader(path, key, data))
+            if not isinstance(data, h5py.Dataset) or data.dtype.kind not in "uif" or data.shape is None:
+                continue
+            if data.external or data.is_virtual:
+                raise UserError(f"{path}: {key} is stored in other files", "download the whole scene as one file")
+            if not data.chunks:
+                return data
+            whole = math.prod(-(-size // chunk) * chunk for size, chunk in zip(data.shape, data.chunks, strict=True))
+            stored = data.id.get_storage_size()
+            if stored > whole * data.dtype.itemsize * 1.1 + 1024:  # it would unpack to more than it says
+                raise UserError(f"{path}: {key}: {stored} bytes are stored for {whole} values", "fetch the file again")
+            # a view may cross every compressed chunk: unpacking all of them once beats unpacking for each view
+            return data[()] if data.nbytes <= 1 << 30 else data
     return None
-
-
-def _hdf5_reader(path: Path, key: str, data: Any) -> Callable[[Any], NDArray[Any]]:
-    values: list[Any] = []
-
-    def part(index: Any) -> NDArray[Any]:
-        with _damage(path, f"{key} cannot be read"):
-            if not values:
-                chunks = data.chunks or (1,) * data.ndim
-                whole = math.prod(-(-size // chunk) * chunk for size, chunk in zip(data.shape, chunks, strict=True))
-                stored = data.id.get_storage_size()
-                if stored > whole * data.dtype.itemsize * 1.1 + 1024:  # it would unpack to more than it says
-                    raise UserError(f"{path}: {key}: {stored} bytes are stored for {whole} values", "fetch the file again")
-                # a view may cross every compressed chunk: unpacking all of them once beats unpacking for each view
-                values.append(data[()] if data.chunks and data.nbytes <= 1 << 30 else data)
-            return np.asarray(values[0][index])
-
-    return part
 
 
 def axis_order(shape: tuple[int, ...]) -> tuple[int, ...] | None:
@@ -183,22 +159,23 @@ def axis_order(shape: tuple[int, ...]) -> tuple[int, ...] | None:
     return natural[::-1] if sizes[0] in _PLANES and max(sizes[3:]) <= min(sizes[1:3]) else None
 
 
-def _source(layout: str, listing: Listing, path: Path, array: _Array | None, names: list[str]) -> SceneSource:
-    """The views of an array. names: of all arrays in the file, for the message without one. Raises UserError."""
+def _source(layout: str, listing: Listing, path: Path, array: Any, names: list[str]) -> SceneSource:
+    """The views of an array, or of a data set of HDF5. names: of all arrays in the file, for the message without one. Raises
+    UserError."""
     if array is None:
         raise UserError(f"{path}: no array LF (it contains: {', '.join(names[:8])})", "save the light field as LF")
-    what, kind, order = f"{path}: {array.key}", array.type, axis_order(array.shape)
+    what, kind, order = f"{path}: LF", array.dtype, axis_order(array.shape)
     if order is None:
         wrong = f"{len(array.shape)} axes of sizes {array.shape}; expected (rows, columns, y, x, planes)"
         raise UserError(f"{what} has {wrong}", "save it with these axes")
     if kind not in (np.uint8, np.uint16) and kind.kind != "f":
         raise UserError(f"{what} has values of type {kind}", "save it as uint8, uint16 or float")
-    rows, cols, height, width = (array.shape[axis] for axis in order[:4])
+    rows, cols, height, width = (int(array.shape[axis]) for axis in order[:4])
     require_grid(rows, cols, what)
     require_view(height, width, kind.itemsize, what)
 
     def raw(row: int, col: int) -> NDArray[Any]:
-        return array.part((..., col, row)).T if order[0] else array.part((row, col))
+        return np.asarray(array[..., col, row].T if order[0] else array[row, col])
 
     bright = kind.kind == "f" and float(np.nanmax(raw(rows // 2, cols // 2), initial=0)) > 1.5
 
@@ -211,7 +188,7 @@ def _source(layout: str, listing: Listing, path: Path, array: _Array | None, nam
     return SceneSource(layout, listing.path, (path,), rows, cols, read, height, width, 255 if kind == np.uint8 else 65535)
 
 
-def _matlab_array(path: Path) -> tuple[_Array | None, list[str]]:
+def _matlab_array(path: Path) -> tuple[Any, list[str]]:
     """The light field of a file, and the names of its variables. Raises UserError."""
     import h5py
 
@@ -225,25 +202,22 @@ def _matlab_array(path: Path) -> tuple[_Array | None, list[str]]:
             remedy = "pip install 'lfpipe[scipy]', or save it with -v7.3"
             raise UserError(f"{path}: a .mat file older than v7.3 needs scipy", remedy) from None
         with _damage(path, "not a readable .mat file", "save it again, with -v7.3"):
-            shapes = {name: shape for name, shape, _ in scipy.io.whosmat(file)}
-            key = next((key for key in _KEYS if key in shapes), "")
-            if key and axis_order(shapes[key]) is not None:
-                file.seek(0)
-                values = np.asarray(scipy.io.loadmat(file, variable_names=[key])[key])
-                return _Array(key, values.shape, values.dtype, values.__getitem__), [*shapes]
-    # what cannot be a light field is not read
-    return (_Array(key, shapes[key], np.dtype(np.uint8), np.zeros) if key else None), [*shapes]
+            names = [name for name, _, _ in scipy.io.whosmat(file)]
+            file.seek(0)
+            arrays = scipy.io.loadmat(file, variable_names=_KEYS)
+    return next((np.asarray(arrays[key]) for key in _KEYS if key in arrays), None), names
 
 
 def _matlab_source(listing: Listing, path: Path) -> SceneSource:
     array, names = _matlab_array(path)
     source = lit(_source("mat", listing, path, array, names))
-    toolbox = {"LFMetadata", "DecodeOptions", "RectOptions", "WhiteImageMetadata"} & set(names)
-    if array is not None and array.type == np.uint16:
+    if array.dtype == np.uint16:
         top = true_max([int(source.read(0, row, source.cols // 2).max()) for row in (0, source.rows // 2)], 65535)
         source = attrs.evolve(source, max_value=top)
+    if not {"LFMetadata", "DecodeOptions", "RectOptions", "WhiteImageMetadata"} & set(names):
+        return source
     by = "LFToolbox counts rows from the top and columns from the left"
-    return attrs.evolve(source, linear=True, turn=Turn(), turn_by=by, turn_firm=False) if toolbox else source
+    return attrs.evolve(source, linear=True, turn=Turn(), turn_by=by, turn_firm=False)
 
 
 def require_plausible(known: Mapping[str, float], path: Path) -> None:
@@ -270,9 +244,8 @@ def _hci_old_source(listing: Listing, path: Path) -> SceneSource:
     depth, truth = _hdf5_array(path, file, "GT_DEPTH"), {}
     shape = source.rows, source.cols, source.height_px, source.width_px
     if depth is not None and depth.shape == shape and known.get("dH") and known.get("focalLength"):
-        part = depth.part
         places = np.ndindex(source.rows, source.cols)
-        truth = {place: lambda at=place: disparity_of_depth(part(at).astype(np.float32), known) for place in places}
+        truth = {place: lambda at=place: disparity_of_depth(depth[at].astype(np.float32), known) for place in places}
     by = "the columns of lf.h5 run from right to left"
     return attrs.evolve(source, truth=truth, turn=Turn(cols=True), turn_by=by)
 

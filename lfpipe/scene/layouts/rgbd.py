@@ -84,27 +84,21 @@ def _lower_is_nearer(nearness: NDArray[np.float32]) -> float:
 
 
 def _pair(listing: Listing) -> tuple[str, str] | None:
-    """Names of a picture and of its depth: of two pictures in a folder, or of three if its name contains the picture's."""
+    """Names of a picture and of its depth, of two in a folder: by their names, or by content where these are the same."""
     names = listing.pictures() if not listing.is_file else []
-    if len(names) == 2 and Path(names[0]).stem.lower() == Path(names[1]).stem.lower():
-        return _by_content(listing, names)
-    stems = {Path(name).stem.lower(): name for name in names}
-    depths = [stem for stem in stems if _DEPTH.search(stem)]
-    if len(depths) != 1 or len(stems) > 3:
+    if len(names) != 2:
         return None
-    others = [stem for stem in stems if stem != depths[0]]
-    pictures = others if len(others) == 1 else [stem for stem in others if stem in depths[0]]
-    return (stems[pictures[0]], stems[depths[0]]) if len(pictures) == 1 else None
+    if Path(names[0]).stem.lower() == Path(names[1]).stem.lower():
+        return _by_content(listing, names)
+    first, second = (bool(_DEPTH.search(Path(name).stem.lower())) for name in names)
+    return None if first == second else (names[first], names[second])
 
 
 def _by_content(listing: Listing, names: list[str]) -> tuple[str, str] | None:
     """Of two pictures of one name, the picture and its depth: that is grey, and the smoother one of two grey ones."""
     if one_picture_twice(listing) is not None:
         return None
-    try:
-        looks = {name: glance(listing.file(name)) for name in names}
-    except UserError:
-        return None
+    looks = {name: glance(listing.file(name)) for name in names}
     colours = {name: _colour(look) for name, look in looks.items()}
     grey = [name for name in names if colours[name] < _GREY]
     if (len(grey) == 1 and max(colours.values()) < _COLOURED) or not grey:

@@ -26,6 +26,7 @@ from lfpipe.scene.source import SceneSource, Turn
 NAME = "stereo"
 _SIDES = re.compile(rf"(?<![a-z])({'|'.join(LEFT + RIGHT)})(?![a-z])")
 _NUMBERED = {"im2": "im6", "im0": "im1", "view1": "view5", "img_left": "img_right"}  # Middlebury's pairs, the left one first
+_MOST_NUMBERED = 4  # pictures in such a folder; more are all views of such a set
 _BESIDE = re.compile(r"(?<![a-z])(h?sbs|half[-_ ]?sbs|side[-_ ]?by[-_ ]?side|parallel)(?![a-z])")
 _CROSSED = re.compile(r"cross[-_ ]?ey|(?<![a-z])(xeye|rl)(?![a-z])")
 _ABOVE = re.compile(r"(?<![a-z])(h?ou|h?tb|over[-_ ]?under|top[-_ ]?bottom)(?![a-z])")
@@ -41,10 +42,8 @@ def _pairs(listing: Listing) -> list[tuple[str, str]]:
         return []
     by_stem = {name.rpartition(".")[0].lower(): name for name in listing.pictures()}  # with the folder, if it is part of the name
     for left, right in _NUMBERED.items():
-        text = left.rstrip("0123456789")
-        line = [int(stem[len(text) :]) for stem in by_stem if re.fullmatch(text + r"\d{1,4}", stem)]
-        runs = len(line) > 2 and max(line) - min(line) < len(line)  # all views of such a set, not two of them
-        if left in by_stem and right in by_stem and not runs:
+        numbered = sum(re.fullmatch(left.rstrip("0123456789") + r"\d{1,4}", stem) is not None for stem in by_stem)
+        if left in by_stem and right in by_stem and numbered <= _MOST_NUMBERED:
             return [(by_stem[left], by_stem[right])]
     sides: dict[str, dict[bool, str]] = {}
     for stem, name in by_stem.items():

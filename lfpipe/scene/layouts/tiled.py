@@ -18,7 +18,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.pictures import open_header, read_picture
 from lfpipe.scene.files import VIDEOS, Listing
 from lfpipe.scene.layouts._grid import named_views
-from lfpipe.scene.layouts._tiles import QUILT_NAME, LastPictures, find_tiles, halves, likeness, single_picture, tiling
+from lfpipe.scene.layouts._tiles import QUILT_NAME, find_tiles, halves, last_picture, likeness, single_picture, tiling
 from lfpipe.scene.layouts.stereo import are_a_pair
 from lfpipe.scene.source import Layout, SceneSource, Turn
 from lfpipe.scene.video import USUAL_RATE_HZ, Video
@@ -29,16 +29,16 @@ def _detect_quilt(listing: Listing) -> int | None:
     return 95 if path is not None and QUILT_NAME.search(path.stem) else None
 
 
-def _has_tiles(path: Path, name: str) -> bool:
+def _has_tiles(path: Path) -> bool:
     try:
-        return find_tiles(read_picture(path)[0], name) is not None
+        return find_tiles(read_picture(path)[0]) is not None
     except UserError:
         return False
 
 
 def _detect_mosaic(listing: Listing) -> int | None:
     path = single_picture(listing)
-    return 60 if path is not None and _has_tiles(path, f"{path.parent.name}/{path.stem}") else None
+    return 60 if path is not None and _has_tiles(path) else None
 
 
 def _detect_video(listing: Listing) -> int | None:
@@ -47,7 +47,7 @@ def _detect_video(listing: Listing) -> int | None:
     pictures = listing.pictures()
     if listing.is_file or len(pictures) < 2 or ((named := named_views(listing)) is not None and not named.runs):
         return None  # names with row and column count more than a look at a picture
-    return 45 if _has_tiles(listing.file(pictures[0]), Path(pictures[0]).stem) else None
+    return 45 if _has_tiles(listing.file(pictures[0])) else None
 
 
 def _is_video(listing: Listing) -> bool:
@@ -61,7 +61,7 @@ def _describe_picture(layout: str, listing: Listing, scene: config.Scene) -> Sce
     return _source(layout, listing, scene, [path], *_pictures([path]))
 
 
-def _pictures(paths: list[Path]) -> tuple[LastPictures, int]:
+def _pictures(paths: list[Path]) -> tuple[Callable[[int], NDArray[Any]], int]:
     """Pictures by frame number, and their full value. Raises UserError if they differ in size."""
     headers = [open_header(path) for path in paths]
     first, *others = (f"{header.width_px}x{header.height_px}" for header in headers)
@@ -69,7 +69,7 @@ def _pictures(paths: list[Path]) -> tuple[LastPictures, int]:
         if size != first:
             what = f"{path}: {size} px, {paths[0].name} has {first}"
             raise UserError(what, "all frames of a light-field video must have the same size")
-    return LastPictures(lambda frame: read_picture(paths[frame], headers[frame])[0]), headers[0].max_value
+    return last_picture(lambda frame: read_picture(paths[frame], headers[frame])[0]), headers[0].max_value
 
 
 def _source(
@@ -107,7 +107,7 @@ def _describe_video(listing: Listing, scene: config.Scene) -> SceneSource:
         paths = [listing.file(listing.names[0])]
         video = Video(paths[0])
         frames, rate = video.frames, video.rate_hz
-        return _source("mosaic-video", listing, scene, paths, LastPictures(video.read), 255, frames=frames, frame_rate_hz=rate)
+        return _source("mosaic-video", listing, scene, paths, last_picture(video.read), 255, frames=frames, frame_rate_hz=rate)
     paths, notes = [listing.file(name) for name in listing.pictures()], []
     if not paths:
         raise UserError(f"{listing.path}: no pictures", "give a folder of numbered mosaics, or a video of mosaics")
