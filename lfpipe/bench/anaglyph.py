@@ -81,19 +81,16 @@ def ghost(encode: Encoder, pedestal: float = 0.5, glasses: tuple[str, str] = RED
     view does. The view that does not change stays at pedestal, a code value in 0..1.
     """
 
-    def grey(value: float) -> NDArray[np.uint8]:
-        return np.full((1, 1, 3), round(value * 255), np.uint8)
+    def luminance(eye: int, own: float, other: float) -> float:
+        views = [np.full((1, 1, 3), round(value * 255), np.uint8) for value in (own, other)]
+        return float(seen_xyz(encode(*views[:: 1 if eye == 0 else -1]), GLASS[glasses[eye]])[0, 0, 1])
 
-    leaks = []
-    for eye, name in enumerate(glasses):
-
-        def luminance(own: float, other: float, eye: int = eye, name: str = name) -> float:
-            views = (grey(own), grey(other)) if eye == 0 else (grey(other), grey(own))
-            return float(seen_xyz(encode(*views), GLASS[name])[0, 0, 1])
-
-        leak = luminance(pedestal, 1.0) - luminance(pedestal, 0.0)
-        leaks.append(leak / (luminance(1.0, pedestal) - luminance(0.0, pedestal)))
-    return leaks[0], leaks[1]
+    left, right = (
+        (luminance(eye, pedestal, 1.0) - luminance(eye, pedestal, 0.0))
+        / (luminance(eye, 1.0, pedestal) - luminance(eye, 0.0, pedestal))
+        for eye in (0, 1)
+    )
+    return left, right
 
 
 def view_bgr(field: LightField, row: int, col: int) -> NDArray[np.uint8]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.motion import known_motion
 from lfpipe.bench.runner import Candidate, Offer, Samples, Turn, time_figures, times_ms
-from lfpipe.bench.subjects import AHEAD_MS, FILTER_HORIZONS_MS, FILTER_RATES_HZ, NOISE_PX
+from lfpipe.bench.subjects import AHEAD_MS, FILTER_RATES_HZ, NOISE_PX
 from lfpipe.config import Track
 from lfpipe.track.filters import Predictive, Tuning, make_filter
 from lfpipe.track.smoothing import EyeFilter, Kalman, Mean, OneEuro
@@ -18,11 +18,11 @@ from lfpipe.track.smoothing import EyeFilter, Kalman, Mean, OneEuro
 MIN_REST = 6  # frames of a rest whose jitter counts
 
 
-def follow(filter_: EyeFilter, rate_hz: int, horizons_ms: tuple[int, ...] = FILTER_HORIZONS_MS) -> Samples:
-    """Samples of a filter at a camera rate: RMS error in px of each second, at every horizon, and still jitter AHEAD_MS ahead."""
+def follow(filter_: EyeFilter, rate_hz: int, ahead_ms: int = AHEAD_MS) -> Samples:
+    """Samples of a filter at a camera rate, ahead_ms after each frame: RMS error in px of each second, jitter of each rest."""
     eyes, visible, still = known_motion()
     rng = np.random.default_rng(rate_hz)
-    per_second: dict[int, dict[int, list[float]]] = {h: {} for h in horizons_ms}
+    per_second: dict[int, list[float]] = {}
     rests: list[list[NDArray[np.float64]]] = [[]]
     for k in range(int(len(eyes) * rate_hz / 1000)):
         t_ns = round(k * 1e9 / rate_hz)
@@ -30,17 +30,15 @@ def follow(filter_: EyeFilter, rate_hz: int, horizons_ms: tuple[int, ...] = FILT
         if not visible[ms]:
             continue
         filter_.update(t_ns, eyes[ms] + rng.normal(0.0, NOISE_PX, (2, 2)))
-        for horizon in horizons_ms:
-            if ms + horizon < len(eyes) and visible[ms + horizon]:
-                error = filter_.predict(t_ns + horizon * 1_000_000) - eyes[ms + horizon]
-                per_second[horizon].setdefault(ms // 1000, []).append(float(np.square(error).sum() / 2))
+        predicted = filter_.predict(t_ns + ahead_ms * 1_000_000)
+        if ms + ahead_ms < len(eyes) and visible[ms + ahead_ms]:
+            per_second.setdefault(ms // 1000, []).append(float(np.square(predicted - eyes[ms + ahead_ms]).sum() / 2))
         if still[ms]:
-            rests[-1].append(filter_.predict(t_ns + AHEAD_MS * 1_000_000))
+            rests[-1].append(predicted)
         elif rests[-1]:
             rests.append([])
-    samples = {f"error_{h}ms_{rate_hz}hz": [float(np.sqrt(np.mean(s))) for s in per_second[h].values()] for h in horizons_ms}
     jitter = [float(np.sqrt(2 * np.var(rest, axis=0).mean())) for rest in rests if len(rest) >= MIN_REST]
-    return samples | {f"jitter_{rate_hz}hz": jitter}
+    return {f"error_{rate_hz}hz": [float(np.sqrt(np.mean(s))) for s in per_second.values()], f"jitter_{rate_hz}hz": jitter}
 
 
 def sweeps() -> dict[str, list[tuple[str, Callable[[], EyeFilter]]]]:
@@ -61,13 +59,12 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
     for curve, knobs in sweeps().items():
         for knob, make in knobs:
             paper, used = (curve, knob) == ("mean", "k = 5"), (curve, knob) == (Track().filter, "default")
-            whole = paper or knob == "default"  # the others at one rate and one horizon
-            rates, horizons = (FILTER_RATES_HZ, FILTER_HORIZONS_MS) if whole else (FILTER_RATES_HZ[:1], (AHEAD_MS,))
-            yield Candidate(curve, knob, partial(_prepare, make, rates, horizons), paper, used)
+            rates_hz = FILTER_RATES_HZ if paper or knob == "default" else FILTER_RATES_HZ[:1]
+            yield Candidate(curve, knob, partial(_prepare, make, rates_hz), paper, used)
 
 
-def _prepare(make: Callable[[], EyeFilter], rates_hz: tuple[int, ...], horizons_ms: tuple[int, ...]) -> tuple[Samples, Turn]:
-    samples = {key: values for rate_hz in rates_hz for key, values in follow(make(), rate_hz, horizons_ms).items()}
+def _prepare(make: Callable[[], EyeFilter], rates_hz: tuple[int, ...]) -> tuple[Samples, Turn]:
+    samples = {key: values for rate_hz in rates_hz for key, values in follow(make(), rate_hz).items()}
     filter_, eyes, frames = make(), known_motion()[0], itertools.count(1)
 
     def step() -> None:

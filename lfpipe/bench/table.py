@@ -1,7 +1,7 @@
 """The protocol of papers on angular super-resolution: keep the corners of 7x7 views, synthesise the 45 others and compare.
 
-PSNR and SSIM of luma are averaged over the synthesised views of a scene. The 7x7 views are the central ones of 9x9 (DistgASR) or
-the top left ones (LFASR-geo, ELFR). Smaller grids use the largest square that fits; the name of the row tells it.
+PSNR and SSIM of luma are averaged over the synthesised views of a scene. The 7x7 views are the central ones of 9x9 (DistgASR).
+Smaller grids use the largest square that fits; the name of the row tells it.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -32,11 +32,9 @@ Float = NDArray[np.float64]
 
 @attrs.frozen
 class Protocol:
-    """keep: kept views per side. crop: "central" or "top-left". border_px: shaved off each side before comparing. timed: with the
-    time per picture."""
+    """keep: kept views per side. border_px: shaved off each side before comparing. timed: with the time per picture."""
 
     keep: int = 2
-    crop: str = "central"
     border_px: int = 22
     timed: bool = True
 
@@ -72,7 +70,7 @@ def ssim(a: Float, b: Float) -> float:
     return float(similarity[pad:-pad, pad:-pad].mean())
 
 
-def axis(count: int, keep: int, crop: str) -> tuple[int, int]:
+def axis(count: int, keep: int) -> tuple[int, int]:
     """(first view, step between kept views) along an axis of `count` views; step 0 for a single view.
 
     Raises ValueError if no view lies between the kept ones.
@@ -82,12 +80,12 @@ def axis(count: int, keep: int, crop: str) -> tuple[int, int]:
     step = (min(SIDE, count) - 1) // (keep - 1)
     if step < 2:
         raise ValueError(f"{count} views in a line: none lies between {keep} kept ones")
-    return ((count - 1 - step * (keep - 1)) // 2 if crop == "central" else 0), step
+    return (count - 1 - step * (keep - 1)) // 2, step
 
 
 def grid_of(field: LightField, protocol: Protocol) -> tuple[tuple[int, int], tuple[int, int], int]:
     """((first row, kept rows), (first column, kept columns), step). Raises ValueError as `axis`."""
-    (row, row_step), (col, col_step) = (axis(count, protocol.keep, protocol.crop) for count in (field.rows, field.cols))
+    (row, row_step), (col, col_step) = (axis(count, protocol.keep) for count in (field.rows, field.cols))
     if not (row_step or col_step):
         raise ValueError("one view: nothing lies between")
     step = min(step for step in (row_step, col_step) if step)  # the same on both axes, as disparity is per step of the grid
@@ -137,6 +135,6 @@ def measure_scenes(scenes: Sequence[tuple[Path, Callable[[], LightField]]], prot
         rows += results.rows
         whole.failures |= results.failures
         whole.wall_s, whole.cpu_s = whole.wall_s + results.wall_s, whole.cpu_s + results.cpu_s
-    note = f"{protocol.keep}x{protocol.keep} views kept of the {protocol.crop} 7x7, {protocol.border_px} px shaved off each side."
+    note = f"{protocol.keep}x{protocol.keep} views kept of the central 7x7, {protocol.border_px} px shaved off each side."
     whole.tables = [Table("method, scene, views", TABLE.columns, tuple(rows), "", note)]
     return whole

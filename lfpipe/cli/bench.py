@@ -54,13 +54,11 @@ for _name, _subject in SUBJECTS.items():
 @bench.command(short_help="Measure every method on views left out, by the protocol of published papers.")
 @click.argument("scenes", nargs=-1, required=True, type=PATH, metavar="FOLDER...")
 @click.option("--keep", type=click.Choice(["2", "3"]), default="2", show_default=True, help="Views kept per side.")
-@click.option("--crop", type=click.Choice(["central", "top-left"]), default="central", show_default=True,
-              help="Which 7x7 views of a larger grid: central (DistgASR) or top-left (LFASR-geo, ELFR).")  # fmt: skip
 @click.option("--border", type=click.IntRange(0, 1000), default=22, show_default=True, metavar="PX", help="Crop per side.")
 @click.option("--out", type=PATH, default=Path("lfpipe-table"), show_default=True, metavar="DIR", help="Folder for results.")
 @click.option("--untimed", is_flag=True, help="PSNR and SSIM only.")
 @with_config
-def table(scenes: tuple[Path, ...], keep: str, crop: str, border: int, out: Path, untimed: bool, config: Config) -> int:
+def table(scenes: tuple[Path, ...], keep: str, border: int, out: Path, untimed: bool, config: Config) -> int:
     """Measure every method by the protocol of angular super-resolution, 2x2 -> 7x7 views.
 
     FOLDER is a light field of any layout. The table shows PSNR, SSIM, and the time and memory per picture. The exit code is 1 if
@@ -76,7 +74,7 @@ def table(scenes: tuple[Path, ...], keep: str, crop: str, border: int, out: Path
     opened(out)
     with progress() as bar:
         fields = [(path, partial(open_scene, path, config.scene, bar)) for path in scenes]
-        results = measure_scenes(fields, Protocol(int(keep), crop, border, not untimed), bar)
+        results = measure_scenes(fields, Protocol(int(keep), border, not untimed), bar)
     write({TABLE.name: results}, out)
     if results.rows:
         click.echo(results.tables[0].markdown())

@@ -9,7 +9,6 @@ subjects = ["replay", "truth", "quality", "table", "synthesis"]
 
 [table]                                  # options of quality and table, as for `lfpipe bench table`
 keep = [2, 3]
-crop = ["central", "top-left"]
 border = [22]
 """
 
@@ -41,9 +40,7 @@ NEEDS = {"sequences": (REPLAY, TRUTH), "scenes": (QUALITY, TABLE)}
 TIMED = (TABLE, *BENCH)  # run alone on a host
 PLAN_BYTES = 1 << 20
 MAX_CELLS = 100_000
-PROTOCOL: dict[str, tuple[Collection[Any], Any]] = {  # option -> allowed values, default
-    "keep": ((2, 3), 2), "crop": (("central", "top-left"), "central"), "border": (range(1001), 22),
-}  # fmt: skip
+PROTOCOL: dict[str, tuple[Collection[int], int]] = {"keep": ((2, 3), 2), "border": (range(1001), 22)}  # allowed values, default
 REMEDY = "see `lfpipe sweep --help` for the form of a plan"
 
 

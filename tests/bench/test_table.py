@@ -44,11 +44,9 @@ def test_grey_counts_as_three_equal_channels() -> None:
 
 
 def test_kept_views() -> None:
-    assert axis(9, 2, "central") == (1, 6) and axis(9, 2, "top-left") == (0, 6) and axis(9, 3, "central") == (1, 3)
-    assert axis(7, 2, "central") == (0, 6) and axis(17, 2, "central") == (5, 6) and axis(3, 2, "central") == (0, 2)
-    assert axis(1, 2, "central") == (0, 0)
+    assert [axis(count, 2) for count in (9, 7, 17, 3, 1)] == [(1, 6), (0, 6), (5, 6), (0, 2), (0, 0)] and axis(9, 3) == (1, 3)
     with pytest.raises(ValueError, match="none lies between"):
-        axis(2, 2, "central")
+        axis(2, 2)
     assert grid_of(wall(1, 9), Protocol()) == ((0, 1), (1, 2), 6)
     with pytest.raises(ValueError, match="one view"):
         grid_of(wall(1, 1), Protocol())
@@ -66,7 +64,7 @@ def test_methods_beside_each_other() -> None:
     assert all(row.knob == "wall, 2x2 -> 7x7" and row.value("ms") > 0 for row in rows)
     db = {row.curve: row.value("psnr_db") for row in rows}
     assert min(db["warp2"], db["best"]) > db["blend"] > db["nearest"]
-    other = _run([field], Protocol(3, "top-left", 8, timed=False)).rows
+    other = _run([field], Protocol(3, 8, timed=False)).rows
     assert other[0].name == "nearest, wall, 3x3 -> 7x7" and "ms" not in other[0].values
 
 
