@@ -41,7 +41,7 @@ ELSEWHERE = """
 | machine | state |
 |---|---|
 | Linux on ARM | not run by us, rows of the workflow; the ring's fences hold on a model of its memory (litmus.md) |
-| macOS, Windows | not run by us: a row of the workflow that may fail; `LFPIPE_HOST=portable` runs their implementation on Linux |
+| macOS | not run by us: a row of the workflow that may fail; `LFPIPE_HOST=portable` runs their implementation on Linux |
 """
 
 
@@ -70,7 +70,7 @@ class Interpreter:
         self._env |= {"XDG_RUNTIME_DIR": str(folder)}
         if not self.own:
             subprocess.run(["uv", "sync", "--quiet", "--python", path], cwd=ROOT, env=self._env, check=True)
-        self._python = place / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+        self._python = place / "bin/python"
 
     def run(self, *args: str | Path) -> str:
         """What its Python prints with args, in its work folder; "FAILED", printed and kept, if it fails."""

@@ -64,11 +64,11 @@ def test_few_modules_stand_loose() -> None:
 
 
 # Modules, functions and paths that not every operating system has: `host` alone may name them.
-SYSTEM_MODULES = {"ctypes", "fcntl", "grp", "msvcrt", "pwd", "resource", "select", "termios", "tty", "winreg"}
+SYSTEM_MODULES = {"ctypes", "fcntl", "grp", "pwd", "resource", "select", "termios", "tty"}
 SYSTEM_FUNCTIONS = {
     "AF_UNIX", "CLOCK_BOOTTIME", "O_DIRECTORY", "O_NOCTTY", "O_NOFOLLOW", "O_NONBLOCK", "SIGCONT", "SIGHUP", "SIGKILL", "SIGSTOP",
-    "SIGUSR1", "pathconf", "posix_fadvise", "pread", "pwrite", "set_blocking",
-    "fork", "getpgid", "getpriority", "getsid", "getuid", "geteuid", "killpg", "mkfifo", "posix_fallocate", "sched_getaffinity",
+    "SIGUSR1", "posix_fadvise", "set_blocking",
+    "fork", "getpgid", "getpriority", "getsid", "geteuid", "killpg", "mkfifo", "posix_fallocate", "sched_getaffinity",
     "sched_setaffinity", "sched_setscheduler", "setpgid", "setpriority", "setsid", "sysconf", "uname", "pthread_sigmask",
 }  # fmt: skip
 SYSTEM_PATHS = ("/proc", "/sys/", "/dev/shm", "/dev/dri")

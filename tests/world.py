@@ -47,7 +47,7 @@ class World:
         self.python = sys.executable
         self.module = "lfpipe"  # another one runs it with a part replaced
         # a socket's path takes 107 characters, and a runner's folder for temporary files may use most of them
-        self.run_dir = Path(tempfile.mkdtemp(prefix="lfp", dir="/tmp" if os.name == "posix" else None))
+        self.run_dir = Path(tempfile.mkdtemp(prefix="lfp", dir="/tmp"))
         clean = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY", "LFPIPE_SESSION")}
         names = {"XDG_CACHE_HOME": "cache", "XDG_CONFIG_HOME": "settings", "XDG_STATE_HOME": "state"}
         own = {key: str(root / name) for key, name in names.items()} | {"XDG_RUNTIME_DIR": str(self.run_dir)}

@@ -13,7 +13,7 @@ from typing import NoReturn
 
 import click
 
-from lfpipe import __version__, host
+from lfpipe import __version__
 from lfpipe.errors import UserError, shown
 from lfpipe.host.terminal import protect_output
 from lfpipe.log import set_up
@@ -130,7 +130,6 @@ def run() -> None:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="path")
     try:
-        host.check_choice()
         _check_working_folder()
         code = cli(prog_name="lfpipe", standalone_mode=False)
         if sys.stdout is not None:  # closed by who started this

@@ -23,7 +23,6 @@ from pathlib import Path
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import PRIVATE, check_regular, create_private, open_regular, reason
 from lfpipe.host.file_lock import is_held, lock_open
-from lfpipe.host.files import longest_name
 
 MARK = b"written by lfpipe"
 TRACE_KEYS = {"source_seq", "epoch", "t_sensor_ns", "t_presented_ns", "eyes_used", "view", "composed"}
@@ -88,7 +87,7 @@ def _check_place(target: Path) -> None:
     check_regular(target)
     target.parent.stat()
     name = os.fsencode(target.name)
-    if not name or len(name) > longest_name(target.parent):
+    if not name or len(name) > os.pathconf(target.parent, "PC_NAME_MAX"):
         code = errno.ENAMETOOLONG if name else errno.EISDIR
     elif os.access(target.parent, os.W_OK | os.X_OK) and (not os.path.lexists(target) or os.access(target, os.W_OK)):
         return

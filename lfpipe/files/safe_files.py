@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import IO
 
 from lfpipe.errors import UserError
-from lfpipe.host.files import CAREFUL, read_at
+from lfpipe.host.files import CAREFUL
 
 PRIVATE = 0o600  # of a file that records a face or its movements; its folder has PRIVATE_FOLDER
 PRIVATE_FOLDER = 0o700
@@ -134,7 +134,7 @@ class LineFile:
         check_regular(path)
         self._fd = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | CAREFUL, PRIVATE)
         size = os.fstat(self._fd).st_size
-        tail = read_at(self._fd, min(size, LONGEST_LINE), max(0, size - LONGEST_LINE)) if size else b""
+        tail = os.pread(self._fd, min(size, LONGEST_LINE), max(0, size - LONGEST_LINE)) if size else b""
         if tail and not tail.endswith(b"\n"):
             os.ftruncate(self._fd, size - len(tail) + tail.rfind(b"\n") + 1)
 

@@ -1,32 +1,23 @@
-"""Locks on files and folders; the kernel drops them when their process ends (`flock`).
-
-On Windows, only files are locked, and only exclusively: what is open there cannot be removed, so readers need no lock.
-"""
+"""Locks on files and folders; the kernel drops them when their process ends (`flock`)."""
 
 import contextlib
-import importlib
+import fcntl
 import os
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
-from lfpipe.host import WINDOWS
-from lfpipe.host.files import flags, is_dir
+from lfpipe.host.files import is_dir
 
-_SAFE, _FOLDER = flags("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC"), flags("O_DIRECTORY", "O_CLOEXEC")
+_SAFE, _FOLDER = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, os.O_DIRECTORY | os.O_CLOEXEC
 _PAUSE_S, _REPORT_S = 0.01, 1.0  # between attempts; between reports to a person
-_module: Any = importlib.import_module("msvcrt" if WINDOWS else "fcntl")
 
 
 def lock_open(fd: int, shared: bool = False) -> bool:
     """Locks an open file without waiting; False if another process holds a conflicting lock. Raises OSError."""
     try:
-        if not WINDOWS:
-            _module.flock(fd, (_module.LOCK_SH if shared else _module.LOCK_EX) | _module.LOCK_NB)
-        elif not shared:
-            _module.locking(fd, _module.LK_NBLCK, 1)
-    except (BlockingIOError, PermissionError):
+        fcntl.flock(fd, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+    except BlockingIOError:
         return False
     return True
 
@@ -84,6 +75,6 @@ def is_held(path: Path) -> bool:
     """Whether a process holds an exclusive lock on the file at path. Raises OSError if it is missing or cannot be opened."""
     fd = os.open(path, os.O_RDWR | _SAFE)
     try:
-        return not lock_open(fd, shared=not WINDOWS)
+        return not lock_open(fd, shared=True)
     finally:
         os.close(fd)

@@ -3,16 +3,12 @@ low. Memory: limited only if the system reports the use of a process.
 """
 
 import contextlib
+import resource
 import sys
 from pathlib import Path
 from typing import Self
 
 from lfpipe.errors import UserError
-
-try:
-    import resource
-except ImportError:
-    resource = None  # type: ignore[assignment]  # Windows: neither is limited
 
 OPEN_FILES = 128  # about 30 for a stage, as many for the supervisor, and a reserve
 # more is useless, and some programs close every number up to the limit; macOS refuses more than OPEN_MAX
@@ -24,8 +20,6 @@ def allow_files() -> None:
 
     Raises UserError if that is fewer than OPEN_FILES.
     """
-    if not resource:
-        return
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if 0 <= hard < OPEN_FILES:
         raise UserError(
@@ -49,12 +43,12 @@ class MemoryLimit:
             self._most = more_bytes + 1024 * next(int(line.split()[1]) for line in lines if line.startswith("VmData"))
 
     def __enter__(self) -> Self:
-        if resource and self._most is not None:
+        if self._most is not None:
             self._before = resource.getrlimit(resource.RLIMIT_DATA)
             hard = self._before[1]  # of the user or of a container: it stays
             resource.setrlimit(resource.RLIMIT_DATA, (self._most if hard < 0 else min(self._most, hard), hard))
         return self
 
     def __exit__(self, *_: object) -> None:
-        if resource and self._most is not None:
+        if self._most is not None:
             resource.setrlimit(resource.RLIMIT_DATA, self._before)

@@ -12,11 +12,9 @@ from pathlib import Path
 
 from lfpipe import __version__
 from lfpipe.errors import UserError
-from lfpipe.host import WINDOWS
 
-# CLOCK_MONOTONIC; on Windows it advances in steps of 16 ms up to Python 3.12. Both clocks are the machine's, not the process's.
-now_ns = time.perf_counter_ns if WINDOWS else time.monotonic_ns
-TOTAL_STORE_ORDER = ("x86_64", "AMD64", "i686")  # processors that keep program order as far as a ring needs it
+now_ns = time.monotonic_ns  # CLOCK_MONOTONIC: the machine's, not the process's
+TOTAL_STORE_ORDER = ("x86_64", "i686")  # processors that keep program order as far as a ring needs it
 SEQ_CST = 5  # memory_order_seq_cst of <stdatomic.h>
 OPENCV = "opencv-contrib-python-headless"
 PACKAGES = ("numpy", OPENCV, "mediapipe", "ai-edge-litert")
@@ -91,5 +89,5 @@ def has_gpu() -> bool:
 
 
 def has_desktop() -> bool:
-    """Whether windows need no display server named in the environment: on macOS and Windows."""
-    return sys.platform in ("darwin", "win32")
+    """Whether windows need no display server named in the environment: on macOS."""
+    return sys.platform == "darwin"

@@ -11,11 +11,8 @@ import signal
 import threading
 from collections.abc import Sequence
 from multiprocessing import connection, reduction
-from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-from lfpipe.host import WINDOWS
 
 if TYPE_CHECKING:
     import psutil
@@ -40,7 +37,7 @@ def cores_of(pid: int) -> list[int]:
     """Cores that a process may run on; none if it is gone."""
     try:
         return sorted(os.sched_getaffinity(pid)) if pid > 0 else []
-    except (OSError, AttributeError):  # macOS and Windows place processes themselves
+    except (OSError, AttributeError):  # macOS places processes itself
         return []
 
 
@@ -83,11 +80,6 @@ def end_with_parent(parent_pid: int) -> bool:
 def _wait_for_end(sentinel: int) -> None:
     connection.wait([sentinel])
     os.kill(os.getpid(), signal.SIGTERM)
-
-
-def sentinels(process: BaseProcess) -> list[int]:
-    """Descriptors for a poller that become readable when a process ends; none if a poller cannot use them."""
-    return [] if WINDOWS else [process.sentinel]
 
 
 def resume_stage(pid: int) -> None:

@@ -18,14 +18,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from lfpipe.host.file_lock import lock_open
-from lfpipe.host.files import flags, read_at, user_id, write_at
 
 SHM_DIR = Path("/dev/shm" if sys.platform == "linux" else tempfile.gettempdir())
 WRITABLE = f"a tmpfs at {SHM_DIR} that you may write to: docker run --shm-size=128m, or mount one there"
 MAGIC = b"LFSEGM1\0"
 PAGE = 4096
 _OWNER = struct.Struct("<8sq")  # magic, length of the path that follows
-_SAFE = flags("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_BINARY")
+_SAFE = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
 
 
 class Mapping:
@@ -78,14 +77,14 @@ def create(name: str, size_bytes: int, run_dir: bytes) -> Segment:
         fd = os.open(SHM_DIR / name, os.O_RDWR | os.O_CREAT | os.O_EXCL | _SAFE, 0o600)
         with os.fdopen(fd, "r+b") as file:
             file.truncate(whole)
-            write_at(fd, owner, size_bytes)
+            os.pwrite(fd, owner, size_bytes)
             return Segment(name)
     directory = os.open(SHM_DIR, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         fd = os.open(".", os.O_TMPFILE | os.O_RDWR | os.O_CLOEXEC, 0o600, dir_fd=directory)
         try:
             os.posix_fallocate(fd, 0, whole)
-            write_at(fd, owner, size_bytes)
+            os.pwrite(fd, owner, size_bytes)
             lock_open(fd, shared=True)
             # With src_dir_fd Python calls linkat, which follows the link in /proc; link would not.
             os.link(f"/proc/self/fd/{fd}", name, src_dir_fd=directory, dst_dir_fd=directory, follow_symlinks=True)
@@ -121,9 +120,9 @@ def more_room(needed_bytes: int) -> str:
 def _owner(fd: int) -> Path | None:
     """Run directory of an open segment, empty if it was created without one; None if it is not lfpipe's or not this user's."""
     entry = os.fstat(fd)
-    if not stat.S_ISREG(entry.st_mode) or entry.st_uid != user_id() or entry.st_size < PAGE:
+    if not stat.S_ISREG(entry.st_mode) or entry.st_uid != os.getuid() or entry.st_size < PAGE:
         return None
-    page = read_at(fd, PAGE, entry.st_size - PAGE)
+    page = os.pread(fd, PAGE, entry.st_size - PAGE)
     magic, length = _OWNER.unpack_from(page)
     path = page[_OWNER.size : _OWNER.size + max(0, length)]
     return Path(os.fsdecode(path)) if magic == MAGIC and len(path) == length and b"\0" not in path else None

@@ -1,32 +1,22 @@
-"""Signals, as far as the system has them: those of a terminal to all its processes, which only the supervisor handles, and those
-between processes. Windows has Ctrl-C and process termination.
-"""
+"""Signals: those of a terminal to all its processes, which only the supervisor handles, and those between processes."""
 
 import contextlib
 import faulthandler
 import os
 import signal
 from collections.abc import Callable, Iterator
+from multiprocessing import resource_tracker
 from types import FrameType
 from typing import IO, Any
 
-END = signal.SIGTERM
-KILL = getattr(signal, "SIGKILL", signal.SIGTERM)  # on Windows SIGTERM ends a process at once
-_HANGUP = getattr(signal, "SIGHUP", None)
-_STACK = getattr(signal, "SIGUSR1", None)
-SENT_TWICE = tuple(filter(None, (_HANGUP,)))  # the shell and the kernel both send it
-# Ctrl-C, the window closed, Ctrl-\, Ctrl-Break
-TERMINAL = tuple(filter(None, (signal.SIGINT, _HANGUP, getattr(signal, "SIGQUIT", None), getattr(signal, "SIGBREAK", None))))
+END, KILL = signal.SIGTERM, signal.SIGKILL
+SENT_TWICE = (signal.SIGHUP,)  # the shell and the kernel both send it
+TERMINAL = (signal.SIGINT, signal.SIGHUP, signal.SIGQUIT)  # Ctrl-C, the window closed, Ctrl-\\
 
 
 @contextlib.contextmanager
 def blocked() -> Iterator[None]:
-    """Processes started inside the block begin with these signals blocked, if the system can block signals."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    from multiprocessing import resource_tracker
-
+    """Processes started inside the block begin with these signals blocked."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, TERMINAL)
     try:
         resource_tracker.ensure_running()  # ends with SIGINT unblocked
@@ -40,8 +30,7 @@ def ignore() -> None:
     """Ignores the signals, in a process that was started `blocked`."""
     for signum in TERMINAL:
         signal.signal(signum, signal.SIG_IGN)
-    if hasattr(signal, "pthread_sigmask"):
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, TERMINAL)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, TERMINAL)
 
 
 @contextlib.contextmanager
@@ -53,8 +42,8 @@ def handled(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
     with blocked():
         pass  # multiprocessing's resource tracker starts outside the terminal's session
     ends = [signal.SIGINT, signal.SIGTERM]
-    if _HANGUP is not None and signal.getsignal(_HANGUP) != signal.SIG_IGN:
-        ends.append(_HANGUP)
+    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
+        ends.append(signal.SIGHUP)
     before: dict[signal.Signals, Any] = {signum: signal.signal(signum, handler) for signum in ends}
     try:
         yield
@@ -65,11 +54,9 @@ def handled(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
 
 def leave_stack_on_request(file: IO[str]) -> None:
     """Makes this process write the stacks of its threads to file when `ask_for_stack` is called with its pid."""
-    if _STACK is not None:
-        faulthandler.register(_STACK, file)
+    faulthandler.register(signal.SIGUSR1, file)
 
 
 def ask_for_stack(pid: int) -> None:
-    """Requests the stacks of a process, if the system can. Raises OSError if it is gone."""
-    if _STACK is not None:
-        os.kill(pid, _STACK)
+    """Requests the stacks of a process. Raises OSError if it is gone."""
+    os.kill(pid, signal.SIGUSR1)

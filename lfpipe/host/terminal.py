@@ -1,20 +1,16 @@
 """The terminal: single keys, output that survives its end, and native libraries kept from writing to it, past Python."""
 
 import contextlib
-import importlib
 import io
 import os
 import select
 import sys
 import tempfile
-import time
+import termios
+import tty
 from collections.abc import Iterator
-from types import TracebackType
 from typing import Any, Self
 
-from lfpipe.host import WINDOWS
-
-_POLL_S = 0.02  # between looks at Windows's console: not felt by a person
 OPENCV_SILENT, OPENCV_ERROR = 0, 2  # cv::utils::logging::LogLevel
 
 
@@ -24,32 +20,22 @@ class Keyboard:
 
     def __enter__(self) -> Self:
         self._fd = sys.stdin.fileno() if sys.stdin is not None and sys.stdin.isatty() else -1
-        self._system: Any = importlib.import_module("msvcrt" if WINDOWS else "termios") if self._fd >= 0 else None
-        if self._system and not WINDOWS:
-            self._before = self._system.tcgetattr(self._fd)
-            importlib.import_module("tty").setcbreak(self._fd)
+        if self._fd >= 0:
+            self._before = termios.tcgetattr(self._fd)
+            tty.setcbreak(self._fd)
         return self
 
     def key(self, timeout_s: float) -> str:
         """The next key pressed within timeout_s, in lower case, or nothing."""
-        if not self._system:
-            time.sleep(max(timeout_s, 0.0))
-            return ""
-        if WINDOWS:
-            end_s = time.monotonic() + timeout_s
-            while not self._system.kbhit():
-                if time.monotonic() >= end_s:
-                    return ""
-                time.sleep(_POLL_S)
-            return str(self._system.getwch()).lower()
-        if not select.select([self._fd], [], [], max(timeout_s, 0.0))[0]:
+        fds = [self._fd] if self._fd >= 0 else []
+        if not select.select(fds, [], [], max(timeout_s, 0.0))[0]:
             return ""
         data = os.read(self._fd, 1)
         return data.decode(errors="ignore").lower() if data else "q"  # the terminal is gone, and nobody reads the output
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        if self._system and not WINDOWS:
-            self._system.tcsetattr(self._fd, self._system.TCSADRAIN, self._before)
+    def __exit__(self, *_: object) -> None:
+        if self._fd >= 0:
+            termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
 
 
 class _Forgiving(io.RawIOBase):
@@ -83,24 +69,18 @@ def protect_output(*names: str) -> None:
         os.set_inheritable(fd, True)
     os.close(fd)
     for name in names:
-        fd = {"stdout": 1, "stderr": 2}[name]
-        stream = getattr(sys, name)
-        if stream is None:  # it was closed when Python started
-            encoding, errors = "utf-8", "backslashreplace"
-        elif isinstance(stream, io.TextIOWrapper) and _descriptor(stream) == fd:
+        fd, stream = {"stdout": 1, "stderr": 2}[name], getattr(sys, name)
+        encoding, errors = "utf-8", "backslashreplace"
+        if stream is not None:  # else it was closed when Python started
+            try:
+                if stream.fileno() != fd:
+                    continue
+            except (OSError, ValueError):
+                continue
             stream.flush()
             encoding, errors = stream.encoding, stream.errors or "strict"
-        else:
-            continue
         lines = name == "stderr" or os.isatty(fd)
         setattr(sys, name, io.TextIOWrapper(io.BufferedWriter(_Forgiving(fd)), encoding, errors, line_buffering=lines))
-
-
-def _descriptor(stream: io.TextIOWrapper) -> int:
-    try:
-        return stream.fileno()
-    except (OSError, ValueError):
-        return -1
 
 
 @contextlib.contextmanager

@@ -17,7 +17,6 @@ from multiprocessing import connection
 from typing import IO, Any
 
 from lfpipe.errors import UserError
-from lfpipe.host import WINDOWS
 from lfpipe.host.limits import MemoryLimit
 from lfpipe.host.processes import cpu_ns
 
@@ -31,7 +30,7 @@ Serve = Callable[[dict[str, Any], Report], dict[str, Any]]  # (request, report) 
 
 
 class _Output:
-    """A pipe from the child, read without waiting; on Windows from Python 3.12 on. data: what was read and not yet used."""
+    """A pipe from the child, read without waiting. data: what was read and not yet used."""
 
     def __init__(self, stream: IO[bytes] | None) -> None:
         assert stream is not None
@@ -98,8 +97,8 @@ class Worker:
 
     @property
     def fds(self) -> list[int]:
-        """Descriptors that wake the parent; none on Windows, whose pipes a poller cannot watch."""
-        return [] if WINDOWS else [output.fd for output in (self._out, self._log) if not output.ended]
+        """Descriptors that wake the parent."""
+        return [output.fd for output in (self._out, self._log) if not output.ended]
 
     @property
     def done(self) -> bool:

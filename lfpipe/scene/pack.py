@@ -23,7 +23,6 @@ from lfpipe.errors import UserError
 from lfpipe.files.safe_files import check_regular, open_regular, read_bytes, reason, replaced
 from lfpipe.files.untrusted import json_fields
 from lfpipe.host.file_lock import lock_open
-from lfpipe.host.files import read_at, write_at
 from lfpipe.scene.half_turn import shown_as
 from lfpipe.scene.lightfield import Geometry, LightField
 
@@ -85,13 +84,13 @@ class PlaneFile:
         """Writes a piece, contiguous in the file, at index: of shape shape[len(index):], or any number of its first rows."""
         data, offset = np.ascontiguousarray(piece, self.dtype).data.cast("B"), self._offset(index)
         while data:
-            done = write_at(self._file.fileno(), data, offset)
+            done = os.pwrite(self._file.fileno(), data, offset)
             data, offset = data[done:], offset + done
 
     def read(self, index: tuple[int, ...]) -> NDArray[Any]:
         """The piece at index, a copy."""
         shape = self.shape[len(index) :]
-        data = read_at(self._file.fileno(), math.prod(shape) * self.dtype.itemsize, self._offset(index))
+        data = os.pread(self._file.fileno(), math.prod(shape) * self.dtype.itemsize, self._offset(index))
         return np.frombuffer(data, self.dtype).reshape(shape)
 
     def __enter__(self) -> Self:

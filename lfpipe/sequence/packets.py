@@ -24,7 +24,7 @@ from lfpipe.files.decoding import picture_of
 from lfpipe.files.pictures import MAX_DECODING_BYTES, header_of
 from lfpipe.files.safe_files import PRIVATE, check_regular, lines, open_regular, reason
 from lfpipe.files.untrusted import json_fields
-from lfpipe.host.files import CAREFUL, exists, read_at
+from lfpipe.host.files import CAREFUL, exists
 
 PACKETS, INDEX = "frames.bin", "frames.jsonl"
 CODECS = ("jpeg", "png", "raw", "eyes")
@@ -126,7 +126,7 @@ def packet_data(folder: Path, packet: Packet, remedy: str) -> bytes:
     """The bytes of a packet in folder. Raises UserError if they cannot be read."""
     try:
         with open_regular(folder / PACKETS) as file:
-            return read_at(file.fileno(), packet.bytes, packet.offset)
+            return os.pread(file.fileno(), packet.bytes, packet.offset)
     except OSError as error:
         raise UserError(f"{folder / PACKETS}: frame {packet.seq}: cannot be read: {reason(error)}", remedy) from None
 

@@ -16,7 +16,7 @@ import zmq
 
 from lfpipe import __version__
 from lfpipe.host.file_lock import Lock
-from lfpipe.host.processes import sentinels, usable_cores
+from lfpipe.host.processes import usable_cores
 from lfpipe.scene.open_scene import Packing
 from lfpipe.supervisor import child, process_table
 from lfpipe.supervisor.control_server import ControlServer
@@ -120,8 +120,8 @@ class LiveSession:
         poller = zmq.Poller()
         server.register(poller)
         for process in stages:
-            for sentinel in sentinels(process.process) if process.process is not None else ():
-                poller.register(sentinel, zmq.POLLIN)
+            if process.process is not None:
+                poller.register(process.process.sentinel, zmq.POLLIN)
         tick_ms = server.wait_ms(TICK_MS)
         poller.poll(tick_ms if end_ns is None else max(0, min(tick_ms, (end_ns - now_ns()) // MS_NS + 1)))
         server.serve()

@@ -18,7 +18,7 @@ import zmq
 from lfpipe.errors import UserError
 from lfpipe.host import file_lock, processes, shared_memory
 from lfpipe.host.file_lock import Lock
-from lfpipe.host.files import is_dir, is_missing, user_id
+from lfpipe.host.files import is_dir, is_missing
 from lfpipe.transport import control, segment, status
 from lfpipe.transport.session import PREFIX, Session, base_dir
 
@@ -29,7 +29,7 @@ ENDING_S = 3.0  # time limit for a session that lost its run directory to end
 def _is_own_directory(path: Path) -> bool:
     """Whether path is a directory of this user and not a link: in /tmp, anybody may create one with our name. Raises OSError."""
     entry = path.lstat()
-    return stat.S_ISDIR(entry.st_mode) and entry.st_uid == user_id()
+    return stat.S_ISDIR(entry.st_mode) and entry.st_uid == os.getuid()
 
 
 def _make_directory(path: Path) -> None:

@@ -11,7 +11,6 @@ from pathlib import Path
 
 from lfpipe.errors import UserError
 from lfpipe.host import shared_memory
-from lfpipe.host.files import user_id, user_name
 from lfpipe.host.shared_memory import SHM_DIR, Mapping
 from lfpipe.host.shared_memory import Segment as Segment
 
@@ -53,9 +52,9 @@ def _kind(path: Path) -> str:
         return "something"
     kinds = {stat.S_IFDIR: "a directory", stat.S_IFLNK: "a link", stat.S_IFREG: "a file"}
     kind = kinds.get(stat.S_IFMT(found.st_mode), "something")
-    if found.st_uid == user_id():
+    if found.st_uid == os.getuid():
         return f"{kind} that lfpipe did not create"
-    return f"{kind} of user {user_name(found.st_uid)}"
+    return f"{kind} of user {found.st_uid}"
 
 
 def buffer(memory: Mapping) -> memoryview:

@@ -8,16 +8,15 @@ from pathlib import Path
 import attrs
 
 from lfpipe.errors import UserError
-from lfpipe.host.files import runtime_dir, user_id
 from lfpipe.transport import segment
 
-PREFIX = f"lfpipe-{user_id()}-"  # of run directories, to separate users
+PREFIX = f"lfpipe-{os.getuid()}-"  # of run directories, to separate users
 LONGEST_PART = 13  # characters of a ring's name in the name of its segment
 
 
 def base_dir() -> Path:
-    """Parent of run directories: XDG_RUNTIME_DIR, or the system's place. Raises UserError if it is no absolute UTF-8 path."""
-    text = os.environ.get("XDG_RUNTIME_DIR") or str(runtime_dir())
+    """Parent of run directories: XDG_RUNTIME_DIR, or /tmp. Raises UserError if it is no absolute UTF-8 path."""
+    text = os.environ.get("XDG_RUNTIME_DIR") or "/tmp"  # short: the path of a socket has at most 107 bytes, on macOS 103
     remedy = "set it to a directory of yours, or unset it"
     if not Path(text).is_absolute():
         raise UserError(f"XDG_RUNTIME_DIR={text!r} is not an absolute path", remedy)
