@@ -34,7 +34,7 @@ MODULES = {  # module -> the tests that are about it
     "supervisor.requests": ["supervisor/test_requests.py"],
     "supervisor.session_state": ["supervisor/test_session_state.py", "supervisor/test_governor.py"],
     "supervisor.governor": ["supervisor/test_governor.py"],
-    "scene.orientation": ["scene/test_orientation.py"],
+    "scene.orientation": ["scene/test_orientation_rules.py", "scene/test_orientation.py"],
 }
 AT_ONCE, LIMIT_S = 2, 90.0  # of one mutant's tests: one that never ends is killed, too
 SWAPS: dict[type, type] = {
