@@ -1,8 +1,8 @@
 """`lfpipe` with a camera that looks at the screen, with a delay, exposure and readout of its own.
 
-The device's node is an ordinary file: the settings of `Optics` as JSON. On Wayland the screen shows each repaint from its stamp
-on. On Xvfb it shows at each blank what the server's picture held just before, as a real screen would: the server, which has none,
-changes its picture 0 to 25 ms before the blank that it reports. Used as `python -m tests.display.screen_camera`.
+The device's node is an ordinary file: the settings of `Optics` as JSON. At each blank the screen shows what the picture of Xvfb
+held just before, as a real screen would: the server, which has none, changes its picture 0 to 25 ms before the blank that it
+reports. Used as `python -m tests.display.screen_camera`.
 """
 
 import json
@@ -20,7 +20,6 @@ from lfpipe.capture import camera
 from lfpipe.capture.v4l2_device import Mode
 from lfpipe.capture.v4l2_stream import RawFrame
 from tests.faults.scripted_camera import ScriptedDevice
-from tests.sway_light import SwayLight
 
 SAMPLE_S, STEP_PX, BANDS = 0.002, 20, 8
 XVFB_HZ, LEAST_HEARD, MOST_GAP_S = 60, 5, 0.008
@@ -29,11 +28,9 @@ WIDTH, HEIGHT = 160, 120
 
 @attrs.frozen
 class Optics:
-    """buffer: file of Xvfb's picture of the screen, or the compositor's socket. screen_ms, camera_ms: delays of light and stamps.
-    quick: measures for 6 s, not for as long as people with mirrors need."""
+    """buffer: file of Xvfb's picture of the screen. screen_ms, camera_ms: delays of light and stamps."""
 
     buffer: str
-    quick: bool = True
     screen_ms: float = 20.0
     camera_ms: float = 20.0
     rate_hz: float = 28.7  # not in step with the screen
@@ -55,10 +52,9 @@ class ScreenCamera(ScriptedDevice):
     def __init__(self, path: Path) -> None:
         self.optics = Optics(**json.loads(path.read_text()))
         self.samples: list[tuple[float, np.ndarray]] = []
-        self._wayland = Path(self.optics.buffer).is_socket()
         self._rng = np.random.default_rng(1)
         self._count, self._due, self._ended = 0, time.monotonic(), threading.Event()
-        self._thread = threading.Thread(target=self._watch if self._wayland else self._sample, daemon=True)
+        self._thread = threading.Thread(target=self._sample, daemon=True)
         self._thread.start()
         while not self.samples:
             time.sleep(SAMPLE_S)
@@ -75,18 +71,10 @@ class ScreenCamera(ScriptedDevice):
         while not self._ended.wait(SAMPLE_S):
             self.samples.append((time.monotonic(), screen.copy()))
 
-    def _watch(self) -> None:
-        light = SwayLight(self.optics.buffer)
-        for each in light.pictures(STEP_PX):
-            self.samples.append(each)
-            if self._ended.is_set():
-                break
-        light.close()
-
     def _shown(self) -> list[tuple[float, np.ndarray]]:
         """Since when the screen has shown what, of the last second."""
         recent = self.samples[-400:]
-        if self._wayland or len(HEARD) < LEAST_HEARD:
+        if len(HEARD) < LEAST_HEARD:
             return recent
         heard = np.array(sorted(HEARD.values())[-60:]) / 1e9
         slope, first = np.polyfit(np.round((heard - heard[-1]) * XVFB_HZ), heard - heard[-1], 1)
@@ -159,16 +147,12 @@ def note_blanks(window_class: Any) -> None:
 
 
 if __name__ == "__main__":
-    import sys
-
     from lfpipe.cli import run
     from lfpipe.observe import loop_calibration
     from lfpipe.render.window import Window
     from tests.display import screen_camera
 
     camera.open_camera = screen_camera.open_screen
-    node = next(word.removeprefix("camera:") for word in sys.argv if word.startswith("camera:"))
-    if json.loads(Path(node).read_text()).get("quick", True):
-        loop_calibration.MEASURE_S, loop_calibration.GOOD_MS = 6.0, 2.0
+    loop_calibration.MEASURE_S, loop_calibration.GOOD_MS = 6.0, 2.0  # people with mirrors need longer
     screen_camera.note_blanks(Window)
     run()

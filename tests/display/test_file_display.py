@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import time
+from collections.abc import Iterable
 from pathlib import Path
 
 import cv2
@@ -10,14 +11,14 @@ import numpy as np
 import pytest
 
 from lfpipe.files.video_writer import VideoWriter
+from lfpipe.render.display import DisplayNotice
 from lfpipe.render.file_display import CHECK_FRAMES, FileDisplay
 
 
 def read_back(path: Path) -> list[np.ndarray]:
-    capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
-    frames = []
-    while (got := capture.read())[0]:
-        frames.append(got[1])
+    capture, frames = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG), []
+    while (answer := capture.read())[0]:
+        frames.append(answer[1])
     return frames
 
 
@@ -25,93 +26,77 @@ def noise(count: int, width: int, height: int) -> np.ndarray:
     return np.random.default_rng(5).integers(0, 256, (count, height, width, 3), np.uint8)
 
 
-@pytest.mark.parametrize("suffix", [".mkv", ".avi"])
-@pytest.mark.parametrize("size", [(64, 48), (61, 37)])
-def test_every_value_comes_back(tmp_path: Path, suffix: str, size: tuple[int, int]) -> None:
-    pictures = noise(10, *size)
-    display = FileDisplay(tmp_path / f"out{suffix}", size, 100.0)
+def record(
+    path: Path, pictures: Iterable[np.ndarray], rate_hz: float, wait_s: float = 0.0, **options: int
+) -> tuple[int, list[DisplayNotice]]:
+    """Shows the pictures one after the other: how many were dropped, and the notices."""
+    pictures = list(pictures)
+    display = FileDisplay(path, (pictures[0].shape[1], pictures[0].shape[0]), rate_hz, **options)
     for picture in pictures:
         display.show(picture)
-        time.sleep(0.01)
+        time.sleep(wait_s)
     display.close()
-    frames = read_back(tmp_path / f"out{suffix}")
-    width, height = size
-    cut = [frame[:height, :width] for frame in frames]
+    return display.dropped, display.notices()
+
+
+@pytest.mark.parametrize(("suffix", "size"), [(".mkv", (64, 48)), (".avi", (61, 37))])
+def test_every_value_comes_back(tmp_path: Path, suffix: str, size: tuple[int, int]) -> None:
+    pictures = noise(10, *size)
+    dropped, _ = record(tmp_path / f"out{suffix}", pictures, 100.0, 0.01)
+    cut = [frame[: size[1], : size[0]] for frame in read_back(tmp_path / f"out{suffix}")]
     shown = [next(k for k, picture in enumerate(pictures) if np.array_equal(frame, picture)) for frame in cut]
-    assert shown == sorted(shown)
-    assert display.dropped == 10 - len(set(shown))
-    assert display.dropped <= 3
+    assert shown == sorted(shown) and dropped == 10 - len(set(shown)) <= 3
 
 
 def test_a_picture_stands_until_the_next(tmp_path: Path) -> None:
     pictures = noise(2, 32, 32)
     display = FileDisplay(tmp_path / "out.mkv", (32, 32), 50.0)
-    began = time.monotonic()
-    display.show(pictures[0])
-    time.sleep(0.4)
-    display.show(pictures[1])
-    middle = time.monotonic()
-    time.sleep(0.3)
+    moments = [time.monotonic()]
+    for picture in pictures:
+        display.show(picture)
+        time.sleep(0.4)
+        moments.append(time.monotonic())
     display.close()
-    ended = time.monotonic()
     frames = read_back(tmp_path / "out.mkv")
-    first = sum(np.array_equal(frame, pictures[0]) for frame in frames)
-    second = sum(np.array_equal(frame, pictures[1]) for frame in frames)
-    assert first + second == len(frames)
-    assert abs(first - 50 * (middle - began)) <= 3
-    assert abs(second - 50 * (ended - middle)) <= 3
+    counts = [sum(np.array_equal(frame, picture) for frame in frames) for picture in pictures]
+    assert sum(counts) == len(frames) and np.abs(np.diff(moments) * 50 - counts).max() <= 3
 
 
 def test_a_flood_is_counted_and_does_not_stop_the_caller(tmp_path: Path) -> None:
-    picture = noise(1, 640, 480)[0]
-    display = FileDisplay(tmp_path / "out.mkv", (640, 480), 30.0)
-    for _ in range(300):
-        display.show(picture)
-    display.close()
-    assert display.dropped > 200
-    assert len(read_back(tmp_path / "out.mkv")) < 300 - display.dropped + 60
-    assert any(f"{display.dropped} pictures are missing" in notice.text for notice in display.notices())
+    dropped, notices = record(tmp_path / "out.mkv", [noise(1, 640, 480)[0]] * 300, 30.0)
+    assert dropped > 200 and len(read_back(tmp_path / "out.mkv")) < 300 - dropped + 60
+    assert any(f"{dropped} pictures are missing" in notice.text for notice in notices)
 
 
 def test_pictures_of_another_shape_are_fitted(tmp_path: Path) -> None:
-    display = FileDisplay(tmp_path / "out.mkv", (64, 32), 50.0)
-    display.show(np.full((40, 40, 3), 200, np.uint8))
-    display.close()
-    frame = read_back(tmp_path / "out.mkv")[0]
+    record(tmp_path / "out.mkv", (np.zeros((32, 64, 3), np.uint8), np.full((40, 40, 3), 200, np.uint8)), 50.0, 0.1)
+    frame = read_back(tmp_path / "out.mkv")[-1]
     assert frame.shape == (32, 64, 3)
     assert (frame[:, 16:48] == 200).all() and not frame[:, :16].any() and not frame[:, 48:].any()
 
 
-def test_a_full_disk_ends_the_video_with_a_notice(tmp_path: Path) -> None:
-    display = FileDisplay(tmp_path / "out.mkv", (32, 32), 200.0, reserve_bytes=1 << 60)
-    picture = noise(1, 32, 32)[0]
-    for _ in range(CHECK_FRAMES * 4):
-        display.show(picture)
-        time.sleep(0.005)
-    notices = display.notices()
+def test_a_full_disk_ends_the_video_with_a_notice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pictures = [noise(1, 32, 32)[0]] * (CHECK_FRAMES * 4)
+    _, notices = record(tmp_path / "out.mkv", pictures, 200.0, 0.005, reserve_bytes=1 << 60)
     assert len(notices) == 1 and notices[0].lost and "the disk is full" in notices[0].text and "out.mkv" in notices[0].text
-    display.show(picture)
-    display.close()
     assert len(read_back(tmp_path / "out.mkv")) == CHECK_FRAMES  # what was written can be played
-    assert display.notices() == []
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(VideoWriter, "write", full)
+    _, notices = record(tmp_path / "out.mp4", pictures, 200.0, 0.005)
+    assert any("the video ends here" in notice.text for notice in notices)
 
 
 def test_a_file_that_may_not_grow_ends_the_video(tmp_path: Path) -> None:
-    code = f"""
-import resource, time, numpy as np
-resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
-from pathlib import Path
-from lfpipe.files.video_writer import VideoWriter
-from lfpipe.render.file_display import FileDisplay
-display = FileDisplay(Path({str(tmp_path / "out.mkv")!r}), (640, 480), 200.0)
-rng = np.random.default_rng(0)
-picture = rng.integers(0, 256, (480, 640, 3), np.uint8)
-for _ in range(300):
-    display.show(picture)
-    time.sleep(0.005)
-display.close()
-print(display.notices())
-"""
+    code = f"""if True:
+        import resource
+        from pathlib import Path
+        from tests.display.test_file_display import noise, record
+        resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
+        print(record(Path({str(tmp_path / "out.mkv")!r}), [noise(1, 640, 480)[0]] * 300, 200.0, 0.005))
+    """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
     assert "no longer grows" in done.stdout and done.stderr == ""
@@ -120,12 +105,7 @@ print(display.notices())
 def test_mp4_is_h264_whose_pictures_stand_and_whose_index_comes_first(tmp_path: Path) -> None:
     import av
 
-    pictures = [np.full((36, 60, 3), shade, np.uint8) for shade in (40, 200)]
-    display = FileDisplay(tmp_path / "out.mp4", (60, 36), 50.0)
-    for picture in pictures:
-        display.show(picture)
-        time.sleep(0.5)
-    display.close()
+    record(tmp_path / "out.mp4", [np.full((36, 60, 3), shade, np.uint8) for shade in (40, 200)], 50.0, 0.5)
     with av.open(str(tmp_path / "out.mp4")) as container:
         assert container.streams.video[0].codec_context.name == "h264"
         shades = [frame.to_ndarray(format="rgb24").mean() for frame in container.decode(video=0)]
@@ -152,16 +132,3 @@ def test_mp4_of_a_killed_writer_plays(tmp_path: Path) -> None:
     assert subprocess.run([sys.executable, "-c", code, str(path)], check=False).returncode == 9
     with av.open(str(path)) as container:
         assert sum(1 for _ in container.decode(video=0)) >= 120
-
-
-def test_mp4_ends_with_a_notice_where_the_disk_is_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(VideoWriter, "write", full)
-    display = FileDisplay(tmp_path / "out.mp4", (64, 48), 200.0)
-    for picture in noise(20, 64, 48):
-        display.show(picture)
-        time.sleep(0.005)
-    display.close()
-    assert any("the video ends here" in notice.text for notice in display.notices())
