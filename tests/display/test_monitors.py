@@ -1,5 +1,6 @@
 """Choice of the monitor, pixel sizes, and windows on an X server with two monitors and on a desktop that scales."""
 
+import functools
 import os
 import shutil
 import subprocess
@@ -33,7 +34,6 @@ Section "Screen"
   Device "card"
   DefaultDepth 24
   SubSection "Display"
-    Depth 24
     Virtual 2048 1024
     Modes "1024x768"
   EndSubSection
@@ -42,6 +42,8 @@ Section "ServerFlags"
   Option "AutoAddDevices" "false"
 EndSection
 """
+XWININFO = pytest.mark.skipif(shutil.which("xwininfo") is None, reason="xwininfo is not installed (apt-get install x11-utils)")
+GREY = np.full((240, 240, 3), 90, np.uint8)
 
 
 @pytest.mark.parametrize(("wanted", "number"), [("0", 0), ("2", 2), ("eDP-1", 0), ("edp", 0), ("27", 2), ('DP-1 24"', 1)])
@@ -66,13 +68,9 @@ def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     (folder / "xorg.conf").write_text(XORG)
     command = ["Xorg", "-config", "xorg.conf", "-logfile", str(folder / "log"), "-novtswitch", "-sharevts"]
     with x_server(command, folder) as name:
-        more = [
-            ["--addmode", "DUMMY1", "800x600"],
-            ["--output", "DUMMY1", "--mode", "800x600", "--pos", "1024x0"],
-            ["--query"],
-        ]  # the query makes them known
-        env = {**os.environ, "DISPLAY": name}
-        if name == ":" or any(subprocess.run(["xrandr", *words], env=env, capture_output=True).returncode for words in more):
+        more = ("--addmode DUMMY1 800x600", "--output DUMMY1 --mode 800x600 --pos 1024x0", "--query")  # which makes them known
+        run = functools.partial(subprocess.run, env={**os.environ, "DISPLAY": name}, capture_output=True)
+        if name == ":" or any(run(["xrandr", *words.split()]).returncode for words in more):
             pytest.skip("Xorg with the driver dummy does not start here (apt-get install xserver-xorg-video-dummy)")
         yield name
 
@@ -90,7 +88,7 @@ def press(window: Window, key: str) -> None:
     assert window.events() == ["fullscreen"]
 
 
-@pytest.mark.skipif(shutil.which("xwininfo") is None, reason="xwininfo is not installed (apt-get install x11-utils)")
+@XWININFO
 @pytest.mark.parametrize(
     ("monitor", "whole", "windowed"),
     [("", (0, 0, 1024, 768), (192, 64, 640, 640)), ("1", (1024, 0, 800, 600), (1169, 45, 510, 510)),
@@ -102,24 +100,17 @@ def test_the_chosen_monitor(
 ) -> None:
     window = Window((240, 240), "lfpipe: a test", fullscreen, monitor)
     try:
-        window.show(np.full((240, 240, 3), 90, np.uint8))
+        window.show(GREY)
         for now in (fullscreen, not fullscreen, fullscreen):
             assert outline("lfpipe: a test", x_with_two) == (whole if now else windowed)
             press(window, "f")
         share = window.width_mm() / USUAL_MM  # type: ignore[operator]
         assert share == pytest.approx(window._shown_px / window.monitor.width, rel=0.01), "this server tells no size: 24 inches"
-    finally:
-        window.close()
-
-
-@pytest.mark.skipif(shutil.which("xwininfo") is None, reason="xwininfo is not installed (apt-get install x11-utils)")
-def test_f_fills_the_monitor_on_which_the_window_is(x_with_two: str) -> None:
-    window = Window((240, 240), "lfpipe: a test", monitor="1")
-    window._wanted = ""  # as if the person had dragged it there
-    try:
-        window.show(np.full((240, 240, 3), 90, np.uint8))
-        press(window, "f")
-        assert outline("lfpipe: a test", x_with_two) == (1024, 0, 800, 600)
+        if not fullscreen:
+            window._wanted = ""  # as if the person had dragged it there
+            press(window, "f")
+            press(window, "f")
+            assert outline("lfpipe: a test", x_with_two) == whole
     finally:
         window.close()
 

@@ -3,9 +3,8 @@
 import json
 import shutil
 import subprocess
-import time
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,24 +16,11 @@ from lfpipe.render.overlay import Pointer
 from lfpipe.render.viewer import Viewer
 from lfpipe.sequence.folder import open_sequence
 from lfpipe.transport.ring import Stamp
-from tests.render.rendered import field
+from tests.render.rendered import field, record
 from tests.world import World
 from tests.xvfb_screen import Screen
 
 REFRESH_NS = 16_666_667
-
-
-class Sink:
-    """Takes what a ring would take."""
-
-    def __init__(self) -> None:
-        self.record = np.zeros((), EYES)
-
-    def begin(self) -> np.ndarray:
-        return self.record
-
-    def publish(self, *_: Any) -> int:
-        return 0
 
 
 class Session:
@@ -42,7 +28,8 @@ class Session:
 
     def __init__(self, alone: bool = True) -> None:
         self.viewer = Viewer(field(5, 9), Config())
-        self.mouse = MouseLook(Config(), self.viewer, Sink() if alone else None)  # type: ignore[arg-type]
+        ring = SimpleNamespace(begin=lambda: np.zeros((), EYES), publish=lambda *_: 0)
+        self.mouse = MouseLook(Config(), self.viewer, ring if alone else None)  # type: ignore[arg-type]
         self.t_ns = 10**9
 
     def cols(self, pointer: Pointer, refreshes: int = 90, camera: np.ndarray | None = None) -> list[float]:
@@ -93,8 +80,7 @@ def test_the_wheel_is_the_distance() -> None:
 
 def test_the_right_button_takes_over_from_a_camera_and_gives_it_back_without_a_jump() -> None:
     session, camera = Session(alone=False), np.zeros((), EYES)
-    camera["filtered_px"] = camera["raw_px"] = [[350.0, 240.0], [290.0, 240.0]]
-    camera["face"], camera["apart_px"], camera["width_px"], camera["height_px"], camera["generation"] = 1, 60.0, 640, 480, 1
+    record(apart=60.0, apart_px=60.0, generation=1).write(camera)
     still = session.cols(Pointer(0.1, 0.5), 200, camera)
     assert not session.mouse.looks
     away = session.cols(Pointer(0.1, 0.5, right=True), 120, camera)
@@ -104,16 +90,18 @@ def test_the_right_button_takes_over_from_a_camera_and_gives_it_back_without_a_j
 
 
 @pytest.mark.live
+@pytest.mark.timeout(300)
 @pytest.mark.skipif(shutil.which("xdotool") is None, reason="apt-get install xdotool")
-def test_without_a_camera_no_capture_and_no_tracking_runs(world: World, scene: Path, screen: Screen) -> None:
-    world.env["DISPLAY"] = screen.name
+def test_a_session_of_the_mouse_needs_no_camera_is_recorded_and_played_again(world: World, scene: Path, screen: Screen) -> None:
+    """The recording holds the eyes; two replays agree bit by bit, and a session follows them as it followed the mouse."""
+    world.env["DISPLAY"], out = screen.name, world.root / "rec"
     words = ("--camera", "mouse", "--display", "fullscreen", "--trace", world.trace, "--session", world.name)
     process = world.start("up", scene, *words)
     world.pictures(5)
 
-    def col_at(x: str) -> float:
+    def col_at(x: int) -> float:
         """The left eye's column when the picture has followed the mouse there and rests."""
-        subprocess.run(["xdotool", "mousemove", x, "400"], check=True, env=world.env)
+        subprocess.run(["xdotool", "mousemove", str(x), "400"], check=True, env=world.env)
         before = len(world.lines())
 
         def at_rest() -> list[float] | None:
@@ -122,35 +110,18 @@ def test_without_a_camera_no_capture_and_no_tracking_runs(world: World, scene: P
 
         return float(world.wait_for(at_rest, "picture at rest")[-1])
 
-    assert abs(col_at("1200") - col_at("80")) > 0.5 and all(line["face"] for line in world.lines())
-    states = {name: stage["state"] for name, stage in world.monitor()["stages"].items()}
-    assert states.pop("render") == "RUNNING" and set(states.values()) <= {"NONE"}
-    assert world.run("ctl", "--session", world.name, "stop").returncode == 0
-    _, err = process.communicate(timeout=60)
-    assert process.returncode == 0 and "no tracking" in err
-
-
-@pytest.mark.live
-@pytest.mark.timeout(300)
-@pytest.mark.skipif(shutil.which("xdotool") is None, reason="apt-get install xdotool")
-def test_a_session_of_the_mouse_is_recorded_and_played_again(world: World, scene: Path, screen: Screen) -> None:
-    """The recording holds the eyes; two replays agree bit by bit, and a session follows them as it followed the mouse."""
-    world.env["DISPLAY"], out = screen.name, world.root / "rec"
-    words = ("--camera", "mouse", "--display", "fullscreen", "--trace", world.trace, "--session", world.name)
-    process = world.start("up", scene, *words)
-    world.pictures(5)
-    subprocess.run(["xdotool", "mousemove", "200", "300"], check=True, env=world.env)
+    assert abs(col_at(1200) - col_at(80)) > 0.5 and all(line["face"] for line in world.lines())
     assert world.run("ctl", "--session", world.name, "record", "start", out).returncode == 0
-    for x in range(300, 1200, 30):
-        subprocess.run(["xdotool", "mousemove", str(x), "500"], check=True, env=world.env)
-        time.sleep(0.03)
+    moves = " ".join(f"mousemove {x} 500 sleep 0.03" for x in range(300, 1200, 30))
+    subprocess.run(["xdotool", *moves.split()], check=True, env=world.env)
     world.wait_for(lambda: (out / "frames.jsonl").exists() and (out / "frames.jsonl").read_text().count("\n") > 60, "recording")
     states = {name: stage["state"] for name, stage in world.monitor()["stages"].items()}
-    assert states["record"] == "RUNNING" and states["capture"] == states["track"] == "NONE"
+    assert states.pop("render") == states.pop("record") == "RUNNING" and set(states.values()) == {"NONE"}
     assert world.run("ctl", "--session", world.name, "record", "stop").returncode == 0
     world.wait_for(lambda: json.loads((out / "manifest.json").read_text())["complete"], "manifest")
     assert world.run("ctl", "--session", world.name, "stop").returncode == 0
-    process.communicate(timeout=60)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 0 and "no tracking" in err
     assert world.run("sequence", "check", out).returncode == 0
     recorded = open_sequence(out)
     known = {line["t_sensor_ns"]: line for line in world.lines()}
