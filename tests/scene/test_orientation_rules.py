@@ -60,6 +60,10 @@ def test_a_flat_wall_moves_as_one_and_by_as_much_along_both_axes(first: float, s
     assert same_way(*walls) == pytest.approx(alike, abs=0.15)
     constant = axis(np.full((20, 30), first)), axis(np.full((20, 30), second))
     assert same_way(*constant) == alike
+    leaning = axis(first + rng.normal(0, 0.05 * abs(first), (20, 30)))
+    other = axis(leaning.disparity * second / first + rng.normal(0, 0.03 * abs(second), (20, 30)))
+    correlated = np.corrcoef(leaning.disparity.ravel(), other.disparity.ravel())[0, 1]
+    assert same_way(leaning, other) == pytest.approx(correlated), "what correlates says more than a mean"
     rough = [axis(at + rng.normal(0, 0.4 * abs(at), (20, 30))) for at in (first, second)]
     assert abs(same_way(*rough)) < 0.3, "no wall: it varies"
 
@@ -114,6 +118,8 @@ def test_true_disparity_corrects_a_layout(turn: Turn) -> None:
 def test_a_map_that_matches_nowhere_changes_nothing() -> None:
     flat = {(2, 2): lambda: np.zeros((96, 128), np.float32)}
     assert orient(source(made.views(5, 5), turn=Turn(rows=True), turn_by="names", truth=flat), AUTO).turn == Turn(rows=True)
+    both = {(1, 1): lambda: -made.middle_disparity(), **TRUTH, (3, 3): lambda: -made.middle_disparity()}
+    assert orient(source(made.views(5, 5)[::-1], turn=Turn(), turn_by="names", truth=both), AUTO).turn == Turn(rows=True)
 
 
 @pytest.mark.parametrize(
