@@ -37,30 +37,18 @@ def room(path: Path) -> str:
     return path.relative_to(PACKAGE).with_suffix("").parts[0]
 
 
-def test_every_folder_is_a_room_with_its_layer() -> None:
+def test_every_folder_is_a_room_and_imports_point_down() -> None:
     folders = {entry.name for entry in PACKAGE.iterdir() if entry.is_dir() and any(entry.glob("*.py"))}
     assert folders == set(LAYER)
-
-
-def test_imports_point_down() -> None:
+    assert len({path.stem for path in PACKAGE.glob("*.py")} - {"__init__", "__main__"}) <= 4, "few modules stand loose"
     wrong = []
     for path in PACKAGE.rglob("*.py"):
         here = room(path)
-        if here in ("__init__", "__main__"):
-            continue
         for name in imported(path):
-            words = name.split(".")
-            there = words[1] if words[0] == "lfpipe" and len(words) > 1 else here
-            if there == here or there not in LAYER:
-                continue
-            if here not in LAYER or LAYER[there] >= LAYER[here]:
+            there = name.split(".")[1] if name.startswith("lfpipe.") else here
+            if there != here and there in LAYER and LAYER[there] >= LAYER.get(here, 0) and here not in ("__init__", "__main__"):
                 wrong.append(f"{path.relative_to(PACKAGE)}: {name}")
     assert not wrong, "\n".join(wrong)
-
-
-def test_few_modules_stand_loose() -> None:
-    loose = {path.stem for path in PACKAGE.glob("*.py")} - {"__init__", "__main__"}
-    assert len(loose) <= 4, loose
 
 
 # Modules, functions and paths that not every operating system has: `host` alone may name them.
@@ -88,7 +76,8 @@ ALLOWED = {
 def system_names(path: Path) -> Iterator[str]:
     """What in a file belongs to an operating system."""
     tree = ast.parse(path.read_text())
-    documents = {id(node.body[0].value) for node in ast.walk(tree) if _has_docstring(node)}  # type: ignore[attr-defined]
+    bodies = (node.body for node in ast.walk(tree) if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef))
+    documents = {id(body[0].value) for body in bodies if body and isinstance(body[0], ast.Expr)}
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from (one.name for one in node.names if one.name in SYSTEM_MODULES)
@@ -98,10 +87,6 @@ def system_names(path: Path) -> Iterator[str]:
             yield node.attr
         elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in documents:
             yield from (start for start in SYSTEM_PATHS if node.value.startswith(start))
-
-
-def _has_docstring(node: ast.AST) -> bool:
-    return isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node, clean=False) is not None
 
 
 def test_only_host_names_an_operating_system() -> None:

@@ -4,12 +4,13 @@ import os
 import shutil
 from pathlib import Path
 
+import cv2
 import pytest
 from click.testing import CliRunner
 
 from lfpipe.cli import cli
 from lfpipe.errors import UserError
-from tests.world import write_scene
+from tests.world import World, write_scene
 
 
 def _content(folder: Path) -> dict[str, bytes]:
@@ -56,3 +57,10 @@ def test_a_file_of_a_person_is_kept(owned: Path, monkeypatch: pytest.MonkeyPatch
     error = CliRunner().invoke(cli, args.split()).exception
     assert isinstance(error, UserError) and named in error.message, error
     assert _content(owned) == before
+
+
+def test_a_file_that_is_shown_to_a_file_plays_once(world: World, scene: Path, clip: Path) -> None:
+    done = world.run("up", scene, "--camera", f"file:{clip}", "--display", "file:out.mkv", "--session", world.name)
+    assert done.returncode == 0 and "out.mkv" in done.stdout, done.stderr
+    frames = cv2.VideoCapture(str(world.root / "out.mkv")).get(cv2.CAP_PROP_FRAME_COUNT)
+    assert 60 <= frames <= 240, "60 frames at 30 Hz, shown at 60 Hz"

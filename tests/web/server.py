@@ -4,6 +4,7 @@ import base64
 import http.client
 import json
 import re
+import signal
 import socket
 import time
 from collections.abc import Callable, Iterator
@@ -35,14 +36,14 @@ class Server:
         return {"Authorization": f"Bearer {self.token}"}
 
     def ask(self, method: str, path: str, body: Any = None, **headers: str) -> tuple[int, bytes]:
-        """Status and body of an answer; with the token. A str or bytes is sent as it is, another body as JSON."""
+        """Status and body of an answer; with the token. Bytes are sent as they are, another body as JSON."""
         answer, data = self.answer(method, path, body, **{**self.bearer, **headers})
         return answer.status, data
 
     def answer(self, method: str, path: str, body: Any = None, **headers: str) -> tuple[http.client.HTTPResponse, bytes]:
         """The same, with its headers and without the token."""
         kind = {"Content-Type": "application/json"} if body is not None else {}
-        data = body if body is None or isinstance(body, str | bytes) else json.dumps(body)
+        data = body if body is None or isinstance(body, bytes) else json.dumps(body)
         with closing(http.client.HTTPConnection("127.0.0.1", self.port, timeout=60)) as connection:
             connection.request(method, path, data, {**kind, **headers})
             answer = connection.getresponse()
@@ -88,7 +89,7 @@ class Server:
 
 @contextmanager
 def served(world: World, *args: str) -> Iterator[Server]:
-    """Serves the page of the world's session. Fails where it wrote a traceback, or its token anywhere but at the start."""
+    """Serves the page of the world's session until Ctrl-C. Fails where it wrote more than its address."""
     log = world.root / f"monitor-{time.monotonic_ns()}.log"
     with log.open("w") as output:
         words = ("monitor", "--session", world.name, "--web", *(args or (":0",)))
@@ -96,10 +97,9 @@ def served(world: World, *args: str) -> Iterator[Server]:
     said = until(lambda: re.search(r"http://(\S+):(\d+)/\?token=(\S+)", log.read_text()), "address")
     yield Server(int(said[2]), said[3], process.pid)
     assert process.poll() is None, log.read_text()
-    process.terminate()
-    process.wait(60)
-    text = log.read_text()
-    assert "Traceback" not in text and text.count(said[3]) == 1, text
+    process.send_signal(signal.SIGINT)
+    code, text = process.wait(60), log.read_text()
+    assert code == 0 and len(text.splitlines()) == 1 and text.count(said[3]) == 1, text
 
 
 def until(condition: Callable[[], Any], what: str, timeout_s: float = 60) -> Any:

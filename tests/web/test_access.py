@@ -86,35 +86,32 @@ def test_only_commands_of_the_page_are_passed_on(server: Server, world: World) -
     assert busy.returncode == 2 and "another port" in busy.stderr
 
 
-class Stranger(BaseHTTPRequestHandler):
-    """A page on another port of this host, whose script wants the figures, the page in a frame, and a command."""
-
-    seen: list[str]
-
-    def do_GET(self) -> None:
-        type(self).seen.append(f"{self.path} {self.headers}")
-        body = b"<!doctype html><title>stranger</title><body></body>"
-        self.send_response(200)
-        self.send_header("Content-Type", "text/html")
-        self.send_header("Content-Length", str(len(body)))
-        self.end_headers()
-        self.wfile.write(body)
-
-    def log_message(self, *args: object) -> None:
-        pass
-
-
 @pytest.fixture
-def stranger() -> Iterator[str]:
-    Stranger.seen = []
-    served = ThreadingHTTPServer(("127.0.0.1", 0), Stranger)
+def stranger() -> Iterator[tuple[str, list[str]]]:
+    """The address of a page on another port of this host, and the requests that its server sees."""
+    seen: list[str] = []
+
+    class Page(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            seen.append(f"{self.path} {self.headers}")
+            self.send_response(200)
+            self.send_header("Content-Type", "text/html")
+            self.end_headers()
+            self.wfile.write(b"<!doctype html><title>stranger</title><body></body>")
+
+        def log_message(self, *args: object) -> None:
+            pass
+
+    served = ThreadingHTTPServer(("127.0.0.1", 0), Page)
     threading.Thread(target=served.serve_forever, daemon=True).start()
-    yield f"http://127.0.0.1:{served.server_address[1]}"
+    yield f"http://127.0.0.1:{served.server_address[1]}", seen
     served.shutdown()
     served.server_close()
 
 
-def test_in_a_browser_that_has_the_token_other_pages_get_nothing(live_server: Server, stranger: str, tmp_path: Path) -> None:
+def test_in_a_browser_with_the_token_other_pages_get_nothing(
+    live_server: Server, stranger: tuple[str, list[str]], tmp_path: Path
+) -> None:
     if why := missing():
         pytest.skip(why)
     with Browser(tmp_path / "profile") as browser:
@@ -122,7 +119,7 @@ def test_in_a_browser_that_has_the_token_other_pages_get_nothing(live_server: Se
         until(lambda: browser.ask("window.lfpipe.events > 2"), "figures")
         page = str(browser.ask("location.href"))
         assert "token" not in page and browser.ask("document.cookie") == "" and live_server.token not in page
-        browser.ask(f"(() => {{ location.href = '{stranger}/left'; }})()")
+        browser.ask(f"(() => {{ location.href = '{stranger[0]}/left'; }})()")
         until(lambda: browser.ask("document.title") == "stranger", "page of the stranger")
         browser.ask(f"""(() => {{ window.got = {{}};
             const base = '{page}', frame = document.createElement('iframe'); frame.src = base; frame.onload = () => {{
@@ -134,7 +131,7 @@ def test_in_a_browser_that_has_the_token_other_pages_get_nothing(live_server: Se
             events.onmessage = () => got.events = 'read'; events.onerror = () => got.events = 'refused'; }})()""")
         got = until(lambda: len(found := browser.ask("window.got")) == 3 and found, "end of what the stranger tried")
         assert got == {"frame": "refused", "command": "sent", "events": "refused"}
-        for text in Stranger.seen:
+        for text in stranger[1]:
             assert live_server.token not in text and f":{live_server.port}" not in text and "lfpipe-" not in text, text
         browser.open(page)
         until(lambda: browser.ask("window.lfpipe && window.lfpipe.last && window.lfpipe.last.paused === false"), "no pause")

@@ -1,7 +1,6 @@
 """Limits on clients: partial, large and many requests, and unread answers."""
 
 import itertools
-import signal
 import socket
 from contextlib import ExitStack
 from pathlib import Path
@@ -92,22 +91,12 @@ def test_who_does_not_read_is_dropped(live_server: Server) -> None:
         until(lambda: live_server.sockets() <= sockets, "end of who does not read", 90)
 
 
-def test_the_end_with_viewers_is_quiet(world: World) -> None:
-    log = world.root / "log"
-    with log.open("w") as output:
-        process = world.start("monitor", "--session", world.name, "--web", ":0", stdout=output, stderr=output)
-    until(lambda: "token=" in log.read_text(), "address")
-    address, token = log.read_text().split("http://")[1].split()[0].split("/?token=")
-    connection, viewer = Server(int(address.rpartition(":")[2]), token, process.pid).viewer()
-    assert viewer.readline().startswith(b"data: ")
-    process.send_signal(signal.SIGINT)
-    assert process.wait(60) == 0 and len(log.read_text().splitlines()) == 1, log.read_text()
-    connection.close()
-
-
-def test_a_server_that_nobody_looks_at_lets_go_of_the_session(live: World) -> None:
+def test_a_server_that_nobody_looks_at_lets_go_of_the_session_and_ends_with_viewers(live: World) -> None:
     with served(live) as server:
         maps = Path(f"/proc/{server.pid}/maps")
         for _ in itertools.islice(server.events(), 6):
             assert f"/{PREFIX}" in maps.read_text()
         until(lambda: f"/{PREFIX}" not in maps.read_text(), "end of the attachment")
+        connection, viewer = server.viewer()
+        assert viewer.readline().startswith(b"data: ")
+    connection.close()

@@ -13,7 +13,7 @@ from tests.web.server import Server, until
 from tests.world import World
 
 
-def test_the_picture_is_lent_at_full_chroma_and_taken_back(live: World, live_server: Server) -> None:
+def test_the_picture_is_lent_at_full_chroma_taken_back_and_controlled(live: World, live_server: Server) -> None:
     assert live.segments("pictures") == [], "nobody asks, no ring"
     jpeg = live_server.jpeg("picture")
     assert len(live.segments("pictures")) == 1
@@ -26,6 +26,15 @@ def test_the_picture_is_lent_at_full_chroma_and_taken_back(live: World, live_ser
     assert camera.shape == (240, 320, 3) and camera.std() > 20
     until(lambda: live.segments("pictures") == [], "ring taken back when nobody asks")
     live.pictures(len(live.lines()) + 5)
+
+    def spread() -> float:
+        return float(np.ptp(live_server.picture().reshape(-1, 3).mean(axis=0)))
+
+    for anaglyph, alpha_px in (("grey", 1000.0), ("colour", 12.0)):
+        sets = {"render.anaglyph": anaglyph, "render.alpha_px": alpha_px}
+        status, data = live_server.ask("POST", "/ctl", {"cmd": "set", "set": sets})
+        assert status == 200 and json.loads(data)["applied"] is True
+        until(lambda wanted=anaglyph: spread() < 4 if wanted == "grey" else spread() > 8, f"{anaglyph} picture")
 
 
 @pytest.mark.everyday
@@ -74,17 +83,6 @@ def test_in_a_browser_charts_move_and_controls_work(world: World, scene: Path, s
         until(lambda: browser.ask("window.lfpipe.last && window.lfpipe.last.alive"), "session that returned")
         until(lambda: browser.ask("window.lfpipe.last.camera_fps > 5 && window.lfpipe.last.stages.track.face"), "its figures", 60)
         assert server.ask("POST", "/ctl", {"cmd": "recentre"})[0] == 200
-
-
-def test_a_control_changes_the_picture_that_is_served(live_server: Server) -> None:
-    def spread() -> float:
-        return float(np.ptp(live_server.picture().reshape(-1, 3).mean(axis=0)))
-
-    for anaglyph, alpha_px in (("grey", 1000.0), ("colour", 12.0)):
-        sets = {"render.anaglyph": anaglyph, "render.alpha_px": alpha_px}
-        status, data = live_server.ask("POST", "/ctl", {"cmd": "set", "set": sets})
-        assert status == 200 and json.loads(data)["applied"] is True
-        until(lambda wanted=anaglyph: spread() < 4 if wanted == "grey" else spread() > 8, f"{anaglyph} picture")
 
 
 def test_the_grid_is_where_the_mapping_says() -> None:
