@@ -71,34 +71,6 @@ def outcome(made: Recording) -> LoopDelay | str:
         return error.message
 
 
-def print_made_loop() -> None:
-    """Displayed error on a known motion, with the loop's delay taken as 0 and known."""
-    from lfpipe.bench.photon import LOOP_MS, displayed, errors_px, steady_ms, velocity_px_s
-    from lfpipe.config import Track
-    from lfpipe.track.filters import make_filter
-
-    horizons_ms = tuple(LOOP_MS + handed_ms for handed_ms in (0, 10, 20, 30))
-    before, after = (displayed(make_filter(Track()), horizons_ms, unknown_ms) for unknown_ms in (LOOP_MS, 0.0))
-    print("\n| stamp to present | RMS, all | under way | its median | swaying | steady latency |\n|---|---|---|---|---|---|")
-    for horizon_ms, *both in zip(horizons_ms, before, after, strict=True):
-        cells = []
-        for pictures in both:
-            errors, speed = errors_px(pictures), np.sqrt(np.square(velocity_px_s(pictures)).sum(axis=(1, 2)) / 2)
-            moving = speed > 60
-            slow = moving & (speed < 150)
-            cells.append(
-                [
-                    *(float(np.sqrt(np.mean(np.square(part)))) for part in (errors, errors[moving])),
-                    float(np.median(errors[moving])),
-                    float(np.sqrt(np.mean(np.square(errors[slow])))),
-                    float(np.median(steady_ms(pictures))),
-                ]
-            )
-        units = ["px"] * 4 + ["ms"]
-        texts = [f"{a:.1f} -> {b:.1f} {unit} ({a / b:.1f} x)" for a, b, unit in zip(*cells, units, strict=True)]
-        print(f"| {horizon_ms - LOOP_MS} ms | {' | '.join(texts)} |")
-
-
 def run(count: int) -> None:
     rows, began = [], time.monotonic()
     for seed in range(1000, 1000 + count):  # the constants of the fit were chosen on seeds 0 to 59
@@ -129,4 +101,3 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=200)
     run(parser.parse_args().runs)
-    print_made_loop()

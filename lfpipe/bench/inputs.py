@@ -46,16 +46,23 @@ def eyes_at(truth: Truth, t_ns: ArrayLike) -> NDArray[np.float64]:
 
 @attrs.define(eq=False)
 class Inputs:
-    """Inputs, opened when a subject first asks for them. work: a folder for generated files, which later runs reuse."""
+    """Inputs, opened when a subject first asks for them. work: a folder for generated files, which later runs reuse.
+
+    about: those that are open, in words.
+    """
 
     open_scene: Callable[[], tuple[Path, LightField]]
     open_sequence: Callable[[], FrameSequence]
     quick: bool
     work: Path
+    about: dict[str, str] = attrs.Factory(dict)
 
     @cached_property
     def scene(self) -> tuple[Path, LightField]:
-        return self.open_scene()
+        path, one = self.open_scene()
+        views = f"{one.rows}x{one.cols} views of {one.width_px}x{one.height_px} px"
+        self.about["scene"] = f"{one.name}: {views}, disparity {one.disparity_source}"
+        return path, one
 
     @property
     def field(self) -> LightField:
@@ -63,19 +70,10 @@ class Inputs:
 
     @cached_property
     def sequence(self) -> FrameSequence:
-        return self.open_sequence()
-
-    def described(self, needs: tuple[str, ...]) -> dict[str, str]:
-        """The inputs that a subject needs, in words."""
-        texts = {}
-        if "scene" in needs:
-            one = self.field
-            views = f"{one.rows}x{one.cols} views of {one.width_px}x{one.height_px} px"
-            texts["scene"] = f"{one.name}: {views}, disparity {one.disparity_source}"
-        if "sequence" in needs:
-            frames = f"{len(self.sequence.frames)} frames at {self.sequence.rate_hz:g} Hz"
-            texts["sequence"] = f"{self.sequence.path.name}: {frames}, {'truth known' if self.sequence.truth else 'no truth'}"
-        return texts
+        one = self.open_sequence()
+        frames = f"{len(one.frames)} frames at {one.rate_hz:g} Hz"
+        self.about["sequence"] = f"{one.path.name}: {frames}, {'truth known' if one.truth else 'no truth'}"
+        return one
 
 
 def read_sequence(path: Path, frames: int, work: Path) -> FrameSequence:

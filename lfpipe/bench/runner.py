@@ -55,7 +55,7 @@ def measure(names: Sequence[str], inputs: Inputs, out: Path, progress: Progress)
     for name in names:
         subject, about = SUBJECTS[name], conditions()
         results[name] = run(subject, importlib.import_module(f"lfpipe.bench.{name}").measure(inputs), inputs.quick, progress)
-        results[name].about = about | inputs.described(subject.needs)
+        results[name].about = about | inputs.about
         results = {known: results[known] for known in SUBJECTS if known in results}
         write(results, out)
     return results

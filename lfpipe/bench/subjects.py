@@ -40,7 +40,7 @@ class Choice:
 
 @attrs.frozen
 class Subject:
-    """paper: what the paper does. needs: the inputs that it reads.
+    """paper: what the paper does.
 
     Pairs are for quick and full runs. budget_s: seconds of timing. turns: minimum number of turns of each method.
     """
@@ -51,7 +51,6 @@ class Subject:
     columns: tuple[Column, ...] = ()
     charts: tuple[Chart, ...] = ()
     paper: str = ""
-    needs: tuple[str, ...] = ()
     choice: Choice | None = None
     budget_s: tuple[float, float] = (5.0, 60.0)
     turns: tuple[int, int] = (7, 15)
@@ -64,22 +63,18 @@ def _times(of: str, unit: str, suffix: str) -> tuple[Column, Column]:
     return Column(f"time_{suffix}", f"time per {of}, p50", unit), Column(f"time_p95_{suffix}", f"time per {of}, p95", unit)
 
 
-_EYES = "of the distance between the eyes"
 _ALL = (
     Subject(
         "tracker", "Tracking the eyes",
         "How closely does each face engine follow the true eyes of the sequence, and what does a camera frame cost?",
         (
             Column("error_px", "error of the worse eye, RMS", "px of the frame", "rms"),
-            Column("error_share", "error of the worse eye, RMS", _EYES, "rms"),
-            Column("offset", "offset of the eye centre", _EYES), Column("missed", "frames without a face", "share", "mean"),
+            Column("offset", "offset of the eye centre", "of the distance between the eyes"),
+            Column("missed", "frames without a face", "share", "mean"),
             *_times("camera frame", "ms", "ms"), Column("cpu_ms", "CPU per camera frame, all threads", "ms"),
         ),
-        (
-            Chart("Error of tracking against time", "time_ms", "error_px"),
-            Chart("Error of tracking, in distances between the eyes, against CPU", "cpu_ms", "error_share"),
-        ),
-        "FaceMesh (engine mediapipe) on every frame of 640x480", ("sequence",),
+        (Chart("Error of tracking against time", "time_ms", "error_px"),),
+        "FaceMesh (engine mediapipe) on every frame of 640x480",
         Choice("track.engine", "time_ms", "error_px", 11.0, "a third of a frame at 30 Hz"), (6.0, 60.0),
     ),
     Subject(
@@ -95,7 +90,7 @@ _ALL = (
             Chart(f"Error {AHEAD_MS} ms ahead against time", "time_us", "error_30hz"),
             Chart(f"Error {AHEAD_MS} ms ahead against still jitter", "jitter_30hz", "error_30hz"),
         ),
-        "mean of k = 5, without prediction", (),
+        "mean of k = 5, without prediction",
         Choice("track.filter", "time_us", "error_30hz", 1000.0, "a thirtieth of a frame at 30 Hz"), (3.0, 30.0),
     ),
     Subject(
@@ -127,7 +122,7 @@ _ALL = (
             Chart("Error on left-out views against time", "time_ms", "rmse"),
             Chart("Jumps while moving against time", "time_ms", "jump"),
         ),
-        "nearest stored view", ("scene",), Choice("render.method", "time_ms", "rmse", 8.0, "half a refresh at 60 Hz"),
+        "nearest stored view", Choice("render.method", "time_ms", "rmse", 8.0, "half a refresh at 60 Hz"),
     ),
     Subject(
         "anaglyph", "Anaglyph encodings",
@@ -140,7 +135,7 @@ _ALL = (
         ),
         tuple(Chart(f"{title} against time", "time_ms_mp", y)
               for title, y in (("Error of colour", "fused"), ("Rivalry", "rivalry"), ("Ghost", "ghost"))),
-        "colour: red of the left view, green and blue of the right", ("scene",), None, (3.0, 30.0),
+        "colour: red of the left view, green and blue of the right", None, (3.0, 30.0),
     ),
     Subject(
         "pipeline", "The whole pipeline",
@@ -158,12 +153,11 @@ _ALL = (
             Chart("Error of the viewpoint shown against latency", "latency_ms", "error_views"),
             Chart("Latency against CPU", "cpu_ms_s", "latency_ms"),
         ),
-        "its configuration (`--config paper`), and the same as one plain loop", ("scene", "sequence"), None, (1.0, 400.0), (1, 3),
+        "its configuration (`--config paper`), and the same as one plain loop", None, (1.0, 400.0), (1, 3),
     ),
     Subject(
         "stability", "Stiff and extreme cases",
         "Does anything lose precision, raise an exception or show a wrong picture, and for how long? The worst error is shown.",
-        needs=("scene",),
     ),
 )  # fmt: skip
 SUBJECTS = {subject.name: subject for subject in _ALL}

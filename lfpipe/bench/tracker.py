@@ -31,11 +31,7 @@ def motion_errors(eyes: NDArray[np.float64], truth: NDArray[np.float64]) -> Samp
     error = (eyes[seen] - truth[seen]) / between_px[:, None, None]
     offset = np.median(error, axis=0)
     worst = np.linalg.norm(error - offset, axis=2).max(axis=1)
-    return {
-        "error_px": (worst * between_px).tolist(),
-        "error_share": worst.tolist(),
-        "offset": [float(np.linalg.norm(offset, axis=1).max())],
-    }
+    return {"error_px": (worst * between_px).tolist(), "offset": [float(np.linalg.norm(offset, axis=1).max())]}
 
 
 def measure(inputs: Inputs) -> Iterator[Offer]:

@@ -26,8 +26,12 @@ border = [4]
 """
 
 
-def test_every_combination_is_a_cell_with_a_key_of_its_own(tmp_path: Path, corpus: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+
+def test_every_combination_is_a_cell_with_a_key_of_its_own(tmp_path: Path, corpus: Path) -> None:
     plan = read_plan(write_plan(tmp_path, corpus, FULL))
     found = [keyed(cell, "v1") for cell in plan]
     assert len(found) == 2 * 4 * 2 + 2 * 4 + 2 * 4 * 2
@@ -37,17 +41,18 @@ def test_every_combination_is_a_cell_with_a_key_of_its_own(tmp_path: Path, corpu
     assert {cell.sequence != "" for cell in found if cell.subject == "truth"} == {True}
     assert [keyed(cell, "v1") for cell in plan] == found
     assert not {keyed(cell, "v2").key for cell in plan} & {cell.key for cell in found}
+    folder = Cell("replay", "/a/../é/%$ walk", "/x/" + "s" * 300, ("render.method=warp2", 'screen.x="/"')).folder
+    assert "/" not in folder and len(folder) < 100 and not folder.startswith("."), "the name of a reference"
 
 
-def test_a_key_follows_contents_not_the_place(tmp_path: Path, corpus: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+def test_a_key_follows_contents_not_the_place(tmp_path: Path, corpus: Path) -> None:
     for folder in ("recordings/walk", "scenes/s0"):
         shutil.copytree(corpus / folder, tmp_path / folder)
     assert sequence_id(str(tmp_path / "recordings" / "walk")) == sequence_id(str(corpus / "recordings" / "walk"))
-    assert scene_id(str(tmp_path / "scenes" / "s0"), ()) == scene_id(str(corpus / "scenes" / "s0"), ())
-    assert scene_id(str(corpus / "scenes" / "s1"), ()) != scene_id(str(corpus / "scenes" / "s0"), ())
-    gamma = scene_id(str(corpus / "scenes" / "s0"), ("scene.gamma=2", "render.method=warp"))
-    assert gamma == scene_id(str(corpus / "scenes" / "s0"), ("scene.gamma=2",)) != scene_id(str(corpus / "scenes" / "s0"), ())
+    s0, s1 = (str(corpus / "scenes" / name) for name in ("s0", "s1"))
+    assert scene_id(str(tmp_path / "scenes" / "s0"), ()) == scene_id(s0, ()) != scene_id(s1, ())
+    gamma = scene_id(s0, ("scene.gamma=2", "render.method=warp"))
+    assert gamma == scene_id(s0, ("scene.gamma=2",)) != scene_id(s0, ())
 
 
 @pytest.mark.parametrize(
@@ -69,11 +74,6 @@ def test_mistakes_are_named_before_anything_runs(tmp_path: Path, text: str, said
     with pytest.raises(UserError, match=r"plan\.toml|configuration") as caught:
         read_plan(write_plan(tmp_path, tmp_path, text))
     assert said in str(caught.value)
-
-
-def test_names_of_references_are_plain_file_names() -> None:
-    cell = Cell("replay", "/a/../é/%$ walk", "/x/" + "s" * 300, ("render.method=warp2", 'screen.x="/"'))
-    assert "/" not in cell.folder and len(cell.folder) < 100 and not cell.folder.startswith(".")
 
 
 def test_no_name_of_a_file_is_a_formula_of_a_spreadsheet(tmp_path: Path) -> None:
