@@ -126,12 +126,9 @@ def test_another_scene_or_sequence_is_refused_and_other_views_are_named(run: Pat
     assert [str(each) for each in compare(REFERENCE, run).differences] == ["scene: the same views in another order"]
     change_report(run, lambda report: report["scene"].update(views=one["views"]))
     assert [str(each) for each in compare(REFERENCE, run).differences] == ["scene: the pictures of its views differ"]
-    for part, key, said in (
-        ("scene", "rows", "rows 5 in the reference, 9 now"),
-        ("sequence", "frames", "frames 300 in the reference, 9 now"),
-    ):
+    for part, key, was in (("scene", "rows", 5), ("sequence", "frames", 300)):
         change_report(run, lambda report, part=part, key=key: report[part].update({key: 9}))
-        with pytest.raises(UserError, match=f"made with another {part}: {said}"):
+        with pytest.raises(UserError, match=f"made with another {part}: {key} {was} in the reference, 9 now"):
             compare(REFERENCE, run)
         shutil.copy(REFERENCE / REPORT, run / REPORT)
 
@@ -145,6 +142,9 @@ def test_other_versions_are_told_and_a_rounding_passes(run: Path) -> None:
     assert found.notes[0] == f"compared with tolerances, not bit by bit: {OPENCV} {was}, {is_now} now"
     assert "300 of 300 digests differ, least PSNR 5" in found.notes[1]
     assert not (run / "difference").exists()
+    redrawn(copy, lambda picture: np.where(picture < 253, picture + np.uint8(3), picture))  # a person could tell them apart
+    (difference,) = compare(copy, run).differences
+    assert difference.part == "pictures" and "least PSNR 3" in difference.what
 
 
 def test_the_same_rounding_is_caught_where_versions_are_equal(run: Path) -> None:
@@ -153,13 +153,6 @@ def test_the_same_rounding_is_caught_where_versions_are_equal(run: Path) -> None
     assert difference.part == "pictures" and difference.frame == 0 and "300 of 300 frames; least PSNR 5" in difference.what
     kinds = {path.name.rpartition("_")[2] for path in (run / "difference").iterdir()}
     assert kinds == {"reference.png", "now.png", "difference.png"}
-
-
-def test_pictures_that_a_person_could_tell_apart_are_caught(run: Path) -> None:
-    copy = other(run)
-    redrawn(copy, lambda picture: np.where(picture < 253, picture + np.uint8(3), picture))
-    (difference,) = compare(copy, run).differences
-    assert difference.part == "pictures" and "least PSNR 38" in difference.what
 
 
 EYES = "eyes_raw", "eyes_used"
