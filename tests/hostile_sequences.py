@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from lfpipe.cli import cli
-from lfpipe.sequence.folder import EYES, MANIFEST, TRUTH, begin_manifest, end_manifest
+from lfpipe.sequence.folder import MANIFEST, TRUTH, begin_manifest, end_manifest
 from lfpipe.sequence.packets import INDEX, PACKETS, PacketWriter, encoded
 from tests import hostile_files as hostile
 
@@ -30,11 +30,11 @@ def picture(seq: int) -> np.ndarray:
 
 
 def made_sequence(out: Path) -> Path:
-    """An intact sequence of six frames in all three codecs, with eyes and truth."""
+    """An intact sequence of six frames in all three codecs, with truth."""
     out.mkdir(parents=True)
     config = {"camera": {"width_px": SIZE[0], "height_px": SIZE[1], "focal_px": 60.0, "fov_deg": 56.0}}
     manifest = begin_manifest(out, "demo", *SIZE, 30.0, versions={"lfpipe": "0.1.0"}, config=config)
-    writer, eyes, truth = PacketWriter(out), [], ["source_seq,t_ns,left_x_px,left_y_px,right_x_px,right_y_px,visible"]
+    writer, truth = PacketWriter(out), ["source_seq,t_ns,left_x_px,left_y_px,right_x_px,right_y_px,visible"]
     for seq in range(FRAMES):
         codec, data = encoded(picture(seq), fast=seq % 3 == 1)
         if seq % 3 == 0:
@@ -42,11 +42,8 @@ def made_sequence(out: Path) -> Path:
         t_ns = seq * STEP_NS
         writer.append(data, codec, seq, 0, 10**9 + t_ns, 10**9 + t_ns + 5)
         points = [[40.0 + seq, 20.0], [24.0 + seq, 20.5]]
-        about = {"source_seq": seq, "epoch": 0, "t_sensor_ns": 10**9 + t_ns, "face": 1}
-        eyes.append({**about, "raw_px": points, "filtered_px": points, "confidence": 0.9})
         truth.append(f"{seq},{t_ns},{points[0][0]},{points[0][1]},{points[1][0]},{points[1][1]},1")
     writer.close()
-    (out / EYES).write_text("".join(json.dumps(line) + "\n" for line in eyes))
     (out / TRUTH).write_text("\n".join(truth) + "\n")
     end_manifest(out, manifest, writer.count, writer.checksums())
     return out
@@ -72,7 +69,7 @@ def put_packets(folder: Path, found: list[tuple[dict[str, Any], bytes]]) -> None
 
 def sign(folder: Path) -> None:
     """Makes the checksums of the manifest agree with the files, as far as there are both."""
-    files = {name: folder / name for name in (MANIFEST, PACKETS, INDEX, EYES, TRUTH)}
+    files = {name: folder / name for name in (MANIFEST, PACKETS, INDEX, TRUTH)}
     data = {name: path.read_bytes() for name, path in files.items() if path.is_file() and path.stat().st_size < 1 << 24}
     try:
         manifest = json.loads(data.pop(MANIFEST))
@@ -103,11 +100,11 @@ def hostile_picture(rng: random.Random, data: bytes) -> bytes:
 
 def damage(rng: random.Random, folder: Path) -> str:
     """Damages one thing in a whole sequence at folder; returns which."""
-    kind = rng.choice(("manifest", "manifest", "index", "index", "frames", "picture", "picture", "truth", "eyes", "no file"))
+    kind = rng.choice(("manifest", "manifest", "index", "index", "frames", "picture", "picture", "truth", "no file"))
     if kind == "manifest":
         (folder / MANIFEST).write_bytes(hostile.damaged_json(rng, json.loads((folder / MANIFEST).read_text())))
-    elif kind in ("index", "eyes"):
-        path = folder / (INDEX if kind == "index" else EYES)
+    elif kind == "index":
+        path = folder / INDEX
         path.write_bytes(hostile.damaged_lines(rng, [json.loads(line) for line in path.read_text().splitlines()]))
     elif kind == "frames":
         (folder / PACKETS).write_bytes(hostile.damaged_bytes(rng, (folder / PACKETS).read_bytes()))
@@ -119,7 +116,7 @@ def damage(rng: random.Random, folder: Path) -> str:
     elif kind == "truth":
         (folder / TRUTH).write_bytes(hostile.damaged_table(rng, (folder / TRUTH).read_text()))
     else:
-        path = folder / rng.choice((MANIFEST, INDEX, PACKETS, TRUTH, EYES))
+        path = folder / rng.choice((MANIFEST, INDEX, PACKETS, TRUTH))
         kind = rng.choice(sorted(hostile.NO_FILES))
         hostile.NO_FILES[kind](path)
         kind += f" as {path.name}"

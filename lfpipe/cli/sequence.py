@@ -23,7 +23,7 @@ from lfpipe.files.safe_files import create_private, open_regular
 from lfpipe.host.files import exists
 from lfpipe.host.machine import versions
 from lfpipe.sequence import edit
-from lfpipe.sequence.eyes import TRUTH, eyes_lines, read_truth, table_of
+from lfpipe.sequence.eyes import TRUTH, read_truth, table_of
 from lfpipe.sequence.folder import FILES, begin_manifest, check_out, end_manifest, new_folder, open_sequence
 from lfpipe.sequence.packets import PacketWriter, encoded
 from lfpipe.supervisor.supervisor import run_session
@@ -37,15 +37,14 @@ SEQUENCES = click.argument("paths", type=PATH, metavar="SEQ...", nargs=-1, requi
 @click.argument("out", type=PATH)
 @CAMERA
 @DURATION
-@click.option("--with-eyes", is_flag=True, help="Track the eyes and store them with the frames.")
 @with_config
-def record(out: Path, camera: str | None, duration_s: float | None, with_eyes: bool, config: Config) -> int:
+def record(out: Path, camera: str | None, duration_s: float | None, config: Config) -> int:
     """Record a camera to the new folder OUT, for `lfpipe replay`. Ctrl-C ends it. See also `lfpipe ctl record`."""
     source = check_source(camera or config.camera.source, config.camera)
     config = with_measured_focal(config, camera_name(source.text))
     check_out(out)
-    tracking = with_eyes or bool(source.eyes)  # who plays recorded eyes is the tracker
-    options = attrs.evolve(source.options, tracking=tracking, show=False, record=str(out.resolve()), record_eyes=with_eyes)
+    tracking = bool(source.eyes)  # who plays recorded eyes is the tracker
+    options = attrs.evolve(source.options, tracking=tracking, show=False, record=str(out.resolve()))
     outcome = run_session(Session(f"record.{os.getpid()}"), config, options, say, duration_s)
     return exit_code(outcome)
 
@@ -122,7 +121,7 @@ def _check(path: Path) -> None:
     wrong: list[UserError] = []
     read: Callable[[int], object] = found.eyes if found.holds_eyes else found.frame
     looks: list[Callable[[], object]] = [partial(read, seq) for seq in range(len(found.packets))]
-    looks += [partial(read_truth, path), lambda: all(True for _ in eyes_lines(path)), partial(open_sequence, path)]
+    looks += [partial(read_truth, path), partial(open_sequence, path)]
     for look in looks:
         try:
             look()
@@ -177,5 +176,5 @@ def import_(video: Path, out: Path, truth: Path | None) -> None:
 @click.argument("path", type=PATH, metavar="SEQ")
 @click.argument("video", type=PATH)
 def export(path: Path, video: Path) -> None:
-    """Write SEQ as VIDEO, .mkv or .avi without loss, with stamps and eyes in a CSV next to it."""
+    """Write SEQ as VIDEO, .mkv or .avi without loss, with stamps in a CSV next to it."""
     click.echo(f"{video}, {edit.export(open_sequence(path), video)}")

@@ -131,11 +131,10 @@ def record() -> None:
 
 @record.command()
 @click.argument("out", type=PATH)
-@click.option("--with-eyes", is_flag=True, help="Store the tracked eyes with the frames.")
 @click.pass_obj
-def start(send: Send, out: Path, with_eyes: bool) -> None:
+def start(send: Send, out: Path) -> None:
     """Record to the new folder OUT, until `stop` or the end of the session."""
-    send({"cmd": "record", "path": str(out.resolve()), "eyes": with_eyes}, FILE_CHECK_TIMEOUT_S)
+    send({"cmd": "record", "path": str(out.resolve())}, FILE_CHECK_TIMEOUT_S)
 
 
 @record.command("stop")

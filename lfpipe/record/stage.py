@@ -1,8 +1,7 @@
-"""Stage record: writes every frame, and optionally its tracked eyes, to a folder on disk; the eyes alone where the mouse makes
-them.
+"""Stage record: writes every frame to a folder on disk, or the eyes that the mouse makes.
 
-Reads: ring "frames", every slot in order; the ring of option "packets", the source's JPEGs if it delivers them; ring
-"eyes", in order if option "record_eyes" is set, or in place of frames.
+Reads: ring "frames", every slot in order; the ring of option "packets", the source's JPEGs if it delivers them; of
+a session of the mouse, ring "eyes" in place of frames.
 Writes: the sequence in the folder of option "record"; it ends when the option changes.
 Commands: stop. Asks: record (to end the recording, if writing fails).
 Emits: notice (end of a recording, lost frames).
@@ -35,7 +34,7 @@ class FrameReader:
     """Reads the frames in order, as the source's own JPEGs if it delivers them. size_px: of the stored frames."""
 
     def __init__(self, context: Context) -> None:
-        self._row, self._frames = context.row, context.input("frames")
+        self._row, self._frames, self._eyes = context.row, context.input("frames"), context.input("eyes")
         self.shape: tuple[int, ...] = self._frames.reader.shape
         self.size_px = self.shape[1], self.shape[0]
         self._packets: PacketInput | None = None
@@ -54,6 +53,8 @@ class FrameReader:
 
     def take(self, spare: Callable[[], NDArray[np.uint8]]) -> tuple[Stamp, str, NDArray[np.uint8] | bytes] | None:
         """The next frame: (stamp, "jpeg", its JPEG) or (stamp, "", its picture in an array from spare); None if there is none."""
+        while self._eyes.peek(in_order=True) is not None:
+            pass  # no writer waits for this reader
         while (peeked := self._frames.peek(in_order=True)) is not None:
             stamp, slot = peeked
             packet = self._packets.of(stamp) if self._packets else None
@@ -95,7 +96,7 @@ class EyesReader:
 
 
 class Recorder:
-    """The main thread's part: reads frames and eyes, updates the status row, reports errors."""
+    """The main thread's part: reads frames or eyes, updates the status row, reports errors."""
 
     def __init__(self, context: Context, folder: Path) -> None:
         """Raises OSError if nothing can be written."""
@@ -105,18 +106,13 @@ class Recorder:
         options = context.options
         eyes_only = options.mouse or bool(options.eyes)
         self._frames: FrameReader | EyesReader = EyesReader(context) if eyes_only else FrameReader(context)
-        self._eyes = None if eyes_only else context.input("eyes")  # read even if not recorded, so that no writer waits
-        self._record = np.empty((), EYES)
-        self._first: tuple[int, int] | None = None  # (epoch, source_seq) of the first recorded frame
         self._reported = self._slow = False
         more: dict[str, Any] = {"versions": versions(), "config": to_dict(context.config)}
         rate_hz = options.source_hz or context.config.render.nominal_hz
         self._manifest = begin_manifest(folder, options.source, *self._frames.size_px, rate_hz, **more)
-        self._store = Store(folder, self._frames.shape, options.record_eyes and not eyes_only)
+        self._store = Store(folder, self._frames.shape)
         if anew:
             self._frames.skip()
-            if self._eyes is not None:
-                self._eyes.skip()
 
     def wait(self) -> bool:
         """Waits for frames, or for room to store them. False once the recording must end."""
@@ -125,15 +121,10 @@ class Recorder:
         return not context.stopping and context.options.record == str(self._folder)
 
     def take(self) -> None:
-        """Passes new frames and eyes to the store, as far as it has room. Eyes of frames before the first one are left out."""
+        """Passes new frames to the store, as far as it has room."""
         store = self._store
         while not store.full and (taken := self._frames.take(store.spare)) is not None:
             store.put(*taken)
-            self._first = self._first or (taken[0].epoch, taken[0].source_seq)
-        while not store.full and self._eyes and (stamp := self._eyes.take(self._record, in_order=True)) is not None:
-            if self._first is not None and (stamp.epoch, stamp.source_seq) >= self._first:
-                stamps = {"source_seq": stamp.source_seq, "epoch": stamp.epoch, "t_sensor_ns": stamp.t_sensor_ns}
-                store.put_eyes(eyes_line(self._record, **stamps))
 
     def report(self) -> None:
         """Updates the status row. After an error, reports it once and requests the end of the recording."""

@@ -9,9 +9,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.files.safe_files import LineFile
 from lfpipe.host.processes import yield_to_others
-from lfpipe.sequence.eyes import EYES
 from lfpipe.sequence.packets import PacketWriter, encoded
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.ring import Stamp
@@ -39,13 +37,12 @@ class Store:
     failure: why storing ended, in words; "" if it has not. checksums, count: valid after `close`.
     """
 
-    def __init__(self, folder: Path, shape: tuple[int, ...], with_eyes: bool) -> None:
+    def __init__(self, folder: Path, shape: tuple[int, ...]) -> None:
         """Raises OSError if the files cannot be written."""
         self._shape = shape
-        self._eyes = LineFile(folder / EYES) if with_eyes else None
         self._writer = PacketWriter(folder)
         self._room = max(8, ROOM_BYTES // int(np.prod(shape)))
-        self._work: queue.SimpleQueue[Work | bytes | None] = queue.SimpleQueue()
+        self._work: queue.SimpleQueue[Work | None] = queue.SimpleQueue()
         self._done: queue.SimpleQueue[Stored] = queue.SimpleQueue()
         self._spare: list[NDArray[np.uint8]] = []
         self._put = self._taken = 0  # frame counts; each is written by one thread only
@@ -79,10 +76,6 @@ class Store:
         self._put += 1
         self._work.put((stamp, codec, frame, now_ns()))
 
-    def put_eyes(self, line: bytes) -> None:
-        """Stores a line of JSON in the file of eyes."""
-        self._work.put(line)
-
     def results(self) -> Iterator[Stored]:
         """The outcomes of frames since the last call."""
         while not self._done.empty():
@@ -102,16 +95,11 @@ class Store:
             except Exception as error:  # the session continues without the recording
                 self.failure = f"{type(error).__name__}: {error}".rstrip(": ")
             self._busy_ns = 0
-            if isinstance(work, tuple):
-                self._taken += 1
-                if not isinstance(work[2], bytes):
-                    self._spare.append(work[2])
+            self._taken += 1
+            if not isinstance(work[2], bytes):
+                self._spare.append(work[2])
 
-    def _write(self, work: Work | bytes) -> None:
-        if isinstance(work, bytes):
-            if self._eyes is not None:
-                self._eyes.append(work)
-            return
+    def _write(self, work: Work) -> None:
         stamp, codec, frame, t_taken_ns = work
         kept = stamp.t_sensor_ns > self._last_ns  # a repeated stamp means a repeated frame, which could not be replayed
         if kept:
@@ -130,6 +118,4 @@ class Store:
         self._work.put(None)
         self._thread.join()
         self._writer.close()
-        if self._eyes is not None:
-            self._eyes.close()
         return self._writer.checksums()

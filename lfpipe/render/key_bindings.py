@@ -190,7 +190,7 @@ class KeyBindings:
             self._context.request("record", path="")
             return
         path = _picture_folder() / time.strftime("lfpipe-recording-%Y%m%d-%H%M%S")
-        self._context.request("record", path=str(path), eyes=True)
+        self._context.request("record", path=str(path))
         self._notices.say("record", f"recording to {_short(str(path))}")
 
     def _screenshot(self) -> None:

@@ -17,7 +17,7 @@ from lfpipe.files.decoding import opencv_name
 from lfpipe.files.output import PLACE, check_output, finished_output
 from lfpipe.files.safe_files import create_private, lines, reason
 from lfpipe.files.video_writer import VideoWriter
-from lfpipe.sequence.eyes import COLUMNS, EYES, LINE_BYTES, REMEDY, TRUTH, eyes_lines
+from lfpipe.sequence.eyes import LINE_BYTES, REMEDY, TRUTH
 from lfpipe.sequence.folder import Sequence, begin_manifest, end_manifest, new_folder
 from lfpipe.sequence.packets import PacketWriter
 
@@ -41,10 +41,6 @@ def cut(sequence: Sequence, out: Path, begin_s: float, end_s: float) -> int:
         for p in map(sequence.packets.__getitem__, chosen):
             writer.append(sequence.data(p.seq), p.codec, p.source_seq, p.epoch, p.t_sensor_ns, p.t_read_ns)
         writer.close()
-        if os.path.lexists(sequence.path / EYES):
-            kept = {sequence.packets[seq].source_seq for seq in chosen}
-            with create_private(out / EYES) as file:
-                file.writelines(line for source_seq, _, line in eyes_lines(sequence.path) if source_seq in kept)
         if os.path.lexists(sequence.path / TRUTH):
             rows = [row for _, row in lines(sequence.path / TRUTH, LINE_BYTES, REMEDY)]
             with create_private(out / TRUTH) as file:
@@ -54,7 +50,7 @@ def cut(sequence: Sequence, out: Path, begin_s: float, end_s: float) -> int:
 
 
 def export(sequence: Sequence, video: Path) -> Path:
-    """Writes a lossless video (HuffYUV) at a constant rate, and next to it a CSV of exact stamps, and of eyes if known.
+    """Writes a lossless video (HuffYUV) at a constant rate, and next to it a CSV of exact stamps.
 
     Returns the path of the CSV. Raises UserError if they must not or cannot be written, or if there are no frames.
     """
@@ -78,16 +74,10 @@ def export(sequence: Sequence, video: Path) -> Path:
 
 
 def _write_table(sequence: Sequence, file: IO[bytes]) -> None:
-    eyes = {source_seq: record for source_seq, record, _ in eyes_lines(sequence.path)}
     text = io.TextIOWrapper(file, "ascii", newline="", write_through=True)
     table = csv.writer(text)
-    points = [f"{kind}_{name}" for kind in ("raw", "filtered") for name in COLUMNS]
-    table.writerow([*STAMPS, *(["face", *points] if eyes else [])])
-    for packet in sequence.packets:
-        row = [getattr(packet, name) for name in STAMPS]
-        if (record := eyes.get(packet.source_seq)) is not None:
-            row += [int(record["face"]), *record["raw_px"].ravel().tolist(), *record["filtered_px"].ravel().tolist()]
-        table.writerow(row)
+    table.writerow(STAMPS)
+    table.writerows([getattr(packet, name) for name in STAMPS] for packet in sequence.packets)
     text.detach()
 
 

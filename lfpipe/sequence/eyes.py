@@ -1,11 +1,10 @@
-"""Eyes in a sequence: those tracked while it was recorded, those of the mouse that it holds instead of frames, and the true ones
-of a generated sequence, with errors against them."""
+"""Eyes in a sequence: those of the mouse that it holds instead of frames, and the true ones of a generated sequence, with errors
+against them."""
 
 import csv
 import json
 import os
 from array import array
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,16 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError, shown
-from lfpipe.eyes import EYES as EYES_TYPE
+from lfpipe.eyes import EYES
 from lfpipe.files.safe_files import lines, reason
 from lfpipe.files.untrusted import Fields, finite, json_fields
 from lfpipe.sequence.packets import COPY
 
-EYES, TRUTH = "eyes.jsonl", "truth.csv"
+TRUTH = "truth.csv"
 COLUMNS = ("left_x_px", "left_y_px", "right_x_px", "right_y_px")
 MAX_PX = 1e6  # limit of a coordinate, far outside every picture
 MAX_NS = 1 << 61
-LINE_BYTES = 4096  # of both files
+LINE_BYTES = 4096
 REMEDY = f"write one row per frame with columns t_ns, {', '.join(COLUMNS)}, and optionally visible (0 or 1)"
 
 
@@ -55,13 +54,13 @@ class Truth:
 
 
 def eyes_line(record: NDArray[np.void], **stamps: int) -> bytes:
-    """A record of dtype EYES as a line of eyes.jsonl."""
-    return json.dumps({**stamps, **{name: record[name].tolist() for name in EYES_TYPE.names or ()}}).encode() + b"\n"
+    """A record of dtype EYES as a packet: a line of JSON."""
+    return json.dumps({**stamps, **{name: record[name].tolist() for name in EYES.names or ()}}).encode() + b"\n"
 
 
 def eyes_of(line: bytes, where: str) -> tuple[int, NDArray[np.void]]:
-    """(source_seq, record of dtype EYES) of a line of eyes.jsonl; what it does not name is 0. Raises UserError."""
-    fields, record = json_fields(line, where, COPY), np.zeros((), EYES_TYPE)
+    """(source_seq, record of dtype EYES) of a line of JSON; what it does not name is 0. Raises UserError."""
+    fields, record = json_fields(line, where, COPY), np.zeros((), EYES)
     for name in ("raw_px", "filtered_px", "velocity_px_s"):
         points = dict(zip(("left", "right"), fields.items(name, 2), strict=False)) if name in fields.values else None
         if points is not None or name != "velocity_px_s":
@@ -73,22 +72,6 @@ def eyes_of(line: bytes, where: str) -> tuple[int, NDArray[np.void]]:
         record[name] = fields.integer(name, 0, 1 << 30) if name in fields.values else 0
     record["face"] = fields.integer("face", 0, 1)
     return fields.integer("source_seq", 0, 1 << 62), record
-
-
-def eyes_lines(folder: Path) -> Iterator[tuple[int, NDArray[np.void], bytes]]:
-    """(source_seq, record, line) of the eyes that were tracked during recording, if any. A cut-off last line is ignored.
-
-    Raises UserError with the wrong line.
-    """
-    path = folder / EYES
-    if not os.path.lexists(path):
-        return
-    try:
-        for number, line in lines(path, LINE_BYTES, COPY):
-            if line.endswith(b"\n"):
-                yield *eyes_of(line, f"{path}:{number}"), line
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read: {reason(error)}", COPY) from None
 
 
 def read_truth(folder: Path) -> Truth | None:

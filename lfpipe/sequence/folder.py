@@ -2,7 +2,6 @@
 
 manifest.json  format, version, source, size, rate, versions, config; at its end also frames and checksums (sha256)
 frames.bin, frames.jsonl   frames, or the eyes of the mouse: see lfpipe.sequence.packets
-eyes.jsonl     eyes tracked during recording, if requested
 truth.csv      true eyes of a generated sequence: source_seq,t_ns,left_x_px,left_y_px,right_x_px,right_y_px,...
 """
 
@@ -25,14 +24,14 @@ from lfpipe.errors import UserError, plain
 from lfpipe.files.safe_files import PRIVATE_FOLDER, check_links, open_regular, read_bytes, reason, replaced
 from lfpipe.files.untrusted import Fields, json_fields
 from lfpipe.host.files import exists
-from lfpipe.sequence.eyes import EYES, TRUTH, eyes_of
+from lfpipe.sequence.eyes import TRUTH, eyes_of
 from lfpipe.sequence.packets import CHANGED, COPY, INDEX, MAX_PIXELS, PACKETS, Packet, changed, decoded, packet_data, read_index
 
 FORMAT, VERSION = "lfpipe-sequence", 1
 MANIFEST = "manifest.json"
-FILES = (PACKETS, INDEX, EYES, TRUTH)
+FILES = (PACKETS, INDEX, TRUTH)
 MANIFEST_BYTES = 1 << 18
-BESIDE_BYTES = 4096  # of EYES and TRUTH, per frame
+TRUTH_BYTES = 4096  # of TRUTH, per frame
 MOST_HZ = 100_000.0
 
 
@@ -215,12 +214,10 @@ def _check_files(sequence: Sequence, fields: Fields, verify: bool) -> None:
     if (size := (path / PACKETS).stat().st_size) != end:
         raise UserError(f"{path / PACKETS}: has {size} bytes, but its index ends at {end}", COPY)
     sums = fields.table("checksums") if "checksums" in fields.values else Fields({}, fields.where, COPY)
-    for name in sums.values:
-        if name not in FILES:
-            raise UserError(f"{sums.where}: {name!r} is not a file of a sequence", COPY)
+    for name in set(FILES) & sums.values.keys():
         try:
             with open_regular(path / name) as file:
-                if name in (EYES, TRUTH) and (size := os.fstat(file.fileno()).st_size) > (frames + 16) * BESIDE_BYTES:
+                if name == TRUTH and (size := os.fstat(file.fileno()).st_size) > (frames + 16) * TRUTH_BYTES:
                     raise UserError(f"{path / name}: has {size} bytes, too many for {frames} frames", COPY)
                 if verify and hashlib.file_digest(file, "sha256").hexdigest() != sums.text(name, 64):
                     raise UserError(f"{path / name}: wrong checksum: it was changed after recording", COPY)

@@ -5,7 +5,7 @@
 
 A packet is written before its line, each with one write. However the writer ends, every whole line belongs to a whole packet,
 so all frames but the current one can be read. Nothing calls fsync: a recording survives a crash of the program, but not a
-power cut. A packet of codec "eyes" holds no picture but a line as in eyes.jsonl, recorded where the mouse is the viewer.
+power cut. A packet of codec "eyes" holds no picture but a line of JSON, recorded where the mouse is the viewer.
 """
 
 import hashlib

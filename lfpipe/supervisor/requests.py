@@ -122,8 +122,6 @@ def _trace(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
 def _record(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
     """Starts recording the camera to the folder `path`; ends the running recording if path is empty."""
     running = state.options.record
-    if not isinstance(message.get("eyes", False), bool):
-        raise BadMessage("record: eyes is neither true nor false")
     if not (path := _output(message, running, "recording", "lfpipe ctl record")):
         return Reply({"path": running}, state.changed(record=""))
     if not state.options.tracking and not state.options.mouse:
@@ -170,7 +168,7 @@ def respond_checked(state: SessionState, message: dict[str, Any], result: dict[s
         return Reply({"share": list(share)}, state.changed(share=share))
     if message["cmd"] == "trace":
         return Reply({"path": message["path"]}, state.changed(timeline=message["path"]))
-    return Reply({"path": message["path"]}, state.changed(record=message["path"], record_eyes=message.get("eyes", False)))
+    return Reply({"path": message["path"]}, state.changed(record=message["path"]))
 
 
 def _absolute(path: str) -> bool:

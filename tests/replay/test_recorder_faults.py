@@ -66,7 +66,7 @@ def test_a_disk_that_stalls_costs_nothing_and_nobody_is_killed(world: World, sce
     process = world.up(scene, *SMALL)
     world.pictures(5)
     out = disk / "rec"
-    assert world.run("ctl", "--session", world.name, "record", "start", out, "--with-eyes").returncode == 0
+    assert world.run("ctl", "--session", world.name, "record", "start", out).returncode == 0
     world.wait_for(lambda: frames(out) > 30, "frames")
     with stopped(disk):
         world.wait_for(lambda: str(recorder(world)["busy_with"]).startswith("waiting for the disk"), "words")
@@ -108,7 +108,7 @@ def stamp(number: int) -> Stamp:
 
 def made(folder: Path) -> Store:
     begin_manifest(folder, "demo", SHAPE[1], SHAPE[0], 30.0)
-    return Store(folder, SHAPE, with_eyes=True)
+    return Store(folder, SHAPE)
 
 
 def test_whatever_goes_wrong_in_the_thread_ends_the_recording_with_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

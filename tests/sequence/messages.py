@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from lfpipe.sequence import edit
-from lfpipe.sequence.eyes import eyes_lines, read_truth
+from lfpipe.sequence.eyes import read_truth
 from lfpipe.sequence.folder import MANIFEST, TRUTH, open_sequence
 from lfpipe.sequence.packets import INDEX, PACKETS
 from tests.hostile_sequences import made_sequence, typed
@@ -115,9 +115,5 @@ MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
     "import of text": (
         lambda here: (here / "v.avi").write_text("no video") and typed("import", here / "v.avi", here / "seq"),
         "/here/v.avi: not a readable video\n  remedy: give a video (mp4, mkv, avi, ...), a picture or a folder of pictures",
-    ),
-    "eyes": (
-        lambda here: (here / "eyes.jsonl").write_text('{"face": 2}\n') and list(eyes_lines(here)),
-        "/here/eyes.jsonl:1: raw_px: left is missing" + COPY,
     ),
 }

@@ -24,7 +24,7 @@ from lfpipe.errors import UserError
 from lfpipe.replays.report import about_sequence
 from lfpipe.replays.run import replay_config
 from lfpipe.sequence import edit
-from lfpipe.sequence.eyes import EYES, TRUTH, read_truth
+from lfpipe.sequence.eyes import TRUTH, read_truth
 from lfpipe.sequence.folder import MANIFEST, open_sequence
 from lfpipe.sequence.packets import INDEX, PACKETS
 from tests import hostile_files, hostile_sequences
@@ -165,7 +165,6 @@ DAMAGES: dict[str, tuple[str, Callable[[Path], object]]] = {  # name -> (what th
     "index of many frames": (INDEX, many_frames),
     "truth without lines": (TRUTH, partial(endless, TRUTH, b"t_ns,")),
     "truth of many rows": (TRUTH, partial(long_file, TRUTH, b"", b"%d,%d,0,0,0,0,1\n", 300_000)),
-    "eyes without lines": (EYES, partial(endless, EYES, b"[")),
     "packets cut off": (PACKETS, lambda folder: os.truncate(folder / PACKETS, 20_000)),
     **{
         f"{kind} as {name}": (name, lambda folder, kind=kind, name=name: NO_FILES[kind](folder / name))
@@ -272,7 +271,7 @@ def test_a_link_out_of_the_folder_is_not_followed(whole: Path, tmp_path: Path) -
     (folder / TRUTH).rename(folder / "kept")
     (folder / TRUTH).symlink_to("kept")
     open_sequence(folder)
-    for name in (MANIFEST, INDEX, PACKETS, TRUTH, EYES):
+    for name in (MANIFEST, INDEX, PACKETS, TRUTH):
         data = (folder / name).read_bytes()
         (folder / name).unlink()
         (folder / name).symlink_to(whole / name)

@@ -92,8 +92,7 @@ def test_export_and_import_bring_the_same_pictures_back_and_motion_jpeg_unchange
     sequence = open_sequence(whole)
     edit.export(sequence, tmp_path / "v.mkv")
     header, *rows = (tmp_path / "v.csv").read_text().splitlines()
-    points = ",1,41.0,20.0,25.0,20.5,41.0,20.0,25.0,20.5"
-    assert len(rows) == FRAMES and header.endswith("filtered_right_y_px") and rows[1].endswith(points)
+    assert len(rows) == FRAMES and header == "seq,source_seq,epoch,t_sensor_ns,t_read_ns"
     writer = cv2.VideoWriter(str(tmp_path / "v.avi"), cv2.CAP_OPENCV_MJPEG, cv2.VideoWriter.fourcc(*"MJPG"), 30.0, SIZE)
     for k in range(FRAMES):
         writer.write(sequence.frame(k))

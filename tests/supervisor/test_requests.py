@@ -73,9 +73,9 @@ def test_files_are_looked_at_by_a_child_and_never_here() -> None:
 
 
 def test_what_another_client_did_meanwhile_is_respected() -> None:
-    message = {"cmd": "record", "path": "/mine", "eyes": True}
+    message = {"cmd": "record", "path": "/mine"}
     started = respond_checked(made_state(), message, {}, 0)
-    assert started.state is not None and started.state.options.record == "/mine" and started.state.options.record_eyes
+    assert started.state is not None and started.state.options.record == "/mine"
     with pytest.raises(UserError, match="a recording to /theirs is already running"):
         respond_checked(made_state(record="/theirs"), message, {}, 0)
 
@@ -187,8 +187,6 @@ def test_what_needs_eyes_takes_those_of_a_camera_or_a_mouse() -> None:
                     {"cmd": "trace", "path": "t"}, {"cmd": "trace"}):  # fmt: skip
         with pytest.raises(BadMessage, match="absolute path"):
             respond(made_state(), message, 0)
-    with pytest.raises(BadMessage, match="eyes"):
-        respond(made_state(), {"cmd": "record", "path": "/r", "eyes": 1}, 0)
     for message in (
         {"cmd": "share"},
         {"cmd": "share", "start": ["lsl"], "stop": []},
@@ -200,4 +198,4 @@ def test_what_needs_eyes_takes_those_of_a_camera_or_a_mouse() -> None:
     started = respond_checked(made_state(), {"cmd": "trace", "path": "/t"}, {}, 0)
     assert started.answer == {"path": "/t"} and started.state is not None and started.state.options.timeline == "/t"
     without = respond_checked(made_state(), {"cmd": "record", "path": "/r"}, {}, 0)
-    assert without.state is not None and without.state.options.record == "/r" and not without.state.options.record_eyes
+    assert without.state is not None and without.state.options.record == "/r"
