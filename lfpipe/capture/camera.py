@@ -1,5 +1,6 @@
 """A V4L2 camera as a source: requests a mode, reports the actual one, decodes frames and stamps them with their exposure."""
 
+import contextlib
 import errno
 import logging
 import time
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.capture.camera_controls import CameraControls
-from lfpipe.capture.camera_list import LIBCAMERA, CameraFinder, opened, others
+from lfpipe.capture.camera_list import LIBCAMERA, opened, others
 from lfpipe.capture.frame_source import Frame, SourceInfo, size_notes
 from lfpipe.capture.pixel_formats import CHEAPEST, DECODED, JPEGS, SMALL_PX, FrameDecoder, choose
 from lfpipe.capture.v4l2_device import FrameSizes, Mode, V4L2Device
@@ -20,10 +21,7 @@ from lfpipe.capture.v4l2_stream import RawFrame, V4L2Stream
 from lfpipe.errors import UserError
 from lfpipe.transport.ring import StampKind
 
-__all__ = ["CameraFinder", "CameraSource", "check_camera", "open_camera", "trouble"]
-
 log = logging.getLogger(__name__)
-Start = Callable[[V4L2Device], V4L2Stream]
 
 STALL_S, STALL_PERIODS = 0.9, 3  # longest wait for a frame: whichever is longer
 START_S = 5.0  # longest wait for the first frame: some cameras need seconds
@@ -31,6 +29,16 @@ CONTROLS_S = 1.0  # longest wait for the camera's controls; they are set later i
 REPLUG = "unplug the camera and plug it in again"
 MAX_AGE_NS = 2_000_000_000  # an older stamp comes from another clock
 HARDWARE_STAMPS = Path("/sys/module/uvcvideo/parameters/hwtimestamps")
+USB = "use another USB port, or --set camera.format=MJPG, or a smaller size: --set camera.width_px=640"
+TROUBLE = {  # errno of a driver's call -> what it means, what helps; {} is the device
+    errno.ENODEV: ("unplugged", "plug it in again"),
+    errno.ENXIO: ("unplugged", "plug it in again"),
+    errno.EACCES: ("no permission", "add yourself to the group `video` and log in again"),
+    errno.EPERM: ("the system forbids it", "give a container the device: `--device {}`"),
+    errno.EBUSY: ("busy", "close the program that uses it: `fuser -v {}` shows it"),
+    errno.ENOSPC: ("the USB bus has no room for its frames", USB),
+    errno.ETIMEDOUT: ("its driver does not answer", REPLUG),
+}
 
 
 def stamp_kind(driver: str, start_of_exposure: bool, hardware: Path = HARDWARE_STAMPS) -> StampKind:
@@ -41,13 +49,10 @@ def stamp_kind(driver: str, start_of_exposure: bool, hardware: Path = HARDWARE_S
     """
     if not start_of_exposure:
         return StampKind.END_OF_FRAME
-    if driver == "uvcvideo":
-        try:
-            by_camera = hardware.read_text().strip() not in ("0", "N")
-        except OSError:
-            by_camera = False
-        return StampKind.START_OF_EXPOSURE if by_camera else StampKind.START_OF_TRANSFER
-    return StampKind.START_OF_EXPOSURE
+    by_camera = driver != "uvcvideo"
+    with contextlib.suppress(OSError):
+        by_camera |= hardware.read_text().strip() not in ("0", "N")
+    return StampKind.START_OF_EXPOSURE if by_camera else StampKind.START_OF_TRANSFER
 
 
 class SensorClock:
@@ -86,32 +91,8 @@ def trouble(path: Path, error: OSError) -> UserError:
         return UserError(f"camera {path}: no such device", others(path))
     if code == errno.ENOTTY or (code == errno.EINVAL and not path.is_char_device()):
         return UserError(f"camera {path}: not a camera ({why})", others(path))
-    usb = "use another USB port, or --set camera.format=MJPG, or a smaller size: --set camera.width_px=640"
-    known = {
-        errno.ENODEV: ("unplugged", "plug it in again"),
-        errno.ENXIO: ("unplugged", "plug it in again"),
-        errno.EACCES: ("no permission", "add yourself to the group `video` and log in again"),
-        errno.EPERM: ("the system forbids it", f"give a container the device: `--device {path}`"),
-        errno.EBUSY: ("busy", f"close the program that uses it: `fuser -v {path}` shows it"),
-        errno.ENOSPC: ("the USB bus has no room for its frames", usb),
-        errno.ETIMEDOUT: (f"{why}", REPLUG),
-    }
-    what, remedy = known.get(code or 0, (f"its driver failed ({why})", REPLUG))
-    return UserError(f"camera {path}: {what}", remedy)
-
-
-def _requested(offered: list[str], device: V4L2Device, camera: config.Camera) -> FrameSizes | None:
-    """The mode to request; None if none of the offered formats can be decoded."""
-    size = camera.width_px, camera.height_px
-    formats = [fourcc for fourcc in offered if fourcc in DECODED and camera.format in ("auto", fourcc)]
-    modes = [mode for fourcc in formats for mode in device.sizes(fourcc) or [FrameSizes(fourcc, *size)]]
-    if mode := choose(modes, *size, camera.rate_hz):
-        return mode
-    if camera.format != "auto":  # not listed; the driver may still have it
-        return FrameSizes(camera.format, *size)
-    if offered:
-        return None
-    return FrameSizes(JPEGS[0] if size[0] * size[1] > SMALL_PX else CHEAPEST[0], *size)  # the usual ones
+    what, remedy = TROUBLE.get(code or 0, (f"its driver failed ({why})", REPLUG))
+    return UserError(f"camera {path}: {what}", remedy.format(path))
 
 
 def negotiate(path: Path, device: V4L2Device, camera: config.Camera) -> tuple[Mode, tuple[str, ...]]:
@@ -119,16 +100,17 @@ def negotiate(path: Path, device: V4L2Device, camera: config.Camera) -> tuple[Mo
 
     Raises OSError from the driver, UserError if none of the device's formats can be decoded.
     """
-    offered = device.fourccs()
-    requested = _requested(offered, device, camera)
-    if requested is None:
+    size, offered = (camera.width_px, camera.height_px), device.fourccs()
+    usual = JPEGS if size[0] * size[1] > SMALL_PX else CHEAPEST  # of a driver that lists nothing
+    formats = [fourcc for fourcc in offered or [usual[0], camera.format] if fourcc in DECODED]
+    formats = [camera.format] if camera.format in formats else formats
+    modes = [mode for fourcc in formats for mode in device.sizes(fourcc) or [FrameSizes(fourcc, *size)]]
+    requested = choose(modes, *size, camera.rate_hz)
+    mode = device.configure(requested.fourcc, requested.width_px, requested.height_px, camera.rate_hz) if requested else None
+    if mode is None or mode.fourcc not in DECODED:
+        formats = offered if mode is None else [mode.fourcc]
         remedy = f"use a camera with one of {', '.join(DECODED)}"
-        raise UserError(f"camera {path}: none of its pixel formats can be decoded ({', '.join(offered)})", remedy)
-    mode = device.configure(requested.fourcc, requested.width_px, requested.height_px, camera.rate_hz)
-    if mode.fourcc not in DECODED and (other := _requested(offered, device, attrs.evolve(camera, format="auto"))):
-        mode = device.configure(other.fourcc, other.width_px, other.height_px, camera.rate_hz)
-    if mode.fourcc not in DECODED:
-        raise UserError(f"camera {path}: delivers {mode.fourcc}, which cannot be decoded", "use another camera")
+        raise UserError(f"camera {path}: none of its pixel formats can be decoded ({', '.join(formats)})", remedy)
     mode = attrs.evolve(mode, rate_hz=mode.rate_hz or camera.rate_hz)
     log.info("camera %s: requested %s, delivers %s", path, requested, mode)
     notes = [f"the camera delivers {mode.fourcc} {mode.width_px}x{mode.height_px} at {mode.rate_hz:.4g} Hz"]
@@ -147,27 +129,27 @@ class CameraSource:
         self, path: Path, camera: config.Camera, device: V4L2Device, start: Callable[[V4L2Device], V4L2Stream] = V4L2Stream
     ) -> None:
         """device: open; closed by this object. Raises UserError if it cannot be configured or delivers no first frame."""
-        self._path, self._device = path, device
-        self._stream: V4L2Stream | None = None
-        self._controls: CameraControls | None = None
-        self._decoder: FrameDecoder | None = None
-        try:
-            if not device.signal:
-                raise self._no_signal()
-            mode, notes = negotiate(path, device, camera)
-            self._decoder = FrameDecoder(mode)
-            self._controls = CameraControls(device.duplicate(), camera)
-            self._stream = start(device)
-            first = self._stream.read(START_S)  # discarded: often dark, and old when the session is ready
-        except (OSError, ValueError, UserError) as error:
-            self.close()
-            if isinstance(error, TimeoutError):
+        self._path = path
+        with contextlib.ExitStack() as opened_so_far:
+            opened_so_far.callback(device.close)
+            try:
+                if not device.signal:
+                    raise self._no_signal()
+                mode, notes = negotiate(path, device, camera)
+                self._decoder = FrameDecoder(mode)
+                opened_so_far.callback(self._decoder.close)
+                self._controls = CameraControls(device.duplicate(), camera)
+                opened_so_far.callback(self._controls.end, CONTROLS_S)
+                self._stream = start(device)
+                opened_so_far.callback(self._stream.close)
+                first = self._stream.read(START_S)  # discarded: often dark, and old when the session is ready
+            except TimeoutError:
                 raise UserError(f"camera {path}: no picture for {START_S:g} s", REPLUG) from None
-            if isinstance(error, OSError):
+            except OSError as error:
                 raise trouble(path, error) from None
-            if isinstance(error, ValueError):
+            except ValueError as error:
                 raise UserError(f"camera {path}: {error}", "set another camera.format, or another size") from None
-            raise
+            self.close = opened_so_far.pop_all().close  # ends the stream, restores the controls, closes the device
         self._clock, self._period_ns = SensorClock(mode.rate_hz), 1e9 / mode.rate_hz
         self._stall_s = max(STALL_S, STALL_PERIODS / mode.rate_hz)
         self._kind = stamp_kind(device.driver, first.start_of_exposure)
@@ -178,7 +160,7 @@ class CameraSource:
             self._stamp_ns = now_ns
         if not self._controls.applied.wait(CONTROLS_S):
             notes += (f"its controls have not answered for {CONTROLS_S:g} s: exposure and others may be set later, or never",)
-        notes += tuple(self._controls.notes)
+        notes += tuple(self._controls.notes.values())
         jpeg = self._decoder.jpeg
         self.info = SourceInfo(f"camera:{path}", mode.width_px, mode.height_px, mode.rate_hz, live=True, jpeg=jpeg, notes=notes)
 
@@ -187,17 +169,14 @@ class CameraSource:
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
         """See `FrameSource.read`. Raises TimeoutError if the camera stalls, UserError if it is gone, fails or has no signal."""
-        assert self._stream is not None and self._controls is not None and self._decoder is not None
-        began_ns = time.monotonic_ns()
-        damaged = 0
+        until_ns, damaged = time.monotonic_ns() + int(self._stall_s * 1e9), 0
         if not self._controls.signal:
             raise self._no_signal()
         while True:
-            waited_s = (time.monotonic_ns() - began_ns) / 1e9
             try:
-                if waited_s > self._stall_s:
+                if (left_s := (until_ns - time.monotonic_ns()) / 1e9) < 0:
                     raise TimeoutError
-                raw = self._stream.read(self._stall_s - waited_s)
+                raw = self._stream.read(left_s)
             except TimeoutError:
                 raise TimeoutError(f"camera {self._path}: no whole frame for {self._stall_s:.2g} s, {damaged} damaged") from None
             except OSError as error:
@@ -223,16 +202,6 @@ class CameraSource:
         self._sequence, self._stamp_ns = raw.sequence, stamp_ns
         self._seq += max(1, min(by_driver, by_time)) if self._seq >= 0 else 1
 
-    def close(self) -> None:
-        """Ends the stream, restores the controls and closes the device."""
-        if self._stream is not None:
-            self._stream.close()
-        if self._controls is not None:
-            self._controls.end(CONTROLS_S)
-        if self._decoder is not None:
-            self._decoder.close()
-        self._device.close()
-
 
 def open_device(path: Path) -> V4L2Device:
     """Raises UserError if path cannot be a camera: missing, not permitted, or another kind of device."""
@@ -240,13 +209,12 @@ def open_device(path: Path) -> V4L2Device:
         device = opened(path)
     except OSError as error:
         raise trouble(path, error) from None
-    if not device.captures:
-        multi_planar = device.multi_planar
-        device.close()
-        if multi_planar:
-            raise UserError(f"camera {path}: a multi-planar camera, which lfpipe cannot read itself", LIBCAMERA)
-        raise UserError(f"camera {path}: this device delivers no pictures (a camera's node for metadata?)", others(path))
-    return device
+    if device.captures:
+        return device
+    device.close()
+    if device.multi_planar:
+        raise UserError(f"camera {path}: a multi-planar camera, which lfpipe cannot read itself", LIBCAMERA)
+    raise UserError(f"camera {path}: this device delivers no pictures (a camera's node for metadata?)", others(path))
 
 
 def open_camera(path: Path, camera: config.Camera) -> CameraSource:

@@ -1,12 +1,15 @@
-"""Cameras that the kernel lists, and the current device of one of them: device numbers change, name and place do not."""
+"""The cameras of this machine, and the current device of one of them: device numbers change, name and place do not.
+
+Without Video4Linux, cameras have numbers only, written as the path /dev/videoN, and names if the package cv2-enumerate-cameras is
+installed.
+"""
 
 import errno
 import logging
 import threading
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import attrs
 
@@ -38,14 +41,9 @@ class CameraDevice:
     place: str = ""
 
 
-def known() -> Any:
-    """The module of this system that lists cameras: `nodes`, `cameras`, `describe`, `asking`, `first_camera`, `none_usable`."""
-    return import_module(f"lfpipe.capture.{'opencv_camera' if PORTABLE else 'camera_list'}")
-
-
 def with_time_limit(limit_s: float, call: Callable[[], T]) -> T:
-    """Returns the result of call, or raises its error. Raises TimeoutError after limit_s; the thread of the call then stays until
-    the process ends, because nothing can end it."""
+    """Returns the result of call, or raises its error. Raises OSError ETIMEDOUT (TimeoutError) after limit_s; the thread of the
+    call then stays until the process ends, because nothing can end it."""
     results: list[T] = []
     errors: list[BaseException] = []
 
@@ -61,17 +59,8 @@ def with_time_limit(limit_s: float, call: Callable[[], T]) -> T:
     if errors:
         raise errors[0]
     if not results:
-        raise TimeoutError(f"no answer for {limit_s:g} s")
+        raise TimeoutError(errno.ETIMEDOUT, f"no answer for {limit_s:g} s")
     return results[0]
-
-
-def _limited(limit_s: float, call: Callable[[], T]) -> T:
-    try:
-        return with_time_limit(limit_s, call)
-    except TimeoutError as error:
-        if error.errno is not None:  # the driver's own
-            raise
-        raise OSError(errno.ETIMEDOUT, "its driver does not answer") from None
 
 
 def opened(path: Path) -> V4L2Device:
@@ -80,11 +69,14 @@ def opened(path: Path) -> V4L2Device:
     Raises OSError as the driver does, ETIMEDOUT after ANSWER_S.
     """
     kept = processes.receive(str(path))
-    return _limited(ANSWER_S, lambda: V4L2Device(path, kept))
+    return with_time_limit(ANSWER_S, lambda: V4L2Device(path, kept))
 
 
 def asking(path: Path, question: Callable[[V4L2Device], T], limit_s: float = LIST_S) -> T:
-    """Opens the device, queries it and closes it. Raises OSError from the driver, ETIMEDOUT after limit_s."""
+    """Opens the device, queries it and closes it. Raises OSError from the driver, ETIMEDOUT after limit_s, ENOTSUP without
+    Video4Linux."""
+    if PORTABLE:
+        raise OSError(errno.ENOTSUP, "OpenCV lists no formats", path.as_posix())
 
     def ask() -> T:
         device = V4L2Device(path)
@@ -93,17 +85,26 @@ def asking(path: Path, question: Callable[[V4L2Device], T], limit_s: float = LIS
         finally:
             device.close()
 
-    return _limited(limit_s, ask)
+    return with_time_limit(limit_s, ask)
 
 
 def nodes(sys: Path = SYS, dev: Path = DEV) -> list[CameraDevice]:
     """Every video device by number, cameras or not. Opens none of them."""
+    if PORTABLE:
+        try:
+            from cv2_enumerate_cameras import enumerate_cameras
+        except ImportError:
+            return []
+        names = {camera.index: camera.name for camera in enumerate_cameras()}
+        return [CameraDevice(Path(f"/dev/video{number}"), name) for number, name in sorted(names.items())]
     entries = sorted(sys.glob("video*"), key=lambda entry: int("0" + entry.name.removeprefix("video")))
     return [describe(dev / entry.name, sys) for entry in entries]
 
 
 def describe(path: Path, sys: Path = SYS) -> CameraDevice:
     """The device at path with its name and place."""
+    if PORTABLE:
+        return next((device for device in nodes() if device.path == path), CameraDevice(path, ""))
     entry = sys / path.resolve().name
     try:
         return CameraDevice(path, (entry / "name").read_text().strip(), str((entry / "device").resolve(strict=True)))
@@ -116,7 +117,7 @@ def _captures(device: CameraDevice) -> bool:
     try:
         return asking(device.path, lambda opened_device: opened_device.captures, ANSWER_S)
     except OSError as error:
-        return isinstance(error, PermissionError) or exists(device.path)
+        return PORTABLE or isinstance(error, PermissionError) or exists(device.path)
 
 
 def cameras(sys: Path = SYS, dev: Path = DEV) -> list[CameraDevice]:
@@ -129,19 +130,23 @@ def first_camera() -> Path | None:
     silent = None
     for node in nodes():
         try:
-            device = opened(node.path)
+            device = None if PORTABLE else opened(node.path)
         except OSError:
             silent = silent or (node.path if exists(node.path) else None)
             continue
-        if device.captures:
-            device.keep()
+        if device is None or device.captures:
+            if device is not None:
+                device.keep()
             return node.path
         device.close()
     return silent
 
 
-def none_usable() -> str:
-    """What to do without a camera; names libcamera if only its cameras are here."""
+def others(path: Path = Path()) -> str:
+    """A remedy for a camera that is not there: the other ones, or what to do without; names libcamera if only its cameras are
+    here."""
+    if listed := ", ".join(f"camera:{camera.path.as_posix()} ({camera.name})" for camera in cameras() if camera.path != path):
+        return f"available cameras: {listed}"
     for node in nodes():
         try:
             if asking(node.path, lambda device: device.multi_planar, ANSWER_S):
@@ -151,22 +156,16 @@ def none_usable() -> str:
     return WITHOUT_CAMERA
 
 
-def others(path: Path) -> str:
-    """A remedy for a camera that is not there: the others, or what to do without one."""
-    listed = ", ".join(f"camera:{camera.path} ({camera.name})" for camera in known().cameras() if camera.path != path)
-    return f"available cameras: {listed}" if listed else f"no camera found: {known().none_usable()}"
-
-
 def by_name(name: str, devices: list[CameraDevice]) -> CameraDevice:
     """The device with this name, ignoring case, else the one whose name contains it. Raises UserError for none or several."""
     folded = name.casefold()
     named = [d for d in devices if d.name.casefold() == folded] or [d for d in devices if folded in d.name.casefold()]
     if not named:
-        raise UserError(f"camera:{name}: no camera of that name", others(Path()))
-    if len(named) > 1 and not PORTABLE:
+        raise UserError(f"camera:{name}: no camera of that name", others())
+    if len(named) > 1:
         named = [device for device in named if _captures(device)] or named
     if len(named) > 1:
-        paths = " or ".join(f"camera:{device.path}" for device in named)
+        paths = " or ".join(f"camera:{device.path.as_posix()}" for device in named)
         raise UserError(f"camera:{name}: {len(named)} cameras have that name", f"use {paths}")
     return named[0]
 

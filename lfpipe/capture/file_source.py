@@ -2,11 +2,12 @@
 
 import time
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
-from lfpipe.capture.frame_source import BrokenFrame, Frame, SourceInfo, decoding, size_notes
+from lfpipe.capture.frame_source import BrokenFrame, Frame, SourceInfo, size_notes, undecodable
 from lfpipe.capture.recordings import open_recording
 from lfpipe.capture.schedule import EvenSchedule, StampSchedule
 from lfpipe.capture.spec import FileSpec
@@ -53,29 +54,26 @@ class FileSource:
                 raise UserError(f"{self._spec.path}: cannot be read a second time", "play it once with loop=0")
         if stamp_ns is None:
             return None
-        now_ns = time.monotonic_ns()
+        now_ns, hurries = time.monotonic_ns(), self._spec.pace == "max"
         self._start_ns = self._start_ns or now_ns
         if self._stamps is not None:
             due_ns = self._start_ns + self._stamps.due_ns(stamp_ns)
-        elif self._spec.pace == "max":
-            due_ns = now_ns
         else:
-            due_ns = self._start_ns + self._even.due_ns(self._seq)
-        hurries = self._spec.pace == "max" and self._stamps is not None
+            due_ns = now_ns if hurries else self._start_ns + self._even.due_ns(self._seq)
         self._seq += 1
-        return Frame(self._seq - 1, due_ns, t_read_ns if hurries else 0, self._recording.packet)
+        return Frame(self._seq - 1, due_ns, t_read_ns if hurries and self._stamps is not None else 0, self._recording.packet)
 
     def _next(self, out: NDArray[np.uint8]) -> int | None:
         """As `Recording.next`; gives up after MAX_BROKEN undecodable frames in a row."""
         try:
-            with decoding(str(self._spec.path)):
-                stamp_ns = self._recording.next(out)
-        except BrokenFrame as error:
+            stamp_ns = self._recording.next(out)
+        except (BrokenFrame, MemoryError, cv2.error) as error:
+            broken = error if isinstance(error, BrokenFrame) else undecodable(str(self._spec.path), error)
             self._broken += 1
             if self._broken > MAX_BROKEN:
-                raise UserError(f"{error.message}; the {MAX_BROKEN} before it are broken too", error.remedy) from None
+                raise UserError(f"{broken.message}; the {MAX_BROKEN} before it are broken too", broken.remedy) from None
             self._seq += 1
-            raise
+            raise broken from None
         self._broken = self._broken if stamp_ns is None else 0
         return stamp_ns
 

@@ -1,7 +1,5 @@
 """The protocol that a camera, a file and the demo share, and frames turned upright for a camera that is mounted otherwise."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Protocol
 
 import attrs
@@ -22,17 +20,11 @@ class BrokenFrame(UserError):
     """Raised by `read` for a frame that cannot be decoded: it is lost, the next call continues after it."""
 
 
-@contextmanager
-def decoding(what: str) -> Iterator[None]:
-    """Turns a decoder's failure or lack of memory into BrokenFrame. what: file or device."""
-    try:
-        yield
-    except (MemoryError, cv2.error) as error:
-        if isinstance(error, MemoryError) or error.code == NO_MEMORY:
-            why, remedy = "decoding needs more memory than allowed or available", "use a smaller picture or video"
-        else:
-            why, remedy = "cannot be decoded", "save or record it again"
-        raise BrokenFrame(f"{what}: {why}", remedy) from None
+def undecodable(what: str, error: MemoryError | cv2.error) -> BrokenFrame:
+    """A decoder's failure or lack of memory as the user's error. what: file or device."""
+    if isinstance(error, MemoryError) or error.code == NO_MEMORY:
+        return BrokenFrame(f"{what}: decoding needs more memory than allowed or available", "use a smaller picture or video")
+    return BrokenFrame(f"{what}: cannot be decoded", "save or record it again")
 
 
 @attrs.frozen

@@ -4,12 +4,13 @@ from importlib import import_module
 from typing import Any
 
 import attrs
+import cv2
 import numpy as np
 
 from lfpipe import config
-from lfpipe.capture.camera_list import known, with_time_limit
-from lfpipe.capture.frame_source import FrameSource, SourceInfo, decoding, orient
-from lfpipe.capture.spec import CameraSpec, DemoSpec, FileSpec, Spec, parse_source
+from lfpipe.capture.camera_list import CameraFinder, describe, first_camera, others, with_time_limit
+from lfpipe.capture.frame_source import FrameSource, SourceInfo, orient, undecodable
+from lfpipe.capture.spec import CameraSpec, FileSpec, Spec, parse_source
 from lfpipe.errors import UserError
 from lfpipe.host import PORTABLE
 
@@ -21,8 +22,8 @@ class NoCamera(UserError):
     """Raised where the first camera is asked for and there is none: a session goes on with the mouse."""
 
 
-def _cameras() -> Any:
-    """The module of this system that opens cameras: `CameraFinder`, `open_camera`, `check_camera`."""
+def _driver() -> Any:
+    """The module of this system that has `open_camera` and `check_camera`."""
     return import_module(f"lfpipe.capture.{'opencv_camera' if PORTABLE else 'camera'}")
 
 
@@ -33,9 +34,9 @@ def resolve(text: str) -> Spec:
     """
     if text:
         return parse_source(text)
-    first = known().first_camera()
+    first = first_camera()
     if first is None:
-        raise NoCamera("no camera found", known().none_usable())
+        raise NoCamera("no camera found", others())
     return CameraSpec(first)
 
 
@@ -46,15 +47,15 @@ def camera_name(text: str) -> str:
     """
     spec = resolve(text)
     if isinstance(spec, CameraSpec):
-        return spec.name or known().describe(spec.path).name or spec.path.as_posix()
+        return spec.name or describe(spec.path).name or spec.path.as_posix()
     return f"file:{spec.path.absolute()}" if isinstance(spec, FileSpec) else "demo"
 
 
-def open_source(text: str, camera: config.Camera) -> FrameSource:
+def open_source(text: str, camera: config.Camera, reconnect: bool = False) -> FrameSource:
     """Opens the source that text names, in one of the forms of `spec.FORMS`, or the first camera for an empty text.
 
-    camera.rotate and camera.mirror apply to cameras and videos; sequences were recorded upright. Raises UserError with the reason
-    if it cannot be opened.
+    camera.rotate and camera.mirror apply to cameras and videos; sequences were recorded upright. reconnect: retry a device that
+    cannot be opened or is lost later, see `ReconnectingCamera`. Raises UserError with the reason if it cannot be opened.
     """
     spec = resolve(text)
     if isinstance(spec, FileSpec):
@@ -63,25 +64,17 @@ def open_source(text: str, camera: config.Camera) -> FrameSource:
 
         source = FileSource(spec, camera)
         return source if is_sequence(spec.path) else orient(source, camera)
-    if isinstance(spec, DemoSpec):
+    if not isinstance(spec, CameraSpec):
         from lfpipe.capture.demo import DemoSource
 
         return DemoSource(camera)
-    device = _cameras()
-    return orient(device.open_camera(device.CameraFinder(spec).path(), camera), camera)
-
-
-def open_reconnecting(text: str, camera: config.Camera) -> FrameSource:
-    """As `open_source`, but retries a device that cannot be opened or is lost later: see `ReconnectingCamera`."""
-    spec = resolve(text)
-    if not isinstance(spec, CameraSpec):
-        return open_source(text, camera)
+    driver, finder = _driver(), CameraFinder(spec)
+    if not reconnect:
+        return orient(driver.open_camera(finder.path(), camera), camera)
     from lfpipe.capture.reconnecting_camera import ReconnectingCamera
 
-    device = _cameras()
-    info = SourceInfo(f"camera:{spec.name or spec.path.as_posix()}", camera.width_px, camera.height_px, camera.rate_hz, live=True)
-    finder = device.CameraFinder(spec)
-    return orient(ReconnectingCamera(info, lambda: device.open_camera(finder.path(), camera)), camera)
+    info = SourceInfo(str(spec), camera.width_px, camera.height_px, camera.rate_hz, live=True)
+    return orient(ReconnectingCamera(info, lambda: driver.open_camera(finder.path(), camera)), camera)
 
 
 @attrs.frozen
@@ -113,11 +106,12 @@ def _tried(text: str, camera: config.Camera) -> SourceInfo:
     """Opens the source, reads the first frame of a recording, closes it. A camera is configured, but not started."""
     spec = parse_source(text)
     if isinstance(spec, CameraSpec):
-        device = _cameras()
-        info: SourceInfo = device.check_camera(device.CameraFinder(spec).path(), camera)
+        info: SourceInfo = _driver().check_camera(CameraFinder(spec).path(), camera)
         return attrs.evolve(info, jpeg=info.jpeg and not (camera.rotate or camera.mirror))
-    with decoding(text):
+    try:
         source = open_source(text, camera)
+    except (MemoryError, cv2.error) as error:
+        raise undecodable(text, error) from None
     try:
         width_px, height_px = camera.frame_px
         source.read(np.empty((height_px, width_px, 3), np.uint8))
@@ -133,12 +127,11 @@ def check_source(text: str, camera: config.Camera) -> CheckedSource:
     Raises UserError as `open_source` does, and after CAMERA_S or FILE_S.
     """
     spec = resolve(text)
-    definite = f"camera:{spec.name or spec.path.as_posix()}" if isinstance(spec, CameraSpec) else text
-    limit_s, remedy = CAMERA_S, "unplug the camera and plug it in again"
-    if not isinstance(spec, CameraSpec):
-        limit_s, remedy = FILE_S, "check its disk or network drive"
+    is_camera = isinstance(spec, CameraSpec)
+    definite = str(spec) if is_camera else text
     try:
-        info = with_time_limit(limit_s, lambda: _tried(definite, camera))
+        info = with_time_limit(CAMERA_S if is_camera else FILE_S, lambda: _tried(definite, camera))
     except TimeoutError as error:
-        raise UserError(f"{definite}: {error}", remedy) from None
+        remedy = "unplug the camera and plug it in again" if is_camera else "check its disk or network drive"
+        raise UserError(f"{definite}: {error.strerror}", remedy) from None
     return CheckedSource(definite, info.rate_hz, (info.width_px, info.height_px) if info.jpeg else None, info.eyes)

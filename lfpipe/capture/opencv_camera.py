@@ -1,76 +1,23 @@
 """Cameras through OpenCV on systems without Video4Linux: AVFoundation on macOS, Media Foundation on Windows.
 
-Untested by us on those systems. OpenCV provides no time stamps: a frame's time is the time of reading it. Nor does it list
-cameras: the package cv2-enumerate-cameras does, if installed; camera:0 needs no list. A camera has a number N, written as the
-path /dev/videoN.
+Untested by us on those systems. OpenCV provides no time stamps: a frame's time is the time of reading it. For the list of cameras
+see `camera_list`; camera:0 needs none.
 """
 
-import errno
 import re
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
-from lfpipe.capture.camera_list import WITHOUT_CAMERA, CameraDevice, by_name
 from lfpipe.capture.frame_source import Frame, SourceInfo, size_notes
-from lfpipe.capture.spec import CameraSpec
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fitted
 from lfpipe.host.terminal import opencv_logging
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.ring import StampKind
-
-T = TypeVar("T")
-_HELP = "close the program that uses it, and allow cameras in the system's privacy settings"
-
-
-def nodes() -> list[CameraDevice]:
-    """The cameras of the system by number, without opening them."""
-    try:
-        from cv2_enumerate_cameras import enumerate_cameras
-    except ImportError:
-        return []
-    names = {camera.index: camera.name for camera in enumerate_cameras()}
-    return [CameraDevice(Path(f"/dev/video{number}"), name) for number, name in sorted(names.items())]
-
-
-cameras = nodes
-
-
-def first_camera() -> Path | None:
-    """The first camera, or None."""
-    return next((device.path for device in nodes()), None)
-
-
-def none_usable() -> str:
-    """What to do without a camera."""
-    return WITHOUT_CAMERA
-
-
-def describe(path: Path) -> CameraDevice:
-    """The camera with that number, with its name."""
-    return next((device for device in nodes() if device.path == path), CameraDevice(path, ""))
-
-
-def asking(path: Path, question: Callable[[Any], T]) -> T:
-    """Raises OSError: OpenCV lists neither formats nor controls."""
-    raise OSError(errno.ENOTSUP, "OpenCV lists no formats", path.as_posix())
-
-
-class CameraFinder:
-    """Finds a camera by its number or name."""
-
-    def __init__(self, spec: CameraSpec) -> None:
-        self._spec = spec
-
-    def path(self) -> Path:
-        """Raises UserError if no camera, or more than one, has the name."""
-        return by_name(self._spec.name, nodes()).path if self._spec.name else self._spec.path
 
 
 class OpenCVCamera:
@@ -83,16 +30,14 @@ class OpenCVCamera:
         self._name, self._seq = f"camera {int(digits)}", -1
         with opencv_logging():
             self._capture = cv2.VideoCapture(int(digits))
-        for key, value in (
-            (cv2.CAP_PROP_FRAME_WIDTH, camera.width_px),
-            (cv2.CAP_PROP_FRAME_HEIGHT, camera.height_px),
-            (cv2.CAP_PROP_FPS, camera.rate_hz),
-        ):
+        wanted = {cv2.CAP_PROP_FRAME_WIDTH: camera.width_px, cv2.CAP_PROP_FRAME_HEIGHT: camera.height_px}
+        for key, value in (wanted | {cv2.CAP_PROP_FPS: camera.rate_hz}).items():
             self._capture.set(key, value)
         whole, frame = self._capture.read() if self._capture.isOpened() else (False, None)
         if not whole or frame is None:
             self.close()
-            raise UserError(f"{self._name}: cannot be opened, or delivers no picture", _HELP)
+            remedy = "close the program that uses it, and allow cameras in the system's privacy settings"
+            raise UserError(f"{self._name}: cannot be opened, or delivers no picture", remedy)
         height_px, width_px = frame.shape[:2]
         rate_hz = float(self._capture.get(cv2.CAP_PROP_FPS)) or camera.rate_hz
         notes = ["OpenCV gives no time stamps: using the time of reading", *size_notes(width_px, height_px, camera)]

@@ -1,7 +1,6 @@
 """Pixel formats of cameras: the supported ones, the choice of a mode, and the conversion to BGR."""
 
 import os
-import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -33,14 +32,12 @@ PLANAR = {  # 4:2:0, chroma of half the width and height; the first two with bot
     "YU12": cv2.COLOR_YUV2BGR_I420,
     "YV12": cv2.COLOR_YUV2BGR_YV12,
 }
-DEEP_GREY_BITS = {"Y10": 10, "Y12": 12, "Y16": 16}  # in 16-bit words, little-endian
-DECODED = (*JPEGS, *INTERLEAVED, *PLANAR, *DEEP_GREY_BITS)
+DECODED = (*JPEGS, *INTERLEAVED, *PLANAR)
 # cheapest to decode first; grey last, because the tracker's model was trained on colours
 CHEAPEST = (
     *("YUYV", "UYVY", "YVYU", "NV12", "NV21", "YU12", "YV12", "BGR3", "RGB3", "BGR4", "XR24", *JPEGS),
-    *("RGGB", "BA81", "GBRG", "GRBG", "GREY", *DEEP_GREY_BITS),
+    *("RGGB", "BA81", "GBRG", "GRBG", "GREY"),
 )
-GREY = ("GREY", *DEEP_GREY_BITS)
 SMALL_PX = 640 * 480  # up to this size uncompressed frames at 30 Hz fit USB 2
 JPEG_END = np.array([0xFF, 0xD9], np.uint8)  # end of image
 
@@ -59,7 +56,7 @@ def choose(modes: Sequence[FrameSizes], width_px: int, height_px: int, rate_hz: 
         reached = round(min(mode.rates_hz[0] / rate_hz, 1.0), 2) if mode.rates_hz else 1.0
         pixels = mode.width_px * mode.height_px
         slow = not mode.rates_hz and pixels > SMALL_PX and mode.fourcc not in JPEGS
-        return -detail_px, mode.fourcc in GREY, slow, -reached, pixels, CHEAPEST.index(mode.fourcc)
+        return -detail_px, mode.fourcc == "GREY", slow, -reached, pixels, CHEAPEST.index(mode.fourcc)
 
     return min(candidates, key=order, default=None)
 
@@ -68,21 +65,8 @@ def _within(mode: FrameSizes, width_px: int, height_px: int) -> FrameSizes:
     """The size nearest to the wanted one in a mode's range of sizes."""
     if mode.largest_px is None:
         return mode
-    low_w, low_h, (high_w, high_h) = mode.width_px, mode.height_px, mode.largest_px
-    size = min(max(width_px, low_w), high_w), min(max(height_px, low_h), high_h)
-    return FrameSizes(mode.fourcc, *size, mode.rates_hz)
-
-
-def frame_bytes(mode: Mode) -> int:
-    """Bytes of a whole uncompressed frame without its last row's padding."""
-    rows = mode.height_px * 3 // 2 if mode.fourcc in PLANAR else mode.height_px
-    return mode.stride * (rows - 1) + (mode.stride if mode.fourcc in ("YU12", "YV12") else _row_bytes(mode))
-
-
-def _row_bytes(mode: Mode) -> int:
-    if mode.fourcc in PLANAR:
-        return mode.width_px
-    return mode.width_px * (2 if mode.fourcc in DEEP_GREY_BITS else INTERLEAVED[mode.fourcc][0])
+    width, height = np.clip((width_px, height_px), (mode.width_px, mode.height_px), mode.largest_px).tolist()
+    return FrameSizes(mode.fourcc, width, height, mode.rates_hz)
 
 
 class JpegDecoder:
@@ -96,10 +80,9 @@ class JpegDecoder:
         """(the picture, the whole JPEG, a copy of data); None if it is damaged. Some cameras leave out the last two bytes."""
         if not is_jpeg(data):
             return None
-        packet = data.copy() if _ends(data) else np.concatenate([data, JPEG_END])
-        if sys.stderr is None:  # a program without stderr: nothing to look at, and 2 may be another file
-            picture = picture_of(packet)
-            return None if picture is None else (picture, packet)
+        # the end, maybe with padding behind it
+        whole = (data[-2:] == JPEG_END).all() or data[-4096:].tobytes().rstrip(b"\0")[-2:] == JPEG_END.tobytes()
+        packet = data.copy() if whole else np.concatenate([data, JPEG_END])
         stderr_fd = os.dup(2)
         os.dup2(self._sink_fd, 2)
         try:
@@ -113,8 +96,7 @@ class JpegDecoder:
 
     def _damage(self) -> bool:
         """Whether libjpeg reported damage. Passes on what another thread wrote meanwhile."""
-        os.lseek(self._sink_fd, 0, os.SEEK_SET)
-        lines = os.read(self._sink_fd, 1 << 16).splitlines(keepends=True)
+        lines = os.pread(self._sink_fd, 1 << 16, 0).splitlines(keepends=True)
         os.lseek(self._sink_fd, 0, os.SEEK_SET)
         os.ftruncate(self._sink_fd, 0)
         os.write(2, b"".join(line for line in lines if b"JPEG" not in line and b"JFIF" not in line))
@@ -124,23 +106,23 @@ class JpegDecoder:
         os.close(self._sink_fd)
 
 
-def _ends(data: NDArray[np.uint8]) -> bool:
-    """Whether a JPEG has its end, maybe with padding behind it."""
-    return bool((data[-2:] == JPEG_END).all()) or b"\xff\xd9" in data[-4096:].tobytes().rstrip(b"\0")[-2:]
-
-
 class FrameDecoder:
-    """Decodes the frames of a mode to BGR. Raises ValueError for a format that is not in DECODED, or an impossible stride."""
+    """Decodes the frames of a mode, one of DECODED, to BGR. Raises ValueError for an impossible stride."""
 
     def __init__(self, mode: Mode) -> None:
-        if mode.fourcc not in DECODED:
-            raise ValueError(f"{mode.fourcc} cannot be decoded")
-        self.jpeg = mode.fourcc in JPEGS
-        if not self.jpeg and mode.stride < _row_bytes(mode):
-            raise ValueError(f"{mode.fourcc} of {mode.width_px} px with {mode.stride} bytes per row")
         self._mode, self._shape = mode, (mode.height_px, mode.width_px, 3)
         self._own_size: NDArray[np.uint8] = np.empty(self._shape, np.uint8)
-        self._jpegs = JpegDecoder() if self.jpeg else None
+        self.jpeg = mode.fourcc in JPEGS
+        if self.jpeg:
+            self._jpegs = JpegDecoder()
+            return
+        planar = mode.fourcc in PLANAR
+        row_bytes = mode.width_px * (1 if planar else INTERLEAVED[mode.fourcc][0])
+        rows = mode.height_px * 3 // 2 if planar else mode.height_px
+        if mode.stride < row_bytes:
+            raise ValueError(f"{mode.fourcc} of {mode.width_px} px with {mode.stride} bytes per row")
+        # of a whole frame without its last row's padding
+        self.frame_bytes = mode.stride * (rows - 1) + (mode.stride if mode.fourcc in ("YU12", "YV12") else row_bytes)
 
     def decode(self, data: NDArray[np.uint8], out: NDArray[np.uint8]) -> tuple[bool, NDArray[np.uint8] | None]:
         """Decodes data, uint8 (n,), into out, uint8 (height, width, 3) BGR, scaled to fit.
@@ -148,50 +130,38 @@ class FrameDecoder:
         Returns whether the frame was whole, and a copy of the JPEG if it has the mode's own size: the driver gets its buffer back
         before a recorder has written it.
         """
-        if self._jpegs is not None:
-            decoded = self._jpegs.decode(data)
-            if decoded is None:
+        if self.jpeg:
+            if (decoded := self._jpegs.decode(data)) is None:
                 return False, None
             picture, packet = decoded
             fitted(picture, out)
             return True, packet if picture.shape == self._shape else None
-        if data.size < frame_bytes(self._mode):
+        if data.size < self.frame_bytes:
             return False, None
         target = out if out.shape == self._shape else self._own_size
-        self._convert(data, target)
-        fitted(target, out)
-        return True, None
-
-    def close(self) -> None:
-        if self._jpegs is not None:
-            self._jpegs.close()
-
-    def _convert(self, data: NDArray[np.uint8], target: NDArray[np.uint8]) -> None:
-        mode = self._mode
-        height, width, stride = mode.height_px, mode.width_px, mode.stride
-        if (bits := DEEP_GREY_BITS.get(mode.fourcc)) is not None:
-            deep: NDArray[np.uint16] = np.ndarray((height, width), "<u2", data.data, strides=(stride, 2))
-            grey = np.asarray(deep >> (bits - 8), np.uint8)
-            cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR, dst=target)
-        elif mode.fourcc in PLANAR:
-            cv2.cvtColor(self._planes(data), PLANAR[mode.fourcc], dst=target)
+        if self._mode.fourcc in PLANAR:
+            cv2.cvtColor(self._planes(data), PLANAR[self._mode.fourcc], dst=target)
         else:
-            channels, conversion = INTERLEAVED[mode.fourcc]
-            shape = (height, width, channels) if channels > 1 else (height, width)
-            strides = (stride, channels, 1) if channels > 1 else (stride, 1)
+            channels, conversion = INTERLEAVED[self._mode.fourcc]
+            shape, strides = (*self._shape[:2], channels), (self._mode.stride, channels, 1)
             frame: NDArray[np.uint8] = np.ndarray(shape, np.uint8, data.data, strides=strides)
             if conversion is None:
                 np.copyto(target, frame)
             else:
                 cv2.cvtColor(frame, conversion, dst=target)
+        fitted(target, out)
+        return True, None
+
+    def close(self) -> None:
+        if self.jpeg:
+            self._jpegs.close()
 
     def _planes(self, data: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """The planes without padding, stacked: uint8 (height * 3 / 2, width)."""
-        mode = self._mode
-        height, width, stride = mode.height_px, mode.width_px, mode.stride
+        (height, width, _), stride = self._shape, self._mode.stride
         rows = height * 3 // 2
-        if stride == width or mode.fourcc in ("NV12", "NV21"):
+        if stride == width or self._mode.fourcc in ("NV12", "NV21"):
             return np.ndarray((rows, width), np.uint8, data.data, strides=(stride, 1))
         luma: NDArray[np.uint8] = np.ndarray((height, width), np.uint8, data.data, strides=(stride, 1))
         chroma: NDArray[np.uint8] = np.ndarray((height, width // 2), np.uint8, data.data, height * stride, (stride // 2, 1))
-        return np.concatenate([luma.reshape(-1), np.ascontiguousarray(chroma).reshape(-1)]).reshape(rows, width)
+        return np.concatenate([luma.ravel(), chroma.ravel()]).reshape(rows, width)

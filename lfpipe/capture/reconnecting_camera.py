@@ -10,10 +10,11 @@ import time
 from collections.abc import Callable
 
 import attrs
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.capture.frame_source import Frame, FrameSource, SourceInfo, decoding
+from lfpipe.capture.frame_source import Frame, FrameSource, SourceInfo, undecodable
 from lfpipe.errors import UserError
 
 WAIT_S = 0.1  # longest wait of `read`
@@ -64,27 +65,25 @@ class _Connection:
         self._thread.join(wait_s)
 
     def _run(self) -> None:
-        try:
-            with decoding("camera"):
-                source = self._open()
-        except Exception as error:  # raised by `frame`, whatever it is
-            self._results.put(error)
-            self.opened.set()
-            return
-        self.info = source.info
-        self.opened.set()
+        source: FrameSource | None = None
         failure: Exception | None = None
-        while failure is None and (out := self._slots.get()) is not None:
-            try:
-                with decoding(source.info.name):
-                    frame = source.read(out)
+        try:
+            source = self._open()
+            self.info = source.info
+            self.opened.set()
+            while (out := self._slots.get()) is not None:
+                frame = source.read(out)
                 assert frame is not None, "a camera has no end"
                 self._results.put(frame)
-            except Exception as error:
-                failure = error
-        source.close()  # before reporting, so that the next connection does not find the camera busy
+        except (MemoryError, cv2.error) as error:
+            failure = undecodable("camera", error)
+        except Exception as error:  # raised by `frame`, whatever it is
+            failure = error
+        if source is not None:
+            source.close()  # before reporting, so that the next connection does not find the camera busy
         if failure is not None:
             self._results.put(failure)
+        self.opened.set()
 
 
 class ReconnectingCamera:

@@ -12,11 +12,12 @@ class EvenSchedule:
     """Frame k is due k periods after frame 0, by integer arithmetic: the error stays below 1 ns."""
 
     def __init__(self, rate_hz: float) -> None:
-        self._period = 1_000_000_000 / Fraction(rate_hz).limit_denominator(1001)  # 29.97002997 stands for 30000/1001
+        period = 1_000_000_000 / Fraction(rate_hz).limit_denominator(1001)  # 29.97002997 stands for 30000/1001
+        self._period_ns, self._parts = period.numerator, period.denominator
 
     def due_ns(self, index: int) -> int:
         """Nanoseconds from frame 0 to frame index."""
-        return index * self._period.numerator // self._period.denominator
+        return index * self._period_ns // self._parts
 
 
 class StampSchedule:

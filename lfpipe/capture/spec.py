@@ -2,13 +2,14 @@
 
 import difflib
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast
 
 import attrs
 
 from lfpipe.errors import UserError
 
 FORMS = "camera:N, camera:/dev/videoN, camera:NAME, file:PATH, file:PATH?loop=0|1&pace=recorded|max|HZ, or demo"
+PARAMETERS = "loop=0|1 and pace=recorded|max|HZ"
 MIN_RATE_HZ, MAX_RATE_HZ = 0.1, 10_000.0
 
 
@@ -18,6 +19,9 @@ class CameraSpec:
 
     path: Path
     name: str = ""
+
+    def __str__(self) -> str:
+        return f"camera:{self.name or self.path.as_posix()}"
 
 
 @attrs.frozen
@@ -37,38 +41,6 @@ class DemoSpec:
 Spec = CameraSpec | FileSpec | DemoSpec
 
 
-def _hint(word: str, *known: str) -> str:
-    """The known word that was probably meant."""
-    begins = {each.partition(":")[0]: each for each in known}
-    close = difflib.get_close_matches(word, begins, 1, 0.4)
-    return f" (did you mean {begins[close[0]]!r}?)" if close else ""
-
-
-def _device(text: str, whole: str) -> CameraSpec:
-    if text.isascii() and text.isdigit():
-        return CameraSpec(Path(f"/dev/video{int(text)}"))
-    if text.startswith("/"):
-        return CameraSpec(Path(text))
-    if not text.strip():
-        raise UserError(f"{whole!r}: no camera given", "use for example camera:0, camera:/dev/video0 or camera:NAME")
-    return CameraSpec(Path(), text.strip())
-
-
-def _pace(value: str) -> float | Literal["recorded", "max"]:
-    if value == "recorded":
-        return "recorded"
-    if value == "max":
-        return "max"
-    example = "for example pace=30, or pace=max to play without waiting"
-    try:
-        rate_hz = float(value)
-    except ValueError:
-        raise UserError(f"pace={value}: not recorded, max or a rate in Hz{_hint(value, 'recorded', 'max')}", example) from None
-    if not MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ:  # false for nan too
-        raise UserError(f"pace={value}: out of range: {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g} Hz", example)
-    return rate_hz
-
-
 def _file(text: str) -> FileSpec:
     path, mark, query = text.rpartition("?")
     if not mark:
@@ -81,16 +53,25 @@ def _file(text: str) -> FileSpec:
         if not sign:
             remedy = "if the path contains a '?', append another '?'"
             raise UserError(f"{item!r} in {'file:' + text!r} is not NAME=VALUE", remedy)
-        if name == "loop":
-            if value not in ("0", "1"):
-                raise UserError(f"loop={value}: not 0 or 1", "loop=0 plays once, loop=1 repeats")
+        if name == "loop" and value in ("0", "1"):
             spec = attrs.evolve(spec, loop=value == "1")
-        elif name == "pace":
-            spec = attrs.evolve(spec, pace=_pace(value))
+        elif name == "pace" and (pace := _pace(value)):
+            spec = attrs.evolve(spec, pace=pace)
         else:
-            remedy = "a file accepts loop=0|1 and pace=recorded|max|HZ"
-            raise UserError(f"{name!r} in {'file:' + text!r}: unknown parameter{_hint(name, 'loop', 'pace')}", remedy)
+            limits = f"HZ from {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g}"
+            raise UserError(f"{item!r} in {'file:' + text!r}: not understood", f"a file accepts {PARAMETERS}, {limits}")
     return spec
+
+
+def _pace(value: str) -> float | Literal["recorded", "max", ""]:
+    """Empty if value is no pace."""
+    if value in ("recorded", "max"):
+        return cast(Literal["recorded", "max"], value)
+    try:
+        rate_hz = float(value)
+    except ValueError:
+        return ""
+    return rate_hz if MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ else ""  # NaN is out of range, too
 
 
 def playing_once(text: str) -> str:
@@ -114,15 +95,16 @@ def source_file(text: str) -> Path | None:
 
 
 def parse_source(text: str) -> Spec:
-    """Parses text, without touching any file.
-
-    Raises UserError that names the wrong part.
-    """
+    """Parses text, without touching any file. Raises UserError that names the wrong part."""
     scheme, colon, rest = text.partition(":")
     if text == "demo":
         return DemoSpec()
-    if scheme == "camera" and colon:
-        return _device(rest, text)
     if scheme == "file" and colon:
         return _file(rest)
-    raise UserError(f"{text!r}: not a frame source{_hint(scheme, 'camera:0', 'file:PATH', 'demo')}", f"use one of {FORMS}")
+    if scheme != "camera" or not rest.strip():
+        close = difflib.get_close_matches(scheme, ("camera", "file", "demo"), 1, 0.4)
+        hint = f" (did you mean {close[0]!r}?)" if close and close[0] != scheme else ""
+        raise UserError(f"{text!r}: not a frame source{hint}", f"use one of {FORMS}")
+    if rest.isascii() and rest.isdigit():
+        return CameraSpec(Path(f"/dev/video{int(rest)}"))
+    return CameraSpec(Path(rest)) if rest.startswith("/") else CameraSpec(Path(), rest.strip())

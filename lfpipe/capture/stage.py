@@ -11,11 +11,8 @@ import logging
 import time
 from collections import deque
 
-import numpy as np
-from numpy.typing import NDArray
-
-from lfpipe.capture.frame_source import BrokenFrame, Frame, FrameSource, SourceInfo
-from lfpipe.capture.open_source import open_reconnecting
+from lfpipe.capture.frame_source import BrokenFrame, Frame, SourceInfo
+from lfpipe.capture.open_source import open_source
 from lfpipe.capture.reconnecting_camera import CameraLost
 from lfpipe.capture.schedule import Lateness
 from lfpipe.transport.clock import SleepWatch, now_ns
@@ -78,19 +75,11 @@ def _report(context: Context, info: SourceInfo) -> None:
     context.emit("source", name=info.name, rate_hz=info.rate_hz, live=info.live, notes=list(info.notes))
 
 
-def _read(context: Context, source: FrameSource, out: NDArray[np.uint8]) -> Frame | None:
-    """The next frame; a recording may wait for its disk."""
-    if source.info.live:
-        return source.read(out)
-    with context.busy_with("reading the recording"):
-        return source.read(out)
-
-
 def main(context: Context) -> None:
     """Runs the stage until it is stopped or the source ends."""
     frames, packets = context.output("frames"), PacketOutput(context.spec.session)
     with context.setting_up("opening the source"):
-        source = open_reconnecting(context.options.source, context.config.camera)
+        source = open_source(context.options.source, context.config.camera, reconnect=True)
     info = source.info
     _report(context, info)
     lateness = Lateness(int(LATE_PERIODS * 1e9 / info.rate_hz) if info.rate_hz and not context.spec.options.lossless else 0)
@@ -106,7 +95,11 @@ def main(context: Context) -> None:
                 continue
             t_begin_ns = now_ns()
             try:
-                frame = _read(context, source, frames.begin())
+                if not info.live:
+                    context.row.set_busy("reading the recording")  # it may wait for its disk
+                frame = source.read(frames.begin())
+                if not info.live:
+                    context.row.set_busy("")
             except CameraLost as lost:
                 _lose(context, info.name, str(lost))
                 lost_ns = now_ns()

@@ -55,7 +55,6 @@ class ControlRange:
     minimum: int
     maximum: int
     step: int
-    inactive: bool  # another control, such as an automatic, currently decides its value
 
 
 class V4L2Device:
@@ -66,11 +65,13 @@ class V4L2Device:
         self.path = path
         self.fd = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC) if fd is None else fd
         try:
-            self._capability = self.ioctl(abi.QUERYCAP, abi.Capability())
+            capability = self.ioctl(abi.QUERYCAP, abi.Capability())
         except OSError:
             self.close()
             raise
-        self.driver = bytes(self._capability.driver).decode(errors="replace")
+        self.driver = bytes(capability.driver).decode(errors="replace")
+        whole, own = int(capability.capabilities), int(capability.device_caps)
+        self._capabilities = own if whole & abi.CAP_DEVICE_CAPS else whole  # of this node, not of its device as a whole
 
     def ioctl(self, request: int, argument: S) -> S:
         """argument as the driver changed it."""
@@ -82,12 +83,12 @@ class V4L2Device:
     @property
     def captures(self) -> bool:
         """Whether this node delivers pictures to mapped buffers (a camera's second node is for metadata)."""
-        return has(self._capability, abi.CAP_VIDEO_CAPTURE | abi.CAP_STREAMING)
+        return self._capabilities & abi.CAP_CAPTURES == abi.CAP_CAPTURES
 
     @property
     def multi_planar(self) -> bool:
         """Whether this node delivers pictures through the multi-planar interface alone, as boards with a camera port do."""
-        return not self.captures and has(self._capability, abi.CAP_MULTI_PLANAR)
+        return not self.captures and bool(self._capabilities & abi.CAP_MULTI_PLANAR)
 
     @property
     def signal(self) -> bool:
@@ -105,24 +106,22 @@ class V4L2Device:
 
     def sizes(self, fourcc: str) -> list[FrameSizes]:
         """The frame sizes of a pixel format with their rates; a range of sizes is one entry."""
-        code, listed = abi.fourcc_code(fourcc), []
+        code, sizes = abi.fourcc_code(fourcc), []
         message = abi.FrameSize(pixelformat=code)
         for _ in self._listed(abi.ENUM_FRAMESIZES, message):
             low_w, high_w, _, low_h, high_h, _ = message.sizes
-            if message.type != abi.FRAME_SIZE_DISCRETE:
+            if message.type != abi.DISCRETE:
                 return [FrameSizes(fourcc, low_w, low_h, self._rates(code, low_w, low_h), (high_w, high_h))]
-            width_px, height_px = low_w, high_w  # for a discrete size these two words are width and height
-            listed.append(FrameSizes(fourcc, width_px, height_px, self._rates(code, width_px, height_px)))
-        return listed
+            sizes.append(FrameSizes(fourcc, low_w, high_w, self._rates(code, low_w, high_w)))  # of a discrete size: width, height
+        return sizes
 
     def _rates(self, code: int, width_px: int, height_px: int) -> tuple[float, ...]:
         message = abi.FrameInterval(pixelformat=code, width=width_px, height=height_px)
         rates_hz: set[float] = set()
         for _ in self._listed(abi.ENUM_FRAMEINTERVALS, message):
-            numerator, denominator = message.interval[:2]
-            if numerator:
-                rates_hz.add(denominator / numerator)
-            if message.type != abi.FRAME_INTERVAL_DISCRETE:
+            if message.interval[0]:
+                rates_hz.add(message.interval[1] / message.interval[0])
+            if message.type != abi.DISCRETE:
                 break
         return tuple(sorted(rates_hz, reverse=True))
 
@@ -164,7 +163,7 @@ class V4L2Device:
             raise
         if message.flags & (abi.CTRL_DISABLED | abi.CTRL_READ_ONLY):
             return None
-        return ControlRange(message.minimum, message.maximum, max(1, message.step), bool(message.flags & abi.CTRL_INACTIVE))
+        return ControlRange(message.minimum, message.maximum, max(1, message.step))
 
     def control(self, control: int) -> int:
         """The value of a control."""
@@ -186,10 +185,3 @@ class V4L2Device:
         if self.fd >= 0:
             os.close(self.fd)
             self.fd = -1
-
-
-def has(capability: abi.Capability, needed: int) -> bool:
-    """Whether this node, not only its device as a whole, has all needed capabilities."""
-    whole = int(capability.capabilities)
-    own = int(capability.device_caps) if whole & abi.CAP_DEVICE_CAPS else whole
-    return own & needed == needed

@@ -7,8 +7,8 @@ from typing import Any
 
 import click
 
+from lfpipe.capture import camera_list
 from lfpipe.capture.camera_controls import control_texts
-from lfpipe.capture.camera_list import known
 from lfpipe.capture.pixel_formats import DECODED
 from lfpipe.capture.v4l2_device import V4L2Device
 from lfpipe.cli.options import JSON, PATH, with_config
@@ -31,11 +31,11 @@ def cameras(everything: bool, as_json: bool) -> None:
     Each size is shown with its highest rate. Give --camera the path or the name: camera:/dev/video0, camera:NAME.
     """
     listed: list[dict[str, Any]] = []
-    for device in known().cameras():
+    for device in camera_list.cameras():
         about: dict[str, Any] = {"camera": f"camera:{device.path}", "name": device.name}
         about |= {"formats": [], "controls": [], "trouble": ""}
         try:
-            about["formats"], about["controls"] = known().asking(
+            about["formats"], about["controls"] = camera_list.asking(
                 device.path, lambda opened: (_formats(opened, everything or as_json), control_texts(opened))
             )
         except OSError as error:

@@ -10,7 +10,7 @@ import attrs
 
 AUTO_HZ = 60.0  # pictures per second without a screen
 # fmt: off
-PixelFormat = Literal["auto", "MJPG", "YUYV", "UYVY", "NV12", "YU12", "BGR3", "RGB3", "GREY", "Y10"]
+PixelFormat = Literal["auto", "MJPG", "YUYV", "UYVY", "NV12", "YU12", "BGR3", "RGB3", "GREY"]
 Anaglyph = Literal[
     "colour", "grey", "half-colour", "wimmer", "dubois", "dubois-green-magenta", "dubois-amber-blue", "mono", "side-by-side",
     "row-interleaved",

@@ -12,7 +12,7 @@ from pathlib import Path
 import attrs
 
 from lfpipe import config
-from lfpipe.capture.camera_list import CameraDevice, known
+from lfpipe.capture.camera_list import CameraDevice, asking, cameras
 from lfpipe.errors import UserError
 from lfpipe.host import shared_memory as memory
 from lfpipe.host.files import exists, is_missing
@@ -160,7 +160,7 @@ def camera(device: CameraDevice) -> Check:
     """One camera with its formats."""
     name = f"{device.path} {device.name}".strip()
     try:
-        offered = " ".join(known().asking(device.path, lambda opened: opened.fourccs()))
+        offered = " ".join(asking(device.path, lambda opened: opened.fourccs()))
     except PermissionError:
         return Check("camera", True, f"{name}: no permission", "add yourself to the group `video` and log in again")
     except OSError as error:
@@ -203,7 +203,7 @@ def checks() -> list[Check]:
         face_networks(),
         litert(),
         sdl(),
-        *camera_checks(config.load().camera.source if own.ok else "", known().cameras()),
+        *camera_checks(config.load().camera.source if own.ok else "", cameras()),
         shared_memory(),
         leftovers(),
         *(plugin_check(plugin) for group in GROUPS for plugin in plugins(group).values()),

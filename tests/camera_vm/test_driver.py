@@ -18,7 +18,6 @@ from tests.camera_vm import driver
 
 pytestmark = pytest.mark.camera_vm
 SMALL = {"width_px": 320, "height_px": 180, "rate_hz": 10.0}
-GREYS = ("GREY", "Y10", "Y12", "Y16")
 MODULES = Path("/run/modules")
 
 
@@ -37,13 +36,13 @@ def test_every_format_that_can_be_decoded_gives_the_same_picture(vivid: Path) ->
     grey = np.repeat(rec_709[..., None], 3, axis=2)
     offered = asking(vivid, lambda device: device.fourccs())
     tried = [fourcc for fourcc in offered if fourcc in DECODED]
-    assert {"YUYV", "NV12", "GREY", "Y10", "RGGB"} <= set(tried)
+    assert {"YUYV", "NV12", "GREY", "RGGB"} <= set(tried)
     wrong = {}
     for fourcc in tried:
         source = open_camera(vivid, config.Camera(format=fourcc, **SMALL))
         assert f"delivers {fourcc} 320x180 at 10 Hz" in source.info.notes[0]
         picture, _ = frames(source, 1)
-        apart = np.abs(picture.astype(int) - (grey if fourcc in GREYS else reference))
+        apart = np.abs(picture.astype(int) - (grey if fourcc == "GREY" else reference))
         if np.median(apart) > 4 or np.quantile(apart, 0.9) > 24:  # edges of the bars, limited range
             wrong[fourcc] = (float(np.median(apart)), float(np.quantile(apart, 0.9)))
     assert not wrong
@@ -87,18 +86,15 @@ def test_stamps_that_wrap_give_way_to_the_time_of_reading(vivid: Path) -> None:
 
 
 def test_gain_is_set_and_restored(vivid: Path) -> None:
-    def state() -> tuple[int, bool]:
-        def ask(device: object) -> tuple[int, bool]:
-            return device.control(driver.AUTO_GAIN), device.control_range(driver.GAIN).inactive  # type: ignore[attr-defined]
-
-        return asking(vivid, ask)
+    def state() -> list[int]:
+        return asking(vivid, lambda device: [device.control(control) for control in (driver.AUTO_GAIN, driver.GAIN)])
 
     before = state()
     source = open_camera(vivid, config.Camera(gain=50.0, exposure=5.0, **SMALL))
-    assert state() == (0, False) and asking(vivid, lambda device: device.control(driver.GAIN)) == 50
+    assert state() == [0, 50]
     assert any("camera.exposure = 5 ms: the camera has no such control" in note for note in source.info.notes)
     frames(source, 2)
-    assert state() == before == (1, True)
+    assert state()[0] == before[0] == 1
 
 
 def lfpipe(command: str) -> list[str]:

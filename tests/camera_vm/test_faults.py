@@ -12,7 +12,7 @@ import pytest
 
 from lfpipe import config
 from lfpipe.capture.camera import check_camera
-from lfpipe.capture.open_source import check_source, open_reconnecting
+from lfpipe.capture.open_source import check_source, open_source
 from lfpipe.capture.reconnecting_camera import ReconnectingCamera
 from lfpipe.errors import UserError
 from tests.camera_vm import driver
@@ -25,7 +25,7 @@ OUT = np.empty((180, 320, 3), np.uint8)
 
 
 def opened(text: str) -> ReconnectingCamera:
-    source = open_reconnecting(text, CAMERA)
+    source = open_source(text, CAMERA, reconnect=True)
     assert isinstance(source, ReconnectingCamera)
     return source
 

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from lfpipe import config
-from lfpipe.capture.camera import CameraFinder, check_camera, open_camera
+from lfpipe.capture.camera import check_camera, open_camera
+from lfpipe.capture.camera_list import CameraFinder
 from lfpipe.capture.demo import DemoSource
 from lfpipe.capture.spec import CameraSpec
 from lfpipe.errors import UserError

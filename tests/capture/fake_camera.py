@@ -66,7 +66,7 @@ class FakeCamera:
     def control_range(self, control: int) -> ControlRange | None:
         time.sleep(self.slow_s)
         known = self.controls.get(control)
-        return None if known is None else ControlRange(known.low, known.high, known.step, False)
+        return None if known is None else ControlRange(known.low, known.high, known.step)
 
     def control(self, control: int) -> int:
         return self.controls[control].value

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from lfpipe import config
-from lfpipe.capture import camera_list, opencv_camera
-from lfpipe.capture.spec import CameraSpec
+from lfpipe.capture import camera_list, open_source, opencv_camera
+from lfpipe.capture.camera_list import CameraDevice
 from lfpipe.errors import UserError
 from lfpipe.transport.ring import StampKind
 
 
-class Made:
+class FakeCapture:
     """As cv2.VideoCapture: camera 1 gives three frames of 80x60."""
 
     def __init__(self, number: int) -> None:
@@ -35,38 +35,34 @@ class Made:
     def release(self) -> None: ...
 
 
-@pytest.fixture
-def made(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(opencv_camera.cv2, "VideoCapture", Made)
-    listed = [opencv_camera.CameraDevice(Path(f"/dev/video{n}"), name) for n, name in enumerate(("Front", "Back", "Back two"))]
-    for name in ("nodes", "cameras"):
-        monkeypatch.setattr(opencv_camera, name, lambda: listed)
-    monkeypatch.setattr(camera_list, "PORTABLE", True)
+@pytest.fixture(autouse=True)
+def portable(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(opencv_camera.cv2, "VideoCapture", FakeCapture)
+    listed = [CameraDevice(Path(f"/dev/video{n}"), name) for n, name in enumerate(("Front", "Back", "Back two"))]
+    monkeypatch.setattr(camera_list, "nodes", lambda *_: listed)
+    for module in (camera_list, open_source):
+        monkeypatch.setattr(module, "PORTABLE", True)
 
 
-def test_frames_are_scaled_counted_and_stamped_when_read(made: None) -> None:
-    camera = opencv_camera.open_camera(opencv_camera.CameraFinder(CameraSpec(Path(), "back")).path(), config.Camera())
+def test_a_camera_of_that_name_gives_frames_that_are_scaled_counted_and_stamped_when_read() -> None:
+    camera = open_source.open_source("camera:back", config.Camera())
     out = np.zeros((480, 640, 3), np.uint8)
     frames = [camera.read(out) for _ in range(2)]
     assert [frame and (frame.source_seq, frame.stamp) for frame in frames] == [(0, StampKind.READ), (1, StampKind.READ)]
     assert (out == 7).all() and camera.info.rate_hz == 25.0 and camera.info.name == "camera:/dev/video1"
     with pytest.raises(UserError, match="no more pictures"):
         camera.read(out)
-    camera.close()
 
 
 @pytest.mark.parametrize(
-    ("spec", "message", "remedy"),
-    [("nothing", "no camera of that name", "camera:/dev/video0 (Front)"), ("ack", "2 cameras have", "use camera:/dev/video1 or")],
+    ("text", "message", "remedy"),
+    [
+        ("camera:nothing", "no camera of that name", "camera:/dev/video0 (Front)"),
+        ("camera:ack", "2 cameras have", "use camera:/dev/video1 or"),
+        ("", "camera 0: cannot be opened", "privacy"),
+    ],
 )
-def test_a_name_that_no_one_camera_has_is_named(made: None, spec: str, message: str, remedy: str) -> None:
+def test_a_camera_that_cannot_be_used_says_what_helps(text: str, message: str, remedy: str) -> None:
     with pytest.raises(UserError, match=message) as error:
-        opencv_camera.CameraFinder(CameraSpec(Path(), spec)).path()
+        open_source.check_source(text, config.Camera())
     assert remedy in error.value.remedy
-
-
-def test_a_camera_that_does_not_open_says_what_helps(made: None) -> None:
-    with pytest.raises(UserError, match="camera 0: cannot be opened") as error:
-        opencv_camera.check_camera(Path("/dev/video0"), config.Camera())
-    assert "privacy" in error.value.remedy
-    assert opencv_camera.check_camera(Path("/dev/video1"), config.Camera()).live
