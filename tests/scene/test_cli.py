@@ -93,11 +93,6 @@ def test_views_outside_are_refused(shell: Shell, folder: Path, tmp_path: Path) -
         assert isinstance(refused, UserError) and message in refused.message
 
 
-def test_pictures_that_cannot_be_written_are_refused(shell: Shell, folder: Path, tmp_path: Path) -> None:
-    for out in (tmp_path / "no" / "folder.png", tmp_path / "v.strange"):
-        assert isinstance(shell("sheet", folder, "-o", out).exception, UserError)
-
-
 def test_sheet_shows_all_views_in_canonical_order(shell: Shell, folder: Path, tmp_path: Path) -> None:
     shell.text("sheet", folder, "-o", tmp_path / "s.png")
     sheet = cv2.cvtColor(cv2.imread(str(tmp_path / "s.png")), cv2.COLOR_BGR2RGB)

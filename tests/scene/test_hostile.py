@@ -3,6 +3,7 @@
 Many of them go through one process, which has the packer's limits.
 """
 
+import contextlib
 import json
 import os
 import random
@@ -30,7 +31,6 @@ from lfpipe.host.limits import MemoryLimit
 from lfpipe.scene import layouts
 from lfpipe.scene.examination import examine_scene
 from lfpipe.scene.files import list_scene, read_pfm
-from lfpipe.scene.layouts.arrays import axis_order
 from lfpipe.scene.layouts.named import hci_attributes
 from lfpipe.scene.packer import MEMORY_BYTES
 from lfpipe.scene.packing import pack_scene
@@ -41,10 +41,7 @@ CHECKOUT = Path(__file__).parents[2]
 GRID, FRAME = made.views(3, 3, 32, 40), made.mosaic(made.views(2, 3, 64, 80))
 Make = Callable[[Path], object]  # writes a scene into a folder; returns the path that is given if it is not the folder
 DEPTH = 10 / (made.middle_disparity(32, 40) + 3)
-PARAMETERS = (
-    "[intrinsics]\nfocal_length_mm = 100\nimage_resolution_x_px = 40\nimage_resolution_y_px = 32\nsensor_size_mm = 35\n"
-    "[extrinsics]\nnum_cams_x = 3\nnum_cams_y = 3\nbaseline_mm = 25\nfocus_distance_m = 4.25\n"
-)
+PARAMETERS = "[extrinsics]\nnum_cams_x = 3\nnum_cams_y = 3\nbaseline_mm = 25\nfocus_distance_m = 4.25\n"
 
 
 def hci(folder: Path, **parameters: str) -> None:
@@ -85,13 +82,11 @@ def film(folder: Path, end: str = "avi", codec: str = "FFV1") -> Path:
 
 SCENES: dict[str, Make] = {
     "hci": hci, "hci-text": hci_text, "hci-old": h5, "stanford": stanford, "jpeg-pleno": jpeg_pleno,
-    "hci-old in chunks": lambda folder: h5(folder, chunks=(1, 1, 32, 40, 3), compression="gzip"),
     "mat": lambda folder: scipy.io.savemat(folder / "a.mat", {"LF": GRID}, do_compression=True),
     "mat 7.3": lambda folder: h5(folder, "a.mat", GRID.transpose(), chunks=(1, 40, 32, 3, 3), compression="gzip"),
     **{f"views, {end}": lambda folder, end=end: made.write_grid(folder, GRID, "view_{r:02d}_{c:02d}." + end)
-       for end in ("png", "jpg", "bmp", "tif", "webp", "ppm")},
-    **{name: lambda folder, name=name: made.write(folder / name, FRAME)
-       for name in ("atlas.png", "atlas.jpg", "a_qs3x2.png", "a_eslf.png")},
+       for end in ("png", "jpg", "tif", "webp")},
+    **{name: lambda folder, name=name: made.write(folder / name, FRAME) for name in ("atlas.png", "a_qs3x2.png", "a_eslf.png")},
     **{f"film, {end}": lambda folder, end=end, codec=codec: film(folder, end, codec)
        for end, codec in (("mkv", "FFV1"), ("avi", "MJPG"), ("mp4", "mp4v"))},
     "numbered": lambda folder: made.write_grid(folder, GRID[:1], "v{n}.png"),
@@ -162,18 +157,15 @@ HUGE = 2 << 40
 PLAYLIST = b"#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\nfilm.avi\n#EXT-X-ENDLIST\n"
 ATTACKS: dict[str, tuple[Make, str]] = {
     "far too many columns": (lambda f: hci(f, num_cams_x="1e18"), r"parameters\.cfg: num_cams_x is 1e\+18"),
-    "far too many rows": (lambda f: hci(f, num_cams_y="99999"), "num_cams_y"),
     "many cameras": (lambda f: hci(f, num_cams_x="10000"), "views"),
-    "baseline": (lambda f: hci(f, baseline_mm="1e307"), r"baseline_mm is 1e\+307"),
     "focus": (lambda f: hci(f, focus_distance_m="nan"), "focus_distance_m is nan"),
     "far cameras": (lambda f: stanford(f, "1e308", "-1e308"), "camera coordinate is -?1e"),
     "attributes": (lambda f: hci_text(f, "1e308 //dH\n1e308 //focalLength\n"), r"attributes\.dat: dH is 1e\+308"),
-    "2 TB view": (beside(hci, "input_Cam004.png", size=HUGE), r"input_Cam004\.png"),
-    "2 TB parameters": (beside(hci, "parameters.cfg", size=HUGE), r"parameters\.cfg: has 2199023255552 bytes"),
-    "2 TB map": (beside(hci, "gt_disp_lowres.pfm", size=HUGE), r"gt_disp_lowres\.pfm: has 2199023255552 bytes"),
+    "true disparity": (lambda f: hci_text(f, "1 //dH\n1e-30 //focalLength\n3e8 //shift\n"), r"up to 3e\+08 px"),
+    **{f"2 TB, {name}": (beside(hci, name, size=HUGE), name)
+       for name in ("input_Cam004.png", "parameters.cfg", "gt_disp_lowres.pfm")},
     **{f"2 TB, {name}": (beside(lambda f: None, name, size=HUGE), name) for name in ("lf.h5", "a.mat", "film.mkv")},
     "JPEG": (bytes_of("a.jpg", jpeg_claiming(SMALL_JPEG, 20_000, 20_000)), "20000x20000"),
-    "JPEG among views": (beside(hci, "input_Cam008.png", jpeg_claiming(SMALL_JPEG, 20_000, 20_000)), "20000x20000"),
     "PNG, whole": (bytes_of("a.png", png_of(16_384, 16_384)), "16384x16384"),
     "HDF5, large views": (claiming((9, 9, 40_000, 40_000, 3)), "views of 40000x40000"),
     "HDF5, no end": (claiming((1, 2**40, 32, 32, 3)), r"lf\.h5"),
@@ -186,51 +178,56 @@ ATTACKS: dict[str, tuple[Make, str]] = {
         replaced(FRAME_HEADER + struct.pack(">HH", 128, 240), FRAME_HEADER + b"\x4e\x20\x4e\x20", "MJPG"), r"film\.avi"
     ),
     "playlist": (lambda f: [film(f), bytes_of("list.mp4", PLAYLIST)(f)][1], "not a readable video"),
-    "concatenation": (lambda f: [film(f), bytes_of("list.mkv", b"ffconcat version 1.0\nfile film.avi\n")(f)][1], "not a read"),
 }  # fmt: skip
 
 
 def opened(path: Path, scene: config.Scene) -> str:
     """What lfpipe says of a scene, "" where it opens."""
     try:
-        examined = examine_scene(path, scene)
+        source = examine_scene(path, scene).source
+        for place in {(0, 0), (source.rows // 2, source.cols // 2)} - source.missing:
+            assert source.read(0, *place).shape[:2] == (source.height_px, source.width_px)
     except UserError as error:
         assert error.message and error.remedy
         return str(error)
-    source = examined.source
-    for place in {(0, 0), (source.rows // 2, source.cols // 2)} - source.missing:
-        assert source.read(0, *place).shape[:2] == (source.height_px, source.width_px)
     return ""
 
 
 NUMBERS = (
-    "0", "-1", "1e18", "1e-300", "1e307", "-1e308", "1e400", "nan", "inf", "9" * 400, "99999", "0x10", "1_0", "", "x", "3e38",
-)  # fmt: skip
-INTEGERS = (0, 1, 255, 20_000, 65_535, 1 << 24, (1 << 31) - 1, 1 << 31, (1 << 32) - 1, 1 << 40, (1 << 63) - 1)
+    "0",
+    "-1",
+    "1e18",
+    "1e-300",
+    "-1e308",
+    "1e400",
+    "nan",
+    "inf",
+    "9" * 400,
+    "99999",
+    "0x10",
+    "",
+    "x",
+    "\x1b[2J",
+    "\n",
+    "٣",
+)
 
 
 def damage(rng: random.Random, folder: Path) -> None:
-    """Does something to one file of a scene."""
+    """Does something to one file of a scene: to its bytes, to numbers in its text or name, or puts no file in its place."""
     files = [path for path in folder.rglob("*") if path.is_file() and not path.is_symlink() and path.stat().st_size < 10_000_000]
     if not files:
         return
-    path = rng.choice(sorted(files))
-    data, kind = path.read_bytes(), rng.randrange(6)
-    if kind == 0:
-        path.write_bytes(damaged_bytes(rng, data))
-    elif kind == 1:
-        path.write_bytes(damaged_bytes(rng, data[:200]) + data[200:])
+    path, kind = rng.choice(sorted(files)), rng.randrange(5)
+    data, head = path.read_bytes(), rng.choice((200, 10**9))
+    if kind <= 1:
+        path.write_bytes(damaged_bytes(rng, data[:head]) + data[head:])
     elif kind == 2:
-        form = rng.choice(("<H", ">H", "<I", ">I", "<Q", ">Q"))
-        value = rng.choice(INTEGERS) & ((1 << 8 * struct.calcsize(form)) - 1)
-        at = rng.randrange(min(len(data), rng.choice((100, 1000, 10**9)))) if data else 0
-        path.write_bytes(data[:at] + struct.pack(form, value) + data[at + struct.calcsize(form) :])
+        numbers = list(re.finditer(rb"-?\d+(\.\d+)?(e[+-]?\d+)?", data[:2000]))
+        spot = rng.choice(numbers).span() if numbers else (0, 0)
+        path.write_bytes(data[: spot[0]] + rng.choice(NUMBERS).encode() + data[spot[1] :])
     elif kind == 3:
-        if numbers := list(re.finditer(rb"-?\d+(\.\d+)?(e[+-]?\d+)?", data[:2000])):
-            spot = rng.choice(numbers)
-            path.write_bytes(data[: spot.start()] + rng.choice(NUMBERS).encode() + data[spot.end() :])
-    elif kind == 4:
-        new = re.sub(r"\d+", lambda part: rng.choice((part[0], *NUMBERS, "\x1b[2J", "\udcff", "\n", "٣"))[:40], path.name)
+        new = re.sub(r"\d+", lambda part: rng.choice((part[0], *NUMBERS, "\udcff"))[:40], path.name)
         path.rename(path.with_name(new or "x"))
     else:
         NO_FILES[rng.choice(sorted(set(NO_FILES) - {"directory"}))](path)
@@ -304,7 +301,7 @@ def test_one_large_picture_among_the_views_is_left_out(tmp_path: Path) -> None:
 
 
 @pytest.mark.timeout(60)
-@pytest.mark.parametrize("kind", ["fifo", "socket", "endless device", "terminal"])
+@pytest.mark.parametrize("kind", ["fifo", "endless device"])
 def test_what_is_no_file_neither_blocks_nor_is_read(tmp_path: Path, kind: str) -> None:
     for name in ("input_Cam004.png", "parameters.cfg", "gt_disp_lowres.pfm"):
         hci(tmp_path / name)
@@ -339,9 +336,8 @@ def test_paths_of_any_bytes_work(tmp_path: Path, scene_config: config.Scene) -> 
     pack_scene(base, config.Scene(cache_dir=scene_config.cache_dir + os.fsdecode(b"-\xff")))
 
 
-@pytest.mark.parametrize("name", ["a\nerror: x", "a\rb"])
-def test_a_name_does_not_make_lines_of_its_own(tmp_path: Path, name: str) -> None:
-    assert len(opened(tmp_path / name, config.Scene()).splitlines()) == 2
+def test_a_name_does_not_make_lines_of_its_own(tmp_path: Path) -> None:
+    assert all(len(opened(tmp_path / name, config.Scene()).splitlines()) == 2 for name in ("a\nerror: x", "a\rb"))
 
 
 @pytest.fixture
@@ -375,17 +371,9 @@ def test_parsers_of_small_files(tmp_path_factory: pytest.TempPathFactory, body: 
     for head in (b"", b"Pf\n4 4\n-1.0\n", b"P6\n4 4\n1023\n", b"\x89PNG\r\n\x1a\n"):
         path.write_bytes(head + body)
         for parser in (read_pfm, read_picture):
-            try:
+            with contextlib.suppress(UserError):
                 parser(path)
-            except UserError as error:
-                assert str(path) in error.message
     hci_attributes(body.decode("latin-1"))
-
-
-@given(st.lists(st.integers(0, 700), max_size=7))
-def test_axis_order_is_a_permutation_or_none(shape: list[int]) -> None:
-    order = axis_order(tuple(shape))
-    assert order is None or sorted(order) == list(range(len(shape)))
 
 
 def test_a_listing_sorts_numbers_as_numbers(tmp_path: Path) -> None:

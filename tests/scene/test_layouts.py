@@ -11,8 +11,6 @@ import scipy.io
 
 from lfpipe import config
 from lfpipe.scene import layouts
-from lfpipe.scene.layouts._running import Running
-from lfpipe.scene.layouts._tiles import Tiling
 from lfpipe.scene.orientation import orient
 from lfpipe.scene.source import SceneSource
 from tests.scene import made
@@ -155,14 +153,6 @@ def test_views_that_are_missing_or_of_another_size_are_named(tmp_path: Path, lay
     assert any(f"{odd.name} (80x62 px)" in note for note in source.notes)
 
 
-def test_coordinates_of_a_set_with_a_row_of_another_size(tmp_path: Path) -> None:
-    for r, c in np.ndindex(4, 4):
-        view = made.views(4, 4, 64, 80)[r, c]
-        made.write(tmp_path / f"out_{r:02d}_{c:02d}_{8.5 * r}_{8.6 * c}_.png", view if r else view[:-2])
-    source = described(tmp_path, "stanford")
-    assert (source.rows, source.cols) == (4, 4) and len(source.missing) == 4 and source.coordinates is None
-
-
 def test_truth_of_the_first_hci_data_set(tmp_path: Path) -> None:
     for focal in (0.0, 20.0):
         text_export(tmp_path / str(focal), focal)
@@ -219,26 +209,20 @@ def test_mat_of_lftoolbox_is_linear_light_with_weights_and_dark_sides(tmp_path: 
     assert np.array_equal(source.read(0, 1, 4), inner[1, 4].astype(np.uint16) * 257)
 
 
-@pytest.mark.parametrize("layout", ["hci-old", "mat"])
-def test_hdf5_of_one_plane(tmp_path: Path, layout: str) -> None:
-    for name, grid in (("grey", GRID[..., :1]), ("no axis", GRID[..., 0])):
-        (tmp_path / name).mkdir()
-        with h5py.File(tmp_path / name / ("lf.h5" if layout == "hci-old" else "a.mat"), "w") as file:
-            file["LF"] = grid if layout == "hci-old" else grid.transpose()
-        source = described(tmp_path / name, layout)
-        assert np.array_equal([[source.read(0, r, c) for c in range(4)] for r in range(3)], GRID[..., 0])
+OPTIONS = [{}, {"compression": "gzip", "fletcher32": True, "shuffle": True}, {"compression": "lzf"}]
 
 
-OPTIONS = [{"compression": "gzip", "fletcher32": True, "shuffle": True}, {"compression": "lzf"}, {"fletcher32": True}]
-
-
-@pytest.mark.parametrize("options", OPTIONS)
-def test_ways_to_pack_hdf5(tmp_path: Path, options: dict[str, object]) -> None:
-    for n, grid in enumerate((GRID, np.random.default_rng(1).integers(0, 255, GRID.shape, np.uint8))):
-        with h5py.File(tmp_path / f"{n}.h5", "w") as file:
-            file.create_dataset("LF", data=grid, **options)
-        source = described(tmp_path / f"{n}.h5", "hci-old")
-        assert np.array_equal([[source.read(0, r, c) for c in range(4)] for r in range(3)], grid)
+@pytest.mark.parametrize(
+    "grid", [GRID, GRID[..., :1], GRID[..., 0], np.random.default_rng(1).integers(0, 255, GRID.shape, np.uint8)]
+)
+def test_ways_to_pack_hdf5(tmp_path: Path, grid: np.ndarray) -> None:
+    for n, options in enumerate(OPTIONS):
+        for name, values in ((f"{n}.h5", grid), (f"{n}.mat", grid.transpose())):
+            with h5py.File(tmp_path / name, "w") as file:
+                file.create_dataset("LF", data=values.astype(np.uint8), **options)
+            source = layouts.describe(tmp_path / name, AUTO)
+            views = np.array([[source.read(0, r, c) for c in range(4)] for r in range(3)])
+            assert np.array_equal(views, grid.reshape(views.shape))
 
 
 def test_eslf_lenslets_with_dark_outer_views(tmp_path: Path) -> None:
@@ -280,17 +264,6 @@ def test_tiles_with_a_plain_background_are_not_cropped(tmp_path: Path) -> None:
     assert (source.rows, source.cols, source.height_px, source.width_px) == (4, 6, 90, 120)
 
 
-@pytest.mark.parametrize("counts", [(2, 9), (9, 2), (8, 8), (17, 1)])
-@pytest.mark.parametrize("quilt", [False, True])
-def test_tiling_covers_every_tile_once(counts: tuple[int, int], quilt: bool) -> None:
-    rows, cols = counts
-    pixels = np.arange(rows * 4 * cols * 5).reshape(rows * 4, cols * 5)
-    even = Tiling.even(pixels, rows, cols)
-    cut = Tiling(even.tops, even.lefts, even.height_px, even.width_px, quilt)
-    tiles = [cut.cut(pixels, r, c) for r in range(cut.grid[0]) for c in range(cut.grid[1])]
-    assert np.array_equal(np.sort(np.concatenate([t.ravel() for t in tiles])), pixels.ravel())
-
-
 def test_a_quilt_whose_tiles_do_not_divide_it(tmp_path: Path) -> None:
     line = made.views(1, 45, 91, 102, 0.5, -0.3)[0]
     tiles = np.array([[cv2.resize(line[9 * 5 - 5 * (r + 1) + c], (819, 455)) for c in range(5)] for r in range(9)])
@@ -309,10 +282,6 @@ def test_what_the_doubt_about_a_quilt_offers(tmp_path: Path) -> None:
             source = described(tmp_path, layout, config.Scene(layout=layout, grid=text))
             assert (source.rows, source.cols) == grid
     assert np.array_equal(described(tmp_path, "mosaic").read(0, 0, 5), line[0, 5])
-
-
-def test_numbers_of_a_snake_by_hand() -> None:
-    assert [Running(2, 3, snake=True).index(n) for n in range(6)] == [(0, 0), (0, 1), (0, 2), (1, 2), (1, 1), (1, 0)]
 
 
 def test_light_field_video_from_pictures_and_from_a_file(tmp_path: Path) -> None:
