@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError
 from lfpipe.observe.session_commands import ask
 from lfpipe.observe.session_reader import FollowingReader
-from lfpipe.observe.state_text import photon_words, spans
+from lfpipe.observe.state_text import photon_words
 from lfpipe.render.geometry import zero_planes_px
 from lfpipe.render.view_grid import EyesOnGrid, draw_over_eyes
 from lfpipe.transport import control, ring
@@ -197,8 +197,6 @@ class Feed:
             except UserError:
                 self._hello = {}
         stages = {name: stage for name, stage in state["stages"].items() if stage["state"] != "NONE"}
-        for stage in stages.values():
-            stage["cpus"] = spans(stage["cpus"])
         photon = photon_words(state["motion_to_photon"])
         return {"alive": True, **state, "motion_to_photon": photon, "stages": stages, **_settings(self._hello)}
 

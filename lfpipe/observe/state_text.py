@@ -1,7 +1,7 @@
 """A session's state as text for people: `lfpipe monitor`, `ctl status`, and the end of `lfpipe up`. Reads neither session nor
 keyboard."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from datetime import timedelta
 from typing import Any
 
@@ -11,17 +11,6 @@ from rich.text import Text
 STATE_STYLE = {"RUNNING": "green", "STARTING": "yellow", "STOPPING": "yellow", "DEAD": "bold red"}
 KEYS_LINE = "q quit  p pause  r reset  t trace  w warp  m mode  c recentre"
 QUANTILES = ("p50_ms", "p95_ms", "p99_ms")
-
-
-def spans(cpus: Iterable[int]) -> str:
-    """Cores in compact form: `0-3 6`."""
-    runs: list[list[int]] = []
-    for core in sorted(cpus):
-        if runs and core == runs[-1][1] + 1:
-            runs[-1][1] = core
-        else:
-            runs.append([core, core])
-    return " ".join(f"{first}-{last}" if last > first else f"{first}" for first, last in runs)
 
 
 def ms(value: float) -> str:
@@ -35,7 +24,7 @@ def photon_words(latency: Mapping[str, float | None]) -> str:
 
 
 def state_text(state: Mapping[str, Any]) -> Text:
-    """The table of stages (rate, wait, busy, drops, restarts, load if it is known), quality, cores, and the age of the picture.
+    """The table of stages (rate, wait, busy, drops, restarts, load if it is known), quality, and the age of the picture.
 
     state: see `snapshot`. At most 80 cells wide.
     """
@@ -62,8 +51,6 @@ def state_text(state: Mapping[str, Any]) -> Text:
         out.append(f"{'supervisor':<68}{_load(state)}\n", "dim")
     level = f"level {state['level']} of {state['lowest_level']}" if state["level"] else "full"
     out.append(f"quality {level}\n", "bold yellow" if state["level"] else "dim")
-    cores = ", ".join(f"{name} {spans(stage['cpus'])}" for name, stage in stages.items() if stage["cpus"])
-    out.append(f"cores   {cores or '-'}\n", "dim")
     for notice in state["notices"]:
         out.append(f"now: {notice}\n", "bold yellow")
     return out.append_text(_age(state))

@@ -14,34 +14,23 @@ from lfpipe.observe.state_text import print_state, screen_text, waiting_text
 from lfpipe.supervisor.rundir import find
 
 PERIOD_S = 0.25
-TEXT_PERIOD_S = 1.0  # where a screen cannot be redrawn
 NOTE_S = 5.0  # display time of the answer to a key
 
 
 def run(name: str, once: bool, as_json: bool) -> None:
-    """Shows the session of that name. as_json: for programs. Raises UserError if it does not run."""
+    """Shows the session of that name: one state, JSON lines until it ends, or the screen of a terminal, where there is one.
+    Raises UserError if it does not run."""
     redraws = sys.stdout.isatty() and os.environ.get("TERM", "dumb") not in ("dumb", "unknown")
     with Watch(find(name)) as watch:
-        if once or as_json or not redraws:
-            stream(watch, once, as_json)
-            return
-    screen(name)
-
-
-def stream(watch: Watch, once: bool, as_json: bool) -> None:
-    """Prints samples on stdout until the session ends."""
-    while True:
-        state = watch.read()
-        if as_json:
-            print(json.dumps(state), flush=True)
-        else:
-            print_state(state)
-            sys.stdout.flush()
-        if once or not watch.living():
-            return
-        if not as_json:
-            print("\n")
-        time.sleep(PERIOD_S if as_json else TEXT_PERIOD_S)
+        if not as_json and (once or not redraws):
+            print_state(watch.read())
+        while as_json:
+            print(json.dumps(watch.read()), flush=True)
+            if once or not watch.living():
+                return
+            time.sleep(PERIOD_S)
+    if redraws and not once:
+        screen(name)
 
 
 def screen(name: str) -> None:

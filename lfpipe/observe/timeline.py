@@ -1,8 +1,7 @@
-"""The trace as Chrome trace-event JSON, which Perfetto and chrome://tracing open: a track per stage, arrows along a frame.
+"""The trace as Chrome trace-event JSON, which Perfetto and chrome://tracing open: a track per stage.
 
 Slices: capture from the sensor's stamp to the decoded frame, track from there to its eyes, render while a picture is composed,
-display until it is presented. Format: "Trace Event Format" (Google, 2016) with complete events X, flows s, t and f, and
-metadata M.
+display until it is presented. Format: "Trace Event Format" (Google, 2016) with complete events X and metadata M.
 """
 
 import json
@@ -20,50 +19,34 @@ TRACKS = (*CORE, "display")
 PID = 1
 
 
-class _Track:
-    """Slices of one track, shortened so that they do not overlap: viewers would nest overlapping slices."""
-
-    def __init__(self, name: str) -> None:
-        self.name, self.tid, self._end_ns = name, TRACKS.index(name) + 1, 0
-
-    def slice(self, start_ns: int, end_ns: int, args: dict[str, Any]) -> dict[str, Any]:
-        start_ns = max(start_ns, self._end_ns)
-        self._end_ns = end_ns = max(end_ns, start_ns)
-        times = {"ts": start_ns / 1e3, "dur": (end_ns - start_ns) / 1e3}
-        return {"name": self.name, "cat": "stage", "ph": "X", "pid": PID, "tid": self.tid, **times, "args": args}
-
-
 def events(trace: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
     """Trace events of a trace's objects. Times in microseconds of CLOCK_MONOTONIC."""
     yield {"name": "process_name", "ph": "M", "pid": PID, "tid": 0, "args": {"name": "lfpipe"}}
-    for index, name in enumerate(TRACKS):
-        about = {"pid": PID, "tid": index + 1}
-        yield {"name": "thread_name", "ph": "M", **about, "args": {"name": name}}
-        yield {"name": "thread_sort_index", "ph": "M", **about, "args": {"sort_index": index}}
-    capture, track, render, display = (_Track(name) for name in TRACKS)
+    for tid, name in enumerate(TRACKS, 1):
+        yield {"name": "thread_name", "ph": "M", "pid": PID, "tid": tid, "args": {"name": name}}
+        yield {"name": "thread_sort_index", "ph": "M", "pid": PID, "tid": tid, "args": {"sort_index": tid}}
+    end_ns = dict.fromkeys(TRACKS, 0)
+
+    def slice_of(name: str, start: int, end: int, **about: Any) -> dict[str, Any]:
+        """Shortened so that slices of a track do not overlap: viewers would nest overlapping slices."""
+        start = max(start, end_ns[name])
+        end_ns[name] = end = max(end, start)
+        args = {"source_seq": line["source_seq"], "epoch": line["epoch"], **about}
+        where = {"name": name, "cat": "stage", "ph": "X", "pid": PID, "tid": TRACKS.index(name) + 1}
+        return {**where, "ts": start / 1e3, "dur": (end - start) / 1e3, "args": args}
+
     before = None
     for line in trace:
-        frame = (line["epoch"], line["source_seq"])
-        args = {"source_seq": line["source_seq"], "epoch": line["epoch"]}
-        flow = {"name": "frame", "cat": "frame", "pid": PID, "id": f"{frame[0]}.{frame[1]}"}
-        made: list[tuple[str, dict[str, Any]]] = []
-        if frame != before:
-            before, shown = frame, False
-            made.append(("s", capture.slice(line["t_sensor_ns"], line["t_read_ns"], args)))
-            made.append(("t", track.slice(line["t_read_ns"], line["t_tracked_ns"], {**args, "face": line["face"]})))
+        if (line["epoch"], line["source_seq"]) != before:
+            before = line["epoch"], line["source_seq"]
+            yield slice_of("capture", line["t_sensor_ns"], line["t_read_ns"])
+            yield slice_of("track", line["t_read_ns"], line["t_tracked_ns"], face=line["face"])
         if line["composed"]:
-            what = {**args, "method": line["method"], "view": line["view"]}
-            drawn = render.slice(line.get("t_started_ns", line["t_tracked_ns"]), line["t_composed_ns"], what)
-            presented_ns = line["t_presented_ns"] or line["t_composed_ns"]  # 0: replaced before it was seen
+            started_ns, composed_ns = line.get("t_started_ns", line["t_tracked_ns"]), line["t_composed_ns"]
+            presented_ns = line["t_presented_ns"] or composed_ns  # 0: replaced before it was seen
+            yield slice_of("render", started_ns, composed_ns, method=line["method"], view=line["view"])
             age_ms = (presented_ns - line["t_sensor_ns"]) / 1e6
-            put = display.slice(line["t_composed_ns"], presented_ns, {**args, "age_ms": age_ms})
-            made += [("" if shown else "t", drawn), ("" if shown else "f", put)]
-            shown = True  # later pictures of the same frame are predictions from it: one arrow is enough
-        for kind, piece in made:
-            yield piece
-            if kind:  # an arrow is bound to the slice around its time
-                end = {"bp": "e"} if kind == "f" else {}
-                yield {**flow, "ph": kind, "tid": piece["tid"], "ts": piece["ts"] + piece["dur"] / 2, **end}
+            yield slice_of("display", composed_ns, presented_ns, age_ms=age_ms)
 
 
 def convert(source: Path, out: Path) -> None:

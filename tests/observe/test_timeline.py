@@ -29,28 +29,18 @@ def line(source_seq: int, sensor: int, steps: tuple[int, int, int, int, int], co
 
 
 def check(made: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
-    """Checks "Trace Event Format": known phases, slices that do not overlap on a track, arrows that start, end and are bound to a
-    slice. Returns the slices by track."""
+    """Checks "Trace Event Format": known phases, slices that do not overlap on a track. Returns the slices by track."""
     tracks = {e["tid"]: e["args"]["name"] for e in made if e["ph"] == "M" and e["name"] == "thread_name"}
     assert tuple(tracks.values()) == TRACKS
     slices: dict[str, list[dict[str, Any]]] = defaultdict(list)
-    arrows: dict[str, list[dict[str, Any]]] = defaultdict(list)
     for event in made:
-        assert event["ph"] in "MXstf" and event["pid"] == 1 and isinstance(event["name"], str)
+        assert event["ph"] in "MX" and event["pid"] == 1 and isinstance(event["name"], str)
         if event["ph"] == "X":
             assert event["ts"] >= 0 and event["dur"] >= 0
             slices[tracks[event["tid"]]].append(event)
-        elif event["ph"] in "stf":
-            arrows[event["id"]].append(event)
     for found in slices.values():
         for before, after in itertools.pairwise(sorted(found, key=lambda e: (e["ts"], e["dur"]))):
             assert before["ts"] + before["dur"] <= after["ts"] + 1e-3, "slices of a track do not overlap"
-    for found in arrows.values():
-        kinds = "".join(e["ph"] for e in found)
-        assert kinds[0] == "s" and set(kinds[1:-1]) <= {"t"} and kinds[-1] in "tf" and kinds.count("s") == 1
-        for event in found:
-            around = [s for s in slices[tracks[event["tid"]]] if s["ts"] <= event["ts"] <= s["ts"] + s["dur"]]
-            assert around, "an arrow begins and ends in a slice"
     return slices
 
 
