@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from lfpipe.sequence import edit
-from lfpipe.sequence.eyes import read_truth
+from lfpipe.sequence.eyes import eyes_of, read_truth
 from lfpipe.sequence.folder import MANIFEST, TRUTH, open_sequence
 from lfpipe.sequence.packets import INDEX, PACKETS
 from tests.hostile_sequences import made_sequence, typed
@@ -43,6 +43,7 @@ def manifest(**changes: object) -> Callable[[Path], object]:
     return file(MANIFEST, lambda data: json.dumps(json.loads(data) | changes).encode())
 
 
+EYES = b'{"source_seq": 1, "raw_px": [[1, 2], [1, 2]], "filtered_px": [[1, 2], [1, 2]], "face": %s}'
 COPY = "\n  remedy: copy the whole folder again from where it was recorded"
 POINTS = "left_x_px,left_y_px,right_x_px,right_y_px"
 TABLE = f"\n  remedy: write one row per frame with columns t_ns, {POINTS.replace(',', ', ')}, and optionally visible (0 or 1)"
@@ -115,5 +116,9 @@ MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
     "import of text": (
         lambda here: (here / "v.avi").write_text("no video") and typed("import", here / "v.avi", here / "seq"),
         "/here/v.avi: not a readable video\n  remedy: give a video (mp4, mkv, avi, ...), a picture or a folder of pictures",
+    ),
+    "eyes": (
+        lambda here: eyes_of(EYES % b"2", "walk: frame 5"),
+        "walk: frame 5: face is 2, expected a whole number from 0 to 1" + COPY,
     ),
 }
