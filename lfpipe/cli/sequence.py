@@ -24,7 +24,7 @@ from lfpipe.host.files import exists
 from lfpipe.host.machine import versions
 from lfpipe.sequence import edit
 from lfpipe.sequence.eyes import TRUTH, read_truth, table_of
-from lfpipe.sequence.folder import FILES, begin_manifest, check_out, end_manifest, new_folder, open_sequence
+from lfpipe.sequence.folder import begin_manifest, check_out, end_manifest, new_folder, open_sequence
 from lfpipe.sequence.packets import PacketWriter, encoded
 from lfpipe.supervisor.supervisor import run_session
 from lfpipe.transport.session import Session
@@ -80,7 +80,7 @@ def info(paths: tuple[Path, ...], as_json: bool) -> int:
 def _info(path: Path, as_json: bool) -> None:
     found = open_sequence(path, verify=False)
     size, codecs = sum(packet.bytes for packet in found.packets), sorted(found.codecs)
-    beside = [name.partition(".")[0] for name in FILES[2:] if exists(path / name)]
+    truth = exists(path / TRUTH)
     source, created = (str(found.manifest.get(name, "")) for name in ("source", "created"))
     if as_json:
         about = {
@@ -93,8 +93,7 @@ def _info(path: Path, as_json: bool) -> None:
             "codecs": codecs,
             "bytes": size,
             "complete": found.complete,
-            "eyes": "eyes" in beside,
-            "truth": "truth" in beside,
+            "truth": truth,
             "source": source,
             "created": created,
             "versions": found.manifest.get("versions", {}),
@@ -104,7 +103,8 @@ def _info(path: Path, as_json: bool) -> None:
     click.echo(f"{path}: {len(found.packets)} frames of {found.width_px}x{found.height_px}, {found.duration_s:.3f} s")
     click.echo(f"  {found.measured_hz:.3f} Hz by the stamps, {found.lost} frames lost while recording")
     click.echo(f"  {size / 1e6:.1f} MB as {', '.join(codecs)}, from {plain(source, 200)}, {plain(created, 200)}")
-    click.echo(f"  stored with the frames: {', '.join(beside) or 'nothing'}")
+    if truth:
+        click.echo("  with the true eyes")
     if not found.complete:
         click.echo("  cut off during recording: it ends with the last whole frame")
 

@@ -1,7 +1,6 @@
 """The results of a replay: `report.json` as plain data, and JUnit XML for CI systems, a test case per part of the comparison."""
 
 import hashlib
-import json
 import struct
 import sys
 import zlib
@@ -78,11 +77,6 @@ def read_report(folder: Path) -> dict[str, Any]:
     for name in ("frames", "rows", "cols", "height_px", "width_px"):
         scene.integer(name, 1, 1 << 31)
     return dict(fields.values)
-
-
-def write_report(folder: Path, report: dict[str, Any]) -> None:
-    """Raises UserError if it cannot be written."""
-    write_output(folder / REPORT, json.dumps(report, indent=1).encode() + b"\n")
 
 
 def pair(line: Line, name: str) -> tuple[float, ...]:

@@ -7,6 +7,7 @@ recorded, HZ   in real time, on the clocks of a live session; late frames are dr
 """
 
 import errno
+import json
 import os
 import re
 import shutil
@@ -17,11 +18,11 @@ from typing import Any
 from lfpipe import config as config_module
 from lfpipe.config import Config, ReplayOutput, SessionOptions
 from lfpipe.errors import UserError
-from lfpipe.files.output import written_by_lfpipe
+from lfpipe.files.output import write_output, written_by_lfpipe
 from lfpipe.files.safe_files import PRIVATE_FOLDER, reason
 from lfpipe.host.files import is_dir
 from lfpipe.render.replay_writer import PICTURES
-from lfpipe.replays.report import REPORT, STEADY, TRACE, make_report, write_report
+from lfpipe.replays.report import REPORT, STEADY, TRACE, make_report
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.pack import summarize
 from lfpipe.sequence.folder import MANIFEST
@@ -159,5 +160,5 @@ def replay(
         raise ReplayFailed(f"{', '.join(restarted)} failed during the replay and had to be restarted")
     if steady and report["counts"]["pictures"] != len(sequence.packets):
         raise ReplayFailed(f"{report['counts']['pictures']} pictures of {len(sequence.packets)} frames: a stage lost some")
-    write_report(folder, report)
+    write_output(folder / REPORT, json.dumps(report, indent=1).encode() + b"\n")
     return report

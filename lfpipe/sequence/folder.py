@@ -83,12 +83,10 @@ def end_manifest(path: Path, manifest: dict[str, Any], frames: int, checksums: d
 
     Raises OSError if the disk is full; the old manifest is then kept.
     """
-    sums = dict(checksums)
-    for name in FILES:
-        if name not in sums and exists(path / name):
-            with open_regular(path / name) as file:
-                sums[name] = hashlib.file_digest(file, "sha256").hexdigest()
-    _write_manifest(path, {**manifest, "complete": True, "frames": frames, "checksums": sums})
+    if exists(path / TRUTH):
+        with open_regular(path / TRUTH) as file:
+            checksums = {**checksums, TRUTH: hashlib.file_digest(file, "sha256").hexdigest()}
+    _write_manifest(path, {**manifest, "complete": True, "frames": frames, "checksums": checksums})
 
 
 def _write_manifest(path: Path, manifest: dict[str, Any]) -> None:
