@@ -212,11 +212,7 @@ def export(path: Path, out: Path, form: str, tiles: str, apart: float | None, se
         check_picture(name, path)
         write_picture(name, exported.quilt(cols, rows))
     elif is_clip:
-        if form == "sweep":
-            pictures = exported.sweep(seconds)
-        else:
-            pictures = exported.wiggle(apart, seconds) if form == "wiggle" else exported.pairs(apart, seconds)
-        write_clip(out, pictures, RATE_HZ)
+        write_clip(out, exported.clip(form, apart, seconds), RATE_HZ)
         click.echo(f"{out}  {out.stat().st_size / 1e6:.2f} MB")
     else:
         write_output(out, stereo_file(*exported.eyes(apart), suffix))

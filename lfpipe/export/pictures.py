@@ -9,6 +9,7 @@ sweep    along the middle row from the first column to the last and back
 """
 
 import io
+import itertools
 import math
 import re
 from collections.abc import Iterable, Iterator
@@ -43,67 +44,51 @@ class SceneExport:
     between the eyes' views."""
 
     def __init__(self, field: LightField, config: Config) -> None:
-        self._field, self._config = field, config
+        self._field, self._config, self._last = field, config, field.cols - 1.0
         self._renderer = ViewRenderer(field, config.render.method, zero_plane_px(field, config.render))
 
     def _view(self, col: float, frame: int = 0) -> Picture:
         return self._renderer.render((self._field.rows - 1) / 2, col, frame)
 
-    @property
-    def comfortable_views(self) -> float:
-        """Views between the eyes, as a session would choose them before it sees a face."""
-        chosen = parallax(self._config, self._field, self._config.camera.frame_px[0], None)
-        return min(chosen.views_between_eyes, self._field.cols - 1.0)
-
-    def _eyes(self, apart_views: float | None) -> tuple[float, float]:
-        """Columns of the left and the right eye. Raises UserError."""
-        apart, widest = self.comfortable_views if apart_views is None else apart_views, self._field.cols - 1.0
-        if not 0 < apart <= widest:
-            raise UserError(
-                f"--apart {apart:g}: the scene has {self._field.cols} columns of views" + (", one eye's" if not widest else ""),
-                f"up to {widest:g}" if widest else "a scene with two columns or more",
-            )
-        middle = widest / 2
-        return middle - apart / 2, middle + apart / 2
+    def _columns(self, apart_views: float | None) -> tuple[float, float]:
+        """Columns of the left and the right eye; by default as a session would choose them before it sees a face. Raises
+        UserError."""
+        if apart_views is None:
+            chosen = parallax(self._config, self._field, self._config.camera.frame_px[0], None)
+            apart_views = min(chosen.views_between_eyes, self._last)
+        if not 0 < apart_views <= self._last:
+            what = f"the scene has {self._field.cols} columns of views" + ("" if self._last else ", one eye's")
+            remedy = f"up to {self._last:g}" if self._last else "a scene with two columns or more"
+            raise UserError(f"--apart {apart_views:g}: {what}", remedy)
+        return (self._last - apart_views) / 2, (self._last + apart_views) / 2
 
     def quilt(self, cols: int, rows: int) -> Picture:
         """cols * rows views, evenly from the first column to the last; tiles shrink if the quilt would exceed QUILT_PX."""
         field = self._field
         scale = min(1.0, QUILT_PX / (cols * field.width_px), QUILT_PX / (rows * field.height_px))
         width, height = (max(1, math.floor(scale * side)) for side in (field.width_px, field.height_px))
-        out = np.empty((rows * height, cols * width, 3), np.uint8)
-        count = cols * rows
-        for index in range(count):
-            view = self._view((field.cols - 1) * index / max(count - 1, 1))
-            tile = view if scale == 1 else cv2.resize(view, (width, height), interpolation=cv2.INTER_AREA)
-            row, col = rows - 1 - index // cols, index % cols
-            out[row * height : (row + 1) * height, col * width : (col + 1) * width] = tile
-        return out
+        tiles = []
+        for col in np.linspace(0, self._last, cols * rows):
+            view = self._view(float(col))
+            tiles.append(view if scale == 1 else cv2.resize(view, (width, height), interpolation=cv2.INTER_AREA))
+        return np.vstack([np.hstack(tiles[row * cols : (row + 1) * cols]) for row in reversed(range(rows))])
 
     def eyes(self, apart_views: float | None = None) -> tuple[Picture, Picture]:
         """The left and the right eye's view. Raises UserError."""
-        left, right = self._eyes(apart_views)
+        left, right = self._columns(apart_views)
         return self._view(left), self._view(right)
 
-    def pair(self, apart_views: float | None = None) -> Picture:
-        """The two eyes' views side by side, left first, each in full width."""
-        return np.hstack(self.eyes(apart_views))
-
-    def pairs(self, apart_views: float | None = None, seconds: float = SWEEP_S) -> Iterator[Picture]:
-        """Pairs side by side whose eyes move along the middle row and back, at RATE_HZ; of a pair of views, they rest."""
-        left, right = self._eyes(apart_views)
-        room = self._field.cols - 1.0 - (right - left)
-        swings = (self._swing(first, first + room, seconds) for first in (0.0, right - left))
-        return (np.hstack(pair) for pair in zip(*swings, strict=True))
-
-    def wiggle(self, apart_views: float | None = None, seconds: float = WIGGLE_S) -> Iterator[Picture]:
-        """One turn from the left eye to the right eye and back, at RATE_HZ; the last picture leads to the first."""
-        left, right = self._eyes(apart_views)
-        return self._swing(left, right, seconds)
-
-    def sweep(self, seconds: float = SWEEP_S) -> Iterator[Picture]:
-        """One turn along the middle row, at RATE_HZ."""
-        return self._swing(0.0, self._field.cols - 1.0, seconds)
+    def clip(self, form: str, apart_views: float | None, seconds: float) -> Iterator[Picture]:
+        """One turn at RATE_HZ, whose last picture leads to the first. form: "sweep", "wiggle", or "pair", whose eyes sweep side by
+        side. Raises UserError."""
+        if form == "sweep":
+            return self._swing(0.0, self._last, seconds)
+        left, right = self._columns(apart_views)
+        if form == "wiggle":
+            return self._swing(left, right, seconds)
+        room = self._last - (right - left)
+        eyes = (self._swing(first, first + room, seconds) for first in (0.0, right - left))
+        return (np.hstack(pair) for pair in zip(*eyes, strict=True))
 
     def _swing(self, first: float, last: float, seconds: float) -> Iterator[Picture]:
         count = max(2, round(seconds * RATE_HZ))
@@ -114,9 +99,8 @@ class SceneExport:
 
 def quilt_name(path: Path, cols: int, rows: int, aspect: float) -> Path:
     """path with the grid and aspect that quilt viewers read from a name; unchanged if it has them."""
-    if re.search(r"_qs\d+x\d+", path.stem):
-        return path
-    return path.with_stem(f"{path.stem}_qs{cols}x{rows}a{aspect:.2f}")
+    known = re.search(r"_qs\d+x\d+", path.stem)
+    return path if known else path.with_stem(f"{path.stem}_qs{cols}x{rows}a{aspect:.2f}")
 
 
 def pair_name(path: Path) -> Path:
@@ -142,10 +126,10 @@ def stereo_file(left: Picture, right: Picture, suffix: str) -> bytes:
 
 def parse_tiles(text: str) -> tuple[int, int]:
     """(columns, rows) from COLSxROWS. Raises UserError."""
-    found = re.fullmatch(r"(\d{1,2})x(\d{1,2})", text)
-    if not found or not all(0 < int(side) <= MOST_TILES for side in found.groups()):
+    cols, _, rows = text.partition("x")
+    if not (cols.isdecimal() and rows.isdecimal() and 0 < int(cols) <= MOST_TILES and 0 < int(rows) <= MOST_TILES):
         raise UserError(f"--tiles {text}: not COLSxROWS", f"for example 8x6; 1 to {MOST_TILES} a side")
-    return int(found[1]), int(found[2])
+    return int(cols), int(rows)
 
 
 def check_clip(path: Path, count: int) -> None:
@@ -158,34 +142,31 @@ def check_clip(path: Path, count: int) -> None:
         require_encoder()
 
 
-def write_clip(path: Path, pictures: Iterable[Picture], rate_hz: float) -> int:
-    """Writes pictures, uint8 (height, width, 3) BGR of one size, to a path that `check_clip` allows; returns how many.
+def write_clip(path: Path, pictures: Iterable[Picture], rate_hz: float) -> None:
+    """Writes pictures, uint8 (height, width, 3) BGR of one size, to a path that `check_clip` allows.
 
     Raises UserError if the disk is full; path is then unchanged.
     """
-    count, writer = 0, None
+    pictures = iter(pictures)
+    first = next(pictures)
     try:
         with finished_output(path, 0o644) as output:
             if path.suffix.lower() == ".gif":
-                return _write_gif(output.file, list(pictures), rate_hz)
-            for picture in pictures:
-                writer = writer or VideoWriter(output.beside, (picture.shape[1], picture.shape[0]), rate_hz)
+                _write_gif(output.file, [first, *pictures], rate_hz)
+                return
+            writer = VideoWriter(output.beside, (first.shape[1], first.shape[0]), rate_hz)
+            for picture in itertools.chain([first], pictures):
                 writer.write(picture)
-                count += 1
-            if writer is not None:
-                writer.release(output.beside)
+            writer.release(output.beside)
     except OSError as error:
         raise write_error(path, error) from None
-    return count
 
 
-def _write_gif(file: IO[bytes], pictures: list[Picture], rate_hz: float) -> int:
+def _write_gif(file: IO[bytes], pictures: list[Picture], rate_hz: float) -> None:
     images = [Image.fromarray(np.ascontiguousarray(picture[..., ::-1])) for picture in pictures]
     # one palette for all: a palette per picture makes static parts flicker
     sample = Image.fromarray(np.vstack([np.asarray(image)[::4, ::4] for image in images]))
     palette = sample.quantize(256, dither=Image.Dither.NONE)
-    indexed = [image.quantize(palette=palette) for image in images]
+    first, *more = [image.quantize(palette=palette) for image in images]
     hundredths = max(2, round(100 / rate_hz))  # unit of a GIF's delays; players slow down shorter ones
-    more = {"append_images": indexed[1:], "duration": 10 * hundredths, "loop": 0, "comment": MARK}
-    indexed[0].save(file, "GIF", save_all=True, **more)
-    return len(images)
+    first.save(file, "GIF", save_all=True, append_images=more, duration=10 * hundredths, loop=0, comment=MARK)

@@ -1,5 +1,7 @@
 """Exports of a scene, read by independent programs: FFmpeg's libraries through PyAV, Pillow."""
 
+import shutil
+import subprocess
 from pathlib import Path
 
 import av
@@ -95,6 +97,10 @@ def test_a_pair_in_motion_and_a_sweep_are_videos(scene: Path, cache: str, tmp_pa
     pairs = decoded(path)
     assert path.name == "boxes_LR.mp4" and len(pairs) == 30 and pairs[0].shape == (48, 128, 3)
     assert all(float(frame[5, 100, 1]) - float(frame[5, 5, 1]) == pytest.approx(8, abs=4) for frame in pairs), "left eye left"
+    if shutil.which("ffprobe"):
+        entries = ["-show_entries", "stream=codec_name,pix_fmt,width,height,nb_frames", "-of", "csv=p=0"]
+        answer = subprocess.check_output(["ffprobe", "-v", "error", *entries, path], text=True)
+        assert answer.strip() == "h264,128,48,yuv420p,30"
     sweep = decoded(export(scene, tmp_path / "sweep.mp4", "--as", "sweep", "--seconds", 1, cache=cache))
     greens = [float(frame[..., 1].mean()) for frame in sweep]
     assert len(greens) == 30 and sweep[0].shape == (48, 64, 3)
@@ -114,8 +120,10 @@ def test_colours_survive_h264(tmp_path: Path, size: tuple[int, int]) -> None:
     width, height = size
     ramp = np.linspace(0, 255, width)[None, :, None] * np.array([1.0, 0.6, 0.3]) + np.zeros((height, 1, 1))
     pictures = [np.roll(ramp.astype(np.uint8), k, axis=2) for k in range(3)]
-    assert write_clip(tmp_path / "x.mp4", (pictures[k // 10] for k in range(30)), 25.0) == 30
-    for k, frame in enumerate(decoded(tmp_path / "x.mp4")):
+    write_clip(tmp_path / "x.mp4", (pictures[k // 10] for k in range(30)), 25.0)
+    frames = decoded(tmp_path / "x.mp4")
+    assert len(frames) == 30
+    for k, frame in enumerate(frames):
         error = frame[:height, :width, ::-1].astype(float) - pictures[k // 10]
         assert abs(error.mean()) < 3 and 10 * np.log10(255**2 / (error**2).mean()) > 30
 
@@ -124,9 +132,9 @@ def test_what_cannot_be_exported_is_refused(scene: Path, cache: str, tmp_path: P
     three = SceneExport(pack_scene(scene, Scene(cache_dir=cache)), Config())
     single = SceneExport(pack_scene(write_scene(tmp_path / "one", 1, 1), Scene(cache_dir=cache)), Config())
     for call, why in (
-        (lambda: three.pair(3), "--apart 3"),
-        (lambda: three.pair(float("nan")), "--apart nan"),
-        (lambda: single.pair(), "1 columns"),
+        (lambda: three.eyes(3), "--apart 3"),
+        (lambda: three.eyes(float("nan")), "--apart nan"),
+        (lambda: single.eyes(), "1 columns"),
         (lambda: parse_tiles("8by6"), "--tiles 8by6"),
         (lambda: parse_tiles("0x6"), "--tiles 0x6"),
         (lambda: check_clip(tmp_path / "x.webm", 3), "not .mp4 or .gif"),
