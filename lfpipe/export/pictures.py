@@ -79,8 +79,8 @@ class SceneExport:
         return self._view(left), self._view(right)
 
     def clip(self, form: str, apart_views: float | None, seconds: float) -> Iterator[Picture]:
-        """One turn at RATE_HZ, whose last picture leads to the first. form: "sweep", "wiggle", or "pair", whose eyes sweep side by
-        side. Raises UserError."""
+        """One turn at RATE_HZ, whose last picture leads to the first. form: "sweep", "wiggle", or "pair", two views side by side
+        that sweep. Raises UserError."""
         if form == "sweep":
             return self._swing(0.0, self._last, seconds)
         left, right = self._columns(apart_views)

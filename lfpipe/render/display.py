@@ -1,8 +1,10 @@
 """What a display is, the one that shows nothing, and opening the one named by `--display`."""
 
+import contextlib
 import os
 import socket
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import attrs
@@ -81,35 +83,30 @@ HINT = "h shows the keys, g tests your glasses"
 FORMS = "window, fullscreen, none or file:OUT.mkv (or .mp4)"
 
 
-def _answers(family: int, address: str | tuple[str, int]) -> bool:
-    try:
-        with socket.socket(family, socket.SOCK_STREAM) as probe:
-            probe.settimeout(1.0)
-            probe.connect(address)
-        return True
-    except OSError:
-        return False
-
-
-def _x_answers(display: str) -> bool:
-    host, colon, rest = display.rpartition(":")
+def _addresses() -> Iterator[str | tuple[str, int]]:
+    """Where the display servers that the environment names listen: paths of sockets, or (host, port)."""
+    if wayland := os.environ.get("WAYLAND_DISPLAY"):
+        yield str(Path(os.environ.get("XDG_RUNTIME_DIR", "")) / wayland)
+    host, colon, rest = os.environ.get("DISPLAY", "").rpartition(":")
     number = rest.partition(".")[0]
-    if not colon or not number.isdigit():
-        return False
-    if host in ("", "unix"):
+    if colon and number.isdigit():
         path = f"/tmp/.X11-unix/X{number}"
-        return _answers(socket.AF_UNIX, path) or _answers(socket.AF_UNIX, "\0" + path)
-    return _answers(socket.AF_INET, (host, 6000 + int(number)))
+        yield from (path, "\0" + path) if host in ("", "unix") else ((host, 6000 + int(number)),)
 
 
 def has_display() -> bool:
     """Whether a window can be opened: the environment names a display server, and it answers."""
     if has_desktop() or os.environ.get("SDL_VIDEODRIVER") in ("dummy", "offscreen"):
         return True
-    wayland = os.environ.get("WAYLAND_DISPLAY")
-    if wayland and _answers(socket.AF_UNIX, str(Path(os.environ.get("XDG_RUNTIME_DIR", "")) / wayland)):
-        return True
-    return _x_answers(os.environ.get("DISPLAY", ""))
+    for address in _addresses():
+        with (
+            contextlib.suppress(OSError),
+            socket.socket(socket.AF_UNIX if isinstance(address, str) else socket.AF_INET) as probe,
+        ):
+            probe.settimeout(1.0)
+            probe.connect(address)
+            return True
+    return False
 
 
 def check_display(spec: str, monitor: str = "") -> None:
@@ -143,9 +140,8 @@ def open_display(
 
     size_px: (width, height) of the pictures; rate_hz: their highest rate, and the rate of a video; monitor: `screen.monitor`;
     part: how often the process that writes a video was restarted, which makes the next file; code: the only keys that a window
-    accepts, to end it. Raises UserError as `check_display` does, and if the window cannot be opened.
+    accepts, to end it. Raises UserError if the display, which `check_display` has accepted, cannot be opened.
     """
-    check_display(spec)
     name, _, argument = spec.partition(":")
     if spec == "none":
         return Display()

@@ -54,8 +54,7 @@ class FileDisplay(Display):
     """
 
     def __init__(self, path: Path, size_px: tuple[int, int], rate_hz: float, reserve_bytes: int = RESERVE_BYTES) -> None:
-        """size_px: (width, height) of the pictures. Raises UserError if the file cannot be created."""
-        check_file(path)
+        """path: as `check_file` accepts. size_px: (width, height) of the pictures. Raises UserError if it cannot be created."""
         try:
             self._output = OutputFile(path)
         except OSError as error:

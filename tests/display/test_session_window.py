@@ -17,8 +17,6 @@ from tests.xdnd import drop
 from tests.xvfb_screen import Screen, outline
 
 PLAIN = ("render.method=nearest", "render.alpha_px=20", "render.anaglyph=colour", "render.light=gamma", "render.clock=camera")
-
-
 GRID_MIDDLE = [13, 13, 37]  # BGR of the middle view
 
 
@@ -29,40 +27,34 @@ def expected(line: dict[str, dict[str, list[float]]]) -> list[int]:
 
 
 @pytest.mark.everyday
+@pytest.mark.skipif(shutil.which("xdotool") is None, reason="apt-get install xdotool")
 def test_the_planes_on_the_screen_come_from_the_right_views(world: World, scene: Path, screen: Screen) -> None:
     world.env["DISPLAY"] = screen.name
     sets = [f"--set={text}" for text in PLAIN]
     fixed = ("--camera", "demo", "--trace", world.trace, "--session", world.name)
     second = write_scene(world.root / "second", 2, 2)
     process = world.start("up", scene, second, *fixed, "--display", "window", *sets)
+    press, ctl = functools.partial(_press, world), functools.partial(world.run, "ctl", "--session", world.name)
     world.pictures(5)
-    if shutil.which("xdotool") is not None:
-        subprocess.run(["xdotool", "key", "y"], check=True, env=world.env)  # takes the hint away, which else goes by itself
+    press("y")  # takes the hint away, which else goes by itself
     for _ in range(10):
-        done = world.run("ctl", "--session", world.name, "pause")
-        assert done.returncode == 0, done.stderr
+        assert ctl("pause").returncode == 0
         world.wait_for(lambda: _steady(world, screen) == expected(world.lines()[-1]), "the picture that the trace names")
         line = world.lines()[-1]
         if line["view"]["left"] != line["view"]["right"]:
             break
-        world.run("ctl", "--session", world.name, "resume")  # both eyes beyond the edge see the same view
+        ctl("resume")  # both eyes beyond the edge see the same view
     else:
         pytest.fail("the eyes see the same view: this test shows nothing")
-    _exchange_near_and_far(
-        world, screen, lambda word: world.run("ctl", "--session", world.name, "set", f"scene.half_turn={word}")
-    )
-    if shutil.which("xdotool") is None:
-        pytest.skip("the rest presses keys: xdotool is not installed (apt-get install xdotool)")
-    _exchange_near_and_far(world, screen, lambda _: subprocess.run(["xdotool", "key", "d"], check=True, env=world.env))
-    world.run("ctl", "--session", world.name, "resume")
+    for exchange in (lambda word: ctl("set", f"scene.half_turn={word}"), lambda _: press("d")):
+        _exchange_near_and_far(world, screen, exchange)
+    ctl("resume")
     for key, changed in (("plus", 22.0), ("minus", 20.0)):
-        subprocess.run(["xdotool", "key", key], check=True, env=world.env)
+        press(key)
         world.wait_for(lambda changed=changed: _alpha(world) == changed, f"alpha of {changed}")
-    subprocess.run(["xdotool", "key", "o"], check=True, env=world.env)
+    press("o")
     world.wait_for(lambda: bool((screen.picture() == 255).all(axis=-1).any()), "white letters of the overlay")
-    subprocess.run(["xdotool", "key", "o"], check=True, env=world.env)
-    press = functools.partial(_press, world)
-    press("g")
+    press("o", "g")
     world.wait_for(lambda: _letters(screen) == ("left", "right"), "L for the left eye and R for the right one")
     press("x")
     world.wait_for(lambda: _letters(screen) == ("right", "left"), "the eyes swapped")
@@ -71,7 +63,7 @@ def test_the_planes_on_the_screen_come_from_the_right_views(world: World, scene:
     world.wait_for(lambda: kept.exists() and tomllib.loads(kept.read_text()) == {"render": {"swap_eyes": True}}, "settings kept")
     _choose(world, screen)
     _drop(world, screen)
-    subprocess.run(["xdotool", "key", "q"], check=True, env=world.env)
+    press("q")
     out, err = process.communicate(timeout=60)
     assert process.returncode == 0 and "render" in out, err
     assert not world.left()
@@ -107,15 +99,13 @@ def _choose(world: World, screen: Screen) -> None:
     second = cv2.imread(str(world.root / "second" / "view_01_01.png"))[0, 0].tolist()
     _press(world, "Tab")
     world.wait_for(lambda: _count(screen, GRID_MIDDLE) > 5000, "the thumbnail of the scene shown")
-    _press(world, "Right")
-    _press(world, "Return")
+    _press(world, "Right", "Return")
     world.wait_for(lambda: outline("lfpipe: second", screen.name), "the title of the scene that was chosen")
     _press(world, "Tab")
     world.wait_for(lambda: _count(screen, GRID_MIDDLE) > 5000 and _count(screen, second) > 5000, "both thumbnails")
     rows, cols = np.nonzero((screen.picture() == GRID_MIDDLE).all(axis=-1))
-    subprocess.run(
-        ["xdotool", "mousemove", str(int(cols.mean())), str(int(rows.mean())), "click", "1"], check=True, env=world.env
-    )
+    place = str(int(cols.mean())), str(int(rows.mean()))
+    subprocess.run(["xdotool", "mousemove", *place, "click", "1"], check=True, env=world.env)
     world.wait_for(lambda: outline("lfpipe: grid", screen.name), "the title of the scene that was clicked")
 
 
@@ -136,20 +126,18 @@ def _drop(world: World, screen: Screen) -> None:
     world.wait_for(lambda: outline("lfpipe: my other scene", screen.name), "the title of the scene that was dropped")
 
 
-def _press(world: World, key: str) -> None:
-    subprocess.run(["xdotool", "key", key], check=True, env=world.env)
+def _press(world: World, *keys: str) -> None:
+    subprocess.run(["xdotool", "key", *keys], check=True, env=world.env)
 
 
-def _letters(screen: Screen) -> tuple[str, str] | None:
+def _letters(screen: Screen) -> tuple[str, ...]:
     """The eye that sees the letter in the left half of the window, and in the right half: "colour" gives red to the left eye."""
-    shown = screen.shown()[:-120].astype(int)
-    if len(shown) < 200:
-        return None
-    middle, found = shown.shape[1] // 2, []
-    for half in (shown[60:, 40 : middle - 40], shown[60:, middle + 40 : -40]):
+    shown = screen.shown()[60:-120].astype(int)
+    middle, eyes = shown.shape[1] // 2, []
+    for half in (shown[:, 40 : middle - 40], shown[:, middle + 40 : -40]) if len(shown) > 140 else ():
         red, cyan = int(np.ptp(half[..., 2])), int(np.ptp(half[..., 1]))
-        found.append("left" if red > 100 > cyan else "right" if cyan > 100 > red else "?")
-    return found[0], found[1]
+        eyes.append("left" if red > 100 > cyan else "right" if cyan > 100 > red else "?")
+    return tuple(eyes)
 
 
 def _alpha(world: World) -> float:
