@@ -58,25 +58,20 @@ def test_filters_know_their_motion() -> None:
     assert rms(raw["jitter_30hz"]) > 1.5 * rms(five["jitter_30hz"])  # but rests
 
 
-class Late:
-    """Shows the previous eyes."""
-
-    def __init__(self, late_ms: int) -> None:
-        self._late_ms = late_ms
-
-    def update(self, t_ns: int, measurement: np.ndarray) -> None:
-        pass
-
-    def predict(self, t_ns: int) -> np.ndarray:
-        return known_motion()[0][max(t_ns // 1_000_000 - self._late_ms, 0)]
-
-
 @pytest.mark.parametrize("late_ms", [0, 25, 60])
 def test_latencies_of_pictures_that_are_late_by_a_known_time(late_ms: int) -> None:
-    pictures = photon.displayed(Late(late_ms), (80,))[0]  # type: ignore[arg-type]
-    refresh_ms = 1e3 / photon.REFRESH_HZ
+    class Late:
+        """Shows the eyes of late_ms ago."""
+
+        def update(self, t_ns: int, measurement: np.ndarray) -> None:
+            pass
+
+        def predict(self, t_ns: int) -> np.ndarray:
+            return known_motion()[0][max(t_ns // 1_000_000 - late_ms, 0)]
+
+    pictures = photon.displayed(Late(), (80,))[0]  # type: ignore[arg-type]
     assert np.median(photon.steady_ms(pictures)) == pytest.approx(late_ms, abs=1.5)
-    assert late_ms <= np.mean(photon.onset_ms(pictures)) <= late_ms + refresh_ms + 1
+    assert late_ms <= np.mean(photon.onset_ms(pictures)) <= late_ms + 1e3 / photon.REFRESH_HZ + 1
 
 
 def on_every_blank(rate_hz: float, late: dict[int, int]) -> judder.Shown:
