@@ -4,15 +4,12 @@ import json
 import shutil
 import subprocess
 import tomllib
-from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from lfpipe.capture.open_source import open_source
-from lfpipe.config import Camera
 from lfpipe.config.user_files import write_keys
 from lfpipe.track.engine import Face
 from lfpipe.track.eye_distance import GAUGE_FRAMES, EyeGauge
@@ -61,10 +58,11 @@ def test_a_viewer_who_moves_is_no_measure() -> None:
     assert gauge.full and not gauge.steady
 
 
-def wall(path: Path) -> None:
+def video(path: Path, picture: np.ndarray) -> None:
+    """A second of that picture, 640x480."""
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (640, 480))
-    for _ in range(10):
-        writer.write(np.full((480, 640, 3), 120, np.uint8))
+    for _ in range(30):
+        writer.write(picture)
     writer.release()
 
 
@@ -78,7 +76,7 @@ def test_without_a_screen_the_demo_is_measured_and_kept(world: World) -> None:
     refused = world.run("calibrate", "--camera", "demo", "--distance", "1600")  # the face fills as much as one would at 600 mm
     assert refused.returncode == 2 and "not stored" in refused.stderr and "measure again" in refused.stderr
     assert tomllib.loads((settings / "cameras.toml").read_text()) == {"demo": written}
-    wall(world.root / "wall.avi")
+    video(world.root / "wall.avi", np.full((480, 640, 3), 120, np.uint8))
     done = world.run("calibrate", "--camera", "file:wall.avi")
     assert done.returncode == 2 and "no face was detected" in done.stderr
 
@@ -96,58 +94,43 @@ def test_each_camera_keeps_its_own_focal_length(world: World, scene: Path, clip:
     assert damaged.returncode == 2 and "cameras.toml" in damaged.stderr and "width_px" in damaged.stderr
 
 
-FOCAL_PX, CARD_AT_MM, CARD_PX = 620.0, 450.0, (180.0, 337.0)
+FOCAL_PX, CARD_AT_MM, CARD_PX, CARD_MM = 620.0, 450.0, (180.0, 337.0), (85.60, 53.98)
 
 
-def held_up(path: Path) -> float:
-    """A video of the demo's face with a card held flat at CARD_AT_MM by a pinhole camera of FOCAL_PX; the card's width in px."""
-    frame = np.empty((480, 640, 3), np.uint8)
-    source = open_source("demo", Camera())
-    source.read(frame)
-    source.close()
+def held_up(path: Path) -> tuple[float, float]:
+    """A video of a card held flat at CARD_AT_MM by a pinhole camera of FOCAL_PX; the card's width and height in px."""
     fine = 8
-    large = cv2.resize(frame, None, fx=fine, fy=fine)
-    width, height = (size_mm * FOCAL_PX / CARD_AT_MM for size_mm in (85.60, 53.98))
+    large = np.full((480 * fine, 640 * fine, 3), 90, np.uint8)
+    width, height = (size_mm * FOCAL_PX / CARD_AT_MM for size_mm in CARD_MM)
     corner = [round(fine * value) for value in CARD_PX]
     cv2.rectangle(large, corner, [corner[0] + round(fine * width), corner[1] + round(fine * height)], (150, 90, 30), -1)
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (640, 480))
-    for _ in range(30):
-        writer.write(cv2.resize(large, (640, 480), interpolation=cv2.INTER_AREA))
-    writer.release()
-    return width
+    video(path, cv2.resize(large, (640, 480), interpolation=cv2.INTER_AREA))
+    return width, height
 
 
 @pytest.mark.skipif(not all(map(shutil.which, ("xdotool", "xwininfo"))), reason="apt-get install xdotool x11-utils")
 def test_a_card_is_clicked_in_a_real_window(world: World, screen: Screen, tmp_path: Path) -> None:
-    width_px = held_up(tmp_path / "card.avi")
+    width_px, height_px = held_up(tmp_path / "card.avi")
     world.env["DISPLAY"] = screen.name
     settings = world.root / "settings" / "lfpipe" / "config.toml"
     settings.parent.mkdir(parents=True)
     settings.write_text('# mine\n[camera]\nrate_hz = 25.0  # slow\nfocal_px = 999.0\n[render]\nmethod = "warp"\n')
     process = world.start("calibrate", "--by", "card", "--camera", "file:card.avi?loop=1", "--distance", str(CARD_AT_MM))
-
-    def tool(*words: str) -> str:
-        return subprocess.run(["xdotool", *words], capture_output=True, text=True, env=world.env).stdout
-
     x0, y0, width, _ = world.wait_for(lambda: outline("lfpipe calibrate", screen.name), "window")
-    scale = width / 640
-    middle = CARD_PX[1] + 53.98 / 85.60 * width_px / 2
+    world.wait_for(lambda: len(screen.shown()), "picture")
 
-    def click(x: float, y: float) -> None:
-        at = x0 + x * scale, y0 + y * scale
-        tool("mousemove", str(round(at[0])), str(round(at[1])), "click", "1")
+    def tool(*words: object) -> None:
+        subprocess.run(["xdotool", *map(str, words)], env=world.env, check=True)
 
-    def drawn(change: Callable[[], object]) -> None:
+    def drawn(*words: object) -> None:
         before = screen.picture()
-        change()
+        tool(*words)
         world.wait_for(lambda: not np.array_equal(screen.picture(), before), "other picture")
 
-    world.wait_for(lambda: len(screen.shown()), "picture")
-    drawn(lambda: tool("key", "Return"))
-    drawn(lambda: click(30, 30))  # a slip: two clicks, and a third begins anew
-    drawn(lambda: click(90, 40))
-    drawn(lambda: click(CARD_PX[0], middle))
-    drawn(lambda: click(CARD_PX[0] + width_px, middle))
+    drawn("key", "Return")
+    middle = CARD_PX[1] + height_px / 2
+    for x, y in ((30, 30), (90, 40), (CARD_PX[0], middle), (CARD_PX[0] + width_px, middle)):  # two slips, then the edges
+        drawn("mousemove", round(x0 + x * width / 640), round(y0 + y * width / 640), "click", 1)
     tool("key", "Return")
     out, err = process.communicate(timeout=60)
     assert process.returncode == 0, err

@@ -1,6 +1,5 @@
 """The camera reader of a calibration, beside its window."""
 
-import attrs
 import numpy as np
 import pytest
 
@@ -39,12 +38,10 @@ def test_single_frames_without_a_stamp_are_left_out(every: int, stamped: bool, k
     watch.close()
 
 
-@pytest.mark.parametrize("rotate", [0, 90, 180, 270])
-@pytest.mark.parametrize("mirror", [False, True])
+@pytest.mark.parametrize(("rotate", "mirror"), [(0, True), (90, False), (180, True), (270, True)])
 def test_rows_of_a_turned_camera_are_those_that_its_sensor_reads(rotate: int, mirror: bool) -> None:
-    camera = config.updated(config.Config(), {"camera.width_px": 64, "camera.height_px": 48, "camera.rotate": rotate}).camera
-    camera = attrs.evolve(camera, mirror=mirror)
-    upright = np.empty((camera.frame_px[1], camera.frame_px[0], 3), np.uint8)
+    camera = config.Camera(width_px=64, height_px=48, rotate=rotate, mirror=mirror)  # type: ignore[arg-type]
+    upright = np.empty((*camera.frame_px[::-1], 3), np.uint8)
     orient(Stamped(9), camera).read(upright)
     plain = np.empty((48, 64, 3), np.uint8)
     Stamped(9).read(plain)

@@ -33,7 +33,7 @@ def test_the_picture_is_lent_at_full_chroma_taken_back_and_controlled(live: Worl
     for anaglyph, alpha_px in (("grey", 1000.0), ("colour", 12.0)):
         sets = {"render.anaglyph": anaglyph, "render.alpha_px": alpha_px}
         status, data = live_server.ask("POST", "/ctl", {"cmd": "set", "set": sets})
-        assert status == 200 and json.loads(data)["applied"] is True
+        assert status == 200 and json.loads(data)["ok"] is True
         until(lambda wanted=anaglyph: spread() < 4 if wanted == "grey" else spread() > 8, f"{anaglyph} picture")
 
 

@@ -43,7 +43,7 @@ function charts(told) {
 function table(told) {
   const cells = (name, stage) => [[name], [stage.state.toLowerCase(), stage.state !== "RUNNING"], [stage.fps.toFixed(1)], [stage.wait.p50_ms.toFixed(2)],
     [stage.busy.p50_ms.toFixed(2)], [stage.busy.p95_ms.toFixed(2)], [stage.busy.p99_ms.toFixed(2)], [stage.worst_ms.toFixed(2)],
-    [stage.dropped, stage.dropped > 0], [stage.restarts, stage.restarts > 0], [stage.cpu_percent.toFixed(0)], [stage.cpus], [stage.rss_mb.toFixed(0)]];
+    [stage.dropped, stage.dropped > 0], [stage.restarts, stage.restarts > 0], [stage.cpu_percent.toFixed(0)], [stage.cpus.join(" ")], [stage.rss_mb.toFixed(0)]];
   $("stages").replaceChildren(...Object.entries(told.stages).map(([name, stage]) => {
     const row = document.createElement("tr");
     for (const [text, bad] of cells(name, stage)) {
