@@ -14,7 +14,6 @@ from lfpipe.config import Config, Render
 from lfpipe.render.anaglyph import MATRICES, encode, recipe
 from lfpipe.render.compositor import Compositor, PlaneStore
 from lfpipe.render.viewer import Viewer
-from lfpipe.render.viewpoint import ViewSolver
 from tests.render import rendered
 from tests.render.rendered import METHODS, OUTPUTS
 
@@ -25,32 +24,6 @@ SEATED = np.array([[350.0, 240.0], [290.0, 240.0]])  # the left eye stands at la
 def bgr(field: Any, row: int, col: int, frame: int = 0) -> NDArray[np.uint8]:
     planes = np.broadcast_to(field.views[frame, row, col], (3, field.height_px, field.width_px))
     return np.ascontiguousarray(planes[::-1].transpose(1, 2, 0))
-
-
-def centre_of_light(plane: NDArray[np.uint8]) -> tuple[float, float]:
-    """(x, y) of the bright square on its dark wall."""
-    y, x = np.nonzero(plane > 128)
-    return float(x.mean()), float(y.mean())
-
-
-def seen(eyes_px: NDArray[np.float64], method: str, **settings: Any) -> NDArray[np.uint8]:
-    field = rendered.field(9, 9, texture=0.0)
-    how = Render(method=method, anaglyph="colour", **settings)
-    solver = ViewSolver(9, 9, how, 20.0, (320.0, 240.0), method)
-    return Compositor(field, how).compose(*solver.views(tuple(eyes_px.ravel().tolist()))).copy()
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_near_is_crossed_through_the_glasses_and_a_viewer_who_moves_sees_from_there(method: str) -> None:
-    """The left eye looks through the red glass and sees red; a near thing stands further right for it than for the right eye."""
-    picture = seen(SEATED, method)
-    here, right_x = centre_of_light(picture[..., 2]), centre_of_light(picture[..., 1])[0]
-    assert here[0] - right_x == pytest.approx(3.0 * rendered.NEAR, abs=1.0), "60 px between the eyes are 3 views"
-    np.testing.assert_array_equal(picture[..., 0], picture[..., 1])
-    right = centre_of_light(seen(SEATED - (20.0, 0.0), method)[..., 2])  # to the viewer's right is to the left of the picture
-    down = centre_of_light(seen(SEATED - (0.0, -20.0), method)[..., 2])
-    assert right == pytest.approx((here[0] - rendered.NEAR, here[1]), abs=0.7), "what is near moves against the viewer"
-    assert down == pytest.approx((here[0], here[1] - rendered.NEAR), abs=0.7)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -92,14 +65,10 @@ def test_a_grey_light_field_gives_what_its_colours_would(anaglyph: str) -> None:
 
 
 def test_video_frames_are_told_apart_and_wrap_round() -> None:
-    field = rendered.noise(2, 2, 8, 8, 1.0, seed=3)
-    subject = Compositor(field, Render(method="nearest", anaglyph="colour"))
-    first = subject.compose((0, 0), (0, 1), 0).copy()
-    second = subject.compose((0, 0), (0, 1), 1).copy()
-    assert not np.array_equal(first, second)
-    assert subject.key((0, 0), (0, 1), 0) != subject.key((0, 0), (0, 1), 1)
-    assert subject.key((0, 0), (0, 1), 0) == subject.key((0, 0), (0, 1), 2)
-    np.testing.assert_array_equal(subject.compose((0, 0), (0, 1), 2), first)
+    subject = Compositor(rendered.noise(2, 2, 8, 8, 1.0, seed=3), Render(method="nearest", anaglyph="colour"))
+    keys = [subject.key((0, 0), (0, 1), frame) for frame in range(3)]
+    first, second, third = (subject.draw(key).copy() for key in keys)
+    assert keys[0] == keys[2] != keys[1] and np.array_equal(first, third) and not np.array_equal(first, second)
 
 
 @settings(max_examples=25)
@@ -132,7 +101,7 @@ def test_the_rounding_of_a_key_shows_nowhere() -> None:
 @given(
     shape=st.tuples(st.integers(1, 3), st.integers(1, 3), st.integers(1, 6), st.integers(1, 6)),
     extent_px=st.sampled_from([0.0, 3.0, 100.0]),
-    values=st.lists(st.floats(allow_nan=True, allow_infinity=True), min_size=4, max_size=4),
+    values=st.lists(ANY, min_size=4, max_size=4),
     method=st.sampled_from(METHODS),
     anaglyph=st.sampled_from(OUTPUTS),
     channels=st.sampled_from([1, 3]),
@@ -146,13 +115,9 @@ def test_nonsense_gives_a_picture(
     if light is not None:
         field = attrs.evolve(field, views=np.full_like(field.views, light))
     subject = Compositor(field, Render(method=method, anaglyph=anaglyph, ghost_compensation=50.0, zero_plane_px=-7.5))
-    left, right = (values[0], values[1]), (values[2], values[3])
-    assert subject.key(left, right) == subject.key(left, right)
-    picture = subject.compose(left, right)
-    assert picture.shape == (*shape[2:], 3)
-    assert picture.dtype == np.uint8
-    if light is not None:
-        assert (picture == light).all(), "all black stays black, all white stays white"
+    picture = subject.compose((values[0], values[1]), (values[2], values[3]))
+    assert picture.shape == (*shape[2:], 3) and picture.dtype == np.uint8
+    assert light is None or (picture == light).all(), "all black stays black, all white stays white"
 
 
 @settings(max_examples=60)
@@ -187,11 +152,9 @@ def test_two_threads_draw_the_same_picture(method: str) -> None:
 def test_built_planes_are_bounded() -> None:
     field = rendered.field(4, 4, 32, 32)
     store = PlaneStore(field, budget_bytes=10 * 32 * 32)
-    plane = recipe("dubois").planes[0]
-    get = store.getter(plane)
+    get = store.getter(recipe("dubois").planes[0])
     first = get(0, 0, 0).copy()
-    for row in range(4):
-        for col in range(4):
-            get(0, row, col)
+    for row, col in np.ndindex(4, 4):
+        get(0, row, col)
     assert len(store._built) <= 10
     np.testing.assert_array_equal(get(0, 0, 0), first)

@@ -15,6 +15,7 @@ from lfpipe.render.compositor import Compositor
 from lfpipe.render.viewpoint import ViewSolver
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.packing import pack_scene
+from tests.render.rendered import METHODS
 from tests.scene import made
 
 Grid = NDArray[np.uint8]  # (rows, cols, height, width, 3), top left camera first
@@ -131,7 +132,7 @@ def test_near_is_crossed_in_3d_photographs(write: Callable[[Path], None], tmp_pa
 @pytest.mark.parametrize("write", [hci, hci_old, hci_text, stanford])
 def test_near_is_crossed_and_the_viewer_sees_from_where_they_are(write: Callable[[Path], None], tmp_path: Path) -> None:
     field = packed(write.__name__.replace("_", "-"), write, tmp_path)
-    for method in ("nearest", "auto"):
+    for method in ("auto", *METHODS):
         compositor = Compositor(field, Render(method=method, anaglyph="colour", zero_plane_px=0.0))
         for bright, disparity_px in ((True, NEAR_PX), (False, FAR_PX)):
             left, right = seen(compositor, (5, 5), bright, STEP_PX)
