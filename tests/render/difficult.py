@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.bench.synthesis import subsample
-from lfpipe.scene.lightfield import Geometry, LightField
+from lfpipe.scene.lightfield import LightField
+from tests.render.rendered import light_field
 
 Plane = NDArray[np.float32]
 Layer = tuple[Plane, Plane, float]  # picture, opacity, px per step
@@ -31,69 +32,50 @@ def _view(layers: list[Layer], row: float, col: float) -> Plane:
     return out
 
 
+Y, X = np.mgrid[: SIDE + 2 * PAD, : SIDE + 2 * PAD]
+WHOLE = np.ones(X.shape, np.float32)
+
+
 def _noise(rng: np.random.Generator, blur: float, low: float = 0, high: float = 255) -> Plane:
-    found = rng.normal(size=(SIDE + 2 * PAD,) * 2).astype(np.float32)
-    found = cv2.GaussianBlur(found, (0, 0), blur) if blur else found
-    found = (found - found.mean()) / found.std()
-    return np.asarray(np.clip((low + high) / 2 + found * (high - low) / 5, low, high), np.float32)
+    noise = rng.normal(size=X.shape).astype(np.float32)
+    noise = cv2.GaussianBlur(noise, (0, 0), blur) if blur else noise
+    noise = (noise - noise.mean()) / noise.std()
+    return np.asarray(np.clip((low + high) / 2 + noise * (high - low) / 5, low, high), np.float32)
 
 
-def _all() -> Plane:
-    return np.ones((SIDE + 2 * PAD,) * 2, np.float32)
-
-
-def _grid() -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    y, x = np.mgrid[: SIDE + 2 * PAD, : SIDE + 2 * PAD]
-    return y, x
+def _layer(picture: NDArray[np.float64] | float, opacity: NDArray[np.float64] | float, px: float) -> Layer:
+    return (WHOLE * picture).astype(np.float32), (WHOLE * opacity).astype(np.float32), px
 
 
 def _dots(rng: np.random.Generator) -> list[Layer]:
-    y, x = _grid()
-    stripes = (120 + 60 * ((x // 12) % 2)).astype(np.float32)
-    dots = ((x % 5 < 2) & (y % 5 < 2)).astype(np.float32) * (rng.random(x.shape) < 0.7)
-    return [(stripes, _all(), 0.6), (np.full_like(stripes, 20), dots.astype(np.float32), 1.6)]
-
-
-def _dithered(rng: np.random.Generator) -> list[Layer]:
-    y, x = _grid()
-    raster = np.where((x + y) % 2, 70, 185).astype(np.float32)  # of the sensor: it stays where it is
-    return [(_noise(rng, 4), _all(), 1.7), (raster, np.full_like(raster, 0.4), 0.0)]
+    dots = ((X % 5 < 2) & (Y % 5 < 2)) * (rng.random(X.shape) < 0.7)
+    return [_layer(120 + 60 * ((X // 12) % 2), 1, 0.6), _layer(20, dots, 1.6)]
 
 
 def _wires(rng: np.random.Generator) -> list[Layer]:
-    y, x = _grid()
-    lines = (np.abs((x + 0.4 * y) % 17 - 8) < 0.8) | (np.abs((x - 0.7 * y) % 29 - 14) < 0.8)
-    return [(_noise(rng, 2, 60, 200), _all(), -1.0), (np.full(x.shape, 250, np.float32), lines.astype(np.float32), 3.0)]
+    lines = (np.abs((X + 0.4 * Y) % 17 - 8) < 0.8) | (np.abs((X - 0.7 * Y) % 29 - 14) < 0.8)
+    return [(_noise(rng, 2, 60, 200), WHOLE, -1.0), _layer(250, lines, 3.0)]
 
 
 def _highlight(rng: np.random.Generator) -> list[Layer]:
-    y, x = _grid()
-    glow = np.exp(-((x - 70) ** 2 + (y - 70) ** 2) / 300).astype(np.float32) + 0.7 * np.exp(-((x - 45) ** 2 + (y - 90) ** 2) / 40)
-    return [(_noise(rng, 3, 20, 120), _all(), 2.0), (np.full(x.shape, 255, np.float32), glow.astype(np.float32), -3.0)]
-
-
-def _repeated(rng: np.random.Generator) -> list[Layer]:
-    y, x = _grid()
-    return [((128 + 90 * np.sin(x * 2.1) * np.sin(y * 2.3)).astype(np.float32), _all(), 1.5)]
-
-
-def _glass(rng: np.random.Generator) -> list[Layer]:
-    return [(_noise(rng, 2), _all(), 2.0), (_noise(rng, 2), 0.5 * _all(), -2.0)]
+    glow = np.exp(-((X - 70) ** 2 + (Y - 70) ** 2) / 300) + 0.7 * np.exp(-((X - 45) ** 2 + (Y - 90) ** 2) / 40)
+    return [(_noise(rng, 3, 20, 120), WHOLE, 2.0), _layer(255, glow, -3.0)]
 
 
 # layers, and the standard deviation of noise that each camera has for itself
 KINDS: dict[str, tuple[Callable[[np.random.Generator], list[Layer]], float]] = {
     "dots over stripes": (_dots, 3.0),
-    "fixed dither": (_dithered, 0.0),
+    # the raster of a sensor stays where it is
+    "fixed dither": (lambda rng: [(_noise(rng, 4), WHOLE, 1.7), _layer(np.where((X + Y) % 2, 70, 185), 0.4, 0.0)], 0.0),
     "thin wires": (_wires, 0.0),
     "moving highlight": (_highlight, 0.0),
-    "repetition": (_repeated, 2.0),
-    "reflecting glass": (_glass, 0.0),
-    "fine texture": (lambda rng: [(_noise(rng, 0), _all(), 1.4)], 4.0),
-    "fine texture, flat": (lambda rng: [(_noise(rng, 0), _all(), 0.3)], 4.0),
-    "noise in the dark": (lambda rng: [(_noise(rng, 3, 10, 24), _all(), 0.8)], 6.0),
-    "noise alone": (lambda rng: [(_noise(rng, 0, 100, 101), _all(), 0.0)], 20.0),
-    "ordinary": (lambda rng: [(_noise(rng, 2), _all(), 1.5)], 0.0),
+    "repetition": (lambda rng: [_layer(128 + 90 * np.sin(X * 2.1) * np.sin(Y * 2.3), 1, 1.5)], 2.0),
+    "reflecting glass": (lambda rng: [(_noise(rng, 2), WHOLE, 2.0), (_noise(rng, 2), 0.5 * WHOLE, -2.0)], 0.0),
+    "fine texture": (lambda rng: [(_noise(rng, 0), WHOLE, 1.4)], 4.0),
+    "fine texture, flat": (lambda rng: [(_noise(rng, 0), WHOLE, 0.3)], 4.0),
+    "noise in the dark": (lambda rng: [(_noise(rng, 3, 10, 24), WHOLE, 0.8)], 6.0),
+    "noise alone": (lambda rng: [(_noise(rng, 0, 100, 101), WHOLE, 0.0)], 20.0),
+    "ordinary": (lambda rng: [(_noise(rng, 2), WHOLE, 1.5)], 0.0),
 }
 
 
@@ -106,10 +88,6 @@ def scene(kind: str, kept: int = 2) -> tuple[LightField, dict[tuple[float, float
     exact = {(r, c): _view(layers, r, c) + rng.normal(0, noise, (SIDE, SIDE)) for r in range(side) for c in range(side)}
     drawn = {(r / STEPS, c / STEPS): np.clip(np.rint(view), 0, 255).astype(np.uint8) for (r, c), view in exact.items()}
     views = np.stack([[drawn[float(r), float(c)] for c in range(kept)] for r in range(kept)])[None, :, :, None]
-    maps = np.zeros((1, kept, kept, SIDE // 2, SIDE // 2), np.int8)
-    field = LightField(
-        views, maps, 1.0, 0.0, 0.0, "estimated", np.zeros((kept, kept, 2), np.float32), np.ones((kept, kept), bool), Geometry(),
-        0.0, kind, "warp2", {},
-    )  # fmt: skip
-    field = subsample(field, range(kept), range(kept))
+    unknown = np.zeros((1, kept, kept, SIDE // 2, SIDE // 2), np.int8)
+    field = subsample(light_field(views, unknown, 1.0, 0.0, 0.0), range(kept), range(kept))
     return field, {place: view for place, view in drawn.items() if place[0] % 1 or place[1] % 1}
