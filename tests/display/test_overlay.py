@@ -15,7 +15,7 @@ from lfpipe.render.glasses import KINDS, glasses_menu
 from lfpipe.render.layers import Layers
 from lfpipe.render.overlay import DEPTH, EVENTS, KEYS, Item, Menu, Overlay, bar_items
 from lfpipe.render.panels import BAR_SHARE, Panel
-from tests.display.test_window import becomes, press, pressed, window  # noqa: F401  (fixtures)
+from tests.display.test_window import GREY, becomes, pressed, window  # noqa: F401  (fixture)
 from tests.xvfb_screen import Screen
 
 SIZES = [(320, 240), (640, 480), (1920, 1080), (3840, 2160)]
@@ -28,39 +28,38 @@ def fonts() -> None:
     pygame.font.init()
 
 
-def mouse(kind: int) -> pygame.Event:
-    return SimpleNamespace(type=kind, button=1)  # type: ignore[return-value]
-
-
-class Screened:
+class Screened(Layers):
     """An overlay in a window of a size."""
 
     def __init__(self, size: tuple[int, int], overlay: Overlay) -> None:
-        self.size, self.layers = size, Layers("")
-        self.layers.set(overlay)
-        self.layers.mouse(mouse(pygame.MOUSEMOTION), (0, 0))
+        super().__init__("")
+        self.size = size
+        self.set(overlay)
+        self.move(pygame.MOUSEMOTION, 0, 0)
         self.draw()
 
     def draw(self) -> Panel:
-        return next(panel for panel in self.layers.panels(self.size, max(22, self.size[1] // 50)) if panel.cells)
+        return next(panel for panel in self.panels(self.size, max(22, self.size[1] // 50)) if panel.cells)
+
+    def move(self, kind: int, x: int, y: int) -> str:
+        return self.mouse(SimpleNamespace(type=kind, button=1), (x, y))  # type: ignore[arg-type]
 
     def click(self, x: int, y: int) -> str:
-        event = self.layers.mouse(mouse(pygame.MOUSEBUTTONDOWN), (x, y))
-        self.layers.mouse(mouse(pygame.MOUSEBUTTONUP), (x, y))
+        event = self.move(pygame.MOUSEBUTTONDOWN, x, y)
+        self.move(pygame.MOUSEBUTTONUP, x, y)
         return event
 
-    def places(self) -> Iterator[tuple[int, int]]:
-        return ((x, y) for x in range(2, self.size[0], 7) for y in range(2, self.size[1], 7))
+    def clicked(self) -> Iterator[str]:
+        """What clicks all over the window cause."""
+        return (self.click(x, y) for x in range(2, self.size[0], 7) for y in range(2, self.size[1], 7))
 
 
 @pytest.mark.parametrize("size", SIZES)
 def test_every_entry_of_the_bar_can_be_clicked_and_the_middle_is_free(size: tuple[int, int]) -> None:
     screened = Screened(size, Overlay(bar=BAR))
     bar = screened.draw()
-    assert bar.surface.get_width() == size[0] and bar.surface.get_height() <= 1.2 * BAR_SHARE * size[1]
-    assert bar.at[1] + bar.surface.get_height() == size[1]
-    events = {screened.click(*place).partition(" ")[0] for place in screened.places() if place[1] > bar.at[1]}
-    assert events >= {item.event for item in BAR}
+    assert bar.surface.get_width() == size[0] and bar.surface.get_height() <= 1.2 * BAR_SHARE * size[1] and bar.bottom == size[1]
+    assert {event.partition(" ")[0] for event in screened.clicked()} == {"", *(item.event for item in BAR)}
 
 
 def test_every_entry_shows_its_key_and_what_a_session_lacks_is_left_out() -> None:
@@ -73,30 +72,28 @@ def test_every_entry_shows_its_key_and_what_a_session_lacks_is_left_out() -> Non
 def test_the_bar_goes_by_itself_but_not_while_the_slider_is_held(monkeypatch: pytest.MonkeyPatch) -> None:
     screened = Screened((1920, 1080), Overlay(bar=BAR))
     _, rect = next(cell for cell in screened.draw().cells if cell[0].event == DEPTH)
-    at = screened.draw().at
-    y = at[1] + rect.centery
-    values = [screened.layers.mouse(mouse(pygame.MOUSEBUTTONDOWN), (rect.left + 1, y))]
+    y = screened.draw().at[1] + rect.centery
+    values = [screened.move(pygame.MOUSEBUTTONDOWN, rect.left + 1, y)]
     monkeypatch.setattr("time.monotonic", lambda now=pygame.time.get_ticks: 1e9 + now())
     assert screened.draw(), "held"
-    values += [screened.layers.mouse(mouse(pygame.MOUSEMOTION), (x, y)) for x in range(rect.left, 1920, 10)]
+    values += [screened.move(pygame.MOUSEMOTION, x, y) for x in range(rect.left, 1920, 10)]
     numbers = [float(value.removeprefix("depth ")) for value in values]
     assert numbers == sorted(numbers) and numbers[0] == 0.0 and numbers[-1] == 1.0
-    assert screened.layers.mouse(mouse(pygame.MOUSEBUTTONUP), (0, 0)) == ""
+    assert screened.move(pygame.MOUSEBUTTONUP, 0, 0) == ""
     monkeypatch.setattr("time.monotonic", lambda: 1e12)
-    assert screened.layers.panels((1920, 1080), 22) == []
+    assert screened.panels((1920, 1080), 22) == []
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_each_kind_of_glasses_can_be_clicked(size: tuple[int, int]) -> None:
+def test_each_kind_of_glasses_can_be_clicked_above_the_notices(size: tuple[int, int]) -> None:
     menu = glasses_menu("mono")
     assert {value for *_, value in KINDS} <= set(choices("render.anaglyph"))
     screened = Screened(size, Overlay(menu=menu, notices=("camera lost, trying again",) * 4))
-    panels = [panel.surface.get_rect(topleft=panel.at) for panel in screened.layers.panels(size, 22)]
-    assert len(panels) == 2 and not panels[0].colliderect(panels[1]), "notices stand below the menu"
+    panels = [panel.surface.get_rect(topleft=panel.at) for panel in screened.panels(size, 22)]
+    assert len(panels) == 2 and not panels[0].colliderect(panels[1])
     assert all(pygame.Rect((0, 0), size).contains(panel) for panel in panels)
-    events = dict.fromkeys(screened.click(*place) for place in screened.places())
-    assert set(events) - {""} == {item.event for item in menu.items}
-    assert [screened.layers.key(key) for key in ("enter", "more", "enter")] == ["wear mono", "", "wear dubois"]
+    assert set(screened.clicked()) == {"", *(item.event for item in menu.items)}
+    assert [screened.key(key) for key in ("enter", "more", "enter")] == ["wear mono", "", "wear dubois"]
 
 
 @settings(max_examples=20)
@@ -107,22 +104,16 @@ def test_the_selected_item_is_on_the_page(count: int, size: tuple[int, int], key
     items = tuple(Item(f"scene {k}", f"load /{k}", picture=np.zeros((6, 8, 3), np.uint8)) for k in range(count))
     screened = Screened(size, Overlay(menu=Menu("", "a hint", items, count // 2)))
     for key in keys:
-        assert screened.layers.key(key) == ""
+        assert screened.key(key) == ""
         screened.draw()
-    selected = screened.layers.key("enter")
+    selected = screened.key("enter")
     assert selected in {item.event for item, _ in screened.draw().cells}
-    assert screened.layers.key("delete") == f"delete {selected}" and screened.layers.key("mode") == "mode"
-    kept = Menu("", "a hint", items[:-1] or items, 0)
-    screened.layers.set(Overlay(menu=kept))
-    assert screened.layers.key("enter") == selected or selected == items[-1].event, (
-        "another menu of that title keeps the selection"
-    )
-
-
-def test_every_item_is_reached_by_one_key_each_way() -> None:
-    screened = Screened((900, 600), Overlay(menu=Menu("", "", tuple(Item(str(k), str(k)) for k in range(25)))))
-    for key, order in (("more", [*range(1, 25), 0]), ("less", range(24, -1, -1))):
-        assert [screened.layers.key(key) or int(screened.layers.key("enter")) for _ in order] == list(order)
+    assert screened.key("delete") == f"delete {selected}" and screened.key("mode") == "mode"
+    screened.set(Overlay(menu=Menu("", "a hint", items[:-1] or items, 0)))  # of the same title
+    assert screened.key("enter") == selected or selected == items[-1].event
+    screened.draw()
+    remaining = len(items[:-1] or items)
+    assert len({screened.key("more") or screened.key("enter") for _ in range(remaining)}) == remaining, "one key reaches all"
 
 
 def test_escape_closes_the_help_then_the_menu_then_leaves_the_full_screen() -> None:
@@ -136,12 +127,9 @@ def test_escape_closes_the_help_then_the_menu_then_leaves_the_full_screen() -> N
     assert layers.key("escape") == "escape"
 
 
-def test_the_bar_comes_with_the_mouse_and_a_click_is_a_key(
-    window: Callable[..., Display],  # noqa: F811
-    screen: Screen,
-) -> None:
+def test_the_bar_comes_with_the_mouse_and_a_click_is_a_key(window: Callable[..., Display], screen: Screen) -> None:  # noqa: F811
     display = window((700, 500))
-    display.show(np.full((500, 700, 3), 90, np.uint8))
+    display.show(GREY)
     display.overlay(Overlay(bar=BAR))
     pygame.event.post(pygame.event.Event(pygame.MOUSEMOTION, pos=(350, 200), rel=(1, 1), buttons=(0, 0, 0)))
     assert becomes(lambda: bool((screen.shown()[470:] == 255).any()), display)
