@@ -264,3 +264,27 @@ def test_no_room_is_a_clear_error_and_leaves_nothing(name: str) -> None:
         segment.create(name, size)
     assert shared_memory.more_room(size).split(",")[0] in error.value.remedy
     assert not (segment.SHM_DIR / name).exists()
+
+
+@given(st.lists(st.integers(1, 70), min_size=1, max_size=3), st.sampled_from(["u1", "<f4", "<i8"]), st.integers(3, 9))
+def test_slots_are_whole_pages_and_no_more_than_they_need(shape: list[int], kind: str, slots: int) -> None:
+    spec = RingSpec(tuple(shape), np.dtype(kind), slots)
+    assert spec.payload_bytes == np.zeros(shape, kind).nbytes
+    room = spec.stride - spec.payload_bytes - ring.SLOT_HEADER
+    assert spec.stride % ring.PAGE == 0 and 0 <= room < ring.PAGE and spec.size_bytes == ring.PAGE + slots * spec.stride
+
+
+def test_a_slot_that_is_being_filled_cannot_be_read_and_carries_what_was_said_of_it() -> None:
+    assert [(one.value, one.word) for one in ring.StampKind] == [
+        (0, "scheduled"), (1, "read"), (2, "end of frame"), (3, "start of exposure"), (4, "start of transfer"),
+    ]  # fmt: skip
+    with ends(RingSpec((4,), np.dtype("u1"), slots=3)) as (writer, reader):
+        writer.begin()[:] = 7
+        assert reader.peek() is None
+        writer.publish(5, 10, 11, kind=3)
+        assert writer._heads[0][0] == 1
+        for seq in (6, 7):
+            writer.begin()
+            writer.publish(seq, 12, 13)
+        writer.begin()
+        assert writer._heads[0][0] == 0, "unreadable before its first byte changes"
