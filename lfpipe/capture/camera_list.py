@@ -76,7 +76,7 @@ def asking(path: Path, question: Callable[[V4L2Device], T], limit_s: float = LIS
     """Opens the device, queries it and closes it. Raises OSError from the driver, ETIMEDOUT after limit_s, ENOTSUP without
     Video4Linux."""
     if PORTABLE:
-        raise OSError(errno.ENOTSUP, "OpenCV lists no formats", path.as_posix())
+        raise OSError(errno.ENOTSUP, "OpenCV lists no formats", path)
 
     def ask() -> T:
         device = V4L2Device(path)
@@ -145,7 +145,7 @@ def first_camera() -> Path | None:
 def others(path: Path = Path()) -> str:
     """A remedy for a camera that is not there: the other ones, or what to do without; names libcamera if only its cameras are
     here."""
-    if listed := ", ".join(f"camera:{camera.path.as_posix()} ({camera.name})" for camera in cameras() if camera.path != path):
+    if listed := ", ".join(f"camera:{camera.path} ({camera.name})" for camera in cameras() if camera.path != path):
         return f"available cameras: {listed}"
     for node in nodes():
         try:
@@ -165,7 +165,7 @@ def by_name(name: str, devices: list[CameraDevice]) -> CameraDevice:
     if len(named) > 1:
         named = [device for device in named if _captures(device)] or named
     if len(named) > 1:
-        paths = " or ".join(f"camera:{device.path.as_posix()}" for device in named)
+        paths = " or ".join(f"camera:{device.path}" for device in named)
         raise UserError(f"camera:{name}: {len(named)} cameras have that name", f"use {paths}")
     return named[0]
 

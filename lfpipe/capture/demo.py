@@ -25,11 +25,9 @@ FRAME_PX = (640, 480)  # lengths in px refer to this size; other sizes scale
 def portrait_path() -> Path:
     """Path of matplotlib's portrait, without importing matplotlib. Raises UserError if it is missing."""
     spec = importlib.util.find_spec("matplotlib")
-    if spec is None or spec.origin is None:
-        raise UserError("demo: matplotlib, which contains the portrait, is not installed", "install it: pip install matplotlib")
-    path = Path(spec.origin).parent / "mpl-data" / "sample_data" / "grace_hopper.jpg"
+    path = Path(spec.origin if spec and spec.origin else "").parent / "mpl-data" / "sample_data" / "grace_hopper.jpg"
     if not is_file(path):
-        raise UserError(f"demo: {path} is missing", "reinstall matplotlib, or use --camera file:PATH with a recording")
+        raise UserError("demo: the portrait in the package matplotlib is missing", "reinstall it: pip install matplotlib")
     return path
 
 
@@ -44,13 +42,9 @@ def demo_pose(t_s: float) -> tuple[float, float, float, float]:
     return right_px, down_px, 0.05 * math.sin(turn / 6.7 + 0.4), 1 + 0.04 * math.sin(turn / 9.1)
 
 
-def _frame_scale(width_px: int, height_px: int) -> float:
-    return min(width_px / FRAME_PX[0], height_px / FRAME_PX[1])
-
-
 def _head_matrix(t_s: float, width_px: int, height_px: int) -> NDArray[np.float64]:
     """(2, 3): from px about the point between the eyes, in a head of mean size, to px of the frame."""
-    scale = _frame_scale(width_px, height_px)
+    scale = min(width_px / FRAME_PX[0], height_px / FRAME_PX[1])
     right_px, down_px, roll_rad, size = demo_pose(t_s)
     cos, sin = size * math.cos(roll_rad), size * math.sin(roll_rad)
     x, y = width_px / 2 + scale * right_px, EYE_LINE * height_px + scale * down_px
@@ -65,7 +59,8 @@ def demo_eyes_px(t_s: float, width_px: int = FRAME_PX[0], height_px: int = FRAME
 
 
 def _portrait_scale(width_px: int, height_px: int) -> float:
-    return EYE_DISTANCE_PX * _frame_scale(width_px, height_px) / float(np.linalg.norm(PORTRAIT_EYES_PX[0] - PORTRAIT_EYES_PX[1]))
+    scale = min(width_px / FRAME_PX[0], height_px / FRAME_PX[1])
+    return EYE_DISTANCE_PX * scale / float(np.linalg.norm(PORTRAIT_EYES_PX[0] - PORTRAIT_EYES_PX[1]))
 
 
 def backdrop(width_px: int, height_px: int) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
@@ -105,8 +100,7 @@ class DemoSource:
         self._picture = cv2.cvtColor(picture, cv2.COLOR_BGR2BGRA)
         self._warped: NDArray[np.uint8] = np.empty((0, 0, 4), np.uint8)
         self._schedule = EvenSchedule(camera.rate_hz)
-        self._seq = 0
-        self._start_ns = 0
+        self._seq = self._start_ns = 0
         self.info = SourceInfo("demo", camera.width_px, camera.height_px, camera.rate_hz, live=False)
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
@@ -120,11 +114,9 @@ class DemoSource:
             self._warped = np.empty((height_px, width_px, 4), np.uint8)
         cv2.warpAffine(self._picture, fit @ matrix, (width_px, height_px), dst=self._warped, borderMode=cv2.BORDER_REPLICATE)
         cv2.cvtColor(self._warped, cv2.COLOR_BGRA2BGR, dst=out)
-        if self._seq == 0:
-            self._start_ns = time.monotonic_ns()
-        frame = Frame(self._seq, self._start_ns + after_ns, 0)
+        self._start_ns = self._start_ns or time.monotonic_ns()
         self._seq += 1
-        return frame
+        return Frame(self._seq - 1, self._start_ns + after_ns, 0)
 
     def close(self) -> None:
         pass

@@ -112,28 +112,23 @@ class OrientedSource:
     def __init__(self, source: FrameSource, camera: config.Camera) -> None:
         self._source, self._camera = source, camera
         self._taken = np.empty((camera.height_px, camera.width_px, 3), np.uint8)
-        self._turned = np.empty((camera.frame_px[1], camera.frame_px[0], 3), np.uint8)
 
     @property
     def info(self) -> SourceInfo:
         """Info of the other source, with the rotated size."""
-        inner, upright = self._source.info, self._camera.rotate % 180 == 0
-        width_px, height_px = inner.width_px, inner.height_px
-        size = (width_px, height_px) if upright else (height_px, width_px)
-        return attrs.evolve(inner, width_px=size[0], height_px=size[1], jpeg=False)
+        inner = attrs.evolve(self._source.info, jpeg=False)
+        if self._camera.rotate % 180 == 0:
+            return inner
+        return attrs.evolve(inner, width_px=inner.height_px, height_px=inner.width_px)
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
         """See `FrameSource.read`."""
         frame = self._source.read(self._taken)
         if frame is None:
             return None
-        rotate, mirror = self._camera.rotate, self._camera.mirror
-        if not rotate:
-            cv2.flip(self._taken, 1, dst=out)
-        elif not mirror:
-            cv2.rotate(self._taken, _TURNS[rotate], dst=out)
-        else:
-            cv2.flip(cv2.rotate(self._taken, _TURNS[rotate], dst=self._turned), 1, dst=out)
+        rotate = self._camera.rotate
+        picture = cv2.rotate(self._taken, _TURNS[rotate]) if rotate else self._taken
+        np.copyto(out, picture[:, ::-1] if self._camera.mirror else picture)
         return attrs.evolve(frame, packet=None)
 
     def close(self) -> None:
@@ -142,9 +137,8 @@ class OrientedSource:
 
 def size_notes(width_px: int, height_px: int, camera: config.Camera) -> list[str]:
     """Says, for people, how frames of that size become those of the configuration; empty if they have its size."""
-    if (width_px, height_px) == (camera.width_px, camera.height_px):
-        return []
-    return [fit_note((width_px, height_px), (camera.width_px, camera.height_px))]
+    own, wanted = (width_px, height_px), (camera.width_px, camera.height_px)
+    return [] if own == wanted else [fit_note(own, wanted)]
 
 
 def as_read(pictures: NDArray[np.uint8], camera: config.Camera) -> NDArray[np.uint8]:

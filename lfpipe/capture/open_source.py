@@ -47,7 +47,7 @@ def camera_name(text: str) -> str:
     """
     spec = resolve(text)
     if isinstance(spec, CameraSpec):
-        return spec.name or describe(spec.path).name or spec.path.as_posix()
+        return spec.name or describe(spec.path).name or str(spec.path)
     return f"file:{spec.path.absolute()}" if isinstance(spec, FileSpec) else "demo"
 
 

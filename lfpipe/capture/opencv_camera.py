@@ -1,6 +1,6 @@
-"""Cameras through OpenCV on systems without Video4Linux: AVFoundation on macOS, Media Foundation on Windows.
+"""Cameras through OpenCV on macOS (AVFoundation), where we have not tested it.
 
-Untested by us on those systems. OpenCV provides no time stamps: a frame's time is the time of reading it. For the list of cameras
+OpenCV provides no time stamps: a frame's time is the time of reading it. For the list of cameras
 see `camera_list`; camera:0 needs none.
 """
 
@@ -26,7 +26,7 @@ class OpenCVCamera:
     def __init__(self, path: Path, camera: config.Camera) -> None:
         """Raises UserError if it cannot be opened or delivers no picture."""
         if not (digits := re.sub(r"\D", "", path.name)):
-            raise UserError(f"camera {path.as_posix()}: not the number of a camera", "use for example camera:0")
+            raise UserError(f"camera {path}: not the number of a camera", "use for example camera:0")
         self._name, self._seq = f"camera {int(digits)}", -1
         with opencv_logging():
             self._capture = cv2.VideoCapture(int(digits))
@@ -41,7 +41,7 @@ class OpenCVCamera:
         height_px, width_px = frame.shape[:2]
         rate_hz = float(self._capture.get(cv2.CAP_PROP_FPS)) or camera.rate_hz
         notes = ["OpenCV gives no time stamps: using the time of reading", *size_notes(width_px, height_px, camera)]
-        self.info = SourceInfo(f"camera:{path.as_posix()}", width_px, height_px, rate_hz, live=True, notes=tuple(notes))
+        self.info = SourceInfo(f"camera:{path}", width_px, height_px, rate_hz, live=True, notes=tuple(notes))
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
         """See `FrameSource.read`. Raises UserError if the camera is gone; may block for as long as its driver does."""

@@ -21,7 +21,7 @@ class CameraSpec:
     name: str = ""
 
     def __str__(self) -> str:
-        return f"camera:{self.name or self.path.as_posix()}"
+        return f"camera:{self.name or self.path}"
 
 
 @attrs.frozen

@@ -53,22 +53,6 @@ class _LightWatch:
             self._context.emit("notice", text=text)
 
 
-def _lose(context: Context, name: str, why: str) -> None:
-    """Reports that the camera is lost."""
-    log.warning("camera lost: %s: %s", name, why)
-    context.row["state"] = State.READY
-    context.emit("camera", name=name, lost=True, why=why)
-    context.emit("notice", text=f"{why}; camera lost, trying again")
-
-
-def _find_again(context: Context, info: SourceInfo, away_s: float) -> None:
-    """Reports that the camera is back."""
-    context.row["state"] = State.RUNNING
-    context.emit("camera", name=info.name, lost=False, away_s=away_s)
-    context.emit("notice", text=f"{info.name} is back after {away_s:.1f} s")
-    _report(context, info)
-
-
 def _report(context: Context, info: SourceInfo) -> None:
     context.row["nominal_mhz"] = round(1000 * info.rate_hz)
     log.info("source %s: %dx%d at %.4g Hz; %s", info.name, info.width_px, info.height_px, info.rate_hz, "; ".join(info.notes))
@@ -101,8 +85,10 @@ def main(context: Context) -> None:
                 if not info.live:
                     context.row.set_busy("")
             except CameraLost as lost:
-                _lose(context, info.name, str(lost))
-                lost_ns = now_ns()
+                log.warning("camera lost: %s: %s", info.name, lost)
+                context.row["state"], lost_ns = State.READY, now_ns()
+                context.emit("camera", name=info.name, lost=True, why=str(lost))
+                context.emit("notice", text=f"{lost}; camera lost, trying again")
                 continue
             except TimeoutError:
                 continue
@@ -115,7 +101,10 @@ def main(context: Context) -> None:
             if frame is None:
                 return
             if lost_ns:
-                _find_again(context, source.info, (now_ns() - lost_ns) / 1e9)
+                context.row["state"], away_s, name = State.RUNNING, (now_ns() - lost_ns) / 1e9, source.info.name
+                context.emit("camera", name=name, lost=False, away_s=away_s)
+                context.emit("notice", text=f"{name} is back after {away_s:.1f} s")
+                _report(context, source.info)
             if lost_ns or sleeps.woke():
                 lost_ns = 0
                 light.reset()

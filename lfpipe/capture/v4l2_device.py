@@ -2,6 +2,7 @@
 
 import contextlib
 import errno
+import fcntl
 import os
 from collections.abc import Iterator
 from ctypes import Structure
@@ -75,8 +76,6 @@ class V4L2Device:
 
     def ioctl(self, request: int, argument: S) -> S:
         """argument as the driver changed it."""
-        import fcntl  # not on Windows, where this module only gives its types
-
         fcntl.ioctl(self.fd, request, argument)
         return argument
 

@@ -5,14 +5,13 @@ import errno
 import mmap
 import select
 import time
-from collections.abc import Callable
 
 import attrs
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.capture import v4l2_abi as abi
-from lfpipe.capture.v4l2_device import V4L2Device
+from lfpipe.capture.v4l2_device import S, V4L2Device
 
 BUFFERS = 4  # one being decoded, one being filled, two spare; older frames are skipped, so spare buffers add no latency
 RETRY_S = 0.02
@@ -33,17 +32,6 @@ class RawFrame:
     damaged: bool
 
 
-def _twice(call: Callable[[], object]) -> None:
-    """Repeats a call once if it failed for a temporary reason."""
-    try:
-        call()
-    except OSError as error:
-        if error.errno in FINAL:
-            raise
-        time.sleep(RETRY_S)
-        call()
-
-
 class V4L2Stream:
     """Streams until `close`. device: configured; the caller closes it afterwards. Raises the driver's OSError."""
 
@@ -52,12 +40,14 @@ class V4L2Stream:
         self._maps: list[mmap.mmap] = []
         self._taken: int | None = None  # index of the buffer in the caller's hands
         try:
-            _twice(lambda: self._request_buffers(BUFFERS))
-            for index in range(self._count):
+            count = min(int(self._call(abi.REQBUFS, self._buffers(BUFFERS)).count), 32)  # VIDEO_MAX_FRAME
+            if not count:
+                raise OSError(errno.ENOMEM, "the driver has no buffers")
+            for index in range(count):
                 buffer = device.ioctl(abi.QUERYBUF, self._buffer(index))
                 self._maps.append(mmap.mmap(device.fd, buffer.length, offset=buffer.offset))
-                self._queue(index)
-            _twice(lambda: self._switch(abi.STREAMON))
+                self._call(abi.QBUF, self._buffer(index))
+            self._call(abi.STREAMON, abi.Number(abi.VIDEO_CAPTURE))
         except OSError:
             self.close()
             raise
@@ -68,23 +58,25 @@ class V4L2Stream:
     def _buffer(index: int = 0) -> abi.Buffer:
         return abi.Buffer(index=index, type=abi.VIDEO_CAPTURE, memory=abi.MEMORY_MMAP)
 
-    def _request_buffers(self, count: int) -> None:
-        request = abi.RequestBuffers(count=count, type=abi.VIDEO_CAPTURE, memory=abi.MEMORY_MMAP)
-        self._count = min(int(self._device.ioctl(abi.REQBUFS, request).count), 32)  # VIDEO_MAX_FRAME
-        if count and not self._count:
-            raise OSError(errno.ENOMEM, "the driver has no buffers")
+    @staticmethod
+    def _buffers(count: int) -> abi.RequestBuffers:
+        return abi.RequestBuffers(count=count, type=abi.VIDEO_CAPTURE, memory=abi.MEMORY_MMAP)
 
-    def _queue(self, index: int) -> None:
-        _twice(lambda: self._device.ioctl(abi.QBUF, self._buffer(index)))
-
-    def _switch(self, request: int) -> None:
-        self._device.ioctl(request, abi.Number(abi.VIDEO_CAPTURE))
+    def _call(self, request: int, argument: S) -> S:
+        """The device's answer; tries once more after a temporary failure."""
+        try:
+            return self._device.ioctl(request, argument)
+        except OSError as error:
+            if error.errno in FINAL:
+                raise
+        time.sleep(RETRY_S)
+        return self._device.ioctl(request, argument)
 
     def read(self, timeout_s: float) -> RawFrame:
         """The newest frame. Raises TimeoutError without one, OSError."""
-        taken, self._taken = self._taken, None
-        if taken is not None:
-            self._queue(taken)
+        if self._taken is not None:
+            index, self._taken = self._taken, None
+            self._call(abi.QBUF, self._buffer(index))
         until = time.monotonic() + timeout_s
         while True:
             left_s = until - time.monotonic()
@@ -106,29 +98,23 @@ class V4L2Stream:
                     return newest
                 raise
             if newest is not None:
-                self._queue(newest.index)
+                self._call(abi.QBUF, self._buffer(newest.index))
             newest = buffer
             self._taken = buffer.index
 
     def _frame(self, buffer: abi.Buffer) -> RawFrame:
-        used = min(int(buffer.bytesused), len(self._maps[buffer.index]))
+        memory, flags = self._maps[buffer.index], int(buffer.flags)
+        data = np.frombuffer(memory, np.uint8, min(int(buffer.bytesused), len(memory)))
         stamp_ns = int(buffer.timestamp.seconds) * 1_000_000_000 + int(buffer.timestamp.microseconds) * 1000
-        flags = int(buffer.flags)
-        return RawFrame(
-            np.frombuffer(self._maps[buffer.index], np.uint8, used),
-            int(buffer.sequence),
-            stamp_ns,
-            flags & abi.STAMP_SOURCE_MASK == abi.STAMP_SOURCE_SOE,
-            bool(flags & abi.BUF_FLAG_ERROR),
-        )
+        start = flags & abi.STAMP_SOURCE_MASK == abi.STAMP_SOURCE_SOE
+        return RawFrame(data, int(buffer.sequence), stamp_ns, start, bool(flags & abi.BUF_FLAG_ERROR))
 
     def close(self) -> None:
         """Stops the stream and frees the buffers, as far as the driver still answers."""
         with contextlib.suppress(OSError):
-            self._switch(abi.STREAMOFF)
-        maps, self._maps = self._maps, []
-        for memory in maps:
+            self._device.ioctl(abi.STREAMOFF, abi.Number(abi.VIDEO_CAPTURE))
+        for memory in self._maps:
             with contextlib.suppress(BufferError):  # a frame is still in use: the map is freed with it
                 memory.close()
         with contextlib.suppress(OSError):
-            self._request_buffers(0)
+            self._device.ioctl(abi.REQBUFS, self._buffers(0))

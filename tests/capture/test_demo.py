@@ -1,13 +1,16 @@
 """The demo's viewer: at the stated position, detected on every frame, endless."""
 
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe import config
-from lfpipe.capture.demo import demo_eyes_px
+from lfpipe.capture.demo import DemoSource, demo_eyes_px
+from lfpipe.capture.frame_source import orient
 from lfpipe.capture.open_source import open_source
 from lfpipe.track.litert_engine import LitertEngine
 
@@ -32,6 +35,18 @@ def test_the_face_is_found_where_it_is_on_every_frame() -> None:
             assert face is not None, f"no face in frame {frame.source_seq}"
             errors.append(face.eyes_px - demo_eyes_px(k / 30, 320, 240))
     assert np.linalg.norm(errors, axis=-1).mean() < 0.04 * 65 / 2
+
+
+@pytest.mark.parametrize(("rotate", "mirror"), [(90, False), (180, True), (270, False), (0, True)])
+def test_a_camera_mounted_otherwise_is_set_right(rotate: Literal[0, 90, 180, 270], mirror: bool) -> None:
+    camera = config.Camera(rotate=rotate, mirror=mirror)
+    plain, out = np.empty((480, 640, 3), np.uint8), np.empty((camera.frame_px[1], camera.frame_px[0], 3), np.uint8)
+    DemoSource(camera).read(plain)
+    source = orient(DemoSource(camera), camera)
+    source.read(out)
+    turned = np.rot90(plain, -rotate // 90)
+    np.testing.assert_array_equal(out, turned[:, ::-1] if mirror else turned)
+    assert (source.info.width_px, source.info.height_px) == camera.frame_px
 
 
 def test_due_times_and_numbers_and_slots_of_another_size() -> None:

@@ -6,12 +6,10 @@ import attrs
 import numpy as np
 import pytest
 
-from lfpipe.config import Config, Track
-from lfpipe.eyes import EYES, EyesRecord
-from lfpipe.render.viewer import Viewer
+from lfpipe.config import Track
+from lfpipe.eyes import EYES
 from lfpipe.track.engine import Face
 from lfpipe.track.eye_tracker import EyeTracker
-from tests.render import rendered
 
 FRAME_NS = 33_333_333
 IMAGE = np.zeros((480, 640, 3), np.uint8)
@@ -37,21 +35,6 @@ def test_an_implausible_face_is_no_face(change: dict[str, object]) -> None:
     tracker.write(record, IMAGE)
     assert record["face"] == 0 and record["apart_px"] == 0 and np.isfinite(record["filtered_px"]).all()
     assert tracker.update(FACE, 6 * FRAME_NS) and tracker.seen
-
-
-@pytest.mark.parametrize("apart_px", BAD)
-def test_one_wrong_distance_does_not_stop_the_picture(apart_px: float) -> None:
-    """It used to freeze the picture for the rest of the session: the viewer's average never forgot it."""
-    tracker, viewer, record = EyeTracker(Track()), Viewer(rendered.field(5, 9), Config()), np.zeros((), EYES)
-    columns = []
-    for k in range(240):
-        moved = FACE.eyes_px + np.array([60 * math.sin(k / 20), 0])
-        bad = apart_px if k == 100 else 62.0
-        tracker.update(attrs.evolve(FACE, eyes_px=moved, apart_px=bad), k * FRAME_NS)
-        tracker.write(record, IMAGE)
-        columns.append(viewer.viewpoints(EyesRecord.of(record), k * FRAME_NS, k * FRAME_NS).left[1])
-    assert np.isfinite(columns).all()
-    assert np.ptp(columns[-60:]) > 0.5 * np.ptp(columns[40:100])
 
 
 def test_faces_of_every_distance_and_lean_are_plausible() -> None:
