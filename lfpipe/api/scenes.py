@@ -36,9 +36,9 @@ def open_scene(
     """The light field at a path, in any layout, or of an array; the demo's if scene is omitted.
 
     An array has axes (rows, cols, height, width, 1 or 3), red first, or frames before them: uint8, uint16 or float 0 .. 1. Row 0
-    is the top row of cameras, column 0 the left one. disparity: (rows, cols, height, width), px per view, nearer is larger;
-    positions: (rows, cols, 2), (down, right) of each camera; both only with an array. half_turn: near and far are exchanged;
-    None: detect it.
+    is the top row of cameras, column 0 the left one. Only with an array: disparity, (rows, cols, height, width), px per view,
+    nearer is larger, gives range and order of depth (its maps come from flow); positions, (rows, cols, 2), (down, right) of each
+    camera. half_turn: near and far are exchanged; None: detect it.
 
     The first call packs it into the cache, which may take a minute; later calls return at once. settings: as for `--set`, for
     example {"scene.layout": "hci"}. Raises lfpipe.UserError.

@@ -10,7 +10,6 @@ import tempfile
 import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import attrs
@@ -51,10 +50,10 @@ class Frame:
 
 
 class Attachment:
-    """A running session: reads the newest data, where a slow reader skips frames, and sends commands."""
+    """A running session: reads the newest data, where a slow reader skips frames, and sends commands. Raises lfpipe.UserError if
+    no session of that name runs."""
 
-    def __init__(self, session: str) -> None:
-        """Raises lfpipe.UserError if no session of that name runs."""
+    def __init__(self, session: str = "default") -> None:
         self.name = session
         self._session = find(session)
         self._readers: dict[str, Reader] = {}
@@ -137,7 +136,7 @@ class Attachment:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 
@@ -218,14 +217,12 @@ class Session(Attachment):
             self._process.kill()
             self._process.wait()
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()
         self.close()
 
 
-def attach(session: str = "default") -> Attachment:
-    """Attaches to the running session of that name. Raises lfpipe.UserError if there is none."""
-    return Attachment(session)
+attach = Attachment
 
 
 def replay(

@@ -1,7 +1,7 @@
 """The machine: its clock, the order of its memory, how it rounds, versions of what computes, screen hardware."""
 
+import contextlib
 import ctypes
-import ctypes.util
 import functools
 import platform
 import sys
@@ -28,19 +28,14 @@ def asleep_ns() -> int:
 
 @functools.cache
 def _full_fence() -> Callable[[], object]:
-    """libatomic's fence, or the C library's if it has one (macOS). Raises UserError if there is neither."""
-    for name in ("libatomic.so.1", ctypes.util.find_library("atomic")):
-        try:
-            if name:
-                return functools.partial(ctypes.CDLL(name).atomic_thread_fence, SEQ_CST)
-        except (OSError, AttributeError):
-            continue
-    try:
+    """libatomic's fence, or that of macOS's C library. Raises UserError if there is neither."""
+    with contextlib.suppress(OSError, AttributeError):
+        return functools.partial(ctypes.CDLL("libatomic.so.1").atomic_thread_fence, SEQ_CST)
+    with contextlib.suppress(AttributeError):
         barrier: Callable[[], object] = ctypes.CDLL(None).OSMemoryBarrier
-    except (OSError, TypeError, AttributeError):
-        message = f"{platform.machine()}: no memory fence: the library libatomic is not installed"
-        raise UserError(message, "apt-get install libatomic1, dnf install libatomic, or apk add libatomic") from None
-    return barrier
+        return barrier
+    message = f"{platform.machine()}: no memory fence: the library libatomic is not installed"
+    raise UserError(message, "apt-get install libatomic1, dnf install libatomic, or apk add libatomic")
 
 
 def _fence() -> None:

@@ -7,7 +7,6 @@ it, unless a compositor intervenes. It is identified by its time, because server
 
 import ctypes
 import time
-from typing import Protocol
 
 import attrs
 
@@ -24,31 +23,6 @@ class Presented:
     serial: int
     t_ns: int
     period_ns: int
-
-
-class Presentation(Protocol):
-    """Reports the blanks that show pictures."""
-
-    @property
-    def name(self) -> str:
-        """The protocol: wp_presentation, wl_surface.frame or x_present."""
-        ...
-
-    def expect(self, serial: int) -> None:
-        """Call before picture number serial is handed over."""
-        ...
-
-    def handed_over(self, serial: int) -> None:
-        """Call after picture number serial was handed over."""
-        ...
-
-    def take(self) -> list[Presented]:
-        """The reports since the last call."""
-        ...
-
-    def close(self) -> None:
-        """Call before the window closes."""
-        ...
 
 
 class _Complete(ctypes.Structure):

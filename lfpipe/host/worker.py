@@ -14,7 +14,7 @@ import threading
 import time
 from collections.abc import Callable
 from multiprocessing import connection
-from typing import IO, Any
+from typing import Any
 
 from lfpipe.errors import UserError
 from lfpipe.host.limits import MemoryLimit
@@ -27,36 +27,6 @@ LAST_WORDS_S = 0.5  # how long what a child wrote before its end may take to arr
 
 Report = Callable[..., None]  # report(key=value, ...): one line for the parent
 Serve = Callable[[dict[str, Any], Report], dict[str, Any]]  # (request, report) -> result; raises UserError
-
-
-class _Output:
-    """A pipe from the child, read without waiting. data: what was read and not yet used."""
-
-    def __init__(self, stream: IO[bytes] | None) -> None:
-        assert stream is not None
-        self._stream, self.data, self.ended = stream, bytearray(), False
-        self.fd = stream.fileno()
-        os.set_blocking(self.fd, False)
-
-    def wait(self, timeout_s: float) -> bool:
-        """Whether there is something to read, or the end, within timeout_s."""
-        return not self.ended and bool(connection.wait([self.fd], timeout_s))
-
-    def read(self) -> bool:
-        """Adds at most 64 KiB to data. False if nothing is available yet, or never again."""
-        if self.ended:
-            return False
-        try:
-            data = os.read(self.fd, 1 << 16)
-        except BlockingIOError:
-            return False
-        self.ended = not data
-        self.data += data
-        return True
-
-    def close(self) -> None:
-        self.ended = True
-        self._stream.close()
 
 
 class Worker:
@@ -72,16 +42,18 @@ class Worker:
         self._verdict: dict[str, Any] | None = None
         pipe = subprocess.PIPE
         command = [sys.executable, "-P", "-m", module]  # -P: imports nothing from the working directory, which may be anybody's
-        self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe)
-        assert self._process.stdin is not None
-        self._stdin = self._process.stdin
+        self._process = subprocess.Popen(command, bufsize=0, stdin=pipe, stdout=pipe, stderr=pipe)
+        assert self._process.stdin and self._process.stdout and self._process.stderr
+        self._stdin, self._stdout, self._stderr = self._process.stdin, self._process.stdout, self._process.stderr
+        self._open = [self._stdout, self._stderr]  # those that have not ended
+        self._rest = self._log = b""  # of the last line, of what it wrote to stderr
         self._step_s = self._look_s = time.monotonic()
         self._step_cpu_ns = self._look_cpu_ns = 0
         self._computes = True
-        self._out, self._log = _Output(self._process.stdout), _Output(self._process.stderr)
+        for stream in self._open:
+            os.set_blocking(stream.fileno(), False)
         with contextlib.suppress(BrokenPipeError):  # `result` says how it ended
             self._stdin.write(json.dumps(request).encode() + b"\n")
-            self._stdin.flush()
 
     def heard(self, step: dict[str, Any]) -> None:
         """A step of the child, not checked. Subclasses keep what they need."""
@@ -98,7 +70,7 @@ class Worker:
     @property
     def fds(self) -> list[int]:
         """Descriptors that wake the parent."""
-        return [output.fd for output in (self._out, self._log) if not output.ended]
+        return [stream.fileno() for stream in self._open]
 
     @property
     def done(self) -> bool:
@@ -108,13 +80,17 @@ class Worker:
     def read(self) -> None:
         """Reads the child's output, at most 1 MB of it: an endless writer does not block the parent."""
         for _ in range(16):
-            if self._log.read():
-                del self._log.data[:-MAX_LOG_BYTES]
-            if self._out.read():
-                *lines, rest = bytes(self._out.data).split(b"\n")
-                self._out.data[:] = rest[-MAX_LINE_BYTES:]
-                for line in lines:
-                    self._take(line)
+            for stream in list(self._open):
+                data = stream.read(1 << 16)  # None if nothing is available yet
+                if data == b"":
+                    self._open.remove(stream)
+                elif data and stream is self._stderr:
+                    self._log = (self._log + data)[-MAX_LOG_BYTES:]
+                elif data:
+                    *lines, rest = (self._rest + data).split(b"\n")
+                    self._rest = rest[-MAX_LINE_BYTES:]
+                    for line in lines:
+                        self._take(line)
 
     def _take(self, line: bytes) -> None:
         try:
@@ -132,20 +108,19 @@ class Worker:
     def wait(self, until: Callable[[], bool] = lambda: False) -> None:
         """Waits until the child has ended, or `until` holds."""
         while not self.done and not until():
-            if self._out.ended:
+            if self._open:
+                connection.wait(self.fds, 0.1)
+            else:
                 with contextlib.suppress(subprocess.TimeoutExpired):
                     self._process.wait(0.1)
-            else:
-                self._out.wait(0.1)
             self.read()
 
     def result(self) -> dict[str, Any]:
         """The child's result, once it is done. Raises UserError if it refused, failed or took too long."""
         ended = self._process.poll()
         self.read()
-        for output in (self._out, self._log) if ended is not None else ():
-            while output.wait(LAST_WORDS_S):
-                self.read()
+        while ended is not None and self._open and connection.wait(self.fds, LAST_WORDS_S):
+            self.read()
         self.close()
         if ended is None:
             raise UserError(f"{self.subject}: no progress within {self._limit_s:g} s", "check its disk or network drive")
@@ -155,7 +130,7 @@ class Worker:
         if verdict.get("ok") is False and isinstance(verdict.get("error"), str):
             raise UserError(verdict["error"], str(verdict.get("remedy", "")))
         how = f"signal {-ended}" if ended < 0 else f"exit code {ended}"
-        log = self._log.data.decode(errors="replace").strip()
+        log = self._log.decode(errors="replace").strip()
         why = f"{self.subject}: the process that read it ended with {how}" + (f": {log.splitlines()[-1]}" if log else "")
         raise UserError(why, "use smaller or fewer pictures, or convert them with another program")
 
@@ -163,9 +138,9 @@ class Worker:
         """Kills the child."""
         self._process.kill()
         self._process.wait()
-        self._stdin.close()
-        self._out.close()
-        self._log.close()
+        for stream in (self._stdin, self._stdout, self._stderr):
+            stream.close()
+        self._open.clear()
 
 
 def serve(work: Serve, memory_bytes: int) -> None:

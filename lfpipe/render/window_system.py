@@ -8,7 +8,7 @@ import functools
 import os
 
 from lfpipe.host.machine import has_gpu
-from lfpipe.host.presentation import Presentation, XPresentation
+from lfpipe.host.presentation import XPresentation
 from lfpipe.host.wayland_presentation import WaylandPresentation
 
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
@@ -118,7 +118,7 @@ def monitor_number(window: pygame.Window) -> int:
     return max(0, int(sdl_library().SDL_GetWindowDisplayIndex(sdl_library().SDL_GetWindowFromID(window.id))))
 
 
-def open_presentation(window: pygame.Window) -> Presentation | None:
+def open_presentation(window: pygame.Window) -> XPresentation | WaylandPresentation | None:
     """The source of reports of this window's blanks, or None. Call after creating the painter: it may replace the window."""
     library, info = sdl_library(), _Handles()
     info.version[:] = pygame.version.SDL

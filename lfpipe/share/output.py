@@ -28,7 +28,6 @@ from lfpipe.transport.clock import SECOND_NS, now_ns
 
 POSE = struct.Struct("<6d")  # x, y, z in cm; yaw, pitch, roll in degrees
 MM_PER_CM = 10.0
-NTP_EPOCH_S = 2_208_988_800  # from 1900 to 1970 (RFC 5905)
 
 
 @attrs.frozen
@@ -63,32 +62,26 @@ def opentrack_datagram(sample: Sample) -> bytes:
     return POSE.pack(-x, y, z, head.yaw_deg, head.pitch_deg, -head.roll_deg)
 
 
-def time_tag(t_ns: int) -> int:
-    """The OSC time tag of a time of CLOCK_MONOTONIC: NTP seconds in the upper 32 bits, their fraction in the lower."""
-    unix_ns = t_ns + time.time_ns() - now_ns()  # the wall clock may be set while a session runs
-    return (unix_ns + NTP_EPOCH_S * 1_000_000_000 << 32) // 1_000_000_000
-
-
 def osc_datagram(sample: Sample) -> bytes:
     """One bundle a frame, its time tag that of the eyes: /lfpipe/frame always, /lfpipe/eyes and /lfpipe/head with a face."""
+    from pythonosc.osc_bundle_builder import OscBundleBuilder
     from pythonosc.osc_message_builder import OscMessageBuilder
 
     head = sample.head
-    frame = OscMessageBuilder("/lfpipe/frame")
-    frame.add_arg(int(head is not None), "i")
-    frame.add_arg(sample.source_seq, "h")
-    frame.add_arg(sample.t_ns, "h")
-    messages = [frame]
+    messages: dict[str, list[tuple[str, float]]] = {
+        "frame": [("i", int(head is not None)), ("h", sample.source_seq), ("h", sample.t_ns)]
+    }
     if head is not None:
-        eyes, pose = OscMessageBuilder("/lfpipe/eyes"), OscMessageBuilder("/lfpipe/head")
-        for value in (*head.left_mm, *head.right_mm):
-            eyes.add_arg(value, "f")
-        for value in (*head.position_mm, head.yaw_deg, head.pitch_deg, head.roll_deg):
-            pose.add_arg(value, "f")
-        messages += [eyes, pose]
-    # python-osc's own bundle builder rounds the tag to 0.2 us through a float
-    datagrams = [message.build().dgram for message in messages]
-    return b"#bundle\0" + struct.pack(">Q", time_tag(sample.t_ns)) + b"".join(struct.pack(">i", len(d)) + d for d in datagrams)
+        messages["eyes"] = [("f", value) for value in (*head.left_mm, *head.right_mm)]
+        messages["head"] = [("f", value) for value in (*head.position_mm, head.yaw_deg, head.pitch_deg, head.roll_deg)]
+    unix_s = (sample.t_ns + time.time_ns() - now_ns()) / 1e9  # the wall clock may be set while a session runs
+    bundle = OscBundleBuilder(unix_s)  # type: ignore[arg-type]  # it takes fractions
+    for name, values in messages.items():
+        message = OscMessageBuilder(f"/lfpipe/{name}")
+        for kind, value in values:
+            message.add_arg(value, kind)
+        bundle.add_content(message.build())
+    return bytes(bundle.build().dgram)
 
 
 class UdpOutput:
@@ -110,49 +103,34 @@ class UdpOutput:
         except OSError:  # no buffer or no route: the next one is newer anyway
             return False
 
-    def show(self, shown: Shown) -> None:
-        """Does nothing: neither protocol has pictures."""
-
     def close(self) -> None:
         self._socket.close()
 
 
-@attrs.frozen
-class Channel:
-    """One channel of a stream. eye: left, right or both, "" if it is not of the viewer. type: in XDF's words where it has one."""
-
-    label: str
-    eye: str
-    type: str
-    unit: str
-
-
-EYES = [Channel(f"{eye}_{axis}", eye, f"Position{axis.upper()}", "mm") for eye in ("left", "right") for axis in "xyz"]
-EYES += [Channel(f"head_{axis}", "both", f"Head{axis.upper()}", "mm") for axis in "xyz"]
-EYES += [Channel(angle, "both", f"Head{angle.title()}", "degrees") for angle in ("yaw", "pitch", "roll")]
-EYES += [Channel("face", "both", "Validity", "normalized"), Channel("source_seq", "both", "FrameNumber", "count")]
-EYES += [Channel("t_sensor", "both", "Timestamp", "seconds"), Channel("confidence", "both", "Confidence", "normalized")]
-PICTURES = [Channel("source_seq", "both", "FrameNumber", "count")]
-PICTURES += [
-    Channel(f"{eye}_{axis}", eye, f"View{axis.title()}", "views") for eye in ("left", "right") for axis in ("row", "col")
-]
-MARKERS = [Channel("marker", "both", "Marker", "text")]
+KEYS = ("label", "eye", "type", "unit")  # of a channel; type in XDF's words where it has one
+EYES = [(f"{eye}_{axis}", eye, f"Position{axis.upper()}", "mm") for eye in ("left", "right") for axis in "xyz"]
+EYES += [(f"head_{axis}", "both", f"Head{axis.upper()}", "mm") for axis in "xyz"]
+EYES += [(angle, "both", f"Head{angle.title()}", "degrees") for angle in ("yaw", "pitch", "roll")]
+EYES += [("face", "both", "Validity", "normalized"), ("source_seq", "both", "FrameNumber", "count")]
+EYES += [("t_sensor", "both", "Timestamp", "seconds"), ("confidence", "both", "Confidence", "normalized")]
+PICTURES = [("source_seq", "both", "FrameNumber", "count")]
+PICTURES += [(f"{eye}_{axis}", eye, f"View{axis.title()}", "views") for eye in ("left", "right") for axis in ("row", "col")]
+MARKERS = [("marker", "both", "Marker", "text")]
 STREAMS = {"eyes": ("Gaze", EYES), "pictures": ("Pictures", PICTURES), "markers": ("Markers", MARKERS)}
 BUFFER_S = 30  # a receiver further behind loses the oldest samples
 TRIES = 50  # pairs of readings of both clocks; the closest pair counts
 REPEAT_NS = SECOND_NS  # of the state on the stream of markers
 
 
-def clock_offset_s() -> tuple[float, float]:
-    """(LSL's clock minus CLOCK_MONOTONIC, its uncertainty) in s: the tightest of TRIES readings."""
+def clock_offset_s() -> float:
+    """LSL's clock minus CLOCK_MONOTONIC in s, from the tightest of TRIES readings."""
     from pylsl import local_clock
 
-    best = (0.0, math.inf)
+    readings: list[tuple[int, float]] = []
     for _ in range(TRIES):
         before_ns, lsl_s, after_ns = now_ns(), local_clock(), now_ns()
-        if (after_ns - before_ns) / 2e9 < best[1]:
-            best = lsl_s - (before_ns + (after_ns - before_ns) // 2) / 1e9, (after_ns - before_ns) / 2e9
-    return best
+        readings.append((after_ns - before_ns, lsl_s - (before_ns + after_ns) / 2e9))
+    return min(readings)[1]
 
 
 def source_id(session: str, stream: str) -> str:
@@ -164,7 +142,7 @@ class LslOutput:
     """The streams of one target. pictures: whether the session shows any. rate_hz: the camera's."""
 
     def __init__(self, target: Target, session: str, rate_hz: float, pictures: bool) -> None:
-        self._offset_s, self._error_s = clock_offset_s()
+        self._offset_s = clock_offset_s()
         self._face, self._marked_ns = False, 0
         self._outlets: dict[str, Any] = {}
         names = [name for name in STREAMS if pictures or name != "pictures"]
@@ -192,11 +170,10 @@ class LslOutput:
         listed = description.append_child("channels")
         for channel in channels:
             entry = listed.append_child("channel")
-            for key, value in attrs.asdict(channel).items():
+            for key, value in zip(KEYS, channel, strict=True):
                 entry.append_child_value(key, value)
         clock = description.append_child("clock")
         clock.append_child_value("source", "CLOCK_MONOTONIC").append_child_value("offset_s", f"{self._offset_s:.9f}")
-        clock.append_child_value("uncertainty_s", f"{self._error_s:.9f}")
         about = description.append_child("acquisition")
         about.append_child_value("camera_rate_hz", f"{rate_hz:g}").append_child_value("predicted_rate_hz", f"{target.rate_hz:g}")
         about.append_child_value("axes", "mm from the middle of the picture: x to the viewer's right, y up, z to the viewer")
@@ -227,9 +204,8 @@ class LslOutput:
 
     def show(self, shown: Shown) -> None:
         """Sends one sample of NAME-pictures."""
-        if (outlet := self._outlets.get("pictures")) is not None:
-            values = [float(shown.source_seq), *shown.left, *shown.right]
-            outlet.push_sample(values, self._lsl_s(shown.t_presented_ns))
+        if outlet := self._outlets.get("pictures"):
+            outlet.push_sample([float(shown.source_seq), *shown.left, *shown.right], self._lsl_s(shown.t_presented_ns))
 
     def close(self) -> None:
         self._outlets.clear()

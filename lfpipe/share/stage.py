@@ -116,7 +116,8 @@ class Sharer:
             t_presented_ns = int(self._picture["t_presented_ns"])
             shown = Shown(stamp.source_seq, t_presented_ns, (left_row, left_col), (right_row, right_col))
             for channel in self._channels.values():
-                channel.output.show(shown)
+                if isinstance(channel.output, LslOutput):
+                    channel.output.show(shown)
 
     def close(self) -> None:
         """Closes all targets."""

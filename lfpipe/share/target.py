@@ -1,6 +1,5 @@
 """Targets of a session's eyes: `opentrack:HOST:PORT`, `osc:HOST:PORT` or `lsl[:NAME]`, each with an optional `?rate=HZ`."""
 
-import difflib
 import importlib.util
 import socket
 import unicodedata
@@ -44,8 +43,7 @@ def parse_target(text: str) -> Target:
     body, query, options = text.partition("?")
     kind, colon, rest = body.partition(":")
     if kind not in LIBRARIES:
-        close = difflib.get_close_matches(kind, LIBRARIES, 1, 0.5)
-        raise _refusal(text, "unknown kind" + (f" (did you mean {close[0]!r}?)" if close else ""))
+        raise _refusal(text, "unknown kind")
     rate_hz = _rate(text, options) if query else 0.0
     if kind == "lsl":
         name = rest if colon else NAME

@@ -32,7 +32,6 @@ def only(monkeypatch: pytest.MonkeyPatch, **libraries: Any) -> None:
             raise OSError(f"{name}: cannot open shared object file") from None
 
     monkeypatch.setattr(ctypes, "CDLL", load)
-    monkeypatch.setattr(ctypes.util, "find_library", lambda name: None)
 
 
 def test_the_fence_is_libatomic_s_or_the_c_library_s(monkeypatch: pytest.MonkeyPatch) -> None:

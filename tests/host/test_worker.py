@@ -53,7 +53,7 @@ def test_noise_without_end_neither_blocks_nor_fills_memory(child: Start) -> None
     running = child("import sys\nfor _ in range(300): sys.stderr.write('warning ' * 10000); sys.stdout.write('x' * 10000)\n")
     with pytest.raises(UserError, match="exit code 0"):
         running.result()
-    assert len(running._log.data) <= worker.MAX_LOG_BYTES and len(running._out.data) <= worker.MAX_LINE_BYTES
+    assert len(running._log) <= worker.MAX_LOG_BYTES and len(running._rest) <= worker.MAX_LINE_BYTES
 
 
 @pytest.mark.parametrize("answer", ["", "[]", '{"ok": true, "result": 5}', '{"ok": 0, "error": 1}', "[" * 100_000])

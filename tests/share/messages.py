@@ -15,10 +15,6 @@ def of(text: str) -> Callable[[Path], object]:
 
 MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
     "no kind": (of(""), "--share '': unknown kind" + REMEDY),
-    "a typing error": (
-        of("opentrak:127.0.0.1:4242"),
-        "--share 'opentrak:127.0.0.1:4242': unknown kind (did you mean 'opentrack'?)" + REMEDY,
-    ),
     "no host": (of("opentrack:127.0.0.1"), "--share 'opentrack:127.0.0.1': no HOST:PORT" + REMEDY),
     "port 0": (of("osc:127.0.0.1:0"), "--share 'osc:127.0.0.1:0': '0' is not a port, 1 to 65535" + REMEDY),
     "every address": (of("osc:[::]:9000"), "--share 'osc:[::]:9000': :: is no address to send to" + REMEDY),

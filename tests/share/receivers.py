@@ -44,7 +44,7 @@ class OpentrackReceiver:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         self._socket.bind(("127.0.0.1", port))
-        self._socket.settimeout(20)
+        self._socket.settimeout(60)
 
     def poses(self, count: int) -> list[tuple[float, ...]]:
         """The next count poses, each from one datagram of exactly 48 bytes."""
@@ -67,7 +67,7 @@ class OpentrackReceiver:
         except TimeoutError:
             return True
         finally:
-            self._socket.settimeout(20)
+            self._socket.settimeout(60)
         return False
 
     def empty(self) -> None:

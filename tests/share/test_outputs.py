@@ -4,7 +4,6 @@ import math
 import os
 import socket
 import struct
-import time
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lfpipe.share import output
 from lfpipe.share.head import Head
 from lfpipe.share.output import Sample, opentrack_datagram, osc_datagram
 from lfpipe.share.target import Target
@@ -58,12 +58,14 @@ def test_a_head_to_its_right_and_tilted_right_moves_right_and_tilts_right_in_fli
     assert opentrack_datagram(Sample(0, 0, 0, None)) == b"", "without a face it holds the last pose"
 
 
-def test_a_bundle_has_the_time_of_its_eyes() -> None:
+def test_a_bundle_has_the_time_of_its_eyes(monkeypatch: pytest.MonkeyPatch) -> None:
     from pythonosc.osc_bundle import OscBundle
 
+    monkeypatch.setattr(output, "now_ns", lambda: 50 * 10**9)
+    monkeypatch.setattr(output.time, "time_ns", lambda: 1_700_000_000 * 10**9)
     for age_ns in (0, 40_000_000, 3_000_000_000):
-        bundle = OscBundle(osc_datagram(Sample(7, 0, now_ns() - age_ns, HEAD)))
-        assert bundle.timestamp == pytest.approx(time.time() - age_ns / 1e9, abs=0.005)
+        bundle = OscBundle(osc_datagram(Sample(7, 0, 50 * 10**9 - age_ns, HEAD)))
+        assert bundle.timestamp == pytest.approx(1_700_000_000 - age_ns / 1e9, abs=1e-6)
         assert [message.address for message in bundle] == ["/lfpipe/frame", "/lfpipe/eyes", "/lfpipe/head"]
 
 
@@ -74,15 +76,15 @@ def lsl(tmp_path: Path) -> Any:
     os.environ |= lsl_environment(tmp_path)
     from lfpipe.share.output import LslOutput, source_id
 
-    output, inlets = LslOutput(Target("lsl", name=LSL_NAME), "unit", 30.0, True), {}
+    outlet, inlets = LslOutput(Target("lsl", name=LSL_NAME), "unit", 30.0, True), {}
     for stream in ("eyes", "pictures", "markers"):
         (info,) = pylsl.resolve_byprop("source_id", source_id("unit", f"{LSL_NAME}-{stream}"), 1, 60)
         inlets[stream] = pylsl.StreamInlet(info)
         inlets[stream].open_stream(20)
-    yield output, inlets
+    yield outlet, inlets
     for inlet in inlets.values():
         inlet.close_stream()
-    output.close()
+    outlet.close()
 
 
 def test_lsl_describes_its_channels_as_xdf_recommends(lsl: Any) -> None:
@@ -102,11 +104,11 @@ def test_lsl_describes_its_channels_as_xdf_recommends(lsl: Any) -> None:
 
 
 def test_the_state_is_repeated_every_second_and_the_confidence_is_sent(lsl: Any) -> None:
-    output, inlets = lsl
+    outlet, inlets = lsl
     begin_ns = now_ns()
     for k in range(81):  # 30 Hz: 0.3 s without a face, 2 s with one, 0.4 s without
         face = 10 <= k < 70
-        output.send(Sample(k, 0, begin_ns + k * 33_400_000, HEAD if face else None, 0.75 if face else 0.0))
+        outlet.send(Sample(k, 0, begin_ns + k * 33_400_000, HEAD if face else None, 0.75 if face else 0.0))
     markers = []
     while (marker := inlets["markers"].pull_sample(timeout=0.5))[1] is not None:
         markers.append(marker[0][0])
@@ -117,11 +119,11 @@ def test_the_state_is_repeated_every_second_and_the_confidence_is_sent(lsl: Any)
 
 @pytest.mark.live
 def test_a_receiver_that_never_reads_costs_no_memory(lsl: Any) -> None:
-    output, _ = lsl
+    outlet, _ = lsl
     process = psutil.Process()
     for seq in range(5000):
-        output.send(Sample(seq, seq, seq, HEAD))
+        outlet.send(Sample(seq, seq, seq, HEAD))
     before = process.memory_info().rss
     for seq in range(5000, 100_000):  # an hour at 30 Hz
-        output.send(Sample(seq, seq, seq, HEAD))
+        outlet.send(Sample(seq, seq, seq, HEAD))
     assert process.memory_info().rss - before < 16 << 20
