@@ -112,29 +112,17 @@ def displayed(
     return [Displayed(np.array(at), np.array(used), motion) for at, used in pictures]
 
 
-def errors_px(pictures: Displayed) -> Float:
-    """RMS distance of both eyes from the truth, for each picture."""
-    off = pictures.used - pictures.motion.eyes[pictures.at]
-    return np.asarray(np.sqrt(np.square(off).sum(axis=(1, 2)) / 2))
-
-
-def velocity_px_s(pictures: Displayed) -> Float:
-    """True velocity (n, 2, 2) around the time of each picture."""
-    eyes = pictures.motion.eyes
-    low, high = np.maximum(pictures.at - 5, 0), np.minimum(pictures.at + 5, len(eyes) - 1)
-    return np.asarray((eyes[high] - eyes[low]) / ((high - low) / 1e3)[:, None, None])
-
-
 def steady_ms(pictures: Displayed) -> list[float]:
     """Steady latency of each second in which the head moves; the first 0.3 s of a motion from rest are its onset."""
-    velocity = velocity_px_s(pictures)
+    eyes, at = pictures.motion.eyes, pictures.at
+    low, high = np.maximum(at - 5, 0), np.minimum(at + 5, len(eyes) - 1)  # around the time of each picture
+    velocity = (eyes[high] - eyes[low]) / ((high - low) / 1e3)[:, None, None]
     power = np.square(velocity).sum(axis=(1, 2))
     moving = np.sqrt(power / 2) > UNDER_WAY_PX_S
     for start, _ in pictures.motion.starts:
-        moving &= (pictures.at < start) | (pictures.at >= start + ONSET_MS)
-    off = ((pictures.used - pictures.motion.eyes[pictures.at]) * velocity).sum(axis=(1, 2))
-    seconds = pictures.at // 1000
-    within = [moving & (seconds == second) for second in np.unique(seconds[moving])]
+        moving &= (at < start) | (at >= start + ONSET_MS)
+    off = ((pictures.used - eyes[at]) * velocity).sum(axis=(1, 2))
+    within = [moving & (at // 1000 == second) for second in np.unique(at[moving] // 1000)]
     return [float(-off[now].sum() / power[now].sum() * 1e3) for now in within]
 
 
@@ -153,9 +141,9 @@ def onset_ms(pictures: Displayed) -> list[float]:
 def _samples(make: Callable[[], EyeFilter], unknown_ms: float) -> tuple[Samples, None]:
     samples: Samples = {}
     for horizon_ms, pictures in zip(LIGHT_MS, displayed(make(), LIGHT_MS, unknown_ms), strict=True):
-        errors = errors_px(pictures)
-        seconds = [errors[pictures.at // 1000 == second] for second in np.unique(pictures.at // 1000)]
-        samples[f"error_{horizon_ms}ms"] = [float(np.sqrt(np.mean(np.square(second)))) for second in seconds]
+        squares = np.square(pictures.used - pictures.motion.eyes[pictures.at]).sum(axis=(1, 2)) / 2  # of both eyes
+        seconds = [squares[pictures.at // 1000 == second] for second in np.unique(pictures.at // 1000)]
+        samples[f"error_{horizon_ms}ms"] = [float(np.sqrt(np.mean(second))) for second in seconds]
         samples[f"onset_{horizon_ms}ms"] = onset_ms(pictures)
         samples[f"steady_{horizon_ms}ms"] = steady_ms(pictures)
     return samples, None

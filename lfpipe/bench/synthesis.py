@@ -19,7 +19,6 @@ from lfpipe.render.viewpoint import Position
 from lfpipe.scene.disparity import estimate_disparity, quantised, scale_for
 from lfpipe.scene.lightfield import LightField
 
-STRIDES = {2: "every 2nd view", 4: "every 4th view"}
 SWEEP_STEP, MAX_VIEWS = 0.05, (10, 40)
 TURN_PICTURES, APART = 15, 23  # pictures per turn, and steps of the walk between two of them
 
@@ -75,53 +74,35 @@ def viewpoint_walk(field: LightField, count: int, apart: int) -> list[tuple[Posi
     return [((float(row), float(col - 0.7)), (float(row), float(col + 0.7))) for row, col in zip(rows, cols, strict=True)]
 
 
-def kept_of(count: int, stride: int) -> list[int]:
-    """Every stride-th of count indices; the only index if count is 1; [] if none is held out."""
-    indices = list(range(0, count, stride))
-    return indices if count == 1 or len(indices) > 1 else []
-
-
 def measure(inputs: Inputs) -> Iterator[Offer]:
-    """Methods x stride of the kept views."""
+    """Every method, from every 2nd view."""
     field = inputs.field
-    grid = f"a grid of {field.rows}x{field.cols}"
-    if field.rows * field.cols == 1:
-        yield "synthesis: one view: there is nothing between"
+    if 2 in field.views.shape[1:3] or max(field.rows, field.cols) < 3:
+        yield f"error on left-out views: a grid of {field.rows}x{field.cols} has no view to leave out"
         return
-    strides = [s for s in STRIDES if kept_of(field.rows, s) and kept_of(field.cols, s) and max(field.rows, field.cols) > s]
-    if not strides:
-        yield f"error on left-out views: {grid} has no view to leave out"
-        return
-    if len(strides) < len(STRIDES):
-        yield f"{STRIDES[4]} kept: {grid} is too small"
     methods = [method for method in reversed(METHODS) if field.disparity is not None or method not in WARPS]
     if len(methods) < len(METHODS):
         yield "warped views: the scene has no disparity"
     if min(field.rows, field.cols) == 1:
         yield "viewpoints off the line: one line of views: all left-out views lie on it"
-    kept = {s: cache(partial(subsample, field, kept_of(field.rows, s), kept_of(field.cols, s))) for s in strides}  # shared
-    for method, stride in itertools.product(methods, strides):
-        paper, used = (method == name and stride == strides[0] for name in ("nearest", field.method))
-        yield Candidate(method, STRIDES[stride], partial(_prepare, inputs, method, stride, kept[stride]), paper, used)
+    kept = cache(partial(subsample, field, range(0, field.rows, 2), range(0, field.cols, 2)))  # shared
+    for method in methods:
+        prepare = partial(_prepare, inputs, method, kept)
+        yield Candidate(method, "every 2nd view", prepare, method == "nearest", method == field.method)
 
 
-def _prepare(inputs: Inputs, method: str, stride: int, kept: Callable[[], LightField]) -> tuple[Samples, Turn]:
-    part, views = kept(), np.asarray(inputs.field.views)[0]
-    renderer = ViewRenderer(part, method)
+def _prepare(inputs: Inputs, method: str, kept: Callable[[], LightField]) -> tuple[Samples, Turn]:
+    field, part = inputs.field, kept()
+    views, renderer = np.asarray(field.views)[0], ViewRenderer(part, method)
     compositor = Compositor(part, Render(method=method, anaglyph="colour"))  # type: ignore[arg-type]
     viewpoints = viewpoint_walk(part, TURN_PICTURES, APART)  # equal in every turn: some viewpoints need two warps
-    held_out = _held_out(inputs.field, stride, MAX_VIEWS[0 if inputs.quick else 1])
-    squares = [float(np.mean((renderer.at((r / stride, c / stride)) - views[r, c]) ** 2)) for r, c in held_out]
+    between = np.ndindex(2 * part.rows - 1, 2 * part.cols - 1)
+    left_out = [(r, c) for r, c in between if (r % 2 or c % 2) and field.present[r, c]]
+    count = min(MAX_VIEWS[0 if inputs.quick else 1], len(left_out))  # spread evenly
+    some = [left_out[int(k)] for k in np.unique(np.linspace(0, len(left_out) - 1, count).round())]
+    squares = [float(np.mean((renderer.at((r / 2, c / 2)) - views[r, c]) ** 2)) for r, c in some]
     samples = {"rmse": [s**0.5 for s in squares], "psnr_db": [*map(psnr_db, squares)], "jump": [_jump(part, renderer)]}
     return samples, lambda: time_figures([times_ms(partial(compositor.compose, *eyes), 1)[0] for eyes in viewpoints])
-
-
-def _held_out(field: LightField, stride: int, count: int) -> list[tuple[int, int]]:
-    """Up to count present views between the kept ones, spread evenly."""
-    between = itertools.product(*(range(kept_of(n, stride)[-1] + 1) for n in (field.rows, field.cols)))
-    inside = [(r, c) for r, c in between if (r % stride or c % stride) and field.present[r, c]]
-    indices = np.unique(np.linspace(0, len(inside) - 1, min(count, len(inside))).round().astype(int))
-    return [inside[int(k)] for k in indices]
 
 
 def _jump(part: LightField, renderer: ViewRenderer) -> float:
