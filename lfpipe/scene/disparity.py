@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.host.machine import add
 from lfpipe.scene.lightfield import UNKNOWN
 from lfpipe.scene.optical_flow import SMALLEST_PX, FloatMap, Grey, flow, grid_xy
 
@@ -220,6 +221,12 @@ def neighbours_of(
             if d_row * d_row + d_col * d_col > 0.01:  # two cameras in one place give no parallax
                 neighbours.append((grey(r, c), d_row, d_col))
     return neighbours
+
+
+def mean_square_mismatch(here: Grey, neighbours: Neighbours, disparity_px: FloatMap) -> float:
+    """Mean square, in grey levels, of `mismatch` of a view over pixels and neighbours."""
+    squares = [float(np.square(mismatch(here, there, disparity_px, down, across)).mean()) for there, down, across in neighbours]
+    return add(squares) / max(1, len(squares))
 
 
 def luma(planes: NDArray[np.uint8]) -> Grey:
