@@ -18,18 +18,7 @@ MAX_BYTES = 1 << 20  # of the file, and of its predecessor FILE.1: hours of a se
 LEVELS = ("debug", "info", "warning", "error")
 _ROOT = logging.getLogger("lfpipe")
 _ROOT.addHandler(logging.NullHandler())
-
-
-class _Format(logging.Formatter):
-    """`2026-11-22 18:04:05.123 info track lfpipe.track.stage: text`, with the time zone of the machine."""
-
-    def format(self, record: logging.LogRecord) -> str:
-        record.process_word = (record.processName or "").removeprefix("lfpipe-").replace("MainProcess", "lfpipe")
-        record.level_word = record.levelname.lower()
-        return super().format(record)
-
-
-_FORMAT = _Format("%(asctime)s.%(msecs)03d %(level_word)s %(process_word)s %(name)s: %(message)s", "%Y-%m-%d %H:%M:%S")
+_FORMAT = logging.Formatter("%(asctime)s %(levelname)s %(processName)s %(name)s: %(message)s")
 
 
 class SessionFile(logging.Handler):

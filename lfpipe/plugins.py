@@ -41,11 +41,9 @@ class Plugin:
 @functools.cache
 def plugins(group: str) -> dict[str, Plugin]:
     """The plugins of a group by name. Imports none of them."""
-    found = {}
-    for entry in importlib.metadata.entry_points(group=group):
-        package = f"{entry.dist.name} {entry.dist.version}" if entry.dist is not None else "an unknown package"
-        found[entry.name] = Plugin(group, entry.name, package, entry)
-    return found
+    entries = importlib.metadata.entry_points(group=group)
+    packages = (f"{entry.dist.name} {entry.dist.version}" if entry.dist else "an unknown package" for entry in entries)
+    return {entry.name: Plugin(group, entry.name, package, entry) for entry, package in zip(entries, packages, strict=True)}
 
 
 def load(group: str, name: str) -> Any:

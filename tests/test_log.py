@@ -30,7 +30,7 @@ def test_the_terminal_is_silent_unless_asked(capfd: pytest.CaptureFixture[str], 
     log.set_up(1)
     logger.info("decided %d", 2)
     logger.debug("detail")
-    assert capfd.readouterr().err.endswith("info lfpipe lfpipe.some.room: decided 2\n")
+    assert capfd.readouterr().err.endswith("INFO MainProcess lfpipe.some.room: decided 2\n")
     monkeypatch.setenv(log.VARIABLE, "loud")
     with pytest.raises(UserError, match="loud"):
         log.set_up()
@@ -67,7 +67,7 @@ def test_the_report_of_a_session_has_its_log_and_no_code(live: World, tmp_path: 
         about = json.loads(report.read(f"{live.name}/session.json"))
     assert "kiosk" not in about["options"] and about["session"] == live.name
     for stage in ("capture", "track", "render"):
-        assert f" info {stage} lfpipe.transport.context: ready after" in text
+        assert f" INFO lfpipe-{stage} lfpipe.transport.context: ready after" in text
         assert f": {stage} starts as process" in text
     again = live.run("doctor", "--report", tmp_path / "report.zip")
     assert again.returncode == 2 and "report.zip" in again.stderr

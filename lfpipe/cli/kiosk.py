@@ -10,7 +10,6 @@ import click
 
 from lfpipe.cli.options import PATH
 from lfpipe.config import user_file
-from lfpipe.config.session_options import check_code
 from lfpipe.errors import UserError
 from lfpipe.files.output import check_output, write_output
 from lfpipe.files.safe_files import read_text, reason, replaced
@@ -42,13 +41,14 @@ WantedBy=graphical-session.target
 def kiosk_code(file: Path | None) -> str:
     """The code that ends an exhibition, from file or the environment: a command line can be read by every user of the machine.
 
-    Raises UserError if there is none, or if it cannot be typed.
+    Raises UserError if there is none, if it cannot be typed, or if a child could type it by chance.
     """
     if file is not None:
         code = read_text(file, CODE_BYTES, f"--code-file {file}", "name a file that holds the code").strip()
     elif not (code := os.environ.get(VARIABLE, "")):
         raise UserError("an exhibition needs a code that ends it", f"write one to a file: --code-file FILE, or set {VARIABLE}")
-    check_code(code)
+    if not (4 <= len(code) <= 64 and code.isascii() and code.isprintable() and len(set(code)) > 1):
+        raise UserError("the code must have 4 to 64 ASCII characters, not all the same", "for example: leave2026")
     return code
 
 

@@ -15,12 +15,11 @@ from lfpipe.config import Config, QualityLevel, SessionOptions
 
 METHODS = ("best", "warp2", "warp", "blend", "nearest")  # in order of falling cost
 WARPS = ("warp", "warp2", "best")
-NO_SCORES: Mapping[str, float] = {}
 FADED_PX = 8.0  # between the farthest and the nearest: beyond, with the screen between them, a cross-fade shows everything twice
 LEAST_HZ = 25.0  # at lower rates the picture flickers whenever the head moves
 
 
-def drawn_with(wanted: str, scene_method: str, has_disparity: bool, scores: Mapping[str, float] = NO_SCORES) -> str:
+def drawn_with(wanted: str, scene_method: str, has_disparity: bool, scores: Mapping[str, float]) -> str:
     """The method used for render.method = wanted in a scene: `auto` is the scene's own; without disparity, nothing is warped.
 
     scores: PSNR in dB of each method on held-out views. For noisy views with little depth, a cross-fade scores best,
@@ -50,9 +49,9 @@ def ladder(config: Config, options: SessionOptions) -> tuple[QualityLevel, ...]:
     if scene is None:
         return (QualityLevel(0, "", config.render.method, config.render.nominal_hz, 1, "full"),)
     method = drawn_with(config.render.method, scene.method, scene.has_disparity, scene.scores)
-    steps: list[tuple[str, str, Any]] = [("pictures", "method", name) for name in METHODS[METHODS.index(method) + 1 :]]
-    if not may_fade(scene.disparity_min_px, scene.disparity_max_px):
-        steps = [step for step in steps if step[2] != "blend"]
+    fades = may_fade(scene.disparity_min_px, scene.disparity_max_px)
+    cheaper = [name for name in METHODS[METHODS.index(method) + 1 :] if fades or name != "blend"]
+    steps: list[tuple[str, str, Any]] = [("pictures", "method", name) for name in cheaper]
     if config.render.clock == "display" or not options.tracking:
         rate_hz = config.render.nominal_hz / 2
         while rate_hz >= LEAST_HZ:

@@ -10,19 +10,6 @@ from typing import Any
 
 import attrs
 
-from lfpipe.errors import UserError
-
-
-def check_code(code: str) -> None:
-    """Raises UserError for a code that cannot be typed, or that a child could type by chance."""
-    if not (4 <= len(code) <= 64 and code.isascii() and code.isprintable() and len(set(code)) > 1):
-        raise UserError("the code must have 4 to 64 ASCII characters, not all the same", "for example: leave2026")
-
-
-def needs_tracking(rows: int, cols: int) -> bool:
-    """Whether the picture of a grid of views depends on the eyes. A single view looks the same from everywhere."""
-    return rows * cols > 1
-
 
 @attrs.frozen
 class SceneSummary:
@@ -57,8 +44,8 @@ class SceneSummary:
 
     @property
     def needs_tracking(self) -> bool:
-        """Whether the picture depends on the eyes."""
-        return needs_tracking(self.rows, self.cols)
+        """Whether the picture depends on the eyes: a single view looks the same from everywhere."""
+        return self.rows * self.cols > 1
 
 
 @attrs.frozen
@@ -131,11 +118,6 @@ class SessionOptions:
     def complete(self) -> bool:
         """Whether the scene has its disparity, as far as there is any."""
         return self.scene is None or self.scene.complete
-
-    @property
-    def shares_pictures(self) -> bool:
-        """Whether a target can carry the stamps of pictures."""
-        return any(text.startswith("lsl") for text in self.share)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, for messages and files."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import Render
-from lfpipe.config.quality import NO_SCORES, drawn_with
+from lfpipe.config.quality import drawn_with
 from lfpipe.render.anaglyph import MATRICES, Channel, Mixer, Plane, PlaneBuilder, Recipe, recipe
 from lfpipe.render.blocks import near_array
 from lfpipe.render.geometry import zero_plane_px
@@ -31,7 +31,7 @@ TWO_VIEWS = ("side-by-side", "row-interleaved")  # outputs of each eye's view in
 
 def method_for(field: LightField, wanted: str) -> str:
     """The method that makes views of field for render.method = wanted; never "auto"."""
-    return drawn_with(wanted, field.method, field.disparity is not None, field.manifest.get("scores", NO_SCORES))
+    return drawn_with(wanted, field.method, field.disparity is not None, field.manifest.get("scores", {}))
 
 
 def mixed_as(field: LightField, method: str, render: Render) -> Render:

@@ -10,7 +10,6 @@ import attrs
 from lfpipe.config import Config, Render
 from lfpipe.config.camera_pose import EYES_MM, CameraPose
 from lfpipe.config.quality import WARPS
-from lfpipe.config.session_options import needs_tracking
 from lfpipe.render.compositor import method_for, mixed_as, planes_of_eyes, stored_channels
 from lfpipe.render.geometry import alpha_is_automatic
 from lfpipe.scene.lightfield import LightField
@@ -44,7 +43,7 @@ class Plan:
 def make_plan(field: LightField, config: Config) -> Plan:
     """The plan for a scene under a configuration."""
     render = config.render
-    tracking = needs_tracking(field.rows, field.cols)
+    tracking = field.rows * field.cols > 1
     method = method_for(field, render.method)
     render = mixed_as(field, method, render)
     posed = CameraPose.of(config, config.camera.frame_px, EYES_MM) is not None

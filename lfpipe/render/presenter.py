@@ -89,7 +89,7 @@ class Presenter:
         options = self._context.options
         self._outputs.follow(options, self.picture)
         self._traced = self._trace.wanted or self._outputs.traced
-        self._shares = options.shares_pictures
+        self._shares = any(target.startswith("lsl") for target in options.share)  # it carries stamps of pictures
         # a file has no light, and without a clock replay.latency_ms is the whole delay
         lit = not options.lossless and not options.display.startswith("file:")
         self._loop_ns = int(self._viewer.config.render.loop_ms * 1e6) * lit
