@@ -79,8 +79,12 @@ class Synthesiser:
         for view in views:
             total += view.weight
             by = round(zero_px * (self._centre[0] - view.row)), round(zero_px * (self._centre[1] - view.col))
-            into = self._shifted if faded else outs
-            planes = [shifted(source(view.row, view.col), *by, box, to[size]) for source, to in zip(sources, into, strict=False)]
+            planes = [source(view.row, view.col) for source in sources]
+            if any(by):
+                into = self._shifted if faded else outs
+                planes = [shifted(plane, *by, box, to[size]) for plane, to in zip(planes, into, strict=False)]
+            elif box is not self._whole:
+                planes = [plane[box] for plane in planes]
             if not faded:
                 faded = planes
                 continue
