@@ -130,16 +130,6 @@ class Window(Display):
         scaled = self._painter.size_px()[0] / self._window.size[0]
         return self._shown_px / (self.monitor.width * scaled) * USUAL_MM
 
-    def to_picture(self, position: tuple[int, int]) -> tuple[float, float]:
-        """Converts a position in the window to px of the picture."""
-        if self._picture is None:
-            return 0.0, 0.0
-        rows, cols = self._picture.shape[:2]
-        window_px, window = self._painter.size_px(), self._window.size
-        x, y, width, height = fit_area((cols, rows), window_px)
-        x_px, y_px = position[0] * window_px[0] / window[0], position[1] * window_px[1] / window[1]
-        return (x_px - x) * cols / width, (y_px - y) * rows / height
-
     def show(self, picture: NDArray[np.uint8], pair: Pair | None = None, how: str = "") -> int:
         """Returns the time at which the window system accepted the picture."""
         self._picture, self._pair, self._how = picture, pair, how
@@ -228,26 +218,32 @@ class Window(Display):
         pygame.display.quit()
 
 
-class CalibrationWindow:
-    """The window of a calibration: `step` shows one picture with lines of text and returns nothing until the person clicks or
-    presses a key. Raises UserError if no window can be opened."""
+class CalibrationWindow(Window):
+    """The window of a calibration: `step` shows one picture with lines of text and takes the person's input. Raises UserError if
+    no window can be opened."""
 
     def __init__(self, size_px: tuple[int, int], title: str) -> None:
-        self._window = Window((2 * size_px[0], 2 * size_px[1]), title)  # large, so that clicks fall between pixels too
+        super().__init__((2 * size_px[0], 2 * size_px[1]), title)  # large, so that clicks fall between pixels too
         self.clicks: list[tuple[float, float]] = []  # px of the picture
         self.enter = self.quit = False
 
     def step(self, picture: NDArray[np.uint8], lines: list[str]) -> None:
-        """Shows uint8 (height, width, 3) BGR and takes the person's input."""
-        self._window.overlay(Overlay(tuple(lines)))
-        self._window.show(picture)
+        """Shows uint8 (height, width, 3) BGR."""
+        self.overlay(Overlay(tuple(lines)))
+        self.show(picture)
         for event in pygame.event.get():
             if event.type == pygame.QUIT or (event.type == pygame.KEYDOWN and event.key in (pygame.K_ESCAPE, pygame.K_q)):
                 self.quit = True
             elif event.type == pygame.KEYDOWN and event.key in (pygame.K_RETURN, pygame.K_SPACE, pygame.K_KP_ENTER):
                 self.enter = True
             elif event.type == pygame.MOUSEBUTTONDOWN and event.button == 1:
-                self.clicks.append(self._window.to_picture(event.pos))
+                self.clicks.append(self.to_picture(event.pos))
 
-    def close(self) -> None:
-        self._window.close()
+    def to_picture(self, position: tuple[int, int]) -> tuple[float, float]:
+        """Converts a position in the window to px of the picture."""
+        assert self._picture is not None
+        rows, cols = self._picture.shape[:2]
+        window_px, window = self._painter.size_px(), self._window.size
+        x, y, width, height = fit_area((cols, rows), window_px)
+        x_px, y_px = position[0] * window_px[0] / window[0], position[1] * window_px[1] / window[1]
+        return (x_px - x) * cols / width, (y_px - y) * rows / height

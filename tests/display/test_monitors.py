@@ -14,7 +14,7 @@ import pytest
 
 from lfpipe.errors import UserError
 from lfpipe.render.monitors import Monitor, find_monitor, monitors, pixel_mm
-from lfpipe.render.window import USUAL_MM, Window
+from lfpipe.render.window import USUAL_MM, CalibrationWindow, Window
 from tests.xvfb_screen import outline, x_server
 
 DESK = [
@@ -139,7 +139,7 @@ def test_on_a_desktop_that_scales_pixels_are_the_screens_own(tmp_path: Path, mon
             time.sleep(0.02)
         monkeypatch.setenv("WAYLAND_DISPLAY", "wayland-t")
         monkeypatch.setenv("SDL_VIDEODRIVER", "wayland")
-        window = Window((500, 400), "lfpipe: a test")
+        window = CalibrationWindow((250, 200), "lfpipe: a test")
         try:
             window.show(np.full((400, 500, 3), 90, np.uint8))
             shown_mm, pitch_mm = window.width_mm(), monitors()[0].pixel_mm
