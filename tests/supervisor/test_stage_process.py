@@ -1,28 +1,20 @@
 """Which stages count as hung, and who waits for their end."""
 
-import os
-import secrets
-import signal
-import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from lfpipe.config import Config, SessionOptions
+from lfpipe.host import signals
 from lfpipe.supervisor import stage_process
-from lfpipe.supervisor.process_table import SOURCE, Stage, consumers
-from lfpipe.supervisor.session_store import SessionMemory
+from lfpipe.supervisor.process_table import Stage
 from lfpipe.supervisor.stage_process import ASLEEP_S, BUSY_S, COMPUTING, LOSSLESS_CPU_S, StageProcess, wait_for_end
 from lfpipe.transport.clock import MS_NS
-from lfpipe.transport.context import StageSpec
 from lfpipe.transport.session import Session
 from lfpipe.transport.status import ROW, State
 
-STAGE = Stage("render", "tests.faults.odd_stage", lambda options: True, reads=("eyes",), hang_timeout_s=1.0)
-LOOPS, SAVED = 77, 78
+STAGE = Stage("render", "lfpipe.render.stage", lambda options: True, reads=("eyes",), hang_timeout_s=1.0)
 
 
 class Script:
@@ -93,62 +85,39 @@ def test_a_judge_that_slept_forgives_once(monkeypatch: pytest.MonkeyPatch) -> No
     assert script.after(STAGE.hang_timeout_s) == "" and "no beat" in script.after(0.5)
 
 
-class Bench:
-    """Runs odd stages one by one, as a supervisor would."""
+class Ending:
+    """A process that has been asked to stop, on a scripted clock. saves: for so long it writes results; then it ends or, if it
+    hangs, waits for SIGKILL."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.session = Session(f"j{secrets.token_hex(4)}")
-        self.session.run_dir.mkdir(mode=0o700)
-        self.memory = SessionMemory(self.session, Config())
-        self.process = StageProcess(STAGE, self.session, self.memory.table.rows["render"])
+    def __init__(self, clock: list[int], save_s: float, hangs: bool) -> None:
+        self.stage, self.signals, self._clock, self._hangs = STAGE, list[int](), clock, hangs
+        self._saved_ns = clock[0] + int(save_s * 1e9)
 
-    def start(self, does: str) -> StageProcess:
-        options = SessionOptions(source=does, timeline=str(self.folder))
-        self.process.start(StageSpec("render", STAGE.module, self.session, Config(), 1, options, consumers(), (), SOURCE))
-        self.until(lambda: self.process.row["seq"] == LOOPS)
-        return self.process
+    @property
+    def alive(self) -> bool:
+        return signals.KILL not in self.signals if self._hangs else self._clock[0] < self._saved_ns
 
-    def until(self, condition: Callable[[], object]) -> None:
-        limit_s = time.monotonic() + 60
-        while not condition():
-            assert time.monotonic() < limit_s
-            time.sleep(0.02)
+    @property
+    def saves(self) -> str:
+        return "writing what is left" if self._clock[0] < self._saved_ns else ""
 
-    def close(self) -> None:
-        if self.process.process is not None:
-            self.process.process.kill()
-            self.process.process.join()
-        del self.process
-        self.memory.remove()
+    def reap(self) -> None: ...
+
+    def signal(self, signum: int) -> None:
+        self.signals.append(signum)
 
 
-@pytest.fixture
-def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
-    made = Bench(tmp_path)
-    yield made
-    made.close()
+def test_who_ends_a_session_waits_for_what_is_being_saved_and_for_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, reports = [10**12], list[str]()
 
+    def sleep(seconds: float) -> None:
+        clock[0] += int(seconds * 1e9)
 
-@pytest.mark.live
-def test_who_ends_a_session_waits_for_what_is_being_saved_and_for_nothing_else(bench: Bench) -> None:
-    process = bench.start("saves")
-    os.kill(int(process.row["pid"]), signal.SIGSTOP)
-    bench.until(process.overdue)
-    os.kill(int(process.row["pid"]), signal.SIGCONT)
-    bench.until(lambda: not process.overdue())
-    process.wanted = False
-    reports: list[str] = []
-    process.signal(signal.SIGTERM)
-    wait_for_end([process], reports.append)
-    assert process.row["seq"] == SAVED and process.row["state"] == State.FINISHED
+    monkeypatch.setattr(stage_process, "now_ns", lambda: clock[0])
+    monkeypatch.setattr(stage_process, "time", SimpleNamespace(sleep=sleep))
+    saving, hung = Ending(clock, 20, False), Ending(clock, 0, True)
+    wait_for_end([saving], reports.append)  # type: ignore[list-item]
+    assert not saving.signals and clock[0] >= 10**12 + 20 * 10**9
     assert reports == ["render: writing what is left; press Ctrl-C again to end it at once"]
-    process.wanted = True
-    process.row["seq"] = 0
-    bench.start("hangs at its end")
-    assert process.row["restarts"] == 0, "a stage that begins again after its work was done is not restarted"
-    process.signal(signal.SIGTERM)
-    wait_for_end([process], reports.append)
-    assert not process.alive and process.row["state"] == State.DEAD and len(reports) == 1
+    wait_for_end([hung], reports.append)  # type: ignore[list-item]
+    assert hung.signals == [signals.END, signals.KILL] and len(reports) == 1
