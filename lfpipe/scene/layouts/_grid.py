@@ -146,13 +146,10 @@ def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: boo
     if not runs and numbered.runs:
         raise UserError(f"{listing.path}: the names contain one running number, not row and column", "use --layout numbered")
     if numbered.clashes:
-        (first, second), count = numbered.clashes[0], len(numbered.clashes)
-        if count > len(numbered.views):
-            what = f"{count} pictures have the same numbers as another one, for example {first} and {second}"
-            raise UserError(f"{listing.path}: {what}", _RENAME)
-        others = f", and so are {count - 1} more pairs" if count > 1 else ""
-        remedy = f"move {some([name for _, name in numbered.clashes])} away"
-        raise UserError(f"{listing.path}: {first} and {second} are the same view{others}", remedy)
+        (first, second), more = numbered.clashes[0], len(numbered.clashes) - 1
+        remedy = f"move {some([name for _, name in numbered.clashes])} away, or name the views view_ROW_COLUMN.png"
+        pairs = f", as {more} more pairs are" if more else ""
+        raise UserError(f"{listing.path}: {first} and {second} are the same view{pairs}", remedy)
     grid, doubt = parse_grid(scene.grid), numbered.doubt
     notes: tuple[str, ...] = ()
     if runs:

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.files.untrusted import in_range
+from lfpipe.files.untrusted import finite, in_range
 from lfpipe.scene.files import Listing, list_scene, read_bytes, read_pfm
 from lfpipe.scene.layouts._grid import describe_views, named_views, parse_grid, placed_views
 from lfpipe.scene.layouts._names import MAX_SIDE
@@ -117,15 +117,8 @@ def _describe_hci(listing: Listing, scene: config.Scene) -> SceneSource:
 
 def hci_attributes(text: str) -> dict[str, float]:
     """`value //name` lines by name; lines of another form are passed over."""
-    known: dict[str, float] = {}
-    for line in text.splitlines():
-        value, sign, name = line.partition("//")
-        if sign and name.split():
-            try:
-                known[name.split()[0]] = float(value)
-            except ValueError:
-                continue
-    return known
+    lines = re.findall(r"^[^\S\n]*(\S+)[^\S\n]*//[^\S\n]*(\S+)", text, re.MULTILINE)
+    return {name: number for value, name in lines if (number := finite(value)) is not None}
 
 
 def _detect_hci_text(listing: Listing) -> int | None:

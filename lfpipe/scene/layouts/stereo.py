@@ -127,37 +127,28 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     if path is None:
         what = f"{listing.path}: no stereo pair among {len(listing.pictures())} pictures"
         raise UserError(what, "name two of them x_left.png and x_right.png")
-    full, turn, why = 255, Turn(), "an .mpo file begins with the left eye's picture"
+    full, why, name = 255, "", path.stem.lower().replace("_", " ")
     if path.suffix.lower() == ".mpo":
         views: list[NDArray[Any]] = list(read_frames(path)[:2])
         if len(views) < 2 or views[0].shape != views[1].shape:
             raise UserError(f"{path}: no two pictures of one size in this .mpo file", "copy it from the camera again")
+        why = "an .mpo file begins with the left eye's picture"
+    elif arrangement := _arrangement(path):
+        above, half, named = arrangement
+        picture, full = read_picture(path)
+        views = [np.ascontiguousarray(view) for view in halves(picture, above)]
+        if half:
+            x, y = (1, 2) if above else (2, 1)
+            views = [np.asarray(cv2.resize(view, None, fx=x, fy=y, interpolation=cv2.INTER_LINEAR)) for view in views]
+        why = "the name gives a format that begins with the left eye's picture" if named else ""
     else:
-        views, full, turn, why = _divided(path)
+        what = f"{path}: its halves are no stereo pair, neither side by side nor above one another"
+        raise UserError(what, "give two files x_left.png and x_right.png")
+    crossed = path.suffix.lower() == ".jps" or bool(_CROSSED.search(name))
+    if crossed:
+        why = "the name or format says that the right eye's picture comes first"
     return SceneSource(
         certain=bool(why), layout=NAME, path=listing.path, files=(path,), rows=1, cols=2,
         read=lambda frame, row, col: views[col], height_px=views[0].shape[0], width_px=views[0].shape[1],
-        max_value=full, turn=turn if why else None, turn_by=why,
+        max_value=full, turn=Turn(cols=crossed) if why else None, turn_by=why,
     )  # fmt: skip
-
-
-def _divided(path: Path) -> tuple[list[NDArray[Any]], int, Turn, str]:
-    """The views of a picture of two in file order, their full value, the turn, why ("": nothing says so). Raises UserError."""
-    arrangement = _arrangement(path)
-    if arrangement is None:
-        raise UserError(
-            f"{path}: its halves are no stereo pair, neither side by side nor above one another",
-            "give two files x_left.png and x_right.png",
-        )
-    above, half, named = arrangement
-    picture, full = read_picture(path)
-    views = [np.ascontiguousarray(part) for part in halves(picture, above)]
-    if half:
-        height, width = views[0].shape[:2]
-        size = (width, 2 * height) if above else (2 * width, height)
-        views = [np.asarray(cv2.resize(view, size, interpolation=cv2.INTER_LINEAR)) for view in views]
-    if path.suffix.lower() == ".jps":
-        return views, full, Turn(cols=True), "a .jps file begins with the right eye's picture"
-    if _CROSSED.search(path.stem.lower().replace("_", " ")):
-        return views, full, Turn(cols=True), "the name says that it is for crossed eyes"
-    return views, full, Turn(), "the name gives a format that begins with the left eye's picture" if named else ""
