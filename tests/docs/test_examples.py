@@ -42,26 +42,19 @@ def commands() -> list[tuple[str, str]]:
 
 
 def test_commands_exist_with_their_options() -> None:
+    context, keys = click.Context(cli), config.options()
     for page, line in commands():
-        _check_command(page, line)
-
-
-def _check_command(page: str, line: str) -> None:
-    words = [word for word in shlex.split(line)[1:] if word not in ("...", "…")]
-    context = click.Context(cli)
-    command: click.Command = cli
-    while isinstance(command, click.Group) and words and not words[0].startswith("-"):
-        name = words.pop(0)
-        found = command.get_command(context, name)
-        assert found is not None, f"{page}: {line}: there is no command {name!r}"
-        command = found
-    options = {option for parameter in command.params for option in parameter.opts} | {"--help"}
-    for word in words:
-        name = word.split("=")[0]
-        assert not name.startswith("--") or name in options or isinstance(command, click.Group), f"{page}: {line}: no {name}"
-    keys = config.options()
-    for key in re.findall(r"(?:--set |ctl set |^)([a-z]+\.[a-z_]+)=", line):
-        assert key in keys, f"{page}: {line}: no key {key}"
+        words = [word for word in shlex.split(line)[1:] if word not in ("...", "…")]
+        command: click.Command | None = cli
+        while isinstance(command, click.Group) and words and not words[0].startswith("-"):
+            command = command.get_command(context, words.pop(0))
+            assert command is not None, f"{page}: {line}: there is no such command"
+        assert command is not None
+        options = {option for parameter in command.params for option in parameter.opts} | {"--help"}
+        for name in (word.split("=")[0] for word in words if word.startswith("--")):
+            assert name in options or isinstance(command, click.Group), f"{page}: {line}: no {name}"
+        for key in re.findall(r"(?:--set |ctl set |^)([a-z]+\.[a-z_]+)=", line):
+            assert key in keys, f"{page}: {line}: no key {key}"
 
 
 def test_blocks_of_data_are_well_formed() -> None:

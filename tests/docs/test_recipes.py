@@ -6,7 +6,7 @@ import os
 import socket
 import subprocess
 import sys
-import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -46,50 +46,41 @@ def test_the_bridge_passes_eyes_on_to_a_page(tmp_path: Path) -> None:
     from tornado.websocket import websocket_connect
 
     osc_port, web_port = free_port(), free_port()
-    script = tmp_path / "eyes_to_page.py"
-    script.write_text(program("WebSocketHandler"))
-    words = [sys.executable, str(script), str(osc_port), str(web_port)]
-    process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
-    try:
-        assert process.stdout is not None and process.stdout.readline().strip() == "passing on"
+    words = [sys.executable, "-c", program("WebSocketHandler"), str(osc_port), str(web_port)]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None and process.stdout.readline().strip() == "passing on"
 
-        async def page() -> dict[str, list[float]]:
-            connection = await websocket_connect(f"ws://127.0.0.1:{web_port}/eyes")
-            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-                sender.sendto(osc_datagram(Sample(1, 2, 3, HEAD)), ("127.0.0.1", osc_port))
-            heard = await asyncio.wait_for(connection.read_message(), 20)
-            connection.close()
-            return dict(json.loads(heard or ""))
+            async def heard() -> dict[str, list[float]]:
+                connection = await websocket_connect(f"ws://127.0.0.1:{web_port}/eyes")
+                with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+                    sender.sendto(osc_datagram(Sample(1, 2, 3, HEAD)), ("127.0.0.1", osc_port))
+                message = await asyncio.wait_for(connection.read_message(), 60)
+                connection.close()
+                return dict(json.loads(message or ""))
 
-        heard = asyncio.run(page())
-    finally:
-        process.kill()
-        process.communicate()
-    assert heard["left"] == pytest.approx(HEAD.left_mm) and heard["right"] == pytest.approx(HEAD.right_mm)
+            message = asyncio.run(heard())
+        finally:
+            process.kill()
+    assert message["left"] == pytest.approx(HEAD.left_mm) and message["right"] == pytest.approx(HEAD.right_mm)
 
 
 def test_the_experiment_reads_eyes_on_its_own_clock(tmp_path: Path) -> None:
     pytest.importorskip("pylsl")
-    settings = lsl_environment(tmp_path)
-    os.environ |= settings
+    os.environ |= lsl_environment(tmp_path)
     name = f"lab{os.getpid()}"
-    output, done = LslOutput(Target("lsl", name=name), "recipe", 30.0, True), threading.Event()
-
-    def feed() -> None:
-        seq = 0
-        while not done.wait(0.02):
-            output.send(Sample(seq, now_ns(), now_ns(), HEAD))
-            seq += 1
-
-    feeder = threading.Thread(target=feed)
-    feeder.start()
+    output, example = LslOutput(Target("lsl", name=name), "recipe", 30.0, True), program("lab-eyes")
+    command = [sys.executable, "-c", example.replace("lab-eyes", f"{name}-eyes")]
     try:
-        example = program("lab-eyes").replace("lab-eyes", f"{name}-eyes")
-        ran = subprocess.run([sys.executable, "-c", example], capture_output=True, text=True, env={**os.environ}, timeout=60)
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+            for seq in range(3000):
+                output.send(Sample(seq, now_ns(), now_ns(), HEAD))
+                time.sleep(0.02)
+                if process.poll() is not None:
+                    break
+            process.kill()
+            out, err = process.communicate()
     finally:
-        done.set()
-        feeder.join()
         output.close()
-    assert ran.returncode == 0, ran.stderr
-    lines = ran.stdout.splitlines()
-    assert len(lines) == 10 and all(line.split()[:3] == ["-40.0", "5.0", "600.0"] for line in lines)
+    lines = out.splitlines()
+    assert len(lines) == 10 and all(line.split()[:3] == ["-40.0", "5.0", "600.0"] for line in lines), err
