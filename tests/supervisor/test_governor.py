@@ -151,7 +151,7 @@ def test_the_ladder_begins_at_what_is_asked_for_and_goes_no_higher(
     assert list(dict.fromkeys(level.method for level in levels)) == wanted
     assert [(level.method, level.rate_hz, level.every) for level in levels[-2:]] == [("nearest", 30.0, 1), ("nearest", 30.0, 2)]
     assert len({level.words for level in levels}) == len(levels) and levels[0].words == "full"
-    assert wanted[0] == drawn_with(asked, scene, disparity) and wanted[0] in METHODS
+    assert wanted[0] == drawn_with(asked, scene, disparity, {}) and wanted[0] in METHODS
 
 
 def test_no_level_slows_the_camera_clock_and_none_is_there_where_nothing_is_shown() -> None:
