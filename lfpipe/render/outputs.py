@@ -100,9 +100,8 @@ class Outputs:
     def report_viewer(self) -> None:
         """Emits a changed state of the viewer: nobody, arriving, seated, lost, exchanged."""
         state = self._viewer.presence.state
-        if state != int(self._context.row["viewer"]):
-            self._context.row["viewer"] = int(state)
-            self._context.emit("viewer", state=state.word)
+        self._context.row["viewer"] = int(state)
+        self._context.emit("viewer", state=state.word)
 
     def report_parallax(self) -> None:
         """Emits parallax when scene, settings or screen change it, but not at every step of a viewer, nor in a replay, which

@@ -51,13 +51,12 @@ HELP = tuple(f"{row.keys}\t{row.help}" for row in KEYS)
 @attrs.frozen
 class Item:
     """Something to see; a click on it is its event, "" for none. key: shown below the label. picture: above it, uint8 (height,
-    width, 3 or 4) RGB or RGBA; instead: words in its place. slider: its position, 0 to 1, which its event repeats. warns: red."""
+    width, 3 or 4) RGB or RGBA. slider: its position, 0 to 1, which its event repeats. warns: red."""
 
     label: str
     event: str = ""
     key: str = ""
     picture: NDArray[np.uint8] | None = attrs.field(default=None, eq=id)
-    instead: str = ""
     slider: float | None = None
     warns: bool = False
 

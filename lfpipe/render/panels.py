@@ -20,7 +20,6 @@ BAR_SHARE, BAR_LETTERS = 0.3, 36  # of the height, at most; width of a window wi
 SLIDER_LINES = 14  # width of a slider
 MENU_SHARE, MENU_COLS, CELL_LINES = 0.9, 5, 6  # of the window, at most; cells across, at most; their least size in lines
 CELL_SHAPE = 0.75  # of a cell's picture, at most: height over width
-NARROW = 1.5  # letters may be as many times narrower
 
 
 @attrs.define(eq=False)
@@ -54,13 +53,11 @@ def _groove(rect: pygame.Rect) -> pygame.Rect:
 
 
 def _fitted(font: pygame.font.Font, text: str, width_px: int, colour: tuple[int, int, int]) -> pygame.Surface:
-    """text: narrower letters where it does not fit, and cut where those do not either."""
+    """text, cut where it does not fit."""
     text = drawable(text)
-    while len(text) > 1 and font.size(text)[0] > NARROW * width_px:
+    while len(text) > 1 and font.size(text)[0] > width_px:
         text = text[:-2].rstrip() + "…"
-    words = font.render(text, True, colour)
-    share = width_px / max(words.get_width(), 1)
-    return words if share >= 1 else pygame.transform.smoothscale_by(words, (share, 1.0))
+    return font.render(text, True, colour)
 
 
 def _draw_item(surface: pygame.Surface, font: pygame.font.Font, item: Item, rect: pygame.Rect, marked: bool) -> None:
@@ -75,9 +72,10 @@ def _draw_item(surface: pygame.Surface, font: pygame.font.Font, item: Item, rect
     surface.blit(label, label.get_rect(midtop=(room.centerx, top)))
     if item.slider is not None:
         groove = _groove(rect)
-        y, low, high = top + line + line // 2, font.render("comfort", True, GREY), font.render("true", True, GREY)
-        surface.blit(low, low.get_rect(midright=(groove.left - line // 2, y)))
-        surface.blit(high, high.get_rect(midleft=(groove.right + line // 2, y)))
+        y = top + line + line // 2
+        for word, corner, x in (("comfort", "midright", groove.left - line // 2), ("true", "midleft", groove.right + line // 2)):
+            words = font.render(word, True, GREY)
+            surface.blit(words, words.get_rect(**{corner: (x, y)}))
         pygame.draw.line(surface, GREY, (groove.left, y), (groove.right, y), 4)
         pygame.draw.circle(surface, WHITE, (groove.left + round(item.slider * groove.width), y), max(5, line // 3))
     elif item.key:
@@ -88,9 +86,6 @@ def _draw_item(surface: pygame.Surface, font: pygame.font.Font, item: Item, rect
         x, y, *size = fit_area((cols, rows), (room.width, max(1, top - room.top - line // 4)))
         small = cv2.resize(item.picture, size, interpolation=cv2.INTER_AREA).tobytes()
         surface.blit(pygame.image.frombuffer(small, size, "RGB" if channels == 3 else "RGBA"), (room.left + x, room.top + y))
-    elif item.instead:
-        words = _fitted(font, item.instead, room.width, GREY)
-        surface.blit(words, words.get_rect(center=(room.centerx, (room.top + top) // 2)))
 
 
 @lru_cache(1)

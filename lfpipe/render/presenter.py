@@ -21,7 +21,6 @@ from lfpipe.render.glasses import glasses_test
 from lfpipe.render.motion_latency import MotionLatency
 from lfpipe.render.mouse_look import MouseLook
 from lfpipe.render.outputs import Outputs
-from lfpipe.render.presence import ViewerState
 from lfpipe.render.refresh import Refresh
 from lfpipe.render.showing import ANSWER_NS, HANDOVER, REPLACED, Showing, WaitingPictures
 from lfpipe.render.viewer import VIDEO_LEAD, Viewer
@@ -62,7 +61,6 @@ class Presenter:
 
             self._replay = replay_writer.ReplayWriter(Path(replay.folder), replay.sequence, replay.pictures)
         self._waiting = WaitingPictures()
-        self._state: ViewerState | None = None  # reported
         self._parallax: Parallax | None = None
         self._latency: MotionLatency | None = None  # where pictures become light after a known delay
         self._loop_ns = 0
@@ -185,8 +183,7 @@ class Presenter:
             if face:
                 row["t_face_ns"] = showing.t_started_ns
                 row.horizon.add_ns(min(showing.seen_ns - showing.t_sensor_ns, HORIZON_NS))
-            if viewer.presence.state is not self._state:
-                self._state = viewer.presence.state
+            if viewer.presence.state != row["viewer"]:
                 self._outputs.report_viewer()
             if self._outputs.ring is not None:
                 self._outputs.emit_viewpoints(showing.viewpoints, bool(face))

@@ -135,11 +135,7 @@ class ScenePage:
         self.menu = self._camera = self._packing = None
 
     def _make_menu(self, at: int = 0) -> None:
-        pictures = self._pictures
-        items = [
-            Item(Path(scene).name, f"load {scene}", "", pictures.get(scene), "no picture" if scene in pictures else "")
-            for scene in self._scenes
-        ]
+        items = [Item(Path(scene).name, f"load {scene}", picture=self._pictures.get(scene)) for scene in self._scenes]
         self.menu = Menu("Choose a scene", HINT, (*items, *self._camera_items), at)
 
     def _is_own(self, scene: str) -> bool:

@@ -20,37 +20,24 @@ def psnr_db(mean_square: float) -> float:
     return min(100.0, 10 * math.log10(255.0**2 / max(mean_square, 1e-10)))
 
 
-def _part(field: LightField, rows: slice, cols: slice) -> LightField:
-    """Some of the views; copies nothing."""
+def thinned(field: LightField) -> LightField:
+    """Every second view along either axis as a light field: disparities grow with the spacing. Copies nothing."""
+    every = np.s_[::2, ::2]
     return attrs.evolve(
         field,
-        views=field.views[:, rows, cols],
-        disparity=None if field.disparity is None else field.disparity[:, rows, cols],
-        offsets=field.offsets[rows, cols],
-        present=field.present[rows, cols],
+        views=field.views[:, *every],
+        disparity=None if field.disparity is None else field.disparity[:, *every],
+        offsets=field.offsets[every] / np.float32(2),
+        present=field.present[every],
+        disparity_scale_px=field.disparity_scale_px * 2,
+        disparity_min_px=field.disparity_min_px * 2,
+        disparity_max_px=field.disparity_max_px * 2,
     )
-
-
-def thinned(field: LightField, step: int = 2) -> LightField:
-    """Every step-th view of the grid as a light field: disparities grow with the spacing."""
-    part = _part(field, slice(None, None, step), slice(None, None, step))
-    return attrs.evolve(
-        part,
-        disparity_scale_px=field.disparity_scale_px * step,
-        disparity_min_px=field.disparity_min_px * step,
-        disparity_max_px=field.disparity_max_px * step,
-        offsets=part.offsets / np.float32(step),
-    )
-
-
-def _line(field: LightField) -> LightField:
-    """The field itself, or a single row or column if the other axis has fewer than three views."""
-    first = slice(0, 1)
-    return _part(field, slice(None) if field.rows >= 3 else first, slice(None) if field.cols >= 3 else first)
 
 
 def left_out(field: LightField, count: int) -> list[tuple[int, int]]:
-    """Up to count (row, col) of present views that `thinned` leaves out, between those that it keeps, well spread."""
+    """Up to count (row, col) of present views that `thinned` leaves out, between those that it keeps, well spread; of two rows
+    or columns, the first."""
     inside = [
         (r, c)
         for r in range((field.rows - 1) // 2 * 2 + 1)
@@ -83,13 +70,12 @@ def choose_method(field: LightField, count: int = 7) -> tuple[str, dict[str, flo
     """
     fades = may_fade(field.disparity_min_px, field.disparity_max_px)
     methods = [name for name in METHODS if (fades or name != "blend") and (field.disparity is not None or name not in WARPS)]
-    line = _line(field) if max(field.rows, field.cols) >= 3 else field
-    places = left_out(line, count)
+    places = left_out(field, count)
     if not places:
         if max(field.rows, field.cols) == 1:
             return "nearest", {}
         extent_px = max(abs(field.disparity_min_px), abs(field.disparity_max_px))
         return ("warp2" if field.disparity is not None and extent_px >= FLAT_PX else "blend" if fades else "nearest"), {}
-    scores = {method: score(line, method, places) for method in methods}
+    scores = {method: score(field, method, places) for method in methods}
     best = max(scores.values())
     return next(method for method in methods if scores[method] >= best - WORTH_DB), scores
