@@ -13,9 +13,11 @@ import attrs
 
 PACKAGES = ("qemu-system-x86", "kmod", "busybox-static", "cpio", "v4l-utils")
 TOOLS = ("qemu-system-x86_64", "modprobe", "depmod", "busybox", "cpio", "v4l2-ctl", "dpkg-deb", "apt-get")
-BOOT_MODULES = ("virtio_pci", "9p", "9pnet_virtio", "overlay")
-CAMERA_MODULES = ("vivid", "vhci-hcd", "uvcvideo")
-KVM_BOOT_S, TCG_BOOT_S = 10.0, 90.0
+MODULES = {
+    "boot.list": ("virtio_pci", "9p", "9pnet_virtio", "overlay"),
+    "camera.list": ("vivid", "vhci-hcd", "uvcvideo"),
+}
+BOOT_S = {"kvm": 10.0, "tcg": 90.0}  # a nested machine may have a KVM that never boots
 KERNEL_WORDS = "console=ttyS0 loglevel=4 panic=-1"
 BOOTED = "LFPIPE-GUEST-UP"  # printed by the guest's init
 
@@ -113,9 +115,9 @@ def prepare(cache: Path) -> Kernel:
     modules = root / "modules"
     modules.mkdir()
     shutil.copy(shutil.which("busybox") or "busybox", root / "bin" / "busybox")
-    for name, wanted in (("boot.list", BOOT_MODULES), ("camera.list", CAMERA_MODULES)):
+    for name, needed in MODULES.items():
         listed: list[str] = []
-        for module in wanted:
+        for module in needed:
             for line in _call("modprobe", "-d", folder, "-S", version, "--show-depends", module).splitlines():
                 source = Path(line.removeprefix("insmod ").strip())
                 if line.startswith("insmod ") and source.name not in listed:
@@ -130,61 +132,35 @@ def prepare(cache: Path) -> Kernel:
     return Kernel(version, image, initrd)
 
 
-@attrs.frozen
-class Result:
-    """code: of the command. output: what it printed. console: of the machine. accelerator: kvm or tcg."""
-
-    code: int
-    output: str
-    console: str
-    accelerator: str
-    seconds: float
-
-
-def _qemu(kernel: Kernel, out: Path, accelerator: str) -> list[str]:
-    share = "security_model=none,multidevs=remap"
-    return [
-        *("qemu-system-x86_64", "-accel", accelerator, "-cpu", "host" if accelerator == "kvm" else "max"),
-        *("-smp", "2", "-m", "4G", "-nographic", "-no-reboot", "-monitor", f"unix:{out}/monitor,server=on,wait=off"),
-        *("-kernel", str(kernel.image), "-initrd", str(kernel.initrd), "-append", KERNEL_WORDS),
-        *("-virtfs", f"local,path=/,mount_tag=root,readonly=on,{share}", "-virtfs", f"local,path={out},mount_tag=out,{share}"),
-    ]
-
-
-def run(kernel: Kernel, command: str, out: Path, limit_s: float) -> Result:
+def run(kernel: Kernel, command: str, out: Path, limit_s: float) -> tuple[int, str]:
     """Runs command in the guest, in this folder; out is its /guest. Ends the machine after limit_s, whatever happens.
 
-    Raises UnavailableError if the guest does not boot, or does not finish in time.
+    Returns exit code and output. Raises UnavailableError if the guest does not boot, or does not finish in time.
     """
-    start = START.format(path=os.environ["PATH"], checkout=Path.cwd(), command=command)
-    (out / "start").write_text(start)
-    accelerators = ["kvm", "tcg"] if os.access("/dev/kvm", os.W_OK) and not os.environ.get("LFPIPE_VM_TCG") else ["tcg"]
-    for accelerator in accelerators:
-        began = time.monotonic()
-        console = out / f"console-{accelerator}"
+    (out / "start").write_text(START.format(path=os.environ["PATH"], checkout=Path.cwd(), command=command))
+    printed, console = out / "output", out / "console"
+    share = "security_model=none,multidevs=remap"
+    for accelerator, boot_s in BOOT_S.items():
+        words = [
+            *("qemu-system-x86_64", "-accel", accelerator, "-cpu", "max", "-smp", "2", "-m", "4G", "-nographic", "-no-reboot"),
+            *("-kernel", str(kernel.image), "-initrd", str(kernel.initrd), "-append", KERNEL_WORDS),
+            *("-virtfs", f"local,path=/,mount_tag=root,readonly=on,{share}"),
+            *("-virtfs", f"local,path={out},mount_tag=out,{share}"),
+        ]
         with console.open("wb") as log:
-            process = subprocess.Popen(
-                _qemu(kernel, out, accelerator), stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
-            )
+            process = subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True)
+        began, booted = time.monotonic(), False
         try:
-            boot_s = KVM_BOOT_S if accelerator == "kvm" else TCG_BOOT_S
-            booted = False
-            until = began + min(boot_s, limit_s)
-            while process.poll() is None and time.monotonic() < until:
-                if not booted and BOOTED in console.read_text(errors="replace"):
-                    booted, until = True, began + limit_s
+            while process.poll() is None and time.monotonic() < began + (limit_s if booted else min(boot_s, limit_s)):
+                booted = booted or BOOTED in console.read_text(errors="replace")
                 time.sleep(0.2)
         finally:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
             process.wait()
-        seconds = time.monotonic() - began
+        output = (printed if printed.exists() else console).read_text(errors="replace")
         if (out / "code").exists():
-            code, output = int((out / "code").read_text()), (out / "output").read_text(errors="replace")
-            return Result(code, output, console.read_text(errors="replace"), accelerator, seconds)
+            return int((out / "code").read_text()), f"{output}\n{accelerator}, {time.monotonic() - began:.0f} s"
         if booted:
-            break
-    printed = out / "output"
-    tail = (printed if printed.exists() else console).read_text(errors="replace")[-2000:]
-    what = f"did not finish in {limit_s:.0f} s" if booted else "did not boot"
-    raise UnavailableError(f"the guest ({accelerator}) {what}: {tail.strip()}")
+            raise UnavailableError(f"the guest did not finish in {limit_s:.0f} s: {output[-2000:].strip()}")
+    raise UnavailableError(f"the guest did not boot: {output[-2000:].strip()}")

@@ -22,7 +22,7 @@ PAYLOAD = 16384  # uvcvideo's largest bulk transfer: 32 packets of 512 bytes
 CLOCK = 10_000_000  # frame intervals count 100 ns
 YUYV_GUID = b"YUY2\x00\x00\x10\x00\x80\x00\x00\xaa\x00\x38\x9b\x71"
 TERMINAL, PROCESSING = 1, 2  # ids of the camera and its processing unit
-GET_CUR, GET_MIN, GET_MAX, GET_RES, GET_LEN, GET_INFO, GET_DEF, SET_CUR = 0x81, 0x82, 0x83, 0x84, 0x85, 0x86, 0x87, 0x01
+GET_MIN, GET_MAX, GET_RES, GET_LEN, GET_INFO, SET_CUR = 0x82, 0x83, 0x84, 0x85, 0x86, 0x01
 
 
 @attrs.frozen
@@ -47,18 +47,11 @@ class Control:
 
 
 AE_MODE, AE_PRIORITY, EXPOSURE = (TERMINAL, 2), (TERMINAL, 3), (TERMINAL, 4)
-GAIN, POWER_LINE = (PROCESSING, 4), (PROCESSING, 5)
 
 
 def default_controls() -> dict[tuple[int, int], Control]:
-    """Exposure with its automatic, gain, mains frequency. AE_MODE is a bitmap: manual and aperture priority."""
-    return {
-        AE_MODE: Control(1, 1, 8, 8, 9),
-        AE_PRIORITY: Control(1, 0, 1, 1),
-        EXPOSURE: Control(4, 3, 2047, 157),
-        GAIN: Control(2, 0, 100, 20),
-        POWER_LINE: Control(1, 0, 2, 1),
-    }
+    """Exposure with its automatic. AE_MODE is a bitmap: manual and aperture priority."""
+    return {AE_MODE: Control(1, 1, 8, 8, 9), AE_PRIORITY: Control(1, 0, 1, 1), EXPOSURE: Control(4, 3, 2047, 157)}
 
 
 def _d(form: str, *values: object) -> bytes:
@@ -68,14 +61,13 @@ def _d(form: str, *values: object) -> bytes:
 
 
 class UsbCamera:
-    """Plugged in from `plug` to `unplug`. frame: called for each frame, returns its bytes. Faults: slow_s, of each control;
-    header_error: frames carry the error bit; frozen: no more frames."""
+    """Plugged in from `plug` to `unplug`. frame: called for each frame, returns its bytes. Fault: slow_s, of each control."""
 
     def __init__(self, modes: Sequence[Frames], frame: Callable[[Frames, int], bytes], name: str = "Software camera") -> None:
         self._modes, self.frame, self._name = list(modes), frame, name
         self._formats = list(dict.fromkeys(mode.fourcc for mode in modes))
         self.controls = default_controls()
-        self.slow_s, self.header_error, self.frozen = 0.0, False, False
+        self.slow_s = 0.0
         self.mode, self.interval, self.sent = self._modes[0], CLOCK // 30, 0
         self._probe = b""
         self._socket: socket.socket | None = None
@@ -101,17 +93,17 @@ class UsbCamera:
 
     # descriptors
 
-    def _mode_indices(self, fourcc: str) -> list[Frames]:
+    def _modes_of(self, fourcc: str) -> list[Frames]:
         return [mode for mode in self._modes if mode.fourcc == fourcc]
 
     def _configuration(self) -> bytes:
         units = _d("BBBHBBHHHB3s", 0x24, 2, TERMINAL, 0x0201, 0, 0, 0, 0, 0, 3, bytes([0b1110, 0, 0]))
-        units += _d("BBBBHBHB", 0x24, 5, PROCESSING, TERMINAL, 0, 2, 1 << 9 | 1 << 10, 0)
+        units += _d("BBBBHBHB", 0x24, 5, PROCESSING, TERMINAL, 0, 2, 0, 0)
         units += _d("BBBHBBB", 0x24, 3, 3, 0x0101, 0, PROCESSING, 0)
         header = _d("BBHHIBB", 0x24, 1, 0x0100, 13 + len(units), 48_000_000, 1, 1)
         formats = b""
         for index, fourcc in enumerate(self._formats, 1):
-            modes, jpeg = self._mode_indices(fourcc), fourcc == "MJPG"
+            modes, jpeg = self._modes_of(fourcc), fourcc == "MJPG"
             if jpeg:
                 formats += _d("BBBBBBBBBB", 0x24, 6, index, len(modes), 1, 1, 0, 0, 0, 0)
             else:
@@ -158,13 +150,13 @@ class UsbCamera:
             return struct.pack("<H", 26)
         if request == SET_CUR:
             _, index, number, interval = struct.unpack_from("<HBBI", data)
-            modes = self._mode_indices(self._formats[min(max(index, 1), len(self._formats)) - 1])
+            modes = self._modes_of(self._formats[min(max(index, 1), len(self._formats)) - 1])
             self.mode = modes[min(max(number, 1), len(modes)) - 1]
             offered = [round(CLOCK / hz) for hz in self.mode.rates_hz]
             self.interval = min(offered, key=lambda one: abs(one - interval))
             self._probe = data
         index = self._formats.index(self.mode.fourcc) + 1
-        number = self._mode_indices(self.mode.fourcc).index(self.mode) + 1
+        number = self._modes_of(self.mode.fourcc).index(self.mode) + 1
         size = 2 * self.mode.width_px * self.mode.height_px
         return struct.pack("<HBBIHHHHHII", 0, index, number, self.interval, 0, 0, 0, 0, 0, size, PAYLOAD)
 
@@ -180,14 +172,8 @@ class UsbCamera:
             return b"\x03"
         if request == GET_LEN:
             return struct.pack("<H", control.size)
-        answers = {
-            GET_CUR: control.value,
-            GET_DEF: control.value,
-            GET_MIN: control.low,
-            GET_MAX: control.high,
-            GET_RES: control.step,
-        }
-        return answers[request].to_bytes(control.size, "little")
+        answers = {GET_MIN: control.low, GET_MAX: control.high, GET_RES: control.step}
+        return answers.get(request, control.value).to_bytes(control.size, "little")
 
     # the bus
 
@@ -250,16 +236,10 @@ class UsbCamera:
         due, parity = time.monotonic(), 0
         while (transfer := self._take()) is not None:
             due = max(due + self.interval / CLOCK, time.monotonic())
-            while self.frozen and not self._ended.is_set():
-                time.sleep(0.01)
             time.sleep(max(0.0, due - time.monotonic()))
             data, parity, self.sent = self.frame(self.mode, self.sent), parity ^ 1, self.sent + 1
             while transfer is not None:
                 room = transfer[1] - 2
                 last = len(data) <= room
-                flags = 0x80 | parity | (2 if last else 0) | (0x40 if self.header_error else 0)
-                self._submitted(link, transfer[0], bytes([2, flags]) + data[:room])
-                data = data[room:]
-                if last:
-                    break
-                transfer = self._take()
+                self._submitted(link, transfer[0], bytes([2, 0x80 | parity | 2 * last]) + data[:room])
+                data, transfer = data[room:], None if last else self._take()

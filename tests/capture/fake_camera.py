@@ -56,8 +56,8 @@ class FakeCamera:
     def sizes(self, fourcc: str) -> list[FrameSizes]:
         return [each for each in self.offered if isinstance(each, FrameSizes) and each.fourcc == fourcc]
 
-    def duplicate(self) -> "FakeControls":
-        return FakeControls(self)
+    def duplicate(self) -> "FakeCamera":
+        return self
 
     def configure(self, fourcc: str, width_px: int, height_px: int, rate_hz: float) -> Mode:
         self.requested.append((fourcc, width_px, height_px, rate_hz))
@@ -91,22 +91,6 @@ class FakeCamera:
         self.closed += 1
 
 
-class FakeControls:
-    """The device on another descriptor: what `duplicate` returns."""
-
-    def __init__(self, device: FakeCamera) -> None:
-        self._device = device
-
-    def __getattr__(self, name: str) -> object:
-        return getattr(self._device, name)
-
-    def close(self) -> None: ...
-
-
 def source(device: FakeCamera, **settings: object) -> CameraSource:
     """The product's camera on device."""
     return CameraSource(PATH, attrs.evolve(config.Camera(), **settings), device, lambda same: same)
-
-
-def unplugged() -> OSError:
-    return OSError(errno.ENODEV, "No such device")
