@@ -2,7 +2,6 @@
 
 import base64
 import html
-import math
 import re
 from pathlib import Path
 
@@ -38,10 +37,10 @@ class Verdict:
 def verdict(subject: Subject, results: Results) -> Verdict | None:
     """The choice of a subject: the least error among what fits its limit of cost; what is in use, if that ties."""
     choice = subject.choice
-    timed = [row for row in results.rows if choice is not None and choice.x in row.values]
+    timed = [row for row in results.rows if choice is not None and subject.charts[0].x in row.values]
     if choice is None or not timed:
         return None
-    x, y = subject.column(choice.x), subject.column(choice.y)
+    x, y = subject.column(subject.charts[0].x), subject.column(subject.charts[0].y)
     used = next((row for row in timed if row.used), None)
     rows = [row for row in timed if used is None or row.knob == used.knob]
     known = [row for row in rows if y.key in row.values]
@@ -56,8 +55,7 @@ def verdict(subject: Subject, results: Results) -> Verdict | None:
         best = used if used is not None and used in ties else min(ties, key=lambda row: row.value(x.key))
         why = f"{y.label} {short(best.value(y.key))}{f' {y.unit}' if y.unit else ''}"
         why += ", the least" if best.value(y.key) <= least else f", within {TIE:.0%} of the least"
-        if math.isfinite(choice.limit):
-            why += f" of what takes at most {short(choice.limit)} {x.unit} ({choice.reason})"
+        why += f" of what takes at most {short(choice.limit)} {x.unit} ({choice.reason})"
         paper = next((row for row in timed if row.paper and row is not best), None)
         why += f"; the paper's way {beside(paper)}" if paper else ""
         why += f"; in use now {beside(used)}" if used in known and used is not best and used else ""

@@ -4,8 +4,6 @@
 makes rows of, finished tables, and texts that say what is left out and why.
 """
 
-import math
-
 import attrs
 
 from lfpipe.bench.results import Column
@@ -28,14 +26,12 @@ class Chart:
 
 @attrs.frozen
 class Choice:
-    """What a subject decides. key: of the configuration. x, y: columns of cost and error. limit: of the cost, with its reason.
+    """What a subject decides, by its first chart. key: of the configuration. limit: of the cost, with its reason.
     Only methods with the knob of the one in use are choices of the key."""
 
     key: str
-    x: str
-    y: str
-    limit: float = math.inf
-    reason: str = ""
+    limit: float
+    reason: str
 
 
 @attrs.frozen
@@ -75,7 +71,7 @@ _ALL = (
         ),
         (Chart("Error of tracking against time", "time_ms", "error_px"),),
         "FaceMesh (engine mediapipe) on every frame of 640x480",
-        Choice("track.engine", "time_ms", "error_px", 11.0, "a third of a frame at 30 Hz"), (6.0, 60.0),
+        Choice("track.engine", 11.0, "a third of a frame at 30 Hz"), (6.0, 60.0),
     ),
     Subject(
         "filters", "Filtering and predicting",
@@ -91,7 +87,7 @@ _ALL = (
             Chart(f"Error {AHEAD_MS} ms ahead against still jitter", "jitter_30hz", "error_30hz"),
         ),
         "mean of k = 5, without prediction",
-        Choice("track.filter", "time_us", "error_30hz", 1000.0, "a thirtieth of a frame at 30 Hz"), (3.0, 30.0),
+        Choice("track.filter", 1000.0, "a thirtieth of a frame at 30 Hz"), (3.0, 30.0),
     ),
     Subject(
         "photon", "Motion to photon",
@@ -122,7 +118,7 @@ _ALL = (
             Chart("Error on left-out views against time", "time_ms", "rmse"),
             Chart("Jumps while moving against time", "time_ms", "jump"),
         ),
-        "nearest stored view", Choice("render.method", "time_ms", "rmse", 8.0, "half a refresh at 60 Hz"),
+        "nearest stored view", Choice("render.method", 8.0, "half a refresh at 60 Hz"),
     ),
     Subject(
         "anaglyph", "Anaglyph encodings",

@@ -18,7 +18,7 @@ from tests.bench.inputs import inputs, wall
 
 COLUMNS = (Column("error_px", "error", "px", "rms"), Column("time_ms", "time", "ms"))
 CHART = Chart("Fake", "time_ms", "error_px")
-CHOICE = Choice("track.fake", "time_ms", "error_px", 11.0, "a third of a frame")
+CHOICE = Choice("track.fake", 11.0, "a third of a frame")
 FAKE = Subject("fake", "Fake subject", "?", COLUMNS, (CHART,), choice=CHOICE, budget_s=(0.2, 0.2), turns=(4, 4))
 
 
