@@ -35,8 +35,9 @@ def measure_cell(cell: Cell, order: Order) -> Outcome:
             state, reason, figures = measure(cell, order, Path(work))
     except subprocess.TimeoutExpired:
         state, reason = FAILED, f"stopped after {order.limit_s:g} s; --limit gives more"
-    except _Died as error:
-        state, reason = DIED, str(error)
+    except subprocess.CalledProcessError as error:
+        state, signal = DIED, -error.returncode
+        reason = f"its process was ended by signal {signal}" + ", perhaps out of memory" * (signal == 9)
     except UserError as error:
         state, reason = FAILED, str(error)
     except Exception as error:  # one cell's mistake must not end the sweep
@@ -45,37 +46,30 @@ def measure_cell(cell: Cell, order: Order) -> Outcome:
     return Outcome(cell, state, plain(reason, REASON_CHARS), numbers, round(time.time() - began_s, 4), platform.node(), began_s)
 
 
-class _Died(Exception):
-    """The process of a cell was ended by a signal."""
+def _run(cell: Cell, order: Order, *words: str) -> tuple[int, str, str]:
+    """Runs `lfpipe WORDS` with the settings of a cell, which ends with this process.
 
-
-def _run(order: Order, *words: str) -> tuple[int, str, str]:
-    """Runs `lfpipe WORDS`, which ends with this process. Returns exit code, output, and the reason of a failure.
-
-    Raises _Died, and subprocess.TimeoutExpired after the limit.
+    Returns exit code, output, and the reason of a failure.
+    Raises CalledProcessError if a signal ends it, and TimeoutExpired after the limit.
     """
+    command = [sys.executable, "-c", COMMAND, str(os.getpid()), *words, *(f"--set={text}" for text in cell.sets)]
     done = subprocess.run(
-        [sys.executable, "-c", COMMAND, str(os.getpid()), *words], capture_output=True, text=True, errors="replace", check=False,
-        stdin=subprocess.DEVNULL, timeout=order.limit_s,
-    )  # fmt: skip
+        command, stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace", check=False, timeout=order.limit_s
+    )
     if done.returncode < 0:
-        raise _Died(f"its process was ended by signal {-done.returncode}" + ", perhaps out of memory" * (done.returncode == -9))
+        raise subprocess.CalledProcessError(done.returncode, words)
     lines = [line for line in done.stderr.splitlines() if line.strip()]
     first = next((k for k, line in enumerate(lines) if line.startswith("error: ")), max(0, len(lines) - 3))
     return done.returncode, done.stdout, "\n".join(lines[first:]).removeprefix("error: ") or f"exit code {done.returncode}"
 
 
-def _sets(cell: Cell) -> list[str]:
-    return [word for text in cell.sets for word in ("--set", text)]
-
-
 def _replay(cell: Cell, order: Order, work: Path) -> Measured:
-    words = ["replay", cell.sequence, "--out", str(work / "out"), *(["--scene", cell.scene] if cell.scene else []), *_sets(cell)]
+    words = ["replay", cell.sequence, "--out", str(work / "out"), *(["--scene", cell.scene] if cell.scene else [])]
     if cell.subject == TRUTH:
         words += ["--pace", "max"]
     elif order.reference:
         words += ["--expect", order.reference, *(["--update"] if order.update else [])]
-    code, out, why = _run(order, *words)
+    code, out, why = _run(cell, order, *words)
     differs = [line for line in out.splitlines() if line.startswith("differs: ")]
     if code and not (code == 1 and differs):
         return FAILED, why, {}
@@ -101,14 +95,15 @@ def _bench(cell: Cell, order: Order, work: Path) -> Measured:
     else:
         words = [cell.subject, "--quick", *(["--scene", cell.scene] if cell.scene else [])]
         words += ["--sequence", cell.sequence] if cell.sequence else []
-    code, _, why = _run(order, "bench", *words, "--out", str(work), *_sets(cell))
+    code, _, why = _run(cell, order, "bench", *words, "--out", str(work))
     if code and not (table and code == 1 and exists(work / "results.json")):  # 1: a scene was left out
         return FAILED, why, {}
     results = read(work)[TABLE if table else cell.subject]
     figures = {
         f"{row.curve}.{key}" if table else f"{row.name}: {key}": one.value
-        for row in results.rows for key, one in row.values.items() if key not in ("mb", "prepare_s") or cell.subject != QUALITY
-    }  # fmt: skip
+        for row in results.rows
+        for key, one in row.values.items()
+    }
     if states := [value.state for *_, value in results.judged() if not value.only]:
         figures |= {f"cells {state}": float(states.count(state)) for state in STATES}
     if results.failures:
