@@ -66,17 +66,13 @@ def wall(rng: np.random.Generator, height: int, width: int) -> Floats:
         along, across = cos * py + sin * px, -sin * py + cos * px
         leaf = np.clip(3.2 - np.hypot(across * 2.6, along - 3) * 0.36, 0, 1)
         vein = np.clip(1.2 - np.abs(across) * 1.6, 0, 1) * leaf
-        leaf, vein = (_tiled(part, height, width)[..., None] for part in (leaf * 0.85, vein * 26))
+        repeats = -(-height // leaf.shape[0]), -(-width // leaf.shape[1])
+        leaf, vein = (np.tile(tile, repeats)[:height, :width, None] for tile in (leaf * 0.85, vein * 26))
         paper += leaf * (np.array([92, 132, 96], np.float32) - paper) + vein
     stripe = np.clip(1.1 - np.abs((x % (2 * pitch)) - pitch) * 1.2, 0, 1)
     paper += (stripe * 30)[:, None] * np.array([0.7, 0.9, 1.0], np.float32)
     light = 1.1 - 0.0013 * np.hypot(x - width / TEXELS * 0.32, (y[:, None] - height / TEXELS * 0.22) * 1.2)
     return np.asarray(paper * light[..., None], np.float32)
-
-
-def _tiled(tile: Floats, height: int, width: int) -> Floats:
-    """tile, repeated over height and width."""
-    return np.tile(tile, (-(-height // tile.shape[0]), -(-width // tile.shape[1])))[:height, :width]
 
 
 LETTERS = (("E", 0.20), ("F P", 0.125), ("T O Z", 0.09), ("L P E D", 0.066), ("P E C F D", 0.05), ("E D F C Z P", 0.038))

@@ -1,6 +1,5 @@
 """Writes the disparity of a pack: flow between neighbouring views, or truth if it exists and matches better."""
 
-from collections.abc import Callable
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -25,7 +24,7 @@ from lfpipe.scene.disparity import (
 from lfpipe.scene.examination import Examined, FrameIndex
 from lfpipe.scene.lightfield import UNKNOWN
 from lfpipe.scene.missing_views import fill_missing
-from lfpipe.scene.optical_flow import SMALLEST_PX, FloatMap
+from lfpipe.scene.optical_flow import SMALLEST_PX
 from lfpipe.scene.pack import DISPARITY, PlaneFile
 from lfpipe.scene.view_writer import Progress, run_parallel
 
@@ -61,11 +60,6 @@ def write_disparity(scene: Examined, folder: Path, views: PlaneFile, progress: P
     return about
 
 
-def _truth(scene: Examined, place: FrameIndex) -> Callable[[], FloatMap] | None:
-    """What reads the true map of a place, in the order in which truth holds; None without one."""
-    return None if place[0] or not scene.orientation.truth_sign else scene.source.truth.get(scene.file_index(*place[1:]))
-
-
 def _estimate(scene: Examined, views: PlaneFile, interim: PlaneFile, progress: Progress) -> dict[str, Any]:
     """Writes every present view's map into interim, in steps of _INTERIM_PX; returns the entry in the manifest."""
     source = scene.source
@@ -77,14 +71,15 @@ def _estimate(scene: Examined, views: PlaneFile, interim: PlaneFile, progress: P
     def grey(frame: int, row: int, col: int) -> NDArray[np.uint8]:
         return compared(luma(views.read((frame, row, col))))
 
-    factor = shrinking(source.height_px, source.width_px)
+    factor, sign = shrinking(source.height_px, source.width_px), scene.orientation.truth_sign
 
     def estimate(place: FrameIndex) -> None:
         frame, row, col = place
         here, around = grey(*place), neighbours_of(partial(grey, frame), row, col, scene.present, scene.offsets)
         best = view_disparity(here, around) if around and not source.rendered else None
-        if (read := _truth(scene, place)) is not None:
-            true = read() * np.float32(scene.orientation.truth_sign)
+        read = source.truth.get(scene.file_index(row, col)) if sign and not frame else None
+        if read is not None:
+            true = read() * np.float32(sign)  # in the order in which truth holds
             true_ranges.append((float(true.min()), float(true.max())))
             true = true if factor == 1 else halved(true) / np.float32(factor)
             if best is not None:

@@ -77,17 +77,15 @@ def playlist(paths: Iterable[Path], settings: config.Scene) -> list[Path]:
 
     A path that is neither stays: opening it reports the error. Single pictures in a folder do not count.
     """
-    return [scene for path in paths for scene in _scenes_at(path, settings)]
-
-
-def _scenes_at(path: Path, settings: config.Scene) -> list[Path]:
-    if not path.is_dir() or _views(path, settings):
-        return [path]
-    try:
-        inside = sorted(path.iterdir())[:MAX_ENTRIES]
-    except OSError:
-        return [path]
-    return [entry for entry in inside if not entry.name.startswith(".") and _views(entry, settings) > 1] or [path]
+    scenes: list[Path] = []
+    for path in paths:
+        inside: list[Path] = []
+        if path.is_dir() and not _views(path, settings):
+            with contextlib.suppress(OSError):
+                inside = sorted(path.iterdir())[:MAX_ENTRIES]
+        fields = [entry for entry in inside if not entry.name.startswith(".") and _views(entry, settings) > 1]
+        scenes += fields or [path]
+    return scenes
 
 
 def _views(path: Path, settings: config.Scene) -> int:

@@ -43,19 +43,15 @@ def nearest_present(present: NDArray[np.bool_], row: int, col: int) -> tuple[int
     return int(rows[best]), int(cols[best])
 
 
-def screen_table(max_value: int, gamma: float) -> NDArray[np.uint8]:
-    """The screen value, uint8, of each source value 0 .. max_value: 255 * (v / max_value) ** (1 / gamma), rounded."""
-    values = np.arange(max_value + 1, dtype=np.float64) / max_value
-    return np.asarray(np.rint(255 * values ** (1 / gamma)), np.uint8)
-
-
 def write_views(scene: Examined, out: PlaneFile, can_be_shown: Callable[[], None], progress: Progress) -> None:
     """Decodes every view into out; places without a view get a copy of the nearest one.
 
     can_be_shown: called once, when FIRST_VIEWS are there, and copies of them in all other places. Raises UserError, and
     NotGreyError if a view has colour but the pack has no planes for it.
     """
-    source, table = scene.source, screen_table(scene.source.max_value, scene.gamma)
+    source = scene.source
+    values = np.arange(source.max_value + 1, dtype=np.float64) / source.max_value
+    table = np.asarray(np.rint(255 * values ** (1 / scene.gamma)), np.uint8)  # the screen value of each value of the source
 
     def write(place: FrameIndex) -> None:
         frame, row, col = place

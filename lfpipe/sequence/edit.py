@@ -3,12 +3,9 @@
 If anything fails, existing files are unchanged and unfinished new files are removed.
 """
 
-import csv
 import errno
-import io
 import os
 from pathlib import Path
-from typing import IO
 
 import cv2
 
@@ -66,19 +63,13 @@ def export(sequence: Sequence, video: Path) -> Path:
         check_output(path, [sequence.path])
     try:
         with finished_output(video) as pictures, finished_output(table) as rows:
-            _write_table(sequence, rows.file)
+            rows.file.write((",".join(STAMPS) + "\r\n").encode())
+            for packet in sequence.packets:
+                rows.file.write(b"%d,%d,%d,%d,%d\r\n" % tuple(getattr(packet, name) for name in STAMPS))
             _write_video(sequence, pictures.beside)
     except OSError as error:
         raise UserError(f"{video}: {reason(error)}", PLACE) from None
     return table
-
-
-def _write_table(sequence: Sequence, file: IO[bytes]) -> None:
-    text = io.TextIOWrapper(file, "ascii", newline="", write_through=True)
-    table = csv.writer(text)
-    table.writerow(STAMPS)
-    table.writerows([getattr(packet, name) for name in STAMPS] for packet in sequence.packets)
-    text.detach()
 
 
 def _write_video(sequence: Sequence, path: Path) -> None:
