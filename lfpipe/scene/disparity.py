@@ -62,18 +62,14 @@ def view_disparity(here: Grey, neighbours: Neighbours) -> FloatMap:
 
     Each neighbour gives one map; where it is blind (occlusion, border), it matches badly and loses its weight.
     """
-    maps: list[FloatMap] = []
-    errors: list[FloatMap] = []
+    maps, errors = list[FloatMap](), list[FloatMap]()
     for there, d_row, d_col in neighbours:
         shift = flow(here, there, fine=True)
         square = d_row * d_row + d_col * d_col
         maps.append(shift[..., 0] * np.float32(-d_col / square) - shift[..., 1] * np.float32(d_row / square))
-        if len(neighbours) > 1:
-            errors.append(mismatch(here, there, maps[-1], d_row, d_col))
-    joint = maps[0]
-    if len(maps) > 1:
-        shares = _shares(errors)
-        joint = _total(neighbours, [share * one for share, one in zip(shares, maps, strict=True)]) / _total(neighbours, shares)
+        errors.append(mismatch(here, there, maps[-1], d_row, d_col))
+    shares = _shares(errors)
+    joint = _total(neighbours, [share * one for share, one in zip(shares, maps, strict=True)]) / _total(neighbours, shares)
     for _ in range(ROUNDS):
         joint = refined(here, neighbours, joint)
     return np.asarray(cv2.medianBlur(joint, MEDIAN_PX), np.float32)
@@ -106,9 +102,8 @@ def refined(here: Grey, neighbours: Neighbours, disparity_px: FloatMap) -> Float
     wrongs, slopes, errors = list[FloatMap](), list[FloatMap](), list[FloatMap]()
     for there, d_row, d_col in neighbours:
         seen, outside = sampled(there.astype(np.float32), disparity_px, d_row, d_col, cv2.INTER_CUBIC)
-        slope = -cv2.addWeighted(
-            cv2.Scharr(seen, cv2.CV_32F, 1, 0), d_col / 32, cv2.Scharr(seen, cv2.CV_32F, 0, 1), d_row / 32, 0.0
-        )
+        across, down = cv2.Scharr(seen, cv2.CV_32F, 1, 0), cv2.Scharr(seen, cv2.CV_32F, 0, 1)
+        slope = -cv2.addWeighted(across, d_col / 32, down, d_row / 32, 0.0)
         slope[outside] = 0
         wrong = np.asarray(seen - own, np.float32)
         wrongs.append(wrong)
@@ -134,9 +129,7 @@ def unexplained(here: Grey, neighbours: Neighbours, disparity_px: FloatMap) -> N
     place (glass, highlights), texture at the limit of sampling.
     """
     own = here.astype(np.float32)
-    worse: list[NDArray[np.bool_]] = []
-    along: list[FloatMap] = []
-    still: list[FloatMap] = []
+    worse, along, still = list[NDArray[np.bool_]](), list[FloatMap](), list[FloatMap]()
     for there, d_row, d_col in neighbours:
         other = there.astype(np.float32)
 
@@ -162,9 +155,8 @@ def unexplained(here: Grey, neighbours: Neighbours, disparity_px: FloatMap) -> N
 
 def _areas(places: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """places without small ones, and with the gaps between the others."""
-    window, gap = (np.ones((side, side), np.uint8) for side in (LEAST_AREA_PX, GAP_PX))
-    opened = cv2.morphologyEx(places.astype(np.uint8), cv2.MORPH_OPEN, window)
-    return np.asarray(cv2.morphologyEx(opened, cv2.MORPH_CLOSE, gap), bool)
+    opened = cv2.morphologyEx(places.astype(np.uint8), cv2.MORPH_OPEN, np.ones((LEAST_AREA_PX, LEAST_AREA_PX), np.uint8))
+    return np.asarray(cv2.morphologyEx(opened, cv2.MORPH_CLOSE, np.ones((GAP_PX, GAP_PX), np.uint8)), bool)
 
 
 def _windows(squares: FloatMap) -> FloatMap:

@@ -136,10 +136,9 @@ def _detected(source: SceneSource) -> Orientation:
         said = f"{source.turn_by}, but true disparity lands on the neighbouring views only when turned otherwise"
         return Orientation(truth, "truth", said)
     by = "coordinates" if source.coordinates is not None else "layout"
-    if truth is not None:
-        return Orientation(source.turn, by, f"{source.turn_by}; true disparity lands on the neighbouring views so")
-    if source.turn_firm:
-        return Orientation(source.turn, by, source.turn_by)
+    if truth is not None or source.turn_firm:
+        confirmation = "" if truth is None else "; true disparity lands on the neighbouring views so"
+        return Orientation(source.turn, by, source.turn_by + confirmation)
     moved = _by_flow(source)
     if moved.turn == source.turn:
         return attrs.evolve(moved, by="layout", said=f"{source.turn_by}; {moved.said}", undecided="", half_turn_sure=True)
