@@ -24,7 +24,8 @@ VIEWPOINTS_NS = 100 * MS_NS  # between two messages "look"
 
 
 class Outputs:
-    """Call `follow` whenever options may have changed. ring: for requested pictures; None: neither these nor viewpoints."""
+    """Call `follow` whenever options may have changed. ring: for requested pictures; None: neither these nor viewpoints; it ends
+    with the process. timeline: to be closed."""
 
     def __init__(self, context: Context, viewer: Viewer) -> None:
         self._context, self._viewer = context, viewer
@@ -32,7 +33,7 @@ class Outputs:
         self.ring: ring.Writer | None = None
         # a timeline that runs when this process starts was begun by the one before it
         self._began: Path | None = context.spec.session.run_dir / "session.json"
-        self._timeline = TraceFile(None, context.report_lost)
+        self.timeline = TraceFile(None, context.report_lost)
         self._parallax: Parallax | None = None  # reported last
         self._viewpoints_due_ns = 0
         self._shown: RingOutput | None = None  # opened when it is first needed
@@ -41,9 +42,9 @@ class Outputs:
         """Opens and closes outputs as options ask. picture: the one on the screen, for a new ring."""
         before, self._options = self._options, options
         if options.timeline != before.timeline:
-            self._timeline.close()
+            self.timeline.close()
             path = Path(options.timeline) if options.timeline else None
-            self._timeline = TraceFile(path, self._context.report_lost, self._began)
+            self.timeline = TraceFile(path, self._context.report_lost, self._began)
         self._began = None
         if options.pictures != before.pictures:
             if self.ring is not None:
@@ -52,15 +53,6 @@ class Outputs:
             with contextlib.suppress(FileNotFoundError):  # released before it was used
                 self.ring = ring.Writer(self._context.spec.session.segment(options.pictures)) if options.pictures else None
             self.picture(picture, None)
-
-    @property
-    def traced(self) -> bool:
-        """Whether the timeline is requested."""
-        return self._timeline.wanted
-
-    def line(self, record: dict[str, Any]) -> None:
-        """Writes one object of the trace to the timeline."""
-        self._timeline.write(record)
 
     def picture(self, picture: NDArray[np.uint8] | None, stamp: Stamp | None) -> None:
         """Writes a picture just shown to the ring. A picture of another size, right after a change of scene, is left out."""
@@ -110,7 +102,3 @@ class Outputs:
         if chosen is not None and (self._parallax is None or chosen.differs_from(self._parallax)):
             self._parallax = chosen
             self._context.emit("parallax", text=str(chosen))
-
-    def close(self) -> None:
-        """Ends the timeline; the ring ends with the process."""
-        self._timeline.close()

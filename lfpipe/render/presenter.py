@@ -86,7 +86,7 @@ class Presenter:
         """Takes over changed options and configuration."""
         options = self._context.options
         self._outputs.follow(options, self.picture)
-        self._traced = self._trace.wanted or self._outputs.traced
+        self._traced = self._trace.wanted or self._outputs.timeline.wanted
         self._shares = any(target.startswith("lsl") for target in options.share)  # it carries stamps of pictures
         # a file has no light, and without a clock replay.latency_ms is the whole delay
         lit = not options.lossless and not options.display.startswith("file:")
@@ -220,7 +220,7 @@ class Presenter:
         if self._traced:
             line = self._line(showing, stamp)
             self._trace.write(line)
-            self._outputs.line(line)
+            self._outputs.timeline.write(line)
 
     def missed(self, count: int) -> None:
         """Counts refreshes that passed with no new picture begun: the previous one stayed."""
@@ -277,4 +277,4 @@ class Presenter:
             assert self._context.options.replay is not None
             raise UserError(f"{self._context.options.replay.folder}: {error.strerror}", NO_ROOM) from None
         finally:
-            self._outputs.close()
+            self._outputs.timeline.close()

@@ -29,21 +29,12 @@ class ReplayWriter:
         self._truth = read_truth(Path(sequence))
         self._first_ns: int | None = None
         self._digest = ""
-        self._stride, self._bytes = 1, 0
-        self._kept: dict[int, tuple[Stamp, bytes]] = {}
-        self._first: NDArray[np.uint8] | None = None
-        self._last: NDArray[np.uint8] | None = None
-        self._worst: NDArray[np.uint8] | None = None
+        self._stride, self._kept = 1, dict[int, tuple[Stamp, bytes]]()
+        self._named: dict[str, NDArray[np.uint8]] = {}  # first, last and worst picture
         self._worst_px = -1.0
 
     def keep(
-        self,
-        stamp: Stamp,
-        filtered_px: Eyes,
-        used_px: Eyes,
-        t_shown_ns: int,
-        picture: NDArray[np.uint8] | None,
-        composed: bool,
+        self, stamp: Stamp, filtered_px: Eyes, used_px: Eyes, t_shown_ns: int, picture: NDArray[np.uint8] | None, composed: bool
     ) -> dict[str, Any]:
         """Adds a shown picture; returns additional fields for its line of the trace: eyes_filtered and picture."""
         self._first_ns = stamp.t_sensor_ns if self._first_ns is None else self._first_ns
@@ -52,11 +43,12 @@ class ReplayWriter:
                 self._digest = f"{zlib.crc32(picture.data):08x}"
                 if self._pictures:
                     self._store(stamp, picture)
-                self._first = picture.copy() if self._first is None else self._first
-                self._last = picture
+                if not self._named:
+                    self._named["first"] = picture.copy()
+                self._named["last"] = picture
             error_px = self._truth.error_px((used_px[:2], used_px[2:]), t_shown_ns - self._first_ns) if self._truth else None
             if error_px is not None and error_px > self._worst_px:
-                self._worst, self._worst_px = picture.copy(), error_px
+                self._named["worst"], self._worst_px = picture.copy(), error_px
         return {"eyes_filtered": {"left": filtered_px[:2], "right": filtered_px[2:]}, "picture": self._digest}
 
     def _store(self, stamp: Stamp, picture: NDArray[np.uint8]) -> None:
@@ -64,11 +56,9 @@ class ReplayWriter:
             return
         _, data = encoded(picture, fast=False)
         self._kept[stamp.source_seq] = (stamp, data)
-        self._bytes += len(data)
-        while self._bytes > KEPT_BYTES and len(self._kept) > 1:
+        while sum(len(kept) for _, kept in self._kept.values()) > KEPT_BYTES and len(self._kept) > 1:
             self._stride *= 2
             self._kept = {seq: kept for seq, kept in self._kept.items() if seq % self._stride == 0}
-            self._bytes = sum(len(kept) for _, kept in self._kept.values())
 
     def close(self) -> None:
         """Writes the pictures. Raises OSError if there is no room."""
@@ -77,7 +67,6 @@ class ReplayWriter:
         for seq, (stamp, data) in sorted(self._kept.items()):
             writer.append(data, "png", seq, stamp.epoch, stamp.t_sensor_ns - (self._first_ns or 0), 0)
         writer.close()
-        for name, picture in (("first", self._first), ("last", self._last), ("worst", self._worst)):
-            if picture is not None:
-                _, data = encoded(picture, fast=False)
-                (self._folder / f"{name}.png").write_bytes(marked_picture(data))
+        for name, picture in self._named.items():
+            _, data = encoded(picture, fast=False)
+            (self._folder / f"{name}.png").write_bytes(marked_picture(data))
