@@ -5,7 +5,6 @@ Without a request there is no ring and no copy.
 
 import contextlib
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
