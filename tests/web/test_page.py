@@ -50,7 +50,7 @@ def test_in_a_browser_charts_move_and_controls_work(world: World, scene: Path, s
         axes = browser.ask("window.lfpipe.latency.axes.map((axis) => axis.label).join()")
         legend = browser.ask("document.querySelector('#latency .u-legend').textContent")
         assert axes == "session time, s,ms" and legend.count(" ms") >= 3, legend  # the newest, without a pointer over the chart
-        assert browser.ask("document.getElementById('scenes').hidden"), "one scene is no list"
+        assert browser.ask("document.getElementById('scenes').offsetParent === null"), "one scene is no list"
         assert "viewer " in until(lambda: browser.ask("document.getElementById('state').textContent"), "state")
         until(lambda: browser.ask("document.getElementById('picture').naturalWidth") == 64, "picture")
         until(lambda: browser.ask("document.getElementById('camera').naturalWidth") == 320, "camera")
