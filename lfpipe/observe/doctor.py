@@ -81,16 +81,6 @@ def opencv(distributions: list[str]) -> Check:
     return Check("opencv", True, f"{names}, GUI {gui}")
 
 
-def mediapipe() -> Check:
-    """The optional package mediapipe, for track.engine = mediapipe. It is not imported, because that takes 1 s."""
-    if models.package_folder() is None:
-        return Check("mediapipe", True, "no wheel for this Python or machine; track.engine litert is used instead")
-    version = importlib.metadata.version("mediapipe")
-    if version != models.VERSION:
-        return Check("mediapipe", True, f"{version}: has no FaceMesh", f"pip install {models.PACKAGE}")
-    return Check("mediapipe", True, f"{version}; track.engine mediapipe runs its FaceMesh")
-
-
 def face_networks() -> Check:
     """The model files, or how they will be fetched."""
     if not (missing := models.missing_models()):
@@ -199,7 +189,6 @@ def checks() -> list[Check]:
         python(),
         own,
         opencv(opencv_distributions()),
-        mediapipe(),
         face_networks(),
         litert(),
         sdl(),

@@ -1,7 +1,6 @@
 """Measures the delay of the loop. A window flips between black and white, the camera watches it, and `loop_delay` compares."""
 
 import threading
-from collections.abc import Iterator
 
 import attrs
 import cv2
@@ -22,7 +21,7 @@ from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns, sleep_until
 from lfpipe.transport.ring import StampKind
 
 WINDOW_PX = (1600, 900)  # limited by the screen
-HOLDS = (3, 6)  # of a level, in refreshes at about STEP_HZ, inclusive
+HOLDS = (3, 6)  # of a level, 50 to 100 ms: in refreshes at about STEP_HZ, inclusive
 STEP_HZ = 60.0
 AIM_S = 60.0  # timeout for aiming the camera
 LOOK_S, LOOK_EVERY_S = 3.0, 1.5
@@ -88,13 +87,6 @@ class CameraWatch(threading.Thread):
         self._source.close()
 
 
-def holds(rate_hz: float, seed: int = 1) -> Iterator[int]:
-    """Yields endlessly the number of refreshes for which each level is held (50 to 100 ms)."""
-    rng, step = np.random.default_rng(seed), max(1, round(rate_hz / STEP_HZ))
-    while True:
-        yield int(rng.integers(HOLDS[0], HOLDS[1] + 1)) * step
-
-
 def advice(area: NDArray[np.bool_]) -> str:
     """How to move the camera so that the screen is in the middle of its picture; "" if it is."""
     place = float(np.nonzero(area)[0].mean() + 0.5) / len(area) - 0.5
@@ -129,7 +121,8 @@ class _Guide:
         self._camera = config.camera
         self._watch, self.window = watch, Window(WINDOW_PX, "lfpipe calibrate", monitor=str(config.screen.monitor))
         self._levels = [np.full((9, 16, 3), 255 * white, np.uint8) for white in (0, 1)]
-        self._clock, self._holds = ScreenClock(self.window.nominal_hz(), now_ns()), holds(self.window.nominal_hz())
+        hz = self.window.nominal_hz()
+        self._clock, self._rng, self._step = ScreenClock(hz, now_ns()), np.random.default_rng(1), max(1, round(hz / STEP_HZ))
         self._number, self._due_ns = 0, now_ns()
         self._presented_ns: dict[int, int] = {}
 
@@ -170,7 +163,7 @@ class _Guide:
             raise self._watch.failure
         window, clock = self.window, self._clock
         reported = bool(window.blanks_by)
-        hold_ns = next(self._holds) * clock.period_ns
+        hold_ns = int(self._rng.integers(HOLDS[0], HOLDS[1] + 1)) * self._step * clock.period_ns
         lead_ns = round(clock.period_ns / 2) * reported
         self._due_ns = max(self._due_ns, now_ns() + lead_ns) + round(hold_ns)  # after a late flip no hold is cut short
         if reported:

@@ -17,7 +17,7 @@ def test_this_machine_passes_but_for_what_it_lacks_and_every_line_says_something
     found = doctor.checks()
     assert {check.name for check in found if not check.ok} <= {"display", "camera"}
     names = {check.name for check in found}
-    others = {"python", "settings", "opencv", "mediapipe", "models", "litert", "shm", "left over"}
+    others = {"python", "settings", "opencv", "models", "litert", "shm", "left over"}
     assert names == {"display", "camera", *others}
     assert all(check.detail for check in found)
     assert re.search(r"litert runs face_landmark\.tflite \(mediapipe 0\.10\.\d+, sha256 \w+\)", doctor.litert().detail)
@@ -41,7 +41,6 @@ def test_missing_networks_are_named_with_what_would_fetch_them(tmp_path: Path, m
     check = doctor.face_networks()
     assert "iris_landmark.tflite" in check.detail and "lfpipe models get" in check.remedy
     assert doctor.litert().ok and "missing" in doctor.litert().detail
-    assert doctor.mediapipe().ok and "track.engine litert" in doctor.mediapipe().detail
     monkeypatch.setattr(models, "installers", lambda folder: [])
     check = doctor.face_networks()
     assert not check.ok and "neither uv nor pip" in check.detail and "--from WHEEL" in check.remedy
