@@ -27,7 +27,7 @@ EYES = np.dtype(
     ]
 )
 
-_PLAIN = struct.Struct("<14d2iq2id")  # the fields before head_px
+PLAIN = struct.Struct("<14d2iq2id")  # the fields before head_px; packed into a record and unpacked from it
 
 
 class EyesRecord(NamedTuple):
@@ -48,12 +48,8 @@ class EyesRecord(NamedTuple):
     @classmethod
     def of(cls, record: NDArray[np.void]) -> "EyesRecord":
         """From a record of dtype EYES, shape ()."""
-        numbers = _PLAIN.unpack_from(record)  # type: ignore[arg-type]
+        numbers = PLAIN.unpack_from(record)  # type: ignore[arg-type]
         return cls(numbers[:4], numbers[4:8], numbers[8:12], *numbers[12:])
-
-    def write(self, record: NDArray[np.void]) -> None:
-        """Into a record of dtype EYES, shape ()."""
-        _PLAIN.pack_into(record, 0, *self[0], *self[1], *self[2], *self[3:])  # type: ignore[arg-type]
 
 
 # Points of MediaPipe's face mesh that jaw and mouth do not move: tip of the nose, top of the forehead, corners of the eyes from

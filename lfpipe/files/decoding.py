@@ -34,13 +34,12 @@ def is_jpeg(data: NDArray[np.uint8]) -> bool:
 
 def _jpeg_px(data: NDArray[np.uint8]) -> int | None:
     """Width times height of an ordinary JPEG by its frame header, for cameras (Pillow takes 0.17 ms); None for others."""
-    at = 2
-    while is_jpeg(data) and at + 9 < data.size and data[at] == 0xFF:
-        marker, size = int(data[at + 1]), 256 * int(data[at + 2]) + int(data[at + 3])
+    at = 2 if is_jpeg(data) else data.size
+    while at + 9 < data.size and data[at] == 0xFF:
+        marker, high, low = data[at + 1 : at + 4].tolist()
         if 0xC0 <= marker <= 0xC3:
-            height, width = (256 * int(data[k]) + int(data[k + 1]) for k in (at + 5, at + 7))
-            return height * width
-        at += 2 + size
+            return int.from_bytes(data[at + 5 : at + 7].tobytes()) * int.from_bytes(data[at + 7 : at + 9].tobytes())
+        at += 2 + 256 * high + low
     return None
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import Track
-from lfpipe.eyes import Eyes, EyesRecord
+from lfpipe.eyes import PLAIN, Eyes
 from lfpipe.track.detector import SAME, overlap
 from lfpipe.track.engine import Face, make_engine
 from lfpipe.track.eye_distance import EyeDistance
@@ -130,8 +130,7 @@ class EyeTracker:
         """Fills a record of dtype EYES, except t_tracked_ns. image: the frame."""
         face, (height_px, width_px) = self._face, image.shape[:2]
         apart_px, confidence = (face.apart_px, face.confidence) if face is not None else (0.0, 0.0)
-        EyesRecord(
-            self._raw_px, self._position_px, self._velocity_px_s, apart_px, confidence, width_px, height_px, 0, self.seen,
-            self._generation, self._distance.mm,
-        ).write(record)  # fmt: skip
+        eyes = *self._raw_px, *self._position_px, *self._velocity_px_s
+        rest = width_px, height_px, 0, self.seen, self._generation, self._distance.mm
+        PLAIN.pack_into(record, 0, *eyes, apart_px, confidence, *rest)  # type: ignore[arg-type]
         record["head_px"] = 0.0 if face is None or face.head_px is None else face.head_px

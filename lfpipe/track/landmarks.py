@@ -4,7 +4,6 @@ The 468 points, and the 5 + 5 of the iris that follow them when refined, are tho
 """
 
 import math
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -16,6 +15,7 @@ from lfpipe.track.network import Network, Warp, around, mapped, model_file, warp
 # The 16 points of each eyelid contour. The viewer's own left eye: at larger x in an unmirrored picture.
 LEFT_EYE = np.array([263, 249, 390, 373, 374, 380, 381, 382, 362, 398, 384, 385, 386, 387, 388, 466])
 RIGHT_EYE = np.array([33, 7, 163, 144, 145, 153, 154, 155, 133, 173, 157, 158, 159, 160, 161, 246])
+Point = tuple[float, float]
 LEFT_IRIS, RIGHT_IRIS = 473, 468  # the centre points; each is followed by four around it
 TURN = (263, 33, 1)  # outer corners of the viewer's left eye and of the right, tip of the nose
 FRONTAL = 0.12  # of `turn`: a head turned by about 7 degrees, whose eyes appear 1 % closer together
@@ -34,21 +34,11 @@ _HEAD = 2 * _LIDS + len(EYE_LINE)  # index of the first of HEAD_POINTS in _KEY
 _RAISE, _SPREAD = 0.036, 0.0067
 
 
-class EyePoints(NamedTuple):
-    """Centres of the eyes and outer corners, (x, y) each. apart: 3-D distance between the centres, in the same unit."""
-
-    left: tuple[float, float]
-    right: tuple[float, float]
-    left_corner: tuple[float, float]
-    right_corner: tuple[float, float]
-    apart: float
-
-
 def eye_points(
     points: NDArray[np.floating], depth: NDArray[np.floating], scale: np.float32
-) -> tuple[EyePoints, NDArray[np.float64]]:
-    """(eye centres that a blink does not move, the points of HEAD_POINTS (10, 3)), from points (2, 468), x and y of the mesh, and
-    depth (468,), its z before it is scaled.
+) -> tuple[Point, Point, Point, Point, float, NDArray[np.float64]]:
+    """(left eye, right eye, their outer corners, the distance between the eyes in 3-D, the points of HEAD_POINTS (10, 3)), from
+    points (2, 468), x and y of the mesh, and depth (468,), its z before it is scaled. A blink does not move them.
 
     A centre is the mean of the eye's corners and lower lid, shifted to the paper's centre: the mean of
     all 16 periocular points of an open eye.
@@ -65,14 +55,9 @@ def eye_points(
     dx, dy = lx - rx, ly - ry
     up_x, up_y, out_x, out_y = _RAISE * dy, -_RAISE * dx, _SPREAD * dx, _SPREAD * dy
     right, left = 2 * _LIDS, 2 * _LIDS + 1
-    eyes = EyePoints(
-        (lx + up_x + out_x, ly + up_y + out_y),
-        (rx + up_x - out_x, ry + up_y - out_y),
-        (xs[left], ys[left]),
-        (xs[right], ys[right]),
-        (1 + 2 * _SPREAD) * math.sqrt(dx * dx + dy * dy + (lz - rz) ** 2),
-    )
-    return eyes, keys[:, _HEAD:].T
+    eyes = (lx + up_x + out_x, ly + up_y + out_y), (rx + up_x - out_x, ry + up_y - out_y)
+    apart = (1 + 2 * _SPREAD) * math.sqrt(dx * dx + dy * dy + (lz - rz) ** 2)
+    return *eyes, (xs[left], ys[left]), (xs[right], ys[right]), apart, keys[:, _HEAD:].T
 
 
 def iris_diameter(irises: NDArray[np.float64]) -> float:

@@ -185,16 +185,15 @@ class LitertEngine:
         (_, _, x), (_, _, y) = matrix.tolist()
         points = matrix[:, :1] * mesh[:, 0] + matrix[:, 1:2] * mesh[:, 1]  # (2, 468) px from (x, y)
         (x0, y0), (x1, y1) = np.minimum.reduce(points, axis=1).tolist(), np.maximum.reduce(points, axis=1).tolist()
-        eyes, head_px = eye_points(points, mesh[:, 2], np.float32(roi.side_px / SIZE_PX))
+        (lx, ly), (rx, ry), left, right, apart_px, head_px = eye_points(points, mesh[:, 2], np.float32(roi.side_px / SIZE_PX))
         edges = x0 + x, y0 + y, x1 + x, y1 + y
-        region = around(edges, eyes.right_corner, eyes.left_corner)
+        region = around(edges, right, left)
         if not 1.0 <= region.side_px < math.inf:  # narrower than a pixel, or NaN: no region for the next picture
             return None
-        (lx, ly), (rx, ry) = eyes.left, eyes.right
         eyes_px, iris_px = np.array(((lx + x, ly + y), (rx + x, ry + y))), 0.0
         if self._irises is not None:
-            eyes_px, iris_px = _refined(self._irises, image, points.T + matrix[:, 2], eyes_px, eyes.apart)
-        return Face(eyes_px, confidence, edges, iris_px, eyes.apart, math.degrees(region.angle), head_px), region
+            eyes_px, iris_px = _refined(self._irises, image, points.T + matrix[:, 2], eyes_px, apart_px)
+        return Face(eyes_px, confidence, edges, iris_px, apart_px, math.degrees(region.angle), head_px), region
 
 
 def _refined(
