@@ -14,18 +14,7 @@ from lfpipe.cli.progress import filled, progress
 from lfpipe.config import Config
 from lfpipe.config.quality import METHODS, WARPS
 from lfpipe.errors import UserError
-from lfpipe.export.pictures import (
-    RATE_HZ,
-    SWEEP_S,
-    WIGGLE_S,
-    SceneExport,
-    check_clip,
-    pair_name,
-    parse_tiles,
-    quilt_name,
-    stereo_file,
-    write_clip,
-)
+from lfpipe.export import pictures
 from lfpipe.files.output import check_output, marked_picture, write_output
 from lfpipe.host.files import is_dir
 from lfpipe.render.compositor import render_view
@@ -194,28 +183,28 @@ def export(path: Path, out: Path, form: str, tiles: str, apart: float | None, se
 
     The name tells viewers the form: _qs8x6a1.00 is appended to a quilt's, _sbs or _LR to a pair's. MP4 needs lfpipe[media].
     """
-    cols, rows = parse_tiles(tiles)
-    seconds = seconds or (WIGGLE_S if form == "wiggle" else SWEEP_S)
+    cols, rows = pictures.parse_tiles(tiles)
+    seconds = seconds or (pictures.WIGGLE_S if form == "wiggle" else pictures.SWEEP_S)
     suffix = out.suffix.lower()
     is_clip = form in ("wiggle", "sweep") or (form == "pair" and suffix == ".mp4")
-    out = pair_name(out) if form == "pair" else out
+    out = pictures.pair_name(out) if form == "pair" else out
     if is_clip:
-        check_clip(out, round(seconds * RATE_HZ))
+        pictures.check_clip(out, round(seconds * pictures.RATE_HZ))
     if is_clip or (form == "pair" and suffix == ".mpo"):
         check_output(out, [path])
     else:
         check_picture(out, path)
     field = opened(path, config)
-    exported = SceneExport(field, config)
+    exported = pictures.SceneExport(field, config)
     if form == "quilt":
-        name = quilt_name(out, cols, rows, field.width_px / field.height_px)
+        name = pictures.quilt_name(out, cols, rows, field.width_px / field.height_px)
         check_picture(name, path)
         write_picture(name, exported.quilt(cols, rows))
     elif is_clip:
-        write_clip(out, exported.clip(form, apart, seconds), RATE_HZ)
+        pictures.write_clip(out, exported.clip(form, apart, seconds), pictures.RATE_HZ)
         click.echo(f"{out}  {out.stat().st_size / 1e6:.2f} MB")
     else:
-        write_output(out, stereo_file(*exported.eyes(apart), suffix))
+        write_output(out, pictures.stereo_file(*exported.eyes(apart), suffix))
         click.echo(out)
 
 

@@ -50,39 +50,13 @@ def _settings(hello: dict[str, Any]) -> dict[str, Any]:
     return settings
 
 
-class JpegReader:
-    """The newest picture of one ring as JPEG."""
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self._reader = ring.Reader(name)
-        self._reader.last_seq = max(0, self._reader.published - 1)  # the current picture counts as new
-        self._frame: NDArray[np.uint8] = np.empty(self._reader.shape, np.uint8)
-        self._jpeg: bytes | None = None
-
-    def newest(self, largest_px: int, eyes: EyesOnGrid | None) -> bytes | None:
-        """JPEG of the newest picture, at most largest_px wide or high, with the grid over the eyes; None before the first."""
-        if self._reader.read(self._frame) is not None:
-            scale, picture = min(1.0, largest_px / max(self._frame.shape)), self._frame
-            if scale < 1:
-                small = cv2.resize(self._frame, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-                picture = small.astype(np.uint8, copy=False)
-            if eyes is not None:
-                draw_over_eyes(picture, eyes, scale)
-            self._jpeg = cv2.imencode(".jpg", picture, FULL_CHROMA)[1].tobytes()
-        return self._jpeg
-
-    def close(self) -> None:
-        """Releases the ring."""
-        self._reader.close()
-
-
 class Pictures:
     """The pictures of one session as JPEG."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
-        self._readers: dict[str, JpegReader] = {}
+        self._readers: dict[str, ring.Reader] = {}
+        self._jpegs: dict[str, bytes | None] = {}
         self._eyes: EyesOnGrid | None = None
         self._zmq = control.context()
         self._tap = self._zmq.socket(zmq.SUB)
@@ -96,11 +70,21 @@ class Pictures:
         Raises FileNotFoundError or ValueError if there is no such ring.
         """
         name, reader = self._session.segment(ring_name), self._readers.get(which)
-        if reader is not None and reader.name != name:
-            self._readers.pop(which).close()
-        if which not in self._readers:
-            self._readers[which] = JpegReader(name)
-        return self._readers[which].newest(PICTURES[which], self._seen_eyes() if which == "camera" else None)
+        if reader is None or reader.name != name:
+            if reader is not None:
+                self._readers.pop(which).close()
+            reader = self._readers[which] = ring.Reader(name)
+            reader.last_seq = max(0, reader.published - 1)  # the current picture counts as new
+            self._jpegs[which] = None
+        frame: NDArray[np.uint8] = np.empty(reader.shape, np.uint8)
+        if reader.read(frame) is not None:
+            scale = min(1.0, PICTURES[which] / max(frame.shape))
+            if scale < 1:
+                frame = np.asarray(cv2.resize(frame, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
+            if which == "camera" and (eyes := self._seen_eyes()) is not None:
+                draw_over_eyes(frame, eyes, scale)
+            self._jpegs[which] = cv2.imencode(".jpg", frame, FULL_CHROMA)[1].tobytes()
+        return self._jpegs[which]
 
     def _seen_eyes(self) -> EyesOnGrid | None:
         while self._tap.poll(0):

@@ -2,8 +2,7 @@
 
 import json
 from collections import deque
-from types import TracebackType
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -122,12 +121,6 @@ class Watch:
     def close(self) -> None:
         """Releases the table."""
         self.table.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self.close()
 
 
 class FollowingReader:

@@ -4,6 +4,7 @@ import json
 import os
 import sys
 import time
+from contextlib import closing
 from typing import Any
 
 from lfpipe.errors import UserError
@@ -21,7 +22,7 @@ def run(name: str, once: bool, as_json: bool) -> None:
     """Shows the session of that name: one state, JSON lines until it ends, or the screen of a terminal, where there is one.
     Raises UserError if it does not run."""
     redraws = sys.stdout.isatty() and os.environ.get("TERM", "dumb") not in ("dumb", "unknown")
-    with Watch(find(name)) as watch:
+    with closing(Watch(find(name))) as watch:
         if not as_json and (once or not redraws):
             print_state(watch.read())
         while as_json:

@@ -102,7 +102,7 @@ def test_coming_and_going_leaves_nothing_and_costs_no_frame(live: World) -> None
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_RUNTIME_DIR", str(live.run_dir))
         for _ in range(20):
-            with Watch(find(live.name)) as watch:
+            with contextlib.closing(Watch(find(live.name))) as watch:
                 assert watch.living() and watch.read_window()["stages"]
     for signum in (signal.SIGKILL, signal.SIGINT):  # whole processes, killed and ended cleanly
         viewer = live.start("monitor", "--session", live.name, "--json")
