@@ -47,7 +47,7 @@ def simulate(
     lead = refresh.lead
     period_ns, bad, leads, blanks, targets = 1e9 / rate_hz, [], [], [], []
     clock.blank(T0_NS)
-    now_ns = T0_NS
+    now_ns, missed = T0_NS, 0
     for _ in range(pictures):
         due_ns, begin_ns = refresh.due_ns(), max(now_ns, refresh.due_ns() - refresh.lead_ns())
         woken_ns = begin_ns + random.exponential(0.1) * MS_NS + (random.random() < slow) * random.exponential(5) * MS_NS
@@ -63,9 +63,9 @@ def simulate(
         blanks.append(blank)
         targets.append(due_ns)
         clock.blank(shown_ns)
-        refresh.advance(now_ns)
+        missed += refresh.advance(now_ns)
     half = pictures // 2
-    juddered = float(np.mean(bad[half:])) + refresh.missed / pictures
+    juddered = float(np.mean(bad[half:])) + missed / pictures
     return Shown(juddered, float(np.mean(leads[half:])), np.array(blanks[half:]), np.array(targets[half:]))
 
 

@@ -32,11 +32,6 @@ class Refresh:
     def period_ns(self) -> int:
         return int(self._period_ns)
 
-    @property
-    def missed(self) -> int:
-        """Refreshes that passed while a picture was being made."""
-        return self._ticker.missed
-
     def due_ns(self) -> int:
         """When the next picture is due on the screen."""
         return self._ticker.due_ns()
@@ -206,17 +201,13 @@ class ScreenRefresh(Refresh):
 
     def __init__(self, clock: ScreenClock, limit_hz: float, t0_ns: int) -> None:
         self.clock, self.lead, self._limit_hz = clock, LeadTime(), limit_hz
-        self._due_ns, self._missed = t0_ns, 0
+        self._due_ns = t0_ns
 
     @property
     def period_ns(self) -> int:
         """Time from one picture to the next."""
         every = max(1, round(self.clock.rate_hz / self._limit_hz)) if self._limit_hz else 1
         return round(every * self.clock.period_ns)
-
-    @property
-    def missed(self) -> int:
-        return self._missed
 
     def due_ns(self) -> int:
         return self.clock.nearest(self._due_ns)
@@ -255,6 +246,5 @@ class ScreenRefresh(Refresh):
         late_ns = t_ns - (self._due_ns - self.lead.ns)
         slack_ns = min(self.lead.ns, period_ns) / 2
         passed = math.ceil((late_ns - slack_ns) / period_ns) if late_ns > slack_ns else 0
-        self._missed += passed
         self._due_ns += passed * period_ns
         return passed
