@@ -8,6 +8,7 @@ import functools
 import json
 import os
 import random
+import re
 import socket
 import struct
 import subprocess
@@ -97,17 +98,9 @@ def damaged_json(rng: random.Random, tree: Any) -> bytes:
     """tree as JSON with damage to a value, to the text or to its bytes."""
     kind = rng.randrange(4)
     if kind == 0:
-        mark = "\u2603here\u2603"
-        found = list(places(tree))
-        changed = copy.deepcopy(tree)
-        if found:
-            *way, last = rng.choice(found)
-            holder = changed
-            for key in way:
-                holder = holder[key]
-            holder[last] = mark
-        text = json.dumps(changed, ensure_ascii=False).replace(f'"{mark}"', rng.choice(JSON_TEXTS))
-        return text.encode("utf-8", "surrogatepass")
+        text = json.dumps(tree)
+        start, end = rng.choice([match.span() for match in re.finditer(r'"[^"]*"|[\w.+-]+', text)] or [(0, 0)])
+        return (text[:start] + rng.choice(JSON_TEXTS) + text[end:]).encode("utf-8", "surrogatepass")
     if kind == 1:
         return damaged_bytes(rng, json.dumps(tree).encode())
     return json_text(damaged_tree(rng, tree)).encode("utf-8", "surrogatepass")
@@ -261,12 +254,12 @@ def jpeg_claiming(jpeg: bytes, width_px: int, height_px: int) -> bytes:
     raise ValueError("no frame header")
 
 
-def with_exif(data: bytes, orientation: int, order: str = "<", before: int = 1, segment: bytes | None = None) -> bytes:
-    """A JPEG with EXIF's orientation. before: how many other entries its directory has; segment: this one instead."""
+def with_exif(data: bytes, orientation: int, order: str = "<", before: int = 1) -> bytes:
+    """A JPEG with EXIF's orientation. before: how many other entries its directory has."""
     entries = [(0x010F + k, 2, 3, 0) for k in range(before)] + [(0x0112, 3, 1, orientation)]
     table = b"".join(struct.pack(order + "HHIHxx", *entry) for entry in entries)
     tiff = struct.pack(order + "2sHIH", b"II" if order == "<" else b"MM", 42, 8, len(entries)) + table + bytes(4)
-    body = b"Exif\0\0" + tiff if segment is None else segment
+    body = b"Exif\0\0" + tiff
     return data[:2] + b"\xff\xe1" + struct.pack(">H", len(body) + 2) + body + data[2:]
 
 

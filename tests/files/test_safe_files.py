@@ -2,7 +2,6 @@
 
 import os
 import stat
-import threading
 from pathlib import Path
 
 import pytest
@@ -89,12 +88,3 @@ def test_what_shows_a_person_is_for_its_owner(tmp_path: Path) -> None:
     finally:
         os.umask(umask)
     assert {stat.S_IMODE((tmp_path / name).stat().st_mode) for name in "ab"} == {0o600}
-
-
-def test_a_fifo_with_a_writer_is_no_file_either(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "fifo")
-    writer = threading.Thread(target=lambda: os.close(os.open(tmp_path / "fifo", os.O_RDWR)))
-    writer.start()
-    with pytest.raises(OSError, match="not a file"):
-        safe_files.open_regular(tmp_path / "fifo")
-    writer.join()

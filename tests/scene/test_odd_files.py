@@ -5,11 +5,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
 from lfpipe import config
-from lfpipe.cli import cli
-from lfpipe.errors import UserError
 from lfpipe.scene.cache import packs, sweep
 from lfpipe.scene.packing import pack_scene
 from tests.scene import made
@@ -40,11 +37,3 @@ def test_a_link_in_one_pack_hides_no_other(tmp_path: Path) -> None:
     for pack in (tmp_path / "cache" / "scenes").iterdir():
         (pack / "loop").symlink_to("loop")
     assert len(packs(scene)) == 2
-
-
-def test_a_picture_is_not_written_under_an_ending_that_is_not_utf8(tmp_path: Path) -> None:
-    folder = made.write_grid(tmp_path / "scene", made.views(2, 2, 24, 32))
-    out = str(tmp_path / os.fsdecode(b"a.p\xff"))
-    told = ["scene", "sheet", str(folder), "-o", out, "--set", f"scene.cache_dir={tmp_path / 'cache'}"]
-    with pytest.raises(UserError, match=r"a\.p"):
-        CliRunner().invoke(cli, told, catch_exceptions=False)

@@ -103,7 +103,6 @@ CLIPS = {
     "up and down": (list(made.views(17, 1, *SIZE, 2.0, -1.0)[:, 0]), "up and down"),
     "smeared": ([cv2.blur(view, (41, 1)) for view in SLID], "blurred"),
     "unrelated": ([made.texture(*SIZE, seed) for seed in range(9)], "too little detail"),
-    "dark": ([np.zeros_like(BASE)] * 9, "too little detail"),
     "short": ([BASE] * 3, "too few"),
     "small": ([np.ascontiguousarray(view[:, 100:290]) for view in SLID], "need a width of 200"),
 }
