@@ -77,19 +77,12 @@ def _grey(picture: NDArray[Any], width_px: int) -> Grey:
     return np.asarray(cv2.resize(plane, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-@attrs.frozen
-class _Track:
-    """Motion over the frames of a clip. position: of the camera along the slide, px of parallax between the nearest and the
-    farthest, by frame from first to last: those that share enough detail. upright: the camera moves up and down."""
+def _followed(glances: list[Grey]) -> tuple[NDArray[np.float64], int, bool]:
+    """The camera's position along the slide by frame, px of parallax between the nearest and the farthest; the first frame of
+    those that share enough detail; and whether the camera moves up and down. Raises UserError.
 
-    position: NDArray[np.float64]
-    first: int
-    upright: bool
-
-
-def _followed(glances: list[Grey]) -> _Track:
-    """Tracks corners of the middle frame from frame to frame; the camera's position is their first principal motion after
-    removing the common part. Raises UserError."""
+    Corners of the middle frame are tracked from frame to frame; the position is their first principal motion after removing the
+    common part."""
     middle, count = len(glances) // 2, len(glances)
     start = corners(glances[middle], 400)
     if not len(start):
@@ -114,7 +107,7 @@ def _followed(glances: list[Grey]) -> _Track:
     ends = np.percentile(mode, (5, 95), axis=0)
     reach = np.ptp(ends, axis=0)
     position = parallax.reshape(len(parallax), -1) @ mode.ravel() * float(np.hypot(*reach))
-    return _Track(position, first, bool(reach[1] > reach[0]))
+    return position, first, bool(reach[1] > reach[0])
 
 
 def _without_rotation(moved: NDArray[np.float64], at: NDArray[np.float64], size: tuple[int, ...]) -> NDArray[np.float64]:
@@ -138,19 +131,19 @@ def choose_frames(count: int, read: Callable[[int], NDArray[Any]], progress: Pro
         glances.append(_grey(read(number), _GLANCE_PX))
         progress("motion", len(glances), len(numbers))
     sharp = np.array([float(cv2.Laplacian(glance, cv2.CV_32F).var()) for glance in glances])
-    found = _followed(glances)
-    first, last = _one_way(found.position)
-    travelled = np.abs(found.position - found.position[first])[first : last + 1]
+    position, shared, upright = _followed(glances)
+    first, last = _one_way(position)
+    travelled = np.abs(position - position[first])[first : last + 1]
     if travelled[-1] < _MIN_PARALLAX * _GLANCE_PX:
         raise UserError(
             f"near and far move against each other by {travelled[-1] / _GLANCE_PX:.2%} of the picture only: "
             "the camera was turned, not slid, or hardly moved, or all is far away",
             "slide the camera sideways by a hand's breadth without turning it, past something near",
         )
-    if found.upright:
+    if upright:
         raise UserError("the camera moves up and down, not sideways", "slide it sideways; rotate a clip that lies on its side")
     views = int(np.clip(travelled[-1] / (_STEP_SHARE * _GLANCE_PX), _FEWEST, _MOST))
-    step, first = travelled[-1] / (views - 1), first + found.first
+    step, first = travelled[-1] / (views - 1), first + shared
     chosen: set[int] = set()
     for goal in np.linspace(0, travelled[-1], views):
         near = [k for k in range(len(travelled)) if abs(travelled[k] - goal) <= step / 4]
@@ -165,15 +158,12 @@ def choose_frames(count: int, read: Callable[[int], NDArray[Any]], progress: Pro
 
 def _one_way(way: NDArray[np.float64]) -> tuple[int, int]:
     """First and last frame of the longest motion in one direction; small reversals do not end it."""
-    best, ends = -1.0, (0, len(way) - 1)
-    for sign in (1, -1):
-        low = 0
-        for k in range(1, len(way)):
-            if sign * way[k] < sign * way[low]:
-                low = k
-            if sign * (way[k] - way[low]) > best:
-                best, ends = float(sign * (way[k] - way[low])), (low, k)
-    return ends
+    spans = []
+    for rising in (way, -way):
+        last = int(np.argmax(rising - np.minimum.accumulate(rising)))
+        first = int(np.argmin(rising[: last + 1]))
+        spans.append((rising[last] - rising[first], first, last))
+    return max(spans)[1:]
 
 
 def make_slide(path: Path, out: Path, progress: Progress) -> Slide:
