@@ -53,8 +53,7 @@ class FrameReader:
 
     def take(self, spare: Callable[[], NDArray[np.uint8]]) -> tuple[Stamp, str, NDArray[np.uint8] | bytes] | None:
         """The next frame: (stamp, "jpeg", its JPEG) or (stamp, "", its picture in an array from spare); None if there is none."""
-        while self._eyes.peek(in_order=True) is not None:
-            pass  # no writer waits for this reader
+        self._eyes.skip()
         while (peeked := self._frames.peek(in_order=True)) is not None:
             stamp, slot = peeked
             packet = self._packets.of(stamp) if self._packets else None
@@ -89,8 +88,7 @@ class EyesReader:
 
     def take(self, _spare: object = None) -> tuple[Stamp, str, bytes] | None:
         """The next eyes: (stamp, "eyes", a line of JSON); None without new ones. Frames, if any, are empty."""
-        while self._frames.peek(in_order=True) is not None:
-            pass
+        self._frames.skip()
         stamp = self._eyes.take(self._record, in_order=True)
         return None if stamp is None else (stamp, "eyes", eyes_line(self._record, source_seq=stamp.source_seq))
 

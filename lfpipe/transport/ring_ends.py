@@ -91,6 +91,7 @@ class RingInput:
 
     def skip(self) -> None:
         """Ignores everything published until now, without counting it."""
+        self.wake.drain()
         self.reader.last_seq = self.reader.published
         self.give_credit()
 
