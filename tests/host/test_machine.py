@@ -26,10 +26,9 @@ def only(monkeypatch: pytest.MonkeyPatch, **libraries: Any) -> None:
     """The only libraries of this machine; "own" is the C library."""
 
     def load(name: str | None) -> Any:
-        try:
-            return libraries[(name or "own").partition(".")[0]]
-        except KeyError:
-            raise OSError(f"{name}: cannot open shared object file") from None
+        if (key := (name or "own").partition(".")[0]) not in libraries:
+            raise OSError(f"{name}: cannot open shared object file")
+        return libraries[key]
 
     monkeypatch.setattr(ctypes, "CDLL", load)
 
@@ -37,13 +36,11 @@ def only(monkeypatch: pytest.MonkeyPatch, **libraries: Any) -> None:
 def test_the_fence_is_libatomic_s_or_the_c_library_s(monkeypatch: pytest.MonkeyPatch) -> None:
     called: list[object] = []
     barrier = SimpleNamespace(OSMemoryBarrier=lambda: called.append("own"))
-    only(monkeypatch, libatomic=SimpleNamespace(atomic_thread_fence=called.append), own=barrier)
-    machine._fence()
-    machine._fence()
-    machine._full_fence.cache_clear()
-    only(monkeypatch, own=barrier)
-    machine._fence()
-    assert called == [machine.SEQ_CST, machine.SEQ_CST, "own"]
+    for libraries in ({"libatomic": SimpleNamespace(atomic_thread_fence=called.append), "own": barrier}, {"own": barrier}):
+        machine._full_fence.cache_clear()
+        only(monkeypatch, **libraries)
+        machine._fence()
+    assert called == [machine.SEQ_CST, "own"]
 
 
 def test_a_machine_without_a_fence_is_refused_before_a_ring_exists(monkeypatch: pytest.MonkeyPatch) -> None:
