@@ -20,10 +20,8 @@ def _feeds(options: SessionOptions) -> bool:
 class Stage:
     """A process. needed: whether a session with these options runs it.
 
-    source: it makes frames, and when it ends by itself, the session ends. shows: it presents pictures; their age is the
-    session's. optional: few sessions run it, and no picture waits for it. own_core: on two cores it avoids the first.
-    startup_timeout_s: from spawn to READY, or to open another scene or camera. hang_timeout_s: longest time without a beat after
-    that.
+    optional: few sessions run it, and no picture waits for it. own_core: on two cores it avoids the first. startup_timeout_s:
+    from spawn to READY, or to open another scene or camera. hang_timeout_s: longest time without a beat after that.
     """
 
     name: str
@@ -31,8 +29,6 @@ class Stage:
     needed: Callable[[SessionOptions], bool]
     reads: tuple[str, ...] = ()
     writes: tuple[str, ...] = ()
-    source: bool = False
-    shows: bool = False
     optional: bool = False
     own_core: bool = False
     startup_timeout_s: float = 15.0
@@ -41,34 +37,23 @@ class Stage:
 
 FRAMES_BYTES = 16 << 20  # a recorder may fall behind by the number of slots minus two
 
+# fmt: off
 STAGES = (
-    Stage("capture", "lfpipe.capture.stage", _feeds, writes=("frames",), source=True),
-    Stage(
-        "track",
-        "lfpipe.track.stage",
-        lambda options: options.tracking,
-        reads=("frames",),
-        writes=("eyes",),
-        own_core=True,
-        startup_timeout_s=30.0,
-    ),
-    Stage("render", "lfpipe.render.stage", lambda options: options.show, reads=("eyes",), writes=("shown",), shows=True),
-    Stage(
-        "record",
-        "lfpipe.record.stage",
-        lambda options: bool(options.record),
-        reads=("frames", "eyes"),
-        optional=True,
-        own_core=True,  # its work can wait, so it must not disturb capture and render
-    ),
-    Stage(
-        "share", "lfpipe.share.stage", lambda options: bool(options.share), reads=("eyes", "shown"), optional=True, own_core=True
-    ),
+    Stage("capture", "lfpipe.capture.stage", _feeds, writes=("frames",)),
+    Stage("track", "lfpipe.track.stage", lambda options: options.tracking, ("frames",), ("eyes",), own_core=True,
+          startup_timeout_s=30.0),
+    Stage("render", "lfpipe.render.stage", lambda options: options.show, ("eyes",), ("shown",)),
+    # their work can wait, so it must not disturb capture and render
+    Stage("record", "lfpipe.record.stage", lambda options: bool(options.record), ("frames", "eyes"),
+          optional=True, own_core=True),
+    Stage("share", "lfpipe.share.stage", lambda options: bool(options.share), ("eyes", "shown"), optional=True, own_core=True),
 )
+# fmt: on
 NAMES = tuple(stage.name for stage in STAGES)
-SOURCE = next(stage.name for stage in STAGES if stage.source)
-SHOWN_BY = next(stage.name for stage in STAGES if stage.shows)
-TRACKED_BY = next(stage.name for stage in STAGES if "eyes" in stage.writes)
+# The source makes frames, and when it ends by itself, the session ends. The age of pictures is the session's.
+SOURCE, TRACKED_BY, SHOWN_BY = (
+    next(stage.name for stage in STAGES if ring in stage.writes) for ring in ("frames", "eyes", "shown")
+)
 DOES = {"pictures": SHOWN_BY, "eyes": TRACKED_BY}  # work that a lowered quality reduces -> who does it
 CORE = tuple(stage.name for stage in STAGES if not stage.optional)  # the stages that a picture waits for
 

@@ -65,13 +65,13 @@ class StageProcess:
         self._killed, self.lossless = False, spec.options.lossless
         self.process = multiprocessing.get_context("spawn").Process(
             target=child.run,
-            args=(spec, os.getpid(), processes.HandedOver() if self.stage.source else None),
+            args=(spec, os.getpid(), processes.HandedOver() if self.stage.name == SOURCE else None),
             name=f"lfpipe-{self.stage.name}",
             daemon=True,
         )
         with signals.blocked():
             self.process.start()
-        if self.stage.source:
+        if self.stage.name == SOURCE:
             processes.close_handed_over()  # the child has them: the camera must close with it
         self.row["pid"] = self.process.pid
         logger.info("%s starts as process %d, restart %d", self.stage.name, self.process.pid, self.row["restarts"])
@@ -85,7 +85,7 @@ class StageProcess:
         self.process.close()
         self.process = None
         in_order = (0,) if self.wanted else (0, child.EXIT_TERMINATED)
-        finished = code in in_order and (not self.wanted or self.stage.source or self.stage.optional)  # no work is left
+        finished = code in in_order and (not self.wanted or self.stage.name == SOURCE or self.stage.optional)  # no work is left
         self.row["state"], self.row["dead_ns"] = State.FINISHED if finished else State.DEAD, now_ns()
         self.row["busy_with"], self.row["busy_since_ns"] = b"", 0
         logger.info("%s ended with code %d after %.1f s", self.stage.name, code, (now_ns() - int(self.row["started_ns"])) / 1e9)

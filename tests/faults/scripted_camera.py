@@ -114,7 +114,8 @@ def main(context: Context) -> None:
 if __name__ == "__main__":
     install()
     process_table.STAGES = tuple(
-        attrs.evolve(each, module="tests.faults.scripted_camera") if each.source else each for each in process_table.STAGES
+        attrs.evolve(each, module="tests.faults.scripted_camera") if each.name == "capture" else each
+        for each in process_table.STAGES
     )
     from lfpipe.cli import run
 
