@@ -226,13 +226,11 @@ def check_camera(path: Path, camera: config.Camera) -> SourceInfo:
     """The format that the camera will deliver. Configures it without starting it, and keeps it open for the session that follows:
     opening and starting a webcam take up to a second each. Raises UserError as `open_camera` does.
     """
-    device = open_device(path)
-    try:
-        mode, notes = negotiate(path, device, camera)
+    with contextlib.closing(open_device(path)) as device:
+        try:
+            mode, notes = negotiate(path, device, camera)
+        except OSError as error:
+            raise trouble(path, error) from None
         device.keep()
-    except OSError as error:
-        raise trouble(path, error) from None
-    finally:
-        device.close()
     size, jpeg = (mode.width_px, mode.height_px), mode.fourcc in JPEGS
     return SourceInfo(f"camera:{path}", *size, mode.rate_hz, live=True, jpeg=jpeg, notes=notes)

@@ -4,6 +4,7 @@ Without Video4Linux, cameras have numbers only, written as the path /dev/videoN,
 installed.
 """
 
+import contextlib
 import errno
 import logging
 import threading
@@ -37,7 +38,7 @@ class CameraDevice:
     """A listed device. name: the driver's. place: its path in /sys, which names the port. Both empty if unknown."""
 
     path: Path
-    name: str
+    name: str = ""
     place: str = ""
 
 
@@ -79,11 +80,8 @@ def asking(path: Path, question: Callable[[V4L2Device], T], limit_s: float = LIS
         raise OSError(errno.ENOTSUP, "OpenCV lists no formats", path)
 
     def ask() -> T:
-        device = V4L2Device(path)
-        try:
+        with contextlib.closing(V4L2Device(path)) as device:
             return question(device)
-        finally:
-            device.close()
 
     return with_time_limit(limit_s, ask)
 
@@ -104,12 +102,12 @@ def nodes(sys: Path = SYS, dev: Path = DEV) -> list[CameraDevice]:
 def describe(path: Path, sys: Path = SYS) -> CameraDevice:
     """The device at path with its name and place."""
     if PORTABLE:
-        return next((device for device in nodes() if device.path == path), CameraDevice(path, ""))
+        return next((device for device in nodes() if device.path == path), CameraDevice(path))
     entry = sys / path.resolve().name
     try:
         return CameraDevice(path, (entry / "name").read_text().strip(), str((entry / "device").resolve(strict=True)))
     except OSError:
-        return CameraDevice(path, "")
+        return CameraDevice(path)
 
 
 def _captures(device: CameraDevice) -> bool:
@@ -127,19 +125,20 @@ def cameras(sys: Path = SYS, dev: Path = DEV) -> list[CameraDevice]:
 
 def first_camera() -> Path | None:
     """The first device that captures, kept open as by `check_camera`; else the first that cannot be queried (no permission)."""
-    silent = None
+    silent = []
     for node in nodes():
+        if PORTABLE:
+            return node.path
         try:
-            device = None if PORTABLE else opened(node.path)
+            device = opened(node.path)
         except OSError:
-            silent = silent or (node.path if exists(node.path) else None)
+            silent += [node.path] if exists(node.path) else []
             continue
-        if device is None or device.captures:
-            if device is not None:
-                device.keep()
+        if device.captures:
+            device.keep()
             return node.path
         device.close()
-    return silent
+    return silent[0] if silent else None
 
 
 def others(path: Path = Path()) -> str:

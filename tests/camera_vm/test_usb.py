@@ -136,9 +136,9 @@ def test_a_face_seen_through_it_moves_the_picture(plug: Plug, tmp_path: Path) ->
     base = cv2.GaussianBlur(rng.integers(0, 256, (48, 76, 3), dtype=np.uint8), (0, 0), 2)
     for name, left in (("view_00_00", 4), ("view_00_01", 0), ("view_01_00", 4), ("view_01_01", 0)):
         cv2.imwrite(str(scene / f"{name}.png"), base[:, left : left + 72])
-    info = [sys.executable, "-m", "lfpipe", "scene", "info", str(scene)]
+    pack = [sys.executable, "-m", "lfpipe", "scene", "pack", str(scene)]
     for _ in range(3):  # packed beforehand: a child without a step for a minute is ended, and so are its imports here
-        if subprocess.run(info, env={"HOME": "/root"}, check=False).returncode == 0:
+        if subprocess.run(pack, env={"HOME": "/root"}, check=False).returncode == 0:
             break
     sets = ("camera.width_px=320", "camera.height_px=240", "camera.rate_hz=1", "render.method=blend", "render.clock=camera")
     words = [sys.executable, "-m", "lfpipe", "up", str(scene), "--display", "none", "--trace", str(trace)]
@@ -153,4 +153,5 @@ def test_a_face_seen_through_it_moves_the_picture(plug: Plug, tmp_path: Path) ->
         columns = [row["view"]["left"][1] for row in rows if row["face"]]
     process.terminate()
     output, _ = process.communicate(timeout=60)
+    print(output)
     assert np.ptp(columns or [0.0]) > MOVED_VIEWS, (columns, output)
