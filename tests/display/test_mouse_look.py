@@ -16,7 +16,7 @@ from lfpipe.render.overlay import Pointer
 from lfpipe.render.viewer import Viewer
 from lfpipe.sequence.folder import open_sequence
 from lfpipe.transport.ring import Stamp
-from tests.render.rendered import field, record
+from tests.render.rendered import eyes_array, field
 from tests.world import World
 from tests.xvfb_screen import Screen
 
@@ -79,8 +79,7 @@ def test_the_wheel_is_the_distance() -> None:
 
 
 def test_the_right_button_takes_over_from_a_camera_and_gives_it_back_without_a_jump() -> None:
-    session, camera = Session(alone=False), np.zeros((), EYES)
-    record(apart=60.0, apart_px=60.0, generation=1).write(camera)
+    session, camera = Session(alone=False), eyes_array(apart=60.0, apart_px=60.0, generation=1)
     still = session.cols(Pointer(0.1, 0.5), 200, camera)
     assert not session.mouse.looks
     away = session.cols(Pointer(0.1, 0.5, right=True), 120, camera)

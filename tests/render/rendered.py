@@ -21,14 +21,19 @@ OUTPUTS = [*MATRICES, "mono", "side-by-side", "row-interleaved"]
 S = 1_000_000_000
 
 
-def record(x: float = 320.0, y: float = 240.0, apart: float = 24.0, **more: Any) -> EyesRecord:
-    """Eyes around (x, y) in a picture of 640x480."""
+def eyes_array(x: float = 320.0, y: float = 240.0, apart: float = 24.0, **more: Any) -> NDArray[np.void]:
+    """Eyes around (x, y) in a picture of 640x480: of dtype EYES, shape ()."""
     eyes = np.zeros((), EYES)
     eyes["face"], eyes["width_px"], eyes["height_px"] = 1, 640, 480
     eyes["raw_px"] = eyes["filtered_px"] = [[x + apart / 2, y], [x - apart / 2, y]]
     for name, value in more.items():
         eyes[name] = value
-    return EyesRecord.of(eyes)
+    return eyes
+
+
+def record(*place: float, **more: Any) -> EyesRecord:
+    """The same as a record."""
+    return EyesRecord.of(eyes_array(*place, **more))
 
 
 def _texture(x: NDArray[np.float64], y: NDArray[np.float64], seed: int) -> NDArray[np.float64]:
