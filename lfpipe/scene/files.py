@@ -115,7 +115,8 @@ def read_bytes(path: Path, most_bytes: int = 1 << 20) -> bytes:
 def read_pfm(path: Path) -> NDArray[np.float32]:
     """A PFM map, top row first, float32 (h, w); keeps values that are not finite. Raises UserError."""
     with open_file(path) as file:
+        header = file.read(100).split()  # Pf, width, height, scale: its sign is the byte order
         values = cv2.imread(path_of(file), cv2.IMREAD_UNCHANGED)
     if values is None or values.dtype != np.float32 or values.ndim != 2:
         raise UserError(f"{path}: not a readable PFM map of one plane", "download the file again")
-    return np.asarray(values, np.float32)
+    return np.asarray(values, np.float32) * abs(np.float32(header[3]))  # which OpenCV divides by

@@ -11,6 +11,7 @@ import scipy.io
 
 from lfpipe import config
 from lfpipe.scene import layouts
+from lfpipe.scene.files import read_pfm
 from lfpipe.scene.orientation import orient
 from lfpipe.scene.source import SceneSource
 from tests.scene import made
@@ -230,7 +231,7 @@ def test_eslf_lenslets_with_dark_outer_views(tmp_path: Path) -> None:
     whole = np.zeros((14, 14, 60, 72, 3), np.uint8)
     whole[2:12, 2:12] = inner
     lenslets = whole.transpose(2, 0, 3, 1, 4).reshape(60 * 14, 72 * 14, 3)
-    made.write(tmp_path / "IMG_0001_eslf.png", lenslets[:-3])  # not a multiple of 14: filled up at the end
+    made.write(tmp_path / "IMG_0001.png", lenslets[:-3])  # not a multiple of 14: filled up at the end
     source = described(tmp_path, "eslf")
     assert (source.rows, source.cols, source.height_px, source.width_px) == (10, 10, 60, 72)
     assert np.array_equal(source.read(0, 3, 7), inner[3, 7])
@@ -254,6 +255,13 @@ def test_lines_between_tiles_are_cut_away(
     assert abs(source.height_px - 90) + abs(source.width_px - 131) <= (0 if suffix == "png" else 8)
     if suffix == "png":
         assert all(np.array_equal(source.read(0, r, c), grid[r, c]) for r, c in np.ndindex(rows, cols))
+
+
+def test_the_scale_of_a_pfm_map_is_its_byte_order_only(tmp_path: Path) -> None:
+    values = np.arange(12, dtype=np.float32).reshape(3, 4)
+    for scale, order in (("-1", "<f4"), ("-0.25", "<f4"), ("1.0", ">f4"), ("300", ">f4")):
+        (tmp_path / "x.pfm").write_bytes(f"Pf\n4 3\n{scale}\n".encode() + values[::-1].astype(order).tobytes())
+        np.testing.assert_allclose(read_pfm(tmp_path / "x.pfm"), values, rtol=1e-6)
 
 
 def test_tiles_with_a_plain_background_are_not_cropped(tmp_path: Path) -> None:

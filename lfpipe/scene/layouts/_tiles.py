@@ -143,21 +143,29 @@ def _by_lines(picture: NDArray[Any]) -> Tiling | None:
     return Tiling(tuple(first for first, _ in down), tuple(first for first, _ in across), bottom - top, right - left)
 
 
-def find_tiles(picture: NDArray[Any]) -> Tiling | None:
-    """The tiles of a picture, or None: a mosaic has lines between its tiles, or nearly repeats itself after one tile."""
+def find_tiles(picture: NDArray[Any], name: str = "") -> Tiling | None:
+    """The tiles of a picture, or None: a mosaic has lines between its tiles, or nearly repeats itself after one tile.
+
+    name: of the file or folder; a grid named in it (9x9) is used unless the picture contradicts it.
+    """
     height, width = picture.shape[:2]
     lined = _by_lines(picture)
     if lined is not None:
         return lined
     if (width, height) in UNEVEN:
         cols, rows = UNEVEN[width, height]
-        tiles = find_tiles(picture[: height - height % rows, : width - width % cols])
+        tiles = find_tiles(picture[: height - height % rows, : width - width % cols], name)
         if tiles is not None and tiles.shape == (rows, cols):
             return tiles
     scale = min(1.0, _GLANCE_PX / max(height, width))
     small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)  # of a single plane it would be a copy
     plane = (small if small.ndim == 2 else small[..., 1]).astype(np.float32)
-    (rows, row_unlike), (cols, col_unlike) = (_period(_unlike(plane, axis), (height, width)[axis]) for axis in (0, 1))
+    down, across = _unlike(plane, 0), _unlike(plane, 1)
+    for named in re.finditer(r"(?<!\d)(\d{1,2})x(\d{1,2})(?!\d)", name):
+        rows, cols = int(named[1]), int(named[2])
+        if rows * cols > 1 and not (height % rows or width % cols) and (down.get(rows, 0) < 0.8 and across.get(cols, 0) < 0.8):
+            return Tiling.even(picture, rows, cols)
+    (rows, row_unlike), (cols, col_unlike) = _period(down, height), _period(across, width)
     if row_unlike < _TWO_AXES and col_unlike < _TWO_AXES:
         return Tiling.even(picture, rows, cols)
     strip = (1, cols) if col_unlike < _ONE_AXIS and cols > 2 else (rows, 1) if row_unlike < _ONE_AXIS and rows > 2 else None
@@ -255,7 +263,7 @@ def tiling(picture: NDArray[Any], path: Path, scene: config.Scene, quilt: bool =
     height, width = picture.shape[:2]
     named = QUILT_NAME.search(path.stem) if quilt else None
     grid = parse_grid(scene.grid) or ((int(named[2]), int(named[1])) if named else None)
-    tiles = None if quilt and grid else find_tiles(picture)
+    tiles = None if quilt and grid else find_tiles(picture, f"{path.parent.name}/{path.stem}")
     if grid is not None and (tiles is None or tiles.shape != grid):
         rows, cols = grid
         if (height % rows or width % cols) and UNEVEN.get((width, height)) != (cols, rows):

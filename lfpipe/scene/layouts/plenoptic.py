@@ -18,10 +18,33 @@ from lfpipe.scene.layouts._tiles import single_picture
 from lfpipe.scene.source import SceneSource, Turn, ViewIndex
 
 NAME = "eslf"
-_PITCH = 14  # of a Lytro Illum
+_USUAL = 14  # pitch of a Lytro Illum
+_PITCHES = range(5, 25)
+_GLANCE_PX = 1024
 _CROP_PX, _PITCH_PX, _PEAK = 512, (5, 30), 300.0  # of the examined part, of a lenslet; over the median around it
 _SMALLEST_PX = 256  # side of a raw picture: at least thousands of px
 _DARK_SIDE, _DARK_VIEW = 0.55, 0.4  # brightness over that of the middle view; darker sides and views are left out
+
+
+def lenslet_pitch(picture: NDArray[Any]) -> int | None:
+    """The side of a lenslet in px, or None: neighbouring lenslets are nearly alike, their halves are not."""
+    plane = picture if picture.ndim == 2 else picture[..., 1]
+    top, left = ((max(0, size - _GLANCE_PX)) // 2 for size in plane.shape)
+    part = plane[top : top + _GLANCE_PX, left : left + _GLANCE_PX].astype(np.float32)
+    if min(part.shape) < 4 * max(_PITCHES):
+        return None
+
+    def unlike(shift: int, axis: int) -> float:
+        a, b = (part[shift:], part[:-shift]) if axis == 0 else (part[:, shift:], part[:, :-shift])
+        return float(np.mean((a - b) ** 2))
+
+    ratios: dict[int, float] = {}
+    for pitch in _PITCHES:
+        halves = [min(unlike(pitch // 2, axis), unlike(pitch + pitch // 2, axis)) for axis in (0, 1)]
+        if min(halves) > 1:
+            ratios[pitch] = max(unlike(pitch, axis) / half for axis, half in zip((0, 1), halves, strict=True))
+    best = min(ratios, key=lambda pitch: ratios[pitch], default=0)
+    return best if ratios.get(best, 1.0) < 0.5 else None
 
 
 def is_honeycomb(picture: NDArray[Any]) -> bool:
@@ -83,7 +106,14 @@ def lit(source: SceneSource) -> SceneSource:
 
 def detect(listing: Listing) -> int | None:
     path = single_picture(listing)
-    return 90 if path is not None and "eslf" in path.stem.lower() else None
+    if path is None:
+        return None
+    if "eslf" in path.stem.lower():
+        return 90
+    try:
+        return 70 if lenslet_pitch(read_picture(path)[0]) else None
+    except UserError:
+        return None
 
 
 def describe(listing: Listing, scene: config.Scene) -> SceneSource:
@@ -91,12 +121,13 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     if path is None:
         raise UserError(f"{listing.path}: not exactly one lenslet picture", "give the file itself")
     picture, full = read_picture(path)
-    rows, cols = parse_grid(scene.grid) or (_PITCH, _PITCH)
+    pitch = lenslet_pitch(picture) or _USUAL
+    rows, cols = parse_grid(scene.grid) or (pitch, pitch)
     below, beside = -picture.shape[0] % rows, -picture.shape[1] % cols
     if below or beside:  # LFToolbox fills up at the end
         picture = cv2.copyMakeBorder(picture, 0, below, 0, beside, cv2.BORDER_CONSTANT)
     return lit(SceneSource(
-        layout=NAME, path=listing.path, files=(path,), rows=rows, cols=cols,
+        certain="eslf" in path.stem.lower(), layout=NAME, path=listing.path, files=(path,), rows=rows, cols=cols,
         read=lambda frame, row, col: np.ascontiguousarray(picture[row::rows, col::cols]),
         height_px=picture.shape[0] // rows, width_px=picture.shape[1] // cols, max_value=full,
         turn=Turn(), turn_firm=False, turn_by="an ESLF picture counts rows from the top and columns from the left",

@@ -31,7 +31,7 @@ def _detect_quilt(listing: Listing) -> int | None:
 
 def _has_tiles(path: Path) -> bool:
     try:
-        return find_tiles(read_picture(path)[0]) is not None
+        return find_tiles(read_picture(path)[0], f"{path.parent.name}/{path.stem}") is not None
     except UserError:
         return False
 
