@@ -111,9 +111,15 @@ def test_a_session_of_the_mouse_needs_no_camera_is_recorded_and_played_again(wor
 
     assert abs(col_at(1200) - col_at(80)) > 0.5 and all(line["face"] for line in world.lines())
     assert world.run("ctl", "--session", world.name, "record", "start", out).returncode == 0
+
+    def recorded_frames() -> int:
+        return (out / "frames.jsonl").read_text().count("\n") if (out / "frames.jsonl").exists() else 0
+
+    world.wait_for(recorded_frames, "first frame of the recording")
     moves = " ".join(f"mousemove {x} 500 sleep 0.03" for x in range(300, 1200, 30))
     subprocess.run(["xdotool", *moves.split()], check=True, env=world.env)
-    world.wait_for(lambda: (out / "frames.jsonl").exists() and (out / "frames.jsonl").read_text().count("\n") > 60, "recording")
+    moved = recorded_frames()
+    world.wait_for(lambda: recorded_frames() > max(60, moved), "recording of the motion")
     states = {name: stage["state"] for name, stage in world.monitor()["stages"].items()}
     assert states.pop("render") == states.pop("record") == "RUNNING" and set(states.values()) == {"NONE"}
     assert world.run("ctl", "--session", world.name, "record", "stop").returncode == 0
