@@ -37,8 +37,8 @@ def open_scene(
 
     An array has axes (rows, cols, height, width, 1 or 3), red first, or frames before them: uint8, uint16 or float 0 .. 1. Row 0
     is the top row of cameras, column 0 the left one. Only with an array: disparity, (rows, cols, height, width), px per view,
-    nearer is larger, gives range and order of depth (its maps come from flow); positions, (rows, cols, 2), (down, right) of each
-    camera. half_turn: near and far are exchanged; None: detect it.
+    nearer is larger, used where it matches the views better than flow; positions, (rows, cols, 2), (down, right) of each camera.
+    half_turn: near and far are exchanged; None: detect it.
 
     The first call packs it into the cache, which may take a minute; later calls return at once. settings: as for `--set`, for
     example {"scene.layout": "hci"}. Raises lfpipe.UserError.
