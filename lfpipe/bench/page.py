@@ -79,8 +79,7 @@ def write_report(results: dict[str, Results], out: Path) -> Path:
 
 def _verdicts(pairs: Pairs) -> str:
     rows = [attrs.astuple(one) for pair in pairs if (one := verdict(*pair))]
-    text = "<h2>Verdicts</h2>"
-    text += html_table(("setting", "for this machine and these inputs", "why", "what it costs"), rows) if rows else ""
+    text = html_table(("setting", "for this machine and these inputs", "why", "what it costs"), rows) if rows else ""
     for subject, results in pairs:
         judged = [value for *_, value in results.judged()]
         used = [value.state for value in judged if not value.only]
@@ -88,7 +87,7 @@ def _verdicts(pairs: Pairs) -> str:
         counts = ", ".join(f"{used.count(state)} {state}" for state in STATES)
         others_text = f"; {others} not ok, reached only with other settings" if others else ""
         text += f"<p>{html.escape(subject.title)}: of what is in use {counts}{others_text}.</p>" if judged else ""
-    return text
+    return f"<h2>Verdicts</h2>{text}" if text else ""
 
 
 def _failures(pairs: Pairs) -> str:
