@@ -133,6 +133,7 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
     if not arguments.scenes and not arguments.demo:
         raise UserError("no SCENE given", "name a folder of views, or use --demo for the built-in scene")
     records_itself = arguments.demo and arguments.display is None and not has_display()
+    still = DEMO_FOLDER / "demo.png" if records_itself else None
     display = _demo_display() if records_itself else arguments.display or ("fullscreen" if arguments.kiosk else "window")
     video = Path(display.removeprefix("file:")) if display.startswith("file:") else None
     if arguments.kiosk is not None and display not in WINDOWS:
@@ -174,6 +175,7 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
         start=arguments.start,
         ask_glasses=_is_first_start(arguments, display),
         trace=str(arguments.trace.resolve()) if arguments.trace else "",
+        still=str(still.resolve()) if still else "",
         share=share,
     )
     for line in startup_lines(config, opened.field, make_plan(opened.field, config), camera.text, display):
@@ -183,7 +185,7 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
     _say_shared(share)
     if len(scenes) > 1:
         say(f"scenes  {len(scenes)}: Tab, Page Up and Page Down show the others, as does `lfpipe ctl load --next`")
-    files = tuple(path for path in (video, arguments.trace) if path is not None)
+    files = tuple(path for path in (video, still, arguments.trace) if path is not None)
     return SessionPlan(config, options, arguments.duration_s or (DEMO_S if records_itself else None), files,
                        opened.field.hold, opened.packing)  # fmt: skip
 

@@ -76,10 +76,11 @@ class SessionOptions:
 
     source, source_hz: the camera or file, fully named. jpeg_px: (width, height) of the JPEGs that it delivers, None without.
     mouse: no camera, the mouse is the viewer. eyes: the source, if it is a recording of such a session. tracking: whether eyes
-    are tracked. show: whether pictures are made. trace: file of one line per picture. timeline: file of a trace that was started
-    later. record: folder of a running recording. pictures, packets: names of rings that exist only on demand.
-    lossless: no frame may be dropped, writers wait for readers. lock_step: besides, a frame passes every stage before the next
-    one starts. share: where eyes are sent to, as `lfpipe.share.target` writes it. level: the quality in force, None for full.
+    are tracked. show: whether pictures are made. trace: file of one line per picture. still: file for the last picture.
+    timeline: file of a trace that was started later. record: folder of a running recording. pictures, packets: names of rings
+    that exist only on demand. lossless: no frame may be dropped, writers wait for readers. lock_step: besides, a frame passes
+    every stage before the next one starts. share: where eyes are sent to, as `lfpipe.share.target` writes it. level: the
+    quality in force, None for full.
     playlist, playlist_at: the scenes to step through, and the index of the one shown. kiosk: the code that ends an exhibition.
     start: begin with the thumbnails of the playlist. ask_glasses: ask which glasses the person has.
     """
@@ -94,6 +95,7 @@ class SessionOptions:
     show: bool = True
     display: str = "none"
     trace: str = ""
+    still: str = ""
     timeline: str = ""
     record: str = ""
     pictures: str = ""

@@ -17,6 +17,7 @@ from lfpipe.config import Config
 from lfpipe.config.quality import lowered
 from lfpipe.host.processes import run_on
 from lfpipe.render.display import open_display
+from lfpipe.render.file_display import save
 from lfpipe.render.key_bindings import KeyBindings
 from lfpipe.render.presenter import Presenter
 from lfpipe.render.refresh import Refresh, ScreenClock, ScreenRefresh
@@ -155,6 +156,9 @@ class RenderStage:
 
     def close(self) -> None:
         """Writes what is left to write."""
+        still, picture = self._options.still, self._presenter.picture
+        if still and picture is not None and (failure := save(Path(still), picture)):
+            self._context.report_lost(failure)
         self._presenter.close()
         self._display.close()
         self._keys.pass_on_notices()
