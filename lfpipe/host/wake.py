@@ -87,7 +87,7 @@ class SocketWake:
     def drain(self) -> int:
         """Reads all wakes, at most MOST; returns the last seq, 0 if there was none."""
         last = 0
-        with contextlib.suppress(OSError):  # none is left; on Windows also if a reader that this end once wrote to is gone
+        with contextlib.suppress(OSError):  # none is left
             for _ in range(MOST):
                 data = self._socket.recv(_SEQ.size)
                 last = int(_SEQ.unpack(data)[0]) if len(data) == _SEQ.size else last  # anybody may send

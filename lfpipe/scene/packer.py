@@ -52,7 +52,7 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
         report(step=what, done=done, total=total)
 
     def views_ready(pack: Path) -> None:
-        with contextlib.suppress(OSError, AttributeError):  # Windows has no niceness
+        with contextlib.suppress(OSError):
             os.nice(NICE)  # from now on it works beside the session that shows the pack
         report(summary=attrs.asdict(summarize(open_pack(pack, settings.half_turn))))
 
