@@ -87,7 +87,7 @@ def scene_path(
 def render_view(field: LightField, row: float, col: float, *, method: str = "auto", frame: int = 0) -> NDArray[np.uint8]:
     """The view of a camera at (row, col) of the grid, fractions allowed: uint8 (height, width, 3) BGR.
 
-    (0, 0) is the top left camera. method: auto, nearest, blend, warp, warp2 or best. frame: of a light-field video. Positions
+    (0, 0) is the top left camera. method: auto, nearest, blend, warp or warp2. frame: of a light-field video. Positions
     outside the grid are extrapolated by up to `render.extrapolate_views`. Raises lfpipe.UserError.
     """
     config = updated(Config(), {"render.method": method})

@@ -13,8 +13,8 @@ import attrs
 
 from lfpipe.config import Config, QualityLevel, SessionOptions
 
-METHODS = ("best", "warp2", "warp", "blend", "nearest")  # in order of falling cost
-WARPS = ("warp", "warp2", "best")
+METHODS = ("warp2", "warp", "blend", "nearest")  # in order of falling cost
+WARPS = ("warp", "warp2")
 FADED_PX = 8.0  # between the farthest and the nearest: beyond, with the screen between them, a cross-fade shows everything twice
 LEAST_HZ = 25.0  # at lower rates the picture flickers whenever the head moves
 
@@ -30,8 +30,7 @@ def drawn_with(wanted: str, scene_method: str, has_disparity: bool, scores: Mapp
         return method
     if not has_disparity:
         return "nearest"
-    tested = "warp2" if method == "best" else method
-    worse = scene_method not in WARPS and scores.get(scene_method, -math.inf) > scores.get(tested, math.inf)
+    worse = scene_method not in WARPS and scores.get(scene_method, -math.inf) > scores.get(method, math.inf)
     return scene_method if worse else method
 
 

@@ -101,7 +101,7 @@ class Render:
         doc="display: a picture for every refresh, eyes predicted to it; camera: one picture per camera frame, as in the paper")
     rate_hz: float | Literal["auto"] = key("auto", "Hz", 1, 1000, replays=False,
         doc="pictures per second of the display clock; auto: every refresh of the screen, 60 without a screen")
-    method: Literal["auto", "nearest", "blend", "warp", "warp2", "best"] = key("auto", live=True,
+    method: Literal["auto", "nearest", "blend", "warp", "warp2"] = key("auto", live=True,
         doc="how a view between the stored views is made; nearest is the paper's")
     alpha_px: float | Literal["auto"] = key("auto", "px", 1e-09, 1e+09, live=True,
         doc="camera pixels between neighbouring views of the grid; auto: from geometry, comfort and render.depth")

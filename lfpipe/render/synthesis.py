@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config.quality import WARPS
-from lfpipe.render.blocks import Blocks, Box, ViewMean, shifted, size_of
+from lfpipe.render.blocks import Blocks, Box, shifted, size_of
 from lfpipe.render.viewpoint import Position, ViewWeight, view_weights
 from lfpipe.render.warper import Warper
 from lfpipe.scene.lightfield import LightField
@@ -37,7 +37,6 @@ class Synthesiser:
         self._shifted = [np.empty((height, width), np.uint8) for _ in range(4)]
         self._cross: list[NDArray[np.uint8]] = []  # the cross-fade at pixels of unknown disparity
         self._blocks = Blocks(height, width)
-        self._mean = ViewMean(height, width) if method == "best" else None
         *self._sums, self._sample = (np.empty((*size_of(height, width), 4), np.uint8) for _ in range(5))
 
     def render(
@@ -53,8 +52,6 @@ class Synthesiser:
             return self._faded(views, zero_plane_px, sources, outs, self._whole)
         shift = (zero_plane_px * (self._centre[0] - position[0]), zero_plane_px * (self._centre[1] - position[1]))
         drawn = list(outs[: len(sources)])
-        if self._mean is not None:
-            self._mean.clear(len(drawn))
         total = 0.0
         for view in views:
             steps = self._warper.offset(view, position)
@@ -63,9 +60,7 @@ class Synthesiser:
                 return planes
             self._warper.aim(frame, view, steps, shift)
             total += view.weight
-            self._warp(self._warper, view, view.weight / total, planes, drawn if view is views[-1] else [])
-        if self._mean is not None:
-            self._mean.planes(drawn)
+            self._warp(self._warper, view.weight / total, planes, drawn if view is views[-1] else [])
         self._fade_unknown(self._warper, position, frame, zero_plane_px, shift, sources, drawn)
         return drawn
 
@@ -94,20 +89,14 @@ class Synthesiser:
         return faded
 
     def _warp(
-        self, warper: Warper, view: ViewWeight, share: float, planes: list[NDArray[np.uint8]], outs: list[NDArray[np.uint8]]
+        self, warper: Warper, share: float, planes: list[NDArray[np.uint8]], outs: list[NDArray[np.uint8]]
     ) -> None:
-        """Warps planes of a view as aimed, and adds them in blocks: with its share of the views so far, or to the mean of the
-        views that see the point. outs: to unpack into, after the last view."""
+        """Warps planes of a view as aimed, and adds them in blocks with its share of the views so far. outs: to unpack into,
+        after the last view."""
         for band in warper.bands:
             x, y = warper.maps(band)
             reach = self._blocks.reach(band.rows, y, warper.most_px)
             sample = self._sample[: len(x)]
-            if self._mean is not None:
-                self._mean.weigh(band.rows, warper.weights(band, view.weight, x, y), view.weight, x, y)
-                for k, plane in enumerate(planes):
-                    self._blocks.sample(plane, x, reach, sample)
-                    self._mean.add(k, band.rows, sample)
-                continue
             for k, plane in enumerate(planes):
                 blocks = self._sums[k][band.rows]
                 if share == 1:

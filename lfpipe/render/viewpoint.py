@@ -24,9 +24,6 @@ _FAR = 1e12  # steps; larger values mean nothing and overflow
 # (antinous): nothing lost with every 2nd view kept, 0.3 dB with every 4th, largest over median step of a sweep 2.1 instead of
 # 2.0, and half as many views to warp on average.
 ROW_FADE, COL_FADE = 0.1, 0.25
-# best: a share of this much or less counts nothing, from the second on it counts in full. What the fourth view adds where it is
-# far away (antinous: 0.1 dB) is not worth its time.
-LEAST_SHARE, FULL_SHARE = 0.09, 0.14
 
 
 def limited(value: float, low: float, high: float, reach: float) -> float:
@@ -154,7 +151,7 @@ def _faded(share: float, half_width: float) -> float:
 
 def view_weights(method: str, position: Position, rows: int, cols: int) -> list[ViewWeight]:
     """The stored views that method uses at position, with weights > 0 that sum to 1 and are continuous in position for
-    blend, warp2 and best. position must be finite.
+    blend and warp2. position must be finite.
 
     warp2 fades only around the middle between views, where the nearest view changes; elsewhere it uses one view. Heads move
     sideways, so columns have the wider zone.
@@ -173,9 +170,4 @@ def view_weights(method: str, position: Position, rows: int, cols: int) -> list[
         (r + 1, c, up * (1 - right)),
         (r + 1, c + 1, up * right),
     ]
-    views = [ViewWeight(*share) for share in shares if share[2] > 0]
-    if method != "best":
-        return views
-    counts = [view.weight * min((view.weight - LEAST_SHARE) / (FULL_SHARE - LEAST_SHARE), 1.0) for view in views]
-    total = sum(count for count in counts if count > 0)
-    return [ViewWeight(view.row, view.col, n / total) for view, n in zip(views, counts, strict=True) if n > 0]
+    return [ViewWeight(*share) for share in shares if share[2] > 0]

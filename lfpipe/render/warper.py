@@ -8,16 +8,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.render.blocks import MARGIN, Box, bands_of, places, shifted, size_of
+from lfpipe.render.blocks import Box, bands_of, places, shifted, size_of
 from lfpipe.render.viewpoint import Position, ViewWeight, cell_of, view_weights
 from lfpipe.scene.lightfield import UNKNOWN, LightField
 
 CAREFUL_PX = 1.0  # separation of near and far above which hidden parts are handled, at a seventh of the cost of a warp
-# Remaining weight of a view that does not see the point, and the distance in px at which that is certain. The test fails along
-# every edge, so it is too uncertain to drop a view altogether.
-UNSEEN, UNSEEN_PX = 0.35, 1.5
 SOFT = 5  # values of disparity over which a cross-fade ramps up
-OUTSIDE = 16  # a view's weight is divided by this if the point lies outside it
 
 
 class Band:
@@ -44,8 +40,6 @@ class Band:
         self.fine, sampled_x, sampled_y = (array[: len(x)] for array in fine)
         self.lookup = (low_x, there_x), (low_y, there_y)
         self.sampled = (x, sampled_x), (y, sampled_y)
-        self.weights = np.empty(x.shape, np.uint8)
-        self.seen = self.weights if same else np.empty(self.low.shape, np.uint8)
 
 
 class Warper:
@@ -64,9 +58,6 @@ class Warper:
         self._unknown: dict[tuple[int, int, int], Box | None] = {}  # of the maps examined
         self._unknown_cells: dict[tuple[int, int, int], Box | None] = {}
         self._size = field.width_px, field.height_px
-        self._most_px = max(abs(field.disparity_min_px), abs(field.disparity_max_px))
-        self._last = field.height_px + MARGIN - 2, field.width_px + MARGIN - 2  # places of the last whole block (y, x)
-        self._reach = 0  # blocks from the border that the maps can lead outside
         low = self._stored.shape[3:]
         self._step = (field.height_px / low[0], field.width_px / low[1])  # px of a view per px of its disparity
         self._low = np.empty(low, np.float32)
@@ -80,7 +71,7 @@ class Warper:
         self.most_px = 0.0
         self._moves = (0.0, 0.0), (0.0, 0.0)  # along x and y: px of a view per stored unit, and in all
         self._move = (0.0, 0.0), (0.0, 0.0)  # the same in px of the disparity
-        self._unsure = 0.0  # stored units of disparity that move a pixel by UNSEEN_PX; 0 if everything is seen
+        self._careful = False  # whether near and far separate enough to hide each other
 
     def offset(self, view: ViewWeight, position: Position) -> Position:
         """Steps from the view's camera to position. Cameras off the regular grid bend the coordinates: whole numbers are always
@@ -110,14 +101,12 @@ class Warper:
             part[stored[unknown] == UNKNOWN] = 0
         self._moves = (right * self._unit_px, shift_x), (down * self._unit_px, shift_y)
         self.most_px = 128 * self._unit_px * abs(down) + abs(shift_y)  # by which a pixel is moved down or up at most
-        self._reach = math.ceil((self._most_px * max(abs(right), abs(down)) + max(abs(shift_x), abs(shift_y))) / 2) + 1
         per_px = self._unit_px / self._step[1], self._unit_px / self._step[0]
         self._move = (right * per_px[0], shift_x / self._step[1]), (down * per_px[1], shift_y / self._step[0])
         apart_x, apart_y = abs(right) * self._span_px, abs(down) * self._span_px
-        self._unsure = 0.0
-        if max(apart_x, apart_y) < CAREFUL_PX:
+        self._careful = max(apart_x, apart_y) >= CAREFUL_PX
+        if not self._careful:
             return
-        self._unsure = UNSEEN_PX / (max(abs(down), abs(right)) * self._unit_px)
         reach = (math.ceil(apart_y / self._step[0]), math.ceil(apart_x / self._step[1]))
         rows, cols = len(self._low), len(self._low[0])
         steps_up, nearest = self._bytes  # a register holds four times as many bytes as floats
@@ -189,37 +178,6 @@ class Warper:
         out = np.empty((rows.stop - rows.start, cols.stop - cols.start), np.float32)
         return box, shifted(share, by[0] - first[0], by[1] - first[1], box, out)
 
-    def weights(self, band: Band, share: float, x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.uint8]:
-        """Weight of the view at each block of a band, uint8 (rows, columns), at most 255 * share, less if it does not see the
-        point. x, y: the last `maps`. Valid until the next call.
-
-        If the view sees the point, the disparity leads to a place of that same disparity; if something hides the point, to a
-        different one.
-        """
-        full = 255 * share
-        if self._unsure:
-            off = self._look_up(band, band.again, band.landed)
-            cv2.absdiff(off, band.again, off)
-            np.minimum(off, np.float32(self._unsure), out=off)
-            cv2.convertScaleAbs(off, band.seen, -full * (1 - UNSEEN) / self._unsure, full)
-            if not self._same:
-                cv2.resize(band.seen, band.weights.shape[::-1], band.weights, interpolation=cv2.INTER_LINEAR)
-        else:
-            band.weights.fill(round(full))
-        self._drop_outside(band, x, y)
-        return band.weights
-
-    def _drop_outside(self, band: Band, x: NDArray[np.float32], y: NDArray[np.float32]) -> None:
-        """Makes the weights almost 0 for places outside the view, which repeat its border."""
-        rows, cols = size_of(self._size[1], self._size[0])
-        sides = (x, self._last[1], band.weights, cols, 0), (y.T, self._last[0], band.weights.T, rows, band.rows.start)
-        for at, last, weights, count, first in sides:
-            strip, end = min(self._reach, count // 2), max(count - self._reach, count // 2)
-            for part in (np.s_[:, : max(strip - first, 0)], np.s_[:, max(end - first, 0) :]):
-                outside = (at[part] < MARGIN) | (at[part] > last)
-                if outside.any():
-                    weights[part] = np.where(outside, np.maximum(weights[part] // OUTSIDE, 1), weights[part])
-
     def _landing(self, band: Band) -> NDArray[np.float32]:
         """The view's disparity, in stored units, at the place where each pixel of a band lands: d(x + d * steps).
 
@@ -228,7 +186,7 @@ class Warper:
         converge: it alternates between the front object and the background. The nearer value then samples the background right
         beside the object.
         """
-        if not self._unsure:
+        if not self._careful:
             return self._look_up(band, band.low, band.landed)
         start = np.subtract(band.nearest, np.float32(128.0), out=band.again)
         first = self._look_up(band, start, band.landed)

@@ -16,7 +16,7 @@ from lfpipe.scene.lightfield import Geometry, LightField
 
 FAR, NEAR = -1.0, 2.0
 SQUARE = (20.0, 44.0)  # where the square begins and ends in the middle view, both axes, in px of a 64x64 view
-METHODS = ["nearest", "blend", "warp", "warp2", "best"]
+METHODS = ["nearest", "blend", "warp", "warp2"]
 OUTPUTS = [*MATRICES, "mono", "side-by-side", "row-interleaved"]
 S = 1_000_000_000
 

@@ -139,7 +139,7 @@ def test_a_viewer_of_whom_the_tracker_says_anything(strange: list[Any], alpha_px
         assert look.left[1] < look.right[1]
 
 
-@pytest.mark.parametrize("method", ["nearest", "warp2", "best"])
+@pytest.mark.parametrize("method", ["nearest", "warp2"])
 def test_two_threads_draw_the_same_picture(method: str) -> None:
     field, how = rendered.field(2, 3, 130, 94), Render(method=method, anaglyph="dubois")
     with ThreadPoolExecutor(1) as helper:

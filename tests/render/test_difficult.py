@@ -26,19 +26,18 @@ def test_no_warp_is_worse_than_the_cross_fade(kind: str) -> None:
         errors = [float(np.mean((renderer.at(place)[0] - view)[inner] ** 2)) for place, view in truth.items()]
         return float(np.mean([psnr_db(error) for error in errors]))
 
-    least = score("blend") - 0.1  # invisible; reflecting glass, half of it unexplained, is 0.06 below
-    assert score("warp2") >= least and score("best") >= least
+    assert score("warp2") >= score("blend") - 0.1  # invisible; reflecting glass, half of it unexplained, is 0.06 below
 
 
 def test_an_area_without_disparity_is_faded_softly_and_the_rest_warped() -> None:
     field, _ = scene("ordinary")
     part = field.disparity.copy()  # type: ignore[union-attr]
     part[..., :24] = UNKNOWN
-    for method in ("warp", "warp2", "best"):
+    for method in ("warp", "warp2"):
         subjects = (attrs.evolve(field, disparity=part), method), (field, method), (field, "blend")
         mixed, warped, faded = (ViewRenderer(subject, by).at((0.5, 0.4))[0] for subject, by in subjects)
         np.testing.assert_allclose(mixed[:, :40], faded[:, :40], atol=1)
-        assert np.abs(mixed - warped)[:, 64:].mean() < 1  # the sharpening follows the mean of the whole picture
+        np.testing.assert_array_equal(mixed[:, 64:], warped[:, 64:])
         steps = np.abs(np.diff(mixed, axis=1)).mean(axis=0)
         assert steps[40:60].max() < 2 * np.median(steps)
 

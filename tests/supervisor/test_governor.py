@@ -113,7 +113,6 @@ def test_a_level_that_cannot_be_kept_is_tried_less_and_less_often() -> None:
     [
         ("warp2", "blend", {"blend": 38.1, "warp2": 37.9}, "blend"),  # its own test shows it worse
         ("warp2", "blend", {"blend": 38.1, "warp2": 38.1}, "warp2"),
-        ("best", "blend", {"blend": 38.1, "warp2": 37.9}, "blend"),
         ("warp", "blend", {"blend": 37.0, "warp": 38.0}, "warp"),  # the scene's own is not worth a warp: asked for, it is drawn
         ("warp", "warp2", {"warp2": 50.0, "warp": 48.0}, "warp"),  # a cheaper warp is a choice, not a fault
         ("warp", "blend", {}, "warp"),
@@ -134,7 +133,6 @@ def _options(method: str, disparity: bool, **more: Any) -> SessionOptions:
 @pytest.mark.parametrize(
     ("asked", "scene", "disparity", "wanted"),
     [
-        ("best", "warp", True, ["best", "warp2", "warp", "blend", "nearest"]),
         ("warp2", "warp", True, ["warp2", "warp", "blend", "nearest"]),
         ("auto", "warp", True, ["warp", "blend", "nearest"]),
         ("auto", "nearest", False, ["nearest"]),
