@@ -22,12 +22,11 @@ EYES = np.dtype(
         ("t_tracked_ns", "<i8"),
         ("face", "<i4"),
         ("generation", "<i4"),  # counts the tracks of a face: another number means another run of the filter
-        ("eyes_mm", "<f8"),  # the viewer's own distance between the eyes, learnt from the iris (track.refine); 0: not known
         ("head_px", "<f4", (10, 3)),  # HEAD_POINTS in the picture: right, down, away from the camera; zeros: not known
     ]
 )
 
-PLAIN = struct.Struct("<14d2iq2id")  # the fields before head_px; packed into a record and unpacked from it
+PLAIN = struct.Struct("<14d2iq2i")  # the fields before head_px; packed into a record and unpacked from it
 
 
 class EyesRecord(NamedTuple):
@@ -43,7 +42,6 @@ class EyesRecord(NamedTuple):
     t_tracked_ns: int
     face: int
     generation: int
-    eyes_mm: float
 
     @classmethod
     def of(cls, record: NDArray[np.void]) -> "EyesRecord":

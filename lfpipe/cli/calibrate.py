@@ -10,7 +10,6 @@ import click
 from lfpipe.capture.open_source import camera_name
 from lfpipe.cli.options import CAMERA, with_config
 from lfpipe.config import Config, load, user_file
-from lfpipe.config.camera_pose import EYES_MM
 from lfpipe.config.user_files import camera_file, write_keys
 from lfpipe.errors import UserError
 from lfpipe.observe.calibrate import by_card, by_eyes
@@ -43,7 +42,7 @@ def calibrate(camera: str | None, distance_mm: float, by: str, latency: bool, ey
         _latency(config, camera, name)
         return
     size_px = by_card(config, camera, distance_mm) if by == "card" else by_eyes(config, camera, distance_mm)
-    size_mm = BANK_CARD_MM if by == "card" else eyes_mm or EYES_MM
+    size_mm = BANK_CARD_MM if by == "card" else eyes_mm or config.screen.eyes_mm
     focal_px, width_px = round(size_px * distance_mm / size_mm, 1), config.camera.frame_px[0]
     fov_deg = math.degrees(2 * math.atan(width_px / 2 / focal_px))
     click.echo(f"{size_mm:g} mm at a distance of {distance_mm:g} mm measure {size_px:.1f} px")
@@ -55,7 +54,7 @@ def calibrate(camera: str | None, distance_mm: float, by: str, latency: bool, ey
             f" under [camera] in {user_file()}",
         )
     if by == "eyes" and eyes_mm is None:
-        click.echo(f"assuming {EYES_MM:g} mm between your eyes (for most people at most 8 % off)")
+        click.echo(f"assuming {size_mm:g} mm between your eyes (for most people at most 8 % off)")
         click.echo("--eyes-mm MM or --by card is more accurate")
     _store(camera_file(), name, {"focal_px": focal_px, "width_px": width_px})
     click.echo(f"stored for {name} in {camera_file()}")

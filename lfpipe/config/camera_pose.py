@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from lfpipe.config.tree import Config
 
-EYES_MM = 63.0  # mean distance between adult eyes (Dodgson 2004); most people 50..75
 LEAST_Z_MM = 50.0  # eyes are never nearer to the screen
 
 
@@ -41,13 +40,14 @@ class CameraPose:
     eyes_mm: float
 
     @classmethod
-    def of(cls, config: Config, size_px: tuple[int, int], eyes_mm: float) -> CameraPose | None:
+    def of(cls, config: Config, size_px: tuple[int, int]) -> CameraPose | None:
         """From the configuration, for pictures of size_px (width, height); None if the camera is assumed
         to be in the middle of the screen."""
         above_mm, tilt = config.camera.above_mm, math.radians(config.camera.tilt_deg)
         if not above_mm and not tilt:
             return None
-        return cls(above_mm, tilt, camera_focal_px(config, size_px[0]), (size_px[0] / 2, size_px[1] / 2), eyes_mm)
+        middle_px = size_px[0] / 2, size_px[1] / 2
+        return cls(above_mm, tilt, camera_focal_px(config, size_px[0]), middle_px, config.screen.eyes_mm)
 
     def points_mm(self, eyes_px: NDArray[np.float64], apart_px: float) -> NDArray[np.float64]:
         """Eyes (2, 2) px, apart_px apart if the head were not turned, as points (2, 3) mm on the screen's axes."""

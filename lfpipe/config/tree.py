@@ -91,8 +91,7 @@ class Track:
     filter: Literal["predictive", "one-euro", "kalman", "mean"] = key("predictive", live=True,
         doc="smoothing of the eye positions; mean is the paper's")
     mean_k: int = key(5, "frames", 1, 1000, live=True, doc="frames in the moving average of filter = mean")
-    refine: bool = key(False,
-        doc="refine the eye centres with the iris network, and learn the viewer's own distance between the eyes from the iris")
+    refine: bool = key(False, doc="refine the eye centres with the iris network")
 
 
 @attrs.frozen
@@ -135,6 +134,7 @@ class Screen:
         doc="width of the picture on the screen; auto: from the monitor's reported size, 530 if unknown")
     distance_mm: float | Literal["auto"] = key("auto", "mm", 50, 50000, live=True,
         doc="viewer to screen; auto: from the distance between the eyes in the camera picture")
+    eyes_mm: float = key(63.0, "mm", 40, 80, live=True, doc="distance between your eyes; 63 is the mean of adults")
 
 
 @attrs.frozen

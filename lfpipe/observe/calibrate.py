@@ -1,6 +1,8 @@
 """Measures an object of known size in the camera's picture. A window guides the user if there is a screen."""
 
 import math
+from collections import deque
+from collections.abc import Collection
 from contextlib import ExitStack, closing
 
 import cv2
@@ -12,8 +14,9 @@ from lfpipe.config import Config
 from lfpipe.errors import UserError
 from lfpipe.render.display import has_display
 from lfpipe.track.engine import make_engine
-from lfpipe.track.eye_distance import EyeGauge
 
+MEASURED_FRAMES = 45  # with a face: one and a half seconds
+SPREAD = 0.05  # quartiles further apart than this share of the median: the viewer moved
 PATIENCE_FRAMES = 600  # frames without a still face before giving up
 EDGES = ("Click the middle of one short edge.", "First edge marked. Click the middle of the other short edge.")
 AGAIN = UserError("nothing was measured", "start again when you are ready")
@@ -29,6 +32,12 @@ def _mark(picture: NDArray[np.uint8], x: float, y: float) -> None:
         cv2.drawMarker(picture, (round(x), round(y)), colour, cv2.MARKER_CROSS, 21, thick_px)
 
 
+def median_of(apart_px: Collection[float]) -> tuple[float, bool]:
+    """The median of distances, and whether the viewer kept still enough for it; 0 of none."""
+    low, median, high = np.percentile(list(apart_px) or [0.0], (25, 50, 75)).tolist()
+    return median, high - low <= SPREAD * median > 0
+
+
 def by_eyes(config: Config, camera: str | None, distance_mm: float) -> float:
     """Distance between the viewer's eyes in px of a frame of config's size; median over several frames.
 
@@ -36,7 +45,8 @@ def by_eyes(config: Config, camera: str | None, distance_mm: float) -> float:
     """
     width_px, height_px = config.camera.frame_px
     picture: NDArray[np.uint8] = np.empty((height_px, width_px, 3), np.uint8)
-    gauge, guide, missed = EyeGauge(), None, 0
+    apart_px: deque[float] = deque(maxlen=MEASURED_FRAMES)
+    median_px, still, guide, missed = 0.0, False, None, 0
     with ExitStack() as stack:
         source = stack.enter_context(closing(open_source(camera or config.camera.source, config.camera)))
         engine = stack.enter_context(closing(make_engine(config.track)))
@@ -44,23 +54,25 @@ def by_eyes(config: Config, camera: str | None, distance_mm: float) -> float:
             from lfpipe.render.window import CalibrationWindow
 
             guide = stack.enter_context(closing(CalibrationWindow(config.camera.frame_px, "lfpipe calibrate")))
-        while not (gauge.full and gauge.steady and (guide is None or guide.enter)):
+        while not (len(apart_px) == MEASURED_FRAMES and still and (guide is None or guide.enter)):
             if source.read(picture) is None or missed > PATIENCE_FRAMES:
-                raise RESTLESS if gauge.median_px else NOBODY
+                raise RESTLESS if apart_px else NOBODY
             face = engine.detect(picture)
-            gauge.add(face)
-            missed = missed + 1 if face is None or not gauge.steady else 0
+            if face is not None:
+                apart_px.append(math.dist(*face.eyes_px.tolist()))
+            median_px, still = median_of(apart_px)
+            missed = missed + 1 if face is None or not still else 0
             if guide is None:
                 continue
             for x, y in face.eyes_px.tolist() if face is not None else ():
                 _mark(picture, x, y)
-            state = f"eyes {gauge.median_px:.1f} px apart" if face is not None else "no face detected"
+            state = f"eyes {median_px:.1f} px apart" if face is not None else "no face detected"
             ask = f"Eyes {distance_mm:g} mm from the camera. Look into it and keep still."
             guide.enter = False
             guide.step(picture, [ask, state, "Enter accepts, Esc cancels"])
             if guide.quit:
                 raise AGAIN
-    return gauge.median_px
+    return median_px
 
 
 def by_card(config: Config, camera: str | None, distance_mm: float) -> float:

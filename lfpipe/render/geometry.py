@@ -14,7 +14,7 @@ import math
 import attrs
 
 from lfpipe.config import Config, Render
-from lfpipe.config.camera_pose import EYES_MM, camera_focal_px
+from lfpipe.config.camera_pose import camera_focal_px
 from lfpipe.scene.lightfield import Geometry, LightField
 
 PICTURE_MM = 530.0  # width of a picture that fills a 24 inch screen, used if the monitor size is unknown
@@ -71,19 +71,16 @@ def parallax(
     field: LightField,
     frame_width_px: int,
     eyes_px: float | None,
-    eyes_mm: float | None = None,
     picture_mm: float | None = None,
 ) -> Parallax:
     """Chooses alpha.
 
     frame_width_px: of the camera picture. eyes_px: distance between the eyes in it; None, or a value no face has, before a face
-    is seen. eyes_mm: the viewer's own distance between the eyes if it was learnt, else EYES_MM. picture_mm: `Display.width_mm`.
+    is seen. picture_mm: `Display.width_mm`.
     """
-    render, screen = config.render, config.screen
+    render, screen, eyes_mm = config.render, config.screen, config.screen.eyes_mm
     focal_px = camera_focal_px(config, frame_width_px)
     seen_px = eyes_px if eyes_px is not None and LEAST_EYES_PX <= eyes_px <= frame_width_px else None
-    reasons = [f"eyes {eyes_mm:.0f} mm apart, learnt from the iris"] if eyes_mm else []
-    eyes_mm = eyes_mm or EYES_MM
     if screen.distance_mm != "auto":
         distance_mm, why = float(screen.distance_mm), "configured"
     elif seen_px is not None:
@@ -91,7 +88,7 @@ def parallax(
         why = f"eyes {seen_px:.0f} px apart"
     else:
         distance_mm, why = SEAT_MM, "assumed until a face is detected"
-    reasons.append(f"viewer {distance_mm:.0f} mm from the screen ({why})")
+    reasons = [f"viewer {distance_mm:.0f} mm from the screen ({why})"]
     apart_px = seen_px or focal_px * eyes_mm / distance_mm
     width_mm, source = picture_mm or PICTURE_MM, "on this monitor" if picture_mm else "assumed: monitor size unknown"
     if screen.width_mm != "auto":

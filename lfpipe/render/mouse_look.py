@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import Config
-from lfpipe.config.camera_pose import EYES_MM, camera_focal_px
+from lfpipe.config.camera_pose import camera_focal_px
 from lfpipe.eyes import EYES
 from lfpipe.render.geometry import SEAT_MM
 from lfpipe.render.overlay import Pointer
@@ -30,7 +30,7 @@ class MouseLook:
         self._viewer, self._size_px = viewer, config.camera.frame_px
         self._pointer = Pointer()
         self._anchor = 0.5, 0.5  # where the pointer must be for the neutral position
-        self._focal_px = camera_focal_px(config, self._size_px[0])
+        self._focal_px, self._eyes_mm = camera_focal_px(config, self._size_px[0]), config.screen.eyes_mm
         distance_mm = config.screen.distance_mm
         self._distance_mm = SEAT_MM if distance_mm == "auto" else float(distance_mm)
         self._eased_px: tuple[NDArray[np.float64], ...] | None = None  # the middle of the eyes after one low-pass, and after both
@@ -82,7 +82,7 @@ class MouseLook:
         self._eased_px = once_px, middle_px
 
         eyes = np.zeros((), EYES) if record is None else record.copy()
-        apart_px = self._focal_px * EYES_MM / self._distance_mm
+        apart_px = self._focal_px * self._eyes_mm / self._distance_mm
         if not self._alone and face:
             apart_px = float(eyes["apart_px"]) or float(np.hypot(*(eyes["filtered_px"][0] - eyes["filtered_px"][1])))
         half = np.array([[apart_px / 2, 0.0], [-apart_px / 2, 0.0]])

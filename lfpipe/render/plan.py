@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import attrs
 
 from lfpipe.config import Config, Render
-from lfpipe.config.camera_pose import EYES_MM, CameraPose
+from lfpipe.config.camera_pose import CameraPose
 from lfpipe.config.quality import WARPS
 from lfpipe.render.compositor import method_for, mixed_as, planes_of_eyes, stored_channels
 from lfpipe.render.geometry import alpha_is_automatic
@@ -46,7 +46,7 @@ def make_plan(field: LightField, config: Config) -> Plan:
     tracking = field.rows * field.cols > 1
     method = method_for(field, render.method)
     render = mixed_as(field, method, render)
-    posed = CameraPose.of(config, config.camera.frame_px, EYES_MM) is not None
+    posed = CameraPose.of(config, config.camera.frame_px) is not None
     left, right = (sorted({k for plane in eye for k in stored_channels(field, plane)}) for eye in planes_of_eyes(render))
     plan = Plan(
         needs_tracking=tracking,

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lfpipe.config import Config
-from lfpipe.config.camera_pose import EYES_MM, CameraPose
+from lfpipe.config.camera_pose import CameraPose
 from lfpipe.eyes import MAX_HORIZON_S, Eyes, EyesRecord
 from lfpipe.render.compositor import Compositor
 from lfpipe.render.geometry import LEAST_EYES_PX, Parallax, alpha_is_automatic, parallax
@@ -59,7 +59,6 @@ class Viewer:
         self._seen = False
         self._apart_px = 0.0  # follows the distance slowly
         self._near_px, self._generation = 0.0, 0  # the same, quickly, and at once for another face
-        self._eyes_mm = 0.0
         self._t_ns = 0
         self._size_px = (0, 0)  # of the camera picture
         self._pose: CameraPose | None = None
@@ -137,12 +136,9 @@ class Viewer:
         self._t_ns = t_shown_ns
         if camera_px is not None:
             self._follow_distance(record, camera_px, dt_s)
-        eyes_mm = record.eyes_mm
-        if eyes_mm != self._eyes_mm or self._size_px != (record.width_px, record.height_px):
-            if eyes_mm != self._eyes_mm:  # learnt for the first time or again
-                self._eyes_mm, self.solver = eyes_mm, None
+        if self._size_px != (record.width_px, record.height_px):
             self._size_px = record.width_px, record.height_px
-            self._pose = CameraPose.of(self.config, self._size_px, eyes_mm or EYES_MM)
+            self._pose = CameraPose.of(self.config, self._size_px)
         pose, eyes_px = self._pose, camera_px
         if camera_px is not None and pose is not None:
             eyes_px = _flat(pose.from_screen(np.reshape(camera_px, (2, 2)), self._near_px))
@@ -208,7 +204,7 @@ class Viewer:
 
     def _choose(self, apart_px: float) -> None:
         """Chooses the views between the eyes for a viewer at the distance that apart_px implies."""
-        self.parallax = parallax(self.config, self.field, self._size_px[0], apart_px, self._eyes_mm or None, self._picture_mm)
+        self.parallax = parallax(self.config, self.field, self._size_px[0], apart_px, self._picture_mm)
 
     def _make_solver(self, eyes_px: Eyes | None) -> ViewSolver:
         """A fixed alpha centres the grid in the camera picture, as in the paper; alpha from geometry centres it on the viewer,

@@ -66,7 +66,7 @@ def eyes_of(line: bytes, where: str) -> tuple[int, NDArray[np.void]]:
         if points is not None or name != "velocity_px_s":
             sides = Fields(points or {}, f"{where}: {name}", COPY)
             record[name] = [sides.numbers(side, 2, -MAX_PX, MAX_PX) for side in ("left", "right")]
-    for name in ("apart_px", "confidence", "eyes_mm"):
+    for name in ("apart_px", "confidence"):
         record[name] = fields.number(name, 0, MAX_PX) if name in fields.values else 0.0
     for name in ("width_px", "height_px", "generation"):
         record[name] = fields.integer(name, 0, 1 << 30) if name in fields.values else 0

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import Config
-from lfpipe.config.camera_pose import EYES_MM, CameraPose, camera_focal_px
+from lfpipe.config.camera_pose import CameraPose, camera_focal_px
 from lfpipe.eyes import extrapolated
 
 Point = tuple[float, float, float]
@@ -85,10 +85,9 @@ class HeadEstimator:
         if not np.isfinite(eyes_px).all():
             return None
         width_px, height_px = int(record["width_px"]), int(record["height_px"])
-        eyes_mm = float(record["eyes_mm"]) or EYES_MM
         camera = self.config.camera
         tilt, focal_px = math.radians(camera.tilt_deg), camera_focal_px(self.config, width_px)
-        pose = CameraPose(camera.above_mm, tilt, focal_px, (width_px / 2, height_px / 2), eyes_mm)
+        pose = CameraPose(camera.above_mm, tilt, focal_px, (width_px / 2, height_px / 2), self.config.screen.eyes_mm)
         return _head(pose, eyes_px.tolist(), self._apart_px, head_rotation(record["head_px"]))
 
 

@@ -18,15 +18,13 @@ WIDEST = 1.5  # distance between the eyes over the longer side of the face; 0.3 
 @attrs.frozen(eq=False)
 class Face:
     """One face. eyes_px: float64 (2, 2), [[left x, y], [right x, y]] of the viewer's own eyes in px of the picture given,
-    confidence 0..1, box_px: (x0, y0, x1, y1). iris_px: diameter of the irises, 0 if unknown or if the face is turned too
-    far to compare it with the distance between the eyes. apart_px: distance between the eyes as if the head were not turned, 0 if
-    unknown. lean_deg: lean towards the shoulder, clockwise in the picture.
+    confidence 0..1, box_px: (x0, y0, x1, y1). apart_px: distance between the eyes as if the head were not turned, 0 if unknown.
+    lean_deg: lean towards the shoulder, clockwise in the picture.
     head_px: float (10, 3), `lfpipe.eyes.HEAD_POINTS` in the picture: right, down, away from the camera; None if unknown."""
 
     eyes_px: NDArray[np.float64]
     confidence: float
     box_px: tuple[float, float, float, float]
-    iris_px: float = 0.0
     apart_px: float = 0.0
     lean_deg: float = 0.0
     head_px: NDArray[np.float64] | None = None
@@ -36,14 +34,13 @@ class Face:
         """Whether all numbers are finite and fit each other; otherwise no face is better than this one."""
         (lx, ly), (rx, ry) = self.eyes_px.tolist()
         x0, y0, x1, y1 = self.box_px
-        numbers = (lx, ly, rx, ry, x0, y0, x1, y1, self.apart_px, self.iris_px, self.confidence)
+        numbers = (lx, ly, rx, ry, x0, y0, x1, y1, self.apart_px, self.confidence)
         if math.isnan(sum(numbers)) or max(map(abs, numbers)) > LIMIT_PX:
             return False
         side_px, apart_px = max(x1 - x0, y1 - y0), math.hypot(lx - rx, ly - ry)
         widest_px = WIDEST * side_px
         known = self.apart_px == 0 or MIN_APART_PX <= self.apart_px <= widest_px
-        shares = 0 <= self.confidence <= 1 and 0 <= self.iris_px <= side_px
-        return MIN_APART_PX <= apart_px <= widest_px and known and shares
+        return MIN_APART_PX <= apart_px <= widest_px and known and 0 <= self.confidence <= 1
 
 
 class Engine(Protocol):

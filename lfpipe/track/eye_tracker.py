@@ -1,4 +1,4 @@
-"""Combines engine, filter and the viewer's eye distance: one call per frame. The stage runs this; it needs no processes."""
+"""Combines engine and filter: one call per frame. The stage runs this; it needs no processes."""
 
 import logging
 import math
@@ -10,7 +10,6 @@ from lfpipe.config import Track
 from lfpipe.eyes import PLAIN, Eyes
 from lfpipe.track.detector import SAME, overlap
 from lfpipe.track.engine import Face, make_engine
-from lfpipe.track.eye_distance import EyeDistance
 from lfpipe.track.filters import make_filter
 from lfpipe.track.smoothing import MAX_STEP_NS
 
@@ -62,7 +61,7 @@ class EyeTracker:
         self.engine = make_engine(settings, portable)
         self._settings: tuple[Track, float] | None = None
         self.set(settings, loop_s)
-        self._distance, self._hidden = EyeDistance(), HiddenFace()
+        self._hidden = HiddenFace()
         self._raw_px = self._position_px = self._velocity_px_s = self._sure_position_px = NOWHERE
         self._face: Face | None = None
         self._box_px, self._seen_ns = (0.0, 0.0, 0.0, 0.0), 0
@@ -106,7 +105,6 @@ class EyeTracker:
         same = self._hidden.held or overlap(self._box_px, face.box_px) > SAME  # a hidden face's box is as wrong as its eyes
         if epoch != self._epoch or away_ns >= MAX_STEP_NS or not same:
             self._epoch, anew = epoch, True  # earlier runs say nothing about this one
-            self._distance.reset()
             self._hidden.reset(sure, middle_px)
         else:
             apart_px = face.apart_px or math.dist((lx, ly), (rx, ry))
@@ -118,8 +116,6 @@ class EyeTracker:
         if anew:
             self._generation += 1
             self._filter.reset()
-        if face.iris_px:
-            self._distance.update(t_sensor_ns, face)
         position, velocity = self._filter.update(t_sensor_ns, face.eyes_px)
         ((a, b), (c, d)), ((u, v), (p, q)) = position.tolist(), velocity.tolist()
         self._position_px, self._velocity_px_s = (a, b, c, d), (u, v, p, q)
@@ -131,6 +127,6 @@ class EyeTracker:
         face, (height_px, width_px) = self._face, image.shape[:2]
         apart_px, confidence = (face.apart_px, face.confidence) if face is not None else (0.0, 0.0)
         eyes = *self._raw_px, *self._position_px, *self._velocity_px_s
-        rest = width_px, height_px, 0, self.seen, self._generation, self._distance.mm
+        rest = width_px, height_px, 0, self.seen, self._generation
         PLAIN.pack_into(record, 0, *eyes, apart_px, confidence, *rest)  # type: ignore[arg-type]
         record["head_px"] = 0.0 if face is None or face.head_px is None else face.head_px

@@ -17,8 +17,6 @@ LEFT_EYE = np.array([263, 249, 390, 373, 374, 380, 381, 382, 362, 398, 384, 385,
 RIGHT_EYE = np.array([33, 7, 163, 144, 145, 153, 154, 155, 133, 173, 157, 158, 159, 160, 161, 246])
 Point = tuple[float, float]
 LEFT_IRIS, RIGHT_IRIS = 473, 468  # the centre points; each is followed by four around it
-TURN = (263, 33, 1)  # outer corners of the viewer's left eye and of the right, tip of the nose
-FRONTAL = 0.12  # of `turn`: a head turned by about 7 degrees, whose eyes appear 1 % closer together
 
 EDGES = (10, 152, 234, 454)  # top of the forehead, chin, and the sides of the face
 
@@ -60,21 +58,6 @@ def eye_points(
     return *eyes, (xs[left], ys[left]), (xs[right], ys[right]), apart, keys[:, _HEAD:].T
 
 
-def iris_diameter(irises: NDArray[np.float64]) -> float:
-    """Mean diameter in px of irises (2, 5, 2), vertical and horizontal: lids hide part of the former, the gaze shortens the
-    latter."""
-    across = irises[:, [1, 2]] - irises[:, [3, 4]]
-    return float(np.hypot(across[..., 0], across[..., 1]).mean())
-
-
-def turn(points: NDArray[np.float64]) -> float:
-    """Distance of the tip of the nose from the middle between the eyes' outer corners, in halves of their distance. 0 if the
-    face looks at the camera; about the tangent of the angle to the side. points: (3, 2) px, those of TURN."""
-    left, right, nose = points
-    along = left - right
-    return float(2 * np.dot(nose - (left + right) / 2, along) / max(float(np.dot(along, along)), 1e-9))
-
-
 class Irises:
     """Raises UserError if the network is missing or has another version."""
 
@@ -84,11 +67,8 @@ class Irises:
         self.model = self._network.name
 
     def find(self, image: NDArray[np.uint8], points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Irises in px of image, uint8 (h, w, 3) BGR. points: (468, 2) px of the face mesh.
-
-        Returns (2, 5, 2), left first: the centre and four points around it, as for `landmarks.iris_diameter`.
-        """
-        out = np.empty((2, 5, 2))
+        """The irises' centres (2, 2), left first, in px of image, uint8 (h, w, 3) BGR. points: (468, 2) px of the face mesh."""
+        centres = np.empty((2, 2))
         for eye, (start, end) in enumerate(_CORNERS):
             middle, reach = (points[start] + points[end]) / 2, np.abs(points[end] - points[start]).max() / 2
             corners = (*(middle - reach), *(middle + reach))
@@ -96,8 +76,6 @@ class Irises:
             matrix = roi.matrix(IRIS_PX)
             crop = roi.crop(image, matrix, IRIS_PX, cv2.BORDER_REPLICATE, self._warp)
             # the network knows only right eyes, so the left one is mirrored
-            iris = self._network.run(crop if eye else crop[:, ::-1])[0].reshape(5, 3)[:, :2].astype(np.float64)
-            if not eye:
-                iris[:, 0] = IRIS_PX - iris[:, 0]
-            out[eye] = mapped(iris, matrix)
-        return out
+            x, y = self._network.run(crop if eye else crop[:, ::-1])[0][:2].tolist()  # then z, and four points around the centre
+            centres[eye] = mapped(np.array([[x if eye else IRIS_PX - x, y]]), matrix)
+        return centres

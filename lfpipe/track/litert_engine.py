@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from lfpipe.track.detector import FULL, Detection, Detector, FaceSelector
 from lfpipe.track.engine import Face
-from lfpipe.track.landmarks import FRONTAL, TURN, Irises, eye_points, iris_diameter, turn
+from lfpipe.track.landmarks import Irises, eye_points
 from lfpipe.track.network import Network, Roi, around, model_file, portable_warp, warp
 
 SIZE_PX = 192
@@ -190,22 +190,20 @@ class LitertEngine:
         region = around(edges, right, left)
         if not 1.0 <= region.side_px < math.inf:  # narrower than a pixel, or NaN: no region for the next picture
             return None
-        eyes_px, iris_px = np.array(((lx + x, ly + y), (rx + x, ry + y))), 0.0
+        eyes_px = np.array(((lx + x, ly + y), (rx + x, ry + y)))
         if self._irises is not None:
-            eyes_px, iris_px = _refined(self._irises, image, points.T + matrix[:, 2], eyes_px, apart_px)
-        return Face(eyes_px, confidence, edges, iris_px, apart_px, math.degrees(region.angle), head_px), region
+            eyes_px = _refined(self._irises, image, points.T + matrix[:, 2], eyes_px, apart_px)
+        return Face(eyes_px, confidence, edges, apart_px, math.degrees(region.angle), head_px), region
 
 
 def _refined(
     irises: Irises, image: NDArray[np.uint8], mesh_px: NDArray[np.float64], lids_px: NDArray[np.float64], apart_px: float
-) -> tuple[NDArray[np.float64], float]:
-    """(eyes, diameter of the irises), both in px: those of the irises where they are seen, else lids_px and 0."""
-    found = irises.find(image, mesh_px)
-    off = (found[:, 0] - lids_px) / max(apart_px, 1.0)
-    if float(np.hypot(*(off[0] - off[1]))) > APART or float(np.abs(off).max()) > ASIDE:
-        return lids_px, 0.0
-    frontal = abs(turn(mesh_px[list(TURN)])) <= FRONTAL
-    return found[:, 0], iris_diameter(found) if frontal else 0.0
+) -> NDArray[np.float64]:
+    """The eyes in px: the centres of the irises where they are seen, else lids_px."""
+    irises_px = irises.find(image, mesh_px)
+    off = (irises_px - lids_px) / max(apart_px, 1.0)
+    hidden = float(np.hypot(*(off[0] - off[1]))) > APART or float(np.abs(off).max()) > ASIDE
+    return lids_px if hidden else irises_px
 
 
 def _region(face: Detection) -> Roi:

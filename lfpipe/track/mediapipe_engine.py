@@ -12,7 +12,7 @@ from lfpipe.errors import UserError
 from lfpipe.eyes import HEAD_POINTS
 from lfpipe.host.terminal import quiet_stderr
 from lfpipe.track.engine import Face
-from lfpipe.track.landmarks import EDGES, EYE_LINE, FRONTAL, LEFT_EYE, LEFT_IRIS, RIGHT_EYE, RIGHT_IRIS, TURN, iris_diameter, turn
+from lfpipe.track.landmarks import EDGES, EYE_LINE, LEFT_EYE, LEFT_IRIS, RIGHT_EYE, RIGHT_IRIS
 
 _BLANK = np.zeros((64, 64, 3), np.uint8)
 
@@ -41,9 +41,7 @@ class MediapipeEngine:
                 "set track.engine=litert, or install mediapipe==0.10.21, the last version that includes it (up to Python 3.12)",
             ) from None
         self.model = f"FaceMesh{' with iris refinement' if refine else ''}, mediapipe {version}"
-        self._refine = refine
-        irises = [range(first, first + 5) for first in (LEFT_IRIS, RIGHT_IRIS)]
-        self._eyes = irises if refine else [LEFT_EYE.tolist(), RIGHT_EYE.tolist()]
+        self._eyes = [[LEFT_IRIS], [RIGHT_IRIS]] if refine else [LEFT_EYE.tolist(), RIGHT_EYE.tolist()]
         self._noisy = True  # the graph logs at its start, first picture and first face
         with quiet_stderr():
             self._mesh: Any = make(max_num_faces=1, refine_landmarks=refine)
@@ -68,9 +66,7 @@ class MediapipeEngine:
         flat = max(float(np.hypot(*(left - right)[:2])), 1e-9)
         apart_px = float(np.hypot(*(centres[0] - centres[1]))) * float(np.linalg.norm(left - right)) / flat
         (x0, y0), (x1, y1) = edges[:, :2].min(axis=0).tolist(), edges[:, :2].max(axis=0).tolist()
-        iris_px = iris_diameter(eyes) if self._refine and abs(turn(points(*TURN)[:, :2])) <= FRONTAL else 0.0
-        centres = np.ascontiguousarray(eyes[:, 0]) if self._refine else centres
-        return Face(centres, 1.0, (x0, y0, x1, y1), iris_px, apart_px, head_px=head_px)
+        return Face(centres, 1.0, (x0, y0, x1, y1), apart_px, head_px=head_px)
 
     def examine(self, image: NDArray[np.uint8]) -> None:
         """Does nothing: the graph keeps following its face."""

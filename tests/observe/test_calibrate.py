@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from lfpipe.config.user_files import write_keys
-from lfpipe.track.engine import Face
-from lfpipe.track.eye_distance import GAUGE_FRAMES, EyeGauge
+from lfpipe.observe.calibrate import median_of
 from tests.world import World
 from tests.xvfb_screen import Screen, outline
 
@@ -44,18 +43,10 @@ def test_one_key_changes_and_nothing_else(before: str, tmp_path: Path) -> None:
 
 
 def test_a_viewer_who_moves_is_no_measure() -> None:
-    def face(apart_px: float) -> Face:
-        return Face(np.array([[300 + apart_px, 200.0], [300.0, 200.0]]), 1.0, (0.0, 0.0, 1.0, 1.0))
-
-    gauge = EyeGauge()
-    assert not gauge.full and not gauge.steady and gauge.median_px == 0
-    for k in range(GAUGE_FRAMES):
-        gauge.add(face(60 + k % 2 * 0.5))
-        gauge.add(None)
-    assert gauge.full and gauge.steady and abs(gauge.median_px - 60) <= 0.5
-    for k in range(GAUGE_FRAMES):
-        gauge.add(face(50 + k))
-    assert gauge.full and not gauge.steady
+    assert median_of([]) == (0.0, False)
+    median_px, still = median_of([60 + k % 2 * 0.5 for k in range(45)])
+    assert still and abs(median_px - 60) <= 0.5
+    assert not median_of(range(50, 95))[1]
 
 
 def video(path: Path, picture: np.ndarray) -> None:

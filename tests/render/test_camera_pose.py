@@ -9,12 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.config import Camera, Config, Render
-from lfpipe.config.camera_pose import EYES_MM, CameraPose, camera_focal_px
+from lfpipe.config.camera_pose import CameraPose, camera_focal_px
 from lfpipe.render.viewer import Viewer
 from tests.render import rendered
 from tests.render.rendered import S, record
 
-SIZE = (640, 480)
+SIZE, EYES_MM = (640, 480), Config().screen.eyes_mm
 heights, tilts = st.floats(-300, 400), st.floats(-30, 30)
 
 
@@ -36,7 +36,7 @@ def test_eyes_become_points_before_the_screen_and_come_back(
 ) -> None:
     config = Config(camera=Camera(above_mm=above_mm, tilt_deg=tilt_deg))
     eyes_px, apart_px = seen_px(config, np.array([x, y, z]), above_mm, tilt_deg)
-    pose = CameraPose.of(config, SIZE, EYES_MM)
+    pose = CameraPose.of(config, SIZE)
     if pose is None:
         return
     np.testing.assert_allclose(pose.points_mm(eyes_px, apart_px).mean(axis=0), (x, y, z), atol=1e-6 * z)

@@ -122,15 +122,15 @@ def test_nonsense_gives_a_picture(
 
 @settings(max_examples=60)
 @given(
-    strange=st.lists(st.tuples(ANY, ANY, ANY, ANY, ANY, st.sampled_from([0.0, 61.0])), min_size=1, max_size=4),
+    strange=st.lists(st.tuples(ANY, ANY, ANY, ANY, ANY), min_size=1, max_size=4),
     alpha_px=st.sampled_from(["auto", 1e-9, 12.0, 1e9]),
     grid=st.sampled_from([(1, 1), (1, 4), (3, 3)]),
 )
 def test_a_viewer_of_whom_the_tracker_says_anything(strange: list[Any], alpha_px: Any, grid: tuple[int, int]) -> None:
     viewer = Viewer(rendered.field(*grid, 16, 16), Config(render=Render(alpha_px=alpha_px, method="warp2")))
-    seated = (*SEATED.ravel().tolist(), 0.0, 0.0)
-    for k, (*eyes, velocity, eyes_mm) in enumerate((seated, *strange, seated)):
-        seen = rendered.record(filtered_px=np.reshape(eyes, (2, 2)), velocity_px_s=velocity, eyes_mm=eyes_mm)
+    seated = (*SEATED.ravel().tolist(), 0.0)
+    for k, (*eyes, velocity) in enumerate((seated, *strange, seated)):
+        seen = rendered.record(filtered_px=np.reshape(eyes, (2, 2)), velocity_px_s=velocity)
         look = viewer.viewpoints(seen, k * 10**7, k * 10**7 + 10**6)
         assert np.isfinite([look.left, look.right]).all()
         assert viewer.compositor.compose(look.left, look.right).shape == (16, 16, 3)

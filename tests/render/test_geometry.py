@@ -92,10 +92,10 @@ def test_the_least_of_room_comfort_and_nature_decides() -> None:
 
 def test_the_width_of_the_picture_is_the_persons_then_the_monitors_then_a_guess() -> None:
     auto = from_dict({"camera": {"focal_px": 600.0}})
-    reported, guessed = parallax(auto, cotton(), 640, 63.0, None, 300.0), parallax(auto, cotton(), 640, 63.0)
+    reported, guessed = parallax(auto, cotton(), 640, 63.0, 300.0), parallax(auto, cotton(), 640, 63.0)
     assert "300 mm wide (on this monitor)" in str(reported) and "530 mm wide (assumed" in str(guessed)
     by_hand = from_dict({"camera": {"focal_px": 600.0}, "screen": {"width_mm": 299.0}})
-    assert parallax(by_hand, cotton(), 640, 63.0, None, 400.0) == chosen(cotton())
+    assert parallax(by_hand, cotton(), 640, 63.0, 400.0) == chosen(cotton())
 
 
 def test_the_zero_plane_moves_what_is_farthest_and_the_truth() -> None:
