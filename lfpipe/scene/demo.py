@@ -7,22 +7,22 @@ from lfpipe.errors import UserError
 from lfpipe.files.safe_files import replaced
 from lfpipe.host.files import exists
 
-NAME = "still-life-1"  # the demo's; increase a number when the pictures change: an old cache then stays untouched
-NAMES = (NAME, "marbles-1", "meadow-1")
+NAME = "still-life-2"  # the demo's; increase a number when the pictures change: an old cache then stays untouched
+NAMES = (NAME, "marbles-2", "meadow-2")
 PREFIX = "demo:"  # demo:marbles names a scene as a path does
 MARKER = "lfpipe-demo.json"
-GRID, SIZE_PX = 9, 512
+SIZE_PX = 512  # of a view, both sides
 
 
-def demo_scene(cache_dir: Path, grid: int = GRID, size_px: int = SIZE_PX, name: str = NAME) -> Path:
+def demo_scene(cache_dir: Path, name: str = NAME, size_px: int = SIZE_PX) -> Path:
     """The folder of one of NAMES below cache_dir. Raises UserError if the cache cannot be written."""
-    folder = cache_dir / "demo" / (name if (grid, size_px) == (GRID, SIZE_PX) else f"{name}-{grid}x{grid}-{size_px}")
+    folder = cache_dir / "demo" / (name if size_px == SIZE_PX else f"{name}-{size_px}")
     marker = folder / MARKER
     try:
         if not marker.is_file():
             folder.mkdir(parents=True, exist_ok=True)
             with replaced(marker, 0o644) as file:
-                file.write(json.dumps({"scene": name, "grid": grid, "size_px": size_px}).encode())
+                file.write(json.dumps({"scene": name, "size_px": size_px}).encode())
     except OSError as error:
         raise UserError(
             f"demo scene: {folder} cannot be written: {error.strerror or error}",

@@ -12,23 +12,23 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene import layouts
 from lfpipe.scene.demo import NAMES, demo_scene
-from lfpipe.scene.demo_layers import Ball, Quad, render_view
-from lfpipe.scene.demo_still_life import OFFSET_PX
+from lfpipe.scene.demo_drawing import Ball, Quad, draw_view
+from lfpipe.scene.demo_scenes import OFFSET_PX
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_view_follows_from_the_middle_one_by_its_disparity(tmp_path: Path, name: str) -> None:
     """Warped along the true disparity the middle view is the other view, wherever it sees the same; unwarped it is not."""
-    scene = layouts.describe(demo_scene(tmp_path, 3, 256, name), config.Scene())
+    scene = layouts.describe(demo_scene(tmp_path, name, 256), config.Scene())
     y, x = np.mgrid[0:256, 0:256].astype(np.float32)
-    middle, middle_d = scene.read(0, 1, 1), scene.truth[1, 1]()
+    middle, middle_d = scene.read(0, 4, 4), scene.truth[4, 4]()
     assert np.isfinite(middle_d).all() and middle_d.min() == pytest.approx(-1.0) and 0.75 < middle_d.max() < 1.05
     known = scene.geometry
     at_infinity = known.focal_length_px * known.baseline_mm / known.focus_distance_mm
     assert at_infinity == pytest.approx(OFFSET_PX / 2, rel=1e-4), "half of 512 px"
-    for row, col in ((0, 0), (0, 1), (1, 2), (2, 1)):
+    for row, col in ((3, 3), (3, 4), (4, 5), (5, 4)):
         other, d = scene.read(0, row, col).astype(int), scene.truth[row, col]()
-        mx, my = x + d * (col - 1), y + d * (row - 1)
+        mx, my = x + d * (col - 4), y + d * (row - 4)
         warped = cv2.remap(middle, mx, my, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE).astype(int)
         same = np.abs(cv2.remap(middle_d, mx, my, cv2.INTER_NEAREST) - d) < 0.02
         same &= (mx > 1) & (mx < 254) & (my > 1) & (my < 254)
@@ -39,7 +39,7 @@ def test_every_view_follows_from_the_middle_one_by_its_disparity(tmp_path: Path,
 def test_a_cache_that_cannot_be_written_is_the_users_to_fix(tmp_path: Path) -> None:
     (tmp_path / "demo").write_text("in the way")
     with pytest.raises(UserError, match="demo scene") as refused:
-        demo_scene(tmp_path, grid=3, size_px=64)
+        demo_scene(tmp_path)
     assert "scene.cache_dir" in refused.value.remedy
 
 
@@ -54,7 +54,7 @@ def test_a_quad_stands_where_its_disparity_says(u: float, v: float, d: float, ti
     slope = np.array([tilt_x, tilt_y]) / 24
     depth = d + (at - 32) @ slope
     texture = np.full((32, 32, 4), 255, np.uint8)
-    _, seen = render_view([Quad(texture, np.column_stack([at, depth]))], 64, u, v)
+    _, seen = draw_view([Quad(texture, np.column_stack([at, depth]))], u, v)
     y, x = np.nonzero(np.isfinite(seen))
     assert len(x) > 100
     found = seen[y, x]
@@ -67,7 +67,7 @@ def test_a_quad_stands_where_its_disparity_says(u: float, v: float, d: float, ti
 @given(offsets, offsets, st.floats(-2, 2), st.floats(0.05, 0.6))
 def test_a_balls_points_lie_on_it_and_face_the_camera(u: float, v: float, d: float, depth: float) -> None:
     ball = Ball(np.zeros((4, 4, 3), np.uint8), 32.0, 30.0, d, 14.0, depth, 0.0)
-    _, seen = render_view([ball], 64, u, v)
+    _, seen = draw_view([ball], u, v)
     y, x = np.nonzero(np.isfinite(seen))
     assert len(x) > 300
     found = seen[y, x].astype(float)

@@ -1,4 +1,4 @@
-"""The demo's still life, rendered view by view: nothing but its size is stored."""
+"""The demo's scenes, rendered view by view: nothing but a name and a size is stored."""
 
 from functools import lru_cache, partial
 from typing import Any
@@ -9,14 +9,15 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.files.untrusted import json_fields
-from lfpipe.scene.demo import MARKER
-from lfpipe.scene.demo_layers import render_view
-from lfpipe.scene.demo_still_life import OFFSET_PX, solids_of
+from lfpipe.scene.demo import MARKER, SIZE_PX
+from lfpipe.scene.demo_drawing import Floats, Picture, draw_view
+from lfpipe.scene.demo_scenes import OFFSET_PX, solids_of
 from lfpipe.scene.files import Listing, read_bytes
 from lfpipe.scene.lightfield import Geometry
 from lfpipe.scene.source import SceneSource, Turn
 
 NAME = "demo"
+GRID = 9
 FOCAL_MM, SENSOR_MM, FOCUS_M = 100.0, 35.0, 1.5
 
 
@@ -27,24 +28,28 @@ def detect(listing: Listing) -> int | None:
 def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     path = listing.file(MARKER)
     fields = json_fields(read_bytes(path), str(path), "remove the folder; lfpipe makes it again")
-    grid, size_px = fields.integer("grid", 1, 33), fields.integer("size_px", 32, 4096)
-    middle, solids = grid // 2, solids_of(fields.text("scene"), size_px)
+    size_px, solids = fields.integer("size_px", 32, 4096), solids_of(fields.text("scene"))
 
-    @lru_cache(grid * grid)
-    def view(row: int, col: int) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        return render_view(solids, size_px, col - middle, row - middle)
+    @lru_cache(GRID * GRID)
+    def view(row: int, col: int) -> tuple[Picture, Floats]:
+        picture, disparity = draw_view(solids, col - GRID // 2, row - GRID // 2)
+        if size_px == SIZE_PX:
+            return picture, disparity
+        sides = size_px, size_px
+        small = cv2.resize(disparity * np.float32(size_px / SIZE_PX), sides, interpolation=cv2.INTER_NEAREST)
+        return np.asarray(cv2.resize(picture, sides, interpolation=cv2.INTER_AREA), np.uint8), np.asarray(small, np.float32)
 
     def read(_frame: int, row: int, col: int) -> NDArray[Any]:
-        return np.asarray(cv2.cvtColor(view(row, col)[0], cv2.COLOR_BGR2RGB))
+        return view(row, col)[0]
 
     geometry = Geometry(
         # offset = baseline * focal length * width / (focus distance * sensor width), as in the HCI benchmark's tools
-        baseline_mm=OFFSET_PX / 512 * FOCUS_M * 1000 * SENSOR_MM / FOCAL_MM,
+        baseline_mm=OFFSET_PX / SIZE_PX * FOCUS_M * 1000 * SENSOR_MM / FOCAL_MM,
         focus_distance_mm=FOCUS_M * 1000,
         focal_length_px=FOCAL_MM / SENSOR_MM * size_px,
     )
-    truth = {place: partial(lambda row, col: view(row, col)[1], *place) for place in np.ndindex(grid, grid)}
+    truth = {place: partial(lambda row, col: view(row, col)[1], *place) for place in np.ndindex(GRID, GRID)}
     return SceneSource(
-        NAME, listing.path, (path,), grid, grid, read, size_px, size_px, turn=Turn(), rendered=True, truth=truth,
+        NAME, listing.path, (path,), GRID, GRID, read, size_px, size_px, turn=Turn(), rendered=True, truth=truth,
         turn_by="the demo is rendered in this order", geometry=geometry,
     )  # fmt: skip

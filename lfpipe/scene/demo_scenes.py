@@ -1,0 +1,108 @@
+"""The demo's scenes: before a papered wall with an eye chart, on a table, a card and balls in grass; marbles; a meadow.
+
+Lengths are px of the centre view. The table rises to its horizon, where a point would stand still: nearer objects appear lower,
+as for a camera that looks down a little.
+"""
+
+from functools import cache
+
+import numpy as np
+
+from lfpipe.scene import demo_textures as textures
+from lfpipe.scene.demo import SIZE_PX
+from lfpipe.scene.demo_drawing import Ball, Picture, Quad, Solid
+from lfpipe.scene.demo_textures import TEXELS
+
+OFFSET_PX = 8.0  # disparity between infinity and the plane of zero disparity
+VANISHING = (256.0, 60.0)  # vanishing point of lines straight away from the camera
+WALL_D = -2.0
+TABLE_SLOPE = 0.0215  # disparity per px down the table
+BALL_DEPTH = 0.0075  # depth of a ball in disparity over its radius in px: a little rounder than life
+MARGIN = 48.0  # around the centre view, which the outermost cameras see
+
+
+@cache  # a scene is described before it is drawn, perhaps twice
+def solids_of(name: str) -> list[Solid]:
+    """The solids of a scene of `demo.NAMES`, back to front; always the same ones."""
+    rng = np.random.default_rng(9)
+    objects = {"marbles": _marbles, "meadow": _meadow}.get(name.split("-")[0], _still_life)
+    return [*_room(rng), *objects(rng)]
+
+
+def _table_y(d: float) -> float:
+    """The height at which the table has disparity d: its plane reaches infinity at the height of the vanishing point."""
+    return VANISHING[1] + (d + OFFSET_PX) / TABLE_SLOPE
+
+
+def _upright(texture: Picture, left: float, top: float, right: float, bottom: float, d: float) -> Quad:
+    return Quad(texture, np.array([[left, top, d], [right, top, d], [right, bottom, d], [left, bottom, d]]))
+
+
+def _lying(texture: Picture, x: float, half: float, d_far: float, d_near: float) -> Quad:
+    """A rectangle on the table, centred at x and `half` to either side of it at its near edge."""
+
+    def edge(d: float) -> list[list[float]]:
+        scale = (d + OFFSET_PX) / (d_near + OFFSET_PX)  # of lengths, which shrink towards the vanishing point
+        middle = VANISHING[0] + (x - VANISHING[0]) * scale
+        return [[middle - half * scale, _table_y(d), d], [middle + half * scale, _table_y(d), d]]
+
+    return Quad(texture, np.array([*edge(d_far), *edge(d_near)[::-1]]))
+
+
+def _room(rng: np.random.Generator) -> list[Solid]:
+    """The wall with the eye chart, and the table."""
+    seam, side = _table_y(WALL_D), round((SIZE_PX + 2 * MARGIN) * TEXELS)
+    wall = textures.wall(rng, round((seam + MARGIN) * TEXELS), side)
+    return [
+        _upright(textures.opaque(wall), -MARGIN, -MARGIN, SIZE_PX + MARGIN, seam, WALL_D),
+        _upright(textures.shadow(0.5), 330, 76, 474, 240, WALL_D),
+        _upright(textures.opaque(textures.chart(232, 308)), 336, 62, 452, 216, WALL_D + 0.06),
+        _lying(textures.opaque(textures.wood(rng, 300, 800, (92, 54, 30), (178, 120, 72))), VANISHING[0], 580, WALL_D, 2.6),
+        _lying(textures.shadow(0.5), VANISHING[0], 700, WALL_D - 0.4, WALL_D + 0.5),
+    ]
+
+
+def _still_life(rng: np.random.Generator) -> list[Solid]:
+    ends = ((262.0, 0.35), (374.0, -0.45))  # of the card: x and disparity
+    feet = [[x, _table_y(d), d] for x, d in ends]
+    tops = [[x, y - 152.0 * (d + OFFSET_PX) / (ends[0][1] + OFFSET_PX), d] for x, y, d in feet]
+    solids = [
+        *_ball(textures.red, rng, 90, -1.25, 50),
+        *_ball(textures.marble, rng, 372, -1.1, 44),
+        Quad(textures.opaque(textures.card(260, 330)), np.array([*tops, *feet[::-1]])),
+        *_ball(textures.planet, rng, 190, 0.25, 56),
+        *_ball(textures.blue, rng, 424, 0.95, 38),
+        *_ball(textures.marble, rng, 306, 1.45, 22),
+    ]
+    return solids + [_grass(rng, x, 565, d, 75, 250, 15) for x, d in ((34, 1.55), (486, 1.75), (76, 1.95))]
+
+
+def _marbles(rng: np.random.Generator) -> list[Solid]:
+    """Balls of four kinds in a spiral from the wall to the viewer."""
+    kinds = (textures.planet, textures.blue, textures.marble, textures.red)
+    solids: list[Solid] = []
+    for k, (d, turn) in enumerate(zip(np.linspace(-1.6, 1.7, 14).tolist(), np.linspace(0.4, 3.6 * np.pi, 14), strict=True)):
+        solids += _ball(kinds[k % 4], rng, 256 + (90 + 6 * k) * float(np.sin(turn)), d, 16 + 1.6 * k)
+    return solids
+
+
+def _meadow(rng: np.random.Generator) -> list[Solid]:
+    """Tufts of grass at many depths, with balls between them: much hides much."""
+    solids: list[Solid] = []
+    for k, d in enumerate(np.linspace(-1.5, 1.9, 12).tolist()):
+        solids.append(_grass(rng, 60 + 392 * (k * 5 % 12) / 11, _table_y(d), d, 55 + 4 * k, 110 + 8 * k, 12))
+        if k % 3 == 1:
+            solids += _ball(textures.red if k % 2 else textures.planet, rng, 452 - 30 * k, d + 0.02, 18 + k)
+    return solids
+
+
+def _grass(rng: np.random.Generator, x: float, foot: float, d: float, half: float, tall: float, blades: int) -> Quad:
+    texture = textures.grass(rng, round(tall * TEXELS), round(2 * half * TEXELS), blades)
+    return _upright(texture, x - half, foot - tall, x + half, foot, d)
+
+
+def _ball(texture: textures.Texture, rng: np.random.Generator, x: float, d: float, radius: float) -> list[Solid]:
+    """A ball that lies on the table at disparity d, after its shadow. At its middle a texel is a px."""
+    shadow = _lying(textures.shadow(0.5), x + 0.35 * radius, 1.4 * radius, d - 0.012 * radius, d + 0.008 * radius)
+    surface = texture(rng, round(np.pi * radius), round(2 * np.pi * radius))
+    return [shadow, Ball(surface, x, _table_y(d) - 0.9 * radius, d, radius, radius * BALL_DEPTH, 0.5)]
