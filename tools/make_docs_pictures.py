@@ -31,9 +31,8 @@ from rich.console import Console
 
 import lfpipe
 from lfpipe.config import Scene
-from lfpipe.observe.session_commands import ask
-from lfpipe.observe.session_reader import FollowingReader
-from lfpipe.observe.state_text import screen_text
+from lfpipe.observe.monitor import screen_text
+from lfpipe.observe.session_reader import Follower
 from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.demo import NAMES, demo_scene
 from tests.web.browser import Browser, missing
@@ -101,12 +100,12 @@ def monitor(out: Path) -> None:
     with private_world() as world, tempfile.TemporaryDirectory() as folder:
         world.name = "default"
         session = started(world, str(demo_scene(cache_dir(Scene()))), "--display", "none")
-        reader, text = FollowingReader(world.name), None
+        follower, text = Follower(world.name), None
         for _ in range(100):
             time.sleep(0.25)
-            if (state := reader.read()) is not None:
-                text = screen_text(state, ask(world.name, {"cmd": "hello"}), "")
-        reader.close()
+            if (state := follower.read()) is not None:
+                text = screen_text(world.name, state)
+        follower.close()
         assert text is not None, "the demo does not run"
         console = Console(width=80, record=True, file=io.StringIO())
         console.print(text)

@@ -18,7 +18,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.output import check_outputs
 from lfpipe.files.video_writer import require_encoder
 from lfpipe.host.files import exists
-from lfpipe.observe.state_text import print_state
+from lfpipe.observe.monitor import print_state
 from lfpipe.render.display import check_display, has_display
 from lfpipe.render.plan import make_plan
 from lfpipe.scene.open_scene import Packing, open_scenes

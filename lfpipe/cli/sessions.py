@@ -2,7 +2,6 @@
 
 import itertools
 import json
-import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -13,11 +12,9 @@ import click
 from lfpipe.cli import completions
 from lfpipe.cli.options import PATH, SESSION
 from lfpipe.config import parse_set
-from lfpipe.files.output import check_output
-from lfpipe.observe import terminal
-from lfpipe.observe.session_commands import ask
-from lfpipe.observe.state_text import print_state
-from lfpipe.observe.timeline import finish_trace
+from lfpipe.observe.monitor import print_state, run
+from lfpipe.observe.session_reader import ask
+from lfpipe.observe.timeline import begin_trace, finish_trace
 from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S
 
 LOAD_S = 900.0  # packing a large scene takes minutes
@@ -38,7 +35,7 @@ def monitor(session_name: str, once: bool, as_json: bool, web: str | None) -> No
     Keys: q quit, p pause, r reset, t record a timeline, w toggle warp, m mode, c recentre.
     """
     if web is None:
-        terminal.run(session_name, once, as_json)
+        run(session_name, once, as_json)
         return
     if once or as_json:
         raise click.UsageError(f"--web excludes {'--once' if once else '--json'}")
@@ -175,10 +172,7 @@ def trace() -> None:
 @SESSION
 def start_trace(out: Path | None, session_name: str) -> None:
     """Start a timeline. `lfpipe trace stop` writes it to OUT.json; the default is a name made of the time, in this folder."""
-    out = (out or Path(time.strftime("lfpipe-%Y%m%d-%H%M%S.json"))).absolute()
-    check_output(out)
-    ask(session_name, {"cmd": "trace", "path": f"{out}.part"}, FILE_CHECK_TIMEOUT_S)
-    click.echo(f"recording; `lfpipe trace stop` writes {out}")
+    click.echo(f"recording; `lfpipe trace stop` writes {begin_trace(partial(ask, session_name), out)}")
 
 
 @trace.command("stop")

@@ -18,18 +18,17 @@ import zmq
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.observe.session_commands import ask
-from lfpipe.observe.session_reader import FollowingReader
-from lfpipe.observe.state_text import photon_words
+from lfpipe.observe.monitor import photon_words
+from lfpipe.observe.session_reader import Follower, ask
 from lfpipe.render.geometry import zero_planes_px
 from lfpipe.render.view_grid import EyesOnGrid, draw_over_eyes
 from lfpipe.transport import control, ring
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.session import Session
 
-PERIOD_S = 0.25
+PERIOD_S = 0.25  # four times a second, as the terminal
 COMMAND_S, LOAD_S = 2.0, 20.0  # timeouts of answers; packing a scene may take longer
-LEASE_S = 5.0  # of the ring of pictures
+LEASE_S = 5.0  # of the ring of pictures: it goes soon after the last viewer
 PICTURES = {"camera": 320, "picture": 1024}  # px of the longer side on the page
 # full chroma resolution: the chroma of an anaglyph separates the eyes
 FULL_CHROMA = (cv2.IMWRITE_JPEG_QUALITY, 85, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444)
@@ -37,45 +36,42 @@ FULL_CHROMA = (cv2.IMWRITE_JPEG_QUALITY, 85, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, c
 log = logging.getLogger(__name__)
 
 
-def _settings(hello: dict[str, Any]) -> dict[str, Any]:
-    """The session's `config` and `paused`; `depth_px`: smallest and largest zero plane to offer, and step; `playlist`: names
-    of scenes; `playlist_at`. Empty if the session did not answer."""
-    settings: dict[str, Any] = {key: hello[key] for key in ("config", "paused") if key in hello}
-    options = hello.get("options", {})
+def figures_of(state: dict[str, Any]) -> dict[str, Any]:
+    """What the page is told of a state (see `Follower.read`), without the options, which are not for every viewer.
+
+    Adds `depth_px`: smallest and largest zero plane to offer, and step; `playlist`: names of scenes; `playlist_at`.
+    """
+    figures = {"alive": True, **state, "motion_to_photon": photon_words(state["motion_to_photon"])}
+    figures["stages"] = {name: stage for name, stage in state["stages"].items() if stage["state"] != "NONE"}
+    options = figures.pop("options", {})
     if scene := options.get("scene"):
-        low_px, high_px = scene["disparity_min_px"], scene["disparity_max_px"]
-        settings["playlist"] = [Path(path).name for path in options["playlist"]]
-        settings["playlist_at"] = options["playlist_at"]
-        settings["depth_px"] = zero_planes_px(low_px, high_px)
-    return settings
+        figures["playlist"] = [Path(path).name for path in options["playlist"]]
+        figures["playlist_at"] = options["playlist_at"]
+        figures["depth_px"] = zero_planes_px(scene["disparity_min_px"], scene["disparity_max_px"])
+    return figures
 
 
 class Pictures:
-    """The pictures of one session as JPEG."""
+    """The pictures of one session as server-sent events."""
 
     def __init__(self, session: Session) -> None:
-        self._session = session
+        self.session = session
         self._readers: dict[str, ring.Reader] = {}
-        self._jpegs: dict[str, bytes | None] = {}
+        self._events: dict[str, bytes] = {}
         self._eyes: EyesOnGrid | None = None
+        self._lent, self._lease_end_ns = "", 0  # the ring of the picture on the screen
         self._zmq = control.context()
         self._tap = self._zmq.socket(zmq.SUB)
         self._tap.setsockopt(zmq.RCVHWM, 100)
         self._tap.setsockopt(zmq.SUBSCRIBE, b"")
         control.connect(self._tap, session.run_dir, "tap")
 
-    def newest(self, which: str, ring_name: str) -> bytes | None:
-        """`camera`: with the grid of views over the eyes; `picture`: as on the screen. None before the first.
-
-        Raises FileNotFoundError or ValueError if there is no such ring.
-        """
-        name, reader = self._session.segment(ring_name), self._readers.get(which)
-        if reader is None or reader.name != name:
-            if reader is not None:
-                self._readers.pop(which).close()
-            reader = self._readers[which] = ring.Reader(name)
-            reader.last_seq = max(0, reader.published - 1)  # the current picture counts as new
-            self._jpegs[which] = None
+    def event(self, which: str) -> bytes:
+        """The newest picture. `camera`: with the grid of views over the eyes; `picture`: as on the screen. Empty without one."""
+        try:
+            reader = self._reader(which)
+        except (UserError, FileNotFoundError, ValueError):  # no camera, or the session has just ended
+            return b""
         frame: NDArray[np.uint8] = np.empty(reader.shape, np.uint8)
         if reader.read(frame) is not None:
             scale = min(1.0, PICTURES[which] / max(frame.shape))
@@ -83,17 +79,29 @@ class Pictures:
                 frame = np.asarray(cv2.resize(frame, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
             if which == "camera" and (eyes := self._seen_eyes()) is not None:
                 draw_over_eyes(frame, eyes, scale)
-            self._jpegs[which] = cv2.imencode(".jpg", frame, FULL_CHROMA)[1].tobytes()
-        return self._jpegs[which]
+            jpeg = cv2.imencode(".jpg", frame, FULL_CHROMA)[1].tobytes()
+            self._events[which] = b"event: %s\ndata: %s\n\n" % (which.encode(), base64.b64encode(jpeg))
+        return self._events[which]
+
+    def _reader(self, which: str) -> ring.Reader:
+        """The ring of pictures. It changes with the size, and the one of the screen is leased again and again."""
+        if which == "picture" and now_ns() > self._lease_end_ns - LEASE_S / 2 * SECOND_NS:
+            self._lent = str(ask(self.session.name, {"cmd": "pictures", "lease_s": LEASE_S}, COMMAND_S)["ring"])
+            self._lease_end_ns = now_ns() + int(LEASE_S * SECOND_NS)
+        name, reader = self.session.segment("frames" if which == "camera" else self._lent), self._readers.get(which)
+        if reader is None or reader.name != name:
+            if reader is not None:
+                self._readers.pop(which).close()
+            reader = self._readers[which] = ring.Reader(name)
+            reader.last_seq = max(0, reader.published - 1)  # the current picture counts as new
+            self._events[which] = b""
+        return reader
 
     def _seen_eyes(self) -> EyesOnGrid | None:
         while self._tap.poll(0):
-            try:
-                message = control.decode(self._tap.recv())
-                if message.get("topic") == "look":
-                    self._eyes = EyesOnGrid.of(message)
-            except (control.BadMessage, KeyError, TypeError, ValueError):
-                continue  # another version: ignored
+            message = control.decode(self._tap.recv())
+            if message["topic"] == "look":
+                self._eyes = EyesOnGrid.of(message)
         return self._eyes
 
     def close(self) -> None:
@@ -105,16 +113,13 @@ class Pictures:
 
 
 class Feed:
-    """Belongs to one event loop. Commands are sent by one thread, in order."""
+    """Belongs to one event loop. One thread takes samples, another sends commands, in order."""
 
     def __init__(self, name: str) -> None:
         self.name, self.viewers = name, 0
-        self._follower = FollowingReader(name)
-        self._thread = ThreadPoolExecutor(1, "lfpipe-ctl")
+        self._follower = Follower(name)
         self._pictures: Pictures | None = None
-        self._lent, self._lease_end_ns = "", 0  # the ring of the picture on the screen
-        self._hello: dict[str, Any] = {}
-        self._revision = -1
+        self._sampling, self._commands = ThreadPoolExecutor(1, "lfpipe-sample"), ThreadPoolExecutor(1, "lfpipe-ctl")
         self._sampler: asyncio.Task[None] | None = None
         self._news, self._newest, self._ended = asyncio.Condition(), b"", False
 
@@ -122,7 +127,7 @@ class Feed:
         """Yields the newest sample as server-sent events until the feed ends: figures as JSON, pictures as JPEG in base64."""
         self.viewers += 1
         if self._sampler is None:
-            self._sampler = asyncio.create_task(self._sample())
+            self._sampler = asyncio.create_task(self._keep_sampling())
         try:
             while not self._ended:
                 async with self._news:
@@ -132,11 +137,13 @@ class Feed:
             self.viewers -= 1
 
     async def command(self, message: dict[str, Any]) -> dict[str, Any]:
-        """Returns the session's answer. `reset` counts drops and worst times from now on. Raises UserError."""
+        """Returns the session's answer. `reset` counts drops and times from now on. Raises UserError."""
+        loop = asyncio.get_running_loop()
         if message["cmd"] == "reset":
-            self._follower.reset()
+            await loop.run_in_executor(self._sampling, self._follower.reset)
             return {"ok": True}
-        return await self._ask(message, LOAD_S if message["cmd"] == "load" else COMMAND_S)
+        timeout_s = LOAD_S if message["cmd"] == "load" else COMMAND_S
+        return await loop.run_in_executor(self._commands, ask, self.name, message, timeout_s)
 
     async def end(self) -> None:
         """Ends the streams and releases everything."""
@@ -145,59 +152,33 @@ class Feed:
             await self._sampler
         async with self._news:
             self._news.notify_all()
-        self._thread.shutdown(cancel_futures=True)
+        for executor in (self._sampling, self._commands):
+            executor.shutdown(cancel_futures=True)
 
-    async def _ask(self, message: dict[str, Any], timeout_s: float = COMMAND_S) -> dict[str, Any]:
-        return await asyncio.get_running_loop().run_in_executor(self._thread, ask, self.name, message, timeout_s)
-
-    async def _sample(self) -> None:
+    async def _keep_sampling(self) -> None:
         while self.viewers and not self._ended:
-            try:
-                figures = await self._figures()
-                pictures = [await self._picture(which) for which in PICTURES]
-            except Exception:  # a defect, or a half-removed session: viewers see "no session"
-                log.exception("no sample of the session")
-                figures, pictures = {"alive": False}, []
-            self._newest = b"".join([f"data: {json.dumps(figures)}\n\n".encode(), *pictures])
+            self._newest = await asyncio.get_running_loop().run_in_executor(self._sampling, self._sample)
             async with self._news:
                 self._news.notify_all()
             await asyncio.sleep(PERIOD_S)
-        self._release()
+        self._release_pictures()
         self._follower.close()
         self._sampler = None
 
-    async def _figures(self) -> dict[str, Any]:
-        """The state of `Watch.read_window`, and the session's settings."""
-        before, state = self._follower.watch, self._follower.read()
-        if self._follower.watch is not before:
-            self._release()
-        if state is None or self._follower.watch is None:
-            return {"alive": False}
-        if self._pictures is None:
-            self._pictures = Pictures(self._follower.watch.session)
-        if state["config_rev"] != self._revision:
-            try:
-                self._hello, self._revision = await self._ask({"cmd": "hello"}, 0.5), state["config_rev"]
-            except UserError:
-                self._hello = {}
-        stages = {name: stage for name, stage in state["stages"].items() if stage["state"] != "NONE"}
-        photon = photon_words(state["motion_to_photon"])
-        return {"alive": True, **state, "motion_to_photon": photon, "stages": stages, **_settings(self._hello)}
-
-    async def _picture(self, which: str) -> bytes:
-        """An event with the picture; empty if there is none."""
-        if self._pictures is None:
-            return b""
+    def _sample(self) -> bytes:
         try:
-            if which == "picture" and now_ns() > self._lease_end_ns - LEASE_S / 2 * SECOND_NS:
-                self._lent = str((await self._ask({"cmd": "pictures", "lease_s": LEASE_S}))["ring"])
-                self._lease_end_ns = now_ns() + int(LEASE_S * SECOND_NS)
-            jpeg = self._pictures.newest(which, "frames" if which == "camera" else self._lent)
-        except (UserError, FileNotFoundError, ValueError):  # no camera, or the session has just ended
-            return b""
-        return b"event: %s\ndata: %s\n\n" % (which.encode(), base64.b64encode(jpeg)) if jpeg else b""
+            state, watch = self._follower.read(), self._follower.watch
+            if self._pictures is not None and (watch is None or watch.session is not self._pictures.session):
+                self._release_pictures()
+            if state is not None and watch is not None:
+                self._pictures = self._pictures or Pictures(watch.session)
+                pictures = [self._pictures.event(which) for which in PICTURES]
+                return b"".join([f"data: {json.dumps(figures_of(state))}\n\n".encode(), *pictures])
+        except Exception:  # a defect, or a half-removed session: viewers see "no session"
+            log.exception("no sample of the session")
+        return b'data: {"alive": false}\n\n'
 
-    def _release(self) -> None:
+    def _release_pictures(self) -> None:
         if self._pictures is not None:
             self._pictures.close()
-        self._pictures, self._lease_end_ns, self._revision, self._hello = None, 0, -1, {}
+        self._pictures = None

@@ -1,47 +1,33 @@
-"""Reads a running session: attaches to its status table untracked and read-only, without side effects."""
+"""Reads running sessions: attaches to their status tables untracked and read-only, without side effects."""
 
 import json
 from collections import deque
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.host.processes import cpu_ns, rss_bytes
+from lfpipe.host.processes import rss_bytes
 from lfpipe.supervisor.process_table import SHOWN_BY
 from lfpipe.supervisor.rundir import find
 from lfpipe.supervisor.snapshot import snapshot
-from lfpipe.transport.clock import now_ns
-from lfpipe.transport.histogram import MIDDLES_US, summary_ms
+from lfpipe.transport import control
+from lfpipe.transport.clock import SECOND_NS, now_ns
+from lfpipe.transport.histogram import MIDDLES_US
 from lfpipe.transport.segment import WrongSegment
 from lfpipe.transport.session import Session
 from lfpipe.transport.status import Table
 
-WINDOW_S = 10.0
+WINDOW_S = 10.0  # of what monitors show: long enough for a p99 at 30 Hz, short enough to see a change
+HELLO_S = 0.5  # timeout for the settings; figures need no answer
+Rows = dict[str, NDArray[np.void]]
 HISTOGRAMS = ("wait", "busy", "age", "horizon")
 
 
-class _Sample(NamedTuple):
-    """A copy of the table's rows, and the CPU time of the processes."""
-
-    t_ns: int
-    rows: dict[str, NDArray[np.void]]
-    cpu_ns: dict[int, int]
-
-
-def since(row: NDArray[np.void], before: NDArray[np.void] | None) -> NDArray[np.void]:
-    """row with its drops and histograms counted from `before` on; maxima are then the middle of their bucket (1.6 %)."""
-    out = row.copy()
-    if before is None:
-        return out
-    out["drops"] -= before["drops"]
-    for name in HISTOGRAMS:
-        for field in ("count", "sum_ns", "buckets"):
-            out[name][field] -= before[name][field]
-        filled = np.flatnonzero(out[name]["buckets"])
-        out[name]["max_ns"] = int(1e3 * MIDDLES_US[filled[-1]]) if len(filled) else 0
-    return out
+def ask(name: str, message: dict[str, Any], timeout_s: float = 2.0) -> dict[str, Any]:
+    """Sends one command to the session that has this name now; returns its answer. Raises UserError."""
+    return control.request(find(name).run_dir, message, timeout_s)
 
 
 class Watch:
@@ -54,58 +40,15 @@ class Watch:
             self._mark = self._marked()
             about = json.loads(self._about.read_text())
             self.table = Table(session.segment("status"))
-            self._started_ns, self._pid = int(about["started_ns"]), int(about["pid"])
+            self.started_ns = int(about["started_ns"])
         except WrongSegment:
             raise
         except (FileNotFoundError, ValueError):
             raise UserError(f"session {session.name!r} is starting or ending", "try again in a second") from None
-        self._past: deque[_Sample] = deque([self._sample()])
-        self._reset: dict[str, NDArray[np.void]] = {}
 
     def read(self) -> dict[str, Any]:
-        """The current state, see `snapshot`."""
-        return snapshot(self.session.name, self.table.rows, self.table.session, self._started_ns)
-
-    def reset(self) -> None:
-        """Counts drops and worst times from now on, for this monitor only."""
-        self._past = deque([self._sample()])
-        self._reset = self._past[0].rows
-
-    def read_window(self) -> dict[str, Any]:
-        """`snapshot` with the times of the last WINDOW_S, and more.
-
-        `cpu_percent`, `rss_mb`: of the supervisor and of each stage. `worst_ms`: of each stage since the reset. `age_now_ms`: the
-        median since the reading before, or None.
-        """
-        now, last = self._sample(), self._past[-1]
-        while len(self._past) > 1 and now.t_ns - self._past[1].t_ns >= WINDOW_S * 1e9:
-            self._past.popleft()
-        then = self._past[0]
-        self._past.append(now)
-        since_reset = {name: since(row, self._reset.get(name)) for name, row in now.rows.items()}
-        rows = {name: since(row, then.rows[name]) for name, row in now.rows.items()}
-        for name, row in rows.items():
-            row["drops"] = since_reset[name]["drops"]
-        state = snapshot(self.session.name, rows, self.table.session, self._started_ns)
-        for name, stage in state["stages"].items():
-            worst_ms = float(since_reset[name]["busy"]["max_ns"]) / 1e6
-            stage |= {**self._load(now, then, stage["pid"]), "worst_ms": worst_ms}
-        age = summary_ms(since(now.rows[SHOWN_BY], last.rows[SHOWN_BY])["age"])
-        state |= self._load(now, then, self._pid)
-        state |= {"config_rev": int(now.rows[SHOWN_BY]["config_rev"]), "age_now_ms": age["p50_ms"] if age["n"] else None}
-        return state
-
-    def _sample(self) -> _Sample:
-        rows = {name: row.copy() for name, row in self.table.rows.items()}
-        pids = [self._pid, *(int(row["pid"]) for row in rows.values() if row["pid"])]
-        return _Sample(now_ns(), rows, {pid: cpu_ns(pid) for pid in pids})
-
-    @staticmethod
-    def _load(now: _Sample, then: _Sample, pid: int) -> dict[str, float]:
-        """The load of a process, over the window or since it started."""
-        spent_ns = now.cpu_ns.get(pid, 0) - then.cpu_ns.get(pid, 0)
-        percent = max(0.0, 100.0 * spent_ns / max(now.t_ns - then.t_ns, 1))
-        return {"cpu_percent": round(percent, 1), "rss_mb": round(rss_bytes(pid) / 1e6, 1)}
+        """The state since the session began, see `snapshot`."""
+        return snapshot(self.session.name, self.table.rows, self.table.session, self.started_ns)
 
     def living(self) -> bool:
         """Whether the session is still the one that was attached to."""
@@ -123,15 +66,37 @@ class Watch:
         self.table.close()
 
 
-class FollowingReader:
-    """A watch that outlives its session: it detaches when the session ends and attaches to the next one of the same name."""
+def _since(row: NDArray[np.void], before: NDArray[np.void]) -> NDArray[np.void]:
+    """row with its histograms counted from `before` on; maxima are then the middle of their bucket (1.6 %)."""
+    out = row.copy()
+    for name in HISTOGRAMS:
+        for field in ("count", "sum_ns", "buckets"):
+            out[name][field] -= before[name][field]
+        filled = np.flatnonzero(out[name]["buckets"])
+        out[name]["max_ns"] = int(1e3 * MIDDLES_US[filled[-1]]) if len(filled) else 0
+    return out
+
+
+class Follower:
+    """What monitors show of the session of a name. It detaches when the session ends and attaches to the next one.
+
+    watch: the attachment, None without a session.
+    """
 
     def __init__(self, name: str) -> None:
         self.name = name
         self.watch: Watch | None = None
+        self._past: deque[tuple[int, Rows]] = deque()  # time, and a copy of the table
+        self._dropped: dict[str, int] = {}  # at the reset
+        self._settings: dict[str, Any] = {}
+        self._revision = -1  # of the settings
 
     def read(self) -> dict[str, Any] | None:
-        """The current session, see `Watch.read_window`, or None."""
+        """`snapshot` with the times of the last WINDOW_S, and more; None without a session.
+
+        `cpu_percent`, `rss_mb`: of each stage. `config`, `options`, `paused`: see the command `hello`; missing if the session
+        does not answer.
+        """
         if self.watch is not None and not self.watch.living():
             self.close()
         if self.watch is None:
@@ -139,15 +104,35 @@ class FollowingReader:
                 self.watch = Watch(find(self.name))
             except UserError:
                 return None
-        return self.watch.read_window()
+        t_ns, now = now_ns(), {name: row.copy() for name, row in self.watch.table.rows.items()}
+        while self._past and t_ns - self._past[0][0] > WINDOW_S * SECOND_NS:
+            self._past.popleft()
+        self._past.append((t_ns, now))
+        then_ns, then = self._past[0]
+        rows = {name: _since(row, then[name]) for name, row in now.items()}
+        state = snapshot(self.name, rows, self.watch.table.session, self.watch.started_ns)
+        for name, stage in state["stages"].items():
+            spent_ns = int(now[name]["cpu_ns"]) - int(then[name]["cpu_ns"])  # of one process: less after a restart
+            stage["cpu_percent"] = round(max(0.0, 100.0 * spent_ns / max(t_ns - then_ns, 1)), 1)
+            stage["rss_mb"] = round(rss_bytes(stage["pid"]) / 1e6, 1)
+            stage["dropped"] -= self._dropped.get(name, 0)
+        if (revision := int(now[SHOWN_BY]["config_rev"])) != self._revision:
+            try:
+                answer = ask(self.name, {"cmd": "hello"}, HELLO_S)
+                self._settings, self._revision = {key: answer[key] for key in ("config", "options", "paused")}, revision
+            except UserError:
+                self._settings = {}
+        return {**state, **self._settings}
 
     def reset(self) -> None:
-        """See `Watch.reset`."""
-        if self.watch is not None:
-            self.watch.reset()
+        """Counts drops and times from the last reading on, for this monitor only."""
+        if self._past:
+            self._past = deque([self._past[-1]])
+            self._dropped = {name: int(row["drops"]) for name, row in self._past[0][1].items()}
 
     def close(self) -> None:
         """Detaches."""
         if self.watch is not None:
             self.watch.close()
-            self.watch = None
+        self.watch, self._revision, self._dropped = None, -1, {}
+        self._past.clear()

@@ -5,6 +5,7 @@ display until it is presented. Format: "Trace Event Format" (Google, 2016) with 
 """
 
 import json
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -14,9 +15,11 @@ from lfpipe.files.output import PLACE, check_output, finished_output
 from lfpipe.files.safe_files import reason
 from lfpipe.files.trace import trace_lines
 from lfpipe.supervisor.process_table import CORE
+from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S
 
 TRACKS = (*CORE, "display")
 PID = 1
+Ask = Callable[..., dict[str, Any]]  # sends the session a command, perhaps with timeout_s; returns its answer
 
 
 def events(trace: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
@@ -64,10 +67,18 @@ def convert(source: Path, out: Path) -> None:
         raise UserError(f"{out}: {reason(error)}", PLACE) from None
 
 
-def finish_trace(ask: Callable[[dict[str, Any]], dict[str, Any]], out: Path | None) -> Path:
+def begin_trace(ask: Ask, out: Path | None) -> Path:
+    """Starts a timeline, for a new file in this folder if out is None. Returns its path. Raises UserError."""
+    out = (out or Path(time.strftime("lfpipe-%Y%m%d-%H%M%S.json"))).absolute()
+    check_output(out)
+    ask({"cmd": "trace", "path": f"{out}.part"}, FILE_CHECK_TIMEOUT_S)
+    return out
+
+
+def finish_trace(ask: Ask, out: Path | None) -> Path:
     """Ends the running timeline, converts it and removes the raw lines. Returns its path.
 
-    ask: sends the session a command. out: the file, None for the one given at the start. Raises UserError if no timeline is
+    out: the file, None for the one given at the start. Raises UserError if no timeline is
     running, or if out cannot be written. In that case the timeline continues, or its raw lines are kept.
     """
     if out is not None:

@@ -1,11 +1,17 @@
 """The page of `lfpipe monitor --web`: charts, pictures and controls, for holders of the token.
 
-Its requests need the token and must come from its own page: any local user reaches 127.0.0.1.
+Its requests need the token and must come from its own page: any local user reaches 127.0.0.1. Tornado serves them in one thread,
+with limits on time, sizes and connections, so that clients cannot exhaust it.
 """
 
+import asyncio
+import contextlib
 import hmac
+import ipaddress
+import logging
 import secrets
-from collections.abc import Callable, Iterable
+import socket
+from collections.abc import Awaitable, Callable, Iterable
 from contextlib import aclosing
 from http import HTTPStatus
 from pathlib import Path
@@ -13,21 +19,76 @@ from typing import Any
 
 import attrs
 import cv2
-from tornado.web import Application, HTTPError
+from tornado.httpserver import HTTPServer
+from tornado.httputil import HTTPConnection, HTTPMessageDelegate
+from tornado.iostream import StreamClosedError
+from tornado.netutil import bind_sockets
+from tornado.web import Application, HTTPError, RequestHandler
 
 from lfpipe.errors import UserError
 from lfpipe.files.untrusted import json_fields
 from lfpipe.observe.page_feed import Feed
-from lfpipe.observe.server import Handler, listen, named, parse_address, run, url_of
 
 STATIC = Path(__file__).parent / "static"
 KINDS = {".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=utf-8", ".css": "text/css; charset=utf-8"}
 COMMANDS = ("set", "pause", "resume", "recentre", "load", "reset")
 COMMAND_FORM = f"a JSON map with cmd, one of {', '.join(COMMANDS)}"
-MAX_COMMAND_BYTES = 4096
+# Limits, as docs/security.md states them: far above what a class-room of browsers needs, far below what hurts a session.
+TIMEOUT_S = 10.0  # for the headers of a request, for its body, between two requests, and to take an answer or a piece of a stream
+MAX_HEADER_BYTES = 16 << 10
+MAX_BODY_BYTES = 64 << 10
+MAX_COMMAND_BYTES = 4 << 10
 MAX_STREAMS = 32
+MAX_STRANGERS = 64  # connections not yet admitted; one more closes the oldest of them
+SEND_BUFFER_BYTES = 64 << 10  # of the kernel; small, so that a slow reader of a stream skips to the newest data
 NO_TOKEN = "the token is missing or wrong: open the address that `lfpipe monitor --web` printed; it ends in /?token=..."
 NOT_OURS = "requests must be for this server's own address and come from its own page"
+POLICY = "frame-ancestors 'none'; default-src 'self'; img-src 'self' data:; base-uri 'self'; form-action 'none'"
+HEADERS = {
+    "Content-Security-Policy": POLICY,
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Referrer-Policy": "no-referrer",
+    "X-Frame-Options": "DENY",
+    "X-Content-Type-Options": "nosniff",
+    "Cache-Control": "no-store",
+}
+log = logging.getLogger(__name__)
+
+
+def parse_address(text: str) -> tuple[str, int]:
+    """`[HOST]:PORT` or PORT as (host, port); host defaults to 127.0.0.1. Raises UserError."""
+    host, _, port = text.rpartition(":")
+    if not (port.isascii() and port.isdigit() and len(port) <= 5 and int(port) <= 65535):
+        raise UserError(f"--web {text!r}: not a port from 0 to 65535", "for example: --web :9108")
+    return host.removeprefix("[").removesuffix("]") or "127.0.0.1", int(port)
+
+
+def url_of(host: str, port: int) -> str:
+    """The address of a server, for a browser; a server on all interfaces is named by the outgoing one, for phones."""
+    if host in ("0.0.0.0", "::"):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.connect(("192.0.2.1", 9))  # a documentation address; connecting a datagram socket sends nothing
+                host = probe.getsockname()[0]
+            except OSError:  # no network
+                host = socket.gethostname()
+    return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
+
+
+def named(host_header: str, bound: str) -> bool:
+    """Whether a Host header names a server bound to `bound` by an IP address, as localhost, or by its own name.
+
+    Any other name may be an attacker's, pointed at this machine so that the attacker's page can read answers (DNS rebinding).
+    """
+    name, _, port = host_header.lower().rpartition(":")
+    name = name if port.isdigit() else host_header.lower()
+    if name in ("localhost", bound.lower(), socket.gethostname().lower()):
+        return True
+    try:
+        ipaddress.ip_address(name.removeprefix("[").removesuffix("]"))
+    except ValueError:
+        return False
+    return True
 
 
 @attrs.frozen
@@ -54,14 +115,56 @@ class Site:
         return any([hmac.compare_digest(text.encode(errors="replace"), self.token.encode()) for text in offered])
 
 
-class Guarded(Handler):
-    """A request to the site. The token is in the cookie, in `Authorization: Bearer TOKEN` or in `?token=TOKEN`."""
+class Server(HTTPServer):
+    """Tornado's server with limits. Must be created inside a running event loop."""
+
+    def initialize(self, app: Application) -> None:  # type: ignore[override]
+        """Tornado's replacement for __init__."""
+        self._admitted: dict[Any, bool] = {}  # streams in order of arrival
+        app.settings.update(admit=self.admit, log_function=lambda handler: None)
+        super().initialize(app, idle_connection_timeout=TIMEOUT_S, body_timeout=TIMEOUT_S,
+                           max_header_size=MAX_HEADER_BYTES, max_body_size=MAX_BODY_BYTES)  # fmt: skip
+
+    def admit(self, stream: Any) -> None:
+        """The connection is no longer a stranger's."""
+        self._admitted[stream] = True
+
+    def start_request(self, server_conn: Any, request_conn: HTTPConnection) -> HTTPMessageDelegate:
+        """Called by Tornado when a connection starts to wait for a request."""
+        self._admitted.setdefault(server_conn.stream, False)
+        strangers = [stream for stream, admitted in self._admitted.items() if not admitted]
+        for stream in strangers[:-MAX_STRANGERS]:
+            stream.close()
+        return super().start_request(server_conn, request_conn)
+
+    def on_close(self, server_conn: Any) -> None:
+        """Called by Tornado when a connection has ended."""
+        self._admitted.pop(server_conn.stream, None)
+        super().on_close(server_conn)
+
+
+class Handler(RequestHandler):
+    """One request, with the token in the cookie, in `Authorization: Bearer TOKEN` or in `?token=TOKEN`.
+
+    Every answer carries HEADERS; errors are JSON; nothing sent by a client reaches a log.
+    """
+
+    def set_default_headers(self) -> None:
+        """Called by Tornado for every answer, errors included."""
+        self.clear_header("Server")
+        for name, value in HEADERS.items():
+            self.set_header(name, value)
 
     @property
     def site(self) -> Site:
         """The site."""
         site: Site = self.settings["site"]
         return site
+
+    @property
+    def stream(self) -> Any:
+        """The connection."""
+        return self.request.connection.stream  # type: ignore[union-attr]
 
     def prepare(self) -> None:
         """Admits the request or raises HTTPError."""
@@ -72,10 +175,34 @@ class Guarded(Handler):
         offered = [self.get_cookie(self.site.cookie) or "", *self.get_query_arguments("token")]
         if not self.site.opens([*offered, bearer if scheme.lower() == "bearer" else ""]):
             raise HTTPError(HTTPStatus.FORBIDDEN, NO_TOKEN)
-        self.settings["admit"](self.stream())
+        self.settings["admit"](self.stream)
+
+    def compute_etag(self) -> None:
+        """Returns None: nothing is cached."""
+
+    def write_error(self, status_code: int, **kwargs: Any) -> None:
+        """{"ok": false, "error": why}."""
+        error = kwargs.get("exc_info", (None, None, None))[1]
+        why = error.log_message if isinstance(error, HTTPError) else None
+        self.finish({"ok": False, "error": why or HTTPStatus(status_code).phrase.lower()})
+
+    def log_exception(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        """Logs defects of this program, without the query of the address, which may contain the token."""
+        if not isinstance(error, HTTPError | StreamClosedError):
+            log.error("%s %s", self.request.method, self.request.path, exc_info=error)
+
+    async def sent(self, sending: Awaitable[None]) -> bool:
+        """Waits until the client has taken what is sent. Closes the connection of one that does not, and returns False."""
+        try:
+            async with asyncio.timeout(TIMEOUT_S):
+                await sending
+        except (TimeoutError, StreamClosedError):
+            self.stream.close()
+            return False
+        return True
 
 
-class Unknown(Guarded):
+class Unknown(Handler):
     """An unknown address: 403 without the token, else 404."""
 
     def prepare(self) -> None:
@@ -83,7 +210,7 @@ class Unknown(Guarded):
         raise HTTPError(HTTPStatus.NOT_FOUND, "no such page")
 
 
-class File(Guarded):
+class File(Handler):
     """A file of the page, from memory; without a name the page itself."""
 
     async def get(self, name: str = "index.html") -> None:
@@ -95,10 +222,11 @@ class File(Guarded):
             raise HTTPError(HTTPStatus.NOT_FOUND, "no such page")
         if self.get_query_arguments("token"):
             self.set_cookie(self.site.cookie, self.site.token, path=self.site.path, httponly=True, samesite="Strict")
-        await self.answer(*self.settings["files"][name])
+        self.set_header("Content-Type", KINDS[Path(name).suffix])
+        await self.sent(self.finish(self.settings["files"][name]))
 
 
-class Events(Guarded):
+class Events(Handler):
     """Figures and pictures as server-sent events."""
 
     async def get(self) -> None:
@@ -108,11 +236,12 @@ class Events(Guarded):
         self.set_header("Content-Type", "text/event-stream")
         async with aclosing(self.site.feed.events()) as events:
             async for event in events:
-                if not await self.piece(event):
+                self.write(event)
+                if not await self.sent(self.flush()):
                     return
 
 
-class Commands(Guarded):
+class Commands(Handler):
     """Commands to the session, as JSON: a map with `cmd`, one of COMMANDS."""
 
     async def post(self) -> None:
@@ -120,12 +249,13 @@ class Commands(Guarded):
         if len(self.request.body) > MAX_COMMAND_BYTES:
             raise HTTPError(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"at most {MAX_COMMAND_BYTES} bytes")
         try:
-            await self.answer(await self._done())
+            answer = await self.site.feed.command(self._command())
         except UserError as error:
             self.set_status(HTTPStatus.BAD_REQUEST)
-            await self.answer({"ok": False, "error": error.message, "remedy": error.remedy})
+            answer = {"ok": False, "error": error.message, "remedy": error.remedy}
+        await self.sent(self.finish(answer))
 
-    async def _done(self) -> dict[str, Any]:
+    def _command(self) -> dict[str, Any]:
         if self.request.headers.get("Content-Type", "").partition(";")[0].strip() != "application/json":
             raise UserError("the command was not sent as application/json", COMMAND_FORM)
         message = dict(json_fields(self.request.body, "the command", COMMAND_FORM).values)
@@ -133,25 +263,37 @@ class Commands(Guarded):
             raise UserError("not a command of the page", COMMAND_FORM)
         if message["cmd"] == "load" and set(message) != {"cmd", "at"}:
             raise UserError("the page loads only scenes of the playlist", "`lfpipe ctl load SCENE` loads any other")
-        return await self.site.feed.command(message)
-
-
-def application(site: Site) -> Application:
-    """All addresses of the page, at the root and below the path of the cookie."""
-    root = f"(?:{site.path}|/)"
-    routes = [("", File), ("events", Events), ("ctl", Commands), (r"([\w.]+)", File)]
-    files = {path.name: (path.read_bytes(), KINDS[path.suffix]) for path in STATIC.iterdir() if path.suffix in KINDS}
-    page, kind = files["index.html"]
-    files["index.html"] = page.replace(b'<base href="/">', f'<base href="{site.path}">'.encode()), kind
-    handlers = [(root + path, handler) for path, handler in routes]
-    return Application(handlers, default_handler_class=Unknown, site=site, files=files)
+        return message
 
 
 def serve(name: str, address: str, tell: Callable[[str], None]) -> None:
     """Serves the page of session `name` on `[HOST]:PORT` until Ctrl-C. Raises UserError if the port is in use."""
-    host, port = parse_address(address, "--web")
-    sockets = listen(host, port, "--web")
+    host, port = parse_address(address)
+    try:
+        sockets = bind_sockets(port, host)
+    except OSError as error:
+        why = f"--web {host}:{port}: {error.strerror or error}"
+        raise UserError(why, "use another port, or 0 for a free one") from None
+    for sock in sockets:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
     site = Site(host, int(sockets[0].getsockname()[1]), Feed(name))
+    files = {path.name: path.read_bytes() for path in STATIC.iterdir() if path.suffix in KINDS}
+    files["index.html"] = files["index.html"].replace(b'<base href="/">', f'<base href="{site.path}">'.encode())
+    routes = [("", File), ("events", Events), ("ctl", Commands), (r"([\w.]+)", File)]
+    handlers = [(f"(?:{site.path}|/){path}", handler) for path, handler in routes]  # at the root and below the cookie's path
+    app = Application(handlers, default_handler_class=Unknown, site=site, files=files)
     cv2.setNumThreads(1)  # the session's stages need the cores
     tell(f"session {name!r} on {url_of(site.host, site.port)}/?token={site.token} (Ctrl-C ends)")
-    run(application(site), sockets, site.feed.end)
+
+    async def serving() -> None:
+        server = Server(app)
+        server.add_sockets(sockets)
+        try:
+            await asyncio.Event().wait()
+        finally:
+            server.stop()
+            await site.feed.end()
+            await server.close_all_connections()
+
+    with contextlib.suppress(KeyboardInterrupt):
+        asyncio.run(serving())

@@ -2,16 +2,16 @@
 
 from lfpipe import config
 from lfpipe.observe.calibrate import by_card
-from lfpipe.observe.server import parse_address
 from lfpipe.observe.session_reader import Watch
 from lfpipe.observe.timeline import convert
+from lfpipe.observe.web import parse_address
 from lfpipe.supervisor.rundir import find
 from lfpipe.transport.session import Session
 from tests.test_messages import Cause
 
 MESSAGES: dict[str, tuple[Cause, str]] = {
     "an address without a port": (
-        lambda here: parse_address("host:", "--web"),
+        lambda here: parse_address("host:"),
         "--web 'host:': not a port from 0 to 65535\n  remedy: for example: --web :9108",
     ),
     "no session": (lambda here: find("nobody"), "no session 'nobody' is running\n  remedy: start one: `lfpipe up --demo`"),

@@ -103,7 +103,7 @@ def test_coming_and_going_leaves_nothing_and_costs_no_frame(live: World) -> None
         patch.setenv("XDG_RUNTIME_DIR", str(live.run_dir))
         for _ in range(20):
             with contextlib.closing(Watch(find(live.name))) as watch:
-                assert watch.living() and watch.read_window()["stages"]
+                assert watch.living() and watch.read()["stages"]
     for signum in (signal.SIGKILL, signal.SIGINT):  # whole processes, killed and ended cleanly
         viewer = live.start("monitor", "--session", live.name, "--json")
         assert viewer.stdout is not None and json.loads(viewer.stdout.readline())["session"] == live.name

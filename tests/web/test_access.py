@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 
 from lfpipe.errors import UserError
 from lfpipe.observe.page_feed import Feed
-from lfpipe.observe.server import named, parse_address, url_of
-from lfpipe.observe.web import Site
+from lfpipe.observe.web import Site, named, parse_address, url_of
 from tests.web.browser import Browser, missing
 from tests.web.server import Server, until
 from tests.world import World
@@ -152,9 +151,9 @@ def test_names_that_may_point_here(name: str, port: int) -> None:
 
 
 def test_addresses() -> None:
-    assert parse_address(":1", "--web") == parse_address("1", "--web") == ("127.0.0.1", 1)
-    assert parse_address("[::1]:2", "--web") == ("::1", 2) and url_of("::1", 2) == "http://[::1]:2"
+    assert parse_address(":1") == parse_address("1") == ("127.0.0.1", 1)
+    assert parse_address("[::1]:2") == ("::1", 2) and url_of("::1", 2) == "http://[::1]:2"
     assert url_of("lab", 3) == "http://lab:3" and "0.0.0.0" not in url_of("0.0.0.0", 5)
     for text in ("", "x", ":x", ":70000", "host:", ":-1", ":٣", ":" + 9 * "0"):
         with pytest.raises(UserError):
-            parse_address(text, "--web")
+            parse_address(text)

@@ -34,7 +34,7 @@ function charts(told) {
     rows.t = []; rows.age = []; rows.stages = Object.fromEntries(names.map((name) => [name, []]));
     page.latency = makeLatency(names);
   }
-  rows.t.push(told.uptime_s); rows.age.push(told.age_now_ms);
+  rows.t.push(told.uptime_s); rows.age.push(told.end_to_end.n ? told.end_to_end.p50_ms : null);
   for (const [name, stage] of Object.entries(told.stages)) rows.stages[name].push(stage.wait.p50_ms + stage.busy.p50_ms);
   for (const list of [rows.t, rows.age, ...Object.values(rows.stages)]) if (list.length > POINTS) list.shift();
   page.latency.setData([rows.t, rows.age, ...Object.values(rows.stages)]);
@@ -42,7 +42,7 @@ function charts(told) {
 
 function table(told) {
   const cells = (name, stage) => [[name], [stage.state.toLowerCase(), stage.state !== "RUNNING"], [stage.fps.toFixed(1)], [stage.wait.p50_ms.toFixed(2)],
-    [stage.busy.p50_ms.toFixed(2)], [stage.busy.p95_ms.toFixed(2)], [stage.busy.p99_ms.toFixed(2)], [stage.worst_ms.toFixed(2)],
+    [stage.busy.p50_ms.toFixed(2)], [stage.busy.p95_ms.toFixed(2)], [stage.busy.p99_ms.toFixed(2)], [stage.max_ms.toFixed(2)],
     [stage.dropped, stage.dropped > 0], [stage.restarts, stage.restarts > 0], [stage.cpu_percent.toFixed(0)], [stage.cpus.join(" ")], [stage.rss_mb.toFixed(0)]];
   $("stages").replaceChildren(...Object.entries(told.stages).map(([name, stage]) => {
     const row = document.createElement("tr");
