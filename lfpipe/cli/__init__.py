@@ -87,7 +87,7 @@ def cli(context: click.Context, verbose: int) -> int | None:
 
     if not has_display():
         raise click.exceptions.NoArgsIsHelpError(context)
-    from lfpipe.cli.up import start
+    from lfpipe.cli.launch import start
 
     return start()
 

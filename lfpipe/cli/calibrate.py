@@ -34,7 +34,7 @@ def calibrate(camera: str | None, distance_mm: float, by: str, latency: bool, ey
     Sit so that a tape measure reads MM from the camera to your eyes (or hold a bank card there, flat to the camera) and follow
     the window. Without a screen, the eyes are measured as soon as they are detected.
 
-    --latency measures what camera and display add to the age of a picture: a window flickers for 10 to 20 s
+    --latency measures what camera and display add to the age of a picture: a window flickers for 15 s
     while the camera watches it. Turn the camera to the screen, or show it the screen in a hand mirror.
     """
     name = camera_name(camera or config.camera.source)

@@ -21,9 +21,11 @@ from lfpipe.host.files import exists
 from lfpipe.observe.monitor import print_state
 from lfpipe.render.display import check_display, has_display
 from lfpipe.render.plan import make_plan
+from lfpipe.scene.cache import cache_dir
+from lfpipe.scene.demo import NAMES, demo_scene
 from lfpipe.scene.open_scene import Packing, open_scenes
 from lfpipe.scene.pack import summarize
-from lfpipe.scene.recent_scenes import remember_scene
+from lfpipe.scene.recent_scenes import recent_scenes, remember_scene
 from lfpipe.share.target import check_targets
 from lfpipe.supervisor import rundir
 from lfpipe.supervisor.live_session import Outcome
@@ -55,6 +57,10 @@ class UpArguments:
     start: bool = False
     force: bool = False
 
+    def source(self, config: Config) -> str:
+        """The source of frames that is asked for; empty for the first camera."""
+        return self.camera or config.camera.source or ("demo" if self.demo else "")
+
 
 @attrs.frozen
 class SessionPlan:
@@ -72,6 +78,21 @@ class SessionPlan:
 def say(text: str) -> None:
     """Prints a line for people on stderr: stdout is for results."""
     click.echo(text, err=True)
+
+
+def start() -> int:
+    """`lfpipe` without arguments on a desktop: a session that begins with thumbnails of the demo and of recent scenes, with the
+    demo's viewer if there is no camera. Returns the exit code."""
+    config, camera = configuration.load(), None
+    try:
+        check_source(config.camera.source, config.camera)
+    except UserError as error:
+        say(f"using the demo's face instead of a camera: {error.message}")
+        camera = "demo"
+    demos = [demo_scene(cache_dir(config.scene), name=name) for name in NAMES]
+    own = {demo.resolve() for demo in demos}
+    scenes = (*demos, *(scene for scene in recent_scenes() if scene not in own))
+    return launch(UpArguments(camera=camera, scenes=scenes, start=True))
 
 
 def launch(arguments: UpArguments) -> int:
@@ -122,49 +143,58 @@ def _prepare_tracking(arguments: UpArguments) -> SessionPlan:
         raise UserError(f"--no-picture with {', '.join(pointless)}: nothing is shown", "leave out one or the other")
     config = configuration.load(arguments.config_file, arguments.sets)
     share = check_targets(arguments.share)
-    camera = _source(_camera(arguments, config), "none", config, False)
+    camera = _source(arguments.source(config), "none", config, False)
     config = with_engine(_with_measured_focal(config, camera))
     say(f"camera  {camera.text}; eyes by {config.track.engine}, filter {config.track.filter}; no picture")
-    _say_shared(share)
+    for target in share:
+        say(f"share   eyes and head to {target}")
     return SessionPlan(config, attrs.evolve(camera.options, show=False, share=share), arguments.duration_s)
 
 
 def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
     if not arguments.scenes and not arguments.demo:
         raise UserError("no SCENE given", "name a folder of views, or use --demo for the built-in scene")
+    is_kiosk = arguments.kiosk is not None
     records_itself = arguments.demo and arguments.display is None and not has_display()
     still = DEMO_FOLDER / "demo.png" if records_itself else None
-    display = _demo_display() if records_itself else arguments.display or ("fullscreen" if arguments.kiosk else "window")
-    video = Path(display.removeprefix("file:")) if display.startswith("file:") else None
-    if arguments.kiosk is not None and display not in WINDOWS:
+    display = _demo_display() if records_itself else arguments.display or ("fullscreen" if is_kiosk else "window")
+    video = Path(display.removeprefix("file:")).expanduser() if display.startswith("file:") else None
+    if is_kiosk and display not in WINDOWS:
         raise UserError(f"--kiosk with --display {display}: an exhibition needs a screen", "leave out one or the other")
     halved = ("render.rate_hz=30",) if records_itself else ()  # lossless video is large
     config = configuration.load(arguments.config_file, (*halved, *arguments.sets))
-    source = _camera(arguments, config)
-    outputs = {"--display": video and video.expanduser(), "--trace": arguments.trace}
+    source = arguments.source(config)
     inputs = [path for path in (*arguments.scenes, source_file(source)) if path is not None]
-    check_outputs(outputs, inputs, arguments.force)
+    check_outputs({"--display": video, "--trace": arguments.trace}, inputs, arguments.force)
     check_display(display, str(config.screen.monitor))
     share = check_targets(arguments.share)
-    with contextlib.ExitStack() as failed:
-        with progress() as bar:
-            opened = open_scenes(arguments.scenes, config.scene, bar, complete=video is not None)
-        if opened.packing is not None:
-            failed.callback(opened.packing.close)
+    with progress() as bar:
+        opened = open_scenes(arguments.scenes, config.scene, bar, complete=video is not None)
+    try:
         scenes, scene = opened.scenes, summarize(opened.field)
+        camera = CheckedSource("", 0.0)
         if scene.needs_tracking or len(scenes) > 1:
-            camera = _source(source, display, config, arguments.kiosk is not None)
+            camera = _source(source, display, config, is_kiosk)
         elif arguments.share:
             remedy = "`lfpipe up --no-picture --share TARGET` tracks without a scene"
             raise UserError(f"--share with {scenes[0]}: a single view needs no eyes, so none are tracked", remedy)
-        else:
-            camera = CheckedSource("", 0.0)
         tracking = scene.needs_tracking and not camera.is_mouse
         config = _with_measured_focal(config, camera)
         config = with_engine(config) if tracking else config
-        failed.pop_all()
-    if arguments.scenes and arguments.kiosk is None and not arguments.start:
+    except BaseException:
+        if opened.packing is not None:
+            opened.packing.close()
+        raise
+    if arguments.scenes and not is_kiosk and not arguments.start:
         remember_scene(scenes[0])
+    for line in startup_lines(config, opened.field, make_plan(opened.field, config), camera.text, display):
+        say(line)
+    for line in [] if camera.is_mouse else loop_lines(config, camera.text, display):
+        say(line)
+    for target in share:
+        say(f"share   eyes and head to {target}")
+    if len(scenes) > 1:
+        say(f"scenes  {len(scenes)}: Tab, Page Up and Page Down show the others, as does `lfpipe ctl load --next`")
     options = attrs.evolve(
         camera.options,
         scene=scene,
@@ -178,26 +208,9 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
         still=str(still.resolve()) if still else "",
         share=share,
     )
-    for line in startup_lines(config, opened.field, make_plan(opened.field, config), camera.text, display):
-        say(line)
-    for line in [] if camera.is_mouse else loop_lines(config, camera.text, display):
-        say(line)
-    _say_shared(share)
-    if len(scenes) > 1:
-        say(f"scenes  {len(scenes)}: Tab, Page Up and Page Down show the others, as does `lfpipe ctl load --next`")
     files = tuple(path for path in (video, still, arguments.trace) if path is not None)
-    return SessionPlan(config, options, arguments.duration_s or (DEMO_S if records_itself else None), files,
-                       opened.field.hold, opened.packing)  # fmt: skip
-
-
-def _camera(arguments: UpArguments, config: Config) -> str:
-    """The source of frames that is asked for; empty for the first camera."""
-    return arguments.camera or config.camera.source or ("demo" if arguments.demo else "")
-
-
-def _say_shared(share: tuple[str, ...]) -> None:
-    for target in share:
-        say(f"share   eyes and head to {target}")
+    duration_s = arguments.duration_s or (DEMO_S if records_itself else None)
+    return SessionPlan(config, options, duration_s, files, opened.field.hold, opened.packing)
 
 
 def _demo_display() -> str:

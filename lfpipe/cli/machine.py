@@ -17,18 +17,17 @@ from lfpipe.config import Config, load, user_file
 from lfpipe.config.user_files import commented
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import reason, replaced
-from lfpipe.observe.doctor import checks
-from lfpipe.observe.report import write_report
+from lfpipe.observe.doctor import checks, write_report
 from lfpipe.track.models import SHA256, fetch_models, find_model, install_models, missing_models
 
 
 @click.command()
-@click.option("--all", "everything", is_flag=True, help="Show every rate of every size of every pixel format.")
 @JSON
-def cameras(everything: bool, as_json: bool) -> None:
+def cameras(as_json: bool) -> None:
     """List cameras with pixel formats, frame sizes, rates and controls, without starting them.
 
-    Each size is shown with its highest rate. Give --camera the path or the name: camera:/dev/video0, camera:NAME.
+    Each size is shown with its highest rate; --json has every rate. Give --camera the path or the name: camera:/dev/video0,
+    camera:NAME.
     """
     listed: list[dict[str, Any]] = []
     for device in camera_list.cameras():
@@ -36,7 +35,7 @@ def cameras(everything: bool, as_json: bool) -> None:
         about |= {"formats": [], "controls": [], "trouble": ""}
         try:
             about["formats"], about["controls"] = camera_list.asking(
-                device.path, lambda opened: (_formats(opened, everything or as_json), control_texts(opened))
+                device.path, lambda opened: (_formats(opened, as_json), control_texts(opened))
             )
         except OSError as error:
             about["trouble"] = os.strerror(error.errno or 0)

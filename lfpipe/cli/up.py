@@ -44,27 +44,3 @@ def up(**options: Any) -> int:
 
     is_kiosk, code_file = options.pop("kiosk"), options.pop("code_file")
     return launch(UpArguments(**options, kiosk=kiosk_code(code_file) if is_kiosk else None))
-
-
-def start() -> int:
-    """`lfpipe` without arguments on a desktop: a session that begins with thumbnails of the demo and of recent scenes, with the
-    demo's viewer if there is no camera. Returns the exit code."""
-    from lfpipe import config as config_module
-    from lfpipe.capture.open_source import check_source
-    from lfpipe.cli.launch import UpArguments, launch, say
-    from lfpipe.errors import UserError
-    from lfpipe.scene.cache import cache_dir
-    from lfpipe.scene.demo import NAMES, demo_scene
-    from lfpipe.scene.recent_scenes import recent_scenes
-
-    config = config_module.load(None, ())
-    camera = None
-    try:
-        check_source(config.camera.source, config.camera)
-    except UserError as error:
-        say(f"using the demo's face instead of a camera: {error.message}")
-        camera = "demo"
-    demos = [demo_scene(cache_dir(config.scene), name=name) for name in NAMES]
-    own = {demo.resolve() for demo in demos}
-    scenes = (*demos, *(scene for scene in recent_scenes() if scene not in own))
-    return launch(UpArguments(camera=camera, scenes=scenes, start=True))

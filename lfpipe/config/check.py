@@ -1,18 +1,30 @@
-"""Checks values from outside against the tree. Reports all problems at once, each with its key, value and remedy.
+"""Checks values from outside against the tree, and merges them: defaults, the user's file, `--config`, `--set`; later ones win.
 
-Values may have any type and depth that TOML, msgpack or a caller can carry. The only exception raised is UserError.
+All problems are reported at once, each with its key, value and remedy. Values may have any type and depth that TOML, msgpack or
+a caller can carry. The only exception raised is UserError.
 """
 
 import difflib
 import itertools
+import math
+import os
+import tomllib
 import unicodedata
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Any
 
 from lfpipe.config.tree import SECTIONS, Config, Key, options, to_dict, trusted
+from lfpipe.config.user_files import FILE_BYTES, user_file
 from lfpipe.errors import UserError, shown
+from lfpipe.files.safe_files import read_text
+from lfpipe.files.untrusted import toml_table
+from lfpipe.host.files import is_missing
 from lfpipe.plugins import ENGINES, FILTERS, plugins
 
+PRESETS = {path.stem: path for path in (Path(__file__).parent / "presets").glob("*.toml")}  # values of --config
+FILE_FORM = f"name a TOML file (`lfpipe config init` writes a complete one), or a preset: {', '.join(PRESETS)}"
+SHOW = "`lfpipe config show` lists every key with its unit and range"
 TEXT_CHARS = 4096  # of any text; the longest path
 MOST_LISTED = 10  # problems that one message names
 NAMES = {int: "a whole number", float: "a number", bool: "true or false", str: "text"}
@@ -74,7 +86,7 @@ def problems(values: Iterable[tuple[object, object]]) -> list[str]:
     return [*wrong[:MOST_LISTED], "and more"] if len(wrong) > MOST_LISTED else wrong
 
 
-def refusal(wrong: list[str], remedy: str = "`lfpipe config show` lists every key with its unit and range") -> UserError:
+def refusal(wrong: list[str], remedy: str = SHOW) -> UserError:
     """All problems as one UserError."""
     return UserError("configuration: " + "\n  ".join(wrong), remedy)
 
@@ -116,7 +128,63 @@ def from_dict(tree: Mapping[str, Any]) -> Config:
     """Returns a checked Config from nested dicts; missing keys have their defaults. Raises UserError with all problems."""
     if not isinstance(tree, Mapping):
         raise refusal([f"{shown(tree)} is not a table of sections"])
-    values = flat(tree)
-    if wrong := problems(values):
-        raise refusal(wrong)
-    return changed(Config(), {str(key): value for key, value in values})
+    pairs: dict[Any, Any] = dict(flat(tree))
+    return updated(Config(), pairs)
+
+
+def parse_set(text: str) -> tuple[str, bool | int | float | str]:
+    """Parses `KEY=VALUE` to (dotted key, value). The value is a number, boolean or string in TOML syntax; anything else is
+    plain text. `updated` checks the key and its value.
+
+    Raises UserError if `=` or the key is missing, or if a character is not allowed.
+    """
+    key, sign, raw = (word.strip() for word in text.partition("="))
+    if not sign or not key:
+        raise UserError(f"{shown(text)} is not KEY=VALUE", "for example render.method=warp")
+    value: object = raw
+    try:
+        table = tomllib.loads(f"v = {raw}")
+        value = table["v"] if len(table) == 1 else raw
+    except (ValueError, RecursionError):  # a bare word, or endless digits or brackets
+        pass
+    if isinstance(value, int) and value.bit_length() > 63:
+        value = math.inf if value > 0 else -math.inf  # out of every range, and too large for a message
+    if not isinstance(value, bool | int | float | str):
+        value = raw
+    for word in (key, value):
+        if isinstance(word, str) and (why := wrong_text(word)):
+            raise UserError(f"{shown(key)}: {why}", SHOW)
+    return key, value
+
+
+def load(file: str | os.PathLike[str] | None = None, sets: Iterable[str] = ()) -> Config:
+    """The checked tree from the user's file, `--config` (a path or a preset's name) and `--set` texts.
+
+    Raises UserError with each wrong file, key, value and remedy.
+    """
+    values: dict[str, Any] = {}
+    wrong, remedy = [], SHOW
+    files = {str(user_file()): user_file()} if not is_missing(user_file()) else {}
+    if file is not None:
+        name = os.fspath(file)
+        files[f"--config {name}"] = PRESETS[name] if name in PRESETS and is_missing(name) else Path(name)
+    for name, path in files.items():
+        try:
+            pairs = flat(toml_table(read_text(path, FILE_BYTES, name, FILE_FORM), name, FILE_FORM))
+        except UserError as error:
+            wrong.append(error.message)
+            remedy = FILE_FORM
+            continue
+        wrong += [f"{name}: {problem}" for problem in problems(pairs)]
+        values |= {str(key): value for key, value in pairs}
+    for text in sets:
+        try:
+            key, value = parse_set(text)
+        except UserError as error:
+            wrong.append(error.message)
+            continue
+        wrong += problems([(key, value)])
+        values[key] = value
+    if wrong:
+        raise refusal(wrong, remedy)
+    return changed(Config(), values)

@@ -2,8 +2,8 @@
 
 import math
 from collections import deque
-from collections.abc import Collection
-from contextlib import ExitStack, closing
+from collections.abc import Collection, Sequence
+from contextlib import closing
 
 import cv2
 import numpy as np
@@ -17,7 +17,7 @@ from lfpipe.track.engine import make_engine
 
 MEASURED_FRAMES = 45  # with a face: one and a half seconds
 SPREAD = 0.05  # quartiles further apart than this share of the median: the viewer moved
-PATIENCE_FRAMES = 600  # frames without a still face before giving up
+PATIENCE_FRAMES = 600  # without a still face, 20 s at 30 Hz, before giving up
 EDGES = ("Click the middle of one short edge.", "First edge marked. Click the middle of the other short edge.")
 AGAIN = UserError("nothing was measured", "start again when you are ready")
 NOBODY = UserError(
@@ -26,10 +26,41 @@ NOBODY = UserError(
 RESTLESS = UserError("the eyes did not stay still long enough", "rest your head, keep the distance, and try again")
 
 
-def _mark(picture: NDArray[np.uint8], x: float, y: float) -> None:
-    """A white cross with a dark outline, visible on a face and on a white card."""
-    for colour, thick_px in (((0, 0, 0), 5), ((255, 255, 255), 2)):
-        cv2.drawMarker(picture, (round(x), round(y)), colour, cv2.MARKER_CROSS, 21, thick_px)
+class _Guide:
+    """The camera and, where there is a screen, a window with its picture and lines of text."""
+
+    def __init__(self, config: Config, camera: str | None) -> None:
+        width_px, height_px = config.camera.frame_px
+        self.picture: NDArray[np.uint8] = np.empty((height_px, width_px, 3), np.uint8)
+        self.source, self.window = open_source(camera or config.camera.source, config.camera), None
+        if has_display():
+            from lfpipe.render.window import CalibrationWindow
+
+            self.window = CalibrationWindow(config.camera.frame_px, "lfpipe calibrate")
+
+    def read(self) -> bool:
+        """Reads the next picture. False at the end of the source."""
+        return self.source.read(self.picture) is not None
+
+    def show(self, marks: Sequence[Sequence[float]], *lines: str) -> bool:
+        """Shows the picture with crosses at marks. Returns whether Enter was pressed; without a window it is. Raises UserError if
+        the person cancels."""
+        if self.window is None:
+            return True
+        marked = self.picture.copy()
+        for x, y in marks:
+            for colour, thick_px in (((0, 0, 0), 5), ((255, 255, 255), 2)):  # visible on a face and on a white card
+                cv2.drawMarker(marked, (round(x), round(y)), colour, cv2.MARKER_CROSS, 21, thick_px)
+        self.window.enter = False
+        self.window.step(marked, list(lines))
+        if self.window.quit:
+            raise AGAIN
+        return self.window.enter
+
+    def close(self) -> None:
+        self.source.close()
+        if self.window is not None:
+            self.window.close()
 
 
 def median_of(apart_px: Collection[float]) -> tuple[float, bool]:
@@ -43,35 +74,20 @@ def by_eyes(config: Config, camera: str | None, distance_mm: float) -> float:
 
     Raises UserError if no face is detected, the face does not stay still, the source ends, or the user cancels.
     """
-    width_px, height_px = config.camera.frame_px
-    picture: NDArray[np.uint8] = np.empty((height_px, width_px, 3), np.uint8)
     apart_px: deque[float] = deque(maxlen=MEASURED_FRAMES)
-    median_px, still, guide, missed = 0.0, False, None, 0
-    with ExitStack() as stack:
-        source = stack.enter_context(closing(open_source(camera or config.camera.source, config.camera)))
-        engine = stack.enter_context(closing(make_engine(config.track)))
-        if has_display():
-            from lfpipe.render.window import CalibrationWindow
-
-            guide = stack.enter_context(closing(CalibrationWindow(config.camera.frame_px, "lfpipe calibrate")))
-        while not (len(apart_px) == MEASURED_FRAMES and still and (guide is None or guide.enter)):
-            if source.read(picture) is None or missed > PATIENCE_FRAMES:
+    median_px, still, missed, accepted = 0.0, False, 0, False
+    with closing(_Guide(config, camera)) as guide, closing(make_engine(config.track)) as engine:
+        while not (len(apart_px) == MEASURED_FRAMES and still and accepted):
+            if not guide.read() or missed > PATIENCE_FRAMES:
                 raise RESTLESS if apart_px else NOBODY
-            face = engine.detect(picture)
+            face = engine.detect(guide.picture)
             if face is not None:
                 apart_px.append(math.dist(*face.eyes_px.tolist()))
             median_px, still = median_of(apart_px)
             missed = missed + 1 if face is None or not still else 0
-            if guide is None:
-                continue
-            for x, y in face.eyes_px.tolist() if face is not None else ():
-                _mark(picture, x, y)
             state = f"eyes {median_px:.1f} px apart" if face is not None else "no face detected"
-            ask = f"Eyes {distance_mm:g} mm from the camera. Look into it and keep still."
-            guide.enter = False
-            guide.step(picture, [ask, state, "Enter accepts, Esc cancels"])
-            if guide.quit:
-                raise AGAIN
+            request = f"Eyes {distance_mm:g} mm from the camera. Look into it and keep still."
+            accepted = guide.show([] if face is None else face.eyes_px.tolist(), request, state, "Enter accepts, Esc cancels")
     return median_px
 
 
@@ -82,34 +98,18 @@ def by_card(config: Config, camera: str | None, distance_mm: float) -> float:
     """
     if not has_display():
         raise UserError("--by card needs a screen for a window to click in", "run it on a desktop, or use --by eyes")
-    from lfpipe.render.window import CalibrationWindow
-
-    width_px, height_px = config.camera.frame_px
-    picture: NDArray[np.uint8] = np.empty((height_px, width_px, 3), np.uint8)
-    with (
-        closing(open_source(camera or config.camera.source, config.camera)) as source,
-        closing(CalibrationWindow(config.camera.frame_px, "lfpipe calibrate")) as guide,
-    ):
-        while not guide.enter:
-            if source.read(picture) is None:
+    with closing(_Guide(config, camera)) as guide:
+        frozen = False
+        while not frozen:
+            if not guide.read():
                 raise UserError("the source ended before Enter was pressed", "use a longer recording, ?loop=1, or a camera")
-            guide.step(picture, [f"Card {distance_mm:g} mm from the camera, facing it.", "Enter freezes it, Esc cancels"])
-            if guide.quit:
-                raise AGAIN
-        guide.clicks.clear()
+            frozen = guide.show((), f"Card {distance_mm:g} mm from the camera, facing it.", "Enter freezes it, Esc cancels")
+        assert guide.window is not None
+        clicks = guide.window.clicks
+        clicks.clear()
         while True:
-            del guide.clicks[: 2 * (len(guide.clicks) > 2)]  # a third click starts again
-            marked, card_px = picture.copy(), 0.0
-            for x, y in guide.clicks:
-                _mark(marked, x, y)
-            if len(guide.clicks) < 2:
-                lines = [EDGES[len(guide.clicks)], "Esc cancels"]
-            else:
-                card_px = math.dist(*guide.clicks)
-                lines = [f"{card_px:.1f} px wide. Enter accepts, a click starts again, Esc cancels"]
-            guide.enter = False
-            guide.step(marked, lines)
-            if guide.quit:
-                raise AGAIN
-            if guide.enter and card_px:
+            del clicks[: 2 * (len(clicks) > 2)]  # a third click starts again
+            card_px = math.dist(*clicks) if len(clicks) == 2 else 0.0
+            state = f"{card_px:.1f} px wide. Enter accepts, a click starts again." if card_px else EDGES[len(clicks)]
+            if guide.show(clicks, state, "Esc cancels") and card_px:
                 return card_px

@@ -1,25 +1,33 @@
-"""Checks whether `lfpipe up SCENE` would run on this machine, each check with its remedy. Starts no camera, opens no window."""
+"""Checks whether `lfpipe up SCENE` would run on this machine, each check with its remedy, and packs a report for a bug. Starts no
+camera, opens no window."""
 
+import contextlib
 import errno
 import importlib.metadata
-import importlib.util
-import os
+import json
 import platform
 import re
 import sys
+import zipfile
 from pathlib import Path
 
 import attrs
 
-from lfpipe import config
+from lfpipe import config, log
 from lfpipe.capture.camera_list import CameraDevice, asking, cameras
+from lfpipe.config.user_files import commented
 from lfpipe.errors import UserError
+from lfpipe.files.safe_files import reason
 from lfpipe.host import shared_memory as memory
-from lfpipe.host.files import exists, is_missing
+from lfpipe.host.files import is_missing
+from lfpipe.host.machine import versions
 from lfpipe.host.processes import usable_cores
 from lfpipe.plugins import GROUPS, Plugin, plugins
 from lfpipe.render.display import has_display
+from lfpipe.supervisor import rundir
 from lfpipe.track import models
+from lfpipe.transport import segment
+from lfpipe.transport.session import Session
 
 NO_CAMERA = "plug one in, or use --camera demo, or a recording with --camera file:PATH; `lfpipe up --demo` needs none"
 SHM_NEED_BYTES = 16 << 20  # rings for frames of 640x480, with a margin
@@ -52,18 +60,14 @@ def plugin_check(plugin: Plugin) -> Check:
     return Check("plugin", True, what)
 
 
-def opencv_distributions() -> list[str]:
-    """Installed distributions that provide `cv2`, as "name version"."""
-    found = {((dist.name or "").lower(), dist.version) for dist in importlib.metadata.distributions()}
-    return sorted(f"{name} {version}" for name, version in found if name.startswith("opencv-"))
-
-
-def opencv(distributions: list[str]) -> Check:
+def opencv() -> Check:
     """Whether cv2 can be imported, which distributions provide it, and its GUI backend.
 
     MediaPipe requires the windowed distribution, whose files overlap with the headless one's: pip installs both, and the last
     one wins. The remedy puts the headless files on top, in the oldest version, which fits the installed numpy.
     """
+    installed = {((dist.name or "").lower(), dist.version) for dist in importlib.metadata.distributions()}
+    distributions = sorted(f"{name} {version}" for name, version in installed if name.startswith("opencv-"))
     names = ", ".join(distributions) or "no distribution"
     versions = sorted({name.split()[1] for name in distributions}, key=lambda text: [int(n) for n in re.findall(r"\d+", text)])
     reinstall = "pip install --force-reinstall --no-deps opencv-contrib-python-headless"
@@ -71,14 +75,13 @@ def opencv(distributions: list[str]) -> Check:
     try:
         import cv2
 
-        build = cv2.getBuildInformation()
+        gui = re.search(r"^\s*GUI: +(.*)$", cv2.getBuildInformation(), re.MULTILINE)
     except (ImportError, AttributeError) as error:
         return Check("opencv", False, f"{names}: cv2 cannot be imported: {error}", reinstall)
-    gui = next((line.split(":", 1)[1].strip() for line in build.splitlines() if line.strip().startswith("GUI:")), "?")
-    if len(distributions) > 1 and (len(versions) > 1 or gui != "NONE"):
-        doubled = f"{names}: {len(distributions)} in one folder, cv2 {cv2.__version__} is in use, GUI {gui}"
-        return Check("opencv", False, doubled, reinstall)
-    return Check("opencv", True, f"{names}, GUI {gui}")
+    detail = f"{names}, GUI {gui[1] if gui else '?'}"
+    if len(distributions) > 1 and (len(versions) > 1 or "GUI NONE" not in detail):
+        return Check("opencv", False, f"{detail}: {len(distributions)} in one folder, cv2 {cv2.__version__} is in use", reinstall)
+    return Check("opencv", True, detail)
 
 
 def face_networks() -> Check:
@@ -95,8 +98,6 @@ def face_networks() -> Check:
 
 def litert() -> Check:
     """track.engine = litert: runs the model once."""
-    if importlib.util.find_spec("ai_edge_litert") is None:
-        return Check("litert", False, "not installed", "pip install ai-edge-litert, or --set track.engine=mediapipe")
     from lfpipe.track.litert_engine import LitertEngine
 
     version = importlib.metadata.version("ai-edge-litert")
@@ -167,14 +168,12 @@ def shared_memory(need_bytes: int = SHM_NEED_BYTES) -> Check:
         free, total = memory.room()
     except OSError as error:
         return Check("shm", False, f"{memory.SHM_DIR}: {error.strerror}", remedy)
-    ok = free >= need_bytes and (not exists(memory.SHM_DIR) or os.access(memory.SHM_DIR, os.W_OK))
+    ok = free >= need_bytes
     return Check("shm", ok, f"{memory.SHM_DIR}: {free / 1e6:.0f} MB free of {total / 1e6:.0f} MB", "" if ok else remedy)
 
 
 def leftovers() -> Check:
     """This user's segments whose session is dead, whatever its run directory."""
-    from lfpipe.transport import segment
-
     if not (run_dirs := dict(segment.abandoned())):
         return Check("left over", True, "nothing")
     places = sorted({str(run_dir.parent) for run_dir in run_dirs.values()})
@@ -188,7 +187,7 @@ def checks() -> list[Check]:
     return [
         python(),
         own,
-        opencv(opencv_distributions()),
+        opencv(),
         face_networks(),
         litert(),
         sdl(),
@@ -197,3 +196,32 @@ def checks() -> list[Check]:
         leftovers(),
         *(plugin_check(plugin) for group in GROUPS for plugin in plugins(group).values()),
     ]
+
+
+def write_report(path: Path, results: list[Check]) -> None:
+    """Writes a new ZIP file with versions, settings, the checks, and the log and state of the user's sessions. Raises UserError,
+    also if path exists."""
+    contents: dict[str, str | bytes] = {
+        "versions.json": json.dumps({**versions(), "system": platform.platform()}, indent=1),
+        "doctor.txt": "\n".join(f"{'' if one.ok else 'FAIL '}{one.name}: {one.detail}; {one.remedy}" for one in results),
+    }
+    try:
+        contents["config.toml"] = commented(config.load())
+    except UserError as error:
+        contents["config.txt"] = str(error)
+    with contextlib.suppress(OSError):
+        contents[log.last_file().name] = log.last_file().read_bytes()
+    for name in rundir.running():
+        run_dir = Session(name).run_dir
+        with contextlib.suppress(OSError, ValueError):  # it has just ended
+            about = json.loads((run_dir / "session.json").read_text())
+            about["options"].pop("kiosk")  # the code that ends an exhibition
+            contents[f"{name}/session.json"] = json.dumps(about, indent=1)
+            contents[f"{name}/{log.FILE}"] = log.lines(run_dir)
+            contents |= {f"{name}/{stack.name}": stack.read_bytes() for stack in sorted(run_dir.glob("stack.*"))}
+    try:
+        with path.open("xb") as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as report:
+            for name, content in contents.items():
+                report.writestr(name, content)
+    except OSError as error:
+        raise UserError(f"--report {path}: {reason(error)}", "name a new file in a folder that you may write to") from None

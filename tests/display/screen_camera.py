@@ -148,11 +148,9 @@ def note_blanks(window_class: Any) -> None:
 
 if __name__ == "__main__":
     from lfpipe.cli import run
-    from lfpipe.observe import loop_calibration
     from lfpipe.render.window import Window
     from tests.display import screen_camera
 
     camera.open_camera = screen_camera.open_screen
-    loop_calibration.MEASURE_S, loop_calibration.GOOD_MS = 6.0, 2.0  # people with mirrors need longer
     screen_camera.note_blanks(Window)
     run()

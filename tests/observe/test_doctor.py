@@ -27,10 +27,10 @@ def test_a_doubled_opencv_is_explained(tmp_path: Path, monkeypatch: pytest.Monke
     info = tmp_path / "opencv_python-4.9.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: opencv-python\nVersion: 4.9.0\n")
-    check = doctor.opencv(doctor.opencv_distributions())
+    check = doctor.opencv()
     assert check.ok and "opencv-contrib-python-headless" in check.detail and "GUI NONE" in check.detail and not check.remedy
     monkeypatch.syspath_prepend(tmp_path)
-    check = doctor.opencv(doctor.opencv_distributions())
+    check = doctor.opencv()
     assert not check.ok and "2 in one folder" in check.detail
     assert check.remedy.endswith("opencv-contrib-python-headless==4.9.0") and "--no-deps" in check.remedy
 
