@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.runner import Candidate, Offer, Samples, Turn, time_figures, times_ms
+from lfpipe.bench.results import Figures
+from lfpipe.bench.runner import Candidate, Offer, Turn, time_ms
 from lfpipe.config import Render
 from lfpipe.render.anaglyph import MATRICES, Mixer, decoded, encode, recipe
 from lfpipe.scene.lightfield import LightField
@@ -119,17 +120,17 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
                 yield Candidate(name, knob, partial(_prepare, views, name, light, share), name == "colour" and not share, used)
 
 
-def _prepare(views: list[NDArray[np.uint8]], name: str, light: str, share: float) -> tuple[Samples, Turn]:
+def _prepare(views: list[NDArray[np.uint8]], name: str, light: str, share: float) -> tuple[Figures, Turn]:
     how = recipe(name, light, share)
     glasses = GREEN_MAGENTA if name == "dubois-green-magenta" else RED_CYAN
     rng, side = np.random.default_rng(0), (SIDE_PX, SIDE_PX)
     noise = (cv2.GaussianBlur(rng.integers(0, 256, side, dtype=np.uint8), (0, 0), 5) for _ in how.planes)
     mixer, planes, out = Mixer(how, *side), [np.asarray(plane, np.uint8) for plane in noise], np.zeros((*side, 3), np.uint8)
     mixed = [encode(view, view, how) for view in views]
-    samples = {
-        "fused": [fused_error(view, picture, glasses) for view, picture in zip(views, mixed, strict=True)],
-        "rivalry": [round(rivalry(picture, glasses), 9) for picture in mixed],
-        "ghost": [100 * max(abs(leak) for leak in ghost(lambda a, b: encode(a, b, how), 0.5, glasses))],
+    figures = {
+        "fused": float(np.mean([fused_error(view, picture, glasses) for view, picture in zip(views, mixed, strict=True)])),
+        "rivalry": round(float(np.mean([rivalry(picture, glasses) for picture in mixed])), 9),
+        "ghost": 100 * max(abs(leak) for leak in ghost(lambda a, b: encode(a, b, how), 0.5, glasses)),
     }
-    per_megapixel = 1e6 / SIDE_PX**2
-    return samples, lambda: time_figures(times_ms(lambda: mixer.mix(planes, out), TURN_PICTURES), "ms_mp", per_megapixel)
+    megapixels = SIDE_PX**2 / 1e6
+    return figures, lambda: {"time_ms_mp": time_ms(lambda: mixer.mix(planes, out), TURN_PICTURES) / megapixels}

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.motion import known_motion
-from lfpipe.bench.runner import Candidate, Offer, Samples, Turn, time_figures, times_ms
+from lfpipe.bench.results import Figures, rms
+from lfpipe.bench.runner import Candidate, Offer, Turn, time_ms
 from lfpipe.bench.subjects import AHEAD_MS, FILTER_RATES_HZ, NOISE_PX
 from lfpipe.config import Track
 from lfpipe.track.filters import Predictive, Tuning, make_filter
@@ -18,8 +19,8 @@ from lfpipe.track.smoothing import EyeFilter, Kalman, Mean, OneEuro
 MIN_REST = 6  # frames of a rest whose jitter counts
 
 
-def follow(filter_: EyeFilter, rate_hz: int, ahead_ms: int = AHEAD_MS) -> Samples:
-    """Samples of a filter at a camera rate, ahead_ms after each frame: RMS error in px of each second, jitter of each rest."""
+def follow(filter_: EyeFilter, rate_hz: int, ahead_ms: int = AHEAD_MS) -> Figures:
+    """Of a filter at a camera rate, ahead_ms after each frame: RMS error in px over seconds, and jitter over rests."""
     eyes, visible, still = known_motion()
     rng = np.random.default_rng(rate_hz)
     per_second: dict[int, list[float]] = {}
@@ -37,8 +38,9 @@ def follow(filter_: EyeFilter, rate_hz: int, ahead_ms: int = AHEAD_MS) -> Sample
             rests[-1].append(predicted)
         elif rests[-1]:
             rests.append([])
-    jitter = [float(np.sqrt(2 * np.var(rest, axis=0).mean())) for rest in rests if len(rest) >= MIN_REST]
-    return {f"error_{rate_hz}hz": [float(np.sqrt(np.mean(s))) for s in per_second.values()], f"jitter_{rate_hz}hz": jitter}
+    error = rms([np.sqrt(np.mean(squares)) for squares in per_second.values()])
+    jitter = rms([np.sqrt(2 * np.var(rest, axis=0).mean()) for rest in rests if len(rest) >= MIN_REST])
+    return {f"error_{rate_hz}hz": error, f"jitter_{rate_hz}hz": jitter}
 
 
 def sweeps() -> dict[str, list[tuple[str, Callable[[], EyeFilter]]]]:
@@ -63,12 +65,12 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
             yield Candidate(curve, knob, partial(_prepare, make, rates_hz), paper, used)
 
 
-def _prepare(make: Callable[[], EyeFilter], rates_hz: tuple[int, ...]) -> tuple[Samples, Turn]:
-    samples = {key: values for rate_hz in rates_hz for key, values in follow(make(), rate_hz).items()}
+def _prepare(make: Callable[[], EyeFilter], rates_hz: tuple[int, ...]) -> tuple[Figures, Turn]:
+    figures = {key: value for rate_hz in rates_hz for key, value in follow(make(), rate_hz).items()}
     filter_, eyes, frames = make(), known_motion()[0], itertools.count(1)
 
     def step() -> None:
         k = next(frames)
         filter_.update(k * 33_333_333, eyes[k * 33 % len(eyes)])
 
-    return samples, lambda: time_figures(times_ms(step, 200), "us", 1e3)
+    return figures, lambda: {"time_us": 1e3 * time_ms(step, 200)}

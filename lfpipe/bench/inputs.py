@@ -1,8 +1,8 @@
 """Inputs of the subjects: a scene, a sequence of frames with or without true eyes, and a work folder."""
 
+import contextlib
 import csv
 import os
-import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property
 from pathlib import Path
@@ -22,18 +22,23 @@ Progress = Callable[[str, int, int], None]
 
 HEAD = ("source_seq", "t_ns", *COLUMNS, "visible", "phase")  # of a table of true eyes
 SIZE_PX = (640, 480)
-STILL_S, MOVING_S = 2.0, (2.5, 10.0)  # of the demo sequence: quick and full
-MAX_FRAMES = (135, 360)  # of a sequence: quick and full
-NOISE_DN = 2.0
-DEMO_SIDE_PX = 256  # of the views of the quick demo scene
+RATE_HZ, STILL_S, MOVING_S = 30.0, 2.0, (2.5, 10.0)  # of the demo's sequence: quick and full; other sequences are cut to it
+NOISE_DN = 2.0  # of a webcam in a room, by eye
+DEMO_SIDE_PX = 256  # of the views of the quick demo scene: a quarter of the time of its full size
+
+
+Picture = NDArray[np.uint8]
 
 
 @attrs.frozen(eq=False)
 class FrameSequence:
-    """frames: uint8 (n, height, width, 3) BGR. truth: None if no table of true eyes is beside the video."""
+    """frames: reads its frames, uint8 (height, width, 3) BGR, from the first on. truth: None if no table of true eyes is beside
+    the video."""
 
     path: Path
-    frames: NDArray[np.uint8]
+    frames: Callable[[], Iterator[Picture]]
+    count: int
+    size_px: tuple[int, int]
     rate_hz: float
     truth: Truth | None
 
@@ -71,62 +76,53 @@ class Inputs:
     @cached_property
     def sequence(self) -> FrameSequence:
         one = self.open_sequence()
-        frames = f"{len(one.frames)} frames at {one.rate_hz:g} Hz"
-        self.about["sequence"] = f"{one.path.name}: {frames}, {'truth known' if one.truth else 'no truth'}"
+        truth = "truth known" if one.truth else "no truth"
+        self.about["sequence"] = f"{one.path.name}: {one.count} frames at {one.rate_hz:g} Hz, {truth}"
         return one
 
 
-def read_sequence(path: Path, frames: int, work: Path) -> FrameSequence:
-    """Up to `frames` frames of a recorded sequence, a video, or pictures in a folder.
-
-    The frames are a file without a name in `work`: a long or large sequence takes no memory. The truth is that of the sequence,
-    or PATH with the suffix .csv. Raises UserError if one of them cannot be read.
-    """
+def read_sequence(path: Path, most_frames: int) -> FrameSequence:
+    """The first frames of a recorded sequence, a video, or pictures in a folder, and their truth: its own, or PATH with the
+    suffix .csv. Raises UserError if one of them cannot be read."""
     from lfpipe.capture.recordings import open_recording
     from lfpipe.sequence.folder import is_sequence
 
-    recording = open_recording(path)
-    frame = np.empty((recording.height_px, recording.width_px, 3), np.uint8)
-    count = 0
-    try:
-        with tempfile.TemporaryFile(dir=work) as file:
-            while count < frames and recording.next(frame) is not None:
-                file.write(frame.data)
-                count += 1
-            file.flush()
-            if not count:
-                raise UserError(f"{path}: no frame", "record it again")
-            stored = np.memmap(file, np.uint8, "r", shape=(count, *frame.shape))
-    except OSError as error:
-        raise UserError(f"{work}: {error.strerror}", "choose a folder on a disk with room: --set scene.cache_dir=DIR") from None
-    finally:
-        recording.close()
+    def frames() -> Iterator[Picture]:
+        with contextlib.closing(open_recording(path)) as recording:
+            frame = np.empty((recording.height_px, recording.width_px, 3), np.uint8)
+            for _ in range(most_frames):
+                if recording.next(frame) is None:
+                    return
+                yield frame.copy()
+
+    with contextlib.closing(open_recording(path)) as recording:
+        size_px, rate_hz = (recording.width_px, recording.height_px), recording.rate_hz or config.Camera().rate_hz
+    if not (count := sum(1 for _ in frames())):
+        raise UserError(f"{path}: no frame", "record it again")
     table = path.with_suffix(".csv")
     truth = read_truth(path) if is_sequence(path) else table_of(table) if is_file(table) else None
     if truth is not None and len(truth.t_ns) < count:
         raise UserError(f"{path}: truth for {len(truth.t_ns)} of {count} frames", "give one row per frame of the sequence")
-    return FrameSequence(path, stored, recording.rate_hz or config.Camera().rate_hz, truth)
+    return FrameSequence(path, frames, count, size_px, rate_hz, truth)
 
 
-def write_video(path: Path, rate_hz: float, frames: Iterable[tuple[NDArray[np.uint8], NDArray[np.float64], bool, str]]) -> int:
+def write_video(path: Path, rate_hz: float, frames: Iterable[tuple[Picture, NDArray[np.float64], bool, str]]) -> None:
     """Writes a video, every frame a JPEG, and the true eyes beside it. frames: (BGR of SIZE_PX, eyes (2, 2) px, whether they are
-    visible, phase). Returns their number. Raises UserError."""
-    part, count = path.with_name(f".{os.getpid()}-{path.name}"), 0
-    codec, quality = cv2.VideoWriter.fourcc(*"MJPG"), [cv2.VIDEOWRITER_PROP_QUALITY, 95]
-    writer = cv2.VideoWriter(str(part), cv2.CAP_OPENCV_MJPEG, codec, rate_hz, SIZE_PX, quality)
+    visible, phase). Raises UserError."""
+    unfinished, quality = path.with_name(f".{os.getpid()}-{path.name}"), [cv2.VIDEOWRITER_PROP_QUALITY, 95]
+    codec = cv2.VideoWriter.fourcc(*"MJPG")
+    writer = cv2.VideoWriter(str(unfinished), cv2.CAP_OPENCV_MJPEG, codec, rate_hz, SIZE_PX, quality)
     if not writer.isOpened():
         raise UserError(f"{path}: cannot be written", "name a file in a folder that is writable, on a disk with room")
     with path.with_suffix(".csv").open("w", newline="") as file:
         table = csv.writer(file)
         table.writerow(HEAD)
-        for frame, eyes, visible, phase in frames:
+        for seq, (frame, eyes, visible, phase) in enumerate(frames):
             writer.write(frame)
             pixels = (f"{value:.4f}" for value in eyes.ravel())
-            table.writerow((count, round(count / rate_hz * 1e9), *pixels, int(visible), phase))
-            count += 1
+            table.writerow((seq, round(seq / rate_hz * 1e9), *pixels, int(visible), phase))
     writer.release()
-    part.replace(path)
-    return count
+    unfinished.replace(path)
 
 
 def demo_sequence(folder: Path, moving_s: float) -> Path:
@@ -136,49 +132,44 @@ def demo_sequence(folder: Path, moving_s: float) -> Path:
     """
     from lfpipe.capture.demo import DemoSource, demo_eyes_px
 
-    camera = config.Camera(width_px=SIZE_PX[0], height_px=SIZE_PX[1], rate_hz=30.0)
-    path = folder / f"demo-{moving_s:g}s-{camera.rate_hz:g}hz.avi"
+    path = folder / f"demo-{moving_s:g}s-{RATE_HZ:g}hz.avi"
     if is_file(path) and is_file(path.with_suffix(".csv")):
         return path
     folder.mkdir(parents=True, exist_ok=True)
-    source = DemoSource(camera)
-    still, moving = round(STILL_S * camera.rate_hz), round(moving_s * camera.rate_hz)
+    source = DemoSource(config.Camera(width_px=SIZE_PX[0], height_px=SIZE_PX[1], rate_hz=RATE_HZ))
+    still = round(STILL_S * RATE_HZ)
 
-    def frames() -> Iterator[tuple[NDArray[np.uint8], NDArray[np.float64], bool, str]]:
+    def frames() -> Iterator[tuple[Picture, NDArray[np.float64], bool, str]]:
         frame, noise = np.empty((*SIZE_PX[::-1], 3), np.uint8), np.empty((*SIZE_PX[::-1], 3), np.int16)
         cv2.setRNGSeed(1)
-        for seq in range(still + moving):
+        for seq in range(still + round(moving_s * RATE_HZ)):
             if seq == 0 or seq > still:
                 source.read(frame)
             cv2.randn(noise, np.zeros(3), np.full(3, NOISE_DN))
-            eyes_px = demo_eyes_px(max(seq - still, 0) / camera.rate_hz, *SIZE_PX)
+            eyes_px = demo_eyes_px(max(seq - still, 0) / RATE_HZ, *SIZE_PX)
             yield np.asarray(cv2.add(frame, noise, dtype=cv2.CV_8U), np.uint8), eyes_px, True, "still" if seq <= still else "move"
 
-    write_video(path, camera.rate_hz, frames())
+    write_video(path, RATE_HZ, frames())
     return path
 
 
 def make_inputs(scene: Path | None, sequence: Path | None, quick: bool, settings: config.Config, progress: Progress) -> Inputs:
     """The scene (a new one is packed) and the sequence; the demo's without them. Raises UserError if one does not exist."""
-    from lfpipe.scene.cache import cache_dir
+    from lfpipe.scene.cache import prepare_cache
     from lfpipe.scene.demo import demo_scene
     from lfpipe.scene.open_scene import open_scene
 
-    for path in (scene, sequence):
-        if path is not None and not exists(path):
-            raise UserError(f"{path}: no such file or folder", "check the path")
-    cache = cache_dir(settings.scene)
+    if missing := [path for path in (scene, sequence) if path is not None and not exists(path)]:
+        raise UserError(f"{missing[0]}: no such file or folder", "check the path")
+    cache, moving_s = prepare_cache(settings.scene), MOVING_S[0 if quick else 1]
     work = cache / "bench"
-    try:
-        work.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(f"{work}: {error.strerror}", "choose another folder: --set scene.cache_dir=DIR") from None
+    work.mkdir(exist_ok=True)
 
     def field() -> tuple[Path, LightField]:
         path = scene or (demo_scene(cache, size_px=DEMO_SIDE_PX) if quick else demo_scene(cache))
         return path, open_scene(path, settings.scene, progress)
 
     def frames() -> FrameSequence:
-        return read_sequence(sequence or demo_sequence(work, MOVING_S[0 if quick else 1]), MAX_FRAMES[0 if quick else 1], work)
+        return read_sequence(sequence or demo_sequence(work, moving_s), round((STILL_S + moving_s) * RATE_HZ))
 
     return Inputs(field, frames, quick, work)

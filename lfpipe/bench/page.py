@@ -1,25 +1,27 @@
-"""The report of a run: one HTML page that begins with verdicts."""
+"""The report of a run: one HTML page that begins with verdicts, with charts of error against run time."""
 
 import base64
 import html
+import io
 import re
 from pathlib import Path
 
 import attrs
+import matplotlib as mpl
+from matplotlib.figure import Figure
 
-from lfpipe.bench.charts import draw, front
 from lfpipe.bench.results import STATES, Results, Row, short
 from lfpipe.bench.style import document, html_table
 from lfpipe.bench.subjects import SUBJECTS, TABLE, Subject
 from lfpipe.files.output import write_output
 
-TIE = 0.05  # errors that differ by less than this share are equal for a verdict
+TIE = 0.05  # errors that differ by less than this share are equal for a verdict: the noise of short sequences
+MARKERS = "osD^vPX<>h"
+COLOURS = ("#0072b2", "#d55e00", "#008a63", "#b1548f", "#8a6d00", "#4b4fc4", "#7a7f86")  # for a colour vision deficiency, too
 HOW = (
-    "<h2>How it was measured</h2><p class=soft>Times are medians. After a warm-up, methods take turns in random order until"
-    " the time budget is spent; ± is half the 95 % interval of the median. If there are too few turns for an interval, their"
-    " number and range are shown. Both axes are logarithmic; an exact 0 is drawn at the edge. Lower left is better. Circles:"
-    " nothing else is better in one figure and as good in the other; what differs by less than the intervals is equal."
-    " Square: in use by default. Star: the paper.</p>"
+    "<h2>How it was measured</h2><p class=soft>Times are medians of turns that the methods take in random order, with the 95 %"
+    " interval of the median, or the range if there are too few turns. Axes are logarithmic; an exact 0 is drawn at the edge."
+    " Lower left is better. Square, bold: in use by default. Star, red: the paper.</p>"
 )
 Pairs = list[tuple[Subject, Results]]
 
@@ -37,10 +39,10 @@ class Verdict:
 def verdict(subject: Subject, results: Results) -> Verdict | None:
     """The choice of a subject: the least error among what fits its limit of cost; what is in use, if that ties."""
     choice = subject.choice
-    timed = [row for row in results.rows if choice is not None and subject.charts[0].x in row.values]
+    timed = [row for row in results.rows if choice is not None and subject.charts[0][0] in row.values]
     if choice is None or not timed:
         return None
-    x, y = subject.column(subject.charts[0].x), subject.column(subject.charts[0].y)
+    x, y = (subject.column(key) for key in subject.charts[0])
     used = next((row for row in timed if row.used), None)
     rows = [row for row in timed if used is None or row.knob == used.knob]
     known = [row for row in rows if y.key in row.values]
@@ -53,7 +55,7 @@ def verdict(subject: Subject, results: Results) -> Verdict | None:
         least = min(row.value(y.key) for row in fitting)
         ties = [row for row in fitting if row.value(y.key) <= least * (1 + TIE)]
         best = used if used is not None and used in ties else min(ties, key=lambda row: row.value(x.key))
-        why = f"{y.label} {short(best.value(y.key))}{f' {y.unit}' if y.unit else ''}"
+        why = f"{y.label} {short(best.value(y.key))} {y.unit}".rstrip()
         why += ", the least" if best.value(y.key) <= least else f", within {TIE:.0%} of the least"
         why += f" of what takes at most {short(choice.limit)} {x.unit} ({choice.reason})"
         paper = next((row for row in timed if row.paper and row is not best), None)
@@ -110,22 +112,16 @@ def _section(subject: Subject, results: Results) -> str:
     text = f'<h2 id="{subject.name}">{html.escape(subject.title)}</h2><p>{_prose(subject.question)}</p>'
     text += f'<p class="soft">The paper: {_prose(subject.paper)}.</p>' if subject.paper else ""
     text += f"<p><code>{html.escape(results.about.get('command', ''))}</code></p>"
-    if choice := verdict(subject, results):
-        text += f"<p><b>{html.escape(choice.choice)}</b>: {html.escape(choice.why)}.</p>"
-    for chart in subject.charts:
-        if svg := draw(subject, results.rows, chart):
-            data = base64.b64encode(svg.encode()).decode()
-            text += f'<img alt="{html.escape(chart.title)}" src="data:image/svg+xml;base64,{data}">'
+    text += "".join(chart(subject, results, *axes) for axes in subject.charts)
     if results.left_out:
         text += f"<p>Left out:</p><ul>{''.join(f'<li>{html.escape(reason)}</li>' for reason in results.left_out)}</ul>"
-    best = {row.name for chart in subject.charts for row in front(results.rows, chart)}
     for table in results.tables:
         head, body = table.texts()
         classes = [
-            ["", *(row.values[column.key].state for column in table.columns)] if not row.curve
-            else [" ".join(["front"] * (row.name in best or row.used) + ["paper"] * row.paper)] for row in table.rows
+            [" ".join(["used"] * row.used + ["paper"] * row.paper)] if row.curve
+            else ["", *(row.values[column.key].state for column in table.columns)] for row in table.rows
         ]  # fmt: skip
-        note = table.note or "Bold: best of a chart, or ■ in use, ★ the paper."
+        note = table.note or "■ in use, ★ the paper."
         title = table.title or f"All figures of {len(table.rows)} methods"
         text += f"<details><summary>{html.escape(title)}</summary><p class=soft>{html.escape(note)}</p>"
         text += f"{html_table(head, body, classes)}</details>"
@@ -137,3 +133,34 @@ def _section(subject: Subject, results: Results) -> str:
 def _prose(text: str) -> str:
     """Escaped, with backticks as code."""
     return re.sub("`([^`]*)`", r"<code>\1</code>", html.escape(text))
+
+
+def chart(subject: Subject, results: Results, x: str, y: str) -> str:
+    """The chart of two columns on logarithmic axes, an image of HTML; "" if it holds no point."""
+    rows = [row for row in results.rows if row.value(x) >= 0 and row.value(y) >= 0]
+    if not rows:
+        return ""
+    title = f"{subject.column(y).label} against {subject.column(x).label}"
+    with mpl.rc_context({"svg.fonttype": "none", "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True}):
+        figure = Figure(figsize=(9.0, 4.6), layout="constrained")
+        axes = figure.add_subplot(xlabel=subject.column(x).axis, ylabel=subject.column(y).axis, title=title)
+        for k, curve in enumerate(dict.fromkeys(row.curve for row in rows)):
+            points = [(row.value(x), row.value(y)) for row in rows if row.curve == curve]
+            axes.plot(*zip(*points, strict=True), marker=MARKERS[k % len(MARKERS)], color=COLOURS[k % len(COLOURS)], label=curve)
+        for label, marker, size, face, marked in (
+            ("in use", "s", 190, "none", [row for row in rows if row.used]),
+            ("the paper", "*", 190, "#e5484d", [row for row in rows if row.paper]),
+        ):
+            places = [row.value(x) for row in marked], [row.value(y) for row in marked]
+            axes.scatter(*places, s=size, marker=marker, facecolors=face, edgecolors="#1b1f24", zorder=4, label=label)
+        for set_scale, key in ((axes.set_xscale, x), (axes.set_yscale, y)):
+            above = [row.value(key) for row in rows if row.value(key) > 0]
+            if len(above) < len(rows):
+                set_scale("symlog", linthresh=min(above, default=1.0), linscale=0.4)
+            else:
+                set_scale("log")
+        figure.legend(loc="outside right upper", frameon=False)
+        out = io.StringIO()
+        figure.savefig(out, format="svg", metadata={"Date": None})
+    data = base64.b64encode(out.getvalue().encode()).decode()
+    return f'<img alt="{html.escape(title)}" src="data:image/svg+xml;base64,{data}">'

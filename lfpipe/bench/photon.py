@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.motion import FOCAL_PX, HOME_MM, known_motion, minimum_jerk, viewer_path
-from lfpipe.bench.results import Table, Value, judged_table
-from lfpipe.bench.runner import Candidate, Offer, Samples
+from lfpipe.bench.results import Figures, Table, Value, judged_table, rms
+from lfpipe.bench.runner import Candidate, Offer
 from lfpipe.bench.subjects import LIGHT_MS, NOISE_PX, SHOWN_MS
 from lfpipe.config import Track
 from lfpipe.track.filters import make_filter
@@ -138,15 +138,15 @@ def onset_ms(pictures: Displayed) -> list[float]:
     return late
 
 
-def _samples(make: Callable[[], EyeFilter], unknown_ms: float) -> tuple[Samples, None]:
-    samples: Samples = {}
+def _prepare(make: Callable[[], EyeFilter], unknown_ms: float) -> tuple[Figures, None]:
+    figures: Figures = {}
     for horizon_ms, pictures in zip(LIGHT_MS, displayed(make(), LIGHT_MS, unknown_ms), strict=True):
         squares = np.square(pictures.used - pictures.motion.eyes[pictures.at]).sum(axis=(1, 2)) / 2  # of both eyes
         seconds = [squares[pictures.at // 1000 == second] for second in np.unique(pictures.at // 1000)]
-        samples[f"error_{horizon_ms}ms"] = [float(np.sqrt(np.mean(second))) for second in seconds]
-        samples[f"onset_{horizon_ms}ms"] = onset_ms(pictures)
-        samples[f"steady_{horizon_ms}ms"] = steady_ms(pictures)
-    return samples, None
+        figures[f"error_{horizon_ms}ms"] = rms([np.sqrt(np.mean(second)) for second in seconds])
+        figures[f"onset_{horizon_ms}ms"] = float(np.mean(onset_ms(pictures)))
+        figures[f"steady_{horizon_ms}ms"] = float(np.median(steady_ms(pictures)))
+    return figures, None
 
 
 def motion_table() -> Table:
@@ -171,7 +171,7 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
     """The filters with a known horizon, the default one with LOOP_MS of it unknown, and the paper's average."""
     for name in ("predictive", "kalman", "one-euro"):
         track = Track(filter=name)
-        yield Candidate(name, "default", partial(_samples, partial(make_filter, track), 0.0), used=track == Track())
-    yield Candidate(f"predictive, {LOOP_MS} ms unknown", "default", partial(_samples, partial(make_filter, Track()), LOOP_MS))
-    yield Candidate("mean", "k = 5", partial(_samples, partial(Mean, 5), 0.0), True)
+        yield Candidate(name, "default", partial(_prepare, partial(make_filter, track), 0.0), used=track == Track())
+    yield Candidate(f"predictive, {LOOP_MS} ms unknown", "default", partial(_prepare, partial(make_filter, Track()), LOOP_MS))
+    yield Candidate("mean", "k = 5", partial(_prepare, partial(Mean, 5), 0.0), True)
     yield motion_table()

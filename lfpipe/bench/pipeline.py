@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 from lfpipe.bench.anaglyph import view_bgr
 from lfpipe.bench.inputs import Inputs, eyes_at
 from lfpipe.bench.paper_loop import Loop
-from lfpipe.bench.runner import Candidate, Offer, Samples
+from lfpipe.bench.results import Figures, rms
+from lfpipe.bench.runner import Candidate, Offer
 from lfpipe.config import Render
 from lfpipe.host.files import exists
 from lfpipe.scene.lightfield import LightField
@@ -59,12 +60,6 @@ def _cpu_ms(process: psutil.Process) -> float:
     return total
 
 
-def _read_trace(trace: Path) -> Trace:
-    """The complete lines of a trace."""
-    text = trace.read_text() if exists(trace) else ""
-    return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
-
-
 def run_session(scene: Path, video: Path, seconds: float, options: Sequence[str], pace: str = "") -> SessionRun:
     """`lfpipe up` on a scene and a video without a display, for `seconds` from its first picture on.
 
@@ -95,7 +90,7 @@ def run_session(scene: Path, video: Path, seconds: float, options: Sequence[str]
                 process.communicate()
         if process.returncode:
             raise RuntimeError(f"`lfpipe up` exited with {process.returncode}: {err.strip()[-300:]}")
-        rows = _read_trace(trace)
+        rows = [json.loads(line) for line in trace.read_text().splitlines()]
         return SessionRun(rows, cpu_ms_s, (rows[0]["t_presented_ns"] - started_ns) / 1e9)
 
 
@@ -108,7 +103,7 @@ def run_loop(loop: Loop) -> SessionRun:
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
             raise RuntimeError(f"the loop exited with {done.returncode}: {done.stderr.strip()[-300:]}")
-        rows = _read_trace(loop.trace)
+        rows = [json.loads(line) for line in loop.trace.read_text().splitlines()]
     steady = [row for row in rows if row["t_presented_ns"] > rows[0]["t_presented_ns"] + STEADY_S * 1e9]
     if not steady:
         raise RuntimeError("the loop found no face")
@@ -157,15 +152,16 @@ def displayed_errors(
     view_row = (grid[0] - 1) / 2 + (true_px[..., 1].mean(axis=1, keepdims=True).repeat(2, axis=1) - centre_px[1]) / alpha_px
     view_col = (grid[1] - 1) / 2 + (centre_px[0] - true_px[..., 0]) / alpha_px
     true_view = np.clip(np.stack([view_row, view_col], axis=2), 0, np.array(grid) - 1)
-    errors = {"error_views": _rms((on_screen - true_view)[visible]), "error_px": _rms((used_px - true_px)[visible])}
+    errors = {"error_views": _apart((on_screen - true_view)[visible]), "error_px": _apart((used_px - true_px)[visible])}
     moved = np.maximum.accumulate(np.where(visible & truth.still[at], -1, np.arange(len(at))))  # the last sample in motion
     still = np.arange(len(at)) - moved > STILL_MS
     rests = [used_px[still & (moved == start)] for start in np.unique(moved[still])]
-    return errors | ({"jitter_px": _rms(np.concatenate([rest - rest.mean(axis=0) for rest in rests]))} if rests else {})
+    return errors | ({"jitter_px": _apart(np.concatenate([rest - rest.mean(axis=0) for rest in rests]))} if rests else {})
 
 
-def _rms(offsets: Float) -> float:
-    return float(np.sqrt(np.square(offsets).sum(axis=(1, 2)).mean() / 2))
+def _apart(offsets: Float) -> float:
+    """RMS length of offsets (n, 2, 2)."""
+    return rms(np.linalg.norm(offsets, axis=2))
 
 
 def _alpha_px(inputs: Inputs) -> float:
@@ -173,7 +169,7 @@ def _alpha_px(inputs: Inputs) -> float:
     truth, field = inputs.sequence.truth, inputs.field
     if truth is None or field.cols == 1:
         return PAPER_ALPHA_PX
-    reach_px = float(np.abs(truth.eyes_px[truth.visible][:, :, 0] - inputs.sequence.frames.shape[2] / 2).max())
+    reach_px = float(np.abs(truth.eyes_px[truth.visible][:, :, 0] - inputs.sequence.size_px[0] / 2).max())
     return max(PAPER_ALPHA_PX, reach_px / ((field.cols - 1) / 2))
 
 
@@ -190,22 +186,20 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
     best = field.method if field.method.startswith("warp") else "blend"
     if best == "blend":
         yield "warped views: the scene has no disparity, or blending is as good"
-    alpha_px, (height_px, width_px) = _alpha_px(inputs), sequence.frames.shape[1:3]
+    alpha_px, (width_px, height_px) = _alpha_px(inputs), sequence.size_px
     common = [f"--set=render.alpha_px={alpha_px:.3f}", f"--set=camera.width_px={width_px}", f"--set=camera.height_px={height_px}"]
-    seconds = min(STEADY_S + len(sequence.frames) / sequence.rate_hz, MAX_S)  # the sequence once
+    seconds = min(STEADY_S + sequence.count / sequence.rate_hz, MAX_S)  # the sequence once
 
     def candidate(name: str, run: Callable[[], SessionRun], paper: bool = False, used: bool = False) -> Candidate:
-        def prepare() -> tuple[Samples, Callable[[], dict[str, float]]]:
-            return {}, lambda: _figures(inputs, run(), alpha_px)
-
-        return Candidate(name, f"{sequence.rate_hz:g} Hz", prepare, paper, used)
+        turn = partial(_figures, inputs, run, alpha_px)
+        return Candidate(name, f"{sequence.rate_hz:g} Hz", lambda: ({}, turn), paper, used)
 
     def session(*options: str) -> Callable[[], SessionRun]:
         return partial(run_session, inputs.scene[0], sequence.path, seconds, [*common, *options])
 
     def loop() -> SessionRun:
-        views, size = write_views(field, inputs.work / "views" / str(field.manifest["key"])), (width_px, height_px)
-        return run_loop(Loop(sequence.path, views, sequence.rate_hz, seconds, alpha_px, field.rows, field.cols, size))
+        views = write_views(field, inputs.work / "views" / str(field.manifest["key"]))
+        return run_loop(Loop(sequence.path, views, sequence.rate_hz, seconds, alpha_px, field.rows, field.cols, sequence.size_px))
 
     if package_folder() is None or is_sequence(sequence.path):
         yield "paper as a plain loop: it needs mediapipe, which is not installed, or a video; its configuration runs"
@@ -217,13 +211,13 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
         yield candidate(f"{clock} clock, {method}", run, used=(clock, method) == (usual.clock, field.method))
 
 
-def _figures(inputs: Inputs, run: SessionRun, alpha_px: float) -> dict[str, float]:
+def _figures(inputs: Inputs, measured: Callable[[], SessionRun], alpha_px: float) -> Figures:
+    run, sequence, field = measured(), inputs.sequence, inputs.field
     start_ns = run.rows[0]["t_presented_ns"] + STEADY_S * 1e9  # before, the tracker looks for the face
     rows = [row for row in run.rows if row.get("composed", True) and row["t_presented_ns"] > start_ns]
     p50_ms, p95_ms = np.percentile([(row["t_presented_ns"] - row["t_sensor_ns"]) / 1e6 for row in rows], (50, 95))
     figures = {"latency_ms": p50_ms, "latency_p95_ms": p95_ms, "cpu_ms_s": run.cpu_ms_s, "first_s": run.first_s}
-    sequence, field = inputs.sequence, inputs.field
     if sequence.truth is not None:
-        centre_px = sequence.frames.shape[2] / 2, sequence.frames.shape[1] / 2
+        centre_px = sequence.size_px[0] / 2, sequence.size_px[1] / 2
         figures |= displayed_errors(sequence.truth, run.rows, alpha_px, centre_px, (field.rows, field.cols))
     return figures

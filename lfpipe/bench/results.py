@@ -8,66 +8,49 @@ from typing import Any, Literal
 
 import attrs
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lfpipe.errors import UserError
 from lfpipe.files.output import write_output
 from lfpipe.files.safe_files import read_bytes
 from lfpipe.files.untrusted import json_fields
 
-FORMAT = "lfpipe-bench-4"
-MAX_BYTES = 16 << 20  # of results.json
-MIN_SAMPLES = 6  # for a 95 % interval of the median from order statistics: 1 - 2 / 2**6 = 0.97
+FORMAT = "lfpipe-bench-5"
+MAX_BYTES = 16 << 20  # of results.json; a full run of all subjects writes 0.2 MB
+Figures = dict[str, float]  # by the key of a column
 State = Literal["", "ok", "degraded", "failed"]
 STATES: tuple[State, ...] = ("ok", "degraded", "failed")
 
 
 @attrs.frozen
 class Column:
-    """A quantity. reduce: how samples become one number."""
+    """A quantity."""
 
     key: str
     label: str
     unit: str = ""
-    reduce: Literal["median", "rms", "mean", "min", "max"] = "median"
 
     @property
     def axis(self) -> str:
         return f"{self.label}, {self.unit}" if self.unit else self.label
 
-    def of(self, samples: Sequence[float]) -> float:
-        """The samples as one number."""
-        if self.reduce == "rms":
-            return float(np.sqrt(np.mean(np.square(samples))))
-        return float(getattr(np, self.reduce)(samples))
-
 
 @attrs.frozen
 class Value:
-    """A figure of a row. low, high: its 95 % interval, or its range if there are fewer than MIN_SAMPLES samples. turns: how often
-    it was timed, 0 for an error. words: stand for a figure that is judged. state: the judgement. only: where a value that is not
-    ok matters, "" for what is in use by default, else the setting that reaches it."""
+    """A figure of a row. low, high: of a time, else 0: the 95 % interval of its median, the range of few turns. words: stand for
+    a figure that is judged. state: the judgement. only: where a value that is not ok matters, "" for what is in use by default,
+    else the setting that reaches it."""
 
     value: float = 0.0
     low: float = 0.0
     high: float = 0.0
-    turns: int = 0
     words: str = ""
     state: State = ""
     only: str = ""
 
     @property
-    def half(self) -> float:
-        """Half the interval, 0 for an error."""
-        return (self.high - self.low) / 2
-
-    @property
     def text(self) -> str:
-        """The number with its interval, or with the number and range of turns if there are too few for one."""
-        if self.words or not self.turns:
-            return self.words or short(self.value)
-        if self.turns >= MIN_SAMPLES:
-            return f"{short(self.value)} ± {100 * self.half / abs(self.value) if self.value else 0:.0f} %"
-        return f"{short(self.value)} ({self.turns} run{'s' * (self.turns > 1)}, {short(self.low)} to {short(self.high)})"
+        return self.words or short(self.value) + (f" ({short(self.low)} to {short(self.high)})" if self.high else "")
 
 
 @attrs.frozen
@@ -142,6 +125,19 @@ class Results:
         for table in self.tables:
             for row in table.rows:
                 yield from ((table, row, key, value) for key, value in row.values.items() if value.state)
+
+
+def rms(values: ArrayLike) -> float:
+    """Root of the mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def timing(samples: Sequence[float]) -> Value:
+    """The median with its 95 % interval by order statistics, for any distribution; with the range of fewer than six samples."""
+    ordered, n = sorted(samples), len(samples)
+    tail = np.cumsum([math.comb(n, k) / 2**n for k in range(n // 2)])
+    rank = max(1, int(np.searchsorted(tail, 0.025, side="right")))
+    return Value(float(np.median(ordered)), ordered[rank - 1], ordered[n - rank])
 
 
 def short(value: float) -> str:

@@ -1,5 +1,6 @@
-"""Measures subjects: errors once, times in turns until the budget is spent."""
+"""Measures subjects: errors once, times in turns."""
 
+import contextlib
 import importlib
 import math
 import os
@@ -7,7 +8,8 @@ import platform
 import random
 import sys
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 import attrs
@@ -15,26 +17,24 @@ import cv2
 import numpy as np
 
 from lfpipe.bench.inputs import Inputs, Progress
-from lfpipe.bench.results import MIN_SAMPLES, Results, Row, Table, Value, read, write
+from lfpipe.bench.results import Figures, Results, Row, Table, Value, read, timing, write
 from lfpipe.bench.subjects import SUBJECTS, Subject
 from lfpipe.errors import UserError
 from lfpipe.files.output import check_output
 from lfpipe.host.machine import versions
 from lfpipe.host.processes import usable_cores
 
-LONG_TURNS = 3  # a subject with at most this many turns has long turns and no warm-up
 FILES = ("results.json", "report.html")
-Samples = dict[str, list[float]]  # by the key of a column
-Turn = Callable[[], Mapping[str, float]]  # one timed turn: a sample per column
+Turn = Callable[[], Figures]  # takes one sample of each time
 
 
 @attrs.frozen(eq=False)
 class Candidate:
-    """A method to be measured. prepare: returns the samples of its errors, and its turn; None if nothing is timed."""
+    """A method to be measured. prepare: returns its errors, and its turn; None if nothing is timed."""
 
     curve: str
     knob: str
-    prepare: Callable[[], tuple[Samples, Turn | None]]
+    prepare: Callable[[], tuple[Figures, Turn | None]]
     paper: bool = False
     used: bool = False
 
@@ -69,16 +69,18 @@ def opened(out: Path) -> dict[str, Results]:
         raise UserError(f"{out}: {error.strerror}", "choose another folder with --out DIR") from None
     for name in FILES:
         check_output(out / name)
-    try:
+    with contextlib.suppress(UserError):  # nothing yet, or of another version
         return read(out)
-    except UserError:  # nothing yet, or of another version
-        return {}
+    return {}
 
 
 def run(subject: Subject, offers: Iterable[Offer], quick: bool, progress: Progress) -> Results:
-    """Measures a subject. A candidate that raises, or returns a number that is not finite, is a failure with the reason."""
+    """Measures a subject. A candidate that raises, or returns a number that is not finite, is a failure with the reason.
+
+    Rounds of one turn each, in a new order every round: other load on the machine affects all alike.
+    """
     cv2.setNumThreads(1)  # as in a session
-    results, started, cpu_s = Results(subject.name), time.monotonic(), sum(os.times()[:4])
+    results, started_s, cpu_s = Results(subject.name), time.monotonic(), sum(os.times()[:4])
     candidates: list[Candidate] = []
     for offer in offers:
         if isinstance(offer, Candidate):
@@ -87,103 +89,68 @@ def run(subject: Subject, offers: Iterable[Offer], quick: bool, progress: Progre
             results.tables.append(offer)
         else:
             results.left_out.append(offer)
-    samples: dict[str, Samples] = {}
+    rounds = subject.rounds[0 if quick else 1]
+    errors: dict[str, Figures] = {}
     turns: dict[str, Turn] = {}
+    times: dict[str, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
     for k, one in enumerate(candidates):
-        progress(subject.title, k, 2 * len(candidates))
-        try:
-            errors, turn = one.prepare()
-            samples[one.name] = _finite(errors)
-        except Exception as error:  # report any failure of a method and continue with the others
-            results.failures[one.name] = f"{type(error).__name__}: {error}"
-        else:
-            turns |= {one.name: turn} if turn is not None else {}
-    times = _take_turns(subject, quick, turns, results.failures, progress)
+        progress(subject.title, k, (1 + rounds) * len(candidates))
+        with _failing(one.name, results):
+            errors[one.name], turn = one.prepare()
+            _check(errors[one.name])
+            turns |= {one.name: turn} if turn else {}
+    shuffled = random.Random(1)
+    for k in range(rounds if turns else 0):
+        progress(subject.title, (1 + k) * len(candidates), (1 + rounds) * len(candidates))
+        for name in shuffled.sample(list(turns), len(turns)):
+            if name not in results.failures:
+                with _failing(name, results):
+                    _check(sample := turns[name]())
+                    for key, value in sample.items():
+                        times[name][key].append(value)
+    rows = []
+    for one in candidates:
+        if one.name not in results.failures:
+            values = {key: Value(value) for key, value in errors[one.name].items()}
+            values |= {key: timing(samples) for key, samples in times[one.name].items()}
+            rows.append(Row(one.name, values, one.curve, one.knob, one.paper, one.used))
     if candidates:
-        measured = [one for one in candidates if one.name not in results.failures]
-        rows = [
-            Row(one.name, _values(subject, samples[one.name], times.get(one.name, {})), one.curve, one.knob, one.paper, one.used)
-            for one in measured
-        ]
         results.tables.insert(0, Table("method", subject.columns, tuple(rows)))
-    results.wall_s, results.cpu_s = round(time.monotonic() - started, 1), round(sum(os.times()[:4]) - cpu_s, 1)
+    results.wall_s, results.cpu_s = round(time.monotonic() - started_s, 1), round(sum(os.times()[:4]) - cpu_s, 1)
     progress(subject.title, 1, 1)
     return results
 
 
-def _values(subject: Subject, errors: Samples, times: Samples) -> dict[str, Value]:
-    values = {column.key: Value(column.of(errors[column.key])) for column in subject.columns if errors.get(column.key)}
-    for column in subject.columns:
-        if column.key in times:
-            taken = times[column.key]
-            values[column.key] = Value(column.of(taken), *median_interval(taken), len(taken))
-    return values
+@contextlib.contextmanager
+def _failing(name: str, results: Results) -> Iterator[None]:
+    """Any exception of a method is its result; the others go on."""
+    try:
+        yield
+    except Exception as error:
+        results.failures[name] = f"{type(error).__name__}: {error}"
 
 
-def _take_turns(
-    subject: Subject, quick: bool, turns: dict[str, Turn], failures: dict[str, str], progress: Progress
-) -> dict[str, Samples]:
-    """Samples by method. Rounds of one turn each, in a new order every round: other load on the machine affects all alike."""
-    budget_s, least = subject.budget_s[0 if quick else 1], subject.turns[0 if quick else 1]
-    shuffled, started, rounds = random.Random(1), time.monotonic(), -1 if least > LONG_TURNS else 0  # the first is a warm-up
-    taken: dict[str, Samples] = {name: {} for name in turns}
-    while turns and (rounds < least or time.monotonic() - started < budget_s):
-        done = min(rounds / least, (time.monotonic() - started) / budget_s)
-        progress(subject.title, len(turns) + int(done * len(turns)), 2 * len(turns) + 1)
-        for name in shuffled.sample(list(turns), len(turns)):
-            try:
-                sample = _finite({key: [value] for key, value in turns[name]().items()})
-            except Exception as error:  # as above
-                failures[name] = f"{type(error).__name__}: {error}"
-                turns.pop(name)
-                continue
-            for key, values in sample.items() if rounds >= 0 else ():
-                taken[name].setdefault(key, []).extend(values)
-        rounds += 1
-    return taken
-
-
-def _finite(samples: Samples) -> Samples:
-    """samples. Raises ValueError if one is not finite."""
-    if wrong := [key for key, values in samples.items() if not all(map(math.isfinite, values))]:
+def _check(figures: Figures) -> None:
+    if wrong := [key for key, value in figures.items() if not math.isfinite(value)]:
         raise ValueError(f"not finite: {', '.join(wrong)}")
-    return samples
 
 
-def median_interval(samples: Sequence[float]) -> tuple[float, float]:
-    """95 % interval of the median by order statistics, for any distribution; the range below MIN_SAMPLES samples."""
-    ordered, n = sorted(samples), len(samples)
-    if n < MIN_SAMPLES:
-        return ordered[0], ordered[-1]
-    tail = np.cumsum([math.comb(n, k) / 2**n for k in range(n // 2)])
-    k = int(np.searchsorted(tail, 0.025, side="right"))
-    return ordered[k - 1], ordered[n - k]
-
-
-def times_ms(call: Callable[[], object], count: int) -> list[float]:
-    """Time of each of count calls, in ms."""
+def time_ms(call: Callable[[], object], count: int) -> float:
+    """Median time of count calls."""
     times = []
     for _ in range(count):
-        start = time.perf_counter_ns()
+        start_ns = time.perf_counter_ns()
         call()
-        times.append((time.perf_counter_ns() - start) / 1e6)
-    return times
-
-
-def time_figures(times: Sequence[float], unit: str = "ms", scale: float = 1.0) -> dict[str, float]:
-    """The figures time_UNIT (median) and time_p95_UNIT of times, multiplied by scale."""
-    p50, p95 = np.percentile(times, (50, 95)) * scale
-    return {f"time_{unit}": float(p50), f"time_p95_{unit}": float(p95)}
+        times.append((time.perf_counter_ns() - start_ns) / 1e6)
+    return float(np.median(times))
 
 
 def conditions() -> dict[str, str]:
     """What results depend on besides their inputs: time, command, machine, versions."""
-    packages = versions()
-    load = f", load {os.getloadavg()[0]:.2f}" if hasattr(os, "getloadavg") else ""
-    machine = f"{packages.pop('processor')}, {len(usable_cores())} cores, {platform.system()} {platform.release()}{load}"
+    packages, load = versions(), f"load {os.getloadavg()[0]:.2f}"
     return {
         "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
         "command": " ".join(["lfpipe", *sys.argv[1:]]),
-        "machine": machine,
+        "machine": f"{packages.pop('processor')}, {len(usable_cores())} cores, {platform.system()}, {load}",
         "versions": ", ".join(f"{name} {version}" for name, version in packages.items()),
     }

@@ -12,16 +12,7 @@ FILTER_RATES_HZ = (30, 60, 120)
 AHEAD_MS = 40  # of the charts of filters: age of a picture at 30 Hz and 60 Hz refresh
 NOISE_PX = 0.3  # of the landmarks of live faces: 0.22 to 0.34 px were measured at 640x480
 LIGHT_MS = (20, 40, 60, 80, 100, 120, 140)  # from exposure to light
-SHOWN_MS = 80  # of the charts of photon
-
-
-@attrs.frozen
-class Chart:
-    """Error against run time of all methods: keys of the columns on both logarithmic axes, less is better."""
-
-    title: str
-    x: str
-    y: str
+SHOWN_MS = 80  # of the chart of photon: a usual camera and display
 
 
 @attrs.frozen
@@ -36,27 +27,20 @@ class Choice:
 
 @attrs.frozen
 class Subject:
-    """paper: what the paper does.
-
-    Pairs are for quick and full runs. budget_s: seconds of timing. turns: minimum number of turns of each method.
-    """
+    """charts: keys of the columns on the axes, (run time or the like, error): less is better in both. paper: what the paper does.
+    rounds: turns of each method in a quick and in a full run."""
 
     name: str
     title: str
     question: str
     columns: tuple[Column, ...] = ()
-    charts: tuple[Chart, ...] = ()
+    charts: tuple[tuple[str, str], ...] = ()
     paper: str = ""
     choice: Choice | None = None
-    budget_s: tuple[float, float] = (5.0, 60.0)
-    turns: tuple[int, int] = (7, 15)
+    rounds: tuple[int, int] = (7, 25)
 
     def column(self, key: str) -> Column:
         return next(column for column in self.columns if column.key == key)
-
-
-def _times(of: str, unit: str, suffix: str) -> tuple[Column, Column]:
-    return Column(f"time_{suffix}", f"time per {of}, p50", unit), Column(f"time_p95_{suffix}", f"time per {of}, p95", unit)
 
 
 _ALL = (
@@ -64,42 +48,36 @@ _ALL = (
         "tracker", "Tracking the eyes",
         "How closely does each face engine follow the true eyes of the sequence, and what does a camera frame cost?",
         (
-            Column("error_px", "error of the worse eye, RMS", "px of the frame", "rms"),
+            Column("error_px", "error of the worse eye, RMS", "px of the frame"),
             Column("offset", "offset of the eye centre", "of the distance between the eyes"),
-            Column("missed", "frames without a face", "share", "mean"),
-            *_times("camera frame", "ms", "ms"), Column("cpu_ms", "CPU per camera frame, all threads", "ms"),
+            Column("missed", "frames without a face", "share"), Column("time_ms", "time per camera frame", "ms"),
+            Column("cpu_ms", "CPU per camera frame, all threads", "ms"),
         ),
-        (Chart("Error of tracking against time", "time_ms", "error_px"),),
-        "FaceMesh (engine mediapipe) on every frame of 640x480",
-        Choice("track.engine", 11.0, "a third of a frame at 30 Hz"), (6.0, 60.0),
+        (("time_ms", "error_px"),), "FaceMesh (engine mediapipe) on every frame of 640x480",
+        Choice("track.engine", 11.0, "a third of a frame at 30 Hz"),
     ),
     Subject(
         "filters", "Filtering and predicting",
         "How far are the filtered eyes that a picture is made for from the viewer's eyes when it is shown? A known motion"
         f" (reaches up to 450 mm/s, sway, sudden stops, approach, leaving the picture), landmarks with {NOISE_PX} px of noise.",
         (
-            *(Column(f"error_{rate}hz", f"error {AHEAD_MS} ms ahead at {rate} Hz, RMS", "px", "rms") for rate in FILTER_RATES_HZ),
-            *(Column(f"jitter_{rate}hz", f"still jitter at {rate} Hz, RMS", "px", "rms") for rate in FILTER_RATES_HZ),
-            *_times("update", "µs", "us"),
+            *(Column(f"error_{rate}hz", f"error {AHEAD_MS} ms ahead at {rate} Hz, RMS", "px") for rate in FILTER_RATES_HZ),
+            *(Column(f"jitter_{rate}hz", f"still jitter at {rate} Hz, RMS", "px") for rate in FILTER_RATES_HZ),
+            Column("time_us", "time per update", "µs"),
         ),
-        (
-            Chart(f"Error {AHEAD_MS} ms ahead against time", "time_us", "error_30hz"),
-            Chart(f"Error {AHEAD_MS} ms ahead against still jitter", "jitter_30hz", "error_30hz"),
-        ),
-        "mean of k = 5, without prediction",
-        Choice("track.filter", 1000.0, "a thirtieth of a frame at 30 Hz"), (3.0, 30.0),
+        (("time_us", "error_30hz"), ("jitter_30hz", "error_30hz")), "mean of k = 5, without prediction",
+        Choice("track.filter", 1000.0, "a thirtieth of a frame at 30 Hz"),
     ),
     Subject(
         "photon", "Motion to photon",
         "How much later than the head do its pictures begin to move, and how far do they lag while it moves? The same known"
         " motion, camera at 30 Hz, display at 60 Hz, against the time from exposure to light.",
         (
-            *(Column(f"onset_{h}ms", f"latency at onset, light {h} ms after exposure", "ms", "mean") for h in LIGHT_MS),
+            *(Column(f"onset_{h}ms", f"latency at onset, light {h} ms after exposure", "ms") for h in LIGHT_MS),
             *(Column(f"steady_{h}ms", f"steady latency, light {h} ms after exposure", "ms") for h in LIGHT_MS),
-            *(Column(f"error_{h}ms", f"displayed error, RMS, light {h} ms after exposure", "px", "rms") for h in LIGHT_MS),
+            *(Column(f"error_{h}ms", f"displayed error, RMS, light {h} ms after exposure", "px") for h in LIGHT_MS),
         ),
-        (Chart("Displayed error against latency at the onset", f"onset_{SHOWN_MS}ms", f"error_{SHOWN_MS}ms"),),
-        "mean of k = 5, without prediction",
+        ((f"onset_{SHOWN_MS}ms", f"error_{SHOWN_MS}ms"),), "mean of k = 5, without prediction",
     ),
     Subject(
         "judder", "Pictures shown twice or left out",
@@ -110,28 +88,23 @@ _ALL = (
         "How well does each method make views that were left out, how evenly do they move, and what does a picture cost?"
         " Disparities are estimated from the kept views alone. A picture is an anaglyph of both eyes, between the stored views.",
         (
-            Column("rmse", "error on left-out views, RMSE", "levels", "rms"),
-            Column("psnr_db", "PSNR on left-out views", "dB", "mean"),
-            Column("jump", "largest over mean step of a sweep", "", "max"), *_times("picture", "ms", "ms"),
+            Column("rmse", "error on left-out views, RMSE", "levels"), Column("psnr_db", "PSNR on left-out views", "dB"),
+            Column("jump", "largest over mean step of a sweep"), Column("time_ms", "time per picture", "ms"),
         ),
-        (
-            Chart("Error on left-out views against time", "time_ms", "rmse"),
-            Chart("Jumps while moving against time", "time_ms", "jump"),
-        ),
-        "nearest stored view", Choice("render.method", 8.0, "half a refresh at 60 Hz"),
+        (("time_ms", "rmse"), ("time_ms", "jump")), "nearest stored view",
+        Choice("render.method", 8.0, "half a refresh at 60 Hz"),
     ),
     Subject(
         "anaglyph", "Anaglyph encodings",
         "What do both eyes see through simulated glasses? For views of the scene: error of the fused colour, difference in"
         " lightness between the eyes, and the other eye's light on mid grey.",
         (
-            Column("fused", "error of the fused colour", "CIELAB", "mean"),
-            Column("rivalry", "rivalry between the eyes", "L*", "mean"),
-            Column("ghost", "ghost of the other eye on grey", "% of its light", "max"), *_times("megapixel", "ms", "ms_mp"),
+            Column("fused", "error of the fused colour", "CIELAB"), Column("rivalry", "rivalry between the eyes", "L*"),
+            Column("ghost", "ghost of the other eye on grey", "% of its light"),
+            Column("time_ms_mp", "time per megapixel", "ms"),
         ),
-        tuple(Chart(f"{title} against time", "time_ms_mp", y)
-              for title, y in (("Error of colour", "fused"), ("Rivalry", "rivalry"), ("Ghost", "ghost"))),
-        "colour: red of the left view, green and blue of the right", None, (3.0, 30.0),
+        (("time_ms_mp", "fused"), ("time_ms_mp", "rivalry"), ("time_ms_mp", "ghost")),
+        "colour: red of the left view, green and blue of the right",
     ),
     Subject(
         "pipeline", "The whole pipeline",
@@ -144,12 +117,8 @@ _ALL = (
             Column("latency_p95_ms", "frame captured to picture shown, p95", "ms"),
             Column("cpu_ms_s", "CPU of all processes", "ms per second"), Column("first_s", "start to first picture", "s"),
         ),
-        (
-            Chart("Error of the viewpoint shown against CPU", "cpu_ms_s", "error_views"),
-            Chart("Error of the viewpoint shown against latency", "latency_ms", "error_views"),
-            Chart("Latency against CPU", "cpu_ms_s", "latency_ms"),
-        ),
-        "its configuration (`--config paper`), and the same as one plain loop", None, (1.0, 400.0), (1, 3),
+        (("cpu_ms_s", "error_views"), ("latency_ms", "error_views"), ("cpu_ms_s", "latency_ms")),
+        "its configuration (`--config paper`), and the same as one plain loop", rounds=(1, 3),
     ),
     Subject(
         "stability", "Stiff and extreme cases",
@@ -162,9 +131,7 @@ TABLE = Subject(
     "The protocol of angular super-resolution: the corners of 7x7 views are kept, the others made and compared. Luma of BT.601 in"
     " studio range, peak 255; SSIM with a Gaussian of sigma 1.5; means over the made views. Disparity is of the kept views alone."
     " One view in colour, one core.",
-    (
-        Column("psnr_db", "PSNR", "dB", "mean"), Column("worst_db", "worst view", "dB", "min"),
-        Column("ssim", "SSIM", "", "mean"), Column("ms", "time per picture", "ms"),
-    ),
-    budget_s=(0.1, 0.1), turns=(3, 3),
+    (Column("psnr_db", "PSNR", "dB"), Column("worst_db", "worst view", "dB"), Column("ssim", "SSIM"),
+     Column("ms", "time per picture", "ms")),
+    rounds=(3, 3),
 )  # fmt: skip

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.runner import Candidate, Offer, Samples, Turn, time_figures, times_ms
+from lfpipe.bench.results import Figures, rms
+from lfpipe.bench.runner import Candidate, Offer, Turn, time_ms
 from lfpipe.config import Render
 from lfpipe.config.quality import METHODS, WARPS
 from lfpipe.render.compositor import Compositor
@@ -91,18 +92,21 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
         yield Candidate(method, "every 2nd view", prepare, method == "nearest", method == field.method)
 
 
-def _prepare(inputs: Inputs, method: str, kept: Callable[[], LightField]) -> tuple[Samples, Turn]:
+def _prepare(inputs: Inputs, method: str, kept: Callable[[], LightField]) -> tuple[Figures, Turn]:
     field, part = inputs.field, kept()
     views, renderer = np.asarray(field.views)[0], ViewRenderer(part, method)
     compositor = Compositor(part, Render(method=method, anaglyph="colour"))  # type: ignore[arg-type]
-    viewpoints = viewpoint_walk(part, TURN_PICTURES, APART)  # equal in every turn: some viewpoints need two warps
+    viewpoints = viewpoint_walk(part, TURN_PICTURES, APART)
     between = np.ndindex(2 * part.rows - 1, 2 * part.cols - 1)
     left_out = [(r, c) for r, c in between if (r % 2 or c % 2) and field.present[r, c]]
     count = min(MAX_VIEWS[0 if inputs.quick else 1], len(left_out))  # spread evenly
     some = [left_out[int(k)] for k in np.unique(np.linspace(0, len(left_out) - 1, count).round())]
     squares = [float(np.mean((renderer.at((r / 2, c / 2)) - views[r, c]) ** 2)) for r, c in some]
-    samples = {"rmse": [s**0.5 for s in squares], "psnr_db": [*map(psnr_db, squares)], "jump": [_jump(part, renderer)]}
-    return samples, lambda: time_figures([times_ms(partial(compositor.compose, *eyes), 1)[0] for eyes in viewpoints])
+    psnrs_db = [psnr_db(square) for square in squares]
+    figures = {"rmse": rms(np.sqrt(squares)), "psnr_db": float(np.mean(psnrs_db)), "jump": _jump(part, renderer)}
+    upcoming = itertools.cycle(viewpoints)  # equal in every turn: some viewpoints need two warps
+    turn = partial(time_ms, lambda: compositor.compose(*next(upcoming)), TURN_PICTURES)
+    return figures, lambda: {"time_ms": turn()}
 
 
 def _jump(part: LightField, renderer: ViewRenderer) -> float:

@@ -4,6 +4,7 @@ PSNR and SSIM of luma are averaged over the synthesised views of a scene. The 7x
 Smaller grids use the largest square that fits; the name of the row tells it.
 """
 
+import itertools
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -14,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.bench.inputs import Progress
-from lfpipe.bench.results import Results, Row, Table
-from lfpipe.bench.runner import Candidate, Samples, Turn, conditions, run, times_ms
+from lfpipe.bench.results import Figures, Results, Row, Table
+from lfpipe.bench.runner import Candidate, Turn, conditions, run, time_ms
 from lfpipe.bench.subjects import TABLE
 from lfpipe.bench.synthesis import ViewRenderer, subsample
 from lfpipe.config.quality import METHODS, WARPS
@@ -111,25 +112,27 @@ def measure(field: LightField, protocol: Protocol) -> Iterator[Candidate]:
             yield Candidate(method, f"{field.name}, {grid}", partial(_prepare, part, method, truth, protocol))
 
 
-def _prepare(part: LightField, method: str, truth: dict[Position, Float], protocol: Protocol) -> tuple[Samples, Turn | None]:
+def _prepare(part: LightField, method: str, truth: dict[Position, Float], protocol: Protocol) -> tuple[Figures, Turn | None]:
     renderer = ViewRenderer(part, method)
     lumas = {place: shaved(studio_luma(renderer.at(place)), protocol.border_px) for place in truth}
     db = [psnr_db(float(np.mean(np.square(true - lumas[place])))) for place, true in truth.items()]
-    samples = {"psnr_db": db, "worst_db": db, "ssim": [ssim(true, lumas[place]) for place, true in truth.items()]}
-
-    def turn() -> dict[str, float]:
-        return {"ms": float(np.median([times_ms(partial(renderer.draw, place), 1)[0] for place in truth]))}
-
-    return samples, turn if protocol.timed else None
+    similar = [ssim(true, lumas[place]) for place, true in truth.items()]
+    upcoming = itertools.cycle(truth)
+    turn = partial(time_ms, lambda: renderer.draw(next(upcoming)), len(truth))
+    figures = {"psnr_db": float(np.mean(db)), "worst_db": min(db), "ssim": float(np.mean(similar))}
+    return figures, (lambda: {"ms": turn()}) if protocol.timed else None
 
 
 def measure_scenes(scenes: Sequence[tuple[Path, Callable[[], LightField]]], protocol: Protocol, progress: Progress) -> Results:
-    """Every method on every scene. scenes: (path, function that opens it); one that cannot be measured is left out."""
+    """Every method on every scene. scenes: (path, function that opens it); one that does not fit the protocol is left out."""
     whole, rows = Results(TABLE.name, about=conditions()), list[Row]()
     for path, open_field in scenes:
         try:
             results = run(TABLE, measure(open_field(), protocol), False, progress)
-        except (UserError, ValueError) as error:
+        except UserError as error:
+            whole.failures[path.name] = str(error)
+            continue
+        except ValueError as error:
             whole.left_out.append(f"{path.name}: {error}")
             continue
         rows += results.rows

@@ -9,18 +9,19 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.runner import Candidate, Offer, Samples, Turn, time_figures, times_ms
+from lfpipe.bench.inputs import FrameSequence, Inputs, Picture
+from lfpipe.bench.results import Figures, rms
+from lfpipe.bench.runner import Candidate, Offer, Turn, time_ms
 from lfpipe.config import Track
 from lfpipe.track.engine import make_engine
 from lfpipe.track.models import package_folder
 
 ENGINES = ("litert", "mediapipe")
 WIDTHS_PX = (640, 320), (640, 320, 160)  # quick and full
-TURN_FRAMES = 12
+TURN_FRAMES = 12  # of each turn
 
 
-def motion_errors(eyes: NDArray[np.float64], truth: NDArray[np.float64]) -> Samples:
+def motion_errors(eyes: NDArray[np.float64], truth: NDArray[np.float64]) -> Figures:
     """Figures of measured eyes (n, 2, 2) against the true ones, over frames with a face.
 
     Engines define the centre of an eye differently (lids or iris). The median offset from the truth, in distances between the
@@ -31,46 +32,47 @@ def motion_errors(eyes: NDArray[np.float64], truth: NDArray[np.float64]) -> Samp
     error = (eyes[seen] - truth[seen]) / between_px[:, None, None]
     offset = np.median(error, axis=0)
     worst = np.linalg.norm(error - offset, axis=2).max(axis=1)
-    return {"error_px": (worst * between_px).tolist(), "offset": [float(np.linalg.norm(offset, axis=1).max())]}
+    return {"error_px": rms(worst * between_px), "offset": float(np.linalg.norm(offset, axis=1).max())}
 
 
 def measure(inputs: Inputs) -> Iterator[Offer]:
     """Engines x refine x input size."""
     if inputs.sequence.truth is None:
         yield f"error of tracking: {inputs.sequence.path.name} has no truth; only times are measured"
-    height_px, width_px = inputs.sequence.frames.shape[1:3]
+    width_px, height_px = inputs.sequence.size_px
     offered = WIDTHS_PX[0 if inputs.quick else 1]
     widths = [width for width in offered if width <= width_px] or [width_px]
     if len(widths) < len(offered):
         yield f"input wider than {width_px} px: the frames of the sequence are smaller"
-    engines = [name for name in ENGINES if name != "mediapipe" or package_folder()]
-    if len(engines) < len(ENGINES):
+    if not package_folder():
         yield "engine mediapipe: the package is not installed here"
-    for name, refine, width in itertools.product(engines, (False, True), widths):
+    for name, refine, width in itertools.product(ENGINES if package_folder() else ENGINES[:1], (False, True), widths):
         size = (width, round(height_px * width / width_px))
-        track = Track(engine="mediapipe" if name == "mediapipe" else "litert", refine=refine)
+        track = Track(engine=name, refine=refine)
         paper, used = (track == one and width == widths[0] for one in (Track(engine="mediapipe"), Track()))
-        prepare = partial(_prepare, inputs, track, size)
+        prepare = partial(_prepare, inputs.sequence, track, size)
         yield Candidate(name + " with irises" * refine, f"{size[0]}x{size[1]}", prepare, paper, used)
 
 
-def _prepare(inputs: Inputs, track: Track, size: tuple[int, int]) -> tuple[Samples, Turn]:
-    frames, truth = inputs.sequence.frames, inputs.sequence.truth
-    scale = frames.shape[2] / size[0]
-    if scale != 1:
-        frames = np.stack([cv2.resize(frame, size, interpolation=cv2.INTER_AREA) for frame in frames])
-    engine = make_engine(track)
-    faces = [engine.detect(frame) for frame in frames]
+def _prepare(sequence: FrameSequence, track: Track, size: tuple[int, int]) -> tuple[Figures, Turn]:
+    engine, scale = make_engine(track), sequence.size_px[0] / size[0]
+
+    def frames() -> Iterator[Picture]:
+        for frame in sequence.frames():
+            yield frame if scale == 1 else np.asarray(cv2.resize(frame, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+    faces = [engine.detect(frame) for frame in frames()]
     if not any(faces):
         raise ValueError("no face found in any frame")
-    eyes = np.array([np.full((2, 2), np.nan) if face is None else face.eyes_px * scale for face in faces])
-    samples = {"missed": [float(face is None) for face in faces]}
-    samples |= {} if truth is None else motion_errors(eyes, truth.eyes_px[: len(eyes)])
-    upcoming = itertools.cycle(frames)
+    figures = {"missed": faces.count(None) / len(faces)}
+    if sequence.truth is not None:
+        eyes = np.array([np.full((2, 2), np.nan) if face is None else face.eyes_px * scale for face in faces])
+        figures |= motion_errors(eyes, sequence.truth.eyes_px[: len(eyes)])
+    upcoming = itertools.cycle(itertools.islice(frames(), TURN_FRAMES))
 
-    def turn() -> dict[str, float]:
+    def turn() -> Figures:
         cpu_ns = time.process_time_ns()
-        times = times_ms(lambda: engine.detect(next(upcoming)), TURN_FRAMES)
-        return time_figures(times) | {"cpu_ms": (time.process_time_ns() - cpu_ns) / 1e6 / TURN_FRAMES}
+        taken_ms = time_ms(lambda: engine.detect(next(upcoming)), TURN_FRAMES)
+        return {"time_ms": taken_ms, "cpu_ms": (time.process_time_ns() - cpu_ns) / 1e6 / TURN_FRAMES}
 
-    return samples, turn
+    return figures, turn

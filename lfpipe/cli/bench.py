@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from lfpipe.bench.results import Results
 from lfpipe.bench.subjects import SUBJECTS, TABLE
 from lfpipe.cli.options import PATH, with_config
 from lfpipe.config import Config
@@ -29,17 +30,12 @@ def _command(name: str, subjects: tuple[str, ...], about: str) -> click.Command:
     @with_config
     def run(scene: Path | None, sequence: Path | None, out: Path, quick: bool, config: Config) -> None:
         from lfpipe.bench.inputs import make_inputs
-        from lfpipe.bench.page import write_report
         from lfpipe.bench.runner import measure
         from lfpipe.cli.progress import progress
 
         with progress() as bar:
             results = measure(subjects, make_inputs(scene, sequence, quick, config, bar), out, bar)
-        page = write_report(results, out)
-        for one in results.values():
-            for method, reason in one.failures.items():
-                click.echo(f"failed: {one.name}: {method}: {reason}", err=True)
-        click.echo(page)
+        _report(results, out)
 
     return click.command(name, help=about, short_help=about)(run)
 
@@ -61,10 +57,9 @@ for _name, _subject in SUBJECTS.items():
 def table(scenes: tuple[Path, ...], keep: str, border: int, out: Path, untimed: bool, config: Config) -> int:
     """Measure every method by the protocol of angular super-resolution, 2x2 -> 7x7 views.
 
-    FOLDER is a light field of any layout. The table shows PSNR, SSIM, and the time and memory per picture. The exit code is 1 if
+    FOLDER is a light field of any layout. The table shows PSNR, SSIM, and the time per picture. The exit code is 1 if
     a scene was left out. `lfpipe sweep` measures many scenes and continues where it was interrupted.
     """
-    from lfpipe.bench.page import write_report
     from lfpipe.bench.results import write
     from lfpipe.bench.runner import opened
     from lfpipe.bench.table import Protocol, measure_scenes
@@ -80,5 +75,14 @@ def table(scenes: tuple[Path, ...], keep: str, border: int, out: Path, untimed: 
         click.echo(results.tables[0].markdown())
     for reason in results.left_out:
         click.echo(f"left out: {reason}")
-    click.echo(write_report({TABLE.name: results}, out))
-    return 1 if results.left_out else 0
+    _report({TABLE.name: results}, out)
+    return 1 if results.left_out or results.failures else 0
+
+
+def _report(results: dict[str, Results], out: Path) -> None:
+    from lfpipe.bench.page import write_report
+
+    for one in results.values():
+        for method, reason in one.failures.items():
+            click.echo(f"failed: {method}: {reason}", err=True)
+    click.echo(write_report(results, out))

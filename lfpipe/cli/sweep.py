@@ -41,8 +41,9 @@ def sweep(
     from lfpipe.files.output import check_output
     from lfpipe.host.processes import usable_cores
     from lfpipe.sweep.plan import read_plan
-    from lfpipe.sweep.results import DIFFERS, FAILED, References, verdict, write
+    from lfpipe.sweep.results import DIFFERS, FAILED, verdict, write
     from lfpipe.sweep.run import dask_workers, local_workers, run_sweep
+    from lfpipe.sweep.work import Order
 
     if junit is not None:
         check_output(junit, [plan], label="--junit")
@@ -51,10 +52,10 @@ def sweep(
     if jobs and address:
         raise UserError("--jobs and --on exclude each other", "leave --jobs out: the scheduler has its own workers")
     workers = dask_workers(address, insecure) if address else local_workers(jobs or len(usable_cores()))
+    order = Order(limit, str(expect.resolve()) if expect else "", update)
     try:
         with progress() as bar:
-            notice = partial(click.echo, err=True)
-            outcomes = run_sweep(read_plan(plan), out, workers, limit, References(expect, update), bar, notice)
+            outcomes = run_sweep(read_plan(plan), out, workers, order, bar, partial(click.echo, err=True))
     except KeyboardInterrupt:
         click.echo(f"interrupted; finished cells are in {out}; the same command continues", err=True)
         return 130

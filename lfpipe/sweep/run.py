@@ -7,12 +7,13 @@ cell whose process or worker died.
 import contextlib
 import hashlib
 import itertools
+import json
 import logging
 import queue
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import AbstractContextManager
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -21,13 +22,15 @@ import psutil
 
 import lfpipe
 from lfpipe.errors import UserError
+from lfpipe.host.files import is_dir, is_file
 from lfpipe.host.machine import versions
-from lfpipe.sweep.plan import Cell, keyed
-from lfpipe.sweep.results import DIED, DONE, FAILED, Order, Outcome, References, Store
-from lfpipe.sweep.work import measure_cell
+from lfpipe.sequence.folder import MANIFEST, is_sequence
+from lfpipe.sweep.plan import TIMED, Cell
+from lfpipe.sweep.results import DIED, FAILED, Outcome, Store
+from lfpipe.sweep.work import Order, measure_cell
 
 AGAIN = "start it again, then run the same command"
-SCHEDULER_WAIT_S, WORKER_WAIT_S = 8.0, 30.0
+SCHEDULER_WAIT_S, WORKER_WAIT_S = 8.0, 30.0  # a host that does not answer; workers that have just been started
 FIRST_LINE_S = 30.0  # without a result, what runs is named; again after twice that time, and so on
 Notice = Callable[[str], None]
 Measure = Callable[[Cell, Order], Outcome]
@@ -41,12 +44,34 @@ class Workers:
     count: Callable[[], int]
 
 
+@cache
+def content(path: str) -> str:
+    """Hash of a file, or of the files in a folder; of a recording, of its manifest, which holds checksums."""
+    place = Path(path)
+    files = [place / MANIFEST] if is_sequence(place) else sorted(place.rglob("*")) if is_dir(place) else [place]
+    digest = hashlib.blake2b(digest_size=12)
+    for file in filter(is_file, files):
+        digest.update(str(file.relative_to(place)).encode(errors="surrogateescape"))
+        with contextlib.suppress(OSError), file.open("rb") as stream:  # the cell names what cannot be read
+            digest.update(hashlib.file_digest(stream, "blake2b").digest())
+    return digest.hexdigest()
+
+
 def source_digest() -> str:
     """Hash of the package's own files: a changed program measures again."""
-    digest = hashlib.blake2b(digest_size=8)
-    for path in sorted(Path(lfpipe.__file__).parent.rglob("*.py")):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()
+    return _hash(*(content(str(path)) for path in sorted(Path(lfpipe.__file__).parent.rglob("*.py"))))
+
+
+def _hash(*texts: str) -> str:
+    return hashlib.blake2b(json.dumps(texts).encode(), digest_size=12).hexdigest()
+
+
+def keyed(cell: Cell, version: str, order: Order) -> Cell:
+    """The cell with its key: of the program, the cell, its inputs, and its reference, or, with update, whether there is one."""
+    place = order.reference(cell)
+    reference = "" if place is None else f"update {is_dir(place)}" if order.update else content(str(place))
+    inputs = (content(path) if path else "" for path in (cell.sequence, cell.scene))
+    return attrs.evolve(cell, key=_hash(version, cell.name, *inputs, reference))
 
 
 @contextlib.contextmanager
@@ -101,73 +126,62 @@ def dask_workers(address: str, insecure: bool = False) -> Iterator[Workers]:
         yield Workers(partial(client.submit, measure_cell, pure=False), count)
 
 
-def outcomes(workers: Workers, cells: Sequence[Cell], order: Callable[[Cell], Order], notice: Notice) -> Iterator[Outcome]:
+def outcomes(workers: Workers, cells: Sequence[Cell], order: Order, notice: Notice) -> Iterator[Outcome]:
     """The outcomes of cells as they come, DIED for one whose process or worker died. While none comes, the oldest are named.
 
     Raises UserError if no answer can come.
     """
     done: queue.SimpleQueue[Any] = queue.SimpleQueue()
-    running = {workers.submit(cell, order(cell)): cell for cell in cells}
+    running = {workers.submit(cell, order): cell for cell in cells}
     for future in running:
         future.add_done_callback(done.put)
-    waited_s, line_s = 0.0, FIRST_LINE_S
+    waited_s = 0.0
     while running:
         try:
-            future = done.get(timeout=line_s)
+            future = done.get(timeout=waited_s or FIRST_LINE_S)
         except queue.Empty:
-            waited_s, line_s = waited_s + line_s, waited_s + line_s
+            waited_s = 2 * waited_s or FIRST_LINE_S
             names = ", ".join(cell.name for cell in itertools.islice(running.values(), workers.count()))
             notice(f"no result for {waited_s:.0f} s; running: {names}")
             continue
-        waited_s, line_s = 0.0, FIRST_LINE_S
-        cell = running.pop(future)
+        waited_s, cell = 0.0, running.pop(future)
         try:
-            outcome: Outcome = future.result()
+            yield future.result()
         except (OSError, CancelledError) as error:  # the worker died while the result travelled
             workers.count()
-            outcome = Outcome(cell, DIED, f"its worker died: {type(error).__name__}")
+            yield Outcome(cell, DIED, f"its worker died: {type(error).__name__}")
         except Exception as error:
             died = type(error).__name__ == "KilledWorker"  # Dask's word for a cell whose workers died several times
-            outcome = Outcome(cell, DIED if died else FAILED, f"{type(error).__name__}: {error}")
-        yield outcome
+            yield Outcome(cell, DIED if died else FAILED, f"{type(error).__name__}: {error}")
 
 
-def run_cells(
-    workers: Workers, cells: Sequence[Cell], take: Callable[[Outcome], None], order: Callable[[Cell], Order], notice: Notice
-) -> None:
+def run_cells(workers: Workers, cells: Sequence[Cell], order: Order, take: Callable[[Outcome], None], notice: Notice) -> None:
     """Measures cells: those that may run beside others, then the rest, each alone. take: receives the outcomes."""
-    alone = [cell for cell in cells if cell.timed]
-    for outcome in outcomes(workers, [cell for cell in cells if not cell.timed], order, notice):
+    alone = [cell for cell in cells if cell.subject in TIMED]
+    for outcome in outcomes(workers, [cell for cell in cells if cell.subject not in TIMED], order, notice):
         alone.append(outcome.cell) if outcome.state == DIED else take(outcome)
     for cell in alone:
-        for outcome in outcomes(workers, [cell], order, notice):
-            died = outcome.state == DIED
-            take(attrs.evolve(outcome, state=FAILED, reason=f"{outcome.reason}, also alone") if died else outcome)
+        (outcome,) = outcomes(workers, [cell], order, notice)
+        died = outcome.state == DIED
+        take(attrs.evolve(outcome, state=FAILED, reason=f"{outcome.reason}, also alone") if died else outcome)
 
 
 def run_sweep(
-    plan: Sequence[Cell], out: Path, place: AbstractContextManager[Workers], limit_s: float, references: References,
+    plan: Sequence[Cell], out: Path, place: AbstractContextManager[Workers], order: Order,
     progress: Callable[[str, int, int], None], notice: Notice,
 ) -> list[Outcome]:  # fmt: skip
     """Measures the cells that are not yet in out; returns the outcomes of all cells, in the order of the plan.
 
-    place: gives the workers, if any are needed. limit_s: of a cell. progress: (what, done, total). notice: receives lines for the
-    user. Raises UserError if out cannot be written, or the workers are gone. Finished cells are kept.
+    place: gives the workers, if any are needed. progress: (what, done, total). notice: receives lines for the user.
+    Raises UserError if out cannot be written, or the workers are gone. Finished cells are kept.
     """
     version = f"{source_digest()} {sorted((name, text) for name, text in versions().items() if name != 'processor')}"
-    every = [references.marked(keyed(cell, version)) for cell in plan]
+    every = [keyed(cell, version, order) for cell in plan]
     store = Store(out)
-    todo: dict[str, Cell] = {}  # scenes of equal name and content are one cell
-    for cell in every:
-        known = store.outcomes.get(cell.key)
-        if cell.why_not:
-            if known is None or known.reason != cell.why_not:
-                store.append(Outcome(cell, FAILED, cell.why_not))
-        elif known is None or known.state not in DONE:
-            todo[cell.key] = cell
+    todo = {cell.key: cell for cell in every if cell.key not in store.outcomes}  # scenes of equal name and content are one cell
 
     def take(outcome: Outcome) -> None:
-        store.append(references.judged(outcome))
+        store.append(outcome)
         todo.pop(outcome.cell.key)
         progress("cells", len(every) - len(todo), len(every))
 
@@ -175,7 +189,7 @@ def run_sweep(
     try:
         if todo:
             with place as workers:
-                run_cells(workers, list(todo.values()), take, partial(references.order, limit_s), notice)
+                run_cells(workers, list(todo.values()), order, take, notice)
     finally:
         store.close()
     return [store.outcomes[cell.key] for cell in every]

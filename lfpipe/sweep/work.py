@@ -1,5 +1,6 @@
 """Measures a cell, in a child process of its own: a crash, a leak or a hang ends that process and nothing else."""
 
+import json
 import math
 import os
 import platform
@@ -10,20 +11,39 @@ import time
 from pathlib import Path
 from typing import Any
 
+import attrs
+
 from lfpipe.bench.results import STATES, read
 from lfpipe.errors import UserError, plain
-from lfpipe.host.files import exists
+from lfpipe.files.output import write_output
+from lfpipe.host.files import exists, is_dir
 from lfpipe.replays.report import read_report
 from lfpipe.sweep.plan import QUALITY, REPLAY, TABLE, TRUTH, Cell
-from lfpipe.sweep.results import DIED, DIFFERS, FAILED, LEFT_OUT, OK, Order, Outcome
+from lfpipe.sweep.results import DIED, DIFFERS, FAILED, LEFT_OUT, OK, Outcome
 
 REASON_CHARS = 2000
+REFERENCE = "figures.json"  # in the reference of a cell without pictures
+CLOSE = 1e-3  # relative tolerance of figures, for rounding on other processors
 # A command ends with the worker that started it; otherwise the stages of its session would continue.
 COMMAND = (
     "import runpy, sys; from lfpipe.host.processes import end_with_parent; sys.argv[0] = 'lfpipe';"
     " end_with_parent(int(sys.argv.pop(1))) and runpy.run_module('lfpipe', run_name='__main__')"
 )
 Measured = tuple[str, str, dict[str, Any]]  # state, reason, figures
+
+
+@attrs.frozen
+class Order:
+    """How to measure cells. references: folder with a folder for each replay and quality cell, "" compares nothing.
+    update: they are written instead."""
+
+    limit_s: float
+    references: str = ""
+    update: bool = False
+
+    def reference(self, cell: Cell) -> Path | None:
+        """Where the reference of a cell is; None for a subject without."""
+        return Path(self.references, cell.folder) if self.references and cell.subject in (REPLAY, QUALITY) else None
 
 
 def measure_cell(cell: Cell, order: Order) -> Outcome:
@@ -33,6 +53,8 @@ def measure_cell(cell: Cell, order: Order) -> Outcome:
         with tempfile.TemporaryDirectory(prefix="lfpipe-sweep-", ignore_cleanup_errors=True) as work:
             measure = _replay if cell.subject in (REPLAY, TRUTH) else _bench
             state, reason, figures = measure(cell, order, Path(work))
+        if state == OK and (place := order.reference(cell)):
+            state, reason = _compared(cell, figures, place, order.update)
     except subprocess.TimeoutExpired:
         state, reason = FAILED, f"stopped after {order.limit_s:g} s; --limit gives more"
     except subprocess.CalledProcessError as error:
@@ -67,8 +89,9 @@ def _replay(cell: Cell, order: Order, work: Path) -> Measured:
     words = ["replay", cell.sequence, "--out", str(work / "out"), *(["--scene", cell.scene] if cell.scene else [])]
     if cell.subject == TRUTH:
         words += ["--pace", "max"]
-    elif order.reference:
-        words += ["--expect", order.reference, *(["--update"] if order.update else [])]
+    elif (place := order.reference(cell)) and (order.update or is_dir(place)):
+        place.parent.mkdir(parents=True, exist_ok=True)
+        words += ["--expect", str(place), *(["--update"] if order.update else [])]
     code, out, why = _run(cell, order, *words)
     differs = [line for line in out.splitlines() if line.startswith("differs: ")]
     if code and not (code == 1 and differs):
@@ -90,8 +113,7 @@ def _replay(cell: Cell, order: Order, work: Path) -> Measured:
 def _bench(cell: Cell, order: Order, work: Path) -> Measured:
     table = cell.subject in (QUALITY, TABLE)
     if table:
-        words = ["table", cell.scene, *(word for name, value in cell.options for word in (f"--{name}", value))]
-        words += ["--untimed"] * (cell.subject == QUALITY)
+        words = ["table", cell.scene, *(f"--{option}" for option in cell.options), *["--untimed"] * (cell.subject == QUALITY)]
     else:
         words = [cell.subject, "--quick", *(["--scene", cell.scene] if cell.scene else [])]
         words += ["--sequence", cell.sequence] if cell.sequence else []
@@ -109,3 +131,21 @@ def _bench(cell: Cell, order: Order, work: Path) -> Measured:
     if results.failures:
         return FAILED, "; ".join(f"{one}: {reason}" for one, reason in results.failures.items()), figures
     return (OK, "", figures) if figures else (LEFT_OUT, "; ".join(results.left_out) or "nothing to measure", {})
+
+
+def _compared(cell: Cell, figures: dict[str, Any], place: Path, update: bool) -> tuple[str, str]:
+    """State and reason by its reference, which is written with update; `lfpipe replay` compares and writes its own."""
+    if not update and not is_dir(place):
+        return FAILED, f"no reference {place.name}: write it with --update"
+    if cell.subject == REPLAY:
+        return OK, ""
+    if update:
+        place.mkdir(parents=True, exist_ok=True)
+        write_output(place / REFERENCE, json.dumps(figures, indent=1).encode(), label="--expect")
+        return OK, ""
+    wrong = [
+        f"{name}: {value} in the reference, now {figures.get(name)}"
+        for name, value in json.loads((place / REFERENCE).read_text()).items()
+        if not abs(float(figures.get(name, "nan")) - float(value)) <= CLOSE * abs(float(value))
+    ]
+    return (DIFFERS, "\n".join(wrong)) if wrong else (OK, "")

@@ -1,5 +1,7 @@
 """Small inputs: a textured wall as a light field, a sequence of the demo's face."""
 
+import itertools
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -29,5 +31,6 @@ def wall(rows: int, cols: int, side_px: int = 64, disparity: bool = True) -> Lig
 
 def inputs(field: LightField, work: Path, sequence: FrameSequence | None = None) -> Inputs:
     """Quick inputs; without a sequence, 20 grey frames without truth."""
-    grey = FrameSequence(work / "grey.avi", np.full((20, 120, 160, 3), 90, np.uint8), 30.0, None)
+    frames = partial(itertools.repeat, np.full((120, 160, 3), 90, np.uint8), 20)
+    grey = FrameSequence(work / "grey.avi", frames, 20, (160, 120), 30.0, None)
     return Inputs(lambda: (work / "wall", field), lambda: sequence or grey, True, work)

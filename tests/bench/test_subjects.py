@@ -4,16 +4,17 @@ import itertools
 from pathlib import Path
 
 import attrs
-import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from lfpipe.bench import extremes, filters, judder, paper_loop, photon, pipeline, stability, synthesis, tracker
 from lfpipe.bench.inputs import FrameSequence, Inputs, demo_sequence, eyes_at, read_sequence
 from lfpipe.bench.motion import known_motion
 from lfpipe.bench.results import Results
 from lfpipe.bench.runner import Candidate
-from lfpipe.bench.subjects import NOISE_PX, SUBJECTS
+from lfpipe.bench.subjects import NOISE_PX
 from lfpipe.sequence.eyes import Truth
 from lfpipe.track.models import package_folder
 from lfpipe.track.smoothing import Mean
@@ -26,7 +27,7 @@ PAPER = ["mediapipe, 640x480"] if package_folder() else []  # mediapipe has no w
 @pytest.fixture(scope="module")
 def sequence(tmp_path_factory: pytest.TempPathFactory) -> FrameSequence:
     """Stillness and half a second of motion of the demo's face, with truth."""
-    return read_sequence(demo_sequence(folder := tmp_path_factory.mktemp("sequence"), 0.5), 75, folder)
+    return read_sequence(demo_sequence(tmp_path_factory.mktemp("sequence"), 0.5), 75)
 
 
 def split(offered: object) -> tuple[dict[str, Candidate], dict[str, str]]:
@@ -40,8 +41,8 @@ def test_tracker_follows_the_demo_within_a_pixel(tmp_path: Path, sequence: Frame
     assert [name for name, one in found.items() if one.paper] == PAPER and ("engine mediapipe" in skipped) != bool(PAPER)
     assert sequence.truth is not None and np.ptp(sequence.truth.eyes_px[61:], axis=0).max() > 5, "it moves after two seconds"
     figures, turn = found["litert, 640x480"].prepare()
-    assert SUBJECTS["tracker"].column("error_px").of(figures["error_px"]) < 1.0
-    assert turn is not None and set(turn()) == {"time_ms", "time_p95_ms", "cpu_ms"}
+    assert figures["error_px"] < 1.0
+    assert turn is not None and set(turn()) == {"time_ms", "cpu_ms"}
     found, skipped = split(tracker.measure(inputs(wall(2, 2), tmp_path, attrs.evolve(sequence, truth=None))))
     assert "error of tracking" in skipped and set(found["litert, 320x240"].prepare()[0]) == {"missed"}
     blank, skipped = split(tracker.measure(inputs(wall(2, 2), tmp_path)))
@@ -52,10 +53,9 @@ def test_tracker_follows_the_demo_within_a_pixel(tmp_path: Path, sequence: Frame
 
 def test_filters_know_their_motion() -> None:
     raw, five = (filters.follow(Mean(k), 30, 0) for k in (1, 5))
-    rms = SUBJECTS["filters"].column("error_30hz").of
-    assert rms(raw["error_30hz"]) == pytest.approx(NOISE_PX * 2**0.5, rel=0.05)  # its own noise, both axes
-    assert rms(five["error_30hz"]) > 20 * rms(raw["error_30hz"])  # lags
-    assert rms(raw["jitter_30hz"]) > 1.5 * rms(five["jitter_30hz"])  # but rests
+    assert raw["error_30hz"] == pytest.approx(NOISE_PX * 2**0.5, rel=0.05)  # its own noise, both axes
+    assert five["error_30hz"] > 20 * raw["error_30hz"]  # lags
+    assert raw["jitter_30hz"] > 1.5 * five["jitter_30hz"]  # but rests
 
 
 @pytest.mark.parametrize("late_ms", [0, 25, 60])
@@ -100,8 +100,7 @@ def test_synthesis_of_a_wall_and_what_does_not_apply(tmp_path: Path) -> None:
     found, skipped = split(synthesis.measure(inputs(wall(5, 5), tmp_path)))
     assert not skipped and [name for name, one in found.items() if one.paper] == ["nearest, every 2nd view"]
     (near, _), (warped, turn) = (found[f"{name}, every 2nd view"].prepare() for name in ("nearest", "warp2"))
-    assert np.mean(warped["psnr_db"]) > np.mean(near["psnr_db"]) + 10
-    assert near["jump"][0] > 10 > 4 > warped["jump"][0]
+    assert warped["psnr_db"] > near["psnr_db"] + 10 and near["jump"] > 10 > 4 > warped["jump"]
     assert turn is not None and turn()["time_ms"] > 0
     for rows, cols, disparity, missing, curves in (
         (5, 5, False, "warped views", {"nearest", "blend"}),
@@ -201,15 +200,21 @@ def test_photon_and_judder_read_no_sequence(tmp_path: Path) -> None:
     assert all(list(subject.measure(given)) for subject in (photon, judder, filters))
 
 
-def test_a_sequence_takes_no_memory_and_a_recorded_one_will_do(tmp_path: Path) -> None:
-    recorded = make_sequence(tmp_path / "walk", 12)
-    found = read_sequence(recorded, 10, tmp_path)
-    assert isinstance(found.frames, np.memmap) and len(found.frames) == 10 and found.truth is not None
-    whole = read_sequence(demo_sequence(tmp_path, 0.1), 40, tmp_path)
-    assert isinstance(whole.frames, np.memmap) and whole.frames[3].any()
-    path, frame = tmp_path / "long.avi", np.full((480, 640, 3), 90, np.uint8)
-    video = cv2.VideoWriter(str(path), cv2.CAP_OPENCV_MJPEG, cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (640, 480))
-    for _ in range(300):  # 276 MB of frames: more than one frame may take
-        video.write(frame)
-    video.release()
-    assert len(read_sequence(path, 360, tmp_path).frames) == 300
+def test_a_sequence_is_read_frame_by_frame_and_a_recorded_one_will_do(tmp_path: Path) -> None:
+    recorded = read_sequence(make_sequence(tmp_path / "walk", 12), 10)
+    assert recorded.count == len(list(recorded.frames())) == 10 and recorded.truth is not None
+    whole = read_sequence(demo_sequence(tmp_path, 0.1), 40)
+    frames = list(whole.frames())
+    assert whole.count == len(frames) == 40 and frames[3].any() and (frames[3] != frames[4]).any()
+
+
+@given(st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=12), st.integers(0, 2**32))
+def test_truth_between_its_rows_is_between_them(heights: list[float], seed: int) -> None:
+    t_ns = np.cumsum(np.random.default_rng(seed).integers(1_000_000, 80_000_000, len(heights)))
+    eyes = np.repeat(np.array(heights)[:, None], 4, axis=1).reshape(-1, 2, 2)
+    truth = Truth(t_ns, eyes, np.ones(len(heights), bool))
+    assert np.array_equal(eyes_at(truth, t_ns), eyes)
+    middle = eyes_at(truth, (t_ns[0] + t_ns[1]) / 2)
+    assert np.allclose(middle, (eyes[0] + eyes[1]) / 2)
+    outside = eyes_at(truth, [t_ns[0] - 1e9, t_ns[-1] + 1e9])
+    assert np.array_equal(outside, eyes[[0, -1]])

@@ -9,9 +9,9 @@ import pytest
 from lfpipe.errors import UserError
 from lfpipe.sweep import run, work
 from lfpipe.sweep.plan import Cell
-from lfpipe.sweep.results import DIED, FAILED, OK, Order, Outcome
+from lfpipe.sweep.results import DIED, FAILED, OK, Outcome
 from lfpipe.sweep.run import dask_workers, local_workers, run_cells
-from lfpipe.sweep.work import measure_cell
+from lfpipe.sweep.work import Order, measure_cell
 from tests.sweep.conftest import write_wall
 
 CELLS = [Cell(subject, "", f"/s{k}", key=f"k{k}") for k, subject in enumerate(["quality"] * 4 + ["table"] * 2)]
@@ -40,7 +40,7 @@ def test_cells_beside_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
         return Outcome(cell, DIED if cell.key == "k0" or (cell.key == "k2" and tries.count("k2") == 1) else OK, "signal 9")
 
     with local_workers(2, measured) as workers:
-        run_cells(workers, CELLS, lambda one: done.update({one.cell.key: one}), lambda _: Order(60.0), notices.append)
+        run_cells(workers, CELLS, Order(60.0), lambda one: done.update({one.cell.key: one}), notices.append)
         sockets = [one for one in psutil.Process().net_connections("inet") if one.status == psutil.CONN_LISTEN]
         assert not sockets, "a stranger could run code"
     assert {key: one.state for key, one in done.items()} == {"k0": FAILED, "k1": FAILED, "k2": OK, "k3": OK, "k4": OK, "k5": OK}

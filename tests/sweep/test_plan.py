@@ -4,13 +4,16 @@ import csv
 import shutil
 from pathlib import Path
 
+import attrs
 import pytest
 from click.testing import CliRunner
 
 from lfpipe.cli.sweep import sweep
 from lfpipe.errors import UserError
-from lfpipe.sweep.plan import Cell, keyed, read_plan, scene_id, sequence_id
-from lfpipe.sweep.results import ABOUT, FAILED, Outcome, Store, write
+from lfpipe.sweep.plan import Cell, read_plan
+from lfpipe.sweep.results import ABOUT, FAILED, LEFT_OUT, Outcome, Store, write
+from lfpipe.sweep.run import content, keyed
+from lfpipe.sweep.work import Order
 from tests.sweep.conftest import write_plan
 
 FULL = """
@@ -26,33 +29,30 @@ border = [4]
 """
 
 
-@pytest.fixture(autouse=True)
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-
-
 def test_every_combination_is_a_cell_with_a_key_of_its_own(tmp_path: Path, corpus: Path) -> None:
     plan = read_plan(write_plan(tmp_path, corpus, FULL))
-    found = [keyed(cell, "v1") for cell in plan]
+    found = [keyed(cell, "v1", Order(1.0)) for cell in plan]
     assert len(found) == 2 * 4 * 2 + 2 * 4 + 2 * 4 * 2
     assert all(len({getattr(cell, name) for cell in found}) == len(found) for name in ("key", "name", "folder"))
-    assert {cell.why_not != "" for cell in found if "nowhere" in cell.scene} == {True}
     assert all("track.filter=mean" in cell.sets for cell in found)
     assert {cell.sequence != "" for cell in found if cell.subject == "truth"} == {True}
-    assert [keyed(cell, "v1") for cell in plan] == found
-    assert not {keyed(cell, "v2").key for cell in plan} & {cell.key for cell in found}
+    assert not {keyed(cell, "v2", Order(1.0)).key for cell in plan} & {cell.key for cell in found}
+    for order in (Order(1.0, str(tmp_path)), Order(1.0, str(tmp_path), update=True)):  # whether they are compared matters
+        assert {
+            keyed(cell, "v1", order).key == key
+            for cell, key in zip(plan, (c.key for c in found), strict=True)
+            if cell.subject == "quality"
+        } == {False}
     folder = Cell("replay", "/a/../é/%$ walk", "/x/" + "s" * 300, ("render.method=warp2", 'screen.x="/"')).folder
     assert "/" not in folder and len(folder) < 100 and not folder.startswith("."), "the name of a reference"
 
 
 def test_a_key_follows_contents_not_the_place(tmp_path: Path, corpus: Path) -> None:
     for folder in ("recordings/walk", "scenes/s0"):
-        shutil.copytree(corpus / folder, tmp_path / folder)
-    assert sequence_id(str(tmp_path / "recordings" / "walk")) == sequence_id(str(corpus / "recordings" / "walk"))
-    s0, s1 = (str(corpus / "scenes" / name) for name in ("s0", "s1"))
-    assert scene_id(str(tmp_path / "scenes" / "s0"), ()) == scene_id(s0, ()) != scene_id(s1, ())
-    gamma = scene_id(s0, ("scene.gamma=2", "render.method=warp"))
-    assert gamma == scene_id(s0, ("scene.gamma=2",)) != scene_id(s0, ())
+        shutil.copytree(corpus / folder, tmp_path / folder, copy_function=shutil.copyfile)
+        assert content(str(tmp_path / folder)) == content(str(corpus / folder))
+    hashes = {content(str(corpus / "scenes" / name)) for name in ("s0", "s1", "s2", "nowhere")}
+    assert len(hashes) == 4
 
 
 @pytest.mark.parametrize(
@@ -78,19 +78,19 @@ def test_mistakes_are_named_before_anything_runs(tmp_path: Path, text: str, said
 
 def test_no_name_of_a_file_is_a_formula_of_a_spreadsheet(tmp_path: Path) -> None:
     names = ("=1+1", "+cmd", "-2", "@SUM(A1)", "plain")
-    outcomes = [Outcome(Cell("quality", "", f"/x/{name}", key=name), FAILED, "=why", {"a": -1.5}) for name in names]
+    outcomes = [Outcome(Cell("quality", "", f"/x/{name}", key=name), LEFT_OUT, "=why", {"a": -1.5}) for name in names]
     write(outcomes, tmp_path, None)
     head, *rows = csv.reader((tmp_path / "table.csv").open())
     assert [row[3] for row in rows] == ["'=1+1", "'+cmd", "'-2", "'@SUM(A1)", "plain"]
     assert {(row[ABOUT.index("reason")], row[head.index("a")]) for row in rows} == {("'=why", "-1.5")}
     store = Store(tmp_path / "out")
-    for outcome in outcomes:
+    for outcome in (attrs.evolve(outcomes[0], state=FAILED, cell=attrs.evolve(outcomes[0].cell, key="again")), *outcomes):
         store.append(outcome)
     store.close()
     write(outcomes, tmp_path / "out", None)
     again = Store(tmp_path / "out")  # its own files are continued and replaced
     again.close()
-    assert list(again.outcomes.values()) == outcomes
+    assert list(again.outcomes.values()) == outcomes, "what failed is measured again"
     for name in ("results.jsonl", "table.csv", "report.html", "junit.xml"):
         mine = tmp_path / name
         mine.write_text("my own notes")
