@@ -23,7 +23,8 @@ from PIL import Image
 
 from lfpipe.config import Config
 from lfpipe.errors import UserError
-from lfpipe.files.output import MARK, finished_output, marked_picture
+from lfpipe.files.output import MARK, marked_picture
+from lfpipe.files.safe_files import replaced
 from lfpipe.files.video_writer import VideoWriter, require_encoder, write_error
 from lfpipe.render.compositor import ViewRenderer
 from lfpipe.render.geometry import parallax, zero_plane_px
@@ -150,14 +151,14 @@ def write_clip(path: Path, pictures: Iterable[Picture], rate_hz: float) -> None:
     pictures = iter(pictures)
     first = next(pictures)
     try:
-        with finished_output(path, 0o644) as output:
+        with replaced(path, 0o644) as file:
             if path.suffix.lower() == ".gif":
-                _write_gif(output.file, [first, *pictures], rate_hz)
+                _write_gif(file, [first, *pictures], rate_hz)
                 return
-            writer = VideoWriter(output.beside, (first.shape[1], first.shape[0]), rate_hz)
+            writer = VideoWriter(Path(file.name), (first.shape[1], first.shape[0]), rate_hz)
             for picture in itertools.chain([first], pictures):
                 writer.write(picture)
-            writer.release(output.beside)
+            writer.release(Path(file.name))
     except OSError as error:
         raise write_error(path, error) from None
 

@@ -3,32 +3,30 @@
 An output never replaces an input of its command, a file in use, or a file that lfpipe did not write. `written_by_lfpipe`
 recognises its own by content, whatever their names are:
 
-    trace                first line: an object with the keys of TRACE_KEYS
+    trace                first line: an object with the first fields of a trace and the time of display
     timeline             the first event names lfpipe
     reports, results     JSON that begins with "format": "lfpipe-..."; JUnit XML of a suite "lfpipe ..."
     tables               the header row of an exported sequence
     text                 a first line of "# ", "// " or "<!-- " and MARK
-    pictures, videos     MARK in the metadata of a picture, and after the end of a video
+    pictures, videos     MARK in the metadata of a picture, and at the end of a video
 """
 
 import contextlib
 import errno
-import json
 import os
 import re
 import zlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from lfpipe.errors import UserError
-from lfpipe.files.safe_files import PRIVATE, check_regular, create_private, open_regular, reason
-from lfpipe.host.file_lock import is_held, lock_open
+from lfpipe.files.safe_files import beside, check_regular, in_use, open_regular, reason, replaced
 
 MARK = b"written by lfpipe"
-TRACE_KEYS = {"source_seq", "epoch", "t_sensor_ns", "t_presented_ns", "eyes_used", "view", "composed"}
 PLACE = "name a file in an existing folder that you may write to, on a disk with free space"
 _HEAD_BYTES = 1 << 16  # more than any metadata of ours, and than the longest line of a trace
 _TEXTS = (
+    re.compile(rb'\{"seq": \d+, "source_seq": [^\n]*"t_presented_ns": '),
     re.compile(rb'\{"displayTimeUnit": "ms", "traceEvents": \[\s*\{"name": "process_name"[^\n]*"lfpipe"'),
     re.compile(rb'\{\s*"format": ("lfpipe-|\d+,\s*"versions": \{\s*"lfpipe")'),
     re.compile(rb"<\?xml[^>]*\?>\s*<testsuites?\b[^>]*\bname=\"lfpipe "),
@@ -39,9 +37,9 @@ _TEXTS = (
 )
 _PICTURES = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"GIF8")
 _EMPTY_PARTS = {  # what players pass over, at the end of a video
-    b"\x1a\x45\xdf\xa3": b"\xec" + bytes([0x80 | len(MARK)]) + MARK,  # Matroska: Void
-    b"RIFF": b"JUNK" + len(MARK).to_bytes(4, "little") + MARK,
-    b"ftyp": (8 + len(MARK)).to_bytes(4, "big") + b"free" + MARK,
+    ".mkv": b"\xec" + bytes([0x80 | len(MARK)]) + MARK,  # Void
+    ".avi": b"JUNK" + len(MARK).to_bytes(4, "little") + MARK,
+    ".mp4": (8 + len(MARK)).to_bytes(4, "big") + b"free" + MARK,
 }
 
 
@@ -62,7 +60,7 @@ def check_output(path: Path, inputs: Iterable[Path] = (), force: bool | None = N
     for source in inputs:
         if _is_input(target, Path(os.path.realpath(source))):
             raise UserError(f"{what}: this command reads it (from {source})", "name another file")
-    if _in_use(target) or _in_use(_beside(target)):
+    if in_use(target) or in_use(beside(target)):
         raise UserError(f"{what}: another lfpipe is writing it", "name another file, or end that session first")
     if exists and not force and not written_by_lfpipe(target):
         remedy = "name another file" + ("" if force is None else ", or replace it with --force")
@@ -86,14 +84,8 @@ def _check_place(target: Path) -> None:
     """Raises OSError if target is not a file, or cannot become one."""
     check_regular(target)
     target.parent.stat()
-    name = os.fsencode(target.name)
-    if not name or len(name) > os.pathconf(target.parent, "PC_NAME_MAX"):
-        code = errno.ENAMETOOLONG if name else errno.EISDIR
-    elif os.access(target.parent, os.W_OK | os.X_OK) and (not os.path.lexists(target) or os.access(target, os.W_OK)):
-        return
-    else:
-        code = errno.EACCES
-    raise OSError(code, os.strerror(code), str(target))
+    if not (os.access(target.parent, os.W_OK | os.X_OK) and (not os.path.lexists(target) or os.access(target, os.W_OK))):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(target))
 
 
 def _is_input(target: Path, source: Path) -> bool:
@@ -101,13 +93,6 @@ def _is_input(target: Path, source: Path) -> bool:
     with contextlib.suppress(OSError):
         return target.samefile(source) or (source.is_dir() and target.is_relative_to(source))
     return target == source
-
-
-def _in_use(path: Path) -> bool:
-    try:
-        return is_held(path)
-    except OSError:
-        return False
 
 
 def written_by_lfpipe(path: Path) -> bool:
@@ -119,25 +104,10 @@ def written_by_lfpipe(path: Path) -> bool:
                 return True
             if head.startswith(_PICTURES):
                 return MARK in head
-            if _kind(head) in _EMPTY_PARTS:
-                file.seek(-len(MARK), os.SEEK_END)
-                return file.read() == MARK
-            return _is_trace_line(head.partition(b"\n")[0])
+            file.seek(-len(MARK), os.SEEK_END)
+            return b"\0" in head and file.read() == MARK
     except OSError:
         return False
-
-
-def _kind(head: bytes) -> bytes:
-    """Four bytes that name the format of a video."""
-    return head[4:8] if head[4:8] == b"ftyp" else head[:4]
-
-
-def _is_trace_line(line: bytes) -> bool:
-    try:
-        values = json.loads(line)
-    except (ValueError, RecursionError):
-        return False
-    return isinstance(values, dict) and values.keys() >= TRACE_KEYS
 
 
 def marked_picture(data: bytes) -> bytes:
@@ -153,72 +123,16 @@ def marked_picture(data: bytes) -> bytes:
 
 
 def mark_video(path: Path) -> None:
-    """Marks a complete Matroska, AVI or MP4 file as written by lfpipe. Raises OSError."""
-    with path.open("r+b") as file:
-        part = _EMPTY_PARTS.get(_kind(file.read(8)), b"")  # a full disk leaves an empty file
-        file.seek(0, os.SEEK_END)
-        file.write(part)
-
-
-def _beside(target: Path) -> Path:
-    """Where target is written until it is readable: same folder, same suffix, because FFmpeg chooses the format by it."""
-    return target.with_name(f".{target.stem[:180]}.new{target.suffix[:40]}")
-
-
-class OutputFile:
-    """A file that is written at `beside` and replaces `path` with `place`; until then, path is unchanged.
-
-    It is locked while it is open, so that no other command replaces it. A writer that is killed leaves it in place if `place` was
-    called, and otherwise a hidden file that the next writer removes. Raises OSError.
-    """
-
-    def __init__(self, path: Path, mode: int = PRIVATE) -> None:
-        """mode: of the file, less the umask."""
-        self.path = Path(os.path.realpath(path))
-        check_regular(self.path)
-        self.beside = _beside(self.path)
-        if _in_use(self.beside):
-            raise OSError(errno.EBUSY, "another lfpipe is writing it", str(path))
-        self.beside.unlink(missing_ok=True)
-        self.file = create_private(self.beside, mode)
-        lock_open(self.file.fileno())
-        self.placed = False
-
-    @property
-    def current(self) -> Path:
-        """Where the file is now."""
-        return self.path if self.placed else self.beside
-
-    def place(self) -> None:
-        """Moves the file to its path. It stays open, and may grow."""
-        if not self.placed:
-            self.beside.replace(self.path)
-            self.placed = True
-
-    def close(self) -> None:
-        """Ends writing. A file that was not placed is removed."""
-        if not self.placed:
-            self.beside.unlink(missing_ok=True)
-        with contextlib.suppress(OSError):  # of a full disk; the writer has reported it
-            self.file.close()
-
-
-@contextlib.contextmanager
-def finished_output(path: Path, mode: int = PRIVATE) -> Iterator[OutputFile]:
-    """An output that replaces path when the body ends without an exception; until then path is unchanged. Raises OSError."""
-    output = OutputFile(path, mode)
-    try:
-        yield output
-        output.file.flush()
-        output.place()
-    finally:
-        output.close()
+    """Marks a complete .mkv, .avi or .mp4 file as written by lfpipe. Raises OSError."""
+    with path.open("ab") as file:
+        if file.tell():  # a full disk leaves an empty file
+            file.write(_EMPTY_PARTS[path.suffix.lower()])
 
 
 def write_output(path: Path, data: bytes, mode: int = 0o644, label: str = "") -> None:
     """Replaces path, which `check_output` allows, with data. Raises UserError."""
     try:
-        with finished_output(path, mode) as output:
-            output.file.write(data)
+        with replaced(path, mode) as file:
+            file.write(data)
     except OSError as error:
         raise UserError(f"{label} {path}: {reason(error)}".lstrip(), PLACE) from None

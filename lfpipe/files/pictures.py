@@ -41,6 +41,16 @@ class Header:
     frames: int = 1
 
     @property
+    def size(self) -> str:
+        """For messages."""
+        return f"{self.width_px}x{self.height_px} px"
+
+    @property
+    def bits(self) -> str:
+        """For messages."""
+        return f"{self.max_value.bit_length()}-bit"
+
+    @property
     def stored_shape(self) -> tuple[int, ...]:
         """Of the array that a decoder gives; a quarter turn exchanges height and width."""
         size = (self.width_px, self.height_px) if self.orientation >= 5 else (self.height_px, self.width_px)
@@ -96,7 +106,7 @@ def _checked(path: Path, file: IO[bytes]) -> Header:
         raise _unreadable(path, "truncated, damaged or another format")
     if header.decoded_bytes > MAX_DECODING_BYTES:
         most = f"at most {MAX_DECODING_BYTES / 1e6:.0f} MB are allowed"
-        claim = f"{header.width_px}x{header.height_px} px, {header.decoded_bytes / 1e6:.0f} MB"
+        claim = f"{header.size}, {header.decoded_bytes / 1e6:.0f} MB"
         raise _unreadable(path, f"it claims {claim}; {most}")
     if header.format in _ENDS:
         size = os.fstat(file.fileno()).st_size
@@ -112,50 +122,47 @@ def open_header(path: Path) -> Header:
         return _checked(path, file)
 
 
-def _decode(path: Path, file: IO[bytes], header: Header) -> NDArray[Any]:
-    """The stored pixels, grey or BGR. Raises UserError if they differ from the header in size or type."""
-    if header.format in ("AVIF", "GIF"):
-        try:
-            file.seek(0)
-            with Image.open(file, formats=FORMATS) as image:
-                out = np.array(image.convert("L" if header.grey else "RGB"))
-        except Exception:
-            raise _unreadable(path, "damaged") from None
-        return out if header.grey else np.asarray(cv2.cvtColor(out, cv2.COLOR_RGB2BGR))
-    deep = header.max_value > 255
-    flags = (cv2.IMREAD_GRAYSCALE if header.grey else cv2.IMREAD_COLOR) | (cv2.IMREAD_ANYDEPTH if deep else 0)
-    pixels = _imread(file, flags)
-    if pixels is None or pixels.shape != header.stored_shape or pixels.dtype != (np.uint16 if deep else np.uint8):
-        raise _unreadable(path, "truncated, damaged or not what its header claims")
-    return pixels
+def _frames(path: Path, file: IO[bytes], header: Header, count: int, mode: str) -> list[NDArray[np.uint8]]:
+    """The first frames by Pillow, as stored. mode: Pillow's, of the result. Raises UserError."""
+    frames = []
+    try:
+        file.seek(0)
+        with Image.open(file, formats=FORMATS) as image:
+            for number in range(count):
+                image.seek(number)
+                frames.append(np.array(image.convert(mode)))
+    except Exception:
+        raise _unreadable(path, f"damaged after {len(frames)} of {header.frames} frames") from None
+    return frames
 
 
-def _imread(file: IO[bytes], flags: int) -> NDArray[Any] | None:
-    """The pixels as stored; None where OpenCV cannot read them."""
+def _imread(path: Path, file: IO[bytes], flags: int) -> NDArray[Any]:
+    """The pixels as stored, by OpenCV. Raises UserError."""
     with contextlib.suppress(cv2.error):
-        return cv2.imread(path_of(file), flags | cv2.IMREAD_IGNORE_ORIENTATION)
-    return None
+        pixels = cv2.imread(path_of(file), flags | cv2.IMREAD_IGNORE_ORIENTATION)
+        if pixels is not None:
+            return np.asarray(pixels)
+    raise _unreadable(path, "truncated, damaged or not what its header claims")
 
 
-def _unchanged(path: Path, file: IO[bytes], like: Header | None) -> Header:
-    header = _checked(path, file)
-    if like is not None and header != like:
-        raise UserError(f"{path}: changed while it was read", "try again once the files are complete")
-    return header
-
-
-def read_picture(path: Path, like: Header | None = None) -> tuple[NDArray[Any], int]:
+def read_picture(path: Path) -> tuple[NDArray[Any], int]:
     """A picture's own values, upright, and the full value: ((h, w) or (h, w, 3) RGB, uint8 or uint16, max_value).
 
     Keeps the file's bit depth (a 10-bit PPM holds 0..1023; OpenCV's default would shift it to 0..3). Drops an alpha plane; of an
-    animation, gives the first frame. like: the result of `open_header` for the path. Raises UserError if the file is truncated,
-    no picture, too large, or has changed since.
+    animation, gives the first frame. Raises UserError if the file is truncated, no picture or too large.
     """
     with open_file(path) as file:
-        header = _unchanged(path, file, like)
-        pixels = _decode(path, file, header)
-    if not header.grey:  # OpenCV's IMREAD_COLOR_RGB does not convert 16-bit TIFF files
-        cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB, dst=pixels)
+        header = _checked(path, file)
+        deep = header.max_value > 255
+        if header.format in ("AVIF", "GIF"):
+            pixels: NDArray[Any] = _frames(path, file, header, 1, "L" if header.grey else "RGB")[0]
+        else:
+            colours = cv2.IMREAD_GRAYSCALE if header.grey else cv2.IMREAD_COLOR
+            pixels = _imread(path, file, colours | (cv2.IMREAD_ANYDEPTH if deep else 0))
+            if pixels.shape != header.stored_shape or pixels.dtype != (np.uint16 if deep else np.uint8):
+                raise _unreadable(path, "damaged or not what its header claims")
+            if not header.grey:  # OpenCV's IMREAD_COLOR_RGB does not convert 16-bit TIFF files
+                cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB, dst=pixels)
     return upright(pixels, header.orientation), header.max_value
 
 
@@ -164,36 +171,24 @@ def read_frames(path: Path, most_bytes: int = MAX_DECODING_BYTES) -> list[NDArra
     with open_file(path) as file:
         header = _checked(path, file)
         if header.frames * header.decoded_bytes > most_bytes:
-            size = f"{header.frames} frames of {header.width_px}x{header.height_px} px"
+            size = f"{header.frames} frames of {header.size}"
             raise UserError(f"{path}: {size} are too many to decode at once", "give its frames as pictures in a folder")
-        frames = []
-        try:
-            file.seek(0)
-            with Image.open(file, formats=FORMATS) as image:
-                for number in range(header.frames):
-                    image.seek(number)
-                    frames.append(upright(np.array(image.convert("RGB")), header.orientation))
-        except Exception:
-            raise _unreadable(path, f"damaged after {len(frames)} frames") from None
-    return frames
+        return [upright(frame, header.orientation) for frame in _frames(path, file, header, header.frames, "RGB")]
 
 
-def small_grey(path: Path, like: Header, most_px: float) -> NDArray[np.uint8]:
+def small_grey(path: Path, most_px: float) -> NDArray[np.uint8]:
     """A picture in grey, uint8 (h, w); a JPEG much larger than most_px is decoded at 1/2, 1/4 or 1/8 of its size, but not far
-    below most_px. like: the result of `open_header` for the path. Raises UserError.
-    """
-    pixels = like.width_px * like.height_px
-    reduced = [k for k in (2, 4, 8) if like.format == "JPEG" and pixels >= 0.75 * most_px * k * k]
-    if not reduced:
-        picture, full = read_picture(path, like)
-        grey = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
-        return np.asarray(grey if full == 255 else cv2.convertScaleAbs(grey, alpha=255 / full), np.uint8)
+    below most_px. Raises UserError."""
     with open_file(path) as file:
-        _unchanged(path, file, like)
-        small = _imread(file, getattr(cv2, f"IMREAD_REDUCED_GRAYSCALE_{reduced[-1]}"))
-    if small is None:
-        raise _unreadable(path, "truncated, damaged or not what its header claims")
-    return np.asarray(upright(small, like.orientation), np.uint8)
+        header = _checked(path, file)
+        pixels = header.width_px * header.height_px
+        reduced = [k for k in (2, 4, 8) if header.format == "JPEG" and pixels >= 0.75 * most_px * k * k]
+        if reduced:
+            small = _imread(path, file, getattr(cv2, f"IMREAD_REDUCED_GRAYSCALE_{reduced[-1]}"))
+            return np.asarray(upright(small, header.orientation), np.uint8)
+    picture, full = read_picture(path)
+    grey = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
+    return np.asarray(grey if full == 255 else cv2.convertScaleAbs(grey, alpha=255 / full), np.uint8)
 
 
 def upright(picture: NDArray[Any], orientation: int) -> NDArray[Any]:

@@ -5,11 +5,11 @@ import errno
 import os
 import stat
 from collections.abc import Iterable, Iterator
-from io import BufferedReader
+from io import BufferedReader, BufferedWriter
 from pathlib import Path
-from typing import IO
 
 from lfpipe.errors import UserError
+from lfpipe.host.file_lock import is_held, lock_open
 from lfpipe.host.files import CAREFUL
 
 PRIVATE = 0o600  # of a file that records a face or its movements; its folder has PRIVATE_FOLDER
@@ -91,28 +91,67 @@ def lines(path: Path, longest: int, remedy: str) -> Iterator[tuple[int, bytes]]:
             yield number, line
 
 
-def create_private(path: Path, mode: int = PRIVATE) -> IO[bytes]:
+def create_private(path: Path, mode: int = PRIVATE) -> BufferedWriter:
     """Creates a file, private to its owner, and opens it for writing. Raises OSError, for example FileExistsError."""
-    return os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | CAREFUL, mode), "wb")
+    return open(path, "xb", opener=lambda path, flags: os.open(path, flags | CAREFUL, mode))
+
+
+def in_use(path: Path) -> bool:
+    """Whether an lfpipe is writing path, as an `OutputFile` or a `LineFile`."""
+    try:
+        return is_held(path)
+    except OSError:
+        return False
+
+
+def beside(path: Path) -> Path:
+    """Where path is written until it is readable: same folder, same suffix, because FFmpeg chooses the format by it."""
+    return path.with_name(f".{path.stem[:180]}.new{path.suffix[:40]}")
+
+
+class OutputFile:
+    """A file that is written at `current`, beside its place, and replaces `path` with `place`; until then, path is unchanged.
+
+    It is locked while it is open, so that no other writer replaces it. A writer that is killed leaves it in place if `place` was
+    called, and otherwise a hidden file that the next writer removes. Raises OSError.
+    """
+
+    def __init__(self, path: Path, mode: int = PRIVATE) -> None:
+        """mode: of the file, less the umask."""
+        check_regular(path)
+        self.path = Path(os.path.realpath(path))
+        self.current = beside(self.path)
+        if in_use(self.current):
+            raise OSError(errno.EBUSY, "another lfpipe is writing it", str(path))
+        self.current.unlink(missing_ok=True)
+        self.file = create_private(self.current, mode)
+        lock_open(self.file.fileno())
+
+    def place(self) -> None:
+        """Moves the file to its path. It stays open, and may grow."""
+        if self.current != self.path:
+            self.current.replace(self.path)
+            self.current = self.path
+
+    def close(self) -> None:
+        """Ends writing. A file that was not placed is removed."""
+        if self.current != self.path:
+            self.current.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # of a full disk; the writer has reported it
+            self.file.close()
 
 
 @contextlib.contextmanager
-def replaced(path: Path, mode: int = PRIVATE) -> Iterator[IO[bytes]]:
-    """A file to write that replaces path when it is complete. Until then, and if writing fails, path is unchanged.
-
-    mode: of a new file, less the umask. Raises OSError if path is not a file, or the disk is full.
-    """
-    check_regular(path)
-    path = Path(os.path.realpath(path))
-    part = path.with_name(f".{path.name[:200]}.new")
-    part.unlink(missing_ok=True)  # left by a killed writer
+def replaced(path: Path, mode: int = PRIVATE) -> Iterator[BufferedWriter]:
+    """A file to write, also by its name, that replaces path when it is complete. Until then, and if writing fails, path is
+    unchanged. mode: as `OutputFile`. Raises OSError."""
+    output = OutputFile(path, mode)
     try:
-        with create_private(part, mode) as file:
-            yield file
-        part.replace(path)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
+        yield output.file
+        output.file.flush()
+        output.place()
+    finally:
+        output.close()
 
 
 def read_text(path: Path, most_bytes: int, what: str, remedy: str) -> str:
@@ -130,13 +169,21 @@ class LineFile:
     """Appends lines with one write each. A partial line left by a killed writer is cut off."""
 
     def __init__(self, path: Path) -> None:
-        """Creates the file, private to its owner, if it does not exist. Raises OSError, also if path is not a file."""
+        """Creates the file, private to its owner, if it does not exist, and locks it. Raises OSError, also if path is not a file
+        or in use."""
         check_regular(path)
         self._fd = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | CAREFUL, PRIVATE)
+        if not lock_open(self._fd):
+            os.close(self._fd)
+            raise OSError(errno.EBUSY, "another lfpipe is writing it", str(path))
         size = os.fstat(self._fd).st_size
         tail = os.pread(self._fd, min(size, LONGEST_LINE), max(0, size - LONGEST_LINE)) if size else b""
         if tail and not tail.endswith(b"\n"):
             os.ftruncate(self._fd, size - len(tail) + tail.rfind(b"\n") + 1)
+
+    def clear(self) -> None:
+        """Removes all lines. Raises OSError."""
+        os.ftruncate(self._fd, 0)
 
     def append(self, line: bytes) -> None:
         """Appends line, which ends with a newline. Raises OSError if it does not fit; the file then ends with the last line."""

@@ -1,13 +1,11 @@
 """The trace: JSON Lines, one object per display refresh or per camera frame, appended by whole lines only."""
 
-import contextlib
 import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 from lfpipe.errors import UserError
-from lfpipe.files.output import OutputFile
 from lfpipe.files.safe_files import LONGEST_LINE, LineFile, lines, reason
 from lfpipe.files.untrusted import Fields, json_fields
 
@@ -49,23 +47,19 @@ def check_sides(fields: Fields, name: str) -> None:
 
 
 class TraceFile:
-    """Writes whole lines of JSON to a file, which is moved to its place with the first line.
+    """Writes whole lines of JSON to a file. Lines of an earlier session stay until the first new one.
 
     A full disk or a removed path ends the trace, not the session: `lost` is called once with the reason.
     """
 
     def __init__(self, path: Path | None, lost: Callable[[str], None], since: Path | None = None) -> None:
-        """since: for a restarted writer, a file that its session wrote at its start: its lines are kept."""
+        """since: for a restarted writer, a file that its session wrote at its start: lines after it are kept."""
         self._path, self._lost = path, lost
-        self._output: OutputFile | None = None
         self._file: LineFile | None = None
         if path is not None:
             try:
-                if since is not None and path.exists() and path.stat().st_mtime_ns >= since.stat().st_mtime_ns:
-                    self._file = LineFile(path)
-                else:
-                    self._output = OutputFile(path)
-                    self._file = LineFile(self._output.beside)
+                self._goes_on = since is not None and path.exists() and path.stat().st_mtime_ns >= since.stat().st_mtime_ns
+                self._file = LineFile(path)
             except OSError as error:  # the path was valid at the start, but its directory may be gone since
                 self._end(error)
 
@@ -78,9 +72,10 @@ class TraceFile:
         if self._file is None:
             return
         try:
+            if not self._goes_on:
+                self._file.clear()
+                self._goes_on = True
             self._file.append(json.dumps(record, allow_nan=False).encode() + b"\n")
-            if self._output is not None:
-                self._output.place()
         except OSError as error:
             self._end(error)
 
@@ -93,9 +88,3 @@ class TraceFile:
         if self._file is not None:
             self._file.close()
             self._file = None
-        if self._output is not None:
-            with contextlib.suppress(OSError):
-                if not self._output.path.exists():
-                    self._output.place()
-            self._output.close()
-            self._output = None

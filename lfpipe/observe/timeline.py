@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from lfpipe.errors import UserError
-from lfpipe.files.output import PLACE, check_output, finished_output
-from lfpipe.files.safe_files import reason
+from lfpipe.files.output import PLACE, check_output
+from lfpipe.files.safe_files import reason, replaced
 from lfpipe.files.trace import trace_lines
 from lfpipe.supervisor.process_table import CORE
 from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S
@@ -58,11 +58,11 @@ def convert(source: Path, out: Path) -> None:
     check_output(out, [source])
     lines = (fields.values for fields in trace_lines(source, "a trace written by `lfpipe up --trace`"))
     try:
-        with finished_output(out) as output:
+        with replaced(out) as file:
             for number, event in enumerate(events(lines)):
                 start = b",\n" if number else b'{"displayTimeUnit": "ms", "traceEvents": [\n'
-                output.file.write(start + json.dumps(event).encode())
-            output.file.write(b"\n]}\n")
+                file.write(start + json.dumps(event).encode())
+            file.write(b"\n]}\n")
     except OSError as error:
         raise UserError(f"{out}: {reason(error)}", PLACE) from None
 

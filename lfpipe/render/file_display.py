@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area, opencv_name
-from lfpipe.files.output import OutputFile, check_output, marked_picture, write_output
+from lfpipe.files.output import check_output, marked_picture, write_output
+from lfpipe.files.safe_files import OutputFile
 from lfpipe.files.video_writer import VideoWriter, require_encoder, write_error
 from lfpipe.host.terminal import OPENCV_ERROR, opencv_logging
 from lfpipe.render.display import Display, DisplayNotice
@@ -60,7 +61,7 @@ class FileDisplay(Display):
         except OSError as error:
             raise write_error(path, error) from None
         try:
-            self._writer = VideoWriter(self._output.beside, size_px, rate_hz)
+            self._writer = VideoWriter(self._output.current, size_px, rate_hz)
         except UserError as error:
             self._output.close()
             raise UserError(f"--display file:{path}: the video cannot be written", error.remedy) from None

@@ -11,8 +11,8 @@ import cv2
 
 from lfpipe.errors import UserError, plain
 from lfpipe.files.decoding import opencv_name
-from lfpipe.files.output import PLACE, check_output, finished_output
-from lfpipe.files.safe_files import create_private, lines, reason
+from lfpipe.files.output import PLACE, check_output
+from lfpipe.files.safe_files import create_private, lines, reason, replaced
 from lfpipe.files.video_writer import VideoWriter
 from lfpipe.sequence.eyes import LINE_BYTES, REMEDY, TRUTH
 from lfpipe.sequence.folder import Sequence, begin_manifest, end_manifest, new_folder
@@ -62,11 +62,11 @@ def export(sequence: Sequence, video: Path) -> Path:
     for path in (video, table):
         check_output(path, [sequence.path])
     try:
-        with finished_output(video) as pictures, finished_output(table) as rows:
-            rows.file.write((",".join(STAMPS) + "\r\n").encode())
+        with replaced(video) as pictures, replaced(table) as rows:
+            rows.write((",".join(STAMPS) + "\r\n").encode())
             for packet in sequence.packets:
-                rows.file.write(b"%d,%d,%d,%d,%d\r\n" % tuple(getattr(packet, name) for name in STAMPS))
-            _write_video(sequence, pictures.beside)
+                rows.write(b"%d,%d,%d,%d,%d\r\n" % tuple(getattr(packet, name) for name in STAMPS))
+            _write_video(sequence, Path(pictures.name))
     except OSError as error:
         raise UserError(f"{video}: {reason(error)}", PLACE) from None
     return table

@@ -12,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lfpipe.errors import UserError
-from lfpipe.files.output import MARK, OutputFile, check_output, check_outputs, finished_output, marked_picture, written_by_lfpipe
+from lfpipe.files.output import MARK, check_output, check_outputs, marked_picture, written_by_lfpipe
+from lfpipe.files.safe_files import OutputFile, replaced
 from lfpipe.files.trace import TraceFile
 from lfpipe.files.video_writer import VideoWriter
 
@@ -131,7 +132,6 @@ def test_a_file_in_use_is_refused_until_its_writer_ends(tmp_path: Path) -> None:
     path = tmp_path / "t.jsonl"
     trace = TraceFile(path, pytest.fail)
     assert _refused(path, force=True)  # before its first line
-    assert not path.exists()
     trace.write(LINE)
     assert json.loads(path.read_bytes()) == LINE  # can be read while it grows
     assert _refused(path, force=True)
@@ -151,14 +151,14 @@ def test_an_output_appears_whole_or_not_at_all(tmp_path: Path) -> None:
     reader = threading.Thread(target=read)
     reader.start()
     try:
-        with finished_output(path) as output:
+        with replaced(path) as file:
             for _ in range(2000):
-                output.file.write(b"new" * 100)
+                file.write(b"new" * 100)
     finally:
         stop.set()
         reader.join()
     assert seen <= {b"old", b"new" * 200_000}
-    with pytest.raises(ZeroDivisionError), finished_output(path):
+    with pytest.raises(ZeroDivisionError), replaced(path):
         _ = 1 / 0
     OutputFile(path).file.close()  # as a killed writer leaves it
     OutputFile(path).close()

@@ -120,7 +120,7 @@ def test_a_photograph_is_turned_upright(tmp_path: Path, orientation: int, planes
     assert np.array_equal(pixels, wanted[..., ::-1] if planes == 3 else wanted)
     header = open_header(tmp_path / "p.jpg")
     assert (header.height_px, header.width_px) == wanted.shape[:2] == ((384, 256) if orientation > 4 else (256, 384))
-    small = small_grey(tmp_path / "p.jpg", header, 192 * 128)
+    small = small_grey(tmp_path / "p.jpg", 192 * 128)
     half = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_REDUCED_GRAYSCALE_2)
     assert small.shape == ((192, 128) if orientation > 4 else (128, 192)) and np.array_equal(small, half)
 

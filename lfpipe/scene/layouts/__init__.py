@@ -102,7 +102,17 @@ def _described(known: dict[str, Layout], given: Listing, scene: config.Scene) ->
 
 
 def _marks(tries: list[Layout], listing: Listing) -> list[tuple[int, Layout]]:
-    return [(mark, layout) for layout in tries if (mark := layout.detect(listing)) is not None]
+    """How specific the layouts are that match. Raises UserError where none does because a file cannot be read."""
+    marks, unreadable = [], None
+    for layout in tries:
+        try:
+            if (mark := layout.detect(listing)) is not None:
+                marks.append((mark, layout))
+        except UserError as error:
+            unreadable = error
+    if unreadable is not None and not marks:
+        raise unreadable
+    return marks
 
 
 def _checked(known: dict[str, Layout], mark: int, layout: Layout | None, listing: Listing, scene: config.Scene) -> Layout:

@@ -56,13 +56,10 @@ def _depth_item(packet: bytes, data: bytes) -> bytes | None:
 
 
 def has_depth(path: Path) -> bool:
-    """Whether a JPEG declares a depth map."""
+    """Whether a JPEG declares a depth map. Raises UserError."""
     if path.suffix.lower() not in (".jpg", ".jpeg"):
         return False
-    try:
-        packet, _ = _packets(read_bytes(path, MAX_BYTES))
-    except UserError:
-        return False
+    packet, _ = _packets(read_bytes(path, MAX_BYTES))
     return _depth_item(packet, b"") is not None or b"GDepth:Format" in packet or b"GDepth:Mime" in packet
 
 

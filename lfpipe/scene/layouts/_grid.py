@@ -3,9 +3,7 @@
 import re
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
-from fractions import Fraction
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import attrs
@@ -16,14 +14,13 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import MAX_DECODING_BYTES, Header, open_header, read_picture, small_grey
 from lfpipe.scene.files import MAX_FILES, Listing
-from lfpipe.scene.layouts._names import MAX_SIDE, Lattice, NumberedNames, read_names
+from lfpipe.scene.layouts._names import MAX_SIDE, NumberedNames, read_names, spaced
 from lfpipe.scene.layouts._running import find_columns
 from lfpipe.scene.source import SceneSource, ViewIndex
 
 LOSSY = (".jpg", ".jpeg", ".webp", ".avif", ".gif")
 _MADE_SHARE = 0.25  # of a grid that may be missing: those views are made from their neighbours
 _SMALL_PX = 96 * 128  # of pictures that the columns of a running number follow from
-_RENAME = "name the views view_ROW_COLUMN.png, or give one picture by its own path"
 
 
 def parse_grid(text: str) -> ViewIndex | None:
@@ -64,22 +61,20 @@ def some(names: Sequence[str], most: int = 4) -> str:
 
 
 def files_source(
-    layout: str, listing: Listing, files: Mapping[ViewIndex, Path], rows: int, cols: int, **more: Any
-) -> SceneSource:
-    """A SceneSource that reads one picture file per view; places without a file are missing. Size and depth are those of the
-    middle view; raises UserError where a view has others. more: further fields of SceneSource; headers: by path, where known."""
-    middle = min(files, key=lambda place: (abs(place[0] - rows // 2) + abs(place[1] - cols // 2), place))
-    known = more.pop("headers", {})
-    headers = {place: known.get(path) or open_header(path) for place, path in files.items()}
-    first = headers[middle]
-    for place, header in headers.items():
-        for what, here, there in (
-            (" px", f"{header.width_px}x{header.height_px}", f"{first.width_px}x{first.height_px}"),
-            ("-bit", str(header.max_value.bit_length()), str(first.max_value.bit_length())),
-        ):
-            if here != there:
+    layout: str, listing: Listing, views: Mapping[ViewIndex, str], shape: ViewIndex, headers: Mapping[str, Header] | None = None,
+    **more: Any,
+) -> SceneSource:  # fmt: skip
+    """A SceneSource that reads one picture file per view; places without a name are missing. Size and depth are those of the
+    middle view; raises UserError where a view has others. headers: by name, where known; more: further fields of SceneSource."""
+    files = {place: listing.file(name) for place, name in views.items()}
+    middle = min(files, key=lambda place: (abs(place[0] - shape[0] // 2) + abs(place[1] - shape[1] // 2), place))
+    headers = headers or {name: open_header(listing.file(name)) for name in views.values()}
+    first = headers[views[middle]]
+    for place, name in views.items():
+        for own, usual in ((headers[name].size, first.size), (headers[name].bits, first.bits)):
+            if own != usual:
                 raise UserError(
-                    f"{files[place]}: {here}{what}, but {files[middle].name} has {there}{what}",
+                    f"{files[place]}: {own}, but {files[middle].name} has {usual}",
                     "every view of a light field has the same size and depth; export this one again",
                 )
     full = first.max_value
@@ -87,16 +82,16 @@ def files_source(
         full = true_max([int(read_picture(files[place])[0].max()) for place in {min(files), middle, max(files)}], full)
 
     def read(frame: int, row: int, col: int) -> NDArray[Any]:
-        return read_picture(files[row, col], headers[row, col])[0]
+        pixels, _ = read_picture(files[row, col])
+        if pixels.shape[:2] != (first.height_px, first.width_px):
+            raise UserError(f"{files[row, col]}: changed while it was read", "try again once the files are complete")
+        return pixels
 
-    def small(row: int, col: int, most_px: float) -> NDArray[np.uint8]:
-        return small_grey(files[row, col], headers[row, col], most_px)
-
-    missing = frozenset(place for place in np.ndindex(rows, cols) if place not in files)
+    missing = frozenset(place for place in np.ndindex(shape) if place not in files)
     paths = tuple(files[place] for place in sorted(files))
     return SceneSource(
-        layout, listing.path, paths, rows, cols, read, first.height_px, first.width_px, full,
-        small if full == first.max_value else None, missing=missing, **more,
+        layout, listing.path, paths, *shape, read, first.height_px, first.width_px, full, missing=missing,
+        small=None if full != first.max_value else lambda row, col, most_px: small_grey(files[row, col], most_px), **more,
     )  # fmt: skip
 
 
@@ -121,12 +116,11 @@ def named_views(listing: Listing) -> NumberedNames | None:
     return None if listing.is_file else read_names(_one_per_stem(listing))
 
 
-def _odd_sizes(listing: Listing, names: Sequence[str]) -> tuple[dict[str, Header], dict[str, str]]:
-    """The headers of pictures, and the sizes of those few that have another one than the rest."""
+def _headers(listing: Listing, names: Sequence[str]) -> tuple[dict[str, Header], set[str]]:
+    """The headers of pictures, and the names of those few that have another size than the rest."""
     headers = {name: open_header(listing.file(name)) for name in names}
-    sizes = {name: f"{header.width_px}x{header.height_px} px" for name, header in headers.items()}
-    usual, count = Counter(sizes.values()).most_common(1)[0]
-    return headers, {name: size for name, size in sizes.items() if size != usual} if 2 * count > len(headers) else {}
+    usual, count = Counter(header.size for header in headers.values()).most_common(1)[0]
+    return headers, {name for name, header in headers.items() if header.size != usual and 2 * count > len(headers)}
 
 
 def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: bool) -> SceneSource:
@@ -134,10 +128,11 @@ def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: boo
 
     Raises UserError.
     """
-    pictures, numbered = listing.pictures(), named_views(listing)
+    numbered = named_views(listing)
     if numbered is None:
-        raise UserError(f"{listing.path}: {len(pictures)} pictures whose names do not differ in numbers", _RENAME)
-    headers, odd = _odd_sizes(listing, list(numbered.views.values()))
+        what = f"{listing.path}: {len(listing.pictures())} pictures whose names do not differ in numbers"
+        raise UserError(what, "name the views view_ROW_COLUMN.png, or give one picture by its own path")
+    headers, odd = _headers(listing, list(numbered.views.values()))
     if odd:
         numbered = read_names(tuple(name for name in _one_per_stem(listing) if name not in odd)) or numbered
     if runs and not numbered.runs:
@@ -150,15 +145,25 @@ def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: boo
         remedy = f"move {some([name for _, name in numbered.clashes])} away, or name the views view_ROW_COLUMN.png"
         pairs = f", as {more} more pairs are" if more else ""
         raise UserError(f"{listing.path}: {first} and {second} are the same view{pairs}", remedy)
-    grid, doubt = parse_grid(scene.grid), numbered.doubt
-    notes: tuple[str, ...] = ()
-    if runs:
-        numbered, doubt, notes = _arranged(listing, headers, numbered, scene)
-    elif grid is not None and grid != (numbered.rows, numbered.cols):
-        wrong = f"the names give a grid of {numbered.rows}x{numbered.cols}, scene.grid says {grid[0]}x{grid[1]}"
-        raise UserError(f"{listing.path}: {wrong}", "leave out --grid; --layout numbered takes names in order")
-    shape = numbered.rows, numbered.cols
-    return _views_source(layout, listing, numbered.views, shape, pictures, headers, odd, notes, certain=False, doubt=doubt)
+    grid, views, shape, doubt = parse_grid(scene.grid), numbered.views, (numbered.rows, numbered.cols), numbered.doubt
+    if not runs:
+        if grid not in (None, shape):
+            wrong = f"the names give a grid of {shape[0]}x{shape[1]}, scene.grid says {scene.grid}"
+            raise UserError(f"{listing.path}: {wrong}", "leave out --grid; --layout numbered takes names in order")
+        return _views_source(layout, listing, views, shape, headers, certain=False, doubt=doubt)
+    by_position = {col: name for (_, col), name in views.items()}
+    run = find_columns(
+        lambda position: small_grey(listing.file(by_position[position]), _SMALL_PX),
+        [position in by_position for position in range(numbered.cols)], grid,
+    )  # fmt: skip
+    if run is None:
+        what = f"{listing.path}: {len(by_position)} views do not make {scene.grid}"
+        raise UserError(what, "leave out --grid to have it detected")
+    views = {run.index(position): name for position, name in by_position.items()}
+    how = f"{run.rows}x{run.cols}" + (", every other row backwards" if run.snake else "")
+    why = "as scene.grid says" if grid else "from the likeness of the pictures; --grid ROWSxCOLS overrides it"
+    notes = (f"the numbered views form {how}: {why}",)
+    return _views_source(layout, listing, views, run.shape, headers, notes, certain=False, doubt=run.doubt)
 
 
 def placed_views(
@@ -166,23 +171,21 @@ def placed_views(
 ) -> SceneSource:
     """The scene of pictures whose names say their rows and columns. shape: the grid; without it, numbers may start anywhere and
     go in equal steps (rows 0, 4, 8). more: further fields of SceneSource. Raises UserError."""
-    headers, odd = _odd_sizes(listing, list(places))
-    lattices = [Lattice.of({Fraction(place[axis]) for place in places.values()}) for axis in (0, 1)]
-    rows, cols = shape or (lattices[0].count, lattices[1].count)
+    headers, odd = _headers(listing, list(places))
+    (top, down, rows), (left, across, cols) = (spaced([place[axis] for place in places.values()]) for axis in (0, 1))
     views: dict[ViewIndex, str] = {}
-    for name, place in places.items():
-        row, col = place if shape else (lattice.index(Fraction(n)) for lattice, n in zip(lattices, place, strict=True))
-        if name not in odd and views.setdefault((row, col), name) != name:
-            raise UserError(f"{listing.path}: {views[row, col]} and {name} are the same view", f"move {name} away")
-    return _views_source(layout, listing, views, (rows, cols), list(places), headers, odd, (), **more)
+    for name, (row, col) in places.items():
+        place = (row, col) if shape else ((row - top) // down, (col - left) // across)
+        if name not in odd and views.setdefault(place, name) != name:
+            raise UserError(f"{listing.path}: {views[place]} and {name} are the same view", f"move {name} away")
+    return _views_source(layout, listing, views, shape or (rows, cols), headers, **more)
 
 
 def _views_source(
-    layout: str, listing: Listing, views: Mapping[ViewIndex, str], shape: ViewIndex, names: Sequence[str],
-    headers: Mapping[str, Header], odd: Mapping[str, str], notes: tuple[str, ...], **more: Any,
+    layout: str, listing: Listing, views: Mapping[ViewIndex, str], shape: ViewIndex, headers: Mapping[str, Header],
+    notes: tuple[str, ...] = (), **more: Any,
 ) -> SceneSource:  # fmt: skip
-    """The scene of views by place. names: of pictures, of which those that are not used are noted; odd: their sizes where these
-    differ. Raises UserError where many places have no view."""
+    """The scene of views by place; pictures that are not used are noted. Raises UserError where many places have no view."""
     rows, cols = shape
     require_grid(rows, cols, str(listing.path))
     holes = [(row, col) for row in range(rows) for col in range(cols) if (row, col) not in views]
@@ -192,30 +195,9 @@ def _views_source(
     if holes:
         where = some([f"row {row} column {col}" for row, col in holes])
         notes = (*notes, f"{len(holes)} of {rows}x{cols} views missing, made from others: {where}")
-    used = set(views.values())
-    if unused := [f"{name} ({odd[name]})" if name in odd else name for name in names if name not in used]:
+    used, names = set(views.values()), listing.pictures()
+    sizes = {headers[name].size for name in used}
+    odd = {name: f"{name} ({header.size})" for name, header in headers.items() if header.size not in sizes}
+    if unused := [odd.get(name, name) for name in names if name not in used]:
         notes = (*notes, f"{len(used)} of {len(names)} files used; the others are {some(unused)}")
-    files = {place: listing.file(name) for place, name in views.items()}
-    known = {listing.folder / name: header for name, header in headers.items()}
-    return files_source(layout, listing, files, rows, cols, notes=notes, headers=known, **more)
-
-
-def _arranged(
-    listing: Listing, headers: Mapping[str, Header], numbered: NumberedNames, scene: config.Scene
-) -> tuple[NumberedNames, str, tuple[str, ...]]:
-    """The grid of a running number by the pictures, what it leaves open, and notes. Raises UserError."""
-    by_position = {index[1]: name for index, name in numbered.views.items()}
-
-    def read(position: int) -> NDArray[np.uint8]:
-        name = by_position[position]
-        return small_grey(listing.file(name), headers[name], _SMALL_PX)
-
-    run = find_columns(read, [position in by_position for position in range(numbered.cols)], parse_grid(scene.grid))
-    if run is None:
-        what = f"{listing.path}: {len(by_position)} views do not make {scene.grid}"
-        raise UserError(what, "leave out --grid to have it detected")
-    views = {run.index(position): name for position, name in by_position.items()}
-    shape = f"{run.rows}x{run.cols}" + (", every other row backwards" if run.snake else "")
-    why = "as scene.grid says" if scene.grid else "from the likeness of the pictures; --grid ROWSxCOLS overrides it"
-    arranged = attrs.evolve(numbered, views=views, rows=run.rows, cols=run.cols)
-    return arranged, run.doubt, (f"the numbered views form {shape}: {why}",)
+    return files_source(layout, listing, views, shape, headers, notes=notes, **more)

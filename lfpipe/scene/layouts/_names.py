@@ -8,13 +8,10 @@ import math
 import re
 from collections import defaultdict
 from collections.abc import Collection
-from fractions import Fraction
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import combinations
 
 import attrs
-import numpy as np
-from numpy.typing import NDArray
 
 from lfpipe.scene.source import ViewIndex
 
@@ -42,6 +39,7 @@ _FRAME_WORDS = ("f", "fr", "frame", "frames", "time", "ev", "exp", "exposure", "
 _ROW_WORDS, _COL_WORDS = ("row", "rows", "r", "y", "v", "t"), ("col", "cols", "column", "c", "x", "u", "s")
 _MIN_COVERAGE = 0.15  # of a lattice by files: less is no grid. A cross in a 13x13 grid has 0.148
 _MAX_FIELDS = 12
+_UNIT = 10**9  # of numbers, which have up to nine decimals
 MAX_SIDE = 10_000  # views along one side of a grid
 _TIME = re.compile(r"(?:19|20)\d\d([-_.]?)[01]\d\1[0-3]\d\D{0,4}[0-2]\d([-_.:]?)[0-5]\d\2[0-5]\d(?:\d{3}(?!\d))?(?!\d)")
 _SUM = re.compile(r"[-_. ](?=[0-9a-f]*[a-f])(?=[0-9a-f]*[0-9])[0-9a-f]{6,40}$", re.IGNORECASE)
@@ -52,7 +50,8 @@ _COPY = re.compile(r"(.*?)([-_ ]?\(|[-_ ])(\d{1,5})(\)?)", re.DOTALL)
 @attrs.frozen
 class NumberedNames:
     """A family of names by what their numbers say. views: names by (row, column) from (0, 0); or by (0, position) where one
-    number runs (`runs`). clashes: pairs of names for one place. doubt: what the names leave open, "" for nothing."""
+    number runs (`runs`). clashes: pairs of names for one place. doubt: what the names leave open, "" for nothing. explained: how
+    many names have a place, or another frame of it; share: of all places, those that have a name."""
 
     views: dict[ViewIndex, str]
     rows: int
@@ -60,66 +59,57 @@ class NumberedNames:
     runs: bool
     clashes: tuple[tuple[str, str], ...] = ()
     doubt: str = ""
+    explained: int = 0
+    share: float = 0.0
 
 
-# How well numbers explain names; the largest wins: names explained, halved for maps; whether they are a grid; the share of its
-# places that have a name; of the ways to read numbers, the likeliest.
-_Fit = tuple[float, bool, float, int]
+def spaced(values: Collection[int]) -> tuple[int, int, int]:
+    """The lowest of some numbers, their step (the largest that leads to all of them), and how many such steps there are, with
+    the first."""
+    low = min(values)
+    step = math.gcd(*(value - low for value in values)) or 1
+    return low, step, (max(values) - low) // step + 1
 
 
-@attrs.frozen
-class Lattice:
-    """Equally spaced values: low, low + step, ... (count of them)."""
+@attrs.frozen(slots=False)
+class _Column:
+    """One number of a family's names, in units of 1e-9. word: the letters before it."""
 
-    low: Fraction
-    step: Fraction
-    count: int
-
-    @classmethod
-    def of(cls, values: Collection[Fraction]) -> "Lattice":
-        """The finest lattice that holds the values."""
-        low = min(values)
-        scale = math.lcm(*(value.denominator for value in values))
-        step = math.gcd(*(int((value - low) * scale) for value in values)) or scale
-        return cls(low, Fraction(step, scale), int((max(values) - low) * scale) // step + 1)
-
-    def index(self, value: Fraction) -> int:
-        """The place of a value that it holds."""
-        return int((value - self.low) / self.step)
-
-
-@attrs.frozen(eq=False)
-class _Field:
-    """One number of a family's names. values: those that occur, ascending; codes: by name, which of them it has; word: the text
-    before it ends in; lattice: of the values."""
-
-    values: list[Fraction]
-    codes: NDArray[np.int64]
+    numbers: tuple[int, ...]
     word: str
-    lattice: Lattice
 
     @classmethod
-    def of(cls, column: tuple[str, ...], text: str) -> "_Field":
-        separator = all(number.startswith("-") for number in column)  # and no sign, where every number has it
-        by_text = {number: _value(number[separator:]) for number in set(column)}
-        values = sorted(set(by_text.values()))
-        rank = {value: position for position, value in enumerate(values)}
-        word = re.search(r"([a-z]+)[^a-z]*$", text)
-        codes = np.array([rank[by_text[number]] for number in column], np.int64)
-        return cls(values, codes, word[1] if word else "", Lattice.of(values))
+    def of(cls, texts: tuple[str, ...], before: str) -> "_Column":
+        separator = all(text.startswith("-") for text in texts)  # and no sign, where every number has it
+        word = re.search(r"([a-z]+)[^a-z]*$", before)
+        return cls(tuple(_value(text[separator:]) for text in texts), word[1] if word else "")
 
-    def indices(self, by_order: bool = False) -> list[int]:
-        """By name, the place of its value in the lattice, or in the order of values."""
-        at = list(range(len(self.values))) if by_order else [self.lattice.index(value) for value in self.values]
-        return [at[code] for code in self.codes.tolist()]
+    @cached_property
+    def values(self) -> list[int]:
+        """The numbers that occur, ascending."""
+        return sorted(set(self.numbers))
+
+    @cached_property
+    def steps(self) -> tuple[int, int, int]:
+        return spaced(self.values)
 
     def side(self, by_order: bool) -> int:
-        """How many places there are."""
-        return len(self.values) if by_order else self.lattice.count
+        """How many places there are along this axis."""
+        return len(self.values) if by_order else self.steps[2]
+
+    def places(self, by_order: bool) -> list[int]:
+        """By name, the place of its number: in equal steps, or in the order of those that occur."""
+        low, step, _ = self.steps
+        place = {value: order if by_order else (value - low) // step for order, value in enumerate(self.values)}
+        return [place[number] for number in self.numbers]
 
 
-def _value(text: str) -> Fraction:
-    return Fraction(ord(text.lower()) - ord("a")) if text.isalpha() else Fraction(text)
+def _value(text: str) -> int:
+    """A number in units of 1e-9; of a letter, its place in the alphabet."""
+    if text.isalpha():
+        return _UNIT * (ord(text.lower()) - ord("a"))
+    whole, _, decimals = text.partition(".")
+    return int(whole + decimals.ljust(9, "0"))
 
 
 def _stems(names: tuple[str, ...]) -> dict[str, str]:
@@ -155,64 +145,58 @@ def _families(stems: dict[str, str], reading: int) -> dict[tuple[str, ...], dict
     return families
 
 
-def _together(fields: Collection[_Field]) -> list[tuple[int, ...]]:
-    """By name, the codes of these fields."""
-    return list(zip(*(field.codes.tolist() for field in fields), strict=True))
+def _together(columns: Collection[_Column]) -> list[tuple[int, ...]]:
+    """By name, its numbers in these columns."""
+    return list(zip(*(column.numbers for column in columns), strict=True))
 
 
-def _read(names: list[str], fields: list[_Field]) -> tuple[_Fit, NumberedNames]:
+def _read(names: list[str], columns: list[_Column]) -> NumberedNames:
     """What the numbers of a family say."""
     count = len(names)
-    varying = [field for field in fields if len(field.values) > 1]
-    keys = [field for field in varying if len(field.values) == count]
-    if not keys and (frame := _frame_field(varying, count)):
-        field, doubt = frame
-        first = np.flatnonzero(field.codes == 0).tolist()
-        kept = [attrs.evolve(other, codes=other.codes[first]) for other in varying if other is not field]
-        fit, numbered = _read([names[k] for k in first], kept)
-        return (count, *fit[1:]), attrs.evolve(numbered, doubt=doubt)
-    grid = _grid_fields([field for field in varying if field not in keys], count)
-    if grid is not None and (grid[0] > 0.9 * count or not keys):
-        _, share, axes = grid
-        down, across = (field.indices(by_order) for field, by_order in axes)
-        rows, cols = (field.side(by_order) for field, by_order in axes)
-        numbered = _placed(names, down, across, (rows, cols))
-        return (len(numbered.views), True, share, 0), numbered
+    varying = [column for column in columns if len(column.values) > 1]
+    keys = [column for column in varying if len(column.values) == count]
+    if not keys and (frame := _frame_column(varying, count)):
+        column, doubt = frame
+        first = [at for at, number in enumerate(column.numbers) if number == column.values[0]]
+        kept = [attrs.evolve(other, numbers=tuple(other.numbers[at] for at in first)) for other in varying if other != column]
+        return attrs.evolve(_read([names[at] for at in first], kept), doubt=doubt, explained=count)
+    grid = _grid([column for column in varying if column not in keys], names)
+    if grid is not None and (grid.explained > 0.9 * count or not keys):
+        return grid
     if keys:
-        field = min(keys, key=lambda key: key.lattice.count)
-        by_order = 3 * field.lattice.count > 4 * count  # numbers with large gaps count nothing
-        share = 0.0 if by_order else count / field.lattice.count
-        return (count, False, share, 0), _placed(names, None, field.indices(by_order), (1, field.side(by_order)))
-    places = _together(varying) or [()] * count  # the numbers together run
-    at = {place: position for position, place in enumerate(sorted(set(places)))}
-    numbered = _placed(names, None, [at[place] for place in places], (1, len(at)))
-    return (len(numbered.views), False, 0.0, 0), numbered
+        column = min(keys, key=lambda key: key.side(by_order=False))
+        by_order = 3 * column.side(by_order=False) > 4 * count  # numbers with large gaps count nothing
+        return _placed(names, None, column.places(by_order), (1, column.side(by_order)), counts=not by_order)
+    together = _together(varying) or [()] * count  # the numbers together run
+    order = {numbers: position for position, numbers in enumerate(sorted(set(together)))}
+    return _placed(names, None, [order[numbers] for numbers in together], (1, len(order)), counts=False)
 
 
-_Axes = tuple[tuple[_Field, bool], tuple[_Field, bool]]
-
-
-def _grid_fields(fields: list[_Field], count: int) -> tuple[int, float, _Axes] | None:
-    """How many pairs occur of the two numbers that count rows and columns, the share of the grid's places that they are, and the
-    numbers, each with whether its values count by their order; None if there are none."""
-    best: tuple[tuple[float, float, bool, int], tuple[int, float, _Axes]] | None = None
-    for (first, down), (second, across) in combinations(enumerate(fields), 2):
+def _grid(columns: list[_Column], names: list[str]) -> NumberedNames | None:
+    """The names by the two numbers that count rows and columns best; None if no two do."""
+    best: tuple[tuple[float, float, bool, int], _Column, _Column, list[bool]] | None = None
+    for (first, down), (second, across) in combinations(enumerate(columns), 2):
         pairs = len(set(_together((down, across))))
-        whole = pairs == count == len(down.values) * len(across.values)  # then order counts where steps are uneven
-        axes = tuple((field, whole and field.lattice.count > 2 * len(field.values)) for field in (down, across))
-        sides = [field.side(by_order) for field, by_order in axes]
-        cells = sides[0] * sides[1]
-        if max(sides) > MAX_SIDE or pairs < _MIN_COVERAGE * cells:
+        whole = pairs == len(names) == len(down.values) * len(across.values)  # then order counts where steps are uneven
+        uneven = [whole and column.side(by_order=False) > 2 * len(column.values) for column in (down, across)]
+        rows, cols = down.side(uneven[0]), across.side(uneven[1])
+        if max(rows, cols) > MAX_SIDE or pairs < _MIN_COVERAGE * rows * cols:
             continue
-        plain = all(not by_order and field.lattice.step == 1 and field.lattice.low in (0, 1) for field, by_order in axes)
-        rank = (pairs / count, pairs / cells, plain, -first - second)
+        plain = not any(uneven) and all(column.steps[:2] in ((0, _UNIT), (_UNIT, _UNIT)) for column in (down, across))
+        rank = pairs / len(names), pairs / (rows * cols), plain, -first - second
         if best is None or rank > best[0]:
-            swapped = down.word in _COL_WORDS and across.word in _ROW_WORDS
-            best = rank, (pairs, pairs / cells, axes[::-1] if swapped else axes)  # type: ignore[assignment]
-    return best and best[1]
+            best = rank, down, across, uneven
+    if best is None:
+        return None
+    _, down, across, uneven = best
+    if down.word in _COL_WORDS and across.word in _ROW_WORDS:
+        down, across, uneven = across, down, uneven[::-1]
+    shape = down.side(uneven[0]), across.side(uneven[1])
+    return _placed(names, down.places(uneven[0]), across.places(uneven[1]), shape)
 
 
-def _placed(names: list[str], rows: list[int] | None, cols: list[int], shape: ViewIndex) -> NumberedNames:
+def _placed(names: list[str], rows: list[int] | None, cols: list[int], shape: ViewIndex, counts: bool = True) -> NumberedNames:
+    """Names by their places. counts: whether numbers and not only their order say so."""
     views: dict[ViewIndex, str] = {}
     clashes: list[tuple[str, str]] = []
     for name, index in zip(names, zip(rows or [0] * len(names), cols, strict=True), strict=True):
@@ -220,19 +204,20 @@ def _placed(names: list[str], rows: list[int] | None, cols: list[int], shape: Vi
             clashes.append((views[index], name))
         else:
             views[index] = name
-    return NumberedNames(views, *shape, rows is None, tuple(clashes))
+    share = len(views) / (shape[0] * shape[1]) if counts else 0.0
+    return NumberedNames(views, *shape, rows is None, tuple(clashes), explained=len(views), share=share)
 
 
-def _frame_field(varying: list[_Field], count: int) -> tuple[_Field, str] | None:
+def _frame_column(varying: list[_Column], count: int) -> tuple[_Column, str] | None:
     """The number that counts frames or exposures, and what that leaves open, where the numbers of views and it fill a box: by the
     word before it, else the last of three."""
-    for fields in [*combinations(varying, 3), *combinations(varying, 2)]:
-        if math.prod(len(field.values) for field in fields) == count == len(set(_together(fields))):
-            named = next((field for field in fields if field.word in _FRAME_WORDS), None)
+    for columns in [*combinations(varying, 3), *combinations(varying, 2)]:
+        if math.prod(len(column.values) for column in columns) == count == len(set(_together(columns))):
+            named = next((column for column in columns if column.word in _FRAME_WORDS), None)
             if named is not None:
                 return named, ""
-            if len(fields) == 3:
-                return fields[2], "which of three numbers in the names counts frames"
+            if len(columns) == 3:
+                return columns[2], "which of three numbers in the names counts frames"
     return None
 
 
@@ -256,8 +241,10 @@ def _by_folder(names: tuple[str, ...]) -> NumberedNames | None:
 
 @lru_cache(maxsize=4)
 def read_names(names: tuple[str, ...]) -> NumberedNames | None:
-    """What the numbers of most of these names say; None where no two names differ in numbers alone."""
-    best: tuple[_Fit, NumberedNames | None] = (0, False, 0.0, -len(_READINGS)), None
+    """What the numbers of most of these names say; None where no two names differ in numbers alone. The reading wins that
+    explains most names (of maps, half as many count), then grids, whole ones, and of several the likeliest reading."""
+    best: NumberedNames | None = None
+    best_fit = 0.0, False, 0.0
     stems = _stems(names)
     for reading in range(len(_READINGS)):
         families = _families(stems, reading)
@@ -265,19 +252,18 @@ def read_names(names: tuple[str, ...]) -> NumberedNames | None:
         for texts, family in families.items():
             if len(family) < 2 or 2 * len(family) < most:
                 continue
-            fields = [_Field.of(column, text) for column, text in zip(zip(*family.values(), strict=True), texts, strict=False)]
-            (views, grid, share, _), numbered = _read(list(family), fields)
-            if reading == _HALVES and (numbered.runs or share < 1 or _runs_on(numbered)):
+            fields = zip(zip(*family.values(), strict=True), texts, strict=False)
+            numbered = _read(list(family), [_Column.of(numbers, before) for numbers, before in fields])
+            if reading == _HALVES and (numbered.runs or numbered.share < 1 or _runs_on(numbered)):
                 continue
             if reading == _LETTERS and 2 * len(family) < len(names):  # Roman numerals, initials
                 continue
-            if (views, grid, share) == (len(names), True, 1.0):
-                return numbered
             maps = any(MAPS.search(text) for text in texts)
-            fit = views / (1 + maps), grid, share, -reading
-            if fit > best[0]:
-                best = fit, numbered
-    chosen = best[1]
-    if (chosen is None or chosen.runs or chosen.clashes) and (rows := _by_folder(names)) is not None:
+            fit = numbered.explained / (1 + maps), not numbered.runs, numbered.share
+            if fit > best_fit:
+                best_fit, best = fit, numbered
+        if best is not None and best.explained == len(names) and best.share == 1 and not best.runs:  # nothing can be better
+            break
+    if (best is None or best.runs or best.clashes) and (rows := _by_folder(names)) is not None:
         return rows
-    return chosen
+    return best

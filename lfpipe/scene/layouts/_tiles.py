@@ -74,23 +74,21 @@ class Tiling:
         return picture[top : top + self.height_px, left : left + self.width_px]
 
 
+def difference(grey: NDArray[np.float32], axis: int, shift: int) -> float:
+    """Mean square difference between a picture and itself, shifted along an axis."""
+    a, b = (grey[shift:], grey[:-shift]) if axis == 0 else (grey[:, shift:], grey[:, :-shift])
+    return float(np.mean((a - b) ** 2))
+
+
 def _unlike(grey: NDArray[np.float32], axis: int) -> dict[int, float]:
     """By number of tiles along an axis: mean square difference at a shift of one tile, relative to shifts of half a tile more or
     less. A mosaic has a dip there; the difference of an ordinary picture only grows with the shift."""
-    size = grey.shape[axis]
-
-    def difference(shift: int) -> float:
-        a, b = (grey[shift:], grey[:-shift]) if axis == 0 else (grey[:, shift:], grey[:, :-shift])
-        return float(np.mean((a - b) ** 2))
-
-    found: dict[int, float] = {}
-    for count in range(2, MOST_TILES + 1):
-        shift = size / count
-        if shift < 8:
-            break
-        beside = min(difference(round(shift * 0.5)), difference(round(shift * 1.5)))
-        found[count] = difference(round(shift)) / beside if beside > 1e-3 else 1.0
-    return found
+    unlike: dict[int, float] = {}
+    for count in range(2, min(MOST_TILES, grey.shape[axis] // 8) + 1):
+        shift = grey.shape[axis] / count
+        beside = min(difference(grey, axis, round(shift * 0.5)), difference(grey, axis, round(shift * 1.5)))
+        unlike[count] = difference(grey, axis, round(shift)) / beside if beside > 1e-3 else 1.0
+    return unlike
 
 
 def _period(unlike: dict[int, float], full_px: int) -> tuple[int, float]:
@@ -255,6 +253,14 @@ def single_picture(listing: Listing) -> Path | None:
     pictures = listing.pictures()
     twice = one_picture_twice(listing)
     return listing.file(pictures[0]) if len(pictures) == 1 else listing.file(twice) if twice else None
+
+
+def require_picture(listing: Listing) -> Path:
+    """As `single_picture`. Raises UserError if there is none, or more than one."""
+    path = single_picture(listing)
+    if path is None:
+        raise UserError(f"{listing.path}: contains {len(listing.pictures())} pictures, not one", "give the file itself")
+    return path
 
 
 def tiling(picture: NDArray[Any], path: Path, scene: config.Scene, quilt: bool = False) -> Tiling | None:

@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
-from lfpipe.errors import UserError
 from lfpipe.files.pictures import read_picture
 from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._grid import parse_grid
-from lfpipe.scene.layouts._tiles import single_picture
+from lfpipe.scene.layouts._tiles import difference, require_picture, single_picture
 from lfpipe.scene.source import SceneSource, Turn, ViewIndex
 
 NAME = "eslf"
@@ -34,15 +33,11 @@ def lenslet_pitch(picture: NDArray[Any]) -> int | None:
     if min(part.shape) < 4 * max(_PITCHES):
         return None
 
-    def unlike(shift: int, axis: int) -> float:
-        a, b = (part[shift:], part[:-shift]) if axis == 0 else (part[:, shift:], part[:, :-shift])
-        return float(np.mean((a - b) ** 2))
-
     ratios: dict[int, float] = {}
     for pitch in _PITCHES:
-        halves = [min(unlike(pitch // 2, axis), unlike(pitch + pitch // 2, axis)) for axis in (0, 1)]
+        halves = [min(difference(part, axis, pitch // 2), difference(part, axis, pitch + pitch // 2)) for axis in (0, 1)]
         if min(halves) > 1:
-            ratios[pitch] = max(unlike(pitch, axis) / half for axis, half in zip((0, 1), halves, strict=True))
+            ratios[pitch] = max(difference(part, axis, pitch) / half for axis, half in zip((0, 1), halves, strict=True))
     best = min(ratios, key=lambda pitch: ratios[pitch], default=0)
     return best if ratios.get(best, 1.0) < 0.5 else None
 
@@ -106,20 +101,13 @@ def lit(source: SceneSource) -> SceneSource:
 
 def detect(listing: Listing) -> int | None:
     path = single_picture(listing)
-    if path is None:
-        return None
-    if "eslf" in path.stem.lower():
-        return 90
-    try:
-        return 70 if lenslet_pitch(read_picture(path)[0]) else None
-    except UserError:
-        return None
+    if path is None or "eslf" in path.stem.lower():
+        return None if path is None else 90
+    return 70 if lenslet_pitch(read_picture(path)[0]) else None
 
 
 def describe(listing: Listing, scene: config.Scene) -> SceneSource:
-    path = single_picture(listing)
-    if path is None:
-        raise UserError(f"{listing.path}: not exactly one lenslet picture", "give the file itself")
+    path = require_picture(listing)
     picture, full = read_picture(path)
     pitch = lenslet_pitch(picture) or _USUAL
     rows, cols = parse_grid(scene.grid) or (pitch, pitch)

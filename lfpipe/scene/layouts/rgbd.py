@@ -135,10 +135,7 @@ def detect(listing: Listing) -> int | None:
         return 87
     if path is None or not _NAMED.search(path.stem.lower()):
         return None
-    try:
-        return 88 if _beside(read_picture(path)[0]) is not None else None
-    except UserError:
-        return None
+    return None if _beside(read_picture(path)[0]) is None else 88
 
 
 def _read(listing: Listing) -> _Photo:

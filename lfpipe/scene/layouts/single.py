@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import open_header, read_frames, read_picture
-from lfpipe.scene.files import PICTURES, Listing
+from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._grid import files_source
-from lfpipe.scene.layouts._tiles import single_picture
+from lfpipe.scene.layouts._tiles import require_picture, single_picture
 from lfpipe.scene.optical_flow import confirmed, flow, textured
 from lfpipe.scene.source import Layout, SceneSource, Turn
 
@@ -42,26 +42,20 @@ def _is_anaglyph(picture: NDArray[Any]) -> bool:
 
 
 def _describe_picture(listing: Listing, scene: config.Scene) -> SceneSource:
-    path = single_picture(listing)
-    if path is None:
-        count = len(listing.pictures())
-        raise UserError(f"{listing.path}: contains {count} pictures, not one", f"give one file ({', '.join(PICTURES)})")
+    path = require_picture(listing)
     if not scene.force and _is_anaglyph(read_picture(path)[0]):
         raise UserError(
             f"{path}: a red/cyan anaglyph: each eye's picture has lost its other colours, so they cannot be shown apart",
             "give the stereo pair that it was made of; --set scene.force=true shows it flat",
         )
     notes = tuple(f"{name} is the same picture" for name in listing.pictures() if name != path.name)
-    return files_source("picture", listing, {(0, 0): path}, 1, 1, turn=Turn(), turn_by="there is one view", notes=notes)
+    return files_source("picture", listing, {(0, 0): path.name}, (1, 1), turn=Turn(), turn_by="there is one view", notes=notes)
 
 
 @lru_cache(maxsize=2)
 def _animation(listing: Listing) -> Path | None:
     path = single_picture(listing)
-    try:
-        header = open_header(path) if path else None
-    except UserError:
-        return None
+    header = open_header(path) if path else None
     return path if header and header.frames > 1 and header.format not in ("JPEG", "TIFF") else None
 
 

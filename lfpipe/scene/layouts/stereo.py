@@ -109,10 +109,7 @@ def detect(listing: Listing) -> int | None:
     path = _alone(listing)
     if path is None or path.suffix.lower() in (".jps", ".mpo"):
         return None if path is None else 95
-    try:
-        arrangement = _arrangement(path)
-    except UserError:
-        return None
+    arrangement = _arrangement(path)
     # the halves of a mosaic are also alike: without a word in the name, tiles come first
     return None if arrangement is None else 65 if arrangement[2] else 55
 
@@ -121,8 +118,8 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     if pairs := _pairs(listing):
         others = [name for name in listing.pictures() if name not in pairs[0]]
         notes = (f"2 of {len(others) + 2} files used; the others are {some(others)}",) if others else ()
-        files = {(0, col): listing.file(name) for col, name in enumerate(pairs[0])}
-        return files_source(NAME, listing, files, 1, 2, turn=Turn(), turn_by="the names say left and right", notes=notes)
+        eyes = {(0, col): name for col, name in enumerate(pairs[0])}
+        return files_source(NAME, listing, eyes, (1, 2), turn=Turn(), turn_by="the names say left and right", notes=notes)
     path = _alone(listing)
     if path is None:
         what = f"{listing.path}: no stereo pair among {len(listing.pictures())} pictures"

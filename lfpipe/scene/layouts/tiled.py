@@ -18,7 +18,16 @@ from lfpipe.errors import UserError
 from lfpipe.files.pictures import open_header, read_picture
 from lfpipe.scene.files import VIDEOS, Listing
 from lfpipe.scene.layouts._grid import named_views
-from lfpipe.scene.layouts._tiles import QUILT_NAME, find_tiles, halves, last_picture, likeness, single_picture, tiling
+from lfpipe.scene.layouts._tiles import (
+    QUILT_NAME,
+    find_tiles,
+    halves,
+    last_picture,
+    likeness,
+    require_picture,
+    single_picture,
+    tiling,
+)
 from lfpipe.scene.layouts.stereo import are_a_pair
 from lfpipe.scene.source import Layout, SceneSource, Turn
 from lfpipe.scene.video import USUAL_RATE_HZ, Video
@@ -30,10 +39,7 @@ def _detect_quilt(listing: Listing) -> int | None:
 
 
 def _has_tiles(path: Path) -> bool:
-    try:
-        return find_tiles(read_picture(path)[0], f"{path.parent.name}/{path.stem}") is not None
-    except UserError:
-        return False
+    return find_tiles(read_picture(path)[0], f"{path.parent.name}/{path.stem}") is not None
 
 
 def _detect_mosaic(listing: Listing) -> int | None:
@@ -55,21 +61,18 @@ def _is_video(listing: Listing) -> bool:
 
 
 def _describe_picture(layout: str, listing: Listing, scene: config.Scene) -> SceneSource:
-    path = single_picture(listing)
-    if path is None:
-        raise UserError(f"{listing.path}: contains {len(listing.pictures())} pictures; a {layout} is one", "give one picture")
+    path = require_picture(listing)
     return _source(layout, listing, scene, [path], *_pictures([path]))
 
 
 def _pictures(paths: list[Path]) -> tuple[Callable[[int], NDArray[Any]], int]:
     """Pictures by frame number, and their full value. Raises UserError if they differ in size."""
-    headers = [open_header(path) for path in paths]
-    first, *others = (f"{header.width_px}x{header.height_px}" for header in headers)
-    for path, size in zip(paths[1:], others, strict=True):
-        if size != first:
-            what = f"{path}: {size} px, {paths[0].name} has {first}"
+    first = open_header(paths[0])
+    for path in paths[1:]:
+        if (size := open_header(path).size) != first.size:
+            what = f"{path}: {size}, {paths[0].name} has {first.size}"
             raise UserError(what, "all frames of a light-field video must have the same size")
-    return last_picture(lambda frame: read_picture(paths[frame], headers[frame])[0]), headers[0].max_value
+    return last_picture(lambda frame: read_picture(paths[frame])[0]), first.max_value
 
 
 def _source(
