@@ -13,7 +13,7 @@ import numpy as np
 import psutil
 import pytest
 
-from lfpipe.host import PORTABLE, shared_memory
+from lfpipe.host import PORTABLE, segment
 from lfpipe.track import models
 from tests.world import World, write_scene
 from tests.xvfb_screen import Screen, x_server
@@ -89,7 +89,7 @@ def world(tmp_path: Path) -> Iterator[World]:
     yield made
     made.end()
     for name in made.segments():
-        shared_memory.unlink(name)
+        segment.unlink(name)
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +102,7 @@ def live(tmp_path_factory: pytest.TempPathFactory, scene: Path) -> Iterator[Worl
     yield made
     made.end()
     for name in made.segments():
-        shared_memory.unlink(name)
+        segment.unlink(name)
 
 
 @pytest.fixture(scope="session")

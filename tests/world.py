@@ -17,7 +17,8 @@ import cv2
 import numpy as np
 import zmq
 
-from lfpipe.transport import control, segment
+from lfpipe.host import segment
+from lfpipe.transport import control
 
 
 def write_scene(folder: Path, rows: int = 3, cols: int = 3, size: tuple[int, int] = (48, 64)) -> Path:

@@ -7,6 +7,7 @@ import importlib.metadata
 import json
 import platform
 import re
+import shutil
 import sys
 import zipfile
 from pathlib import Path
@@ -18,7 +19,7 @@ from lfpipe.capture.camera_list import CameraDevice, asking, cameras
 from lfpipe.config.user_files import commented
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import reason
-from lfpipe.host import shared_memory as memory
+from lfpipe.host import segment
 from lfpipe.host.files import is_missing
 from lfpipe.host.machine import versions
 from lfpipe.host.processes import usable_cores
@@ -163,13 +164,14 @@ def camera(device: CameraDevice) -> Check:
 
 def shared_memory(need_bytes: int = SHM_NEED_BYTES) -> Check:
     """Free shared memory for the rings."""
-    remedy = memory.more_room(need_bytes)
+    remedy = segment.more_room(need_bytes)
     try:
-        free, total = memory.room()
+        usage = shutil.disk_usage(segment.SHM_DIR)
     except OSError as error:
-        return Check("shm", False, f"{memory.SHM_DIR}: {error.strerror}", remedy)
-    ok = free >= need_bytes
-    return Check("shm", ok, f"{memory.SHM_DIR}: {free / 1e6:.0f} MB free of {total / 1e6:.0f} MB", "" if ok else remedy)
+        return Check("shm", False, f"{segment.SHM_DIR}: {error.strerror}", remedy)
+    ok = usage.free >= need_bytes
+    room = f"{segment.SHM_DIR}: {usage.free / 1e6:.0f} MB free of {usage.total / 1e6:.0f} MB"
+    return Check("shm", ok, room, "" if ok else remedy)
 
 
 def leftovers() -> Check:

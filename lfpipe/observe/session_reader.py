@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
 from lfpipe.host.processes import rss_bytes
+from lfpipe.host.segment import WrongSegment
 from lfpipe.supervisor.process_table import SHOWN_BY
 from lfpipe.supervisor.rundir import find
 from lfpipe.supervisor.snapshot import snapshot
 from lfpipe.transport import control
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.histogram import MIDDLES_US
-from lfpipe.transport.segment import WrongSegment
 from lfpipe.transport.session import Session
 from lfpipe.transport.status import Table
 

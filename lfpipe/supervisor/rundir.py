@@ -1,7 +1,7 @@
 """The run directory: one session owns and locks it while it lives. Any process of the user may sweep one without an owner.
 
 A lock ends with its process. A sweep unlinks shared memory only if it belongs to this user and its session is dead
-(`transport.segment`).
+(`host.segment`).
 """
 
 import contextlib
@@ -16,10 +16,10 @@ from pathlib import Path
 import zmq
 
 from lfpipe.errors import UserError
-from lfpipe.host import file_lock, processes, shared_memory
+from lfpipe.host import file_lock, processes, segment
 from lfpipe.host.file_lock import Lock
 from lfpipe.host.files import is_dir, is_missing
-from lfpipe.transport import control, segment, status
+from lfpipe.transport import control, status
 from lfpipe.transport.session import PREFIX, Session, base_dir
 
 ATTEMPTS, PAUSE_S = 30, 0.01  # to take a lock: a process that sweeps or lists sessions holds one briefly
@@ -138,7 +138,7 @@ def _unlink_memory(session: Session) -> bool:
     end_s = time.monotonic() + ENDING_S
     while True:
         for name, _ in segment.abandoned(session.segment("")):
-            shared_memory.unlink(name)
+            segment.unlink(name)
         if not segment.owned(session.segment("")):
             return True
         if time.monotonic() > end_s:
@@ -196,7 +196,7 @@ def sweep() -> list[str]:
         if run_dir.is_absolute() and is_missing(run_dir):
             _resume_stages(name)
             with contextlib.suppress(OSError):
-                shared_memory.unlink(name)
+                segment.unlink(name)
     return swept
 
 

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 
 from lfpipe.config import Config
 from lfpipe.host import wake
+from lfpipe.host.segment import Segment
 from lfpipe.supervisor.process_table import STAGES, consumers, rings
 from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport import control, ring, status
 from lfpipe.transport.ring import RingSpec
-from lfpipe.transport.segment import Segment
 from lfpipe.transport.session import Session
 
 

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import SessionOptions
-from lfpipe.host import shared_memory
+from lfpipe.host.files import is_missing
+from lfpipe.host.segment import SHM_DIR
 from lfpipe.transport import ring
 from lfpipe.transport.ring import Stamp
 from lfpipe.transport.session import Session
@@ -64,7 +65,6 @@ class PacketInput:
     def __init__(self, session: Session, part: str) -> None:
         self._name = session.segment(part)
         self._ring = ring.Reader(self._name)
-        self._identity = shared_memory.identity(self._name)
         self._ring.last_seq = 0  # the packet of our first frame may already be there
         self._at = (-1, -1)
         self._data: bytes | None = None
@@ -81,11 +81,8 @@ class PacketInput:
 
     @property
     def ended(self) -> bool:
-        """Whether the ring has been removed: later frames have no packets."""
-        try:
-            return shared_memory.identity(self._name) != self._identity
-        except FileNotFoundError:
-            return True
+        """Whether the ring has been removed: later frames have no packets. Its name is never used again."""
+        return is_missing(SHM_DIR / self._name)
 
     def close(self) -> None:
         """Unmaps the ring."""

@@ -37,10 +37,10 @@ import attrs
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from lfpipe.host import segment
 from lfpipe.host.machine import fence
-from lfpipe.transport import segment
+from lfpipe.host.segment import Segment
 from lfpipe.transport.clock import now_ns
-from lfpipe.transport.segment import Segment
 
 MAGIC = b"LFRING1\0"
 PAGE = 4096
@@ -105,7 +105,7 @@ def create(name: str, spec: RingSpec, run_dir: Path | None = None) -> Segment:
         raise ValueError(f"ring {name}: {spec.slots} slots (3 or more), {len(description)} bytes of description (a page or less)")
     fence()  # refuses a machine without fences here, before the first process starts
     memory = segment.create(name, spec.size_bytes, run_dir)
-    buffer = segment.buffer(memory)
+    buffer = memory.buf
     head = np.frombuffer(buffer, "<i8", 5)
     head[1:] = spec.slots, spec.stride, spec.payload_bytes, len(description)
     buffer[DESCRIPTION : DESCRIPTION + len(description)] = description
@@ -127,8 +127,8 @@ class _Ring:
     def __init__(self, name: str, writable: bool) -> None:
         self.name = name
         self._memory = segment.attach(name)
-        segment.check(self._memory, MAGIC, "ring", PAGE)
-        buffer = segment.buffer(self._memory) if writable else segment.buffer(self._memory).toreadonly()
+        self._memory.check(MAGIC, "ring", PAGE)
+        buffer = self._memory.buf if writable else self._memory.buf.toreadonly()
         self.slots, stride, _, length = (int(v) for v in np.frombuffer(buffer, "<i8", 4, 8))
         described = json.loads(bytes(buffer[DESCRIPTION : DESCRIPTION + length]))
         self.shape: tuple[int, ...] = tuple(described["shape"])

@@ -8,7 +8,7 @@ from pathlib import Path
 import attrs
 
 from lfpipe.errors import UserError
-from lfpipe.transport import segment
+from lfpipe.host import segment
 
 PREFIX = f"lfpipe-{os.getuid()}-"  # of run directories, to separate users
 LONGEST_PART = 13  # characters of a ring's name in the name of its segment

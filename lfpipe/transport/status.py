@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.transport import segment
+from lfpipe.host import segment
+from lfpipe.host.segment import Segment
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.histogram import HISTOGRAM, Histogram
-from lfpipe.transport.segment import Segment
 
 RECENT = 64  # completion stamps kept for the rate
 RINGS = 8  # rings that a session may have
@@ -92,7 +92,7 @@ def create(name: str, rows: list[str], run_dir: Path | None = None) -> Segment:
     """An empty table with one named row per process, at most PAGE_ROWS, for the session of run_dir. The caller keeps and unlinks
     the segment. Raises UserError as `segment.create` does."""
     memory = segment.create(name, SIZE_BYTES, run_dir)
-    buffer = segment.buffer(memory)
+    buffer = memory.buf
     table = np.frombuffer(buffer, ROW, PAGE_ROWS, HEAD)
     table["name"][: len(rows)] = [row.encode() for row in rows]
     np.frombuffer(buffer, "<i8", 1, len(MAGIC))[0] = LAYOUT
@@ -108,8 +108,8 @@ class Table:
 
     def __init__(self, name: str, writable: bool = False) -> None:
         self._memory = segment.attach(name)
-        segment.check(self._memory, MAGIC + LAYOUT.to_bytes(8, "little"), "status table", SIZE_BYTES)
-        buffer = segment.buffer(self._memory) if writable else segment.buffer(self._memory).toreadonly()
+        self._memory.check(MAGIC + LAYOUT.to_bytes(8, "little"), "status table", SIZE_BYTES)
+        buffer = self._memory.buf if writable else self._memory.buf.toreadonly()
         table: NDArray[np.void] = np.frombuffer(buffer, ROW, PAGE_ROWS, HEAD)
         self.session: NDArray[np.void] = np.frombuffer(buffer, SESSION, 1, HEAD + table.nbytes).reshape(())
         self.rows: dict[str, NDArray[np.void]] = {

@@ -48,7 +48,7 @@ def usable(made: Config) -> None:
 @example(sets={"screen.monitor": 2**64}, live=False)
 @example(sets={"camera.source": "\udcff"}, live=False)
 @example(sets={"render.alpha_px": 10**400}, live=True)
-@example(sets={"camera.source": "\U0001f600 a\"b\\c 日本"}, live=False)
+@example(sets={"camera.source": '\U0001f600 a"b\\c 日本'}, live=False)
 @given(sets=st.dictionaries(NAMES | st.integers(), SHAPES, max_size=4), live=st.booleans())
 def test_a_change_is_taken_whole_or_refused(sets: dict[str, Any], live: bool) -> None:
     before = Config()

@@ -12,9 +12,9 @@ import pytest
 import zmq
 
 from lfpipe.errors import UserError
+from lfpipe.host.segment import SHM_DIR
 from lfpipe.supervisor import rundir
 from lfpipe.transport import control
-from lfpipe.transport.segment import SHM_DIR
 from lfpipe.transport.session import PREFIX, Session
 from tests.world import World
 

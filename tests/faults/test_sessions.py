@@ -56,7 +56,7 @@ import os, sys
 from lfpipe import config
 from lfpipe.supervisor import rundir
 from lfpipe.supervisor.session_store import SessionMemory
-from lfpipe.transport import segment
+from lfpipe.host import segment
 from lfpipe.transport.session import Session
 session = Session(sys.argv[1])
 for _ in range(12):

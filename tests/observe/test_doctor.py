@@ -62,7 +62,7 @@ def test_sdl_names_its_driver_or_what_is_missing(monkeypatch: pytest.MonkeyPatch
 def test_shared_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert doctor.shared_memory(1).ok
     full = doctor.shared_memory(1 << 62)
-    monkeypatch.setattr(doctor.memory, "SHM_DIR", tmp_path / "gone")
+    monkeypatch.setattr(doctor.segment, "SHM_DIR", tmp_path / "gone")
     for check in (full, doctor.shared_memory()):
         assert not check.ok and "shm-size" in check.remedy
 

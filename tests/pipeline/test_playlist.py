@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from lfpipe import config
-from lfpipe.host import shared_memory
+from lfpipe.host import segment
 from lfpipe.scene.packer import playlist
 from lfpipe.transport import control
 from tests.web.server import served
@@ -35,7 +35,7 @@ def listed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
     yield made
     made.end()
     for name in made.segments():
-        shared_memory.unlink(name)
+        segment.unlink(name)
 
 
 def shown(world: World) -> tuple[int, int]:

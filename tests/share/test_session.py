@@ -14,7 +14,7 @@ import numpy as np
 import psutil
 import pytest
 
-from lfpipe.host import shared_memory
+from lfpipe.host import segment
 from tests.share.receivers import OpentrackReceiver, free_port, lsl_environment, osc_server, wait_for
 from tests.share.xdf import write_xdf
 from tests.world import World
@@ -62,7 +62,7 @@ def sharing(tmp_path_factory: pytest.TempPathFactory, scene: Path) -> Iterator[S
             opentrack.close()
             world.end()
             for name in world.segments():
-                shared_memory.unlink(name)
+                segment.unlink(name)
 
 
 def test_opentrack_gets_the_pose_in_its_layout(sharing: Sharing) -> None:

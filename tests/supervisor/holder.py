@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from lfpipe.host.shared_memory import SHM_DIR
+from lfpipe.host.segment import SHM_DIR
 
 ROOT = Path(__file__).parents[2]
 

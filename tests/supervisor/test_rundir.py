@@ -62,7 +62,7 @@ def strange(base: Path, name: str) -> Iterator[list[Path]]:
 
 LOOK = """
 from lfpipe.supervisor import rundir
-from lfpipe.transport import segment
+from lfpipe.host import segment
 import sys
 print(rundir.running(), rundir.find(sys.argv[1]).name)
 rundir.sweep()

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from lfpipe.host.segment import SHM_DIR
 from lfpipe.supervisor import rundir
-from lfpipe.transport.segment import SHM_DIR
 from lfpipe.transport.session import PREFIX, Session
 from tests.supervisor.holder import Holder, gone, holding, inodes
 

@@ -9,10 +9,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from lfpipe.config import SessionOptions
+from lfpipe.host.segment import Segment
 from lfpipe.transport import ring
 from lfpipe.transport.packet_ring import PacketInput, PacketOutput, packet_dtype
 from lfpipe.transport.ring import RingSpec, Stamp
-from lfpipe.transport.segment import Segment
 from lfpipe.transport.session import Session
 
 MOST_BYTES, SLOTS, MANY = 64, 6, 100

@@ -18,8 +18,8 @@ from hypothesis import strategies as st
 
 from lfpipe.errors import UserError
 from lfpipe.eyes import EYES
-from lfpipe.host import shared_memory
-from lfpipe.transport import ring, segment
+from lfpipe.host import segment
+from lfpipe.transport import ring
 from lfpipe.transport.ring import Reader, RingSpec, Writer
 
 SPAWN = multiprocessing.get_context("spawn")
@@ -262,7 +262,7 @@ def test_no_room_is_a_clear_error_and_leaves_nothing(name: str) -> None:
     size = shutil.disk_usage(segment.SHM_DIR).total * 2
     with pytest.raises(UserError, match=r"MB free of .* needs") as error:
         segment.create(name, size)
-    assert shared_memory.more_room(size).split(",")[0] in error.value.remedy
+    assert segment.more_room(size).split(",")[0] in error.value.remedy
     assert not (segment.SHM_DIR / name).exists()
 
 

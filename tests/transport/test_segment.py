@@ -12,9 +12,8 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from lfpipe.host import shared_memory
+from lfpipe.host import segment
 from lfpipe.supervisor import rundir
-from lfpipe.transport import segment
 from lfpipe.transport.session import Session
 
 PAGE = segment.PAGE
@@ -25,11 +24,11 @@ def prefix() -> Iterator[str]:
     """Of names that are removed afterwards."""
     made = f"{segment.PREFIX}{time.monotonic_ns() % 10**12:012d}-"
     yield made
-    for name in sorted(entry.name for entry in shared_memory.SHM_DIR.glob(f"{made}*")):
-        shared_memory.unlink(name)
+    for name in sorted(entry.name for entry in segment.SHM_DIR.glob(f"{made}*")):
+        segment.unlink(name)
 
 
-def page(path: bytes, length: int | None = None, magic: bytes = getattr(shared_memory, "MAGIC", b"")) -> bytes:
+def page(path: bytes, length: int | None = None, magic: bytes = segment.MAGIC) -> bytes:
     return (magic + (len(path) if length is None else length).to_bytes(8, "little", signed=True) + path)[:PAGE].ljust(PAGE, b"\0")
 
 
@@ -51,7 +50,7 @@ def page(path: bytes, length: int | None = None, magic: bytes = getattr(shared_m
 @example(last=page(b"", 2**62), pages=1)
 def test_whatever_a_file_says_of_itself_nothing_fails(prefix: str, base: Path, last: bytes, pages: int) -> None:
     """And what does not bear the mark is there afterwards."""
-    path = shared_memory.SHM_DIR / f"{prefix}x"
+    path = segment.SHM_DIR / f"{prefix}x"
     path.write_bytes(bytes(pages * PAGE) + last)
     marked = path.name in segment.owned()
     assert marked == (path.name in dict(segment.abandoned(prefix)))
@@ -96,7 +95,7 @@ def test_a_segment_lives_as_long_as_the_process_that_made_it(prefix: str) -> Non
 
 def test_unlink_removes_that_segment_and_no_other_of_its_name(prefix: str) -> None:
     first = segment.create(f"{prefix}x", 100)
-    shared_memory.unlink(f"{prefix}x")
+    segment.unlink(f"{prefix}x")
     second = segment.create(f"{prefix}x", 100)
     with pytest.raises(FileNotFoundError):
         first.unlink()
@@ -109,7 +108,7 @@ def test_unlink_removes_that_segment_and_no_other_of_its_name(prefix: str) -> No
 
 MAKE = """
 import sys
-from lfpipe.transport import segment
+from lfpipe.host import segment
 print(flush=True)
 for k in range(10**9):
     made = segment.create(f"{sys.argv[1]}{k % 20}", 10000)
@@ -130,15 +129,15 @@ def test_a_process_killed_at_any_moment_leaves_whole_segments_only(prefix: str) 
         time.sleep(0.01 + 0.0037 * k)
         maker.send_signal(signal.SIGKILL)
         maker.communicate()
-    found = sorted(entry.name for entry in shared_memory.SHM_DIR.glob(f"{prefix}*"))
+    found = sorted(entry.name for entry in segment.SHM_DIR.glob(f"{prefix}*"))
     assert found and found == sorted(segment.owned(prefix)) == sorted(name for name, _ in segment.abandoned(prefix))
     for name, _ in segment.abandoned(prefix):
-        shared_memory.unlink(name)
-    assert not sorted(entry.name for entry in shared_memory.SHM_DIR.glob(f"{prefix}*"))
+        segment.unlink(name)
+    assert not sorted(entry.name for entry in segment.SHM_DIR.glob(f"{prefix}*"))
 
 
 def test_no_process_is_started_and_nothing_is_written_for_a_segment(prefix: str) -> None:
     """Python's tracker would be one, and has something to say of what its process left."""
-    script = f"from lfpipe.transport import segment; segment.create('{prefix}x', 100); import os; os._exit(0)"
+    script = f"from lfpipe.host import segment; segment.create('{prefix}x', 100); import os; os._exit(0)"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=Path(__file__).parents[2])
     assert done.returncode == 0 and not done.stderr and segment.owned(prefix)

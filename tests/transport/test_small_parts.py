@@ -10,10 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.errors import UserError
-from lfpipe.transport import control, segment, status
+from lfpipe.host import segment
+from lfpipe.host.segment import WrongSegment
+from lfpipe.transport import control, status
 from lfpipe.transport.clock import Ticker
 from lfpipe.transport.histogram import BUCKETS, HISTOGRAM, Histogram, bucket_of, middle_us, summary_ms
-from lfpipe.transport.segment import WrongSegment
 from lfpipe.transport.status import Row, State, Table
 
 
@@ -117,7 +118,7 @@ def test_what_is_no_status_table_of_this_version_is_named(data: bytes) -> None:
     """Another ring, one made just now, one of another version, one of other fields, anything else, and one that is cut short."""
     name = f"lfp-test-{os.getpid()}"
     memory = segment.create(name, max(len(data), 64))
-    segment.buffer(memory)[: len(data)] = data
+    memory.buf[: len(data)] = data
     try:
         with pytest.raises(WrongSegment) as error:
             Table(name)

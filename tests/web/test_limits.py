@@ -5,8 +5,8 @@ import socket
 from contextlib import ExitStack
 from pathlib import Path
 
+from lfpipe.host.segment import PREFIX
 from lfpipe.observe.web import MAX_STRANGERS, MAX_STREAMS
-from lfpipe.transport.segment import PREFIX
 from tests.web.server import Server, served, until
 from tests.world import World
 
