@@ -46,7 +46,7 @@ class RingInput:
     def __init__(self, spec: StageSpec, name: str, row: status.Row) -> None:
         session, options, self._row = spec.session, spec.options, row
         self.reader = ring.Reader(session.segment(name))
-        self.wake = Wake(session.wake(name, spec.name), reads=True)
+        self.wake = Wake(session.wake(name, spec.name))
         self._credit = Wake(session.credit(name, spec.name)) if options.lossless else None
         self._lock_step = options.lock_step
         self._index = spec.ring_index(name)
@@ -129,7 +129,7 @@ class RingOutput:
         readers = spec.consumers.get(name, [])
         self._wakes = [Wake(session.wake(name, reader)) for reader in readers]
         self._rows = [table.rows[reader] for reader in readers] if options.lossless else []
-        self.credits = [Wake(session.credit(name, reader), reads=True) for reader in readers] if options.lossless else []
+        self.credits = [Wake(session.credit(name, reader)) for reader in readers] if options.lossless else []
 
     def begin(self) -> NDArray[Any]:
         """The slot to fill, in place."""

@@ -1,4 +1,4 @@
-"""What `host` does on every system: both forms of wake-ups, locks that end with their process, descriptors that pass to the next
+"""What `host` does on every system: wake-ups, locks that end with their process, descriptors that pass to the next
 one."""
 
 import multiprocessing
@@ -13,23 +13,19 @@ import zmq
 from lfpipe.host import file_lock, processes, wake
 
 
-@pytest.mark.parametrize("kind", [wake.FifoWake, wake.SocketWake])
-def test_wakes_arrive_also_at_a_restarted_reader(
-    kind: type[wake.FifoWake], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(wake, "PORTABLE", kind is wake.SocketWake)
+def test_wakes_arrive_also_at_a_restarted_reader(tmp_path: Path) -> None:
     path = tmp_path / "wake"
     wake.make(path)
     assert path.stat().st_mode & 0o777 == 0o600
 
-    def wakes(end: wake.FifoWake) -> bool:
+    def wakes(end: wake.Wake) -> bool:
         poller = zmq.Poller()
         poller.register(end.fd, zmq.POLLIN)
         return bool(poller.poll(60_000))
 
-    writer = kind(path)
+    writer = wake.Wake(path)
     writer.notify(1)  # nobody reads yet
-    reader = kind(path, reads=True)
+    reader = wake.Wake(path)
     assert wakes(reader)
     reader.drain()
     for seq in range(1, 20_001):
@@ -38,7 +34,7 @@ def test_wakes_arrive_also_at_a_restarted_reader(
     while reader.drain():
         pass
     reader.close()
-    reader = kind(path, reads=True)
+    reader = wake.Wake(path)
     reader.drain()
     writer.notify(77)
     assert wakes(reader) and reader.drain() == 77
