@@ -9,21 +9,21 @@ import contextlib
 import logging
 import traceback
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import attrs
 import zmq
+from zmq.utils.monitor import parse_monitor_message
 
 from lfpipe.config import SceneSummary
 from lfpipe.errors import UserError
 from lfpipe.host.worker import Worker
 from lfpipe.scene.open_scene import Packing
-from lfpipe.supervisor.file_requests import FileRequest, FileRequests
+from lfpipe.supervisor.file_requests import CHECK_S, FileRequest, FileRequests
 from lfpipe.supervisor.process_table import NAMES, SHOWN_BY
 from lfpipe.supervisor.requests import Reply, respond, respond_checked
-from lfpipe.supervisor.server_limits import Connections, ThrottledSocket
 from lfpipe.supervisor.session_store import SessionStore
 from lfpipe.transport import control
 from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
@@ -37,10 +37,32 @@ logger = logging.getLogger(__name__)
 APPLY_NS = SECOND_NS  # time limit for the stages to apply a change before the answer
 APPLY_POLL_MS = 4  # polling period meanwhile
 ASKED_OFTEN = ("hello", "status", "pictures")  # requests that change nothing
-MAX_ERROR_CHARS = 2000
-CHECK_S = 10.0  # time limit of a check of paths: a network drive or name server may be dead
+MAX_ERROR_CHARS = 2000  # of an answer: parts of the text came from outside
+HANDSHAKE_MS = 2000  # a connection that is silent for longer is closed
+SLICE, SLICE_NS = 32, 20 * MS_NS  # messages per interval and socket: at most 15 % of a core
 INTERNAL = {"ok": False, "error": "internal error", "remedy": "the session continues; please report the stack in its log"}
 REPLACED = {"ok": False, "error": "another scene was requested meanwhile", "remedy": "load it again", "replaced": True}
+
+
+class Connections:
+    """The connections of a socket, from libzmq's events. Create it before the socket is bound. events: for a poller. open: file
+    descriptors, as ZMQ_SRCFD of a message names them."""
+
+    def __init__(self, socket: zmq.Socket[bytes]) -> None:
+        self.open: set[int] = set()
+        self._socket = socket
+        socket.setsockopt(zmq.HANDSHAKE_IVL, HANDSHAKE_MS)
+        self.events = socket.get_monitor_socket(zmq.EVENT_ACCEPTED | zmq.EVENT_DISCONNECTED)
+
+    def update(self) -> None:
+        """Processes the events since the last call."""
+        while self.events.poll(0):
+            event = parse_monitor_message(self.events.recv_multipart())
+            (self.open.add if event["event"] == zmq.EVENT_ACCEPTED else self.open.discard)(event["value"])
+
+    def close(self) -> None:
+        """Ends the events; does not close the socket."""
+        self._socket.disable_monitor()
 
 
 @attrs.define
@@ -54,40 +76,51 @@ class _Waiting:
 
 
 class ControlServer:
-    """ctl, bus and tap of a session, bound in its run directory. live: the session itself. Raises UserError if a socket cannot be
-    bound."""
+    """ctl, bus and tap of a session, bound in its run directory. live: the session itself. packing: the packer of its first
+    scene, while it works on the disparity. Raises UserError if a socket cannot be bound."""
 
-    def __init__(self, ctx: zmq.Context[zmq.Socket[bytes]], session: Session, store: SessionStore, live: LiveSession) -> None:
+    def __init__(
+        self,
+        ctx: zmq.Context[zmq.Socket[bytes]],
+        session: Session,
+        store: SessionStore,
+        live: LiveSession,
+        packing: Packing | None,
+    ) -> None:
         self._store, self._live = store, live
         self._ctl, self._bus, self._tap = (ctx.socket(kind) for kind in (zmq.ROUTER, zmq.PULL, zmq.XPUB))
         self._ctl.setsockopt(zmq.ROUTER_HANDOVER, 1)  # a restarted stage reconnects under its old name
-        self._clients = Connections(self._ctl)
+        self._connections = Connections(self._ctl)
         for name, socket in {"ctl": self._ctl, "bus": self._bus, "tap": self._tap}.items():
             control.limit(socket)
             control.bind(socket, session.run_dir, name)
-        self._requests, self._telemetry = ThrottledSocket(self._ctl), ThrottledSocket(self._bus)
+        self._rests_until_ns = 0
         self._waiting: deque[_Waiting] = deque()  # by revision, so by time as well
         self._files = FileRequests(self._report_step)
+        if packing is not None:
+            self._files.running.append(FileRequest(b"", {"cmd": "load"}, packing, shown=True))
 
     def close(self) -> None:
-        """Ends the running checks and closes the sockets."""
-        self._files.close()
-        self._clients.close()
+        """Ends the running children and closes the sockets."""
+        self._files.end(*self._files.running)
+        self._connections.close()
         for socket in (self._ctl, self._bus, self._tap):
             socket.close()
 
     def register(self, poller: zmq.Poller) -> None:
         """Registers what should wake the supervisor now."""
-        for intake in (self._requests, self._telemetry):
-            if not intake.rest_ns():
-                poller.register(intake.socket, zmq.POLLIN)
-        for source in (self._clients.events, *self._files.fds):
+        sockets = () if self._rest_ns() else (self._ctl, self._bus)
+        for source in (*sockets, self._connections.events, *self._files.fds):
             poller.register(source, zmq.POLLIN)
+
+    def _rest_ns(self) -> int:
+        """Time until more messages may be read."""
+        return max(0, self._rests_until_ns - now_ns())
 
     def wait_ms(self, most_ms: int) -> int:
         """How long the supervisor may sleep, at most most_ms, unless a registered descriptor wakes it."""
-        rests = [intake.rest_ns() // MS_NS + 1 for intake in (self._requests, self._telemetry) if intake.rest_ns()]
-        return min([most_ms, *rests, *([APPLY_POLL_MS] if self._waiting else [])])
+        rest_ns = self._rest_ns()
+        return min(most_ms, rest_ns // MS_NS + 1 if rest_ns else most_ms, APPLY_POLL_MS if self._waiting else most_ms)
 
     def send(self, stage: str, message: bytes) -> None:
         """Sends an encoded message to one stage. It is lost if the stage is not connected; the stage will send hello later."""
@@ -109,54 +142,56 @@ class ControlServer:
 
     def serve(self) -> None:
         """Processes arrived messages, within its share of time."""
-        for (client, *parts), connection in self._requests.messages():
-            self._guard(client, partial(self._take, client, parts, connection))
-        for parts, _ in self._telemetry.messages():
-            self._guard(None, partial(self._pass_on, parts))
+        if not self._rest_ns():
+            for (client, *parts), connection in self._arrived(self._ctl):
+                self._guard(client, partial(self._take, client, parts, connection))
+            for parts, _ in self._arrived(self._bus):
+                self._guard(None, partial(self._pass_on, parts))
         while self._tap.poll(0):
             self._tap.recv()  # discard subscription messages, which would accumulate
         # After the messages: one from a new connection may have the number of a connection whose end is not processed yet.
-        self._clients.update()
-        self._files.cancel_abandoned(self._clients.open)
-        for request in self._files.serve():
-            self._guard(request.client or None, partial(self._served, request))
+        self._connections.update()
+        for request in self._files.update(self._connections.open):
+            if request in self._files.running:  # else the one before has replaced it
+                self._guard(request.client or None, partial(self._served, request))
         self.flush()
         self._answer_applied()
+
+    def _arrived(self, socket: zmq.Socket[bytes]) -> Iterator[tuple[list[bytes], int]]:
+        """At most SLICE messages, each with the file descriptor of its connection. After so many, the sockets rest: a flood
+        delays neither frames nor other clients, whom ZeroMQ serves in turn, and waits in its senders."""
+        for _ in range(SLICE):
+            if not socket.poll(0):
+                return
+            frames = socket.recv_multipart(copy=False)
+            yield [frame.bytes for frame in frames], int(frames[0].get(zmq.SRCFD))
+        self._rests_until_ns = now_ns() + SLICE_NS
 
     def _report_step(self, news: dict[str, Any]) -> None:
         """Tells the stage that shows pictures how far a scene is loaded, whoever asked for it; step "" is the end."""
         self.send(SHOWN_BY, control.encode({"cmd": "loading", **news}))
 
-    def follow(self, packing: Packing) -> None:
-        """Goes on with the packer of the scene that the session begins with."""
-        self._files.add(FileRequest(b"", {"cmd": "load"}, packing, shown=True))
-
     def _served(self, request: FileRequest) -> None:
         """Carries out a request whose child has news."""
-        worker = request.worker
-        if not worker.done:
-            assert isinstance(worker, Packing) and worker.views is not None
+        client, state = request.client, self._store.state
+        if not request.worker.done and request.views is not None:
+            result = request.views
             self._files.end_shown()
-            request.shown = True
-            result = attrs.asdict(worker.views)
+            request.shown, request.client = True, b""
         else:
             try:
-                result = worker.result()
+                result = request.worker.result()
             finally:
                 self._files.end(request)
+            if request.shown:  # the packer has finished the scene on the screen: the stages open its pack again
+                scene = SceneSummary(**result)
+                if state.options.scene is not None and state.options.scene.pack == scene.pack:
+                    logger.info("%s: disparity is complete, method %s", scene.name, scene.method)
+                    self._store.apply(state.loaded(scene))
+                return
             if request.message["cmd"] == "load":
-                if request.shown:
-                    self._completed(SceneSummary(**result))
-                    return
                 self._files.end_shown()
-        self._carry_out(request.client, request.message, respond_checked(self._store.state, request.message, result, now_ns()))
-
-    def _completed(self, scene: SceneSummary) -> None:
-        """The packer has finished the scene on the screen: the stages open its pack again."""
-        state = self._store.state
-        if state.options.scene is not None and state.options.scene.pack == scene.pack:
-            logger.info("%s: disparity is complete, method %s", scene.name, scene.method)
-            self._store.apply(state.loaded(scene))
+        self._carry_out(client, request.message, respond_checked(state, request.message, result, now_ns()))
 
     def refuse_waiting(self, why: str) -> None:
         """Answers every client that waits for a change: it was rolled back."""
@@ -168,9 +203,9 @@ class ControlServer:
         try:
             handle()
         except BadMessage as error:
-            answer = {"ok": False, "error": str(error)}
+            answer = {"ok": False, "error": str(error)[:MAX_ERROR_CHARS]}
         except UserError as error:
-            answer = {"ok": False, "error": error.message, "remedy": error.remedy}
+            answer = {"ok": False, "error": error.message[:MAX_ERROR_CHARS], "remedy": error.remedy[:MAX_ERROR_CHARS]}
         except Exception:
             self._live.log(f"internal error while handling a message; the session continues\n{traceback.format_exc()}")
             answer = INTERNAL
@@ -193,16 +228,16 @@ class ControlServer:
         """Starts the child that a request waits for. A load replaces the one that is under way."""
         worker: Worker
         if check["check"] == "scene":
-            for request in self._files.running("load"):
+            for request in self._files.unanswered("load"):
                 self._files.end(request)
                 self._answer(request.client, REPLACED)
             settings = attrs.evolve(self._store.state.config.scene, **check["settings"])
             worker = Packing([check["path"]], settings, remember=True)
-        elif self._files.running(message["cmd"]):
+        elif self._files.unanswered(message["cmd"]):
             raise UserError(f"another {message['cmd']} is running", "wait until it is done")
         else:
-            worker = Worker("lfpipe.supervisor.file_check", check, check["path"], CHECK_S)
-        self._files.add(FileRequest(client, message, worker, connection))
+            worker = Worker("lfpipe.supervisor.file_requests", check, check["path"], CHECK_S)
+        self._files.running.append(FileRequest(client, message, worker, connection))
 
     def _carry_out(self, client: bytes, message: dict[str, Any], reply: Reply, connection: int = -1) -> None:
         """Carries out a reply, and answers now or when it is done."""
@@ -233,9 +268,8 @@ class ControlServer:
             self._answer(waiting.client, {**waiting.answer, "applied": done})
 
     def _answer(self, client: bytes, message: dict[str, Any]) -> None:
-        short = {key: _shortened(value) for key, value in message.items()} if not message["ok"] else message
         try:
-            data = control.encode({"rev": self._store.state.rev, **short})
+            data = control.encode({"rev": self._store.state.rev, **message})
         except BadMessage as error:
             data = control.encode({"rev": self._store.state.rev, "ok": False, "error": f"the answer cannot be sent: {error}"})
         with contextlib.suppress(zmq.ZMQError):  # a client that has disconnected or does not read
@@ -248,8 +282,3 @@ class ControlServer:
             message = control.decode(parts[0])
             self._tap.send(parts[0], zmq.NOBLOCK)
             self._live.report(message)
-
-
-def _shortened(value: object) -> object:
-    """Limits a text to the size of an answer: parts of it came from outside."""
-    return value if not isinstance(value, str) or len(value) <= MAX_ERROR_CHARS else f"{value[:MAX_ERROR_CHARS]} ..."

@@ -5,6 +5,8 @@ works little. Half a second of lag lowers the quality by one level; five seconds
 lost again at once is tried less and less often.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping, Sequence
 
 import attrs
@@ -34,63 +36,63 @@ Rows = Mapping[str, NDArray[np.void]]
 
 @attrs.frozen
 class Load:
-    """A stage's work since the previous sample. done: completed outputs. missed: outputs that were due but never made."""
+    """A stage's work within span_s. done: completed outputs. missed: outputs that were due but never made."""
 
-    done: int
-    missed: int
-    busy_ns: int
+    done: int = 0
+    missed: int = 0
+    busy_ns: int = 0
+    span_s: float = 0.0
+
+    def plus(self, more: Load) -> Load:
+        """The work of both spans."""
+        return Load(*(mine + theirs for mine, theirs in zip(attrs.astuple(self), attrs.astuple(more), strict=True)))
+
+    @property
+    def share(self) -> float:
+        """Of the time spent working."""
+        return self.busy_ns / 1e9 / max(self.span_s, 1e-9)
 
 
 @attrs.frozen
 class Step:
-    """A change of level by one. stage: the lagging one, "" when raising. load: its work while it lagged, over span_s."""
+    """A change of level by one. stage: the lagging one, "" when raising. load: its work while it lagged."""
 
     level: int
     stage: str = ""
-    load: Load = Load(0, 0, 0)
-    span_s: float = 0.0
+    load: Load = Load()
 
     @property
     def reason(self) -> str:
         """Why the level changed, for people."""
+        load = self.load
         if not self.stage:
             return "CPU is free again"
-        load = self.load
         if load.missed:
-            return f"{self.stage} missed {load.missed} of {load.done + load.missed} in {self.span_s:.1f} s"
-        return f"{self.stage} is busy {100 * load.busy_ns / 1e9 / max(self.span_s, 1e-9):.0f} % of its time"
+            return f"{self.stage} missed {load.missed} of {load.done + load.missed} in {load.span_s:.1f} s"
+        return f"{self.stage} is busy {100 * load.share:.0f} % of its time"
 
 
 @attrs.define
 class _Stage:
-    lag_s: float = 0.0
-    since_s: float = 0.0  # since it last made or missed something
-    busy_ns: int = 0  # within the same time
-    done: int = 0  # these three: while the stage has lagged
-    missed: int = 0
-    spent_ns: int = 0
-    span_s: float = 0.0
+    """silent: the work since it last made or missed something. lag_s: how long it has lagged, lagging: its work meanwhile."""
 
-    def take(self, load: Load, dt_s: float) -> bool | None:
+    silent: Load = Load()
+    lag_s: float = 0.0
+    lagging: Load = Load()
+
+    def take(self, sample: Load) -> bool | None:
         """Adds a sample; returns whether there was room, None if unknown."""
-        self.since_s += dt_s
-        self.busy_ns += load.busy_ns
+        load = self.silent.plus(sample)
         due = load.done + load.missed
+        self.silent = Load() if due else load
         if not due:
-            return None if self.since_s > SILENT_S else True
-        span_s, busy_ns = self.since_s, self.busy_ns
-        self.since_s, self.busy_ns = 0.0, 0
-        share = busy_ns / 1e9 / span_s
-        if load.missed > LATE_SHARE * due or share > FULL_SHARE:
-            self.lag_s += min(span_s, HICCUP_S)
+            return None if load.span_s > SILENT_S else True
+        if load.missed > LATE_SHARE * due or load.share > FULL_SHARE:
+            self.lag_s += min(load.span_s, HICCUP_S)
         else:
-            self.lag_s = max(0.0, self.lag_s - FORGET * span_s)
-        if not self.lag_s:
-            self.done, self.missed, self.spent_ns, self.span_s = 0, 0, 0, 0.0
-        else:
-            self.done, self.missed, self.spent_ns = self.done + load.done, self.missed + load.missed, self.spent_ns + busy_ns
-            self.span_s += span_s
-        return load.missed == 0 and share < ROOM_SHARE
+            self.lag_s = max(0.0, self.lag_s - FORGET * load.span_s)
+        self.lagging = self.lagging.plus(load) if self.lag_s else Load()
+        return load.missed == 0 and load.share < ROOM_SHARE
 
 
 class Governor:
@@ -118,37 +120,26 @@ class Governor:
             self.forget()
             self._t_ns = t_ns
             return None
-        rooms = [self._stages.setdefault(name, _Stage()).take(load, dt_s) for name, load in loads.items()]
+        rooms = [self._stages.setdefault(name, _Stage()).take(attrs.evolve(load, span_s=dt_s)) for name, load in loads.items()]
         if False in rooms:
             self._room_s = max(0.0, self._room_s - SPOILT * dt_s)
         elif rooms and None not in rooms:
             self._room_s += dt_s
-        if self.level < len(self._relieves):
-            lagging = [name for name in self._relieves[self.level] if name in self._stages]
-            worst = max(lagging, key=lambda name: self._stages[name].lag_s, default="")
-            if worst and self._stages[worst].lag_s >= LAG_S:
-                return self._down(t_ns, worst)
+        relieved = self._relieves[self.level] if self.level < len(self._relieves) else ()
+        worst = max((name for name in relieved if name in self._stages), key=lambda name: self._stages[name].lag_s, default="")
+        if worst and self._stages[worst].lag_s >= LAG_S:
+            failed = self._raised_ns is not None and (t_ns - self._raised_ns) / 1e9 < 2 * self._hold_s
+            self._hold_s, self._raised_ns = min(2 * self._hold_s, LONGEST_S) if failed else ROOM_S, None
+            return self._step(Step(self.level + 1, worst, self._stages[worst].lagging))
         if self.level and self._room_s >= self._hold_s:
-            return self._up(t_ns)
+            self._raised_ns = t_ns
+            return self._step(Step(self.level - 1))
         return None
 
-    def _down(self, t_ns: int, name: str) -> Step:
-        stage = self._stages[name]
-        failed = self._raised_ns is not None and (t_ns - self._raised_ns) / 1e9 < 2 * self._hold_s
-        self._hold_s = min(2 * self._hold_s, LONGEST_S) if failed else ROOM_S
-        self._raised_ns = None
-        self.level += 1
-        step = Step(self.level, name, Load(stage.done, stage.missed, stage.spent_ns), stage.span_s)
+    def _step(self, step: Step) -> Step:
+        self.level, self._room_s = step.level, 0.0
         self._stages.clear()
-        self._room_s = 0.0
         return step
-
-    def _up(self, t_ns: int) -> Step:
-        self.level -= 1
-        self._raised_ns = t_ns
-        self._stages.clear()
-        self._room_s = 0.0
-        return Step(self.level)
 
 
 class QualityControl:
@@ -175,7 +166,9 @@ class QualityControl:
             self._before.clear()
             return None
         on_camera = state.config.render.clock == "camera" and state.options.tracking
-        counts = {name: _counts(row, name == SHOWN_BY and not on_camera) for name, row in used.items()}
+        # on a display's clock, only refreshes count as missed, not the eyes skipped between two refreshes
+        missed = {name: "missed" if name == SHOWN_BY and not on_camera else "drops" for name in used}
+        counts = {name: (int(row["seq"]), int(row[missed[name]]), int(row["busy_ns"])) for name, row in used.items()}
         before, self._before = self._before, counts
         loads = {name: Load(*np.subtract(now, before.get(name, now)).tolist()) for name, now in counts.items()}
         return self._governor.update(t_ns, loads)
@@ -192,9 +185,3 @@ class QualityControl:
         cores = {name: set(self._cores(name)) for name in CORE}
         alone = [name for name, of in cores.items() if of and cores[stage] and not of & cores[stage]]
         return frozenset(CORE).difference(alone)
-
-
-def _counts(row: NDArray[np.void], on_display: bool) -> tuple[int, int, int]:
-    """Completed outputs, missed outputs, ns of work, so far. For a display's clock, only refreshes count as missed, not the eyes
-    skipped between two refreshes."""
-    return int(row["seq"]), int(row["missed" if on_display else "drops"]), int(row["busy_ns"])

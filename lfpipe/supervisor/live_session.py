@@ -23,7 +23,7 @@ from lfpipe.supervisor.control_server import ControlServer
 from lfpipe.supervisor.governor import QualityControl
 from lfpipe.supervisor.process_table import SOURCE, STAGES, Stage
 from lfpipe.supervisor.session_state import ConfigRollback, SessionState
-from lfpipe.supervisor.session_store import SessionMemory, SessionStore
+from lfpipe.supervisor.session_store import SessionStore
 from lfpipe.supervisor.snapshot import snapshot as take_snapshot
 from lfpipe.supervisor.stage_process import MAX_FAILURES, MAX_RESTARTS_WINDOW_S, StageProcess, StageProcesses
 from lfpipe.transport import control
@@ -71,18 +71,14 @@ class LiveSession:
         self._parallax: list[str] = []  # last reported
         self._quality = QualityControl(lambda name: self._cpus.get(name, ()))
         with contextlib.ExitStack() as steps:  # each step runs, even if another one raises
-            self._memory = SessionMemory(session, state.config)
-            steps.callback(self._memory.remove)
             self._store = SessionStore(session, state)
             steps.callback(self._store.close)
             self._show_level()
             self._started_ns = now_ns()
             self._write_about()
-            self.stages = StageProcesses(session, self._memory.table, self._spec, self._ask_to_stop)
-            self._server = ControlServer(ctx, session, self._store, self)
+            self.stages = StageProcesses(session, self._store.table, self._spec, self._ask_to_stop)
+            self._server = ControlServer(ctx, session, self._store, self, packing)
             steps.callback(self._server.close)
-            if packing is not None:
-                self._server.follow(packing)
             steps.callback(self.stages.close)
             steps.callback(self.stages.stop, self.log)  # returns at once if they have ended
             self._end_steps = steps.pop_all()
@@ -170,7 +166,7 @@ class LiveSession:
         state = self._rollback.watch(state, self.applied(state.rev), self.stages.outputs(state.options), t_ns)
         if state.options.pictures and t_ns > state.pictures_until_ns:
             state = state.without_pictures()
-        step = self._quality.sample(state, self._memory.table.rows, t_ns)
+        step = self._quality.sample(state, self._store.table.rows, t_ns)
         if step is not None:
             state = state.with_level(step.level)
         if state is not self._state:
@@ -226,7 +222,7 @@ class LiveSession:
         for process in self.stages if self._state.options.lossless else ():
             if (died_of := process.died_of()) and outcome.failure is None:
                 outcome = Outcome(f"{process.stage.name} could not end", *died_of, user_error=True, final=outcome.final)
-        lost = sum(int(row["lost_outputs"]) for row in self._memory.table.rows.values())
+        lost = sum(int(row["lost_outputs"]) for row in self._store.table.rows.values())
         if lost and outcome.failure is None:
             files = "a file of the session is" if lost == 1 else f"{lost} files of the session are"
             outcome.failure = f"{outcome.reason}, but {files} incomplete"
@@ -237,7 +233,7 @@ class LiveSession:
 
     def snapshot(self) -> dict[str, Any]:
         """The figures of the stages."""
-        return take_snapshot(self._session.name, self._memory.table.rows, self._memory.table.session, self._started_ns)
+        return take_snapshot(self._session.name, self._store.table.rows, self._store.table.session, self._started_ns)
 
     def applied(self, rev: int) -> bool:
         """Whether every stage has applied revision rev."""
@@ -270,5 +266,5 @@ class LiveSession:
 
     def _show_level(self) -> None:
         """For monitors, which read the table."""
-        level, row = self._state.level, self._memory.table.session
+        level, row = self._state.level, self._store.table.session
         row["level"], row["lowest"], row["words"] = level.number, len(self._state.levels) - 1, level.words.encode()

@@ -1,6 +1,6 @@
 """The requests of a session on ctl. Each handler is a pure function of state and request; it returns a reply or refuses.
 
-Requests that name files come in two steps: `respond` asks for a check by a child process (`file_check`), `respond_checked`
+Requests that name files come in two steps: `respond` asks for a check by a child process (`file_requests`), `respond_checked`
 processes its result; for a scene, that child is the packer. A refusal is a BadMessage (not a request at all) or a UserError (with
 a remedy); either changes nothing.
 """
@@ -25,9 +25,9 @@ LEASE_S, MAX_LEASE_S = 5.0, 60.0  # of the ring of pictures
 
 @attrs.frozen
 class Reply:
-    """answer: sent back. state: to apply; if it is a new revision, the answer waits until the stages have applied it.
-    broadcast: a message for every stage. check: a request for `file_check`, whose result gives the real reply. with_stages:
-    add the figures of the stages to the answer. stop: the session ends.
+    """answer: sent back. state: to apply; if it is a new revision, the answer waits until the stages have applied it. broadcast:
+    a message for every stage. check: a request for `file_requests`, whose result gives the real reply. with_stages: the answer
+    gets the figures of the stages. stop: the session ends.
     """
 
     answer: dict[str, Any] = attrs.field(factory=dict)

@@ -2,9 +2,8 @@
 
 import contextlib
 import gc
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
-from lfpipe.config import Config
 from lfpipe.host import wake
 from lfpipe.host.segment import Segment
 from lfpipe.supervisor.process_table import STAGES, consumers, rings
@@ -20,40 +19,28 @@ def _remove(memory: Segment) -> None:
     memory.close()
 
 
-class SessionMemory:
-    """The segments and FIFOs that every session with this configuration has. table: the status table; drop all references to its
-    rows before `remove`.
+class SessionStore:
+    """state: the current state; its rings exist, with the FIFOs that wake their readers. table: the status table; drop all
+    references to its rows before `close`.
 
     Raises UserError if memory is short, OSError if no FIFO can be created; then nothing is left behind.
     """
-
-    def __init__(self, session: Session, config: Config) -> None:
-        with contextlib.ExitStack() as undo:
-            undo.callback(_remove, status.create(session.segment("status"), [stage.name for stage in STAGES], session.run_dir))
-            for name, spec in rings(config).items():
-                undo.callback(_remove, ring.create(session.segment(name), spec, session.run_dir))
-            for name, readers in consumers().items():
-                for reader in readers:
-                    wake.make(session.wake(name, reader))
-                    wake.make(session.credit(name, reader))
-            self.table = status.Table(session.segment("status"), writable=True)
-            self._segments = undo.pop_all()
-
-    def remove(self) -> None:
-        """Unlinks every segment; the FIFOs are removed with the run directory."""
-        gc.collect()  # frames of an exception may still reference rows of the table
-        self.table.close()
-        self._segments.close()
-
-
-class SessionStore:
-    """state: the current state; its rings on demand exist. Raises UserError if memory is short."""
 
     def __init__(self, session: Session, state: SessionState) -> None:
         self.state, self._session = state, session
         self._unsent: bytes | None = None
         self._rings: dict[str, Segment] = {}
-        self._make(state.rings())
+        with contextlib.ExitStack() as undo:
+            undo.callback(_remove, status.create(session.segment("status"), [stage.name for stage in STAGES], session.run_dir))
+            undo.callback(self._keep, ())
+            self._make(rings(state.config))
+            self._make(state.rings())
+            for name, readers in consumers().items():
+                for reader in readers:
+                    wake.make(session.wake(name, reader))
+                    wake.make(session.credit(name, reader))
+            self.table = status.Table(session.segment("status"), writable=True)
+            self._memory = undo.pop_all()
 
     def apply(self, state: SessionState) -> None:
         """Stores a state; `take_message` returns a new revision for the stages.
@@ -61,24 +48,23 @@ class SessionStore:
         Raises UserError if memory is short, BadMessage if the stages could not read it; then nothing has changed.
         """
         message = control.encode(state.message()) if state.rev != self.state.rev else self._unsent
-        rings = state.rings()
-        self._make(rings)
+        self._make(state.rings())
         self.state, self._unsent = state, message
-        self._keep(rings)
+        self._keep(rings(state.config).keys() | state.rings().keys())
 
-    def _make(self, rings: Mapping[str, RingSpec]) -> None:
+    def _make(self, specs: Mapping[str, RingSpec]) -> None:
         """Creates rings that do not exist yet: all, or none and a UserError if memory is short."""
-        with contextlib.ExitStack() as undo:
-            new: dict[str, Segment] = {}
-            for name in rings.keys() - self._rings.keys():
-                new[name] = ring.create(self._session.segment(name), rings[name], self._session.run_dir)
-                undo.callback(_remove, new[name])
-            undo.pop_all()
-        self._rings |= new
+        before = set(self._rings)
+        try:
+            for name in specs.keys() - before:
+                self._rings[name] = ring.create(self._session.segment(name), specs[name], self._session.run_dir)
+        except BaseException:
+            self._keep(before)
+            raise
 
-    def _keep(self, rings: Mapping[str, RingSpec]) -> None:
+    def _keep(self, names: Collection[str]) -> None:
         """Removes the other rings; existing mappings stay valid."""
-        for name in self._rings.keys() - rings.keys():
+        for name in self._rings.keys() - names:
             _remove(self._rings.pop(name))
 
     def take_message(self) -> bytes | None:
@@ -88,5 +74,7 @@ class SessionStore:
         return message
 
     def close(self) -> None:
-        """Removes the rings."""
-        self._keep({})
+        """Unlinks every segment; the FIFOs are removed with the run directory."""
+        gc.collect()  # frames of an exception may still reference rows of the table
+        self.table.close()
+        self._memory.close()

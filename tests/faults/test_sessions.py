@@ -55,20 +55,22 @@ BEGIN_AND_END = """
 import os, sys
 from lfpipe import config
 from lfpipe.supervisor import rundir
-from lfpipe.supervisor.session_store import SessionMemory
+from lfpipe.supervisor.session_state import SessionState
+from lfpipe.supervisor.session_store import SessionStore
 from lfpipe.host import segment
 from lfpipe.transport.session import Session
 session = Session(sys.argv[1])
 for _ in range(12):
     rundir.sweep()
     lock = rundir.acquire(session)
-    memory = SessionMemory(session, config.Config(camera=config.Camera(width_px=160, height_px=120)))
+    small = config.Config(camera=config.Camera(width_px=160, height_px=120))
+    memory = SessionStore(session, SessionState.first(small, config.SessionOptions()))
     assert lock.in_place() and session.name in rundir.running()
     memory.table.rows["render"]["pid"] = os.getpid()
     again = segment.attach(session.segment("status"))
     assert os.getpid().to_bytes(4, "little") in bytes(again.buf), "the memory is another session's"
     again.close()
-    memory.remove()
+    memory.close()
     rundir.release(session, lock)
 """
 

@@ -76,7 +76,8 @@ def main() -> int:
     from lfpipe import config
     from lfpipe.errors import UserError
     from lfpipe.supervisor import rundir
-    from lfpipe.supervisor.session_store import SessionMemory
+    from lfpipe.supervisor.session_state import SessionState
+    from lfpipe.supervisor.session_store import SessionStore
     from lfpipe.transport.session import Session
 
     try:
@@ -86,10 +87,10 @@ def main() -> int:
             lock = rundir.acquire(session)
         try:
             with rundir.filled(session):
-                memory = SessionMemory(session, config.Config())
+                memory = SessionStore(session, SessionState.first(config.Config(), config.SessionOptions()))
             print("ready", *(session.segment(part) for part in ("status", "frames", "eyes")), flush=True)
             sys.stdin.readline()
-            memory.remove()
+            memory.close()
         finally:
             rundir.release(session, lock)
     except UserError as error:

@@ -9,7 +9,8 @@ import pytest
 from lfpipe.config import Config, SessionOptions
 from lfpipe.host.wake import Wake
 from lfpipe.supervisor.process_table import SOURCE, consumers
-from lfpipe.supervisor.session_store import SessionMemory
+from lfpipe.supervisor.session_state import SessionState
+from lfpipe.supervisor.session_store import SessionStore
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.context import Context, StageSpec
 from lfpipe.transport.session import Session
@@ -21,9 +22,9 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Session
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     made = Session(f"c{secrets.token_hex(4)}")
     made.run_dir.mkdir(mode=0o700)
-    memory = SessionMemory(made, Config())
+    memory = SessionStore(made, SessionState.first(Config(), SessionOptions()))
     yield made
-    memory.remove()
+    memory.close()
 
 
 pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # mappings go with the process
