@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import functools
 import multiprocessing
 import os
 import signal
@@ -12,10 +11,7 @@ import threading
 from collections.abc import Sequence
 from multiprocessing import connection, reduction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    import psutil
+from typing import Any
 
 PR_SET_PDEATHSIG, PR_SET_TIMERSLACK = 1, 29  # linux/prctl.h
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # malloc.h
@@ -28,16 +24,13 @@ def _libc(function: str, *arguments: int) -> None:
         getattr(ctypes.CDLL(None), function)(*arguments)
 
 
-def usable_cores() -> list[int]:
-    """The cores that this process may run on."""
-    return sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else list(range(os.cpu_count() or 1))
-
-
-def cores_of(pid: int) -> list[int]:
-    """Cores that a process may run on; none if it is gone."""
+def usable_cores(pid: int = 0) -> list[int]:
+    """The cores that a process, by default this one, may run on; none if it is gone."""
+    if not hasattr(os, "sched_getaffinity"):  # macOS places processes itself
+        return list(range(os.cpu_count() or 1))
     try:
-        return sorted(os.sched_getaffinity(pid)) if pid > 0 else []
-    except (OSError, AttributeError):  # macOS places processes itself
+        return sorted(os.sched_getaffinity(pid))
+    except OSError:
         return []
 
 
@@ -89,19 +82,12 @@ def resume_stage(pid: int) -> None:
             os.kill(pid, signal.SIGCONT)
 
 
-@functools.lru_cache(64)
-def _process(pid: int) -> psutil.Process:  # creating it takes longer than the query itself
-    import psutil  # only for monitors: a stage starts faster without it
-
-    return psutil.Process(pid)
-
-
 def _ask(pid: int, question: str) -> Any:
     """The answer of one of psutil's methods, None if the process is gone."""
-    import psutil
+    import psutil  # only for monitors: a stage starts faster without it
 
     try:
-        return getattr(_process(pid), question)()
+        return getattr(psutil.Process(pid), question)()
     except (psutil.Error, ValueError):
         return None
 

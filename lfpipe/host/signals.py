@@ -1,15 +1,13 @@
 """Signals: those of a terminal to all its processes, which only the supervisor handles, and those between processes."""
 
 import contextlib
-import faulthandler
-import os
 import signal
 from collections.abc import Callable, Iterator
 from multiprocessing import resource_tracker
 from types import FrameType
-from typing import IO, Any
+from typing import Any
 
-END, KILL = signal.SIGTERM, signal.SIGKILL
+END, KILL, LEAVE_STACK = signal.SIGTERM, signal.SIGKILL, signal.SIGUSR1
 SENT_TWICE = (signal.SIGHUP,)  # the shell and the kernel both send it
 TERMINAL = (signal.SIGINT, signal.SIGHUP, signal.SIGQUIT)  # Ctrl-C, the window closed, Ctrl-\\
 
@@ -50,13 +48,3 @@ def handled(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
     finally:
         for signum, earlier in before.items():
             signal.signal(signum, earlier)
-
-
-def leave_stack_on_request(file: IO[str]) -> None:
-    """Makes this process write the stacks of its threads to file when `ask_for_stack` is called with its pid."""
-    faulthandler.register(signal.SIGUSR1, file)
-
-
-def ask_for_stack(pid: int) -> None:
-    """Requests the stacks of a process. Raises OSError if it is gone."""
-    os.kill(pid, signal.SIGUSR1)

@@ -38,24 +38,12 @@ class Keyboard:
             termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
 
 
-class _Forgiving(io.RawIOBase):
-    """Writes to a descriptor; drops output that it does not accept instead of raising."""
-
-    def __init__(self, fd: int) -> None:
-        self._fd = fd
-
-    def writable(self) -> bool:
-        return True
-
-    def fileno(self) -> int:
-        return self._fd
-
-    def isatty(self) -> bool:
-        return os.isatty(self._fd)
+class _Forgiving(io.FileIO):
+    """Drops output that its descriptor does not accept instead of raising."""
 
     def write(self, data: Any) -> int:
         try:
-            return os.write(self._fd, data)
+            return os.write(self.fileno(), data)
         except OSError:  # EIO: the terminal is closed; EPIPE: the reader has ended; ENOSPC: the disk is full
             return len(data)
 
@@ -80,7 +68,8 @@ def protect_output(*names: str) -> None:
             stream.flush()
             encoding, errors = stream.encoding, stream.errors or "strict"
         lines = name == "stderr" or os.isatty(fd)
-        setattr(sys, name, io.TextIOWrapper(io.BufferedWriter(_Forgiving(fd)), encoding, errors, line_buffering=lines))
+        forgiving = io.BufferedWriter(_Forgiving(fd, "w", closefd=False))
+        setattr(sys, name, io.TextIOWrapper(forgiving, encoding, errors, line_buffering=lines))
 
 
 @contextlib.contextmanager

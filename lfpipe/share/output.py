@@ -14,13 +14,13 @@ described as XDF recommends for streams of type Gaze (github.com/sccn/xdf/wiki/G
 import math
 import socket
 import struct
-import threading
 import time
 from typing import Any
 
 import attrs
+import numpy as np
+from numpy.typing import NDArray
 
-from lfpipe.host.processes import yield_to_others
 from lfpipe.host.terminal import quiet_stderr
 from lfpipe.share.head import Head
 from lfpipe.share.target import Target
@@ -40,16 +40,6 @@ class Sample:
     t_ns: int
     head: Head | None
     confidence: float = 0.0
-
-
-@attrs.frozen
-class Shown:
-    """A shown picture: its time of presentation, and the viewpoint (row, col) of each eye."""
-
-    source_seq: int
-    t_presented_ns: int
-    left: tuple[float, float]
-    right: tuple[float, float]
 
 
 def opentrack_datagram(sample: Sample) -> bytes:
@@ -144,20 +134,9 @@ class LslOutput:
     def __init__(self, target: Target, session: str, rate_hz: float, pictures: bool) -> None:
         self._offset_s = clock_offset_s()
         self._face, self._marked_ns = False, 0
-        self._outlets: dict[str, Any] = {}
         names = [name for name in STREAMS if pictures or name != "pictures"]
-
-        def open_streams() -> None:
-            yield_to_others()  # liblsl's threads inherit it: many receivers do not delay a picture
-            with quiet_stderr():  # liblsl prints a greeting
-                for name in names:
-                    self._outlets[name] = self._outlet(target, name, session, rate_hz)
-
-        opener = threading.Thread(target=open_streams, name="lsl")
-        opener.start()
-        opener.join()
-        if len(self._outlets) != len(names):
-            raise OSError(0, "liblsl opened no stream")
+        with quiet_stderr():  # liblsl prints a greeting
+            self._outlets = {name: self._outlet(target, name, session, rate_hz) for name in names}
 
     def _outlet(self, target: Target, stream: str, session: str, rate_hz: float) -> Any:
         import pylsl
@@ -202,10 +181,10 @@ class LslOutput:
         self._marked_ns = t_ns
         self._outlets["markers"].push_sample([marker], self._lsl_s(t_ns))
 
-    def show(self, shown: Shown) -> None:
-        """Sends one sample of NAME-pictures."""
+    def show(self, source_seq: int, record: NDArray[np.void]) -> None:
+        """Sends one sample of NAME-pictures, of a record of dtype SHOWN."""
         if outlet := self._outlets.get("pictures"):
-            outlet.push_sample([float(shown.source_seq), *shown.left, *shown.right], self._lsl_s(shown.t_presented_ns))
+            outlet.push_sample([float(source_seq), *record["view"].ravel()], self._lsl_s(int(record["t_presented_ns"])))
 
     def close(self) -> None:
         self._outlets.clear()

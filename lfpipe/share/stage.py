@@ -12,8 +12,9 @@ import attrs
 import numpy as np
 
 from lfpipe.eyes import EYES, SHOWN
+from lfpipe.host.processes import yield_to_others
 from lfpipe.share.head import LOST_NS, HeadEstimator
-from lfpipe.share.output import LslOutput, Sample, Shown, UdpOutput
+from lfpipe.share.output import LslOutput, Sample, UdpOutput
 from lfpipe.share.target import Target, parse_target
 from lfpipe.transport.clock import Ticker, now_ns
 from lfpipe.transport.context import Context
@@ -58,11 +59,12 @@ class Sharer:
         context, target, options = self._context, parse_target(text), self._context.options
         try:
             with context.busy_with(f"opening {target.kind}"):
-                output: UdpOutput | LslOutput = (
-                    LslOutput(target, context.spec.session.name, options.source_hz, options.show)
-                    if target.kind == "lsl"
-                    else UdpOutput(target)
-                )
+                output: UdpOutput | LslOutput
+                if target.kind == "lsl":
+                    yield_to_others()  # liblsl's threads inherit it: many receivers do not delay a picture
+                    output = LslOutput(target, context.spec.session.name, options.source_hz, options.show)
+                else:
+                    output = UdpOutput(target)
         except (OSError, ImportError, RuntimeError) as error:
             context.emit("notice", text=f"sharing with {target}: cannot be opened: {error}; nothing is sent there")
             context.request("share", stop=[text])
@@ -112,12 +114,9 @@ class Sharer:
     def send_pictures(self) -> None:
         """Sends the stamps of shown pictures."""
         while (stamp := self._shown.take(self._picture, in_order=True)) is not None:
-            (left_row, left_col), (right_row, right_col) = self._picture["view"].tolist()
-            t_presented_ns = int(self._picture["t_presented_ns"])
-            shown = Shown(stamp.source_seq, t_presented_ns, (left_row, left_col), (right_row, right_col))
             for channel in self._channels.values():
                 if isinstance(channel.output, LslOutput):
-                    channel.output.show(shown)
+                    channel.output.show(stamp.source_seq, self._picture)
 
     def close(self) -> None:
         """Closes all targets."""

@@ -46,7 +46,7 @@ def run(spec: StageSpec, parent_pid: int, kept: processes.HandedOver | None = No
     run_dir = spec.session.run_dir
     stack = stack_file(run_dir, spec.name).open("w")
     faulthandler.enable(stack)
-    signals.leave_stack_on_request(stack)
+    faulthandler.register(signals.LEAVE_STACK, stack)
     log.set_up()
     with log.kept_in(run_dir):
         _run_stage(spec, parent_pid, run_dir, stack)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.host.processes import cores_of
+from lfpipe.host.processes import usable_cores
 from lfpipe.render.presence import ViewerState
 from lfpipe.supervisor.process_table import CORE, SHOWN_BY, SOURCE
 from lfpipe.transport.clock import now_ns
@@ -47,7 +47,7 @@ def _stage(row: NDArray[np.void]) -> dict[str, Any]:
         "count": int(row["seq"]),
         "cpu_s": round(int(row["cpu_ns"]) / 1e9, 2),
         "face": bool(row["face"]),
-        "cpus": cores_of(int(row["pid"])),
+        "cpus": usable_cores(pid) if (pid := int(row["pid"])) else [],
     }
 
 

@@ -128,8 +128,7 @@ class StageProcess:
 
     def kill_hung(self) -> str:
         """Kills a hung process, once, and returns its stack. On a stalled machine its end may take long."""
-        if self.process is not None and self.process.pid is not None:
-            signals.ask_for_stack(self.process.pid)
+        self.signal(signals.LEAVE_STACK)
         time.sleep(0.05)
         stack = self.last_stack()
         self.signal(signals.KILL)
@@ -159,7 +158,7 @@ class StageProcess:
         return message, remedy
 
     def signal(self, signum: int) -> None:
-        """Sends END or KILL of `host.signals` if there is a process to take it."""
+        """Sends one of `host.signals` if there is a process to take it."""
         if self.process is not None and self.process.pid is not None:
             os.kill(self.process.pid, signum)
 
