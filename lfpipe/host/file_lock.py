@@ -1,4 +1,4 @@
-"""Locks on files and folders; the kernel drops them when their process ends (`flock`)."""
+"""Locks on files; the kernel drops them when their process ends (`flock`)."""
 
 import contextlib
 import fcntl
@@ -7,9 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from lfpipe.host.files import is_dir
-
-_SAFE, _FOLDER = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, os.O_DIRECTORY | os.O_CLOEXEC
+_SAFE = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
 _PAUSE_S, _REPORT_S = 0.01, 1.0  # between attempts; between reports to a person
 
 
@@ -23,13 +21,13 @@ def lock_open(fd: int, shared: bool = False) -> bool:
 
 
 class Lock:
-    """A lock that this process holds on the file or folder at path. fd: open and locked; closed by this object."""
+    """A lock that this process holds on the file at path. fd: open and locked; closed by this object."""
 
     def __init__(self, path: Path, fd: int) -> None:
         self._path, self._fd = path, fd
 
     def in_place(self) -> bool:
-        """Whether the locked file or folder is still at its path. True if the path cannot be examined."""
+        """Whether the locked file is still at its path. True if the path cannot be examined."""
         try:
             return os.path.samestat(self._path.lstat(), os.fstat(self._fd))
         except (FileNotFoundError, NotADirectoryError):
@@ -44,12 +42,10 @@ class Lock:
             os.close(fd)
 
 
-def take(path: Path, shared: bool = False, mode: int = 0o600) -> Lock | None:
-    """Locks path without waiting: a folder, or a file, made with that mode if missing. None if another process holds a
-    conflicting lock. Raises OSError.
-    """
-    fd = os.open(path, os.O_RDONLY | _FOLDER) if is_dir(path) else os.open(path, os.O_RDWR | os.O_CREAT | _SAFE, mode)
-    if lock_open(fd, shared):
+def take(path: Path) -> Lock | None:
+    """Locks the file at path, created if missing, without waiting; None if another process holds a lock. Raises OSError."""
+    fd = os.open(path, os.O_RDWR | os.O_CREAT | _SAFE, 0o600)
+    if lock_open(fd):
         return Lock(path, fd)
     os.close(fd)
     return None

@@ -163,7 +163,7 @@ def sweep(scene: config.Scene) -> int:
     """Removes leftovers of killed packers and index entries without a pack; returns the number removed."""
     root, removed = cache_dir(scene), 0
     for left in (root / "scenes").glob(".*.*"):
-        if (lock := file_lock.take(root / "locks" / left.name.split(".")[1], mode=0o666)) is not None:
+        if (lock := file_lock.take(root / "locks" / left.name.split(".")[1])) is not None:
             shutil.rmtree(left, ignore_errors=True)
             lock.release()
             removed += 1

@@ -9,7 +9,7 @@ import sys
 import traceback
 from pathlib import Path
 from types import FrameType
-from typing import NoReturn, TextIO
+from typing import Literal, NoReturn, TextIO
 
 from lfpipe import log
 from lfpipe.errors import UserError
@@ -24,14 +24,9 @@ EXIT_USER = 2  # a user's mistake: a restart cannot help
 EXIT_TERMINATED = 128 + signal.SIGTERM
 
 
-def error_file(run_dir: Path, stage: str) -> Path:
-    """The file in which a stage leaves its error."""
-    return run_dir / f"error.{stage}"
-
-
-def stack_file(run_dir: Path, stage: str) -> Path:
-    """The file for the last stack of a stage that hangs (on SIGUSR1), fails or crashes."""
-    return run_dir / f"stack.{stage}"
+def left_file(run_dir: Path, what: Literal["error", "stack"], stage: str) -> Path:
+    """The file in which a stage leaves a user's mistake, or its stack when it hangs (on SIGUSR1), fails or crashes."""
+    return run_dir / f"{what}.{stage}"
 
 
 def run(spec: StageSpec, parent_pid: int, kept: processes.HandedOver | None = None) -> None:
@@ -44,7 +39,7 @@ def run(spec: StageSpec, parent_pid: int, kept: processes.HandedOver | None = No
         return
     processes.set_up(f"lfpipe-{spec.name}")
     run_dir = spec.session.run_dir
-    stack = stack_file(run_dir, spec.name).open("w")
+    stack = left_file(run_dir, "stack", spec.name).open("w")
     faulthandler.enable(stack)
     faulthandler.register(signals.LEAVE_STACK, stack)
     log.set_up()
@@ -71,7 +66,7 @@ def _run_stage(spec: StageSpec, parent_pid: int, run_dir: Path, stack: TextIO) -
         importlib.import_module(spec.module).main(context)
     except UserError as error:
         logger.info("%s: %s", spec.name, error)
-        error_file(run_dir, spec.name).write_text(f"{error.message}\n{error.remedy}")
+        left_file(run_dir, "error", spec.name).write_text(f"{error.message}\n{error.remedy}")
         code = EXIT_USER
     except Exception:
         logger.exception("%s failed", spec.name)

@@ -18,7 +18,7 @@ import zmq
 from lfpipe.errors import UserError
 from lfpipe.host import file_lock, processes, segment
 from lfpipe.host.file_lock import Lock
-from lfpipe.host.files import is_dir, is_missing
+from lfpipe.host.files import is_missing
 from lfpipe.transport import control, status
 from lfpipe.transport.session import PREFIX, Session, base_dir
 
@@ -58,8 +58,6 @@ def take_lock(path: Path, make: bool = False) -> Lock | None:
         if make:
             _make_directory(path.parent)
         try:
-            if is_dir(path):
-                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
             lock = file_lock.take(path)
         except FileNotFoundError:
             if make:

@@ -68,7 +68,6 @@ def snapshot(session: str, rows: Mapping[str, NDArray[np.void]], quality: NDArra
     stages = {name: _stage(row) for name, row in rows.items() if name in CORE or row["state"] != State.NONE}
     source, display = rows[SOURCE], rows[SHOWN_BY]
     level, words, planned = int(quality["level"]), quality["words"].item().decode(errors="replace"), int(display["planned"])
-    age, horizon = (summary_ms(display[name]) for name in ("age", "horizon"))
     return {
         "session": session,
         "uptime_s": round((now_ns() - started_ns) / 1e9, 2),
@@ -80,12 +79,12 @@ def snapshot(session: str, rows: Mapping[str, NDArray[np.void]], quality: NDArra
         "viewer": ViewerState(int(display["viewer"])).word,
         "notices": list(_notices(source, display, words if level else "")),
         "stages": stages,
-        "end_to_end": {"n": age["n"], **{key: age[key] for key in QUANTILES}},
+        "end_to_end": summary_ms(display["age"]),
         "judder": {
             "planned": planned,
             "juddered": int(display["juddered"]),
             "percent": round(100 * int(display["juddered"]) / planned, 3) if planned else None,
         },
-        "horizon": {"n": horizon["n"], **{key: horizon[key] for key in QUANTILES}},
+        "horizon": summary_ms(display["horizon"]),
         "motion_to_photon": {f"{name}_ms": round(int(display[f"{name}_ns"]) / 1e6, 2) or None for name in ("onset", "steady")},
     }

@@ -7,6 +7,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterator
 from multiprocessing.process import BaseProcess
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +34,7 @@ COMPUTING_SHARE = 0.03  # of the time: more than polling takes, less than a shar
 ASLEEP_S = 1.0  # after such a gap between checks, the supervisor was stopped or starved, probably like the stages
 DRAIN_NS = 2 * SECOND_NS  # time for the stages to finish their work after the source has ended
 STOP_S, TERM_S, KILL_S = 0.9, 3.0, 5.0  # time limits after "stop", after SIGTERM (on a busy machine), after SIGKILL
+LEFT: tuple[Literal["error", "stack"], ...] = ("error", "stack")  # files of a stage that has ended
 PASSES = ((STOP_S, signals.END), (TERM_S, signals.KILL), (KILL_S, None))
 
 
@@ -55,8 +57,8 @@ class StageProcess:
 
     def start(self, spec: StageSpec) -> None:
         """Spawns the process. Only from the main thread: PR_SET_PDEATHSIG is tied to the starting thread."""
-        for path in (child.error_file, child.stack_file):
-            path(self._session.run_dir, self.stage.name).unlink(missing_ok=True)
+        for what in LEFT:
+            child.left_file(self._session.run_dir, what, self.stage.name).unlink(missing_ok=True)
         if self.row["pid"] and self.row["state"] != State.FINISHED:
             self.row["restarts"] += 1
         self._checked_ns = self._awake_ns = now_ns()
@@ -137,8 +139,7 @@ class StageProcess:
 
     def last_stack(self) -> str:
         """The stack that the process left, on request or when it failed; empty if it was killed."""
-        path = child.stack_file(self._session.run_dir, self.stage.name)
-        return path.read_text(errors="replace")[-MAX_STACK:].rstrip() if exists(path) else ""
+        return self._left("stack")[-MAX_STACK:].rstrip()
 
     def failed(self) -> bool:
         """Restart policy: counts a failure and sets the time of the next start; True after too many failures."""
@@ -151,16 +152,17 @@ class StageProcess:
 
     def died_of(self) -> tuple[str, str] | None:
         """(message, remedy) if the stage ended because of a user's mistake."""
-        path = child.error_file(self._session.run_dir, self.stage.name)
-        if not exists(path):
-            return None
-        message, _, remedy = path.read_text().partition("\n")
-        return message, remedy
+        message, _, remedy = self._left("error").partition("\n")
+        return (message, remedy) if message else None
+
+    def _left(self, what: Literal["error", "stack"]) -> str:
+        path = child.left_file(self._session.run_dir, what, self.stage.name)
+        return path.read_text(errors="replace") if exists(path) else ""
 
     def signal(self, signum: int) -> None:
         """Sends one of `host.signals` if there is a process to take it."""
-        if self.process is not None and self.process.pid is not None:
-            os.kill(self.process.pid, signum)
+        if self.process is not None:
+            os.kill(int(self.row["pid"]), signum)
 
 
 class StageProcesses:
