@@ -27,7 +27,6 @@ from lfpipe.plugins import GROUPS, Plugin, plugins
 from lfpipe.render.display import has_display
 from lfpipe.supervisor import rundir
 from lfpipe.track import models
-from lfpipe.transport import segment
 from lfpipe.transport.session import Session
 
 NO_CAMERA = "plug one in, or use --camera demo, or a recording with --camera file:PATH; `lfpipe up --demo` needs none"

@@ -88,9 +88,7 @@ class Synthesiser:
             faded = list(outs[: len(planes)])
         return faded
 
-    def _warp(
-        self, warper: Warper, share: float, planes: list[NDArray[np.uint8]], outs: list[NDArray[np.uint8]]
-    ) -> None:
+    def _warp(self, warper: Warper, share: float, planes: list[NDArray[np.uint8]], outs: list[NDArray[np.uint8]]) -> None:
         """Warps planes of a view as aimed, and adds them in blocks with its share of the views so far. outs: to unpack into,
         after the last view."""
         for band in warper.bands:
