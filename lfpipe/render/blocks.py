@@ -42,17 +42,16 @@ def bands_of(rows: int, row_bytes: int, most_bytes: int = BAND_BYTES) -> list[sl
     return [slice(first, min(first + each, rows)) for first in range(0, rows, each)]
 
 
-def shifted(plane: NDArray[Pixel], dy: int, dx: int, box: Box, out: NDArray[Pixel]) -> NDArray[Pixel]:
+def shifted(plane: NDArray[Pixel], dy: int, dx: int, box: Box) -> NDArray[Pixel]:
     """A box of the picture that shows plane[y + dy, x + dx] at (y, x), the border of the plane repeated outwards: a part of the
-    plane itself, or drawn into out, of the box's size."""
+    plane itself, or a new array."""
     (top, bottom, above, below), (left, right, before, after) = (
         _span(at.start + by, at.stop + by, size) for at, by, size in zip(box, (dy, dx), plane.shape, strict=True)
     )
-    part = plane[top:bottom, left:right]
+    inside = plane[top:bottom, left:right]
     if above or below or before or after:
-        cv2.copyMakeBorder(part, above, below, before, after, cv2.BORDER_REPLICATE, out)
-        return out
-    return part
+        return cv2.copyMakeBorder(inside, above, below, before, after, cv2.BORDER_REPLICATE)  # type: ignore[return-value]
+    return inside
 
 
 def _span(first: int, end: int, size: int) -> tuple[int, int, int, int]:

@@ -34,8 +34,6 @@ class Synthesiser:
         self._warper = Warper(field) if method in WARPS else None
         height, width = field.height_px, field.width_px
         self._whole = slice(0, height), slice(0, width)
-        self._shifted = [np.empty((height, width), np.uint8) for _ in range(4)]
-        self._cross: list[NDArray[np.uint8]] = []  # the cross-fade at pixels of unknown disparity
         self._blocks = Blocks(height, width)
         *self._sums, self._sample = (np.empty((*size_of(height, width), 4), np.uint8) for _ in range(5))
 
@@ -45,7 +43,7 @@ class Synthesiser:
         """One plane for each source, at most four, seen from position.
 
         zero_plane_px: disparity that lies in the plane of the screen. outs: uint8 (height, width) each, to draw into. Returns the
-        planes: an element of outs, or the stored plane itself if that is the picture.
+        planes: an element of outs, the stored plane itself if that is the picture, or a shifted copy.
         """
         views = view_weights(self.method, position, self._rows, self._cols)
         if self._warper is None:
@@ -61,7 +59,12 @@ class Synthesiser:
             self._warper.aim(frame, view, steps, shift)
             total += view.weight
             self._warp(self._warper, view.weight / total, planes, drawn if view is views[-1] else [])
-        self._fade_unknown(self._warper, position, frame, zero_plane_px, shift, sources, drawn)
+        if (unknown := self._warper.unknown(frame, position, shift)) is not None:  # along no disparity: the cross-fade instead
+            box, share = unknown
+            views = view_weights("blend", position, self._rows, self._cols)
+            outs = [np.empty(share.shape, np.uint8) for _ in sources]
+            for out, plane in zip(drawn, self._faded(views, zero_plane_px, sources, outs, box), strict=True):
+                cv2.blendLinear(plane, out[box], share, 1 - share, out[box])
         return drawn
 
     def _faded(
@@ -69,23 +72,19 @@ class Synthesiser:
     ) -> list[NDArray[np.uint8]]:
         """A box of the weighted sum of the stored views, each shifted as a whole to its zero plane. outs: of the box's size."""
         faded: list[NDArray[np.uint8]] = []
-        size = np.s_[: box[0].stop - box[0].start, : box[1].stop - box[1].start]
         total = 0.0
         for view in views:
             total += view.weight
+            share = view.weight / total
             by = round(zero_px * (self._centre[0] - view.row)), round(zero_px * (self._centre[1] - view.col))
             planes = [source(view.row, view.col) for source in sources]
-            if any(by):
-                into = self._shifted if faded else outs
-                planes = [shifted(plane, *by, box, to[size]) for plane, to in zip(planes, into, strict=False)]
-            elif box is not self._whole:
-                planes = [plane[box] for plane in planes]
-            if not faded:
-                faded = planes
-                continue
-            for k, plane in enumerate(planes):
-                cv2.addWeighted(plane, view.weight / total, faded[k], 1 - view.weight / total, 0.0, outs[k])
-            faded = list(outs[: len(planes)])
+            if any(by) or box is not self._whole:
+                planes = [shifted(plane, *by, box) for plane in planes]
+            if faded:
+                for plane, below, out in zip(planes, faded, outs, strict=False):
+                    cv2.addWeighted(plane, share, below, 1 - share, 0.0, out)
+                planes = list(outs[: len(planes)])
+            faded = planes
         return faded
 
     def _warp(self, warper: Warper, share: float, planes: list[NDArray[np.uint8]], outs: list[NDArray[np.uint8]]) -> None:
@@ -104,24 +103,3 @@ class Synthesiser:
                     cv2.addWeighted(sample, share, blocks, 1 - share, 0.0, blocks)
                 if outs:
                     self._blocks.pixels(blocks, outs[k][2 * band.rows.start : 2 * band.rows.stop])
-
-    def _fade_unknown(
-        self,
-        warper: Warper,
-        position: Position,
-        frame: int,
-        zero_plane_px: float,
-        shift: Position,
-        sources: Sequence[Source],
-        drawn: list[NDArray[np.uint8]],
-    ) -> None:
-        """Replaces what was warped along no known disparity by the cross-fade."""
-        unknown = warper.unknown(frame, position, shift)
-        if unknown is None:
-            return
-        box, share = unknown
-        self._cross = self._cross or [np.empty_like(plane) for plane in self._shifted]
-        views = view_weights("blend", position, self._rows, self._cols)
-        faded = self._faded(views, zero_plane_px, sources, [plane[: len(share), : len(share[0])] for plane in self._cross], box)
-        for out, plane in zip(drawn, faded, strict=True):
-            cv2.blendLinear(plane, out[box], share, 1 - share, out[box])

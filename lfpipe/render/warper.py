@@ -4,6 +4,7 @@ import itertools
 import math
 from functools import lru_cache
 
+import attrs
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -16,30 +17,26 @@ CAREFUL_PX = 1.0  # separation of near and far above which hidden parts are hand
 SOFT = 5  # values of disparity over which a cross-fade ramps up
 
 
+Moves = tuple[tuple[float, float], tuple[float, float]]  # along x and y: px per stored unit of disparity, and px in all
+Pair = tuple[NDArray[np.float32], NDArray[np.float32]]  # x, y
+
+
+@attrs.frozen(eq=False)
 class Band:
     """Rows of blocks processed at a time, with their parts of the arrays of a Warper.
 
-    rows: of blocks. whole: at the resolution of the disparity, the disparity in stored units, and its x and y; and the x and y of
-    the blocks. nearest: of `Warper.aim`. coarse, fine: scratch at either resolution.
+    low: the disparity, in stored units. nearest: of `Warper.aim`. index: x and y of each disparity. place: x and y of each block.
+    there: x and y after a displacement. first, second: disparities.
     """
 
-    def __init__(
-        self,
-        rows: slice,
-        same: bool,
-        whole: list[NDArray[np.float32]],
-        nearest: NDArray[np.uint8],
-        coarse: list[NDArray[np.float32]],
-        fine: list[NDArray[np.float32]],
-    ) -> None:
-        low = rows if same else slice(None)
-        self.rows, self.nearest = rows, nearest[low]
-        self.low, low_x, low_y = (array[low] for array in whole[:3])
-        x, y = (array[rows] for array in whole[3:])
-        self.landed, self.again, there_x, there_y = (array[: len(self.low)] for array in coarse)
-        self.fine, sampled_x, sampled_y = (array[: len(x)] for array in fine)
-        self.lookup = (low_x, there_x), (low_y, there_y)
-        self.sampled = (x, sampled_x), (y, sampled_y)
+    rows: slice
+    low: NDArray[np.float32]
+    nearest: NDArray[np.uint8]
+    index: Pair
+    place: Pair
+    there: Pair
+    first: NDArray[np.float32]
+    second: NDArray[np.float32]
 
 
 class Warper:
@@ -54,23 +51,26 @@ class Warper:
         self._unit_px, self._turned = abs(float(field.disparity_scale_px)), field.disparity_scale_px < 0
         self._span_px = field.disparity_max_px - field.disparity_min_px
         rows, cols = size_of(field.height_px, field.width_px)
-        self._same = self._stored.shape[3:] == (rows, cols)
+        if self._stored.shape[3:] != (rows, cols):
+            raise ValueError(f"disparity of {self._stored.shape[3:]} values, not one for each 2x2 pixels: {rows, cols}")
         self._unknown: dict[tuple[int, int, int], Box | None] = {}  # of the maps examined
         self._unknown_cells: dict[tuple[int, int, int], Box | None] = {}
         self._size = field.width_px, field.height_px
-        low = self._stored.shape[3:]
-        self._step = (field.height_px / low[0], field.width_px / low[1])  # px of a view per px of its disparity
-        self._low = np.empty(low, np.float32)
-        self._bytes = np.empty((2, *low), np.uint8)
-        bands = bands_of(rows, 16 * cols) if self._same else [slice(0, rows)]
-        coarse = [np.empty((bands[0].stop, cols) if self._same else low, np.float32) for _ in range(4)]
-        fine = [np.empty((bands[0].stop, cols), np.float32) for _ in range(3)]
-        y, x = np.mgrid[0 : low[0], 0 : low[1]].astype(np.float32)
-        starts = np.ascontiguousarray(x), np.ascontiguousarray(y), *places(field.height_px, field.width_px)
-        self.bands = [Band(rows, self._same, [self._low, *starts], self._bytes[1], coarse, fine) for rows in bands]
+        self._step = (field.height_px / rows, field.width_px / cols)  # px of a view per px of its disparity
+        self._low = np.empty((rows, cols), np.float32)
+        self._bytes = np.empty((2, rows, cols), np.uint8)
+        y, x = (np.ascontiguousarray(axis, np.float32) for axis in np.mgrid[:rows, :cols])
+        place_x, place_y = places(field.height_px, field.width_px)
+        bands = bands_of(rows, 16 * cols)
+        scratch = np.empty((4, bands[0].stop, cols), np.float32)
+        self.bands = []
+        for band in bands:
+            first, second, *there = scratch[:, : band.stop - band.start]
+            low, nearest = self._low[band], self._bytes[1][band]
+            index, place = (x[band], y[band]), (place_x[band], place_y[band])
+            self.bands.append(Band(band, low, nearest, index, place, (there[0], there[1]), first, second))
         self.most_px = 0.0
-        self._moves = (0.0, 0.0), (0.0, 0.0)  # along x and y: px of a view per stored unit, and in all
-        self._move = (0.0, 0.0), (0.0, 0.0)  # the same in px of the disparity
+        self._moves = self._low_moves = (0.0, 0.0), (0.0, 0.0)  # in px of the view, and of its disparity
         self._careful = False  # whether near and far separate enough to hide each other
 
     def offset(self, view: ViewWeight, position: Position) -> Position:
@@ -102,13 +102,13 @@ class Warper:
         self._moves = (right * self._unit_px, shift_x), (down * self._unit_px, shift_y)
         self.most_px = 128 * self._unit_px * abs(down) + abs(shift_y)  # by which a pixel is moved down or up at most
         per_px = self._unit_px / self._step[1], self._unit_px / self._step[0]
-        self._move = (right * per_px[0], shift_x / self._step[1]), (down * per_px[1], shift_y / self._step[0])
+        self._low_moves = (right * per_px[0], shift_x / self._step[1]), (down * per_px[1], shift_y / self._step[0])
         apart_x, apart_y = abs(right) * self._span_px, abs(down) * self._span_px
         self._careful = max(apart_x, apart_y) >= CAREFUL_PX
         if not self._careful:
             return
         reach = (math.ceil(apart_y / self._step[0]), math.ceil(apart_x / self._step[1]))
-        rows, cols = len(self._low), len(self._low[0])
+        rows, cols = self._low.shape
         steps_up, nearest = self._bytes  # a register holds four times as many bytes as floats
         np.bitwise_xor(stored.view(np.uint8), np.uint8(128), out=steps_up)
         if self._turned:
@@ -117,13 +117,21 @@ class Warper:
 
     def maps(self, band: Band) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Maps (x, y), float32 (rows of band, columns) of blocks, that sample the view of `aim`. band: one of `bands`. The maps
-        are for `Blocks.sample`, not to be written to, and valid until the next call."""
-        disparity = self._landing(band)
-        if not self._same:
-            cv2.resize(disparity, band.fine.shape[::-1], band.fine, interpolation=cv2.INTER_LINEAR)
-            disparity = band.fine
-        x, y = self._moves
-        return _moved(disparity, x, *band.sampled[0]), _moved(disparity, y, *band.sampled[1])
+        are for `Blocks.sample`, not to be written to, and valid until the next call.
+
+        They follow the view's disparity at the place where each pixel lands: d(x + d * steps). One iteration of the fixed point
+        from d(x) suffices if little is hidden. If near and far separate by more than CAREFUL_PX, the search starts from the
+        nearest object in reach, so that the front object wins. A point hidden in the view does not converge: it alternates
+        between the front object and the background. The nearer value then samples the background right beside the object.
+        """
+        if self._careful:
+            start = np.subtract(band.nearest, np.float32(128.0), out=band.second)
+            first = self._look_up(band, start, band.first)
+            disparity = self._look_up(band, first, band.second)
+            cv2.max(first, disparity, disparity)
+        else:
+            disparity = self._look_up(band, band.low, band.first)
+        return _moved(disparity, self._moves, band.place, band.there)
 
     def _map(self, frame: int, row: int, col: int) -> tuple[NDArray[np.int8], Box | None]:
         """The stored disparity of a view, and the box that holds what is unknown in it; None if it is known everywhere."""
@@ -175,43 +183,26 @@ class Warper:
         if rows.start >= rows.stop or cols.start >= cols.stop:
             return None
         box = rows, cols
-        out = np.empty((rows.stop - rows.start, cols.stop - cols.start), np.float32)
-        return box, shifted(share, by[0] - first[0], by[1] - first[1], box, out)
-
-    def _landing(self, band: Band) -> NDArray[np.float32]:
-        """The view's disparity, in stored units, at the place where each pixel of a band lands: d(x + d * steps).
-
-        One iteration of the fixed point from d(x) suffices if little is hidden. If near and far separate by more than CAREFUL_PX,
-        the search starts from the nearest object in reach, so that the front object wins. A point hidden in the view does not
-        converge: it alternates between the front object and the background. The nearer value then samples the background right
-        beside the object.
-        """
-        if not self._careful:
-            return self._look_up(band, band.low, band.landed)
-        start = np.subtract(band.nearest, np.float32(128.0), out=band.again)
-        first = self._look_up(band, start, band.landed)
-        second = self._look_up(band, first, band.again)
-        cv2.max(first, second, second)
-        return second
+        return box, shifted(share, by[0] - first[0], by[1] - first[1], box)
 
     def _look_up(self, band: Band, at: NDArray[np.float32], out: NDArray[np.float32]) -> NDArray[np.float32]:
         """The stored disparity at the place where each pixel of a band lands if its own is `at`. The nearest value: a mean of two
         would be neither."""
-        x, y = self._move
-        place = _moved(at, x, *band.lookup[0]), _moved(at, y, *band.lookup[1])
-        cv2.remap(self._low, *place, cv2.INTER_NEAREST, out, borderMode=cv2.BORDER_REPLICATE)
+        x, y = _moved(at, self._low_moves, band.index, band.there)
+        cv2.remap(self._low, x, y, cv2.INTER_NEAREST, out, cv2.BORDER_REPLICATE)
         return out
 
 
-def _moved(
-    disparity: NDArray[np.float32], move: tuple[float, float], start: NDArray[np.float32], out: NDArray[np.float32]
-) -> NDArray[np.float32]:
-    """start + disparity * move[0] + move[1], in out; start itself where nothing moves."""
-    per_unit, shift = move
-    if not per_unit and not shift:
-        return start
-    cv2.scaleAdd(disparity, per_unit, start, out)
-    return np.add(out, shift, out=out) if shift else out  # cv2.add takes 4x1 arrays for scalars
+def _moved(disparity: NDArray[np.float32], moves: Moves, start: Pair, out: Pair) -> Pair:
+    """start + disparity * move[0] + move[1] along x and y, in out; start itself where nothing moves."""
+    moved = list(start)
+    for axis, (per_unit, shift) in enumerate(moves):
+        if per_unit or shift:
+            cv2.scaleAdd(disparity, per_unit, start[axis], out[axis])
+            moved[axis] = out[axis]
+        if shift:
+            np.add(out[axis], shift, out=out[axis])  # cv2.add takes 4x1 arrays for scalars
+    return moved[0], moved[1]
 
 
 @lru_cache(maxsize=256)
