@@ -92,8 +92,5 @@ def last_file() -> Path:
 def keep_last(run_dir: Path) -> None:
     """Keeps the log of a session that ends, for a report. Does nothing if it cannot be written."""
     with contextlib.suppress(OSError):
-        path = last_file()
-        path.parent.mkdir(parents=True, exist_ok=True)
-        new = path.with_name(f".{path.name}.{os.getpid()}")
-        new.write_bytes(lines(run_dir))
-        new.replace(path)
+        last_file().parent.mkdir(parents=True, exist_ok=True)
+        last_file().write_bytes(lines(run_dir))

@@ -12,53 +12,37 @@ import importlib.metadata
 import logging
 from typing import Any
 
-import attrs
-
 from lfpipe.errors import UserError
 
 LAYOUTS, ENGINES, FILTERS, DISPLAYS = GROUPS = ("lfpipe.layouts", "lfpipe.engines", "lfpipe.filters", "lfpipe.displays")
 log = logging.getLogger(__name__)
 
 
-@attrs.frozen
-class Plugin:
-    """One entry point. package: the distribution that offers it, with its version."""
-
-    group: str
-    name: str
-    package: str
-    entry: importlib.metadata.EntryPoint
-
-    def load(self) -> Any:
-        """The object itself. Raises UserError if its package is broken."""
-        try:
-            return self.entry.load()
-        except Exception as error:  # another package's code may raise anything
-            why = f"{self.name} of {self.package} ({self.group}) cannot be loaded: {type(error).__name__}: {error}"
-            raise UserError(why, f"repair or uninstall {self.package.partition(' ')[0]}") from None
-
-
 @functools.cache
-def plugins(group: str) -> dict[str, Plugin]:
-    """The plugins of a group by name. Imports none of them."""
+def plugins(group: str) -> dict[str, str]:
+    """The package of each plugin of a group, with its version, by the plugin's name. Imports none of them."""
     entries = importlib.metadata.entry_points(group=group)
-    packages = (f"{entry.dist.name} {entry.dist.version}" if entry.dist else "an unknown package" for entry in entries)
-    return {entry.name: Plugin(group, entry.name, package, entry) for entry, package in zip(entries, packages, strict=True)}
+    return {entry.name: f"{entry.dist.name} {entry.dist.version}" if entry.dist else "an unknown package" for entry in entries}
 
 
 def load(group: str, name: str) -> Any:
-    """The plugin of that name. Raises UserError if there is none, or if it is broken."""
+    """The plugin of that name. Raises UserError if there is none, or if its package is broken."""
     if name not in plugins(group):
         raise UserError(f"{group}: {name!r} is not installed", "install the package that offers it; `lfpipe doctor` lists them")
-    return plugins(group)[name].load()
+    try:
+        return importlib.metadata.entry_points(group=group)[name].load()
+    except Exception as error:  # another package's code may raise anything
+        package = plugins(group)[name]
+        why = f"{name} of {package} ({group}) cannot be loaded: {type(error).__name__}: {error}"
+        raise UserError(why, f"repair or uninstall {package.partition(' ')[0]}") from None
 
 
 def loaded(group: str) -> dict[str, Any]:
     """All plugins of a group that work, by name. Others are logged and skipped; `lfpipe doctor` reports them."""
     working = {}
-    for name, plugin in plugins(group).items():
+    for name in plugins(group):
         try:
-            working[name] = plugin.load()
+            working[name] = load(group, name)
         except UserError as error:
             log.warning("%s; it is skipped", error.message)
     return working

@@ -75,10 +75,9 @@ def _latency(config: Config, camera: str | None, name: str) -> None:
 
 
 def _store(path: Path, section: str, values: Mapping[str, float | str | None]) -> None:
-    """Writes the values under [section] of path. Raises UserError."""
+    """Writes the values under [section] of path. Raises UserError if it is not TOML, OSError if it cannot be written."""
     try:
         write_keys(path, section, values)
-    except (OSError, ValueError) as error:
-        why = getattr(error, "strerror", None) or error
+    except ValueError as error:
         lines = " and ".join(f"{key} = {value}" for key, value in values.items())
-        raise UserError(f"{path}: {why}", f"write {lines} under [{section}] there") from None
+        raise UserError(f"{path}: {error}", f"write {lines} under [{section}] there") from None

@@ -31,8 +31,8 @@ def cameras(as_json: bool) -> None:
     """
     listed: list[dict[str, Any]] = []
     for device in camera_list.cameras():
-        about: dict[str, Any] = {"camera": f"camera:{device.path}", "name": device.name}
-        about |= {"formats": [], "controls": [], "trouble": ""}
+        about: dict[str, Any] = {"camera": f"camera:{device.path}", "name": device.name, "formats": [], "controls": []}
+        about["trouble"] = ""
         try:
             about["formats"], about["controls"] = camera_list.asking(
                 device.path, lambda opened: (_formats(opened, as_json), control_texts(opened))
@@ -45,24 +45,21 @@ def cameras(as_json: bool) -> None:
         return
     for about in listed:
         click.echo(f"{about['camera']}  {about['name']}")
-        for line in [about["trouble"]] if about["trouble"] else [*(about["formats"] or ["formats unknown"]), *about["controls"]]:
-            click.echo(filled(line, "  "))
+        lines = [about["trouble"]] if about["trouble"] else [*(about["formats"] or ["formats unknown"]), *about["controls"]]
+        click.echo("\n".join(filled(line, "  ") for line in lines))
     if not listed:
         click.echo("no camera found; --demo and --camera file:PATH work without one")
 
 
-def _formats(device: V4L2Device, everything: bool) -> list[str]:
-    """One line per pixel format with all rates of every size; or one per group of formats alike, with the highest rates."""
-
-    def sizes(fourcc: str, most_rates: int | None) -> str:
-        rates = [(size.text, ",".join(f"{hz:.4g}" for hz in size.rates_hz[:most_rates])) for size in device.sizes(fourcc)]
-        return " ".join(f"{text}@{hz}" if hz else text for text, hz in rates)
-
-    if everything:
-        return [f"{fourcc} {sizes(fourcc, None)}" for fourcc in device.fourccs()]
+def _formats(device: V4L2Device, every_rate: bool) -> list[str]:
+    """One line per group of pixel formats with the same sizes, each size with all its rates or with the highest."""
     groups: dict[str, list[str]] = {}
     for fourcc in device.fourccs():
-        groups.setdefault(sizes(fourcc, 1) if fourcc in DECODED else "cannot be decoded", []).append(fourcc)
+        sizes = []
+        for size in device.sizes(fourcc) if fourcc in DECODED else ():
+            rates = ",".join(f"{hz:.4g}" for hz in (size.rates_hz if every_rate else size.rates_hz[:1]))
+            sizes.append(f"{size.text}@{rates}" if rates else size.text)
+        groups.setdefault(" ".join(sizes) if fourcc in DECODED else "cannot be decoded", []).append(fourcc)
     return [f"{' '.join(fourccs)}: {text}" for text, fourccs in groups.items()]
 
 

@@ -13,6 +13,7 @@ import zipfile
 from pathlib import Path
 
 import attrs
+import cv2
 
 from lfpipe import config, log
 from lfpipe.capture.camera_list import CameraDevice, asking, cameras
@@ -23,7 +24,7 @@ from lfpipe.host import segment
 from lfpipe.host.files import is_missing
 from lfpipe.host.machine import versions
 from lfpipe.host.processes import usable_cores
-from lfpipe.plugins import GROUPS, Plugin, plugins
+from lfpipe.plugins import GROUPS, load, plugins
 from lfpipe.render.display import has_display
 from lfpipe.supervisor import rundir
 from lfpipe.track import models
@@ -50,18 +51,18 @@ def python() -> Check:
     return Check("python", True, detail, "" if count > 1 else "use at least two cores; on one, the rates are lower")
 
 
-def plugin_check(plugin: Plugin) -> Check:
+def plugin_check(group: str, name: str, package: str) -> Check:
     """What another package adds; sessions skip a broken one."""
-    what = f"{plugin.group.removeprefix('lfpipe.').removesuffix('s')} {plugin.name}, from {plugin.package}"
+    what = f"{group.removeprefix('lfpipe.').removesuffix('s')} {name}, from {package}"
     try:
-        plugin.load()
+        load(group, name)
     except UserError as error:
         return Check("plugin", True, f"{what}: skipped: {error.message}", error.remedy)
     return Check("plugin", True, what)
 
 
 def opencv() -> Check:
-    """Whether cv2 can be imported, which distributions provide it, and its GUI backend.
+    """Which distributions provide cv2, and its GUI backend.
 
     MediaPipe requires the windowed distribution, whose files overlap with the headless one's: pip installs both, and the last
     one wins. The remedy puts the headless files on top, in the oldest version, which fits the installed numpy.
@@ -72,12 +73,7 @@ def opencv() -> Check:
     versions = sorted({name.split()[1] for name in distributions}, key=lambda text: [int(n) for n in re.findall(r"\d+", text)])
     reinstall = "pip install --force-reinstall --no-deps opencv-contrib-python-headless"
     reinstall += f"=={versions[0]}" if versions else ""
-    try:
-        import cv2
-
-        gui = re.search(r"^\s*GUI: +(.*)$", cv2.getBuildInformation(), re.MULTILINE)
-    except (ImportError, AttributeError) as error:
-        return Check("opencv", False, f"{names}: cv2 cannot be imported: {error}", reinstall)
+    gui = re.search(r"^\s*GUI: +(.*)$", cv2.getBuildInformation(), re.MULTILINE)
     detail = f"{names}, GUI {gui[1] if gui else '?'}"
     if len(distributions) > 1 and (len(versions) > 1 or "GUI NONE" not in detail):
         return Check("opencv", False, f"{detail}: {len(distributions)} in one folder, cv2 {cv2.__version__} is in use", reinstall)
@@ -195,7 +191,7 @@ def checks() -> list[Check]:
         *camera_checks(config.load().camera.source if own.ok else "", cameras()),
         shared_memory(),
         leftovers(),
-        *(plugin_check(plugin) for group in GROUPS for plugin in plugins(group).values()),
+        *(plugin_check(group, name, package) for group in GROUPS for name, package in plugins(group).items()),
     ]
 
 
