@@ -1,12 +1,11 @@
 """Messages: whatever they quote, they are short, of one encoding, and never an exception themselves."""
 
-from typing import Any
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.errors import UserError, shown
+from tests.hostile_files import deep
 
 ANY = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text() | st.binary(),
@@ -28,14 +27,8 @@ def test_plain_words_stay_as_they_are() -> None:
         assert shown(value) == repr(value)
 
 
-def deep(levels: int) -> Any:
-    value: Any = 1
-    for _ in range(levels):
-        value = {"k": value} if levels % 2 else [value]
-    return value
-
-
-LARGE = [10**400, -(10**5000), 2**64, "x" * 10**6, "\udcff\x1b", deep(20_000), deep(20_001), [[0] * 99] * 99, {1: 2, "a": b"\0"}]
+DEEP = [deep(20_000), deep(20_000, as_list=False)]
+LARGE = [10**400, -(10**5000), 2**64, "x" * 10**6, "\udcff\x1b", *DEEP, [[0] * 99] * 99, {1: 2, "a": b"\0"}]
 
 
 @pytest.mark.parametrize("value", LARGE, ids=range(len(LARGE)))

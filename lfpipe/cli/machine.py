@@ -16,7 +16,7 @@ from lfpipe.cli.progress import filled
 from lfpipe.config import Config, load, user_file
 from lfpipe.config.user_files import commented
 from lfpipe.errors import UserError
-from lfpipe.files.safe_files import reason, replaced
+from lfpipe.files.safe_files import replaced
 from lfpipe.observe.doctor import checks, write_report
 from lfpipe.track.models import SHA256, fetch_models, find_model, install_models, missing_models
 
@@ -109,14 +109,11 @@ def config() -> None:
 def init(path: Path | None) -> None:
     """Write every key with its default, unit and meaning to PATH, or to your own settings."""
     path = path or user_file()
-    try:
-        if os.path.lexists(path):
-            raise UserError(f"{path} exists", "remove it first, or name another PATH")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with replaced(path, 0o644) as file:
-            file.write(commented().encode())
-    except OSError as error:
-        raise UserError(f"{path}: {reason(error)}", "name a PATH that you may write to") from None
+    if os.path.lexists(path):
+        raise UserError(f"{path} exists", "remove it first, or name another PATH")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replaced(path, 0o644) as file:
+        file.write(commented().encode())
     click.echo(path)
 
 

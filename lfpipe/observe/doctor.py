@@ -19,7 +19,6 @@ from lfpipe import config, log
 from lfpipe.capture.camera_list import CameraDevice, asking, cameras
 from lfpipe.config.user_files import commented
 from lfpipe.errors import UserError
-from lfpipe.files.safe_files import reason
 from lfpipe.host import segment
 from lfpipe.host.files import is_missing
 from lfpipe.host.machine import versions
@@ -196,7 +195,7 @@ def checks() -> list[Check]:
 
 
 def write_report(path: Path, results: list[Check]) -> None:
-    """Writes a new ZIP file with versions, settings, the checks, and the log and state of the user's sessions. Raises UserError,
+    """Writes a new ZIP file with versions, settings, the checks, and the log and state of the user's sessions. Raises OSError,
     also if path exists."""
     contents: dict[str, str | bytes] = {
         "versions.json": json.dumps({**versions(), "system": platform.platform()}, indent=1),
@@ -216,9 +215,6 @@ def write_report(path: Path, results: list[Check]) -> None:
             contents[f"{name}/session.json"] = json.dumps(about, indent=1)
             contents[f"{name}/{log.FILE}"] = log.lines(run_dir)
             contents |= {f"{name}/{stack.name}": stack.read_bytes() for stack in sorted(run_dir.glob("stack.*"))}
-    try:
-        with path.open("xb") as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as report:
-            for name, content in contents.items():
-                report.writestr(name, content)
-    except OSError as error:
-        raise UserError(f"--report {path}: {reason(error)}", "name a new file in a folder that you may write to") from None
+    with path.open("xb") as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as report:
+        for name, content in contents.items():
+            report.writestr(name, content)

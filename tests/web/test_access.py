@@ -93,19 +93,14 @@ def stranger() -> Iterator[tuple[str, list[str]]]:
     class Page(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
             seen.append(f"{self.path} {self.headers}")
-            self.send_response(200)
-            self.send_header("Content-Type", "text/html")
-            self.end_headers()
-            self.wfile.write(b"<!doctype html><title>stranger</title><body></body>")
+            self.wfile.write(
+                b"HTTP/1.0 200 OK\r\nContent-Type: text/html\r\n\r\n<!doctype html><title>stranger</title><body></body>"
+            )
 
-        def log_message(self, *args: object) -> None:
-            pass
-
-    served = ThreadingHTTPServer(("127.0.0.1", 0), Page)
-    threading.Thread(target=served.serve_forever, daemon=True).start()
-    yield f"http://127.0.0.1:{served.server_address[1]}", seen
-    served.shutdown()
-    served.server_close()
+    with ThreadingHTTPServer(("127.0.0.1", 0), Page) as served:
+        threading.Thread(target=served.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{served.server_address[1]}", seen
+        served.shutdown()
 
 
 def test_in_a_browser_with_the_token_other_pages_get_nothing(
