@@ -65,10 +65,10 @@ def calibrate(camera: str | None, distance_mm: float, by: str, latency: bool, ey
 
 def _latency(config: Config, camera: str | None, name: str) -> None:
     """Measures and stores render.loop_ms."""
-    found, monitor = measure_loop(config, camera)
-    loop_ms = round(max(found.delay_ms, 0.0), 1)
-    click.echo(f"total delay of camera and display: {loop_ms} ms (90 %: {found.low_ms:.1f} to {found.high_ms:.1f} ms)")
-    click.echo(f"exposure {found.exposure_ms:.0f} ms, on monitor {monitor.name} at {monitor.rate_hz:g} Hz")
+    delay, monitor = measure_loop(config, camera)
+    loop_ms = round(max(delay.delay_ms, 0.0), 1)
+    click.echo(f"total delay of camera and display: {loop_ms} ms (90 %: {delay.low_ms:.1f} to {delay.high_ms:.1f} ms)")
+    click.echo(f"exposure {delay.exposure_ms:.0f} ms, on monitor {monitor.name} at {monitor.rate_hz:g} Hz")
     here = loop_conditions(datetime.date.today().isoformat(), name, config.camera, monitor)
     _store(user_file(), "render", {"loop_ms": loop_ms, "loop_measured": here})
     click.echo(f"render.loop_ms written to {user_file()}: the next session predicts by it")

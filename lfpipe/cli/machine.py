@@ -68,15 +68,15 @@ def _formats(device: V4L2Device, every_rate: bool) -> list[str]:
               help="Also pack versions, settings, and the log and state of sessions into a ZIP, for a bug report.")  # fmt: skip
 def doctor(report: Path | None) -> int:
     """Check this machine: one line per check, with remedies. Exit code 1 if `lfpipe up SCENE` would fail."""
-    found = checks()
+    results = checks()
     if report is not None:
-        write_report(report, found)
-    for check in found:
+        write_report(report, results)
+    for check in results:
         head = f"{'ok  ' if check.ok else 'FAIL'} {check.name:<12} "
         click.echo(filled(check.detail, head))
         if check.remedy:
             click.echo(filled(f"remedy: {check.remedy}", " " * len(head)))
-    return 0 if all(check.ok for check in found) else 1
+    return 0 if all(check.ok for check in results) else 1
 
 
 @click.group()

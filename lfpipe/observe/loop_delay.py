@@ -6,6 +6,8 @@ includes the mean of the response and holds for the middle row of the camera's p
 later.
 """
 
+from operator import attrgetter
+
 import attrs
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +16,11 @@ from lfpipe.errors import UserError
 from lfpipe.observe.loop_fit import SLOW_S, Float, LoopFit, Recording, ScreenLight, times_ms, without_slow
 
 DELAYS_MS = (-20.0, 480.0)  # searched; television sets with picture processing reach 350
-COARSE_STEP_MS, COARSE_EXPOSURES_MS = 2.0, (4.0, 16.0, 33.0)
-LEAST_FRAMES, LEAST_FLIPS = 60, 30
+COARSE_STEP_MS, COARSE_EXPOSURES_MS = 2.0, (4.0, 16.0, 33.0)  # near enough for the fit, which refines them
+LEAST_FRAMES, LEAST_FLIPS = 60, 30  # of 15 s at 15 Hz, a quarter; fewer leave several delays possible
 OFF_BEAT, OFF_BEAT_SHARE = 0.25, 0.1  # of a period, and of all frames
 LEAST_R, AREA_R, LEAST_R2 = 0.25, 0.5, 0.5  # correlation of a pixel, as a share of the best pixel, and of the fit
-LEAST_PIXELS = 4
+LEAST_PIXELS = 4  # of 64 across: a screen of a twentieth of the picture's height and width
 SHORT_STEP = 0.1  # quantile of the steps from frame to frame that is of one period still
 SHORT_HOLD = 0.1  # quantile: a busy machine may cut a single hold short
 WIDEST_MS = 3.0  # half of the widest acceptable interval
@@ -57,18 +59,15 @@ def find_area(recording: Recording) -> tuple[NDArray[np.float64], float, float]:
     seen /= np.maximum(np.linalg.norm(seen, axis=0), 1e-9 + 0.3 * np.sqrt(len(times)))  # below 0.3 levels there is no signal
     delays = np.arange(*DELAYS_MS, COARSE_STEP_MS)
     light = ScreenLight(flips, recording.bright, 1.0)
-    best: tuple[float, float, float, Float] | None = None
+    correlations = []  # for each exposure: float (delays, pixels)
     for width in COARSE_EXPOSURES_MS:
         looks = without_slow(light.mean(times[:, None] - delays, width), slow)
-        looks /= np.maximum(np.linalg.norm(looks, axis=0), 1e-9)
-        r = looks.T @ seen
-        score = np.square(np.maximum(r, 0)).sum(axis=1)
-        at = int(score.argmax())
-        if best is None or score[at] > best[0]:
-            near = np.abs(delays - delays[at]) <= max(period / 2, COARSE_STEP_MS)
-            best = float(score[at]), float(delays[at]), width, r[near].max(axis=0)
-    assert best is not None
-    return best[3].reshape(recording.pictures.shape[1:]), best[1], best[2]
+        correlations.append((looks / np.maximum(np.linalg.norm(looks, axis=0), 1e-9)).T @ seen)
+    scores = np.stack([np.square(np.maximum(r, 0)).sum(axis=1) for r in correlations])
+    exposure, at = np.unravel_index(int(scores.argmax()), scores.shape)
+    near = np.abs(delays - delays[at]) <= max(period / 2, COARSE_STEP_MS)
+    area = correlations[exposure][near].max(axis=0).reshape(recording.pictures.shape[1:])
+    return area, float(delays[at]), COARSE_EXPOSURES_MS[exposure]
 
 
 def estimate(recording: Recording) -> LoopDelay:
@@ -81,10 +80,10 @@ def estimate(recording: Recording) -> LoopDelay:
             "the camera does not see the pattern", "turn the camera to the screen, or hold a mirror before it, and dim the room"
         )
     fit = LoopFit(recording, r * area)
-    start = min((fit.solved(coarse_ms + step, width_ms) for step in (-8.0, 0.0, 8.0)), key=lambda found: found[1])
+    solution = min((fit.solved(coarse_ms + step, width_ms) for step in (-8.0, 0.0, 8.0)), key=attrgetter("cost"))
     for width in (2.0, 25.0, 80.0):
-        start = min(start, fit.solved(start[0][0], width), key=lambda found: found[1])
-    best, _ = start
+        solution = min(solution, fit.solved(solution.vector[0], width), key=attrgetter("cost"))
+    best = solution.vector
     if fit.explained(best) < LEAST_R2:
         raise UserError(
             "the camera sees something like the pattern, but not clearly enough",
@@ -104,16 +103,16 @@ def estimate(recording: Recording) -> LoopDelay:
     low, middle, high = fit.interval(best)
     shift, doubt = fit.to_middle_row(best, recording.refresh_ms)
     doubt += IN_STEP_SHARE * _unseen_ms(recording)
-    found = LoopDelay(middle + shift, low + shift - doubt, high + shift + doubt, exposure_ms)
+    delay = LoopDelay(middle + shift, low + shift - doubt, high + shift + doubt, exposure_ms)
     if abs(fit.row) > SPAN:
         side = "above" if fit.row < 0 else "below"
         raise UserError(f"the screen is seen {side} the middle of the camera's picture", "aim the camera at the screen's middle")
-    if found.half_ms > WIDEST_MS:
+    if delay.half_ms > WIDEST_MS:
         raise UserError(
-            f"the delay is known no better than {found.low_ms:.0f} to {found.high_ms:.0f} ms: camera and screen run in step",
+            f"the delay is known no better than {delay.low_ms:.0f} to {delay.high_ms:.0f} ms: camera and screen run in step",
             "another rate of the camera or of the screen, for example --set camera.rate_hz=25",
         )
-    return found
+    return delay
 
 
 def _mixes_frames(recording: Recording, weights: Float, fit: LoopFit, best: Float) -> bool:
@@ -128,7 +127,7 @@ def _mixes_frames(recording: Recording, weights: Float, fit: LoopFit, best: Floa
     other = LoopFit(attrs.evolve(recording, t_frame_ns=recording.t_frame_ns[1:][kept], pictures=undone[kept]), weights)
     period_ms = float(np.median(steps)) / 1e6
     starts = (other.solved(best[0] - late * period_ms, float(np.exp(best[2]))) for late in (0.0, 0.35, 0.7))
-    solved = min(starts, key=lambda found: found[1])[0]
+    solved = min(starts, key=attrgetter("cost")).vector
     return other.unexplained(solved) * (1 - KEPT_SHARE) ** 2 < KEPT_RATIO * fit.unexplained(best)
 
 
@@ -158,8 +157,8 @@ def _checked(recording: Recording) -> Recording:
     """The part of the recording that the pattern covers. Raises UserError if stamps or flips are unusable."""
     if not recording.stamped:
         raise UserError("the frames have no stamps of the camera's driver", "another camera: nothing can be timed without")
-    shown = np.append(np.diff(recording.t_flip_ns) > 0, True)  # of two flips at one blank, the first was never seen
-    recording = attrs.evolve(recording, t_flip_ns=recording.t_flip_ns[shown], bright=recording.bright[shown])
+    visible = np.append(np.diff(recording.t_flip_ns) > 0, True)  # of two flips at one blank, the first was never seen
+    recording = attrs.evolve(recording, t_flip_ns=recording.t_flip_ns[visible], bright=recording.bright[visible])
     if len(recording.t_flip_ns) < LEAST_FLIPS:
         raise UserError("the pattern was not presented", "keep the window in sight, and close what keeps the machine busy")
     times, flips = times_ms(recording)

@@ -5,6 +5,8 @@ light, with an amplitude for each band of rows. The interval comes from the dela
 likelihood is flat: a short exposure in step with the screen sees only black or white, and shows little of the time between.
 """
 
+from typing import NamedTuple
+
 import attrs
 import numpy as np
 from numpy.typing import NDArray
@@ -71,6 +73,13 @@ class ScreenLight:
         return (self.integral(t_ms + width_ms / 2) - self.integral(t_ms - width_ms / 2)) / width_ms
 
 
+class Solution(NamedTuple):
+    """A vector of `LoopFit` and half its sum of squares."""
+
+    vector: Float
+    cost: float
+
+
 class LoopFit:
     """Least squares for a vector of delay (ms), time over the picture's height (ms), log exposure, log response, log gamma, log
     stray light. row: position of the screen, from -0.5 at the top of the picture to 0.5."""
@@ -88,10 +97,10 @@ class LoopFit:
         self._slow = max(3, round(SLOW_S * 1e3 / self._period))
         rows, height = np.nonzero(weights.any(axis=1))[0], len(weights)
         series, places, masses = [], [], []
-        for part in np.array_split(rows, min(BANDS, len(rows))):
-            share = weights[part]
-            series.append(np.einsum("nhw,hw->n", recording.pictures[:, part].astype(float), share) / share.sum())
-            places.append(float((share.sum(axis=1) * (part + 0.5)).sum() / share.sum()) / height - 0.5)
+        for band in np.array_split(rows, min(BANDS, len(rows))):
+            share = weights[band]
+            series.append(np.einsum("nhw,hw->n", recording.pictures[:, band].astype(float), share) / share.sum())
+            places.append(float((share.sum(axis=1) * (band + 0.5)).sum() / share.sum()) / height - 0.5)
             masses.append(float(share.sum()))
         self._seen = without_slow(np.stack(series, axis=1), self._slow)
         self.row = float(np.average(places, weights=masses))
@@ -108,9 +117,9 @@ class LoopFit:
         return without_slow((np.clip(x, 0, 1) + np.exp(stray)) ** np.exp(-gamma), self._slow)
 
     def _residuals(self, vector: Float) -> Float:
-        made = self._model(vector)
-        size = np.maximum((made * self._seen).sum(axis=0) / np.maximum(np.square(made).sum(axis=0), 1e-12), 0)
-        off = (self._seen - size * made) / self._sigma
+        light = self._model(vector)
+        size = np.maximum((light * self._seen).sum(axis=0) / np.maximum(np.square(light).sum(axis=0), 1e-12), 0)
+        off = (self._seen - size * light) / self._sigma
         return np.concatenate([off.ravel(), (vector - self.PRIOR) / self.SPREAD])
 
     def explained(self, vector: Float) -> float:
@@ -122,8 +131,8 @@ class LoopFit:
         off = self._residuals(vector)[: self._seen.size].reshape(self._seen.shape) * self._sigma
         return float(np.square(off).mean())
 
-    def _minimised(self, vector: Float, steps: int, held: int = 0) -> tuple[Float, float]:
-        """Marquardt's steps over the entries from `held` on; returns the vector and half its sum of squares."""
+    def _minimised(self, vector: Float, steps: int, held: int = 0) -> Solution:
+        """Marquardt's steps over the entries from `held` on."""
         damping, off = 1e-2, self._residuals(vector)
         free = np.arange(held, len(vector))
         cost = float(off @ off)
@@ -145,10 +154,10 @@ class LoopFit:
             vector, off, cost, damping = tried, tried_off, tried_cost, damping / 4
             if gained < 1e-4 * cost / len(off):
                 break
-        return vector, cost
+        return Solution(vector, cost)
 
-    def solved(self, delay_ms: float, width_ms: float) -> tuple[Float, float]:
-        """The best vector near these, and its residual."""
+    def solved(self, delay_ms: float, width_ms: float) -> Solution:
+        """The best vector near these."""
         start = self.PRIOR.copy()
         start[0], start[2] = delay_ms, np.log(width_ms)
         self._sigma = np.full(len(self._places), np.maximum(self._seen.std(axis=0), 1e-6)) * 0.2

@@ -83,11 +83,11 @@ def finish_trace(ask: Ask, out: Path | None) -> Path:
     """
     if out is not None:
         check_output(out)
-    part = Path(ask({"cmd": "trace", "path": ""})["path"])
-    out = out or part.with_suffix("")
+    lines = Path(ask({"cmd": "trace", "path": ""})["path"])
+    out = out or lines.with_suffix("")
     try:
-        convert(part, out)
+        convert(lines, out)
     except UserError as error:
-        raise UserError(error.message, f"its lines are kept as {part}; start another one, where there is room") from None
-    part.unlink(missing_ok=True)
+        raise UserError(error.message, f"its lines are kept as {lines}; start another one, where there is room") from None
+    lines.unlink(missing_ok=True)
     return out
