@@ -8,6 +8,7 @@ the path.
 import os
 import sys
 from os.path import exists, isdir, isfile
+from pathlib import Path
 from typing import IO
 
 __all__ = ["exists", "is_dir", "is_file"]
@@ -33,3 +34,10 @@ def is_missing(path: str | os.PathLike[str]) -> bool:
 def path_of(file: IO[bytes]) -> str:
     """A plain ASCII path to an open file, whatever its own name is, and even if it has none."""
     return f"{_DESCRIPTORS}/{file.fileno()}"
+
+
+def reserve(path: Path) -> None:
+    """Reserves room on the disk for all of a file, so that a map of it can be written. Raises OSError if it is full."""
+    with path.open("r+b") as file:
+        if hasattr(os, "posix_fallocate"):  # macOS has none: a full disk is a signal there
+            os.posix_fallocate(file.fileno(), 0, os.fstat(file.fileno()).st_size)

@@ -1,9 +1,8 @@
 """The cache of packs: addressed by content, written atomically, one writer at a time.
 
-CACHE/scenes/KEY/          a pack (`pack`)
-CACHE/scenes/.KEY.PID/     an unfinished pack; the holder of KEY's lock may remove it
-CACHE/locks/KEY            lock of its writer
-CACHE/index/STAMP          text: the KEY of a path whose names, sizes and times have this stamp
+CACHE/scenes/KEY/      a pack (`pack`); an unfinished one has no manifest
+CACHE/locks/KEY        lock of its writer
+CACHE/index/STAMP      text: the KEY of a path whose names, sizes and times have this stamp
 """
 
 import contextlib
@@ -11,7 +10,7 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -120,16 +119,6 @@ def remember(root: Path, mark: str, key: str) -> None:
         new.replace(root / "index" / mark)
 
 
-@contextlib.contextmanager
-def locked(root: Path, key: str, waiting: Callable[[], None]) -> Iterator[None]:
-    """Holds the lock of a key: waits for another process that writes the same pack, and removes leftovers of killed ones.
-    waiting: called once a second meanwhile."""
-    with file_lock.waited_for(root / "locks" / key, waiting):
-        for left in (root / "scenes").glob(f".{key}.*"):
-            shutil.rmtree(left, ignore_errors=True)
-        yield
-
-
 def packs(scene: config.Scene) -> list[tuple[Path, dict[str, Any], int]]:
     """Every pack as (folder, manifest, bytes on disk), newest first; the manifest is {} if it cannot be read."""
     listed: list[tuple[Path, dict[str, Any], int]] = []
@@ -142,16 +131,14 @@ def packs(scene: config.Scene) -> list[tuple[Path, dict[str, Any], int]]:
 
 
 def remove(folder: Path) -> bool:
-    """Deletes a pack; returns False and keeps it if any process has it open. Raises UserError."""
+    """Deletes a pack; returns False and keeps it if any process has it open or makes it. Raises UserError."""
     try:
-        if (lock := file_lock.take(folder / VIEWS)) is None:
-            return False
-        try:
-            gone = folder.with_name(f".{folder.name}.{os.getpid()}")
-            folder.replace(gone)
-            shutil.rmtree(gone, ignore_errors=True)
-        finally:
-            lock.release()
+        with contextlib.ExitStack() as held:
+            for file in (folder.parents[1] / "locks" / folder.name, folder / VIEWS):
+                if (lock := file_lock.take(file)) is None:
+                    return False
+                held.callback(lock.release)
+            shutil.rmtree(folder)
     except FileNotFoundError:  # another clean was faster
         return True
     except OSError as error:
@@ -160,13 +147,9 @@ def remove(folder: Path) -> bool:
 
 
 def sweep(scene: config.Scene) -> int:
-    """Removes leftovers of killed packers and index entries without a pack; returns the number removed."""
-    root, removed = cache_dir(scene), 0
-    for left in (root / "scenes").glob(".*.*"):
-        if (lock := file_lock.take(root / "locks" / left.name.split(".")[1])) is not None:
-            shutil.rmtree(left, ignore_errors=True)
-            lock.release()
-            removed += 1
+    """Removes what killed packers and other versions left, and index entries without a pack; returns the number removed."""
+    removed = sum(remove(folder) for folder, manifest, _ in packs(scene) if not manifest)
+    root = cache_dir(scene)
     for entry in (root / "index").iterdir() if (root / "index").is_dir() else ():
         with contextlib.suppress(OSError):
             if _pack_of(entry, root) is None:

@@ -25,7 +25,7 @@ from lfpipe.scene.examination import Examined, FrameIndex
 from lfpipe.scene.lightfield import UNKNOWN
 from lfpipe.scene.missing_views import fill_missing
 from lfpipe.scene.optical_flow import SMALLEST_PX
-from lfpipe.scene.pack import DISPARITY, PlaneFile
+from lfpipe.scene.pack import DISPARITY, VIEWS, array, make_array
 from lfpipe.scene.view_writer import Progress, run_parallel
 
 _INTERIM_PX = 1 / 64  # step of the interim int16 maps, until the range of the whole scene is known
@@ -34,8 +34,8 @@ _NO_LIMIT_PX = 400.0  # larger values in a map are impossible between neighbours
 _WORKING_BYTES = 100  # memory per px of a view while its disparity is estimated
 
 
-def write_disparity(scene: Examined, folder: Path, views: PlaneFile, progress: Progress) -> dict[str, Any]:
-    """Writes disparity.npy into folder; returns its entry in the manifest.
+def write_disparity(scene: Examined, folder: Path, progress: Progress) -> dict[str, Any]:
+    """Writes disparity.npy into the folder of a pack with views; returns its entry in the manifest.
 
     min_px and max_px are those of the truth if there is any ("source"), else robust extremes of the estimates.
     """
@@ -43,25 +43,24 @@ def write_disparity(scene: Examined, folder: Path, views: PlaneFile, progress: P
     if int(scene.present.sum()) < 2 or min(height, width) < SMALLEST_PX:
         return {"source": "none", "scale_px": 1 / 16, **NO_DEPTH}
     shape = (frames, rows, cols, (height + 1) // 2, (width + 1) // 2)
-    interim_path = folder / "interim.npy"
-    with PlaneFile(interim_path, shape, np.int16) as interim:
-        about = _estimate(scene, views, interim, progress)
-        scale_px = about["scale_px"]
-        with PlaneFile(folder / DISPARITY, shape, np.int8) as out:
-            for place in scene.views:
-                steps = interim.read(place).astype(np.float32)
-                steps[steps == _UNKNOWN] = np.nan
-                out.write(place, quantised(steps * np.float32(_INTERIM_PX), scale_px))
-            for frame in range(frames):
-                fill_missing(scene.present, frame, views, out, scale_px)
-            ends = np.stack([out.read((0, rows // 2, col)) for col in (0, cols // 2, cols - 1)])
-            about |= border_range(np.where(ends == UNKNOWN, np.nan, ends * np.float32(scale_px)))
-    interim_path.unlink()
-    return about
+    views, interim, out = folder / VIEWS, folder / "interim.npy", folder / DISPARITY
+    make_array(interim, shape, np.int16)
+    make_array(out, shape, np.int8)
+    about = _estimate(scene, views, interim, progress)
+    scale_px = about["scale_px"]
+    for place in scene.views:
+        steps = array(interim)[place].astype(np.float32)
+        steps[steps == _UNKNOWN] = np.nan
+        array(out)[place] = quantised(steps * np.float32(_INTERIM_PX), scale_px)
+    for frame in range(frames):
+        fill_missing(scene.present, array(views)[frame], array(out)[frame], scale_px)
+    ends = array(out)[0, rows // 2, [0, cols // 2, cols - 1]]
+    interim.unlink()
+    return about | border_range(np.where(ends == UNKNOWN, np.nan, ends * np.float32(scale_px)))
 
 
-def _estimate(scene: Examined, views: PlaneFile, interim: PlaneFile, progress: Progress) -> dict[str, Any]:
-    """Writes every present view's map into interim, in steps of _INTERIM_PX; returns the entry in the manifest."""
+def _estimate(scene: Examined, views: Path, interim: Path, progress: Progress) -> dict[str, Any]:
+    """Writes every present view's map into the array interim, in steps of _INTERIM_PX; returns the entry in the manifest."""
     source = scene.source
     ranges: dict[FrameIndex, NDArray[np.float64]] = {}
     true_ranges: list[tuple[float, float]] = []
@@ -69,7 +68,7 @@ def _estimate(scene: Examined, views: PlaneFile, interim: PlaneFile, progress: P
 
     @lru_cache(maxsize=3 * scene.cols + 4)
     def grey(frame: int, row: int, col: int) -> NDArray[np.uint8]:
-        return compared(luma(views.read((frame, row, col))))
+        return compared(luma(array(views)[frame, row, col]))
 
     factor, sign = shrinking(source.height_px, source.width_px), scene.orientation.truth_sign
 
@@ -92,7 +91,7 @@ def _estimate(scene: Examined, views: PlaneFile, interim: PlaneFile, progress: P
         ranges[place] = np.percentile(stored, (0.1, 99.9))
         steps = np.clip(stored, -_NO_LIMIT_PX, _NO_LIMIT_PX) * np.float32(1 / _INTERIM_PX)
         steps[unknown] = _UNKNOWN
-        interim.write(place, np.rint(steps).astype(np.int16))
+        array(interim)[place] = np.rint(steps).astype(np.int16)
 
     progress("disparity", 0, len(scene.views))
     item_bytes = _WORKING_BYTES * source.height_px * source.width_px

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from lfpipe.scene.lightfield import UNKNOWN
 from lfpipe.scene.optical_flow import grid_xy
-from lfpipe.scene.pack import PlaneFile
 from lfpipe.scene.view_writer import nearest_present
 
 FloatMap = NDArray[np.float32]
@@ -76,18 +75,17 @@ def warped_view(picture: NDArray[Any], disparity: FloatMap, made: FloatMap, down
     return flat.reshape(out.shape)
 
 
-def fill_missing(present: NDArray[np.bool_], frame: int, views: PlaneFile, disparity: PlaneFile, scale_px: float) -> None:
-    """Writes each missing view and its disparity into the open files of a pack. disparity: int8 at half size, in scale_px."""
+def fill_missing(present: NDArray[np.bool_], views: NDArray[np.uint8], disparity: NDArray[np.int8], scale_px: float) -> None:
+    """Writes each missing view of a frame and its disparity into the arrays of a pack. disparity: in scale_px."""
     for row, col in zip(*(index.tolist() for index in np.nonzero(~present)), strict=True):
         near = nearest_present(present, row, col)
         steps = float(row - near[0]), float(col - near[1])
-        planes = views.read((frame, *near))
+        planes = views[near]
         height, width = planes.shape[1:]
-        stored = disparity.read((frame, *near))
+        stored = disparity[near]
         half = np.where(stored == UNKNOWN, 0, stored).astype(np.float32) * np.float32(scale_px)
         full = np.asarray(cv2.resize(half, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
         made = warped_disparity(full, *steps)
-        views.write((frame, row, col), np.stack([warped_view(plane, full, made, *steps) for plane in planes]))
+        views[row, col] = [warped_view(plane, full, made, *steps) for plane in planes]
         small = cv2.resize(made, half.shape[::-1], interpolation=cv2.INTER_AREA)
-        steps_8 = np.clip(np.rint(small / np.float32(scale_px)), -127, 127).astype(np.int8)
-        disparity.write((frame, row, col), steps_8)
+        disparity[row, col] = np.clip(np.rint(small / np.float32(scale_px)), -127, 127)

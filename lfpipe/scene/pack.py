@@ -2,18 +2,18 @@
 
     views.npy       uint8 (frames, rows, cols, channels, height, width); locked while a light field of the pack is open
     disparity.npy   int8 (frames, rows, cols, half height, half width); only of a complete pack
-    manifest.json   "views": whether all views are there, not only those in the middle; "complete": the disparity, too;
-                    "checksum": of the rest of the manifest
+    manifest.json   written last; "complete": whether all views and the disparity are there; "checksum": of the rest of it
 
 Views come first: a pack without disparity can be shown.
 """
 
+import contextlib
 import hashlib
 import json
-import math
 import os
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,13 +23,13 @@ from lfpipe.errors import UserError
 from lfpipe.files.safe_files import check_regular, open_regular, read_bytes, reason, replaced
 from lfpipe.files.untrusted import json_fields
 from lfpipe.host.file_lock import lock_open
+from lfpipe.host.files import reserve
 from lfpipe.scene.half_turn import shown_as
 from lfpipe.scene.lightfield import Geometry, LightField
 
 VIEWS, DISPARITY, MANIFEST = "views.npy", "disparity.npy", "manifest.json"
 VERSION = 10  # of the pack; another version is another key
 _MAX_BYTES = 16 << 20
-_REMEDY = "`lfpipe scene pack` makes it again"
 
 
 class DamagedPackError(UserError):
@@ -47,57 +47,39 @@ def write_manifest(folder: Path, manifest: dict[str, Any]) -> None:
         file.write(json.dumps({**manifest, "checksum": _checksum(manifest)}, indent=1, allow_nan=False).encode())
 
 
+@contextlib.contextmanager
+def _reading(folder: Path) -> Iterator[None]:
+    """Turns what reading a pack raises, which lfpipe may not have written, into DamagedPackError."""
+    try:
+        yield
+    except DamagedPackError:
+        raise
+    except (UserError, OSError, ValueError, TypeError, LookupError, OverflowError) as error:
+        why = reason(error) if isinstance(error, OSError) else str(error)
+        raise DamagedPackError(f"{folder}: no pack: {why}", "`lfpipe scene pack` makes it again") from None
+
+
 def read_manifest(folder: Path) -> dict[str, Any]:
     """The manifest of a pack. Raises DamagedPackError if it is missing, changed or of another version."""
-    try:
-        fields = json_fields(read_bytes(folder / MANIFEST, _MAX_BYTES), str(folder / MANIFEST), _REMEDY)
-    except OSError as error:
-        raise DamagedPackError(f"{folder}: not a pack: {MANIFEST} cannot be read: {reason(error)}", _REMEDY) from None
-    except UserError as error:
-        raise DamagedPackError(error.message, _REMEDY) from None
-    manifest = dict(fields.values)
-    if manifest.get("version") != VERSION:
-        raise DamagedPackError(f"{folder}: a pack of another version; this lfpipe reads version {VERSION}", _REMEDY)
-    if manifest.get("checksum") != _checksum(manifest):
-        raise DamagedPackError(f"{folder / MANIFEST}: changed after the pack was made", _REMEDY)
-    return manifest
+    with _reading(folder):
+        manifest = dict(json_fields(read_bytes(folder / MANIFEST, _MAX_BYTES), MANIFEST, "").values)
+        if manifest.get("version") != VERSION:
+            raise ValueError(f"of another version; this lfpipe reads version {VERSION}")
+        if manifest.get("checksum") != _checksum(manifest):
+            raise ValueError(f"{MANIFEST} was changed after the pack was made")
+        return manifest
 
 
-class PlaneFile:
-    """An .npy file written and read in pieces, by its first axes. Safe from several threads. Raises OSError.
+def make_array(path: Path, shape: tuple[int, ...], dtype: Any = np.uint8) -> None:
+    """Makes an .npy file of zeros, with its room on the disk: a full one is an error now, and no signal later. Raises OSError."""
+    np.lib.format.open_memmap(path, "w+", dtype, shape)
+    reserve(path)
 
-    Written at offsets, because pages of a map would count as memory of the process until the kernel writes them back, and a full
-    disk would end it.
-    """
 
-    def __init__(self, path: Path, shape: tuple[int, ...] | None = None, dtype: Any = np.uint8) -> None:
-        """shape, dtype: of a new file of zeros; without them path exists."""
-        array = np.lib.format.open_memmap(path, "w+" if shape else "r+", dtype, shape)
-        self.shape, self.dtype, self._start = array.shape, array.dtype, array.offset
-        self._file = path.open("r+b", buffering=0)
-
-    def _offset(self, index: tuple[int, ...]) -> int:
-        flat = int(np.ravel_multi_index(index, self.shape[: len(index)]))
-        return int(self._start + flat * math.prod(self.shape[len(index) :]) * self.dtype.itemsize)
-
-    def write(self, index: tuple[int, ...], piece: NDArray[Any]) -> None:
-        """Writes a piece, contiguous in the file, at index: of shape shape[len(index):], or any number of its first rows."""
-        data, offset = np.ascontiguousarray(piece, self.dtype).data.cast("B"), self._offset(index)
-        while data:
-            done = os.pwrite(self._file.fileno(), data, offset)
-            data, offset = data[done:], offset + done
-
-    def read(self, index: tuple[int, ...]) -> NDArray[Any]:
-        """The piece at index, a copy."""
-        shape = self.shape[len(index) :]
-        data = os.pread(self._file.fileno(), math.prod(shape) * self.dtype.itemsize, self._offset(index))
-        return np.frombuffer(data, self.dtype).reshape(shape)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._file.close()
+def array(path: Path) -> NDArray[Any]:
+    """The array of an .npy file, to read and to write from any thread. Ask for it anew for every piece: touched pages of a map
+    count as memory of the process as long as it exists."""
+    return np.lib.format.open_memmap(path, "r+")
 
 
 def _mapped(path: Path, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
@@ -115,15 +97,11 @@ def open_pack(folder: Path, half_turn: str = "auto") -> LightField:
 
     Raises DamagedPackError if it is missing, damaged, changed or of another version.
     """
-    try:
+    with _reading(folder):
         hold = open_regular(folder / VIEWS)
         if not lock_open(hold.fileno(), shared=True) or not os.path.samestat(os.fstat(hold.fileno()), (folder / VIEWS).stat()):
-            raise BlockingIOError(11, "it is being removed")
+            raise ValueError("it is being removed")
         return shown_as(light_field(folder, read_manifest(folder), hold), half_turn)
-    except OSError as error:
-        raise DamagedPackError(f"{folder}: no pack: {reason(error)}", _REMEDY) from None
-    except (ValueError, TypeError, LookupError, OverflowError) as error:
-        raise DamagedPackError(f"{folder}: no pack: {error}", _REMEDY) from None
 
 
 def light_field(folder: Path, manifest: dict[str, Any], hold: object = None) -> LightField:

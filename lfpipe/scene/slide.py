@@ -16,7 +16,7 @@ from lfpipe.files.safe_files import reason, replaced
 from lfpipe.scene.files import VIDEOS, library_errors, list_scene, natural
 from lfpipe.scene.optical_flow import Grey
 from lfpipe.scene.orientation import orient
-from lfpipe.scene.slide_rectification import common_area, corners, rectify, track
+from lfpipe.scene.slide_rectification import common_area, follow, rectify
 from lfpipe.scene.source import SceneSource
 from lfpipe.scene.video import Video
 
@@ -29,10 +29,6 @@ _FEWEST, _MOST = 5, 15  # views
 _SHARED = 0.3  # share of the middle frame's details visible in a frame
 _BLURRED, _SHARPNESS = 0.15, 4.0  # sharpness of the chosen frames: over that of the sharpest tenth, and at least
 _MAX_RESIDUAL_PX, _MIN_SHRINK, _MIN_VIEW_PX = 0.5, 0.4, 200
-_NO_DETAIL = (
-    "the pictures share too little detail: the camera moves too fast, or they are blurred or too dark",
-    "slide over a hand's breadth in four seconds, in good light, with something still in view",
-)
 
 
 @attrs.frozen
@@ -77,37 +73,36 @@ def _grey(picture: NDArray[Any], width_px: int) -> Grey:
     return np.asarray(cv2.resize(plane, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def _followed(glances: list[Grey]) -> tuple[NDArray[np.float64], int, bool]:
-    """The camera's position along the slide by frame, px of parallax between the nearest and the farthest; the first frame of
-    those that share enough detail; and whether the camera moves up and down. Raises UserError.
+@attrs.frozen
+class _Motion:
+    """The camera's way over the frames from `first` on that share enough detail. position: px of parallax between the nearest and
+    the farthest, rising to the right if the pictures move to the left. upright: it moves up and down."""
 
-    Corners of the middle frame are tracked from frame to frame; the position is their first principal motion after removing the
-    common part."""
+    first: int
+    position: NDArray[np.float64]
+    upright: bool
+
+
+def _motion(glances: list[Grey]) -> _Motion:
+    """The first principal motion of corners after removing the common part. Raises UserError."""
     middle, count = len(glances) // 2, len(glances)
-    start = corners(glances[middle], 400)
-    if not len(start):
-        raise UserError(*_NO_DETAIL)
-    at = np.full((count, len(start), 2), np.nan)
-    at[middle] = start.reshape(-1, 2)
-    for order in (range(middle + 1, count), range(middle - 1, -1, -1)):
-        before, alive, last = start, np.ones(len(start), bool), middle
-        for k in order:
-            there, ok = track(glances[last], glances[k], before, before)
-            alive = alive & ok
-            at[k, alive] = there.reshape(-1, 2)[alive]
-            before, last = there, k
-    bad = np.flatnonzero(np.isfinite(at[..., 0]).mean(axis=1) <= _SHARED)
+    at = follow(glances, 400)
+    share = np.isfinite(at[..., 0]).mean(axis=1) if at.size else np.zeros(count)
+    bad = np.flatnonzero(share <= _SHARED)
     first, last = int(max(bad[bad < middle], default=-1)) + 1, int(min(bad[bad > middle], default=count)) - 1
     kept = np.isfinite(at[first : last + 1, :, 0]).all(axis=0)
     if kept.sum() < 20 or last - first + 1 < _FEWEST:
-        raise UserError(*_NO_DETAIL)
+        raise UserError(
+            "the pictures share too little detail: the camera moves too fast, or they are blurred or too dark",
+            "slide over a hand's breadth in four seconds, in good light, with something still in view",
+        )
     moved = at[first : last + 1, kept] - at[middle, kept]
     parallax = _without_rotation(moved, at[middle, kept], glances[middle].shape)
     mode = np.linalg.svd(parallax.reshape(len(parallax), -1), full_matrices=False)[2][0].reshape(-1, 2)
-    ends = np.percentile(mode, (5, 95), axis=0)
-    reach = np.ptp(ends, axis=0)
+    reach = np.ptp(np.percentile(mode, (5, 95), axis=0), axis=0)
     position = parallax.reshape(len(parallax), -1) @ mode.ravel() * float(np.hypot(*reach))
-    return position, first, bool(reach[1] > reach[0])
+    to_the_right = float(np.median(moved[..., 0], axis=1) @ (position - position.mean())) < 0
+    return _Motion(first, position if to_the_right else -position, bool(reach[1] > reach[0]))
 
 
 def _without_rotation(moved: NDArray[np.float64], at: NDArray[np.float64], size: tuple[int, ...]) -> NDArray[np.float64]:
@@ -121,8 +116,9 @@ def _without_rotation(moved: NDArray[np.float64], at: NDArray[np.float64], size:
     return np.asarray(left.reshape(moved.shape))
 
 
-def choose_frames(count: int, read: Callable[[int], NDArray[Any]], progress: Progress) -> list[int]:
-    """Frames at even steps along the longest slide, the sharpest near each step. Raises UserError."""
+def choose_frames(count: int, read: Callable[[int], NDArray[Any]], progress: Progress) -> tuple[list[int], NDArray[np.float64]]:
+    """Frames at even steps along the longest slide, the sharpest near each step; and where the camera stood, in any unit, rising
+    to the right. Raises UserError."""
     numbers = list(range(0, count, -(-count // _MAX_FRAMES)))
     if len(numbers) < _FEWEST:
         raise UserError(f"{len(numbers)} pictures are too few; at least {_FEWEST} are needed", "slide for at least two seconds")
@@ -131,29 +127,30 @@ def choose_frames(count: int, read: Callable[[int], NDArray[Any]], progress: Pro
         glances.append(_grey(read(number), _GLANCE_PX))
         progress("motion", len(glances), len(numbers))
     sharp = np.array([float(cv2.Laplacian(glance, cv2.CV_32F).var()) for glance in glances])
-    position, shared, upright = _followed(glances)
-    first, last = _one_way(position)
-    travelled = np.abs(position - position[first])[first : last + 1]
-    if travelled[-1] < _MIN_PARALLAX * _GLANCE_PX:
+    motion = _motion(glances)
+    first, last = _one_way(motion.position)
+    travelled = np.abs(motion.position - motion.position[first])[first : last + 1]
+    parallax = float(travelled[-1]) / _GLANCE_PX
+    if parallax < _MIN_PARALLAX:
         raise UserError(
-            f"near and far move against each other by {travelled[-1] / _GLANCE_PX:.2%} of the picture only: "
+            f"near and far move against each other by {parallax:.2%} of the picture only: "
             "the camera was turned, not slid, or hardly moved, or all is far away",
             "slide the camera sideways by a hand's breadth without turning it, past something near",
         )
-    if upright:
+    if motion.upright:
         raise UserError("the camera moves up and down, not sideways", "slide it sideways; rotate a clip that lies on its side")
-    views = int(np.clip(travelled[-1] / (_STEP_SHARE * _GLANCE_PX), _FEWEST, _MOST))
-    step, first = travelled[-1] / (views - 1), first + shared
-    chosen: set[int] = set()
+    views = int(np.clip(parallax / _STEP_SHARE, _FEWEST, _MOST))
+    step, sharp = travelled[-1] / (views - 1), sharp[motion.first + first :]
+    steps: set[int] = set()
     for goal in np.linspace(0, travelled[-1], views):
-        near = [k for k in range(len(travelled)) if abs(travelled[k] - goal) <= step / 4]
-        chosen.add(first + max(near or [int(np.argmin(np.abs(travelled - goal)))], key=lambda k: sharp[first + k]))
-    least = max(_BLURRED * float(np.percentile(sharp, 90)), _SHARPNESS)
-    if np.median(sharp[sorted(chosen)]) < least:
+        near = np.flatnonzero(np.abs(travelled - goal) <= step / 4)
+        steps.add(int(max(near, key=lambda k: sharp[k], default=np.argmin(np.abs(travelled - goal)))))
+    chosen = sorted(steps)
+    if np.median(sharp[chosen]) < max(_BLURRED * float(np.percentile(sharp, 90)), _SHARPNESS):
         raise UserError("the pictures are blurred", "slide more slowly, in more light")
     if len(chosen) < _FEWEST:
         raise UserError(f"only {len(chosen)} steps of the slide have a picture: the camera moved too fast", "slide more slowly")
-    return [numbers[k] for k in sorted(chosen)]
+    return [numbers[motion.first + first + k] for k in chosen], motion.position[first:][chosen]
 
 
 def _one_way(way: NDArray[np.float64]) -> tuple[int, int]:
@@ -174,34 +171,29 @@ def make_slide(path: Path, out: Path, progress: Progress) -> Slide:
     with library_errors(path):
         count, read = _reader(path)
         try:
-            numbers = choose_frames(count, read, progress)
+            numbers, position = choose_frames(count, read, progress)
             views = [read(number) for number in numbers]
             scale = min(1.0, _VIEW_PX / views[0].shape[1])
             views = [np.asarray(cv2.resize(view, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)) for view in views]
-            found = rectify([_grey(view, _VIEW_PX) for view in views])
+            maps, residual_px, spread_px = rectify([_grey(view, _VIEW_PX) for view in views])
+            top, left, height, width = common_area(maps)
+            # the remaining vertical motion comes from the hand, which also rises and falls: smaller views have less of it
+            shrink = min(1.0, _MAX_RESIDUAL_PX / max(residual_px, 1e-9))
+            if shrink * width < _MIN_VIEW_PX or shrink < _MIN_SHRINK:
+                raise UserError(
+                    f"views of {width}x{height} px remain, which differ up and down by {residual_px:.2f} px (95 %); they need "
+                    f"a width of {_MIN_VIEW_PX} and {_MAX_RESIDUAL_PX} px",
+                    "slide along a straight line without turning the camera, past things that stand still, in larger pictures",
+                )
         except UserError as error:
             raise UserError(f"{path}: {error.message}", error.remedy) from None
-        top, left, height, width = common_area(found.maps)
-        # the remaining vertical motion comes from the hand, which also rises and falls: smaller views have less of it
-        shrink = min(1.0, _MAX_RESIDUAL_PX / max(found.residual_px, 1e-9))
-        if width < _MIN_VIEW_PX:
-            raise UserError(
-                f"{path}: views of {width}x{height} px remain; they need a width of {_MIN_VIEW_PX}",
-                "give larger pictures, or hold the camera so that all of them show the same things",
-            )
-        if shrink * width < _MIN_VIEW_PX or shrink < _MIN_SHRINK:
-            raise UserError(
-                f"{path}: views of {width}x{height} px remain, which differ up and down by {found.residual_px:.2f} px (95 %)",
-                "slide along a straight line without turning the camera, past things that stand still",
-            )
         row = []
-        for k in np.argsort(found.position):
-            x, y = (np.ascontiguousarray(part[top : top + height, left : left + width]) for part in found.maps[k])
+        for k in np.argsort(position):
+            x, y = (np.ascontiguousarray(source[top : top + height, left : left + width]) for source in maps[k])
             view = cv2.remap(views[k], x, y, cv2.INTER_CUBIC)
             row.append(np.asarray(cv2.resize(view, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA), np.uint8))
     order = orient(SceneSource("slide", path, (), 1, len(row), lambda f, r, c: row[c], *row[0].shape[:2]), config.Scene())
-    position = np.sort(found.position)
-    position = (position - position[0]) / float(np.ptp(position)) * (len(row) - 1)
+    position = (np.sort(position) - position.min()) / float(np.ptp(position)) * (len(row) - 1)
     if order.turn.cols:
         row, position = row[::-1], (len(row) - 1 - position)[::-1]
     try:
@@ -213,7 +205,5 @@ def make_slide(path: Path, out: Path, progress: Progress) -> Slide:
             progress("views", col + 1, len(row))
     except OSError as error:
         raise UserError(f"{out}: cannot be written: {reason(error)}", "name a folder that does not exist yet with -o") from None
-    size = row[0].shape
-    return Slide(
-        out, len(row), size[1], size[0], count, found.residual_px * shrink, found.spread_px * shrink, order.said, order.sure
-    )
+    height_px, width_px = row[0].shape[:2]
+    return Slide(out, len(row), width_px, height_px, count, residual_px * shrink, spread_px * shrink, order.said, order.sure)

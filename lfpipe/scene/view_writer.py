@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import TypeVar
 
 import cv2
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from lfpipe.host.processes import usable_cores
 from lfpipe.scene.examination import STRIP_ROWS, Examined, FrameIndex, is_grey
-from lfpipe.scene.pack import PlaneFile
+from lfpipe.scene.pack import array
 
 Progress = Callable[[str, int, int], None]  # task, steps done, steps in total
 T = TypeVar("T")
@@ -43,8 +44,8 @@ def nearest_present(present: NDArray[np.bool_], row: int, col: int) -> tuple[int
     return int(rows[best]), int(cols[best])
 
 
-def write_views(scene: Examined, out: PlaneFile, can_be_shown: Callable[[], None], progress: Progress) -> None:
-    """Decodes every view into out; places without a view get a copy of the nearest one.
+def write_views(scene: Examined, out: Path, can_be_shown: Callable[[], None], progress: Progress) -> None:
+    """Decodes every view into the array in the file out; places without a view get a copy of the nearest one.
 
     can_be_shown: called once, when FIRST_VIEWS are there, and copies of them in all other places. Raises UserError, and
     NotGreyError if a view has colour but the pack has no planes for it.
@@ -58,16 +59,16 @@ def write_views(scene: Examined, out: PlaneFile, can_be_shown: Callable[[], None
         pixels = source.read(frame, *scene.file_index(row, col))
         if scene.channels == 1 and not is_grey(pixels):
             raise NotGreyError
+        planes = array(out)[place]
         for top in range(0, len(pixels), STRIP_ROWS):
             screen = table[np.minimum(pixels[top : top + STRIP_ROWS], source.max_value)]
-            planes = [screen] * scene.channels if screen.ndim == 2 else cv2.split(screen)[: scene.channels]
             for channel, plane in enumerate(planes):
-                out.write((*place, channel, top), plane)
+                plane[top : top + STRIP_ROWS] = screen if screen.ndim == 2 else screen[..., channel]
 
     def copy_to_others(written: NDArray[np.bool_]) -> None:
-        for frame in range(source.frames):
-            for row, col in np.argwhere(~written).tolist():
-                out.write((frame, row, col), out.read((frame, *nearest_present(written, row, col))))
+        for row, col in np.argwhere(~written).tolist():
+            views = array(out)
+            views[:, row, col] = views[:, *nearest_present(written, row, col)]
 
     def away(place: FrameIndex) -> float:
         return (place[1] - (scene.rows - 1) / 2) ** 2 + (place[2] - (scene.cols - 1) / 2) ** 2

@@ -13,6 +13,7 @@ from PIL import Image
 
 from lfpipe import config
 from lfpipe.errors import UserError
+from lfpipe.host.file_lock import waited_for
 from lfpipe.scene import cache
 from lfpipe.scene.open_scene import Packing, ask_packer, open_scene, open_scenes, packed
 from lfpipe.scene.pack import open_pack
@@ -121,7 +122,7 @@ def test_who_waits_for_another_packer_says_so(folder: Path, scene_config: config
     field = open_scene(folder, scene_config)
     os.utime(folder / "input_Cam000.png")  # the key is found by content, under the lock
     with (
-        cache.locked(Path(scene_config.cache_dir), str(field.manifest["key"]), lambda: None),
+        waited_for(Path(scene_config.cache_dir) / "locks" / field.manifest["key"], lambda: None),
         closing(Packing([folder], scene_config)) as packing,
     ):
         packing.wait(lambda: packing.step.startswith("waiting"))
