@@ -21,7 +21,7 @@ from lfpipe.errors import UserError
 from lfpipe.observe.monitor import photon_words
 from lfpipe.observe.session_reader import Follower, ask
 from lfpipe.render.geometry import zero_planes_px
-from lfpipe.render.view_grid import EyesOnGrid, draw_over_eyes
+from lfpipe.render.view_grid import draw_over_eyes
 from lfpipe.transport import control, ring
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.session import Session
@@ -58,7 +58,7 @@ class Pictures:
         self.session = session
         self._readers: dict[str, ring.Reader] = {}
         self._events: dict[str, bytes] = {}
-        self._eyes: EyesOnGrid | None = None
+        self._look: dict[str, Any] | None = None  # render's last message about the eyes
         self._lent, self._lease_end_ns = "", 0  # the ring of the picture on the screen
         self._zmq = control.context()
         self._tap = self._zmq.socket(zmq.SUB)
@@ -77,8 +77,8 @@ class Pictures:
             scale = min(1.0, PICTURES[which] / max(frame.shape))
             if scale < 1:
                 frame = np.asarray(cv2.resize(frame, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
-            if which == "camera" and (eyes := self._seen_eyes()) is not None:
-                draw_over_eyes(frame, eyes, scale)
+            if which == "camera" and (look := self._newest_look()) is not None:
+                draw_over_eyes(frame, look, scale)
             jpeg = cv2.imencode(".jpg", frame, FULL_CHROMA)[1].tobytes()
             self._events[which] = b"event: %s\ndata: %s\n\n" % (which.encode(), base64.b64encode(jpeg))
         return self._events[which]
@@ -97,12 +97,12 @@ class Pictures:
             self._events[which] = b""
         return reader
 
-    def _seen_eyes(self) -> EyesOnGrid | None:
+    def _newest_look(self) -> dict[str, Any] | None:
         while self._tap.poll(0):
             message = control.decode(self._tap.recv())
             if message["topic"] == "look":
-                self._eyes = EyesOnGrid.of(message)
-        return self._eyes
+                self._look = message
+        return self._look
 
     def close(self) -> None:
         """Releases the rings and the tap."""

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from lfpipe.render.view_grid import EyesOnGrid, draw_over_eyes
+from lfpipe.render.view_grid import draw_over_eyes, place_px
 from tests.web.browser import Browser, missing
 from tests.web.server import Server, until
 from tests.world import World
@@ -90,13 +90,14 @@ def test_the_grid_is_where_the_mapping_says() -> None:
     from lfpipe.render.viewpoint import ViewSolver
 
     solver = ViewSolver(5, 7, Render(), 20.0, (300.0, 220.0))
-    gaze = EyesOnGrid(5, 7, 20.0, (300.0, 220.0), ((310.0, 230.0), (270.0, 230.0)), True)
+    eyes_px = (310.0, 230.0), (270.0, 230.0)
+    look = {"grid": (5, 7), "alpha_px": 20.0, "centre_px": (300.0, 220.0), "eyes_px": eyes_px, "face": True}
     for row, col in ((0, 0), (4, 6), (2, 3), (1, 5)):
-        place = gaze.place_px(row, col)
+        place = place_px(look, row, col)
         assert solver.views((*place, *place))[0] == pytest.approx((row, col))
     picture = np.zeros((480, 640, 3), np.uint8)
-    draw_over_eyes(picture, gaze)
-    x, y = gaze.place_px(4, 6)
+    draw_over_eyes(picture, look)
+    x, y = place_px(look, 4, 6)
     assert (picture[round(y), round(x)] > 200).all()
     left, right = picture[230, 310], picture[230, 270]
     assert left[2] > 200 > 100 > left[0] and right[0] > 200 > 100 > right[2], "left eye red, right eye cyan"
