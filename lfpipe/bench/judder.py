@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.results import Value, judged_table
 from lfpipe.bench.runner import Offer
-from lfpipe.render.refresh import ScreenClock, ScreenRefresh
+from lfpipe.render.refresh import ScreenRefresh
 from lfpipe.render.viewer import VIDEO_LEAD, video_frame
 from lfpipe.transport.clock import MS_NS
 
@@ -42,9 +42,8 @@ def simulate(
 ) -> Shown:
     """A screen of rate_hz. slow: share of wake-ups that are 5 ms late in the mean. whole_ms: blanks are reported in whole ms."""
     random = np.random.default_rng(5)
-    clock = ScreenClock(rate_hz, T0_NS)
-    refresh = ScreenRefresh(clock, 0.0, T0_NS)
-    lead = refresh.lead
+    refresh = ScreenRefresh(rate_hz, T0_NS)
+    clock = refresh.clock
     period_ns, bad, leads, blanks, targets = 1e9 / rate_hz, [], [], [], []
     clock.blank(T0_NS)
     now_ns, missed = T0_NS, 0
@@ -52,14 +51,14 @@ def simulate(
         due_ns, begin_ns = refresh.due_ns(), max(now_ns, refresh.due_ns() - refresh.lead_ns())
         woken_ns = begin_ns + random.exponential(0.1) * MS_NS + (random.random() < slow) * random.exponential(5) * MS_NS
         now_ns = round(woken_ns + cost_ms * random.lognormal(0, 0.2) * MS_NS)
-        lead.took(now_ns - (due_ns - lead.ns), clock.period_ns)
-        now_ns = max(now_ns, lead.earliest_ns(due_ns, clock.period_ns))
+        refresh.took(now_ns - round(woken_ns), round(woken_ns), due_ns)
+        now_ns = max(now_ns, refresh.earliest_ns(due_ns))
         blank = math.ceil((now_ns + deadline_ms * MS_NS - T0_NS) / period_ns)
         shown_ns = round(T0_NS + blank * period_ns)
         if whole_ms:
             shown_ns = shown_ns // MS_NS * MS_NS + MS_NS // 2
         leads.append(refresh.lead_ns() / MS_NS)
-        bad.append(lead.judge(due_ns, now_ns, shown_ns, clock.period_ns))
+        bad.append(refresh.judge(due_ns, now_ns, shown_ns))
         blanks.append(blank)
         targets.append(due_ns)
         clock.blank(shown_ns)

@@ -21,7 +21,7 @@ from lfpipe.render.glasses import glasses_test
 from lfpipe.render.motion_latency import MotionLatency
 from lfpipe.render.mouse_look import MouseLook
 from lfpipe.render.outputs import Outputs
-from lfpipe.render.refresh import Refresh
+from lfpipe.render.refresh import COST_SHARE, Refresh, ScreenRefresh
 from lfpipe.render.showing import ANSWER_NS, HANDOVER, REPLACED, Showing, WaitingPictures
 from lfpipe.render.viewer import VIDEO_LEAD, Viewer
 from lfpipe.transport.clock import MS_NS, now_ns, sleep_until
@@ -130,7 +130,7 @@ class Presenter:
             record, t_sensor_ns = EyesRecord.of(made), t_started_ns
         elif record is not None and t_started_ns - t_sensor_ns > self._stale_ns and not self._context.options.lossless:
             record, t_sensor_ns = record._replace(face=0), t_started_ns  # the tracker died or hangs: nobody is seen
-        on_blanks = refresh is not None and refresh.on_blanks
+        on_blanks = isinstance(refresh, ScreenRefresh)
         viewer.video_lead_ns = round(VIDEO_LEAD * refresh_ns) if on_blanks else 0
         viewpoints = viewer.viewpoints(record, t_sensor_ns, seen_ns)
         key = viewer.compositor.key(viewpoints.left, viewpoints.right, viewpoints.frame)
@@ -173,9 +173,9 @@ class Presenter:
         if composed:
             if self._outputs.ring is not None:
                 self._outputs.picture(self.picture, stamp)
-            self.cost_ns += int(Refresh.COST_SHARE * (showing.cost_ns - self.cost_ns))
+            self.cost_ns += int(COST_SHARE * (showing.cost_ns - self.cost_ns))
             if refresh is not None:
-                refresh.took(showing.cost_ns, showing.t_started_ns, showing.target_ns, self.cost_ns)
+                refresh.took(showing.cost_ns, showing.t_started_ns, showing.target_ns)
         row.tick(stamp.source_seq if stamp else -1)
         row["cpu_ns"] = time.process_time_ns()
         if stamp is not None:
@@ -205,7 +205,7 @@ class Presenter:
         """Counts and traces a picture whose time of display is known."""
         row, stamp, composed, t_ns = self._context.row, showing.stamp, bool(showing.number), showing.t_presented_ns
         seen = showing.by != REPLACED
-        if composed and showing.target_ns and showing.by not in ("", HANDOVER) and self.refresh is not None:
+        if composed and showing.target_ns and showing.by not in ("", HANDOVER) and isinstance(self.refresh, ScreenRefresh):
             row["juddered"] += self.refresh.judge(showing.target_ns, showing.t_handed_ns, t_ns)
         if stamp is None:
             return
@@ -233,7 +233,7 @@ class Presenter:
     def follow_screen(self) -> None:
         """Processes the window system's reports of pictures and blanks."""
         answers = self._display.presented()
-        if answers and self.refresh is not None:
+        if answers and isinstance(self.refresh, ScreenRefresh):
             self.refresh.blanks(answers, self._display.nominal_hz())
         for showing in self._waiting.take(answers, self._display.blanks_by, now_ns()):
             self._report(showing)

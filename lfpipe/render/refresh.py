@@ -10,26 +10,25 @@ GAIN = 0.05
 LARGEST_STEP = 0.01  # of a period
 LONGEST_NS = SECOND_NS // 2  # from frame to frame; after a longer gap the camera or the machine stood still
 NEAR_RATIO = 0.01  # tolerance of the ratio of both rates to a whole number
+COST_SHARE = 0.1  # weight of the newest in the running mean of a picture's cost
+SPARE_NS = MS_NS  # additional lead of composing
 
 
 class Refresh:
-    """The display's clock, rate_hz, first due at t0_ns."""
-
-    COST_SHARE = 0.1  # weight of the newest in the running mean of a picture's cost
-    MARGIN_NS = MS_NS  # additional lead of composing
-    on_blanks = False
+    """The display's clock at rate_hz, first due at t0_ns; its phase follows the camera's frames."""
 
     def __init__(self, rate_hz: float, t0_ns: int) -> None:
-        self.rate_hz = rate_hz
         self._cost_ns = 0
-        self._ticker = Ticker(rate_hz, t0_ns)
-        self._period_ns = 1e9 / rate_hz
         self._camera_period_ns = 0.0
-        self._locked = False
         self._last: tuple[int, int] | None = None  # (source_seq, t_sensor_ns) of the previous eyes
+        self._start(rate_hz, t0_ns)
+
+    def _start(self, rate_hz: float, t0_ns: int) -> None:
+        self._ticker, self._period_ns, self._locked = Ticker(rate_hz, t0_ns), 1e9 / rate_hz, False
 
     @property
     def period_ns(self) -> int:
+        """Time from one picture to the next."""
         return int(self._period_ns)
 
     def due_ns(self) -> int:
@@ -38,7 +37,7 @@ class Refresh:
 
     def lead_ns(self) -> int:
         """The time before its due time at which a picture must be begun."""
-        return self._cost_ns + self.MARGIN_NS
+        return self._cost_ns + SPARE_NS
 
     def start_ns(self) -> int:
         """When the next picture must be begun."""
@@ -48,22 +47,14 @@ class Refresh:
         """The earliest hand-over of a picture for target_ns."""
         return target_ns
 
-    def took(self, cost_ns: int, t_started_ns: int, target_ns: int, mean_cost_ns: int) -> None:
-        """Adds what a picture for target_ns cost."""
-        self._cost_ns = mean_cost_ns
-
-    def judge(self, target_ns: int, t_handed_ns: int, t_presented_ns: int) -> bool:
-        """Whether a picture was shown at another refresh than target_ns; unknown without reports."""
-        return False
-
-    def blanks(self, reports: list[Presented], nominal_hz: float) -> None:
-        """Takes the window system's reports. nominal_hz: the rate that the window's monitor claims."""
+    def took(self, cost_ns: int, t_started_ns: int, target_ns: int) -> None:
+        """Adds what a picture for target_ns, begun at t_started_ns, cost."""
+        self._cost_ns += int(COST_SHARE * (cost_ns - self._cost_ns))
 
     def limit(self, rate_hz: float | str, nominal_hz: float) -> None:
         """Takes `render.rate_hz` now in force; nominal_hz: the rate if it is "auto"."""
-        if nominal_hz != self.rate_hz:
-            self.rate_hz, self._period_ns, self._locked = nominal_hz, 1e9 / nominal_hz, False
-            self._ticker = Ticker(nominal_hz, self.due_ns())
+        if nominal_hz != self._ticker.rate_hz:
+            self._start(nominal_hz, self.due_ns())
 
     def advance(self, t_ns: int) -> int:
         """Advances to the next refresh after t_ns; returns how many were missed."""
@@ -71,8 +62,8 @@ class Refresh:
         self._ticker.advance(t_ns)
         return self._ticker.missed - missed
 
-    def heard(self, source_seq: int, t_sensor_ns: int, t_eyes_ns: int, lead_ns: int) -> None:
-        """Records that new eyes, of that frame, arrived at t_eyes_ns; a picture takes lead_ns from its start to the screen."""
+    def heard(self, source_seq: int, t_sensor_ns: int, t_eyes_ns: int) -> None:
+        """Records that new eyes, of that frame, arrived at t_eyes_ns."""
         last, self._last = self._last, (source_seq, t_sensor_ns)
         if last is None or source_seq <= last[0] or t_sensor_ns - last[1] > LONGEST_NS:
             self._locked = False  # the first frame, or the first after a gap: the phase is new
@@ -83,7 +74,7 @@ class Refresh:
         if round(ratio) < 1 or abs(ratio - round(ratio)) > NEAR_RATIO * ratio:
             return
         slack_ns = min(SLACK * self._period_ns, 3 * MS_NS)
-        late_ns = (t_eyes_ns + slack_ns + lead_ns - self.due_ns()) % self._period_ns
+        late_ns = (t_eyes_ns + slack_ns + self.lead_ns() - self.due_ns()) % self._period_ns
         if late_ns > self._period_ns / 2:
             late_ns -= self._period_ns
         if not self._locked:  # nothing is visible yet: shift at once
@@ -152,60 +143,18 @@ class ScreenClock:
         return round(self._t_ns + round((t_ns - self._t_ns) / self.period_ns) * self.period_ns)
 
 
-class LeadTime:
-    """The time before its blank at which a picture must be begun."""
-
-    def __init__(self) -> None:
-        self._cost_ns = 0.0
-        self._margin_ns = float(MARGIN_NS)
-        self._changed_ns = 0  # when a late or early picture changed the margin
-
-    def took(self, cost_ns: int, period_ns: float) -> None:
-        """Adds the time that a picture took from its due start until it was ready for hand-over.
-
-        More than a period is useless: until then the previous picture is being made.
-        """
-        cost = min(float(cost_ns), period_ns)
-        self._cost_ns += (COST_UP if cost > self._cost_ns else COST_DOWN) * (cost - self._cost_ns)
-
-    def judge(self, target_ns: int, t_handed_ns: int, t_presented_ns: int, period_ns: float) -> bool:
-        """Judges a picture for the blank target_ns, shown at t_presented_ns; returns whether that was another blank.
-
-        Late despite a punctual hand-over: the window system needs more time. A whole period early: it needs less. A picture begun
-        before the margin changed says nothing about the new margin; one handed over late cost more.
-        """
-        blanks = round((t_presented_ns - target_ns) / period_ns)
-        if t_handed_ns > self._changed_ns and (blanks <= 0 or target_ns - t_handed_ns > IN_TIME * self._margin_ns):
-            if blanks:
-                self._margin_ns += STEP_NS if blanks > 0 else -STEP_NS
-                self._changed_ns = max(t_presented_ns, t_handed_ns)
-            else:
-                self._margin_ns -= EARLY_SHARE * self._margin_ns + EARLY_STEP_NS
-            self._margin_ns = min(max(self._margin_ns, LEAST_MARGIN_NS), MOST_PERIODS * period_ns)
-        return bool(blanks)
-
-    def earliest_ns(self, target_ns: int, period_ns: float) -> int:
-        """The earliest hand-over for the blank target_ns; before it, the picture would appear at the previous blank."""
-        return int(target_ns - max(period_ns - EARLY_NS, self._margin_ns))
-
-    @property
-    def ns(self) -> int:
-        return int(self._cost_ns + self._margin_ns)
-
-
 class ScreenRefresh(Refresh):
-    """Refreshes on a screen's blanks: pictures are due at blanks, whose phase does not follow the camera. limit_hz: at most this
-    many pictures a second, 0 for every blank."""
+    """Refreshes on the blanks that a screen of nominal_hz reports: pictures are due at blanks, whose phase does not follow the
+    camera, and begin a lead before them that is learnt from late and early pictures. limit_hz: at most this many pictures a
+    second, 0 for every blank."""
 
-    on_blanks = True
-
-    def __init__(self, clock: ScreenClock, limit_hz: float, t0_ns: int) -> None:
-        self.clock, self.lead, self._limit_hz = clock, LeadTime(), limit_hz
-        self._due_ns = t0_ns
+    def __init__(self, nominal_hz: float, t0_ns: int, limit_hz: float = 0.0) -> None:
+        self.clock, self._limit_hz, self._due_ns = ScreenClock(nominal_hz, t0_ns), limit_hz, t0_ns
+        self._high_cost_ns, self._margin_ns = 0.0, float(MARGIN_NS)
+        self._changed_ns = 0  # when a late or early picture changed the margin
 
     @property
     def period_ns(self) -> int:
-        """Time from one picture to the next."""
         every = max(1, round(self.clock.rate_hz / self._limit_hz)) if self._limit_hz else 1
         return round(every * self.clock.period_ns)
 
@@ -213,24 +162,41 @@ class ScreenRefresh(Refresh):
         return self.clock.nearest(self._due_ns)
 
     def lead_ns(self) -> int:
-        return self.lead.ns
+        return int(self._high_cost_ns + self._margin_ns)
 
     def earliest_ns(self, target_ns: int) -> int:
-        return self.lead.earliest_ns(target_ns, self.clock.period_ns)
+        """Before it, the picture would appear at the previous blank."""
+        return int(target_ns - max(self.clock.period_ns - EARLY_NS, self._margin_ns))
 
-    def heard(self, source_seq: int, t_sensor_ns: int, t_eyes_ns: int, lead_ns: int) -> None:
+    def heard(self, source_seq: int, t_sensor_ns: int, t_eyes_ns: int) -> None:
         pass
 
-    def took(self, cost_ns: int, t_started_ns: int, target_ns: int, mean_cost_ns: int) -> None:
-        self.lead.took(cost_ns + max(t_started_ns - (target_ns - self.lead.ns), 0), self.clock.period_ns)
+    def took(self, cost_ns: int, t_started_ns: int, target_ns: int) -> None:
+        """Lateness of its start counts as cost. More than a period is useless: until then the previous picture is being made."""
+        late_ns = max(t_started_ns - (target_ns - self.lead_ns()), 0)
+        cost = min(float(cost_ns + late_ns), self.clock.period_ns)
+        self._high_cost_ns += (COST_UP if cost > self._high_cost_ns else COST_DOWN) * (cost - self._high_cost_ns)
 
     def judge(self, target_ns: int, t_handed_ns: int, t_presented_ns: int) -> bool:
-        """Also if it was never shown (t_presented_ns = 0)."""
-        if not t_presented_ns:
-            return True
-        return self.clock.measured and self.lead.judge(target_ns, t_handed_ns, t_presented_ns, self.clock.period_ns)
+        """Judges a picture for the blank target_ns, shown at t_presented_ns, 0 for never; returns whether that was not its blank.
+
+        Late despite a punctual hand-over: the window system needs more time. A whole period early: it needs less. A picture begun
+        before the margin changed says nothing about the new margin; one handed over late cost more.
+        """
+        if not t_presented_ns or not self.clock.measured:
+            return not t_presented_ns
+        blanks = round((t_presented_ns - target_ns) / self.clock.period_ns)
+        if t_handed_ns > self._changed_ns and (blanks <= 0 or target_ns - t_handed_ns > IN_TIME * self._margin_ns):
+            if blanks:
+                self._margin_ns += STEP_NS if blanks > 0 else -STEP_NS
+                self._changed_ns = max(t_presented_ns, t_handed_ns)
+            else:
+                self._margin_ns -= EARLY_SHARE * self._margin_ns + EARLY_STEP_NS
+            self._margin_ns = min(max(self._margin_ns, LEAST_MARGIN_NS), MOST_PERIODS * self.clock.period_ns)
+        return bool(blanks)
 
     def blanks(self, reports: list[Presented], nominal_hz: float) -> None:
+        """Takes the window system's reports. nominal_hz: the rate that the window's monitor claims."""
         self.clock.claim(nominal_hz)
         for report in reports:
             if report.t_ns:
@@ -243,8 +209,8 @@ class ScreenRefresh(Refresh):
         """Advances to the next blank whose picture can still be begun in time at t_ns."""
         period_ns = self.period_ns
         self._due_ns = self.due_ns() + period_ns
-        late_ns = t_ns - (self._due_ns - self.lead.ns)
-        slack_ns = min(self.lead.ns, period_ns) / 2
+        late_ns = t_ns - (self._due_ns - self.lead_ns())
+        slack_ns = min(self.lead_ns(), period_ns) / 2
         passed = math.ceil((late_ns - slack_ns) / period_ns) if late_ns > slack_ns else 0
         self._due_ns += passed * period_ns
         return passed

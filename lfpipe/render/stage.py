@@ -20,7 +20,7 @@ from lfpipe.render.display import open_display
 from lfpipe.render.file_display import save
 from lfpipe.render.key_bindings import KeyBindings
 from lfpipe.render.presenter import Presenter
-from lfpipe.render.refresh import Refresh, ScreenClock, ScreenRefresh
+from lfpipe.render.refresh import Refresh, ScreenRefresh
 from lfpipe.render.viewer import Viewer
 from lfpipe.scene.half_turn import remember, shown_as
 from lfpipe.scene.pack import open_pack
@@ -73,23 +73,21 @@ class RenderStage:
     def on_refreshes(self) -> None:
         """One picture per refresh of the display, until the stop."""
         presenter, context = self._presenter, self._context
-        refresh = presenter.refresh = self._new_refresh()
+        screen = self._display.blanks_by  # the screen's blanks if they are reported, else an even rate
+        refresh = (
+            ScreenRefresh(self._display.nominal_hz(), now_ns()) if screen else Refresh(self._config.render.nominal_hz, now_ns())
+        )
+        presenter.refresh = refresh
         while context.wait(refresh.start_ns()):
             if self._follow_session():
                 refresh.limit(self._config.render.rate_hz, self._config.render.nominal_hz)
             if (fresh := presenter.take()) is not None:
-                refresh.heard(fresh.source_seq, fresh.t_sensor_ns, now_ns(), refresh.lead_ns())
+                refresh.heard(fresh.source_seq, fresh.t_sensor_ns, now_ns())
             if now_ns() >= refresh.start_ns():
                 if not context.paused:
                     presenter.show(refresh.due_ns(), refresh.period_ns)
                 presenter.missed(refresh.advance(now_ns()))
             self._after_picture()
-
-    def _new_refresh(self) -> Refresh:
-        """The display's clock: the screen's blanks if they are reported, else an even rate."""
-        if not self._display.blanks_by:
-            return Refresh(self._config.render.nominal_hz, now_ns())
-        return ScreenRefresh(ScreenClock(self._display.nominal_hz(), now_ns()), 0.0, now_ns())
 
     def _follow_session(self) -> bool:
         """Applies changes of configuration, scene and quality, and commands; returns whether there was a message."""

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from lfpipe.bench.judder import T0_NS, simulate
-from lfpipe.render.refresh import GAIN, LARGEST_STEP, LONGEST_NS, LeadTime, Refresh, ScreenClock, ScreenRefresh
+from lfpipe.render.refresh import GAIN, LARGEST_STEP, LONGEST_NS, Refresh, ScreenClock, ScreenRefresh
 
 MS = 1_000_000
-LEAD_NS, AGE_NS = 2 * MS, 5 * MS  # what a picture takes; from a frame's stamp to its eyes
+AGE_NS = 5 * MS  # from a frame's stamp to its eyes
 
 
 def frames(rate_hz: float, count: int, start_ns: int = T0_NS, every: int = 1) -> Iterator[tuple[int, int]]:
@@ -25,14 +25,14 @@ def hear(refresh: Refresh, seq: int, t_sensor_ns: int) -> list[int]:
     while refresh.due_ns() <= t_eyes_ns:
         due.append(refresh.due_ns())
         refresh.advance(refresh.due_ns())
-    refresh.heard(seq, t_sensor_ns, t_eyes_ns, LEAD_NS)
+    refresh.heard(seq, t_sensor_ns, t_eyes_ns)
     return due
 
 
 def off(refresh: Refresh, t_sensor_ns: int) -> float:
     """How far a refresh is from being due just after the eyes of that frame are drawn, in periods, -0.5 to 0.5."""
     slack_ns = min(0.2 * refresh.period_ns, 3 * MS)
-    away = (refresh.due_ns() - (t_sensor_ns + AGE_NS + LEAD_NS + slack_ns)) / refresh.period_ns
+    away = (refresh.due_ns() - (t_sensor_ns + AGE_NS + refresh.lead_ns() + slack_ns)) / refresh.period_ns
     return float((away + 0.5) % 1 - 0.5)
 
 
@@ -78,7 +78,7 @@ def test_a_single_late_frame_moves_the_phase_by_no_more_than_the_largest_step() 
         hear(refresh, seq, t_ns)
     settled = off(refresh, all_[-1][1])
     seq, t_ns = all_[-1]
-    refresh.heard(seq, t_ns, t_ns + AGE_NS + 6 * MS, LEAD_NS)
+    refresh.heard(seq, t_ns, t_ns + AGE_NS + 6 * MS)
     moved = off(refresh, t_ns) - settled
     assert 0 < moved <= LARGEST_STEP + 1e-6
 
@@ -113,7 +113,8 @@ def test_dues_rise_whatever_the_camera_says() -> None:
     for _ in range(2000):
         t_ns += int(rng.integers(0, 100 * MS))
         last += int(rng.integers(-2, 4))
-        refresh.heard(last, t_ns - int(rng.integers(0, 50 * MS)), t_ns, int(rng.integers(0, 30 * MS)))
+        refresh.heard(last, t_ns - int(rng.integers(0, 50 * MS)), t_ns)
+        refresh.took(int(rng.integers(0, 30 * MS)), 0, 0)
         while refresh.due_ns() <= t_ns:
             dues.append(refresh.due_ns())
             refresh.advance(refresh.due_ns())
@@ -189,18 +190,18 @@ def test_a_busy_machine_costs_a_picture_now_and_then_and_never_runs_away(slow: f
 
 
 def test_a_lead_that_is_far_too_long_shrinks_to_what_is_needed() -> None:
-    lead, wide_ns = LeadTime(), 0
+    refresh, wide_ns = ScreenRefresh(60.0, T0_NS), 0
+    refresh.clock.blank(T0_NS)
     for k in range(80):  # late, each begun after the one before; then a period early
         t_ns, late_ms = k * 100 * MS, 17 if k < 40 else -17
-        wide_ns = max(wide_ns, lead.ns)
-        lead.judge(t_ns, t_ns - 30 * MS, t_ns + late_ms * MS, 16.7 * MS)
-    assert wide_ns > 30 * MS and lead.ns < 5 * MS
+        wide_ns = max(wide_ns, refresh.lead_ns())
+        refresh.judge(t_ns, t_ns - 30 * MS, t_ns + late_ms * MS)
+    assert wide_ns > 30 * MS and refresh.lead_ns() < 5 * MS
 
 
 def test_refreshes_that_were_slept_through_are_missed_and_a_limit_takes_every_second() -> None:
-    clock = ScreenClock(60.0, T0_NS)
-    clock.blank(T0_NS)
-    refresh = ScreenRefresh(clock, 30.0, T0_NS)
+    refresh = ScreenRefresh(60.0, T0_NS, 30.0)
+    refresh.clock.blank(T0_NS)
     assert refresh.period_ns == pytest.approx(2e9 / 60, abs=2)
     refresh.advance(T0_NS)
     first_ns = refresh.due_ns()
