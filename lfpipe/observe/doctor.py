@@ -85,8 +85,8 @@ def face_networks() -> Check:
         folders = {str(path.parent) for relative in models.SHA256 if (path := models.find_model(relative))}
         return Check("models", True, f"in {', '.join(sorted(folders))}")
     names = ", ".join(Path(relative).name for relative in missing)
-    if installers := models.installers(Path()):
-        by = Path(installers[0][0]).name
+    if command := models.installer(Path()):
+        by = Path(command[0]).name
         return Check("models", True, f"not fetched yet: {names}; the first `lfpipe up` fetches them with {by}", models.REMEDY)
     return Check("models", False, f"missing: {names}; neither uv nor pip is installed to fetch them", models.REMEDY)
 

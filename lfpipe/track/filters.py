@@ -17,7 +17,7 @@ import numpy as np
 
 from lfpipe.config import Track
 from lfpipe.plugins import FILTERS, load
-from lfpipe.track.smoothing import EyeFilter, Filter, Kalman, Mean, OneEuro, Points
+from lfpipe.track.smoothing import EyeFilter, Kalman, Mean, OneEuro, Points
 
 Pair = tuple[float, float]
 
@@ -141,7 +141,7 @@ class Extrapolation:
         self._gained += weight * min(max(gained, -MOST_GAINED * bent), MOST_GAINED * bent)
 
 
-class Predictive(Filter):
+class Predictive(EyeFilter):
     """See the module. All arithmetic uses plain numbers: numpy's overhead would dominate for so few.
 
     loop_s: delay of camera and display that predictions must cover.

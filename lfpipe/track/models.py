@@ -107,36 +107,30 @@ def _read(wheel: Path, name: str) -> bytes:
     raise UserError(f"{wheel}: {why}", f"use a wheel of {PACKAGE}, for any platform")
 
 
-def installers(folder: Path) -> list[list[str]]:
-    """Commands that put the wheel, or its contents, into folder: one per installer of this machine, the most reliable first."""
-    commands = []
+def installer(folder: Path) -> list[str]:
+    """The command that puts the wheel, or its contents, into folder: uv's, else pip's; empty without either."""
     if uv := os.environ.get("UV") or shutil.which("uv"):
-        commands.append([uv, "pip", "install", "--python", sys.executable, "--target", str(folder), *_UV, *_ONLY, PACKAGE])
-    own = [sys.executable, "-m", "pip"] if importlib.util.find_spec("pip") else None
-    if pip := own or [path for path in (shutil.which("pip"),) if path]:
-        commands.append([*pip, "download", "--dest", str(folder), *_PIP, *_ONLY, PACKAGE])
-    return commands
+        return [uv, "pip", "install", "--python", sys.executable, "--target", str(folder), *_UV, *_ONLY, PACKAGE]
+    own, other = importlib.util.find_spec("pip"), shutil.which("pip")
+    pip = [sys.executable, "-m", "pip"] if own else [other] if other else []
+    return [*pip, "download", "--dest", str(folder), *_PIP, *_ONLY, PACKAGE] if pip else []
 
 
 def fetch_models(say: Callable[[str], None]) -> Path:
-    """Fetches the wheel and copies the networks; returns the data folder. say: receives one message per step; installers write
-    their own to stderr.
-
-    Raises UserError if there is no installer, or if none of them gets the wheel.
-    """
-    why = "neither uv nor pip is installed here"
+    """Fetches the wheel and copies the networks; returns the data folder. say: receives one message per step; the installer
+    writes its own to stderr. Raises UserError without an installer, or if it does not get the wheel."""
     with tempfile.TemporaryDirectory(prefix="lfpipe-models-") as name:
         folder = Path(name)
-        for command in installers(folder):
-            say(f"models  fetching the face networks with {Path(command[0]).stem}: the wheel of {PACKAGE}, 36 MB, once")
-            try:
-                subprocess.run(command, cwd=folder, stdout=subprocess.DEVNULL, check=True)
-            except OSError as error:
-                why = f"{command[0]}: {reason(error)}"
-            except subprocess.CalledProcessError as error:
-                why = f"`{Path(command[0]).name}` ended with code {error.returncode}"
-            else:
-                kept = install_models(next(folder.glob("*.whl"), folder))
-                say(f"models  stored in {kept}")
-                return kept
-    raise UserError(f"the face networks could not be fetched: {why}", REMEDY)
+        command = installer(folder)
+        if not command:
+            raise UserError("the face networks could not be fetched: neither uv nor pip is installed here", REMEDY)
+        program = Path(command[0]).stem
+        say(f"models  fetching the face networks with {program}: the wheel of {PACKAGE}, 36 MB, once")
+        try:
+            subprocess.run(command, cwd=folder, stdout=subprocess.DEVNULL, check=True)
+        except (OSError, subprocess.CalledProcessError) as error:
+            why = f"code {error.returncode}" if isinstance(error, subprocess.CalledProcessError) else reason(error)
+            raise UserError(f"the face networks could not be fetched: `{program}` ended with {why}", REMEDY) from None
+        kept = install_models(next(folder.glob("*.whl"), folder))
+    say(f"models  stored in {kept}")
+    return kept

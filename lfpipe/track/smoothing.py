@@ -8,7 +8,6 @@ landmarks grows in proportion.
 import math
 from abc import ABC, abstractmethod
 from collections import deque
-from typing import Protocol
 
 import attrs
 import numpy as np
@@ -23,8 +22,18 @@ MIN_STEP_NS = 200_000  # a stamp that near means a duplicate frame; noise / dt w
 MAX_STEP_NS = 500_000_000  # after a longer gap, the past is meaningless
 
 
-class EyeFilter(Protocol):
-    """The prediction is position + velocity * horizon: a filter reports the velocity to use for extrapolation."""
+class EyeFilter(ABC):
+    """A filter: subclasses implement _start and _step. The prediction is position + velocity * horizon, so a filter reports the
+    velocity to use for extrapolation."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Discards everything: the next measurement is the first."""
+        self._t_ns: int | None = None
+        self._position = np.full((2, 2), np.nan)
+        self._velocity = np.zeros((2, 2))
 
     def update(self, t_ns: int, measurement: Points) -> tuple[Points, Points]:
         """Adds the eyes measured at t_ns, float64 (2, 2) px; returns (position, velocity), both (2, 2), px and px/s, which the
@@ -34,29 +43,6 @@ class EyeFilter(Protocol):
         means a duplicate frame, which is ignored. A step of at least MAX_STEP_NS, forwards or backwards, starts a new run.
         Before the first good measurement, the position is NaN.
         """
-        ...
-
-    def predict(self, t_ns: int) -> Points:
-        """The predicted eyes at t_ns, (2, 2) px; at most `lfpipe.eyes.MAX_HORIZON_S` ahead, never back."""
-        ...
-
-    def reset(self) -> None:
-        """Discards everything: the next measurement is the first."""
-        ...
-
-
-class Filter(ABC):
-    """Common part of all filters: validation of measurements, and linear prediction. Subclasses implement _start and _step."""
-
-    def __init__(self) -> None:
-        self.reset()
-
-    def reset(self) -> None:
-        self._t_ns: int | None = None
-        self._position = np.full((2, 2), np.nan)
-        self._velocity = np.zeros((2, 2))
-
-    def update(self, t_ns: int, measurement: Points) -> tuple[Points, Points]:
         t_ns = int(t_ns)  # a numpy integer could overflow in subtractions
         measured = np.array(measurement, np.float64)
         (lx, ly), (rx, ry) = measured.tolist()
@@ -74,6 +60,7 @@ class Filter(ABC):
         return self._position, self._velocity
 
     def predict(self, t_ns: int) -> Points:
+        """The predicted eyes at t_ns, (2, 2) px; at most `lfpipe.eyes.MAX_HORIZON_S` ahead, never back."""
         return extrapolated(self._position, self._velocity, 0 if self._t_ns is None else int(t_ns) - self._t_ns)
 
     @abstractmethod
@@ -85,7 +72,7 @@ class Filter(ABC):
         """New (position, velocity) at t_ns, dt_s after the last measurement."""
 
 
-class Mean(Filter):
+class Mean(EyeFilter):
     """Moving average of the last k measurements (or all, if there are fewer), as in the paper. No prediction.
 
     The sum is computed afresh each time: a running sum would accumulate rounding errors and keep glitches for ever.
@@ -105,7 +92,7 @@ class Mean(Filter):
         return total / len(self._ring), np.zeros((2, 2))
 
 
-class OneEuro(Filter):
+class OneEuro(EyeFilter):
     """Low-pass whose cutoff rises with speed (Casiez, Roussel, Vogel, CHI 2012). No prediction.
 
     cutoff = min_cutoff_hz + beta * speed, the speed (distances between the eyes per second, both eyes together) itself low-passed
@@ -158,7 +145,7 @@ class Covariance:
         return Covariance(self.a * kept, self.b * kept, (self.det + self.c * r) / s, self.det * kept), self.a / s, self.b / s
 
 
-class Kalman(Filter):
+class Kalman(EyeFilter):
     """Constant-velocity model with one covariance for the four coordinates. Reports the estimated velocity.
 
     agility: density of the acceleration noise divided by the variance of the measurement, 1/s^3. Only this ratio affects the

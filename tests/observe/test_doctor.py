@@ -41,7 +41,7 @@ def test_missing_networks_are_named_with_what_would_fetch_them(tmp_path: Path, m
     fetchable = doctor.face_networks()
     assert "iris_landmark.tflite" in fetchable.detail and "lfpipe models get" in fetchable.remedy
     assert doctor.litert().ok and "missing" in doctor.litert().detail
-    monkeypatch.setattr(models, "installers", lambda folder: [])
+    monkeypatch.setattr(models, "installer", lambda folder: [])
     lost = doctor.face_networks()
     assert not lost.ok and "neither uv nor pip" in lost.detail and "--from WHEEL" in lost.remedy
 

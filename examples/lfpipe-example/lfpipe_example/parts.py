@@ -9,7 +9,7 @@ from lfpipe.config import Track
 from lfpipe.render.display import Display
 from lfpipe.render.pair_layout import Pair
 from lfpipe.track.engine import Face
-from lfpipe.track.smoothing import Filter, Points
+from lfpipe.track.smoothing import EyeFilter, Points
 
 
 class CentreEngine:
@@ -36,7 +36,7 @@ class CentreEngine:
         pass
 
 
-class Newest(Filter):
+class Newest(EyeFilter):
     """`--set track.filter=newest`: the newest measurement, at rest."""
 
     def _start(self, t_ns: int, measured: Points) -> None:
