@@ -83,26 +83,25 @@ HINT = "h shows the keys, g tests your glasses"
 FORMS = "window, fullscreen, none or file:OUT.mkv (or .mp4)"
 
 
-def _addresses() -> Iterator[str | tuple[str, int]]:
-    """Where the display servers that the environment names listen: paths of sockets, or (host, port)."""
+def _sockets() -> Iterator[tuple[socket.AddressFamily, str | tuple[str, int]]]:
+    """Where the display servers that the environment names listen."""
     if wayland := os.environ.get("WAYLAND_DISPLAY"):
-        yield str(Path(os.environ.get("XDG_RUNTIME_DIR", "")) / wayland)
+        yield socket.AF_UNIX, str(Path(os.environ.get("XDG_RUNTIME_DIR", "")) / wayland)
     host, colon, rest = os.environ.get("DISPLAY", "").rpartition(":")
     number = rest.partition(".")[0]
-    if colon and number.isdigit():
+    if colon and number.isdigit() and host in ("", "unix"):
         path = f"/tmp/.X11-unix/X{number}"
-        yield from (path, "\0" + path) if host in ("", "unix") else ((host, 6000 + int(number)),)
+        yield from ((socket.AF_UNIX, path), (socket.AF_UNIX, "\0" + path))
+    elif colon and number.isdigit():
+        yield socket.AF_INET, (host, 6000 + int(number))
 
 
 def has_display() -> bool:
     """Whether a window can be opened: the environment names a display server, and it answers."""
     if has_desktop() or os.environ.get("SDL_VIDEODRIVER") in ("dummy", "offscreen"):
         return True
-    for address in _addresses():
-        with (
-            contextlib.suppress(OSError),
-            socket.socket(socket.AF_UNIX if isinstance(address, str) else socket.AF_INET) as probe,
-        ):
+    for family, address in _sockets():
+        with contextlib.suppress(OSError), socket.socket(family) as probe:
             probe.settimeout(1.0)
             probe.connect(address)
             return True
@@ -148,8 +147,7 @@ def open_display(
     if spec in ("window", "fullscreen"):
         from lfpipe.render.window import Window
 
-        hint = "" if code else HINT
-        return Window(size_px, f"{title} ({hint})" if hint else title, spec == "fullscreen", monitor, hint, code)
+        return Window(size_px, title if code else f"{title} ({HINT})", spec == "fullscreen", monitor, code)
     if name == "file":
         from lfpipe.render.file_display import FileDisplay
 

@@ -1,6 +1,7 @@
 """Pictures in files: a video of what the viewer sees, and a single picture."""
 
 import contextlib
+import errno
 import os
 import queue
 import shutil
@@ -13,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.files.decoding import fit_area, opencv_name
+from lfpipe.files.decoding import fitted, opencv_name
 from lfpipe.files.output import check_output, marked_picture, write_output
 from lfpipe.files.safe_files import OutputFile
 from lfpipe.files.video_writer import VideoWriter, require_encoder, write_error
 from lfpipe.host.terminal import OPENCV_ERROR, opencv_logging
 from lfpipe.render.display import Display, DisplayNotice
-from lfpipe.render.pair_layout import Pair, scale_into
+from lfpipe.render.pair_layout import Pair
 
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # it reports past Python; notices report the same
 
@@ -68,16 +69,17 @@ class FileDisplay(Display):
         self._path, self._size, self._period_ns, self._reserve = path, size_px, 1e9 / rate_hz, reserve_bytes
         self._queue: queue.Queue[tuple[int, NDArray[np.uint8] | None]] = queue.Queue(QUEUE_PICTURES)
         self._notices: list[DisplayNotice] = []
-        self._lost = False
         self._written = self.dropped = 0
         self._thread = threading.Thread(target=self._run, name="video", daemon=True)
         self._thread.start()
 
     def show(self, picture: NDArray[np.uint8], pair: Pair | None = None, how: str = "") -> int:
         t_ns = time.monotonic_ns()
-        if not self._lost:
+        if self._thread.is_alive():
+            copy = np.empty((self._size[1], self._size[0], 3), np.uint8)
+            fitted(picture, copy)  # it may be of another scene
             try:
-                self._queue.put_nowait((t_ns, picture.copy()))
+                self._queue.put_nowait((t_ns, copy))
             except queue.Full:
                 self.dropped += 1
         return t_ns
@@ -95,82 +97,67 @@ class FileDisplay(Display):
 
     @opencv_logging(OPENCV_ERROR)  # otherwise a full disk gives a warning for every picture
     def _run(self) -> None:
-        try:
-            self._write_all()
-        except OSError as error:
-            self._end(error.strerror or "it cannot be written")
-        try:
-            self._writer.release(self._output.current)
-            self._place()
-        except OSError as error:
-            self._end(error.strerror or "it cannot be completed")
+        why = ""
+        for task in (self._write_all, self._complete):
+            try:
+                task()
+            except OSError as error:
+                why = why or error.strerror or "it cannot be written"
         self._output.close()
-        if self.dropped and not self._lost:
-            text = f"{self._path}: {self.dropped} pictures are missing: they came faster than they could be written"
-            self._notices.append(DisplayNotice(text, lost=False))
+        text = f"{self._path}: {self.dropped} pictures are missing: they came faster than they could be written"
+        if why:
+            text = f"{self._path}: the video ends here after {self._written} pictures: {why}"
+        if why or self.dropped:
+            self._notices.append(DisplayNotice(text, lost=bool(why)))
+
+    def _complete(self) -> None:
+        """Ends the file. Raises OSError."""
+        self._writer.release(self._output.current)
+        self._place()
 
     def _write_all(self) -> None:
-        start_ns: int | None = None
-        last: NDArray[np.uint8] | None = None
-        while not self._lost:
-            due_ns = None if start_ns is None else start_ns + (self._written + QUEUE_PICTURES) * self._period_ns
-            try:
-                wait_s = None if due_ns is None else max(0.0, (due_ns - time.monotonic_ns()) / 1e9)
-                t_ns, picture = self._queue.get(timeout=wait_s)
-            except queue.Empty:  # nothing new for a while: repeat the last picture
-                if last is not None:
-                    self._put(last)
-                continue
-            start_ns = t_ns if start_ns is None else start_ns
+        """Writes what is shown until the end. Raises OSError."""
+        t_ns, picture = self._queue.get()
+        start_ns = t_ns
+        while picture is not None:
+            if self._written - round((t_ns - start_ns) / self._period_ns) <= AHEAD_FRAMES:
+                self._put(picture)
+            else:
+                self.dropped += 1
+            t_ns, following = self._next(picture, start_ns)
             behind_ns = time.monotonic_ns() - start_ns - self._written * self._period_ns
             if behind_ns > BEHIND_S * 1e9 + QUEUE_PICTURES * self._period_ns:
                 start_ns += int(behind_ns)  # the encoder cannot keep up: skip this time
-            index = round((t_ns - start_ns) / self._period_ns)
-            while last is not None and self._written < index and not self._lost:
-                self._put(last)
-            if picture is None:
-                break
-            last = self._fitted(picture)
-            if self._written - index <= AHEAD_FRAMES:
-                self._put(last)
-            else:
-                self.dropped += 1
+            while self._written < round((t_ns - start_ns) / self._period_ns):
+                self._put(picture)
+            picture = following
 
-    def _fitted(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """A picture of another scene in the size of the video."""
-        width, height = self._size
-        if picture.shape[:2] == (height, width):
-            return picture
-        out = np.zeros((height, width, 3), np.uint8)
-        x, y, w, h = fit_area((picture.shape[1], picture.shape[0]), self._size)
-        scale_into(picture, out[y : y + h, x : x + w])
-        return out
+    def _next(self, shown: NDArray[np.uint8], start_ns: int) -> tuple[int, NDArray[np.uint8] | None]:
+        """The next of the queue; while there is nothing new for a while, repeats what is shown. Raises OSError."""
+        while True:
+            due_ns = start_ns + (self._written + QUEUE_PICTURES) * self._period_ns
+            with contextlib.suppress(queue.Empty):
+                return self._queue.get(timeout=max(0.0, (due_ns - time.monotonic_ns()) / 1e9))
+            self._put(shown)
 
     def _put(self, picture: NDArray[np.uint8]) -> None:
-        """Writes a picture. Raises OSError."""
+        """Writes a picture. Raises OSError, also for what a lossless video does not report: a full disk, a file that does not
+        grow."""
         self._writer.write(picture)
         self._written += 1
-        if self._written % CHECK_FRAMES or self._lost:
+        if self._written % CHECK_FRAMES:
             return
-        # a lossless video does not report a full disk: free space and the size of the file do
         self._place()
         free, size = shutil.disk_usage(self._path.parent).free, self._output.current.stat().st_size
         if free < self._reserve:
-            self._end(f"the disk is full but for {free / 1e6:.0f} MB")
-        elif self._writer.lossless and size + HELD_BYTES < self._written * self._size[0] * self._size[1] * LEAST_BITS / 8:
-            self._end("it no longer grows (quota or size limit)")
+            raise OSError(errno.ENOSPC, f"the disk is full but for {free / 1e6:.0f} MB")
+        if self._writer.lossless and size + HELD_BYTES < self._written * self._size[0] * self._size[1] * LEAST_BITS / 8:
+            raise OSError(errno.EFBIG, "it no longer grows (quota or size limit)")
 
     def _place(self) -> None:
         """Moves the file to its place once something is on the disk. Raises OSError."""
         if self._output.current.stat().st_size:
             self._output.place()
-
-    def _end(self, why: str) -> None:
-        """Notes the end of the video, once."""
-        if not self._lost:
-            self._lost = True
-            text = f"{self._path}: the video ends here after {self._written} pictures: {why}"
-            self._notices.append(DisplayNotice(text, lost=True))
 
 
 def save(path: Path, picture: NDArray[np.uint8]) -> str:

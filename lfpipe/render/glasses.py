@@ -10,10 +10,8 @@ from numpy.typing import NDArray
 from lfpipe.config import Render, user_file
 from lfpipe.render.anaglyph import MATRICES, encode
 from lfpipe.render.compositor import recipe_for
-from lfpipe.render.notices import Notices
 from lfpipe.render.overlay import Item, Menu
 from lfpipe.render.pair_layout import Pair, laid_out
-from lfpipe.transport.context import Context
 
 Colour = tuple[int, int, int]
 # words, colours of the left and right lens (RGB), value of render.anaglyph
@@ -27,7 +25,6 @@ KINDS: tuple[tuple[str, tuple[Colour, Colour] | None, str], ...] = (
 ICON_PX = 480, 240  # width, height: larger than on any screen, so that it is only scaled down
 GREY, DARK, LIGHT = 128, 60, 235
 FONT = cv2.FONT_HERSHEY_DUPLEX
-GHOST_STEP = 5.0  # %
 WORDS = {"anaglyph": "your glasses", "swap_eyes": "swapped eyes", "ghost_compensation": "compensation of ghosts"}
 
 
@@ -83,56 +80,21 @@ def glasses_test(render: Render, size_px: tuple[int, int]) -> tuple[NDArray[np.u
     return laid_out(pair, render.anaglyph, size_px), pair
 
 
-class Glasses:
-    """Keeps the answer to the question, and runs the test. tests: whether it is on."""
+def instructions(render: Render) -> str:
+    """The instructions of a running test."""
+    if render.anaglyph == "mono":
+        return "glasses test: this mode shows both eyes the same picture; m changes the mode"
+    ghost = f"a faint L too? adjust with right and left arrow: compensation {render.ghost_compensation:.0f} %"
+    lines = ("close your left eye: you should see only R", ghost, "x swaps the eyes, g ends the test")
+    return "\n".join(line for line in lines if line != ghost or render.anaglyph in MATRICES)
 
-    def __init__(self, context: Context, notices: Notices) -> None:
-        self._context, self._notices = context, notices
-        self._before: Render | None = None  # the settings when the test began
 
-    @property
-    def tests(self) -> bool:
-        return self._before is not None
+def keep(values: Mapping[str, float | bool | str]) -> str:
+    """Saves keys of [render] in the person's settings; returns what to tell them, "" for no keys."""
+    from lfpipe.config.user_files import write_keys  # few sessions need it
 
-    def wear(self, anaglyph: str) -> None:
-        """Keeps the answer, and begins the test of these glasses."""
-        self._keep({"anaglyph": anaglyph})
-        self._context.request("set", set={"render.anaglyph": anaglyph})
-        if anaglyph != "mono" and not self.tests:
-            self.switch()
-
-    def switch(self) -> None:
-        """Begins or ends the test; at its end the changes are kept in the person's settings."""
-        render, before = self._context.config.render, self._before
-        self._before = render if before is None else None
-        if before is not None:
-            names = ("swap_eyes", "ghost_compensation")
-            self._keep({name: getattr(render, name) for name in names if getattr(render, name) != getattr(before, name)})
-
-    def compensate(self, sign: int) -> None:
-        """During the test: a step more or less against ghosts."""
-        if self.tests:
-            ghost = self._context.config.render.ghost_compensation + sign * GHOST_STEP
-            self._context.request("set", set={"render.ghost_compensation": min(max(ghost, 0.0), 100.0)})
-
-    def words(self, render: Render) -> str:
-        """The instructions of a running test, "" without one."""
-        if not self.tests:
-            return ""
-        if render.anaglyph == "mono":
-            return "glasses test: this mode shows both eyes the same picture; m changes the mode"
-        ghost = f"a faint L too? adjust with right and left arrow: compensation {render.ghost_compensation:.0f} %"
-        lines = ("close your left eye: you should see only R", ghost, "x swaps the eyes, g ends the test")
-        return "\n".join(line for line in lines if line != ghost or render.anaglyph in MATRICES)
-
-    def _keep(self, values: Mapping[str, float | bool | str]) -> None:
-        """Saves keys of [render] in the person's settings."""
-        from lfpipe.config.user_files import write_keys  # few sessions need it
-
-        try:
-            write_keys(user_file(), "render", values)
-        except (OSError, ValueError) as error:
-            self._notices.say("kept", f"{user_file()}: not saved: {getattr(error, 'strerror', None) or error}")
-        else:
-            if values:
-                self._notices.say("kept", f"saved for the next session: {', '.join(WORDS[name] for name in values)}")
+    try:
+        write_keys(user_file(), "render", values)
+    except (OSError, ValueError) as error:
+        return f"{user_file()}: not saved: {getattr(error, 'strerror', None) or error}"
+    return f"saved for the next session: {', '.join(WORDS[name] for name in values)}" if values else ""

@@ -14,12 +14,12 @@ import platformdirs
 from lfpipe.config import Render, choices
 from lfpipe.config.quality import level_number
 from lfpipe.host.files import is_dir
-from lfpipe.render.display import Display
+from lfpipe.render.display import HINT, Display
 from lfpipe.render.file_display import save
 from lfpipe.render.geometry import zero_plane_px, zero_planes_px
-from lfpipe.render.glasses import Glasses, glasses_menu
+from lfpipe.render.glasses import glasses_menu, instructions, keep
 from lfpipe.render.notices import SHOWN_NS, Notices, changes, status_lines
-from lfpipe.render.overlay import DEPTH, Item, Overlay, bar_items
+from lfpipe.render.overlay import DEPTH, HELP, Item, Overlay, bar_items
 from lfpipe.render.presenter import Presenter
 from lfpipe.render.scenes import NO_DIALOG, NO_OTHER, FileDialog, SceneLoader, ScenePage
 from lfpipe.render.viewer import Viewer
@@ -29,8 +29,9 @@ from lfpipe.transport.context import Context
 from lfpipe.transport.status import State
 
 ALPHA_STEP = 1.1
+GHOST_STEP = 5.0  # %
 MODES = choices("render.anaglyph")
-SETTLED_NS = SECOND_NS // 2  # a resize is over once the width has not changed for this long
+HINT_NS = 6 * SECOND_NS
 STATUS_NS = SECOND_NS // 2  # between two readings of the overlay's figures
 FACELESS_NS = 4 * SECOND_NS  # a turned head is no reason for a notice
 INVITATION = "put on the glasses and stand in front of the screen"
@@ -44,18 +45,19 @@ class KeyBindings:
         self._context, self._viewer, self._presenter, self._display = context, viewer, presenter, display
         self._notices = Notices()
         self.scenes = SceneLoader(context, self._notices)
-        self._page, self._dialog, self._glasses = ScenePage(context), FileDialog(), Glasses(context, self._notices)
+        self._page, self._dialog = ScenePage(context), FileDialog()
         first = not context.row["restarts"]
         self._asks = context.options.ask_glasses and first  # whether the question about the glasses is open
         self._page_waits = context.options.start and first  # for the answer, and for the test of the glasses
-        self._overlay, self._status, self._status_due_ns = False, tuple[str, ...](), 0
-        self._width_mm, self._settled_ns = display.width_mm(), 0
+        self._before_test = context.config.render
+        self._lines_of, self._lines, self._lines_due_ns = "", tuple[str, ...](), 0  # of "help", "overlay" or nothing
         self._known = (context.config.render, level_number(context.options), viewer.field.name, viewer.field.half_turned)
         self._actions: dict[str, Callable[[str], None]] = {
             "quit": lambda _: context.request("stop"),
             "recentre": lambda _: self._recentre(),
             "screenshot": lambda _: self._screenshot(),
-            "overlay": lambda _: self._switch_overlay(),
+            "overlay": lambda _: self._switch_lines("overlay"),
+            "help": lambda _: self._switch_lines("help"),
             "freeze": lambda _: context.request("resume" if context.paused else "pause"),
             "mode": lambda _: self._set(anaglyph=MODES[(MODES.index(context.config.render.anaglyph) + 1) % len(MODES)]),
             "depth+": lambda _: self._move_plane(1),
@@ -68,7 +70,7 @@ class KeyBindings:
             "half-turn": lambda _: context.request("set", set={"scene.half_turn": "no" if viewer.field.half_turned else "yes"}),
             "record": lambda _: self._record(),
             "choose": lambda _: self._switch_page(),
-            "close": lambda _: self._close_menu(),
+            "close": lambda _: self._close(),
             "load": self._load,
             "delete": lambda event: self._page.forget(event.removeprefix("load ")),
             "next": lambda _: self.scenes.step(1),
@@ -78,9 +80,11 @@ class KeyBindings:
             "which": lambda _: self._close_menu(then_ask=True),
             "wear": self._wear,
             "glasses": lambda _: self._test_glasses(),
-            "more": lambda _: self._glasses.compensate(1),
-            "less": lambda _: self._glasses.compensate(-1),
+            "more": lambda _: self._compensate_ghost(GHOST_STEP),
+            "less": lambda _: self._compensate_ghost(-GHOST_STEP),
         }
+        if not (context.options.kiosk or self._asks or self._page_waits):
+            self._notices.say("hint", HINT, HINT_NS)
         self._ask_about_depth()
         self._show_overlay(now_ns())  # keys that are pressed now are for the menu
 
@@ -96,24 +100,37 @@ class KeyBindings:
         t_ns = now_ns()
         self._presenter.mouse.follow(self._display.pointer(), t_ns)
         self.pass_on_notices()
-        self._follow_width(t_ns)
+        if self._viewer.shown_as_wide(self._display.width_mm()):  # a larger picture has larger parallax
+            self._presenter.redraw()
         self.scenes.serve(t_ns)
         self._page.serve(t_ns)
         self._notice_changes()
-        self._notices.standing = self._standing(t_ns)
-        if self._overlay and t_ns >= self._status_due_ns:
-            self._status, self._status_due_ns = status_lines(self._context, self._viewer), t_ns + STATUS_NS
-            self._presenter.redraw()
         self._show_overlay(t_ns)
 
     def _show_overlay(self, t_ns: int) -> None:
-        if self._page_waits and not self._asks and not self._glasses.tests:
+        if self._page_waits and not self._asks and not self._presenter.tests_glasses:
             self._page_waits = False
             self._page.open()
+        if self._lines_of == "overlay" and t_ns >= self._lines_due_ns:
+            self._lines, self._lines_due_ns = status_lines(self._context, self._viewer), t_ns + STATUS_NS
+            self._presenter.redraw()
+        self._notices.standing = self._standing(t_ns)
         menu = glasses_menu(self._context.config.render.anaglyph) if self._asks else self._page.menu
-        self._display.overlay(Overlay(self._status, None, self._notices.lines(t_ns), self.scenes.share, menu, self._bar()))
+        self._display.overlay(Overlay(self._lines, None, self._notices.lines(t_ns), self.scenes.share, menu, self._bar()))
 
     # menus
+
+    def _switch_lines(self, of: str) -> None:
+        """Shows the help or the figures, or nothing if they are on show."""
+        self._lines_of = "" if self._lines_of == of else of
+        self._lines, self._lines_due_ns = HELP if self._lines_of == "help" else (), 0
+
+    def _close(self) -> None:
+        """Closes the help or the figures, or else the menu."""
+        if self._lines_of:
+            self._switch_lines(self._lines_of)
+        else:
+            self._close_menu()
 
     def _switch_page(self) -> None:
         options = self._context.options
@@ -127,16 +144,6 @@ class KeyBindings:
     def _close_menu(self, then_ask: bool = False) -> None:
         self._asks = then_ask
         self._page.close()
-
-    def _wear(self, anaglyph: str) -> None:
-        self._asks = False
-        self._glasses.wear(anaglyph)
-        self._presenter.tests_glasses = self._glasses.tests
-
-    def _test_glasses(self) -> None:
-        self._close_menu()
-        self._glasses.switch()
-        self._presenter.tests_glasses = self._glasses.tests
 
     def _load(self, path: str) -> None:
         self._page.close()
@@ -160,8 +167,34 @@ class KeyBindings:
             without |= {DEPTH, "half-turn", "recentre", "which"}
         return bar_items(self._context.config.render.depth, bool(options.record), frozenset(without))
 
-    def _switch_overlay(self) -> None:
-        self._overlay, self._status, self._status_due_ns = not self._overlay, (), 0
+    # glasses
+
+    def _wear(self, anaglyph: str) -> None:
+        """Keeps the answer, and begins the test of these glasses."""
+        self._asks = False
+        self._keep(anaglyph=anaglyph)
+        self._set(anaglyph=anaglyph)
+        if anaglyph != "mono" and not self._presenter.tests_glasses:
+            self._test_glasses()
+
+    def _test_glasses(self) -> None:
+        """Begins or ends the test; at its end the changes are kept in the person's settings."""
+        self._close_menu()
+        render, before, ends = self._context.config.render, self._before_test, self._presenter.tests_glasses
+        self._presenter.tests_glasses, self._before_test = not ends, render
+        if ends:
+            names = ("swap_eyes", "ghost_compensation")
+            self._keep(**{name: getattr(render, name) for name in names if getattr(render, name) != getattr(before, name)})
+
+    def _compensate_ghost(self, step: float) -> None:
+        """During the test: more or less against ghosts."""
+        if self._presenter.tests_glasses:
+            ghost = self._context.config.render.ghost_compensation + step
+            self._set(ghost_compensation=min(max(ghost, 0.0), 100.0))
+
+    def _keep(self, **values: float | bool | str) -> None:
+        if words := keep(values):
+            self._notices.say("kept", words)
 
     # settings
 
@@ -215,7 +248,7 @@ class KeyBindings:
         render, level, field = self._context.config.render, level_number(self._context.options), self._viewer.field
         before, level_before, scene_before, half_turned_before = self._known
         self._known = (render, level, field.name, field.half_turned)
-        for subject, text in changes(before, render) if render is not before else ():
+        for subject, text in changes(before, render).items() if render is not before else ():
             self._notices.say(subject, text)
         if level and not level_before:
             self._notices.say("quality", "busy computer: simpler picture for now")
@@ -229,7 +262,9 @@ class KeyBindings:
     def _standing(self, t_ns: int) -> list[str]:
         """The notices that stay as long as they are true."""
         context, t_face_ns = self._context, int(self._context.row["t_face_ns"])
-        lines = [self.scenes.words(t_ns), self._glasses.words(context.config.render)]
+        lines = [self.scenes.words(t_ns)]
+        if self._presenter.tests_glasses:
+            lines.append(instructions(context.config.render))
         if context.paused:
             lines.append("paused: p or space resumes")
         if int(context.table.rows[context.spec.source]["state"]) == State.READY:  # it has no camera
@@ -246,14 +281,6 @@ class KeyBindings:
                 self._context.report_lost(notice.text)
             else:
                 self._context.emit("notice", text=notice.text)
-
-    def _follow_width(self, t_ns: int) -> None:
-        """A larger picture has larger parallax: alpha follows once the window keeps its size."""
-        width_mm = self._display.width_mm()
-        if width_mm != self._width_mm:
-            self._width_mm, self._settled_ns = width_mm, t_ns + SETTLED_NS
-        elif t_ns >= self._settled_ns and self._viewer.shown_as_wide(width_mm):
-            self._presenter.redraw()
 
 
 def _picture_folder() -> Path:

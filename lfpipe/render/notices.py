@@ -25,8 +25,7 @@ class Notices:
 
     def lines(self, t_ns: int) -> tuple[str, ...]:
         """The lines to show at t_ns."""
-        self._passing = {subject: notice for subject, notice in self._passing.items() if notice[1] > t_ns}
-        texts = [*(text for text, _ in self._passing.values()), *self.standing]
+        texts = [*(text for text, end_ns in self._passing.values() if end_ns > t_ns), *self.standing]
         return tuple(line for text in texts for line in text.splitlines())
 
 
@@ -41,34 +40,34 @@ def status_lines(context: Context, viewer: Viewer) -> tuple[str, ...]:
         f"camera {rate_hz(rows[context.spec.source]):5.1f} Hz   pictures {rate_hz(own):5.1f} Hz",
         f"age of pictures p50 {age['p50_ms']:.1f} ms, p99 {age['p99_ms']:.1f} ms",
         f"eyes predicted by p50 {horizon['p50_ms']:.1f} ms",
-        f"judder {100 * own['juddered'] / own['planned']:.2f} %" if own["planned"] else "",
-        *(
-            f"{name} busy p50 {summary_ms(row['busy'])['p50_ms']:.2f} ms, dropped {row['drops']}"
-            for name, row in rows.items()
-            if row["state"]
-        ),
-        f"{viewer.method}, {render.anaglyph}, {alpha}, zero plane {zero_plane_px(field, render):+.2f} px/view",
-        f"row {views.left[0]:.1f}, columns {views.left[1]:.1f} and {views.right[1]:.1f} of {field.rows}x{field.cols} views"
-        if views
-        else "",
-        f"quality lowered, level {level.number}: {level.words}" if level else "",
     ]
-    return tuple(line for line in lines if line)
+    if own["planned"]:
+        lines.append(f"judder {100 * own['juddered'] / own['planned']:.2f} %")
+    for name, row in rows.items():
+        if row["state"]:
+            lines.append(f"{name} busy p50 {summary_ms(row['busy'])['p50_ms']:.2f} ms, dropped {row['drops']}")
+    lines.append(f"{viewer.method}, {render.anaglyph}, {alpha}, zero plane {zero_plane_px(field, render):+.2f} px/view")
+    if views:
+        columns = f"columns {views.left[1]:.1f} and {views.right[1]:.1f}"
+        lines.append(f"row {views.left[0]:.1f}, {columns} of {field.rows}x{field.cols} views")
+    if level:
+        lines.append(f"quality lowered, level {level.number}: {level.words}")
+    return tuple(lines)
 
 
-def changes(before: Render, now: Render) -> list[tuple[str, str]]:
-    """(subject, text) of each changed setting that a viewer notices."""
+def changes(before: Render, now: Render) -> dict[str, str]:
+    """A notice for each changed setting that a viewer notices, by its subject."""
 
-    def number(value: float | str, form: str) -> str:
+    def px(value: float | str, form: str) -> str:
         return value if isinstance(value, str) else f"{value:{form}} px/view"
 
     texts = {
-        "depth": ("depth", f"depth: {now.depth:.0%} of the way from comfort to true"),
-        "anaglyph": ("mode", f"mode: {now.anaglyph}"),
-        "zero_plane_px": ("depth", f"depth: zero plane {number(now.zero_plane_px, '+.2f')}"),
-        "alpha_px": ("alpha", f"head movement: alpha {number(now.alpha_px, '.1f')}"),
-        "method": ("method", f"views: {now.method}"),
-        "swap_eyes": ("swap", "eyes swapped" if now.swap_eyes else "eyes as they are"),
-        "ghost_compensation": ("ghost", f"ghost compensation: {now.ghost_compensation:.0f} %"),
+        "depth": f"depth: {now.depth:.0%} of the way from comfort to true",
+        "anaglyph": f"mode: {now.anaglyph}",
+        "zero_plane_px": f"depth: zero plane {px(now.zero_plane_px, '+.2f')}",
+        "alpha_px": f"head movement: alpha {px(now.alpha_px, '.1f')}",
+        "method": f"views: {now.method}",
+        "swap_eyes": "eyes swapped" if now.swap_eyes else "eyes as they are",
+        "ghost_compensation": f"ghost compensation: {now.ghost_compensation:.0f} %",
     }
-    return [text for name, text in texts.items() if getattr(now, name) != getattr(before, name)]
+    return {name: text for name, text in texts.items() if getattr(now, name) != getattr(before, name)}

@@ -74,9 +74,9 @@ class Menu:
 
 @attrs.frozen
 class Overlay:
-    """lines: at the top left; text after a tab forms a second column. inset: a small picture below them, uint8 (h, w, 3) BGR.
-    notices: short lines at the bottom. progress: length of a thin line along the bottom, as a share of the width; None without.
-    bar: at the bottom, while the mouse moves."""
+    """lines: at the top left; text after a tab forms a second column; Esc causes "close". inset: a small picture below them,
+    uint8 (h, w, 3) BGR. notices: short lines at the bottom. progress: length of a thin line along the bottom, as a share of the
+    width; None without. bar: at the bottom, while the mouse moves."""
 
     lines: tuple[str, ...] = ()
     inset: NDArray[np.uint8] | None = attrs.field(default=None, eq=id)
@@ -90,7 +90,7 @@ class Overlay:
 def bar_items(depth: float, recording: bool, without: frozenset[str]) -> tuple[Item, ...]:
     """The bar. depth: of the slider. without: events that the session does not have."""
     entries = {row.events: Item(row.label, row.events, row.keys) for row in KEYS if row.label}
-    entries["alpha+ alpha-"] = Item("Depth", DEPTH, slider=depth)
+    entries["alpha+ alpha-"] = Item("comfort    Depth    true", DEPTH, slider=depth)
     if recording:
         entries["record"] = Item("Stop recording", "record", "r", warns=True)
     return tuple(item for item in entries.values() if item.event not in without)

@@ -2,7 +2,7 @@
 window's surface. Of both:
 
 size_px   (width, height) of the window in the screen's own pixels
-paint     draws uint8 (height, width, 3) BGR, scaled to fit, without showing it; exact: it already has the window's size
+paint     draws uint8 (height, width, 3) BGR, scaled to fit, and panels over it, without showing them
 swap      hands the drawn picture to the window system
 """
 
@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area
+from lfpipe.render.overlay_view import Panel
 from lfpipe.render.pair_layout import scale_into
-from lfpipe.render.panels import Panel
 from lfpipe.render.window_system import pygame, uses_renderer, video
 
 RED_MASKS = {0xFF0000: cv2.COLOR_BGR2BGRA, 0xFF: cv2.COLOR_BGR2RGBA}
@@ -28,15 +28,16 @@ class SurfacePainter:
     def __init__(self, window: pygame.Window) -> None:
         """Raises UserError if the screen's pixels do not have 32 bits."""
         self._window = window
-        self._four: NDArray[np.uint8] = np.empty((0, 0, 4), np.uint8)
         surface = window.get_surface()
         if surface.get_bytesize() != 4 or surface.get_masks()[0] not in RED_MASKS:
             raise UserError(f"the screen has {surface.get_bitsize()} bits per pixel", "use a screen with 24 or 32 bits per pixel")
+        self._code = RED_MASKS[surface.get_masks()[0]]
+        self._four: NDArray[np.uint8] | None = None
 
     def size_px(self) -> tuple[int, int]:
         return self._window.get_surface().get_size()
 
-    def paint(self, picture: NDArray[np.uint8], panels: list[Panel], exact: bool) -> None:
+    def paint(self, picture: NDArray[np.uint8], panels: list[Panel]) -> None:
         surface = self._window.get_surface()
         self._write(surface, picture)
         surface.blits([(panel.surface, panel.at) for panel in panels])
@@ -50,17 +51,13 @@ class SurfacePainter:
         memory: Any = surface.get_buffer()  # a buffer, though the type checker disagrees
         pixels = np.frombuffer(memory, np.uint8).reshape(height, surface.get_pitch() // 4, 4)[:, :width]
         x, y, w, h = fit_area((picture.shape[1], picture.shape[0]), (width, height))
-        code = RED_MASKS[surface.get_masks()[0]]
         pixels[:y], pixels[y + h :], pixels[y : y + h, :x], pixels[y : y + h, x + w :] = 0, 0, 0, 0
         target = pixels[y : y + h, x : x + w]
         if picture.shape[:2] == (h, w):
-            cv2.cvtColor(picture, code, dst=target)
-            return
-        # converted before scaling up: the scaler then writes straight into the surface
-        if self._four.shape[:2] != picture.shape[:2]:
-            self._four = np.empty((*picture.shape[:2], 4), np.uint8)
-        cv2.cvtColor(picture, code, dst=self._four)
-        scale_into(self._four, target)
+            cv2.cvtColor(picture, self._code, dst=target)
+        else:  # converted before scaling up: the scaler then writes straight into the surface
+            self._four = np.asarray(cv2.cvtColor(picture, self._code, dst=self._four), np.uint8)
+            scale_into(self._four, target)
 
 
 class RendererPainter:
@@ -71,22 +68,19 @@ class RendererPainter:
         self._renderer = video.Renderer(window, -1, 1, wait)
         self._texture: video.Texture | None = None
         self._four: NDArray[np.uint8] = np.empty((0, 0, 4), np.uint8)
-        self._upload: pygame.Surface | None = None
         self._textures: dict[Panel, video.Texture] = {}
 
     def size_px(self) -> tuple[int, int]:
         viewport = self._renderer.get_viewport()
         return viewport.width, viewport.height
 
-    def paint(self, picture: NDArray[np.uint8], panels: list[Panel], exact: bool) -> None:
+    def paint(self, picture: NDArray[np.uint8], panels: list[Panel]) -> None:
         rows, cols = picture.shape[:2]
         if self._texture is None or self._four.shape[:2] != (rows, cols):
             self._four = np.empty((rows, cols, 4), np.uint8)
-            self._upload = pygame.image.frombuffer(self._four.data, (cols, rows), "BGRA")
-            self._texture = video.Texture(self._renderer, (cols, rows), streaming=True, scale_quality=0 if exact else 1)
-        assert self._upload is not None
+            self._texture = video.Texture(self._renderer, (cols, rows), streaming=True, scale_quality=1)
         cv2.cvtColor(picture, cv2.COLOR_BGR2BGRA, dst=self._four)
-        self._texture.update(self._upload)
+        self._texture.update(pygame.image.frombuffer(self._four.data, (cols, rows), "BGRA"))
         self._renderer.clear()
         self._texture.draw(dstrect=fit_area((cols, rows), self.size_px()))
         self._textures = {

@@ -3,11 +3,12 @@
 The old scene stays on the screen until the packer has the views of the new one. A second request replaces the first.
 """
 
+import contextlib
 import shutil
 import subprocess
 import textwrap
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
@@ -27,18 +28,10 @@ from lfpipe.transport.ring import Reader
 
 ALONE_NS = 60 * SECOND_NS  # then the visitor is assumed to have left
 NO_OTHER = "there is no other scene: `lfpipe up` accepts several"
-REFUSED_NS, LINE_CHARS, MAX_LINES = 6 * SECOND_NS, 60, 10  # of a refusal in the picture
+REFUSED_NS, LINE_CHARS, MAX_LINES = 6 * SECOND_NS, 60, 5  # of a refusal in the picture; lines of the reason, and of the remedy
 CAMERA_NS = SECOND_NS // 5  # between two pictures of the camera
-KEPT_PX = (480, 360)  # of a thumbnail, at most
+KEPT_PX = (480, 360)  # of a thumbnail, at most: larger than a cell of most menus
 HINT = "Click, or arrows and Enter; Delete removes a scene; Tab goes back.\nOr drop a folder of views onto the window."
-
-
-class _Request(NamedTuple):
-    """A requested scene that is not loaded yet."""
-
-    scene: str
-    words: str
-    since_ns: int
 
 
 class SceneLoader:
@@ -46,50 +39,53 @@ class SceneLoader:
 
     def __init__(self, context: Context, notices: Notices) -> None:
         self._context, self._notices = context, notices
-        self._request: _Request | None = None
-        self._step = "", ""  # the scene being loaded and its progress
+        self._asked, self._asked_ns = "", 0  # the scene requested last that is not loaded yet
+        self._loading, self._step = "", ""  # the name of the scene being loaded, whoever requested it, and its progress
         self.share: float | None = None
         self._first_due_ns = 0
 
     def step(self, step: int) -> None:
         """Requests the scene of the playlist that many steps from the one requested last."""
-        scenes, asked = self._context.options.playlist, self._request.scene if self._request else ""
+        scenes = self._context.options.playlist
         if len(scenes) < 2:
             self._notices.say("scene", NO_OTHER)
             return
-        at = scenes.index(asked) if asked in scenes else self._context.options.playlist_at
+        at = scenes.index(self._asked) if self._asked in scenes else self._context.options.playlist_at
         self.load(Path(scenes[(at + step) % len(scenes)]))
 
     def load(self, scene: Path) -> None:
         """Requests the scene at a path, instead of one requested before."""
-        scenes = self._context.options.playlist
-        place = f": {scenes.index(str(scene)) + 1} of {len(scenes)}" if str(scene) in scenes else ""
         self._context.request("load", scene=str(scene))
-        self._request = _Request(str(scene), f"loading {scene.name}{place}", now_ns())
+        self._asked, self._asked_ns = str(scene), now_ns()
 
     def answered(self, answer: dict[str, Any]) -> None:
         """Handles the answer to a request: the picture shows a refusal for a while."""
         if answer.get("replaced"):
             return
         if not answer["ok"]:
-            lines = [f"{self._request.words}: refused" if self._request else "refused"]
+            lines = [f"{self._what()}: refused".removeprefix(": ")]
             for text in (answer["error"], answer.get("remedy", "")):
-                lines += textwrap.wrap(text, LINE_CHARS)[: MAX_LINES // 2]
+                lines += textwrap.wrap(text, LINE_CHARS)[:MAX_LINES]
             self._notices.say("refused", "\n".join(lines), REFUSED_NS)
         if not answer["ok"] or "pack" in answer:
-            self._request = None
+            self._asked = ""
 
     def report(self, news: dict[str, Any]) -> None:
         """Takes the progress of loading, whoever requested the scene. Of the scene on the screen, only a line shows it."""
-        self._step = ("", "") if news["shown"] else (news["scene"], news["step"])
+        self._loading, self._step = ("", "") if news["shown"] else (news["scene"], news["step"])
         self.share = news["share"] if news["shown"] and news["step"] else None
+
+    def _what(self) -> str:
+        scenes = self._context.options.playlist
+        if self._asked:
+            place = f": {scenes.index(self._asked) + 1} of {len(scenes)}" if self._asked in scenes else ""
+            return f"loading {Path(self._asked).name}{place}"
+        return f"loading {self._loading}" if self._step else ""
 
     def words(self, t_ns: int) -> str:
         """What is being loaded, how far it is, and for how long; "" for nothing."""
-        (scene, step), request = self._step, self._request
-        waited_s = (t_ns - request.since_ns) // SECOND_NS if request else 0
-        words = request.words if request else f"loading {scene}" if step else ""
-        return ", ".join(filter(None, [words, step, f"{waited_s} s" if waited_s else ""]))
+        waited_s = (t_ns - self._asked_ns) // SECOND_NS if self._asked else 0
+        return ", ".join(filter(None, [self._what(), self._step, f"{waited_s} s" if waited_s else ""]))
 
     def serve(self, t_ns: int) -> None:
         """In an exhibition, requests the first scene for the next visitor."""
@@ -123,16 +119,20 @@ class ScenePage:
         now = options.playlist[options.playlist_at]
         self._pictures.clear()
         if options.tracking:
-            self._camera = Reader(self._context.spec.session.segment("frames"))
-            self._camera_items = (Item("the camera"),)
+            self._camera, self._camera_items = Reader(self._context.spec.session.segment("frames")), (Item("the camera"),)
         self._make_menu(self._scenes.index(now) if now in self._scenes else 0)
 
     def close(self) -> None:
         """Closes the menu."""
-        for source in (self._camera, self._packing):
-            if source is not None:
-                source.close()
-        self.menu = self._camera = self._packing = None
+        self._stop_packing()
+        if self._camera is not None:
+            self._camera.close()
+        self.menu = self._camera = None
+
+    def _stop_packing(self) -> None:
+        if self._packing is not None:
+            self._packing.close()
+        self._packing = None
 
     def _make_menu(self, at: int = 0) -> None:
         items = [Item(Path(scene).name, f"load {scene}", picture=self._pictures.get(scene)) for scene in self._scenes]
@@ -145,9 +145,7 @@ class ScenePage:
     def forget(self, scene: str) -> None:
         """Takes a scene off the start page; the demos stay, and so do all files."""
         if self._context.options.start and scene in self._scenes and not self._is_own(scene):
-            if self._packing is not None:
-                self._packing.close()
-            self._packing = None
+            self._stop_packing()
             self._scenes.remove(scene)
             forget_scene(Path(scene))
             self._make_menu()
@@ -156,8 +154,11 @@ class ScenePage:
         """Reads one more thumbnail and, now and then, the camera's picture."""
         if self.menu is None:
             return
-        unread = sorted((scene for scene in self._scenes if scene not in self._pictures), key=self._is_own)
-        changed = bool(unread) and self._read_picture(unread[0])
+        unread = [scene for scene in self._scenes if scene not in self._pictures]
+        changed = False
+        if unread:
+            with self._context.busy_with("reading thumbnails"):
+                changed = self._read_picture(min(unread, key=self._is_own))
         if t_ns >= self._camera_due_ns and (item := self._see_camera()) is not None:
             self._camera_items, self._camera_due_ns, changed = (item,), t_ns + CAMERA_NS, True
         if changed:
@@ -165,19 +166,15 @@ class ScenePage:
 
     def _read_picture(self, scene: str) -> bool:
         """Reads the middle view from the scene's pack, or has the packer read it; returns whether that is done."""
-        with self._context.busy_with("reading thumbnails"):
-            if self._packing is None:
-                try:
-                    field = packed(scene, self._context.config.scene)
-                except UserError:
-                    field = None
-                if field is not None:
+        if self._packing is None:
+            with contextlib.suppress(UserError):
+                if (field := packed(scene, self._context.config.scene)) is not None:
                     self._pictures[scene] = _small(stored_view(field, field.rows // 2, field.cols // 2))
                     return True
-                self._packing = Packing([scene], self._context.config.scene, do="preview")
-            self._packing.read()
-            if self._packing.done:
-                self._pictures[scene], self._packing = preview(self._packing), None
+            self._packing = Packing([scene], self._context.config.scene, do="preview")
+        self._packing.read()
+        if self._packing.done:
+            self._pictures[scene], self._packing = preview(self._packing), None
         return scene in self._pictures
 
     def _see_camera(self) -> Item | None:

@@ -12,17 +12,18 @@ from lfpipe.files.decoding import fit_area
 from lfpipe.host.presentation import Presented
 from lfpipe.render import window_system
 from lfpipe.render.display import Display
-from lfpipe.render.layers import Layers, moved
-from lfpipe.render.monitors import Monitor, find_monitor, monitors
+from lfpipe.render.monitors import find_monitor, monitors
 from lfpipe.render.overlay import EVENTS, Overlay, Pointer
+from lfpipe.render.overlay_view import OverlayView, Panel
 from lfpipe.render.painters import open_painter
 from lfpipe.render.pair_layout import Pair, laid_out
-from lfpipe.render.panels import Panel
 from lfpipe.render.window_system import KEY_CODES, open_presentation, pygame
 
 USUAL_MM = 531.0  # width of a 24-inch screen of 16:9, for monitors that report no size
 TEXT_PX, TEXT_SHARE = 22, 1 / 50  # of the monitor's height: TEXT_PX is too small on a fine monitor
+BUTTONS = {1: "left", 3: "right"}
 MOUSE = (pygame.MOUSEMOTION, pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP, pygame.MOUSEWHEEL)
+RESIZED = (pygame.WINDOWSIZECHANGED, pygame.WINDOWDISPLAYCHANGED)
 NAMES = EVENTS | {"=": "alpha+", " ": "freeze", "?": "help"}
 
 
@@ -32,31 +33,27 @@ class Window(Display):
     Its pixels are the screen's own: SDL asks a desktop that scales windows not to scale this one. monitor: the window is on it.
     """
 
-    def __init__(
-        self,
-        size_px: tuple[int, int],
-        title: str,
-        fullscreen: bool = False,
-        monitor: str = "",
-        hint: str = "",
-        code: str = "",
-    ) -> None:
+    def __init__(self, size_px: tuple[int, int], title: str, fullscreen: bool = False, monitor: str = "", code: str = "") -> None:
         """size_px: (width, height) of the pictures. monitor: a number or name, as for `monitors.find_monitor`; empty: the desktop
-        chooses. hint: a line over the picture. code: only these letters have an effect, and quit; other keys, buttons and drops
-        have none. Raises UserError if no window can be opened, or the monitor is missing."""
+        chooses. code: only these letters have an effect, and quit; other keys, buttons and drops have none. Raises UserError if
+        no window can be opened, or the monitor is missing."""
         self._code, self._typed = code, ""
         self._title, self._fullscreen, self._wanted = title, fullscreen, monitor
+        self._picture: NDArray[np.uint8] | None = None
+        self._pair: Pair | None = None
+        self._how = ""
+        self._laid: NDArray[np.uint8] | None = None
+        self._view, self._drawn, self._pointer = OverlayView(), list[Panel](), Pointer()
+        self._number = self._handed = 0  # of the picture, and of the hand-over: a picture may be drawn again
+        self._numbers: dict[int, int] = {}  # hand-over -> picture
         try:
             self._driver = window_system.start()
-            self._monitors = monitors()
-            self.monitor = find_monitor(monitor, self._monitors) if monitor else self._monitors[0]
+            self.monitor = find_monitor(monitor, monitors()) if monitor else monitors()[0]
             self._windowed = self.monitor.window_for(size_px)
             self._at: tuple[int, int] | None = None
             if monitor:
                 margins = self.monitor.width - self._windowed[0], self.monitor.height - self._windowed[1]
                 self._at = self.monitor.x + margins[0] // 2, self.monitor.y + margins[1] // 2
-            self._number = self._handed = 0  # of the picture, and of the hand-over: a picture may be drawn again
-            self._numbers: dict[int, int] = {}  # hand-over -> picture
             pygame.font.init()
             self._open()
         except UserError:
@@ -64,13 +61,7 @@ class Window(Display):
             raise
         except pygame.error as error:
             raise UserError(f"no window can be opened: {error}", "use --display none or --display file:OUT.mkv") from None
-        self._picture: NDArray[np.uint8] | None = None
-        self._pair: Pair | None = None
-        self._how = ""
         self._shown_px = fit_area(size_px, self._painter.size_px())[2]
-        self._layers, self._drawn = Layers(hint), list[Panel]()
-        self._pointer = Pointer()
-        self._laid: NDArray[np.uint8] | None = None
 
     def _open(self) -> None:
         if self._fullscreen:
@@ -111,18 +102,18 @@ class Window(Display):
         """
         if not self._fullscreen:
             self._windowed, self._at = self._window.size, self._window.position
-        self._monitors = monitors()  # monitors may have been plugged or unplugged
-        self.monitor = self._here()
+        self._find_monitor()
         if self._wanted:
             with contextlib.suppress(UserError):  # the chosen one was unplugged
-                self.monitor = find_monitor(self._wanted, self._monitors)
+                self.monitor = find_monitor(self._wanted, monitors())
         self._fullscreen = not self._fullscreen
         self._close()
         self._open()
 
-    def _here(self) -> Monitor:
-        number = window_system.monitor_number(self._window)
-        return next((monitor for monitor in self._monitors if monitor.number == number), self._monitors[0])
+    def _find_monitor(self) -> None:
+        """The monitor that the window is on now; others may have been plugged or unplugged."""
+        offered, number = monitors(), window_system.monitor_number(self._window)
+        self.monitor = next((monitor for monitor in offered if monitor.number == number), offered[0])
 
     def width_mm(self) -> float | None:
         if self.monitor.pixel_mm:
@@ -134,26 +125,24 @@ class Window(Display):
         """Returns the time at which the window system accepted the picture."""
         self._picture, self._pair, self._how = picture, pair, how
         self._number += 1
-        self._draw(self._panels())
+        self._draw()
         return time.monotonic_ns()
 
-    def _panels(self) -> list[Panel]:
-        window_px = self._painter.size_px()
-        text_px = round(max(TEXT_PX, TEXT_SHARE * self.monitor.height) * window_px[0] / self._window.size[0])
-        return self._layers.panels(window_px, text_px)
-
-    def _draw(self, panels: list[Panel]) -> None:
-        self._drawn = panels
-        if self._picture is None:
-            return
+    def _draw(self, again: bool = True) -> None:
+        """Draws picture and overlay. again: also if neither has changed."""
+        pygame.mouse.set_visible(not self._fullscreen or self._view.has_pointer)
         window_px, picture = self._painter.size_px(), self._picture
-        _, _, self._shown_px, height = fit_area((picture.shape[1], picture.shape[0]), window_px)
-        exact = picture.shape[:2] == (height, self._shown_px)
+        text_px = round(max(TEXT_PX, TEXT_SHARE * self.monitor.height) * window_px[0] / self._window.size[0])
+        panels = self._view.panels(window_px, text_px)
+        unchanged, self._drawn = panels == self._drawn, panels
+        if picture is None or (unchanged and not again):
+            return
+        self._shown_px = fit_area((picture.shape[1], picture.shape[0]), window_px)[2]
         if self._pair is not None:
             # the row of the screen on which the window begins: known on X and in full screen
             first_row = 0 if self._fullscreen else max(0, int(self._window.position[1] - self.monitor.y))
             picture = self._laid = laid_out(self._pair, self._how, window_px, first_row, self._laid)
-        self._painter.paint(picture, panels, exact or self._pair is not None)
+        self._painter.paint(picture, panels)
         self._handed += 1
         if self._presentation is not None:
             self._numbers[self._handed] = self._number
@@ -162,49 +151,53 @@ class Window(Display):
         if self._presentation is not None:
             self._presentation.handed_over(self._handed)
 
-    def _draw_changes(self, again: bool = False) -> None:
-        pygame.mouse.set_visible(not self._fullscreen or self._layers.has_pointer)
-        panels = self._panels()
-        if again or panels != self._drawn:
-            self._draw(panels)
-
     def overlay(self, overlay: Overlay) -> None:
-        self._layers.set(overlay)
-        self._draw_changes()
+        self._view.set(overlay)
+        self._draw(again=False)
 
     def events(self) -> list[str]:
-        """Handles full screen and help itself, and redraws after it was covered or resized."""
+        """Handles full screen itself, and redraws after it was covered or resized."""
         names, again = [], False
         for event in window_system.take_events():
-            name = ""
-            if self._code:
-                if event.type == pygame.KEYDOWN:
-                    self._typed = (self._typed + event.unicode)[-len(self._code) :]
-                    name = "quit" if self._typed == self._code else ""
-            elif event.type == pygame.QUIT:
-                name = "quit"
-            elif event.type == pygame.KEYDOWN:
-                name = self._layers.key(KEY_CODES.get(event.key) or NAMES.get(event.unicode.lower(), ""))
-                if name == "escape":
-                    name = "fullscreen" if self._fullscreen else ""
-            elif event.type in MOUSE:
-                self._pointer = moved(self._pointer, event, self._window.size)
-                x_px, y_px = self._painter.size_px()
-                if name := self._layers.mouse(event, (round(self._pointer.x * x_px), round(self._pointer.y * y_px))):
-                    self._pointer = attrs.evolve(self._pointer, left=False)  # a click, and no drag of the view
-            elif event.type == pygame.DROPFILE:
-                name = f"load {event.file}".rstrip()
-            if event.type in (pygame.WINDOWSIZECHANGED, pygame.WINDOWDISPLAYCHANGED):
-                self.monitor = self._here()
-            again |= event.type in (pygame.WINDOWEXPOSED, pygame.WINDOWSIZECHANGED, pygame.WINDOWDISPLAYCHANGED)
+            if event.type in RESIZED:
+                self._find_monitor()
+            again |= event.type in (pygame.WINDOWEXPOSED, *RESIZED)
+            if name := self._meaning(event):
+                names.append(name)
             if name == "fullscreen":
                 self._toggle()
                 again = True
-            elif name == "help":
-                self._layers.help = not self._layers.help
-            names += [name] if name else []
-        self._draw_changes(again)
+        self._draw(again)
         return names
+
+    def _meaning(self, event: pygame.Event) -> str:
+        """The name of what a person did, "" for nothing."""
+        if self._code:
+            self._typed = (self._typed + (event.unicode if event.type == pygame.KEYDOWN else ""))[-len(self._code) :]
+            return "quit" if self._typed == self._code else ""
+        if event.type == pygame.QUIT:
+            return "quit"
+        if event.type == pygame.DROPFILE:
+            return f"load {event.file}".rstrip()
+        if event.type == pygame.KEYDOWN:
+            name = self._view.key(KEY_CODES.get(event.key) or NAMES.get(event.unicode.lower(), ""))
+            return name if name != "escape" else "fullscreen" if self._fullscreen else ""
+        return self._mouse(event) if event.type in MOUSE else ""
+
+    def _mouse(self, event: pygame.Event) -> str:
+        """Moves the pointer; the name of what a click or a touch means."""
+        if event.type == pygame.MOUSEWHEEL:
+            self._pointer = attrs.evolve(self._pointer, wheel=self._pointer.wheel + event.y)
+        else:
+            x, y = (min(max(at / size, 0.0), 1.0) for at, size in zip(event.pos, self._window.size, strict=True))
+            button = BUTTONS.get(event.button) if event.type != pygame.MOUSEMOTION else None
+            held = {button: event.type == pygame.MOUSEBUTTONDOWN} if button else {}
+            self._pointer = attrs.evolve(self._pointer, x=x, y=y, **held)
+        x_px, y_px = self._painter.size_px()
+        name = self._view.mouse(event, (round(self._pointer.x * x_px), round(self._pointer.y * y_px)))
+        if name:
+            self._pointer = attrs.evolve(self._pointer, left=False)  # a click, and no drag of the view
+        return name
 
     def pointer(self) -> Pointer:
         pointer, self._pointer = self._pointer, attrs.evolve(self._pointer, wheel=0)
@@ -231,13 +224,14 @@ class CalibrationWindow(Window):
         """Shows uint8 (height, width, 3) BGR."""
         self.overlay(Overlay(tuple(lines)))
         self.show(picture)
-        for event in pygame.event.get():
-            if event.type == pygame.QUIT or (event.type == pygame.KEYDOWN and event.key in (pygame.K_ESCAPE, pygame.K_q)):
-                self.quit = True
-            elif event.type == pygame.KEYDOWN and event.key in (pygame.K_RETURN, pygame.K_SPACE, pygame.K_KP_ENTER):
-                self.enter = True
-            elif event.type == pygame.MOUSEBUTTONDOWN and event.button == 1:
-                self.clicks.append(self.to_picture(event.pos))
+        events = set(self.events())
+        self.quit |= not events.isdisjoint({"quit", "close"})
+        self.enter |= not events.isdisjoint({"enter", "freeze"})
+
+    def _mouse(self, event: pygame.Event) -> str:
+        if event.type == pygame.MOUSEBUTTONDOWN and event.button == 1:
+            self.clicks.append(self.to_picture(event.pos))
+        return super()._mouse(event)
 
     def to_picture(self, position: tuple[int, int]) -> tuple[float, float]:
         """Converts a position in the window to px of the picture."""

@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 from lfpipe.config import choices
 from lfpipe.render.display import Display
 from lfpipe.render.glasses import KINDS, glasses_menu
-from lfpipe.render.layers import Layers
-from lfpipe.render.overlay import DEPTH, EVENTS, KEYS, Item, Menu, Overlay, bar_items
-from lfpipe.render.panels import BAR_SHARE, Panel
+from lfpipe.render.overlay import DEPTH, EVENTS, HELP, KEYS, Item, Menu, Overlay, bar_items
+from lfpipe.render.overlay_view import BAR_SHARE, OverlayView, Panel
 from tests.display.test_window import GREY, becomes, pressed, window  # noqa: F401  (fixture)
 from tests.xvfb_screen import Screen
 
@@ -28,11 +27,11 @@ def fonts() -> None:
     pygame.font.init()
 
 
-class Screened(Layers):
+class Screened(OverlayView):
     """An overlay in a window of a size."""
 
     def __init__(self, size: tuple[int, int], overlay: Overlay) -> None:
-        super().__init__("")
+        super().__init__()
         self.size = size
         self.set(overlay)
         self.move(pygame.MOUSEMOTION, 0, 0)
@@ -58,7 +57,11 @@ class Screened(Layers):
 def test_every_entry_of_the_bar_can_be_clicked_and_the_middle_is_free(size: tuple[int, int]) -> None:
     screened = Screened(size, Overlay(bar=BAR))
     bar = screened.draw()
-    assert bar.surface.get_width() == size[0] and bar.surface.get_height() <= 1.2 * BAR_SHARE * size[1] and bar.bottom == size[1]
+    assert (
+        bar.surface.get_width() == size[0]
+        and bar.surface.get_height() <= 1.2 * BAR_SHARE * size[1]
+        and bar.at[1] + bar.surface.get_height() == size[1]
+    )
     assert {event.partition(" ")[0] for event in screened.clicked()} == {"", *(item.event for item in BAR)}
 
 
@@ -116,15 +119,11 @@ def test_the_selected_item_is_on_the_page(count: int, size: tuple[int, int], key
     assert len({screened.key("more") or screened.key("enter") for _ in range(remaining)}) == remaining, "one key reaches all"
 
 
-def test_escape_closes_the_help_then_the_menu_then_leaves_the_full_screen() -> None:
-    layers = Layers("")
-    layers.set(Overlay(menu=glasses_menu("mono")))
-    layers.help = True
-    assert layers.key("escape") == "help"
-    layers.help = False
-    assert layers.key("escape") == "close"
-    layers.set(Overlay())
-    assert layers.key("escape") == "escape"
+def test_escape_closes_what_is_over_the_picture_then_leaves_the_full_screen() -> None:
+    view = OverlayView()
+    for overlay, event in ((Overlay(HELP), "close"), (Overlay(menu=glasses_menu("mono")), "close"), (Overlay(), "escape")):
+        view.set(overlay)
+        assert view.key("escape") == event
 
 
 def test_the_bar_comes_with_the_mouse_and_a_click_is_a_key(window: Callable[..., Display], screen: Screen) -> None:  # noqa: F811

@@ -1,0 +1,259 @@
+"""The overlay in one window: its panels, and what a key, a click or a touch on them means.
+
+A panel is a surface with the places of its items: what is drawn there is what a click finds there. Equal calls of one panel's
+function after another return the same panel.
+"""
+
+import math
+import time
+from functools import lru_cache
+
+import attrs
+import cv2
+
+from lfpipe.files.decoding import fit_area
+from lfpipe.render.overlay import Item, Menu, Overlay
+from lfpipe.render.window_system import drawable, pygame
+
+Place = tuple[int, int]
+Cell = tuple[Item, pygame.Rect]
+BAR_S = 3.0  # the bar stays so long after the last move of the mouse
+PAGES = {"next": 1, "previous": -1}
+WHITE, GREY, RED, BACK, LIT = (255, 255, 255), (170, 170, 170), (255, 90, 90), (0, 0, 0, 200), (90, 90, 90, 220)
+TEXT_BACK = (0, 0, 0, 160)
+EDGE_PX, PAD_PX, PROGRESS_PX = 12, 8, 4
+LEAST_TEXT_PX = 12  # still legible
+TEXT_SHARE = 0.94  # of the window that lines of text may take
+COLUMN = "PgDn PgUpM"  # as wide as the keys of the help
+BAR_SHARE, BAR_LETTERS = 0.3, 36  # of the height, at most; width of a window with room for the usual size, in text heights
+SLIDER_CELLS = 2  # width of a slider in the bar
+MENU_SHARE, MENU_COLS, CELL_LINES = 0.9, 5, 6  # of the window, at most; cells across, at most; their least size in lines
+CELL_SHAPE = 0.75  # of a cell's picture, at most: height over width
+
+
+@attrs.define(eq=False)
+class Panel:
+    """A drawn surface. at: its place in the window. cells: the items with their places on it. cols, page: of a menu."""
+
+    surface: pygame.Surface
+    at: Place
+    cells: list[Cell] = attrs.field(factory=list)
+    cols: int = 1
+    page: int = 1
+
+    def cell(self, place: Place) -> Cell | None:
+        """The item at a place of the window, and its rectangle in the window."""
+        return next(((item, rect.move(self.at)) for item, rect in self.cells if rect.move(self.at).collidepoint(place)), None)
+
+
+def _groove(rect: pygame.Rect) -> pygame.Rect:
+    """Where a slider moves in its item's rectangle."""
+    return rect.inflate(-0.2 * rect.width, 0)
+
+
+def _span(item: Item) -> int:
+    return 1 if item.slider is None else SLIDER_CELLS
+
+
+def _cells(items: tuple[Item, ...], cols: int, width: int, height: int, top: int = 0) -> list[Cell]:
+    """The items in rows of cols cells of that size, below top; a slider takes SLIDER_CELLS."""
+    cells: list[Cell] = []
+    col = row = 0
+    for item in items:
+        span = min(_span(item), cols)
+        if col + span > cols:
+            col, row = 0, row + 1
+        cells.append((item, pygame.Rect(col * width, top + row * height, span * width, height)))
+        col += span
+    return cells
+
+
+def _draw_item(surface: pygame.Surface, font: pygame.font.Font, item: Item, rect: pygame.Rect, lit: bool) -> None:
+    """Draws a picture, the label below it, and below that the key or the slider."""
+    line, label = font.get_linesize(), drawable(item.label)
+    if lit:
+        surface.fill(LIT, rect)
+        pygame.draw.rect(surface, WHITE, rect, max(1, line // 10), border_radius=line // 4)
+    room = rect.inflate(-line // 2, -line // 2)
+    while len(label) > 1 and font.size(label)[0] > room.width:
+        label = label[:-2].rstrip() + "…"
+    below = bool(item.key) or item.slider is not None
+    top = room.bottom - (1 + below) * line
+    for words, colour, y in ((label, RED if item.warns else WHITE, top), (item.key, GREY, top + line)):
+        text = font.render(words, True, colour)
+        surface.blit(text, text.get_rect(midtop=(room.centerx, y)))
+    if item.slider is not None:
+        groove, y = _groove(rect), top + line + line // 2
+        pygame.draw.line(surface, GREY, (groove.left, y), (groove.right, y), 4)
+        pygame.draw.circle(surface, WHITE, (groove.left + round(item.slider * groove.width), y), max(5, line // 3))
+    if item.picture is not None:
+        rows, cols, channels = item.picture.shape
+        x, y, *size = fit_area((cols, rows), (room.width, max(1, top - room.top - line // 4)))
+        small = cv2.resize(item.picture, size, interpolation=cv2.INTER_AREA).tobytes()
+        surface.blit(pygame.image.frombuffer(small, size, "RGB" if channels == 3 else "RGBA"), (room.left + x, room.top + y))
+
+
+@lru_cache(1)
+def bar_panel(items: tuple[Item, ...], lit: str, window_px: Place, text_px: int) -> Panel:
+    """The items in rows at the bottom edge, never over the middle. lit: an event."""
+    (width, height), spans = window_px, sum(map(_span, items))
+    for size_px in range(max(LEAST_TEXT_PX, min(text_px, width // BAR_LETTERS)), LEAST_TEXT_PX - 1, -1):
+        font = pygame.font.Font(None, size_px)
+        line, widest_px = font.get_linesize(), max(font.size(item.label)[0] / _span(item) for item in items)
+        rows = math.ceil(spans / max(1, int(width / (widest_px + line / 2))))
+        cols = math.ceil(spans / rows)
+        cells = _cells(items, cols, width // cols, 2 * line + line // 2)
+        high = cells[-1][1].bottom
+        if high <= BAR_SHARE * height:
+            break
+    panel = Panel(pygame.Surface((width, high), pygame.SRCALPHA), (0, height - high), cells)
+    panel.surface.fill(BACK)
+    for item, rect in cells:
+        _draw_item(panel.surface, font, item, rect, item.event == lit)
+    return panel
+
+
+@lru_cache(2)
+def menu_panel(menu: Menu, selected: int, window_px: Place, text_px: int) -> Panel:
+    """The page with the selected item, in the middle of the window."""
+    width, height = (round(MENU_SHARE * side) for side in window_px)
+    font = pygame.font.Font(None, max(LEAST_TEXT_PX, min(round(1.2 * text_px), width // 26)))
+    line, count = font.get_linesize(), len(menu.items)
+    hint = font.render(menu.hint, True, GREY, None, width - line)
+    head_px = hint.get_height() + 3 * line
+    least_px = CELL_LINES * line
+
+    def picture_px(cols: int) -> float:
+        """Width of a cell's picture where all items are on one page."""
+        return min(width // cols, ((height - head_px) // -(-count // cols) - 2 * line) / CELL_SHAPE)
+
+    cols = max(range(1, min(MENU_COLS, count) + 1), key=picture_px)
+    if picture_px(cols) < least_px:  # then it has several pages
+        cols = max(1, min(MENU_COLS, width // least_px))
+    rows = max(1, min((height - head_px) // least_px, -(-count // cols)))
+    high = min((height - head_px) // rows, round(CELL_SHAPE * width / cols) + 2 * line)
+    page, first = rows * cols, selected // (rows * cols) * rows * cols
+    surface = pygame.Surface((width, head_px + rows * high), pygame.SRCALPHA)
+    surface.fill(BACK)
+    title = font.render(menu.title + (f"   {selected + 1} of {count}" if page < count else ""), True, WHITE)
+    surface.blit(title, title.get_rect(midtop=(width // 2, line // 2)))
+    surface.blit(hint, hint.get_rect(midtop=(width // 2, 2 * line)))
+    cells = _cells(menu.items[first : first + page], cols, width // cols, high, head_px)
+    for number, (item, rect) in enumerate(cells, first):
+        _draw_item(surface, font, item, rect, number == selected)
+    at = (window_px[0] - width) // 2, (window_px[1] - surface.get_height()) // 2
+    return Panel(surface, at, cells, cols, page)
+
+
+@lru_cache(2)
+def text_panel(text: Overlay, bottom_px: int | None, window_px: Place, text_px: int) -> Panel:
+    """The lines and the inset of text at the top left, or in the middle above bottom_px; smaller letters if they do not fit.
+
+    White on black is the same for both eyes, so text lies in the plane of the screen through any glasses. The inset is left out
+    if there is no room.
+    """
+    columns = list(zip(*(drawable(line).partition("\t")[::2] for line in text.lines), strict=True))
+    room = [TEXT_SHARE * (side - 2 * EDGE_PX) for side in window_px]
+    for size_px in range(text_px, LEAST_TEXT_PX - 1, -1):
+        font = pygame.font.Font(None, size_px)
+        before, after = (font.render("\n".join(column), True, WHITE) for column in columns)
+        key_px = font.size(COLUMN)[0] if any(columns[1]) else 0
+        width, height = max(before.get_width(), key_px + after.get_width()) + 2 * PAD_PX, before.get_height() + 2 * PAD_PX
+        if width <= room[0] and height <= room[1]:
+            break
+    blits = [(before, (PAD_PX, PAD_PX)), (after, (PAD_PX + key_px, PAD_PX))]
+    if text.inset is not None and height + text.inset.shape[0] + PAD_PX <= room[1]:
+        inset = pygame.image.frombuffer(text.inset.tobytes(), text.inset.shape[1::-1], "BGR")
+        blits.append((inset, (PAD_PX, height)))
+        width, height = max(width, inset.get_width() + 2 * PAD_PX), height + inset.get_height() + PAD_PX
+    surface = pygame.Surface((width, height), pygame.SRCALPHA)
+    surface.fill(TEXT_BACK)
+    surface.blits(blits)
+    at = (EDGE_PX, EDGE_PX) if bottom_px is None else ((window_px[0] - width) // 2, bottom_px - height - EDGE_PX)
+    return Panel(surface, at)
+
+
+@lru_cache(1)
+def progress_panel(share: float, window_px: Place) -> Panel:
+    """A thin line along the bottom."""
+    line = pygame.Surface((max(1, round(share * window_px[0])), PROGRESS_PX))
+    line.fill(WHITE)
+    return Panel(line, (0, window_px[1] - PROGRESS_PX))
+
+
+class OverlayView:
+    """Draws an overlay, and says what happens on it."""
+
+    def __init__(self) -> None:
+        self._overlay, self._panels = Overlay(), list[Panel]()
+        self._at, self._lit = 0, ""  # the item selected in the menu; the event lit in the bar
+        self._held: Cell | None = None  # a slider
+        self._bar_end_s = 0.0
+
+    def set(self, overlay: Overlay) -> None:
+        """Replaces the overlay."""
+        old, menu = self._overlay.menu, overlay.menu
+        if menu is not None:
+            self._at = menu.at if old is None or old.title != menu.title else min(self._at, len(menu.items) - 1)
+        self._overlay = overlay
+
+    @property
+    def has_pointer(self) -> bool:
+        """Whether there is something to point at."""
+        return self._overlay.menu is not None or self._bar_end_s > 0
+
+    def panels(self, window_px: Place, text_px: int) -> list[Panel]:
+        """The panels, the topmost last; equal calls return the same ones. window_px: (width, height)."""
+        overlay, (width, bottom_px), panels = self._overlay, window_px, list[Panel]()
+        if (time.monotonic() > self._bar_end_s and self._held is None) or not overlay.bar or overlay.menu is not None:
+            self._bar_end_s = 0.0
+        if overlay.lines:
+            panels.append(text_panel(Overlay(overlay.lines, overlay.inset), None, window_px, text_px))
+        if self._bar_end_s:
+            panels.append(bar_panel(overlay.bar, self._lit, window_px, text_px))
+            bottom_px = panels[-1].at[1]
+        if overlay.progress is not None:
+            panels.append(progress_panel(overlay.progress, window_px))
+        if overlay.notices:
+            panels.append(text_panel(Overlay(overlay.notices), bottom_px, window_px, text_px))
+            bottom_px = panels[-1].at[1]
+        if overlay.menu is not None:
+            menu = menu_panel(overlay.menu, self._at, window_px, text_px)
+            if menu.at[1] + menu.surface.get_height() > bottom_px:  # above the notices
+                menu = menu_panel(overlay.menu, self._at, (width, bottom_px), text_px)
+            panels.insert(0, menu)
+        self._panels = panels
+        return panels
+
+    def key(self, name: str) -> str:
+        """The event that a key causes; "" if it only moves the selection."""
+        menu = self._overlay.menu
+        if name == "escape":
+            return "close" if menu is not None or self._overlay.lines else name
+        if menu is None or not menu.items:
+            return name
+        panel = next(panel for panel in self._panels if panel.cells)
+        moves = {"less": -1, "more": 1, "up": -panel.cols, "down": panel.cols}
+        moves |= {key: sign * panel.page for key, sign in PAGES.items()}
+        event = menu.items[self._at].event
+        if name in moves:
+            at, count = self._at + moves[name], len(menu.items)
+            self._at = at % count if name in ("less", "more") else min(max(at, 0), count - 1)
+            return ""
+        return {"enter": event, "delete": f"delete {event}"}.get(name, name)
+
+    def mouse(self, event: pygame.Event, at_px: Place) -> str:
+        """The event that the mouse or a touch causes, "" for none. at_px: the pointer."""
+        self._bar_end_s = time.monotonic() + BAR_S
+        over = next(filter(None, (panel.cell(at_px) for panel in reversed(self._panels))), None)
+        self._lit = over[0].event if over is not None else ""
+        if event.type == pygame.MOUSEBUTTONUP:
+            self._held = None
+        elif event.type == pygame.MOUSEBUTTONDOWN and event.button == 1 and over is not None:
+            if over[0].slider is None:
+                return over[0].event
+            self._held = over
+        if self._held is None:
+            return ""
+        item, groove = self._held[0], _groove(self._held[1])
+        return f"{item.event} {min(max((at_px[0] - groove.left) / groove.width, 0.0), 1.0):.2f}"
