@@ -110,16 +110,16 @@ def sdl() -> Check:
         remedy = "run on a desktop, or use --display none or --display file:OUT.mkv; `lfpipe up --demo` needs none"
         return Check("display", False, "no screen here", remedy)
     try:
-        from lfpipe.render import window_system
         from lfpipe.render.monitors import detect_monitors
+        from lfpipe.render.window_system import drawn_by, pygame
 
         driver, monitors = detect_monitors()
     except Exception as error:  # any error of SDL is what the user needs to read
         remedy = "pip install pygame-ce (and uninstall pygame), or use --display none"
         return Check("display", False, f"SDL does not start: {error}", remedy)
     listed = "; ".join(f"monitor {monitor}" for monitor in monitors)
-    how = window_system.drawn_by(driver)
-    return Check("display", True, f"SDL {window_system.version()}, driver {driver}, {how}; {listed}")
+    how = drawn_by(driver)
+    return Check("display", True, f"SDL {'.'.join(map(str, pygame.version.SDL))}, driver {driver}, {how}; {listed}")
 
 
 def settings() -> Check:

@@ -25,9 +25,9 @@ from lfpipe.render.pair_layout import Pair
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # it reports past Python; notices report the same
 
 SUFFIXES = (".mkv", ".avi", ".mp4")
-QUEUE_PICTURES = 8
+QUEUE_PICTURES = 8  # a short wait for the disk
 RESERVE_BYTES = 64 << 20  # left free on the disk, so that the video makes nothing else on the machine fail
-CHECK_FRAMES = 16
+CHECK_FRAMES = 16  # between two looks at the disk: four a second at 60 Hz
 HELD_BYTES = 8 << 20  # not in the file yet: more than the 5 MB that the container may hold back
 LEAST_BITS = 3  # a pixel takes at least a bit a channel
 BEHIND_S = 0.5  # an encoder that lags by more than this no longer repeats pictures

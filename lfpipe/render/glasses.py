@@ -23,7 +23,7 @@ KINDS: tuple[tuple[str, tuple[Colour, Colour] | None, str], ...] = (
     ("none", None, "mono"),
 )
 ICON_PX = 480, 240  # width, height: larger than on any screen, so that it is only scaled down
-GREY, DARK, LIGHT = 128, 60, 235
+GREY, DARK, LIGHT = 128, 60, 235  # of the test: both letters have room for compensation of ghosts on either side
 FONT = cv2.FONT_HERSHEY_DUPLEX
 WORDS = {"anaglyph": "your glasses", "swap_eyes": "swapped eyes", "ghost_compensation": "compensation of ghosts"}
 

@@ -5,6 +5,7 @@ The picture shows every change for a moment, whoever made it.
 """
 
 import os
+import subprocess
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -21,21 +22,21 @@ from lfpipe.render.glasses import glasses_menu, instructions, keep
 from lfpipe.render.notices import SHOWN_NS, Notices, changes, status_lines
 from lfpipe.render.overlay import DEPTH, HELP, Item, Overlay, bar_items
 from lfpipe.render.presenter import Presenter
-from lfpipe.render.scenes import NO_DIALOG, NO_OTHER, FileDialog, SceneLoader, ScenePage
+from lfpipe.render.scenes import NO_DIALOG, NO_OTHER, SceneLoader, ScenePage, file_dialog
 from lfpipe.render.viewer import Viewer
 from lfpipe.scene.half_turn import remember, undecided
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.status import State
 
-ALPHA_STEP = 1.1
-GHOST_STEP = 5.0  # %
+ALPHA_STEP = 1.1  # hardly visible at once, twice the movement in seven
+GHOST_STEP = 5.0  # %: the least that is seen
 MODES = choices("render.anaglyph")
-HINT_NS = 6 * SECOND_NS
+HINT_NS = 6 * SECOND_NS  # a person looks at the scene first
 STATUS_NS = SECOND_NS // 2  # between two readings of the overlay's figures
 FACELESS_NS = 4 * SECOND_NS  # a turned head is no reason for a notice
 INVITATION = "put on the glasses and stand in front of the screen"
-ASKED_NS = 8 * SECOND_NS
+ASKED_NS = 8 * SECOND_NS  # time to look which is which
 
 
 class KeyBindings:
@@ -45,7 +46,8 @@ class KeyBindings:
         self._context, self._viewer, self._presenter, self._display = context, viewer, presenter, display
         self._notices = Notices()
         self.scenes = SceneLoader(context, self._notices)
-        self._page, self._dialog = ScenePage(context), FileDialog()
+        self._page = ScenePage(context)
+        self._dialog: subprocess.Popen[str] | None = None  # at most one, so that pictures go on meanwhile
         first = not context.row["restarts"]
         self._asks = context.options.ask_glasses and first  # whether the question about the glasses is open
         self._page_waits = context.options.start and first  # for the answer, and for the test of the glasses
@@ -95,8 +97,10 @@ class KeyBindings:
             word, _, argument = event.partition(" ")
             if word in self._actions:
                 self._actions[word](argument)
-        if (path := self._dialog.chosen()) is not None:
-            self.scenes.load(path.absolute())
+        if self._dialog is not None and self._dialog.poll() is not None:
+            path, self._dialog = self._dialog.communicate()[0].rstrip("\n"), None
+            if path.strip():  # else it was cancelled
+                self.scenes.load(Path(path).absolute())
         t_ns = now_ns()
         self._presenter.mouse.follow(self._display.pointer(), t_ns)
         self.pass_on_notices()
@@ -115,7 +119,9 @@ class KeyBindings:
             self._lines, self._lines_due_ns = status_lines(self._context, self._viewer), t_ns + STATUS_NS
             self._presenter.redraw()
         self._notices.standing = self._standing(t_ns)
-        menu = glasses_menu(self._context.config.render.anaglyph) if self._asks else self._page.menu
+        menu = self._page.menu() if self._page.is_open else None
+        if self._asks:
+            menu = glasses_menu(self._context.config.render.anaglyph)
         self._display.overlay(Overlay(self._lines, None, self._notices.lines(t_ns), self.scenes.share, menu, self._bar()))
 
     # menus
@@ -134,7 +140,7 @@ class KeyBindings:
 
     def _switch_page(self) -> None:
         options = self._context.options
-        if self._asks or self._page.menu is not None:
+        if self._asks or self._page.is_open:
             self._close_menu()
         elif len(options.playlist) > 1 or options.start:
             self._page.open()
@@ -153,7 +159,8 @@ class KeyBindings:
             self._notices.say("scene", "not loaded: its name is not UTF-8; use `lfpipe ctl load`", 2 * SHOWN_NS)
 
     def _open(self, folder: bool) -> None:
-        if not self._dialog.open(folder):
+        self._dialog = self._dialog or file_dialog(folder)
+        if self._dialog is None:
             self._notices.say("scene", NO_DIALOG, 2 * SHOWN_NS)
 
     def _bar(self) -> tuple[Item, ...]:
@@ -224,14 +231,14 @@ class KeyBindings:
             return
         path = _picture_folder() / time.strftime("lfpipe-recording-%Y%m%d-%H%M%S")
         self._context.request("record", path=str(path))
-        self._notices.say("record", f"recording to {_short(str(path))}")
+        self._notices.say("record", f"recording to {path}")
 
     def _screenshot(self) -> None:
         if self._presenter.picture is not None:
             path = _picture_folder() / time.strftime("lfpipe-%Y%m%d-%H%M%S.png")
             text = save(path, self._presenter.picture) or f"picture saved as {path}"
             self._context.emit("notice", text=text)
-            self._notices.say("picture", _short(text))
+            self._notices.say("picture", text)
 
     # notices
 
@@ -287,7 +294,3 @@ def _picture_folder() -> Path:
     """The desktop's folder for pictures, or else the working directory."""
     folder = platformdirs.user_pictures_path()
     return folder if folder != Path.home() and is_dir(folder) and os.access(folder, os.W_OK) else Path.cwd()
-
-
-def _short(text: str) -> str:
-    return text.replace(str(Path.home()), "~")

@@ -10,8 +10,8 @@ from lfpipe.render import window_system
 from lfpipe.render.window_system import pygame
 
 SMALLEST_PX, SMALLEST_SHARE = 640, 1 / 3  # of a first window: px, and share of the monitor's width
-SCREEN_SHARE = 0.85  # of the monitor, at most, for a first window
-INCH_MM = 25.4
+SCREEN_SHARE = 0.85  # of the monitor, at most, for a first window: panels and title bars take some
+INCH_MM = 25.4  # by definition
 ASPECTS_MM = (16.0, 160.0)  # widths in EDIDs that know only an aspect: 160 x 90, 16 x 10, ...
 NOMINAL_HZ = 60.0  # if a monitor does not report its rate
 SQUARE = 0.1  # pixels further from square than this: the reported size is invented

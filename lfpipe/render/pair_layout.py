@@ -31,16 +31,15 @@ def laid_out(
     """
     width, height = screen_px
     if out is None or out.shape != (height, width, 3):
-        out = np.zeros((height, width, 3), np.uint8)
+        out = np.empty((height, width, 3), np.uint8)
     x, y, w, h = fit_area((pair[0].shape[1], pair[0].shape[0]), screen_px)
+    out[:] = 0
     if how == "side-by-side":
         for eye, view in enumerate(pair):
             start, stop = eye * width // 2, (eye + 1) * width // 2
             left, right = start + x // 2, min(start + (x + w) // 2, stop)
-            out[:, start:stop] = 0
             scale_into(view, out[y : y + h, left:right])
         return out
-    out[:] = 0
     both = np.empty((2, h, w, 3), np.uint8)
     for view, scaled in zip(pair, both, strict=True):
         scale_into(view, scaled)

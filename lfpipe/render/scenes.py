@@ -101,42 +101,41 @@ def _small(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 class ScenePage:
-    """The scenes of the playlist as a menu, with the camera's picture. menu: None while it is closed."""
+    """The scenes of the playlist as a menu, with the camera's picture."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
-        self.menu: Menu | None = None
+        self.is_open = False
         self._scenes: list[str] = list(context.options.playlist)
+        self._at = 0
         self._pictures: dict[str, NDArray[np.uint8] | None] = {}
-        self._packing: Packing | None = None  # reads a picture of a scene that is not packed
+        self._packings: dict[str, Packing] = {}  # at most one: it reads a picture of a scene that is not packed
         self._camera: Reader | None = None
         self._camera_due_ns = 0
-        self._camera_items: tuple[Item, ...] = ()
+        self._camera_item = Item("the camera")
+
+    def menu(self) -> Menu:
+        """The page with the pictures read so far."""
+        items = [Item(Path(scene).name, f"load {scene}", picture=self._pictures.get(scene)) for scene in self._scenes]
+        if self._camera is not None:
+            items.append(self._camera_item)
+        return Menu("Choose a scene", HINT, tuple(items), self._at)
 
     def open(self) -> None:
         """Shows the scenes; reads their pictures again, as one may have been packed since."""
         options = self._context.options
         now = options.playlist[options.playlist_at]
+        self._at = self._scenes.index(now) if now in self._scenes else 0
         self._pictures.clear()
-        if options.tracking:
-            self._camera, self._camera_items = Reader(self._context.spec.session.segment("frames")), (Item("the camera"),)
-        self._make_menu(self._scenes.index(now) if now in self._scenes else 0)
+        if options.tracking and self._camera is None:
+            self._camera = Reader(self._context.spec.session.segment("frames"))
+        self.is_open = True
 
     def close(self) -> None:
         """Closes the menu."""
-        self._stop_packing()
-        if self._camera is not None:
-            self._camera.close()
-        self.menu = self._camera = None
-
-    def _stop_packing(self) -> None:
-        if self._packing is not None:
-            self._packing.close()
-        self._packing = None
-
-    def _make_menu(self, at: int = 0) -> None:
-        items = [Item(Path(scene).name, f"load {scene}", picture=self._pictures.get(scene)) for scene in self._scenes]
-        self.menu = Menu("Choose a scene", HINT, (*items, *self._camera_items), at)
+        self.is_open = False
+        for scene in list(self._packings):
+            self._packings.pop(scene).close()
 
     def _is_own(self, scene: str) -> bool:
         """Whether a scene is of our own making: it is always there, and its views take a while to render."""
@@ -145,78 +144,58 @@ class ScenePage:
     def forget(self, scene: str) -> None:
         """Takes a scene off the start page; the demos stay, and so do all files."""
         if self._context.options.start and scene in self._scenes and not self._is_own(scene):
-            self._stop_packing()
             self._scenes.remove(scene)
+            if scene in self._packings:
+                self._packings.pop(scene).close()
             forget_scene(Path(scene))
-            self._make_menu()
 
     def serve(self, t_ns: int) -> None:
         """Reads one more thumbnail and, now and then, the camera's picture."""
-        if self.menu is None:
+        if not self.is_open:
             return
         unread = [scene for scene in self._scenes if scene not in self._pictures]
-        changed = False
         if unread:
             with self._context.busy_with("reading thumbnails"):
-                changed = self._read_picture(min(unread, key=self._is_own))
-        if t_ns >= self._camera_due_ns and (item := self._see_camera()) is not None:
-            self._camera_items, self._camera_due_ns, changed = (item,), t_ns + CAMERA_NS, True
-        if changed:
-            self._make_menu()
+                self._read_picture(min(unread, key=self._is_own))
+        if self._camera is not None and t_ns >= self._camera_due_ns:
+            self._camera_due_ns = t_ns + CAMERA_NS
+            self._see_camera(self._camera)
 
-    def _read_picture(self, scene: str) -> bool:
-        """Reads the middle view from the scene's pack, or has the packer read it; returns whether that is done."""
-        if self._packing is None:
+    def _read_picture(self, scene: str) -> None:
+        """Reads the middle view from the scene's pack, or has the packer read it."""
+        if scene not in self._packings:
             with contextlib.suppress(UserError):
                 if (field := packed(scene, self._context.config.scene)) is not None:
                     self._pictures[scene] = _small(stored_view(field, field.rows // 2, field.cols // 2))
-                    return True
-            self._packing = Packing([scene], self._context.config.scene, do="preview")
-        self._packing.read()
-        if self._packing.done:
-            self._pictures[scene], self._packing = preview(self._packing), None
-        return scene in self._pictures
+                    return
+            self._packings[scene] = Packing([scene], self._context.config.scene, do="preview")
+        self._packings[scene].read()
+        if self._packings[scene].done:
+            self._pictures[scene] = preview(self._packings.pop(scene))
 
-    def _see_camera(self) -> Item | None:
-        """What the camera sees, mirrored; None if it sees nothing new."""
-        width_px, height_px = self._context.config.camera.frame_px
+    def _see_camera(self, camera: Reader) -> None:
+        """Takes the camera's newest picture, mirrored."""
+        options, (width_px, height_px) = self._context.options, self._context.config.camera.frame_px
         frame = np.empty((height_px, width_px, 3), np.uint8)
-        if self._camera is None or self._camera.read(frame) is None:
-            return None
-        options = self._context.options
+        if camera.read(frame) is None:
+            return
         caption = "a face: here you are" if self._context.row["face"] else "no face seen"
         if options.source.startswith("demo"):
             caption = "demo face: no camera found" if options.start else "demo face"
-        return Item(caption, picture=_small(frame)[:, ::-1, ::-1])
+        self._camera_item = Item(caption, picture=_small(frame)[:, ::-1, ::-1])
 
 
 # A portal's answer is a signal to the connection that asked; `gdbus call` and `busctl call` have closed theirs by then.
 NO_DIALOG = "drop a folder or a file onto the window (zenity or kdialog would give a dialog)"
 
 
-class FileDialog:
-    """The desktop's own dialog, a child process, so that pictures go on; at most one at a time."""
-
-    def __init__(self) -> None:
-        self._process: subprocess.Popen[str] | None = None
-
-    def open(self, folder: bool) -> bool:
-        """Opens the dialog for a folder or a file unless one is open; returns whether this desktop has one."""
-        title = "Open a folder of views" if folder else "Open a light field"
-        if program := shutil.which("zenity"):
-            command = [program, "--file-selection", f"--title={title}", *(["--directory"] if folder else [])]
-        elif program := shutil.which("kdialog"):
-            command = [program, "--title", title, "--getexistingdirectory" if folder else "--getopenfilename", str(Path.home())]
-        else:
-            return False
-        if self._process is None:
-            self._process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-        return True
-
-    def chosen(self) -> Path | None:
-        """What was chosen since the last call."""
-        if self._process is None or self._process.poll() is None:
-            return None
-        path, _ = self._process.communicate()
-        code, self._process = self._process.returncode, None
-        return Path(path.rstrip("\n")) if code == 0 and path.strip() else None
+def file_dialog(folder: bool) -> subprocess.Popen[str] | None:
+    """The desktop's own dialog for a folder or a file, a child process that prints its path; None if there is none."""
+    title = "Open a folder of views" if folder else "Open a light field"
+    if program := shutil.which("zenity"):
+        command = [program, "--file-selection", f"--title={title}", *(["--directory"] if folder else [])]
+    elif program := shutil.which("kdialog"):
+        command = [program, "--title", title, "--getexistingdirectory" if folder else "--getopenfilename", str(Path.home())]
+    else:
+        return None
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)

@@ -18,7 +18,7 @@ os.environ.setdefault("SDL_VIDEO_X11_WMCLASS", "lfpipe")  # desktops group and n
 import pygame as pygame
 from pygame._sdl2 import video as video
 
-ICON_PX = 64
+ICON_PX = 64  # desktops scale it down
 KEY_CODES = {pygame.K_F11: "fullscreen", pygame.K_ESCAPE: "escape", pygame.K_TAB: "choose", pygame.K_DELETE: "delete"}
 KEY_CODES |= {pygame.K_LEFT: "less", pygame.K_RIGHT: "more", pygame.K_UP: "up", pygame.K_DOWN: "down"}
 KEY_CODES |= {pygame.K_PAGEDOWN: "next", pygame.K_PAGEUP: "previous", pygame.K_RETURN: "enter", pygame.K_KP_ENTER: "enter"}
@@ -63,11 +63,6 @@ def take_events() -> list[pygame.Event]:
 def drawable(text: str) -> str:
     """text that a font can draw: a file name may hold bytes that are no character."""
     return text.replace("\0", "").encode(errors="replace").decode()
-
-
-def version() -> str:
-    """The version of SDL."""
-    return ".".join(str(part) for part in pygame.version.SDL)
 
 
 def icon() -> pygame.Surface:
