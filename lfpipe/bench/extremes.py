@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lfpipe.bench.anaglyph import view_bgr
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.results import Table, Value, judged_table
+from lfpipe.bench.results import State, Table, Value, judged_table
 from lfpipe.bench.synthesis import ViewRenderer
 from lfpipe.config import Render
 from lfpipe.config.quality import METHODS
@@ -23,14 +23,23 @@ from lfpipe.scene.lightfield import UNKNOWN, Geometry, LightField
 wide = np.longdouble
 
 
+def judged(work: Callable[[], tuple[str, State]], only: str = "") -> Value:
+    """What work returns, its words and its state; an exception is a failure."""
+    try:
+        words, state = work()
+    except Exception as error:  # the exception is the result
+        words, state = f"{type(error).__name__}: {error}"[:80], "failed"
+    return Value(words=words, state=state, only=only)
+
+
 def judged_error(work: Callable[[], float], ok: float, degraded: float, only: str = "") -> Value:
     """The worst error that work returns: ok up to `ok`, degraded up to `degraded`, failed above, for NaN and for an exception."""
-    try:
+
+    def words() -> tuple[str, State]:
         worst = work()
-    except Exception as error:  # the exception is the result
-        return Value(words=f"{type(error).__name__}: {error}"[:80], state="failed", only=only)
-    words = f"{worst:.1e}" if worst else "0"
-    return Value(words=words, state="ok" if worst <= ok else "degraded" if worst <= degraded else "failed", only=only)
+        return f"{worst:.1e}" if worst else "0", "ok" if worst <= ok else "degraded" if worst <= degraded else "failed"
+
+    return judged(words, only)
 
 
 def mapping_error(alpha_px: float, u: float, count: int = 9, reach: float = 2.0) -> float:
@@ -49,11 +58,13 @@ def mapping_error(alpha_px: float, u: float, count: int = 9, reach: float = 2.0)
 
 def mapping_table() -> Table:
     """Eyes and alpha over the whole range of floats."""
-    eyes = (320.0, 0.0, -1e3, 1e6, 1e18, 1e308, 5e-324, math.inf, -math.inf, math.nan)
-    alphas = (1e-9, 1e-3, 1.0, 12.0, 1e3, 1e9)
-    rows = [(f"u = {u:g} px", [judged_error(partial(mapping_error, alpha, u), 1e-9, 1e-3) for alpha in alphas]) for u in eyes]
+    eyes, alphas = (320.0, 0.0, -1e3, 1e6, 1e18, 1e308, 5e-324, math.inf, -math.inf, math.nan), (1e-9, 1e-3, 1.0, 12.0, 1e3, 1e9)
     note = "Error in views against long double, with 9 views and 2 views of extrapolation."
-    return judged_table("Eyes to viewpoints", note, ("left eye", *(f"alpha {a:g} px" for a in alphas)), rows)
+    rows, columns = {f"u = {u:g} px": u for u in eyes}, {f"alpha {alpha:g} px": alpha for alpha in alphas}
+    return judged_table(
+        "Eyes to viewpoints", note, "left eye", rows, columns,
+        lambda u, alpha_px: judged_error(partial(mapping_error, alpha_px, u), 1e-9, 1e-3),
+    )  # fmt: skip
 
 
 def colour_error(name: str, light: str, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> float:
@@ -72,16 +83,18 @@ def colour_table(field: LightField) -> Table:
     scene = [view_bgr(field, field.rows // 2, col) for col in (0, field.cols - 1)]
     pairs = {"greys": (grey, grey), "one eye black": (grey, np.zeros_like(grey)), "the scene": (scene[0], scene[1]),
              "random colours": (random[0], random[1])}  # fmt: skip
-    rows = []
-    for name, light in itertools.product(MATRICES, ("linear", "gamma")):
-        only = "" if (name, light) == (Render().anaglyph, Render().light) else f"render.anaglyph={name}, render.light={light}"
-        errors = [judged_error(partial(colour_error, name, light, *pair), 1.0, 16.0, only) for pair in pairs.values()]
-        rows.append((f"{name}, {light}", errors))
     note = (
         "Largest error in levels against the published matrix in float64. Half a level is rounding; more is the price of three"
         " planes instead of six, largest for saturated colours (docs/glasses.md). failed: more than 16 levels."
     )
-    return judged_table("Colours of two eyes", note, ("encoding", *pairs), rows)
+    encodings = {f"{name}, {light}": (name, light) for name, light in itertools.product(MATRICES, ("linear", "gamma"))}
+
+    def value(encoding: tuple[str, str], pair: tuple[NDArray[np.uint8], NDArray[np.uint8]]) -> Value:
+        in_use = encoding == (Render().anaglyph, Render().light)
+        only = "" if in_use else "render.anaglyph={}, render.light={}".format(*encoding)
+        return judged_error(partial(colour_error, *encoding, *pair), 1.0, 16.0, only)
+
+    return judged_table("Colours of two eyes", note, "encoding", encodings, pairs, value)
 
 
 def extreme_field(rows: int, cols: int, height: int, width: int, disparity_px: float, unknown: float = 0.0) -> LightField:
@@ -146,20 +159,19 @@ def synthesis_table(inputs: Inputs) -> Table:
         "all unknown": extreme_field(3, 3, 32, 32, 2.0, 1.1), "cameras out of place": offset,
     }  # fmt: skip
     checks = {"stored views": error_at_stored_views, "extremes": error_at_extremes, "mirrored": mirror_error}
-    columns = list(itertools.product(METHODS[::-1], checks))
 
-    def value(field: LightField, method: str, check: str) -> Value:
+    def value(field: LightField, column: tuple[str, str]) -> Value:
+        method, check = column
         if (field.disparity is None and method not in ("nearest", "blend")) or (check == "mirrored" and field is not scene):
             return Value(words="-")  # noise tells nothing of interpolation
         only = "" if method == inputs.field.method else f"render.method={method}"
         limits = (1.0, 3.0) if check == "mirrored" else (0.0, 1.0)
         return judged_error(partial(checks[check], field, method), *limits, only)
 
-    rows = [(what, [value(field, *column) for column in columns]) for what, field in fields.items()]
     note = (
         "Stored views: largest difference in levels from the stored view. Extremes: viewpoints of NaN, infinities, 1e308, 5e-324,"
         " a plane of the screen of 900 px; pictures with equal keys must be equal, and nothing may raise. Mirrored: mean"
         " difference in levels between a view of the mirrored scene and the mirrored view."
     )
-    head = ("light field", *(f"{method}: {check}" for method, check in columns))
-    return judged_table("Views at the ends of the range", note, head, rows)
+    columns = {f"{method}: {check}": (method, check) for method, check in itertools.product(METHODS[::-1], checks)}
+    return judged_table("Views at the ends of the range", note, "light field", fields, columns, value)

@@ -21,7 +21,8 @@ MIN_REST = 6  # frames of a rest whose jitter counts
 
 def follow(filter_: EyeFilter, rate_hz: int, ahead_ms: int = AHEAD_MS) -> Figures:
     """Of a filter at a camera rate, ahead_ms after each frame: RMS error in px over seconds, and jitter over rests."""
-    eyes, visible, still = known_motion()
+    motion = known_motion()
+    eyes, visible, still = motion.eyes, motion.visible, motion.still
     rng = np.random.default_rng(rate_hz)
     per_second: dict[int, list[float]] = {}
     rests: list[list[NDArray[np.float64]]] = [[]]
@@ -67,7 +68,7 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
 
 def _prepare(make: Callable[[], EyeFilter], rates_hz: tuple[int, ...]) -> tuple[Figures, Turn]:
     figures = {key: value for rate_hz in rates_hz for key, value in follow(make(), rate_hz).items()}
-    filter_, eyes, frames = make(), known_motion()[0], itertools.count(1)
+    filter_, eyes, frames = make(), known_motion().eyes, itertools.count(1)
 
     def step() -> None:
         k = next(frames)

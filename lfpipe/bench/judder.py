@@ -84,22 +84,21 @@ def video_judder(shown: Shown, rate_hz: float, video_hz: float) -> tuple[float, 
     return float(np.mean(seen != planned)), " or ".join(map(str, np.unique(held)))
 
 
-def _judged(share: float, held: str = "") -> Value:
-    words = f"{share:.2%}" + (f", held {held}" if held else "")
-    return Value(share, words=words, state="ok" if share <= GOAL else "degraded" if share <= LIMIT else "failed")
-
-
 def measure(inputs: Inputs) -> Iterator[Offer]:
     """Moving eyes and video at each rate, on a quiet and on a busy machine."""
     note = (
         "Share of pictures that missed their blank, and of blanks that showed another frame of a video than planned; for how"
         f" many blanks each frame is held by plan. ok: at most {GOAL:.1%}."
     )
+    videos_hz = {"moving eyes": 0.0, **{f"video of {hz:g} Hz": hz for hz in VIDEOS_HZ}}
     for slow in SLOW_SHARES:
-        rows = []
-        for rate_hz in SCREENS_HZ:
-            shown = simulate(rate_hz, DEADLINE_MS, PICTURES, COST_MS, slow, whole_ms=True)
-            videos = [_judged(*video_judder(shown, rate_hz, video_hz)) for video_hz in VIDEOS_HZ]
-            rows.append((f"{rate_hz:g} Hz", [_judged(shown.juddered), *videos]))
+        screens = {f"{hz:g} Hz": (hz, simulate(hz, DEADLINE_MS, PICTURES, COST_MS, slow, whole_ms=True)) for hz in SCREENS_HZ}
         title = f"Judder, {f'{slow:.0%} of wake-ups late by 5 ms' if slow else 'quiet machine'}"
-        yield judged_table(title, note, ("screen", "moving eyes", *(f"video of {hz:g} Hz" for hz in VIDEOS_HZ)), rows)
+        yield judged_table(title, note, "screen", screens, videos_hz, _judged)
+
+
+def _judged(screen: tuple[float, Shown], video_hz: float) -> Value:
+    rate_hz, shown = screen
+    share, held = video_judder(shown, rate_hz, video_hz) if video_hz else (shown.juddered, "")
+    words = f"{share:.2%}" + (f", held {held}" if held else "")
+    return Value(share, words=words, state="ok" if share <= GOAL else "degraded" if share <= LIMIT else "failed")

@@ -5,8 +5,9 @@ movements (Flash and Hogan 1985).
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
+from typing import Self
 
 import attrs
 import numpy as np
@@ -16,6 +17,7 @@ HeadPosition = tuple[float, float, float]
 Float = NDArray[np.float64]
 FOCAL_PX, HOME_MM, EYES_MM, CENTRE_PX = 600.0, 600.0, 63.0, (319.5, 239.5)  # of a pinhole camera of 640x480 and its viewer
 SETTLED_S = 0.4  # after which a head at rest counts as still
+ONSET_PX = 3.0  # mean of both eyes: far above noise, yet the head has hardly moved
 
 
 def minimum_jerk(s: Float) -> Float:
@@ -112,12 +114,27 @@ def viewer_path(z_mm: float, side_mm: float) -> list[Piece]:
     return [*pieces, reach(out, home, 450, "enter"), still(home, 3.0)]
 
 
-@lru_cache(maxsize=1)
-def known_motion() -> tuple[Float, NDArray[np.bool_], NDArray[np.bool_]]:
-    """The path of a viewer before the camera, in steps of 1 ms.
+@attrs.frozen(eq=False)
+class HeadMotion:
+    """In steps of 1 ms: eyes (n, 2, 2) px; visible (n,): the camera sees both; still (n,): the head has rested for SETTLED_S.
+    starts: (end of the rest, moment at which the eyes have moved by ONSET_PX), ms, of each motion that begins at rest."""
 
-    Returns eyes (n, 2, 2) px, whether both are in the picture, and whether the head has rested for SETTLED_S.
-    """
+    eyes: Float
+    visible: NDArray[np.bool_]
+    still: NDArray[np.bool_]
+    starts: tuple[tuple[int, int], ...]
+
+    @classmethod
+    def of(cls, eyes: Float, visible: NDArray[np.bool_], still: NDArray[np.bool_], rests_ms: Iterable[int]) -> Self:
+        """rests_ms: the ends of rests."""
+        middles = eyes.mean(axis=1)
+        away = (np.linalg.norm(middles[ms:] - middles[ms], axis=1) > ONSET_PX for ms in rests_ms)
+        return cls(eyes, visible, still, tuple((ms, ms + int(moved.argmax())) for ms, moved in zip(rests_ms, away, strict=True)))
+
+
+@lru_cache(maxsize=1)
+def known_motion() -> HeadMotion:
+    """The path of a viewer before the camera."""
     path = viewer_path(HOME_MM, 320 * HOME_MM / FOCAL_PX)
     count = int(duration_s(path) * 1000)
     positions, phases = path_at(path, np.arange(count) / 1000)
@@ -126,4 +143,6 @@ def known_motion() -> tuple[Float, NDArray[np.bool_], NDArray[np.bool_]]:
     v = np.repeat((CENTRE_PX[1] + FOCAL_PX * y / z)[:, None], 2, axis=1)
     visible = ((u >= 0) & (u < 640)).all(axis=1)
     since_ms = np.arange(count) - np.maximum.accumulate(np.where(phases != "still", np.arange(count), -1))
-    return np.stack([u, v], axis=2), visible, (since_ms > SETTLED_S * 1000) & visible
+    still = (since_ms > SETTLED_S * 1000) & visible
+    begins = (phases[:-1] == "still") & np.isin(phases[1:], ("reach", "stop")) & visible[:-1]
+    return HeadMotion.of(np.stack([u, v], axis=2), visible, still, np.flatnonzero(begins).tolist())

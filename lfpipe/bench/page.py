@@ -5,12 +5,12 @@ import html
 import io
 import re
 from pathlib import Path
+from typing import Any
 
-import attrs
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from lfpipe.bench.results import STATES, Results, Row, short
+from lfpipe.bench.results import STATES, Results, short
 from lfpipe.bench.style import document, html_table
 from lfpipe.bench.subjects import SUBJECTS, TABLE, Subject
 from lfpipe.files.output import write_output
@@ -26,18 +26,9 @@ HOW = (
 Pairs = list[tuple[Subject, Results]]
 
 
-@attrs.frozen
-class Verdict:
-    """What to use for this machine and these inputs, why, and its cost."""
-
-    setting: str
-    choice: str
-    why: str
-    cost: str
-
-
-def verdict(subject: Subject, results: Results) -> Verdict | None:
-    """The choice of a subject: the least error among what fits its limit of cost; what is in use, if that ties."""
+def verdict(subject: Subject, results: Results) -> tuple[str, str, str, str] | None:
+    """The choice of a subject: the least error among what fits its limit of cost; what is in use, if that ties. Returns the key
+    of the configuration, what to use for this machine and these inputs, why, and its cost."""
     choice = subject.choice
     timed = [row for row in results.rows if choice is not None and subject.charts[0][0] in row.values]
     if choice is None or not timed:
@@ -45,12 +36,8 @@ def verdict(subject: Subject, results: Results) -> Verdict | None:
     x, y = (subject.column(key) for key in subject.charts[0])
     used = next((row for row in timed if row.used), None)
     rows = [row for row in timed if used is None or row.knob == used.knob]
-    known = [row for row in rows if y.key in row.values]
-
-    def beside(row: Row) -> str:
-        return f"({row.name}): {short(row.value(y.key))} for {short(row.value(x.key))} {x.unit}"
-
-    if known:
+    best, why = used or rows[0], f"no error can be measured: {'; '.join(results.left_out) or 'see below'}"
+    if known := [row for row in rows if y.key in row.values]:
         fitting = [row for row in known if row.value(x.key) <= choice.limit] or known
         least = min(row.value(y.key) for row in fitting)
         ties = [row for row in fitting if row.value(y.key) <= least * (1 + TIE)]
@@ -58,13 +45,10 @@ def verdict(subject: Subject, results: Results) -> Verdict | None:
         why = f"{y.label} {short(best.value(y.key))} {y.unit}".rstrip()
         why += ", the least" if best.value(y.key) <= least else f", within {TIE:.0%} of the least"
         why += f" of what takes at most {short(choice.limit)} {x.unit} ({choice.reason})"
-        paper = next((row for row in timed if row.paper and row is not best), None)
-        why += f"; the paper's way {beside(paper)}" if paper else ""
-        why += f"; in use now {beside(used)}" if used in known and used is not best and used else ""
-    else:
-        best = used or min(rows, key=lambda row: row.value(x.key))
-        why = f"no error can be measured: {'; '.join(results.left_out) or 'see below'}"
-    return Verdict(choice.key, best.name + " (in use)" * best.used, why, f"{best.values[x.key].text} {x.unit}: {x.label}")
+        for what, row in (("the paper's way", next((row for row in timed if row.paper), None)), ("in use now", used)):
+            if row is not None and row is not best:
+                why += f"; {what} ({row.name}): {short(row.value(y.key))} for {short(row.value(x.key))} {x.unit}"
+    return choice.key, best.name + " (in use)" * best.used, why, f"{best.values[x.key].text} {x.unit}: {x.label}"
 
 
 def write_report(results: dict[str, Results], out: Path) -> Path:
@@ -80,7 +64,7 @@ def write_report(results: dict[str, Results], out: Path) -> Path:
 
 
 def _verdicts(pairs: Pairs) -> str:
-    rows = [attrs.astuple(one) for pair in pairs if (one := verdict(*pair))]
+    rows = [one for pair in pairs if (one := verdict(*pair))]
     text = html_table(("setting", "for this machine and these inputs", "why", "what it costs"), rows) if rows else ""
     for subject, results in pairs:
         judged = [value for *_, value in results.judged()]
@@ -141,24 +125,26 @@ def chart(subject: Subject, results: Results, x: str, y: str) -> str:
     if not rows:
         return ""
     title = f"{subject.column(y).label} against {subject.column(x).label}"
-    with mpl.rc_context({"svg.fonttype": "none", "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True}):
+    style: Any = {"svg.fonttype": "none", "axes.spines.top": False, "axes.spines.right": False, "axes.formatter.min_exponent": 3}
+    with mpl.rc_context(style):
         figure = Figure(figsize=(9.0, 4.6), layout="constrained")
         axes = figure.add_subplot(xlabel=subject.column(x).axis, ylabel=subject.column(y).axis, title=title)
         for k, curve in enumerate(dict.fromkeys(row.curve for row in rows)):
-            points = [(row.value(x), row.value(y)) for row in rows if row.curve == curve]
-            axes.plot(*zip(*points, strict=True), marker=MARKERS[k % len(MARKERS)], color=COLOURS[k % len(COLOURS)], label=curve)
-        for label, marker, size, face, marked in (
-            ("in use", "s", 190, "none", [row for row in rows if row.used]),
-            ("the paper", "*", 190, "#e5484d", [row for row in rows if row.paper]),
+            places = [(row.value(x), row.value(y)) for row in rows if row.curve == curve]
+            axes.plot(*zip(*places, strict=True), marker=MARKERS[k % len(MARKERS)], color=COLOURS[k % len(COLOURS)], label=curve)
+        for label, marker, face, marked in (
+            ("in use", "s", "none", [row for row in rows if row.used]),
+            ("the paper", "*", "#e5484d", [row for row in rows if row.paper]),
         ):
-            places = [row.value(x) for row in marked], [row.value(y) for row in marked]
-            axes.scatter(*places, s=size, marker=marker, facecolors=face, edgecolors="#1b1f24", zorder=4, label=label)
+            values = [row.value(x) for row in marked], [row.value(y) for row in marked]
+            axes.scatter(*values, s=190, marker=marker, facecolors=face, edgecolors="#1b1f24", zorder=4, label=label)
         for set_scale, key in ((axes.set_xscale, x), (axes.set_yscale, y)):
             above = [row.value(key) for row in rows if row.value(key) > 0]
-            if len(above) < len(rows):
-                set_scale("symlog", linthresh=min(above, default=1.0), linscale=0.4)
-            else:
+            if len(above) == len(rows):
                 set_scale("log")
+            else:
+                set_scale("symlog", linthresh=min(above, default=1.0), linscale=0.4)
+        axes.grid(True, color="#e4e7eb")
         figure.legend(loc="outside right upper", frameon=False)
         out = io.StringIO()
         figure.savefig(out, format="svg", metadata={"Date": None})

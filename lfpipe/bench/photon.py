@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.motion import FOCAL_PX, HOME_MM, known_motion, minimum_jerk, viewer_path
+from lfpipe.bench.motion import ONSET_PX, HeadMotion, known_motion, minimum_jerk
 from lfpipe.bench.results import Figures, Table, Value, judged_table, rms
 from lfpipe.bench.runner import Candidate, Offer
 from lfpipe.bench.subjects import LIGHT_MS, NOISE_PX, SHOWN_MS
@@ -25,7 +25,6 @@ from lfpipe.track.smoothing import EyeFilter, Mean
 
 LOOP_MS = 60  # of camera and display, if unknown
 CAMERA_HZ, REFRESH_HZ = 30, 60
-ONSET_PX = 3.0  # mean of both eyes: far above noise, yet the head has hardly moved
 UNDER_WAY_PX_S = 60.0
 NOISES_PX = (0.15, NOISE_PX, 0.5)  # a good camera, live faces, little light
 ONSET_MS = 300  # of a motion, not steady
@@ -36,39 +35,12 @@ Float = NDArray[np.float64]
 
 
 @attrs.frozen(eq=False)
-class HeadMotion:
-    """eyes (n, 2, 2) px in steps of 1 ms; visible (n,): the camera sees both. starts: (end of the rest, moment at which the eyes
-    have moved by ONSET_PX), ms, of each motion that begins at rest."""
-
-    eyes: Float
-    visible: NDArray[np.bool_]
-    starts: tuple[tuple[int, int], ...]
-
-
-@attrs.frozen(eq=False)
 class Displayed:
     """Pictures by their time of light. at: int (n,), ms of the motion. used: (n, 2, 2), eyes that they were made for, px."""
 
     at: NDArray[np.int64]
     used: Float
     motion: HeadMotion
-
-
-def _start(eyes: Float, rest_ms: int) -> tuple[int, int]:
-    middles = eyes.mean(axis=1)[rest_ms:]
-    return rest_ms, rest_ms + int((np.linalg.norm(middles - middles[0], axis=1) > ONSET_PX).argmax())
-
-
-@lru_cache(maxsize=1)
-def whole_path() -> HeadMotion:
-    """The known motion: reaches, sway, stops, approach, leaving the picture."""
-    eyes, visible, _ = known_motion()
-    starts, t_ms, before = [], 0.0, ""
-    for piece in viewer_path(HOME_MM, 320 * HOME_MM / FOCAL_PX):
-        if before == "still" and piece.name in ("reach", "stop") and visible[int(t_ms)]:
-            starts.append(_start(eyes, int(t_ms)))
-        before, t_ms = piece.name, t_ms + piece.duration_s * 1e3
-    return HeadMotion(eyes, visible, tuple(starts))
 
 
 @lru_cache(maxsize=8)
@@ -82,8 +54,8 @@ def simple_motion(name: str) -> HeadMotion:
         way_px, share = (float(name.split()[2]) * 0.8, s) if name.startswith("step") else (80.0, minimum_jerk(s))
         x_px = way_px * np.where(t_s % 8 < 4, share, 1 - share)
     eyes = np.array([[[350.0, 240.0], [290.0, 240.0]]]) + np.stack([x_px, 0 * x_px], axis=1)[:, None, :]
-    starts = () if name.startswith("sine") else tuple(_start(eyes, rest_ms) for rest_ms in range(2000, 20_000, 4000))
-    return HeadMotion(eyes, np.ones(len(eyes), bool), starts)
+    rests_ms = () if name.startswith("sine") else range(2000, 20_000, 4000)
+    return HeadMotion.of(eyes, np.ones(len(eyes), bool), np.zeros(len(eyes), bool), rests_ms)
 
 
 def displayed(
@@ -93,7 +65,7 @@ def displayed(
     """The pictures that a display of REFRESH_HZ shows of a motion, by default the whole path, for each time from exposure to
     light. unknown_ms: the part of that time unknown to the prediction. Only light while the camera sees the eyes counts.
     """
-    motion = motion or whole_path()
+    motion = motion or known_motion()
     eyes, visible = motion.eyes, motion.visible
     rng, frame = np.random.default_rng(30), 0
     pictures: list[tuple[list[int], list[Float]]] = [([], []) for _ in horizons_ms]
@@ -151,20 +123,21 @@ def _prepare(make: Callable[[], EyeFilter], unknown_ms: float) -> tuple[Figures,
 
 def motion_table() -> Table:
     """Onset and steady latency of single motions, by the noise of the landmarks."""
-    rows = []
-    for name, noise_px in itertools.product(MOTIONS, NOISES_PX):
-        values = [Value(words=f"{noise_px:g} px")]
-        for make in (partial(make_filter, Track()), partial(Mean, 5)):
-            (pictures,) = displayed(make(), (SHOWN_MS,), noise_px=noise_px, motion=simple_motion(name))
-            onset, steady = onset_ms(pictures), round(float(np.median(steady_ms(pictures))))
-            values.append(Value(words=(f"{np.mean(onset):.0f} / " if onset else "- / ") + f"{steady}"))
-        rows.append((name, values))
     note = (
-        f"Onset / steady latency in ms, light {SHOWN_MS} ms after exposure, camera at {CAMERA_HZ} Hz, display at {REFRESH_HZ} Hz."
-        " Live faces have 0.22 to 0.34 px of noise. Steady: from 0.3 s after the start of the motion."
+        f"Onset / steady latency in ms, light {SHOWN_MS} ms after exposure, camera at {CAMERA_HZ} Hz, display at {REFRESH_HZ} Hz,"
+        " by the noise of the landmarks; live faces have 0.22 to 0.34 px. Steady: from 0.3 s after the start of the motion."
     )
-    head = ("motion", "noise of the landmarks", f"{Track().filter} (in use)", "mean of 5, the paper")
-    return judged_table("Latency by motion and noise", note, head, rows)
+    rows = {f"{name}, {noise_px:g} px": (name, noise_px) for name, noise_px in itertools.product(MOTIONS, NOISES_PX)}
+    filters: dict[str, Callable[[], EyeFilter]] = {f"{Track().filter} (in use)": partial(make_filter, Track())}
+    filters["mean of 5, the paper"] = partial(Mean, 5)
+
+    def value(row: tuple[str, float], make: Callable[[], EyeFilter]) -> Value:
+        name, noise_px = row
+        (pictures,) = displayed(make(), (SHOWN_MS,), noise_px=noise_px, motion=simple_motion(name))
+        onset, steady = onset_ms(pictures), round(float(np.median(steady_ms(pictures))))
+        return Value(words=(f"{np.mean(onset):.0f} / " if onset else "- / ") + f"{steady}")
+
+    return judged_table("Latency by motion and noise", note, "motion", rows, filters, value)
 
 
 def measure(inputs: Inputs) -> Iterator[Offer]:

@@ -2,9 +2,9 @@
 
 import json
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import attrs
 import numpy as np
@@ -18,6 +18,8 @@ from lfpipe.files.untrusted import json_fields
 FORMAT = "lfpipe-bench-5"
 MAX_BYTES = 16 << 20  # of results.json; a full run of all subjects writes 0.2 MB
 Figures = dict[str, float]  # by the key of a column
+R = TypeVar("R")
+C = TypeVar("C")
 State = Literal["", "ok", "degraded", "failed"]
 STATES: tuple[State, ...] = ("ok", "degraded", "failed")
 
@@ -96,10 +98,12 @@ class Table:
         return "\n".join(f"| {line} |" for line in lines)
 
 
-def judged_table(title: str, note: str, head: Sequence[str], rows: Iterable[tuple[str, Sequence[Value]]]) -> Table:
-    """A table of judged values. head: what a row is, then the names of the columns."""
-    columns = tuple(Column(name, name) for name in head[1:])
-    return Table(head[0], columns, tuple(Row(name, dict(zip(head[1:], v, strict=True))) for name, v in rows), title, note)
+def judged_table(
+    title: str, note: str, of: str, rows: Mapping[str, R], columns: Mapping[str, C], judge: Callable[[R, C], Value]
+) -> Table:
+    """A table of judged values, of each row and column by their names. of: what a row is."""
+    judged = (Row(name, {one: judge(row, column) for one, column in columns.items()}) for name, row in rows.items())
+    return Table(of, tuple(Column(name, name) for name in columns), tuple(judged), title, note)
 
 
 @attrs.define

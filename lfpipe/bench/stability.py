@@ -1,19 +1,16 @@
 """Subject: stiff and extreme cases of eyes over time: the filters and the viewer. Values are ok, degraded or failed.
 
-References are exact or wider than what they judge: rationals for the covariance, the undisturbed run for filters and the viewer;
-those of the picture are in `extremes.py`.
+They are compared with the undisturbed run; the cases of the picture are in `extremes.py`.
 """
 
 import itertools
 import math
 from collections.abc import Callable, Iterator
-from fractions import Fraction
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.bench.extremes import colour_table, judged_error, mapping_table, synthesis_table
+from lfpipe.bench.extremes import colour_table, judged, mapping_table, synthesis_table
 from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.results import State, Table, Value, judged_table
 from lfpipe.bench.runner import Offer
@@ -22,7 +19,7 @@ from lfpipe.eyes import EYES as RECORD
 from lfpipe.eyes import EyesRecord
 from lfpipe.render.viewer import Viewer
 from lfpipe.scene.lightfield import LightField
-from lfpipe.track.filters import Motion, Predictive, Tuning, make_filter
+from lfpipe.track.filters import make_filter
 
 FILTERS = (Track().filter, *(name for name in ("mean", "one-euro", "kalman") if name != Track().filter))
 RATES_HZ = (15, 30, 60, 120, 240)
@@ -31,40 +28,6 @@ APART_PX = 60.0
 AHEAD_MS = 100  # a usual time from exposure to light
 VIEWER_HZ, VIEWER_STEP_NS = 60, 16_666_667
 Float = NDArray[np.float64]
-
-
-def covariance_error(q: float, first: float, dt_ns: int, rounds: int) -> float:
-    """Largest relative error of a, b and c of one model of the default filter against rationals; infinite if indefinite.
-
-    q: acceleration in squared eye distances per s^3. first: constant noise in eye distances.
-    """
-    filter_ = Predictive(Tuning(motions=(Motion(q, 1.0),), stay_s=1e300, rate_common=0.0, first=first, least=first))
-    d, worst = Fraction(dt_ns / 1e9), 0.0
-    filter_.update(0, EYES)
-    a, b, c = (Fraction(value) for value in (filter_._models[1].a, filter_._models[1].b, filter_._models[1].c))
-    noise, density = Fraction(filter_._noise * filter_._tuning.common**2), Fraction(q * math.dist(*EYES.tolist()) ** 2)
-    for k in range(1, rounds + 1):
-        filter_.update(k * dt_ns, EYES)
-        a, b, c = a + 2 * b * d + c * d * d + density * d**3 / 3, b + c * d + density * d * d / 2, c + density * d
-        s = a + noise
-        a, b, c = a - a * a / s, b - a * b / s, c - b * b / s
-        one = filter_._models[1]
-        if not (one.a > 0 and one.c >= 0 and one.b**2 <= one.a * one.c * (1 + 1e-9)):
-            return math.inf
-        worst = max(worst, *(abs(float(Fraction(v) / t - 1)) for v, t in ((one.a, a), (one.b, b), (one.c, c))))
-    return worst
-
-
-def covariance_table(rounds: int) -> Table:
-    """The default filter's own models, over and far beyond their settings."""
-    steps_ns, noises = (200_000, 4_166_667, 33_333_333, 400_000_000), (1e-6, 1e-3, 1.0)
-    rows = [
-        (f"q {q:.0e}, noise {r:.0e}", [judged_error(partial(covariance_error, q, r, d, rounds), 1e-9, 1e-3) for d in steps_ns])
-        for q, r in itertools.product((1e-6, 1.0, 1200.0, 1e9), noises)
-    ]
-    note = "Worst relative error of an entry against rational arithmetic; failed if a matrix is no longer semi-definite."
-    head = ("acceleration and noise", *(f"step {d / 1e6:g} ms" for d in steps_ns))
-    return judged_table(f"Covariance of the default filter ({Track().filter})", note, head, rows)
 
 
 def stamps_ns(rate_hz: float, count: int, seed: int, jittered: bool) -> list[int]:
@@ -124,19 +87,20 @@ def filter_tables(rates_hz: tuple[int, ...]) -> Iterator[Table]:
         f"Largest distance from the run without it in eye distances, {AHEAD_MS} ms ahead, and how long it stays above 2 %."
         " ok: at most 1.5 and 0.7 s; failed: longer than 1.5 s, or not finite."
     )
-
-    def value(name: str, peak: float, lasts_s: float) -> Value:
-        state: State = "ok" if peak <= 1.5 and lasts_s <= 0.7 else "degraded" if lasts_s <= 1.5 else "failed"
-        return Value(words=f"{peak:.2f}, {lasts_s:.2f} s", state=state, only="" if name == FILTERS[0] else f"track.filter={name}")
-
+    cases = {f"{what}, {rate} Hz": (what, rate) for what, rate in itertools.product(DISTURBANCES, rates_hz)}
     for moving, frames in itertools.product((False, True), (1, 2)):
-        rows = [
-            (f"{what}, {rate} Hz", [value(name, *disturbed(name, what, rate, moving, frames)) for name in FILTERS])
-            for what, rate in itertools.product(DISTURBANCES, rates_hz)
-        ]
+
+        def value(case: tuple[str, int], name: str, moving: bool = moving, frames: int = frames) -> Value:
+            def words() -> tuple[str, State]:
+                peak, lasts_s = disturbed(name, *case, moving, frames)
+                state: State = "ok" if peak <= 1.5 and lasts_s <= 0.7 else "degraded" if lasts_s <= 1.5 else "failed"
+                return f"{peak:.2f}, {lasts_s:.2f} s", state
+
+            return judged(words, "" if name == FILTERS[0] else f"track.filter={name}")
+
         title = f"Filters after {('one bad frame', 'two bad frames')[frames - 1]}, "
         title += "a moving head, jittered and duplicate stamps" if moving else "a head at rest"
-        yield judged_table(title, note, ("wrong", *FILTERS), rows)
+        yield judged_table(title, note, "wrong", cases, {name: name for name in FILTERS}, value)
 
 
 def viewer_run(field: LightField, rate_hz: int, jittered: bool, bad: dict[str, object], frames: range) -> Float:
@@ -173,27 +137,23 @@ CASES: dict[str, tuple[dict[str, object], int]] = {  # what stands in the record
 def viewer_table(field: LightField, rates_hz: tuple[int, ...]) -> Table:
     """Viewer, easing, presence and parallax: what one frame, or ten without a face, do to the viewpoints."""
 
-    def value(bad: dict[str, object], frames: int, rate_hz: int, jittered: bool) -> Value:
-        at = 3 * rate_hz
-        try:
-            runs = [viewer_run(field, rate_hz, jittered, bad, range(at, at + count)) for count in (0, frames)]
-        except Exception as error:  # the exception is the result
-            return Value(words=f"{type(error).__name__}: {error}"[:80], state="failed")
-        peak, lasts_s = aftermath(runs, 3 * VIEWER_HZ, 0.05, VIEWER_HZ)
-        state: State = "ok" if lasts_s <= 2 else "degraded" if lasts_s < 4.5 else "failed"
-        return Value(words=f"{peak:.2f}, {lasts_s:.2f} s", state=state)
+    def value(case: tuple[dict[str, object], int], column: tuple[int, bool]) -> Value:
+        def words() -> tuple[str, State]:
+            at, (bad, frames) = 3 * column[0], case
+            runs = [viewer_run(field, *column, bad, range(at, at + count)) for count in (0, frames)]
+            peak, lasts_s = aftermath(runs, 3 * VIEWER_HZ, 0.05, VIEWER_HZ)
+            return f"{peak:.2f}, {lasts_s:.2f} s", "ok" if lasts_s <= 2 else "degraded" if lasts_s < 4.5 else "failed"
 
-    columns = list(itertools.product(rates_hz, (False, True)))
-    rows = [(what, [value(*case, *column) for column in columns]) for what, case in CASES.items()]
-    head = ("in the record", *(f"{rate_hz} Hz{', jittered' * jittered}" for rate_hz, jittered in columns))
+        return judged(words)
+
+    columns = {f"{hz} Hz{', jittered' * late}": (hz, late) for hz, late in itertools.product(rates_hz, (False, True))}
     note = "Distance of the viewpoints from a run without it, in views, and how long it stays above 0.05. failed: it never ends."
-    return judged_table("The viewer before the screen", note, head, rows)
+    return judged_table("The viewer before the screen", note, "in the record", CASES, columns, value)
 
 
 def measure(inputs: Inputs) -> Iterator[Offer]:
     """All tables."""
     rates_hz = (30, 240) if inputs.quick else RATES_HZ
-    yield covariance_table(7 if inputs.quick else 9)  # the rationals' digits double every round
     yield from filter_tables(rates_hz)
     yield viewer_table(inputs.field, rates_hz)
     yield mapping_table()

@@ -71,42 +71,35 @@ def ssim(a: Float, b: Float) -> float:
     return float(similarity[pad:-pad, pad:-pad].mean())
 
 
-def axis(count: int, keep: int) -> tuple[int, int]:
-    """(first view, step between kept views) along an axis of `count` views; step 0 for a single view.
+def kept_views(count: int, keep: int) -> range:
+    """Indices of the kept views along an axis, evenly spaced among the central ones; the only one of a single view.
 
-    Raises ValueError if no view lies between the kept ones.
+    Raises ValueError if no view lies between them.
     """
-    if count == 1:
-        return 0, 0
     step = (min(SIDE, count) - 1) // (keep - 1)
-    if step < 2:
+    if count > 1 and step < 2:
         raise ValueError(f"{count} views in a line: none lies between {keep} kept ones")
-    return (count - 1 - step * (keep - 1)) // 2, step
-
-
-def grid_of(field: LightField, protocol: Protocol) -> tuple[tuple[int, int], tuple[int, int], int]:
-    """((first row, kept rows), (first column, kept columns), step). Raises ValueError as `axis`."""
-    (row, row_step), (col, col_step) = (axis(count, protocol.keep) for count in (field.rows, field.cols))
-    if not (row_step or col_step):
-        raise ValueError("one view: nothing lies between")
-    step = min(step for step in (row_step, col_step) if step)  # the same on both axes, as disparity is per step of the grid
-    return (row, protocol.keep if row_step else 1), (col, protocol.keep if col_step else 1), step
+    first = (count - 1 - step * (keep - 1)) // 2
+    return range(first, first + step * (keep - 1) + 1, max(step, 1))
 
 
 def measure(field: LightField, protocol: Protocol) -> Iterator[Candidate]:
     """A candidate for each method. Raises ValueError if the field does not fit the protocol."""
-    (row, rows), (col, cols), step = grid_of(field, protocol)
-    grid = f"{rows}x{cols} -> {(rows - 1) * step + 1}x{(cols - 1) * step + 1}"
-    kept_rows, kept_cols = ([start + k * step for k in range(n)] for start, n in ((row, rows), (col, cols)))
-    if not field.present[np.ix_(kept_rows, kept_cols)].all():
+    axes = [kept_views(count, protocol.keep) for count in (field.rows, field.cols)]
+    if field.rows == field.cols == 1:
+        raise ValueError("one view: nothing lies between")
+    step = min(kept.step for kept in axes if len(kept) > 1)  # the same on both axes, as disparity is per step of the grid
+    rows, cols = ([kept.start + k * step for k in range(len(kept))] for kept in axes)
+    if not field.present[np.ix_(rows, cols)].all():
         raise ValueError("one of the kept views is missing")
-    views = np.asarray(field.views[0])
+    made, views = (rows[-1] - rows[0] + 1, cols[-1] - cols[0] + 1), np.asarray(field.views[0])
     truth = {
-        (r / step, c / step): shaved(studio_luma(views[row + r, col + c]), protocol.border_px)
-        for r, c in np.ndindex((rows - 1) * step + 1, (cols - 1) * step + 1)
-        if (r % step or c % step) and field.present[row + r, col + c]
+        (r / step, c / step): shaved(studio_luma(views[rows[0] + r, cols[0] + c]), protocol.border_px)
+        for r, c in np.ndindex(made)
+        if (r % step or c % step) and field.present[rows[0] + r, cols[0] + c]
     }
-    part = subsample(field, kept_rows, kept_cols)
+    part = subsample(field, rows, cols)
+    grid = f"{len(rows)}x{len(cols)} -> {made[0]}x{made[1]}"
     for method in reversed(METHODS):
         if part.disparity is not None or method not in WARPS:
             yield Candidate(method, f"{field.name}, {grid}", partial(_prepare, part, method, truth, protocol))

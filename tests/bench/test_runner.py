@@ -79,20 +79,15 @@ def test_a_verdict_keeps_what_ties_and_names_the_cost() -> None:
     for error_px, choice, words in ((3.05, "ours (in use)", "(old)"), (6.0, "best", "(ours)")):
         rows = (old, row("ours", 4.0, error_px, used=True), best, slow)
         one = verdict(FAKE, Results("fake", [Table("method", COLUMNS, rows)]))
-        assert (
-            one is not None
-            and one.choice == choice
-            and words in one.why
-            and "11 ms" in one.why
-            and one.cost.endswith(") ms: time")
-        )
+        assert one is not None and one[:2] == ("track.fake", choice) and words in one[2] and "11 ms" in one[2]
+        assert one[3].endswith(") ms: time")
 
 
 def test_report_stands_alone_and_begins_with_verdicts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     results, _ = measured()
     results.about = {"command": "lfpipe bench fake --quick", "machine": "<p>"}
     values = [Value(words="9", state="failed"), Value(words="8", state="degraded", only="render.method=blend")]
-    results.tables.append(judged_table("Extreme", "note", ("case", "b", "c"), [("a", values)]))
+    results.tables.append(judged_table("Extreme", "note", "case", {"a": 0}, {"b": 0, "c": 1}, lambda _, column: values[column]))
     write({"fake": results}, tmp_path)
     assert read(tmp_path) == {"fake": results}, "as they were"
     monkeypatch.setitem(page.SUBJECTS, "fake", FAKE)

@@ -11,7 +11,7 @@ from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
 from lfpipe.bench import table as metrics
 from lfpipe.bench.results import Results
-from lfpipe.bench.table import Protocol, axis, grid_of, measure_scenes
+from lfpipe.bench.table import Protocol, kept_views, measure_scenes
 from lfpipe.errors import UserError
 from lfpipe.render.scoring import psnr_db
 from lfpipe.scene.lightfield import LightField
@@ -44,12 +44,12 @@ def test_grey_counts_as_three_equal_channels() -> None:
 
 
 def test_kept_views() -> None:
-    assert [axis(count, 2) for count in (9, 7, 17, 3, 1)] == [(1, 6), (0, 6), (5, 6), (0, 2), (0, 0)] and axis(9, 3) == (1, 3)
+    kept = {9: [1, 7], 7: [0, 6], 17: [5, 11], 3: [0, 2], 1: [0]}
+    assert {count: list(kept_views(count, 2)) for count in kept} == kept and list(kept_views(9, 3)) == [1, 4, 7]
     with pytest.raises(ValueError, match="none lies between"):
-        axis(2, 2)
-    assert grid_of(wall(1, 9), Protocol()) == ((0, 1), (1, 2), 6)
+        kept_views(2, 2)
     with pytest.raises(ValueError, match="one view"):
-        grid_of(wall(1, 1), Protocol())
+        next(metrics.measure(wall(1, 1), Protocol()))
 
 
 def _run(fields: list[LightField], protocol: Protocol | None = None) -> Results:

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lfpipe.config import Track
-from lfpipe.track.filters import make_filter
+from lfpipe.track.filters import Motion, Predictive, Tuning, make_filter
 from lfpipe.track.smoothing import LIMIT_PX, MAX_STEP_NS, MIN_STEP_NS, Covariance, EyeFilter, Mean, OneEuro, weight
 
 FRAME_NS = 33_333_333
@@ -316,9 +316,9 @@ STEPS_S = (1e-9, 1e-3, 1 / 30, 10.0, 1e6)
 START = (1.0, 0.0, 1.0)
 
 
-def exact(q: float, r: float, dt_s: float, steps: int) -> tuple[Fraction, Fraction, Fraction]:
+def exact(q: float, r: float, dt_s: float, steps: int, start: tuple[float, ...] = START) -> tuple[Fraction, ...]:
     """The textbook recursion in rational numbers: P = F P F' + Q, then P - K H P."""
-    a, b, c = (Fraction(value) for value in START)
+    a, b, c = (Fraction(value) for value in start)
     fq, fr, d = Fraction(q), Fraction(r), Fraction(dt_s)
     for _ in range(steps):
         a, b, c = a + 2 * b * d + c * d * d + fq * d**3 / 3, b + c * d + fq * d * d / 2, c + fq * d
@@ -338,6 +338,23 @@ def test_the_stiff_grid_keeps_its_digits_and_stays_positive() -> None:
         for value, truth in zip((p.a, p.b, p.c), exact(q, r, dt_s, 8), strict=True):
             worst = max(worst, abs(float((Fraction(value) - truth) / truth)))
     assert worst < 1e-13
+
+
+def test_the_default_filter_keeps_its_digits_and_stays_positive() -> None:
+    """One of its models, over and far beyond its settings: acceleration, noise in eye distances, time between frames."""
+    eyes = np.array([[350.0, 240.0], [290.0, 242.0]])
+    q_px = math.dist(*eyes.tolist()) ** 2
+    for q, noise, dt_ns in itertools.product((1e-6, 1.0, 1200.0, 1e9), (1e-6, 1e-3, 1.0), (200_000, 4_166_667, 400_000_000)):
+        tuning = Tuning(motions=(Motion(q, 1.0),), stay_s=1e300, rate_common=0.0, first=noise, least=noise)
+        filter_ = Predictive(tuning)
+        filter_.update(0, eyes)
+        one = filter_._models[1]
+        start, r = (one.a, one.b, one.c), filter_._noise * tuning.common**2
+        for k in range(1, 8):
+            filter_.update(k * dt_ns, eyes)
+            assert one.a > 0 and one.c >= 0 and one.b**2 <= one.a * one.c * (1 + 1e-9)
+        for value, truth in zip((one.a, one.b, one.c), exact(q * q_px, r, dt_ns / 1e9, 7, start), strict=True):
+            assert abs(float(Fraction(value) / truth - 1)) < 1e-3, (q, noise, dt_ns)
 
 
 @given(
