@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 
 from lfpipe.cli import cli
-from lfpipe.sequence.folder import MANIFEST, TRUTH, begin_manifest, end_manifest
-from lfpipe.sequence.packets import INDEX, PACKETS, PacketWriter, encoded
+from lfpipe.sequence.folder import MANIFEST, TRUTH, SequenceWriter
+from lfpipe.sequence.packets import INDEX, PACKETS, encoded
 from tests import hostile_files as hostile
 
 SIZE = (64, 48)
@@ -33,8 +33,8 @@ def made_sequence(out: Path) -> Path:
     """An intact sequence of six frames in all three codecs, with truth."""
     out.mkdir(parents=True)
     config = {"camera": {"width_px": SIZE[0], "height_px": SIZE[1], "focal_px": 60.0, "fov_deg": 56.0}}
-    manifest = begin_manifest(out, "demo", *SIZE, 30.0, versions={"lfpipe": "0.1.0"}, config=config)
-    writer, truth = PacketWriter(out), ["source_seq,t_ns,left_x_px,left_y_px,right_x_px,right_y_px,visible"]
+    writer = SequenceWriter(out, "demo", SIZE, 30.0, versions={"lfpipe": "0.1.0"}, config=config)
+    truth = ["source_seq,t_ns,left_x_px,left_y_px,right_x_px,right_y_px,visible"]
     for seq in range(FRAMES):
         codec, data = encoded(picture(seq), fast=seq % 3 == 1)
         if seq % 3 == 0:
@@ -43,9 +43,8 @@ def made_sequence(out: Path) -> Path:
         writer.append(data, codec, seq, 0, 10**9 + t_ns, 10**9 + t_ns + 5)
         points = [[40.0 + seq, 20.0], [24.0 + seq, 20.5]]
         truth.append(f"{seq},{t_ns},{points[0][0]},{points[0][1]},{points[1][0]},{points[1][1]},1")
-    writer.close()
     (out / TRUTH).write_text("\n".join(truth) + "\n")
-    end_manifest(out, manifest, writer.count, writer.checksums())
+    writer.complete()
     return out
 
 
@@ -69,7 +68,7 @@ def put_packets(folder: Path, found: list[tuple[dict[str, Any], bytes]]) -> None
 
 def sign(folder: Path) -> None:
     """Makes the checksums of the manifest agree with the files, as far as there are both."""
-    files = {name: folder / name for name in (MANIFEST, PACKETS, INDEX, TRUTH)}
+    files = {name: folder / name for name in (MANIFEST, INDEX, TRUTH)}
     data = {name: path.read_bytes() for name, path in files.items() if path.is_file() and path.stat().st_size < 1 << 24}
     try:
         manifest = json.loads(data.pop(MANIFEST))

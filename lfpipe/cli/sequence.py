@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import attrs
 import click
@@ -24,12 +25,12 @@ from lfpipe.host.files import exists
 from lfpipe.host.machine import versions
 from lfpipe.sequence import edit
 from lfpipe.sequence.eyes import TRUTH, read_truth, table_of
-from lfpipe.sequence.folder import begin_manifest, check_out, end_manifest, new_folder, open_sequence
-from lfpipe.sequence.packets import PacketWriter, encoded
+from lfpipe.sequence.folder import check_out, check_sums, new_sequence, open_sequence
+from lfpipe.sequence.packets import encoded
 from lfpipe.supervisor.supervisor import run_session
 from lfpipe.transport.session import Session
 
-MOST_WRONG = 5  # damages listed per sequence, at most
+MOST_ERRORS = 5  # listed per sequence: a damaged disk gives one per frame
 SEQUENCES = click.argument("paths", type=PATH, metavar="SEQ...", nargs=-1, required=True)
 
 
@@ -78,34 +79,31 @@ def info(paths: tuple[Path, ...], as_json: bool) -> int:
 
 
 def _info(path: Path, as_json: bool) -> None:
-    found = open_sequence(path, verify=False)
-    size, codecs = sum(packet.bytes for packet in found.packets), sorted(found.codecs)
-    truth = exists(path / TRUTH)
-    source, created = (str(found.manifest.get(name, "")) for name in ("source", "created"))
+    recorded = open_sequence(path, verify=False)
+    about: dict[str, Any] = {
+        "frames": len(recorded.packets),
+        "lost": recorded.lost,
+        "duration_s": round(recorded.duration_s, 6),
+        "rate_hz": round(recorded.measured_hz, 4),
+        "width_px": recorded.width_px,
+        "height_px": recorded.height_px,
+        "codecs": sorted(recorded.codecs),
+        "bytes": sum(packet.bytes for packet in recorded.packets),
+        "complete": recorded.complete,
+        "truth": exists(path / TRUTH),
+        **{name: str(recorded.manifest.get(name, "")) for name in ("source", "created")},
+        "versions": recorded.manifest.get("versions", {}),
+    }
     if as_json:
-        about = {
-            "frames": len(found.packets),
-            "lost": found.lost,
-            "duration_s": round(found.duration_s, 6),
-            "rate_hz": round(found.measured_hz, 4),
-            "width_px": found.width_px,
-            "height_px": found.height_px,
-            "codecs": codecs,
-            "bytes": size,
-            "complete": found.complete,
-            "truth": truth,
-            "source": source,
-            "created": created,
-            "versions": found.manifest.get("versions", {}),
-        }
         click.echo(json.dumps(about))
         return
-    click.echo(f"{path}: {len(found.packets)} frames of {found.width_px}x{found.height_px}, {found.duration_s:.3f} s")
-    click.echo(f"  {found.measured_hz:.3f} Hz by the stamps, {found.lost} frames lost while recording")
-    click.echo(f"  {size / 1e6:.1f} MB as {', '.join(codecs)}, from {plain(source, 200)}, {plain(created, 200)}")
-    if truth:
+    click.echo(f"{path}: {about['frames']} frames of {recorded.width_px}x{recorded.height_px}, {recorded.duration_s:.3f} s")
+    click.echo(f"  {recorded.measured_hz:.3f} Hz by the stamps, {recorded.lost} frames lost while recording")
+    source, created = (plain(about[name], 200) for name in ("source", "created"))
+    click.echo(f"  {about['bytes'] / 1e6:.1f} MB as {', '.join(about['codecs'])}, from {source}, {created}")
+    if about["truth"]:
         click.echo("  with the true eyes")
-    if not found.complete:
+    if not recorded.complete:
         click.echo("  cut off during recording: it ends with the last whole frame")
 
 
@@ -117,21 +115,20 @@ def check(paths: tuple[Path, ...]) -> int:
 
 
 def _check(path: Path) -> None:
-    found = open_sequence(path, verify=False)
-    wrong: list[UserError] = []
-    read: Callable[[int], object] = found.eyes if found.holds_eyes else found.frame
-    looks: list[Callable[[], object]] = [partial(read, seq) for seq in range(len(found.packets))]
-    looks += [partial(read_truth, path), partial(open_sequence, path)]
-    for look in looks:
+    recorded = open_sequence(path, verify=False)
+    read_frame = recorded.eyes if recorded.holds_eyes else recorded.frame
+    checks = [partial(read_frame, seq) for seq in range(len(recorded.packets))]
+    errors: list[UserError] = []
+    for check_one in (*checks, partial(read_truth, path), partial(check_sums, recorded)):
         try:
-            look()
+            check_one()
         except UserError as error:
-            wrong.append(error)
-    if wrong:
-        more = [f"and {len(wrong) - MOST_WRONG} more"] * (len(wrong) > MOST_WRONG)
-        raise UserError("\n  ".join([error.message for error in wrong[:MOST_WRONG]] + more), wrong[0].remedy)
-    state = "complete" if found.complete else "cut off during recording, readable to its last whole frame"
-    click.echo(f"{path}: {len(found.packets)} frames, all readable; {state}")
+            errors.append(error)
+    if errors:
+        more = [f"and {len(errors) - MOST_ERRORS} more"] * (len(errors) > MOST_ERRORS)
+        raise UserError("\n  ".join([error.message for error in errors[:MOST_ERRORS]] + more), errors[0].remedy)
+    state = "complete" if recorded.complete else "cut off during recording, readable to its last whole frame"
+    click.echo(f"{path}: {len(recorded.packets)} frames, all readable; {state}")
 
 
 @sequence.command()
@@ -157,18 +154,14 @@ def import_(video: Path, out: Path, truth: Path | None) -> None:
         if not rate_hz:
             raise UserError(f"{video}: has no frame rate", "give a video (avi, mkv, mp4, ...)")
         picture = np.empty((height_px, width_px, 3), np.uint8)
-        with new_folder(out):
-            manifest = begin_manifest(out, f"file:{video.name}", width_px, height_px, rate_hz, versions=versions())
-            writer = PacketWriter(out)
+        with new_sequence(out, f"file:{video.name}", (width_px, height_px), rate_hz, versions=versions()) as writer:
             while frames.next(picture) is not None:
-                packet = ("jpeg", frames.packet.tobytes()) if frames.packet is not None else encoded(picture, fast=False)
+                codec, packet = ("jpeg", frames.packet.tobytes()) if frames.packet is not None else encoded(picture, fast=False)
                 t_ns = round(writer.count * 1e9 / rate_hz)
-                writer.append(packet[1], packet[0], writer.count, 0, t_ns, t_ns)
-            writer.close()
+                writer.append(packet, codec, writer.count, 0, t_ns, t_ns)
             if truth is not None:
                 with create_private(out / TRUTH) as file, open_regular(truth) as table:
                     shutil.copyfileobj(table, file)
-            end_manifest(out, manifest, writer.count, writer.checksums())
     click.echo(f"{out}: {writer.count} frames")
 
 

@@ -7,10 +7,12 @@ Commands: stop. Asks: record (to end the recording, if writing fails).
 Emits: notice (end of a recording, lost frames).
 """
 
+import math
 import time
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,15 +21,21 @@ from lfpipe.config import to_dict
 from lfpipe.eyes import EYES
 from lfpipe.host.files import exists
 from lfpipe.host.machine import versions
-from lfpipe.record.store import Store
+from lfpipe.host.processes import yield_to_others
 from lfpipe.sequence.eyes import eyes_line
-from lfpipe.sequence.folder import MANIFEST, begin_manifest, end_manifest
-from lfpipe.transport.clock import MS_NS, now_ns
+from lfpipe.sequence.folder import MANIFEST, SequenceWriter
+from lfpipe.sequence.packets import encoded
+from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.packet_ring import PacketInput
 from lfpipe.transport.ring import Stamp
 
 FULL_NS = 5 * MS_NS  # between looks whether a full store has room again
+ROOM_BYTES = 128 << 20  # buffer of frames to encode: some seconds, so that a slow disk loses no frame
+LEAST_FRAMES = 8  # in that buffer, however large they are
+SLOW_NS = SECOND_NS // 2  # a longer time per frame is reported
+
+Frame = tuple[Stamp, str, NDArray[np.uint8] | bytes]  # a packet with its codec or, with codec "", a picture
 
 
 class FrameReader:
@@ -35,8 +43,8 @@ class FrameReader:
 
     def __init__(self, context: Context) -> None:
         self._row, self._frames, self._eyes = context.row, context.input("frames"), context.input("eyes")
-        self.shape: tuple[int, ...] = self._frames.reader.shape
-        self.size_px = self.shape[1], self.shape[0]
+        shape = self._frames.reader.shape
+        self._ring_px = self.size_px = shape[1], shape[0]
         self._packets: PacketInput | None = None
         self._begun = True
         if context.options.packets:
@@ -51,8 +59,8 @@ class FrameReader:
         self._frames.skip()
         self._begun = False
 
-    def take(self, spare: Callable[[], NDArray[np.uint8]]) -> tuple[Stamp, str, NDArray[np.uint8] | bytes] | None:
-        """The next frame: (stamp, "jpeg", its JPEG) or (stamp, "", its picture in an array from spare); None if there is none."""
+    def take(self) -> Frame | None:
+        """The next frame, as a JPEG or a picture; None if there is none."""
         self._eyes.skip()
         while (peeked := self._frames.peek(in_order=True)) is not None:
             stamp, slot = peeked
@@ -62,11 +70,10 @@ class FrameReader:
                 return stamp, "jpeg", packet
             if self._packets is not None and self._packets.ended:
                 return None  # the recording is being stopped; capture has already stopped sending JPEGs
-            if self.shape[1::-1] != self.size_px:
+            if self._ring_px != self.size_px:
                 self._row["drops"] += self._begun  # it is scaled, so it does not fit this recording
                 continue
-            picture = spare()
-            np.copyto(picture, slot)
+            picture = slot.copy()
             if self._frames.still_valid(stamp):
                 return stamp, "", picture
         return None
@@ -83,14 +90,73 @@ class EyesReader:
     def __init__(self, context: Context) -> None:
         self._frames, self._eyes, self._record = context.input("frames"), context.input("eyes"), np.empty((), EYES)
         self.size_px = context.config.camera.frame_px
-        self.shape = (*self.size_px, 3)
         self.skip, self.close = self._eyes.skip, lambda: None
 
-    def take(self, _spare: object = None) -> tuple[Stamp, str, bytes] | None:
-        """The next eyes: (stamp, "eyes", a line of JSON); None without new ones. Frames, if any, are empty."""
+    def take(self) -> Frame | None:
+        """The next eyes as a line of JSON, codec "eyes"; None without new ones. Frames, if any, are empty."""
         self._frames.skip()
         stamp = self._eyes.take(self._record, in_order=True)
         return None if stamp is None else (stamp, "eyes", eyes_line(self._record, source_seq=stamp.source_seq))
+
+
+class Store:
+    """Writes frames in a thread of its own, so that a slow disk does not block reading the ring.
+
+    Packets are stored unchanged. Pictures are stored as PNG, or raw if more than a quarter of the buffer is in use. failure: why
+    storing ended, in words; "" if it has not.
+    """
+
+    def __init__(self, writer: SequenceWriter, frame_bytes: int) -> None:
+        self._writer, self._room = writer, max(LEAST_FRAMES, ROOM_BYTES // frame_bytes)
+        # Yields to threads that wake up for a live picture. A lower priority would be wrong: preempted while it holds the GIL,
+        # this thread would block the other one.
+        self._thread = ThreadPoolExecutor(1, "store", yield_to_others)
+        self._pending: deque[tuple[Stamp, int, Future[int]]] = deque()
+        self._begun_ns, self._hurry = 0, False
+        self.failure = ""
+
+    @property
+    def full(self) -> bool:
+        """Whether the buffer is full. `results` makes room."""
+        return len(self._pending) >= self._room
+
+    @property
+    def slow(self) -> bool:
+        """Whether the disk has blocked the thread for at least SLOW_NS."""
+        begun_ns = self._begun_ns
+        return bool(begun_ns) and now_ns() - begun_ns > SLOW_NS
+
+    def put(self, frame: Frame) -> None:
+        """Adds a frame. Its time stamp is after that of the frame before."""
+        self._hurry = len(self._pending) > self._room // 4
+        self._pending.append((frame[0], now_ns(), self._thread.submit(self._write, *frame)))
+
+    def results(self) -> Iterator[tuple[Stamp, int, int]]:
+        """(stamp, t_taken_ns, t_stored_ns) of the frames that were stored since the last call."""
+        while self._pending and self._pending[0][2].done():
+            stamp, t_taken_ns, stored = self._pending.popleft()
+            if t_stored_ns := stored.result():
+                yield stamp, t_taken_ns, t_stored_ns
+
+    def _write(self, stamp: Stamp, codec: str, frame: NDArray[np.uint8] | bytes) -> int:
+        """When the frame was stored; 0 if it was not."""
+        if self.failure:
+            return 0
+        self._begun_ns = now_ns()
+        try:
+            codec, packet = (codec, frame) if isinstance(frame, bytes) else encoded(frame, fast=self._hurry)
+            self._writer.append(packet, codec, stamp.source_seq, stamp.epoch, stamp.t_sensor_ns, stamp.t_read_ns)
+        except OSError as error:
+            self.failure = str(error.strerror or error)
+        except Exception as error:  # the session continues without the recording
+            self.failure = f"{type(error).__name__}: {error}".rstrip(": ")
+        self._begun_ns = 0
+        return 0 if self.failure else now_ns()
+
+    def close(self) -> None:
+        """Waits until everything is on disk. The rest is not compressed, so that a session ends quickly."""
+        self._hurry = True
+        self._thread.shutdown()
 
 
 class Recorder:
@@ -105,10 +171,11 @@ class Recorder:
         eyes_only = options.mouse or bool(options.eyes)
         self._frames: FrameReader | EyesReader = EyesReader(context) if eyes_only else FrameReader(context)
         self._reported = self._slow = False
-        more: dict[str, Any] = {"versions": versions(), "config": to_dict(context.config)}
-        rate_hz = options.source_hz or context.config.render.nominal_hz
-        self._manifest = begin_manifest(folder, options.source, *self._frames.size_px, rate_hz, **more)
-        self._store = Store(folder, self._frames.shape)
+        self._last_ns = 0
+        rate_hz, about = options.source_hz or context.config.render.nominal_hz, to_dict(context.config)
+        size_px = self._frames.size_px
+        self._writer = SequenceWriter(folder, options.source, size_px, rate_hz, versions=versions(), config=about)
+        self._store = Store(self._writer, 3 * math.prod(context.config.camera.frame_px))
         if anew:
             self._frames.skip()
 
@@ -120,42 +187,41 @@ class Recorder:
 
     def take(self) -> None:
         """Passes new frames to the store, as far as it has room."""
-        store = self._store
-        while not store.full and (taken := self._frames.take(store.spare)) is not None:
-            store.put(*taken)
+        while not self._store.full and (frame := self._frames.take()) is not None:
+            t_sensor_ns = frame[0].t_sensor_ns
+            if t_sensor_ns > self._last_ns:
+                self._last_ns = t_sensor_ns
+                self._store.put(frame)
+            else:  # a repeated stamp means a repeated frame, which could not be replayed
+                self._context.row["drops"] += 1
 
     def report(self) -> None:
         """Updates the status row. After an error, reports it once and requests the end of the recording."""
         context, store = self._context, self._store
-        for done in store.results():
-            if not done.kept:
-                context.row["drops"] += 1
-                continue
-            stamp = done.stamp
+        for stamp, t_taken_ns, t_stored_ns in store.results():
             context.row.tick(stamp.source_seq)
-            waited_ns, took_ns = done.t_taken_ns - stamp.t_publish_ns, done.t_stored_ns - done.t_taken_ns
-            context.row.measure(waited_ns, took_ns, done.t_stored_ns - stamp.t_sensor_ns)
+            context.row.measure(t_taken_ns - stamp.t_publish_ns, t_stored_ns - t_taken_ns, t_stored_ns - stamp.t_sensor_ns)
         context.row["cpu_ns"] = time.process_time_ns()
         if store.slow != self._slow:
             self._slow = not self._slow
             context.row.set_busy("waiting for the disk" if self._slow else "")
         if store.failure and not self._reported:
             self._reported = True
-            ends = f"its last frame is {store.count - 1}" if store.count else "no frame was recorded"
+            ends = f"its last frame is {self._writer.count - 1}" if self._writer.count else "no frame was recorded"
             _give_up(context, f"recording {self._folder}: {store.failure}; {ends}")
 
     def end(self) -> None:
         """Stores the rest from rings and memory, and completes the sequence."""
-        context, store = self._context, self._store
+        context = self._context
         with context.saving("writing the recording"):
             self.take()
-            checksums = store.close()
+            self._store.close()
             self.report()
             self._frames.close()
             missed = int(context.row["drops"]) - self._lost_before
-            text = f"recorded {store.count} frames to {self._folder}" + (f", {missed} lost" if missed else "")
+            text = f"recorded {self._writer.count} frames to {self._folder}" + (f", {missed} lost" if missed else "")
             try:
-                end_manifest(self._folder, self._manifest, store.count, checksums)
+                self._writer.complete()
             except OSError as error:
                 context.report_lost(f"recording {self._folder}: not completed: {error.strerror}")
             context.emit("notice", text=text)

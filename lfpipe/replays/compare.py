@@ -22,8 +22,8 @@ from lfpipe.files.pictures import header_of
 from lfpipe.files.safe_files import reason
 from lfpipe.render.replay_writer import PICTURES
 from lfpipe.render.scoring import psnr_db
-from lfpipe.replays.report import REPORT, WRITTEN, Line, pair, read_report, read_trace
-from lfpipe.sequence.packets import INDEX, decoded, encoded, packet_data, read_index
+from lfpipe.replays.report import REPORT, Line, pair, read_report, read_trace
+from lfpipe.sequence.packets import INDEX, decoded, encoded, read_index, read_packet
 
 VERSION_PX = 0.05  # of eyes
 TOLERANCES = {  # name in the trace -> (absolute, relative), where versions differ
@@ -200,7 +200,7 @@ def _stored(folder: Path, lines: list[Line]) -> Callable[[str], NDArray[np.uint8
     def read(digest: str) -> NDArray[np.uint8] | None:
         if (packet := by_digest.get(digest)) is None:
             return None
-        data = packet_data(place, packet, WRITTEN)
+        data = read_packet(place, packet)
         header = header_of(data)
         return decoded(packet, data, header.width_px if header else 0, header.height_px if header else 0, place)
 

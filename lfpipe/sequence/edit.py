@@ -15,8 +15,7 @@ from lfpipe.files.output import PLACE, check_output
 from lfpipe.files.safe_files import create_private, lines, reason, replaced
 from lfpipe.files.video_writer import VideoWriter
 from lfpipe.sequence.eyes import LINE_BYTES, REMEDY, TRUTH
-from lfpipe.sequence.folder import Sequence, begin_manifest, end_manifest, new_folder
-from lfpipe.sequence.packets import PacketWriter
+from lfpipe.sequence.folder import Sequence, new_sequence
 
 STAMPS = ("seq", "source_seq", "epoch", "t_sensor_ns", "t_read_ns")
 
@@ -32,18 +31,15 @@ def cut(sequence: Sequence, out: Path, begin_s: float, end_s: float) -> int:
         raise UserError(f"no frame from {begin_s:g} s to {end_s:g} s", f"{sequence.path} lasts {sequence.duration_s:.3f} s")
     about = {key: value for key, value in sequence.manifest.items() if key in ("versions", "config")}
     about["cut_from"] = {"name": plain(sequence.path.name, 255), "begin_s": begin_s, "end_s": min(end_s, sequence.duration_s)}
-    with new_folder(out):
-        manifest = begin_manifest(out, str(sequence.manifest.get("source", "")), *sequence.size_px, sequence.rate_hz, **about)
-        writer = PacketWriter(out)
+    source = str(sequence.manifest.get("source", ""))
+    with new_sequence(out, source, sequence.size_px, sequence.rate_hz, **about) as writer:
         for p in map(sequence.packets.__getitem__, chosen):
             writer.append(sequence.data(p.seq), p.codec, p.source_seq, p.epoch, p.t_sensor_ns, p.t_read_ns)
-        writer.close()
         if os.path.lexists(sequence.path / TRUTH):
             rows = [row for _, row in lines(sequence.path / TRUTH, LINE_BYTES, REMEDY)]
             with create_private(out / TRUTH) as file:
                 file.writelines([*rows[:1], *rows[chosen[0] + 1 : chosen[-1] + 2]])
-        end_manifest(out, manifest, writer.count, writer.checksums())
-    return writer.count
+    return len(chosen)
 
 
 def export(sequence: Sequence, video: Path) -> Path:

@@ -1,6 +1,6 @@
 """A recorded sequence: a folder with manifest.json, the packets of the frames, and further data about them.
 
-manifest.json  format, version, source, size, rate, versions, config; at its end also frames and checksums (sha256)
+manifest.json  format, version, source, size, rate, versions, config; at its end also frames, and sha256 of SUMMED
 frames.bin, frames.jsonl   frames, or the eyes of the mouse: see lfpipe.sequence.packets
 truth.csv      true eyes of a generated sequence: source_seq,t_ns,left_x_px,left_y_px,right_x_px,right_y_px,...
 """
@@ -21,17 +21,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError, plain
-from lfpipe.files.safe_files import PRIVATE_FOLDER, check_links, open_regular, read_bytes, reason, replaced
+from lfpipe.files.safe_files import PRIVATE_FOLDER, check_links, open_file, read_bytes, reason, replaced
 from lfpipe.files.untrusted import Fields, json_fields
 from lfpipe.host.files import exists
 from lfpipe.sequence.eyes import TRUTH, eyes_of
-from lfpipe.sequence.packets import CHANGED, COPY, INDEX, MAX_PIXELS, PACKETS, Packet, changed, decoded, packet_data, read_index
+from lfpipe.sequence.packets import (
+    COPY,
+    INDEX,
+    LINE_BYTES,
+    MAX_PACKETS,
+    MAX_PIXELS,
+    PACKETS,
+    Packet,
+    PacketWriter,
+    decoded,
+    read_index,
+    read_packet,
+)
 
 FORMAT, VERSION = "lfpipe-sequence", 1
 MANIFEST = "manifest.json"
 FILES = (PACKETS, INDEX, TRUTH)
+SUMMED = (INDEX, TRUTH)  # files whose sums the manifest holds; every packet has its own in the index
+SUMMED_BYTES = MAX_PACKETS * LINE_BYTES  # of the longest index
 MANIFEST_BYTES = 1 << 18
-TRUTH_BYTES = 4096  # of TRUTH, per frame
 MOST_HZ = 100_000.0
 
 
@@ -53,12 +66,39 @@ def check_out(path: Path) -> None:
         raise UserError(f"{path}: {reason(error)}", "name a folder in a directory that you may write to") from None
 
 
+class SequenceWriter(PacketWriter):
+    """A sequence under way in an existing folder: begins with a manifest that is not complete."""
+
+    def __init__(self, folder: Path, source: str, size_px: tuple[int, int], rate_hz: float, **more: Any) -> None:
+        """more: versions, config. Raises OSError if nothing can be written."""
+        about = {"source": plain(source, 4096), "width_px": size_px[0], "height_px": size_px[1], "rate_hz": rate_hz}
+        created = time.strftime("%Y-%m-%dT%H:%M:%S%z")
+        self._folder = folder
+        self._manifest = {"format": FORMAT, "version": VERSION, "created": created, **about, **more, "complete": False}
+        self._write_manifest()
+        super().__init__(folder)
+
+    def _write_manifest(self) -> None:
+        with replaced(self._folder / MANIFEST) as file:
+            file.write(json.dumps(self._manifest, indent=1, allow_nan=False).encode() + b"\n")
+
+    def complete(self) -> None:
+        """Ends the sequence. Raises OSError if the disk is full; the first manifest is then kept."""
+        self.close()
+        checksums = {name: _sha256(self._folder / name) for name in SUMMED if exists(self._folder / name)}
+        self._manifest |= {"complete": True, "frames": self.count, "checksums": checksums}
+        self._write_manifest()
+
+
 @contextlib.contextmanager
-def new_folder(path: Path) -> Iterator[None]:
-    """`check_out`; removes the folder again if the body fails. Raises UserError if the disk is full."""
+def new_sequence(path: Path, source: str, size_px: tuple[int, int], rate_hz: float, **more: Any) -> Iterator[SequenceWriter]:
+    """A `SequenceWriter` in a new folder. If the body fails, the folder is removed. Raises UserError as `check_out`, and if the
+    disk is full."""
     check_out(path)
     try:
-        yield
+        writer = SequenceWriter(path, source, size_px, rate_hz, **more)
+        yield writer
+        writer.complete()
     except BaseException as error:
         shutil.rmtree(path, ignore_errors=True)
         if isinstance(error, OSError):
@@ -66,32 +106,10 @@ def new_folder(path: Path) -> Iterator[None]:
         raise
 
 
-def begin_manifest(path: Path, source: str, width_px: int, height_px: int, rate_hz: float, **more: Any) -> dict[str, Any]:
-    """Writes the manifest of a sequence before recording starts, and returns it. more: versions, config.
-
-    Raises OSError if the disk is full.
-    """
-    created = time.strftime("%Y-%m-%dT%H:%M:%S%z")
-    about = {"source": plain(source, 4096), "width_px": width_px, "height_px": height_px, "rate_hz": rate_hz}
-    manifest = {"format": FORMAT, "version": VERSION, "created": created, **about, **more, "complete": False}
-    _write_manifest(path, manifest)
-    return manifest
-
-
-def end_manifest(path: Path, manifest: dict[str, Any], frames: int, checksums: dict[str, str]) -> None:
-    """Rewrites the manifest after the last frame. checksums: of the files that `PacketWriter` wrote.
-
-    Raises OSError if the disk is full; the old manifest is then kept.
-    """
-    if exists(path / TRUTH):
-        with open_regular(path / TRUTH) as file:
-            checksums = {**checksums, TRUTH: hashlib.file_digest(file, "sha256").hexdigest()}
-    _write_manifest(path, {**manifest, "complete": True, "frames": frames, "checksums": checksums})
-
-
-def _write_manifest(path: Path, manifest: dict[str, Any]) -> None:
-    with replaced(path / MANIFEST) as file:
-        file.write(json.dumps(manifest, indent=1, allow_nan=False).encode() + b"\n")
+def _sha256(path: Path) -> str:
+    """Raises UserError if the file cannot be read, or is too large."""
+    with open_file(path, SUMMED_BYTES) as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 @attrs.frozen(eq=False)
@@ -108,15 +126,12 @@ class Sequence:
 
     def data(self, index: int) -> bytes:
         """The packet of a frame as it was stored. Raises UserError if it cannot be read, or has changed."""
-        packet = self.packets[index]
-        data = packet_data(self.path, packet, COPY)
-        if changed(packet, data):
-            raise UserError(f"{self.path / PACKETS}: frame {index}: {CHANGED}", COPY)
-        return data
+        return read_packet(self.path, self.packets[index])
 
-    def frame(self, index: int) -> NDArray[np.uint8]:
-        """A frame, uint8 (height, width, 3) BGR. Raises UserError if its packet is damaged, or holds eyes."""
-        return decoded(self.packets[index], packet_data(self.path, self.packets[index], COPY), *self.size_px, self.path)
+    def frame(self, index: int, data: bytes | None = None) -> NDArray[np.uint8]:
+        """A frame, uint8 (height, width, 3) BGR. data: its packet, if it has been read. Raises UserError if that is damaged, or
+        holds eyes."""
+        return decoded(self.packets[index], self.data(index) if data is None else data, *self.size_px, self.path)
 
     def eyes(self, index: int) -> NDArray[np.void]:
         """The record, of dtype EYES, that stands in place of a frame. Raises UserError if its packet is damaged."""
@@ -154,7 +169,7 @@ class Sequence:
 
 
 def open_sequence(path: Path, verify: bool = True) -> Sequence:
-    """The sequence at path. verify: also compare every file with its checksum.
+    """The sequence at path. verify: also compare every packet and file with its checksum.
 
     Raises UserError if it is not a sequence, has an unknown version, is damaged, or has no frame.
     """
@@ -167,13 +182,17 @@ def open_sequence(path: Path, verify: bool = True) -> Sequence:
     packets = read_index(path, complete)
     if not packets:
         raise UserError(f"{path}: contains no whole frame", "record it again")
+    if complete and len(packets) != (frames := fields.integer("frames", 1, 1 << 62)):
+        raise UserError(f"{path}: {len(packets)} frames, but {frames} were recorded", COPY)
     sequence = Sequence(path, dict(fields.values), packets, width_px, height_px, rate_hz, complete)
     if sequence.codecs > {"eyes"}:
         raise UserError(f"{path}: holds frames and eyes in their place", COPY)
     if sequence.measured_hz > MOST_HZ:
         raise UserError(f"{path}: {len(packets)} frames in {sequence.duration_s:g} s: no camera is that fast", "record it again")
-    if complete:
-        _check_files(sequence, fields, verify)
+    if verify:
+        check_sums(sequence)
+        for packet in packets:
+            read_packet(path, packet)
     return sequence
 
 
@@ -203,21 +222,9 @@ def _manifest(path: Path) -> Fields:
     return fields
 
 
-def _check_files(sequence: Sequence, fields: Fields, verify: bool) -> None:
-    """Raises UserError if a complete sequence does not match its manifest."""
-    path, end = sequence.path, sequence.packets[-1].offset + sequence.packets[-1].bytes
-    frames = fields.integer("frames", 1, 1 << 62)
-    if len(sequence.packets) != frames:
-        raise UserError(f"{path}: {len(sequence.packets)} frames, but {frames} were recorded", COPY)
-    if (size := (path / PACKETS).stat().st_size) != end:
-        raise UserError(f"{path / PACKETS}: has {size} bytes, but its index ends at {end}", COPY)
-    sums = fields.table("checksums") if "checksums" in fields.values else Fields({}, fields.where, COPY)
-    for name in set(FILES) & sums.values.keys():
-        try:
-            with open_regular(path / name) as file:
-                if name == TRUTH and (size := os.fstat(file.fileno()).st_size) > (frames + 16) * TRUTH_BYTES:
-                    raise UserError(f"{path / name}: has {size} bytes, too many for {frames} frames", COPY)
-                if verify and hashlib.file_digest(file, "sha256").hexdigest() != sums.text(name, 64):
-                    raise UserError(f"{path / name}: wrong checksum: it was changed after recording", COPY)
-        except OSError as error:
-            raise UserError(f"{path / name}: cannot be read: {reason(error)}", COPY) from None
+def check_sums(sequence: Sequence) -> None:
+    """Raises UserError if a file beside the packets has another checksum than when the recording ended."""
+    checksums = sequence.manifest.get("checksums", {})
+    for path, name in ((sequence.path / name, name) for name in SUMMED if name in checksums):
+        if _sha256(path) != checksums[name]:
+            raise UserError(f"{path}: wrong checksum: it was changed after recording", COPY)

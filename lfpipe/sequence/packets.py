@@ -8,7 +8,7 @@ so all frames but the current one can be read. Nothing calls fsync: a recording 
 power cut. A packet of codec "eyes" holds no picture but a line of JSON, recorded where the mouse is the viewer.
 """
 
-import hashlib
+import errno
 import json
 import os
 import zlib
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import picture_of
-from lfpipe.files.pictures import MAX_DECODING_BYTES, header_of
+from lfpipe.files.pictures import header_of
 from lfpipe.files.safe_files import PRIVATE, check_regular, lines, open_regular, reason
 from lfpipe.files.untrusted import json_fields
 from lfpipe.host.files import CAREFUL, exists
@@ -33,7 +33,7 @@ PACKET_BYTES = 3 * MAX_PIXELS + (1 << 20)  # a packet is at most as large as the
 MAX_PACKETS = 1 << 20  # 9.7 hours at 30 Hz; each takes 300 bytes of memory
 LINE_BYTES = 1024
 COPY = "copy the whole folder again from where it was recorded"
-CHANGED = "its bytes were changed after recording (checksum)"
+REPAIR = "`lfpipe sequence check` lists all such frames; `lfpipe sequence cut` copies the frames before it"
 SCAN, MAX_SCANS = b"\xff\xda", 100  # of a JPEG: each scan of a dozen bytes can cost one more pass over the whole picture
 FORMATS = {"jpeg": "JPEG", "png": "PNG"}  # codec -> name of the picture's format
 _TIME_NS = 1 << 61  # keeps differences, and sums over loops of the recording, within 64 bits
@@ -122,18 +122,16 @@ def encoded(picture: NDArray[np.uint8], fast: bool) -> tuple[str, bytes]:
     return "png", data.tobytes()
 
 
-def packet_data(folder: Path, packet: Packet, remedy: str) -> bytes:
-    """The bytes of a packet in folder. Raises UserError if they cannot be read."""
+def read_packet(folder: Path, packet: Packet) -> bytes:
+    """The bytes of a packet in folder. Raises UserError if they cannot be read, or were changed after recording."""
     try:
         with open_regular(folder / PACKETS) as file:
-            return os.pread(file.fileno(), packet.bytes, packet.offset)
+            data = os.pread(file.fileno(), packet.bytes, packet.offset)
     except OSError as error:
-        raise UserError(f"{folder / PACKETS}: frame {packet.seq}: cannot be read: {reason(error)}", remedy) from None
-
-
-def changed(packet: Packet, data: bytes) -> bool:
-    """Whether data differs from what was stored as packet."""
-    return len(data) != packet.bytes or zlib.crc32(data) != packet.crc32
+        raise UserError(f"{folder / PACKETS}: frame {packet.seq}: cannot be read: {reason(error)}", COPY) from None
+    if len(data) != packet.bytes or zlib.crc32(data) != packet.crc32:
+        raise UserError(f"{folder}: frame {packet.seq}: its bytes were changed after recording (checksum)", REPAIR)
+    return data
 
 
 def decoded(packet: Packet, data: bytes, width_px: int, height_px: int, folder: Path) -> NDArray[np.uint8]:
@@ -141,37 +139,17 @@ def decoded(packet: Packet, data: bytes, width_px: int, height_px: int, folder: 
 
     The header's claims are checked before a decoder allocates memory. folder: for the message.
     """
-    wrong = _wrong(packet, data, width_px, height_px)
-    if not wrong:
-        if packet.codec == "raw":
-            return np.frombuffer(data, np.uint8).reshape(height_px, width_px, 3)
-        picture = picture_of(np.frombuffer(data, np.uint8))
-        if picture is not None and picture.shape == (height_px, width_px, 3):
+    wrong, codec, shape = "", packet.codec, (height_px, width_px, 3)
+    if codec == "raw" and len(data) == 3 * width_px * height_px:
+        return np.frombuffer(data, np.uint8).reshape(shape)
+    header = header_of(data) if codec in FORMATS else None
+    if header is not None and header.format == FORMATS[codec] and header.width_px * header.height_px == width_px * height_px:
+        if codec == "jpeg" and (scans := data.count(SCAN)) > MAX_SCANS:
+            wrong = f"a jpeg picture with {scans} scans; at most {MAX_SCANS} are decoded"
+        elif (picture := picture_of(np.frombuffer(data, np.uint8))) is not None and picture.shape == shape:
             return picture
-        wrong = f"not a whole {packet.codec} picture of {width_px}x{height_px}"
-    remedy = "`lfpipe sequence check` lists all such frames; `lfpipe sequence cut` copies the frames before it"
-    raise UserError(f"{folder}: frame {packet.seq}: {wrong}", remedy)
-
-
-def _wrong(packet: Packet, data: bytes, width_px: int, height_px: int) -> str:
-    """The reason for not decoding data as that packet, or ""."""
-    size = 3 * width_px * height_px
-    if changed(packet, data):
-        return CHANGED
-    if packet.codec == "eyes":
-        return "eyes, not a picture"
-    if packet.codec == "raw":
-        return "" if len(data) == size else f"{len(data)} bytes, not a raw picture of {width_px}x{height_px}"
-    header = header_of(data)
-    if header is None or header.format != FORMATS[packet.codec]:
-        return f"not a {packet.codec} picture of {width_px}x{height_px}"
-    if (header.width_px, header.height_px) not in ((width_px, height_px), (height_px, width_px)):  # JPEG orientation
-        return f"a {packet.codec} picture that claims {header.width_px}x{header.height_px}, not {width_px}x{height_px}"
-    if packet.codec == "jpeg" and (scans := data.count(SCAN)) > MAX_SCANS:
-        return f"a jpeg picture with {scans} scans; at most {MAX_SCANS} are decoded"
-    if size + len(data) > MAX_DECODING_BYTES:
-        return f"decoding needs {(size + len(data)) / 1e6:.0f} MB; at most {MAX_DECODING_BYTES / 1e6:.0f} MB are allowed"
-    return ""
+    wrong = wrong or f"not a whole {codec} picture of {width_px}x{height_px}"
+    raise UserError(f"{folder}: frame {packet.seq}: {wrong}", REPAIR)
 
 
 class PacketWriter:
@@ -179,43 +157,25 @@ class PacketWriter:
 
     def __init__(self, folder: Path) -> None:
         """Raises OSError if the files cannot be written."""
-        self.count, self._offset = 0, 0
-        self._sums = {name: hashlib.sha256() for name in (PACKETS, INDEX)}
-        if exists(folder / INDEX):
-            found = read_index(folder, complete=False)
-            self.count, self._offset = len(found), found[-1].offset + found[-1].bytes if found else 0
-            os.truncate(folder / INDEX, sum(len(line_of(packet)) for packet in found))
-            os.truncate(folder / PACKETS, self._offset)
-            for name, sum_ in self._sums.items():
-                with (folder / name).open("rb") as file:
-                    while block := file.read(1 << 20):
-                        sum_.update(block)
-        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | CAREFUL
-        self._packets, self._index = (os.open(folder / name, flags, PRIVATE) for name in (PACKETS, INDEX))
+        packets = read_index(folder, complete=False) if exists(folder / INDEX) else []
+        self.count = len(packets)
+        self._ends = [sum(packet.bytes for packet in packets), sum(len(line_of(packet)) for packet in packets)]
+        self._files = [os.open(folder / name, os.O_WRONLY | os.O_CREAT | CAREFUL, PRIVATE) for name in (PACKETS, INDEX)]
+        for file, end in zip(self._files, self._ends, strict=True):
+            os.ftruncate(file, end)
 
-    def append(self, data: bytes, codec: str, source_seq: int, epoch: int, t_sensor_ns: int, t_read_ns: int) -> Packet:
-        """Stores one packet. Raises OSError if the disk is full; the files then end with the previous frame."""
+    def append(self, data: bytes, codec: str, source_seq: int, epoch: int, t_sensor_ns: int, t_read_ns: int) -> None:
+        """Stores one packet. Raises OSError if the disk is full; the sequence then ends with the previous frame."""
         stamps = (source_seq, epoch, t_sensor_ns, t_read_ns)
-        packet = Packet(self.count, *stamps, codec, self._offset, len(data), zlib.crc32(data))
-        line = line_of(packet)
-        start = os.fstat(self._index).st_size
-        try:
-            for fd, written in ((self._packets, data), (self._index, line)):
-                if os.write(fd, written) != len(written):
-                    raise OSError(28, "No space left on device")
-        except OSError:
-            os.ftruncate(self._packets, self._offset)
-            os.ftruncate(self._index, start)
-            raise
-        self.count, self._offset = self.count + 1, self._offset + len(data)
-        self._sums[PACKETS].update(data)
-        self._sums[INDEX].update(line)
-        return packet
-
-    def checksums(self) -> dict[str, str]:
-        """sha256 of everything written so far, by file name."""
-        return {name: sum_.hexdigest() for name, sum_ in self._sums.items()}
+        line = line_of(Packet(self.count, *stamps, codec, self._ends[0], len(data), zlib.crc32(data)))
+        for file, end, new in zip(self._files, self._ends, (data, line), strict=True):
+            if os.pwrite(file, new, end) != len(new):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        self.count += 1
+        self._ends = [self._ends[0] + len(data), self._ends[1] + len(line)]
 
     def close(self) -> None:
-        os.close(self._packets)
-        os.close(self._index)
+        """Ends both files with the last whole frame."""
+        for file, end in zip(self._files, self._ends, strict=True):
+            os.ftruncate(file, end)
+            os.close(file)

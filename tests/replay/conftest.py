@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from lfpipe.capture.demo import EYE_DISTANCE_PX, FRAME_PX, PORTRAIT_EYES_PX, backdrop, demo_eyes_px
-from lfpipe.sequence.folder import TRUTH, begin_manifest, check_out, end_manifest
-from lfpipe.sequence.packets import PacketWriter
+from lfpipe.sequence.folder import TRUTH, new_sequence
 from lfpipe.track.network import portable_warp
 
 SIZE = (320, 240)
@@ -43,10 +42,10 @@ class Portrait:
 def make_sequence(out: Path, frames: int) -> Path:
     """Frames of the demo as JPEG, with the truth beside them."""
     portrait = Portrait()
-    check_out(out)
-    manifest = begin_manifest(out, "demo", *SIZE, RATE_HZ, made=f"portrait {SIZE} {frames} {QUALITY}")
-    writer = PacketWriter(out)
-    with (out / TRUTH).open("w", newline="") as file:
+    with (
+        new_sequence(out, "demo", SIZE, RATE_HZ, made=f"portrait {SIZE} {frames} {QUALITY}") as writer,
+        (out / TRUTH).open("w", newline="") as file,
+    ):
         rows = csv.writer(file)
         rows.writerow(["source_seq", "t_ns", "left_x_px", "left_y_px", "right_x_px", "right_y_px", "visible"])
         for seq in range(frames):
@@ -55,8 +54,6 @@ def make_sequence(out: Path, frames: int) -> Path:
             data = cv2.imencode(".jpg", portrait.at(eyes_px), QUALITY)[1].tobytes()
             writer.append(data, "jpeg", seq, 0, 5_000_000_000 + t_ns, 5_000_100_000 + t_ns)
             rows.writerow([seq, t_ns, *eyes_px.ravel().tolist(), 1])
-    writer.close()
-    end_manifest(out, manifest, writer.count, writer.checksums())
     return out
 
 

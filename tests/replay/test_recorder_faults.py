@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lfpipe.record import store as store_module
-from lfpipe.record.store import Store
-from lfpipe.sequence.folder import begin_manifest, open_sequence
+from lfpipe.record import stage
+from lfpipe.record.stage import Store
+from lfpipe.sequence.folder import SequenceWriter, open_sequence
 from lfpipe.sequence.packets import INDEX
 from lfpipe.transport.ring import Reader, Stamp
 from lfpipe.transport.session import Session
@@ -106,33 +106,31 @@ def stamp(number: int) -> Stamp:
     return Stamp(number + 1, number, 0, 10**9 + number, 10**9 + number, 10**9 + number, 0)
 
 
-def made(folder: Path) -> Store:
-    begin_manifest(folder, "demo", SHAPE[1], SHAPE[0], 30.0)
-    return Store(folder, SHAPE)
+def made(folder: Path) -> tuple[SequenceWriter, Store]:
+    writer = SequenceWriter(folder, "demo", SHAPE[1::-1], 30.0)
+    return writer, Store(writer, 3 * SHAPE[0] * SHAPE[1])
 
 
 def test_whatever_goes_wrong_in_the_thread_ends_the_recording_with_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    store = made(tmp_path)
-    store.put(stamp(0), "", store.spare())
-
     def fails(*_: object, **__: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr(store_module, "encoded", lambda frame, fast: ("png", b"") if frame.any() else fails())
-    store.put(stamp(1), "", np.zeros(SHAPE, np.uint8))
-    store.put(stamp(2), "", np.ones(SHAPE, np.uint8))
+    monkeypatch.setattr(stage, "encoded", lambda frame, fast: ("png", b"") if frame.any() else fails())
+    writer, store = made(tmp_path)
+    for number, picture in enumerate((np.ones(SHAPE, np.uint8), np.zeros(SHAPE, np.uint8), np.ones(SHAPE, np.uint8))):
+        store.put((stamp(number), "", picture))
     store.close()
-    assert store.failure == "MemoryError" and store.count <= 1 and not store.full
+    assert store.failure == "MemoryError" and writer.count == len(list(store.results())) == 1 and not store.full
 
 
 def test_a_full_store_empties_itself_and_keeps_the_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(store_module, "ROOM_BYTES", 0)  # room for the fewest there may be
-    gate, encoded = threading.Event(), store_module.encoded
-    monkeypatch.setattr(store_module, "encoded", lambda frame, fast: gate.wait() and encoded(frame, fast))
-    store, count = made(tmp_path), 0
+    monkeypatch.setattr(stage, "ROOM_BYTES", 0)  # room for the fewest there may be
+    gate, encoded = threading.Event(), stage.encoded
+    monkeypatch.setattr(stage, "encoded", lambda frame, fast: gate.wait() and encoded(frame, fast))
+    (_, store), count = made(tmp_path), 0
     while not store.full:
-        store.put(stamp(count), "", np.zeros(SHAPE, np.uint8))
+        store.put((stamp(count), "", np.zeros(SHAPE, np.uint8)))
         count += 1
     gate.set()
     store.close()
-    assert not store.full and [done.stamp.source_seq for done in store.results()] == list(range(count))
+    assert [done.source_seq for done, *_ in store.results()] == list(range(count)) and not store.full

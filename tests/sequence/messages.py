@@ -72,12 +72,14 @@ MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
     "frames and eyes": (line(codec="eyes"), "/here/seq: holds frames and eyes in their place" + COPY),
     "a bit": (
         file(PACKETS, lambda data: data[:99] + bytes([data[99] ^ 1]) + data[100:]),
-        "/here/seq/frames.bin: wrong checksum: it was changed after recording" + COPY,
+        "/here/seq: frame 0: its bytes were changed after recording (checksum)\n  remedy: `lfpipe sequence check` lists all such "
+        "frames; `lfpipe sequence cut` copies the frames before it",
     ),
+    "another time": (line(t_read_ns=1), "/here/seq/frames.jsonl: wrong checksum: it was changed after recording" + COPY),
     "no packets": (damaged(lambda seq: (seq / PACKETS).unlink()), "/here/seq/frames.bin: No such file or directory" + COPY),
     "no truth": (
         damaged(lambda seq: (seq / TRUTH).unlink()),
-        "/here/seq/truth.csv: cannot be read: No such file or directory" + COPY,
+        "/here/seq/truth.csv: cannot be read: No such file or directory\n  remedy: check the file and its permissions",
     ),
     "no manifest": (
         damaged(lambda seq: (seq / MANIFEST).unlink()),

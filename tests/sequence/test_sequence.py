@@ -1,6 +1,5 @@
 """Sequences on disk: written, cut off anywhere, cut, imported, exported and played. `messages.py` names every damage."""
 
-import hashlib
 import json
 import resource
 import zlib
@@ -18,7 +17,7 @@ from lfpipe.errors import UserError
 from lfpipe.sequence import edit
 from lfpipe.sequence.eyes import Truth, read_truth
 from lfpipe.sequence.folder import MANIFEST, open_sequence
-from lfpipe.sequence.packets import INDEX, PACKETS, Packet, PacketWriter, decoded, encoded, read_index
+from lfpipe.sequence.packets import INDEX, PACKETS, Packet, PacketWriter, decoded, encoded, read_index, read_packet
 from tests.hostile_sequences import FRAMES, SIZE, typed
 
 NOISE = np.random.default_rng(1).integers(0, 256, (24, 32, 3), dtype=np.uint8)
@@ -28,10 +27,13 @@ def test_a_packet_without_loss_gives_its_picture_back(tmp_path: Path) -> None:
     for fast in (True, False):
         codec, data = encoded(NOISE, fast)
         packet = Packet(0, 0, 0, 1, 1, codec, 0, len(data), zlib.crc32(data))
-        assert np.array_equal(decoded(packet, data, 32, 24, tmp_path), NOISE)
-        for wrong, width_px in ((data[:-1] + bytes([data[-1] ^ 1]), 32), (data, 31)):
-            with pytest.raises(UserError, match="frame 0"):
-                decoded(packet, wrong, width_px, 24, tmp_path)
+        (tmp_path / PACKETS).write_bytes(data)
+        assert np.array_equal(decoded(packet, read_packet(tmp_path, packet), 32, 24, tmp_path), NOISE)
+        with pytest.raises(UserError, match="frame 0: not a whole"):
+            decoded(packet, data, 31, 24, tmp_path)
+        (tmp_path / PACKETS).write_bytes(data[:-1] + bytes([data[-1] ^ 1]))
+        with pytest.raises(UserError, match="frame 0: its bytes were changed"):
+            read_packet(tmp_path, packet)
 
 
 @settings(max_examples=60)
@@ -53,11 +55,10 @@ def test_whatever_is_cut_off_the_whole_frames_before_it_are_read_and_written_on(
     assert left == whole[: len(left)] and len(left) == (folder / INDEX).read_bytes().count(b"\n")
     again = PacketWriter(folder)
     again.append(b"more", "raw", 99, 1, 1000, 1001)
-    sums = again.checksums()
     again.close()
     found = list(read_index(folder, complete=True))
     assert found[:-1] == left and found[-1].source_seq == 99
-    assert sums == {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in (PACKETS, INDEX)}
+    assert (folder / PACKETS).stat().st_size == found[-1].offset + 4
 
 
 def test_a_full_disk_leaves_the_frames_before_it(tmp_path: Path) -> None:
