@@ -90,8 +90,8 @@ def read_sequence(path: Path, most_frames: int) -> FrameSequence:
     def frames() -> Iterator[Picture]:
         with contextlib.closing(open_recording(path)) as recording:
             frame = np.empty((recording.height_px, recording.width_px, 3), np.uint8)
-            for _ in range(most_frames):
-                if recording.next(frame) is None:
+            for index in range(most_frames):
+                if recording.read_into(index, frame) is None:
                     return
                 yield frame.copy()
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.capture.frame_source import Frame, SourceInfo
-from lfpipe.capture.schedule import EvenSchedule
+from lfpipe.capture.schedule import Schedule
 from lfpipe.errors import UserError
 from lfpipe.host.files import is_file
 
@@ -99,7 +99,7 @@ class DemoSource:
         # Warping four channels takes 0.65 ms, three 1.65 (640x480, OpenCV 5); the values are equal.
         self._picture = cv2.cvtColor(picture, cv2.COLOR_BGR2BGRA)
         self._warped: NDArray[np.uint8] = np.empty((0, 0, 4), np.uint8)
-        self._schedule = EvenSchedule(camera.rate_hz)
+        self._schedule = Schedule(camera.rate_hz)
         self._seq = self._start_ns = 0
         self.info = SourceInfo("demo", camera.width_px, camera.height_px, camera.rate_hz, live=False)
 

@@ -76,33 +76,6 @@ class FrameSource(Protocol):
     def close(self) -> None: ...
 
 
-class Recording:
-    """A rewindable series of frames. rate_hz: 0 if the recording has none. exact: its stamps are those of its frames; else a
-    container may have rounded them. jpeg: its frames are JPEGs. packet: the JPEG of the last frame, uint8 (n,); None if it was
-    not a JPEG of this size. eyes: as in `SourceInfo`. notes: for the user."""
-
-    width_px: int
-    height_px: int
-    rate_hz: float = 0.0
-    exact = jpeg = False
-    packet: NDArray[np.uint8] | None = None
-    eyes: str = ""
-    notes: tuple[str, ...] = ()
-
-    def next(self, out: NDArray[np.uint8]) -> int | None:
-        """Decodes the next frame into out (height, width, 3) BGR, scaled to fit; returns its stamp in ns, None at the end.
-
-        Raises BrokenFrame if it cannot be decoded; the next call continues after it.
-        """
-        raise AssertionError
-
-    def rewind(self) -> None:
-        """Starts over."""
-
-    def close(self) -> None:
-        """Call when no more frames are wanted."""
-
-
 class OrientedSource:
     """Another source's frames, rotated clockwise by camera.rotate degrees, then mirrored if camera.mirror is set.
 

@@ -59,7 +59,7 @@ def open_source(text: str, camera: config.Camera, reconnect: bool = False) -> Fr
     """
     spec = resolve(text)
     if isinstance(spec, FileSpec):
-        from lfpipe.capture.file_source import FileSource
+        from lfpipe.capture.recordings import FileSource
         from lfpipe.sequence.folder import is_sequence
 
         source = FileSource(spec, camera)

@@ -1,24 +1,59 @@
-"""Recordings for a file source: a video, pictures in order of name, or a recorded sequence."""
+"""Recordings as sources, with due times that never drift: a video, pictures in order of name, or a recorded sequence."""
 
 import re
+import time
+from collections.abc import Callable
 from pathlib import Path
 
+import attrs
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.capture.frame_source import BrokenFrame, Recording
-from lfpipe.capture.video import Video
+from lfpipe import config
+from lfpipe.capture.frame_source import BrokenFrame, Frame, SourceInfo, size_notes, undecodable
+from lfpipe.capture.schedule import STAMP_ROUNDING_NS, Schedule
+from lfpipe.capture.spec import FileSpec
+from lfpipe.capture.video import RecordedFrame, Video
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fitted, is_jpeg, picture_of
 from lfpipe.files.safe_files import open_regular, reason
 from lfpipe.host.files import is_dir
 from lfpipe.host.terminal import opencv_logging
 from lfpipe.sequence.folder import is_sequence, open_sequence
-from lfpipe.sequence.packets import PACKETS, decoded
 
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", ".tif", ".tiff", ".webp"})
 MAX_FILE_BYTES = 1 << 28  # of one picture; larger files are refused
 GREY = 128  # of a frame that was not recorded
+MAX_BROKEN = 50  # frames in a row: 2 s of a video
+
+
+@attrs.frozen(eq=False)
+class Recording:
+    """A series of frames that can be played again and again.
+
+    read: called with 0, 1, 2, ..., it returns the next frame, None at the end; 0 starts over. It raises BrokenFrame for one that
+    cannot be decoded. rate_hz: 0 if the recording has none. exact: its stamps are those of its frames; else a container may have
+    rounded them. jpeg: its frames are JPEGs. eyes: as in `SourceInfo`. notes: for the user. close: call when no more frames are
+    needed.
+    """
+
+    width_px: int
+    height_px: int
+    read: Callable[[int], RecordedFrame | None]
+    close: Callable[[], None] = lambda: None
+    rate_hz: float = 0.0
+    exact: bool = False
+    jpeg: bool = False
+    eyes: str = ""
+    notes: tuple[str, ...] = ()
+
+    def read_into(self, index: int, out: NDArray[np.uint8]) -> RecordedFrame | None:
+        """As `read`, with the picture also in out, uint8 (height, width, 3) BGR, scaled to fit."""
+        frame = self.read(index)
+        if frame is not None:
+            fitted(frame.picture, out)
+        return frame
 
 
 def natural_key(name: str) -> list[tuple[int, int, str]]:
@@ -41,71 +76,43 @@ def _load(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     return data, picture
 
 
-class Pictures(Recording):
-    """Pictures in natural order of name."""
+def _pictures(paths: list[Path]) -> Recording:
+    """Pictures in that order. Raises BrokenFrame if the first cannot be decoded."""
 
-    def __init__(self, paths: list[Path]) -> None:
-        """Raises BrokenFrame if the first cannot be decoded."""
-        self._paths, self._index = paths, 0
-        data, first = _load(paths[0])
-        self.height_px, self.width_px = first.shape[:2]
-        self.jpeg = is_jpeg(data)
-
-    def next(self, out: NDArray[np.uint8]) -> int | None:
-        """See `Recording.next`."""
-        if self._index == len(self._paths):
+    def read(index: int) -> RecordedFrame | None:
+        if index == len(paths):
             return None
-        self._index += 1
-        data, picture = _load(self._paths[self._index - 1])
-        own_size = picture.shape[:2] == (self.height_px, self.width_px)
-        self.packet = data if own_size and is_jpeg(data) else None
-        fitted(picture, out)
-        return 0
+        data, picture = _load(paths[index])
+        return RecordedFrame(0, picture, data if picture.shape == first.shape and is_jpeg(data) else None)
 
-    def rewind(self) -> None:
-        self._index = 0
+    data, first = _load(paths[0])
+    return Recording(first.shape[1], first.shape[0], read, jpeg=is_jpeg(data))
 
 
-class SequenceRecording(Recording):
-    """A recorded sequence, with the stamps of its frames."""
+def _sequence(path: Path) -> Recording:
+    """A recorded sequence, with the stamps of its frames. Raises UserError if it cannot be read, as its frames do if they are
+    damaged."""
+    sequence = open_sequence(path, verify=False)
+    grey = np.broadcast_to(np.uint8(GREY), (sequence.height_px, sequence.width_px, 3))
 
-    exact = True
-
-    def __init__(self, path: Path) -> None:
-        """Raises UserError if the sequence cannot be read."""
-        self._path, self._sequence, self._index = path, open_sequence(path, verify=False), 0
-        self.width_px, self.height_px = self._sequence.size_px
-        self.rate_hz = self._sequence.measured_hz
-        self._file = open_regular(path / PACKETS)
-        self.jpeg = self._sequence.codecs == {"jpeg"}
-        if self._sequence.holds_eyes:
-            self.eyes, self.notes = str(path.resolve()), ("holds the eyes of the mouse",)
-        elif not self._sequence.complete:
-            self.notes = (f"{path} was cut off after {len(self._sequence.packets)} frames",)
-
-    def next(self, out: NDArray[np.uint8]) -> int | None:
-        """See `Recording.next`. Raises UserError for a damaged frame: the frames after it are not where they should be."""
-        if self._index == len(self._sequence.packets):
+    def read(index: int) -> RecordedFrame | None:
+        if index == len(sequence.packets):
             return None
-        packet = self._sequence.packets[self._index]
-        try:
-            data = self._file.read(packet.bytes)
-        except OSError as error:
-            raise UserError(f"{self._path}: frame {self._index}: {error.strerror}", "check its disk or network drive") from None
-        if self.eyes:
-            out[:] = GREY
-        else:
-            fitted(decoded(packet, data, self.width_px, self.height_px, self._sequence.path), out)
-        self.packet = np.frombuffer(data, np.uint8) if packet.codec == "jpeg" else None
-        self._index += 1
-        return packet.t_sensor_ns
+        packet, data = sequence.packets[index], sequence.data(index)
+        picture = grey if sequence.holds_eyes else sequence.frame(index, data)
+        return RecordedFrame(packet.t_sensor_ns, picture, np.frombuffer(data, np.uint8) if packet.codec == "jpeg" else None)
 
-    def rewind(self) -> None:
-        self._file.seek(0)
-        self._index = 0
-
-    def close(self) -> None:
-        self._file.close()
+    note = "" if sequence.complete else f"{path} was cut off after {len(sequence.packets)} frames"
+    note = "holds the eyes of the mouse" if sequence.holds_eyes else note
+    return Recording(
+        *sequence.size_px,
+        read,
+        rate_hz=sequence.measured_hz,
+        exact=True,
+        jpeg=sequence.codecs == {"jpeg"},
+        eyes=str(path.resolve()) if sequence.holds_eyes else "",
+        notes=(note,) if note else (),
+    )
 
 
 def open_recording(path: Path) -> Recording:
@@ -114,14 +121,15 @@ def open_recording(path: Path) -> Recording:
     Raises UserError if it is missing, unreadable, or a folder without pictures.
     """
     if is_sequence(path):
-        return SequenceRecording(path)
+        return _sequence(path)
     try:
         if not is_dir(path):
             file = open_regular(path)
             if path.suffix.lower() not in SUFFIXES:
-                return Video(file, path)
+                video = Video(file, path)
+                return Recording(video.width_px, video.height_px, video.read, video.close, video.rate_hz, jpeg=video.jpeg)
             file.close()
-            return Pictures([path])
+            return _pictures([path])
         names = [entry.name for entry in path.iterdir()]
     except FileNotFoundError:
         raise UserError(f"{path}: no such file", "check the path; it is relative to the current directory") from None
@@ -132,4 +140,65 @@ def open_recording(path: Path) -> Recording:
     if not pictures:
         kinds = ", ".join(sorted(SUFFIXES))
         raise UserError(f"{path}: a folder without pictures", f"it needs {kinds} files, or name a video in it")
-    return Pictures([path / name for name in sorted(pictures, key=natural_key)])
+    return _pictures([path / name for name in sorted(pictures, key=natural_key)])
+
+
+class FileSource:
+    """Plays a recording. Frame 0 is due when first decoded, the others relative to it.
+
+    pace a number: frame k is due exactly k periods later; "recorded": at the recording's own stamps and rate (camera.rate_hz if
+    it has none); "max": each frame is due the moment it is decoded, but those of a sequence at their stamps without waiting for
+    them: consumers that use stamps alone see the same as at the recorded pace. source_seq continues when a looped file starts
+    over.
+    """
+
+    def __init__(self, spec: FileSpec, camera: config.Camera) -> None:
+        """Raises UserError if the file is missing or cannot be decoded."""
+        self._spec, self._recording = spec, open_recording(spec.path)
+        recording = self._recording
+        rate_hz = spec.pace if isinstance(spec.pace, float) else recording.rate_hz or camera.rate_hz
+        self._stamped = recording.rate_hz > 0 and (spec.pace == "recorded" or (spec.pace == "max" and recording.exact))
+        rounding_ns = 0 if recording.exact else STAMP_ROUNDING_NS
+        self._schedule = Schedule(rate_hz, rounding_ns if self._stamped else None)
+        self._seq = self._index = self._start_ns = 0  # index: in this round
+        self._broken = 0  # frames in a row
+        notes = [*([] if recording.eyes else size_notes(recording.width_px, recording.height_px, camera)), *recording.notes]
+        if spec.pace == "recorded" and not recording.rate_hz:
+            notes.append(f"no frame rate in the file: played at camera.rate_hz = {rate_hz:g} Hz")
+        name, size = f"file:{spec.path}", (recording.width_px, recording.height_px)
+        self.info = SourceInfo(name, *size, rate_hz, live=False, jpeg=recording.jpeg, eyes=recording.eyes, notes=tuple(notes))
+
+    def read(self, out: NDArray[np.uint8]) -> Frame | None:
+        """See `FrameSource.read`; never sleeps, and returns None at the end of a file that is not looped."""
+        t_read_ns, hurries = time.monotonic_ns(), self._spec.pace == "max"
+        frame = self._next(out)
+        if frame is None and self._spec.loop:
+            self._index = 0
+            frame = self._next(out)
+        if frame is None:
+            return None
+        now_ns = time.monotonic_ns()
+        self._start_ns = self._start_ns or now_ns
+        due_ns = now_ns
+        if self._stamped or not hurries:
+            due_ns = self._start_ns + self._schedule.due_ns(self._index - 1, frame.stamp_ns)
+        self._seq += 1
+        return Frame(self._seq - 1, due_ns, t_read_ns if hurries and self._stamped else 0, frame.packet)
+
+    def _next(self, out: NDArray[np.uint8]) -> RecordedFrame | None:
+        """The next frame of this round; gives up after MAX_BROKEN undecodable frames in a row."""
+        self._index += 1
+        try:
+            frame = self._recording.read_into(self._index - 1, out)
+        except (BrokenFrame, MemoryError, cv2.error) as error:
+            broken = error if isinstance(error, BrokenFrame) else undecodable(str(self._spec.path), error)
+            self._seq, self._broken = self._seq + 1, self._broken + 1
+            if self._broken > MAX_BROKEN:
+                raise UserError(f"{broken.message}; the {MAX_BROKEN} before it are broken too", broken.remedy) from None
+            raise broken from None
+        if frame is not None:
+            self._broken = 0
+        return frame
+
+    def close(self) -> None:
+        self._recording.close()

@@ -8,50 +8,36 @@ STAMP_ROUNDING_NS = 1_000_000
 MOVE_NS = 1_000_000_000
 
 
-class EvenSchedule:
-    """Frame k is due k periods after frame 0, by integer arithmetic: the error stays below 1 ns."""
+class Schedule:
+    """Due times of a recording that may be played in rounds.
 
-    def __init__(self, rate_hz: float) -> None:
-        period = 1_000_000_000 / Fraction(rate_hz).limit_denominator(1001)  # 29.97002997 stands for 30000/1001
-        self._period_ns, self._parts = period.numerator, period.denominator
-
-    def due_ns(self, index: int) -> int:
-        """Nanoseconds from frame 0 to frame index."""
-        return index * self._period_ns // self._parts
-
-
-class StampSchedule:
-    """Due times by the recording's own stamps. Unless they are exact, they snap to the even grid of its rate where they agree.
-
-    A stamp that does not increase counts as one period after the frame before, so due times always grow.
+    Frame k of a round is due k periods after its first, by integer arithmetic: the error stays below 1 ns. rounding_ns: stamps
+    that differ by more from this even grid are due by their stamps; None: the frames have no stamps. Due times always grow: a
+    stamp that does not increase counts as one period after the frame before.
     """
 
-    def __init__(self, rate_hz: float, exact: bool = False) -> None:
-        self._even, self._rounding_ns = EvenSchedule(rate_hz), 0 if exact else STAMP_ROUNDING_NS
-        self._step_ns = max(1, self._even.due_ns(1))
-        self._base_ns = 0  # due time of the first frame of this loop
-        self._count = 0
-        self._first_stamp_ns = 0
-        self._last_ns = -1
+    def __init__(self, rate_hz: float, rounding_ns: int | None = None) -> None:
+        period = 1_000_000_000 / Fraction(rate_hz).limit_denominator(1001)  # 29.97002997 stands for 30000/1001
+        self._period_ns, self._parts = period.numerator, period.denominator
+        self._step_ns, self._rounding_ns = max(1, self._period_ns // self._parts), rounding_ns
+        self._round_ns = self._first_stamp_ns = 0  # due time and stamp of the first frame of this round
+        self._index = self._last_ns = -1
 
-    def due_ns(self, stamp_ns: int) -> int:
-        """Nanoseconds from the very first frame to the next one, stamped stamp_ns in the file."""
-        if self._count == 0:
+    def due_ns(self, index: int, stamp_ns: int = 0) -> int:
+        """Nanoseconds from the very first frame to the next one, number index of its round. A number that does not rise begins a
+        round, one period after the last frame."""
+        if index <= self._index or self._last_ns < 0:
+            self._round_ns = self._last_ns + self._step_ns if self._last_ns >= 0 else 0
             self._first_stamp_ns = stamp_ns
-        even_ns = self._base_ns + self._even.due_ns(self._count)
-        due_ns = self._base_ns + stamp_ns - self._first_stamp_ns
-        if abs(due_ns - even_ns) <= self._rounding_ns:
-            due_ns = even_ns
+        self._index = index
+        due_ns = self._round_ns + index * self._period_ns // self._parts
+        stamped_ns = self._round_ns + stamp_ns - self._first_stamp_ns
+        if self._rounding_ns is not None and abs(stamped_ns - due_ns) > self._rounding_ns:
+            due_ns = stamped_ns
         if due_ns <= self._last_ns:
             due_ns = self._last_ns + self._step_ns
         self._last_ns = due_ns
-        self._count += 1
         return due_ns
-
-    def restart(self) -> None:
-        """Starts the next loop: the first frame is due one period after the last."""
-        self._base_ns = self._last_ns + self._step_ns
-        self._count = 0
 
 
 class Lateness:

@@ -1,16 +1,16 @@
 """Parses names of frame sources: `camera:N`, `camera:/dev/videoN`, `camera:NAME`, `file:PATH[?...]`, `demo`."""
 
-import difflib
 from pathlib import Path
 from typing import Literal, cast
 
 import attrs
 
 from lfpipe.errors import UserError
+from lfpipe.files.untrusted import finite
 
 FORMS = "camera:N, camera:/dev/videoN, camera:NAME, file:PATH, file:PATH?loop=0|1&pace=recorded|max|HZ, or demo"
-PARAMETERS = "loop=0|1 and pace=recorded|max|HZ"
-MIN_RATE_HZ, MAX_RATE_HZ = 0.1, 10_000.0
+MIN_RATE_HZ, MAX_RATE_HZ = 0.1, 10_000.0  # below, a person takes it for a picture; above, no camera or disk delivers it
+PARAMETERS = f"loop=0|1 and pace=recorded|max|HZ, HZ from {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g}"
 
 
 @attrs.frozen
@@ -26,11 +26,13 @@ class CameraSpec:
 
 @attrs.frozen
 class FileSpec:
-    """A video, a picture or a folder of pictures. pace: recorded times, as fast as it decodes, or a rate in Hz."""
+    """A video, a picture or a folder of pictures. pace: recorded times, as fast as it decodes, or a rate in Hz. names_loop: loop
+    was given."""
 
     path: Path
     loop: bool = True
     pace: float | Literal["recorded", "max"] = "recorded"
+    names_loop: bool = attrs.field(default=False, eq=False)
 
 
 @attrs.frozen
@@ -42,47 +44,23 @@ Spec = CameraSpec | FileSpec | DemoSpec
 
 
 def _file(text: str) -> FileSpec:
-    path, mark, query = text.rpartition("?")
-    if not mark:
-        path, query = text, ""
+    path, _, query = text.rpartition("?") if "?" in text else (text, "", "")
     if not path:
         raise UserError("file: no path given", "use for example file:walk.mp4")
-    spec = FileSpec(Path(path).expanduser())
-    for item in query.split("&") if query else ():
-        name, sign, value = item.partition("=")
-        if not sign:
-            remedy = "if the path contains a '?', append another '?'"
-            raise UserError(f"{item!r} in {'file:' + text!r} is not NAME=VALUE", remedy)
-        if name == "loop" and value in ("0", "1"):
-            spec = attrs.evolve(spec, loop=value == "1")
-        elif name == "pace" and (pace := _pace(value)):
-            spec = attrs.evolve(spec, pace=pace)
-        else:
-            limits = f"HZ from {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g}"
-            raise UserError(f"{item!r} in {'file:' + text!r}: not understood", f"a file accepts {PARAMETERS}, {limits}")
-    return spec
-
-
-def _pace(value: str) -> float | Literal["recorded", "max", ""]:
-    """Empty if value is no pace."""
-    if value in ("recorded", "max"):
-        return cast(Literal["recorded", "max"], value)
-    try:
-        rate_hz = float(value)
-    except ValueError:
-        return ""
-    return rate_hz if MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ else ""  # NaN is out of range, too
+    parameters = dict(item.partition("=")[::2] for item in query.split("&") if item)
+    loop, pace = parameters.pop("loop", ""), parameters.pop("pace", "recorded")
+    hz = finite(pace, MIN_RATE_HZ, MAX_RATE_HZ)
+    if parameters or loop not in ("", "0", "1") or (pace not in ("recorded", "max") and hz is None):
+        remedy = f"a file accepts {PARAMETERS}; if its path contains a '?', append another '?'"
+        raise UserError(f"{query!r} in {'file:' + text!r}: not understood", remedy)
+    return FileSpec(Path(path).expanduser(), loop != "0", hz or cast(Literal["recorded", "max"], pace), bool(loop))
 
 
 def playing_once(text: str) -> str:
     """text with loop=0 if it names a file and its parameters do not name loop. Raises UserError as `parse_source` does."""
-    if not isinstance(parse_source(text), FileSpec):
-        return text
-    path, mark, query = text.rpartition("?")
-    if not mark:
-        return f"{text}?loop=0"
-    items = query.split("&") if query else []
-    return text if any(item.startswith("loop=") for item in items) else f"{path}?{'&'.join([*items, 'loop=0'])}"
+    spec = parse_source(text)
+    once = isinstance(spec, FileSpec) and not spec.names_loop
+    return f"{text}{'&' if '?' in text else '?'}loop=0" if once else text
 
 
 def source_file(text: str) -> Path | None:
@@ -102,9 +80,7 @@ def parse_source(text: str) -> Spec:
     if scheme == "file" and colon:
         return _file(rest)
     if scheme != "camera" or not rest.strip():
-        close = difflib.get_close_matches(scheme, ("camera", "file", "demo"), 1, 0.4)
-        hint = f" (did you mean {close[0]!r}?)" if close and close[0] != scheme else ""
-        raise UserError(f"{text!r}: not a frame source{hint}", f"use one of {FORMS}")
+        raise UserError(f"{text!r}: not a frame source", f"use one of {FORMS}")
     if rest.isascii() and rest.isdigit():
         return CameraSpec(Path(f"/dev/video{int(rest)}"))
     return CameraSpec(Path(rest)) if rest.startswith("/") else CameraSpec(Path(), rest.strip())

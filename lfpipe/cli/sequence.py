@@ -155,8 +155,8 @@ def import_(video: Path, out: Path, truth: Path | None) -> None:
             raise UserError(f"{video}: has no frame rate", "give a video (avi, mkv, mp4, ...)")
         picture = np.empty((height_px, width_px, 3), np.uint8)
         with new_sequence(out, f"file:{video.name}", (width_px, height_px), rate_hz, versions=versions()) as writer:
-            while frames.next(picture) is not None:
-                codec, packet = ("jpeg", frames.packet.tobytes()) if frames.packet is not None else encoded(picture, fast=False)
+            while (frame := frames.read_into(writer.count, picture)) is not None:
+                codec, packet = ("jpeg", frame.packet.tobytes()) if frame.packet is not None else encoded(picture, fast=False)
                 t_ns = round(writer.count * 1e9 / rate_hz)
                 writer.append(packet, codec, writer.count, 0, t_ns, t_ns)
             if truth is not None:

@@ -31,14 +31,17 @@ def cut(sequence: Sequence, out: Path, begin_s: float, end_s: float) -> int:
         raise UserError(f"no frame from {begin_s:g} s to {end_s:g} s", f"{sequence.path} lasts {sequence.duration_s:.3f} s")
     about = {key: value for key, value in sequence.manifest.items() if key in ("versions", "config")}
     about["cut_from"] = {"name": plain(sequence.path.name, 255), "begin_s": begin_s, "end_s": min(end_s, sequence.duration_s)}
-    source = str(sequence.manifest.get("source", ""))
+    source, truth = str(sequence.manifest.get("source", "")), sequence.path / TRUTH
+    try:
+        rows = [row for _, row in lines(truth, LINE_BYTES, REMEDY)] if os.path.lexists(truth) else []
+    except OSError as error:
+        raise UserError(f"{truth}: cannot be read: {reason(error)}", REMEDY) from None
     with new_sequence(out, source, sequence.size_px, sequence.rate_hz, **about) as writer:
         for p in map(sequence.packets.__getitem__, chosen):
             writer.append(sequence.data(p.seq), p.codec, p.source_seq, p.epoch, p.t_sensor_ns, p.t_read_ns)
-        if os.path.lexists(sequence.path / TRUTH):
-            rows = [row for _, row in lines(sequence.path / TRUTH, LINE_BYTES, REMEDY)]
+        if rows:
             with create_private(out / TRUTH) as file:
-                file.writelines([*rows[:1], *rows[chosen[0] + 1 : chosen[-1] + 2]])
+                file.writelines([rows[0], *rows[chosen[0] + 1 : chosen[-1] + 2]])
     return len(chosen)
 
 

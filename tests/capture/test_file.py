@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from lfpipe import config
-from lfpipe.capture.file_source import FileSource
 from lfpipe.capture.open_source import open_source
-from lfpipe.capture.recordings import natural_key
+from lfpipe.capture.recordings import FileSource, natural_key
 from lfpipe.capture.spec import FileSpec
 from tests.capture.made_files import CAMERA, SHAPE, SIZE, flat, jpeg, seen, video
 

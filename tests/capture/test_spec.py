@@ -23,7 +23,7 @@ from lfpipe.errors import UserError
         ("file:a?pace=max&loop=0", FileSpec(Path("a"), loop=False, pace="max"), "file:a?pace=max&loop=0"),
         ("file:a?pace=recorded", FileSpec(Path("a")), "file:a?pace=recorded&loop=0"),
         ("file:my_loop=2.mp4", FileSpec(Path("my_loop=2.mp4")), "file:my_loop=2.mp4?loop=0"),
-        ("file:what?.mp4?", FileSpec(Path("what?.mp4")), "file:what?.mp4?loop=0"),
+        ("file:what?.mp4?", FileSpec(Path("what?.mp4")), "file:what?.mp4?&loop=0"),
     ],
 )
 def test_reads_and_plays_once_unless_parameters_name_loop(text: str, spec: object, once: str) -> None:

@@ -9,15 +9,16 @@ import time
 from pathlib import Path
 from typing import Any
 
+import attrs
 import cv2
 import numpy as np
 import pytest
 
 from lfpipe.capture import camera_list
 from lfpipe.capture import open_source as open_source_module
-from lfpipe.capture.file_source import MAX_BROKEN, FileSource
 from lfpipe.capture.frame_source import BrokenFrame
 from lfpipe.capture.open_source import check_source, open_source
+from lfpipe.capture.recordings import MAX_BROKEN, FileSource
 from lfpipe.capture.spec import FileSpec
 from lfpipe.errors import UserError
 from tests.capture.made_files import CAMERA, SHAPE, noise, video
@@ -134,7 +135,7 @@ def test_errors_of_libraries_reach_nobody(tmp_path: Path, monkeypatch: pytest.Mo
         raise error
 
     source = FileSource(FileSpec(six(tmp_path / "v.avi")), CAMERA)
-    monkeypatch.setattr(source._recording, "next", fails)
+    source._recording = attrs.evolve(source._recording, read=fails)
     with pytest.raises(BrokenFrame) as told:
         source.read(OUT)
     assert "v.avi" in told.value.message and "boom" not in told.value.message
