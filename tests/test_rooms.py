@@ -66,7 +66,6 @@ ALLOWED = {
     "lfpipe/capture/camera.py": "a parameter of Linux's driver for webcams",
     "lfpipe/capture/v4l2_abi.py": "Video4Linux is Linux's own",
     "lfpipe/capture/v4l2_device.py": "Video4Linux is Linux's own",
-    "lfpipe/capture/v4l2_stream.py": "Video4Linux is Linux's own",
     "lfpipe/render/display.py": "X and Wayland listen at Unix sockets",
     "lfpipe/render/window_system.py": "calls the SDL library that pygame loads",
     "lfpipe/track/network.py": "maps a tensor's memory",

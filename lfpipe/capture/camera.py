@@ -4,7 +4,6 @@ import contextlib
 import errno
 import logging
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import attrs
@@ -16,8 +15,7 @@ from lfpipe.capture.camera_controls import CameraControls
 from lfpipe.capture.camera_list import LIBCAMERA, opened, others
 from lfpipe.capture.frame_source import Frame, SourceInfo, size_notes
 from lfpipe.capture.pixel_formats import CHEAPEST, DECODED, JPEGS, SMALL_PX, FrameDecoder, choose
-from lfpipe.capture.v4l2_device import FrameSizes, Mode, V4L2Device
-from lfpipe.capture.v4l2_stream import RawFrame, V4L2Stream
+from lfpipe.capture.v4l2_device import FrameSizes, Mode, RawFrame, V4L2Device
 from lfpipe.errors import UserError
 from lfpipe.transport.ring import StampKind
 
@@ -125,11 +123,9 @@ def negotiate(path: Path, device: V4L2Device, camera: config.Camera) -> tuple[Mo
 class CameraSource:
     """A streaming camera. source_seq follows the driver's count: frames that the driver lost leave gaps."""
 
-    def __init__(
-        self, path: Path, camera: config.Camera, device: V4L2Device, start: Callable[[V4L2Device], V4L2Stream] = V4L2Stream
-    ) -> None:
+    def __init__(self, path: Path, camera: config.Camera, device: V4L2Device) -> None:
         """device: open; closed by this object. Raises UserError if it cannot be configured or delivers no first frame."""
-        self._path = path
+        self._path, self._device = path, device
         with contextlib.ExitStack() as opened_so_far:
             opened_so_far.callback(device.close)
             try:
@@ -140,16 +136,15 @@ class CameraSource:
                 opened_so_far.callback(self._decoder.close)
                 self._controls = CameraControls(device.duplicate(), camera)
                 opened_so_far.callback(self._controls.end, CONTROLS_S)
-                self._stream = start(device)
-                opened_so_far.callback(self._stream.close)
-                first = self._stream.read(START_S)  # discarded: often dark, and old when the session is ready
+                device.start()
+                first = device.read(START_S)  # discarded: often dark, and old when the session is ready
             except TimeoutError:
                 raise UserError(f"camera {path}: no picture for {START_S:g} s", REPLUG) from None
             except OSError as error:
                 raise trouble(path, error) from None
             except ValueError as error:
                 raise UserError(f"camera {path}: {error}", "set another camera.format, or another size") from None
-            self.close = opened_so_far.pop_all().close  # ends the stream, restores the controls, closes the device
+            self.close = opened_so_far.pop_all().close  # restores the controls, then ends the stream
         self._clock, self._period_ns = SensorClock(mode.rate_hz), 1e9 / mode.rate_hz
         self._stall_s = max(STALL_S, STALL_PERIODS / mode.rate_hz)
         self._kind = stamp_kind(device.driver, first.start_of_exposure)
@@ -176,7 +171,7 @@ class CameraSource:
             try:
                 if (left_s := (until_ns - time.monotonic_ns()) / 1e9) < 0:
                     raise TimeoutError
-                raw = self._stream.read(left_s)
+                raw = self._device.read(left_s)
             except TimeoutError:
                 raise TimeoutError(f"camera {self._path}: no whole frame for {self._stall_s:.2g} s, {damaged} damaged") from None
             except OSError as error:

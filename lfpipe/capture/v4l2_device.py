@@ -1,9 +1,12 @@
-"""One open V4L2 device: its identity, formats, controls and mode. It streams through `v4l2_stream`."""
+"""One open V4L2 device: its identity, formats, controls, mode, and frames through mapped buffers."""
 
 import contextlib
 import errno
 import fcntl
+import mmap
 import os
+import select
+import time
 from collections.abc import Iterator
 from ctypes import Structure
 from fractions import Fraction
@@ -11,12 +14,17 @@ from pathlib import Path
 from typing import TypeVar
 
 import attrs
+import numpy as np
+from numpy.typing import NDArray
 
 from lfpipe.capture import v4l2_abi as abi
 from lfpipe.host import processes
 
 MAX_LISTED = 256  # entries of one list, in case a driver never ends it
 NOT_THERE = (errno.EINVAL, errno.ENOTTY)  # the end of a list, or a driver without such lists or controls
+
+BUFFERS = 4  # one being decoded, one being filled, two spare; older frames are skipped, so spare buffers add no latency
+MOST_BUFFERS = 32  # VIDEO_MAX_FRAME
 
 S = TypeVar("S", bound=Structure)
 
@@ -58,6 +66,28 @@ class ControlRange:
     step: int
 
 
+@attrs.frozen
+class RawFrame:
+    """data: uint8 (n,), valid until the next read. sequence: the driver's count of frames; gaps are lost frames. stamp_ns: the
+    driver's stamp, from an unknown clock. start_of_exposure: the stamp marks that, else the end of the frame. damaged: the driver
+    marked the frame as broken.
+    """
+
+    data: NDArray[np.uint8]
+    sequence: int
+    stamp_ns: int
+    start_of_exposure: bool
+    damaged: bool
+
+
+def _buffer(index: int = 0) -> abi.Buffer:
+    return abi.Buffer(index=index, type=abi.VIDEO_CAPTURE, memory=abi.MEMORY_MMAP)
+
+
+def _buffers(count: int) -> abi.RequestBuffers:
+    return abi.RequestBuffers(count=count, type=abi.VIDEO_CAPTURE, memory=abi.MEMORY_MMAP)
+
+
 class V4L2Device:
     """Owns a descriptor of the device at path. Every call raises the driver's OSError."""
 
@@ -65,6 +95,8 @@ class V4L2Device:
         """fd: of the device, if it is already open."""
         self.path = path
         self.fd = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC) if fd is None else fd
+        self._maps: list[mmap.mmap] = []  # while it streams
+        self._taken: int | None = None  # index of the buffer in the caller's hands
         try:
             capability = self.ioctl(abi.QUERYCAP, abi.Capability())
         except OSError:
@@ -180,7 +212,61 @@ class V4L2Device:
         processes.hand_over(str(self.path), self.fd)
         self.fd = -1
 
+    def start(self) -> None:
+        """Streams in the mode of `configure` until `close`."""
+        count = min(int(self.ioctl(abi.REQBUFS, _buffers(BUFFERS)).count), MOST_BUFFERS)
+        if not count:
+            raise OSError(errno.ENOMEM, "the driver has no buffers")
+        for index in range(count):
+            buffer = self.ioctl(abi.QUERYBUF, _buffer(index))
+            self._maps.append(mmap.mmap(self.fd, buffer.length, offset=buffer.offset))
+            self.ioctl(abi.QBUF, _buffer(index))
+        self.ioctl(abi.STREAMON, abi.Number(abi.VIDEO_CAPTURE))
+        self._poll = select.poll()
+        self._poll.register(self.fd, select.POLLIN)
+
+    def read(self, timeout_s: float) -> RawFrame:
+        """The newest frame of the stream. Raises TimeoutError without one."""
+        if self._taken is not None:
+            index, self._taken = self._taken, None
+            self.ioctl(abi.QBUF, _buffer(index))
+        until = time.monotonic() + timeout_s
+        while True:
+            left_s = until - time.monotonic()
+            if self._poll.poll(max(0.0, left_s) * 1e3) and (newest := self._dequeue_newest()) is not None:
+                break
+            if left_s <= 0:
+                raise TimeoutError(f"no frame for {timeout_s:.1f} s")
+        memory, flags, stamp = self._maps[newest.index], int(newest.flags), newest.timestamp
+        data = np.frombuffer(memory, np.uint8, min(int(newest.bytesused), len(memory)))
+        stamp_ns = int(stamp.seconds) * 1_000_000_000 + int(stamp.microseconds) * 1000
+        start = flags & abi.STAMP_SOURCE_MASK == abi.STAMP_SOURCE_SOE
+        return RawFrame(data, int(newest.sequence), stamp_ns, start, bool(flags & abi.BUF_FLAG_ERROR))
+
+    def _dequeue_newest(self) -> abi.Buffer | None:
+        newest: abi.Buffer | None = None
+        while True:
+            try:
+                buffer = self.ioctl(abi.DQBUF, _buffer())
+            except OSError as error:
+                if error.errno == errno.EAGAIN:
+                    return newest
+                raise
+            if newest is not None:
+                self.ioctl(abi.QBUF, _buffer(newest.index))
+            newest, self._taken = buffer, buffer.index
+
     def close(self) -> None:
-        if self.fd >= 0:
-            os.close(self.fd)
-            self.fd = -1
+        """Stops the stream and frees its buffers, as far as the driver still answers, and closes the descriptor."""
+        if self.fd < 0:
+            return
+        if self._maps:
+            with contextlib.suppress(OSError):
+                self.ioctl(abi.STREAMOFF, abi.Number(abi.VIDEO_CAPTURE))
+            for memory in self._maps:
+                with contextlib.suppress(BufferError):  # a frame is still in use: the map is freed with it
+                    memory.close()
+            with contextlib.suppress(OSError):
+                self.ioctl(abi.REQBUFS, _buffers(0))
+        os.close(self.fd)
+        self.fd = -1

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.capture.camera import CameraSource
-from lfpipe.capture.v4l2_device import ControlRange, FrameSizes, Mode
-from lfpipe.capture.v4l2_stream import RawFrame
+from lfpipe.capture.v4l2_device import ControlRange, FrameSizes, Mode, RawFrame
 
 PATH = Path("/dev/null")
 
@@ -76,6 +75,8 @@ class FakeCamera:
             raise OSError(errno.EIO, "Input/output error")
         self.controls[control].value = value
 
+    def start(self) -> None: ...
+
     def read(self, timeout_s: float) -> RawFrame:
         self.timeout_s = timeout_s
         item = self.frames.pop(0) if len(self.frames) > 1 else self.frames[0]
@@ -93,4 +94,4 @@ class FakeCamera:
 
 def source(device: FakeCamera, **settings: object) -> CameraSource:
     """The product's camera on device."""
-    return CameraSource(PATH, attrs.evolve(config.Camera(), **settings), device, lambda same: same)
+    return CameraSource(PATH, attrs.evolve(config.Camera(), **settings), device)

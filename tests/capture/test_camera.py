@@ -253,6 +253,7 @@ class CountedDevice:
     def __getattr__(self, name: str) -> object:
         return getattr(self.fake, name)
 
+    _maps = ()
     keep, close = V4L2Device.keep, V4L2Device.close
 
 

@@ -17,8 +17,7 @@ import numpy as np
 
 from lfpipe import config
 from lfpipe.capture import camera
-from lfpipe.capture.v4l2_device import Mode
-from lfpipe.capture.v4l2_stream import RawFrame
+from lfpipe.capture.v4l2_device import Mode, RawFrame
 from tests.faults.scripted_camera import ScriptedDevice
 
 SAMPLE_S, STEP_PX, BANDS = 0.002, 20, 8
@@ -93,6 +92,8 @@ class ScreenCamera(ScriptedDevice):
     def configure(self, fourcc: str, width_px: int, height_px: int, rate_hz: float) -> Mode:
         return Mode("BGR3", WIDTH, HEIGHT, 3 * WIDTH, self.optics.rate_hz)
 
+    def start(self) -> None: ...
+
     def read(self, timeout_s: float) -> RawFrame:
         optics, until = self.optics, time.monotonic() + timeout_s
         while True:
@@ -129,7 +130,7 @@ class ScreenCamera(ScriptedDevice):
 
 
 def open_screen(path: Path, settings: config.Camera) -> camera.CameraSource:
-    return camera.CameraSource(path, settings, ScreenCamera(path), lambda device: device)
+    return camera.CameraSource(path, settings, ScreenCamera(path))
 
 
 HEARD: dict[int, int] = {}  # blanks that the window has heard of, ns, by picture

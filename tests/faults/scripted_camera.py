@@ -15,8 +15,7 @@ import numpy as np
 from lfpipe import config
 from lfpipe.capture import camera, stage
 from lfpipe.capture.demo import DemoSource
-from lfpipe.capture.v4l2_device import ControlRange, FrameSizes, Mode
-from lfpipe.capture.v4l2_stream import RawFrame
+from lfpipe.capture.v4l2_device import ControlRange, FrameSizes, Mode, RawFrame
 from lfpipe.supervisor import process_table
 from lfpipe.transport.context import Context
 
@@ -66,6 +65,8 @@ class ScriptedDevice(NoControls):
     def configure(self, fourcc: str, width_px: int, height_px: int, rate_hz: float) -> Mode:
         return Mode("BGR3", 640, 480, 1920, 30.0)
 
+    def start(self) -> None: ...
+
     def read(self, timeout_s: float) -> RawFrame:
         while self._word() == "hang":
             time.sleep(0.01)
@@ -93,7 +94,7 @@ def open_scripted(path: Path, settings: config.Camera) -> camera.CameraSource:
         device = ScriptedDevice(path)
     except OSError as error:
         raise camera.trouble(path, error) from None
-    return camera.CameraSource(path, settings, device, lambda device: device)
+    return camera.CameraSource(path, settings, device)
 
 
 def check_scripted(path: Path, settings: config.Camera) -> camera.SourceInfo:
