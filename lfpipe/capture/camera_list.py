@@ -9,6 +9,7 @@ import errno
 import logging
 import threading
 from collections.abc import Callable
+from concurrent.futures import Future
 from pathlib import Path
 from typing import TypeVar
 
@@ -45,23 +46,19 @@ class CameraDevice:
 def with_time_limit(limit_s: float, call: Callable[[], T]) -> T:
     """Returns the result of call, or raises its error. Raises OSError ETIMEDOUT (TimeoutError) after limit_s; the thread of the
     call then stays until the process ends, because nothing can end it."""
-    results: list[T] = []
-    errors: list[BaseException] = []
+    result: Future[T] = Future()
 
     def run() -> None:
         try:
-            results.append(call())
+            result.set_result(call())
         except BaseException as error:  # raised in the caller's thread
-            errors.append(error)
+            result.set_exception(error)
 
-    thread = threading.Thread(target=run, name="time-limit", daemon=True)
-    thread.start()
-    thread.join(limit_s)
-    if errors:
-        raise errors[0]
-    if not results:
-        raise TimeoutError(errno.ETIMEDOUT, f"no answer for {limit_s:g} s")
-    return results[0]
+    threading.Thread(target=run, name="time-limit", daemon=True).start()
+    try:
+        return result.result(limit_s)
+    except TimeoutError:
+        raise TimeoutError(errno.ETIMEDOUT, f"no answer for {limit_s:g} s") from None
 
 
 def opened(path: Path) -> V4L2Device:
@@ -86,7 +83,7 @@ def asking(path: Path, question: Callable[[V4L2Device], T], limit_s: float = LIS
     return with_time_limit(limit_s, ask)
 
 
-def nodes(sys: Path = SYS, dev: Path = DEV) -> list[CameraDevice]:
+def nodes() -> list[CameraDevice]:
     """Every video device by number, cameras or not. Opens none of them."""
     if PORTABLE:
         try:
@@ -95,19 +92,18 @@ def nodes(sys: Path = SYS, dev: Path = DEV) -> list[CameraDevice]:
             return []
         names = {camera.index: camera.name for camera in enumerate_cameras()}
         return [CameraDevice(Path(f"/dev/video{number}"), name) for number, name in sorted(names.items())]
-    entries = sorted(sys.glob("video*"), key=lambda entry: int("0" + entry.name.removeprefix("video")))
-    return [describe(dev / entry.name, sys) for entry in entries]
+    listed = []
+    for entry in sorted(SYS.glob("video*"), key=lambda entry: int("0" + entry.name.removeprefix("video"))):
+        with contextlib.suppress(OSError):  # unplugged meanwhile
+            place = str((entry / "device").resolve(strict=True))
+            listed.append(CameraDevice(DEV / entry.name, (entry / "name").read_text().strip(), place))
+    return listed
 
 
-def describe(path: Path, sys: Path = SYS) -> CameraDevice:
+def describe(path: Path) -> CameraDevice:
     """The device at path with its name and place."""
-    if PORTABLE:
-        return next((device for device in nodes() if device.path == path), CameraDevice(path))
-    entry = sys / path.resolve().name
-    try:
-        return CameraDevice(path, (entry / "name").read_text().strip(), str((entry / "device").resolve(strict=True)))
-    except OSError:
-        return CameraDevice(path)
+    known = {device.path: device for device in nodes()}
+    return attrs.evolve(known.get(path.resolve(), CameraDevice(path)), path=path)
 
 
 def _captures(device: CameraDevice) -> bool:
@@ -118,9 +114,9 @@ def _captures(device: CameraDevice) -> bool:
         return PORTABLE or isinstance(error, PermissionError) or exists(device.path)
 
 
-def cameras(sys: Path = SYS, dev: Path = DEV) -> list[CameraDevice]:
+def cameras() -> list[CameraDevice]:
     """The capturing devices, by number. Includes devices that cannot be queried (busy, no permission)."""
-    return [device for device in nodes(sys, dev) if _captures(device)]
+    return [device for device in nodes() if _captures(device)]
 
 
 def first_camera() -> Path | None:
@@ -176,8 +172,8 @@ class CameraFinder:
     it came after the first one had gone: another camera of the same model that was there all the time never takes over.
     """
 
-    def __init__(self, spec: CameraSpec, sys: Path = SYS, dev: Path = DEV) -> None:
-        self._spec, self._sys, self._dev = spec, sys, dev
+    def __init__(self, spec: CameraSpec) -> None:
+        self._spec = spec
         self._known: CameraDevice | None = None
         self._twins: set[str] = set()  # places of other cameras of that name
         self._gone = False
@@ -186,11 +182,11 @@ class CameraFinder:
         """The camera's device file now. Raises UserError if no camera, or more than one, has the name, or if it is unplugged."""
         spec, known = self._spec, self._known
         if known is None:
-            first = by_name(spec.name, nodes(self._sys, self._dev)) if spec.name else describe(spec.path, self._sys)
+            first = by_name(spec.name, nodes()) if spec.name else describe(spec.path)
             if first.place:  # else there is nothing to recognise it by
                 self._known = first
             return first.path
-        same = [device for device in nodes(self._sys, self._dev) if device.name == known.name]
+        same = [device for device in nodes() if device.name == known.name]
         here = [device for device in same if device.place == known.place]
         if here or not self._gone:
             self._twins = {device.place for device in same} - {known.place}

@@ -92,9 +92,15 @@ class CheckedSource:
     def options(self) -> config.SessionOptions:
         """Options of a session on this source; text "" for none."""
         spec = parse_source(self.text) if self.text and not self.is_mouse else None
-        lossless = isinstance(spec, FileSpec) and spec.pace == "max"
-        options = config.SessionOptions(source=self.text, source_hz=self.rate_hz, jpeg_px=self.jpeg_px, lossless=lossless)
-        return attrs.evolve(options, mouse=self.is_mouse, eyes=self.eyes, tracking=not self.is_mouse)
+        return config.SessionOptions(
+            source=self.text,
+            source_hz=self.rate_hz,
+            jpeg_px=self.jpeg_px,
+            lossless=isinstance(spec, FileSpec) and spec.pace == "max",
+            mouse=self.is_mouse,
+            eyes=self.eyes,
+            tracking=not self.is_mouse,
+        )
 
     @property
     def is_mouse(self) -> bool:

@@ -12,8 +12,14 @@ from lfpipe.errors import UserError
 pytestmark = pytest.mark.native("Video4Linux")
 
 
-def _kernel(root: Path, **devices: tuple[str, str]) -> tuple[Path, Path]:
-    """A /sys and a /dev that list devices by number: (name, bus)."""
+@pytest.fixture(autouse=True)
+def own_system(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lfpipe.capture.camera_list.SYS", tmp_path / "sys")
+    monkeypatch.setattr("lfpipe.capture.camera_list.DEV", tmp_path / "dev")
+
+
+def _kernel(root: Path, **devices: tuple[str, str]) -> Path:
+    """A /sys and a /dev that list devices by number: (name, bus). Returns /dev."""
     sys, dev = root / "sys", root / "dev"
     for folder in (sys, dev):
         shutil.rmtree(folder, ignore_errors=True)
@@ -24,16 +30,16 @@ def _kernel(root: Path, **devices: tuple[str, str]) -> tuple[Path, Path]:
         (root / bus).mkdir(exist_ok=True)
         (sys / number / "device").symlink_to(root / bus)
         (dev / number).touch()
-    return sys, dev
+    return dev
 
 
 def test_only_devices_that_exist_are_listed(tmp_path: Path) -> None:
-    sys, dev = _kernel(tmp_path, video10=("Camera 10", "usb1"), video2=("Camera 2", "usb2"))
-    found = [(camera.path.name, camera.name) for camera in cameras(sys, dev)]  # no driver answers: listed, to see what is wrong
+    dev = _kernel(tmp_path, video10=("Camera 10", "usb1"), video2=("Camera 2", "usb2"))
+    found = [(camera.path.name, camera.name) for camera in cameras()]  # no driver answers: listed, to see what is wrong
     assert found == [("video2", "Camera 2"), ("video10", "Camera 10")]
     for name in ("video10", "video2"):
         (dev / name).unlink()
-    assert cameras(sys, dev) == []
+    assert cameras() == []
 
 
 class Plugs:
@@ -42,8 +48,7 @@ class Plugs:
     def __init__(self, root: Path, monkeypatch: pytest.MonkeyPatch, spec: CameraSpec | None = None) -> None:
         self._root, self.metadata = root, set[str]()
         monkeypatch.setattr("lfpipe.capture.camera_list._captures", lambda device: device.path.name not in self.metadata)
-        sys, self.dev = _kernel(root)
-        self.finder = CameraFinder(spec or CameraSpec(self.dev / "video0"), sys, self.dev)
+        self.finder = CameraFinder(spec or CameraSpec(_kernel(root) / "video0"))
 
     def found(self, **devices: tuple[str, str]) -> str:
         """The device that is found among these; "" if none is."""
@@ -84,6 +89,6 @@ def test_another_camera_of_the_model_does_not_take_over(tmp_path: Path, monkeypa
 
 
 def test_a_name_means_one_camera(tmp_path: Path) -> None:
-    found = nodes(*_kernel(tmp_path, video0=("Integrated Camera", "a"), video1=("Cam", "b"), video2=("CAM", "c")))
+    _kernel(tmp_path, video0=("Integrated Camera", "a"), video1=("Cam", "b"), video2=("CAM", "c"))
     assert CameraFinder(CameraSpec(Path("/dev/video96"))).path() == Path("/dev/video96"), "one that is not there yet"
-    assert by_name("integrated", found).path.name == "video0"
+    assert by_name("integrated", nodes()).path.name == "video0"
