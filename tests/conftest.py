@@ -13,7 +13,7 @@ import numpy as np
 import psutil
 import pytest
 
-from lfpipe.host import PORTABLE, segment
+from lfpipe.host import PORTABLE
 from lfpipe.track import models
 from tests.world import World, write_scene
 from tests.xvfb_screen import Screen, x_server
@@ -88,8 +88,6 @@ def world(tmp_path: Path) -> Iterator[World]:
     made = World(tmp_path)
     yield made
     made.end()
-    for name in made.segments():
-        segment.unlink(name)
 
 
 @pytest.fixture(scope="module")
@@ -101,8 +99,6 @@ def live(tmp_path_factory: pytest.TempPathFactory, scene: Path) -> Iterator[Worl
     made.pictures(5)
     yield made
     made.end()
-    for name in made.segments():
-        segment.unlink(name)
 
 
 @pytest.fixture(scope="session")

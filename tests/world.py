@@ -133,6 +133,8 @@ class World:
             process.communicate()
         if self.left():
             self.run("up", "--session", self.name, "nothing")  # sweeps what a killed one left
+        for name in self.segments():
+            segment.unlink(name)
         shutil.rmtree(self.run_dir, ignore_errors=True)
 
 

@@ -116,7 +116,6 @@ def render_anaglyph(
 
 
 def _check(field: LightField, place: tuple[float, float], beyond: float, frame: int) -> None:
-    """Raises UserError if the scene has no such place or frame."""
     if isinstance(frame, bool) or not isinstance(frame, int | np.integer) or not 0 <= frame < field.frames:
         raise UserError(f"frame {frame!r}: the scene has {field.frames} frames", f"0 to {field.frames - 1}")
     try:

@@ -30,7 +30,7 @@ from lfpipe.transport.status import State
 
 LOOK_S = 0.001  # between two polls of a ring
 START_S = 600.0  # a scene may be packed first
-STOP_S, LOAD_S = 30.0, 900.0
+STOP_S, LOAD_S = 30.0, 900.0  # a recording is completed at the end; a large scene is packed first
 # Ends with the program that started it: the program holds the other end of this pipe.
 COMMAND = """
 import os, runpy, signal, sys, threading
@@ -193,7 +193,6 @@ class Session(Attachment):
         raise UserError(f"session {name!r} did not start within {START_S:g} s", "`lfpipe monitor` says why")
 
     def _failure(self) -> UserError:
-        """What the session printed when it ended."""
         self._errors.seek(0)
         return _printed(self._errors.read().decode(errors="replace"), "the session ended at once")
 

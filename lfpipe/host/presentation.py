@@ -10,7 +10,7 @@ import time
 
 import attrs
 
-_GENERIC_EVENT, _COMPLETE_NOTIFY_MASK, _NOTIFY_MSC = 35, 2, 1
+_GENERIC_EVENT, _COMPLETE_NOTIFY_MASK, _NOTIFY_MSC = 35, 2, 1  # Xproto.h, presenttokens.h
 _MOST_WAITING = 64  # answers outstanding
 _PERIOD_GAIN = 0.05  # of each new period in the average
 

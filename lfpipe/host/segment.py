@@ -24,7 +24,7 @@ SHM_DIR = Path("/dev/shm" if sys.platform == "linux" else tempfile.gettempdir())
 WRITABLE = f"a tmpfs at {SHM_DIR} that you may write to: docker run --shm-size=128m, or mount one there"
 PREFIX = "lfp-"  # of every segment's name
 MAGIC = b"LFSEGM1\0"
-PAGE = 4096
+PAGE = 4096  # bytes; the owner has a page of its own
 _OWNER = struct.Struct("<8sq")  # magic, length of the path that follows
 _SAFE = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
 

@@ -44,7 +44,7 @@ class _Argument(ctypes.Union):
 def _interface(name: bytes, methods: list[tuple[bytes, bytes]], events: list[tuple[bytes, bytes]]) -> _Interface:
     """Types of arguments are null: libwayland would use them only to check this module's own objects."""
     untyped = (_Pointer * 8)()
-    lists = [(_Message * len(each))(*(_Message(*names, untyped) for names in each)) for each in (methods, events)]
+    lists = [(_Message * len(kind))(*(_Message(*names, untyped) for names in kind)) for kind in (methods, events)]
     return _Interface(name, 1, len(methods), lists[0], len(events), lists[1])
 
 
@@ -86,7 +86,7 @@ class WaylandPresentation:
         self._display, self._surface = display, surface
         self._presentation = 0
         self._clock = -1
-        self._found: list[Presented] = []
+        self._feedback: list[Presented] = []
         self._waiting: dict[int, int] = {}  # address of a feedback -> serial
         self._frames: dict[int, int] = {}  # address of a frame callback -> serial
         self._done: list[tuple[int, int]] = []  # (stamp, serial) of frame callbacks
@@ -126,14 +126,14 @@ class WaylandPresentation:
 
     def _request(self, proxy: int, opcode: int, interface: int, arguments: list[_Argument]) -> int:
         listed = (_Argument * len(arguments))(*arguments)
-        made = self._library.wl_proxy_marshal_array_flags(proxy, opcode, interface, 1, 0, listed)
-        if not made:
+        new_proxy = self._library.wl_proxy_marshal_array_flags(proxy, opcode, interface, 1, 0, listed)
+        if not new_proxy:
             raise OSError("the connection to the compositor has ended")
-        return int(made)
+        return int(new_proxy)
 
     def _table(self, callbacks: list[Any]) -> Any:
         self._listeners.append(callbacks)  # keep them alive, the caller does not
-        table = (_Pointer * len(callbacks))(*(ctypes.cast(each, _Pointer) for each in callbacks))
+        table = (_Pointer * len(callbacks))(*(ctypes.cast(callback, _Pointer) for callback in callbacks))
         self._listeners.append(table)
         return table
 
@@ -155,13 +155,13 @@ class WaylandPresentation:
     ) -> None:
         t_ns = ((high_s << 32) + low_s) * 1_000_000_000 + ns
         self._answered += 1
-        self._found.append(Presented(self._waiting.pop(proxy), t_ns, refresh_ns))
+        self._feedback.append(Presented(self._waiting.pop(proxy), t_ns, refresh_ns))
         self._library.wl_proxy_destroy(proxy)
 
     def _on_discarded(self, _data: int, proxy: int) -> None:
         serial = self._waiting.pop(proxy)
         if self._answered:
-            self._found.append(Presented(serial, 0, 0))
+            self._feedback.append(Presented(serial, 0, 0))
         self._library.wl_proxy_destroy(proxy)
 
     def _on_frame(self, _data: int, proxy: int, t_ms: int) -> None:
@@ -175,8 +175,8 @@ class WaylandPresentation:
     def _repaints(self) -> list[Presented]:
         """Reports repaints; of the pictures used by one repaint, only the last was shown."""
         done, self._done = sorted(self._done), []
-        shown = {t_ns: serial for t_ns, serial in done}
-        return [Presented(serial, t_ns if shown[t_ns] == serial else 0, 0) for t_ns, serial in done]
+        last = {t_ns: serial for t_ns, serial in done}
+        return [Presented(serial, t_ns if last[t_ns] == serial else 0, 0) for t_ns, serial in done]
 
     def expect(self, serial: int) -> None:
         """Announces picture number serial as the next to be handed over."""
@@ -197,9 +197,9 @@ class WaylandPresentation:
     def take(self) -> list[Presented]:
         """The reports since the last call. The window's own event loop reads the connection."""
         self._library.wl_display_dispatch_queue_pending(self._display, self._queue)
-        found, self._found = self._found, []
+        feedback, self._feedback = self._feedback, []
         repaints = self._repaints()
-        return found if self._answered else repaints
+        return feedback if self._answered else repaints
 
     def close(self) -> None:
         """Call before the window closes."""

@@ -11,9 +11,9 @@ from lfpipe.errors import UserError, shown
 
 FORMS = "opentrack:HOST:PORT, osc:HOST:PORT or lsl[:NAME], with ?rate=HZ for predicted eyes at that rate"
 LIBRARIES = {"opentrack": "", "osc": "pythonosc", "lsl": "pylsl"}  # kind -> module that it needs
-MAX_TARGETS = 8
-MAX_RATE_HZ = 1000.0
-MAX_NAME = 64
+MAX_TARGETS = 8  # each costs time per frame
+MAX_RATE_HZ = 1000.0  # the rate of a fast mouse; no screen is faster
+MAX_NAME = 64  # characters
 NAME = "lfpipe"  # of LSL's streams
 
 
@@ -91,22 +91,22 @@ def check_target(text: str) -> Target:
 
 def check_targets(texts: Sequence[str], running: Sequence[str] = ()) -> tuple[str, ...]:
     """Checks targets to add to those running; returns them in their exact form. Raises UserError."""
-    found = list(running)
+    targets = list(running)
     for text in texts:
         exact = str(check_target(text))
-        if exact.partition("?")[0] in {each.partition("?")[0] for each in found}:
+        if exact.partition("?")[0] in {target.partition("?")[0] for target in targets}:
             raise UserError(f"--share {text}: already a target", "give each target once")
-        found.append(exact)
-    if len(found) > MAX_TARGETS:
-        raise UserError(f"--share: {len(found)} targets, {MAX_TARGETS} at most", "one program can pass them on to others")
-    return tuple(found[len(running) :])
+        targets.append(exact)
+    if len(targets) > MAX_TARGETS:
+        raise UserError(f"--share: {len(targets)} targets, {MAX_TARGETS} at most", "one program can pass them on to others")
+    return tuple(targets[len(running) :])
 
 
 def _resolved(text: str, target: Target) -> str:
     try:
-        found = socket.getaddrinfo(target.host, target.port, type=socket.SOCK_DGRAM)
+        addresses = socket.getaddrinfo(target.host, target.port, type=socket.SOCK_DGRAM)
         # most receivers listen on IPv4 only, even if a name (localhost) has both
-        family, kind, _, _, address = min(found, key=lambda entry: entry[0] != socket.AF_INET)
+        family, kind, _, _, address = min(addresses, key=lambda entry: entry[0] != socket.AF_INET)
         with socket.socket(family, kind) as probe:
             probe.connect(address)  # looks up a route; a datagram socket sends nothing for this
     except (OSError, ValueError) as error:

@@ -21,7 +21,7 @@ from lfpipe.transport.status import State
 
 logger = logging.getLogger(__name__)
 EXIT_USER = 2  # a user's mistake: a restart cannot help
-EXIT_TERMINATED = 128 + signal.SIGTERM
+EXIT_TERMINATED = 128 + signal.SIGTERM  # as a shell reports it
 
 
 def left_file(run_dir: Path, what: Literal["error", "stack"], stage: str) -> Path:

@@ -21,7 +21,7 @@ from lfpipe.config import SceneSummary
 from lfpipe.errors import UserError
 from lfpipe.host.worker import Worker
 from lfpipe.scene.open_scene import Packing
-from lfpipe.supervisor.file_requests import CHECK_S, FileRequest, FileRequests
+from lfpipe.supervisor.file_requests import CHECK_S, SHOWN, FileRequest, FileRequests
 from lfpipe.supervisor.process_table import NAMES, SHOWN_BY
 from lfpipe.supervisor.requests import Reply, respond, respond_checked
 from lfpipe.supervisor.session_store import SessionStore
@@ -98,11 +98,12 @@ class ControlServer:
         self._waiting: deque[_Waiting] = deque()  # by revision, so by time as well
         self._files = FileRequests(self._report_step)
         if packing is not None:
-            self._files.running.append(FileRequest(b"", {"cmd": "load"}, packing, shown=True))
+            self._files.running[SHOWN] = FileRequest(b"", {}, packing)
 
     def close(self) -> None:
         """Ends the running children and closes the sockets."""
-        self._files.end(*self._files.running)
+        for command in list(self._files.running):
+            self._files.end(command)
         self._connections.close()
         for socket in (self._ctl, self._bus, self._tap):
             socket.close()
@@ -151,9 +152,9 @@ class ControlServer:
             self._tap.recv()  # discard subscription messages, which would accumulate
         # After the messages: one from a new connection may have the number of a connection whose end is not processed yet.
         self._connections.update()
-        for request in self._files.update(self._connections.open):
-            if request in self._files.running:  # else the one before has replaced it
-                self._guard(request.client or None, partial(self._served, request))
+        for command in self._files.update(self._connections.open):
+            if request := self._files.running.get(command):  # else the command before has ended it
+                self._guard(request.client or None, partial(self._served, command, request))
         self.flush()
         self._answer_applied()
 
@@ -171,26 +172,26 @@ class ControlServer:
         """Tells the stage that shows pictures how far a scene is loaded, whoever asked for it; step "" is the end."""
         self.send(SHOWN_BY, control.encode({"cmd": "loading", **news}))
 
-    def _served(self, request: FileRequest) -> None:
-        """Carries out a request whose child has news."""
-        client, state = request.client, self._store.state
-        if not request.worker.done and request.views is not None:
-            result = request.views
-            self._files.end_shown()
-            request.shown, request.client = True, b""
+    def _served(self, command: str, request: FileRequest) -> None:
+        client, worker, state, files = request.client, request.worker, self._store.state, self._files
+        if command == "load" and not worker.done and isinstance(worker, Packing) and worker.views is not None:
+            result = attrs.asdict(worker.views)
+            files.end(SHOWN)
+            files.running[SHOWN] = files.running.pop("load")
+            request.client = b""
         else:
             try:
-                result = request.worker.result()
+                result = worker.result()
             finally:
-                self._files.end(request)
-            if request.shown:  # the packer has finished the scene on the screen: the stages open its pack again
+                files.end(command)
+            if command == SHOWN:  # its packer has finished: the stages open the pack again
                 scene = SceneSummary(**result)
                 if state.options.scene is not None and state.options.scene.pack == scene.pack:
                     logger.info("%s: disparity is complete, method %s", scene.name, scene.method)
                     self._store.apply(state.loaded(scene))
                 return
-            if request.message["cmd"] == "load":
-                self._files.end_shown()
+            if command == "load":
+                files.end(SHOWN)
         self._carry_out(client, request.message, respond_checked(state, request.message, result, now_ns()))
 
     def refuse_waiting(self, why: str) -> None:
@@ -226,18 +227,19 @@ class ControlServer:
 
     def _begin(self, client: bytes, message: dict[str, Any], check: dict[str, Any], connection: int) -> None:
         """Starts the child that a request waits for. A load replaces the one that is under way."""
+        command, before = message["cmd"], self._files.running.get(message["cmd"])
         worker: Worker
         if check["check"] == "scene":
-            for request in self._files.unanswered("load"):
-                self._files.end(request)
-                self._answer(request.client, REPLACED)
+            if before is not None:
+                self._files.end(command)
+                self._answer(before.client, REPLACED)
             settings = attrs.evolve(self._store.state.config.scene, **check["settings"])
             worker = Packing([check["path"]], settings, remember=True)
-        elif self._files.unanswered(message["cmd"]):
-            raise UserError(f"another {message['cmd']} is running", "wait until it is done")
+        elif before is not None:
+            raise UserError(f"another {command} is running", "wait until it is done")
         else:
             worker = Worker("lfpipe.supervisor.file_requests", check, check["path"], CHECK_S)
-        self._files.running.append(FileRequest(client, message, worker, connection))
+        self._files.running[command] = FileRequest(client, message, worker, connection)
 
     def _carry_out(self, client: bytes, message: dict[str, Any], reply: Reply, connection: int = -1) -> None:
         """Carries out a reply, and answers now or when it is done."""
@@ -258,7 +260,6 @@ class ControlServer:
             self._live.stop()
 
     def _answer_applied(self) -> None:
-        """Answers the clients whose change has been applied, or has taken too long."""
         while self._waiting:
             waiting = self._waiting[0]
             done = self._live.applied(waiting.rev)

@@ -15,78 +15,68 @@ from lfpipe.transport.clock import SECOND_NS, now_ns
 
 logger = logging.getLogger(__name__)
 STEP_NS = SECOND_NS // 5  # between two reports of progress
-MAX_NAME_CHARS = 200
+MAX_NAME_CHARS = 200  # more than a window has room for
+SHOWN = "shown"  # instead of a command: the scene is on the screen
 CHECK_S = 10.0  # time limit of a check: a network drive or name server may be dead
 MEMORY_BYTES = 1 << 30  # of a check: the libraries of a recording reserve 300 MB when they are imported
 
 
-@attrs.define(eq=False)
+@attrs.define
 class FileRequest:
-    """client: who asked, b"" for nobody. connection: the client's, -1 for none. shown: the session shows the scene already; the
-    packer goes on with its disparity. reported: the packer's step in the last report, which was at report_ns."""
+    """client: who asked, b"" for nobody. connection: the client's. reported: the packer's last reported step, at report_ns."""
 
     client: bytes
     message: dict[str, Any]
     worker: Worker
     connection: int = -1
-    shown: bool = False
     reported: str = ""
     report_ns: int = 0
 
-    @property
-    def views(self) -> dict[str, Any] | None:
-        """The scene that the packer has just made ready to be shown, if any."""
-        ready = isinstance(self.worker, Packing) and not self.shown and self.worker.views
-        return attrs.asdict(ready) if ready else None
-
 
 class FileRequests:
-    """The running children. report: receives the packer's progress a few times a second, and step "" at its end. Never blocks."""
+    """The running children. running: by the command that waits for one; SHOWN is the packer of the scene on the screen, which
+    goes on with its disparity. report: receives a packer's progress a few times a second, and step "" at its end."""
 
     def __init__(self, report: Callable[[dict[str, Any]], None]) -> None:
         self._report = report
-        self.running: list[FileRequest] = []
+        self.running: dict[str, FileRequest] = {}
 
     @property
     def fds(self) -> list[int]:
         """Descriptors that wake the supervisor."""
-        return [fd for request in self.running for fd in request.worker.fds]
+        return [fd for request in self.running.values() for fd in request.worker.fds]
 
-    def unanswered(self, command: str) -> list[FileRequest]:
-        """Requests of a command that have no answer yet."""
-        return [request for request in self.running if request.message["cmd"] == command and not request.shown]
-
-    def update(self, connections: set[int]) -> list[FileRequest]:
+    def update(self, connections: set[int]) -> list[str]:
         """Reads what the children have printed, and ends the requests of clients that are not among these connections any more.
-        Returns those with news: the views of a scene are ready, or the child is done."""
-        for request in list(self.running):
-            if request.connection not in connections and not request.shown:
-                logger.info("%s cancelled: its client is gone", request.message["cmd"])
-                self.end(request)
-        for request in self.running:
+        Returns the commands with news: the views of a scene are ready, or the child is done."""
+        for command, request in list(self.running.items()):
+            if command != SHOWN and request.connection not in connections:
+                logger.info("%s cancelled: its client is gone", command)
+                self.end(command)
+        news = []
+        for command, request in self.running.items():
             worker = request.worker
             worker.read()
             if isinstance(worker, Packing) and worker.step != request.reported and now_ns() >= request.report_ns + STEP_NS:
                 request.report_ns = now_ns()
-                self._tell(request, worker.step, worker.share)
-        return [request for request in self.running if request.worker.done or request.views is not None]
+                self._tell(command, worker.step, worker.share)
+            if worker.done or (command == "load" and isinstance(worker, Packing) and worker.views is not None):
+                news.append(command)
+        return news
 
-    def _tell(self, request: FileRequest, step: str, share: float) -> None:
+    def _tell(self, command: str, step: str, share: float) -> None:
+        request = self.running[command]
         request.reported = step
         name = Path(request.worker.subject).name[:MAX_NAME_CHARS]
-        self._report({"scene": name, "step": step, "share": share, "shown": request.shown})
+        self._report({"scene": name, "step": step, "share": share, "shown": command == SHOWN})
 
-    def end(self, *requests: FileRequest) -> None:
-        """Ends children and forgets them."""
-        for request in requests:
-            self.running.remove(request)
-            request.worker.close()
-            if request.reported:
-                self._tell(request, "", 1.0)
-
-    def end_shown(self) -> None:
-        """Ends the packers of scenes that the session has left: the next opening completes their packs."""
-        self.end(*(request for request in self.running if request.shown))
+    def end(self, command: str) -> None:
+        """Ends a child, if one runs, and forgets it. That of a scene which the session has left: the next opening completes its
+        pack."""
+        if command in self.running:
+            if self.running[command].reported:
+                self._tell(command, "", 1.0)
+            self.running.pop(command).worker.close()
 
 
 def check(request: dict[str, Any], _report: Report) -> dict[str, Any]:

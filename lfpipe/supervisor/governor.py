@@ -19,7 +19,7 @@ from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.status import State
 
-LAG_S, ROOM_S = 0.5, 5.0
+LAG_S, ROOM_S = 0.5, 5.0  # a viewer notices lag at once, and a level that comes and goes more than a lower one
 LONGEST_S = 300.0  # longest wait before a higher level is tried
 LATE_SHARE = 0.1  # of the outputs due; one or two frames in half a second are the scheduler's fault, not lag
 FULL_SHARE, ROOM_SHARE = 0.9, 0.6  # of the time spent working: more is lag, less is room
@@ -28,7 +28,7 @@ HICCUP_S = 0.25  # limit of one sample: a process that was stopped or starved on
 SPOILT = 5.0  # s of room that one second without room cancels
 SILENT_S = 1.0  # after this time without output, it is unknown whether a stage has room
 GAP_S = 1.0  # between two samples: the machine or the supervisor was suspended
-SAMPLE_NS = SECOND_NS // 10
+SAMPLE_NS = SECOND_NS // 10  # five samples within LAG_S
 SETTLE_NS = SECOND_NS  # after a start: caches are cold, and the first pictures are late
 
 Rows = Mapping[str, NDArray[np.void]]

@@ -31,7 +31,7 @@ from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
 from lfpipe.transport.context import StageSpec
 from lfpipe.transport.session import Session
 
-TICK_MS = 100
+TICK_MS = 100  # beats are due as often; a sentinel or a message wakes the loop sooner
 SOURCE_ENDED = "the source has ended"
 logger = logging.getLogger(__name__)
 

@@ -16,7 +16,6 @@ from lfpipe.errors import UserError
 from lfpipe.errors import shown as printable
 from lfpipe.share.target import FORMS, MAX_TARGETS
 from lfpipe.supervisor.session_state import SessionState
-from lfpipe.transport import control
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.control import BadMessage
 
@@ -44,9 +43,9 @@ Handler = Callable[[SessionState, dict[str, Any], int], Reply]
 def respond(state: SessionState, message: dict[str, Any], t_ns: int) -> Reply:
     """The reply to a request. t_ns: now. Raises BadMessage, UserError."""
     command = message.get("cmd")
-    if not isinstance(command, str) or command not in control.COMMANDS:
-        raise BadMessage(f"unknown command {command!r:.100}; commands are {', '.join(control.COMMANDS)}")
-    return _HANDLERS[command](state, message, t_ns)
+    if not isinstance(command, str) or command not in HANDLERS:
+        raise BadMessage(f"unknown command {command!r:.100}; commands are {', '.join(HANDLERS)}")
+    return HANDLERS[command](state, message, t_ns)
 
 
 def _set(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
@@ -112,7 +111,6 @@ def _output(message: dict[str, Any], running: str, what: str, command: str) -> s
 
 
 def _trace(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
-    """Starts a timeline to the file `path`; ends the running one if path is empty."""
     running = state.options.timeline
     if path := _output(message, running, "timeline", "lfpipe trace"):
         return Reply(check={"check": "trace", "path": path, "source": state.options.source, "record": state.options.record})
@@ -120,7 +118,6 @@ def _trace(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
 
 
 def _record(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
-    """Starts recording the camera to the folder `path`; ends the running recording if path is empty."""
     running = state.options.record
     if not (path := _output(message, running, "recording", "lfpipe ctl record")):
         return Reply({"path": running}, state.changed(record=""))
@@ -176,7 +173,7 @@ def _absolute(path: str) -> bool:
     return path.startswith("/") and "\0" not in path
 
 
-_HANDLERS: dict[str, Handler] = {
+HANDLERS: dict[str, Handler] = {
     "hello": lambda state, _message, _t_ns: Reply(state.message()),
     "status": lambda state, _message, _t_ns: Reply(
         {"paused": state.paused, "config": config_module.to_dict(state.config)}, with_stages=True

@@ -121,7 +121,6 @@ def acquire(session: Session) -> Lock:
 
 
 def _empty(run_dir: Path) -> None:
-    """Removes everything except the lock."""
     for path in run_dir.iterdir():
         if not path.name.startswith("lock"):
             if stat.S_ISDIR(path.lstat().st_mode):

@@ -106,8 +106,8 @@ class SessionState:
             rev=self.rev + 1,
         )
         if new.options.scene is not None:
-            shown = new.options.scene.shown_as(new.config.scene.half_turn)
-            new = attrs.evolve(new, options=attrs.evolve(new.options, scene=shown))
+            scene = new.options.scene.shown_as(new.config.scene.half_turn)
+            new = attrs.evolve(new, options=attrs.evolve(new.options, scene=scene))
         if new.levels != self.levels:
             new = attrs.evolve(new, options=attrs.evolve(new.options, level=None))
         return new._with_packets()
@@ -154,11 +154,11 @@ class SessionState:
 
     def _with_packets(self) -> SessionState:
         """With the ring of JPEGs if a source of JPEGs is recorded, else without it."""
-        wanted = bool(self.options.record and self.options.jpeg_px)
-        if wanted == bool(self.options.packets):
+        records_jpegs = bool(self.options.record and self.options.jpeg_px)
+        if records_jpegs == bool(self.options.packets):
             return self
-        number = self.rings_made + wanted
-        name = f"packets.{number}" if wanted else ""
+        number = self.rings_made + records_jpegs
+        name = f"packets.{number}" if records_jpegs else ""
         return attrs.evolve(self, options=attrs.evolve(self.options, packets=name), rings_made=number)
 
 

@@ -24,8 +24,8 @@ from lfpipe.transport.session import Session
 from lfpipe.transport.status import ENDED, State, Table, busy_words
 
 logger = logging.getLogger(__name__)
-MAX_RESTARTS_WINDOW_S, MAX_FAILURES = 60.0, 5
-FIRST_BACKOFF_S, MAX_BACKOFF_S = 0.1, 5.0
+MAX_RESTARTS_WINDOW_S, MAX_FAILURES = 60.0, 5  # five failures in a minute are no accident
+FIRST_BACKOFF_S, MAX_BACKOFF_S = 0.1, 5.0  # doubled from one failure to the next
 MAX_STACK = 4000  # characters reported
 BUSY_S = 60.0  # without a beat: time for a disk to spin up, or for a network to return
 COMPUTING = 5  # times these limits while it uses a CPU: emulated, one search for a face takes seconds

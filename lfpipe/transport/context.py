@@ -52,17 +52,17 @@ class Context:
 
     def input(self, name: str) -> RingInput:
         """Opens a ring for reading; `wait` then wakes for it."""
-        made = RingInput(self.spec, name, self.row)
-        self._inputs.append(made)
-        self._open.append(made)
-        self._fds.append(made.wake.fd)
-        return made
+        ring_input = RingInput(self.spec, name, self.row)
+        self._inputs.append(ring_input)
+        self._open.append(ring_input)
+        self._fds.append(ring_input.wake.fd)
+        return ring_input
 
     def output(self, name: str) -> RingOutput:
         """Opens a ring for writing; each ring has one writing stage."""
-        made = RingOutput(self.spec, name, self.table, self._wait_for, self.done)
-        self._open.append(made)
-        return made
+        ring_output = RingOutput(self.spec, name, self.table, self._wait_for, self.done)
+        self._open.append(ring_output)
+        return ring_output
 
     def ready(self) -> None:
         """Ends the setup: from now on, a missing beat means a hang. What exists now is no garbage: collections leave it out."""
@@ -144,8 +144,8 @@ class Context:
         """
         self.row.beat()
         self.done()  # a waiting stage has processed what it took
-        for each in self._inputs if self.spec.options.lock_step else ():
-            each.give_credit()
+        for ring_input in self._inputs if self.spec.options.lock_step else ():
+            ring_input.give_credit()
         t_ns = now_ns()
         limit_ns = t_ns + BEAT_NS
         until_ns = limit_ns if until_ns is None else min(until_ns, limit_ns)
@@ -162,8 +162,8 @@ class Context:
 
     def done(self) -> None:
         """Reports that everything taken from the inputs has been processed."""
-        for each in self._inputs:
-            each.done()
+        for ring_input in self._inputs:
+            ring_input.done()
 
     def _wait_for(self, condition: Callable[[], bool], credits: Sequence[Wake]) -> None:
         """Waits until condition holds or the stop arrives; credits wake it."""

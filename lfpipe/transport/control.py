@@ -1,6 +1,6 @@
 """Control messages: msgpack maps in single-part ZeroMQ messages, checked before use.
 
-    ctl   ROUTER bound by the supervisor; stages and commands are DEALERs; it accepts COMMANDS
+    ctl   ROUTER bound by the supervisor; stages and commands are DEALERs; `supervisor/requests.py` answers
     bus   PULL bound by the supervisor; stages PUSH telemetry, dropped if not received
     tap   XPUB bound by the supervisor; monitors subscribe to events
 
@@ -16,11 +16,10 @@ import zmq
 from lfpipe.errors import UserError
 
 VERSION = 1
-MAX_BYTES = 64 * 1024
-MAX_DEPTH = 8
+MAX_BYTES = 64 * 1024  # a playlist of hundreds of scenes fits
+MAX_DEPTH = 8  # the snapshot needs 4
 FILE_CHECK_TIMEOUT_S = 15.0  # for an answer to `trace` and `record`, whose paths are checked first
 QUEUE = 64  # messages that may wait on either side of a socket, per client
-COMMANDS = ("hello", "status", "set", "pause", "resume", "recentre", "load", "pictures", "trace", "record", "share", "stop")
 
 
 class BadMessage(ValueError):
@@ -66,9 +65,9 @@ def decode(data: bytes) -> dict[str, Any]:
 
 def context() -> zmq.Context[zmq.Socket[bytes]]:
     """A ZeroMQ context whose sockets never delay an exit."""
-    made: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-    made.linger = 0
-    return made
+    ctx: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+    ctx.linger = 0
+    return ctx
 
 
 def limit(socket: zmq.Socket[bytes]) -> None:

@@ -4,6 +4,7 @@ A slot contains one packet of variable length and the frame's stamps. (epoch, so
 The packet is published before the frame.
 """
 
+import contextlib
 from typing import Any
 
 import numpy as np
@@ -27,20 +28,17 @@ class PacketOutput:
 
     def __init__(self, session: Session) -> None:
         self._session = session
-        self._part, self._ring = "", None  # type: tuple[str, ring.Writer | None]
+        self._name, self._ring = "", None  # type: tuple[str, ring.Writer | None]
 
     def follow(self, options: SessionOptions) -> None:
         """Opens and closes the ring as options require; cheap if nothing changes."""
-        part = options.packets
-        if part == self._part:
+        if options.packets == self._name:
             return
         self.close()
-        self._part = part
-        if part:
-            try:
-                self._ring = ring.Writer(self._session.segment(part))
-            except FileNotFoundError:
-                return  # removed before use
+        self._name = options.packets
+        if self._name:
+            with contextlib.suppress(FileNotFoundError):  # removed before use
+                self._ring = ring.Writer(self._session.segment(self._name))
 
     def publish(self, packet: NDArray[np.uint8] | None, source_seq: int, t_sensor_ns: int, t_read_ns: int, epoch: int) -> None:
         """Publishes packet, uint8 (n,), if a recording runs and the packet fits. epoch: of the frame."""
@@ -62,8 +60,8 @@ class PacketOutput:
 class PacketInput:
     """The reading end. Raises FileNotFoundError if the ring has been removed."""
 
-    def __init__(self, session: Session, part: str) -> None:
-        self._name = session.segment(part)
+    def __init__(self, session: Session, name: str) -> None:
+        self._name = session.segment(name)
         self._ring = ring.Reader(self._name)
         self._ring.last_seq = 0  # the packet of our first frame may already be there
         self._at = (-1, -1)
@@ -71,13 +69,13 @@ class PacketInput:
 
     def of(self, stamp: Stamp) -> bytes | None:
         """The packet of the frame with that stamp; call in order of frames. None if there was none, or if it is overwritten."""
-        wanted = (stamp.epoch, stamp.source_seq)
-        while self._at < wanted and (peeked := self._ring.peek(in_order=True)) is not None:
-            found, slot = peeked
-            self._at = (found.epoch, found.source_seq)
-            data = slot["data"][: int(slot["bytes"])].tobytes() if self._at >= wanted else None
-            self._data = data if self._ring.still_valid(found) else None
-        return self._data if self._at == wanted else None
+        frame = (stamp.epoch, stamp.source_seq)
+        while self._at < frame and (peeked := self._ring.peek(in_order=True)) is not None:
+            packet_stamp, slot = peeked
+            self._at = (packet_stamp.epoch, packet_stamp.source_seq)
+            data = slot["data"][: int(slot["bytes"])].tobytes() if self._at >= frame else None
+            self._data = data if self._ring.still_valid(packet_stamp) else None
+        return self._data if self._at == frame else None
 
     @property
     def ended(self) -> bool:

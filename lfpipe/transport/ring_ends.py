@@ -69,10 +69,10 @@ class RingInput:
         """Like `take`, but returns the slot itself, read-only. Results made from it are valid only if `still_valid` confirms
         it."""
         self.wake.drain()
-        found = self.reader.peek(in_order or self._credit is not None)
-        if found is not None:
-            self._took(found[0])
-        return found
+        peeked = self.reader.peek(in_order or self._credit is not None)
+        if peeked is not None:
+            self._took(peeked[0])
+        return peeked
 
     def still_valid(self, stamp: ring.Stamp) -> bool:
         """Whether the writer has not touched a peeked slot; if it has, the slot counts as a drop."""
@@ -152,5 +152,5 @@ class RingOutput:
     def _all_taken(self) -> bool:
         for credit in self.credits:
             credit.drain()
-        wanted = self.writer.published - self._ahead
-        return all(int(row["taken_seq"][self._index]) >= wanted or int(row["state"]) in ENDED for row in self._rows)
+        needed = self.writer.published - self._ahead
+        return all(int(row["taken_seq"][self._index]) >= needed or int(row["state"]) in ENDED for row in self._rows)

@@ -11,7 +11,7 @@ from lfpipe.errors import UserError
 from lfpipe.host import segment
 
 PREFIX = f"lfpipe-{os.getuid()}-"  # of run directories, to separate users
-LONGEST_PART = 13  # characters of a ring's name in the name of its segment
+LONGEST_RING = 13  # characters of a ring's name in the name of its segment
 
 
 def base_dir() -> Path:
@@ -34,8 +34,8 @@ def segment_prefix(run_dir: Path) -> str:
     the same for any path to that directory, and differs in another container that shares /dev/shm.
     """
     try:
-        found = run_dir.parent.stat()
-        base = f"{found.st_dev}:{found.st_ino}"
+        parent = run_dir.parent.stat()
+        base = f"{parent.st_dev}:{parent.st_ino}"
     except OSError:  # no session can exist there
         base = str(run_dir.parent)
     return f"{segment.PREFIX}{_digest(f'{base}/{run_dir.name}')}-"
@@ -45,9 +45,11 @@ def _digest(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
-def _check_name(name: str, said: str) -> None:
+def _check_name(name: str, setting: str) -> None:
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.]{0,31}", name):
-        raise UserError(f"{said} is not a valid name", "use 1 to 32 letters, digits, _ and ., beginning with a letter or digit")
+        raise UserError(
+            f"{setting} is not a valid name", "use 1 to 32 letters, digits, _ and ., beginning with a letter or digit"
+        )
 
 
 @attrs.frozen
@@ -68,13 +70,13 @@ class Session:
     def lock(self) -> Path:
         return self.run_dir / "lock"
 
-    def segment(self, part: str) -> str:
-        """Name of a shared-memory segment, at most 30 characters. part: a ring, "status", or "" for the prefix of all names.
+    def segment(self, ring: str) -> str:
+        """Name of a shared-memory segment, at most 30 characters. ring: its name, "status", or "" for the prefix of all names.
 
         If this process's runtime directory has no such session, the name is that of the user's only session of this name
         elsewhere, so readers need not use the session's runtime directory.
         """
-        return self._segments() + (part if len(part) <= LONGEST_PART else f"_{_digest(part)}")
+        return self._segments() + (ring if len(ring) <= LONGEST_RING else f"_{_digest(ring)}")
 
     def _segments(self) -> str:
         run_dir = self.run_dir

@@ -77,7 +77,7 @@ ROW = np.dtype(
         ("horizon", HISTOGRAM),  # of render: from the sensor stamp to the time of the predicted eyes, at every refresh
     ]
 )
-PAGE_ROWS = 8
+PAGE_ROWS = 8  # stages: five, and room for more
 
 # Of the whole session, written by the supervisor: the current level of quality (0 is full), the last level, and in words.
 SESSION = np.dtype([("level", "<i8"), ("lowest", "<i8"), ("words", "S96")])

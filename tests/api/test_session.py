@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import lfpipe
-from tests.world import World, write_scene
+from tests.world import World
 
 pytestmark = pytest.mark.live
 QUICK = {"render.method": "nearest", "render.alpha_px": 12}
@@ -32,7 +32,9 @@ def test_a_session_is_started_changed_loaded_and_stopped_in_a_thread(home: World
 
     def run() -> None:
         try:
-            with lfpipe.Session(scene, camera="demo", **QUICK) as session:  # type: ignore[arg-type]
+            trace = home.root / "t.jsonl"
+            with lfpipe.Session(scene, camera="demo", trace=trace, **QUICK) as session:  # type: ignore[arg-type]
+                home.wait_for(lambda: trace.exists() and trace.stat().st_size, "line of the trace")
                 assert session.status()["stages"]["render"]["state"] == "RUNNING"
                 assert session.frame().picture.shape[2] == 3
                 assert next(eyes for eyes in session.stream() if eyes is not None).head is not None
@@ -78,14 +80,6 @@ with lfpipe.Session({str(scene)!r}, camera="demo", name="killed") as session:
     os.kill(process.pid, number)
     process.communicate(timeout=60)
     home.wait_for(lambda: not home.segments() and not list(home.run_dir.glob("*/ctl")), "clean end")
-
-
-def test_a_session_writes_its_trace(home: World, tmp_path: Path) -> None:
-    write_scene(tmp_path / "png")
-    trace = tmp_path / "t.jsonl"
-    with lfpipe.Session(tmp_path / "png", camera="demo", trace=trace, **QUICK) as session:  # type: ignore[arg-type]
-        home.wait_for(lambda: trace.exists() and trace.stat().st_size, "line of the trace")
-        session.stop()
 
 
 def test_a_notebook_starts_changes_and_stops_a_session_in_three_cells(

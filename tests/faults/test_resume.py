@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 
 import lfpipe
-from lfpipe.render.refresh import Refresh
 from lfpipe.supervisor.process_table import STAGES
 from lfpipe.transport.clock import SLEPT_NS, SleepWatch
 from tests.world import World
@@ -59,24 +58,6 @@ def test_stopped_and_continued_each_process_and_all_are_back_at_rate(world: Worl
     assert {name: (stage["pid"], stage["restarts"]) for name, stage in after.items()} == {
         name: (pid, 0) for name, pid in before.items()
     }, "no stage counted as hung"
-
-
-@pytest.mark.parametrize("gap_s", [3.0, 3600.0])
-def test_after_a_gap_the_display_finds_the_cameras_new_phase_at_once(gap_s: float) -> None:
-    t_ns, period_ns, refresh_ns = 10**12, 10**9 // 30, 10**9 / 60
-    refresh = Refresh(60.0, t_ns)
-    for seq in range(100):
-        t_ns += period_ns
-        refresh.advance(t_ns)
-        refresh.heard(seq, t_ns, t_ns, 0)
-    settled_ns = (refresh.due_ns() - t_ns) % refresh_ns
-    t_ns += int(gap_s * 1e9) + 7_000_000  # neither a whole number of refreshes nor of frames
-    for seq in range(100, 103):
-        t_ns += period_ns
-        refresh.advance(t_ns)
-        refresh.heard(seq, t_ns, t_ns, 0)
-    off_ns = abs((refresh.due_ns() - t_ns) % refresh_ns - settled_ns)
-    assert min(off_ns, refresh_ns - off_ns) < 0.02 * refresh_ns
 
 
 def test_a_sleep_of_the_machine_is_noticed_once() -> None:

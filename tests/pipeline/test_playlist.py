@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from lfpipe import config
-from lfpipe.host import segment
 from lfpipe.scene.packer import playlist
 from lfpipe.transport import control
 from tests.web.server import served
@@ -34,8 +33,6 @@ def listed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
     made.pictures(3)
     yield made
     made.end()
-    for name in made.segments():
-        segment.unlink(name)
 
 
 def shown(world: World) -> tuple[int, int]:

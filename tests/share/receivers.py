@@ -93,13 +93,3 @@ def osc_server(port: int) -> Iterator[list[tuple[str, tuple[Any, ...]]]]:
         finally:
             server.shutdown()
             thread.join()
-
-
-def wait_for(condition: Any, what: str, timeout_s: float = 60.0) -> Any:
-    """Waits until condition gives something."""
-    end = time.monotonic() + timeout_s
-    while time.monotonic() < end:
-        if found := condition():
-            return found
-        time.sleep(0.02)
-    raise AssertionError(f"no {what} within {timeout_s} s")

@@ -14,8 +14,7 @@ import numpy as np
 import psutil
 import pytest
 
-from lfpipe.host import segment
-from tests.share.receivers import OpentrackReceiver, free_port, lsl_environment, osc_server, wait_for
+from tests.share.receivers import OpentrackReceiver, free_port, lsl_environment, osc_server
 from tests.share.xdf import write_xdf
 from tests.world import World
 
@@ -51,18 +50,15 @@ def sharing(tmp_path_factory: pytest.TempPathFactory, scene: Path) -> Iterator[S
         options = [word for text in targets for word in ("--share", text)]
         world.up(scene, *options, "--set=render.method=nearest", "--set=render.anaglyph=colour")
         world.pictures(5)
-        wait_for(lambda: len(heard) > 30, "frames by OSC")
-        found = Sharing(world, *ports, heard, opentrack)
+        world.wait_for(lambda: len(heard) > 30, "frames by OSC")
         before = os.environ.get("XDG_RUNTIME_DIR")
         os.environ["XDG_RUNTIME_DIR"] = str(world.run_dir)
         try:
-            yield found
+            yield Sharing(world, *ports, heard, opentrack)
         finally:
             os.environ.pop("XDG_RUNTIME_DIR") if before is None else os.environ.update(XDG_RUNTIME_DIR=before)
             opentrack.close()
             world.end()
-            for name in world.segments():
-                segment.unlink(name)
 
 
 def test_opentrack_gets_the_pose_in_its_layout(sharing: Sharing) -> None:
@@ -76,7 +72,7 @@ def test_opentrack_gets_the_pose_in_its_layout(sharing: Sharing) -> None:
 
 def test_osc_gets_the_eyes_of_every_frame_and_the_head_between_them(sharing: Sharing) -> None:
     first = len(sharing.heard)
-    wait_for(lambda: len(sharing.heard) > first + 90, "30 frames by OSC")
+    sharing.world.wait_for(lambda: len(sharing.heard) > first + 90, "30 frames by OSC")
     heard = sharing.heard[first:]
     triples = [triple for triple in zip(heard, heard[1:], heard[2:], strict=False) if triple[2][0] == "/lfpipe/head"]
     sensor = {line["source_seq"]: line["t_sensor_ns"] for line in sharing.world.lines()}
@@ -160,9 +156,9 @@ def test_what_is_shared_is_stopped_and_started_while_it_runs(sharing: Sharing) -
 def test_a_stage_that_is_killed_comes_back_and_shares_on(sharing: Sharing) -> None:
     pid, pictures = sharing.pid(), len(sharing.world.lines())
     os.kill(pid, signal.SIGKILL)
-    wait_for(lambda: sharing.pid() != pid, "another process")
+    sharing.world.wait_for(lambda: sharing.pid() != pid, "another process")
     count = len(sharing.heard)
-    wait_for(lambda: len(sharing.heard) > count + 30, "frames by OSC")
+    sharing.world.wait_for(lambda: len(sharing.heard) > count + 30, "frames by OSC")
     sharing.world.pictures(pictures + 20)
 
 

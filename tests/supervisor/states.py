@@ -5,8 +5,8 @@ from typing import Any
 from hypothesis import strategies as st
 
 from lfpipe.config import Config, SceneSummary, SessionOptions, options
+from lfpipe.supervisor.requests import HANDLERS
 from lfpipe.supervisor.session_state import SessionState
-from lfpipe.transport.control import COMMANDS
 
 SCENE = SceneSummary("/packs/one", "one", 3, 3, 48, 64, "warp", True, {"warp": 40.0, "nearest": 30.0})
 
@@ -33,4 +33,4 @@ fields = st.fixed_dictionaries(
         "stop": values,
     },
 )
-messages = st.builds(lambda cmd, more: {"v": 1, **more, "cmd": cmd}, st.sampled_from(COMMANDS) | values, fields)
+messages = st.builds(lambda cmd, more: {"v": 1, **more, "cmd": cmd}, st.sampled_from(list(HANDLERS)) | values, fields)

@@ -18,12 +18,3 @@ def test_the_model_knows_every_fence_of_the_ring() -> None:
     programs = [litmus.writer_program(""), *(litmus.reader_program("", way, 0, 1)[0] for way in litmus.WAYS)]
     fences = [sum(access.place is None for access in program) for program in programs]
     assert fences == [2 * litmus.PUBLISHED, 2, 2, 3]
-
-
-def test_a_machine_that_keeps_program_order_needs_none() -> None:
-    """Every access after the one before it, as on one processor: the protocol itself is sound."""
-    writer = [part for access in litmus.writer_program("") for part in (access, litmus.Access(None))]
-    for way in litmus.WAYS:
-        reader, number = litmus.reader_program("", way, 0, 1)
-        found = set(litmus.executions(writer, [part for access in reader for part in (access, litmus.Access(None))], 1))
-        assert found and all(values[1] == number for values in found if values[-1] - number <= litmus.SLOTS - 2)
