@@ -14,5 +14,5 @@ def detect(listing: Listing) -> int | None:
 
 
 def describe(listing: Listing, scene: config.Scene) -> SceneSource:
-    files = {(0, col): listing.file(name) for col, name in enumerate(NAMES)}  # refuses links that leave the folder
-    return files_source(NAME, listing, files, rows=1, cols=3)
+    views = {(0, col): name for col, name in enumerate(NAMES)}
+    return files_source(NAME, listing, views, (1, 3))  # refuses links that leave the folder
