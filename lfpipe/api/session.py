@@ -160,17 +160,14 @@ class Session(Attachment):
     ) -> None:
         path = scene_path(scene, updated(Config(), settings).scene)
         name = name or f"py{os.getpid()}.{time.monotonic_ns() % 1000}"  # short: it is part of a socket's path
-        words = ["up", *([str(path.resolve())] if path is not None else ["--demo"]), "--session", name, *_set_words(settings)]
-        words += ["--camera", camera] if camera is not None else []
-        words += ["--display", display or ("window" if has_display() else "none")]
-        words += ["--trace", os.fspath(trace)] if trace is not None else []
+        display = display or ("window" if has_display() else "none")
+        words = ["up", "--demo" if path is None else str(path.resolve()), *_set_words(settings)]
+        for option, value in {"session": name, "camera": camera, "display": display, "trace": trace}.items():
+            words += [f"--{option}", os.fspath(value)] if value is not None else []
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115  (open as long as the session)
+        command = [sys.executable, "-P", "-c", COMMAND, *words]
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-c", COMMAND, *words],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            stderr=self._errors,
-            start_new_session=True,
+            command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=self._errors, start_new_session=True
         )
         try:
             self._wait_for_start(name)

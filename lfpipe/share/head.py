@@ -88,7 +88,7 @@ class HeadEstimator:
         camera = self.config.camera
         tilt, focal_px = math.radians(camera.tilt_deg), camera_focal_px(self.config, width_px)
         pose = CameraPose(camera.above_mm, tilt, focal_px, (width_px / 2, height_px / 2), self.config.screen.eyes_mm)
-        return _head(pose, eyes_px.tolist(), self._apart_px, head_rotation(record["head_px"]))
+        return _head(pose, np.asarray(eyes_px, np.float64), self._apart_px, head_rotation(record["head_px"]))
 
 
 def head_rotation(points: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -104,40 +104,25 @@ def head_rotation(points: NDArray[np.floating]) -> NDArray[np.float64]:
     return np.asarray(u @ vt, np.float64)
 
 
-def _head(pose: CameraPose, eyes_px: list[list[float]], apart_px: float, rotation: NDArray[np.float64]) -> Head:
-    f, (middle_x, middle_y) = pose.focal_px, pose.middle_px
-    rays = [((u - middle_x) / f, (v - middle_y) / f) for u, v in eyes_px]  # x / z, y / z on the camera's axes: right, down, ahead
-    between = ((rays[0][0] + rays[1][0]) / 2, (rays[0][1] + rays[1][1]) / 2)
-    turned = _along(between) @ rotation  # of the head on the camera's axes
-    depth_mm = f * pose.eyes_mm / apart_px
-    aside_mm = float(turned[2, 0]) * pose.eyes_mm / 2  # additional distance of the left eye over the point between them
-    left, right = (_on_screen(pose, ray, depth_mm + off) for ray, off in zip(rays, (aside_mm, -aside_mm), strict=True))
-    c, s = math.cos(pose.tilt), math.sin(pose.tilt)
-    on_screen = _FLIP @ np.array([[1, 0, 0], [0, c, s], [0, -s, c]]) @ turned @ _FLIP
-    r = on_screen.tolist()
-    pitch = math.asin(min(max(-r[1][2], -1.0), 1.0))
-    return Head(
-        left,
-        right,
-        ((left[0] + right[0]) / 2, (left[1] + right[1]) / 2, (left[2] + right[2]) / 2),
-        math.degrees(-math.atan2(r[0][2], r[2][2])),
-        math.degrees(pitch),
-        math.degrees(-math.atan2(r[1][0], r[1][1])),
-    )
-
-
 _FLIP = np.diag([-1.0, -1.0, 1.0])  # between the picture's axes (right, down, ahead) and those of a viewer who faces it
 
 
-def _on_screen(pose: CameraPose, ray: tuple[float, float], depth_mm: float) -> Point:
+def _head(pose: CameraPose, eyes_px: NDArray[np.float64], apart_px: float, rotation: NDArray[np.float64]) -> Head:
+    rays = np.column_stack([(eyes_px - pose.middle_px) / pose.focal_px, np.ones(2)])  # of the eyes, on the camera's axes
+    turned = _along(rays.mean(axis=0)) @ rotation  # of the head on the camera's axes
+    aside_mm = turned[2, 0] * pose.eyes_mm / 2  # additional distance of the left eye over the point between them
+    depths_mm = pose.focal_px * pose.eyes_mm / apart_px + np.array([[aside_mm], [-aside_mm]])
     c, s = math.cos(pose.tilt), math.sin(pose.tilt)
-    across, down = ray[0] * depth_mm, ray[1] * depth_mm
-    return -across, pose.above_mm - down * c - depth_mm * s, depth_mm * c - down * s
+    to_screen = np.array([[-1.0, 0, 0], [0, -c, -s], [0, -s, c]])
+    eyes_mm = (rays * depths_mm) @ to_screen.T + (0.0, pose.above_mm, 0.0)
+    left_mm, right_mm, between_mm = (tuple(point) for point in (*eyes_mm.tolist(), eyes_mm.mean(axis=0).tolist()))
+    r = (to_screen @ turned @ _FLIP).tolist()
+    yaw, pitch, roll = -math.atan2(r[0][2], r[2][2]), math.asin(min(max(-r[1][2], -1.0), 1.0)), -math.atan2(r[1][0], r[1][1])
+    return Head(left_mm, right_mm, between_mm, *map(math.degrees, (yaw, pitch, roll)))
 
 
-def _along(ray: tuple[float, float]) -> NDArray[np.float64]:
-    """The smallest rotation from the camera's axis to the ray (x / z, y / z)."""
-    length = math.sqrt(ray[0] ** 2 + ray[1] ** 2 + 1)
-    x, y, z = ray[0] / length, ray[1] / length, 1 / length
+def _along(ray: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The smallest rotation from the camera's axis to a ray."""
+    x, y, z = ray / np.linalg.norm(ray)
     k = 1 / (1 + z)
     return np.array([[1 - k * x * x, -k * x * y, x], [-k * x * y, 1 - k * y * y, y], [-x, -y, z]])

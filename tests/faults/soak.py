@@ -30,7 +30,7 @@ from tests.world import World, write_scene
 
 STAGES = ("capture", "track", "render")
 LETHAL = ("kill", "terminate", "stop")
-HARMLESS = ("stop_supervisor", "stall", "kill_monitor", "read_slowly", "hog", "send_garbage")
+HARMLESS = ("stop_supervisor", "stall", "hog", "send_garbage")
 DEATHS, WINDOW_S = 3, 61.0  # of one stage: five in 60 s end a session, and after the fourth it waits before a restart
 LEAK_MB = 4.0  # of one process; allocators differ by less from start to start
 LEASE_S, PATIENCE_S = 20.0, 120.0
@@ -252,24 +252,6 @@ class Soak:
         self._supervisor.send_signal(signal.SIGSTOP)
         time.sleep(3.0)
         self._supervisor.send_signal(signal.SIGCONT)
-
-    def _kill_monitor(self, _: str) -> None:
-        monitor = self.world.start("monitor", "--session", self.world.name, "--json")
-        assert monitor.stdout is not None
-        monitor.stdout.readline()
-        monitor.kill()
-        monitor.communicate()
-
-    def _read_slowly(self, _: str) -> None:
-        """It holds a slot for a second: the frame is intact, or detected as overwritten."""
-        reader = ring.Reader(self._session.segment("frames"))
-        reader.last_seq = max(0, reader.published - 1)
-        peeked = reader.peek()
-        assert peeked is not None
-        time.sleep(1.0)
-        assert is_whole(peeked[1]) or not reader.still_valid(peeked[0]), "torn, and said to be whole"
-        del peeked
-        reader.close()
 
     def _hog(self, _: str) -> None:
         for hog in [subprocess.Popen([sys.executable, "-c", HOG]) for _ in range(2)]:
