@@ -1,4 +1,4 @@
-"""`lfpipe` with a camera that looks at the screen, with a delay, exposure and readout of its own.
+"""`lfpipe` with a camera that looks at the screen, with a delay and an exposure of its own.
 
 The device's node is an ordinary file: the settings of `Optics` as JSON. At each blank the screen shows what the picture of Xvfb
 held just before, as a real screen would: the server, which has none, changes its picture 0 to 25 ms before the blank that it
@@ -20,9 +20,10 @@ from lfpipe.capture import camera
 from lfpipe.capture.v4l2_device import Mode, RawFrame
 from tests.faults.scripted_camera import ScriptedDevice
 
-SAMPLE_S, STEP_PX, BANDS = 0.002, 20, 8
+SAMPLE_S, STEP_PX = 0.002, 20
 XVFB_HZ, LEAST_HEARD, MOST_GAP_S = 60, 5, 0.008
 WIDTH, HEIGHT = 160, 120
+NOISE = 2.0
 
 
 @attrs.frozen
@@ -34,9 +35,6 @@ class Optics:
     camera_ms: float = 20.0
     rate_hz: float = 28.7  # not in step with the screen
     exposure_ms: float = 8.0
-    readout_ms: float = 15.0
-    gamma: float = 2.2
-    noise: float = 2.0
 
 
 def stamp_offset_ms(optics: Optics) -> float:
@@ -46,7 +44,7 @@ def stamp_offset_ms(optics: Optics) -> float:
 
 
 class ScreenCamera(ScriptedDevice):
-    """Samples the screen on a thread; frames are averages of samples, seen at a slant, a part hidden."""
+    """Samples the screen on a thread; a frame is the mean of what the screen showed during its exposure."""
 
     def __init__(self, path: Path) -> None:
         self.optics = Optics(**json.loads(path.read_text()))
@@ -57,9 +55,6 @@ class ScreenCamera(ScriptedDevice):
         self._thread.start()
         while not self.samples:
             time.sleep(SAMPLE_S)
-        h, w, _ = self.samples[0][1].shape
-        to = np.array([[28, 22], [130, 30], [125, 98], [35, 90]], np.float32)
-        self._matrix = cv2.getPerspectiveTransform(np.array([[0, 0], [w, 0], [w, h], [0, h]], np.float32), to)
 
     def _sample(self) -> None:
         data = np.memmap(self.optics.buffer, np.uint8, "r")
@@ -99,29 +94,18 @@ class ScreenCamera(ScriptedDevice):
         while True:
             if time.monotonic() > until:
                 raise TimeoutError
-            behind = int(max(time.monotonic() - self._due - (optics.camera_ms + optics.readout_ms / 2) / 1e3, 0) * optics.rate_hz)
+            behind = int(max(time.monotonic() - self._due - optics.camera_ms / 1e3, 0) * optics.rate_hz)
             self._due += (1 + behind) / optics.rate_hz  # frames that nobody fetched in time are lost
             self._count += 1 + behind
-            end, stamp = self._due, self._due + optics.camera_ms / 1e3  # of the exposure of the middle row, and its stamp
-            time.sleep(max(0.0, stamp + optics.readout_ms / 2e3 - time.monotonic()))
-            reach_s = (optics.readout_ms / 2 + optics.exposure_ms) / 1e3
-            if self._saw_all(end - optics.screen_ms / 1e3 - reach_s, end - optics.screen_ms / 1e3 + reach_s):
+            end, stamp = self._due - optics.screen_ms / 1e3, self._due + optics.camera_ms / 1e3  # of the exposure; its stamp
+            time.sleep(max(0.0, stamp - time.monotonic()))
+            if self._saw_all(end - optics.exposure_ms / 1e3, end):
                 break  # a busy machine left gaps: such a frame is lost, too
         recent = self._shown()
         since = np.array([*(t for t, _ in recent), time.monotonic()])
-        light = np.empty((HEIGHT, WIDTH), np.float32)
-        for band in range(BANDS):
-            last = end + ((band + 0.5) / BANDS - 0.5) * optics.readout_ms / 1e3 - optics.screen_ms / 1e3
-            edges = np.clip(since, last - optics.exposure_ms / 1e3, last)
-            shares = np.diff(edges)
-            seen = sum(shares[k] * recent[k][1].astype(np.float32) for k in np.nonzero(shares)[0])
-            seen = np.asarray(seen / max(shares.sum(), 1e-9) / 255, np.float32) * np.ones(recent[0][1].shape, np.float32)
-            rows = slice(band * HEIGHT // BANDS, (band + 1) * HEIGHT // BANDS)
-            light[rows] = cv2.warpPerspective(seen, self._matrix, (WIDTH, HEIGHT))[rows]
-        light[:, 108:] = 0  # something stands before it
-        levels = 255 * (0.05 + 0.6 * light) ** (1 / optics.gamma)
-        noise = self._rng.normal(0, optics.noise, (HEIGHT, WIDTH)).astype(np.float32)
-        levels += noise
+        shares = np.diff(np.clip(since, end - optics.exposure_ms / 1e3, end))
+        light = sum(shares[k] * recent[k][1].astype(float) for k in np.nonzero(shares)[0]) / max(shares.sum(), 1e-9)
+        levels = 13 + 0.6 * cv2.resize(np.asarray(light), (WIDTH, HEIGHT)) + self._rng.normal(0, NOISE, (HEIGHT, WIDTH))
         picture = cv2.cvtColor(np.clip(levels, 0, 255).astype(np.uint8), cv2.COLOR_GRAY2BGR)
         return RawFrame(picture.reshape(-1), self._count, int(stamp * 1e9), False, False)
 
