@@ -28,7 +28,10 @@ class DisplayNotice:
 
 
 class Display:
-    """Accepts pictures and shows nothing: `--display none`, and what other displays replace."""
+    """Accepts pictures and shows nothing: `--display none`, and what other displays replace. pointer: the mouse, as the last call
+    of `events` left it."""
+
+    pointer = Pointer()
 
     @property
     def blanks_by(self) -> str:
@@ -56,10 +59,6 @@ class Display:
         """Keys, clicks and drops since the last call: the events of `overlay.KEYS` and of the overlay's items, names of arrows,
         "close", "load PATH". Call it often: it keeps a window alive."""
         return []
-
-    def pointer(self) -> Pointer:
-        """The mouse, as the last call of `events` left it."""
-        return Pointer()
 
     def notices(self) -> list[DisplayNotice]:
         """Notices since the last call, each once."""

@@ -33,7 +33,7 @@ ALPHA_STEP = 1.1  # hardly visible at once, twice the movement in seven
 GHOST_STEP = 5.0  # %: the least that is seen
 MODES = choices("render.anaglyph")
 HINT_NS = 6 * SECOND_NS  # a person looks at the scene first
-STATUS_NS = SECOND_NS // 2  # between two readings of the overlay's figures
+FIGURES_NS = SECOND_NS // 2  # between two readings: faster ones cannot be read
 FACELESS_NS = 4 * SECOND_NS  # a turned head is no reason for a notice
 INVITATION = "put on the glasses and stand in front of the screen"
 ASKED_NS = 8 * SECOND_NS  # time to look which is which
@@ -49,17 +49,18 @@ class KeyBindings:
         self._page = ScenePage(context)
         self._dialog: subprocess.Popen[str] | None = None  # at most one, so that pictures go on meanwhile
         first = not context.row["restarts"]
-        self._asks = context.options.ask_glasses and first  # whether the question about the glasses is open
+        # over the picture: "glasses", the question; "scenes"; "help"; "figures"; or nothing
+        self._over = "glasses" if context.options.ask_glasses and first else ""
         self._page_waits = context.options.start and first  # for the answer, and for the test of the glasses
         self._before_test = context.config.render
-        self._lines_of, self._lines, self._lines_due_ns = "", tuple[str, ...](), 0  # of "help", "overlay" or nothing
+        self._figures, self._figures_due_ns = tuple[str, ...](), 0
         self._known = (context.config.render, level_number(context.options), viewer.field.name, viewer.field.half_turned)
         self._actions: dict[str, Callable[[str], None]] = {
             "quit": lambda _: context.request("stop"),
             "recentre": lambda _: self._recentre(),
             "screenshot": lambda _: self._screenshot(),
-            "overlay": lambda _: self._switch_lines("overlay"),
-            "help": lambda _: self._switch_lines("help"),
+            "overlay": lambda _: self._switch("figures"),
+            "help": lambda _: self._switch("help"),
             "freeze": lambda _: context.request("resume" if context.paused else "pause"),
             "mode": lambda _: self._set(anaglyph=MODES[(MODES.index(context.config.render.anaglyph) + 1) % len(MODES)]),
             "depth+": lambda _: self._move_plane(1),
@@ -71,21 +72,21 @@ class KeyBindings:
             "swap": lambda _: self._set(swap_eyes=not context.config.render.swap_eyes),
             "half-turn": lambda _: context.request("set", set={"scene.half_turn": "no" if viewer.field.half_turned else "yes"}),
             "record": lambda _: self._record(),
-            "choose": lambda _: self._switch_page(),
-            "close": lambda _: self._close(),
+            "choose": lambda _: self._switch("scenes"),
+            "close": lambda _: self._switch(""),
             "load": self._load,
             "delete": lambda event: self._page.forget(event.removeprefix("load ")),
             "next": lambda _: self.scenes.step(1),
             "previous": lambda _: self.scenes.step(-1),
             "open": lambda _: self._open(folder=True),
             "open-file": lambda _: self._open(folder=False),
-            "which": lambda _: self._close_menu(then_ask=True),
+            "which": lambda _: self._switch("glasses"),
             "wear": self._wear,
             "glasses": lambda _: self._test_glasses(),
             "more": lambda _: self._compensate_ghost(GHOST_STEP),
             "less": lambda _: self._compensate_ghost(-GHOST_STEP),
         }
-        if not (context.options.kiosk or self._asks or self._page_waits):
+        if not (context.options.kiosk or self._over or self._page_waits):
             self._notices.say("hint", HINT, HINT_NS)
         self._ask_about_depth()
         self._show_overlay(now_ns())  # keys that are pressed now are for the menu
@@ -102,57 +103,43 @@ class KeyBindings:
             if path.strip():  # else it was cancelled
                 self.scenes.load(Path(path).absolute())
         t_ns = now_ns()
-        self._presenter.mouse.follow(self._display.pointer(), t_ns)
+        self._presenter.mouse.follow(self._display.pointer, t_ns)
         self.pass_on_notices()
         if self._viewer.shown_as_wide(self._display.width_mm()):  # a larger picture has larger parallax
             self._presenter.redraw()
         self.scenes.serve(t_ns)
-        self._page.serve(t_ns)
+        if self._over == "scenes":
+            self._page.serve(t_ns)
         self._notice_changes()
         self._show_overlay(t_ns)
 
     def _show_overlay(self, t_ns: int) -> None:
-        if self._page_waits and not self._asks and not self._presenter.tests_glasses:
+        if self._page_waits and not self._over and not self._presenter.tests_glasses:
+            self._switch("scenes")
+        if self._over == "figures" and t_ns >= self._figures_due_ns:
+            self._figures, self._figures_due_ns = status_lines(self._context, self._viewer), t_ns + FIGURES_NS
+            self._presenter.redraw()
+        lines = {"help": HELP, "figures": self._figures}.get(self._over, ())
+        menu = self._page.menu() if self._over == "scenes" else None
+        if self._over == "glasses":
+            menu = glasses_menu(self._context.config.render.anaglyph)
+        notices = self._notices.lines(t_ns, self._standing(t_ns))
+        self._display.overlay(Overlay(lines, None, notices, self.scenes.share, menu, self._bar()))
+
+    def _switch(self, over: str) -> None:
+        """Puts one thing over the picture; takes it away if it is there."""
+        options = self._context.options
+        if over == "scenes" and len(options.playlist) < 2 and not options.start:
+            self._notices.say("scene", NO_OTHER)
+            return
+        self._page.close()
+        self._over, self._figures_due_ns = "" if over == self._over else over, 0
+        if self._over == "scenes":
             self._page_waits = False
             self._page.open()
-        if self._lines_of == "overlay" and t_ns >= self._lines_due_ns:
-            self._lines, self._lines_due_ns = status_lines(self._context, self._viewer), t_ns + STATUS_NS
-            self._presenter.redraw()
-        self._notices.standing = self._standing(t_ns)
-        menu = self._page.menu() if self._page.is_open else None
-        if self._asks:
-            menu = glasses_menu(self._context.config.render.anaglyph)
-        self._display.overlay(Overlay(self._lines, None, self._notices.lines(t_ns), self.scenes.share, menu, self._bar()))
-
-    # menus
-
-    def _switch_lines(self, of: str) -> None:
-        """Shows the help or the figures, or nothing if they are on show."""
-        self._lines_of = "" if self._lines_of == of else of
-        self._lines, self._lines_due_ns = HELP if self._lines_of == "help" else (), 0
-
-    def _close(self) -> None:
-        """Closes the help or the figures, or else the menu."""
-        if self._lines_of:
-            self._switch_lines(self._lines_of)
-        else:
-            self._close_menu()
-
-    def _switch_page(self) -> None:
-        options = self._context.options
-        if self._asks or self._page.is_open:
-            self._close_menu()
-        elif len(options.playlist) > 1 or options.start:
-            self._page.open()
-        else:
-            self._notices.say("scene", NO_OTHER)
-
-    def _close_menu(self, then_ask: bool = False) -> None:
-        self._asks = then_ask
-        self._page.close()
 
     def _load(self, path: str) -> None:
-        self._page.close()
+        self._switch("")
         if path:
             self.scenes.load(Path(path).absolute())
         else:
@@ -178,7 +165,7 @@ class KeyBindings:
 
     def _wear(self, anaglyph: str) -> None:
         """Keeps the answer, and begins the test of these glasses."""
-        self._asks = False
+        self._switch("")
         self._keep(anaglyph=anaglyph)
         self._set(anaglyph=anaglyph)
         if anaglyph != "mono" and not self._presenter.tests_glasses:
@@ -186,7 +173,7 @@ class KeyBindings:
 
     def _test_glasses(self) -> None:
         """Begins or ends the test; at its end the changes are kept in the person's settings."""
-        self._close_menu()
+        self._switch("")
         render, before, ends = self._context.config.render, self._before_test, self._presenter.tests_glasses
         self._presenter.tests_glasses, self._before_test = not ends, render
         if ends:

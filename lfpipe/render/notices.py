@@ -21,10 +21,9 @@ CHANGES = {  # of [render]
 
 
 class Notices:
-    """Lines that pass, by subject: a new one replaces the previous one of its subject. standing: those that stay."""
+    """Lines that pass, by subject: a new one replaces the previous one of its subject."""
 
     def __init__(self) -> None:
-        self.standing: list[str] = []
         self._passing: dict[str, tuple[str, int]] = {}  # subject -> (text, end)
 
     def say(self, subject: str, text: str, shown_ns: int = SHOWN_NS) -> None:
@@ -32,9 +31,9 @@ class Notices:
         self._passing.pop(subject, None)  # the newest comes last
         self._passing[subject] = text, now_ns() + shown_ns
 
-    def lines(self, t_ns: int) -> tuple[str, ...]:
-        """The lines to show at t_ns."""
-        texts = [*(text for text, end_ns in self._passing.values() if end_ns > t_ns), *self.standing]
+    def lines(self, t_ns: int, standing: list[str]) -> tuple[str, ...]:
+        """The lines to show at t_ns. standing: those that stay as long as they are true."""
+        texts = [*(text for text, end_ns in self._passing.values() if end_ns > t_ns), *standing]
         return tuple(line for text in texts for line in text.splitlines())
 
 

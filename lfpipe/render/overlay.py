@@ -99,7 +99,7 @@ def bar_items(depth: float, recording: bool, without: frozenset[str]) -> tuple[I
 @attrs.frozen
 class Pointer:
     """The mouse over the window. x, y: share of the window, from its top left corner. left, right: buttons held. wheel: steps
-    away from the person since the last call."""
+    away from the person, since the events before."""
 
     x: float = 0.5
     y: float = 0.5

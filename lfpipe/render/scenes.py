@@ -105,7 +105,6 @@ class ScenePage:
 
     def __init__(self, context: Context) -> None:
         self._context = context
-        self.is_open = False
         self._scenes: list[str] = list(context.options.playlist)
         self._at = 0
         self._pictures: dict[str, NDArray[np.uint8] | None] = {}
@@ -122,18 +121,16 @@ class ScenePage:
         return Menu("Choose a scene", HINT, tuple(items), self._at)
 
     def open(self) -> None:
-        """Shows the scenes; reads their pictures again, as one may have been packed since."""
+        """Selects the scene on show; reads the pictures again, as one may have been packed since."""
         options = self._context.options
         now = options.playlist[options.playlist_at]
         self._at = self._scenes.index(now) if now in self._scenes else 0
         self._pictures.clear()
         if options.tracking and self._camera is None:
             self._camera = Reader(self._context.spec.session.segment("frames"))
-        self.is_open = True
 
     def close(self) -> None:
-        """Closes the menu."""
-        self.is_open = False
+        """Ends what reads pictures."""
         for scene in list(self._packings):
             self._packings.pop(scene).close()
 
@@ -151,8 +148,6 @@ class ScenePage:
 
     def serve(self, t_ns: int) -> None:
         """Reads one more thumbnail and, now and then, the camera's picture."""
-        if not self.is_open:
-            return
         unread = [scene for scene in self._scenes if scene not in self._pictures]
         if unread:
             with self._context.busy_with("reading thumbnails"):

@@ -13,7 +13,7 @@ from lfpipe.host.presentation import Presented
 from lfpipe.render import window_system
 from lfpipe.render.display import Display
 from lfpipe.render.monitors import find_monitor, monitors
-from lfpipe.render.overlay import EVENTS, Overlay, Pointer
+from lfpipe.render.overlay import EVENTS, Overlay
 from lfpipe.render.overlay_view import OverlayView, Panel
 from lfpipe.render.painters import open_painter
 from lfpipe.render.pair_layout import Pair, laid_out
@@ -43,7 +43,7 @@ class Window(Display):
         self._pair: Pair | None = None
         self._how = ""
         self._laid: NDArray[np.uint8] | None = None
-        self._view, self._drawn, self._pointer = OverlayView(), list[Panel](), Pointer()
+        self._view, self._drawn = OverlayView(), list[Panel]()
         self._number = self._handed = 0  # of the picture, and of the hand-over: a picture may be drawn again
         self._numbers: dict[int, int] = {}  # hand-over -> picture
         try:
@@ -158,6 +158,7 @@ class Window(Display):
     def events(self) -> list[str]:
         """Handles full screen itself, and redraws after it was covered or resized."""
         names, again = [], False
+        self.pointer = attrs.evolve(self.pointer, wheel=0)
         for event in window_system.take_events():
             if event.type in RESIZED:
                 self._find_monitor()
@@ -187,21 +188,17 @@ class Window(Display):
     def _mouse(self, event: pygame.Event) -> str:
         """Moves the pointer; the name of what a click or a touch means."""
         if event.type == pygame.MOUSEWHEEL:
-            self._pointer = attrs.evolve(self._pointer, wheel=self._pointer.wheel + event.y)
+            self.pointer = attrs.evolve(self.pointer, wheel=self.pointer.wheel + event.y)
         else:
             x, y = (min(max(at / size, 0.0), 1.0) for at, size in zip(event.pos, self._window.size, strict=True))
             button = BUTTONS.get(event.button) if event.type != pygame.MOUSEMOTION else None
             held = {button: event.type == pygame.MOUSEBUTTONDOWN} if button else {}
-            self._pointer = attrs.evolve(self._pointer, x=x, y=y, **held)
+            self.pointer = attrs.evolve(self.pointer, x=x, y=y, **held)
         x_px, y_px = self._painter.size_px()
-        name = self._view.mouse(event, (round(self._pointer.x * x_px), round(self._pointer.y * y_px)))
+        name = self._view.mouse(event, (round(self.pointer.x * x_px), round(self.pointer.y * y_px)))
         if name:
-            self._pointer = attrs.evolve(self._pointer, left=False)  # a click, and no drag of the view
+            self.pointer = attrs.evolve(self.pointer, left=False)  # a click, and no drag of the view
         return name
-
-    def pointer(self) -> Pointer:
-        pointer, self._pointer = self._pointer, attrs.evolve(self._pointer, wheel=0)
-        return pointer
 
     def title(self, name: str) -> None:
         self._title = self._window.title = f"lfpipe: {window_system.drawable(name)}"
@@ -229,15 +226,14 @@ class CalibrationWindow(Window):
         self.enter |= not events.isdisjoint({"enter", "freeze"})
 
     def _mouse(self, event: pygame.Event) -> str:
+        name = super()._mouse(event)
         if event.type == pygame.MOUSEBUTTONDOWN and event.button == 1:
-            self.clicks.append(self.to_picture(event.pos))
-        return super()._mouse(event)
+            self.clicks.append(self.to_picture(self.pointer.x, self.pointer.y))
+        return name
 
-    def to_picture(self, position: tuple[int, int]) -> tuple[float, float]:
-        """Converts a position in the window to px of the picture."""
+    def to_picture(self, x: float, y: float) -> tuple[float, float]:
+        """Converts shares of the window to px of the picture."""
         assert self._picture is not None
-        rows, cols = self._picture.shape[:2]
-        window_px, window = self._painter.size_px(), self._window.size
-        x, y, width, height = fit_area((cols, rows), window_px)
-        x_px, y_px = position[0] * window_px[0] / window[0], position[1] * window_px[1] / window[1]
-        return (x_px - x) * cols / width, (y_px - y) * rows / height
+        (rows, cols), window_px = self._picture.shape[:2], self._painter.size_px()
+        left, top, width, height = fit_area((cols, rows), window_px)
+        return (x * window_px[0] - left) * cols / width, (y * window_px[1] - top) * rows / height

@@ -145,7 +145,7 @@ def test_on_a_desktop_that_scales_pixels_are_the_screens_own(tmp_path: Path, mon
             shown_mm, pitch_mm = window.width_mm(), monitors()[0].pixel_mm
             assert shown_mm is not None and pitch_mm is not None
             assert shown_mm == pytest.approx(1280 * pitch_mm), "640 units wide, 1280 pixels"
-            assert window.to_picture((320, 256)) == pytest.approx((250, 200))
+            assert window.to_picture(0.5, 0.5) == pytest.approx((250, 200))
         finally:
             window.close()
     finally:

@@ -135,4 +135,4 @@ def test_the_bar_comes_with_the_mouse_and_a_click_is_a_key(window: Callable[...,
     assert (screen.shown()[:350] == 90).all()
     for name in (pygame.MOUSEMOTION, pygame.MOUSEBUTTONDOWN):
         pygame.event.post(pygame.event.Event(name, pos=(12, 440), rel=(1, 1), buttons=(0, 0, 0), button=1))
-    assert pressed(display) == ["choose"] and not display.pointer().left
+    assert pressed(display) == ["choose"] and not display.pointer.left

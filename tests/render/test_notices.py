@@ -16,11 +16,10 @@ from lfpipe.transport.clock import now_ns
 
 def test_notices_pass_and_states_stay() -> None:
     notices, t_ns = Notices(), now_ns()
-    notices.standing = ["", "paused"]
     notices.say("mode", "mode: grey")
     notices.say("mode", "mode: mono")
-    assert notices.lines(t_ns + SHOWN_NS - 1) == ("mode: mono", "paused")
-    assert notices.lines(now_ns() + SHOWN_NS) == ("paused",)
+    assert notices.lines(t_ns + SHOWN_NS - 1, ["", "paused"]) == ("mode: mono", "paused")
+    assert notices.lines(now_ns() + SHOWN_NS, ["", "paused"]) == ("paused",)
 
 
 @pytest.mark.parametrize("anaglyph", [name for name in choices("render.anaglyph") if name in MATRICES])
@@ -48,7 +47,7 @@ def test_the_picture_says_how_far_a_scene_is_loaded_whoever_asked() -> None:
     scenes = SceneLoader(context, notices)  # type: ignore[arg-type]
 
     def shown() -> list[str]:
-        return list(filter(None, (*notices.lines(now_ns()), scenes.words(now_ns()))))
+        return list(filter(None, (*notices.lines(now_ns(), []), scenes.words(now_ns()))))
 
     def report(scene: str, step: str) -> None:
         scenes.report({"scene": scene, "step": step, "shown": False, "share": None})
