@@ -2,7 +2,6 @@
 
 import codecs
 import contextlib
-import difflib
 import errno
 import importlib
 import io
@@ -62,9 +61,10 @@ class Commands(click.Group):
         try:
             return super().resolve_command(ctx, args)
         except click.UsageError as error:
-            close = difflib.get_close_matches(args[0], COMMANDS, 1, 0.5)
-            hint = f" Did you mean {close[0]!r}?" if close else ""
-            raise click.UsageError(error.message + hint, ctx) from None
+            from lfpipe.config.check import closest
+
+            close = closest(args[0], COMMANDS, 0.5)
+            raise click.UsageError(f"{error.message} Did you mean {close!r}?" if close else error.message, ctx) from None
 
 
 @click.group(

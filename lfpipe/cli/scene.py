@@ -76,16 +76,16 @@ def pack(path: Path, as_json: bool, config: Config) -> None:
 @JSON
 def list_packs(as_json: bool, config: Config) -> None:
     """List the packs in the cache."""
-    found = packs(config.scene)
+    cached = packs(config.scene)
     if as_json:
         keys = ("name", "source", "layout", "rows", "cols", "frames", "height", "width", "created")
-        rows = [{"key": f.name, "bytes": size, **{k: m.get(k) for k in keys}} for f, m, size in found]
+        rows = [{"key": folder.name, "bytes": size, **{key: about.get(key) for key in keys}} for folder, about, size in cached]
         click.echo(json.dumps({"cache": str(cache_dir(config.scene)), "packs": rows}))
         return
-    for folder, m, size in found:
-        grid = f"{m['rows']}x{m['cols']} of {m['width']}x{m['height']}" if "rows" in m else "damaged"
-        click.echo(f"{folder.name} {size / 1e6:8.1f} MB  {grid}\n    {m.get('source', '')}")
-    click.echo(f"{len(found)} packs, {sum(size for _, _, size in found) / 1e6:.1f} MB in {cache_dir(config.scene)}")
+    for folder, about, size in cached:
+        grid = "{rows}x{cols} of {width}x{height}".format(**about) if "rows" in about else "damaged"
+        click.echo(f"{folder.name} {size / 1e6:8.1f} MB  {grid}\n    {about.get('source', '')}")
+    click.echo(f"{len(cached)} packs, {sum(size for _, _, size in cached) / 1e6:.1f} MB in {cache_dir(config.scene)}")
 
 
 @scene.command()
@@ -94,17 +94,16 @@ def list_packs(as_json: bool, config: Config) -> None:
 @with_config
 def clean(keys: tuple[str, ...], everything: bool, config: Config) -> None:
     """Remove packs by key or name. Without KEY, remove only leftovers of killed runs. Packs that a session shows are kept."""
-    found = packs(config.scene)
-    known = {word for folder, m, _ in found for word in (folder.name, m.get("name"), m.get("source"))}
-    if unknown := [key for key in keys if key not in known]:
+    cached = packs(config.scene)
+    names = {folder: {folder.name, about.get("name"), about.get("source")} for folder, about, _ in cached}
+    if unknown := sorted(set(keys).difference(*names.values())):
         raise UserError(f"{', '.join(unknown)}: no such pack", "`lfpipe scene list` shows keys and names")
-    chosen = [p for p in found if everything or {p[0].name, p[1].get("name"), p[1].get("source")} & set(keys)]
-    gone = [pack for pack in chosen if remove(pack[0])]
-    for folder, manifest, _ in chosen:
-        if is_dir(folder):
-            click.echo(f"in use, kept: {folder.name}  {manifest.get('name', '')}")
-    left = sweep(config.scene)
-    click.echo(f"removed {len(gone)} packs, {sum(size for _, _, size in gone) / 1e6:.1f} MB, and {left} leftovers")
+    chosen = {folder: size for folder, _, size in cached if everything or names[folder] & set(keys)}
+    removed_bytes = [size for folder, size in chosen.items() if remove(folder)]
+    for folder in filter(is_dir, chosen):
+        click.echo(f"in use, kept: {folder.name}")
+    leftovers = sweep(config.scene)
+    click.echo(f"removed {len(removed_bytes)} packs, {sum(removed_bytes) / 1e6:.1f} MB, and {leftovers} leftovers")
 
 
 @scene.command()
@@ -216,10 +215,10 @@ def make(path: Path, out: Path | None, config: Config) -> None:
     """Make a light field of one row from CLIP, a video or a folder of pictures taken while sliding the camera sideways."""
     with progress() as bar:
         folder = out or path.with_name(f"{path.stem}-views")
-        made = ask_packer(path, config.scene, bar, do="make", out=str(folder))
-    click.echo(f"{made['views']} views of {made['width_px']}x{made['height_px']} px, chosen from {made['frames']} pictures")
-    parallax = f"{made['spread_px']:.0f} px between outermost views, {made['residual_px']:.2f} px vertical error (95 %)"
+        facts = ask_packer(path, config.scene, bar, do="make", out=str(folder))
+    click.echo(f"{facts['views']} views of {facts['width_px']}x{facts['height_px']} px, chosen from {facts['frames']} pictures")
+    parallax = f"{facts['spread_px']:.0f} px between outermost views, {facts['residual_px']:.2f} px vertical error (95 %)"
     click.echo(f"  parallax    {parallax}")
-    click.echo(f"  direction   {made['order']} ({'sure' if made['order_sure'] else '`lfpipe scene sheet` shows near and far'})")
-    opened(Path(made["folder"]), config)
-    click.echo(made["folder"])
+    click.echo(f"  direction   {facts['order']} ({'sure' if facts['order_sure'] else '`lfpipe scene sheet` shows near and far'})")
+    opened(Path(facts["folder"]), config)
+    click.echo(facts["folder"])

@@ -58,19 +58,19 @@ def ladder(config: Config, options: SessionOptions) -> tuple[QualityLevel, ...]:
             rate_hz /= 2
         if options.tracking:
             steps.append(("eyes", "every", 2))
-    made = [QualityLevel(0, "", method, config.render.nominal_hz, 1, "full")]
+    levels = [QualityLevel(0, "", method, config.render.nominal_hz, 1, "full")]
     for work, what, value in steps:
-        made.append(attrs.evolve(made[-1], number=len(made), work=work, **{what: value}))
-    return tuple(attrs.evolve(level, words=_words(level, made[0])) for level in made)
+        levels.append(attrs.evolve(levels[-1], number=len(levels), work=work, **{what: value}))
+    return tuple(attrs.evolve(level, words=_words(level, levels[0])) for level in levels)
 
 
 def _words(level: QualityLevel, full: QualityLevel) -> str:
-    parts = [
+    changes = [
         f"{level.method} views" if level.method != full.method else "",
         f"{level.rate_hz:g} pictures/s" if level.rate_hz != full.rate_hz else "",
         f"every {level.every}nd frame tracked" if level.every != full.every else "",
     ]
-    return ", ".join(part for part in parts if part) or "full"
+    return ", ".join(filter(None, changes)) or "full"
 
 
 def lowered(config: Config, options: SessionOptions) -> Config:

@@ -79,7 +79,7 @@ def write_keys(path: Path, section: str, values: Mapping[str, float | bool | str
 
 def _range(key: Key) -> str:
     limits = f"{key.low:g} to {key.high:g}" if math.isfinite(key.low) else ""
-    accepted = " or ".join(part for part in (f"{limits} {key.unit}".strip(), ", ".join(map(str, key.words))) if part)
+    accepted = " or ".join(filter(None, (f"{limits} {key.unit}".strip(), ", ".join(map(str, key.words)))))
     return f" [{accepted}]" if accepted else ""
 
 

@@ -9,12 +9,12 @@ import socket
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from pathlib import Path
 from typing import Any
 
 import attrs
 import cv2
 import numpy as np
+import psutil
 
 from tests.world import World
 
@@ -75,16 +75,15 @@ class Server:
 
     def send(self, data: bytes) -> socket.socket:
         """A connection that has sent data."""
-        made = socket.create_connection(("127.0.0.1", self.port), timeout=60)
-        made.sendall(data)
-        return made
+        connection = socket.create_connection(("127.0.0.1", self.port), timeout=60)
+        connection.sendall(data)
+        return connection
 
     def threads(self) -> int:
-        return len(list(Path(f"/proc/{self.pid}/task").iterdir()))
+        return psutil.Process(self.pid).num_threads()
 
     def sockets(self) -> int:
-        links = Path(f"/proc/{self.pid}/fd").iterdir()
-        return sum(1 for link in links if link.is_symlink() and str(link.readlink()).startswith("socket:"))
+        return len(psutil.Process(self.pid).net_connections())
 
 
 @contextmanager
@@ -94,18 +93,18 @@ def served(world: World, *args: str) -> Iterator[Server]:
     with log.open("w") as output:
         words = ("monitor", "--session", world.name, "--web", *(args or (":0",)))
         process = world.start(*words, stdout=output, stderr=output)
-    said = until(lambda: re.search(r"http://(\S+):(\d+)/\?token=(\S+)", log.read_text()), "address")
-    yield Server(int(said[2]), said[3], process.pid)
+    port, token = until(lambda: re.findall(r"http://\S+:(\d+)/\?token=(\S+)", log.read_text()), "address")[0]
+    yield Server(int(port), token, process.pid)
     assert process.poll() is None, log.read_text()
     process.send_signal(signal.SIGINT)
     code, text = process.wait(60), log.read_text()
-    assert code == 0 and len(text.splitlines()) == 1 and text.count(said[3]) == 1, text
+    assert code == 0 and len(text.splitlines()) == 1 and text.count(token) == 1, text
 
 
 def until(condition: Callable[[], Any], what: str, timeout_s: float = 60) -> Any:
     end = time.monotonic() + timeout_s
     while time.monotonic() < end:
-        if found := condition():
-            return found
+        if outcome := condition():
+            return outcome
         time.sleep(0.1)
     raise AssertionError(f"no {what} within {timeout_s} s")
