@@ -13,7 +13,7 @@ from typing import NoReturn
 import click
 
 from lfpipe import __version__
-from lfpipe.errors import UserError, shown
+from lfpipe.errors import UserError
 from lfpipe.host.terminal import protect_output
 from lfpipe.log import set_up
 
@@ -145,7 +145,7 @@ def run() -> None:
         _drop_output()
         sys.exit(141)
     except OSError as error:  # of this machine: a full disk, a folder that may not be searched, a drive that has gone
-        where = f"{shown(error.filename)}: " if error.filename else ""
+        where = f"{error.filename}: " if error.filename else ""
         remedy = "free some space" if error.errno in (errno.ENOSPC, errno.EDQUOT) else "check that path and its permissions"
         _fail(UserError(f"{where}{error.strerror or error}", f"{remedy}; -vv shows where it failed"))
     except (MemoryError, ImportError) as error:

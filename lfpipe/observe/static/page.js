@@ -27,24 +27,24 @@ function makeLatency(names) {
   return new uPlot(options, [[], [], ...names.map(() => [])], $("latency"));
 }
 
-function charts(told) {
-  const names = Object.keys(told.stages);
+function charts(sample) {
+  const names = Object.keys(sample.stages);
   if (page.latency === null || names.join() !== Object.keys(rows.stages).join()) {
     if (page.latency) page.latency.destroy();
     rows.t = []; rows.age = []; rows.stages = Object.fromEntries(names.map((name) => [name, []]));
     page.latency = makeLatency(names);
   }
-  rows.t.push(told.uptime_s); rows.age.push(told.end_to_end.n ? told.end_to_end.p50_ms : null);
-  for (const [name, stage] of Object.entries(told.stages)) rows.stages[name].push(stage.wait.p50_ms + stage.busy.p50_ms);
+  rows.t.push(sample.uptime_s); rows.age.push(sample.end_to_end.n ? sample.end_to_end.p50_ms : null);
+  for (const [name, stage] of Object.entries(sample.stages)) rows.stages[name].push(stage.wait.p50_ms + stage.busy.p50_ms);
   for (const list of [rows.t, rows.age, ...Object.values(rows.stages)]) if (list.length > POINTS) list.shift();
   page.latency.setData([rows.t, rows.age, ...Object.values(rows.stages)]);
 }
 
-function table(told) {
+function table(sample) {
   const cells = (name, stage) => [[name], [stage.state.toLowerCase(), stage.state !== "RUNNING"], [stage.fps.toFixed(1)], [stage.wait.p50_ms.toFixed(2)],
     [stage.busy.p50_ms.toFixed(2)], [stage.busy.p95_ms.toFixed(2)], [stage.busy.p99_ms.toFixed(2)], [stage.max_ms.toFixed(2)],
     [stage.dropped, stage.dropped > 0], [stage.restarts, stage.restarts > 0], [stage.cpu_percent.toFixed(0)], [stage.cpus.join(" ")], [stage.rss_mb.toFixed(0)]];
-  $("stages").replaceChildren(...Object.entries(told.stages).map(([name, stage]) => {
+  $("stages").replaceChildren(...Object.entries(sample.stages).map(([name, stage]) => {
     const row = document.createElement("tr");
     for (const [text, bad] of cells(name, stage)) {
       const cell = document.createElement("td");
@@ -64,8 +64,8 @@ const free = (id) => held !== id || performance.now() > heldUntil;
 async function command(message) {
   try {
     const answer = await fetch("ctl", { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(message) });
-    const told = await answer.json();
-    $("note").textContent = told.ok ? "" : told.error + (told.remedy ? ` (${told.remedy})` : "");
+    const reply = await answer.json();
+    $("note").textContent = reply.ok ? "" : reply.error + (reply.remedy ? ` (${reply.remedy})` : "");
   } catch { $("note").textContent = "the monitor has ended"; }
 }
 
@@ -78,25 +78,25 @@ async function set(key, value) {
   busy = false;
 }
 
-function show(told) {
-  const render = told.config && told.config.render;
+function show(sample) {
+  const render = sample.config && sample.config.render;
   if (!render) return;
   for (const key of ["anaglyph", "method"]) if (free(key)) $(key).value = render[key];
-  if (told.depth_px && free("zero")) [$("zero").min, $("zero").max, $("zero").step] = [told.depth_px[0], told.depth_px[1], told.depth_px[2] / 5];
+  if (sample.depth_px && free("zero")) [$("zero").min, $("zero").max, $("zero").step] = [sample.depth_px[0], sample.depth_px[1], sample.depth_px[2] / 5];
   if (free("zero") && typeof render.zero_plane_px === "string") $("zero_out").textContent = render.zero_plane_px;
   else if (free("zero")) { $("zero").value = render.zero_plane_px; $("zero_out").textContent = `${render.zero_plane_px.toFixed(2)} px/view`; }
   if (free("ghost")) { $("ghost").value = render.ghost_compensation; $("ghost_out").textContent = `${render.ghost_compensation.toFixed(0)} %`; }
-  const scenes = told.playlist || [];
+  const scenes = sample.playlist || [];
   $("scenes").hidden = scenes.length < 2;
   if ($("scene").options.length !== scenes.length) $("scene").replaceChildren(...scenes.map((name) => new Option(name)));
-  if (free("scene")) $("scene").selectedIndex = told.playlist_at;
+  if (free("scene")) $("scene").selectedIndex = sample.playlist_at;
   const auto = typeof render.alpha_px === "string";
   if (free("alpha")) {
     $("alpha_auto").checked = auto;
     if (!auto) $("alpha").value = Math.log10(render.alpha_px);
     $("alpha_out").textContent = auto ? render.alpha_px : `${render.alpha_px.toFixed(1)} px/view`;
   }
-  $("pause").textContent = told.paused ? "resume" : "pause";
+  $("pause").textContent = sample.paused ? "resume" : "pause";
 }
 
 const alphaOf = (slider) => Math.round(10 * 10 ** Number(slider)) / 10; // the slider is logarithmic: 1 to 1000 px
@@ -117,16 +117,16 @@ for (const word of ["recentre", "reset"]) $(word).addEventListener("click", () =
 $("pause").addEventListener("click", () => command({ cmd: $("pause").textContent }));
 
 function draw(event) {
-  const told = JSON.parse(event.data);
+  const sample = JSON.parse(event.data);
   page.events += 1;
-  page.last = told;
-  if (!told.alive) { $("state").textContent = "no session; waiting for one"; return; }
-  const minutes = Math.floor(told.uptime_s / 60), seconds = Math.floor(told.uptime_s % 60).toString().padStart(2, "0");
-  $("state").textContent = `up ${minutes}:${seconds}, camera ${told.camera_fps.toFixed(1)} Hz${told.camera_light ? ` (${told.camera_light})` : ""}, viewer ${told.viewer}`
-    + `${told.paused ? ", paused" : ""}`
-    + `${told.level ? `, quality lowered to ${told.level_words} (${told.level} of ${told.lowest_level})` : ""}; age of pictures p50 ${dash(told.end_to_end, "p50_ms")}, p99 ${dash(told.end_to_end, "p99_ms")} ms, `
-    + `eyes predicted by ${dash(told.horizon, "p50_ms")} ms${told.motion_to_photon ? `; motion to photon: ${told.motion_to_photon}` : ""}`;
-  charts(told); table(told); show(told);
+  page.last = sample;
+  if (!sample.alive) { $("state").textContent = "no session; waiting for one"; return; }
+  const minutes = Math.floor(sample.uptime_s / 60), seconds = Math.floor(sample.uptime_s % 60).toString().padStart(2, "0");
+  $("state").textContent = `up ${minutes}:${seconds}, camera ${sample.camera_fps.toFixed(1)} Hz${sample.camera_light ? ` (${sample.camera_light})` : ""}, viewer ${sample.viewer}`
+    + `${sample.paused ? ", paused" : ""}`
+    + `${sample.level ? `, quality lowered to ${sample.level_words} (${sample.level} of ${sample.lowest_level})` : ""}; age of pictures p50 ${dash(sample.end_to_end, "p50_ms")}, p99 ${dash(sample.end_to_end, "p99_ms")} ms, `
+    + `eyes predicted by ${dash(sample.horizon, "p50_ms")} ms${sample.motion_to_photon ? `; motion to photon: ${sample.motion_to_photon}` : ""}`;
+  charts(sample); table(sample); show(sample);
 }
 
 let events = null; // a hidden page listens to nothing
