@@ -1,9 +1,8 @@
 """From two viewpoints to one picture, and from one viewpoint to one camera's view."""
 
 import math
-from collections import OrderedDict
-from collections.abc import Callable
 from concurrent.futures import Executor
+from functools import lru_cache
 from typing import Any
 
 import attrs
@@ -74,42 +73,38 @@ def stored_channels(field: LightField, plane: Plane) -> tuple[int, ...]:
 
 
 class PlaneStore:
-    """Planes of stored views: channels without a copy, others built when first shown and kept while they fit."""
+    """Planes of stored views: channels without a copy, others built when first shown and kept while they fit. frame: of a video,
+    in which sources look."""
 
     def __init__(self, field: LightField, budget_bytes: int = BUDGET_BYTES) -> None:
-        self._views = np.asarray(field.views)  # a plain view of the map: indexing an np.memmap costs microseconds
-        self._field = field
+        self.frame = 0
+        self._field, self._views = (
+            field,
+            np.asarray(field.views),
+        )  # a plain view of the map: indexing an np.memmap costs microseconds
         self._builder = PlaneBuilder(field.height_px, field.width_px)
-        self._room = max(8, budget_bytes // max(1, field.height_px * field.width_px))
-        self._built: OrderedDict[tuple[int, int, int, Plane], NDArray[np.uint8]] = OrderedDict()
+        self.built = lru_cache(max(8, budget_bytes // max(1, field.height_px * field.width_px)))(self._build)
 
-    def getter(self, plane: Plane) -> Callable[[int, int, int], NDArray[np.uint8]]:
-        """A function (frame, row, col) -> uint8 (height, width), read-only, valid for at least the next seven calls."""
+    def source(self, plane: Plane) -> Source:
+        """A function (row, col) -> uint8 (height, width), read-only."""
         channels, views = stored_channels(self._field, plane), self._views
         if len(channels) > 1:
-            return lambda frame, row, col: self._get(frame, row, col, plane)
-        return lambda frame, row, col: views[frame, row, col, channels[0]]
+            return lambda row, col: self.built(self.frame, row, col, plane)
+        return lambda row, col: views[self.frame, row, col, channels[0]]
 
-    def _get(self, frame: int, row: int, col: int, plane: Plane) -> NDArray[np.uint8]:
-        place = (frame, row, col, plane)
-        built = self._built.get(place)
-        if built is not None:
-            self._built.move_to_end(place)
-            return built
-        full = len(self._built) >= self._room
-        buffer = self._built.popitem(last=False)[1] if full else np.empty(self._views.shape[4:], np.uint8)
-        self._builder.build(self._views[frame, row, col], plane, buffer)
-        self._built[place] = buffer
-        return buffer
+    def _build(self, frame: int, row: int, col: int, plane: Plane) -> NDArray[np.uint8]:
+        out = np.empty(self._views.shape[4:], np.uint8)
+        self._builder.build(self._views[frame, row, col], plane, out)
+        return out
 
 
 @attrs.frozen
 class _Eye:
-    """planes: indices of what one eye's view gives. sources, scratch: of each of them."""
+    """What one eye's view gives. planes: of the picture, by number. sources: of each of them."""
 
     planes: list[int]
     sources: list[Source]
-    scratch: list[NDArray[np.uint8]]
+    store: PlaneStore
     synthesiser: Synthesiser
 
 
@@ -128,14 +123,14 @@ class Compositor:
         height, width = field.height_px, field.width_px
         made_of = recipe_for(render)
         self._mixer = Mixer(made_of, height, width)
-        self._planes: list[NDArray[np.uint8]] = [np.empty((height, width), np.uint8) for _ in made_of.planes]
+        self._scratch = [np.empty((height, width), np.uint8) for _ in made_of.planes]
+        self._planes = self._scratch.copy()  # of the last picture
         self._eyes: list[_Eye] = []
         for eye in (0, 1):
             of_eye = [k for k, plane in enumerate(made_of.planes) if plane.eye == eye]
             if not eye or helper:
                 store, synthesiser = PlaneStore(field), Synthesiser(field, self.method)
-            sources = [self._source(store, made_of.planes[k]) for k in of_eye]
-            self._eyes.append(_Eye(of_eye, sources, [self._planes[k] for k in of_eye], synthesiser))
+            self._eyes.append(_Eye(of_eye, [store.source(made_of.planes[k]) for k in of_eye], store, synthesiser))
         self._helper = helper if all(eye.planes for eye in self._eyes) else None
         self._picture = near_array((height, width, 3))
         self.pair: Pair | None = None  # the views of the last picture, if it consists of two
@@ -145,10 +140,6 @@ class Compositor:
         extent_px = max(abs(edge - self._zero_px) for edge in (field.disparity_min_px, field.disparity_max_px))
         self._quantum = _quantum(self.method, extent_px)
         self._reach, self._last = extrapolation_views(self.method, render), (field.rows - 1, field.cols - 1)
-
-    def _source(self, store: PlaneStore, plane: Plane) -> Source:
-        get = store.getter(plane)
-        return lambda row, col: get(self._frame, row, col)
 
     def _rounded(self, value: float, last: int) -> float:
         """value on an axis of views 0 to last, rounded to the key's grid, within the extrapolated zone; the middle if not
@@ -205,7 +196,8 @@ class Compositor:
 
     def _draw_eye(self, eye: _Eye, position: Position) -> None:
         if eye.planes:
-            drawn = eye.synthesiser.render(position, self._frame, self._zero_px, eye.sources, eye.scratch)
+            eye.store.frame, scratch = self._frame, [self._scratch[k] for k in eye.planes]
+            drawn = eye.synthesiser.render(position, self._frame, self._zero_px, eye.sources, scratch)
             for k, plane in zip(eye.planes, drawn, strict=True):
                 self._planes[k] = plane
 

@@ -152,9 +152,9 @@ def test_two_threads_draw_the_same_picture(method: str) -> None:
 def test_built_planes_are_bounded() -> None:
     field = rendered.field(4, 4, 32, 32)
     store = PlaneStore(field, budget_bytes=10 * 32 * 32)
-    get = store.getter(recipe("dubois").planes[0])
-    first = get(0, 0, 0).copy()
+    get = store.source(recipe("dubois").planes[0])
+    first = get(0, 0).copy()
     for row, col in np.ndindex(4, 4):
-        get(0, row, col)
-    assert len(store._built) <= 10
-    np.testing.assert_array_equal(get(0, 0, 0), first)
+        get(row, col)
+    assert store.built.cache_info().currsize <= 10
+    np.testing.assert_array_equal(get(0, 0), first)
