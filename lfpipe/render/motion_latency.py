@@ -21,7 +21,7 @@ UNDER_WAY = 0.5  # distances between the eyes per second; slower, noise is most 
 SETTLED_NS = 300 * MS_NS  # the slowest filter (mean of 5 at 30 Hz: 167 ms) and a loop of 130 ms have settled
 KEPT = 0.995  # decay of the sums per picture: some 200 pictures in motion
 SHARE = 0.2  # weight of the newest onset in its running mean, which begins as a plain mean
-MOST_PICTURES = 120
+MOST_PICTURES = 240  # of a second and more, at every rate of a screen
 GAP_NS = SECOND_NS // 4  # from frame to frame; after a longer gap the time between is unknown
 
 
@@ -50,28 +50,28 @@ class MotionLatency:
     def __init__(self) -> None:
         self.onset_ns = self.steady_ns = 0
         self._frames: deque[_Frame] = deque()  # of the last REST_NS
-        self._pictures: deque[_Picture] = deque(maxlen=MOST_PICTURES)  # of which no frame shows yet where the eyes were
-        self._recent: deque[_Picture] = deque(maxlen=MOST_PICTURES)  # that may show the next motion
+        self._pictures: deque[_Picture] = deque(maxlen=MOST_PICTURES)
         self._rest: _Frame | None = None  # the middle of the last rest, and its end
-        self._motion: tuple[_Frame, float] | None = None  # no picture shows it yet: when it began, from where; its reach, px
+        self._motion: tuple[_Frame, float] | None = None  # when the last one began, from where; its reach, px
         self._under_way_ns: int | None = None  # since then
         self._onsets = 0
         self._lag = self._power = 0.0
 
     def measured(self, t_sensor_ns: int, eyes_px: Eyes | None) -> None:
-        """Adds a frame's measured eyes; None without a face."""
+        """Adds a frame's measured eyes; None without a face. A frame that was added before counts once."""
         last = self._frames[-1] if self._frames else None
-        if eyes_px is None or (last is not None and not 0 < t_sensor_ns - last.t_ns < GAP_NS):
+        if eyes_px is None or (last is not None and not 0 <= t_sensor_ns - last.t_ns < GAP_NS):
             self._frames.clear()
-            self._pictures.clear()
             self._rest = self._motion = self._under_way_ns = last = None
-        if eyes_px is None:
+        if eyes_px is None or (last is not None and t_sensor_ns == last.t_ns):
             return
         lx, ly, rx, ry = eyes_px
         frame = _Frame(t_sensor_ns, (lx + rx) / 2, (ly + ry) / 2, max(math.hypot(lx - rx, ly - ry), 1.0))
         if last is not None:
             self._add_lag(last, frame)
             self._find_motion(last, frame)
+        if self._motion is not None and t_sensor_ns > self._motion[0].t_ns + WITHIN_NS:
+            self._add_onset()
         self._frames.append(frame)
         while len(self._frames) > 2 and self._frames[1].t_ns <= t_sensor_ns - REST_NS:
             self._frames.popleft()
@@ -79,22 +79,19 @@ class MotionLatency:
     def pictured(self, t_presented_ns: int, after_ns: int, loop_ns: int, eyes_px: Eyes) -> None:
         """Adds a presented picture, made for eyes_px at after_ns later; loop_ns: the delay of camera and display in that."""
         lx, ly, rx, ry = eyes_px
-        picture = _Picture(t_presented_ns + loop_ns, t_presented_ns + after_ns, (lx + rx) / 2, (ly + ry) / 2)
-        self._pictures.append(picture)
-        self._recent.append(picture)
-        self._find_light(picture)
+        self._pictures.append(_Picture(t_presented_ns + loop_ns, t_presented_ns + after_ns, (lx + rx) / 2, (ly + ry) / 2))
 
     def _add_lag(self, last: _Frame, frame: _Frame) -> None:
         """Compares the pictures between two frames with where the eyes were."""
         period_ns, dx, dy = frame.t_ns - last.t_ns, frame.x - last.x, frame.y - last.y
         if math.hypot(dx, dy) / last.apart_px * SECOND_NS / period_ns < UNDER_WAY:
             self._under_way_ns = None
-        elif self._under_way_ns is None:
+            return
+        if self._under_way_ns is None:
             self._under_way_ns = last.t_ns
-        while self._pictures and self._pictures[0].t_middle_ns <= frame.t_ns:
-            picture = self._pictures.popleft()
+        for picture in self._pictures:
             share = (picture.t_middle_ns - last.t_ns) / period_ns
-            if share < 0 or self._under_way_ns is None or picture.t_middle_ns - self._under_way_ns < SETTLED_NS:
+            if not 0 < share <= 1 or picture.t_middle_ns - self._under_way_ns < SETTLED_NS:
                 continue
             behind = (last.x + share * dx - picture.x) * dx + (last.y + share * dy - picture.y) * dy
             self._lag = KEPT * self._lag + behind * period_ns
@@ -107,7 +104,7 @@ class MotionLatency:
         if frames[0].t_ns <= last.t_ns - 0.9 * REST_NS:
             x, y = sum([f.x for f in frames]) / len(frames), sum([f.y for f in frames]) / len(frames)
             if max([math.hypot(f.x - x, f.y - y) for f in frames]) < reach_px / 2:
-                self._rest, self._motion = _Frame(last.t_ns, x, y, last.apart_px), None
+                self._rest = _Frame(last.t_ns, x, y, last.apart_px)
         rest = self._rest
         if rest is None:
             return
@@ -117,19 +114,18 @@ class MotionLatency:
                 self._rest = None
             return
         t_ns = last.t_ns + round((reach_px - before_px) / (now_px - before_px) * (frame.t_ns - last.t_ns))
+        self._add_onset()
         self._motion, self._rest = (rest._replace(t_ns=t_ns), reach_px), None
-        for picture in tuple(self._recent):
-            self._find_light(picture)
 
-    def _find_light(self, picture: _Picture) -> None:
-        """Takes the picture as the first that shows the motion, if it does."""
-        if self._motion is None or picture.t_light_ns < self._motion[0].t_ns:
+    def _add_onset(self) -> None:
+        """Finds the first picture that shows the last motion, if it is not found yet."""
+        if self._motion is None:
             return
-        start, reach_px = self._motion
-        late_ns = picture.t_light_ns - start.t_ns
-        if late_ns > WITHIN_NS:
-            self._motion = None
-        elif math.hypot(picture.x - start.x, picture.y - start.y) > reach_px:
-            self._motion = None
+        (start_ns, x, y, _), reach_px = self._motion
+        self._motion = None
+        shows = [
+            picture.t_light_ns - start_ns for picture in self._pictures if math.hypot(picture.x - x, picture.y - y) > reach_px
+        ]
+        if late_ns := [late_ns for late_ns in shows if 0 <= late_ns <= WITHIN_NS]:
             self._onsets += 1
-            self.onset_ns += round((late_ns - self.onset_ns) * max(SHARE, 1 / self._onsets))
+            self.onset_ns += round((late_ns[0] - self.onset_ns) * max(SHARE, 1 / self._onsets))

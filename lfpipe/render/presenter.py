@@ -50,7 +50,7 @@ class Presenter:
         self._stamp: Stamp | None = None
         self._stale_ns = STALE_NS
         self._t_taken_ns = 0
-        self._pending = self._fresh = False  # no picture was made yet for the newest record; its eyes are not accounted yet
+        self._pending = False  # no picture was made yet for the newest record
         self._key: Key | None = None
         trace, began = context.options.trace, context.spec.session.run_dir / "session.json"
         self._trace = TraceFile(Path(trace) if trace else None, self._lost, began if context.row["restarts"] else None)
@@ -103,7 +103,7 @@ class Presenter:
             return None
         if self._pending:
             self.leave_out()
-        self._pending = self._fresh = True
+        self._pending = True
         if self._stamp is not None and stamp.epoch == self._stamp.epoch:
             self._stale_ns = max(STALE_NS, STALE_FRAMES * (stamp.t_sensor_ns - self._stamp.t_sensor_ns))
         self._record, self._stamp, self._t_taken_ns = EyesRecord.of(self._buffer), stamp, now_ns()
@@ -166,10 +166,8 @@ class Presenter:
         """Counts and reports after the hand-over, and what is known of the display without its reports."""
         row, stamp, refresh, composed = self._context.row, showing.stamp, self.refresh, bool(showing.number)
         face, viewer = showing.face, self._viewer
-        if self._fresh:
-            self._fresh = False
-            if self._latency is not None and showing.record is not None:
-                self._latency.measured(showing.t_sensor_ns, showing.record.raw_px if face else None)
+        if self._latency is not None and showing.record is not None and not self.mouse.looks:
+            self._latency.measured(showing.t_sensor_ns, showing.record.raw_px if face else None)
         if composed:
             if self._outputs.ring is not None:
                 self._outputs.picture(self.picture, stamp)
