@@ -22,6 +22,9 @@ EDGES = (10, 152, 234, 454)  # top of the forehead, chin, and the sides of the f
 
 EYE_LINE = (33, 263)  # outer corners of the eyes, right to left: defines the rotation of a face's region
 IRIS_PX = 64  # side of the crop
+# In distances between the eyes. A gaze moves both irises off the middle of the lids equally, and only as far as the lids allow.
+# If the two irises disagree, glasses or glare hide them, and the lids are the better estimate.
+APART, ASIDE = 0.06, 0.13
 _IRIS_SCALE = 2.3  # width of the crop in distances between the eye's corners
 _CORNERS = ((362, 263), (33, 133))  # inner and outer of the viewer's left eye, outer and inner of the right: both left to right
 _LIDS = 9  # corners and lower lid: the first of LEFT_EYE and RIGHT_EYE. A blink moves the upper lid by a third of an eye
@@ -59,23 +62,27 @@ def eye_points(
 
 
 class Irises:
-    """Raises UserError if the network is missing or has another version."""
+    """The eyes by their irises. Raises UserError if the network is missing or has another version."""
 
     def __init__(self, warp: Warp = warp) -> None:
         self._warp = warp
         self._network = Network(model_file("modules/iris_landmark/iris_landmark.tflite"), IRIS_PX, (15,))
         self.model = self._network.name
 
-    def find(self, image: NDArray[np.uint8], points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The irises' centres (2, 2), left first, in px of image, uint8 (h, w, 3) BGR. points: (468, 2) px of the face mesh."""
-        centres = np.empty((2, 2))
+    def refined(
+        self, image: NDArray[np.uint8], mesh_px: NDArray[np.float64], lids_px: NDArray[np.float64], apart_px: float
+    ) -> NDArray[np.float64]:
+        """The centres of the irises where they are seen, else lids_px; (2, 2), left first, px of image, uint8 (h, w, 3) BGR.
+        mesh_px: (468, 2) points of the face mesh. apart_px: between the eyes."""
+        centres_px = np.empty((2, 2))
         for eye, (start, end) in enumerate(_CORNERS):
-            middle, reach = (points[start] + points[end]) / 2, np.abs(points[end] - points[start]).max() / 2
-            corners = (*(middle - reach), *(middle + reach))
-            roi = around(corners, points[start], points[end], _IRIS_SCALE)
+            middle, reach = (mesh_px[start] + mesh_px[end]) / 2, np.abs(mesh_px[end] - mesh_px[start]).max() / 2
+            roi = around((*(middle - reach), *(middle + reach)), mesh_px[start], mesh_px[end], _IRIS_SCALE)
             matrix = roi.matrix(IRIS_PX)
             crop = roi.crop(image, matrix, IRIS_PX, cv2.BORDER_REPLICATE, self._warp)
             # the network knows only right eyes, so the left one is mirrored
             x, y = self._network.run(crop if eye else crop[:, ::-1])[0][:2].tolist()  # then z, and four points around the centre
-            centres[eye] = mapped(np.array([[x if eye else IRIS_PX - x, y]]), matrix)
-        return centres
+            centres_px[eye] = mapped(np.array([[x if eye else IRIS_PX - x, y]]), matrix)
+        off = (centres_px - lids_px) / max(apart_px, 1.0)
+        hidden = float(np.hypot(*(off[0] - off[1]))) > APART or float(np.abs(off).max()) > ASIDE
+        return lids_px if hidden else centres_px

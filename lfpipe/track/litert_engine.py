@@ -22,9 +22,6 @@ from lfpipe.track.network import Network, Roi, around, model_file, portable_warp
 
 SIZE_PX = 192
 POINTS = 468
-# In distances between the eyes. A gaze moves both irises off the middle of the lids equally, and only as far as the lids allow.
-# If the two irises disagree, glasses or glare hide them, and the lids are the better estimate.
-APART, ASIDE = 0.06, 0.13
 FOUND = 0.5  # confidence that a new face needs
 FOUND_FAR = 0.9  # the same for a small face: its detector has many false alarms, and real faces get high confidence
 KEPT = 0.2  # confidence that a followed face needs: a hand in front of it lowers confidence more than accuracy
@@ -192,18 +189,8 @@ class LitertEngine:
             return None
         eyes_px = np.array(((lx + x, ly + y), (rx + x, ry + y)))
         if self._irises is not None:
-            eyes_px = _refined(self._irises, image, points.T + matrix[:, 2], eyes_px, apart_px)
+            eyes_px = self._irises.refined(image, points.T + matrix[:, 2], eyes_px, apart_px)
         return Face(eyes_px, confidence, edges, apart_px, math.degrees(region.angle), head_px), region
-
-
-def _refined(
-    irises: Irises, image: NDArray[np.uint8], mesh_px: NDArray[np.float64], lids_px: NDArray[np.float64], apart_px: float
-) -> NDArray[np.float64]:
-    """The eyes in px: the centres of the irises where they are seen, else lids_px."""
-    irises_px = irises.find(image, mesh_px)
-    off = (irises_px - lids_px) / max(apart_px, 1.0)
-    hidden = float(np.hypot(*(off[0] - off[1]))) > APART or float(np.abs(off).max()) > ASIDE
-    return lids_px if hidden else irises_px
 
 
 def _region(face: Detection) -> Roi:
