@@ -17,9 +17,9 @@ import matplotlib.pyplot as plt
 
 
 def room(name: str) -> str:
-    """The room of a file: its folder, or the loose module itself; "" for the package's own entry points."""
-    here = name.removesuffix(".py").split("/")[1]
-    return "" if here in ("__init__", "__main__") else here
+    """The room of a file: its folder, or "root" of a loose module; "" for the package's own entry points."""
+    _, here, *inside = name.split("/")
+    return here if inside else "" if here.startswith("__") else "root"
 
 
 def imports(files: dict[str, str]) -> Counter[tuple[str, str]]:
@@ -31,9 +31,9 @@ def imports(files: dict[str, str]) -> Counter[tuple[str, str]]:
         for node in ast.walk(ast.parse(text)):
             if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] == "lfpipe":
                 words = node.module.split(".")
-                targets = [words[1]] if len(words) > 1 else [one.name for one in node.names]
-                for target in targets:
-                    arrows[here, target] += target in rooms and here not in ("", target)
+                for target in [words[1]] if len(words) > 1 else [one.name for one in node.names]:
+                    there = target if target in rooms else "root" if f"lfpipe/{target}.py" in files else here
+                    arrows[here, there] += here not in ("", there)
     return +arrows
 
 
