@@ -82,17 +82,14 @@ def _entries(listing: Listing, deep: int) -> Iterator[Path]:
 
 
 def content_key(source: SceneSource, scene: config.Scene) -> str:
-    """Hash of the contents of the source's files, its layout and the settings. Raises UserError if a file is unreadable."""
+    """Hash of the contents of the source's files, its layout and the settings. Raises UserError or OSError."""
     digest = hashlib.blake2b(f"{_settings_key(scene)}{source.layout}".encode(), digest_size=12)
     for path in source.files:
-        try:
-            with open_file(path) as stream:
-                size = os.fstat(stream.fileno()).st_size
-                digest.update(f"\0{path.name}\0{size}\0".encode(errors="surrogateescape"))
-                while block := stream.read(1 << 20):
-                    digest.update(block)
-        except OSError as error:
-            raise UserError(f"{path}: cannot be read: {error.strerror}", "check the file and its permissions") from None
+        with open_file(path) as stream:
+            size = os.fstat(stream.fileno()).st_size
+            digest.update(f"\0{path.name}\0{size}\0".encode(errors="surrogateescape"))
+            while block := stream.read(1 << 20):
+                digest.update(block)
     return digest.hexdigest()
 
 
@@ -132,17 +129,13 @@ def packs(scene: config.Scene) -> list[tuple[Path, dict[str, Any], int]]:
 
 def remove(folder: Path) -> bool:
     """Deletes a pack; returns False and keeps it if any process has it open or makes it. Raises UserError."""
-    try:
-        with contextlib.ExitStack() as held:
-            for file in (folder.parents[1] / "locks" / folder.name, folder / VIEWS):
-                if (lock := file_lock.take(file)) is None:
-                    return False
-                held.callback(lock.release)
-            shutil.rmtree(folder)
-    except FileNotFoundError:  # another clean was faster
-        return True
-    except OSError as error:
-        raise UserError(f"{folder}: cannot be removed: {error.strerror}", "check its permissions") from None
+    root = folder.parents[1]
+    with writing(root), contextlib.suppress(FileNotFoundError), contextlib.ExitStack() as held:  # another clean was faster
+        for file in (root / "locks" / folder.name, folder / VIEWS):
+            if (lock := file_lock.take(file)) is None:
+                return False
+            held.callback(lock.release)
+        shutil.rmtree(folder)
     return True
 
 

@@ -74,10 +74,8 @@ def lines(facts: dict[str, Any]) -> list[str]:
     if disparity["source"] in ("unknown", "none"):
         say("disparity", "none" if disparity["source"] == "none" else "measured when the scene is packed")
     else:
-        off_px = disparity.get("median_error_px")
-        check = "" if off_px is None else f"; maps from flow, {off_px:.2f} px off the truth in the median"
         where = "" if facts["pack"] else " from a few views"
-        say("disparity", f"{disparity['min']:+.2f} to {disparity['max']:+.2f} px per view, {disparity['source']}{where}{check}")
+        say("disparity", f"{disparity['min']:+.2f} to {disparity['max']:+.2f} px per view, {disparity['source']}{where}")
     units = [(*name.rsplit("_", 1), value) for name, value in facts["geometry"].items() if value]
     say("geometry", ", ".join(f"{name.replace('_', ' ')} {value:g} {unit}" for name, unit, value in units) or "not known")
     scores = ", ".join(f"{name} {value:.1f} dB" for name, value in facts["scores_db"].items())

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import attrs
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -126,7 +127,7 @@ def ask_packer(path: Path, settings: config.Scene, progress: Progress | None = N
 def preview(packing: Packing) -> NDArray[np.uint8] | None:
     """The view that a packer with do="preview" has found, uint8 (height, width, 3) RGB; None where there is none."""
     try:
-        view = packing.result()
-        return np.frombuffer(base64.b64decode(view["rgb"]), np.uint8).reshape(view["height"], view["width"], 3)
-    except (UserError, ValueError, TypeError, KeyError):
+        png = np.frombuffer(base64.b64decode(packing.result()["png"]), np.uint8)
+        return np.asarray(cv2.imdecode(png, cv2.IMREAD_COLOR), np.uint8)
+    except UserError:
         return None

@@ -135,16 +135,16 @@ def _detected(source: SceneSource) -> Orientation:
     if truth not in (None, source.turn):
         said = f"{source.turn_by}, but true disparity lands on the neighbouring views only when turned otherwise"
         return Orientation(truth, "truth", said)
-    by = "coordinates" if source.coordinates is not None else "layout"
+    stated = Orientation(source.turn, "layout" if source.coordinates is None else "coordinates", source.turn_by)
     if truth is not None or source.turn_firm:
         confirmation = "" if truth is None else "; true disparity lands on the neighbouring views so"
-        return Orientation(source.turn, by, source.turn_by + confirmation)
+        return attrs.evolve(stated, said=stated.said + confirmation)
     moved = _by_flow(source)
     if moved.turn == source.turn:
-        return attrs.evolve(moved, by="layout", said=f"{source.turn_by}; {moved.said}", undecided="", half_turn_sure=True)
+        return attrs.evolve(stated, said=f"{stated.said}; {moved.said}", depth=moved.depth)
     if moved.sure:
-        return attrs.evolve(moved, said=f"{source.turn_by}, but this one is turned: {moved.said}")
-    return Orientation(source.turn, "layout", f"{source.turn_by}; {moved.said}", moved.undecided, False)
+        return attrs.evolve(moved, said=f"{stated.said}, but this one is turned: {moved.said}")
+    return attrs.evolve(stated, said=f"{stated.said}; {moved.said}", undecided=moved.undecided, half_turn_sure=False)
 
 
 def _by_truth(source: SceneSource) -> Turn | None:

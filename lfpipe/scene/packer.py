@@ -99,15 +99,12 @@ def _views(path: Path, settings: config.Scene) -> int:
 
 
 def _preview(source: SceneSource) -> dict[str, Any]:
-    """The view in the middle of a scene, or the first that it has: width and height of at most PREVIEW_PX, and RGB in base 64."""
-    middle = source.rows // 2, source.cols // 2
-    places = (middle, *np.ndindex(source.rows, source.cols))
-    view = source.read(0, *next(place for place in places if place not in source.missing))
+    """The view in the middle of a scene, of at most PREVIEW_PX, a PNG (red and blue exchanged) in base 64."""
+    view = source.read(0, *source.middle)
     _, _, width, height = fit_area((view.shape[1], view.shape[0]), PREVIEW_PX)
     small = cv2.resize(view, (width, height), interpolation=cv2.INTER_AREA) / source.max_value
-    values = np.uint8(np.rint(255 * np.clip(small, 0, 1) ** (1 / 2.2 if source.linear else 1.0)))
-    rgb = np.broadcast_to(values.reshape(height, width, -1), (height, width, 3))
-    return {"width": width, "height": height, "rgb": base64.b64encode(rgb.tobytes()).decode()}
+    values = np.rint(255 * np.clip(small, 0, 1) ** (1 / 2.2 if source.linear else 1.0)).astype(np.uint8)
+    return {"png": base64.b64encode(cv2.imencode(".png", values)[1].tobytes()).decode()}
 
 
 if __name__ == "__main__":

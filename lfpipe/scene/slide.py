@@ -73,18 +73,10 @@ def _grey(picture: NDArray[Any], width_px: int) -> Grey:
     return np.asarray(cv2.resize(plane, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-@attrs.frozen
-class _Motion:
-    """The camera's way over the frames from `first` on that share enough detail. position: px of parallax between the nearest and
-    the farthest, rising to the right if the pictures move to the left. upright: it moves up and down."""
-
-    first: int
-    position: NDArray[np.float64]
-    upright: bool
-
-
-def _motion(glances: list[Grey]) -> _Motion:
-    """The first principal motion of corners after removing the common part. Raises UserError."""
+def _motion(glances: list[Grey]) -> tuple[int, NDArray[np.float64]]:
+    """The first of the frames that share enough detail; and where the camera stood at each of them, px of parallax between the
+    nearest and the farthest, rising to the right if the pictures move to the left: the first principal motion of corners after
+    removing the common part. Raises UserError."""
     middle, count = len(glances) // 2, len(glances)
     at = follow(glances, 400)
     share = np.isfinite(at[..., 0]).mean(axis=1) if at.size else np.zeros(count)
@@ -102,7 +94,7 @@ def _motion(glances: list[Grey]) -> _Motion:
     reach = np.ptp(np.percentile(mode, (5, 95), axis=0), axis=0)
     position = parallax.reshape(len(parallax), -1) @ mode.ravel() * float(np.hypot(*reach))
     to_the_right = float(np.median(moved[..., 0], axis=1) @ (position - position.mean())) < 0
-    return _Motion(first, position if to_the_right else -position, bool(reach[1] > reach[0]))
+    return first, position if to_the_right else -position
 
 
 def _without_rotation(moved: NDArray[np.float64], at: NDArray[np.float64], size: tuple[int, ...]) -> NDArray[np.float64]:
@@ -127,9 +119,9 @@ def choose_frames(count: int, read: Callable[[int], NDArray[Any]], progress: Pro
         glances.append(_grey(read(number), _GLANCE_PX))
         progress("motion", len(glances), len(numbers))
     sharp = np.array([float(cv2.Laplacian(glance, cv2.CV_32F).var()) for glance in glances])
-    motion = _motion(glances)
-    first, last = _one_way(motion.position)
-    travelled = np.abs(motion.position - motion.position[first])[first : last + 1]
+    start, position = _motion(glances)
+    first, last = _one_way(position)
+    travelled = np.abs(position - position[first])[first : last + 1]
     parallax = float(travelled[-1]) / _GLANCE_PX
     if parallax < _MIN_PARALLAX:
         raise UserError(
@@ -137,10 +129,8 @@ def choose_frames(count: int, read: Callable[[int], NDArray[Any]], progress: Pro
             "the camera was turned, not slid, or hardly moved, or all is far away",
             "slide the camera sideways by a hand's breadth without turning it, past something near",
         )
-    if motion.upright:
-        raise UserError("the camera moves up and down, not sideways", "slide it sideways; rotate a clip that lies on its side")
     views = int(np.clip(parallax / _STEP_SHARE, _FEWEST, _MOST))
-    step, sharp = travelled[-1] / (views - 1), sharp[motion.first + first :]
+    step, sharp = travelled[-1] / (views - 1), sharp[start + first :]
     steps: set[int] = set()
     for goal in np.linspace(0, travelled[-1], views):
         near = np.flatnonzero(np.abs(travelled - goal) <= step / 4)
@@ -148,9 +138,7 @@ def choose_frames(count: int, read: Callable[[int], NDArray[Any]], progress: Pro
     chosen = sorted(steps)
     if np.median(sharp[chosen]) < max(_BLURRED * float(np.percentile(sharp, 90)), _SHARPNESS):
         raise UserError("the pictures are blurred", "slide more slowly, in more light")
-    if len(chosen) < _FEWEST:
-        raise UserError(f"only {len(chosen)} steps of the slide have a picture: the camera moved too fast", "slide more slowly")
-    return [numbers[motion.first + first + k] for k in chosen], motion.position[first:][chosen]
+    return [numbers[start + first + k] for k in chosen], position[first:][chosen]
 
 
 def _one_way(way: NDArray[np.float64]) -> tuple[int, int]:

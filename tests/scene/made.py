@@ -1,12 +1,16 @@
 """Light fields drawn by the tests, textured layers at known disparities, and the files that layouts keep them in."""
 
 from functools import lru_cache
+from itertools import product
 from pathlib import Path
 from typing import Any
 
+import attrs
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from lfpipe.scene.source import SceneSource, Turn
 
 SAMPLES = Path(__file__).parents[3] / "shared" / "data" / "lightfields"  # beside the checkout
 
@@ -114,3 +118,21 @@ def honeycomb(pitch_px: float, turned: bool = False) -> NDArray[np.uint8]:
     off_y, off_x = y - row * pitch_px * np.sqrt(3) / 2, (x + row % 2 * pitch_px / 2) % pitch_px - pitch_px / 2
     lens = np.exp(-(off_x**2 + off_y**2) / (0.35 * pitch_px) ** 2)
     return np.asarray(lens[..., None] * texture(420, 560, 4), np.uint8)
+
+
+TURNS = [Turn(*flags) for flags in product((False, True), repeat=3)]
+
+
+def as_source(grid: np.ndarray, **more: object) -> SceneSource:
+    """A source of unknown order that reads from memory. grid: (rows, cols, h, w), or with colours."""
+    rows, cols, height, width = grid.shape[:4]
+    return attrs.evolve(SceneSource("test", Path(), (), rows, cols, lambda f, r, c: grid[r, c], height, width), **more)
+
+
+def turned(grid: np.ndarray, turn: Turn) -> np.ndarray:
+    """File order that `turn` brings back to canonical order."""
+    if turn.rows:
+        grid = grid[::-1]
+    if turn.cols:
+        grid = grid[:, ::-1]
+    return grid.swapaxes(0, 1) if turn.transpose else grid

@@ -1,7 +1,6 @@
 """The order of the views is found from flow alone, however the grid was turned; what cannot be told is said."""
 
 from itertools import product
-from pathlib import Path
 
 import attrs
 import cv2
@@ -15,27 +14,12 @@ from lfpipe.scene import layouts
 from lfpipe.scene.examination import grid_offsets
 from lfpipe.scene.layouts.named import coordinate_turn
 from lfpipe.scene.orientation import orient
-from lfpipe.scene.source import SceneSource, Turn
+from lfpipe.scene.source import Turn
 from lfpipe.scene.view_writer import nearest_present
 from tests.scene import made
+from tests.scene.made import TURNS, as_source, turned
 
 AUTO = config.Scene()
-TURNS = [Turn(*flags) for flags in product((False, True), repeat=3)]
-
-
-def as_source(grid: np.ndarray) -> SceneSource:
-    """A source of unknown order that reads from memory."""
-    rows, cols, height, width = grid.shape[:4]
-    return SceneSource("test", Path(), (), rows, cols, lambda f, r, c: grid[r, c], height, width)
-
-
-def turned(grid: np.ndarray, turn: Turn) -> np.ndarray:
-    """File order that `turn` brings back to canonical order."""
-    if turn.rows:
-        grid = grid[::-1]
-    if turn.cols:
-        grid = grid[:, ::-1]
-    return grid.swapaxes(0, 1) if turn.transpose else grid
 
 
 @pytest.mark.parametrize("turn", TURNS, ids=str)

@@ -1,8 +1,5 @@
 """The rules of the order of views, each by its definition."""
 
-from itertools import product
-from pathlib import Path
-
 import attrs
 import numpy as np
 import pytest
@@ -11,17 +8,12 @@ from hypothesis import strategies as st
 
 from lfpipe import config
 from lfpipe.scene.orientation import ALIKE, FEWEST, Axis, Orientation, examine_axis, orient, same_way
-from lfpipe.scene.source import SceneSource, Turn
+from lfpipe.scene.source import Turn
 from tests.scene import made
+from tests.scene.made import TURNS, turned
+from tests.scene.made import as_source as source
 
 AUTO = config.Scene()
-TURNS = [Turn(*flags) for flags in product((False, True), repeat=3)]
-
-
-def source(grid: np.ndarray, **more: object) -> SceneSource:
-    rows, cols, height, width = grid.shape[:4]
-    read = lambda f, r, c: grid[r, c]  # noqa: E731
-    return attrs.evolve(SceneSource("test", Path(), (), rows, cols, read, height, width), **more)
 
 
 def axis(disparity: np.ndarray, reliable: np.ndarray | None = None) -> Axis:
@@ -104,10 +96,7 @@ TRUTH = {(2, 2): made.middle_disparity}
 @pytest.mark.parametrize("turn", TURNS, ids=str)
 def test_true_disparity_corrects_a_layout(turn: Turn) -> None:
     """The map of the middle view lands on the neighbouring views in one order only."""
-    grid = made.views(5, 5)
-    laid = grid[:: -1 if turn.rows else 1, :: -1 if turn.cols else 1]
-    laid = laid.swapaxes(0, 1) if turn.transpose else laid
-    asked = source(laid, turn=Turn(), turn_by="names", truth=TRUTH)
+    asked = source(turned(made.views(5, 5), turn), turn=Turn(), turn_by="names", truth=TRUTH)
     order = orient(asked, AUTO)
     assert order.turn == turn and order.by == ("layout" if turn == Turn() else "truth") and order.sure
     assert orient(attrs.evolve(asked, rendered=True), AUTO).turn == Turn(), "not asked where the program drew it"

@@ -216,3 +216,30 @@ def test_the_first_picture_needs_the_views_in_the_middle_only(tmp_path: Path, sc
     whole = pack_scene(folder, scene_config)
     assert whole.complete and np.array_equal(pictures(whole), grid)
     assert whole.folder == seen[0].folder and left_over(scene_config) == []
+
+
+def sparse(path: Path) -> None:
+    path.touch()
+    os.truncate(path, 1 << 40)
+
+
+@pytest.mark.parametrize("put", [os.mkfifo, Path.mkdir, sparse, lambda path: path.symlink_to("/dev/zero")])
+def test_an_entry_of_the_index_that_is_no_small_file_is_passed_over(
+    tmp_path: Path, scene_config: config.Scene, put: Callable[[Path], None]
+) -> None:
+    folder = made.write_grid(tmp_path / "scene", made.views(2, 2, 24, 32))
+    first = pack_scene(folder, scene_config)
+    entry = next((tmp_path / "cache" / "index").iterdir())
+    entry.unlink()
+    put(entry)
+    cache.sweep(scene_config)
+    if not entry.is_dir():
+        assert pack_scene(folder, scene_config).manifest["key"] == first.manifest["key"]
+
+
+def test_a_link_in_one_pack_hides_no_other(tmp_path: Path, scene_config: config.Scene) -> None:
+    for name in ("a", "b"):
+        pack_scene(made.write_grid(tmp_path / name, made.views(2, 2, 24, 32 + 8 * (name == "b"))), scene_config)
+    for pack in (tmp_path / "cache" / "scenes").iterdir():
+        (pack / "loop").symlink_to("loop")
+    assert len(cache.packs(scene_config)) == 2
