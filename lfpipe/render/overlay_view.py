@@ -18,7 +18,6 @@ from lfpipe.render.window_system import drawable, pygame
 Place = tuple[int, int]
 Cell = tuple[Item, pygame.Rect]
 BAR_S = 3.0  # the bar stays so long after the last move of the mouse
-PAGES = {"next": 1, "previous": -1}
 WHITE, GREY, RED, BACK, LIT = (255, 255, 255), (170, 170, 170), (255, 90, 90), (0, 0, 0, 200), (90, 90, 90, 220)
 TEXT_BACK = (0, 0, 0, 160)
 EDGE_PX, PAD_PX, PROGRESS_PX = 12, 8, 4  # from the window's edge, around text; height of the line of progress
@@ -115,7 +114,7 @@ def bar_panel(items: tuple[Item, ...], lit: str, window_px: Place, text_px: int)
 
 @lru_cache(2)
 def menu_panel(menu: Menu, selected: int, window_px: Place, text_px: int) -> Panel:
-    """The page with the selected item, in the middle of the window."""
+    """The page with the selected item, in the middle of a window of that size."""
     width, height = (round(MENU_SHARE * side) for side in window_px)
     font = pygame.font.Font(None, max(LEAST_TEXT_PX, min(round(1.2 * text_px), width // 26)))
     line, count = font.get_linesize(), len(menu.items)
@@ -204,7 +203,7 @@ class OverlayView:
 
     def panels(self, window_px: Place, text_px: int) -> list[Panel]:
         """The panels, the topmost last; equal calls return the same ones. window_px: (width, height)."""
-        overlay, (width, bottom_px), panels = self._overlay, window_px, list[Panel]()
+        overlay, bottom_px, panels = self._overlay, window_px[1], list[Panel]()
         if (time.monotonic() > self._bar_end_s and self._held is None) or not overlay.bar or overlay.menu is not None:
             self._bar_end_s = 0.0
         if overlay.lines:
@@ -218,10 +217,7 @@ class OverlayView:
             panels.append(text_panel(Overlay(overlay.notices), bottom_px, window_px, text_px))
             bottom_px = panels[-1].at[1]
         if overlay.menu is not None:
-            menu = menu_panel(overlay.menu, self._at, window_px, text_px)
-            if menu.at[1] + menu.surface.get_height() > bottom_px:  # above the notices
-                menu = menu_panel(overlay.menu, self._at, (width, bottom_px), text_px)
-            panels.insert(0, menu)
+            panels.insert(0, menu_panel(overlay.menu, self._at, (window_px[0], bottom_px), text_px))
         self._panels = panels
         return panels
 
@@ -233,8 +229,7 @@ class OverlayView:
         if menu is None or not menu.items:
             return name
         panel = next(panel for panel in self._panels if panel.cells)
-        moves = {"less": -1, "more": 1, "up": -panel.cols, "down": panel.cols}
-        moves |= {key: sign * panel.page for key, sign in PAGES.items()}
+        moves = {"less": -1, "more": 1, "up": -panel.cols, "down": panel.cols, "previous": -panel.page, "next": panel.page}
         event = menu.items[self._at].event
         if name in moves:
             at, count = self._at + moves[name], len(menu.items)
