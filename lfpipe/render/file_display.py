@@ -61,11 +61,7 @@ class FileDisplay(Display):
             self._output = OutputFile(path)
         except OSError as error:
             raise write_error(path, error) from None
-        try:
-            self._writer = VideoWriter(self._output.current, size_px, rate_hz)
-        except UserError as error:
-            self._output.close()
-            raise UserError(f"--display file:{path}: the video cannot be written", error.remedy) from None
+        self._writer = VideoWriter(self._output.current, size_px, rate_hz)
         self._path, self._size, self._period_ns, self._reserve = path, size_px, 1e9 / rate_hz, reserve_bytes
         self._queue: queue.Queue[tuple[int, NDArray[np.uint8] | None]] = queue.Queue(QUEUE_PICTURES)
         self._notices: list[DisplayNotice] = []
