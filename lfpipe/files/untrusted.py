@@ -78,13 +78,6 @@ def finite(text: str, low: float = -math.inf, high: float = math.inf) -> float |
     return value if math.isfinite(value) and low <= value <= high else None
 
 
-def in_range(value: float, low: float, high: float, what: str, remedy: str) -> float:
-    """Returns value if it is finite and in low .. high. what: file and name of the number, for the message."""
-    if not low <= value <= high:
-        raise UserError(f"{what} is {value:g}, expected a number from {low:g} to {high:g}", remedy)
-    return value
-
-
 @attrs.frozen
 class Fields:
     """A mapping from a file; each method reads one field of a given type and range, inclusive, or raises UserError."""

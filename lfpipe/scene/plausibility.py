@@ -53,47 +53,31 @@ class Evidence:
         return ""
 
 
-@attrs.frozen
-class _Motion:
-    """Motion between two views, px at the edge of the picture: of all (shift), of size, and what is left along x and y (5 to
-    95 %)."""
-
-    shift_px: float
-    size_px: float
-    left_px: tuple[float, float]
-
-    @classmethod
-    def between(cls, a: Grey, b: Grey) -> "_Motion | None":
-        """None if too little is in both views."""
-        there = flow(a, b)
-        sure = confirmed(there, flow(b, a)) & textured(a)
-        if np.count_nonzero(sure) < _FEWEST_POINTS:
-            return None
-        y, x = np.nonzero(sure)
-        half = a.shape[1] / 2
-        x, y = (x - half) / half, (y - a.shape[0] / 2) / half
-        one, none = np.ones_like(x), np.zeros_like(x)
-        values = there[sure].T.ravel().astype(np.float64)
-        matrix = np.concatenate([np.stack([one, none, x, -y], 1), np.stack([none, one, y, x], 1)])
-        fit = _robust_fit(matrix, values)
-        # A plane that recedes moves along the line of cameras only; size changes along both axes alike.
-        wider, taller = (_robust_fit(np.stack([x, y, one], 1), axis)[k] for k, axis in enumerate(values.reshape(2, -1)))
-        size = min(abs(wider), abs(taller)) if wider * taller > 0 else 0.0
-        low, high = np.percentile((values - matrix @ fit).reshape(2, -1), (5, 95), axis=1)
-        return cls(float(np.hypot(*fit[:2])), float(size), (float(high[0] - low[0]), float(high[1] - low[1])))
-
-    @property
-    def parallax_px(self) -> float:
-        return max(self.shift_px, *self.left_px)
-
-    @property
-    def change(self) -> str:
-        """What changes more than the viewpoint does; "" for nothing."""
-        if self.size_px > max(_STILL_PX, self.parallax_px):
-            return "the pictures differ in size, as when focus breathes, the lens zooms or the camera comes nearer"
-        if min(self.left_px) > _STILL_PX and max(self.left_px) < _ROUND * min(self.left_px) > 2 * self.shift_px:
-            return "what moves, moves in no direction"
-        return ""
+def _motion(a: Grey, b: Grey) -> tuple[float, str] | None:
+    """Motion between two views, px at the edge of the picture, and what changes more than the viewpoint does, "" for nothing;
+    None if too little is in both views."""
+    ahead = flow(a, b)
+    sure = confirmed(ahead, flow(b, a)) & textured(a)
+    if np.count_nonzero(sure) < _FEWEST_POINTS:
+        return None
+    y, x = np.nonzero(sure)
+    half = a.shape[1] / 2
+    x, y = (x - half) / half, (y - a.shape[0] / 2) / half
+    one, none = np.ones_like(x), np.zeros_like(x)
+    values = ahead[sure].T.ravel().astype(np.float64)
+    matrix = np.concatenate([np.stack([one, none, x, -y], 1), np.stack([none, one, y, x], 1)])
+    fit = _robust_fit(matrix, values)
+    # A plane that recedes moves along the line of cameras only; size changes along both axes alike.
+    wider, taller = (_robust_fit(np.stack([x, y, one], 1), axis)[k] for k, axis in enumerate(values.reshape(2, -1)))
+    size_px = min(abs(wider), abs(taller)) if wider * taller > 0 else 0.0
+    left_px = np.ptp(np.percentile((values - matrix @ fit).reshape(2, -1), (5, 95), axis=1), axis=0)  # along x and y
+    shift_px = float(np.hypot(*fit[:2]))
+    parallax_px = max(shift_px, float(left_px.max()))
+    if size_px > max(_STILL_PX, parallax_px):
+        return parallax_px, "the pictures differ in size, as when focus breathes, the lens zooms or the camera comes nearer"
+    if left_px.min() > _STILL_PX and left_px.max() < _ROUND * left_px.min() > 2 * shift_px:
+        return parallax_px, "what moves, moves in no direction"
+    return parallax_px, ""
 
 
 def _robust_fit(matrix: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -109,12 +93,10 @@ def _change(views: list[Grey], every: list[Grey]) -> str:
     """How the views of a line change otherwise than by a camera that moves sideways; "" for nothing. every: some of the whole
     grid."""
     middle = len(views) // 2
-    near = _Motion.between(views[middle], views[middle + 1])
-    far = _Motion.between(views[middle], views[min(len(views) - 1, middle + _REACH)])
-    for motion in (near, far):
-        if motion is not None and motion.change:
-            return motion.change
-    still = all(motion is not None and motion.parallax_px < _STILL_PX for motion in (near, far))
+    motions = [_motion(views[middle], views[min(len(views) - 1, middle + away)]) for away in (1, _REACH)]
+    if change := next((motion[1] for motion in motions if motion is not None and motion[1]), ""):
+        return change
+    still = all(motion is not None and motion[0] < _STILL_PX for motion in motions)
     if still and (ratio := _refocused(every)) > _REFOCUSED:
         return f"their focus or exposure differs (sharpness by a factor of {ratio:.0f}), their viewpoint does not"
     return ""
@@ -210,17 +192,13 @@ def examine(source: SceneSource) -> Evidence | None:
     held_out, explained = (float(np.median(values)) for values in zip(*found, strict=True))
     places = [(r, c) for r in range(source.rows) for c in range(source.cols) if (r, c) not in source.missing]
     every = [grey(*places[k]) for k in sorted({round(p) for p in np.linspace(0, len(places) - 1, 9)})]
-    changes = [_change([grey(*line[k]) for k in _spread(len(line))], every) for line in lines]
+    around = [line[max(0, len(line) // 2 - _REACH) : len(line) // 2 + _REACH + 1] for line in lines]  # their middle
+    changes = [_change([grey(*place) for place in views], every) for views in around]
     change, line = changes[0] if all(changes) else "", lines[0]
     closed = not change and len(lines) == 1 and len(line) >= _SHORTEST_CIRCLE
     if closed and _is_circle(*(grey(*line[k]) for k in (0, 1, len(line) // 2, -1))):
         change = "the last picture follows the first one: a turntable, or a walk around something"
     return Evidence(held_out, explained, change)
-
-
-def _spread(count: int) -> list[int]:
-    """The views of a line to compare: those around its middle."""
-    return list(range(max(0, count // 2 - _REACH), min(count, count // 2 + _REACH + 1)))
 
 
 def plausible(source: SceneSource, force: bool) -> SceneSource:

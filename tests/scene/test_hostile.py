@@ -155,12 +155,12 @@ SMALL_JPEG = cv2.imencode(".jpg", np.zeros((8, 8, 3), np.uint8))[1].tobytes()
 FRAME_HEADER = b"\xff\xc0\x00\x11\x08"
 HUGE = 2 << 40
 PLAYLIST = b"#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\nfilm.avi\n#EXT-X-ENDLIST\n"
-ATTACKS: dict[str, tuple[Make, str]] = {
-    "far too many columns": (lambda f: hci(f, num_cams_x="1e18"), r"parameters\.cfg: num_cams_x is 1e\+18"),
+ATTACKS: dict[str, tuple[Make, str]] = {  # and what is said of it: nothing where a number that cannot be is passed over
+    "far too many columns": (lambda f: hci(f, num_cams_x="1e18"), "^$"),
     "many cameras": (lambda f: hci(f, num_cams_x="10000"), "views"),
-    "focus": (lambda f: hci(f, focus_distance_m="nan"), "focus_distance_m is nan"),
-    "far cameras": (lambda f: stanford(f, "1e308", "-1e308"), "camera coordinate is -?1e"),
-    "attributes": (lambda f: hci_text(f, "1e308 //dH\n1e308 //focalLength\n"), r"attributes\.dat: dH is 1e\+308"),
+    "focus": (lambda f: hci(f, focus_distance_m="nan"), "^$"),
+    "far cameras": (lambda f: stanford(f, "1e308", "-1e308"), "^$"),
+    "attributes": (lambda f: hci_text(f, "1e308 //dH\n1e308 //focalLength\n"), "^$"),
     "true disparity": (lambda f: hci_text(f, "1 //dH\n1e-30 //focalLength\n3e8 //shift\n"), r"up to 3e\+08 px"),
     **{f"2 TB, {name}": (beside(hci, name, size=HUGE), name)
        for name in ("input_Cam004.png", "parameters.cfg", "gt_disp_lowres.pfm")},
@@ -171,8 +171,8 @@ ATTACKS: dict[str, tuple[Make, str]] = {
     "HDF5, no end": (claiming((1, 2**40, 32, 32, 3)), r"lf\.h5"),
     "HDF5, truncated": (lambda f: [h5(f), os.truncate(f / "lf.h5", 4000)], "not a readable HDF5 file"),
     "HDF5 bomb": (chunk_bomb, "bytes are stored for"),
-    "chain of links": (chained_links, "links to another"),
-    "virtual data set": (virtual, "stored in other files"),
+    "chain of links": (chained_links, "kept in another"),
+    "virtual data set": (virtual, "kept in another"),
     "film, header": (replaced(struct.pack("<II", 240, 128), struct.pack("<II", 9000, 9000), "FFV1"), "9000x9000"),
     "film, frames": (
         replaced(FRAME_HEADER + struct.pack(">HH", 128, 240), FRAME_HEADER + b"\x4e\x20\x4e\x20", "MJPG"), r"film\.avi"

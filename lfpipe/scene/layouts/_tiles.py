@@ -35,6 +35,18 @@ _LINE_SAMPLES = 64  # along a line
 _SOFT_PX = 2  # by which lines and tiles differ where lines have soft edges
 
 
+def reduced(picture: NDArray[Any], most_px: int) -> NDArray[Any]:
+    """A picture whose longer side is at most that long."""
+    scale = min(1.0, most_px / max(picture.shape[:2]))
+    return np.asarray(cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
+
+
+def plane_of(picture: NDArray[Any]) -> NDArray[np.uint8]:
+    """The only plane of a picture, or its green one, with 8 bits."""
+    plane = picture if picture.ndim == 2 else picture[..., 1]
+    return np.ascontiguousarray(plane if plane.dtype == np.uint8 else (plane >> 8).astype(np.uint8))
+
+
 @attrs.frozen
 class Tiling:
     """Where the tiles of a picture lie: tops and lefts in px, and their common size; what lies between them belongs to none.
@@ -155,8 +167,7 @@ def find_tiles(picture: NDArray[Any], name: str = "") -> Tiling | None:
         tiles = find_tiles(picture[: height - height % rows, : width - width % cols], name)
         if tiles is not None and tiles.shape == (rows, cols):
             return tiles
-    scale = min(1.0, _GLANCE_PX / max(height, width))
-    small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)  # of a single plane it would be a copy
+    small = reduced(picture, _GLANCE_PX)  # of a single plane it would be a copy
     plane = (small if small.ndim == 2 else small[..., 1]).astype(np.float32)
     down, across = _unlike(plane, 0), _unlike(plane, 1)
     for named in re.finditer(r"(?<!\d)(\d{1,2})x(\d{1,2})(?!\d)", name):
@@ -185,7 +196,7 @@ def _as_quilt(picture: NDArray[Any], plain: Tiling) -> Tiling:
     for down in (False, True):
         quilt = attrs.evolve(plain, quilt=True, down=down)
         grid = Running(rows, cols, False)
-        best = likeliest(lambda at, quilt=quilt: _plane(quilt.cut(picture, 0, at)), [True] * rows * cols, [grid, line])  # type: ignore[misc]
+        best = likeliest(lambda at, quilt=quilt: plane_of(quilt.cut(picture, 0, at)), [True] * rows * cols, [grid, line])  # type: ignore[misc]
         readings[down] = best, quilt
     lines = [reading for reading in readings.values() if reading[0].run.rows == 1]
     doubt = f"one line of {rows * cols} views (--layout quilt), or a grid of {rows}x{cols} (--layout mosaic)"
@@ -193,11 +204,6 @@ def _as_quilt(picture: NDArray[Any], plain: Tiling) -> Tiling:
         return plain if all(best.clear for best, _ in readings.values()) else attrs.evolve(plain, doubt=doubt)
     best, quilt = max(lines, key=lambda reading: reading[0].score)
     return quilt if best.clear else attrs.evolve(quilt, doubt=doubt)
-
-
-def _plane(tile: NDArray[Any]) -> NDArray[np.uint8]:
-    plane = tile if tile.ndim == 2 else tile[..., 1]
-    return np.ascontiguousarray(plane if plane.dtype == np.uint8 else (plane >> 8).astype(np.uint8))
 
 
 def last_picture(load: Callable[[int], NDArray[Any]]) -> Callable[[int], NDArray[Any]]:

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import open_file
-from lfpipe.files.untrusted import in_range
 from lfpipe.host.files import path_of
 from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._grid import require_grid, require_view, true_max
@@ -33,32 +32,47 @@ VIEWS, DISPARITY, POSITIONS = "views", "disparity", "positions"
 AXES = "(rows, cols, height, width, 1 or 3), or (frames, rows, cols, height, width, 1 or 3)"
 _KEYS = ("LF", "lf", "LightField", "lightfield")
 _PLANES = (1, 3, 4, 5)  # grey, colour, and colour with weights behind it
-_USED = ("dH", "focalLength", "shift")
+LARGEST = 1e9  # of what files say of cameras, in mm or px: beyond, and where it is NaN, it is not known
+
+
+def _require_size(kind: np.dtype[Any], shape: tuple[int, ...], what: str) -> None:
+    """Raises UserError for values of another type, or where no light field is so large. what: its name, for messages."""
+    if kind not in (np.uint8, np.uint16) and kind.kind != "f":
+        raise UserError(f"{what}: values of type {kind}", "save it as uint8, uint16 or float 0 .. 1")
+    rows, cols, height, width = shape
+    require_grid(rows, cols, what)
+    require_view(height, width, kind.itemsize, what)
 
 
 def require_views(views: NDArray[Any], what: str) -> NDArray[Any]:
     """views with an axis of frames. Raises UserError for other axes and types. what: its name, for messages."""
-    if views.ndim not in (5, 6) or views.shape[-1] not in (1, 3):
+    framed = views[None] if views.ndim == 5 else views
+    if framed.ndim != 6 or framed.shape[-1] not in (1, 3) or framed.shape[0] < 1:
         raise UserError(f"{what}: axes of sizes {views.shape}", f"expected {AXES}")
-    if views.dtype not in (np.uint8, np.uint16) and views.dtype.kind != "f":
-        raise UserError(f"{what}: values of type {views.dtype}", "expected uint8, uint16 or float 0 .. 1")
-    framed = views if views.ndim == 6 else views[None]
-    frames, rows, cols, height, width, _ = framed.shape
-    if frames < 1:
-        raise UserError(f"{what}: no frame", f"expected {AXES}")
-    require_grid(rows, cols, what)
-    require_view(height, width, views.dtype.itemsize, what)
+    _require_size(views.dtype, framed.shape[1:5], what)
     return framed
 
 
-def _unsigned(values: NDArray[Any], path: Path, full: float = 1.0) -> NDArray[Any]:
-    """uint8 and uint16 unchanged; floats 0 .. full as uint16 0 .. 65535. Raises UserError for NaN."""
-    if values.dtype.kind != "f":
-        return values
-    if not np.isfinite(values).all():
-        raise UserError(f"{path}: contains NaN or infinite values", "export it again")
-    share = np.clip(values, 0, full).astype(np.float32) / np.float32(full)  # clipped first: float32 holds less than float64
-    return np.asarray(np.rint(share * np.float32(65535)), np.uint16)
+def _source(
+    layout: str, path: Path, listing: Listing, shape: tuple[int, ...], kind: np.dtype[Any],
+    raw: Callable[[int, int, int], NDArray[Any]], full: float = 1.0, **more: Any,
+) -> SceneSource:  # fmt: skip
+    """The views of an array. shape: rows, cols, height and width; kind: of its values; raw: a view as it is stored, perhaps with
+    planes, by frame, row and column; full: the largest float; more: further fields of SceneSource."""
+
+    def read(frame: int, row: int, col: int) -> NDArray[Any]:
+        pixels = raw(frame, row, col)
+        if pixels.ndim == 3:  # a fourth plane is LFToolbox's weight
+            pixels = pixels[..., 0] if pixels.shape[2] < 3 else pixels[..., :3]
+        if kind.kind == "f":
+            if not np.isfinite(pixels).all():
+                raise UserError(f"{path}: contains NaN or infinite values", "export it again")
+            pixels = np.clip(pixels, 0, full).astype(np.float32)  # clipped first: float32 holds less than float64
+            pixels = np.rint(pixels / np.float32(full) * np.float32(65535)).astype(np.uint16)
+        return np.ascontiguousarray(pixels)
+
+    rows, cols, height, width = shape
+    return SceneSource(layout, listing.path, (path,), rows, cols, read, height, width, 255 if kind == np.uint8 else 65535, **more)
 
 
 def _numpy_arrays(path: Path) -> Mapping[str, NDArray[Any]]:
@@ -77,7 +91,7 @@ def _numpy_source(listing: Listing, path: Path) -> SceneSource:
     if VIEWS not in arrays:
         raise UserError(f"{path}: no array {VIEWS!r}", f"numpy.savez(FILE, {VIEWS}=...) with axes {AXES}")
     views = require_views(arrays[VIEWS], str(path))
-    frames, rows, cols, height, width, planes = views.shape
+    frames, rows, cols = views.shape[:3]
     disparity, positions = arrays.get(DISPARITY), arrays.get(POSITIONS)
     for name, values, shape in ((DISPARITY, disparity, views.shape[1:5]), (POSITIONS, positions, (rows, cols, 2))):
         if values is not None and (values.shape != shape or values.dtype.kind not in "fiu"):
@@ -85,14 +99,10 @@ def _numpy_source(listing: Listing, path: Path) -> SceneSource:
     if positions is not None and not np.isfinite(positions).all():
         raise UserError(f"{path}: {POSITIONS} contains NaN or infinite values", "expected finite numbers")
 
-    def read(frame: int, row: int, col: int) -> NDArray[Any]:
-        pixels = _unsigned(np.asarray(views[frame, row, col]), path)
-        return np.ascontiguousarray(pixels if planes == 3 else pixels[..., 0])
-
     places = () if disparity is None else np.ndindex(rows, cols)
-    return SceneSource(
-        layout="array", path=listing.path, files=(path,), rows=rows, cols=cols, read=read, height_px=height, width_px=width,
-        max_value=255 if views.dtype == np.uint8 else 65535, frames=frames, frame_rate_hz=30.0 if frames > 1 else 0.0,
+    return _source(
+        "array", path, listing, views.shape[1:5], views.dtype, lambda frame, row, col: np.asarray(views[frame, row, col]),
+        frames=frames, frame_rate_hz=30.0 if frames > 1 else 0.0,
         turn=Turn(), turn_by="rows of the array are counted from the top, columns from the left", turn_firm=False,
         coordinates=None if positions is None else np.asarray(positions, np.float64),
         truth={place: partial(np.asarray, disparity[place], np.float32) for place in places},  # type: ignore[index]
@@ -126,15 +136,12 @@ def _hdf5_array(path: Path, file: Any, *keys: str) -> Any:
 
     for key in keys:
         with _damage(path, f"{key} cannot be read"):
-            link = file.get(key, getlink=True)
-            if isinstance(link, h5py.ExternalLink | h5py.SoftLink):  # a chain of them may end anywhere
-                there = getattr(link, "filename", "") or link.path
-                raise UserError(f"{path}: {key} links to another file or place, {there}", "download the scene as one file")
-            data = file.get(key)
+            linked = isinstance(file.get(key, getlink=True), h5py.ExternalLink | h5py.SoftLink)  # a chain may end anywhere
+            data = None if linked else file.get(key)
+            if linked or (isinstance(data, h5py.Dataset) and (data.external or data.is_virtual)):
+                raise UserError(f"{path}: {key} is kept in another file or place", "download the whole scene as one file")
             if not isinstance(data, h5py.Dataset) or data.dtype.kind not in "uif" or data.shape is None:
                 continue
-            if data.external or data.is_virtual:
-                raise UserError(f"{path}: {key} is stored in other files", "download the whole scene as one file")
             if not data.chunks:
                 return data
             whole = math.prod(-(-size // chunk) * chunk for size, chunk in zip(data.shape, data.chunks, strict=True))
@@ -159,33 +166,23 @@ def axis_order(shape: tuple[int, ...]) -> tuple[int, ...] | None:
     return natural[::-1] if sizes[0] in _PLANES and max(sizes[3:]) <= min(sizes[1:3]) else None
 
 
-def _source(layout: str, listing: Listing, path: Path, array: Any, names: list[str]) -> SceneSource:
-    """The views of an array, or of a data set of HDF5. names: of all arrays in the file, for the message without one. Raises
-    UserError."""
+def _ordered_source(layout: str, listing: Listing, path: Path, array: Any, names: list[str]) -> SceneSource:
+    """The views of an array, or of a data set of HDF5, whose axes may be in reverse order. names: of all arrays in the file, for
+    the message without one. Raises UserError."""
     if array is None:
         raise UserError(f"{path}: no array LF (it contains: {', '.join(names[:8])})", "save the light field as LF")
-    what, kind, order = f"{path}: LF", array.dtype, axis_order(array.shape)
+    order = axis_order(array.shape)
     if order is None:
         wrong = f"{len(array.shape)} axes of sizes {array.shape}; expected (rows, columns, y, x, planes)"
-        raise UserError(f"{what} has {wrong}", "save it with these axes")
-    if kind not in (np.uint8, np.uint16) and kind.kind != "f":
-        raise UserError(f"{what} has values of type {kind}", "save it as uint8, uint16 or float")
-    rows, cols, height, width = (int(array.shape[axis]) for axis in order[:4])
-    require_grid(rows, cols, what)
-    require_view(height, width, kind.itemsize, what)
+        raise UserError(f"{path}: LF has {wrong}", "save it with these axes")
+    shape = tuple(int(array.shape[axis]) for axis in order[:4])
+    _require_size(array.dtype, shape, f"{path}: LF")
 
-    def raw(row: int, col: int) -> NDArray[Any]:
+    def raw(frame: int, row: int, col: int) -> NDArray[Any]:
         return np.asarray(array[..., col, row].T if order[0] else array[row, col])
 
-    bright = kind.kind == "f" and float(np.nanmax(raw(rows // 2, cols // 2), initial=0)) > 1.5
-
-    def read(frame: int, row: int, col: int) -> NDArray[Any]:
-        pixels = raw(row, col)
-        if pixels.ndim == 3:  # a fourth plane is LFToolbox's weight
-            pixels = pixels[..., 0] if pixels.shape[2] < 3 else np.ascontiguousarray(pixels[..., :3])
-        return _unsigned(pixels, path, 255.0 if bright else 1.0)
-
-    return SceneSource(layout, listing.path, (path,), rows, cols, read, height, width, 255 if kind == np.uint8 else 65535)
+    bright = array.dtype.kind == "f" and float(np.nanmax(raw(0, shape[0] // 2, shape[1] // 2), initial=0)) > 1.5
+    return _source(layout, path, listing, shape, array.dtype, raw, 255.0 if bright else 1.0)
 
 
 def _matlab_array(path: Path) -> tuple[Any, list[str]]:
@@ -210,7 +207,7 @@ def _matlab_array(path: Path) -> tuple[Any, list[str]]:
 
 def _matlab_source(listing: Listing, path: Path) -> SceneSource:
     array, names = _matlab_array(path)
-    source = lit(_source("mat", listing, path, array, names))
+    source = lit(_ordered_source("mat", listing, path, array, names))
     if array.dtype == np.uint16:
         top = true_max([int(source.read(0, row, source.cols // 2).max()) for row in (0, source.rows // 2)], 65535)
         source = attrs.evolve(source, max_value=top)
@@ -218,12 +215,6 @@ def _matlab_source(listing: Listing, path: Path) -> SceneSource:
         return source
     by = "LFToolbox counts rows from the top and columns from the left"
     return attrs.evolve(source, linear=True, turn=Turn(), turn_by=by, turn_firm=False)
-
-
-def require_plausible(known: Mapping[str, float], path: Path) -> None:
-    """Raises UserError where one of the attributes that are used here is not finite or out of range."""
-    for name in _USED:
-        in_range(known.get(name, 0.0), -1e9, 1e9, f"{path}: {name}", "fetch the scene again, or correct the value")
 
 
 def disparity_of_depth(depth: NDArray[np.float32], known: Mapping[str, float]) -> NDArray[np.float32]:
@@ -235,12 +226,12 @@ def disparity_of_depth(depth: NDArray[np.float32], known: Mapping[str, float]) -
 
 def _hci_old_source(listing: Listing, path: Path) -> SceneSource:
     file = _hdf5(path)
-    source = _source("hci-old", listing, path, _hdf5_array(path, file, *_KEYS), [*file])
+    source = _ordered_source("hci-old", listing, path, _hdf5_array(path, file, *_KEYS), [*file])
     with _damage(path, "the attributes cannot be read"):
-        stored = {name: file.attrs.get_id(name) for name in _USED if name in file.attrs}
+        stored = {name: file.attrs.get_id(name) for name in ("dH", "focalLength", "shift") if name in file.attrs}
         single = [name for name, about in stored.items() if about.dtype.kind in "uif" and about.shape in ((), (1,))]
-        known = {name: float(np.ravel(file.attrs[name])[0]) for name in single}
-    require_plausible(known, path)
+        values = {name: float(np.ravel(file.attrs[name])[0]) for name in single}
+    known = {name: value for name, value in values.items() if abs(value) <= LARGEST}
     depth, truth = _hdf5_array(path, file, "GT_DEPTH"), {}
     shape = source.rows, source.cols, source.height_px, source.width_px
     if depth is not None and depth.shape == shape and known.get("dH") and known.get("focalLength"):

@@ -11,12 +11,10 @@ rows-cols    any two numbers in the names that span a grid
 numbered     a running number: row by row, column by column, a snake or a line; the pictures decide
 """
 
-import configparser
 import math
 import re
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 
 import attrs
 import numpy as np
@@ -24,11 +22,11 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.files.untrusted import finite, in_range
+from lfpipe.files.untrusted import finite
 from lfpipe.scene.files import Listing, list_scene, read_bytes, read_pfm
 from lfpipe.scene.layouts._grid import describe_views, named_views, parse_grid, placed_views
 from lfpipe.scene.layouts._names import MAX_SIDE
-from lfpipe.scene.layouts.arrays import disparity_of_depth, require_plausible
+from lfpipe.scene.layouts.arrays import LARGEST, disparity_of_depth
 from lfpipe.scene.layouts.plenoptic import lit
 from lfpipe.scene.lightfield import Geometry
 from lfpipe.scene.source import Layout, SceneSource, Turn
@@ -39,8 +37,6 @@ _HCI_TEXT = re.compile(rf"(\d{{1,3}})_(\d{{1,3}}){_PICTURE}", re.IGNORECASE)
 _STANFORD = re.compile(rf".*?out_(\d{{1,4}})_(\d{{1,4}})_{_NUMBER}_{_NUMBER}(?:_{_NUMBER})*_?{_PICTURE}", re.IGNORECASE)
 _JPEG_PLENO = re.compile(r"(\d{3})_(\d{3})\.(?:ppm|png)", re.IGNORECASE)
 _TRUTH = re.compile(r"gt_disp_lowres(?:_Cam(\d{3,5}))?\.pfm", re.IGNORECASE)
-_FARTHEST = 1e9  # of a camera, in whatever unit: mm or px
-_NOT_NEEDED = "correct it or move the file away, it is not needed"
 
 
 def _matches(listing: Listing, pattern: re.Pattern[str]) -> dict[str, re.Match[str]]:
@@ -58,29 +54,15 @@ def _detects(pattern: re.Pattern[str], fewest: int, mark: int) -> Callable[[List
     return lambda listing: mark if len(_matches(listing, pattern)) >= fewest else None
 
 
-def _parameters(path: Path) -> dict[str, str]:
-    """All sections of parameters.cfg in one table; keys vary from scene to scene. Raises UserError."""
-    parser = configparser.ConfigParser(interpolation=None, strict=False)
-    try:
-        parser.read_string(read_bytes(path).decode("utf-8", "replace"))
-    except configparser.Error as error:
-        reason = str(error).splitlines()[0]
-        raise UserError(f"{path}: not a valid parameters.cfg: {reason}", _NOT_NEEDED) from None
-    return {key: value for section in parser.values() for key, value in section.items()}
-
-
 def _describe_hci(listing: Listing, scene: config.Scene) -> SceneSource:
     views = {name: int(match[1]) for name, match in _require_matches(listing, _HCI, "input_Cam000.png").items()}
-    cfg = listing.file("parameters.cfg") if "parameters.cfg" in listing.names else None
-    table = _parameters(cfg) if cfg else {}
+    cfg = [listing.file("parameters.cfg")] if "parameters.cfg" in listing.names else []
+    text = read_bytes(cfg[0]).decode("utf-8", "replace").lower() if cfg else ""
+    parameters = dict(re.findall(r"^[^\S\n]*(\w+)[^\S\n]*[=:][^\S\n]*(\S+)", text, re.MULTILINE))
 
     def number(key: str, low: float, high: float) -> float | None:
-        """None if it is missing, or zero or text for "not known". Raises UserError if it is out of range."""
-        try:
-            value = float(table.get(key, "0"))
-        except ValueError:
-            return None
-        return in_range(value, low, high, f"{cfg}: {key}", _NOT_NEEDED) if value else None
+        """None if it is missing or cannot be; zero and text also stand for "not known"."""
+        return finite(parameters.get(key, ""), low, high)
 
     focal, sensor = number("focal_length_mm", 1e-2, 1e5), number("sensor_size_mm", 1e-2, 1e5)
     longer_px = max(number(f"image_resolution_{axis}_px", 1, 1e5) or 0.0 for axis in "xy")
@@ -111,14 +93,14 @@ def _describe_hci(listing: Listing, scene: config.Scene) -> SceneSource:
         index = int(match[1]) if match[1] else (rows // 2) * cols + cols // 2  # a map that names its view is last and wins
         if index < rows * cols and divmod(index, cols) not in source.missing:
             truth[divmod(index, cols)] = partial(read_pfm, listing.file(name))
-    beside = (*(listing.file(name) for name in maps), *([cfg] if cfg else []))
+    beside = (*(listing.file(name) for name in maps), *cfg)
     return attrs.evolve(source, truth=truth, files=(*source.files, *beside))
 
 
 def hci_attributes(text: str) -> dict[str, float]:
-    """`value //name` lines by name; lines of another form are passed over."""
+    """`value //name` lines by name; others, and numbers that cannot be, are passed over."""
     lines = re.findall(r"^[^\S\n]*(\S+)[^\S\n]*//[^\S\n]*(\S+)", text, re.MULTILINE)
-    return {name: number for value, name in lines if (number := finite(value)) is not None}
+    return {name: number for value, name in lines if (number := finite(value, -LARGEST, LARGEST)) is not None}
 
 
 def _detect_hci_text(listing: Listing) -> int | None:
@@ -130,14 +112,13 @@ def _describe_hci_text(listing: Listing, scene: config.Scene) -> SceneSource:
         raise UserError(f"{listing.path}: no attributes.dat next to a folder lf/", "give the folder that contains both")
     beside = [listing.file("attributes.dat")]
     known = hci_attributes(read_bytes(beside[0]).decode("utf-8", "replace"))
-    require_plausible(known, beside[0])
     inner = list_scene(listing.file("lf"))
     places = {name: (int(m[1]), int(m[2])) for name, m in _require_matches(inner, _HCI_TEXT, "ROW_COLUMN.png").items()}
     source = placed_views(
         "hci-text", inner, places, turn=Turn(), turn_by="this export counts rows from the top and columns from the left"
     )
     size, truth, middle = (source.height_px, source.width_px), {}, (source.rows // 2, source.cols // 2)
-    if "depth.bin" in listing.names and middle not in source.missing:
+    if "depth.bin" in listing.names and "focalLength" in known and middle not in source.missing:
         beside.append(path := listing.file("depth.bin"))
 
         def read_truth() -> NDArray[np.float32]:
@@ -146,7 +127,7 @@ def _describe_hci_text(listing: Listing, scene: config.Scene) -> SceneSource:
                 wrong = f"{len(data)} bytes, {expected} expected of {size[1]}x{size[0]} float32"
                 raise UserError(f"{path}: {wrong}", "fetch it again, or move it away")
             depth = np.frombuffer(data, "<f4").reshape(size).astype(np.float32)
-            return disparity_of_depth(depth, known) if known.get("focalLength") else depth
+            return disparity_of_depth(depth, known) if known["focalLength"] else depth
 
         truth[middle] = read_truth
     return attrs.evolve(source, path=listing.path, truth=truth, files=(*source.files, *beside))
@@ -159,12 +140,12 @@ def _describe_stanford(listing: Listing, scene: config.Scene) -> SceneSource:
     places = [place for place in np.ndindex(source.rows, source.cols) if place not in source.missing]
     for place, path in zip(places, source.files, strict=True):
         for axis in (0, 1):
-            value = float(matches[path.name][3 + axis])
-            stood[place][axis] = in_range(value, -_FARTHEST, _FARTHEST, f"{path}: a camera coordinate", "rename the file")
+            value = finite(matches[path.name][3 + axis], -LARGEST, LARGEST)
+            stood[place][axis] = np.nan if value is None else value
     turn = coordinate_turn(stood)
     if turn is None:
         return source
-    coordinates = None if source.missing else stood
+    coordinates = stood if np.isfinite(stood).all() else None
     return attrs.evolve(source, coordinates=coordinates, turn=turn, turn_by="camera coordinates in the names")
 
 

@@ -14,7 +14,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.pictures import open_header, read_frames, read_picture
 from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._grid import files_source
-from lfpipe.scene.layouts._tiles import require_picture, single_picture
+from lfpipe.scene.layouts._tiles import plane_of, reduced, require_picture, single_picture
 from lfpipe.scene.optical_flow import confirmed, flow, textured
 from lfpipe.scene.source import Layout, SceneSource, Turn
 
@@ -27,10 +27,8 @@ def _is_anaglyph(picture: NDArray[Any]) -> bool:
     """Whether red is shifted against green and blue like one eye's picture against the other's."""
     if picture.ndim == 2:
         return False
-    scale = min(1.0, _GLANCE_PX / max(picture.shape[:2]))
-    small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    small = small if small.dtype == np.uint8 else cv2.convertScaleAbs(small, alpha=1 / 256)
-    red, green = (np.asarray(cv2.equalizeHist(np.ascontiguousarray(small[..., k])), np.uint8) for k in (0, 1))
+    small = reduced(picture, _GLANCE_PX)
+    red, green = (np.asarray(cv2.equalizeHist(plane_of(small[..., channel])), np.uint8) for channel in (0, 1))
     if min(red.shape) < 24:
         return False
     there, back = flow(red, green), flow(green, red)

@@ -19,7 +19,7 @@ from lfpipe.files.pictures import read_frames, read_picture
 from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._grid import files_source, some
 from lfpipe.scene.layouts._names import LEFT, MAPS, RIGHT, read_names
-from lfpipe.scene.layouts._tiles import halves, single_picture
+from lfpipe.scene.layouts._tiles import halves, plane_of, reduced, single_picture
 from lfpipe.scene.optical_flow import confirmed, flow, textured
 from lfpipe.scene.source import SceneSource, Turn
 
@@ -64,13 +64,7 @@ def _alone(listing: Listing) -> Path | None:
 
 def are_a_pair(a: NDArray[Any], b: NDArray[Any]) -> bool:
     """Whether two pictures of equal size show one scene from two positions side by side."""
-    scale = min(1.0, _GLANCE_PX / max(a.shape[:2]))
-    greys = []
-    for picture in (a, b):
-        small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)  # first: a large one is not copied
-        plane = small if small.ndim == 2 else small[..., 1]
-        plane = plane if plane.dtype == np.uint8 else cv2.convertScaleAbs(np.ascontiguousarray(plane), alpha=1 / 256)
-        greys.append(np.ascontiguousarray(plane, np.uint8))
+    greys = [plane_of(reduced(picture, _GLANCE_PX)) for picture in (a, b)]
     if min(greys[0].shape) < 24 or min(float(grey.std()) for grey in greys) < 2:
         return False
     a_soft, b_soft = (np.asarray(cv2.GaussianBlur(grey, (0, 0), 4), np.float64).ravel() for grey in greys)
