@@ -54,10 +54,10 @@ def picture_of(data: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
     if not pixels or 6 * pixels > MAX_DECODING_BYTES:  # imdecode needs two
         return None
     try:
-        found = cv2.imdecode(data, cv2.IMREAD_COLOR)
+        picture = cv2.imdecode(data, cv2.IMREAD_COLOR)
     except cv2.error:
         return None
-    return None if found is None else np.asarray(found, np.uint8)
+    return None if picture is None else np.asarray(picture, np.uint8)
 
 
 def fit_area(picture_px: tuple[int, int], area_px: tuple[int, int]) -> tuple[int, int, int, int]:

@@ -40,8 +40,8 @@ def check_links(folder: Path, names: Iterable[str]) -> None:
     begin with that of a subfolder."""
     for path in (folder / name for name in names):
         linked = os.path.islink(path) or os.path.islink(path.parent)  # noqa: PTH114  (raises nothing where nobody may search)
-        if linked and not Path(there := os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
-            raise UserError(f"{path}: a link to {there}, outside of the folder", "copy the files (`cp -rL` follows links)")
+        if linked and not Path(target := os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
+            raise UserError(f"{path}: a link to {target}, outside of the folder", "copy the files (`cp -rL` follows links)")
 
 
 def open_regular(path: Path) -> BufferedReader:

@@ -23,7 +23,7 @@ def _describe(manifest: dict[str, Any], low_px: float | None, high_px: float | N
         **{name: manifest[name] for name in _NAMES},
         "orientation_evidence": manifest["orientation"],
         "disparity": {"min": low_px, "max": high_px, **about},
-        "views_missing": [[r, c] for r, line in enumerate(present) for c, there in enumerate(line) if not there],
+        "views_missing": [[r, c] for r, line in enumerate(present) for c, is_present in enumerate(line) if not is_present],
         "irregular": manifest["offsets"] is not None,
     }
 

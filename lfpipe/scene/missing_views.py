@@ -48,23 +48,23 @@ def nearest(usable: NDArray[np.bool_]) -> NDArray[np.intp]:
     return np.asarray(index[labels])
 
 
-def warped_view(picture: NDArray[Any], disparity: FloatMap, made: FloatMap, down: float, across: float) -> NDArray[Any]:
-    """A view warped to the one `down` rows and `across` columns further, (h, w) or (h, w, 3). made: `warped_disparity` of
+def warped_view(picture: NDArray[Any], disparity: FloatMap, target: FloatMap, down: float, across: float) -> NDArray[Any]:
+    """A view warped to the one `down` rows and `across` columns further, (h, w) or (h, w, 3). target: `warped_disparity` of
     disparity.
 
     If the source of a pixel shows something nearer, the pixel was hidden: the nearest pixel at its depth fills it.
     """
-    xx, yy = grid_xy(*made.shape)
-    at = xx + made * np.float32(across), yy + made * np.float32(down)
+    xx, yy = grid_xy(*target.shape)
+    at = xx + target * np.float32(across), yy + target * np.float32(down)
     out = cv2.remap(picture, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    there = cv2.remap(disparity, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    seen = cv2.remap(disparity, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     step = max(abs(down), abs(across))
-    hidden = (there - made) * step > _HIDDEN_PX
+    hidden = (seen - target) * step > _HIDDEN_PX
     if not hidden.any():
         return np.asarray(out)
     hidden = cv2.dilate(hidden.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     reach = 2 * int(step * float(np.ptp(disparity))) + 3
-    behind = made - cv2.erode(made, np.ones((reach, reach), np.uint8), borderType=cv2.BORDER_REPLICATE) < max(
+    behind = target - cv2.erode(target, np.ones((reach, reach), np.uint8), borderType=cv2.BORDER_REPLICATE) < max(
         _HIDDEN_PX / max(step, 1e-9), 1e-6
     )
     usable = behind & ~hidden
@@ -85,7 +85,7 @@ def fill_missing(present: NDArray[np.bool_], views: NDArray[np.uint8], disparity
         stored = disparity[near]
         half = np.where(stored == UNKNOWN, 0, stored).astype(np.float32) * np.float32(scale_px)
         full = np.asarray(cv2.resize(half, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
-        made = warped_disparity(full, *steps)
-        views[row, col] = [warped_view(plane, full, made, *steps) for plane in planes]
-        small = cv2.resize(made, half.shape[::-1], interpolation=cv2.INTER_AREA)
+        target = warped_disparity(full, *steps)
+        views[row, col] = [warped_view(plane, full, target, *steps) for plane in planes]
+        small = cv2.resize(target, half.shape[::-1], interpolation=cv2.INTER_AREA)
         disparity[row, col] = np.clip(np.rint(small / np.float32(scale_px)), -127, 127)

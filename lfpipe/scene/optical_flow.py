@@ -56,6 +56,12 @@ def confirmed(there: FloatMap, back: FloatMap) -> Mask:
     return np.asarray(off < _RETURN_PX + _RETURN_SHARE * np.hypot(there[..., 0], there[..., 1]), bool)
 
 
+def returned_flow(a: Grey, b: Grey) -> tuple[FloatMap, Mask]:
+    """The flow from a to b, and the pixels where the flow back confirms it."""
+    ahead = flow(a, b)
+    return ahead, confirmed(ahead, flow(b, a))
+
+
 def textured(picture: Grey) -> Mask:
     """The fifth of the pixels with the strongest edges, unless they are too weak."""
     edges = np.abs(cv2.Sobel(picture, cv2.CV_32F, 1, 0)) + np.abs(cv2.Sobel(picture, cv2.CV_32F, 0, 1))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
 from lfpipe.scene.grey_views import LOOK_PX, grey_views, present_lines
-from lfpipe.scene.optical_flow import SMALLEST_PX, Grey, confirmed, flow, grid_xy, textured
+from lfpipe.scene.optical_flow import SMALLEST_PX, Grey, flow, grid_xy, returned_flow, textured
 from lfpipe.scene.source import SceneSource
 
 _POOR_DB, _EXPLAINED = 26.0, 0.6  # of views between two others, and share of their detail that one disparity explains
@@ -56,8 +56,8 @@ class Evidence:
 def _motion(a: Grey, b: Grey) -> tuple[float, str] | None:
     """Motion between two views, px at the edge of the picture, and what changes more than the viewpoint does, "" for nothing;
     None if too little is in both views."""
-    ahead = flow(a, b)
-    sure = confirmed(ahead, flow(b, a)) & textured(a)
+    ahead, confirmed = returned_flow(a, b)
+    sure = confirmed & textured(a)
     if np.count_nonzero(sure) < _FEWEST_POINTS:
         return None
     y, x = np.nonzero(sure)
@@ -104,10 +104,9 @@ def _change(views: list[Grey], every: list[Grey]) -> str:
 
 def _pair(a: Grey, b: Grey) -> tuple[float, float]:
     """As `_triple`, for two views: one predicted from the other, and the share of its detail found there."""
-    there, xx_yy = flow(a, b), grid_xy(*a.shape)
-    seen = cv2.remap(b, xx_yy[0] + there[..., 0], xx_yy[1] + there[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    found, detail = confirmed(there, flow(b, a)), textured(a)
-    explained = float(found[detail].mean()) if detail.any() else 1.0
+    (ahead, confirmed), (xx, yy), detail = returned_flow(a, b), grid_xy(*a.shape), textured(a)
+    seen = cv2.remap(b, xx + ahead[..., 0], yy + ahead[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    explained = float(confirmed[detail].mean()) if detail.any() else 1.0
     return cv2.PSNR(np.asarray(seen), a), explained
 
 
@@ -170,7 +169,7 @@ def _is_circle(first: Grey, second: Grey, middle: Grey, last: Grey) -> bool:
         return False
     off = np.hypot(*(back + ahead)[moving].T)
     comes = float((off < _LOOSE_PX + _LOOSE_SHARE * np.hypot(*ahead[moving].T)).mean())
-    stays = float(confirmed(flow(first, middle), flow(middle, first))[detail][moving].mean())
+    stays = float(returned_flow(first, middle)[1][detail][moving].mean())
     return comes > _EXPLAINED and stays < _STAYS
 
 
@@ -184,12 +183,12 @@ def examine(source: SceneSource) -> Evidence | None:
         pairs = [_pair(grey(*line[0]), grey(*line[1])) for line in present_lines(source) if len(line) == 2]
         held_out, explained = (float(np.median(values)) for values in zip(*pairs or [(0.0, 0.0)], strict=True))
         return Evidence(held_out, explained) if pairs else None
-    found = [_triple(*(grey(*line[k + len(line) // 2]) for k in (-1, 0, 1))) for line in lines]
-    if any(held_out < _FINE_DB or explained < _FINE_SHARE for held_out, explained in found):
+    triples = [_triple(*(grey(*line[k + len(line) // 2]) for k in (-1, 0, 1))) for line in lines]
+    if any(held_out < _FINE_DB or explained < _FINE_SHARE for held_out, explained in triples):
         for line in lines:
             for middle in {max(1, len(line) // 5), min(len(line) - 2, len(line) - 1 - len(line) // 5)} - {len(line) // 2}:
-                found.append(_triple(*(grey(*line[middle + k]) for k in (-1, 0, 1))))
-    held_out, explained = (float(np.median(values)) for values in zip(*found, strict=True))
+                triples.append(_triple(*(grey(*line[middle + k]) for k in (-1, 0, 1))))
+    held_out, explained = (float(np.median(values)) for values in zip(*triples, strict=True))
     places = [(r, c) for r in range(source.rows) for c in range(source.cols) if (r, c) not in source.missing]
     every = [grey(*places[k]) for k in sorted({round(p) for p in np.linspace(0, len(places) - 1, 9)})]
     around = [line[max(0, len(line) // 2 - _REACH) : len(line) // 2 + _REACH + 1] for line in lines]  # their middle

@@ -30,7 +30,7 @@ from lfpipe.files.pictures import read_picture
 from lfpipe.host.limits import MemoryLimit
 from lfpipe.scene import layouts
 from lfpipe.scene.examination import examine_scene
-from lfpipe.scene.files import list_scene, read_pfm
+from lfpipe.scene.files import read_pfm
 from lfpipe.scene.layouts.named import hci_attributes
 from lfpipe.scene.packer import MEMORY_BYTES
 from lfpipe.scene.packing import pack_scene
@@ -194,23 +194,8 @@ def opened(path: Path, scene: config.Scene) -> str:
 
 
 NUMBERS = (
-    "0",
-    "-1",
-    "1e18",
-    "1e-300",
-    "-1e308",
-    "1e400",
-    "nan",
-    "inf",
-    "9" * 400,
-    "99999",
-    "0x10",
-    "",
-    "x",
-    "\x1b[2J",
-    "\n",
-    "٣",
-)
+    "0", "-1", "1e18", "1e-300", "-1e308", "1e400", "nan", "inf", "9" * 400, "99999", "0x10", "", "x", "\x1b[2J", "\n", "٣",
+)  # fmt: skip
 
 
 def damage(rng: random.Random, folder: Path) -> None:
@@ -294,12 +279,6 @@ def test_the_command_refuses_with_code_2_and_escapes_what_a_terminal_obeys(tmp_p
     assert "a\\x1b[2Jb/view_01_01.png" in err and "\x1b[2J" not in err
 
 
-def test_one_large_picture_among_the_views_is_left_out(tmp_path: Path) -> None:
-    beside(lambda f: made.write_grid(f, GRID), "view_02_02.png", png_of(8000, 8000))(tmp_path)
-    notes = examine_scene(tmp_path, config.Scene()).source.notes
-    assert any("8 of 9 files used; the others are view_02_02.png (8000x8000 px)" in note for note in notes)
-
-
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize("kind", ["fifo", "endless device"])
 def test_what_is_no_file_neither_blocks_nor_is_read(tmp_path: Path, kind: str) -> None:
@@ -374,9 +353,3 @@ def test_parsers_of_small_files(tmp_path_factory: pytest.TempPathFactory, body: 
             with contextlib.suppress(UserError):
                 parser(path)
     hci_attributes(body.decode("latin-1"))
-
-
-def test_a_listing_sorts_numbers_as_numbers(tmp_path: Path) -> None:
-    for name in ("v10.png", "v2.png", ".hidden"):
-        (tmp_path / name).touch()
-    assert list_scene(tmp_path).names == ("v2.png", "v10.png")

@@ -28,7 +28,7 @@ class Running:
 
     rows: int
     cols: int
-    snake: bool
+    snake: bool = False
     doubt: str = ""
 
     @property
@@ -41,28 +41,23 @@ class Running:
         return row, self.cols - 1 - col if self.snake and row % 2 else col
 
 
-def candidates(count: int, grid: ViewIndex | None) -> list[Running]:
+def _candidates(count: int, grid: ViewIndex | None) -> list[Running]:
     """Every grid that a run of `count` positions can fill; grid: the user's."""
-    shapes = [grid] if grid else [(count // cols, cols) for cols in range(2, count // 2 + 1)]
-    tries = [
-        Running(rows, cols, snake)
-        for snake in (False, True)
-        for rows, cols in shapes
-        if rows * cols == count and not (snake and min(rows, cols) == 1)
-    ]
-    return tries if grid else [*tries, Running(1, count, False)]
+    shapes = [grid] if grid else [(1, count), *((count // cols, cols) for cols in range(2, count // 2 + 1))]
+    shapes = [(rows, cols) for rows, cols in shapes if rows * cols == count]
+    return [Running(*shape) for shape in shapes] + [Running(*shape, snake=True) for shape in shapes if min(shape) > 1]
 
 
-def _positions(count: int, there: Sequence[bool], tries: Sequence[Running]) -> list[int]:
+def _positions(present: Sequence[bool], tries: Sequence[Running]) -> list[int]:
     """Positions to compare: all of a short run, else some in the middle and, for each candidate, a row below them."""
+    count = len(present)
     if count <= _MAX_PICTURES:
-        return [position for position in range(count) if there[position]]
+        return [position for position in range(count) if present[position]]
     middle, strides = count // 2, sorted({run.cols for run in tries if run.rows > 1 and run.cols < count // 2})
-    wanted = [middle + near for near in (0, 1, 2, 3, -1, -2, 4, -3)]
-    wanted += [middle + sign * (stride + near) for stride in strides for near in (0, 1) for sign in (1, -1)]
-    wanted += [end * stride + near for stride in strides for end in (1, 3) for near in (-1, 0)]
-    wanted += [end * stride + near for stride in strides for end in (1, 3) for near in (-2, 1)]
-    usable = dict.fromkeys(position for position in wanted if 0 <= position < count and there[position])
+    order = [middle + near for near in (0, 1, 2, 3, -1, -2, 4, -3)]
+    order += [middle + sign * (stride + near) for stride in strides for near in (0, 1) for sign in (1, -1)]
+    order += [end * stride + near for pair in ((-1, 0), (-2, 1)) for stride in strides for end in (1, 3) for near in pair]
+    usable = dict.fromkeys(position for position in order if 0 <= position < count and present[position])
     return list(usable)[:_MAX_PICTURES]
 
 
@@ -81,9 +76,8 @@ class Likeliest:
         return self.score >= _SURE and not self.near
 
 
-def likeliest(read: Callable[[int], NDArray[np.uint8]], there: Sequence[bool], tries: Sequence[Running]) -> Likeliest:
-    """The candidate that the pictures speak for. read(position): a view, any size; there: by position, whether there is one."""
-    at = _positions(len(there), there, tries)
+def likeliest(read: Callable[[int], NDArray[np.uint8]], present: Sequence[bool], tries: Sequence[Running]) -> Likeliest:
+    """The candidate that the pictures speak for. read(position): a view, any size; present: by position, whether there is one."""
 
     @cache
     def small(position: int) -> NDArray[np.float32]:
@@ -92,7 +86,7 @@ def likeliest(read: Callable[[int], NDArray[np.uint8]], there: Sequence[bool], t
         out = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA).astype(np.float32)
         return np.asarray((out - out.mean()) / max(1.0, float(out.std())), np.float32)
 
-    pairs = np.array(list(combinations(at, 2)))
+    pairs = np.array(list(combinations(_positions(present, tries), 2)))
     unlike = np.array([np.abs(small(a) - small(b)).mean() if small(a).shape == small(b).shape else 2.0 for a, b in pairs])
     scores = {run: _explained(run, pairs, unlike) for run in tries}
     order = sorted(tries, key=lambda run: (-round(scores[run], 4), abs(run.rows - run.cols), run.snake))
@@ -101,13 +95,13 @@ def likeliest(read: Callable[[int], NDArray[np.uint8]], there: Sequence[bool], t
 
 
 def find_columns(
-    read: Callable[[int], NDArray[np.uint8]], there: Sequence[bool], grid: ViewIndex | None = None
+    read: Callable[[int], NDArray[np.uint8]], present: Sequence[bool], grid: ViewIndex | None = None
 ) -> Running | None:
     """The grid of a run of views, by the pictures; None where the user's grid fits no part of the run."""
-    tries = candidates(len(there), grid)
+    tries = _candidates(len(present), grid)
     if len(tries) < 2:
         return tries[0] if tries else None
-    likely = likeliest(read, there, tries)
+    likely = likeliest(read, present, tries)
     if likely.clear:
         return likely.run
     best = next((run for run in likely.near if run.rows == 1), likely.run)  # people more often make lines than narrow grids
@@ -118,14 +112,10 @@ def find_columns(
 
 def _explained(run: Running, pairs: NDArray[np.int64], unlike: NDArray[np.float64]) -> float:
     """Correlation of unlikeness with distance in the grid, at the ratio of row and column steps that suits best."""
-    if len(pairs) < 3:
+    if len(pairs) < 3 or unlike.std() <= 1e-9:
         return -1.0
     place = np.array([[run.index(a), run.index(b)] for a, b in pairs.tolist()], np.float64)
     rows, cols = np.abs(place[:, 0] - place[:, 1]).T
-    best = -1.0
-    for ratio in _ROW_STEPS if min(run.rows, run.cols) > 1 else (1.0,):
-        for reach in _REACHES:
-            far = 1 - np.exp(-np.hypot(ratio * rows, cols) / reach)
-            if far.std() > 1e-9 and unlike.std() > 1e-9:
-                best = max(best, float(np.corrcoef(far, unlike)[0, 1]))
-    return best
+    ratios = _ROW_STEPS if min(run.shape) > 1 else (1.0,)
+    far = [1 - np.exp(-np.hypot(ratio * rows, cols) / reach) for ratio in ratios for reach in _REACHES]
+    return max((float(np.corrcoef(distance, unlike)[0, 1]) for distance in far if distance.std() > 1e-9), default=-1.0)

@@ -118,13 +118,13 @@ def _between_lines(picture: NDArray[Any]) -> list[tuple[int, int]]:
     middle = np.median(some, axis=1, keepdims=True)
     colour = middle[np.abs(some - middle).max(axis=2).mean(axis=1).argmin()]
     off = np.abs(some - colour).max(axis=2)
-    found = [(0, height)]
+    tiles = [(0, height)]
     for levels in _LINE_LEVELS:
         runs = _runs((off < levels).mean(axis=1) > _LINE_SHARE)
-        if len(runs) == 1 == len(found) or (len(runs) > len(found) and _even(runs, height)):
+        if len(runs) == 1 == len(tiles) or (len(runs) > len(tiles) and _even(runs, height)):
             least = min(last - first for first, last in runs)  # soft edges of a line belong to it
-            found = [(first, first + least) for first, _ in runs]
-    return found
+            tiles = [(first, first + least) for first, _ in runs]
+    return tiles
 
 
 def _runs(plain: NDArray[np.bool_]) -> list[tuple[int, int]]:
@@ -192,10 +192,10 @@ def _as_quilt(picture: NDArray[Any], plain: Tiling) -> Tiling:
     rows, cols = plain.shape
     if min(rows, cols) < 2:
         return plain
-    line, readings = Running(1, rows * cols, False), {}
+    line, readings = Running(1, rows * cols), {}
     for down in (False, True):
         quilt = attrs.evolve(plain, quilt=True, down=down)
-        grid = Running(rows, cols, False)
+        grid = Running(rows, cols)
         best = likeliest(lambda at, quilt=quilt: plane_of(quilt.cut(picture, 0, at)), [True] * rows * cols, [grid, line])  # type: ignore[misc]
         readings[down] = best, quilt
     lines = [reading for reading in readings.values() if reading[0].run.rows == 1]

@@ -15,7 +15,7 @@ from lfpipe.files.pictures import open_header, read_frames, read_picture
 from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._grid import files_source
 from lfpipe.scene.layouts._tiles import plane_of, reduced, require_picture, single_picture
-from lfpipe.scene.optical_flow import confirmed, flow, textured
+from lfpipe.scene.optical_flow import returned_flow, textured
 from lfpipe.scene.source import Layout, SceneSource, Turn
 
 _GLANCE_PX, _FEWEST_PX = 512, 300
@@ -31,12 +31,12 @@ def _is_anaglyph(picture: NDArray[Any]) -> bool:
     red, green = (np.asarray(cv2.equalizeHist(plane_of(small[..., channel])), np.uint8) for channel in (0, 1))
     if min(red.shape) < 24:
         return False
-    there, back = flow(red, green), flow(green, red)
-    detail = confirmed(there, back) & textured(green)
+    aside, confirmed = returned_flow(red, green)
+    detail = confirmed & textured(green)
     if np.count_nonzero(detail) < _FEWEST_PX:
         return False
-    aside, beside = np.abs(there[detail]).T
-    return bool(np.percentile(aside, 70) > _ASIDE_PX and np.median(beside) < _ASIDE_PX / 3)
+    across, down = np.abs(aside[detail]).T
+    return bool(np.percentile(across, 70) > _ASIDE_PX and np.median(down) < _ASIDE_PX / 3)
 
 
 def _describe_picture(listing: Listing, scene: config.Scene) -> SceneSource:
@@ -57,7 +57,7 @@ def _animation(listing: Listing) -> Path | None:
     return path if header and header.frames > 1 and header.format not in ("JPEG", "TIFF") else None
 
 
-def _there(frames: list[NDArray[Any]]) -> list[NDArray[Any]]:
+def _one_way(frames: list[NDArray[Any]]) -> list[NDArray[Any]]:
     """The frames before the sequence reverses; all of them if it does not."""
 
     def same(a: int, b: int) -> bool:
@@ -76,7 +76,7 @@ def _describe_animation(listing: Listing, scene: config.Scene) -> SceneSource:
     if path is None:
         raise UserError(f"{listing.path}: not one animation", "give the GIF itself")
     frames = read_frames(path)
-    views = _there(frames)
+    views = _one_way(frames)
     note = f"{len(views)} of {len(frames)} frames are used: the others go back the same way"
     height, width = views[0].shape[:2]
     return SceneSource(

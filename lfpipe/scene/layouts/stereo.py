@@ -20,7 +20,7 @@ from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._grid import files_source, some
 from lfpipe.scene.layouts._names import LEFT, MAPS, RIGHT, read_names
 from lfpipe.scene.layouts._tiles import halves, plane_of, reduced, single_picture
-from lfpipe.scene.optical_flow import confirmed, flow, textured
+from lfpipe.scene.optical_flow import returned_flow, textured
 from lfpipe.scene.source import SceneSource, Turn
 
 NAME = "stereo"
@@ -70,8 +70,8 @@ def are_a_pair(a: NDArray[Any], b: NDArray[Any]) -> bool:
     a_soft, b_soft = (np.asarray(cv2.GaussianBlur(grey, (0, 0), 4), np.float64).ravel() for grey in greys)
     if float(np.corrcoef(a_soft, b_soft)[0, 1]) < _ALIKE:
         return False
-    there, back, detail = flow(greys[0], greys[1]), flow(greys[1], greys[0]), textured(greys[0])
-    agreed = confirmed(there, back) & (np.abs(there[..., 1]) < 1.5 + 0.1 * np.abs(there[..., 0]))
+    (to_right, confirmed), detail = returned_flow(*greys), textured(greys[0])
+    agreed = confirmed & (np.abs(to_right[..., 1]) < 1.5 + 0.1 * np.abs(to_right[..., 0]))
     return bool(detail.any()) and float(agreed[detail].mean()) > _AGREED
 
 
