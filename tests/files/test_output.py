@@ -2,7 +2,6 @@
 
 import json
 import os
-import threading
 from pathlib import Path
 
 import cv2
@@ -13,7 +12,6 @@ from hypothesis import strategies as st
 
 from lfpipe.errors import UserError
 from lfpipe.files.output import MARK, check_output, check_outputs, marked_picture, written_by_lfpipe
-from lfpipe.files.safe_files import OutputFile, replaced
 from lfpipe.files.trace import TraceFile
 from lfpipe.files.video_writer import VideoWriter
 
@@ -137,33 +135,6 @@ def test_a_file_in_use_is_refused_until_its_writer_ends(tmp_path: Path) -> None:
     assert _refused(path, force=True)
     trace.close()
     assert not _refused(path) and written_by_lfpipe(path)
-
-
-def test_an_output_appears_whole_or_not_at_all(tmp_path: Path) -> None:
-    path = tmp_path / "out.bin"
-    path.write_bytes(b"old")
-    seen, stop = set(), threading.Event()
-
-    def read() -> None:
-        while not stop.is_set():
-            seen.add(path.read_bytes())
-
-    reader = threading.Thread(target=read)
-    reader.start()
-    try:
-        with replaced(path) as file:
-            for _ in range(2000):
-                file.write(b"new" * 100)
-    finally:
-        stop.set()
-        reader.join()
-    assert seen <= {b"old", b"new" * 200_000}
-    with pytest.raises(ZeroDivisionError), replaced(path):
-        _ = 1 / 0
-    OutputFile(path).file.close()  # as a killed writer leaves it
-    OutputFile(path).close()
-    assert path.read_bytes() == b"new" * 200_000
-    assert [p.name for p in tmp_path.iterdir()] == ["out.bin"]
 
 
 def test_a_restarted_writer_goes_on_and_a_new_session_begins_anew(tmp_path: Path) -> None:

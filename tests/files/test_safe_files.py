@@ -66,11 +66,16 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path) -> None:
         file.write(b"new")
         raise RuntimeError
     assert path.read_bytes() == b"old" and names(tmp_path) == ["report"]
-    (tmp_path / ".report.new").write_bytes(b"left by one that was killed")
+    safe_files.OutputFile(path).file.close()  # as a killed writer leaves it
+    assert names(tmp_path) == [".report.new", "report"]
     link = tmp_path / "link"
     link.symlink_to(path)
     with safe_files.replaced(link, 0o644) as file:
         file.write(b"new")
+        file.flush()
+        assert path.read_bytes() == b"old" and Path(file.name).read_bytes() == b"new"
+        with pytest.raises(OSError, match="another lfpipe"), safe_files.replaced(path):
+            pass
     assert path.read_bytes() == b"new" and link.is_symlink() and names(tmp_path) == ["link", "report"]
     for kind in ("fifo", "directory", "endless device", "link to itself"):
         hostile_files.NO_FILES[kind](tmp_path / kind)

@@ -309,9 +309,3 @@ def test_pictures_that_are_no_video_are_told_apart(tmp_path: Path) -> None:
     made.write(tmp_path / "example02.png", made.mosaic(GRID[:, :, ::-1, ::-1]))
     source = described(tmp_path, "mosaic-video")
     assert source.frames == 1 and "example01.png" in source.notes[0]
-
-
-def test_named_layout_and_grid_override(tmp_path: Path) -> None:
-    made.write(tmp_path / "view_0_0.png", made.mosaic(GRID))
-    source = described(tmp_path, "mosaic", config.Scene(layout="mosaic", grid="6x2"))
-    assert (source.rows, source.cols) == (6, 2)

@@ -92,12 +92,6 @@ def test_a_running_number_is_no_grid(text: str, mark: str, width: int, start: in
 
 
 FOLDERS = {  # by row and column of 3x4 views
-    "a counter before": [f"IMG_{2 + 4 * r + c:04d}_001_{r + 1:02d}_{c + 1:02d}.png" for r, c in PLACES],
-    "coordinates behind": [
-        f"Original Camera_{r:02d}_{c:02d}_{400 + r / 2:.1f}_{369.2 - c:.1f}_{30 + r}_36.png" for r, c in PLACES
-    ],
-    "signs": [f"image_{r - 1:+d}_{c - 3:+d}.png" for r, c in PLACES],
-    "words": [f"im_t{99 + r:03d}_s{100 + c:03d}_GT.png" for r, c in PLACES],
     "no separator": [f"v{r}{c}.png" for r, c in PLACES],
     "letters": [f"{'ABC'[r]}{c + 1}.png" for r, c in PLACES],
     "running": [f"lowtoys{1 + 4 * r + c:03d}.png" for r, c in PLACES],
@@ -132,22 +126,18 @@ def test_names_and_folders_of_people(tmp_path: Path, scheme: str) -> None:
     assert not any("files used" in note or "\n" in note for note in source.notes)
 
 
-@pytest.mark.parametrize("order", ["rows", "cols", "snake"])
-@pytest.mark.parametrize(("rows", "cols"), [(16, 16), (2, 8), (1, 20)])
-def test_columns_of_a_running_number(rows: int, cols: int, order: str) -> None:
-    views = made.views(rows, cols, 48, 64)[..., 1]
+@pytest.mark.parametrize(
+    ("rows", "cols", "near_px", "order"),
+    [(*shape, 2.0, order) for shape in ((16, 16), (2, 8), (1, 20)) for order in ("rows", "cols", "snake")]
+    + [(1, 51, 0.25, "rows"), (1, 51, 1.0, "rows"), (1, 45, 2.0, "rows"), (1, 101, 1.0, "rows")],
+)
+def test_columns_of_a_running_number(rows: int, cols: int, near_px: float, order: str) -> None:
+    views = made.views(rows, cols, 48, 64, near_px, -near_px / 2)[..., 1]
     places = [(r, c) for c in range(cols) for r in range(rows)] if order == "cols" else list(product(range(rows), range(cols)))
     line = [views[r, cols - 1 - c if order == "snake" and r % 2 else c] for r, c in places]
     run = find_columns(lambda k: line[k], [True] * len(line), None)
     shape = (cols, rows) if order == "cols" and rows > 1 else (rows, cols)
     assert run is not None and (run.rows, run.cols, run.snake) == (*shape, order == "snake" and rows > 1)
-
-
-@pytest.mark.parametrize(("count", "near_px"), [(51, 0.25), (51, 1.0), (45, 2.0), (101, 1.0)])
-def test_a_long_line_is_a_line(count: int, near_px: float) -> None:
-    views = made.views(1, count, 96, 128, near_px, -near_px / 2)[0, ..., 1]
-    run = find_columns(lambda k: views[k], [True] * count, None)
-    assert run is not None and (run.rows, run.cols) == (1, count)
 
 
 def test_an_odd_picture_among_the_views_is_named(tmp_path: Path) -> None:
