@@ -100,9 +100,6 @@ def _unreadable(path: Path, why: str) -> UserError:
 def _checked(path: Path, file: IO[bytes]) -> Header:
     header = _header(file)
     if header is None:
-        file.seek(4)
-        if file.read(4) == b"ftyp":
-            raise UserError(f"{path}: a HEIC picture under another name", "export it as JPEG")
         raise _unreadable(path, "truncated, damaged or another format")
     if header.decoded_bytes > MAX_DECODING_BYTES:
         most = f"at most {MAX_DECODING_BYTES / 1e6:.0f} MB are allowed"

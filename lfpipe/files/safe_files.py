@@ -70,10 +70,9 @@ def open_file(path: Path, most_bytes: int = MAX_FILE_BYTES) -> BufferedReader:
 def read_bytes(path: Path, most_bytes: int) -> bytes:
     """Reads a whole file. Raises OSError if it is not a file, cannot be read or has more than most_bytes; then reading stops."""
     with open_regular(path) as file:
-        size = os.fstat(file.fileno()).st_size
-        data = b"" if size > most_bytes else file.read(most_bytes + 1) or b""
-    if max(size, len(data)) > most_bytes:
-        raise OSError(errno.EFBIG, f"has {max(size, len(data))} bytes; at most {most_bytes} are read", str(path))
+        data = file.read(most_bytes + 1) or b""
+    if len(data) > most_bytes:
+        raise OSError(errno.EFBIG, f"has more than {most_bytes} bytes", str(path))
     return data
 
 

@@ -24,12 +24,8 @@ def trace_lines(path: Path, remedy: str) -> Iterator[Fields]:
             if not line.endswith(b"\n"):
                 return
             fields = json_fields(line, f"{path}: not a trace that can be read: line {number}", remedy)
-            for name in ("source_seq", "epoch"):
+            for name in ("source_seq", "epoch", *TIMES, *{"t_started_ns"}.intersection(fields.values)):
                 fields.integer(name, 0, MAX_NS)
-            for name in TIMES:
-                fields.integer(name, 0, MAX_NS)
-            if "t_started_ns" in fields.values:
-                fields.integer("t_started_ns", 0, MAX_NS)
             for name in ("face", "composed"):
                 fields.flag(name)
             fields.text("method", 100)

@@ -1,5 +1,6 @@
 """Refusals of displays. The tests of this room run without a screen unless they ask for one."""
 
+import sys
 from pathlib import Path
 
 import pytest
@@ -27,7 +28,7 @@ def on_screen(name: str, spec: str) -> None:
 def no_encoder(here: Path) -> None:
     """Checks a video in a format that needs PyAV, without it."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("importlib.util.find_spec", lambda _name: None)
+        patch.setitem(sys.modules, "av", None)
         check_display(f"file:{here}/a.mp4")
 
 

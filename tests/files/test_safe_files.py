@@ -28,12 +28,12 @@ def test_no_more_is_read_than_may_be(tmp_path: Path) -> None:
     path = tmp_path / "text"
     path.write_bytes(b"x" * 1000)
     assert safe_files.read_bytes(path, 1000) == b"x" * 1000
-    with pytest.raises(OSError, match="has 1000 bytes; at most 999"):
+    with pytest.raises(OSError, match="has more than 999 bytes"):
         safe_files.read_bytes(path, 999)
     with pytest.raises(UserError, match="has 1000 bytes; at most 999"):
         safe_files.open_file(path, 999)
     assert len(safe_files.read_bytes(Path("/proc/self/status"), 100_000)) > 100, "a file that does not know its size"
-    with pytest.raises(OSError, match="at most"):
+    with pytest.raises(OSError, match="more than 10 bytes"):
         safe_files.read_bytes(Path("/proc/self/status"), 10)
 
 

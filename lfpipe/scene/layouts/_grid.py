@@ -14,7 +14,7 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import MAX_DECODING_BYTES, Header, open_header, read_picture, small_grey
 from lfpipe.scene.files import MAX_FILES, Listing
-from lfpipe.scene.layouts._names import MAX_SIDE, NumberedNames, read_names, spaced
+from lfpipe.scene.layouts._names import MAX_SIDE, NumberedNames, placed, read_names, spaced
 from lfpipe.scene.layouts._running import find_columns
 from lfpipe.scene.source import SceneSource, ViewIndex
 
@@ -112,8 +112,8 @@ def _one_per_stem(listing: Listing) -> tuple[str, ...]:
 
 
 def named_views(listing: Listing) -> NumberedNames | None:
-    """What the names of a folder's pictures say; None for a file or where they are not numbered."""
-    return None if listing.is_file else read_names(_one_per_stem(listing))
+    """What the names of a folder's pictures say; None where they are not numbered."""
+    return read_names(_one_per_stem(listing))
 
 
 def _headers(listing: Listing, names: Sequence[str]) -> tuple[dict[str, Header], set[str]]:
@@ -137,33 +137,28 @@ def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: boo
         numbered = read_names(tuple(name for name in _one_per_stem(listing) if name not in odd)) or numbered
     if runs and not numbered.runs:
         line = {(0, position): name for position, (_, name) in enumerate(sorted(numbered.views.items()))}
-        numbered = attrs.evolve(numbered, views=line, rows=1, cols=len(line), runs=True)
+        numbered = attrs.evolve(numbered, views=line, rows=1, cols=len(line), runs=True, doubt="")
     if not runs and numbered.runs:
         raise UserError(f"{listing.path}: the names contain one running number, not row and column", "use --layout numbered")
-    if numbered.clashes:
-        (first, second), more = numbered.clashes[0], len(numbered.clashes) - 1
-        remedy = f"move {some([name for _, name in numbered.clashes])} away, or name the views view_ROW_COLUMN.png"
-        pairs = f", as {more} more pairs are" if more else ""
-        raise UserError(f"{listing.path}: {first} and {second} are the same view{pairs}", remedy)
-    grid, views, shape, doubt = parse_grid(scene.grid), numbered.views, (numbered.rows, numbered.cols), numbered.doubt
-    if not runs:
-        if grid not in (None, shape):
-            wrong = f"the names give a grid of {shape[0]}x{shape[1]}, scene.grid says {scene.grid}"
-            raise UserError(f"{listing.path}: {wrong}", "leave out --grid; --layout numbered takes names in order")
-        return _views_source(layout, listing, views, shape, headers, certain=False, doubt=doubt)
-    by_position = {col: name for (_, col), name in views.items()}
-    run = find_columns(
-        lambda position: small_grey(listing.file(by_position[position]), _SMALL_PX),
-        [position in by_position for position in range(numbered.cols)], grid,
-    )  # fmt: skip
-    if run is None:
-        what = f"{listing.path}: {len(by_position)} views do not make {scene.grid}"
-        raise UserError(what, "leave out --grid to have it detected")
-    views = {run.index(position): name for position, name in by_position.items()}
-    how = f"{run.rows}x{run.cols}" + (", every other row backwards" if run.snake else "")
-    why = "as scene.grid says" if grid else "from the likeness of the pictures; --grid ROWSxCOLS overrides it"
-    notes = (f"the numbered views form {how}: {why}",)
-    return _views_source(layout, listing, views, run.shape, headers, notes, certain=False, doubt=run.doubt)
+    grid, note = parse_grid(scene.grid), ""
+    if not runs and grid not in (None, (numbered.rows, numbered.cols)):
+        wrong = f"the names give a grid of {numbered.rows}x{numbered.cols}, scene.grid says {scene.grid}"
+        raise UserError(f"{listing.path}: {wrong}", "leave out --grid; --layout numbered takes names in order")
+    if runs and not numbered.clashes:
+        by_position = {col: name for (_, col), name in numbered.views.items()}
+        run = find_columns(
+            lambda position: small_grey(listing.file(by_position[position]), _SMALL_PX),
+            [position in by_position for position in range(numbered.cols)], grid,
+        )  # fmt: skip
+        if run is None:
+            what = f"{listing.path}: {len(by_position)} views do not make {scene.grid}"
+            raise UserError(what, "leave out --grid to have it detected")
+        views = {run.index(position): name for position, name in by_position.items()}
+        numbered = attrs.evolve(numbered, views=views, rows=run.rows, cols=run.cols, doubt=run.doubt)
+        how = f"{run.rows}x{run.cols}" + (", every other row backwards" if run.snake else "")
+        why = "as scene.grid says" if grid else "from the likeness of the pictures; --grid ROWSxCOLS overrides it"
+        note = f"the numbered views form {how}: {why}"
+    return _views_source(layout, listing, numbered, headers, note, certain=False)
 
 
 def placed_views(
@@ -173,31 +168,36 @@ def placed_views(
     go in equal steps (rows 0, 4, 8). more: further fields of SceneSource. Raises UserError."""
     headers, odd = _headers(listing, list(places))
     (top, down, rows), (left, across, cols) = (spaced([place[axis] for place in places.values()]) for axis in (0, 1))
-    views: dict[ViewIndex, str] = {}
-    for name, (row, col) in places.items():
-        place = (row, col) if shape else ((row - top) // down, (col - left) // across)
-        if name not in odd and views.setdefault(place, name) != name:
-            raise UserError(f"{listing.path}: {views[place]} and {name} are the same view", f"move {name} away")
-    return _views_source(layout, listing, views, shape or (rows, cols), headers, **more)
+    if shape:
+        (top, down, rows), (left, across, cols) = (0, 1, shape[0]), (0, 1, shape[1])
+    names = [name for name in places if name not in odd]
+    by_row, by_col = [(places[name][0] - top) // down for name in names], [(places[name][1] - left) // across for name in names]
+    return _views_source(layout, listing, placed(names, by_row, by_col, (rows, cols)), headers, **more)
 
 
 def _views_source(
-    layout: str, listing: Listing, views: Mapping[ViewIndex, str], shape: ViewIndex, headers: Mapping[str, Header],
-    notes: tuple[str, ...] = (), **more: Any,
-) -> SceneSource:  # fmt: skip
-    """The scene of views by place; pictures that are not used are noted. Raises UserError where many places have no view."""
-    rows, cols = shape
+    layout: str, listing: Listing, numbered: NumberedNames, headers: Mapping[str, Header], note: str = "", **more: Any
+) -> SceneSource:
+    """The scene of views by place; pictures that are not used are noted. Raises UserError where two have one place, or many
+    places no view."""
+    rows, cols, views = numbered.rows, numbered.cols, numbered.views
+    if numbered.clashes:
+        (first, second), pairs = numbered.clashes[0], len(numbered.clashes) - 1
+        remedy = f"move {some([name for _, name in numbered.clashes])} away, or name the views view_ROW_COLUMN.png"
+        others = f", as {pairs} more pairs are" if pairs else ""
+        raise UserError(f"{listing.path}: {first} and {second} are the same view{others}", remedy)
     require_grid(rows, cols, str(listing.path))
-    holes = [(row, col) for row in range(rows) for col in range(cols) if (row, col) not in views]
+    holes = [place for place in np.ndindex(rows, cols) if place not in views]
     if len(holes) > _MADE_SHARE * rows * cols:
         wrong = f"the names span {rows}x{cols} views, {len(views)} files are there"
         raise UserError(f"{listing.path}: {wrong}", "give a folder with a whole row or a whole grid of one scene")
+    notes = [note] if note else []
     if holes:
         where = some([f"row {row} column {col}" for row, col in holes])
-        notes = (*notes, f"{len(holes)} of {rows}x{cols} views missing, made from others: {where}")
+        notes.append(f"{len(holes)} of {rows}x{cols} views missing, made from others: {where}")
     used, names = set(views.values()), listing.pictures()
     sizes = {headers[name].size for name in used}
     odd = {name: f"{name} ({header.size})" for name, header in headers.items() if header.size not in sizes}
     if unused := [odd.get(name, name) for name in names if name not in used]:
-        notes = (*notes, f"{len(used)} of {len(names)} files used; the others are {some(unused)}")
-    return files_source(layout, listing, views, shape, headers, notes=notes, **more)
+        notes.append(f"{len(used)} of {len(names)} files used; the others are {some(unused)}")
+    return files_source(layout, listing, views, (rows, cols), headers, doubt=numbered.doubt, notes=tuple(notes), **more)

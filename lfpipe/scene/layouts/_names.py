@@ -166,10 +166,10 @@ def _read(names: list[str], columns: list[_Column]) -> NumberedNames:
     if keys:
         column = min(keys, key=lambda key: key.side(by_order=False))
         by_order = 3 * column.side(by_order=False) > 4 * count  # numbers with large gaps count nothing
-        return _placed(names, None, column.places(by_order), (1, column.side(by_order)), counts=not by_order)
+        return placed(names, None, column.places(by_order), (1, column.side(by_order)), counts=not by_order)
     together = _together(varying) or [()] * count  # the numbers together run
     order = {numbers: position for position, numbers in enumerate(sorted(set(together)))}
-    return _placed(names, None, [order[numbers] for numbers in together], (1, len(order)), counts=False)
+    return placed(names, None, [order[numbers] for numbers in together], (1, len(order)), counts=False)
 
 
 def _grid(columns: list[_Column], names: list[str]) -> NumberedNames | None:
@@ -192,11 +192,12 @@ def _grid(columns: list[_Column], names: list[str]) -> NumberedNames | None:
     if down.word in _COL_WORDS and across.word in _ROW_WORDS:
         down, across, uneven = across, down, uneven[::-1]
     shape = down.side(uneven[0]), across.side(uneven[1])
-    return _placed(names, down.places(uneven[0]), across.places(uneven[1]), shape)
+    return placed(names, down.places(uneven[0]), across.places(uneven[1]), shape)
 
 
-def _placed(names: list[str], rows: list[int] | None, cols: list[int], shape: ViewIndex, counts: bool = True) -> NumberedNames:
-    """Names by their places. counts: whether numbers and not only their order say so."""
+def placed(names: list[str], rows: list[int] | None, cols: list[int], shape: ViewIndex, counts: bool = True) -> NumberedNames:
+    """Names by their places; of several for one, the first. rows: None for a number that runs; counts: whether numbers and not
+    only their order say so."""
     views: dict[ViewIndex, str] = {}
     clashes: list[tuple[str, str]] = []
     for name, index in zip(names, zip(rows or [0] * len(names), cols, strict=True), strict=True):

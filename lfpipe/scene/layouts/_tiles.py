@@ -247,7 +247,7 @@ def likeness(a: Path, b: Path) -> float:
 
 def one_picture_twice(listing: Listing) -> str | None:
     """Of two files of one name with the same picture (moon.jpg, moon.png), the lossless one; None for anything else."""
-    names = listing.pictures() if not listing.is_file else []
+    names = listing.pictures()
     if len(names) != 2 or Path(names[0]).stem.lower() != Path(names[1]).stem.lower():
         return None
     same = likeness(*(listing.file(name) for name in names)) > _SAME_PICTURE

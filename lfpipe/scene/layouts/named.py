@@ -41,7 +41,7 @@ _TRUTH = re.compile(r"gt_disp_lowres(?:_Cam(\d{3,5}))?\.pfm", re.IGNORECASE)
 
 def _matches(listing: Listing, pattern: re.Pattern[str]) -> dict[str, re.Match[str]]:
     """The names of a folder's files in this form."""
-    return {} if listing.is_file else {name: match for name in listing.names if (match := pattern.fullmatch(name))}
+    return {name: match for name in listing.names if (match := pattern.fullmatch(name))}
 
 
 def _require_matches(listing: Listing, pattern: re.Pattern[str], example: str) -> dict[str, re.Match[str]]:
@@ -176,7 +176,7 @@ def _detect_numbers(runs: bool, mark: int, listing: Listing) -> int | None:
 
 
 LAYOUTS = (
-    Layout("hci", _detects(_HCI, 1, 90), _describe_hci),
+    Layout("hci", _detects(_HCI, 2, 90), _describe_hci),
     Layout("hci-text", _detect_hci_text, _describe_hci_text),
     Layout("stanford", _detects(_STANFORD, 2, 90), _describe_stanford),
     Layout("jpeg-pleno", _detects(_JPEG_PLENO, 2, 80), _describe_jpeg_pleno),

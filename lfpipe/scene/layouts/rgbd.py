@@ -85,7 +85,7 @@ def _lower_is_nearer(nearness: NDArray[np.float32]) -> float:
 
 def _pair(listing: Listing) -> tuple[str, str] | None:
     """Names of a picture and of its depth, of two in a folder: by their names, or by content where these are the same."""
-    names = listing.pictures() if not listing.is_file else []
+    names = listing.pictures()
     if len(names) != 2:
         return None
     if Path(names[0]).stem.lower() == Path(names[1]).stem.lower():

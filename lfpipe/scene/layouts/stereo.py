@@ -38,8 +38,6 @@ _ALIKE, _AGREED = 0.5, 0.5  # correlation of two halves; share of their detail t
 
 def _pairs(listing: Listing) -> list[tuple[str, str]]:
     """The names of left and right pictures of a folder."""
-    if listing.is_file:
-        return []
     by_stem = {name.rpartition(".")[0].lower(): name for name in listing.pictures()}  # with the folder, if it is part of the name
     for left, right in _NUMBERED.items():
         numbered = sum(re.fullmatch(left.rstrip("0123456789") + r"\d{1,4}", stem) is not None for stem in by_stem)

@@ -33,25 +33,22 @@ from lfpipe.scene.source import Layout, SceneSource, Turn
 from lfpipe.scene.video import USUAL_RATE_HZ, Video
 
 
-def _detect_quilt(listing: Listing) -> int | None:
-    path = single_picture(listing)
-    return 95 if path is not None and QUILT_NAME.search(path.stem) else None
-
-
 def _has_tiles(path: Path) -> bool:
     return find_tiles(read_picture(path)[0], f"{path.parent.name}/{path.stem}") is not None
 
 
-def _detect_mosaic(listing: Listing) -> int | None:
+def _detect_picture(layout: str, listing: Listing) -> int | None:
     path = single_picture(listing)
-    return 60 if path is not None and _has_tiles(path) else None
+    if path is None or layout == "quilt":
+        return 95 if path is not None and QUILT_NAME.search(path.stem) else None
+    return 60 if _has_tiles(path) else None
 
 
 def _detect_video(listing: Listing) -> int | None:
     if _is_video(listing):
         return 60
     pictures = listing.pictures()
-    if listing.is_file or len(pictures) < 2 or ((named := named_views(listing)) is not None and not named.runs):
+    if len(pictures) < 2 or ((named := named_views(listing)) is not None and not named.runs):
         return None  # names with row and column count more than a look at a picture
     return 45 if _has_tiles(listing.file(pictures[0])) else None
 
@@ -124,7 +121,7 @@ def _describe_video(listing: Listing, scene: config.Scene) -> SceneSource:
 
 
 LAYOUTS = (
-    Layout("mosaic", _detect_mosaic, partial(_describe_picture, "mosaic")),
-    Layout("quilt", _detect_quilt, partial(_describe_picture, "quilt")),
+    Layout("mosaic", partial(_detect_picture, "mosaic"), partial(_describe_picture, "mosaic")),
+    Layout("quilt", partial(_detect_picture, "quilt"), partial(_describe_picture, "quilt")),
     Layout("mosaic-video", _detect_video, _describe_video),
 )
