@@ -87,11 +87,10 @@ def _require_pictures(listing: Listing, certain: bool) -> None:
 def _described(known: dict[str, Layout], given: Listing, scene: config.Scene) -> SceneSource:
     """The scene by the most specific layout that matches, else of the pictures below the folder. Raises UserError."""
     tries = list(known.values()) if scene.layout == "auto" else [known[scene.layout]]
-    listing, marks = given, _marks(tries, given)
-    inner = inner_listing(given) if max((mark for mark, _ in marks), default=0) <= _LAST_RESORT else None
+    listing, (mark, layout) = given, _match(tries, given)
+    inner = inner_listing(given) if mark <= _LAST_RESORT else None
     if inner is not None:
-        listing, marks = inner, _marks(tries, inner)
-    mark, layout = max(marks, key=lambda pair: pair[0], default=(0, None))
+        listing, (mark, layout) = inner, _match(tries, inner)
     certain = scene.layout != "auto" or mark >= 80 or listing.is_file or scene.force or layout is None
     _require_pictures(listing, certain)
     layout = known[scene.layout] if scene.layout != "auto" else _checked(known, mark, layout, listing, scene)
@@ -101,18 +100,20 @@ def _described(known: dict[str, Layout], given: Listing, scene: config.Scene) ->
     return source
 
 
-def _marks(tries: list[Layout], listing: Listing) -> list[tuple[int, Layout]]:
-    """How specific the layouts are that match. Raises UserError where none does because a file cannot be read."""
-    marks, unreadable = [], None
+def _match(tries: list[Layout], listing: Listing) -> tuple[int, Layout | None]:
+    """The layout that matches most specifically, and how specific that is; (0, None) where none does. Raises UserError where that
+    is because a file cannot be read."""
+    best: tuple[int, Layout | None] = 0, None
+    unreadable: UserError | None = None
     for layout in tries:
         try:
-            if (mark := layout.detect(listing)) is not None:
-                marks.append((mark, layout))
+            mark = layout.detect(listing) or 0
         except UserError as error:
-            unreadable = error
-    if unreadable is not None and not marks:
+            mark, unreadable = 0, error
+        best = (mark, layout) if mark > best[0] else best
+    if unreadable is not None and best[1] is None:
         raise unreadable
-    return marks
+    return best
 
 
 def _checked(known: dict[str, Layout], mark: int, layout: Layout | None, listing: Listing, scene: config.Scene) -> Layout:
