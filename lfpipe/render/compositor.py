@@ -100,10 +100,11 @@ class PlaneStore:
 
 @attrs.frozen
 class _Eye:
-    """What one eye's view gives. planes: of the picture, by number. sources: of each of them."""
+    """What one eye's view gives. planes: of the picture, by number. sources, scratch: of each of them."""
 
     planes: list[int]
     sources: list[Source]
+    scratch: list[NDArray[np.uint8]]
     store: PlaneStore
     synthesiser: Synthesiser
 
@@ -123,14 +124,14 @@ class Compositor:
         height, width = field.height_px, field.width_px
         made_of = recipe_for(render)
         self._mixer = Mixer(made_of, height, width)
-        self._scratch = [np.empty((height, width), np.uint8) for _ in made_of.planes]
-        self._planes = self._scratch.copy()  # of the last picture
+        self._planes = [np.empty((height, width), np.uint8) for _ in made_of.planes]
         self._eyes: list[_Eye] = []
         for eye in (0, 1):
             of_eye = [k for k, plane in enumerate(made_of.planes) if plane.eye == eye]
             if not eye or helper:
                 store, synthesiser = PlaneStore(field), Synthesiser(field, self.method)
-            self._eyes.append(_Eye(of_eye, [store.source(made_of.planes[k]) for k in of_eye], store, synthesiser))
+            sources, scratch = [store.source(made_of.planes[k]) for k in of_eye], [self._planes[k] for k in of_eye]
+            self._eyes.append(_Eye(of_eye, sources, scratch, store, synthesiser))
         self._helper = helper if all(eye.planes for eye in self._eyes) else None
         self._picture = near_array((height, width, 3))
         self.pair: Pair | None = None  # the views of the last picture, if it consists of two
@@ -196,8 +197,8 @@ class Compositor:
 
     def _draw_eye(self, eye: _Eye, position: Position) -> None:
         if eye.planes:
-            eye.store.frame, scratch = self._frame, [self._scratch[k] for k in eye.planes]
-            drawn = eye.synthesiser.render(position, self._frame, self._zero_px, eye.sources, scratch)
+            eye.store.frame = self._frame
+            drawn = eye.synthesiser.render(position, self._frame, self._zero_px, eye.sources, eye.scratch)
             for k, plane in zip(eye.planes, drawn, strict=True):
                 self._planes[k] = plane
 
