@@ -85,7 +85,7 @@ class Presence:
         self._generation = 0
         self._t_ns = self._since_ns = 0  # of the last face; when its rest began
         self._first: Rest | None = None  # where the rest began
-        self._sums, self._count = Rest(0.0, 0.0, 0.0), 0
+        self._sums, self._count = (0.0, 0.0, 0.0), 0  # of x, y and apart since then
         self._last: Rest | None = None  # of the viewer who is followed
         self._measured: Rest | None = None  # the same
         self._left: Seat | None = None
@@ -130,12 +130,13 @@ class Presence:
     def _rest(self, t_ns: int, here: Rest, other: bool) -> Rest | None:
         """The mean since the eyes came to rest, if that is at least REST_S ago. other: another face than before."""
         if other or self._first is None or not self._first.holds(here, REST_SPAN, REST_DEPTH):
-            self._first, self._since_ns, self._sums, self._count = here, t_ns, Rest(0.0, 0.0, 0.0), 0
-        self._sums = Rest(*(total + value for total, value in zip(self._sums, here, strict=True)))
+            self._first, self._since_ns, self._sums, self._count = here, t_ns, (0.0, 0.0, 0.0), 0
+        x, y, apart = self._sums
+        self._sums = x, y, apart = x + here.x_px, y + here.y_px, apart + here.apart_px
         self._count += 1
         if t_ns - self._since_ns < REST_S * SECOND_NS or self._count < REST_FRAMES:
             return None
-        return Rest(*(total / self._count for total in self._sums))
+        return Rest(x / self._count, y / self._count, apart / self._count)
 
 
 class EyeEasing:
