@@ -30,7 +30,7 @@ RESERVE_BYTES = 64 << 20  # left free on the disk, so that the video makes nothi
 CHECK_FRAMES = 16  # between two looks at the disk: four a second at 60 Hz
 HELD_BYTES = 8 << 20  # not in the file yet: more than the 5 MB that the container may hold back
 LEAST_BITS = 3  # a pixel takes at least a bit a channel
-BEHIND_S = 0.5  # an encoder that lags by more than this no longer repeats pictures
+BEHIND_S = 0.5  # an encoder that lags by more than a short wait for the disk no longer repeats pictures
 AHEAD_FRAMES = 2  # pictures faster than the rate are accepted until the video is this far ahead
 
 

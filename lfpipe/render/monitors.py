@@ -9,7 +9,7 @@ from lfpipe.errors import UserError
 from lfpipe.render import window_system
 from lfpipe.render.window_system import pygame
 
-SMALLEST_PX, SMALLEST_SHARE = 640, 1 / 3  # of a first window: px, and share of the monitor's width
+SMALLEST_PX, SMALLEST_SHARE = 640, 1 / 3  # of a first window: room for two rows of the bar; share of the monitor's width
 SCREEN_SHARE = 0.85  # of the monitor, at most, for a first window: panels and title bars take some
 INCH_MM = 25.4  # by definition
 ASPECTS_MM = (16.0, 160.0)  # widths in EDIDs that know only an aspect: 160 x 90, 16 x 10, ...
@@ -62,16 +62,16 @@ def monitors() -> list[Monitor]:
     return connected
 
 
-def find_monitor(wanted: str, offered: list[Monitor]) -> Monitor:
+def find_monitor(asked: str, offered: list[Monitor]) -> Monitor:
     """The monitor with that number or name, or the only one whose name contains it. Raises UserError, which lists them."""
-    exact = [monitor for monitor in offered if wanted in (str(monitor.number), monitor.name)]
-    similar = [monitor for monitor in offered if wanted.lower() in monitor.name.lower()]
+    exact = [monitor for monitor in offered if asked in (str(monitor.number), monitor.name)]
+    similar = [monitor for monitor in offered if asked.lower() in monitor.name.lower()]
     for matches in (exact, similar):
         if len(matches) == 1:
             return matches[0]
     what = "several monitors are called that" if similar else "no such monitor"
     remedy = "use the number or part of the name of one of: " + "; ".join(map(str, offered))
-    raise UserError(f"screen.monitor {wanted!r}: {what}", remedy)
+    raise UserError(f"screen.monitor {asked!r}: {what}", remedy)
 
 
 def detect_monitors() -> tuple[str, list[Monitor]]:
@@ -95,8 +95,8 @@ def loop_doubt(config: Config, camera: str, monitors: list[Monitor]) -> str:
     date, _, then = config.render.loop_measured.partition("; ")
     if not then:
         return "it was set by hand, not measured" if config.render.loop_ms else ""
-    wanted = str(config.screen.monitor).lower()
-    here = [monitor for monitor in monitors if wanted in ("", str(monitor.number)) or wanted in monitor.name.lower()]
+    asked = str(config.screen.monitor).lower()
+    here = [monitor for monitor in monitors if asked in ("", str(monitor.number)) or asked in monitor.name.lower()]
     now = [loop_conditions(date, camera, config.camera, monitor).removeprefix(f"{date}; ") for monitor in here]
     if then in now:
         return ""

@@ -19,8 +19,8 @@ from lfpipe.transport.ring import Stamp
 from lfpipe.transport.ring_ends import RingOutput
 
 EASE_S = 0.06  # time constant of two low-passes in a row: a move of the mouse becomes one of a head
-BACK_NS = SECOND_NS // 2  # the way back to the camera's eyes
-NEAR_MM, FAR_MM, STEP = 250.0, 4000.0, 1.1  # range of the wheel, and one of its steps
+BACK_NS = SECOND_NS // 2  # the way back to the camera's eyes: eight times EASE_S leave nothing to see
+NEAR_MM, FAR_MM, STEP = 250.0, 4000.0, 1.1  # range of the wheel, from reading to across a room; a step is as one of key +
 
 
 class MouseLook:

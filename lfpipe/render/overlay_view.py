@@ -17,17 +17,18 @@ from lfpipe.render.window_system import drawable, pygame
 
 Place = tuple[int, int]
 Cell = tuple[Item, pygame.Rect]
-BAR_S = 3.0  # the bar stays so long after the last move of the mouse
+BAR_S = 3.0  # the bar stays so long after the last move of the mouse: the time to read its entries
 WHITE, GREY, RED, BACK, LIT = (255, 255, 255), (170, 170, 170), (255, 90, 90), (0, 0, 0, 200), (90, 90, 90, 220)
 TEXT_BACK = (0, 0, 0, 160)
 EDGE_PX, PAD_PX, PROGRESS_PX = 12, 8, 4  # from the window's edge, around text; height of the line of progress
 LEAST_TEXT_PX = 12  # still legible
-TEXT_SHARE = 0.94  # of the window that lines of text may take
+TEXT_SHARE = 0.94  # of the window that lines of text may take: one sees that they lie over a picture
 COLUMN = "PgDn PgUpM"  # as wide as the keys of the help
-BAR_SHARE, BAR_LETTERS = 0.3, 36  # of the height, at most; width of a window with room for the usual size, in text heights
-SLIDER_CELLS = 2  # width of a slider in the bar
-MENU_SHARE, MENU_COLS, CELL_LINES = 0.9, 5, 6  # of the window, at most; cells across, at most; their least size in lines
-CELL_SHAPE = 0.75  # of a cell's picture, at most: height over width
+BAR_SHARE, BAR_LETTERS = 0.3, 36  # of the height, at most: not the middle; width of a window for two rows, in text heights
+SLIDER_CELLS = 2  # width of a slider in the bar: a pixel is about a percent in a small window
+# Of the window, at most; cells across, at most, and their least size in lines of text: a picture says more than its label.
+MENU_SHARE, MENU_COLS, CELL_LINES = 0.9, 5, 6
+CELL_SHAPE = 0.75  # height over width of a cell's picture, at most: most cameras' views fill it
 
 
 @attrs.define(eq=False)

@@ -29,7 +29,7 @@ from lfpipe.transport.ring import Reader
 ALONE_NS = 60 * SECOND_NS  # then the visitor is assumed to have left
 NO_OTHER = "there is no other scene: `lfpipe up` accepts several"
 REFUSED_NS, LINE_CHARS, MAX_LINES = 6 * SECOND_NS, 60, 5  # of a refusal in the picture; lines of the reason, and of the remedy
-CAMERA_NS = SECOND_NS // 5  # between two pictures of the camera
+CAMERA_NS = SECOND_NS // 5  # between two pictures of the camera: one sees oneself move, and the scene keeps its rate
 KEPT_PX = (480, 360)  # of a thumbnail, at most: larger than a cell of most menus
 HINT = "Click, or arrows and Enter; Delete removes a scene; Tab goes back.\nOr drop a folder of views onto the window."
 

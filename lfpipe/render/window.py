@@ -38,7 +38,7 @@ class Window(Display):
         chooses. code: only these letters have an effect, and quit; other keys, buttons and drops have none. Raises UserError if
         no window can be opened, or the monitor is missing."""
         self._code, self._typed = code, ""
-        self._title, self._fullscreen, self._wanted = title, fullscreen, monitor
+        self._title, self._fullscreen, self._asked_monitor = title, fullscreen, monitor
         self._picture: NDArray[np.uint8] | None = None
         self._pair: Pair | None = None
         self._how = ""
@@ -103,9 +103,9 @@ class Window(Display):
         if not self._fullscreen:
             self._windowed, self._at = self._window.size, self._window.position
         self._find_monitor()
-        if self._wanted:
+        if self._asked_monitor:
             with contextlib.suppress(UserError):  # the chosen one was unplugged
-                self.monitor = find_monitor(self._wanted, monitors())
+                self.monitor = find_monitor(self._asked_monitor, monitors())
         self._fullscreen = not self._fullscreen
         self._close()
         self._open()

@@ -107,7 +107,7 @@ def test_the_chosen_monitor(
         share = window.width_mm() / USUAL_MM  # type: ignore[operator]
         assert share == pytest.approx(window._shown_px / window.monitor.width, rel=0.01), "this server tells no size: 24 inches"
         if not fullscreen:
-            window._wanted = ""  # as if the person had dragged it there
+            window._asked_monitor = ""  # as if the person had dragged it there
             press(window, "f")
             press(window, "f")
             assert outline("lfpipe: a test", x_with_two) == whole
