@@ -4,6 +4,7 @@ What does not change the next picture happens after the hand-over: counts, repor
 """
 
 import time
+from collections import deque
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +23,7 @@ from lfpipe.render.motion_latency import MotionLatency
 from lfpipe.render.mouse_look import MouseLook
 from lfpipe.render.outputs import Outputs
 from lfpipe.render.refresh import COST_SHARE, Refresh, ScreenRefresh
-from lfpipe.render.showing import ANSWER_NS, HANDOVER, REPLACED, Showing, WaitingPictures
+from lfpipe.render.showing import ANSWER_NS, HANDOVER, REPLACED, Showing, take_known
 from lfpipe.render.viewer import VIDEO_LEAD, Viewer
 from lfpipe.transport.clock import MS_NS, now_ns, sleep_until
 from lfpipe.transport.context import Context
@@ -60,7 +61,7 @@ class Presenter:
             from lfpipe.render import replay_writer
 
             self._replay = replay_writer.ReplayWriter(Path(replay.folder), replay.sequence, replay.pictures)
-        self._waiting = WaitingPictures()
+        self._waiting: deque[Showing] = deque()  # between hand-over and light
         self._parallax: Parallax | None = None
         self._latency: MotionLatency | None = None  # where pictures become light after a known delay
         self._loop_ns = 0
@@ -194,7 +195,7 @@ class Presenter:
             row["planned"] += bool(showing.target_ns)
             if not composed:
                 showing.t_presented_ns, showing.by = showing.target_ns or showing.t_handed_ns, self._display.blanks_by
-            self._waiting.add(showing)
+            self._waiting.append(showing)
         if viewer.parallax is not self._parallax:
             self._parallax = viewer.parallax
             self._outputs.report_parallax()
@@ -233,7 +234,7 @@ class Presenter:
         answers = self._display.presented()
         if answers and isinstance(self.refresh, ScreenRefresh):
             self.refresh.blanks(answers, self._display.nominal_hz())
-        for showing in self._waiting.take(answers, self._display.blanks_by, now_ns()):
+        for showing in take_known(self._waiting, answers, self._display.blanks_by, now_ns()):
             self._report(showing)
 
     def _line(self, showing: Showing, stamp: Stamp) -> dict[str, Any]:
@@ -265,7 +266,7 @@ class Presenter:
 
     def close(self) -> None:
         """Ends the trace."""
-        for showing in self._waiting.take((), self._display.blanks_by, now_ns() + 2 * ANSWER_NS):
+        for showing in take_known(self._waiting, (), self._display.blanks_by, now_ns() + 2 * ANSWER_NS):
             self._report(showing)
         self._trace.close()
         try:

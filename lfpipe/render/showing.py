@@ -46,27 +46,17 @@ class Showing:
         return self.record.face if self.record is not None else 0
 
 
-class WaitingPictures:
-    """Pictures between hand-over and light, in their order."""
-
-    def __init__(self) -> None:
-        self._waiting: deque[Showing] = deque()
-
-    def add(self, showing: Showing) -> None:
-        """Adds a picture that was handed over, or a refresh that repeats the picture on the screen (`by` is set then)."""
-        self._waiting.append(showing)
-
-    def take(self, answers: Iterable[Presented], by: str, t_ns: int) -> list[Showing]:
-        """Those whose time of display is known at t_ns: their blank, 0 if the next picture replaced them before one, or their
-        hand-over if no report came within ANSWER_NS."""
-        waiting = {showing.number: showing for showing in self._waiting if showing.number and not showing.by}
-        for answer in answers:
-            if (showing := waiting.get(answer.serial)) is not None:
-                showing.t_presented_ns, showing.by = answer.t_ns, by if answer.t_ns else REPLACED
-        known = []
-        while self._waiting and (self._waiting[0].by or t_ns - self._waiting[0].t_handed_ns > ANSWER_NS):
-            showing = self._waiting.popleft()
-            if not showing.by:
-                showing.t_presented_ns, showing.by = showing.t_handed_ns, HANDOVER
-            known.append(showing)
-        return known
+def take_known(waiting: deque[Showing], answers: Iterable[Presented], by: str, t_ns: int) -> list[Showing]:
+    """Takes those, in their order, whose time of display is known at t_ns: their blank, 0 if the next picture replaced them
+    before one, or their hand-over if no report came within ANSWER_NS. by: the protocol that reports; it is set already where a
+    refresh repeated the picture on the screen."""
+    unanswered = {showing.number: showing for showing in waiting if showing.number and not showing.by}
+    for answer in answers:
+        if (showing := unanswered.get(answer.serial)) is not None:
+            showing.t_presented_ns, showing.by = answer.t_ns, by if answer.t_ns else REPLACED
+    known = []
+    while waiting and (waiting[0].by or t_ns - waiting[0].t_handed_ns > ANSWER_NS):
+        known.append(showing := waiting.popleft())
+        if not showing.by:
+            showing.t_presented_ns, showing.by = showing.t_handed_ns, HANDOVER
+    return known
