@@ -142,17 +142,6 @@ def test_constant_motion_is_predicted(kind: str, speed_px_s: float) -> None:
     assert lag_s < (0.012 if speed_px_s > 100 else 0.03)  # the mean of five lags by 0.067 + 0.030
 
 
-def test_dropped_frames_do_not_disturb_the_prediction() -> None:
-    whole, gappy = make("predictive"), make("predictive")
-    for i in range(60):
-        measured = EYES + 300 * i * FRAME_NS / 1e9
-        whole.update(i * FRAME_NS, measured)
-        if i % 3 or i < 5:
-            gappy.update(i * FRAME_NS, measured)
-    t_ns = 60 * FRAME_NS
-    assert np.abs(whole.predict(t_ns) - gappy.predict(t_ns)).max() < 1.0
-
-
 def missed_px(filter_: EyeFilter, x_px: Callable[[float], float], from_s: float, to_s: float, ahead_s: float = 0.1) -> float:
     """RMS of the error ahead_s after each frame at 30 Hz of eyes that move sideways from from_s to to_s; noise of 0.15 px."""
     rng, missed = np.random.default_rng(4), []
@@ -368,9 +357,3 @@ def test_any_mix_of_steps_stays_positive_semi_definite(steps: list[tuple[float, 
         assert p.a >= 0 and p.b >= 0 and p.c >= 0
         assert p.b * p.b <= p.a * p.c * (1 + 1e-9)
         assert 0 <= k0 <= 1 and k1 >= 0
-
-
-def test_nothing_measured_the_position_spreads_as_velocity_and_noise_say() -> None:
-    p = Covariance(1.0, 0.0, 4.0, 4.0).ahead(0.5, 12.0)
-    assert (p.a, p.b, p.c) == (1.0 + 4 * 0.25 + 12 * 0.125 / 3, 4 * 0.5 + 12 * 0.25 / 2, 4.0 + 12 * 0.5)
-    assert abs(p.det - (p.a * p.c - p.b * p.b)) < 1e-12
