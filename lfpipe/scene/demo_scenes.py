@@ -19,6 +19,7 @@ WALL_D = -2.0
 TABLE_SLOPE = 0.0215  # disparity per px down the table
 BALL_DEPTH = 0.0075  # depth of a ball in disparity over its radius in px: a little rounder than life
 MARGIN = 48.0  # around the centre view, which the outermost cameras see
+PAPER = (238, 232, 216)
 
 
 @cache  # a scene is described before it is drawn, perhaps twice
@@ -52,11 +53,12 @@ def _lying(texture: Picture, x: float, half: float, d_far: float, d_near: float)
 def _room(rng: np.random.Generator) -> list[Solid]:
     """The wall with the eye chart, and the table."""
     seam, side = _table_y(WALL_D), round((SIZE_PX + 2 * MARGIN) * TEXELS)
+    chart = textures.poster(232, 308, textures.LETTERS, (PAPER, PAPER), (40, 34, 34), (84, 62, 40))
     wall = textures.wall(rng, round((seam + MARGIN) * TEXELS), side)
     return [
         _upright(textures.opaque(wall), -MARGIN, -MARGIN, SIZE_PX + MARGIN, seam, WALL_D),
         _upright(textures.shadow(0.5), 330, 76, 474, 240, WALL_D),
-        _upright(textures.opaque(textures.chart(232, 308)), 336, 62, 452, 216, WALL_D + 0.06),
+        _upright(textures.opaque(chart), 336, 62, 452, 216, WALL_D + 0.06),
         _lying(textures.opaque(textures.wood(rng, 300, 800, (92, 54, 30), (178, 120, 72))), VANISHING[0], 580, WALL_D, 2.6),
         _lying(textures.shadow(0.5), VANISHING[0], 700, WALL_D - 0.4, WALL_D + 0.5),
     ]
@@ -66,10 +68,11 @@ def _still_life(rng: np.random.Generator) -> list[Solid]:
     ends = ((262.0, 0.35), (374.0, -0.45))  # of the card: x and disparity
     feet = [[x, _table_y(d), d] for x, d in ends]
     tops = [[x, y - 152.0 * (d + OFFSET_PX) / (ends[0][1] + OFFSET_PX), d] for x, y, d in feet]
+    card = textures.poster(260, 330, textures.TITLE, ((206, 74, 48), (150, 36, 52)), PAPER, PAPER)
     solids = [
         *_ball(textures.red, rng, 90, -1.25, 50),
         *_ball(textures.marble, rng, 372, -1.1, 44),
-        Quad(textures.opaque(textures.card(260, 330)), np.array([*tops, *feet[::-1]])),
+        Quad(textures.opaque(card), np.array([*tops, *feet[::-1]])),
         *_ball(textures.planet, rng, 190, 0.25, 56),
         *_ball(textures.blue, rng, 424, 0.95, 38),
         *_ball(textures.marble, rng, 306, 1.45, 22),

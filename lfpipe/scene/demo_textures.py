@@ -66,27 +66,21 @@ def wall(rng: np.random.Generator, height: int, width: int) -> Picture:
     return np.asarray(cv2.multiply(paper, cv2.merge([light] * 3), dtype=cv2.CV_8U), np.uint8)
 
 
-LETTERS = (("E", 0.20), ("F P", 0.125), ("T O Z", 0.09), ("L P E D", 0.066), ("P E C F D", 0.05), ("E D F C Z P", 0.038))
+# text, its height and that of its middle, as shares of the height of a poster
+LETTERS = (("E", 0.2, 0.27), ("F P", 0.125, 0.469), ("T O Z", 0.09, 0.612), ("L P E D", 0.066, 0.726),
+           ("P E C F D", 0.05, 0.82), ("E D F C Z P", 0.038, 0.9))  # fmt: skip
+TITLE = (("LIGHT", 0.11, 0.16), ("FIELD", 0.11, 0.32), ("one picture", 0.05, 0.5), ("for each eye,", 0.05, 0.605),
+         ("from wherever", 0.05, 0.71), ("you look", 0.05, 0.815))  # fmt: skip
 
 
-def chart(width: int, height: int) -> Picture:
-    picture = np.full((height, width, 3), (238, 232, 216), np.uint8)
-    cv2.rectangle(picture, (0, 0), (width - 1, height - 1), (84, 62, 40), round(0.10 * width))
-    y = 0.17 * height
-    for line, size in LETTERS:
-        write(picture, line, (width / 2, y + size * height / 2), size * height, (40, 34, 34))
-        y += (size + 0.036) * height
-    return picture
-
-
-def card(width: int, height: int) -> Picture:
-    ramp = mixed(np.linspace(0, 1, height)[:, None].repeat(width, 1), (206, 74, 48), (150, 36, 52))
-    picture = ramp.astype(np.uint8)
-    cv2.rectangle(picture, (8, 8), (width - 9, height - 9), (240, 224, 196), 3)
-    lines = (("LIGHT", 0.16, 0.11), ("FIELD", 0.32, 0.11), ("one picture", 0.5, 0.05), ("for each eye,", 0.605, 0.05),
-             ("from wherever", 0.71, 0.05), ("you look", 0.815, 0.05))  # fmt: skip
-    for text, y, size in lines:
-        write(picture, text, (width / 2, y * height), size * height, (250, 236, 208))
+def poster(
+    width: int, height: int, lines: tuple[tuple[str, float, float], ...], paper: tuple[Colour, Colour], ink: Colour, edge: Colour
+) -> Picture:
+    """Lines of text on paper whose colour changes downwards, with a frame."""
+    picture = mixed(np.linspace(0, 1, height)[:, None].repeat(width, 1), *paper).astype(np.uint8)
+    cv2.rectangle(picture, (6, 6), (width - 7, height - 7), edge, 12)
+    for text, size, middle in lines:
+        write(picture, text, (width / 2, middle * height), size * height, ink)
     return picture
 
 

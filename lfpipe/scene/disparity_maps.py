@@ -1,12 +1,16 @@
 """Writes the disparity of a pack: flow between neighbouring views, or truth if it exists and matches better."""
 
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.host.processes import usable_cores
 from lfpipe.scene.disparity import (
     NO_DEPTH,
     border_range,
@@ -26,12 +30,28 @@ from lfpipe.scene.lightfield import UNKNOWN
 from lfpipe.scene.missing_views import fill_missing
 from lfpipe.scene.optical_flow import SMALLEST_PX
 from lfpipe.scene.pack import DISPARITY, VIEWS, array, make_array
-from lfpipe.scene.view_writer import Progress, run_parallel
 
+Progress = Callable[[str, int, int], None]  # task, steps done, steps in total
+T = TypeVar("T")
+_ROOM_BYTES = 200_000_000  # for views that are worked on at the same time
 _INTERIM_PX = 1 / 64  # step of the interim int16 maps, until the range of the whole scene is known
 _UNKNOWN = -32768  # in the interim maps: UNKNOWN
 _NO_LIMIT_PX = 400.0  # larger values in a map are impossible between neighbours
 _WORKING_BYTES = 100  # memory per px of a view while its disparity is estimated
+
+
+def run_parallel(work: Callable[[T], None], items: Sequence[T], item_bytes: int, done: Callable[[int], None]) -> None:
+    """Runs work(item) for every item on a few threads, fewer if each needs much memory; the first error ends it. done: called
+    with the number of items done so far."""
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)  # the pool is the parallelism
+    pool = ThreadPoolExecutor(max(1, min(4, len(usable_cores()), _ROOM_BYTES // item_bytes)))
+    try:
+        for number, _ in enumerate(pool.map(work, items), 1):
+            done(number)
+    finally:
+        pool.shutdown(cancel_futures=True)
+        cv2.setNumThreads(threads)
 
 
 def write_disparity(scene: Examined, folder: Path, progress: Progress) -> dict[str, Any]:

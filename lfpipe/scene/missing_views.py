@@ -8,10 +8,16 @@ from numpy.typing import NDArray
 
 from lfpipe.scene.lightfield import UNKNOWN
 from lfpipe.scene.optical_flow import grid_xy
-from lfpipe.scene.view_writer import nearest_present
 
 FloatMap = NDArray[np.float32]
 _HIDDEN_PX = 1.0  # parallax that separates a surface from the one behind it
+
+
+def nearest_present(present: NDArray[np.bool_], row: int, col: int) -> tuple[int, int]:
+    """The present view closest to (row, col), the first in order among equals."""
+    rows, cols = np.nonzero(present)
+    best = int(np.argmin((rows - row) ** 2 + (cols - col) ** 2))
+    return int(rows[best]), int(cols[best])
 
 
 def warped_disparity(disparity: FloatMap, down: float, across: float) -> FloatMap:

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.scene.disparity import Depth, depth_range, mismatch, view_disparity
-from lfpipe.scene.grey_views import LOOK_PX, grey_views, present_lines
 from lfpipe.scene.occlusion import hides, places
-from lfpipe.scene.optical_flow import SMALLEST_PX, FloatMap, Grey, Mask, confirmed, flow, textured
+from lfpipe.scene.optical_flow import SMALLEST_PX, FloatMap, Grey, flow, grey_views, present_lines, returned_flow, textured
 from lfpipe.scene.source import SceneSource, Turn
 
 LEAST_PX, ALONG = 0.05, 2.0  # motion per step that is no noise; motion along a line of views over motion across it
@@ -84,7 +83,7 @@ class Axis:
 
     sideways: bool
     disparity: FloatMap
-    reliable: Mask
+    reliable: NDArray[np.bool_]
     along_px: float
     across_px: float
     right: int
@@ -116,7 +115,7 @@ def _depth(source: SceneSource, order: Orientation) -> Depth | None:
         return depth_range(source.truth[row, col]() * np.float32(order.truth_sign))
     sideways = order.packed.grid(source.rows, source.cols)[1] > 1
     back = order.packed.cols if sideways else order.packed.rows
-    grey, lines = grey_views(source, LOOK_PX), present_lines(source)
+    grey, lines = grey_views(source), present_lines(source)
     line = lines[0 if sideways != order.packed.transpose else 1]
     if len(line) < 2 or min(source.height_px, source.width_px) < SMALLEST_PX:
         return None
@@ -148,16 +147,13 @@ def _detected(source: SceneSource) -> Orientation:
 
 
 def _by_truth(source: SceneSource) -> Turn | None:
-    """The turn under which a true map of an inner view matches its neighbours best; the layout's if no other one is clearly
+    """The turn under which the true map of the middle view matches its neighbours best; the layout's if no other one is clearly
     better; None without a map."""
-    inner = [
-        (r, c) for r, c in source.truth
-        if 0 < r < source.rows - 1 and 0 < c < source.cols - 1 and not {(r, c + 1), (r + 1, c)} & source.missing
-    ]  # fmt: skip
-    if not inner or min(source.height_px, source.width_px) < SMALLEST_PX:
+    row, col = source.middle
+    inside = row < source.rows - 1 and col < source.cols - 1 and not {(row, col + 1), (row + 1, col)} & source.missing
+    if (row, col) not in source.truth or not inside or min(source.height_px, source.width_px) < SMALLEST_PX:
         return None
-    row, col = min(inner, key=lambda p: abs(p[0] - source.rows // 2) + abs(p[1] - source.cols // 2))
-    disparity, grey = source.truth[row, col](), grey_views(source)
+    disparity, grey = source.truth[row, col](), grey_views(source, math.inf)
     errors: dict[Turn, float] = {}
     for turn in (Turn(*flags) for flags in product((False, True), repeat=3)):
         for step in ((0, 1), (1, 0)):
@@ -177,7 +173,7 @@ def _by_flow(source: SceneSource) -> Orientation:
 
     if min(source.height_px, source.width_px) < SMALLEST_PX:
         return unknown("the views are too small for optical flow")
-    grey, lines = grey_views(source, LOOK_PX), present_lines(source)
+    grey, lines = grey_views(source), present_lines(source)
     across, down = (examine_axis(lambda k, line=line: grey(*line[k]), len(line)) for line in lines)  # type: ignore[misc]
     moving = [axis for axis in (across, down) if axis is not None and axis.along_px > LEAST_PX]
     if not moving:
@@ -219,10 +215,9 @@ def examine_axis(view: Callable[[int], Grey], count: int) -> Axis | None:
     near_px = float(_motion_px(flow(here, view(base + sides[0])), detail).max())
     step = max(1, min(int(SPREAD_PX / max(near_px, 0.1)) + 1, *(base if side < 0 else count - 1 - base for side in sides)))
     others = [(side * step, view(base + side * step)) for side in sides]
-    flows = [flow(here, there) for _, there in others]
-    returned = [confirmed(ahead, flow(there, here)) for ahead, (_, there) in zip(flows, others, strict=True)]
-    x_px, y_px = (_motion_px(flows[0], returned[0] & detail) / step).tolist()
-    sideways, reliable = x_px >= y_px, np.logical_or.reduce(returned)
+    flows = [returned_flow(here, there) for _, there in others]
+    x_px, y_px = (_motion_px(flows[0][0], flows[0][1] & detail) / step).tolist()
+    sideways, reliable = x_px >= y_px, np.logical_or.reduce([confirmed for _, confirmed in flows])
     disparity = view_disparity(here, [(there, 0.0 if sideways else steps, steps if sideways else 0.0) for steps, there in others])
     right, wrong = places(view, count, disparity, reliable, sideways)
     return Axis(sideways, disparity, reliable & detail, max(x_px, y_px), min(x_px, y_px), right, wrong)
@@ -244,7 +239,7 @@ def same_way(a: Axis, b: Axis) -> float:
     return alike
 
 
-def _motion_px(flow_px: FloatMap, use: Mask) -> NDArray[np.float64]:
+def _motion_px(flow_px: FloatMap, use: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Amount of motion along x and y, float64 (2,): the spread between surfaces and their common motion, because a flat wall
     moves as one. flow_px: float32 (h, w, 2); use: pixels that count, if they are enough."""
     values = flow_px[use] if np.count_nonzero(use) >= FEWEST else flow_px.reshape(-1, 2)

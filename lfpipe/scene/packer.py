@@ -28,7 +28,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area
 from lfpipe.host.worker import Report, serve
 from lfpipe.scene import layouts
-from lfpipe.scene.cache import cache_dir, find_pack
+from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.examination import examine_scene
 from lfpipe.scene.info import describe_examined
 from lfpipe.scene.pack import open_pack, summarize
@@ -91,8 +91,6 @@ def playlist(paths: Iterable[Path], settings: config.Scene) -> list[Path]:
 def _views(path: Path, settings: config.Scene) -> int:
     """Number of views of the light field at path; 0 if there is none."""
     with contextlib.suppress(UserError):
-        if find_pack(path, settings):
-            return 2  # or more: single pictures are opened by name only
         source = layouts.describe(path, settings)
         return source.rows * source.cols
     return 0

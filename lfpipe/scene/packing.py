@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import attrs
+import numpy as np
+from numpy.typing import NDArray
 
 import lfpipe
 from lfpipe import config
@@ -17,15 +19,16 @@ from lfpipe.errors import plain
 from lfpipe.host import file_lock
 from lfpipe.scene import cache
 from lfpipe.scene.disparity import NO_DEPTH
-from lfpipe.scene.disparity_maps import write_disparity
-from lfpipe.scene.examination import Examined, described, examined
+from lfpipe.scene.disparity_maps import Progress, run_parallel, write_disparity
+from lfpipe.scene.examination import STRIP_ROWS, Examined, FrameIndex, described, examined, is_grey
 from lfpipe.scene.files import library_errors
 from lfpipe.scene.lightfield import LightField
-from lfpipe.scene.pack import VERSION, VIEWS, DamagedPackError, light_field, make_array, open_pack, write_manifest
-from lfpipe.scene.view_writer import NotGreyError, Progress, write_views
+from lfpipe.scene.missing_views import nearest_present
+from lfpipe.scene.pack import VERSION, VIEWS, DamagedPackError, array, light_field, make_array, open_pack, write_manifest
 
 # Scores the methods of synthesis on the new pack. It belongs to a room above this one, so it is named and not imported.
 CHOOSER = "lfpipe.render.scoring"
+FIRST_VIEWS = 5  # the middle and its neighbours: a viewer begins in the middle of the grid
 BLEND_PX = 2.0  # disparity up to which a cross-fade of neighbouring views shows no double edges worth mentioning
 
 
@@ -99,6 +102,10 @@ def manifest_of(scene: Examined, key: str = "") -> dict[str, Any]:
     }  # fmt: skip
 
 
+class NotGreyError(Exception):
+    """A view has colour although the examined ones had none."""
+
+
 def _write_views(scene: Examined, folder: Path, can_be_shown: Callable[[], None], progress: Progress) -> None:
     """Writes the views of a new pack. The manifest, without which it is none, comes with the first ones."""
 
@@ -111,10 +118,54 @@ def _write_views(scene: Examined, folder: Path, can_be_shown: Callable[[], None]
         with cache.writing(folder.parents[1]):
             folder.mkdir()
             make_array(folder / VIEWS, scene.shape)
-            write_views(scene, folder / VIEWS, appear, progress)
+            _decode_views(scene, folder / VIEWS, appear, progress)
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
         raise
+
+
+def _decode_views(scene: Examined, out: Path, can_be_shown: Callable[[], None], progress: Progress) -> None:
+    """Decodes every view into the array in the file out, those nearest to the middle of the grid first; places without a view get
+    a copy of the nearest one.
+
+    can_be_shown: called once, when FIRST_VIEWS are there, and copies of them in all other places. Raises UserError, and
+    NotGreyError if a view has colour but the pack has no planes for it.
+    """
+    source = scene.source
+    values = np.arange(source.max_value + 1, dtype=np.float64) / source.max_value
+    table = np.asarray(np.rint(255 * values ** (1 / scene.gamma)), np.uint8)  # the screen value of each value of the source
+
+    def write(place: FrameIndex) -> None:
+        frame, row, col = place
+        pixels = source.read(frame, *scene.file_index(row, col))
+        if scene.channels == 1 and not is_grey(pixels):
+            raise NotGreyError
+        planes = array(out)[place]
+        for top in range(0, len(pixels), STRIP_ROWS):
+            screen = table[np.minimum(pixels[top : top + STRIP_ROWS], source.max_value)]
+            for channel, plane in enumerate(planes):
+                plane[top : top + STRIP_ROWS] = screen if screen.ndim == 2 else screen[..., channel]
+
+    def copy_to_others(written: NDArray[np.bool_]) -> None:
+        for row, col in np.argwhere(~written).tolist():
+            views = array(out)
+            views[:, row, col] = views[:, *nearest_present(written, row, col)]
+
+    def away(place: FrameIndex) -> float:
+        return (place[1] - (scene.rows - 1) / 2) ** 2 + (place[2] - (scene.cols - 1) / 2) ** 2
+
+    views, item_bytes = sorted(scene.views, key=away), 6 * source.height_px * source.width_px
+    first = len(views) if source.frames > 1 else min(len(views), FIRST_VIEWS)
+    written = np.zeros_like(scene.present)
+    for _, row, col in views[:first]:
+        written[row, col] = True
+    progress("views", 0, len(views))
+    run_parallel(write, views[:first], item_bytes, lambda done: progress("views", done, len(views)))
+    copy_to_others(written)
+    can_be_shown()
+    run_parallel(write, views[first:], item_bytes, lambda done: progress("views", first + done, len(views)))
+    if first < len(views):
+        copy_to_others(scene.present)
 
 
 def _complete(scene: Examined, folder: Path, progress: Progress) -> None:

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.scene.grey_views import LOOK_PX, grey_views, present_lines
-from lfpipe.scene.optical_flow import SMALLEST_PX, Grey, flow, grid_xy, returned_flow, textured
+from lfpipe.scene.optical_flow import SMALLEST_PX, Grey, flow, grey_views, grid_xy, present_lines, returned_flow, textured
 from lfpipe.scene.source import SceneSource
 
 _POOR_DB, _EXPLAINED = 26.0, 0.6  # of views between two others, and share of their detail that one disparity explains
@@ -177,7 +176,7 @@ def examine(source: SceneSource) -> Evidence | None:
     """Evidence from a few small views; None if there are too few, or they are too small."""
     if min(source.height_px, source.width_px) < 2 * SMALLEST_PX:
         return None
-    grey: Callable[[int, int], Grey] = grey_views(source, LOOK_PX)
+    grey: Callable[[int, int], Grey] = grey_views(source)
     lines = [line for line in present_lines(source) if len(line) >= 3]
     if not lines:
         pairs = [_pair(grey(*line[0]), grey(*line[1])) for line in present_lines(source) if len(line) == 2]

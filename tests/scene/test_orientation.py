@@ -13,9 +13,9 @@ from lfpipe import config
 from lfpipe.scene import layouts
 from lfpipe.scene.examination import grid_offsets
 from lfpipe.scene.layouts.named import coordinate_turn
+from lfpipe.scene.missing_views import nearest_present
 from lfpipe.scene.orientation import orient
 from lfpipe.scene.source import Turn
-from lfpipe.scene.view_writer import nearest_present
 from tests.scene import made
 from tests.scene.made import TURNS, as_source, turned
 
