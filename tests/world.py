@@ -19,6 +19,7 @@ import zmq
 
 from lfpipe.host import segment
 from lfpipe.transport import control
+from lfpipe.transport.session import PREFIX
 
 
 def write_scene(folder: Path, rows: int = 3, cols: int = 3, size: tuple[int, int] = (48, 64)) -> Path:
@@ -93,12 +94,11 @@ class World:
     @contextmanager
     def tap(self) -> Iterator[Callable[[str], list[dict[str, Any]]]]:
         """What the session publishes from now on, by topic."""
-        run_dir = next(self.run_dir.glob("lfpipe-*"))
         messages: list[dict[str, Any]] = []
         with control.context() as ctx, ctx.socket(zmq.SUB) as tap, ctx.socket(zmq.PUSH) as bus:
             tap.subscribe(b"")
-            control.connect(tap, run_dir, "tap")
-            control.connect(bus, run_dir, "bus")
+            control.connect(tap, self.session_dir, "tap")
+            control.connect(bus, self.session_dir, "bus")
 
             def heard(topic: str) -> list[dict[str, Any]]:
                 while tap.poll(0):
@@ -112,10 +112,17 @@ class World:
             self.wait_for(echo, "subscription")
             yield heard
 
+    @property
+    def session_dir(self) -> Path:
+        return self.run_dir / f"{PREFIX}{self.name}"
+
+    def ask(self, **message: Any) -> dict[str, Any]:
+        """The answer to a command. Raises UserError if it is refused."""
+        return control.request(self.session_dir, message, 120)
+
     def monitor(self) -> dict[str, Any]:
         """The figures that `lfpipe monitor --once --json` prints, without a process for them."""
-        run_dir = next(path for path in self.run_dir.glob("lfpipe-*") if path.name.endswith(f"-{self.name}"))
-        return control.request(run_dir, {"cmd": "status"}, 60)
+        return self.ask(cmd="status")
 
     def left(self) -> list[str]:
         """What lies in shared memory and the run directory that belongs to sessions of this world."""

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from lfpipe.transport import control
 from lfpipe.transport.session import Session
 from lfpipe.transport.status import Table
 from tests.faults.soak import STAGES
@@ -47,11 +46,10 @@ def test_gaps_in_the_trace_are_what_was_dropped_and_left_out(world: World, scene
 
     with at_rest() as (first, before):
         pass
-    run_dir = next(world.run_dir.glob("lfpipe-*"))
     for seconds in (0.4, 0.05, 0.01, 0.7):
-        assert control.request(run_dir, {"cmd": "pause"}, 60)["ok"]
+        assert world.ask(cmd="pause")["ok"]
         time.sleep(seconds)
-        assert control.request(run_dir, {"cmd": "resume"}, 60)["ok"]
+        assert world.ask(cmd="resume")["ok"]
         world.pictures(len(world.lines()) + 4)
     with at_rest() as (last, after):
         pictures = {line["source_seq"] for line in world.lines()}

@@ -6,7 +6,6 @@ from typing import Any
 import pytest
 
 from lfpipe.errors import UserError
-from lfpipe.transport import control
 from tests.world import World, write_scene
 
 CAMERA = ("--set", "render.clock=camera", "--set", "render.method=nearest")
@@ -15,7 +14,7 @@ CAMERA = ("--set", "render.clock=camera", "--set", "render.method=nearest")
 def _ask(world: World, **message: Any) -> dict[str, Any]:
     """The answer to a command, or its error."""
     try:
-        return control.request(next(world.run_dir.glob("lfpipe-*")), message, 60)
+        return world.ask(**message)
     except UserError as error:
         return {"error": str(error)}
 

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import pytest
 
-from lfpipe.transport import control
 from tests.scene.made import views, write_grid
 from tests.world import World
 
@@ -82,7 +81,6 @@ def test_quality_goes_down_a_level_at_a_time_while_others_have_the_cores_and_com
     with output.open("w") as err:
         up = world.up(deep, "--set", "render.method=warp2", "--set", "render.rate_hz=60", stderr=err)
     world.pictures(150)
-    run_dir = next(path.parent for path in world.run_dir.rglob("session.json"))
     with world.tap() as heard:
         hogs.start()
         world.wait_for(lambda: _level(world) >= 1, "lower level")
@@ -92,7 +90,7 @@ def test_quality_goes_down_a_level_at_a_time_while_others_have_the_cores_and_com
         count = len(world.lines())
         world.pictures(count + 3)
         restarted = world.lines()[count + 1]["level"]  # the line before may have been on its way
-        config = control.request(run_dir, {"cmd": "status"}, 60)["config"]
+        config = world.monitor()["config"]
         world.wait_for(lambda: _level(world) == 0, "full quality again")
         world.wait_for(lambda: heard("level") and heard("level")[-1]["level"] == 0, "word of it")
         steps = heard("level")

@@ -15,7 +15,7 @@ from lfpipe.errors import UserError
 from lfpipe.host.segment import SHM_DIR
 from lfpipe.supervisor import rundir
 from lfpipe.transport import control
-from lfpipe.transport.session import PREFIX, Session
+from lfpipe.transport.session import Session
 from tests.world import World
 
 FORBIDDEN = {"pickle", "marshal", "shelve", "dill", "cloudpickle"}
@@ -60,7 +60,7 @@ def test_a_run_directory_that_is_another_thing_is_refused(tmp_path: Path, monkey
 
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can give a directory away")
 def test_a_run_directory_of_another_user_is_refused_left_alone_and_never_spoken_to(world: World, scene: Path) -> None:
-    theirs = world.run_dir / f"{PREFIX}{world.name}"
+    theirs = world.session_dir
     theirs.mkdir(mode=0o755)
     with (theirs / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)  # it looks like a running session
@@ -74,17 +74,13 @@ def test_a_run_directory_of_another_user_is_refused_left_alone_and_never_spoken_
     shutil.rmtree(theirs)
 
 
-def _run_dir(world: World) -> Path:
-    return next(world.run_dir.glob("lfpipe-*"))
-
-
 @pytest.fixture(scope="module")
 def guarded(tmp_path_factory: pytest.TempPathFactory, scene: Path) -> Iterator[World]:
     """A session whose user's shell allows everything to others."""
     made = World(tmp_path_factory.mktemp("guarded"))
     made.up(scene, "--set", "render.clock=camera", "--set", "governor.quality=fixed", preexec_fn=lambda: os.umask(0))
     made.pictures(5)
-    made.wait_for(lambda: control.request(_run_dir(made), {"cmd": "hello"}, 120)["options"]["scene"]["complete"], "disparity")
+    made.wait_for(lambda: made.ask(cmd="hello")["options"]["scene"]["complete"], "disparity")
     yield made
     made.end()
 
@@ -92,8 +88,8 @@ def guarded(tmp_path_factory: pytest.TempPathFactory, scene: Path) -> Iterator[W
 @pytest.mark.live
 @pytest.mark.native("FIFOs, sockets and segments that are files")
 def test_every_file_and_segment_of_a_session_is_the_users_alone(guarded: World) -> None:
-    run_dir = _run_dir(guarded)
-    assert control.request(run_dir, {"cmd": "pictures", "lease_s": 30}, 60)["ok"]
+    run_dir = guarded.session_dir
+    assert guarded.ask(cmd="pictures", lease_s=30)["ok"]
     assert stat.S_IMODE(run_dir.stat().st_mode) == 0o700
     entries = list(run_dir.iterdir())
     assert {stat.S_IFSOCK, stat.S_IFIFO, stat.S_IFREG} <= {stat.S_IFMT(path.stat().st_mode) for path in entries}
@@ -106,17 +102,16 @@ def test_every_file_and_segment_of_a_session_is_the_users_alone(guarded: World) 
 
 @pytest.mark.live
 def test_paths_over_ctl_are_checked_as_on_the_command_line(guarded: World, tmp_path: Path) -> None:
-    run_dir = _run_dir(guarded)
-    before = control.request(run_dir, {"cmd": "hello"}, 60)
+    before = guarded.ask(cmd="hello")
     (tmp_path / "view_00_00.png").write_bytes(b"not a picture")
     outputs = [{"cmd": cmd, "path": path} for cmd in ("trace", "record") for path in ("../x", "/dev/null/x")]
     for message in (*outputs, *({"cmd": "load", "scene": path} for path in ("/dev/null", "/proc/self/mem", str(tmp_path)))):
         with pytest.raises(UserError) as refused:
-            control.request(run_dir, message, 60)
+            guarded.ask(**message)
         assert "Traceback" not in refused.value.message
     typed = guarded.run("up", tmp_path, "--camera", "demo", "--display", "none", "--session", "other")
     assert typed.returncode == 2 and refused.value.message.splitlines()[0] in typed.stderr, "the words of the command line"
-    after = control.request(run_dir, {"cmd": "hello"}, 60)
+    after = guarded.ask(cmd="hello")
     assert (after["options"], after["config"]) == (before["options"], before["config"])
     guarded.pictures(len(guarded.lines()) + 5)
 
@@ -126,7 +121,7 @@ def test_one_scene_is_loaded_at_a_time(guarded: World, scene: Path) -> None:
     """Each load is a process: a flood of them may not become a flood of processes."""
     pid = guarded.running[0].pid
     with control.context() as ctx, ctx.socket(zmq.DEALER) as socket:
-        control.connect(socket, _run_dir(guarded), "ctl")
+        control.connect(socket, guarded.session_dir, "ctl")
         for _ in range(30):
             socket.send(control.encode({"cmd": "load", "scene": str(scene)}))
         answers = []

@@ -29,16 +29,8 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Any:
     world.end()
 
 
-def run_dir(world: World) -> Path:
-    return next(world.run_dir.glob("lfpipe-*"))
-
-
-def ask(world: World, **message: Any) -> dict[str, Any]:
-    return control.request(run_dir(world), message, 120)
-
-
 def scene_of(world: World) -> dict[str, Any]:
-    return dict(ask(world, cmd="hello")["options"]["scene"])
+    return dict(world.ask(cmd="hello")["options"]["scene"])
 
 
 def packing(world: World) -> bool:
@@ -58,7 +50,7 @@ def slow_scene(folder: Path, views: int = 7) -> Path:
 def test_a_load_ends_with_its_client(session: World) -> None:
     scene = slow_scene(session.root / "left")
     with control.context() as ctx, ctx.socket(zmq.DEALER) as socket:
-        control.connect(socket, run_dir(session), "ctl")
+        control.connect(socket, session.session_dir, "ctl")
         socket.send(control.encode({"cmd": "load", "scene": str(scene)}))
         session.wait_for(lambda: packing(session), "a packer")
         shown = scene_of(session)["name"]
@@ -73,21 +65,21 @@ def test_a_second_load_replaces_the_first(session: World) -> None:
 
     def load_first() -> None:
         try:
-            ask(session, cmd="load", scene=str(first))
+            session.ask(cmd="load", scene=str(first))
         except UserError as error:
             refused.append(error.message)
 
     client = threading.Thread(target=load_first)
     client.start()
     session.wait_for(lambda: packing(session), "a packer")
-    answer = ask(session, cmd="load", scene=str(second))
+    answer = session.ask(cmd="load", scene=str(second))
     client.join()
     assert answer["ok"] and scene_of(session)["name"] == "quick"
     assert not refused or "another scene" in refused[0], "replaced, or its views were shown for a moment"
 
 
 def test_views_are_shown_before_the_disparity_and_then_warped(session: World) -> None:
-    assert ask(session, cmd="load", scene=str(slow_scene(session.root / "both", 5)))["ok"]
+    assert session.ask(cmd="load", scene=str(slow_scene(session.root / "both", 5)))["ok"]
     early = scene_of(session)
     session.wait_for(lambda: scene_of(session)["complete"], "the disparity")
     late = scene_of(session)
@@ -105,11 +97,11 @@ def mapped(pid: int) -> set[str]:
 def test_packs_that_are_left_are_unmapped(session: World) -> None:
     scenes = [write_scene(session.root / f"scene{n}", 2, 2 + n) for n in range(3)]
     for scene in scenes:
-        assert ask(session, cmd="load", scene=str(scene))["ok"]
-    render = psutil.Process(ask(session, cmd="status")["stages"]["render"]["pid"])
+        assert session.ask(cmd="load", scene=str(scene))["ok"]
+    render = psutil.Process(session.ask(cmd="status")["stages"]["render"]["pid"])
     files = []
     for n in range(12):
-        assert ask(session, cmd="load", scene=str(scenes[n % 3]))["ok"]
+        assert session.ask(cmd="load", scene=str(scenes[n % 3]))["ok"]
         session.wait_for(lambda: len(mapped(render.pid)) <= 1, f"the end of the maps of packs left by load {n}")
         files.append(render.num_fds())
     assert max(files[3:]) - min(files[3:]) <= 2, files

@@ -10,7 +10,6 @@ import pytest
 
 from lfpipe import config
 from lfpipe.scene.packer import playlist
-from lfpipe.transport import control
 from tests.web.server import served
 from tests.world import World, write_scene
 from tests.xvfb_screen import Screen
@@ -37,7 +36,7 @@ def listed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
 
 def shown(world: World) -> tuple[int, int]:
     """The place in the list that the session shows, and the rows of its scene."""
-    options = control.request(next(world.run_dir.glob("lfpipe-*")), {"cmd": "hello"}, 60)["options"]
+    options = world.ask(cmd="hello")["options"]
     assert len(options["playlist"]) == 3
     return options["playlist_at"], options["scene"]["rows"]
 

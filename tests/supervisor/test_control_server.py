@@ -14,16 +14,11 @@ from hypothesis import HealthCheck, given, settings
 
 from lfpipe.supervisor.control_server import Connections
 from lfpipe.transport import control
-from lfpipe.transport.session import PREFIX
 from tests.faults.hostile import hostile
 from tests.supervisor.states import messages
 from tests.world import World
 
 CAMERA = ("--camera", "demo", "--display", "none")
-
-
-def run_dir(world: World) -> Path:
-    return world.run_dir / f"{PREFIX}{world.name}"
 
 
 @pytest.fixture
@@ -32,7 +27,7 @@ def client(world: World, scene: Path) -> Iterator[zmq.Socket[bytes]]:
     process = world.up(scene, *CAMERA)
     world.pictures(5)
     with control.context() as ctx, ctx.socket(zmq.DEALER) as socket:
-        control.connect(socket, run_dir(world), "ctl")
+        control.connect(socket, world.session_dir, "ctl")
         yield socket
         count = len(world.lines())
         assert ask(socket, {"v": 1, "cmd": "status"})["ok"]
@@ -84,7 +79,7 @@ def test_a_flood_keeps_neither_frames_nor_other_clients_waiting(client: zmq.Sock
     """Only a limited part of a flood is read per unit of time, from each client in turn."""
     with control.context() as ctx, ctx.socket(zmq.DEALER) as flood, ctx.socket(zmq.DEALER) as stranger:
         for socket in (flood, stranger):
-            control.connect(socket, run_dir(world), "ctl")
+            control.connect(socket, world.session_dir, "ctl")
         stranger.send(msgpack.packb({"v": 1, "cmd": "stop", "why": "x" * (3 * control.MAX_BYTES)}))  # is not even read
         flood.set_hwm(100_000)
         message = control.encode({"cmd": "set", "set": {"render.alpha_px": 12.0}})
@@ -105,7 +100,7 @@ def test_a_flood_keeps_neither_frames_nor_other_clients_waiting(client: zmq.Sock
 
 def test_telemetry_of_any_shape_ends_nothing(client: zmq.Socket[bytes], world: World) -> None:
     with control.context() as ctx, ctx.socket(zmq.PUSH) as bus:
-        control.connect(bus, run_dir(world), "bus")
+        control.connect(bus, world.session_dir, "bus")
         shapes: list[Any] = [5, None, [5], {"a": 1}, "text", [["deep"]], "\x1b[2J"]
         for topic in ("notice", "source", "parallax", "level", 5, None, ["notice"]):
             for shape in shapes:
