@@ -111,7 +111,7 @@ class LiveSession:
         """One turn of the loop; returns when the session must end, None while that is not known."""
         server, stages = self._server, self.stages
         stages.ensure_running(self._state.options)
-        if duration_s is not None and end_ns is None and stages.ready(self._state.options):
+        if duration_s is not None and end_ns is None and all(int(p.row["ready_ns"]) for p in stages.needed(self._state.options)):
             end_ns = now_ns() + int(duration_s * SECOND_NS)  # --duration excludes the start
         poller = zmq.Poller()
         server.register(poller)
@@ -128,7 +128,7 @@ class LiveSession:
         self._show_level()
         if stages.finished(self._state.level.every):
             self._end(Outcome(SOURCE_ENDED))
-        if stages.idle(self._state.options):
+        if not stages.needed(self._state.options, or_alive=True):
             why = "nothing is left to run"  # the recording was the only work, and it has ended
             self._end(Outcome(why, why, "see the messages above"))
         return end_ns
@@ -163,7 +163,8 @@ class LiveSession:
     def _follow_up(self) -> None:
         """Changes of state without a request: a change has proved good, a lease has expired, the load requires another level."""
         state, t_ns = self._state, now_ns()
-        state = self._rollback.watch(state, self.applied(state.rev), self.stages.outputs(state.options), t_ns)
+        outputs = {process.stage.name: int(process.row["seq"]) for process in self.stages.needed(state.options)}
+        state = self._rollback.watch(state, self.applied(state.rev), outputs, t_ns)
         if state.options.pictures and t_ns > state.pictures_until_ns:
             state = state.without_pictures()
         step = self._quality.sample(state, self._store.table.rows, t_ns)
@@ -236,8 +237,8 @@ class LiveSession:
         return take_snapshot(self._session.name, self._store.table.rows, self._store.table.session, self._started_ns)
 
     def applied(self, rev: int) -> bool:
-        """Whether every stage has applied revision rev."""
-        return self.stages.applied(rev, self._state.options)
+        """Whether every stage has applied revision rev, and those that are no longer needed have ended."""
+        return all(int(process.row["config_rev"]) >= rev for process in self.stages.needed(self._state.options, or_alive=True))
 
     def stop(self) -> None:
         """Ends the session."""

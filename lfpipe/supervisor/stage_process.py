@@ -213,21 +213,9 @@ class StageProcesses:
         done = all(int(row["source_seq"]) >= last or row["state"] in ENDED for row in rows)
         return done or now_ns() - self._drain_since_ns > DRAIN_NS
 
-    def idle(self, options: SessionOptions) -> bool:
-        """Whether nothing runs and nothing is needed."""
-        return not any(process.alive or process.stage.needed(options) for process in self)
-
-    def ready(self, options: SessionOptions) -> bool:
-        """Whether every stage that is needed has been ready."""
-        return all(int(process.row["ready_ns"]) > 0 for process in self if process.stage.needed(options))
-
-    def applied(self, rev: int, options: SessionOptions) -> bool:
-        """Whether every needed stage has applied revision rev, and no other stage runs."""
-        return all(int(p.row["config_rev"]) >= rev for p in self if p.alive or p.stage.needed(options))
-
-    def outputs(self, options: SessionOptions) -> dict[str, int]:
-        """The number of outputs so far of every stage that is needed."""
-        return {process.stage.name: int(process.row["seq"]) for process in self if process.stage.needed(options)}
+    def needed(self, options: SessionOptions, or_alive: bool = False) -> list[StageProcess]:
+        """Those that a session with these options needs, running or not. or_alive: also those that run still."""
+        return [process for process in self if process.stage.needed(options) or (or_alive and process.alive)]
 
     def kill(self) -> None:
         """Ends all at once: the user asked twice."""
