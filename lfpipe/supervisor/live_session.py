@@ -189,17 +189,18 @@ class LiveSession:
         """Rolls back, ends the session, or leaves the stage to be restarted."""
         state = self._state
         name, row = process.stage.name, process.row
-        died_of = process.died_of() if code == child.EXIT_USER else None
+        mistake = process.mistake() if code == child.EXIT_USER else None
         if self._rollback.to_blame(state, code, int(row["config_rev"]) >= state.rev):
-            self._roll_back(name, f"{died_of[0]} ({died_of[1]})" if died_of else f"{name} fails with it")
+            self._roll_back(name, f"{mistake.message} ({mistake.remedy})" if mistake else f"{name} fails with it")
             return
         first = not row["ready_ns"] and not row["restarts"]
-        if died_of and (first or state.options.lossless):  # later in a live session, the missing thing may return
-            self._end(Outcome(f"{name} could not {'start' if first else 'continue'}", died_of[0], died_of[1], user_error=True))
+        if mistake and (first or state.options.lossless):  # later in a live session, the missing thing may return
+            reason = f"{name} could not {'start' if first else 'continue'}"
+            self._end(Outcome(reason, mistake.message, mistake.remedy, user_error=True))
             return
         phase = "RUNNING" if row["ready_ns"] else "STARTING"
         how = f"signal {-code}" if code < 0 else f"exit code {code}"
-        why = f": {died_of[0]}" if died_of else ""
+        why = f": {mistake.message}" if mistake else ""
         last = int(row["source_seq"])
         self._server.publish("failed", stage=name, code=code, phase=phase, source_seq=last)
         if not process.failed():
@@ -221,8 +222,9 @@ class LiveSession:
     def _checked(self, outcome: Outcome) -> Outcome:
         """An output that ended early is a failure; in a lossless session also one that a stage could not write at its end."""
         for process in self.stages if self._state.options.lossless else ():
-            if (died_of := process.died_of()) and outcome.failure is None:
-                outcome = Outcome(f"{process.stage.name} could not end", *died_of, user_error=True, final=outcome.final)
+            if (mistake := process.mistake()) and outcome.failure is None:
+                reason = f"{process.stage.name} could not end"
+                outcome = Outcome(reason, mistake.message, mistake.remedy, user_error=True, final=outcome.final)
         lost = sum(int(row["lost_outputs"]) for row in self._store.table.rows.values())
         if lost and outcome.failure is None:
             files = "a file of the session is" if lost == 1 else f"{lost} files of the session are"

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import SessionOptions
+from lfpipe.errors import UserError
 from lfpipe.host import processes, signals
 from lfpipe.host.files import exists
 from lfpipe.host.processes import activity
@@ -150,10 +151,10 @@ class StageProcess:
         self.next_start_ns = t_ns + int(backoff_s * 1e9)
         return len(recent) >= MAX_FAILURES
 
-    def died_of(self) -> tuple[str, str] | None:
-        """(message, remedy) if the stage ended because of a user's mistake."""
+    def mistake(self) -> UserError | None:
+        """The user's mistake because of which the stage ended, if any."""
         message, _, remedy = self._left("error").partition("\n")
-        return (message, remedy) if message else None
+        return UserError(message, remedy) if message else None
 
     def _left(self, what: Literal["error", "stack"]) -> str:
         path = child.left_file(self._session.run_dir, what, self.stage.name)
