@@ -198,12 +198,11 @@ class Reader(_Ring):
     def __init__(self, name: str) -> None:
         super().__init__(name, writable=False)
         self.last_seq = self.published
-        self.retries = 0
 
     def read(self, out: NDArray[Any]) -> Stamp | None:
         """Copies the newest slot to out (shape and dtype of the ring) if it is newer than the last read.
 
-        Returns None otherwise. Never returns a torn copy; `retries` counts retries.
+        Returns None otherwise. Never returns a torn copy.
         """
         return self._read(out, in_order=False)
 
@@ -250,7 +249,6 @@ class Reader(_Ring):
         seq, source_seq, epoch, t_sensor_ns, t_read_ns, t_publish_ns, kind = self._heads[(n - 1) % self.slots][:7].tolist()
         fence()  # SYNC: the copy is complete before the counter is read again
         if self.published - n > self.slots - 2 or seq != n:
-            self.retries += 1
             return None
         skipped, self.last_seq = n - self.last_seq - 1, n
         return Stamp(seq, source_seq, epoch, t_sensor_ns, t_read_ns, t_publish_ns, skipped, kind)

@@ -144,7 +144,7 @@ def writer_program(without: str) -> list[Access]:
 def _take(trace: _Trace, way: Way, last_seq: int) -> tuple[Stamp, Any] | None:
     """What the real reader makes of the values in trace; None where it refuses them."""
     reader: Reader = _on(trace, Reader, own=False)
-    reader.last_seq, reader.retries = last_seq, 0
+    reader.last_seq = last_seq
     out = np.zeros(2, np.int64)
 
     def act() -> tuple[Stamp, Any] | None:

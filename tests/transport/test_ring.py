@@ -160,7 +160,6 @@ def test_in_order_every_slot_comes_once_or_is_counted_and_all_that_are_still_the
                     assert (stamp.seq, stamp.source_seq, value) == (expected, expected - 1, expected - 1)
                     assert stamp.skipped == expected - last - 1
                     last = stamp.seq
-        assert reader.retries == 0, "nobody wrote meanwhile"
 
 
 @pytest.mark.parametrize("slots", [3, 4, 7])
@@ -205,7 +204,7 @@ def test_a_reader_that_sees_the_writer_lap_it_takes_the_newest(made: str) -> Non
 
     reader._payloads = Payloads(genuine)
     stamp = reader.read(out)
-    assert stamp is not None and stamp.seq == 6 and reader.retries == 1 and (out == 50).all()
+    assert stamp is not None and stamp.seq == 6 and (out == 50).all()
     reader._payloads.clear()
     reader._payloads = genuine
     writer.close()
