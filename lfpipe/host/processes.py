@@ -114,8 +114,7 @@ _handed_over: dict[str, int] = {}
 
 def hand_over(name: str, fd: int) -> None:
     """Keeps an open descriptor for the next user of that name, here or in the child that is started with `HandedOver`: reopening
-    a webcam takes up to a second. Closes an older one of that name."""
-    close_handed_over(name)
+    a webcam takes up to a second."""
     _handed_over[name] = fd
 
 
@@ -124,11 +123,11 @@ def receive(name: str) -> int | None:
     return _handed_over.pop(name, None)
 
 
-def close_handed_over(*names: str) -> None:
-    """Closes the descriptors kept under these names, or all."""
-    for name in names or tuple(_handed_over):
-        if (fd := receive(name)) is not None:
-            os.close(fd)
+def close_handed_over() -> None:
+    """Closes the descriptors that nobody has received."""
+    for fd in _handed_over.values():
+        os.close(fd)
+    _handed_over.clear()
 
 
 class HandedOver:

@@ -80,13 +80,3 @@ def test_a_child_reads_on(tmp_path: Path) -> None:
     assert processes.receive("file") is None
     child.join()
     assert child.exitcode == 0 and (tmp_path / "out").read_text() == "second"
-
-
-def test_what_is_kept_is_closed_when_another_takes_its_name() -> None:
-    first, second = os.pipe()
-    processes.hand_over("x", first)
-    processes.hand_over("x", second)
-    assert processes.receive("x") == second
-    os.close(second)
-    with pytest.raises(OSError):
-        os.fstat(first)
