@@ -92,7 +92,6 @@ class ControlServer:
         self._ctl.setsockopt(zmq.ROUTER_HANDOVER, 1)  # a restarted stage reconnects under its old name
         self._connections = Connections(self._ctl)
         for name, socket in {"ctl": self._ctl, "bus": self._bus, "tap": self._tap}.items():
-            control.limit(socket)
             control.bind(socket, session.run_dir, name)
         self._rests_until_ns = 0
         self._waiting: deque[_Waiting] = deque()  # by revision, so by time as well

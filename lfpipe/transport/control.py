@@ -70,12 +70,6 @@ def context() -> zmq.Context[zmq.Socket[bytes]]:
     return ctx
 
 
-def limit(socket: zmq.Socket[bytes]) -> None:
-    """Limits the memory of a public socket: a message beyond MAX_BYTES gets an error answer, one beyond twice that none."""
-    socket.setsockopt(zmq.MAXMSGSIZE, 2 * MAX_BYTES)
-    socket.set_hwm(QUEUE)
-
-
 def check_place(run_dir: Path, name: str) -> None:
     """Raises UserError where the path of a socket in the run directory is too long."""
     length = len(str(run_dir / name))
@@ -94,7 +88,10 @@ def connect(socket: zmq.Socket[bytes], run_dir: Path, name: str) -> None:
 
 
 def bind(socket: zmq.Socket[bytes], run_dir: Path, name: str) -> None:
-    """Makes a socket reachable under name. Raises zmq.ZMQError."""
+    """Makes a socket reachable under name, with limited memory: a message beyond MAX_BYTES gets an error answer, one beyond twice
+    that none. Raises zmq.ZMQError."""
+    socket.setsockopt(zmq.MAXMSGSIZE, 2 * MAX_BYTES)
+    socket.set_hwm(QUEUE)
     socket.bind(f"ipc://{run_dir / name}")
     (run_dir / name).chmod(0o600)
 
@@ -104,21 +101,17 @@ def request(run_dir: Path, message: dict[str, Any], timeout_s: float = 2.0) -> d
 
     Raises UserError if there is no answer, or if the answer is an error.
     """
-    with context() as ctx, ctx.socket(zmq.DEALER) as socket:
-        connect(socket, run_dir, "ctl")
-        remedy = "`lfpipe monitor --once` shows whether it runs"
-        return exchange(socket, message, timeout_s, f"the session did not answer within {timeout_s:g} s", remedy)
-
-
-def exchange(socket: zmq.Socket[bytes], message: dict[str, Any], timeout_s: float, silence: str, remedy: str) -> dict[str, Any]:
-    """Sends one command over a connected socket and returns the answer. Raises UserError(silence, remedy) without an answer."""
     try:
-        socket.send(encode(message))
+        data = encode(message)
     except BadMessage as error:
         raise UserError(f"{message['cmd']}: the request cannot be sent: {error}", "use a shorter one, of plain values") from None
-    if not socket.poll(int(timeout_s * 1000)):
-        raise UserError(silence, remedy)
-    answer = decode(socket.recv())
+    with context() as ctx, ctx.socket(zmq.DEALER) as socket:
+        connect(socket, run_dir, "ctl")
+        socket.send(data)
+        if not socket.poll(int(timeout_s * 1000)):
+            remedy = "`lfpipe monitor --once` shows whether it runs"
+            raise UserError(f"the session did not answer within {timeout_s:g} s", remedy)
+        answer = decode(socket.recv())
     if not answer.get("ok"):
         raise UserError(str(answer.get("error", "refused")), str(answer.get("remedy", "")))
     return answer
