@@ -2,8 +2,6 @@
 
 import itertools
 import math
-from collections.abc import Callable
-from functools import partial
 
 import attrs
 import numpy as np
@@ -11,7 +9,7 @@ from numpy.typing import NDArray
 
 from lfpipe.bench.anaglyph import view_bgr
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.results import State, Table, Value, judged_table
+from lfpipe.bench.results import State, Table, judged_error, judged_table
 from lfpipe.bench.synthesis import ViewRenderer
 from lfpipe.config import Render
 from lfpipe.config.quality import METHODS
@@ -21,25 +19,6 @@ from lfpipe.render.viewpoint import ViewSolver, pair_clamped
 from lfpipe.scene.lightfield import UNKNOWN, Geometry, LightField
 
 wide = np.longdouble
-
-
-def judged(work: Callable[[], tuple[str, State]], only: str = "") -> Value:
-    """What work returns, its words and its state; an exception is a failure."""
-    try:
-        words, state = work()
-    except Exception as error:  # the exception is the result
-        words, state = f"{type(error).__name__}: {error}"[:80], "failed"
-    return Value(words=words, state=state, only=only)
-
-
-def judged_error(work: Callable[[], float], ok: float, degraded: float, only: str = "") -> Value:
-    """The worst error that work returns: ok up to `ok`, degraded up to `degraded`, failed above, for NaN and for an exception."""
-
-    def words() -> tuple[str, State]:
-        worst = work()
-        return f"{worst:.1e}" if worst else "0", "ok" if worst <= ok else "degraded" if worst <= degraded else "failed"
-
-    return judged(words, only)
 
 
 def mapping_error(alpha_px: float, u: float, count: int = 9, reach: float = 2.0) -> float:
@@ -61,10 +40,11 @@ def mapping_table() -> Table:
     eyes, alphas = (320.0, 0.0, -1e3, 1e6, 1e18, 1e308, 5e-324, math.inf, -math.inf, math.nan), (1e-9, 1e-3, 1.0, 12.0, 1e3, 1e9)
     note = "Error in views against long double, with 9 views and 2 views of extrapolation."
     rows, columns = {f"u = {u:g} px": u for u in eyes}, {f"alpha {alpha:g} px": alpha for alpha in alphas}
-    return judged_table(
-        "Eyes to viewpoints", note, "left eye", rows, columns,
-        lambda u, alpha_px: judged_error(partial(mapping_error, alpha_px, u), 1e-9, 1e-3),
-    )  # fmt: skip
+
+    def judge(u: float, alpha_px: float) -> tuple[str, State]:
+        return judged_error(mapping_error(alpha_px, u), 1e-9, 1e-3)
+
+    return judged_table("Eyes to viewpoints", note, "left eye", rows, columns, judge)
 
 
 def colour_error(name: str, light: str, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> float:
@@ -89,12 +69,14 @@ def colour_table(field: LightField) -> Table:
     )
     encodings = {f"{name}, {light}": (name, light) for name, light in itertools.product(MATRICES, ("linear", "gamma"))}
 
-    def value(encoding: tuple[str, str], pair: tuple[NDArray[np.uint8], NDArray[np.uint8]]) -> Value:
-        in_use = encoding == (Render().anaglyph, Render().light)
-        only = "" if in_use else "render.anaglyph={}, render.light={}".format(*encoding)
-        return judged_error(partial(colour_error, *encoding, *pair), 1.0, 16.0, only)
+    def judge(encoding: tuple[str, str], pair: tuple[NDArray[np.uint8], NDArray[np.uint8]]) -> tuple[str, State]:
+        return judged_error(colour_error(*encoding, *pair), 1.0, 16.0)
 
-    return judged_table("Colours of two eyes", note, "encoding", encodings, pairs, value)
+    def only(encoding: tuple[str, str], _pair: object) -> str:
+        in_use = encoding == (Render().anaglyph, Render().light)
+        return "" if in_use else "render.anaglyph={}, render.light={}".format(*encoding)
+
+    return judged_table("Colours of two eyes", note, "encoding", encodings, pairs, judge, only)
 
 
 def extreme_field(rows: int, cols: int, height: int, width: int, disparity_px: float, unknown: float = 0.0) -> LightField:
@@ -160,13 +142,14 @@ def synthesis_table(inputs: Inputs) -> Table:
     }  # fmt: skip
     checks = {"stored views": error_at_stored_views, "extremes": error_at_extremes, "mirrored": mirror_error}
 
-    def value(field: LightField, column: tuple[str, str]) -> Value:
+    def judge(field: LightField, column: tuple[str, str]) -> tuple[str, State]:
         method, check = column
         if (field.disparity is None and method not in ("nearest", "blend")) or (check == "mirrored" and field is not scene):
-            return Value(words="-")  # noise tells nothing of interpolation
-        only = "" if method == inputs.field.method else f"render.method={method}"
-        limits = (1.0, 3.0) if check == "mirrored" else (0.0, 1.0)
-        return judged_error(partial(checks[check], field, method), *limits, only)
+            return "-", ""  # noise tells nothing of interpolation
+        return judged_error(checks[check](field, method), *((1.0, 3.0) if check == "mirrored" else (0.0, 1.0)))
+
+    def only(_field: LightField, column: tuple[str, str]) -> str:
+        return "" if column[0] == inputs.field.method else f"render.method={column[0]}"
 
     note = (
         "Stored views: largest difference in levels from the stored view. Extremes: viewpoints of NaN, infinities, 1e308, 5e-324,"
@@ -174,4 +157,4 @@ def synthesis_table(inputs: Inputs) -> Table:
         " difference in levels between a view of the mirrored scene and the mirrored view."
     )
     columns = {f"{method}: {check}": (method, check) for method, check in itertools.product(METHODS[::-1], checks)}
-    return judged_table("Views at the ends of the range", note, "light field", fields, columns, value)
+    return judged_table("Views at the ends of the range", note, "light field", fields, columns, judge, only)

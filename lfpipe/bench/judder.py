@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.results import Value, judged_table
+from lfpipe.bench.results import State, judged_table
 from lfpipe.bench.runner import Offer
 from lfpipe.render.refresh import ScreenRefresh
 from lfpipe.render.viewer import VIDEO_LEAD, video_frame
@@ -97,8 +97,8 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
         yield judged_table(title, note, "screen", screens, videos_hz, _judged)
 
 
-def _judged(screen: tuple[float, Shown], video_hz: float) -> Value:
+def _judged(screen: tuple[float, Shown], video_hz: float) -> tuple[str, State]:
     rate_hz, shown = screen
     share, held = video_judder(shown, rate_hz, video_hz) if video_hz else (shown.juddered, "")
-    words = f"{share:.2%}" + (f", held {held}" if held else "")
-    return Value(share, words=words, state="ok" if share <= GOAL else "degraded" if share <= LIMIT else "failed")
+    state: State = "ok" if share <= GOAL else "degraded" if share <= LIMIT else "failed"
+    return f"{share:.2%}" + (f", held {held}" if held else ""), state

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.motion import ONSET_PX, HeadMotion, known_motion, minimum_jerk
-from lfpipe.bench.results import Figures, Table, Value, judged_table, rms
+from lfpipe.bench.results import Figures, State, Table, judged_table, rms
 from lfpipe.bench.runner import Candidate, Offer
 from lfpipe.bench.subjects import LIGHT_MS, NOISE_PX, SHOWN_MS
 from lfpipe.config import Track
@@ -131,13 +131,13 @@ def motion_table() -> Table:
     filters: dict[str, Callable[[], EyeFilter]] = {f"{Track().filter} (in use)": partial(make_filter, Track())}
     filters["mean of 5, the paper"] = partial(Mean, 5)
 
-    def value(row: tuple[str, float], make: Callable[[], EyeFilter]) -> Value:
+    def latencies(row: tuple[str, float], make: Callable[[], EyeFilter]) -> tuple[str, State]:
         name, noise_px = row
         (pictures,) = displayed(make(), (SHOWN_MS,), noise_px=noise_px, motion=simple_motion(name))
         onset, steady = onset_ms(pictures), round(float(np.median(steady_ms(pictures))))
-        return Value(words=(f"{np.mean(onset):.0f} / " if onset else "- / ") + f"{steady}")
+        return (f"{np.mean(onset):.0f} / " if onset else "- / ") + f"{steady}", ""
 
-    return judged_table("Latency by motion and noise", note, "motion", rows, filters, value)
+    return judged_table("Latency by motion and noise", note, "motion", rows, filters, latencies)
 
 
 def measure(inputs: Inputs) -> Iterator[Offer]:

@@ -99,11 +99,26 @@ class Table:
 
 
 def judged_table(
-    title: str, note: str, of: str, rows: Mapping[str, R], columns: Mapping[str, C], judge: Callable[[R, C], Value]
-) -> Table:
-    """A table of judged values, of each row and column by their names. of: what a row is."""
-    judged = (Row(name, {one: judge(row, column) for one, column in columns.items()}) for name, row in rows.items())
-    return Table(of, tuple(Column(name, name) for name in columns), tuple(judged), title, note)
+    title: str, note: str, of: str, rows: Mapping[str, R], columns: Mapping[str, C],
+    judge: Callable[[R, C], tuple[str, State]], only: Callable[[R, C], str] = lambda _row, _column: "",
+) -> Table:  # fmt: skip
+    """A table of judged values, by the names of rows and columns. of: what a row is. judge: returns words and state; an exception
+    is a failure. only: the setting that reaches the value."""
+
+    def value(row: R, column: C) -> Value:
+        try:
+            words, state = judge(row, column)
+        except Exception as error:  # the exception is the result
+            words, state = f"{type(error).__name__}: {error}"[:80], "failed"
+        return Value(words=words, state=state, only=only(row, column))
+
+    body = (Row(name, {one: value(row, column) for one, column in columns.items()}) for name, row in rows.items())
+    return Table(of, tuple(Column(name, name) for name in columns), tuple(body), title, note)
+
+
+def judged_error(worst: float, ok: float, degraded: float) -> tuple[str, State]:
+    """The worst error as words, and its state: ok up to `ok`, degraded up to `degraded`, failed above and for NaN."""
+    return f"{worst:.1e}" if worst else "0", "ok" if worst <= ok else "degraded" if worst <= degraded else "failed"
 
 
 @attrs.define

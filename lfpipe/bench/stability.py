@@ -10,9 +10,9 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.bench.extremes import colour_table, judged, mapping_table, synthesis_table
+from lfpipe.bench.extremes import colour_table, mapping_table, synthesis_table
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.results import State, Table, Value, judged_table
+from lfpipe.bench.results import State, Table, judged_table
 from lfpipe.bench.runner import Offer
 from lfpipe.config import Config, Track
 from lfpipe.eyes import EYES as RECORD
@@ -90,17 +90,18 @@ def filter_tables(rates_hz: tuple[int, ...]) -> Iterator[Table]:
     cases = {f"{what}, {rate} Hz": (what, rate) for what, rate in itertools.product(DISTURBANCES, rates_hz)}
     for moving, frames in itertools.product((False, True), (1, 2)):
 
-        def value(case: tuple[str, int], name: str, moving: bool = moving, frames: int = frames) -> Value:
-            def words() -> tuple[str, State]:
-                peak, lasts_s = disturbed(name, *case, moving, frames)
-                state: State = "ok" if peak <= 1.5 and lasts_s <= 0.7 else "degraded" if lasts_s <= 1.5 else "failed"
-                return f"{peak:.2f}, {lasts_s:.2f} s", state
-
-            return judged(words, "" if name == FILTERS[0] else f"track.filter={name}")
+        def judge(case: tuple[str, int], name: str, moving: bool = moving, frames: int = frames) -> tuple[str, State]:
+            peak, lasts_s = disturbed(name, *case, moving, frames)
+            state: State = "ok" if peak <= 1.5 and lasts_s <= 0.7 else "degraded" if lasts_s <= 1.5 else "failed"
+            return f"{peak:.2f}, {lasts_s:.2f} s", state
 
         title = f"Filters after {('one bad frame', 'two bad frames')[frames - 1]}, "
         title += "a moving head, jittered and duplicate stamps" if moving else "a head at rest"
-        yield judged_table(title, note, "wrong", cases, {name: name for name in FILTERS}, value)
+        yield judged_table(title, note, "wrong", cases, {name: name for name in FILTERS}, judge, _only)
+
+
+def _only(_case: object, name: str) -> str:
+    return "" if name == FILTERS[0] else f"track.filter={name}"
 
 
 def viewer_run(field: LightField, rate_hz: int, jittered: bool, bad: dict[str, object], frames: range) -> Float:
@@ -137,18 +138,15 @@ CASES: dict[str, tuple[dict[str, object], int]] = {  # what stands in the record
 def viewer_table(field: LightField, rates_hz: tuple[int, ...]) -> Table:
     """Viewer, easing, presence and parallax: what one frame, or ten without a face, do to the viewpoints."""
 
-    def value(case: tuple[dict[str, object], int], column: tuple[int, bool]) -> Value:
-        def words() -> tuple[str, State]:
-            at, (bad, frames) = 3 * column[0], case
-            runs = [viewer_run(field, *column, bad, range(at, at + count)) for count in (0, frames)]
-            peak, lasts_s = aftermath(runs, 3 * VIEWER_HZ, 0.05, VIEWER_HZ)
-            return f"{peak:.2f}, {lasts_s:.2f} s", "ok" if lasts_s <= 2 else "degraded" if lasts_s < 4.5 else "failed"
-
-        return judged(words)
+    def judge(case: tuple[dict[str, object], int], column: tuple[int, bool]) -> tuple[str, State]:
+        at, (bad, frames) = 3 * column[0], case
+        runs = [viewer_run(field, *column, bad, range(at, at + count)) for count in (0, frames)]
+        peak, lasts_s = aftermath(runs, 3 * VIEWER_HZ, 0.05, VIEWER_HZ)
+        return f"{peak:.2f}, {lasts_s:.2f} s", "ok" if lasts_s <= 2 else "degraded" if lasts_s < 4.5 else "failed"
 
     columns = {f"{hz} Hz{', jittered' * late}": (hz, late) for hz, late in itertools.product(rates_hz, (False, True))}
     note = "Distance of the viewpoints from a run without it, in views, and how long it stays above 0.05. failed: it never ends."
-    return judged_table("The viewer before the screen", note, "in the record", CASES, columns, value)
+    return judged_table("The viewer before the screen", note, "in the record", CASES, columns, judge)
 
 
 def measure(inputs: Inputs) -> Iterator[Offer]:

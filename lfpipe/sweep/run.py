@@ -33,7 +33,6 @@ AGAIN = "start it again, then run the same command"
 SCHEDULER_WAIT_S, WORKER_WAIT_S = 8.0, 30.0  # a host that does not answer; workers that have just been started
 FIRST_LINE_S = 30.0  # without a result, what runs is named; again after twice that time, and so on
 Notice = Callable[[str], None]
-Measure = Callable[[Cell, Order], Outcome]
 
 
 @attrs.frozen
@@ -75,7 +74,7 @@ def keyed(cell: Cell, version: str, order: Order) -> Cell:
 
 
 @contextlib.contextmanager
-def local_workers(jobs: int, work: Measure = measure_cell) -> Iterator[Workers]:
+def local_workers(jobs: int, work: Callable[[Cell, Order], Outcome] = measure_cell) -> Iterator[Workers]:
     """Threads of this process. Cells that still run at the end are killed."""
     with ThreadPoolExecutor(jobs) as pool:
         try:
@@ -175,7 +174,7 @@ def run_sweep(
     place: gives the workers, if any are needed. progress: (what, done, total). notice: receives lines for the user.
     Raises UserError if out cannot be written, or the workers are gone. Finished cells are kept.
     """
-    version = f"{source_digest()} {sorted((name, text) for name, text in versions().items() if name != 'processor')}"
+    version = f"{source_digest()} {versions() | {'processor': ''}}"
     every = [keyed(cell, version, order) for cell in plan]
     store = Store(out)
     todo = {cell.key: cell for cell in every if cell.key not in store.outcomes}  # scenes of equal name and content are one cell

@@ -60,10 +60,8 @@ def measure_cell(cell: Cell, order: Order) -> Outcome:
     except subprocess.CalledProcessError as error:
         state, signal = DIED, -error.returncode
         reason = f"its process was ended by signal {signal}" + ", perhaps out of memory" * (signal == 9)
-    except UserError as error:
-        state, reason = FAILED, str(error)
     except Exception as error:  # one cell's mistake must not end the sweep
-        state, reason = FAILED, f"{type(error).__name__}: {error}"
+        state, reason = FAILED, str(error) if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
     numbers = {name: value for name, value in figures.items() if isinstance(value, str) or math.isfinite(value)}
     return Outcome(cell, state, plain(reason, REASON_CHARS), numbers, round(time.time() - began_s, 4), platform.node(), began_s)
 
@@ -97,16 +95,12 @@ def _replay(cell: Cell, order: Order, work: Path) -> Measured:
     if code and not (code == 1 and differs):
         return FAILED, why, {}
     report = read_report(work / "out")
-    errors = {
-        f"truth.{name}.{figure}": float(value)
-        for name, table in (report["truth_error"] or {}).items()
-        for figure, value in (table or {}).items()
-        if isinstance(value, int | float)
-    }
+    tables = {name: table or {} for name, table in (report["truth_error"] or {}).items()}
+    errors = {f"truth.{name}.{figure}": value for name, table in tables.items() for figure, value in table.items()}
     if cell.subject == TRUTH:
         return (OK, "", errors) if errors else (LEFT_OUT, "the sequence has no truth", {})
-    counts = {name: float(report["counts"][name]) for name in ("frames", "faces", "composed")}
-    digests = {f"digest.{name}": str(value) for name, value in (report["digests"] or {}).items()}
+    counts = {name: report["counts"][name] for name in ("frames", "faces", "composed")}
+    digests = {f"digest.{name}": value for name, value in (report["digests"] or {}).items()}
     return DIFFERS if differs else OK, "\n".join(differs), {**counts, **errors, **digests}
 
 
@@ -121,11 +115,8 @@ def _bench(cell: Cell, order: Order, work: Path) -> Measured:
     if code and not (table and code == 1 and exists(work / "results.json")):  # 1: a scene was left out
         return FAILED, why, {}
     results = read(work)[TABLE if table else cell.subject]
-    figures = {
-        f"{row.curve}.{key}" if table else f"{row.name}: {key}": one.value
-        for row in results.rows
-        for key, one in row.values.items()
-    }
+    named = [(f"{row.curve}." if table else f"{row.name}: ", row.values) for row in results.rows]
+    figures = {name + key: one.value for name, values in named for key, one in values.items()}
     if states := [value.state for *_, value in results.judged() if not value.only]:
         figures |= {f"cells {state}": float(states.count(state)) for state in STATES}
     if results.failures:

@@ -86,8 +86,12 @@ def test_a_verdict_keeps_what_ties_and_names_the_cost() -> None:
 def test_report_stands_alone_and_begins_with_verdicts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     results, _ = measured()
     results.about = {"command": "lfpipe bench fake --quick", "machine": "<p>"}
-    values = [Value(words="9", state="failed"), Value(words="8", state="degraded", only="render.method=blend")]
-    results.tables.append(judged_table("Extreme", "note", "case", {"a": 0}, {"b": 0, "c": 1}, lambda _, column: values[column]))
+    columns = {"b": "", "c": "render.method=blend"}
+    states = {"": "failed", "render.method=blend": "degraded"}
+    table = judged_table("Extreme", "", "case", {"a": 9}, columns, lambda _, one: ("9", states[one]), lambda _, one: one)  # type: ignore[return-value]
+    results.tables.append(table)
+    raised = judged_table("", "", "case", {"a": 0}, {"b": 0}, lambda row, column: (f"{row / column}", "ok"))
+    assert raised.rows[0].values["b"] == Value(words="ZeroDivisionError: division by zero", state="failed")
     write({"fake": results}, tmp_path)
     assert read(tmp_path) == {"fake": results}, "as they were"
     monkeypatch.setitem(page.SUBJECTS, "fake", FAKE)
