@@ -35,7 +35,7 @@ function charts(sample) {
     page.latency = makeLatency(names);
   }
   rows.t.push(sample.uptime_s); rows.age.push(sample.end_to_end.n ? sample.end_to_end.p50_ms : null);
-  for (const [name, stage] of Object.entries(sample.stages)) rows.stages[name].push(stage.wait.p50_ms + stage.busy.p50_ms);
+  for (const [name, stage] of Object.entries(sample.stages)) rows.stages[name].push(stage.busy.n ? stage.wait.p50_ms + stage.busy.p50_ms : null);
   for (const list of [rows.t, rows.age, ...Object.values(rows.stages)]) if (list.length > POINTS) list.shift();
   page.latency.setData([rows.t, rows.age, ...Object.values(rows.stages)]);
 }
