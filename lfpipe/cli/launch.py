@@ -11,18 +11,22 @@ from lfpipe.capture.open_source import MOUSE, CheckedSource, NoCamera, camera_na
 from lfpipe.capture.spec import playing_once, source_file
 from lfpipe.cli.kiosk import until_it_ends
 from lfpipe.cli.progress import progress
-from lfpipe.cli.startup_summary import loop_lines, startup_lines
 from lfpipe.config import Config, SessionOptions
 from lfpipe.config.user_files import has_key, with_measured_focal
 from lfpipe.errors import UserError
 from lfpipe.files.output import check_outputs
 from lfpipe.files.video_writer import require_encoder
 from lfpipe.host.files import exists
+from lfpipe.host.machine import has_gpu
 from lfpipe.observe.monitor import print_state
+from lfpipe.render.compositor import mixed_as
 from lfpipe.render.display import check_display, has_display
-from lfpipe.render.plan import make_plan
+from lfpipe.render.geometry import parallax
+from lfpipe.render.monitors import detect_monitors, loop_doubt
+from lfpipe.render.plan import Plan, make_plan
 from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.demo import NAMES, demo_scene
+from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.open_scene import Packing, open_scenes
 from lfpipe.scene.pack import summarize
 from lfpipe.scene.recent_scenes import recent_scenes, remember_scene
@@ -131,11 +135,6 @@ def exit_code(outcome: Outcome) -> int:
     return 1
 
 
-def prepare(arguments: UpArguments) -> SessionPlan:
-    """Checks all arguments, packs the scene unless it is packed, and prints the settings in force. Raises UserError."""
-    return _prepare_tracking(arguments) if arguments.no_picture else _prepare_pictures(arguments)
-
-
 def _prepare_tracking(arguments: UpArguments) -> SessionPlan:
     """A session that tracks eyes and shows nothing."""
     given = {"SCENE": arguments.scenes, "--display": arguments.display, "--trace": arguments.trace}
@@ -144,14 +143,17 @@ def _prepare_tracking(arguments: UpArguments) -> SessionPlan:
     config = configuration.load(arguments.config_file, arguments.sets)
     share = check_targets(arguments.share)
     camera = _source(arguments.source(config), "none", config, False)
-    config = with_engine(_with_measured_focal(config, camera))
+    config = with_engine(with_measured_focal(config, camera_name(camera.text)))
     say(f"camera  {camera.text}; eyes by {config.track.engine}, filter {config.track.filter}; no picture")
     for target in share:
         say(f"share   eyes and head to {target}")
     return SessionPlan(config, attrs.evolve(camera.options, show=False, share=share), arguments.duration_s)
 
 
-def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
+def prepare(arguments: UpArguments) -> SessionPlan:
+    """Checks all arguments, packs the scene unless it is packed, and prints the settings in force. Raises UserError."""
+    if arguments.no_picture:
+        return _prepare_tracking(arguments)
     if not arguments.scenes and not arguments.demo:
         raise UserError("no SCENE given", "name a folder of views, or use --demo for the built-in scene")
     is_kiosk = arguments.kiosk is not None
@@ -179,7 +181,8 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
             remedy = "`lfpipe up --no-picture --share TARGET` tracks without a scene"
             raise UserError(f"--share with {scenes[0]}: a single view needs no eyes, so none are tracked", remedy)
         tracking = scene.needs_tracking and not camera.is_mouse
-        config = _with_measured_focal(config, camera)
+        if camera.text and not camera.is_mouse:
+            config = with_measured_focal(config, camera_name(camera.text))
         config = with_engine(config) if tracking else config
     except BaseException:
         if opened.packing is not None:
@@ -187,9 +190,8 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
         raise
     if arguments.scenes and not is_kiosk and not arguments.start:
         remember_scene(scenes[0])
-    for line in startup_lines(config, opened.field, make_plan(opened.field, config), camera.text, display):
-        say(line)
-    for line in [] if camera.is_mouse else loop_lines(config, camera.text, display):
+    plan = make_plan(opened.field, config)
+    for line in (*startup_lines(config, opened.field, plan, camera.text, display), *loop_lines(config, camera.text, display)):
         say(line)
     for target in share:
         say(f"share   eyes and head to {target}")
@@ -215,12 +217,8 @@ def _prepare_pictures(arguments: UpArguments) -> SessionPlan:
 
 def _demo_display() -> str:
     """Creates the folder to which the demo records itself without a screen. Returns its video as a display: small and playable
-    anywhere if there is an encoder for that. Raises UserError."""
-    try:
-        DEMO_FOLDER.mkdir(exist_ok=True)
-    except OSError as error:
-        remedy = "run the demo in a directory that you may write to, or with --display none"
-        raise UserError(f"{DEMO_FOLDER}/: {error.strerror}", remedy) from None
+    anywhere if there is an encoder for that. Raises OSError."""
+    DEMO_FOLDER.mkdir(exist_ok=True)
     say(f"no screen here: the demo records itself in {DEMO_FOLDER}/")
     try:
         require_encoder()
@@ -249,23 +247,54 @@ def with_engine(config: Config) -> Config:
 def _source(camera: str, display: str, config: Config, kiosk: bool) -> CheckedSource:
     """The source of frames; without a camera, the mouse over a window, but not in an exhibition, which has none. A file whose
     pictures go to a file plays once. Raises UserError."""
-    has_mouse = display in WINDOWS and not kiosk
-    if camera == MOUSE:
-        if has_mouse:
-            return CheckedSource(MOUSE, 0.0)
+    has_mouse, mouse = display in WINDOWS and not kiosk, CheckedSource(MOUSE, 0.0)
+    if camera == MOUSE and not has_mouse:
         where = "--kiosk" if kiosk else f"--display {display}"
-        raise UserError(
-            f"--camera mouse with {where}: there is no mouse", "use --display window, or another source: --camera demo"
-        )
+        remedy = "use --display window, or another source: --camera demo"
+        raise UserError(f"--camera mouse with {where}: there is no mouse", remedy)
     try:
-        return check_source(playing_once(camera) if camera and display.startswith("file:") else camera, config.camera)
+        once = playing_once(camera) if camera and display.startswith("file:") else camera
+        return mouse if camera == MOUSE else check_source(once, config.camera)
     except NoCamera:
         if not has_mouse:
             raise
         say("no camera: move the mouse to look around")
-        return CheckedSource(MOUSE, 0.0)
+        return mouse
 
 
-def _with_measured_focal(config: Config, camera: CheckedSource) -> Config:
-    """Returns config with the focal length that `lfpipe calibrate` measured for this camera."""
-    return with_measured_focal(config, camera_name(camera.text)) if camera.text and not camera.is_mouse else config
+def startup_lines(config: Config, field: LightField, plan: Plan, camera: str, display: str) -> list[str]:
+    """Scene, plan, camera, alpha and picture. camera: the source. display: as for `--display`."""
+    without = ", ".join(item.what for item in plan.left_out)
+    left_out = f"; left out: {without} (`lfpipe scene plan` explains why)" if without else ""
+    render = mixed_as(field, plan.method, config.render)
+    on_screen = display in WINDOWS
+    at_hz = "of the screen" if on_screen and render.rate_hz == "auto" else f"at {render.nominal_hz:g} Hz"
+    clock = f"every refresh {at_hz}" if render.clock == "display" else "every camera frame"
+    by = ", drawn by the CPU (no GPU found)" if on_screen and not has_gpu() else ""
+    if not plan.needs_tracking:
+        source, alpha = "none: a single view needs no eyes", "none: the scene has one view"
+    else:
+        source = f"{camera}; eyes by {config.track.engine}, filter {config.track.filter}"
+        source = "none, and no tracking: move the mouse to look around" if camera == MOUSE else source
+        chosen = parallax(config, field, config.camera.frame_px[0], None)
+        depth = "" if chosen.compression is None else f", {chosen.compression:.0%} of true depth"
+        across = f"{field.cols} columns" if field.cols > 1 else f"{field.rows} rows"
+        asked = "set" if isinstance(render.alpha_px, float) else f"{render.alpha_px}, at {chosen.distance_mm:.0f} mm"
+        alpha = f"{chosen.alpha_px:.1f} px/view ({asked}): {chosen.views_between_eyes:.1f} of {across} between your eyes{depth}"
+    return [
+        f"scene   {field.name}: {field.rows}x{field.cols} views of {field.width_px}x{field.height_px}",
+        f"plan    views by {plan.method}{left_out}",
+        f"camera  {source}",
+        f"alpha   {alpha}",
+        f"picture {render.anaglyph} in {render.light} light, {clock}, to {display}{by}",
+    ]
+
+
+def loop_lines(config: Config, camera: str, display: str) -> list[str]:
+    """The delay of the loop if pictures go to a screen, with a warning if it is doubtful. camera: the source."""
+    render = config.render
+    if not render.loop_ms or display not in WINDOWS or camera == MOUSE:
+        return []
+    doubt = loop_doubt(config, camera_name(camera) if camera else "", detect_monitors()[1])
+    why = f"; doubtful: {doubt}; `lfpipe calibrate --latency` measures it" if doubt else ""
+    return [f"loop    {render.loop_ms:g} ms delay of camera and display{why}"]

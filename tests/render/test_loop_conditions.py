@@ -4,7 +4,7 @@ import attrs
 import pytest
 
 from lfpipe import config
-from lfpipe.cli.startup_summary import loop_lines
+from lfpipe.cli.launch import loop_lines
 from lfpipe.render.monitors import Monitor, loop_conditions, loop_doubt
 
 DESK = [Monitor(0, "eDP-1", 0, 0, 1920, 1200, 0.18, 60.0), Monitor(1, "DP-1; 24", 1920, 0, 1920, 1080, None, 144.0)]
@@ -37,7 +37,7 @@ def test_what_changed_is_named(camera: str, changes: dict[str, object], desk: li
 
 
 def test_up_says_whether_the_delay_is_trusted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lfpipe.cli.startup_summary.detect_monitors", lambda: ("x11", DESK))
+    monkeypatch.setattr("lfpipe.cli.launch.detect_monitors", lambda: ("x11", DESK))
     known = measured("demo")
     assert loop_lines(known, "demo", "window") == ["loop    61.5 ms delay of camera and display"]
     changed = config.updated(known, {"camera.rate_hz": 60})
