@@ -2,9 +2,7 @@
 
 import reprlib
 
-MESSAGE_CHARS = 1500
-REMEDY_CHARS = 400
-VALUE_CHARS = 60
+MESSAGE_CHARS, REMEDY_CHARS, VALUE_CHARS = 1500, 400, 60  # a screen of 80x24 holds a message with its remedy
 
 
 class UserError(Exception):
@@ -34,22 +32,15 @@ def _without_middle(text: str, most_chars: int) -> str:
     return text if len(text) <= most_chars else f"{text[:head]} ... {text[head + 5 - most_chars :]}"
 
 
-class _Short(reprlib.Repr):
-    def __init__(self) -> None:
-        super().__init__()
-        self.maxstring = self.maxother = VALUE_CHARS
-        self.maxlevel = self.maxdict = self.maxlist = self.maxtuple = self.maxset = 3
-
-    def repr_int(self, x: int, level: int) -> str:
-        if x.bit_length() > 128:  # Python refuses to print the longest
-            return f"a whole number of {x.bit_length()} bits"
-        return repr(x)
-
-
-_short = _Short()
+_short = reprlib.Repr()
+_short.maxstring = _short.maxother = VALUE_CHARS
+_short.maxlevel = _short.maxdict = _short.maxlist = _short.maxtuple = _short.maxset = 3  # enough to recognise a value
 
 
 def shown(value: object) -> str:
     """value as a message quotes it: repr on one line, never long, never an exception, however large or deep value is."""
-    text = _short.repr(value)
+    try:
+        text = _short.repr(value)
+    except ValueError:  # Python refuses to print the longest
+        text = "an endless whole number"
     return text if len(text) <= 2 * VALUE_CHARS else text[: 2 * VALUE_CHARS] + "..."

@@ -231,7 +231,7 @@ def _demo_display() -> str:
 def _is_first_start(arguments: UpArguments, display: str) -> bool:
     """Whether a person opens a window for the first time: no glasses were chosen yet, and nothing is given as scripts do."""
     scripted = arguments.sets or arguments.config_file or arguments.duration_s or arguments.trace or arguments.kiosk is not None
-    return not scripted and display in WINDOWS and not has_key(configuration.user_file(), "render", "anaglyph")
+    return not scripted and display in WINDOWS and not has_key("render", "anaglyph")
 
 
 def with_engine(config: Config) -> Config:

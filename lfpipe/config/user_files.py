@@ -2,6 +2,7 @@
 
 import json
 import math
+import tomllib
 from collections.abc import Mapping, MutableMapping
 from pathlib import Path
 from typing import Any
@@ -45,14 +46,10 @@ def with_measured_focal(config: Config, camera: str) -> Config:
     return attrs.evolve(config, camera=attrs.evolve(config.camera, focal_px=here_px))
 
 
-def has_key(path: Path, section: str, name: str) -> bool:
-    """Whether the TOML file at path sets [section] name. A file that cannot be read sets nothing."""
-    import tomlkit
-
-    try:
-        return name in tomlkit.parse(path.read_text()).get(section, {})
-    except (OSError, ValueError):
-        return False
+def has_key(section: str, name: str) -> bool:
+    """Whether the user's own settings, which `load` has accepted, set [section] name."""
+    path = user_file()
+    return not is_missing(path) and name in tomllib.loads(path.read_text("utf-8")).get(section, {})
 
 
 def write_keys(path: Path, section: str, values: Mapping[str, float | bool | str | None]) -> None:
