@@ -177,9 +177,6 @@ class Handler(RequestHandler):
             raise HTTPError(HTTPStatus.FORBIDDEN, NO_TOKEN)
         self.settings["admit"](self.stream)
 
-    def compute_etag(self) -> None:
-        """Returns None: nothing is cached."""
-
     def write_error(self, status_code: int, **kwargs: Any) -> None:
         """{"ok": false, "error": why}."""
         error = kwargs.get("exc_info", (None, None, None))[1]
