@@ -19,7 +19,7 @@ from lfpipe.config import Render
 from lfpipe.render.anaglyph import MATRICES, Mixer, decoded, encode, recipe
 from lfpipe.scene.lightfield import LightField
 
-SIDE_PX, TURN_PICTURES = 1024, 8
+SIDE_PX, TURN_PICTURES = 1024, 8  # of timed pictures, about a megapixel; a turn takes some ms
 Float = NDArray[np.float64]
 Encoder = Callable[[NDArray[np.uint8], NDArray[np.uint8]], NDArray[np.uint8]]  # (left, right) BGR -> anaglyph BGR
 

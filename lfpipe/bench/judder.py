@@ -18,16 +18,16 @@ from lfpipe.render.refresh import ScreenRefresh
 from lfpipe.render.viewer import VIDEO_LEAD, video_frame
 from lfpipe.transport.clock import MS_NS
 
-SCREENS_HZ = (59.94, 60.0, 75.0, 143.98, 144.0)
-VIDEOS_HZ = (24.0, 25.0, 30.0)
-DEADLINE_MS, COST_MS, SLOW_SHARES = 3.0, 1.5, (0.0, 0.02)
-PICTURES = 4000
-GOAL, LIMIT = 0.005, 0.02
+SCREENS_HZ = (59.94, 60.0, 75.0, 143.98, 144.0)  # as monitors of 60, 75 and 144 Hz report themselves
+VIDEOS_HZ = (24.0, 25.0, 30.0)  # of films, European and American television
+DEADLINE_MS, COST_MS, SLOW_SHARES = 3.0, 1.5, (0.0, 0.02)  # of usual compositors; of warp2 at 512x512; of a busy machine
+PICTURES = 4000  # a minute at 60 Hz: the second half stands for a session that has settled
+GOAL, LIMIT = 0.005, 0.02  # one picture in 200 is hardly seen; a busy machine's late wake-ups alone make 2 %
 T0_NS = 10**12
 
 
 @attrs.frozen
-class Shown:
+class ScreenRun:
     """Pictures of the second half of a run. juddered: share that missed their blanks. lead_ms: from beginning to blank, mean.
     blanks: int64 (n,), those that showed a picture, counted from T0_NS. targets_ns: int64 (n,), what they were made for."""
 
@@ -39,7 +39,7 @@ class Shown:
 
 def simulate(
     rate_hz: float, deadline_ms: float, pictures: int, cost_ms: float = 1.0, slow: float = 0.0, whole_ms: bool = False
-) -> Shown:
+) -> ScreenRun:
     """A screen of rate_hz. slow: share of wake-ups that are 5 ms late in the mean. whole_ms: blanks are reported in whole ms."""
     random = np.random.default_rng(5)
     refresh = ScreenRefresh(rate_hz, T0_NS)
@@ -65,19 +65,19 @@ def simulate(
         missed += refresh.advance(now_ns)
     half = pictures // 2
     juddered = float(np.mean(bad[half:])) + missed / pictures
-    return Shown(juddered, float(np.mean(leads[half:])), np.array(blanks[half:]), np.array(targets[half:]))
+    return ScreenRun(juddered, float(np.mean(leads[half:])), np.array(blanks[half:]), np.array(targets[half:]))
 
 
-def video_judder(shown: Shown, rate_hz: float, video_hz: float) -> tuple[float, str]:
+def video_judder(run: ScreenRun, rate_hz: float, video_hz: float) -> tuple[float, str]:
     """Share of blanks at which a video showed another frame than planned, and for how many blanks it held its frames.
 
     Planned is what a screen without lateness shows: at each blank the frame whose time it is.
     """
     lead_ns = round(VIDEO_LEAD * 1e9 / rate_hz)
-    start_ns = int(shown.targets_ns[0]) - lead_ns
-    made = np.array([video_frame(int(t_ns), start_ns, video_hz) for t_ns in shown.targets_ns])
-    every = np.arange(shown.blanks[0], shown.blanks[-1])
-    seen = made[np.searchsorted(shown.blanks, every, side="right") - 1]
+    start_ns = int(run.targets_ns[0]) - lead_ns
+    frames = np.array([video_frame(int(t_ns), start_ns, video_hz) for t_ns in run.targets_ns])
+    every = np.arange(run.blanks[0], run.blanks[-1])
+    seen = frames[np.searchsorted(run.blanks, every, side="right") - 1]
     period_ns = 1e9 / rate_hz
     planned = np.array([video_frame(round(start_ns + lead_ns + k * period_ns), start_ns, video_hz) for k in every - every[0]])
     held = np.diff(np.flatnonzero(np.diff(planned)))
@@ -97,8 +97,8 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
         yield judged_table(title, note, "screen", screens, videos_hz, _judged)
 
 
-def _judged(screen: tuple[float, Shown], video_hz: float) -> tuple[str, State]:
-    rate_hz, shown = screen
-    share, held = video_judder(shown, rate_hz, video_hz) if video_hz else (shown.juddered, "")
+def _judged(screen: tuple[float, ScreenRun], video_hz: float) -> tuple[str, State]:
+    rate_hz, run = screen
+    share, held = video_judder(run, rate_hz, video_hz) if video_hz else (run.juddered, "")
     state: State = "ok" if share <= GOAL else "degraded" if share <= LIMIT else "failed"
     return f"{share:.2%}" + (f", held {held}" if held else ""), state

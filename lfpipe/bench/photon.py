@@ -24,8 +24,8 @@ from lfpipe.track.filters import make_filter
 from lfpipe.track.smoothing import EyeFilter, Mean
 
 LOOP_MS = 60  # of camera and display, if unknown
-CAMERA_HZ, REFRESH_HZ = 30, 60
-UNDER_WAY_PX_S = 60.0
+CAMERA_HZ, REFRESH_HZ = 30, 60  # of usual webcams and monitors
+UNDER_WAY_PX_S = 60.0  # an eye distance per second: slower, noise outweighs the motion
 NOISES_PX = (0.15, NOISE_PX, 0.5)  # a good camera, live faces, little light
 ONSET_MS = 300  # of a motion, not steady
 WITHIN_MS = 600  # a later onset counts as not followed at all

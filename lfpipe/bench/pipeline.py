@@ -32,9 +32,10 @@ from lfpipe.sequence.eyes import Truth
 from lfpipe.sequence.folder import is_sequence
 from lfpipe.track.models import package_folder
 
-PAPER_ALPHA_PX = 12.0
+PAPER_ALPHA_PX = 12.0  # px of the camera per view: chosen by hand, as the paper does
 STEADY_S = 1.0  # after the first picture every stage has started and found the face
-POLL_S, START_S, LEAST_S, MAX_S = 0.05, 90.0, 1.0, 16.0
+POLL_S, START_S = 0.05, 90.0  # until a first picture; a scene may be packed first
+LEAST_S, MAX_S = 1.0, 16.0  # of a measured session: enough for a median; the whole demo sequence
 SIDES = ("left", "right")
 STEP_NS, SKIP_NS, STILL_MS = 1_000_000, 1_000_000_000, 400  # of an aligned trace
 Trace = list[dict[str, Any]]

@@ -22,9 +22,9 @@ from lfpipe.scene.lightfield import LightField
 from lfpipe.track.filters import make_filter
 
 FILTERS = (Track().filter, *(name for name in ("mean", "one-euro", "kalman") if name != Track().filter))
-RATES_HZ = (15, 30, 60, 120, 240)
+RATES_HZ = (15, 30, 60, 120, 240)  # of webcams in the dark to high-speed cameras
 EYES = np.array([[350.0, 240.0], [290.0, 242.0]])
-APART_PX = 60.0
+APART_PX = 60.0  # of EYES
 AHEAD_MS = 100  # a usual time from exposure to light
 VIEWER_HZ, VIEWER_STEP_NS = 60, 16_666_667
 Float = NDArray[np.float64]

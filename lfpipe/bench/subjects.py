@@ -8,7 +8,7 @@ import attrs
 
 from lfpipe.bench.results import Column
 
-FILTER_RATES_HZ = (30, 60, 120)
+FILTER_RATES_HZ = (30, 60, 120)  # of cameras: usual, good, fast
 AHEAD_MS = 40  # of the charts of filters: age of a picture at 30 Hz and 60 Hz refresh
 NOISE_PX = 0.3  # of the landmarks of live faces: 0.22 to 0.34 px were measured at 640x480
 LIGHT_MS = (20, 40, 60, 80, 100, 120, 140)  # from exposure to light

@@ -20,7 +20,7 @@ from lfpipe.render.viewpoint import Position
 from lfpipe.scene.disparity import estimate_disparity, quantised, scale_for
 from lfpipe.scene.lightfield import LightField
 
-SWEEP_STEP, MAX_VIEWS = 0.05, (10, 40)
+SWEEP_STEP, MAX_VIEWS = 0.05, (10, 40)  # views between two pictures of a sweep; left-out views, quick and full
 TURN_PICTURES, APART = 15, 23  # pictures per turn, and steps of the walk between two of them
 
 
@@ -30,22 +30,22 @@ def subsample(field: LightField, rows: Sequence[int], cols: Sequence[int]) -> Li
     rows, cols: evenly spaced, with the same step on both axes. Raises ValueError if no disparity can be estimated.
     """
     step = next((indices[1] - indices[0] for indices in (cols, rows) if len(indices) > 1), 1)
-    part = attrs.evolve(
+    kept_field = attrs.evolve(
         field,
         views=np.ascontiguousarray(np.asarray(field.views)[:1, rows][:, :, cols]),
         offsets=np.ascontiguousarray(field.offsets[rows][:, cols]) / np.float32(step),
         present=np.ones((len(rows), len(cols)), bool),
     )
     if field.disparity is None:
-        return part
-    maps = estimate_disparity(part.views[0])
+        return kept_field
+    maps = estimate_disparity(kept_field.views[0])
     if maps is None:
         raise ValueError("no disparity can be estimated: one view, or the views are too small")
     known = maps[~np.isnan(maps)] if not np.isnan(maps).all() else np.zeros(1, np.float32)
     low, high = (float(v) for v in np.percentile(known, (0.05, 99.95)))
     scale = scale_for(low, high)
     return attrs.evolve(
-        part, disparity=quantised(maps, scale)[None], disparity_scale_px=scale, disparity_min_px=low, disparity_max_px=high
+        kept_field, disparity=quantised(maps, scale)[None], disparity_scale_px=scale, disparity_min_px=low, disparity_max_px=high
     )
 
 
@@ -92,28 +92,28 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
         yield Candidate(method, "every 2nd view", prepare, method == "nearest", method == field.method)
 
 
-def _prepare(inputs: Inputs, method: str, kept: Callable[[], LightField]) -> tuple[Figures, Turn]:
-    field, part = inputs.field, kept()
-    views, renderer = np.asarray(field.views)[0], ViewRenderer(part, method)
-    compositor = Compositor(part, Render(method=method, anaglyph="colour"))  # type: ignore[arg-type]
-    viewpoints = viewpoint_walk(part, TURN_PICTURES, APART)
-    between = np.ndindex(2 * part.rows - 1, 2 * part.cols - 1)
+def _prepare(inputs: Inputs, method: str, kept_views: Callable[[], LightField]) -> tuple[Figures, Turn]:
+    field, kept_field = inputs.field, kept_views()
+    views, renderer = np.asarray(field.views)[0], ViewRenderer(kept_field, method)
+    compositor = Compositor(kept_field, Render(method=method, anaglyph="colour"))  # type: ignore[arg-type]
+    viewpoints = viewpoint_walk(kept_field, TURN_PICTURES, APART)
+    between = np.ndindex(2 * kept_field.rows - 1, 2 * kept_field.cols - 1)
     left_out = [(r, c) for r, c in between if (r % 2 or c % 2) and field.present[r, c]]
     count = min(MAX_VIEWS[0 if inputs.quick else 1], len(left_out))  # spread evenly
     some = [left_out[int(k)] for k in np.unique(np.linspace(0, len(left_out) - 1, count).round())]
     squares = [float(np.mean((renderer.at((r / 2, c / 2)) - views[r, c]) ** 2)) for r, c in some]
     psnrs_db = [psnr_db(square) for square in squares]
-    figures = {"rmse": rms(np.sqrt(squares)), "psnr_db": float(np.mean(psnrs_db)), "jump": _jump(part, renderer)}
+    figures = {"rmse": rms(np.sqrt(squares)), "psnr_db": float(np.mean(psnrs_db)), "jump": _jump(kept_field, renderer)}
     upcoming = itertools.cycle(viewpoints)  # equal in every turn: some viewpoints need two warps
     turn = partial(time_ms, lambda: compositor.compose(*next(upcoming)), TURN_PICTURES)
     return figures, lambda: {"time_ms": turn()}
 
 
-def _jump(part: LightField, renderer: ViewRenderer) -> float:
+def _jump(kept_field: LightField, renderer: ViewRenderer) -> float:
     """Largest over mean difference between pictures SWEEP_STEP views apart, over two steps of the grid: 1 is even motion,
     1 / SWEEP_STEP is a jump from view to view."""
-    along = part.cols > 1
-    count, across = (part.cols, (part.rows - 1) / 2) if along else (part.rows, (part.cols - 1) / 2)
+    along = kept_field.cols > 1
+    count, across = (kept_field.cols, (kept_field.rows - 1) / 2) if along else (kept_field.rows, (kept_field.cols - 1) / 2)
     start = (count - 1) / 2 - min(1.0, (count - 1) / 2)
     sweep = np.arange(start, start + min(2.0, count - 1) + 1e-9, SWEEP_STEP)
     pictures = (renderer.at((across, float(t)) if along else (float(t), across)) for t in sweep)

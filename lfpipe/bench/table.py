@@ -92,21 +92,23 @@ def measure(field: LightField, protocol: Protocol) -> Iterator[Candidate]:
     rows, cols = ([kept.start + k * step for k in range(len(kept))] for kept in axes)
     if not field.present[np.ix_(rows, cols)].all():
         raise ValueError("one of the kept views is missing")
-    made, views = (rows[-1] - rows[0] + 1, cols[-1] - cols[0] + 1), np.asarray(field.views[0])
+    size, views = (rows[-1] - rows[0] + 1, cols[-1] - cols[0] + 1), np.asarray(field.views[0])
     truth = {
         (r / step, c / step): shaved(studio_luma(views[rows[0] + r, cols[0] + c]), protocol.border_px)
-        for r, c in np.ndindex(made)
+        for r, c in np.ndindex(size)
         if (r % step or c % step) and field.present[rows[0] + r, cols[0] + c]
     }
-    part = subsample(field, rows, cols)
-    grid = f"{len(rows)}x{len(cols)} -> {made[0]}x{made[1]}"
+    kept_field = subsample(field, rows, cols)
+    grid = f"{len(rows)}x{len(cols)} -> {size[0]}x{size[1]}"
     for method in reversed(METHODS):
-        if part.disparity is not None or method not in WARPS:
-            yield Candidate(method, f"{field.name}, {grid}", partial(_prepare, part, method, truth, protocol))
+        if kept_field.disparity is not None or method not in WARPS:
+            yield Candidate(method, f"{field.name}, {grid}", partial(_prepare, kept_field, method, truth, protocol))
 
 
-def _prepare(part: LightField, method: str, truth: dict[Position, Float], protocol: Protocol) -> tuple[Figures, Turn | None]:
-    renderer = ViewRenderer(part, method)
+def _prepare(
+    kept_field: LightField, method: str, truth: dict[Position, Float], protocol: Protocol
+) -> tuple[Figures, Turn | None]:
+    renderer = ViewRenderer(kept_field, method)
     lumas = {place: shaved(studio_luma(renderer.at(place)), protocol.border_px) for place in truth}
     db = [psnr_db(float(np.mean(np.square(true - lumas[place])))) for place, true in truth.items()]
     similar = [ssim(true, lumas[place]) for place, true in truth.items()]

@@ -21,7 +21,7 @@ from lfpipe.replays.report import read_report
 from lfpipe.sweep.plan import QUALITY, REPLAY, TABLE, TRUTH, Cell
 from lfpipe.sweep.results import DIED, DIFFERS, FAILED, LEFT_OUT, OK, Outcome
 
-REASON_CHARS = 2000
+REASON_CHARS = 2000  # of a line of results: the end of a traceback
 REFERENCE = "figures.json"  # in the reference of a cell without pictures
 CLOSE = 1e-3  # relative tolerance of figures, for rounding on other processors
 # A command ends with the worker that started it; otherwise the stages of its session would continue.

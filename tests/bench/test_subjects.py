@@ -74,11 +74,11 @@ def test_latencies_of_pictures_that_are_late_by_a_known_time(late_ms: int) -> No
     assert late_ms <= np.mean(photon.onset_ms(pictures)) <= late_ms + 1e3 / photon.REFRESH_HZ + 1
 
 
-def on_every_blank(rate_hz: float, late: dict[int, int]) -> judder.Shown:
+def on_every_blank(rate_hz: float, late: dict[int, int]) -> judder.ScreenRun:
     """A second of pictures; picture k is shown late[k] blanks too late."""
     count = np.arange(round(rate_hz))
     blanks = count + np.array([late.get(int(k), 0) for k in count])
-    return judder.Shown(0.0, 0.0, blanks, np.round(judder.T0_NS + count * 1e9 / rate_hz).astype(np.int64))
+    return judder.ScreenRun(0.0, 0.0, blanks, np.round(judder.T0_NS + count * 1e9 / rate_hz).astype(np.int64))
 
 
 def test_a_video_on_a_screen_is_planned_and_each_blank_off_the_plan_counts() -> None:

@@ -49,11 +49,11 @@ def test_cells_beside_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
     assert all("running:" in line for line in notices)
 
 
-def test_a_scheduler_without_tls_is_refused_unless_insecure() -> None:
-    for address in ("tcp://127.0.0.1:9", "127.0.0.1:9"):
-        with pytest.raises(UserError) as caught, dask_workers(address):
-            pass
-        assert "TLS" in caught.value.message and "--insecure" in caught.value.remedy
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "127.0.0.1:9"])
+def test_a_scheduler_without_tls_is_refused_unless_insecure(address: str) -> None:
+    with pytest.raises(UserError, match="TLS") as caught, dask_workers(address):
+        pass
+    assert "--insecure" in caught.value.remedy
 
 
 @pytest.mark.parametrize(

@@ -74,12 +74,8 @@ def scheduler(world: World) -> Iterator[tuple[subprocess.Popen[bytes], str]]:
         started.append(subprocess.Popen([sys.executable, "-m", "distributed.cli.dask_worker", address, *words], **quiet))
     yield started[0], address
     for process in started:
-        process.terminate()
-    for process in started:
-        try:
-            process.wait(60)
-        except subprocess.TimeoutExpired:
-            process.kill()
+        process.kill()
+        process.wait()
 
 
 def test_every_cell_although_one_is_killed(world: World, corpus: Path) -> None:
