@@ -1,13 +1,12 @@
 """A person's glasses: the question which they are (key e, and at the first start), and their test (key g)."""
 
-from collections.abc import Mapping
 from functools import lru_cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.config import Render, user_file
+from lfpipe.config import Render
 from lfpipe.render.anaglyph import MATRICES, encode
 from lfpipe.render.compositor import recipe_for
 from lfpipe.render.overlay import Item, Menu
@@ -87,14 +86,3 @@ def instructions(render: Render) -> str:
     ghost = f"a faint L too? adjust with right and left arrow: compensation {render.ghost_compensation:.0f} %"
     lines = ("close your left eye: you should see only R", ghost, "x swaps the eyes, g ends the test")
     return "\n".join(line for line in lines if line != ghost or render.anaglyph in MATRICES)
-
-
-def keep(values: Mapping[str, float | bool | str]) -> str:
-    """Saves keys of [render] in the person's settings; returns what to tell them, "" for no keys."""
-    from lfpipe.config.user_files import write_keys  # few sessions need it
-
-    try:
-        write_keys(user_file(), "render", values)
-    except (OSError, ValueError) as error:
-        return f"{user_file()}: not saved: {getattr(error, 'strerror', None) or error}"
-    return f"saved for the next session: {', '.join(WORDS[name] for name in values)}" if values else ""

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import platformdirs
 
-from lfpipe.config import Render, choices
+from lfpipe.config import Render, choices, user_file
 from lfpipe.config.quality import level_number
 from lfpipe.host.files import is_dir
 from lfpipe.render.display import HINT, Display
 from lfpipe.render.file_display import save
 from lfpipe.render.geometry import zero_plane_px, zero_planes_px
-from lfpipe.render.glasses import glasses_menu, instructions, keep
+from lfpipe.render.glasses import WORDS, glasses_menu, instructions
 from lfpipe.render.notices import SHOWN_NS, Notices, changes, status_lines
 from lfpipe.render.overlay import DEPTH, HELP, Item, Overlay, bar_items
 from lfpipe.render.presenter import Presenter
@@ -178,7 +178,8 @@ class KeyBindings:
         self._presenter.tests_glasses, self._before_test = not ends, render
         if ends:
             names = ("swap_eyes", "ghost_compensation")
-            self._keep(**{name: getattr(render, name) for name in names if getattr(render, name) != getattr(before, name)})
+            if changed := {name: getattr(render, name) for name in names if getattr(render, name) != getattr(before, name)}:
+                self._keep(**changed)
 
     def _compensate_ghost(self, step: float) -> None:
         """During the test: more or less against ghosts."""
@@ -187,8 +188,15 @@ class KeyBindings:
             self._set(ghost_compensation=min(max(ghost, 0.0), 100.0))
 
     def _keep(self, **values: float | bool | str) -> None:
-        if words := keep(values):
-            self._notices.say("kept", words)
+        """Saves keys of [render] in the person's settings."""
+        from lfpipe.config.user_files import write_keys  # few sessions need it
+
+        try:
+            write_keys(user_file(), "render", values)
+        except (OSError, ValueError) as error:
+            self._notices.say("kept", f"{user_file()}: not saved: {getattr(error, 'strerror', None) or error}")
+        else:
+            self._notices.say("kept", f"saved for the next session: {', '.join(WORDS[name] for name in values)}")
 
     # settings
 

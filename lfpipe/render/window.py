@@ -17,7 +17,7 @@ from lfpipe.render.overlay import EVENTS, Overlay
 from lfpipe.render.overlay_view import OverlayView, Panel
 from lfpipe.render.painters import open_painter
 from lfpipe.render.pair_layout import Pair, laid_out
-from lfpipe.render.window_system import KEY_CODES, open_presentation, pygame
+from lfpipe.render.window_system import open_presentation, pygame
 
 USUAL_MM = 531.0  # width of a 24-inch screen of 16:9, for monitors that report no size
 TEXT_PX, TEXT_SHARE = 22, 1 / 50  # of the monitor's height: TEXT_PX is too small on a fine monitor
@@ -25,6 +25,9 @@ BUTTONS = {1: "left", 3: "right"}
 MOUSE = (pygame.MOUSEMOTION, pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP, pygame.MOUSEWHEEL)
 RESIZED = (pygame.WINDOWSIZECHANGED, pygame.WINDOWDISPLAYCHANGED)
 NAMES = EVENTS | {"=": "alpha+", " ": "freeze", "?": "help"}
+CODES = {pygame.K_F11: "fullscreen", pygame.K_ESCAPE: "escape", pygame.K_TAB: "choose", pygame.K_DELETE: "delete"}
+CODES |= {pygame.K_LEFT: "less", pygame.K_RIGHT: "more", pygame.K_UP: "up", pygame.K_DOWN: "down"}
+CODES |= {pygame.K_PAGEDOWN: "next", pygame.K_PAGEUP: "previous", pygame.K_RETURN: "enter", pygame.K_KP_ENTER: "enter"}
 
 
 class Window(Display):
@@ -50,10 +53,8 @@ class Window(Display):
             self._driver = window_system.start()
             self.monitor = find_monitor(monitor, monitors()) if monitor else monitors()[0]
             self._windowed = self.monitor.window_for(size_px)
-            self._at: tuple[int, int] | None = None
-            if monitor:
-                margins = self.monitor.width - self._windowed[0], self.monitor.height - self._windowed[1]
-                self._at = self.monitor.x + margins[0] // 2, self.monitor.y + margins[1] // 2
+            place = pygame.WINDOWPOS_CENTERED | self.monitor.number if monitor else pygame.WINDOWPOS_UNDEFINED
+            self._at = place, place
             pygame.font.init()
             self._open()
         except UserError:
@@ -64,12 +65,11 @@ class Window(Display):
         self._shown_px = fit_area(size_px, self._painter.size_px())[2]
 
     def _open(self) -> None:
-        if self._fullscreen:
+        whole, (size, at) = self._fullscreen, (self._windowed, self._at)
+        if whole:
             size, at = (self.monitor.width, self.monitor.height), (self.monitor.x, self.monitor.y)
-            self._window = pygame.Window(self._title, size, at, fullscreen_desktop=True, allow_high_dpi=True)
-        else:
-            place = self._at or pygame.WINDOWPOS_UNDEFINED
-            self._window = pygame.Window(self._title, self._windowed, place, resizable=True, allow_high_dpi=True)
+        flags = {"fullscreen_desktop": whole, "resizable": not whole, "allow_high_dpi": True}
+        self._window = pygame.Window(self._title, size, at, **flags)
         self._window.set_icon(window_system.icon())
         self._painter = open_painter(self._window, self._driver)
         self._presentation = open_presentation(self._window)
@@ -181,7 +181,7 @@ class Window(Display):
         if event.type == pygame.DROPFILE:
             return f"load {event.file}".rstrip()
         if event.type == pygame.KEYDOWN:
-            name = self._view.key(KEY_CODES.get(event.key) or NAMES.get(event.unicode.lower(), ""))
+            name = self._view.key(CODES.get(event.key) or NAMES.get(event.unicode.lower(), ""))
             return name if name != "escape" else "fullscreen" if self._fullscreen else ""
         return self._mouse(event) if event.type in MOUSE else ""
 

@@ -19,9 +19,6 @@ import pygame as pygame
 from pygame._sdl2 import video as video
 
 ICON_PX = 64  # desktops scale it down
-KEY_CODES = {pygame.K_F11: "fullscreen", pygame.K_ESCAPE: "escape", pygame.K_TAB: "choose", pygame.K_DELETE: "delete"}
-KEY_CODES |= {pygame.K_LEFT: "less", pygame.K_RIGHT: "more", pygame.K_UP: "up", pygame.K_DOWN: "down"}
-KEY_CODES |= {pygame.K_PAGEDOWN: "next", pygame.K_PAGEUP: "previous", pygame.K_RETURN: "enter", pygame.K_KP_ENTER: "enter"}
 UNSEEN = ("dummy", "offscreen")  # drivers without a screen, for tests
 
 
