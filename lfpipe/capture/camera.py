@@ -93,8 +93,9 @@ def trouble(path: Path, error: OSError) -> UserError:
     return UserError(f"camera {path}: {what}", remedy.format(path))
 
 
-def negotiate(path: Path, device: V4L2Device, camera: config.Camera) -> tuple[Mode, tuple[str, ...]]:
-    """The mode that the device accepted, with a rate that is never 0, and notes on differences from the configuration.
+def negotiate(path: Path, device: V4L2Device, camera: config.Camera) -> tuple[Mode, SourceInfo]:
+    """The mode that the device accepted, and the source that it makes: with a rate that is never 0, and notes on differences from
+    the configuration.
 
     Raises OSError from the driver, UserError if none of the device's formats can be decoded.
     """
@@ -109,15 +110,16 @@ def negotiate(path: Path, device: V4L2Device, camera: config.Camera) -> tuple[Mo
         formats = offered if mode is None else [mode.fourcc]
         remedy = f"use a camera with one of {', '.join(DECODED)}"
         raise UserError(f"camera {path}: none of its pixel formats can be decoded ({', '.join(formats)})", remedy)
-    mode = attrs.evolve(mode, rate_hz=mode.rate_hz or camera.rate_hz)
+    rate_hz = mode.rate_hz or camera.rate_hz
     log.info("camera %s: requested %s, delivers %s", path, requested, mode)
-    notes = [f"the camera delivers {mode.fourcc} {mode.width_px}x{mode.height_px} at {mode.rate_hz:.4g} Hz"]
+    notes = [f"the camera delivers {mode.fourcc} {mode.width_px}x{mode.height_px} at {rate_hz:.4g} Hz"]
     if camera.format not in ("auto", mode.fourcc):
         notes.append(f"{camera.format} requested, {mode.fourcc} delivered")
     notes += size_notes(mode.width_px, mode.height_px, camera)
-    if abs(mode.rate_hz - camera.rate_hz) > 0.01 * camera.rate_hz:
-        notes.append(f"{camera.rate_hz:g} Hz requested, {mode.rate_hz:.4g} Hz delivered")
-    return mode, tuple(notes)
+    if abs(rate_hz - camera.rate_hz) > 0.01 * camera.rate_hz:
+        notes.append(f"{camera.rate_hz:g} Hz requested, {rate_hz:.4g} Hz delivered")
+    size, jpeg = (mode.width_px, mode.height_px), mode.fourcc in JPEGS
+    return mode, SourceInfo(f"camera:{path}", *size, rate_hz, live=True, jpeg=jpeg, notes=tuple(notes))
 
 
 class CameraSource:
@@ -131,7 +133,7 @@ class CameraSource:
             try:
                 if not device.signal:
                     raise self._no_signal()
-                mode, notes = negotiate(path, device, camera)
+                mode, info = negotiate(path, device, camera)
                 self._decoder = FrameDecoder(mode)
                 opened_so_far.callback(self._decoder.close)
                 self._controls = CameraControls(device.duplicate(), camera)
@@ -145,19 +147,17 @@ class CameraSource:
             except ValueError as error:
                 raise UserError(f"camera {path}: {error}", "set another camera.format, or another size") from None
             self.close = opened_so_far.pop_all().close  # restores the controls, then ends the stream
-        self._clock, self._period_ns = SensorClock(mode.rate_hz), 1e9 / mode.rate_hz
-        self._stall_s = max(STALL_S, STALL_PERIODS / mode.rate_hz)
+        self._clock, self._period_ns = SensorClock(info.rate_hz), 1e9 / info.rate_hz
+        self._stall_s = max(STALL_S, STALL_PERIODS / info.rate_hz)
         self._kind = stamp_kind(device.driver, first.start_of_exposure)
         self._seq, self._sequence, self._stamp_ns = -1, first.sequence, first.stamp_ns
-        now_ns = time.monotonic_ns()
+        now_ns, notes = time.monotonic_ns(), info.notes
         if not self._clock.usable(first.stamp_ns, now_ns):
             notes += ("the driver gives no usable time stamps: using the time of reading",)
             self._stamp_ns = now_ns
         if not self._controls.applied.wait(CONTROLS_S):
             notes += (f"its controls have not answered for {CONTROLS_S:g} s: exposure and others may be set later, or never",)
-        notes += tuple(self._controls.notes.values())
-        jpeg = self._decoder.jpeg
-        self.info = SourceInfo(f"camera:{path}", mode.width_px, mode.height_px, mode.rate_hz, live=True, jpeg=jpeg, notes=notes)
+        self.info = attrs.evolve(info, notes=(*notes, *self._controls.notes.values()))
 
     def _no_signal(self) -> UserError:
         return UserError(f"camera {self._path}: no signal at its input", "connect and switch on what it is to show")
@@ -223,9 +223,8 @@ def check_camera(path: Path, camera: config.Camera) -> SourceInfo:
     """
     with contextlib.closing(open_device(path)) as device:
         try:
-            mode, notes = negotiate(path, device, camera)
+            _, info = negotiate(path, device, camera)
         except OSError as error:
             raise trouble(path, error) from None
         device.keep()
-    size, jpeg = (mode.width_px, mode.height_px), mode.fourcc in JPEGS
-    return SourceInfo(f"camera:{path}", *size, mode.rate_hz, live=True, jpeg=jpeg, notes=notes)
+    return info

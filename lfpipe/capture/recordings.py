@@ -1,6 +1,5 @@
 """Recordings as sources, with due times that never drift: a video, pictures in order of name, or a recorded sequence."""
 
-import re
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -20,6 +19,7 @@ from lfpipe.files.decoding import fitted, is_jpeg, picture_of
 from lfpipe.files.safe_files import open_regular, reason
 from lfpipe.host.files import is_dir
 from lfpipe.host.terminal import opencv_logging
+from lfpipe.scene.files import natural
 from lfpipe.sequence.folder import is_sequence, open_sequence
 
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", ".tif", ".tiff", ".webp"})
@@ -54,12 +54,6 @@ class Recording:
         if frame is not None:
             fitted(frame.picture, out)
         return frame
-
-
-def natural_key(name: str) -> list[tuple[int, int, str]]:
-    """Sorts `frame2` before `frame10`."""
-    parts = re.split(r"([0-9]+)", name.lower())  # odd parts are numbers
-    return [(1, int(part), "") if index % 2 else (0, 0, part) for index, part in enumerate(parts)]
 
 
 def _load(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
@@ -140,7 +134,7 @@ def open_recording(path: Path) -> Recording:
     if not pictures:
         kinds = ", ".join(sorted(SUFFIXES))
         raise UserError(f"{path}: a folder without pictures", f"it needs {kinds} files, or name a video in it")
-    return _pictures([path / name for name in sorted(pictures, key=natural_key)])
+    return _pictures([path / name for name in sorted(pictures, key=lambda name: natural(name.lower()))])
 
 
 class FileSource:

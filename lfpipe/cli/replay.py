@@ -12,6 +12,7 @@ from typing import Any
 import click
 
 from lfpipe.capture.spec import parse_source
+from lfpipe.cli.launch import say
 from lfpipe.cli.options import PATH, with_settings
 from lfpipe.cli.scene import opened
 from lfpipe.errors import UserError
@@ -21,11 +22,6 @@ from lfpipe.replays.report import STEADY, about_scene, about_sequence, read_repo
 from lfpipe.sequence.folder import open_sequence
 
 PACES = ("step", "max", "recorded")
-
-
-def say(text: str) -> None:
-    """Prints a line for people on stderr: stdout is for results."""
-    click.echo(text, err=True)
 
 
 @click.command()

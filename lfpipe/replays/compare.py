@@ -21,7 +21,7 @@ from lfpipe.files.output import PLACE, marked_picture, write_output
 from lfpipe.files.pictures import header_of
 from lfpipe.files.safe_files import reason
 from lfpipe.render.replay_writer import PICTURES
-from lfpipe.replays.report import COUNTED, Line, pair, read_report, read_trace
+from lfpipe.replays.report import COUNTED, DIFFERENCE, Line, pair, read_report, read_trace
 from lfpipe.sequence.packets import INDEX, decoded, encoded, read_index, read_packet
 
 VERSION_PX = 0.05  # of eyes
@@ -233,7 +233,7 @@ def _compare_pictures(
 
 def _save(folder: Path, frame: int, was: NDArray[np.uint8], now: NDArray[np.uint8]) -> str:
     """Saves both pictures and their difference (scaled so that the largest is white). Returns their folder."""
-    out = folder / "difference"
+    out = folder / DIFFERENCE
     sides = {"reference": was, "now": now}
     if was.shape == now.shape:
         apart = cv2.absdiff(was, now)

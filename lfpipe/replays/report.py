@@ -28,6 +28,7 @@ from lfpipe.sequence.packets import INDEX, PACKETS
 
 FORMAT = 1
 REPORT, TRACE = "report.json", "trace.jsonl"
+DIFFERENCE = "difference"  # folder of pictures that show one
 FILES = (REPORT, TRACE, PICTURES, f"{PICTURES}/{INDEX}", f"{PICTURES}/{PACKETS}")
 STEADY = ("step", "max")  # paces whose results do not depend on any clock
 REPORT_BYTES = 1 << 20

@@ -22,7 +22,7 @@ from lfpipe.files.output import write_output, written_by_lfpipe
 from lfpipe.files.safe_files import PRIVATE_FOLDER, reason
 from lfpipe.host.files import is_dir
 from lfpipe.render.replay_writer import PICTURES
-from lfpipe.replays.report import REPORT, STEADY, TRACE, make_report
+from lfpipe.replays.report import DIFFERENCE, REPORT, STEADY, TRACE, make_report
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.pack import summarize
 from lfpipe.sequence.folder import MANIFEST
@@ -30,7 +30,6 @@ from lfpipe.sequence.folder import Sequence as Recorded
 from lfpipe.sequence.packets import COPY, INDEX, PACKETS
 
 REFERENCE = (REPORT, TRACE, PICTURES)  # what a comparison reads
-RESULTS = (*REFERENCE, "first.png", "last.png", "worst.png", "difference")
 _FILE = re.compile(
     r"report\.json|trace\.jsonl|(first|last|worst)\.png|pictures/frames\.(bin|jsonl)|difference/frame_\d+_\w+\.png"
 )
@@ -75,10 +74,8 @@ def check_out(folder: Path) -> None:
 
 def _is_result(path: Path, name: str) -> bool:
     """Whether an entry of a folder is of a replay, by name and content. Raises OSError."""
-    if path.is_symlink():
-        return name in RESULTS
-    if is_dir(path):
-        return name in (PICTURES, "difference")
+    if path.is_symlink() or is_dir(path):
+        return name in (PICTURES, DIFFERENCE) and not path.is_symlink()
     packets = path.name in (PACKETS, INDEX)  # their contents carry no mark
     return bool(_FILE.fullmatch(name)) and (packets or written_by_lfpipe(path))
 
@@ -87,12 +84,8 @@ def clear_out(folder: Path) -> None:
     """Removes the results of an earlier run from folder. Raises UserError if that fails."""
     check_out(folder)
     try:
-        for name in RESULTS:
-            path = folder / name
-            if is_dir(path) and not path.is_symlink():
-                shutil.rmtree(path)
-            else:
-                path.unlink(missing_ok=True)
+        for path in folder.iterdir():
+            shutil.rmtree(path) if is_dir(path) else path.unlink()
     except OSError as error:
         raise UserError(f"{folder}: cannot be written: {reason(error)}", PLACE) from None
 

@@ -83,35 +83,27 @@ def read_truth(folder: Path) -> Truth | None:
 def table_of(path: Path) -> Truth:
     """The truth in a table. Raises UserError with the wrong row and column."""
     stamps, numbers, visible, still = array("q"), array("d"), bytearray(), bytearray()
-    columns: list[str] = []
+    where = str(path)
     try:
-        for number, line in lines(path, LINE_BYTES, REMEDY):
-            where = f"{path}:{number}"
-            (values,) = csv.reader([line.decode()], strict=True)
-            if not columns:
-                columns = values
-                if missing := [name for name in ("t_ns", *COLUMNS) if columns.count(name) != 1]:
-                    raise UserError(f"{path}: not a table of true eyes: column {missing[0]} must exist exactly once", REMEDY)
-                continue
-            if not values:
-                continue
-            if len(values) != len(columns):
-                raise UserError(f"{where}: {len(values)} values, expected {len(columns)}", REMEDY)
-            row = dict(zip(columns, values, strict=True))
+        table = csv.DictReader((line.decode() for _, line in lines(path, LINE_BYTES, REMEDY)), strict=True)
+        columns = list(table.fieldnames or ())
+        if missing := [name for name in ("t_ns", *COLUMNS) if columns.count(name) != 1]:
+            raise UserError(f"{path}: not a table of true eyes: column {missing[0]} must exist exactly once", REMEDY)
+        for row in table:
+            where = f"{path}:{table.line_num}"
+            if None in row or None in row.values():
+                raise ValueError(f"expected {len(columns)} values")
             for name in COLUMNS:
                 if (px := finite(row[name], -MAX_PX, MAX_PX)) is None:
                     raise UserError(f"{where}: {name} is {shown(row[name])}, expected a number of px", REMEDY)
                 numbers.append(px)
-            text = row["t_ns"]
-            t_ns = int(text) if len(text) < 20 and text.removeprefix("-").isdecimal() else MAX_NS + 1
-            if abs(t_ns) > MAX_NS:
-                raise UserError(f"{where}: t_ns is {shown(text)}, expected a whole number of ns", REMEDY)
-            if stamps and t_ns <= stamps[-1]:
-                raise UserError(f"{where}: times must rise: t_ns is {t_ns}, after {stamps[-1]}", REMEDY)
+            t_ns, last_ns = int(row["t_ns"]), stamps[-1] if stamps else -MAX_NS - 1
+            if not last_ns < t_ns <= MAX_NS:
+                raise UserError(f"{where}: times must rise: t_ns is {shown(t_ns)}, after {last_ns}", REMEDY)
             stamps.append(t_ns)
             visible.append(row.get("visible") != "0")
             still.append(row.get("phase") == "still")
-    except (csv.Error, UnicodeDecodeError) as error:
+    except (csv.Error, ValueError) as error:
         raise UserError(f"{where}: not a line of a table: {error}", REMEDY) from None
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {reason(error)}", REMEDY) from None

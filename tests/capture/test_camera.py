@@ -45,9 +45,9 @@ def listed(*modes: str) -> list[FrameSizes]:
 
 def test_what_the_driver_rounds_is_noted() -> None:
     device = FakeCamera(Mode("MJPG", 800, 600, 0, 15.0))
-    mode, notes = negotiate(PATH, device, config.Camera(format="YUYV"))
+    mode, info = negotiate(PATH, device, config.Camera(format="YUYV"))
     assert device.requested == [("YUYV", 640, 480, 30.0)] and mode == device.mode
-    text = " ".join(notes)
+    text = " ".join(info.notes)
     for part in ("MJPG 800x600 at 15 Hz", "YUYV requested", "scaled to 640x480", "30 Hz requested"):
         assert part in text
 
@@ -75,7 +75,7 @@ def test_the_mode_is_chosen_by_size_rate_and_cost(modes: list[str], rate_hz: flo
 
 def test_a_range_of_sizes_has_the_wanted_one_and_a_camera_that_lists_nothing_is_asked_for_what_is_usual() -> None:
     device = FakeCamera(offered=[FrameSizes("YUYV", 32, 32, (30.0,), (4096, 4096))])
-    assert negotiate(PATH, device, config.Camera())[1] == ("the camera delivers YUYV 640x480 at 30 Hz",)
+    assert negotiate(PATH, device, config.Camera())[1].notes == ("the camera delivers YUYV 640x480 at 30 Hz",)
     assert device.requested == [("YUYV", 640, 480, 30.0)]
     device = FakeCamera(offered=[])
     negotiate(PATH, device, config.Camera(width_px=1280, height_px=720))

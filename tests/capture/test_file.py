@@ -8,7 +8,7 @@ import pytest
 
 from lfpipe import config
 from lfpipe.capture.open_source import open_source
-from lfpipe.capture.recordings import FileSource, natural_key
+from lfpipe.capture.recordings import FileSource
 from lfpipe.capture.spec import FileSpec
 from tests.capture.made_files import CAMERA, SHAPE, SIZE, flat, jpeg, seen, video
 
@@ -36,11 +36,6 @@ def test_frames_come_in_order_into_a_slot_of_foreign_memory(recording: Path) -> 
         assert not source.info.jpeg and frame.packet is None
         numbers.append(int(memory[1].mean()) // 10)
     assert numbers == list(range(6)) and (memory[[0, 2]] == 77).all()
-
-
-def test_natural_order() -> None:
-    names = ["a²", "F1.png", "f9.png", "f10.png", "f10b.png", "²1.png"]
-    assert sorted(reversed(names), key=natural_key) == names
 
 
 @pytest.mark.parametrize(("pace", "rate"), [("recorded", 25.0), (0.5, 0.5), ("max", None)])

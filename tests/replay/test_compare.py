@@ -252,20 +252,22 @@ def test_what_is_not_whole_or_leads_elsewhere_is_refused(first: Path, tmp_path: 
         compare(reference, first)
 
 
-def test_results_that_are_links_go_without_what_they_lead_to(tmp_path: Path) -> None:
+def test_only_results_are_cleared_and_links_are_none(tmp_path: Path) -> None:
     (tmp_path / "mine").mkdir()
-    (tmp_path / "mine" / "photo").touch()
     (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "pictures").symlink_to(tmp_path / "mine")
-    (tmp_path / "out" / REPORT).symlink_to(REPORT)
-    clear_out(tmp_path / "out")
-    assert (tmp_path / "mine" / "photo").exists() and not list((tmp_path / "out").iterdir())
-    for name in ("photo", "pictures/photo", "report.json"):
+    (tmp_path / "out" / REPORT).touch()
+    for name in ("photo", "pictures/photo", "trace.jsonl"):
         (tmp_path / "out" / name).parent.mkdir(exist_ok=True)
         (tmp_path / "out" / name).write_text("mine")
         with pytest.raises(UserError, match=name):
             clear_out(tmp_path / "out")
         (tmp_path / "out" / name).unlink()
+    (tmp_path / "out" / "difference").symlink_to(tmp_path / "mine")
+    with pytest.raises(UserError, match="difference"):
+        clear_out(tmp_path / "out")
+    (tmp_path / "out" / "difference").unlink()
+    clear_out(tmp_path / "out")
+    assert not list((tmp_path / "out").iterdir())
 
 
 def test_kept_pictures_of_two_runs_have_frames_in_common(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
