@@ -13,7 +13,6 @@ from lfpipe import config
 from lfpipe.capture.frame_source import Frame, SourceInfo
 from lfpipe.capture.schedule import Schedule
 from lfpipe.errors import UserError
-from lfpipe.host.files import is_file
 
 # Mean of the 16 landmarks around each eye in the portrait, the left eye of the sitter first, as FaceMesh finds them.
 PORTRAIT_EYES_PX = np.array([[308.0, 188.1], [220.2, 193.0]])
@@ -23,29 +22,29 @@ FRAME_PX = (640, 480)  # lengths in px refer to this size; other sizes scale
 
 
 def portrait_path() -> Path:
-    """Path of matplotlib's portrait, without importing matplotlib. Raises UserError if it is missing."""
+    """Path of matplotlib's portrait, without importing matplotlib, whether it exists or not."""
     spec = importlib.util.find_spec("matplotlib")
-    path = Path(spec.origin if spec and spec.origin else "").parent / "mpl-data" / "sample_data" / "grace_hopper.jpg"
-    if not is_file(path):
-        raise UserError("demo: the portrait in the package matplotlib is missing", "reinstall it: pip install matplotlib")
-    return path
+    return Path(spec.origin if spec and spec.origin else "").parent / "mpl-data" / "sample_data" / "grace_hopper.jpg"
 
 
-def demo_pose(t_s: float) -> tuple[float, float, float, float]:
-    """The head at time t_s: (right_px, down_px) from the middle of a 640x480 frame, roll in rad, size relative to the mean.
+def _scale(width_px: int, height_px: int) -> float:
+    """Of lengths in a frame of that size."""
+    return min(width_px / FRAME_PX[0], height_px / FRAME_PX[1])
 
-    Sums of sines: smooth, endless, and slow enough for a head (at most 90 px/s).
-    """
-    turn = 2 * math.pi * t_s
-    right_px = 62 * math.sin(turn / 7.3) + 14 * math.sin(turn / 3.1)
-    down_px = 16 * math.sin(turn / 5.9 + 1.0)
-    return right_px, down_px, 0.05 * math.sin(turn / 6.7 + 0.4), 1 + 0.04 * math.sin(turn / 9.1)
+
+def _portrait_scale(width_px: int, height_px: int) -> float:
+    return EYE_DISTANCE_PX * _scale(width_px, height_px) / float(np.linalg.norm(PORTRAIT_EYES_PX[0] - PORTRAIT_EYES_PX[1]))
 
 
 def _head_matrix(t_s: float, width_px: int, height_px: int) -> NDArray[np.float64]:
-    """(2, 3): from px about the point between the eyes, in a head of mean size, to px of the frame."""
-    scale = min(width_px / FRAME_PX[0], height_px / FRAME_PX[1])
-    right_px, down_px, roll_rad, size = demo_pose(t_s)
+    """(2, 3): from px about the point between the eyes, in a head of mean size, to px of the frame at time t_s.
+
+    Sums of sines: smooth, endless, and slow enough for a head (at most 90 px/s in a frame of 640x480).
+    """
+    turn, scale = 2 * math.pi * t_s, _scale(width_px, height_px)
+    right_px = 62 * math.sin(turn / 7.3) + 14 * math.sin(turn / 3.1)
+    down_px = 16 * math.sin(turn / 5.9 + 1.0)
+    roll_rad, size = 0.05 * math.sin(turn / 6.7 + 0.4), 1 + 0.04 * math.sin(turn / 9.1)
     cos, sin = size * math.cos(roll_rad), size * math.sin(roll_rad)
     x, y = width_px / 2 + scale * right_px, EYE_LINE * height_px + scale * down_px
     return np.array([[cos, -sin, x], [sin, cos, y]])
@@ -58,11 +57,6 @@ def demo_eyes_px(t_s: float, width_px: int = FRAME_PX[0], height_px: int = FRAME
     return np.asarray(about_px @ matrix[:, :2].T + matrix[:, 2], np.float64)
 
 
-def _portrait_scale(width_px: int, height_px: int) -> float:
-    scale = min(width_px / FRAME_PX[0], height_px / FRAME_PX[1])
-    return EYE_DISTANCE_PX * scale / float(np.linalg.norm(PORTRAIT_EYES_PX[0] - PORTRAIT_EYES_PX[1]))
-
-
 def backdrop(width_px: int, height_px: int) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
     """The scaled portrait with blurred surroundings: (BGR picture, point between the eyes).
 
@@ -70,7 +64,7 @@ def backdrop(width_px: int, height_px: int) -> tuple[NDArray[np.uint8], NDArray[
     """
     portrait = cv2.imread(str(portrait_path()), cv2.IMREAD_COLOR)
     if portrait is None:
-        raise UserError(f"demo: {portrait_path()} cannot be read", "reinstall matplotlib")
+        raise UserError(f"demo: {portrait_path()} cannot be read", "reinstall it: pip install --force-reinstall matplotlib")
     scale = _portrait_scale(width_px, height_px)
     small = cv2.resize(portrait, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     rows, cols = small.shape[:2]

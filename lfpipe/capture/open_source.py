@@ -15,6 +15,7 @@ from lfpipe.errors import UserError
 from lfpipe.host import PORTABLE
 
 MOUSE = "mouse"
+BY_MOUSE = config.SessionOptions(source=MOUSE, mouse=True, tracking=False)  # no camera: the mouse is the viewer
 CAMERA_S, FILE_S = 15.0, 60.0  # longest time a source may take to open
 
 
@@ -77,37 +78,6 @@ def open_source(text: str, camera: config.Camera, reconnect: bool = False) -> Fr
     return orient(ReconnectingCamera(info, lambda: driver.open_camera(finder.path(), camera)), camera)
 
 
-@attrs.frozen
-class CheckedSource:
-    """A source that has been opened once. text: its definite name, or MOUSE. jpeg_px: (width, height) of its JPEGs, None if it
-    delivers none. eyes: as in `SourceInfo`.
-    """
-
-    text: str
-    rate_hz: float
-    jpeg_px: tuple[int, int] | None = None
-    eyes: str = ""
-
-    @property
-    def options(self) -> config.SessionOptions:
-        """Options of a session on this source; text "" for none."""
-        spec = parse_source(self.text) if self.text and not self.is_mouse else None
-        return config.SessionOptions(
-            source=self.text,
-            source_hz=self.rate_hz,
-            jpeg_px=self.jpeg_px,
-            lossless=isinstance(spec, FileSpec) and spec.pace == "max",
-            mouse=self.is_mouse,
-            eyes=self.eyes,
-            tracking=not self.is_mouse,
-        )
-
-    @property
-    def is_mouse(self) -> bool:
-        """Whether the mouse is the viewer: there is no camera."""
-        return self.text == MOUSE
-
-
 def _tried(text: str, camera: config.Camera) -> SourceInfo:
     """Opens the source, reads the first frame of a recording, closes it. A camera is configured, but not started."""
     spec = parse_source(text)
@@ -126,9 +96,9 @@ def _tried(text: str, camera: config.Camera) -> SourceInfo:
     return source.info
 
 
-def check_source(text: str, camera: config.Camera) -> CheckedSource:
-    """Opens the source, decodes its first frame and closes it: returns its definite name (a path for the first camera) and
-    properties.
+def check_source(text: str, camera: config.Camera) -> config.SessionOptions:
+    """Opens the source, decodes its first frame and closes it: returns the options of a session on it, with its definite name (a
+    path for the first camera).
 
     Raises UserError as `open_source` does, and after CAMERA_S or FILE_S.
     """
@@ -140,4 +110,10 @@ def check_source(text: str, camera: config.Camera) -> CheckedSource:
     except TimeoutError as error:
         remedy = "unplug the camera and plug it in again" if is_camera else "check its disk or network drive"
         raise UserError(f"{definite}: {error.strerror}", remedy) from None
-    return CheckedSource(definite, info.rate_hz, (info.width_px, info.height_px) if info.jpeg else None, info.eyes)
+    return config.SessionOptions(
+        source=definite,
+        source_hz=info.rate_hz,
+        jpeg_px=(info.width_px, info.height_px) if info.jpeg else None,
+        eyes=info.eyes,
+        lossless=isinstance(spec, FileSpec) and spec.pace == "max",
+    )

@@ -69,52 +69,19 @@ def _within(mode: FrameSizes, width_px: int, height_px: int) -> FrameSizes:
     return FrameSizes(mode.fourcc, width, height, mode.rates_hz)
 
 
-class JpegDecoder:
-    """Decodes JPEGs and recognises damaged ones. libjpeg decodes those, too, and reports the damage on stderr alone, so that is
-    where this looks; nothing of it reaches the terminal."""
-
-    def __init__(self) -> None:
-        self._sink_fd = os.memfd_create("libjpeg")
-
-    def decode(self, data: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]] | None:
-        """(the picture, the whole JPEG, a copy of data); None if it is damaged. Some cameras leave out the last two bytes."""
-        if not is_jpeg(data):
-            return None
-        # the end, maybe with padding behind it
-        whole = (data[-2:] == JPEG_END).all() or data[-4096:].tobytes().rstrip(b"\0")[-2:] == JPEG_END.tobytes()
-        packet = data.copy() if whole else np.concatenate([data, JPEG_END])
-        stderr_fd = os.dup(2)
-        os.dup2(self._sink_fd, 2)
-        try:
-            picture = picture_of(packet)
-        finally:
-            os.dup2(stderr_fd, 2)
-            os.close(stderr_fd)
-        if picture is None or (os.lseek(self._sink_fd, 0, os.SEEK_CUR) and self._damage()):
-            return None
-        return picture, packet
-
-    def _damage(self) -> bool:
-        """Whether libjpeg reported damage. Passes on what another thread wrote meanwhile."""
-        lines = os.pread(self._sink_fd, 1 << 16, 0).splitlines(keepends=True)
-        os.lseek(self._sink_fd, 0, os.SEEK_SET)
-        os.ftruncate(self._sink_fd, 0)
-        os.write(2, b"".join(line for line in lines if b"JPEG" not in line and b"JFIF" not in line))
-        return any(word in line for line in lines for word in (b"Corrupt JPEG data", b"Premature end of JPEG"))
-
-    def close(self) -> None:
-        os.close(self._sink_fd)
-
-
 class FrameDecoder:
-    """Decodes the frames of a mode, one of DECODED, to BGR. Raises ValueError for an impossible stride."""
+    """Decodes the frames of a mode, one of DECODED, to BGR. Raises ValueError for an impossible stride.
+
+    libjpeg decodes damaged JPEGs, too, and reports the damage on stderr alone, so that is where this looks; nothing of it reaches
+    the terminal.
+    """
 
     def __init__(self, mode: Mode) -> None:
         self._mode, self._shape = mode, (mode.height_px, mode.width_px, 3)
         self._own_size: NDArray[np.uint8] = np.empty(self._shape, np.uint8)
-        self.jpeg = mode.fourcc in JPEGS
-        if self.jpeg:
-            self._jpegs = JpegDecoder()
+        self._sink_fd = -1  # where libjpeg writes to
+        if mode.fourcc in JPEGS:
+            self._sink_fd = os.memfd_create("libjpeg")
             return
         planar = mode.fourcc in PLANAR
         row_bytes = mode.width_px * (1 if planar else INTERLEAVED[mode.fourcc][0])
@@ -130,12 +97,8 @@ class FrameDecoder:
         Returns whether the frame was whole, and a copy of the JPEG if it has the mode's own size: the driver gets its buffer back
         before a recorder has written it.
         """
-        if self.jpeg:
-            if (decoded := self._jpegs.decode(data)) is None:
-                return False, None
-            picture, packet = decoded
-            fitted(picture, out)
-            return True, packet if picture.shape == self._shape else None
+        if self._mode.fourcc in JPEGS:
+            return self._decode_jpeg(data, out)
         if data.size < self.frame_bytes:
             return False, None
         target = out if out.shape == self._shape else self._own_size
@@ -152,9 +115,35 @@ class FrameDecoder:
         fitted(target, out)
         return True, None
 
+    def _decode_jpeg(self, data: NDArray[np.uint8], out: NDArray[np.uint8]) -> tuple[bool, NDArray[np.uint8] | None]:
+        if not is_jpeg(data):
+            return False, None
+        # Some cameras leave out the last two bytes, some add padding.
+        whole = (data[-2:] == JPEG_END).all() or data[-4096:].tobytes().rstrip(b"\0")[-2:] == JPEG_END.tobytes()
+        packet = data.copy() if whole else np.concatenate([data, JPEG_END])
+        stderr_fd = os.dup(2)
+        os.dup2(self._sink_fd, 2)
+        try:
+            picture = picture_of(packet)
+        finally:
+            os.dup2(stderr_fd, 2)
+            os.close(stderr_fd)
+        if picture is None or (os.lseek(self._sink_fd, 0, os.SEEK_CUR) and self._damage()):
+            return False, None
+        fitted(picture, out)
+        return True, packet if picture.shape == self._shape else None
+
+    def _damage(self) -> bool:
+        """Whether libjpeg reported damage. Passes on what another thread wrote meanwhile."""
+        lines = os.pread(self._sink_fd, 1 << 16, 0).splitlines(keepends=True)
+        os.lseek(self._sink_fd, 0, os.SEEK_SET)
+        os.ftruncate(self._sink_fd, 0)
+        os.write(2, b"".join(line for line in lines if b"JPEG" not in line and b"JFIF" not in line))
+        return any(word in line for line in lines for word in (b"Corrupt JPEG data", b"Premature end of JPEG"))
+
     def close(self) -> None:
-        if self.jpeg:
-            self._jpegs.close()
+        if self._sink_fd >= 0:
+            os.close(self._sink_fd)
 
     def _planes(self, data: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """The planes without padding, stacked: uint8 (height * 3 / 2, width)."""

@@ -7,7 +7,7 @@ import attrs
 import click
 
 from lfpipe import config as configuration
-from lfpipe.capture.open_source import MOUSE, CheckedSource, NoCamera, camera_name, check_source
+from lfpipe.capture.open_source import BY_MOUSE, MOUSE, NoCamera, camera_name, check_source
 from lfpipe.capture.spec import playing_once, source_file
 from lfpipe.cli.kiosk import until_it_ends
 from lfpipe.cli.progress import progress
@@ -143,11 +143,11 @@ def _prepare_tracking(arguments: UpArguments) -> SessionPlan:
     config = configuration.load(arguments.config_file, arguments.sets)
     share = check_targets(arguments.share)
     camera = _source(arguments.source(config), "none", config, False)
-    config = with_engine(with_measured_focal(config, camera_name(camera.text)))
-    say(f"camera  {camera.text}; eyes by {config.track.engine}, filter {config.track.filter}; no picture")
+    config = with_engine(with_measured_focal(config, camera_name(camera.source)))
+    say(f"camera  {camera.source}; eyes by {config.track.engine}, filter {config.track.filter}; no picture")
     for target in share:
         say(f"share   eyes and head to {target}")
-    return SessionPlan(config, attrs.evolve(camera.options, show=False, share=share), arguments.duration_s)
+    return SessionPlan(config, attrs.evolve(camera, show=False, share=share), arguments.duration_s)
 
 
 def prepare(arguments: UpArguments) -> SessionPlan:
@@ -174,15 +174,15 @@ def prepare(arguments: UpArguments) -> SessionPlan:
         opened = open_scenes(arguments.scenes, config.scene, bar, complete=video is not None)
     try:
         scenes, scene = opened.scenes, summarize(opened.field)
-        camera = CheckedSource("", 0.0)
+        camera = SessionOptions()
         if scene.needs_tracking or len(scenes) > 1:
             camera = _source(source, display, config, is_kiosk)
         elif arguments.share:
             remedy = "`lfpipe up --no-picture --share TARGET` tracks without a scene"
             raise UserError(f"--share with {scenes[0]}: a single view needs no eyes, so none are tracked", remedy)
-        tracking = scene.needs_tracking and not camera.is_mouse
-        if camera.text and not camera.is_mouse:
-            config = with_measured_focal(config, camera_name(camera.text))
+        tracking = scene.needs_tracking and not camera.mouse
+        if camera.source and not camera.mouse:
+            config = with_measured_focal(config, camera_name(camera.source))
         config = with_engine(config) if tracking else config
     except BaseException:
         if opened.packing is not None:
@@ -191,14 +191,14 @@ def prepare(arguments: UpArguments) -> SessionPlan:
     if arguments.scenes and not is_kiosk and not arguments.start:
         remember_scene(scenes[0])
     plan = make_plan(opened.field, config)
-    for line in (*startup_lines(config, opened.field, plan, camera.text, display), *loop_lines(config, camera.text, display)):
+    for line in (*startup_lines(config, opened.field, plan, camera.source, display), *loop_lines(config, camera.source, display)):
         say(line)
     for target in share:
         say(f"share   eyes and head to {target}")
     if len(scenes) > 1:
         say(f"scenes  {len(scenes)}: Tab, Page Up and Page Down show the others, as does `lfpipe ctl load --next`")
     options = attrs.evolve(
-        camera.options,
+        camera,
         scene=scene,
         tracking=tracking,
         display=display,
@@ -244,22 +244,22 @@ def with_engine(config: Config) -> Config:
     return config
 
 
-def _source(camera: str, display: str, config: Config, kiosk: bool) -> CheckedSource:
+def _source(camera: str, display: str, config: Config, kiosk: bool) -> SessionOptions:
     """The source of frames; without a camera, the mouse over a window, but not in an exhibition, which has none. A file whose
     pictures go to a file plays once. Raises UserError."""
-    has_mouse, mouse = display in WINDOWS and not kiosk, CheckedSource(MOUSE, 0.0)
+    has_mouse = display in WINDOWS and not kiosk
     if camera == MOUSE and not has_mouse:
         where = "--kiosk" if kiosk else f"--display {display}"
         remedy = "use --display window, or another source: --camera demo"
         raise UserError(f"--camera mouse with {where}: there is no mouse", remedy)
     try:
         once = playing_once(camera) if camera and display.startswith("file:") else camera
-        return mouse if camera == MOUSE else check_source(once, config.camera)
+        return BY_MOUSE if camera == MOUSE else check_source(once, config.camera)
     except NoCamera:
         if not has_mouse:
             raise
         say("no camera: move the mouse to look around")
-        return mouse
+        return BY_MOUSE
 
 
 def startup_lines(config: Config, field: LightField, plan: Plan, camera: str, display: str) -> list[str]:

@@ -22,6 +22,7 @@ from lfpipe.replays.report import STEADY, about_scene, about_sequence, read_repo
 from lfpipe.sequence.folder import open_sequence
 
 PACES = ("step", "max", "recorded")
+Cases = list[tuple[str, list[str]]]
 
 
 @click.command()
@@ -36,24 +37,27 @@ PACES = ("step", "max", "recorded")
 def replay(path: Path, junit: Path | None, **options: Any) -> int:
     """Run SEQ through the pipeline; exit code 0: as expected, 1: it differs, 2: bad input."""
     began = time.monotonic()
-    if junit is not None:
-        write_junit(junit, path.name, [], "it did not finish", 0.0)  # before the run, because the run may be killed
-    try:
-        return _replayed(path, junit, **options)
-    except BaseException as error:
+
+    def write_outcome(cases: Cases, error: str = "") -> None:
         if junit is not None:
-            why = "interrupted" if isinstance(error, KeyboardInterrupt) else str(error) or type(error).__name__
-            with contextlib.suppress(UserError):
-                write_junit(junit, path.name, [], why, time.monotonic() - began)
+            write_junit(junit, path.name, cases, error, time.monotonic() - began)
+
+    write_outcome([], "it did not finish")  # before the run, because the run may be killed
+    try:
+        cases = _replayed(path, **options)
+        write_outcome(cases)
+    except BaseException as error:
+        with contextlib.suppress(UserError):
+            write_outcome([], "interrupted" if isinstance(error, KeyboardInterrupt) else str(error) or type(error).__name__)
         if not isinstance(error, run.ReplayFailed):
             raise
         say(f"error: replay of {path}: {error}")
         return 1
+    return int(any(failures for _, failures in cases))
 
 
 def _replayed(
     path: Path,
-    junit: Path | None,
     scene: Path | None,
     pace: str,
     out: Path | None,
@@ -61,8 +65,8 @@ def _replayed(
     update: bool,
     sets: tuple[str, ...],
     config_file: str | None,
-) -> int:
-    began = time.monotonic()
+) -> Cases:
+    """Replays, and compares with expect or updates it. Returns the parts of the comparison with their failures."""
     _check(pace, out, expect, update)
     sequence = open_sequence(path)
     if not sequence.complete:
@@ -93,9 +97,7 @@ def _replayed(
     if against and not compared.differences:
         click.echo(f"matches {expect}")
     sys.stdout.flush()  # detects a closed pipe here, while it still counts as a failure
-    if junit is not None:
-        write_junit(junit, path.name, cases_of(against, compared.differences), "", time.monotonic() - began)
-    return 1 if compared.differences else 0
+    return cases_of(compared.differences) if against else []
 
 
 def _check(pace: str, out: Path | None, expect: Path | None, update: bool) -> None:

@@ -3,7 +3,6 @@
 import contextlib
 import json
 import os
-import shutil
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -20,11 +19,10 @@ from lfpipe.cli.options import CAMERA, DURATION, PATH, with_config
 from lfpipe.config import Config
 from lfpipe.config.user_files import with_measured_focal
 from lfpipe.errors import UserError, plain
-from lfpipe.files.safe_files import create_private, open_regular
 from lfpipe.host.files import exists
 from lfpipe.host.machine import versions
 from lfpipe.sequence import edit
-from lfpipe.sequence.eyes import TRUTH, read_truth, table_of
+from lfpipe.sequence.eyes import TRUTH, read_truth
 from lfpipe.sequence.folder import check_out, check_sums, new_sequence, open_sequence
 from lfpipe.sequence.packets import encoded
 from lfpipe.supervisor.supervisor import run_session
@@ -42,10 +40,10 @@ SEQUENCES = click.argument("paths", type=PATH, metavar="SEQ...", nargs=-1, requi
 def record(out: Path, camera: str | None, duration_s: float | None, config: Config) -> int:
     """Record a camera to the new folder OUT, for `lfpipe replay`. Ctrl-C ends it. See also `lfpipe ctl record`."""
     source = check_source(camera or config.camera.source, config.camera)
-    config = with_measured_focal(config, camera_name(source.text))
+    config = with_measured_focal(config, camera_name(source.source))
     check_out(out)
     tracking = bool(source.eyes)  # who plays recorded eyes is the tracker
-    options = attrs.evolve(source.options, tracking=tracking, show=False, record=str(out.resolve()))
+    options = attrs.evolve(source, tracking=tracking, show=False, record=str(out.resolve()))
     outcome = run_session(Session(f"record.{os.getpid()}"), config, options, say, duration_s)
     return exit_code(outcome)
 
@@ -97,14 +95,10 @@ def _info(path: Path, as_json: bool) -> None:
     if as_json:
         click.echo(json.dumps(about))
         return
-    click.echo(f"{path}: {about['frames']} frames of {recorded.width_px}x{recorded.height_px}, {recorded.duration_s:.3f} s")
-    click.echo(f"  {recorded.measured_hz:.3f} Hz by the stamps, {recorded.lost} frames lost while recording")
-    source, created = (plain(about[name], 200) for name in ("source", "created"))
-    click.echo(f"  {about['bytes'] / 1e6:.1f} MB as {', '.join(about['codecs'])}, from {source}, {created}")
-    if about["truth"]:
-        click.echo("  with the true eyes")
-    if not recorded.complete:
-        click.echo("  cut off during recording: it ends with the last whole frame")
+    click.echo(path)
+    about["versions"] = [f"{name} {version}" for name, version in about["versions"].items()]
+    for name, value in about.items():
+        click.echo(f"  {name:<10} {plain(', '.join(value) if isinstance(value, list) else str(value), 400)}")
 
 
 @sequence.command()
@@ -144,11 +138,8 @@ def cut(path: Path, out: Path, begin_s: float, end_s: float) -> None:
 @sequence.command("import")
 @click.argument("video", type=PATH)
 @click.argument("out", type=PATH)
-@click.option("--truth", type=PATH, metavar="CSV", help="True eye positions, as tools/make_sequence.py writes them.")
-def import_(video: Path, out: Path, truth: Path | None) -> None:
+def import_(video: Path, out: Path) -> None:
     """Make the sequence OUT from VIDEO. Motion JPEG frames are copied unchanged."""
-    if truth is not None:
-        table_of(truth)
     with contextlib.closing(open_recording(video)) as frames:
         width_px, height_px, rate_hz = frames.width_px, frames.height_px, frames.rate_hz
         if not rate_hz:
@@ -159,9 +150,6 @@ def import_(video: Path, out: Path, truth: Path | None) -> None:
                 codec, packet = ("jpeg", frame.packet.tobytes()) if frame.packet is not None else encoded(picture, fast=False)
                 t_ns = round(writer.count * 1e9 / rate_hz)
                 writer.append(packet, codec, writer.count, 0, t_ns, t_ns)
-            if truth is not None:
-                with create_private(out / TRUTH) as file, open_regular(truth) as table:
-                    shutil.copyfileobj(table, file)
     click.echo(f"{out}: {writer.count} frames")
 
 

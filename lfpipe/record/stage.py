@@ -7,6 +7,7 @@ Commands: stop. Asks: record (to end the recording, if writing fails).
 Emits: notice (end of a recording, lost frames).
 """
 
+import contextlib
 import math
 import time
 from collections import deque
@@ -39,28 +40,32 @@ Frame = tuple[Stamp, str, NDArray[np.uint8] | bytes]  # a packet with its codec 
 
 
 class FrameReader:
-    """Reads the frames in order, as the source's own JPEGs if it delivers them. size_px: of the stored frames."""
+    """Reads the frames in order, as the source's own JPEGs if it delivers them, or the eyes in place of frames. size_px: of the
+    stored frames."""
 
     def __init__(self, context: Context) -> None:
-        self._row, self._frames, self._eyes = context.row, context.input("frames"), context.input("eyes")
-        shape = self._frames.reader.shape
-        self._ring_px = self.size_px = shape[1], shape[0]
+        options, self._row = context.options, context.row
+        self._frames, self._eyes, self._record = context.input("frames"), context.input("eyes"), np.empty((), EYES)
+        self._eyes_only = options.mouse or bool(options.eyes)
+        self._ring_px = self.size_px = context.config.camera.frame_px
         self._packets: PacketInput | None = None
         self._begun = True
-        if context.options.packets:
-            try:
-                self._packets = PacketInput(context.spec.session, context.options.packets)
-            except FileNotFoundError:
-                return  # stopped before it began
-            self.size_px = context.options.jpeg_px or (0, 0)
+        if options.packets and not self._eyes_only:
+            with contextlib.suppress(FileNotFoundError):  # stopped before it began
+                self._packets = PacketInput(context.spec.session, options.packets)
+                self.size_px = options.jpeg_px or (0, 0)
 
     def skip(self) -> None:
-        """Frames published until now are neither recorded nor counted as lost. Nor are frames before the first JPEG."""
-        self._frames.skip()
+        """What was published until now is neither recorded nor counted as lost. Nor are frames before the first JPEG."""
+        (self._eyes if self._eyes_only else self._frames).skip()
         self._begun = False
 
     def take(self) -> Frame | None:
-        """The next frame, as a JPEG or a picture; None if there is none."""
+        """The next frame, as a JPEG or a picture, or the next eyes as a line of JSON; None if there is none."""
+        if self._eyes_only:
+            self._frames.skip()
+            stamp = self._eyes.take(self._record, in_order=True)
+            return None if stamp is None else (stamp, "eyes", eyes_line(self._record, source_seq=stamp.source_seq))
         self._eyes.skip()
         while (peeked := self._frames.peek(in_order=True)) is not None:
             stamp, slot = peeked
@@ -82,21 +87,6 @@ class FrameReader:
         """Unmaps the packets."""
         if self._packets is not None:
             self._packets.close()
-
-
-class EyesReader:
-    """Reads the eyes in order, in place of frames."""
-
-    def __init__(self, context: Context) -> None:
-        self._frames, self._eyes, self._record = context.input("frames"), context.input("eyes"), np.empty((), EYES)
-        self.size_px = context.config.camera.frame_px
-        self.skip, self.close = self._eyes.skip, lambda: None
-
-    def take(self) -> Frame | None:
-        """The next eyes as a line of JSON, codec "eyes"; None without new ones. Frames, if any, are empty."""
-        self._frames.skip()
-        stamp = self._eyes.take(self._record, in_order=True)
-        return None if stamp is None else (stamp, "eyes", eyes_line(self._record, source_seq=stamp.source_seq))
 
 
 class Store:
@@ -167,14 +157,12 @@ class Recorder:
         self._context, self._folder = context, folder
         anew = not exists(folder / MANIFEST)
         self._lost_before = int(context.row["drops"]) if anew else 0
-        options = context.options
-        eyes_only = options.mouse or bool(options.eyes)
-        self._frames: FrameReader | EyesReader = EyesReader(context) if eyes_only else FrameReader(context)
+        self._frames = FrameReader(context)
         self._reported = self._slow = False
         self._last_ns = 0
-        rate_hz, about = options.source_hz or context.config.render.nominal_hz, to_dict(context.config)
-        size_px = self._frames.size_px
-        self._writer = SequenceWriter(folder, options.source, size_px, rate_hz, versions=versions(), config=about)
+        source, rate_hz = context.options.source, context.options.source_hz or context.config.render.nominal_hz
+        about = {"versions": versions(), "config": to_dict(context.config)}
+        self._writer = SequenceWriter(folder, source, self._frames.size_px, rate_hz, **about)
         self._store = Store(self._writer, 3 * math.prod(context.config.camera.frame_px))
         if anew:
             self._frames.skip()

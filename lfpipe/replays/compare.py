@@ -6,7 +6,7 @@ the eyes are within that of its boundary, and pictures may differ by invisible a
 """
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +61,15 @@ class Difference:
 
 
 @attrs.frozen
+class ComparedFrame:
+    """Its lines in the reference and now. cause: name of their first difference in CAUSES, FLIP, or "" for none."""
+
+    was: Line
+    now: Line
+    cause: str
+
+
+@attrs.frozen
 class Comparison:
     """differences: empty if everything matches. notes: how the comparison was made, for people."""
 
@@ -72,10 +81,9 @@ PARTS = ("config", "plan", "scene", "counts", "eyes", "views", "pictures")
 _PART_OF = {**dict.fromkeys(("face", *TOLERANCES), "eyes"), "view": "views", "method": "views"}
 
 
-def cases_of(compared: bool, differences: list[Difference]) -> list[tuple[str, list[str]]]:
-    """(test case, its failures) of a finished replay; none without a comparison."""
-    failures = [(part, [str(difference) for difference in differences if difference.part == part]) for part in PARTS]
-    return failures if compared else []
+def cases_of(differences: list[Difference]) -> list[tuple[str, list[str]]]:
+    """(test case, its failures) of a comparison."""
+    return [(part, [str(difference) for difference in differences if difference.part == part]) for part in PARTS]
 
 
 def check_reference(reference: Path, report: dict[str, Any]) -> None:
@@ -114,8 +122,7 @@ def compare(reference: Path, folder: Path) -> Comparison:
     if len(lines_before) != was["counts"]["pictures"]:
         values = f"{len(lines_before)} lines in its trace, {was['counts']['pictures']} pictures in its report"
         raise UserError(f"{reference}: {values}", "copy the whole folder again, or --update to rewrite it")
-    pairs = list(zip(lines_before, lines_now, strict=False))
-    in_frames, notes = _compare_frames(reference, folder, pairs, tolerance_px)
+    in_frames, notes = _compare_frames(reference, folder, zip(lines_before, lines_now, strict=False), tolerance_px)
     return Comparison(differences + in_frames, ([versions] if versions else []) + notes)
 
 
@@ -163,23 +170,23 @@ def _first_difference(was: Line, now: Line, tolerance_px: float) -> str:
 
 
 def _compare_frames(
-    reference: Path, folder: Path, pairs: list[tuple[Line, Line]], tolerance_px: float
+    reference: Path, folder: Path, lines: Iterable[tuple[Line, Line]], tolerance_px: float
 ) -> tuple[list[Difference], list[str]]:
-    """The first difference of each part, frame by frame, and notes. pairs: the lines of each frame, the reference's first."""
-    causes = [_first_difference(was, now, tolerance_px) for was, now in pairs]
+    """The first difference of each part, frame by frame, and notes. lines: those of each frame, the reference's first."""
+    frames = [ComparedFrame(was, now, _first_difference(was, now, tolerance_px)) for was, now in lines]
     differences, notes = list[Difference](), list[str]()
-    if flips := causes.count(FLIP):
-        if flips > FLIPPED_SHARE * len(pairs):
-            causes = ["view" if cause == FLIP else cause for cause in causes]
-        else:
-            notes.append(f"views: {flips} of {len(pairs)} flipped, with eyes within {tolerance_px:g} px of a boundary")
+    unflipped = [frame for frame in frames if frame.cause != FLIP]
+    if flips := len(frames) - len(unflipped):
+        notes = [f"views: {flips} of {len(frames)} flipped, with eyes within {tolerance_px:g} px of a boundary"]
+    if flips > FLIPPED_SHARE * len(frames):
+        frames, notes = [attrs.evolve(frame, cause=frame.cause.replace(FLIP, "view")) for frame in frames], []
+        unflipped = frames
     for part in ("eyes", "views"):
-        frames = [number for number, cause in enumerate(causes) if _PART_OF.get(cause) == part]
-        if frames:
-            name, (was, now) = causes[frames[0]], pairs[frames[0]]
+        changed = [frame for frame in frames if _PART_OF.get(frame.cause) == part]
+        if changed:
+            name, was, now = changed[0].cause, changed[0].was, changed[0].now
             what = f"{name} {_sides(was[name])} in the reference, {_sides(now[name])} now; {CAUSES[name]}"
-            differences.append(Difference(part, f"{what}; {len(frames)} of {len(pairs)} frames", now["source_seq"]))
-    unflipped = [(lines, cause) for lines, cause in zip(pairs, causes, strict=True) if cause != FLIP]
+            differences.append(Difference(part, f"{what}; {len(changed)} of {len(frames)} frames", now["source_seq"]))
     pictures, note = _compare_pictures(reference, folder, unflipped, not tolerance_px)
     return differences + pictures, note + notes
 
@@ -205,13 +212,13 @@ def _stored(folder: Path, lines: list[Line]) -> Callable[[str], NDArray[np.uint8
 
 
 def _compare_pictures(
-    reference: Path, folder: Path, frames: list[tuple[tuple[Line, Line], str]], exact: bool
+    reference: Path, folder: Path, frames: list[ComparedFrame], exact: bool
 ) -> tuple[list[Difference], list[str]]:
-    """Differences of pictures with equal views, and the pictures of the first frame that differs in anything; a note.
-    frames: the lines of each frame, and the name of their first difference."""
-    theirs, ours = (_stored(place, [lines[k] for lines, _ in frames]) for k, place in enumerate((reference, folder)))
-    unequal = [(was, now) for (was, now), _ in frames if was["picture"] != now["picture"]]
-    drawn = [lines for lines, cause in frames if cause == "picture"]
+    """Differences of pictures with equal views, and the pictures of the first frame that differs in anything; a note."""
+    theirs = _stored(reference, [frame.was for frame in frames])
+    ours = _stored(folder, [frame.now for frame in frames])
+    unequal = [(frame.was, frame.now) for frame in frames if frame.was["picture"] != frame.now["picture"]]
+    drawn = [(frame.was, frame.now) for frame in frames if frame.cause == "picture"]
     first, least_db = None, 100.0
     for was, now in unequal:
         a, b = theirs(was["picture"]), ours(now["picture"])

@@ -29,7 +29,6 @@ from lfpipe.sequence.folder import MANIFEST
 from lfpipe.sequence.folder import Sequence as Recorded
 from lfpipe.sequence.packets import COPY, INDEX, PACKETS
 
-REFERENCE = (REPORT, TRACE, PICTURES)  # what a comparison reads
 _FILE = re.compile(
     r"report\.json|trace\.jsonl|(first|last|worst)\.png|pictures/frames\.(bin|jsonl)|difference/frame_\d+_\w+\.png"
 )
@@ -99,7 +98,7 @@ def update_reference(reference: Path, folder: Path) -> None:
     try:
         shutil.rmtree(new, ignore_errors=True)  # of an update that was killed
         new.mkdir(PRIVATE_FOLDER)
-        for path in (folder / name for name in REFERENCE):
+        for path in (folder / name for name in (REPORT, TRACE, PICTURES)):
             shutil.copytree(path, new / path.name) if is_dir(path) else shutil.copy(path, new)
         clear_out(reference)
         for path in new.iterdir():

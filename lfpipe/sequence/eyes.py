@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError, shown
 from lfpipe.eyes import EYES
 from lfpipe.files.safe_files import lines, reason
-from lfpipe.files.untrusted import Fields, finite, json_fields
+from lfpipe.files.untrusted import finite, json_fields
 from lfpipe.sequence.packets import COPY
 
 TRUTH = "truth.csv"
@@ -58,20 +58,20 @@ def eyes_line(record: NDArray[np.void], **stamps: int) -> bytes:
     return json.dumps({**stamps, **{name: record[name].tolist() for name in EYES.names or ()}}).encode() + b"\n"
 
 
-def eyes_of(line: bytes, where: str) -> tuple[int, NDArray[np.void]]:
-    """(source_seq, record of dtype EYES) of a line of JSON; what it does not name is 0. Raises UserError."""
+def eyes_of(line: bytes, where: str) -> NDArray[np.void]:
+    """The record of dtype EYES in a line of `eyes_line`; what it does not name is 0. Raises UserError."""
     fields, record = json_fields(line, where, COPY), np.zeros((), EYES)
-    for name in ("raw_px", "filtered_px", "velocity_px_s"):
-        points = dict(zip(("left", "right"), fields.items(name, 2), strict=False)) if name in fields.values else None
-        if points is not None or name != "velocity_px_s":
-            sides = Fields(points or {}, f"{where}: {name}", COPY)
-            record[name] = [sides.numbers(side, 2, -MAX_PX, MAX_PX) for side in ("left", "right")]
-    for name in ("apart_px", "confidence"):
-        record[name] = fields.number(name, 0, MAX_PX) if name in fields.values else 0.0
-    for name in ("width_px", "height_px", "generation"):
-        record[name] = fields.integer(name, 0, 1 << 30) if name in fields.values else 0
-    record["face"] = fields.integer("face", 0, 1)
-    return fields.integer("source_seq", 0, 1 << 62), record
+    for name in set(EYES.names or ()) & fields.values.keys() - {"t_tracked_ns"}:  # which its player sets
+        most, shape = 1 if name == "face" else MAX_PX, record[name].shape
+        try:
+            value = np.asarray(fields.values[name], np.float64)
+        except (ValueError, TypeError):
+            value = np.array(np.nan)
+        if value.shape != shape or not (np.abs(value) <= most).all():
+            expected = f"{'x'.join(map(str, shape))} numbers" if shape else "a number"
+            raise UserError(f"{where}: {name} is {shown(fields.values[name])}, expected {expected} up to {most:g}", COPY)
+        record[name] = value
+    return record
 
 
 def read_truth(folder: Path) -> Truth | None:

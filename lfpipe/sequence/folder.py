@@ -135,7 +135,7 @@ class Sequence:
 
     def eyes(self, index: int) -> NDArray[np.void]:
         """The record, of dtype EYES, that stands in place of a frame. Raises UserError if its packet is damaged."""
-        return eyes_of(self.data(index), f"{self.path}: frame {index}")[1]
+        return eyes_of(self.data(index), f"{self.path}: frame {index}")
 
     @property
     def codecs(self) -> set[str]:

@@ -16,7 +16,6 @@ MODULES = Path("/run/modules")
 VIVID = "vivid-000-vid-cap"
 OWN = ("vivid", "vhci-hcd", "uvcvideo")  # loaded by the tests that need them
 # drivers/media/test-drivers/vivid/vivid-ctrls.c
-AUTO_GAIN, GAIN = 0x00980912, 0x00980913
 TIMESTAMP_SOURCE, OSD_TEXT, SIGNAL_MODE = 0x00F0F018, 0x00F0F001, 0x00F0F03E
 DROPPED_PERCENT, DISCONNECT, BUFFER_ERROR, REQBUFS_ERROR = 0x00F0F040, 0x00F0F041, 0x00F0F042, 0x00F0F043
 QBUF_ERROR, STREAMON_ERROR, FATAL_ERROR = 0x00F0F044, 0x00F0F045, 0x00F0F046

@@ -77,18 +77,6 @@ def test_both_kinds_of_stamp_are_used_although_they_are_ahead(vivid: Path, value
     assert abs(float(np.median(steps_ms)) - 100) < 5
 
 
-def test_gain_is_set_and_restored(vivid: Path) -> None:
-    def state() -> list[int]:
-        return asking(vivid, lambda device: [device.control(control) for control in (driver.AUTO_GAIN, driver.GAIN)])
-
-    before = state()
-    source = open_camera(vivid, config.Camera(gain=50.0, exposure=5.0, **SMALL))
-    assert state() == [0, 50]
-    assert any("camera.exposure = 5 ms: the camera has no such control" in note for note in source.info.notes)
-    frames(source, 2)
-    assert state()[0] == before[0] == 1
-
-
 def test_the_list_of_cameras_fits_a_screen(vivid: Path) -> None:
     words, env = (sys.executable, "-m", "lfpipe", "cameras"), {"COLUMNS": "80", "HOME": "/root"}
     lines = subprocess.run(words, capture_output=True, text=True, env=env, check=True).stdout.splitlines()

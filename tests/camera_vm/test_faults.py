@@ -84,7 +84,7 @@ def replug(at: Path, number: int) -> Callable[[], None]:
     ids=["same_number", "other_number", "by_name"],
 )
 def test_unplugged_and_plugged_in_again(vivid: Path, text: str, number: int) -> None:
-    with closing(opened(check_source(text, CAMERA).text)) as camera:
+    with closing(opened(check_source(text, CAMERA).source)) as camera:
         assert after(replug(vivid, number), camera, HZ)[1]
         assert camera.info.name == f"camera:/dev/video{number}"
 

@@ -267,7 +267,7 @@ def test_a_session_opens_its_camera_once(given: str, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr("lfpipe.capture.camera_list.nodes", lambda: listed)
     for _ in range(2):
         checked = check_source(given, config.Camera())
-        assert checked.text == "camera:/dev/video1" and checked.rate_hz == 30
+        assert checked.source == "camera:/dev/video1" and checked.source_hz == 30
     device = open_device(Path("/dev/video1"))
     assert CountedDevice.opens.count(Path("/dev/video1")) == 1
     device.close()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lfpipe import config
-from lfpipe.capture.open_source import open_source
+from lfpipe.capture.open_source import check_source, open_source
 from lfpipe.capture.recordings import FileSource
 from lfpipe.capture.spec import FileSpec
 from tests.capture.made_files import CAMERA, SHAPE, SIZE, flat, jpeg, seen, video
@@ -73,6 +73,9 @@ def test_another_size_is_scaled_and_said_and_a_circle_stays_a_circle(kind: str, 
 
 def test_motion_jpeg_in_a_file(tmp_path: Path) -> None:
     path = video(tmp_path / "v.avi", "MJPG", [seen(jpeg(index)) for index in range(5)])
+    options = check_source(f"file:{path}?pace=max", CAMERA)
+    assert (options.source_hz, options.jpeg_px, options.lossless) == (25.0, SIZE, True)
+    assert not check_source(f"file:{path}", CAMERA).lossless
     stored, source, out = path.read_bytes(), FileSource(FileSpec(path), CAMERA), np.zeros(SHAPE, np.uint8)
     assert source.info.jpeg and source.info.rate_hz == 25.0
     packets, stamps = [], []

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from lfpipe.capture import pixel_formats
-from lfpipe.capture.pixel_formats import DECODED, JPEGS, FrameDecoder, JpegDecoder
+from lfpipe.capture.pixel_formats import DECODED, JPEGS, FrameDecoder
 from lfpipe.capture.v4l2_device import Mode
 from tests.capture.fake_camera import FakeCamera, source
 from tests.capture.made_files import SIZE, jpeg, seen
@@ -95,8 +95,10 @@ def test_what_others_write_to_stderr_meanwhile_is_not_lost(
         os.write(2, b"another thread\n")
         return decode(data)
 
+    decoder, out = FrameDecoder(Mode("MJPG", 320, 240, 0, 30.0)), np.zeros((240, 320, 3), np.uint8)
     monkeypatch.setattr(pixel_formats, "picture_of", with_a_line)
-    assert JpegDecoder().decode(photo()) is not None
+    assert decoder.decode(photo(), out)[0]
+    decoder.close()
     assert capfd.readouterr().err == "another thread\n"
 
 

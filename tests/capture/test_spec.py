@@ -6,7 +6,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfpipe.capture.open_source import CheckedSource
 from lfpipe.capture.spec import CameraSpec, DemoSpec, FileSpec, parse_source, playing_once
 from lfpipe.errors import UserError
 
@@ -35,12 +34,6 @@ def test_reads_and_plays_once_unless_parameters_name_loop(text: str, spec: objec
 def test_wrong_names_are_refused(text: str) -> None:
     with pytest.raises(UserError):
         parse_source(text)
-
-
-@pytest.mark.parametrize(("text", "lossless"), [("file:a?pace=max", True), ("file:pace=max.mp4", False), ("", False)])
-def test_a_session_loses_no_frame_at_full_pace_whatever_the_name_of_the_file(text: str, lossless: bool) -> None:
-    options = CheckedSource(text, 30.0, (64, 48)).options
-    assert (options.source, options.source_hz, options.jpeg_px, options.lossless) == (text, 30.0, (64, 48), lossless)
 
 
 @given(st.text(max_size=40), st.sampled_from(["", "camera:", "file:", "file:a?", "demo"]))

@@ -98,11 +98,11 @@ def test_a_failure_on_the_way_is_an_error(
 
 def test_differences_are_failures_of_their_own(tmp_path: Path) -> None:
     differences = [Difference("eyes", "moved\x07", 3), Difference("eyes", "again", 4), Difference("plan", "x" * 10**6)]
-    write_junit(tmp_path / "j.xml", "a\x00\udcff<", cases_of(True, differences), "", 1.5)
+    write_junit(tmp_path / "j.xml", "a\x00\udcff<", cases_of(differences), "", 1.5)
     failures, errors, text = outcome(tmp_path / "j.xml")
     assert (failures, errors) == (2, 0) and "frame 3: moved" in text
     assert (tmp_path / "j.xml").stat().st_size < 50_000
-    write_junit(tmp_path / "j.xml", "walk", cases_of(True, []), "", 1.5)
+    write_junit(tmp_path / "j.xml", "walk", cases_of([]), "", 1.5)
     assert outcome(tmp_path / "j.xml")[:2] == (0, 0)
 
 

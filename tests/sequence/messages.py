@@ -121,6 +121,6 @@ MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
     ),
     "eyes": (
         lambda here: eyes_of(EYES % b"2", "walk: frame 5"),
-        "walk: frame 5: face is 2, expected a whole number from 0 to 1" + COPY,
+        "walk: frame 5: face is 2, expected a number up to 1" + COPY,
     ),
 }

@@ -43,7 +43,7 @@ def opened(folder: Path, out: Path) -> None:
 def played(folder: Path, out: Path) -> None:
     camera = config.Camera(width_px=64, height_px=48)
     source, frame = (
-        open_source(check_source(f"file:{folder}?loop=1&pace=max", camera).text, camera),
+        open_source(check_source(f"file:{folder}?loop=1&pace=max", camera).source, camera),
         np.empty((48, 64, 3), np.uint8),
     )
     for _ in range(14):
@@ -190,7 +190,7 @@ def test_what_shows_a_person_is_for_its_owner_alone(whole: Path, tmp_path: Path)
     try:
         edit.cut(open_sequence(whole), tmp_path / "cut", 0.0, 1.0)
         edit.export(open_sequence(whole), tmp_path / "video.mkv")
-        typed("import", tmp_path / "video.mkv", tmp_path / "back", "--truth", whole / TRUTH)
+        typed("import", tmp_path / "video.mkv", tmp_path / "back")
     finally:
         os.umask(umask)
     for path in tmp_path.rglob("*"):
@@ -201,7 +201,6 @@ def test_nothing_that_is_there_is_overwritten_and_nothing_half_stays(whole: Path
     (tmp_path / "mine.csv").write_text("mine")
     (tmp_path / "folder").mkdir()
     (tmp_path / "notes.avi").write_text("no video")
-    (tmp_path / "truth.csv").write_text("t_ns,left_x_px,left_y_px,right_x_px,right_y_px\n0,nan,1,1,1\n")
     edit.export(open_sequence(whole), tmp_path / "good.mkv")
     before = sorted(path.name for path in tmp_path.iterdir())
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -218,7 +217,6 @@ def test_nothing_that_is_there_is_overwritten_and_nothing_half_stays(whole: Path
         ("cut", whole, tmp_path / "new", "--from", "nan"),
         ("import", tmp_path / "notes.avi", tmp_path / "new"),
         ("import", tmp_path / "good.mkv", tmp_path / "folder"),
-        ("import", tmp_path / "good.mkv", tmp_path / "new", "--truth", tmp_path / "truth.csv"),
         ("import", "/dev/zero", tmp_path / "new"),
         ("import", "http://127.0.0.1:9/x.avi", tmp_path / "new"),
     ):
