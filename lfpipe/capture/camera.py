@@ -218,13 +218,10 @@ def open_camera(path: Path, camera: config.Camera) -> CameraSource:
 
 
 def check_camera(path: Path, camera: config.Camera) -> SourceInfo:
-    """The format that the camera will deliver. Configures it without starting it, and keeps it open for the session that follows:
-    opening and starting a webcam take up to a second each. Raises UserError as `open_camera` does.
-    """
+    """The format that the camera will deliver. Configures it without starting it. Raises UserError as `open_camera` does."""
     with contextlib.closing(open_device(path)) as device:
         try:
             _, info = negotiate(path, device, camera)
         except OSError as error:
             raise trouble(path, error) from None
-        device.keep()
     return info

@@ -18,7 +18,7 @@ import attrs
 from lfpipe.capture.spec import CameraSpec
 from lfpipe.capture.v4l2_device import V4L2Device
 from lfpipe.errors import UserError
-from lfpipe.host import PORTABLE, processes
+from lfpipe.host import PORTABLE
 from lfpipe.host.files import exists
 
 SYS, DEV = Path("/sys/class/video4linux"), Path("/dev")
@@ -62,12 +62,8 @@ def with_time_limit(limit_s: float, call: Callable[[], T]) -> T:
 
 
 def opened(path: Path) -> V4L2Device:
-    """The device; reuses the descriptor if this process keeps it open: see `V4L2Device.keep`.
-
-    Raises OSError as the driver does, ETIMEDOUT after ANSWER_S.
-    """
-    kept = processes.receive(str(path))
-    return with_time_limit(ANSWER_S, lambda: V4L2Device(path, kept))
+    """The device. Raises OSError as the driver does, ETIMEDOUT after ANSWER_S."""
+    return with_time_limit(ANSWER_S, lambda: V4L2Device(path))
 
 
 def asking(path: Path, question: Callable[[V4L2Device], T], limit_s: float = LIST_S) -> T:
@@ -117,24 +113,6 @@ def _captures(device: CameraDevice) -> bool:
 def cameras() -> list[CameraDevice]:
     """The capturing devices, by number. Includes devices that cannot be queried (busy, no permission)."""
     return [device for device in nodes() if _captures(device)]
-
-
-def first_camera() -> Path | None:
-    """The first device that captures, kept open as by `check_camera`; else the first that cannot be queried (no permission)."""
-    silent = []
-    for node in nodes():
-        if PORTABLE:
-            return node.path
-        try:
-            device = opened(node.path)
-        except OSError:
-            silent += [node.path] if exists(node.path) else []
-            continue
-        if device.captures:
-            device.keep()
-            return node.path
-        device.close()
-    return silent[0] if silent else None
 
 
 def others(path: Path = Path()) -> str:

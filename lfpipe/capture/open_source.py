@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from lfpipe import config
-from lfpipe.capture.camera_list import CameraFinder, describe, first_camera, others, with_time_limit
+from lfpipe.capture.camera_list import CameraFinder, cameras, describe, others, with_time_limit
 from lfpipe.capture.frame_source import FrameSource, SourceInfo, orient, undecodable
 from lfpipe.capture.spec import CameraSpec, FileSpec, Spec, parse_source
 from lfpipe.errors import UserError
@@ -35,10 +35,10 @@ def resolve(text: str) -> Spec:
     """
     if text:
         return parse_source(text)
-    first = first_camera()
-    if first is None:
+    listed = cameras()
+    if not listed:
         raise NoCamera("no camera found", others())
-    return CameraSpec(first)
+    return CameraSpec(listed[0].path)
 
 
 def camera_name(text: str) -> str:

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.capture import v4l2_abi as abi
-from lfpipe.host import processes
 
 MAX_LISTED = 256  # entries of one list, in case a driver never ends it
 NOT_THERE = (errno.EINVAL, errno.ENOTTY)  # the end of a list, or a driver without such lists or controls
@@ -206,11 +205,6 @@ class V4L2Device:
     def duplicate(self) -> "V4L2Device":
         """The same open device on a descriptor of its own, for another thread."""
         return V4L2Device(self.path, os.dup(self.fd))
-
-    def keep(self) -> None:
-        """Keeps the device open for its next user, in this process or in the stage that it starts."""
-        processes.hand_over(str(self.path), self.fd)
-        self.fd = -1
 
     def start(self) -> None:
         """Streams in the mode of `configure` until `close`."""

@@ -9,7 +9,7 @@ import os
 import signal
 import threading
 from collections.abc import Sequence
-from multiprocessing import connection, reduction
+from multiprocessing import connection
 from pathlib import Path
 from typing import Any
 
@@ -107,41 +107,3 @@ def rss_bytes(pid: int) -> int:
     """Resident memory of a process, including shared pages; 0 if it is gone."""
     memory = _ask(pid, "memory_info")
     return int(memory.rss) if memory else 0
-
-
-_handed_over: dict[str, int] = {}
-
-
-def hand_over(name: str, fd: int) -> None:
-    """Keeps an open descriptor for the next user of that name, here or in the child that is started with `HandedOver`: reopening
-    a webcam takes up to a second."""
-    _handed_over[name] = fd
-
-
-def receive(name: str) -> int | None:
-    """The descriptor that was kept under that name, which the caller then owns; None if there is none."""
-    return _handed_over.pop(name, None)
-
-
-def close_handed_over() -> None:
-    """Closes the descriptors that nobody has received."""
-    for fd in _handed_over.values():
-        os.close(fd)
-    _handed_over.clear()
-
-
-class HandedOver:
-    """All kept descriptors, as an argument of a spawned process: pickling duplicates them for it."""
-
-    def __init__(self, copies: dict[str, Any] | None = None) -> None:
-        self._copies = copies or {}
-
-    def __reduce__(self) -> tuple[type[HandedOver], tuple[dict[str, Any]]]:
-        return HandedOver, ({name: reduction.DupFd(fd) for name, fd in _handed_over.items()},)
-
-    def adopt(self) -> None:
-        """In the child: keeps the descriptors there."""
-        for name, copy in self._copies.items():
-            fd = copy.detach()
-            os.set_inheritable(fd, False)
-            hand_over(name, fd)

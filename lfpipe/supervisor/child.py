@@ -29,10 +29,8 @@ def left_file(run_dir: Path, what: Literal["error", "stack"], stage: str) -> Pat
     return run_dir / f"{what}.{stage}"
 
 
-def run(spec: StageSpec, parent_pid: int, kept: processes.HandedOver | None = None) -> None:
-    """Entry of a spawned process. kept: what its parent opened for it."""
-    if kept is not None:
-        kept.adopt()
+def run(spec: StageSpec, parent_pid: int) -> None:
+    """Entry of a spawned process."""
     signals.ignore()  # the terminal sends signals to the whole group; only the supervisor acts on them
     protect_output("stdout", "stderr")
     if not processes.end_with_parent(parent_pid):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lfpipe.config import SessionOptions
 from lfpipe.errors import UserError
-from lfpipe.host import processes, signals
+from lfpipe.host import signals
 from lfpipe.host.files import exists
 from lfpipe.host.processes import activity
 from lfpipe.supervisor import child
@@ -68,14 +68,12 @@ class StageProcess:
         self._killed, self.lossless = False, spec.options.lossless
         self.process = multiprocessing.get_context("spawn").Process(
             target=child.run,
-            args=(spec, os.getpid(), processes.HandedOver() if self.stage.name == SOURCE else None),
+            args=(spec, os.getpid()),
             name=f"lfpipe-{self.stage.name}",
             daemon=True,
         )
         with signals.blocked():
             self.process.start()
-        if self.stage.name == SOURCE:
-            processes.close_handed_over()  # the child has them: the camera must close with it
         self.row["pid"] = self.process.pid
         logger.info("%s starts as process %d, restart %d", self.stage.name, self.process.pid, self.row["restarts"])
 

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from lfpipe.host import processes
 from tests.camera_vm import driver
 
 collect_ignore_glob = [] if os.environ.get("LFPIPE_GUEST") else ["test_*.py"]
@@ -17,5 +16,4 @@ def vivid() -> Iterator[Path]:
     """A vivid webcam that was just plugged in."""
     driver.unload("vivid")
     yield driver.plug()
-    processes.close_handed_over()  # descriptors that a check kept open for a session
     driver.unload("vivid")

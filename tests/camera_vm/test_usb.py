@@ -18,7 +18,6 @@ from lfpipe.capture.camera_list import CameraFinder
 from lfpipe.capture.demo import DemoSource
 from lfpipe.capture.spec import CameraSpec
 from lfpipe.errors import UserError
-from lfpipe.host import processes
 from tests.camera_vm import driver
 from tests.camera_vm.usb_camera import AE_PRIORITY, Frames, UsbCamera
 
@@ -71,7 +70,6 @@ def plug() -> Iterator[Plug]:
     yield add
     for camera in plugged:
         unplug(camera)
-    processes.close_handed_over()
 
 
 def unplug(camera: UsbCamera) -> None:

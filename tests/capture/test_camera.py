@@ -1,9 +1,8 @@
 """The camera without a camera: negotiation, notes, stamps, counting and real errors. With a real driver: tests/camera_vm."""
 
 import errno
-import os
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +16,6 @@ from lfpipe.capture.camera_list import CameraDevice, cameras
 from lfpipe.capture.open_source import NoCamera, check_source, resolve
 from lfpipe.capture.v4l2_device import FrameSizes, Mode, V4L2Device
 from lfpipe.errors import UserError
-from lfpipe.host import processes
 from lfpipe.transport.ring import StampKind
 from tests.capture.fake_camera import PATH, FakeCamera, source
 
@@ -238,51 +236,22 @@ def test_a_multi_planar_camera_is_named_with_libcamera(monkeypatch: pytest.Monke
     assert "bcm2835-isp" in none.value.remedy and "libcamera" in none.value.remedy
 
 
-class CountedDevice:
-    """Stands for `V4L2Device` in front of a fake: counts how often the device is opened, and by which descriptor."""
-
-    opens: ClassVar[list[Path]] = []
-
-    def __init__(self, path: Path, fd: int | None = None) -> None:
-        self.path, self.fake = path, FakeCamera()
-        self.captures = path.name != "video0"  # a camera's node for metadata
-        self.fd = os.open(os.devnull, os.O_RDONLY) if fd is None else fd
-        if fd is None:
-            self.opens.append(path)
-
-    def __getattr__(self, name: str) -> object:
-        return getattr(self.fake, name)
-
-    _maps = ()
-    keep, close = V4L2Device.keep, V4L2Device.close
-
-
 @pytest.mark.native("Video4Linux")
-@pytest.mark.parametrize("given", ["", "camera:/dev/video1"])
-def test_a_session_opens_its_camera_once(given: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The check opens it, each further check and the session take that one over."""
-    monkeypatch.setattr(CountedDevice, "opens", [])
-    monkeypatch.setattr("lfpipe.capture.camera_list.V4L2Device", CountedDevice)
+def test_the_first_camera_is_the_first_device_that_captures(monkeypatch: pytest.MonkeyPatch) -> None:
+    devices: list[FakeCamera] = []
+
+    def opened(path: Path) -> FakeCamera:
+        devices.append(FakeCamera())
+        devices[-1].captures = path.name != "video0"  # a camera's node for metadata
+        return devices[-1]
+
+    monkeypatch.setattr("lfpipe.capture.camera_list.V4L2Device", opened)
     listed = [CameraDevice(Path(f"/dev/video{k}"), "Webcam", "usb-1") for k in range(2)]
     monkeypatch.setattr("lfpipe.capture.camera_list.nodes", lambda: listed)
-    for _ in range(2):
-        checked = check_source(given, config.Camera())
-        assert checked.source == "camera:/dev/video1" and checked.source_hz == 30
-    device = open_device(Path("/dev/video1"))
-    assert CountedDevice.opens.count(Path("/dev/video1")) == 1
-    device.close()
-    again = open_device(Path("/dev/video1"))  # after a restart
-    assert CountedDevice.opens.count(Path("/dev/video1")) == 2
-    again.close()
-
-
-@pytest.mark.native("Video4Linux")
-def test_a_check_that_fails_leaves_nothing_open(monkeypatch: pytest.MonkeyPatch) -> None:
-    def busy(*_: object) -> Mode:
-        raise OSError(errno.EBUSY, "Device or resource busy")
-
-    monkeypatch.setattr("lfpipe.capture.camera_list.V4L2Device", CountedDevice)
-    monkeypatch.setattr(FakeCamera, "configure", busy)
+    checked = check_source("", config.Camera())
+    assert checked.source == "camera:/dev/video1" and checked.source_hz == 30
+    monkeypatch.setattr("lfpipe.capture.open_source.cameras", lambda: listed[1:])
+    monkeypatch.setattr(FakeCamera, "configure", lambda *_: (_ for _ in ()).throw(OSError(errno.EBUSY, "busy")))
     with pytest.raises(UserError, match="busy"):
-        check_source("camera:/dev/video7", config.Camera())
-    assert processes.receive("/dev/video7") is None
+        check_source("", config.Camera())
+    assert all(device.closed == 1 for device in devices), "also after a check that fails"

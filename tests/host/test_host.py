@@ -1,8 +1,6 @@
 """What `host` does on every system: wake-ups, locks that end with their process, descriptors that pass to the next
 one."""
 
-import multiprocessing
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -10,7 +8,7 @@ from pathlib import Path
 import pytest
 import zmq
 
-from lfpipe.host import file_lock, processes, wake
+from lfpipe.host import file_lock, wake
 
 
 def test_wakes_arrive_also_at_a_restarted_reader(tmp_path: Path) -> None:
@@ -59,24 +57,3 @@ def test_a_lock_ends_with_its_process_and_follows_no_link(tmp_path: Path) -> Non
     (tmp_path / "link").symlink_to(path)
     with pytest.raises(OSError):
         file_lock.take(tmp_path / "link")
-
-
-def read_on(kept: processes.HandedOver, out: str) -> None:
-    """In a child: goes on reading where the parent stopped."""
-    kept.adopt()
-    fd = processes.receive("file")
-    assert fd is not None and not os.get_inheritable(fd)
-    Path(out).write_bytes(os.read(fd, 100))
-
-
-def test_a_child_reads_on(tmp_path: Path) -> None:
-    (tmp_path / "a").write_text("first second")
-    fd = os.open(tmp_path / "a", os.O_RDONLY)
-    os.read(fd, 6)
-    processes.hand_over("file", fd)
-    child = multiprocessing.get_context("spawn").Process(target=read_on, args=(processes.HandedOver(), str(tmp_path / "out")))
-    child.start()
-    processes.close_handed_over()
-    assert processes.receive("file") is None
-    child.join()
-    assert child.exitcode == 0 and (tmp_path / "out").read_text() == "second"
