@@ -5,7 +5,6 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -75,7 +74,12 @@ def _replayed(
     if expect is not None:
         run.check_out(expect) if update else read_report(expect)
     against = expect is not None and not update
-    with _folder(out) as folder:
+    with (
+        contextlib.nullcontext(str(out))
+        if out is not None
+        else tempfile.TemporaryDirectory(prefix="lfpipe-replay-", ignore_cleanup_errors=True)
+    ) as place:
+        folder = Path(place)
         run.check_out(folder)
         field = opened(scene, config)
         if expect is not None and against:
@@ -113,15 +117,6 @@ def _check(pace: str, out: Path | None, expect: Path | None, update: bool) -> No
         raise UserError(f"--out and --expect are both {out}", "use two folders; --update writes the reference")
     if expect is not None and pace not in STEADY:
         raise UserError(f"--expect with --pace {pace}: results depend on the clock", "compare with --pace step or max")
-
-
-@contextlib.contextmanager
-def _folder(out: Path | None) -> Iterator[Path]:
-    if out is not None:
-        yield out
-        return
-    with tempfile.TemporaryDirectory(prefix="lfpipe-replay-", ignore_cleanup_errors=True) as folder:
-        yield Path(folder)
 
 
 def _summary(report: dict[str, Any]) -> None:

@@ -52,10 +52,6 @@ def export(sequence: Sequence, video: Path) -> Path:
     """
     if video.suffix.lower() not in (".mkv", ".avi"):
         raise UserError(f"{video}: not .mkv or .avi", "use for example walk.mkv; both store RGB without loss")
-    if sequence.holds_eyes:
-        raise UserError(
-            f"{sequence.path}: holds the eyes of the mouse, no frames", "its frames.bin is JSON Lines, one per sample"
-        )
     opencv_name(video)
     table = video.with_suffix(".csv")
     for path in (video, table):

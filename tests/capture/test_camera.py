@@ -216,7 +216,7 @@ def test_the_nodes_own_capabilities_decide(whole: int, node: int, tells: bool) -
         def ioctl(self, request: int, argument: Any) -> Any:
             return abi.Capability(capabilities=whole | (abi.CAP_DEVICE_CAPS if tells else 0), device_caps=node)
 
-    device, own = Answering(PATH, -1), node if tells else whole
+    device, own = Answering(PATH), node if tells else whole
     assert device.captures == (own & abi.CAP_CAPTURES == abi.CAP_CAPTURES)
     assert device.multi_planar == (not device.captures and bool(own & abi.CAP_MULTI_PLANAR))
 

@@ -30,12 +30,6 @@ def test_reads_and_plays_once_unless_parameters_name_loop(text: str, spec: objec
     parse_source(once)
 
 
-@pytest.mark.parametrize("text", ["", "camera", "demo:1", "file:a?lop=1", "file:a?loop=yes", "file:a?pace=0", "file:a?pace=inf"])
-def test_wrong_names_are_refused(text: str) -> None:
-    with pytest.raises(UserError):
-        parse_source(text)
-
-
 @given(st.text(max_size=40), st.sampled_from(["", "camera:", "file:", "file:a?", "demo"]))
 def test_any_text_is_read_or_refused(text: str, scheme: str) -> None:
     try:
