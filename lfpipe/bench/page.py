@@ -3,7 +3,6 @@
 import base64
 import html
 import io
-import re
 from pathlib import Path
 from typing import Any
 
@@ -93,8 +92,8 @@ def _failures(pairs: Pairs) -> str:
 
 
 def _section(subject: Subject, results: Results) -> str:
-    text = f'<h2 id="{subject.name}">{html.escape(subject.title)}</h2><p>{_prose(subject.question)}</p>'
-    text += f'<p class="soft">The paper: {_prose(subject.paper)}.</p>' if subject.paper else ""
+    text = f'<h2 id="{subject.name}">{html.escape(subject.title)}</h2><p>{html.escape(subject.question)}</p>'
+    text += f'<p class="soft">The paper: {html.escape(subject.paper)}.</p>' if subject.paper else ""
     text += f"<p><code>{html.escape(results.about.get('command', ''))}</code></p>"
     text += "".join(chart(subject, results, *axes) for axes in subject.charts)
     if results.left_out:
@@ -112,11 +111,6 @@ def _section(subject: Subject, results: Results) -> str:
     facts = [(name, value) for name, value in results.about.items() if name != "command"]
     facts.append(("time", f"{results.wall_s:.0f} s of wall time, {results.cpu_s:.0f} s of CPU"))
     return text + f"<details><summary>Conditions</summary>{html_table((), facts)}</details>"
-
-
-def _prose(text: str) -> str:
-    """Escaped, with backticks as code."""
-    return re.sub("`([^`]*)`", r"<code>\1</code>", html.escape(text))
 
 
 def chart(subject: Subject, results: Results, x: str, y: str) -> str:

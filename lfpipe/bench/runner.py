@@ -8,7 +8,6 @@ import platform
 import random
 import sys
 import time
-from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
@@ -92,7 +91,7 @@ def run(subject: Subject, offers: Iterable[Offer], quick: bool, progress: Progre
     rounds = subject.rounds[0 if quick else 1]
     errors: dict[str, Figures] = {}
     turns: dict[str, Turn] = {}
-    times: dict[str, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
+    samples: dict[str, list[Figures]] = {one.name: [] for one in candidates}
     for k, one in enumerate(candidates):
         progress(subject.title, k, (1 + rounds) * len(candidates))
         with _failing(one.name, results):
@@ -106,13 +105,13 @@ def run(subject: Subject, offers: Iterable[Offer], quick: bool, progress: Progre
             if name not in results.failures:
                 with _failing(name, results):
                     _check(sample := turns[name]())
-                    for key, value in sample.items():
-                        times[name][key].append(value)
+                    samples[name].append(sample)
     rows = []
     for one in candidates:
         if one.name not in results.failures:
             values = {key: Value(value) for key, value in errors[one.name].items()}
-            values |= {key: timing(samples) for key, samples in times[one.name].items()}
+            taken = samples[one.name]
+            values |= {key: timing([sample[key] for sample in taken]) for key in (taken[0] if taken else ())}
             rows.append(Row(one.name, values, one.curve, one.knob, one.paper, one.used))
     if candidates:
         results.tables.insert(0, Table("method", subject.columns, tuple(rows)))

@@ -109,7 +109,7 @@ _ALL = (
     Subject(
         "pipeline", "The whole pipeline",
         "How far is the viewpoint on screen from the eyes at that moment, how old is the frame behind it, and how much CPU does"
-        " it take? Sessions of `lfpipe up`, and the paper as one plain loop, on the same video, which they decode as they run.",
+        " it take? Sessions of lfpipe up, and the paper as one plain loop, on the same video, which they decode as they run.",
         (
             Column("error_views", "error of the viewpoint shown, RMS", "views"),
             Column("error_px", "error of the eyes the picture was made for, RMS", "px"),
@@ -118,7 +118,7 @@ _ALL = (
             Column("cpu_ms_s", "CPU of all processes", "ms per second"), Column("first_s", "start to first picture", "s"),
         ),
         (("cpu_ms_s", "error_views"), ("latency_ms", "error_views"), ("cpu_ms_s", "latency_ms")),
-        "its configuration (`--config paper`), and the same as one plain loop", rounds=(1, 3),
+        "its configuration (--config paper), and the same as one plain loop", rounds=(1, 3),
     ),
     Subject(
         "stability", "Stiff and extreme cases",
