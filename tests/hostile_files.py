@@ -18,6 +18,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from PIL import Image
+
 PEAK_MB = 300.0  # of any refusal
 
 
@@ -254,12 +256,11 @@ def jpeg_claiming(jpeg: bytes, width_px: int, height_px: int) -> bytes:
     raise ValueError("no frame header")
 
 
-def with_exif(data: bytes, orientation: int, order: str = "<", before: int = 1) -> bytes:
-    """A JPEG with EXIF's orientation. before: how many other entries its directory has."""
-    entries = [(0x010F + k, 2, 3, 0) for k in range(before)] + [(0x0112, 3, 1, orientation)]
-    table = b"".join(struct.pack(order + "HHIHxx", *entry) for entry in entries)
-    tiff = struct.pack(order + "2sHIH", b"II" if order == "<" else b"MM", 42, 8, len(entries)) + table + bytes(4)
-    body = b"Exif\0\0" + tiff
+def with_exif(data: bytes, orientation: int) -> bytes:
+    """A JPEG with EXIF's orientation."""
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    body = exif.tobytes()
     return data[:2] + b"\xff\xe1" + struct.pack(">H", len(body) + 2) + body + data[2:]
 
 

@@ -2,13 +2,14 @@
 
 import base64
 import contextlib
-import struct
+import io
 from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from lfpipe import config
 from lfpipe.errors import UserError
@@ -51,14 +52,10 @@ def one(name: str, picture: np.ndarray | bytes, size: tuple[int, int] | None = N
 
 
 def mpo(first: np.ndarray, second: np.ndarray) -> bytes:
-    """Two JPEGs in one file with an index of two entries, as cameras write it."""
-    a, b = jpeg(first), jpeg(second)
-    index = struct.pack("<H", 3) + struct.pack("<HHI4s", 0xB000, 7, 4, b"0100") + struct.pack("<HHII", 0xB001, 4, 1, 2)
-    index += struct.pack("<HHII", 0xB002, 7, 32, 50) + struct.pack("<I", 0)
-    length = 2 + 4 + 8 + len(index) + 32
-    start = len(a) + 2 + length
-    entries = struct.pack("<IIIHH", 0x20020002, start, 0, 0, 0) + struct.pack("<IIIHH", 0x20002, len(b), start - 10, 0, 0)
-    return a[:2] + b"\xff\xe2" + struct.pack(">H", length) + b"MPF\0II*\0" + struct.pack("<I", 8) + index + entries + a[2:] + b
+    """Two JPEGs in one file, as cameras write it."""
+    file = io.BytesIO()
+    Image.fromarray(first).save(file, "MPO", save_all=True, append_images=[Image.fromarray(second)], quality=97)
+    return file.getvalue()
 
 
 BESIDE, OTHER = np.hstack([LEFT, RIGHT]), made.texture(192, 256, 3)
@@ -198,8 +195,8 @@ def gdepth(kind: bytes = b"RangeInverse") -> bytes:
     code = base64.b64encode(cv2.imencode(".png", FAR_WHITE)[1])
     main = XMP + b'<x GDepth:Format="' + kind + b'" GDepth:Near="1.0" GDepth:Far="3.0" GDepth:Mime="image/png"/>'
     whole = b'<x GDepth:Data="' + code + b'"/>'
-    starts = reversed(range(0, len(whole), 5000))
-    parts = [MORE + len(whole).to_bytes(4) + at.to_bytes(4) + whole[at : at + 5000] for at in starts]
+    starts = reversed(range(0, len(whole), 500))
+    parts = [MORE + len(whole).to_bytes(4) + at.to_bytes(4) + whole[at : at + 500] for at in starts]
     return with_segments(jpeg(PICTURE), main, *parts)
 
 

@@ -6,7 +6,6 @@ picture; XMP Part 3 (Adobe) for its parts in a JPEG. In both, larger values are 
 
 import base64
 import contextlib
-import io
 import re
 from pathlib import Path
 from typing import Any
@@ -14,28 +13,21 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from lfpipe.errors import UserError
 from lfpipe.files.untrusted import finite
 from lfpipe.scene.files import read_bytes
 
 MAX_BYTES = 60_000_000  # of a photograph with its embedded items
-_XMP, _MORE = b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0"
+_XMP = b"http://ns.adobe.com/xap/1.0/\0"
+_MORE = re.compile(rb"\xff\xe1(..)http://ns\.adobe\.com/xmp/extension/\0.{36}(.{4})", re.DOTALL)  # a part's size and place
 _ITEM = re.compile(rb"<\w+:Item\b([^>]{0,2000})>")
 
 
-def _packets(data: bytes) -> tuple[bytes, bytes]:
-    """The XMP of a JPEG and the extended XMP, its parts in order; of a damaged one, what can be read."""
-    packet, parts = b"", dict[int, bytes]()
-    with contextlib.suppress(OSError, SyntaxError, ValueError), Image.open(io.BytesIO(data), formats=["JPEG"]) as image:
-        for name, body in getattr(image, "applist", ()):
-            if name == "APP1" and body.startswith(_XMP):
-                packet = body[len(_XMP) :]
-            elif name == "APP1" and body.startswith(_MORE):
-                head = len(_MORE) + 32
-                parts[int.from_bytes(body[head + 4 : head + 8])] = body[head + 8 :]
-    return packet, b"".join(parts[start] for start in sorted(parts))
+def _packet(data: bytes) -> bytes:
+    """The XMP of a JPEG, b"" without."""
+    at = data.find(_XMP)
+    return data[at : at - 2 + int.from_bytes(data[at - 2 : at])] if at >= 0 else b""
 
 
 def _value(xmp: bytes, name: bytes) -> bytes | None:
@@ -59,15 +51,16 @@ def has_depth(path: Path) -> bool:
     """Whether a JPEG declares a depth map. Raises UserError."""
     if path.suffix.lower() not in (".jpg", ".jpeg"):
         return False
-    packet, _ = _packets(read_bytes(path, MAX_BYTES))
+    packet = _packet(read_bytes(path, MAX_BYTES))
     return _depth_item(packet, b"") is not None or b"GDepth:Format" in packet or b"GDepth:Mime" in packet
 
 
 def embedded_depth(path: Path) -> NDArray[Any]:
     """The depth map of a photograph, (h, w) float32, larger is nearer. Raises UserError."""
     data = read_bytes(path, MAX_BYTES)
-    packet, more = _packets(data)
-    whole, pixels = packet + more, None
+    parts = sorted((head[2], data[head.end() : head.start() + 2 + int.from_bytes(head[1])]) for head in _MORE.finditer(data))
+    packet, pixels = _packet(data), None
+    whole = packet + b"".join(body for _, body in parts)
     with contextlib.suppress(ValueError, cv2.error):
         stored = _value(whole, b"GDepth:Data")
         coded = base64.b64decode(stored, validate=True) if stored else _depth_item(packet, data) or b""

@@ -86,21 +86,19 @@ class Tiling:
         return picture[top : top + self.height_px, left : left + self.width_px]
 
 
-def difference(grey: NDArray[np.float32], axis: int, shift: int) -> float:
-    """Mean square difference between a picture and itself, shifted along an axis."""
-    a, b = (grey[shift:], grey[:-shift]) if axis == 0 else (grey[:, shift:], grey[:, :-shift])
-    return float(np.mean((a - b) ** 2))
+def dip(grey: NDArray[np.float32], axis: int, period: float, plain: float = 1e-3) -> float:
+    """Mean square difference between a picture and itself at a shift of one period along an axis, relative to shifts of half a
+    period more or less: 1 where these are plain. What repeats has a dip there; the difference of an ordinary picture only grows
+    with the shift."""
+    along = grey if axis == 0 else grey.T
+    at, less, more = (float(np.mean((along[n:] - along[:-n]) ** 2)) for n in (round(period * by) for by in (1, 0.5, 1.5)))
+    return at / min(less, more) if min(less, more) > plain else 1.0
 
 
 def _unlike(grey: NDArray[np.float32], axis: int) -> dict[int, float]:
-    """By number of tiles along an axis: mean square difference at a shift of one tile, relative to shifts of half a tile more or
-    less. A mosaic has a dip there; the difference of an ordinary picture only grows with the shift."""
-    unlike: dict[int, float] = {}
-    for count in range(2, min(MOST_TILES, grey.shape[axis] // 8) + 1):
-        shift = grey.shape[axis] / count
-        beside = min(difference(grey, axis, round(shift * 0.5)), difference(grey, axis, round(shift * 1.5)))
-        unlike[count] = difference(grey, axis, round(shift)) / beside if beside > 1e-3 else 1.0
-    return unlike
+    """By number of tiles along an axis, the dip at a shift of one tile."""
+    size = grey.shape[axis]
+    return {count: dip(grey, axis, size / count) for count in range(2, min(MOST_TILES, size // 8) + 1)}
 
 
 def _period(unlike: dict[int, float], full_px: int) -> tuple[int, float]:

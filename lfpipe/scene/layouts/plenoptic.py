@@ -13,7 +13,7 @@ from lfpipe import config
 from lfpipe.files.pictures import read_picture
 from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._grid import parse_grid
-from lfpipe.scene.layouts._tiles import difference, require_picture, single_picture
+from lfpipe.scene.layouts._tiles import dip, require_picture, single_picture
 from lfpipe.scene.source import SceneSource, Turn, ViewIndex
 
 NAME = "eslf"
@@ -33,13 +33,9 @@ def lenslet_pitch(picture: NDArray[Any]) -> int | None:
     if min(part.shape) < 4 * max(_PITCHES):
         return None
 
-    ratios: dict[int, float] = {}
-    for pitch in _PITCHES:
-        halves = [min(difference(part, axis, pitch // 2), difference(part, axis, pitch + pitch // 2)) for axis in (0, 1)]
-        if min(halves) > 1:
-            ratios[pitch] = max(difference(part, axis, pitch) / half for axis, half in zip((0, 1), halves, strict=True))
-    best = min(ratios, key=lambda pitch: ratios[pitch], default=0)
-    return best if ratios.get(best, 1.0) < 0.5 else None
+    dips = {pitch: max(dip(part, axis, pitch, plain=1) for axis in (0, 1)) for pitch in _PITCHES}
+    best = min(dips, key=lambda pitch: dips[pitch])
+    return best if dips[best] < 0.5 else None
 
 
 def is_honeycomb(picture: NDArray[Any]) -> bool:
