@@ -93,15 +93,21 @@ class _Column:
     def steps(self) -> tuple[int, int, int]:
         return spaced(self.values)
 
-    def side(self, by_order: bool) -> int:
-        """How many places there are along this axis."""
-        return len(self.values) if by_order else self.steps[2]
+    @property
+    def count(self) -> int:
+        """How many places there are in equal steps."""
+        return self.steps[2]
 
-    def places(self, by_order: bool) -> list[int]:
-        """By name, the place of its number: in equal steps, or in the order of those that occur."""
+    @property
+    def places(self) -> list[int]:
+        """By name, the place of its number."""
         low, step, _ = self.steps
-        place = {value: order if by_order else (value - low) // step for order, value in enumerate(self.values)}
-        return [place[number] for number in self.numbers]
+        return [(number - low) // step for number in self.numbers]
+
+    def ordered(self) -> "_Column":
+        """The order of the numbers in their place: without gaps."""
+        order = {value: position * _UNIT for position, value in enumerate(self.values)}
+        return attrs.evolve(self, numbers=tuple(order[number] for number in self.numbers))
 
 
 def _value(text: str) -> int:
@@ -164,9 +170,10 @@ def _read(names: list[str], columns: list[_Column]) -> NumberedNames:
     if grid is not None and (grid.explained > 0.9 * count or not keys):
         return grid
     if keys:
-        column = min(keys, key=lambda key: key.side(by_order=False))
-        by_order = 3 * column.side(by_order=False) > 4 * count  # numbers with large gaps count nothing
-        return placed(names, None, column.places(by_order), (1, column.side(by_order)), counts=not by_order)
+        column = min(keys, key=lambda key: key.count)
+        counts = 3 * column.count <= 4 * count  # numbers with large gaps count nothing
+        column = column if counts else column.ordered()
+        return placed(names, None, column.places, (1, column.count), counts)
     together = _together(varying) or [()] * count  # the numbers together run
     order = {numbers: position for position, numbers in enumerate(sorted(set(together)))}
     return placed(names, None, [order[numbers] for numbers in together], (1, len(order)), counts=False)
@@ -174,25 +181,24 @@ def _read(names: list[str], columns: list[_Column]) -> NumberedNames:
 
 def _grid(columns: list[_Column], names: list[str]) -> NumberedNames | None:
     """The names by the two numbers that count rows and columns best; None if no two do."""
-    best: tuple[tuple[float, float, bool, int], _Column, _Column, list[bool]] | None = None
+    best: tuple[tuple[float, float, bool, int], _Column, _Column] | None = None
     for (first, down), (second, across) in combinations(enumerate(columns), 2):
         pairs = len(set(_together((down, across))))
-        whole = pairs == len(names) == len(down.values) * len(across.values)  # then order counts where steps are uneven
-        uneven = [whole and column.side(by_order=False) > 2 * len(column.values) for column in (down, across)]
-        rows, cols = down.side(uneven[0]), across.side(uneven[1])
-        if max(rows, cols) > MAX_SIDE or pairs < _MIN_COVERAGE * rows * cols:
+        plain = all(column.steps[:2] in ((0, _UNIT), (_UNIT, _UNIT)) for column in (down, across))
+        if pairs == len(names) == len(down.values) * len(across.values):  # then order counts where steps are uneven
+            even = [column.ordered() if column.count > 2 * len(column.values) else column for column in (down, across)]
+            plain, (down, across) = plain and even == [down, across], even
+        if max(down.count, across.count) > MAX_SIDE or pairs < _MIN_COVERAGE * down.count * across.count:
             continue
-        plain = not any(uneven) and all(column.steps[:2] in ((0, _UNIT), (_UNIT, _UNIT)) for column in (down, across))
-        rank = pairs / len(names), pairs / (rows * cols), plain, -first - second
+        rank = pairs / len(names), pairs / (down.count * across.count), plain, -first - second
         if best is None or rank > best[0]:
-            best = rank, down, across, uneven
+            best = rank, down, across
     if best is None:
         return None
-    _, down, across, uneven = best
+    _, down, across = best
     if down.word in _COL_WORDS and across.word in _ROW_WORDS:
-        down, across, uneven = across, down, uneven[::-1]
-    shape = down.side(uneven[0]), across.side(uneven[1])
-    return placed(names, down.places(uneven[0]), across.places(uneven[1]), shape)
+        down, across = across, down
+    return placed(names, down.places, across.places, (down.count, across.count))
 
 
 def placed(names: list[str], rows: list[int] | None, cols: list[int], shape: ViewIndex, counts: bool = True) -> NumberedNames:
