@@ -263,7 +263,8 @@ def require_picture(listing: Listing) -> Path:
     """As `single_picture`. Raises UserError if there is none, or more than one."""
     path = single_picture(listing)
     if path is None:
-        raise UserError(f"{listing.path}: contains {len(listing.pictures())} pictures, not one", "give the file itself")
+        what = f"{listing.path}: contains {len(listing.pictures())} pictures, not one"
+        raise UserError(what, "give the file itself, or leave out --layout")
     return path
 
 

@@ -20,7 +20,7 @@ from lfpipe.files.pictures import open_header, read_picture, upright
 from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._embedded_depth import embedded_depth, has_depth
 from lfpipe.scene.layouts._grid import parse_grid, require_grid
-from lfpipe.scene.layouts._tiles import glance, halves, one_picture_twice, single_picture
+from lfpipe.scene.layouts._tiles import glance, halves, one_picture_twice, require_picture, single_picture
 from lfpipe.scene.missing_views import nearest, warped_disparity, warped_view
 from lfpipe.scene.source import SceneSource, Turn
 
@@ -149,9 +149,7 @@ def _read(listing: Listing) -> _Photo:
         if paths[0].stem.lower() == paths[1].stem.lower() and picture.ndim == 2:
             doubt = "; ".join(filter(None, (f"whether {pair[1]} is the depth of {pair[0]}", doubt)))
         return _Photo(paths, picture, full, near, why, doubt)
-    path = single_picture(listing)
-    if path is None:
-        raise UserError(f"{listing.path}: no picture with a depth map", "name them x.png and x_depth.png, alone in a folder")
+    path = require_picture(listing)
     picture, full = read_picture(path)
     if has_depth(path):
         near = np.asarray(upright(embedded_depth(path), open_header(path).orientation), np.float32)

@@ -72,9 +72,7 @@ def _one_way(frames: list[NDArray[Any]]) -> list[NDArray[Any]]:
 
 
 def _describe_animation(listing: Listing, scene: config.Scene) -> SceneSource:
-    path = _animation(listing)
-    if path is None:
-        raise UserError(f"{listing.path}: not one animation", "give the GIF itself")
+    path = _animation(listing) or require_picture(listing)
     frames = read_frames(path)
     views = _one_way(frames)
     note = f"{len(views)} of {len(frames)} frames are used: the others go back the same way"

@@ -19,7 +19,7 @@ from lfpipe.files.pictures import read_frames, read_picture
 from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._grid import files_source, some
 from lfpipe.scene.layouts._names import LEFT, MAPS, RIGHT, read_names
-from lfpipe.scene.layouts._tiles import halves, plane_of, reduced, single_picture
+from lfpipe.scene.layouts._tiles import halves, plane_of, reduced, require_picture, single_picture
 from lfpipe.scene.optical_flow import returned_flow, textured
 from lfpipe.scene.source import SceneSource, Turn
 
@@ -112,10 +112,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
         notes = (f"2 of {len(others) + 2} files used; the others are {some(others)}",) if others else ()
         eyes = {(0, col): name for col, name in enumerate(pairs[0])}
         return files_source(NAME, listing, eyes, (1, 2), turn=Turn(), turn_by="the names say left and right", notes=notes)
-    path = _alone(listing)
-    if path is None:
-        what = f"{listing.path}: no stereo pair among {len(listing.pictures())} pictures"
-        raise UserError(what, "name two of them x_left.png and x_right.png")
+    path = _alone(listing) or require_picture(listing)
     full, why, name = 255, "", path.stem.lower().replace("_", " ")
     if path.suffix.lower() == ".mpo":
         views: list[NDArray[Any]] = list(read_frames(path)[:2])

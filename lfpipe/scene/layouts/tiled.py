@@ -57,9 +57,7 @@ def _frames(layout: str, listing: Listing) -> tuple[list[Path], tuple[str, ...]]
     """The pictures of tiles, and a note where they are not frames of one video. Raises UserError where their sizes differ."""
     if layout != "mosaic-video":
         return [require_picture(listing)], ()
-    paths = [listing.file(name) for name in listing.pictures()]
-    if not paths:
-        raise UserError(f"{listing.path}: no pictures", "give a folder of numbered mosaics, or a video of mosaics")
+    paths = [listing.file(name) for name in listing.pictures()] or [require_picture(listing)]
     headers = [open_header(path) for path in paths]
     usual = headers[0].size
     if len(paths) > 1 and ((usual, headers[0].grey) != (headers[1].size, headers[1].grey) or likeness(*paths[:2]) <= 0.5):
