@@ -93,7 +93,8 @@ def list_packs(as_json: bool, config: Config) -> None:
 @click.option("--all", "everything", is_flag=True, help="Remove every pack.")
 @with_config
 def clean(keys: tuple[str, ...], everything: bool, config: Config) -> None:
-    """Remove packs by key or name. Without KEY, remove only what killed runs and other versions left. Packs that a session shows are kept."""
+    """Remove packs by key or name. Without KEY, remove only what killed runs and other versions left. Packs
+    that a session shows are kept."""
     cached = packs(config.scene)
     names = {folder: {folder.name, about.get("name"), about.get("source")} for folder, about, _ in cached}
     if unknown := sorted(set(keys).difference(*names.values())):
