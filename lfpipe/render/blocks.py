@@ -38,8 +38,8 @@ def near_array(shape: tuple[int, ...]) -> NDArray[np.uint8]:
 def bands_of(rows: int, row_bytes: int, most_bytes: int = BAND_BYTES) -> list[slice]:
     """Rows in bands of about most_bytes, which stay in a core's cache; one band if the rows are not much larger."""
     count = 1 if rows * row_bytes < 3 * most_bytes else math.ceil(rows * row_bytes / most_bytes)
-    each = math.ceil(rows / count)
-    return [slice(first, min(first + each, rows)) for first in range(0, rows, each)]
+    height = math.ceil(rows / count)
+    return [slice(first, min(first + height, rows)) for first in range(0, rows, height)]
 
 
 def shifted(plane: NDArray[Pixel], dy: int, dx: int, box: Box) -> NDArray[Pixel]:
@@ -94,8 +94,8 @@ class Blocks:
         height, width = self._size
         above, below, count = int(first == 0), int(last == height), last - first + 1
         padded, corners, flat = self._rows_of(count)
-        part = plane[first - 1 + above : last + 1 - below]
-        cv2.copyMakeBorder(part, above, below, MARGIN, MARGIN, cv2.BORDER_REPLICATE, padded)
+        inside = plane[first - 1 + above : last + 1 - below]
+        cv2.copyMakeBorder(inside, above, below, MARGIN, MARGIN, cv2.BORDER_REPLICATE, padded)
         cv2.merge(corners, flat)
         return self._whole[:count, : width + 1]
 

@@ -28,9 +28,9 @@ BUDGET_BYTES = 64 << 20  # of planes that are built and kept
 TWO_VIEWS = ("side-by-side", "row-interleaved")  # outputs of each eye's view in its own colours
 
 
-def method_for(field: LightField, wanted: str) -> str:
-    """The method that makes views of field for render.method = wanted; never "auto"."""
-    return drawn_with(wanted, field.method, field.disparity is not None, field.manifest.get("scores", {}))
+def method_for(field: LightField, asked: str) -> str:
+    """The method that makes views of field for render.method = asked; never "auto"."""
+    return drawn_with(asked, field.method, field.disparity is not None, field.manifest.get("scores", {}))
 
 
 def mixed_as(field: LightField, method: str, render: Render) -> Render:
@@ -122,15 +122,15 @@ class Compositor:
         render = mixed_as(field, self.method, render)
         self._anaglyph, self._frames, self._frame = render.anaglyph, field.frames, 0
         height, width = field.height_px, field.width_px
-        made_of = recipe_for(render)
-        self._mixer = Mixer(made_of, height, width)
-        self._planes = [np.empty((height, width), np.uint8) for _ in made_of.planes]
+        mix = recipe_for(render)
+        self._mixer = Mixer(mix, height, width)
+        self._planes = [np.empty((height, width), np.uint8) for _ in mix.planes]
         self._eyes: list[_Eye] = []
         for eye in (0, 1):
-            of_eye = [k for k, plane in enumerate(made_of.planes) if plane.eye == eye]
+            of_eye = [k for k, plane in enumerate(mix.planes) if plane.eye == eye]
             if not eye or helper:
                 store, synthesiser = PlaneStore(field), Synthesiser(field, self.method)
-            sources, scratch = [store.source(made_of.planes[k]) for k in of_eye], [self._planes[k] for k in of_eye]
+            sources, scratch = [store.source(mix.planes[k]) for k in of_eye], [self._planes[k] for k in of_eye]
             self._eyes.append(_Eye(of_eye, sources, scratch, store, synthesiser))
         self._helper = helper if all(eye.planes for eye in self._eyes) else None
         self._picture = near_array((height, width, 3))

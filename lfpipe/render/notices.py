@@ -41,7 +41,7 @@ def status_lines(context: Context, viewer: Viewer) -> tuple[str, ...]:
     """What the session does now, for the overlay; `lfpipe monitor` has more."""
     own, source = (context.table.rows[name] for name in (context.spec.name, context.spec.source))
     age, horizon = (summary_ms(own[name]) for name in ("age", "horizon"))
-    field, render, views = viewer.field, context.config.render, viewer.shown
+    field, render, views = viewer.field, context.config.render, viewer.last_viewpoints
     alpha = f"alpha {viewer.parallax.alpha_px:.1f} px/view" if viewer.parallax else "no face yet"
     lines = [
         f"camera {rate_hz(source):5.1f} Hz   pictures {rate_hz(own):5.1f} Hz",

@@ -63,7 +63,7 @@ class Outputs:
         else:
             self.ring.publish(stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch, stamp.kind)
 
-    def shown(self, viewpoints: Viewpoints, stamp: Stamp, face: bool, composed: bool, t_presented_ns: int) -> None:
+    def share(self, viewpoints: Viewpoints, stamp: Stamp, face: bool, composed: bool, t_presented_ns: int) -> None:
         """Writes stamp and views of a picture for the share stage."""
         self._shown = self._shown or self._context.output("shown")
         record = self._shown.begin()
@@ -72,7 +72,7 @@ class Outputs:
         self._shown.publish(stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch, stamp.kind)
 
     def emit_viewpoints(self, viewpoints: Viewpoints, face: bool) -> None:
-        """Reports positions and views of the eyes to the tap, at most every VIEWPOINTS_NS."""
+        """Reports the eyes and the grid of views over them to the tap, at most every VIEWPOINTS_NS."""
         if now_ns() < self._viewpoints_due_ns:
             return
         self._viewpoints_due_ns = now_ns() + VIEWPOINTS_NS
@@ -81,11 +81,9 @@ class Outputs:
             "look",
             face=face,
             eyes_px=[list(viewpoints.eyes_px[:2]), list(viewpoints.eyes_px[2:])],
-            views=[list(viewpoints.left), list(viewpoints.right)],
             grid=[field.rows, field.cols],
             alpha_px=solver.alpha_px if solver else 0.0,
             centre_px=list(solver.centre_px) if solver else [0.0, 0.0],
-            method=self._viewer.method,
         )
 
     def report_viewer(self) -> None:

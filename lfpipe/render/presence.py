@@ -27,11 +27,11 @@ from typing import NamedTuple
 from lfpipe.eyes import Eyes
 from lfpipe.transport.clock import SECOND_NS
 
-REST_S, REST_FRAMES = 1.0, 8
+REST_S, REST_FRAMES = 1.0, 8  # who passes by does not stand that long; at 8 Hz and more the second decides
 REST_SPAN = 0.3  # of the distance between the eyes: 2 cm
 REST_DEPTH = 0.06  # of the same
-ABSENT_S = 10.0
-GAP_S = 0.5
+ABSENT_S = 10.0  # who is back sooner sits as before
+GAP_S = 0.5  # as long as filters remember a face
 RETURN_S = 30.0  # a passer-by is gone by then
 RETURN_SPAN, RETURN_DEPTH = 1.0, 0.2  # of the distance between the eyes; who sits down again sits a little aside
 

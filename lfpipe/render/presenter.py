@@ -127,8 +127,8 @@ class Presenter:
         record, stamp = self._record, self._stamp
         t_sensor_ns = stamp.t_sensor_ns if stamp else t_started_ns
         if self.mouse.looks:
-            made, stamp = self.mouse.eyes(None if record is None else self._buffer, stamp, t_started_ns)
-            record, t_sensor_ns = EyesRecord.of(made), t_started_ns
+            mouse_eyes, stamp = self.mouse.eyes(None if record is None else self._buffer, stamp, t_started_ns)
+            record, t_sensor_ns = EyesRecord.of(mouse_eyes), t_started_ns
         elif record is not None and t_started_ns - t_sensor_ns > self._stale_ns and not self._context.options.lossless:
             record, t_sensor_ns = record._replace(face=0), t_started_ns  # the tracker died or hangs: nobody is seen
         on_blanks = isinstance(refresh, ScreenRefresh)
@@ -211,7 +211,7 @@ class Presenter:
         if composed:
             row.measure(showing.waited_ns, showing.cost_ns, t_ns - showing.t_sensor_ns if seen else None)
         if seen and self._shares:
-            self._outputs.shown(showing.viewpoints, stamp, bool(showing.face), composed, t_ns)
+            self._outputs.share(showing.viewpoints, stamp, bool(showing.face), composed, t_ns)
         if self._latency is not None and seen and composed and showing.face:
             after_ns = showing.seen_ns - (showing.target_ns or showing.t_handed_ns)
             self._latency.pictured(t_ns, after_ns, showing.loop_ns, showing.viewpoints.eyes_px)

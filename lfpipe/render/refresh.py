@@ -6,7 +6,7 @@ from lfpipe.host.presentation import Presented
 from lfpipe.transport.clock import MS_NS, SECOND_NS, Ticker
 
 SLACK = 0.2  # of a period, at most 3 ms: tolerated lateness of eyes
-GAIN = 0.05
+GAIN = 0.05  # of each frame in phase and period: 20 frames, over which jitter of stamps averages out
 LARGEST_STEP = 0.01  # of a period
 LONGEST_NS = SECOND_NS // 2  # from frame to frame; after a longer gap the camera or the machine stood still
 NEAR_RATIO = 0.01  # tolerance of the ratio of both rates to a whole number
@@ -85,13 +85,13 @@ class Refresh:
         self._ticker.shift(int(min(max(GAIN * late_ns, -largest_ns), largest_ns)))
 
 
-PHASE_GAIN, PERIOD_GAIN = 0.3, 0.01
+PHASE_GAIN, PERIOD_GAIN = 0.3, 0.01  # phase within a few blanks; period over a hundred: reports come in whole ms
 OFF_GRID = 0.35  # of a period: a blank further off belongs to another grid
 OFF_COUNT = 5  # after this many such blanks in a row the clock follows the other grid
 PERIOD_RANGE = 0.12  # around the nominal one, if the period is not reported: the error of a rate in whole Hz at 25 Hz
 EARLY_NS = MS_NS // 4  # after a blank; no hand-over for the next one before this
 COST_UP, COST_DOWN = 0.5, 0.005  # the tracked cost is a high quantile: late pictures are visible, early ones are not
-MARGIN_NS, LEAST_MARGIN_NS = 2 * MS_NS, MS_NS // 2
+MARGIN_NS, LEAST_MARGIN_NS = 2 * MS_NS, MS_NS // 2  # at first, most window systems take pictures later; a wake-up's lateness
 STEP_NS = MS_NS
 IN_TIME = 0.7  # of the margin left at hand-over: then the picture's own cost did not make it late
 EARLY_SHARE, EARLY_STEP_NS = 1e-4, 1000  # narrowing per punctual picture: with the step above, 1 picture in 500 is late

@@ -28,7 +28,7 @@ from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.context import Context
 
 logger = logging.getLogger(__name__)
-SERVE_NS = 100 * MS_NS
+SERVE_NS = 100 * MS_NS  # between two looks at keys and notices without a window: nobody presses one
 
 
 class RenderStage:

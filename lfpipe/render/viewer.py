@@ -71,7 +71,7 @@ class Viewer:
         self._idle = IdleMotion() if exhibition else None
         self._picture_mm: float | None = None
         self.neutral_is_fixed = False  # to the middle of the picture: the viewer is the mouse, which moves around it
-        self.shown: Viewpoints | None = None  # the last viewpoints
+        self.last_viewpoints: Viewpoints | None = None
         self.set(field, config)
 
     def set(self, field: LightField, config: Config) -> None:
@@ -125,8 +125,8 @@ class Viewer:
             alone = self.presence.state is ViewerState.NOBODY or t_shown_ns - t_sensor_ns > ABSENT_S * 1e9
             grid, whole = (self.field.rows, self.field.cols), self.method == "nearest"
             left, right = self._idle.moved(left, right, grid, t_shown_ns, alone, whole)
-        self.shown = Viewpoints(used_px, left, right, frame)
-        return self.shown
+        self.last_viewpoints = Viewpoints(used_px, left, right, frame)
+        return self.last_viewpoints
 
     def _follow(
         self, record: EyesRecord, camera_px: Eyes | None, t_sensor_ns: int, t_shown_ns: int

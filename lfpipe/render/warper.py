@@ -26,7 +26,7 @@ class Band:
     """Rows of blocks processed at a time, with their parts of the arrays of a Warper.
 
     low: the disparity, in stored units. nearest: of `Warper.aim`. index: x and y of each disparity. place: x and y of each block.
-    there: x and y after a displacement. first, second: disparities.
+    moved: x and y after a displacement. first, second: disparities.
     """
 
     rows: slice
@@ -34,7 +34,7 @@ class Band:
     nearest: NDArray[np.uint8]
     index: Pair
     place: Pair
-    there: Pair
+    moved: Pair
     first: NDArray[np.float32]
     second: NDArray[np.float32]
 
@@ -65,10 +65,10 @@ class Warper:
         scratch = np.empty((4, bands[0].stop, cols), np.float32)
         self.bands = []
         for band in bands:
-            first, second, *there = scratch[:, : band.stop - band.start]
+            first, second, moved_x, moved_y = scratch[:, : band.stop - band.start]
             low, nearest = self._low[band], self._bytes[1][band]
             index, place = (x[band], y[band]), (place_x[band], place_y[band])
-            self.bands.append(Band(band, low, nearest, index, place, (there[0], there[1]), first, second))
+            self.bands.append(Band(band, low, nearest, index, place, (moved_x, moved_y), first, second))
         self.most_px = 0.0
         self._moves = self._low_moves = (0.0, 0.0), (0.0, 0.0)  # in px of the view, and of its disparity
         self._careful = False  # whether near and far separate enough to hide each other
@@ -97,8 +97,7 @@ class Warper:
         else:
             np.copyto(self._low, stored)
         if unknown is not None:
-            part = self._low[unknown]
-            part[stored[unknown] == UNKNOWN] = 0
+            self._low[unknown][stored[unknown] == UNKNOWN] = 0
         self._moves = (right * self._unit_px, shift_x), (down * self._unit_px, shift_y)
         self.most_px = 128 * self._unit_px * abs(down) + abs(shift_y)  # by which a pixel is moved down or up at most
         per_px = self._unit_px / self._step[1], self._unit_px / self._step[0]
@@ -131,7 +130,7 @@ class Warper:
             cv2.max(first, disparity, disparity)
         else:
             disparity = self._look_up(band, band.low, band.first)
-        return _moved(disparity, self._moves, band.place, band.there)
+        return _moved(disparity, self._moves, band.place, band.moved)
 
     def _map(self, frame: int, row: int, col: int) -> tuple[NDArray[np.int8], Box | None]:
         """The stored disparity of a view, and the box that holds what is unknown in it; None if it is known everywhere."""
@@ -170,9 +169,9 @@ class Warper:
         even = self._step == (2.0, 2.0)  # then a part alone scales as in the whole
         if not even:
             x, y, width, height = 0, 0, len(low[0]), len(low)
-        part = low[max(y - 1, 0) : y + height + 1, max(x - 1, 0) : x + width + 1]
-        size = (2 * part.shape[1], 2 * part.shape[0]) if even else self._size
-        share = np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_LINEAR), np.float32)
+        uncertain = low[max(y - 1, 0) : y + height + 1, max(x - 1, 0) : x + width + 1]
+        size = (2 * uncertain.shape[1], 2 * uncertain.shape[0]) if even else self._size
+        share = np.asarray(cv2.resize(uncertain, size, interpolation=cv2.INTER_LINEAR), np.float32)
         first = 2 * max(y - 1, 0), 2 * max(x - 1, 0)
         by = round(shift_px[0]), round(shift_px[1])
         spans = []
@@ -188,7 +187,7 @@ class Warper:
     def _look_up(self, band: Band, at: NDArray[np.float32], out: NDArray[np.float32]) -> NDArray[np.float32]:
         """The stored disparity at the place where each pixel of a band lands if its own is `at`. The nearest value: a mean of two
         would be neither."""
-        x, y = _moved(at, self._low_moves, band.index, band.there)
+        x, y = _moved(at, self._low_moves, band.index, band.moved)
         cv2.remap(self._low, x, y, cv2.INTER_NEAREST, out, cv2.BORDER_REPLICATE)
         return out
 

@@ -20,8 +20,8 @@ from lfpipe.track.engine import Face
 from lfpipe.track.landmarks import Irises, eye_points
 from lfpipe.track.network import Network, Roi, around, model_file, portable_warp, warp
 
-SIZE_PX = 192
-POINTS = 468
+SIZE_PX = 192  # side of the network's picture
+POINTS = 468  # of MediaPipe's face mesh
 FOUND = 0.5  # confidence that a new face needs
 FOUND_FAR = 0.9  # the same for a small face: its detector has many false alarms, and real faces get high confidence
 KEPT = 0.2  # confidence that a followed face needs: a hand in front of it lowers confidence more than accuracy
@@ -30,7 +30,7 @@ SMALL = 0.04  # distance between the eyes over the picture's longer side (1.5 m 
 FAR_EVERY = 8  # pictures without a face between runs of the full-range detector (10 ms each)
 UPRIGHT_DEG = 80.0  # no head leans further; such a face is in a rotated picture
 LEANING_DEG, REPEATS = 30.0, 4  # a new face that leans further is measured again, at most REPEATS times
-QUARTERS = (math.pi, math.pi / 2, -math.pi / 2)
+QUARTERS = (math.pi, math.pi / 2, -math.pi / 2)  # the ways in which a camera or a picture stands wrong
 SURER = 5.0  # logits by which a face is surer in a region turned by quarters: upside down by 11 to 32, behind a mask by up to 4.3
 ROTATED_FACES = 3  # number of rotated faces before the hint appears
 
@@ -122,7 +122,7 @@ class LitertEngine:
         A leaning face is measured again until its own region is found. The detector often takes an upside-down face for an
         upright one, but the landmark network is surer in the rotated region.
         """
-        measured = self._measure(image, _region(candidate), least)
+        measured = self._measure(image, around(candidate.box_px, *candidate.points_px[:2]), least)
         for _ in range(REPEATS):
             if measured is None or abs(measured[0].lean_deg) < LEANING_DEG:
                 break
@@ -149,12 +149,12 @@ class LitertEngine:
     def _look_far(self, image: NDArray[np.uint8]) -> list[Detection]:
         """Searches small faces, alternately in the whole picture and, enlarged, in one of three parts that cover its width."""
         height_px, width_px = image.shape[:2]
-        part = self._without // FAR_EVERY % 4
-        if part == 0:
+        turn = self._without // FAR_EVERY % 4
+        if turn == 0:
             return self._far.detect(image)
         side_px = 0.6 * max(width_px, height_px)
         x_px, y_px = (min(max(share * length, side_px / 2), max(length - side_px / 2, length / 2)) for share, length in
-                      (((0.5, 0.0, 1.0)[part - 1], width_px), (0.4, height_px)))  # fmt: skip
+                      (((0.5, 0.0, 1.0)[turn - 1], width_px), (0.4, height_px)))  # fmt: skip
         return self._far.detect(image, Roi(x_px, y_px, side_px, 0.0))
 
     def _look_rotated(self, image: NDArray[np.uint8]) -> None:
@@ -163,7 +163,7 @@ class LitertEngine:
         angle = QUARTERS[self._without // FAR_EVERY % 3]
         whole = Roi(width_px / 2, height_px / 2, max(width_px, height_px), angle)
         for candidate in self._near.detect(image, whole)[:1]:
-            if (measured := self._measure(image, _region(candidate), FOUND)) is not None:
+            if (measured := self._measure(image, around(candidate.box_px, *candidate.points_px[:2]), FOUND)) is not None:
                 self._is_rotated(measured[0])
 
     def _run(self, image: NDArray[np.uint8], roi: Roi) -> tuple[NDArray[np.float64], NDArray[np.float32], float]:
@@ -191,7 +191,3 @@ class LitertEngine:
         if self._irises is not None:
             eyes_px = self._irises.refined(image, points.T + matrix[:, 2], eyes_px, apart_px)
         return Face(eyes_px, confidence, edges, apart_px, math.degrees(region.angle), head_px), region
-
-
-def _region(face: Detection) -> Roi:
-    return around(face.box_px, face.points_px[0], face.points_px[1])

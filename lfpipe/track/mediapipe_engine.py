@@ -49,12 +49,12 @@ class MediapipeEngine:
 
     def detect(self, image: NDArray[np.uint8]) -> Face | None:
         with quiet_stderr() if self._noisy else contextlib.nullcontext():
-            found = self._mesh.process(cv2.cvtColor(image, cv2.COLOR_BGR2RGB)).multi_face_landmarks
-        if not found:
+            faces = self._mesh.process(cv2.cvtColor(image, cv2.COLOR_BGR2RGB)).multi_face_landmarks
+        if not faces:
             return None
         self._noisy = False
         size_px = np.array([image.shape[1], image.shape[0], image.shape[1]])
-        marks = found[0].landmark
+        marks = faces[0].landmark
 
         def points(*numbers: int) -> NDArray[np.float64]:
             """(n, 3) px. Each access calls protobuf: reading all 468 would take 0.4 ms."""

@@ -96,7 +96,7 @@ def portable_warp(image: NDArray[np.uint8], matrix: NDArray[np.float64], size_px
     192x192."""
     steps = np.arange(size_px)
     along_px, down_px = matrix[:, 0, None] * steps, matrix[:, 1, None] * steps + matrix[:, 2, None]
-    along, down = (np.rint(1024 * part).astype(np.int32) for part in (along_px, down_px))
+    along, down = (np.rint(1024 * place_px).astype(np.int32) for place_px in (along_px, down_px))
     place = along[:, None, :] + (down + 16)[:, :, None]  # (x and y, row, column), in 1/1024 px
     x, y = place.astype(np.uint16)
     rest = (y & 992) | ((x >> 5) & 31)  # 1/32 px down and along, five bits each

@@ -52,7 +52,7 @@ def test_edge_to_edge_of_the_window_is_edge_to_edge_of_the_grid_without_a_jump()
     way = session.cols(Pointer(0.0, 0.5))
     assert way[-1] < 1.5 and max(np.abs(np.diff(way))) < 0.6
     assert session.cols(Pointer(1.0, 0.5), 400)[-1] > 6.5
-    rows = [session.cols(Pointer(0.5, y), 200) and session.viewer.shown.left[0] for y in (0.0, 1.0)]  # type: ignore[union-attr]
+    rows = [session.cols(Pointer(0.5, y), 200) and session.viewer.last_viewpoints.left[0] for y in (0.0, 1.0)]  # type: ignore[union-attr]
     assert rows[0] < 1 and rows[1] > 3
 
 

@@ -128,8 +128,9 @@ def test_distance_is_needed_where_a_viewer_who_comes_nearer_changes_the_views(ho
         viewer.viewpoints(record(320.0, 240.0, 30.0), 0, 0)
         for k in range(1, 41):
             viewer.viewpoints(record(330.0, 250.0, apart), k * S // 4, k * S // 4)
-        assert viewer.solver is not None and viewer.shown is not None
-        seen.append((viewer.solver.alpha_px, viewer.shown.left[0], viewer.shown.left[1] + viewer.shown.right[1]))
+        assert viewer.solver is not None and viewer.last_viewpoints is not None
+        left, right = viewer.last_viewpoints.left, viewer.last_viewpoints.right
+        seen.append((viewer.solver.alpha_px, left[0], left[1] + right[1]))
     same = seen[0] == pytest.approx(seen[1], abs=1e-3)
     assert make_plan(scene, how).needs_depth == (not same)
 
