@@ -90,9 +90,10 @@ def _buffers(count: int) -> abi.RequestBuffers:
 class V4L2Device:
     """Owns a descriptor of the device at path. Every call raises the driver's OSError."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, fd: int | None = None) -> None:
+        """fd: of the device, if it is already open."""
         self.path = path
-        self.fd = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
+        self.fd = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC) if fd is None else fd
         self._maps: list[mmap.mmap] = []  # while it streams
         self._taken: int | None = None  # index of the buffer in the caller's hands
         try:
@@ -202,8 +203,8 @@ class V4L2Device:
         self.ioctl(abi.S_CTRL, abi.Control(id=control, value=value))
 
     def duplicate(self) -> "V4L2Device":
-        """The same device on a descriptor of its own, for another thread."""
-        return V4L2Device(self.path)
+        """The same open device on a descriptor of its own, for another thread: some drivers open only once."""
+        return V4L2Device(self.path, os.dup(self.fd))
 
     def start(self) -> None:
         """Streams in the mode of `configure` until `close`."""

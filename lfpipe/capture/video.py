@@ -1,6 +1,5 @@
 """Untrusted videos as recordings: accepted kinds, memory limits, decoding."""
 
-import contextlib
 import os
 from pathlib import Path
 from typing import BinaryIO
@@ -67,9 +66,11 @@ class Video:
             self._read_header()
             if self._capture.get(cv2.CAP_PROP_FOURCC) == cv2.VideoWriter.fourcc(*"MJPG"):
                 self.jpeg = True
-                with contextlib.suppress(BrokenFrame):
+                try:
                     first = self.read(0)
-                    self.jpeg = first is not None and first.packet is not None  # not a half picture
+                except BrokenFrame:
+                    first = None
+                self.jpeg = first is not None and first.packet is not None  # not a half picture
             if not self.jpeg and self.read(0) is None:
                 raise UserError(f"{path}: not a readable video", REMEDY)
         except BaseException:

@@ -91,6 +91,21 @@ def test_a_stream_that_grows_half_way_loses_that_frame_and_goes_on(tmp_path: Pat
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kb < 250_000
 
 
+def frames_in(avi: bytes) -> list[int]:
+    """Offsets of the frames' chunks in an AVI file."""
+    return [at for at in range(avi.index(b"movi"), len(avi)) if avi[at : at + 4] in (b"00dc", b"00db")]
+
+
+def test_motion_jpeg_that_does_not_begin_with_a_whole_jpeg_is_left_to_ffmpeg(tmp_path: Path) -> None:
+    path = six(tmp_path / "v.avi", "MJPG")
+    data = bytearray(path.read_bytes())
+    start = frames_in(data)[0] + 8
+    data[start : start + 2] = b"\0\0"
+    path.write_bytes(data)
+    source = FileSource(FileSpec(path, loop=False), CAMERA)
+    assert not source.info.jpeg and len(played(source)[0]) >= COUNT - 1
+
+
 @pytest.mark.parametrize("kind", ["MJPG", "png ", "folder", "cut off"])
 def test_a_damaged_frame_is_reported_and_counted_and_the_rest_is_played(tmp_path: Path, kind: str) -> None:
     path = folder(tmp_path) if kind == "folder" else six(tmp_path / "v.avi", "HFYU" if kind == "cut off" else kind)
@@ -98,7 +113,7 @@ def test_a_damaged_frame_is_reported_and_counted_and_the_rest_is_played(tmp_path
         (path / "2.png").write_bytes(b"nothing")
     else:
         data = bytearray(path.read_bytes())
-        frames = [at for at in range(data.index(b"movi"), len(data)) if data[at : at + 4] in (b"00dc", b"00db")]
+        frames = frames_in(data)
         if kind == "cut off":
             del data[frames[4] :]
         else:
