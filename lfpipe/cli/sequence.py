@@ -55,14 +55,13 @@ def sequence() -> None:
 
 def _for_all(paths: tuple[Path, ...], look: Callable[[Path], None]) -> int:
     """Runs look on each path, even after an error; returns the exit code."""
-    if len(paths) == 1:
-        look(paths[0])
-        return 0
     code = 0
     for path in paths:
         try:
             look(path)
         except UserError as error:
+            if len(paths) == 1:
+                raise
             click.echo(f"error: {error}", err=True)
             code = 2
     return code
