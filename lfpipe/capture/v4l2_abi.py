@@ -133,14 +133,10 @@ ENUM_FRAMEINTERVALS = _request(_READ | _WRITE, 75, FrameInterval)
 
 
 def fourcc_text(code: int) -> str:
-    """The four characters of a pixel format, "?" for none; "-BE" marks a big-endian variant (bit 31)."""
-    if not code:
-        return "?"
-    text = (code & 0x7FFFFFFF).to_bytes(4, "little").decode("ascii", "replace").strip()
-    return text + "-BE" if code >> 31 else text
+    """The four characters of a pixel format."""
+    return code.to_bytes(4, "little").decode("ascii", "replace").strip()
 
 
 def fourcc_code(text: str) -> int:
-    """The inverse of `fourcc_text`."""
-    big, text = text.endswith("-BE"), text.removesuffix("-BE")
-    return int.from_bytes(text.ljust(4).encode("ascii"), "little") | big << 31
+    """The inverse of `fourcc_text`, for formats of ASCII characters."""
+    return int.from_bytes(text.ljust(4).encode("ascii", "replace"), "little")
