@@ -55,7 +55,7 @@ MESSAGES: dict[str, tuple[Cause, str]] = {
     ),
     "no encoder": (
         no_encoder,
-        "--display file:/here/a.mp4: no H.264 encoder: PyAV is not installed\n"
+        "--display file:/here/a.mp4: no H.264 encoder: PyAV of PyPI is not installed\n"
         "  remedy: pip install 'lfpipe[media]'; .mkv and .gif do not need it",
     ),
     "no such monitor": (lambda here: find_monitor("3", DESK), f"screen.monitor '3': no such monitor\n  remedy: {LIST}"),
