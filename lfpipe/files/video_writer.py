@@ -34,7 +34,8 @@ def require_encoder() -> None:
     except ImportError:
         codecs_available = set()
     if ENCODER not in codecs_available:
-        raise UserError("no H.264 encoder: PyAV of PyPI is not installed", "pip install 'lfpipe[media]'; .mkv and .gif do not need it")
+        remedy = "pip install 'lfpipe[media]'; .mkv and .gif do not need it"
+        raise UserError("no H.264 encoder: PyAV of PyPI is not installed", remedy)
 
 
 class VideoWriter:
