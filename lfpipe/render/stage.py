@@ -40,7 +40,8 @@ class RenderStage:
         options = self._options
         with context.setting_up("opening the scene"):
             self._field = open_pack(Path(options.pack), self._config.scene.half_turn)
-            self._viewer = Viewer(self._field, self._config, bool(options.kiosk), _helper(context))
+            helper = ThreadPoolExecutor(1, "half", run_on, (context.cores,)) if len(context.cores) > 1 else None  # on any of them
+            self._viewer = Viewer(self._field, self._config, bool(options.kiosk), helper)
         self._keep_choice()
         # without a clock, pictures depend on the frames alone
         self.on_camera = (options.lossless or self._config.render.clock == "camera") and options.tracking
@@ -160,11 +161,6 @@ class RenderStage:
         self._presenter.close()
         self._display.close()
         self._keys.pass_on_notices()
-
-
-def _helper(context: Context) -> ThreadPoolExecutor | None:
-    """A thread on any core of the session; None if there is only one."""
-    return ThreadPoolExecutor(1, "half", run_on, (context.cores,)) if len(context.cores) > 1 else None
 
 
 def main(context: Context) -> None:

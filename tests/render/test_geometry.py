@@ -120,6 +120,11 @@ def test_a_step_of_the_viewer_is_no_news_and_another_seat_is() -> None:
     assert at[80.0].differs_from(at[63.0]) and chosen(cotton(), alpha_px=20.0).differs_from(at[63.0])
 
 
+def test_narrower_eyes_are_nearer() -> None:
+    child = from_dict({"camera": {"focal_px": 600.0}, "screen": {"eyes_mm": 50.0}})
+    assert parallax(child, cotton(), 640, 63.0).distance_mm == pytest.approx(600.0 * 50 / 63)
+
+
 def test_focal_length() -> None:
     assert camera_focal_px(from_dict({"camera": {"fov_deg": 60.0}}), 640) == pytest.approx(320.0 * math.sqrt(3))
     wide = from_dict({"camera": {"focal_px": 600.0, "width_px": 640}})
