@@ -11,8 +11,7 @@ from lfpipe.config.camera_pose import CameraPose
 from lfpipe.eyes import MAX_HORIZON_S, Eyes, EyesRecord
 from lfpipe.render.compositor import Compositor
 from lfpipe.render.geometry import LEAST_EYES_PX, Parallax, alpha_is_automatic, parallax
-from lfpipe.render.idle_motion import IdleMotion
-from lfpipe.render.presence import ABSENT_S, EyeEasing, Presence, Rest, ViewerState
+from lfpipe.render.presence import ABSENT_S, EyeEasing, IdleMotion, Presence, Rest, ViewerState
 from lfpipe.render.viewpoint import Position, ViewSolver
 from lfpipe.scene.lightfield import LightField
 
