@@ -176,9 +176,8 @@ def start_trace(out: Path | None, session_name: str) -> None:
 
 
 @trace.command("stop")
-@click.argument("out", metavar="[OUT.json]", required=False, type=PATH)
 @SESSION
-def stop_trace(out: Path | None, session_name: str) -> None:
-    """End the timeline and write it to OUT.json, or to the file given to `start`."""
-    done = finish_trace(partial(ask, session_name), out)
-    click.echo(f"{done}: open it at ui.perfetto.dev, which does not upload it, or in chrome://tracing")
+def stop_trace(session_name: str) -> None:
+    """End the timeline and write it to the file given to `start`."""
+    out = finish_trace(partial(ask, session_name))
+    click.echo(f"{out}: open it at ui.perfetto.dev, which does not upload it, or in chrome://tracing")

@@ -123,7 +123,7 @@ def press(name: str, key: str) -> str:
         ask(name, {"cmd": "recentre"})
         return "recentred"
     if hello["options"]["timeline"]:
-        return f"timeline: {finish_trace(partial(ask, name), None)}"
+        return f"timeline: {finish_trace(partial(ask, name))}"
     begin_trace(partial(ask, name), None)
     return "recording a timeline: t ends it"
 

@@ -75,16 +75,13 @@ def begin_trace(ask: Ask, out: Path | None) -> Path:
     return out
 
 
-def finish_trace(ask: Ask, out: Path | None) -> Path:
+def finish_trace(ask: Ask) -> Path:
     """Ends the running timeline, converts it and removes the raw lines. Returns its path.
 
-    out: the file, None for the one given at the start. Raises UserError if no timeline is
-    running, or if out cannot be written. In that case the timeline continues, or its raw lines are kept.
+    Raises UserError if no timeline is running, or if its file cannot be written; its raw lines are kept then.
     """
-    if out is not None:
-        check_output(out)
     lines = Path(ask({"cmd": "trace", "path": ""})["path"])
-    out = out or lines.with_suffix("")
+    out = lines.with_suffix("")
     try:
         convert(lines, out)
     except UserError as error:
