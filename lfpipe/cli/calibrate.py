@@ -26,9 +26,8 @@ USUAL_DEG = (30, 130)  # fields of view of webcams, narrow to wide
               help="Distance from the camera to your eyes, or to the card.")  # fmt: skip
 @click.option("--by", type=click.Choice(["eyes", "card"]), default="eyes", show_default=True, help="By your eyes or a bank card.")
 @click.option("--latency", is_flag=True, help="Measure the total delay of camera and display, which prediction uses.")
-@click.option("--eyes-mm", type=click.FloatRange(40, 80), metavar="MM", help="Distance between your pupils; 63 is the mean.")
 @with_config
-def calibrate(camera: str | None, distance_mm: float, by: str, latency: bool, eyes_mm: float | None, config: Config) -> None:
+def calibrate(camera: str | None, distance_mm: float, by: str, latency: bool, config: Config) -> None:
     """Measure the camera's focal length (stored under its name), or the delay of the loop.
 
     Sit so that a tape measure reads MM from the camera to your eyes (or hold a bank card there, flat to the camera) and follow
@@ -42,7 +41,7 @@ def calibrate(camera: str | None, distance_mm: float, by: str, latency: bool, ey
         _latency(config, camera, name)
         return
     size_px = by_card(config, camera, distance_mm) if by == "card" else by_eyes(config, camera, distance_mm)
-    size_mm = BANK_CARD_MM if by == "card" else eyes_mm or config.screen.eyes_mm
+    size_mm = BANK_CARD_MM if by == "card" else config.screen.eyes_mm
     focal_px, width_px = round(size_px * distance_mm / size_mm, 1), config.camera.frame_px[0]
     fov_deg = math.degrees(2 * math.atan(width_px / 2 / focal_px))
     click.echo(f"{size_mm:g} mm at a distance of {distance_mm:g} mm measure {size_px:.1f} px")
@@ -53,9 +52,8 @@ def calibrate(camera: str | None, distance_mm: float, by: str, latency: bool, ey
             f"measure again at {distance_mm:g} mm; if the lens really has this field of view, set focal_px = {focal_px}"
             f" under [camera] in {user_file()}",
         )
-    if by == "eyes" and eyes_mm is None:
-        click.echo(f"assuming {size_mm:g} mm between your eyes (for most people at most 8 % off)")
-        click.echo("--eyes-mm MM or --by card is more accurate")
+    if by == "eyes":
+        click.echo(f"by screen.eyes_mm, {size_mm:g} mm between your eyes: the mean, 63, is at most 8 % off for most people")
     _store(camera_file(), name, {"focal_px": focal_px, "width_px": width_px})
     click.echo(f"stored for {name} in {camera_file()}")
     if load().camera.focal_px != "auto":
