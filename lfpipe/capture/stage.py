@@ -32,20 +32,16 @@ class _LightWatch:
 
     def __init__(self, context: Context) -> None:
         self._context = context
-        self._stamps: deque[int] = deque(maxlen=LIGHT_FRAMES)
-
-    def reset(self) -> None:
-        """Forgets the frames so far."""
-        self._stamps.clear()
+        self.stamps: deque[int] = deque(maxlen=LIGHT_FRAMES)  # of consecutive frames
 
     def add(self, frame: Frame, info: SourceInfo, lost: int) -> None:
         """Adds a frame of a live source; lost: frames lost before it."""
         if lost:
-            self.reset()
-        self._stamps.append(frame.t_sensor_ns)
-        if len(self._stamps) < LIGHT_FRAMES:
+            self.stamps.clear()
+        self.stamps.append(frame.t_sensor_ns)
+        if len(self.stamps) < LIGHT_FRAMES:
             return
-        hz = 1e9 * (LIGHT_FRAMES - 1) / max(1, self._stamps[-1] - self._stamps[0])
+        hz = 1e9 * (LIGHT_FRAMES - 1) / max(1, self.stamps[-1] - self.stamps[0])
         row, was = self._context.row, self._context.row["dim"]
         row["dim"] = hz < (BRIGHT_SHARE if was else DIM_SHARE) * info.rate_hz
         if row["dim"] and not was:
@@ -107,7 +103,7 @@ def main(context: Context) -> None:
                 _report(context, source.info)
             if lost_ns or sleeps.woke():
                 lost_ns = 0
-                light.reset()
+                light.stamps.clear()
                 frames.writer.new_epoch()  # the viewer may be anywhere by now: old positions mean nothing
             busy_ns, t_read_ns, t_sensor_ns = now_ns() - t_begin_ns, frame.t_read_ns, frame.t_sensor_ns + lateness.moved_ns
             if not t_read_ns:
