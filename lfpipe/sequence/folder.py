@@ -179,10 +179,11 @@ def open_sequence(path: Path, verify: bool = True) -> Sequence:
     if width_px * height_px > MAX_PIXELS:
         raise UserError(f"{fields.where}: frames of {width_px}x{height_px}; at most {MAX_PIXELS} px are allowed", COPY)
     rate_hz, complete = fields.number("rate_hz", 1e-3, MOST_HZ), fields.flag("complete")
-    packets = read_index(path, complete)
+    frames = fields.integer("frames", 1, MAX_PACKETS) if complete else MAX_PACKETS
+    packets = read_index(path, complete, frames)
     if not packets:
         raise UserError(f"{path}: contains no whole frame", "record it again")
-    if complete and len(packets) != (frames := fields.integer("frames", 1, 1 << 62)):
+    if complete and len(packets) != frames:
         raise UserError(f"{path}: {len(packets)} frames, but {frames} were recorded", COPY)
     sequence = Sequence(path, dict(fields.values), packets, width_px, height_px, rate_hz, complete)
     if sequence.codecs > {"eyes"}:

@@ -77,8 +77,8 @@ def parse_line(line: bytes, where: str) -> Packet:
     return Packet(codec=codec, **{name: fields.integer(name, *bounds) for name, bounds in BOUNDS.items()})
 
 
-def read_index(folder: Path, complete: bool) -> list[Packet]:
-    """The packets in folder, in order. complete: the recording ended properly, so exactly all its frames must exist.
+def read_index(folder: Path, complete: bool, most: int = MAX_PACKETS) -> list[Packet]:
+    """The packets in folder, in order, `most` at most. complete: the recording ended properly, so all its frames must exist.
 
     Raises UserError with the first frame that is missing, damaged or out of order.
     """
@@ -105,8 +105,8 @@ def read_index(folder: Path, complete: bool) -> list[Packet]:
                 if complete:
                     raise UserError(f"{folder / PACKETS} ends after {size} bytes, within frame {seq} ({end})", COPY)
                 break
-            if seq == MAX_PACKETS:
-                raise UserError(f"{path}: more than {MAX_PACKETS} frames", "use a shorter recording")
+            if seq == most:
+                raise UserError(f"{path}: more than {most} frames", COPY if complete else "use a shorter recording")
             packets.append(packet)
     except OSError as error:
         raise UserError(f"{error.filename}: {reason(error)}", COPY) from None
