@@ -15,13 +15,15 @@ from tests.world import World
         (("up", "--demo", "--set", "render.rate_hz=9999"), "lfpipe config show"),
         (("replay", "walk", "--pace", "fast"), "step, max, recorded or a rate"),
         (("monitor", "--once", "--web"), "--web excludes --once"),
+        (("up",), "--demo"),
+        (("up", "--durtion", "3"), "--duration"),
     ],
 )
 @pytest.mark.everyday
 def test_a_slip_is_named_with_its_remedy(words: tuple[str, ...], remedy: str, world: World) -> None:
     done = world.run(*words)
     assert done.returncode == 2 and remedy in done.stderr and "Traceback" not in done.stderr, done.stderr
-    assert not list(Path(world.root).glob("lfpipe-demo/*"))
+    assert not list(Path(world.root).glob("lfpipe-demo/*")) and not world.left()
 
 
 def test_tables_fit_80_columns(live: World, scene: Path) -> None:
