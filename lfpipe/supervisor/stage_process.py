@@ -160,8 +160,8 @@ class StageProcess:
 
     def signal(self, signum: int) -> None:
         """Sends one of `host.signals` if there is a process to take it."""
-        if self.process is not None:
-            os.kill(int(self.row["pid"]), signum)
+        if self.process is not None and self.process.pid is not None:
+            os.kill(self.process.pid, signum)
 
 
 class StageProcesses:
