@@ -1,5 +1,6 @@
 """Targets of a session's eyes: `opentrack:HOST:PORT`, `osc:HOST:PORT` or `lsl[:NAME]`, each with an optional `?rate=HZ`."""
 
+import contextlib
 import importlib.util
 import socket
 import unicodedata
@@ -44,7 +45,13 @@ def parse_target(text: str) -> Target:
     kind, colon, rest = body.partition(":")
     if kind not in LIBRARIES:
         raise _refusal(text, "unknown kind")
-    rate_hz = _rate(text, options) if query else 0.0
+    rate_hz = 0.0
+    if query:
+        with contextlib.suppress(ValueError):
+            key, _, value = options.partition("=")
+            rate_hz = float(value) if key == "rate" else 0.0
+        if not 1 <= rate_hz <= MAX_RATE_HZ:
+            raise _refusal(text, f"{shown(options)} is not rate=HZ of 1 to {MAX_RATE_HZ:g}")
     if kind == "lsl":
         name = rest if colon else NAME
         if not 0 < len(name) <= MAX_NAME or any(unicodedata.category(c) in ("Cc", "Cs") for c in name):
@@ -57,17 +64,6 @@ def parse_target(text: str) -> Target:
     if not (port.isascii() and port.isdigit() and len(port) <= 5 and 0 < int(port) < 65536):
         raise _refusal(text, f"{shown(port)} is not a port, 1 to 65535")
     return Target(kind, host, int(port), rate_hz=rate_hz)
-
-
-def _rate(text: str, options: str) -> float:
-    key, _, value = options.partition("=")
-    try:
-        rate_hz = float(value) if key == "rate" else 0.0
-    except ValueError:
-        rate_hz = 0.0
-    if not 1 <= rate_hz <= MAX_RATE_HZ:
-        raise _refusal(text, f"{shown(options)} is not rate=HZ of 1 to {MAX_RATE_HZ:g}")
-    return rate_hz
 
 
 def check_target(text: str) -> Target:

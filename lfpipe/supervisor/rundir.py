@@ -33,19 +33,16 @@ def _is_own_directory(path: Path) -> bool:
 
 
 def _make_directory(path: Path) -> None:
-    """Creates path with mode 0700, or sets that mode if it exists. Raises UserError if it is not this user's directory."""
-    while True:
-        try:
-            path.mkdir(mode=0o700)
-            return
-        except FileExistsError:
-            with contextlib.suppress(FileNotFoundError):  # another process has just removed it: create it
-                if not _is_own_directory(path):
-                    raise UserError(f"{path} is not a directory of yours", "remove it, or use another --session name") from None
-                path.chmod(0o700)
-                return
-        except OSError as error:
-            raise UserError(f"{path}: {error.strerror}", "set XDG_RUNTIME_DIR to a directory that you may write to") from None
+    """Creates path with mode 0700, or sets that mode. Raises UserError if it is not this user's directory, FileNotFoundError if
+    another process has just removed it."""
+    try:
+        path.mkdir(mode=0o700)
+    except FileExistsError:
+        if not _is_own_directory(path):
+            raise UserError(f"{path} is not a directory of yours", "remove it, or use another --session name") from None
+        path.chmod(0o700)
+    except OSError as error:
+        raise UserError(f"{path}: {error.strerror}", "set XDG_RUNTIME_DIR to a directory that you may write to") from None
 
 
 def take_lock(path: Path, make: bool = False) -> Lock | None:
@@ -55,9 +52,9 @@ def take_lock(path: Path, make: bool = False) -> Lock | None:
     user. A sweep treats an unlocked directory as a dead session's, so a lock is valid only if the file still exists.
     """
     while True:
-        if make:
-            _make_directory(path.parent)
         try:
+            if make:
+                _make_directory(path.parent)
             lock = file_lock.take(path)
         except FileNotFoundError:
             if make:
