@@ -86,8 +86,7 @@ def create(name: str, size_bytes: int, run_dir: Path | None = None) -> Segment:
     try:
         return _create(name, whole_bytes, os.fsencode(run_dir) if run_dir else b"")
     except FileExistsError:
-        message = f"{SHM_DIR / name} is in the way: lfpipe or its user did not create it"
-        raise UserError(message, "remove it, or use another --session name") from None
+        raise UserError(f"{SHM_DIR / name} is in the way", "remove it, or use another --session name") from None
     except OSError as error:
         if error.errno not in (errno.ENOSPC, errno.ENOMEM):
             raise UserError(f"{SHM_DIR}: cannot create shared memory: {error.strerror}", WRITABLE) from None
