@@ -23,6 +23,7 @@ SIDE_PX, TURN_PICTURES = 1024, 8  # of timed pictures, about a megapixel; a turn
 Float = NDArray[np.float64]
 Encoder = Callable[[NDArray[np.uint8], NDArray[np.uint8]], NDArray[np.uint8]]  # (left, right) BGR -> anaglyph BGR
 
+# XYZ of a screen's red, green and blue at full: without a glass, and through each
 BARE = np.array([(0.4433, 0.3141, 0.1930), (0.2406, 0.6450, 0.1144), (0.0, 0.1071, 0.9817)])
 GLASS = {
     "red": np.array([(0.1909, 0.0259, 0.0001), (0.0922, 0.0135, 0.0001), (0.0, 0.0, 0.0)]),

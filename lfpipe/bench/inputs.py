@@ -21,7 +21,7 @@ from lfpipe.sequence.eyes import COLUMNS, Truth, read_truth, table_of
 Progress = Callable[[str, int, int], None]
 
 HEAD = ("source_seq", "t_ns", *COLUMNS, "visible", "phase")  # of a table of true eyes
-SIZE_PX = (640, 480)
+SIZE_PX = (640, 480)  # the frames that a session asks of a camera
 RATE_HZ, STILL_S, MOVING_S = 30.0, 2.0, (2.5, 10.0)  # of the demo's sequence: quick and full; other sequences are cut to it
 NOISE_DN = 2.0  # of a webcam in a room, by eye
 DEMO_SIDE_PX = 256  # of the views of the quick demo scene: a quarter of the time of its full size

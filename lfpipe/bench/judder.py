@@ -23,7 +23,7 @@ VIDEOS_HZ = (24.0, 25.0, 30.0)  # of films, European and American television
 DEADLINE_MS, COST_MS, SLOW_SHARES = 3.0, 1.5, (0.0, 0.02)  # of usual compositors; of warp2 at 512x512; of a busy machine
 PICTURES = 4000  # a minute at 60 Hz: the second half stands for a session that has settled
 GOAL, LIMIT = 0.005, 0.02  # one picture in 200 is hardly seen; a busy machine's late wake-ups alone make 2 %
-T0_NS = 10**12
+T0_NS = 10**12  # any moment
 
 
 @attrs.frozen

@@ -23,10 +23,10 @@ from lfpipe.track.filters import make_filter
 
 FILTERS = (Track().filter, *(name for name in ("mean", "one-euro", "kalman") if name != Track().filter))
 RATES_HZ = (15, 30, 60, 120, 240)  # of webcams in the dark to high-speed cameras
-EYES = np.array([[350.0, 240.0], [290.0, 242.0]])
+EYES = np.array([[350.0, 240.0], [290.0, 242.0]])  # px, of somebody before the middle of 640x480
 APART_PX = 60.0  # of EYES
 AHEAD_MS = 100  # a usual time from exposure to light
-VIEWER_HZ, VIEWER_STEP_NS = 60, 16_666_667
+VIEWER_HZ, VIEWER_STEP_NS = 60, 16_666_667  # a usual screen
 Float = NDArray[np.float64]
 
 

@@ -5,7 +5,7 @@ from fractions import Fraction
 # A container that counts milliseconds rounds each stamp by up to 0.5 ms, the encoder by as much again.
 # Within that, the even grid of the frame rate is more accurate than the stamps.
 STAMP_ROUNDING_NS = 1_000_000
-MOVE_NS = 1_000_000_000
+MOVE_NS = 1_000_000_000  # longer than any hiccup of a busy machine
 
 
 class Schedule:

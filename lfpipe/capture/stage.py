@@ -22,7 +22,7 @@ from lfpipe.transport.status import State
 
 log = logging.getLogger(__name__)
 
-LIGHT_FRAMES = 45
+LIGHT_FRAMES = 45  # 1.5 s at 30 Hz: their mean interval is the rate
 DIM_SHARE, BRIGHT_SHARE = 0.8, 0.9  # of the negotiated rate
 LATE_PERIODS = 2  # a camera's driver would have kept as many
 

@@ -16,7 +16,7 @@ from lfpipe.files.safe_files import read_text, replaced
 from lfpipe.host.files import exists
 
 AGAIN_S = 2.0  # pause between a failed session and the next
-CODE_BYTES = 256
+CODE_BYTES = 256  # more than anybody types
 VARIABLE = "LFPIPE_KIOSK_CODE"
 UNIT = """\
 # written by lfpipe

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 import click
 
-QUIET_S = 5.0
+QUIET_S = 5.0  # who waits for less needs no line
 Progress = Callable[[str, int, int], None]  # (task, steps done, steps in total)
 
 

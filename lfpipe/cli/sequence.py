@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import shutil
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -19,10 +20,11 @@ from lfpipe.cli.options import CAMERA, DURATION, PATH, with_config
 from lfpipe.config import Config
 from lfpipe.config.user_files import with_measured_focal
 from lfpipe.errors import UserError, plain
+from lfpipe.files.safe_files import create_private, open_regular
 from lfpipe.host.files import exists
 from lfpipe.host.machine import versions
 from lfpipe.sequence import edit
-from lfpipe.sequence.eyes import TRUTH, read_truth
+from lfpipe.sequence.eyes import TRUTH, read_truth, table_of
 from lfpipe.sequence.folder import check_out, check_sums, new_sequence, open_sequence
 from lfpipe.sequence.packets import encoded
 from lfpipe.supervisor.supervisor import run_session
@@ -137,8 +139,11 @@ def cut(path: Path, out: Path, begin_s: float, end_s: float) -> None:
 @sequence.command("import")
 @click.argument("video", type=PATH)
 @click.argument("out", type=PATH)
-def import_(video: Path, out: Path) -> None:
+@click.option("--truth", type=PATH, metavar="CSV", help="True eye positions, as tools/make_sequence.py writes them.")
+def import_(video: Path, out: Path, truth: Path | None) -> None:
     """Make the sequence OUT from VIDEO. Motion JPEG frames are copied unchanged."""
+    if truth is not None:
+        table_of(truth)
     with contextlib.closing(open_recording(video)) as frames:
         width_px, height_px, rate_hz = frames.width_px, frames.height_px, frames.rate_hz
         if not rate_hz:
@@ -149,6 +154,9 @@ def import_(video: Path, out: Path) -> None:
                 codec, packet = ("jpeg", frame.packet.tobytes()) if frame.packet is not None else encoded(picture, fast=False)
                 t_ns = round(writer.count * 1e9 / rate_hz)
                 writer.append(packet, codec, writer.count, 0, t_ns, t_ns)
+            if truth is not None:
+                with create_private(out / TRUTH) as file, open_regular(truth) as table:
+                    shutil.copyfileobj(table, file)
     click.echo(f"{out}: {writer.count} frames")
 
 

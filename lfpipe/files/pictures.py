@@ -21,7 +21,7 @@ MAX_DECODING_BYTES = 240_000_000  # 8192x8192 px of 8-bit colour, 7574x5264 px (
 FORMATS = ("PNG", "JPEG", "PPM", "BMP", "TIFF", "WEBP", "AVIF", "GIF")
 _GREY = ("1", "L", "I", "I;16", "I;16B", "I;16L")  # Pillow's modes of one sample per pixel
 _ORIENTATION = 0x0112  # EXIF's tag
-_TAIL, _ENDS = 1 << 16, {"JPEG": b"\xff\xd9", "PNG": b"IEND"}
+_TAIL, _ENDS = 1 << 16, {"JPEG": b"\xff\xd9", "PNG": b"IEND"}  # phones append data after a picture's end
 warnings.filterwarnings("ignore", module="PIL")  # about damage that costs no picture
 Image.MAX_IMAGE_PIXELS = None  # MAX_DECODING_BYTES is the limit, and it counts bytes
 

@@ -10,7 +10,7 @@ from lfpipe.files.safe_files import LONGEST_LINE, LineFile, lines, reason
 from lfpipe.files.untrusted import Fields, json_fields
 
 TIMES = ("t_sensor_ns", "t_read_ns", "t_tracked_ns", "t_composed_ns", "t_presented_ns")
-MAX_NS = 1 << 61
+MAX_NS = 1 << 61  # 73 years; sums of two stay within 64 bits
 MAX_PX = 1e12  # limit for eyes (px) and views
 
 

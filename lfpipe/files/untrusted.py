@@ -15,7 +15,7 @@ import attrs
 
 from lfpipe.errors import UserError, shown
 
-MAX_DEPTH = 32
+MAX_DEPTH = 32  # no file of ours has ten levels; Python ends at a thousand
 MAX_INTEGER = (1 << 63) - 1  # what NumPy, msgpack and every other reader can hold
 _MAX_TOML_LINE = 4096  # tomllib's time for dotted keys grows with the square of their number
 

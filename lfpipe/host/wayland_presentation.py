@@ -13,7 +13,7 @@ from typing import Any
 
 from lfpipe.host.presentation import Presented
 
-_PRESENTATION_FEEDBACK, _DISPLAY_GET_REGISTRY, _REGISTRY_BIND, _SURFACE_FRAME = 1, 1, 0, 3
+_PRESENTATION_FEEDBACK, _DISPLAY_GET_REGISTRY, _REGISTRY_BIND, _SURFACE_FRAME = 1, 1, 0, 3  # numbers of requests
 _CLOCK_MONOTONIC = 1
 _MOST_WAITING = 64  # answers outstanding; a hidden window gets none
 _UNANSWERED = 30  # after this many frame callbacks without feedback none is expected

@@ -30,7 +30,7 @@ IN_STEP_SHARE = 0.2
 # Temporal noise reduction keeps a share of the frame before. Undoing such a share fits worse by at least 25 times if the camera
 # keeps none, and by at most 1.5 times if it keeps a quarter or a half (simulated, 15 to 60 Hz).
 MOST_AGAIN = 0.8  # some cameras deliver each frame twice or more; one that delivers the same always sees nothing
-KEPT_SHARE, KEPT_RATIO = 0.35, 2.0
+KEPT_SHARE, KEPT_RATIO = 0.35, 2.0  # between a quarter and a half; between 1.5 and 25 times
 SPAN = 0.12  # of the picture's height: allowed distance of the screen's middle from the picture's
 
 

@@ -20,7 +20,7 @@ from lfpipe.scene.lightfield import Geometry, LightField
 PICTURE_MM = 530.0  # width of a picture that fills a 24 inch screen, used if the monitor size is unknown
 SEAT_MM = 600.0  # assumed distance of the viewer until a face is seen
 NEAREST_MM, FARTHEST_MM = 50.0, 50000.0  # the range of screen.distance_mm
-FUSED_RAD, FUSED_WIDTH = math.radians(1.0), 0.03
+FUSED_RAD, FUSED_WIDTH = math.radians(1.0), 0.03  # that most people fuse at once: docs/comfort.md
 DEFAULT_VIEWS = 4.0  # between the eyes, if the disparities are unknown
 LEAST_VIEWS = 1e-3  # so that alpha stays finite
 LEAST_EYES_PX = 0.5  # eyes closer together than this are not a face's

@@ -17,7 +17,7 @@ from lfpipe.sequence.eyes import read_truth
 from lfpipe.sequence.packets import PacketWriter, encoded
 from lfpipe.transport.ring import Stamp
 
-KEPT_BYTES = 8 << 20
+KEPT_BYTES = 8 << 20  # a reference is committed
 PICTURES = "pictures"
 
 

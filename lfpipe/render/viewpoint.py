@@ -17,7 +17,7 @@ from lfpipe.eyes import Eyes
 
 Position = tuple[float, float]  # (row, col) in grid steps
 
-HYSTERESIS_VIEWS = 0.1
+HYSTERESIS_VIEWS = 0.1  # still eyes tremble by less
 _FAR = 1e12  # steps; larger values mean nothing and overflow
 
 # Half the width, in views, of the zone in which warp2 fades from one stored view to the next. Against fading all the way

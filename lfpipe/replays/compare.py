@@ -33,7 +33,7 @@ TOLERANCES = {  # name in the trace -> (absolute, relative), where versions diff
 }
 MACHINE_PX = 0.1  # between x86-64 and ARM: 0.02 median, 0.08 at most were measured
 FLIPPED_SHARE = 0.05  # of frames: eyes uncertain by 0.1 px are near a boundary of views 4 px wide; more is another map
-LEAST_DB = 50.0
+LEAST_DB = 50.0  # 0.8 levels root mean square: nobody sees that
 MOST_FIELDS = 20  # listed per part
 SHAPE = ("frames", "rows", "cols", "height_px", "width_px")  # of a scene; its name is that of a folder, which may be renamed
 FLIP = "flip"

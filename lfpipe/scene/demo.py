@@ -7,8 +7,9 @@ from lfpipe.errors import UserError
 from lfpipe.files.safe_files import replaced
 from lfpipe.host.files import exists
 
-NAME = "still-life-2"  # the demo's; increase a number when the pictures change: an old cache then stays untouched
-NAMES = (NAME, "marbles-2", "meadow-2")
+NAME = "still-life"  # the demo's
+NAMES = (NAME, "marbles", "meadow")
+VERSION = 2  # to be increased when the pictures change: packs of the old ones then stay untouched
 PREFIX = "demo:"  # demo:marbles names a scene as a path does
 MARKER = "lfpipe-demo.json"
 SIZE_PX = 512  # of a view, both sides
@@ -16,13 +17,13 @@ SIZE_PX = 512  # of a view, both sides
 
 def demo_scene(cache_dir: Path, name: str = NAME, size_px: int = SIZE_PX) -> Path:
     """The folder of one of NAMES below cache_dir. Raises UserError if the cache cannot be written."""
-    folder = cache_dir / "demo" / (name if size_px == SIZE_PX else f"{name}-{size_px}")
+    folder = cache_dir / f"demo-{VERSION}" / (name if size_px == SIZE_PX else f"{name}-{size_px}")
     marker = folder / MARKER
     try:
         if not marker.is_file():
             folder.mkdir(parents=True, exist_ok=True)
             with replaced(marker, 0o644) as file:
-                file.write(json.dumps({"scene": name, "size_px": size_px}).encode())
+                file.write(json.dumps({"scene": name, "version": VERSION, "size_px": size_px}).encode())
     except OSError as error:
         raise UserError(
             f"demo scene: {folder} cannot be written: {error.strerror or error}",
@@ -36,7 +37,6 @@ def named_scene(path: Path, cache_dir: Path) -> Path:
     word = str(path)
     if not word.startswith(PREFIX) or exists(path):
         return path
-    names = {name.rpartition("-")[0]: name for name in NAMES}
-    if (name := names.get(word.removeprefix(PREFIX))) is None:
-        raise UserError(f"{word}: no such scene", f"use {', '.join(PREFIX + name for name in names)}")
+    if (name := word.removeprefix(PREFIX)) not in NAMES:
+        raise UserError(f"{word}: no such scene", f"use {', '.join(PREFIX + name for name in NAMES)}")
     return demo_scene(cache_dir, name=name)

@@ -26,7 +26,7 @@ PAPER = (238, 232, 216)
 def solids_of(name: str) -> list[Solid]:
     """The solids of a scene of `demo.NAMES`, back to front; always the same ones."""
     rng = np.random.default_rng(9)
-    objects = {"marbles": _marbles, "meadow": _meadow}.get(name.split("-")[0], _still_life)
+    objects = {"marbles": _marbles, "meadow": _meadow}.get(name, _still_life)
     return [*_room(rng), *objects(rng)]
 
 

@@ -22,7 +22,7 @@ ROUNDS = 2  # of refinement by all neighbours jointly
 REFINED_OVER_PX = 0.8  # sigma of the window of the refinement
 STEADY = 4.0  # squared grey levels per px: with less contrast in the neighbours a value stays
 OUTLIER = 6.0  # grey levels above which a pixel counts less
-LARGEST_STEP_PX = 0.5
+LARGEST_STEP_PX = 0.5  # a gradient describes the picture no further
 MEDIAN_PX = 3  # side of the last filter
 SOFTNESS = 2.0  # grey levels by which a neighbour may match worse and still count
 # Where disparity serves, over windows of WINDOW_PX: it explains a tenth of the squared difference between a view and one of its
@@ -35,7 +35,7 @@ UNSEEN_ERROR = 16.0  # squared grey levels: a warp with a smaller error needs no
 OUTSIDE = 64.0  # grey levels of a match outside the neighbour's picture
 BORDER = 0.03  # of the width, at either side: what the edge of a screen cuts off within a few views
 EXTREME = 5  # percentile: at the border, where one view sees what its neighbour does not, a few values are wrong
-_BOX = (5, 5)
+_BOX = (5, 5)  # px whose errors count together
 
 
 def sampled(

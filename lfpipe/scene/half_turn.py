@@ -15,7 +15,7 @@ import platformdirs
 from lfpipe.files.safe_files import read_bytes, replaced
 from lfpipe.scene.lightfield import LightField
 
-MAX_BYTES = 16
+MAX_BYTES = 16  # yes or no
 
 
 def folder() -> Path:

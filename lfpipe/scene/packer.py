@@ -37,7 +37,7 @@ from lfpipe.scene.recent_scenes import remember_scene
 from lfpipe.scene.slide import make_slide
 from lfpipe.scene.source import SceneSource
 
-NICE = 15
+NICE = 15  # below everything that draws
 PREVIEW_PX = (320, 240)  # at most; an answer may have 1 MB
 MEMORY_BYTES = 1 << 30  # mapped files do not count
 MAX_ENTRIES = 1000  # entries of a folder to examine

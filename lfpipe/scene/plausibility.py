@@ -26,7 +26,7 @@ _STILL_PX = 1.0  # motion that is none
 _REFOCUSED = 4.0  # ratio of the sharpest to the least sharp picture of a block, in a focal stack
 _ROUND = 1.3  # ratio of motion left in the two directions: below it, there is no direction
 _REACH, _FEWEST_POINTS = 8, 100  # views from the middle; pixels to fit motion to
-_BLOCKS = 8
+_BLOCKS = 8  # along the shorter side
 _SHORTEST_CIRCLE, _FEWEST_PX, _STAYS = 8, 200, 0.5  # views; pixels that move between them; share of these seen half-way round
 
 

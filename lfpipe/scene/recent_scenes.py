@@ -9,7 +9,7 @@ import platformdirs
 from lfpipe.files.safe_files import read_bytes, replaced
 from lfpipe.host.files import exists
 
-COUNT, MAX_BYTES = 40, 1 << 18
+COUNT, MAX_BYTES = 40, 1 << 18  # several screens of thumbnails
 
 
 def _file() -> Path:

@@ -28,7 +28,7 @@ _STEP_SHARE, _MIN_PARALLAX = 0.004, 0.008  # of the width: parallax between neig
 _FEWEST, _MOST = 5, 15  # views
 _SHARED = 0.3  # share of the middle frame's details visible in a frame
 _BLURRED, _SHARPNESS = 0.15, 4.0  # sharpness of the chosen frames: over that of the sharpest tenth, and at least
-_MAX_RESIDUAL_PX, _MIN_SHRINK, _MIN_VIEW_PX = 0.5, 0.4, 200
+_MAX_RESIDUAL_PX, _MIN_SHRINK, _MIN_VIEW_PX = 0.5, 0.4, 200  # px up and down that warps pass over; of a view's size; width
 
 
 @attrs.frozen

@@ -15,7 +15,7 @@ from lfpipe.scene.optical_flow import Grey
 Corners = NDArray[np.float32]  # (n, 1, 2) as (x, y), OpenCV's form
 Maps = tuple[NDArray[np.float32], NDArray[np.float32]]  # x and y (h, w) of the source of each pixel of a view
 
-_CORNERS, _FEWEST = 1200, 60
+_CORNERS, _FEWEST = 1200, 60  # that are followed, and that a rotation needs
 _RETURN_PX = 0.4  # a corner tracked there and back must return
 _ROUNDS = 12  # of the robust fit
 _HUBER_PX = 0.3  # from there on, what is off counts by its amount and not by its square

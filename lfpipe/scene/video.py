@@ -19,7 +19,7 @@ from lfpipe.host.files import path_of
 OPENING_BYTES = 200_000_000  # memory limit of a decoder before the frame size is known
 FRAME_BYTES_PX = 20  # memory limit per pixel afterwards; measured: 6 to 15 with FFV1, MPEG-4, VP9
 MAX_FRAME_PX = 22_000_000  # 9x9 views of 512x512; OpenCV holds a frame three times
-MAX_FRAMES = 1_000_000
+MAX_FRAMES = 1_000_000  # nine hours at 30 Hz
 USUAL_RATE_HZ = 25.0  # for a video without a rate
 _REMEDY = "play it with another program, or export it again"
 

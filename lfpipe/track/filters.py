@@ -28,7 +28,7 @@ STEP, STEP_S2 = 0.12, 158.0
 # Horizon of predictions without a loop: age of the frame, a camera period, half a refresh; the best of 0.05 to 0.1 on real heads.
 FRAME_S = 0.07
 SMOOTH_S = 0.03  # time constant of the acceleration: about one frame of a webcam
-MEMORY_S = 10.0
+MEMORY_S = 10.0  # of what is learnt: a person's way of moving changes slowly
 MOST_GAINED = 2.0  # by one line, times what it adds; more is a glitch of the landmarks
 # Squared distances between the eyes that a line of velocity or of acceleration adds at most; landmarks that jump add more.
 MOST_MOVED, MOST_BENT = 1.0, 0.1

@@ -44,8 +44,8 @@ from lfpipe.transport.clock import now_ns
 
 MAGIC = b"LFRING1\0"
 PAGE = 4096
-PUBLISHED, EPOCH, DESCRIPTION = 128, 192, 256
-SLOT_HEADER = 64
+PUBLISHED, EPOCH, DESCRIPTION = 128, 192, 256  # offsets in the header: a cache line for each writer's field
+SLOT_HEADER = 64  # a cache line
 
 
 @attrs.frozen

@@ -83,7 +83,7 @@ PAGE_ROWS = 8  # stages: five, and room for more
 SESSION = np.dtype([("level", "<i8"), ("lowest", "<i8"), ("words", "S96")])
 
 MAGIC = b"LFSTAT1\0"
-HEAD = 64
+HEAD = 64  # a cache line
 SIZE_BYTES = HEAD + PAGE_ROWS * ROW.itemsize + SESSION.itemsize
 LAYOUT = zlib.crc32(repr((ROW.descr, PAGE_ROWS, SESSION.descr)).encode())
 

@@ -152,6 +152,7 @@ REFUSALS = {
     "another grid than the names": Refused(
         grid("v_{r}_{c}.png"), "the names give a grid of 3x4,", again(layout="numbered"), config.Scene(grid="4x4")
     ),
+    "another grid than the layout": Refused(text(), "the layout hci-text has 3x4 views,", again(), config.Scene(grid="4x4")),
     "unnumbered pictures": Refused(
         both(*(one(f"{name}.png") for name in ("beach", "dog", "house"))), "no layout of a light field", inside("beach.png")
     ),

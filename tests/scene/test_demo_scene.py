@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene import layouts
-from lfpipe.scene.demo import NAMES, demo_scene
+from lfpipe.scene.demo import NAMES, VERSION, demo_scene
 from lfpipe.scene.demo_drawing import Ball, Quad, draw_view
 from lfpipe.scene.demo_scenes import OFFSET_PX
 
@@ -37,7 +37,7 @@ def test_every_view_follows_from_the_middle_one_by_its_disparity(tmp_path: Path,
 
 
 def test_a_cache_that_cannot_be_written_is_the_users_to_fix(tmp_path: Path) -> None:
-    (tmp_path / "demo").write_text("in the way")
+    (tmp_path / f"demo-{VERSION}").write_text("in the way")
     with pytest.raises(UserError, match="demo scene") as refused:
         demo_scene(tmp_path)
     assert "scene.cache_dir" in refused.value.remedy

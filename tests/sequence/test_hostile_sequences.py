@@ -190,9 +190,10 @@ def test_what_shows_a_person_is_for_its_owner_alone(whole: Path, tmp_path: Path)
     try:
         edit.cut(open_sequence(whole), tmp_path / "cut", 0.0, 1.0)
         edit.export(open_sequence(whole), tmp_path / "video.mkv")
-        typed("import", tmp_path / "video.mkv", tmp_path / "back")
+        typed("import", tmp_path / "video.mkv", tmp_path / "back", "--truth", whole / TRUTH)
     finally:
         os.umask(umask)
+    assert (tmp_path / "back" / TRUTH).read_bytes() == (whole / TRUTH).read_bytes()
     for path in tmp_path.rglob("*"):
         assert stat.S_IMODE(path.stat().st_mode) == (0o700 if path.is_dir() else 0o600), path
 
@@ -218,6 +219,7 @@ def test_nothing_that_is_there_is_overwritten_and_nothing_half_stays(whole: Path
         ("import", tmp_path / "notes.avi", tmp_path / "new"),
         ("import", tmp_path / "good.mkv", tmp_path / "folder"),
         ("import", "/dev/zero", tmp_path / "new"),
+        ("import", tmp_path / "good.mkv", tmp_path / "new", "--truth", tmp_path / "mine.csv"),
         ("import", "http://127.0.0.1:9/x.avi", tmp_path / "new"),
     ):
         refused(*args)

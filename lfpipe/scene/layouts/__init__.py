@@ -2,6 +2,7 @@
 several of them as LAYOUTS."""
 
 import importlib
+import math
 import os
 import pkgutil
 from collections import Counter
@@ -16,6 +17,7 @@ from lfpipe.files.pictures import read_picture
 from lfpipe.plugins import LAYOUTS, loaded
 from lfpipe.scene.files import PICTURES, Listing, library_errors, list_scene
 from lfpipe.scene.layouts._folders import inner_listing, note_of
+from lfpipe.scene.layouts._grid import parse_grid
 from lfpipe.scene.layouts._tiles import single_picture
 from lfpipe.scene.layouts.plenoptic import is_honeycomb
 from lfpipe.scene.source import Layout, SceneSource
@@ -46,6 +48,10 @@ def describe(path: str | os.PathLike[str], scene: config.Scene) -> SceneSource:
             source = _described(known, list_scene(path), scene)
     except UserError as error:  # names may hold line breaks
         raise UserError(error.message.replace("\n", r"\n"), error.remedy.replace("\n", r"\n")) from None
+    grid = parse_grid(scene.grid)
+    if grid is not None and math.prod(grid) != source.rows * source.cols:  # a quilt's says how its one row is laid out
+        wrong = f"the layout {source.layout} has {source.rows}x{source.cols} views, scene.grid says {scene.grid}"
+        raise UserError(f"{path}: {wrong}", "leave out --grid")
     return attrs.evolve(source, notes=tuple(note.replace("\n", r"\n") for note in source.notes))
 
 

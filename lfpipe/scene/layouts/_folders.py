@@ -10,7 +10,7 @@ from lfpipe.scene.files import Listing, list_scene
 from lfpipe.scene.layouts._grid import some
 from lfpipe.scene.layouts._names import LEFT, MAPS, RIGHT, read_names
 
-_DEEPEST = 8
+_DEEPEST = 8  # levels: exports nest three or four
 _BESIDE = ("__macosx", "raw", "thumbs", "thumbnails", "original", "originals", "backup")
 
 

@@ -18,8 +18,8 @@ from lfpipe.scene.source import SceneSource, Turn, ViewIndex
 
 NAME = "eslf"
 _USUAL = 14  # pitch of a Lytro Illum
-_PITCHES = range(5, 25)
-_GLANCE_PX = 1024
+_PITCHES = range(5, 25)  # px: Lytro's lenslets have 10 to 15
+_GLANCE_PX = 1024  # of the middle
 _CROP_PX, _PITCH_PX, _PEAK = 512, (5, 30), 300.0  # of the examined part, of a lenslet; over the median around it
 _SMALLEST_PX = 256  # side of a raw picture: at least thousands of px
 _DARK_SIDE, _DARK_VIEW = 0.55, 0.4  # brightness over that of the middle view; darker sides and views are left out
