@@ -6,6 +6,7 @@ python tools/make_reference.py
 import argparse
 import inspect
 import math
+import re
 from pathlib import Path
 
 import click
@@ -46,7 +47,8 @@ def configuration() -> str:
 def _commands(command: click.Command, path: str, level: int) -> list[str]:
     context = click.Context(command, info_name=path, max_content_width=10_000)
     lines = [f"\n{'#' * level} {path}\n", "```text", command.get_usage(context).removeprefix("Usage: "), "```\n"]
-    text = inspect.cleandoc((command.help or "").replace("\b\n", "").partition("\f")[0])
+    text = inspect.cleandoc((command.help or "").partition("\f")[0])
+    text = re.sub("\b\n(.+?)\n\n", "\b\n```toml\n\\1\n```\n\n", text, flags=re.DOTALL)  # an example, its lines kept
     lines.append(click.formatting.wrap_text(text, 130, preserve_paragraphs=True))
     records = [record for one in command.get_params(context) if (record := one.get_help_record(context))]
     records = [(name, text) for name, text in records if "--help" not in name]

@@ -15,6 +15,7 @@ from lfpipe.cli.launch import say
 from lfpipe.cli.options import PATH, with_settings
 from lfpipe.cli.scene import opened
 from lfpipe.errors import UserError
+from lfpipe.files.output import check_output
 from lfpipe.replays import run
 from lfpipe.replays.compare import Comparison, cases_of, check_reference, compare
 from lfpipe.replays.report import STEADY, about_scene, about_sequence, read_report, write_junit
@@ -36,6 +37,7 @@ Cases = list[tuple[str, list[str]]]
 def replay(path: Path, junit: Path | None, **options: Any) -> int:
     """Run SEQ through the pipeline; exit code 0: as expected, 1: it differs, 2: bad input."""
     began = time.monotonic()
+    _check_junit(junit, [path, options["scene"], options["expect"]], options["out"])
 
     def write_outcome(cases: Cases, error: str = "") -> None:
         if junit is not None:
@@ -102,6 +104,15 @@ def _replayed(
         click.echo(f"matches {expect}")
     sys.stdout.flush()  # detects a closed pipe here, while it still counts as a failure
     return cases_of(compared.differences) if against else []
+
+
+def _check_junit(junit: Path | None, inputs: list[Path | None], out: Path | None) -> None:
+    """Raises UserError if the file of --junit is an input, or is removed with the results of an earlier run."""
+    if junit is None:
+        return
+    check_output(junit, [path for path in inputs if path is not None], label="--junit")
+    if out is not None and Path(os.path.realpath(junit)).is_relative_to(os.path.realpath(out)):
+        raise UserError(f"--junit {junit}: --out {out} is emptied before a run", "name a file outside of that folder")
 
 
 def _check(pace: str, out: Path | None, expect: Path | None, update: bool) -> None:

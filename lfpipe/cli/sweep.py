@@ -45,17 +45,19 @@ def sweep(
     from lfpipe.sweep.run import dask_workers, local_workers, run_sweep
     from lfpipe.sweep.work import Order
 
-    if junit is not None:
-        check_output(junit, [plan], label="--junit")
     if update and expect is None:
         raise UserError("--update needs references", "name their folder with --expect DIR")
     if jobs and address:
         raise UserError("--jobs and --on exclude each other", "leave --jobs out: the scheduler has its own workers")
+    cells = read_plan(plan)
+    if junit is not None:
+        inputs = {place for cell in cells for place in (cell.sequence, cell.scene, expect) if place}
+        check_output(junit, [plan, *map(Path, inputs)], label="--junit")
     workers = dask_workers(address, insecure) if address else local_workers(jobs or len(usable_cores()))
     order = Order(limit, str(expect.resolve()) if expect else "", update)
     try:
         with progress() as bar:
-            outcomes = run_sweep(read_plan(plan), out, workers, order, bar, partial(click.echo, err=True))
+            outcomes = run_sweep(cells, out, workers, order, bar, partial(click.echo, err=True))
     except KeyboardInterrupt:
         click.echo(f"interrupted; finished cells are in {out}; the same command continues", err=True)
         return 130

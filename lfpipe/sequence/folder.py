@@ -202,7 +202,7 @@ def _manifest(path: Path) -> Fields:
     where = path / MANIFEST
     try:
         data = read_bytes(where, MANIFEST_BYTES)
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         what = f"not a recorded sequence: {MANIFEST} is missing" if os.path.lexists(path) else "no such folder"
         raise UserError(f"{path}: {what}", "`lfpipe record OUT` or `lfpipe sequence import` makes one") from None
     except OSError as error:

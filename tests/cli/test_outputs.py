@@ -28,6 +28,9 @@ def owned(tmp_path_factory: pytest.TempPathFactory, clip: Path) -> Path:
     (folder / "notes.txt").write_text("mine\n" * 1000)
     os.mkfifo(folder / "fifo.mkv")
     (folder / "link.mkv").symlink_to("me.avi")
+    (folder / "walk").mkdir()
+    (folder / "walk" / "manifest.json").write_text('{"format": "lfpipe-sequence"}')  # as it begins
+    (folder / "plan.toml").write_text('sequences = ["walk"]\nsubjects = ["replay"]\n')
     return folder
 
 
@@ -47,6 +50,10 @@ def owned(tmp_path_factory: pytest.TempPathFactory, clip: Path) -> Path:
         ("scene view views --row 0 --col 0 -o me.png", "me.png"),
         ("scene export views me.avi --as pair", "me_sbs.avi"),
         ("scene export views views/view_00_00.png --as pair", "view_00_00_sbs.png"),
+        ("replay walk --junit walk/manifest.json", "manifest.json"),
+        ("replay views --expect walk --junit walk/manifest.json", "manifest.json"),
+        ("replay views --out walk --junit walk/j.xml", "j.xml"),
+        ("sweep plan.toml --junit walk/manifest.json", "manifest.json"),
     ],
 )
 def test_a_file_of_a_person_is_kept(owned: Path, monkeypatch: pytest.MonkeyPatch, args: str, named: str) -> None:

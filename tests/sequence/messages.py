@@ -1,6 +1,7 @@
 """Refusals of recorded sequences."""
 
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -83,6 +84,10 @@ MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
     ),
     "no manifest": (
         damaged(lambda seq: (seq / MANIFEST).unlink()),
+        "/here/seq: not a recorded sequence: manifest.json is missing" + RECORD,
+    ),
+    "a video": (
+        damaged(lambda seq: (shutil.rmtree(seq), seq.write_bytes(b"RIFF"))),
         "/here/seq: not a recorded sequence: manifest.json is missing" + RECORD,
     ),
     "another version": (
