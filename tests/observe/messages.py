@@ -5,26 +5,14 @@ from lfpipe.observe.calibrate import by_card
 from lfpipe.observe.session_reader import Watch
 from lfpipe.observe.timeline import convert
 from lfpipe.observe.web import parse_address
-from lfpipe.supervisor.rundir import find
 from lfpipe.transport.session import Session
 from tests.test_messages import Cause
 
 MESSAGES: dict[str, tuple[Cause, str]] = {
-    "an address without a port": (
-        lambda here: parse_address("host:"),
-        "--web 'host:': not a port from 0 to 65535\n  remedy: for example: --web :9108",
-    ),
-    "no session": (lambda here: find("nobody"), "no session 'nobody' is running\n  remedy: start one: `lfpipe up --demo`"),
-    "a session that is starting": (
-        lambda here: Watch(Session("nobody")),
-        "session 'nobody' is starting or ending\n  remedy: try again in a second",
-    ),
+    "an address without a port": (lambda here: parse_address("host:"), "--web 'host:': not a port … --web :9108"),
+    "a session that is starting": (lambda here: Watch(Session("nobody")), "session 'nobody' is starting or ending … try again"),
     "a trace that is gone": (
-        lambda here: convert(here / "gone", here / "out.json"),
-        "/here/gone: cannot be read: No such file or directory\n  remedy: a trace written by `lfpipe up --trace`",
+        lambda here: convert(here / "gone", here / "out.json"), "/here/gone: cannot be read: No such file … `lfpipe up --trace`"
     ),
-    "a card without a screen": (
-        lambda here: by_card(config.Config(), "demo", 450.0),
-        "--by card needs a screen for a window to click in\n  remedy: run it on a desktop, or use --by eyes",
-    ),
-}
+    "a card without a screen": (lambda here: by_card(config.Config(), "demo", 450.0), "--by card needs a screen … --by eyes"),
+}  # fmt: skip

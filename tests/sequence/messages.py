@@ -44,88 +44,63 @@ def manifest(**changes: object) -> Callable[[Path], object]:
     return file(MANIFEST, lambda data: json.dumps(json.loads(data) | changes).encode())
 
 
-EYES = b'{"source_seq": 1, "raw_px": [[1, 2], [1, 2]], "filtered_px": [[1, 2], [1, 2]], "face": %s}'
-COPY = "\n  remedy: copy the whole folder again from where it was recorded"
+EYES = b'{"source_seq": 1, "raw_px": [[1, 2], [1, 2]], "filtered_px": [[1, 2], [1, 2]], "face": 2}'
+TABLE = "t_ns, left_x_px, left_y_px, right_x_px, right_y_px"
+COPY = "copy the whole folder again"
 POINTS = "left_x_px,left_y_px,right_x_px,right_y_px"
-TABLE = f"\n  remedy: write one row per frame with columns t_ns, {POINTS.replace(',', ', ')}, and optionally visible (0 or 1)"
-RECORD = "\n  remedy: `lfpipe record OUT` or `lfpipe sequence import` makes one"
+RECORD = "`lfpipe record OUT` or `lfpipe sequence import`"
 MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
-    "index cut off": (file(INDEX, lambda data: data[:-5]), "/here/seq/frames.jsonl: its last line is cut off" + COPY),
+    "index cut off": (file(INDEX, lambda data: data[:-5]), f"/here/seq/frames.jsonl: its last line is cut off … {COPY}"),
     "index shorter": (
         file(INDEX, lambda data: b"".join(data.splitlines(keepends=True)[:-1])),
-        "/here/seq: 5 frames, but 6 were recorded" + COPY,
+        f"/here/seq: 5 frames, but 6 were recorded … {COPY}",
     ),
     "a line is missing": (
-        file(INDEX, lambda data: b"".join(data.splitlines(keepends=True)[1:])),
-        "/here/seq: frame 0 is missing; frame 1 is in its place" + COPY,
+        file(INDEX, lambda data: b"".join(data.splitlines(keepends=True)[1:])), f"/here/seq: frame 0 is missing; … {COPY}"
     ),
     "a stamp goes back": (
-        line(t_sensor_ns=-(10**9)),
-        "/here/seq: frame 2: its time stamp 66666666 ns is not after 1033333333 ns of the previous frame"
-        "\n  remedy: record it again: time stamps that go back cannot be replayed",
+        line(t_sensor_ns=-(10**9)), "/here/seq: frame 2: its time stamp 66666666 ns is not after 1033333333 ns … record it again"
     ),
-    "a gap": (line(offset=1), "/here/seq: frame 2 does not begin where the previous frame ends" + COPY),
-    "codec": (line(codec="gif"), "/here/seq/frames.jsonl:3: codec is 'gif', expected one of jpeg, png, raw, eyes" + COPY),
-    "checksum of a packet": (
-        line(crc32="x"),
-        "/here/seq/frames.jsonl:3: crc32 is 'x', expected a whole number from 0 to 4294967295" + COPY,
-    ),
-    "frames and eyes": (line(codec="eyes"), "/here/seq: holds frames and eyes in their place" + COPY),
+    "a gap": (line(offset=1), f"/here/seq: frame 2 does not begin where the previous frame ends … {COPY}"),
+    "codec": (line(codec="gif"), f"/here/seq/frames.jsonl:3: codec is 'gif', expected one of jpeg, png, raw, eyes … {COPY}"),
+    "checksum of a packet": (line(crc32="x"), f"/here/seq/frames.jsonl:3: crc32 is 'x', expected a whole number … {COPY}"),
+    "frames and eyes": (line(codec="eyes"), f"/here/seq: holds frames and eyes … {COPY}"),
     "a bit": (
         file(PACKETS, lambda data: data[:99] + bytes([data[99] ^ 1]) + data[100:]),
-        "/here/seq: frame 0: its bytes were changed after recording (checksum)\n  remedy: `lfpipe sequence check` lists all such "
-        "frames; `lfpipe sequence cut` copies the frames before it",
+        "/here/seq: frame 0: its bytes were changed … `lfpipe sequence check` … `lfpipe sequence cut`",
     ),
-    "another time": (line(t_read_ns=1), "/here/seq/frames.jsonl: wrong checksum: it was changed after recording" + COPY),
-    "no packets": (damaged(lambda seq: (seq / PACKETS).unlink()), "/here/seq/frames.bin: No such file or directory" + COPY),
-    "no truth": (
-        damaged(lambda seq: (seq / TRUTH).unlink()),
-        "/here/seq/truth.csv: cannot be read: No such file or directory\n  remedy: check the file and its permissions",
-    ),
-    "no manifest": (
-        damaged(lambda seq: (seq / MANIFEST).unlink()),
-        "/here/seq: not a recorded sequence: manifest.json is missing" + RECORD,
-    ),
+    "another time": (line(t_read_ns=1), f"/here/seq/frames.jsonl: wrong checksum … {COPY}"),
+    "no packets": (damaged(lambda seq: (seq / PACKETS).unlink()), f"/here/seq/frames.bin: No such file or directory … {COPY}"),
+    "no truth": (damaged(lambda seq: (seq / TRUTH).unlink()), "/here/seq/truth.csv: cannot be read: No such file … permissions"),
+    "no manifest": (damaged(lambda seq: (seq / MANIFEST).unlink()), f"/here/seq: not a recorded … manifest.json … {RECORD}"),
     "a video": (
-        damaged(lambda seq: (shutil.rmtree(seq), seq.write_bytes(b"RIFF"))),
-        "/here/seq: not a recorded sequence: manifest.json is missing" + RECORD,
+        damaged(lambda seq: (shutil.rmtree(seq), seq.write_bytes(b"RIFF"))), f"/here/seq: not a recorded … manifest.json … {RECORD}"
     ),
-    "another version": (
-        manifest(version=2),
-        "/here/seq/manifest.json: the sequence has version 2; this lfpipe reads version 1"
-        "\n  remedy: read it with the lfpipe that recorded it (versions in its manifest)",
-    ),
-    "another format": (
-        manifest(format="zip"),
-        '/here/seq/manifest.json: not the manifest of a recorded sequence\n  remedy: its "format" must be "lfpipe-sequence"',
-    ),
-    "nowhere": (lambda here: open_sequence(here / "nowhere"), "/here/nowhere: no such folder" + RECORD),
+    "another version": (manifest(version=2), "/here/seq/manifest.json: … version 2; this lfpipe reads version 1 … recorded it"),
+    "another format": (manifest(format="zip"), '/here/seq/manifest.json: not the manifest … "lfpipe-sequence"'),
+    "nowhere": (lambda here: open_sequence(here / "nowhere"), f"/here/nowhere: no such folder … {RECORD}"),
     "no table": (
         lambda here: (here / TRUTH).write_text("t_ns,left_x_px\n0,1\n") and read_truth(here),
-        "/here/truth.csv: not a table of true eyes: column left_y_px must exist exactly once" + TABLE,
+        f"/here/truth.csv: not a table of true eyes: column left_y_px … {TABLE}",
     ),
     "truth goes back": (
         lambda here: (here / TRUTH).write_text(f"t_ns,{POINTS}\n5,1,1,1,1\n5,1,1,1,1") and read_truth(here),
-        "/here/truth.csv:3: times must rise: t_ns is 5, after 5" + TABLE,
+        f"/here/truth.csv:3: times must rise: t_ns is 5, after 5 … {TABLE}",
     ),
     "cut of nothing": (
         lambda here: edit.cut(open_sequence(made_sequence(here / "seq")), here / "part", 9, 10),
-        "no frame from 9 s to 10 s\n  remedy: /here/seq lasts 0.167 s",
+        "no frame from 9 s to 10 s … /here/seq lasts 0.167 s",
     ),
     "cut to what exists": (
         lambda here: edit.cut(open_sequence(made_sequence(here / "seq")), here / "seq", 0, 1),
-        "/here/seq: already exists\n  remedy: use another name; nothing is overwritten",
+        "/here/seq: already exists … another name",
     ),
     "export to mp4": (
-        lambda here: edit.export(open_sequence(made_sequence(here / "seq")), here / "v.mp4"),
-        "/here/v.mp4: not .mkv or .avi\n  remedy: use for example walk.mkv; both store RGB without loss",
+        lambda here: edit.export(open_sequence(made_sequence(here / "seq")), here / "v.mp4"), "/here/v.mp4: not .mkv … walk.mkv"
     ),
     "import of text": (
         lambda here: (here / "v.avi").write_text("no video") and typed("import", here / "v.avi", here / "seq"),
-        "/here/v.avi: not a readable video\n  remedy: give a video (mp4, mkv, avi, ...), a picture or a folder of pictures",
+        "/here/v.avi: not a readable video … mp4, mkv",
     ),
-    "eyes": (
-        lambda here: eyes_of(EYES % b"2", "walk: frame 5"),
-        "walk: frame 5: face is 2, expected a number up to 1" + COPY,
-    ),
-}
+    "eyes": (lambda here: eyes_of(EYES, "walk: frame 5"), f"walk: frame 5: face is 2, expected a number up to 1 … {COPY}"),
+}  # fmt: skip

@@ -1,4 +1,4 @@
-"""Refusals of scenes: what causes each, what it says, and the remedy carried out, which opens the scene (`test_remedies`)."""
+"""Refusals of scenes: what causes each, what it says, and the remedy carried out, which opens the scene."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -7,10 +7,12 @@ import attrs
 import cv2
 import h5py
 import numpy as np
+import pytest
 
 from lfpipe import config
+from lfpipe.errors import UserError
+from lfpipe.scene.examination import examine_scene
 from lfpipe.scene.files import MAX_FILES
-from lfpipe.scene.layouts._grid import parse_grid
 from tests.scene import made
 
 AUTO = config.Scene()
@@ -191,14 +193,22 @@ REFUSALS = {
     "Lytro's raw picture": Refused(folder_of(data("a.LFR")), "a raw picture of a Lytro", AS_VIEWS),
     "no picture at all": Refused(folder_of(data("notes.txt")), "no layout of a light field"),
     "no layout": Refused(grid("v_{r}_{c}.png"), "scene.layout: 'qilt' is not a", again(), config.Scene(layout="qilt")),
+    "no grid": Refused(grid("v_{r}_{c}.png"), "'9' is not ROWSxCOLS", again(grid="3x4"), config.Scene(grid="9")),
+    "a grid beyond all": Refused(
+        grid("v_{r}_{c}.png"), "9999x1000 views, at most 10000 along a", again(grid="3x4"), config.Scene(grid="9999x1000")
+    ),
     "npz: no views": Refused(lambda here: made.write_npz(here / "a.npz", other=GRID, more=GRID), "no array 'views'"),
 }
 
-MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
-    "no grid": (lambda here: parse_grid("9"), "scene.grid: '9' is not ROWSxCOLS\n  remedy: use for example --set scene.grid=9x9"),
-    "a grid beyond all": (
-        lambda here: parse_grid("9999x1000"),
-        "scene.grid: a grid of 9999x1000 views, at most 10000 along a side and 20000 together are expected\n  remedy: give "
-        "the true one with --set scene.grid=ROWSxCOLS",
-    ),
-}
+
+@pytest.mark.parametrize("name", REFUSALS)
+def test_the_remedy_opens_the_scene(tmp_path: Path, name: str) -> None:
+    row = REFUSALS[name]
+    path = row.make(tmp_path)
+    with pytest.raises(UserError) as refused:
+        examine_scene(path, row.given)
+    assert row.text in refused.value.message and refused.value.remedy
+    if row.cure is not None:
+        source = examine_scene(*row.cure(path)).source
+        for row_col in {(0, 0), (source.rows - 1, source.cols - 1)} - source.missing:
+            assert source.read(0, *row_col).size
