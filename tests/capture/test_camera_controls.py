@@ -51,13 +51,16 @@ SETTINGS = {
 
 @given(st.fixed_dictionaries(SETTINGS))
 def test_values_are_in_range_while_it_runs_and_as_before_afterwards(settings: dict[str, Any]) -> None:
+    failing = webcam(frames=[TimeoutError()])
+    with pytest.raises(UserError):
+        source(failing, **settings)
     device = webcam()
     before = values(device)
     camera = source(device, **settings)
     for control in device.controls.values():
         assert control.low <= control.value <= control.high and (control.value - control.low) % control.step == 0
     camera.close()
-    assert values(device) == before
+    assert values(device) == values(failing) == before and failing.closed
 
 
 def test_auto_leaves_everything_and_the_dynamic_frame_rate_is_switched_off_with_a_word() -> None:
@@ -83,14 +86,6 @@ def test_what_the_camera_cannot_do_is_noted() -> None:
     assert "camera.exposure = 500 ms: using 204.7 (0.3 to 204.7 ms possible)" in notes and "gain" not in notes
     notes = " ".join(source(FakeCamera(), exposure=5.0, gain=7.0, power_line_hz=50).info.notes)
     assert notes.count("no such control") == 2 and "camera.power_line_hz = 50" in notes
-
-
-def test_a_camera_that_fails_after_its_controls_were_set_gets_them_back() -> None:
-    device = webcam(frames=[TimeoutError()])
-    before = values(device)
-    with pytest.raises(UserError):
-        source(device, exposure=5.0)
-    assert values(device) == before and device.closed
 
 
 def test_states_for_people() -> None:

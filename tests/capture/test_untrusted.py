@@ -2,7 +2,6 @@
 
 import os
 import resource
-import socket
 import subprocess
 import sys
 import time
@@ -22,6 +21,7 @@ from lfpipe.capture.recordings import MAX_BROKEN, FileSource
 from lfpipe.capture.spec import FileSpec
 from lfpipe.errors import UserError
 from tests.capture.made_files import CAMERA, SHAPE, noise, video
+from tests.hostile_files import NO_FILES
 
 OUT = np.zeros(SHAPE, np.uint8)
 COUNT = 6
@@ -160,21 +160,20 @@ def test_errors_of_libraries_reach_nobody(tmp_path: Path, monkeypatch: pytest.Mo
         check_source("demo", CAMERA)
 
 
-@pytest.mark.parametrize("kind", ["empty", "fifo", "socket", "device", "list", "playlist", "SDP"])
+LISTS = {  # of other files and addresses, which FFmpeg would follow
+    "SDP": "v=0\no=- 0 0\n",
+    "list": "ffconcat version 1.0\nfile /etc/passwd\n",
+    "playlist": "#EXTM3U\n#EXTINF:1,\nhttp://localhost/x\n",
+}
+
+
+@pytest.mark.parametrize("kind", [*NO_FILES, *LISTS])
 def test_what_is_no_recording_is_refused_at_once_by_name(tmp_path: Path, kind: str) -> None:
-    """FFmpeg would follow lists of other files and addresses."""
-    texts = {"empty": "", "SDP": "v=0\no=- 0 0\n", "list": "ffconcat version 1.0\nfile /etc/passwd\n"}
-    texts["playlist"] = "#EXTM3U\n#EXTINF:1,\nhttp://localhost/x\n"
     for path in (tmp_path / "v.avi", tmp_path / "p.png"):
-        if kind == "fifo":
-            os.mkfifo(path)
-        elif kind == "socket":
-            with socket.socket(socket.AF_UNIX) as bound:
-                bound.bind(str(path))
-        elif kind == "device":
-            path.symlink_to("/dev/zero")
+        if kind in LISTS:
+            path.write_text(LISTS[kind])
         else:
-            path.write_text(texts[kind])
+            NO_FILES[kind](path)
         with pytest.raises(UserError) as told:
             check_source(f"file:{path}", CAMERA)
         assert str(path) in told.value.message and told.value.remedy

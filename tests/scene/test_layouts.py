@@ -123,12 +123,6 @@ def test_every_view_stands_where_it_belongs(tmp_path: Path, form: str) -> None:
     assert np.array_equal(canonical(described(tmp_path, layout)), views)
 
 
-def test_every_layout_offers_the_protocol() -> None:
-    known = layouts.layouts()
-    assert all(name == layout.NAME and callable(layout.detect) and callable(layout.describe) for name, layout in known.items())
-    assert len(known) == 18
-
-
 def test_hci_with_geometry_and_truth_of_two_views(tmp_path: Path) -> None:
     named(SQUARE, "input_Cam{n:03d}.png", parameters_cfg=CFG.format(3, 3))(tmp_path)
     made.write_pfm(tmp_path / "gt_disp_lowres.pfm", TRUTH)

@@ -13,8 +13,8 @@ from lfpipe import config
 from lfpipe.scene import layouts
 from lfpipe.scene.examination import grid_offsets
 from lfpipe.scene.layouts.named import coordinate_turn
-from lfpipe.scene.missing_views import nearest_present
 from lfpipe.scene.orientation import orient
+from lfpipe.scene.plausibility import examine
 from lfpipe.scene.source import Turn
 from tests.scene import made
 from tests.scene.made import TURNS, as_source, turned
@@ -96,21 +96,6 @@ def test_coordinates_give_the_turn_and_the_jitter(
     assert np.abs(offsets.mean(axis=(0, 1))).max() < 1e-5
 
 
-@pytest.mark.parametrize(
-    ("flip", "transpose", "sign"), [("none", "auto", 1), ("both", "auto", -1), ("rows", "auto", 0), ("none", "yes", 0)]
-)
-def test_truth_changes_sign_with_the_half_turn_and_is_lost_with_one_flip(flip: str, transpose: str, sign: int) -> None:
-    source = attrs.evolve(as_source(made.views(3, 3)), turn=Turn(), turn_by="names")
-    assert orient(source, config.Scene(flip=flip, transpose=transpose)).truth_sign == sign
-
-
-def test_nearest_present_view() -> None:
-    present = np.array([[False, True, True], [True, True, False]])
-    assert nearest_present(present, 0, 0) == (0, 1)
-    assert nearest_present(present, 1, 2) == (0, 2)
-    assert nearest_present(present, 1, 1) == (1, 1)
-
-
 SCENES = {
     "atlas_jarabo_toys_9x9": ("mosaic", 9, 9, Turn()),
     "hci_antinous": ("hci", 9, 9, Turn()),
@@ -133,6 +118,10 @@ def test_sample_scenes_need_no_override(name: str) -> None:
     found = orient(source, AUTO)
     assert (source.layout, source.rows, source.cols, found.turn) == SCENES[name]
     assert found.half_turn_sure != ("near and far" in found.undecided)
+    rows, cols = (source.rows + 3) // 4, (source.cols + 3) // 4  # plausible, as is every fourth view of it
+    for views in (source, attrs.evolve(source, rows=rows, cols=cols, read=lambda f, r, c: source.read(f, 4 * r, 4 * c))):
+        evidence = examine(views)
+        assert evidence is None or not evidence.reason
     if name in ("hci_antinous", "stanford_lego_knights_17x17"):  # flow agrees, or says that it does not know
         blind = orient(attrs.evolve(source, turn=None, truth={}, coordinates=None), AUTO)
         assert (blind.by, blind.half_turn_sure) == ("flow", name == "hci_antinous")

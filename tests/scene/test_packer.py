@@ -8,6 +8,7 @@ import time
 from contextlib import closing
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
 
@@ -56,8 +57,11 @@ def test_a_killed_packer_leaves_a_pack_that_the_next_completes(folder: Path, sce
             packing.result()
     found = cache.find_pack(folder, scene_config)
     assert found is not None and not open_pack(found).complete
+    for name in ("disparity.npy", "interim.npy"):
+        (found / name).write_bytes(b"half a file")
     field = open_scene(folder, scene_config)
-    assert field.complete and field.folder == str(found)
+    assert field.complete and field.folder == str(found) and field.disparity is not None
+    assert np.array_equal(field.views[0].transpose(0, 1, 3, 4, 2), made.views(3, 3))
 
 
 FULL = """

@@ -9,18 +9,10 @@ import pytest
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.scene import layouts
 from lfpipe.scene.packing import pack_scene
 from lfpipe.scene.plausibility import examine
-from lfpipe.scene.source import SceneSource
 from tests.scene import made
-
-AUTO = config.Scene()
-
-
-def as_source(grid: np.ndarray) -> SceneSource:
-    rows, cols, height, width = grid.shape[:4]
-    return SceneSource("test", Path(), (), rows, cols, lambda f, r, c: np.ascontiguousarray(grid[r, c]), height, width)
+from tests.scene.made import as_source
 
 
 def turntable(count: int, degrees: float) -> np.ndarray:
@@ -154,17 +146,6 @@ def test_a_line_that_ends_where_it_began_is_no_circle() -> None:
         grid[0, 0], grid[0, -1] = np.roll(grid[0, 0], -shift_px, 1), np.roll(grid[0, 0], -2 * shift_px, 1)
         evidence = examine(as_source(grid))
         assert evidence is not None and not evidence.change
-
-
-@pytest.mark.parametrize("name", sorted(path.name for path in made.SAMPLES.glob("*")) or ["none"])
-def test_no_sample_scene_is_refused(name: str) -> None:
-    if not (made.SAMPLES / name).is_dir():
-        pytest.skip(f"sample scene {name} is not here")
-    source = layouts.describe(made.SAMPLES / name, AUTO)
-    rows, cols = (source.rows + 3) // 4, (source.cols + 3) // 4
-    for views in (source, attrs.evolve(source, rows=rows, cols=cols, read=lambda f, r, c: source.read(f, 4 * r, 4 * c))):
-        evidence = examine(views)
-        assert evidence is None or not evidence.reason
 
 
 def test_force_opens_what_was_refused(tmp_path: Path) -> None:

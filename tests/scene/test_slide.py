@@ -85,10 +85,7 @@ def test_known_positions_come_back(tmp_path: Path) -> None:
 
 
 def test_a_video_by_the_command(tmp_path: Path) -> None:
-    out = cv2.VideoWriter(str(tmp_path / "clip.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 25, SIZE[::-1])
-    for view in shaken(SLID, 0.3):
-        out.write(cv2.cvtColor(view, cv2.COLOR_RGB2BGR))
-    out.release()
+    made.write_film(tmp_path / "clip.avi", shaken(SLID, 0.3))
     done = CliRunner().invoke(scene, ["make", str(tmp_path / "clip.avi"), "--set", f"scene.cache_dir={tmp_path / 'cache'}"])
     assert done.exit_code == 0, done.output + repr(done.exception)
     assert "vertical error" in done.output
