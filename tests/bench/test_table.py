@@ -66,6 +66,8 @@ def test_methods_beside_each_other() -> None:
     assert db["warp2"] > db["blend"] > db["nearest"]
     other = _run([field], Protocol(3, 8, timed=False)).rows
     assert other[0].name == "nearest, wall, 3x3 -> 7x7" and "ms" not in other[0].values
+    flat = _run([wall(3, 3, 64, disparity=False)]).rows
+    assert [row.curve for row in flat] == ["nearest", "blend"] and "2x2 -> 3x3" in flat[0].name, "no warps without disparity"
 
 
 def test_what_cannot_be_measured_is_left_out_with_its_reason() -> None:
@@ -79,11 +81,6 @@ def test_what_cannot_be_measured_is_left_out_with_its_reason() -> None:
     reasons = [*results[0].failures.values(), *(one.left_out[0] for one in results[1:])]
     words = ("no such", "between", "too small", "missing")
     assert all(word in reason for word, reason in zip(words, reasons, strict=True)), reasons
-
-
-def test_flat_scenes_have_no_warps() -> None:
-    rows = _run([wall(3, 3, 64, disparity=False)]).rows
-    assert [row.curve for row in rows] == ["nearest", "blend"] and "2x2 -> 3x3" in rows[0].name
 
 
 def test_from_the_command_line(world: World) -> None:

@@ -6,8 +6,6 @@ import os
 import re
 import runpy
 import shlex
-import subprocess
-import sys
 import textwrap
 import time
 import tomllib
@@ -108,20 +106,10 @@ def test_the_stage_example_runs_in_a_session(world: World, scene: Path, tmp_path
     example = next(block for block in blocks("docs/extending.md") if "def main" in block)
     (tmp_path / "away.py").write_text(example)
     (tmp_path / "runner.py").write_text(textwrap.dedent(RUNNER).format(row=row[1].replace("lfpipe.track.away", "away")))
-    env = {**world.env, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
-    words = ("up", scene, "--camera", "demo", "--display", "none", "--session", world.name)
-    process = subprocess.Popen(
-        [sys.executable, "-m", "runner", *map(str, words)], cwd=tmp_path, env=env, stderr=subprocess.PIPE, text=True
-    )
-    try:
-        world.wait_for(lambda: _count(world) > 5, "outputs of the stage", 60)
-    finally:
-        process.terminate()
-        _, err = process.communicate(timeout=60)
+    world.module, world.env["PYTHONPATH"] = "runner", os.pathsep.join([str(tmp_path), str(ROOT)])
+    process = world.up(scene)
+    world.pictures(1)
+    world.wait_for(lambda: world.monitor()["stages"]["away"]["count"] > 5, "outputs of the stage")
+    process.terminate()
+    _, err = process.communicate(timeout=60)
     assert process.returncode == 0 and "failed" not in err, err
-
-
-def _count(world: World) -> int:
-    done = world.run("monitor", "--once", "--json", "--session", world.name)
-    stages = json.loads(done.stdout)["stages"] if done.returncode == 0 else {}
-    return int(stages.get("away", {}).get("count", 0))

@@ -12,14 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lfpipe.share.head import Head
 from lfpipe.share.output import LslOutput, Sample, osc_datagram
 from lfpipe.share.target import Target
 from lfpipe.transport.clock import now_ns
 from tests.docs.conftest import blocks
 from tests.share.receivers import free_port, lsl_environment
-
-HEAD = Head((-40.0, 5.0, 600.0), (23.0, 4.0, 598.0), (-8.5, 4.5, 599.0), 1.0, 2.0, 3.0)
+from tests.share.test_outputs import HEAD
 
 
 def program(word: str) -> str:

@@ -57,13 +57,6 @@ def test_a_picture_is_read_as_opencv_alone_reads_it(
         assert full == (65535 if deep else 255)
 
 
-def test_a_ten_bit_picture_keeps_its_values(tmp_path: Path) -> None:
-    values = picture(8, 6, 3, True) // 64
-    (tmp_path / "p.ppm").write_bytes(b"P6\n8 6\n1023\n" + values.astype(">u2").tobytes())
-    pixels, full = read_picture(tmp_path / "p.ppm")
-    assert full == 1023 and np.array_equal(pixels, values)
-
-
 @pytest.mark.parametrize("kind", ["AVIF", "GIF", "MPO"])
 def test_animations_and_files_of_several_pictures(tmp_path: Path, kind: str) -> None:
     frames = [cv2.resize(picture(4, 3, 3, seed=k), (64, 48), interpolation=cv2.INTER_CUBIC) for k in range(3)]

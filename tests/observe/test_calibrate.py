@@ -12,6 +12,7 @@ import pytest
 
 from lfpipe.config.user_files import write_keys
 from lfpipe.observe.calibrate import median_of
+from tests.capture.made_files import video
 from tests.world import World
 from tests.xvfb_screen import Screen, outline
 
@@ -49,14 +50,6 @@ def test_a_viewer_who_moves_is_no_measure() -> None:
     assert not median_of(range(50, 95))[1]
 
 
-def video(path: Path, picture: np.ndarray) -> None:
-    """A second of that picture, 640x480."""
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (640, 480))
-    for _ in range(30):
-        writer.write(picture)
-    writer.release()
-
-
 def test_without_a_screen_the_demo_is_measured_and_kept(world: World) -> None:
     done = world.run("calibrate", "--camera", "demo", "--distance", "600")
     assert done.returncode == 0, done.stderr
@@ -67,7 +60,7 @@ def test_without_a_screen_the_demo_is_measured_and_kept(world: World) -> None:
     refused = world.run("calibrate", "--camera", "demo", "--distance", "1600")  # the face fills as much as one would at 600 mm
     assert refused.returncode == 2 and "not stored" in refused.stderr and "measure again" in refused.stderr
     assert tomllib.loads((settings / "cameras.toml").read_text()) == {"demo": written}
-    video(world.root / "wall.avi", np.full((480, 640, 3), 120, np.uint8))
+    video(world.root / "wall.avi", "MJPG", [np.full((480, 640, 3), 120, np.uint8)] * 30)
     done = world.run("calibrate", "--camera", "file:wall.avi")
     assert done.returncode == 2 and "no face was detected" in done.stderr
 
@@ -95,7 +88,7 @@ def held_up(path: Path) -> tuple[float, float]:
     width, height = (size_mm * FOCAL_PX / CARD_AT_MM for size_mm in CARD_MM)
     corner = [round(fine * value) for value in CARD_PX]
     cv2.rectangle(large, corner, [corner[0] + round(fine * width), corner[1] + round(fine * height)], (150, 90, 30), -1)
-    video(path, cv2.resize(large, (640, 480), interpolation=cv2.INTER_AREA))
+    video(path, "MJPG", [cv2.resize(large, (640, 480), interpolation=cv2.INTER_AREA)] * 30)
     return width, height
 
 

@@ -102,13 +102,13 @@ def moved(px: float, *names: str, flips: Callable[[int], bool] = lambda seq: Fal
     return move
 
 
-def test_the_same_results_need_no_word_whatever_the_scene_is_called(run: Path) -> None:
+def test_the_same_results_under_another_name_need_no_word_and_settings_count_where_they_matter(
+    run: Path,
+) -> None:
     change_report(run, lambda report: report["scene"].update(name="copy"))
-    found = compare(REFERENCE, run)
-    assert found.differences == [] and found.notes == []
+    same = compare(REFERENCE, run)
+    assert same.differences == [] and same.notes == []
 
-
-def test_settings_are_compared_where_they_matter(run: Path) -> None:
     def changed(**sections: dict[str, Any]) -> list[str]:
         change_report(run, lambda report: [report["config"][section].update(keys) for section, keys in sections.items()])
         return [str(difference) for difference in compare(REFERENCE, run).differences]

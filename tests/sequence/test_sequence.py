@@ -18,7 +18,8 @@ from lfpipe.sequence import edit
 from lfpipe.sequence.eyes import Truth, read_truth
 from lfpipe.sequence.folder import MANIFEST, open_sequence
 from lfpipe.sequence.packets import INDEX, PACKETS, Packet, PacketWriter, decoded, encoded, read_index, read_packet
-from tests.hostile_sequences import FRAMES, SIZE, typed
+from tests.capture.made_files import video
+from tests.hostile_sequences import FRAMES, typed
 
 NOISE = np.random.default_rng(1).integers(0, 256, (24, 32, 3), dtype=np.uint8)
 
@@ -94,11 +95,7 @@ def test_export_and_import_bring_the_same_pictures_back_and_motion_jpeg_unchange
     edit.export(sequence, tmp_path / "v.mkv")
     header, *rows = (tmp_path / "v.csv").read_text().splitlines()
     assert len(rows) == FRAMES and header == "seq,source_seq,epoch,t_sensor_ns,t_read_ns"
-    writer = cv2.VideoWriter(str(tmp_path / "v.avi"), cv2.CAP_OPENCV_MJPEG, cv2.VideoWriter.fourcc(*"MJPG"), 30.0, SIZE)
-    for k in range(FRAMES):
-        writer.write(sequence.frame(k))
-    writer.release()
-    stored = (tmp_path / "v.avi").read_bytes()
+    stored = video(tmp_path / "v.avi", "MJPG", [sequence.frame(k) for k in range(FRAMES)]).read_bytes()
     for name, codec in (("v.mkv", "png"), ("v.avi", "jpeg")):
         typed("import", tmp_path / name, tmp_path / codec)
         back = open_sequence(tmp_path / codec)

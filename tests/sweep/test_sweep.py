@@ -7,8 +7,7 @@ import json
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -18,7 +17,7 @@ import pytest
 
 from lfpipe.bench.results import read
 from tests.sweep.conftest import write_plan, write_wall
-from tests.world import World
+from tests.world import World, runs
 
 PLAN = """
 scenes = ["CORPUS/scenes/s[0-1]"]
@@ -44,13 +43,6 @@ def lines(world: World) -> list[dict[str, Any]]:
     return [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
 
 
-def wait_for(what: Callable[[], bool], seconds: float = 60) -> None:
-    end = time.monotonic() + seconds
-    while not what():
-        assert time.monotonic() < end, "in vain"
-        time.sleep(0.02)
-
-
 def running(parent: psutil.Process, word: str) -> list[psutil.Process]:
     """Children with this word in their command line."""
     found = []
@@ -67,7 +59,7 @@ def scheduler(world: World) -> Iterator[tuple[subprocess.Popen[bytes], str]]:
     quiet: dict[str, Any] = {"env": world.env, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": world.root}
     dask = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--no-dashboard", "--host", "127.0.0.1", "--port", "0"]
     started = [subprocess.Popen([*dask, "--scheduler-file", str(file)], **quiet)]
-    wait_for(lambda: file.exists() and file.stat().st_size > 0)
+    world.wait_for(lambda: file.exists() and file.stat().st_size > 0, "address of the scheduler")
     address = json.loads(file.read_text())["address"]
     for k in range(2):
         words = ["--nthreads", "1", "--no-dashboard", "--local-directory", str(world.root / f"w{k}")]
@@ -81,8 +73,7 @@ def scheduler(world: World) -> Iterator[tuple[subprocess.Popen[bytes], str]]:
 def test_every_cell_although_one_is_killed(world: World, corpus: Path) -> None:
     plan = write_plan(world.root, corpus, PLAN)
     process = world.start("sweep", plan, "--out", "out", "--jobs", "2")
-    wait_for(lambda: bool(running(psutil.Process(process.pid), "runpy")))
-    running(psutil.Process(process.pid), "runpy")[0].kill()
+    world.wait_for(lambda: running(psutil.Process(process.pid), "runpy"), "process of a cell")[0].kill()
     out, err = process.communicate(timeout=100)
     assert process.returncode == 0, out + err
     assert f"{CELLS} cells: {CELLS} ok" in out and "Traceback" not in err
@@ -102,13 +93,12 @@ def test_every_cell_although_one_is_killed(world: World, corpus: Path) -> None:
 def test_what_is_done_is_kept_when_the_sweep_ends_early(world: World, corpus: Path, how: signal.Signals) -> None:
     plan = write_plan(world.root, corpus, PLAN)
     process = world.start("sweep", plan, "--out", "out", "--jobs", "2")
-    wait_for(lambda: len(lines(world)) >= 2 and bool(running(psutil.Process(process.pid), "runpy")))
-    left = running(psutil.Process(process.pid), "runpy")
+    left = world.wait_for(lambda: len(lines(world)) >= 2 and running(psutil.Process(process.pid), "runpy"), "third cell")
     process.send_signal(how)
     _, err = process.communicate(timeout=60)
     assert process.returncode == (-signal.SIGKILL if how == signal.SIGKILL else 130), err
     assert "Traceback" not in err and (how == signal.SIGKILL or "the same command continues" in err)
-    wait_for(lambda: not any(one.is_running() and one.status() != psutil.STATUS_ZOMBIE for one in left))
+    world.wait_for(lambda: not any(runs(one.pid) for one in left), "end of the cells")
     kept = lines(world)
     assert 2 <= len(kept) < CELLS
     done = world.run("sweep", plan, "--out", "out", timeout_s=100)
@@ -121,7 +111,7 @@ def test_a_cluster(world: World, corpus: Path, scheduler: tuple[subprocess.Popen
     text = PLAN.replace('["quality"]', '["quality", "table"]').replace('["warp", "warp2"]', '"warp"').replace("[4, 6]", "[4]")
     plan = write_plan(world.root, corpus, text)
     process = world.start("sweep", plan, "--out", "out", "--on", address, "--insecure")
-    wait_for(lambda: len(lines(world)) >= 1)
+    world.wait_for(lambda: lines(world), "first cell")
     running(running(psutil.Process(), str(world.root / "w0"))[0], "spawn_main")[0].kill()
     _, err = process.communicate(timeout=110)
     assert process.returncode == 0, err
@@ -135,7 +125,7 @@ def test_a_cluster(world: World, corpus: Path, scheduler: tuple[subprocess.Popen
         assert figures == {name: one["figures"][name] for name in figures} != {}, "whoever measures them"
     other_plan = write_plan(world.root, corpus, PLAN)
     process = world.start("sweep", other_plan, "--out", "out", "--on", address, "--insecure")
-    wait_for(lambda: len(lines(world)) >= 6)
+    world.wait_for(lambda: len(lines(world)) >= 6, "sixth cell")
     dask.kill()
     _, err = process.communicate(timeout=90)
     assert process.returncode == 2 and "the scheduler is gone" in err and "Traceback" not in err, err
