@@ -74,7 +74,8 @@ MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
     "no truth": (damaged(lambda seq: (seq / TRUTH).unlink()), "/here/seq/truth.csv: cannot be read: No such file … permissions"),
     "no manifest": (damaged(lambda seq: (seq / MANIFEST).unlink()), f"/here/seq: not a recorded … manifest.json … {RECORD}"),
     "a video": (
-        damaged(lambda seq: (shutil.rmtree(seq), seq.write_bytes(b"RIFF"))), f"/here/seq: not a recorded … manifest.json … {RECORD}"
+        damaged(lambda seq: (shutil.rmtree(seq), seq.write_bytes(b"RIFF"))),
+        f"/here/seq: not a recorded … manifest.json … {RECORD}",
     ),
     "another version": (manifest(version=2), "/here/seq/manifest.json: … version 2; this lfpipe reads version 1 … recorded it"),
     "another format": (manifest(format="zip"), '/here/seq/manifest.json: not the manifest … "lfpipe-sequence"'),
