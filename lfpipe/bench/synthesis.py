@@ -55,7 +55,7 @@ class ViewRenderer:
     def __init__(self, field: LightField, method: str) -> None:
         views = np.asarray(field.views)
         self._synthesiser = Synthesiser(field, method)
-        self._planes = [lambda r, c, k=k: views[0, r, c, k] for k in range(field.channels)]
+        self._planes = [lambda frame, r, c, k=k: views[frame, r, c, k] for k in range(field.channels)]
         self._outs = [np.empty((field.height_px, field.width_px), np.uint8) for _ in range(field.channels)]
 
     def at(self, position: Position) -> NDArray[np.float32]:

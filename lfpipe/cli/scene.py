@@ -17,7 +17,7 @@ from lfpipe.errors import UserError
 from lfpipe.export import pictures
 from lfpipe.files.output import check_output, marked_picture, write_output
 from lfpipe.host.files import is_dir
-from lfpipe.render.compositor import render_view
+from lfpipe.render.compositor import ViewRenderer
 from lfpipe.render.plan import make_plan
 from lfpipe.scene.cache import cache_dir, packs, remove, sweep
 from lfpipe.scene.contact_sheet import contact_sheet
@@ -156,7 +156,7 @@ def view(path: Path, row: float, col: float, frame: int, method: str, out: Path,
         raise UserError(f"--frame {frame}: the scene has {field.frames} frames", f"use --frame 0 to {field.frames - 1}")
     if method in WARPS and field.disparity is None:
         raise UserError(f"--method {method}: {field.name} has no disparity", "use --method nearest or blend")
-    write_picture(out, render_view(field, row, col, method, frame))
+    write_picture(out, ViewRenderer(field, method).render(row, col, frame))
 
 
 @scene.command()

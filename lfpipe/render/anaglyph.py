@@ -19,6 +19,7 @@ have a rivalry of 12 L* instead of 0.4.
 """
 
 from functools import lru_cache
+from typing import NamedTuple
 
 import attrs
 import cv2
@@ -68,18 +69,17 @@ WIDE_LUT = int(cv2.__version__.split(".")[0]) >= 5  # cv2.LUT takes 16-bit indic
 SHARED_TOLERANCE = 0.015  # a cross row this close to a multiple of an own row uses the own plane
 
 
-@attrs.frozen(cache_hash=True)
-class Plane:
+class Plane(NamedTuple):
     """One plane to be had from one eye's view. eye: 0 left, 1 right. weights: on its red, green, blue; they sum to 1.
     linear: whether they weigh linear light or code values."""
 
     eye: int
     weights: Weights
     linear: bool
-    channels: tuple[int, ...] = attrs.field(init=False, eq=False)  # stored ones it is made of; a single one is the plane itself
 
-    @channels.default
-    def _channels(self) -> tuple[int, ...]:
+    @property
+    def channels(self) -> tuple[int, ...]:
+        """Stored ones that it is made of; a single one is the plane itself."""
         return tuple(k for k, weight in enumerate(self.weights) if weight)
 
 

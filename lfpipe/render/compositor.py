@@ -3,7 +3,6 @@
 import math
 from concurrent.futures import Executor
 from functools import lru_cache
-from typing import Any
 
 import attrs
 import cv2
@@ -73,24 +72,20 @@ def stored_channels(field: LightField, plane: Plane) -> tuple[int, ...]:
 
 
 class PlaneStore:
-    """Planes of stored views: channels without a copy, others built when first shown and kept while they fit. frame: of a video,
-    in which sources look."""
+    """Planes of stored views: channels without a copy, others built when first shown and kept while they fit."""
 
     def __init__(self, field: LightField, budget_bytes: int = BUDGET_BYTES) -> None:
-        self.frame = 0
-        self._field, self._views = (
-            field,
-            np.asarray(field.views),
-        )  # a plain view of the map: indexing an np.memmap costs microseconds
+        self._field = field
+        self._views = np.asarray(field.views)  # a plain view of the map: indexing an np.memmap costs microseconds
         self._builder = PlaneBuilder(field.height_px, field.width_px)
         self.built = lru_cache(max(8, budget_bytes // max(1, field.height_px * field.width_px)))(self._build)
 
     def source(self, plane: Plane) -> Source:
-        """A function (row, col) -> uint8 (height, width), read-only."""
+        """A function (frame, row, col) -> uint8 (height, width), read-only."""
         channels, views = stored_channels(self._field, plane), self._views
         if len(channels) > 1:
-            return lambda row, col: self.built(self.frame, row, col, plane)
-        return lambda row, col: views[self.frame, row, col, channels[0]]
+            return lambda frame, row, col: self.built(frame, row, col, plane)
+        return lambda frame, row, col: views[frame, row, col, channels[0]]
 
     def _build(self, frame: int, row: int, col: int, plane: Plane) -> NDArray[np.uint8]:
         out = np.empty(self._views.shape[4:], np.uint8)
@@ -105,7 +100,6 @@ class _Eye:
     planes: list[int]
     sources: list[Source]
     scratch: list[NDArray[np.uint8]]
-    store: PlaneStore
     synthesiser: Synthesiser
 
 
@@ -120,7 +114,7 @@ class Compositor:
     def __init__(self, field: LightField, render: Render, helper: Executor | None = None) -> None:
         self.method = method_for(field, render.method)
         render = mixed_as(field, self.method, render)
-        self._anaglyph, self._frames, self._frame = render.anaglyph, field.frames, 0
+        self._anaglyph, self._frames = render.anaglyph, field.frames
         height, width = field.height_px, field.width_px
         mix = recipe_for(render)
         self._mixer = Mixer(mix, height, width)
@@ -131,7 +125,7 @@ class Compositor:
             if not eye or helper:
                 store, synthesiser = PlaneStore(field), Synthesiser(field, self.method)
             sources, scratch = [store.source(mix.planes[k]) for k in of_eye], [self._planes[k] for k in of_eye]
-            self._eyes.append(_Eye(of_eye, sources, scratch, store, synthesiser))
+            self._eyes.append(_Eye(of_eye, sources, scratch, synthesiser))
         self._helper = helper if all(eye.planes for eye in self._eyes) else None
         self._picture = near_array((height, width, 3))
         self.pair: Pair | None = None  # the views of the last picture, if it consists of two
@@ -165,12 +159,12 @@ class Compositor:
 
     def draw(self, key: Key) -> NDArray[np.uint8]:
         """The picture of a key of this Compositor: uint8 (height, width, 3) BGR, valid until the next call."""
-        self._frame, left, right = key
+        frame, left, right = key
         if self.pair is None:
-            self._mix(left, right, self._picture)
+            self._mix(frame, left, right, self._picture)
             return self._picture
         for position, whole in zip((left, right), self.pair, strict=True):
-            self._mix(position, position, whole)
+            self._mix(frame, position, position, whole)
         if self._anaglyph == "row-interleaved":
             for eye, whole in enumerate(self.pair):
                 self._picture[eye::2] = whole[eye::2]
@@ -181,24 +175,23 @@ class Compositor:
                     self._picture[:, x0:x1] = cv2.resize(whole, (x1 - x0, height), interpolation=cv2.INTER_AREA)
         return self._picture
 
-    def _mix(self, left: Position, right: Position, out: NDArray[np.uint8]) -> None:
+    def _mix(self, frame: int, left: Position, right: Position, out: NDArray[np.uint8]) -> None:
         if self._helper is None:
-            self._draw_eye(self._eyes[0], left)
-            self._draw_eye(self._eyes[1], right)
+            self._draw_eye(self._eyes[0], frame, left)
+            self._draw_eye(self._eyes[1], frame, right)
             self._mixer.mix(self._planes, out)
             return
-        drawn = self._helper.submit(self._draw_eye, self._eyes[1], right)
-        self._draw_eye(self._eyes[0], left)
+        drawn = self._helper.submit(self._draw_eye, self._eyes[1], frame, right)
+        self._draw_eye(self._eyes[0], frame, left)
         drawn.result()
         middle = len(out) // 2
         mixed = self._helper.submit(self._mixer.mix, self._planes, out, slice(middle, None))
         self._mixer.mix(self._planes, out, slice(middle))
         mixed.result()
 
-    def _draw_eye(self, eye: _Eye, position: Position) -> None:
+    def _draw_eye(self, eye: _Eye, frame: int, position: Position) -> None:
         if eye.planes:
-            eye.store.frame = self._frame
-            drawn = eye.synthesiser.render(position, self._frame, self._zero_px, eye.sources, eye.scratch)
+            drawn = eye.synthesiser.render(position, frame, self._zero_px, eye.sources, eye.scratch)
             for k, plane in zip(eye.planes, drawn, strict=True):
                 self._planes[k] = plane
 
@@ -208,19 +201,13 @@ class ViewRenderer:
     `render.method`. zero_plane_px: disparity that stays in place from view to view; only warps shift by it."""
 
     def __init__(self, field: LightField, method: str = "auto", zero_plane_px: float = 0.0) -> None:
-        self._field, self._zero_plane_px = field, zero_plane_px
+        self._frames, self._zero_plane_px = field.frames, zero_plane_px
         self._synthesiser = Synthesiser(field, method_for(field, method))
+        store = PlaneStore(field)
+        self._sources = [store.source(channel) for channel in _RGB[: field.channels]]
         self._outs = [np.empty((field.height_px, field.width_px), np.uint8) for _ in range(field.channels)]
 
     def render(self, row: float, col: float, frame: int = 0) -> NDArray[np.uint8]:
         """The view at (row, col), fractions allowed, as a new uint8 (height, width, 3) BGR. frame: of a light-field video."""
-        number = frame % self._field.frames
-        views: NDArray[Any] = np.asarray(self._field.views[number])
-        sources: list[Source] = [lambda r, c, k=k: views[r, c, k] for k in range(self._field.channels)]  # type: ignore[misc]
-        planes = self._synthesiser.render((row, col), number, self._zero_plane_px, sources, self._outs)
+        planes = self._synthesiser.render((row, col), frame % self._frames, self._zero_plane_px, self._sources, self._outs)
         return np.stack(planes * 3 if len(planes) == 1 else planes[::-1], axis=2)
-
-
-def render_view(field: LightField, row: float, col: float, method: str = "auto", frame: int = 0) -> NDArray[np.uint8]:
-    """See `ViewRenderer.render`."""
-    return ViewRenderer(field, method).render(row, col, frame)

@@ -56,7 +56,7 @@ def score(field: LightField, method: str, places: list[tuple[int, int]]) -> floa
     out = [np.empty((field.height_px, field.width_px), np.uint8)]
     levels_db = []
     for row, col in places:
-        (plane,) = synthesiser.render((row / 2, col / 2), 0, 0.0, [lambda r, c: views[0, r, c, channel]], out)
+        (plane,) = synthesiser.render((row / 2, col / 2), 0, 0.0, [lambda frame, r, c: views[frame, r, c, channel]], out)
         error = plane.astype(np.float32) - np.asarray(field.views[0, row, col, channel], np.float32)
         levels_db.append(psnr_db(float(np.mean(error**2))))
     return add(levels_db) / len(levels_db)

@@ -21,7 +21,8 @@ from lfpipe.render.viewpoint import Position, ViewWeight, view_weights
 from lfpipe.render.warper import Warper
 from lfpipe.scene.lightfield import LightField
 
-Source = Callable[[int, int], NDArray[np.uint8]]  # a plane of the stored view (row, col)
+Array = NDArray[np.uint8]
+Source = Callable[[int, int, int], Array]  # (frame, row, col) -> a plane of that stored view
 
 
 class Synthesiser:
@@ -38,8 +39,8 @@ class Synthesiser:
         *self._sums, self._sample = (np.empty((*size_of(height, width), 4), np.uint8) for _ in range(5))
 
     def render(
-        self, position: Position, frame: int, zero_plane_px: float, sources: Sequence[Source], outs: Sequence[NDArray[np.uint8]]
-    ) -> list[NDArray[np.uint8]]:
+        self, position: Position, frame: int, zero_plane_px: float, sources: Sequence[Source], outs: Sequence[Array]
+    ) -> list[Array]:
         """One plane for each source, at most four, seen from position.
 
         zero_plane_px: disparity that lies in the plane of the screen. outs: uint8 (height, width) each, to draw into. Returns the
@@ -47,13 +48,13 @@ class Synthesiser:
         """
         views = view_weights(self.method, position, self._rows, self._cols)
         if self._warper is None:
-            return self._faded(views, zero_plane_px, sources, outs, self._whole)
+            return self._faded(frame, views, zero_plane_px, sources, outs, self._whole)
         shift = (zero_plane_px * (self._centre[0] - position[0]), zero_plane_px * (self._centre[1] - position[1]))
         drawn = list(outs[: len(sources)])
         total = 0.0
         for view in views:
             steps = self._warper.offset(view, position)
-            planes = [source(view.row, view.col) for source in sources]
+            planes = [source(frame, view.row, view.col) for source in sources]
             if steps == (0.0, 0.0) and not any(shift):
                 return planes
             self._warper.aim(frame, view, steps, shift)
@@ -63,21 +64,21 @@ class Synthesiser:
             box, share = unknown
             views = view_weights("blend", position, self._rows, self._cols)
             outs = [np.empty(share.shape, np.uint8) for _ in sources]
-            for out, plane in zip(drawn, self._faded(views, zero_plane_px, sources, outs, box), strict=True):
+            for out, plane in zip(drawn, self._faded(frame, views, zero_plane_px, sources, outs, box), strict=True):
                 cv2.blendLinear(plane, out[box], share, 1 - share, out[box])
         return drawn
 
     def _faded(
-        self, views: list[ViewWeight], zero_px: float, sources: Sequence[Source], outs: Sequence[NDArray[np.uint8]], box: Box
-    ) -> list[NDArray[np.uint8]]:
+        self, frame: int, views: list[ViewWeight], zero_px: float, sources: Sequence[Source], outs: Sequence[Array], box: Box
+    ) -> list[Array]:
         """A box of the weighted sum of the stored views, each shifted as a whole to its zero plane. outs: of the box's size."""
-        faded: list[NDArray[np.uint8]] = []
+        faded: list[Array] = []
         total = 0.0
         for view in views:
             total += view.weight
             share = view.weight / total
             by = round(zero_px * (self._centre[0] - view.row)), round(zero_px * (self._centre[1] - view.col))
-            planes = [source(view.row, view.col) for source in sources]
+            planes = [source(frame, view.row, view.col) for source in sources]
             if any(by) or box is not self._whole:
                 planes = [shifted(plane, *by, box) for plane in planes]
             if faded:
@@ -87,7 +88,7 @@ class Synthesiser:
             faded = planes
         return faded
 
-    def _warp(self, warper: Warper, share: float, planes: list[NDArray[np.uint8]], outs: list[NDArray[np.uint8]]) -> None:
+    def _warp(self, warper: Warper, share: float, planes: list[Array], outs: list[Array]) -> None:
         """Warps planes of a view as aimed, and adds them in blocks with its share of the views so far. outs: to unpack into,
         after the last view."""
         for band in warper.bands:

@@ -153,8 +153,8 @@ def test_built_planes_are_bounded() -> None:
     field = rendered.field(4, 4, 32, 32)
     store = PlaneStore(field, budget_bytes=10 * 32 * 32)
     get = store.source(recipe("dubois").planes[0])
-    first = get(0, 0).copy()
+    first = get(0, 0, 0).copy()
     for row, col in np.ndindex(4, 4):
-        get(row, col)
+        get(0, row, col)
     assert store.built.cache_info().currsize <= 10
-    np.testing.assert_array_equal(get(0, 0), first)
+    np.testing.assert_array_equal(get(0, 0, 0), first)

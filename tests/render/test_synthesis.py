@@ -22,7 +22,7 @@ from tests.render.rendered import METHODS
 
 def made(field: LightField, method: str, position: Position, zero_plane_px: float = 0.0, channels: int = 1) -> NDArray[np.uint8]:
     outs = [np.zeros((field.height_px, field.width_px), np.uint8) for _ in range(channels)]
-    sources = [lambda r, c, k=k: field.views[0, r, c, k] for k in range(channels)]
+    sources = [lambda frame, r, c, k=k: field.views[frame, r, c, k] for k in range(channels)]
     planes = Synthesiser(field, method).render(position, 0, zero_plane_px, sources, outs)
     return np.stack([plane.copy() for plane in planes])
 
