@@ -3,7 +3,7 @@
 import math
 
 from lfpipe.host.presentation import Presented
-from lfpipe.transport.clock import MS_NS, SECOND_NS, Ticker
+from lfpipe.transport.clock import MS_NS, SECOND_NS
 
 SLACK = 0.2  # of a period, at most 3 ms: tolerated lateness of eyes
 GAIN = 0.05  # of each frame in phase and period: 20 frames, over which jitter of stamps averages out
@@ -18,13 +18,11 @@ class Refresh:
     """The display's clock at rate_hz, first due at t0_ns; its phase follows the camera's frames."""
 
     def __init__(self, rate_hz: float, t0_ns: int) -> None:
+        self._due_ns, self._period_ns = float(t0_ns), 1e9 / rate_hz
         self._cost_ns = 0
         self._camera_period_ns = 0.0
         self._last: tuple[int, int] | None = None  # (source_seq, t_sensor_ns) of the previous eyes
-        self._start(rate_hz, t0_ns)
-
-    def _start(self, rate_hz: float, t0_ns: int) -> None:
-        self._ticker, self._period_ns, self._locked = Ticker(rate_hz, t0_ns), 1e9 / rate_hz, False
+        self._locked = False  # whether the phase is the camera's
 
     @property
     def period_ns(self) -> int:
@@ -33,7 +31,7 @@ class Refresh:
 
     def due_ns(self) -> int:
         """When the next picture is due on the screen."""
-        return self._ticker.due_ns()
+        return int(self._due_ns)
 
     def lead_ns(self) -> int:
         """The time before its due time at which a picture must be begun."""
@@ -53,14 +51,14 @@ class Refresh:
 
     def limit(self, rate_hz: float | str, nominal_hz: float) -> None:
         """Takes `render.rate_hz` now in force; nominal_hz: the rate if it is "auto"."""
-        if nominal_hz != self._ticker.rate_hz:
-            self._start(nominal_hz, self.due_ns())
+        if 1e9 / nominal_hz != self._period_ns:
+            self._period_ns, self._locked = 1e9 / nominal_hz, False
 
     def advance(self, t_ns: int) -> int:
         """Advances to the next refresh after t_ns; returns how many were missed."""
-        missed = self._ticker.missed
-        self._ticker.advance(t_ns)
-        return self._ticker.missed - missed
+        missed = int(max((t_ns - self._due_ns) // self._period_ns, 0))
+        self._due_ns += (1 + missed) * self._period_ns
+        return missed
 
     def heard(self, source_seq: int, t_sensor_ns: int, t_eyes_ns: int) -> None:
         """Records that new eyes, of that frame, arrived at t_eyes_ns."""
@@ -79,10 +77,10 @@ class Refresh:
             late_ns -= self._period_ns
         if not self._locked:  # nothing is visible yet: shift at once
             self._locked = True
-            self._ticker.shift(int(late_ns))
+            self._due_ns += late_ns
             return
         largest_ns = LARGEST_STEP * self._period_ns
-        self._ticker.shift(int(min(max(GAIN * late_ns, -largest_ns), largest_ns)))
+        self._due_ns += min(max(GAIN * late_ns, -largest_ns), largest_ns)
 
 
 PHASE_GAIN, PERIOD_GAIN = 0.3, 0.01  # phase within a few blanks; period over a hundred: reports come in whole ms
