@@ -5,19 +5,13 @@ What does not change the next picture happens after the hand-over: counts, repor
 
 import time
 from collections import deque
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.config.quality import level_number
-from lfpipe.errors import UserError
 from lfpipe.eyes import EYES, MAX_HORIZON_S, EyesRecord
-from lfpipe.files.trace import TraceFile
 from lfpipe.render.compositor import Key
 from lfpipe.render.display import Display
-from lfpipe.render.geometry import Parallax
 from lfpipe.render.glasses import glasses_test
 from lfpipe.render.motion_latency import MotionLatency
 from lfpipe.render.mouse_look import MouseLook
@@ -27,12 +21,8 @@ from lfpipe.render.showing import ANSWER_NS, HANDOVER, REPLACED, Showing, take_k
 from lfpipe.render.viewer import VIDEO_LEAD, Viewer
 from lfpipe.transport.clock import MS_NS, now_ns, sleep_until
 from lfpipe.transport.context import Context
-from lfpipe.transport.ring import Stamp, StampKind
+from lfpipe.transport.ring import Stamp
 
-if TYPE_CHECKING:
-    from lfpipe.render.replay_writer import ReplayWriter
-
-NO_ROOM = "make room there, or another --out"  # of a replay
 STALE_NS = 500 * MS_NS  # a record so old comes from a tracker that has died, unless
 STALE_FRAMES = 3  # frames come so slowly that it is younger than this many of their intervals
 HORIZON_NS = int(MAX_HORIZON_S * 1e9)
@@ -53,16 +43,8 @@ class Presenter:
         self._t_taken_ns = 0
         self._pending = False  # no picture was made yet for the newest record
         self._key: Key | None = None
-        trace, began = context.options.trace, context.spec.session.run_dir / "session.json"
-        self._trace = TraceFile(Path(trace) if trace else None, self._lost, began if context.row["restarts"] else None)
         self._outputs = Outputs(context, viewer)
-        self._replay: ReplayWriter | None = None
-        if replay := context.options.replay:
-            from lfpipe.render import replay_writer
-
-            self._replay = replay_writer.ReplayWriter(Path(replay.folder), replay.sequence, replay.pictures)
         self._waiting: deque[Showing] = deque()  # between hand-over and light
-        self._parallax: Parallax | None = None
         self._latency: MotionLatency | None = None  # where pictures become light after a known delay
         self._loop_ns = 0
         self._number = 0
@@ -74,11 +56,6 @@ class Presenter:
         self.tests_glasses = False
         self.follow()
 
-    def _lost(self, why: str) -> None:
-        if self._context.options.replay:  # a replay needs its trace
-            raise UserError(why, NO_ROOM)
-        self._context.report_lost(why)
-
     def redraw(self) -> None:
         """Composes the next picture even if its key is unchanged."""
         self._key = None
@@ -87,8 +64,6 @@ class Presenter:
         """Takes over changed options and configuration."""
         options = self._context.options
         self._outputs.follow(options, self.picture)
-        self._traced = self._trace.wanted or self._outputs.timeline.wanted
-        self._shares = any(target.startswith("lsl") for target in options.share)  # it carries stamps of pictures
         # a file has no light, and without a clock replay.latency_ms is the whole delay
         lit = not options.lossless and not options.display.startswith("file:")
         self._loop_ns = int(self._viewer.config.render.loop_ms * 1e6) * lit
@@ -153,25 +128,19 @@ class Presenter:
                 handing_ns = min(handing_ns, time.process_time_ns() - cpu_ns)
             cost_ns = t_composed_ns - t_started_ns + handing_ns
             self._number += 1
-        more: dict[str, Any] = {}
-        if stamp is not None and record is not None and self._replay is not None:
-            more = self._replay.keep(stamp, record.filtered_px, viewpoints.eyes_px, seen_ns, self.picture, composed)
         showing = Showing(
             self._number if composed else 0, None if record is None else stamp, record, viewpoints, self._context.row["seq"],
             target_ns if refresh_ns else 0, seen_ns, self._loop_ns, t_sensor_ns, t_started_ns, t_composed_ns, t_handed_ns,
-            max(self._t_taken_ns - stamp.t_publish_ns, 0) if stamp else 0, cost_ns, more,
+            max(self._t_taken_ns - stamp.t_publish_ns, 0) if stamp else 0, cost_ns,
         )  # fmt: skip
         self._account(showing)
 
     def _account(self, showing: Showing) -> None:
         """Counts and reports after the hand-over, and what is known of the display without its reports."""
-        row, stamp, refresh, composed = self._context.row, showing.stamp, self.refresh, bool(showing.number)
-        face, viewer = showing.face, self._viewer
+        row, stamp, refresh, composed, face = self._context.row, showing.stamp, self.refresh, showing.composed, showing.face
         if self._latency is not None and showing.record is not None and not self.mouse.looks:
             self._latency.measured(showing.t_sensor_ns, showing.record.raw_px if face else None)
         if composed:
-            if self._outputs.ring is not None:
-                self._outputs.picture(self.picture, stamp)
             self.cost_ns += int(COST_SHARE * (showing.cost_ns - self.cost_ns))
             if refresh is not None:
                 refresh.took(showing.cost_ns, showing.t_started_ns, showing.target_ns)
@@ -182,12 +151,9 @@ class Presenter:
             if face:
                 row["t_face_ns"] = showing.t_started_ns
                 row.horizon.add_ns(min(showing.seen_ns - showing.t_sensor_ns, HORIZON_NS))
-            if viewer.presence.state != row["viewer"]:
-                self._outputs.report_viewer()
-            if self._outputs.ring is not None:
-                self._outputs.emit_viewpoints(showing.viewpoints, bool(face))
-            if self._traced:
+            if self._outputs.traced:
                 self._eyes.done()
+        self._outputs.handed_over(showing, self.picture)
         if not self._display.blanks_by:
             showing.t_presented_ns = showing.t_handed_ns
             self._report(showing)
@@ -196,13 +162,10 @@ class Presenter:
             if not composed:
                 showing.t_presented_ns, showing.by = showing.target_ns or showing.t_handed_ns, self._display.blanks_by
             self._waiting.append(showing)
-        if viewer.parallax is not self._parallax:
-            self._parallax = viewer.parallax
-            self._outputs.report_parallax()
 
     def _report(self, showing: Showing) -> None:
         """Counts and traces a picture whose time of display is known."""
-        row, stamp, composed, t_ns = self._context.row, showing.stamp, bool(showing.number), showing.t_presented_ns
+        row, stamp, composed, t_ns = self._context.row, showing.stamp, showing.composed, showing.t_presented_ns
         seen = showing.by != REPLACED
         if composed and showing.target_ns and showing.by not in ("", HANDOVER) and isinstance(self.refresh, ScreenRefresh):
             row["juddered"] += self.refresh.judge(showing.target_ns, showing.t_handed_ns, t_ns)
@@ -210,16 +173,11 @@ class Presenter:
             return
         if composed:
             row.measure(showing.waited_ns, showing.cost_ns, t_ns - showing.t_sensor_ns if seen else None)
-        if seen and self._shares:
-            self._outputs.share(showing.viewpoints, stamp, bool(showing.face), composed, t_ns)
         if self._latency is not None and seen and composed and showing.face:
             after_ns = showing.seen_ns - (showing.target_ns or showing.t_handed_ns)
             self._latency.pictured(t_ns, after_ns, showing.loop_ns, showing.viewpoints.eyes_px)
             row["onset_ns"], row["steady_ns"] = self._latency.onset_ns, self._latency.steady_ns
-        if self._traced:
-            line = self._line(showing, stamp)
-            self._trace.write(line)
-            self._outputs.timeline.write(line)
+        self._outputs.presented(showing, stamp)
 
     def missed(self, count: int) -> None:
         """Counts refreshes that passed with no new picture begun: the previous one stayed."""
@@ -237,43 +195,8 @@ class Presenter:
         for showing in take_known(self._waiting, answers, self._display.blanks_by, now_ns()):
             self._report(showing)
 
-    def _line(self, showing: Showing, stamp: Stamp) -> dict[str, Any]:
-        assert showing.record is not None
-        used, raw = showing.viewpoints.eyes_px, showing.record.raw_px
-        line = {
-            "seq": showing.seq,
-            "source_seq": stamp.source_seq,
-            "epoch": stamp.epoch,
-            "t_sensor_ns": stamp.t_sensor_ns,
-            "t_read_ns": stamp.t_read_ns,
-            "stamp": StampKind(stamp.kind).word,
-            "t_tracked_ns": showing.record.t_tracked_ns,
-            "t_started_ns": showing.t_started_ns,
-            "t_composed_ns": showing.t_composed_ns,
-            "t_presented_ns": showing.t_presented_ns,
-            "face": bool(showing.face),
-            "eyes_raw": {"left": raw[:2], "right": raw[2:]},
-            "eyes_used": {"left": used[:2], "right": used[2:]},
-            "view": {"left": list(showing.viewpoints.left), "right": list(showing.viewpoints.right)},
-            "method": self._viewer.method,
-            "level": level_number(self._context.options),
-            "composed": bool(showing.number),
-            **showing.more,
-        }
-        if showing.by:
-            line["presented_by"] = showing.by
-        return line
-
     def close(self) -> None:
-        """Ends the trace."""
+        """Ends the outputs."""
         for showing in take_known(self._waiting, (), self._display.blanks_by, now_ns() + 2 * ANSWER_NS):
             self._report(showing)
-        self._trace.close()
-        try:
-            if self._replay is not None:
-                self._replay.close()
-        except OSError as error:
-            assert self._context.options.replay is not None
-            raise UserError(f"{self._context.options.replay.folder}: {error.strerror}", NO_ROOM) from None
-        finally:
-            self._outputs.timeline.close()
+        self._outputs.close()

@@ -25,7 +25,7 @@ class ReplayWriter:
     """folder: of the run's results. sequence: its folder, whose true eyes determine the worst picture. pictures: keep them."""
 
     def __init__(self, folder: Path, sequence: str, pictures: bool) -> None:
-        self._folder, self._pictures = folder, pictures
+        self.folder, self._pictures = folder, pictures
         self._truth = read_truth(Path(sequence))
         self._first_ns: int | None = None
         self._digest = ""
@@ -62,11 +62,11 @@ class ReplayWriter:
 
     def close(self) -> None:
         """Writes the pictures. Raises OSError if there is no room."""
-        (self._folder / PICTURES).mkdir()
-        writer = PacketWriter(self._folder / PICTURES)
+        (self.folder / PICTURES).mkdir()
+        writer = PacketWriter(self.folder / PICTURES)
         for seq, (stamp, data) in sorted(self._kept.items()):
             writer.append(data, "png", seq, stamp.epoch, stamp.t_sensor_ns - (self._first_ns or 0), 0)
         writer.close()
         for name, picture in self._named.items():
             _, data = encoded(picture, fast=False)
-            (self._folder / f"{name}.png").write_bytes(marked_picture(data))
+            (self.folder / f"{name}.png").write_bytes(marked_picture(data))

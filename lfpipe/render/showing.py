@@ -10,7 +10,7 @@ from lfpipe.eyes import EyesRecord
 from lfpipe.host.presentation import Presented
 from lfpipe.render.viewer import Viewpoints
 from lfpipe.transport.clock import MS_NS
-from lfpipe.transport.ring import Stamp
+from lfpipe.transport.ring import Stamp, StampKind
 
 ANSWER_NS = 250 * MS_NS  # a hidden window gets no report
 HANDOVER, REPLACED = "handover", "replaced"
@@ -21,7 +21,7 @@ class Showing:
     """What one refresh, or one camera frame, showed. number: of the picture; 0: the one on the screen stayed. stamp, record: of
     the frame it was made for; None: nobody was seen yet. target_ns: the refresh it was made for, 0 for none; seen_ns: when a
     viewer sees it, loop_ns of it for camera and display. t_presented_ns: 0: never seen, or not known yet; by: the protocol that
-    reported it, empty: not known yet."""
+    reported it, empty: not known yet. more: additional fields of its line."""
 
     number: int
     stamp: Stamp | None
@@ -37,13 +37,45 @@ class Showing:
     t_handed_ns: int
     waited_ns: int
     cost_ns: int
-    more: dict[str, Any]
     t_presented_ns: int = 0
     by: str = ""
+    more: dict[str, Any] = attrs.field(factory=dict)
+
+    @property
+    def composed(self) -> bool:
+        return self.number > 0
 
     @property
     def face(self) -> int:
         return self.record.face if self.record is not None else 0
+
+    def line(self, stamp: Stamp, method: str, level: int) -> dict[str, Any]:
+        """The line of a trace (docs/contracts.md). stamp: of the frame."""
+        assert self.record is not None
+        used, raw = self.viewpoints.eyes_px, self.record.raw_px
+        line = {
+            "seq": self.seq,
+            "source_seq": stamp.source_seq,
+            "epoch": stamp.epoch,
+            "t_sensor_ns": stamp.t_sensor_ns,
+            "t_read_ns": stamp.t_read_ns,
+            "stamp": StampKind(stamp.kind).word,
+            "t_tracked_ns": self.record.t_tracked_ns,
+            "t_started_ns": self.t_started_ns,
+            "t_composed_ns": self.t_composed_ns,
+            "t_presented_ns": self.t_presented_ns,
+            "face": bool(self.face),
+            "eyes_raw": {"left": raw[:2], "right": raw[2:]},
+            "eyes_used": {"left": used[:2], "right": used[2:]},
+            "view": {"left": list(self.viewpoints.left), "right": list(self.viewpoints.right)},
+            "method": method,
+            "level": level,
+            "composed": self.composed,
+            **self.more,
+        }
+        if self.by:
+            line["presented_by"] = self.by
+        return line
 
 
 def take_known(waiting: deque[Showing], answers: Iterable[Presented], by: str, t_ns: int) -> list[Showing]:

@@ -10,7 +10,7 @@ NOWHERE = Viewpoints((0.0, 0.0, 0.0, 0.0), (0.0, 0.0), (0.0, 0.0), 0)
 
 
 def showing(number: int, t_ns: int, by: str = "") -> Showing:
-    return Showing(number, None, None, NOWHERE, 0, t_ns, 0, 0, 0, 0, 0, t_ns, 0, 0, {}, t_ns if by else 0, by)
+    return Showing(number, None, None, NOWHERE, 0, t_ns, 0, 0, 0, 0, 0, t_ns, 0, 0, t_ns if by else 0, by)
 
 
 def known(waiting: deque[Showing], answers: list[Presented], t_ns: int) -> list[tuple[int, int, str]]:
