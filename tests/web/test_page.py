@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from lfpipe.render.view_grid import draw_over_eyes, place_px
+from lfpipe.observe.page_feed import draw_over_eyes, place_px
 from tests.web.browser import Browser, missing
 from tests.web.server import Server, until
 from tests.world import World
