@@ -49,6 +49,10 @@ class EyesRecord(NamedTuple):
         numbers = PLAIN.unpack_from(record)  # type: ignore[arg-type]
         return cls(numbers[:4], numbers[4:8], numbers[8:12], *numbers[12:])
 
+    def write(self, record: NDArray[np.void]) -> None:
+        """Fills a record of dtype EYES but for head_px."""
+        PLAIN.pack_into(record, 0, *self.raw_px, *self.filtered_px, *self.velocity_px_s, *self[3:])  # type: ignore[arg-type]
+
 
 # Points of MediaPipe's face mesh that jaw and mouth do not move: tip of the nose, top of the forehead, corners of the eyes from
 # the right outer to the left outer one, temples, and in front of the ears.

@@ -5,15 +5,17 @@ view, at the top the topmost. The wheel is the distance, dragging moves the neut
 head.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import Config
 from lfpipe.config.camera_pose import camera_focal_px
-from lfpipe.eyes import EYES
+from lfpipe.eyes import Eyes, EyesRecord
 from lfpipe.render.geometry import SEAT_MM
 from lfpipe.render.overlay import Pointer
-from lfpipe.render.viewer import Viewer
+from lfpipe.render.viewer import Viewer, low_pass_share
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.ring import Stamp
 from lfpipe.transport.ring_ends import RingOutput
@@ -60,12 +62,12 @@ class MouseLook:
             self._anchor = self._pointer.x, self._pointer.y
         return self._alone
 
-    def eyes(self, record: NDArray[np.void] | None, stamp: Stamp | None, t_ns: int) -> tuple[NDArray[np.void], Stamp]:
+    def eyes(self, record: EyesRecord | None, stamp: Stamp | None, t_ns: int) -> tuple[EyesRecord, Stamp]:
         """The record and stamp of the eyes at t_ns. record, stamp: of the camera, if there is one."""
         solver, field = self._viewer.solver, self._viewer.field
-        face = record is not None and bool(record["face"])
+        face = record if record is not None and record.face else None
         centre_px = np.array(self._size_px) / 2.0 if solver is None or self._alone else np.array(solver.centre_px)
-        start_px = record["filtered_px"].mean(axis=0) if record is not None and face else centre_px
+        start_px = centre_px if face is None else np.reshape(face.filtered_px, (2, 2)).mean(axis=0)
         target_px = centre_px
         if not self._alone and not self._pointer.right:
             target_px = start_px
@@ -75,26 +77,27 @@ class MouseLook:
             target_px = centre_px + np.array((-x * across, y * down))  # who moves right is further left in the camera's picture
         if self._eased_px is None:
             self._eased_px, self._t_ns = (start_px, start_px), t_ns
-        ratio, self._t_ns = max(t_ns - self._t_ns, 0) / 1e9 / EASE_S, t_ns
-        share = ratio / (1 + ratio)
+        share, self._t_ns = low_pass_share(max(t_ns - self._t_ns, 0) / 1e9, EASE_S), t_ns
         once_px = self._eased_px[0] + (target_px - self._eased_px[0]) * share
         middle_px = self._eased_px[1] + (once_px - self._eased_px[1]) * share
         self._eased_px = once_px, middle_px
 
-        eyes = np.zeros((), EYES) if record is None else record.copy()
         apart_px = self._focal_px * self._eyes_mm / self._distance_mm
-        if not self._alone and face:
-            apart_px = float(eyes["apart_px"]) or float(np.hypot(*(eyes["filtered_px"][0] - eyes["filtered_px"][1])))
-        half = np.array([[apart_px / 2, 0.0], [-apart_px / 2, 0.0]])
-        eyes["raw_px"], eyes["filtered_px"], eyes["velocity_px_s"] = target_px + half, middle_px + half, 0.0
-        eyes["apart_px"], eyes["confidence"], eyes["face"], eyes["t_tracked_ns"] = apart_px, 1.0, 1, t_ns
-        eyes["width_px"], eyes["height_px"] = self._size_px
+        if face is not None:
+            apart_px = face.apart_px or math.dist(face.filtered_px[:2], face.filtered_px[2:])
+        eyes = _apart(target_px, apart_px), _apart(middle_px, apart_px), (0.0, 0.0, 0.0, 0.0)
+        mouse_eyes = EyesRecord(*eyes, apart_px, 1.0, *self._size_px, t_ns, 1, record.generation if record is not None else 0)
         if self._alone or stamp is None:
             self._count += 1
             stamp = Stamp(self._count, self._count, 0, t_ns, t_ns, t_ns, 0)
         if self._ring is not None:
-            self._ring.begin()[...] = eyes
+            mouse_eyes.write(self._ring.begin())
             self._ring.publish(self._count, t_ns, t_ns, 0, 0)
         if not self._alone and not self._pointer.right and t_ns - self._released_ns > BACK_NS:
             self._eased_px = None  # the camera's eyes again
-        return eyes, stamp
+        return mouse_eyes, stamp
+
+
+def _apart(middle_px: NDArray[np.float64], apart_px: float) -> Eyes:
+    x, y = middle_px.tolist()
+    return x + apart_px / 2, y, x - apart_px / 2, y

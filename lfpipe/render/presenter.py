@@ -102,8 +102,7 @@ class Presenter:
         record, stamp = self._record, self._stamp
         t_sensor_ns = stamp.t_sensor_ns if stamp else t_started_ns
         if self.mouse.looks:
-            mouse_eyes, stamp = self.mouse.eyes(None if record is None else self._buffer, stamp, t_started_ns)
-            record, t_sensor_ns = EyesRecord.of(mouse_eyes), t_started_ns
+            (record, stamp), t_sensor_ns = self.mouse.eyes(record, stamp, t_started_ns), t_started_ns
         elif record is not None and t_started_ns - t_sensor_ns > self._stale_ns and not self._context.options.lossless:
             record, t_sensor_ns = record._replace(face=0), t_started_ns  # the tracker died or hangs: nobody is seen
         on_blanks = isinstance(refresh, ScreenRefresh)

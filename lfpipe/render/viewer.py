@@ -170,8 +170,8 @@ class Viewer:
         if not self._seen or generation != self._generation:
             self._near_px, self._generation = apart_px, generation
         still = abs(apart_px - self._apart_px) < STILL * self._apart_px
-        self._apart_px += (apart_px - self._apart_px) * _share(dt_s, STILL_S if still else DISTANCE_S)
-        self._near_px += (apart_px - self._near_px) * _share(dt_s, POSE_S)
+        self._apart_px += (apart_px - self._apart_px) * low_pass_share(dt_s, STILL_S if still else DISTANCE_S)
+        self._near_px += (apart_px - self._near_px) * low_pass_share(dt_s, POSE_S)
 
     def _follow_presence(self, generation: int, t_sensor_ns: int, solver: ViewSolver, eyes_px: Eyes | None) -> None:
         """Measures neutral position and distance when somebody has come to rest."""
@@ -197,7 +197,7 @@ class Viewer:
             if face:
                 centre_px = solver.dragged(centre_px, self._eyes_px)
         elif self._target_px is not None:
-            (x, y), (to_x, to_y), share = centre_px, self._target_px, _share(dt_s, NEUTRAL_S)
+            (x, y), (to_x, to_y), share = centre_px, self._target_px, low_pass_share(dt_s, NEUTRAL_S)
             centre_px = x + (to_x - x) * share, y + (to_y - y) * share
         self._centre_px = solver.centre_px = centre_px
 
@@ -238,7 +238,7 @@ def _flat(points: np.ndarray[Any, Any]) -> Eyes:
     return lx, ly, rx, ry
 
 
-def _share(dt_s: float, time_s: float) -> float:
+def low_pass_share(dt_s: float, time_s: float) -> float:
     """Share of the new value in a low-pass over dt_s: backward Euler, stable for any step."""
     ratio = dt_s / time_s
     return ratio / (1 + ratio)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import Track
-from lfpipe.eyes import PLAIN, Eyes
+from lfpipe.eyes import Eyes, EyesRecord
 from lfpipe.track.detector import SAME, overlap
 from lfpipe.track.engine import Face, make_engine
 from lfpipe.track.filters import make_filter
@@ -126,7 +126,6 @@ class EyeTracker:
         """Fills a record of dtype EYES, except t_tracked_ns. image: the frame."""
         face, (height_px, width_px) = self._face, image.shape[:2]
         apart_px, confidence = (face.apart_px, face.confidence) if face is not None else (0.0, 0.0)
-        eyes = *self._raw_px, *self._position_px, *self._velocity_px_s
-        rest = width_px, height_px, 0, self.seen, self._generation
-        PLAIN.pack_into(record, 0, *eyes, apart_px, confidence, *rest)  # type: ignore[arg-type]
+        eyes = self._raw_px, self._position_px, self._velocity_px_s
+        EyesRecord(*eyes, apart_px, confidence, width_px, height_px, 0, self.seen, self._generation).write(record)
         record["head_px"] = 0.0 if face is None or face.head_px is None else face.head_px

@@ -16,7 +16,8 @@ from lfpipe.render.overlay import Pointer
 from lfpipe.render.viewer import Viewer
 from lfpipe.sequence.folder import open_sequence
 from lfpipe.transport.ring import Stamp
-from tests.render.rendered import eyes_array, field
+from tests.render.rendered import field
+from tests.render.rendered import record as eyes_record
 from tests.world import World
 from tests.xvfb_screen import Screen
 
@@ -32,18 +33,18 @@ class Session:
         self.mouse = MouseLook(Config(), self.viewer, ring if alone else None)  # type: ignore[arg-type]
         self.t_ns = 10**9
 
-    def cols(self, pointer: Pointer, refreshes: int = 90, camera: np.ndarray | None = None) -> list[float]:
+    def cols(self, pointer: Pointer, refreshes: int = 90, camera: EyesRecord | None = None) -> list[float]:
         """The column between both eyes at each refresh with the pointer there."""
-        found = []
+        columns = []
         for _ in range(refreshes):
             self.t_ns += REFRESH_NS
             self.mouse.follow(pointer, self.t_ns)
             record, t_ns = camera, self.t_ns
             if self.mouse.looks:
                 record, _ = self.mouse.eyes(camera, Stamp(1, 1, 0, t_ns, t_ns, t_ns, 0), t_ns)
-            views = self.viewer.viewpoints(None if record is None else EyesRecord.of(record), t_ns, t_ns)
-            found.append((views.left[1] + views.right[1]) / 2)
-        return found
+            views = self.viewer.viewpoints(record, t_ns, t_ns)
+            columns.append((views.left[1] + views.right[1]) / 2)
+        return columns
 
 
 def test_edge_to_edge_of_the_window_is_edge_to_edge_of_the_grid_without_a_jump() -> None:
@@ -79,7 +80,7 @@ def test_the_wheel_is_the_distance() -> None:
 
 
 def test_the_right_button_takes_over_from_a_camera_and_gives_it_back_without_a_jump() -> None:
-    session, camera = Session(alone=False), eyes_array(apart=60.0, apart_px=60.0, generation=1)
+    session, camera = Session(alone=False), eyes_record(apart=60.0, apart_px=60.0, generation=1)
     still = session.cols(Pointer(0.1, 0.5), 200, camera)
     assert not session.mouse.looks
     away = session.cols(Pointer(0.1, 0.5, right=True), 120, camera)
