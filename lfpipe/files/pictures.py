@@ -94,7 +94,7 @@ def _full_value(image: ImageFile.ImageFile) -> int:
 
 
 def _unreadable(path: Path, why: str) -> UserError:
-    return UserError(f"{path}: not a readable picture ({why})", "download or export it again")
+    return UserError(f"{path}: not a readable picture ({why})", "download it again, or export it as PNG or JPEG")
 
 
 def _checked(path: Path, file: IO[bytes]) -> Header:
@@ -102,9 +102,8 @@ def _checked(path: Path, file: IO[bytes]) -> Header:
     if header is None:
         raise _unreadable(path, "truncated, damaged or another format")
     if header.decoded_bytes > MAX_DECODING_BYTES:
-        most = f"at most {MAX_DECODING_BYTES / 1e6:.0f} MB are allowed"
         claim = f"{header.size}, {header.decoded_bytes / 1e6:.0f} MB"
-        raise _unreadable(path, f"it claims {claim}; {most}")
+        raise UserError(f"{path}: too large: {claim}; at most {MAX_DECODING_BYTES / 1e6:.0f} MB are read", "make it smaller")
     if header.format in _ENDS:
         size = os.fstat(file.fileno()).st_size
         file.seek(max(0, size - _TAIL))

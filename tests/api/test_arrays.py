@@ -47,6 +47,7 @@ def test_an_array_gives_the_pictures_of_its_files(tmp_path: Path, cache: dict[st
         lambda v: v[..., :1],
         lambda v: v.astype(np.uint16) * 257,
         lambda v: v / np.float32(255),
+        lambda v: v.astype(np.float32),
         lambda v: v.astype(np.float64).tolist(),
     ],
 )

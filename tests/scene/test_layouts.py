@@ -96,6 +96,7 @@ FORMS: dict[str, tuple[str, Make, np.ndarray]] = {  # layout, files, views in ca
     "hci, parameters": ("hci", named(GRID, "input_Cam{n:03d}.png", parameters_cfg=CFG.format(4, 3)), GRID),
     "hci-old": ("hci-old", lambda f: old_hci(f / "lf.h5", SQUARE, DEPTH), SQUARE),
     "hci-old, turned": ("hci-old", lambda f: old_hci(f / "lf.h5", SQUARE[:, ::-1], DEPTH), SQUARE),
+    "an .h5 of one's own": ("hci-old", lambda f: h5py.File(f / "my.h5", "w").create_dataset("LF", data=SQUARE), SQUARE),
     "hci-text": ("hci-text", lambda f: text_export(f, 20.0), SQUARE),
     "stanford": ("stanford", stanford(STANFORD + "_.png", lambda r, c: (2 - r, 3 - c), -8.5, -8.6, (3, 4)), GRID),
     "stanford, copies": ("stanford", stanford("jpg_" + STANFORD + ".png", lambda r, c: (r, 3 - c), 8.5, -8.6, (3, 4)), GRID),

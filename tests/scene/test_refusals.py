@@ -161,6 +161,9 @@ REFUSALS = {
     "folders of two scenes": Refused(
         both(grid("garden/v_{r}_{c}.png"), grid("hall/v_{r}_{c}.png")), "pictures stand in 2 folders:", inside("garden")
     ),
+    "numbered folders of two scenes": Refused(
+        both(grid("set1/{r}_{c}.png"), grid("set2/{r}_{c}.png")), "pictures stand in 2 folders:", inside("set1")
+    ),
     "unknown files": Refused(
         both(one("a.png"), *(data(f"{n}.xyz") for n in range(9))), "9 of 10 files are of a kind", inside("a.png")
     ),
@@ -182,6 +185,9 @@ REFUSALS = {
     "depth that is promised only": Refused(data("x.jpg", PROMISED), "claims to contain a depth", AS_DEPTH),
     "depth in false colours": Refused(
         both(one("x.png"), one("x_depth.png", GRID[2, 2])), "a depth map in false colours", AS_DEPTH
+    ),
+    "depth in floats": Refused(
+        both(one("x.png"), one("x_depth.tiff", made.middle_disparity(48, 64))), "not a readable picture", AS_DEPTH
     ),
     "depth of another shape": Refused(
         both(one("x.png"), one("x_depth.png", GRID[2, 2, :, :30, 0])), "a depth map of 30x48 px for a", AS_DEPTH

@@ -34,7 +34,7 @@ def _inner(listing: Listing, deepest: int) -> Listing | None:
     names = tuple(f"{row}/{name}" for row, one in rows.items() for name in one.pictures())
     if len(names) <= len(listing.pictures()):
         return None
-    if len(rows) < len(inner) or not _are_rows(list(rows)):
+    if len(rows) < len(inner) or not _are_rows(list(rows), names):
         most = max(rows, key=lambda name: len(rows[name].pictures()))
         raise UserError(
             f"{listing.path}: pictures stand in {len(rows)} folders: {', '.join(list(rows)[:4])}",
@@ -62,9 +62,11 @@ def note_of(given: Listing, inner: Listing) -> str:
     return "; ".join(taken + [f"not used: {some(others)}"] * bool(others))
 
 
-def _are_rows(folders: list[str]) -> bool:
-    """Whether names of folders differ in one number or letter only, or are those of the two eyes' pictures."""
+def _are_rows(folders: list[str], names: tuple[str, ...]) -> bool:
+    """Whether names of folders differ in one number or letter only, or are those of the two eyes' pictures; and names of the
+    pictures in them leave nothing open: a grid in each folder is a scene in each."""
     if sorted(name.lower() for name in folders) in (sorted(pair) for pair in zip(LEFT, RIGHT, strict=True)):
         return True
     numbered = read_names(tuple(f"{name}.png" for name in folders))
-    return numbered is not None and len(numbered.views) == len(folders)
+    together = read_names(names)
+    return numbered is not None and len(numbered.views) == len(folders) and not (together is not None and together.doubt)

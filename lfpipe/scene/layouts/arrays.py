@@ -1,11 +1,11 @@
 """Light fields that are one array: NumPy's .npy and .npz, MATLAB's .mat, and the first HCI data set, lf.h5.
 
 Axes are (rows, cols, height, width, planes), in NumPy files perhaps with frames before them; planes are 1 (grey) or 3 (red
-first). Values are uint8, uint16, or float 0 .. 1. An .npz holds `views`, and perhaps `disparity` (rows, cols, height, width), px
-per view, nearer is larger; and `positions` (rows, cols, 2), where each camera stood, (down, right) in any unit. MATLAB files
-hold LF: LFToolbox's NAME__Decoded.mat and BasicLFSR's. v7.3 files are HDF5, axes in reverse order; older ones need
-scipy (`pip install 'lfpipe[scipy]'`). lf.h5 holds LF, GT_DEPTH and attributes, columns from right to left: Wanner, Meister,
-Goldluecke, "Datasets and Benchmarks for Densely Sampled 4D Light Fields", VMV 2013.
+first). Values are uint8, uint16, or float 0 .. 1 or 0 .. 255. An .npz holds `views`, and perhaps `disparity` (rows, cols,
+height, width), px per view, nearer is larger; and `positions` (rows, cols, 2), where each camera stood, (down, right) in any
+unit. MATLAB files hold LF: LFToolbox's NAME__Decoded.mat and BasicLFSR's. v7.3 files are HDF5, axes in reverse order; older ones
+need scipy (`pip install 'lfpipe[scipy]'`). lf.h5 holds LF, GT_DEPTH and attributes, columns from right to left: Wanner, Meister,
+Goldluecke, "Datasets and Benchmarks for Densely Sampled 4D Light Fields", VMV 2013; a file of another name without them need not.
 """
 
 import contextlib
@@ -55,10 +55,13 @@ def require_views(views: NDArray[Any], what: str) -> NDArray[Any]:
 
 def _source(
     layout: str, path: Path, listing: Listing, shape: tuple[int, ...], kind: np.dtype[Any],
-    raw: Callable[[int, int, int], NDArray[Any]], full: float = 1.0, **more: Any,
+    raw: Callable[[int, int, int], NDArray[Any]], **more: Any,
 ) -> SceneSource:  # fmt: skip
     """The views of an array. shape: rows, cols, height and width; kind: of its values; raw: a view as it is stored, perhaps with
-    planes, by frame, row and column; full: the largest float; more: further fields of SceneSource."""
+    planes, by frame, row and column; more: further fields of SceneSource."""
+    rows, cols, height, width = shape
+    # highlights of a rendering are above 1, too, but they are few
+    full = 255.0 if kind.kind == "f" and np.mean(raw(0, rows // 2, cols // 2) > 1.5) > 0.1 else 1.0
 
     def read(frame: int, row: int, col: int) -> NDArray[Any]:
         pixels = raw(frame, row, col)
@@ -71,7 +74,6 @@ def _source(
             pixels = np.rint(pixels / np.float32(full) * np.float32(65535)).astype(np.uint16)
         return np.ascontiguousarray(pixels)
 
-    rows, cols, height, width = shape
     return SceneSource(layout, listing.path, (path,), rows, cols, read, height, width, 255 if kind == np.uint8 else 65535, **more)
 
 
@@ -181,8 +183,7 @@ def _ordered_source(layout: str, listing: Listing, path: Path, array: Any, names
     def raw(frame: int, row: int, col: int) -> NDArray[Any]:
         return np.asarray(array[..., col, row].T if order[0] else array[row, col])
 
-    bright = array.dtype.kind == "f" and float(np.nanmax(raw(0, shape[0] // 2, shape[1] // 2), initial=0)) > 1.5
-    return _source(layout, path, listing, shape, array.dtype, raw, 255.0 if bright else 1.0)
+    return _source(layout, path, listing, shape, array.dtype, raw)
 
 
 def _matlab_array(path: Path) -> tuple[Any, list[str]]:
@@ -237,8 +238,9 @@ def _hci_old_source(listing: Listing, path: Path) -> SceneSource:
     if depth is not None and depth.shape == shape and known.get("dH") and known.get("focalLength"):
         places = np.ndindex(source.rows, source.cols)
         truth = {place: lambda at=place: disparity_of_depth(depth[at].astype(np.float32), known) for place in places}
-    by = "the columns of lf.h5 run from right to left"
-    return attrs.evolve(source, truth=truth, turn=Turn(cols=True), turn_by=by)
+    if not values and path.name != "lf.h5":
+        return source
+    return attrs.evolve(source, truth=truth, turn=Turn(cols=True), turn_by="the columns of lf.h5 run from right to left")
 
 
 def _layout(name: str, ends: tuple[str, ...], source: Callable[[Listing, Path], SceneSource]) -> Layout:
