@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.scene.lightfield import UNKNOWN
-from lfpipe.scene.optical_flow import grid_xy
+from lfpipe.scene.optical_flow import FloatMap, displaced
 
-FloatMap = NDArray[np.float32]
 _HIDDEN_PX = 1.0  # parallax that separates a surface from the one behind it
 
 
@@ -60,14 +59,11 @@ def warped_view(picture: NDArray[Any], disparity: FloatMap, target: FloatMap, do
 
     If the source of a pixel shows something nearer, the pixel was hidden: the nearest pixel at its depth fills it.
     """
-    xx, yy = grid_xy(*target.shape)
-    at = xx + target * np.float32(across), yy + target * np.float32(down)
-    out = cv2.remap(picture, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    seen = cv2.remap(disparity, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    step = max(abs(down), abs(across))
-    hidden = (seen - target) * step > _HIDDEN_PX
+    by_px = np.dstack((target * np.float32(across), target * np.float32(down)))
+    out, step = displaced(picture, by_px), max(abs(down), abs(across))
+    hidden = (displaced(disparity, by_px) - target) * step > _HIDDEN_PX
     if not hidden.any():
-        return np.asarray(out)
+        return out
     hidden = cv2.dilate(hidden.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     reach = 2 * int(step * float(np.ptp(disparity))) + 3
     behind = target - cv2.erode(target, np.ones((reach, reach), np.uint8), borderType=cv2.BORDER_REPLICATE) < max(
@@ -75,8 +71,8 @@ def warped_view(picture: NDArray[Any], disparity: FloatMap, target: FloatMap, do
     )
     usable = behind & ~hidden
     if not usable.any():
-        return np.asarray(out)
-    flat = np.asarray(out).reshape(out.shape[0] * out.shape[1], -1).copy()
+        return out
+    flat = out.reshape(out.shape[0] * out.shape[1], -1).copy()
     flat[hidden.ravel()] = flat[nearest(usable)[hidden]]
     return flat.reshape(out.shape)
 

@@ -9,6 +9,7 @@ import threading
 from collections.abc import Callable
 from functools import lru_cache
 from itertools import groupby, product
+from typing import Any
 
 import cv2
 import numpy as np
@@ -24,10 +25,11 @@ SMALLEST_PX = 24  # the flow needs a few of its 8x8 patches per side
 # Of fine flow: scale, patch, stride of patches, steps of descent, smoothing. profiling/results/disparity.md
 _FINEST_SCALE, _PATCH_PX, _PATCH_STRIDE_PX, _DESCENTS, _SMOOTHINGS = 0, 4, 3, 3, 2
 _RETURN_PX, _RETURN_SHARE = 0.5, 0.1  # tolerance of flow followed back: px, and share of the way
+_FIT_ROUNDS = 6  # of a robust fit: weights hardly change any more
 _LUMA = np.array([[0.299, 0.587, 0.114]], np.float32)
 LOOK_PX = 1 << 17  # of a view, enough to judge order and fit
 _DARK = 0.2  # views with a lower mean are brightened
-_here = threading.local()  # flow objects own buffers, so each serves one thread
+_here = threading.local()  # with `engines`: flow objects own buffers, so each serves one thread
 
 
 def flow(a: Grey, b: Grey, fine: bool = False) -> FloatMap:
@@ -47,13 +49,17 @@ def flow(a: Grey, b: Grey, fine: bool = False) -> FloatMap:
     return np.asarray(engines[fine].calc(a, b, np.zeros((*a.shape, 2), np.float32)), np.float32)
 
 
+@lru_cache(maxsize=2)
 def grid_xy(height: int, width: int) -> tuple[FloatMap, FloatMap]:
-    """x and y of every pixel, float32 (h, w) each; cached per thread, read-only."""
-    if getattr(_here, "size", None) != (height, width):
-        yy, xx = np.mgrid[:height, :width].astype(np.float32)
-        _here.size, _here.grid = (height, width), (xx, yy)
-    grid: tuple[FloatMap, FloatMap] = _here.grid
-    return grid
+    """x and y of every pixel, float32 (h, w) each; cached, not to be changed."""
+    yy, xx = np.mgrid[:height, :width].astype(np.float32)
+    return xx, yy
+
+
+def displaced(picture: NDArray[Any], by_px: FloatMap, how: int = cv2.INTER_LINEAR) -> NDArray[Any]:
+    """A picture sampled by_px, float32 (h, w, 2) as (x, y), away from every pixel; beyond its border that repeats."""
+    xx, yy = grid_xy(*by_px.shape[:2])
+    return np.asarray(cv2.remap(picture, xx + by_px[..., 0], yy + by_px[..., 1], how, borderMode=cv2.BORDER_REPLICATE))
 
 
 def returned_flow(a: Grey, b: Grey) -> tuple[FloatMap, Mask]:
@@ -64,6 +70,16 @@ def returned_flow(a: Grey, b: Grey) -> tuple[FloatMap, Mask]:
                          borderValue=(1e4, 1e4, 0, 0))  # fmt: skip
     off = np.hypot(there[..., 0] + returned[..., 0], there[..., 1] + returned[..., 1])
     return there, off < _RETURN_PX + _RETURN_SHARE * np.hypot(there[..., 0], there[..., 1])
+
+
+def robust_fit(matrix: NDArray[np.float64], values: NDArray[np.float64], tolerance: float) -> NDArray[np.float64]:
+    """Least-squares solution in which what is off by more than the tolerance, because it moves otherwise, counts by its amount
+    and not by its square (Huber's weights)."""
+    weights = np.ones(len(values))
+    for _ in range(_FIT_ROUNDS):
+        solution = np.linalg.lstsq(matrix * weights[:, None], values * weights, rcond=None)[0]
+        weights = np.sqrt(np.minimum(1, tolerance / np.maximum(np.abs(values - matrix @ solution), 1e-9)))
+    return np.asarray(solution, np.float64)
 
 
 def textured(picture: Grey) -> Mask:

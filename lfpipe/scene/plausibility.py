@@ -15,14 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.scene.optical_flow import SMALLEST_PX, Grey, flow, grey_views, grid_xy, present_lines, returned_flow, textured
+from lfpipe.scene.optical_flow import Grey, displaced, flow, grey_views, present_lines, returned_flow, robust_fit, textured
 from lfpipe.scene.source import SceneSource
 
+_SMALLEST_PX = 48  # side of views: the flow needs some of its patches
 _POOR_DB, _EXPLAINED = 26.0, 0.6  # of views between two others, and share of their detail that one disparity explains
 _UNEXPLAINED = 0.15  # share below which they do not fit together whatever their quality
 _FINE_DB, _FINE_SHARE = 30.0, 0.7  # of the middle of all lines: enough to skip other views
 _LOOSE_PX, _LOOSE_SHARE = 1.0, 0.2  # tolerance of the flow
 _STILL_PX = 1.0  # motion that is none
+_OFF_PX = 0.5  # from a common motion: what is off by more is near, and counts less
 _REFOCUSED = 4.0  # ratio of the sharpest to the least sharp picture of a block, in a focal stack
 _ROUND = 1.3  # ratio of motion left in the two directions: below it, there is no direction
 _REACH, _FEWEST_POINTS = 8, 100  # views from the middle; pixels to fit motion to
@@ -65,9 +67,9 @@ def _motion(a: Grey, b: Grey) -> tuple[float, str] | None:
     one, none = np.ones_like(x), np.zeros_like(x)
     values = ahead[sure].T.ravel().astype(np.float64)
     matrix = np.concatenate([np.stack([one, none, x, -y], 1), np.stack([none, one, y, x], 1)])
-    fit = _robust_fit(matrix, values)
+    fit = robust_fit(matrix, values, _OFF_PX)
     # A plane that recedes moves along the line of cameras only; size changes along both axes alike.
-    wider, taller = (_robust_fit(np.stack([x, y, one], 1), axis)[k] for k, axis in enumerate(values.reshape(2, -1)))
+    wider, taller = (robust_fit(np.stack([x, y, one], 1), axis, _OFF_PX)[k] for k, axis in enumerate(values.reshape(2, -1)))
     size_px = min(abs(wider), abs(taller)) if wider * taller > 0 else 0.0
     left_px = np.ptp(np.percentile((values - matrix @ fit).reshape(2, -1), (5, 95), axis=1), axis=0)  # along x and y
     shift_px = float(np.hypot(*fit[:2]))
@@ -77,15 +79,6 @@ def _motion(a: Grey, b: Grey) -> tuple[float, str] | None:
     if left_px.min() > _STILL_PX and left_px.max() < _ROUND * left_px.min() > 2 * shift_px:
         return parallax_px, "what moves, moves in no direction"
     return parallax_px, ""
-
-
-def _robust_fit(matrix: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Least-squares solution in which what moves otherwise, because it is near, counts less."""
-    weights = np.ones(len(values))
-    for _ in range(6):
-        fit = np.linalg.lstsq(matrix * weights[:, None], values * weights, rcond=None)[0]
-        weights = np.sqrt(np.minimum(1, 0.5 / np.maximum(np.abs(values - matrix @ fit), 1e-6)))
-    return np.asarray(fit, np.float64)
 
 
 def _change(views: list[Grey], every: list[Grey]) -> str:
@@ -103,10 +96,9 @@ def _change(views: list[Grey], every: list[Grey]) -> str:
 
 def _pair(a: Grey, b: Grey) -> tuple[float, float]:
     """As `_triple`, for two views: one predicted from the other, and the share of its detail found there."""
-    (ahead, confirmed), (xx, yy), detail = returned_flow(a, b), grid_xy(*a.shape), textured(a)
-    seen = cv2.remap(b, xx + ahead[..., 0], yy + ahead[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    (ahead, confirmed), detail = returned_flow(a, b), textured(a)
     explained = float(confirmed[detail].mean()) if detail.any() else 1.0
-    return cv2.PSNR(np.asarray(seen), a), explained
+    return cv2.PSNR(displaced(b, ahead), a), explained
 
 
 def _unsteady(x: NDArray[np.intp], y: NDArray[np.intp], motion_px: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -117,18 +109,11 @@ def _unsteady(x: NDArray[np.intp], y: NDArray[np.intp], motion_px: NDArray[np.fl
 
 def _triple(before: Grey, middle: Grey, after: Grey) -> tuple[float, float]:
     """PSNR of the middle view predicted from the others, and the share of its detail that one disparity explains."""
-    height, width = middle.shape
-    xx, yy = grid_xy(height, width)
-    across = flow(before, after)
-    sideways = float(np.abs(across[..., 0]).mean()) >= float(np.abs(across[..., 1]).mean())
-    half = across[..., 0 if sideways else 1] / 2
-    zero = np.zeros_like(half)
-    predicted = np.zeros_like(half)
-    for picture, sign in ((before, -1), (after, 1)):
-        dx, dy = (sign * half, zero) if sideways else (zero, sign * half)
-        seen = cv2.remap(picture, xx + dx, yy + dy, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        predicted += seen.astype(np.float32) / 2
-    edge = max(1, min(height, width) // 20)
+    half = flow(before, after) * np.float32(0.5)
+    sideways = float(np.abs(half[..., 0]).mean()) >= float(np.abs(half[..., 1]).mean())
+    half[..., 1 if sideways else 0] = 0
+    predicted = (displaced(before, -half).astype(np.float32) + displaced(after, half)) / 2
+    edge = max(1, min(middle.shape) // 20)
     inner = slice(edge, -edge), slice(edge, -edge)
     held_out = cv2.PSNR(predicted[inner], middle[inner].astype(np.float32))
     detail = textured(middle)
@@ -174,7 +159,7 @@ def _is_circle(first: Grey, second: Grey, middle: Grey, last: Grey) -> bool:
 
 def examine(source: SceneSource) -> Evidence | None:
     """Evidence from a few small views; None if there are too few, or they are too small."""
-    if min(source.height_px, source.width_px) < 2 * SMALLEST_PX:
+    if min(source.height_px, source.width_px) < _SMALLEST_PX:
         return None
     grey: Callable[[int, int], Grey] = grey_views(source)
     lines = [line for line in present_lines(source) if len(line) >= 3]

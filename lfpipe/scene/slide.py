@@ -1,4 +1,9 @@
-"""A light field of one row from a camera moved sideways: frames of a video, or pictures of a folder."""
+"""A light field of one row from a camera moved sideways by hand: frames of a video, or pictures of a folder.
+
+Corners of the middle frame are followed through the others. How far the near ones move against the far ones gives the camera's
+place. The chosen views are rectified, so that common points move along rows only: a fit explains vertical motion by a rotation
+(roll, pitch, yaw), a scale, and a share of the sideways motion, the slope of the slide.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -14,13 +19,13 @@ from lfpipe.errors import UserError
 from lfpipe.files.pictures import read_picture
 from lfpipe.files.safe_files import reason, replaced
 from lfpipe.scene.files import VIDEOS, library_errors, list_scene, natural
-from lfpipe.scene.optical_flow import Grey
+from lfpipe.scene.optical_flow import Grey, Mask, robust_fit
 from lfpipe.scene.orientation import orient
-from lfpipe.scene.slide_rectification import common_area, follow, rectify
 from lfpipe.scene.source import SceneSource
 from lfpipe.scene.video import Video
 
 Progress = Callable[[str, int, int], None]
+Corners = NDArray[np.float32]  # (n, 1, 2) as (x, y), OpenCV's form
 
 _MAX_FRAMES = 400  # examined
 _GLANCE_PX, _VIEW_PX = 320, 1280  # widths: for measuring motion, and of the views at most
@@ -28,6 +33,9 @@ _STEP_SHARE, _MIN_PARALLAX = 0.004, 0.008  # of the width: parallax between neig
 _FEWEST, _MOST = 5, 15  # views
 _SHARED = 0.3  # share of the middle frame's details visible in a frame
 _BLURRED, _SHARPNESS = 0.15, 4.0  # sharpness of the chosen frames: over that of the sharpest tenth, and at least
+_CORNERS, _FEWEST_CORNERS = 1200, 60  # that are followed through the views, and that a rotation needs
+_RETURN_PX = 0.4  # a corner tracked there and back must return
+_HUBER_PX = 0.3  # from there on, what is off counts by its amount and not by its square
 _MAX_RESIDUAL_PX, _MIN_SHRINK, _MIN_VIEW_PX = 0.5, 0.4, 200  # px up and down that warps pass over; of a view's size; width
 
 
@@ -67,10 +75,51 @@ def _reader(path: Path) -> tuple[int, Callable[[int], NDArray[Any]]]:
     return len(names), read
 
 
-def _grey(picture: NDArray[Any], width_px: int) -> Grey:
-    plane = picture if picture.ndim == 2 else np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY))
-    scale = min(1.0, width_px / plane.shape[1])
-    return np.asarray(cv2.resize(plane, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
+def _reduced(picture: NDArray[Any], width_px: int) -> NDArray[Any]:
+    scale = min(1.0, width_px / picture.shape[1])
+    return np.asarray(cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
+
+
+def _grey(picture: NDArray[Any]) -> Grey:
+    return np.asarray(picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), np.uint8)
+
+
+def _rectified(picture: NDArray[Any], homography: NDArray[np.float64]) -> NDArray[Any]:
+    """A view by its homography of `rectify`; black where it shows nothing."""
+    size = picture.shape[1], picture.shape[0]
+    return np.asarray(cv2.warpPerspective(picture, homography, size, flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP))
+
+
+def _track(a: Grey, b: Grey, start: Corners, guess: Corners) -> tuple[Corners, Mask]:
+    """Positions in b of corners of a, and whether they lead back from there. guess: initial positions."""
+    ends = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 40, 0.003)
+
+    def moved(a: Grey, b: Grey, start: Corners, guess: Corners) -> tuple[Corners, Mask]:
+        flags = cv2.OPTFLOW_USE_INITIAL_FLOW
+        to, ok, _ = cv2.calcOpticalFlowPyrLK(a, b, start, guess.copy(), winSize=(21, 21), maxLevel=4, criteria=ends, flags=flags)
+        return np.asarray(to, np.float32), np.asarray(ok).ravel() == 1
+
+    to, ok = moved(a, b, start, guess)
+    back, ok_back = moved(b, a, to, start)
+    return to, ok & ok_back & (np.linalg.norm((back - start).reshape(-1, 2), axis=1) < _RETURN_PX)
+
+
+def follow(views: list[Grey], most: int) -> NDArray[np.float64]:
+    """Where corners of the middle view, at most so many, are in every view: (views, corners, 2) as (x, y) px, NaN from where on
+    one is lost."""
+    middle = len(views) // 2
+    corners = cv2.goodFeaturesToTrack(views[middle], most, 0.005, max(5, views[middle].shape[1] // 90))
+    start = np.zeros((0, 1, 2), np.float32) if corners is None else np.asarray(corners, np.float32)
+    at = np.full((len(views), len(start), 2), np.nan)
+    at[middle] = start[:, 0]
+    for order in (range(middle + 1, len(views)), range(middle - 1, -1, -1)) if len(start) else ():
+        before, kept = start, np.ones(len(start), bool)
+        for k in order:
+            # always from the middle view, so that errors do not add up; starting at the last view's position, so that it is found
+            before, ok = _track(views[middle], views[k], start, before)
+            kept &= ok
+            at[k, kept] = before[kept, 0]
+    return at
 
 
 def _motion(glances: list[Grey]) -> tuple[int, NDArray[np.float64]]:
@@ -109,18 +158,18 @@ def _without_rotation(moved: NDArray[np.float64], at: NDArray[np.float64], size:
 
 
 def choose_frames(count: int, read: Callable[[int], NDArray[Any]], progress: Progress) -> tuple[list[int], NDArray[np.float64]]:
-    """Frames at even steps along the longest slide, the sharpest near each step; and where the camera stood, in any unit, rising
-    to the right. Raises UserError."""
+    """Frames at even steps between the ends of the slide, the sharpest near each step; and where the camera stood, in any unit,
+    rising to the right. Raises UserError."""
     numbers = list(range(0, count, -(-count // _MAX_FRAMES)))
     if len(numbers) < _FEWEST:
         raise UserError(f"{len(numbers)} pictures are too few; at least {_FEWEST} are needed", "slide for at least two seconds")
     glances = []
     for number in numbers:
-        glances.append(_grey(read(number), _GLANCE_PX))
+        glances.append(_grey(_reduced(read(number), _GLANCE_PX)))
         progress("motion", len(glances), len(numbers))
     sharp = np.array([float(cv2.Laplacian(glance, cv2.CV_32F).var()) for glance in glances])
     start, position = _motion(glances)
-    first, last = _one_way(position)
+    first, last = sorted((int(np.argmin(position)), int(np.argmax(position))))
     travelled = np.abs(position - position[first])[first : last + 1]
     parallax = float(travelled[-1]) / _GLANCE_PX
     if parallax < _MIN_PARALLAX:
@@ -141,14 +190,61 @@ def choose_frames(count: int, read: Callable[[int], NDArray[Any]], progress: Pro
     return [numbers[start + first + k] for k in chosen], position[first:][chosen]
 
 
-def _one_way(way: NDArray[np.float64]) -> tuple[int, int]:
-    """First and last frame of the longest motion in one direction; small reversals do not end it."""
-    spans = []
-    for rising in (way, -way):
-        last = int(np.argmax(rising - np.minimum.accumulate(rising)))
-        first = int(np.argmin(rising[: last + 1]))
-        spans.append((rising[last] - rising[first], first, last))
-    return max(spans)[1:]
+def rectify(views: list[Grey]) -> tuple[list[NDArray[np.float64]], float, float]:
+    """The homographies (3, 3) from rectified pixels to those of each view, in order of the slide; the vertical disparity that is
+    left (95 % are smaller) and the parallax between the outermost views, px. Raises UserError if the views share too little."""
+    height, width = views[0].shape
+    unit, centre, middle = width / 2, np.array([width / 2, height / 2]), len(views) // 2
+    at_px = follow(views, _CORNERS)
+    shared = np.isfinite(at_px).all(axis=(0, 2))
+    if shared.sum() < _FEWEST_CORNERS:
+        raise UserError(
+            f"only {int(shared.sum())} details are in all of the pictures, {_FEWEST_CORNERS} are needed",
+            "slide more slowly and less far, in good light, with something still in view",
+        )
+    at = ((at_px[:, shared] - centre) / unit).transpose(0, 2, 1)  # centred, in units of half the width
+    x, y = at[middle]
+    basis = np.stack([np.ones_like(x), x, y, x * y, y * y], axis=1)
+    others = [k for k in range(len(views)) if k != middle]
+    fits = np.zeros((len(views), 6))  # pitch, roll, scale, yaw (x y and y y), and the slope of the slide
+    aside = np.zeros((len(views), len(x)))  # sideways motion not explained by the rotation
+
+    def moved(k: int) -> NDArray[np.float64]:
+        _, roll, scale, yaw, pitch, _ = fits[k]
+        return np.asarray(at[k][0] - (x * (1 + scale) - y * roll + yaw * x * x + pitch * x * y))
+
+    for k in others:
+        for _ in range(3):
+            aside[k] = moved(k) - np.median(moved(k))
+            fits[k] = robust_fit(np.column_stack([basis, aside[k]]), at[k][1] - y, _HUBER_PX / unit)
+    slope = float(np.average(fits[others, 5], weights=aside[others].std(axis=1) + 1e-9))
+    along = np.array([[1, -slope, 0], [slope, 1, 0], [0, 0, np.hypot(1, slope)]])  # rows of the result run along the slide
+    to_px = np.array([[unit, 0, width / 2], [0, unit, height / 2], [0, 0, 1]])
+    left, homographies = np.zeros_like(aside), []
+    for k, fit in enumerate(fits):  # once more, with one slope for all
+        vertical = at[k][1] - y - slope * aside[k]
+        fit[:5] = robust_fit(basis, vertical, _HUBER_PX / unit)
+        left[k] = np.abs(vertical - basis @ fit[:5])
+        pitch, roll, scale, yaw, pitch_2, _ = fit
+        # second-order terms of a rotation are the same two in both directions: those of a homography
+        shift = np.array([np.median(moved(k)), pitch, 1])
+        linear = np.array([[1 + scale, -roll, 0], [roll, 1 + scale, 0], [0, 0, 0]])
+        homographies.append(to_px @ (linear - np.outer(shift, [yaw, pitch_2, -1])) @ along @ np.linalg.inv(to_px))
+    residual = float(np.percentile(left[others], 95)) / float(np.hypot(1, slope)) * unit
+    spread = float(np.ptp(np.percentile(aside[-1] - aside[0], (5, 95)))) * unit
+    return homographies, residual, spread
+
+
+def common_area(inside: Mask) -> tuple[slice, slice]:
+    """Rows and columns of the largest part of a picture that is inside everywhere, found by shrinking all sides in turn."""
+    top, bottom, left, right = 0, inside.shape[0], 0, inside.shape[1]
+    while top < bottom and left < right and not inside[top:bottom, left:right].all():
+        empty = ~inside[top:bottom, left:right]
+        sides = {"top": empty[0].mean(), "bottom": empty[-1].mean(), "left": empty[:, 0].mean(), "right": empty[:, -1].mean()}
+        worst = max(sides, key=lambda side: sides[side])
+        top, bottom = top + (worst == "top"), bottom - (worst == "bottom")
+        left, right = left + (worst == "left"), right - (worst == "right")
+    return slice(top, bottom), slice(left, right)
 
 
 def make_slide(path: Path, out: Path, progress: Progress) -> Slide:
@@ -161,10 +257,12 @@ def make_slide(path: Path, out: Path, progress: Progress) -> Slide:
         try:
             numbers, position = choose_frames(count, read, progress)
             views = [read(number) for number in numbers]
-            scale = min(1.0, _VIEW_PX / views[0].shape[1])
-            views = [np.asarray(cv2.resize(view, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)) for view in views]
-            maps, residual_px, spread_px = rectify([_grey(view, _VIEW_PX) for view in views])
-            top, left, height, width = common_area(maps)
+            views = [_reduced(view, _VIEW_PX) for view in views]
+            homographies, residual_px, spread_px = rectify([_grey(view) for view in views])
+            views = [_rectified(view, homography) for view, homography in zip(views, homographies, strict=True)]
+            inner = np.pad(np.ones((views[0].shape[0] - 2, views[0].shape[1] - 2), np.uint8), 1)  # half a px outside is black
+            area = common_area(np.all([_rectified(inner, homography) > 0 for homography in homographies], axis=0))
+            height, width = views[0][area].shape[:2]
             # the remaining vertical motion comes from the hand, which also rises and falls: smaller views have less of it
             shrink = min(1.0, _MAX_RESIDUAL_PX / max(residual_px, 1e-9))
             if shrink * width < _MIN_VIEW_PX or shrink < _MIN_SHRINK:
@@ -177,9 +275,7 @@ def make_slide(path: Path, out: Path, progress: Progress) -> Slide:
             raise UserError(f"{path}: {error.message}", error.remedy) from None
         row = []
         for k in np.argsort(position):
-            x, y = (np.ascontiguousarray(source[top : top + height, left : left + width]) for source in maps[k])
-            view = cv2.remap(views[k], x, y, cv2.INTER_CUBIC)
-            row.append(np.asarray(cv2.resize(view, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA), np.uint8))
+            row.append(np.asarray(cv2.resize(views[k][area], None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA), np.uint8))
     order = orient(SceneSource("slide", path, (), 1, len(row), lambda f, r, c: row[c], *row[0].shape[:2]), config.Scene())
     position = (np.sort(position) - position.min()) / float(np.ptp(position)) * (len(row) - 1)
     if order.turn.cols:
