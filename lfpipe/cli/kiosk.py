@@ -12,7 +12,7 @@ from lfpipe.cli.options import PATH
 from lfpipe.config import user_file
 from lfpipe.errors import UserError
 from lfpipe.files.output import check_output, write_output
-from lfpipe.files.safe_files import read_text, replaced
+from lfpipe.files.safe_files import read_text, write_file
 from lfpipe.host.files import exists
 
 AGAIN_S = 2.0  # pause between a failed session and the next
@@ -86,10 +86,8 @@ def install(scenes: tuple[Path, ...], code_file: Path | None) -> None:
     words = [sys.executable, "-m", "lfpipe", "up", "--session", "kiosk", "--kiosk", "--code-file", str(kept)]
     words += [str(path.resolve()) for path in scenes]
     unit.parent.mkdir(parents=True, exist_ok=True)
-    kept.parent.mkdir(parents=True, exist_ok=True)
     check_output(unit, scenes, label="the unit")
-    with replaced(kept) as file:
-        file.write(code.encode())
+    write_file(kept, code.encode())
     write_output(unit, UNIT.format(command=" ".join(map(_quoted, words))).encode(errors="surrogateescape"))
     click.echo(unit)
     click.echo("start it, now and with every desktop: systemctl --user enable --now lfpipe-kiosk", err=True)

@@ -16,7 +16,7 @@ from lfpipe.cli.progress import filled
 from lfpipe.config import Config, load, user_file
 from lfpipe.config.user_files import commented
 from lfpipe.errors import UserError
-from lfpipe.files.safe_files import replaced
+from lfpipe.files.safe_files import write_file
 from lfpipe.observe.doctor import checks, write_report
 from lfpipe.track.models import SHA256, fetch_models, find_model, install_models, missing_models
 
@@ -111,9 +111,7 @@ def init(path: Path | None) -> None:
     path = path or user_file()
     if os.path.lexists(path):
         raise UserError(f"{path} exists", "remove it first, or name another PATH")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with replaced(path, 0o644) as file:
-        file.write(commented().encode())
+    write_file(path, commented().encode(), 0o644)
     click.echo(path)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import attrs
 
 from lfpipe.config.tree import Config, Key, options, to_dict
-from lfpipe.files.safe_files import read_text, replaced
+from lfpipe.files.safe_files import read_text, write_file
 from lfpipe.files.untrusted import Fields, toml_table
 from lfpipe.host.files import exists, is_missing
 
@@ -69,9 +69,7 @@ def write_keys(path: Path, section: str, values: Mapping[str, float | bool | str
             table.pop(name, None)
         else:
             table[name] = value
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with replaced(path, 0o644) as file:
-        file.write(tomlkit.dumps(tree).encode())
+    write_file(path, tomlkit.dumps(tree).encode(), 0o644)
 
 
 def _range(key: Key) -> str:

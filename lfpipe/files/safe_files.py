@@ -153,6 +153,13 @@ def replaced(path: Path, mode: int = PRIVATE) -> Iterator[BufferedWriter]:
         output.close()
 
 
+def write_file(path: Path, data: bytes, mode: int = PRIVATE) -> None:
+    """Replaces a file by data at once; creates its folder if there is none. mode: as `OutputFile`. Raises OSError."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replaced(path, mode) as file:
+        file.write(data)
+
+
 def read_text(path: Path, most_bytes: int, what: str, remedy: str) -> str:
     """Reads a whole file as UTF-8. what: for the message. Raises UserError if it is not UTF-8."""
     try:

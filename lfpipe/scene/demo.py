@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 from lfpipe.errors import UserError
-from lfpipe.files.safe_files import replaced
+from lfpipe.files.safe_files import write_file
 from lfpipe.host.files import exists
 
 NAME = "still-life"  # the demo's
@@ -21,9 +21,7 @@ def demo_scene(cache_dir: Path, name: str = NAME, size_px: int = SIZE_PX) -> Pat
     marker = folder / MARKER
     try:
         if not marker.is_file():
-            folder.mkdir(parents=True, exist_ok=True)
-            with replaced(marker, 0o644) as file:
-                file.write(json.dumps({"scene": name, "version": VERSION, "size_px": size_px}).encode())
+            write_file(marker, json.dumps({"scene": name, "version": VERSION, "size_px": size_px}).encode(), 0o644)
     except OSError as error:
         raise UserError(
             f"demo scene: {folder} cannot be written: {error.strerror or error}",

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import platformdirs
 
-from lfpipe.files.safe_files import read_bytes, replaced
+from lfpipe.files.safe_files import read_bytes, write_file
 from lfpipe.scene.lightfield import LightField
 
 MAX_BYTES = 16  # yes or no
@@ -33,11 +33,8 @@ def remembered(field: LightField) -> str:
 
 def remember(field: LightField, word: str) -> None:
     """Stores the choice for this scene, by its content. Does nothing if the folder cannot be written: the session goes on."""
-    file = folder() / str(field.manifest["key"])
     with contextlib.suppress(OSError):
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with replaced(file) as stream:
-            stream.write(word.encode())
+        write_file(folder() / str(field.manifest["key"]), word.encode())
 
 
 def shown_as(field: LightField, setting: str) -> LightField:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from lfpipe.config import SceneSummary
 from lfpipe.errors import UserError
-from lfpipe.files.safe_files import check_regular, open_regular, read_bytes, reason, replaced
+from lfpipe.files.safe_files import check_regular, open_regular, read_bytes, reason, write_file
 from lfpipe.files.untrusted import json_fields
 from lfpipe.host.file_lock import lock_open
 from lfpipe.host.files import reserve
@@ -43,8 +43,8 @@ def _checksum(manifest: dict[str, Any]) -> str:
 
 def write_manifest(folder: Path, manifest: dict[str, Any]) -> None:
     """Writes the manifest with its checksum atomically. Raises OSError."""
-    with replaced(folder / MANIFEST, 0o666) as file:
-        file.write(json.dumps({**manifest, "checksum": _checksum(manifest)}, indent=1, allow_nan=False).encode())
+    text = json.dumps({**manifest, "checksum": _checksum(manifest)}, indent=1, allow_nan=False)
+    write_file(folder / MANIFEST, text.encode(), 0o666)
 
 
 @contextlib.contextmanager

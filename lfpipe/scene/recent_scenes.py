@@ -6,7 +6,7 @@ from pathlib import Path
 
 import platformdirs
 
-from lfpipe.files.safe_files import read_bytes, replaced
+from lfpipe.files.safe_files import read_bytes, write_file
 from lfpipe.host.files import exists
 
 COUNT, MAX_BYTES = 40, 1 << 18  # several screens of thumbnails
@@ -38,6 +38,4 @@ def forget_scene(path: Path) -> None:
 
 def _write(paths: list[Path]) -> None:
     with contextlib.suppress(OSError):
-        _file().parent.mkdir(parents=True, exist_ok=True)
-        with replaced(_file()) as file:
-            file.write(json.dumps([str(each) for each in paths]).encode())
+        write_file(_file(), json.dumps([str(path) for path in paths]).encode())

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import read_picture
-from lfpipe.files.safe_files import reason, replaced
+from lfpipe.files.safe_files import reason, write_file
 from lfpipe.scene.files import VIDEOS, library_errors, list_scene, natural
 from lfpipe.scene.optical_flow import Grey, Mask, robust_fit
 from lfpipe.scene.orientation import orient
@@ -284,8 +284,7 @@ def make_slide(path: Path, out: Path, progress: Progress) -> Slide:
         out.mkdir(parents=True)
         for col, view in enumerate(row):
             data = cv2.imencode(".png", view if view.ndim == 2 else cv2.cvtColor(view, cv2.COLOR_RGB2BGR))[1]
-            with replaced(out / f"out_00_{col:02d}_0.000_{position[col]:.3f}_.png", 0o644) as file:
-                file.write(data.tobytes())
+            write_file(out / f"out_00_{col:02d}_0.000_{position[col]:.3f}_.png", data.tobytes(), 0o644)
             progress("views", col + 1, len(row))
     except OSError as error:
         raise UserError(f"{out}: cannot be written: {reason(error)}", "name a folder that does not exist yet with -o") from None

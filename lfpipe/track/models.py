@@ -17,7 +17,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from lfpipe.errors import UserError
-from lfpipe.files.safe_files import check_regular, read_bytes, reason, replaced
+from lfpipe.files.safe_files import check_regular, read_bytes, reason, write_file
 from lfpipe.host.files import is_dir, is_file
 
 VERSION = "0.10.21"  # the last version with these files
@@ -81,10 +81,8 @@ def install_models(wheel: Path) -> Path:
             raise UserError(f"{wheel}: {relative}: SHA-256 {sha256}, expected {SHA256[relative]}", f"use a wheel of {PACKAGE}")
     folder = data_folder()
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         for relative, content in contents.items():
-            with replaced(folder / Path(relative).name) as file:
-                file.write(content)
+            write_file(folder / Path(relative).name, content)
     except OSError as error:
         raise UserError(f"{folder}: {reason(error)}", "check free disk space and write permission") from None
     return folder
