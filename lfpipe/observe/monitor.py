@@ -45,6 +45,8 @@ def state_text(state: Mapping[str, Any]) -> Text:
     """
     out = Text(no_wrap=True, overflow="crop")
     out.append(f"up {timedelta(seconds=int(state['uptime_s']))}  camera {state['camera_fps']:.1f} Hz  ")
+    if state.get("paused"):
+        out.append("PAUSED  ", "bold yellow")
     if state["camera_light"]:
         out.append(f"{state['camera_light']}  ", "bold yellow")
     out.append(f"viewer {state['viewer']}\n", "green" if state["stages"].get("track", {}).get("face") else "bold yellow")
@@ -94,7 +96,6 @@ def screen_text(name: str, state: Mapping[str, Any] | None, note: str = "") -> T
     if "config" in state:
         render, timeline = state["config"]["render"], state["options"]["timeline"]
         alpha = render["alpha_px"] if isinstance(render["alpha_px"], str) else f"{render['alpha_px']:.1f}"
-        out.append("PAUSED  " if state["paused"] else "", "bold yellow")
         out.append(f"{render['method']} views, {render['anaglyph']} anaglyph, alpha {alpha}", "dim")
         out.append(f"\nrecording timeline {timeline}" if timeline else "", "dim")
     out.append("\n").append_text(state_text(state)).append(f"{note or KEYS_LINE}\n", "bold" if note else "dim")

@@ -271,7 +271,7 @@ class KeyBindings:
             lines.append("paused: p or space resumes")
         if int(context.table.rows[context.spec.source]["state"]) == State.READY:  # it has no camera
             lines.append("camera lost, trying again")
-        elif context.options.tracking and not context.paused and t_face_ns and t_ns - t_face_ns > FACELESS_NS:
+        elif context.options.tracking and t_face_ns and t_ns - t_face_ns > FACELESS_NS:
             words = f"no face for {(t_ns - t_face_ns) // SECOND_NS} s: move into the camera's view"
             lines.append(INVITATION if context.options.kiosk else words)
         return lines

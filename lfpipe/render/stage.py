@@ -147,6 +147,8 @@ class RenderStage:
 
     def _after_picture(self) -> None:
         """What does not change the picture just shown: keys and notices, without a window ten times a second."""
+        if self._context.paused:
+            self._context.row["t_face_ns"] = now_ns()  # while nobody looks for a face, none is missed
         if self._interactive or now_ns() >= self._serve_ns:
             self._serve_ns = now_ns() + SERVE_NS
             self._keys.serve()

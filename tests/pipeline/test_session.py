@@ -1,5 +1,6 @@
 """Whole sessions: real processes, real shared memory, real pictures; only the camera is a file."""
 
+import contextlib
 import json
 import os
 import signal
@@ -9,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lfpipe.observe.session_reader import Watch
+from lfpipe.supervisor.rundir import find
 from tests.world import World, write_scene
 
 CAMERA = ("--set", "render.clock=camera")
@@ -37,7 +40,9 @@ def test_every_frame_of_a_file_becomes_a_picture_and_the_session_ends_with_it(wo
 
 
 @pytest.mark.everyday
-def test_monitor_and_ctl_see_and_change_the_next_picture(world: World, scene: Path, tmp_path: Path) -> None:
+def test_monitor_and_ctl_see_and_change_the_next_picture(
+    world: World, scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     world.up(scene, *CAMERA, *NEAREST)
     world.pictures(10)
     world.wait_for(lambda: world.monitor()["camera_fps"] > 20, "camera rate")
@@ -93,6 +98,11 @@ def test_monitor_and_ctl_see_and_change_the_next_picture(world: World, scene: Pa
     count = len(world.lines())
     time.sleep(0.5)
     assert len(world.lines()) == count
+    assert "PAUSED" in world.run("ctl", "--session", world.name, "status").stdout
+    paused_ns = time.monotonic_ns()
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(world.run_dir))
+    with contextlib.closing(Watch(find(world.name))) as watch:  # otherwise "no face" is reported after 4 s
+        world.wait_for(lambda: watch.table.rows["render"]["t_face_ns"] > paused_ns, "nobody is missed while paused")
     ctl("resume")
     world.pictures(count + 5)
 
