@@ -29,7 +29,7 @@ from lfpipe.supervisor import rundir
 from lfpipe.track import models
 from lfpipe.transport.session import Session
 
-NO_CAMERA = "plug one in, or use --camera demo, or a recording with --camera file:PATH; `lfpipe up --demo` needs none"
+NO_CAMERA = "plug it in, or use --camera mouse, --camera demo, or a recording with --camera file:PATH"
 SHM_NEED_BYTES = 16 << 20  # rings for frames of 640x480, with a margin
 
 
@@ -136,8 +136,10 @@ def camera_checks(source: str, found: list[CameraDevice]) -> list[Check]:
     """All cameras; `lfpipe up` uses the first. source: camera.source of the settings."""
     if source and not source.startswith("camera:"):
         return [Check("camera", True, f"camera.source is {source}"), *map(camera, found)]
+    if not found and not source:
+        return [Check("camera", True, "none: over the window, the mouse is the viewer")]
     if not found:
-        return [Check("camera", False, "none", NO_CAMERA)]
+        return [Check("camera", False, f"none, but camera.source is {source}", NO_CAMERA)]
     first, *others = map(camera, found)
     return [attrs.evolve(first, ok=source != "" or not first.remedy), *others]
 
