@@ -97,31 +97,27 @@ def hostile_picture(rng: random.Random, data: bytes) -> bytes:
     return hostile.damaged_bytes(rng, rng.choice((data, jpeg)))
 
 
-def damage(rng: random.Random, folder: Path) -> str:
-    """Damages one thing in a whole sequence at folder; returns which."""
-    kind = rng.choice(("manifest", "manifest", "index", "index", "frames", "picture", "picture", "truth", "no file"))
-    if kind == "manifest":
-        (folder / MANIFEST).write_bytes(hostile.damaged_json(rng, json.loads((folder / MANIFEST).read_text())))
-    elif kind == "index":
-        path = folder / INDEX
-        path.write_bytes(hostile.damaged_lines(rng, [json.loads(line) for line in path.read_text().splitlines()]))
-    elif kind == "frames":
-        (folder / PACKETS).write_bytes(hostile.damaged_bytes(rng, (folder / PACKETS).read_bytes()))
-    elif kind == "picture":
-        found = packets(folder)
-        at = rng.randrange(len(found))
-        found[at] = (found[at][0], hostile_picture(rng, found[at][1]))
-        put_packets(folder, found)
-    elif kind == "truth":
-        (folder / TRUTH).write_bytes(hostile.damaged_table(rng, (folder / TRUTH).read_text()))
-    else:
-        path = folder / rng.choice((MANIFEST, INDEX, PACKETS, TRUTH))
+def damage(rng: random.Random, *paths: Path) -> str:
+    """Damages one of these files by its kind, or the pictures within, or puts no file in its place; returns which."""
+    path = rng.choice(paths)
+    if rng.random() < 0.12:
         kind = rng.choice(sorted(hostile.NO_FILES))
         hostile.NO_FILES[kind](path)
-        kind += f" as {path.name}"
-    if rng.random() < 0.7:
-        sign(folder)
-    return kind
+        return f"{kind} as {path.name}"
+    if path.suffix == ".json":
+        path.write_bytes(hostile.damaged_json(rng, json.loads(path.read_text())))
+    elif path.suffix == ".jsonl":
+        path.write_bytes(hostile.damaged_lines(rng, [json.loads(line) for line in path.read_text().splitlines()]))
+    elif path.suffix == ".csv":
+        path.write_bytes(hostile.damaged_table(rng, path.read_text()))
+    elif rng.random() < 0.3:
+        path.write_bytes(hostile.damaged_bytes(rng, path.read_bytes()))
+    else:
+        found = packets(path.parent)
+        for at in range(rng.randrange(3) + 1):
+            found[at] = (found[at][0], hostile_picture(rng, found[at][1]))
+        put_packets(path.parent, found)
+    return path.name
 
 
 def typed(*words: str | Path) -> Any:

@@ -15,6 +15,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+import pytest
 import zmq
 
 from lfpipe.host import segment
@@ -70,6 +71,22 @@ class World:
         command = [sys.executable, "-m", "lfpipe", *map(str, args)]
         return subprocess.run(command, capture_output=True, text=True, cwd=self.root, env=self.env, timeout=timeout_s)
 
+    def done(self, *args: str | Path) -> subprocess.CompletedProcess[str]:
+        """A command that succeeds."""
+        ended = self.run(*args)
+        assert ended.returncode == 0, ended.stdout + ended.stderr
+        return ended
+
+    def refused(self, *args: str | Path) -> str:
+        """What a command says that is refused."""
+        ended = self.run(*args)
+        assert ended.returncode == 2 and "Traceback" not in ended.stderr, ended.stderr
+        return ended.stderr
+
+    def ctl(self, *words: str | Path) -> str:
+        """What `lfpipe ctl` prints of this world's session."""
+        return self.done("ctl", "--session", self.name, *words).stdout
+
     def up(self, scene: Path, *args: str | Path, camera: str = "demo", **more: Any) -> subprocess.Popen[str]:
         fixed = ("--camera", camera, "--display", "none", "--trace", self.trace, "--session", self.name)
         return self.start("up", scene, *fixed, *args, **more)
@@ -90,6 +107,13 @@ class World:
 
     def pictures(self, more_than: int = 0) -> list[dict[str, Any]]:
         return self.wait_for(lambda: lines if len(lines := self.lines()) > more_than else None, f"picture {more_than + 1}")
+
+    @contextmanager
+    def entered(self) -> Iterator[None]:
+        """This process finds the sessions of this world."""
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("XDG_RUNTIME_DIR", str(self.run_dir))
+            yield
 
     @contextmanager
     def tap(self) -> Iterator[Callable[[str], list[dict[str, Any]]]]:
@@ -148,14 +172,10 @@ class World:
 @contextmanager
 def private_world() -> Iterator[World]:
     """A world for a script: what it leaves goes, and what this process looks for is there."""
-    before = os.environ.get("XDG_RUNTIME_DIR")
     with tempfile.TemporaryDirectory(prefix="lfworld") as folder:
         world = World(Path(folder))
-        os.environ["XDG_RUNTIME_DIR"] = str(world.run_dir)
         try:
-            yield world
+            with world.entered():
+                yield world
         finally:
             world.end()
-            os.environ.pop("XDG_RUNTIME_DIR")
-            if before is not None:
-                os.environ["XDG_RUNTIME_DIR"] = before

@@ -51,18 +51,16 @@ def test_a_viewer_who_moves_is_no_measure() -> None:
 
 
 def test_without_a_screen_the_demo_is_measured_and_kept(world: World) -> None:
-    done = world.run("calibrate", "--camera", "demo", "--distance", "600")
-    assert done.returncode == 0, done.stderr
+    done = world.done("calibrate", "--camera", "demo", "--distance", "600")
     settings = world.root / "settings" / "lfpipe"
     written = tomllib.loads((settings / "cameras.toml").read_text())["demo"]
     assert 300 < written["focal_px"] < 1200 and str(written["focal_px"]) in done.stdout and written["width_px"] == 640
     assert not (settings / "config.toml").exists()
-    refused = world.run("calibrate", "--camera", "demo", "--distance", "1600")  # the face fills as much as one would at 600 mm
-    assert refused.returncode == 2 and "not stored" in refused.stderr and "measure again" in refused.stderr
+    far = world.refused("calibrate", "--camera", "demo", "--distance", "1600")  # the face fills as much as one would at 600 mm
+    assert "not stored" in far and "measure again" in far
     assert tomllib.loads((settings / "cameras.toml").read_text()) == {"demo": written}
     video(world.root / "wall.avi", "MJPG", [np.full((480, 640, 3), 120, np.uint8)] * 30)
-    done = world.run("calibrate", "--camera", "file:wall.avi")
-    assert done.returncode == 2 and "no face was detected" in done.stderr
+    assert "no face was detected" in world.refused("calibrate", "--camera", "file:wall.avi")
 
 
 def test_each_camera_keeps_its_own_focal_length(world: World, scene: Path, clip: Path) -> None:
@@ -71,11 +69,10 @@ def test_each_camera_keeps_its_own_focal_length(world: World, scene: Path, clip:
     (settings / "cameras.toml").write_text(f'[demo]\nfocal_px = 400\nwidth_px = 320\n["file:{clip}"]\nfocal_px = 5\n')
     world.up(scene)
     world.pictures(3)
-    status = json.loads(world.run("ctl", "status", "--json", "--session", world.name).stdout)
-    assert status["config"]["camera"]["focal_px"] == 800  # at 640
-    assert world.run("ctl", "stop", "--session", world.name).returncode == 0
-    damaged = world.run("up", scene, "--camera", f"file:{clip}", "--display", "none", "--duration", "1")
-    assert damaged.returncode == 2 and "cameras.toml" in damaged.stderr and "width_px" in damaged.stderr
+    assert json.loads(world.ctl("status", "--json"))["config"]["camera"]["focal_px"] == 800  # at 640
+    world.ctl("stop")
+    damaged = world.refused("up", scene, "--camera", f"file:{clip}", "--display", "none", "--duration", "1")
+    assert "cameras.toml" in damaged and "width_px" in damaged
 
 
 FOCAL_PX, CARD_AT_MM, CARD_PX, CARD_MM = 620.0, 450.0, (180.0, 337.0), (85.60, 53.98)

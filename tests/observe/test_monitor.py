@@ -85,7 +85,7 @@ def test_the_screen_its_keys_and_a_session_that_starts_again(world: World, scene
     terminal.press("t")
     terminal.until(r"timeline: /")
     assert [path.suffix for path in world.root.glob("lfpipe-*")] == [".json"]
-    assert world.run("ctl", "--session", world.name, "stop").returncode == 0
+    world.ctl("stop")
     terminal.until("no session")
     world.wait_for(lambda: not world.left(), "clean end")
     world.trace.unlink()
@@ -99,8 +99,7 @@ def test_the_screen_its_keys_and_a_session_that_starts_again(world: World, scene
 def test_coming_and_going_leaves_nothing_and_costs_no_frame(live: World) -> None:
     before = live.segments(), sorted(live.run_dir.rglob("*"))
     descriptors = len(list(Path("/proc/self/fd").iterdir()))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_RUNTIME_DIR", str(live.run_dir))
+    with live.entered():
         for _ in range(20):
             with contextlib.closing(Watch(find(live.name))) as watch:
                 assert watch.living() and watch.read()["stages"]

@@ -29,8 +29,7 @@ from lfpipe.replays.report import REPORT, TRACE, about_scene, read_trace
 from lfpipe.replays.run import clear_out, update_reference
 from lfpipe.sequence.packets import INDEX, PACKETS, PacketWriter, decoded, encoded, read_index
 from lfpipe.transport.ring import Stamp
-from tests import hostile_files as hostile
-from tests import hostile_sequences
+from tests.hostile_sequences import damage
 from tests.render import rendered
 
 REFERENCE = Path(__file__).parent / "reference"
@@ -191,28 +190,6 @@ def first(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def damage(rng: random.Random, folder: Path) -> str:
-    """Damages one thing of a reference; returns which."""
-    kind = rng.choice(("report", "report", "trace", "trace", "index", "pictures", "picture", "no file"))
-    kept = folder / PICTURES
-    if kind == "report":
-        (folder / REPORT).write_bytes(hostile.damaged_json(rng, json.loads((folder / REPORT).read_text())))
-    elif kind in ("trace", "index"):
-        path = folder / TRACE if kind == "trace" else kept / INDEX
-        path.write_bytes(hostile.damaged_lines(rng, [json.loads(line) for line in path.read_text().splitlines()]))
-    elif kind == "pictures":
-        (kept / PACKETS).write_bytes(hostile.damaged_bytes(rng, (kept / PACKETS).read_bytes()))
-    elif kind == "picture":
-        found = hostile_sequences.packets(kept)
-        for at in range(3):
-            found[at] = (found[at][0], hostile_sequences.hostile_picture(rng, found[at][1]))
-        hostile_sequences.put_packets(kept, found)
-    else:
-        path = rng.choice((folder / REPORT, folder / TRACE, kept / INDEX, kept / PACKETS))
-        hostile.NO_FILES[kind := rng.choice(sorted(hostile.NO_FILES))](path)
-    return kind
-
-
 @settings(max_examples=100)
 @given(seed=st.integers(0, 2**32), redraw=st.booleans())
 def test_a_damaged_reference_is_compared_or_refused(first: Path, seed: int, redraw: bool) -> None:
@@ -220,7 +197,8 @@ def test_a_damaged_reference_is_compared_or_refused(first: Path, seed: int, redr
         reference, now = (shutil.copytree(first, Path(parent) / name) for name in ("ref", "now"))
         if redraw:  # so that pictures are looked at
             write_trace(now, [{**line, "picture": f"{line['picture']}x"} for line in read_trace(now)])
-        what = damage(random.Random(seed), reference)
+        kept = reference / PICTURES
+        what = damage(random.Random(seed), reference / REPORT, reference / TRACE, kept / INDEX, kept / PACKETS)
         try:
             found = compare(reference, now)
         except UserError as error:

@@ -1,4 +1,4 @@
-"""Recording: beside a live session, alone, cut off by SIGKILL; and played again."""
+"""Recording: beside a live session, alone, cut off by SIGKILL; played again; JPEGs of a source go to disk unchanged."""
 
 import itertools
 import json
@@ -7,14 +7,22 @@ import signal
 import stat
 import time
 from pathlib import Path
+from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
-from lfpipe.sequence.folder import open_sequence
+from lfpipe.sequence.folder import Sequence, open_sequence
+from lfpipe.sequence.packets import INDEX
 from tests.world import World
 
 SMALL = ("--set", "camera.width_px=320", "--set", "camera.height_px=240")
+
+
+def frames(out: Path) -> int:
+    """How many frames a recording has so far."""
+    return (out / INDEX).read_text().count("\n") if (out / INDEX).exists() else 0
 
 
 @pytest.mark.everyday
@@ -23,18 +31,12 @@ def test_a_live_session_is_recorded_without_a_hole(world: World, short: Path, bl
     process = world.up(blocks, *SMALL, camera=f"file:{short}?loop=1&pace=60", preexec_fn=lambda: os.umask(0))
     world.pictures(5)
 
-    def ctl(*words: str | Path) -> dict[str, object]:
-        done = world.run("ctl", "--session", world.name, "--json", "record", *words)
-        assert done.returncode == 0, done.stderr
-        return json.loads(done.stdout)
-
-    assert ctl("start", out)["path"] == str(out)
-    second = world.run("ctl", "--session", world.name, "record", "start", world.root / "other")
-    assert second.returncode == 2 and "is already running" in second.stderr
-    world.wait_for(lambda: (out / "frames.jsonl").exists() and (out / "frames.jsonl").read_text().count("\n") > 60, "recording")
+    assert json.loads(world.ctl("--json", "record", "start", out))["path"] == str(out)
+    assert "is already running" in world.refused("ctl", "--session", world.name, "record", "start", world.root / "other")
+    world.wait_for(lambda: frames(out) > 60, "recording")
     stage = world.monitor()["stages"]["record"]
     assert stage["state"] == "RUNNING" and stage["dropped"] == 0
-    ctl("stop")
+    world.ctl("record", "stop")
     world.wait_for(lambda: json.loads((out / "manifest.json").read_text())["complete"], "manifest")
     stopped = world.monitor()
     world.pictures(len(world.lines()) + 5)  # the session continues
@@ -54,15 +56,13 @@ def test_a_live_session_is_recorded_without_a_hole(world: World, short: Path, bl
 
 def test_recorded_and_replayed_stamps_and_rate_agree(world: World, short: Path, blocks: Path) -> None:
     out = world.root / "rec"
-    done = world.run("record", out, "--camera", f"file:{short}?loop=1&pace=60", "--duration", "3", *SMALL)
-    assert done.returncode == 0 and "recorded" in done.stderr, done.stderr
+    assert "recorded" in world.done("record", out, "--camera", f"file:{short}?loop=1&pace=60", "--duration", "3", *SMALL).stderr
     sequence = open_sequence(out)
     counted = sequence.packets[-1].source_seq - sequence.packets[0].source_seq
     assert counted > 60 and counted / sequence.duration_s == pytest.approx(60, rel=0.01)
     replayed = world.root / "out"
     args = ("--scene", blocks, "--pace", "recorded", "--out", replayed, "--set", "render.clock=camera")
-    done = world.run("replay", out, *args)
-    assert done.returncode == 0, done.stderr
+    world.done("replay", out, *args)
     lines = [json.loads(line) for line in (replayed / "trace.jsonl").read_text().splitlines()]
     recorded = np.array([packet.t_sensor_ns for packet in sequence.packets])
     seen = [line["source_seq"] for line in lines]
@@ -79,14 +79,60 @@ def test_recorded_and_replayed_stamps_and_rate_agree(world: World, short: Path, 
 def test_a_recording_cut_off_by_sigkill_is_whole_to_its_last_frame(world: World, short: Path, blocks: Path) -> None:
     out = world.root / "rec"
     process = world.start("record", out, "--camera", f"file:{short}?loop=1&pace=60", *SMALL, start_new_session=True)
-    world.wait_for(lambda: (out / "frames.jsonl").exists() and (out / "frames.jsonl").read_text().count("\n") > 20, "frames")
+    world.wait_for(lambda: frames(out) > 20, "frames")
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
     time.sleep(0.2)
     sequence = open_sequence(out)
     assert not sequence.complete and len(sequence.packets) > 20
-    check = world.run("sequence", "check", out)
-    assert check.returncode == 0 and "cut off" in check.stdout
-    replayed = world.run("replay", out, "--scene", blocks)
-    assert replayed.returncode == 0, replayed.stderr
-    assert f"replaying its {len(sequence.packets)} whole frames" in replayed.stderr
+    assert "cut off" in world.done("sequence", "check", out).stdout
+    assert f"replaying its {len(sequence.packets)} whole frames" in world.done("replay", out, "--scene", blocks).stderr
+
+
+def _same(sequence: Sequence, given: list[bytes]) -> bool:
+    return all(sequence.data(p.seq) == given[p.source_seq % len(given)] and p.codec == "jpeg" for p in sequence.packets)
+
+
+def test_jpegs_of_another_size_stay_and_replay_as_they_were_tracked(world: World, short: Path, blocks: Path) -> None:
+    folder, out = world.root / "jpegs", world.root / "rec"
+    folder.mkdir()
+    given = []
+    for number, frame in ((k, open_sequence(short).frame(k)) for k in range(12)):
+        big = cv2.resize(frame, (400, 300), interpolation=cv2.INTER_CUBIC)
+        given.append(cv2.imencode(".jpg", big, [cv2.IMWRITE_JPEG_QUALITY, 85 + number % 10])[1].tobytes())
+        (folder / f"{number}.jpg").write_bytes(given[-1])
+    world.done("record", out, "--camera", f"file:{folder}?loop=0&pace=30", *SMALL)
+    recorded = open_sequence(out)
+    assert (recorded.width_px, recorded.height_px) == (400, 300) and len(recorded.packets) > 3 and _same(recorded, given)
+    assert set(recorded.manifest["checksums"]) == {INDEX}
+    runs = []
+    for name in ("one", "two"):
+        world.done("replay", out, "--scene", blocks, "--out", world.root / name)
+        runs.append(json.loads((world.root / name / "report.json").read_text()))
+    assert runs[0]["digests"] == runs[1]["digests"]
+    assert runs[0]["config"]["camera"]["width_px"] == 320, "the size that was tracked, not that of the JPEGs"
+
+
+def test_a_live_session_lends_the_ring_only_while_it_records_each_whole(world: World, short: Path, blocks: Path) -> None:
+    given = [open_sequence(short).data(k) for k in range(60)]
+    outs = [world.root / f"rec{number}" for number in range(3)]
+
+    def recorder() -> dict[str, Any]:
+        return world.monitor()["stages"]["record"]
+
+    world.up(blocks, *SMALL, camera=f"file:{short}?loop=1&pace=60")
+    world.pictures(3)
+    for number, out in enumerate(outs):
+        assert world.segments("packets") == []
+        world.ask(cmd="record", path=str(out))
+        assert len(world.segments("packets")) == 1
+        world.wait_for(lambda out=out: frames(out) > 20, "frames")
+        world.ask(cmd="record", path="")
+        if number:  # the second one follows at once; before the third, so many frames pass without a recording
+            world.wait_for(lambda: recorder()["state"] == "FINISHED", "end of the recorder")
+            missed = recorder()["dropped"]
+            world.pictures(len(world.lines()) + 120)
+    sequences = [open_sequence(out) for out in outs]
+    assert all(sequence.complete and _same(sequence, given) for sequence in sequences)
+    assert recorder()["restarts"] == 0 and recorder()["count"] == sum(len(sequence.packets) for sequence in sequences)
+    assert recorder()["dropped"] - missed < 30, "frames between two recordings are not lost"

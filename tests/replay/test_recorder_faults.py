@@ -17,17 +17,13 @@ import pytest
 from lfpipe.record import stage
 from lfpipe.record.stage import Store
 from lfpipe.sequence.folder import SequenceWriter, open_sequence
-from lfpipe.sequence.packets import INDEX
 from lfpipe.transport.ring import Reader, Stamp
 from lfpipe.transport.session import Session
+from tests.replay.test_record import frames
 from tests.world import World
 
 SMALL = ("--set", "camera.width_px=160", "--set", "camera.height_px=120", "--set", "camera.rate_hz=60")
 SHAPE = (120, 160, 3)
-
-
-def frames(out: Path) -> int:
-    return (out / INDEX).read_text().count("\n") if (out / INDEX).exists() else 0
 
 
 def recorder(world: World) -> dict[str, object]:
@@ -66,14 +62,14 @@ def test_a_disk_that_stalls_costs_nothing_and_nobody_is_killed(world: World, sce
     process = world.up(scene, *SMALL)
     world.pictures(5)
     out = disk / "rec"
-    assert world.run("ctl", "--session", world.name, "record", "start", out).returncode == 0
+    world.ctl("record", "start", out)
     world.wait_for(lambda: frames(out) > 30, "frames")
     with stopped(disk):
         world.wait_for(lambda: str(recorder(world)["busy_with"]).startswith("waiting for the disk"), "words")
         time.sleep(4.0)  # longer than a stage may be silent
     stored = frames(out)
     world.wait_for(lambda: frames(out) > stored + 30 and not recorder(world)["busy_with"], "frames again")
-    assert world.run("ctl", "--session", world.name, "record", "stop").returncode == 0
+    world.ctl("record", "stop")
     world.wait_for(lambda: json.loads((out / "manifest.json").read_text())["complete"], "manifest")
     world.wait_for(lambda: recorder(world)["state"] == "FINISHED", "end of the recorder")
     stages = world.monitor()["stages"]

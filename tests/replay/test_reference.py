@@ -32,9 +32,8 @@ def _eyes(lines: list[Line], name: str) -> np.ndarray:
 def test_the_reference_in_git_is_met(world: World, walk: Path, blocks: Path) -> None:
     args = ("replay", walk, "--scene", blocks, *SETTINGS, "--expect", REFERENCE)
     if os.environ.get("LFPIPE_UPDATE_REFERENCE"):
-        assert world.run(*args, "--update").returncode == 0
-    done = world.run(*args, "--out", world.root / "out", "--junit", world.root / "j.xml")
-    assert done.returncode == 0, done.stdout + done.stderr
+        world.done(*args, "--update")
+    world.done(*args, "--out", world.root / "out", "--junit", world.root / "j.xml")
     was, now = read_trace(REFERENCE), read_trace(world.root / "out")
     assert len(was) == len(now) == 300
     for name in ("eyes_raw", "eyes_filtered", "eyes_used"):
@@ -68,7 +67,7 @@ def test_load_and_cores_change_no_bit(world: World, short: Path, blocks: Path) -
             hog.wait()
     quiet = world.root / "quiet"
     measured = ("--set", "render.loop_ms=60")  # by `lfpipe calibrate --latency`: of this screen, which a replay has not
-    assert world.run("replay", short, "--scene", blocks, *SETTINGS, *measured, "--out", quiet).returncode == 0
+    world.done("replay", short, "--scene", blocks, *SETTINGS, *measured, "--out", quiet)
     assert found == [json.loads((quiet / "report.json").read_text())["digests"]] * 2
 
 
@@ -76,8 +75,7 @@ def test_load_and_cores_change_no_bit(world: World, short: Path, blocks: Path) -
 def of_short(tmp_path_factory: pytest.TempPathFactory, short: Path, blocks: Path) -> Path:
     """The reference of the short sequence."""
     world = World(tmp_path_factory.mktemp("reference"))
-    done = world.run("replay", short, "--scene", blocks, *SETTINGS, "--expect", world.root / "made", "--update")
-    assert done.returncode == 0, done.stderr
+    world.done("replay", short, "--scene", blocks, *SETTINGS, "--expect", world.root / "made", "--update")
     return world.root / "made"
 
 

@@ -78,7 +78,10 @@ def test_a_damaged_sequence_is_read_or_refused(whole: Path, seed: int) -> None:
     with tempfile.TemporaryDirectory() as parent:
         folder = Path(parent) / "seq"
         shutil.copytree(whole, folder)
-        what = hostile_sequences.damage(random.Random(seed), folder)
+        rng = random.Random(seed)
+        what = hostile_sequences.damage(rng, *(folder / name for name in (MANIFEST, INDEX, PACKETS, TRUTH)))
+        if rng.random() < 0.7:
+            hostile_sequences.sign(folder)
         for name, use in USES.items():
             out = Path(parent) / f"out of {name}"
             try:

@@ -51,12 +51,10 @@ def sharing(tmp_path_factory: pytest.TempPathFactory, scene: Path) -> Iterator[S
         world.up(scene, *options, "--set=render.method=nearest", "--set=render.anaglyph=colour")
         world.pictures(5)
         world.wait_for(lambda: len(heard) > 30, "frames by OSC")
-        before = os.environ.get("XDG_RUNTIME_DIR")
-        os.environ["XDG_RUNTIME_DIR"] = str(world.run_dir)
         try:
-            yield Sharing(world, *ports, heard, opentrack)
+            with world.entered():
+                yield Sharing(world, *ports, heard, opentrack)
         finally:
-            os.environ.pop("XDG_RUNTIME_DIR") if before is None else os.environ.update(XDG_RUNTIME_DIR=before)
             opentrack.close()
             world.end()
 
@@ -137,20 +135,16 @@ def test_lsl_has_the_sensors_time_on_its_clock(sharing: Sharing, tmp_path: Path)
 
 def test_what_is_shared_is_stopped_and_started_while_it_runs(sharing: Sharing) -> None:
     world, target = sharing.world, f"opentrack:127.0.0.1:{sharing.opentrack_port}"
-    stopped = world.run("ctl", "--session", world.name, "share", "stop", target)
-    assert stopped.returncode == 0, stopped.stderr
+    world.ctl("share", "stop", target)
     sharing.opentrack.empty()
     assert sharing.opentrack.silent(0.6)
-    twice = world.run("ctl", "--session", world.name, "share", "start", f"osc:localhost:{sharing.osc_port}")
-    assert twice.returncode == 2 and "already" in twice.stderr
+    assert "already" in world.refused("ctl", "--session", world.name, "share", "start", f"osc:localhost:{sharing.osc_port}")
     assert sharing.opentrack.silent(0.05)
-    started = world.run("ctl", "--json", "--session", world.name, "share", "start", f"{target}?rate=100")
-    assert started.returncode == 0, started.stderr
-    assert json.loads(started.stdout)["share"][-1] == f"{target}?rate=100"
+    assert json.loads(world.ctl("--json", "share", "start", f"{target}?rate=100"))["share"][-1] == f"{target}?rate=100"
     arrived = sharing.opentrack.times(100)
     assert arrived[-1] - arrived[0] < 2.5  # 30 a second would take 3.3 s
-    assert world.run("ctl", "--session", world.name, "share", "stop", target).returncode == 0
-    assert world.run("ctl", "--session", world.name, "share", "start", target).returncode == 0
+    world.ctl("share", "stop", target)
+    world.ctl("share", "start", target)
 
 
 def test_a_stage_that_is_killed_comes_back_and_shares_on(sharing: Sharing) -> None:

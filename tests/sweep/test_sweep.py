@@ -78,12 +78,11 @@ def test_every_cell_although_one_is_killed(world: World, corpus: Path) -> None:
     assert process.returncode == 0, out + err
     assert f"{CELLS} cells: {CELLS} ok" in out and "Traceback" not in err
     assert len({line["key"] for line in lines(world)}) == CELLS == len(lines(world))
-    again = world.run("sweep", plan, "--out", "out")
-    assert again.returncode == 0 and len(lines(world)) == CELLS, "nothing was left to do"
+    world.done("sweep", plan, "--out", "out")
+    assert len(lines(world)) == CELLS, "nothing was left to do"
     table = list(csv.reader((world.root / "out" / "table.csv").open()))
     assert len(table) == CELLS + 1 and "warp2.psnr_db" in table[0]
-    by_hand = world.run("bench", "table", corpus / "scenes" / "s0", "--border", "4", "--out", "hand")
-    assert by_hand.returncode == 0, by_hand.stderr
+    world.done("bench", "table", corpus / "scenes" / "s0", "--border", "4", "--out", "hand")
     of_sweep = next(one for one in lines(world) if one["scene"].endswith("s0") and "border=4" in one["options"])
     for row in read(world.root / "hand")["table"].rows:
         assert all(of_sweep["figures"][f"{row.curve}.{name}"] == row.value(name) for name in ("psnr_db", "ssim"))
@@ -101,8 +100,8 @@ def test_what_is_done_is_kept_when_the_sweep_ends_early(world: World, corpus: Pa
     world.wait_for(lambda: not any(runs(one.pid) for one in left), "end of the cells")
     kept = lines(world)
     assert 2 <= len(kept) < CELLS
-    done = world.run("sweep", plan, "--out", "out", timeout_s=100)
-    assert done.returncode == 0 and lines(world)[: len(kept)] == kept and len(lines(world)) == CELLS, done.stderr
+    world.done("sweep", plan, "--out", "out")
+    assert lines(world)[: len(kept)] == kept and len(lines(world)) == CELLS
 
 
 def test_a_cluster(world: World, corpus: Path, scheduler: tuple[subprocess.Popen[bytes], str]) -> None:
@@ -130,7 +129,8 @@ def test_a_cluster(world: World, corpus: Path, scheduler: tuple[subprocess.Popen
     _, err = process.communicate(timeout=90)
     assert process.returncode == 2 and "the scheduler is gone" in err and "Traceback" not in err, err
     kept = lines(world)
-    assert world.run("sweep", other_plan, "--out", "out", timeout_s=100).returncode == 0 and lines(world)[: len(kept)] == kept
+    world.done("sweep", other_plan, "--out", "out")
+    assert lines(world)[: len(kept)] == kept
 
 
 def test_missing(world: World, corpus: Path) -> None:
@@ -146,8 +146,7 @@ def test_missing(world: World, corpus: Path) -> None:
     assert found["truth", "walk", "s0"]["figures"]["truth.used.rms_px"] > 0
     suite = ElementTree.parse(world.root / "out" / "junit.xml").getroot()
     assert suite.get("tests") == "10" and suite.get("errors") == str(sum(state == "failed" for state in states.values()))
-    by_hand = world.run("replay", corpus / "recordings" / "walk", "--scene", corpus / "scenes" / "s0", "--out", "hand")
-    assert by_hand.returncode == 0
+    world.done("replay", corpus / "recordings" / "walk", "--scene", corpus / "scenes" / "s0", "--out", "hand")
     digests = json.loads((world.root / "hand" / "report.json").read_text())["digests"]
     figures = found["replay", "walk", "s0"]["figures"]
     assert {name: figures[f"digest.{name}"] for name in digests} == digests
@@ -158,13 +157,12 @@ def test_references_of_a_corpus(world: World, corpus: Path) -> None:
     text = MIXED.replace(', "CORPUS/broken/cut"', "").replace('"CORPUS/scenes/s0", "CORPUS/scenes/nowhere"', '"wall"')
     plan = write_plan(world.root, corpus, text.replace('"quality", "replay", "truth"', '"quality", "replay"'))
     words = ("sweep", plan, "--out", "out", "--jobs", "1", "--expect", "ref")
-    bare = world.run(*words, timeout_s=100)
+    bare = world.run(*words)
     assert bare.returncode == 1 and "write it with --update" in bare.stdout
-    assert world.run(*words, "--update", timeout_s=100).returncode == 0
+    world.done(*words, "--update")
     assert len(list((world.root / "ref").iterdir())) == 2
-    met = world.run(*words, timeout_s=100)
-    assert met.returncode == 0 and "2 cells: 2 ok" in met.stdout, met.stdout
+    assert "2 cells: 2 ok" in world.done(*words).stdout
     for path in (world.root / "ref").glob("quality*/figures.json"):
         path.write_text(json.dumps({name: value * 1.1 for name, value in json.loads(path.read_text()).items()}))
-    changed = world.run(*words, timeout_s=100)
+    changed = world.run(*words)
     assert changed.returncode == 1 and "differs: quality" in changed.stdout and "2 cells: 1 ok, 1 differs" in changed.stdout
