@@ -89,21 +89,21 @@ def read_sequence(path: Path, most_frames: int) -> FrameSequence:
 
     def frames() -> Iterator[Picture]:
         with contextlib.closing(open_recording(path)) as recording:
-            frame = np.empty((recording.height_px, recording.width_px, 3), np.uint8)
+            frame = np.empty((*recording.info.size_px[::-1], 3), np.uint8)
             for index in range(most_frames):
                 if recording.read_into(index, frame) is None:
                     return
                 yield frame.copy()
 
     with contextlib.closing(open_recording(path)) as recording:
-        size_px, rate_hz = (recording.width_px, recording.height_px), recording.rate_hz or config.Camera().rate_hz
+        info = recording.info
     if not (count := sum(1 for _ in frames())):
         raise UserError(f"{path}: no frame", "record it again")
     table = path.with_suffix(".csv")
     truth = read_truth(path) if is_sequence(path) else table_of(table) if is_file(table) else None
     if truth is not None and len(truth.t_ns) < count:
         raise UserError(f"{path}: truth for {len(truth.t_ns)} of {count} frames", "give one row per frame of the sequence")
-    return FrameSequence(path, frames, count, size_px, rate_hz, truth)
+    return FrameSequence(path, frames, count, info.size_px, info.rate_hz or config.Camera().rate_hz, truth)
 
 
 def write_video(path: Path, rate_hz: float, frames: Iterable[tuple[Picture, NDArray[np.float64], bool, str]]) -> None:

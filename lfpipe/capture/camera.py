@@ -99,27 +99,27 @@ def negotiate(path: Path, device: V4L2Device, camera: config.Camera) -> tuple[Mo
 
     Raises OSError from the driver, UserError if none of the device's formats can be decoded.
     """
-    size, offered = (camera.width_px, camera.height_px), device.fourccs()
-    usual = JPEGS if size[0] * size[1] > SMALL_PX else CHEAPEST  # of a driver that lists nothing
+    wanted_px, offered = (camera.width_px, camera.height_px), device.fourccs()
+    usual = JPEGS if camera.width_px * camera.height_px > SMALL_PX else CHEAPEST  # of a driver that lists nothing
     formats = [fourcc for fourcc in offered or [usual[0], camera.format] if fourcc in DECODED]
     formats = [camera.format] if camera.format in formats else formats
-    modes = [mode for fourcc in formats for mode in device.sizes(fourcc) or [FrameSizes(fourcc, *size)]]
-    requested = choose(modes, *size, camera.rate_hz)
+    modes = [mode for fourcc in formats for mode in device.sizes(fourcc) or [FrameSizes(fourcc, *wanted_px)]]
+    requested = choose(modes, *wanted_px, camera.rate_hz)
     mode = device.configure(requested.fourcc, requested.width_px, requested.height_px, camera.rate_hz) if requested else None
     if mode is None or mode.fourcc not in DECODED:
         formats = offered if mode is None else [mode.fourcc]
         remedy = f"use a camera with one of {', '.join(DECODED)}"
         raise UserError(f"camera {path}: none of its pixel formats can be decoded ({', '.join(formats)})", remedy)
-    rate_hz = mode.rate_hz or camera.rate_hz
+    size_px, rate_hz = (mode.width_px, mode.height_px), mode.rate_hz or camera.rate_hz
     log.info("camera %s: requested %s, delivers %s", path, requested, mode)
     notes = [f"the camera delivers {mode.fourcc} {mode.width_px}x{mode.height_px} at {rate_hz:.4g} Hz"]
     if camera.format not in ("auto", mode.fourcc):
         notes.append(f"{camera.format} requested, {mode.fourcc} delivered")
-    notes += size_notes(mode.width_px, mode.height_px, camera)
+    notes += size_notes(size_px, camera)
     if abs(rate_hz - camera.rate_hz) > 0.01 * camera.rate_hz:
         notes.append(f"{camera.rate_hz:g} Hz requested, {rate_hz:.4g} Hz delivered")
-    size, jpeg = (mode.width_px, mode.height_px), mode.fourcc in JPEGS
-    return mode, SourceInfo(f"camera:{path}", *size, rate_hz, live=True, jpeg=jpeg, notes=tuple(notes))
+    jpeg = mode.fourcc in JPEGS
+    return mode, SourceInfo(f"camera:{path}", size_px, rate_hz, live=True, jpeg=jpeg, notes=tuple(notes))
 
 
 class CameraSource:

@@ -95,7 +95,7 @@ class DemoSource:
         self._warped: NDArray[np.uint8] = np.empty((0, 0, 4), np.uint8)
         self._schedule = Schedule(camera.rate_hz)
         self._seq = self._start_ns = 0
-        self.info = SourceInfo("demo", camera.width_px, camera.height_px, camera.rate_hz, live=False)
+        self.info = SourceInfo("demo", self._size, camera.rate_hz, live=False)
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
         """See `FrameSource.read`; out may have another size than the camera's. Never returns None."""

@@ -29,13 +29,11 @@ def undecodable(what: str, error: MemoryError | cv2.error) -> BrokenFrame:
 
 @attrs.frozen
 class SourceInfo:
-    """Properties of an open source. width_px, height_px: its own size. rate_hz: what it delivers. live: a device, not a
-    recording.
-    """
+    """Properties of an open source. size_px: (width, height) of its own frames. rate_hz: what it delivers. live: a device, not a
+    recording."""
 
     name: str
-    width_px: int
-    height_px: int
+    size_px: tuple[int, int]
     rate_hz: float
     live: bool
     jpeg: bool = False  # its frames are JPEGs, each with its `Frame.packet`
@@ -92,7 +90,7 @@ class OrientedSource:
         inner = attrs.evolve(self._source.info, jpeg=False)
         if self._camera.rotate % 180 == 0:
             return inner
-        return attrs.evolve(inner, width_px=inner.height_px, height_px=inner.width_px)
+        return attrs.evolve(inner, size_px=inner.size_px[::-1])
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
         """See `FrameSource.read`."""
@@ -108,10 +106,10 @@ class OrientedSource:
         self._source.close()
 
 
-def size_notes(width_px: int, height_px: int, camera: config.Camera) -> list[str]:
+def size_notes(size_px: tuple[int, int], camera: config.Camera) -> list[str]:
     """Says, for people, how frames of that size become those of the configuration; empty if they have its size."""
-    own, wanted = (width_px, height_px), (camera.width_px, camera.height_px)
-    return [] if own == wanted else [fit_note(own, wanted)]
+    slot_px = (camera.width_px, camera.height_px)
+    return [] if size_px == slot_px else [fit_note(size_px, slot_px)]
 
 
 def as_read(pictures: NDArray[np.uint8], camera: config.Camera) -> NDArray[np.uint8]:

@@ -74,7 +74,7 @@ def open_source(text: str, camera: config.Camera, reconnect: bool = False) -> Fr
         return orient(driver.open_camera(finder.path(), camera), camera)
     from lfpipe.capture.reconnecting_camera import ReconnectingCamera
 
-    info = SourceInfo(str(spec), camera.width_px, camera.height_px, camera.rate_hz, live=True)
+    info = SourceInfo(str(spec), (camera.width_px, camera.height_px), camera.rate_hz, live=True)
     return orient(ReconnectingCamera(info, lambda: driver.open_camera(finder.path(), camera)), camera)
 
 
@@ -113,7 +113,7 @@ def check_source(text: str, camera: config.Camera) -> config.SessionOptions:
     return config.SessionOptions(
         source=definite,
         source_hz=info.rate_hz,
-        jpeg_px=(info.width_px, info.height_px) if info.jpeg else None,
+        jpeg_px=info.size_px if info.jpeg else None,
         eyes=info.eyes,
         lossless=isinstance(spec, FileSpec) and spec.pace == "max",
     )

@@ -30,18 +30,18 @@ class OpenCVCamera:
         self._name, self._seq = f"camera {int(digits)}", -1
         with opencv_logging():
             self._capture = cv2.VideoCapture(int(digits))
-        wanted = {cv2.CAP_PROP_FRAME_WIDTH: camera.width_px, cv2.CAP_PROP_FRAME_HEIGHT: camera.height_px}
-        for key, value in (wanted | {cv2.CAP_PROP_FPS: camera.rate_hz}).items():
+        settings = {cv2.CAP_PROP_FRAME_WIDTH: camera.width_px, cv2.CAP_PROP_FRAME_HEIGHT: camera.height_px}
+        for key, value in (settings | {cv2.CAP_PROP_FPS: camera.rate_hz}).items():
             self._capture.set(key, value)
         whole, frame = self._capture.read() if self._capture.isOpened() else (False, None)
         if not whole or frame is None:
             self.close()
             remedy = "close the program that uses it, and allow cameras in the system's privacy settings"
             raise UserError(f"{self._name}: cannot be opened, or delivers no picture", remedy)
-        height_px, width_px = frame.shape[:2]
+        size_px = frame.shape[1::-1]
         rate_hz = float(self._capture.get(cv2.CAP_PROP_FPS)) or camera.rate_hz
-        notes = ["OpenCV gives no time stamps: using the time of reading", *size_notes(width_px, height_px, camera)]
-        self.info = SourceInfo(f"camera:{path}", width_px, height_px, rate_hz, live=True, notes=tuple(notes))
+        notes = ["OpenCV gives no time stamps: using the time of reading", *size_notes(size_px, camera)]
+        self.info = SourceInfo(f"camera:{path}", size_px, rate_hz, live=True, notes=tuple(notes))
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
         """See `FrameSource.read`. Raises UserError if the camera is gone; may block for as long as its driver does."""

@@ -32,21 +32,15 @@ MAX_BROKEN = 50  # frames in a row: 2 s of a video
 class Recording:
     """A series of frames that can be played again and again.
 
-    read: called with 0, 1, 2, ..., it returns the next frame, None at the end; 0 starts over. It raises BrokenFrame for one that
-    cannot be decoded. rate_hz: 0 if the recording has none. exact: its stamps are those of its frames; else a container may have
-    rounded them. jpeg: its frames are JPEGs. eyes: as in `SourceInfo`. notes: for the user. close: call when no more frames are
-    needed.
+    info: with the recording's own rate, 0 if it has none. read: called with 0, 1, 2, ..., it returns the next frame, None at the
+    end; 0 starts over. It raises BrokenFrame for one that cannot be decoded. close: call when no more frames are needed. exact:
+    its stamps are those of its frames; else a container may have rounded them.
     """
 
-    width_px: int
-    height_px: int
+    info: SourceInfo
     read: Callable[[int], RecordedFrame | None]
     close: Callable[[], None] = lambda: None
-    rate_hz: float = 0.0
     exact: bool = False
-    jpeg: bool = False
-    eyes: str = ""
-    notes: tuple[str, ...] = ()
 
     def read_into(self, index: int, out: NDArray[np.uint8]) -> RecordedFrame | None:
         """As `read`, with the picture also in out, uint8 (height, width, 3) BGR, scaled to fit."""
@@ -80,7 +74,7 @@ def _pictures(paths: list[Path]) -> Recording:
         return RecordedFrame(0, picture, data if picture.shape == first.shape and is_jpeg(data) else None)
 
     data, first = _load(paths[0])
-    return Recording(first.shape[1], first.shape[0], read, jpeg=is_jpeg(data))
+    return Recording(SourceInfo(str(paths[0]), first.shape[1::-1], 0.0, live=False, jpeg=is_jpeg(data)), read)
 
 
 def _sequence(path: Path) -> Recording:
@@ -96,17 +90,11 @@ def _sequence(path: Path) -> Recording:
         picture = grey if sequence.holds_eyes else sequence.frame(index, data)
         return RecordedFrame(packet.t_sensor_ns, picture, np.frombuffer(data, np.uint8) if packet.codec == "jpeg" else None)
 
-    note = "" if sequence.complete else f"{path} was cut off after {len(sequence.packets)} frames"
-    note = "holds the eyes of the mouse" if sequence.holds_eyes else note
-    return Recording(
-        *sequence.size_px,
-        read,
-        rate_hz=sequence.measured_hz,
-        exact=True,
-        jpeg=sequence.codecs == {"jpeg"},
-        eyes=str(path.resolve()) if sequence.holds_eyes else "",
-        notes=(note,) if note else (),
-    )
+    notes = [] if sequence.complete else [f"{path} was cut off after {len(sequence.packets)} frames"]
+    info = SourceInfo(str(path), sequence.size_px, sequence.measured_hz, False, sequence.codecs == {"jpeg"}, notes=tuple(notes))
+    if sequence.holds_eyes:
+        info = attrs.evolve(info, eyes=str(path.resolve()), notes=("holds the eyes of the mouse",))
+    return Recording(info, read, exact=True)
 
 
 def open_recording(path: Path) -> Recording:
@@ -121,7 +109,8 @@ def open_recording(path: Path) -> Recording:
             file = open_regular(path)
             if path.suffix.lower() not in SUFFIXES:
                 video = Video(file, path)
-                return Recording(video.width_px, video.height_px, video.read, video.close, video.rate_hz, jpeg=video.jpeg)
+                info = SourceInfo(str(path), (video.width_px, video.height_px), video.rate_hz, live=False, jpeg=video.jpeg)
+                return Recording(info, video.read, video.close)
             file.close()
             return _pictures([path])
         names = [entry.name for entry in path.iterdir()]
@@ -149,18 +138,17 @@ class FileSource:
     def __init__(self, spec: FileSpec, camera: config.Camera) -> None:
         """Raises UserError if the file is missing or cannot be decoded."""
         self._spec, self._recording = spec, open_recording(spec.path)
-        recording = self._recording
-        rate_hz = spec.pace if isinstance(spec.pace, float) else recording.rate_hz or camera.rate_hz
-        self._stamped = recording.rate_hz > 0 and (spec.pace == "recorded" or (spec.pace == "max" and recording.exact))
-        rounding_ns = 0 if recording.exact else STAMP_ROUNDING_NS
+        info, exact = self._recording.info, self._recording.exact
+        rate_hz = spec.pace if isinstance(spec.pace, float) else info.rate_hz or camera.rate_hz
+        self._stamped = info.rate_hz > 0 and (spec.pace == "recorded" or (spec.pace == "max" and exact))
+        rounding_ns = 0 if exact else STAMP_ROUNDING_NS
         self._schedule = Schedule(rate_hz, rounding_ns if self._stamped else None)
         self._seq = self._index = self._start_ns = 0  # index: in this round
         self._broken = 0  # frames in a row
-        notes = [*([] if recording.eyes else size_notes(recording.width_px, recording.height_px, camera)), *recording.notes]
-        if spec.pace == "recorded" and not recording.rate_hz:
+        notes = [*([] if info.eyes else size_notes(info.size_px, camera)), *info.notes]
+        if spec.pace == "recorded" and not info.rate_hz:
             notes.append(f"no frame rate in the file: played at camera.rate_hz = {rate_hz:g} Hz")
-        name, size = f"file:{spec.path}", (recording.width_px, recording.height_px)
-        self.info = SourceInfo(name, *size, rate_hz, live=False, jpeg=recording.jpeg, eyes=recording.eyes, notes=tuple(notes))
+        self.info = attrs.evolve(info, name=f"file:{spec.path}", rate_hz=rate_hz, notes=tuple(notes))
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
         """See `FrameSource.read`; never sleeps, and returns None at the end of a file that is not looped."""

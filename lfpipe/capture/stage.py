@@ -51,7 +51,7 @@ class _LightWatch:
 
 def _report(context: Context, info: SourceInfo) -> None:
     context.row["nominal_mhz"] = round(1000 * info.rate_hz)
-    log.info("source %s: %dx%d at %.4g Hz; %s", info.name, info.width_px, info.height_px, info.rate_hz, "; ".join(info.notes))
+    log.info("source %s: %dx%d at %.4g Hz; %s", info.name, *info.size_px, info.rate_hz, "; ".join(info.notes))
     context.emit("source", name=info.name, rate_hz=info.rate_hz, live=info.live, notes=list(info.notes))
 
 

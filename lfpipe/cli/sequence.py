@@ -145,7 +145,7 @@ def import_(video: Path, out: Path, truth: Path | None) -> None:
     if truth is not None:
         table_of(truth)
     with contextlib.closing(open_recording(video)) as frames:
-        width_px, height_px, rate_hz = frames.width_px, frames.height_px, frames.rate_hz
+        (width_px, height_px), rate_hz = frames.info.size_px, frames.info.rate_hz
         if not rate_hz:
             raise UserError(f"{video}: has no frame rate", "give a video (avi, mkv, mp4, ...)")
         picture = np.empty((height_px, width_px, 3), np.uint8)

@@ -45,4 +45,4 @@ def test_a_camera_mounted_otherwise_is_set_right(rotate: Literal[0, 90, 180, 270
     source.read(out)
     turned = np.rot90(plain, -rotate // 90)
     np.testing.assert_array_equal(out, turned[:, ::-1] if mirror else turned)
-    assert (source.info.width_px, source.info.height_px) == camera.frame_px
+    assert source.info.size_px == camera.frame_px

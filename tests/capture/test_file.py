@@ -28,7 +28,7 @@ def recording(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
 
 def test_frames_come_in_order_into_a_slot_of_foreign_memory(recording: Path) -> None:
     source, memory = FileSource(FileSpec(recording, loop=False), CAMERA), np.full((3, *SHAPE), 77, np.uint8)
-    assert (source.info.width_px, source.info.height_px, source.info.live) == (*SIZE, False)
+    assert (source.info.size_px, source.info.live) == (SIZE, False)
     own_rate = recording.suffix == ".avi"
     assert source.info.rate_hz == (25.0 if own_rate else 50.0) and any("50 Hz" in note for note in source.info.notes) != own_rate
     numbers = []

@@ -75,7 +75,7 @@ class Made:
     """A camera whose reads are scripted: 0 for a frame, or an error."""
 
     def __init__(self, steps: list[Any]) -> None:
-        self.info = SourceInfo("camera:made", 4, 4, 30.0, live=True)
+        self.info = SourceInfo("camera:made", (4, 4), 30.0, live=True)
         self.steps, self.seq, self.closed = steps, 0, False
 
     def read(self, out: np.ndarray) -> Frame | None:
@@ -112,7 +112,7 @@ def test_frames_count_on_over_connections_and_the_loss_is_told_once() -> None:
         opened.append(Made(script))
         return opened[-1]
 
-    camera = ReconnectingCamera(SourceInfo("?", 1, 1, 1.0, live=True), open_)
+    camera = ReconnectingCamera(SourceInfo("?", (1, 1), 1.0, live=True), open_)
     assert camera.info.name == "camera:made"
     out = np.zeros((4, 4), np.uint8)
     assert [_read(camera, out)[0].source_seq for _ in range(2)] == [0, 1]

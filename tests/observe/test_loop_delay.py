@@ -90,7 +90,7 @@ def test_a_busy_machine_that_loses_frames_and_shows_two_flips_at_one_blank_is_no
 class Stamped:
     """40 frames; one in `every` has no stamp of the driver."""
 
-    info = SourceInfo("camera:made", 64, 48, 30.0, live=True)
+    info = SourceInfo("camera:made", (64, 48), 30.0, live=True)
 
     def __init__(self, every: int) -> None:
         self._every, self._count = every, 0
