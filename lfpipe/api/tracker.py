@@ -60,9 +60,9 @@ class Tracker:
         goes back; by default the monotonic clock's now. Raises lfpipe.UserError for anything but such a picture."""
         if self._closed:
             raise UserError("this Tracker is closed", "make a new one")
-        known = isinstance(frame, np.ndarray)
-        if not known or frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2] != 3 or not frame.size:
-            what = f"{frame.dtype} {frame.shape}" if known else type(frame).__name__
+        is_array = isinstance(frame, np.ndarray)
+        if not is_array or frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2] != 3 or not frame.size:
+            what = f"{frame.dtype} {frame.shape}" if is_array else type(frame).__name__
             raise UserError(f"{what}: not a picture", "uint8 (height, width, 3), blue first; cv2.cvtColor turns grey into colour")
         t_ns = time.monotonic_ns() if t_ns is None else t_ns
         tracker = self._tracker

@@ -136,5 +136,6 @@ class CameraControls(threading.Thread):
             self.notes[key] = f"{key} = {value:g}{unit}: using {nearest / scale:g} ({low:g} to {high:g}{unit} possible)"
 
     def _exposure_ns(self) -> int | None:
-        known = self._device.control_range(EXPOSURE) is not None
-        return (self._device.control(EXPOSURE) * EXPOSURE_UNIT_NS or None) if known else None
+        if self._device.control_range(EXPOSURE) is None:
+            return None
+        return self._device.control(EXPOSURE) * EXPOSURE_UNIT_NS or None

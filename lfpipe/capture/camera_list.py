@@ -88,18 +88,18 @@ def nodes() -> list[CameraDevice]:
             return []
         names = {camera.index: camera.name for camera in enumerate_cameras()}
         return [CameraDevice(Path(f"/dev/video{number}"), name) for number, name in sorted(names.items())]
-    listed = []
+    devices = []
     for entry in sorted(SYS.glob("video*"), key=lambda entry: int("0" + entry.name.removeprefix("video"))):
         with contextlib.suppress(OSError):  # unplugged meanwhile
             place = str((entry / "device").resolve(strict=True))
-            listed.append(CameraDevice(DEV / entry.name, (entry / "name").read_text().strip(), place))
-    return listed
+            devices.append(CameraDevice(DEV / entry.name, (entry / "name").read_text().strip(), place))
+    return devices
 
 
 def describe(path: Path) -> CameraDevice:
     """The device at path with its name and place."""
-    known = {device.path: device for device in nodes()}
-    return attrs.evolve(known.get(path.resolve(), CameraDevice(path)), path=path)
+    by_path = {device.path: device for device in nodes()}
+    return attrs.evolve(by_path.get(path.resolve(), CameraDevice(path)), path=path)
 
 
 def _captures(device: CameraDevice) -> bool:
@@ -164,12 +164,12 @@ class CameraFinder:
             if first.place:  # else there is nothing to recognise it by
                 self._known = first
             return first.path
-        same = [device for device in nodes() if device.name == known.name]
-        here = [device for device in same if device.place == known.place]
-        if here or not self._gone:
-            self._twins = {device.place for device in same} - {known.place}
-        self._gone = not here
-        candidates = here or [device for device in same if device.place not in self._twins]
+        same_name = [device for device in nodes() if device.name == known.name]
+        same_place = [device for device in same_name if device.place == known.place]
+        if same_place or not self._gone:
+            self._twins = {device.place for device in same_name} - {known.place}
+        self._gone = not same_place
+        candidates = same_place or [device for device in same_name if device.place not in self._twins]
         candidates.sort(key=lambda device: device.path != known.path)
         # nodes of one camera (pictures, metadata) share name and place, and may have exchanged their numbers
         current = next((device for device in candidates if _captures(device)), None)

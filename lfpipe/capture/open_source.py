@@ -35,10 +35,10 @@ def resolve(text: str) -> Spec:
     """
     if text:
         return parse_source(text)
-    listed = cameras()
-    if not listed:
+    present = cameras()
+    if not present:
         raise NoCamera("no camera found", others())
-    return CameraSpec(listed[0].path)
+    return CameraSpec(present[0].path)
 
 
 def camera_name(text: str) -> str:

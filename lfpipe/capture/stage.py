@@ -7,6 +7,7 @@ Emits: source (what was opened), camera (lost, found), notice (the same for peop
 State: READY, not RUNNING, while no camera delivers frames.
 """
 
+import contextlib
 import logging
 import time
 from collections import deque
@@ -75,11 +76,8 @@ def main(context: Context) -> None:
                 continue
             t_begin_ns = now_ns()
             try:
-                if not info.live:
-                    context.row.set_busy("reading the recording")  # it may wait for its disk
-                frame = source.read(frames.begin())
-                if not info.live:
-                    context.row.set_busy("")
+                with contextlib.nullcontext() if info.live else context.busy_with("reading the recording"):  # from a slow disk
+                    frame = source.read(frames.begin())
             except CameraLost as lost:
                 log.warning("camera lost: %s: %s", info.name, lost)
                 context.row["state"], lost_ns = State.READY, now_ns()

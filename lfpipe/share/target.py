@@ -1,7 +1,7 @@
 """Targets of a session's eyes: `opentrack:HOST:PORT`, `osc:HOST:PORT` or `lsl[:NAME]`, each with an optional `?rate=HZ`."""
 
 import contextlib
-import importlib.util
+import importlib
 import socket
 import unicodedata
 from collections.abc import Sequence
@@ -73,16 +73,15 @@ def check_target(text: str) -> Target:
     """
     target = parse_target(text)
     module = LIBRARIES[target.kind]
-    if module and importlib.util.find_spec(module) is None:
-        raise _refusal(text, f"{module} is not installed", "install it: pip install 'lfpipe[share]'")
-    if target.kind != "lsl":
-        return attrs.evolve(target, host=_resolved(text, target))
     try:
-        import pylsl  # noqa: F401
+        if module:
+            importlib.import_module(module)
+    except ModuleNotFoundError:
+        raise _refusal(text, f"{module} is not installed", "install it: pip install 'lfpipe[share]'") from None
     except (ImportError, OSError, RuntimeError) as error:
-        why = f"pylsl does not find its library: {(str(error) or type(error).__name__).splitlines()[0]}"
+        why = f"{module} does not find its library: {(str(error) or type(error).__name__).splitlines()[0]}"
         raise _refusal(text, why, "install liblsl (its releases, or conda-forge), and name it in PYLSL_LIB") from None
-    return target
+    return target if target.kind == "lsl" else attrs.evolve(target, host=_resolved(text, target))
 
 
 def check_targets(texts: Sequence[str], running: Sequence[str] = ()) -> tuple[str, ...]:

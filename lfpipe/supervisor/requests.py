@@ -19,6 +19,8 @@ from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.control import BadMessage
 
+# what is written while a session runs: request -> option with its path, in words, as a person types it
+OUTPUTS = {"trace": ("timeline", "timeline", "lfpipe trace"), "record": ("record", "recording", "lfpipe ctl record")}
 LEASE_S, MAX_LEASE_S = 5.0, 60.0  # of the ring of pictures
 
 
@@ -98,32 +100,23 @@ def _place(state: SessionState, message: dict[str, Any]) -> int | None:
     return number
 
 
-def _output(message: dict[str, Any], running: str, what: str, command: str) -> str:
-    """The file or folder to begin, "" to end what is `running`. what: in words. Raises unless exactly one of both is possible."""
-    path = message.get("path")
+def _output(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
+    """Begins the file or folder `path`; an empty one ends what is running."""
+    command, path = message["cmd"], message.get("path")
+    option, what, typed = OUTPUTS[command]
+    running = getattr(state.options, option)
     if not isinstance(path, str) or not (_absolute(path) or not path):
-        raise BadMessage(f"{message['cmd']} needs an absolute path, or an empty one to stop")
+        raise BadMessage(f"{command} needs an absolute path, or an empty one to stop")
     if path and running:
-        raise UserError(f"a {what} to {running} is already running", f"`{command} stop` ends it")
+        raise UserError(f"a {what} to {running} is already running", f"`{typed} stop` ends it")
     if not path and not running:
-        raise UserError(f"no {what} is running", f"`{command} start OUT` starts one")
-    return path
-
-
-def _trace(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
-    running = state.options.timeline
-    if path := _output(message, running, "timeline", "lfpipe trace"):
-        return Reply(check={"check": "trace", "path": path, "source": state.options.source, "record": state.options.record})
-    return Reply({"path": running}, state.changed(timeline=""))
-
-
-def _record(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
-    running = state.options.record
-    if not (path := _output(message, running, "recording", "lfpipe ctl record")):
-        return Reply({"path": running}, state.changed(record=""))
-    if not state.options.tracking and not state.options.mouse:
+        raise UserError(f"no {what} is running", f"`{typed} start OUT` starts one")
+    if not path:
+        none: dict[str, Any] = {option: ""}
+        return Reply({"path": running}, state.changed(**none))
+    if command == "record" and not state.options.tracking and not state.options.mouse:
         raise UserError("no camera is in use: the scene is a single view", "`lfpipe record OUT` records without a scene")
-    return Reply(check={"check": "record", "path": path})
+    return Reply(check={"check": command, "path": path, "source": state.options.source, "record": state.options.record})
 
 
 def _share(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
@@ -163,9 +156,8 @@ def respond_checked(state: SessionState, message: dict[str, Any], result: dict[s
     if message["cmd"] == "share":
         share = tuple(dict.fromkeys((*state.options.share, *result["targets"])))
         return Reply({"share": list(share)}, state.changed(share=share))
-    if message["cmd"] == "trace":
-        return Reply({"path": message["path"]}, state.changed(timeline=message["path"]))
-    return Reply({"path": message["path"]}, state.changed(record=message["path"]))
+    option, _, _ = OUTPUTS[message["cmd"]]
+    return Reply({"path": message["path"]}, state.changed(**{option: message["path"]}))
 
 
 def _absolute(path: str) -> bool:
@@ -184,8 +176,8 @@ HANDLERS: dict[str, Handler] = {
     "recentre": lambda _state, _message, _t_ns: Reply(broadcast={"cmd": "recentre"}),
     "load": _load,
     "pictures": _pictures,
-    "trace": _trace,
-    "record": _record,
+    "trace": _output,
+    "record": _output,
     "share": _share,
     "stop": lambda _state, _message, _t_ns: Reply(stop=True),
 }

@@ -118,11 +118,11 @@ class SessionState:
         old, tracking = self.options.scene, scene.needs_tracking and not self.options.mouse
         if old is None or old.pack == scene.pack:
             return self.changed(scene=scene, tracking=tracking)
-        known = {**self.zero_planes_px, old.pack: self.config.render.zero_plane_px}
-        render = attrs.evolve(self.config.render, zero_plane_px=known.get(scene.pack, Render().zero_plane_px))
+        zero_planes_px = {**self.zero_planes_px, old.pack: self.config.render.zero_plane_px}
+        render = attrs.evolve(self.config.render, zero_plane_px=zero_planes_px.get(scene.pack, Render().zero_plane_px))
         order = attrs.evolve(self.config.scene, half_turn="auto")
         new = self.changed(attrs.evolve(self.config, render=render, scene=order), scene=scene, tracking=tracking)
-        return attrs.evolve(new, zero_planes_px=known)
+        return attrs.evolve(new, zero_planes_px=zero_planes_px)
 
     def with_level(self, number: int) -> SessionState:
         """At another level of quality."""

@@ -45,9 +45,9 @@ class StageProcess:
     def __init__(self, stage: Stage, session: Session, row: NDArray[np.void]) -> None:
         self.stage, self.row, self._session = stage, row, session
         self.process: BaseProcess | None = None
+        self.must_run = False  # the session needs it now, so its end is a failure
         self.next_start_ns = 0
         self.failures: deque[int] = deque(maxlen=MAX_FAILURES)
-        self.wanted = False
         self.lossless = False
         self._killed = False  # killed for a hang, but not ended yet
         self._checked_ns = self._awake_ns = 0
@@ -85,8 +85,8 @@ class StageProcess:
         self.process.join()
         self.process.close()
         self.process = None
-        in_order = (0,) if self.wanted else (0, child.EXIT_TERMINATED)
-        finished = code in in_order and (not self.wanted or self.stage.name == SOURCE or self.stage.optional)  # no work is left
+        in_order = (0,) if self.must_run else (0, child.EXIT_TERMINATED)
+        finished = code in in_order and (not self.must_run or self.stage.name == SOURCE or self.stage.optional)  # no work is left
         self.row["state"], self.row["dead_ns"] = State.FINISHED if finished else State.DEAD, now_ns()
         self.row["busy_with"], self.row["busy_since_ns"] = b"", 0
         logger.info("%s ended with code %d after %.1f s", self.stage.name, code, (now_ns() - int(self.row["started_ns"])) / 1e9)
@@ -181,8 +181,8 @@ class StageProcesses:
         """Starts stages that are needed, and asks stages that are no longer needed to stop."""
         for process in self:
             needed = process.stage.needed(options)
-            process.wanted = needed and not self._drain_since_ns
-            if process.wanted and not process.alive and now_ns() >= process.next_start_ns:
+            process.must_run = needed and not self._drain_since_ns
+            if process.must_run and not process.alive and now_ns() >= process.next_start_ns:
                 process.start(self._spec(process.stage))
             elif process.alive and not needed:
                 self._ask_to_stop(process.stage.name)
@@ -195,7 +195,7 @@ class StageProcesses:
             if why := process.overdue():
                 log(f"{name}: {why}, killed\n{process.kill_hung()}".rstrip())
             code = process.reap()
-            if code is None or (code == 0 and (process.stage.optional or not process.wanted)):
+            if code is None or (code == 0 and (process.stage.optional or not process.must_run)):
                 continue
             if code == 0 and name == SOURCE:
                 self._drain_since_ns = now_ns()
@@ -224,7 +224,7 @@ class StageProcesses:
     def stop(self, log: Callable[[str], None]) -> None:
         """Asks all stages to stop, then waits for all."""
         for process in self:
-            process.wanted = False
+            process.must_run = False
             self._ask_to_stop(process.stage.name)
         wait_for_end(self._all.values(), log)
 

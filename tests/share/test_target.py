@@ -37,12 +37,15 @@ def test_any_text_is_accepted_in_its_exact_form_or_refused(text: str) -> None:
 
 
 def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "pylsl", None)
-    monkeypatch.setattr(module.importlib.util, "find_spec", lambda name: name)
+    def fails(name: str) -> None:
+        raise RuntimeError("LSL binary library file was not found")
+
+    monkeypatch.setattr(module.importlib, "import_module", fails)
     with pytest.raises(UserError, match="PYLSL_LIB"):
         check_target("lsl")
-    monkeypatch.setattr(module.importlib.util, "find_spec", lambda name: None)
-    for text in ("osc:127.0.0.1:9000", "lsl"):
+    monkeypatch.undo()
+    for name, text in {"pythonosc": "osc:127.0.0.1:9000", "pylsl": "lsl"}.items():
+        monkeypatch.setitem(sys.modules, name, None)
         with pytest.raises(UserError, match=r"lfpipe\[share\]"):
             check_target(text)
 
