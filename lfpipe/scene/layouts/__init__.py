@@ -51,7 +51,7 @@ def describe(path: str | os.PathLike[str], scene: config.Scene) -> SceneSource:
     grid = parse_grid(scene.grid)
     if grid is not None and math.prod(grid) != source.rows * source.cols:  # a quilt's says how its one row is laid out
         wrong = f"the layout {source.layout} has {source.rows}x{source.cols} views, scene.grid says {scene.grid}"
-        raise UserError(f"{path}: {wrong}", "leave out --grid")
+        raise UserError(f"{path}: {wrong}", "leave out scene.grid")
     return attrs.evolve(source, notes=tuple(note.replace("\n", r"\n") for note in source.notes))
 
 

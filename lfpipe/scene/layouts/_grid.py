@@ -139,11 +139,12 @@ def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: boo
         line = {(0, position): name for position, (_, name) in enumerate(sorted(numbered.views.items()))}
         numbered = attrs.evolve(numbered, views=line, rows=1, cols=len(line), runs=True, doubt="")
     if not runs and numbered.runs:
-        raise UserError(f"{listing.path}: the names contain one running number, not row and column", "use --layout numbered")
+        what = f"{listing.path}: the names contain one running number, not row and column"
+        raise UserError(what, "use --set scene.layout=numbered")
     grid, note = parse_grid(scene.grid), ""
     if not runs and grid not in (None, (numbered.rows, numbered.cols)):
         wrong = f"the names give a grid of {numbered.rows}x{numbered.cols}, scene.grid says {scene.grid}"
-        raise UserError(f"{listing.path}: {wrong}", "leave out --grid; --layout numbered takes names in order")
+        raise UserError(f"{listing.path}: {wrong}", "leave out scene.grid; --set scene.layout=numbered takes names in order")
     if runs and not numbered.clashes:
         by_position = {col: name for (_, col), name in numbered.views.items()}
         run = find_columns(
@@ -152,11 +153,11 @@ def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: boo
         )  # fmt: skip
         if run is None:
             what = f"{listing.path}: {len(by_position)} views do not make {scene.grid}"
-            raise UserError(what, "leave out --grid to have it detected")
+            raise UserError(what, "leave out scene.grid to have it detected")
         views = {run.index(position): name for position, name in by_position.items()}
         numbered = attrs.evolve(numbered, views=views, rows=run.rows, cols=run.cols, doubt=run.doubt)
         how = f"{run.rows}x{run.cols}" + (", every other row backwards" if run.snake else "")
-        why = "as scene.grid says" if grid else "from the likeness of the pictures; --grid ROWSxCOLS overrides it"
+        why = "as scene.grid says" if grid else "from the likeness of the pictures; --set scene.grid=ROWSxCOLS overrides it"
         note = f"the numbered views form {how}: {why}"
     return _views_source(layout, listing, numbered, headers, note, certain=False)
 

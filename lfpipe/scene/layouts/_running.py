@@ -106,7 +106,8 @@ def find_columns(
         return likely.run
     best = next((run for run in likely.near if run.rows == 1), likely.run)  # people more often make lines than narrow grids
     others = dict.fromkeys(f"{run.rows}x{run.cols}" for run in (likely.run, *likely.others) if run.shape != best.shape)
-    doubt = f"the grid: {best.rows}x{best.cols}, or {' or '.join(list(others)[:2])} (--grid ROWSxCOLS)" if others else ""
+    either = " or ".join(list(others)[:2])
+    doubt = f"the grid: {best.rows}x{best.cols}, or {either} (--set scene.grid=ROWSxCOLS)" if others else ""
     return attrs.evolve(best, doubt=doubt)
 
 

@@ -180,7 +180,7 @@ def find_tiles(picture: NDArray[Any], name: str = "") -> Tiling | None:
         return None
     if max(row_unlike, col_unlike) > _PLAIN:
         return Tiling.even(picture, *strip)
-    doubt = f"the tiles: {rows}x{cols}, or {strip[0]}x{strip[1]} (--grid ROWSxCOLS)"
+    doubt = f"the tiles: {rows}x{cols}, or {strip[0]}x{strip[1]} (--set scene.grid=ROWSxCOLS)"
     return attrs.evolve(Tiling.even(picture, rows, cols), doubt=doubt)
 
 
@@ -197,7 +197,7 @@ def _as_quilt(picture: NDArray[Any], plain: Tiling) -> Tiling:
         best = likeliest(lambda at, quilt=quilt: plane_of(quilt.cut(picture, 0, at)), [True] * rows * cols, [grid, line])  # type: ignore[misc]
         readings[down] = best, quilt
     lines = [reading for reading in readings.values() if reading[0].run.rows == 1]
-    doubt = f"one line of {rows * cols} views (--layout quilt), or a grid of {rows}x{cols} (--layout mosaic)"
+    doubt = f"one line of {rows * cols} views (--set scene.layout=quilt), or {rows}x{cols} (mosaic)"
     if not lines:
         return plain if all(best.clear for best, _ in readings.values()) else attrs.evolve(plain, doubt=doubt)
     best, quilt = max(lines, key=lambda reading: reading[0].score)
@@ -264,7 +264,7 @@ def require_picture(listing: Listing) -> Path:
     path = single_picture(listing)
     if path is None:
         what = f"{listing.path}: contains {len(listing.pictures())} pictures, not one"
-        raise UserError(what, "give the file itself, or leave out --layout")
+        raise UserError(what, "give the file itself, or leave out scene.layout")
     return path
 
 

@@ -46,7 +46,7 @@ def _matches(listing: Listing, pattern: re.Pattern[str]) -> dict[str, re.Match[s
 
 def _require_matches(listing: Listing, pattern: re.Pattern[str], example: str) -> dict[str, re.Match[str]]:
     if not (matches := _matches(listing, pattern)):
-        raise UserError(f"{listing.path}: no {example}", "give the folder of the views, or leave out --layout")
+        raise UserError(f"{listing.path}: no {example}", "give the folder of the views, or leave out scene.layout")
     return matches
 
 

@@ -83,9 +83,9 @@ def _describe(layout: str, listing: Listing, scene: config.Scene) -> SceneSource
     cut = tiling(load(0), paths[0], scene, quilt)
     if cut is None:
         height, width = load(0).shape[:2]
-        remedy = "give the tiles with --grid ROWSxCOLS"
+        remedy = "give the tiles with --set scene.grid=ROWSxCOLS"
         if are_a_pair(*halves(load(0), above=False)):
-            remedy = "give --grid 1x2: its halves are a stereo pair"
+            remedy = "use --set scene.grid=1x2: its halves are a stereo pair"
         elif _is_video(listing):
             remedy += "; from a camera slid sideways, `lfpipe scene make` makes views"
         raise UserError(f"{paths[0]}: no tiles recognised in {width}x{height} px", remedy)
