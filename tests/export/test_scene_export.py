@@ -107,6 +107,12 @@ def test_a_pair_in_motion_and_a_sweep_are_videos(scene: Path, cache: str, tmp_pa
     assert greens[0] == pytest.approx(5, abs=2.5) and greens[15] == max(greens) == pytest.approx(21, abs=2.5)
 
 
+def test_a_pair_in_motion_opens_as_a_pair(textured: Path, cache: str, tmp_path: Path) -> None:
+    path = export(textured, tmp_path / "boxes.mp4", "--as", "pair", "--seconds", 0.2, cache=cache)
+    again = pack_scene(path, Scene(cache_dir=cache))
+    assert (again.rows, again.cols, again.views.shape[0]) == (1, 2, 6)
+
+
 def test_a_wiggle_loops_for_ever_as_gif(scene: Path, cache: str, tmp_path: Path) -> None:
     with Image.open(export(scene, tmp_path / "wiggle.gif", "--as", "wiggle", "--apart", 2, cache=cache)) as image:
         shades = [picture[5, 5, 1] for picture in frames(image)]

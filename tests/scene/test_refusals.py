@@ -93,10 +93,6 @@ def h5(name: str = "lf.h5", key: str = "LF", values: np.ndarray = GRID) -> Make:
     return make
 
 
-def film(frame: np.ndarray) -> Make:
-    return lambda here: made.write_film(here / "s" / "a.avi", [frame] * 3)
-
-
 def again(**words: object) -> Cure:
     return lambda path: (path, config.Scene(**words))  # type: ignore[arg-type]
 
@@ -173,7 +169,6 @@ REFUSALS = {
     "no tiles": Refused(
         one("x.png"), "no tiles recognised in 64x48", again(grid="3x4", layout="mosaic"), config.Scene(layout="mosaic")
     ),
-    "a film of two eyes": Refused(film(np.hstack((LEFT, RIGHT))), "no tiles recognised in", again(grid="1x2")),
     "halves that do not match": Refused(
         one("x.png", made.texture(96, 256, 5)), "its halves are no stereo", AS_PAIR, config.Scene(layout="stereo")
     ),

@@ -16,6 +16,7 @@ from lfpipe.scene.files import VIDEOS, Listing
 from lfpipe.scene.layouts._grid import named_views
 from lfpipe.scene.layouts._tiles import (
     QUILT_NAME,
+    Tiling,
     find_tiles,
     halves,
     last_picture,
@@ -81,12 +82,12 @@ def _describe(layout: str, listing: Listing, scene: config.Scene) -> SceneSource
         load, full = last_picture(lambda frame: read_picture(paths[frame])[0]), open_header(paths[0]).max_value
         frames, rate_hz = len(paths), USUAL_RATE_HZ if len(paths) > 1 else 0.0
     cut = tiling(load(0), paths[0], scene, quilt)
+    if cut is None and are_a_pair(*halves(load(0), above=False)):
+        cut = Tiling.even(load(0), 1, 2)
     if cut is None:
         height, width = load(0).shape[:2]
         remedy = "give the tiles with --set scene.grid=ROWSxCOLS"
-        if are_a_pair(*halves(load(0), above=False)):
-            remedy = "use --set scene.grid=1x2: its halves are a stereo pair"
-        elif _is_video(listing):
+        if _is_video(listing):
             remedy += "; from a camera slid sideways, `lfpipe scene make` makes views"
         raise UserError(f"{paths[0]}: no tiles recognised in {width}x{height} px", remedy)
     return SceneSource(
