@@ -14,8 +14,7 @@ import cv2
 import numpy as np
 
 from lfpipe.errors import UserError
-from lfpipe.observe.loop_delay import LoopDelay, estimate
-from lfpipe.observe.loop_fit import Recording
+from lfpipe.observe.loop_delay import LoopDelay, Recording, estimate
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 

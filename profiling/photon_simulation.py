@@ -5,7 +5,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.observe.loop_fit import Recording
+from lfpipe.observe.loop_delay import Recording
 
 WIDTH_PX, HEIGHT_PX = 64, 48
 FINE_MS = 0.1

@@ -26,7 +26,7 @@ NOBODY = UserError(
 RESTLESS = UserError("the eyes did not stay still long enough", "rest your head, keep the distance, and try again")
 
 
-class _Guide:
+class _CameraWindow:
     """The camera and, where there is a screen, a window with its picture and lines of text."""
 
     def __init__(self, config: Config, camera: str | None) -> None:
@@ -76,18 +76,20 @@ def by_eyes(config: Config, camera: str | None, distance_mm: float) -> float:
     """
     apart_px: deque[float] = deque(maxlen=MEASURED_FRAMES)
     median_px, still, missed, accepted = 0.0, False, 0, False
-    with closing(_Guide(config, camera)) as guide, closing(make_engine(config.track)) as engine:
+    with closing(_CameraWindow(config, camera)) as camera_window, closing(make_engine(config.track)) as engine:
         while not (len(apart_px) == MEASURED_FRAMES and still and accepted):
-            if not guide.read() or missed > PATIENCE_FRAMES:
+            if not camera_window.read() or missed > PATIENCE_FRAMES:
                 raise RESTLESS if apart_px else NOBODY
-            face = engine.detect(guide.picture)
+            face = engine.detect(camera_window.picture)
             if face is not None:
                 apart_px.append(math.dist(*face.eyes_px.tolist()))
             median_px, still = median_of(apart_px)
             missed = missed + 1 if face is None or not still else 0
             state = f"eyes {median_px:.1f} px apart" if face is not None else "no face detected"
             request = f"Eyes {distance_mm:g} mm from the camera. Look into it and keep still."
-            accepted = guide.show([] if face is None else face.eyes_px.tolist(), request, state, "Enter accepts, Esc cancels")
+            accepted = camera_window.show(
+                [] if face is None else face.eyes_px.tolist(), request, state, "Enter accepts, Esc cancels"
+            )
     return median_px
 
 
@@ -98,18 +100,20 @@ def by_card(config: Config, camera: str | None, distance_mm: float) -> float:
     """
     if not has_display():
         raise UserError("--by card needs a screen for a window to click in", "run it on a desktop, or use --by eyes")
-    with closing(_Guide(config, camera)) as guide:
+    with closing(_CameraWindow(config, camera)) as camera_window:
         frozen = False
         while not frozen:
-            if not guide.read():
+            if not camera_window.read():
                 raise UserError("the source ended before Enter was pressed", "use a longer recording, ?loop=1, or a camera")
-            frozen = guide.show((), f"Card {distance_mm:g} mm from the camera, facing it.", "Enter freezes it, Esc cancels")
-        assert guide.window is not None
-        clicks = guide.window.clicks
+            frozen = camera_window.show(
+                (), f"Card {distance_mm:g} mm from the camera, facing it.", "Enter freezes it, Esc cancels"
+            )
+        assert camera_window.window is not None
+        clicks = camera_window.window.clicks
         clicks.clear()
         while True:
             del clicks[: 2 * (len(clicks) > 2)]  # a third click starts again
             card_px = math.dist(*clicks) if len(clicks) == 2 else 0.0
             state = f"{card_px:.1f} px wide. Enter accepts, a click starts again." if card_px else EDGES[len(clicks)]
-            if guide.show(clicks, state, "Esc cancels") and card_px:
+            if camera_window.show(clicks, state, "Esc cancels") and card_px:
                 return card_px

@@ -12,8 +12,7 @@ from lfpipe.capture.frame_source import BrokenFrame, FrameSource, as_read
 from lfpipe.capture.open_source import open_source
 from lfpipe.config import Config
 from lfpipe.errors import UserError
-from lfpipe.observe.loop_delay import AREA_R, LEAST_FRAMES, LEAST_PIXELS, SPAN, LoopDelay, estimate, find_area
-from lfpipe.observe.loop_fit import Recording
+from lfpipe.observe.loop_delay import AREA_R, LEAST_FRAMES, LEAST_PIXELS, SPAN, LoopDelay, Recording, estimate, find_area
 from lfpipe.render.display import has_display
 from lfpipe.render.monitors import Monitor
 from lfpipe.render.overlay import Overlay
@@ -103,12 +102,12 @@ def measure_loop(config: Config, camera: str | None) -> tuple[LoopDelay, Monitor
         raise UserError("--latency needs a screen with a window for the camera to see", "run it on a desktop")
     with closing(CameraWatch(open_source(camera or config.camera.source, config.camera), config.camera.frame_px)) as watch:
         watch.start()
-        guide = _Guide(config, watch)
-        with closing(guide.window):
-            return guide.measured(), guide.window.monitor
+        flipping = _FlippingWindow(config, watch)
+        with closing(flipping.window):
+            return flipping.measured(), flipping.window.monitor
 
 
-class _Guide:
+class _FlippingWindow:
     """The window that flips. Odd pictures are white."""
 
     def __init__(self, config: Config, watch: CameraWatch) -> None:

@@ -8,8 +8,7 @@ from lfpipe import config
 from lfpipe.capture.frame_source import Frame, SourceInfo, as_read, orient
 from lfpipe.errors import UserError
 from lfpipe.observe.loop_calibration import CameraWatch, advice
-from lfpipe.observe.loop_delay import LoopDelay, estimate, find_area
-from lfpipe.observe.loop_fit import Recording
+from lfpipe.observe.loop_delay import LoopDelay, Recording, estimate, find_area
 from lfpipe.transport.ring import StampKind
 from profiling.photon import bad_recordings, outcome
 from profiling.photon_simulation import HEIGHT_PX, WIDTH_PX, Loop, drawn, geometry, recording
