@@ -73,27 +73,29 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
 
 
 def playlist(paths: Iterable[Path], settings: config.Scene) -> list[Path]:
-    """Replaces each folder in paths that is no light field itself by the light fields in it, in order of name.
+    """Replaces each folder in paths that is no light field itself, or only by one of its files, by the light fields in it, in
+    order of name.
 
     A path that is neither stays: opening it reports the error. Single pictures in a folder do not count.
     """
     scenes: list[Path] = []
     for path in paths:
         inside: list[Path] = []
-        if path.is_dir() and not _views(path, settings):
+        own = _described(path, settings)
+        if path.is_dir() and (own is None or len(own.files) == 1):
             with contextlib.suppress(OSError):
                 inside = sorted(path.iterdir())[:MAX_ENTRIES]
-        fields = [entry for entry in inside if not entry.name.startswith(".") and _views(entry, settings) > 1]
-        scenes += fields or [path]
+        sources = {entry: _described(entry, settings) for entry in inside if not entry.name.startswith(".")}
+        fields = [entry for entry, source in sources.items() if source is not None and source.rows * source.cols > 1]
+        scenes += [path] if not fields or (own is not None and len(fields) == 1) else fields
     return scenes
 
 
-def _views(path: Path, settings: config.Scene) -> int:
-    """Number of views of the light field at path; 0 if there is none."""
+def _described(path: Path, settings: config.Scene) -> SceneSource | None:
+    """The light field at path; None if there is none."""
     with contextlib.suppress(UserError):
-        source = layouts.describe(path, settings)
-        return source.rows * source.cols
-    return 0
+        return layouts.describe(path, settings)
+    return None
 
 
 def _preview(source: SceneSource) -> dict[str, Any]:

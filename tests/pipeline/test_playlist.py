@@ -10,6 +10,7 @@ import pytest
 
 from lfpipe import config
 from lfpipe.scene.packer import playlist
+from tests.scene import made
 from tests.web.server import served
 from tests.world import World, write_scene
 from tests.xvfb_screen import Screen
@@ -27,11 +28,11 @@ def write_scenes(folder: Path) -> Path:
 @pytest.fixture(scope="module")
 def listed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
     """A session with a folder of scenes."""
-    made = World(tmp_path_factory.mktemp("listed"))
-    made.up(write_scenes(made.root / "scenes"))
-    made.pictures(3)
-    yield made
-    made.end()
+    world = World(tmp_path_factory.mktemp("listed"))
+    world.up(write_scenes(world.root / "scenes"))
+    world.pictures(3)
+    yield world
+    world.end()
 
 
 def shown(world: World) -> tuple[int, int]:
@@ -48,6 +49,8 @@ def test_a_folder_of_scenes_is_a_list_and_a_scene_stays_one(tmp_path: Path) -> N
     names = [folder / name for name in ("amber", "birch", "cedar")]
     assert playlist([folder], settings) == names
     assert playlist([names[1], folder, names[0]], settings) == [names[1], *names, names[0]]
+    made.write(folder / "dune_qs3x1a1.5.png", made.mosaic(made.views(1, 3)))  # one file does not hide the folders beside it
+    assert playlist([folder], settings) == [*names, folder / "dune_qs3x1a1.5.png"]
     for other in (tmp_path / "nowhere", folder / "empty", folder / "notes.txt"):
         assert playlist([other], settings) == [other]  # opening it reports the error
 
