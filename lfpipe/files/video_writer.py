@@ -117,12 +117,12 @@ def _move_index_first(path: Path) -> None:
     new, open_any = path.with_name(f".{path.name[:200]}.index"), cast(Any, open_container)
     try:
         options = {"movflags": "faststart"}
-        with open_any(f"file:{path}") as old, open_any(f"file:{new}", "w", format="mp4", options=options) as made:
-            stream = made.add_stream_from_template(old.streams.video[0])
+        with open_any(f"file:{path}") as old, open_any(f"file:{new}", "w", format="mp4", options=options) as indexed:
+            stream = indexed.add_stream_from_template(old.streams.video[0])
             for packet in old.demux(video=0):
                 if packet.dts is not None:  # the last one is empty
                     packet.stream = stream
-                    made.mux(packet)
+                    indexed.mux(packet)
         new.chmod(path.stat().st_mode)
         new.replace(path)
     except (OSError, FFmpegError):

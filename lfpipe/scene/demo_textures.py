@@ -37,13 +37,6 @@ def opaque(colour: NDArray[Any]) -> Picture:
     return np.dstack([picture, np.full(picture.shape[:2], 255, np.uint8)])
 
 
-def write(picture: Picture, text: str, centre: tuple[float, float], height: float, colour: Colour) -> None:
-    face, thick = cv2.FONT_HERSHEY_DUPLEX, max(1, round(height / 7))
-    scale = height / cv2.getTextSize(text, face, 1.0, 1)[0][1]
-    (w, h), _ = cv2.getTextSize(text, face, scale, thick)
-    cv2.putText(picture, text, (round(centre[0] - w / 2), round(centre[1] + h / 2)), face, scale, colour, thick, cv2.LINE_AA)
-
-
 def wood(rng: np.random.Generator, height: int, width: int, dark: Colour, light: Colour) -> Floats:
     warp = noise(rng, height, width, (height / 2, width / 1.5), 3)
     rings = np.sin(np.arange(height)[:, None] / 2.6 + 3.0 * warp)
@@ -79,8 +72,13 @@ def poster(
     """Lines of text on paper whose colour changes downwards, with a frame."""
     picture = mixed(np.linspace(0, 1, height)[:, None].repeat(width, 1), *paper).astype(np.uint8)
     cv2.rectangle(picture, (6, 6), (width - 7, height - 7), edge, 12)
+    face = cv2.FONT_HERSHEY_DUPLEX
     for text, size, middle in lines:
-        write(picture, text, (width / 2, middle * height), size * height, ink)
+        thick = max(1, round(size * height / 7))
+        scale = size * height / cv2.getTextSize(text, face, 1.0, 1)[0][1]
+        (w, h), _ = cv2.getTextSize(text, face, scale, thick)
+        at = round(width / 2 - w / 2), round(middle * height + h / 2)
+        cv2.putText(picture, text, at, face, scale, ink, thick, cv2.LINE_AA)
     return picture
 
 

@@ -51,8 +51,8 @@ def sampled(
 
 def mismatch(a: Grey, b: Grey, disparity_px: FloatMap, d_row: float, d_col: float) -> FloatMap:
     """Mismatch of a, warped by its disparity, with b at grid steps (d_row, d_col) from it: grey levels, box mean."""
-    there, outside = sampled(b, disparity_px, d_row, d_col)
-    wrong = cv2.absdiff(there, a).astype(np.float32)
+    warped, outside = sampled(b, disparity_px, d_row, d_col)
+    wrong = cv2.absdiff(warped, a).astype(np.float32)
     wrong[outside] += OUTSIDE
     return np.asarray(cv2.blur(wrong, _BOX), np.float32)
 
@@ -63,11 +63,11 @@ def view_disparity(here: Grey, neighbours: Neighbours) -> FloatMap:
     Each neighbour gives one map; where it is blind (occlusion, border), it matches badly and loses its weight.
     """
     maps, errors = list[FloatMap](), list[FloatMap]()
-    for there, d_row, d_col in neighbours:
-        shift = flow(here, there, fine=True)
+    for neighbour, d_row, d_col in neighbours:
+        shift = flow(here, neighbour, fine=True)
         square = d_row * d_row + d_col * d_col
         maps.append(shift[..., 0] * np.float32(-d_col / square) - shift[..., 1] * np.float32(d_row / square))
-        errors.append(mismatch(here, there, maps[-1], d_row, d_col))
+        errors.append(mismatch(here, neighbour, maps[-1], d_row, d_col))
     shares = _shares(errors)
     joint = _total(neighbours, [share * one for share, one in zip(shares, maps, strict=True)]) / _total(neighbours, shares)
     for _ in range(ROUNDS):
@@ -100,8 +100,8 @@ def refined(here: Grey, neighbours: Neighbours, disparity_px: FloatMap) -> Float
     """
     own = here.astype(np.float32)
     wrongs, slopes, errors = list[FloatMap](), list[FloatMap](), list[FloatMap]()
-    for there, d_row, d_col in neighbours:
-        seen, outside = sampled(there.astype(np.float32), disparity_px, d_row, d_col, cv2.INTER_CUBIC)
+    for neighbour, d_row, d_col in neighbours:
+        seen, outside = sampled(neighbour.astype(np.float32), disparity_px, d_row, d_col, cv2.INTER_CUBIC)
         across, down = cv2.Scharr(seen, cv2.CV_32F, 1, 0), cv2.Scharr(seen, cv2.CV_32F, 0, 1)
         slope = -cv2.addWeighted(across, d_col / 32, down, d_row / 32, 0.0)
         slope[outside] = 0
@@ -130,8 +130,8 @@ def unexplained(here: Grey, neighbours: Neighbours, disparity_px: FloatMap) -> N
     """
     own = here.astype(np.float32)
     worse, along, still = list[NDArray[np.bool_]](), list[FloatMap](), list[FloatMap]()
-    for there, d_row, d_col in neighbours:
-        other = there.astype(np.float32)
+    for neighbour, d_row, d_col in neighbours:
+        other = neighbour.astype(np.float32)
 
         def seen(picture: FloatMap, steps: float, how: int, d_row: float = d_row, d_col: float = d_col) -> FloatMap:
             """picture as seen steps of the way to the neighbour; NaN outside it."""

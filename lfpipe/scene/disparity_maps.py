@@ -30,8 +30,8 @@ from lfpipe.scene.lightfield import UNKNOWN
 from lfpipe.scene.missing_views import fill_missing
 from lfpipe.scene.optical_flow import SMALLEST_PX
 from lfpipe.scene.pack import DISPARITY, VIEWS, array, make_array
+from lfpipe.scene.source import Progress
 
-Progress = Callable[[str, int, int], None]  # task, steps done, steps in total
 T = TypeVar("T")
 _ROOM_BYTES = 200_000_000  # for views that are worked on at the same time
 _INTERIM_PX = 1 / 64  # step of the interim int16 maps, until the range of the whole scene is known

@@ -67,8 +67,8 @@ def _votes(here: Grey, disparity_px: FloatMap, reliable: Mask, there: Grey, step
     colour, depth, known = here.ravel().astype(np.float32), disparity_px.ravel(), reliable.ravel()
     meet = (front >= 0) & ((depth[front] - depth[back]) * abs(steps) > OVERLAP_PX) & known[front] & known[back]
     meet &= np.abs(colour[front] - colour[back]) > DIFFERENT
-    front, back, shown = front[meet], back[meet], there.ravel()[meet]
-    front_off, back_off = np.abs(colour[front] - shown), np.abs(colour[back] - shown)
+    front, back, seen = front[meet], back[meet], there.ravel()[meet]
+    front_off, back_off = np.abs(colour[front] - seen), np.abs(colour[back] - seen)
     out = np.zeros(here.size, np.int32)
     np.add.at(out, front, (front_off < SAME) & (back_off > WRONG))
     np.subtract.at(out, front, (back_off < SAME) & (front_off > WRONG))

@@ -3,7 +3,7 @@
 import base64
 import contextlib
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +21,9 @@ from lfpipe.scene.cache import cache_dir, find_pack
 from lfpipe.scene.demo import demo_scene, named_scene
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.pack import DamagedPackError, open_pack
+from lfpipe.scene.source import Progress
 
 SILENT_S = 60.0  # without a step: a large picture on a slow disk
-Progress = Callable[[str, int, int], None]  # (task, steps done, steps in total)
 ScenePath = str | os.PathLike[str]
 
 

@@ -64,12 +64,12 @@ def displaced(picture: NDArray[Any], by_px: FloatMap, how: int = cv2.INTER_LINEA
 
 def returned_flow(a: Grey, b: Grey) -> tuple[FloatMap, Mask]:
     """The flow from a to b, and the pixels where the flow back returns to its start."""
-    there, back = flow(a, b), flow(b, a)
-    xx, yy = grid_xy(*there.shape[:2])
-    returned = cv2.remap(back, xx + there[..., 0], yy + there[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT,
+    ahead, back = flow(a, b), flow(b, a)
+    xx, yy = grid_xy(*ahead.shape[:2])
+    returned = cv2.remap(back, xx + ahead[..., 0], yy + ahead[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT,
                          borderValue=(1e4, 1e4, 0, 0))  # fmt: skip
-    off = np.hypot(there[..., 0] + returned[..., 0], there[..., 1] + returned[..., 1])
-    return there, off < _RETURN_PX + _RETURN_SHARE * np.hypot(there[..., 0], there[..., 1])
+    off = np.hypot(ahead[..., 0] + returned[..., 0], ahead[..., 1] + returned[..., 1])
+    return ahead, off < _RETURN_PX + _RETURN_SHARE * np.hypot(ahead[..., 0], ahead[..., 1])
 
 
 def robust_fit(matrix: NDArray[np.float64], values: NDArray[np.float64], tolerance: float) -> NDArray[np.float64]:
@@ -107,8 +107,8 @@ def grey_views(source: SceneSource, most_px: float = LOOK_PX) -> Callable[[int, 
         plane = picture if picture.ndim == 2 else cv2.transform(picture, _LUMA)
         return np.asarray(np.minimum(plane.astype(np.float32) * np.float32(1 / source.max_value), 1), np.float32)
 
-    there = min(product(range(source.rows), range(source.cols)), key=lambda place: (place in source.missing, -sum(place)))
-    lift = 0.5 if float(share(*there).mean()) < _DARK else 1.0
+    last = min(product(range(source.rows), range(source.cols)), key=lambda place: (place in source.missing, -sum(place)))
+    lift = 0.5 if float(share(*last).mean()) < _DARK else 1.0
 
     @lru_cache(maxsize=64)
     def grey(row: int, col: int) -> Grey:
@@ -128,10 +128,10 @@ def present_lines(source: SceneSource) -> tuple[list[ViewIndex], list[ViewIndex]
         return sum(len(source.missing.intersection(line)) for line in lines(*place)), off
 
     across, down = lines(*min(product(range(source.rows), range(source.cols)), key=key))
-    return _longest_part(across, source), _longest_part(down, source)
+    return _longest_run(across, source), _longest_run(down, source)
 
 
-def _longest_part(line: list[ViewIndex], source: SceneSource) -> list[ViewIndex]:
-    """The longest part of a line of views without a gap."""
-    parts = [list(group) for there, group in groupby(line, lambda place: place not in source.missing) if there]
-    return max(parts, key=len, default=[])
+def _longest_run(line: list[ViewIndex], source: SceneSource) -> list[ViewIndex]:
+    """The longest run of a line of views without a gap."""
+    runs = [list(places) for is_present, places in groupby(line, lambda place: place not in source.missing) if is_present]
+    return max(runs, key=len, default=[])

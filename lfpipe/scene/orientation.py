@@ -31,13 +31,13 @@ _DEPTH_HELP = "near and far: press d in the window, or set scene.half_turn=yes, 
 
 @attrs.frozen
 class Orientation:
-    """turn: from file order to canonical. by: "override", "coordinates", "truth", "layout", "flow" or "nothing". said: sentences
-    a person can use. undecided: what the evidence does not settle, "" for nothing. half_turn_sure: whether it settles near and
+    """turn: from file order to canonical. by: "override", "coordinates", "truth", "layout", "flow" or "nothing". reason: for
+    people. undecided: what the evidence does not settle, "" for nothing. half_turn_sure: whether it settles near and
     far. detected: the turn without the user's setting, if that differs. depth: of the middle view, in the order of the pack."""
 
     turn: Turn
     by: str
-    said: str
+    reason: str
     undecided: str = ""
     half_turn_sure: bool = True
     detected: Turn | None = None
@@ -69,7 +69,7 @@ class Orientation:
     def facts(self) -> dict[str, object]:
         """As manifests and `lfpipe scene info` have it."""
         half_turn = {"half_turn": self.half_turn, "half_turn_sure": self.half_turn_sure}
-        return {"by": self.by, "sure": self.sure, "said": self.said, "undecided": self.undecided, **half_turn}
+        return {"by": self.by, "sure": self.sure, "said": self.reason, "undecided": self.undecided, **half_turn}
 
 
 @attrs.frozen
@@ -102,8 +102,8 @@ def orient(source: SceneSource, scene: config.Scene) -> Orientation:
     if scene.transpose != "auto":
         turn = attrs.evolve(turn, transpose=scene.transpose == "yes")
     if scene.flip != "auto" or (scene.transpose != "auto" and turn != best.turn):
-        said = f"set by scene.flip or scene.transpose; without that: {best.said}"
-        best = Orientation(turn, "override", said, source.doubt, detected=best.turn)
+        reason = f"set by scene.flip or scene.transpose; without that: {best.reason}"
+        best = Orientation(turn, "override", reason, source.doubt, detected=best.turn)
     unknown = best.depth is None and best.by != "nothing" and source.rows * source.cols > 1
     return attrs.evolve(best, depth=_depth(source, best)) if unknown else best
 
@@ -132,18 +132,18 @@ def _detected(source: SceneSource) -> Orientation:
         return _by_flow(source)
     truth = None if source.rendered else _by_truth(source)
     if truth not in (None, source.turn):
-        said = f"{source.turn_by}, but true disparity lands on the neighbouring views only when turned otherwise"
-        return Orientation(truth, "truth", said)
+        reason = f"{source.turn_by}, but true disparity lands on the neighbouring views only when turned otherwise"
+        return Orientation(truth, "truth", reason)
     stated = Orientation(source.turn, "layout" if source.coordinates is None else "coordinates", source.turn_by)
     if truth is not None or source.turn_firm:
         confirmation = "" if truth is None else "; true disparity lands on the neighbouring views so"
-        return attrs.evolve(stated, said=stated.said + confirmation)
-    moved = _by_flow(source)
-    if moved.turn == source.turn:
-        return attrs.evolve(stated, said=f"{stated.said}; {moved.said}", depth=moved.depth)
-    if moved.sure:
-        return attrs.evolve(moved, said=f"{stated.said}, but this one is turned: {moved.said}")
-    return attrs.evolve(stated, said=f"{stated.said}; {moved.said}", undecided=moved.undecided, half_turn_sure=False)
+        return attrs.evolve(stated, reason=stated.reason + confirmation)
+    by_flow = _by_flow(source)
+    if by_flow.turn == source.turn:
+        return attrs.evolve(stated, reason=f"{stated.reason}; {by_flow.reason}", depth=by_flow.depth)
+    if by_flow.sure:
+        return attrs.evolve(by_flow, reason=f"{stated.reason}, but this one is turned: {by_flow.reason}")
+    return attrs.evolve(stated, reason=f"{stated.reason}; {by_flow.reason}", undecided=by_flow.undecided, half_turn_sure=False)
 
 
 def _by_truth(source: SceneSource) -> Turn | None:
@@ -168,8 +168,8 @@ def _by_truth(source: SceneSource) -> Turn | None:
 def _by_flow(source: SceneSource) -> Orientation:
     """Orientation from flow between a few views."""
 
-    def unknown(said: str, what: str = "the order of the views") -> Orientation:
-        return Orientation(Turn(), "nothing", said, f"{what}; {_TURN_HELP}; {_DEPTH_HELP}", False)
+    def unknown(reason: str, what: str = "the order of the views") -> Orientation:
+        return Orientation(Turn(), "nothing", reason, f"{what}; {_TURN_HELP}; {_DEPTH_HELP}", False)
 
     if min(source.height_px, source.width_px) < SMALLEST_PX:
         return unknown("the views are too small for optical flow")
@@ -184,24 +184,24 @@ def _by_flow(source: SceneSource) -> Orientation:
         alike = same_way(*moving)
         if moving[0].sideways == moving[1].sideways or abs(alike) < ALIKE:
             return unknown(f"rows and columns of views hardly agree (correlation {alike:+.2f})", "rows against columns")
-        relative, said = -1 if alike < 0 else 1, f"motion along rows and columns agrees with correlation {alike:+.2f}"
+        relative, reason = -1 if alike < 0 else 1, f"motion along rows and columns agrees with correlation {alike:+.2f}"
         moving.sort(key=lambda axis: not axis.sideways)
     else:
         if moving[0].along_px < ALONG * moving[0].across_px:
             return unknown("the views move across the line as much as along it")
-        said = f"one line of views, {'side by side' if moving[0].sideways else 'above one another'}"
+        reason = f"one line of views, {'side by side' if moving[0].sideways else 'above one another'}"
         if across is not None and down is not None:
             undecided = "whether the grid is one: along one side of it the views hardly differ"
     votes = [(axis.right, axis.wrong)[::sign] for axis, sign in zip(moving, (1, relative), strict=False)]
     right, wrong = (sum(side) for side in zip(*votes, strict=True))
     verdict = hides(right, wrong)
     if verdict:
-        said += f"; near surfaces hide far ones in {max(right, wrong)} of {right + wrong} places"
+        reason += f"; near surfaces hide far ones in {max(right, wrong)} of {right + wrong} places"
     else:
         undecided = "; ".join(filter(None, (undecided, _DEPTH_HELP)))
     turn = Turn((verdict or 1) * relative < 0, verdict < 0, transpose)
     depth = moving[0].disparity * np.float32(source.width_px / moving[0].disparity.shape[1])
-    return Orientation(turn, "flow", said, undecided, bool(verdict), depth=depth_range(depth))
+    return Orientation(turn, "flow", reason, undecided, bool(verdict), depth=depth_range(depth))
 
 
 def examine_axis(view: Callable[[int], Grey], count: int) -> Axis | None:

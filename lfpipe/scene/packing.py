@@ -19,12 +19,13 @@ from lfpipe.errors import plain
 from lfpipe.host import file_lock
 from lfpipe.scene import cache
 from lfpipe.scene.disparity import NO_DEPTH
-from lfpipe.scene.disparity_maps import Progress, run_parallel, write_disparity
+from lfpipe.scene.disparity_maps import run_parallel, write_disparity
 from lfpipe.scene.examination import STRIP_ROWS, Examined, FrameIndex, described, examined, is_grey
 from lfpipe.scene.files import library_errors
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.missing_views import nearest_present
 from lfpipe.scene.pack import VERSION, VIEWS, DamagedPackError, array, light_field, make_array, open_pack, write_manifest
+from lfpipe.scene.source import Progress
 
 # Scores the methods of synthesis on the new pack. It belongs to a room above this one, so it is named and not imported.
 CHOOSER = "lfpipe.render.scoring"

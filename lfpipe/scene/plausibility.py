@@ -53,6 +53,12 @@ class Evidence:
             )
         return ""
 
+    @classmethod
+    def median(cls, samples: list["Evidence"], change: str = "") -> "Evidence":
+        """What some samples say together."""
+        held_out, explained = zip(*((sample.held_out_db, sample.explained) for sample in samples), strict=True)
+        return cls(float(np.median(held_out)), float(np.median(explained)), change)
+
 
 def _motion(a: Grey, b: Grey) -> tuple[float, str] | None:
     """Motion between two views, px at the edge of the picture, and what changes more than the viewpoint does, "" for nothing;
@@ -94,11 +100,11 @@ def _change(views: list[Grey], every: list[Grey]) -> str:
     return ""
 
 
-def _pair(a: Grey, b: Grey) -> tuple[float, float]:
+def _pair(a: Grey, b: Grey) -> Evidence:
     """As `_triple`, for two views: one predicted from the other, and the share of its detail found there."""
     (ahead, confirmed), detail = returned_flow(a, b), textured(a)
     explained = float(confirmed[detail].mean()) if detail.any() else 1.0
-    return cv2.PSNR(displaced(b, ahead), a), explained
+    return Evidence(cv2.PSNR(displaced(b, ahead), a), explained)
 
 
 def _unsteady(x: NDArray[np.intp], y: NDArray[np.intp], motion_px: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -107,7 +113,7 @@ def _unsteady(x: NDArray[np.intp], y: NDArray[np.intp], motion_px: NDArray[np.fl
     return np.asarray(motion_px - places @ np.linalg.lstsq(places, motion_px, rcond=None)[0], np.float32)
 
 
-def _triple(before: Grey, middle: Grey, after: Grey) -> tuple[float, float]:
+def _triple(before: Grey, middle: Grey, after: Grey) -> Evidence:
     """PSNR of the middle view predicted from the others, and the share of its detail that one disparity explains."""
     half = flow(before, after) * np.float32(0.5)
     sideways = float(np.abs(half[..., 0]).mean()) >= float(np.abs(half[..., 1]).mean())
@@ -118,14 +124,14 @@ def _triple(before: Grey, middle: Grey, after: Grey) -> tuple[float, float]:
     held_out = cv2.PSNR(predicted[inner], middle[inner].astype(np.float32))
     detail = textured(middle)
     if not detail.any():
-        return held_out, 1.0
+        return Evidence(held_out, 1.0)
     to_before, to_after = (flow(middle, other)[detail] for other in (before, after))
     y, x = np.nonzero(detail)
     along, beside = (to_after[:, k] for k in ((0, 1) if sideways else (1, 0)))
     off = np.hypot(*(_unsteady(x, y, (to_before + to_after)[:, k]) for k in (0, 1)))
     loose = _LOOSE_PX + _LOOSE_SHARE * np.abs(along)
     explained = float(((off < loose) & (np.abs(_unsteady(x, y, beside)) < loose)).mean())
-    return held_out, explained
+    return Evidence(held_out, explained)
 
 
 def _refocused(views: list[Grey]) -> float:
@@ -165,14 +171,12 @@ def examine(source: SceneSource) -> Evidence | None:
     lines = [line for line in present_lines(source) if len(line) >= 3]
     if not lines:
         pairs = [_pair(grey(*line[0]), grey(*line[1])) for line in present_lines(source) if len(line) == 2]
-        held_out, explained = (float(np.median(values)) for values in zip(*pairs or [(0.0, 0.0)], strict=True))
-        return Evidence(held_out, explained) if pairs else None
+        return Evidence.median(pairs) if pairs else None
     triples = [_triple(*(grey(*line[k + len(line) // 2]) for k in (-1, 0, 1))) for line in lines]
-    if any(held_out < _FINE_DB or explained < _FINE_SHARE for held_out, explained in triples):
+    if any(triple.held_out_db < _FINE_DB or triple.explained < _FINE_SHARE for triple in triples):
         for line in lines:
             for middle in {max(1, len(line) // 5), min(len(line) - 2, len(line) - 1 - len(line) // 5)} - {len(line) // 2}:
                 triples.append(_triple(*(grey(*line[middle + k]) for k in (-1, 0, 1))))
-    held_out, explained = (float(np.median(values)) for values in zip(*triples, strict=True))
     places = [(r, c) for r in range(source.rows) for c in range(source.cols) if (r, c) not in source.missing]
     every = [grey(*places[k]) for k in sorted({round(p) for p in np.linspace(0, len(places) - 1, 9)})]
     around = [line[max(0, len(line) // 2 - _REACH) : len(line) // 2 + _REACH + 1] for line in lines]  # their middle
@@ -181,7 +185,7 @@ def examine(source: SceneSource) -> Evidence | None:
     closed = not change and len(lines) == 1 and len(line) >= _SHORTEST_CIRCLE
     if closed and _is_circle(*(grey(*line[k]) for k in (0, 1, len(line) // 2, -1))):
         change = "the last picture follows the first one: a turntable, or a walk around something"
-    return Evidence(held_out, explained, change)
+    return Evidence.median(triples, change)
 
 
 def plausible(source: SceneSource, force: bool) -> SceneSource:

@@ -21,10 +21,9 @@ from lfpipe.files.safe_files import reason, write_file
 from lfpipe.scene.files import VIDEOS, library_errors, list_scene, natural
 from lfpipe.scene.optical_flow import Grey, Mask, robust_fit
 from lfpipe.scene.orientation import orient
-from lfpipe.scene.source import SceneSource
+from lfpipe.scene.source import Progress, SceneSource
 from lfpipe.scene.video import Video
 
-Progress = Callable[[str, int, int], None]
 Corners = NDArray[np.float32]  # (n, 1, 2) as (x, y), OpenCV's form
 
 _MAX_FRAMES = 400  # examined
@@ -289,4 +288,4 @@ def make_slide(path: Path, out: Path, progress: Progress) -> Slide:
     except OSError as error:
         raise UserError(f"{out}: cannot be written: {reason(error)}", "name a folder that does not exist yet with -o") from None
     height_px, width_px = row[0].shape[:2]
-    return Slide(out, len(row), width_px, height_px, count, residual_px * shrink, spread_px * shrink, order.said, order.sure)
+    return Slide(out, len(row), width_px, height_px, count, residual_px * shrink, spread_px * shrink, order.reason, order.sure)

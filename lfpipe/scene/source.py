@@ -13,6 +13,7 @@ from lfpipe import config
 from lfpipe.scene.files import Listing
 from lfpipe.scene.lightfield import Geometry
 
+Progress = Callable[[str, int, int], None]  # (task, steps done, steps in total)
 ViewIndex = tuple[int, int]  # (row, column)
 
 

@@ -81,7 +81,7 @@ def test_views_that_move_across_their_line_are_no_line() -> None:
     wall = made.texture(192, 256, 4)
     steep = np.array([[wall[4 * k : 96 + 4 * k, 4 * k : 128 + 4 * k] for k in range(7)]])
     order = orient(source(steep), AUTO)
-    assert order.by == "nothing" and "across the line" in order.said
+    assert order.by == "nothing" and "across the line" in order.reason
 
 
 def test_a_grid_whose_columns_stand_still_is_a_doubtful_one() -> None:

@@ -20,36 +20,37 @@ NAME = "eslf"
 _USUAL = 14  # pitch of a Lytro Illum
 _PITCHES = range(5, 25)  # px: Lytro's lenslets have 10 to 15
 _GLANCE_PX = 1024  # of the middle
-_CROP_PX, _PITCH_PX, _PEAK = 512, (5, 30), 300.0  # of the examined part, of a lenslet; over the median around it
+_CROP_PX, _PITCH_PX, _PEAK = 512, (5, 30), 300.0  # of the examined crop, of a lenslet; over the median around it
 _SMALLEST_PX = 256  # side of a raw picture: at least thousands of px
 _DARK_SIDE, _DARK_VIEW = 0.55, 0.4  # brightness over that of the middle view; darker sides and views are left out
 
 
+def _middle(picture: NDArray[Any], most_px: int) -> NDArray[np.float32]:
+    """The middle of one plane of a picture, at most so many px on a side."""
+    plane = picture if picture.ndim == 2 else picture[..., 1]
+    top, left = (max(0, size - most_px) // 2 for size in plane.shape)
+    return plane[top : top + most_px, left : left + most_px].astype(np.float32)
+
+
 def lenslet_pitch(picture: NDArray[Any]) -> int | None:
     """The side of a lenslet in px, or None: neighbouring lenslets are nearly alike, their halves are not."""
-    plane = picture if picture.ndim == 2 else picture[..., 1]
-    top, left = ((max(0, size - _GLANCE_PX)) // 2 for size in plane.shape)
-    part = plane[top : top + _GLANCE_PX, left : left + _GLANCE_PX].astype(np.float32)
-    if min(part.shape) < 4 * max(_PITCHES):
+    crop = _middle(picture, _GLANCE_PX)
+    if min(crop.shape) < 4 * max(_PITCHES):
         return None
-
-    dips = {pitch: max(dip(part, axis, pitch, plain=1) for axis in (0, 1)) for pitch in _PITCHES}
+    dips = {pitch: max(dip(crop, axis, pitch, plain=1) for axis in (0, 1)) for pitch in _PITCHES}
     best = min(dips, key=lambda pitch: dips[pitch])
     return best if dips[best] < 0.5 else None
 
 
 def is_honeycomb(picture: NDArray[Any]) -> bool:
     """Whether a picture is a raw honeycomb of lenslets: its spectrum has peaks at equal distance, 60 degrees apart."""
-    plane = picture if picture.ndim == 2 else picture[..., 1]
-    size = min(_CROP_PX, *plane.shape)
-    top, left = ((side - size) // 2 for side in plane.shape)
+    size = min(_CROP_PX, *picture.shape[:2])
     if size < _SMALLEST_PX:
         return False
-    window = np.hanning(size).astype(np.float32)
-    part = plane[top : top + size, left : left + size].astype(np.float32)
-    if part.std() < 1e-3 * (float(part.max()) + 1):
+    crop, window = _middle(picture, size), np.hanning(size).astype(np.float32)
+    if crop.std() < 1e-3 * (float(crop.max()) + 1):
         return False
-    power = np.fft.fftshift(np.abs(np.fft.fft2((part - part.mean()) * window * window[:, None])) ** 2)
+    power = np.fft.fftshift(np.abs(np.fft.fft2((crop - crop.mean()) * window * window[:, None])) ** 2)
     y, x = np.mgrid[:size, :size] - size // 2
     away = np.hypot(x, y)
     ring = (away > size / _PITCH_PX[1]) & (away < size / _PITCH_PX[0])

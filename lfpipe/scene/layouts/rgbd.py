@@ -108,12 +108,12 @@ def _by_content(listing: Listing, names: list[str]) -> tuple[str, str] | None:
     return next(name for name in names if name != depth), depth
 
 
-def _colour(part: NDArray[Any]) -> float:
+def _colour(picture: NDArray[Any]) -> float:
     """Difference between the channels of a picture, in levels of 8 bits."""
-    if part.ndim == 2:
+    if picture.ndim == 2:
         return 0.0
-    small = cv2.resize(part, (64, 64), interpolation=cv2.INTER_AREA).astype(np.float32)
-    return float(np.percentile(np.ptp(small, axis=2), 90)) / (257 if part.dtype == np.uint16 else 1)
+    small = cv2.resize(picture, (64, 64), interpolation=cv2.INTER_AREA).astype(np.float32)
+    return float(np.percentile(np.ptp(small, axis=2), 90)) / (257 if picture.dtype == np.uint16 else 1)
 
 
 def _beside(picture: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]] | None:

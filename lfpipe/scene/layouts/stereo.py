@@ -9,6 +9,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import attrs
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,16 @@ _HALF = re.compile(r"(?<![a-z])(h|half[-_ ]?)(sbs|ou|tb|width|over|top|side)")
 _VIDEO_ASPECTS = (1.7, 1.85)  # a picture of this shape holds halves squeezed to half their width
 _GLANCE_PX = 384  # longer side of the compared halves
 _ALIKE, _AGREED = 0.5, 0.5  # correlation of two halves; share of their detail that flow matches
+
+
+@attrs.frozen
+class _Halves:
+    """How a picture holds two: one above the other, else side by side; squeezed to half the width or height; named: its name says
+    that it does."""
+
+    above: bool
+    squeezed: bool
+    named: bool
 
 
 def _pairs(listing: Listing) -> list[tuple[str, str]]:
@@ -74,19 +85,18 @@ def are_a_pair(a: NDArray[Any], b: NDArray[Any]) -> bool:
 
 
 @lru_cache(maxsize=2)
-def _arrangement(path: Path) -> tuple[bool, bool, bool] | None:
-    """How a picture holds two: one above the other; with half the width or height; whether its name says so. None if it does
-    not."""
+def _arrangement(path: Path) -> _Halves | None:
+    """None for a picture that does not hold two."""
     name = path.stem.lower().replace("_", " ")
     if path.suffix.lower() == ".jps":
-        return False, bool(_HALF.search(name)), True
+        return _Halves(False, bool(_HALF.search(name)), True)
     picture, _ = read_picture(path)
     aspect = picture.shape[1] / picture.shape[0]
     video = _VIDEO_ASPECTS[0] < aspect < _VIDEO_ASPECTS[1]
     for above, word, likely in ((False, _BESIDE, aspect > 1.2), (True, _ABOVE, aspect < 1.0 or video)):
         named = bool(word.search(name))
         if (named or likely) and are_a_pair(*halves(picture, above)):
-            return above, bool(_HALF.search(name)) or video, named
+            return _Halves(above, bool(_HALF.search(name)) or video, named)
     return None
 
 
@@ -103,7 +113,7 @@ def detect(listing: Listing) -> int | None:
         return None if path is None else 95
     arrangement = _arrangement(path)
     # the halves of a mosaic are also alike: without a word in the name, tiles come first
-    return None if arrangement is None else 65 if arrangement[2] else 55
+    return None if arrangement is None else 65 if arrangement.named else 55
 
 
 def describe(listing: Listing, scene: config.Scene) -> SceneSource:
@@ -120,13 +130,12 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
             raise UserError(f"{path}: no two pictures of one size in this .mpo file", "copy it from the camera again")
         why = "an .mpo file begins with the left eye's picture"
     elif arrangement := _arrangement(path):
-        above, half, named = arrangement
         picture, full = read_picture(path)
-        views = [np.ascontiguousarray(view) for view in halves(picture, above)]
-        if half:
-            x, y = (1, 2) if above else (2, 1)
+        views = [np.ascontiguousarray(view) for view in halves(picture, arrangement.above)]
+        if arrangement.squeezed:
+            x, y = (1, 2) if arrangement.above else (2, 1)
             views = [np.asarray(cv2.resize(view, None, fx=x, fy=y, interpolation=cv2.INTER_LINEAR)) for view in views]
-        why = "the name gives a format that begins with the left eye's picture" if named else ""
+        why = "the name gives a format that begins with the left eye's picture" if arrangement.named else ""
     else:
         what = f"{path}: its halves are no stereo pair, neither side by side nor above one another"
         raise UserError(what, "give two files x_left.png and x_right.png")
