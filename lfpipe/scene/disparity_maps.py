@@ -40,15 +40,17 @@ _NO_LIMIT_PX = 400.0  # larger values in a map are impossible between neighbours
 _WORKING_BYTES = 100  # memory per px of a view while its disparity is estimated
 
 
-def run_parallel(work: Callable[[T], None], items: Sequence[T], item_bytes: int, done: Callable[[int], None]) -> None:
-    """Runs work(item) for every item on a few threads, fewer if each needs much memory; the first error ends it. done: called
-    with the number of items done so far."""
+def run_parallel(
+    work: Callable[[T], None], items: Sequence[T], item_bytes: int, report: Callable[[int], None], before: int = 0
+) -> None:
+    """Runs work(item) for every item on a few threads, fewer if each needs much memory; the first error ends it. report: called
+    with the number of items done so far, with those done before."""
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)  # the pool is the parallelism
     pool = ThreadPoolExecutor(max(1, min(4, len(usable_cores()), _ROOM_BYTES // item_bytes)))
     try:
-        for number, _ in enumerate(pool.map(work, items), 1):
-            done(number)
+        for number, _ in enumerate(pool.map(work, items), before + 1):
+            report(number)
     finally:
         pool.shutdown(cancel_futures=True)
         cv2.setNumThreads(threads)

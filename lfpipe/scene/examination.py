@@ -57,13 +57,16 @@ class Examined:
     @cached_property
     def present(self) -> NDArray[np.bool_]:
         """bool (rows, cols)."""
-        views = [[self.file_index(r, c) not in self.source.missing for c in range(self.cols)] for r in range(self.rows)]
-        return np.array(views)
+        present = np.ones((self.source.rows, self.source.cols), bool)
+        for place in self.source.missing:
+            present[place] = False
+        return self.turn.applied(present)
 
     @cached_property
     def offsets(self) -> NDArray[np.float32]:
         """As in LightField."""
-        return grid_offsets(self.source.coordinates, self.turn, self.rows, self.cols)
+        stood = self.source.coordinates
+        return np.zeros((self.rows, self.cols, 2), np.float32) if stood is None else grid_offsets(self.turn.applied(stood))
 
     @cached_property
     def views(self) -> list[FrameIndex]:
@@ -127,22 +130,18 @@ def looks_linear(middle: NDArray[Any], max_value: int) -> bool:
     return bool(float(np.median(grey)) < _DARK and float(grey.mean()) < 0.2 and black >= 2 and empty < 0.15)
 
 
-def grid_offsets(coordinates: NDArray[np.float64] | None, turn: Turn, rows: int, cols: int) -> NDArray[np.float32]:
-    """Offset of each camera from the best regular grid, float32 (rows, cols, 2) in steps (row, col).
+def grid_offsets(stood: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Offset of each camera from the best regular grid, float32 (rows, cols, 2) in steps (row, col); zeros if they span no grid.
 
-    coordinates: float64 (rows, cols, 2) in FILE order, (down, right) in any unit, not finite if unknown; rows, cols are
-    canonical. Zeros if there are none or they span no grid.
+    stood: float64 (rows, cols, 2) in canonical order, (down, right) in any unit, not finite if unknown.
     """
-    out = np.zeros((rows, cols, 2), np.float32)
-    if coordinates is None:
-        return out
-    placed = np.array([[coordinates[turn.file_index(r, c, rows, cols)] for c in range(cols)] for r in range(rows)])
-    row, col = np.nonzero(np.isfinite(placed).all(axis=2))
+    out = np.zeros(stood.shape, np.float32)
+    row, col = np.nonzero(np.isfinite(stood).all(axis=2))
     for axis, index in ((0, row), (1, col)):
         if len(np.unique(index)) > 1:
-            step, first = np.polyfit(index, placed[row, col, axis], 1)
+            step, first = np.polyfit(index, stood[row, col, axis], 1)
             if abs(step) > 1e-9:
-                out[row, col, axis] = (placed[row, col, axis] - first - step * index) / step
+                out[row, col, axis] = (stood[row, col, axis] - first - step * index) / step
     return np.clip(out, -0.49, 0.49)
 
 

@@ -11,7 +11,6 @@ from typing import Any
 
 import attrs
 import numpy as np
-from numpy.typing import NDArray
 
 import lfpipe
 from lfpipe import config
@@ -107,31 +106,9 @@ class NotGreyError(Exception):
     """A view has colour although the examined ones had none."""
 
 
-def _write_views(scene: Examined, folder: Path, can_be_shown: Callable[[], None], progress: Progress) -> None:
-    """Writes the views of a new pack. The manifest, without which it is none, comes with the first ones."""
-
-    def appear() -> None:
-        write_manifest(folder, manifest_of(scene, folder.name))
-        can_be_shown()
-
-    shutil.rmtree(folder, ignore_errors=True)  # a killed packer's
-    try:
-        with cache.writing(folder.parents[1]):
-            folder.mkdir()
-            make_array(folder / VIEWS, scene.shape)
-            _decode_views(scene, folder / VIEWS, appear, progress)
-    except BaseException:
-        shutil.rmtree(folder, ignore_errors=True)
-        raise
-
-
-def _decode_views(scene: Examined, out: Path, can_be_shown: Callable[[], None], progress: Progress) -> None:
-    """Decodes every view into the array in the file out, those nearest to the middle of the grid first; places without a view get
-    a copy of the nearest one.
-
-    can_be_shown: called once, when FIRST_VIEWS are there, and copies of them in all other places. Raises UserError, and
-    NotGreyError if a view has colour but the pack has no planes for it.
-    """
+def _view_writer(scene: Examined, out: Path) -> Callable[[FrameIndex], None]:
+    """A function that decodes one view into the array in the file out; it raises UserError, and NotGreyError if the view has
+    colour but the pack has no planes for it."""
     source = scene.source
     values = np.arange(source.max_value + 1, dtype=np.float64) / source.max_value
     table = np.asarray(np.rint(255 * values ** (1 / scene.gamma)), np.uint8)  # the screen value of each value of the source
@@ -147,26 +124,42 @@ def _decode_views(scene: Examined, out: Path, can_be_shown: Callable[[], None], 
             for channel, plane in enumerate(planes):
                 plane[top : top + STRIP_ROWS] = screen if screen.ndim == 2 else screen[..., channel]
 
-    def copy_to_others(written: NDArray[np.bool_]) -> None:
-        for row, col in np.argwhere(~written).tolist():
-            views = array(out)
-            views[:, row, col] = views[:, *nearest_present(written, row, col)]
+    return write
+
+
+def _write_views(scene: Examined, folder: Path, can_be_shown: Callable[[], None], progress: Progress) -> None:
+    """Writes the views of a new pack, those nearest to the middle of the grid first; places without a view get a copy of the
+    nearest one. The manifest, without which it is no pack, comes with the first views, and then can_be_shown is called."""
 
     def away(place: FrameIndex) -> float:
         return (place[1] - (scene.rows - 1) / 2) ** 2 + (place[2] - (scene.cols - 1) / 2) ** 2
 
-    views, item_bytes = sorted(scene.views, key=away), 6 * source.height_px * source.width_px
-    first = len(views) if source.frames > 1 else min(len(views), FIRST_VIEWS)
-    written = np.zeros_like(scene.present)
-    for _, row, col in views[:first]:
-        written[row, col] = True
-    progress("views", 0, len(views))
-    run_parallel(write, views[:first], item_bytes, lambda done: progress("views", done, len(views)))
-    copy_to_others(written)
-    can_be_shown()
-    run_parallel(write, views[first:], item_bytes, lambda done: progress("views", first + done, len(views)))
-    if first < len(views):
-        copy_to_others(scene.present)
+    def report(done: int) -> None:
+        progress("views", done, len(views))
+
+    views, written = sorted(scene.views, key=away), np.zeros_like(scene.present)
+    first = min(len(views), FIRST_VIEWS) if scene.source.frames == 1 else len(views)
+    out, item_bytes = folder / VIEWS, 6 * scene.source.height_px * scene.source.width_px
+    write = _view_writer(scene, out)
+    shutil.rmtree(folder, ignore_errors=True)  # a killed packer's
+    try:
+        with cache.writing(folder.parents[1]):
+            folder.mkdir()
+            make_array(out, scene.shape)
+            report(0)
+            for start, end in ((0, first), (first, len(views))):
+                run_parallel(write, views[start:end], item_bytes, report, start)
+                for _, row, col in views[start:end]:
+                    written[row, col] = True
+                for row, col in np.argwhere(~written).tolist():
+                    planes = array(out)
+                    planes[:, row, col] = planes[:, *nearest_present(written, row, col)]
+                if start == 0:
+                    write_manifest(folder, manifest_of(scene, folder.name))
+                    can_be_shown()
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
 
 
 def _complete(scene: Examined, folder: Path, progress: Progress) -> None:

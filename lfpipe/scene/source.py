@@ -31,6 +31,11 @@ class Turn:
         col = cols - 1 - col if self.cols else col
         return (col, row) if self.transpose else (row, col)
 
+    def applied(self, grid: NDArray[Any]) -> NDArray[Any]:
+        """Values by file index, (rows, cols, ...), in canonical order."""
+        grid = grid.swapaxes(0, 1) if self.transpose else grid
+        return grid[:: -1 if self.rows else 1, :: -1 if self.cols else 1]
+
     def grid(self, rows: int, cols: int) -> tuple[int, int]:
         """The canonical (rows, cols) of a file grid, and the other way round."""
         return (cols, rows) if self.transpose else (rows, cols)

@@ -90,7 +90,7 @@ def test_coordinates_give_the_turn_and_the_jitter(
     canonical = (np.stack(np.meshgrid(np.arange(rows), np.arange(cols), indexing="ij"), axis=2) + jitter) * 8.6 + 1000
     stood = turned(canonical, turn)
     assert coordinate_turn(stood) == turn
-    offsets = grid_offsets(stood, turn, rows, cols)
+    offsets = grid_offsets(turn.applied(stood))
     assert np.abs(offsets).max() < 0.3
     # The regular grid is a fit, so what is left has no mean.
     assert np.abs(offsets.mean(axis=(0, 1))).max() < 1e-5
