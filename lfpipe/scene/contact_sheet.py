@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from lfpipe.scene.lightfield import UNKNOWN, LightField
 
 SHEET_PX = 1600  # the longer side of the contact sheet's grid
-_GAP_PX = 4
+_GAP_PX = 4  # between views: seen on a sheet that is shown at half its size
 _SLICE_PX = 12  # of each view's line in an epipolar slice
 
 

@@ -217,8 +217,8 @@ def neighbours_of(
 
 def mean_square_mismatch(here: Grey, neighbours: Neighbours, disparity_px: FloatMap) -> float:
     """Mean square, in grey levels, of `mismatch` of a view over pixels and neighbours."""
-    squares = [float(np.square(mismatch(here, there, disparity_px, down, across)).mean()) for there, down, across in neighbours]
-    return add(squares) / max(1, len(squares))
+    squares = [np.square(mismatch(here, view, disparity_px, down, across)) for view, down, across in neighbours]
+    return add([float(square.mean()) for square in squares]) / max(1, len(squares))
 
 
 def luma(planes: NDArray[np.uint8]) -> Grey:

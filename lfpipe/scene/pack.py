@@ -29,7 +29,7 @@ from lfpipe.scene.lightfield import Geometry, LightField
 
 VIEWS, DISPARITY, MANIFEST = "views.npy", "disparity.npy", "manifest.json"
 VERSION = 10  # of the pack; another version is another key
-_MAX_BYTES = 16 << 20
+_MAX_BYTES = 16 << 20  # of a manifest: that of 20,000 views with their offsets has about 1 MB
 
 
 class DamagedPackError(UserError):

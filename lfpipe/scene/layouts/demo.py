@@ -17,8 +17,8 @@ from lfpipe.scene.lightfield import Geometry
 from lfpipe.scene.source import SceneSource, Turn
 
 NAME = "demo"
-GRID = 9
-FOCAL_MM, SENSOR_MM, FOCUS_M = 100.0, 35.0, 1.5
+GRID = 9  # views a side, as in the HCI benchmark, whose cameras have
+FOCAL_MM, SENSOR_MM, FOCUS_M = 100.0, 35.0, 1.5  # this focal length and width of the sensor, and about this focus
 
 
 def detect(listing: Listing) -> int | None:

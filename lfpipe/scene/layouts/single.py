@@ -18,7 +18,7 @@ from lfpipe.scene.layouts._tiles import plane_of, reduced, require_picture, sing
 from lfpipe.scene.optical_flow import returned_flow, textured
 from lfpipe.scene.source import Layout, SceneSource, Turn
 
-_GLANCE_PX, _FEWEST_PX = 512, 300
+_GLANCE_PX, _FEWEST_PX = 512, 300  # longer side of the examined copy; px of detail that red and green must share
 _ASIDE_PX = 1.5  # between red and green: more than lens errors
 _SAME = 2.0  # grey levels between frames of one view: dithering
 
