@@ -66,10 +66,14 @@ def gone(segments: list[str]) -> bool:
     return not any((SHM_DIR / each).exists() for each in segments)
 
 
+def remove(path: Path) -> None:
+    shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
+
+
 def remove_lock(run_dir: Path) -> None:
     """As something that cleans up does."""
     for path in run_dir.glob("lock*"):
-        shutil.rmtree(path) if path.is_dir() else path.unlink()
+        remove(path)
 
 
 def main() -> int:

@@ -12,7 +12,8 @@ SCENE = SceneSummary("/packs/one", "one", 3, 3, 48, 64, "warp", True, {"warp": 4
 
 
 def made_state(**more: Any) -> SessionState:
-    return SessionState.first(Config(), SessionOptions(scene=SCENE, source="demo", source_hz=30.0, jpeg_px=(64, 48), **more))
+    usual = {"scene": SCENE, "source": "demo", "source_hz": 30.0, "jpeg_px": (64, 48)}
+    return SessionState.first(Config(), SessionOptions(**usual | more))
 
 
 texts = st.text(max_size=20) | st.sampled_from(["", "\0", "/", "/tmp/\udcff", "a" * 5000, "\x1b[2J", *options()])

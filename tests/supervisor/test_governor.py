@@ -75,13 +75,33 @@ def test_one_level_at_a_time_down_after_half_a_second_of_lag_and_up_after_five_o
             assert 0 <= run.governor.level <= 5
 
 
-@pytest.mark.parametrize("lag", LAGS, ids=["late", "full", "lost"])
-def test_lag_that_lasts_takes_every_level_and_room_that_lasts_gives_all_back(lag: Loads) -> None:
+Spell = tuple[Loads, float, int]  # the load, for how many s, and the level then
+QUIET = {**EASY, "render": Load(0, 0, 0)}
+WAKING = {**EASY, "render": Load(6, 90, 5_000_000)}
+SLOW = {**EASY, "render": Load(1, 59, SECOND_NS)}
+DOWN = (LATE, 0.5, 1)
+PLAYS: dict[str, list[Spell]] = {
+    "late": [(LATE, 3.1, 5), (EASY, 25.6, 0)],
+    "always busy": [(FULL, 3.1, 5), (EASY, 25.6, 0)],
+    "loses frames": [(LOST, 3.1, 5), (EASY, 25.6, 0)],
+    "a second without room cancels five with": [DOWN, (EASY, 4.0, 1), (TIGHT, 0.2, 1), (EASY, 1.8, 1), (EASY, 0.4, 0)],
+    "two fifths of one cancel two": [DOWN, (EASY, 4.0, 1), (TIGHT, 0.4, 1), (EASY, 2.8, 1), (EASY, 0.4, 0)],
+    "a second without lag cancels half of one": [(LATE, 0.4, 0), (TIGHT, 0.4, 0), (LATE, 0.2, 0), (LATE, 0.1, 1)],
+    "no output: room for a second, then unknown": [DOWN, (EASY, 3.0, 1), (QUIET, 5.0, 1), (EASY, 0.9, 1), (EASY, 0.2, 0)],
+    "lost soon: twice the wait": [DOWN, (EASY, 5.1, 0), (TIGHT, 9.0, 0), DOWN, (EASY, 9.8, 1), (EASY, 0.4, 0)],
+    "lost later: the usual wait": [DOWN, (EASY, 5.1, 0), (TIGHT, 10.0, 0), DOWN, (EASY, 4.8, 1), (EASY, 0.4, 0)],
+    "hiccups": [(LATE, 0.1, 0), (EASY, 0.3, 0)] * 50 + [(LATE, 0.4, 0), (EASY, 1.2, 0)] * 50,
+    "a process that was stopped and goes on": [(QUIET, 1.5, 0), (WAKING, 0.1, 0), (EASY, 2.0, 0)],
+    "pictures that take a second each": [(QUIET, 0.9, 0), (SLOW, 0.1, 0), (QUIET, 0.9, 0), (SLOW, 0.1, 1)],
+}
+
+
+@pytest.mark.parametrize("name", PLAYS)
+def test_the_level_after_each_spell_of_load(name: str) -> None:
     run = Run()
-    run.feed_for(lag, 5 * 0.5 + 0.6)
-    assert run.governor.level == 5
-    run.feed_for(EASY, 5 * 5.0 + 0.6)
-    assert run.governor.level == 0 and len(run.steps) == 10
+    for number, (loads, seconds, level) in enumerate(PLAYS[name]):
+        run.feed_for(loads, seconds)
+        assert run.governor.level == level, f"spell {number}"
 
 
 @settings(max_examples=20)
@@ -227,7 +247,7 @@ def test_lag_is_what_a_person_would_miss(clock: str, stage: str, lost: str, lags
     assert (session.state.level.number >= 1) == lags
 
 
-def test_another_scene_or_method_begins_at_full_quality_and_other_settings_keep_the_level() -> None:
+def test_another_scene_begins_at_full_quality_and_other_settings_keep_the_level() -> None:
     session = _session()
     session.work(0.9, "render", "missed")
     assert session.state.level.number == 1
@@ -236,8 +256,7 @@ def test_another_scene_or_method_begins_at_full_quality_and_other_settings_keep_
     session.work(0.1, "", "")
     assert session.state.level.number == 1
     flat = _options("nearest", False).scene
-    assert flat is not None
-    assert session.state.loaded(flat).level.number == 0
+    assert flat is not None and session.state.loaded(flat).level.number == 0
 
 
 def test_nothing_is_judged_while_a_stage_starts_and_shortly_after() -> None:
@@ -251,94 +270,24 @@ def test_nothing_is_judged_while_a_stage_starts_and_shortly_after() -> None:
 
 def test_a_stage_takes_no_level_where_none_that_is_left_helps_it() -> None:
     apart = {"capture": (0,), "track": (1,), "render": (0,)}
-    session = _session(Config(render=attrs.evolve(Config().render, clock="camera")), apart)
+    session = _session(Config(render=Render(clock="camera")), apart)
     session.work(5.0, "track", "drops")
     assert len(session.state.levels) > 1 and session.state.level.number == 0, "cheaper views give no time to a core of its own"
     session.t_ns = 100 * SECOND_NS
     session.work(1.0, "capture", "drops")
     assert session.state.level.number >= 1, "but to capture, on the same core"
-
-
-def test_levels_are_taken_in_order_on_the_way_to_the_one_that_helps() -> None:
-    session = _session(cores={"capture": (0,), "track": (1,), "render": (0,)})
+    session = _session(cores=apart)  # the last level helps: the others are taken on the way to it
     session.work(5.0, "track", "drops")
     assert session.state.level == session.state.levels[-1] and session.state.level.every == 2
 
 
-@pytest.mark.parametrize(("spoilt_s", "more_s"), [(0.2, 1.0), (0.4, 2.0)])
-def test_a_second_without_room_cancels_five_with(spoilt_s: float, more_s: float) -> None:
-    run = Run()
-    run.feed_for(LATE, 0.5)
-    run.feed_for(EASY, 4.0)
-    run.feed_for(TIGHT, spoilt_s)
-    run.feed_for(EASY, 0.8 + more_s)
-    assert run.governor.level == 1
-    run.feed_for(EASY, 0.4)
-    assert run.governor.level == 0
-
-
-def test_a_second_without_lag_cancels_half_a_second_of_it() -> None:
-    run = Run()
-    run.feed_for(LATE, 0.4)
-    run.feed_for(TIGHT, 0.4)
-    run.feed_for(LATE, 0.2)
-    assert run.governor.level == 0
-    run.feed_for(LATE, 0.1)
-    ((_, step),) = run.steps
-    assert step.load == Load(3 * 7 + 6 * 4, 3 * 7, 60_000_000 * 7 + 75_000_000 * 4, pytest.approx(1.1))
-
-
-def test_a_stage_without_output_has_room_for_a_second_and_is_unknown_then() -> None:
-    run = Run()
-    run.feed_for(LATE, 0.5)
-    quiet = {**EASY, "render": Load(0, 0, 0)}
-    run.feed_for(EASY, 3.0)
-    run.feed_for(quiet, 5.0)
-    assert run.governor.level == 1
-    run.feed_for(EASY, 0.9)  # 3 + 1 + 0.9
-    assert run.governor.level == 1
-    run.feed_for(EASY, 0.2)
-    assert run.governor.level == 0
-
-
-def test_the_next_try_waits_twice_as_long_if_the_last_failed_within_twice_the_hold() -> None:
-    for kept_s, hold_s in ((9.0, 10.0), (10.0, 5.0)):
-        run = Run(levels=1)
-        run.feed_for(LATE, 0.5)
-        run.feed_for(EASY, 5.1)
-        assert run.governor.level == 0
-        run.feed_for(TIGHT, kept_s)
-        run.feed_for(LATE, 0.5)
-        assert run.governor.level == 1
-        run.feed_for(EASY, hold_s - 0.2)
-        assert run.governor.level == 1
-        run.feed_for(EASY, 0.4)
-        assert run.governor.level == 0
-
-
-def test_a_hiccup_is_no_lag() -> None:
-    for tenths in (1, 2, 4):
-        run = Run()
-        for _ in range(50):
-            run.feed_for(LATE, 0.1 * tenths)
-            run.feed_for(EASY, 0.3 * tenths)
-        assert run.steps == []
-    quiet = {**EASY, "render": Load(0, 0, 0)}
-    run = Run()  # a process that was stopped and goes on
-    for loads in (*[quiet] * 15, {**EASY, "render": Load(6, 90, 5_000_000)}, *[EASY] * 20):
-        assert run.feed(loads) is None
-    for loads in (*[quiet] * 9, {**EASY, "render": Load(1, 59, SECOND_NS)}) * 4:  # but pictures of a second each are lag
-        run.feed(loads)
-    assert run.steps[0][1].stage == "render"
-
-
 def test_a_step_tells_its_reason() -> None:
     run = Run()
-    run.feed_for(EASY, 1)
-    run.feed_for(LATE, 0.5)
+    for loads, seconds in ((EASY, 1), (LATE, 0.4), (TIGHT, 0.4), (LATE, 0.3)):
+        run.feed_for(loads, seconds)
     ((_, step),) = run.steps
-    assert step == Step(1, "render", Load(15, 15, 300_000_000, pytest.approx(0.5)))
-    assert step.reason == "render missed 15 of 30 in 0.5 s"
+    assert step == Step(1, "render", Load(3 * 7 + 6 * 4, 3 * 7, 60_000_000 * 7 + 75_000_000 * 4, pytest.approx(1.1)))
+    assert step.reason == "render missed 21 of 66 in 1.1 s"
     assert Step(1, "track", Load(15, 0, 450_000_000, 0.5)).reason == "track is busy 90 % of its time"
     assert Step(0).reason == "CPU is free again"
 
@@ -355,15 +304,11 @@ def test_a_step_tells_its_reason() -> None:
     ],
 )
 def test_the_edges_of_lag_and_room_are_where_they_are_said_to_be(load: Load, lags: bool, room: bool) -> None:
-    run = Run()
-    run.feed_for({**EASY, "render": load}, 0.4)
-    assert run.governor.level == 0
-    run.feed_for({**EASY, "render": load}, 0.2)
-    assert run.governor.level == (1 if lags else 0)
-    run = Run(levels=1)
-    run.feed_for(LATE, 0.6)
-    run.feed_for({**EASY, "render": load}, 5.2)
-    assert run.governor.level == (0 if room else 1)
+    full, lowered = Run(), Run(levels=1)
+    full.feed_for({**EASY, "render": load}, 0.6)
+    lowered.feed_for(LATE, 0.6)
+    lowered.feed_for({**EASY, "render": load}, 5.2)
+    assert (full.governor.level, lowered.governor.level) == (int(lags), int(not room))
 
 
 def test_two_cores_give_tracking_one_of_its_own_and_more_or_fewer_leave_it_to_the_system() -> None:
@@ -371,12 +316,9 @@ def test_two_cores_give_tracking_one_of_its_own_and_more_or_fewer_leave_it_to_th
     assert process_table.cores([4, 6]).items() >= own.items() and process_table.cores([0]) == process_table.cores(range(8)) == {}
 
 
-def test_the_table_is_read_every_tenth_of_a_second() -> None:
-    session = _session()
-    taken = []
-    session.control._begin(session.state.levels)
-    session.control._levels = session.state.levels
-    session.control._governor.update = lambda t_ns, loads: taken.append(t_ns)  # type: ignore[method-assign,assignment,func-returns-value]
+def test_the_table_is_read_every_tenth_of_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
+    session, taken = _session(), list[int]()
+    monkeypatch.setattr(Governor, "update", lambda _, t_ns, loads: taken.append(t_ns))
     for t_ms in range(0, 3000, 7):
         session.control.sample(session.state, session.rows, t_ms * 1_000_000)
     assert np.diff(taken).min() >= SECOND_NS / 10 and np.diff(taken).max() < SECOND_NS / 10 + 7_000_000

@@ -108,34 +108,21 @@ def test_a_stage_that_fails_on_a_change_blames_it_and_one_that_is_killed_later_d
     assert not rollback.to_blame(state, -9, True), "a kill says nothing against a change that was applied"
 
 
-def test_a_scene_of_one_view_needs_no_tracking() -> None:
-    assert not made_state().loaded(SINGLE).options.tracking
-    assert SceneSummary("/p", "line", 1, 5, 4, 4, "nearest", False).needs_tracking
-
-
-def test_a_session_begins_running_at_its_first_revision_without_rings() -> None:
-    state = SessionState.first(Config(), SessionOptions(scene=SCENE))
-    assert (state.paused, state.rev, state.pictures_until_ns, state.pictures_px, state.rings_made) == (False, 1, 0, (0, 0), 0)
-    assert not state.rings() and not state.zero_planes_px
-
-
 def test_each_change_is_one_revision_and_each_ring_has_the_next_name() -> None:
     state = made_state()
+    assert (state.paused, state.rev, state.pictures_until_ns, state.pictures_px, state.rings_made) == (False, 1, 0, (0, 0), 0)
+    assert not state.rings() and not state.zero_planes_px
     first = state.with_pictures(10)
-    assert (first.rev, first.rings_made, first.options.pictures) == (state.rev + 1, 1, "pictures.1")
+    assert (first.rev, first.rings_made, first.options.pictures) == (2, 1, "pictures.1")
     assert (first.pictures_until_ns, first.pictures_px) == (10, (SCENE.height_px, SCENE.width_px))
     recorded = first.changed(record="/out")
-    assert (recorded.rev, recorded.rings_made, recorded.options.packets) == (state.rev + 2, 2, "packets.2")
+    assert (recorded.rev, recorded.rings_made, recorded.options.packets) == (3, 2, "packets.2")
     stopped = recorded.without_pictures().changed(record="")
-    assert (stopped.rev, stopped.rings_made, stopped.pictures_until_ns) == (state.rev + 4, 2, 0) and not stopped.rings()
+    assert (stopped.rev, stopped.rings_made, stopped.pictures_until_ns) == (5, 2, 0) and not stopped.rings()
     assert stopped.with_pictures(5).options.pictures == "pictures.3"
     paused = state.changed(paused=True)
-    assert (
-        paused.paused
-        and paused.config is state.config
-        and paused.changed(LOWER).paused
-        and not paused.changed(paused=False).paused
-    )
+    assert paused.paused and paused.config is state.config
+    assert paused.changed(LOWER).paused and not paused.changed(paused=False).paused
 
 
 def test_quality_falls_by_number_and_is_full_again_where_the_levels_change() -> None:
@@ -148,7 +135,9 @@ def test_quality_falls_by_number_and_is_full_again_where_the_levels_change() -> 
         assert fixed.levels == state.levels[:1]
 
 
-def test_a_mouse_needs_no_tracking() -> None:
+def test_a_mouse_or_a_single_view_needs_no_tracking_and_a_line_of_views_does() -> None:
     for mouse in (False, True):
         state = made_state(mouse=mouse)
         assert state.loaded(OTHER).options.tracking is not mouse and state.loaded(SCENE).options.tracking is not mouse
+    assert not made_state().loaded(SINGLE).options.tracking
+    assert SceneSummary("/p", "line", 1, 5, 4, 4, "nearest", False).needs_tracking
