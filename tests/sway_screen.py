@@ -14,14 +14,14 @@ WAIT_S = 20.0
 
 
 @contextlib.contextmanager
-def sway(width_px: int, height_px: int, rate_hz: float) -> Iterator[str]:
+def sway(width_px: int, height_px: int, rate_hz: float, scale: int = 1) -> Iterator[str]:
     """Runs sway with one output for as long as the block lasts: its name for WAYLAND_DISPLAY. It never runs as root."""
     program = shutil.which("sway")
     assert program is not None
     folder = Path(tempfile.mkdtemp(prefix="lfpipe-sway-"))  # not below tmp_path: a socket's name is at most 107 bytes
     config = folder / "config"
     config.write_text(
-        f"output HEADLESS-1 mode --custom {width_px}x{height_px}@{rate_hz:g}Hz\n"
+        f"output HEADLESS-1 mode --custom {width_px}x{height_px}@{rate_hz:g}Hz scale {scale}\n"
         'default_border none\ndefault_floating_border none\nfor_window [title=".*"] floating enable\n'
     )
     env = {"PATH": os.environ["PATH"], "HOME": str(folder), "XDG_RUNTIME_DIR": str(folder)}

@@ -4,6 +4,7 @@ import json
 import os
 import secrets
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -87,9 +88,30 @@ class World:
         """What `lfpipe ctl` prints of this world's session."""
         return self.done("ctl", "--session", self.name, *words).stdout
 
-    def up(self, scene: Path, *args: str | Path, camera: str = "demo", **more: Any) -> subprocess.Popen[str]:
-        fixed = ("--camera", camera, "--display", "none", "--trace", self.trace, "--session", self.name)
+    def up(
+        self, scene: Path, *args: str | Path, camera: str = "demo", display: str = "none", **more: Any
+    ) -> subprocess.Popen[str]:
+        fixed = ("--camera", camera, "--display", display, "--trace", self.trace, "--session", self.name)
         return self.start("up", scene, *fixed, *args, **more)
+
+    def kill(self, stage: str, signum: int = signal.SIGKILL) -> int:
+        """Sends a signal to a stage; its pid."""
+        pid = int(self.monitor()["stages"][stage]["pid"])
+        os.kill(pid, signum)
+        return pid
+
+    def xdotool(self, *words: object) -> None:
+        """Keys, text and the mouse, on the screen of the session."""
+        subprocess.run(["xdotool", *map(str, words)], check=True, env=self.env)
+
+    def ended(self, process: subprocess.Popen[str], signum: int = 0, code: int = 0) -> str:
+        """What a session wrote on stderr until its end, which a signal may ask for. Nothing is left of it."""
+        if signum:
+            process.send_signal(signum)
+        _, err = process.communicate(timeout=120)
+        assert process.returncode == code and "Traceback" not in err, err
+        assert not self.left(), "something is left"
+        return err
 
     def lines(self) -> list[dict[str, Any]]:
         """The trace so far, without a line that is just being written."""
@@ -107,6 +129,10 @@ class World:
 
     def pictures(self, more_than: int = 0) -> list[dict[str, Any]]:
         return self.wait_for(lambda: lines if len(lines := self.lines()) > more_than else None, f"picture {more_than + 1}")
+
+    def more_pictures(self, count: int) -> list[dict[str, Any]]:
+        """The trace once it has more than so many new lines."""
+        return self.pictures(len(self.lines()) + count)
 
     @contextmanager
     def entered(self) -> Iterator[None]:

@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import shutil
 import struct
 import subprocess
 from collections.abc import Iterator, Sequence
@@ -9,6 +10,9 @@ from pathlib import Path
 
 import attrs
 import numpy as np
+import pytest
+
+needs_xdotool = pytest.mark.skipif(shutil.which("xdotool") is None, reason="apt-get install xdotool")
 
 
 @attrs.frozen

@@ -15,7 +15,7 @@ from lfpipe.render.notices import Notices
 from lfpipe.render.scenes import SceneLoader
 from lfpipe.transport.clock import SECOND_NS
 from tests.world import World
-from tests.xvfb_screen import Screen
+from tests.xvfb_screen import Screen, needs_xdotool
 
 
 @pytest.mark.parametrize(
@@ -50,7 +50,7 @@ def test_an_exhibition_starts_again_until_it_ends_well(
     assert capsys.readouterr().err.count("restarts") == 3
 
 
-@pytest.mark.skipif(shutil.which("xdotool") is None, reason="apt-get install xdotool")
+@needs_xdotool
 def test_the_picture_moves_with_nobody_there_and_keys_do_nothing_until_the_code_is_typed(
     world: World, scene: Path, screen: Screen
 ) -> None:
@@ -59,15 +59,13 @@ def test_the_picture_moves_with_nobody_there_and_keys_do_nothing_until_the_code_
     for _ in range(10):
         writer.write(np.full((480, 640, 3), 90, np.uint8))
     writer.release()
-    fixed = ("--trace", world.trace, "--session", world.name)
-    process = world.start("up", scene, "--camera", f"file:{world.root}/empty.avi", *fixed, "--kiosk")
+    process = world.up(scene, "--kiosk", camera=f"file:{world.root}/empty.avi", display="fullscreen")
     world.wait_for(lambda: len({line["view"]["left"][1] for line in world.lines()}) > 20, "views in motion")
-    subprocess.run(["xdotool", "key", "q", "Escape", "m", "p", "F11", "plus"], check=True, env=world.env)
-    before = len(world.lines())
-    world.pictures(before + 10)
-    assert process.poll() is None and '"dubois"' in world.run("ctl", "--session", world.name, "--json", "status").stdout
-    subprocess.run(["xdotool", "type", "--delay", "30", "bye42"], check=True, env=world.env)
-    assert process.wait(60) == 0
+    world.xdotool("key", "q", "Escape", "m", "p", "F11", "plus")
+    world.more_pictures(10)
+    assert process.poll() is None and world.monitor()["config"]["render"]["anaglyph"] == "dubois"
+    world.xdotool("type", "--delay", 30, "bye42")
+    world.ended(process)
 
 
 def test_the_unit_starts_it_again_and_quotes_what_systemd_would_expand(world: World, scene: Path) -> None:

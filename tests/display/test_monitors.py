@@ -4,9 +4,7 @@ import functools
 import os
 import shutil
 import subprocess
-import time
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pygame
@@ -15,6 +13,7 @@ import pytest
 from lfpipe.errors import UserError
 from lfpipe.render.monitors import Monitor, find_monitor, monitors, pixel_mm
 from lfpipe.render.window import USUAL_MM, CalibrationWindow, Window
+from tests.sway_screen import sway
 from tests.xvfb_screen import outline, x_server
 
 DESK = [
@@ -125,29 +124,17 @@ def test_monitors_are_listed_by_name_and_place(x_with_two: str) -> None:
         Window((64, 64), "", monitor="3")
 
 
-@pytest.mark.skipif(shutil.which("weston") is None, reason="weston is not installed (apt-get install weston)")
-def test_on_a_desktop_that_scales_pixels_are_the_screens_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+@pytest.mark.skipif(shutil.which("sway") is None, reason="sway is not installed (apt-get install sway)")
+def test_on_a_desktop_that_scales_pixels_are_the_screens_own(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("SDL_FRAMEBUFFER_ACCELERATION", raising=False)  # as the tests on X have set it
-    tmp_path.chmod(0o700)
-    command = ["weston", "--backend=headless-backend.so", "--scale=2", "--width=1280", "--height=800", "--use-pixman"]
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    server = subprocess.Popen([*command, "--socket=wayland-t", "--no-config", "--idle-time=0"], **quiet)
-    try:
-        end = time.monotonic() + 10
-        while not (tmp_path / "wayland-t").exists() and time.monotonic() < end:
-            time.sleep(0.02)
-        monkeypatch.setenv("WAYLAND_DISPLAY", "wayland-t")
+    with sway(1280, 800, 60, scale=2) as name:
+        monkeypatch.setenv("WAYLAND_DISPLAY", name)
         monkeypatch.setenv("SDL_VIDEODRIVER", "wayland")
         window = CalibrationWindow((250, 200), "lfpipe: a test")
         try:
             window.show(np.full((400, 500, 3), 90, np.uint8))
-            shown_mm, pitch_mm = window.width_mm(), monitors()[0].pixel_mm
-            assert shown_mm is not None and pitch_mm is not None
-            assert shown_mm == pytest.approx(1280 * pitch_mm), "640 units wide, 1280 pixels"
+            share = window.width_mm() / USUAL_MM  # type: ignore[operator]
+            assert monitors()[0].width == 640 < window._shown_px and share == pytest.approx(window._shown_px / 1280, rel=0.01)
             assert window.to_picture(0.5, 0.5) == pytest.approx((250, 200))
         finally:
             window.close()
-    finally:
-        server.terminate()
-        server.wait()

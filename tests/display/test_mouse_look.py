@@ -1,8 +1,6 @@
 """The mouse as the viewer, without a camera and beside one."""
 
 import json
-import shutil
-import subprocess
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -19,7 +17,7 @@ from lfpipe.transport.ring import Stamp
 from tests.render.rendered import field
 from tests.render.rendered import record as eyes_record
 from tests.world import World
-from tests.xvfb_screen import Screen
+from tests.xvfb_screen import Screen, needs_xdotool
 
 REFRESH_NS = 16_666_667
 
@@ -91,17 +89,16 @@ def test_the_right_button_takes_over_from_a_camera_and_gives_it_back_without_a_j
 
 @pytest.mark.live
 @pytest.mark.timeout(300)
-@pytest.mark.skipif(shutil.which("xdotool") is None, reason="apt-get install xdotool")
+@needs_xdotool
 def test_a_session_of_the_mouse_needs_no_camera_is_recorded_and_played_again(world: World, scene: Path, screen: Screen) -> None:
     """The recording holds the eyes; two replays agree bit by bit, and a session follows them as it followed the mouse."""
     world.env["DISPLAY"], out = screen.name, world.root / "rec"
-    words = ("--camera", "mouse", "--display", "fullscreen", "--trace", world.trace, "--session", world.name)
-    process = world.start("up", scene, *words)
+    process = world.up(scene, camera="mouse", display="fullscreen")
     world.pictures(5)
 
     def col_at(x: int) -> float:
         """The left eye's column when the picture has followed the mouse there and rests."""
-        subprocess.run(["xdotool", "mousemove", str(x), "400"], check=True, env=world.env)
+        world.xdotool("mousemove", x, 400)
         before = len(world.lines())
 
         def at_rest() -> list[float] | None:
@@ -111,23 +108,22 @@ def test_a_session_of_the_mouse_needs_no_camera_is_recorded_and_played_again(wor
         return float(world.wait_for(at_rest, "picture at rest")[-1])
 
     assert abs(col_at(1200) - col_at(80)) > 0.5 and all(line["face"] for line in world.lines())
-    assert world.run("ctl", "--session", world.name, "record", "start", out).returncode == 0
+    world.ctl("record", "start", out)
 
     def recorded_frames() -> int:
         return (out / "frames.jsonl").read_text().count("\n") if (out / "frames.jsonl").exists() else 0
 
     world.wait_for(recorded_frames, "first frame of the recording")
     moves = " ".join(f"mousemove {x} 500 sleep 0.03" for x in range(300, 1200, 30))
-    subprocess.run(["xdotool", *moves.split()], check=True, env=world.env)
+    world.xdotool(*moves.split())
     moved = recorded_frames()
     world.wait_for(lambda: recorded_frames() > max(60, moved), "recording of the motion")
     states = {name: stage["state"] for name, stage in world.monitor()["stages"].items()}
     assert states.pop("render") == states.pop("record") == "RUNNING" and set(states.values()) == {"NONE"}
-    assert world.run("ctl", "--session", world.name, "record", "stop").returncode == 0
+    world.ctl("record", "stop")
     world.wait_for(lambda: json.loads((out / "manifest.json").read_text())["complete"], "manifest")
-    assert world.run("ctl", "--session", world.name, "stop").returncode == 0
-    _, err = process.communicate(timeout=60)
-    assert process.returncode == 0 and "no tracking" in err
+    world.ctl("stop")
+    assert "no tracking" in world.ended(process)
     assert world.run("sequence", "check", out).returncode == 0
     recorded = open_sequence(out)
     known = {line["t_sensor_ns"]: line for line in world.lines()}

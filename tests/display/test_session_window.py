@@ -1,9 +1,6 @@
 """A whole session in a real window: the picture on the screen comes from the views in the trace."""
 
 import functools
-import json
-import shutil
-import subprocess
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -14,7 +11,7 @@ import pytest
 
 from tests.world import World, write_scene
 from tests.xdnd import drop
-from tests.xvfb_screen import Screen, outline
+from tests.xvfb_screen import Screen, needs_xdotool, outline
 
 PLAIN = ("render.method=nearest", "render.alpha_px=20", "render.anaglyph=colour", "render.light=gamma", "render.clock=camera")
 GRID_MIDDLE = [13, 13, 37]  # BGR of the middle view
@@ -27,28 +24,26 @@ def expected(line: dict[str, dict[str, list[float]]]) -> list[int]:
 
 
 @pytest.mark.everyday
-@pytest.mark.skipif(shutil.which("xdotool") is None, reason="apt-get install xdotool")
+@needs_xdotool
 def test_the_planes_on_the_screen_come_from_the_right_views(world: World, scene: Path, screen: Screen) -> None:
     world.env["DISPLAY"] = screen.name
-    sets = [f"--set={text}" for text in PLAIN]
-    fixed = ("--camera", "demo", "--trace", world.trace, "--session", world.name)
     second = write_scene(world.root / "second", 2, 2)
-    process = world.start("up", scene, second, *fixed, "--display", "window", *sets)
-    press, ctl = functools.partial(_press, world), functools.partial(world.run, "ctl", "--session", world.name)
+    process = world.up(scene, second, *(f"--set={text}" for text in PLAIN), display="window")
+    press = functools.partial(world.xdotool, "key")
     world.pictures(5)
     press("y")  # takes the hint away, which else goes by itself
     for _ in range(10):
-        assert ctl("pause").returncode == 0
+        world.ctl("pause")
         world.wait_for(lambda: _steady(world, screen) == expected(world.lines()[-1]), "the picture that the trace names")
         line = world.lines()[-1]
         if line["view"]["left"] != line["view"]["right"]:
             break
-        ctl("resume")  # both eyes beyond the edge see the same view
+        world.ctl("resume")  # both eyes beyond the edge see the same view
     else:
         pytest.fail("the eyes see the same view: this test shows nothing")
-    for exchange in (lambda word: ctl("set", f"scene.half_turn={word}"), lambda _: press("d")):
+    for exchange in (lambda word: world.ctl("set", f"scene.half_turn={word}"), lambda _: press("d")):
         _exchange_near_and_far(world, screen, exchange)
-    ctl("resume")
+    world.ctl("resume")
     for key, changed in (("plus", 22.0), ("minus", 20.0)):
         press(key)
         world.wait_for(lambda changed=changed: _alpha(world) == changed, f"alpha of {changed}")
@@ -73,9 +68,9 @@ def _exchange_near_and_far(world: World, screen: Screen, exchange: Callable[[str
     """In a paused session that is resumed for it; the same viewpoints then show the opposite views. Back again."""
     for word, last in (("yes", 2.0), ("no", 0.0)):
         exchange(word)
-        world.run("ctl", "--session", world.name, "resume")
-        world.pictures(len(world.lines()))
-        world.run("ctl", "--session", world.name, "pause")
+        world.ctl("resume")
+        world.more_pictures(0)
+        world.ctl("pause")
 
         def turned(last: float = last) -> list[int]:
             eyes = world.lines()[-1]["view"]
@@ -95,17 +90,19 @@ def _steady(world: World, screen: Screen) -> list[int] | None:
 
 
 def _choose(world: World, screen: Screen) -> None:
-    """Thumbnails appear over the picture; arrow and Enter, or a click, choose a scene."""
+    """Keys go to the next scene and back. Thumbnails appear over the picture; arrow and Enter, or a click, choose one."""
+    for key, name in (("Page_Down", "second"), ("Page_Up", "grid")):
+        world.xdotool("key", key)
+        world.wait_for(lambda name=name: outline(f"lfpipe: {name}", screen.name), f"the title of {name}")
     second = cv2.imread(str(world.root / "second" / "view_01_01.png"))[0, 0].tolist()
-    _press(world, "Tab")
+    world.xdotool("key", "Tab")
     world.wait_for(lambda: _count(screen, GRID_MIDDLE) > 5000, "the thumbnail of the scene shown")
-    _press(world, "Right", "Return")
+    world.xdotool("key", "Right", "Return")
     world.wait_for(lambda: outline("lfpipe: second", screen.name), "the title of the scene that was chosen")
-    _press(world, "Tab")
+    world.xdotool("key", "Tab")
     world.wait_for(lambda: _count(screen, GRID_MIDDLE) > 5000 and _count(screen, second) > 5000, "both thumbnails")
     rows, cols = np.nonzero((screen.picture() == GRID_MIDDLE).all(axis=-1))
-    place = str(int(cols.mean())), str(int(rows.mean()))
-    subprocess.run(["xdotool", "mousemove", *place, "click", "1"], check=True, env=world.env)
+    world.xdotool("mousemove", int(cols.mean()), int(rows.mean()), "click", 1)
     world.wait_for(lambda: outline("lfpipe: grid", screen.name), "the title of the scene that was clicked")
 
 
@@ -126,10 +123,6 @@ def _drop(world: World, screen: Screen) -> None:
     world.wait_for(lambda: outline("lfpipe: my other scene", screen.name), "the title of the scene that was dropped")
 
 
-def _press(world: World, *keys: str) -> None:
-    subprocess.run(["xdotool", "key", *keys], check=True, env=world.env)
-
-
 def _letters(screen: Screen) -> tuple[str, ...]:
     """The eye that sees the letter in the left half of the window, and in the right half: "colour" gives red to the left eye."""
     shown = screen.shown()[60:-120].astype(int)
@@ -141,5 +134,4 @@ def _letters(screen: Screen) -> tuple[str, ...]:
 
 
 def _alpha(world: World) -> float:
-    done = world.run("ctl", "--session", world.name, "--json", "status")
-    return float(json.loads(done.stdout)["config"]["render"]["alpha_px"])
+    return float(world.monitor()["config"]["render"]["alpha_px"])

@@ -30,7 +30,7 @@ from tests.world import World, write_scene
 
 STAGES = ("capture", "track", "render")
 LETHAL = ("kill", "terminate", "stop")
-HARMLESS = ("stop_supervisor", "stall", "hog", "send_garbage")
+HARMLESS = ("stop_supervisor", "stall", "hog", "send_garbage", "pause")
 DEATHS, WINDOW_S = 3, 61.0  # of one stage: five in 60 s end a session, and after the fourth it waits before a restart
 LEAK_MB = 4.0  # of one process; allocators differ by less from start to start
 LEASE_S, PATIENCE_S = 20.0, 120.0
@@ -256,6 +256,12 @@ class Soak:
     def _hog(self, _: str) -> None:
         for hog in [subprocess.Popen([sys.executable, "-c", HOG]) for _ in range(2)]:
             hog.wait()
+
+    def _pause(self, _: str) -> None:
+        for seconds in (0.4, 0.05, 0.01):
+            assert self.world.ask(cmd="pause")["ok"]
+            time.sleep(seconds)
+            assert self.world.ask(cmd="resume")["ok"]
 
     def _send_garbage(self, _: str) -> None:
         with control.context() as ctx, ctx.socket(zmq.DEALER) as socket:

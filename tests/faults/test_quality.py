@@ -3,7 +3,6 @@
 import contextlib
 import json
 import os
-import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -86,7 +85,7 @@ def test_quality_goes_down_a_level_at_a_time_while_others_have_the_cores_and_com
         world.wait_for(lambda: _level(world) >= 1, "lower level")
         hogs.end()
         lowered = world.monitor()
-        os.kill(lowered["stages"]["render"]["pid"], signal.SIGKILL)
+        world.kill("render")
         count = len(world.lines())
         world.pictures(count + 3)
         restarted = world.lines()[count + 1]["level"]  # the line before may have been on its way

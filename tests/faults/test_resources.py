@@ -5,7 +5,6 @@ skipped.
 """
 
 import json
-import os
 import resource
 import shutil
 import signal
@@ -145,15 +144,11 @@ def test_a_recording_ends_with_its_last_whole_frame_where_the_disk_is_full(world
 
 def test_the_video_of_a_render_stage_that_was_killed_is_not_overwritten(world: World, scene: Path) -> None:
     video = world.root / "v.mkv"
-    args = ("--camera", "demo", "--display", f"file:{video}", "--trace", world.trace, "--session", world.name)
-    process = world.start("up", scene, *args)
+    process = world.up(scene, display=f"file:{video}")
     world.pictures(20)
     world.wait_for(lambda: video.exists() and video.stat().st_size > 1000, "video on disk")
-    os.kill(world.monitor()["stages"]["render"]["pid"], signal.SIGKILL)
-    count = len(world.lines())
-    world.pictures(count + 20)
-    process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=120)
-    assert process.returncode == 0, err
+    world.kill("render")
+    world.more_pictures(20)
+    world.ended(process, signal.SIGINT)
     for path in (video, world.root / "v.2.mkv"):
         assert cv2.VideoCapture(str(path)).read()[0], f"{path.name} can be played"

@@ -115,7 +115,7 @@ def test_paths_over_ctl_are_checked_as_on_the_command_line(guarded: World, tmp_p
     for state in (before, after):
         state["options"]["pictures"] = ""  # the lease of the test before may end meanwhile
     assert (after["options"], after["config"]) == (before["options"], before["config"])
-    guarded.pictures(len(guarded.lines()) + 5)
+    guarded.more_pictures(5)
 
 
 @pytest.mark.live

@@ -2,8 +2,6 @@
 use are kept."""
 
 import contextlib
-import os
-import signal
 import threading
 from pathlib import Path
 from typing import Any
@@ -110,10 +108,10 @@ def test_packs_that_are_left_are_unmapped(session: World) -> None:
 def test_packs_in_use_are_kept_also_while_no_render_stage_has_them_open(world: World, scene: Path) -> None:
     world.up(scene, "--set", "render.clock=camera")
     world.pictures(5)
-    os.kill(world.monitor()["stages"]["render"]["pid"], signal.SIGKILL)
+    world.kill("render")
     cleaned = world.run("scene", "clean", "--all")
     assert cleaned.returncode == 0 and "in use, kept" in cleaned.stdout and "removed 0 packs" in cleaned.stdout
-    world.pictures(len(world.lines()) + 5)
-    assert world.run("ctl", "--session", world.name, "stop").returncode == 0
+    world.more_pictures(5)
+    world.ctl("stop")
     world.wait_for(lambda: not world.left(), "end of the session")
     assert "removed 1 packs" in world.run("scene", "clean", "--all").stdout

@@ -1,7 +1,6 @@
-"""Several scenes in one session: chosen by command, by the page and by keys, with the old one on the screen meanwhile."""
+"""Several scenes in one session: chosen by command and by the page, with the old one on the screen meanwhile."""
 
 import json
-import shutil
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,7 +12,6 @@ from lfpipe.scene.packer import playlist
 from tests.scene import made
 from tests.web.server import served
 from tests.world import World, write_scene
-from tests.xvfb_screen import Screen
 
 
 def write_scenes(folder: Path) -> Path:
@@ -78,16 +76,3 @@ def test_the_page_has_the_list_and_loads_nothing_else(listed: World) -> None:
         for wrong in ({"at": 3}, {"at": -1}, {"at": True}, {"scene": "/etc"}, {"at": 1, "scene": "/etc"}, {}):
             assert server.ask("POST", "/ctl", {"cmd": "load", **wrong})[0] == 400, wrong
         assert shown(listed) == (0, 2)
-
-
-@pytest.mark.skipif(shutil.which("xdotool") is None, reason="apt-get install xdotool")
-@pytest.mark.live
-def test_page_up_and_down_choose_in_the_window(world: World, screen: Screen) -> None:
-    world.env["DISPLAY"] = screen.name
-    scenes = write_scenes(world.root / "scenes")
-    fixed = ("--camera", "demo", "--trace", world.trace, "--session", world.name)
-    world.start("up", *(scenes / name for name in ("amber", "birch", "cedar")), *fixed)
-    world.pictures(3)
-    for key, wanted in (("Page_Down", (1, 3)), ("Page_Up", (0, 2)), ("Page_Up", (2, 4))):
-        subprocess.run(["xdotool", "key", key], check=True, env=world.env)
-        world.wait_for(lambda wanted=wanted: shown(world) == wanted, f"scene {wanted}")

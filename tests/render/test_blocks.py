@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from lfpipe.render.blocks import Blocks, bands_of, near_array, places, size_of
+from lfpipe.render.blocks import Blocks, bands_of, places, size_of
 
 SIZES = [(1, 1), (1, 6), (5, 1), (2, 2), (7, 9), (8, 12)]
 
@@ -45,11 +45,6 @@ def test_blocks_sample_as_pixels_do_even_beyond_the_border(size: tuple[int, int]
     wanted = cv2.remap(plane, x + each_x, y + each_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     error = np.abs(through(plane, dx, dy).astype(int) - wanted).max()
     assert error <= (reach_px > 0), "the margin shifts the rounding of coordinates; where nothing moves the plane comes back"
-
-
-def test_arrays_that_are_read_at_once_stand_at_odd_addresses() -> None:
-    array = near_array((3, 5, 4))
-    assert array.shape == (3, 5, 4) and array.flags.c_contiguous and array.ctypes.data % 2 == 1
 
 
 def test_large_planes_are_sampled_in_bands_that_cover_them() -> None:

@@ -97,27 +97,28 @@ def test_the_rounding_of_a_key_shows_nowhere() -> None:
         assert (error > 1).mean() < 0.02  # what lies on the edge of the square may fall to its other side
 
 
-@settings(max_examples=60)
+@settings(max_examples=100)
 @given(
-    shape=st.tuples(st.integers(1, 3), st.integers(1, 3), st.integers(1, 6), st.integers(1, 6)),
-    extent_px=st.sampled_from([0.0, 3.0, 100.0]),
-    values=st.lists(ANY, min_size=4, max_size=4),
+    shape=st.tuples(st.integers(1, 3), st.integers(1, 4), st.integers(1, 9), st.integers(1, 9)),
+    extent_px=st.sampled_from([0.0, 1e-6, 3.0, 100.0]),
+    zero_plane_px=st.sampled_from([0.0, -7.5, 1000.0]),
+    values=st.lists(ANY | st.floats(-16, 20), min_size=4, max_size=4),
     method=st.sampled_from(METHODS),
     anaglyph=st.sampled_from(OUTPUTS),
     channels=st.sampled_from([1, 3]),
     light=st.sampled_from([0, 255, None]),
 )
-def test_nonsense_gives_a_picture(
-    shape: tuple[int, int, int, int], extent_px: float, values: list[float], method: str, anaglyph: str, channels: int,
-    light: int | None,
+def test_nonsense_gives_a_picture_within_the_range_of_the_views(
+    shape: tuple[int, int, int, int], extent_px: float, zero_plane_px: float, values: list[float], method: str, anaglyph: str,
+    channels: int, light: int | None,
 ) -> None:  # fmt: skip
     field = rendered.noise(*shape, extent_px, seed=1, channels=channels)
-    if light is not None:
-        field = attrs.evolve(field, views=np.full_like(field.views, light))
-    subject = Compositor(field, Render(method=method, anaglyph=anaglyph, ghost_compensation=50.0, zero_plane_px=-7.5))
-    picture = subject.compose((values[0], values[1]), (values[2], values[3]))
+    field = attrs.evolve(field, views=field.views // 2 + 60 if light is None else np.full_like(field.views, light))
+    how = Render(method=method, anaglyph=anaglyph, ghost_compensation=50.0, zero_plane_px=zero_plane_px)
+    picture = Compositor(field, how).compose((values[0], values[1]), (values[2], values[3]))
     assert picture.shape == (*shape[2:], 3) and picture.dtype == np.uint8
-    assert light is None or (picture == light).all(), "all black stays black, all white stays white"
+    if light is not None or anaglyph not in MATRICES:  # which mix, and so may leave the range
+        assert field.views.min() <= picture.min() and picture.max() <= field.views.max()
 
 
 @settings(max_examples=60)

@@ -32,7 +32,8 @@ def test_true_depth_of_a_known_capture_and_the_whole_grid_of_an_unknown_one() ->
     for eyes_px in (63.0, 31.5):
         true = chosen(cotton(), eyes_px, depth=1.0)
         assert true.alpha_px == pytest.approx(600 * 25 / 4250) and true.compression == pytest.approx(1.0)
-    assert chosen(cotton()).true_views == pytest.approx(17.85, abs=0.01)
+    here, nearer = chosen(cotton()).true_views, chosen(cotton(), zero_plane_px=1.5).true_views
+    assert here == pytest.approx(17.85, abs=0.01) and nearer is not None and nearer < 17
     assert chosen(cotton(geometry=Geometry()), depth=1.0).views_between_eyes == pytest.approx(8.0)
     assert chosen(cotton(), depth=0.5).views_between_eyes == pytest.approx(math.sqrt(4 * 17.85), abs=0.01)
 
@@ -98,12 +99,6 @@ def test_the_width_of_the_picture_is_the_persons_then_the_monitors_then_a_guess(
     assert parallax(by_hand, cotton(), 640, 63.0, 400.0) == chosen(cotton())
 
 
-def test_the_zero_plane_moves_what_is_farthest_and_the_truth() -> None:
-    here, window = (chosen(cotton(), zero_plane_px=zero) for zero in (0.0, 1.5))
-    assert window.comfort_views == pytest.approx((here.comfort_views or 0) * 1.6 / 3.1)
-    assert window.true_views is not None and here.true_views is not None and window.true_views < here.true_views
-
-
 def test_auto_puts_the_nearest_at_the_border_into_the_screen_and_chooses_alpha_for_it() -> None:
     offset = cotton(disparity_min_px=9.0, disparity_max_px=12.0, border_px=(9.0, 10.5))
     found, unmoved = chosen(offset), chosen(offset, zero_plane_px=0.0)
@@ -120,15 +115,11 @@ def test_a_step_of_the_viewer_is_no_news_and_another_seat_is() -> None:
     assert at[80.0].differs_from(at[63.0]) and chosen(cotton(), alpha_px=20.0).differs_from(at[63.0])
 
 
-def test_narrower_eyes_are_nearer() -> None:
+def test_focal_length_and_narrower_eyes_which_are_nearer() -> None:
+    assert camera_focal_px(from_dict({"camera": {"fov_deg": 60.0}}), 640) == pytest.approx(320.0 * math.sqrt(3))
+    assert camera_focal_px(from_dict({"camera": {"focal_px": 600.0, "width_px": 640}}), 1280) == pytest.approx(1200.0)
     child = from_dict({"camera": {"focal_px": 600.0}, "screen": {"eyes_mm": 50.0}})
     assert parallax(child, cotton(), 640, 63.0).distance_mm == pytest.approx(600.0 * 50 / 63)
-
-
-def test_focal_length() -> None:
-    assert camera_focal_px(from_dict({"camera": {"fov_deg": 60.0}}), 640) == pytest.approx(320.0 * math.sqrt(3))
-    wide = from_dict({"camera": {"focal_px": 600.0, "width_px": 640}})
-    assert camera_focal_px(wide, 1280) == pytest.approx(1200.0)
 
 
 @given(st.floats(-300, 300), st.floats(0, 600))

@@ -22,8 +22,7 @@ def test_records_of_a_tracker_that_hangs_are_no_viewer(world: World, scene: Path
     """Found after SIGKILL of track: "eyes predicted ahead p95 2588 ms"."""
     world.up(scene)
     world.wait_for(lambda: any(line["face"] for line in world.lines()), "a face")
-    pid = world.monitor()["stages"]["track"]["pid"]
-    os.kill(pid, signal.SIGSTOP)
+    pid = world.kill("track", signal.SIGSTOP)
     stopped_ns = time.monotonic_ns()
     try:
         lines = world.wait_for(lambda: _alone(world, stopped_ns), "picture for nobody", 5)

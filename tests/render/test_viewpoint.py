@@ -26,19 +26,14 @@ def soft_clamp(value: float, count: int, reach: float) -> float:
 
 
 def test_formula() -> None:
-    left, right = solver().views((326.0, 252.0, 302.0, 252.0))
-    assert left == (4 + 1.0, 4 - 0.5)
-    assert right == (4 + 1.0, 4 + 1.5)
+    """The unmirrored picture shows the left eye, and a step to the viewer's left, at larger x; who sinks is at larger y."""
+    assert solver().views((326.0, 252.0, 302.0, 252.0)) == ((4 + 1.0, 4 - 0.5), (4 + 1.0, 4 + 1.5))
 
 
-def test_a_viewer_who_moves_right_looks_from_further_right_and_one_who_sinks_from_further_down() -> None:
-    here = solver().views((350.0, 240.0, 290.0, 240.0))
-    moved = solver().views((340.0, 246.0, 280.0, 246.0))  # the unmirrored picture shows a step to the viewer's right as left
-    assert moved[0][1] > here[0][1] and moved[1][1] > here[1][1] and moved[0][0] > here[0][0]
-    assert here[0][1] < here[1][1], "the left eye looks from further left"
+SENSELESS = st.sampled_from([0.0, -0.0, math.nan, math.inf, 1e-320])
 
 
-@given(st.tuples(ANY, ANY, ANY, ANY), st.floats(1e-9, 1e9), COUNTS, COUNTS, st.floats(0, 16), METHODS)
+@given(st.tuples(ANY, ANY, ANY, ANY), st.floats(1e-9, 1e9) | SENSELESS, COUNTS, COUNTS, st.floats(0, 16), METHODS)
 def test_always_finite_and_within_reach(
     p: tuple[float, float, float, float], alpha_px: float, rows: int, cols: int, reach: float, method: str
 ) -> None:
@@ -48,11 +43,6 @@ def test_always_finite_and_within_reach(
     for row, col in found:
         assert -reach <= row <= rows - 1 + reach
         assert -reach <= col <= cols - 1 + reach
-
-
-@pytest.mark.parametrize("alpha_px", [0.0, -0.0, math.nan, math.inf, 1e-320])
-def test_senseless_alpha_is_survived(alpha_px: float) -> None:
-    assert np.isfinite(solver(alpha_px=alpha_px).views((300.0, 200.0, 340.0, 200.0))).all()
 
 
 def test_an_eye_that_is_no_number_looks_from_the_middle() -> None:
@@ -111,7 +101,7 @@ def test_as_printed_in_the_paper_each_eye_stops_by_itself() -> None:
     assert [col for _, col in flat] == [8.0, 8.0] and [col for _, col in deep] == pytest.approx([3.0, 8.0])
 
 
-@given(st.tuples(ANY, ANY), st.one_of(st.floats(1e-9, 1e9), st.just(math.nan), st.just(math.inf), st.just(0.0)))
+@given(st.tuples(ANY, ANY), st.floats(1e-9, 1e9) | SENSELESS)
 def test_a_dragged_neutral_position_is_finite_for_finite_eyes(centre: tuple[float, float], alpha_px: float) -> None:
     if all(map(math.isfinite, centre)):
         found = solver(alpha_px=alpha_px).dragged(centre, (350.0, 200.0, 290.0, 200.0))

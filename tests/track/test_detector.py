@@ -1,25 +1,20 @@
-"""Anchors, overlap and suppression of the face detector."""
+"""Overlap, suppression and crops of the face detector."""
 
 import cv2
 import numpy as np
 import pytest
 
-from lfpipe.track.detector import SAME, SHORT, anchors, overlap, suppressed
+from lfpipe.track.detector import SAME, overlap, suppressed
 from lfpipe.track.network import Roi, mapped, portable_warp, warp
-
-
-def test_anchors_are_two_on_each_cell_of_16_and_six_on_each_of_8() -> None:
-    found = anchors(SHORT.grids)
-    assert found.shape == (896, 2)
-    np.testing.assert_allclose(found[[0, 1, 2]], [[1 / 32, 1 / 32], [1 / 32, 1 / 32], [3 / 32, 1 / 32]])
-    np.testing.assert_allclose(found[[512, 517, 518]], [[1 / 16, 1 / 16], [1 / 16, 1 / 16], [3 / 16, 1 / 16]])
-    np.testing.assert_allclose(found[-1], [15 / 16, 15 / 16])
 
 
 def test_overlap_is_intersection_over_union() -> None:
     a, others = (0.0, 0.0, 2.0, 2.0), [(0.0, 0.0, 2.0, 2.0), (1.0, 0.0, 3.0, 2.0), (2.0, 2.0, 3.0, 3.0), (0.5, 0.5, 0.5, 0.5)]
     assert [overlap(a, other) for other in others] == pytest.approx([1, 1 / 3, 0, 0])
     assert overlap(others[3], others[3]) == 0  # no area, no overlap, no division by zero
+    here = (100.0, 100.0, 200.0, 200.0)
+    faces = (130.0, 110.0, 230.0, 210.0), (180.0, 100.0, 280.0, 200.0), (140.0, 140.0, 160.0, 160.0)
+    assert [overlap(here, face) > SAME for face in faces] == [True, False, False], "the same where it was and of its size"
 
 
 def test_suppression_averages_by_score_and_keeps_the_best_score() -> None:
@@ -39,12 +34,6 @@ def test_crop_shows_what_the_map_says(angle: float) -> None:
     y, x = np.indices(crop.shape)
     middle = np.array([[(crop * x).sum() / crop.sum(), (crop * y).sum() / crop.sum()]])
     np.testing.assert_allclose(mapped(middle, roi.matrix(60))[0], (61.5, 41.5), atol=0.1)
-
-
-def test_a_face_is_the_same_where_it_was_and_of_its_size() -> None:
-    here = (100.0, 100.0, 200.0, 200.0)
-    others = (130.0, 110.0, 230.0, 210.0), (180.0, 100.0, 280.0, 200.0), (140.0, 140.0, 160.0, 160.0)
-    assert [overlap(here, other) > SAME for other in others] == [True, False, False]
 
 
 @pytest.mark.parametrize("roi", [Roi(51.3, 40.2, 60.0, 0.1), Roi(5.0, 3.0, 40.0, -0.4), Roi(90.0, 70.0, 31.0, 3.0)])

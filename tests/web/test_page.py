@@ -25,7 +25,7 @@ def test_the_picture_is_lent_at_full_chroma_taken_back_and_controlled(live: Worl
     camera = live_server.picture("camera")
     assert camera.shape == (240, 320, 3) and camera.std() > 20
     until(lambda: live.segments("pictures") == [], "ring taken back when nobody asks")
-    live.pictures(len(live.lines()) + 5)
+    live.more_pictures(5)
 
     def spread() -> float:
         return float(np.ptp(live_server.picture().reshape(-1, 3).mean(axis=0)))
@@ -65,7 +65,7 @@ def test_in_a_browser_charts_move_and_controls_work(world: World, scene: Path, s
             browser.ask(f"(() => {{ {control}.value = '{value}'; {control}.dispatchEvent(new Event('{event}')); }})()")
 
         turn("anaglyph", "mono", "change")
-        until(lambda: world.run("ctl", "--session", world.name, "--json", "status").stdout.count('"mono"'), "other mode")
+        until(lambda: world.monitor()["config"]["render"]["anaglyph"] == "mono", "other mode")
         before = len(world.lines())
         turn("zero", 1.5, "input")
         until(lambda: browser.ask("window.lfpipe.last.config.render.zero_plane_px") == 1.5, "moved zero plane")
@@ -75,7 +75,7 @@ def test_in_a_browser_charts_move_and_controls_work(world: World, scene: Path, s
         until(lambda: browser.ask("!window.lfpipe.last.paused"), "going on")
         browser.click("#recentre")
         world.pictures(before + 10)
-        world.run("ctl", "--session", world.name, "stop")
+        world.ctl("stop")
         until(lambda: "no session" in browser.ask("document.getElementById('state').textContent"), "word of the end")
         world.wait_for(lambda: not world.left(), "clean end")
         world.trace.unlink()
