@@ -1,14 +1,24 @@
-"""The configuration: every error named at once, every key explained, presets whole."""
+"""The configuration: every error named at once, every key explained, presets whole; and from files, the command line and messages
+any content is accepted completely or refused by name."""
 
+import os
+import sys
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import msgpack
 import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 
 from lfpipe import config
 from lfpipe.config import Config
 from lfpipe.config.user_files import commented
 from lfpipe.errors import UserError
+from tests import hostile_files
+from tests.hostile_files import NO_FILES, TOML_TEXTS, VALUES, deep, ended
 from tools.make_reference import DOCS, PAGES
 
 
@@ -79,3 +89,136 @@ def test_a_running_session_takes_live_keys_only() -> None:
     assert config.updated(Config(), {"camera.width_px": 320}).camera.width_px == 320, "one that is still to begin takes all"
     with pytest.raises(UserError, match=r"camera\.width_px.*fixed while a session runs"):
         config.updated(Config(), {"render.alpha_px": 3, "camera.width_px": 320}, live_only=True)
+
+
+KEYS = sorted(config.options())
+SECTIONS = sorted({key.partition(".")[0] for key in KEYS})
+NAMES = st.sampled_from([*KEYS, *SECTIONS]) | st.text(max_size=20) | st.sampled_from(KEYS).map(lambda key: key + ".x")
+LEAVES = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=9) | st.binary(max_size=9) | st.datetimes()
+SHAPES = st.recursive(
+    st.sampled_from(VALUES) | LEAVES,
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(NAMES | st.integers() | st.none(), inner, max_size=4),
+    max_leaves=20,
+)
+
+
+def usable(made: Config) -> None:
+    """Accepted settings can be sent to a stage, stored and printed, and come back unchanged."""
+    assert config.trusted(msgpack.unpackb(msgpack.packb(config.to_dict(made)))) == made
+    assert config.from_dict(tomllib.loads(commented(made).encode().decode())) == made
+
+
+@settings(max_examples=120)
+@example(sets={"render": {}}, live=True)
+@example(sets={"render": {"alpha_px": 3}}, live=True)
+@example(sets={"": 1}, live=True)
+@example(sets={"screen.monitor": 10**400}, live=False)
+@example(sets={"screen.monitor": 2**64}, live=False)
+@example(sets={"camera.source": "\udcff"}, live=False)
+@example(sets={"render.alpha_px": 10**400}, live=True)
+@example(sets={"camera.source": '\U0001f600 a"b\\c 日本'}, live=False)
+@given(sets=st.dictionaries(NAMES | st.integers(), SHAPES, max_size=4), live=st.booleans())
+def test_a_change_is_taken_whole_or_refused(sets: dict[str, Any], live: bool) -> None:
+    before = Config()
+    try:
+        after = config.updated(before, sets, live_only=live)
+    except UserError as error:
+        assert len(str(error)) <= 2000
+        return
+    assert set(sets) <= set(KEYS)
+    usable(after)
+
+
+@settings(max_examples=100)
+@given(tree=SHAPES | st.dictionaries(st.sampled_from(SECTIONS), st.dictionaries(NAMES, SHAPES, max_size=4)))
+def test_a_tree_of_any_shape_is_taken_or_refused(tree: Any) -> None:
+    try:
+        usable(config.from_dict(tree))
+    except UserError as error:
+        assert len(str(error)) <= 2000
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_every_key_refuses_every_wrong_value_by_name(key: str) -> None:
+    for value in (*VALUES, deep(20_000), b"x", {1: 2}, ("a",), object()):
+        try:
+            usable(config.updated(Config(), {key: value}))
+        except UserError as error:
+            assert error.message.startswith(f"configuration: {key}: "), error
+            assert len(error.message) < 400 and error.remedy
+
+
+@pytest.mark.parametrize("text", TOML_TEXTS, ids=range(len(TOML_TEXTS)))
+def test_any_text_is_taken_or_refused_by_the_name_of_its_layer(text: str, tmp_path: Path) -> None:
+    for key in (*KEYS, "render", "x", "a.b.c", "", "\udcff", "x" * 5000):
+        try:
+            name, value = config.parse_set(f"{key}={text}")
+            msgpack.packb({name: value})
+            usable(config.load(None, [f"{key}={text}"]))
+        except UserError as error:
+            assert len(str(error)) <= 2000
+    path = tmp_path / "mine.toml"
+    for head in ("[render]\nalpha_px = ", "[camera]\nsource = ", "render = ", "x = ", "[[render]]\na = ", ""):
+        path.write_text(head + text, "utf-8", "surrogatepass")
+        try:
+            usable(config.load(path))
+        except UserError as error:
+            assert "mine.toml" in error.message and len(str(error)) <= 2000, error
+
+
+@pytest.mark.parametrize("kind", sorted(set(NO_FILES) - {"empty"}))
+def test_what_is_no_file_is_refused_at_once(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "lfpipe").mkdir()
+    for path, name in ((tmp_path / "mine.toml", tmp_path / "mine.toml"), (tmp_path / "lfpipe" / "config.toml", None)):
+        NO_FILES[kind](path)
+        monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path if name is None else tmp_path / "none"))
+        with pytest.raises(UserError, match=path.name):
+            config.load(name)
+    for name in ("papr", "a\0b", "x" * 300, "x" * 5000, "\udcff", "/dev/null", "/proc/self/mem", "/dev/stdin/x"):
+        with pytest.raises(UserError, match="--config"):
+            config.load(name)
+
+
+def test_thousands_of_unknown_keys_make_a_short_message(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text("[render]\n" + "".join(f"alpha_px{n} = 1\n" for n in range(3626)))
+    with pytest.raises(UserError) as caught:
+        config.load(path)
+    said = str(caught.value)
+    assert "and more" in said and len(said.replace(str(path), "mine.toml")) < 1000
+    everything = {key: "\x1b" * 100 for key in KEYS} | {f"render.alpha_pix{n}": 1 for n in range(100)}
+    with pytest.raises(UserError) as caught:
+        config.updated(Config(), everything)
+    assert len(str(caught.value)) <= 2000
+
+
+COSTLY: dict[str, Callable[[], bytes]] = {  # files that cost time or memory if they are read carelessly
+    "dotted keys": lambda: b"a." * 60_000 + b"a = 1",
+    "tables": lambda: b"[" + b"a." * 60_000 + b"a]",
+    "many tables": lambda: b"".join(b"[a%d]\n" % n for n in range(12_000)),
+    "lists": lambda: b"a = [" + b"[]," * 40_000 + b"]",
+    "inline tables": lambda: b"a = " + b"{b=" * 30_000,
+    "digits": lambda: b"a = " + b"9" * 120_000,
+    "comment": lambda: b"#" + b"x" * 100_000_000,
+    "zeros": lambda: b"\0" * 1_000_000,
+}
+
+
+@pytest.mark.parametrize("name", COSTLY)
+def test_a_refusal_is_quick_and_small(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_bytes(COSTLY[name]())
+    env = {**os.environ, "XDG_CONFIG_HOME": str(tmp_path / "none")}
+    code, _, err, peak_mb = ended([sys.executable, "-m", "lfpipe", "config", "check", str(path)], timeout_s=20, env=env)
+    assert code == 2 and err.startswith("error: ") and "mine.toml" in err and len(err) < 2000, err[:3000]
+    assert peak_mb <= hostile_files.PEAK_MB
+
+
+def test_what_is_written_is_never_half(tmp_path: Path) -> None:
+    env = {**os.environ, "XDG_CONFIG_HOME": str(tmp_path / "none")}
+    lfpipe = [sys.executable, "-m", "lfpipe", "config", "init"]
+    for place in ("/dev/full", "/proc/x/c.toml", str(tmp_path), str(tmp_path / "gone" / ("x" * 300))):
+        code, _, err, _ = ended([*lfpipe, place], env=env)
+        assert code == 2 and err.startswith("error: "), err
+    code, out, _, _ = ended([*lfpipe, str(tmp_path / "new" / "c.toml")], env=env)
+    assert code == 0 and out.strip().endswith("c.toml") and config.load(tmp_path / "new" / "c.toml") == Config()

@@ -1,4 +1,5 @@
-"""Choice of the monitor, pixel sizes, and windows on an X server with two monitors and on a desktop that scales."""
+"""Choice of the monitor, pixel sizes, windows on an X server with two monitors and on a desktop that scales; and reasons to
+distrust a delay of the loop that was measured on another."""
 
 import functools
 import os
@@ -6,19 +7,22 @@ import shutil
 import subprocess
 from collections.abc import Iterator
 
+import attrs
 import numpy as np
 import pygame
 import pytest
 
+from lfpipe import config
+from lfpipe.cli.launch import loop_lines
 from lfpipe.errors import UserError
-from lfpipe.render.monitors import Monitor, find_monitor, monitors, pixel_mm
+from lfpipe.render.monitors import Monitor, find_monitor, loop_conditions, loop_doubt, monitors, pixel_mm
 from lfpipe.render.window import USUAL_MM, CalibrationWindow, Window
 from tests.sway_screen import sway
 from tests.xvfb_screen import outline, x_server
 
 DESK = [
-    Monitor(0, "eDP-1", 0, 0, 1920, 1200, 0.18),
-    Monitor(1, 'DP-1 24"', 1920, 0, 1920, 1080, None),
+    Monitor(0, "eDP-1", 0, 0, 1920, 1200, 0.18, 60.0),
+    Monitor(1, "DP-1; 24", 1920, 0, 1920, 1080, None, 144.0),
     Monitor(2, 'DP-2 27"', 3840, 0, 2560, 1440, 0.23),
 ]
 
@@ -45,7 +49,7 @@ XWININFO = pytest.mark.skipif(shutil.which("xwininfo") is None, reason="xwininfo
 GREY = np.full((240, 240, 3), 90, np.uint8)
 
 
-@pytest.mark.parametrize(("wanted", "number"), [("0", 0), ("2", 2), ("eDP-1", 0), ("edp", 0), ("27", 2), ('DP-1 24"', 1)])
+@pytest.mark.parametrize(("wanted", "number"), [("0", 0), ("2", 2), ("eDP-1", 0), ("edp", 0), ("27", 2), ("DP-1; 24", 1)])
 def test_a_number_or_part_of_a_name(wanted: str, number: int) -> None:
     assert find_monitor(wanted, DESK).number == number
 
@@ -138,3 +142,41 @@ def test_on_a_desktop_that_scales_pixels_are_the_screens_own(monkeypatch: pytest
             assert window.to_picture(0.5, 0.5) == pytest.approx((250, 200))
         finally:
             window.close()
+
+
+CAMERA = "HD Webcam; C920"
+
+
+def measured(camera: str = CAMERA, **changes: object) -> config.Config:
+    """A configuration in which the loop was measured on the second monitor; then something changed."""
+    here = loop_conditions("2026-11-21", camera, config.Camera(), DESK[1])
+    sets = {"render.loop_ms": 61.5, "render.loop_measured": here}
+    return config.updated(config.updated(config.Config(), sets), changes)
+
+
+@pytest.mark.parametrize(
+    ("camera", "changes", "desk", "named"),
+    [
+        (CAMERA, {}, DESK, ""),
+        (CAMERA, {"screen.monitor": 1}, DESK, ""),
+        ("another", {}, DESK, "now it is another"),
+        (CAMERA, {"camera.rate_hz": 60}, DESK, "640x480 auto 60 Hz"),
+        (CAMERA, {"screen.monitor": "eDP"}, DESK, "eDP-1, 60 Hz"),
+        (CAMERA, {}, [], "another monitor"),
+        (CAMERA, {}, [DESK[0], attrs.evolve(DESK[1], rate_hz=120.0)], "120 Hz"),
+        (CAMERA, {"render.loop_measured": ""}, DESK, "set by hand"),
+    ],
+)
+def test_what_changed_is_named(camera: str, changes: dict[str, object], desk: list[Monitor], named: str) -> None:
+    doubt = loop_doubt(measured(**changes), camera, desk)
+    assert named in doubt if named else not doubt
+
+
+def test_up_says_whether_the_delay_is_trusted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lfpipe.cli.launch.detect_monitors", lambda: ("x11", DESK))
+    known = measured("demo")
+    assert loop_lines(known, "demo", "window") == ["loop    61.5 ms delay of camera and display"]
+    changed = config.updated(known, {"camera.rate_hz": 60})
+    (line,) = loop_lines(changed, "demo", "window")
+    assert "doubtful: measured with demo" in line and "calibrate --latency" in line
+    assert loop_lines(changed, "demo", "none") == [] and loop_lines(config.Config(), "demo", "window") == []

@@ -87,7 +87,6 @@ def test_the_right_button_takes_over_from_a_camera_and_gives_it_back_without_a_j
     assert max(np.abs(np.diff([*still, *away, *back]))) < 0.6 and not session.mouse.looks
 
 
-@pytest.mark.live
 @pytest.mark.timeout(300)
 @needs_xdotool
 def test_a_session_of_the_mouse_needs_no_camera_is_recorded_and_played_again(world: World, scene: Path, screen: Screen) -> None:

@@ -23,7 +23,6 @@ def _rows(world: World) -> dict[str, tuple[str, int, int]]:
     return {name: (row["state"], row["pid"], row["restarts"]) for name, row in world.monitor()["stages"].items()}
 
 
-@pytest.mark.live
 @pytest.mark.native("Video4Linux")
 def test_one_session_outlives_all_that_happens_to_its_camera(world: World, scene: Path, tmp_path: Path) -> None:
     node = tmp_path / "video0"

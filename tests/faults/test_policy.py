@@ -3,8 +3,6 @@
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 from lfpipe.errors import UserError
 from tests.world import World, write_scene
 
@@ -19,7 +17,6 @@ def _ask(world: World, **message: Any) -> dict[str, Any]:
         return {"error": str(error)}
 
 
-@pytest.mark.live
 def test_five_failures_end_the_session_with_stage_phase_frame_and_stack(world: World, scene: Path) -> None:
     world.module = "tests.faults.picky_render"
     process = world.up(scene, *CAMERA, "--set", "render.loop_ms=9")

@@ -14,8 +14,6 @@ import pytest
 from tests.scene.made import views, write_grid
 from tests.world import World
 
-pytestmark = pytest.mark.live
-
 HOG = "import os, sys\nos.sched_setaffinity(0, {int(sys.argv[1])})\nwhile os.getppid() == int(sys.argv[2]): pass"
 PER_CORE = 12
 BEFORE_OTHERS = -15

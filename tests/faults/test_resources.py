@@ -19,8 +19,6 @@ import pytest
 from lfpipe.sequence.folder import open_sequence
 from tests.world import World
 
-pytestmark = pytest.mark.live
-
 PLAIN = ("--camera", "demo", "--display", "none", "--duration", "0.5")
 MAY_MOUNT = (
     shutil.which("unshare") is not None

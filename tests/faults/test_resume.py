@@ -8,9 +8,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 import lfpipe
+from lfpipe.eyes import MAX_HORIZON_S
 from lfpipe.supervisor.process_table import STAGES
 from lfpipe.transport.clock import SLEPT_NS, SleepWatch
 from tests.world import World
@@ -28,7 +27,6 @@ def _back_at(world: World, t_ns: int, rate_hz: float) -> bool:
     return any(b - a <= 5e8 for a, b in zip(stamps, stamps[int(0.45 * rate_hz) :], strict=False))
 
 
-@pytest.mark.live
 def test_stopped_and_continued_each_process_and_all_are_back_at_rate(world: World, scene: Path, clip: Path) -> None:
     sets = ("--set", "render.clock=display", "--set", f"render.rate_hz={RATE_HZ}", "--set", "render.method=nearest")
     supervisor = world.up(scene, *sets, camera=f"file:{clip}?loop=1&pace={RATE_HZ}", start_new_session=True)
@@ -80,3 +78,30 @@ def test_no_process_of_a_session_reads_the_wall_clock_after_its_start() -> None:
             for node in ast.walk(ast.parse(path.read_text())):
                 if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
                     assert node.attr not in wall.get(node.value.id, ()), f"{path.name}: {node.value.id}.{node.attr}"
+
+
+def _alone(world: World, since_ns: int) -> list[dict[str, Any]]:
+    return [line for line in world.lines() if not line["face"] and line["t_composed_ns"] > since_ns]
+
+
+def test_records_of_a_tracker_that_hangs_are_no_viewer(world: World, scene: Path) -> None:
+    """Found after SIGKILL of track: "eyes predicted ahead p95 2588 ms"."""
+    world.up(scene)
+    world.wait_for(lambda: any(line["face"] for line in world.lines()), "a face")
+    pid = world.kill("track", signal.SIGSTOP)
+    stopped_ns = time.monotonic_ns()
+    try:
+        lines = world.wait_for(lambda: _alone(world, stopped_ns), "picture for nobody", 5)
+    finally:
+        os.kill(pid, signal.SIGCONT)
+    assert lines[0]["t_composed_ns"] - lines[0]["t_sensor_ns"] < 0.7e9
+    assert world.monitor()["horizon"]["max_ms"] <= 1.02e3 * MAX_HORIZON_S
+
+
+def test_a_slow_camera_is_no_dead_tracker(world: World, scene: Path, clip: Path) -> None:
+    """One frame in 800 ms is older than a dead tracker's last one when the next comes, and still shows where the viewer is."""
+    world.up(scene, camera=f"file:{clip}?pace=1.25&loop=1")
+    world.wait_for(lambda: len({line["source_seq"] for line in world.lines() if line["face"]}) > 4, "five faces")
+    lines = world.lines()
+    known = next(line["source_seq"] for line in lines if line["face"]) + 2  # two frames tell how slow the camera is
+    assert all(line["face"] for line in lines if line["source_seq"] >= known)

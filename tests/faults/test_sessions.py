@@ -11,8 +11,6 @@ import pytest
 
 from tests.world import World, runs
 
-pytestmark = pytest.mark.live
-
 SMALL = tuple(
     f"--set={key}" for key in ("camera.width_px=160", "camera.height_px=120", "render.clock=camera", "render.method=nearest")
 )

@@ -17,8 +17,6 @@ import pytest
 from lfpipe.sequence.folder import open_sequence
 from tests.world import World, runs
 
-pytestmark = pytest.mark.live
-
 LARGE = ("--set", "camera.width_px=1280", "--set", "camera.height_px=720", "--set", "camera.rate_hz=60")
 SMALL = ("--set", "camera.width_px=160", "--set", "camera.height_px=120")
 

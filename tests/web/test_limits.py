@@ -1,12 +1,19 @@
-"""Limits on clients: partial, large and many requests, and unread answers."""
+"""Limits on clients: partial, large and many requests, unread answers, and commands of any bytes."""
 
 import itertools
+import json
 import socket
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from lfpipe.host.segment import PREFIX
 from lfpipe.observe.web import MAX_STRANGERS, MAX_STREAMS
+from tests.supervisor.states import messages, values
 from tests.web.server import Server, served, until
 from tests.world import World
 
@@ -99,3 +106,30 @@ def test_a_server_that_nobody_looks_at_lets_go_of_the_session_and_ends_with_view
         connection, viewer = server.viewer()
         assert viewer.readline().startswith(b"data: ")
     connection.close()
+
+
+DEEP = st.sampled_from([7, 8, 9, 31, 33, 500, 1900]).flatmap(
+    lambda depth: st.sampled_from([depth * "[" + depth * "]", depth * '{"a":' + "1" + depth * "}"])
+)
+BODIES = st.one_of(
+    (messages | values).map(lambda value: json.dumps(value).encode()),
+    st.tuples(messages, DEEP).map(lambda both: (json.dumps(both[0])[:-1] + f',"set":{both[1]}}}').encode()),
+    messages.map(lambda value: json.dumps(value).encode("utf-16")),
+    st.sampled_from([b'{"cmd":"set","set":{"render.alpha_px":%s}}' % number for number in (b"1e999", b"1e-400", b"9" * 3900)]),
+    st.binary(max_size=100),
+)
+
+
+@settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(BODIES)
+def test_a_hostile_command_is_answered_and_the_page_goes_on(live_server: Server, body: bytes) -> None:
+    status, data = live_server.ask("POST", "/ctl", body)
+    assert status in (200, 400, 413), (status, data)
+    answer: Any = json.loads(data, parse_constant=pytest.fail)
+    assert answer["ok"] is (status == 200) and (status == 200 or answer["error"]) and "Traceback" not in data.decode()
+
+
+def test_afterwards_page_and_session_go_on(live_server: Server) -> None:
+    answer = json.loads(live_server.ask("POST", "/ctl", {"cmd": "set", "set": {"render.alpha_px": 12.0}})[1])
+    assert answer["ok"] is True and live_server.ask("POST", "/ctl", {"cmd": "resume"})[0] == 200
+    assert live_server.jpeg("picture")
