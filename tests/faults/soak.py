@@ -258,10 +258,23 @@ class Soak:
             hog.wait()
 
     def _pause(self, _: str) -> None:
+        """Every frame that comes meanwhile is left out, and counted."""
+        before, left_out = self._unaccounted()
         for seconds in (0.4, 0.05, 0.01):
             assert self.world.ask(cmd="pause")["ok"]
             time.sleep(seconds)
             assert self.world.ask(cmd="resume")["ok"]
+        self._wait_for_pictures("a pause")
+        after, left_out_now = self._unaccounted()
+        assert after == before and left_out_now > left_out + 5, (before, after)
+
+    def _unaccounted(self) -> tuple[int, int]:
+        """The camera's frames up to the newest published one, less those published, dropped or left out; and those left out."""
+        pid, row = self._pid("capture"), self.watcher.table.rows["capture"]
+        self._signal(pid, signal.SIGSTOP)
+        source_seq, seq, drops, left_out = (int(row[name]) for name in ("source_seq", "seq", "drops", "left_out"))
+        self._signal(pid, signal.SIGCONT)
+        return source_seq - seq - drops - left_out, left_out
 
     def _send_garbage(self, _: str) -> None:
         with control.context() as ctx, ctx.socket(zmq.DEALER) as socket:
