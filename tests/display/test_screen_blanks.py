@@ -1,11 +1,10 @@
-"""Sessions in real windows on real servers: who reports the blanks, on what grid, and what the trace makes of it."""
+"""Sessions in real windows on real servers: who reports the blanks, and what the trace makes of it."""
 
 import shutil
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from tests.sway_screen import sway
@@ -25,20 +24,19 @@ def test_a_session_names_who_tells_when_its_pictures_were_shown(
     system: str, world: World, scene: Path, request: pytest.FixtureRequest
 ) -> None:
     if system == "x":
-        world.env["DISPLAY"], reporters, rate_hz = request.getfixturevalue("screen").name, {"x_present"}, 60
+        world.env["DISPLAY"], reporters = request.getfixturevalue("screen").name, {"x_present"}
     else:  # which of them depends on the version of wlroots
         world.env |= {"WAYLAND_DISPLAY": request.getfixturevalue("wayland"), "SDL_VIDEODRIVER": "wayland"}
-        reporters, rate_hz = {"wp_presentation", "wl_surface.frame"}, 75
+        reporters = {"wp_presentation", "wl_surface.frame"}
     world.up(scene, display="window")
     lines = world.pictures(60)
     named = [line["presented_by"] for line in lines]
     assert set(named) <= reporters | {"handover", "replaced"} and named.count("handover") < len(named) / 2
     assert all(b["seq"] == a["seq"] + 1 for a, b in pairwise(lines)), "in their order, each of them"
     seen = [line for line in lines if line["composed"] and line["presented_by"] != "replaced"]
-    assert all(line["t_presented_ns"] >= line["t_composed_ns"] - 20e6 for line in seen)
+    assert all(-20e6 <= line["t_presented_ns"] - line["t_composed_ns"] < 1e9 for line in seen)
     assert not any(line["t_presented_ns"] for line in lines if line["presented_by"] == "replaced")
-    steps = np.diff([line["t_presented_ns"] for line in seen if line["presented_by"] in reporters]) / (1e9 / rate_hz)
-    assert (steps > 0).all(), "no two pictures at one blank"
-    assert system != "x" or np.median(np.abs(steps - np.round(steps))) < 0.15, "on a grid of 60 Hz"
+    blanks = [line["t_presented_ns"] for line in seen if line["presented_by"] in reporters]
+    assert all(a < b for a, b in pairwise(blanks)), "no two pictures at one blank"
     monitor = world.monitor()
     assert monitor["judder"]["planned"] > 0 and 0 <= monitor["judder"]["percent"] <= 100

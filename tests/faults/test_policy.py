@@ -20,7 +20,8 @@ def _ask(world: World, **message: Any) -> dict[str, Any]:
 def test_five_failures_end_the_session_with_stage_phase_frame_and_stack(world: World, scene: Path) -> None:
     world.module = "tests.faults.picky_render"
     process = world.up(scene, *CAMERA, "--set", "render.loop_ms=9")
-    err = world.ended(process, code=1)
+    _, err = process.communicate(timeout=120)
+    assert process.returncode == 1 and not world.left(), err
     last = err[err.index("error: ") :]
     assert "render failed 5 times in 60 s, last in RUNNING with exit code 1, after source_seq" in last
     assert "its last stack:" in last and "ZeroDivisionError: show at 9" in last and "picky_render.py" in last
@@ -49,6 +50,7 @@ def test_a_change_is_taken_whole_or_not_at_all_and_never_ends_the_session(world:
     assert "error" not in _ask(world, cmd="load", scene=str(write_scene(tmp_path / "other", 1, 5)))
     assert world.more_pictures(3)[-1]["view"]["left"][0] == 0
     _ask(world, cmd="stop")
-    err = world.ended(process)
+    _, err = process.communicate(timeout=120)
+    assert process.returncode == 0, err
     assert err.count("the last change is rolled back: render.loop_ms = 7: not for me") == 3
     assert err.count("the last change is rolled back: render fails with it") == 3
