@@ -10,7 +10,7 @@ from pathlib import Path
 import attrs
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.errors import UserError
@@ -41,12 +41,6 @@ class FrameSequence:
     size_px: tuple[int, int]
     rate_hz: float
     truth: Truth | None
-
-
-def eyes_at(truth: Truth, t_ns: ArrayLike) -> NDArray[np.float64]:
-    """The true eyes (..., 2, 2) px at times (...), between the rows of their table; constant before and after them."""
-    t = np.asarray(t_ns, np.float64)
-    return np.stack([np.interp(t, truth.t_ns, x) for x in truth.eyes_px.reshape(-1, 4).T], axis=-1).reshape(*t.shape, 2, 2)
 
 
 @attrs.define(eq=False)

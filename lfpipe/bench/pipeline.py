@@ -21,7 +21,7 @@ import psutil
 from numpy.typing import NDArray
 
 from lfpipe.bench.anaglyph import view_bgr
-from lfpipe.bench.inputs import Inputs, eyes_at
+from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.paper_loop import Loop
 from lfpipe.bench.results import Figures, rms
 from lfpipe.bench.runner import Candidate, Offer
@@ -141,12 +141,9 @@ def displayed_errors(
     t_ns = np.arange(presented_ns[0] + SKIP_NS, presented_ns[-1], STEP_NS)
     now = np.searchsorted(presented_ns, t_ns, side="right") - 1
     true_ns = t_ns + offset_ns[now]
-    inside = (true_ns >= 0) & (true_ns <= truth.t_ns[-1])
-    now, true_ns = now[inside], true_ns[inside]
-    if not len(now):
+    visible, true_px = truth.sees(true_ns), truth.at(true_ns)
+    if not visible.any():
         raise ValueError("the trace and the truth have no time in common")
-    at = np.searchsorted(truth.t_ns, true_ns, side="right") - 1
-    visible, true_px = truth.visible[at], eyes_at(truth, true_ns)
     used_px = np.array([[row["eyes_used"][side] for side in SIDES] for row in rows])[now]
     drawn = np.maximum.accumulate([k if row.get("composed", True) else 0 for k, row in enumerate(rows)])
     on_screen = np.array([[row["view"][side] for side in SIDES] for row in rows], np.float64)[drawn[now]]
@@ -154,8 +151,9 @@ def displayed_errors(
     view_col = (grid[1] - 1) / 2 + (centre_px[0] - true_px[..., 0]) / alpha_px
     true_view = np.clip(np.stack([view_row, view_col], axis=2), 0, np.array(grid) - 1)
     errors = {"error_views": _apart((on_screen - true_view)[visible]), "error_px": _apart((used_px - true_px)[visible])}
-    moved = np.maximum.accumulate(np.where(visible & truth.still[at], -1, np.arange(len(at))))  # the last sample in motion
-    still = np.arange(len(at)) - moved > STILL_MS
+    resting = visible & truth.still[np.searchsorted(truth.t_ns, true_ns, side="right") - 1]
+    moved = np.maximum.accumulate(np.where(resting, -1, np.arange(len(now))))  # the last sample in motion
+    still = np.arange(len(now)) - moved > STILL_MS
     rests = [used_px[still & (moved == start)] for start in np.unique(moved[still])]
     return errors | ({"jitter_px": _apart(np.concatenate([rest - rest.mean(axis=0) for rest in rests]))} if rests else {})
 

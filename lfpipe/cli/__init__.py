@@ -37,7 +37,7 @@ COMMANDS = {  # in order of use: the module of lfpipe.cli that has the command, 
     "sequence": ("sequence", "Inspect, cut, import and export recordings."),
     "bench": ("bench", "Measure error against run time."),
     "sweep": ("sweep", "Run replays, quality and benchmarks over a whole corpus."),
-    "completion": ("completions", "Print the completion script of a shell."),
+    "completion": ("options", "Print the completion script of a shell."),
 }
 
 

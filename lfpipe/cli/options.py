@@ -1,4 +1,4 @@
-"""Options that several commands share."""
+"""Options that several commands share, and `lfpipe completion`, by which a shell completes them."""
 
 import functools
 from collections.abc import Callable
@@ -6,12 +6,30 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import click
+from click.shell_completion import CompletionItem, get_completion_class
 
-from lfpipe.cli import completions
-from lfpipe.config import load, updated
+from lfpipe.config import choices, load, options, updated
 from lfpipe.transport.session import default_name
 
 F = TypeVar("F", bound=Callable[..., Any])
+
+
+def complete_settings(_context: click.Context, _parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """KEY=VALUE: the keys, then the words that a key accepts."""
+    key, sign, _ = incomplete.partition("=")
+    if sign and key in options():
+        words = ("true", "false") if bool in options()[key].types else choices(key)
+        return [CompletionItem(f"{key}={word}") for word in words if f"{key}={word}".startswith(incomplete)]
+    return [CompletionItem(f"{name}=", help=known.doc) for name, known in options().items() if name.startswith(incomplete)]
+
+
+def complete_sessions(_context: click.Context, _parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """The running sessions."""
+    from lfpipe.supervisor.rundir import running
+
+    return [CompletionItem(name) for name in running() if name.startswith(incomplete)]
+
+
 PATH = click.Path(path_type=Path)
 SCENE = click.argument("path", metavar="SCENE", type=PATH)
 JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
@@ -24,7 +42,7 @@ SESSION = click.option(
     "session_name",
     metavar="NAME",
     callback=lambda _context, _parameter, name: name or default_name(),
-    shell_complete=completions.sessions,
+    shell_complete=complete_sessions,
     help="Name of the session; LFPIPE_SESSION or 'default'.",
 )
 
@@ -36,7 +54,7 @@ def with_settings(command: F) -> F:
         "sets",
         multiple=True,
         metavar="KEY=VALUE",
-        shell_complete=completions.settings,
+        shell_complete=complete_settings,
         help="Change one key of the configuration; repeatable.",
     )(command)
     return click.option("--config", "config_file", metavar="FILE", help="A TOML file, or the name of a preset: paper.")(command)
@@ -47,8 +65,8 @@ def with_config(command: Callable[..., Any]) -> Callable[..., Any]:
 
     @with_settings
     @functools.wraps(command)
-    def run(*given: Any, config_file: str | None, sets: tuple[str, ...], **options: Any) -> Any:
-        return command(*given, config=load(config_file, sets), **options)
+    def run(*given: Any, config_file: str | None, sets: tuple[str, ...], **values: Any) -> Any:
+        return command(*given, config=load(config_file, sets), **values)
 
     return run
 
@@ -62,9 +80,20 @@ def with_scene(command: Callable[..., Any]) -> Callable[..., Any]:
     @click.option("--force", is_flag=True, default=None, help="Open pictures even if they do not look like one light field.")
     @with_config
     @functools.wraps(command)
-    def run(*given: Any, config: Any, **options: Any) -> Any:
-        how = {f"scene.{key}": options.pop(key) for key in ("layout", "grid", "flip", "force")}
+    def run(*given: Any, config: Any, **values: Any) -> Any:
+        how = {f"scene.{key}": values.pop(key) for key in ("layout", "grid", "flip", "force")}
         config = updated(config, {key: value for key, value in how.items() if value is not None})
-        return command(*given, config=config, **options)
+        return command(*given, config=config, **values)
 
     return run
+
+
+@click.command()
+@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+def completion(shell: str) -> None:
+    """Print the completion script of a shell: eval "$(lfpipe completion bash)"."""
+    from lfpipe.cli import cli
+
+    script = get_completion_class(shell)
+    assert script is not None
+    click.echo(script(cli, {}, "lfpipe", "_LFPIPE_COMPLETE").source())

@@ -9,8 +9,7 @@ from typing import Any
 
 import click
 
-from lfpipe.cli import completions
-from lfpipe.cli.options import PATH, SESSION
+from lfpipe.cli.options import PATH, SESSION, complete_settings
 from lfpipe.config import parse_set
 from lfpipe.observe.monitor import print_state, run
 from lfpipe.observe.session_reader import ask
@@ -85,7 +84,7 @@ def _send(session_name: str, as_json: bool, message: dict[str, Any], timeout_s: 
 
 
 @ctl.command("set")
-@click.argument("sets", nargs=-1, required=True, metavar="KEY=VALUE...", shell_complete=completions.settings)
+@click.argument("sets", nargs=-1, required=True, metavar="KEY=VALUE...", shell_complete=complete_settings)
 @click.pass_obj
 def set_keys(send: Send, sets: tuple[str, ...]) -> None:
     """Change keys of the configuration: all of them, or none if one is refused."""

@@ -46,9 +46,9 @@ class ReplayWriter:
                 if not self._named:
                     self._named["first"] = picture.copy()
                 self._named["last"] = picture
-            error_px = self._truth.error_px((used_px[:2], used_px[2:]), t_shown_ns - self._first_ns) if self._truth else None
-            if error_px is not None and error_px > self._worst_px:
-                self._named["worst"], self._worst_px = picture.copy(), error_px
+            error_px = self._truth.error_px((used_px[:2], used_px[2:]), t_shown_ns - self._first_ns) if self._truth else -1.0
+            if error_px > self._worst_px:  # false where the truth is not seen
+                self._named["worst"], self._worst_px = picture.copy(), float(error_px)
         return {"eyes_filtered": {"left": filtered_px[:2], "right": filtered_px[2:]}, "picture": self._digest}
 
     def _store(self, stamp: Stamp, picture: NDArray[np.uint8]) -> None:

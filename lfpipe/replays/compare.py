@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import Config, options, to_dict
+from lfpipe.config.check import flat
 from lfpipe.errors import VALUE_CHARS, UserError, plain, shown
 from lfpipe.files.output import PLACE, marked_picture, write_output
 from lfpipe.files.pictures import header_of
@@ -107,10 +108,10 @@ def compare(reference: Path, folder: Path) -> Comparison:
     check_reference(reference, now)
     tolerance_px, versions = _tolerance(was["versions"], now["versions"])
     # a key that one of them does not know had its default's effect
-    before, after = (_flat(to_dict(Config())) | _flat(report["config"]) for report in (was, now))
+    before, after = (dict(flat(to_dict(Config()))) | dict(flat(report["config"])) for report in (was, now))
     compared = [name for name, key in options().items() if key.replays]
     differences = _unequal("config", *({name: settings[name] for name in compared} for settings in (before, after)))
-    differences += _unequal("plan", _flat(was["plan"]), _flat(now["plan"]))
+    differences += _unequal("plan", was["plan"], now["plan"])
     if was["scene"].get("views") != now["scene"]["views"]:
         differences.append(Difference("scene", "the pictures of its views differ"))
     elif was["scene"].get("order") != now["scene"]["order"]:
@@ -134,13 +135,6 @@ def _tolerance(was: dict[str, str], now: dict[str, str]) -> tuple[float, str]:
     values = ", ".join(f"{name} {plain(str(was[name]), VALUE_CHARS)} in the reference, {now[name]} now" for name in names)
     px = MACHINE_PX if "machine" in names else VERSION_PX
     return px, f"compared with tolerances, not bit by bit: {values}"
-
-
-def _flat(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for key, value in tree.items():
-        flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {prefix + key: value}
-    return flat
 
 
 def _unequal(part: str, was: dict[str, Any], now: dict[str, Any]) -> list[Difference]:

@@ -122,13 +122,13 @@ def _quantiles_ms(values_ns: list[int]) -> dict[str, float]:
 
 def _truth_error(truth: Truth, lines: list[Line], shown_ns: list[int]) -> dict[str, Any]:
     """Errors of the measured eyes (raw, at the frame's time) and of the eyes used for the picture (used, when it is seen)."""
-    first_ns, errors = lines[0]["t_sensor_ns"], {"raw": list[float](), "used": list[float]()}
-    for line, t_ns in zip(lines, shown_ns, strict=True):
-        for name, seen_ns in (("raw", line["t_sensor_ns"]), ("used", t_ns)):
-            error_px = truth.error_px(tuple(line[f"eyes_{name}"].values()), seen_ns - first_ns) if line["face"] else None
-            if error_px is not None:
-                errors[name].append(error_px)
-    return {name: summary(errors_px) for name, errors_px in errors.items()}
+    stamps_ns = np.array([line["t_sensor_ns"] for line in lines])
+    faces = np.array([line["face"] for line in lines], np.bool_)
+    errors = {}
+    for name, t_ns in (("raw", stamps_ns), ("used", np.array(shown_ns))):
+        eyes_px = np.reshape([pair(line, f"eyes_{name}") for line in lines], (-1, 2, 2))
+        errors[name] = summary(truth.error_px(eyes_px, t_ns - stamps_ns[0])[faces])
+    return errors
 
 
 def make_report(

@@ -6,11 +6,10 @@ import json
 import os
 from array import array
 from pathlib import Path
-from typing import Any
 
 import attrs
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from lfpipe.errors import UserError, shown
 from lfpipe.eyes import EYES
@@ -35,22 +34,21 @@ class Truth:
     visible: NDArray[np.bool_]
     still: NDArray[np.bool_] = attrs.Factory(lambda self: np.zeros(len(self.t_ns), np.bool_), takes_self=True)
 
-    def at(self, t_ns: int) -> NDArray[np.float64] | None:
-        """The eyes t_ns after the first frame, (2, 2) px, interpolated between frames; None outside or while they are hidden."""
-        if not self.t_ns[0] <= t_ns <= self.t_ns[-1]:
-            return None
-        after = int(np.searchsorted(self.t_ns, t_ns))
-        before = max(after - 1, 0)
-        if not (self.visible[before] and self.visible[after]):
-            return None
-        step_ns = int(self.t_ns[after] - self.t_ns[before])
-        share = (t_ns - int(self.t_ns[before])) / step_ns if step_ns else 0.0
-        return np.asarray(self.eyes_px[before] + share * (self.eyes_px[after] - self.eyes_px[before]), np.float64)
+    def at(self, t_ns: ArrayLike) -> NDArray[np.float64]:
+        """The eyes (..., 2, 2) px at times (...) after the first frame, between its rows; constant before and after them."""
+        columns = [np.interp(np.asarray(t_ns), self.t_ns, column) for column in self.eyes_px.reshape(-1, 4).T]
+        return np.stack(columns, axis=-1).reshape(*np.shape(t_ns), 2, 2)
 
-    def error_px(self, eyes_px: Any, t_ns: int) -> float | None:
-        """Root mean square over both eyes of the distance from the truth at t_ns, px."""
-        true = self.at(t_ns)
-        return None if true is None else float(np.sqrt(np.square(np.subtract(eyes_px, true)).sum() / 2))
+    def sees(self, t_ns: ArrayLike) -> NDArray[np.bool_]:
+        """Whether both eyes are in view in the frames before and after times (...); not before the first and after the last."""
+        after = np.searchsorted(self.t_ns, t_ns)
+        known = (np.asarray(t_ns) >= self.t_ns[0]) & (after < len(self.t_ns))
+        return np.asarray(known & self.visible[np.maximum(after - 1, 0)] & self.visible[np.minimum(after, len(self.t_ns) - 1)])
+
+    def error_px(self, eyes_px: ArrayLike, t_ns: ArrayLike) -> NDArray[np.float64]:
+        """Root mean square over both eyes (..., 2, 2) of the distance from the truth at times (...), px; NaN where hidden."""
+        error_px = np.sqrt(np.square(np.subtract(eyes_px, self.at(t_ns))).sum(axis=(-2, -1)) / 2)
+        return np.where(self.sees(t_ns), error_px, np.nan)
 
 
 def eyes_line(record: NDArray[np.void], **stamps: int) -> bytes:
@@ -114,10 +112,10 @@ def table_of(path: Path) -> Truth:
     return Truth(t_ns_of - t_ns_of[0], points, np.array(visible, np.bool_), np.array(still, np.bool_))
 
 
-def summary(errors_px: list[float]) -> dict[str, float] | None:
-    """{"n", "rms_px", "p95_px", "max_px"}; None without data."""
-    if not errors_px:
+def summary(errors_px: NDArray[np.float64]) -> dict[str, float] | None:
+    """{"n", "rms_px", "p95_px", "max_px"} of the errors that are numbers; None without any."""
+    errors = errors_px[np.isfinite(errors_px)]
+    if not len(errors):
         return None
-    errors = np.array(errors_px)
     figures = {"rms_px": np.sqrt(np.mean(errors**2)), "p95_px": np.percentile(errors, 95), "max_px": errors.max()}
-    return {"n": len(errors_px), **{name: round(float(value), 4) for name, value in figures.items()}}
+    return {"n": len(errors), **{name: round(float(value), 4) for name, value in figures.items()}}

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.bench import extremes, filters, judder, paper_loop, photon, pipeline, stability, synthesis, tracker
-from lfpipe.bench.inputs import FrameSequence, Inputs, demo_sequence, eyes_at, read_sequence
+from lfpipe.bench.inputs import FrameSequence, Inputs, demo_sequence, read_sequence
 from lfpipe.bench.motion import known_motion
 from lfpipe.bench.results import Results
 from lfpipe.bench.runner import Candidate
@@ -133,7 +133,7 @@ def test_displayed_error_of_a_known_trace() -> None:
     truth = Truth(t_ns, eyes, np.ones(len(t_ns), bool))
     rows = []
     for ms in range(200, 3500):
-        used = eyes_at(truth, (ms - 10) * 1e6)
+        used = truth.at((ms - 10) * 1e6)
         views = [[4.0, 4 + (400 - u) / 100] for u in used[:, 0]]
         pairs = {name: dict(zip(("left", "right"), np.asarray(pair).tolist(), strict=True)) for name, pair in
                  (("eyes_used", used), ("view", views))}  # fmt: skip
@@ -214,8 +214,8 @@ def test_truth_between_its_rows_is_between_them(heights: list[float], seed: int)
     t_ns = np.cumsum(np.random.default_rng(seed).integers(1_000_000, 80_000_000, len(heights)))
     eyes = np.repeat(np.array(heights)[:, None], 4, axis=1).reshape(-1, 2, 2)
     truth = Truth(t_ns, eyes, np.ones(len(heights), bool))
-    assert np.array_equal(eyes_at(truth, t_ns), eyes)
-    middle = eyes_at(truth, (t_ns[0] + t_ns[1]) / 2)
+    assert np.array_equal(truth.at(t_ns), eyes)
+    middle = truth.at((t_ns[0] + t_ns[1]) / 2)
     assert np.allclose(middle, (eyes[0] + eyes[1]) / 2)
-    outside = eyes_at(truth, [t_ns[0] - 1e9, t_ns[-1] + 1e9])
+    outside = truth.at([t_ns[0] - 1e9, t_ns[-1] + 1e9])
     assert np.array_equal(outside, eyes[[0, -1]])

@@ -127,6 +127,7 @@ def test_truth_lies_on_the_line_between_frames_where_the_eyes_are_visible(t_ns: 
     ends = np.array([[[0.0, 0.0], [10.0, 0.0]], [[x_px, y_px], [10.0 + x_px, y_px]], [[0.0, 0.0], [1.0, 1.0]]])
     truth = Truth(np.array([0, 1_000_000_000, 1_000_000_010]), ends, np.array([True, True, False]))
     at = truth.at(t_ns)
-    assert at is not None and np.allclose(at, ends[0] + t_ns / 1e9 * (ends[1] - ends[0]), atol=1e-9)
+    assert truth.sees(t_ns) and np.allclose(at, ends[0] + t_ns / 1e9 * (ends[1] - ends[0]), atol=1e-9)
     assert truth.error_px(np.add(at, [3.0, 4.0]), t_ns) == pytest.approx(5.0)
-    assert truth.at(-1) is truth.at(1_000_000_005) is truth.at(1_000_000_010) is truth.at(1_000_000_011) is None
+    hidden_ns = [-1, 1_000_000_005, 1_000_000_010, 1_000_000_011]
+    assert not truth.sees(hidden_ns).any() and np.isnan(truth.error_px(np.zeros((4, 2, 2)), hidden_ns)).all()
