@@ -1,6 +1,8 @@
 """The display's clock. Beside a camera's, the phase is found at once, then followed in small steps; what does not fit is left.
-On a screen's blanks: a grid from noisy reports, and a lead learnt from a simulated compositor."""
+On a screen's blanks: a grid from noisy reports, and a lead learnt from a simulated compositor. Pictures on their way to the
+light are known once each, in their order, by their blank or by their hand-over."""
 
+from collections import deque
 from collections.abc import Iterator
 from itertools import pairwise
 
@@ -8,7 +10,10 @@ import numpy as np
 import pytest
 
 from lfpipe.bench.judder import T0_NS, simulate
+from lfpipe.host.presentation import Presented
 from lfpipe.render.refresh import GAIN, LARGEST_STEP, LONGEST_NS, Refresh, ScreenClock, ScreenRefresh
+from lfpipe.render.showing import ANSWER_NS, HANDOVER, REPLACED, Showing, take_known
+from lfpipe.render.viewer import Viewpoints
 
 MS = 1_000_000
 AGE_NS = 5 * MS  # from a frame's stamp to its eyes
@@ -198,3 +203,27 @@ def test_refreshes_that_were_slept_through_are_missed_and_a_limit_takes_every_se
     first_ns = refresh.due_ns()
     assert refresh.advance(first_ns + round(4e9 / 60)) == 2, "a picture begun now is too late"
     assert refresh.due_ns() - first_ns == pytest.approx(6e9 / 60, abs=4)
+
+
+NOWHERE = Viewpoints((0.0, 0.0, 0.0, 0.0), (0.0, 0.0), (0.0, 0.0), 0)
+
+
+def showing(number: int, t_ns: int, by: str = "") -> Showing:
+    return Showing(number, None, None, NOWHERE, 0, t_ns, 0, 0, 0, 0, 0, t_ns, 0, 0, t_ns if by else 0, by)
+
+
+def known(waiting: deque[Showing], answers: list[Presented], t_ns: int) -> list[tuple[int, int, str]]:
+    return [(one.t_handed_ns, one.t_presented_ns, one.by) for one in take_known(waiting, answers, "blanks", t_ns)]
+
+
+def test_a_picture_waits_for_its_blank_and_those_behind_it_wait_too() -> None:
+    waiting = deque((showing(1, 100), showing(0, 200, "blanks"), showing(2, 300)))
+    assert known(waiting, [Presented(2, 350, 0)], 360) == []
+    assert known(waiting, [Presented(1, 150, 0)], 370) == [(100, 150, "blanks"), (200, 200, "blanks"), (300, 350, "blanks")]
+    assert known(waiting, [Presented(1, 999, 0), Presented(7, 1, 0)], 380) == [], "an answer twice, and one to nothing"
+
+
+def test_one_that_was_replaced_has_no_time_and_one_never_answered_its_hand_over() -> None:
+    waiting = deque((showing(1, 100), showing(2, 200)))
+    assert known(waiting, [Presented(1, 0, 0)], 300) == [(100, 0, REPLACED)]
+    assert known(waiting, [], 200 + ANSWER_NS + 1) == [(200, 200, HANDOVER)]
