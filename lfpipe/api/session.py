@@ -182,8 +182,8 @@ class Session(Attachment):
                 raise self._failure()
             with contextlib.suppress(UserError, FileNotFoundError):
                 super().__init__(name)
-                rows = self._watch.table.rows
-                if "render" in rows and rows["render"]["state"] == State.RUNNING and int(rows["render"]["seq"]) > 0:
+                rows, own = self._watch.table.rows, self._watch.pid == self._process.pid  # else this name is already taken
+                if own and "render" in rows and rows["render"]["state"] == State.RUNNING and int(rows["render"]["seq"]) > 0:
                     return
                 self.close()
             time.sleep(0.05)
@@ -223,7 +223,7 @@ attach = Attachment
 
 def replay(
     sequence: str | os.PathLike[str],
-    scene: str | os.PathLike[str] | None = None,
+    scene: ScenePath | ArrayLike | None = None,
     *,
     pace: str = "step",
     out: str | os.PathLike[str] | None = None,
@@ -231,14 +231,15 @@ def replay(
 ) -> dict[str, Any]:
     """Runs `lfpipe replay` on a recorded sequence and returns its report, the contents of report.json (docs/replay.md).
 
-    scene: None for the demo's. pace: step, max, recorded or a rate in Hz. out: folder for report, trace and pictures.
-    settings: as `--set`; they override the user's file. Raises lfpipe.UserError if the command refuses or fails.
+    scene: a path or an array, as for `open_scene`; None for the demo's. pace: step, max, recorded or a rate in Hz. out: folder
+    for report, trace and pictures. settings: as `--set`; they override the user's file. Raises lfpipe.UserError if the command
+    refuses or fails.
     """
-    updated(Config(), settings or {})
+    path = scene_path(scene, updated(Config(), settings or {}).scene)
     with tempfile.TemporaryDirectory(prefix="lfpipe-replay-") as folder:
         kept = Path(out) if out is not None else Path(folder) / "out"
         words = [sys.executable, "-m", "lfpipe", "replay", str(sequence), "--pace", pace, "--out", str(kept)]
-        words += [*(["--scene", str(scene)] if scene is not None else []), *_set_words(settings or {})]
+        words += [*(["--scene", str(path)] if path is not None else []), *_set_words(settings or {})]
         done = subprocess.run(words, capture_output=True, text=True, errors="replace", check=False)
         if done.returncode != 0:
             raise _printed(done.stderr, "it was killed")

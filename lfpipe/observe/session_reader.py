@@ -31,7 +31,8 @@ def ask(name: str, message: dict[str, Any], timeout_s: float = 2.0) -> dict[str,
 
 
 class Watch:
-    """One attachment. Raises UserError if the session ends meanwhile, or if its table has another version."""
+    """One attachment. pid: of the supervisor. Raises UserError if the session ends meanwhile, or if its table has another
+    version."""
 
     def __init__(self, session: Session) -> None:
         self.session = session
@@ -40,7 +41,7 @@ class Watch:
             self._mark = self._marked()
             about = json.loads(self._about.read_text())
             self.table = Table(session.segment("status"))
-            self.started_ns = int(about["started_ns"])
+            self.started_ns, self.pid = int(about["started_ns"]), int(about["pid"])
         except WrongSegment:
             raise
         except (FileNotFoundError, ValueError):

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 import lfpipe
 from lfpipe.scene.layouts.arrays import require_views
+from tests.hostile_sequences import made_sequence
 
 
 @pytest.fixture
@@ -38,6 +39,8 @@ def test_an_array_gives_the_pictures_of_its_files(tmp_path: Path, cache: dict[st
         assert (field.rows, field.cols, field.method) == (2, 3, files.method)
         for place in ((0, 0), (1, 2), (0.5, 1.25)):
             np.testing.assert_array_equal(lfpipe.render_view(field, *place), lfpipe.render_view(files, *place))
+    report = lfpipe.replay(made_sequence(tmp_path / "walk"), views, settings=cache)
+    assert (report["scene"]["rows"], report["scene"]["cols"]) == (2, 3)
 
 
 @pytest.mark.parametrize(

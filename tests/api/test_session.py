@@ -45,6 +45,8 @@ def test_a_session_is_started_changed_loaded_and_stopped_in_a_thread(home: World
                     with pytest.raises(lfpipe.UserError) as caught:
                         other.set(**{"render.method": "wrap"})
                     assert caught.value.remedy
+                    with pytest.raises(lfpipe.UserError, match="already running"):
+                        lfpipe.Session(scene, camera="demo", name=session.name)
                     session.stop()
                     assert other.wait(60)
         except BaseException as error:
