@@ -45,9 +45,9 @@ def bands_of(rows: int, row_bytes: int, most_bytes: int = BAND_BYTES) -> list[sl
 def shifted(plane: NDArray[Pixel], dy: int, dx: int, box: Box) -> NDArray[Pixel]:
     """A box of the picture that shows plane[y + dy, x + dx] at (y, x), the border of the plane repeated outwards: a part of the
     plane itself, or a new array."""
-    (top, bottom, above, below), (left, right, before, after) = (
-        _span(at.start + by, at.stop + by, size) for at, by, size in zip(box, (dy, dx), plane.shape, strict=True)
-    )
+    rows, cols = box
+    top, bottom, above, below = _span(rows.start + dy, rows.stop + dy, plane.shape[0])
+    left, right, before, after = _span(cols.start + dx, cols.stop + dx, plane.shape[1])
     inside = plane[top:bottom, left:right]
     if above or below or before or after:
         return cv2.copyMakeBorder(inside, above, below, before, after, cv2.BORDER_REPLICATE)  # type: ignore[return-value]

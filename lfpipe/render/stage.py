@@ -62,7 +62,8 @@ class RenderStage:
         """One picture per camera frame, as in the paper, until the stop."""
         presenter, context, lossless = self._presenter, self._context, self._options.lossless
         while context.wait():
-            self._follow_session()
+            if context.news:
+                self._follow_session()
             fresh = presenter.take()
             if context.paused:
                 presenter.leave_out()
@@ -80,21 +81,21 @@ class RenderStage:
         )
         presenter.refresh = refresh
         while context.wait(refresh.start_ns()):
-            if self._follow_session():
+            if context.news:
+                self._follow_session()
                 refresh.limit(self._config.render.rate_hz, self._config.render.nominal_hz)
             if (fresh := presenter.take()) is not None:
                 refresh.heard(fresh.source_seq, fresh.t_sensor_ns, now_ns())
             if now_ns() >= refresh.start_ns():
                 if not context.paused:
                     presenter.show(refresh.due_ns(), refresh.period_ns)
-                presenter.missed(refresh.advance(now_ns()))
+                if count := refresh.advance(now_ns()):
+                    presenter.missed(count)
             self._after_picture()
 
-    def _follow_session(self) -> bool:
-        """Applies changes of configuration, scene and quality, and commands; returns whether there was a message."""
+    def _follow_session(self) -> None:
+        """Applies changes of configuration, scene and quality, and commands."""
         context, viewer, presenter = self._context, self._viewer, self._presenter
-        if not context.news:
-            return False
         old, new = self._options, context.options
         other_pack = (new.pack, new.complete) != (old.pack, old.complete)
         if other_pack or context.config != self._asked:
@@ -120,7 +121,6 @@ class RenderStage:
                 self._keys.scenes.report(message)
             elif not word:
                 self._keys.scenes.answered(message)
-        return True
 
     def _open_scene(self, other_pack: bool) -> None:
         """Takes over configuration and options, with their scene. other_pack: it was packed anew, or further."""

@@ -34,26 +34,15 @@ class SleepWatch:
 
 
 class Ticker:
-    """Absolute deadlines t0 + k * period without drift. Missed deadlines are skipped and counted."""
+    """Absolute deadlines t0 + k * period without drift. Missed deadlines are skipped."""
 
     def __init__(self, rate_hz: float, t0_ns: int) -> None:
-        self.rate_hz = rate_hz
-        self._t0_ns = t0_ns
-        self._k = 0
-        self.missed = 0
+        self._rate_hz, self._t0_ns, self._k = rate_hz, t0_ns, 0
 
     def due_ns(self) -> int:
         """The next deadline."""
-        return self._t0_ns + int(self._k * 1e9 / self.rate_hz)
-
-    def shift(self, by_ns: int) -> None:
-        """Moves this and all later deadlines."""
-        self._t0_ns += by_ns
+        return self._t0_ns + int(self._k * 1e9 / self._rate_hz)
 
     def advance(self, t_ns: int) -> None:
         """Advances to the first later deadline that is not yet past at t_ns."""
-        self._k += 1
-        behind = int((t_ns - self._t0_ns) * self.rate_hz / 1e9) + 1
-        if behind > self._k:
-            self.missed += behind - self._k
-            self._k = behind
+        self._k = max(self._k, int((t_ns - self._t0_ns) * self._rate_hz / 1e9)) + 1

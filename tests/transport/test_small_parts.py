@@ -23,15 +23,14 @@ def test_deadlines_do_not_drift(rate: float, k: int) -> None:
     ticker = Ticker(rate, 10)
     for _ in range(k):
         ticker.advance(ticker.due_ns())
-    assert abs(ticker.due_ns() - 10 - k * 1e9 / rate) <= 1 and ticker.missed == 0
+    assert abs(ticker.due_ns() - 10 - k * 1e9 / rate) <= 1
 
 
 @given(late=st.integers(0, 10_000_000_000))
-def test_a_late_ticker_skips_to_the_future_and_counts(late: int) -> None:
+def test_a_late_ticker_skips_to_the_future(late: int) -> None:
     ticker = Ticker(100.0, 0)
     ticker.advance(late)
     assert late < ticker.due_ns() <= late + 10_000_000
-    assert ticker.missed == ticker.due_ns() // 10_000_000 - 1
 
 
 def test_buckets_are_in_order_without_gap_and_stand_for_their_values_within_one_sixtyfourth() -> None:
