@@ -1,4 +1,4 @@
-"""The records that travel from tracking to rendering and on, and their one piece of arithmetic."""
+"""The records that travel from tracking to rendering and on, and their arithmetic."""
 
 import struct
 from typing import NamedTuple
@@ -62,6 +62,12 @@ HEAD_POINTS = (1, 10, 33, 133, 362, 263, 127, 356, 234, 454)
 SHOWN = np.dtype([("t_presented_ns", "<i8"), ("view", "<f8", (2, 2)), ("composed", "<i4"), ("face", "<i4")])
 
 MAX_HORIZON_S = 0.25  # beyond a quarter of a second a straight line says nothing about a head
+
+
+def middle_of(eyes: Eyes) -> tuple[float, float]:
+    """The point between the eyes."""
+    lx, ly, rx, ry = eyes
+    return (lx + rx) / 2, (ly + ry) / 2
 
 
 def extrapolated(position_px: NDArray[np.float64], velocity_px_s: NDArray[np.float64], horizon_ns: int) -> NDArray[np.float64]:

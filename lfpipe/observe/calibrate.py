@@ -13,6 +13,7 @@ from lfpipe.capture.open_source import open_source
 from lfpipe.config import Config
 from lfpipe.errors import UserError
 from lfpipe.render.display import has_display
+from lfpipe.render.overlay import Overlay
 from lfpipe.track.engine import make_engine
 
 MEASURED_FRAMES = 45  # with a face: one and a half seconds
@@ -27,16 +28,17 @@ RESTLESS = UserError("the eyes did not stay still long enough", "rest your head,
 
 
 class _CameraWindow:
-    """The camera and, where there is a screen, a window with its picture and lines of text."""
+    """The camera and, where there is a screen, a window with its picture and lines of text. clicks: px of the picture."""
 
     def __init__(self, config: Config, camera: str | None) -> None:
         width_px, height_px = config.camera.frame_px
         self.picture: NDArray[np.uint8] = np.empty((height_px, width_px, 3), np.uint8)
+        self.clicks: list[tuple[float, float]] = []
         self.source, self.window = open_source(camera or config.camera.source, config.camera), None
         if has_display():
-            from lfpipe.render.window import CalibrationWindow
+            from lfpipe.render.window import Window
 
-            self.window = CalibrationWindow(config.camera.frame_px, "lfpipe calibrate")
+            self.window = Window((2 * width_px, 2 * height_px), "lfpipe calibrate")  # large: clicks fall between pixels too
 
     def read(self) -> bool:
         """Reads the next picture. False at the end of the source."""
@@ -51,11 +53,13 @@ class _CameraWindow:
         for x, y in marks:
             for colour, thick_px in (((0, 0, 0), 5), ((255, 255, 255), 2)):  # visible on a face and on a white card
                 cv2.drawMarker(marked, (round(x), round(y)), colour, cv2.MARKER_CROSS, 21, thick_px)
-        self.window.enter = False
-        self.window.step(marked, list(lines))
-        if self.window.quit:
+        self.window.overlay(Overlay(lines))
+        self.window.show(marked)
+        events = [event.split() for event in self.window.events()]
+        if any(word in ("quit", "close") for word, *_ in events):
             raise AGAIN
-        return self.window.enter
+        self.clicks += [(float(place[0]), float(place[1])) for word, *place in events if word == "click"]
+        return any(word in ("enter", "freeze") for word, *_ in events)
 
     def close(self) -> None:
         self.source.close()
@@ -108,8 +112,7 @@ def by_card(config: Config, camera: str | None, distance_mm: float) -> float:
             frozen = camera_window.show(
                 (), f"Card {distance_mm:g} mm from the camera, facing it.", "Enter freezes it, Esc cancels"
             )
-        assert camera_window.window is not None
-        clicks = camera_window.window.clicks
+        clicks = camera_window.clicks
         clicks.clear()
         while True:
             del clicks[: 2 * (len(clicks) > 2)]  # a third click starts again

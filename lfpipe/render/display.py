@@ -57,7 +57,7 @@ class Display:
 
     def events(self) -> list[str]:
         """Keys, clicks and drops since the last call: the events of `overlay.KEYS` and of the overlay's items, names of arrows,
-        "close", "load PATH". Call it often: it keeps a window alive."""
+        "close", "load PATH", "click X Y" in px of the picture. Call it often: it keeps a window alive."""
         return []
 
     def notices(self) -> list[DisplayNotice]:

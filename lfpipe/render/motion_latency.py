@@ -10,7 +10,7 @@ import math
 from collections import deque
 from typing import NamedTuple
 
-from lfpipe.eyes import Eyes
+from lfpipe.eyes import Eyes, middle_of
 from lfpipe.transport.clock import MS_NS, SECOND_NS
 
 ONSET = 0.05  # of the distance between the eyes: ten times the noise, yet the head has hardly moved; 3 px in docs/photon.md
@@ -65,8 +65,7 @@ class MotionLatency:
             self._rest = self._motion = self._under_way_ns = last = None
         if eyes_px is None or (last is not None and t_sensor_ns == last.t_ns):
             return
-        lx, ly, rx, ry = eyes_px
-        frame = _Frame(t_sensor_ns, (lx + rx) / 2, (ly + ry) / 2, max(math.hypot(lx - rx, ly - ry), 1.0))
+        frame = _Frame(t_sensor_ns, *middle_of(eyes_px), max(math.dist(eyes_px[:2], eyes_px[2:]), 1.0))
         if last is not None:
             self._add_lag(last, frame)
             self._find_motion(last, frame)
@@ -78,8 +77,7 @@ class MotionLatency:
 
     def pictured(self, t_presented_ns: int, after_ns: int, loop_ns: int, eyes_px: Eyes) -> None:
         """Adds a presented picture, made for eyes_px at after_ns later; loop_ns: the delay of camera and display in that."""
-        lx, ly, rx, ry = eyes_px
-        self._pictures.append(_Picture(t_presented_ns + loop_ns, t_presented_ns + after_ns, (lx + rx) / 2, (ly + ry) / 2))
+        self._pictures.append(_Picture(t_presented_ns + loop_ns, t_presented_ns + after_ns, *middle_of(eyes_px)))
 
     def _add_lag(self, last: _Frame, frame: _Frame) -> None:
         """Compares the pictures between two frames with where the eyes were."""

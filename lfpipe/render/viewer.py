@@ -8,7 +8,7 @@ import numpy as np
 
 from lfpipe.config import Config
 from lfpipe.config.camera_pose import CameraPose
-from lfpipe.eyes import MAX_HORIZON_S, Eyes, EyesRecord
+from lfpipe.eyes import MAX_HORIZON_S, Eyes, EyesRecord, middle_of
 from lfpipe.render.compositor import Compositor
 from lfpipe.render.geometry import LEAST_EYES_PX, Parallax, alpha_is_automatic, parallax
 from lfpipe.render.presence import ABSENT_S, EyeEasing, IdleMotion, Presence, Rest, ViewerState
@@ -107,7 +107,7 @@ class Viewer:
     def recentre(self) -> None:
         """Makes the last position of the eyes the neutral position."""
         if self._seen:
-            self._target_px = self._centre_px = _middle(self._eyes_px)
+            self._target_px = self._centre_px = middle_of(self._eyes_px)
             self.solver = None
 
     def viewpoints(self, record: EyesRecord | None, t_sensor_ns: int, t_shown_ns: int) -> Viewpoints:
@@ -175,7 +175,7 @@ class Viewer:
 
     def _follow_presence(self, generation: int, t_sensor_ns: int, solver: ViewSolver, eyes_px: Eyes | None) -> None:
         """Measures neutral position and distance when somebody has come to rest."""
-        here = None if eyes_px is None else Rest(*_middle(eyes_px), self._near_px)
+        here = None if eyes_px is None else Rest(*middle_of(eyes_px), self._near_px)
         beyond = eyes_px is not None and solver.beyond(eyes_px)
         rest = self.presence.update(t_sensor_ns, here, generation, beyond)
         if rest is not None and self._auto and not self.neutral_is_fixed:
@@ -212,7 +212,7 @@ class Viewer:
         assert self.parallax is not None
         middle_px = self._size_px[0] / 2, self._size_px[1] / 2
         if self._auto and self._centre_px is None and eyes_px is not None:
-            self._centre_px = middle_px if self.neutral_is_fixed else _middle(eyes_px)
+            self._centre_px = middle_px if self.neutral_is_fixed else middle_of(eyes_px)
         centre_px = self._centre_px or middle_px
         grid = self.field.rows, self.field.cols
         self.solver = ViewSolver(*grid, self.config.render, self.parallax.alpha_px, centre_px, self.method)
@@ -226,11 +226,6 @@ def _predicted(record: EyesRecord, horizon_ns: int) -> Eyes | None:
     lx, ly, rx, ry = lx + u * s, ly + v * s, rx + p * s, ry + q * s
     near = abs(lx) < FAR_PX and abs(ly) < FAR_PX and abs(rx) < FAR_PX and abs(ry) < FAR_PX  # false for NaN
     return (lx, ly, rx, ry) if near else None
-
-
-def _middle(eyes_px: Eyes) -> tuple[float, float]:
-    lx, ly, rx, ry = eyes_px
-    return (lx + rx) / 2, (ly + ry) / 2
 
 
 def _flat(points: np.ndarray[Any, Any]) -> Eyes:

@@ -198,6 +198,10 @@ class Window(Display):
         name = self._view.mouse(event, (round(self.pointer.x * x_px), round(self.pointer.y * y_px)))
         if name:
             self.pointer = attrs.evolve(self.pointer, left=False)  # a click, and no drag of the view
+        elif event.type == pygame.MOUSEBUTTONDOWN and event.button == 1 and self._picture is not None:
+            rows, cols = self._picture.shape[:2]
+            left, top, width, height = fit_area((cols, rows), (x_px, y_px))
+            name = f"click {(self.pointer.x * x_px - left) * cols / width} {(self.pointer.y * y_px - top) * rows / height}"
         return name
 
     def title(self, name: str) -> None:
@@ -206,34 +210,3 @@ class Window(Display):
     def close(self) -> None:
         self._close()
         pygame.display.quit()
-
-
-class CalibrationWindow(Window):
-    """The window of a calibration: `step` shows one picture with lines of text and takes the person's input. Raises UserError if
-    no window can be opened."""
-
-    def __init__(self, size_px: tuple[int, int], title: str) -> None:
-        super().__init__((2 * size_px[0], 2 * size_px[1]), title)  # large, so that clicks fall between pixels too
-        self.clicks: list[tuple[float, float]] = []  # px of the picture
-        self.enter = self.quit = False
-
-    def step(self, picture: NDArray[np.uint8], lines: list[str]) -> None:
-        """Shows uint8 (height, width, 3) BGR."""
-        self.overlay(Overlay(tuple(lines)))
-        self.show(picture)
-        events = set(self.events())
-        self.quit |= not events.isdisjoint({"quit", "close"})
-        self.enter |= not events.isdisjoint({"enter", "freeze"})
-
-    def _mouse(self, event: pygame.Event) -> str:
-        name = super()._mouse(event)
-        if event.type == pygame.MOUSEBUTTONDOWN and event.button == 1:
-            self.clicks.append(self.to_picture(self.pointer.x, self.pointer.y))
-        return name
-
-    def to_picture(self, x: float, y: float) -> tuple[float, float]:
-        """Converts shares of the window to px of the picture."""
-        assert self._picture is not None
-        (rows, cols), window_px = self._picture.shape[:2], self._painter.size_px()
-        left, top, width, height = fit_area((cols, rows), window_px)
-        return (x * window_px[0] - left) * cols / width, (y * window_px[1] - top) * rows / height
