@@ -81,12 +81,12 @@ class Outputs:
         if stamp is not None and record is not None:
             if self._replay is not None:
                 used_px = showing.viewpoints.eyes_px
-                showing.more = self._replay.keep(stamp, record.filtered_px, used_px, showing.seen_ns, picture, showing.composed)
+                showing.more = self._replay.keep(stamp, record.filtered_px, used_px, showing.seen_ns, picture, showing.number > 0)
             if viewer.presence.state != self._context.row["viewer"]:
                 self._context.row["viewer"] = int(viewer.presence.state)
                 self._context.emit("viewer", state=viewer.presence.state.word)
         if self._ring is not None:
-            if showing.composed:
+            if showing.number:
                 self._write_picture(picture, stamp)
             if stamp is not None and now_ns() >= self._viewpoints_due_ns:
                 self._emit_viewpoints(showing.viewpoints, bool(showing.face))
@@ -101,7 +101,7 @@ class Outputs:
             self._shown = self._shown or self._context.output("shown")
             record, viewpoints = self._shown.begin(), showing.viewpoints
             record["t_presented_ns"], record["view"] = showing.t_presented_ns, (viewpoints.left, viewpoints.right)
-            record["composed"], record["face"] = showing.composed, showing.face
+            record["composed"], record["face"] = showing.number > 0, showing.face
             self._shown.publish(stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch, stamp.kind)
         if self.traced:
             line = showing.line(stamp, self._viewer.method, level_number(self._context.options))

@@ -136,7 +136,7 @@ class Presenter:
 
     def _account(self, showing: Showing) -> None:
         """Counts and reports after the hand-over, and what is known of the display without its reports."""
-        row, stamp, refresh, composed, face = self._context.row, showing.stamp, self.refresh, showing.composed, showing.face
+        row, stamp, refresh, composed, face = self._context.row, showing.stamp, self.refresh, showing.number > 0, showing.face
         if self._latency is not None and showing.record is not None and not self.mouse.looks:
             self._latency.measured(showing.t_sensor_ns, showing.record.raw_px if face else None)
         if composed:
@@ -164,7 +164,7 @@ class Presenter:
 
     def _report(self, showing: Showing) -> None:
         """Counts and traces a picture whose time of display is known."""
-        row, stamp, composed, t_ns = self._context.row, showing.stamp, showing.composed, showing.t_presented_ns
+        row, stamp, composed, t_ns = self._context.row, showing.stamp, showing.number > 0, showing.t_presented_ns
         seen = showing.by != REPLACED
         if composed and showing.target_ns and showing.by not in ("", HANDOVER) and isinstance(self.refresh, ScreenRefresh):
             row["juddered"] += self.refresh.judge(showing.target_ns, showing.t_handed_ns, t_ns)

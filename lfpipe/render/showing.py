@@ -42,10 +42,6 @@ class Showing:
     more: dict[str, Any] = attrs.field(factory=dict)
 
     @property
-    def composed(self) -> bool:
-        return self.number > 0
-
-    @property
     def face(self) -> int:
         return self.record.face if self.record is not None else 0
 
@@ -70,7 +66,7 @@ class Showing:
             "view": {"left": list(self.viewpoints.left), "right": list(self.viewpoints.right)},
             "method": method,
             "level": level,
-            "composed": self.composed,
+            "composed": self.number > 0,
             **self.more,
         }
         if self.by:
