@@ -33,8 +33,8 @@ class Notices:
 
     def lines(self, t_ns: int, standing: list[str]) -> tuple[str, ...]:
         """The lines to show at t_ns. standing: those that stay as long as they are true."""
-        texts = [*(text for text, end_ns in self._passing.values() if end_ns > t_ns), *standing]
-        return tuple(line for text in texts for line in text.splitlines())
+        passing = [text for text, end_ns in self._passing.values() if end_ns > t_ns]
+        return tuple("\n".join(filter(None, (*passing, *standing))).splitlines())
 
 
 def status_lines(context: Context, viewer: Viewer) -> tuple[str, ...]:
