@@ -24,7 +24,7 @@ from lfpipe.host.files import exists
 SYS, DEV = Path("/sys/class/video4linux"), Path("/dev")
 ANSWER_S = 3.0  # drivers answer in microseconds; a stuck one never does
 LIST_S = 30.0  # thousands of calls on an emulated machine
-WITHOUT_CAMERA = "use --camera demo, --camera mouse, or a recording with --camera file:PATH"
+WITHOUT_CAMERA = "plug it in, or use --camera demo, or a recording with --camera file:PATH"
 LIBCAMERA = (
     "a board's camera port needs libcamera: feed a v4l2loopback device from it, for example with "
     "`gst-launch-1.0 libcamerasrc ! videoconvert ! v4l2sink device=/dev/video42`"

@@ -31,7 +31,7 @@ NO_OTHER = "there is no other scene: `lfpipe up` accepts several"
 REFUSED_NS, LINE_CHARS, MAX_LINES = 6 * SECOND_NS, 60, 5  # of a refusal in the picture; lines of the reason, and of the remedy
 CAMERA_NS = SECOND_NS // 5  # between two pictures of the camera: one sees oneself move, and the scene keeps its rate
 KEPT_PX = (480, 360)  # of a thumbnail, at most: larger than a cell of most menus
-HINT = "Click, or arrows and Enter; Delete removes a scene; Tab goes back.\nOr drop a folder of views onto the window."
+HINT = "Click, or arrows and Enter; {}Tab goes back.\nOr drop a folder of views onto the window."
 
 
 class SceneLoader:
@@ -118,7 +118,8 @@ class ScenePage:
         items = [Item(Path(scene).name, f"load {scene}", picture=self._pictures.get(scene)) for scene in self._scenes]
         if self._camera is not None:
             items.append(self._camera_item)
-        return Menu("Choose a scene", HINT, tuple(items), self._at)
+        hint = HINT.format("Delete removes a scene; " if self._context.options.start else "")
+        return Menu("Choose a scene", hint, tuple(items), self._at)
 
     def open(self) -> None:
         """Selects the scene on show; reads the pictures again, as one may have been packed since."""
