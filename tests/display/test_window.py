@@ -1,7 +1,6 @@
 """A real window on a real X server."""
 
 import os
-import shutil
 import subprocess
 import time
 from collections.abc import Callable, Iterator
@@ -15,7 +14,7 @@ import pytest
 from lfpipe.render.display import HINT, Display, open_display
 from lfpipe.render.overlay import EVENTS, HELP, KEYS, Item, Menu, Overlay
 from tests.xdnd import drop
-from tests.xvfb_screen import Screen, outline
+from tests.xvfb_screen import Screen, needs_xdotool, outline
 
 WAIT_S = 60.0
 GREY = np.full((500, 700, 3), 90, np.uint8)
@@ -117,11 +116,8 @@ def test_what_is_dropped_is_named_and_a_name_that_is_no_text_ends_nothing(window
             dropped.result()
 
 
-@pytest.fixture
-def press(screen: Screen) -> Callable[..., None]:
-    if shutil.which("xdotool") is None:
-        pytest.skip("xdotool is not installed (apt-get install xdotool)")
-    return lambda *keys: subprocess.run(["xdotool", "key", *keys], check=True)
+def press(*keys: str) -> None:
+    subprocess.run(["xdotool", "key", *keys], check=True)
 
 
 def pressed(display: Display, count: int = 1) -> list[str]:
@@ -133,7 +129,8 @@ def pressed(display: Display, count: int = 1) -> list[str]:
     return events
 
 
-def test_every_key_arrives_and_keys_without_meaning_do_not(window: Callable[..., Display], press: Callable[..., None]) -> None:
+@needs_xdotool
+def test_every_key_arrives_and_keys_without_meaning_do_not(window: Callable[..., Display]) -> None:
     display = window((640, 480))
     display.show(noise(640, 480))
     keys = {
@@ -164,8 +161,9 @@ def test_help_lists_every_key_over_the_picture(window: Callable[..., Display], s
     assert becomes(lambda: lines() >= len(KEYS), display)
 
 
+@needs_xdotool
 def test_full_screen_keeps_the_aspect_with_black_bars_and_goes_back_with_the_last_picture(
-    window: Callable[..., Display], screen: Screen, press: Callable[..., None]
+    window: Callable[..., Display], screen: Screen
 ) -> None:
     colour = (10, 120, 230)
     display = window((640, 640))

@@ -27,25 +27,30 @@ def name() -> str:
     return f"lfpipe-test-{os.getpid()}-{time.monotonic_ns()}"
 
 
-@pytest.fixture
-def made(name: str) -> Iterator[str]:
-    memory = ring.create(name, RingSpec((96, 512), np.dtype("u1"), slots=4))
+@contextlib.contextmanager
+def memory(spec: RingSpec) -> Iterator[str]:
+    """The name of a ring of its own."""
+    name = f"lfpipe-test-{os.getpid()}-{time.monotonic_ns()}"
+    shared = ring.create(name, spec)
     yield name
-    memory.close()
-    memory.unlink()
+    shared.close()
+    shared.unlink()
+
+
+@pytest.fixture
+def made() -> Iterator[str]:
+    with memory(RingSpec((96, 512), np.dtype("u1"), slots=4)) as name:
+        yield name
 
 
 @contextlib.contextmanager
 def ends(spec: RingSpec) -> Iterator[tuple[Writer, Reader]]:
     """Both ends of a ring of its own."""
-    name = f"lfpipe-test-{os.getpid()}-{time.monotonic_ns()}"
-    memory = ring.create(name, spec)
-    writer, reader = Writer(name), Reader(name)
-    yield writer, reader
-    writer.close()
-    reader.close()
-    memory.close()
-    memory.unlink()
+    with memory(spec) as name:
+        writer, reader = Writer(name), Reader(name)
+        yield writer, reader
+        writer.close()
+        reader.close()
 
 
 def write_for_ever(name: str) -> None:
