@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from lfpipe.host.processes import usable_cores
 from lfpipe.render.presence import ViewerState
-from lfpipe.supervisor.process_table import CORE, SHOWN_BY, SOURCE
+from lfpipe.supervisor.process_table import CORE, SHOWN_BY, SOURCE, TRACKED_BY
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.histogram import summary_ms
 from lfpipe.transport.status import State, busy_words, rate_hz
@@ -64,6 +64,9 @@ def snapshot(session: str, rows: Mapping[str, NDArray[np.void]], quality: NDArra
     """
     stages = {name: _stage(row) for name, row in rows.items() if name in CORE or row["state"] != State.NONE}
     source, display = rows[SOURCE], rows[SHOWN_BY]
+    viewer = ViewerState(int(display["viewer"]))
+    if display["state"] == State.NONE and rows[TRACKED_BY]["face"]:  # without a picture nobody follows where the viewer sits
+        viewer = ViewerState.SEATED
     level, words, planned = int(quality["level"]), quality["words"].item().decode(errors="replace"), int(display["planned"])
     return {
         "session": session,
@@ -73,7 +76,7 @@ def snapshot(session: str, rows: Mapping[str, NDArray[np.void]], quality: NDArra
         "level": level,
         "lowest_level": int(quality["lowest"]),
         "level_words": words,
-        "viewer": ViewerState(int(display["viewer"])).word,
+        "viewer": viewer.word,
         "notices": list(_notices(source, display, words if level else "")),
         "stages": stages,
         "end_to_end": summary_ms(display["age"]),

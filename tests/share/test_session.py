@@ -176,6 +176,7 @@ def test_without_a_picture_the_eyes_alone(world: World) -> None:
         stages = world.monitor()["stages"]
         assert stages["capture"]["state"] == stages["track"]["state"] == stages["share"]["state"] == "RUNNING"
         assert stages["render"]["state"] == "NONE"
+        world.wait_for(lambda: world.monitor()["viewer"] == "seated", "a viewer by the face alone")
     finally:
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=60)
