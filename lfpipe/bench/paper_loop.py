@@ -112,5 +112,5 @@ def run(loop: Loop) -> None:
 
 
 if __name__ == "__main__":
-    given = json.loads(sys.argv[1])
-    run(Loop(**{**given, "size_px": tuple(given["size_px"])}))
+    loop_fields = json.loads(sys.argv[1])
+    run(Loop(**{**loop_fields, "size_px": tuple(loop_fields["size_px"])}))

@@ -19,13 +19,13 @@ FADED_PX = 8.0  # between the farthest and the nearest: beyond, with the screen 
 LEAST_HZ = 25.0  # at lower rates the picture flickers whenever the head moves
 
 
-def drawn_with(wanted: str, scene_method: str, has_disparity: bool, scores: Mapping[str, float]) -> str:
-    """The method used for render.method = wanted in a scene: `auto` is the scene's own; without disparity, nothing is warped.
+def drawn_with(setting: str, scene_method: str, has_disparity: bool, scores: Mapping[str, float]) -> str:
+    """The method used for render.method = setting in a scene: `auto` is the scene's own; without disparity, nothing is warped.
 
     scores: PSNR in dB of each method on held-out views. For noisy views with little depth, a cross-fade scores best,
     because it averages the noise. A warp that scores worse is never used, even on request.
     """
-    method = scene_method if wanted == "auto" else wanted
+    method = scene_method if setting == "auto" else setting
     if method not in WARPS:
         return method
     if not has_disparity:

@@ -132,15 +132,15 @@ def settings() -> Check:
     return Check("settings", True, f"none ({path}): defaults" if is_missing(path) else str(path))
 
 
-def camera_checks(source: str, found: list[CameraDevice]) -> list[Check]:
+def camera_checks(source: str, devices: list[CameraDevice]) -> list[Check]:
     """All cameras; `lfpipe up` uses the first. source: camera.source of the settings."""
     if source and not source.startswith("camera:"):
-        return [Check("camera", True, f"camera.source is {source}"), *map(camera, found)]
-    if not found and not source:
+        return [Check("camera", True, f"camera.source is {source}"), *map(camera, devices)]
+    if not devices and not source:
         return [Check("camera", True, "none: over the window, the mouse is the viewer")]
-    if not found:
+    if not devices:
         return [Check("camera", False, f"none, but camera.source is {source}", NO_CAMERA)]
-    first, *others = map(camera, found)
+    first, *others = map(camera, devices)
     return [attrs.evolve(first, ok=source != "" or not first.remedy), *others]
 
 

@@ -183,12 +183,14 @@ def write_junit(path: Path, name: str, cases: Several[tuple[str, list[str]]], er
     Raises UserError if path cannot be written.
     """
     name = plain(name, 200)
-    failed = sum(bool(said) for _, said in cases)
+    failed = sum(bool(reasons) for _, reasons in cases)
     counts = {"tests": str(1 + len(cases)), "failures": str(failed), "errors": str(int(bool(error)))}
     suite = ElementTree.Element("testsuite", {"name": f"lfpipe replay {name}", **counts, "time": f"{seconds:.3f}"})
-    for case, said, kind in [("replay", [error] if error else [], "error"), *((*case, "failure") for case in cases)]:
+    for case, reasons, kind in [("replay", [error] if error else [], "error"), *((*case, "failure") for case in cases)]:
         entry = ElementTree.SubElement(suite, "testcase", {"classname": f"lfpipe.replay.{name}", "name": case})
-        if said:
-            ElementTree.SubElement(entry, kind, {"message": plain(said[0], 1000)}).text = plain("\n".join(said), JUNIT_CHARS)
+        if reasons:
+            ElementTree.SubElement(entry, kind, {"message": plain(reasons[0], 1000)}).text = plain(
+                "\n".join(reasons), JUNIT_CHARS
+            )
     text = ElementTree.tostring(suite, "utf-8", xml_declaration=True)
     write_output(path, text, label="--junit")
