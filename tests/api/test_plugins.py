@@ -6,10 +6,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-import cv2
-import numpy as np
 import pytest
 
+from tests.scene import made
 from tests.world import World
 
 pytestmark = pytest.mark.live
@@ -37,10 +36,8 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_each_part_works_and_is_listed(world: World, installed: Path, clip: Path) -> None:
     world.env["PYTHONPATH"] += os.pathsep + str(installed)
     scene = world.root / "scene"
-    scene.mkdir()
-    for shift, name in enumerate(("left", "middle", "right")):
-        texture = np.random.default_rng(1).integers(0, 256, (48, 80, 3), np.uint8)
-        cv2.imwrite(str(scene / f"{name}.png"), cv2.GaussianBlur(texture, (0, 0), 2)[:, 2 * shift : 2 * shift + 64])
+    for name, view in zip(("left", "middle", "right"), made.wall(1, 3, 48, 64)[0], strict=True):
+        made.write(scene / f"{name}.png", view)
     info = world.run("scene", "info", scene, "--json")
     assert '"trio"' in info.stdout, info.stderr
     sets = ("--set", "track.engine=centre", "--set", "track.filter=newest")

@@ -4,22 +4,16 @@ import itertools
 from functools import partial
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from lfpipe.bench.inputs import FrameSequence, Inputs
 from lfpipe.scene.lightfield import Geometry, LightField
+from tests.scene import made
 
 
 def wall(rows: int, cols: int, side_px: int = 64, disparity: bool = True) -> LightField:
     """A textured wall, 2 px of disparity per view."""
-    rng = np.random.default_rng(4)
-    reach = 2 * max(rows, cols)
-    texture = cv2.resize(rng.integers(0, 256, (24, 24, 3), np.uint8), (side_px + reach,) * 2, interpolation=cv2.INTER_CUBIC)
-    views = np.empty((1, rows, cols, 3, side_px, side_px), np.uint8)
-    for r in range(rows):
-        for c in range(cols):
-            views[0, r, c] = texture[2 * r : 2 * r + side_px, 2 * c : 2 * c + side_px].transpose(2, 0, 1)
+    views = np.ascontiguousarray(made.wall(rows, cols, side_px, side_px).transpose(0, 1, 4, 2, 3)[None])
     maps = np.full((1, rows, cols, side_px // 2, side_px // 2), 32, np.int8)
     return LightField(
         views=views, disparity=maps if disparity else None, disparity_scale_px=1 / 16, disparity_min_px=2.0 * disparity,

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.bench import extremes, filters, judder, paper_loop, photon, pipeline, stability, synthesis, tracker
-from lfpipe.bench.inputs import FrameSequence, Inputs, demo_sequence, read_sequence
+from lfpipe.bench.inputs import FrameSequence, demo_sequence, read_sequence
 from lfpipe.bench.motion import known_motion
 from lfpipe.bench.results import Results
 from lfpipe.bench.runner import Candidate
@@ -191,14 +191,6 @@ def test_latency_by_motion_and_noise_is_that_of_the_docs() -> None:
             assert here.strip() == there.strip() == "-" or abs(float(here) - float(there)) <= 5, (line, ours)
     for motion in photon.MOTIONS:
         assert steady[motion, "0.15 px"] < steady[motion, "0.5 px"]
-
-
-def test_photon_and_judder_read_no_sequence(tmp_path: Path) -> None:
-    def refuse() -> object:
-        raise AssertionError("not needed")
-
-    given = Inputs(refuse, refuse, False, tmp_path)  # type: ignore[arg-type]
-    assert all(list(subject.measure(given)) for subject in (photon, judder, filters))
 
 
 def test_a_sequence_is_read_frame_by_frame_and_a_recorded_one_will_do(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from lfpipe.errors import UserError
 from lfpipe.export.pictures import SceneExport, check_clip, parse_tiles, quilt_name, write_clip
 from lfpipe.files import video_writer
 from lfpipe.scene.packing import pack_scene
+from tests.scene import made
 from tests.world import write_scene
 
 
@@ -66,12 +67,7 @@ def test_a_quilt_runs_from_the_bottom_left_and_reads_back(scene: Path, cache: st
 @pytest.fixture(scope="module")
 def textured(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A row of three views that move by 3 px from one to the next."""
-    folder = tmp_path_factory.mktemp("textured") / "row"
-    folder.mkdir()
-    wide = cv2.GaussianBlur(np.random.default_rng(5).integers(0, 256, (96, 160, 3), np.uint8), (0, 0), 2)
-    for col in range(3):
-        cv2.imwrite(str(folder / f"view_00_{col:02d}.png"), wide[:, 3 * col : 3 * col + 128])
-    return folder
+    return made.write_grid(tmp_path_factory.mktemp("textured") / "row", made.wall(1, 3, 96, 128, 3))
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".jps", ".mpo"])

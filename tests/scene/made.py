@@ -52,6 +52,13 @@ def views(
     return out
 
 
+def wall(rows: int, cols: int, height: int, width: int, step_px: int = 2) -> NDArray[np.uint8]:
+    """Views of one textured wall, uint8 (rows, cols, height, width, 3), which moves by step_px from view to view."""
+    painted = texture(height + step_px * rows, width + step_px * cols, 4)
+    tops, lefts = step_px * np.arange(rows), step_px * np.arange(cols)
+    return np.array([[painted[top : top + height, left : left + width] for left in lefts] for top in tops])
+
+
 def middle_disparity(height: int = 96, width: int = 128, near_px: float = 2.0, far_px: float = -1.0) -> NDArray[np.float32]:
     """True disparity of the middle view of `views` with odd rows and cols."""
     yy, xx = np.mgrid[:height, :width].astype(np.float32)

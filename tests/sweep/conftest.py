@@ -3,22 +3,17 @@
 import shutil
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
-from tests.bench.inputs import wall
 from tests.replay.conftest import make_sequence
+from tests.scene import made
 
 SCENES = 4
 
 
 def write_wall(folder: Path, shift: int) -> Path:
-    views = np.roll(wall(3, 3, 64).views[0], shift, axis=3)
-    folder.mkdir(parents=True)
-    for row, col in np.ndindex(3, 3):
-        cv2.imwrite(str(folder / f"view_{row}_{col}.png"), views[row, col].transpose(1, 2, 0))
-    return folder
+    return made.write_grid(folder, np.roll(made.wall(3, 3, 64, 64), shift, axis=2))
 
 
 @pytest.fixture(scope="session")
