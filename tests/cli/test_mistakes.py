@@ -1,10 +1,12 @@
-"""Typos and narrow terminals on the command line: each message has a remedy, each table fits."""
+"""What a person types on the command line: typos have a remedy, tables fit narrow terminals, Tab completes."""
 
 from pathlib import Path
 
 import pytest
+from click.shell_completion import ShellComplete
+from click.testing import CliRunner
 
-from lfpipe.cli import progress
+from lfpipe.cli import cli, progress
 from tests.world import World
 
 
@@ -43,3 +45,25 @@ def test_a_log_gets_a_line_for_work_that_takes_long_and_no_bar(
             for done in range(81):
                 report("rendering the demo scene", done, 81)
         assert capfd.readouterr().err == said
+
+
+@pytest.mark.parametrize(
+    ("line", "offered"),
+    [
+        ("up --demo --set render.me", ["render.method="]),
+        ("up --demo --set render.method=wa", ["render.method=warp", "render.method=warp2"]),
+        ("ctl set render.swap_eyes=", ["render.swap_eyes=true", "render.swap_eyes=false"]),
+        ("ctl --session e", ["evening"]),
+        ("monit", ["monitor"]),
+    ],
+)
+def test_keys_words_and_sessions_are_offered(line: str, offered: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lfpipe.supervisor.rundir.running", lambda: ["evening", "morning"])
+    *words, incomplete = line.split()
+    found = ShellComplete(cli, {}, "lfpipe", "_LFPIPE_COMPLETE").get_completions(words, incomplete)
+    assert [item.value for item in found] == offered
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_every_shell_gets_a_script(shell: str) -> None:
+    assert "_LFPIPE_COMPLETE" in CliRunner().invoke(cli, ["completion", shell]).output

@@ -1,4 +1,4 @@
-"""A command that is refused leaves every file of a person as it was, and replaces only what lfpipe wrote."""
+"""What commands write: refused, they leave every file of a person as it was, and they replace only what lfpipe wrote."""
 
 import os
 import shutil
@@ -71,3 +71,15 @@ def test_a_file_that_is_shown_to_a_file_plays_once(world: World, scene: Path, cl
     assert "out.mkv" in done.stdout, done.stderr
     frames = cv2.VideoCapture(str(world.root / "out.mkv")).get(cv2.CAP_PROP_FRAME_COUNT)
     assert 60 <= frames <= 240, "60 frames at 30 Hz, shown at 60 Hz"
+
+
+@pytest.mark.everyday
+def test_without_a_screen_the_demo_leaves_a_video_and_a_picture(world: World) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        world.env.pop(name, None)
+    world.done("up", "--demo", "--duration", "1.5")
+    (video,) = Path(world.root, "lfpipe-demo").glob("demo.m*")
+    film = cv2.VideoCapture(str(video))
+    assert film.read()[0] and film.get(cv2.CAP_PROP_FRAME_COUNT) >= 10
+    assert cv2.imread(str(video.with_suffix(".png"))).std() > 20, "a picture of something"
+    assert not world.left()

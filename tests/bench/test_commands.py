@@ -1,0 +1,54 @@
+"""`lfpipe bench` on the command line, and the scripts of profiling/ and tools/ in a fresh clone, without sample data."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.world import World
+
+
+def test_subjects_from_the_command_line_share_a_folder(world: World, scene: Path, clip: Path) -> None:
+    first = world.done("bench", "anaglyph", "--quick", "--scene", scene, "--sequence", clip, "--out", "out")
+    assert first.stdout.strip() == "out/report.html" and (world.root / "out" / "report.html").is_file()
+    world.done("bench", "judder", "--quick", "--out", "out")  # credited to itself only
+    both = json.loads((world.root / "out" / "results.json").read_text())["subjects"]
+    assert [one["about"]["command"].split()[2] for one in both.values()] == ["judder", "anaglyph"]
+
+
+def test_mistakes_are_named(world: World, clip: Path) -> None:
+    alone = world.run("bench")
+    assert "Measure every subject" in alone.stdout + alone.stderr, "its help"
+    for words, text in (
+        (("bench", "trackers"), "trackers"),
+        (("bench", "stability", "--quick", "--scene", "nowhere", "--sequence", clip), "nowhere"),
+        (("bench", "stability", "--quick", "--sequence", "nowhere.avi"), "nowhere.avi"),
+    ):
+        assert text in world.refused(*words)
+
+
+ROOT = Path(__file__).parents[2]
+SHARED = ("arguments", "photon_simulation")
+NO_SCRIPTS = (*SHARED, "package_page")  # the last is a build hook
+SCRIPTS = sorted(
+    path for folder in ("profiling", "tools") for path in (ROOT / folder).glob("*.py") if path.stem not in NO_SCRIPTS
+)
+WITH_DATA = ("eyes_engines", "pipeline_vs_loop", "scene_pack")
+
+
+def run(script: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, str(script), *words], capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
+def test_help_needs_nothing(script: Path) -> None:
+    done = run(script, "--help")
+    assert done.returncode == 0 and "usage" in done.stdout.lower(), done.stderr
+
+
+def test_missing_data_is_named() -> None:
+    for name in WITH_DATA:
+        done = run(ROOT / "profiling" / f"{name}.py", "nowhere")
+        assert done.returncode == 2 and "nowhere" in done.stderr and "Traceback" not in done.stderr, done.stderr
