@@ -30,7 +30,7 @@ def test_an_array_gives_the_pictures_of_its_files(tmp_path: Path, cache: dict[st
         assert (field.rows, field.cols, field.method) == (2, 3, files.method)
         for place in ((0, 0), (1, 2), (0.5, 1.25)):
             np.testing.assert_array_equal(lfpipe.render_view(field, *place), lfpipe.render_view(files, *place))
-    report = lfpipe.replay(made_sequence(tmp_path / "walk"), views, settings=cache)
+    report = lfpipe.replay(made_sequence(tmp_path / "walk"), VIEWS, settings=cache)
     assert (report["scene"]["rows"], report["scene"]["cols"]) == (2, 3)
 
 

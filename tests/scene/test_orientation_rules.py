@@ -106,8 +106,10 @@ def test_true_disparity_corrects_a_layout(turn: Turn) -> None:
     assert orient(attrs.evolve(asked, rendered=True), AUTO).turn == Turn(), "not asked where the program drew it"
     assert orient(attrs.evolve(asked, missing=frozenset({(2, 3)})), AUTO).by != "truth", "a neighbour is missing"
     assert orient(attrs.evolve(asked, truth={(0, 2): made.middle_disparity}), AUTO).by != "truth", "not of the middle view"
-    line = source(made.views(1, 5)[:, ::-1], turn=Turn(), turn_by="names", truth={(0, 2): made.middle_disparity})
-    assert orient(line, AUTO).by != "truth", "no view below"
+    for shape in ((1, 5), (5, 1)):
+        middle = {(shape[0] // 2, shape[1] // 2): made.middle_disparity}
+        line = source(made.views(*shape)[::-1, ::-1], turn=Turn(), turn_by="names", truth=middle)
+        assert orient(line, AUTO).by != "truth", "no view below, or none beside"
 
 
 def test_a_map_that_matches_nowhere_changes_nothing() -> None:
