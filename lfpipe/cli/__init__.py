@@ -44,6 +44,12 @@ COMMANDS = {  # in order of use: the module of lfpipe.cli that has the command, 
 class Commands(click.Group):
     """The commands of COMMANDS. Each module is imported when its command runs; an unknown command gets the closest one named."""
 
+    def invoke(self, ctx: click.Context) -> object:
+        try:
+            return super().invoke(ctx)
+        except BrokenPipeError:  # here, because click would end with 1
+            _reader_ended()
+
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(COMMANDS)
 
@@ -116,6 +122,12 @@ def _drop_output() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
+def _reader_ended() -> NoReturn:
+    """For a closed pipe, as in `lfpipe ... | head`."""
+    _drop_output()
+    sys.exit(141)
+
+
 def _fail(error: UserError) -> NoReturn:
     log.debug("the command failed", exc_info=True)
     _drop_output()
@@ -141,9 +153,8 @@ def run() -> None:
         sys.exit(2)
     except click.Abort:
         sys.exit(130)
-    except BrokenPipeError:  # the reader of the output has ended: `lfpipe ... | head`
-        _drop_output()
-        sys.exit(141)
+    except BrokenPipeError:
+        _reader_ended()
     except OSError as error:  # of this machine: a full disk, a folder that may not be searched, a drive that has gone
         where = f"{error.filename}: " if error.filename else ""
         remedy = "free some space" if error.errno in (errno.ENOSPC, errno.EDQUOT) else "check that path and its permissions"

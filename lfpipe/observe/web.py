@@ -270,7 +270,7 @@ def serve(name: str, address: str, tell: Callable[[str], None]) -> None:
         sockets = bind_sockets(port, host)
     except OSError as error:
         why = f"--web {host}:{port}: {error.strerror or error}"
-        raise UserError(why, "use another port, or 0 for a free one") from None
+        raise UserError(why, "use another port, 0 for a free one, or an address of this machine") from None
     for sock in sockets:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
     site = Site(host, int(sockets[0].getsockname()[1]), Feed(name))

@@ -1,5 +1,8 @@
 """What a person types on the command line: typos have a remedy, tables fit narrow terminals, Tab completes."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -67,3 +70,13 @@ def test_keys_words_and_sessions_are_offered(line: str, offered: list[str], monk
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_every_shell_gets_a_script(shell: str) -> None:
     assert "_LFPIPE_COMPLETE" in CliRunner().invoke(cli, ["completion", shell]).output
+
+
+def test_a_reader_that_has_ended_is_no_failure_of_ours(world: World) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer) as closed:
+        done = subprocess.run(
+            [sys.executable, "-m", "lfpipe", "config", "show"], stdout=closed, stderr=subprocess.PIPE, env=world.env
+        )
+    assert (done.returncode, done.stderr) == (141, b"")
