@@ -56,14 +56,17 @@ def test_soft_clamp_is_exact_inside_and_never_jumps_or_turns_back(value: float, 
         assert here == value
     assert 0 <= there - here <= step * (1 + 1e-9) + 1e-12
     assert -reach <= here <= count - 1 + reach
+    if -reach <= value and value + step <= count - 1 + reach:
+        assert there - here >= 0.4 * step - 1e-12, "it never freezes: tanh rises by 0.42 at 1"
 
 
 @given(st.lists(st.floats(-0.09, 0.09), min_size=1, max_size=50), st.floats(-3, 3))
 def test_noise_below_the_hysteresis_changes_the_view_at_most_once(noise: list[float], place: float) -> None:
     snapping = solver(method="nearest", extrapolate_views=0.0)
-    cols = [snapping.views((320 - 12 * (place + n), 240.0) * 2)[0][1] for n in noise]
-    assert all(col == round(col) for col in cols)
-    assert sum(a != b for a, b in itertools.pairwise(cols)) <= 1
+    views = [snapping.views((320 - 12 * (place + n), 240 + 12 * (n - place)) * 2)[0] for n in noise]
+    for steps in zip(*views, strict=True):  # rows, then columns
+        assert all(step == round(step) for step in steps)
+        assert sum(a != b for a, b in itertools.pairwise(steps)) <= 1
 
 
 PAIR = st.tuples(st.floats(-30, 30), st.floats(0, 12), COUNTS, st.floats(0, 16))
@@ -76,6 +79,7 @@ def test_at_the_edge_the_distance_of_the_eyes_stays_and_what_is_inside_is_exact(
     kept = min(apart, count - 1.0)
     assert found[1] - found[0] >= kept - 1e-9 and found[1] - found[0] <= apart + 1e-9, "depth stays"
     assert all(-reach <= col <= count - 1 + reach for col in found)
+    assert apart > count - 1 or pair_clamped(-1e6, apart - 1e6, count, reach)[0] == pytest.approx(-reach)
     if left >= 0 and left + apart <= count - 1:
         assert found == (left, left + apart)
     mirrored = pair_clamped(count - 1 - left - apart, count - 1 - left, count, reach)
@@ -98,7 +102,9 @@ def test_as_printed_in_the_paper_each_eye_stops_by_itself() -> None:
     eyes = (250.0, 240.0, 190.0, 240.0)  # 5 views apart, the middle 8.3 views to the right
     flat = solver(keep_depth=False, extrapolate_views=0.0).views(eyes)
     deep = solver(extrapolate_views=0.0).views(eyes)
-    assert [col for _, col in flat] == [8.0, 8.0] and [col for _, col in deep] == pytest.approx([3.0, 8.0])
+    left = solver(keep_depth=False, extrapolate_views=0.0).views((450.0, 240.0, 390.0, 240.0))
+    assert [col for _, col in left] == [0.0, 0.0] and [col for _, col in flat] == [8.0, 8.0]
+    assert [col for _, col in deep] == pytest.approx([3.0, 8.0])
 
 
 @given(st.tuples(ANY, ANY), st.floats(1e-9, 1e9) | SENSELESS)
@@ -148,7 +154,7 @@ def test_a_dragged_neutral_position_is_the_nearest_that_holds_the_eyes(
 def test_beyond_the_grid_are_both_eyes_on_one_side(eyes: tuple[float, float, float, float], beyond: bool) -> None:
     assert solver().beyond(eyes) is beyond
     if eyes[1] == eyes[3] != 240.0:
-        assert not solver(rows=1).beyond(eyes), "a single row has no above and below"
+        assert solver(rows=2).beyond(eyes) and not solver(rows=1).beyond(eyes), "a single row has no above and below"
 
 
 @given(
