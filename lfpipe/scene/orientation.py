@@ -141,7 +141,9 @@ def _detected(source: SceneSource) -> Orientation:
     by_flow = _by_flow(source)
     if by_flow.turn == source.turn:
         return attrs.evolve(stated, reason=f"{stated.reason}; {by_flow.reason}", depth=by_flow.depth)
-    if by_flow.sure:
+    half_turned = attrs.evolve(source.turn, rows=not source.turn.rows, cols=not source.turn.cols)
+    proven = by_flow.by == "flow" and min(source.rows, source.cols) > 1 and by_flow.turn != half_turned
+    if by_flow.sure or proven:
         return attrs.evolve(by_flow, reason=f"{stated.reason}, but this one is turned: {by_flow.reason}")
     return attrs.evolve(stated, reason=f"{stated.reason}; {by_flow.reason}", undecided=by_flow.undecided, half_turn_sure=False)
 

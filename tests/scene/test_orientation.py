@@ -54,6 +54,8 @@ def test_one_way_motion_does_not_decide_the_half_turn(half_turn: bool) -> None:
     assert (found.turn, found.half_turn_sure) == (Turn(), False)
     assert "near and far" in found.undecided
     assert orient(as_source(grid[:, ::-1]), AUTO).turn in (Turn(cols=True), Turn(rows=True))
+    habit = attrs.evolve(as_source(grid[:, ::-1]), turn=Turn(), turn_by="habit", turn_firm=False)
+    assert orient(habit, AUTO).turn in (Turn(cols=True), Turn(rows=True))
 
 
 def test_the_users_word_wins() -> None:
