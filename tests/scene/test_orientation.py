@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from lfpipe import config
 from lfpipe.scene import layouts
 from lfpipe.scene.examination import grid_offsets
-from lfpipe.scene.layouts.named import coordinate_turn
+from lfpipe.scene.layouts._grid import coordinate_turn
 from lfpipe.scene.orientation import orient
 from lfpipe.scene.plausibility import examine
 from lfpipe.scene.source import Turn

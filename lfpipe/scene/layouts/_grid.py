@@ -16,7 +16,7 @@ from lfpipe.files.pictures import MAX_DECODING_BYTES, Header, open_header, read_
 from lfpipe.scene.files import MAX_FILES, Listing
 from lfpipe.scene.layouts._names import MAX_SIDE, NumberedNames, placed, read_names, spaced
 from lfpipe.scene.layouts._running import find_columns
-from lfpipe.scene.source import SceneSource, ViewIndex
+from lfpipe.scene.source import SceneSource, Turn, ViewIndex
 
 LOSSY = (".jpg", ".jpeg", ".webp", ".avif", ".gif")
 _MADE_SHARE = 0.25  # of a grid that may be missing: those views are made from their neighbours
@@ -202,3 +202,16 @@ def _views_source(
     if unused := [odd.get(name, name) for name in names if name not in used]:
         notes.append(f"{len(used)} of {len(names)} files used; the others are {some(unused)}")
     return files_source(layout, listing, views, (rows, cols), headers, doubt=numbered.doubt, notes=tuple(notes), **more)
+
+
+def coordinate_turn(stood: NDArray[np.float64]) -> Turn | None:
+    """From coordinates (rows, cols, 2) as (down, right) in file order, NaN where unknown: the turn to canonical order, or None if
+    they do not determine it. Along each index axis the mean step of the coordinate that moves most decides."""
+    by_row, by_col = (np.ma.masked_invalid(stood).mean(axis=axis).filled(np.nan) for axis in (1, 0))
+    (down_by_row, right_by_row), (down_by_col, right_by_col) = by_row[-1] - by_row[0], by_col[-1] - by_col[0]
+    straight, crossed = abs(down_by_row) + abs(right_by_col), abs(right_by_row) + abs(down_by_col)
+    if not abs(straight - crossed) > 0:  # equal, or not known
+        return None
+    if straight > crossed:
+        return Turn(rows=bool(down_by_row < 0), cols=bool(right_by_col < 0))
+    return Turn(rows=bool(down_by_col < 0), cols=bool(right_by_row < 0), transpose=True)

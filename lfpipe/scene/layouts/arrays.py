@@ -24,7 +24,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.safe_files import open_file
 from lfpipe.host.files import path_of
 from lfpipe.scene.files import Listing
-from lfpipe.scene.layouts._grid import require_grid, require_view, true_max
+from lfpipe.scene.layouts._grid import coordinate_turn, require_grid, require_view, true_max
 from lfpipe.scene.layouts.plenoptic import lit
 from lfpipe.scene.source import Layout, SceneSource, Turn
 
@@ -101,11 +101,13 @@ def _numpy_source(listing: Listing, path: Path) -> SceneSource:
     if positions is not None and not np.isfinite(positions).all():
         raise UserError(f"{path}: {POSITIONS} contains NaN or infinite values", "expected finite numbers")
 
+    turn = None if positions is None else coordinate_turn(np.asarray(positions, np.float64))
     places = () if disparity is None else np.ndindex(rows, cols)
     return _source(
         "array", path, listing, views.shape[1:5], views.dtype, lambda frame, row, col: np.asarray(views[frame, row, col]),
         frames=frames, frame_rate_hz=30.0 if frames > 1 else 0.0,
-        turn=Turn(), turn_by="rows of the array are counted from the top, columns from the left", turn_firm=False,
+        turn=turn or Turn(), turn_firm=False,
+        turn_by="positions of the cameras" if turn else "rows of the array are counted from the top, columns from the left",
         coordinates=None if positions is None else np.asarray(positions, np.float64),
         truth={place: partial(np.asarray, disparity[place], np.float32) for place in places},  # type: ignore[index]
     )  # fmt: skip

@@ -24,7 +24,7 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.untrusted import finite
 from lfpipe.scene.files import Listing, list_scene, read_bytes, read_pfm
-from lfpipe.scene.layouts._grid import describe_views, named_views, parse_grid, placed_views
+from lfpipe.scene.layouts._grid import coordinate_turn, describe_views, named_views, parse_grid, placed_views
 from lfpipe.scene.layouts._names import MAX_SIDE
 from lfpipe.scene.layouts.arrays import LARGEST, disparity_of_depth
 from lfpipe.scene.layouts.plenoptic import lit
@@ -147,19 +147,6 @@ def _describe_stanford(listing: Listing, scene: config.Scene) -> SceneSource:
         return source
     coordinates = stood if np.isfinite(stood).all() else None
     return attrs.evolve(source, coordinates=coordinates, turn=turn, turn_by="camera coordinates in the names")
-
-
-def coordinate_turn(stood: NDArray[np.float64]) -> Turn | None:
-    """From coordinates (rows, cols, 2) as (down, right) in file order, NaN where unknown: the turn to canonical order, or None if
-    they do not determine it. Along each index axis the mean step of the coordinate that moves most decides."""
-    by_row, by_col = (np.ma.masked_invalid(stood).mean(axis=axis).filled(np.nan) for axis in (1, 0))
-    (down_by_row, right_by_row), (down_by_col, right_by_col) = by_row[-1] - by_row[0], by_col[-1] - by_col[0]
-    straight, crossed = abs(down_by_row) + abs(right_by_col), abs(right_by_row) + abs(down_by_col)
-    if not abs(straight - crossed) > 0:  # equal, or not known
-        return None
-    if straight > crossed:
-        return Turn(rows=bool(down_by_row < 0), cols=bool(right_by_col < 0))
-    return Turn(rows=bool(down_by_col < 0), cols=bool(right_by_row < 0), transpose=True)
 
 
 def _describe_jpeg_pleno(listing: Listing, scene: config.Scene) -> SceneSource:
