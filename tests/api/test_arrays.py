@@ -59,8 +59,8 @@ def test_disparity_and_positions_come_with_an_array(cache: dict[str, Any], tmp_p
     positions = np.stack(np.mgrid[0:2, 0:3], axis=-1) * 12.5
     field = lfpipe.open_scene(VIEWS, cache, disparity=disparity, positions=positions)
     assert field.disparity is not None and np.unique(field.disparity).size == 1  # the given one, not an estimate
-    turned = lfpipe.open_scene(_views()[::-1, ::-1], cache, positions=positions[::-1, ::-1])
-    np.testing.assert_array_equal(lfpipe.render_view(turned, 0, 0, method="nearest"), _views()[0, 0, ..., ::-1])
+    turned = lfpipe.open_scene(VIEWS[::-1, ::-1], cache, positions=positions[::-1, ::-1])
+    np.testing.assert_array_equal(lfpipe.render_view(turned, 0, 0, method="nearest"), VIEWS[0, 0, ..., ::-1])
     with pytest.raises(lfpipe.UserError, match="only for arrays"):
         lfpipe.open_scene(tmp_path, disparity=disparity)
 
