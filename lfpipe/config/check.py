@@ -23,7 +23,7 @@ from lfpipe.host.files import is_missing
 from lfpipe.plugins import ENGINES, FILTERS, plugins
 
 PRESETS = {path.stem: path for path in (Path(__file__).parent / "presets").glob("*.toml")}  # values of --config
-FILE_FORM = f"name a TOML file (`lfpipe config init` writes a complete one), or a preset: {', '.join(PRESETS)}"
+FILE_FORM = f"correct that file (`lfpipe config init FILE` writes a complete one), or name a preset: {', '.join(PRESETS)}"
 SHOW = "`lfpipe config show` lists every key with its unit and range"
 TEXT_CHARS = 4096  # of any text; the longest path
 MOST_LISTED = 10  # problems that one message names
@@ -175,7 +175,9 @@ def load(file: str | os.PathLike[str] | None = None, sets: Iterable[str] = ()) -
             wrong.append(error.message)
             remedy = FILE_FORM
             continue
-        wrong += [f"{name}: {problem}" for problem in problems(pairs)]
+        if in_file := [f"{name}: {problem}" for problem in problems(pairs)]:
+            wrong += in_file
+            remedy = FILE_FORM  # `config show` reads the same file
         values |= {str(key): value for key, value in pairs}
     for text in sets:
         try:

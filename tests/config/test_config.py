@@ -67,6 +67,9 @@ def test_every_error_of_every_layer_is_named_at_once(user_folder: Path, tmp_path
         "remedy:",
     ):
         assert part in str(error.value), error.value
+    with pytest.raises(UserError) as error:
+        config.load()
+    assert "config init FILE" in error.value.remedy, "`config show` fails as long as the user's own file is wrong"
 
 
 def test_layers_win_in_order(user_folder: Path, tmp_path: Path) -> None:
