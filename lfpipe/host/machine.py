@@ -1,4 +1,4 @@
-"""The machine: its clock, the order of its memory, how it rounds, versions of what computes, screen hardware."""
+"""The machine: its sleep, the order of its memory, how it rounds, versions of what computes, screen hardware."""
 
 import contextlib
 import ctypes
@@ -13,7 +13,6 @@ from pathlib import Path
 from lfpipe import __version__
 from lfpipe.errors import UserError
 
-now_ns = time.monotonic_ns  # CLOCK_MONOTONIC: the machine's, not the process's
 TOTAL_STORE_ORDER = ("x86_64", "i686")  # processors that keep program order as far as a ring needs it
 SEQ_CST = 5  # memory_order_seq_cst of <stdatomic.h>
 OPENCV = "opencv-contrib-python-headless"

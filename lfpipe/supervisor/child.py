@@ -16,7 +16,8 @@ from lfpipe.errors import UserError
 from lfpipe.host import processes, signals
 from lfpipe.host.terminal import protect_output
 from lfpipe.supervisor import rundir
-from lfpipe.transport.context import Context, StageSpec
+from lfpipe.transport.context import Context
+from lfpipe.transport.ring_ends import StageSpec
 from lfpipe.transport.status import State
 
 logger = logging.getLogger(__name__)

@@ -28,7 +28,7 @@ from lfpipe.supervisor.snapshot import snapshot as take_snapshot
 from lfpipe.supervisor.stage_process import MAX_FAILURES, MAX_RESTARTS_WINDOW_S, StageProcess, StageProcesses
 from lfpipe.transport import control
 from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
-from lfpipe.transport.context import StageSpec
+from lfpipe.transport.ring_ends import StageSpec
 from lfpipe.transport.session import Session
 
 TICK_MS = 100  # beats are due as often; a sentinel or a message wakes the loop sooner
