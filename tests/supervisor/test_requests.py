@@ -57,6 +57,7 @@ REFUSED: list[tuple[str, Message, str, list[Message]]] = [  # command, options o
     ("load", {}, "no playlist", [{"at": 0}]),
     ("load", {"show": False}, "no pictures", [{"scene": "/x"}]),
     ("record", {}, "absolute path", [{"path": "r"}, {"path": 5}]),
+    ("record", {"tracking": False}, "single view", [{"path": "/r"}]),
     ("trace", {}, "absolute path", [{"path": "t"}, {}]),
     ("share", {}, "list of targets", [{}, {"start": ["lsl"], "stop": []}, {"start": "lsl"}, {"stop": [5]}]),
     ("share", {}, "no target given", [{"start": []}]),
