@@ -9,6 +9,12 @@ import pytest
 
 from tests.world import World
 
+ROOT = Path(__file__).parents[2]
+NO_SCRIPTS = ("arguments", "photon_simulation", "package_page")  # shared by scripts; the last is a build hook
+FILES = [*ROOT.glob("profiling/*.py"), *ROOT.glob("tools/*.py")]
+SCRIPTS = sorted(path for path in FILES if path.stem not in NO_SCRIPTS)
+WITH_DATA = ("eyes_engines", "pipeline_vs_loop", "scene_pack")
+
 
 def test_subjects_from_the_command_line_share_a_folder(world: World, scene: Path, clip: Path) -> None:
     first = world.done("bench", "anaglyph", "--quick", "--scene", scene, "--sequence", clip, "--out", "out")
@@ -27,15 +33,6 @@ def test_mistakes_are_named(world: World, clip: Path) -> None:
         (("bench", "stability", "--quick", "--sequence", "nowhere.avi"), "nowhere.avi"),
     ):
         assert text in world.refused(*words)
-
-
-ROOT = Path(__file__).parents[2]
-SHARED = ("arguments", "photon_simulation")
-NO_SCRIPTS = (*SHARED, "package_page")  # the last is a build hook
-SCRIPTS = sorted(
-    path for folder in ("profiling", "tools") for path in (ROOT / folder).glob("*.py") if path.stem not in NO_SCRIPTS
-)
-WITH_DATA = ("eyes_engines", "pipeline_vs_loop", "scene_pack")
 
 
 def run(script: Path, *words: str) -> subprocess.CompletedProcess[str]:
