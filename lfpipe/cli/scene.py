@@ -25,7 +25,8 @@ from lfpipe.scene.info import describe_pack, lines
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.open_scene import ask_packer, open_scene, packed
 
-PICTURES = (".png", ".jpg", ".jpeg", ".jps")
+PICTURES = (".png", ".jpg", ".jpeg")
+PAIRS = (*PICTURES, ".jps", ".mpo", ".mp4")
 
 
 def opened(path: Path | None, config: Config) -> LightField:
@@ -34,10 +35,10 @@ def opened(path: Path | None, config: Config) -> LightField:
         return open_scene(path, config.scene, bar)
 
 
-def check_picture(path: Path, scene: Path) -> None:
+def check_picture(path: Path, scene: Path, kinds: tuple[str, ...] = PICTURES) -> None:
     """Raises UserError if a command that reads scene must not write a picture to path. Called before any work."""
-    if path.suffix.lower() not in PICTURES:
-        raise UserError(f"{path}: not {', '.join(PICTURES[:-1])} or {PICTURES[-1]}", "for example view.png")
+    if path.suffix.lower() not in kinds:
+        raise UserError(f"{path}: not {', '.join(kinds[:-1])} or {kinds[-1]}", "for example view.png")
     if is_dir(scene) and path.resolve().is_relative_to(scene.resolve()):
         raise UserError(f"{path}: in the folder of the scene, which would count it as a view", "name a file in another folder")
     check_output(path, [scene])
@@ -190,10 +191,9 @@ def export(path: Path, out: Path, form: str, tiles: str, apart: float | None, se
     out = pictures.pair_name(out) if form == "pair" else out
     if is_clip:
         pictures.check_clip(out, round(seconds * pictures.RATE_HZ))
-    if is_clip or (form == "pair" and suffix == ".mpo"):
         check_output(out, [path])
     else:
-        check_picture(out, path)
+        check_picture(out, path, PAIRS if form == "pair" else PICTURES)
     field = opened(path, config)
     exported = pictures.SceneExport(field, config)
     if form == "quilt":

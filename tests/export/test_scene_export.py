@@ -11,6 +11,7 @@ import pytest
 from click.testing import CliRunner
 from PIL import Image
 
+from lfpipe.cli.scene import check_picture
 from lfpipe.cli.scene import scene as command
 from lfpipe.config import Config, Scene
 from lfpipe.errors import UserError
@@ -140,6 +141,7 @@ def test_what_cannot_be_exported_is_refused(scene: Path, cache: str, tmp_path: P
         (lambda: parse_tiles("8by6"), "--tiles 8by6"),
         (lambda: parse_tiles("0x6"), "--tiles 0x6"),
         (lambda: check_clip(tmp_path / "x.webm", 3), "not .mp4 or .gif"),
+        (lambda: check_picture(tmp_path / "x.jps", scene), "not .png, .jpg or .jpeg"),  # players would show a pair
         (lambda: check_clip(tmp_path / "x.gif", 301), "301 pictures"),
         (lambda: write_clip(tmp_path / "no" / "x.gif", iter([np.zeros((4, 4, 3), np.uint8)]), 3), "x.gif"),
     ):
