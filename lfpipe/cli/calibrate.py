@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from lfpipe.capture.open_source import camera_name
-from lfpipe.cli.options import CAMERA, with_config
+from lfpipe.cli.options import CAMERA, Number, with_config
 from lfpipe.config import Config, load, user_file
 from lfpipe.config.user_files import camera_file, write_keys
 from lfpipe.errors import UserError
@@ -22,7 +22,7 @@ USUAL_DEG = (30, 130)  # fields of view of webcams, narrow to wide
 
 @click.command()
 @CAMERA
-@click.option("--distance", "distance_mm", type=click.FloatRange(100, 5000), default=600.0, show_default=True, metavar="MM",
+@click.option("--distance", "distance_mm", type=Number(100, 5000), default=600.0, show_default=True, metavar="MM",
               help="Distance from the camera to your eyes, or to the card.")  # fmt: skip
 @click.option("--by", type=click.Choice(["eyes", "card"]), default="eyes", show_default=True, help="By your eyes or a bank card.")
 @click.option("--latency", is_flag=True, help="Measure the total delay of camera and display, which prediction uses.")

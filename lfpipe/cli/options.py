@@ -1,6 +1,7 @@
 """Options that several commands share, and `lfpipe completion`, by which a shell completes them."""
 
 import functools
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -30,13 +31,19 @@ def complete_sessions(_context: click.Context, _parameter: click.Parameter, inco
     return [CompletionItem(name) for name in running() if name.startswith(incomplete)]
 
 
+class Number(click.FloatRange):
+    """A finite number in a range. click lets NaN into every range."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        number = float(super().convert(value, param, ctx))
+        return number if math.isfinite(number) else self.fail(f"{value} is not a finite number", param, ctx)
+
+
 PATH = click.Path(path_type=Path)
 SCENE = click.argument("path", metavar="SCENE", type=PATH)
 JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 CAMERA = click.option("--camera", metavar="SRC", help="As for `lfpipe up`.  [default: the first camera]")
-DURATION = click.option(
-    "--duration", "duration_s", type=click.FloatRange(min=0, min_open=True), metavar="S", help="Stop after S seconds."
-)
+DURATION = click.option("--duration", "duration_s", type=Number(0, min_open=True), metavar="S", help="Stop after S seconds.")
 SESSION = click.option(
     "--session",
     "session_name",

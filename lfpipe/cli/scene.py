@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.cli.options import JSON, PATH, SCENE, with_config, with_scene
+from lfpipe.cli.options import JSON, PATH, SCENE, Number, with_config, with_scene
 from lfpipe.cli.progress import filled, progress
 from lfpipe.config import Config
 from lfpipe.config.quality import METHODS, WARPS
@@ -176,7 +176,7 @@ def sheet(path: Path, out: Path, config: Config) -> None:
 @click.option("--as", "form", type=click.Choice(["quilt", "pair", "wiggle", "sweep"]), required=True, help="Format of OUT.")
 @click.option("--tiles", default="8x6", show_default=True, metavar="COLSxROWS", help="Tiles of a quilt.")
 @click.option("--apart", type=float, metavar="VIEWS", help="Views between the eyes of a pair or wiggle.  [default: comfortable]")
-@click.option("--seconds", type=click.FloatRange(0.1, 600), metavar="S", help="Length of a wiggle or sweep. [default: 0.8 and 6]")
+@click.option("--seconds", type=Number(0.1, 600), metavar="S", help="Length of a wiggle or sweep. [default: 0.8 and 6]")
 @with_scene
 def export(path: Path, out: Path, form: str, tiles: str, apart: float | None, seconds: float | None, config: Config) -> None:
     """Write SCENE for other programs: a quilt for Looking Glass displays, a pair (.png, .jpg, .jps, .mpo, .mp4), a wiggle (.mp4,

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import math
 import os
 import shutil
 from collections.abc import Callable
@@ -16,7 +17,7 @@ import numpy as np
 from lfpipe.capture.open_source import camera_name, check_source
 from lfpipe.capture.recordings import open_recording
 from lfpipe.cli.launch import exit_code, say
-from lfpipe.cli.options import CAMERA, DURATION, PATH, with_config
+from lfpipe.cli.options import CAMERA, DURATION, PATH, Number, with_config
 from lfpipe.config import Config
 from lfpipe.config.user_files import with_measured_focal
 from lfpipe.errors import UserError, plain
@@ -129,11 +130,11 @@ def _check(path: Path) -> None:
 @sequence.command()
 @click.argument("path", type=PATH, metavar="SEQ")
 @click.argument("out", type=PATH)
-@click.option("--from", "begin_s", type=click.FloatRange(min=0), default=0.0, metavar="S", help="Seconds after the first frame.")
-@click.option("--to", "end_s", type=click.FloatRange(min=0), default=float("inf"), metavar="S", help="Exclusive end, in seconds.")
-def cut(path: Path, out: Path, begin_s: float, end_s: float) -> None:
+@click.option("--from", "begin_s", type=Number(min=0), default=0.0, metavar="S", help="Seconds after the first frame.")
+@click.option("--to", "end_s", type=Number(min=0), metavar="S", help="Exclusive end, in seconds.")
+def cut(path: Path, out: Path, begin_s: float, end_s: float | None) -> None:
     """Copy a part of SEQ to the new sequence OUT. Frames are copied byte for byte."""
-    click.echo(f"{out}: {edit.cut(open_sequence(path, verify=False), out, begin_s, end_s)} frames")
+    click.echo(f"{out}: {edit.cut(open_sequence(path, verify=False), out, begin_s, math.inf if end_s is None else end_s)} frames")
 
 
 @sequence.command("import")

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from lfpipe.cli.options import PATH
+from lfpipe.cli.options import PATH, Number
 from lfpipe.errors import UserError
 
 
@@ -15,7 +15,7 @@ from lfpipe.errors import UserError
 @click.option("--jobs", type=click.IntRange(1, 1024), metavar="N", help="Workers on this machine. Default: one per core.")
 @click.option("--on", "address", default="", metavar="tls://SCHEDULER", help="Use the workers of a Dask scheduler instead.")
 @click.option("--insecure", is_flag=True, help="With --on: accept a scheduler without TLS. Whoever reaches it can run code.")
-@click.option("--limit", type=click.FloatRange(1), default=3600.0, show_default=True, metavar="S", help="Seconds for one cell.")
+@click.option("--limit", type=Number(1), default=3600.0, show_default=True, metavar="S", help="Seconds for one cell.")
 @click.option("--expect", type=PATH, metavar="DIR", help="Compare replays and quality with the references in this folder.")
 @click.option("--update", is_flag=True, help="Write the references of --expect instead.")
 @click.option("--junit", type=PATH, metavar="FILE", help="Write the outcome as JUnit XML.  [default: junit.xml in DIR]")
