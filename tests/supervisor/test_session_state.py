@@ -93,19 +93,22 @@ def test_a_renewed_lease_changes_nothing_that_stages_see_and_another_size_asks_f
 
 
 def test_a_change_is_settled_once_every_stage_has_worked_by_it_for_a_while() -> None:
-    rollback, state = ConfigRollback(), made_state().changed(LOWER)
+    rollback, state, begun_ns = ConfigRollback(), made_state().changed(LOWER), 10**9
     assert rollback.watch(state, False, {"render": 1}, 0) is state, "not applied yet"
-    rollback.watch(state, True, {"render": 1}, 1)
-    assert rollback.watch(state, True, {"render": 1}, 2 * TRIAL_NS).known_good != state.basis, "no output since"
-    assert rollback.watch(state, True, {"render": 2}, 2 * TRIAL_NS).known_good == state.basis
+    rollback.watch(state, True, {"render": 1}, begun_ns)
+    more = {"render": 2, "share": 1}  # a stage that has begun meanwhile
+    assert rollback.watch(state, True, more, begun_ns + TRIAL_NS - 1) is state, "too early"
+    assert rollback.watch(state, True, {"render": 1}, begun_ns + TRIAL_NS) is state, "no output since"
+    assert rollback.watch(state, True, more, begun_ns + TRIAL_NS).known_good == state.basis
 
 
 def test_a_stage_that_fails_on_a_change_blames_it_and_one_that_is_killed_later_does_not() -> None:
     rollback, good = ConfigRollback(), made_state()
     state = good.changed(LOWER)
     assert not rollback.to_blame(good, 1, True), "there is nothing to roll back"
-    assert rollback.to_blame(state, -9, False) and rollback.to_blame(state, 2, True)
+    assert rollback.to_blame(state, -9, False) and rollback.to_blame(state, 1, True)
     assert not rollback.to_blame(state, -9, True), "a kill says nothing against a change that was applied"
+    assert not rollback.to_blame(state, 0, True)
 
 
 def test_each_change_is_one_revision_and_each_ring_has_the_next_name() -> None:
