@@ -218,7 +218,6 @@ def test_nothing_that_is_there_is_overwritten_and_nothing_half_stays(whole: Path
         ("export", whole, tmp_path / "mine.mkv"),
         ("cut", whole, tmp_path / "folder"),
         ("cut", whole, "/proc/none/x"),
-        ("cut", whole, tmp_path / "new", "--from", "nan"),
         ("import", tmp_path / "notes.avi", tmp_path / "new"),
         ("import", tmp_path / "good.mkv", tmp_path / "folder"),
         ("import", "/dev/zero", tmp_path / "new"),
