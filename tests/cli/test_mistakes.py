@@ -22,6 +22,7 @@ from tests.world import World
         (("monitor", "--once", "--web"), "--web excludes --once"),
         (("up",), "--demo"),
         (("up", "--durtion", "3"), "--duration"),
+        (("up", "--demo", "--code-file", "code.txt"), "--code-file needs --kiosk"),
         (("up", "--demo", "--duration", "nan"), "nan is not a finite number"),
     ],
 )
