@@ -29,7 +29,7 @@ from lfpipe.scene.examination import Examined, FrameIndex
 from lfpipe.scene.lightfield import UNKNOWN
 from lfpipe.scene.missing_views import fill_missing
 from lfpipe.scene.optical_flow import SMALLEST_PX
-from lfpipe.scene.pack import DISPARITY, VIEWS, array, make_array
+from lfpipe.scene.pack import DISPARITY, VIEWS, make_array, mapper
 from lfpipe.scene.source import Progress
 
 T = TypeVar("T")
@@ -65,31 +65,32 @@ def write_disparity(scene: Examined, folder: Path, progress: Progress) -> dict[s
     if int(scene.present.sum()) < 2 or min(height, width) < SMALLEST_PX:
         return {"source": "none", "scale_px": 1 / 16, **NO_DEPTH}
     shape = (frames, rows, cols, (height + 1) // 2, (width + 1) // 2)
-    views, interim, out = folder / VIEWS, folder / "interim.npy", folder / DISPARITY
-    make_array(interim, shape, np.int16)
-    make_array(out, shape, np.int8)
+    views, interim_file = mapper(folder / VIEWS), folder / "interim.npy"
+    interim, out = make_array(interim_file, shape, np.int16), make_array(folder / DISPARITY, shape, np.int8)
     about = _estimate(scene, views, interim, progress)
     scale_px = about["scale_px"]
     for place in scene.views:
-        steps = array(interim)[place].astype(np.float32)
+        steps = interim()[place].astype(np.float32)
         steps[steps == _UNKNOWN] = np.nan
-        array(out)[place] = quantised(steps * np.float32(_INTERIM_PX), scale_px)
+        out()[place] = quantised(steps * np.float32(_INTERIM_PX), scale_px)
     for frame in range(frames):
-        fill_missing(scene.present, array(views)[frame], array(out)[frame], scale_px)
-    ends = array(out)[0, rows // 2, [0, cols // 2, cols - 1]]
-    interim.unlink()
+        fill_missing(scene.present, views()[frame], out()[frame], scale_px)
+    ends = out()[0, rows // 2, [0, cols // 2, cols - 1]]
+    interim_file.unlink()
     return about | border_range(np.where(ends == UNKNOWN, np.nan, ends * np.float32(scale_px)))
 
 
-def _estimate(scene: Examined, views: Path, interim: Path, progress: Progress) -> dict[str, Any]:
-    """Writes every present view's map into the array interim, in steps of _INTERIM_PX; returns the entry in the manifest."""
+def _estimate(
+    scene: Examined, views: Callable[[], NDArray[Any]], interim: Callable[[], NDArray[Any]], progress: Progress
+) -> dict[str, Any]:
+    """Writes every present view's map to interim(), in steps of _INTERIM_PX; returns the manifest's entry."""
     source = scene.source
     ranges: dict[FrameIndex, NDArray[np.float64]] = {}
     true_ranges: list[tuple[float, float]] = []
 
     @lru_cache(maxsize=3 * scene.cols + 4)
     def grey(frame: int, row: int, col: int) -> NDArray[np.uint8]:
-        return compared(luma(array(views)[frame, row, col]))
+        return compared(luma(views()[frame, row, col]))
 
     factor, sign = shrinking(source.height_px, source.width_px), scene.orientation.truth_sign
 
@@ -110,7 +111,7 @@ def _estimate(scene: Examined, views: Path, interim: Path, progress: Progress) -
         ranges[place] = np.percentile(stored, (0.1, 99.9))
         steps = np.clip(stored, -_NO_LIMIT_PX, _NO_LIMIT_PX) * np.float32(1 / _INTERIM_PX)
         steps[unknown] = _UNKNOWN
-        array(interim)[place] = np.rint(steps).astype(np.int16)
+        interim()[place] = np.rint(steps).astype(np.int16)
 
     progress("disparity", 0, len(scene.views))
     item_bytes = _WORKING_BYTES * source.height_px * source.width_px

@@ -11,7 +11,8 @@ import contextlib
 import hashlib
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -70,16 +71,18 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         return manifest
 
 
-def make_array(path: Path, shape: tuple[int, ...], dtype: Any = np.uint8) -> None:
+def make_array(path: Path, shape: tuple[int, ...], dtype: Any = np.uint8) -> Callable[[], NDArray[Any]]:
     """Makes an .npy file of zeros, with its room on the disk: a full one is an error now, and no signal later. Raises OSError."""
     np.lib.format.open_memmap(path, "w+", dtype, shape)
     reserve(path)
+    return mapper(path)
 
 
-def array(path: Path) -> NDArray[Any]:
-    """The array of an .npy file, to read and to write from any thread. Ask for it anew for every piece: touched pages of a map
-    count as memory of the process as long as it exists."""
-    return np.lib.format.open_memmap(path, "r+")
+def mapper(path: Path) -> Callable[[], NDArray[Any]]:
+    """A function that maps the array of an .npy file, to read and to write from any thread. Call it anew for every piece: touched
+    pages of a map count as memory of the process as long as it exists."""
+    array = np.lib.format.open_memmap(path, "r+")  # once: two threads that parse a header fail now and then (Python 3.11.7)
+    return partial(np.memmap, path, array.dtype, "r+", array.offset, array.shape)
 
 
 def _mapped(path: Path, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:

@@ -11,6 +11,7 @@ from typing import Any
 
 import attrs
 import numpy as np
+from numpy.typing import NDArray
 
 import lfpipe
 from lfpipe import config
@@ -23,7 +24,7 @@ from lfpipe.scene.examination import STRIP_ROWS, Examined, FrameIndex, described
 from lfpipe.scene.files import library_errors
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.missing_views import nearest_present
-from lfpipe.scene.pack import VERSION, VIEWS, DamagedPackError, array, light_field, make_array, open_pack, write_manifest
+from lfpipe.scene.pack import VERSION, VIEWS, DamagedPackError, light_field, make_array, open_pack, write_manifest
 from lfpipe.scene.source import Progress
 
 # Scores the methods of synthesis on the new pack. It belongs to a room above this one, so it is named and not imported.
@@ -106,8 +107,8 @@ class NotGreyError(Exception):
     """A view has colour although the examined ones had none."""
 
 
-def _view_writer(scene: Examined, out: Path) -> Callable[[FrameIndex], None]:
-    """A function that decodes one view into the array in the file out; it raises UserError, and NotGreyError if the view has
+def _view_writer(scene: Examined, out: Callable[[], NDArray[Any]]) -> Callable[[FrameIndex], None]:
+    """A function that decodes one view into the array that out() maps; it raises UserError, and NotGreyError if the view has
     colour but the pack has no planes for it."""
     source = scene.source
     values = np.arange(source.max_value + 1, dtype=np.float64) / source.max_value
@@ -118,7 +119,7 @@ def _view_writer(scene: Examined, out: Path) -> Callable[[FrameIndex], None]:
         pixels = source.read(frame, *scene.file_index(row, col))
         if scene.channels == 1 and not is_grey(pixels):
             raise NotGreyError
-        planes = array(out)[place]
+        planes = out()[place]
         for top in range(0, len(pixels), STRIP_ROWS):
             screen = table[np.minimum(pixels[top : top + STRIP_ROWS], source.max_value)]
             for channel, plane in enumerate(planes):
@@ -139,20 +140,20 @@ def _write_views(scene: Examined, folder: Path, can_be_shown: Callable[[], None]
 
     views, written = sorted(scene.views, key=away), np.zeros_like(scene.present)
     first = min(len(views), FIRST_VIEWS) if scene.source.frames == 1 else len(views)
-    out, item_bytes = folder / VIEWS, 6 * scene.source.height_px * scene.source.width_px
-    write = _view_writer(scene, out)
+    item_bytes = 6 * scene.source.height_px * scene.source.width_px
     shutil.rmtree(folder, ignore_errors=True)  # a killed packer's
     try:
         with cache.writing(folder.parents[1]):
             folder.mkdir()
-            make_array(out, scene.shape)
+            out = make_array(folder / VIEWS, scene.shape)
+            write = _view_writer(scene, out)
             report(0)
             for start, end in ((0, first), (first, len(views))):
                 run_parallel(write, views[start:end], item_bytes, report, start)
                 for _, row, col in views[start:end]:
                     written[row, col] = True
                 for row, col in np.argwhere(~written).tolist():
-                    planes = array(out)
+                    planes = out()
                     planes[:, row, col] = planes[:, *nearest_present(written, row, col)]
                 if start == 0:
                     write_manifest(folder, manifest_of(scene, folder.name))

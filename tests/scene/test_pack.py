@@ -1,8 +1,10 @@
 """The pack: what is in it, that it is made whole or not at all, and that two may make it at once."""
 
+import gc
 import json
 import os
 import shutil
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -63,6 +65,22 @@ def test_a_pack_holds_the_views_planar_and_the_disparity_and_is_made_once(folder
     assert pack().folder == field.folder and seen == [], "recognised by content"
     made.write(folder / "input_Cam004.png", made.views(3, 3)[0, 0])
     assert pack().folder != field.folder
+
+
+def test_threads_that_change_places_anywhere_write_a_pack(folder: Path, scene_config: config.Scene) -> None:
+    """Python 3.11's parser fails when another thread parses meanwhile, as numpy does for the header of an .npy file."""
+
+    def change_places(*_: object) -> None:
+        time.sleep(0)
+
+    often = gc.get_threshold()
+    gc.callbacks.append(change_places)
+    gc.set_threshold(20)
+    try:
+        assert pack_scene(folder, scene_config).complete
+    finally:
+        gc.callbacks.remove(change_places)
+        gc.set_threshold(*often)
 
 
 def test_the_users_word_makes_another_pack(folder: Path, scene_config: config.Scene) -> None:
