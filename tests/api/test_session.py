@@ -35,7 +35,8 @@ def test_a_session_is_started_changed_loaded_and_stopped_in_a_thread(home: World
             trace = home.root / "t.jsonl"
             with lfpipe.Session(scene, camera="demo", trace=trace, **QUICK) as session:  # type: ignore[arg-type]
                 home.wait_for(lambda: trace.exists() and trace.stat().st_size, "line of the trace")
-                assert session.status()["stages"]["render"]["state"] == "RUNNING"
+                # it is STARTING for a moment once more, when disparity comes to the views
+                home.wait_for(lambda: session.status()["stages"]["render"]["state"] == "RUNNING", "a running render")
                 assert session.frame().picture.shape[2] == 3
                 assert next(eyes for eyes in session.stream() if eyes is not None).head is not None
                 session.set(**{"render.method": "blend"})
