@@ -5,7 +5,7 @@ import contextlib
 import json
 import subprocess
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,13 +22,18 @@ from tests.web.server import served
 from tests.world import World, write_scene
 
 
-@pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    world = World(tmp_path_factory.mktemp("loading"))
-    world.up(write_scene(world.root / "first"))
+def running(root: Path, name: str, write: Callable[[Path], Path]) -> Iterator[World]:
+    """A session that shows what `write` writes to a folder of this name."""
+    world = World(root)
+    world.up(write(world.root / name))
     world.pictures(3)
     yield world
     world.end()
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
+    yield from running(tmp_path_factory.mktemp("loading"), "first", write_scene)
 
 
 def scene_of(world: World) -> dict[str, Any]:
@@ -137,11 +142,7 @@ def write_scenes(folder: Path) -> Path:
 @pytest.fixture(scope="module")
 def listed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
     """A session with a folder of scenes."""
-    world = World(tmp_path_factory.mktemp("listed"))
-    world.up(write_scenes(world.root / "scenes"))
-    world.pictures(3)
-    yield world
-    world.end()
+    yield from running(tmp_path_factory.mktemp("listed"), "scenes", write_scenes)
 
 
 def shown(world: World) -> tuple[int, int]:
