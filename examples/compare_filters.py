@@ -6,4 +6,10 @@ import lfpipe
 
 for name in ("predictive", "mean"):
     report = lfpipe.replay(sys.argv[1], sys.argv[2], settings={"track.filter": name})
-    print(name, report["counts"]["faces"], "faces", report["truth_error"] or "no truth", report["digests"]["eyes"][:12])
+    print(
+        name,
+        report["counts"]["faces"],
+        "faces",
+        report["truth_error"] or "no truth",
+        report["digests"]["eyes"][:12],
+    )

@@ -2,7 +2,11 @@
 
 import reprlib
 
-MESSAGE_CHARS, REMEDY_CHARS, VALUE_CHARS = 1500, 400, 60  # a screen of 80x24 holds a message with its remedy
+MESSAGE_CHARS, REMEDY_CHARS, VALUE_CHARS = (
+    1500,
+    400,
+    60,
+)  # a screen of 80x24 holds a message with its remedy
 
 
 class UserError(Exception):
@@ -24,7 +28,9 @@ class UserError(Exception):
 def plain(text: str, most_chars: int) -> str:
     """text with control characters and lone surrogates escaped (lines remain lines), and its middle left out where it is long."""
     text = _without_middle(text, most_chars)
-    return _without_middle("".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text), most_chars)
+    return _without_middle(
+        "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text), most_chars
+    )
 
 
 def _without_middle(text: str, most_chars: int) -> str:
@@ -34,7 +40,9 @@ def _without_middle(text: str, most_chars: int) -> str:
 
 _short = reprlib.Repr()
 _short.maxstring = _short.maxother = VALUE_CHARS
-_short.maxlevel = _short.maxdict = _short.maxlist = _short.maxtuple = _short.maxset = 3  # enough to recognise a value
+_short.maxlevel = _short.maxdict = _short.maxlist = _short.maxtuple = _short.maxset = (
+    3  # enough to recognise a value
+)
 
 
 def shown(value: object) -> str:

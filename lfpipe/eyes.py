@@ -21,12 +21,21 @@ EYES = np.dtype(
         ("height_px", "<i4"),
         ("t_tracked_ns", "<i8"),
         ("face", "<i4"),
-        ("generation", "<i4"),  # counts the tracks of a face: another number means another run of the filter
-        ("head_px", "<f4", (10, 3)),  # HEAD_POINTS in the picture: right, down, away from the camera; zeros: not known
+        (
+            "generation",
+            "<i4",
+        ),  # counts the tracks of a face: another number means another run of the filter
+        (
+            "head_px",
+            "<f4",
+            (10, 3),
+        ),  # HEAD_POINTS in the picture: right, down, away from the camera; zeros: not known
     ]
 )
 
-PLAIN = struct.Struct("<14d2iq2i")  # the fields before head_px; packed into a record and unpacked from it
+PLAIN = struct.Struct(
+    "<14d2iq2i"
+)  # the fields before head_px; packed into a record and unpacked from it
 
 
 class EyesRecord(NamedTuple):
@@ -59,7 +68,9 @@ class EyesRecord(NamedTuple):
 HEAD_POINTS = (1, 10, 33, 133, 362, 263, 127, 356, 234, 454)
 
 # A picture shown, for who shares the session; the slot header repeats the stamps of the frame that it was made for.
-SHOWN = np.dtype([("t_presented_ns", "<i8"), ("view", "<f8", (2, 2)), ("composed", "<i4"), ("face", "<i4")])
+SHOWN = np.dtype(
+    [("t_presented_ns", "<i8"), ("view", "<f8", (2, 2)), ("composed", "<i4"), ("face", "<i4")]
+)
 
 MAX_HORIZON_S = 0.25  # beyond a quarter of a second a straight line says nothing about a head
 
@@ -70,7 +81,9 @@ def middle_of(eyes: Eyes) -> tuple[float, float]:
     return (lx + rx) / 2, (ly + ry) / 2
 
 
-def extrapolated(position_px: NDArray[np.float64], velocity_px_s: NDArray[np.float64], horizon_ns: int) -> NDArray[np.float64]:
+def extrapolated(
+    position_px: NDArray[np.float64], velocity_px_s: NDArray[np.float64], horizon_ns: int
+) -> NDArray[np.float64]:
     """Where the eyes will be horizon_ns after their frame was taken; the horizon is clamped to 0 .. MAX_HORIZON_S.
 
     position_px, velocity_px_s: (2, 2). Returns (2, 2) px.

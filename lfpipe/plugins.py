@@ -14,7 +14,12 @@ from typing import Any
 
 from lfpipe.errors import UserError
 
-LAYOUTS, ENGINES, FILTERS, DISPLAYS = GROUPS = ("lfpipe.layouts", "lfpipe.engines", "lfpipe.filters", "lfpipe.displays")
+LAYOUTS, ENGINES, FILTERS, DISPLAYS = GROUPS = (
+    "lfpipe.layouts",
+    "lfpipe.engines",
+    "lfpipe.filters",
+    "lfpipe.displays",
+)
 log = logging.getLogger(__name__)
 
 
@@ -22,13 +27,21 @@ log = logging.getLogger(__name__)
 def plugins(group: str) -> dict[str, str]:
     """The package of each plugin of a group, with its version, by the plugin's name. Imports none of them."""
     entries = importlib.metadata.entry_points(group=group)
-    return {entry.name: f"{entry.dist.name} {entry.dist.version}" if entry.dist else "an unknown package" for entry in entries}
+    return {
+        entry.name: f"{entry.dist.name} {entry.dist.version}"
+        if entry.dist
+        else "an unknown package"
+        for entry in entries
+    }
 
 
 def load(group: str, name: str) -> Any:
     """The plugin of that name. Raises UserError if there is none, or if its package is broken."""
     if name not in plugins(group):
-        raise UserError(f"{group}: {name!r} is not installed", "install the package that offers it; `lfpipe doctor` lists them")
+        raise UserError(
+            f"{group}: {name!r} is not installed",
+            "install the package that offers it; `lfpipe doctor` lists them",
+        )
     try:
         return importlib.metadata.entry_points(group=group)[name].load()
     except Exception as error:  # another package's code may raise anything

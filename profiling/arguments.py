@@ -13,7 +13,9 @@ LFPIPE = [sys.executable, "-m", "lfpipe"]
 
 def parser_of(doc: str | None, **numbers: float) -> argparse.ArgumentParser:
     """A parser that prints doc for --help, with one option per number: its type and its default."""
-    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=doc, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     for name, value in numbers.items():
         parser.add_argument(f"--{name.replace('_', '-')}", type=type(value), default=value)
     return parser
@@ -40,6 +42,11 @@ def start(main: Callable[[], int | None]) -> None:
 
 def session_state(name: str) -> dict[str, Any]:
     """What `lfpipe monitor` reports of a session."""
-    done = subprocess.run([*LFPIPE, "monitor", "--session", name, "--once", "--json"], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [*LFPIPE, "monitor", "--session", name, "--once", "--json"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     state: dict[str, Any] = json.loads(done.stdout)
     return state

@@ -28,7 +28,9 @@ Faces = list[Face | None]
 def frames(path: Path, noise_dn: int = 0) -> Iterator[Picture]:
     source, rng = cv2.VideoCapture(str(path)), np.random.default_rng(0)
     while (frame := source.read()[1]) is not None:
-        shaken = frame.astype(np.int16) + rng.integers(-noise_dn, noise_dn + 1, frame.shape, np.int16)
+        shaken = frame.astype(np.int16) + rng.integers(
+            -noise_dn, noise_dn + 1, frame.shape, np.int16
+        )
         yield np.clip(shaken, 0, 255).astype(np.uint8)
 
 
@@ -42,12 +44,18 @@ def run(engine: Engine, pictures: Iterable[Picture]) -> Faces:
 def frontal(face: Face) -> bool:
     """Whether the eyes span a large part of the face's width and the network is confident; in profile neither holds."""
     x0, _, x1, _ = face.box_px
-    return face.confidence > 0.9995 and float(np.linalg.norm(face.eyes_px[0] - face.eyes_px[1])) > 0.38 * (x1 - x0)
+    return face.confidence > 0.9995 and float(
+        np.linalg.norm(face.eyes_px[0] - face.eyes_px[1])
+    ) > 0.38 * (x1 - x0)
 
 
 def apart_px(first: Faces, second: Faces, frontal_only: bool = False) -> float:
     """RMS distance of eye centres where both found a face."""
-    pairs = [(a, b) for a, b in zip(first, second, strict=True) if a and b and (frontal(a) or not frontal_only)]
+    pairs = [
+        (a, b)
+        for a, b in zip(first, second, strict=True)
+        if a and b and (frontal(a) or not frontal_only)
+    ]
     return float(np.sqrt(np.mean([np.square(a.eyes_px - b.eyes_px).sum(axis=1) for a, b in pairs])))
 
 
@@ -64,10 +72,22 @@ def main() -> None:
         ours, theirs = run(LitertEngine(), frames(video)), run(MediapipeEngine(), frames(video))
         shaken = run(MediapipeEngine(), frames(video, 1))
         alone = [(a is None) != (b is None) for a, b in zip(ours, theirs, strict=True)]
-        longest = max((len(list(group)) for state, group in itertools.groupby(alone) if state), default=0)
-        counts = (len(ours), *(sum(face is not None for face in faces) for faces in (ours, theirs)), sum(alone), longest)
+        longest = max(
+            (len(list(group)) for state, group in itertools.groupby(alone) if state), default=0
+        )
+        counts = (
+            len(ours),
+            *(sum(face is not None for face in faces) for faces in (ours, theirs)),
+            sum(alone),
+            longest,
+        )
         figures = (apart_px(ours, theirs), apart_px(ours, theirs, True), apart_px(theirs, shaken))
-        print(f"{video.stem[:33]:34}" + "".join(f"{n:10}" for n in counts) + "".join(f"{px:10.3f}" for px in figures), flush=True)
+        print(
+            f"{video.stem[:33]:34}"
+            + "".join(f"{n:10}" for n in counts)
+            + "".join(f"{px:10.3f}" for px in figures),
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

@@ -48,16 +48,23 @@ class Clip:
         self.velocity = np.gradient(self.truth, FINE_S, axis=0)
         self.speed = np.sqrt(np.square(self.velocity).sum(axis=1) / 2) / self.apart_px
         slow, half = np.cumsum(np.r_[0, self.speed < 0.1]), int(0.1 / FINE_S)
-        low, high = (np.clip(np.arange(len(self.fine_s)) + off, 0, len(self.fine_s)) for off in (-2 * half, half))
+        low, high = (
+            np.clip(np.arange(len(self.fine_s)) + off, 0, len(self.fine_s))
+            for off in (-2 * half, half)
+        )
         self.still = slow[high] - slow[low] == high - low
 
     def _smoothed(self) -> tuple[Float, Float]:
         smooth, slope = np.empty_like(self.eyes), np.empty_like(self.eyes)
         for i, t in enumerate(self.t_s):
             away = self.t_s - t
-            weight = np.exp(-0.25 * (away / SMOOTH_S) ** 2)[:, None]  # the square root of the Gaussian
+            weight = np.exp(-0.25 * (away / SMOOTH_S) ** 2)[
+                :, None
+            ]  # the square root of the Gaussian
             powers = np.stack([np.ones_like(away), away, away**2], axis=1)
-            smooth[i], slope[i] = np.linalg.lstsq(powers * weight, self.eyes * weight, rcond=None)[0][:2]
+            smooth[i], slope[i] = np.linalg.lstsq(powers * weight, self.eyes * weight, rcond=None)[
+                0
+            ][:2]
         return smooth, slope
 
     def measured(self, rate_hz: float) -> "Clip":
@@ -90,8 +97,13 @@ def clips(folder: Path) -> list[Clip]:
                 continue
             part, start = rows[start:end], end + 1
             if len(part) > LEAST_FRAMES:
-                eyes = [[float(row[name]) for name in ("left_x", "left_y", "right_x", "right_y")] for row in part]
-                out.append(Clip(path.stem, np.array([float(row["t_s"]) for row in part]), np.array(eyes)))
+                eyes = [
+                    [float(row[name]) for name in ("left_x", "left_y", "right_x", "right_y")]
+                    for row in part
+                ]
+                out.append(
+                    Clip(path.stem, np.array([float(row["t_s"]) for row in part]), np.array(eyes))
+                )
     return out
 
 
@@ -102,7 +114,10 @@ def shown(clip: Clip, one: EyeFilter, display: bool, loop_s: float = 0.0) -> tup
     due_s, i = clip.t_s[0] + 0.003, 0
     if not display:
         return clip.t_s + AGE_S + loop_s, np.array(
-            [one.update(round(t * 1e9), eyes.reshape(2, 2))[0].ravel() for t, eyes in zip(clip.t_s, clip.eyes, strict=True)]
+            [
+                one.update(round(t * 1e9), eyes.reshape(2, 2))[0].ravel()
+                for t, eyes in zip(clip.t_s, clip.eyes, strict=True)
+            ]
         )
     while due_s < clip.t_s[-1]:
         while i < len(clip.t_s) and clip.t_s[i] + AGE_S <= due_s:
@@ -128,15 +143,21 @@ def figures(clip: Clip, times: Float, used: Float) -> list[float]:
     seen = seen[seen > 0]
     steps = np.square(used[seen] - used[seen - 1]).sum(axis=1) / 2
     step = 100 * math.sqrt(steps.mean()) / clip.apart_px if len(steps) > 5 else math.nan
-    ahead = [float((off[i : i + int(0.2 / FINE_S)] @ way).max()) / math.sqrt(2) for i, way in clip.stops()]
+    ahead = [
+        float((off[i : i + int(0.2 / FINE_S)] @ way).max()) / math.sqrt(2)
+        for i, way in clip.stops()
+    ]
     over = 100 * float(np.median(ahead)) / clip.apart_px if ahead else math.nan
     return [rms(square[clip.speed > 0.5]), rms(square[clip.still]), step, over, rms(square)]
 
 
-def table(found: list[Clip], ways: list[tuple[str, Callable[[], EyeFilter], bool]], loop_s: float) -> dict[str, Float]:
+def table(
+    found: list[Clip], ways: list[tuple[str, Callable[[], EyeFilter], bool]], loop_s: float
+) -> dict[str, Float]:
     """figures (stretches, 5) of every filter: (name, its maker, whether it predicts on the display's clock)."""
     return {
-        name: np.array([figures(clip, *shown(clip, make(), display, loop_s)) for clip in found]) for name, make, display in ways
+        name: np.array([figures(clip, *shown(clip, make(), display, loop_s)) for clip in found])
+        for name, make, display in ways
     }
 
 
@@ -159,8 +180,14 @@ def main() -> None:
     every = table(found, ways, loop_s)
     print(f"| filter | moving | still | step | overshoot | all |\n|---|{'---:|' * 5}")
     for name, rows in every.items():
-        print(f"| {name} | " + " | ".join(f"{value:.2f}" for value in np.nanmedian(rows, axis=0)) + " |")
-    print(f"\n| all time | {' | '.join(clip.name for clip in found)} |\n|---|{'---:|' * len(found)}")
+        print(
+            f"| {name} | "
+            + " | ".join(f"{value:.2f}" for value in np.nanmedian(rows, axis=0))
+            + " |"
+        )
+    print(
+        f"\n| all time | {' | '.join(clip.name for clip in found)} |\n|---|{'---:|' * len(found)}"
+    )
     for name in ("paper, mean 5", "none", "predictive"):
         print(f"| {name} | {' | '.join(f'{value:.2f}' for value in every[name][:, 4])} |")
 

@@ -52,7 +52,10 @@ def count(context: Context, run: Callable[[Context], None]) -> None:
         elif len(frames) == 1 and done >= frames[0] + FRAMES:
             frames.append(done)
             passed = done - frames[0]
-            each = {f"{code.co_filename}:{code.co_firstlineno} {code.co_qualname}": n / passed for code, n in calls.items()}
+            each = {
+                f"{code.co_filename}:{code.co_firstlineno} {code.co_qualname}": n / passed
+                for code, n in calls.items()
+            }
             Path(os.environ[FOLDER], context.spec.name).write_text(json.dumps(each))
         if len(frames) == 1:
             sys.setprofile(event)
@@ -76,12 +79,29 @@ def main(context: Context | None = None) -> None:
     args = parser.parse_args()
     cache = cache_dir(load().scene)
     video, scene = demo_sequence(cache / "bench", MOVING_S[1]), demo_scene(cache)
-    options = [f"--set={text}" for text in args.sets] + (["--config", args.config] if args.config else [])
+    options = [f"--set={text}" for text in args.sets] + (
+        ["--config", args.config] if args.config else []
+    )
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, __file__, "up", str(scene), "--camera", f"file:{video}?loop=1&pace=30", "--display", "none"]
-        process = subprocess.Popen([*command, *options], env=os.environ | {FOLDER: folder}, stdout=subprocess.DEVNULL)
+        command = [
+            sys.executable,
+            __file__,
+            "up",
+            str(scene),
+            "--camera",
+            f"file:{video}?loop=1&pace=30",
+            "--display",
+            "none",
+        ]
+        process = subprocess.Popen(
+            [*command, *options], env=os.environ | {FOLDER: folder}, stdout=subprocess.DEVNULL
+        )
         end = time.monotonic() + 60
-        while process.poll() is None and time.monotonic() < end and len(list(Path(folder).iterdir())) < len(STAGES):
+        while (
+            process.poll() is None
+            and time.monotonic() < end
+            and len(list(Path(folder).iterdir())) < len(STAGES)
+        ):
             time.sleep(0.2)
         process.terminate()
         process.wait()
@@ -90,7 +110,9 @@ def main(context: Context | None = None) -> None:
             calls = json.loads(Path(folder, name).read_text())
             own = {key: n for key, n in calls.items() if "/lfpipe/" in key and n >= 0.5}
             every |= own.keys()
-            print(f"{name:8} {len(own):4} functions, {sum(own.values()):6.1f} calls a frame,", end=" ")
+            print(
+                f"{name:8} {len(own):4} functions, {sum(own.values()):6.1f} calls a frame,", end=" "
+            )
             print(f"{sum(calls.values()) - sum(own.values()):5.1f} of libraries")
             for key, n in sorted(calls.items(), key=lambda item: -item[1]) if args.list else ():
                 print(f"  {n:6.2f} {key.rpartition('/lfpipe/')[2]}")
@@ -104,7 +126,8 @@ if __name__ == "__main__":
 
         sys.path.insert(0, str(Path(__file__).parent))
         process_table.STAGES = tuple(
-            attrs.evolve(row, module="functions_per_frame") if row.name in STAGES else row for row in process_table.STAGES
+            attrs.evolve(row, module="functions_per_frame") if row.name in STAGES else row
+            for row in process_table.STAGES
         )
         run()
     else:

@@ -54,7 +54,9 @@ def find_python(version: str) -> str | None:
     if done.returncode == 0:
         return done.stdout.strip()
     kept = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv")) / "versions"
-    return next((str(path) for path in sorted(kept.glob(f"{version}.*/bin/python"), reverse=True)), None)
+    return next(
+        (str(path) for path in sorted(kept.glob(f"{version}.*/bin/python"), reverse=True)), None
+    )
 
 
 class Interpreter:
@@ -65,21 +67,35 @@ class Interpreter:
         folder.mkdir(mode=0o700)
         self.own = Path(sys.prefix) == ROOT / ".venv" and path == sys.executable
         place = ROOT / (".venv" if self.own else f".venv-{folder.name}")
-        self._env = {key: value for key, value in os.environ.items() if key not in ("VIRTUAL_ENV", "DISPLAY", "WAYLAND_DISPLAY")}
-        self._env |= {"UV_PROJECT_ENVIRONMENT": str(place), "UV_PYTHON": path, "PYTHONPATH": str(ROOT)}
+        self._env = {
+            key: value
+            for key, value in os.environ.items()
+            if key not in ("VIRTUAL_ENV", "DISPLAY", "WAYLAND_DISPLAY")
+        }
+        self._env |= {
+            "UV_PROJECT_ENVIRONMENT": str(place),
+            "UV_PYTHON": path,
+            "PYTHONPATH": str(ROOT),
+        }
         self._env |= {"XDG_RUNTIME_DIR": str(folder)}
         if not self.own:
-            subprocess.run(["uv", "sync", "--quiet", "--python", path], cwd=ROOT, env=self._env, check=True)
+            subprocess.run(
+                ["uv", "sync", "--quiet", "--python", path], cwd=ROOT, env=self._env, check=True
+            )
         self._python = place / "bin/python"
 
     def run(self, *args: str | Path) -> str:
         """What its Python prints with args, in its work folder; "FAILED", printed and kept, if it fails."""
         command = [str(self._python), *map(str, args)]
-        done = subprocess.run(command, cwd=self.folder, env=self._env, capture_output=True, text=True)
+        done = subprocess.run(
+            command, cwd=self.folder, env=self._env, capture_output=True, text=True
+        )
         if done.returncode:
             self.failed = True
             output = f"{done.stdout[-2000:]}{done.stderr[-2000:]}"
-            print(f"{' '.join(command)[:200]}: exit code {done.returncode}\n{output}", file=sys.stderr)
+            print(
+                f"{' '.join(command)[:200]}: exit code {done.returncode}\n{output}", file=sys.stderr
+            )
         return "FAILED" if done.returncode else done.stdout.strip()
 
 
@@ -95,7 +111,16 @@ def transport(one: Interpreter, short: bool) -> str:
 def demo(one: Interpreter, seconds: int) -> str:
     """Pictures per second and drops, from the trace."""
     trace = one.folder / "trace.jsonl"
-    options = ("--display", "none", "--duration", str(seconds), "--trace", trace, "--session", "hosts")
+    options = (
+        "--display",
+        "none",
+        "--duration",
+        str(seconds),
+        "--trace",
+        trace,
+        "--session",
+        "hosts",
+    )
     if one.run("-m", "lfpipe", "up", "--demo", *options) == "FAILED":
         return "FAILED"
     rows = [row for row in map(json.loads, trace.read_text().splitlines()) if row["composed"]]
@@ -109,7 +134,9 @@ def replay(one: Interpreter, sequence: Path) -> str:
     out = one.folder / "out"
     if one.run("-m", "lfpipe", "replay", sequence, "--out", out) == "FAILED":
         return "FAILED"
-    return " ".join(value[:8] for value in json.loads((out / "report.json").read_text())["digests"].values())
+    return " ".join(
+        value[:8] for value in json.loads((out / "report.json").read_text())["digests"].values()
+    )
 
 
 def table(short: bool) -> tuple[list[tuple[str, ...]], bool]:
@@ -125,7 +152,10 @@ def table(short: bool) -> tuple[list[tuple[str, ...]], bool]:
             began, one = time.monotonic(), Interpreter(path, Path(work, version))
             if not sequence.exists():
                 one.run("-c", MAKE_SEQUENCE, sequence, "30" if short else "150")
-            cells = [one.run("-c", "import platform; print(platform.python_version())"), one.run("-c", IMPORTS)]
+            cells = [
+                one.run("-c", "import platform; print(platform.python_version())"),
+                one.run("-c", IMPORTS),
+            ]
             cells += [transport(one, short), demo(one, 3 if short else 10)]
             digests = replay(one, sequence)
             first = first or digests
@@ -137,11 +167,19 @@ def table(short: bool) -> tuple[list[tuple[str, ...]], bool]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--short", action="store_true", help="3 s of the demo, 1 s of replay; writes no file")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--short", action="store_true", help="3 s of the demo, 1 s of replay; writes no file"
+    )
     short = parser.parse_args().short
     rows, failed = table(short)
-    lines = ["| " + " | ".join(COLUMNS) + " |", "|---" * len(COLUMNS) + "|", *("| " + " | ".join(row) + " |" for row in rows)]
+    lines = [
+        "| " + " | ".join(COLUMNS) + " |",
+        "|---" * len(COLUMNS) + "|",
+        *("| " + " | ".join(row) + " |" for row in rows),
+    ]
     text = "\n".join(lines)
     print(text)
     if not short:

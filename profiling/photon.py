@@ -38,8 +38,14 @@ def bad_recordings(duration_s: float = 15.0) -> Iterator[tuple[str, str, Recordi
     wobble = 100 + 60 * np.sin(np.arange(shape[0]) / 3)[:, None, None] + rng.normal(0, 2, shape)
     yield "a lamp that flickers", "not see", with_pictures(wobble)
     other = recording(Loop(seed=99, duration_s=duration_s))
-    yield "another pattern", "not see", attrs.evolve(other, t_flip_ns=good.t_flip_ns, bright=good.bright)
-    faces = np.stack([cv2.GaussianBlur(rng.normal(120, 90, shape[1:]), (0, 0), 3) for _ in range(shape[0])])
+    yield (
+        "another pattern",
+        "not see",
+        attrs.evolve(other, t_flip_ns=good.t_flip_ns, bright=good.bright),
+    )
+    faces = np.stack(
+        [cv2.GaussianBlur(rng.normal(120, 90, shape[1:]), (0, 0), 3) for _ in range(shape[0])]
+    )
     yield "a film", "not see", with_pictures(faces)
     yield "saturated", "not see", with_pictures(np.full(shape, 255.0))
     for exposure_ms in (60.0, 65.0):
@@ -55,11 +61,30 @@ def bad_recordings(duration_s: float = 15.0) -> Iterator[tuple[str, str, Recordi
     stuck = good.t_frame_ns.copy()
     stuck[1::2] = stuck[::2][: len(stuck[1::2])]
     yield "every stamp twice", "irregular", attrs.evolve(good, t_frame_ns=stuck)
-    yield "camera stops after 1 s", "frames", attrs.evolve(good, t_frame_ns=good.t_frame_ns[:30], pictures=good.pictures[:30])
-    yield "a window that froze", "presented", attrs.evolve(good, t_flip_ns=good.t_flip_ns[:9], bright=good.bright[:9])
-    exact = Loop(exposure_ms=1.0, response_ms=0.0, readout_ms=0.0, stamp_ms=0.0, roll_deg=0.0, duration_s=duration_s)
+    yield (
+        "camera stops after 1 s",
+        "frames",
+        attrs.evolve(good, t_frame_ns=good.t_frame_ns[:30], pictures=good.pictures[:30]),
+    )
+    yield (
+        "a window that froze",
+        "presented",
+        attrs.evolve(good, t_flip_ns=good.t_flip_ns[:9], bright=good.bright[:9]),
+    )
+    exact = Loop(
+        exposure_ms=1.0,
+        response_ms=0.0,
+        readout_ms=0.0,
+        stamp_ms=0.0,
+        roll_deg=0.0,
+        duration_s=duration_s,
+    )
     yield "in step, short exposure", "in step", recording(exact)
-    yield "screen at the top of the picture", "above", recording(Loop(off=-0.3, size=0.5, duration_s=duration_s))
+    yield (
+        "screen at the top of the picture",
+        "above",
+        recording(Loop(off=-0.3, size=0.5, duration_s=duration_s)),
+    )
 
 
 def outcome(made: Recording) -> LoopDelay | str:
@@ -77,7 +102,9 @@ def run(count: int) -> None:
         rows.append((loop, outcome(recording(loop))))
     took_s = (time.monotonic() - began) / count
     found = [(loop, delay) for loop, delay in rows if isinstance(delay, LoopDelay)]
-    print("| camera | runs | refused | within 1 ms | 90 % interval holds | error, median | 95 % | interval, median |")
+    print(
+        "| camera | runs | refused | within 1 ms | 90 % interval holds | error, median | 95 % | interval, median |"
+    )
     print("|---|---|---|---|---|---|---|---|")
     for name, low, high in (("15 Hz", 0, 20), ("30 Hz", 20, 40), ("60 Hz", 40, 80), ("all", 0, 80)):
         of = [row for row in rows if low <= row[0].camera_hz < high]
@@ -89,11 +116,15 @@ def run(count: int) -> None:
             f"| {name} | {len(of)} | {len(of) - len(seen)} | {(errors <= 1).sum() / len(of):.1%} | {holds / len(of):.1%}"
             f" | {np.median(errors):.2f} ms | {np.quantile(errors, 0.95):.2f} ms | +- {halves:.2f} ms |"
         )
-    print(f"\nSimulated and fitted in {took_s:.1f} s a run.\n\n| must be refused | answer |\n|---|---|")
+    print(
+        f"\nSimulated and fitted in {took_s:.1f} s a run.\n\n| must be refused | answer |\n|---|---|"
+    )
     for what, word, made in bad_recordings():
         answer = outcome(made)
         right = isinstance(answer, str) and word in answer
-        print(f"| {what} | {answer if isinstance(answer, str) else f'{answer.delay_ms:.1f} ms'}{'' if right else ' (WRONG)'} |")
+        print(
+            f"| {what} | {answer if isinstance(answer, str) else f'{answer.delay_ms:.1f} ms'}{'' if right else ' (WRONG)'} |"
+        )
 
 
 if __name__ == "__main__":

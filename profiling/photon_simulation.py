@@ -95,7 +95,9 @@ def light(loop: Loop, at_ms: NDArray[np.float64]) -> tuple[NDArray[np.float64], 
     return np.cumsum(level) * FINE_MS, mean_ms
 
 
-def geometry(loop: Loop, rng: np.random.Generator) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def geometry(
+    loop: Loop, rng: np.random.Generator
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """How much of the screen each pixel sees, 0..1, and from which row of it, 0..1 from its top."""
     fine = 4
     w, h = WIDTH_PX * fine, HEIGHT_PX * fine
@@ -105,15 +107,21 @@ def geometry(loop: Loop, rng: np.random.Generator) -> tuple[NDArray[np.float32],
     corners = corners @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
     corners += (w / 2 + rng.uniform(-0.1, 0.1) * w, h * (0.5 + loop.off))
     corners = corners.astype(np.float32)
-    matrix = cv2.getPerspectiveTransform(corners, np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32))
+    matrix = cv2.getPerspectiveTransform(
+        corners, np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
+    )
     y, x = np.mgrid[0:h, 0:w] + 0.5
     u, v, scale = np.einsum("ij,jhw->ihw", matrix, np.stack([x, y, np.ones_like(x)]))
     u, v = u / scale, v / scale
-    seen = ((u > loop.hidden) & (u < 1) & (v > 0) & (v < 1)).astype(np.float32)  # something stands before its left part
+    seen = ((u > loop.hidden) & (u < 1) & (v > 0) & (v < 1)).astype(
+        np.float32
+    )  # something stands before its left part
     cover = cv2.resize(seen, (WIDTH_PX, HEIGHT_PX), interpolation=cv2.INTER_AREA)
     if loop.blur_px > 0.1:
         cover = cv2.GaussianBlur(cover, (0, 0), loop.blur_px)
-    rows = cv2.resize(np.clip(v, 0, 1).astype(np.float32), (WIDTH_PX, HEIGHT_PX), interpolation=cv2.INTER_AREA)
+    rows = cv2.resize(
+        np.clip(v, 0, 1).astype(np.float32), (WIDTH_PX, HEIGHT_PX), interpolation=cv2.INTER_AREA
+    )
     return np.asarray(cover), np.asarray(rows)
 
 
@@ -124,7 +132,9 @@ def recording(loop: Loop) -> Recording:
     integral, mean_ms = light(loop, at_ms)
     cover, rows = geometry(loop, rng)
     period_ms = 1e3 / loop.camera_hz
-    true_ms = rng.uniform(0, period_ms) + np.arange(int(loop.duration_s * 1e3 / period_ms)) * period_ms
+    true_ms = (
+        rng.uniform(0, period_ms) + np.arange(int(loop.duration_s * 1e3 / period_ms)) * period_ms
+    )
     down = (np.arange(HEIGHT_PX) + 0.5) / HEIGHT_PX - 0.5
     late = loop.readout_ms * down[:, None] - loop.scan_ms * (rows - 0.5)
     middle = true_ms[:, None, None] - (loop.delay_ms - mean_ms) + late
@@ -134,11 +144,17 @@ def recording(loop: Loop) -> Recording:
         low = at.astype(np.int64)
         return np.asarray(integral[low] + (at - low) * (integral[low + 1] - integral[low]))
 
-    seen = (integrated(middle + loop.exposure_ms / 2) - integrated(middle - loop.exposure_ms / 2)) / loop.exposure_ms
-    ambient = cv2.GaussianBlur(rng.uniform(0, 0.4, (HEIGHT_PX, WIDTH_PX)), (0, 0), 2.0) * rng.uniform(0.1, 1.0)
+    seen = (
+        integrated(middle + loop.exposure_ms / 2) - integrated(middle - loop.exposure_ms / 2)
+    ) / loop.exposure_ms
+    ambient = cv2.GaussianBlur(
+        rng.uniform(0, 0.4, (HEIGHT_PX, WIDTH_PX)), (0, 0), 2.0
+    ) * rng.uniform(0.1, 1.0)
     gain = 1 + 0.08 * np.sin(true_ms / 1e3 / 3)[:, None, None]  # automatic exposure
     linear = gain * (ambient + cover * (0.01 + 0.6 * seen))
-    levels = 255 * np.clip(linear, 0, 1) ** (1 / loop.gamma) + rng.normal(0, loop.noise, linear.shape)
+    levels = 255 * np.clip(linear, 0, 1) ** (1 / loop.gamma) + rng.normal(
+        0, loop.noise, linear.shape
+    )
     zero_ns = 10**12
     stamps_ms = true_ms + rng.normal(0, loop.stamp_ms, len(true_ms))
     return Recording(

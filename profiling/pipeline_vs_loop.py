@@ -15,7 +15,14 @@ from arguments import existing, parser_of, start
 
 from lfpipe.bench.inputs import MOVING_S, demo_sequence
 from lfpipe.bench.paper_loop import Loop
-from lfpipe.bench.pipeline import PAPER_ALPHA_PX, STEADY_S, SessionRun, run_loop, run_session, write_views
+from lfpipe.bench.pipeline import (
+    PAPER_ALPHA_PX,
+    STEADY_S,
+    SessionRun,
+    run_loop,
+    run_session,
+    write_views,
+)
 from lfpipe.config import load
 from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.demo import demo_scene
@@ -24,11 +31,20 @@ from lfpipe.scene.open_scene import open_scene
 
 def figures(run: SessionRun) -> dict[str, float]:
     """Figures of a run after its start. lost: frames missing between those that pictures show."""
-    rows = [row for row in run.rows if row["t_presented_ns"] > run.rows[0]["t_presented_ns"] + STEADY_S * 1e9]
+    rows = [
+        row
+        for row in run.rows
+        if row["t_presented_ns"] > run.rows[0]["t_presented_ns"] + STEADY_S * 1e9
+    ]
     steps = [b["source_seq"] - a["source_seq"] for a, b in itertools.pairwise(rows)]
     return {
-        "p50 ms": float(np.median([row["t_composed_ns"] - row["t_read_ns"] for row in rows if row["composed"]])) / 1e6,
-        "frames/s": sum(step != 0 for step in steps) / (rows[-1]["t_presented_ns"] - rows[0]["t_presented_ns"]) * 1e9,
+        "p50 ms": float(
+            np.median([row["t_composed_ns"] - row["t_read_ns"] for row in rows if row["composed"]])
+        )
+        / 1e6,
+        "frames/s": sum(step != 0 for step in steps)
+        / (rows[-1]["t_presented_ns"] - rows[0]["t_presented_ns"])
+        * 1e9,
         "cores": float(np.mean(run.cpu_ms_s)) / 1e3,
         "first s": run.first_s,
         "lost": sum(step - 1 for step in steps if step > 1),
@@ -50,21 +66,38 @@ def main() -> None:
     video = args.video or demo_sequence(cache / "bench", MOVING_S[1])
     scene = args.scene or demo_scene(cache)
     field = open_scene(scene, settings)
-    views, fast = write_views(field, cache / "bench" / "views" / str(field.manifest["key"])), args.pace == "max"
+    views, fast = (
+        write_views(field, cache / "bench" / "views" / str(field.manifest["key"])),
+        args.pace == "max",
+    )
     pace_hz = 0.0 if fast else float(args.pace)
-    loop = Loop(video, views, pace_hz, args.seconds, PAPER_ALPHA_PX, field.rows, field.cols, decode=fast)
-    options = [f"--set=render.alpha_px={PAPER_ALPHA_PX}", "--config", args.config, *(f"--set={text}" for text in args.sets)]
+    loop = Loop(
+        video, views, pace_hz, args.seconds, PAPER_ALPHA_PX, field.rows, field.cols, decode=fast
+    )
+    options = [
+        f"--set=render.alpha_px={PAPER_ALPHA_PX}",
+        "--config",
+        args.config,
+        *(f"--set={text}" for text in args.sets),
+    ]
     pairs = []
     for k in range(args.rounds):
-        runs = {"lfpipe": figures(run_session(scene, video, args.seconds, options, args.pace)), "loop": figures(run_loop(loop))}
+        runs = {
+            "lfpipe": figures(run_session(scene, video, args.seconds, options, args.pace)),
+            "loop": figures(run_loop(loop)),
+        }
         if not k:
             print("round      " + "".join(f"{name:>12}" for name in runs["loop"]))
         for name, values in runs.items():
-            print(f"{k} {name:9}" + "".join(f"{value:12.3f}" for value in values.values()), flush=True)
+            print(
+                f"{k} {name:9}" + "".join(f"{value:12.3f}" for value in values.values()), flush=True
+            )
         pairs.append(runs)
     for name in ("p50 ms", "frames/s", "cores", "first s"):
         ratios = [runs["lfpipe"][name] / runs["loop"][name] for runs in pairs]
-        print(f"ratio {name:<9} median {np.median(ratios):.3f}   {min(ratios):.3f} to {max(ratios):.3f}")
+        print(
+            f"ratio {name:<9} median {np.median(ratios):.3f}   {min(ratios):.3f} to {max(ratios):.3f}"
+        )
 
 
 if __name__ == "__main__":

@@ -27,16 +27,35 @@ HOG = "import os, sys\nos.sched_setaffinity(0, {int(sys.argv[1])})\nwhile os.get
 def measure(args: argparse.Namespace, cores: list[int], quality: str, trace: Path) -> None:
     """Runs one session and prints its figures."""
     name = f"hogs{os.getpid()}{quality}"
-    command = [*LFPIPE, "up", *([str(args.scene)] if args.scene else ["--demo"]), "--display", "none", "--session", name]
-    command += ["--trace", str(trace), f"--set=governor.quality={quality}", "--set=render.method=warp2"]
+    command = [
+        *LFPIPE,
+        "up",
+        *([str(args.scene)] if args.scene else ["--demo"]),
+        "--display",
+        "none",
+        "--session",
+        name,
+    ]
+    command += [
+        "--trace",
+        str(trace),
+        f"--set=governor.quality={quality}",
+        "--set=render.method=warp2",
+    ]
     command += [f"--set={text}" for text in args.sets]
-    session = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    session = subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    )
     while not trace.exists() or trace.stat().st_size < 100_000:
         if session.poll() is not None:
             raise SystemExit(session.communicate()[1])
         time.sleep(0.1)
     hog = [sys.executable, "-c", HOG]
-    hogs = [subprocess.Popen([*hog, str(core), str(os.getpid())]) for core in cores for _ in range(args.per_core)]
+    hogs = [
+        subprocess.Popen([*hog, str(core), str(os.getpid())])
+        for core in cores
+        for _ in range(args.per_core)
+    ]
     try:
         time.sleep(SETTLE_S)
         before, size = session_state(name), trace.stat().st_size
@@ -52,11 +71,21 @@ def measure(args: argparse.Namespace, cores: list[int], quality: str, trace: Pat
     def count(stage: str, key: str) -> int:
         return int(after["stages"][stage][key]) - int(before["stages"][stage][key])
 
-    shown, missed, frames = count("render", "count"), count("render", "missed"), count("capture", "count")
-    ages_ms = [(line["t_presented_ns"] - line["t_sensor_ns"]) / 1e6 for line in map(json.loads, lines)]
+    shown, missed, frames = (
+        count("render", "count"),
+        count("render", "missed"),
+        count("capture", "count"),
+    )
+    ages_ms = [
+        (line["t_presented_ns"] - line["t_sensor_ns"]) / 1e6 for line in map(json.loads, lines)
+    ]
     print(f"{quality}: level {after['level']} of {after['lowest_level']}, {after['level_words']}")
-    print(f"  refreshes missed     {missed} of {shown + missed}, {100 * missed / max(shown + missed, 1):.0f} %")
-    print(f"  frames lost          capture {count('capture', 'dropped')}, track {count('track', 'dropped')} of {frames}")
+    print(
+        f"  refreshes missed     {missed} of {shown + missed}, {100 * missed / max(shown + missed, 1):.0f} %"
+    )
+    print(
+        f"  frames lost          capture {count('capture', 'dropped')}, track {count('track', 'dropped')} of {frames}"
+    )
     print(f"  left out by tracking {count('track', 'left_out')}")
     p50, p95 = np.percentile(ages_ms, (50, 95))
     print(f"  age of pictures      p50 {p50:.0f} ms, p95 {p95:.0f} ms")
@@ -66,12 +95,18 @@ def measure(args: argparse.Namespace, cores: list[int], quality: str, trace: Pat
         print(f"  full quality again   {time.monotonic() - ended:.0f} s after the end of the loops")
     session.terminate()
     said = session.communicate()[1]
-    print("".join(f"  {line}\n" for line in said.splitlines() if line.startswith("quality")), end="", flush=True)
+    print(
+        "".join(f"  {line}\n" for line in said.splitlines() if line.startswith("quality")),
+        end="",
+        flush=True,
+    )
 
 
 def main() -> None:
     parser = parser_of(__doc__, per_core=12, seconds=8.0)
-    parser.add_argument("scene", type=existing, nargs="?", help="a light field; default: the demo's")
+    parser.add_argument(
+        "scene", type=existing, nargs="?", help="a light field; default: the demo's"
+    )
     parser.add_argument("--set", dest="sets", action="append", default=[], metavar="KEY=VALUE")
     args = parser.parse_args()
     cores = sorted(os.sched_getaffinity(0))[:2]

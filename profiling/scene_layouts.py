@@ -55,13 +55,30 @@ class Case:
 
 def written(folder: Path, grid: np.ndarray, name: str) -> Path:
     for n, (r, c) in enumerate(product(*map(range, grid.shape[:2]))):
-        words = {"r": r, "c": c, "n": n, "r1": r + 1, "c1": c + 1, "sr": r - 2, "sc": c - 2, "letter": chr(97 + r)}
-        words |= {"y": 400 + 2.5 * r, "x": 369.2 - 1.5 * c, "m": 30 + n // 12, "s": 5 * (n % 12), "end": ("png", "jpg")[n % 2]}
+        words = {
+            "r": r,
+            "c": c,
+            "n": n,
+            "r1": r + 1,
+            "c1": c + 1,
+            "sr": r - 2,
+            "sc": c - 2,
+            "letter": chr(97 + r),
+        }
+        words |= {
+            "y": 400 + 2.5 * r,
+            "x": 369.2 - 1.5 * c,
+            "m": 30 + n // 12,
+            "s": 5 * (n % 12),
+            "end": ("png", "jpg")[n % 2],
+        }
         path = folder / name.format(**words)
         path.parent.mkdir(parents=True, exist_ok=True)
         Image.fromarray(grid[r, c]).save(path, quality=95)
         if name.startswith("left"):
-            made.write(path.with_name(path.name.replace("left", "right")), np.roll(grid[r, c], 3, 1))
+            made.write(
+                path.with_name(path.name.replace("left", "right")), np.roll(grid[r, c], 3, 1)
+            )
     return folder
 
 
@@ -91,14 +108,28 @@ def cases() -> Iterator[Case]:
         yield Case("names", kind, lambda f, name=name: written(f, scene, name), (5, 6), scene)
     for rows, cols in ((1, 9), (1, 51), (1, 101), (3, 17), (16, 16), (17, 17)):
         views = made.views(rows, cols, 48, 64, 1.0, -0.5)
-        yield Case("a running number", f"{rows}x{cols}", lambda f, v=views: written(f, v, "t{n:03d}.png"), (rows, cols), views)
+        yield Case(
+            "a running number",
+            f"{rows}x{cols}",
+            lambda f, v=views: written(f, v, "t{n:03d}.png"),
+            (rows, cols),
+            views,
+        )
     for cols, rows in ((4, 8), (5, 9), (6, 10), (8, 6)):
         line = made.views(1, cols * rows, 150, 200, 0.5, -0.3)
         quilt = made.mosaic(line[0].reshape(rows, cols, 150, 200, 3)[::-1])
-        yield Case("quilts without a name", f"{cols}x{rows}", one("45_01.png", quilt), (1, cols * rows), line)
+        yield Case(
+            "quilts without a name",
+            f"{cols}x{rows}",
+            one("45_01.png", quilt),
+            (1, cols * rows),
+            line,
+        )
     for rows, cols in ((5, 5), (9, 5), (3, 8)):
         views = made.views(rows, cols, 150, 200)
-        yield Case("mosaics", f"{rows}x{cols}", one("lf.png", made.mosaic(views)), (rows, cols), views)
+        yield Case(
+            "mosaics", f"{rows}x{cols}", one("lf.png", made.mosaic(views)), (rows, cols), views
+        )
     pair = np.stack([test_pictures.LEFT, test_pictures.RIGHT])[None]
     for kind, make in test_pictures.PAIRS.items():
         yield Case("stereo", kind, make, (1, 2), pair)
@@ -106,20 +137,40 @@ def cases() -> Iterator[Case]:
         yield Case("picture and depth", kind, make, (5, 9))
     metres = (1000 * np.linspace(4, 1, 96)[:, None] * np.ones(128)).astype(np.uint16)
     metres[20:30, 40:60] = 0
-    yield Case("picture and depth", "millimetres, 0 not measured", depth("car_depth.png", metres), (5, 9))
-    yield Case("picture and depth", "car.jpg, car.png", depth("car.png", test_pictures.FLOOR), (5, 9))
-    yield Case("picture and depth", "black is near", depth("car_depth.png", 255 - test_pictures.FLOOR), (5, 9))
+    yield Case(
+        "picture and depth", "millimetres, 0 not measured", depth("car_depth.png", metres), (5, 9)
+    )
+    yield Case(
+        "picture and depth", "car.jpg, car.png", depth("car.png", test_pictures.FLOOR), (5, 9)
+    )
+    yield Case(
+        "picture and depth",
+        "black is near",
+        depth("car_depth.png", 255 - test_pictures.FLOOR),
+        (5, 9),
+    )
     yield Case("one picture", "moon.jpg, moon.png", depth("car.png", test_pictures.PICTURE), (1, 1))
     yield Case("none", "289 unknown files and a picture", lambda f: [
         [(f / f"{k}.xyz").write_bytes(b"x") for k in range(289)], made.write(f / "a.png", scene[0, 0]), f][2], None)  # fmt: skip
     for kind, grid in test_plausibility.NO_LIGHT_FIELDS.items():
         yield Case(
-            "none", kind, lambda f, g=grid: made.write_grid(f, g, "v_{r}_{c:02d}.png" if len(g) > 1 else "v{c:02d}.png"), None
+            "none",
+            kind,
+            lambda f, g=grid: made.write_grid(
+                f, g, "v_{r}_{c:02d}.png" if len(g) > 1 else "v{c:02d}.png"
+            ),
+            None,
         )
-    portraits = [cv2.imread(str(path)) for path in sorted((made.SAMPLES.parent / "faces" / "imm").glob("*-1m.jpg"))[:9]]
+    portraits = [
+        cv2.imread(str(path))
+        for path in sorted((made.SAMPLES.parent / "faces" / "imm").glob("*-1m.jpg"))[:9]
+    ]
     if portraits:
         yield Case(
-            "none", "nine portraits", lambda f: [made.write(f / f"{k}.jpg", p) for k, p in enumerate(portraits)] and f, None
+            "none",
+            "nine portraits",
+            lambda f: [made.write(f / f"{k}.jpg", p) for k, p in enumerate(portraits)] and f,
+            None,
         )
 
 
@@ -128,7 +179,9 @@ def verdict(case: Case, path: Path) -> tuple[str, str]:
     try:
         found = examine_scene(path, config.Scene())
     except UserError as error:
-        return ("refused" if case.grid is None else "WRONG"), f"{error.message} ({error.remedy})".replace(str(path), "")
+        return (
+            "refused" if case.grid is None else "WRONG"
+        ), f"{error.message} ({error.remedy})".replace(str(path), "")
     source, turn = found.source, found.orientation.turn
     rows, cols = turn.grid(source.rows, source.cols)
     what = f"{source.layout} {rows}x{cols}"
@@ -136,7 +189,9 @@ def verdict(case: Case, path: Path) -> tuple[str, str]:
         return ("undecided" if found.orientation.undecided else "WRONG"), what
     right = (rows, cols) == case.grid
     if right and case.true is not None:
-        places = [(r, c, turn.file_index(r, c, rows, cols)) for r in (0, rows - 1) for c in (0, cols - 1)]
+        places = [
+            (r, c, turn.file_index(r, c, rows, cols)) for r in (0, rows - 1) for c in (0, cols - 1)
+        ]
         right = all(near(source.read(0, *at), case.true[r, c], case.true) for r, c, at in places)
     if found.orientation.undecided:
         return "undecided", f"{what}; {found.orientation.undecided.split(';')[0]}"
@@ -147,7 +202,10 @@ def near(view: np.ndarray, true: np.ndarray, grid: np.ndarray) -> bool:
     """Whether a view is the true one, and not the opposite one."""
     if view.shape != true.shape:
         return False
-    off = [float(np.abs(view.astype(int) - other).mean()) for other in (true, *grid[(0, 0, -1, -1), (0, -1, 0, -1)])]
+    off = [
+        float(np.abs(view.astype(int) - other).mean())
+        for other in (true, *grid[(0, 0, -1, -1), (0, -1, 0, -1)])
+    ]
     return off[0] <= min(off) + 1e-9 and off[0] < 12
 
 
@@ -162,11 +220,23 @@ def main() -> None:
             word, what = verdict(case, case.make(Path(folder)))
         counts[word] += 1
         expected = "no light field" if case.grid is None else f"{case.grid[0]}x{case.grid[1]}"
-        rows.append(f"| {case.group} | {case.kind} | {expected} | {word} | {what[:170]} |".replace("\n", " "))
+        rows.append(
+            f"| {case.group} | {case.kind} | {expected} | {word} | {what[:170]} |".replace(
+                "\n", " "
+            )
+        )
         print(rows[-1], flush=True)
     total = ", ".join(f"{word} {count}" for word, count in sorted(counts.items()))
-    head = ["# What sets of many kinds open as", "", f"`python -m profiling.scene_layouts`: {total}.", ""]
-    head += ["| group | kind | expected | result | what it opened as, or why not |", "|---|---|---|---|---|"]
+    head = [
+        "# What sets of many kinds open as",
+        "",
+        f"`python -m profiling.scene_layouts`: {total}.",
+        "",
+    ]
+    head += [
+        "| group | kind | expected | result | what it opened as, or why not |",
+        "|---|---|---|---|---|",
+    ]
     out.write_text("\n".join([*head, *rows]) + "\n")
     print(total)
 

@@ -48,7 +48,8 @@ def draw(folder: Path, kind: str) -> Path:
         grid = made.views(rows, cols, height // 4, width // 4, 0.5, -0.25)
         for n, view in enumerate(grid.reshape(-1, *grid.shape[2:])):
             made.write(
-                folder / f"v_{n // cols:02d}_{n % cols:03d}.jpg", cv2.resize(view, (width, height), interpolation=cv2.INTER_CUBIC)
+                folder / f"v_{n // cols:02d}_{n % cols:03d}.jpg",
+                cv2.resize(view, (width, height), interpolation=cv2.INTER_CUBIC),
             )
         return folder
     made.write(folder / "x.jpg", cv2.resize(made.texture(300, 400, 1), (4000, 3000)))
@@ -58,7 +59,9 @@ def draw(folder: Path, kind: str) -> Path:
 
 def cost(*words: str) -> tuple[int, float, float, float]:
     """(start on the monotonic clock in ns, wall s, CPU s, MB of the largest process) of a command."""
-    done = subprocess.run([sys.executable, "-c", COST, *LFPIPE, *words], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", COST, *LFPIPE, *words], capture_output=True, text=True, check=True
+    )
     code, *figures = json.loads(done.stdout)
     if code:
         raise SystemExit(f"{' '.join(words)}: exit code {code}\n{done.stderr}")
@@ -68,7 +71,17 @@ def cost(*words: str) -> tuple[int, float, float, float]:
 def row(scene: str, folder: Path) -> str:
     """The figures of a scene, "" for the demo."""
     cache, trace = f"--set=scene.cache_dir={folder}/cache", folder / "trace.jsonl"
-    words = [scene or "--demo", "--session", f"cost{os.getpid()}", "--camera", "demo", "--display", "none", "--duration", "1.5"]
+    words = [
+        scene or "--demo",
+        "--session",
+        f"cost{os.getpid()}",
+        "--camera",
+        "demo",
+        "--display",
+        "none",
+        "--duration",
+        "1.5",
+    ]
     started, *_ = cost("up", *words, "--trace", str(trace), f"--set=scene.cache_dir={folder}/first")
     first_s = (json.loads(trace.read_text().splitlines()[0])["t_presented_ns"] - started) / 1e9
     if not scene:
@@ -92,10 +105,15 @@ def rows(scenes: list[Path]) -> Iterator[str]:
 def picture_us(field: LightField, method: str) -> float:
     """Median time to draw a picture of two views, on the same small walk around the middle of any grid. Larger walks would
     measure how many views fit into the processor's cache."""
-    settings = config.updated(config.Config(), {"render.method": method, "render.anaglyph": "colour"}).render
+    settings = config.updated(
+        config.Config(), {"render.method": method, "render.anaglyph": "colour"}
+    ).render
     compositor = Compositor(field, settings)
     middle = (field.rows - 1) / 2, (field.cols - 1) / 2
-    places = [(middle[0] + math.sin(0.7 * k), middle[1] - 0.25 + 0.75 * math.cos(1.1 * k)) for k in range(60)]
+    places = [
+        (middle[0] + math.sin(0.7 * k), middle[1] - 0.25 + 0.75 * math.cos(1.1 * k))
+        for k in range(60)
+    ]
     times: list[float] = []
     for _ in range(6):
         for y, x in places:
@@ -108,7 +126,9 @@ def picture_us(field: LightField, method: str) -> float:
 def pictures() -> Iterator[str]:
     small, large = (rendered.field(side, side, 320, 480) for side in (3, 27))
     for method in ("nearest", "warp"):
-        pairs = [(picture_us(small, method), picture_us(large, method)) for _ in range(5)]  # alternating: the machine drifts
+        pairs = [
+            (picture_us(small, method), picture_us(large, method)) for _ in range(5)
+        ]  # alternating: the machine drifts
         ratio = statistics.median(b / a for a, b in pairs)
         figures = f"{pairs[0][0]:.0f} us from 3x3 views of 480x320, {pairs[0][1]:.0f} us from 27x27, ratio {ratio:.3f}"
         yield f"A picture by {method}: {figures}."

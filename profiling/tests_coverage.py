@@ -58,7 +58,9 @@ class Mutator(ast.NodeTransformer):
 
     def _swapped(self, node: ast.AST, operator: ast.AST) -> ast.AST:
         swap = SWAPS.get(type(operator), type(operator))
-        fits = swap is not type(operator) and self._here(node, f"{type(operator).__name__} -> {swap.__name__}")
+        fits = swap is not type(operator) and self._here(
+            node, f"{type(operator).__name__} -> {swap.__name__}"
+        )
         return swap() if fits else operator  # type: ignore[no-any-return]
 
     def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
@@ -75,8 +77,14 @@ class Mutator(ast.NodeTransformer):
 
     def visit_Constant(self, node: ast.Constant) -> ast.AST:
         if isinstance(node.value, bool):
-            return ast.copy_location(ast.Constant(not node.value), node) if self._here(node, f"not {node.value}") else node
-        if isinstance(node.value, int | float) and self._here(node, f"{node.value} -> {2 * node.value + 1}"):
+            return (
+                ast.copy_location(ast.Constant(not node.value), node)
+                if self._here(node, f"not {node.value}")
+                else node
+            )
+        if isinstance(node.value, int | float) and self._here(
+            node, f"{node.value} -> {2 * node.value + 1}"
+        ):
             return ast.copy_location(ast.Constant(2 * node.value + 1), node)
         return node
 
@@ -91,13 +99,26 @@ def run_tests(module: str, code: CodeType) -> None:
     import pytest
 
     os.chdir(ROOT)
-    resource.setrlimit(resource.RLIMIT_CPU, (int(LIMIT_S), int(LIMIT_S)))  # also where this script was killed
+    resource.setrlimit(
+        resource.RLIMIT_CPU, (int(LIMIT_S), int(LIMIT_S))
+    )  # also where this script was killed
     name, null = f"lfpipe.{module}", os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 1)
     os.dup2(null, 2)
     sys.modules[name] = ModuleType(name)
     exec(code, sys.modules[name].__dict__)
-    words = ["-q", "-x", "-n", "0", "-p", "no:cacheprovider", "--timeout", "60", "-m", "not live and not soak"]
+    words = [
+        "-q",
+        "-x",
+        "-n",
+        "0",
+        "-p",
+        "no:cacheprovider",
+        "--timeout",
+        "60",
+        "-m",
+        "not live and not soak",
+    ]
     os._exit(int(pytest.main([*words, *(f"tests/{path}" for path in MODULES[module])])))
 
 
@@ -106,8 +127,13 @@ def survivors(module: str, most: int) -> tuple[int, list[str]]:
     source = (ROOT / "lfpipe" / f"{module.replace('.', '/')}.py").read_text()
     counter = Mutator()
     counter.visit(ast.parse(source))
-    chosen = random.Random(1).sample(range(counter.count), min(most or counter.count, counter.count))
-    waiting: list[Mutator | None] = [None, *map(Mutator, sorted(chosen))]  # first without a fault: the tests pass
+    chosen = random.Random(1).sample(
+        range(counter.count), min(most or counter.count, counter.count)
+    )
+    waiting: list[Mutator | None] = [
+        None,
+        *map(Mutator, sorted(chosen)),
+    ]  # first without a fault: the tests pass
     running: list[tuple[Mutator | None, multiprocessing.process.BaseProcess, float]] = []
     alive: list[Mutator | None] = []
     while waiting or running:
@@ -115,7 +141,9 @@ def survivors(module: str, most: int) -> tuple[int, list[str]]:
             mutator = waiting.pop(0)
             tree = ast.parse(source) if mutator is None else mutator.visit(ast.parse(source))
             code = compile(ast.fix_missing_locations(tree), f"lfpipe/{module}", "exec")
-            process = multiprocessing.get_context("fork").Process(target=run_tests, args=(module, code))
+            process = multiprocessing.get_context("fork").Process(
+                target=run_tests, args=(module, code)
+            )
             process.start()
             running.append((mutator, process, time.monotonic()))
         for entry in list(running):
@@ -141,13 +169,19 @@ def mutation(modules: list[str], most: int) -> str:
         rows.append(f"| {module} | {count} | {100 * (1 - len(alive) / max(count, 1)):.0f} |")
         left += [f"- {module}, {what}" for what in alive]
         print(rows[-1], *left[len(left) - len(alive) :], sep="\n", flush=True)
-    return "\n".join(["| module | mutants | killed, % |", "|---|--:|--:|", *rows, "\nSurvivors:\n", *left])
+    return "\n".join(
+        ["| module | mutants | killed, % |", "|---|--:|--:|", *rows, "\nSurvivors:\n", *left]
+    )
 
 
 def coverage() -> str:
     """The part of the report about lines and branches of each room that the default suite runs, child processes included."""
-    settings, data, out = (ROOT / "profiling" / name for name in (".coveragerc", ".coverage", ".coverage.json"))
-    settings.write_text("[run]\nbranch = True\nparallel = True\nsource = lfpipe\npatch = subprocess, _exit\n")
+    settings, data, out = (
+        ROOT / "profiling" / name for name in (".coveragerc", ".coverage", ".coverage.json")
+    )
+    settings.write_text(
+        "[run]\nbranch = True\nparallel = True\nsource = lfpipe\npatch = subprocess, _exit\n"
+    )
     env = os.environ | {"COVERAGE_RCFILE": str(settings), "COVERAGE_FILE": str(data)}
     call = [sys.executable, "-m", "coverage"]
     subprocess.run([*call, "run", "-m", "pytest", "-q"], cwd=ROOT, env=env, check=False)
@@ -155,13 +189,20 @@ def coverage() -> str:
     subprocess.run([*call, "json", "-q", "-o", str(out)], cwd=ROOT, env=env, check=True)
     rooms: dict[str, list[int]] = {}
     for name, file in json.loads(out.read_text())["files"].items():
-        counts = rooms.setdefault(Path(name).parts[1] if len(Path(name).parts) > 2 else "root", [0] * 4)
-        for at, key in enumerate(("covered_lines", "num_statements", "covered_branches", "num_branches")):
+        counts = rooms.setdefault(
+            Path(name).parts[1] if len(Path(name).parts) > 2 else "root", [0] * 4
+        )
+        for at, key in enumerate(
+            ("covered_lines", "num_statements", "covered_branches", "num_branches")
+        ):
             counts[at] += file["summary"][key]
     for path in (settings, out, data):
         path.unlink(missing_ok=True)
     rooms["all"] = [sum(counts) for counts in zip(*rooms.values(), strict=True)]
-    rows = [f"| {room} | {100 * a / max(b, 1):.1f} | {100 * c / max(d, 1):.1f} |" for room, (a, b, c, d) in rooms.items()]
+    rows = [
+        f"| {room} | {100 * a / max(b, 1):.1f} | {100 * c / max(d, 1):.1f} |"
+        for room, (a, b, c, d) in rooms.items()
+    ]
     return "\n".join(["| room | lines, % | branches, % |", "|---|--:|--:|", *rows])
 
 

@@ -43,7 +43,9 @@ def main() -> None:
                 tracker.write(record, image)
             times[name].append(time.thread_time_ns() - began_ns)
     alone, whole = (float(np.median(values[10:])) / 1e3 for values in times.values())
-    print(f"network alone {alone:.0f} us, tracking of a frame {whole:.0f} us, ratio {whole / alone:.2f}")
+    print(
+        f"network alone {alone:.0f} us, tracking of a frame {whole:.0f} us, ratio {whole / alone:.2f}"
+    )
 
 
 if __name__ == "__main__":

@@ -17,7 +17,10 @@ def main() -> int:
         for number in range(1, RUNS + 1):
             began_s = time.monotonic()
             codes.append(subprocess.run([sys.executable, "-m", "pytest", *sys.argv[1:]]).returncode)
-            print(f"run {number} of {RUNS}: exit code {codes[-1]} after {time.monotonic() - began_s:.0f} s", flush=True)
+            print(
+                f"run {number} of {RUNS}: exit code {codes[-1]} after {time.monotonic() - began_s:.0f} s",
+                flush=True,
+            )
     finally:
         for loop in loops:
             loop.kill()

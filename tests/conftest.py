@@ -23,8 +23,12 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 # The same examples in every run: a change fails for what it does. `pytest --hypothesis-profile=explore` looks for others. No test
 # has a deadline: how long an example takes depends on what else the machine does.
-hypothesis.settings.register_profile("explore", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow])
-hypothesis.settings.register_profile("same", hypothesis.settings.get_profile("explore"), derandomize=True, database=None)
+hypothesis.settings.register_profile(
+    "explore", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow]
+)
+hypothesis.settings.register_profile(
+    "same", hypothesis.settings.get_profile("explore"), derandomize=True, database=None
+)
 hypothesis.settings.load_profile("same")
 # A runner in the background, or under nohup, has these ignored and hands that down.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -52,7 +56,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Func
         items[:] = [item for item in items if item.get_closest_marker("soak") is None]
     items.sort(key=lambda item: item.path.parent.name not in LONGEST_ROOMS)
     for item in items:
-        if SESSIONS & set(item.fixturenames) and not any(map(item.get_closest_marker, ("everyday", "soak", "camera_vm"))):
+        if SESSIONS & set(item.fixturenames) and not any(
+            map(item.get_closest_marker, ("everyday", "soak", "camera_vm"))
+        ):
             item.add_marker(pytest.mark.live)
     for item in items if PORTABLE else ():
         for mark in item.iter_markers("native"):
@@ -78,7 +84,9 @@ def as_nobody() -> list[str]:
     if os.getuid():
         return []
     if shutil.which("setpriv") is None:
-        pytest.skip("setpriv is not installed (apt-get install util-linux), and permissions do not apply to root")
+        pytest.skip(
+            "setpriv is not installed (apt-get install util-linux), and permissions do not apply to root"
+        )
     # Another user's id could not reach most of a suite that runs as root: its interpreter is in root's own folder.
     return ["setpriv", "--bounding-set=-all", "--inh-caps=-all"]
 
@@ -94,7 +102,12 @@ def world(tmp_path: Path) -> Iterator[World]:
 def live(tmp_path_factory: pytest.TempPathFactory, scene: Path) -> Iterator[World]:
     """A world with a running session, for all tests of a module that leave it unchanged. Pictures reach light after 100 ms."""
     made = World(tmp_path_factory.mktemp("live"))
-    shown = ("render.anaglyph=colour", "render.method=nearest", "render.alpha_px=12", "render.loop_ms=100")
+    shown = (
+        "render.anaglyph=colour",
+        "render.method=nearest",
+        "render.alpha_px=12",
+        "render.loop_ms=100",
+    )
     made.up(scene, *(f"--set={text}" for text in shown))
     made.pictures(5)
     yield made

@@ -68,7 +68,13 @@ def json_text(value: Any) -> str:
 
 def places(tree: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
     """The path of every value within a tree of lists and dicts."""
-    inner = tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ()
+    inner = (
+        tree.items()
+        if isinstance(tree, dict)
+        else enumerate(tree)
+        if isinstance(tree, list)
+        else ()
+    )
     for key, value in inner:
         yield (*path, key)
         yield from places(value, (*path, key))
@@ -88,9 +94,13 @@ def damaged_tree(rng: random.Random, tree: Any) -> Any:
     if kind == 0:
         del holder[last]
     elif kind == 1 and isinstance(holder, dict):
-        holder[rng.choice(("", "\0", "\ud800", "x" * 5000, f"{last} ", f"{last}"[:-1]))] = holder.pop(last)
+        holder[rng.choice(("", "\0", "\ud800", "x" * 5000, f"{last} ", f"{last}"[:-1]))] = (
+            holder.pop(last)
+        )
     elif kind == 2 and isinstance(holder[last], int | float):
-        holder[last] = rng.choice((-1, 2, 10**10, 10**30, 1e-9, 1e300)) * holder[last] + rng.choice((0, 1, -1, 0.5))
+        holder[last] = rng.choice((-1, 2, 10**10, 10**30, 1e-9, 1e300)) * holder[last] + rng.choice(
+            (0, 1, -1, 0.5)
+        )
     else:
         holder[last] = copy.deepcopy(rng.choice(VALUES))
     return tree
@@ -101,7 +111,9 @@ def damaged_json(rng: random.Random, tree: Any) -> bytes:
     kind = rng.randrange(4)
     if kind == 0:
         text = json.dumps(tree)
-        start, end = rng.choice([match.span() for match in re.finditer(r'"[^"]*"|[\w.+-]+', text)] or [(0, 0)])
+        start, end = rng.choice(
+            [match.span() for match in re.finditer(r'"[^"]*"|[\w.+-]+', text)] or [(0, 0)]
+        )
         return (text[:start] + rng.choice(JSON_TEXTS) + text[end:]).encode("utf-8", "surrogatepass")
     if kind == 1:
         return damaged_bytes(rng, json.dumps(tree).encode())
@@ -125,10 +137,16 @@ def damaged_bytes(rng: random.Random, data: bytes) -> bytes:
     if kind == 3:
         return data[:end] + data[at:]
     if kind == 4:
-        return data[:at] + rng.choice((b"\0", b"\xff", b"\n", b"\xed\xa0\x80", b'"', b"9")) * (end - at) + data[end:]
+        return (
+            data[:at]
+            + rng.choice((b"\0", b"\xff", b"\n", b"\xed\xa0\x80", b'"', b"9")) * (end - at)
+            + data[end:]
+        )
     if kind == 5:
         return data[:at] + rng.randbytes(end - at) + data[at:]
-    return rng.choice((b"", b"\0" * 100, b"\xff\xfe", b"\n" * 1000, rng.randbytes(500), b"\xef\xbb\xbf" + data))
+    return rng.choice(
+        (b"", b"\0" * 100, b"\xff\xfe", b"\n" * 1000, rng.randbytes(500), b"\xef\xbb\xbf" + data)
+    )
 
 
 def damaged_lines(rng: random.Random, lines: list[Any]) -> bytes:
@@ -225,7 +243,9 @@ def png_chunk(kind: bytes, data: bytes) -> bytes:
 
 
 @functools.cache
-def png_of(width_px: int, height_px: int, body: bytes | None = None, before: bytes = b"", depth: int = 8) -> bytes:
+def png_of(
+    width_px: int, height_px: int, body: bytes | None = None, before: bytes = b"", depth: int = 8
+) -> bytes:
     """A PNG that claims a size. body: its compressed rows, zeros of that size where None. before: chunks ahead of them."""
     if body is None:
         squeeze, row, left = zlib.compressobj(1), b"\0" * (1 + width_px * 3 * depth // 8), height_px
@@ -235,7 +255,9 @@ def png_of(width_px: int, height_px: int, body: bytes | None = None, before: byt
             left -= 64
         body = b"".join(parts) + squeeze.flush()
     header = struct.pack(">IIBBBBB", width_px, height_px, depth, 2, 0, 0, 0)
-    chunks = png_chunk(b"IHDR", header) + before + png_chunk(b"IDAT", body) + png_chunk(b"IEND", b"")
+    chunks = (
+        png_chunk(b"IHDR", header) + before + png_chunk(b"IDAT", body) + png_chunk(b"IEND", b"")
+    )
     return b"\x89PNG\r\n\x1a\n" + chunks
 
 
@@ -272,7 +294,9 @@ def ended(args: list[str], timeout_s: float = 60, **more: Any) -> tuple[int, str
         "peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss\n"
         "os.write(2, f'\\npeak {peak} {done.returncode}'.encode())\n"
     )
-    done = subprocess.run([sys.executable, "-c", code, str(timeout_s), *args], capture_output=True, **more)
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(timeout_s), *args], capture_output=True, **more
+    )
     err, _, last = done.stderr.decode(errors="backslashreplace").rpartition("\npeak ")
     peak_kb, returncode = last.split()
     return int(returncode), done.stdout.decode(errors="backslashreplace"), err, int(peak_kb) / 1024

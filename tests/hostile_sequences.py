@@ -32,7 +32,9 @@ def picture(seq: int) -> np.ndarray:
 def made_sequence(out: Path) -> Path:
     """An intact sequence of six frames in all three codecs, with truth."""
     out.mkdir(parents=True)
-    config = {"camera": {"width_px": SIZE[0], "height_px": SIZE[1], "focal_px": 60.0, "fov_deg": 56.0}}
+    config = {
+        "camera": {"width_px": SIZE[0], "height_px": SIZE[1], "focal_px": 60.0, "fov_deg": 56.0}
+    }
     writer = SequenceWriter(out, "demo", SIZE, 30.0, versions={"lfpipe": "0.1.0"}, config=config)
     truth = ["source_seq,t_ns,left_x_px,left_y_px,right_x_px,right_y_px,visible"]
     for seq in range(FRAMES):
@@ -69,10 +71,16 @@ def put_packets(folder: Path, found: list[tuple[dict[str, Any], bytes]]) -> None
 def sign(folder: Path) -> None:
     """Makes the checksums of the manifest agree with the files, as far as there are both."""
     files = {name: folder / name for name in (MANIFEST, INDEX, TRUTH)}
-    data = {name: path.read_bytes() for name, path in files.items() if path.is_file() and path.stat().st_size < 1 << 24}
+    data = {
+        name: path.read_bytes()
+        for name, path in files.items()
+        if path.is_file() and path.stat().st_size < 1 << 24
+    }
     try:
         manifest = json.loads(data.pop(MANIFEST))
-        manifest["checksums"] |= {name: hashlib.sha256(content).hexdigest() for name, content in data.items()}
+        manifest["checksums"] |= {
+            name: hashlib.sha256(content).hexdigest() for name, content in data.items()
+        }
         files[MANIFEST].write_text(json.dumps(manifest))
     except (ValueError, TypeError, KeyError, RecursionError):  # damaged already
         pass
@@ -81,7 +89,15 @@ def sign(folder: Path) -> None:
 def hostile_picture(rng: random.Random, data: bytes) -> bytes:
     """An encoded picture that claims too much, is another one's size, or is damaged."""
     jpeg = cv2.imencode(".jpg", picture(0))[1].tobytes()
-    sizes = ((20_000, 20_000), (65_535, 65_535), (1, 1), (0, 0), (SIZE[0], SIZE[1] * 400), (SIZE[1], SIZE[0]), (63, 48))
+    sizes = (
+        (20_000, 20_000),
+        (65_535, 65_535),
+        (1, 1),
+        (0, 0),
+        (SIZE[0], SIZE[1] * 400),
+        (SIZE[1], SIZE[0]),
+        (63, 48),
+    )
     width_px, height_px = rng.choice(sizes)
     kind = rng.randrange(7)
     if kind == 0:
@@ -93,7 +109,9 @@ def hostile_picture(rng: random.Random, data: bytes) -> bytes:
     if kind == 3:
         return hostile.png_of(*SIZE, depth=16)
     if kind == 4:
-        return bytes(cv2.imencode(rng.choice((".bmp", ".webp", ".tiff", ".ppm")), picture(0))[1].tobytes())
+        return bytes(
+            cv2.imencode(rng.choice((".bmp", ".webp", ".tiff", ".ppm")), picture(0))[1].tobytes()
+        )
     return hostile.damaged_bytes(rng, rng.choice((data, jpeg)))
 
 
@@ -107,7 +125,9 @@ def damage(rng: random.Random, *paths: Path) -> str:
     if path.suffix == ".json":
         path.write_bytes(hostile.damaged_json(rng, json.loads(path.read_text())))
     elif path.suffix == ".jsonl":
-        path.write_bytes(hostile.damaged_lines(rng, [json.loads(line) for line in path.read_text().splitlines()]))
+        path.write_bytes(
+            hostile.damaged_lines(rng, [json.loads(line) for line in path.read_text().splitlines()])
+        )
     elif path.suffix == ".csv":
         path.write_bytes(hostile.damaged_table(rng, path.read_text()))
     elif rng.random() < 0.3:

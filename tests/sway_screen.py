@@ -18,7 +18,9 @@ def sway(width_px: int, height_px: int, rate_hz: float, scale: int = 1) -> Itera
     """Runs sway with one output for as long as the block lasts: its name for WAYLAND_DISPLAY. It never runs as root."""
     program = shutil.which("sway")
     assert program is not None
-    folder = Path(tempfile.mkdtemp(prefix="lfpipe-sway-"))  # not below tmp_path: a socket's name is at most 107 bytes
+    folder = Path(
+        tempfile.mkdtemp(prefix="lfpipe-sway-")
+    )  # not below tmp_path: a socket's name is at most 107 bytes
     config = folder / "config"
     config.write_text(
         f"output HEADLESS-1 mode --custom {width_px}x{height_px}@{rate_hz:g}Hz scale {scale}\n"
@@ -31,7 +33,9 @@ def sway(width_px: int, height_px: int, rate_hz: float, scale: int = 1) -> Itera
         os.chown(folder, NOBODY, NOBODY)
     folder.chmod(0o700)
     quiet = subprocess.DEVNULL
-    process = subprocess.Popen([program, "-c", str(config)], env=env, stdin=quiet, stdout=quiet, stderr=quiet, **user)
+    process = subprocess.Popen(
+        [program, "-c", str(config)], env=env, stdin=quiet, stdout=quiet, stderr=quiet, **user
+    )
     try:
         until, socket = time.monotonic() + WAIT_S, folder / "wayland-1"
         while not socket.exists() and process.poll() is None and time.monotonic() < until:

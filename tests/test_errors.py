@@ -14,21 +14,34 @@ ANY = st.recursive(
 
 
 @given(message=st.text(), remedy=st.text(), times=st.integers(1, 10_000))
-def test_a_message_is_short_and_holds_nothing_that_a_terminal_obeys(message: str, remedy: str, times: int) -> None:
+def test_a_message_is_short_and_holds_nothing_that_a_terminal_obeys(
+    message: str, remedy: str, times: int
+) -> None:
     text = str(UserError(f"first{message * times}last", remedy * times))
     assert len(text) <= 2000 and text.startswith("first") and "last" in text
     assert text.encode().decode() == text and all(c.isprintable() or c == "\n" for c in text)
 
 
 def test_plain_words_stay_as_they_are() -> None:
-    assert str(UserError("Größe 5 µs → 日本\nzwei", "so")) == "Größe 5 µs → 日本\nzwei\n  remedy: so"
+    assert (
+        str(UserError("Größe 5 µs → 日本\nzwei", "so")) == "Größe 5 µs → 日本\nzwei\n  remedy: so"
+    )
     assert str(UserError("\x1b[2J\x07 a\0b \udcff \u202egpj.exe \x9b31m a\rb\tc")).isprintable()
     for value in (3, -2.5, "a b", None, True, [1, 2], {"a": 1}):
         assert shown(value) == repr(value)
 
 
 DEEP = [deep(20_000), deep(20_000, as_list=False)]
-LARGE = [10**400, -(10**5000), 2**64, "x" * 10**6, "\udcff\x1b", *DEEP, [[0] * 99] * 99, {1: 2, "a": b"\0"}]
+LARGE = [
+    10**400,
+    -(10**5000),
+    2**64,
+    "x" * 10**6,
+    "\udcff\x1b",
+    *DEEP,
+    [[0] * 99] * 99,
+    {1: 2, "a": b"\0"},
+]
 
 
 @pytest.mark.parametrize("value", LARGE, ids=range(len(LARGE)))

@@ -22,7 +22,9 @@ def _as_before(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(root, "level", logging.NOTSET)
 
 
-def test_the_terminal_is_silent_unless_asked(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_terminal_is_silent_unless_asked(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     logger = logging.getLogger("lfpipe.some.room")
     log.set_up()
     logger.info("decided")
@@ -39,18 +41,27 @@ def test_the_terminal_is_silent_unless_asked(capfd: pytest.CaptureFixture[str], 
 def _write(path: Path, word: str, count: int) -> None:
     handler = log.SessionFile(path)
     for number in range(count):
-        handler.emit(logging.LogRecord("lfpipe", logging.INFO, "", 0, "%s %d %s", (word, number, "x" * 400), None))
+        handler.emit(
+            logging.LogRecord(
+                "lfpipe", logging.INFO, "", 0, "%s %d %s", (word, number, "x" * 400), None
+            )
+        )
 
 
 def test_the_file_of_several_processes_is_bounded_and_loses_no_line(tmp_path: Path) -> None:
     path, count = tmp_path / log.FILE, 1000
-    writers = [multiprocessing.get_context("fork").Process(target=_write, args=(path, word, count)) for word in "abc"]
+    writers = [
+        multiprocessing.get_context("fork").Process(target=_write, args=(path, word, count))
+        for word in "abc"
+    ]
     for writer in writers:
         writer.start()
     for writer in writers:
         writer.join()
     sizes = [entry.stat().st_size for entry in tmp_path.iterdir()]
-    assert len(sizes) == 2 and max(sizes) < 2 * log.MAX_BYTES, "others may write until the process that fills it has renamed it"
+    assert len(sizes) == 2 and max(sizes) < 2 * log.MAX_BYTES, (
+        "others may write until the process that fills it has renamed it"
+    )
     lines = log.lines(tmp_path).decode().splitlines()
     assert all(line.endswith("x" * 400) for line in lines)
     assert len(lines) == 3 * count, "the second file is not full: no line was dropped"

@@ -29,4 +29,6 @@ def test_message(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     with pytest.raises(UserError) as error:
         cause(tmp_path)
     said = str(error.value).replace(str(tmp_path), "/here")
-    assert error.value.remedy and re.match(".*".join(map(re.escape, text.split(" … "))), said, re.DOTALL), said
+    assert error.value.remedy and re.match(
+        ".*".join(map(re.escape, text.split(" … "))), said, re.DOTALL
+    ), said

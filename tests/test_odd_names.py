@@ -19,7 +19,13 @@ def lfpipe(folder: Path, *words: str) -> subprocess.CompletedProcess[bytes]:
         "PYTHONPATH": str(Path(__file__).parents[1]),
     }
     env = {**os.environ, **own}
-    return subprocess.run([sys.executable, "-m", "lfpipe", *words], cwd=folder, env=env, capture_output=True, timeout=60)
+    return subprocess.run(
+        [sys.executable, "-m", "lfpipe", *words],
+        cwd=folder,
+        env=env,
+        capture_output=True,
+        timeout=60,
+    )
 
 
 def test_a_path_is_printed_as_the_bytes_that_it_is(tmp_path: Path) -> None:
@@ -29,11 +35,15 @@ def test_a_path_is_printed_as_the_bytes_that_it_is(tmp_path: Path) -> None:
 
 def test_half_a_surrogate_pair_is_escaped(tmp_path: Path) -> None:
     script = "import sys; sys.argv = ['lfpipe', 'x']; import lfpipe.cli as c; c.cli = lambda **_: print('a\\ud800b'); c.run()"
-    done = subprocess.run([sys.executable, "-X", "utf8", "-c", script], capture_output=True, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-X", "utf8", "-c", script], capture_output=True, timeout=60
+    )
     assert done.stdout == b"a\\ud800b\n"
 
 
-@pytest.mark.parametrize(("camera", "display", "code"), [(f"file:{ODD}", "none", 0), ("demo", f"file:{ODD}", 2)])
+@pytest.mark.parametrize(
+    ("camera", "display", "code"), [(f"file:{ODD}", "none", 0), ("demo", f"file:{ODD}", 2)]
+)
 def test_a_video_under_such_a_name_is_played_but_not_made(
     tmp_path: Path, scene: Path, clip: Path, camera: str, display: str, code: int
 ) -> None:

@@ -38,15 +38,24 @@ def room(path: Path) -> str:
 
 
 def test_every_folder_is_a_room_and_imports_point_down() -> None:
-    folders = {entry.name for entry in PACKAGE.iterdir() if entry.is_dir() and any(entry.glob("*.py"))}
+    folders = {
+        entry.name for entry in PACKAGE.iterdir() if entry.is_dir() and any(entry.glob("*.py"))
+    }
     assert folders == set(LAYER)
-    assert len({path.stem for path in PACKAGE.glob("*.py")} - {"__init__", "__main__"}) <= 4, "few modules stand loose"
+    assert len({path.stem for path in PACKAGE.glob("*.py")} - {"__init__", "__main__"}) <= 4, (
+        "few modules stand loose"
+    )
     wrong = []
     for path in PACKAGE.rglob("*.py"):
         here = room(path)
         for name in imported(path):
             there = name.split(".")[1] if name.startswith("lfpipe.") else here
-            if there != here and there in LAYER and LAYER[there] >= LAYER.get(here, 0) and here not in ("__init__", "__main__"):
+            if (
+                there != here
+                and there in LAYER
+                and LAYER[there] >= LAYER.get(here, 0)
+                and here not in ("__init__", "__main__")
+            ):
                 wrong.append(f"{path.relative_to(PACKAGE)}: {name}")
     assert not wrong, "\n".join(wrong)
 
@@ -75,7 +84,11 @@ ALLOWED = {
 def system_names(path: Path) -> Iterator[str]:
     """What in a file belongs to an operating system."""
     tree = ast.parse(path.read_text())
-    bodies = (node.body for node in ast.walk(tree) if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef))
+    bodies = (
+        node.body
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
+    )
     documents = {id(body[0].value) for body in bodies if body and isinstance(body[0], ast.Expr)}
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
@@ -84,7 +97,11 @@ def system_names(path: Path) -> Iterator[str]:
             yield node.module
         elif isinstance(node, ast.Attribute) and node.attr in SYSTEM_FUNCTIONS:
             yield node.attr
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in documents:
+        elif (
+            isinstance(node, ast.Constant)
+            and isinstance(node.value, str)
+            and id(node) not in documents
+        ):
             yield from (start for start in SYSTEM_PATHS if node.value.startswith(start))
 
 
@@ -103,7 +120,15 @@ def test_paths_are_examined_without_exceptions() -> None:
     for path in PACKAGE.rglob("*.py"):
         if room(path) in ("scene", "files"):
             continue
-        calls = (node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call) and not node.args)
+        calls = (
+            node
+            for node in ast.walk(ast.parse(path.read_text()))
+            if isinstance(node, ast.Call) and not node.args
+        )
         methods = [call.func.attr for call in calls if isinstance(call.func, ast.Attribute)]
-        wrong += [f"{path.relative_to(PACKAGE)}: {name}" for name in methods if name in ("exists", "is_file", "is_dir")]
+        wrong += [
+            f"{path.relative_to(PACKAGE)}: {name}"
+            for name in methods
+            if name in ("exists", "is_file", "is_dir")
+        ]
     assert not wrong, wrong

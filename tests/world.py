@@ -24,7 +24,9 @@ from lfpipe.transport import control
 from lfpipe.transport.session import PREFIX
 
 
-def write_scene(folder: Path, rows: int = 3, cols: int = 3, size: tuple[int, int] = (48, 64)) -> Path:
+def write_scene(
+    folder: Path, rows: int = 3, cols: int = 3, size: tuple[int, int] = (48, 64)
+) -> Path:
     """Views that tell themselves: red holds 10 * row + col, green the column, blue the row, each times 8, everywhere."""
     folder.mkdir(parents=True)
     for row in range(rows):
@@ -52,9 +54,19 @@ class World:
         self.module = "lfpipe"  # another one runs it with a part replaced
         # a socket's path takes 107 characters, and a runner's folder for temporary files may use most of them
         self.run_dir = Path(tempfile.mkdtemp(prefix="lfp", dir="/tmp"))
-        clean = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY", "LFPIPE_SESSION")}
-        names = {"XDG_CACHE_HOME": "cache", "XDG_CONFIG_HOME": "settings", "XDG_STATE_HOME": "state"}
-        own = {key: str(root / name) for key, name in names.items()} | {"XDG_RUNTIME_DIR": str(self.run_dir)}
+        clean = {
+            key: value
+            for key, value in os.environ.items()
+            if key not in ("DISPLAY", "WAYLAND_DISPLAY", "LFPIPE_SESSION")
+        }
+        names = {
+            "XDG_CACHE_HOME": "cache",
+            "XDG_CONFIG_HOME": "settings",
+            "XDG_STATE_HOME": "state",
+        }
+        own = {key: str(root / name) for key, name in names.items()} | {
+            "XDG_RUNTIME_DIR": str(self.run_dir)
+        }
         own["PYTHONPATH"] = str(Path(__file__).parents[1])
         self.env = {**clean, **own}
         self.name = f"t{secrets.token_hex(4)}"
@@ -63,14 +75,22 @@ class World:
 
     def start(self, *args: str | Path, **more: Any) -> subprocess.Popen[str]:
         command = [sys.executable, "-m", self.module, *map(str, args)]
-        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "cwd": self.root, "env": self.env}
+        pipes = {
+            "stdout": subprocess.PIPE,
+            "stderr": subprocess.PIPE,
+            "text": True,
+            "cwd": self.root,
+            "env": self.env,
+        }
         process = subprocess.Popen(command, **{**pipes, **more})
         self.running.append(process)
         return process
 
     def run(self, *args: str | Path, timeout_s: float = 120) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, "-m", "lfpipe", *map(str, args)]
-        return subprocess.run(command, capture_output=True, text=True, cwd=self.root, env=self.env, timeout=timeout_s)
+        return subprocess.run(
+            command, capture_output=True, text=True, cwd=self.root, env=self.env, timeout=timeout_s
+        )
 
     def done(self, *args: str | Path) -> subprocess.CompletedProcess[str]:
         """A command that succeeds."""
@@ -89,9 +109,23 @@ class World:
         return self.done("ctl", "--session", self.name, *words).stdout
 
     def up(
-        self, scene: Path, *args: str | Path, camera: str = "demo", display: str = "none", **more: Any
+        self,
+        scene: Path,
+        *args: str | Path,
+        camera: str = "demo",
+        display: str = "none",
+        **more: Any,
     ) -> subprocess.Popen[str]:
-        fixed = ("--camera", camera, "--display", display, "--trace", self.trace, "--session", self.name)
+        fixed = (
+            "--camera",
+            camera,
+            "--display",
+            display,
+            "--trace",
+            self.trace,
+            "--session",
+            self.name,
+        )
         return self.start("up", scene, *fixed, *args, **more)
 
     def kill(self, stage: str, signum: int = signal.SIGKILL) -> int:
@@ -128,7 +162,10 @@ class World:
         raise AssertionError(f"no {what} within {timeout_s} s; ended processes: {dead}")
 
     def pictures(self, more_than: int = 0) -> list[dict[str, Any]]:
-        return self.wait_for(lambda: lines if len(lines := self.lines()) > more_than else None, f"picture {more_than + 1}")
+        return self.wait_for(
+            lambda: lines if len(lines := self.lines()) > more_than else None,
+            f"picture {more_than + 1}",
+        )
 
     def more_pictures(self, count: int) -> list[dict[str, Any]]:
         """The trace once it has more than so many new lines."""
@@ -180,7 +217,9 @@ class World:
 
     def segments(self, part: str = "") -> list[str]:
         """Names of the segments of this world's sessions; of one kind of ring, where part names it."""
-        owned = (name for name, owner in segment.owned().items() if owner.is_relative_to(self.run_dir))
+        owned = (
+            name for name, owner in segment.owned().items() if owner.is_relative_to(self.run_dir)
+        )
         return sorted(name for name in owned if f"-{part}" in name)
 
     def end(self) -> None:

@@ -13,7 +13,12 @@ Event = ctypes.c_long * 24  # XEvent: type, serial, sent, display, window, then 
 
 def drop(path: Path, title: str, display: str, wait_s: float = 10.0) -> None:
     """Drops a file onto the middle of the window of that title."""
-    found = subprocess.run(["xwininfo", "-display", display, "-name", title], capture_output=True, text=True, check=True)
+    found = subprocess.run(
+        ["xwininfo", "-display", display, "-name", title],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     match = re.search(r"Window id: (0x[0-9a-f]+)", found.stdout)
     assert match is not None, found.stdout
     window = int(match[1], 16)
@@ -53,7 +58,9 @@ def drop(path: Path, title: str, display: str, wait_s: float = 10.0) -> None:
             elif kind == SELECTION_REQUEST:
                 _, _, _, _, _, requestor, selection, target, place, t = event[:10]
                 data = f"{path.as_uri()}\r\n".encode()
-                x11.XChangeProperty(there, *map(ctypes.c_ulong, (requestor, place, target)), 8, 0, data, len(data))
+                x11.XChangeProperty(
+                    there, *map(ctypes.c_ulong, (requestor, place, target)), 8, 0, data, len(data)
+                )
                 answer = Event(SELECTION_NOTIFY, 0, 1, 0, requestor, selection, target, place, t)
                 x11.XSendEvent(there, ctypes.c_ulong(requestor), 0, 0, ctypes.byref(answer))
                 x11.XFlush(there)

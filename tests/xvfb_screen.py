@@ -12,7 +12,9 @@ import attrs
 import numpy as np
 import pytest
 
-needs_xdotool = pytest.mark.skipif(shutil.which("xdotool") is None, reason="apt-get install xdotool")
+needs_xdotool = pytest.mark.skipif(
+    shutil.which("xdotool") is None, reason="apt-get install xdotool"
+)
 
 
 @attrs.frozen
@@ -26,25 +28,50 @@ class Screen:
         """What the screen shows now: uint8 (height, width, 3) BGR."""
         data = self.buffer.read_bytes()
         header = struct.unpack_from(">25I", data)
-        size, width, height, bits, line, colours = header[0], header[4], header[5], header[11], header[12], header[19]
+        size, width, height, bits, line, colours = (
+            header[0],
+            header[4],
+            header[5],
+            header[11],
+            header[12],
+            header[19],
+        )
         assert bits == 32 and header[14:17] == (0xFF0000, 0xFF00, 0xFF)
-        rows = np.frombuffer(data, np.uint8, height * line, size + 12 * colours).reshape(height, line)
+        rows = np.frombuffer(data, np.uint8, height * line, size + 12 * colours).reshape(
+            height, line
+        )
         pixels = rows[:, : 4 * width].reshape(height, width, 4)
         return pixels[..., :3] if header[7] == 0 else pixels[..., :0:-1]
 
     def shown(self) -> np.ndarray:
         """The part of the screen that is not black."""
         picture = self.picture()
-        rows, cols = np.nonzero(picture.any(axis=(1, 2)))[0], np.nonzero(picture.any(axis=(0, 2)))[0]
-        return picture[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1] if len(rows) else picture[:0, :0]
+        rows, cols = (
+            np.nonzero(picture.any(axis=(1, 2)))[0],
+            np.nonzero(picture.any(axis=(0, 2)))[0],
+        )
+        return (
+            picture[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
+            if len(rows)
+            else picture[:0, :0]
+        )
 
 
 @contextlib.contextmanager
 def x_server(command: Sequence[str], folder: Path) -> Iterator[str]:
     """A server for as long as the block lasts: its name for DISPLAY, ":" where it does not start. folder: what it works in."""
     read, write = os.pipe()
-    whole = [*command, "-displayfd", str(write), "-noreset", "-nolisten", "tcp"]  # else it starts over with the last window's end
-    server = subprocess.Popen(whole, pass_fds=[write], cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    whole = [
+        *command,
+        "-displayfd",
+        str(write),
+        "-noreset",
+        "-nolisten",
+        "tcp",
+    ]  # else it starts over with the last window's end
+    server = subprocess.Popen(
+        whole, pass_fds=[write], cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
     os.close(write)
     try:
         with os.fdopen(read) as told:
@@ -56,8 +83,14 @@ def x_server(command: Sequence[str], folder: Path) -> Iterator[str]:
 
 def outline(title: str, name: str) -> tuple[int, int, int, int] | None:
     """x, y, width, height of the window of that title on the server of that name; None while there is none."""
-    done = subprocess.run(["xwininfo", "-display", name, "-name", title], capture_output=True, text=True)
-    words = dict(line.split(":", 1) for line in done.stdout.splitlines() if line.startswith("  ") and ":" in line)
+    done = subprocess.run(
+        ["xwininfo", "-display", name, "-name", title], capture_output=True, text=True
+    )
+    words = dict(
+        line.split(":", 1)
+        for line in done.stdout.splitlines()
+        if line.startswith("  ") and ":" in line
+    )
     told = {key.strip(): value for key, value in words.items()}
     names = ("Absolute upper-left X", "Absolute upper-left Y", "Width", "Height")
     x, y, width, height = (int(told.get(key, -1)) for key in names)

@@ -39,21 +39,52 @@ from tests.web.browser import Browser, missing
 from tests.world import World, private_world
 from tests.xvfb_screen import Screen, x_server
 
-FRAMES, STEP_MS = 20, 100  # of the animation: two seconds for a head to go and come back, as people do
-PANEL_PX, FLOOR_PX = 300, 64  # width of a panel, height of the floor with the head: together small enough for under 1 MB
+FRAMES, STEP_MS = (
+    20,
+    100,
+)  # of the animation: two seconds for a head to go and come back, as people do
+PANEL_PX, FLOOR_PX = (
+    300,
+    64,
+)  # width of a panel, height of the floor with the head: together small enough for under 1 MB
 COLOURS = 80  # of the palette: more are not seen in a picture of this size
-INK, FLOOR, SKIN, RED, CYAN = (87, 96, 106), (246, 248, 250), (241, 212, 184), (216, 52, 59), (0, 165, 181)
+INK, FLOOR, SKIN, RED, CYAN = (
+    (87, 96, 106),
+    (246, 248, 250),
+    (241, 212, 184),
+    (216, 52, 59),
+    (0, 165, 181),
+)
 SIDE_PX, WINDOW_COLOURS = 320, 160
-ROWS = ("camera, driver, decoding", "tracking", "waiting for its turn", "composing", "waiting for the blank", "screen to light")
+ROWS = (
+    "camera, driver, decoding",
+    "tracking",
+    "waiting for its turn",
+    "composing",
+    "waiting for the blank",
+    "screen to light",
+)
 ROW_COLOURS = ("#56b4e9", "#009e73", "#d0d7de", "#e69f00", "#d0d7de", "#cc79a7")
-STAMPS = ("t_sensor_ns", "t_read_ns", "t_tracked_ns", "t_started_ns", "t_composed_ns", "t_presented_ns")
-SETTLED, LOOP_MS = 60, 45.0  # lines that a session takes to find its pace; drawn behind the present, not in the trace
+STAMPS = (
+    "t_sensor_ns",
+    "t_read_ns",
+    "t_tracked_ns",
+    "t_started_ns",
+    "t_composed_ns",
+    "t_presented_ns",
+)
+SETTLED, LOOP_MS = (
+    60,
+    45.0,
+)  # lines that a session takes to find its pace; drawn behind the present, not in the trace
 
 
 def panel(picture: np.ndarray) -> Image.Image:
     """A BGR picture at the width of a panel."""
     height = round(picture.shape[0] * PANEL_PX / picture.shape[1])
-    return Image.fromarray(cv2.resize(picture, (PANEL_PX, height), interpolation=cv2.INTER_AREA)[..., ::-1])
+    return Image.fromarray(
+        cv2.resize(picture, (PANEL_PX, height), interpolation=cv2.INTER_AREA)[..., ::-1]
+    )
 
 
 def frame(field: lfpipe.LightField, phase: float) -> Image.Image:
@@ -67,7 +98,10 @@ def frame(field: lfpipe.LightField, phase: float) -> Image.Image:
     draw = ImageDraw.Draw(canvas)
     for left, text in ((0, "on the screen"), (PANEL_PX + 12, "through the glasses")):
         draw.text((left + 6, screen.height + FLOOR_PX - 16), text, fill=INK)
-    x, y = PANEL_PX / 2 + 0.3 * PANEL_PX * turn, screen.height + 26  # the head from above, the nose towards the screen
+    x, y = (
+        PANEL_PX / 2 + 0.3 * PANEL_PX * turn,
+        screen.height + 26,
+    )  # the head from above, the nose towards the screen
     draw.ellipse((x - 22, y - 14, x + 22, y + 22), fill=SKIN)
     draw.polygon([(x - 4, y - 13), (x, y - 19), (x + 4, y - 13)], fill=SKIN)
     draw.rectangle((x - 20, y - 13, x - 4, y - 8), fill=RED)
@@ -78,19 +112,38 @@ def frame(field: lfpipe.LightField, phase: float) -> Image.Image:
 def animation(out: Path) -> None:
     field = lfpipe.open_scene()
     sample = frame(field, 0.0)
-    for index, colour in enumerate((SKIN, RED, CYAN, INK)):  # small areas, which a palette by frequency leaves out
+    for index, colour in enumerate(
+        (SKIN, RED, CYAN, INK)
+    ):  # small areas, which a palette by frequency leaves out
         sample.paste(colour, (index * 60, sample.height - FLOOR_PX, index * 60 + 60, sample.height))
     palette = sample.quantize(COLOURS)
-    pictures = [frame(field, index / FRAMES).quantize(palette=palette, dither=Image.Dither.NONE) for index in range(FRAMES)]
+    pictures = [
+        frame(field, index / FRAMES).quantize(palette=palette, dither=Image.Dither.NONE)
+        for index in range(FRAMES)
+    ]
     path = out / "look_around.gif"
-    pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=STEP_MS, loop=0, optimize=True)
+    pictures[0].save(
+        path, save_all=True, append_images=pictures[1:], duration=STEP_MS, loop=0, optimize=True
+    )
 
 
 def started(world: World, *words: str, **env: str) -> "subprocess.Popen[bytes]":
     """A session of the demo's scene and face."""
     more = {"XDG_CACHE_HOME": str(cache_dir(Scene()).parent), **env}
-    command = [sys.executable, "-m", "lfpipe", "up", "--camera", "demo", "--session", world.name, *words]
-    settings = Path(world.env["XDG_CONFIG_HOME"]) / "lfpipe" / "config.toml"  # no question about glasses
+    command = [
+        sys.executable,
+        "-m",
+        "lfpipe",
+        "up",
+        "--camera",
+        "demo",
+        "--session",
+        world.name,
+        *words,
+    ]
+    settings = (
+        Path(world.env["XDG_CONFIG_HOME"]) / "lfpipe" / "config.toml"
+    )  # no question about glasses
     settings.parent.mkdir(parents=True)
     settings.write_text('[render]\nanaglyph = "dubois"\n')
     return subprocess.Popen(command, env=world.env | more, cwd=world.root)
@@ -109,13 +162,30 @@ def monitor(out: Path) -> None:
         assert text is not None, "the demo does not run"
         console = Console(width=80, record=True, file=io.StringIO())
         console.print(text)
-        svg = re.sub(r"@font-face \{.*?\}\s*", "", console.export_svg(title="lfpipe monitor"), flags=re.DOTALL)
+        svg = re.sub(
+            r"@font-face \{.*?\}\s*",
+            "",
+            console.export_svg(title="lfpipe monitor"),
+            flags=re.DOTALL,
+        )
         (out / "monitor.svg").write_text(svg)  # without fonts from elsewhere
         if why := missing():
             print(f"page.png left as it is: {why}")
         else:
-            command = [sys.executable, "-m", "lfpipe", "monitor", "--session", world.name, "--web", ":0"]
-            with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server, Browser(Path(folder)) as browser:
+            command = [
+                sys.executable,
+                "-m",
+                "lfpipe",
+                "monitor",
+                "--session",
+                world.name,
+                "--web",
+                ":0",
+            ]
+            with (
+                subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server,
+                Browser(Path(folder)) as browser,
+            ):
                 assert server.stdout is not None
                 browser.open(server.stdout.readline().split()[3])
                 time.sleep(12)
@@ -136,20 +206,30 @@ def window(out: Path) -> None:
     ):
         screen, trace = Screen(name, Path(folder) / "Xvfb_screen0"), Path(folder) / "trace.jsonl"
         scenes = [str(demo_scene(cache_dir(Scene()), name=scene)) for scene in NAMES]
-        session = started(world, *scenes, "--display", "window", "--trace", str(trace), DISPLAY=name)
+        session = started(
+            world, *scenes, "--display", "window", "--trace", str(trace), DISPLAY=name
+        )
         while not screen.picture().any():  # the first time it packs the scene
             time.sleep(0.5)
         time.sleep(8.0)
         lines = trace.read_text().splitlines()[:-1]
-        for keys, wait_s in ((["Tab"], 14.0), (["Tab", "m", "p"], 0.0), (["p", "m", "g"], 4.0)):  # thumbnails come; the bar goes
+        for keys, wait_s in (
+            (["Tab"], 14.0),
+            (["Tab", "m", "p"], 0.0),
+            (["p", "m", "g"], 4.0),
+        ):  # thumbnails come; the bar goes
             for key in keys:
-                subprocess.run(["xdotool", "key", key], env={**world.env, "DISPLAY": name}, check=True)
+                subprocess.run(
+                    ["xdotool", "key", key], env={**world.env, "DISPLAY": name}, check=True
+                )
                 time.sleep(1.0)
             if not wait_s:
                 words = ["xdotool", "mousemove", "600", "400", "mousemove", "640", "420"]
                 subprocess.run(words, env={**world.env, "DISPLAY": name}, check=True)
             time.sleep(wait_s or 0.8)
-            seen.append(cv2.resize(screen.shown(), (SIDE_PX, SIDE_PX), interpolation=cv2.INTER_AREA))
+            seen.append(
+                cv2.resize(screen.shown(), (SIDE_PX, SIDE_PX), interpolation=cv2.INTER_AREA)
+            )
         session.terminate()
         session.wait(30)
     whole = Image.fromarray(cv2.cvtColor(np.hstack(seen), cv2.COLOR_BGR2RGB))
@@ -159,13 +239,22 @@ def window(out: Path) -> None:
 
 def timeline(lines: Sequence[dict[str, Any]], out: Path, frames: int = 3) -> None:
     """The first pictures of a few frames in a row: those whose age is most usual."""
-    new = [line for before, line in itertools.pairwise(lines) if line["source_seq"] != before["source_seq"] and line["composed"]]
+    new = [
+        line
+        for before, line in itertools.pairwise(lines)
+        if line["source_seq"] != before["source_seq"] and line["composed"]
+    ]
     first = new[SETTLED:]
     ages = [line["t_presented_ns"] - line["t_sensor_ns"] for line in first]
     middle = sorted(ages)[len(ages) // 2]
-    best = min(range(len(first) - frames + 1), key=lambda k: max(abs(age - middle) for age in ages[k : k + frames]))
+    best = min(
+        range(len(first) - frames + 1),
+        key=lambda k: max(abs(age - middle) for age in ages[k : k + frames]),
+    )
     pictures = first[best : best + frames]
-    with mpl.rc_context({"svg.hashsalt": "lfpipe", "font.family": "DejaVu Sans", "svg.fonttype": "path"}):
+    with mpl.rc_context(
+        {"svg.hashsalt": "lfpipe", "font.family": "DejaVu Sans", "svg.fonttype": "path"}
+    ):
         figure = Figure(figsize=(10, 4.2), layout="constrained")
         axes = figure.subplots()
         high = 0.8 / len(pictures)  # each frame has a lane of its own in every row
@@ -173,17 +262,27 @@ def timeline(lines: Sequence[dict[str, Any]], out: Path, frames: int = 3) -> Non
             times = [(picture[name] - pictures[0]["t_sensor_ns"]) / 1e6 for name in STAMPS]
             for row, (start, end) in enumerate(itertools.pairwise([*times, times[-1] + LOOP_MS])):
                 lane = row - 0.4 + (number + 0.5) * high
-                axes.barh(lane, max(end - start, 0.15), left=start, height=0.9 * high, color=ROW_COLOURS[row])
+                axes.barh(
+                    lane,
+                    max(end - start, 0.15),
+                    left=start,
+                    height=0.9 * high,
+                    color=ROW_COLOURS[row],
+                )
                 axes.text(end + 0.5, lane, f"{end - start:.1f} ms", va="center", fontsize=7)
         axes.set_yticks(range(len(ROWS)), ROWS, fontsize=9)
         axes.invert_yaxis()
         axes.set_xlabel("ms after the stamp of the first frame", fontsize=9)
         axes.spines[["top", "right"]].set_visible(False)
-        figure.savefig(out / "timeline.svg", metadata={"Date": None, "Creator": "tools/make_docs_pictures.py"})
+        figure.savefig(
+            out / "timeline.svg", metadata={"Date": None, "Creator": "tools/make_docs_pictures.py"}
+        )
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--out", type=Path, default=Path(__file__).parents[1] / "docs")
     parser.add_argument("names", nargs="*", metavar="NAME")
     options = parser.parse_args()

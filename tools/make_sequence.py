@@ -42,9 +42,13 @@ class Puppet:
         engine = LitertEngine()
         face = engine.detect(portrait)
         if face is None:
-            raise UserError("no face found in the portrait", "give a picture of one person from the front")
+            raise UserError(
+                "no face found in the portrait", "give a picture of one person from the front"
+            )
         # first to the size it has at home, with proper averaging: the warps that follow then hardly change it
-        factor = EYES_MM * FOCAL_PX / HOME_MM / float(np.linalg.norm(face.eyes_px[0] - face.eyes_px[1]))
+        factor = (
+            EYES_MM * FOCAL_PX / HOME_MM / float(np.linalg.norm(face.eyes_px[0] - face.eyes_px[1]))
+        )
         how = cv2.INTER_AREA if factor < 1 else cv2.INTER_CUBIC
         self._picture = cv2.resize(portrait, None, fx=factor, fy=factor, interpolation=how)
         height_px, width_px = self._picture.shape[:2]
@@ -58,14 +62,18 @@ class Puppet:
         for _ in range(5):  # the region of interest settles
             face = engine.detect(still)
         if face is None:
-            raise UserError("the face of the portrait is lost when scaled", "give a larger or sharper picture")
+            raise UserError(
+                "the face of the portrait is lost when scaled", "give a larger or sharper picture"
+            )
         self._eyes = (face.eyes_px - map_[:, 2]) @ np.linalg.inv(map_[:, :2]).T
 
     def map(self, position_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         """Affine (2, 3) from px of the scaled portrait to px of the picture."""
         x, y, z = position_mm
         scale = HOME_MM / z
-        middle = np.array([(WIDTH_PX - 1) / 2 + FOCAL_PX * x / z, (HEIGHT_PX - 1) / 2 + FOCAL_PX * y / z])
+        middle = np.array(
+            [(WIDTH_PX - 1) / 2 + FOCAL_PX * x / z, (HEIGHT_PX - 1) / 2 + FOCAL_PX * y / z]
+        )
         return np.column_stack([np.eye(2) * scale, middle - self._middle * scale])
 
     def eyes_px(self, position_mm: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -76,19 +84,41 @@ class Puppet:
     def draw(self, position_mm: NDArray[np.float64]) -> NDArray[np.float32]:
         """The picture without noise: float32 (480, 640, 3), 0..255."""
         map_, size = self.map(position_mm), (WIDTH_PX, HEIGHT_PX)
-        face = cv2.warpAffine(self._picture, map_, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-        mask = np.asarray(cv2.warpAffine(self._mask, map_, size, flags=cv2.INTER_LINEAR), np.float32)[..., None]
+        face = cv2.warpAffine(
+            self._picture, map_, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
+        )
+        mask = np.asarray(
+            cv2.warpAffine(self._mask, map_, size, flags=cv2.INTER_LINEAR), np.float32
+        )[..., None]
         return np.asarray(mask * face + (1 - mask) * BACKGROUND, np.float32)
 
 
 @click.command()
 @click.argument("out", type=click.Path(path_type=Path))
-@click.option("--portrait", type=click.Path(path_type=Path), help="Picture of a face; matplotlib's sample without it.")
+@click.option(
+    "--portrait",
+    type=click.Path(path_type=Path),
+    help="Picture of a face; matplotlib's sample without it.",
+)
 @click.option("--seconds", type=click.FloatRange(0.1), help="Cut the path off here.")
-@click.option("--rate", default=30.0, type=click.FloatRange(1, 240), show_default=True, help="Frames per second.")
-@click.option("--noise", default=2.0, type=click.FloatRange(0, 50), show_default=True, help="Deviation of the sensor noise, DN.")
+@click.option(
+    "--rate",
+    default=30.0,
+    type=click.FloatRange(1, 240),
+    show_default=True,
+    help="Frames per second.",
+)
+@click.option(
+    "--noise",
+    default=2.0,
+    type=click.FloatRange(0, 50),
+    show_default=True,
+    help="Deviation of the sensor noise, DN.",
+)
 @click.option("--seed", default=1, show_default=True, help="Of the noise.")
-def main(out: Path, portrait: Path | None, seconds: float | None, rate: float, noise: float, seed: int) -> None:
+def main(
+    out: Path, portrait: Path | None, seconds: float | None, rate: float, noise: float, seed: int
+) -> None:
     """Writes OUT.avi and OUT.csv: a face in known motion and where its eyes are."""
     cv2.setNumThreads(1)
     try:
@@ -98,7 +128,9 @@ def main(out: Path, portrait: Path | None, seconds: float | None, rate: float, n
         sys.exit(2)
 
 
-def write(out: Path, portrait: Path, seconds: float | None, rate_hz: float, noise_dn: float, seed: int) -> None:
+def write(
+    out: Path, portrait: Path, seconds: float | None, rate_hz: float, noise_dn: float, seed: int
+) -> None:
     """See the module. Raises UserError where the portrait cannot be read, holds no face, or OUT cannot be written."""
     picture = cv2.imread(str(portrait))
     if picture is None:
@@ -110,14 +142,18 @@ def write(out: Path, portrait: Path, seconds: float | None, rate_hz: float, nois
 
     def frames() -> Iterator[tuple[NDArray[np.uint8], NDArray[np.float64], bool, str]]:
         for place, phase in zip(*path_at(path, np.arange(count) / rate_hz), strict=True):
-            image = puppet.draw(place) + rng.standard_normal((HEIGHT_PX, WIDTH_PX, 3), np.float32) * np.float32(noise_dn)
+            image = puppet.draw(place) + rng.standard_normal(
+                (HEIGHT_PX, WIDTH_PX, 3), np.float32
+            ) * np.float32(noise_dn)
             eyes = puppet.eyes_px(place)
             inside = bool(np.all(eyes >= 0) and np.all(eyes < SIZE_PX))
             yield np.clip(np.rint(image), 0, 255).astype(np.uint8), eyes, inside, phase
 
     video = out.with_suffix(".avi")
     write_video(video, rate_hz, frames())
-    click.echo(f"{video}: {count} frames at {rate_hz:g} Hz, noise {noise_dn:g} DN; truth in {video.with_suffix('.csv')}")
+    click.echo(
+        f"{video}: {count} frames at {rate_hz:g} Hz, noise {noise_dn:g} DN; truth in {video.with_suffix('.csv')}"
+    )
 
 
 if __name__ == "__main__":

@@ -21,7 +21,9 @@ def package_page(readme: str, url: str) -> str:
     lines = []
     for paragraph in readme.split("\n\n"):
         if not re.search(r"!\[[^\]]*\]\(", paragraph):
-            lines.append(LINK.sub(lambda link: link[2] if link[2] != link[3] else f"`{link[2]}`", paragraph))
+            lines.append(
+                LINK.sub(lambda link: link[2] if link[2] != link[3] else f"`{link[2]}`", paragraph)
+            )
     return "\n\n".join(lines)
 
 

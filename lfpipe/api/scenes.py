@@ -46,21 +46,36 @@ def open_scene(
     config = updated(Config(), settings or {}).scene
     if half_turn is not None:
         config = attrs.evolve(config, half_turn="yes" if half_turn else "no")
-    return scenes.open_scene(scene_path(scene, config, disparity=disparity, positions=positions), config)
+    return scenes.open_scene(
+        scene_path(scene, config, disparity=disparity, positions=positions), config
+    )
 
 
 def scene_path(
-    scene: ScenePath | ArrayLike | None, config: Scene, *, disparity: ArrayLike | None = None, positions: ArrayLike | None = None
+    scene: ScenePath | ArrayLike | None,
+    config: Scene,
+    *,
+    disparity: ArrayLike | None = None,
+    positions: ArrayLike | None = None,
 ) -> Path | None:
     """The path of a scene; an array is written to the cache, by its content. Raises UserError."""
-    beside = {name: value for name, value in (("disparity", disparity), ("positions", positions)) if value is not None}
+    beside = {
+        name: value
+        for name, value in (("disparity", disparity), ("positions", positions))
+        if value is not None
+    }
     if scene is None or isinstance(scene, str | os.PathLike):
         if beside:
-            raise UserError(f"{', '.join(beside)} with {scene or 'the demo'}: only for arrays", "leave it out")
+            raise UserError(
+                f"{', '.join(beside)} with {scene or 'the demo'}: only for arrays", "leave it out"
+            )
         return None if scene is None else Path(scene)
     views = np.asarray(scene)
     require_views(views, "the array")
-    arrays = {"views": np.ascontiguousarray(views), **{name: np.ascontiguousarray(value) for name, value in beside.items()}}
+    arrays = {
+        "views": np.ascontiguousarray(views),
+        **{name: np.ascontiguousarray(value) for name, value in beside.items()},
+    }
     digest = hashlib.sha256()
     for name, array in arrays.items():
         digest.update(f"{name} {array.shape} {array.dtype.str};".encode())
@@ -80,11 +95,15 @@ def scene_path(
             else:
                 np.save(file, arrays["views"])
     except OSError as error:
-        raise UserError(f"{path}: {error.strerror}", "make room, or name another folder: scene.cache_dir") from None
+        raise UserError(
+            f"{path}: {error.strerror}", "make room, or name another folder: scene.cache_dir"
+        ) from None
     return path
 
 
-def render_view(field: LightField, row: float, col: float, *, method: str = "auto", frame: int = 0) -> NDArray[np.uint8]:
+def render_view(
+    field: LightField, row: float, col: float, *, method: str = "auto", frame: int = 0
+) -> NDArray[np.uint8]:
     """The view of a camera at (row, col) of the grid, fractions allowed: uint8 (height, width, 3) BGR.
 
     (0, 0) is the top left camera. method: auto, nearest, blend, warp or warp2. frame: of a light-field video. Positions
@@ -116,12 +135,23 @@ def render_anaglyph(
 
 
 def _check(field: LightField, place: tuple[float, float], beyond: float, frame: int) -> None:
-    if isinstance(frame, bool) or not isinstance(frame, int | np.integer) or not 0 <= frame < field.frames:
-        raise UserError(f"frame {frame!r}: the scene has {field.frames} frames", f"0 to {field.frames - 1}")
+    if (
+        isinstance(frame, bool)
+        or not isinstance(frame, int | np.integer)
+        or not 0 <= frame < field.frames
+    ):
+        raise UserError(
+            f"frame {frame!r}: the scene has {field.frames} frames", f"0 to {field.frames - 1}"
+        )
     try:
         row, col = map(float, place)
     except (TypeError, ValueError):
-        raise UserError(f"{place!r}: not a place on the grid of views", "two numbers: (row, col)") from None
+        raise UserError(
+            f"{place!r}: not a place on the grid of views", "two numbers: (row, col)"
+        ) from None
     for name, value, count in (("row", row, field.rows), ("col", col, field.cols)):
         if not -beyond <= value <= count - 1 + beyond:
-            raise UserError(f"{name} {value:g}: the scene has {count} views that way", f"0 to {count - 1}, {beyond:g} beyond it")
+            raise UserError(
+                f"{name} {value:g}: the scene has {count} views that way",
+                f"0 to {count - 1}, {beyond:g} beyond it",
+            )

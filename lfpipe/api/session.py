@@ -83,14 +83,20 @@ class Attachment:
             try:
                 self._readers[ring] = Reader(self._session.segment(ring))
             except FileNotFoundError:
-                raise UserError(f"session {self.name!r} has no {ring}: no camera is in use", "start it with a camera") from None
+                raise UserError(
+                    f"session {self.name!r} has no {ring}: no camera is in use",
+                    "start it with a camera",
+                ) from None
         return self._readers[ring]
 
     def _next(self, ring: str, out: NDArray[Any], timeout_s: float) -> Stamp:
         end, reader = time.monotonic() + timeout_s, self._reader(ring)
         while (stamp := reader.read(out)) is None:
             if time.monotonic() > end:
-                raise UserError(f"session {self.name!r}: nothing new for {timeout_s:g} s", "`lfpipe monitor` says why")
+                raise UserError(
+                    f"session {self.name!r}: nothing new for {timeout_s:g} s",
+                    "`lfpipe monitor` says why",
+                )
             time.sleep(LOOK_S)
         return stamp
 
@@ -109,7 +115,9 @@ class Attachment:
     def load(self, scene: ScenePath | ArrayLike) -> None:
         """Shows another light field, a path or an array as for `open_scene`; returns when it is shown."""
         config = from_dict(self.ask({"cmd": "hello"})["config"]).scene
-        self.ask({"cmd": "load", "scene": str(Path(scene_path(scene, config) or "").resolve())}, LOAD_S)
+        self.ask(
+            {"cmd": "load", "scene": str(Path(scene_path(scene, config) or "").resolve())}, LOAD_S
+        )
 
     def wait(self, timeout_s: float | None = None) -> bool:
         """Waits until the session has ended; False if it still runs after timeout_s."""
@@ -159,15 +167,26 @@ class Session(Attachment):
         **settings: Any,
     ) -> None:
         path = scene_path(scene, updated(Config(), settings).scene)
-        name = name or f"py{os.getpid()}.{time.monotonic_ns() % 1000}"  # short: it is part of a socket's path
+        name = (
+            name or f"py{os.getpid()}.{time.monotonic_ns() % 1000}"
+        )  # short: it is part of a socket's path
         display = display or ("window" if has_display() else "none")
         words = ["up", "--demo" if path is None else str(path.resolve()), *_set_words(settings)]
-        for option, value in {"session": name, "camera": camera, "display": display, "trace": trace}.items():
+        for option, value in {
+            "session": name,
+            "camera": camera,
+            "display": display,
+            "trace": trace,
+        }.items():
             words += [f"--{option}", os.fspath(value)] if value is not None else []
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115  (open as long as the session)
         command = [sys.executable, "-P", "-c", COMMAND, *words]
         self._process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=self._errors, start_new_session=True
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=self._errors,
+            start_new_session=True,
         )
         try:
             self._wait_for_start(name)
@@ -182,12 +201,22 @@ class Session(Attachment):
                 raise self._failure()
             with contextlib.suppress(UserError, FileNotFoundError):
                 super().__init__(name)
-                rows, own = self._watch.table.rows, self._watch.pid == self._process.pid  # else this name is already taken
-                if own and "render" in rows and rows["render"]["state"] == State.RUNNING and int(rows["render"]["seq"]) > 0:
+                rows, own = (
+                    self._watch.table.rows,
+                    self._watch.pid == self._process.pid,
+                )  # else this name is already taken
+                if (
+                    own
+                    and "render" in rows
+                    and rows["render"]["state"] == State.RUNNING
+                    and int(rows["render"]["seq"]) > 0
+                ):
                     return
                 self.close()
             time.sleep(0.05)
-        raise UserError(f"session {name!r} did not start within {START_S:g} s", "`lfpipe monitor` says why")
+        raise UserError(
+            f"session {name!r} did not start within {START_S:g} s", "`lfpipe monitor` says why"
+        )
 
     def _failure(self) -> UserError:
         self._errors.seek(0)
@@ -238,8 +267,21 @@ def replay(
     path = scene_path(scene, updated(Config(), settings or {}).scene)
     with tempfile.TemporaryDirectory(prefix="lfpipe-replay-") as folder:
         kept = Path(out) if out is not None else Path(folder) / "out"
-        words = [sys.executable, "-m", "lfpipe", "replay", str(sequence), "--pace", pace, "--out", str(kept)]
-        words += [*(["--scene", str(path)] if path is not None else []), *_set_words(settings or {})]
+        words = [
+            sys.executable,
+            "-m",
+            "lfpipe",
+            "replay",
+            str(sequence),
+            "--pace",
+            pace,
+            "--out",
+            str(kept),
+        ]
+        words += [
+            *(["--scene", str(path)] if path is not None else []),
+            *_set_words(settings or {}),
+        ]
         done = subprocess.run(words, capture_output=True, text=True, errors="replace", check=False)
         if done.returncode != 0:
             raise _printed(done.stderr, "it was killed")
@@ -248,10 +290,14 @@ def replay(
 
 
 def _set_words(settings: Mapping[str, Any]) -> list[str]:
-    return [word for key, value in settings.items() for word in ("--set", f"{key}={json.dumps(value)}")]
+    return [
+        word for key, value in settings.items() for word in ("--set", f"{key}={json.dumps(value)}")
+    ]
 
 
 def _printed(text: str, otherwise: str) -> UserError:
     """The error that a command printed last."""
-    message, _, remedy = text[text.rfind("error: ") :].removeprefix("error: ").strip().partition("\n  remedy: ")
+    message, _, remedy = (
+        text[text.rfind("error: ") :].removeprefix("error: ").strip().partition("\n  remedy: ")
+    )
     return UserError(message or otherwise, remedy or "`lfpipe doctor` checks this machine")

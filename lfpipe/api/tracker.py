@@ -35,7 +35,9 @@ class Eyes:
         """Converts a record of dtype EYES; None without a face."""
         if not record["face"]:
             return None
-        raw_px, filtered_px, velocity_px_s = (record[name].copy() for name in ("raw_px", "filtered_px", "velocity_px_s"))
+        raw_px, filtered_px, velocity_px_s = (
+            record[name].copy() for name in ("raw_px", "filtered_px", "velocity_px_s")
+        )
         return cls(t_ns, raw_px, filtered_px, velocity_px_s, float(record["confidence"]), head)
 
     def predicted_px(self, t_ns: int) -> NDArray[np.float64]:
@@ -61,9 +63,18 @@ class Tracker:
         if self._closed:
             raise UserError("this Tracker is closed", "make a new one")
         is_array = isinstance(frame, np.ndarray)
-        if not is_array or frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2] != 3 or not frame.size:
+        if (
+            not is_array
+            or frame.dtype != np.uint8
+            or frame.ndim != 3
+            or frame.shape[2] != 3
+            or not frame.size
+        ):
             what = f"{frame.dtype} {frame.shape}" if is_array else type(frame).__name__
-            raise UserError(f"{what}: not a picture", "uint8 (height, width, 3), blue first; cv2.cvtColor turns grey into colour")
+            raise UserError(
+                f"{what}: not a picture",
+                "uint8 (height, width, 3), blue first; cv2.cvtColor turns grey into colour",
+            )
         t_ns = time.monotonic_ns() if t_ns is None else t_ns
         tracker = self._tracker
         tracker.update(tracker.engine.detect(frame), t_ns)

@@ -32,14 +32,25 @@ def mapping_error(alpha_px: float, u: float, count: int = 9, reach: float = 2.0)
         return 0.0
     exact = [wide(count - 1) / 2 + (wide(320.0) - wide(v)) / wide(alpha_px) for v in (u, u - 60.0)]
     left, right = (float(np.clip(v, -wide(1e12), wide(1e12))) for v in exact)
-    return float(max(abs(wide(a) - wide(b)) for a, b in zip(views, pair_clamped(left, right, count, reach), strict=True)))
+    return float(
+        max(
+            abs(wide(a) - wide(b))
+            for a, b in zip(views, pair_clamped(left, right, count, reach), strict=True)
+        )
+    )
 
 
 def mapping_table() -> Table:
     """Eyes and alpha over the whole range of floats."""
-    eyes, alphas = (320.0, 0.0, -1e3, 1e6, 1e18, 1e308, 5e-324, math.inf, -math.inf, math.nan), (1e-9, 1e-3, 1.0, 12.0, 1e3, 1e9)
+    eyes, alphas = (
+        (320.0, 0.0, -1e3, 1e6, 1e18, 1e308, 5e-324, math.inf, -math.inf, math.nan),
+        (1e-9, 1e-3, 1.0, 12.0, 1e3, 1e9),
+    )
     note = "Error in views against long double, with 9 views and 2 views of extrapolation."
-    rows, columns = {f"u = {u:g} px": u for u in eyes}, {f"alpha {alpha:g} px": alpha for alpha in alphas}
+    rows, columns = (
+        {f"u = {u:g} px": u for u in eyes},
+        {f"alpha {alpha:g} px": alpha for alpha in alphas},
+    )
 
     def judge(u: float, alpha_px: float) -> tuple[str, State]:
         return judged_error(mapping_error(alpha_px, u), 1e-9, 1e-3)
@@ -50,7 +61,10 @@ def mapping_table() -> Table:
 def colour_error(name: str, light: str, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> float:
     """Largest difference in levels between the picture of two views, uint8 (h, w, 3) BGR, and the published matrix in float64."""
     linear = light == "linear" and name.startswith("dubois")
-    views = [decoded(view[..., ::-1] / 255) if linear else view[..., ::-1] / 255 for view in (left, right)]
+    views = [
+        decoded(view[..., ::-1] / 255) if linear else view[..., ::-1] / 255
+        for view in (left, right)
+    ]
     mixed = np.clip(sum(views[eye] @ np.array(MATRICES[name])[:, eye].T for eye in (0, 1)), 0, 1)
     exact = (encoded(mixed) if linear else mixed)[..., ::-1] * 255
     return float(np.abs(encode(left, right, recipe(name, light)) - exact).max())
@@ -67,9 +81,14 @@ def colour_table(field: LightField) -> Table:
         "Largest error in levels against the published matrix in float64. Half a level is rounding; more is the price of three"
         " planes instead of six, largest for saturated colours (docs/glasses.md). failed: more than 16 levels."
     )
-    encodings = {f"{name}, {light}": (name, light) for name, light in itertools.product(MATRICES, ("linear", "gamma"))}
+    encodings = {
+        f"{name}, {light}": (name, light)
+        for name, light in itertools.product(MATRICES, ("linear", "gamma"))
+    }
 
-    def judge(encoding: tuple[str, str], pair: tuple[NDArray[np.uint8], NDArray[np.uint8]]) -> tuple[str, State]:
+    def judge(
+        encoding: tuple[str, str], pair: tuple[NDArray[np.uint8], NDArray[np.uint8]]
+    ) -> tuple[str, State]:
         return judged_error(colour_error(*encoding, *pair), 1.0, 16.0)
 
     def only(encoding: tuple[str, str], _pair: object) -> str:
@@ -79,7 +98,9 @@ def colour_table(field: LightField) -> Table:
     return judged_table("Colours of two eyes", note, "encoding", encodings, pairs, judge, only)
 
 
-def extreme_field(rows: int, cols: int, height: int, width: int, disparity_px: float, unknown: float = 0.0) -> LightField:
+def extreme_field(
+    rows: int, cols: int, height: int, width: int, disparity_px: float, unknown: float = 0.0
+) -> LightField:
     """Noise with disparities up to disparity_px, of both signs. unknown: share of unknown disparities."""
     rng = np.random.default_rng(1)
     low = ((height + 1) // 2, (width + 1) // 2)
@@ -97,15 +118,22 @@ def error_at_stored_views(field: LightField, method: str) -> float:
     """Largest difference between a stored view and the method's view at its position; 0 is required."""
     renderer, views = ViewRenderer(field, method), np.asarray(field.views)[0]
     stored = {(0, 0), (field.rows - 1, field.cols - 1), (field.rows // 2, field.cols // 2)}
-    return max(float(np.abs(renderer.at((float(r), float(c))) - views[r, c]).max()) for r, c in stored)
+    return max(
+        float(np.abs(renderer.at((float(r), float(c))) - views[r, c]).max()) for r, c in stored
+    )
 
 
 def error_at_extremes(field: LightField, method: str) -> float:
     """Composes at impossible viewpoints (NaN, infinities, far outside, tiny fractions) with and without a plane of the screen in
     depth. Returns the largest difference between pictures with equal keys, which must be equal."""
-    values, worst = (math.nan, math.inf, -math.inf, 1e308, -1e308, 5e-324, 0.5, field.cols - 1 + 1e-12), 0.0
+    values, worst = (
+        (math.nan, math.inf, -math.inf, 1e308, -1e308, 5e-324, 0.5, field.cols - 1 + 1e-12),
+        0.0,
+    )
     for zero_plane_px in (0.0, 900.0):
-        compositor = Compositor(field, attrs.evolve(Render(method=method), zero_plane_px=zero_plane_px))  # type: ignore[arg-type]
+        compositor = Compositor(
+            field, attrs.evolve(Render(method=method), zero_plane_px=zero_plane_px)
+        )  # type: ignore[arg-type]
         pictures: dict[object, NDArray[np.uint8]] = {}
         for value in values:
             for left, right in (((value, value), (0.0, value)), ((0.0, 0.0), (value, value))):
@@ -117,12 +145,19 @@ def error_at_extremes(field: LightField, method: str) -> float:
 
 def mirror_error(field: LightField, method: str) -> float:
     """Mean difference between a view of the mirrored field and the mirrored view, in levels: no side is special."""
-    disparity = None if field.disparity is None else np.asarray(field.disparity)[:, :, ::-1, :, ::-1]
+    disparity = (
+        None if field.disparity is None else np.asarray(field.disparity)[:, :, ::-1, :, ::-1]
+    )
     offsets = field.offsets[:, ::-1] * np.array([-1, 1], np.float32)
     views = np.asarray(field.views)[:, :, ::-1, :, :, ::-1]
-    turned = attrs.evolve(field, views=views, offsets=offsets, present=field.present[:, ::-1], disparity=disparity)
+    turned = attrs.evolve(
+        field, views=views, offsets=offsets, present=field.present[:, ::-1], disparity=disparity
+    )
     row, col = (field.rows - 1) / 2, (field.cols - 1) * 0.37
-    view, other = (ViewRenderer(one, method).at((row, at)) for one, at in ((field, col), (turned, field.cols - 1 - col)))
+    view, other = (
+        ViewRenderer(one, method).at((row, at))
+        for one, at in ((field, col), (turned, field.cols - 1 - col))
+    )
     return float(np.abs(view - other[..., ::-1]).mean())
 
 
@@ -140,13 +175,21 @@ def synthesis_table(inputs: Inputs) -> Table:
         "disparity 1e6 px": extreme_field(3, 3, 32, 32, 1e6), "a third unknown": extreme_field(3, 3, 32, 32, 2.0, 0.33),
         "all unknown": extreme_field(3, 3, 32, 32, 2.0, 1.1), "cameras out of place": offset,
     }  # fmt: skip
-    checks = {"stored views": error_at_stored_views, "extremes": error_at_extremes, "mirrored": mirror_error}
+    checks = {
+        "stored views": error_at_stored_views,
+        "extremes": error_at_extremes,
+        "mirrored": mirror_error,
+    }
 
     def judge(field: LightField, column: tuple[str, str]) -> tuple[str, State]:
         method, check = column
-        if (field.disparity is None and method not in ("nearest", "blend")) or (check == "mirrored" and field is not scene):
+        if (field.disparity is None and method not in ("nearest", "blend")) or (
+            check == "mirrored" and field is not scene
+        ):
             return "-", ""  # noise tells nothing of interpolation
-        return judged_error(checks[check](field, method), *((1.0, 3.0) if check == "mirrored" else (0.0, 1.0)))
+        return judged_error(
+            checks[check](field, method), *((1.0, 3.0) if check == "mirrored" else (0.0, 1.0))
+        )
 
     def only(_field: LightField, column: tuple[str, str]) -> str:
         return "" if column[0] == inputs.field.method else f"render.method={column[0]}"
@@ -156,5 +199,10 @@ def synthesis_table(inputs: Inputs) -> Table:
         " a plane of the screen of 900 px; pictures with equal keys must be equal, and nothing may raise. Mirrored: mean"
         " difference in levels between a view of the mirrored scene and the mirrored view."
     )
-    columns = {f"{method}: {check}": (method, check) for method, check in itertools.product(METHODS[::-1], checks)}
-    return judged_table("Views at the ends of the range", note, "light field", fields, columns, judge, only)
+    columns = {
+        f"{method}: {check}": (method, check)
+        for method, check in itertools.product(METHODS[::-1], checks)
+    }
+    return judged_table(
+        "Views at the ends of the range", note, "light field", fields, columns, judge, only
+    )

@@ -34,13 +34,17 @@ def follow(filter_: EyeFilter, rate_hz: int, ahead_ms: int = AHEAD_MS) -> Figure
         filter_.update(t_ns, eyes[ms] + rng.normal(0.0, NOISE_PX, (2, 2)))
         predicted = filter_.predict(t_ns + ahead_ms * 1_000_000)
         if ms + ahead_ms < len(eyes) and visible[ms + ahead_ms]:
-            per_second.setdefault(ms // 1000, []).append(float(np.square(predicted - eyes[ms + ahead_ms]).sum() / 2))
+            per_second.setdefault(ms // 1000, []).append(
+                float(np.square(predicted - eyes[ms + ahead_ms]).sum() / 2)
+            )
         if still[ms]:
             rests[-1].append(predicted)
         elif rests[-1]:
             rests.append([])
     error = rms([np.sqrt(np.mean(squares)) for squares in per_second.values()])
-    jitter = rms([np.sqrt(2 * np.var(rest, axis=0).mean()) for rest in rests if len(rest) >= MIN_REST])
+    jitter = rms(
+        [np.sqrt(2 * np.var(rest, axis=0).mean()) for rest in rests if len(rest) >= MIN_REST]
+    )
     return {f"error_{rate_hz}hz": error, f"jitter_{rate_hz}hz": jitter}
 
 
@@ -48,12 +52,27 @@ def sweeps() -> dict[str, list[tuple[str, Callable[[], EyeFilter]]]]:
     """Curve -> (knob, filter), ordered by knob. "default" has the parameters of the configuration."""
     ones = [(f"beta {beta:g}", partial(OneEuro, 1.0, beta, 4.0)) for beta in (0.3, 1.0, 5.0, 20.0)]
     motions = [(f"agility {a:.0e}", partial(Kalman, a)) for a in (1e1, 1e2, 1e3, 1e5, 1e6)]
-    cautions = [(f"caution {c:g}", lambda c=c: Predictive(Tuning(caution=c))) for c in (0.05, 0.1, 0.2, 0.6, 1.0)]
+    cautions = [
+        (f"caution {c:g}", lambda c=c: Predictive(Tuning(caution=c)))
+        for c in (0.05, 0.1, 0.2, 0.6, 1.0)
+    ]
     return {
         "mean": [(f"k = {k}", partial(Mean, k)) for k in (1, 2, 3, 5, 8, 12)],
-        "one-euro": [*ones[:2], ("default", partial(make_filter, Track(filter="one-euro"))), *ones[2:]],
-        "kalman": [*motions[:3], ("default", partial(make_filter, Track(filter="kalman"))), *motions[3:]],
-        "predictive": [*cautions[:3], ("default", partial(make_filter, Track(filter="predictive"))), *cautions[3:]],
+        "one-euro": [
+            *ones[:2],
+            ("default", partial(make_filter, Track(filter="one-euro"))),
+            *ones[2:],
+        ],
+        "kalman": [
+            *motions[:3],
+            ("default", partial(make_filter, Track(filter="kalman"))),
+            *motions[3:],
+        ],
+        "predictive": [
+            *cautions[:3],
+            ("default", partial(make_filter, Track(filter="predictive"))),
+            *cautions[3:],
+        ],
     }
 
 
@@ -61,7 +80,10 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
     """The mean, One-Euro, Kalman and predictive filters over a range of their parameters."""
     for curve, knobs in sweeps().items():
         for knob, make in knobs:
-            paper, used = (curve, knob) == ("mean", "k = 5"), (curve, knob) == (Track().filter, "default")
+            paper, used = (
+                (curve, knob) == ("mean", "k = 5"),
+                (curve, knob) == (Track().filter, "default"),
+            )
             rates_hz = FILTER_RATES_HZ if paper or knob == "default" else FILTER_RATES_HZ[:1]
             yield Candidate(curve, knob, partial(_prepare, make, rates_hz), paper, used)
 

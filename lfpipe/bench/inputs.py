@@ -22,7 +22,11 @@ Progress = Callable[[str, int, int], None]
 
 HEAD = ("source_seq", "t_ns", *COLUMNS, "visible", "phase")  # of a table of true eyes
 SIZE_PX = (640, 480)  # the frames that a session asks of a camera
-RATE_HZ, STILL_S, MOVING_S = 30.0, 2.0, (2.5, 10.0)  # of the demo's sequence: quick and full; other sequences are cut to it
+RATE_HZ, STILL_S, MOVING_S = (
+    30.0,
+    2.0,
+    (2.5, 10.0),
+)  # of the demo's sequence: quick and full; other sequences are cut to it
 NOISE_DN = 2.0  # of a webcam in a room, by eye
 DEMO_SIDE_PX = 256  # of the views of the quick demo scene: a quarter of the time of its full size
 
@@ -71,7 +75,9 @@ class Inputs:
     def sequence(self) -> FrameSequence:
         one = self.open_sequence()
         truth = "truth known" if one.truth else "no truth"
-        self.about["sequence"] = f"{one.path.name}: {one.count} frames at {one.rate_hz:g} Hz, {truth}"
+        self.about["sequence"] = (
+            f"{one.path.name}: {one.count} frames at {one.rate_hz:g} Hz, {truth}"
+        )
         return one
 
 
@@ -96,18 +102,33 @@ def read_sequence(path: Path, most_frames: int) -> FrameSequence:
     table = path.with_suffix(".csv")
     truth = read_truth(path) if is_sequence(path) else table_of(table) if is_file(table) else None
     if truth is not None and len(truth.t_ns) < count:
-        raise UserError(f"{path}: truth for {len(truth.t_ns)} of {count} frames", "give one row per frame of the sequence")
-    return FrameSequence(path, frames, count, info.size_px, info.rate_hz or config.Camera().rate_hz, truth)
+        raise UserError(
+            f"{path}: truth for {len(truth.t_ns)} of {count} frames",
+            "give one row per frame of the sequence",
+        )
+    return FrameSequence(
+        path, frames, count, info.size_px, info.rate_hz or config.Camera().rate_hz, truth
+    )
 
 
-def write_video(path: Path, rate_hz: float, frames: Iterable[tuple[Picture, NDArray[np.float64], bool, str]]) -> None:
+def write_video(
+    path: Path, rate_hz: float, frames: Iterable[tuple[Picture, NDArray[np.float64], bool, str]]
+) -> None:
     """Writes a video, every frame a JPEG, and the true eyes beside it. frames: (BGR of SIZE_PX, eyes (2, 2) px, whether they are
     visible, phase). Raises UserError."""
-    unfinished, quality = path.with_name(f".{os.getpid()}-{path.name}"), [cv2.VIDEOWRITER_PROP_QUALITY, 95]
+    unfinished, quality = (
+        path.with_name(f".{os.getpid()}-{path.name}"),
+        [cv2.VIDEOWRITER_PROP_QUALITY, 95],
+    )
     codec = cv2.VideoWriter.fourcc(*"MJPG")
-    writer = cv2.VideoWriter(str(unfinished), cv2.CAP_OPENCV_MJPEG, codec, rate_hz, SIZE_PX, quality)
+    writer = cv2.VideoWriter(
+        str(unfinished), cv2.CAP_OPENCV_MJPEG, codec, rate_hz, SIZE_PX, quality
+    )
     if not writer.isOpened():
-        raise UserError(f"{path}: cannot be written", "name a file in a folder that is writable, on a disk with room")
+        raise UserError(
+            f"{path}: cannot be written",
+            "name a file in a folder that is writable, on a disk with room",
+        )
     with path.with_suffix(".csv").open("w", newline="") as file:
         table = csv.writer(file)
         table.writerow(HEAD)
@@ -134,20 +155,34 @@ def demo_sequence(folder: Path, moving_s: float) -> Path:
     still = round(STILL_S * RATE_HZ)
 
     def frames() -> Iterator[tuple[Picture, NDArray[np.float64], bool, str]]:
-        frame, noise = np.empty((*SIZE_PX[::-1], 3), np.uint8), np.empty((*SIZE_PX[::-1], 3), np.int16)
+        frame, noise = (
+            np.empty((*SIZE_PX[::-1], 3), np.uint8),
+            np.empty((*SIZE_PX[::-1], 3), np.int16),
+        )
         cv2.setRNGSeed(1)
         for seq in range(still + round(moving_s * RATE_HZ)):
             if seq == 0 or seq > still:
                 source.read(frame)
             cv2.randn(noise, np.zeros(3), np.full(3, NOISE_DN))
             eyes_px = demo_eyes_px(max(seq - still, 0) / RATE_HZ, *SIZE_PX)
-            yield np.asarray(cv2.add(frame, noise, dtype=cv2.CV_8U), np.uint8), eyes_px, True, "still" if seq <= still else "move"
+            yield (
+                np.asarray(cv2.add(frame, noise, dtype=cv2.CV_8U), np.uint8),
+                eyes_px,
+                True,
+                "still" if seq <= still else "move",
+            )
 
     write_video(path, RATE_HZ, frames())
     return path
 
 
-def make_inputs(scene: Path | None, sequence: Path | None, quick: bool, settings: config.Config, progress: Progress) -> Inputs:
+def make_inputs(
+    scene: Path | None,
+    sequence: Path | None,
+    quick: bool,
+    settings: config.Config,
+    progress: Progress,
+) -> Inputs:
     """The scene (a new one is packed) and the sequence; the demo's without them. Raises UserError if one does not exist."""
     from lfpipe.scene.cache import prepare_cache
     from lfpipe.scene.demo import demo_scene
@@ -164,6 +199,8 @@ def make_inputs(scene: Path | None, sequence: Path | None, quick: bool, settings
         return path, open_scene(path, settings.scene, progress)
 
     def frames() -> FrameSequence:
-        return read_sequence(sequence or demo_sequence(work, moving_s), round((STILL_S + moving_s) * RATE_HZ))
+        return read_sequence(
+            sequence or demo_sequence(work, moving_s), round((STILL_S + moving_s) * RATE_HZ)
+        )
 
     return Inputs(field, frames, quick, work)

@@ -18,11 +18,24 @@ from lfpipe.render.refresh import ScreenRefresh
 from lfpipe.render.viewer import VIDEO_LEAD, video_frame
 from lfpipe.transport.clock import MS_NS
 
-SCREENS_HZ = (59.94, 60.0, 75.0, 143.98, 144.0)  # as monitors of 60, 75 and 144 Hz report themselves
+SCREENS_HZ = (
+    59.94,
+    60.0,
+    75.0,
+    143.98,
+    144.0,
+)  # as monitors of 60, 75 and 144 Hz report themselves
 VIDEOS_HZ = (24.0, 25.0, 30.0)  # of films, European and American television
-DEADLINE_MS, COST_MS, SLOW_SHARES = 3.0, 1.5, (0.0, 0.02)  # of usual compositors; of warp2 at 512x512; of a busy machine
+DEADLINE_MS, COST_MS, SLOW_SHARES = (
+    3.0,
+    1.5,
+    (0.0, 0.02),
+)  # of usual compositors; of warp2 at 512x512; of a busy machine
 PICTURES = 4000  # a minute at 60 Hz: the second half stands for a session that has settled
-GOAL, LIMIT = 0.005, 0.02  # one picture in 200 is hardly seen; a busy machine's late wake-ups alone make 2 %
+GOAL, LIMIT = (
+    0.005,
+    0.02,
+)  # one picture in 200 is hardly seen; a busy machine's late wake-ups alone make 2 %
 T0_NS = 10**12  # any moment
 
 
@@ -38,7 +51,12 @@ class ScreenRun:
 
 
 def simulate(
-    rate_hz: float, deadline_ms: float, pictures: int, cost_ms: float = 1.0, slow: float = 0.0, whole_ms: bool = False
+    rate_hz: float,
+    deadline_ms: float,
+    pictures: int,
+    cost_ms: float = 1.0,
+    slow: float = 0.0,
+    whole_ms: bool = False,
 ) -> ScreenRun:
     """A screen of rate_hz. slow: share of wake-ups that are 5 ms late in the mean. whole_ms: blanks are reported in whole ms."""
     random = np.random.default_rng(5)
@@ -49,7 +67,11 @@ def simulate(
     now_ns, missed = T0_NS, 0
     for _ in range(pictures):
         due_ns, begin_ns = refresh.due_ns(), max(now_ns, refresh.due_ns() - refresh.lead_ns())
-        woken_ns = begin_ns + random.exponential(0.1) * MS_NS + (random.random() < slow) * random.exponential(5) * MS_NS
+        woken_ns = (
+            begin_ns
+            + random.exponential(0.1) * MS_NS
+            + (random.random() < slow) * random.exponential(5) * MS_NS
+        )
         now_ns = round(woken_ns + cost_ms * random.lognormal(0, 0.2) * MS_NS)
         refresh.took(now_ns - round(woken_ns), round(woken_ns), due_ns)
         now_ns = max(now_ns, refresh.earliest_ns(due_ns))
@@ -65,7 +87,9 @@ def simulate(
         missed += refresh.advance(now_ns)
     half = pictures // 2
     juddered = float(np.mean(bad[half:])) + missed / pictures
-    return ScreenRun(juddered, float(np.mean(leads[half:])), np.array(blanks[half:]), np.array(targets[half:]))
+    return ScreenRun(
+        juddered, float(np.mean(leads[half:])), np.array(blanks[half:]), np.array(targets[half:])
+    )
 
 
 def video_judder(run: ScreenRun, rate_hz: float, video_hz: float) -> tuple[float, str]:
@@ -79,7 +103,12 @@ def video_judder(run: ScreenRun, rate_hz: float, video_hz: float) -> tuple[float
     every = np.arange(run.blanks[0], run.blanks[-1])
     seen = frames[np.searchsorted(run.blanks, every, side="right") - 1]
     period_ns = 1e9 / rate_hz
-    planned = np.array([video_frame(round(start_ns + lead_ns + k * period_ns), start_ns, video_hz) for k in every - every[0]])
+    planned = np.array(
+        [
+            video_frame(round(start_ns + lead_ns + k * period_ns), start_ns, video_hz)
+            for k in every - every[0]
+        ]
+    )
     held = np.diff(np.flatnonzero(np.diff(planned)))
     return float(np.mean(seen != planned)), " or ".join(map(str, np.unique(held)))
 
@@ -92,7 +121,10 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
     )
     videos_hz = {"moving eyes": 0.0, **{f"video of {hz:g} Hz": hz for hz in VIDEOS_HZ}}
     for slow in SLOW_SHARES:
-        screens = {f"{hz:g} Hz": (hz, simulate(hz, DEADLINE_MS, PICTURES, COST_MS, slow, whole_ms=True)) for hz in SCREENS_HZ}
+        screens = {
+            f"{hz:g} Hz": (hz, simulate(hz, DEADLINE_MS, PICTURES, COST_MS, slow, whole_ms=True))
+            for hz in SCREENS_HZ
+        }
         title = f"Judder, {f'{slow:.0%} of wake-ups late by 5 ms' if slow else 'quiet machine'}"
         yield judged_table(title, note, "screen", screens, videos_hz, _judged)
 

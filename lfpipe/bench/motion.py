@@ -15,7 +15,12 @@ from numpy.typing import NDArray
 
 HeadPosition = tuple[float, float, float]
 Float = NDArray[np.float64]
-FOCAL_PX, HOME_MM, EYES_MM, CENTRE_PX = 600.0, 600.0, 63.0, (319.5, 239.5)  # of a pinhole camera of 640x480 and its viewer
+FOCAL_PX, HOME_MM, EYES_MM, CENTRE_PX = (
+    600.0,
+    600.0,
+    63.0,
+    (319.5, 239.5),
+)  # of a pinhole camera of 640x480 and its viewer
 SETTLED_S = 0.4  # after which a head at rest counts as still
 ONSET_PX = 3.0  # mean of both eyes: far above noise, yet the head has hardly moved
 
@@ -44,7 +49,13 @@ def reach(start: HeadPosition, end: HeadPosition, peak_mm_s: float, name: str = 
     return Piece(name, duration_s, lambda t_s: _between(start, end, minimum_jerk(t_s / duration_s)))
 
 
-def stop(start: HeadPosition, end: HeadPosition, speed_mm_s: float, brake_s: float = 0.06, run_up_s: float = 0.4) -> Piece:
+def stop(
+    start: HeadPosition,
+    end: HeadPosition,
+    speed_mm_s: float,
+    brake_s: float = 0.06,
+    run_up_s: float = 0.4,
+) -> Piece:
     """A sudden stop: a move that accelerates to speed_mm_s within run_up_s and brakes within brake_s.
 
     The distance must be longer than accelerating and braking need.
@@ -53,9 +64,13 @@ def stop(start: HeadPosition, end: HeadPosition, speed_mm_s: float, brake_s: flo
     cruise_s = way_mm / speed_mm_s - (run_up_s + brake_s) / 2
 
     def position(t_s: Float) -> Float:
-        up_s, mid_s, down_s = (np.maximum(t_s - since_s, 0) for since_s in (0, run_up_s, run_up_s + cruise_s))
+        up_s, mid_s, down_s = (
+            np.maximum(t_s - since_s, 0) for since_s in (0, run_up_s, run_up_s + cruise_s)
+        )
         up_s = np.minimum(up_s, run_up_s)
-        done_mm = speed_mm_s * (up_s * up_s / (2 * run_up_s) + mid_s - down_s * down_s / (2 * brake_s))
+        done_mm = speed_mm_s * (
+            up_s * up_s / (2 * run_up_s) + mid_s - down_s * down_s / (2 * brake_s)
+        )
         return _between(start, end, np.minimum(done_mm / way_mm, 1.0))
 
     return Piece("stop", run_up_s + cruise_s + brake_s, position)
@@ -67,7 +82,11 @@ def sway(around: HeadPosition, reach_mm: float, rate_hz: float, duration_s: floa
     def position(t_s: Float) -> Float:
         fade = minimum_jerk(np.minimum(np.minimum(t_s, duration_s - t_s), 1.0))
         angle = 2 * math.pi * rate_hz * t_s
-        offsets = (fade * reach_mm * np.sin(angle), fade * reach_mm * 0.3 * np.sin(1.7 * angle), 0 * t_s)
+        offsets = (
+            fade * reach_mm * np.sin(angle),
+            fade * reach_mm * 0.3 * np.sin(1.7 * angle),
+            0 * t_s,
+        )
         return np.array(around) + np.stack(offsets, axis=1)
 
     return Piece("sway", duration_s, position)
@@ -84,7 +103,9 @@ def path_at(pieces: Sequence[Piece], t_s: Float) -> tuple[Float, NDArray[np.str_
     positions = np.empty((len(t_s), 3))
     for k, piece in enumerate(pieces):
         here = index == k
-        positions[here] = piece.position_mm(np.clip(t_s[here] - ends_s[k] + piece.duration_s, 0, piece.duration_s))
+        positions[here] = piece.position_mm(
+            np.clip(t_s[here] - ends_s[k] + piece.duration_s, 0, piece.duration_s)
+        )
     return positions, np.array([piece.name for piece in pieces])[index]
 
 
@@ -100,16 +121,38 @@ def viewer_path(z_mm: float, side_mm: float) -> list[Piece]:
     """
     home: HeadPosition = (0.0, 0.0, z_mm)
     far = 0.5 * side_mm  # the whole face still in the picture
-    left, right, high, low = (-far, 0.0, z_mm), (far, 10.0, z_mm), (0.3 * far, -40.0, z_mm), (-0.4 * far, 30.0, z_mm)
+    left, right, high, low = (
+        (-far, 0.0, z_mm),
+        (far, 10.0, z_mm),
+        (0.3 * far, -40.0, z_mm),
+        (-0.4 * far, 30.0, z_mm),
+    )
     near, away, out = (0.0, 0.0, 0.75 * z_mm), (20.0, 0.0, 1.5 * z_mm), (1.9 * side_mm, 0.0, z_mm)
     pieces = [still(home, 4.0)]
     at = home
-    for goal, peak_mm_s, rest_s in ((right, 150, 1.0), (left, 450, 1.0), (right, 300, 0.5), (high, 200, 1.0), (low, 350, 0.7)):
+    for goal, peak_mm_s, rest_s in (
+        (right, 150, 1.0),
+        (left, 450, 1.0),
+        (right, 300, 0.5),
+        (high, 200, 1.0),
+        (low, 350, 0.7),
+    ):
         pieces += [reach(at, goal, peak_mm_s), still(goal, rest_s)]
         at = goal
     pieces += [reach(at, home, 250), sway(home, 25.0, 0.5, 6.0)]
-    pieces += [stop(home, right, 220), still(right, 0.8), stop(right, left, 400), still(left, 0.8), reach(left, home, 300)]
-    pieces += [reach(home, near, 200, "approach"), still(near, 0.5), reach(near, away, 350, "retreat"), still(away, 0.5)]
+    pieces += [
+        stop(home, right, 220),
+        still(right, 0.8),
+        stop(right, left, 400),
+        still(left, 0.8),
+        reach(left, home, 300),
+    ]
+    pieces += [
+        reach(home, near, 200, "approach"),
+        still(near, 0.5),
+        reach(near, away, 350, "retreat"),
+        still(away, 0.5),
+    ]
     pieces += [reach(away, home, 300, "approach"), reach(home, out, 450, "leave"), still(out, 1.5)]
     return [*pieces, reach(out, home, 450, "enter"), still(home, 3.0)]
 
@@ -125,11 +168,22 @@ class HeadMotion:
     starts: tuple[tuple[int, int], ...]
 
     @classmethod
-    def of(cls, eyes: Float, visible: NDArray[np.bool_], still: NDArray[np.bool_], rests_ms: Iterable[int]) -> Self:
+    def of(
+        cls,
+        eyes: Float,
+        visible: NDArray[np.bool_],
+        still: NDArray[np.bool_],
+        rests_ms: Iterable[int],
+    ) -> Self:
         """rests_ms: the ends of rests."""
         middles = eyes.mean(axis=1)
         away = (np.linalg.norm(middles[ms:] - middles[ms], axis=1) > ONSET_PX for ms in rests_ms)
-        return cls(eyes, visible, still, tuple((ms, ms + int(moved.argmax())) for ms, moved in zip(rests_ms, away, strict=True)))
+        return cls(
+            eyes,
+            visible,
+            still,
+            tuple((ms, ms + int(moved.argmax())) for ms, moved in zip(rests_ms, away, strict=True)),
+        )
 
 
 @lru_cache(maxsize=1)
@@ -142,7 +196,9 @@ def known_motion() -> HeadMotion:
     u = CENTRE_PX[0] + FOCAL_PX * (x[:, None] + np.array([EYES_MM / 2, -EYES_MM / 2])) / z[:, None]
     v = np.repeat((CENTRE_PX[1] + FOCAL_PX * y / z)[:, None], 2, axis=1)
     visible = ((u >= 0) & (u < 640)).all(axis=1)
-    since_ms = np.arange(count) - np.maximum.accumulate(np.where(phases != "still", np.arange(count), -1))
+    since_ms = np.arange(count) - np.maximum.accumulate(
+        np.where(phases != "still", np.arange(count), -1)
+    )
     still = (since_ms > SETTLED_S * 1000) & visible
     begins = (phases[:-1] == "still") & np.isin(phases[1:], ("reach", "stop")) & visible[:-1]
     return HeadMotion.of(np.stack([u, v], axis=2), visible, still, np.flatnonzero(begins).tolist())

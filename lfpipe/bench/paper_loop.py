@@ -44,7 +44,9 @@ class Loop:
     trace: Path = attrs.field(default=Path("trace.jsonl"), converter=Path)
 
 
-def frames(video: Path, decode: bool, size: tuple[int, int]) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+def frames(
+    video: Path, decode: bool, size: tuple[int, int]
+) -> Iterator[tuple[int, NDArray[np.uint8]]]:
     """Yields indices in the video and BGR frames, forever. decode: on demand; else PRELOADED frames before the first."""
     capture = cv2.VideoCapture(str(video))
 
@@ -54,7 +56,12 @@ def frames(video: Path, decode: bool, size: tuple[int, int]) -> Iterator[tuple[i
             good, frame = capture.read()
             if not good:
                 return
-            yield index, np.asarray(frame if frame.shape[1::-1] == size else cv2.resize(frame, size), np.uint8)
+            yield (
+                index,
+                np.asarray(
+                    frame if frame.shape[1::-1] == size else cv2.resize(frame, size), np.uint8
+                ),
+            )
 
     while decode:
         yield from one_pass()
@@ -90,21 +97,39 @@ def run(loop: Loop) -> None:
         result = mesh.process(cv2.cvtColor(frame, cv2.COLOR_BGR2RGB))
         if result.multi_face_landmarks:
             marks = result.multi_face_landmarks[0].landmark
-            sides = [[(marks[j].x * width, marks[j].y * height) for j in side] for side in (left_eye, right_eye)]
-            recent.append(np.array([[sum(x for x, _ in side) / 16, sum(y for _, y in side) / 16] for side in sides]))
+            sides = [
+                [(marks[j].x * width, marks[j].y * height) for j in side]
+                for side in (left_eye, right_eye)
+            ]
+            recent.append(
+                np.array(
+                    [[sum(x for x, _ in side) / 16, sum(y for _, y in side) / 16] for side in sides]
+                )
+            )
         if not recent:
             continue
         eyes = np.mean(recent, axis=0)
         middle = (loop.rows - 1) / 2, (loop.cols - 1) / 2
-        cols = np.clip(np.rint(middle[1] + (width / 2 - eyes[:, 0]) / loop.alpha_px), 0, loop.cols - 1).astype(int)
-        rows = np.clip(np.rint(middle[0] + (eyes[:, 1] - height / 2) / loop.alpha_px), 0, loop.rows - 1).astype(int)
+        cols = np.clip(
+            np.rint(middle[1] + (width / 2 - eyes[:, 0]) / loop.alpha_px), 0, loop.cols - 1
+        ).astype(int)
+        rows = np.clip(
+            np.rint(middle[0] + (eyes[:, 1] - height / 2) / loop.alpha_px), 0, loop.rows - 1
+        ).astype(int)
         left, right = (grid[r * loop.cols + c] for r, c in zip(rows, cols, strict=True))
         picture = right.copy()
         picture[..., 2] = left[..., 2]
         t_composed_ns = time.monotonic_ns()
         if i >= 0:
-            pairs = {"eyes_raw": recent[-1], "eyes_used": eyes, "view": np.stack([rows, cols], axis=1)}
-            sided = {name: {"left": pair[0].tolist(), "right": pair[1].tolist()} for name, pair in pairs.items()}
+            pairs = {
+                "eyes_raw": recent[-1],
+                "eyes_used": eyes,
+                "view": np.stack([rows, cols], axis=1),
+            }
+            sided = {
+                name: {"left": pair[0].tolist(), "right": pair[1].tolist()}
+                for name, pair in pairs.items()
+            }
             line = {"source_seq": index, "composed": True, "cpu_ns": time.process_time_ns(), "t_sensor_ns": t_sensor_ns,
                     "t_read_ns": t_read_ns, "t_composed_ns": t_composed_ns, "t_presented_ns": t_composed_ns, **sided}  # fmt: skip
             lines.append(json.dumps(line) + "\n")

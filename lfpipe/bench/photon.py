@@ -29,7 +29,12 @@ UNDER_WAY_PX_S = 60.0  # an eye distance per second: slower, noise outweighs the
 NOISES_PX = (0.15, NOISE_PX, 0.5)  # a good camera, live faces, little light
 ONSET_MS = 300  # of a motion, not steady
 WITHIN_MS = 600  # a later onset counts as not followed at all
-MOTIONS = ("step to 100 px/s", "step to 200 px/s", "reach of 80 px in 0.8 s", "sine of 0.5 Hz, 60 px")
+MOTIONS = (
+    "step to 100 px/s",
+    "step to 200 px/s",
+    "reach of 80 px in 0.8 s",
+    "sine of 0.5 Hz, 60 px",
+)
 
 Float = NDArray[np.float64]
 
@@ -51,9 +56,16 @@ def simple_motion(name: str) -> HeadMotion:
     if name.startswith("sine"):
         x_px = 60 * np.sin(np.pi * t_s)
     else:
-        way_px, share = (float(name.split()[2]) * 0.8, s) if name.startswith("step") else (80.0, minimum_jerk(s))
+        way_px, share = (
+            (float(name.split()[2]) * 0.8, s)
+            if name.startswith("step")
+            else (80.0, minimum_jerk(s))
+        )
         x_px = way_px * np.where(t_s % 8 < 4, share, 1 - share)
-    eyes = np.array([[[350.0, 240.0], [290.0, 240.0]]]) + np.stack([x_px, 0 * x_px], axis=1)[:, None, :]
+    eyes = (
+        np.array([[[350.0, 240.0], [290.0, 240.0]]])
+        + np.stack([x_px, 0 * x_px], axis=1)[:, None, :]
+    )
     rests_ms = () if name.startswith("sine") else range(2000, 20_000, 4000)
     return HeadMotion.of(eyes, np.ones(len(eyes), bool), np.zeros(len(eyes), bool), rests_ms)
 
@@ -74,20 +86,27 @@ def displayed(
         while frame * 1e3 / CAMERA_HZ <= now_ms:
             seen = int(frame * 1e3 / CAMERA_HZ)
             if visible[seen]:
-                filter_.update(round(frame * 1e9 / CAMERA_HZ), eyes[seen] + rng.normal(0.0, noise_px, (2, 2)))
+                filter_.update(
+                    round(frame * 1e9 / CAMERA_HZ), eyes[seen] + rng.normal(0.0, noise_px, (2, 2))
+                )
             frame += 1
         for (at, used), horizon_ms in zip(pictures, horizons_ms, strict=True):
             light = round(now_ms + horizon_ms)
             if light < len(eyes) and visible[light] and visible[seen]:
                 at.append(light)
-                used.append(filter_.predict(round((now_ms + max(horizon_ms - unknown_ms, 0)) * 1e6)))
+                used.append(
+                    filter_.predict(round((now_ms + max(horizon_ms - unknown_ms, 0)) * 1e6))
+                )
     return [Displayed(np.array(at), np.array(used), motion) for at, used in pictures]
 
 
 def steady_ms(pictures: Displayed) -> list[float]:
     """Steady latency of each second in which the head moves; the first 0.3 s of a motion from rest are its onset."""
     eyes, at = pictures.motion.eyes, pictures.at
-    low, high = np.maximum(at - 5, 0), np.minimum(at + 5, len(eyes) - 1)  # around the time of each picture
+    low, high = (
+        np.maximum(at - 5, 0),
+        np.minimum(at + 5, len(eyes) - 1),
+    )  # around the time of each picture
     velocity = (eyes[high] - eyes[low]) / ((high - low) / 1e3)[:, None, None]
     power = np.square(velocity).sum(axis=(1, 2))
     moving = np.sqrt(power / 2) > UNDER_WAY_PX_S
@@ -113,8 +132,12 @@ def onset_ms(pictures: Displayed) -> list[float]:
 def _prepare(make: Callable[[], EyeFilter], unknown_ms: float) -> tuple[Figures, None]:
     figures: Figures = {}
     for horizon_ms, pictures in zip(LIGHT_MS, displayed(make(), LIGHT_MS, unknown_ms), strict=True):
-        squares = np.square(pictures.used - pictures.motion.eyes[pictures.at]).sum(axis=(1, 2)) / 2  # of both eyes
-        seconds = [squares[pictures.at // 1000 == second] for second in np.unique(pictures.at // 1000)]
+        squares = (
+            np.square(pictures.used - pictures.motion.eyes[pictures.at]).sum(axis=(1, 2)) / 2
+        )  # of both eyes
+        seconds = [
+            squares[pictures.at // 1000 == second] for second in np.unique(pictures.at // 1000)
+        ]
         figures[f"error_{horizon_ms}ms"] = rms([np.sqrt(np.mean(second)) for second in seconds])
         figures[f"onset_{horizon_ms}ms"] = float(np.mean(onset_ms(pictures)))
         figures[f"steady_{horizon_ms}ms"] = float(np.median(steady_ms(pictures)))
@@ -127,8 +150,13 @@ def motion_table() -> Table:
         f"Onset / steady latency in ms, light {SHOWN_MS} ms after exposure, camera at {CAMERA_HZ} Hz, display at {REFRESH_HZ} Hz,"
         " by the noise of the landmarks; live faces have 0.22 to 0.34 px. Steady: from 0.3 s after the start of the motion."
     )
-    rows = {f"{name}, {noise_px:g} px": (name, noise_px) for name, noise_px in itertools.product(MOTIONS, NOISES_PX)}
-    filters: dict[str, Callable[[], EyeFilter]] = {f"{Track().filter} (in use)": partial(make_filter, Track())}
+    rows = {
+        f"{name}, {noise_px:g} px": (name, noise_px)
+        for name, noise_px in itertools.product(MOTIONS, NOISES_PX)
+    }
+    filters: dict[str, Callable[[], EyeFilter]] = {
+        f"{Track().filter} (in use)": partial(make_filter, Track())
+    }
     filters["mean of 5, the paper"] = partial(Mean, 5)
 
     def latencies(row: tuple[str, float], make: Callable[[], EyeFilter]) -> tuple[str, State]:
@@ -144,7 +172,16 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
     """The filters with a known horizon, the default one with LOOP_MS of it unknown, and the paper's average."""
     for name in ("predictive", "kalman", "one-euro"):
         track = Track(filter=name)
-        yield Candidate(name, "default", partial(_prepare, partial(make_filter, track), 0.0), used=track == Track())
-    yield Candidate(f"predictive, {LOOP_MS} ms unknown", "default", partial(_prepare, partial(make_filter, Track()), LOOP_MS))
+        yield Candidate(
+            name,
+            "default",
+            partial(_prepare, partial(make_filter, track), 0.0),
+            used=track == Track(),
+        )
+    yield Candidate(
+        f"predictive, {LOOP_MS} ms unknown",
+        "default",
+        partial(_prepare, partial(make_filter, Track()), LOOP_MS),
+    )
     yield Candidate("mean", "k = 5", partial(_prepare, partial(Mean, 5), 0.0), True)
     yield motion_table()

@@ -61,7 +61,9 @@ def _cpu_ms(process: psutil.Process) -> float:
     return total
 
 
-def run_session(scene: Path, video: Path, seconds: float, options: Sequence[str], pace: str = "") -> SessionRun:
+def run_session(
+    scene: Path, video: Path, seconds: float, options: Sequence[str], pace: str = ""
+) -> SessionRun:
     """`lfpipe up` on a scene and a video without a display, for `seconds` from its first picture on.
 
     options: of the command line. pace: of the video, in Hz, or "max". Raises RuntimeError if the session fails.
@@ -70,10 +72,21 @@ def run_session(scene: Path, video: Path, seconds: float, options: Sequence[str]
         trace = Path(folder, "trace.jsonl")
         camera = f"file:{video}?loop=1" + (f"&pace={pace}" if pace else "")
         command = [sys.executable, "-m", "lfpipe", "up", str(scene), "--camera", camera]
-        command += ["--set=governor.quality=fixed"]  # measure the requested quality even if it is too slow
-        command += ["--display", "none", "--trace", str(trace), "--session", f"bench{os.getpid()}x{time.monotonic_ns() % 10**6}"]
+        command += [
+            "--set=governor.quality=fixed"
+        ]  # measure the requested quality even if it is too slow
+        command += [
+            "--display",
+            "none",
+            "--trace",
+            str(trace),
+            "--session",
+            f"bench{os.getpid()}x{time.monotonic_ns() % 10**6}",
+        ]
         started_ns = time.monotonic_ns()
-        process = subprocess.Popen([*command, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        process = subprocess.Popen(
+            [*command, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
         try:
             while process.poll() is None and not (exists(trace) and trace.stat().st_size):
                 if time.monotonic_ns() - started_ns > START_S * 1e9:
@@ -82,7 +95,9 @@ def run_session(scene: Path, video: Path, seconds: float, options: Sequence[str]
             time.sleep(STEADY_S)
             begun_s, used_ms = time.monotonic(), _cpu_ms(psutil.Process(process.pid))
             time.sleep(max(seconds - STEADY_S, LEAST_S))
-            cpu_ms_s = (_cpu_ms(psutil.Process(process.pid)) - used_ms) / (time.monotonic() - begun_s)
+            cpu_ms_s = (_cpu_ms(psutil.Process(process.pid)) - used_ms) / (
+                time.monotonic() - begun_s
+            )
             process.send_signal(signal.SIGINT)
             _, err = process.communicate(timeout=30)
         finally:
@@ -90,7 +105,9 @@ def run_session(scene: Path, video: Path, seconds: float, options: Sequence[str]
                 process.kill()
                 process.communicate()
         if process.returncode:
-            raise RuntimeError(f"`lfpipe up` exited with {process.returncode}: {err.strip()[-300:]}")
+            raise RuntimeError(
+                f"`lfpipe up` exited with {process.returncode}: {err.strip()[-300:]}"
+            )
         rows = [json.loads(line) for line in trace.read_text().splitlines()]
         return SessionRun(rows, cpu_ms_s, (rows[0]["t_presented_ns"] - started_ns) / 1e9)
 
@@ -100,12 +117,21 @@ def run_loop(loop: Loop) -> SessionRun:
     with tempfile.TemporaryDirectory() as folder:
         loop = attrs.evolve(loop, trace=Path(folder, "trace.jsonl"))
         started_ns = time.monotonic_ns()
-        command = [sys.executable, "-m", "lfpipe.bench.paper_loop", json.dumps(attrs.asdict(loop), default=str)]
+        command = [
+            sys.executable,
+            "-m",
+            "lfpipe.bench.paper_loop",
+            json.dumps(attrs.asdict(loop), default=str),
+        ]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
-            raise RuntimeError(f"the loop exited with {done.returncode}: {done.stderr.strip()[-300:]}")
+            raise RuntimeError(
+                f"the loop exited with {done.returncode}: {done.stderr.strip()[-300:]}"
+            )
         rows = [json.loads(line) for line in loop.trace.read_text().splitlines()]
-    steady = [row for row in rows if row["t_presented_ns"] > rows[0]["t_presented_ns"] + STEADY_S * 1e9]
+    steady = [
+        row for row in rows if row["t_presented_ns"] > rows[0]["t_presented_ns"] + STEADY_S * 1e9
+    ]
     if not steady:
         raise RuntimeError("the loop found no face")
     used_ns, span_ns = (steady[-1][name] - steady[0][name] for name in ("cpu_ns", "t_presented_ns"))
@@ -117,12 +143,20 @@ def write_views(field: LightField, folder: Path) -> Path:
     if len(list(folder.glob("*.png"))) != field.rows * field.cols:
         folder.mkdir(parents=True, exist_ok=True)
         for index, place in enumerate(np.ndindex(field.rows, field.cols)):
-            cv2.imwrite(str(folder / f"view_{index:04d}.png"), view_bgr(field, *place), [cv2.IMWRITE_PNG_COMPRESSION, 1])
+            cv2.imwrite(
+                str(folder / f"view_{index:04d}.png"),
+                view_bgr(field, *place),
+                [cv2.IMWRITE_PNG_COMPRESSION, 1],
+            )
     return folder
 
 
 def displayed_errors(
-    truth: Truth, rows: Trace, alpha_px: float, centre_px: tuple[float, float], grid: tuple[int, int]
+    truth: Truth,
+    rows: Trace,
+    alpha_px: float,
+    centre_px: tuple[float, float],
+    grid: tuple[int, int],
 ) -> dict[str, float]:
     """RMS over both eyes while they are visible, and while a picture is on the screen: error_views, the distance of the viewpoint
     on screen from that of the true eyes; error_px, of the eyes that the picture was made for; jitter_px, their deviation from the
@@ -133,11 +167,17 @@ def displayed_errors(
     t - t_sensor_ns. alpha_px, centre_px: of the mapping that made the trace. grid: rows, cols. Raises ValueError if nothing
     remains.
     """
-    rows = [row for row in rows if row["t_presented_ns"] and row["eyes_used"] and row["source_seq"] < len(truth.t_ns)]
+    rows = [
+        row
+        for row in rows
+        if row["t_presented_ns"] and row["eyes_used"] and row["source_seq"] < len(truth.t_ns)
+    ]
     if not rows:
         raise ValueError("the trace holds no picture made for eyes")
     presented_ns = np.array([row["t_presented_ns"] for row in rows])
-    offset_ns = truth.t_ns[[row["source_seq"] for row in rows]] - [row["t_sensor_ns"] for row in rows]
+    offset_ns = truth.t_ns[[row["source_seq"] for row in rows]] - [
+        row["t_sensor_ns"] for row in rows
+    ]
     t_ns = np.arange(presented_ns[0] + SKIP_NS, presented_ns[-1], STEP_NS)
     now = np.searchsorted(presented_ns, t_ns, side="right") - 1
     true_ns = t_ns + offset_ns[now]
@@ -145,17 +185,32 @@ def displayed_errors(
     if not visible.any():
         raise ValueError("the trace and the truth have no time in common")
     used_px = np.array([[row["eyes_used"][side] for side in SIDES] for row in rows])[now]
-    drawn = np.maximum.accumulate([k if row.get("composed", True) else 0 for k, row in enumerate(rows)])
-    on_screen = np.array([[row["view"][side] for side in SIDES] for row in rows], np.float64)[drawn[now]]
-    view_row = (grid[0] - 1) / 2 + (true_px[..., 1].mean(axis=1, keepdims=True).repeat(2, axis=1) - centre_px[1]) / alpha_px
+    drawn = np.maximum.accumulate(
+        [k if row.get("composed", True) else 0 for k, row in enumerate(rows)]
+    )
+    on_screen = np.array([[row["view"][side] for side in SIDES] for row in rows], np.float64)[
+        drawn[now]
+    ]
+    view_row = (grid[0] - 1) / 2 + (
+        true_px[..., 1].mean(axis=1, keepdims=True).repeat(2, axis=1) - centre_px[1]
+    ) / alpha_px
     view_col = (grid[1] - 1) / 2 + (centre_px[0] - true_px[..., 0]) / alpha_px
     true_view = np.clip(np.stack([view_row, view_col], axis=2), 0, np.array(grid) - 1)
-    errors = {"error_views": _apart((on_screen - true_view)[visible]), "error_px": _apart((used_px - true_px)[visible])}
+    errors = {
+        "error_views": _apart((on_screen - true_view)[visible]),
+        "error_px": _apart((used_px - true_px)[visible]),
+    }
     resting = visible & truth.still[np.searchsorted(truth.t_ns, true_ns, side="right") - 1]
-    moved = np.maximum.accumulate(np.where(resting, -1, np.arange(len(now))))  # the last sample in motion
+    moved = np.maximum.accumulate(
+        np.where(resting, -1, np.arange(len(now)))
+    )  # the last sample in motion
     still = np.arange(len(now)) - moved > STILL_MS
     rests = [used_px[still & (moved == start)] for start in np.unique(moved[still])]
-    return errors | ({"jitter_px": _apart(np.concatenate([rest - rest.mean(axis=0) for rest in rests]))} if rests else {})
+    return errors | (
+        {"jitter_px": _apart(np.concatenate([rest - rest.mean(axis=0) for rest in rests]))}
+        if rests
+        else {}
+    )
 
 
 def _apart(offsets: Float) -> float:
@@ -168,7 +223,9 @@ def _alpha_px(inputs: Inputs) -> float:
     truth, field = inputs.sequence.truth, inputs.field
     if truth is None or field.cols == 1:
         return PAPER_ALPHA_PX
-    reach_px = float(np.abs(truth.eyes_px[truth.visible][:, :, 0] - inputs.sequence.size_px[0] / 2).max())
+    reach_px = float(
+        np.abs(truth.eyes_px[truth.visible][:, :, 0] - inputs.sequence.size_px[0] / 2).max()
+    )
     return max(PAPER_ALPHA_PX, reach_px / ((field.cols - 1) / 2))
 
 
@@ -186,10 +243,16 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
     if best == "blend":
         yield "warped views: the scene has no disparity, or blending is as good"
     alpha_px, (width_px, height_px) = _alpha_px(inputs), sequence.size_px
-    common = [f"--set=render.alpha_px={alpha_px:.3f}", f"--set=camera.width_px={width_px}", f"--set=camera.height_px={height_px}"]
+    common = [
+        f"--set=render.alpha_px={alpha_px:.3f}",
+        f"--set=camera.width_px={width_px}",
+        f"--set=camera.height_px={height_px}",
+    ]
     seconds = min(STEADY_S + sequence.count / sequence.rate_hz, MAX_S)  # the sequence once
 
-    def candidate(name: str, run: Callable[[], SessionRun], paper: bool = False, used: bool = False) -> Candidate:
+    def candidate(
+        name: str, run: Callable[[], SessionRun], paper: bool = False, used: bool = False
+    ) -> Candidate:
         turn = partial(_figures, inputs, run, alpha_px)
         return Candidate(name, f"{sequence.rate_hz:g} Hz", lambda: ({}, turn), paper, used)
 
@@ -198,25 +261,53 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
 
     def loop() -> SessionRun:
         views = write_views(field, inputs.work / "views" / str(field.manifest["key"]))
-        return run_loop(Loop(sequence.path, views, sequence.rate_hz, seconds, alpha_px, field.rows, field.cols, sequence.size_px))
+        return run_loop(
+            Loop(
+                sequence.path,
+                views,
+                sequence.rate_hz,
+                seconds,
+                alpha_px,
+                field.rows,
+                field.cols,
+                sequence.size_px,
+            )
+        )
 
     if package_folder() is None or is_sequence(sequence.path):
         yield "paper as a plain loop: it needs mediapipe, which is not installed, or a video; its configuration runs"
     else:
         yield candidate("paper as a plain loop", loop, True)
     yield candidate("paper's configuration", session("--config", "paper"), True)
-    for clock, method in itertools.product(("display", "camera"), [best] if inputs.quick else ["nearest", best]):
+    for clock, method in itertools.product(
+        ("display", "camera"), [best] if inputs.quick else ["nearest", best]
+    ):
         run = session(f"--set=render.clock={clock}", f"--set=render.method={method}")
-        yield candidate(f"{clock} clock, {method}", run, used=(clock, method) == (usual.clock, field.method))
+        yield candidate(
+            f"{clock} clock, {method}", run, used=(clock, method) == (usual.clock, field.method)
+        )
 
 
 def _figures(inputs: Inputs, measured: Callable[[], SessionRun], alpha_px: float) -> Figures:
     run, sequence, field = measured(), inputs.sequence, inputs.field
-    start_ns = run.rows[0]["t_presented_ns"] + STEADY_S * 1e9  # before, the tracker looks for the face
-    rows = [row for row in run.rows if row.get("composed", True) and row["t_presented_ns"] > start_ns]
-    p50_ms, p95_ms = np.percentile([(row["t_presented_ns"] - row["t_sensor_ns"]) / 1e6 for row in rows], (50, 95))
-    figures = {"latency_ms": p50_ms, "latency_p95_ms": p95_ms, "cpu_ms_s": run.cpu_ms_s, "first_s": run.first_s}
+    start_ns = (
+        run.rows[0]["t_presented_ns"] + STEADY_S * 1e9
+    )  # before, the tracker looks for the face
+    rows = [
+        row for row in run.rows if row.get("composed", True) and row["t_presented_ns"] > start_ns
+    ]
+    p50_ms, p95_ms = np.percentile(
+        [(row["t_presented_ns"] - row["t_sensor_ns"]) / 1e6 for row in rows], (50, 95)
+    )
+    figures = {
+        "latency_ms": p50_ms,
+        "latency_p95_ms": p95_ms,
+        "cpu_ms_s": run.cpu_ms_s,
+        "first_s": run.first_s,
+    }
     if sequence.truth is not None:
         centre_px = sequence.size_px[0] / 2, sequence.size_px[1] / 2
-        figures |= displayed_errors(sequence.truth, run.rows, alpha_px, centre_px, (field.rows, field.cols))
+        figures |= displayed_errors(
+            sequence.truth, run.rows, alpha_px, centre_px, (field.rows, field.cols)
+        )
     return figures

@@ -52,7 +52,9 @@ class Value:
 
     @property
     def text(self) -> str:
-        return self.words or short(self.value) + (f" ({short(self.low)} to {short(self.high)})" if self.high else "")
+        return self.words or short(self.value) + (
+            f" ({short(self.low)} to {short(self.high)})" if self.high else ""
+        )
 
 
 @attrs.frozen
@@ -84,7 +86,9 @@ class Table:
 
     def texts(self) -> tuple[list[str], list[list[str]]]:
         """(head, body) with the columns that have values; ■ marks what is in use, ★ the paper."""
-        columns = [column for column in self.columns if any(column.key in row.values for row in self.rows)]
+        columns = [
+            column for column in self.columns if any(column.key in row.values for row in self.rows)
+        ]
         body = [
             [row.name + " ■" * row.used + " ★" * row.paper,
              *(row.values[column.key].text if column.key in row.values else "" for column in columns)]
@@ -94,7 +98,10 @@ class Table:
 
     def markdown(self) -> str:
         head, body = self.texts()
-        lines = [" | ".join(text.replace("|", " ") for text in row) for row in (head, ["---"] * len(head), *body)]
+        lines = [
+            " | ".join(text.replace("|", " ") for text in row)
+            for row in (head, ["---"] * len(head), *body)
+        ]
         return "\n".join(f"| {line} |" for line in lines)
 
 
@@ -112,13 +119,19 @@ def judged_table(
             words, state = f"{type(error).__name__}: {error}"[:80], "failed"
         return Value(words=words, state=state, only=only(row, column))
 
-    body = (Row(name, {one: value(row, column) for one, column in columns.items()}) for name, row in rows.items())
+    body = (
+        Row(name, {one: value(row, column) for one, column in columns.items()})
+        for name, row in rows.items()
+    )
     return Table(of, tuple(Column(name, name) for name in columns), tuple(body), title, note)
 
 
 def judged_error(worst: float, ok: float, degraded: float) -> tuple[str, State]:
     """The worst error as words, and its state: ok up to `ok`, degraded up to `degraded`, failed above and for NaN."""
-    return f"{worst:.1e}" if worst else "0", "ok" if worst <= ok else "degraded" if worst <= degraded else "failed"
+    return (
+        f"{worst:.1e}" if worst else "0",
+        "ok" if worst <= ok else "degraded" if worst <= degraded else "failed",
+    )
 
 
 @attrs.define
@@ -143,7 +156,9 @@ class Results:
         """(table, row, column, value) of every judged value."""
         for table in self.tables:
             for row in table.rows:
-                yield from ((table, row, key, value) for key, value in row.values.items() if value.state)
+                yield from (
+                    (table, row, key, value) for key, value in row.values.items() if value.state
+                )
 
 
 def rms(values: ArrayLike) -> float:
@@ -168,22 +183,44 @@ def short(value: float) -> str:
 
 def write(results: dict[str, Results], folder: Path) -> None:
     """Replaces results.json. Raises UserError if the folder cannot be written."""
-    content = {"format": FORMAT, "subjects": {name: attrs.asdict(one) for name, one in results.items()}}
-    write_output(folder / "results.json", json.dumps(content, indent=1, allow_nan=False).encode(), label="--out")
+    content = {
+        "format": FORMAT,
+        "subjects": {name: attrs.asdict(one) for name, one in results.items()},
+    }
+    write_output(
+        folder / "results.json",
+        json.dumps(content, indent=1, allow_nan=False).encode(),
+        label="--out",
+    )
 
 
 def read(folder: Path) -> dict[str, Results]:
     """The results in a folder. Raises UserError if there are none, or they have another format."""
-    path, remedy = folder / "results.json", "give a folder written by `lfpipe bench --out` of this version"
+    path, remedy = (
+        folder / "results.json",
+        "give a folder written by `lfpipe bench --out` of this version",
+    )
     try:
         content = json_fields(read_bytes(path, MAX_BYTES), str(path), remedy).values
         if content.get("format") != FORMAT:
             raise ValueError(f"format {content.get('format')!r:.100}, expected {FORMAT}")
-        return {name: Results(**{**one, "tables": [*map(_table, one["tables"])]}) for name, one in content["subjects"].items()}
+        return {
+            name: Results(**{**one, "tables": [*map(_table, one["tables"])]})
+            for name, one in content["subjects"].items()
+        }
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise UserError(f"{path}: no results of `lfpipe bench`: {error!s:.200}", remedy) from None
 
 
 def _table(fields: dict[str, Any]) -> Table:
-    rows = [Row(**{**row, "values": {key: Value(**one) for key, one in row["values"].items()}}) for row in fields["rows"]]
-    return Table(**{**fields, "columns": tuple(Column(**one) for one in fields["columns"]), "rows": tuple(rows)})
+    rows = [
+        Row(**{**row, "values": {key: Value(**one) for key, one in row["values"].items()}})
+        for row in fields["rows"]
+    ]
+    return Table(
+        **{
+            **fields,
+            "columns": tuple(Column(**one) for one in fields["columns"]),
+            "rows": tuple(rows),
+        }
+    )

@@ -45,7 +45,9 @@ class Candidate:
 Offer = Candidate | Table | str  # a text says what is left out, and why
 
 
-def measure(names: Sequence[str], inputs: Inputs, out: Path, progress: Progress) -> dict[str, Results]:
+def measure(
+    names: Sequence[str], inputs: Inputs, out: Path, progress: Progress
+) -> dict[str, Results]:
     """Measures the named subjects, and writes out/results.json after each. Returns all results in it: other subjects' stay.
 
     Raises UserError if out cannot be written.
@@ -53,7 +55,12 @@ def measure(names: Sequence[str], inputs: Inputs, out: Path, progress: Progress)
     results = opened(out)
     for name in names:
         subject, about = SUBJECTS[name], conditions()
-        results[name] = run(subject, importlib.import_module(f"lfpipe.bench.{name}").measure(inputs), inputs.quick, progress)
+        results[name] = run(
+            subject,
+            importlib.import_module(f"lfpipe.bench.{name}").measure(inputs),
+            inputs.quick,
+            progress,
+        )
         results[name].about = about | inputs.about
         results = {known: results[known] for known in SUBJECTS if known in results}
         write(results, out)
@@ -65,7 +72,9 @@ def opened(out: Path) -> dict[str, Results]:
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise UserError(f"{out}: {error.strerror}", "choose another folder with --out DIR") from None
+        raise UserError(
+            f"{out}: {error.strerror}", "choose another folder with --out DIR"
+        ) from None
     for name in FILES:
         check_output(out / name)
     with contextlib.suppress(UserError):  # nothing yet, or of another version
@@ -111,11 +120,17 @@ def run(subject: Subject, offers: Iterable[Offer], quick: bool, progress: Progre
         if one.name not in results.failures:
             values = {key: Value(value) for key, value in errors[one.name].items()}
             taken = samples[one.name]
-            values |= {key: timing([sample[key] for sample in taken]) for key in (taken[0] if taken else ())}
+            values |= {
+                key: timing([sample[key] for sample in taken])
+                for key in (taken[0] if taken else ())
+            }
             rows.append(Row(one.name, values, one.curve, one.knob, one.paper, one.used))
     if candidates:
         results.tables.insert(0, Table("method", subject.columns, tuple(rows)))
-    results.wall_s, results.cpu_s = round(time.monotonic() - started_s, 1), round(sum(os.times()[:4]) - cpu_s, 1)
+    results.wall_s, results.cpu_s = (
+        round(time.monotonic() - started_s, 1),
+        round(sum(os.times()[:4]) - cpu_s, 1),
+    )
     progress(subject.title, 1, 1)
     return results
 

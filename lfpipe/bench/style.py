@@ -25,11 +25,17 @@ def document(title: str, body: str) -> str:
     )
 
 
-def html_table(head: Sequence[str], rows: Sequence[Sequence[str]], classes: Sequence[Sequence[str]] = ()) -> str:
+def html_table(
+    head: Sequence[str], rows: Sequence[Sequence[str]], classes: Sequence[Sequence[str]] = ()
+) -> str:
     """An HTML table of texts. classes: of each cell; a row with one class has it for all."""
     body = ""
     for k, row in enumerate(rows):
         named = list(classes[k]) if classes else [""]
         cells = zip(row, named if len(named) == len(row) else named * len(row), strict=True)
-        body += "<tr>" + "".join(f'<td class="{name}">{html.escape(text)}</td>' for text, name in cells) + "</tr>"
+        body += (
+            "<tr>"
+            + "".join(f'<td class="{name}">{html.escape(text)}</td>' for text, name in cells)
+            + "</tr>"
+        )
     return f'<div class="wide"><table><tr>{"".join(f"<th>{html.escape(text)}</th>" for text in head)}</tr>{body}</table></div>'

@@ -26,7 +26,10 @@ from lfpipe.render.viewpoint import Position
 from lfpipe.scene.lightfield import LightField
 
 SIDE = 7  # views per side in the printed protocol
-LUMA, BLACK = np.array([65.481, 128.553, 24.966]) / 255, 16.0  # ITU-R BT.601, 16 to 235, as MATLAB's rgb2ycbcr
+LUMA, BLACK = (
+    np.array([65.481, 128.553, 24.966]) / 255,
+    16.0,
+)  # ITU-R BT.601, 16 to 235, as MATLAB's rgb2ycbcr
 SIGMA_PX, WINDOW_PX, K1, K2 = 1.5, 11, 0.01, 0.03  # Wang, Bovik, Sheikh, Simoncelli, IEEE TIP 2004
 Float = NDArray[np.float64]
 
@@ -50,7 +53,9 @@ def shaved(picture: Float, border_px: int) -> Float:
     """The picture without border_px on each side. Raises ValueError if the rest is too small for SSIM."""
     height, width = picture.shape
     if min(height, width) - 2 * border_px < WINDOW_PX:
-        raise ValueError(f"a view of {width}x{height} px is too small for a border of {border_px} px")
+        raise ValueError(
+            f"a view of {width}x{height} px is too small for a border of {border_px} px"
+        )
     return picture[border_px : height - border_px, border_px : width - border_px]
 
 
@@ -61,12 +66,22 @@ def ssim(a: Float, b: Float) -> float:
     """
 
     def mean(values: Float) -> Float:
-        return cv2.GaussianBlur(values, (WINDOW_PX, WINDOW_PX), SIGMA_PX, borderType=cv2.BORDER_REFLECT)  # type: ignore[return-value]
+        return cv2.GaussianBlur(
+            values, (WINDOW_PX, WINDOW_PX), SIGMA_PX, borderType=cv2.BORDER_REFLECT
+        )  # type: ignore[return-value]
 
     mean_a, mean_b = mean(a), mean(b)
-    var_a, var_b, both = mean(a * a) - mean_a**2, mean(b * b) - mean_b**2, mean(a * b) - mean_a * mean_b
+    var_a, var_b, both = (
+        mean(a * a) - mean_a**2,
+        mean(b * b) - mean_b**2,
+        mean(a * b) - mean_a * mean_b,
+    )
     c1, c2 = (K1 * 255) ** 2, (K2 * 255) ** 2
-    similarity = (2 * mean_a * mean_b + c1) * (2 * both + c2) / ((mean_a**2 + mean_b**2 + c1) * (var_a + var_b + c2))
+    similarity = (
+        (2 * mean_a * mean_b + c1)
+        * (2 * both + c2)
+        / ((mean_a**2 + mean_b**2 + c1) * (var_a + var_b + c2))
+    )
     pad = WINDOW_PX // 2
     return float(similarity[pad:-pad, pad:-pad].mean())
 
@@ -88,13 +103,17 @@ def measure(field: LightField, protocol: Protocol) -> Iterator[Candidate]:
     axes = [kept_views(count, protocol.keep) for count in (field.rows, field.cols)]
     if field.rows == field.cols == 1:
         raise ValueError("one view: nothing lies between")
-    step = min(kept.step for kept in axes if len(kept) > 1)  # the same on both axes, as disparity is per step of the grid
+    step = min(
+        kept.step for kept in axes if len(kept) > 1
+    )  # the same on both axes, as disparity is per step of the grid
     rows, cols = ([kept.start + k * step for k in range(len(kept))] for kept in axes)
     if not field.present[np.ix_(rows, cols)].all():
         raise ValueError("one of the kept views is missing")
     size, views = (rows[-1] - rows[0] + 1, cols[-1] - cols[0] + 1), np.asarray(field.views[0])
     truth = {
-        (r / step, c / step): shaved(studio_luma(views[rows[0] + r, cols[0] + c]), protocol.border_px)
+        (r / step, c / step): shaved(
+            studio_luma(views[rows[0] + r, cols[0] + c]), protocol.border_px
+        )
         for r, c in np.ndindex(size)
         if (r % step or c % step) and field.present[rows[0] + r, cols[0] + c]
     }
@@ -102,7 +121,11 @@ def measure(field: LightField, protocol: Protocol) -> Iterator[Candidate]:
     grid = f"{len(rows)}x{len(cols)} -> {size[0]}x{size[1]}"
     for method in reversed(METHODS):
         if kept_field.disparity is not None or method not in WARPS:
-            yield Candidate(method, f"{field.name}, {grid}", partial(_prepare, kept_field, method, truth, protocol))
+            yield Candidate(
+                method,
+                f"{field.name}, {grid}",
+                partial(_prepare, kept_field, method, truth, protocol),
+            )
 
 
 def _prepare(
@@ -118,7 +141,9 @@ def _prepare(
     return figures, (lambda: {"ms": turn()}) if protocol.timed else None
 
 
-def measure_scenes(scenes: Sequence[tuple[Path, Callable[[], LightField]]], protocol: Protocol, progress: Progress) -> Results:
+def measure_scenes(
+    scenes: Sequence[tuple[Path, Callable[[], LightField]]], protocol: Protocol, progress: Progress
+) -> Results:
     """Every method on every scene. scenes: (path, function that opens it); one that does not fit the protocol is left out."""
     whole, rows = Results(TABLE.name, about=conditions()), list[Row]()
     for path, open_field in scenes:

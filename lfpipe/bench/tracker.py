@@ -32,7 +32,10 @@ def motion_errors(eyes: NDArray[np.float64], truth: NDArray[np.float64]) -> Figu
     error = (eyes[seen] - truth[seen]) / between_px[:, None, None]
     offset = np.median(error, axis=0)
     worst = np.linalg.norm(error - offset, axis=2).max(axis=1)
-    return {"error_px": rms(worst * between_px), "offset": float(np.linalg.norm(offset, axis=1).max())}
+    return {
+        "error_px": rms(worst * between_px),
+        "offset": float(np.linalg.norm(offset, axis=1).max()),
+    }
 
 
 def measure(inputs: Inputs) -> Iterator[Offer]:
@@ -46,12 +49,18 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
         yield f"input wider than {width_px} px: the frames of the sequence are smaller"
     if not package_folder():
         yield "engine mediapipe: the package is not installed here"
-    for name, refine, width in itertools.product(ENGINES if package_folder() else ENGINES[:1], (False, True), widths):
+    for name, refine, width in itertools.product(
+        ENGINES if package_folder() else ENGINES[:1], (False, True), widths
+    ):
         size = (width, round(height_px * width / width_px))
         track = Track(engine=name, refine=refine)
-        paper, used = (track == one and width == widths[0] for one in (Track(engine="mediapipe"), Track()))
+        paper, used = (
+            track == one and width == widths[0] for one in (Track(engine="mediapipe"), Track())
+        )
         prepare = partial(_prepare, inputs.sequence, track, size)
-        yield Candidate(name + " with irises" * refine, f"{size[0]}x{size[1]}", prepare, paper, used)
+        yield Candidate(
+            name + " with irises" * refine, f"{size[0]}x{size[1]}", prepare, paper, used
+        )
 
 
 def _prepare(sequence: FrameSequence, track: Track, size: tuple[int, int]) -> tuple[Figures, Turn]:
@@ -59,20 +68,29 @@ def _prepare(sequence: FrameSequence, track: Track, size: tuple[int, int]) -> tu
 
     def frames() -> Iterator[Picture]:
         for frame in sequence.frames():
-            yield frame if scale == 1 else np.asarray(cv2.resize(frame, size, interpolation=cv2.INTER_AREA), np.uint8)
+            yield (
+                frame
+                if scale == 1
+                else np.asarray(cv2.resize(frame, size, interpolation=cv2.INTER_AREA), np.uint8)
+            )
 
     faces = [engine.detect(frame) for frame in frames()]
     if not any(faces):
         raise ValueError("no face found in any frame")
     figures = {"missed": faces.count(None) / len(faces)}
     if sequence.truth is not None:
-        eyes = np.array([np.full((2, 2), np.nan) if face is None else face.eyes_px * scale for face in faces])
+        eyes = np.array(
+            [np.full((2, 2), np.nan) if face is None else face.eyes_px * scale for face in faces]
+        )
         figures |= motion_errors(eyes, sequence.truth.eyes_px[: len(eyes)])
     upcoming = itertools.cycle(itertools.islice(frames(), TURN_FRAMES))
 
     def turn() -> Figures:
         cpu_ns = time.process_time_ns()
         taken_ms = time_ms(lambda: engine.detect(next(upcoming)), TURN_FRAMES)
-        return {"time_ms": taken_ms, "cpu_ms": (time.process_time_ns() - cpu_ns) / 1e6 / TURN_FRAMES}
+        return {
+            "time_ms": taken_ms,
+            "cpu_ms": (time.process_time_ns() - cpu_ns) / 1e6 / TURN_FRAMES,
+        }
 
     return figures, turn

@@ -72,12 +72,16 @@ class SensorClock:
         """Whether the stamp of a frame read at read_ns is from the monotonic clock."""
         return stamp_ns > 0 and -self._period_ns <= read_ns - stamp_ns <= MAX_AGE_NS
 
-    def middle_ns(self, stamp_ns: int, kind: StampKind, read_ns: int, exposure_ns: int | None) -> tuple[int, StampKind]:
+    def middle_ns(
+        self, stamp_ns: int, kind: StampKind, read_ns: int, exposure_ns: int | None
+    ) -> tuple[int, StampKind]:
         """The middle of the exposure of a frame read at read_ns, never later than read_ns, and the source of the value."""
         if not self.usable(stamp_ns, read_ns):
             return read_ns, StampKind.READ
         self._lead_ns = max(self._lead_ns, stamp_ns - read_ns)
-        half_ns = (self._period_ns // 2 if exposure_ns is None else min(exposure_ns, self._period_ns)) // 2
+        half_ns = (
+            self._period_ns // 2 if exposure_ns is None else min(exposure_ns, self._period_ns)
+        ) // 2
         sign = 1 if kind == StampKind.START_OF_EXPOSURE else -1
         return min(stamp_ns - self._lead_ns + sign * half_ns, read_ns), kind
 
@@ -100,26 +104,43 @@ def negotiate(path: Path, device: V4L2Device, camera: config.Camera) -> tuple[Mo
     Raises OSError from the driver, UserError if none of the device's formats can be decoded.
     """
     wanted_px, offered = (camera.width_px, camera.height_px), device.fourccs()
-    usual = JPEGS if camera.width_px * camera.height_px > SMALL_PX else CHEAPEST  # of a driver that lists nothing
+    usual = (
+        JPEGS if camera.width_px * camera.height_px > SMALL_PX else CHEAPEST
+    )  # of a driver that lists nothing
     formats = [fourcc for fourcc in offered or [usual[0], camera.format] if fourcc in DECODED]
     formats = [camera.format] if camera.format in formats else formats
-    modes = [mode for fourcc in formats for mode in device.sizes(fourcc) or [FrameSizes(fourcc, *wanted_px)]]
+    modes = [
+        mode
+        for fourcc in formats
+        for mode in device.sizes(fourcc) or [FrameSizes(fourcc, *wanted_px)]
+    ]
     requested = choose(modes, *wanted_px, camera.rate_hz)
-    mode = device.configure(requested.fourcc, requested.width_px, requested.height_px, camera.rate_hz) if requested else None
+    mode = (
+        device.configure(requested.fourcc, requested.width_px, requested.height_px, camera.rate_hz)
+        if requested
+        else None
+    )
     if mode is None or mode.fourcc not in DECODED:
         formats = offered if mode is None else [mode.fourcc]
         remedy = f"use a camera with one of {', '.join(DECODED)}"
-        raise UserError(f"camera {path}: none of its pixel formats can be decoded ({', '.join(formats)})", remedy)
+        raise UserError(
+            f"camera {path}: none of its pixel formats can be decoded ({', '.join(formats)})",
+            remedy,
+        )
     size_px, rate_hz = (mode.width_px, mode.height_px), mode.rate_hz or camera.rate_hz
     log.info("camera %s: requested %s, delivers %s", path, requested, mode)
-    notes = [f"the camera delivers {mode.fourcc} {mode.width_px}x{mode.height_px} at {rate_hz:.4g} Hz"]
+    notes = [
+        f"the camera delivers {mode.fourcc} {mode.width_px}x{mode.height_px} at {rate_hz:.4g} Hz"
+    ]
     if camera.format not in ("auto", mode.fourcc):
         notes.append(f"{camera.format} requested, {mode.fourcc} delivered")
     notes += size_notes(size_px, camera)
     if abs(rate_hz - camera.rate_hz) > 0.01 * camera.rate_hz:
         notes.append(f"{camera.rate_hz:g} Hz requested, {rate_hz:.4g} Hz delivered")
     jpeg = mode.fourcc in JPEGS
-    return mode, SourceInfo(f"camera:{path}", size_px, rate_hz, live=True, jpeg=jpeg, notes=tuple(notes))
+    return mode, SourceInfo(
+        f"camera:{path}", size_px, rate_hz, live=True, jpeg=jpeg, notes=tuple(notes)
+    )
 
 
 class CameraSource:
@@ -139,14 +160,20 @@ class CameraSource:
                 self._controls = CameraControls(device.duplicate(), camera)
                 opened_so_far.callback(self._controls.end, CONTROLS_S)
                 device.start()
-                first = device.read(START_S)  # discarded: often dark, and old when the session is ready
+                first = device.read(
+                    START_S
+                )  # discarded: often dark, and old when the session is ready
             except TimeoutError:
                 raise UserError(f"camera {path}: no picture for {START_S:g} s", REPLUG) from None
             except OSError as error:
                 raise trouble(path, error) from None
             except ValueError as error:
-                raise UserError(f"camera {path}: {error}", "set another camera.format, or another size") from None
-            self.close = opened_so_far.pop_all().close  # restores the controls, then ends the stream
+                raise UserError(
+                    f"camera {path}: {error}", "set another camera.format, or another size"
+                ) from None
+            self.close = (
+                opened_so_far.pop_all().close
+            )  # restores the controls, then ends the stream
         self._clock, self._period_ns = SensorClock(info.rate_hz), 1e9 / info.rate_hz
         self._stall_s = max(STALL_S, STALL_PERIODS / info.rate_hz)
         self._kind = stamp_kind(device.driver, first.start_of_exposure)
@@ -156,11 +183,16 @@ class CameraSource:
             notes += ("the driver gives no usable time stamps: using the time of reading",)
             self._stamp_ns = now_ns
         if not self._controls.applied.wait(CONTROLS_S):
-            notes += (f"its controls have not answered for {CONTROLS_S:g} s: exposure and others may be set later, or never",)
+            notes += (
+                f"its controls have not answered for {CONTROLS_S:g} s: exposure and others may be set later, or never",
+            )
         self.info = attrs.evolve(info, notes=(*notes, *self._controls.notes.values()))
 
     def _no_signal(self) -> UserError:
-        return UserError(f"camera {self._path}: no signal at its input", "connect and switch on what it is to show")
+        return UserError(
+            f"camera {self._path}: no signal at its input",
+            "connect and switch on what it is to show",
+        )
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
         """See `FrameSource.read`. Raises TimeoutError if the camera stalls, UserError if it is gone, fails or has no signal."""
@@ -173,7 +205,9 @@ class CameraSource:
                     raise TimeoutError
                 raw = self._device.read(left_s)
             except TimeoutError:
-                raise TimeoutError(f"camera {self._path}: no whole frame for {self._stall_s:.2g} s, {damaged} damaged") from None
+                raise TimeoutError(
+                    f"camera {self._path}: no whole frame for {self._stall_s:.2g} s, {damaged} damaged"
+                ) from None
             except OSError as error:
                 raise trouble(self._path, error) from None
             read_ns = time.monotonic_ns()
@@ -182,8 +216,12 @@ class CameraSource:
             if whole:
                 break
             damaged += 1
-            log.debug("camera %s: damaged frame %d of %d bytes", self._path, raw.sequence, raw.data.size)
-        sensor_ns, kind = self._clock.middle_ns(raw.stamp_ns, self._kind, read_ns, self._controls.exposure_ns)
+            log.debug(
+                "camera %s: damaged frame %d of %d bytes", self._path, raw.sequence, raw.data.size
+            )
+        sensor_ns, kind = self._clock.middle_ns(
+            raw.stamp_ns, self._kind, read_ns, self._controls.exposure_ns
+        )
         return Frame(self._seq, sensor_ns, read_ns, packet, kind)
 
     def _count(self, raw: RawFrame, read_ns: int) -> None:
@@ -208,8 +246,13 @@ def open_device(path: Path) -> V4L2Device:
         return device
     device.close()
     if device.multi_planar:
-        raise UserError(f"camera {path}: a multi-planar camera, which lfpipe cannot read itself", LIBCAMERA)
-    raise UserError(f"camera {path}: this device delivers no pictures (a camera's node for metadata?)", others(path))
+        raise UserError(
+            f"camera {path}: a multi-planar camera, which lfpipe cannot read itself", LIBCAMERA
+        )
+    raise UserError(
+        f"camera {path}: this device delivers no pictures (a camera's node for metadata?)",
+        others(path),
+    )
 
 
 def open_camera(path: Path, camera: config.Camera) -> CameraSource:

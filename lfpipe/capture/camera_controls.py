@@ -39,9 +39,15 @@ def control_texts(device: V4L2Device) -> list[str]:
     texts = []
     for key, (control, scale, unit, switch, manual) in AMOUNTS.items():
         if (span := device.control_range(control)) is not None:
-            automatic = device.control_range(switch) is not None and device.control(switch) != manual
-            value, low, high = (steps / scale for steps in (device.control(control), span.minimum, span.maximum))
-            texts.append(f"{key} {value:g}{unit}{' (automatic)' if automatic else ''} [{low:g} to {high:g}{unit}]")
+            automatic = (
+                device.control_range(switch) is not None and device.control(switch) != manual
+            )
+            value, low, high = (
+                steps / scale for steps in (device.control(control), span.minimum, span.maximum)
+            )
+            texts.append(
+                f"{key} {value:g}{unit}{' (automatic)' if automatic else ''} [{low:g} to {high:g}{unit}]"
+            )
     if (span := device.control_range(POWER_LINE)) is not None:
         entry = device.control(POWER_LINE)
         hz = f"{POWER_LINE_HZ[entry]} Hz" if entry < len(POWER_LINE_HZ) else "automatic"
@@ -74,12 +80,18 @@ class CameraControls(threading.Thread):
         try:
             self._apply(self._camera)
             while True:
-                self.exposure_ns, self.signal = self._asked("", self._exposure_ns), self._device.signal
+                self.exposure_ns, self.signal = (
+                    self._asked("", self._exposure_ns),
+                    self._device.signal,
+                )
                 self.applied.set()
                 if self._ending.wait(CHECK_S):
                     break
             for control, value in self._before[::-1]:
-                any(self._asked("", self._set, control, value) is not None for _ in range(RESTORE_TRIES))
+                any(
+                    self._asked("", self._set, control, value) is not None
+                    for _ in range(RESTORE_TRIES)
+                )
         finally:
             self.applied.set()
             self._device.close()
@@ -94,10 +106,16 @@ class CameraControls(threading.Thread):
             if value != "auto":
                 self._asked(key, self._set_amount, key, value)
         key = "camera.power_line_hz"
-        if (hz := camera.power_line_hz) != "auto" and self._asked(key, self._set, POWER_LINE, POWER_LINE_HZ.index(hz)) is None:
+        if (hz := camera.power_line_hz) != "auto" and self._asked(
+            key, self._set, POWER_LINE, POWER_LINE_HZ.index(hz)
+        ) is None:
             self.notes.setdefault(key, f"{key} = {hz}: not supported by the camera")
         key, state = "camera.dynamic_framerate", camera.dynamic_framerate
-        if state != "auto" and self._asked(key, self._set, DYNAMIC_FRAMERATE, int(state == "on")) and state == "off":
+        if (
+            state != "auto"
+            and self._asked(key, self._set, DYNAMIC_FRAMERATE, int(state == "on"))
+            and state == "off"
+        ):
             self.notes[key] = DARKER
 
     def _asked(self, key: str, call: Callable[..., T | None], *args: Any) -> T | None:
@@ -133,7 +151,9 @@ class CameraControls(threading.Thread):
         self._set(control, nearest)
         if abs(nearest - value * scale) > max(span.step, 1) / 2:
             low, high = span.minimum / scale, span.maximum / scale
-            self.notes[key] = f"{key} = {value:g}{unit}: using {nearest / scale:g} ({low:g} to {high:g}{unit} possible)"
+            self.notes[key] = (
+                f"{key} = {value:g}{unit}: using {nearest / scale:g} ({low:g} to {high:g}{unit} possible)"
+            )
 
     def _exposure_ns(self) -> int | None:
         if self._device.control_range(EXPOSURE) is None:

@@ -87,12 +87,19 @@ def nodes() -> list[CameraDevice]:
         except ImportError:
             return []
         names = {camera.index: camera.name for camera in enumerate_cameras()}
-        return [CameraDevice(Path(f"/dev/video{number}"), name) for number, name in sorted(names.items())]
+        return [
+            CameraDevice(Path(f"/dev/video{number}"), name)
+            for number, name in sorted(names.items())
+        ]
     devices = []
-    for entry in sorted(SYS.glob("video*"), key=lambda entry: int("0" + entry.name.removeprefix("video"))):
+    for entry in sorted(
+        SYS.glob("video*"), key=lambda entry: int("0" + entry.name.removeprefix("video"))
+    ):
         with contextlib.suppress(OSError):  # unplugged meanwhile
             place = str((entry / "device").resolve(strict=True))
-            devices.append(CameraDevice(DEV / entry.name, (entry / "name").read_text().strip(), place))
+            devices.append(
+                CameraDevice(DEV / entry.name, (entry / "name").read_text().strip(), place)
+            )
     return devices
 
 
@@ -118,7 +125,9 @@ def cameras() -> list[CameraDevice]:
 def others(path: Path = Path()) -> str:
     """A remedy for a camera that is not there: the other ones, or what to do without; names libcamera if only its cameras are
     here."""
-    if listed := ", ".join(f"camera:{camera.path} ({camera.name})" for camera in cameras() if camera.path != path):
+    if listed := ", ".join(
+        f"camera:{camera.path} ({camera.name})" for camera in cameras() if camera.path != path
+    ):
         return f"available cameras: {listed}"
     for node in nodes():
         try:
@@ -132,7 +141,9 @@ def others(path: Path = Path()) -> str:
 def by_name(name: str, devices: list[CameraDevice]) -> CameraDevice:
     """The device with this name, ignoring case, else the one whose name contains it. Raises UserError for none or several."""
     folded = name.casefold()
-    named = [d for d in devices if d.name.casefold() == folded] or [d for d in devices if folded in d.name.casefold()]
+    named = [d for d in devices if d.name.casefold() == folded] or [
+        d for d in devices if folded in d.name.casefold()
+    ]
     if not named:
         raise UserError(f"camera:{name}: no camera of that name", others())
     if len(named) > 1:
@@ -169,7 +180,9 @@ class CameraFinder:
         if same_place or not self._gone:
             self._twins = {device.place for device in same_name} - {known.place}
         self._gone = not same_place
-        candidates = same_place or [device for device in same_name if device.place not in self._twins]
+        candidates = same_place or [
+            device for device in same_name if device.place not in self._twins
+        ]
         candidates.sort(key=lambda device: device.path != known.path)
         # nodes of one camera (pictures, metadata) share name and place, and may have exchanged their numbers
         current = next((device for device in candidates if _captures(device)), None)

@@ -24,7 +24,12 @@ FRAME_PX = (640, 480)  # lengths in px refer to this size; other sizes scale
 def portrait_path() -> Path:
     """Path of matplotlib's portrait, without importing matplotlib, whether it exists or not."""
     spec = importlib.util.find_spec("matplotlib")
-    return Path(spec.origin if spec and spec.origin else "").parent / "mpl-data" / "sample_data" / "grace_hopper.jpg"
+    return (
+        Path(spec.origin if spec and spec.origin else "").parent
+        / "mpl-data"
+        / "sample_data"
+        / "grace_hopper.jpg"
+    )
 
 
 def _scale(width_px: int, height_px: int) -> float:
@@ -33,7 +38,11 @@ def _scale(width_px: int, height_px: int) -> float:
 
 
 def _portrait_scale(width_px: int, height_px: int) -> float:
-    return EYE_DISTANCE_PX * _scale(width_px, height_px) / float(np.linalg.norm(PORTRAIT_EYES_PX[0] - PORTRAIT_EYES_PX[1]))
+    return (
+        EYE_DISTANCE_PX
+        * _scale(width_px, height_px)
+        / float(np.linalg.norm(PORTRAIT_EYES_PX[0] - PORTRAIT_EYES_PX[1]))
+    )
 
 
 def _head_matrix(t_s: float, width_px: int, height_px: int) -> NDArray[np.float64]:
@@ -50,9 +59,13 @@ def _head_matrix(t_s: float, width_px: int, height_px: int) -> NDArray[np.float6
     return np.array([[cos, -sin, x], [sin, cos, y]])
 
 
-def demo_eyes_px(t_s: float, width_px: int = FRAME_PX[0], height_px: int = FRAME_PX[1]) -> NDArray[np.float64]:
+def demo_eyes_px(
+    t_s: float, width_px: int = FRAME_PX[0], height_px: int = FRAME_PX[1]
+) -> NDArray[np.float64]:
     """Eyes in the frame of time t_s: (2, 2) px, [[left x, left y], [right x, right y]], the sitter's own left and right."""
-    about_px = (PORTRAIT_EYES_PX - PORTRAIT_EYES_PX.mean(axis=0)) * _portrait_scale(width_px, height_px)
+    about_px = (PORTRAIT_EYES_PX - PORTRAIT_EYES_PX.mean(axis=0)) * _portrait_scale(
+        width_px, height_px
+    )
     matrix = _head_matrix(t_s, width_px, height_px)
     return np.asarray(about_px @ matrix[:, :2].T + matrix[:, 2], np.float64)
 
@@ -64,7 +77,10 @@ def backdrop(width_px: int, height_px: int) -> tuple[NDArray[np.uint8], NDArray[
     """
     portrait = cv2.imread(str(portrait_path()), cv2.IMREAD_COLOR)
     if portrait is None:
-        raise UserError(f"demo: {portrait_path()} cannot be read", "reinstall it: pip install --force-reinstall matplotlib")
+        raise UserError(
+            f"demo: {portrait_path()} cannot be read",
+            "reinstall it: pip install --force-reinstall matplotlib",
+        )
     scale = _portrait_scale(width_px, height_px)
     small = cv2.resize(portrait, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     rows, cols = small.shape[:2]
@@ -106,7 +122,13 @@ class DemoSource:
         fit = np.diag([width_px / self._size[0], height_px / self._size[1]])
         if self._warped.shape[:2] != out.shape[:2]:
             self._warped = np.empty((height_px, width_px, 4), np.uint8)
-        cv2.warpAffine(self._picture, fit @ matrix, (width_px, height_px), dst=self._warped, borderMode=cv2.BORDER_REPLICATE)
+        cv2.warpAffine(
+            self._picture,
+            fit @ matrix,
+            (width_px, height_px),
+            dst=self._warped,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
         cv2.cvtColor(self._warped, cv2.COLOR_BGRA2BGR, dst=out)
         self._start_ns = self._start_ns or time.monotonic_ns()
         self._seq += 1

@@ -23,7 +23,10 @@ class BrokenFrame(UserError):
 def undecodable(what: str, error: MemoryError | cv2.error) -> BrokenFrame:
     """A decoder's failure or lack of memory as the user's error. what: file or device."""
     if isinstance(error, MemoryError) or error.code == NO_MEMORY:
-        return BrokenFrame(f"{what}: decoding needs more memory than allowed or available", "use a smaller picture or video")
+        return BrokenFrame(
+            f"{what}: decoding needs more memory than allowed or available",
+            "use a smaller picture or video",
+        )
     return BrokenFrame(f"{what}: cannot be decoded", "save or record it again")
 
 
@@ -38,7 +41,9 @@ class SourceInfo:
     live: bool
     jpeg: bool = False  # its frames are JPEGs, each with its `Frame.packet`
     eyes: str = ""  # folder of the recording, if it holds the eyes of the mouse instead of frames
-    notes: tuple[str, ...] = ()  # to show the user once: scaled frames, another rate than requested, ...
+    notes: tuple[
+        str, ...
+    ] = ()  # to show the user once: scaled frames, another rate than requested, ...
 
 
 @attrs.frozen

@@ -15,7 +15,9 @@ from lfpipe.errors import UserError
 from lfpipe.host import PORTABLE
 
 MOUSE = "mouse"
-BY_MOUSE = config.SessionOptions(source=MOUSE, mouse=True, tracking=False)  # no camera: the mouse is the viewer
+BY_MOUSE = config.SessionOptions(
+    source=MOUSE, mouse=True, tracking=False
+)  # no camera: the mouse is the viewer
 CAMERA_S, FILE_S = 15.0, 60.0  # longest time a source may take to open
 
 
@@ -75,7 +77,9 @@ def open_source(text: str, camera: config.Camera, reconnect: bool = False) -> Fr
     from lfpipe.capture.reconnecting_camera import ReconnectingCamera
 
     info = SourceInfo(str(spec), (camera.width_px, camera.height_px), camera.rate_hz, live=True)
-    return orient(ReconnectingCamera(info, lambda: driver.open_camera(finder.path(), camera)), camera)
+    return orient(
+        ReconnectingCamera(info, lambda: driver.open_camera(finder.path(), camera)), camera
+    )
 
 
 def _tried(text: str, camera: config.Camera) -> SourceInfo:
@@ -108,7 +112,11 @@ def check_source(text: str, camera: config.Camera) -> config.SessionOptions:
     try:
         info = with_time_limit(CAMERA_S if is_camera else FILE_S, lambda: _tried(definite, camera))
     except TimeoutError as error:
-        remedy = "unplug the camera and plug it in again" if is_camera else "check its disk or network drive"
+        remedy = (
+            "unplug the camera and plug it in again"
+            if is_camera
+            else "check its disk or network drive"
+        )
         raise UserError(f"{definite}: {error.strerror}", remedy) from None
     return config.SessionOptions(
         source=definite,

@@ -26,21 +26,31 @@ class OpenCVCamera:
     def __init__(self, path: Path, camera: config.Camera) -> None:
         """Raises UserError if it cannot be opened or delivers no picture."""
         if not (digits := re.sub(r"\D", "", path.name)):
-            raise UserError(f"camera {path}: not the number of a camera", "use for example camera:0")
+            raise UserError(
+                f"camera {path}: not the number of a camera", "use for example camera:0"
+            )
         self._name, self._seq = f"camera {int(digits)}", -1
         with opencv_logging():
             self._capture = cv2.VideoCapture(int(digits))
-        settings = {cv2.CAP_PROP_FRAME_WIDTH: camera.width_px, cv2.CAP_PROP_FRAME_HEIGHT: camera.height_px}
+        settings = {
+            cv2.CAP_PROP_FRAME_WIDTH: camera.width_px,
+            cv2.CAP_PROP_FRAME_HEIGHT: camera.height_px,
+        }
         for key, value in (settings | {cv2.CAP_PROP_FPS: camera.rate_hz}).items():
             self._capture.set(key, value)
         whole, frame = self._capture.read() if self._capture.isOpened() else (False, None)
         if not whole or frame is None:
             self.close()
-            remedy = "close the program that uses it, and allow cameras in the system's privacy settings"
+            remedy = (
+                "close the program that uses it, and allow cameras in the system's privacy settings"
+            )
             raise UserError(f"{self._name}: cannot be opened, or delivers no picture", remedy)
         size_px = frame.shape[1::-1]
         rate_hz = float(self._capture.get(cv2.CAP_PROP_FPS)) or camera.rate_hz
-        notes = ["OpenCV gives no time stamps: using the time of reading", *size_notes(size_px, camera)]
+        notes = [
+            "OpenCV gives no time stamps: using the time of reading",
+            *size_notes(size_px, camera),
+        ]
         self.info = SourceInfo(f"camera:{path}", size_px, rate_hz, live=True, notes=tuple(notes))
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:

@@ -35,14 +35,29 @@ PLANAR = {  # 4:2:0, chroma of half the width and height; the first two with bot
 DECODED = (*JPEGS, *INTERLEAVED, *PLANAR)
 # cheapest to decode first; grey last, because the tracker's model was trained on colours
 CHEAPEST = (
-    *("YUYV", "UYVY", "YVYU", "NV12", "NV21", "YU12", "YV12", "BGR3", "RGB3", "BGR4", "XR24", *JPEGS),
+    *(
+        "YUYV",
+        "UYVY",
+        "YVYU",
+        "NV12",
+        "NV21",
+        "YU12",
+        "YV12",
+        "BGR3",
+        "RGB3",
+        "BGR4",
+        "XR24",
+        *JPEGS,
+    ),
     *("RGGB", "BA81", "GBRG", "GRBG", "GREY"),
 )
 SMALL_PX = 640 * 480  # up to this size uncompressed frames at 30 Hz fit USB 2
 JPEG_END = np.array([0xFF, 0xD9], np.uint8)  # end of image
 
 
-def choose(modes: Sequence[FrameSizes], width_px: int, height_px: int, rate_hz: float) -> FrameSizes | None:
+def choose(
+    modes: Sequence[FrameSizes], width_px: int, height_px: int, rate_hz: float
+) -> FrameSizes | None:
     """The mode to request for frames of that size and rate, None if none can be decoded: first the one with the most detail in a
     frame, then colour, then the one that reaches the rate, then the one that is cheapest to decode.
 
@@ -56,7 +71,14 @@ def choose(modes: Sequence[FrameSizes], width_px: int, height_px: int, rate_hz: 
         reached = round(min(mode.rates_hz[0] / rate_hz, 1.0), 2) if mode.rates_hz else 1.0
         pixels = mode.width_px * mode.height_px
         slow = not mode.rates_hz and pixels > SMALL_PX and mode.fourcc not in JPEGS
-        return -detail_px, mode.fourcc == "GREY", slow, -reached, pixels, CHEAPEST.index(mode.fourcc)
+        return (
+            -detail_px,
+            mode.fourcc == "GREY",
+            slow,
+            -reached,
+            pixels,
+            CHEAPEST.index(mode.fourcc),
+        )
 
     return min(candidates, key=order, default=None)
 
@@ -65,7 +87,9 @@ def _within(mode: FrameSizes, width_px: int, height_px: int) -> FrameSizes:
     """The size nearest to the wanted one in a mode's range of sizes."""
     if mode.largest_px is None:
         return mode
-    width, height = np.clip((width_px, height_px), (mode.width_px, mode.height_px), mode.largest_px).tolist()
+    width, height = np.clip(
+        (width_px, height_px), (mode.width_px, mode.height_px), mode.largest_px
+    ).tolist()
     return FrameSizes(mode.fourcc, width, height, mode.rates_hz)
 
 
@@ -87,11 +111,17 @@ class FrameDecoder:
         row_bytes = mode.width_px * (1 if planar else INTERLEAVED[mode.fourcc][0])
         rows = mode.height_px * 3 // 2 if planar else mode.height_px
         if mode.stride < row_bytes:
-            raise ValueError(f"{mode.fourcc} of {mode.width_px} px with {mode.stride} bytes per row")
+            raise ValueError(
+                f"{mode.fourcc} of {mode.width_px} px with {mode.stride} bytes per row"
+            )
         # of a whole frame without its last row's padding
-        self.frame_bytes = mode.stride * (rows - 1) + (mode.stride if mode.fourcc in ("YU12", "YV12") else row_bytes)
+        self.frame_bytes = mode.stride * (rows - 1) + (
+            mode.stride if mode.fourcc in ("YU12", "YV12") else row_bytes
+        )
 
-    def decode(self, data: NDArray[np.uint8], out: NDArray[np.uint8]) -> tuple[bool, NDArray[np.uint8] | None]:
+    def decode(
+        self, data: NDArray[np.uint8], out: NDArray[np.uint8]
+    ) -> tuple[bool, NDArray[np.uint8] | None]:
         """Decodes data, uint8 (n,), into out, uint8 (height, width, 3) BGR, scaled to fit.
 
         Returns whether the frame was whole, and a copy of the JPEG if it has the mode's own size: the driver gets its buffer back
@@ -115,11 +145,15 @@ class FrameDecoder:
         fitted(target, out)
         return True, None
 
-    def _decode_jpeg(self, data: NDArray[np.uint8], out: NDArray[np.uint8]) -> tuple[bool, NDArray[np.uint8] | None]:
+    def _decode_jpeg(
+        self, data: NDArray[np.uint8], out: NDArray[np.uint8]
+    ) -> tuple[bool, NDArray[np.uint8] | None]:
         if not is_jpeg(data):
             return False, None
         # Some cameras leave out the last two bytes, some add padding.
-        whole = (data[-2:] == JPEG_END).all() or data[-4096:].tobytes().rstrip(b"\0")[-2:] == JPEG_END.tobytes()
+        whole = (data[-2:] == JPEG_END).all() or data[-4096:].tobytes().rstrip(b"\0")[
+            -2:
+        ] == JPEG_END.tobytes()
         packet = data.copy() if whole else np.concatenate([data, JPEG_END])
         stderr_fd = os.dup(2)
         os.dup2(self._sink_fd, 2)
@@ -139,7 +173,11 @@ class FrameDecoder:
         os.lseek(self._sink_fd, 0, os.SEEK_SET)
         os.ftruncate(self._sink_fd, 0)
         os.write(2, b"".join(line for line in lines if b"JPEG" not in line and b"JFIF" not in line))
-        return any(word in line for line in lines for word in (b"Corrupt JPEG data", b"Premature end of JPEG"))
+        return any(
+            word in line
+            for line in lines
+            for word in (b"Corrupt JPEG data", b"Premature end of JPEG")
+        )
 
     def close(self) -> None:
         if self._sink_fd >= 0:
@@ -151,6 +189,10 @@ class FrameDecoder:
         rows = height * 3 // 2
         if stride == width or self._mode.fourcc in ("NV12", "NV21"):
             return np.ndarray((rows, width), np.uint8, data.data, strides=(stride, 1))
-        luma: NDArray[np.uint8] = np.ndarray((height, width), np.uint8, data.data, strides=(stride, 1))
-        chroma: NDArray[np.uint8] = np.ndarray((height, width // 2), np.uint8, data.data, height * stride, (stride // 2, 1))
+        luma: NDArray[np.uint8] = np.ndarray(
+            (height, width), np.uint8, data.data, strides=(stride, 1)
+        )
+        chroma: NDArray[np.uint8] = np.ndarray(
+            (height, width // 2), np.uint8, data.data, height * stride, (stride // 2, 1)
+        )
         return np.concatenate([luma.ravel(), chroma.ravel()]).reshape(rows, width)

@@ -18,10 +18,15 @@ from lfpipe.capture.frame_source import Frame, FrameSource, SourceInfo, undecoda
 from lfpipe.errors import UserError
 
 WAIT_S = 0.1  # longest wait of `read`
-STALL_S, STALL_PERIODS = 1.0, 3.5  # a camera without a frame for the longer of these is lost; longer than `camera` waits
+STALL_S, STALL_PERIODS = (
+    1.0,
+    3.5,
+)  # a camera without a frame for the longer of these is lost; longer than `camera` waits
 BACKOFF_S, MAX_BACKOFF_S = 0.5, 5.0
 FIRST_S = 8.0  # longest wait of the constructor until the camera is open
-HUNG_S = 15.0  # a driver call longer than this ends the process; five restarts take more than a minute
+HUNG_S = (
+    15.0  # a driver call longer than this ends the process; five restarts take more than a minute
+)
 
 
 class CameraLost(TimeoutError):
@@ -37,11 +42,17 @@ class ReconnectingCamera:
         Returns when the camera is open or failed to open, after at most FIRST_S.
         """
         self.info, self._open = info, open_
-        self._requests: queue.SimpleQueue[NDArray[np.uint8] | None] = queue.SimpleQueue()  # where to write the next frame
-        self._answers: queue.SimpleQueue[Frame | Exception] = queue.SimpleQueue()  # one for each request
+        self._requests: queue.SimpleQueue[NDArray[np.uint8] | None] = (
+            queue.SimpleQueue()
+        )  # where to write the next frame
+        self._answers: queue.SimpleQueue[Frame | Exception] = (
+            queue.SimpleQueue()
+        )  # one for each request
         self._requested = self._lost = False
         self._opened, self._ended = threading.Event(), threading.Event()
-        self._called_ns = time.monotonic_ns()  # start of the thread's present call; 0: it makes none
+        self._called_ns = (
+            time.monotonic_ns()
+        )  # start of the thread's present call; 0: it makes none
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
         self._thread.start()
         self._opened.wait(FIRST_S)

@@ -56,11 +56,15 @@ def _load(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         with open_regular(path) as file:
             data = np.fromfile(file, np.uint8, MAX_FILE_BYTES)
     except OSError as error:
-        raise BrokenFrame(f"{path}: not a readable picture: {reason(error)}", "save it again") from None
+        raise BrokenFrame(
+            f"{path}: not a readable picture: {reason(error)}", "save it again"
+        ) from None
     with opencv_logging():
         picture = picture_of(data)
     if picture is None:
-        raise BrokenFrame(f"{path}: not a readable picture", "remove it from the folder, or save it again")
+        raise BrokenFrame(
+            f"{path}: not a readable picture", "remove it from the folder, or save it again"
+        )
     return data, picture
 
 
@@ -71,10 +75,14 @@ def _pictures(paths: list[Path]) -> Recording:
         if index == len(paths):
             return None
         data, picture = _load(paths[index])
-        return RecordedFrame(0, picture, data if picture.shape == first.shape and is_jpeg(data) else None)
+        return RecordedFrame(
+            0, picture, data if picture.shape == first.shape and is_jpeg(data) else None
+        )
 
     data, first = _load(paths[0])
-    return Recording(SourceInfo(str(paths[0]), first.shape[1::-1], 0.0, live=False, jpeg=is_jpeg(data)), read)
+    return Recording(
+        SourceInfo(str(paths[0]), first.shape[1::-1], 0.0, live=False, jpeg=is_jpeg(data)), read
+    )
 
 
 def _sequence(path: Path) -> Recording:
@@ -88,10 +96,23 @@ def _sequence(path: Path) -> Recording:
             return None
         packet, data = sequence.packets[index], sequence.data(index)
         picture = grey if sequence.holds_eyes else sequence.frame(index, data)
-        return RecordedFrame(packet.t_sensor_ns, picture, np.frombuffer(data, np.uint8) if packet.codec == "jpeg" else None)
+        return RecordedFrame(
+            packet.t_sensor_ns,
+            picture,
+            np.frombuffer(data, np.uint8) if packet.codec == "jpeg" else None,
+        )
 
-    notes = [] if sequence.complete else [f"{path} was cut off after {len(sequence.packets)} frames"]
-    info = SourceInfo(str(path), sequence.size_px, sequence.measured_hz, False, sequence.codecs == {"jpeg"}, notes=tuple(notes))
+    notes = (
+        [] if sequence.complete else [f"{path} was cut off after {len(sequence.packets)} frames"]
+    )
+    info = SourceInfo(
+        str(path),
+        sequence.size_px,
+        sequence.measured_hz,
+        False,
+        sequence.codecs == {"jpeg"},
+        notes=tuple(notes),
+    )
     if sequence.holds_eyes:
         info = attrs.evolve(info, eyes=str(path.resolve()), notes=("holds the eyes of the mouse",))
     return Recording(info, read, exact=True)
@@ -109,21 +130,35 @@ def open_recording(path: Path) -> Recording:
             file = open_regular(path)
             if path.suffix.lower() not in SUFFIXES:
                 video = Video(file, path)
-                info = SourceInfo(str(path), (video.width_px, video.height_px), video.rate_hz, live=False, jpeg=video.jpeg)
+                info = SourceInfo(
+                    str(path),
+                    (video.width_px, video.height_px),
+                    video.rate_hz,
+                    live=False,
+                    jpeg=video.jpeg,
+                )
                 return Recording(info, video.read, video.close)
             file.close()
             return _pictures([path])
         names = [entry.name for entry in path.iterdir()]
     except FileNotFoundError:
-        raise UserError(f"{path}: no such file", "check the path; it is relative to the current directory") from None
+        raise UserError(
+            f"{path}: no such file", "check the path; it is relative to the current directory"
+        ) from None
     except (OSError, ValueError) as error:
         remedy = "give a video, a picture or a folder of pictures, and check its permissions"
         raise UserError(f"{path}: cannot be read: {reason(error)}", remedy) from None
-    pictures = [name for name in names if Path(name).suffix.lower() in SUFFIXES and not name.startswith(".")]
+    pictures = [
+        name for name in names if Path(name).suffix.lower() in SUFFIXES and not name.startswith(".")
+    ]
     if not pictures:
         kinds = ", ".join(sorted(SUFFIXES))
-        raise UserError(f"{path}: a folder without pictures", f"it needs {kinds} files, or name a video in it")
-    return _pictures([path / name for name in sorted(pictures, key=lambda name: natural(name.lower()))])
+        raise UserError(
+            f"{path}: a folder without pictures", f"it needs {kinds} files, or name a video in it"
+        )
+    return _pictures(
+        [path / name for name in sorted(pictures, key=lambda name: natural(name.lower()))]
+    )
 
 
 class FileSource:
@@ -140,7 +175,9 @@ class FileSource:
         self._spec, self._recording = spec, open_recording(spec.path)
         info, exact = self._recording.info, self._recording.exact
         rate_hz = spec.pace if isinstance(spec.pace, float) else info.rate_hz or camera.rate_hz
-        self._stamped = info.rate_hz > 0 and (spec.pace == "recorded" or (spec.pace == "max" and exact))
+        self._stamped = info.rate_hz > 0 and (
+            spec.pace == "recorded" or (spec.pace == "max" and exact)
+        )
         rounding_ns = 0 if exact else STAMP_ROUNDING_NS
         self._schedule = Schedule(rate_hz, rounding_ns if self._stamped else None)
         self._seq = self._index = self._start_ns = 0  # index: in this round
@@ -148,7 +185,9 @@ class FileSource:
         notes = [*([] if info.eyes else size_notes(info.size_px, camera)), *info.notes]
         if spec.pace == "recorded" and not info.rate_hz:
             notes.append(f"no frame rate in the file: played at camera.rate_hz = {rate_hz:g} Hz")
-        self.info = attrs.evolve(info, name=f"file:{spec.path}", rate_hz=rate_hz, notes=tuple(notes))
+        self.info = attrs.evolve(
+            info, name=f"file:{spec.path}", rate_hz=rate_hz, notes=tuple(notes)
+        )
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
         """See `FrameSource.read`; never sleeps, and returns None at the end of a file that is not looped."""
@@ -165,7 +204,9 @@ class FileSource:
         if self._stamped or not hurries:
             due_ns = self._start_ns + self._schedule.due_ns(self._index - 1, frame.stamp_ns)
         self._seq += 1
-        return Frame(self._seq - 1, due_ns, t_read_ns if hurries and self._stamped else 0, frame.packet)
+        return Frame(
+            self._seq - 1, due_ns, t_read_ns if hurries and self._stamped else 0, frame.packet
+        )
 
     def _next(self, out: NDArray[np.uint8]) -> RecordedFrame | None:
         """The next frame of this round; gives up after MAX_BROKEN undecodable frames in a row."""
@@ -173,10 +214,16 @@ class FileSource:
         try:
             frame = self._recording.read_into(self._index - 1, out)
         except (BrokenFrame, MemoryError, cv2.error) as error:
-            broken = error if isinstance(error, BrokenFrame) else undecodable(str(self._spec.path), error)
+            broken = (
+                error
+                if isinstance(error, BrokenFrame)
+                else undecodable(str(self._spec.path), error)
+            )
             self._seq, self._broken = self._seq + 1, self._broken + 1
             if self._broken > MAX_BROKEN:
-                raise UserError(f"{broken.message}; the {MAX_BROKEN} before it are broken too", broken.remedy) from None
+                raise UserError(
+                    f"{broken.message}; the {MAX_BROKEN} before it are broken too", broken.remedy
+                ) from None
             raise broken from None
         if frame is not None:
             self._broken = 0

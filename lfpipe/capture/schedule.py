@@ -17,10 +17,14 @@ class Schedule:
     """
 
     def __init__(self, rate_hz: float, rounding_ns: int | None = None) -> None:
-        period = 1_000_000_000 / Fraction(rate_hz).limit_denominator(1001)  # 29.97002997 stands for 30000/1001
+        period = 1_000_000_000 / Fraction(rate_hz).limit_denominator(
+            1001
+        )  # 29.97002997 stands for 30000/1001
         self._period_ns, self._parts = period.numerator, period.denominator
         self._step_ns, self._rounding_ns = max(1, self._period_ns // self._parts), rounding_ns
-        self._round_ns = self._first_stamp_ns = 0  # due time and stamp of the first frame of this round
+        self._round_ns = self._first_stamp_ns = (
+            0  # due time and stamp of the first frame of this round
+        )
         self._index = self._last_ns = -1
 
     def due_ns(self, index: int, stamp_ns: int = 0) -> int:

@@ -9,7 +9,10 @@ from lfpipe.errors import UserError
 from lfpipe.files.untrusted import finite
 
 FORMS = "camera:N, camera:/dev/videoN, camera:NAME, file:PATH, file:PATH?loop=0|1&pace=recorded|max|HZ, or demo"
-MIN_RATE_HZ, MAX_RATE_HZ = 0.1, 10_000.0  # below, a person takes it for a picture; above, no camera or disk delivers it
+MIN_RATE_HZ, MAX_RATE_HZ = (
+    0.1,
+    10_000.0,
+)  # below, a person takes it for a picture; above, no camera or disk delivers it
 PARAMETERS = f"loop=0|1 and pace=recorded|max|HZ, HZ from {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g}"
 
 
@@ -53,7 +56,12 @@ def _file(text: str) -> FileSpec:
     if parameters or loop not in ("", "0", "1") or (pace not in ("recorded", "max") and hz is None):
         remedy = f"a file accepts {PARAMETERS}; if its path contains a '?', append another '?'"
         raise UserError(f"{query!r} in {'file:' + text!r}: not understood", remedy)
-    return FileSpec(Path(path).expanduser(), loop != "0", hz or cast(Literal["recorded", "max"], pace), bool(loop))
+    return FileSpec(
+        Path(path).expanduser(),
+        loop != "0",
+        hz or cast(Literal["recorded", "max"], pace),
+        bool(loop),
+    )
 
 
 def playing_once(text: str) -> str:

@@ -52,8 +52,16 @@ class _LightWatch:
 
 def _report(context: Context, info: SourceInfo) -> None:
     context.row["nominal_mhz"] = round(1000 * info.rate_hz)
-    log.info("source %s: %dx%d at %.4g Hz; %s", info.name, *info.size_px, info.rate_hz, "; ".join(info.notes))
-    context.emit("source", name=info.name, rate_hz=info.rate_hz, live=info.live, notes=list(info.notes))
+    log.info(
+        "source %s: %dx%d at %.4g Hz; %s",
+        info.name,
+        *info.size_px,
+        info.rate_hz,
+        "; ".join(info.notes),
+    )
+    context.emit(
+        "source", name=info.name, rate_hz=info.rate_hz, live=info.live, notes=list(info.notes)
+    )
 
 
 def main(context: Context) -> None:
@@ -63,7 +71,11 @@ def main(context: Context) -> None:
         source = open_source(context.options.source, context.config.camera, reconnect=True)
     info = source.info
     _report(context, info)
-    lateness = Lateness(int(LATE_PERIODS * 1e9 / info.rate_hz) if info.rate_hz and not context.spec.options.lossless else 0)
+    lateness = Lateness(
+        int(LATE_PERIODS * 1e9 / info.rate_hz)
+        if info.rate_hz and not context.spec.options.lossless
+        else 0
+    )
     light, sleeps, lost_ns, broken, next_seq = _LightWatch(context), SleepWatch(), 0, 0, 0
     context.ready()
     try:
@@ -76,7 +88,11 @@ def main(context: Context) -> None:
                 continue
             t_begin_ns = now_ns()
             try:
-                with contextlib.nullcontext() if info.live else context.busy_with("reading the recording"):  # from a slow disk
+                with (
+                    contextlib.nullcontext()
+                    if info.live
+                    else context.busy_with("reading the recording")
+                ):  # from a slow disk
                     frame = source.read(frames.begin())
             except CameraLost as lost:
                 log.warning("camera lost: %s: %s", info.name, lost)
@@ -90,12 +106,18 @@ def main(context: Context) -> None:
                 broken += 1
                 context.row["drops"] += 1
                 if broken & (broken - 1) == 0:  # the 1st, 2nd, 4th, ...: a file may be full of them
-                    context.emit("notice", text=error.message + (f" ({broken} so far)" if broken > 1 else ""))
+                    context.emit(
+                        "notice", text=error.message + (f" ({broken} so far)" if broken > 1 else "")
+                    )
                 continue
             if frame is None:
                 return
             if lost_ns:
-                context.row["state"], away_s, name = State.RUNNING, (now_ns() - lost_ns) / 1e9, source.info.name
+                context.row["state"], away_s, name = (
+                    State.RUNNING,
+                    (now_ns() - lost_ns) / 1e9,
+                    source.info.name,
+                )
                 context.emit("camera", name=name, lost=False, away_s=away_s)
                 context.emit("notice", text=f"{name} is back after {away_s:.1f} s")
                 _report(context, source.info)
@@ -103,7 +125,11 @@ def main(context: Context) -> None:
                 lost_ns = 0
                 light.stamps.clear()
                 frames.writer.new_epoch()  # the viewer may be anywhere by now: old positions mean nothing
-            busy_ns, t_read_ns, t_sensor_ns = now_ns() - t_begin_ns, frame.t_read_ns, frame.t_sensor_ns + lateness.moved_ns
+            busy_ns, t_read_ns, t_sensor_ns = (
+                now_ns() - t_begin_ns,
+                frame.t_read_ns,
+                frame.t_sensor_ns + lateness.moved_ns,
+            )
             if not t_read_ns:
                 while now_ns() < t_sensor_ns:
                     if not context.wait(t_sensor_ns):
@@ -124,7 +150,9 @@ def main(context: Context) -> None:
                 context.row["left_out"] += 1
                 continue
             packets.follow(context.options)
-            packets.publish(frame.packet, frame.source_seq, t_sensor_ns, t_read_ns, frames.writer.epoch)
+            packets.publish(
+                frame.packet, frame.source_seq, t_sensor_ns, t_read_ns, frames.writer.epoch
+            )
             frames.publish(frame.source_seq, t_sensor_ns, t_read_ns, kind=frame.stamp)
             t_ns = now_ns()
             context.row.tick(frame.source_seq)

@@ -7,12 +7,20 @@ import ctypes
 from ctypes import Structure, Union, c_char, c_int32, c_long, c_uint8, c_uint32, c_ulong, sizeof
 from typing import Any
 
-CAP_CAPTURES, CAP_MULTI_PLANAR, CAP_DEVICE_CAPS = 0x04000001, 0x1000, 0x80000000  # V4L2_CAP_VIDEO_CAPTURE and _STREAMING
-VIDEO_CAPTURE = MEMORY_MMAP = DISCRETE = 1  # V4L2_BUF_TYPE_VIDEO_CAPTURE, V4L2_FRMSIZE_TYPE_DISCRETE and so on
+CAP_CAPTURES, CAP_MULTI_PLANAR, CAP_DEVICE_CAPS = (
+    0x04000001,
+    0x1000,
+    0x80000000,
+)  # V4L2_CAP_VIDEO_CAPTURE and _STREAMING
+VIDEO_CAPTURE = MEMORY_MMAP = DISCRETE = (
+    1  # V4L2_BUF_TYPE_VIDEO_CAPTURE, V4L2_FRMSIZE_TYPE_DISCRETE and so on
+)
 BUF_FLAG_ERROR, STAMP_SOURCE_MASK, STAMP_SOURCE_SOE = 0x40, 0x70000, 0x10000
 FIELD_NONE = 1
 CTRL_DISABLED, CTRL_READ_ONLY = 0x1, 0x4
-INPUT_WITHOUT_SIGNAL = 0x103  # V4L2_IN_ST_NO_POWER, _NO_SIGNAL, _NO_H_LOCK: what such an input delivers is noise
+INPUT_WITHOUT_SIGNAL = (
+    0x103  # V4L2_IN_ST_NO_POWER, _NO_SIGNAL, _NO_H_LOCK: what such an input delivers is noise
+)
 
 
 def _words(*names: str) -> tuple[tuple[str, Any], ...]:
@@ -36,7 +44,11 @@ class FormatDescription(Structure):
 class FrameSize(Structure):
     """sizes: of a discrete one width and height, of a range least, most and step of each."""
 
-    _fields_ = (*_words("index", "pixelformat", "type"), ("sizes", c_uint32 * 6), ("reserved", c_uint32 * 2))
+    _fields_ = (
+        *_words("index", "pixelformat", "type"),
+        ("sizes", c_uint32 * 6),
+        ("reserved", c_uint32 * 2),
+    )
 
 
 class FrameInterval(Structure):
@@ -50,7 +62,17 @@ class FrameInterval(Structure):
 
 class PixelFormat(Structure):
     _fields_ = (
-        *_words("width", "height", "pixelformat", "field", "bytesperline", "sizeimage", "colorspace", "priv", "flags"),
+        *_words(
+            "width",
+            "height",
+            "pixelformat",
+            "field",
+            "bytesperline",
+            "sizeimage",
+            "colorspace",
+            "priv",
+            "flags",
+        ),
         *_words("ycbcr_enc", "quantization", "xfer_func"),
     )
 
@@ -66,7 +88,11 @@ class Format(Structure):
 class StreamParameters(Structure):
     """interval: numerator and denominator of the time per frame in seconds."""
 
-    _fields_ = (*_words("type", "capability", "mode"), ("interval", c_uint32 * 2), ("rest", c_uint8 * 184))
+    _fields_ = (
+        *_words("type", "capability", "mode"),
+        ("interval", c_uint32 * 2),
+        ("rest", c_uint8 * 184),
+    )
 
 
 class Input(Structure):
@@ -92,8 +118,17 @@ class TimeValue(Structure):
 
 class Buffer(Structure):
     _fields_ = (
-        *(*_words("index", "type", "bytesused", "flags", "field"), ("timestamp", TimeValue), ("timecode", c_uint32 * 4)),
-        *(*_words("sequence", "memory"), ("offset", c_ulong), *_words("length", "reserved"), ("request_fd", c_int32)),
+        *(
+            *_words("index", "type", "bytesused", "flags", "field"),
+            ("timestamp", TimeValue),
+            ("timecode", c_uint32 * 4),
+        ),
+        *(
+            *_words("sequence", "memory"),
+            ("offset", c_ulong),
+            *_words("length", "reserved"),
+            ("request_fd", c_int32),
+        ),
     )
 
 

@@ -20,7 +20,10 @@ from numpy.typing import NDArray
 from lfpipe.capture import v4l2_abi as abi
 
 MAX_LISTED = 256  # entries of one list, in case a driver never ends it
-NOT_THERE = (errno.EINVAL, errno.ENOTTY)  # the end of a list, or a driver without such lists or controls
+NOT_THERE = (
+    errno.EINVAL,
+    errno.ENOTTY,
+)  # the end of a list, or a driver without such lists or controls
 
 BUFFERS = 4  # one being decoded, one being filled, two spare; older frames are skipped, so spare buffers add no latency
 MOST_BUFFERS = 32  # VIDEO_MAX_FRAME
@@ -103,7 +106,9 @@ class V4L2Device:
             raise
         self.driver = bytes(capability.driver).decode(errors="replace")
         whole, own = int(capability.capabilities), int(capability.device_caps)
-        self._capabilities = own if whole & abi.CAP_DEVICE_CAPS else whole  # of this node, not of its device as a whole
+        self._capabilities = (
+            own if whole & abi.CAP_DEVICE_CAPS else whole
+        )  # of this node, not of its device as a whole
 
     def ioctl(self, request: int, argument: S) -> S:
         """argument as the driver changed it."""
@@ -125,7 +130,10 @@ class V4L2Device:
         """False if the present input reports that nothing is connected to it; its frames are then noise or one colour."""
         try:
             number = self.ioctl(abi.G_INPUT, abi.Number()).value
-            return not self.ioctl(abi.ENUMINPUT, abi.Input(index=number)).status & abi.INPUT_WITHOUT_SIGNAL
+            return (
+                not self.ioctl(abi.ENUMINPUT, abi.Input(index=number)).status
+                & abi.INPUT_WITHOUT_SIGNAL
+            )
         except OSError:  # a driver without inputs
             return True
 
@@ -141,8 +149,14 @@ class V4L2Device:
         for _ in self._listed(abi.ENUM_FRAMESIZES, message):
             low_w, high_w, _, low_h, high_h, _ = message.sizes
             if message.type != abi.DISCRETE:
-                return [FrameSizes(fourcc, low_w, low_h, self._rates(code, low_w, low_h), (high_w, high_h))]
-            sizes.append(FrameSizes(fourcc, low_w, high_w, self._rates(code, low_w, high_w)))  # of a discrete size: width, height
+                return [
+                    FrameSizes(
+                        fourcc, low_w, low_h, self._rates(code, low_w, low_h), (high_w, high_h)
+                    )
+                ]
+            sizes.append(
+                FrameSizes(fourcc, low_w, high_w, self._rates(code, low_w, high_w))
+            )  # of a discrete size: width, height
         return sizes
 
     def _rates(self, code: int, width_px: int, height_px: int) -> tuple[float, ...]:
@@ -171,16 +185,25 @@ class V4L2Device:
         """Requests a mode and returns the one that the driver chose. Raises EBUSY while another program streams."""
         message = abi.Format(type=abi.VIDEO_CAPTURE)
         pix = message.fmt.pix
-        pix.width, pix.height, pix.pixelformat, pix.field = width_px, height_px, abi.fourcc_code(fourcc), abi.FIELD_NONE
+        pix.width, pix.height, pix.pixelformat, pix.field = (
+            width_px,
+            height_px,
+            abi.fourcc_code(fourcc),
+            abi.FIELD_NONE,
+        )
         self.ioctl(abi.S_FMT, message)
         pace = Fraction(1 / rate_hz).limit_denominator(100_000)
-        parameters = abi.StreamParameters(type=abi.VIDEO_CAPTURE, interval=(pace.numerator, pace.denominator))
+        parameters = abi.StreamParameters(
+            type=abi.VIDEO_CAPTURE, interval=(pace.numerator, pace.denominator)
+        )
         actual_hz = 0.0
         with contextlib.suppress(OSError):  # a driver without rates
             numerator, denominator = self.ioctl(abi.S_PARM, parameters).interval
             actual_hz = denominator / numerator if numerator else 0.0
         rate_hz = actual_hz if actual_hz < 10_000 else 0.0  # nonsense
-        return Mode(abi.fourcc_text(pix.pixelformat), pix.width, pix.height, pix.bytesperline, rate_hz)
+        return Mode(
+            abi.fourcc_text(pix.pixelformat), pix.width, pix.height, pix.bytesperline, rate_hz
+        )
 
     def control_range(self, control: int) -> ControlRange | None:
         """The range of a control; None if the device has no such settable control."""
@@ -227,7 +250,10 @@ class V4L2Device:
         until = time.monotonic() + timeout_s
         while True:
             left_s = until - time.monotonic()
-            if self._poll.poll(max(0.0, left_s) * 1e3) and (newest := self._dequeue_newest()) is not None:
+            if (
+                self._poll.poll(max(0.0, left_s) * 1e3)
+                and (newest := self._dequeue_newest()) is not None
+            ):
                 break
             if left_s <= 0:
                 raise TimeoutError(f"no frame for {timeout_s:.1f} s")
@@ -235,7 +261,9 @@ class V4L2Device:
         data = np.frombuffer(memory, np.uint8, min(int(newest.bytesused), len(memory)))
         stamp_ns = int(stamp.seconds) * 1_000_000_000 + int(stamp.microseconds) * 1000
         start = flags & abi.STAMP_SOURCE_MASK == abi.STAMP_SOURCE_SOE
-        return RawFrame(data, int(newest.sequence), stamp_ns, start, bool(flags & abi.BUF_FLAG_ERROR))
+        return RawFrame(
+            data, int(newest.sequence), stamp_ns, start, bool(flags & abi.BUF_FLAG_ERROR)
+        )
 
     def _dequeue_newest(self) -> abi.Buffer | None:
         newest: abi.Buffer | None = None
@@ -258,7 +286,9 @@ class V4L2Device:
             with contextlib.suppress(OSError):
                 self.ioctl(abi.STREAMOFF, abi.Number(abi.VIDEO_CAPTURE))
             for memory in self._maps:
-                with contextlib.suppress(BufferError):  # a frame is still in use: the map is freed with it
+                with contextlib.suppress(
+                    BufferError
+                ):  # a frame is still in use: the map is freed with it
                     memory.close()
             with contextlib.suppress(OSError):
                 self.ioctl(abi.REQBUFS, _buffers(0))

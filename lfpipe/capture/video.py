@@ -90,15 +90,23 @@ class Video:
     def _read_header(self) -> None:
         """Checks sizes, takes the rate, and limits the memory."""
         of = self._capture.get
-        self.width_px, self.height_px = int(of(cv2.CAP_PROP_FRAME_WIDTH)), int(of(cv2.CAP_PROP_FRAME_HEIGHT))
+        self.width_px, self.height_px = (
+            int(of(cv2.CAP_PROP_FRAME_WIDTH)),
+            int(of(cv2.CAP_PROP_FRAME_HEIGHT)),
+        )
         if not self._capture.isOpened() or self.width_px < 1 or self.height_px < 1:
             raise UserError(f"{self._path}: not a readable video, or too large to decode", REMEDY)
         if self.width_px * self.height_px > MAX_FRAME_PX:
             size = f"{self.width_px}x{self.height_px}"
-            raise UserError(f"{self._path}: frames of {size} px; the limit is {MAX_FRAME_PX} px", "scale the video down")
+            raise UserError(
+                f"{self._path}: frames of {size} px; the limit is {MAX_FRAME_PX} px",
+                "scale the video down",
+            )
         rate_hz = float(of(cv2.CAP_PROP_FPS))
         self.rate_hz = rate_hz if 0.01 <= rate_hz < 1e6 else 0.0
-        self._memory = MemoryLimit(max(OPENING_BYTES, FRAME_BYTES_PX * self.width_px * self.height_px))
+        self._memory = MemoryLimit(
+            max(OPENING_BYTES, FRAME_BYTES_PX * self.width_px * self.height_px)
+        )
 
     def read(self, index: int) -> RecordedFrame | None:
         """See `Recording.read`."""
@@ -136,7 +144,10 @@ class Video:
         return round(self._capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
 
     def _broken(self, index: int) -> BrokenFrame:
-        return BrokenFrame(f"{self._path}: frame {index} cannot be decoded", "play it with another program, or export it again")
+        return BrokenFrame(
+            f"{self._path}: frame {index} cannot be decoded",
+            "play it with another program, or export it again",
+        )
 
     def close(self) -> None:
         self._capture.release()

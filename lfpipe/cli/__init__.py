@@ -56,21 +56,27 @@ class Commands(click.Group):
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
         if name not in COMMANDS:
             return None
-        command: click.Command = getattr(importlib.import_module(f"lfpipe.cli.{COMMANDS[name][0]}"), name)
+        command: click.Command = getattr(
+            importlib.import_module(f"lfpipe.cli.{COMMANDS[name][0]}"), name
+        )
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
             formatter.write_dl([(name, line) for name, (_, line) in COMMANDS.items()])
 
-    def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[str | None, click.Command | None, list[str]]:
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
         try:
             return super().resolve_command(ctx, args)
         except click.UsageError as error:
             from lfpipe.config.check import closest
 
             close = closest(args[0], COMMANDS, 0.5)
-            raise click.UsageError(f"{error.message} Did you mean {close!r}?" if close else error.message, ctx) from None
+            raise click.UsageError(
+                f"{error.message} Did you mean {close!r}?" if close else error.message, ctx
+            ) from None
 
 
 @click.group(
@@ -79,7 +85,12 @@ class Commands(click.Group):
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 @click.version_option(__version__, prog_name="lfpipe")
-@click.option("-v", "--verbose", count=True, help="Log what a session decides (-v) and does (-vv) to standard error.")
+@click.option(
+    "-v",
+    "--verbose",
+    count=True,
+    help="Log what a session decides (-v) and does (-vv) to standard error.",
+)
 @click.pass_context
 def cli(context: click.Context, verbose: int) -> int | None:
     """Look into a light field: a webcam follows your eyes, and red/cyan glasses show each eye its own view.
@@ -110,7 +121,10 @@ def _check_working_folder() -> None:
     try:
         os.getcwd()  # noqa: PTH109 - only whether there is one
     except OSError as error:
-        raise UserError(f"the working directory cannot be used: {error.strerror}", "change to one that exists: `cd`") from None
+        raise UserError(
+            f"the working directory cannot be used: {error.strerror}",
+            "change to one that exists: `cd`",
+        ) from None
 
 
 def _drop_output() -> None:
@@ -157,10 +171,21 @@ def run() -> None:
         _reader_ended()
     except OSError as error:  # of this machine: a full disk, a folder that may not be searched, a drive that has gone
         where = f"{error.filename}: " if error.filename else ""
-        remedy = "free some space" if error.errno in (errno.ENOSPC, errno.EDQUOT) else "check that path and its permissions"
-        _fail(UserError(f"{where}{error.strerror or error}", f"{remedy}; -vv shows where it failed"))
+        remedy = (
+            "free some space"
+            if error.errno in (errno.ENOSPC, errno.EDQUOT)
+            else "check that path and its permissions"
+        )
+        _fail(
+            UserError(f"{where}{error.strerror or error}", f"{remedy}; -vv shows where it failed")
+        )
     except (MemoryError, ImportError) as error:
         if isinstance(error, ImportError) and "failed to map" not in str(error):
             raise
-        _fail(UserError("not enough memory", "close other programs, or raise the limit (`ulimit -d`, `ulimit -v`)"))
+        _fail(
+            UserError(
+                "not enough memory",
+                "close other programs, or raise the limit (`ulimit -d`, `ulimit -v`)",
+            )
+        )
     sys.exit(code if isinstance(code, int) else 0)

@@ -26,9 +26,15 @@ def _command(name: str, subjects: tuple[str, ...], about: str) -> click.Command:
                   help="A recorded sequence, or a video; VIDEO.csv holds its true eyes. Default: the demo's.")  # fmt: skip
     @click.option("--out", type=PATH, default=Path("lfpipe-bench"), show_default=True, metavar="DIR",
                   help="Folder for results; those of other subjects in it stay.")  # fmt: skip
-    @click.option("--quick", is_flag=True, help="Fewer turns, smaller inputs: all subjects in about a minute of CPU.")
+    @click.option(
+        "--quick",
+        is_flag=True,
+        help="Fewer turns, smaller inputs: all subjects in about a minute of CPU.",
+    )
     @with_config
-    def run(scene: Path | None, sequence: Path | None, out: Path, quick: bool, config: Config) -> None:
+    def run(
+        scene: Path | None, sequence: Path | None, out: Path, quick: bool, config: Config
+    ) -> None:
         from lfpipe.bench.inputs import make_inputs
         from lfpipe.bench.runner import measure
         from lfpipe.cli.progress import progress
@@ -41,20 +47,50 @@ def _command(name: str, subjects: tuple[str, ...], about: str) -> click.Command:
 
 
 bench.add_command(
-    _command("all", tuple(SUBJECTS), "Measure every subject: which method, filter and engine to use here, and why.")
+    _command(
+        "all",
+        tuple(SUBJECTS),
+        "Measure every subject: which method, filter and engine to use here, and why.",
+    )
 )
 for _name, _subject in SUBJECTS.items():
-    bench.add_command(_command(_name, (_name,), _subject.question.partition("? ")[0].removesuffix("?") + "?"))
+    bench.add_command(
+        _command(_name, (_name,), _subject.question.partition("? ")[0].removesuffix("?") + "?")
+    )
 
 
-@bench.command(short_help="Measure every method on views left out, by the protocol of published papers.")
+@bench.command(
+    short_help="Measure every method on views left out, by the protocol of published papers."
+)
 @click.argument("scenes", nargs=-1, required=True, type=PATH, metavar="FOLDER...")
-@click.option("--keep", type=click.Choice(["2", "3"]), default="2", show_default=True, help="Views kept per side.")
-@click.option("--border", type=click.IntRange(0, 1000), default=22, show_default=True, metavar="PX", help="Crop per side.")
-@click.option("--out", type=PATH, default=Path("lfpipe-table"), show_default=True, metavar="DIR", help="Folder for results.")
+@click.option(
+    "--keep",
+    type=click.Choice(["2", "3"]),
+    default="2",
+    show_default=True,
+    help="Views kept per side.",
+)
+@click.option(
+    "--border",
+    type=click.IntRange(0, 1000),
+    default=22,
+    show_default=True,
+    metavar="PX",
+    help="Crop per side.",
+)
+@click.option(
+    "--out",
+    type=PATH,
+    default=Path("lfpipe-table"),
+    show_default=True,
+    metavar="DIR",
+    help="Folder for results.",
+)
 @click.option("--untimed", is_flag=True, help="PSNR and SSIM only.")
 @with_config
-def table(scenes: tuple[Path, ...], keep: str, border: int, out: Path, untimed: bool, config: Config) -> int:
+def table(
+    scenes: tuple[Path, ...], keep: str, border: int, out: Path, untimed: bool, config: Config
+) -> int:
     """Measure every method by the protocol of angular super-resolution, 2x2 -> 7x7 views.
 
     FOLDER is a light field of any layout. The table shows PSNR, SSIM, and the time per picture. The exit code is 1 if

@@ -24,10 +24,22 @@ USUAL_DEG = (30, 130)  # fields of view of webcams, narrow to wide
 @CAMERA
 @click.option("--distance", "distance_mm", type=Number(100, 5000), default=600.0, show_default=True, metavar="MM",
               help="Distance from the camera to your eyes, or to the card.")  # fmt: skip
-@click.option("--by", type=click.Choice(["eyes", "card"]), default="eyes", show_default=True, help="By your eyes or a bank card.")
-@click.option("--latency", is_flag=True, help="Measure the total delay of camera and display, which prediction uses.")
+@click.option(
+    "--by",
+    type=click.Choice(["eyes", "card"]),
+    default="eyes",
+    show_default=True,
+    help="By your eyes or a bank card.",
+)
+@click.option(
+    "--latency",
+    is_flag=True,
+    help="Measure the total delay of camera and display, which prediction uses.",
+)
 @with_config
-def calibrate(camera: str | None, distance_mm: float, by: str, latency: bool, config: Config) -> None:
+def calibrate(
+    camera: str | None, distance_mm: float, by: str, latency: bool, config: Config
+) -> None:
     """Measure the camera's focal length (stored under its name), or the delay of the loop.
 
     Sit so that a tape measure reads MM from the camera to your eyes (or hold a bank card there, flat to the camera) and follow
@@ -40,7 +52,11 @@ def calibrate(camera: str | None, distance_mm: float, by: str, latency: bool, co
     if latency:
         _latency(config, camera, name)
         return
-    size_px = by_card(config, camera, distance_mm) if by == "card" else by_eyes(config, camera, distance_mm)
+    size_px = (
+        by_card(config, camera, distance_mm)
+        if by == "card"
+        else by_eyes(config, camera, distance_mm)
+    )
     size_mm = BANK_CARD_MM if by == "card" else config.screen.eyes_mm
     focal_px, width_px = round(size_px * distance_mm / size_mm, 1), config.camera.frame_px[0]
     fov_deg = math.degrees(2 * math.atan(width_px / 2 / focal_px))
@@ -53,20 +69,28 @@ def calibrate(camera: str | None, distance_mm: float, by: str, latency: bool, co
             f" under [camera] in {user_file()}",
         )
     if by == "eyes":
-        click.echo(f"by screen.eyes_mm, {size_mm:g} mm between your eyes: the mean, 63, is at most 8 % off for most people")
+        click.echo(
+            f"by screen.eyes_mm, {size_mm:g} mm between your eyes: the mean, 63, is at most 8 % off for most people"
+        )
     _store(camera_file(), name, {"focal_px": focal_px, "width_px": width_px})
     click.echo(f"stored for {name} in {camera_file()}")
     if load().camera.focal_px != "auto":
         _store(user_file(), "camera", {"focal_px": None})
-        click.echo(f"camera.focal_px removed from {user_file()}: it would override the measured value")
+        click.echo(
+            f"camera.focal_px removed from {user_file()}: it would override the measured value"
+        )
 
 
 def _latency(config: Config, camera: str | None, name: str) -> None:
     """Measures and stores render.loop_ms."""
     delay, monitor = measure_loop(config, camera)
     loop_ms = round(max(delay.delay_ms, 0.0), 1)
-    click.echo(f"total delay of camera and display: {loop_ms} ms (90 %: {delay.low_ms:.1f} to {delay.high_ms:.1f} ms)")
-    click.echo(f"exposure {delay.exposure_ms:.0f} ms, on monitor {monitor.name} at {monitor.rate_hz:g} Hz")
+    click.echo(
+        f"total delay of camera and display: {loop_ms} ms (90 %: {delay.low_ms:.1f} to {delay.high_ms:.1f} ms)"
+    )
+    click.echo(
+        f"exposure {delay.exposure_ms:.0f} ms, on monitor {monitor.name} at {monitor.rate_hz:g} Hz"
+    )
     here = loop_conditions(datetime.date.today().isoformat(), name, config.camera, monitor)
     _store(user_file(), "render", {"loop_ms": loop_ms, "loop_measured": here})
     click.echo(f"render.loop_ms written to {user_file()}: the next session predicts by it")

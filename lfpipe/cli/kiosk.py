@@ -44,11 +44,19 @@ def kiosk_code(file: Path | None) -> str:
     Raises UserError if there is none, if it cannot be typed, or if a child could type it by chance.
     """
     if file is not None:
-        code = read_text(file, CODE_BYTES, f"--code-file {file}", "name a file that holds the code").strip()
+        code = read_text(
+            file, CODE_BYTES, f"--code-file {file}", "name a file that holds the code"
+        ).strip()
     elif not (code := os.environ.get(VARIABLE, "")):
-        raise UserError("an exhibition needs a code that ends it", f"write one to a file: --code-file FILE, or set {VARIABLE}")
+        raise UserError(
+            "an exhibition needs a code that ends it",
+            f"write one to a file: --code-file FILE, or set {VARIABLE}",
+        )
     if not (4 <= len(code) <= 64 and code.isascii() and code.isprintable() and len(set(code)) > 1):
-        raise UserError("the code must have 4 to 64 ASCII characters, not all the same", "for example: leave2026")
+        raise UserError(
+            "the code must have 4 to 64 ASCII characters, not all the same",
+            "for example: leave2026",
+        )
     return code
 
 
@@ -80,17 +88,33 @@ def install(scenes: tuple[Path, ...], code_file: Path | None) -> None:
 
     code = kiosk_code(code_file)
     if missing := [str(path) for path in scenes if not exists(path)]:
-        raise UserError(f"{', '.join(missing)}: not found", "name light fields, or a folder of them")
+        raise UserError(
+            f"{', '.join(missing)}: not found", "name light fields, or a folder of them"
+        )
     unit = Path(platformdirs.user_config_dir("systemd")) / "user" / "lfpipe-kiosk.service"
     kept = user_file().parent / "kiosk-code"
-    words = [sys.executable, "-m", "lfpipe", "up", "--session", "kiosk", "--kiosk", "--code-file", str(kept)]
+    words = [
+        sys.executable,
+        "-m",
+        "lfpipe",
+        "up",
+        "--session",
+        "kiosk",
+        "--kiosk",
+        "--code-file",
+        str(kept),
+    ]
     words += [str(path.resolve()) for path in scenes]
     unit.parent.mkdir(parents=True, exist_ok=True)
     check_output(unit, scenes, label="the unit")
     write_file(kept, code.encode())
-    write_output(unit, UNIT.format(command=" ".join(map(_quoted, words))).encode(errors="surrogateescape"))
+    write_output(
+        unit, UNIT.format(command=" ".join(map(_quoted, words))).encode(errors="surrogateescape")
+    )
     click.echo(unit)
-    click.echo("start it, now and with every desktop: systemctl --user enable --now lfpipe-kiosk", err=True)
+    click.echo(
+        "start it, now and with every desktop: systemctl --user enable --now lfpipe-kiosk", err=True
+    )
 
 
 def _quoted(word: str) -> str:

@@ -116,7 +116,9 @@ def launch(arguments: UpArguments) -> int:
 def _run(session: Session, plan: SessionPlan) -> int:
     """Runs one session; returns the exit code. Raises UserError if the user can fix what ended it."""
     with contextlib.closing(plan.packing) if plan.packing is not None else contextlib.nullcontext():
-        outcome = run_session(session, plan.config, plan.options, say, plan.duration_s, plan.packing)
+        outcome = run_session(
+            session, plan.config, plan.options, say, plan.duration_s, plan.packing
+        )
     print_state(outcome.final)
     for path in filter(exists, plan.files):
         click.echo(f"{path.stat().st_size / 1e6:8.2f} MB  {path}")
@@ -139,12 +141,17 @@ def _prepare_tracking(arguments: UpArguments) -> SessionPlan:
     """A session that tracks eyes and shows nothing."""
     given = {"SCENE": arguments.scenes, "--display": arguments.display, "--trace": arguments.trace}
     if pointless := [name for name, value in given.items() if value]:
-        raise UserError(f"--no-picture with {', '.join(pointless)}: nothing is shown", "leave out one or the other")
+        raise UserError(
+            f"--no-picture with {', '.join(pointless)}: nothing is shown",
+            "leave out one or the other",
+        )
     config = configuration.load(arguments.config_file, arguments.sets)
     share = check_targets(arguments.share)
     camera = _source(arguments.source(config), "none", config, False)
     config = with_engine(with_measured_focal(config, camera_name(camera.source)))
-    say(f"camera  {camera.source}; eyes by {config.track.engine}, filter {config.track.filter}; no picture")
+    say(
+        f"camera  {camera.source}; eyes by {config.track.engine}, filter {config.track.filter}; no picture"
+    )
     for target in share:
         say(f"share   eyes and head to {target}")
     return SessionPlan(config, attrs.evolve(camera, show=False, share=share), arguments.duration_s)
@@ -155,14 +162,25 @@ def prepare(arguments: UpArguments) -> SessionPlan:
     if arguments.no_picture:
         return _prepare_tracking(arguments)
     if not arguments.scenes and not arguments.demo:
-        raise UserError("no SCENE given", "name a folder of views, or use --demo for the built-in scene")
+        raise UserError(
+            "no SCENE given", "name a folder of views, or use --demo for the built-in scene"
+        )
     is_kiosk = arguments.kiosk is not None
     records_itself = arguments.demo and arguments.display is None and not has_display()
     still = DEMO_FOLDER / "demo.png" if records_itself else None
-    display = _demo_display() if records_itself else arguments.display or ("fullscreen" if is_kiosk else "window")
-    video = Path(display.removeprefix("file:")).expanduser() if display.startswith("file:") else None
+    display = (
+        _demo_display()
+        if records_itself
+        else arguments.display or ("fullscreen" if is_kiosk else "window")
+    )
+    video = (
+        Path(display.removeprefix("file:")).expanduser() if display.startswith("file:") else None
+    )
     if is_kiosk and display not in WINDOWS:
-        raise UserError(f"--kiosk with --display {display}: an exhibition needs a screen", "leave out one or the other")
+        raise UserError(
+            f"--kiosk with --display {display}: an exhibition needs a screen",
+            "leave out one or the other",
+        )
     halved = ("render.rate_hz=30",) if records_itself else ()  # lossless video is large
     config = configuration.load(arguments.config_file, (*halved, *arguments.sets))
     source = arguments.source(config)
@@ -179,7 +197,10 @@ def prepare(arguments: UpArguments) -> SessionPlan:
             camera = _source(source, display, config, is_kiosk)
         elif arguments.share:
             remedy = "`lfpipe up --no-picture --share TARGET` tracks without a scene"
-            raise UserError(f"--share with {scenes[0]}: a single view needs no eyes, so none are tracked", remedy)
+            raise UserError(
+                f"--share with {scenes[0]}: a single view needs no eyes, so none are tracked",
+                remedy,
+            )
         tracking = scene.needs_tracking and not camera.mouse
         if camera.source and not camera.mouse:
             config = with_measured_focal(config, camera_name(camera.source))
@@ -191,19 +212,26 @@ def prepare(arguments: UpArguments) -> SessionPlan:
     if arguments.scenes and not is_kiosk and not arguments.start:
         remember_scene(scenes[0])
     plan = make_plan(opened.field, config)
-    for line in (*startup_lines(config, opened.field, plan, camera.source, display), *loop_lines(config, camera.source, display)):
+    for line in (
+        *startup_lines(config, opened.field, plan, camera.source, display),
+        *loop_lines(config, camera.source, display),
+    ):
         say(line)
     for target in share:
         say(f"share   eyes and head to {target}")
     if len(scenes) > 1:
-        say(f"scenes  {len(scenes)}: Tab, Page Up and Page Down show the others, as does `lfpipe ctl load --next`")
+        say(
+            f"scenes  {len(scenes)}: Tab, Page Up and Page Down show the others, as does `lfpipe ctl load --next`"
+        )
     options = attrs.evolve(
         camera,
         scene=scene,
         tracking=tracking,
         display=display,
         kiosk=arguments.kiosk or "",
-        playlist=tuple(str(path.resolve()) for path in scenes) if len(scenes) > 1 or arguments.start else (),
+        playlist=tuple(str(path.resolve()) for path in scenes)
+        if len(scenes) > 1 or arguments.start
+        else (),
         start=arguments.start,
         ask_glasses=_is_first_start(arguments, display),
         trace=str(arguments.trace.resolve()) if arguments.trace else "",
@@ -230,14 +258,22 @@ def _demo_display() -> str:
 
 def _is_first_start(arguments: UpArguments, display: str) -> bool:
     """Whether a person opens a window for the first time: no glasses were chosen yet, and nothing is given as scripts do."""
-    scripted = arguments.sets or arguments.config_file or arguments.duration_s or arguments.trace or arguments.kiosk is not None
+    scripted = (
+        arguments.sets
+        or arguments.config_file
+        or arguments.duration_s
+        or arguments.trace
+        or arguments.kiosk is not None
+    )
     return not scripted and display in WINDOWS and not has_key("render", "anaglyph")
 
 
 def with_engine(config: Config) -> Config:
     """Returns config with an engine that this machine has. Fetches its networks if they are missing. Raises UserError."""
     if config.track.engine == "mediapipe" and models.package_folder() is None:
-        say("engine  mediapipe is not installed here: using track.engine=litert, which runs the same landmark network")
+        say(
+            "engine  mediapipe is not installed here: using track.engine=litert, which runs the same landmark network"
+        )
         config = attrs.evolve(config, track=attrs.evolve(config.track, engine="litert"))
     if config.track.engine == "litert" and models.missing_models():
         models.fetch_models(say)
@@ -262,24 +298,36 @@ def _source(camera: str, display: str, config: Config, kiosk: bool) -> SessionOp
         return BY_MOUSE
 
 
-def startup_lines(config: Config, field: LightField, plan: Plan, camera: str, display: str) -> list[str]:
+def startup_lines(
+    config: Config, field: LightField, plan: Plan, camera: str, display: str
+) -> list[str]:
     """Scene, plan, camera, alpha and picture. camera: the source. display: as for `--display`."""
     without = ", ".join(item.what for item in plan.left_out)
     left_out = f"; left out: {without} (`lfpipe scene plan` explains why)" if without else ""
     render = mixed_as(field, plan.method, config.render)
     on_screen = display in WINDOWS
-    at_hz = "of the screen" if on_screen and render.rate_hz == "auto" else f"at {render.nominal_hz:g} Hz"
+    at_hz = (
+        "of the screen"
+        if on_screen and render.rate_hz == "auto"
+        else f"at {render.nominal_hz:g} Hz"
+    )
     clock = f"every refresh {at_hz}" if render.clock == "display" else "every camera frame"
     by = ", drawn by the CPU (no GPU found)" if on_screen and not has_gpu() else ""
     if not plan.needs_tracking:
         source, alpha = "none: a single view needs no eyes", "none: the scene has one view"
     else:
         source = f"{camera}; eyes by {config.track.engine}, filter {config.track.filter}"
-        source = "none, and no tracking: move the mouse to look around" if camera == MOUSE else source
+        source = (
+            "none, and no tracking: move the mouse to look around" if camera == MOUSE else source
+        )
         chosen = parallax(config, field, config.camera.frame_px[0], None)
         depth = "" if chosen.compression is None else f", {chosen.compression:.0%} of true depth"
         across = f"{field.cols} columns" if field.cols > 1 else f"{field.rows} rows"
-        asked = "set" if isinstance(render.alpha_px, float) else f"{render.alpha_px}, at {chosen.distance_mm:.0f} mm"
+        asked = (
+            "set"
+            if isinstance(render.alpha_px, float)
+            else f"{render.alpha_px}, at {chosen.distance_mm:.0f} mm"
+        )
         alpha = f"{chosen.alpha_px:.1f} px/view ({asked}): {chosen.views_between_eyes:.1f} of {across} between your eyes{depth}"
     return [
         f"scene   {field.name}: {field.rows}x{field.cols} views of {field.width_px}x{field.height_px}",

@@ -31,7 +31,12 @@ def cameras(as_json: bool) -> None:
     """
     listed: list[dict[str, Any]] = []
     for device in camera_list.cameras():
-        about: dict[str, Any] = {"camera": f"camera:{device.path}", "name": device.name, "formats": [], "controls": []}
+        about: dict[str, Any] = {
+            "camera": f"camera:{device.path}",
+            "name": device.name,
+            "formats": [],
+            "controls": [],
+        }
         about["trouble"] = ""
         try:
             about["formats"], about["controls"] = camera_list.asking(
@@ -45,7 +50,11 @@ def cameras(as_json: bool) -> None:
         return
     for about in listed:
         click.echo(f"{about['camera']}  {about['name']}")
-        lines = [about["trouble"]] if about["trouble"] else [*(about["formats"] or ["formats unknown"]), *about["controls"]]
+        lines = (
+            [about["trouble"]]
+            if about["trouble"]
+            else [*(about["formats"] or ["formats unknown"]), *about["controls"]]
+        )
         click.echo("\n".join(filled(line, "  ") for line in lines))
     if not listed:
         click.echo("no camera found; --demo and --camera file:PATH work without one")
@@ -57,9 +66,13 @@ def _formats(device: V4L2Device, every_rate: bool) -> list[str]:
     for fourcc in device.fourccs():
         sizes = []
         for size in device.sizes(fourcc) if fourcc in DECODED else ():
-            rates = ",".join(f"{hz:.4g}" for hz in (size.rates_hz if every_rate else size.rates_hz[:1]))
+            rates = ",".join(
+                f"{hz:.4g}" for hz in (size.rates_hz if every_rate else size.rates_hz[:1])
+            )
             sizes.append(f"{size.text}@{rates}" if rates else size.text)
-        groups.setdefault(" ".join(sizes) if fourcc in DECODED else "cannot be decoded", []).append(fourcc)
+        groups.setdefault(" ".join(sizes) if fourcc in DECODED else "cannot be decoded", []).append(
+            fourcc
+        )
     return [f"{' '.join(fourccs)}: {text}" for text, fourccs in groups.items()]
 
 
@@ -85,7 +98,9 @@ def models() -> None:
 
 
 @models.command()
-@click.option("--from", "wheel", type=PATH, metavar="WHEEL", help="Take them from this file; no network.")
+@click.option(
+    "--from", "wheel", type=PATH, metavar="WHEEL", help="Take them from this file; no network."
+)
 def get(wheel: Path | None) -> None:
     """Fetch the face networks with uv or pip if the package mediapipe is not installed.
 

@@ -15,16 +15,28 @@ from lfpipe.transport.session import default_name
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-def complete_settings(_context: click.Context, _parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+def complete_settings(
+    _context: click.Context, _parameter: click.Parameter, incomplete: str
+) -> list[CompletionItem]:
     """KEY=VALUE: the keys, then the words that a key accepts."""
     key, sign, _ = incomplete.partition("=")
     if sign and key in options():
         words = ("true", "false") if bool in options()[key].types else choices(key)
-        return [CompletionItem(f"{key}={word}") for word in words if f"{key}={word}".startswith(incomplete)]
-    return [CompletionItem(f"{name}=", help=known.doc) for name, known in options().items() if name.startswith(incomplete)]
+        return [
+            CompletionItem(f"{key}={word}")
+            for word in words
+            if f"{key}={word}".startswith(incomplete)
+        ]
+    return [
+        CompletionItem(f"{name}=", help=known.doc)
+        for name, known in options().items()
+        if name.startswith(incomplete)
+    ]
 
 
-def complete_sessions(_context: click.Context, _parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+def complete_sessions(
+    _context: click.Context, _parameter: click.Parameter, incomplete: str
+) -> list[CompletionItem]:
     """The running sessions."""
     from lfpipe.supervisor.rundir import running
 
@@ -34,16 +46,30 @@ def complete_sessions(_context: click.Context, _parameter: click.Parameter, inco
 class Number(click.FloatRange):
     """A finite number in a range. click lets NaN into every range."""
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
         number = float(super().convert(value, param, ctx))
-        return number if math.isfinite(number) else self.fail(f"{value} is not a finite number", param, ctx)
+        return (
+            number
+            if math.isfinite(number)
+            else self.fail(f"{value} is not a finite number", param, ctx)
+        )
 
 
 PATH = click.Path(path_type=Path)
 SCENE = click.argument("path", metavar="SCENE", type=PATH)
 JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-CAMERA = click.option("--camera", metavar="SRC", help="As for `lfpipe up`.  [default: the first camera]")
-DURATION = click.option("--duration", "duration_s", type=Number(0, min_open=True), metavar="S", help="Stop after S seconds.")
+CAMERA = click.option(
+    "--camera", metavar="SRC", help="As for `lfpipe up`.  [default: the first camera]"
+)
+DURATION = click.option(
+    "--duration",
+    "duration_s",
+    type=Number(0, min_open=True),
+    metavar="S",
+    help="Stop after S seconds.",
+)
 SESSION = click.option(
     "--session",
     "session_name",
@@ -64,7 +90,12 @@ def with_settings(command: F) -> F:
         shell_complete=complete_settings,
         help="Change one key of the configuration; repeatable.",
     )(command)
-    return click.option("--config", "config_file", metavar="FILE", help="A TOML file, or the name of a preset: paper.")(command)
+    return click.option(
+        "--config",
+        "config_file",
+        metavar="FILE",
+        help="A TOML file, or the name of a preset: paper.",
+    )(command)
 
 
 def with_config(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -82,9 +113,22 @@ def with_scene(command: Callable[..., Any]) -> Callable[..., Any]:
     """How to open a scene: --layout, --grid, --flip, --force, --config, --set, as config."""
 
     @click.option("--layout", metavar="NAME", help="Layout on disk; detected by default.")
-    @click.option("--grid", metavar="ROWSxCOLS", help="Grid of views in file order, if the files do not define it.")
-    @click.option("--flip", type=click.Choice(["none", "rows", "cols", "both"]), help="Reverse rows or columns of the grid.")
-    @click.option("--force", is_flag=True, default=None, help="Open pictures even if they do not look like one light field.")
+    @click.option(
+        "--grid",
+        metavar="ROWSxCOLS",
+        help="Grid of views in file order, if the files do not define it.",
+    )
+    @click.option(
+        "--flip",
+        type=click.Choice(["none", "rows", "cols", "both"]),
+        help="Reverse rows or columns of the grid.",
+    )
+    @click.option(
+        "--force",
+        is_flag=True,
+        default=None,
+        help="Open pictures even if they do not look like one light field.",
+    )
     @with_config
     @functools.wraps(command)
     def run(*given: Any, config: Any, **values: Any) -> Any:

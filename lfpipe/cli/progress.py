@@ -18,7 +18,12 @@ def filled(text: str, head: str) -> str:
     """head and text, wrapped to the terminal's width, or 80 columns without a terminal. Words stay whole, for copying."""
     width = max(shutil.get_terminal_size((80, 24)).columns, len(head) + 20)
     return textwrap.fill(
-        text, width, initial_indent=head, subsequent_indent=" " * len(head), break_long_words=False, break_on_hyphens=False
+        text,
+        width,
+        initial_indent=head,
+        subsequent_indent=" " * len(head),
+        break_long_words=False,
+        break_on_hyphens=False,
     )
 
 

@@ -28,10 +28,25 @@ Cases = list[tuple[str, list[str]]]
 @click.command()
 @click.argument("path", type=PATH, metavar="SEQ")
 @click.option("--scene", type=PATH, metavar="S", help="The light field.  [default: the demo's]")
-@click.option("--pace", default="step", show_default=True, metavar="step|max|recorded|HZ", help="When frames are played.")
-@click.option("--out", type=PATH, metavar="DIR", help="Folder for report.json, trace.jsonl and pictures.")
-@click.option("--expect", type=PATH, metavar="REF", help="Compare with this folder, written by --out or --update.")
-@click.option("--update", is_flag=True, help="Write the reference of --expect instead of comparing with it.")
+@click.option(
+    "--pace",
+    default="step",
+    show_default=True,
+    metavar="step|max|recorded|HZ",
+    help="When frames are played.",
+)
+@click.option(
+    "--out", type=PATH, metavar="DIR", help="Folder for report.json, trace.jsonl and pictures."
+)
+@click.option(
+    "--expect",
+    type=PATH,
+    metavar="REF",
+    help="Compare with this folder, written by --out or --update.",
+)
+@click.option(
+    "--update", is_flag=True, help="Write the reference of --expect instead of comparing with it."
+)
 @click.option("--junit", type=PATH, metavar="FILE", help="Write the outcome as JUnit XML.")
 @with_settings
 def replay(path: Path, junit: Path | None, **options: Any) -> int:
@@ -49,7 +64,12 @@ def replay(path: Path, junit: Path | None, **options: Any) -> int:
         write_outcome(cases)
     except BaseException as error:
         with contextlib.suppress(UserError):
-            write_outcome([], "interrupted" if isinstance(error, KeyboardInterrupt) else str(error) or type(error).__name__)
+            write_outcome(
+                [],
+                "interrupted"
+                if isinstance(error, KeyboardInterrupt)
+                else str(error) or type(error).__name__,
+            )
         if not isinstance(error, run.ReplayFailed):
             raise
         say(f"error: replay of {path}: {error}")
@@ -71,7 +91,9 @@ def _replayed(
     _check(pace, out, expect, update)
     sequence = open_sequence(path)
     if not sequence.complete:
-        say(f"{path} was cut off during recording: replaying its {len(sequence.packets)} whole frames")
+        say(
+            f"{path} was cut off during recording: replaying its {len(sequence.packets)} whole frames"
+        )
     config = run.replay_config(sequence, config_file, sets)
     if expect is not None:
         run.check_out(expect) if update else read_report(expect)
@@ -85,7 +107,9 @@ def _replayed(
         run.check_out(folder)
         field = opened(scene, config)
         if expect is not None and against:
-            check_reference(expect, {"sequence": about_sequence(sequence), "scene": about_scene(field)})
+            check_reference(
+                expect, {"sequence": about_sequence(sequence), "scene": about_scene(field)}
+            )
         run.clear_out(folder)
         kept = pace == "step" and (out is not None or expect is not None)
         report = run.replay(sequence, field, config, pace, folder, kept, say)
@@ -112,7 +136,10 @@ def _check_junit(junit: Path | None, inputs: list[Path | None], out: Path | None
         return
     check_output(junit, [path for path in inputs if path is not None], label="--junit")
     if out is not None and Path(os.path.realpath(junit)).is_relative_to(os.path.realpath(out)):
-        raise UserError(f"--junit {junit}: --out {out} is emptied before a run", "name a file outside of that folder")
+        raise UserError(
+            f"--junit {junit}: --out {out} is emptied before a run",
+            "name a file outside of that folder",
+        )
 
 
 def _check(pace: str, out: Path | None, expect: Path | None, update: bool) -> None:
@@ -125,20 +152,31 @@ def _check(pace: str, out: Path | None, expect: Path | None, update: bool) -> No
     if update and expect is None:
         raise UserError("--update needs a reference", "name it with --expect REF")
     if expect is not None and out is not None and os.path.realpath(expect) == os.path.realpath(out):
-        raise UserError(f"--out and --expect are both {out}", "use two folders; --update writes the reference")
+        raise UserError(
+            f"--out and --expect are both {out}", "use two folders; --update writes the reference"
+        )
     if expect is not None and pace not in STEADY:
-        raise UserError(f"--expect with --pace {pace}: results depend on the clock", "compare with --pace step or max")
+        raise UserError(
+            f"--expect with --pace {pace}: results depend on the clock",
+            "compare with --pace step or max",
+        )
 
 
 def _summary(report: dict[str, Any]) -> None:
     counts, latency = report["counts"], report["latency"]["end_to_end"]
     dropped = sum(counts["dropped"].values())
     name = report["sequence"]["name"]
-    click.echo(f"{name}: {counts['frames']} frames, {counts['faces']} with a face, {counts['composed']} composed")
-    click.echo(f"{report['rate_hz']:.1f} frames/s, {dropped} dropped, read to shown p50 {latency.get('p50_ms', 0):.2f} ms")
+    click.echo(
+        f"{name}: {counts['frames']} frames, {counts['faces']} with a face, {counts['composed']} composed"
+    )
+    click.echo(
+        f"{report['rate_hz']:.1f} frames/s, {dropped} dropped, read to shown p50 {latency.get('p50_ms', 0):.2f} ms"
+    )
     for name, error in (report["truth_error"] or {}).items():
         if error:
-            click.echo(f"eyes {name}: {error['rms_px']:.2f} px rms error, {error['max_px']:.2f} px at most")
+            click.echo(
+                f"eyes {name}: {error['rms_px']:.2f} px rms error, {error['max_px']:.2f} px at most"
+            )
     for name, digest in (report["digests"] or {}).items():
         click.echo(f"{name:<8} {digest}")
     sys.stdout.flush()

@@ -38,9 +38,14 @@ def opened(path: Path | None, config: Config) -> LightField:
 def check_picture(path: Path, scene: Path, kinds: tuple[str, ...] = PICTURES) -> None:
     """Raises UserError if a command that reads scene must not write a picture to path. Called before any work."""
     if path.suffix.lower() not in kinds:
-        raise UserError(f"{path}: not {', '.join(kinds[:-1])} or {kinds[-1]}", "for example view.png")
+        raise UserError(
+            f"{path}: not {', '.join(kinds[:-1])} or {kinds[-1]}", "for example view.png"
+        )
     if is_dir(scene) and path.resolve().is_relative_to(scene.resolve()):
-        raise UserError(f"{path}: in the folder of the scene, which would count it as a view", "name a file in another folder")
+        raise UserError(
+            f"{path}: in the folder of the scene, which would count it as a view",
+            "name a file in another folder",
+        )
     check_output(path, [scene])
 
 
@@ -66,7 +71,12 @@ def pack(path: Path, as_json: bool, config: Config) -> None:
     field = opened(path, config)
     if as_json:
         plan = make_plan(field, config)
-        facts = {"pack": field.folder, "needs_tracking": plan.needs_tracking, "method": plan.method, **field.manifest}
+        facts = {
+            "pack": field.folder,
+            "needs_tracking": plan.needs_tracking,
+            "method": plan.method,
+            **field.manifest,
+        }
         click.echo(json.dumps(facts))
     else:
         click.echo(field.folder)
@@ -80,13 +90,18 @@ def list_packs(as_json: bool, config: Config) -> None:
     cached = packs(config.scene)
     if as_json:
         keys = ("name", "source", "layout", "rows", "cols", "frames", "height", "width", "created")
-        rows = [{"key": folder.name, "bytes": size, **{key: about.get(key) for key in keys}} for folder, about, size in cached]
+        rows = [
+            {"key": folder.name, "bytes": size, **{key: about.get(key) for key in keys}}
+            for folder, about, size in cached
+        ]
         click.echo(json.dumps({"cache": str(cache_dir(config.scene)), "packs": rows}))
         return
     for folder, about, size in cached:
         grid = "{rows}x{cols} of {width}x{height}".format(**about) if "rows" in about else "damaged"
         click.echo(f"{folder.name} {size / 1e6:8.1f} MB  {grid}\n    {about.get('source', '')}")
-    click.echo(f"{len(cached)} packs, {sum(size for _, _, size in cached) / 1e6:.1f} MB in {cache_dir(config.scene)}")
+    click.echo(
+        f"{len(cached)} packs, {sum(size for _, _, size in cached) / 1e6:.1f} MB in {cache_dir(config.scene)}"
+    )
 
 
 @scene.command()
@@ -97,15 +112,21 @@ def clean(keys: tuple[str, ...], everything: bool, config: Config) -> None:
     """Remove packs by key or name. Without KEY, remove only what killed runs and other versions left. Packs
     that a session shows are kept."""
     cached = packs(config.scene)
-    names = {folder: {folder.name, about.get("name"), about.get("source")} for folder, about, _ in cached}
+    names = {
+        folder: {folder.name, about.get("name"), about.get("source")} for folder, about, _ in cached
+    }
     if unknown := sorted(set(keys).difference(*names.values())):
-        raise UserError(f"{', '.join(unknown)}: no such pack", "`lfpipe scene list` shows keys and names")
+        raise UserError(
+            f"{', '.join(unknown)}: no such pack", "`lfpipe scene list` shows keys and names"
+        )
     chosen = {folder: size for folder, _, size in cached if everything or names[folder] & set(keys)}
     removed_bytes = [size for folder, size in chosen.items() if remove(folder)]
     for folder in filter(is_dir, chosen):
         click.echo(f"in use, kept: {folder.name}")
     leftovers = sweep(config.scene)
-    click.echo(f"removed {len(removed_bytes)} packs, {sum(removed_bytes) / 1e6:.1f} MB, and {leftovers} leftovers")
+    click.echo(
+        f"removed {len(removed_bytes)} packs, {sum(removed_bytes) / 1e6:.1f} MB, and {leftovers} leftovers"
+    )
 
 
 @scene.command()
@@ -119,10 +140,16 @@ def plan(path: Path, as_json: bool, config: Config) -> None:
     if as_json:
         click.echo(json.dumps({"scene": field.name, **attrs.asdict(plan)}))
         return
-    needs = [name for name in ("tracking", "rows", "warp", "depth") if getattr(plan, f"needs_{name}")]
-    click.echo(f"{field.name}: {field.rows}x{field.cols} views, method {plan.method}, needs {', '.join(needs) or 'nothing'}")
+    needs = [
+        name for name in ("tracking", "rows", "warp", "depth") if getattr(plan, f"needs_{name}")
+    ]
+    click.echo(
+        f"{field.name}: {field.rows}x{field.cols} views, method {plan.method}, needs {', '.join(needs) or 'nothing'}"
+    )
     for item in plan.left_out:
-        click.echo(f"  left out: {item.what}\n{filled(item.why, '    because ')}\n{filled(item.saves, '    saves   ')}")
+        click.echo(
+            f"  left out: {item.what}\n{filled(item.why, '    because ')}\n{filled(item.saves, '    saves   ')}"
+        )
     if not plan.left_out:
         click.echo("  nothing can be left out")
 
@@ -134,29 +161,59 @@ def plan(path: Path, as_json: bool, config: Config) -> None:
 def info(path: Path, as_json: bool, config: Config) -> None:
     """Show SCENE's layout, grid, order of views, disparity and geometry."""
     field = packed(path, config.scene)
-    facts = describe_pack(field) if field is not None and field.complete else ask_packer(path, config.scene, do="info")
-    click.echo(json.dumps(facts) if as_json else "\n".join(filled(line[14:], line[:14]) for line in lines(facts)))
+    facts = (
+        describe_pack(field)
+        if field is not None and field.complete
+        else ask_packer(path, config.scene, do="info")
+    )
+    click.echo(
+        json.dumps(facts)
+        if as_json
+        else "\n".join(filled(line[14:], line[:14]) for line in lines(facts))
+    )
 
 
 @scene.command()
 @SCENE
-@click.option("--row", type=float, required=True, help="Row of the view, 0 at the top; fractions allowed.")
-@click.option("--col", type=float, required=True, help="Column of the view, 0 at the left; fractions allowed.")
-@click.option("--frame", type=click.IntRange(0), default=0, show_default=True, help="Frame of a light-field video.")
-@click.option("--method", type=click.Choice(["auto", *reversed(METHODS)]), default="auto", show_default=True)
+@click.option(
+    "--row", type=float, required=True, help="Row of the view, 0 at the top; fractions allowed."
+)
+@click.option(
+    "--col", type=float, required=True, help="Column of the view, 0 at the left; fractions allowed."
+)
+@click.option(
+    "--frame",
+    type=click.IntRange(0),
+    default=0,
+    show_default=True,
+    help="Frame of a light-field video.",
+)
+@click.option(
+    "--method", type=click.Choice(["auto", *reversed(METHODS)]), default="auto", show_default=True
+)
 @click.option("-o", "--out", type=PATH, required=True, help="File for the picture.")
 @with_scene
-def view(path: Path, row: float, col: float, frame: int, method: str, out: Path, config: Config) -> None:
+def view(
+    path: Path, row: float, col: float, frame: int, method: str, out: Path, config: Config
+) -> None:
     """Write the picture that a camera at ROW, COL of the grid would see."""
     check_picture(out, path)
     field = opened(path, config)
     for name, value, count in (("row", row, field.rows), ("col", col, field.cols)):
         if not 0 <= value <= count - 1:  # not a number compares false
-            raise UserError(f"--{name} {value:g}: the scene has {field.rows}x{field.cols} views", f"use 0 to {count - 1}")
+            raise UserError(
+                f"--{name} {value:g}: the scene has {field.rows}x{field.cols} views",
+                f"use 0 to {count - 1}",
+            )
     if frame >= field.frames:
-        raise UserError(f"--frame {frame}: the scene has {field.frames} frames", f"use --frame 0 to {field.frames - 1}")
+        raise UserError(
+            f"--frame {frame}: the scene has {field.frames} frames",
+            f"use --frame 0 to {field.frames - 1}",
+        )
     if method in WARPS and field.disparity is None:
-        raise UserError(f"--method {method}: {field.name} has no disparity", "use --method nearest or blend")
+        raise UserError(
+            f"--method {method}: {field.name} has no disparity", "use --method nearest or blend"
+        )
     write_picture(out, ViewRenderer(field, method).render(row, col, frame))
 
 
@@ -173,12 +230,38 @@ def sheet(path: Path, out: Path, config: Config) -> None:
 @scene.command()
 @SCENE
 @click.argument("out", type=PATH)
-@click.option("--as", "form", type=click.Choice(["quilt", "pair", "wiggle", "sweep"]), required=True, help="Format of OUT.")
-@click.option("--tiles", default="8x6", show_default=True, metavar="COLSxROWS", help="Tiles of a quilt.")
-@click.option("--apart", type=float, metavar="VIEWS", help="Views between the eyes of a pair or wiggle.  [default: comfortable]")
-@click.option("--seconds", type=Number(0.1, 600), metavar="S", help="Length of a wiggle or sweep. [default: 0.8 and 6]")
+@click.option(
+    "--as",
+    "form",
+    type=click.Choice(["quilt", "pair", "wiggle", "sweep"]),
+    required=True,
+    help="Format of OUT.",
+)
+@click.option(
+    "--tiles", default="8x6", show_default=True, metavar="COLSxROWS", help="Tiles of a quilt."
+)
+@click.option(
+    "--apart",
+    type=float,
+    metavar="VIEWS",
+    help="Views between the eyes of a pair or wiggle.  [default: comfortable]",
+)
+@click.option(
+    "--seconds",
+    type=Number(0.1, 600),
+    metavar="S",
+    help="Length of a wiggle or sweep. [default: 0.8 and 6]",
+)
 @with_scene
-def export(path: Path, out: Path, form: str, tiles: str, apart: float | None, seconds: float | None, config: Config) -> None:
+def export(
+    path: Path,
+    out: Path,
+    form: str,
+    tiles: str,
+    apart: float | None,
+    seconds: float | None,
+    config: Config,
+) -> None:
     """Write SCENE for other programs: a quilt for Looking Glass displays, a pair (.png, .jpg, .jps, .mpo, .mp4), a wiggle (.mp4,
     .gif), or a sweep.
 
@@ -210,16 +293,22 @@ def export(path: Path, out: Path, form: str, tiles: str, apart: float | None, se
 
 @scene.command()
 @click.argument("path", metavar="CLIP", type=PATH)
-@click.option("-o", "--out", type=PATH, help="New folder for the views.  [default: CLIP-views beside CLIP]")
+@click.option(
+    "-o", "--out", type=PATH, help="New folder for the views.  [default: CLIP-views beside CLIP]"
+)
 @with_config
 def make(path: Path, out: Path | None, config: Config) -> None:
     """Make a light field of one row from CLIP, a video or a folder of pictures taken while sliding the camera sideways."""
     with progress() as bar:
         folder = out or path.with_name(f"{path.stem}-views")
         facts = ask_packer(path, config.scene, bar, do="make", out=str(folder))
-    click.echo(f"{facts['views']} views of {facts['width_px']}x{facts['height_px']} px, chosen from {facts['frames']} pictures")
+    click.echo(
+        f"{facts['views']} views of {facts['width_px']}x{facts['height_px']} px, chosen from {facts['frames']} pictures"
+    )
     parallax = f"{facts['spread_px']:.0f} px between outermost views, {facts['residual_px']:.2f} px vertical error (95 %)"
     click.echo(f"  parallax    {parallax}")
-    click.echo(f"  direction   {facts['order']} ({'sure' if facts['order_sure'] else '`lfpipe scene sheet` shows near and far'})")
+    click.echo(
+        f"  direction   {facts['order']} ({'sure' if facts['order_sure'] else '`lfpipe scene sheet` shows near and far'})"
+    )
     opened(Path(facts["folder"]), config)
     click.echo(facts["folder"])

@@ -100,7 +100,9 @@ def _info(path: Path, as_json: bool) -> None:
     click.echo(path)
     about["versions"] = [f"{name} {version}" for name, version in about["versions"].items()]
     for name, value in about.items():
-        click.echo(f"  {name:<10} {plain(', '.join(value) if isinstance(value, list) else str(value), 400)}")
+        click.echo(
+            f"  {name:<10} {plain(', '.join(value) if isinstance(value, list) else str(value), 400)}"
+        )
 
 
 @sequence.command()
@@ -122,25 +124,45 @@ def _check(path: Path) -> None:
             errors.append(error)
     if errors:
         more = [f"and {len(errors) - MOST_ERRORS} more"] * (len(errors) > MOST_ERRORS)
-        raise UserError("\n  ".join([error.message for error in errors[:MOST_ERRORS]] + more), errors[0].remedy)
-    state = "complete" if recorded.complete else "cut off during recording, readable to its last whole frame"
+        raise UserError(
+            "\n  ".join([error.message for error in errors[:MOST_ERRORS]] + more), errors[0].remedy
+        )
+    state = (
+        "complete"
+        if recorded.complete
+        else "cut off during recording, readable to its last whole frame"
+    )
     click.echo(f"{path}: {len(recorded.packets)} frames, all readable; {state}")
 
 
 @sequence.command()
 @click.argument("path", type=PATH, metavar="SEQ")
 @click.argument("out", type=PATH)
-@click.option("--from", "begin_s", type=Number(min=0), default=0.0, metavar="S", help="Seconds after the first frame.")
+@click.option(
+    "--from",
+    "begin_s",
+    type=Number(min=0),
+    default=0.0,
+    metavar="S",
+    help="Seconds after the first frame.",
+)
 @click.option("--to", "end_s", type=Number(min=0), metavar="S", help="Exclusive end, in seconds.")
 def cut(path: Path, out: Path, begin_s: float, end_s: float | None) -> None:
     """Copy a part of SEQ to the new sequence OUT. Frames are copied byte for byte."""
-    click.echo(f"{out}: {edit.cut(open_sequence(path, verify=False), out, begin_s, math.inf if end_s is None else end_s)} frames")
+    click.echo(
+        f"{out}: {edit.cut(open_sequence(path, verify=False), out, begin_s, math.inf if end_s is None else end_s)} frames"
+    )
 
 
 @sequence.command("import")
 @click.argument("video", type=PATH)
 @click.argument("out", type=PATH)
-@click.option("--truth", type=PATH, metavar="CSV", help="True eye positions, as tools/make_sequence.py writes them.")
+@click.option(
+    "--truth",
+    type=PATH,
+    metavar="CSV",
+    help="True eye positions, as tools/make_sequence.py writes them.",
+)
 def import_(video: Path, out: Path, truth: Path | None) -> None:
     """Make the sequence OUT from VIDEO. Motion JPEG frames are copied unchanged."""
     if truth is not None:
@@ -150,9 +172,15 @@ def import_(video: Path, out: Path, truth: Path | None) -> None:
         if not rate_hz:
             raise UserError(f"{video}: has no frame rate", "give a video (avi, mkv, mp4, ...)")
         picture = np.empty((height_px, width_px, 3), np.uint8)
-        with new_sequence(out, f"file:{video.name}", (width_px, height_px), rate_hz, versions=versions()) as writer:
+        with new_sequence(
+            out, f"file:{video.name}", (width_px, height_px), rate_hz, versions=versions()
+        ) as writer:
             while (frame := frames.read_into(writer.count, picture)) is not None:
-                codec, packet = ("jpeg", frame.packet.tobytes()) if frame.packet is not None else encoded(picture, fast=False)
+                codec, packet = (
+                    ("jpeg", frame.packet.tobytes())
+                    if frame.packet is not None
+                    else encoded(picture, fast=False)
+                )
                 t_ns = round(writer.count * 1e9 / rate_hz)
                 writer.append(packet, codec, writer.count, 0, t_ns, t_ns)
             if truth is not None:

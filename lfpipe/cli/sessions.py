@@ -71,7 +71,9 @@ def ctl(context: click.Context, session_name: str, as_json: bool) -> None:
     context.obj = partial(_send, session_name, as_json)
 
 
-def _send(session_name: str, as_json: bool, message: dict[str, Any], timeout_s: float = 3.0) -> None:
+def _send(
+    session_name: str, as_json: bool, message: dict[str, Any], timeout_s: float = 3.0
+) -> None:
     answer = ask(session_name, message, timeout_s)
     answer.pop("v", None)
     if as_json:
@@ -79,12 +81,16 @@ def _send(session_name: str, as_json: bool, message: dict[str, Any], timeout_s: 
     elif message["cmd"] == "status":
         print_state(answer)
     else:
-        facts = [f"{key} {value}" for key, value in answer.items() if key not in ("ok", "rev", "applied")]
+        facts = [
+            f"{key} {value}" for key, value in answer.items() if key not in ("ok", "rev", "applied")
+        ]
         click.echo(", ".join([f"{message['cmd']}: done", *facts]))
 
 
 @ctl.command("set")
-@click.argument("sets", nargs=-1, required=True, metavar="KEY=VALUE...", shell_complete=complete_settings)
+@click.argument(
+    "sets", nargs=-1, required=True, metavar="KEY=VALUE...", shell_complete=complete_settings
+)
 @click.pass_obj
 def set_keys(send: Send, sets: tuple[str, ...]) -> None:
     """Change keys of the configuration: all of them, or none if one is refused."""
@@ -94,11 +100,15 @@ def set_keys(send: Send, sets: tuple[str, ...]) -> None:
 @ctl.command()
 @click.argument("scene", required=False, type=PATH)
 @click.option("--next", "step", flag_value=1, type=int, help="The next scene of the playlist.")
-@click.option("--previous", "step", flag_value=-1, type=int, help="The previous scene of the playlist.")
+@click.option(
+    "--previous", "step", flag_value=-1, type=int, help="The previous scene of the playlist."
+)
 @click.option("--layout", help="Its layout on disk, if it is not detected.")
 @click.option("--grid", metavar="ROWSxCOLS", help="Its grid, if the files do not define it.")
 @click.pass_obj
-def load(send: Send, scene: Path | None, step: int | None, layout: str | None, grid: str | None) -> None:
+def load(
+    send: Send, scene: Path | None, step: int | None, layout: str | None, grid: str | None
+) -> None:
     """Show another light field. It is packed first if necessary; the old one stays visible meanwhile."""
     if (scene is None) == (step is None):
         raise click.UsageError("give one of SCENE, --next and --previous")
@@ -171,7 +181,9 @@ def trace() -> None:
 @SESSION
 def start_trace(out: Path | None, session_name: str) -> None:
     """Start a timeline. `lfpipe trace stop` writes it to OUT.json; the default is a name made of the time, in this folder."""
-    click.echo(f"recording; `lfpipe trace stop` writes {begin_trace(partial(ask, session_name), out)}")
+    click.echo(
+        f"recording; `lfpipe trace stop` writes {begin_trace(partial(ask, session_name), out)}"
+    )
 
 
 @trace.command("stop")
@@ -179,4 +191,6 @@ def start_trace(out: Path | None, session_name: str) -> None:
 def stop_trace(session_name: str) -> None:
     """End the timeline and write it to the file given to `start`."""
     out = finish_trace(partial(ask, session_name))
-    click.echo(f"{out}: open it at ui.perfetto.dev, which does not upload it, or in chrome://tracing")
+    click.echo(
+        f"{out}: open it at ui.perfetto.dev, which does not upload it, or in chrome://tracing"
+    )

@@ -11,14 +11,53 @@ from lfpipe.errors import UserError
 
 @click.command()
 @click.argument("plan", type=PATH, metavar="PLAN.toml")
-@click.option("--out", type=PATH, default=Path("lfpipe-sweep"), show_default=True, metavar="DIR", help="Folder for results.")
-@click.option("--jobs", type=click.IntRange(1, 1024), metavar="N", help="Workers on this machine. Default: one per core.")
-@click.option("--on", "address", default="", metavar="tls://SCHEDULER", help="Use the workers of a Dask scheduler instead.")
-@click.option("--insecure", is_flag=True, help="With --on: accept a scheduler without TLS. Whoever reaches it can run code.")
-@click.option("--limit", type=Number(1), default=3600.0, show_default=True, metavar="S", help="Seconds for one cell.")
-@click.option("--expect", type=PATH, metavar="DIR", help="Compare replays and quality with the references in this folder.")
+@click.option(
+    "--out",
+    type=PATH,
+    default=Path("lfpipe-sweep"),
+    show_default=True,
+    metavar="DIR",
+    help="Folder for results.",
+)
+@click.option(
+    "--jobs",
+    type=click.IntRange(1, 1024),
+    metavar="N",
+    help="Workers on this machine. Default: one per core.",
+)
+@click.option(
+    "--on",
+    "address",
+    default="",
+    metavar="tls://SCHEDULER",
+    help="Use the workers of a Dask scheduler instead.",
+)
+@click.option(
+    "--insecure",
+    is_flag=True,
+    help="With --on: accept a scheduler without TLS. Whoever reaches it can run code.",
+)
+@click.option(
+    "--limit",
+    type=Number(1),
+    default=3600.0,
+    show_default=True,
+    metavar="S",
+    help="Seconds for one cell.",
+)
+@click.option(
+    "--expect",
+    type=PATH,
+    metavar="DIR",
+    help="Compare replays and quality with the references in this folder.",
+)
 @click.option("--update", is_flag=True, help="Write the references of --expect instead.")
-@click.option("--junit", type=PATH, metavar="FILE", help="Write the outcome as JUnit XML.  [default: junit.xml in DIR]")
+@click.option(
+    "--junit",
+    type=PATH,
+    metavar="FILE",
+    help="Write the outcome as JUnit XML.  [default: junit.xml in DIR]",
+)
 def sweep(
     plan: Path, out: Path, jobs: int | None, address: str, insecure: bool, limit: float, expect: Path | None, update: bool,
     junit: Path | None,
@@ -48,18 +87,25 @@ def sweep(
     if update and expect is None:
         raise UserError("--update needs references", "name their folder with --expect DIR")
     if jobs and address:
-        raise UserError("--jobs and --on exclude each other", "leave --jobs out: the scheduler has its own workers")
+        raise UserError(
+            "--jobs and --on exclude each other",
+            "leave --jobs out: the scheduler has its own workers",
+        )
     cells = read_plan(plan)
     if junit is not None:
         inputs = {place for cell in cells for place in (cell.sequence, cell.scene, expect) if place}
         check_output(junit, [plan, *map(Path, inputs)], label="--junit")
-    workers = dask_workers(address, insecure) if address else local_workers(jobs or len(usable_cores()))
+    workers = (
+        dask_workers(address, insecure) if address else local_workers(jobs or len(usable_cores()))
+    )
     order = Order(limit, str(expect.resolve()) if expect else "", update)
     try:
         with progress() as bar:
             outcomes = run_sweep(cells, out, workers, order, bar, partial(click.echo, err=True))
     except KeyboardInterrupt:
-        click.echo(f"interrupted; finished cells are in {out}; the same command continues", err=True)
+        click.echo(
+            f"interrupted; finished cells are in {out}; the same command continues", err=True
+        )
         return 130
     page = write(outcomes, out, junit)
     wrong = [outcome for outcome in outcomes if outcome.state in (FAILED, DIFFERS)]

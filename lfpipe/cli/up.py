@@ -24,11 +24,24 @@ Examples:
               help="window, fullscreen, none, file:OUT.mkv or file:OUT.mp4.  [default: window]")  # fmt: skip
 @DURATION
 @click.option("--trace", type=PATH, metavar="FILE", help="Write one JSON line per picture.")
-@click.option("--demo", is_flag=True, help="A built-in scene and face: needs no camera, light field or screen.")
+@click.option(
+    "--demo",
+    is_flag=True,
+    help="A built-in scene and face: needs no camera, light field or screen.",
+)
 @click.option("--share", multiple=True, metavar="TARGET", help="Send eyes and head to opentrack:HOST:PORT, osc:HOST:PORT or "
               "lsl[:NAME]; add ?rate=HZ for predicted eyes. Repeatable.")  # fmt: skip
-@click.option("--kiosk", is_flag=True, help="Run an exhibition: full screen, all keys ignored; typing its code ends it.")
-@click.option("--code-file", type=PATH, metavar="FILE", help="With --kiosk: holds the code; or LFPIPE_KIOSK_CODE.")
+@click.option(
+    "--kiosk",
+    is_flag=True,
+    help="Run an exhibition: full screen, all keys ignored; typing its code ends it.",
+)
+@click.option(
+    "--code-file",
+    type=PATH,
+    metavar="FILE",
+    help="With --kiosk: holds the code; or LFPIPE_KIOSK_CODE.",
+)
 @click.option("--force", is_flag=True, help="Replace output files that lfpipe did not write.")
 @click.option("--no-picture", is_flag=True, help="Track the eyes only: no SCENE, no window.")
 @SESSION

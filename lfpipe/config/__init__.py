@@ -5,7 +5,20 @@
 
 from lfpipe.config.check import from_dict, load, parse_set, updated
 from lfpipe.config.session_options import QualityLevel, ReplayOutput, SceneSummary, SessionOptions
-from lfpipe.config.tree import Camera, Config, Governor, Render, Replay, Scene, Screen, Track, choices, options, to_dict, trusted
+from lfpipe.config.tree import (
+    Camera,
+    Config,
+    Governor,
+    Render,
+    Replay,
+    Scene,
+    Screen,
+    Track,
+    choices,
+    options,
+    to_dict,
+    trusted,
+)
 from lfpipe.config.user_files import user_file
 
 # fmt: off

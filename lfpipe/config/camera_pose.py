@@ -47,19 +47,25 @@ class CameraPose:
         if not above_mm and not tilt:
             return None
         middle_px = size_px[0] / 2, size_px[1] / 2
-        return cls(above_mm, tilt, camera_focal_px(config, size_px[0]), middle_px, config.screen.eyes_mm)
+        return cls(
+            above_mm, tilt, camera_focal_px(config, size_px[0]), middle_px, config.screen.eyes_mm
+        )
 
     def points_mm(self, eyes_px: NDArray[np.float64], apart_px: float) -> NDArray[np.float64]:
         """Eyes (2, 2) px, apart_px apart if the head were not turned, as points (2, 3) mm on the screen's axes."""
         depth_mm = self.focal_px * self.eyes_mm / max(apart_px, 1e-6)
         across, down = (eyes_px - self.middle_px).T * (depth_mm / self.focal_px)
         c, s = math.cos(self.tilt), math.sin(self.tilt)
-        return np.stack([across, down * c + depth_mm * s - self.above_mm, depth_mm * c - down * s], axis=1)
+        return np.stack(
+            [across, down * c + depth_mm * s - self.above_mm, depth_mm * c - down * s], axis=1
+        )
 
     def from_screen(self, eyes_px: NDArray[np.float64], apart_px: float) -> NDArray[np.float64]:
         """Eyes (2, 2) px of the camera's picture in px of the picture taken from the middle of the screen."""
         points = self.points_mm(eyes_px, apart_px)
-        return self.focal_px * points[:, :2] / np.maximum(points[:, 2:], LEAST_Z_MM) + self.middle_px
+        return (
+            self.focal_px * points[:, :2] / np.maximum(points[:, 2:], LEAST_Z_MM) + self.middle_px
+        )
 
     def from_camera(self, screen_px: NDArray[np.float64], apart_px: float) -> NDArray[np.float64]:
         """The inverse of `from_screen`: px of the camera's picture, for the same depth along the camera's axis."""
@@ -67,6 +73,11 @@ class CameraPose:
         c, s = math.cos(self.tilt), math.sin(self.tilt)
         slope = (screen_px - self.middle_px) / self.focal_px  # x / z and y / z on the screen's axes
         # y = down c + depth s - above and z = depth c - down s, with y = slope z: solved for down
-        down_mm = (slope[:, 1] * depth_mm * c - depth_mm * s + self.above_mm) / (c + slope[:, 1] * s)
+        down_mm = (slope[:, 1] * depth_mm * c - depth_mm * s + self.above_mm) / (
+            c + slope[:, 1] * s
+        )
         z_mm = np.maximum(depth_mm * c - down_mm * s, LEAST_Z_MM)
-        return self.focal_px / depth_mm * np.stack([slope[:, 0] * z_mm, down_mm], axis=1) + self.middle_px
+        return (
+            self.focal_px / depth_mm * np.stack([slope[:, 0] * z_mm, down_mm], axis=1)
+            + self.middle_px
+        )

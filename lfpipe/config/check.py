@@ -22,13 +22,18 @@ from lfpipe.files.untrusted import toml_table
 from lfpipe.host.files import is_missing
 from lfpipe.plugins import ENGINES, FILTERS, plugins
 
-PRESETS = {path.stem: path for path in (Path(__file__).parent / "presets").glob("*.toml")}  # values of --config
+PRESETS = {
+    path.stem: path for path in (Path(__file__).parent / "presets").glob("*.toml")
+}  # values of --config
 FILE_FORM = f"correct that file (`lfpipe config init FILE` writes a complete one), or name a preset: {', '.join(PRESETS)}"
 SHOW = "`lfpipe config show` lists every key with its unit and range"
 TEXT_CHARS = 4096  # of any text; the longest path
 MOST_LISTED = 10  # problems that one message names
 NAMES = {int: "a whole number", float: "a number", bool: "true or false", str: "text"}
-PLUGGABLE = {"track.engine": ENGINES, "track.filter": FILTERS}  # keys whose words other packages may add
+PLUGGABLE = {
+    "track.engine": ENGINES,
+    "track.filter": FILTERS,
+}  # keys whose words other packages may add
 
 
 def _problem(name: object, value: object) -> str:
@@ -45,25 +50,39 @@ def _problem(name: object, value: object) -> str:
     section = name.partition(".")[0]
     name = name if section in SECTIONS else section
     close = closest(name, [*options(), *SECTIONS])
-    return f"{name if len(name) < 40 else shown(name)}: unknown key" + (f", did you mean {close!r}?" if close else "")
+    return f"{name if len(name) < 40 else shown(name)}: unknown key" + (
+        f", did you mean {close!r}?" if close else ""
+    )
 
 
 def _wrong(value: object, key: Key) -> str:
     """Why a key cannot have this value, or ""."""
-    if any(type(value) is type(word) and value == word for word in key.words) or (isinstance(value, bool) and bool in key.types):
+    if any(type(value) is type(word) and value == word for word in key.words) or (
+        isinstance(value, bool) and bool in key.types
+    ):
         return ""
-    if isinstance(value, int | float) and not isinstance(value, bool) and (float in key.types or int in key.types):
+    if (
+        isinstance(value, int | float)
+        and not isinstance(value, bool)
+        and (float in key.types or int in key.types)
+    ):
         if int in key.types and not isinstance(value, int):
             return f"{shown(value)} is not a whole number"
         inside = key.low <= value <= key.high  # false for nan
-        return "" if inside else f"{shown(value)} is out of range: {key.low:g} to {key.high:g} {key.unit}".rstrip()
+        return (
+            ""
+            if inside
+            else f"{shown(value)} is out of range: {key.low:g} to {key.high:g} {key.unit}".rstrip()
+        )
     if isinstance(value, str) and str in key.types:
         return wrong_text(value)
     if key.types:
         return f"{shown(value)} is not {' or '.join([*(NAMES[kind] for kind in key.types), *map(repr, key.words)])}"
     texts = [str(word) for word in key.words]
     close = closest(value, texts, 0.5)
-    return f"{shown(value)} is not one of {', '.join(texts)}" + (f" (did you mean {close!r}?)" if close else "")
+    return f"{shown(value)} is not one of {', '.join(texts)}" + (
+        f" (did you mean {close!r}?)" if close else ""
+    )
 
 
 def wrong_text(value: str) -> str:
@@ -76,13 +95,19 @@ def wrong_text(value: str) -> str:
 
 def closest(value: object, texts: Iterable[str], cutoff: float = 0.6) -> str:
     """The closest of texts to value, a likely typing error; "" without one."""
-    close = difflib.get_close_matches(value, list(texts), 1, cutoff) if isinstance(value, str) and len(value) < 40 else []
+    close = (
+        difflib.get_close_matches(value, list(texts), 1, cutoff)
+        if isinstance(value, str) and len(value) < 40
+        else []
+    )
     return close[0] if close else ""
 
 
 def problems(values: Iterable[tuple[object, object]]) -> list[str]:
     """The problems of (dotted key, value) pairs: the first MOST_LISTED, and whether there are more."""
-    wrong = list(itertools.islice(filter(None, itertools.starmap(_problem, values)), MOST_LISTED + 1))
+    wrong = list(
+        itertools.islice(filter(None, itertools.starmap(_problem, values)), MOST_LISTED + 1)
+    )
     return [*wrong[:MOST_LISTED], "and more"] if len(wrong) > MOST_LISTED else wrong
 
 
@@ -96,7 +121,10 @@ def flat(tree: Mapping[Any, Any]) -> list[tuple[object, object]]:
     pairs: list[tuple[object, object]] = []
     for section, table in tree.items():
         if isinstance(section, str) and section in SECTIONS and isinstance(table, Mapping):
-            pairs += [(f"{section}.{key}" if isinstance(key, str) else key, value) for key, value in table.items()]
+            pairs += [
+                (f"{section}.{key}" if isinstance(key, str) else key, value)
+                for key, value in table.items()
+            ]
         else:
             pairs.append((section, table))
     return pairs
@@ -107,7 +135,9 @@ def changed(config: Config, values: Mapping[str, Any]) -> Config:
     tree = to_dict(config)
     for key, value in values.items():
         section, _, name = key.partition(".")
-        number = isinstance(value, int) and not isinstance(value, bool) and float in options()[key].types
+        number = (
+            isinstance(value, int) and not isinstance(value, bool) and float in options()[key].types
+        )
         tree[section][name] = float(value) if number else value
     return trusted(tree)
 
@@ -120,7 +150,10 @@ def updated(config: Config, sets: Mapping[str, Any], live_only: bool = False) ->
     if wrong := problems(sets.items()):
         raise refusal(wrong)
     if fixed := [key for key in sets if live_only and not options()[key].live]:
-        raise UserError(f"{', '.join(fixed)}: fixed while a session runs", "stop it and give the key to `lfpipe up --set`")
+        raise UserError(
+            f"{', '.join(fixed)}: fixed while a session runs",
+            "stop it and give the key to `lfpipe up --set`",
+        )
     return changed(config, sets)
 
 
@@ -148,7 +181,9 @@ def parse_set(text: str) -> tuple[str, bool | int | float | str]:
     except (ValueError, RecursionError):  # a bare word, or endless digits or brackets
         pass
     if isinstance(value, int) and value.bit_length() > 63:
-        value = math.inf if value > 0 else -math.inf  # out of every range, and too large for a message
+        value = (
+            math.inf if value > 0 else -math.inf
+        )  # out of every range, and too large for a message
     if not isinstance(value, bool | int | float | str):
         value = raw
     for word in (key, value):
@@ -167,7 +202,9 @@ def load(file: str | os.PathLike[str] | None = None, sets: Iterable[str] = ()) -
     files = {str(user_file()): user_file()} if not is_missing(user_file()) else {}
     if file is not None:
         name = os.fspath(file)
-        files[f"--config {name}"] = PRESETS[name] if name in PRESETS and is_missing(name) else Path(name)
+        files[f"--config {name}"] = (
+            PRESETS[name] if name in PRESETS and is_missing(name) else Path(name)
+        )
     for name, path in files.items():
         try:
             pairs = flat(toml_table(read_text(path, FILE_BYTES, name, FILE_FORM), name, FILE_FORM))

@@ -19,7 +19,9 @@ FADED_PX = 8.0  # between the farthest and the nearest: beyond, with the screen 
 LEAST_HZ = 25.0  # at lower rates the picture flickers whenever the head moves
 
 
-def drawn_with(setting: str, scene_method: str, has_disparity: bool, scores: Mapping[str, float]) -> str:
+def drawn_with(
+    setting: str, scene_method: str, has_disparity: bool, scores: Mapping[str, float]
+) -> str:
     """The method used for render.method = setting in a scene: `auto` is the scene's own; without disparity, nothing is warped.
 
     scores: PSNR in dB of each method on held-out views. For noisy views with little depth, a cross-fade scores best,
@@ -30,7 +32,9 @@ def drawn_with(setting: str, scene_method: str, has_disparity: bool, scores: Map
         return method
     if not has_disparity:
         return "nearest"
-    worse = scene_method not in WARPS and scores.get(scene_method, -math.inf) > scores.get(method, math.inf)
+    worse = scene_method not in WARPS and scores.get(scene_method, -math.inf) > scores.get(
+        method, math.inf
+    )
     return scene_method if worse else method
 
 

@@ -40,7 +40,9 @@ class SceneSummary:
         if half_turn == "auto" or (half_turn == "yes") == self.half_turned:
             return self
         low, high = -self.disparity_max_px, -self.disparity_min_px
-        return attrs.evolve(self, disparity_min_px=low, disparity_max_px=high, half_turned=not self.half_turned)
+        return attrs.evolve(
+            self, disparity_min_px=low, disparity_max_px=high, half_turned=not self.half_turned
+        )
 
     @property
     def needs_tracking(self) -> bool:
@@ -129,6 +131,11 @@ class SessionOptions:
     def from_dict(cls, plain: Mapping[str, Any]) -> SessionOptions:
         """The inverse of `to_dict`, unchecked."""
         classes = {"scene": SceneSummary, "replay": ReplayOutput, "level": QualityLevel}
-        nested = {name: kind(**plain[name]) if plain[name] else None for name, kind in classes.items()}
-        tuples = {name: tuple(plain[name]) if plain[name] is not None else None for name in ("jpeg_px", "share", "playlist")}
+        nested = {
+            name: kind(**plain[name]) if plain[name] else None for name, kind in classes.items()
+        }
+        tuples = {
+            name: tuple(plain[name]) if plain[name] is not None else None
+            for name in ("jpeg_px", "share", "playlist")
+        }
         return cls(**{**plain, **nested, **tuples})

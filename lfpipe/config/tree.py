@@ -46,7 +46,9 @@ def key(
     replays: bool = True,
 ) -> Any:
     """A key as a field of its section."""
-    return attrs.field(default=default, metadata={"key": Key(default, doc, unit, low, high, live, replays)})
+    return attrs.field(
+        default=default, metadata={"key": Key(default, doc, unit, low, high, live, replays)}
+    )
 
 
 # fmt: off
@@ -189,10 +191,16 @@ def options() -> dict[str, Key]:
     keys = {}
     for section, kind in SECTIONS.items():
         for field in attrs.fields(kind):
-            parts = get_args(field.type) if get_origin(field.type) in (Union, UnionType) else (field.type,)
+            parts = (
+                get_args(field.type)
+                if get_origin(field.type) in (Union, UnionType)
+                else (field.type,)
+            )
             types = tuple(part for part in parts if isinstance(part, type))
             words = tuple(word for part in parts if part not in types for word in get_args(part))
-            keys[f"{section}.{field.name}"] = attrs.evolve(field.metadata["key"], types=types, words=words)
+            keys[f"{section}.{field.name}"] = attrs.evolve(
+                field.metadata["key"], types=types, words=words
+            )
     return keys
 
 

@@ -74,7 +74,9 @@ def write_keys(path: Path, section: str, values: Mapping[str, float | bool | str
 
 def _range(key: Key) -> str:
     limits = f"{key.low:g} to {key.high:g}" if math.isfinite(key.low) else ""
-    accepted = " or ".join(filter(None, (f"{limits} {key.unit}".strip(), ", ".join(map(str, key.words)))))
+    accepted = " or ".join(
+        filter(None, (f"{limits} {key.unit}".strip(), ", ".join(map(str, key.words))))
+    )
     return f" [{accepted}]" if accepted else ""
 
 

@@ -46,7 +46,9 @@ class SceneExport:
 
     def __init__(self, field: LightField, config: Config) -> None:
         self._field, self._config, self._last = field, config, field.cols - 1.0
-        self._renderer = ViewRenderer(field, config.render.method, zero_plane_px(field, config.render))
+        self._renderer = ViewRenderer(
+            field, config.render.method, zero_plane_px(field, config.render)
+        )
 
     def _view(self, col: float, frame: int = 0) -> Picture:
         return self._renderer.render((self._field.rows - 1) / 2, col, frame)
@@ -58,7 +60,9 @@ class SceneExport:
             chosen = parallax(self._config, self._field, self._config.camera.frame_px[0], None)
             apart_views = min(chosen.views_between_eyes, self._last)
         if not 0 < apart_views <= self._last:
-            what = f"the scene has {self._field.cols} columns of views" + ("" if self._last else ", one eye's")
+            what = f"the scene has {self._field.cols} columns of views" + (
+                "" if self._last else ", one eye's"
+            )
             remedy = f"up to {self._last:g}" if self._last else "a scene with two columns or more"
             raise UserError(f"--apart {apart_views:g}: {what}", remedy)
         return (self._last - apart_views) / 2, (self._last + apart_views) / 2
@@ -67,12 +71,20 @@ class SceneExport:
         """cols * rows views, evenly from the first column to the last; tiles shrink if the quilt would exceed QUILT_PX."""
         field = self._field
         scale = min(1.0, QUILT_PX / (cols * field.width_px), QUILT_PX / (rows * field.height_px))
-        width, height = (max(1, math.floor(scale * side)) for side in (field.width_px, field.height_px))
+        width, height = (
+            max(1, math.floor(scale * side)) for side in (field.width_px, field.height_px)
+        )
         tiles = []
         for col in np.linspace(0, self._last, cols * rows):
             view = self._view(float(col))
-            tiles.append(view if scale == 1 else cv2.resize(view, (width, height), interpolation=cv2.INTER_AREA))
-        return np.vstack([np.hstack(tiles[row * cols : (row + 1) * cols]) for row in reversed(range(rows))])
+            tiles.append(
+                view
+                if scale == 1
+                else cv2.resize(view, (width, height), interpolation=cv2.INTER_AREA)
+            )
+        return np.vstack(
+            [np.hstack(tiles[row * cols : (row + 1) * cols]) for row in reversed(range(rows))]
+        )
 
     def eyes(self, apart_views: float | None = None) -> tuple[Picture, Picture]:
         """The left and the right eye's view. Raises UserError."""
@@ -95,7 +107,9 @@ class SceneExport:
         count = max(2, round(seconds * RATE_HZ))
         for number in range(count):
             share = (1 - math.cos(2 * math.pi * number / count)) / 2
-            yield self._view(first + (last - first) * share, int(number * self._field.frame_rate_hz / RATE_HZ))
+            yield self._view(
+                first + (last - first) * share, int(number * self._field.frame_rate_hz / RATE_HZ)
+            )
 
 
 def quilt_name(path: Path, cols: int, rows: int, aspect: float) -> Path:
@@ -106,7 +120,9 @@ def quilt_name(path: Path, cols: int, rows: int, aspect: float) -> Path:
 
 def pair_name(path: Path) -> Path:
     """path with the words by which players know a pair: _sbs for pictures, _LR for videos. .jps and .mpo need none."""
-    if path.suffix.lower() in (".jps", ".mpo") or re.search(r"(?<![A-Za-z])(h?sbs|LR)(?![A-Za-z])", path.stem):
+    if path.suffix.lower() in (".jps", ".mpo") or re.search(
+        r"(?<![A-Za-z])(h?sbs|LR)(?![A-Za-z])", path.stem
+    ):
         return path
     return path.with_stem(f"{path.stem}{'_LR' if path.suffix.lower() == '.mp4' else '_sbs'}")
 
@@ -114,9 +130,13 @@ def pair_name(path: Path) -> Path:
 def stereo_file(left: Picture, right: Picture, suffix: str) -> bytes:
     """The pair as .mpo (two pictures, left first; CIPA DC-007), or side by side: .jps (right eye first), .jpg, .png (left)."""
     if suffix == ".mpo":
-        first, second = (Image.fromarray(np.ascontiguousarray(eye[..., ::-1])) for eye in (left, right))
+        first, second = (
+            Image.fromarray(np.ascontiguousarray(eye[..., ::-1])) for eye in (left, right)
+        )
         buffer = io.BytesIO()
-        first.save(buffer, "MPO", save_all=True, append_images=[second], quality=JPEG_QUALITY, comment=MARK)
+        first.save(
+            buffer, "MPO", save_all=True, append_images=[second], quality=JPEG_QUALITY, comment=MARK
+        )
         return buffer.getvalue()
     eyes = (right, left) if suffix == ".jps" else (left, right)
     coder = ".png" if suffix == ".png" else ".jpg"
@@ -128,8 +148,15 @@ def stereo_file(left: Picture, right: Picture, suffix: str) -> bytes:
 def parse_tiles(text: str) -> tuple[int, int]:
     """(columns, rows) from COLSxROWS. Raises UserError."""
     cols, _, rows = text.partition("x")
-    if not (cols.isdecimal() and rows.isdecimal() and 0 < int(cols) <= MOST_TILES and 0 < int(rows) <= MOST_TILES):
-        raise UserError(f"--tiles {text}: not COLSxROWS", f"for example 8x6; 1 to {MOST_TILES} a side")
+    if not (
+        cols.isdecimal()
+        and rows.isdecimal()
+        and 0 < int(cols) <= MOST_TILES
+        and 0 < int(rows) <= MOST_TILES
+    ):
+        raise UserError(
+            f"--tiles {text}: not COLSxROWS", f"for example 8x6; 1 to {MOST_TILES} a side"
+        )
     return int(cols), int(rows)
 
 
@@ -138,7 +165,9 @@ def check_clip(path: Path, count: int) -> None:
     if path.suffix.lower() not in (".mp4", ".gif"):
         raise UserError(f"{path}: not .mp4 or .gif", "for example boxes.mp4")
     if path.suffix.lower() == ".gif" and count > GIF_PICTURES:
-        raise UserError(f"{path}: {count} pictures, a GIF may have {GIF_PICTURES}", "a shorter one, or .mp4")
+        raise UserError(
+            f"{path}: {count} pictures, a GIF may have {GIF_PICTURES}", "a shorter one, or .mp4"
+        )
     if path.suffix.lower() == ".mp4":
         require_encoder()
 
@@ -169,5 +198,15 @@ def _write_gif(file: IO[bytes], pictures: list[Picture], rate_hz: float) -> None
     sample = Image.fromarray(np.vstack([np.asarray(image)[::4, ::4] for image in images]))
     palette = sample.quantize(256, dither=Image.Dither.NONE)
     first, *more = [image.quantize(palette=palette) for image in images]
-    hundredths = max(2, round(100 / rate_hz))  # unit of a GIF's delays; players slow down shorter ones
-    first.save(file, "GIF", save_all=True, append_images=more, duration=10 * hundredths, loop=0, comment=MARK)
+    hundredths = max(
+        2, round(100 / rate_hz)
+    )  # unit of a GIF's delays; players slow down shorter ones
+    first.save(
+        file,
+        "GIF",
+        save_all=True,
+        append_images=more,
+        duration=10 * hundredths,
+        loop=0,
+        comment=MARK,
+    )

@@ -9,7 +9,15 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import MAX_DECODING_BYTES, header_of
 
-_BOXES = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide", b"pnot")  # first boxes of MP4 and QuickTime files
+_BOXES = (
+    b"ftyp",
+    b"moov",
+    b"mdat",
+    b"free",
+    b"skip",
+    b"wide",
+    b"pnot",
+)  # first boxes of MP4 and QuickTime files
 JPEG_START = b"\xff\xd8\xff"  # start of image, and of the first marker
 
 
@@ -18,13 +26,19 @@ def opencv_name(path: Path) -> str:
     try:
         str(path).encode()
     except UnicodeEncodeError:
-        raise UserError(f"{path}: names of videos must be UTF-8", "rename the file or its folder") from None
+        raise UserError(
+            f"{path}: names of videos must be UTF-8", "rename the file or its folder"
+        ) from None
     return str(path)
 
 
 def is_video(start: bytes) -> bool:
     """Whether a file begins like MP4, QuickTime, Matroska, WebM or AVI. FFmpeg would also read others, such as file lists."""
-    return start[4:8] in _BOXES or start[:4] == b"\x1aE\xdf\xa3" or (start[:4] == b"RIFF" and start[8:12] == b"AVI ")
+    return (
+        start[4:8] in _BOXES
+        or start[:4] == b"\x1aE\xdf\xa3"
+        or (start[:4] == b"RIFF" and start[8:12] == b"AVI ")
+    )
 
 
 def is_jpeg(data: NDArray[np.uint8]) -> bool:
@@ -38,7 +52,9 @@ def _jpeg_px(data: NDArray[np.uint8]) -> int | None:
     while at + 9 < data.size and data[at] == 0xFF:
         marker, high, low = data[at + 1 : at + 4].tolist()
         if 0xC0 <= marker <= 0xC3:
-            return int.from_bytes(data[at + 5 : at + 7].tobytes()) * int.from_bytes(data[at + 7 : at + 9].tobytes())
+            return int.from_bytes(data[at + 5 : at + 7].tobytes()) * int.from_bytes(
+                data[at + 7 : at + 9].tobytes()
+            )
         at += 2 + 256 * high + low
     return None
 

@@ -27,7 +27,9 @@ PLACE = "name a file in an existing folder that you may write to, on a disk with
 _HEAD_BYTES = 1 << 16  # more than any metadata of ours, and than the longest line of a trace
 _TEXTS = (
     re.compile(rb'\{"seq": \d+, "source_seq": [^\n]*"t_presented_ns": '),
-    re.compile(rb'\{"displayTimeUnit": "ms", "traceEvents": \[\s*\{"name": "process_name"[^\n]*"lfpipe"'),
+    re.compile(
+        rb'\{"displayTimeUnit": "ms", "traceEvents": \[\s*\{"name": "process_name"[^\n]*"lfpipe"'
+    ),
     re.compile(rb'\{\s*"format": ("lfpipe-|\d+,\s*"versions": \{\s*"lfpipe")'),
     re.compile(rb"<\?xml[^>]*\?>\s*<testsuites?\b[^>]*\bname=\"lfpipe "),
     re.compile(rb"state,subject,sequence,scene,config,"),  # of a sweep, as the next
@@ -43,7 +45,9 @@ _EMPTY_PARTS = {  # what players pass over, at the end of a video
 }
 
 
-def check_output(path: Path, inputs: Iterable[Path] = (), force: bool | None = None, label: str = "") -> None:
+def check_output(
+    path: Path, inputs: Iterable[Path] = (), force: bool | None = None, label: str = ""
+) -> None:
     """Raises UserError if a command must not write path: not a file in a writable folder, an input (or a file in an input folder)
     of the same command, in use, or written by another program. Changes nothing.
 
@@ -61,13 +65,17 @@ def check_output(path: Path, inputs: Iterable[Path] = (), force: bool | None = N
         if _is_input(target, Path(os.path.realpath(source))):
             raise UserError(f"{what}: this command reads it (from {source})", "name another file")
     if in_use(target) or in_use(beside(target)):
-        raise UserError(f"{what}: another lfpipe is writing it", "name another file, or end that session first")
+        raise UserError(
+            f"{what}: another lfpipe is writing it", "name another file, or end that session first"
+        )
     if exists and not force and not written_by_lfpipe(target):
         remedy = "name another file" + ("" if force is None else ", or replace it with --force")
         raise UserError(f"{what}: exists, and was not written by lfpipe", remedy)
 
 
-def check_outputs(outputs: Mapping[str, Path | None], inputs: Iterable[Path] = (), force: bool | None = None) -> None:
+def check_outputs(
+    outputs: Mapping[str, Path | None], inputs: Iterable[Path] = (), force: bool | None = None
+) -> None:
     """`check_output` of all outputs of one command, by label; they must also differ. Raises UserError."""
     places: dict[str, str] = {}
     sources = list(inputs)
@@ -84,7 +92,10 @@ def _check_place(target: Path) -> None:
     """Raises OSError if target is not a file, or cannot become one."""
     check_regular(target)
     target.parent.stat()
-    if not (os.access(target.parent, os.W_OK | os.X_OK) and (not os.path.lexists(target) or os.access(target, os.W_OK))):
+    if not (
+        os.access(target.parent, os.W_OK | os.X_OK)
+        and (not os.path.lexists(target) or os.access(target, os.W_OK))
+    ):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(target))
 
 
@@ -115,9 +126,13 @@ def marked_picture(data: bytes) -> bytes:
     if data.startswith(_PICTURES[0]):
         chunk = b"tEXtSoftware\0" + MARK
         framed = (len(chunk) - 4).to_bytes(4, "big") + chunk + zlib.crc32(chunk).to_bytes(4, "big")
-        return data[:33] + framed + data[33:]  # 8 bytes of signature, 25 of IHDR, which must come first
+        return (
+            data[:33] + framed + data[33:]
+        )  # 8 bytes of signature, 25 of IHDR, which must come first
     if data.startswith(_PICTURES[1]):
-        end = 4 + int.from_bytes(data[4:6], "big") if data[3] == 0xE0 else 2  # JFIF's own segment must come first
+        end = (
+            4 + int.from_bytes(data[4:6], "big") if data[3] == 0xE0 else 2
+        )  # JFIF's own segment must come first
         return data[:end] + b"\xff\xfe" + (len(MARK) + 2).to_bytes(2, "big") + MARK + data[end:]
     raise ValueError("not a PNG or JPEG")
 

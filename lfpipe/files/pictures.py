@@ -21,7 +21,10 @@ MAX_DECODING_BYTES = 240_000_000  # 8192x8192 px of 8-bit colour, 7574x5264 px (
 FORMATS = ("PNG", "JPEG", "PPM", "BMP", "TIFF", "WEBP", "AVIF", "GIF")
 _GREY = ("1", "L", "I", "I;16", "I;16B", "I;16L")  # Pillow's modes of one sample per pixel
 _ORIENTATION = 0x0112  # EXIF's tag
-_TAIL, _ENDS = 1 << 16, {"JPEG": b"\xff\xd9", "PNG": b"IEND"}  # phones append data after a picture's end
+_TAIL, _ENDS = (
+    1 << 16,
+    {"JPEG": b"\xff\xd9", "PNG": b"IEND"},
+)  # phones append data after a picture's end
 warnings.filterwarnings("ignore", module="PIL")  # about damage that costs no picture
 Image.MAX_IMAGE_PIXELS = None  # MAX_DECODING_BYTES is the limit, and it counts bytes
 
@@ -53,13 +56,22 @@ class Header:
     @property
     def stored_shape(self) -> tuple[int, ...]:
         """Of the array that a decoder gives; a quarter turn exchanges height and width."""
-        size = (self.width_px, self.height_px) if self.orientation >= 5 else (self.height_px, self.width_px)
+        size = (
+            (self.width_px, self.height_px)
+            if self.orientation >= 5
+            else (self.height_px, self.width_px)
+        )
         return size if self.grey else (*size, 3)
 
     @property
     def decoded_bytes(self) -> int:
         """Size of the decoded picture, with one or three samples per pixel."""
-        return self.width_px * self.height_px * (1 if self.grey else 3) * (2 if self.max_value > 255 else 1)
+        return (
+            self.width_px
+            * self.height_px
+            * (1 if self.grey else 3)
+            * (2 if self.max_value > 255 else 1)
+        )
 
 
 def header_of(data: bytes | memoryview) -> Header | None:
@@ -76,11 +88,21 @@ def _header(file: IO[bytes]) -> Header | None:
             turn = 1
             with contextlib.suppress(Exception):  # damaged: the picture is shown as stored
                 exif = Image.Exif()  # `image.getexif` would decode a PNG
-                exif.load(image.info.get("exif", b"") if kind != "TIFF" else b"")  # OpenCV turns TIFF files
+                exif.load(
+                    image.info.get("exif", b"") if kind != "TIFF" else b""
+                )  # OpenCV turns TIFF files
                 turn = int(exif.get(_ORIENTATION, 1))
             width, height = image.size[::-1] if 5 <= turn <= 8 else image.size
             grey, full = image.mode in _GREY, _full_value(image)
-            return Header(kind, width, height, grey, full, turn if 1 <= turn <= 8 else 1, getattr(image, "n_frames", 1))
+            return Header(
+                kind,
+                width,
+                height,
+                grey,
+                full,
+                turn if 1 <= turn <= 8 else 1,
+                getattr(image, "n_frames", 1),
+            )
     except Exception:  # Pillow's parsers raise many kinds for damage
         return None
 
@@ -94,7 +116,9 @@ def _full_value(image: ImageFile.ImageFile) -> int:
 
 
 def _unreadable(path: Path, why: str) -> UserError:
-    return UserError(f"{path}: not a readable picture ({why})", "download it again, or export it as PNG or JPEG")
+    return UserError(
+        f"{path}: not a readable picture ({why})", "download it again, or export it as PNG or JPEG"
+    )
 
 
 def _checked(path: Path, file: IO[bytes]) -> Header:
@@ -103,7 +127,10 @@ def _checked(path: Path, file: IO[bytes]) -> Header:
         raise _unreadable(path, "truncated, damaged or another format")
     if header.decoded_bytes > MAX_DECODING_BYTES:
         claim = f"{header.size}, {header.decoded_bytes / 1e6:.0f} MB"
-        raise UserError(f"{path}: too large: {claim}; at most {MAX_DECODING_BYTES / 1e6:.0f} MB are read", "make it smaller")
+        raise UserError(
+            f"{path}: too large: {claim}; at most {MAX_DECODING_BYTES / 1e6:.0f} MB are read",
+            "make it smaller",
+        )
     if header.format in _ENDS:
         size = os.fstat(file.fileno()).st_size
         file.seek(max(0, size - _TAIL))
@@ -118,7 +145,9 @@ def open_header(path: Path) -> Header:
         return _checked(path, file)
 
 
-def _frames(path: Path, file: IO[bytes], header: Header, count: int, mode: str) -> list[NDArray[np.uint8]]:
+def _frames(
+    path: Path, file: IO[bytes], header: Header, count: int, mode: str
+) -> list[NDArray[np.uint8]]:
     """The first frames by Pillow, as stored. mode: Pillow's, of the result. Raises UserError."""
     frames = []
     try:
@@ -155,7 +184,9 @@ def read_picture(path: Path) -> tuple[NDArray[Any], int]:
         else:
             colours = cv2.IMREAD_GRAYSCALE if header.grey else cv2.IMREAD_COLOR
             pixels = _imread(path, file, colours | (cv2.IMREAD_ANYDEPTH if deep else 0))
-            if pixels.shape != header.stored_shape or pixels.dtype != (np.uint16 if deep else np.uint8):
+            if pixels.shape != header.stored_shape or pixels.dtype != (
+                np.uint16 if deep else np.uint8
+            ):
                 raise _unreadable(path, "damaged or not what its header claims")
             if not header.grey:  # OpenCV's IMREAD_COLOR_RGB does not convert 16-bit TIFF files
                 cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB, dst=pixels)
@@ -168,8 +199,14 @@ def read_frames(path: Path, most_bytes: int = MAX_DECODING_BYTES) -> list[NDArra
         header = _checked(path, file)
         if header.frames * header.decoded_bytes > most_bytes:
             size = f"{header.frames} frames of {header.size}"
-            raise UserError(f"{path}: {size} are too many to decode at once", "give its frames as pictures in a folder")
-        return [upright(frame, header.orientation) for frame in _frames(path, file, header, header.frames, "RGB")]
+            raise UserError(
+                f"{path}: {size} are too many to decode at once",
+                "give its frames as pictures in a folder",
+            )
+        return [
+            upright(frame, header.orientation)
+            for frame in _frames(path, file, header, header.frames, "RGB")
+        ]
 
 
 def small_grey(path: Path, most_px: float) -> NDArray[np.uint8]:
@@ -178,13 +215,17 @@ def small_grey(path: Path, most_px: float) -> NDArray[np.uint8]:
     with open_file(path) as file:
         header = _checked(path, file)
         pixels = header.width_px * header.height_px
-        reduced = [k for k in (2, 4, 8) if header.format == "JPEG" and pixels >= 0.75 * most_px * k * k]
+        reduced = [
+            k for k in (2, 4, 8) if header.format == "JPEG" and pixels >= 0.75 * most_px * k * k
+        ]
         if reduced:
             small = _imread(path, file, getattr(cv2, f"IMREAD_REDUCED_GRAYSCALE_{reduced[-1]}"))
             return np.asarray(upright(small, header.orientation), np.uint8)
     picture, full = read_picture(path)
     grey = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
-    return np.asarray(grey if full == 255 else cv2.convertScaleAbs(grey, alpha=255 / full), np.uint8)
+    return np.asarray(
+        grey if full == 255 else cv2.convertScaleAbs(grey, alpha=255 / full), np.uint8
+    )
 
 
 def upright(picture: NDArray[Any], orientation: int) -> NDArray[Any]:

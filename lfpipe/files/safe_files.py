@@ -32,7 +32,11 @@ def check_regular(path: Path) -> None:
     except ValueError as error:
         raise OSError(errno.EINVAL, f"not a path: {error}", str(path)) from None
     if not stat.S_ISREG(mode):
-        raise OSError(errno.EINVAL, f"is {'a directory' if stat.S_ISDIR(mode) else 'a device or FIFO'}, not a file", str(path))
+        raise OSError(
+            errno.EINVAL,
+            f"is {'a directory' if stat.S_ISDIR(mode) else 'a device or FIFO'}, not a file",
+            str(path),
+        )
 
 
 def check_links(folder: Path, names: Iterable[str]) -> None:
@@ -40,8 +44,13 @@ def check_links(folder: Path, names: Iterable[str]) -> None:
     begin with that of a subfolder."""
     for path in (folder / name for name in names):
         linked = os.path.islink(path) or os.path.islink(path.parent)  # noqa: PTH114  (raises nothing where nobody may search)
-        if linked and not Path(target := os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
-            raise UserError(f"{path}: a link to {target}, outside of the folder", "copy the files (`cp -rL` follows links)")
+        if linked and not Path(target := os.path.realpath(path)).is_relative_to(
+            os.path.realpath(folder)
+        ):
+            raise UserError(
+                f"{path}: a link to {target}, outside of the folder",
+                "copy the files (`cp -rL` follows links)",
+            )
 
 
 def open_regular(path: Path) -> BufferedReader:
@@ -59,11 +68,16 @@ def open_file(path: Path, most_bytes: int = MAX_FILE_BYTES) -> BufferedReader:
     try:
         file = open_regular(path)
     except OSError as error:
-        raise UserError(f"{path}: cannot be read: {reason(error)}", "check the file and its permissions") from None
+        raise UserError(
+            f"{path}: cannot be read: {reason(error)}", "check the file and its permissions"
+        ) from None
     size = os.fstat(file.fileno()).st_size
     if size > most_bytes:
         file.close()
-        raise UserError(f"{path}: has {size} bytes; at most {most_bytes} are allowed", "check that its name is right")
+        raise UserError(
+            f"{path}: has {size} bytes; at most {most_bytes} are allowed",
+            "check that its name is right",
+        )
     return file
 
 
@@ -183,7 +197,11 @@ class LineFile:
             os.close(self._fd)
             raise OSError(errno.EBUSY, "another lfpipe is writing it", str(path))
         size = os.fstat(self._fd).st_size
-        tail = os.pread(self._fd, min(size, LONGEST_LINE), max(0, size - LONGEST_LINE)) if size else b""
+        tail = (
+            os.pread(self._fd, min(size, LONGEST_LINE), max(0, size - LONGEST_LINE))
+            if size
+            else b""
+        )
         if tail and not tail.endswith(b"\n"):
             os.ftruncate(self._fd, size - len(tail) + tail.rfind(b"\n") + 1)
 

@@ -23,8 +23,15 @@ def trace_lines(path: Path, remedy: str) -> Iterator[Fields]:
         for number, line in lines(path, LONGEST_LINE, remedy):
             if not line.endswith(b"\n"):
                 return
-            fields = json_fields(line, f"{path}: not a trace that can be read: line {number}", remedy)
-            for name in ("source_seq", "epoch", *TIMES, *{"t_started_ns"}.intersection(fields.values)):
+            fields = json_fields(
+                line, f"{path}: not a trace that can be read: line {number}", remedy
+            )
+            for name in (
+                "source_seq",
+                "epoch",
+                *TIMES,
+                *{"t_started_ns"}.intersection(fields.values),
+            ):
                 fields.integer(name, 0, MAX_NS)
             for name in ("face", "composed"):
                 fields.flag(name)
@@ -48,15 +55,23 @@ class TraceFile:
     A full disk or a removed path ends the trace, not the session: `lost` is called once with the reason.
     """
 
-    def __init__(self, path: Path | None, lost: Callable[[str], None], since: Path | None = None) -> None:
+    def __init__(
+        self, path: Path | None, lost: Callable[[str], None], since: Path | None = None
+    ) -> None:
         """since: for a restarted writer, a file that its session wrote at its start: lines after it are kept."""
         self._path, self._lost = path, lost
         self._file: LineFile | None = None
         if path is not None:
             try:
-                self._goes_on = since is not None and path.exists() and path.stat().st_mtime_ns >= since.stat().st_mtime_ns
+                self._goes_on = (
+                    since is not None
+                    and path.exists()
+                    and path.stat().st_mtime_ns >= since.stat().st_mtime_ns
+                )
                 self._file = LineFile(path)
-            except OSError as error:  # the path was valid at the start, but its directory may be gone since
+            except (
+                OSError
+            ) as error:  # the path was valid at the start, but its directory may be gone since
                 self._end(error)
 
     @property

@@ -25,7 +25,9 @@ def parse_json(data: bytes | str, where: str, remedy: str) -> Any:
     try:
         value = json.loads(data.decode() if isinstance(data, bytes) else data)
         _check(value)
-        json.dumps(value, ensure_ascii=False, allow_nan=False).encode()  # neither NaN nor half of a surrogate pair
+        json.dumps(
+            value, ensure_ascii=False, allow_nan=False
+        ).encode()  # neither NaN nor half of a surrogate pair
     except (ValueError, RecursionError) as error:
         raise UserError(f"{where}: not valid JSON: {_reason(error)}", remedy) from None
     return value
@@ -37,7 +39,9 @@ def toml_table(data: bytes | str, where: str, remedy: str) -> dict[str, Any]:
         text = data.decode() if isinstance(data, bytes) else data
         for number, line in enumerate(text.split("\n"), 1):
             if len(line) > _MAX_TOML_LINE:
-                raise ValueError(f"line {number} has {len(line)} characters; at most {_MAX_TOML_LINE} are allowed")
+                raise ValueError(
+                    f"line {number} has {len(line)} characters; at most {_MAX_TOML_LINE} are allowed"
+                )
         table = tomllib.loads(text)
         _check(table)
     except (ValueError, RecursionError) as error:
@@ -51,7 +55,9 @@ def _check(value: Any, level: int = 0) -> None:
         raise ValueError(f"nested more than {MAX_DEPTH} levels deep")
     if isinstance(value, int) and not -MAX_INTEGER - 1 <= value <= MAX_INTEGER:
         raise ValueError("an integer of more than 64 bits")
-    for item in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
+    for item in (
+        value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    ):
         _check(item, level + 1)
 
 
@@ -88,12 +94,22 @@ class Fields:
 
     def number(self, key: str, low: float, high: float) -> float:
         """A finite number."""
-        return float(self._read(key, lambda v: _is_number(v) and low <= v <= high, f"a number from {low:g} to {high:g}"))
+        return float(
+            self._read(
+                key,
+                lambda v: _is_number(v) and low <= v <= high,
+                f"a number from {low:g} to {high:g}",
+            )
+        )
 
     def integer(self, key: str, low: int, high: int) -> int:
         """A whole number; 3.0 is refused."""
         expected = f"a whole number from {low} to {high}"
-        return int(self._read(key, lambda v: _is_number(v) and isinstance(v, int) and low <= v <= high, expected))
+        return int(
+            self._read(
+                key, lambda v: _is_number(v) and isinstance(v, int) and low <= v <= high, expected
+            )
+        )
 
     def flag(self, key: str) -> bool:
         """true or false."""
@@ -106,22 +122,39 @@ class Fields:
 
     def items(self, key: str, most: int) -> list[Any]:
         """A list of at most `most` items, which are not checked."""
-        return list(self._read(key, lambda v: isinstance(v, list) and len(v) <= most, f"a list of at most {most} items"))
+        return list(
+            self._read(
+                key,
+                lambda v: isinstance(v, list) and len(v) <= most,
+                f"a list of at most {most} items",
+            )
+        )
 
     def numbers(self, key: str, count: int, low: float, high: float) -> list[float]:
         """A list of finite numbers of the given length."""
-        values = Fields({f"{key}[{k}]": value for k, value in enumerate(self.items(key, count))}, self.where, self.remedy)
+        values = Fields(
+            {f"{key}[{k}]": value for k, value in enumerate(self.items(key, count))},
+            self.where,
+            self.remedy,
+        )
         return [values.number(f"{key}[{k}]", low, high) for k in range(count)]
 
     def table(self, key: str) -> Fields:
         """A mapping within this one."""
-        return Fields(self._read(key, lambda v: isinstance(v, dict), "an object"), f"{self.where}: {key}", self.remedy)
+        return Fields(
+            self._read(key, lambda v: isinstance(v, dict), "an object"),
+            f"{self.where}: {key}",
+            self.remedy,
+        )
 
     def _read(self, key: str, fits: Callable[[Any], bool], expected: str) -> Any:
         if key not in self.values:
             raise UserError(f"{self.where}: {key} is missing", self.remedy)
         if not fits(self.values[key]):
-            raise UserError(f"{self.where}: {key} is {shown(self.values[key])}, expected {expected}", self.remedy)
+            raise UserError(
+                f"{self.where}: {key} is {shown(self.values[key])}, expected {expected}",
+                self.remedy,
+            )
         return self.values[key]
 
 

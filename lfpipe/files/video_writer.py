@@ -50,7 +50,9 @@ class VideoWriter:
         self.size_px = size_px[0] + size_px[0] % 2, size_px[1] + size_px[1] % 2
         if self.lossless:
             codec = cv2.VideoWriter.fourcc(*LOSSLESS)
-            self._lossless = cv2.VideoWriter(opencv_name(path.absolute()), cv2.CAP_FFMPEG, codec, rate_hz, self.size_px)
+            self._lossless = cv2.VideoWriter(
+                opencv_name(path.absolute()), cv2.CAP_FFMPEG, codec, rate_hz, self.size_px
+            )
             if not self._lossless.isOpened():
                 what = f"{size_px[0]}x{size_px[1]} at {rate_hz:g} Hz"
                 raise UserError(f"{path}: cannot write a video of {what}", PLACE)
@@ -64,8 +66,12 @@ class VideoWriter:
         except OSError as error:
             raise write_error(path, error) from None
         try:
-            self._container = make(self._file, "w", format="mp4", options={"movflags": "hybrid_fragmented"})
-            self._stream = self._container.add_stream(ENCODER, rate=Fraction(rate_hz).limit_denominator(1001))
+            self._container = make(
+                self._file, "w", format="mp4", options={"movflags": "hybrid_fragmented"}
+            )
+            self._stream = self._container.add_stream(
+                ENCODER, rate=Fraction(rate_hz).limit_denominator(1001)
+            )
             self._stream.width, self._stream.height = self.size_px
             self._stream.pix_fmt = "yuv420p"
             self._stream.options = {"crf": QUALITY, "preset": "veryfast"}
@@ -117,7 +123,10 @@ def _move_index_first(path: Path) -> None:
     new, open_any = path.with_name(f".{path.name[:200]}.index"), cast(Any, open_container)
     try:
         options = {"movflags": "faststart"}
-        with open_any(f"file:{path}") as old, open_any(f"file:{new}", "w", format="mp4", options=options) as indexed:
+        with (
+            open_any(f"file:{path}") as old,
+            open_any(f"file:{new}", "w", format="mp4", options=options) as indexed,
+        ):
             stream = indexed.add_stream_from_template(old.streams.video[0])
             for packet in old.demux(video=0):
                 if packet.dts is not None:  # the last one is empty

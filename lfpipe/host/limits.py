@@ -40,13 +40,17 @@ class MemoryLimit:
         self._most: int | None = None
         with contextlib.suppress(OSError, StopIteration):
             lines = Path("/proc/self/status").read_text().splitlines()
-            self._most = more_bytes + 1024 * next(int(line.split()[1]) for line in lines if line.startswith("VmData"))
+            self._most = more_bytes + 1024 * next(
+                int(line.split()[1]) for line in lines if line.startswith("VmData")
+            )
 
     def __enter__(self) -> Self:
         if self._most is not None:
             self._before = resource.getrlimit(resource.RLIMIT_DATA)
             hard = self._before[1]  # of the user or of a container: it stays
-            resource.setrlimit(resource.RLIMIT_DATA, (self._most if hard < 0 else min(self._most, hard), hard))
+            resource.setrlimit(
+                resource.RLIMIT_DATA, (self._most if hard < 0 else min(self._most, hard), hard)
+            )
         return self
 
     def __exit__(self, *_: object) -> None:

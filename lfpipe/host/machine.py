@@ -13,7 +13,10 @@ from pathlib import Path
 from lfpipe import __version__
 from lfpipe.errors import UserError
 
-TOTAL_STORE_ORDER = ("x86_64", "i686")  # processors that keep program order as far as a ring needs it
+TOTAL_STORE_ORDER = (
+    "x86_64",
+    "i686",
+)  # processors that keep program order as far as a ring needs it
 SEQ_CST = 5  # memory_order_seq_cst of <stdatomic.h>
 OPENCV = "opencv-contrib-python-headless"
 PACKAGES = ("numpy", OPENCV, "mediapipe", "ai-edge-litert")
@@ -34,7 +37,9 @@ def _full_fence() -> Callable[[], object]:
         barrier: Callable[[], object] = ctypes.CDLL(None).OSMemoryBarrier
         return barrier
     message = f"{platform.machine()}: no memory fence: the library libatomic is not installed"
-    raise UserError(message, "apt-get install libatomic1, dnf install libatomic, or apk add libatomic")
+    raise UserError(
+        message, "apt-get install libatomic1, dnf install libatomic, or apk add libatomic"
+    )
 
 
 def _fence() -> None:
@@ -73,7 +78,9 @@ def versions() -> dict[str, str]:
         try:
             conditions[name] = version(name)
         except PackageNotFoundError:
-            conditions[name] = cv2.__version__ if name == OPENCV else "none"  # another of the four packages that provide cv2
+            conditions[name] = (
+                cv2.__version__ if name == OPENCV else "none"
+            )  # another of the four packages that provide cv2
     return conditions
 
 

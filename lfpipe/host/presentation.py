@@ -30,8 +30,17 @@ class _Complete(ctypes.Structure):
 
     _pack_ = 1
     _fields_ = (
-        *(("response_type", ctypes.c_uint8), ("extension", ctypes.c_uint8), ("sequence", ctypes.c_uint16)),
-        *(("length", ctypes.c_uint32), ("event_type", ctypes.c_uint16), ("kind", ctypes.c_uint8), ("mode", ctypes.c_uint8)),
+        *(
+            ("response_type", ctypes.c_uint8),
+            ("extension", ctypes.c_uint8),
+            ("sequence", ctypes.c_uint16),
+        ),
+        *(
+            ("length", ctypes.c_uint32),
+            ("event_type", ctypes.c_uint16),
+            ("kind", ctypes.c_uint8),
+            ("mode", ctypes.c_uint8),
+        ),
         *(("event", ctypes.c_uint32), ("window", ctypes.c_uint32), ("serial", ctypes.c_uint32)),
         *(("ust", ctypes.c_uint64), ("full_sequence", ctypes.c_uint32), ("msc", ctypes.c_uint64)),
     )
@@ -40,7 +49,11 @@ class _Complete(ctypes.Structure):
 class _Extension(ctypes.Structure):
     """xcb_query_extension_reply_t up to the opcode."""
 
-    _fields_ = (("head", ctypes.c_uint32 * 2), ("present", ctypes.c_uint8), ("major_opcode", ctypes.c_uint8))
+    _fields_ = (
+        ("head", ctypes.c_uint32 * 2),
+        ("present", ctypes.c_uint8),
+        ("major_opcode", ctypes.c_uint8),
+    )
 
 
 class XPresentation:
@@ -56,10 +69,20 @@ class XPresentation:
         self._xcb.xcb_get_extension_data.restype = ctypes.POINTER(_Extension)
         self._xcb.xcb_get_extension_data.argtypes = [ctypes.c_void_p, ctypes.c_void_p]
         self._xcb.xcb_poll_for_event.restype = ctypes.c_void_p
-        for name in ("xcb_poll_for_event", "xcb_flush", "xcb_disconnect", "xcb_connection_has_error", "xcb_generate_id"):
+        for name in (
+            "xcb_poll_for_event",
+            "xcb_flush",
+            "xcb_disconnect",
+            "xcb_connection_has_error",
+            "xcb_generate_id",
+        ):
             getattr(self._xcb, name).argtypes = [ctypes.c_void_p]
         self._present.xcb_present_select_input.argtypes = [ctypes.c_void_p, *[ctypes.c_uint32] * 3]
-        self._present.xcb_present_notify_msc.argtypes = [ctypes.c_void_p, *[ctypes.c_uint32] * 2, *[ctypes.c_uint64] * 3]
+        self._present.xcb_present_notify_msc.argtypes = [
+            ctypes.c_void_p,
+            *[ctypes.c_uint32] * 2,
+            *[ctypes.c_uint64] * 3,
+        ]
         self._window = window
         self._handed_ns: dict[int, int] = {}  # serial -> hand-over
         self._period_ns = 0.0
@@ -75,7 +98,9 @@ class XPresentation:
             raise OSError("the X server has no Present extension")
         self._opcode = int(extension.contents.major_opcode)
         events = self._xcb.xcb_generate_id(self._connection)
-        self._present.xcb_present_select_input(self._connection, events, window, _COMPLETE_NOTIFY_MASK)
+        self._present.xcb_present_select_input(
+            self._connection, events, window, _COMPLETE_NOTIFY_MASK
+        )
         self._xcb.xcb_flush(self._connection)
 
     def expect(self, serial: int) -> None:
@@ -94,7 +119,11 @@ class XPresentation:
         reports: list[Presented] = []
         while address := self._xcb.xcb_poll_for_event(self._connection):
             event = _Complete.from_address(address)
-            if event.response_type & 0x7F == _GENERIC_EVENT and event.extension == self._opcode and event.kind == _NOTIFY_MSC:
+            if (
+                event.response_type & 0x7F == _GENERIC_EVENT
+                and event.extension == self._opcode
+                and event.kind == _NOTIFY_MSC
+            ):
                 reports += self._answered(event.serial, event.ust * 1000, event.msc)
             self._free(address)
         if self._held and not self._handed_ns:
@@ -109,11 +138,16 @@ class XPresentation:
         """
         if self._last and number > self._last[1]:
             period_ns = (t_ns - self._last[0]) / (number - self._last[1])
-            self._period_ns += (period_ns - self._period_ns) * (_PERIOD_GAIN if self._period_ns else 1.0)
+            self._period_ns += (period_ns - self._period_ns) * (
+                _PERIOD_GAIN if self._period_ns else 1.0
+            )
         self._last = t_ns, number
         after_ns = max(t_ns - self._handed_ns.pop(serial, t_ns), 0)
         before = int(after_ns / self._period_ns) if self._period_ns else 0
-        new, held = Presented(serial, round(t_ns - before * self._period_ns), round(self._period_ns)), self._held
+        new, held = (
+            Presented(serial, round(t_ns - before * self._period_ns), round(self._period_ns)),
+            self._held,
+        )
         if held is None:
             self._held = new
             return []

@@ -66,7 +66,9 @@ def end_with_parent(parent_pid: int) -> bool:
     _libc("prctl", PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
     parent = multiprocessing.parent_process()
     if parent is not None:
-        threading.Thread(target=_wait_for_end, args=(parent.sentinel,), name="parent", daemon=True).start()
+        threading.Thread(
+            target=_wait_for_end, args=(parent.sentinel,), name="parent", daemon=True
+        ).start()
     return os.getppid() == parent_pid
 
 

@@ -21,7 +21,9 @@ from lfpipe.errors import UserError
 from lfpipe.host.file_lock import lock_open
 
 SHM_DIR = Path("/dev/shm" if sys.platform == "linux" else tempfile.gettempdir())
-WRITABLE = f"a tmpfs at {SHM_DIR} that you may write to: docker run --shm-size=128m, or mount one there"
+WRITABLE = (
+    f"a tmpfs at {SHM_DIR} that you may write to: docker run --shm-size=128m, or mount one there"
+)
 PREFIX = "lfp-"  # of every segment's name
 MAGIC = b"LFSEGM1\0"
 PAGE = 4096  # bytes; the owner has a page of its own
@@ -43,7 +45,9 @@ class Segment:
         try:
             self._entry = os.fstat(fd)
             self.size = self._entry.st_size
-            self._map = mmap.mmap(fd, self.size)  # has a copy of the descriptor, and with it the lock
+            self._map = mmap.mmap(
+                fd, self.size
+            )  # has a copy of the descriptor, and with it the lock
             if locks:
                 lock_open(fd, shared=True)
         finally:
@@ -56,7 +60,9 @@ class Segment:
         if begin == magic and self.size >= size_bytes:
             return
         self.close()
-        contents = f"begins with {begin!r}" if begin != magic else f"has {self.size} bytes of {size_bytes}"
+        contents = (
+            f"begins with {begin!r}" if begin != magic else f"has {self.size} bytes of {size_bytes}"
+        )
         raise WrongSegment(
             f"{self.name}: not a {what} of this version (magic {magic!r}): it {contents}",
             "end that session with the version of lfpipe that started it, then start it again",
@@ -86,10 +92,14 @@ def create(name: str, size_bytes: int, run_dir: Path | None = None) -> Segment:
     try:
         return _create(name, whole_bytes, os.fsencode(run_dir) if run_dir else b"")
     except FileExistsError:
-        raise UserError(f"{SHM_DIR / name} is in the way", "remove it, or use another --session name") from None
+        raise UserError(
+            f"{SHM_DIR / name} is in the way", "remove it, or use another --session name"
+        ) from None
     except OSError as error:
         if error.errno not in (errno.ENOSPC, errno.ENOMEM):
-            raise UserError(f"{SHM_DIR}: cannot create shared memory: {error.strerror}", WRITABLE) from None
+            raise UserError(
+                f"{SHM_DIR}: cannot create shared memory: {error.strerror}", WRITABLE
+            ) from None
         total, _, free = (size / 1e6 for size in shutil.disk_usage(SHM_DIR))
         message = f"{SHM_DIR} has {free:.1f} MB free of {total:.1f} MB; {name} needs {whole_bytes / 1e6:.1f} MB"
         remedy = f"{more_room(whole_bytes)}, or smaller camera.width_px and camera.height_px"
@@ -136,7 +146,11 @@ def _owner(fd: int) -> Path | None:
     page = os.pread(fd, PAGE, entry.st_size - PAGE)
     magic, length = _OWNER.unpack_from(page)
     path = page[_OWNER.size : _OWNER.size + max(0, length)]
-    return Path(os.fsdecode(path)) if magic == MAGIC and len(path) == length and b"\0" not in path else None
+    return (
+        Path(os.fsdecode(path))
+        if magic == MAGIC and len(path) == length and b"\0" not in path
+        else None
+    )
 
 
 def _opened(prefix: str) -> Iterator[tuple[str, int, Path]]:

@@ -31,7 +31,9 @@ class Keyboard:
         if not select.select(fds, [], [], max(timeout_s, 0.0))[0]:
             return ""
         data = os.read(self._fd, 1)
-        return data.decode(errors="ignore").lower() if data else "q"  # the terminal is gone, and nobody reads the output
+        return (
+            data.decode(errors="ignore").lower() if data else "q"
+        )  # the terminal is gone, and nobody reads the output
 
     def __exit__(self, *_: object) -> None:
         if self._fd >= 0:
@@ -44,7 +46,9 @@ class _Forgiving(io.FileIO):
     def write(self, data: Any) -> int:
         try:
             return os.write(self.fileno(), data)
-        except OSError:  # EIO: the terminal is closed; EPIPE: the reader has ended; ENOSPC: the disk is full
+        except (
+            OSError
+        ):  # EIO: the terminal is closed; EPIPE: the reader has ended; ENOSPC: the disk is full
             return len(data)
 
 

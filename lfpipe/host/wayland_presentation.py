@@ -13,7 +13,12 @@ from typing import Any
 
 from lfpipe.host.presentation import Presented
 
-_PRESENTATION_FEEDBACK, _DISPLAY_GET_REGISTRY, _REGISTRY_BIND, _SURFACE_FRAME = 1, 1, 0, 3  # numbers of requests
+_PRESENTATION_FEEDBACK, _DISPLAY_GET_REGISTRY, _REGISTRY_BIND, _SURFACE_FRAME = (
+    1,
+    1,
+    0,
+    3,
+)  # numbers of requests
 _CLOCK_MONOTONIC = 1
 _MOST_WAITING = 64  # answers outstanding; a hidden window gets none
 _UNANSWERED = 30  # after this many frame callbacks without feedback none is expected
@@ -23,7 +28,11 @@ _Pointer, _Int = ctypes.c_void_p, ctypes.c_uint32
 
 
 class _Message(ctypes.Structure):
-    _fields_ = (("name", ctypes.c_char_p), ("signature", ctypes.c_char_p), ("types", ctypes.POINTER(_Pointer)))
+    _fields_ = (
+        ("name", ctypes.c_char_p),
+        ("signature", ctypes.c_char_p),
+        ("types", ctypes.POINTER(_Pointer)),
+    )
 
 
 class _Interface(ctypes.Structure):
@@ -41,15 +50,26 @@ class _Argument(ctypes.Union):
     _fields_ = (("u", _Int), ("s", ctypes.c_char_p), ("o", _Pointer))
 
 
-def _interface(name: bytes, methods: list[tuple[bytes, bytes]], events: list[tuple[bytes, bytes]]) -> _Interface:
+def _interface(
+    name: bytes, methods: list[tuple[bytes, bytes]], events: list[tuple[bytes, bytes]]
+) -> _Interface:
     """Types of arguments are null: libwayland would use them only to check this module's own objects."""
     untyped = (_Pointer * 8)()
-    lists = [(_Message * len(kind))(*(_Message(*names, untyped) for names in kind)) for kind in (methods, events)]
+    lists = [
+        (_Message * len(kind))(*(_Message(*names, untyped) for names in kind))
+        for kind in (methods, events)
+    ]
     return _Interface(name, 1, len(methods), lists[0], len(events), lists[1])
 
 
-_FEEDBACK = _interface(b"wp_presentation_feedback", [], [(b"sync_output", b"o"), (b"presented", b"uuuuuuu"), (b"discarded", b"")])
-_PRESENTATION = _interface(b"wp_presentation", [(b"destroy", b""), (b"feedback", b"on")], [(b"clock_id", b"u")])
+_FEEDBACK = _interface(
+    b"wp_presentation_feedback",
+    [],
+    [(b"sync_output", b"o"), (b"presented", b"uuuuuuu"), (b"discarded", b"")],
+)
+_PRESENTATION = _interface(
+    b"wp_presentation", [(b"destroy", b""), (b"feedback", b"on")], [(b"clock_id", b"u")]
+)
 _PRESENTATION.methods[1].types[1] = ctypes.addressof(_FEEDBACK)
 
 _ON_GLOBAL = ctypes.CFUNCTYPE(None, _Pointer, _Pointer, _Int, ctypes.c_char_p, _Int)
@@ -61,13 +81,24 @@ _ON_DISCARDED = ctypes.CFUNCTYPE(None, _Pointer, _Pointer)
 
 def _library() -> ctypes.CDLL:
     library = ctypes.CDLL("libwayland-client.so.0")
-    for name in ("wl_display_create_queue", "wl_proxy_create_wrapper", "wl_proxy_marshal_array_flags"):
+    for name in (
+        "wl_display_create_queue",
+        "wl_proxy_create_wrapper",
+        "wl_proxy_marshal_array_flags",
+    ):
         getattr(library, name).restype = _Pointer
     library.wl_display_create_queue.argtypes = [_Pointer]
     library.wl_proxy_create_wrapper.argtypes = [_Pointer]
     library.wl_proxy_wrapper_destroy.argtypes = [_Pointer]
     library.wl_proxy_set_queue.argtypes = [_Pointer, _Pointer]
-    library.wl_proxy_marshal_array_flags.argtypes = [_Pointer, _Int, _Pointer, _Int, _Int, ctypes.POINTER(_Argument)]
+    library.wl_proxy_marshal_array_flags.argtypes = [
+        _Pointer,
+        _Int,
+        _Pointer,
+        _Int,
+        _Int,
+        ctypes.POINTER(_Argument),
+    ]
     library.wl_proxy_add_listener.argtypes = [_Pointer, _Pointer, _Pointer]
     library.wl_proxy_destroy.argtypes = [_Pointer]
     library.wl_display_roundtrip_queue.argtypes = [_Pointer, _Pointer]
@@ -99,8 +130,12 @@ class WaylandPresentation:
         self._queue = self._library.wl_display_create_queue(display)
         wrapper = self._library.wl_proxy_create_wrapper(display)
         self._library.wl_proxy_set_queue(wrapper, self._queue)
-        registry_interface = ctypes.addressof(_Pointer.in_dll(self._library, "wl_registry_interface"))
-        self._registry = self._request(wrapper, _DISPLAY_GET_REGISTRY, registry_interface, [_Argument()])
+        registry_interface = ctypes.addressof(
+            _Pointer.in_dll(self._library, "wl_registry_interface")
+        )
+        self._registry = self._request(
+            wrapper, _DISPLAY_GET_REGISTRY, registry_interface, [_Argument()]
+        )
         self._library.wl_proxy_wrapper_destroy(wrapper)
         self._listen(self._registry, [_ON_GLOBAL(self._on_global), _ON_NUMBER(lambda *_: None)])
         self._library.wl_display_roundtrip_queue(display, self._queue)  # the globals
@@ -109,7 +144,9 @@ class WaylandPresentation:
         # a new object joins the queue of its creator
         self._framer = self._library.wl_proxy_create_wrapper(surface)
         self._library.wl_proxy_set_queue(self._framer, self._queue)
-        self._callback_interface = ctypes.addressof(_Pointer.in_dll(self._library, "wl_callback_interface"))
+        self._callback_interface = ctypes.addressof(
+            _Pointer.in_dll(self._library, "wl_callback_interface")
+        )
         self._frame_listener = self._table([_ON_NUMBER(self._on_frame)])
         self._feedback_listener = self._table(
             [
@@ -126,32 +163,49 @@ class WaylandPresentation:
 
     def _request(self, proxy: int, opcode: int, interface: int, arguments: list[_Argument]) -> int:
         listed = (_Argument * len(arguments))(*arguments)
-        new_proxy = self._library.wl_proxy_marshal_array_flags(proxy, opcode, interface, 1, 0, listed)
+        new_proxy = self._library.wl_proxy_marshal_array_flags(
+            proxy, opcode, interface, 1, 0, listed
+        )
         if not new_proxy:
             raise OSError("the connection to the compositor has ended")
         return int(new_proxy)
 
     def _table(self, callbacks: list[Any]) -> Any:
         self._listeners.append(callbacks)  # keep them alive, the caller does not
-        table = (_Pointer * len(callbacks))(*(ctypes.cast(callback, _Pointer) for callback in callbacks))
+        table = (_Pointer * len(callbacks))(
+            *(ctypes.cast(callback, _Pointer) for callback in callbacks)
+        )
         self._listeners.append(table)
         return table
 
     def _listen(self, proxy: int, callbacks: list[Callable[..., None]]) -> None:
         self._library.wl_proxy_add_listener(proxy, self._table(callbacks), None)
 
-    def _on_global(self, _data: int, registry: int, name: int, interface: bytes, _version: int) -> None:
+    def _on_global(
+        self, _data: int, registry: int, name: int, interface: bytes, _version: int
+    ) -> None:
         if interface != b"wp_presentation" or self._presentation:
             return
         arguments = [_Argument(u=name), _Argument(s=interface), _Argument(u=1), _Argument()]
-        self._presentation = self._request(registry, _REGISTRY_BIND, ctypes.addressof(_PRESENTATION), arguments)
+        self._presentation = self._request(
+            registry, _REGISTRY_BIND, ctypes.addressof(_PRESENTATION), arguments
+        )
         self._listen(self._presentation, [_ON_NUMBER(self._on_clock)])
 
     def _on_clock(self, _data: int, _proxy: int, clock: int) -> None:
         self._clock = clock
 
     def _on_presented(
-        self, _data: int, proxy: int, high_s: int, low_s: int, ns: int, refresh_ns: int, _high: int, _low: int, _flags: int
+        self,
+        _data: int,
+        proxy: int,
+        high_s: int,
+        low_s: int,
+        ns: int,
+        refresh_ns: int,
+        _high: int,
+        _low: int,
+        _flags: int,
     ) -> None:
         t_ns = ((high_s << 32) + low_s) * 1_000_000_000 + ns
         self._answered += 1
@@ -181,13 +235,19 @@ class WaylandPresentation:
     def expect(self, serial: int) -> None:
         """Announces picture number serial as the next to be handed over."""
         if not self._answered and len(self._frames) < _MOST_WAITING:
-            frame = self._request(self._framer, _SURFACE_FRAME, self._callback_interface, [_Argument()])
+            frame = self._request(
+                self._framer, _SURFACE_FRAME, self._callback_interface, [_Argument()]
+            )
             self._frames[frame] = serial
             self._library.wl_proxy_add_listener(frame, self._frame_listener, None)
-        expected = self._clock == _CLOCK_MONOTONIC and (self._answered or self._unanswered < _UNANSWERED)
+        expected = self._clock == _CLOCK_MONOTONIC and (
+            self._answered or self._unanswered < _UNANSWERED
+        )
         if expected and len(self._waiting) < _MOST_WAITING:
             arguments = [_Argument(o=self._surface), _Argument()]
-            feedback = self._request(self._presentation, _PRESENTATION_FEEDBACK, ctypes.addressof(_FEEDBACK), arguments)
+            feedback = self._request(
+                self._presentation, _PRESENTATION_FEEDBACK, ctypes.addressof(_FEEDBACK), arguments
+            )
             self._waiting[feedback] = serial
             self._library.wl_proxy_add_listener(feedback, self._feedback_listener, None)
 

@@ -26,7 +26,9 @@ COMPUTING = 0.03  # of a core: a child that gets less than that from a busy mach
 LAST_WORDS_S = 0.5  # how long what a child wrote before its end may take to arrive
 
 Report = Callable[..., None]  # report(key=value, ...): one line for the parent
-Serve = Callable[[dict[str, Any], Report], dict[str, Any]]  # (request, report) -> result; raises UserError
+Serve = Callable[
+    [dict[str, Any], Report], dict[str, Any]
+]  # (request, report) -> result; raises UserError
 
 
 class Worker:
@@ -41,10 +43,19 @@ class Worker:
         self.subject, self._limit_s = subject, limit_s
         self._verdict: dict[str, Any] | None = None
         pipe = subprocess.PIPE
-        command = [sys.executable, "-P", "-m", module]  # -P: imports nothing from the working directory, which may be anybody's
+        command = [
+            sys.executable,
+            "-P",
+            "-m",
+            module,
+        ]  # -P: imports nothing from the working directory, which may be anybody's
         self._process = subprocess.Popen(command, bufsize=0, stdin=pipe, stdout=pipe, stderr=pipe)
         assert self._process.stdin and self._process.stdout and self._process.stderr
-        self._stdin, self._stdout, self._stderr = self._process.stdin, self._process.stdout, self._process.stderr
+        self._stdin, self._stdout, self._stderr = (
+            self._process.stdin,
+            self._process.stdout,
+            self._process.stderr,
+        )
         self._open = [self._stdout, self._stderr]  # those that have not ended
         self._rest = self._log = b""  # of the last line, of what it wrote to stderr
         self._step_s = self._look_s = time.monotonic()
@@ -60,12 +71,18 @@ class Worker:
 
     def _is_stuck(self) -> bool:
         now_s = time.monotonic()
-        if now_s - self._look_s > self._limit_s / 4:  # whether it computes, by its last quarter of the limit
+        if (
+            now_s - self._look_s > self._limit_s / 4
+        ):  # whether it computes, by its last quarter of the limit
             used_ns = cpu_ns(self._process.pid)
-            self._computes = (used_ns - self._look_cpu_ns) / 1e9 > COMPUTING * (now_s - self._look_s)
+            self._computes = (used_ns - self._look_cpu_ns) / 1e9 > COMPUTING * (
+                now_s - self._look_s
+            )
             self._look_s, self._look_cpu_ns = now_s, used_ns
         silent = now_s - self._step_s >= self._limit_s
-        return silent and (not self._computes or self._look_cpu_ns - self._step_cpu_ns >= self._limit_s * 1e9)
+        return silent and (
+            not self._computes or self._look_cpu_ns - self._step_cpu_ns >= self._limit_s * 1e9
+        )
 
     @property
     def fds(self) -> list[int]:
@@ -123,7 +140,10 @@ class Worker:
             self.read()
         self.close()
         if ended is None:
-            raise UserError(f"{self.subject}: no progress within {self._limit_s:g} s", "check its disk or network drive")
+            raise UserError(
+                f"{self.subject}: no progress within {self._limit_s:g} s",
+                "check its disk or network drive",
+            )
         verdict = self._verdict or {}
         if verdict.get("ok") is True and isinstance(verdict.get("result"), dict):
             return dict(verdict["result"])
@@ -131,7 +151,9 @@ class Worker:
             raise UserError(verdict["error"], str(verdict.get("remedy", "")))
         how = f"signal {-ended}" if ended < 0 else f"exit code {ended}"
         log = self._log.decode(errors="replace").strip()
-        why = f"{self.subject}: the process that read it ended with {how}" + (f": {log.splitlines()[-1]}" if log else "")
+        why = f"{self.subject}: the process that read it ended with {how}" + (
+            f": {log.splitlines()[-1]}" if log else ""
+        )
         raise UserError(why, "use smaller or fewer pictures, or convert them with another program")
 
     def close(self) -> None:

@@ -19,12 +19,18 @@ from lfpipe.track.engine import make_engine
 MEASURED_FRAMES = 45  # with a face: one and a half seconds
 SPREAD = 0.05  # quartiles further apart than this share of the median: the viewer moved
 PATIENCE_FRAMES = 600  # without a still face, 20 s at 30 Hz, before giving up
-EDGES = ("Click the middle of one short edge.", "First edge marked. Click the middle of the other short edge.")
+EDGES = (
+    "Click the middle of one short edge.",
+    "First edge marked. Click the middle of the other short edge.",
+)
 AGAIN = UserError("nothing was measured", "start again when you are ready")
 NOBODY = UserError(
-    "no face was detected", "sit in good light and look into the camera; `lfpipe up --demo --camera SRC` shows its picture"
+    "no face was detected",
+    "sit in good light and look into the camera; `lfpipe up --demo --camera SRC` shows its picture",
 )
-RESTLESS = UserError("the eyes did not stay still long enough", "rest your head, keep the distance, and try again")
+RESTLESS = UserError(
+    "the eyes did not stay still long enough", "rest your head, keep the distance, and try again"
+)
 
 
 class _CameraWindow:
@@ -38,7 +44,9 @@ class _CameraWindow:
         if has_display():
             from lfpipe.render.window import Window
 
-            self.window = Window((2 * width_px, 2 * height_px), "lfpipe calibrate")  # large: clicks fall between pixels too
+            self.window = Window(
+                (2 * width_px, 2 * height_px), "lfpipe calibrate"
+            )  # large: clicks fall between pixels too
 
     def read(self) -> bool:
         """Reads the next picture. False at the end of the source."""
@@ -51,14 +59,19 @@ class _CameraWindow:
             return True
         marked = self.picture.copy()
         for x, y in marks:
-            for colour, thick_px in (((0, 0, 0), 5), ((255, 255, 255), 2)):  # visible on a face and on a white card
+            for colour, thick_px in (
+                ((0, 0, 0), 5),
+                ((255, 255, 255), 2),
+            ):  # visible on a face and on a white card
                 cv2.drawMarker(marked, (round(x), round(y)), colour, cv2.MARKER_CROSS, 21, thick_px)
         self.window.overlay(Overlay(lines))
         self.window.show(marked)
         events = [event.split() for event in self.window.events()]
         if any(word in ("quit", "close") for word, *_ in events):
             raise AGAIN
-        self.clicks += [(float(place[0]), float(place[1])) for word, *place in events if word == "click"]
+        self.clicks += [
+            (float(place[0]), float(place[1])) for word, *place in events if word == "click"
+        ]
         return any(word in ("enter", "freeze") for word, *_ in events)
 
     def close(self) -> None:
@@ -80,7 +93,10 @@ def by_eyes(config: Config, camera: str | None, distance_mm: float) -> float:
     """
     apart_px: deque[float] = deque(maxlen=MEASURED_FRAMES)
     median_px, still, missed, accepted = 0.0, False, 0, False
-    with closing(_CameraWindow(config, camera)) as camera_window, closing(make_engine(config.track)) as engine:
+    with (
+        closing(_CameraWindow(config, camera)) as camera_window,
+        closing(make_engine(config.track)) as engine,
+    ):
         while not (len(apart_px) == MEASURED_FRAMES and still and accepted):
             if not camera_window.read() or missed > PATIENCE_FRAMES:
                 raise RESTLESS if apart_px else NOBODY
@@ -92,7 +108,10 @@ def by_eyes(config: Config, camera: str | None, distance_mm: float) -> float:
             state = f"eyes {median_px:.1f} px apart" if face is not None else "no face detected"
             request = f"Eyes {distance_mm:g} mm from the camera. Look into it and keep still."
             accepted = camera_window.show(
-                [] if face is None else face.eyes_px.tolist(), request, state, "Enter accepts, Esc cancels"
+                [] if face is None else face.eyes_px.tolist(),
+                request,
+                state,
+                "Enter accepts, Esc cancels",
             )
     return median_px
 
@@ -103,20 +122,32 @@ def by_card(config: Config, camera: str | None, distance_mm: float) -> float:
     Raises UserError without a screen, if the source ends before a frame is frozen, or if the user cancels.
     """
     if not has_display():
-        raise UserError("--by card needs a screen for a window to click in", "run it on a desktop, or use --by eyes")
+        raise UserError(
+            "--by card needs a screen for a window to click in",
+            "run it on a desktop, or use --by eyes",
+        )
     with closing(_CameraWindow(config, camera)) as camera_window:
         frozen = False
         while not frozen:
             if not camera_window.read():
-                raise UserError("the source ended before Enter was pressed", "use a longer recording, ?loop=1, or a camera")
+                raise UserError(
+                    "the source ended before Enter was pressed",
+                    "use a longer recording, ?loop=1, or a camera",
+                )
             frozen = camera_window.show(
-                (), f"Card {distance_mm:g} mm from the camera, facing it.", "Enter freezes it, Esc cancels"
+                (),
+                f"Card {distance_mm:g} mm from the camera, facing it.",
+                "Enter freezes it, Esc cancels",
             )
         clicks = camera_window.clicks
         clicks.clear()
         while True:
             del clicks[: 2 * (len(clicks) > 2)]  # a third click starts again
             card_px = math.dist(*clicks) if len(clicks) == 2 else 0.0
-            state = f"{card_px:.1f} px wide. Enter accepts, a click starts again." if card_px else EDGES[len(clicks)]
+            state = (
+                f"{card_px:.1f} px wide. Enter accepts, a click starts again."
+                if card_px
+                else EDGES[len(clicks)]
+            )
             if camera_window.show(clicks, state, "Esc cancels") and card_px:
                 return card_px

@@ -29,7 +29,9 @@ from lfpipe.supervisor import rundir
 from lfpipe.track import models
 from lfpipe.transport.session import Session
 
-NO_CAMERA = "plug it in, or use --camera mouse, --camera demo, or a recording with --camera file:PATH"
+NO_CAMERA = (
+    "plug it in, or use --camera mouse, --camera demo, or a recording with --camera file:PATH"
+)
 SHM_NEED_BYTES = 16 << 20  # rings for frames of 640x480, with a margin
 
 
@@ -47,7 +49,12 @@ def python() -> Check:
     """The interpreter, and the cores that it may use."""
     count = len(usable_cores())
     detail = f"{platform.python_version()} ({platform.python_implementation()}, {sys.executable}), {count} cores"
-    return Check("python", True, detail, "" if count > 1 else "use at least two cores; on one, the rates are lower")
+    return Check(
+        "python",
+        True,
+        detail,
+        "" if count > 1 else "use at least two cores; on one, the rates are lower",
+    )
 
 
 def plugin_check(group: str, name: str, package: str) -> Check:
@@ -66,29 +73,53 @@ def opencv() -> Check:
     MediaPipe requires the windowed distribution, whose files overlap with the headless one's: pip installs both, and the last
     one wins. The remedy puts the headless files on top, in the oldest version, which fits the installed numpy.
     """
-    installed = {((dist.name or "").lower(), dist.version) for dist in importlib.metadata.distributions()}
-    distributions = sorted(f"{name} {version}" for name, version in installed if name.startswith("opencv-"))
+    installed = {
+        ((dist.name or "").lower(), dist.version) for dist in importlib.metadata.distributions()
+    }
+    distributions = sorted(
+        f"{name} {version}" for name, version in installed if name.startswith("opencv-")
+    )
     names = ", ".join(distributions) or "no distribution"
-    versions = sorted({name.split()[1] for name in distributions}, key=lambda text: [int(n) for n in re.findall(r"\d+", text)])
+    versions = sorted(
+        {name.split()[1] for name in distributions},
+        key=lambda text: [int(n) for n in re.findall(r"\d+", text)],
+    )
     reinstall = "pip install --force-reinstall --no-deps opencv-contrib-python-headless"
     reinstall += f"=={versions[0]}" if versions else ""
     gui = re.search(r"^\s*GUI: +(.*)$", cv2.getBuildInformation(), re.MULTILINE)
     detail = f"{names}, GUI {gui[1] if gui else '?'}"
     if len(distributions) > 1 and (len(versions) > 1 or "GUI NONE" not in detail):
-        return Check("opencv", False, f"{detail}: {len(distributions)} in one folder, cv2 {cv2.__version__} is in use", reinstall)
+        return Check(
+            "opencv",
+            False,
+            f"{detail}: {len(distributions)} in one folder, cv2 {cv2.__version__} is in use",
+            reinstall,
+        )
     return Check("opencv", True, detail)
 
 
 def face_networks() -> Check:
     """The model files, or how they will be fetched."""
     if not (missing := models.missing_models()):
-        folders = {str(path.parent) for relative in models.SHA256 if (path := models.find_model(relative))}
+        folders = {
+            str(path.parent) for relative in models.SHA256 if (path := models.find_model(relative))
+        }
         return Check("models", True, f"in {', '.join(sorted(folders))}")
     names = ", ".join(Path(relative).name for relative in missing)
     if command := models.installer(Path()):
         by = Path(command[0]).name
-        return Check("models", True, f"not fetched yet: {names}; the first `lfpipe up` fetches them with {by}", models.REMEDY)
-    return Check("models", False, f"missing: {names}; neither uv nor pip is installed to fetch them", models.REMEDY)
+        return Check(
+            "models",
+            True,
+            f"not fetched yet: {names}; the first `lfpipe up` fetches them with {by}",
+            models.REMEDY,
+        )
+    return Check(
+        "models",
+        False,
+        f"missing: {names}; neither uv nor pip is installed to fetch them",
+        models.REMEDY,
+    )
 
 
 def litert() -> Check:
@@ -119,7 +150,11 @@ def sdl() -> Check:
         return Check("display", False, f"SDL does not start: {error}", remedy)
     listed = "; ".join(f"monitor {monitor}" for monitor in monitors)
     how = drawn_by(driver)
-    return Check("display", True, f"SDL {'.'.join(map(str, pygame.version.SDL))}, driver {driver}, {how}; {listed}")
+    return Check(
+        "display",
+        True,
+        f"SDL {'.'.join(map(str, pygame.version.SDL))}, driver {driver}, {how}; {listed}",
+    )
 
 
 def settings() -> Check:
@@ -150,11 +185,21 @@ def camera(device: CameraDevice) -> Check:
     try:
         offered = " ".join(asking(device.path, lambda opened: opened.fourccs()))
     except PermissionError:
-        return Check("camera", True, f"{name}: no permission", "add yourself to the group `video` and log in again")
+        return Check(
+            "camera",
+            True,
+            f"{name}: no permission",
+            "add yourself to the group `video` and log in again",
+        )
     except OSError as error:
         if error.errno == errno.ENOTSUP:
             return Check("camera", True, f"{name}: formats are not known here")
-        return Check("camera", True, f"{name}: {error.strerror}", f"`fuser -v {device.path}` shows which program uses it")
+        return Check(
+            "camera",
+            True,
+            f"{name}: {error.strerror}",
+            f"`fuser -v {device.path}` shows which program uses it",
+        )
     return Check("camera", True, f"{name}: {offered or 'formats unknown'}")
 
 
@@ -192,7 +237,11 @@ def checks() -> list[Check]:
         *camera_checks(config.load().camera.source if own.ok else "", cameras()),
         shared_memory(),
         leftovers(),
-        *(plugin_check(group, name, package) for group in GROUPS for name, package in plugins(group).items()),
+        *(
+            plugin_check(group, name, package)
+            for group in GROUPS
+            for name, package in plugins(group).items()
+        ),
     ]
 
 
@@ -201,7 +250,9 @@ def write_report(path: Path, results: list[Check]) -> None:
     also if path exists."""
     contents: dict[str, str | bytes] = {
         "versions.json": json.dumps({**versions(), "system": platform.platform()}, indent=1),
-        "doctor.txt": "\n".join(f"{'' if one.ok else 'FAIL '}{one.name}: {one.detail}; {one.remedy}" for one in results),
+        "doctor.txt": "\n".join(
+            f"{'' if one.ok else 'FAIL '}{one.name}: {one.detail}; {one.remedy}" for one in results
+        ),
     }
     try:
         contents["config.toml"] = commented(config.load())
@@ -216,7 +267,10 @@ def write_report(path: Path, results: list[Check]) -> None:
             about["options"].pop("kiosk")  # the code that ends an exhibition
             contents[f"{name}/session.json"] = json.dumps(about, indent=1)
             contents[f"{name}/{log.FILE}"] = log.lines(run_dir)
-            contents |= {f"{name}/{stack.name}": stack.read_bytes() for stack in sorted(run_dir.glob("stack.*"))}
+            contents |= {
+                f"{name}/{stack.name}": stack.read_bytes()
+                for stack in sorted(run_dir.glob("stack.*"))
+            }
     with path.open("xb") as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as report:
         for name, content in contents.items():
             report.writestr(name, content)

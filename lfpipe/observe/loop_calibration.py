@@ -12,7 +12,16 @@ from lfpipe.capture.frame_source import BrokenFrame, FrameSource, as_read
 from lfpipe.capture.open_source import open_source
 from lfpipe.config import Config
 from lfpipe.errors import UserError
-from lfpipe.observe.loop_delay import AREA_R, LEAST_FRAMES, LEAST_PIXELS, SPAN, LoopDelay, Recording, estimate, find_area
+from lfpipe.observe.loop_delay import (
+    AREA_R,
+    LEAST_FRAMES,
+    LEAST_PIXELS,
+    SPAN,
+    LoopDelay,
+    Recording,
+    estimate,
+    find_area,
+)
 from lfpipe.render.display import has_display
 from lfpipe.render.monitors import Monitor
 from lfpipe.render.overlay import Overlay
@@ -24,14 +33,20 @@ WINDOW_PX = (1600, 900)  # limited by the screen
 HOLDS = (3, 6)  # of a level, 50 to 100 ms: in refreshes at about STEP_HZ, inclusive
 STEP_HZ = 60.0
 AIM_S = 60.0  # timeout for aiming the camera
-LOOK_S, LOOK_EVERY_S = 3.0, 1.5  # the last of the camera's pictures that are searched for the screen; how often
+LOOK_S, LOOK_EVERY_S = (
+    3.0,
+    1.5,
+)  # the last of the camera's pictures that are searched for the screen; how often
 CLEAR_R = 0.4  # of the best pixel within LOOK_S; pure noise reaches 0.3
 MEASURE_S = 15.0  # as the recordings of profiling/photon.py, which states the errors
 EVENTS_NS = 4 * MS_NS  # between two looks at the keyboard
 ASK = "Turn the camera to this screen, or use a mirror, so that the screen is in the middle of its picture."
 AGAIN = UserError("nothing was measured", "start again when you are ready")
 SMALL_PX, INSET_PX = 64, 240  # widths: of the pictures that are compared, and for the person
-MOST_UNSTAMPED, UNSTAMPED_SHARE = 5, 0.1  # frames without a stamp that a good driver delivers too, at its start and later
+MOST_UNSTAMPED, UNSTAMPED_SHARE = (
+    5,
+    0.1,
+)  # frames without a stamp that a good driver delivers too, at its start and later
 
 
 class CameraWatch(threading.Thread):
@@ -41,7 +56,9 @@ class CameraWatch(threading.Thread):
         super().__init__(daemon=True)
         self._source, self._ended = source, threading.Event()
         self._frame = np.empty((frame_px[1], frame_px[0], 3), np.uint8)
-        self._frames: list[tuple[int, NDArray[np.uint8]]] = []  # stamp and small picture; appended here, copied elsewhere
+        self._frames: list[
+            tuple[int, NDArray[np.uint8]]
+        ] = []  # stamp and small picture; appended here, copied elsewhere
         self._unstamped = 0
         self.inset: NDArray[np.uint8] | None = None
         self.failure: UserError | None = None
@@ -56,7 +73,9 @@ class CameraWatch(threading.Thread):
                 self.failure = error
                 return
             if frame is None:
-                self.failure = UserError("the source ended", "use a camera: a recording does not see this screen")
+                self.failure = UserError(
+                    "the source ended", "use a camera: a recording does not see this screen"
+                )
                 return
             if frame.stamp in (StampKind.SCHEDULED, StampKind.READ):
                 self._unstamped += 1
@@ -78,7 +97,9 @@ class CameraWatch(threading.Thread):
     def frames(self, since_ns: int) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
         """Stamps (n,) and pictures (n, height, width) from since_ns on."""
         kept = [frame for frame in list(self._frames) if frame[0] >= since_ns]
-        pictures = np.stack([picture for _, picture in kept]) if kept else np.empty((0, 1, 1), np.uint8)
+        pictures = (
+            np.stack([picture for _, picture in kept]) if kept else np.empty((0, 1, 1), np.uint8)
+        )
         return np.array([t_ns for t_ns, _ in kept], np.int64), pictures
 
     def close(self) -> None:
@@ -90,7 +111,11 @@ class CameraWatch(threading.Thread):
 def advice(area: NDArray[np.bool_]) -> str:
     """How to move the camera so that the screen is in the middle of its picture; "" if it is."""
     place = float(np.nonzero(area)[0].mean() + 0.5) / len(area) - 0.5
-    return f"Screen too {'high' if place < 0 else 'low'}: aim the camera at its middle." if abs(place) > SPAN else ""
+    return (
+        f"Screen too {'high' if place < 0 else 'low'}: aim the camera at its middle."
+        if abs(place) > SPAN
+        else ""
+    )
 
 
 def measure_loop(config: Config, camera: str | None) -> tuple[LoopDelay, Monitor]:
@@ -99,8 +124,14 @@ def measure_loop(config: Config, camera: str | None) -> tuple[LoopDelay, Monitor
     Raises UserError without a screen, if `estimate` refuses, if the camera fails, or if the user cancels.
     """
     if not has_display():
-        raise UserError("--latency needs a screen with a window for the camera to see", "run it on a desktop")
-    with closing(CameraWatch(open_source(camera or config.camera.source, config.camera), config.camera.frame_px)) as watch:
+        raise UserError(
+            "--latency needs a screen with a window for the camera to see", "run it on a desktop"
+        )
+    with closing(
+        CameraWatch(
+            open_source(camera or config.camera.source, config.camera), config.camera.frame_px
+        )
+    ) as watch:
         watch.start()
         flipping = _FlippingWindow(config, watch)
         with closing(flipping.window):
@@ -114,10 +145,17 @@ class _FlippingWindow:
         from lfpipe.render.window import Window
 
         self._camera = config.camera
-        self._watch, self.window = watch, Window(WINDOW_PX, "lfpipe calibrate", monitor=str(config.screen.monitor))
+        self._watch, self.window = (
+            watch,
+            Window(WINDOW_PX, "lfpipe calibrate", monitor=str(config.screen.monitor)),
+        )
         self._levels = [np.full((9, 16, 3), 255 * white, np.uint8) for white in (0, 1)]
         hz = self.window.nominal_hz()
-        self._clock, self._rng, self._step = ScreenClock(hz, now_ns()), np.random.default_rng(1), max(1, round(hz / STEP_HZ))
+        self._clock, self._rng, self._step = (
+            ScreenClock(hz, now_ns()),
+            np.random.default_rng(1),
+            max(1, round(hz / STEP_HZ)),
+        )
         self._number, self._due_ns = 0, now_ns()
         self._presented_ns: dict[int, int] = {}
 
@@ -151,7 +189,9 @@ class _FlippingWindow:
         reported = bool(window.blanks_by)
         hold_ns = int(self._rng.integers(HOLDS[0], HOLDS[1] + 1)) * self._step * clock.period_ns
         lead_ns = round(clock.period_ns / 2) * reported
-        self._due_ns = max(self._due_ns, now_ns() + lead_ns) + round(hold_ns)  # after a late flip no hold is cut short
+        self._due_ns = max(self._due_ns, now_ns() + lead_ns) + round(
+            hold_ns
+        )  # after a late flip no hold is cut short
         if reported:
             self._due_ns = clock.nearest(self._due_ns)
         begin_ns = self._due_ns - lead_ns
@@ -163,7 +203,9 @@ class _FlippingWindow:
         self._number += 1
         window.show(self._levels[self._number % 2])
         if not reported:
-            self._presented_ns[self._number] = t_ns  # as a session plans it if no blanks are reported
+            self._presented_ns[self._number] = (
+                t_ns  # as a session plans it if no blanks are reported
+            )
         for answer in window.presented():
             if answer.t_ns:
                 clock.blank(answer.t_ns, answer.period_ns)
@@ -173,14 +215,26 @@ class _FlippingWindow:
     def _recording(self, since_ns: int) -> Recording:
         """The recording from since_ns on."""
         t_frame_ns, pictures = self._watch.frames(since_ns)
-        flips = sorted((t_ns, number) for number, t_ns in self._presented_ns.items() if t_ns >= since_ns)
+        flips = sorted(
+            (t_ns, number) for number, t_ns in self._presented_ns.items() if t_ns >= since_ns
+        )
         times, numbers = np.array(flips, np.int64).reshape(-1, 2).T
-        return Recording(times, numbers % 2 == 1, t_frame_ns, pictures, self._watch.stamped, self._clock.period_ns / 1e6)
+        return Recording(
+            times,
+            numbers % 2 == 1,
+            t_frame_ns,
+            pictures,
+            self._watch.stamped,
+            self._clock.period_ns / 1e6,
+        )
 
     def _advice(self, since_ns: int) -> str:
         """How to move the camera; "" if it sees the window in the middle of its picture."""
         recording = self._recording(since_ns)
-        if len(recording.t_frame_ns) < LEAST_FRAMES / 2 or len(recording.t_flip_ns) < LEAST_FRAMES / 4:
+        if (
+            len(recording.t_frame_ns) < LEAST_FRAMES / 2
+            or len(recording.t_flip_ns) < LEAST_FRAMES / 4
+        ):
             return ASK
         r = find_area(recording)[0]
         area = r > max(CLEAR_R, AREA_R * r.max())

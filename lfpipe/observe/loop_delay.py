@@ -22,8 +22,15 @@ from lfpipe.errors import UserError
 
 SLOW_S = 1.0  # slower changes come from the room's light and automatic exposure
 DELAYS_MS = (-20.0, 480.0)  # searched; television sets with picture processing reach 350
-COARSE_STEP_MS, COARSE_EXPOSURES_MS, COARSE_RESPONSE_MS = 2.0, (4.0, 16.0, 33.0), 1.0  # near enough to find the screen
-NEAR_MS, STEP_MS = 30.0, 0.5  # around the coarse delay: half of the longest readout; half of the error that is allowed
+COARSE_STEP_MS, COARSE_EXPOSURES_MS, COARSE_RESPONSE_MS = (
+    2.0,
+    (4.0, 16.0, 33.0),
+    1.0,
+)  # near enough to find the screen
+NEAR_MS, STEP_MS = (
+    30.0,
+    0.5,
+)  # around the coarse delay: half of the longest readout; half of the error that is allowed
 SEARCH_MS = 8.0  # around the best delay: an interval that reaches further is refused
 # Exposures, from a bright room's to twice the longest hold of the pattern, and responses of pixels. Finer steps gained nothing.
 MODELS = tuple(itertools.product(np.geomspace(1.5, 100.0, 18).tolist(), (0.7, 3.0)))
@@ -32,9 +39,16 @@ MODELS = tuple(itertools.product(np.geomspace(1.5, 100.0, 18).tolist(), (0.7, 3.
 GAMMA, STRAY = 2.1, 0.05
 BANDS = 6  # of rows: enough for the time from row to row
 MODEL_MS = 0.35  # error of the delay from a non-exponential pixel response, in simulated recordings
-LEAST_FRAMES, LEAST_FLIPS = 60, 30  # of 15 s at 15 Hz, a quarter; fewer leave several delays possible
+LEAST_FRAMES, LEAST_FLIPS = (
+    60,
+    30,
+)  # of 15 s at 15 Hz, a quarter; fewer leave several delays possible
 OFF_BEAT, OFF_BEAT_SHARE = 0.25, 0.1  # of a period, and of all frames
-LEAST_R, AREA_R, LEAST_R2 = 0.25, 0.5, 0.5  # correlation of a pixel, as a share of the best pixel, squared of the bands
+LEAST_R, AREA_R, LEAST_R2 = (
+    0.25,
+    0.5,
+    0.5,
+)  # correlation of a pixel, as a share of the best pixel, squared of the bands
 LEAST_PIXELS = 4  # of 64 across: a screen of a twentieth of the picture's height and width
 SHORT = 0.1  # quantile: of steps from frame to frame, one period still; of holds, as a busy machine may cut a single one short
 WIDEST_MS = 3.0  # half of the widest acceptable interval
@@ -111,20 +125,28 @@ def mean_light(recording: Recording, t_ms: Float, width_ms: float, response_ms: 
     above[0] = 1.0 - 2.0 * goal[0]
     for j in range(len(gaps)):
         above[j + 1] = goal[j] + above[j] * decay[j] - goal[j + 1]
-    before = np.concatenate([[0.0], np.cumsum(goal[:-1] * gaps + above[:-1] * response_ms * (1 - decay))])
+    before = np.concatenate(
+        [[0.0], np.cumsum(goal[:-1] * gaps + above[:-1] * response_ms * (1 - decay))]
+    )
 
     def integral(t_ms: Float) -> Float:
         at = np.clip(np.searchsorted(flips_ms, t_ms, "right") - 1, 0, None)
         since = np.maximum(t_ms - flips_ms[at], 0.0)
-        return np.asarray(before[at] + goal[at] * since - above[at] * response_ms * np.expm1(-since / response_ms))
+        return np.asarray(
+            before[at] + goal[at] * since - above[at] * response_ms * np.expm1(-since / response_ms)
+        )
 
     return (integral(t_ms + width_ms / 2) - integral(t_ms - width_ms / 2)) / width_ms
 
 
-def _correlations(recording: Recording, levels: Float, delays_ms: Float, exposure_ms: float, response_ms: float) -> Float:
+def _correlations(
+    recording: Recording, levels: Float, delays_ms: Float, exposure_ms: float, response_ms: float
+) -> Float:
     """How well k series of levels, (n, k), follow the pattern at each delay: float (delays, k), 0 not at all, 1 exactly."""
     seen = recording.changes(levels)
-    seen /= np.maximum(np.linalg.norm(seen, axis=0), 1e-9 + 0.3 * np.sqrt(len(levels)))  # below 0.3 levels there is no signal
+    seen /= np.maximum(
+        np.linalg.norm(seen, axis=0), 1e-9 + 0.3 * np.sqrt(len(levels))
+    )  # below 0.3 levels there is no signal
     # the response's mean is response_ms after the flip, and is part of the delay
     at_ms = recording.times_ms()[0][:, None] - (delays_ms - response_ms)
     light = mean_light(recording, at_ms, exposure_ms, response_ms)
@@ -138,11 +160,18 @@ def find_area(recording: Recording) -> tuple[Float, float]:
     Makes no decision: without a screen all correlations are small."""
     levels = recording.pictures.reshape(len(recording.pictures), -1).astype(float)
     delays = np.arange(*DELAYS_MS, COARSE_STEP_MS)
-    tried = np.stack([_correlations(recording, levels, delays, width, COARSE_RESPONSE_MS) for width in COARSE_EXPOSURES_MS])
+    tried = np.stack(
+        [
+            _correlations(recording, levels, delays, width, COARSE_RESPONSE_MS)
+            for width in COARSE_EXPOSURES_MS
+        ]
+    )
     scores = np.square(tried).sum(axis=2)
     exposure, at = np.unravel_index(int(scores.argmax()), scores.shape)
     near = np.abs(delays - delays[at]) <= max(recording.period_ms / 2, COARSE_STEP_MS)
-    return tried[exposure][near].max(axis=0).reshape(recording.pictures.shape[1:]), float(delays[at])
+    return tried[exposure][near].max(axis=0).reshape(recording.pictures.shape[1:]), float(
+        delays[at]
+    )
 
 
 @attrs.frozen(eq=False)
@@ -161,8 +190,19 @@ class Bands:
         rows, height = np.nonzero(weights.any(axis=1))[0], len(weights)
         shares = [(band, weights[band]) for band in np.array_split(rows, min(BANDS, len(rows)))]
         masses = np.array([share.sum() for _, share in shares])
-        levels = np.stack([np.einsum("nhw,hw->n", recording.pictures[:, band].astype(float), share) for band, share in shares], 1)
-        places = np.array([(share.sum(axis=1) * (band + 0.5)).sum() for band, share in shares]) / masses / height - 0.5
+        levels = np.stack(
+            [
+                np.einsum("nhw,hw->n", recording.pictures[:, band].astype(float), share)
+                for band, share in shares
+            ],
+            1,
+        )
+        places = (
+            np.array([(share.sum(axis=1) * (band + 0.5)).sum() for band, share in shares])
+            / masses
+            / height
+            - 0.5
+        )
         return cls(levels / masses, places, masses, (rows[-1] + 1 - rows[0]) / height)
 
     @property
@@ -176,30 +216,46 @@ class Bands:
 
     def unexplained(self, recording: Recording, matches: Float) -> float:
         """Mean square of what the best model leaves of each band's changes, levels squared."""
-        return float((np.square(recording.changes(self.levels)) * (1 - matches.max(axis=(0, 1)) ** 2)).mean())
+        return float(
+            (np.square(recording.changes(self.levels)) * (1 - matches.max(axis=(0, 1)) ** 2)).mean()
+        )
 
 
 def _matches(recording: Recording, levels: Float, delays_ms: Float) -> Float:
     """`_correlations` with each of MODELS: float (models, delays, k)."""
-    return np.stack([_correlations(recording, levels, delays_ms, exposure_ms, tau_ms) for exposure_ms, tau_ms in MODELS])
+    return np.stack(
+        [
+            _correlations(recording, levels, delays_ms, exposure_ms, tau_ms)
+            for exposure_ms, tau_ms in MODELS
+        ]
+    )
 
 
 def _fitted(bands: Bands, matches: Float, delays_ms: Float) -> tuple[LoopDelay, float]:
     """The posterior of the delay at the screen's middle row under a flat prior, over all models; and the time over the picture's
     height, ms, of the camera's readout minus the screen's own scan. matches: at delays_ms."""
     # bands share the errors of stamps: as independent as one band
-    likelihoods = -len(bands.levels) / 2 * np.log(1 - np.minimum(matches, 0.99999) ** 2) / len(bands.rows)
+    likelihoods = (
+        -len(bands.levels) / 2 * np.log(1 - np.minimum(matches, 0.99999) ** 2) / len(bands.rows)
+    )
     of_bands = delays_ms[likelihoods.max(axis=0).argmax(axis=0)]
     rows, middle_ms = bands.rows - bands.row, float(np.average(of_bands, weights=bands.weights))
-    scan_ms = -float(np.polyfit(rows, of_bands, 1, w=np.sqrt(bands.weights))[0]) if len(rows) > 1 else 0.0
+    scan_ms = (
+        -float(np.polyfit(rows, of_bands, 1, w=np.sqrt(bands.weights))[0]) if len(rows) > 1 else 0.0
+    )
     grid = middle_ms + np.arange(-SEARCH_MS, SEARCH_MS, STEP_MS / 10)
     joint = np.zeros((len(matches), len(grid)))
     for band, row in enumerate(rows):
-        joint += [np.interp(grid - scan_ms * row, delays_ms, of_model[:, band]) for of_model in likelihoods]
+        joint += [
+            np.interp(grid - scan_ms * row, delays_ms, of_model[:, band])
+            for of_model in likelihoods
+        ]
     chances = np.exp(joint - joint.max()).sum(axis=0)
     chances /= chances.sum()
     low_ms, high_ms = np.interp([0.05, 0.95], np.cumsum(chances), grid).tolist()
-    return LoopDelay(float(chances @ grid), low_ms, high_ms, MODELS[int(joint.max(axis=1).argmax())][0]), scan_ms
+    return LoopDelay(
+        float(chances @ grid), low_ms, high_ms, MODELS[int(joint.max(axis=1).argmax())][0]
+    ), scan_ms
 
 
 def estimate(recording: Recording) -> LoopDelay:
@@ -209,9 +265,13 @@ def estimate(recording: Recording) -> LoopDelay:
     area = (r > LEAST_R) & (r > AREA_R * r.max())
     if area.sum() < LEAST_PIXELS:
         raise UserError(
-            "the camera does not see the pattern", "turn the camera to the screen, or hold a mirror before it, and dim the room"
+            "the camera does not see the pattern",
+            "turn the camera to the screen, or hold a mirror before it, and dim the room",
         )
-    bands, delays_ms = Bands.of(recording, r * area), coarse_ms + np.arange(-NEAR_MS, NEAR_MS, STEP_MS)
+    bands, delays_ms = (
+        Bands.of(recording, r * area),
+        coarse_ms + np.arange(-NEAR_MS, NEAR_MS, STEP_MS),
+    )
     matches = _matches(recording, bands.levels, delays_ms)
     if bands.explained(matches) < LEAST_R2:
         raise UserError(
@@ -232,13 +292,22 @@ def estimate(recording: Recording) -> LoopDelay:
         )
     if abs(bands.row) > SPAN:
         side = "above" if bands.row < 0 else "below"
-        raise UserError(f"the screen is seen {side} the middle of the camera's picture", "aim the camera at the screen's middle")
+        raise UserError(
+            f"the screen is seen {side} the middle of the camera's picture",
+            "aim the camera at the screen's middle",
+        )
     # The camera's readout is the time from row to row and the screen's own scan, which is unknown: it takes up to a refresh for
     # the screen's visible height, and the camera up to a frame for its picture.
     readout_ms = max(0.0, scan_ms)
-    longest_ms = max(readout_ms, min(scan_ms + recording.refresh_ms / bands.height, recording.period_ms))
+    longest_ms = max(
+        readout_ms, min(scan_ms + recording.refresh_ms / bands.height, recording.period_ms)
+    )
     shift = (readout_ms + longest_ms) / 2 * bands.row
-    doubt = abs(bands.row) * (longest_ms - readout_ms) / 2 + MODEL_MS + IN_STEP_SHARE * _unseen_ms(recording)
+    doubt = (
+        abs(bands.row) * (longest_ms - readout_ms) / 2
+        + MODEL_MS
+        + IN_STEP_SHARE * _unseen_ms(recording)
+    )
     low_ms, high_ms = delay.low_ms + shift - doubt, delay.high_ms + shift + doubt
     delay = LoopDelay(delay.delay_ms + shift, low_ms, high_ms, delay.exposure_ms)
     if delay.half_ms > WIDEST_MS:
@@ -256,9 +325,16 @@ def _mixes_frames(recording: Recording, bands: Bands, delay_ms: float, unexplain
     if kept.sum() < LEAST_FRAMES:
         return False
     undone = attrs.evolve(bands, levels=(bands.levels[1:] - KEPT_SHARE * bands.levels[:-1])[kept])
-    other = attrs.evolve(recording, t_frame_ns=recording.t_frame_ns[1:][kept], pictures=recording.pictures[1:][kept])
-    delays_ms = np.arange(delay_ms - recording.period_ms - NEAR_MS / 2, delay_ms + NEAR_MS / 2, STEP_MS)
-    return undone.unexplained(other, _matches(other, undone.levels, delays_ms)) < KEPT_RATIO * unexplained
+    other = attrs.evolve(
+        recording, t_frame_ns=recording.t_frame_ns[1:][kept], pictures=recording.pictures[1:][kept]
+    )
+    delays_ms = np.arange(
+        delay_ms - recording.period_ms - NEAR_MS / 2, delay_ms + NEAR_MS / 2, STEP_MS
+    )
+    return (
+        undone.unexplained(other, _matches(other, undone.levels, delays_ms))
+        < KEPT_RATIO * unexplained
+    )
 
 
 def _unseen_ms(recording: Recording) -> float:
@@ -267,7 +343,9 @@ def _unseen_ms(recording: Recording) -> float:
     step_ms = recording.refresh_ms * max(1, int(np.gcd.reduce(np.round(flips).astype(np.int64))))
     times, at_flips = recording.times_ms()
     numbers = np.round(times / recording.period_ms)
-    even = np.polyval(np.polyfit(numbers, times, 1), numbers)  # without the jitter of stamps, which is no change of phase
+    even = np.polyval(
+        np.polyfit(numbers, times, 1), numbers
+    )  # without the jitter of stamps, which is no change of phase
     grid = np.round(at_flips / step_ms)
     slope, start = np.polyfit(grid, at_flips, 1)
     phases = np.sort((even - start) % slope)
@@ -277,16 +355,31 @@ def _unseen_ms(recording: Recording) -> float:
 def _checked(recording: Recording) -> Recording:
     """The part of the recording that the pattern covers. Raises UserError if stamps or flips are unusable."""
     if not recording.stamped:
-        raise UserError("the frames have no stamps of the camera's driver", "another camera: nothing can be timed without")
-    visible = np.append(np.diff(recording.t_flip_ns) > 0, True)  # of two flips at one blank, the first was never seen
-    recording = attrs.evolve(recording, t_flip_ns=recording.t_flip_ns[visible], bright=recording.bright[visible])
+        raise UserError(
+            "the frames have no stamps of the camera's driver",
+            "another camera: nothing can be timed without",
+        )
+    visible = np.append(
+        np.diff(recording.t_flip_ns) > 0, True
+    )  # of two flips at one blank, the first was never seen
+    recording = attrs.evolve(
+        recording, t_flip_ns=recording.t_flip_ns[visible], bright=recording.bright[visible]
+    )
     if len(recording.t_flip_ns) < LEAST_FLIPS:
-        raise UserError("the pattern was not presented", "keep the window in sight, and close what keeps the machine busy")
+        raise UserError(
+            "the pattern was not presented",
+            "keep the window in sight, and close what keeps the machine busy",
+        )
     times, flips = recording.times_ms()
     kept = (times > DELAYS_MS[1]) & (times < flips[-1])
     if kept.sum() < LEAST_FRAMES:
-        raise UserError(f"{kept.sum()} frames came of the camera while it should watch", "check the camera, and try again")
-    recording = attrs.evolve(recording, t_frame_ns=recording.t_frame_ns[kept], pictures=recording.pictures[kept])
+        raise UserError(
+            f"{kept.sum()} frames came of the camera while it should watch",
+            "check the camera, and try again",
+        )
+    recording = attrs.evolve(
+        recording, t_frame_ns=recording.t_frame_ns[kept], pictures=recording.pictures[kept]
+    )
     beats = np.diff(recording.t_frame_ns) / 1e6 / recording.period_ms
     off = (beats <= 0) | (np.abs(beats - np.round(beats)) > OFF_BEAT)
     if off.mean() > OFF_BEAT_SHARE:
@@ -297,4 +390,6 @@ def _checked(recording: Recording) -> Recording:
     again = np.append(False, (recording.pictures[1:] == recording.pictures[:-1]).all(axis=(1, 2)))
     if again.mean() >= MOST_AGAIN:
         return recording
-    return attrs.evolve(recording, t_frame_ns=recording.t_frame_ns[~again], pictures=recording.pictures[~again])
+    return attrs.evolve(
+        recording, t_frame_ns=recording.t_frame_ns[~again], pictures=recording.pictures[~again]
+    )

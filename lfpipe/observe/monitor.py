@@ -30,12 +30,22 @@ NOTE_S = 5.0  # display time of the answer to a key
 
 def ms(value: float) -> str:
     """A time in ms in five characters, with as many decimals as fit."""
-    return f"{value:5.2f}" if value < 99.995 else f"{value:5.1f}" if value < 999.95 else f"{value:5.0f}"
+    return (
+        f"{value:5.2f}"
+        if value < 99.995
+        else f"{value:5.1f}"
+        if value < 999.95
+        else f"{value:5.0f}"
+    )
 
 
 def photon_words(latency: Mapping[str, float | None]) -> str:
     """`onset 61.2 ms, steady 4.0 ms` of `motion_to_photon`, as far as they are known."""
-    return ", ".join(f"{key.removesuffix('_ms')} {value:.1f} ms" for key, value in latency.items() if value is not None)
+    return ", ".join(
+        f"{key.removesuffix('_ms')} {value:.1f} ms"
+        for key, value in latency.items()
+        if value is not None
+    )
 
 
 def state_text(state: Mapping[str, Any]) -> Text:
@@ -44,21 +54,35 @@ def state_text(state: Mapping[str, Any]) -> Text:
     state: see `snapshot`. At most 80 cells wide.
     """
     out = Text(no_wrap=True, overflow="crop")
-    out.append(f"up {timedelta(seconds=int(state['uptime_s']))}  camera {state['camera_fps']:.1f} Hz  ")
+    out.append(
+        f"up {timedelta(seconds=int(state['uptime_s']))}  camera {state['camera_fps']:.1f} Hz  "
+    )
     if state.get("paused"):
         out.append("PAUSED  ", "bold yellow")
     if state["camera_light"]:
         out.append(f"{state['camera_light']}  ", "bold yellow")
-    out.append(f"viewer {state['viewer']}\n", "green" if state["stages"].get("track", {}).get("face") else "bold yellow")
+    out.append(
+        f"viewer {state['viewer']}\n",
+        "green" if state["stages"].get("track", {}).get("face") else "bold yellow",
+    )
     stages = {name: stage for name, stage in state["stages"].items() if stage["state"] != "NONE"}
     loads = any("cpu_percent" in stage for stage in stages.values())
     out.append(f"{'ms':>22}   wait                busy\n", "bold")
-    out.append(f"{'stage':<8}{'state':<9}{'Hz':>5}   p50   p95   p50   p95   p99   max drops rst{' cpu%  MB' * loads}\n", "bold")
+    out.append(
+        f"{'stage':<8}{'state':<9}{'Hz':>5}   p50   p95   p50   p95   p99   max drops rst{' cpu%  MB' * loads}\n",
+        "bold",
+    )
     for name, stage in stages.items():
-        waits, busies = ([stage[kind][quantile] for quantile in QUANTILES] for kind in ("wait", "busy"))
+        waits, busies = (
+            [stage[kind][quantile] for quantile in QUANTILES] for kind in ("wait", "busy")
+        )
         times = "".join(f" {ms(value)}" for value in (*waits[:2], *busies, stage["busy"]["max_ms"]))
-        out.append(f"{name:<8}").append(f"{stage['state'].lower():<9}", STATE_STYLE.get(stage["state"], ""))
-        out.append(f"{stage['fps']:5.1f}{times}").append(f" {stage['dropped']:5d}", "bold red" if stage["dropped"] else "")
+        out.append(f"{name:<8}").append(
+            f"{stage['state'].lower():<9}", STATE_STYLE.get(stage["state"], "")
+        )
+        out.append(f"{stage['fps']:5.1f}{times}").append(
+            f" {stage['dropped']:5d}", "bold red" if stage["dropped"] else ""
+        )
         out.append(f" {stage['restarts']:3d}", "bold red" if stage["restarts"] else "")
         out.append(f" {stage['cpu_percent']:4.0f}{stage['rss_mb']:4.0f}\n" if loads else "\n")
         if stage["busy_with"]:
@@ -69,14 +93,25 @@ def state_text(state: Mapping[str, Any]) -> Text:
         out.append(f"now: {notice}\n", "bold yellow")
     age, judder, ahead = state["end_to_end"], state["judder"], state["horizon"]
     if age["n"]:
-        out.append(f"age of the picture at {'its blank' if judder['planned'] else 'hand-over'}", "bold")
+        out.append(
+            f"age of the picture at {'its blank' if judder['planned'] else 'hand-over'}", "bold"
+        )
         out.append("; the delays of camera and display are not in it:\n")
-        out.append("  " + ", ".join(f"{key.removesuffix('_ms')} {age[key]:.2f}" for key in (*QUANTILES, "max_ms")))
+        out.append(
+            "  "
+            + ", ".join(
+                f"{key.removesuffix('_ms')} {age[key]:.2f}" for key in (*QUANTILES, "max_ms")
+            )
+        )
         out.append(f" ms over {age['n']} pictures\n")
     if judder["planned"]:
-        out.append(f"judder: {judder['percent']:.2f} % of {judder['planned']} refreshes showed another picture than planned\n")
+        out.append(
+            f"judder: {judder['percent']:.2f} % of {judder['planned']} refreshes showed another picture than planned\n"
+        )
     if ahead["n"]:
-        out.append(f"eyes predicted ahead of the sensor by p50 {ahead['p50_ms']:.2f}, p95 {ahead['p95_ms']:.2f} ms\n")
+        out.append(
+            f"eyes predicted ahead of the sensor by p50 {ahead['p50_ms']:.2f}, p95 {ahead['p95_ms']:.2f} ms\n"
+        )
     if words := photon_words(state["motion_to_photon"]):
         out.append(f"motion to photon: {words}\n")
     return out
@@ -85,20 +120,33 @@ def state_text(state: Mapping[str, Any]) -> Text:
 def print_state(state: Mapping[str, Any]) -> None:
     """Prints the state on stdout."""
     console = Console(highlight=False, soft_wrap=True)
-    console.print(Text.assemble("session ", (str(state["session"]), "bold")).append("  ").append_text(state_text(state)), end="")
+    console.print(
+        Text.assemble("session ", (str(state["session"]), "bold"))
+        .append("  ")
+        .append_text(state_text(state)),
+        end="",
+    )
 
 
 def screen_text(name: str, state: Mapping[str, Any] | None, note: str = "") -> Text:
     """The whole screen of a monitor. state: see `Follower.read`. note: the answer to the last key."""
-    out = Text.assemble(("lfpipe ", "bold"), (name, "bold cyan"), "  ", no_wrap=True, overflow="crop")
+    out = Text.assemble(
+        ("lfpipe ", "bold"), (name, "bold cyan"), "  ", no_wrap=True, overflow="crop"
+    )
     if state is None:
         return out.append("no session; waiting for one (q quits)\n")
     if "config" in state:
         render, timeline = state["config"]["render"], state["options"]["timeline"]
-        alpha = render["alpha_px"] if isinstance(render["alpha_px"], str) else f"{render['alpha_px']:.1f}"
+        alpha = (
+            render["alpha_px"]
+            if isinstance(render["alpha_px"], str)
+            else f"{render['alpha_px']:.1f}"
+        )
         out.append(f"{render['method']} views, {render['anaglyph']} anaglyph, alpha {alpha}", "dim")
         out.append(f"\nrecording timeline {timeline}" if timeline else "", "dim")
-    out.append("\n").append_text(state_text(state)).append(f"{note or KEYS_LINE}\n", "bold" if note else "dim")
+    out.append("\n").append_text(state_text(state)).append(
+        f"{note or KEYS_LINE}\n", "bold" if note else "dim"
+    )
     return out.append("times of the last 10 s; rst: restarts", "dim")
 
 
@@ -150,10 +198,16 @@ def screen(name: str) -> None:
     from rich.live import Live
 
     note, note_end = "", 0.0
-    with closing(Follower(name)) as follower, Keyboard() as keyboard, Live(screen=True, auto_refresh=False) as live:
+    with (
+        closing(Follower(name)) as follower,
+        Keyboard() as keyboard,
+        Live(screen=True, auto_refresh=False) as live,
+    ):
         while True:
             now = time.monotonic()
-            live.update(screen_text(name, follower.read(), note if now < note_end else ""), refresh=True)
+            live.update(
+                screen_text(name, follower.read(), note if now < note_end else ""), refresh=True
+            )
             while left_s := max(0.0, now + PERIOD_S - time.monotonic()):
                 try:
                     key = keyboard.key(left_s)

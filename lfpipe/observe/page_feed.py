@@ -31,7 +31,12 @@ COMMAND_S, LOAD_S = 2.0, 20.0  # timeouts of answers; packing a scene may take l
 LEASE_S = 5.0  # of the ring of pictures: it goes soon after the last viewer
 PICTURES = {"camera": 320, "picture": 1024}  # px of the longer side on the page
 # full chroma resolution: the chroma of an anaglyph separates the eyes
-FULL_CHROMA = (cv2.IMWRITE_JPEG_QUALITY, 85, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444)
+FULL_CHROMA = (
+    cv2.IMWRITE_JPEG_QUALITY,
+    85,
+    cv2.IMWRITE_JPEG_SAMPLING_FACTOR,
+    cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
+)
 LEFT_BGR, RIGHT_BGR, GRID_BGR = (60, 60, 255), (255, 255, 60), (235, 235, 235)
 _SHIFT = 4  # sub-pixel bits of OpenCV's drawing
 
@@ -44,7 +49,9 @@ def figures_of(state: dict[str, Any]) -> dict[str, Any]:
     Adds `depth_px`: smallest and largest zero plane to offer, and step; `playlist`: names of scenes; `playlist_at`.
     """
     figures = {"alive": True, **state, "motion_to_photon": photon_words(state["motion_to_photon"])}
-    figures["stages"] = {name: stage for name, stage in state["stages"].items() if stage["state"] != "NONE"}
+    figures["stages"] = {
+        name: stage for name, stage in state["stages"].items() if stage["state"] != "NONE"
+    }
     options = figures.pop("options", {})
     if scene := options.get("scene"):
         figures["playlist"] = [Path(path).name for path in options["playlist"]]
@@ -68,7 +75,9 @@ def draw_over_eyes(picture: NDArray[np.uint8], look: Mapping[str, Any], scale: f
         return
     radius, far = min(max(alpha_px * scale / 8, 0.8), 4.0), 4.0 * max(picture.shape)
 
-    def dot(x: float, y: float, radius: float, colour: tuple[int, int, int], thickness: int = -1) -> None:
+    def dot(
+        x: float, y: float, radius: float, colour: tuple[int, int, int], thickness: int = -1
+    ) -> None:
         if abs(x) < far and abs(y) < far:
             x, y, radius = (round(value * (1 << _SHIFT)) for value in (x, y, radius))
             cv2.circle(picture, (x, y), max(1, radius), colour, thickness, cv2.LINE_AA, _SHIFT)
@@ -101,25 +110,40 @@ class Pictures:
         """The newest picture. `camera`: with the grid of views over the eyes; `picture`: as on the screen. Empty without one."""
         try:
             reader = self._reader(which)
-        except (UserError, FileNotFoundError, ValueError):  # no camera, or the session has just ended
+        except (
+            UserError,
+            FileNotFoundError,
+            ValueError,
+        ):  # no camera, or the session has just ended
             return b""
         frame: NDArray[np.uint8] = np.empty(reader.shape, np.uint8)
         if reader.read(frame) is not None:
             scale = min(1.0, PICTURES[which] / max(frame.shape))
             if scale < 1:
-                frame = np.asarray(cv2.resize(frame, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
+                frame = np.asarray(
+                    cv2.resize(frame, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA),
+                    np.uint8,
+                )
             if which == "camera" and (look := self._newest_look()) is not None:
                 draw_over_eyes(frame, look, scale)
             jpeg = cv2.imencode(".jpg", frame, FULL_CHROMA)[1].tobytes()
-            self._events[which] = b"event: %s\ndata: %s\n\n" % (which.encode(), base64.b64encode(jpeg))
+            self._events[which] = b"event: %s\ndata: %s\n\n" % (
+                which.encode(),
+                base64.b64encode(jpeg),
+            )
         return self._events[which]
 
     def _reader(self, which: str) -> ring.Reader:
         """The ring of pictures. It changes with the size, and the one of the screen is leased again and again."""
         if which == "picture" and now_ns() > self._lease_end_ns - LEASE_S / 2 * SECOND_NS:
-            self._lent = str(ask(self.session.name, {"cmd": "pictures", "lease_s": LEASE_S}, COMMAND_S)["ring"])
+            self._lent = str(
+                ask(self.session.name, {"cmd": "pictures", "lease_s": LEASE_S}, COMMAND_S)["ring"]
+            )
             self._lease_end_ns = now_ns() + int(LEASE_S * SECOND_NS)
-        name, reader = self.session.segment("frames" if which == "camera" else self._lent), self._readers.get(which)
+        name, reader = (
+            self.session.segment("frames" if which == "camera" else self._lent),
+            self._readers.get(which),
+        )
         if reader is None or reader.name != name:
             if reader is not None:
                 self._readers.pop(which).close()
@@ -150,7 +174,10 @@ class Feed:
         self.name, self.viewers = name, 0
         self._follower = Follower(name)
         self._pictures: Pictures | None = None
-        self._sampling, self._commands = ThreadPoolExecutor(1, "lfpipe-sample"), ThreadPoolExecutor(1, "lfpipe-ctl")
+        self._sampling, self._commands = (
+            ThreadPoolExecutor(1, "lfpipe-sample"),
+            ThreadPoolExecutor(1, "lfpipe-ctl"),
+        )
         self._sampler: asyncio.Task[None] | None = None
         self._news, self._newest, self._ended = asyncio.Condition(), b"", False
 
@@ -188,7 +215,9 @@ class Feed:
 
     async def _keep_sampling(self) -> None:
         while self.viewers and not self._ended:
-            self._newest = await asyncio.get_running_loop().run_in_executor(self._sampling, self._sample)
+            self._newest = await asyncio.get_running_loop().run_in_executor(
+                self._sampling, self._sample
+            )
             async with self._news:
                 self._news.notify_all()
             await asyncio.sleep(PERIOD_S)
@@ -199,7 +228,9 @@ class Feed:
     def _sample(self) -> bytes:
         try:
             state, watch = self._follower.read(), self._follower.watch
-            if self._pictures is not None and (watch is None or watch.session is not self._pictures.session):
+            if self._pictures is not None and (
+                watch is None or watch.session is not self._pictures.session
+            ):
                 self._release_pictures()
             if state is not None and watch is not None:
                 self._pictures = self._pictures or Pictures(watch.session)

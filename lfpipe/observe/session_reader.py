@@ -19,7 +19,9 @@ from lfpipe.transport.histogram import MIDDLES_US
 from lfpipe.transport.session import Session
 from lfpipe.transport.status import Table
 
-WINDOW_S = 10.0  # of what monitors show: long enough for a p99 at 30 Hz, short enough to see a change
+WINDOW_S = (
+    10.0  # of what monitors show: long enough for a p99 at 30 Hz, short enough to see a change
+)
 HELLO_S = 0.5  # timeout for the settings; figures need no answer
 Rows = dict[str, NDArray[np.void]]
 HISTOGRAMS = ("wait", "busy", "age", "horizon")
@@ -45,7 +47,9 @@ class Watch:
         except WrongSegment:
             raise
         except (FileNotFoundError, ValueError):
-            raise UserError(f"session {session.name!r} is starting or ending", "try again in a second") from None
+            raise UserError(
+                f"session {session.name!r} is starting or ending", "try again in a second"
+            ) from None
 
     def read(self) -> dict[str, Any]:
         """The state since the session began, see `snapshot`."""
@@ -113,14 +117,19 @@ class Follower:
         rows = {name: _since(row, then[name]) for name, row in now.items()}
         state = snapshot(self.name, rows, self.watch.table.session, self.watch.started_ns)
         for name, stage in state["stages"].items():
-            spent_ns = int(now[name]["cpu_ns"]) - int(then[name]["cpu_ns"])  # of one process: less after a restart
+            spent_ns = int(now[name]["cpu_ns"]) - int(
+                then[name]["cpu_ns"]
+            )  # of one process: less after a restart
             stage["cpu_percent"] = round(max(0.0, 100.0 * spent_ns / max(t_ns - then_ns, 1)), 1)
             stage["rss_mb"] = round(rss_bytes(stage["pid"]) / 1e6, 1)
             stage["dropped"] -= self._dropped.get(name, 0)
         if (revision := int(now[SHOWN_BY]["config_rev"])) != self._revision:
             try:
                 answer = ask(self.name, {"cmd": "hello"}, HELLO_S)
-                self._settings, self._revision = {key: answer[key] for key in ("config", "options", "paused")}, revision
+                self._settings, self._revision = (
+                    {key: answer[key] for key in ("config", "options", "paused")},
+                    revision,
+                )
             except UserError:
                 self._settings = {}
         return {**state, **self._settings}

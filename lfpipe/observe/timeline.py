@@ -19,7 +19,9 @@ from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S
 
 TRACKS = (*CORE, "display")
 PID = 1
-Ask = Callable[..., dict[str, Any]]  # sends the session a command, perhaps with timeout_s; returns its answer
+Ask = Callable[
+    ..., dict[str, Any]
+]  # sends the session a command, perhaps with timeout_s; returns its answer
 
 
 def events(trace: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
@@ -27,7 +29,13 @@ def events(trace: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
     yield {"name": "process_name", "ph": "M", "pid": PID, "tid": 0, "args": {"name": "lfpipe"}}
     for tid, name in enumerate(TRACKS, 1):
         yield {"name": "thread_name", "ph": "M", "pid": PID, "tid": tid, "args": {"name": name}}
-        yield {"name": "thread_sort_index", "ph": "M", "pid": PID, "tid": tid, "args": {"sort_index": tid}}
+        yield {
+            "name": "thread_sort_index",
+            "ph": "M",
+            "pid": PID,
+            "tid": tid,
+            "args": {"sort_index": tid},
+        }
     end_ns = dict.fromkeys(TRACKS, 0)
 
     def slice_of(name: str, start: int, end: int, **about: Any) -> dict[str, Any]:
@@ -45,9 +53,14 @@ def events(trace: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
             yield slice_of("capture", line["t_sensor_ns"], line["t_read_ns"])
             yield slice_of("track", line["t_read_ns"], line["t_tracked_ns"], face=line["face"])
         if line["composed"]:
-            started_ns, composed_ns = line.get("t_started_ns", line["t_tracked_ns"]), line["t_composed_ns"]
+            started_ns, composed_ns = (
+                line.get("t_started_ns", line["t_tracked_ns"]),
+                line["t_composed_ns"],
+            )
             presented_ns = line["t_presented_ns"] or composed_ns  # 0: replaced before it was seen
-            yield slice_of("render", started_ns, composed_ns, method=line["method"], view=line["view"])
+            yield slice_of(
+                "render", started_ns, composed_ns, method=line["method"], view=line["view"]
+            )
             age_ms = (presented_ns - line["t_sensor_ns"]) / 1e6
             yield slice_of("display", composed_ns, presented_ns, age_ms=age_ms)
 
@@ -56,7 +69,9 @@ def convert(source: Path, out: Path) -> None:
     """Writes the JSON Lines trace `source` as trace events to `out`, for its owner alone. Raises UserError; out then stays as it
     was."""
     check_output(out, [source])
-    lines = (fields.values for fields in trace_lines(source, "a trace written by `lfpipe up --trace`"))
+    lines = (
+        fields.values for fields in trace_lines(source, "a trace written by `lfpipe up --trace`")
+    )
     try:
         with replaced(out) as file:
             for number, event in enumerate(events(lines)):
@@ -85,6 +100,8 @@ def finish_trace(ask: Ask) -> Path:
     try:
         convert(lines, out)
     except UserError as error:
-        raise UserError(error.message, f"its lines are kept as {lines}; start another one, where there is room") from None
+        raise UserError(
+            error.message, f"its lines are kept as {lines}; start another one, where there is room"
+        ) from None
     lines.unlink(missing_ok=True)
     return out

@@ -30,7 +30,11 @@ from lfpipe.files.untrusted import json_fields
 from lfpipe.observe.page_feed import Feed
 
 STATIC = Path(__file__).parent / "static"
-KINDS = {".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=utf-8", ".css": "text/css; charset=utf-8"}
+KINDS = {
+    ".html": "text/html; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+}
 COMMANDS = ("set", "pause", "resume", "recentre", "load", "reset")
 COMMAND_FORM = f"a JSON map with cmd, one of {', '.join(COMMANDS)}"
 # Limits, as docs/security.md states them: far above what a class-room of browsers needs, far below what hurts a session.
@@ -40,7 +44,9 @@ MAX_BODY_BYTES = 64 << 10
 MAX_COMMAND_BYTES = 4 << 10
 MAX_STREAMS = 32
 MAX_STRANGERS = 64  # connections not yet admitted; one more closes the oldest of them
-SEND_BUFFER_BYTES = 64 << 10  # of the kernel; small, so that a slow reader of a stream skips to the newest data
+SEND_BUFFER_BYTES = (
+    64 << 10
+)  # of the kernel; small, so that a slow reader of a stream skips to the newest data
 NO_TOKEN = "the token is missing or wrong: open the address that `lfpipe monitor --web` printed; it ends in /?token=..."
 NOT_OURS = "requests must be for this server's own address and come from its own page"
 POLICY = "frame-ancestors 'none'; default-src 'self'; img-src 'self' data:; base-uri 'self'; form-action 'none'"
@@ -68,7 +74,9 @@ def url_of(host: str, port: int) -> str:
     if host in ("0.0.0.0", "::"):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             try:
-                probe.connect(("192.0.2.1", 9))  # a documentation address; connecting a datagram socket sends nothing
+                probe.connect(
+                    ("192.0.2.1", 9)
+                )  # a documentation address; connecting a datagram socket sends nothing
                 host = probe.getsockname()[0]
             except OSError:  # no network
                 host = socket.gethostname()
@@ -112,7 +120,12 @@ class Site:
 
     def opens(self, offered: Iterable[str]) -> bool:
         """Whether one of the texts is the token. The comparison takes constant time."""
-        return any([hmac.compare_digest(text.encode(errors="replace"), self.token.encode()) for text in offered])
+        return any(
+            [
+                hmac.compare_digest(text.encode(errors="replace"), self.token.encode())
+                for text in offered
+            ]
+        )
 
 
 class Server(HTTPServer):
@@ -169,7 +182,10 @@ class Handler(RequestHandler):
     def prepare(self) -> None:
         """Admits the request or raises HTTPError."""
         headers, host = self.request.headers, self.request.headers.get("Host", "")
-        if not named(host, self.site.host) or headers.get("Origin", f"http://{host}") != f"http://{host}":
+        if (
+            not named(host, self.site.host)
+            or headers.get("Origin", f"http://{host}") != f"http://{host}"
+        ):
             raise HTTPError(HTTPStatus.FORBIDDEN, NOT_OURS)
         scheme, _, bearer = headers.get("Authorization", "").partition(" ")
         offered = [self.get_cookie(self.site.cookie) or "", *self.get_query_arguments("token")]
@@ -218,7 +234,13 @@ class File(Handler):
         if name not in self.settings["files"]:
             raise HTTPError(HTTPStatus.NOT_FOUND, "no such page")
         if self.get_query_arguments("token"):
-            self.set_cookie(self.site.cookie, self.site.token, path=self.site.path, httponly=True, samesite="Strict")
+            self.set_cookie(
+                self.site.cookie,
+                self.site.token,
+                path=self.site.path,
+                httponly=True,
+                samesite="Strict",
+            )
         self.set_header("Content-Type", KINDS[Path(name).suffix])
         await self.sent(self.finish(self.settings["files"][name]))
 
@@ -229,7 +251,9 @@ class Events(Handler):
     async def get(self) -> None:
         """Sends the newest until the viewer leaves or reads too slowly."""
         if self.site.feed.viewers >= MAX_STREAMS:
-            raise HTTPError(HTTPStatus.SERVICE_UNAVAILABLE, f"the limit of {MAX_STREAMS} viewers is reached")
+            raise HTTPError(
+                HTTPStatus.SERVICE_UNAVAILABLE, f"the limit of {MAX_STREAMS} viewers is reached"
+            )
         self.set_header("Content-Type", "text/event-stream")
         async with aclosing(self.site.feed.events()) as events:
             async for event in events:
@@ -244,7 +268,9 @@ class Commands(Handler):
     async def post(self) -> None:
         """Passes a command on and sends the session's answer."""
         if len(self.request.body) > MAX_COMMAND_BYTES:
-            raise HTTPError(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"at most {MAX_COMMAND_BYTES} bytes")
+            raise HTTPError(
+                HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"at most {MAX_COMMAND_BYTES} bytes"
+            )
         try:
             answer = await self.site.feed.command(self._command())
         except UserError as error:
@@ -253,13 +279,19 @@ class Commands(Handler):
         await self.sent(self.finish(answer))
 
     def _command(self) -> dict[str, Any]:
-        if self.request.headers.get("Content-Type", "").partition(";")[0].strip() != "application/json":
+        if (
+            self.request.headers.get("Content-Type", "").partition(";")[0].strip()
+            != "application/json"
+        ):
             raise UserError("the command was not sent as application/json", COMMAND_FORM)
         message = dict(json_fields(self.request.body, "the command", COMMAND_FORM).values)
         if message.get("cmd") not in COMMANDS:
             raise UserError("not a command of the page", COMMAND_FORM)
         if message["cmd"] == "load" and set(message) != {"cmd", "at"}:
-            raise UserError("the page loads only scenes of the playlist", "`lfpipe ctl load SCENE` loads any other")
+            raise UserError(
+                "the page loads only scenes of the playlist",
+                "`lfpipe ctl load SCENE` loads any other",
+            )
         return message
 
 
@@ -270,14 +302,20 @@ def serve(name: str, address: str, tell: Callable[[str], None]) -> None:
         sockets = bind_sockets(port, host)
     except OSError as error:
         why = f"--web {host}:{port}: {error.strerror or error}"
-        raise UserError(why, "use another port, 0 for a free one, or an address of this machine") from None
+        raise UserError(
+            why, "use another port, 0 for a free one, or an address of this machine"
+        ) from None
     for sock in sockets:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
     site = Site(host, int(sockets[0].getsockname()[1]), Feed(name))
     files = {path.name: path.read_bytes() for path in STATIC.iterdir() if path.suffix in KINDS}
-    files["index.html"] = files["index.html"].replace(b'<base href="/">', f'<base href="{site.path}">'.encode())
+    files["index.html"] = files["index.html"].replace(
+        b'<base href="/">', f'<base href="{site.path}">'.encode()
+    )
     routes = [("", File), ("events", Events), ("ctl", Commands), (r"([\w.]+)", File)]
-    handlers = [(f"(?:{site.path}|/){path}", handler) for path, handler in routes]  # at the root and below the cookie's path
+    handlers = [
+        (f"(?:{site.path}|/){path}", handler) for path, handler in routes
+    ]  # at the root and below the cookie's path
     app = Application(handlers, default_handler_class=Unknown, site=site, files=files)
     cv2.setNumThreads(1)  # the session's stages need the cores
     tell(f"session {name!r} on {url_of(site.host, site.port)}/?token={site.token} (Ctrl-C ends)")

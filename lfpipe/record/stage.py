@@ -32,11 +32,15 @@ from lfpipe.transport.packet_ring import PacketInput
 from lfpipe.transport.ring import Stamp
 
 FULL_NS = 5 * MS_NS  # between looks whether a full store has room again
-ROOM_BYTES = 128 << 20  # buffer of frames to encode: some seconds, so that a slow disk loses no frame
+ROOM_BYTES = (
+    128 << 20
+)  # buffer of frames to encode: some seconds, so that a slow disk loses no frame
 LEAST_FRAMES = 8  # in that buffer, however large they are
 SLOW_NS = SECOND_NS // 2  # a longer time per frame is reported
 
-Frame = tuple[Stamp, str, NDArray[np.uint8] | bytes]  # a packet with its codec or, with codec "", a picture
+Frame = tuple[
+    Stamp, str, NDArray[np.uint8] | bytes
+]  # a packet with its codec or, with codec "", a picture
 
 
 class FrameReader:
@@ -45,7 +49,11 @@ class FrameReader:
 
     def __init__(self, context: Context) -> None:
         options, self._row = context.options, context.row
-        self._frames, self._eyes, self._record = context.input("frames"), context.input("eyes"), np.empty((), EYES)
+        self._frames, self._eyes, self._record = (
+            context.input("frames"),
+            context.input("eyes"),
+            np.empty((), EYES),
+        )
         self._eyes_only = options.mouse or bool(options.eyes)
         self._ring_px = self.size_px = context.config.camera.frame_px
         self._packets: PacketInput | None = None
@@ -65,7 +73,11 @@ class FrameReader:
         if self._eyes_only:
             self._frames.skip()
             stamp = self._eyes.take(self._record, in_order=True)
-            return None if stamp is None else (stamp, "eyes", eyes_line(self._record, source_seq=stamp.source_seq))
+            return (
+                None
+                if stamp is None
+                else (stamp, "eyes", eyes_line(self._record, source_seq=stamp.source_seq))
+            )
         self._eyes.skip()
         while (peeked := self._frames.peek(in_order=True)) is not None:
             stamp, slot = peeked
@@ -134,8 +146,12 @@ class Store:
             return 0
         self._begun_ns = now_ns()
         try:
-            codec, packet = (codec, frame) if isinstance(frame, bytes) else encoded(frame, fast=self._hurry)
-            self._writer.append(packet, codec, stamp.source_seq, stamp.epoch, stamp.t_sensor_ns, stamp.t_read_ns)
+            codec, packet = (
+                (codec, frame) if isinstance(frame, bytes) else encoded(frame, fast=self._hurry)
+            )
+            self._writer.append(
+                packet, codec, stamp.source_seq, stamp.epoch, stamp.t_sensor_ns, stamp.t_read_ns
+            )
         except OSError as error:
             self.failure = str(error.strerror or error)
         except Exception as error:  # the session continues without the recording
@@ -160,7 +176,10 @@ class Recorder:
         self._frames = FrameReader(context)
         self._reported = self._slow = False
         self._last_ns = 0
-        source, rate_hz = context.options.source, context.options.source_hz or context.config.render.nominal_hz
+        source, rate_hz = (
+            context.options.source,
+            context.options.source_hz or context.config.render.nominal_hz,
+        )
         about = {"versions": versions(), "config": to_dict(context.config)}
         self._writer = SequenceWriter(folder, source, self._frames.size_px, rate_hz, **about)
         self._store = Store(self._writer, 3 * math.prod(context.config.camera.frame_px))
@@ -188,14 +207,22 @@ class Recorder:
         context, store = self._context, self._store
         for stamp, t_taken_ns, t_stored_ns in store.results():
             context.row.tick(stamp.source_seq)
-            context.row.measure(t_taken_ns - stamp.t_publish_ns, t_stored_ns - t_taken_ns, t_stored_ns - stamp.t_sensor_ns)
+            context.row.measure(
+                t_taken_ns - stamp.t_publish_ns,
+                t_stored_ns - t_taken_ns,
+                t_stored_ns - stamp.t_sensor_ns,
+            )
         context.row["cpu_ns"] = time.process_time_ns()
         if store.slow != self._slow:
             self._slow = not self._slow
             context.row.set_busy("waiting for the disk" if self._slow else "")
         if store.failure and not self._reported:
             self._reported = True
-            ends = f"its last frame is {self._writer.count - 1}" if self._writer.count else "no frame was recorded"
+            ends = (
+                f"its last frame is {self._writer.count - 1}"
+                if self._writer.count
+                else "no frame was recorded"
+            )
             _give_up(context, f"recording {self._folder}: {store.failure}; {ends}")
 
     def end(self) -> None:
@@ -207,7 +234,9 @@ class Recorder:
             self.report()
             self._frames.close()
             missed = int(context.row["drops"]) - self._lost_before
-            text = f"recorded {self._writer.count} frames to {self._folder}" + (f", {missed} lost" if missed else "")
+            text = f"recorded {self._writer.count} frames to {self._folder}" + (
+                f", {missed} lost" if missed else ""
+            )
             try:
                 self._writer.complete()
             except OSError as error:

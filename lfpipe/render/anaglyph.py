@@ -37,7 +37,9 @@ BLUE: Weights = (0.0, 0.0, 1.0)
 NONE: Weights = (0.0, 0.0, 0.0)
 
 # Rows: red, green and blue of the output, from (red, green, blue) of the left eye and of the right eye.
-MATRICES: dict[str, tuple[tuple[Weights, Weights], tuple[Weights, Weights], tuple[Weights, Weights]]] = {
+MATRICES: dict[
+    str, tuple[tuple[Weights, Weights], tuple[Weights, Weights], tuple[Weights, Weights]]
+] = {
     "colour": ((RED, NONE), (NONE, GREEN), (NONE, BLUE)),
     "grey": ((LUMA, NONE), (NONE, LUMA), (NONE, LUMA)),
     "half-colour": ((LUMA, NONE), (NONE, GREEN), (NONE, BLUE)),
@@ -147,7 +149,9 @@ def recipe(anaglyph: str, light: str = "linear", ghost_compensation: float = 0.0
             continue
         weights, total = _unit(other)
         errors = {
-            max(abs(a - total * b) for a, b in zip(other, own[k][0], strict=True)): index[k] for k in range(3) if eyes[k] != eye
+            max(abs(a - total * b) for a, b in zip(other, own[k][0], strict=True)): index[k]
+            for k in range(3)
+            if eyes[k] != eye
         }
         near = min(errors)
         cross = errors[near] if near <= SHARED_TOLERANCE else plane(1 - eye, weights)
@@ -159,7 +163,9 @@ def recipe(anaglyph: str, light: str = "linear", ghost_compensation: float = 0.0
     return Recipe(tuple(planes), (red, green, blue), light == "linear")
 
 
-def _compensated(channels: list[Channel], eyes: list[int], glasses: tuple[Weights, Weights], share: float) -> list[Channel]:
+def _compensated(
+    channels: list[Channel], eyes: list[int], glasses: tuple[Weights, Weights], share: float
+) -> list[Channel]:
     """The channels with a share of what leaks taken out of the brightest channel of each eye.
 
     Seen through a glass: main + leak * other. (1 + leak) * own view - leak * other leaves only the own view.
@@ -171,8 +177,12 @@ def _compensated(channels: list[Channel], eyes: list[int], glasses: tuple[Weight
         worst = max(others, key=lambda c: through[c])
         leak = add(through[c] for c in others) / through[main]
         if leak >= LEAST_LEAK:
-            cross_gain = (1 - share) * channels[main].cross_gain + share * -leak * channels[worst].own_gain
-            compensated[main] = Channel(channels[main].own, channels[worst].own, 1.0 - cross_gain, cross_gain)
+            cross_gain = (1 - share) * channels[main].cross_gain + share * -leak * channels[
+                worst
+            ].own_gain
+            compensated[main] = Channel(
+                channels[main].own, channels[worst].own, 1.0 - cross_gain, cross_gain
+            )
     return compensated
 
 
@@ -191,19 +201,27 @@ class Mixer:
     """Planes of one size to a picture; owns the scratch, so a call allocates nothing."""
 
     def __init__(self, recipe: Recipe, height_px: int, width_px: int) -> None:
-        self._pairs: dict[tuple[int, int], NDArray[np.uint8]] = {}  # two planes as one index into a table
-        self._steps: list[tuple[int, tuple[int, int] | None, NDArray[np.uint8]]] = []  # own plane, or a pair and its table
+        self._pairs: dict[
+            tuple[int, int], NDArray[np.uint8]
+        ] = {}  # two planes as one index into a table
+        self._steps: list[
+            tuple[int, tuple[int, int] | None, NDArray[np.uint8]]
+        ] = []  # own plane, or a pair and its table
         self._out = [np.empty((height_px, width_px), np.uint8) for _ in range(3)]
         for channel in recipe.channels:
             pair, table = None, np.empty(0, np.uint8)
             if channel.cross is not None:
                 pair = (min(channel.own, channel.cross), max(channel.own, channel.cross))
-                table = _table(channel.own_gain, channel.cross_gain, recipe.linear, channel.own == pair[0])
+                table = _table(
+                    channel.own_gain, channel.cross_gain, recipe.linear, channel.own == pair[0]
+                )
                 if pair not in self._pairs:
                     self._pairs[pair] = np.empty((height_px, width_px, 2), np.uint8)
             self._steps.append((channel.own, pair, table))
 
-    def mix(self, planes: list[NDArray[np.uint8]], out: NDArray[np.uint8], rows: slice = slice(None)) -> NDArray[np.uint8]:
+    def mix(
+        self, planes: list[NDArray[np.uint8]], out: NDArray[np.uint8], rows: slice = slice(None)
+    ) -> NDArray[np.uint8]:
         """planes: uint8 (height, width) in the recipe's order. out: uint8 (height, width, 3), filled as BGR. rows: only these;
         two threads may mix different rows."""
         for (low, high), index in self._pairs.items():
@@ -217,7 +235,9 @@ class Mixer:
         return out
 
 
-def wide_lookup(index: NDArray[np.uint16], table: NDArray[np.uint8], out: NDArray[np.uint8]) -> None:
+def wide_lookup(
+    index: NDArray[np.uint16], table: NDArray[np.uint8], out: NDArray[np.uint8]
+) -> None:
     """out = table[0][index]; table: (1, 65536). `cv2.LUT` takes 8 bits only before OpenCV 5, which plain pip cannot install."""
     if WIDE_LUT:
         cv2.LUT(index, table, out)
@@ -251,14 +271,18 @@ class PlaneBuilder:
 
 
 @lru_cache(maxsize=64)
-def _plane_tables(weights: Weights, linear: bool) -> tuple[list[NDArray[np.uint16]], NDArray[np.uint8]]:
+def _plane_tables(
+    weights: Weights, linear: bool
+) -> tuple[list[NDArray[np.uint16]], NDArray[np.uint8]]:
     """Per channel (1, 256) uint16 of |weight| * light, and (1, 65536) uint8 from their sum back to code values.
 
     The scale lets the positive terms together reach 65535 and no more, so sums never saturate."""
     code = np.arange(256) / 255.0
     light = decoded(code) if linear else code
     scale = 65530.0 / add(max(weight, 0.0) for weight in weights)
-    terms = [np.rint(abs(weight) * scale * light).astype(np.uint16).reshape(1, -1) for weight in weights]
+    terms = [
+        np.rint(abs(weight) * scale * light).astype(np.uint16).reshape(1, -1) for weight in weights
+    ]
     level = np.arange(65536) / scale
     value = encoded(level) if linear else np.clip(level, 0.0, 1.0)
     return terms, np.rint(value * 255).astype(np.uint8).reshape(1, -1)
@@ -267,7 +291,9 @@ def _plane_tables(weights: Weights, linear: bool) -> tuple[list[NDArray[np.uint1
 def encode(left: NDArray[np.uint8], right: NDArray[np.uint8], how: Recipe) -> NDArray[np.uint8]:
     """The anaglyph of two pictures, uint8 (height, width, 3) BGR each, as a new one: for notebooks, metrics and tests."""
     height, width = left.shape[:2]
-    views = [np.ascontiguousarray(picture[..., ::-1].transpose(2, 0, 1)) for picture in (left, right)]
+    views = [
+        np.ascontiguousarray(picture[..., ::-1].transpose(2, 0, 1)) for picture in (left, right)
+    ]
     planes = [views[plane.eye][plane.channels[0]] for plane in how.planes]
     builder = PlaneBuilder(height, width)
     for k, plane in enumerate(how.planes):

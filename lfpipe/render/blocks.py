@@ -17,10 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 BAND_BYTES = 1 << 20  # of blocks packed and sampled at a time
-Reach = tuple[int, int, NDArray[np.float32]]  # first and last row of blocks that a band needs, and its y counted from there
+Reach = tuple[
+    int, int, NDArray[np.float32]
+]  # first and last row of blocks that a band needs, and its y counted from there
 Box = tuple[slice, slice]  # rows, columns of a picture
 Pixel = TypeVar("Pixel", np.uint8, np.float32)
-MARGIN = 1  # blocks before the first pixel: the border is repeated outwards for each of a block's pixels
+MARGIN = (
+    1  # blocks before the first pixel: the border is repeated outwards for each of a block's pixels
+)
 
 
 def size_of(height_px: int, width_px: int) -> tuple[int, int]:
@@ -70,11 +74,15 @@ class Blocks:
         rows, cols = self._count = size_of(height_px, width_px)
         self._padded = np.empty((height_px + 2, width_px + 2), np.uint8)
         self._whole = near_array((height_px + 1, width_px + 2, 4))
-        self._rows: dict[int, tuple[NDArray[np.uint8], list[NDArray[np.uint8]], NDArray[np.uint8]]] = {}
+        self._rows: dict[
+            int, tuple[NDArray[np.uint8], list[NDArray[np.uint8]], NDArray[np.uint8]]
+        ] = {}
         self._even = np.empty((2 * rows, 2 * cols), np.uint8)
         self._y = np.empty((rows, cols), np.float32)
 
-    def _rows_of(self, count: int) -> tuple[NDArray[np.uint8], list[NDArray[np.uint8]], NDArray[np.uint8]]:
+    def _rows_of(
+        self, count: int
+    ) -> tuple[NDArray[np.uint8], list[NDArray[np.uint8]], NDArray[np.uint8]]:
         """Buffers for this many rows of blocks: the padded plane, the four corners of its blocks, and the merged blocks.
 
         One long row, so that one call merges all; pixels that wrap around at the end of a row are never read.
@@ -109,11 +117,20 @@ class Blocks:
         last = min(max(math.ceil(2 * rows.stop - 2 + MARGIN + most_px), first), height)
         return first, last, np.subtract(y, np.float32(first), out=self._y[: len(y)])
 
-    def sample(self, plane: NDArray[np.uint8], x: NDArray[np.float32], reach: Reach, out: NDArray[np.uint8]) -> None:
+    def sample(
+        self, plane: NDArray[np.uint8], x: NDArray[np.float32], reach: Reach, out: NDArray[np.uint8]
+    ) -> None:
         """out[i, j] = the block of plane at (x, y)[i, j], bilinear between pixels; x, y: `places` plus a displacement, y as
         `reach`."""
         first, last, y = reach
-        cv2.remap(self.lay(plane, first, last), x, y, cv2.INTER_LINEAR, out, borderMode=cv2.BORDER_REPLICATE)
+        cv2.remap(
+            self.lay(plane, first, last),
+            x,
+            y,
+            cv2.INTER_LINEAR,
+            out,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
 
     def pixels(self, blocks: NDArray[np.uint8], out: NDArray[np.uint8]) -> None:
         """Unpacks side-by-side blocks, uint8 (rows, columns, 4), into out, uint8 (height, width) with contiguous rows; or a band

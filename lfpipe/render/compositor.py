@@ -19,17 +19,25 @@ from lfpipe.render.synthesis import Source, Synthesiser
 from lfpipe.render.viewpoint import Position, extrapolation_views
 from lfpipe.scene.lightfield import LightField
 
-Key = tuple[int, Position, Position]  # frame of a video, viewpoints of the eyes on a grid of small steps
+Key = tuple[
+    int, Position, Position
+]  # frame of a video, viewpoints of the eyes on a grid of small steps
 
-_RGB = tuple(Plane(0, weights, False) for weights in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
-_WHOLE = Recipe(_RGB, (Channel(0), Channel(1), Channel(2)), False)  # one eye's view in its own colours
+_RGB = tuple(
+    Plane(0, weights, False) for weights in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+)
+_WHOLE = Recipe(
+    _RGB, (Channel(0), Channel(1), Channel(2)), False
+)  # one eye's view in its own colours
 BUDGET_BYTES = 64 << 20  # of planes that are built and kept
 TWO_VIEWS = ("side-by-side", "row-interleaved")  # outputs of each eye's view in its own colours
 
 
 def method_for(field: LightField, asked: str) -> str:
     """The method that makes views of field for render.method = asked; never "auto"."""
-    return drawn_with(asked, field.method, field.disparity is not None, field.manifest.get("scores", {}))
+    return drawn_with(
+        asked, field.method, field.disparity is not None, field.manifest.get("scores", {})
+    )
 
 
 def mixed_as(field: LightField, method: str, render: Render) -> Render:
@@ -40,7 +48,11 @@ def mixed_as(field: LightField, method: str, render: Render) -> Render:
 
 def recipe_for(render: Render) -> Recipe:
     """The recipe for mixing pictures; outputs without glasses show a view in its own colours."""
-    return recipe(render.anaglyph, render.light, render.ghost_compensation) if render.anaglyph in MATRICES else _WHOLE
+    return (
+        recipe(render.anaglyph, render.light, render.ghost_compensation)
+        if render.anaglyph in MATRICES
+        else _WHOLE
+    )
 
 
 def planes_of_eyes(render: Render) -> tuple[tuple[Plane, ...], tuple[Plane, ...]]:
@@ -76,9 +88,13 @@ class PlaneStore:
 
     def __init__(self, field: LightField, budget_bytes: int = BUDGET_BYTES) -> None:
         self._field = field
-        self._views = np.asarray(field.views)  # a plain view of the map: indexing an np.memmap costs microseconds
+        self._views = np.asarray(
+            field.views
+        )  # a plain view of the map: indexing an np.memmap costs microseconds
         self._builder = PlaneBuilder(field.height_px, field.width_px)
-        self.built = lru_cache(max(8, budget_bytes // max(1, field.height_px * field.width_px)))(self._build)
+        self.built = lru_cache(max(8, budget_bytes // max(1, field.height_px * field.width_px)))(
+            self._build
+        )
 
     def source(self, plane: Plane) -> Source:
         """A function (frame, row, col) -> uint8 (height, width), read-only."""
@@ -124,22 +140,35 @@ class Compositor:
             of_eye = [k for k, plane in enumerate(mix.planes) if plane.eye == eye]
             if not eye or helper:
                 store, synthesiser = PlaneStore(field), Synthesiser(field, self.method)
-            sources, scratch = [store.source(mix.planes[k]) for k in of_eye], [self._planes[k] for k in of_eye]
+            sources, scratch = (
+                [store.source(mix.planes[k]) for k in of_eye],
+                [self._planes[k] for k in of_eye],
+            )
             self._eyes.append(_Eye(of_eye, sources, scratch, synthesiser))
         self._helper = helper if all(eye.planes for eye in self._eyes) else None
         self._picture = near_array((height, width, 3))
         self.pair: Pair | None = None  # the views of the last picture, if it consists of two
         if render.anaglyph in TWO_VIEWS:
-            self.pair = np.empty((height, width, 3), np.uint8), np.empty((height, width, 3), np.uint8)
+            self.pair = (
+                np.empty((height, width, 3), np.uint8),
+                np.empty((height, width, 3), np.uint8),
+            )
         self._zero_px = zero_plane_px(field, render)
-        extent_px = max(abs(edge - self._zero_px) for edge in (field.disparity_min_px, field.disparity_max_px))
+        extent_px = max(
+            abs(edge - self._zero_px) for edge in (field.disparity_min_px, field.disparity_max_px)
+        )
         self._quantum = _quantum(self.method, extent_px)
-        self._reach, self._last = extrapolation_views(self.method, render), (field.rows - 1, field.cols - 1)
+        self._reach, self._last = (
+            extrapolation_views(self.method, render),
+            (field.rows - 1, field.cols - 1),
+        )
 
     def _rounded(self, value: float, last: int) -> float:
         """value on an axis of views 0 to last, rounded to the key's grid, within the extrapolated zone; the middle if not
         finite."""
-        inside = min(max(value, -self._reach), last + self._reach) if math.isfinite(value) else last / 2
+        inside = (
+            min(max(value, -self._reach), last + self._reach) if math.isfinite(value) else last / 2
+        )
         return math.floor(inside / self._quantum + 0.5) * self._quantum
 
     def key(self, left: Position, right: Position, frame: int = 0) -> Key:
@@ -172,7 +201,9 @@ class Compositor:
             height, width = self._picture.shape[:2]
             for whole, x0, x1 in ((self.pair[0], 0, width // 2), (self.pair[1], width // 2, width)):
                 if x1 > x0:
-                    self._picture[:, x0:x1] = cv2.resize(whole, (x1 - x0, height), interpolation=cv2.INTER_AREA)
+                    self._picture[:, x0:x1] = cv2.resize(
+                        whole, (x1 - x0, height), interpolation=cv2.INTER_AREA
+                    )
         return self._picture
 
     def _mix(self, frame: int, left: Position, right: Position, out: NDArray[np.uint8]) -> None:
@@ -205,9 +236,13 @@ class ViewRenderer:
         self._synthesiser = Synthesiser(field, method_for(field, method))
         store = PlaneStore(field)
         self._sources = [store.source(channel) for channel in _RGB[: field.channels]]
-        self._outs = [np.empty((field.height_px, field.width_px), np.uint8) for _ in range(field.channels)]
+        self._outs = [
+            np.empty((field.height_px, field.width_px), np.uint8) for _ in range(field.channels)
+        ]
 
     def render(self, row: float, col: float, frame: int = 0) -> NDArray[np.uint8]:
         """The view at (row, col), fractions allowed, as a new uint8 (height, width, 3) BGR. frame: of a light-field video."""
-        planes = self._synthesiser.render((row, col), frame % self._frames, self._zero_plane_px, self._sources, self._outs)
+        planes = self._synthesiser.render(
+            (row, col), frame % self._frames, self._zero_plane_px, self._sources, self._outs
+        )
         return np.stack(planes * 3 if len(planes) == 1 else planes[::-1], axis=2)

@@ -114,7 +114,11 @@ def check_display(spec: str, monitor: str = "") -> None:
     if spec in ("window", "fullscreen"):
         if not has_display():
             named = os.environ.get("WAYLAND_DISPLAY") or os.environ.get("DISPLAY")
-            why = f"{named} does not answer" if named else "neither WAYLAND_DISPLAY nor DISPLAY is set"
+            why = (
+                f"{named} does not answer"
+                if named
+                else "neither WAYLAND_DISPLAY nor DISPLAY is set"
+            )
             remedy = "use --display none or --display file:OUT.mkv, or run on a desktop"
             raise UserError(f"--display {spec}: no screen here ({why})", remedy)
         if monitor:
@@ -132,7 +136,13 @@ def check_display(spec: str, monitor: str = "") -> None:
 
 
 def open_display(
-    spec: str, size_px: tuple[int, int], title: str, rate_hz: float, monitor: str = "", part: int = 0, code: str = ""
+    spec: str,
+    size_px: tuple[int, int],
+    title: str,
+    rate_hz: float,
+    monitor: str = "",
+    part: int = 0,
+    code: str = "",
 ) -> Display:
     """The display that spec names: window, fullscreen, none, file:OUT.mkv.
 
@@ -146,11 +156,15 @@ def open_display(
     if spec in ("window", "fullscreen"):
         from lfpipe.render.window import Window
 
-        return Window(size_px, title if code else f"{title} ({HINT})", spec == "fullscreen", monitor, code)
+        return Window(
+            size_px, title if code else f"{title} ({HINT})", spec == "fullscreen", monitor, code
+        )
     if name == "file":
         from lfpipe.render.file_display import FileDisplay
 
         path = Path(argument).expanduser()
-        return FileDisplay(path.with_stem(f"{path.stem}.{part + 1}") if part else path, size_px, rate_hz)
+        return FileDisplay(
+            path.with_stem(f"{path.stem}.{part + 1}") if part else path, size_px, rate_hz
+        )
     display: Display = load(DISPLAYS, name)(argument, size_px, title, rate_hz)
     return display

@@ -22,15 +22,21 @@ from lfpipe.host.terminal import OPENCV_ERROR, opencv_logging
 from lfpipe.render.display import Display, DisplayNotice
 from lfpipe.render.pair_layout import Pair
 
-os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # it reports past Python; notices report the same
+os.environ.setdefault(
+    "OPENCV_FFMPEG_LOGLEVEL", "-8"
+)  # it reports past Python; notices report the same
 
 SUFFIXES = (".mkv", ".avi", ".mp4")
 QUEUE_PICTURES = 8  # a short wait for the disk
-RESERVE_BYTES = 64 << 20  # left free on the disk, so that the video makes nothing else on the machine fail
+RESERVE_BYTES = (
+    64 << 20
+)  # left free on the disk, so that the video makes nothing else on the machine fail
 CHECK_FRAMES = 16  # between two looks at the disk: four a second at 60 Hz
 HELD_BYTES = 8 << 20  # not in the file yet: more than the 5 MB that the container may hold back
 LEAST_BITS = 3  # a pixel takes at least a bit a channel
-BEHIND_S = 0.5  # an encoder that lags by more than a short wait for the disk no longer repeats pictures
+BEHIND_S = (
+    0.5  # an encoder that lags by more than a short wait for the disk no longer repeats pictures
+)
 AHEAD_FRAMES = 2  # pictures faster than the rate are accepted until the video is this far ahead
 
 
@@ -55,14 +61,25 @@ class FileDisplay(Display):
     video with a notice; the session continues.
     """
 
-    def __init__(self, path: Path, size_px: tuple[int, int], rate_hz: float, reserve_bytes: int = RESERVE_BYTES) -> None:
+    def __init__(
+        self,
+        path: Path,
+        size_px: tuple[int, int],
+        rate_hz: float,
+        reserve_bytes: int = RESERVE_BYTES,
+    ) -> None:
         """path: as `check_file` accepts. size_px: (width, height) of the pictures. Raises UserError if it cannot be created."""
         try:
             self._output = OutputFile(path)
         except OSError as error:
             raise write_error(path, error) from None
         self._writer = VideoWriter(self._output.current, size_px, rate_hz)
-        self._path, self._size, self._period_ns, self._reserve = path, size_px, 1e9 / rate_hz, reserve_bytes
+        self._path, self._size, self._period_ns, self._reserve = (
+            path,
+            size_px,
+            1e9 / rate_hz,
+            reserve_bytes,
+        )
         self._queue: queue.Queue[tuple[int, NDArray[np.uint8] | None]] = queue.Queue(QUEUE_PICTURES)
         self._notices: list[DisplayNotice] = []
         self._written = self.dropped = 0
@@ -86,7 +103,9 @@ class FileDisplay(Display):
 
     def close(self) -> None:
         while self._thread.is_alive():
-            with contextlib.suppress(queue.Full):  # a full disk may end the thread before it takes this
+            with contextlib.suppress(
+                queue.Full
+            ):  # a full disk may end the thread before it takes this
                 self._queue.put((time.monotonic_ns(), None), timeout=0.1)
                 break
         self._thread.join()
@@ -128,7 +147,9 @@ class FileDisplay(Display):
                 self._put(picture)
             picture = following
 
-    def _next(self, shown: NDArray[np.uint8], start_ns: int) -> tuple[int, NDArray[np.uint8] | None]:
+    def _next(
+        self, shown: NDArray[np.uint8], start_ns: int
+    ) -> tuple[int, NDArray[np.uint8] | None]:
         """The next of the queue; while there is nothing new for a while, repeats what is shown. Raises OSError."""
         while True:
             due_ns = start_ns + (self._written + QUEUE_PICTURES) * self._period_ns
@@ -147,7 +168,10 @@ class FileDisplay(Display):
         free, size = shutil.disk_usage(self._path.parent).free, self._output.current.stat().st_size
         if free < self._reserve:
             raise OSError(errno.ENOSPC, f"the disk is full but for {free / 1e6:.0f} MB")
-        if self._writer.lossless and size + HELD_BYTES < self._written * self._size[0] * self._size[1] * LEAST_BITS / 8:
+        if (
+            self._writer.lossless
+            and size + HELD_BYTES < self._written * self._size[0] * self._size[1] * LEAST_BITS / 8
+        ):
             raise OSError(errno.EFBIG, "it no longer grows (quota or size limit)")
 
     def _place(self) -> None:

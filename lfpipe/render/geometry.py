@@ -17,14 +17,19 @@ from lfpipe.config import Config, Render
 from lfpipe.config.camera_pose import camera_focal_px
 from lfpipe.scene.lightfield import Geometry, LightField
 
-PICTURE_MM = 530.0  # width of a picture that fills a 24 inch screen, used if the monitor size is unknown
+PICTURE_MM = (
+    530.0  # width of a picture that fills a 24 inch screen, used if the monitor size is unknown
+)
 SEAT_MM = 600.0  # assumed distance of the viewer until a face is seen
 NEAREST_MM, FARTHEST_MM = 50.0, 50000.0  # the range of screen.distance_mm
 FUSED_RAD, FUSED_WIDTH = math.radians(1.0), 0.03  # that most people fuse at once: docs/comfort.md
 DEFAULT_VIEWS = 4.0  # between the eyes, if the disparities are unknown
 LEAST_VIEWS = 1e-3  # so that alpha stays finite
 LEAST_EYES_PX = 0.5  # eyes closer together than this are not a face's
-PLANES, LEAST_STEP_PX = 40, 0.01  # zero planes from the farthest to the nearest of a scene; the least step between them
+PLANES, LEAST_STEP_PX = (
+    40,
+    0.01,
+)  # zero planes from the farthest to the nearest of a scene; the least step between them
 UNKNOWN_PX = (-2.0, 2.0)  # disparities if they are unknown, or all equal
 
 
@@ -56,7 +61,11 @@ class Parallax:
         return views > 0.005 or abs(self.alpha_px / other.alpha_px - 1) > 0.15
 
     def __str__(self) -> str:
-        depth = "unknown (no baseline or focus distance)" if self.compression is None else f"{self.compression:.2f} of true depth"
+        depth = (
+            "unknown (no baseline or focus distance)"
+            if self.compression is None
+            else f"{self.compression:.2f} of true depth"
+        )
         line = f"alpha {self.alpha_px:.2f} px/view, {self.views_between_eyes:.2f} views between the eyes, depth {depth}"
         return "\n  ".join((line, *self.reasons))
 
@@ -80,7 +89,9 @@ def parallax(
     """
     render, screen, eyes_mm = config.render, config.screen, config.screen.eyes_mm
     focal_px = camera_focal_px(config, frame_width_px)
-    seen_px = eyes_px if eyes_px is not None and LEAST_EYES_PX <= eyes_px <= frame_width_px else None
+    seen_px = (
+        eyes_px if eyes_px is not None and LEAST_EYES_PX <= eyes_px <= frame_width_px else None
+    )
     if screen.distance_mm != "auto":
         distance_mm, why = float(screen.distance_mm), "configured"
     elif seen_px is not None:
@@ -90,7 +101,10 @@ def parallax(
         distance_mm, why = SEAT_MM, "assumed until a face is detected"
     reasons = [f"viewer {distance_mm:.0f} mm from the screen ({why})"]
     apart_px = seen_px or focal_px * eyes_mm / distance_mm
-    width_mm, source = picture_mm or PICTURE_MM, "on this monitor" if picture_mm else "assumed: monitor size unknown"
+    width_mm, source = (
+        picture_mm or PICTURE_MM,
+        "on this monitor" if picture_mm else "assumed: monitor size unknown",
+    )
     if screen.width_mm != "auto":
         width_mm, source = float(screen.width_mm), "configured"
 
@@ -108,14 +122,22 @@ def parallax(
         best = f"use render.alpha_px of at least {apart_px / comfort:.1f}"
         reasons.append(f"beyond the comfort limit of {comfort:.2f} views ({limit}): {best}")
     if zero_px and render.zero_plane_px == "auto":
-        reasons.append(f"screen at {zero_px:+.2f} px/view: the nearest at the left and right border is in it")
+        reasons.append(
+            f"screen at {zero_px:+.2f} px/view: the nearest at the left and right border is in it"
+        )
     return Parallax(alpha_px, views, comfort, true, distance_mm, apart_px, zero_px, tuple(reasons))
 
 
-def _automatic_views(field: LightField, depth: float, comfort: tuple[float | None, str], true: float | None) -> tuple[float, str]:
+def _automatic_views(
+    field: LightField, depth: float, comfort: tuple[float | None, str], true: float | None
+) -> tuple[float, str]:
     """S from comfort to true depth, or to the whole grid where that is unknown, and why."""
     count, axis = (field.cols, "columns") if field.cols > 1 else (field.rows, "rows")
-    half = f"half of the {count} {axis}; the other half is room to move" if count > 1 else "the scene has one view"
+    half = (
+        f"half of the {count} {axis}; the other half is room to move"
+        if count > 1
+        else "the scene has one view"
+    )
     limits = [(max(count - 1, 1) / 2, half), (comfort[0] or DEFAULT_VIEWS, comfort[1])]
     if true is not None:
         limits.append((true, "true depth"))
@@ -124,7 +146,9 @@ def _automatic_views(field: LightField, depth: float, comfort: tuple[float | Non
     most = max(float(count - 1) if true is None else true, views)
     if not depth or most <= views:
         return views, why
-    return views * (most / views) ** depth, f"{depth:.0%} of the way to {'the whole grid' if true is None else 'true depth'}"
+    return views * (
+        most / views
+    ) ** depth, f"{depth:.0%} of the way to {'the whole grid' if true is None else 'true depth'}"
 
 
 def _comfort_views(
@@ -134,24 +158,34 @@ def _comfort_views(
     unknown.
     """
     pitch_mm = width_mm / field.width_px
-    behind_mm, before_mm = (zero_px - field.disparity_min_px) * pitch_mm, (field.disparity_max_px - zero_px) * pitch_mm
+    behind_mm, before_mm = (
+        (zero_px - field.disparity_min_px) * pitch_mm,
+        (field.disparity_max_px - zero_px) * pitch_mm,
+    )
     extent_mm = max(abs(behind_mm), abs(before_mm))
     if field.disparity_source == "none" or not extent_mm > 0:
         return None, "disparities unknown"
     limits = [
         (FUSED_RAD * distance_mm / extent_mm, "1 degree between the eyes' images"),
-        (FUSED_WIDTH * width_mm / extent_mm, f"{FUSED_WIDTH:.0%} of the picture's width between the eyes' images"),
+        (
+            FUSED_WIDTH * width_mm / extent_mm,
+            f"{FUSED_WIDTH:.0%} of the picture's width between the eyes' images",
+        ),
     ]
     if behind_mm > 0:
         limits.append((eyes_mm / behind_mm, "the eyes must not diverge"))
     return min(limits)
 
 
-def _true_views(zero_px: float, known: Geometry, distance_mm: float, eyes_mm: float) -> float | None:
+def _true_views(
+    zero_px: float, known: Geometry, distance_mm: float, eyes_mm: float
+) -> float | None:
     """S_true, from baseline over the distance of the zero plane; None if the capture is unknown."""
     if not known.baseline_mm or not known.focus_distance_mm:
         return None
-    slope = known.baseline_mm / known.focus_distance_mm + (zero_px / known.focal_length_px if known.focal_length_px else 0.0)
+    slope = known.baseline_mm / known.focus_distance_mm + (
+        zero_px / known.focal_length_px if known.focal_length_px else 0.0
+    )
     return eyes_mm / (slope * distance_mm) if slope > 0 else None
 
 

@@ -22,9 +22,17 @@ KINDS: tuple[tuple[str, tuple[Colour, Colour] | None, str], ...] = (
     ("none", None, "mono"),
 )
 ICON_PX = 480, 240  # width, height: larger than on any screen, so that it is only scaled down
-GREY, DARK, LIGHT = 128, 60, 235  # of the test: both letters have room for compensation of ghosts on either side
+GREY, DARK, LIGHT = (
+    128,
+    60,
+    235,
+)  # of the test: both letters have room for compensation of ghosts on either side
 FONT = cv2.FONT_HERSHEY_DUPLEX
-WORDS = {"anaglyph": "your glasses", "swap_eyes": "swapped eyes", "ghost_compensation": "compensation of ghosts"}
+WORDS = {
+    "anaglyph": "your glasses",
+    "swap_eyes": "swapped eyes",
+    "ghost_compensation": "compensation of ghosts",
+}
 
 
 def _icon(lenses: tuple[Colour, Colour] | None) -> NDArray[np.uint8]:
@@ -43,9 +51,16 @@ def _icon(lenses: tuple[Colour, Colour] | None) -> NDArray[np.uint8]:
 @lru_cache(1)
 def glasses_menu(anaglyph: str) -> Menu:
     """The question. anaglyph: the setting in force."""
-    items = tuple(Item(words, f"wear {value}", picture=_icon(lenses)) for words, lenses, value in KINDS)
+    items = tuple(
+        Item(words, f"wear {value}", picture=_icon(lenses)) for words, lenses, value in KINDS
+    )
     at = next((k for k, (_, _, value) in enumerate(KINDS) if value == anaglyph), 0)
-    return Menu("Which glasses do you have?", "Click, or use the arrows and Enter. Key e asks again.", items, at)
+    return Menu(
+        "Which glasses do you have?",
+        "Click, or use the arrows and Enter. Key e asks again.",
+        items,
+        at,
+    )
 
 
 def _eye_picture(left: bool, size_px: tuple[int, int]) -> NDArray[np.uint8]:
@@ -54,7 +69,11 @@ def _eye_picture(left: bool, size_px: tuple[int, int]) -> NDArray[np.uint8]:
     picture = np.full((height, width, 3), GREY, np.uint8)
     line = max(2, min(size_px) // 100)
     cv2.rectangle(picture, (line, line), (width - 1 - line, height - 1 - line), (LIGHT,) * 3, line)
-    patch = slice(width // 16, width // 2 - width // 32) if left else slice(width // 2 + width // 32, width - width // 16)
+    patch = (
+        slice(width // 16, width // 2 - width // 32)
+        if left
+        else slice(width // 2 + width // 32, width - width // 16)
+    )
     picture[height // 8 : height - height // 8, patch] = DARK
     letter, scale = "L" if left else "R", min(width / 2, height) / 40
     (wide, high), _ = cv2.getTextSize(letter, FONT, scale, line)
@@ -84,5 +103,9 @@ def instructions(render: Render) -> str:
     if render.anaglyph == "mono":
         return "glasses test: this mode shows both eyes the same picture; m changes the mode"
     ghost = f"a faint L too? adjust with right and left arrow: compensation {render.ghost_compensation:.0f} %"
-    lines = ("close your left eye: you should see only R", ghost, "x swaps the eyes, g ends the test")
+    lines = (
+        "close your left eye: you should see only R",
+        ghost,
+        "x swaps the eyes, g ends the test",
+    )
     return "\n".join(line for line in lines if line != ghost or render.anaglyph in MATRICES)

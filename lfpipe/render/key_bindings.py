@@ -42,19 +42,35 @@ ASKED_NS = 8 * SECOND_NS  # time to look which is which
 class KeyBindings:
     """Handles a display's events and notices. scenes: other scenes."""
 
-    def __init__(self, context: Context, viewer: Viewer, presenter: Presenter, display: Display) -> None:
-        self._context, self._viewer, self._presenter, self._display = context, viewer, presenter, display
+    def __init__(
+        self, context: Context, viewer: Viewer, presenter: Presenter, display: Display
+    ) -> None:
+        self._context, self._viewer, self._presenter, self._display = (
+            context,
+            viewer,
+            presenter,
+            display,
+        )
         self._notices = Notices()
         self.scenes = SceneLoader(context, self._notices)
         self._page = ScenePage(context)
-        self._dialog: subprocess.Popen[str] | None = None  # at most one, so that pictures go on meanwhile
+        self._dialog: subprocess.Popen[str] | None = (
+            None  # at most one, so that pictures go on meanwhile
+        )
         first = not context.row["restarts"]
         # over the picture: "glasses", the question; "scenes"; "help"; "figures"; or nothing
         self._over = "glasses" if context.options.ask_glasses and first else ""
-        self._page_waits = context.options.start and first  # for the answer, and for the test of the glasses
+        self._page_waits = (
+            context.options.start and first
+        )  # for the answer, and for the test of the glasses
         self._before_test = context.config.render
         self._figures, self._figures_due_ns = tuple[str, ...](), 0
-        self._known = (context.config.render, level_number(context.options), viewer.field.name, viewer.field.half_turned)
+        self._known = (
+            context.config.render,
+            level_number(context.options),
+            viewer.field.name,
+            viewer.field.half_turned,
+        )
         self._actions: dict[str, Callable[[str], None]] = {
             "quit": lambda _: context.request("stop"),
             "recentre": lambda _: self._recentre(),
@@ -62,15 +78,21 @@ class KeyBindings:
             "overlay": lambda _: self._switch("figures"),
             "help": lambda _: self._switch("help"),
             "freeze": lambda _: context.request("resume" if context.paused else "pause"),
-            "mode": lambda _: self._set(anaglyph=MODES[(MODES.index(context.config.render.anaglyph) + 1) % len(MODES)]),
+            "mode": lambda _: self._set(
+                anaglyph=MODES[(MODES.index(context.config.render.anaglyph) + 1) % len(MODES)]
+            ),
             "depth+": lambda _: self._move_plane(1),
             "depth-": lambda _: self._move_plane(-1),
             "alpha+": lambda _: self._scale_alpha(ALPHA_STEP),
             "alpha-": lambda _: self._scale_alpha(1 / ALPHA_STEP),
-            "automatic": lambda _: self._set(alpha_px="auto", zero_plane_px=Render().zero_plane_px, depth=Render().depth),
+            "automatic": lambda _: self._set(
+                alpha_px="auto", zero_plane_px=Render().zero_plane_px, depth=Render().depth
+            ),
             DEPTH: lambda share: self._set(alpha_px="auto", depth=float(share)),
             "swap": lambda _: self._set(swap_eyes=not context.config.render.swap_eyes),
-            "half-turn": lambda _: context.request("set", set={"scene.half_turn": "no" if viewer.field.half_turned else "yes"}),
+            "half-turn": lambda _: context.request(
+                "set", set={"scene.half_turn": "no" if viewer.field.half_turned else "yes"}
+            ),
             "record": lambda _: self._record(),
             "choose": lambda _: self._switch("scenes"),
             "close": lambda _: self._switch(""),
@@ -105,7 +127,9 @@ class KeyBindings:
         t_ns = now_ns()
         self._presenter.mouse.follow(self._display.pointer, t_ns)
         self.pass_on_notices()
-        if self._viewer.shown_as_wide(self._display.width_mm()):  # a larger picture has larger parallax
+        if self._viewer.shown_as_wide(
+            self._display.width_mm()
+        ):  # a larger picture has larger parallax
             self._presenter.redraw()
         self.scenes.serve(t_ns)
         if self._over == "scenes":
@@ -117,7 +141,10 @@ class KeyBindings:
         if self._page_waits and not self._over and not self._presenter.tests_glasses:
             self._switch("scenes")
         if self._over == "figures" and t_ns >= self._figures_due_ns:
-            self._figures, self._figures_due_ns = status_lines(self._context, self._viewer), t_ns + FIGURES_NS
+            self._figures, self._figures_due_ns = (
+                status_lines(self._context, self._viewer),
+                t_ns + FIGURES_NS,
+            )
             self._presenter.redraw()
         lines = {"help": HELP, "figures": self._figures}.get(self._over, ())
         menu = self._page.menu() if self._over == "scenes" else None
@@ -143,7 +170,9 @@ class KeyBindings:
         if path:
             self.scenes.load(Path(path).absolute())
         else:
-            self._notices.say("scene", "not loaded: its name is not UTF-8; use `lfpipe ctl load`", 2 * SHOWN_NS)
+            self._notices.say(
+                "scene", "not loaded: its name is not UTF-8; use `lfpipe ctl load`", 2 * SHOWN_NS
+            )
 
     def _open(self, folder: bool) -> None:
         self._dialog = self._dialog or file_dialog(folder)
@@ -159,7 +188,9 @@ class KeyBindings:
             without.add("record")
         if field.rows * field.cols == 1:
             without |= {DEPTH, "half-turn", "recentre", "which"}
-        return bar_items(self._context.config.render.depth, bool(options.record), frozenset(without))
+        return bar_items(
+            self._context.config.render.depth, bool(options.record), frozenset(without)
+        )
 
     # glasses
 
@@ -174,11 +205,19 @@ class KeyBindings:
     def _test_glasses(self) -> None:
         """Begins or ends the test; at its end the changes are kept in the person's settings."""
         self._switch("")
-        render, before, ends = self._context.config.render, self._before_test, self._presenter.tests_glasses
+        render, before, ends = (
+            self._context.config.render,
+            self._before_test,
+            self._presenter.tests_glasses,
+        )
         self._presenter.tests_glasses, self._before_test = not ends, render
         if ends:
             names = ("swap_eyes", "ghost_compensation")
-            if changed := {name: getattr(render, name) for name in names if getattr(render, name) != getattr(before, name)}:
+            if changed := {
+                name: getattr(render, name)
+                for name in names
+                if getattr(render, name) != getattr(before, name)
+            }:
                 self._keep(**changed)
 
     def _compensate_ghost(self, step: float) -> None:
@@ -194,14 +233,20 @@ class KeyBindings:
         try:
             write_keys(user_file(), "render", values)
         except (OSError, ValueError) as error:
-            self._notices.say("kept", f"{user_file()}: not saved: {getattr(error, 'strerror', None) or error}")
+            self._notices.say(
+                "kept", f"{user_file()}: not saved: {getattr(error, 'strerror', None) or error}"
+            )
         else:
-            self._notices.say("kept", f"saved for the next session: {', '.join(WORDS[name] for name in values)}")
+            self._notices.say(
+                "kept", f"saved for the next session: {', '.join(WORDS[name] for name in values)}"
+            )
 
     # settings
 
     def _set(self, **values: object) -> None:
-        self._context.request("set", set={f"render.{name}": value for name, value in values.items()})
+        self._context.request(
+            "set", set={f"render.{name}": value for name, value in values.items()}
+        )
 
     def _recentre(self) -> None:
         self._context.request("recentre")
@@ -240,14 +285,20 @@ class KeyBindings:
     def _ask_about_depth(self) -> None:
         """Says, the first time an undecided scene is shown, how to exchange near and far."""
         context, field = self._context, self._viewer.field
-        on_screen = context.options.display in ("window", "fullscreen") and not context.options.kiosk
+        on_screen = (
+            context.options.display in ("window", "fullscreen") and not context.options.kiosk
+        )
         if on_screen and undecided(field, context.config.scene.half_turn):
             self._notices.say("near and far", "press d if near and far are exchanged", ASKED_NS)
             remember(field, "asked")
 
     def _notice_changes(self) -> None:
         """Shows a notice for each change since the last call."""
-        render, level, field = self._context.config.render, level_number(self._context.options), self._viewer.field
+        render, level, field = (
+            self._context.config.render,
+            level_number(self._context.options),
+            self._viewer.field,
+        )
         before, level_before, scene_before, half_turned_before = self._known
         self._known = (render, level, field.name, field.half_turned)
         for subject, text in changes(before, render).items() if render is not before else ():
@@ -288,4 +339,8 @@ class KeyBindings:
 def _picture_folder() -> Path:
     """The desktop's folder for pictures, or else the working directory."""
     folder = platformdirs.user_pictures_path()
-    return folder if folder != Path.home() and is_dir(folder) and os.access(folder, os.W_OK) else Path.cwd()
+    return (
+        folder
+        if folder != Path.home() and is_dir(folder) and os.access(folder, os.W_OK)
+        else Path.cwd()
+    )

@@ -9,7 +9,10 @@ from lfpipe.errors import UserError
 from lfpipe.render import window_system
 from lfpipe.render.window_system import pygame
 
-SMALLEST_PX, SMALLEST_SHARE = 640, 1 / 3  # of a first window: room for two rows of the bar; share of the monitor's width
+SMALLEST_PX, SMALLEST_SHARE = (
+    640,
+    1 / 3,
+)  # of a first window: room for two rows of the bar; share of the monitor's width
 SCREEN_SHARE = 0.85  # of the monitor, at most, for a first window: panels and title bars take some
 INCH_MM = 25.4  # by definition
 ASPECTS_MM = (16.0, 160.0)  # widths in EDIDs that know only an aspect: 160 x 90, 16 x 10, ...
@@ -34,7 +37,9 @@ class Monitor:
 
     def window_for(self, size_px: tuple[int, int]) -> tuple[int, int]:
         """(width, height) of the first window for pictures of that size: small light fields are enlarged."""
-        largest = min(SCREEN_SHARE * self.width / size_px[0], SCREEN_SHARE * self.height / size_px[1])
+        largest = min(
+            SCREEN_SHARE * self.width / size_px[0], SCREEN_SHARE * self.height / size_px[1]
+        )
         scale = min(max(1.0, max(SMALLEST_PX, SMALLEST_SHARE * self.width) / max(size_px)), largest)
         return max(1, round(size_px[0] * scale)), max(1, round(size_px[1] * scale))
 
@@ -49,7 +54,11 @@ def pixel_mm(dots_per_inch: tuple[float, float], width_px: int) -> float | None:
     if min(across, down) <= 0 or abs(across / down - 1) > SQUARE:
         return None
     width_mm = width_px * INCH_MM / across
-    return None if any(abs(width_mm - aspect_mm) < 1 for aspect_mm in ASPECTS_MM) else width_mm / width_px
+    return (
+        None
+        if any(abs(width_mm - aspect_mm) < 1 for aspect_mm in ASPECTS_MM)
+        else width_mm / width_px
+    )
 
 
 def monitors() -> list[Monitor]:
@@ -58,7 +67,15 @@ def monitors() -> list[Monitor]:
     connected = []
     for number, ((width_px, _), rate_hz) in enumerate(zip(sizes, rates_hz, strict=True)):
         name, place, dots_per_inch = window_system.monitor_facts(number)
-        connected.append(Monitor(number, name, *place, pixel_mm(dots_per_inch, width_px), float(rate_hz or NOMINAL_HZ)))
+        connected.append(
+            Monitor(
+                number,
+                name,
+                *place,
+                pixel_mm(dots_per_inch, width_px),
+                float(rate_hz or NOMINAL_HZ),
+            )
+        )
     return connected
 
 
@@ -96,8 +113,17 @@ def loop_doubt(config: Config, camera: str, monitors: list[Monitor]) -> str:
     if not then:
         return "it was set by hand, not measured" if config.render.loop_ms else ""
     asked = str(config.screen.monitor).lower()
-    here = [monitor for monitor in monitors if asked in ("", str(monitor.number)) or asked in monitor.name.lower()]
-    now = [loop_conditions(date, camera, config.camera, monitor).removeprefix(f"{date}; ") for monitor in here]
+    here = [
+        monitor
+        for monitor in monitors
+        if asked in ("", str(monitor.number)) or asked in monitor.name.lower()
+    ]
+    now = [
+        loop_conditions(date, camera, config.camera, monitor).removeprefix(f"{date}; ")
+        for monitor in here
+    ]
     if then in now:
         return ""
-    return f"measured with {then}; now it is {' or '.join(now) or 'another monitor'}".replace("; ", ", ")
+    return f"measured with {then}; now it is {' or '.join(now) or 'another monitor'}".replace(
+        "; ", ", "
+    )

@@ -15,10 +15,14 @@ from lfpipe.transport.clock import MS_NS, SECOND_NS
 
 ONSET = 0.05  # of the distance between the eyes: ten times the noise, yet the head has hardly moved; 3 px in docs/photon.md
 REST_NS = 400 * MS_NS  # at least this long within half of ONSET: a rest
-START_NS = 200 * MS_NS  # from the rest to ONSET at most: slower, there is no moment at which the motion begins
+START_NS = (
+    200 * MS_NS
+)  # from the rest to ONSET at most: slower, there is no moment at which the motion begins
 WITHIN_NS = 600 * MS_NS  # a later picture has nothing to do with the motion
 UNDER_WAY = 0.5  # distances between the eyes per second; slower, noise is most of it
-SETTLED_NS = 300 * MS_NS  # the slowest filter (mean of 5 at 30 Hz: 167 ms) and a loop of 130 ms have settled
+SETTLED_NS = (
+    300 * MS_NS
+)  # the slowest filter (mean of 5 at 30 Hz: 167 ms) and a loop of 130 ms have settled
 KEPT = 0.995  # decay of the sums per picture: some 200 pictures in motion
 SHARE = 0.2  # weight of the newest onset in its running mean, which begins as a plain mean
 MOST_PICTURES = 240  # of a second and more, at every rate of a screen
@@ -52,7 +56,9 @@ class MotionLatency:
         self._frames: deque[_Frame] = deque()  # of the last REST_NS
         self._pictures: deque[_Picture] = deque(maxlen=MOST_PICTURES)
         self._rest: _Frame | None = None  # the middle of the last rest, and its end
-        self._motion: tuple[_Frame, float] | None = None  # when the last one began, from where; its reach, px
+        self._motion: tuple[_Frame, float] | None = (
+            None  # when the last one began, from where; its reach, px
+        )
         self._under_way_ns: int | None = None  # since then
         self._onsets = 0
         self._lag = self._power = 0.0
@@ -65,7 +71,9 @@ class MotionLatency:
             self._rest = self._motion = self._under_way_ns = last = None
         if eyes_px is None or (last is not None and t_sensor_ns == last.t_ns):
             return
-        frame = _Frame(t_sensor_ns, *middle_of(eyes_px), max(math.dist(eyes_px[:2], eyes_px[2:]), 1.0))
+        frame = _Frame(
+            t_sensor_ns, *middle_of(eyes_px), max(math.dist(eyes_px[:2], eyes_px[2:]), 1.0)
+        )
         if last is not None:
             self._add_lag(last, frame)
             self._find_motion(last, frame)
@@ -77,7 +85,9 @@ class MotionLatency:
 
     def pictured(self, t_presented_ns: int, after_ns: int, loop_ns: int, eyes_px: Eyes) -> None:
         """Adds a presented picture, made for eyes_px at after_ns later; loop_ns: the delay of camera and display in that."""
-        self._pictures.append(_Picture(t_presented_ns + loop_ns, t_presented_ns + after_ns, *middle_of(eyes_px)))
+        self._pictures.append(
+            _Picture(t_presented_ns + loop_ns, t_presented_ns + after_ns, *middle_of(eyes_px))
+        )
 
     def _add_lag(self, last: _Frame, frame: _Frame) -> None:
         """Compares the pictures between two frames with where the eyes were."""
@@ -100,18 +110,26 @@ class MotionLatency:
         """Finds the end of a rest: the moment at which the eyes were ONSET from where they had rested."""
         reach_px, frames = ONSET * last.apart_px, self._frames
         if frames[0].t_ns <= last.t_ns - 0.9 * REST_NS:
-            x, y = sum([f.x for f in frames]) / len(frames), sum([f.y for f in frames]) / len(frames)
+            x, y = (
+                sum([f.x for f in frames]) / len(frames),
+                sum([f.y for f in frames]) / len(frames),
+            )
             if max([math.hypot(f.x - x, f.y - y) for f in frames]) < reach_px / 2:
                 self._rest = _Frame(last.t_ns, x, y, last.apart_px)
         rest = self._rest
         if rest is None:
             return
-        before_px, now_px = math.hypot(last.x - rest.x, last.y - rest.y), math.hypot(frame.x - rest.x, frame.y - rest.y)
+        before_px, now_px = (
+            math.hypot(last.x - rest.x, last.y - rest.y),
+            math.hypot(frame.x - rest.x, frame.y - rest.y),
+        )
         if now_px <= reach_px:
             if frame.t_ns - rest.t_ns > START_NS:
                 self._rest = None
             return
-        t_ns = last.t_ns + round((reach_px - before_px) / (now_px - before_px) * (frame.t_ns - last.t_ns))
+        t_ns = last.t_ns + round(
+            (reach_px - before_px) / (now_px - before_px) * (frame.t_ns - last.t_ns)
+        )
         self._add_onset()
         self._motion, self._rest = (rest._replace(t_ns=t_ns), reach_px), None
 
@@ -122,7 +140,9 @@ class MotionLatency:
         (start_ns, x, y, _), reach_px = self._motion
         self._motion = None
         shows = [
-            picture.t_light_ns - start_ns for picture in self._pictures if math.hypot(picture.x - x, picture.y - y) > reach_px
+            picture.t_light_ns - start_ns
+            for picture in self._pictures
+            if math.hypot(picture.x - x, picture.y - y) > reach_px
         ]
         if late_ns := [late_ns for late_ns in shows if 0 <= late_ns <= WITHIN_NS]:
             self._onsets += 1

@@ -21,8 +21,14 @@ from lfpipe.transport.ring import Stamp
 from lfpipe.transport.ring_ends import RingOutput
 
 EASE_S = 0.06  # time constant of two low-passes in a row: a move of the mouse becomes one of a head
-BACK_NS = SECOND_NS // 2  # the way back to the camera's eyes: eight times EASE_S leave nothing to see
-NEAR_MM, FAR_MM, STEP = 250.0, 4000.0, 1.1  # range of the wheel, from reading to across a room; a step is as one of key +
+BACK_NS = (
+    SECOND_NS // 2
+)  # the way back to the camera's eyes: eight times EASE_S leave nothing to see
+NEAR_MM, FAR_MM, STEP = (
+    250.0,
+    4000.0,
+    1.1,
+)  # range of the wheel, from reading to across a room; a step is as one of key +
 
 
 class MouseLook:
@@ -32,10 +38,15 @@ class MouseLook:
         self._viewer, self._size_px = viewer, config.camera.frame_px
         self._pointer = Pointer()
         self._anchor = 0.5, 0.5  # where the pointer must be for the neutral position
-        self._focal_px, self._eyes_mm = camera_focal_px(config, self._size_px[0]), config.screen.eyes_mm
+        self._focal_px, self._eyes_mm = (
+            camera_focal_px(config, self._size_px[0]),
+            config.screen.eyes_mm,
+        )
         distance_mm = config.screen.distance_mm
         self._distance_mm = SEAT_MM if distance_mm == "auto" else float(distance_mm)
-        self._eased_px: tuple[NDArray[np.float64], ...] | None = None  # the middle of the eyes after one low-pass, and after both
+        self._eased_px: tuple[NDArray[np.float64], ...] | None = (
+            None  # the middle of the eyes after one low-pass, and after both
+        )
         self._t_ns = self._released_ns = 0
         self._ring, self._alone = ring, ring is not None
         self._count = 0
@@ -50,7 +61,10 @@ class MouseLook:
         """Takes the pointer's state at t_ns."""
         before, self._pointer = self._pointer, pointer
         if pointer.left and before.left and self.looks:
-            self._anchor = self._anchor[0] + pointer.x - before.x, self._anchor[1] + pointer.y - before.y
+            self._anchor = (
+                self._anchor[0] + pointer.x - before.x,
+                self._anchor[1] + pointer.y - before.y,
+            )
         if pointer.wheel and self.looks:
             self._distance_mm = min(max(self._distance_mm * STEP**-pointer.wheel, NEAR_MM), FAR_MM)
         if before.right and not pointer.right:
@@ -62,19 +76,30 @@ class MouseLook:
             self._anchor = self._pointer.x, self._pointer.y
         return self._alone
 
-    def eyes(self, record: EyesRecord | None, stamp: Stamp | None, t_ns: int) -> tuple[EyesRecord, Stamp]:
+    def eyes(
+        self, record: EyesRecord | None, stamp: Stamp | None, t_ns: int
+    ) -> tuple[EyesRecord, Stamp]:
         """The record and stamp of the eyes at t_ns. record, stamp: of the camera, if there is one."""
         solver, field = self._viewer.solver, self._viewer.field
         face = record if record is not None and record.face else None
-        centre_px = np.array(self._size_px) / 2.0 if solver is None or self._alone else np.array(solver.centre_px)
+        centre_px = (
+            np.array(self._size_px) / 2.0
+            if solver is None or self._alone
+            else np.array(solver.centre_px)
+        )
         start_px = centre_px if face is None else np.reshape(face.filtered_px, (2, 2)).mean(axis=0)
         target_px = centre_px
         if not self._alone and not self._pointer.right:
             target_px = start_px
         elif solver is not None:
             x, y = self._pointer.x - self._anchor[0], self._pointer.y - self._anchor[1]
-            across, down = max(field.cols - 1, 1) * solver.alpha_px, max(field.rows - 1, 1) * solver.alpha_px
-            target_px = centre_px + np.array((-x * across, y * down))  # who moves right is further left in the camera's picture
+            across, down = (
+                max(field.cols - 1, 1) * solver.alpha_px,
+                max(field.rows - 1, 1) * solver.alpha_px,
+            )
+            target_px = centre_px + np.array(
+                (-x * across, y * down)
+            )  # who moves right is further left in the camera's picture
         if self._eased_px is None:
             self._eased_px, self._t_ns = (start_px, start_px), t_ns
         share, self._t_ns = low_pass_share(max(t_ns - self._t_ns, 0) / 1e9, EASE_S), t_ns
@@ -86,7 +111,15 @@ class MouseLook:
         if face is not None:
             apart_px = face.apart_px or math.dist(face.filtered_px[:2], face.filtered_px[2:])
         eyes = _apart(target_px, apart_px), _apart(middle_px, apart_px), (0.0, 0.0, 0.0, 0.0)
-        mouse_eyes = EyesRecord(*eyes, apart_px, 1.0, *self._size_px, t_ns, 1, record.generation if record is not None else 0)
+        mouse_eyes = EyesRecord(
+            *eyes,
+            apart_px,
+            1.0,
+            *self._size_px,
+            t_ns,
+            1,
+            record.generation if record is not None else 0,
+        )
         if self._alone or stamp is None:
             self._count += 1
             stamp = Stamp(self._count, self._count, 0, t_ns, t_ns, t_ns, 0)

@@ -58,4 +58,8 @@ def status_lines(context: Context, viewer: Viewer) -> tuple[str, ...]:
 def changes(before: Render, now: Render) -> dict[str, str]:
     """A notice for each changed setting that a viewer notices, by its key."""
     values = {name: getattr(now, name) for name in CHANGES}
-    return {name: CHANGES[name].format(value) for name, value in values.items() if value != getattr(before, name)}
+    return {
+        name: CHANGES[name].format(value)
+        for name, value in values.items()
+        if value != getattr(before, name)
+    }

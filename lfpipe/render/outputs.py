@@ -38,7 +38,9 @@ class Outputs:
         self._context, self._viewer = context, viewer
         self._options = SessionOptions()  # those followed last
         trace, began = context.options.trace, context.spec.session.run_dir / "session.json"
-        self._trace = TraceFile(Path(trace) if trace else None, self._lost, began if context.row["restarts"] else None)
+        self._trace = TraceFile(
+            Path(trace) if trace else None, self._lost, began if context.row["restarts"] else None
+        )
         # a timeline that runs when this process starts was begun by the one before it
         self._began: Path | None = began
         self._timeline = TraceFile(None, context.report_lost)
@@ -46,8 +48,12 @@ class Outputs:
         if replay := context.options.replay:
             from lfpipe.render import replay_writer
 
-            self._replay = replay_writer.ReplayWriter(Path(replay.folder), replay.sequence, replay.pictures)
-        self._ring: ring.Writer | None = None  # of pictures; None: nobody asks for these or viewpoints; it ends with the process
+            self._replay = replay_writer.ReplayWriter(
+                Path(replay.folder), replay.sequence, replay.pictures
+            )
+        self._ring: ring.Writer | None = (
+            None  # of pictures; None: nobody asks for these or viewpoints; it ends with the process
+        )
         self._viewpoints_due_ns = 0
         self._shown: RingOutput | None = None  # opened when it is first needed
         self._parallax: Parallax | None = None  # reported last
@@ -66,13 +72,19 @@ class Outputs:
             self._timeline = TraceFile(path, self._context.report_lost, self._began)
         self._began = None
         self.traced = self._trace.wanted or self._timeline.wanted
-        self._shares = any(target.startswith("lsl") for target in options.share)  # it carries stamps of pictures
+        self._shares = any(
+            target.startswith("lsl") for target in options.share
+        )  # it carries stamps of pictures
         if options.pictures != before.pictures:
             if self._ring is not None:
                 self._ring.close()
             self._ring = None
             with contextlib.suppress(FileNotFoundError):  # released before it was used
-                self._ring = ring.Writer(self._context.spec.session.segment(options.pictures)) if options.pictures else None
+                self._ring = (
+                    ring.Writer(self._context.spec.session.segment(options.pictures))
+                    if options.pictures
+                    else None
+                )
             self._write_picture(picture, None)
 
     def handed_over(self, showing: Showing, picture: NDArray[np.uint8] | None) -> None:
@@ -81,7 +93,9 @@ class Outputs:
         if stamp is not None and record is not None:
             if self._replay is not None:
                 used_px = showing.viewpoints.eyes_px
-                showing.more = self._replay.keep(stamp, record.filtered_px, used_px, showing.seen_ns, picture, showing.number > 0)
+                showing.more = self._replay.keep(
+                    stamp, record.filtered_px, used_px, showing.seen_ns, picture, showing.number > 0
+                )
             if viewer.presence.state != self._context.row["viewer"]:
                 self._context.row["viewer"] = int(viewer.presence.state)
                 self._context.emit("viewer", state=viewer.presence.state.word)
@@ -91,7 +105,9 @@ class Outputs:
             if stamp is not None and now_ns() >= self._viewpoints_due_ns:
                 self._emit_viewpoints(showing.viewpoints, bool(showing.face))
         parallax = None if self._options.lossless else viewer.parallax  # nobody watches a replay
-        if parallax is not None and (self._parallax is None or parallax.differs_from(self._parallax)):
+        if parallax is not None and (
+            self._parallax is None or parallax.differs_from(self._parallax)
+        ):
             self._parallax = parallax
             self._context.emit("parallax", text=str(parallax))
 
@@ -100,9 +116,14 @@ class Outputs:
         if self._shares and showing.by != REPLACED:
             self._shown = self._shown or self._context.output("shown")
             record, viewpoints = self._shown.begin(), showing.viewpoints
-            record["t_presented_ns"], record["view"] = showing.t_presented_ns, (viewpoints.left, viewpoints.right)
+            record["t_presented_ns"], record["view"] = (
+                showing.t_presented_ns,
+                (viewpoints.left, viewpoints.right),
+            )
             record["composed"], record["face"] = showing.number > 0, showing.face
-            self._shown.publish(stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch, stamp.kind)
+            self._shown.publish(
+                stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch, stamp.kind
+            )
         if self.traced:
             line = showing.line(stamp, self._viewer.method, level_number(self._context.options))
             self._trace.write(line)
@@ -116,7 +137,9 @@ class Outputs:
         if stamp is None:
             self._ring.publish(-1, 0, 0)
         else:
-            self._ring.publish(stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch, stamp.kind)
+            self._ring.publish(
+                stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch, stamp.kind
+            )
 
     def _emit_viewpoints(self, viewpoints: Viewpoints, face: bool) -> None:
         """Reports the eyes and the grid of views over them."""

@@ -32,7 +32,12 @@ KEYS = (
     Key("c", "recentre", "look straight ahead from where you are now", "Straight ahead"),
     Key("r", "record", "record the camera, or end it", "Record"),
     Key("s", "screenshot", "save the picture", "Save picture"),
-    Key("f", "fullscreen", "full screen on and off (F11); Esc closes the overlay, then leaves it", "Full screen"),
+    Key(
+        "f",
+        "fullscreen",
+        "full screen on and off (F11); Esc closes the overlay, then leaves it",
+        "Full screen",
+    ),
     Key("h", "help", "this help on and off (?)", "Help"),
     Key("] [", "depth+ depth-", "the scene goes back, comes forward", ""),
     Key("a", "automatic", "depth and head movement automatic again"),
@@ -44,7 +49,11 @@ KEYS = (
     Key("PgDn PgUp", "next previous", "the next scene of the list, the previous one"),
     Key("q", "quit", "quit"),
 )
-EVENTS = {key: event for row in KEYS for key, event in zip(row.keys.split(), row.events.split(), strict=True)}
+EVENTS = {
+    key: event
+    for row in KEYS
+    for key, event in zip(row.keys.split(), row.events.split(), strict=True)
+}
 HELP = tuple(f"{row.keys}\t{row.help}" for row in KEYS)
 
 

@@ -18,13 +18,28 @@ from lfpipe.render.window_system import drawable, pygame
 Place = tuple[int, int]
 Cell = tuple[Item, pygame.Rect]
 BAR_S = 3.0  # the bar stays so long after the last move of the mouse: the time to read its entries
-WHITE, GREY, RED, BACK, LIT = (255, 255, 255), (170, 170, 170), (255, 90, 90), (0, 0, 0, 200), (90, 90, 90, 220)
+WHITE, GREY, RED, BACK, LIT = (
+    (255, 255, 255),
+    (170, 170, 170),
+    (255, 90, 90),
+    (0, 0, 0, 200),
+    (90, 90, 90, 220),
+)
 TEXT_BACK = (0, 0, 0, 160)
-EDGE_PX, PAD_PX, PROGRESS_PX = 12, 8, 4  # from the window's edge, around text; height of the line of progress
+EDGE_PX, PAD_PX, PROGRESS_PX = (
+    12,
+    8,
+    4,
+)  # from the window's edge, around text; height of the line of progress
 LEAST_TEXT_PX = 12  # still legible
-TEXT_SHARE = 0.94  # of the window that lines of text may take: one sees that they lie over a picture
+TEXT_SHARE = (
+    0.94  # of the window that lines of text may take: one sees that they lie over a picture
+)
 COLUMN = "PgDn PgUpM"  # as wide as the keys of the help
-BAR_SHARE, BAR_LETTERS = 0.3, 36  # of the height, at most: not the middle; width of a window for two rows, in text heights
+BAR_SHARE, BAR_LETTERS = (
+    0.3,
+    36,
+)  # of the height, at most: not the middle; width of a window for two rows, in text heights
 SLIDER_CELLS = 2  # width of a slider in the bar: a pixel is about a percent in a small window
 # Of the window, at most; cells across, at most, and their least size in lines of text: a picture says more than its label.
 MENU_SHARE, MENU_COLS, CELL_LINES = 0.9, 5, 6
@@ -43,7 +58,14 @@ class Panel:
 
     def cell(self, place: Place) -> Cell | None:
         """The item at a place of the window, and its rectangle in the window."""
-        return next(((item, rect.move(self.at)) for item, rect in self.cells if rect.move(self.at).collidepoint(place)), None)
+        return next(
+            (
+                (item, rect.move(self.at))
+                for item, rect in self.cells
+                if rect.move(self.at).collidepoint(place)
+            ),
+            None,
+        )
 
 
 def _groove(rect: pygame.Rect) -> pygame.Rect:
@@ -68,7 +90,9 @@ def _cells(items: tuple[Item, ...], cols: int, width: int, height: int, top: int
     return cells
 
 
-def _draw_item(surface: pygame.Surface, font: pygame.font.Font, item: Item, rect: pygame.Rect, lit: bool) -> None:
+def _draw_item(
+    surface: pygame.Surface, font: pygame.font.Font, item: Item, rect: pygame.Rect, lit: bool
+) -> None:
     """Draws a picture, the label below it, and below that the key or the slider."""
     line, label = font.get_linesize(), drawable(item.label)
     if lit:
@@ -79,27 +103,40 @@ def _draw_item(surface: pygame.Surface, font: pygame.font.Font, item: Item, rect
         label = label[:-2].rstrip() + "…"
     below = bool(item.key) or item.slider is not None
     top = room.bottom - (1 + below) * line
-    for words, colour, y in ((label, RED if item.warns else WHITE, top), (item.key, GREY, top + line)):
+    for words, colour, y in (
+        (label, RED if item.warns else WHITE, top),
+        (item.key, GREY, top + line),
+    ):
         text = font.render(words, True, colour)
         surface.blit(text, text.get_rect(midtop=(room.centerx, y)))
     if item.slider is not None:
         groove, y = _groove(rect), top + line + line // 2
         pygame.draw.line(surface, GREY, (groove.left, y), (groove.right, y), 4)
-        pygame.draw.circle(surface, WHITE, (groove.left + round(item.slider * groove.width), y), max(5, line // 3))
+        pygame.draw.circle(
+            surface, WHITE, (groove.left + round(item.slider * groove.width), y), max(5, line // 3)
+        )
     if item.picture is not None:
         rows, cols, channels = item.picture.shape
         x, y, *size = fit_area((cols, rows), (room.width, max(1, top - room.top - line // 4)))
         small = cv2.resize(item.picture, size, interpolation=cv2.INTER_AREA).tobytes()
-        surface.blit(pygame.image.frombuffer(small, size, "RGB" if channels == 3 else "RGBA"), (room.left + x, room.top + y))
+        surface.blit(
+            pygame.image.frombuffer(small, size, "RGB" if channels == 3 else "RGBA"),
+            (room.left + x, room.top + y),
+        )
 
 
 @lru_cache(1)
 def bar_panel(items: tuple[Item, ...], lit: str, window_px: Place, text_px: int) -> Panel:
     """The items in rows at the bottom edge, never over the middle. lit: an event."""
     (width, height), spans = window_px, sum(map(_span, items))
-    for size_px in range(max(LEAST_TEXT_PX, min(text_px, width // BAR_LETTERS)), LEAST_TEXT_PX - 1, -1):
+    for size_px in range(
+        max(LEAST_TEXT_PX, min(text_px, width // BAR_LETTERS)), LEAST_TEXT_PX - 1, -1
+    ):
         font = pygame.font.Font(None, size_px)
-        line, widest_px = font.get_linesize(), max(font.size(item.label)[0] / _span(item) for item in items)
+        line, widest_px = (
+            font.get_linesize(),
+            max(font.size(item.label)[0] / _span(item) for item in items),
+        )
         rows = math.ceil(spans / max(1, int(width / (widest_px + line / 2))))
         cols = math.ceil(spans / rows)
         cells = _cells(items, cols, width // cols, 2 * line + line // 2)
@@ -135,7 +172,9 @@ def menu_panel(menu: Menu, selected: int, window_px: Place, text_px: int) -> Pan
     page, first = rows * cols, selected // (rows * cols) * rows * cols
     surface = pygame.Surface((width, head_px + rows * high), pygame.SRCALPHA)
     surface.fill(BACK)
-    title = font.render(menu.title + (f"   {selected + 1} of {count}" if page < count else ""), True, WHITE)
+    title = font.render(
+        menu.title + (f"   {selected + 1} of {count}" if page < count else ""), True, WHITE
+    )
     surface.blit(title, title.get_rect(midtop=(width // 2, line // 2)))
     surface.blit(hint, hint.get_rect(midtop=(width // 2, 2 * line)))
     cells = _cells(menu.items[first : first + page], cols, width // cols, high, head_px)
@@ -158,18 +197,28 @@ def text_panel(text: Overlay, bottom_px: int | None, window_px: Place, text_px: 
         font = pygame.font.Font(None, size_px)
         before, after = (font.render("\n".join(column), True, WHITE) for column in columns)
         key_px = font.size(COLUMN)[0] if any(columns[1]) else 0
-        width, height = max(before.get_width(), key_px + after.get_width()) + 2 * PAD_PX, before.get_height() + 2 * PAD_PX
+        width, height = (
+            max(before.get_width(), key_px + after.get_width()) + 2 * PAD_PX,
+            before.get_height() + 2 * PAD_PX,
+        )
         if width <= room[0] and height <= room[1]:
             break
     blits = [(before, (PAD_PX, PAD_PX)), (after, (PAD_PX + key_px, PAD_PX))]
     if text.inset is not None and height + text.inset.shape[0] + PAD_PX <= room[1]:
         inset = pygame.image.frombuffer(text.inset.tobytes(), text.inset.shape[1::-1], "BGR")
         blits.append((inset, (PAD_PX, height)))
-        width, height = max(width, inset.get_width() + 2 * PAD_PX), height + inset.get_height() + PAD_PX
+        width, height = (
+            max(width, inset.get_width() + 2 * PAD_PX),
+            height + inset.get_height() + PAD_PX,
+        )
     surface = pygame.Surface((width, height), pygame.SRCALPHA)
     surface.fill(TEXT_BACK)
     surface.blits(blits)
-    at = (EDGE_PX, EDGE_PX) if bottom_px is None else ((window_px[0] - width) // 2, bottom_px - height - EDGE_PX)
+    at = (
+        (EDGE_PX, EDGE_PX)
+        if bottom_px is None
+        else ((window_px[0] - width) // 2, bottom_px - height - EDGE_PX)
+    )
     return Panel(surface, at)
 
 
@@ -194,7 +243,11 @@ class OverlayView:
         """Replaces the overlay."""
         old, menu = self._overlay.menu, overlay.menu
         if menu is not None:
-            self._at = menu.at if old is None or old.title != menu.title else min(self._at, len(menu.items) - 1)
+            self._at = (
+                menu.at
+                if old is None or old.title != menu.title
+                else min(self._at, len(menu.items) - 1)
+            )
         self._overlay = overlay
 
     @property
@@ -205,10 +258,16 @@ class OverlayView:
     def panels(self, window_px: Place, text_px: int) -> list[Panel]:
         """The panels, the topmost last; equal calls return the same ones. window_px: (width, height)."""
         overlay, bottom_px, panels = self._overlay, window_px[1], list[Panel]()
-        if (time.monotonic() > self._bar_end_s and self._held is None) or not overlay.bar or overlay.menu is not None:
+        if (
+            (time.monotonic() > self._bar_end_s and self._held is None)
+            or not overlay.bar
+            or overlay.menu is not None
+        ):
             self._bar_end_s = 0.0
         if overlay.lines:
-            panels.append(text_panel(Overlay(overlay.lines, overlay.inset), None, window_px, text_px))
+            panels.append(
+                text_panel(Overlay(overlay.lines, overlay.inset), None, window_px, text_px)
+            )
         if self._bar_end_s:
             panels.append(bar_panel(overlay.bar, self._lit, window_px, text_px))
             bottom_px = panels[-1].at[1]
@@ -230,7 +289,14 @@ class OverlayView:
         if menu is None or not menu.items:
             return name
         panel = next(panel for panel in self._panels if panel.cells)
-        moves = {"less": -1, "more": 1, "up": -panel.cols, "down": panel.cols, "previous": -panel.page, "next": panel.page}
+        moves = {
+            "less": -1,
+            "more": 1,
+            "up": -panel.cols,
+            "down": panel.cols,
+            "previous": -panel.page,
+            "next": panel.page,
+        }
         event = menu.items[self._at].event
         if name in moves:
             at, count = self._at + moves[name], len(menu.items)

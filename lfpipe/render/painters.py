@@ -30,7 +30,10 @@ class SurfacePainter:
         self._window = window
         surface = window.get_surface()
         if surface.get_bytesize() != 4 or surface.get_masks()[0] not in RED_MASKS:
-            raise UserError(f"the screen has {surface.get_bitsize()} bits per pixel", "use a screen with 24 or 32 bits per pixel")
+            raise UserError(
+                f"the screen has {surface.get_bitsize()} bits per pixel",
+                "use a screen with 24 or 32 bits per pixel",
+            )
         self._code = RED_MASKS[surface.get_masks()[0]]
         self._four: NDArray[np.uint8] | None = None
 
@@ -49,7 +52,9 @@ class SurfacePainter:
         # the views of the surface's memory end with this call: the surface is locked as long as one lives
         width, height = surface.get_size()
         memory: Any = surface.get_buffer()  # a buffer, though the type checker disagrees
-        pixels = np.frombuffer(memory, np.uint8).reshape(height, surface.get_pitch() // 4, 4)[:, :width]
+        pixels = np.frombuffer(memory, np.uint8).reshape(height, surface.get_pitch() // 4, 4)[
+            :, :width
+        ]
         x, y, w, h = fit_area((picture.shape[1], picture.shape[0]), (width, height))
         pixels[:y], pixels[y + h :], pixels[y : y + h, :x], pixels[y : y + h, x + w :] = 0, 0, 0, 0
         target = pixels[y : y + h, x : x + w]
@@ -78,13 +83,17 @@ class RendererPainter:
         rows, cols = picture.shape[:2]
         if self._texture is None or self._four.shape[:2] != (rows, cols):
             self._four = np.empty((rows, cols, 4), np.uint8)
-            self._texture = video.Texture(self._renderer, (cols, rows), streaming=True, scale_quality=1)
+            self._texture = video.Texture(
+                self._renderer, (cols, rows), streaming=True, scale_quality=1
+            )
         cv2.cvtColor(picture, cv2.COLOR_BGR2BGRA, dst=self._four)
         self._texture.update(pygame.image.frombuffer(self._four.data, (cols, rows), "BGRA"))
         self._renderer.clear()
         self._texture.draw(dstrect=fit_area((cols, rows), self.size_px()))
         self._textures = {
-            panel: self._textures.get(panel) or video.Texture.from_surface(self._renderer, panel.surface) for panel in panels
+            panel: self._textures.get(panel)
+            or video.Texture.from_surface(self._renderer, panel.surface)
+            for panel in panels
         }
         for panel, texture in self._textures.items():
             texture.draw(dstrect=(*panel.at, *panel.surface.get_size()))

@@ -21,7 +21,11 @@ Pair = tuple[NDArray[np.uint8], NDArray[np.uint8]]
 
 
 def laid_out(
-    pair: Pair, how: str, screen_px: tuple[int, int], first_row: int = 0, out: NDArray[np.uint8] | None = None
+    pair: Pair,
+    how: str,
+    screen_px: tuple[int, int],
+    first_row: int = 0,
+    out: NDArray[np.uint8] | None = None,
 ) -> NDArray[np.uint8]:
     """The picture, uint8 (height, width, 3) BGR, of exactly screen_px (width, height); written to out if that has the size.
 

@@ -47,7 +47,10 @@ def make_plan(field: LightField, config: Config) -> Plan:
     method = method_for(field, render.method)
     render = mixed_as(field, method, render)
     posed = CameraPose.of(config, config.camera.frame_px) is not None
-    left, right = (sorted({k for plane in eye for k in stored_channels(field, plane)}) for eye in planes_of_eyes(render))
+    left, right = (
+        sorted({k for plane in eye for k in stored_channels(field, plane)})
+        for eye in planes_of_eyes(render)
+    )
     plan = Plan(
         needs_tracking=tracking,
         needs_rows=tracking and field.rows > 1,
@@ -60,28 +63,55 @@ def make_plan(field: LightField, config: Config) -> Plan:
 
 
 def _left_out(plan: Plan, field: LightField, config: Config) -> Iterator[LeftOut]:
-    plane_bytes, render = field.height_px * field.width_px, mixed_as(field, plan.method, config.render)
+    plane_bytes, render = (
+        field.height_px * field.width_px,
+        mixed_as(field, plan.method, config.render),
+    )
     if not plan.needs_tracking:
         frame = _size(config.camera.width_px * config.camera.height_px * 3)
-        yield LeftOut("capture and tracking", "a single view does not depend on the eyes", f"2 processes, {frame} per frame")
-    elif not plan.needs_rows and plan.method != "nearest":  # nearest takes one view, whatever the row
-        saves = f"{_size(8 * plane_bytes)} of maps per view" if plan.needs_warp else "2 of 4 views blended per eye"
+        yield LeftOut(
+            "capture and tracking",
+            "a single view does not depend on the eyes",
+            f"2 processes, {frame} per frame",
+        )
+    elif (
+        not plan.needs_rows and plan.method != "nearest"
+    ):  # nearest takes one view, whatever the row
+        saves = (
+            f"{_size(8 * plane_bytes)} of maps per view"
+            if plan.needs_warp
+            else "2 of 4 views blended per eye"
+        )
         yield LeftOut("row coordinate", "the scene has one row of views", saves)
     if plan.needs_tracking and not plan.needs_warp:
         count = sum(map(len, planes_of_eyes(render)))
-        yield LeftOut("warping", _why_no_warp(plan, field, render), f"{count} warped planes per picture")
+        yield LeftOut(
+            "warping", _why_no_warp(plan, field, render), f"{count} warped planes per picture"
+        )
         if field.disparity is not None:
-            yield LeftOut("disparity maps", "no view is warped", f"{_size(field.disparity.nbytes)} not read")
+            yield LeftOut(
+                "disparity maps", "no view is warped", f"{_size(field.disparity.nbytes)} not read"
+            )
     unread = 2 * field.channels - len(plan.planes[0]) - len(plan.planes[1])
     if field.channels == 1:
         saved = _size(2 * field.frames * field.rows * field.cols * plane_bytes)
-        yield LeftOut("two of three colour planes", "the scene is grey", f"{saved} of pack and memory")
+        yield LeftOut(
+            "two of three colour planes", "the scene is grey", f"{saved} of pack and memory"
+        )
     elif unread:
-        left, right = (", ".join(("red", "green", "blue")[k] for k in eye) or "nothing" for eye in plan.planes)
+        left, right = (
+            ", ".join(("red", "green", "blue")[k] for k in eye) or "nothing" for eye in plan.planes
+        )
         why = f"{render.anaglyph} uses {left} of the left view and {right} of the right view"
-        yield LeftOut(f"{unread} of 6 planes per picture", why, f"{_size(unread * plane_bytes)} per picture")
+        yield LeftOut(
+            f"{unread} of 6 planes per picture", why, f"{_size(unread * plane_bytes)} per picture"
+        )
     if plan.needs_tracking and not plan.needs_depth:
-        yield LeftOut("the viewer's distance", "render.alpha_px is given", f"alpha stays {render.alpha_px:g} px per view")
+        yield LeftOut(
+            "the viewer's distance",
+            "render.alpha_px is given",
+            f"alpha stays {render.alpha_px:g} px per view",
+        )
 
 
 def _why_no_warp(plan: Plan, field: LightField, render: Render) -> str:
@@ -89,8 +119,14 @@ def _why_no_warp(plan: Plan, field: LightField, render: Render) -> str:
         return f"render.method is {plan.method}"
     if field.disparity is None:
         return "the scene has no disparity"
-    scores = ", ".join(f"{name} {value:.1f} dB" for name, value in field.manifest.get("scores", {}).items())
-    return f"{plan.method} predicts held-out views as well ({scores})" if scores else f"the scene's own method is {plan.method}"
+    scores = ", ".join(
+        f"{name} {value:.1f} dB" for name, value in field.manifest.get("scores", {}).items()
+    )
+    return (
+        f"{plan.method} predicts held-out views as well ({scores})"
+        if scores
+        else f"the scene's own method is {plan.method}"
+    )
 
 
 def _size(count: float) -> str:

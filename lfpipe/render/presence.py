@@ -28,13 +28,19 @@ from lfpipe.eyes import Eyes
 from lfpipe.render.viewpoint import Position
 from lfpipe.transport.clock import SECOND_NS
 
-REST_S, REST_FRAMES = 1.0, 8  # who passes by does not stand that long; at 8 Hz and more the second decides
+REST_S, REST_FRAMES = (
+    1.0,
+    8,
+)  # who passes by does not stand that long; at 8 Hz and more the second decides
 REST_SPAN = 0.3  # of the distance between the eyes: 2 cm
 REST_DEPTH = 0.06  # of the same
 ABSENT_S = 10.0  # who is back sooner sits as before
 GAP_S = 0.5  # as long as filters remember a face
 RETURN_S = 30.0  # a passer-by is gone by then
-RETURN_SPAN, RETURN_DEPTH = 1.0, 0.2  # of the distance between the eyes; who sits down again sits a little aside
+RETURN_SPAN, RETURN_DEPTH = (
+    1.0,
+    0.2,
+)  # of the distance between the eyes; who sits down again sits a little aside
 
 HOLD_S = 3.0  # a hand before the face, a glance aside, a dropped pen: a viewer who is back soon finds the picture they left
 AWAY_S = 0.8  # time constant of easing to neutral: nobody is looking, no hurry
@@ -66,7 +72,10 @@ class Rest(NamedTuple):
     def holds(self, other: "Rest", span: float, depth: float) -> bool:
         """Whether other is within span of here, and as large but for depth; both are shares of the distance between the eyes."""
         aside_px = max(abs(other.x_px - self.x_px), abs(other.y_px - self.y_px))
-        return aside_px <= span * self.apart_px and abs(other.apart_px - self.apart_px) <= depth * self.apart_px
+        return (
+            aside_px <= span * self.apart_px
+            and abs(other.apart_px - self.apart_px) <= depth * self.apart_px
+        )
 
 
 class Seat(NamedTuple):
@@ -92,7 +101,9 @@ class Presence:
         self._left: Seat | None = None
         self.returned = False  # whether the last frame's face is back in its seat
 
-    def update(self, t_ns: int, here: Rest | None, generation: int = 0, beyond: bool = False) -> Rest | None:
+    def update(
+        self, t_ns: int, here: Rest | None, generation: int = 0, beyond: bool = False
+    ) -> Rest | None:
         """Processes the frame of t_ns. here: position of the eyes, None without a face; generation: of the face's track; beyond:
         both eyes are beyond the grid. Returns the rest that gives neutral position and distance when it is time to measure them,
         else None.
@@ -107,7 +118,9 @@ class Presence:
             return None
         gap_ns, self._t_ns = t_ns - self._t_ns, t_ns
         other, self._generation = generation != self._generation, generation
-        if state is ViewerState.NOBODY or (state is ViewerState.LOST and gap_ns >= ABSENT_S * SECOND_NS):
+        if state is ViewerState.NOBODY or (
+            state is ViewerState.LOST and gap_ns >= ABSENT_S * SECOND_NS
+        ):
             self.state = ViewerState.ARRIVING
         elif state is ViewerState.LOST:
             self.state = self._before
@@ -117,7 +130,12 @@ class Presence:
                 self._left = Seat(self._last, self._measured, t_ns)
             recent = seat is not None and t_ns - seat.t_ns < RETURN_S * SECOND_NS
             if seat is not None and recent and seat.last.holds(here, RETURN_SPAN, RETURN_DEPTH):
-                self.state, self._first, self._last, self._measured = ViewerState.SEATED, None, here, seat.rest
+                self.state, self._first, self._last, self._measured = (
+                    ViewerState.SEATED,
+                    None,
+                    here,
+                    seat.rest,
+                )
                 self.returned = True
                 return seat.rest
             self.state, self._measured = ViewerState.EXCHANGED, None
@@ -154,14 +172,25 @@ class EyeEasing:
         self._aim: int | None = None  # generation followed; None: neutral
         self._lost_ns: int | None = None
 
-    def at(self, t_ns: int, eyes: Eyes | None, neutral: Eyes, generation: int = 0, view_px: float = math.inf) -> Eyes:
+    def at(
+        self,
+        t_ns: int,
+        eyes: Eyes | None,
+        neutral: Eyes,
+        generation: int = 0,
+        view_px: float = math.inf,
+    ) -> Eyes:
         """The position to show at t_ns (not decreasing). eyes: None while there is no face. neutral: the position without one.
 
         generation: counts the tracks of a face; a new number is another face, or the same after a loss. view_px: px per view.
         """
         if eyes is None:
             self._lost_ns = t_ns if self._lost_ns is None else self._lost_ns
-            if self._aim is not None and self._eased is not None and t_ns - self._lost_ns < HOLD_S * SECOND_NS:
+            if (
+                self._aim is not None
+                and self._eased is not None
+                and t_ns - self._lost_ns < HOLD_S * SECOND_NS
+            ):
                 return self._eased
             if self._aim is not None:
                 self._turn(t_ns, None, neutral, AWAY_S, view_px)
@@ -185,7 +214,9 @@ class EyeEasing:
             lx, ly, rx, ry = self._eased
             self._eased = lx + x_px, ly + y_px, rx + x_px, ry + y_px
 
-    def _turn(self, t_ns: int, aim: int | None, target: Eyes, fade_s: float, view_px: float) -> None:
+    def _turn(
+        self, t_ns: int, aim: int | None, target: Eyes, fade_s: float, view_px: float
+    ) -> None:
         """Changes the target: the offset is the position shown now minus the new target."""
         self._aim, self._since_ns, self._fade_s = aim, t_ns, fade_s
         if self._eased is None:
@@ -193,13 +224,21 @@ class EyeEasing:
         (lx, ly, rx, ry), (to_lx, to_ly, to_rx, to_ry) = self._eased, target
         self._offset = off = lx - to_lx, ly - to_ly, rx - to_rx, ry - to_ry
         # the steepest slope of (1 + s) exp(-s) is 1 / e
-        self._fade_s = max(fade_s, max(map(abs, off)) / max(view_px, 1e-9) / (60 * math.e * LARGEST_STEP))
+        self._fade_s = max(
+            fade_s, max(map(abs, off)) / max(view_px, 1e-9) / (60 * math.e * LARGEST_STEP)
+        )
 
 
-PERIOD_COLS_S, PERIOD_ROWS_S = 17.0, 29.0  # no common multiple within eight minutes: no visible loop
+PERIOD_COLS_S, PERIOD_ROWS_S = (
+    17.0,
+    29.0,
+)  # no common multiple within eight minutes: no visible loop
 REACH = 0.7  # of the way from the middle of the grid to its edge
 APART_VIEWS = 1.0  # at most, between the eyes, before any eyes were seen
-GROW_S, FADE_S = 2.0, 0.25  # time constants: away from the last viewer's place, and to the eyes of the next one
+GROW_S, FADE_S = (
+    2.0,
+    0.25,
+)  # time constants: away from the last viewer's place, and to the eyes of the next one
 STILL = 1e-3  # a smaller share of the motion counts as none
 
 
@@ -211,19 +250,29 @@ class IdleMotion:
         self._t_ns = self._start_ns = 0
 
     def moved(
-        self, left: Position, right: Position, grid: tuple[int, int], t_ns: int, alone: bool, whole: bool = False
+        self,
+        left: Position,
+        right: Position,
+        grid: tuple[int, int],
+        t_ns: int,
+        alone: bool,
+        whole: bool = False,
     ) -> tuple[Position, Position]:
         """The viewpoints at t_ns (not decreasing), within grid (rows, cols). alone: nobody is there. whole: only stored views."""
         dt_s, self._t_ns = max(t_ns - (self._t_ns or t_ns), 0) / 1e9, t_ns
         if not self._share:
             self._start_ns = t_ns
-        self._share += ((1.0 if alone else 0.0) - self._share) * -math.expm1(-dt_s / (GROW_S if alone else FADE_S))
+        self._share += ((1.0 if alone else 0.0) - self._share) * -math.expm1(
+            -dt_s / (GROW_S if alone else FADE_S)
+        )
         if not alone and self._share < STILL:
             self._share = 0.0
         if not self._share:
             return left, right
         t_s, (rows, cols) = (t_ns - self._start_ns) / 1e9, grid
-        row = left[0] + self._share * REACH * (rows - 1) / 2 * math.sin(math.tau * t_s / PERIOD_ROWS_S)
+        row = left[0] + self._share * REACH * (rows - 1) / 2 * math.sin(
+            math.tau * t_s / PERIOD_ROWS_S
+        )
         across = self._share * REACH * (cols - 1) / 2 * math.sin(math.tau * t_s / PERIOD_COLS_S)
         apart = self._share * min(APART_VIEWS, (cols - 1) / 2) / 2 if left == right else 0.0
         places = [(row, left[1] + across - apart), (row, right[1] + across + apart)]

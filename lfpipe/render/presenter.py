@@ -45,12 +45,16 @@ class Presenter:
         self._key: Key | None = None
         self._outputs = Outputs(context, viewer)
         self._waiting: deque[Showing] = deque()  # between hand-over and light
-        self._latency: MotionLatency | None = None  # where pictures become light after a known delay
+        self._latency: MotionLatency | None = (
+            None  # where pictures become light after a known delay
+        )
         self._loop_ns = 0
         self._number = 0
         self.refresh: Refresh | None = None
         self.cost_ns = 0  # running mean of composing and showing a picture
-        self.mouse = MouseLook(context.config, viewer, context.output("eyes") if context.options.mouse else None)
+        self.mouse = MouseLook(
+            context.config, viewer, context.output("eyes") if context.options.mouse else None
+        )
         viewer.neutral_is_fixed |= bool(context.options.eyes)
         self.picture: NDArray[np.uint8] | None = None
         self.tests_glasses = False
@@ -81,7 +85,9 @@ class Presenter:
             self.leave_out()
         self._pending = True
         if self._stamp is not None and stamp.epoch == self._stamp.epoch:
-            self._stale_ns = max(STALE_NS, STALE_FRAMES * (stamp.t_sensor_ns - self._stamp.t_sensor_ns))
+            self._stale_ns = max(
+                STALE_NS, STALE_FRAMES * (stamp.t_sensor_ns - self._stamp.t_sensor_ns)
+            )
         self._record, self._stamp, self._t_taken_ns = EyesRecord.of(self._buffer), stamp, now_ns()
         return stamp
 
@@ -102,9 +108,19 @@ class Presenter:
         record, stamp = self._record, self._stamp
         t_sensor_ns = stamp.t_sensor_ns if stamp else t_started_ns
         if self.mouse.looks:
-            (record, stamp), t_sensor_ns = self.mouse.eyes(record, stamp, t_started_ns), t_started_ns
-        elif record is not None and t_started_ns - t_sensor_ns > self._stale_ns and not self._context.options.lossless:
-            record, t_sensor_ns = record._replace(face=0), t_started_ns  # the tracker died or hangs: nobody is seen
+            (record, stamp), t_sensor_ns = (
+                self.mouse.eyes(record, stamp, t_started_ns),
+                t_started_ns,
+            )
+        elif (
+            record is not None
+            and t_started_ns - t_sensor_ns > self._stale_ns
+            and not self._context.options.lossless
+        ):
+            record, t_sensor_ns = (
+                record._replace(face=0),
+                t_started_ns,
+            )  # the tracker died or hangs: nobody is seen
         on_blanks = isinstance(refresh, ScreenRefresh)
         viewer.video_lead_ns = round(VIDEO_LEAD * refresh_ns) if on_blanks else 0
         viewpoints = viewer.viewpoints(record, t_sensor_ns, seen_ns)
@@ -114,7 +130,9 @@ class Presenter:
         if composed:
             self._key, self.picture, pair = key, viewer.compositor.draw(key), viewer.compositor.pair
             if self.tests_glasses:
-                self.picture, pair = glasses_test(viewer.config.render, (viewer.field.width_px, viewer.field.height_px))
+                self.picture, pair = glasses_test(
+                    viewer.config.render, (viewer.field.width_px, viewer.field.height_px)
+                )
         t_composed_ns = now_ns()
         if refresh is not None and refresh_ns:
             sleep_until(refresh.earliest_ns(target_ns))
@@ -136,7 +154,13 @@ class Presenter:
 
     def _account(self, showing: Showing) -> None:
         """Counts and reports after the hand-over, and what is known of the display without its reports."""
-        row, stamp, refresh, composed, face = self._context.row, showing.stamp, self.refresh, showing.number > 0, showing.face
+        row, stamp, refresh, composed, face = (
+            self._context.row,
+            showing.stamp,
+            self.refresh,
+            showing.number > 0,
+            showing.face,
+        )
         if self._latency is not None and showing.record is not None and not self.mouse.looks:
             self._latency.measured(showing.t_sensor_ns, showing.record.raw_px if face else None)
         if composed:
@@ -159,19 +183,34 @@ class Presenter:
         else:
             row["planned"] += bool(showing.target_ns)
             if not composed:
-                showing.t_presented_ns, showing.by = showing.target_ns or showing.t_handed_ns, self._display.blanks_by
+                showing.t_presented_ns, showing.by = (
+                    showing.target_ns or showing.t_handed_ns,
+                    self._display.blanks_by,
+                )
             self._waiting.append(showing)
 
     def _report(self, showing: Showing) -> None:
         """Counts and traces a picture whose time of display is known."""
-        row, stamp, composed, t_ns = self._context.row, showing.stamp, showing.number > 0, showing.t_presented_ns
+        row, stamp, composed, t_ns = (
+            self._context.row,
+            showing.stamp,
+            showing.number > 0,
+            showing.t_presented_ns,
+        )
         seen = showing.by != REPLACED
-        if composed and showing.target_ns and showing.by not in ("", HANDOVER) and isinstance(self.refresh, ScreenRefresh):
+        if (
+            composed
+            and showing.target_ns
+            and showing.by not in ("", HANDOVER)
+            and isinstance(self.refresh, ScreenRefresh)
+        ):
             row["juddered"] += self.refresh.judge(showing.target_ns, showing.t_handed_ns, t_ns)
         if stamp is None:
             return
         if composed:
-            row.measure(showing.waited_ns, showing.cost_ns, t_ns - showing.t_sensor_ns if seen else None)
+            row.measure(
+                showing.waited_ns, showing.cost_ns, t_ns - showing.t_sensor_ns if seen else None
+            )
         if self._latency is not None and seen and composed and showing.face:
             after_ns = showing.seen_ns - (showing.target_ns or showing.t_handed_ns)
             self._latency.pictured(t_ns, after_ns, showing.loop_ns, showing.viewpoints.eyes_px)
@@ -196,6 +235,8 @@ class Presenter:
 
     def close(self) -> None:
         """Ends the outputs."""
-        for showing in take_known(self._waiting, (), self._display.blanks_by, now_ns() + 2 * ANSWER_NS):
+        for showing in take_known(
+            self._waiting, (), self._display.blanks_by, now_ns() + 2 * ANSWER_NS
+        ):
             self._report(showing)
         self._outputs.close()

@@ -6,9 +6,13 @@ from lfpipe.host.presentation import Presented
 from lfpipe.transport.clock import MS_NS, SECOND_NS
 
 SLACK = 0.2  # of a period, at most 3 ms: tolerated lateness of eyes
-GAIN = 0.05  # of each frame in phase and period: 20 frames, over which jitter of stamps averages out
+GAIN = (
+    0.05  # of each frame in phase and period: 20 frames, over which jitter of stamps averages out
+)
 LARGEST_STEP = 0.01  # of a period
-LONGEST_NS = SECOND_NS // 2  # from frame to frame; after a longer gap the camera or the machine stood still
+LONGEST_NS = (
+    SECOND_NS // 2
+)  # from frame to frame; after a longer gap the camera or the machine stood still
 NEAR_RATIO = 0.01  # tolerance of the ratio of both rates to a whole number
 COST_SHARE = 0.1  # weight of the newest in the running mean of a picture's cost
 SPARE_NS = MS_NS  # additional lead of composing
@@ -67,7 +71,9 @@ class Refresh:
             self._locked = False  # the first frame, or the first after a gap: the phase is new
             return
         period_ns = (t_sensor_ns - last[1]) / (source_seq - last[0])
-        self._camera_period_ns += (period_ns - self._camera_period_ns) * (GAIN if self._camera_period_ns else 1.0)
+        self._camera_period_ns += (period_ns - self._camera_period_ns) * (
+            GAIN if self._camera_period_ns else 1.0
+        )
         ratio = self._camera_period_ns / self._period_ns
         if round(ratio) < 1 or abs(ratio - round(ratio)) > NEAR_RATIO * ratio:
             return
@@ -83,16 +89,28 @@ class Refresh:
         self._due_ns += min(max(GAIN * late_ns, -largest_ns), largest_ns)
 
 
-PHASE_GAIN, PERIOD_GAIN = 0.3, 0.01  # phase within a few blanks; period over a hundred: reports come in whole ms
+PHASE_GAIN, PERIOD_GAIN = (
+    0.3,
+    0.01,
+)  # phase within a few blanks; period over a hundred: reports come in whole ms
 OFF_GRID = 0.35  # of a period: a blank further off belongs to another grid
 OFF_COUNT = 5  # after this many such blanks in a row the clock follows the other grid
 PERIOD_RANGE = 0.12  # around the nominal one, if the period is not reported: the error of a rate in whole Hz at 25 Hz
 EARLY_NS = MS_NS // 4  # after a blank; no hand-over for the next one before this
-COST_UP, COST_DOWN = 0.5, 0.005  # the tracked cost is a high quantile: late pictures are visible, early ones are not
-MARGIN_NS, LEAST_MARGIN_NS = 2 * MS_NS, MS_NS // 2  # at first, most window systems take pictures later; a wake-up's lateness
+COST_UP, COST_DOWN = (
+    0.5,
+    0.005,
+)  # the tracked cost is a high quantile: late pictures are visible, early ones are not
+MARGIN_NS, LEAST_MARGIN_NS = (
+    2 * MS_NS,
+    MS_NS // 2,
+)  # at first, most window systems take pictures later; a wake-up's lateness
 STEP_NS = MS_NS
 IN_TIME = 0.7  # of the margin left at hand-over: then the picture's own cost did not make it late
-EARLY_SHARE, EARLY_STEP_NS = 1e-4, 1000  # narrowing per punctual picture: with the step above, 1 picture in 500 is late
+EARLY_SHARE, EARLY_STEP_NS = (
+    1e-4,
+    1000,
+)  # narrowing per punctual picture: with the step above, 1 picture in 500 is late
 MOST_PERIODS = 2.5  # a compositor may require a picture a whole period before its blank
 
 
@@ -119,7 +137,9 @@ class ScreenClock:
     def blank(self, t_ns: int, period_ns: int = 0) -> None:
         """Adds a blank at t_ns. period_ns: reported with it, or 0."""
         if period_ns and abs(period_ns / self._nominal_ns - 1) > PERIOD_RANGE and period_ns > MS_NS:
-            self._nominal_ns = self.period_ns = float(period_ns)  # another monitor, or one that claims another rate
+            self._nominal_ns = self.period_ns = float(
+                period_ns
+            )  # another monitor, or one that claims another rate
             self.measured = False
         count = round((t_ns - self._t_ns) / self.period_ns)
         error_ns = t_ns - self._t_ns - count * self.period_ns
@@ -133,7 +153,10 @@ class ScreenClock:
             return
         self._t_ns += count * self.period_ns + PHASE_GAIN * error_ns
         period_ns_now = self.period_ns + PERIOD_GAIN * error_ns / count
-        low_ns, high_ns = self._nominal_ns * (1 - PERIOD_RANGE), self._nominal_ns * (1 + PERIOD_RANGE)
+        low_ns, high_ns = (
+            self._nominal_ns * (1 - PERIOD_RANGE),
+            self._nominal_ns * (1 + PERIOD_RANGE),
+        )
         self.period_ns = min(max(period_ns_now, low_ns), high_ns)
 
     def nearest(self, t_ns: float) -> int:
@@ -173,7 +196,9 @@ class ScreenRefresh(Refresh):
         """Lateness of its start counts as cost. More than a period is useless: until then the previous picture is being made."""
         late_ns = max(t_started_ns - (target_ns - self.lead_ns()), 0)
         cost = min(float(cost_ns + late_ns), self.clock.period_ns)
-        self._high_cost_ns += (COST_UP if cost > self._high_cost_ns else COST_DOWN) * (cost - self._high_cost_ns)
+        self._high_cost_ns += (COST_UP if cost > self._high_cost_ns else COST_DOWN) * (
+            cost - self._high_cost_ns
+        )
 
     def judge(self, target_ns: int, t_handed_ns: int, t_presented_ns: int) -> bool:
         """Judges a picture for the blank target_ns, shown at t_presented_ns, 0 for never; returns whether that was not its blank.
@@ -184,13 +209,17 @@ class ScreenRefresh(Refresh):
         if not t_presented_ns or not self.clock.measured:
             return not t_presented_ns
         blanks = round((t_presented_ns - target_ns) / self.clock.period_ns)
-        if t_handed_ns > self._changed_ns and (blanks <= 0 or target_ns - t_handed_ns > IN_TIME * self._margin_ns):
+        if t_handed_ns > self._changed_ns and (
+            blanks <= 0 or target_ns - t_handed_ns > IN_TIME * self._margin_ns
+        ):
             if blanks:
                 self._margin_ns += STEP_NS if blanks > 0 else -STEP_NS
                 self._changed_ns = max(t_presented_ns, t_handed_ns)
             else:
                 self._margin_ns -= EARLY_SHARE * self._margin_ns + EARLY_STEP_NS
-            self._margin_ns = min(max(self._margin_ns, LEAST_MARGIN_NS), MOST_PERIODS * self.clock.period_ns)
+            self._margin_ns = min(
+                max(self._margin_ns, LEAST_MARGIN_NS), MOST_PERIODS * self.clock.period_ns
+            )
         return bool(blanks)
 
     def blanks(self, reports: list[Presented], nominal_hz: float) -> None:

@@ -34,7 +34,13 @@ class ReplayWriter:
         self._worst_px = -1.0
 
     def keep(
-        self, stamp: Stamp, filtered_px: Eyes, used_px: Eyes, t_shown_ns: int, picture: NDArray[np.uint8] | None, composed: bool
+        self,
+        stamp: Stamp,
+        filtered_px: Eyes,
+        used_px: Eyes,
+        t_shown_ns: int,
+        picture: NDArray[np.uint8] | None,
+        composed: bool,
     ) -> dict[str, Any]:
         """Adds a shown picture; returns additional fields for its line of the trace: eyes_filtered and picture."""
         self._first_ns = stamp.t_sensor_ns if self._first_ns is None else self._first_ns
@@ -46,17 +52,26 @@ class ReplayWriter:
                 if not self._named:
                     self._named["first"] = picture.copy()
                 self._named["last"] = picture
-            error_px = self._truth.error_px((used_px[:2], used_px[2:]), t_shown_ns - self._first_ns) if self._truth else -1.0
+            error_px = (
+                self._truth.error_px((used_px[:2], used_px[2:]), t_shown_ns - self._first_ns)
+                if self._truth
+                else -1.0
+            )
             if error_px > self._worst_px:  # false where the truth is not seen
                 self._named["worst"], self._worst_px = picture.copy(), float(error_px)
-        return {"eyes_filtered": {"left": filtered_px[:2], "right": filtered_px[2:]}, "picture": self._digest}
+        return {
+            "eyes_filtered": {"left": filtered_px[:2], "right": filtered_px[2:]},
+            "picture": self._digest,
+        }
 
     def _store(self, stamp: Stamp, picture: NDArray[np.uint8]) -> None:
         if stamp.source_seq % self._stride:
             return
         _, data = encoded(picture, fast=False)
         self._kept[stamp.source_seq] = (stamp, data)
-        while sum(len(kept) for _, kept in self._kept.values()) > KEPT_BYTES and len(self._kept) > 1:
+        while (
+            sum(len(kept) for _, kept in self._kept.values()) > KEPT_BYTES and len(self._kept) > 1
+        ):
             self._stride *= 2
             self._kept = {seq: kept for seq, kept in self._kept.items() if seq % self._stride == 0}
 
@@ -65,7 +80,9 @@ class ReplayWriter:
         (self.folder / PICTURES).mkdir()
         writer = PacketWriter(self.folder / PICTURES)
         for seq, (stamp, data) in sorted(self._kept.items()):
-            writer.append(data, "png", seq, stamp.epoch, stamp.t_sensor_ns - (self._first_ns or 0), 0)
+            writer.append(
+                data, "png", seq, stamp.epoch, stamp.t_sensor_ns - (self._first_ns or 0), 0
+            )
         writer.close()
         for name, picture in self._named.items():
             _, data = encoded(picture, fast=False)

@@ -28,8 +28,14 @@ from lfpipe.transport.ring import Reader
 
 ALONE_NS = 60 * SECOND_NS  # then the visitor is assumed to have left
 NO_OTHER = "there is no other scene: `lfpipe up` accepts several"
-REFUSED_NS, LINE_CHARS, MAX_LINES = 6 * SECOND_NS, 60, 5  # of a refusal in the picture; lines of the reason, and of the remedy
-CAMERA_NS = SECOND_NS // 5  # between two pictures of the camera: one sees oneself move, and the scene keeps its rate
+REFUSED_NS, LINE_CHARS, MAX_LINES = (
+    6 * SECOND_NS,
+    60,
+    5,
+)  # of a refusal in the picture; lines of the reason, and of the remedy
+CAMERA_NS = (
+    SECOND_NS // 5
+)  # between two pictures of the camera: one sees oneself move, and the scene keeps its rate
 KEPT_PX = (480, 360)  # of a thumbnail, at most: larger than a cell of most menus
 HINT = "Click, or arrows and Enter; {}Tab goes back.\nOr drop a folder of views onto the window."
 
@@ -40,7 +46,10 @@ class SceneLoader:
     def __init__(self, context: Context, notices: Notices) -> None:
         self._context, self._notices = context, notices
         self._asked, self._asked_ns = "", 0  # the scene requested last that is not loaded yet
-        self._loading, self._step = "", ""  # the name of the scene being loaded, whoever requested it, and its progress
+        self._loading, self._step = (
+            "",
+            "",
+        )  # the name of the scene being loaded, whoever requested it, and its progress
         self.share: float | None = None
         self._first_due_ns = 0
 
@@ -50,7 +59,11 @@ class SceneLoader:
         if len(scenes) < 2:
             self._notices.say("scene", NO_OTHER)
             return
-        at = scenes.index(self._asked) if self._asked in scenes else self._context.options.playlist_at
+        at = (
+            scenes.index(self._asked)
+            if self._asked in scenes
+            else self._context.options.playlist_at
+        )
         self.load(Path(scenes[(at + step) % len(scenes)]))
 
     def load(self, scene: Path) -> None:
@@ -78,19 +91,30 @@ class SceneLoader:
     def _what(self) -> str:
         scenes = self._context.options.playlist
         if self._asked:
-            place = f": {scenes.index(self._asked) + 1} of {len(scenes)}" if self._asked in scenes else ""
+            place = (
+                f": {scenes.index(self._asked) + 1} of {len(scenes)}"
+                if self._asked in scenes
+                else ""
+            )
             return f"loading {Path(self._asked).name}{place}"
         return f"loading {self._loading}" if self._step else ""
 
     def words(self, t_ns: int) -> str:
         """What is being loaded, how far it is, and for how long; "" for nothing."""
         waited_s = (t_ns - self._asked_ns) // SECOND_NS if self._asked else 0
-        return ", ".join(filter(None, [self._what(), self._step, f"{waited_s} s" if waited_s else ""]))
+        return ", ".join(
+            filter(None, [self._what(), self._step, f"{waited_s} s" if waited_s else ""])
+        )
 
     def serve(self, t_ns: int) -> None:
         """In an exhibition, requests the first scene for the next visitor."""
         options, alone_ns = self._context.options, t_ns - int(self._context.row["t_face_ns"])
-        if options.kiosk and options.playlist_at and alone_ns > ALONE_NS and t_ns > self._first_due_ns:
+        if (
+            options.kiosk
+            and options.playlist_at
+            and alone_ns > ALONE_NS
+            and t_ns > self._first_due_ns
+        ):
             self._first_due_ns = t_ns + ALONE_NS  # it may need packing again
             self._context.request("load", at=0)
 
@@ -108,14 +132,19 @@ class ScenePage:
         self._scenes: list[str] = list(context.options.playlist)
         self._at = 0
         self._pictures: dict[str, NDArray[np.uint8] | None] = {}
-        self._packings: dict[str, Packing] = {}  # at most one: it reads a picture of a scene that is not packed
+        self._packings: dict[
+            str, Packing
+        ] = {}  # at most one: it reads a picture of a scene that is not packed
         self._camera: Reader | None = None
         self._camera_due_ns = 0
         self._camera_item = Item("the camera")
 
     def menu(self) -> Menu:
         """The page with the pictures read so far."""
-        items = [Item(Path(scene).name, f"load {scene}", picture=self._pictures.get(scene)) for scene in self._scenes]
+        items = [
+            Item(Path(scene).name, f"load {scene}", picture=self._pictures.get(scene))
+            for scene in self._scenes
+        ]
         if self._camera is not None:
             items.append(self._camera_item)
         hint = HINT.format("Delete removes a scene; " if self._context.options.start else "")
@@ -162,7 +191,9 @@ class ScenePage:
         if scene not in self._packings:
             with contextlib.suppress(UserError):
                 if (field := packed(scene, self._context.config.scene)) is not None:
-                    self._pictures[scene] = _small(stored_view(field, field.rows // 2, field.cols // 2))
+                    self._pictures[scene] = _small(
+                        stored_view(field, field.rows // 2, field.cols // 2)
+                    )
                     return
             self._packings[scene] = Packing([scene], self._context.config.scene, do="preview")
         self._packings[scene].read()
@@ -189,9 +220,20 @@ def file_dialog(folder: bool) -> subprocess.Popen[str] | None:
     """The desktop's own dialog for a folder or a file, a child process that prints its path; None if there is none."""
     title = "Open a folder of views" if folder else "Open a light field"
     if program := shutil.which("zenity"):
-        command = [program, "--file-selection", f"--title={title}", *(["--directory"] if folder else [])]
+        command = [
+            program,
+            "--file-selection",
+            f"--title={title}",
+            *(["--directory"] if folder else []),
+        ]
     elif program := shutil.which("kdialog"):
-        command = [program, "--title", title, "--getexistingdirectory" if folder else "--getopenfilename", str(Path.home())]
+        command = [
+            program,
+            "--title",
+            title,
+            "--getexistingdirectory" if folder else "--getopenfilename",
+            str(Path.home()),
+        ]
     else:
         return None
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)

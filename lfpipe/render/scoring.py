@@ -45,7 +45,11 @@ def left_out(field: LightField, count: int) -> list[tuple[int, int]]:
         if (r % 2 or c % 2) and field.present[r, c]
     ]
     # a stride coprime to the pattern of the grid selects views between two and between four others equally often
-    chosen = np.unique(np.linspace(0, len(inside) - 1, count).round().astype(int)) if len(inside) > count else range(len(inside))
+    chosen = (
+        np.unique(np.linspace(0, len(inside) - 1, count).round().astype(int))
+        if len(inside) > count
+        else range(len(inside))
+    )
     return [inside[int(k)] for k in chosen]
 
 
@@ -56,7 +60,9 @@ def score(field: LightField, method: str, places: list[tuple[int, int]]) -> floa
     out = [np.empty((field.height_px, field.width_px), np.uint8)]
     levels_db = []
     for row, col in places:
-        (plane,) = synthesiser.render((row / 2, col / 2), 0, 0.0, [lambda frame, r, c: views[frame, r, c, channel]], out)
+        (plane,) = synthesiser.render(
+            (row / 2, col / 2), 0, 0.0, [lambda frame, r, c: views[frame, r, c, channel]], out
+        )
         error = plane.astype(np.float32) - np.asarray(field.views[0, row, col, channel], np.float32)
         levels_db.append(psnr_db(float(np.mean(error**2))))
     return add(levels_db) / len(levels_db)
@@ -69,13 +75,23 @@ def choose_method(field: LightField, count: int = 7) -> tuple[str, dict[str, flo
     disparities decide.
     """
     fades = may_fade(field.disparity_min_px, field.disparity_max_px)
-    methods = [name for name in METHODS if (fades or name != "blend") and (field.disparity is not None or name not in WARPS)]
+    methods = [
+        name
+        for name in METHODS
+        if (fades or name != "blend") and (field.disparity is not None or name not in WARPS)
+    ]
     places = left_out(field, count)
     if not places:
         if max(field.rows, field.cols) == 1:
             return "nearest", {}
         extent_px = max(abs(field.disparity_min_px), abs(field.disparity_max_px))
-        return ("warp2" if field.disparity is not None and extent_px >= FLAT_PX else "blend" if fades else "nearest"), {}
+        return (
+            "warp2"
+            if field.disparity is not None and extent_px >= FLAT_PX
+            else "blend"
+            if fades
+            else "nearest"
+        ), {}
     scores = {method: score(field, method, places) for method in methods}
     best = max(scores.values())
     return next(method for method in methods if scores[method] >= best - WORTH_DB), scores

@@ -74,11 +74,15 @@ class Showing:
         return line
 
 
-def take_known(waiting: deque[Showing], answers: Iterable[Presented], by: str, t_ns: int) -> list[Showing]:
+def take_known(
+    waiting: deque[Showing], answers: Iterable[Presented], by: str, t_ns: int
+) -> list[Showing]:
     """Takes those, in their order, whose time of display is known at t_ns: their blank, 0 if the next picture replaced them
     before one, or their hand-over if no report came within ANSWER_NS. by: the protocol that reports; it is set already where a
     refresh repeated the picture on the screen."""
-    unanswered = {showing.number: showing for showing in waiting if showing.number and not showing.by}
+    unanswered = {
+        showing.number: showing for showing in waiting if showing.number and not showing.by
+    }
     for answer in answers:
         if (showing := unanswered.get(answer.serial)) is not None:
             showing.t_presented_ns, showing.by = answer.t_ns, by if answer.t_ns else REPLACED

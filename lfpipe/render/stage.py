@@ -40,22 +40,38 @@ class RenderStage:
         options = self._options
         with context.setting_up("opening the scene"):
             self._field = open_pack(Path(options.pack), self._config.scene.half_turn)
-            helper = ThreadPoolExecutor(1, "half", run_on, (context.cores,)) if len(context.cores) > 1 else None  # on any of them
+            helper = (
+                ThreadPoolExecutor(1, "half", run_on, (context.cores,))
+                if len(context.cores) > 1
+                else None
+            )  # on any of them
             self._viewer = Viewer(self._field, self._config, bool(options.kiosk), helper)
         self._keep_choice()
         # without a clock, pictures depend on the frames alone
-        self.on_camera = (options.lossless or self._config.render.clock == "camera") and options.tracking
+        self.on_camera = (
+            options.lossless or self._config.render.clock == "camera"
+        ) and options.tracking
         rate_hz = float(options.source_hz) if self.on_camera else self._asked.render.nominal_hz
-        size_px, monitor = (self._field.width_px, self._field.height_px), str(self._config.screen.monitor)
+        size_px, monitor = (
+            (self._field.width_px, self._field.height_px),
+            str(self._config.screen.monitor),
+        )
         restarts = context.row["restarts"]
         name = f"lfpipe: {self._field.name}"
-        self._display = open_display(options.display, size_px, name, rate_hz, monitor, restarts, options.kiosk)
-        self._interactive, self._serve_ns = options.display != "none" and not options.display.startswith("file:"), 0
+        self._display = open_display(
+            options.display, size_px, name, rate_hz, monitor, restarts, options.kiosk
+        )
+        self._interactive, self._serve_ns = (
+            options.display != "none" and not options.display.startswith("file:"),
+            0,
+        )
         self._viewer.shown_as_wide(self._display.width_mm())
         self._presenter = Presenter(context, self._viewer, self._display)
         self._keys = KeyBindings(context, self._viewer, self._presenter, self._display)
         middle = ((self._field.rows - 1) / 2, (self._field.cols - 1) / 2)
-        self._viewer.compositor.compose(middle, middle)  # builds tables and touches pages before the first picture is due
+        self._viewer.compositor.compose(
+            middle, middle
+        )  # builds tables and touches pages before the first picture is due
         context.row["t_face_ns"] = now_ns()
 
     def on_frames(self) -> None:
@@ -69,15 +85,21 @@ class RenderStage:
                 presenter.leave_out()
             elif fresh is not None:
                 latency_ns = int(self._config.replay.latency_ms * MS_NS)
-                presenter.show(fresh.t_sensor_ns + latency_ns if lossless else now_ns() + presenter.cost_ns)
+                presenter.show(
+                    fresh.t_sensor_ns + latency_ns if lossless else now_ns() + presenter.cost_ns
+                )
             self._after_picture()
 
     def on_refreshes(self) -> None:
         """One picture per refresh of the display, until the stop."""
         presenter, context = self._presenter, self._context
-        screen = self._display.blanks_by  # the screen's blanks if they are reported, else an even rate
+        screen = (
+            self._display.blanks_by
+        )  # the screen's blanks if they are reported, else an even rate
         refresh = (
-            ScreenRefresh(self._display.nominal_hz(), now_ns()) if screen else Refresh(self._config.render.nominal_hz, now_ns())
+            ScreenRefresh(self._display.nominal_hz(), now_ns())
+            if screen
+            else Refresh(self._config.render.nominal_hz, now_ns())
         )
         presenter.refresh = refresh
         while context.wait(refresh.start_ns()):
@@ -128,7 +150,11 @@ class RenderStage:
         completed = context.options.pack == self._options.pack and context.config == self._asked
         if other_pack:
             self._field = open_pack(Path(context.options.pack), half_turn)
-            logger.info("scene %s%s", context.options.pack, "" if context.options.complete else ", views only")
+            logger.info(
+                "scene %s%s",
+                context.options.pack,
+                "" if context.options.complete else ", views only",
+            )
         elif half_turn != self._asked.scene.half_turn:
             self._field = shown_as(self._field, half_turn)
         self._keep_choice()
@@ -142,13 +168,17 @@ class RenderStage:
 
     def _keep_choice(self) -> None:
         """Remembers near and far as a person chose them; a replay only applies what was chosen."""
-        if (word := self._context.config.scene.half_turn) != "auto" and not self._context.options.lossless:
+        if (
+            word := self._context.config.scene.half_turn
+        ) != "auto" and not self._context.options.lossless:
             remember(self._field, word)
 
     def _after_picture(self) -> None:
         """What does not change the picture just shown: keys and notices, without a window ten times a second."""
         if self._context.paused:
-            self._context.row["t_face_ns"] = now_ns()  # while nobody looks for a face, none is missed
+            self._context.row["t_face_ns"] = (
+                now_ns()
+            )  # while nobody looks for a face, none is missed
         if self._interactive or now_ns() >= self._serve_ns:
             self._serve_ns = now_ns() + SERVE_NS
             self._keys.serve()

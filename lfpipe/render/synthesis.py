@@ -36,10 +36,17 @@ class Synthesiser:
         height, width = field.height_px, field.width_px
         self._whole = slice(0, height), slice(0, width)
         self._blocks = Blocks(height, width)
-        *self._sums, self._sample = (np.empty((*size_of(height, width), 4), np.uint8) for _ in range(5))
+        *self._sums, self._sample = (
+            np.empty((*size_of(height, width), 4), np.uint8) for _ in range(5)
+        )
 
     def render(
-        self, position: Position, frame: int, zero_plane_px: float, sources: Sequence[Source], outs: Sequence[Array]
+        self,
+        position: Position,
+        frame: int,
+        zero_plane_px: float,
+        sources: Sequence[Source],
+        outs: Sequence[Array],
     ) -> list[Array]:
         """One plane for each source, at most four, seen from position.
 
@@ -49,7 +56,10 @@ class Synthesiser:
         views = view_weights(self.method, position, self._rows, self._cols)
         if self._warper is None:
             return self._faded(frame, views, zero_plane_px, sources, outs, self._whole)
-        shift = (zero_plane_px * (self._centre[0] - position[0]), zero_plane_px * (self._centre[1] - position[1]))
+        shift = (
+            zero_plane_px * (self._centre[0] - position[0]),
+            zero_plane_px * (self._centre[1] - position[1]),
+        )
         drawn = list(outs[: len(sources)])
         total = 0.0
         for view in views:
@@ -59,17 +69,29 @@ class Synthesiser:
                 return planes
             self._warper.aim(frame, view, steps, shift)
             total += view.weight
-            self._warp(self._warper, view.weight / total, planes, drawn if view is views[-1] else [])
-        if (unknown := self._warper.unknown(frame, position, shift)) is not None:  # along no disparity: the cross-fade instead
+            self._warp(
+                self._warper, view.weight / total, planes, drawn if view is views[-1] else []
+            )
+        if (
+            unknown := self._warper.unknown(frame, position, shift)
+        ) is not None:  # along no disparity: the cross-fade instead
             box, share = unknown
             views = view_weights("blend", position, self._rows, self._cols)
             outs = [np.empty(share.shape, np.uint8) for _ in sources]
-            for out, plane in zip(drawn, self._faded(frame, views, zero_plane_px, sources, outs, box), strict=True):
+            for out, plane in zip(
+                drawn, self._faded(frame, views, zero_plane_px, sources, outs, box), strict=True
+            ):
                 cv2.blendLinear(plane, out[box], share, 1 - share, out[box])
         return drawn
 
     def _faded(
-        self, frame: int, views: list[ViewWeight], zero_px: float, sources: Sequence[Source], outs: Sequence[Array], box: Box
+        self,
+        frame: int,
+        views: list[ViewWeight],
+        zero_px: float,
+        sources: Sequence[Source],
+        outs: Sequence[Array],
+        box: Box,
     ) -> list[Array]:
         """A box of the weighted sum of the stored views, each shifted as a whole to its zero plane. outs: of the box's size."""
         faded: list[Array] = []
@@ -77,7 +99,10 @@ class Synthesiser:
         for view in views:
             total += view.weight
             share = view.weight / total
-            by = round(zero_px * (self._centre[0] - view.row)), round(zero_px * (self._centre[1] - view.col))
+            by = (
+                round(zero_px * (self._centre[0] - view.row)),
+                round(zero_px * (self._centre[1] - view.col)),
+            )
             planes = [source(frame, view.row, view.col) for source in sources]
             if any(by) or box is not self._whole:
                 planes = [shifted(plane, *by, box) for plane in planes]

@@ -46,11 +46,19 @@ class Viewer:
     screen would take (`CameraPose`). All arithmetic uses plain numbers, which cost a tenth of numpy's small arrays.
     """
 
-    def __init__(self, field: LightField, config: Config, exhibition: bool = False, helper: Executor | None = None) -> None:
+    def __init__(
+        self,
+        field: LightField,
+        config: Config,
+        exhibition: bool = False,
+        helper: Executor | None = None,
+    ) -> None:
         """exhibition: the picture moves while nobody is there. helper: a thread on another core, for half of a large picture."""
         self._helper = helper
         self.parallax: Parallax | None = None
-        self.solver: ViewSolver | None = None  # the mapping from eyes to views; None until a face was seen
+        self.solver: ViewSolver | None = (
+            None  # the mapping from eyes to views; None until a face was seen
+        )
         self.presence = Presence()
         self._target_px: tuple[float, float] | None = None  # neutral position; None: not measured
         self._centre_px: tuple[float, float] | None = None  # the same, while moving there
@@ -69,7 +77,9 @@ class Viewer:
         self._easing = EyeEasing()
         self._idle = IdleMotion() if exhibition else None
         self._picture_mm: float | None = None
-        self.neutral_is_fixed = False  # to the middle of the picture: the viewer is the mouse, which moves around it
+        self.neutral_is_fixed = (
+            False  # to the middle of the picture: the viewer is the mouse, which moves around it
+        )
         self.last_viewpoints: Viewpoints | None = None
         self.set(field, config)
 
@@ -91,7 +101,10 @@ class Viewer:
         """Sets a configuration that differs only in render.method and render.rate_hz: geometry stays unchanged."""
         large = self.field.width_px * self.field.height_px >= LARGE_PX
         self._is_video = self.field.frames > 1
-        self.config, self.compositor = config, Compositor(self.field, config.render, self._helper if large else None)
+        self.config, self.compositor = (
+            config,
+            Compositor(self.field, config.render, self._helper if large else None),
+        )
         self.method = self.compositor.method
         if self.solver is not None:
             self.solver.draw_with(self.method)
@@ -110,10 +123,16 @@ class Viewer:
             self._target_px = self._centre_px = middle_of(self._eyes_px)
             self.solver = None
 
-    def viewpoints(self, record: EyesRecord | None, t_sensor_ns: int, t_shown_ns: int) -> Viewpoints:
+    def viewpoints(
+        self, record: EyesRecord | None, t_sensor_ns: int, t_shown_ns: int
+    ) -> Viewpoints:
         """The viewpoints at t_shown_ns, from the newest eyes record and its frame's stamp; None if nobody was seen yet."""
         frame = self._frame(t_shown_ns) if self._is_video else 0
-        camera_px = None if record is None or not record.face else _predicted(record, t_shown_ns - t_sensor_ns)
+        camera_px = (
+            None
+            if record is None or not record.face
+            else _predicted(record, t_shown_ns - t_sensor_ns)
+        )
         if record is None or (camera_px is None and not self._seen):
             middle = (self.field.rows - 1) / 2, (self.field.cols - 1) / 2
             left, right = middle, middle
@@ -121,7 +140,10 @@ class Viewer:
         else:
             used_px, left, right = self._follow(record, camera_px, t_sensor_ns, t_shown_ns)
         if self._idle is not None:
-            alone = self.presence.state is ViewerState.NOBODY or t_shown_ns - t_sensor_ns > ABSENT_S * 1e9
+            alone = (
+                self.presence.state is ViewerState.NOBODY
+                or t_shown_ns - t_sensor_ns > ABSENT_S * 1e9
+            )
             grid, whole = (self.field.rows, self.field.cols), self.method == "nearest"
             left, right = self._idle.moved(left, right, grid, t_shown_ns, alone, whole)
         self.last_viewpoints = Viewpoints(used_px, left, right, frame)
@@ -146,15 +168,23 @@ class Viewer:
             self._tracked_ns = t_sensor_ns
             self._follow_presence(record.generation, t_sensor_ns, solver, eyes_px)
         (x, y), half = solver.centre_px, self._apart_px / 2
-        start_px = (x + half, y, x - half, y) if self._seen or eyes_px is None else eyes_px  # no easing for the first face
+        start_px = (
+            (x + half, y, x - half, y) if self._seen or eyes_px is None else eyes_px
+        )  # no easing for the first face
         self._seen = True
-        self._eyes_px = self._easing.at(t_shown_ns, eyes_px, start_px, record.generation, solver.alpha_px)
+        self._eyes_px = self._easing.at(
+            t_shown_ns, eyes_px, start_px, record.generation, solver.alpha_px
+        )
         if self._auto and self._centre_px is not None:
             self._follow_neutral(solver, self._centre_px, eyes_px is not None, dt_s)
         left, right = solver.views(self._eyes_px)
         if pose is None:
             return self._eyes_px, left, right
-        return _flat(pose.from_camera(np.reshape(self._eyes_px, (2, 2)), self._near_px)), left, right
+        return (
+            _flat(pose.from_camera(np.reshape(self._eyes_px, (2, 2)), self._near_px)),
+            left,
+            right,
+        )
 
     def _frame(self, t_ns: int) -> int:
         self._start_ns = self._start_ns or t_ns - self.video_lead_ns
@@ -170,10 +200,14 @@ class Viewer:
         if not self._seen or generation != self._generation:
             self._near_px, self._generation = apart_px, generation
         still = abs(apart_px - self._apart_px) < STILL * self._apart_px
-        self._apart_px += (apart_px - self._apart_px) * low_pass_share(dt_s, STILL_S if still else DISTANCE_S)
+        self._apart_px += (apart_px - self._apart_px) * low_pass_share(
+            dt_s, STILL_S if still else DISTANCE_S
+        )
         self._near_px += (apart_px - self._near_px) * low_pass_share(dt_s, POSE_S)
 
-    def _follow_presence(self, generation: int, t_sensor_ns: int, solver: ViewSolver, eyes_px: Eyes | None) -> None:
+    def _follow_presence(
+        self, generation: int, t_sensor_ns: int, solver: ViewSolver, eyes_px: Eyes | None
+    ) -> None:
         """Measures neutral position and distance when somebody has come to rest."""
         here = None if eyes_px is None else Rest(*middle_of(eyes_px), self._near_px)
         beyond = eyes_px is not None and solver.beyond(eyes_px)
@@ -181,11 +215,15 @@ class Viewer:
         if rest is not None and self._auto and not self.neutral_is_fixed:
             self._target_px = rest.x_px, rest.y_px
             self._choose(rest.apart_px)
-            if self.presence.returned and self._centre_px is not None:  # the view is eased to where it was
+            if (
+                self.presence.returned and self._centre_px is not None
+            ):  # the view is eased to where it was
                 self._easing.shift(rest.x_px - self._centre_px[0], rest.y_px - self._centre_px[1])
                 self._centre_px = solver.centre_px = self._target_px
 
-    def _follow_neutral(self, solver: ViewSolver, centre_px: tuple[float, float], face: bool, dt_s: float) -> None:
+    def _follow_neutral(
+        self, solver: ViewSolver, centre_px: tuple[float, float], face: bool, dt_s: float
+    ) -> None:
         """Moves the neutral position to the measured one, and alpha with the distance; until a rest the grid follows the eyes."""
         assert self.parallax is not None
         if face and abs(self._apart_px / self.parallax.eyes_px - 1) > MOVED:
@@ -197,13 +235,19 @@ class Viewer:
             if face:
                 centre_px = solver.dragged(centre_px, self._eyes_px)
         elif self._target_px is not None:
-            (x, y), (to_x, to_y), share = centre_px, self._target_px, low_pass_share(dt_s, NEUTRAL_S)
+            (x, y), (to_x, to_y), share = (
+                centre_px,
+                self._target_px,
+                low_pass_share(dt_s, NEUTRAL_S),
+            )
             centre_px = x + (to_x - x) * share, y + (to_y - y) * share
         self._centre_px = solver.centre_px = centre_px
 
     def _choose(self, apart_px: float) -> None:
         """Chooses the views between the eyes for a viewer at the distance that apart_px implies."""
-        self.parallax = parallax(self.config, self.field, self._size_px[0], apart_px, self._picture_mm)
+        self.parallax = parallax(
+            self.config, self.field, self._size_px[0], apart_px, self._picture_mm
+        )
 
     def _make_solver(self, eyes_px: Eyes | None) -> ViewSolver:
         """A fixed alpha centres the grid in the camera picture, as in the paper; alpha from geometry centres it on the viewer,
@@ -215,7 +259,9 @@ class Viewer:
             self._centre_px = middle_px if self.neutral_is_fixed else middle_of(eyes_px)
         centre_px = self._centre_px or middle_px
         grid = self.field.rows, self.field.cols
-        self.solver = ViewSolver(*grid, self.config.render, self.parallax.alpha_px, centre_px, self.method)
+        self.solver = ViewSolver(
+            *grid, self.config.render, self.parallax.alpha_px, centre_px, self.method
+        )
         return self.solver
 
 
@@ -224,7 +270,9 @@ def _predicted(record: EyesRecord, horizon_ns: int) -> Eyes | None:
     s = min(max(horizon_ns, 0) / 1e9, MAX_HORIZON_S)
     (lx, ly, rx, ry), (u, v, p, q) = record.filtered_px, record.velocity_px_s
     lx, ly, rx, ry = lx + u * s, ly + v * s, rx + p * s, ry + q * s
-    near = abs(lx) < FAR_PX and abs(ly) < FAR_PX and abs(rx) < FAR_PX and abs(ry) < FAR_PX  # false for NaN
+    near = (
+        abs(lx) < FAR_PX and abs(ly) < FAR_PX and abs(rx) < FAR_PX and abs(ry) < FAR_PX
+    )  # false for NaN
     return (lx, ly, rx, ry) if near else None
 
 

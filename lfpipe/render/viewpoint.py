@@ -37,7 +37,9 @@ def limited(value: float, low: float, high: float, reach: float) -> float:
     return inside + reach * math.tanh((value - inside) / reach)
 
 
-def pair_clamped(left: float, right: float, count: int, extrapolate_views: float) -> tuple[float, float]:
+def pair_clamped(
+    left: float, right: float, count: int, extrapolate_views: float
+) -> tuple[float, float]:
     """The columns of both eyes within a grid of `count` columns and extrapolate_views beyond it: their middle is clamped, and
     their distance stays unless the grid is narrower.
 
@@ -48,7 +50,12 @@ def pair_clamped(left: float, right: float, count: int, extrapolate_views: float
     edge = (count - 1) / 2
     half = limited((right - left) / 2, -edge, edge, extrapolate_views)
     room = max(edge - abs(half), 0.0)
-    middle = edge + limited((right + left) / 2 - edge, -room, room, max(edge + extrapolate_views - room - abs(half), 0.0))
+    middle = edge + limited(
+        (right + left) / 2 - edge,
+        -room,
+        room,
+        max(edge + extrapolate_views - room - abs(half), 0.0),
+    )
     low, high = -extrapolate_views, count - 1 + extrapolate_views
     return min(max(middle - half, low), high), min(max(middle + half, low), high)
 
@@ -73,13 +80,23 @@ class ViewSolver:
     """
 
     def __init__(
-        self, rows: int, cols: int, render: Render, alpha_px: float, centre_px: tuple[float, float], method: str = "warp2"
+        self,
+        rows: int,
+        cols: int,
+        render: Render,
+        alpha_px: float,
+        centre_px: tuple[float, float],
+        method: str = "warp2",
     ) -> None:
         self.rows, self.cols, self._render = rows, cols, render
         self._middle = (rows - 1) / 2, (cols - 1) / 2
         self.alpha_px, self.centre_px = alpha_px, centre_px
         self.draw_with(method)
-        self._held: tuple[float | None, float | None, float | None] = None, None, None  # row, left col, right col
+        self._held: tuple[float | None, float | None, float | None] = (
+            None,
+            None,
+            None,
+        )  # row, left col, right col
 
     def draw_with(self, method: str) -> None:
         """Sets the method in use: the last views are held in nearest mode, and only warps extrapolate."""
@@ -97,14 +114,21 @@ class ViewSolver:
         (cx, cy), (half_rows, half_cols) = self.centre_px, self._middle
         left, right = self._steps(cx - left_u), self._steps(cx - right_u)
         row = self._steps((left_v + right_v) / 2 - cy)
-        return min(left, right) > half_cols or max(left, right) < -half_cols or (self.rows > 1 and abs(row) > half_rows)
+        return (
+            min(left, right) > half_cols
+            or max(left, right) < -half_cols
+            or (self.rows > 1 and abs(row) > half_rows)
+        )
 
     def dragged(self, centre_px: tuple[float, float], eyes_px: Eyes) -> tuple[float, float]:
         """The neutral position nearest to centre_px that puts the eyes within the grid if they fit."""
         left_u, left_v, right_u, right_v = eyes_px
         alpha_px = min(abs(self.alpha_px), _FAR) if math.isfinite(self.alpha_px) else _FAR
         x, y, half_rows, half_cols = (left_u + right_u) / 2, (left_v + right_v) / 2, *self._middle
-        room_x, room_y = max(half_cols * alpha_px - abs(left_u - right_u) / 2, 0.0), half_rows * alpha_px
+        room_x, room_y = (
+            max(half_cols * alpha_px - abs(left_u - right_u) / 2, 0.0),
+            half_rows * alpha_px,
+        )
         cx, cy = centre_px
         return min(max(cx, x - room_x), x + room_x), min(max(cy, y - room_y), y + room_y)
 
@@ -115,19 +139,35 @@ class ViewSolver:
         """
         left_u, left_v, right_u, right_v = eyes_px
         (r0, c0), (cx, cy) = self._middle, self.centre_px
-        middle_v = left_v / 2 + right_v / 2  # halve first: the sum of two finite numbers may overflow
+        middle_v = (
+            left_v / 2 + right_v / 2
+        )  # halve first: the sum of two finite numbers may overflow
         # a single row knows nothing above and below it: its height is left out
-        row = limited(r0 + self._steps(middle_v - cy), 0.0, self.rows - 1.0, self._reach if self.rows > 1 else 0.0)
+        row = limited(
+            r0 + self._steps(middle_v - cy),
+            0.0,
+            self.rows - 1.0,
+            self._reach if self.rows > 1 else 0.0,
+        )
         left, right = c0 + self._steps(cx - left_u), c0 + self._steps(cx - right_u)
         if self._render.keep_depth:
             left, right = pair_clamped(left, right, self.cols, self._reach)
         else:
             last = self.cols - 1.0
-            left, right = limited(left, 0.0, last, self._reach), limited(right, 0.0, last, self._reach)
+            left, right = (
+                limited(left, 0.0, last, self._reach),
+                limited(right, 0.0, last, self._reach),
+            )
         if self._snap:
             held = self._held
-            row, left, right = self._held = snapped(row, held[0]), snapped(left, held[1]), snapped(right, held[2])
-        return ((row, right), (row, left)) if self._render.swap_eyes else ((row, left), (row, right))
+            row, left, right = self._held = (
+                snapped(row, held[0]),
+                snapped(left, held[1]),
+                snapped(right, held[2]),
+            )
+        return (
+            ((row, right), (row, left)) if self._render.swap_eyes else ((row, left), (row, right))
+        )
 
 
 class ViewWeight(NamedTuple):

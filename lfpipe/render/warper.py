@@ -17,7 +17,9 @@ CAREFUL_PX = 1.0  # separation of near and far above which hidden parts are hand
 SOFT = 5  # values of disparity over which a cross-fade ramps up
 
 
-Moves = tuple[tuple[float, float], tuple[float, float]]  # along x and y: px per stored unit of disparity, and px in all
+Moves = tuple[
+    tuple[float, float], tuple[float, float]
+]  # along x and y: px per stored unit of disparity, and px in all
 Pair = tuple[NDArray[np.float32], NDArray[np.float32]]  # x, y
 
 
@@ -48,15 +50,23 @@ class Warper:
         self._stored = np.asarray(field.disparity)
         self._offsets = field.offsets.astype(np.float64)
         self._regular = not self._offsets.any()
-        self._unit_px, self._turned = abs(float(field.disparity_scale_px)), field.disparity_scale_px < 0
+        self._unit_px, self._turned = (
+            abs(float(field.disparity_scale_px)),
+            field.disparity_scale_px < 0,
+        )
         self._span_px = field.disparity_max_px - field.disparity_min_px
         rows, cols = size_of(field.height_px, field.width_px)
         if self._stored.shape[3:] != (rows, cols):
-            raise ValueError(f"disparity of {self._stored.shape[3:]} values, not one for each 2x2 pixels: {rows, cols}")
+            raise ValueError(
+                f"disparity of {self._stored.shape[3:]} values, not one for each 2x2 pixels: {rows, cols}"
+            )
         self._unknown: dict[tuple[int, int, int], Box | None] = {}  # of the maps examined
         self._unknown_cells: dict[tuple[int, int, int], Box | None] = {}
         self._size = field.width_px, field.height_px
-        self._step = (field.height_px / rows, field.width_px / cols)  # px of a view per px of its disparity
+        self._step = (
+            field.height_px / rows,
+            field.width_px / cols,
+        )  # px of a view per px of its disparity
         self._low = np.empty((rows, cols), np.float32)
         self._bytes = np.empty((2, rows, cols), np.uint8)
         y, x = (np.ascontiguousarray(axis, np.float32) for axis in np.mgrid[:rows, :cols])
@@ -68,9 +78,14 @@ class Warper:
             first, second, moved_x, moved_y = scratch[:, : band.stop - band.start]
             low, nearest = self._low[band], self._bytes[1][band]
             index, place = (x[band], y[band]), (place_x[band], place_y[band])
-            self.bands.append(Band(band, low, nearest, index, place, (moved_x, moved_y), first, second))
+            self.bands.append(
+                Band(band, low, nearest, index, place, (moved_x, moved_y), first, second)
+            )
         self.most_px = 0.0
-        self._moves = self._low_moves = (0.0, 0.0), (0.0, 0.0)  # in px of the view, and of its disparity
+        self._moves = self._low_moves = (
+            (0.0, 0.0),
+            (0.0, 0.0),
+        )  # in px of the view, and of its disparity
         self._careful = False  # whether near and far separate enough to hide each other
 
     def offset(self, view: ViewWeight, position: Position) -> Position:
@@ -83,7 +98,9 @@ class Warper:
         c, right = cell_of(position[1], cols)
         r1, c1 = min(r + 1, rows - 1), min(c + 1, cols - 1)
         near, far = self._offsets[r], self._offsets[r1]
-        bend = (1 - up) * ((1 - right) * near[c] + right * near[c1]) + up * ((1 - right) * far[c] + right * far[c1])
+        bend = (1 - up) * ((1 - right) * near[c] + right * near[c1]) + up * (
+            (1 - right) * far[c] + right * far[c1]
+        )
         bend -= self._offsets[view.row, view.col]
         return position[0] - view.row + float(bend[0]), position[1] - view.col + float(bend[1])
 
@@ -99,9 +116,14 @@ class Warper:
         if unknown is not None:
             self._low[unknown][stored[unknown] == UNKNOWN] = 0
         self._moves = (right * self._unit_px, shift_x), (down * self._unit_px, shift_y)
-        self.most_px = 128 * self._unit_px * abs(down) + abs(shift_y)  # by which a pixel is moved down or up at most
+        self.most_px = 128 * self._unit_px * abs(down) + abs(
+            shift_y
+        )  # by which a pixel is moved down or up at most
         per_px = self._unit_px / self._step[1], self._unit_px / self._step[0]
-        self._low_moves = (right * per_px[0], shift_x / self._step[1]), (down * per_px[1], shift_y / self._step[0])
+        self._low_moves = (
+            (right * per_px[0], shift_x / self._step[1]),
+            (down * per_px[1], shift_y / self._step[0]),
+        )
         apart_x, apart_y = abs(right) * self._span_px, abs(down) * self._span_px
         self._careful = max(apart_x, apart_y) >= CAREFUL_PX
         if not self._careful:
@@ -137,7 +159,11 @@ class Warper:
         place = min(frame, len(self._stored) - 1), row, col
         stored: NDArray[np.int8] = self._stored[place]
         if place not in self._unknown:
-            x, y, width, height = cv2.boundingRect((stored == UNKNOWN).astype(np.uint8)) if stored.min() == UNKNOWN else (0,) * 4
+            x, y, width, height = (
+                cv2.boundingRect((stored == UNKNOWN).astype(np.uint8))
+                if stored.min() == UNKNOWN
+                else (0,) * 4
+            )
             self._unknown[place] = np.s_[y : y + height, x : x + width] if width else None
         return stored, self._unknown[place]
 
@@ -149,11 +175,16 @@ class Warper:
             corners = itertools.product((r, min(r + 1, rows - 1)), (c, min(c + 1, cols - 1)))
             boxes = [box for at in corners if (box := self._map(frame, *at)[1]) is not None]
             sides = zip(*boxes, strict=True)
-            union = [slice(max(min(s.start for s in side) - SOFT, 0), max(s.stop for s in side) + SOFT) for side in sides]
+            union = [
+                slice(max(min(s.start for s in side) - SOFT, 0), max(s.stop for s in side) + SOFT)
+                for side in sides
+            ]
             self._unknown_cells[frame, r, c] = (union[0], union[1]) if boxes else None
         return self._unknown_cells[frame, r, c]
 
-    def unknown(self, frame: int, position: Position, shift_px: Position) -> tuple[Box, NDArray[np.float32]] | None:
+    def unknown(
+        self, frame: int, position: Position, shift_px: Position
+    ) -> tuple[Box, NDArray[np.float32]] | None:
         """Where a picture is cross-faded because disparity is unknown: a box of the picture, moved by shift_px as by `aim`, and
         the share of the cross-fade at each of its pixels, float32, 0 to 1. None if it is 0 everywhere."""
         around = self._unknown_around(frame, position)
@@ -161,8 +192,12 @@ class Warper:
             return None
         low = np.zeros_like(self._low)
         for view in view_weights("blend", position, *self._offsets.shape[:2]):
-            low[around] += np.float32(view.weight) * (self._map(frame, view.row, view.col)[0][around] == UNKNOWN)
-        low[around] = cv2.blur(np.clip(2 * low[around] - 1, 0, 1), (SOFT, SOFT))  # other views know the rest
+            low[around] += np.float32(view.weight) * (
+                self._map(frame, view.row, view.col)[0][around] == UNKNOWN
+            )
+        low[around] = cv2.blur(
+            np.clip(2 * low[around] - 1, 0, 1), (SOFT, SOFT)
+        )  # other views know the rest
         x, y, width, height = cv2.boundingRect((low > 0).view(np.uint8))
         if not width:
             return None
@@ -175,16 +210,25 @@ class Warper:
         first = 2 * max(y - 1, 0), 2 * max(x - 1, 0)
         by = round(shift_px[0]), round(shift_px[1])
         spans = []
-        for start, moved, length, most in zip(first, by, share.shape[:2], self._size[::-1], strict=True):
+        for start, moved, length, most in zip(
+            first, by, share.shape[:2], self._size[::-1], strict=True
+        ):
             stop = start + length
-            spans.append(slice(max(start - moved, 0) if start else 0, min(stop - moved, most) if stop < most else most))
+            spans.append(
+                slice(
+                    max(start - moved, 0) if start else 0,
+                    min(stop - moved, most) if stop < most else most,
+                )
+            )
         rows, cols = spans
         if rows.start >= rows.stop or cols.start >= cols.stop:
             return None
         box = rows, cols
         return box, shifted(share, by[0] - first[0], by[1] - first[1], box)
 
-    def _look_up(self, band: Band, at: NDArray[np.float32], out: NDArray[np.float32]) -> NDArray[np.float32]:
+    def _look_up(
+        self, band: Band, at: NDArray[np.float32], out: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
         """The stored disparity at the place where each pixel of a band lands if its own is `at`. The nearest value: a mean of two
         would be neither."""
         x, y = _moved(at, self._low_moves, band.index, band.moved)

@@ -25,9 +25,19 @@ BUTTONS = {1: "left", 3: "right"}
 MOUSE = (pygame.MOUSEMOTION, pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP, pygame.MOUSEWHEEL)
 RESIZED = (pygame.WINDOWSIZECHANGED, pygame.WINDOWDISPLAYCHANGED)
 NAMES = EVENTS | {"=": "alpha+", " ": "freeze", "?": "help"}
-CODES = {pygame.K_F11: "fullscreen", pygame.K_ESCAPE: "escape", pygame.K_TAB: "choose", pygame.K_DELETE: "delete"}
+CODES = {
+    pygame.K_F11: "fullscreen",
+    pygame.K_ESCAPE: "escape",
+    pygame.K_TAB: "choose",
+    pygame.K_DELETE: "delete",
+}
 CODES |= {pygame.K_LEFT: "less", pygame.K_RIGHT: "more", pygame.K_UP: "up", pygame.K_DOWN: "down"}
-CODES |= {pygame.K_PAGEDOWN: "next", pygame.K_PAGEUP: "previous", pygame.K_RETURN: "enter", pygame.K_KP_ENTER: "enter"}
+CODES |= {
+    pygame.K_PAGEDOWN: "next",
+    pygame.K_PAGEUP: "previous",
+    pygame.K_RETURN: "enter",
+    pygame.K_KP_ENTER: "enter",
+}
 
 
 class Window(Display):
@@ -36,7 +46,14 @@ class Window(Display):
     Its pixels are the screen's own: SDL asks a desktop that scales windows not to scale this one. monitor: the window is on it.
     """
 
-    def __init__(self, size_px: tuple[int, int], title: str, fullscreen: bool = False, monitor: str = "", code: str = "") -> None:
+    def __init__(
+        self,
+        size_px: tuple[int, int],
+        title: str,
+        fullscreen: bool = False,
+        monitor: str = "",
+        code: str = "",
+    ) -> None:
         """size_px: (width, height) of the pictures. monitor: a number or name, as for `monitors.find_monitor`; empty: the desktop
         chooses. code: only these letters have an effect, and quit; other keys, buttons and drops have none. Raises UserError if
         no window can be opened, or the monitor is missing."""
@@ -47,13 +64,19 @@ class Window(Display):
         self._how = ""
         self._laid: NDArray[np.uint8] | None = None
         self._view, self._drawn = OverlayView(), list[Panel]()
-        self._number = self._handed = 0  # of the picture, and of the hand-over: a picture may be drawn again
+        self._number = self._handed = (
+            0  # of the picture, and of the hand-over: a picture may be drawn again
+        )
         self._numbers: dict[int, int] = {}  # hand-over -> picture
         try:
             self._driver = window_system.start()
             self.monitor = find_monitor(monitor, monitors()) if monitor else monitors()[0]
             self._windowed = self.monitor.window_for(size_px)
-            place = pygame.WINDOWPOS_CENTERED | self.monitor.number if monitor else pygame.WINDOWPOS_UNDEFINED
+            place = (
+                pygame.WINDOWPOS_CENTERED | self.monitor.number
+                if monitor
+                else pygame.WINDOWPOS_UNDEFINED
+            )
             self._at = place, place
             pygame.font.init()
             self._open()
@@ -61,7 +84,9 @@ class Window(Display):
             pygame.display.quit()
             raise
         except pygame.error as error:
-            raise UserError(f"no window can be opened: {error}", "use --display none or --display file:OUT.mkv") from None
+            raise UserError(
+                f"no window can be opened: {error}", "use --display none or --display file:OUT.mkv"
+            ) from None
         self._shown_px = fit_area(size_px, self._painter.size_px())[2]
 
     def _open(self) -> None:
@@ -91,7 +116,9 @@ class Window(Display):
         answers: list[Presented] = []
         for answer in self._presentation.take() if self._presentation is not None else []:
             number = self._numbers.pop(answer.serial, None)
-            if number is not None and (answer.t_ns or number not in self._numbers.values()):  # else it was drawn again
+            if number is not None and (
+                answer.t_ns or number not in self._numbers.values()
+            ):  # else it was drawn again
                 answers.append(Presented(number, answer.t_ns, answer.period_ns))
         return answers
 
@@ -113,7 +140,9 @@ class Window(Display):
     def _find_monitor(self) -> None:
         """The monitor that the window is on now; others may have been plugged or unplugged."""
         offered, number = monitors(), window_system.monitor_number(self._window)
-        self.monitor = next((monitor for monitor in offered if monitor.number == number), offered[0])
+        self.monitor = next(
+            (monitor for monitor in offered if monitor.number == number), offered[0]
+        )
 
     def width_mm(self) -> float | None:
         if self.monitor.pixel_mm:
@@ -132,7 +161,9 @@ class Window(Display):
         """Draws picture and overlay. again: also if neither has changed."""
         pygame.mouse.set_visible(not self._fullscreen or self._view.has_pointer)
         window_px, picture = self._painter.size_px(), self._picture
-        text_px = round(max(TEXT_PX, TEXT_SHARE * self.monitor.height) * window_px[0] / self._window.size[0])
+        text_px = round(
+            max(TEXT_PX, TEXT_SHARE * self.monitor.height) * window_px[0] / self._window.size[0]
+        )
         panels = self._view.panels(window_px, text_px)
         unchanged, self._drawn = panels == self._drawn, panels
         if picture is None or (unchanged and not again):
@@ -140,7 +171,9 @@ class Window(Display):
         self._shown_px = fit_area((picture.shape[1], picture.shape[0]), window_px)[2]
         if self._pair is not None:
             # the row of the screen on which the window begins: known on X and in full screen
-            first_row = 0 if self._fullscreen else max(0, int(self._window.position[1] - self.monitor.y))
+            first_row = (
+                0 if self._fullscreen else max(0, int(self._window.position[1] - self.monitor.y))
+            )
             picture = self._laid = laid_out(self._pair, self._how, window_px, first_row, self._laid)
         self._painter.paint(picture, panels)
         self._handed += 1
@@ -174,7 +207,9 @@ class Window(Display):
     def _meaning(self, event: pygame.Event) -> str:
         """The name of what a person did, "" for nothing."""
         if self._code:
-            self._typed = (self._typed + (event.unicode if event.type == pygame.KEYDOWN else ""))[-len(self._code) :]
+            self._typed = (self._typed + (event.unicode if event.type == pygame.KEYDOWN else ""))[
+                -len(self._code) :
+            ]
             return "quit" if self._typed == self._code else ""
         if event.type == pygame.QUIT:
             return "quit"
@@ -190,15 +225,22 @@ class Window(Display):
         if event.type == pygame.MOUSEWHEEL:
             self.pointer = attrs.evolve(self.pointer, wheel=self.pointer.wheel + event.y)
         else:
-            x, y = (min(max(at / size, 0.0), 1.0) for at, size in zip(event.pos, self._window.size, strict=True))
+            x, y = (
+                min(max(at / size, 0.0), 1.0)
+                for at, size in zip(event.pos, self._window.size, strict=True)
+            )
             button = BUTTONS.get(event.button) if event.type != pygame.MOUSEMOTION else None
             held = {button: event.type == pygame.MOUSEBUTTONDOWN} if button else {}
             self.pointer = attrs.evolve(self.pointer, x=x, y=y, **held)
         x_px, y_px = self._painter.size_px()
         name = self._view.mouse(event, (round(self.pointer.x * x_px), round(self.pointer.y * y_px)))
         if name:
-            self.pointer = attrs.evolve(self.pointer, left=False)  # a click, and no drag of the view
-        elif event.type == pygame.MOUSEBUTTONDOWN and event.button == 1 and self._picture is not None:
+            self.pointer = attrs.evolve(
+                self.pointer, left=False
+            )  # a click, and no drag of the view
+        elif (
+            event.type == pygame.MOUSEBUTTONDOWN and event.button == 1 and self._picture is not None
+        ):
             rows, cols = self._picture.shape[:2]
             left, top, width, height = fit_area((cols, rows), (x_px, y_px))
             name = f"click {(self.pointer.x * x_px - left) * cols / width} {(self.pointer.y * y_px - top) * rows / height}"

@@ -45,8 +45,12 @@ def uses_renderer(driver: str) -> bool:
 def drawn_by(driver: str) -> str:
     """The way in which pictures are drawn, for people."""
     if not uses_renderer(driver):
-        return "drawn by the CPU into a surface in shared memory" + ("" if has_gpu() else " (no GPU)")
-    return "renderer in step with the screen, " + ("by the GPU" if has_gpu() else "OpenGL in software (no GPU)")
+        return "drawn by the CPU into a surface in shared memory" + (
+            "" if has_gpu() else " (no GPU)"
+        )
+    return "renderer in step with the screen, " + (
+        "by the GPU" if has_gpu() else "OpenGL in software (no GPU)"
+    )
 
 
 def take_events() -> list[pygame.Event]:
@@ -67,7 +71,9 @@ def icon() -> pygame.Surface:
     icon = pygame.Surface((ICON_PX, ICON_PX), pygame.SRCALPHA)
     for x, colour in ((0.38, (255, 40, 40)), (0.62, (0, 215, 215))):
         disc = pygame.Surface((ICON_PX, ICON_PX), pygame.SRCALPHA)
-        pygame.draw.circle(disc, (*colour, 255), (round(x * ICON_PX), ICON_PX // 2), round(0.36 * ICON_PX))
+        pygame.draw.circle(
+            disc, (*colour, 255), (round(x * ICON_PX), ICON_PX // 2), round(0.36 * ICON_PX)
+        )
         icon.blit(disc, (0, 0), special_flags=pygame.BLEND_RGBA_ADD)
     return icon
 
@@ -78,7 +84,11 @@ _X11, _WAYLAND = 2, 6  # SDL_SYSWM_TYPE
 class _Handles(ctypes.Structure):
     """SDL_SysWMinfo: the first two handles are Display and Window of X11, or wl_display and wl_surface."""
 
-    _fields_ = (("version", ctypes.c_uint8 * 3), ("system", ctypes.c_int), ("handles", ctypes.c_void_p * 8))
+    _fields_ = (
+        ("version", ctypes.c_uint8 * 3),
+        ("system", ctypes.c_int),
+        ("handles", ctypes.c_void_p * 8),
+    )
 
 
 @functools.cache
@@ -107,7 +117,10 @@ def monitor_facts(monitor: int) -> tuple[str, tuple[int, int, int, int], tuple[f
 
 def monitor_number(window: pygame.Window) -> int:
     """The number of the monitor that holds the window's centre."""
-    return max(0, int(sdl_library().SDL_GetWindowDisplayIndex(sdl_library().SDL_GetWindowFromID(window.id))))
+    return max(
+        0,
+        int(sdl_library().SDL_GetWindowDisplayIndex(sdl_library().SDL_GetWindowFromID(window.id))),
+    )
 
 
 def open_presentation(window: pygame.Window) -> XPresentation | WaylandPresentation | None:

@@ -36,7 +36,13 @@ MACHINE_PX = 0.1  # between x86-64 and ARM: 0.02 median, 0.08 at most were measu
 FLIPPED_SHARE = 0.05  # of frames: eyes uncertain by 0.1 px are near a boundary of views 4 px wide; more is another map
 LEAST_DB = 50.0  # 0.8 levels root mean square: nobody sees that
 MOST_FIELDS = 20  # listed per part
-SHAPE = ("frames", "rows", "cols", "height_px", "width_px")  # of a scene; its name is that of a folder, which may be renamed
+SHAPE = (
+    "frames",
+    "rows",
+    "cols",
+    "height_px",
+    "width_px",
+)  # of a scene; its name is that of a folder, which may be renamed
 FLIP = "flip"
 CAUSES = {  # in the order of the pipeline: an earlier difference causes the later ones
     "face": "tracking finds a face in other frames (lfpipe/track: engine, detector, choice of the face)",
@@ -58,7 +64,11 @@ class Difference:
     frame: int | None = None
 
     def __str__(self) -> str:
-        return f"{self.part}: {self.what}" if self.frame is None else f"{self.part}: frame {self.frame}: {self.what}"
+        return (
+            f"{self.part}: {self.what}"
+            if self.frame is None
+            else f"{self.part}: frame {self.frame}: {self.what}"
+        )
 
 
 @attrs.frozen
@@ -84,7 +94,10 @@ _PART_OF = {**dict.fromkeys(("face", *TOLERANCES), "eyes"), "view": "views", "me
 
 def cases_of(differences: list[Difference]) -> list[tuple[str, list[str]]]:
     """(test case, its failures) of a comparison."""
-    return [(part, [str(difference) for difference in differences if difference.part == part]) for part in PARTS]
+    return [
+        (part, [str(difference) for difference in differences if difference.part == part])
+        for part in PARTS
+    ]
 
 
 def check_reference(reference: Path, report: dict[str, Any]) -> None:
@@ -95,7 +108,11 @@ def check_reference(reference: Path, report: dict[str, Any]) -> None:
         for name in names:
             before, now = was[part].get(name), report[part][name]
             if before != now:
-                values = "" if isinstance(now, dict) else f": {name} {shown(before)} in the reference, {shown(now)} now"
+                values = (
+                    ""
+                    if isinstance(now, dict)
+                    else f": {name} {shown(before)} in the reference, {shown(now)} now"
+                )
                 raise UserError(f"{reference}: made with another {part}{values}", remedy)
 
 
@@ -108,22 +125,32 @@ def compare(reference: Path, folder: Path) -> Comparison:
     check_reference(reference, now)
     tolerance_px, versions = _tolerance(was["versions"], now["versions"])
     # a key that one of them does not know had its default's effect
-    before, after = (dict(flat(to_dict(Config()))) | dict(flat(report["config"])) for report in (was, now))
+    before, after = (
+        dict(flat(to_dict(Config()))) | dict(flat(report["config"])) for report in (was, now)
+    )
     compared = [name for name, key in options().items() if key.replays]
-    differences = _unequal("config", *({name: settings[name] for name in compared} for settings in (before, after)))
+    differences = _unequal(
+        "config", *({name: settings[name] for name in compared} for settings in (before, after))
+    )
     differences += _unequal("plan", was["plan"], now["plan"])
     if was["scene"].get("views") != now["scene"]["views"]:
         differences.append(Difference("scene", "the pictures of its views differ"))
     elif was["scene"].get("order") != now["scene"]["order"]:
         differences.append(Difference("scene", "the same views in another order"))
-    differences += _unequal("counts", *({key: report["counts"][key] for key in COUNTED} for report in (was, now)))
+    differences += _unequal(
+        "counts", *({key: report["counts"][key] for key in COUNTED} for report in (was, now))
+    )
     lines_now = read_trace(folder)
     pictures = min(was["counts"]["pictures"], now["sequence"]["frames"])  # one per frame, at most
     lines_before = read_trace(reference, most_lines=pictures + 1)
     if len(lines_before) != was["counts"]["pictures"]:
         values = f"{len(lines_before)} lines in its trace, {was['counts']['pictures']} pictures in its report"
-        raise UserError(f"{reference}: {values}", "copy the whole folder again, or --update to rewrite it")
-    in_frames, notes = _compare_frames(reference, folder, zip(lines_before, lines_now, strict=False), tolerance_px)
+        raise UserError(
+            f"{reference}: {values}", "copy the whole folder again, or --update to rewrite it"
+        )
+    in_frames, notes = _compare_frames(
+        reference, folder, zip(lines_before, lines_now, strict=False), tolerance_px
+    )
     return Comparison(differences + in_frames, ([versions] if versions else []) + notes)
 
 
@@ -132,14 +159,20 @@ def _tolerance(was: dict[str, str], now: dict[str, str]) -> tuple[float, str]:
     names = [name for name in sorted(was.keys() & now.keys()) if was[name] != now[name]]
     if not names:
         return 0.0, ""
-    values = ", ".join(f"{name} {plain(str(was[name]), VALUE_CHARS)} in the reference, {now[name]} now" for name in names)
+    values = ", ".join(
+        f"{name} {plain(str(was[name]), VALUE_CHARS)} in the reference, {now[name]} now"
+        for name in names
+    )
     px = MACHINE_PX if "machine" in names else VERSION_PX
     return px, f"compared with tolerances, not bit by bit: {values}"
 
 
 def _unequal(part: str, was: dict[str, Any], now: dict[str, Any]) -> list[Difference]:
     keys = [key for key in sorted(was | now) if was.get(key) != now.get(key)]
-    texts = [f"{key[:80]}: {shown(was.get(key))} in the reference, {shown(now.get(key))} now" for key in keys[:MOST_FIELDS]]
+    texts = [
+        f"{key[:80]}: {shown(was.get(key))} in the reference, {shown(now.get(key))} now"
+        for key in keys[:MOST_FIELDS]
+    ]
     texts += [f"and {len(keys) - MOST_FIELDS} more keys"] if len(keys) > MOST_FIELDS else []
     return [Difference(part, text) for text in texts]
 
@@ -158,7 +191,9 @@ def _first_difference(was: Line, now: Line, tolerance_px: float) -> str:
         if name == "view" and whole:
             near = np.abs(a - b).max() <= 1 and pair(was, "eyes_used") != pair(now, "eyes_used")
             return FLIP if near else name
-        if not np.all(np.abs(a - b) <= np.maximum(absolute, relative * np.maximum(np.abs(a), np.abs(b)))):
+        if not np.all(
+            np.abs(a - b) <= np.maximum(absolute, relative * np.maximum(np.abs(a), np.abs(b)))
+        ):
             return name
     return ""
 
@@ -167,40 +202,57 @@ def _compare_frames(
     reference: Path, folder: Path, lines: Iterable[tuple[Line, Line]], tolerance_px: float
 ) -> tuple[list[Difference], list[str]]:
     """The first difference of each part, frame by frame, and notes. lines: those of each frame, the reference's first."""
-    frames = [ComparedFrame(was, now, _first_difference(was, now, tolerance_px)) for was, now in lines]
+    frames = [
+        ComparedFrame(was, now, _first_difference(was, now, tolerance_px)) for was, now in lines
+    ]
     differences, notes = list[Difference](), list[str]()
     unflipped = [frame for frame in frames if frame.cause != FLIP]
     if flips := len(frames) - len(unflipped):
-        notes = [f"views: {flips} of {len(frames)} flipped, with eyes within {tolerance_px:g} px of a boundary"]
+        notes = [
+            f"views: {flips} of {len(frames)} flipped, with eyes within {tolerance_px:g} px of a boundary"
+        ]
     if flips > FLIPPED_SHARE * len(frames):
-        frames, notes = [attrs.evolve(frame, cause=frame.cause.replace(FLIP, "view")) for frame in frames], []
+        frames, notes = (
+            [attrs.evolve(frame, cause=frame.cause.replace(FLIP, "view")) for frame in frames],
+            [],
+        )
         unflipped = frames
     for part in ("eyes", "views"):
         changed = [frame for frame in frames if _PART_OF.get(frame.cause) == part]
         if changed:
             name, was, now = changed[0].cause, changed[0].was, changed[0].now
             what = f"{name} {_sides(was[name])} in the reference, {_sides(now[name])} now; {CAUSES[name]}"
-            differences.append(Difference(part, f"{what}; {len(changed)} of {len(frames)} frames", now["source_seq"]))
+            differences.append(
+                Difference(
+                    part, f"{what}; {len(changed)} of {len(frames)} frames", now["source_seq"]
+                )
+            )
     pictures, note = _compare_pictures(reference, folder, unflipped, not tolerance_px)
     return differences + pictures, note + notes
 
 
 def _sides(value: Any) -> str:
-    return f"left {value['left']} right {value['right']}" if isinstance(value, dict) else repr(value)
+    return (
+        f"left {value['left']} right {value['right']}" if isinstance(value, dict) else repr(value)
+    )
 
 
 def _stored(folder: Path, lines: list[Line]) -> Callable[[str], NDArray[np.uint8] | None]:
     """Reads the pictures that a run stored, by digest. Equal digests mean equal pictures, whatever the frame."""
     place, digest_of = folder / PICTURES, {line["source_seq"]: line["picture"] for line in lines}
     packets = read_index(place, complete=True) if os.path.lexists(place / INDEX) else []
-    by_digest = {digest_of[packet.source_seq]: packet for packet in packets if packet.source_seq in digest_of}
+    by_digest = {
+        digest_of[packet.source_seq]: packet for packet in packets if packet.source_seq in digest_of
+    }
 
     def read(digest: str) -> NDArray[np.uint8] | None:
         if (packet := by_digest.get(digest)) is None:
             return None
         data = read_packet(place, packet)
         header = header_of(data)
-        return decoded(packet, data, header.width_px if header else 0, header.height_px if header else 0, place)
+        return decoded(
+            packet, data, header.width_px if header else 0, header.height_px if header else 0, place
+        )
 
     return read
 
@@ -211,7 +263,9 @@ def _compare_pictures(
     """Differences of pictures with equal views, and the pictures of the first frame that differs in anything; a note."""
     theirs = _stored(reference, [frame.was for frame in frames])
     ours = _stored(folder, [frame.now for frame in frames])
-    unequal = [(frame.was, frame.now) for frame in frames if frame.was["picture"] != frame.now["picture"]]
+    unequal = [
+        (frame.was, frame.now) for frame in frames if frame.was["picture"] != frame.now["picture"]
+    ]
     drawn = [(frame.was, frame.now) for frame in frames if frame.cause == "picture"]
     first, least_db = None, 100.0
     for was, now in unequal:
@@ -223,7 +277,11 @@ def _compare_pictures(
     if not wrong and len(unequal) == len(drawn):
         note = f"pictures: {len(drawn)} of {len(frames)} digests differ, least PSNR {least_db:.1f} dB ({LEAST_DB:g} wanted)"
         return [], [note] if drawn else []
-    where = f"least PSNR {least_db:.1f} dB, see {_save(folder, *first)}" if first else "no frame has a stored picture in both"
+    where = (
+        f"least PSNR {least_db:.1f} dB, see {_save(folder, *first)}"
+        if first
+        else "no frame has a stored picture in both"
+    )
     was, now = drawn[0] if wrong else unequal[0]
     what = f"{len(unequal)} of {len(frames)} differ, as a result of the differences above"
     if wrong:
@@ -238,11 +296,16 @@ def _save(folder: Path, frame: int, was: NDArray[np.uint8], now: NDArray[np.uint
     sides = {"reference": was, "now": now}
     if was.shape == now.shape:
         apart = cv2.absdiff(was, now)
-        sides["difference"] = np.asarray(cv2.convertScaleAbs(apart, alpha=255 / max(1, int(apart.max()))), np.uint8)
+        sides["difference"] = np.asarray(
+            cv2.convertScaleAbs(apart, alpha=255 / max(1, int(apart.max()))), np.uint8
+        )
     try:
         out.mkdir(exist_ok=True)
         for name, picture in sides.items():
-            write_output(out / f"frame_{frame:06d}_{name}.png", marked_picture(encoded(picture, fast=False)[1]))
+            write_output(
+                out / f"frame_{frame:06d}_{name}.png",
+                marked_picture(encoded(picture, fast=False)[1]),
+            )
     except OSError as error:
         raise UserError(f"{out}: {reason(error)}", PLACE) from None
     return f"{out}/frame_{frame:06d}_*.png"

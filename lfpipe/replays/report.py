@@ -82,9 +82,16 @@ def _digest(parts: list[bytes]) -> str:
 def digests(lines: list[Line]) -> dict[str, str]:
     """sha256 over all frames of the exact bytes of eyes (raw, filtered, used), views, and pictures."""
     names = ("eyes_raw", "eyes_filtered", "eyes_used")
-    eyes = [struct.pack("<12d?", *(v for name in names for v in pair(line, name)), line["face"]) for line in lines]
+    eyes = [
+        struct.pack("<12d?", *(v for name in names for v in pair(line, name)), line["face"])
+        for line in lines
+    ]
     views = [struct.pack("<4d", *pair(line, "view")) + line["method"].encode() for line in lines]
-    return {"eyes": _digest(eyes), "views": _digest(views), "pictures": _digest([line["picture"].encode() for line in lines])}
+    return {
+        "eyes": _digest(eyes),
+        "views": _digest(views),
+        "pictures": _digest([line["picture"].encode() for line in lines]),
+    }
 
 
 def about_scene(field: LightField) -> dict[str, Any]:
@@ -92,9 +99,12 @@ def about_scene(field: LightField) -> dict[str, Any]:
     views = np.asarray(field.views)
     places = np.ndindex(field.frames, field.rows, field.cols)
     sums = [zlib.crc32(np.ascontiguousarray(views[place]).data) for place in places]
-    shape = {name: getattr(field, name) for name in ("frames", "rows", "cols", "height_px", "width_px")}
+    shape = {
+        name: getattr(field, name) for name in ("frames", "rows", "cols", "height_px", "width_px")
+    }
     digests_of = {
-        name: _digest([struct.pack("<I", one) for one in ordered]) for name, ordered in (("views", sorted(sums)), ("order", sums))
+        name: _digest([struct.pack("<I", one) for one in ordered])
+        for name, ordered in (("views", sorted(sums)), ("order", sums))
     }
     return {"name": field.name, **shape, **digests_of}
 
@@ -110,14 +120,23 @@ def about_sequence(sequence: Sequence) -> dict[str, Any]:
     return {
         "name": sequence.path.resolve().name,
         "frames": len(sequence.packets),
-        "checksums": {"made": made} if made else {name: checksums.get(name, "") for name in (PACKETS, INDEX)},
+        "checksums": {"made": made}
+        if made
+        else {name: checksums.get(name, "") for name in (PACKETS, INDEX)},
         "rate_hz": round(sequence.measured_hz, 4),
     }
 
 
 def _quantiles_ms(values_ns: list[int]) -> dict[str, float]:
     ranks = {"p50_ms": 50, "p95_ms": 95, "p99_ms": 99, "max_ms": 100}
-    return {name: round(float(np.percentile(values_ns, rank)) / 1e6, 4) for name, rank in ranks.items()} if values_ns else {}
+    return (
+        {
+            name: round(float(np.percentile(values_ns, rank)) / 1e6, 4)
+            for name, rank in ranks.items()
+        }
+        if values_ns
+        else {}
+    )
 
 
 def _truth_error(truth: Truth, lines: list[Line], shown_ns: list[int]) -> dict[str, Any]:
@@ -132,7 +151,12 @@ def _truth_error(truth: Truth, lines: list[Line], shown_ns: list[int]) -> dict[s
 
 
 def make_report(
-    sequence: Sequence, field: LightField, config: Config, pace: str, folder: Path, final: dict[str, Any]
+    sequence: Sequence,
+    field: LightField,
+    config: Config,
+    pace: str,
+    folder: Path,
+    final: dict[str, Any],
 ) -> dict[str, Any]:
     """The report of a run whose trace is in folder. final: the session's last snapshot. Keys as in docs/replay.md."""
     from lfpipe.render.plan import make_plan
@@ -142,7 +166,9 @@ def make_report(
     plan = attrs.asdict(make_plan(field, config))
     plan["left_out"] = [entry["what"] for entry in plan["left_out"]]
     latency_ns = round(config.replay.latency_ms * 1e6)
-    shown_ns = [line["t_sensor_ns"] + latency_ns if steady else line["t_presented_ns"] for line in lines]
+    shown_ns = [
+        line["t_sensor_ns"] + latency_ns if steady else line["t_presented_ns"] for line in lines
+    ]
     truth = read_truth(sequence.path)
     stages = final["stages"]
     span_ns = lines[-1]["t_presented_ns"] - lines[0]["t_presented_ns"] if lines else 0
@@ -170,24 +196,42 @@ def make_report(
         "truth_error": _truth_error(truth, lines, shown_ns) if truth and lines else None,
         "rate_hz": round((seen - 1) / span_ns * 1e9, 2) if span_ns > 0 else 0.0,
         "latency": {
-            **{name: {"wait": stage["wait"], "busy": stage["busy"]} for name, stage in stages.items()},
-            "end_to_end": _quantiles_ms([line["t_presented_ns"] - line["t_read_ns"] for line in composed]),
+            **{
+                name: {"wait": stage["wait"], "busy": stage["busy"]}
+                for name, stage in stages.items()
+            },
+            "end_to_end": _quantiles_ms(
+                [line["t_presented_ns"] - line["t_read_ns"] for line in composed]
+            ),
         },
         "cpu": {name: stage["cpu_s"] for name, stage in stages.items()},
     }
 
 
-def write_junit(path: Path, name: str, cases: Several[tuple[str, list[str]]], error: str, seconds: float) -> None:
+def write_junit(
+    path: Path, name: str, cases: Several[tuple[str, list[str]]], error: str, seconds: float
+) -> None:
     """name: of the sequence. error: why there is no outcome; "" if cases holds the outcome.
 
     Raises UserError if path cannot be written.
     """
     name = plain(name, 200)
     failed = sum(bool(reasons) for _, reasons in cases)
-    counts = {"tests": str(1 + len(cases)), "failures": str(failed), "errors": str(int(bool(error)))}
-    suite = ElementTree.Element("testsuite", {"name": f"lfpipe replay {name}", **counts, "time": f"{seconds:.3f}"})
-    for case, reasons, kind in [("replay", [error] if error else [], "error"), *((*case, "failure") for case in cases)]:
-        entry = ElementTree.SubElement(suite, "testcase", {"classname": f"lfpipe.replay.{name}", "name": case})
+    counts = {
+        "tests": str(1 + len(cases)),
+        "failures": str(failed),
+        "errors": str(int(bool(error))),
+    }
+    suite = ElementTree.Element(
+        "testsuite", {"name": f"lfpipe replay {name}", **counts, "time": f"{seconds:.3f}"}
+    )
+    for case, reasons, kind in [
+        ("replay", [error] if error else [], "error"),
+        *((*case, "failure") for case in cases),
+    ]:
+        entry = ElementTree.SubElement(
+            suite, "testcase", {"classname": f"lfpipe.replay.{name}", "name": case}
+        )
         if reasons:
             ElementTree.SubElement(entry, kind, {"message": plain(reasons[0], 1000)}).text = plain(
                 "\n".join(reasons), JUNIT_CHARS

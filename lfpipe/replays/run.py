@@ -49,26 +49,39 @@ def replay_config(sequence: Recorded, file: str | None, sets: tuple[str, ...]) -
     recorded = sequence.manifest.get("config", {}).get("camera", {})
     camera = {f"camera.{key}": recorded[key] for key in ("focal_px", "fov_deg") if key in recorded}
     size = dict(zip(("width_px", "height_px"), sequence.size_px, strict=True))
-    camera |= {f"camera.{key}": recorded.get(key, own) for key, own in size.items()}  # because its JPEGs may have been scaled
+    camera |= {
+        f"camera.{key}": recorded.get(key, own) for key, own in size.items()
+    }  # because its JPEGs may have been scaled
     camera["camera.rate_hz"] = min(max(sequence.measured_hz, 0.1), 1000.0)
     try:
-        return config_module.updated(config, {key: value for key, value in camera.items() if key not in named})
+        return config_module.updated(
+            config, {key: value for key, value in camera.items() if key not in named}
+        )
     except UserError as error:
         what = error.message.removeprefix("configuration: ")
-        raise UserError(f"{sequence.path / MANIFEST}: config: {what}", f"{COPY}, or override it with --set") from None
+        raise UserError(
+            f"{sequence.path / MANIFEST}: config: {what}", f"{COPY}, or override it with --set"
+        ) from None
 
 
 def check_out(folder: Path) -> None:
     """Creates folder if it does not exist. Raises UserError if it is not writable, or contains anything but results."""
     try:
         folder.mkdir(PRIVATE_FOLDER, parents=True, exist_ok=True)
-        strange = sorted(name for path in folder.rglob("*") if not _is_result(path, name := path.relative_to(folder).as_posix()))
+        strange = sorted(
+            name
+            for path in folder.rglob("*")
+            if not _is_result(path, name := path.relative_to(folder).as_posix())
+        )
         if not os.access(folder, os.W_OK | os.X_OK):
             raise PermissionError(errno.EACCES, "Permission denied")
     except (OSError, ValueError) as error:
         raise UserError(f"{folder}: cannot be written: {reason(error)}", PLACE) from None
     if strange:
-        raise UserError(f"{folder}: contains {strange[0]}, which is not from a replay", "use a new or an empty folder")
+        raise UserError(
+            f"{folder}: contains {strange[0]}, which is not from a replay",
+            "use a new or an empty folder",
+        )
 
 
 def _is_result(path: Path, name: str) -> bool:
@@ -149,8 +162,12 @@ def replay(
     report = make_report(sequence, field, config, pace, folder, outcome.final)
     restarted = [name for name, count in report["counts"]["restarts"].items() if count]
     if restarted:
-        raise ReplayFailed(f"{', '.join(restarted)} failed during the replay and had to be restarted")
+        raise ReplayFailed(
+            f"{', '.join(restarted)} failed during the replay and had to be restarted"
+        )
     if steady and report["counts"]["pictures"] != len(sequence.packets):
-        raise ReplayFailed(f"{report['counts']['pictures']} pictures of {len(sequence.packets)} frames: a stage lost some")
+        raise ReplayFailed(
+            f"{report['counts']['pictures']} pictures of {len(sequence.packets)} frames: a stage lost some"
+        )
     write_output(folder / REPORT, json.dumps(report, indent=1).encode() + b"\n")
     return report

@@ -31,7 +31,11 @@ _MAX_KEY_BYTES = 256  # of an entry of the index
 
 def cache_dir(scene: config.Scene) -> Path:
     """The cache: scene.cache_dir, or the user's cache directory. Need not exist."""
-    return Path(scene.cache_dir).expanduser() if scene.cache_dir else Path(platformdirs.user_cache_dir("lfpipe"))
+    return (
+        Path(scene.cache_dir).expanduser()
+        if scene.cache_dir
+        else Path(platformdirs.user_cache_dir("lfpipe"))
+    )
 
 
 @contextlib.contextmanager
@@ -57,7 +61,11 @@ def prepare_cache(scene: config.Scene) -> Path:
 
 def _settings_key(scene: config.Scene) -> str:
     """The settings that a pack depends on, as text of a key."""
-    used = {key: value for key, value in attrs.asdict(scene).items() if key not in ("cache_dir", "force", "half_turn")}
+    used = {
+        key: value
+        for key, value in attrs.asdict(scene).items()
+        if key not in ("cache_dir", "force", "half_turn")
+    }
     return json.dumps({"version": VERSION, **used}, sort_keys=True)
 
 
@@ -69,7 +77,9 @@ def stamp(path: str | os.PathLike[str], scene: config.Scene) -> str:
     for entry in _entries(listing, 1 if listing.pictures() else _DEEPEST):
         with contextlib.suppress(OSError):
             state = entry.stat()
-            digest.update(f"{entry}\0{state.st_size}\0{state.st_mtime_ns}\0".encode(errors="surrogateescape"))
+            digest.update(
+                f"{entry}\0{state.st_size}\0{state.st_mtime_ns}\0".encode(errors="surrogateescape")
+            )
     return digest.hexdigest()
 
 
@@ -130,7 +140,11 @@ def packs(scene: config.Scene) -> list[tuple[Path, dict[str, Any], int]]:
 def remove(folder: Path) -> bool:
     """Deletes a pack; returns False and keeps it if any process has it open or makes it. Raises UserError."""
     root = folder.parents[1]
-    with writing(root), contextlib.suppress(FileNotFoundError), contextlib.ExitStack() as held:  # another clean was faster
+    with (
+        writing(root),
+        contextlib.suppress(FileNotFoundError),
+        contextlib.ExitStack() as held,
+    ):  # another clean was faster
         for file in (root / "locks" / folder.name, folder / VIEWS):
             if (lock := file_lock.take(file)) is None:
                 return False

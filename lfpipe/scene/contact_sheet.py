@@ -26,12 +26,29 @@ def contact_sheet(field: LightField) -> NDArray[np.uint8]:
     """
     scale = min(1.0, SHEET_PX / max(field.rows * field.height_px, field.cols * field.width_px))
     height, width = max(2, round(field.height_px * scale)), max(2, round(field.width_px * scale))
-    sheet_height, sheet_width = field.rows * (height + _GAP_PX) + _GAP_PX, field.cols * (width + _GAP_PX) + _GAP_PX
-    across = np.stack([stored_view(field, field.rows // 2, c)[field.height_px // 2] for c in range(field.cols)])
-    down = np.stack([stored_view(field, r, field.cols // 2)[:, field.width_px // 2] for r in range(field.rows)], axis=1)
-    across = np.asarray(cv2.resize(across.repeat(_SLICE_PX, axis=0), (sheet_width, _SLICE_PX * field.cols)), np.uint8)
-    down = np.asarray(cv2.resize(down.repeat(_SLICE_PX, axis=1), (_SLICE_PX * field.rows, sheet_height)), np.uint8)
-    out = np.full((sheet_height + across.shape[0] + _GAP_PX, sheet_width + down.shape[1] + _GAP_PX, 3), 32, np.uint8)
+    sheet_height, sheet_width = (
+        field.rows * (height + _GAP_PX) + _GAP_PX,
+        field.cols * (width + _GAP_PX) + _GAP_PX,
+    )
+    across = np.stack(
+        [stored_view(field, field.rows // 2, c)[field.height_px // 2] for c in range(field.cols)]
+    )
+    down = np.stack(
+        [stored_view(field, r, field.cols // 2)[:, field.width_px // 2] for r in range(field.rows)],
+        axis=1,
+    )
+    across = np.asarray(
+        cv2.resize(across.repeat(_SLICE_PX, axis=0), (sheet_width, _SLICE_PX * field.cols)),
+        np.uint8,
+    )
+    down = np.asarray(
+        cv2.resize(down.repeat(_SLICE_PX, axis=1), (_SLICE_PX * field.rows, sheet_height)), np.uint8
+    )
+    out = np.full(
+        (sheet_height + across.shape[0] + _GAP_PX, sheet_width + down.shape[1] + _GAP_PX, 3),
+        32,
+        np.uint8,
+    )
     for r, c in np.ndindex(field.rows, field.cols):
         small = cv2.resize(stored_view(field, r, c), (width, height), interpolation=cv2.INTER_AREA)
         y, x = _GAP_PX + r * (height + _GAP_PX), _GAP_PX + c * (width + _GAP_PX)
@@ -45,11 +62,18 @@ def contact_sheet(field: LightField) -> NDArray[np.uint8]:
     disparity[disparity == UNKNOWN] = 0
     disparity *= np.sign(field.disparity_scale_px)  # negative after a half-turn
     low, high = np.percentile(disparity, (2, 98))
-    near = np.asarray(255 * np.clip((disparity - low) / max(1.0, float(high - low)), 0, 1), np.uint8)
+    near = np.asarray(
+        255 * np.clip((disparity - low) / max(1.0, float(high - low)), 0, 1), np.uint8
+    )
     depth = cv2.cvtColor(cv2.applyColorMap(near, cv2.COLORMAP_TURBO), cv2.COLOR_BGR2RGB)
     half = out.shape[1] // 2
-    tile = max(2, half - 2 * _GAP_PX), max(2, round((half - 2 * _GAP_PX) * field.height_px / field.width_px))
+    tile = (
+        max(2, half - 2 * _GAP_PX),
+        max(2, round((half - 2 * _GAP_PX) * field.height_px / field.width_px)),
+    )
     strip = np.full((tile[1] + 2 * _GAP_PX, out.shape[1], 3), 32, np.uint8)
     for x, picture in ((_GAP_PX, stored_view(field, *place)), (half + _GAP_PX, depth)):
-        strip[_GAP_PX : _GAP_PX + tile[1], x : x + tile[0]] = cv2.resize(picture, tile, interpolation=cv2.INTER_AREA)
+        strip[_GAP_PX : _GAP_PX + tile[1], x : x + tile[0]] = cv2.resize(
+            picture, tile, interpolation=cv2.INTER_AREA
+        )
     return np.vstack([out, strip])

@@ -21,7 +21,11 @@ def demo_scene(cache_dir: Path, name: str = NAME, size_px: int = SIZE_PX) -> Pat
     marker = folder / MARKER
     try:
         if not marker.is_file():
-            write_file(marker, json.dumps({"scene": name, "version": VERSION, "size_px": size_px}).encode(), 0o644)
+            write_file(
+                marker,
+                json.dumps({"scene": name, "version": VERSION, "size_px": size_px}).encode(),
+                0o644,
+            )
     except OSError as error:
         raise UserError(
             f"demo scene: {folder} cannot be written: {error.strerror or error}",
@@ -36,5 +40,7 @@ def named_scene(path: Path, cache_dir: Path) -> Path:
     if not word.startswith(PREFIX) or exists(path):
         return path
     if (name := word.removeprefix(PREFIX)) not in NAMES:
-        raise UserError(f"{word}: no such scene", f"use {', '.join(PREFIX + name for name in NAMES)}")
+        raise UserError(
+            f"{word}: no such scene", f"use {', '.join(PREFIX + name for name in NAMES)}"
+        )
     return demo_scene(cache_dir, name=name)

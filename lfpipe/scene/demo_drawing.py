@@ -17,8 +17,12 @@ Floats = NDArray[np.float32]
 Window = tuple[slice, slice]  # rows and columns of a view
 
 
-LIGHT = np.array([-0.45, -0.62, 0.64], np.float32)  # about a unit vector, towards the lamp: left, above, before
-HIGHLIGHT = np.array([-0.249, -0.343, 0.906], np.float32)  # the normal that mirrors the lamp: between it and the viewer
+LIGHT = np.array(
+    [-0.45, -0.62, 0.64], np.float32
+)  # about a unit vector, towards the lamp: left, above, before
+HIGHLIGHT = np.array(
+    [-0.249, -0.343, 0.906], np.float32
+)  # the normal that mirrors the lamp: between it and the viewer
 
 
 def _window(points: NDArray[np.float64]) -> Window:
@@ -46,12 +50,20 @@ class Quad:
         h, w = self.texture.shape[:2]
         # The texture's edge, not the centre of its first texel, lies on the corner; pixel i covers i - 1/2 .. i + 1/2.
         edges = np.array([[0, 0], [w, 0], [w, h], [0, h]], np.float32) - np.float32(0.5)
-        matrix = cv2.getPerspectiveTransform(edges, (at - (cols.start, rows.start)).astype(np.float32))
+        matrix = cv2.getPerspectiveTransform(
+            edges, (at - (cols.start, rows.start)).astype(np.float32)
+        )
         size = cols.stop - cols.start, rows.stop - rows.start
         colour = cv2.warpPerspective(self.texture, matrix, size, flags=cv2.INTER_LINEAR)
-        across, down, d = np.linalg.solve(np.column_stack([at[[0, 1, 3]], np.ones(3)]), self.corners[[0, 1, 3], 2])
+        across, down, d = np.linalg.solve(
+            np.column_stack([at[[0, 1, 3]], np.ones(3)]), self.corners[[0, 1, 3], 2]
+        )
         y, x = np.ogrid[window]
-        return window, np.asarray(colour, np.uint8), np.asarray(across * x + down * y + d, np.float32)
+        return (
+            window,
+            np.asarray(colour, np.uint8),
+            np.asarray(across * x + down * y + d, np.float32),
+        )
 
 
 @attrs.frozen(eq=False)
@@ -85,18 +97,29 @@ class Ball:
         half_b = px * ku + py * kv
         root = half_b * half_b - a * (px * px + py * py - 1)
         nearer = (np.sqrt(np.maximum(root, 0)) - half_b) / a
-        alpha = np.clip(0.5 + root / a * self.radius / 2, 0, 1)  # px within the outline, along which root / a falls by 2 a radius
+        alpha = np.clip(
+            0.5 + root / a * self.radius / 2, 0, 1
+        )  # px within the outline, along which root / a falls by 2 a radius
         colour = self._colour(px + nearer * ku, py + nearer * kv, nearer * kd) * alpha[..., None]
-        return window, np.dstack([colour, 255 * alpha]).astype(np.uint8), np.asarray(nearer + self.d, np.float32)
+        return (
+            window,
+            np.dstack([colour, 255 * alpha]).astype(np.uint8),
+            np.asarray(nearer + self.d, np.float32),
+        )
 
     def _colour(self, x: Floats, y: Floats, z: Floats) -> Floats:
         """Colours float32 (h, w, 3) of the points of the surface with these normals."""
         h, w = self.texture.shape[:2]
-        longitude, latitude = np.arctan2(x, z) / (2 * np.pi) + 0.5, np.arcsin(np.clip(y, -1, 1)) / np.pi + 0.5
+        longitude, latitude = (
+            np.arctan2(x, z) / (2 * np.pi) + 0.5,
+            np.arcsin(np.clip(y, -1, 1)) / np.pi + 0.5,
+        )
         at = (longitude * (w - 1)).astype(np.float32), (latitude * (h - 1)).astype(np.float32)
         base = cv2.remap(self.texture, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         normal = np.stack([x, y, z], axis=-1)
-        lit = 0.34 + 0.72 * np.clip(normal @ LIGHT, 0, 1) + 0.06 * np.clip(y, 0, 1)  # room, lamp, and light from the table
+        lit = (
+            0.34 + 0.72 * np.clip(normal @ LIGHT, 0, 1) + 0.06 * np.clip(y, 0, 1)
+        )  # room, lamp, and light from the table
         shine = 255 * self.gloss * np.clip(normal @ HIGHLIGHT, 0, 1) ** 60
         return np.asarray(np.clip(base * lit[..., None] + shine[..., None], 0, 255), np.float32)
 

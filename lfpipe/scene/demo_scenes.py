@@ -17,7 +17,9 @@ OFFSET_PX = 8.0  # disparity between infinity and the plane of zero disparity
 VANISHING = (256.0, 60.0)  # vanishing point of lines straight away from the camera
 WALL_D = -2.0
 TABLE_SLOPE = 0.0215  # disparity per px down the table
-BALL_DEPTH = 0.0075  # depth of a ball in disparity over its radius in px: a little rounder than life
+BALL_DEPTH = (
+    0.0075  # depth of a ball in disparity over its radius in px: a little rounder than life
+)
 MARGIN = 48.0  # around the centre view, which the outermost cameras see
 PAPER = (238, 232, 216)
 
@@ -35,15 +37,21 @@ def _table_y(d: float) -> float:
     return VANISHING[1] + (d + OFFSET_PX) / TABLE_SLOPE
 
 
-def _upright(texture: Picture, left: float, top: float, right: float, bottom: float, d: float) -> Quad:
-    return Quad(texture, np.array([[left, top, d], [right, top, d], [right, bottom, d], [left, bottom, d]]))
+def _upright(
+    texture: Picture, left: float, top: float, right: float, bottom: float, d: float
+) -> Quad:
+    return Quad(
+        texture, np.array([[left, top, d], [right, top, d], [right, bottom, d], [left, bottom, d]])
+    )
 
 
 def _lying(texture: Picture, x: float, half: float, d_far: float, d_near: float) -> Quad:
     """A rectangle on the table, centred at x and `half` to either side of it at its near edge."""
 
     def edge(d: float) -> list[list[float]]:
-        scale = (d + OFFSET_PX) / (d_near + OFFSET_PX)  # of lengths, which shrink towards the vanishing point
+        scale = (d + OFFSET_PX) / (
+            d_near + OFFSET_PX
+        )  # of lengths, which shrink towards the vanishing point
         middle = VANISHING[0] + (x - VANISHING[0]) * scale
         return [[middle - half * scale, _table_y(d), d], [middle + half * scale, _table_y(d), d]]
 
@@ -59,7 +67,13 @@ def _room(rng: np.random.Generator) -> list[Solid]:
         _upright(textures.opaque(wall), -MARGIN, -MARGIN, SIZE_PX + MARGIN, seam, WALL_D),
         _upright(textures.shadow(0.5), 330, 76, 474, 240, WALL_D),
         _upright(textures.opaque(chart), 336, 62, 452, 216, WALL_D + 0.06),
-        _lying(textures.opaque(textures.wood(rng, 300, 800, (92, 54, 30), (178, 120, 72))), VANISHING[0], 580, WALL_D, 2.6),
+        _lying(
+            textures.opaque(textures.wood(rng, 300, 800, (92, 54, 30), (178, 120, 72))),
+            VANISHING[0],
+            580,
+            WALL_D,
+            2.6,
+        ),
         _lying(textures.shadow(0.5), VANISHING[0], 700, WALL_D - 0.4, WALL_D + 0.5),
     ]
 
@@ -77,15 +91,21 @@ def _still_life(rng: np.random.Generator) -> list[Solid]:
         *_ball(textures.blue, rng, 424, 0.95, 38),
         *_ball(textures.marble, rng, 306, 1.45, 22),
     ]
-    return solids + [_grass(rng, x, 565, d, 75, 250, 15) for x, d in ((34, 1.55), (486, 1.75), (76, 1.95))]
+    return solids + [
+        _grass(rng, x, 565, d, 75, 250, 15) for x, d in ((34, 1.55), (486, 1.75), (76, 1.95))
+    ]
 
 
 def _marbles(rng: np.random.Generator) -> list[Solid]:
     """Balls of four kinds in a spiral from the wall to the viewer."""
     kinds = (textures.planet, textures.blue, textures.marble, textures.red)
     solids: list[Solid] = []
-    for k, (d, turn) in enumerate(zip(np.linspace(-1.6, 1.7, 14).tolist(), np.linspace(0.4, 3.6 * np.pi, 14), strict=True)):
-        solids += _ball(kinds[k % 4], rng, 256 + (90 + 6 * k) * float(np.sin(turn)), d, 16 + 1.6 * k)
+    for k, (d, turn) in enumerate(
+        zip(np.linspace(-1.6, 1.7, 14).tolist(), np.linspace(0.4, 3.6 * np.pi, 14), strict=True)
+    ):
+        solids += _ball(
+            kinds[k % 4], rng, 256 + (90 + 6 * k) * float(np.sin(turn)), d, 16 + 1.6 * k
+        )
     return solids
 
 
@@ -93,19 +113,36 @@ def _meadow(rng: np.random.Generator) -> list[Solid]:
     """Tufts of grass at many depths, with balls between them: much hides much."""
     solids: list[Solid] = []
     for k, d in enumerate(np.linspace(-1.5, 1.9, 12).tolist()):
-        solids.append(_grass(rng, 60 + 392 * (k * 5 % 12) / 11, _table_y(d), d, 55 + 4 * k, 110 + 8 * k, 12))
+        solids.append(
+            _grass(rng, 60 + 392 * (k * 5 % 12) / 11, _table_y(d), d, 55 + 4 * k, 110 + 8 * k, 12)
+        )
         if k % 3 == 1:
-            solids += _ball(textures.red if k % 2 else textures.planet, rng, 452 - 30 * k, d + 0.02, 18 + k)
+            solids += _ball(
+                textures.red if k % 2 else textures.planet, rng, 452 - 30 * k, d + 0.02, 18 + k
+            )
     return solids
 
 
-def _grass(rng: np.random.Generator, x: float, foot: float, d: float, half: float, tall: float, blades: int) -> Quad:
+def _grass(
+    rng: np.random.Generator, x: float, foot: float, d: float, half: float, tall: float, blades: int
+) -> Quad:
     texture = textures.grass(rng, round(tall * TEXELS), round(2 * half * TEXELS), blades)
     return _upright(texture, x - half, foot - tall, x + half, foot, d)
 
 
-def _ball(texture: textures.Texture, rng: np.random.Generator, x: float, d: float, radius: float) -> list[Solid]:
+def _ball(
+    texture: textures.Texture, rng: np.random.Generator, x: float, d: float, radius: float
+) -> list[Solid]:
     """A ball that lies on the table at disparity d, after its shadow. At its middle a texel is a px."""
-    shadow = _lying(textures.shadow(0.5), x + 0.35 * radius, 1.4 * radius, d - 0.012 * radius, d + 0.008 * radius)
+    shadow = _lying(
+        textures.shadow(0.5),
+        x + 0.35 * radius,
+        1.4 * radius,
+        d - 0.012 * radius,
+        d + 0.008 * radius,
+    )
     surface = texture(rng, round(np.pi * radius), round(2 * np.pi * radius))
-    return [shadow, Ball(surface, x, _table_y(d) - 0.9 * radius, d, radius, radius * BALL_DEPTH, 0.5)]
+    return [
+        shadow,
+        Ball(surface, x, _table_y(d) - 0.9 * radius, d, radius, radius * BALL_DEPTH, 0.5),
+    ]

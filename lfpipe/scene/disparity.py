@@ -13,9 +13,13 @@ from lfpipe.host.machine import add
 from lfpipe.scene.lightfield import UNKNOWN
 from lfpipe.scene.optical_flow import SMALLEST_PX, FloatMap, Grey, flow, grid_xy
 
-Depth = dict[str, float]  # min_px, max_px, border_low_px, border_high_px: of a scene, px per grid step
+Depth = dict[
+    str, float
+]  # min_px, max_px, border_low_px, border_high_px: of a scene, px per grid step
 NO_DEPTH: Depth = dict.fromkeys(("min_px", "max_px", "border_low_px", "border_high_px"), 0.0)
-Neighbours = list[tuple[Grey, float, float]]  # (picture, rows away, columns away), fractions allowed
+Neighbours = list[
+    tuple[Grey, float, float]
+]  # (picture, rows away, columns away), fractions allowed
 
 HALVED_PX = 192  # views of at least this many px on either side are compared at half their size, which maps have anyway
 ROUNDS = 2  # of refinement by all neighbours jointly
@@ -30,7 +34,9 @@ SOFTNESS = 2.0  # grey levels by which a neighbour may match worse and still cou
 # Smaller areas than LEAST_AREA_PX on a side are left alone, gaps between areas up to GAP_PX count with them.
 LEAST_EXPLAINED, WINDOW_PX, LEAST_AREA_PX, GAP_PX = 0.1, 9, 15, 25
 EXPLAINED_ALL = 4.0  # squared grey levels: a smaller difference needs no explanation
-DISAGREEMENT = 1.5  # squared error of a warp per squared difference between two; see docs/quality.md
+DISAGREEMENT = (
+    1.5  # squared error of a warp per squared difference between two; see docs/quality.md
+)
 UNSEEN_ERROR = 16.0  # squared grey levels: a warp with a smaller error needs no replacement
 OUTSIDE = 64.0  # grey levels of a match outside the neighbour's picture
 BORDER = 0.03  # of the width, at either side: what the edge of a screen cuts off within a few views
@@ -39,7 +45,11 @@ _BOX = (5, 5)  # px whose errors count together
 
 
 def sampled(
-    picture: NDArray[Any], disparity_px: FloatMap, d_row: float, d_col: float, how: int = cv2.INTER_LINEAR
+    picture: NDArray[Any],
+    disparity_px: FloatMap,
+    d_row: float,
+    d_col: float,
+    how: int = cv2.INTER_LINEAR,
 ) -> tuple[NDArray[Any], NDArray[np.bool_]]:
     """A view d_row rows and d_col columns away, sampled along the disparity of this one; and where that leaves the picture."""
     height, width = disparity_px.shape
@@ -66,10 +76,14 @@ def view_disparity(here: Grey, neighbours: Neighbours) -> FloatMap:
     for neighbour, d_row, d_col in neighbours:
         shift = flow(here, neighbour, fine=True)
         square = d_row * d_row + d_col * d_col
-        maps.append(shift[..., 0] * np.float32(-d_col / square) - shift[..., 1] * np.float32(d_row / square))
+        maps.append(
+            shift[..., 0] * np.float32(-d_col / square) - shift[..., 1] * np.float32(d_row / square)
+        )
         errors.append(mismatch(here, neighbour, maps[-1], d_row, d_col))
     shares = _shares(errors)
-    joint = _total(neighbours, [share * one for share, one in zip(shares, maps, strict=True)]) / _total(neighbours, shares)
+    joint = _total(
+        neighbours, [share * one for share, one in zip(shares, maps, strict=True)]
+    ) / _total(neighbours, shares)
     for _ in range(ROUNDS):
         joint = refined(here, neighbours, joint)
     return np.asarray(cv2.medianBlur(joint, MEDIAN_PX), np.float32)
@@ -101,7 +115,9 @@ def refined(here: Grey, neighbours: Neighbours, disparity_px: FloatMap) -> Float
     own = here.astype(np.float32)
     wrongs, slopes, errors = list[FloatMap](), list[FloatMap](), list[FloatMap]()
     for neighbour, d_row, d_col in neighbours:
-        seen, outside = sampled(neighbour.astype(np.float32), disparity_px, d_row, d_col, cv2.INTER_CUBIC)
+        seen, outside = sampled(
+            neighbour.astype(np.float32), disparity_px, d_row, d_col, cv2.INTER_CUBIC
+        )
         across, down = cv2.Scharr(seen, cv2.CV_32F, 1, 0), cv2.Scharr(seen, cv2.CV_32F, 0, 1)
         slope = -cv2.addWeighted(across, d_col / 32, down, d_row / 32, 0.0)
         slope[outside] = 0
@@ -113,8 +129,12 @@ def refined(here: Grey, neighbours: Neighbours, disparity_px: FloatMap) -> Float
         slope * share / (1 + np.square(wrong * np.float32(1 / OUTLIER)))
         for wrong, slope, share in zip(wrongs, slopes, _shares(errors), strict=True)
     ]
-    pull = _total(neighbours, [weight * wrong for weight, wrong in zip(weighted, wrongs, strict=True)])
-    hold = _total(neighbours, [weight * slope for weight, slope in zip(weighted, slopes, strict=True)])
+    pull = _total(
+        neighbours, [weight * wrong for weight, wrong in zip(weighted, wrongs, strict=True)]
+    )
+    hold = _total(
+        neighbours, [weight * slope for weight, slope in zip(weighted, slopes, strict=True)]
+    )
     window = partial(cv2.GaussianBlur, ksize=(0, 0), sigmaX=REFINED_OVER_PX)
     step = window(pull) / (window(hold) + np.float32(STEADY))
     return np.asarray(disparity_px - np.clip(step, -LARGEST_STEP_PX, LARGEST_STEP_PX), np.float32)
@@ -133,7 +153,9 @@ def unexplained(here: Grey, neighbours: Neighbours, disparity_px: FloatMap) -> N
     for neighbour, d_row, d_col in neighbours:
         other = neighbour.astype(np.float32)
 
-        def seen(picture: FloatMap, steps: float, how: int, d_row: float = d_row, d_col: float = d_col) -> FloatMap:
+        def seen(
+            picture: FloatMap, steps: float, how: int, d_row: float = d_row, d_col: float = d_col
+        ) -> FloatMap:
             """picture as seen steps of the way to the neighbour; NaN outside it."""
             values, outside = sampled(picture, disparity_px, steps * d_row, steps * d_col, how)
             values[outside] = np.nan
@@ -148,15 +170,21 @@ def unexplained(here: Grey, neighbours: Neighbours, disparity_px: FloatMap) -> N
         blur = (seen(own, -0.5, cv2.INTER_LINEAR) + seen(other, 0.5, cv2.INTER_LINEAR)) / 2 - mean
         warped = DISAGREEMENT * np.square(sharp[0] - sharp[1]) + np.square(blur)
         faded = np.square((own + other) / 2 - mean)
-        worse.append(_windows(np.nan_to_num(warped)) > _windows(np.nan_to_num(faded)) + UNSEEN_ERROR)
+        worse.append(
+            _windows(np.nan_to_num(warped)) > _windows(np.nan_to_num(faded)) + UNSEEN_ERROR
+        )
     unmoved = np.min(along, axis=0) > (1 - LEAST_EXPLAINED) * np.min(still, axis=0) + EXPLAINED_ALL
     return _areas(unmoved) | _areas(np.all(worse, axis=0))
 
 
 def _areas(places: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """places without small ones, and with the gaps between the others."""
-    opened = cv2.morphologyEx(places.astype(np.uint8), cv2.MORPH_OPEN, np.ones((LEAST_AREA_PX, LEAST_AREA_PX), np.uint8))
-    return np.asarray(cv2.morphologyEx(opened, cv2.MORPH_CLOSE, np.ones((GAP_PX, GAP_PX), np.uint8)), bool)
+    opened = cv2.morphologyEx(
+        places.astype(np.uint8), cv2.MORPH_OPEN, np.ones((LEAST_AREA_PX, LEAST_AREA_PX), np.uint8)
+    )
+    return np.asarray(
+        cv2.morphologyEx(opened, cv2.MORPH_CLOSE, np.ones((GAP_PX, GAP_PX), np.uint8)), bool
+    )
 
 
 def _windows(squares: FloatMap) -> FloatMap:
@@ -169,7 +197,9 @@ def compared(view: Grey) -> Grey:
     if min(height, width) < HALVED_PX:
         return view
     even = cv2.copyMakeBorder(view, 0, height % 2, 0, width % 2, cv2.BORDER_REPLICATE)
-    return np.asarray(cv2.resize(even, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.uint8)
+    return np.asarray(
+        cv2.resize(even, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.uint8
+    )
 
 
 def shrinking(height_px: int, width_px: int) -> int:
@@ -183,15 +213,27 @@ def stored_map(
     """A map of a `compared` view, zeros for None, at the size and in the px of stored maps; and where it is not known."""
     if disparity_px is None:
         disparity_px = np.zeros(here.shape, np.float32)
-    stored, every = disparity_px * np.float32(2) if factor == 2 else halved(disparity_px), 3 - factor
-    unknown = unexplained(here, neighbours, disparity_px)[::every, ::every] if neighbours else np.zeros(stored.shape, bool)
+    stored, every = (
+        disparity_px * np.float32(2) if factor == 2 else halved(disparity_px),
+        3 - factor,
+    )
+    unknown = (
+        unexplained(here, neighbours, disparity_px)[::every, ::every]
+        if neighbours
+        else np.zeros(stored.shape, bool)
+    )
     return stored, unknown
 
 
 def halved(disparity_px: FloatMap) -> FloatMap:
     """The map at half resolution (rounded up); values stay in px of the full view."""
     height, width = disparity_px.shape
-    return np.asarray(cv2.resize(disparity_px, ((width + 1) // 2, (height + 1) // 2), interpolation=cv2.INTER_AREA), np.float32)
+    return np.asarray(
+        cv2.resize(
+            disparity_px, ((width + 1) // 2, (height + 1) // 2), interpolation=cv2.INTER_AREA
+        ),
+        np.float32,
+    )
 
 
 def neighbour_indices(row: int, col: int, rows: int, cols: int) -> list[tuple[int, int]]:
@@ -203,13 +245,21 @@ def neighbour_indices(row: int, col: int, rows: int, cols: int) -> list[tuple[in
 
 
 def neighbours_of(
-    grey: Callable[[int, int], Grey], row: int, col: int, present: NDArray[np.bool_], offsets: NDArray[np.float32]
+    grey: Callable[[int, int], Grey],
+    row: int,
+    col: int,
+    present: NDArray[np.bool_],
+    offsets: NDArray[np.float32],
 ) -> Neighbours:
     """The present neighbours of a view. grey(row, col): a view, uint8 (h, w); present and offsets as in LightField."""
     neighbours: Neighbours = []
     for r, c in neighbour_indices(row, col, *present.shape):
         if present[r, c]:
-            d_row, d_col = (float(v) for v in (offsets[r, c] - offsets[row, col]) + np.array([r - row, c - col], np.float32))
+            d_row, d_col = (
+                float(v)
+                for v in (offsets[r, c] - offsets[row, col])
+                + np.array([r - row, c - col], np.float32)
+            )
             if d_row * d_row + d_col * d_col > 0.01:  # two cameras in one place give no parallax
                 neighbours.append((grey(r, c), d_row, d_col))
     return neighbours
@@ -217,16 +267,25 @@ def neighbours_of(
 
 def mean_square_mismatch(here: Grey, neighbours: Neighbours, disparity_px: FloatMap) -> float:
     """Mean square, in grey levels, of `mismatch` of a view over pixels and neighbours."""
-    squares = [np.square(mismatch(here, view, disparity_px, down, across)) for view, down, across in neighbours]
+    squares = [
+        np.square(mismatch(here, view, disparity_px, down, across))
+        for view, down, across in neighbours
+    ]
     return add([float(square.mean()) for square in squares]) / max(1, len(squares))
 
 
 def luma(planes: NDArray[np.uint8]) -> Grey:
     """Grey picture uint8 (h, w) of planar (1 or 3, h, w)."""
-    return planes[0] if planes.shape[0] == 1 else np.asarray(cv2.cvtColor(cv2.merge(list(planes)), cv2.COLOR_RGB2GRAY), np.uint8)
+    return (
+        planes[0]
+        if planes.shape[0] == 1
+        else np.asarray(cv2.cvtColor(cv2.merge(list(planes)), cv2.COLOR_RGB2GRAY), np.uint8)
+    )
 
 
-def estimate_disparity(views: NDArray[np.uint8], offsets: NDArray[np.float32] | None = None) -> FloatMap | None:
+def estimate_disparity(
+    views: NDArray[np.uint8], offsets: NDArray[np.float32] | None = None
+) -> FloatMap | None:
     """Disparity of every view of a grid from its neighbours in that grid, px per step of it.
 
     views: uint8 (rows, cols, channels, h, w), any subset of a light field (`field.views[0, ::2, ::2]`). offsets: float32 (rows,

@@ -41,7 +41,11 @@ _WORKING_BYTES = 100  # memory per px of a view while its disparity is estimated
 
 
 def run_parallel(
-    work: Callable[[T], None], items: Sequence[T], item_bytes: int, report: Callable[[int], None], before: int = 0
+    work: Callable[[T], None],
+    items: Sequence[T],
+    item_bytes: int,
+    report: Callable[[int], None],
+    before: int = 0,
 ) -> None:
     """Runs work(item) for every item on a few threads, fewer if each needs much memory; the first error ends it. report: called
     with the number of items done so far, with those done before."""
@@ -66,7 +70,10 @@ def write_disparity(scene: Examined, folder: Path, progress: Progress) -> dict[s
         return {"source": "none", "scale_px": 1 / 16, **NO_DEPTH}
     shape = (frames, rows, cols, (height + 1) // 2, (width + 1) // 2)
     views, interim_file = mapper(folder / VIEWS), folder / "interim.npy"
-    interim, out = make_array(interim_file, shape, np.int16), make_array(folder / DISPARITY, shape, np.int8)
+    interim, out = (
+        make_array(interim_file, shape, np.int16),
+        make_array(folder / DISPARITY, shape, np.int8),
+    )
     about = _estimate(scene, views, interim, progress)
     scale_px = about["scale_px"]
     for place in scene.views:
@@ -81,7 +88,10 @@ def write_disparity(scene: Examined, folder: Path, progress: Progress) -> dict[s
 
 
 def _estimate(
-    scene: Examined, views: Callable[[], NDArray[Any]], interim: Callable[[], NDArray[Any]], progress: Progress
+    scene: Examined,
+    views: Callable[[], NDArray[Any]],
+    interim: Callable[[], NDArray[Any]],
+    progress: Progress,
 ) -> dict[str, Any]:
     """Writes every present view's map to interim(), in steps of _INTERIM_PX; returns the manifest's entry."""
     source = scene.source
@@ -96,7 +106,10 @@ def _estimate(
 
     def estimate(place: FrameIndex) -> None:
         frame, row, col = place
-        here, around = grey(*place), neighbours_of(partial(grey, frame), row, col, scene.present, scene.offsets)
+        here, around = (
+            grey(*place),
+            neighbours_of(partial(grey, frame), row, col, scene.present, scene.offsets),
+        )
         best = view_disparity(here, around) if around and not source.rendered else None
         read = source.truth.get(scene.file_index(row, col)) if sign and not frame else None
         if read is not None:
@@ -105,7 +118,9 @@ def _estimate(
             true = true if factor == 1 else halved(true) / np.float32(factor)
             # Truth is sharp at edges, where a view warped by it doubles hidden parts; flow bends around them. The better match
             # with the neighbouring views wins: flow, in all scenes tried (HCI antinous 47.7 dB, truth 41.9).
-            if best is None or mean_square_mismatch(here, around, true) < mean_square_mismatch(here, around, best):
+            if best is None or mean_square_mismatch(here, around, true) < mean_square_mismatch(
+                here, around, best
+            ):
                 best = true
         stored, unknown = stored_map(here, around, best, factor)
         ranges[place] = np.percentile(stored, (0.1, 99.9))
@@ -115,11 +130,21 @@ def _estimate(
 
     progress("disparity", 0, len(scene.views))
     item_bytes = _WORKING_BYTES * source.height_px * source.width_px
-    run_parallel(estimate, scene.views, item_bytes, lambda done: progress("disparity", done, len(scene.views)))
+    run_parallel(
+        estimate,
+        scene.views,
+        item_bytes,
+        lambda done: progress("disparity", done, len(scene.views)),
+    )
     spans = np.array(list(ranges.values()))
     scale = scale_for(*(round(float(v), 4) for v in (spans[:, 0].min(), spans[:, 1].max())))
     # truth is exact; the extremes of an estimate are its errors, so use robust extremes over all views
     low, high = (round(float(v), 4) for v in np.median(spans, axis=0))
     if true_ranges:
         low, high = min(span[0] for span in true_ranges), max(span[1] for span in true_ranges)
-    return {"source": "truth" if true_ranges else "estimated", "scale_px": scale, "min_px": low, "max_px": high}
+    return {
+        "source": "truth" if true_ranges else "estimated",
+        "scale_px": scale,
+        "min_px": low,
+        "max_px": high,
+    }

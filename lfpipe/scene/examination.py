@@ -48,7 +48,14 @@ class Examined:
     @property
     def shape(self) -> tuple[int, ...]:
         """Of the views: (frames, rows, cols, channels, height, width)."""
-        return self.source.frames, self.rows, self.cols, self.channels, self.source.height_px, self.source.width_px
+        return (
+            self.source.frames,
+            self.rows,
+            self.cols,
+            self.channels,
+            self.source.height_px,
+            self.source.width_px,
+        )
 
     def file_index(self, row: int, col: int) -> ViewIndex:
         """The place in the source of a view of the pack."""
@@ -66,12 +73,20 @@ class Examined:
     def offsets(self) -> NDArray[np.float32]:
         """As in LightField."""
         stood = self.source.coordinates
-        return np.zeros((self.rows, self.cols, 2), np.float32) if stood is None else grid_offsets(self.turn.applied(stood))
+        return (
+            np.zeros((self.rows, self.cols, 2), np.float32)
+            if stood is None
+            else grid_offsets(self.turn.applied(stood))
+        )
 
     @cached_property
     def views(self) -> list[FrameIndex]:
         """The views that the source has, in every frame."""
-        return [(f, r, c) for f in range(self.source.frames) for r, c in np.argwhere(self.present).tolist()]
+        return [
+            (f, r, c)
+            for f in range(self.source.frames)
+            for r, c in np.argwhere(self.present).tolist()
+        ]
 
 
 def examine_scene(path: str | os.PathLike[str], scene: config.Scene) -> Examined:
@@ -92,8 +107,14 @@ def examined(source: SceneSource, scene: config.Scene) -> Examined:
     if not source.certain:
         source = plausible(source, scene.force)
     middle = source.read(0, *source.middle)
-    ends = {(0, 0), (0, source.cols - 1), (source.rows - 1, source.cols - 1)} - {source.middle} - source.missing
-    grey = is_grey(middle) and (source.rendered or all(is_grey(source.read(0, *place)) for place in ends))
+    ends = (
+        {(0, 0), (0, source.cols - 1), (source.rows - 1, source.cols - 1)}
+        - {source.middle}
+        - source.missing
+    )
+    grey = is_grey(middle) and (
+        source.rendered or all(is_grey(source.read(0, *place)) for place in ends)
+    )
     return Examined(source, orient(source, scene), *_gamma(source, scene, middle), 1 if grey else 3)
 
 
@@ -104,7 +125,10 @@ def _gamma(source: SceneSource, scene: config.Scene, middle: NDArray[Any]) -> tu
     if source.linear:
         return SCREEN_GAMMA, f"{source.layout} holds linear light"
     if not source.rendered and looks_linear(middle, source.max_value):
-        return SCREEN_GAMMA, "dark with black corners, like undeveloped plenoptic pictures; scene.gamma=1 keeps it"
+        return (
+            SCREEN_GAMMA,
+            "dark with black corners, like undeveloped plenoptic pictures; scene.gamma=1 keeps it",
+        )
     return 1.0, ""
 
 
@@ -113,7 +137,10 @@ def is_grey(pixels: NDArray[Any]) -> bool:
     if pixels.ndim == 2:
         return True
     strips = (pixels[top : top + STRIP_ROWS] for top in range(0, len(pixels), STRIP_ROWS))
-    return all(np.array_equal(s[..., 0], s[..., 1]) and np.array_equal(s[..., 1], s[..., 2]) for s in strips)
+    return all(
+        np.array_equal(s[..., 0], s[..., 1]) and np.array_equal(s[..., 1], s[..., 2])
+        for s in strips
+    )
 
 
 def looks_linear(middle: NDArray[Any], max_value: int) -> bool:
@@ -125,9 +152,15 @@ def looks_linear(middle: NDArray[Any], max_value: int) -> bool:
     middle = middle[::step, ::step]
     grey = (middle if middle.ndim == 2 else middle.mean(axis=2)) / max_value
     side = max(2, min(grey.shape) // 64)
-    black = sum(float(grey[rows, cols].max()) < 0.01 for rows in np.s_[:side, -side:] for cols in np.s_[:side, -side:])
+    black = sum(
+        float(grey[rows, cols].max()) < 0.01
+        for rows in np.s_[:side, -side:]
+        for cols in np.s_[:side, -side:]
+    )
     empty = float(np.mean(grey < 0.01))  # a black background is not a vignette
-    return bool(float(np.median(grey)) < _DARK and float(grey.mean()) < 0.2 and black >= 2 and empty < 0.15)
+    return bool(
+        float(np.median(grey)) < _DARK and float(grey.mean()) < 0.2 and black >= 2 and empty < 0.15
+    )
 
 
 def grid_offsets(stood: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -150,10 +183,19 @@ def require_plausible_truth(source: SceneSource) -> None:
     per view (the range would be stretched until the whole scene looks flat), or cannot be read."""
     size, remedy = (source.height_px, source.width_px), "remove the map to have disparity estimated"
     for (row, col), read in () if source.rendered else source.truth.items():
-        values, where = read(), f"{source.path}: true disparity of the view in row {row} column {col}"
+        values, where = (
+            read(),
+            f"{source.path}: true disparity of the view in row {row} column {col}",
+        )
         if values.shape != size:
-            raise UserError(f"{where} has {values.shape[1]}x{values.shape[0]} values, the views {size[1]}x{size[0]} px", remedy)
+            raise UserError(
+                f"{where} has {values.shape[1]}x{values.shape[0]} values, the views {size[1]}x{size[0]} px",
+                remedy,
+            )
         if bad := int(np.count_nonzero(~np.isfinite(values))):
             raise UserError(f"{where}: {bad} of {values.size} values are NaN or infinite", remedy)
         if (most := float(np.abs(values).max())) > max(size):
-            raise UserError(f"{where}: up to {most:g} px per view, but the views have {size[1]}x{size[0]} px", remedy)
+            raise UserError(
+                f"{where}: up to {most:g} px per view, but the views have {size[1]}x{size[0]} px",
+                remedy,
+            )

@@ -17,8 +17,23 @@ from lfpipe.files.safe_files import check_links, open_file, reason
 from lfpipe.host.files import path_of
 from lfpipe.host.terminal import opencv_logging
 
-MAX_FILES = 20_000  # a light field of 100x100 views has half of this; a larger folder is something else
-PICTURES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".pnm", ".bmp", ".tif", ".tiff", ".webp", ".avif", ".gif")
+MAX_FILES = (
+    20_000  # a light field of 100x100 views has half of this; a larger folder is something else
+)
+PICTURES = (
+    ".png",
+    ".jpg",
+    ".jpeg",
+    ".ppm",
+    ".pgm",
+    ".pnm",
+    ".bmp",
+    ".tif",
+    ".tiff",
+    ".webp",
+    ".avif",
+    ".gif",
+)
 VIDEOS = (".mp4", ".mkv", ".avi", ".mov", ".webm", ".m4v")
 
 
@@ -46,7 +61,11 @@ class Listing:
 
 def natural(name: str) -> list[tuple[int, int, str]]:
     """Sort key that puts view_2 before view_10."""
-    return [(0, int(part), "") if part.isdecimal() else (1, 0, part) for part in re.split(r"(\d+)", name) if part]
+    return [
+        (0, int(part), "") if part.isdecimal() else (1, 0, part)
+        for part in re.split(r"(\d+)", name)
+        if part
+    ]
 
 
 def list_scene(path: str | os.PathLike[str]) -> Listing:
@@ -57,17 +76,30 @@ def list_scene(path: str | os.PathLike[str]) -> Listing:
         if stat.S_ISREG(mode):
             return Listing(given, given.parent, (given.name,), (), True)
         if not stat.S_ISDIR(mode):
-            raise UserError(f"{where}: neither a file nor a folder", "give the folder of the views, or their file")
+            raise UserError(
+                f"{where}: neither a file nor a folder",
+                "give the folder of the views, or their file",
+            )
         names, folders = _entries(given)
     except FileNotFoundError:
-        raise UserError(f"{where}: no such scene", "give the folder of the views, or their file") from None
+        raise UserError(
+            f"{where}: no such scene", "give the folder of the views, or their file"
+        ) from None
     except OSError as error:
-        raise UserError(f"{where}: cannot be read: {reason(error)}", "check the path and its permissions") from None
+        raise UserError(
+            f"{where}: cannot be read: {reason(error)}", "check the path and its permissions"
+        ) from None
     except ValueError as error:  # a NUL in the path
-        raise UserError(f"{shown(str(given))}: not a path: {error}", "give the folder of the views") from None
+        raise UserError(
+            f"{shown(str(given))}: not a path: {error}", "give the folder of the views"
+        ) from None
     if not names and not folders:
-        raise UserError(f"{where}: the folder is empty", "give the folder of the views, or their file")
-    return Listing(given, given, tuple(sorted(names, key=natural)), tuple(sorted(folders, key=natural)), False)
+        raise UserError(
+            f"{where}: the folder is empty", "give the folder of the views, or their file"
+        )
+    return Listing(
+        given, given, tuple(sorted(names, key=natural)), tuple(sorted(folders, key=natural)), False
+    )
 
 
 def _entries(folder: Path) -> tuple[list[str], list[str]]:
@@ -98,12 +130,18 @@ def library_errors(path: str | os.PathLike[str]) -> Iterator[None]:
         with opencv_logging():
             yield
     except MemoryError:
-        raise UserError(f"{path}: not enough memory to read it", "use smaller or fewer views") from None
+        raise UserError(
+            f"{path}: not enough memory to read it", "use smaller or fewer views"
+        ) from None
     except cv2.error as error:
         why = (error.err or str(error)).strip().splitlines()[0]
-        raise UserError(f"{path}: OpenCV cannot read it: {why}", "check its pictures with another program") from None
+        raise UserError(
+            f"{path}: OpenCV cannot read it: {why}", "check its pictures with another program"
+        ) from None
     except OSError as error:
-        raise UserError(f"{path}: cannot be read: {reason(error)}", "check the file and its permissions") from None
+        raise UserError(
+            f"{path}: cannot be read: {reason(error)}", "check the file and its permissions"
+        ) from None
 
 
 def read_bytes(path: Path, most_bytes: int = 1 << 20) -> bytes:

@@ -40,10 +40,16 @@ def remember(field: LightField, word: str) -> None:
 def shown_as(field: LightField, setting: str) -> LightField:
     """The field in the order that scene.half_turn = setting asks for. Copies nothing."""
     word = setting if setting != "auto" else remembered(field)
-    turned = word == "yes" if word in ("yes", "no") else bool(field.manifest["orientation"]["half_turn"])
+    turned = (
+        word == "yes" if word in ("yes", "no") else bool(field.manifest["orientation"]["half_turn"])
+    )
     return field if turned == field.half_turned else field.exchanged()
 
 
 def undecided(field: LightField, setting: str) -> bool:
     """Whether near and far of the field are a guess that nobody was asked about."""
-    return setting == "auto" and not field.manifest["orientation"]["half_turn_sure"] and not remembered(field)
+    return (
+        setting == "auto"
+        and not field.manifest["orientation"]["half_turn_sure"]
+        and not remembered(field)
+    )

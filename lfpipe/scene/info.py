@@ -15,7 +15,9 @@ _NAMES = (
 )  # fmt: skip
 
 
-def _describe(manifest: dict[str, Any], low_px: float | None, high_px: float | None) -> dict[str, Any]:
+def _describe(
+    manifest: dict[str, Any], low_px: float | None, high_px: float | None
+) -> dict[str, Any]:
     about = dict(manifest["disparity"])
     del about["min_px"], about["max_px"]
     present = manifest["present"]
@@ -23,7 +25,12 @@ def _describe(manifest: dict[str, Any], low_px: float | None, high_px: float | N
         **{name: manifest[name] for name in _NAMES},
         "orientation_evidence": manifest["orientation"],
         "disparity": {"min": low_px, "max": high_px, **about},
-        "views_missing": [[r, c] for r, line in enumerate(present) for c, is_present in enumerate(line) if not is_present],
+        "views_missing": [
+            [r, c]
+            for r, line in enumerate(present)
+            for c, is_present in enumerate(line)
+            if not is_present
+        ],
         "irregular": manifest["offsets"] is not None,
     }
 
@@ -55,7 +62,11 @@ def describe_examined(scene: Examined) -> dict[str, Any]:
 def lines(facts: dict[str, Any]) -> list[str]:
     """The same facts for people."""
     order, flips = facts["orientation_evidence"], facts["flips"]
-    words = {"rows": "rows reversed", "cols": "columns reversed", "transpose": "rows and columns exchanged"}
+    words = {
+        "rows": "rows reversed",
+        "cols": "columns reversed",
+        "transpose": "rows and columns exchanged",
+    }
     turned = " and ".join(text for name, text in words.items() if flips[name])
     size = "{rows}x{cols} views of {width}x{height} px".format(**facts)
     out = [f"{facts['name']}: {size}, layout {facts['layout']}"]
@@ -64,23 +75,42 @@ def lines(facts: dict[str, Any]) -> list[str]:
         out.append(f"  {what:11} {text}")
 
     tone = f", gamma {facts['gamma']:g} ({facts['gamma_by']})" if facts["gamma"] != 1 else ""
-    say("depth", f"{facts['bit_depth']} bit, {'colour' if facts['channels'] == 3 else 'grey'}{tone}")
-    say("order", f"{turned or 'as in the files'}: {order['said']} ({order['by']}{', sure' if order['sure'] else ''})")
+    say(
+        "depth", f"{facts['bit_depth']} bit, {'colour' if facts['channels'] == 3 else 'grey'}{tone}"
+    )
+    say(
+        "order",
+        f"{turned or 'as in the files'}: {order['said']} ({order['by']}{', sure' if order['sure'] else ''})",
+    )
     if order["undecided"]:
         say("undecided", order["undecided"])
     if facts["frames"] > 1:
         say("video", f"{facts['frames']} frames at {facts['frame_rate_hz']:g} Hz")
     disparity = facts["disparity"]
     if disparity["source"] in ("unknown", "none"):
-        say("disparity", "none" if disparity["source"] == "none" else "measured when the scene is packed")
+        say(
+            "disparity",
+            "none" if disparity["source"] == "none" else "measured when the scene is packed",
+        )
     else:
         where = "" if facts["pack"] else " from a few views"
-        say("disparity", f"{disparity['min']:+.2f} to {disparity['max']:+.2f} px per view, {disparity['source']}{where}")
+        say(
+            "disparity",
+            f"{disparity['min']:+.2f} to {disparity['max']:+.2f} px per view, {disparity['source']}{where}",
+        )
     units = [(*name.rsplit("_", 1), value) for name, value in facts["geometry"].items() if value]
-    say("geometry", ", ".join(f"{name.replace('_', ' ')} {value:g} {unit}" for name, unit, value in units) or "not known")
+    say(
+        "geometry",
+        ", ".join(f"{name.replace('_', ' ')} {value:g} {unit}" for name, unit, value in units)
+        or "not known",
+    )
     scores = ", ".join(f"{name} {value:.1f} dB" for name, value in facts["scores_db"].items())
     if facts["method"]:
-        say("method", facts["method"] + (f" (quality when predicting held-out views: {scores})" if scores else ""))
+        say(
+            "method",
+            facts["method"]
+            + (f" (quality when predicting held-out views: {scores})" if scores else ""),
+        )
     for note in facts["notes"]:
         say("note", note)
     packed = f"{facts['pack_bytes'] / 1e6:.1f} MB in {facts['pack']}"

@@ -6,7 +6,9 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-UNKNOWN = -128  # in LightField.disparity: no value explains the neighbours, so views are cross-faded there
+UNKNOWN = (
+    -128
+)  # in LightField.disparity: no value explains the neighbours, so views are cross-faded there
 
 
 @attrs.frozen
@@ -48,7 +50,10 @@ class LightField:
     manifest: dict[str, Any]  # provenance, as stored; "flips" as shown
     folder: str = ""  # of the pack, absolute
     hold: object = None  # keeps `lfpipe scene clean` from removing the pack
-    border_px: tuple[float, float] = (0.0, 0.0)  # farthest and nearest at the left and right border, px per view
+    border_px: tuple[float, float] = (
+        0.0,
+        0.0,
+    )  # farthest and nearest at the left and right border, px per view
     half_turned: bool = False  # rows and columns run against the pack's order
 
     def exchanged(self) -> "LightField":

@@ -35,25 +35,33 @@ def warped_disparity(disparity: FloatMap, down: float, across: float) -> FloatMa
     if not inside.any():
         return disparity
     out[to_y[inside], to_x[inside]] = d[inside]
-    cracks = np.asarray(cv2.medianBlur(np.where(np.isinf(out), np.float32(disparity.min()), out), 3), np.float32)
+    cracks = np.asarray(
+        cv2.medianBlur(np.where(np.isinf(out), np.float32(disparity.min()), out), 3), np.float32
+    )
     for _ in range(height + width):
         empty = np.isinf(out)
         if not empty.any():
             break
         # the default border is the largest float, which is less than infinity and would spread inwards
-        out = np.where(empty, cv2.erode(out, np.ones((3, 3), np.uint8), borderType=cv2.BORDER_REPLICATE), out)
+        out = np.where(
+            empty, cv2.erode(out, np.ones((3, 3), np.uint8), borderType=cv2.BORDER_REPLICATE), out
+        )
     return np.maximum(out, cracks)
 
 
 def nearest(usable: NDArray[np.bool_]) -> NDArray[np.intp]:
     """By pixel (h, w), the flat index of the nearest usable one."""
-    _, labels = cv2.distanceTransformWithLabels((~usable).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
+    _, labels = cv2.distanceTransformWithLabels(
+        (~usable).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
     index = np.zeros(int(labels.max()) + 1, np.intp)
     index[labels[usable]] = np.flatnonzero(usable)
     return np.asarray(index[labels])
 
 
-def warped_view(picture: NDArray[Any], disparity: FloatMap, target: FloatMap, down: float, across: float) -> NDArray[Any]:
+def warped_view(
+    picture: NDArray[Any], disparity: FloatMap, target: FloatMap, down: float, across: float
+) -> NDArray[Any]:
     """A view warped to the one `down` rows and `across` columns further, (h, w) or (h, w, 3). target: `warped_disparity` of
     disparity.
 
@@ -66,9 +74,9 @@ def warped_view(picture: NDArray[Any], disparity: FloatMap, target: FloatMap, do
         return out
     hidden = cv2.dilate(hidden.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     reach = 2 * int(step * float(np.ptp(disparity))) + 3
-    behind = target - cv2.erode(target, np.ones((reach, reach), np.uint8), borderType=cv2.BORDER_REPLICATE) < max(
-        _HIDDEN_PX / max(step, 1e-9), 1e-6
-    )
+    behind = target - cv2.erode(
+        target, np.ones((reach, reach), np.uint8), borderType=cv2.BORDER_REPLICATE
+    ) < max(_HIDDEN_PX / max(step, 1e-9), 1e-6)
     usable = behind & ~hidden
     if not usable.any():
         return out
@@ -77,7 +85,12 @@ def warped_view(picture: NDArray[Any], disparity: FloatMap, target: FloatMap, do
     return flat.reshape(out.shape)
 
 
-def fill_missing(present: NDArray[np.bool_], views: NDArray[np.uint8], disparity: NDArray[np.int8], scale_px: float) -> None:
+def fill_missing(
+    present: NDArray[np.bool_],
+    views: NDArray[np.uint8],
+    disparity: NDArray[np.int8],
+    scale_px: float,
+) -> None:
     """Writes each missing view of a frame and its disparity into the arrays of a pack. disparity: in scale_px."""
     for row, col in zip(*(index.tolist() for index in np.nonzero(~present)), strict=True):
         near = nearest_present(present, row, col)
@@ -86,7 +99,9 @@ def fill_missing(present: NDArray[np.bool_], views: NDArray[np.uint8], disparity
         height, width = planes.shape[1:]
         stored = disparity[near]
         half = np.where(stored == UNKNOWN, 0, stored).astype(np.float32) * np.float32(scale_px)
-        full = np.asarray(cv2.resize(half, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
+        full = np.asarray(
+            cv2.resize(half, (width, height), interpolation=cv2.INTER_LINEAR), np.float32
+        )
         target = warped_disparity(full, *steps)
         views[row, col] = [warped_view(plane, full, target, *steps) for plane in planes]
         small = cv2.resize(target, half.shape[::-1], interpolation=cv2.INTER_AREA)

@@ -10,8 +10,15 @@ from lfpipe.scene.optical_flow import FloatMap, Grey, Mask
 
 UNMISTAKABLE, AGAINST = 16, 10  # places that must agree, and that one against cancels; see `hides`
 OVERLAP_PX = 1.5  # a surface that lands on another is that much nearer
-DIFFERENT, SAME, WRONG = 10, 3, 6  # grey levels between two surfaces; between a surface and what is seen
-SIDE, MAJORITY = 20, 3  # places along the shorter side of a view, with one vote each; its pixels must agree by this many
+DIFFERENT, SAME, WRONG = (
+    10,
+    3,
+    6,
+)  # grey levels between two surfaces; between a surface and what is seen
+SIDE, MAJORITY = (
+    20,
+    3,
+)  # places along the shorter side of a view, with one vote each; its pixels must agree by this many
 
 
 def hides(right: int, wrong: int) -> int:
@@ -22,10 +29,14 @@ def hides(right: int, wrong: int) -> int:
     quilt 77 / 42, lego knights 82 / 10, toys 4 / 0, airplane 0 / 2 and illum_field 0 / 0 stay open. Of 170 made, turned and
     disturbed sets none is wrong; the nearest to it is the airplane, noisy and turned, with 13 / 0.
     """
-    return int(right - AGAINST * wrong >= UNMISTAKABLE) - int(wrong - AGAINST * right >= UNMISTAKABLE)
+    return int(right - AGAINST * wrong >= UNMISTAKABLE) - int(
+        wrong - AGAINST * right >= UNMISTAKABLE
+    )
 
 
-def places(view: Callable[[int], Grey], count: int, disparity_px: FloatMap, reliable: Mask, sideways: bool) -> tuple[int, int]:
+def places(
+    view: Callable[[int], Grey], count: int, disparity_px: FloatMap, reliable: Mask, sideways: bool
+) -> tuple[int, int]:
     """(right, wrong): places where the outermost views of a line show the nearer of two surfaces that meet, and the farther one.
 
     view(0) .. view(count - 1): the line; disparity_px: of its middle view, float32 (h, w), per step; reliable: where it holds.
@@ -52,7 +63,9 @@ def _sharpened(disparity_px: FloatMap, picture: Grey) -> FloatMap:
     return np.asarray(sharp, np.float32) * np.float32((high - low) / 255) + np.float32(low)
 
 
-def _votes(here: Grey, disparity_px: FloatMap, reliable: Mask, there: Grey, steps: int, sideways: bool) -> NDArray[np.int32]:
+def _votes(
+    here: Grey, disparity_px: FloatMap, reliable: Mask, there: Grey, steps: int, sideways: bool
+) -> NDArray[np.int32]:
     """By pixel of a view, int32 (h, w): 1 where two surfaces meet in the view `steps` further and that shows the nearer one,
     -1 where it shows the farther one."""
     height, width = here.shape
@@ -62,10 +75,17 @@ def _votes(here: Grey, disparity_px: FloatMap, reliable: Mask, there: Grey, step
     x, y = (x - shift, y) if sideways else (x, y - shift)
     inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
     landing, start = (y * width + x)[inside], far_first[inside]
-    front, back = np.full((2, here.size), -1, np.intp)  # the nearest and the farthest pixel that lands on each one
+    front, back = np.full(
+        (2, here.size), -1, np.intp
+    )  # the nearest and the farthest pixel that lands on each one
     front[landing], back[landing[::-1]] = start, start[::-1]
     colour, depth, known = here.ravel().astype(np.float32), disparity_px.ravel(), reliable.ravel()
-    meet = (front >= 0) & ((depth[front] - depth[back]) * abs(steps) > OVERLAP_PX) & known[front] & known[back]
+    meet = (
+        (front >= 0)
+        & ((depth[front] - depth[back]) * abs(steps) > OVERLAP_PX)
+        & known[front]
+        & known[back]
+    )
     meet &= np.abs(colour[front] - colour[back]) > DIFFERENT
     front, back, seen = front[meet], back[meet], there.ravel()[meet]
     front_off, back_off = np.abs(colour[front] - seen), np.abs(colour[back] - seen)

@@ -35,7 +35,11 @@ class Packing(Worker):
     """
 
     def __init__(
-        self, scenes: Sequence[ScenePath], settings: config.Scene, progress: Progress | None = None, **request: Any
+        self,
+        scenes: Sequence[ScenePath],
+        settings: config.Scene,
+        progress: Progress | None = None,
+        **request: Any,
     ) -> None:
         self.views: SceneSummary | None = None
         self.scenes: list[Path] = []
@@ -84,7 +88,9 @@ def open_scenes(
     An empty sequence stands for the demo. progress: called from this thread. complete: with its disparity, for pictures that are
     kept. expand: a folder of light fields stands for those in it. Raises UserError.
     """
-    paths = [named_scene(path, cache_dir(settings)) for path in paths] or [demo_scene(cache_dir(settings))]
+    paths = [named_scene(path, cache_dir(settings)) for path in paths] or [
+        demo_scene(cache_dir(settings))
+    ]
     known = packed(paths[0], settings)
     expand = expand and any(is_dir(path) and find_pack(path, settings) is None for path in paths)
     if known is not None and known.complete and not expand:
@@ -92,7 +98,9 @@ def open_scenes(
     packing = Packing(paths, settings, progress, expand=expand)
     try:
         packing.wait(lambda: packing.views is not None and not complete)
-        summary = packing.views if not packing.done and packing.views is not None else packing.summary()
+        summary = (
+            packing.views if not packing.done and packing.views is not None else packing.summary()
+        )
         packing.progress = None
         field = open_pack(Path(summary.pack), settings.half_turn)
         return Opened(packing.scenes or paths, field, None if packing.done else packing)
@@ -101,12 +109,16 @@ def open_scenes(
         raise
 
 
-def open_scene(path: ScenePath | None, settings: config.Scene, progress: Progress | None = None) -> LightField:
+def open_scene(
+    path: ScenePath | None, settings: config.Scene, progress: Progress | None = None
+) -> LightField:
     """The light field at path, or the demo's, complete: packed now by a child process unless it has been before.
 
     progress: called from this thread. Raises UserError.
     """
-    return open_scenes([] if path is None else [Path(path)], settings, progress, complete=True, expand=False).field
+    return open_scenes(
+        [] if path is None else [Path(path)], settings, progress, complete=True, expand=False
+    ).field
 
 
 def packed(path: ScenePath, settings: config.Scene) -> LightField | None:
@@ -117,9 +129,13 @@ def packed(path: ScenePath, settings: config.Scene) -> LightField | None:
     return None
 
 
-def ask_packer(path: Path, settings: config.Scene, progress: Progress | None = None, **request: Any) -> dict[str, Any]:
+def ask_packer(
+    path: Path, settings: config.Scene, progress: Progress | None = None, **request: Any
+) -> dict[str, Any]:
     """The packer's answer to a request other than to pack a scene. Raises UserError."""
-    with contextlib.closing(Packing([named_scene(path, cache_dir(settings))], settings, progress, **request)) as packing:
+    with contextlib.closing(
+        Packing([named_scene(path, cache_dir(settings))], settings, progress, **request)
+    ) as packing:
         packing.wait()
         return packing.result()
 

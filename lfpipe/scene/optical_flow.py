@@ -59,7 +59,11 @@ def grid_xy(height: int, width: int) -> tuple[FloatMap, FloatMap]:
 def displaced(picture: NDArray[Any], by_px: FloatMap, how: int = cv2.INTER_LINEAR) -> NDArray[Any]:
     """A picture sampled by_px, float32 (h, w, 2) as (x, y), away from every pixel; beyond its border that repeats."""
     xx, yy = grid_xy(*by_px.shape[:2])
-    return np.asarray(cv2.remap(picture, xx + by_px[..., 0], yy + by_px[..., 1], how, borderMode=cv2.BORDER_REPLICATE))
+    return np.asarray(
+        cv2.remap(
+            picture, xx + by_px[..., 0], yy + by_px[..., 1], how, borderMode=cv2.BORDER_REPLICATE
+        )
+    )
 
 
 def returned_flow(a: Grey, b: Grey) -> tuple[FloatMap, Mask]:
@@ -72,19 +76,25 @@ def returned_flow(a: Grey, b: Grey) -> tuple[FloatMap, Mask]:
     return ahead, off < _RETURN_PX + _RETURN_SHARE * np.hypot(ahead[..., 0], ahead[..., 1])
 
 
-def robust_fit(matrix: NDArray[np.float64], values: NDArray[np.float64], tolerance: float) -> NDArray[np.float64]:
+def robust_fit(
+    matrix: NDArray[np.float64], values: NDArray[np.float64], tolerance: float
+) -> NDArray[np.float64]:
     """Least-squares solution in which what is off by more than the tolerance, because it moves otherwise, counts by its amount
     and not by its square (Huber's weights)."""
     weights = np.ones(len(values))
     for _ in range(_FIT_ROUNDS):
         solution = np.linalg.lstsq(matrix * weights[:, None], values * weights, rcond=None)[0]
-        weights = np.sqrt(np.minimum(1, tolerance / np.maximum(np.abs(values - matrix @ solution), 1e-9)))
+        weights = np.sqrt(
+            np.minimum(1, tolerance / np.maximum(np.abs(values - matrix @ solution), 1e-9))
+        )
     return np.asarray(solution, np.float64)
 
 
 def textured(picture: Grey) -> Mask:
     """The fifth of the pixels with the strongest edges, unless they are too weak."""
-    edges = np.abs(cv2.Sobel(picture, cv2.CV_32F, 1, 0)) + np.abs(cv2.Sobel(picture, cv2.CV_32F, 0, 1))
+    edges = np.abs(cv2.Sobel(picture, cv2.CV_32F, 1, 0)) + np.abs(
+        cv2.Sobel(picture, cv2.CV_32F, 0, 1)
+    )
     return np.asarray(edges > max(40.0, float(np.percentile(edges, 80))), bool)
 
 
@@ -105,9 +115,14 @@ def grey_views(source: SceneSource, most_px: float = LOOK_PX) -> Callable[[int, 
         if scale < 1:
             picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
         plane = picture if picture.ndim == 2 else cv2.transform(picture, _LUMA)
-        return np.asarray(np.minimum(plane.astype(np.float32) * np.float32(1 / source.max_value), 1), np.float32)
+        return np.asarray(
+            np.minimum(plane.astype(np.float32) * np.float32(1 / source.max_value), 1), np.float32
+        )
 
-    last = min(product(range(source.rows), range(source.cols)), key=lambda place: (place in source.missing, -sum(place)))
+    last = min(
+        product(range(source.rows), range(source.cols)),
+        key=lambda place: (place in source.missing, -sum(place)),
+    )
     lift = 0.5 if float(share(*last).mean()) < _DARK else 1.0
 
     @lru_cache(maxsize=64)
@@ -133,5 +148,9 @@ def present_lines(source: SceneSource) -> tuple[list[ViewIndex], list[ViewIndex]
 
 def _longest_run(line: list[ViewIndex], source: SceneSource) -> list[ViewIndex]:
     """The longest run of a line of views without a gap."""
-    runs = [list(places) for is_present, places in groupby(line, lambda place: place not in source.missing) if is_present]
+    runs = [
+        list(places)
+        for is_present, places in groupby(line, lambda place: place not in source.missing)
+        if is_present
+    ]
     return max(runs, key=len, default=[])

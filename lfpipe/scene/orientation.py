@@ -17,16 +17,30 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.scene.disparity import Depth, depth_range, mismatch, view_disparity
 from lfpipe.scene.occlusion import hides, places
-from lfpipe.scene.optical_flow import SMALLEST_PX, FloatMap, Grey, flow, grey_views, present_lines, returned_flow, textured
+from lfpipe.scene.optical_flow import (
+    SMALLEST_PX,
+    FloatMap,
+    Grey,
+    flow,
+    grey_views,
+    present_lines,
+    returned_flow,
+    textured,
+)
 from lfpipe.scene.source import SceneSource, Turn
 
-LEAST_PX, ALONG = 0.05, 2.0  # motion per step that is no noise; motion along a line of views over motion across it
+LEAST_PX, ALONG = (
+    0.05,
+    2.0,
+)  # motion per step that is no noise; motion along a line of views over motion across it
 ALIKE = 0.4  # least correlation of the disparities along rows and along columns of a grid in order
 TRUTH_LEADS = 0.2  # share by which true disparity matches better in one order than in all others
 SPREAD_PX = 3.0  # flow that separates surfaces
 FEWEST = 200  # reliable pixels; fewer mean nothing
 _TURN_HELP = "scene.flip=rows or cols and scene.transpose=yes turn it"
-_DEPTH_HELP = "near and far: press d in the window, or set scene.half_turn=yes, if they are exchanged"
+_DEPTH_HELP = (
+    "near and far: press d in the window, or set scene.half_turn=yes, if they are exchanged"
+)
 
 
 @attrs.frozen
@@ -63,13 +77,25 @@ class Orientation:
         half-turn."""
         holds = self.detected or self.turn
         changed = {self.packed.rows != holds.rows, self.packed.cols != holds.cols}
-        return 0 if self.packed.transpose != holds.transpose or len(changed) > 1 else -1 if True in changed else 1
+        return (
+            0
+            if self.packed.transpose != holds.transpose or len(changed) > 1
+            else -1
+            if True in changed
+            else 1
+        )
 
     @property
     def facts(self) -> dict[str, object]:
         """As manifests and `lfpipe scene info` have it."""
         half_turn = {"half_turn": self.half_turn, "half_turn_sure": self.half_turn_sure}
-        return {"by": self.by, "sure": self.sure, "said": self.reason, "undecided": self.undecided, **half_turn}
+        return {
+            "by": self.by,
+            "sure": self.sure,
+            "said": self.reason,
+            "undecided": self.undecided,
+            **half_turn,
+        }
 
 
 @attrs.frozen
@@ -95,10 +121,16 @@ def orient(source: SceneSource, scene: config.Scene) -> Orientation:
     from flow between a few views. Doubts of the layout are part of `undecided`."""
     best = _detected(source)
     if source.doubt:
-        best = attrs.evolve(best, undecided="; ".join(filter(None, (source.doubt, best.undecided))), half_turn_sure=False)
+        best = attrs.evolve(
+            best,
+            undecided="; ".join(filter(None, (source.doubt, best.undecided))),
+            half_turn_sure=False,
+        )
     turn = best.turn
     if scene.flip != "auto":
-        turn = attrs.evolve(turn, rows=scene.flip in ("rows", "both"), cols=scene.flip in ("cols", "both"))
+        turn = attrs.evolve(
+            turn, rows=scene.flip in ("rows", "both"), cols=scene.flip in ("cols", "both")
+        )
     if scene.transpose != "auto":
         turn = attrs.evolve(turn, transpose=scene.transpose == "yes")
     if scene.flip != "auto" or (scene.transpose != "auto" and turn != best.turn):
@@ -134,26 +166,49 @@ def _detected(source: SceneSource) -> Orientation:
     if truth not in (None, source.turn):
         reason = f"{source.turn_by}, but true disparity lands on the neighbouring views only when turned otherwise"
         return Orientation(truth, "truth", reason)
-    stated = Orientation(source.turn, "layout" if source.coordinates is None else "coordinates", source.turn_by)
+    stated = Orientation(
+        source.turn, "layout" if source.coordinates is None else "coordinates", source.turn_by
+    )
     if truth is not None or source.turn_firm:
-        confirmation = "" if truth is None else "; true disparity lands on the neighbouring views so"
+        confirmation = (
+            "" if truth is None else "; true disparity lands on the neighbouring views so"
+        )
         return attrs.evolve(stated, reason=stated.reason + confirmation)
     by_flow = _by_flow(source)
     if by_flow.turn == source.turn:
-        return attrs.evolve(stated, reason=f"{stated.reason}; {by_flow.reason}", depth=by_flow.depth)
+        return attrs.evolve(
+            stated, reason=f"{stated.reason}; {by_flow.reason}", depth=by_flow.depth
+        )
     half_turned = attrs.evolve(source.turn, rows=not source.turn.rows, cols=not source.turn.cols)
-    proven = by_flow.by == "flow" and min(source.rows, source.cols) > 1 and by_flow.turn != half_turned
+    proven = (
+        by_flow.by == "flow" and min(source.rows, source.cols) > 1 and by_flow.turn != half_turned
+    )
     if by_flow.sure or proven:
-        return attrs.evolve(by_flow, reason=f"{stated.reason}, but this one is turned: {by_flow.reason}")
-    return attrs.evolve(stated, reason=f"{stated.reason}; {by_flow.reason}", undecided=by_flow.undecided, half_turn_sure=False)
+        return attrs.evolve(
+            by_flow, reason=f"{stated.reason}, but this one is turned: {by_flow.reason}"
+        )
+    return attrs.evolve(
+        stated,
+        reason=f"{stated.reason}; {by_flow.reason}",
+        undecided=by_flow.undecided,
+        half_turn_sure=False,
+    )
 
 
 def _by_truth(source: SceneSource) -> Turn | None:
     """The turn under which the true map of the middle view matches its neighbours best; the layout's if no other one is clearly
     better; None without a map."""
     row, col = source.middle
-    inside = row < source.rows - 1 and col < source.cols - 1 and not {(row, col + 1), (row + 1, col)} & source.missing
-    if (row, col) not in source.truth or not inside or min(source.height_px, source.width_px) < SMALLEST_PX:
+    inside = (
+        row < source.rows - 1
+        and col < source.cols - 1
+        and not {(row, col + 1), (row + 1, col)} & source.missing
+    )
+    if (
+        (row, col) not in source.truth
+        or not inside
+        or min(source.height_px, source.width_px) < SMALLEST_PX
+    ):
         return None
     disparity, grey = source.truth[row, col](), grey_views(source, math.inf)
     errors: dict[Turn, float] = {}
@@ -162,7 +217,9 @@ def _by_truth(source: SceneSource) -> Turn | None:
             down, across = step[::-1] if turn.transpose else step
             canonical = -down if turn.rows else down, -across if turn.cols else across
             there = grey(row + step[0], col + step[1])
-            errors[turn] = errors.get(turn, 0.0) + float(mismatch(grey(row, col), there, disparity, *canonical).mean())
+            errors[turn] = errors.get(turn, 0.0) + float(
+                mismatch(grey(row, col), there, disparity, *canonical).mean()
+            )
     best, second = sorted(errors, key=lambda turn: errors[turn])[:2]
     return best if errors[best] < (1 - TRUTH_LEADS) * errors[second] else source.turn
 
@@ -185,16 +242,26 @@ def _by_flow(source: SceneSource) -> Orientation:
     if len(moving) == 2:
         alike = same_way(*moving)
         if moving[0].sideways == moving[1].sideways or abs(alike) < ALIKE:
-            return unknown(f"rows and columns of views hardly agree (correlation {alike:+.2f})", "rows against columns")
-        relative, reason = -1 if alike < 0 else 1, f"motion along rows and columns agrees with correlation {alike:+.2f}"
+            return unknown(
+                f"rows and columns of views hardly agree (correlation {alike:+.2f})",
+                "rows against columns",
+            )
+        relative, reason = (
+            -1 if alike < 0 else 1,
+            f"motion along rows and columns agrees with correlation {alike:+.2f}",
+        )
         moving.sort(key=lambda axis: not axis.sideways)
     else:
         if moving[0].along_px < ALONG * moving[0].across_px:
             return unknown("the views move across the line as much as along it")
-        reason = f"one line of views, {'side by side' if moving[0].sideways else 'above one another'}"
+        reason = (
+            f"one line of views, {'side by side' if moving[0].sideways else 'above one another'}"
+        )
         if across is not None and down is not None:
             undecided = "whether the grid is one: along one side of it the views hardly differ"
-    votes = [(axis.right, axis.wrong)[::sign] for axis, sign in zip(moving, (1, relative), strict=False)]
+    votes = [
+        (axis.right, axis.wrong)[::sign] for axis, sign in zip(moving, (1, relative), strict=False)
+    ]
     right, wrong = (sum(side) for side in zip(*votes, strict=True))
     verdict = hides(right, wrong)
     if verdict:
@@ -215,14 +282,28 @@ def examine_axis(view: Callable[[int], Grey], count: int) -> Axis | None:
     detail = textured(here)
     # Motion grows with the step: choose a step with enough motion.
     near_px = float(_motion_px(flow(here, view(base + sides[0])), detail).max())
-    step = max(1, min(int(SPREAD_PX / max(near_px, 0.1)) + 1, *(base if side < 0 else count - 1 - base for side in sides)))
+    step = max(
+        1,
+        min(
+            int(SPREAD_PX / max(near_px, 0.1)) + 1,
+            *(base if side < 0 else count - 1 - base for side in sides),
+        ),
+    )
     others = [(side * step, view(base + side * step)) for side in sides]
     flows = [returned_flow(here, there) for _, there in others]
     x_px, y_px = (_motion_px(flows[0][0], flows[0][1] & detail) / step).tolist()
     sideways, reliable = x_px >= y_px, np.logical_or.reduce([confirmed for _, confirmed in flows])
-    disparity = view_disparity(here, [(there, 0.0 if sideways else steps, steps if sideways else 0.0) for steps, there in others])
+    disparity = view_disparity(
+        here,
+        [
+            (there, 0.0 if sideways else steps, steps if sideways else 0.0)
+            for steps, there in others
+        ],
+    )
     right, wrong = places(view, count, disparity, reliable, sideways)
-    return Axis(sideways, disparity, reliable & detail, max(x_px, y_px), min(x_px, y_px), right, wrong)
+    return Axis(
+        sideways, disparity, reliable & detail, max(x_px, y_px), min(x_px, y_px), right, wrong
+    )
 
 
 def same_way(a: Axis, b: Axis) -> float:

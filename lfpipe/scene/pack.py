@@ -39,7 +39,9 @@ class DamagedPackError(UserError):
 
 def _checksum(manifest: dict[str, Any]) -> str:
     body = {key: value for key, value in manifest.items() if key != "checksum"}
-    return hashlib.blake2b(json.dumps(body, sort_keys=True, allow_nan=False).encode(), digest_size=16).hexdigest()
+    return hashlib.blake2b(
+        json.dumps(body, sort_keys=True, allow_nan=False).encode(), digest_size=16
+    ).hexdigest()
 
 
 def write_manifest(folder: Path, manifest: dict[str, Any]) -> None:
@@ -57,7 +59,9 @@ def _reading(folder: Path) -> Iterator[None]:
         raise
     except (UserError, OSError, ValueError, TypeError, LookupError, OverflowError) as error:
         why = reason(error) if isinstance(error, OSError) else str(error)
-        raise DamagedPackError(f"{folder}: no pack: {why}", "`lfpipe scene pack` makes it again") from None
+        raise DamagedPackError(
+            f"{folder}: no pack: {why}", "`lfpipe scene pack` makes it again"
+        ) from None
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
@@ -71,7 +75,9 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         return manifest
 
 
-def make_array(path: Path, shape: tuple[int, ...], dtype: Any = np.uint8) -> Callable[[], NDArray[Any]]:
+def make_array(
+    path: Path, shape: tuple[int, ...], dtype: Any = np.uint8
+) -> Callable[[], NDArray[Any]]:
     """Makes an .npy file of zeros, with its room on the disk: a full one is an error now, and no signal later. Raises OSError."""
     np.lib.format.open_memmap(path, "w+", dtype, shape)
     reserve(path)
@@ -81,7 +87,9 @@ def make_array(path: Path, shape: tuple[int, ...], dtype: Any = np.uint8) -> Cal
 def mapper(path: Path) -> Callable[[], NDArray[Any]]:
     """A function that maps the array of an .npy file, to read and to write from any thread. Call it anew for every piece: touched
     pages of a map count as memory of the process as long as it exists."""
-    array = np.lib.format.open_memmap(path, "r+")  # once: two threads that parse a header fail now and then (Python 3.11.7)
+    array = np.lib.format.open_memmap(
+        path, "r+"
+    )  # once: two threads that parse a header fail now and then (Python 3.11.7)
     return partial(np.memmap, path, array.dtype, "r+", array.offset, array.shape)
 
 
@@ -102,21 +110,29 @@ def open_pack(folder: Path, half_turn: str = "auto") -> LightField:
     """
     with _reading(folder):
         hold = open_regular(folder / VIEWS)
-        if not lock_open(hold.fileno(), shared=True) or not os.path.samestat(os.fstat(hold.fileno()), (folder / VIEWS).stat()):
+        if not lock_open(hold.fileno(), shared=True) or not os.path.samestat(
+            os.fstat(hold.fileno()), (folder / VIEWS).stat()
+        ):
             raise ValueError("it is being removed")
         return shown_as(light_field(folder, read_manifest(folder), hold), half_turn)
 
 
 def light_field(folder: Path, manifest: dict[str, Any], hold: object = None) -> LightField:
     """The light field of a pack with this manifest. Raises OSError, ValueError and others for what lfpipe did not write."""
-    rows, cols, frames, height, width = (int(manifest[name]) for name in ("rows", "cols", "frames", "height", "width"))
+    rows, cols, frames, height, width = (
+        int(manifest[name]) for name in ("rows", "cols", "frames", "height", "width")
+    )
     about = manifest["disparity"]
     disparity = None
     if manifest["complete"] and about["source"] != "none":
-        disparity = _mapped(folder / DISPARITY, (frames, rows, cols, (height + 1) // 2, (width + 1) // 2), np.int8)
+        disparity = _mapped(
+            folder / DISPARITY, (frames, rows, cols, (height + 1) // 2, (width + 1) // 2), np.int8
+        )
     offsets = np.zeros((rows, cols, 2)) if manifest["offsets"] is None else manifest["offsets"]
     return LightField(
-        views=_mapped(folder / VIEWS, (frames, rows, cols, int(manifest["channels"]), height, width), np.uint8),
+        views=_mapped(
+            folder / VIEWS, (frames, rows, cols, int(manifest["channels"]), height, width), np.uint8
+        ),
         disparity=disparity,
         disparity_scale_px=about["scale_px"],
         disparity_min_px=about["min_px"],

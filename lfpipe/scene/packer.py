@@ -67,7 +67,9 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
         paths = playlist(paths, settings)
         report(scenes=[str(path) for path in paths])
     field = pack_scene(paths[0], settings, progress, views_ready)
-    if request.get("remember") and not paths[0].is_relative_to(cache_dir(settings)):  # the demo is always there
+    if request.get("remember") and not paths[0].is_relative_to(
+        cache_dir(settings)
+    ):  # the demo is always there
         remember_scene(paths[0])
     return attrs.asdict(summarize(field))
 
@@ -85,8 +87,14 @@ def playlist(paths: Iterable[Path], settings: config.Scene) -> list[Path]:
         if path.is_dir() and (own is None or len(own.files) == 1):
             with contextlib.suppress(OSError):
                 inside = sorted(path.iterdir())[:MAX_ENTRIES]
-        sources = {entry: _described(entry, settings) for entry in inside if not entry.name.startswith(".")}
-        fields = [entry for entry, source in sources.items() if source is not None and source.rows * source.cols > 1]
+        sources = {
+            entry: _described(entry, settings) for entry in inside if not entry.name.startswith(".")
+        }
+        fields = [
+            entry
+            for entry, source in sources.items()
+            if source is not None and source.rows * source.cols > 1
+        ]
         scenes += [path] if not fields or (own is not None and len(fields) == 1) else fields
     return scenes
 
@@ -103,7 +111,9 @@ def _preview(source: SceneSource) -> dict[str, Any]:
     view = source.read(0, *source.middle)
     _, _, width, height = fit_area((view.shape[1], view.shape[0]), PREVIEW_PX)
     small = cv2.resize(view, (width, height), interpolation=cv2.INTER_AREA) / source.max_value
-    values = np.rint(255 * np.clip(small, 0, 1) ** (1 / 2.2 if source.linear else 1.0)).astype(np.uint8)
+    values = np.rint(255 * np.clip(small, 0, 1) ** (1 / 2.2 if source.linear else 1.0)).astype(
+        np.uint8
+    )
     return {"png": base64.b64encode(cv2.imencode(".png", values)[1].tobytes()).decode()}
 
 

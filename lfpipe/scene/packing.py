@@ -24,7 +24,15 @@ from lfpipe.scene.examination import STRIP_ROWS, Examined, FrameIndex, described
 from lfpipe.scene.files import library_errors
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.missing_views import nearest_present
-from lfpipe.scene.pack import VERSION, VIEWS, DamagedPackError, light_field, make_array, open_pack, write_manifest
+from lfpipe.scene.pack import (
+    VERSION,
+    VIEWS,
+    DamagedPackError,
+    light_field,
+    make_array,
+    open_pack,
+    write_manifest,
+)
 from lfpipe.scene.source import Progress
 
 # Scores the methods of synthesis on the new pack. It belongs to a room above this one, so it is named and not imported.
@@ -62,7 +70,9 @@ def pack_scene(
             cache.remember(root, mark, key)
             views_ready(folder)
 
-        with file_lock.waited_for(root / "locks" / key, lambda: progress("waiting for another packer", 0, 1)):
+        with file_lock.waited_for(
+            root / "locks" / key, lambda: progress("waiting for another packer", 0, 1)
+        ):
             if _whole(folder, settings) is None:
                 scene = examined(source, settings)
                 try:
@@ -112,7 +122,9 @@ def _view_writer(scene: Examined, out: Callable[[], NDArray[Any]]) -> Callable[[
     colour but the pack has no planes for it."""
     source = scene.source
     values = np.arange(source.max_value + 1, dtype=np.float64) / source.max_value
-    table = np.asarray(np.rint(255 * values ** (1 / scene.gamma)), np.uint8)  # the screen value of each value of the source
+    table = np.asarray(
+        np.rint(255 * values ** (1 / scene.gamma)), np.uint8
+    )  # the screen value of each value of the source
 
     def write(place: FrameIndex) -> None:
         frame, row, col = place
@@ -128,7 +140,9 @@ def _view_writer(scene: Examined, out: Callable[[], NDArray[Any]]) -> Callable[[
     return write
 
 
-def _write_views(scene: Examined, folder: Path, can_be_shown: Callable[[], None], progress: Progress) -> None:
+def _write_views(
+    scene: Examined, folder: Path, can_be_shown: Callable[[], None], progress: Progress
+) -> None:
     """Writes the views of a new pack, those nearest to the middle of the grid first; places without a view get a copy of the
     nearest one. The manifest, without which it is no pack, comes with the first views, and then can_be_shown is called."""
 
@@ -168,7 +182,11 @@ def _complete(scene: Examined, folder: Path, progress: Progress) -> None:
     with cache.writing(folder.parents[1]):
         disparity = write_disparity(scene, folder, progress)
         method = "warp" if max(-disparity["min_px"], disparity["max_px"]) >= 0.5 else "nearest"
-        manifest = manifest_of(scene, folder.name) | {"complete": True, "disparity": disparity, "method": method}
+        manifest = manifest_of(scene, folder.name) | {
+            "complete": True,
+            "disparity": disparity,
+            "method": method,
+        }
         if scene.rows * scene.cols > 1:
             progress("method", 0, 1)
             choose = importlib.import_module(CHOOSER).choose_method

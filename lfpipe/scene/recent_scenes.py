@@ -22,7 +22,11 @@ def recent_scenes() -> list[Path]:
         paths = json.loads(read_bytes(_file(), MAX_BYTES))
     except (OSError, ValueError):
         return []
-    texts = [text for text in paths if isinstance(text, str) and "\0" not in text] if isinstance(paths, list) else []
+    texts = (
+        [text for text in paths if isinstance(text, str) and "\0" not in text]
+        if isinstance(paths, list)
+        else []
+    )
     return [path for path in map(Path, texts) if exists(path)]
 
 

@@ -88,8 +88,15 @@ class SceneSource:
     @property
     def middle(self) -> ViewIndex:
         """The present view closest to the middle of the grid."""
-        present = (place for place in product(range(self.rows), range(self.cols)) if place not in self.missing)
-        return min(present, key=lambda place: abs(place[0] - self.rows // 2) + abs(place[1] - self.cols // 2))
+        present = (
+            place
+            for place in product(range(self.rows), range(self.cols))
+            if place not in self.missing
+        )
+        return min(
+            present,
+            key=lambda place: abs(place[0] - self.rows // 2) + abs(place[1] - self.cols // 2),
+        )
 
     @property
     def bit_depth(self) -> int:

@@ -31,9 +31,13 @@ class Video:
         """Raises UserError if it is not a video, too large, or has no frames."""
         self._path, self._file = path, open_file(path)
         if not is_video(self._file.read(12)):
-            raise UserError(f"{path}: not a readable video (MP4, QuickTime, Matroska, WebM or AVI)", _REMEDY)
+            raise UserError(
+                f"{path}: not a readable video (MP4, QuickTime, Matroska, WebM or AVI)", _REMEDY
+            )
         self._open(MAX_FRAME_PX)
-        self.width_px, self.height_px = (int(self._capture.get(p)) for p in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+        self.width_px, self.height_px = (
+            int(self._capture.get(p)) for p in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
+        )
         if self.width_px * self.height_px > MAX_FRAME_PX:
             what = f"{path}: a video of {self.width_px}x{self.height_px} px; at most {MAX_FRAME_PX} px are decoded"
             raise UserError(what, _REMEDY)

@@ -26,19 +26,34 @@ def cut(sequence: Sequence, out: Path, begin_s: float, end_s: float) -> int:
     Returns the number of frames. Raises UserError if there are none, or if out cannot be created.
     """
     first_ns = sequence.packets[0].t_sensor_ns
-    chosen = [p.seq for p in sequence.packets if begin_s * 1e9 <= p.t_sensor_ns - first_ns < end_s * 1e9]
+    chosen = [
+        p.seq for p in sequence.packets if begin_s * 1e9 <= p.t_sensor_ns - first_ns < end_s * 1e9
+    ]
     if not chosen:
-        raise UserError(f"no frame from {begin_s:g} s to {end_s:g} s", f"{sequence.path} lasts {sequence.duration_s:.3f} s")
-    about = {key: value for key, value in sequence.manifest.items() if key in ("versions", "config")}
-    about["cut_from"] = {"name": plain(sequence.path.name, 255), "begin_s": begin_s, "end_s": min(end_s, sequence.duration_s)}
+        raise UserError(
+            f"no frame from {begin_s:g} s to {end_s:g} s",
+            f"{sequence.path} lasts {sequence.duration_s:.3f} s",
+        )
+    about = {
+        key: value for key, value in sequence.manifest.items() if key in ("versions", "config")
+    }
+    about["cut_from"] = {
+        "name": plain(sequence.path.name, 255),
+        "begin_s": begin_s,
+        "end_s": min(end_s, sequence.duration_s),
+    }
     source, truth = str(sequence.manifest.get("source", "")), sequence.path / TRUTH
     try:
-        rows = [row for _, row in lines(truth, LINE_BYTES, REMEDY)] if os.path.lexists(truth) else []
+        rows = (
+            [row for _, row in lines(truth, LINE_BYTES, REMEDY)] if os.path.lexists(truth) else []
+        )
     except OSError as error:
         raise UserError(f"{truth}: cannot be read: {reason(error)}", REMEDY) from None
     with new_sequence(out, source, sequence.size_px, sequence.rate_hz, **about) as writer:
         for p in map(sequence.packets.__getitem__, chosen):
-            writer.append(sequence.data(p.seq), p.codec, p.source_seq, p.epoch, p.t_sensor_ns, p.t_read_ns)
+            writer.append(
+                sequence.data(p.seq), p.codec, p.source_seq, p.epoch, p.t_sensor_ns, p.t_read_ns
+            )
         if rows:
             with create_private(out / TRUTH) as file:
                 file.writelines([rows[0], *rows[chosen[0] + 1 : chosen[-1] + 2]])
@@ -51,7 +66,9 @@ def export(sequence: Sequence, video: Path) -> Path:
     Returns the path of the CSV. Raises UserError if they must not or cannot be written, or if there are no frames.
     """
     if video.suffix.lower() not in (".mkv", ".avi"):
-        raise UserError(f"{video}: not .mkv or .avi", "use for example walk.mkv; both store RGB without loss")
+        raise UserError(
+            f"{video}: not .mkv or .avi", "use for example walk.mkv; both store RGB without loss"
+        )
     opencv_name(video)
     table = video.with_suffix(".csv")
     for path in (video, table):
@@ -79,4 +96,8 @@ def _write_video(sequence: Sequence, path: Path) -> None:
         count += 1
     reader.release()
     if count != len(sequence.packets):
-        raise OSError(errno.ENOSPC, f"only {count} of {len(sequence.packets)} frames could be written", str(path))
+        raise OSError(
+            errno.ENOSPC,
+            f"only {count} of {len(sequence.packets)} frames could be written",
+            str(path),
+        )

@@ -32,18 +32,27 @@ class Truth:
     t_ns: NDArray[np.int64]
     eyes_px: NDArray[np.float64]
     visible: NDArray[np.bool_]
-    still: NDArray[np.bool_] = attrs.Factory(lambda self: np.zeros(len(self.t_ns), np.bool_), takes_self=True)
+    still: NDArray[np.bool_] = attrs.Factory(
+        lambda self: np.zeros(len(self.t_ns), np.bool_), takes_self=True
+    )
 
     def at(self, t_ns: ArrayLike) -> NDArray[np.float64]:
         """The eyes (..., 2, 2) px at times (...) after the first frame, between its rows; constant before and after them."""
-        columns = [np.interp(np.asarray(t_ns), self.t_ns, column) for column in self.eyes_px.reshape(-1, 4).T]
+        columns = [
+            np.interp(np.asarray(t_ns), self.t_ns, column)
+            for column in self.eyes_px.reshape(-1, 4).T
+        ]
         return np.stack(columns, axis=-1).reshape(*np.shape(t_ns), 2, 2)
 
     def sees(self, t_ns: ArrayLike) -> NDArray[np.bool_]:
         """Whether both eyes are in view in the frames before and after times (...); not before the first and after the last."""
         after = np.searchsorted(self.t_ns, t_ns)
         known = (np.asarray(t_ns) >= self.t_ns[0]) & (after < len(self.t_ns))
-        return np.asarray(known & self.visible[np.maximum(after - 1, 0)] & self.visible[np.minimum(after, len(self.t_ns) - 1)])
+        return np.asarray(
+            known
+            & self.visible[np.maximum(after - 1, 0)]
+            & self.visible[np.minimum(after, len(self.t_ns) - 1)]
+        )
 
     def error_px(self, eyes_px: ArrayLike, t_ns: ArrayLike) -> NDArray[np.float64]:
         """Root mean square over both eyes (..., 2, 2) of the distance from the truth at times (...), px; NaN where hidden."""
@@ -53,13 +62,20 @@ class Truth:
 
 def eyes_line(record: NDArray[np.void], **stamps: int) -> bytes:
     """A record of dtype EYES as a packet: a line of JSON."""
-    return json.dumps({**stamps, **{name: record[name].tolist() for name in EYES.names or ()}}).encode() + b"\n"
+    return (
+        json.dumps(
+            {**stamps, **{name: record[name].tolist() for name in EYES.names or ()}}
+        ).encode()
+        + b"\n"
+    )
 
 
 def eyes_of(line: bytes, where: str) -> NDArray[np.void]:
     """The record of dtype EYES in a line of `eyes_line`; what it does not name is 0. Raises UserError."""
     fields, record = json_fields(line, where, COPY), np.zeros((), EYES)
-    for name in set(EYES.names or ()) & fields.values.keys() - {"t_tracked_ns"}:  # which its player sets
+    for name in set(EYES.names or ()) & fields.values.keys() - {
+        "t_tracked_ns"
+    }:  # which its player sets
         most, shape = 1 if name == "face" else MAX_PX, record[name].shape
         try:
             value = np.asarray(fields.values[name], np.float64)
@@ -67,7 +83,10 @@ def eyes_of(line: bytes, where: str) -> NDArray[np.void]:
             value = np.array(np.nan)
         if value.shape != shape or not (np.abs(value) <= most).all():
             expected = f"{'x'.join(map(str, shape))} numbers" if shape else "a number"
-            raise UserError(f"{where}: {name} is {shown(fields.values[name])}, expected {expected} up to {most:g}", COPY)
+            raise UserError(
+                f"{where}: {name} is {shown(fields.values[name])}, expected {expected} up to {most:g}",
+                COPY,
+            )
         record[name] = value
     return record
 
@@ -83,21 +102,30 @@ def table_of(path: Path) -> Truth:
     stamps, numbers, visible, still = array("q"), array("d"), bytearray(), bytearray()
     where = str(path)
     try:
-        table = csv.DictReader((line.decode() for _, line in lines(path, LINE_BYTES, REMEDY)), strict=True)
+        table = csv.DictReader(
+            (line.decode() for _, line in lines(path, LINE_BYTES, REMEDY)), strict=True
+        )
         columns = list(table.fieldnames or ())
         if missing := [name for name in ("t_ns", *COLUMNS) if columns.count(name) != 1]:
-            raise UserError(f"{path}: not a table of true eyes: column {missing[0]} must exist exactly once", REMEDY)
+            raise UserError(
+                f"{path}: not a table of true eyes: column {missing[0]} must exist exactly once",
+                REMEDY,
+            )
         for row in table:
             where = f"{path}:{table.line_num}"
             if None in row or None in row.values():
                 raise ValueError(f"expected {len(columns)} values")
             for name in COLUMNS:
                 if (px := finite(row[name], -MAX_PX, MAX_PX)) is None:
-                    raise UserError(f"{where}: {name} is {shown(row[name])}, expected a number of px", REMEDY)
+                    raise UserError(
+                        f"{where}: {name} is {shown(row[name])}, expected a number of px", REMEDY
+                    )
                 numbers.append(px)
             t_ns, last_ns = int(row["t_ns"]), stamps[-1] if stamps else -MAX_NS - 1
             if not last_ns < t_ns <= MAX_NS:
-                raise UserError(f"{where}: times must rise: t_ns is {shown(t_ns)}, after {last_ns}", REMEDY)
+                raise UserError(
+                    f"{where}: times must rise: t_ns is {shown(t_ns)}, after {last_ns}", REMEDY
+                )
             stamps.append(t_ns)
             visible.append(row.get("visible") != "0")
             still.append(row.get("phase") == "still")
@@ -109,7 +137,9 @@ def table_of(path: Path) -> Truth:
         raise UserError(f"{path}: contains no row", REMEDY)
     t_ns_of = np.array(stamps, np.int64)
     points = np.array(numbers).reshape(-1, 2, 2)
-    return Truth(t_ns_of - t_ns_of[0], points, np.array(visible, np.bool_), np.array(still, np.bool_))
+    return Truth(
+        t_ns_of - t_ns_of[0], points, np.array(visible, np.bool_), np.array(still, np.bool_)
+    )
 
 
 def summary(errors_px: NDArray[np.float64]) -> dict[str, float] | None:
@@ -117,5 +147,9 @@ def summary(errors_px: NDArray[np.float64]) -> dict[str, float] | None:
     errors = errors_px[np.isfinite(errors_px)]
     if not len(errors):
         return None
-    figures = {"rms_px": np.sqrt(np.mean(errors**2)), "p95_px": np.percentile(errors, 95), "max_px": errors.max()}
+    figures = {
+        "rms_px": np.sqrt(np.mean(errors**2)),
+        "p95_px": np.percentile(errors, 95),
+        "max_px": errors.max(),
+    }
     return {"n": len(errors), **{name: round(float(value), 4) for name, value in figures.items()}}

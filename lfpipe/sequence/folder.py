@@ -21,7 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError, plain
-from lfpipe.files.safe_files import PRIVATE_FOLDER, check_links, open_file, read_bytes, reason, replaced
+from lfpipe.files.safe_files import (
+    PRIVATE_FOLDER,
+    check_links,
+    open_file,
+    read_bytes,
+    reason,
+    replaced,
+)
 from lfpipe.files.untrusted import Fields, json_fields
 from lfpipe.host.files import exists
 from lfpipe.sequence.eyes import TRUTH, eyes_of
@@ -42,7 +49,10 @@ from lfpipe.sequence.packets import (
 FORMAT, VERSION = "lfpipe-sequence", 1
 MANIFEST = "manifest.json"
 FILES = (PACKETS, INDEX, TRUTH)
-SUMMED = (INDEX, TRUTH)  # files whose sums the manifest holds; every packet has its own in the index
+SUMMED = (
+    INDEX,
+    TRUTH,
+)  # files whose sums the manifest holds; every packet has its own in the index
 SUMMED_BYTES = MAX_PACKETS * LINE_BYTES  # of the longest index
 MANIFEST_BYTES = 1 << 18  # one of ours has some 1 kB
 MOST_HZ = 100_000.0  # no camera is faster
@@ -61,20 +71,38 @@ def check_out(path: Path) -> None:
     try:
         path.mkdir(PRIVATE_FOLDER, parents=True)
     except FileExistsError:
-        raise UserError(f"{path}: already exists", "use another name; nothing is overwritten") from None
+        raise UserError(
+            f"{path}: already exists", "use another name; nothing is overwritten"
+        ) from None
     except (OSError, ValueError) as error:
-        raise UserError(f"{path}: {reason(error)}", "name a folder in a directory that you may write to") from None
+        raise UserError(
+            f"{path}: {reason(error)}", "name a folder in a directory that you may write to"
+        ) from None
 
 
 class SequenceWriter(PacketWriter):
     """A sequence under way in an existing folder: begins with a manifest that is not complete."""
 
-    def __init__(self, folder: Path, source: str, size_px: tuple[int, int], rate_hz: float, **more: Any) -> None:
+    def __init__(
+        self, folder: Path, source: str, size_px: tuple[int, int], rate_hz: float, **more: Any
+    ) -> None:
         """more: versions, config. Raises OSError if nothing can be written."""
-        about = {"source": plain(source, 4096), "width_px": size_px[0], "height_px": size_px[1], "rate_hz": rate_hz}
+        about = {
+            "source": plain(source, 4096),
+            "width_px": size_px[0],
+            "height_px": size_px[1],
+            "rate_hz": rate_hz,
+        }
         created = time.strftime("%Y-%m-%dT%H:%M:%S%z")
         self._folder = folder
-        self._manifest = {"format": FORMAT, "version": VERSION, "created": created, **about, **more, "complete": False}
+        self._manifest = {
+            "format": FORMAT,
+            "version": VERSION,
+            "created": created,
+            **about,
+            **more,
+            "complete": False,
+        }
         self._write_manifest()
         super().__init__(folder)
 
@@ -85,13 +113,17 @@ class SequenceWriter(PacketWriter):
     def complete(self) -> None:
         """Ends the sequence. Raises OSError if the disk is full; the first manifest is then kept."""
         self.close()
-        checksums = {name: _sha256(self._folder / name) for name in SUMMED if exists(self._folder / name)}
+        checksums = {
+            name: _sha256(self._folder / name) for name in SUMMED if exists(self._folder / name)
+        }
         self._manifest |= {"complete": True, "frames": self.count, "checksums": checksums}
         self._write_manifest()
 
 
 @contextlib.contextmanager
-def new_sequence(path: Path, source: str, size_px: tuple[int, int], rate_hz: float, **more: Any) -> Iterator[SequenceWriter]:
+def new_sequence(
+    path: Path, source: str, size_px: tuple[int, int], rate_hz: float, **more: Any
+) -> Iterator[SequenceWriter]:
     """A `SequenceWriter` in a new folder. If the body fails, the folder is removed. Raises UserError as `check_out`, and if the
     disk is full."""
     check_out(path)
@@ -102,7 +134,9 @@ def new_sequence(path: Path, source: str, size_px: tuple[int, int], rate_hz: flo
     except BaseException as error:
         shutil.rmtree(path, ignore_errors=True)
         if isinstance(error, OSError):
-            raise UserError(f"{path}: {reason(error)}; nothing was written", "use a disk with enough free space") from None
+            raise UserError(
+                f"{path}: {reason(error)}; nothing was written", "use a disk with enough free space"
+            ) from None
         raise
 
 
@@ -131,7 +165,12 @@ class Sequence:
     def frame(self, index: int, data: bytes | None = None) -> NDArray[np.uint8]:
         """A frame, uint8 (height, width, 3) BGR. data: its packet, if it has been read. Raises UserError if that is damaged, or
         holds eyes."""
-        return decoded(self.packets[index], self.data(index) if data is None else data, *self.size_px, self.path)
+        return decoded(
+            self.packets[index],
+            self.data(index) if data is None else data,
+            *self.size_px,
+            self.path,
+        )
 
     def eyes(self, index: int) -> NDArray[np.void]:
         """The record, of dtype EYES, that stands in place of a frame. Raises UserError if its packet is damaged."""
@@ -160,7 +199,9 @@ class Sequence:
     @property
     def lost(self) -> int:
         """Frames that the camera counted but that were not stored."""
-        return sum(max(0, b.source_seq - a.source_seq - 1) for a, b in itertools.pairwise(self.packets))
+        return sum(
+            max(0, b.source_seq - a.source_seq - 1) for a, b in itertools.pairwise(self.packets)
+        )
 
     @property
     def measured_hz(self) -> float:
@@ -175,9 +216,15 @@ def open_sequence(path: Path, verify: bool = True) -> Sequence:
     """
     check_links(path, (MANIFEST, *FILES))
     fields = _manifest(path)
-    width_px, height_px = fields.integer("width_px", 1, MAX_PIXELS), fields.integer("height_px", 1, MAX_PIXELS)
+    width_px, height_px = (
+        fields.integer("width_px", 1, MAX_PIXELS),
+        fields.integer("height_px", 1, MAX_PIXELS),
+    )
     if width_px * height_px > MAX_PIXELS:
-        raise UserError(f"{fields.where}: frames of {width_px}x{height_px}; at most {MAX_PIXELS} px are allowed", COPY)
+        raise UserError(
+            f"{fields.where}: frames of {width_px}x{height_px}; at most {MAX_PIXELS} px are allowed",
+            COPY,
+        )
     rate_hz, complete = fields.number("rate_hz", 1e-3, MOST_HZ), fields.flag("complete")
     frames = fields.integer("frames", 1, MAX_PACKETS) if complete else MAX_PACKETS
     packets = read_index(path, complete, frames)
@@ -189,7 +236,10 @@ def open_sequence(path: Path, verify: bool = True) -> Sequence:
     if sequence.codecs > {"eyes"}:
         raise UserError(f"{path}: holds frames and eyes in their place", COPY)
     if sequence.measured_hz > MOST_HZ:
-        raise UserError(f"{path}: {len(packets)} frames in {sequence.duration_s:g} s: no camera is that fast", "record it again")
+        raise UserError(
+            f"{path}: {len(packets)} frames in {sequence.duration_s:g} s: no camera is that fast",
+            "record it again",
+        )
     if verify:
         check_sums(sequence)
         for packet in packets:
@@ -203,17 +253,28 @@ def _manifest(path: Path) -> Fields:
     try:
         data = read_bytes(where, MANIFEST_BYTES)
     except (FileNotFoundError, NotADirectoryError):
-        what = f"not a recorded sequence: {MANIFEST} is missing" if os.path.lexists(path) else "no such folder"
-        raise UserError(f"{path}: {what}", "`lfpipe record OUT` or `lfpipe sequence import` makes one") from None
+        what = (
+            f"not a recorded sequence: {MANIFEST} is missing"
+            if os.path.lexists(path)
+            else "no such folder"
+        )
+        raise UserError(
+            f"{path}: {what}", "`lfpipe record OUT` or `lfpipe sequence import` makes one"
+        ) from None
     except OSError as error:
         raise UserError(f"{where}: cannot be read: {reason(error)}", COPY) from None
     fields = json_fields(data, str(where), COPY)
     if fields.values.get("format") != FORMAT:
-        raise UserError(f"{where}: not the manifest of a recorded sequence", f'its "format" must be "{FORMAT}"')
+        raise UserError(
+            f"{where}: not the manifest of a recorded sequence", f'its "format" must be "{FORMAT}"'
+        )
     if fields.values.get("version") != VERSION:
         version = fields.integer("version", 0, 1 << 30)
         remedy = "read it with the lfpipe that recorded it (versions in its manifest)"
-        raise UserError(f"{where}: the sequence has version {version}; this lfpipe reads version {VERSION}", remedy)
+        raise UserError(
+            f"{where}: the sequence has version {version}; this lfpipe reads version {VERSION}",
+            remedy,
+        )
     for name in {"source", "created", "made"} & fields.values.keys():
         fields.text(name)
     for name in {"versions", "config", "checksums"} & fields.values.keys():

@@ -29,12 +29,17 @@ from lfpipe.host.files import CAREFUL, exists
 PACKETS, INDEX = "frames.bin", "frames.jsonl"
 CODECS = ("jpeg", "png", "raw", "eyes")
 MAX_PIXELS = 8192 * 8192  # of a frame
-PACKET_BYTES = 3 * MAX_PIXELS + (1 << 20)  # a packet is at most as large as the raw frame, plus headers
+PACKET_BYTES = 3 * MAX_PIXELS + (
+    1 << 20
+)  # a packet is at most as large as the raw frame, plus headers
 MAX_PACKETS = 1 << 20  # 9.7 hours at 30 Hz; each takes 300 bytes of memory
 LINE_BYTES = 1024  # one of ours has some 150
 COPY = "copy the whole folder again from where it was recorded"
 REPAIR = "`lfpipe sequence check` lists all such frames; `lfpipe sequence cut` copies the frames before it"
-SCAN, MAX_SCANS = b"\xff\xda", 100  # of a JPEG: each scan of a dozen bytes can cost one more pass over the whole picture
+SCAN, MAX_SCANS = (
+    b"\xff\xda",
+    100,
+)  # of a JPEG: each scan of a dozen bytes can cost one more pass over the whole picture
 FORMATS = {"jpeg": "JPEG", "png": "PNG"}  # codec -> name of the picture's format
 _TIME_NS = 1 << 61  # keeps differences, and sums over loops of the recording, within 64 bits
 BOUNDS = {  # field of a line with a number -> (lowest, highest)
@@ -74,7 +79,9 @@ def parse_line(line: bytes, where: str) -> Packet:
     fields = json_fields(line, where, COPY)
     if (codec := fields.text("codec")) not in CODECS:
         raise UserError(f"{where}: codec is {codec!r}, expected one of {', '.join(CODECS)}", COPY)
-    return Packet(codec=codec, **{name: fields.integer(name, *bounds) for name, bounds in BOUNDS.items()})
+    return Packet(
+        codec=codec, **{name: fields.integer(name, *bounds) for name, bounds in BOUNDS.items()}
+    )
 
 
 def read_index(folder: Path, complete: bool, most: int = MAX_PACKETS) -> list[Packet]:
@@ -94,19 +101,32 @@ def read_index(folder: Path, complete: bool, most: int = MAX_PACKETS) -> list[Pa
                 break
             packet = parse_line(line, f"{path}:{number}")
             if packet.seq != seq:
-                raise UserError(f"{folder}: frame {seq} is missing; frame {packet.seq} is in its place", COPY)
+                raise UserError(
+                    f"{folder}: frame {seq} is missing; frame {packet.seq} is in its place", COPY
+                )
             if packet.offset != end:
-                raise UserError(f"{folder}: frame {seq} does not begin where the previous frame ends", COPY)
+                raise UserError(
+                    f"{folder}: frame {seq} does not begin where the previous frame ends", COPY
+                )
             if packet.t_sensor_ns <= last_ns:
                 back = f"its time stamp {packet.t_sensor_ns} ns is not after {last_ns} ns of the previous frame"
-                raise UserError(f"{folder}: frame {seq}: {back}", "record it again: time stamps that go back cannot be replayed")
+                raise UserError(
+                    f"{folder}: frame {seq}: {back}",
+                    "record it again: time stamps that go back cannot be replayed",
+                )
             end, last_ns = packet.offset + packet.bytes, packet.t_sensor_ns
             if end > size:
                 if complete:
-                    raise UserError(f"{folder / PACKETS} ends after {size} bytes, within frame {seq} ({end})", COPY)
+                    raise UserError(
+                        f"{folder / PACKETS} ends after {size} bytes, within frame {seq} ({end})",
+                        COPY,
+                    )
                 break
             if seq == most:
-                raise UserError(f"{path}: more than {most} frames", COPY if complete else "use a shorter recording")
+                raise UserError(
+                    f"{path}: more than {most} frames",
+                    COPY if complete else "use a shorter recording",
+                )
             packets.append(packet)
     except OSError as error:
         raise UserError(f"{error.filename}: {reason(error)}", COPY) from None
@@ -117,7 +137,9 @@ def encoded(picture: NDArray[np.uint8], fast: bool) -> tuple[str, bytes]:
     """(codec, packet) of a uint8 (height, width, 3) BGR picture without loss: PNG, or raw if there is no time."""
     if fast:
         return "raw", picture.tobytes()
-    done, data = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, 3])
+    done, data = cv2.imencode(
+        ".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, 3]
+    )
     assert done, "a uint8 picture is always a PNG"
     return "png", data.tobytes()
 
@@ -128,13 +150,20 @@ def read_packet(folder: Path, packet: Packet) -> bytes:
         with open_regular(folder / PACKETS) as file:
             data = os.pread(file.fileno(), packet.bytes, packet.offset)
     except OSError as error:
-        raise UserError(f"{folder / PACKETS}: frame {packet.seq}: cannot be read: {reason(error)}", COPY) from None
+        raise UserError(
+            f"{folder / PACKETS}: frame {packet.seq}: cannot be read: {reason(error)}", COPY
+        ) from None
     if len(data) != packet.bytes or zlib.crc32(data) != packet.crc32:
-        raise UserError(f"{folder}: frame {packet.seq}: its bytes were changed after recording (checksum)", REPAIR)
+        raise UserError(
+            f"{folder}: frame {packet.seq}: its bytes were changed after recording (checksum)",
+            REPAIR,
+        )
     return data
 
 
-def decoded(packet: Packet, data: bytes, width_px: int, height_px: int, folder: Path) -> NDArray[np.uint8]:
+def decoded(
+    packet: Packet, data: bytes, width_px: int, height_px: int, folder: Path
+) -> NDArray[np.uint8]:
     """The picture in data, uint8 (height_px, width_px, 3) BGR. Raises UserError if it is not whole or has another size.
 
     The header's claims are checked before a decoder allocates memory. folder: for the message.
@@ -143,10 +172,16 @@ def decoded(packet: Packet, data: bytes, width_px: int, height_px: int, folder: 
     if codec == "raw" and len(data) == 3 * width_px * height_px:
         return np.frombuffer(data, np.uint8).reshape(shape)
     header = header_of(data) if codec in FORMATS else None
-    if header is not None and header.format == FORMATS[codec] and header.width_px * header.height_px == width_px * height_px:
+    if (
+        header is not None
+        and header.format == FORMATS[codec]
+        and header.width_px * header.height_px == width_px * height_px
+    ):
         if codec == "jpeg" and (scans := data.count(SCAN)) > MAX_SCANS:
             wrong = f"a jpeg picture with {scans} scans; at most {MAX_SCANS} are decoded"
-        elif (picture := picture_of(np.frombuffer(data, np.uint8))) is not None and picture.shape == shape:
+        elif (
+            picture := picture_of(np.frombuffer(data, np.uint8))
+        ) is not None and picture.shape == shape:
             return picture
     wrong = wrong or f"not a whole {codec} picture of {width_px}x{height_px}"
     raise UserError(f"{folder}: frame {packet.seq}: {wrong}", REPAIR)
@@ -159,15 +194,25 @@ class PacketWriter:
         """Raises OSError if the files cannot be written."""
         packets = read_index(folder, complete=False) if exists(folder / INDEX) else []
         self.count = len(packets)
-        self._ends = [sum(packet.bytes for packet in packets), sum(len(line_of(packet)) for packet in packets)]
-        self._files = [os.open(folder / name, os.O_WRONLY | os.O_CREAT | CAREFUL, PRIVATE) for name in (PACKETS, INDEX)]
+        self._ends = [
+            sum(packet.bytes for packet in packets),
+            sum(len(line_of(packet)) for packet in packets),
+        ]
+        self._files = [
+            os.open(folder / name, os.O_WRONLY | os.O_CREAT | CAREFUL, PRIVATE)
+            for name in (PACKETS, INDEX)
+        ]
         for file, end in zip(self._files, self._ends, strict=True):
             os.ftruncate(file, end)
 
-    def append(self, data: bytes, codec: str, source_seq: int, epoch: int, t_sensor_ns: int, t_read_ns: int) -> None:
+    def append(
+        self, data: bytes, codec: str, source_seq: int, epoch: int, t_sensor_ns: int, t_read_ns: int
+    ) -> None:
         """Stores one packet. Raises OSError if the disk is full; the sequence then ends with the previous frame."""
         stamps = (source_seq, epoch, t_sensor_ns, t_read_ns)
-        line = line_of(Packet(self.count, *stamps, codec, self._ends[0], len(data), zlib.crc32(data)))
+        line = line_of(
+            Packet(self.count, *stamps, codec, self._ends[0], len(data), zlib.crc32(data))
+        )
         for file, end, new in zip(self._files, self._ends, (data, line), strict=True):
             if os.pwrite(file, new, end) != len(new):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -20,7 +20,9 @@ from lfpipe.eyes import extrapolated
 
 Point = tuple[float, float, float]
 
-NEAR_S = 0.1  # time constant of the depth: the distance between the eyes is noisier than their position
+NEAR_S = (
+    0.1  # time constant of the depth: the distance between the eyes is noisier than their position
+)
 LOST_NS = 500_000_000  # after such a gap the old depth means nothing
 LEAST_PX = 0.5  # eyes closer together than this are not a face's
 
@@ -37,7 +39,11 @@ _MODEL_CM = (
     (-7.664182, 0.673132, -2.435867),
     (7.664182, 0.673132, -2.435867),
 )
-MODEL = np.array(_MODEL_CM) * (1.0, -1.0, -1.0)  # on the picture's axes: right, down, away from the camera
+MODEL = np.array(_MODEL_CM) * (
+    1.0,
+    -1.0,
+    -1.0,
+)  # on the picture's axes: right, down, away from the camera
 _CENTRED = MODEL - MODEL.mean(axis=0)  # its rows sum to 0, so the points need not be centred
 
 
@@ -72,7 +78,11 @@ class HeadEstimator:
         step_ns, generation = t_sensor_ns - self._t_ns, int(record["generation"])
         fresh = not self._apart_px or not 0 <= step_ns < LOST_NS or generation != self._generation
         ratio = step_ns / 1e9 / NEAR_S
-        self._apart_px = apart_px if fresh else self._apart_px + (apart_px - self._apart_px) * ratio / (1 + ratio)
+        self._apart_px = (
+            apart_px
+            if fresh
+            else self._apart_px + (apart_px - self._apart_px) * ratio / (1 + ratio)
+        )
         self._t_ns, self._generation = t_sensor_ns, generation
 
     def head(self, record: NDArray[np.void], horizon_ns: int = 0) -> Head | None:
@@ -87,8 +97,16 @@ class HeadEstimator:
         width_px, height_px = int(record["width_px"]), int(record["height_px"])
         camera = self.config.camera
         tilt, focal_px = math.radians(camera.tilt_deg), camera_focal_px(self.config, width_px)
-        pose = CameraPose(camera.above_mm, tilt, focal_px, (width_px / 2, height_px / 2), self.config.screen.eyes_mm)
-        return _head(pose, np.asarray(eyes_px, np.float64), self._apart_px, head_rotation(record["head_px"]))
+        pose = CameraPose(
+            camera.above_mm,
+            tilt,
+            focal_px,
+            (width_px / 2, height_px / 2),
+            self.config.screen.eyes_mm,
+        )
+        return _head(
+            pose, np.asarray(eyes_px, np.float64), self._apart_px, head_rotation(record["head_px"])
+        )
 
 
 def head_rotation(points: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -104,20 +122,34 @@ def head_rotation(points: NDArray[np.floating]) -> NDArray[np.float64]:
     return np.asarray(u @ vt, np.float64)
 
 
-_FLIP = np.diag([-1.0, -1.0, 1.0])  # between the picture's axes (right, down, ahead) and those of a viewer who faces it
+_FLIP = np.diag(
+    [-1.0, -1.0, 1.0]
+)  # between the picture's axes (right, down, ahead) and those of a viewer who faces it
 
 
-def _head(pose: CameraPose, eyes_px: NDArray[np.float64], apart_px: float, rotation: NDArray[np.float64]) -> Head:
-    rays = np.column_stack([(eyes_px - pose.middle_px) / pose.focal_px, np.ones(2)])  # of the eyes, on the camera's axes
+def _head(
+    pose: CameraPose, eyes_px: NDArray[np.float64], apart_px: float, rotation: NDArray[np.float64]
+) -> Head:
+    rays = np.column_stack(
+        [(eyes_px - pose.middle_px) / pose.focal_px, np.ones(2)]
+    )  # of the eyes, on the camera's axes
     turned = _along(rays.mean(axis=0)) @ rotation  # of the head on the camera's axes
-    aside_mm = turned[2, 0] * pose.eyes_mm / 2  # additional distance of the left eye over the point between them
+    aside_mm = (
+        turned[2, 0] * pose.eyes_mm / 2
+    )  # additional distance of the left eye over the point between them
     depths_mm = pose.focal_px * pose.eyes_mm / apart_px + np.array([[aside_mm], [-aside_mm]])
     c, s = math.cos(pose.tilt), math.sin(pose.tilt)
     to_screen = np.array([[-1.0, 0, 0], [0, -c, -s], [0, -s, c]])
     eyes_mm = (rays * depths_mm) @ to_screen.T + (0.0, pose.above_mm, 0.0)
-    left_mm, right_mm, between_mm = (tuple(point) for point in (*eyes_mm.tolist(), eyes_mm.mean(axis=0).tolist()))
+    left_mm, right_mm, between_mm = (
+        tuple(point) for point in (*eyes_mm.tolist(), eyes_mm.mean(axis=0).tolist())
+    )
     r = (to_screen @ turned @ _FLIP).tolist()
-    yaw, pitch, roll = -math.atan2(r[0][2], r[2][2]), math.asin(min(max(-r[1][2], -1.0), 1.0)), -math.atan2(r[1][0], r[1][1])
+    yaw, pitch, roll = (
+        -math.atan2(r[0][2], r[2][2]),
+        math.asin(min(max(-r[1][2], -1.0), 1.0)),
+        -math.atan2(r[1][0], r[1][1]),
+    )
     return Head(left_mm, right_mm, between_mm, *map(math.degrees, (yaw, pitch, roll)))
 
 

@@ -63,8 +63,13 @@ def osc_datagram(sample: Sample) -> bytes:
     }
     if head is not None:
         messages["eyes"] = [("f", value) for value in (*head.left_mm, *head.right_mm)]
-        messages["head"] = [("f", value) for value in (*head.position_mm, head.yaw_deg, head.pitch_deg, head.roll_deg)]
-    unix_s = (sample.t_ns + time.time_ns() - now_ns()) / 1e9  # the wall clock may be set while a session runs
+        messages["head"] = [
+            ("f", value)
+            for value in (*head.position_mm, head.yaw_deg, head.pitch_deg, head.roll_deg)
+        ]
+    unix_s = (
+        sample.t_ns + time.time_ns() - now_ns()
+    ) / 1e9  # the wall clock may be set while a session runs
     bundle = OscBundleBuilder(unix_s)  # type: ignore[arg-type]  # it takes fractions
     for name, values in messages.items():
         message = OscMessageBuilder(f"/lfpipe/{name}")
@@ -79,7 +84,9 @@ class UdpOutput:
 
     def __init__(self, target: Target) -> None:
         self._encode = opentrack_datagram if target.kind == "opentrack" else osc_datagram
-        addresses = socket.getaddrinfo(target.host, target.port, type=socket.SOCK_DGRAM, flags=socket.AI_NUMERICHOST)
+        addresses = socket.getaddrinfo(
+            target.host, target.port, type=socket.SOCK_DGRAM, flags=socket.AI_NUMERICHOST
+        )
         family, kind, _, _, address = addresses[0]
         self._address: tuple[Any, ...] = tuple(address)
         self._socket = socket.socket(family, kind)
@@ -98,15 +105,30 @@ class UdpOutput:
 
 
 KEYS = ("label", "eye", "type", "unit")  # of a channel; type in XDF's words where it has one
-EYES = [(f"{eye}_{axis}", eye, f"Position{axis.upper()}", "mm") for eye in ("left", "right") for axis in "xyz"]
+EYES = [
+    (f"{eye}_{axis}", eye, f"Position{axis.upper()}", "mm")
+    for eye in ("left", "right")
+    for axis in "xyz"
+]
 EYES += [(f"head_{axis}", "both", f"Head{axis.upper()}", "mm") for axis in "xyz"]
 EYES += [(angle, "both", f"Head{angle.title()}", "degrees") for angle in ("yaw", "pitch", "roll")]
 EYES += [("face", "both", "Validity", "normalized"), ("source_seq", "both", "FrameNumber", "count")]
-EYES += [("t_sensor", "both", "Timestamp", "seconds"), ("confidence", "both", "Confidence", "normalized")]
+EYES += [
+    ("t_sensor", "both", "Timestamp", "seconds"),
+    ("confidence", "both", "Confidence", "normalized"),
+]
 PICTURES = [("source_seq", "both", "FrameNumber", "count")]
-PICTURES += [(f"{eye}_{axis}", eye, f"View{axis.title()}", "views") for eye in ("left", "right") for axis in ("row", "col")]
+PICTURES += [
+    (f"{eye}_{axis}", eye, f"View{axis.title()}", "views")
+    for eye in ("left", "right")
+    for axis in ("row", "col")
+]
 MARKERS = [("marker", "both", "Marker", "text")]
-STREAMS = {"eyes": ("Gaze", EYES), "pictures": ("Pictures", PICTURES), "markers": ("Markers", MARKERS)}
+STREAMS = {
+    "eyes": ("Gaze", EYES),
+    "pictures": ("Pictures", PICTURES),
+    "markers": ("Markers", MARKERS),
+}
 BUFFER_S = 30  # a receiver further behind loses the oldest samples
 TRIES = 50  # pairs of readings of both clocks; the closest pair counts
 REPEAT_NS = SECOND_NS  # of the state on the stream of markers
@@ -144,7 +166,9 @@ class LslOutput:
         content, channels = STREAMS[stream]
         kind = pylsl.cf_string if stream == "markers" else pylsl.cf_double64
         name = f"{target.name}-{stream}"
-        info = pylsl.StreamInfo(name, content, len(channels), pylsl.IRREGULAR_RATE, kind, source_id(session, name))
+        info = pylsl.StreamInfo(
+            name, content, len(channels), pylsl.IRREGULAR_RATE, kind, source_id(session, name)
+        )
         description = info.desc()
         listed = description.append_child("channels")
         for channel in channels:
@@ -152,10 +176,17 @@ class LslOutput:
             for key, value in zip(KEYS, channel, strict=True):
                 entry.append_child_value(key, value)
         clock = description.append_child("clock")
-        clock.append_child_value("source", "CLOCK_MONOTONIC").append_child_value("offset_s", f"{self._offset_s:.9f}")
+        clock.append_child_value("source", "CLOCK_MONOTONIC").append_child_value(
+            "offset_s", f"{self._offset_s:.9f}"
+        )
         about = description.append_child("acquisition")
-        about.append_child_value("camera_rate_hz", f"{rate_hz:g}").append_child_value("predicted_rate_hz", f"{target.rate_hz:g}")
-        about.append_child_value("axes", "mm from the middle of the picture: x to the viewer's right, y up, z to the viewer")
+        about.append_child_value("camera_rate_hz", f"{rate_hz:g}").append_child_value(
+            "predicted_rate_hz", f"{target.rate_hz:g}"
+        )
+        about.append_child_value(
+            "axes",
+            "mm from the middle of the picture: x to the viewer's right, y up, z to the viewer",
+        )
         return pylsl.StreamOutlet(info, max_buffered=BUFFER_S)
 
     def _lsl_s(self, t_ns: int) -> float:
@@ -166,9 +197,21 @@ class LslOutput:
         head, t_s = sample.head, self._lsl_s(sample.t_ns)
         values = [math.nan] * 12
         if head is not None:
-            values = [*head.left_mm, *head.right_mm, *head.position_mm, head.yaw_deg, head.pitch_deg, head.roll_deg]
+            values = [
+                *head.left_mm,
+                *head.right_mm,
+                *head.position_mm,
+                head.yaw_deg,
+                head.pitch_deg,
+                head.roll_deg,
+            ]
         face = head is not None
-        frame = [float(face), float(sample.source_seq), self._lsl_s(sample.t_sensor_ns), sample.confidence]
+        frame = [
+            float(face),
+            float(sample.source_seq),
+            self._lsl_s(sample.t_sensor_ns),
+            sample.confidence,
+        ]
         self._outlets["eyes"].push_sample(values + frame, t_s)
         if face != self._face:
             self._mark("face found" if face else "face lost", sample.t_ns)
@@ -184,7 +227,10 @@ class LslOutput:
     def show(self, source_seq: int, record: NDArray[np.void]) -> None:
         """Sends one sample of NAME-pictures, of a record of dtype SHOWN."""
         if outlet := self._outlets.get("pictures"):
-            outlet.push_sample([float(source_seq), *record["view"].ravel()], self._lsl_s(int(record["t_presented_ns"])))
+            outlet.push_sample(
+                [float(source_seq), *record["view"].ravel()],
+                self._lsl_s(int(record["t_presented_ns"])),
+            )
 
     def close(self) -> None:
         self._outlets.clear()

@@ -62,14 +62,21 @@ class Sharer:
                 output: UdpOutput | LslOutput
                 if target.kind == "lsl":
                     yield_to_others()  # liblsl's threads inherit it: many receivers do not delay a picture
-                    output = LslOutput(target, context.spec.session.name, options.source_hz, options.show)
+                    output = LslOutput(
+                        target, context.spec.session.name, options.source_hz, options.show
+                    )
                 else:
                     output = UdpOutput(target)
         except (OSError, ImportError, RuntimeError) as error:
-            context.emit("notice", text=f"sharing with {target}: cannot be opened: {error}; nothing is sent there")
+            context.emit(
+                "notice",
+                text=f"sharing with {target}: cannot be opened: {error}; nothing is sent there",
+            )
             context.request("share", stop=[text])
             return
-        self._channels[text] = _Channel(target, output, Ticker(target.rate_hz, now_ns()) if target.rate_hz else None)
+        self._channels[text] = _Channel(
+            target, output, Ticker(target.rate_hz, now_ns()) if target.rate_hz else None
+        )
 
     def wait(self) -> bool:
         """Waits for a frame, a picture or the next due time; False when the stage must end."""
@@ -80,7 +87,9 @@ class Sharer:
         """Sends the eyes at t_ns; reports the first failure, and the first success after it."""
         head = self._estimator.head(self._record, t_ns - stamp.t_sensor_ns)
         confidence = float(self._record["confidence"]) if head is not None else 0.0
-        works = channel.output.send(Sample(stamp.source_seq, stamp.t_sensor_ns, t_ns, head, confidence))
+        works = channel.output.send(
+            Sample(stamp.source_seq, stamp.t_sensor_ns, t_ns, head, confidence)
+        )
         self._context.row["drops"] += not works
         if works != channel.works:
             channel.works = works
@@ -98,7 +107,11 @@ class Sharer:
                     self._send(channel, stamp, stamp.t_sensor_ns)
             t_sent_ns = now_ns()
             context.row.tick(stamp.source_seq)
-            context.row.measure(t_taken_ns - stamp.t_publish_ns, t_sent_ns - t_taken_ns, t_sent_ns - stamp.t_sensor_ns)
+            context.row.measure(
+                t_taken_ns - stamp.t_publish_ns,
+                t_sent_ns - t_taken_ns,
+                t_sent_ns - stamp.t_sensor_ns,
+            )
             context.row["face"] = int(self._record["face"])
 
     def send_predicted(self) -> None:

@@ -54,7 +54,9 @@ def parse_target(text: str) -> Target:
             raise _refusal(text, f"{shown(options)} is not rate=HZ of 1 to {MAX_RATE_HZ:g}")
     if kind == "lsl":
         name = rest if colon else NAME
-        if not 0 < len(name) <= MAX_NAME or any(unicodedata.category(c) in ("Cc", "Cs") for c in name):
+        if not 0 < len(name) <= MAX_NAME or any(
+            unicodedata.category(c) in ("Cc", "Cs") for c in name
+        ):
             raise _refusal(text, f"a stream's name has 1 to {MAX_NAME} characters")
         return Target(kind, name=name, rate_hz=rate_hz)
     host, colon, port = rest.rpartition(":")
@@ -77,10 +79,14 @@ def check_target(text: str) -> Target:
         if module:
             importlib.import_module(module)
     except ModuleNotFoundError:
-        raise _refusal(text, f"{module} is not installed", "install it: pip install 'lfpipe[share]'") from None
+        raise _refusal(
+            text, f"{module} is not installed", "install it: pip install 'lfpipe[share]'"
+        ) from None
     except (ImportError, OSError, RuntimeError) as error:
         why = f"{module} does not find its library: {(str(error) or type(error).__name__).splitlines()[0]}"
-        raise _refusal(text, why, "install liblsl (its releases, or conda-forge), and name it in PYLSL_LIB") from None
+        raise _refusal(
+            text, why, "install liblsl (its releases, or conda-forge), and name it in PYLSL_LIB"
+        ) from None
     return target if target.kind == "lsl" else attrs.evolve(target, host=_resolved(text, target))
 
 
@@ -93,7 +99,10 @@ def check_targets(texts: Sequence[str], running: Sequence[str] = ()) -> tuple[st
             raise UserError(f"--share {text}: already a target", "give each target once")
         targets.append(exact)
     if len(targets) > MAX_TARGETS:
-        raise UserError(f"--share: {len(targets)} targets, {MAX_TARGETS} at most", "one program can pass them on to others")
+        raise UserError(
+            f"--share: {len(targets)} targets, {MAX_TARGETS} at most",
+            "one program can pass them on to others",
+        )
     return tuple(targets[len(running) :])
 
 

@@ -40,8 +40,17 @@ ASKED_OFTEN = ("hello", "status", "pictures")  # requests that change nothing
 MAX_ERROR_CHARS = 2000  # of an answer: parts of the text came from outside
 HANDSHAKE_MS = 2000  # a connection that is silent for longer is closed
 SLICE, SLICE_NS = 32, 20 * MS_NS  # messages per interval and socket: at most 15 % of a core
-INTERNAL = {"ok": False, "error": "internal error", "remedy": "the session continues; please report the stack in its log"}
-REPLACED = {"ok": False, "error": "another scene was requested meanwhile", "remedy": "load it again", "replaced": True}
+INTERNAL = {
+    "ok": False,
+    "error": "internal error",
+    "remedy": "the session continues; please report the stack in its log",
+}
+REPLACED = {
+    "ok": False,
+    "error": "another scene was requested meanwhile",
+    "remedy": "load it again",
+    "replaced": True,
+}
 
 
 class Connections:
@@ -58,7 +67,9 @@ class Connections:
         """Processes the events since the last call."""
         while self.events.poll(0):
             event = parse_monitor_message(self.events.recv_multipart())
-            (self.open.add if event["event"] == zmq.EVENT_ACCEPTED else self.open.discard)(event["value"])
+            (self.open.add if event["event"] == zmq.EVENT_ACCEPTED else self.open.discard)(
+                event["value"]
+            )
 
     def close(self) -> None:
         """Ends the events; does not close the socket."""
@@ -88,8 +99,12 @@ class ControlServer:
         packing: Packing | None,
     ) -> None:
         self._store, self._live = store, live
-        self._ctl, self._bus, self._tap = (ctx.socket(kind) for kind in (zmq.ROUTER, zmq.PULL, zmq.XPUB))
-        self._ctl.setsockopt(zmq.ROUTER_HANDOVER, 1)  # a restarted stage reconnects under its old name
+        self._ctl, self._bus, self._tap = (
+            ctx.socket(kind) for kind in (zmq.ROUTER, zmq.PULL, zmq.XPUB)
+        )
+        self._ctl.setsockopt(
+            zmq.ROUTER_HANDOVER, 1
+        )  # a restarted stage reconnects under its old name
         self._connections = Connections(self._ctl)
         for name, socket in {"ctl": self._ctl, "bus": self._bus, "tap": self._tap}.items():
             control.bind(socket, session.run_dir, name)
@@ -120,7 +135,11 @@ class ControlServer:
     def wait_ms(self, most_ms: int) -> int:
         """How long the supervisor may sleep, at most most_ms, unless a registered descriptor wakes it."""
         rest_ns = self._rest_ns()
-        return min(most_ms, rest_ns // MS_NS + 1 if rest_ns else most_ms, APPLY_POLL_MS if self._waiting else most_ms)
+        return min(
+            most_ms,
+            rest_ns // MS_NS + 1 if rest_ns else most_ms,
+            APPLY_POLL_MS if self._waiting else most_ms,
+        )
 
     def send(self, stage: str, message: bytes) -> None:
         """Sends an encoded message to one stage. It is lost if the stage is not connected; the stage will send hello later."""
@@ -172,8 +191,18 @@ class ControlServer:
         self.send(SHOWN_BY, control.encode({"cmd": "loading", **news}))
 
     def _served(self, command: str, request: FileRequest) -> None:
-        client, worker, state, files = request.client, request.worker, self._store.state, self._files
-        if command == "load" and not worker.done and isinstance(worker, Packing) and worker.views is not None:
+        client, worker, state, files = (
+            request.client,
+            request.worker,
+            self._store.state,
+            self._files,
+        )
+        if (
+            command == "load"
+            and not worker.done
+            and isinstance(worker, Packing)
+            and worker.views is not None
+        ):
             result = attrs.asdict(worker.views)
             files.end(SHOWN)
             files.running[SHOWN] = files.running.pop("load")
@@ -191,7 +220,9 @@ class ControlServer:
                 return
             if command == "load":
                 files.end(SHOWN)
-        self._carry_out(client, request.message, respond_checked(state, request.message, result, now_ns()))
+        self._carry_out(
+            client, request.message, respond_checked(state, request.message, result, now_ns())
+        )
 
     def refuse_waiting(self, why: str) -> None:
         """Answers every client that waits for a change: it was rolled back."""
@@ -205,26 +236,42 @@ class ControlServer:
         except BadMessage as error:
             answer = {"ok": False, "error": str(error)[:MAX_ERROR_CHARS]}
         except UserError as error:
-            answer = {"ok": False, "error": error.message[:MAX_ERROR_CHARS], "remedy": error.remedy[:MAX_ERROR_CHARS]}
+            answer = {
+                "ok": False,
+                "error": error.message[:MAX_ERROR_CHARS],
+                "remedy": error.remedy[:MAX_ERROR_CHARS],
+            }
         except Exception:
-            self._live.log(f"internal error while handling a message; the session continues\n{traceback.format_exc()}")
+            self._live.log(
+                f"internal error while handling a message; the session continues\n{traceback.format_exc()}"
+            )
             answer = INTERNAL
         else:
             return
         logger.info("refused: %s", answer["error"])
         if client is not None:
-            if client.decode(errors="replace") in NAMES:  # a stage does not read answers: log it for the user
-                self._live.log(f"{answer['error']}{' (' + str(answer['remedy']) + ')' if answer.get('remedy') else ''}")
+            if (
+                client.decode(errors="replace") in NAMES
+            ):  # a stage does not read answers: log it for the user
+                self._live.log(
+                    f"{answer['error']}{' (' + str(answer['remedy']) + ')' if answer.get('remedy') else ''}"
+                )
             self._answer(client, answer)
 
     def _take(self, client: bytes, parts: list[bytes], connection: int) -> None:
         if len(parts) != 1:
             raise BadMessage(f"a message has {len(parts)} parts; one is allowed")
         message = control.decode(parts[0])
-        logger.log(logging.DEBUG if message.get("cmd") in ASKED_OFTEN else logging.INFO, "request %.500s", message)
+        logger.log(
+            logging.DEBUG if message.get("cmd") in ASKED_OFTEN else logging.INFO,
+            "request %.500s",
+            message,
+        )
         self._carry_out(client, message, respond(self._store.state, message, now_ns()), connection)
 
-    def _begin(self, client: bytes, message: dict[str, Any], check: dict[str, Any], connection: int) -> None:
+    def _begin(
+        self, client: bytes, message: dict[str, Any], check: dict[str, Any], connection: int
+    ) -> None:
         """Starts the child that a request waits for. A load replaces the one that is under way."""
         command, before = message["cmd"], self._files.running.get(message["cmd"])
         worker: Worker
@@ -240,12 +287,18 @@ class ControlServer:
             worker = Worker("lfpipe.supervisor.file_requests", check, check["path"], CHECK_S)
         self._files.running[command] = FileRequest(client, message, worker, connection)
 
-    def _carry_out(self, client: bytes, message: dict[str, Any], reply: Reply, connection: int = -1) -> None:
+    def _carry_out(
+        self, client: bytes, message: dict[str, Any], reply: Reply, connection: int = -1
+    ) -> None:
         """Carries out a reply, and answers now or when it is done."""
         if reply.check is not None:
             self._begin(client, message, reply.check, connection)
             return
-        answer = {"ok": True, **reply.answer, **(self._live.snapshot() if reply.with_stages else {})}
+        answer = {
+            "ok": True,
+            **reply.answer,
+            **(self._live.snapshot() if reply.with_stages else {}),
+        }
         if reply.broadcast is not None:
             self.broadcast(control.encode(reply.broadcast))
         rev = self._store.state.rev
@@ -271,7 +324,13 @@ class ControlServer:
         try:
             data = control.encode({"rev": self._store.state.rev, **message})
         except BadMessage as error:
-            data = control.encode({"rev": self._store.state.rev, "ok": False, "error": f"the answer cannot be sent: {error}"})
+            data = control.encode(
+                {
+                    "rev": self._store.state.rev,
+                    "ok": False,
+                    "error": f"the answer cannot be sent: {error}",
+                }
+            )
         with contextlib.suppress(zmq.ZMQError):  # a client that has disconnected or does not read
             self._ctl.send_multipart([client, data], zmq.NOBLOCK)
 

@@ -18,7 +18,9 @@ STEP_NS = SECOND_NS // 5  # between two reports of progress
 MAX_NAME_CHARS = 200  # more than a window has room for
 SHOWN = "shown"  # instead of a command: the scene is on the screen
 CHECK_S = 10.0  # time limit of a check: a network drive or name server may be dead
-MEMORY_BYTES = 1 << 30  # of a check: the libraries of a recording reserve 300 MB when they are imported
+MEMORY_BYTES = (
+    1 << 30
+)  # of a check: the libraries of a recording reserve 300 MB when they are imported
 
 
 @attrs.define
@@ -57,10 +59,16 @@ class FileRequests:
         for command, request in self.running.items():
             worker = request.worker
             worker.read()
-            if isinstance(worker, Packing) and worker.step != request.reported and now_ns() >= request.report_ns + STEP_NS:
+            if (
+                isinstance(worker, Packing)
+                and worker.step != request.reported
+                and now_ns() >= request.report_ns + STEP_NS
+            ):
                 request.report_ns = now_ns()
                 self._tell(command, worker.step, worker.share)
-            if worker.done or (command == "load" and isinstance(worker, Packing) and worker.views is not None):
+            if worker.done or (
+                command == "load" and isinstance(worker, Packing) and worker.views is not None
+            ):
                 news.append(command)
         return news
 
@@ -85,7 +93,10 @@ def check(request: dict[str, Any], _report: Report) -> dict[str, Any]:
         from lfpipe.capture.spec import source_file
         from lfpipe.files.output import check_output
 
-        inputs = (source_file(request["source"]), Path(request["record"]) if request["record"] else None)
+        inputs = (
+            source_file(request["source"]),
+            Path(request["record"]) if request["record"] else None,
+        )
         check_output(Path(request["path"]), [source for source in inputs if source is not None])
         return {}
     if request["check"] == "record":

@@ -19,9 +19,14 @@ from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.status import State
 
-LAG_S, ROOM_S = 0.5, 5.0  # a viewer notices lag at once, and a level that comes and goes more than a lower one
+LAG_S, ROOM_S = (
+    0.5,
+    5.0,
+)  # a viewer notices lag at once, and a level that comes and goes more than a lower one
 LONGEST_S = 300.0  # longest wait before a higher level is tried
-LATE_SHARE = 0.1  # of the outputs due; one or two frames in half a second are the scheduler's fault, not lag
+LATE_SHARE = (
+    0.1  # of the outputs due; one or two frames in half a second are the scheduler's fault, not lag
+)
 FULL_SHARE, ROOM_SHARE = 0.9, 0.6  # of the time spent working: more is lag, less is room
 FORGET = 0.5  # s of lag that one second without lag cancels
 HICCUP_S = 0.25  # limit of one sample: a process that was stopped or starved once does not lag
@@ -45,7 +50,12 @@ class Load:
 
     def plus(self, more: Load) -> Load:
         """The work of both spans."""
-        return Load(*(mine + theirs for mine, theirs in zip(attrs.astuple(self), attrs.astuple(more), strict=True)))
+        return Load(
+            *(
+                mine + theirs
+                for mine, theirs in zip(attrs.astuple(self), attrs.astuple(more), strict=True)
+            )
+        )
 
     @property
     def share(self) -> float:
@@ -120,16 +130,28 @@ class Governor:
             self.forget()
             self._t_ns = t_ns
             return None
-        rooms = [self._stages.setdefault(name, _Stage()).take(attrs.evolve(load, span_s=dt_s)) for name, load in loads.items()]
+        rooms = [
+            self._stages.setdefault(name, _Stage()).take(attrs.evolve(load, span_s=dt_s))
+            for name, load in loads.items()
+        ]
         if False in rooms:
             self._room_s = max(0.0, self._room_s - SPOILT * dt_s)
         elif rooms and None not in rooms:
             self._room_s += dt_s
         relieved = self._relieves[self.level] if self.level < len(self._relieves) else ()
-        worst = max((name for name in relieved if name in self._stages), key=lambda name: self._stages[name].lag_s, default="")
+        worst = max(
+            (name for name in relieved if name in self._stages),
+            key=lambda name: self._stages[name].lag_s,
+            default="",
+        )
         if worst and self._stages[worst].lag_s >= LAG_S:
-            failed = self._raised_ns is not None and (t_ns - self._raised_ns) / 1e9 < 2 * self._hold_s
-            self._hold_s, self._raised_ns = min(2 * self._hold_s, LONGEST_S) if failed else ROOM_S, None
+            failed = (
+                self._raised_ns is not None and (t_ns - self._raised_ns) / 1e9 < 2 * self._hold_s
+            )
+            self._hold_s, self._raised_ns = (
+                min(2 * self._hold_s, LONGEST_S) if failed else ROOM_S,
+                None,
+            )
             return self._step(Step(self.level + 1, worst, self._stages[worst].lagging))
         if self.level and self._room_s >= self._hold_s:
             self._raised_ns = t_ns
@@ -158,7 +180,11 @@ class QualityControl:
         if len(self._levels) == 1 or t_ns < self._due_ns:
             return None
         self._due_ns = t_ns + SAMPLE_NS
-        used = {name: rows[name] for name in CORE if rows[name]["state"] not in (State.NONE, State.FINISHED)}
+        used = {
+            name: rows[name]
+            for name in CORE
+            if rows[name]["state"] not in (State.NONE, State.FINISHED)
+        }
         if any(row["state"] != State.RUNNING for row in used.values()):
             self._settled_ns = t_ns + SETTLE_NS
         if t_ns < self._settled_ns:
@@ -167,10 +193,18 @@ class QualityControl:
             return None
         on_camera = state.config.render.clock == "camera" and state.options.tracking
         # on a display's clock, only refreshes count as missed, not the eyes skipped between two refreshes
-        missed = {name: "missed" if name == SHOWN_BY and not on_camera else "drops" for name in used}
-        counts = {name: (int(row["seq"]), int(row[missed[name]]), int(row["busy_ns"])) for name, row in used.items()}
+        missed = {
+            name: "missed" if name == SHOWN_BY and not on_camera else "drops" for name in used
+        }
+        counts = {
+            name: (int(row["seq"]), int(row[missed[name]]), int(row["busy_ns"]))
+            for name, row in used.items()
+        }
         before, self._before = self._before, counts
-        loads = {name: Load(*np.subtract(now, before.get(name, now)).tolist()) for name, now in counts.items()}
+        loads = {
+            name: Load(*np.subtract(now, before.get(name, now)).tolist())
+            for name, now in counts.items()
+        }
         return self._governor.update(t_ns, loads)
 
     def _begin(self, levels: tuple[QualityLevel, ...]) -> None:
@@ -178,10 +212,14 @@ class QualityControl:
         self._levels = levels
         helped = [self._relieved(DOES[level.work]) for level in levels[1:]]
         # Levels are lowered in order: a stage that only a later level relieves needs the earlier ones too.
-        self._governor = Governor([frozenset[str]().union(*helped[number:]) for number in range(len(helped))])
+        self._governor = Governor(
+            [frozenset[str]().union(*helped[number:]) for number in range(len(helped))]
+        )
 
     def _relieved(self, stage: str) -> frozenset[str]:
         """The stages that run faster if `stage` has less work: those that may share a core with it."""
         cores = {name: set(self._cores(name)) for name in CORE}
-        alone = [name for name, of in cores.items() if of and cores[stage] and not of & cores[stage]]
+        alone = [
+            name for name, of in cores.items() if of and cores[stage] and not of & cores[stage]
+        ]
         return frozenset(CORE).difference(alone)

@@ -25,7 +25,12 @@ from lfpipe.supervisor.process_table import SOURCE, STAGES, Stage
 from lfpipe.supervisor.session_state import ConfigRollback, SessionState
 from lfpipe.supervisor.session_store import SessionStore
 from lfpipe.supervisor.snapshot import snapshot as take_snapshot
-from lfpipe.supervisor.stage_process import MAX_FAILURES, MAX_RESTARTS_WINDOW_S, StageProcess, StageProcesses
+from lfpipe.supervisor.stage_process import (
+    MAX_FAILURES,
+    MAX_RESTARTS_WINDOW_S,
+    StageProcess,
+    StageProcesses,
+)
 from lfpipe.transport import control
 from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
 from lfpipe.transport.ring_ends import StageSpec
@@ -111,7 +116,11 @@ class LiveSession:
         """One turn of the loop; returns when the session must end, None while that is not known."""
         server, stages = self._server, self.stages
         stages.ensure_running(self._state.options)
-        if duration_s is not None and end_ns is None and all(int(p.row["ready_ns"]) for p in stages.needed(self._state.options)):
+        if (
+            duration_s is not None
+            and end_ns is None
+            and all(int(p.row["ready_ns"]) for p in stages.needed(self._state.options))
+        ):
             end_ns = now_ns() + int(duration_s * SECOND_NS)  # --duration excludes the start
         poller = zmq.Poller()
         server.register(poller)
@@ -119,7 +128,9 @@ class LiveSession:
             if process.process is not None:
                 poller.register(process.process.sentinel, zmq.POLLIN)
         tick_ms = server.wait_ms(TICK_MS)
-        poller.poll(tick_ms if end_ns is None else max(0, min(tick_ms, (end_ns - now_ns()) // MS_NS + 1)))
+        poller.poll(
+            tick_ms if end_ns is None else max(0, min(tick_ms, (end_ns - now_ns()) // MS_NS + 1))
+        )
         server.serve()
         for process, code in stages.judge(self.log):
             self._failed(process, code)
@@ -135,11 +146,22 @@ class LiveSession:
 
     def _write_about(self) -> None:
         options = self._state.options.to_dict()
-        names = {"session": self._session.name, "segments": self._session.segment(""), "pid": os.getpid()}
+        names = {
+            "session": self._session.name,
+            "segments": self._session.segment(""),
+            "pid": os.getpid(),
+        }
         times = {"started_ns": self._started_ns, "started": time.strftime("%Y-%m-%dT%H:%M:%S%z")}
-        logger.info("session %s begins: lfpipe %s, pid %d", self._session.name, __version__, os.getpid())
-        logger.info("options: %s", {key: value for key, value in options.items() if value and key != "kiosk"})
-        (self._session.run_dir / "session.json").write_text(json.dumps({**names, **times, "options": options}))
+        logger.info(
+            "session %s begins: lfpipe %s, pid %d", self._session.name, __version__, os.getpid()
+        )
+        logger.info(
+            "options: %s",
+            {key: value for key, value in options.items() if value and key != "kiosk"},
+        )
+        (self._session.run_dir / "session.json").write_text(
+            json.dumps({**names, **times, "options": options})
+        )
 
     @property
     def _state(self) -> SessionState:
@@ -155,7 +177,9 @@ class LiveSession:
             rev=state.rev,
             options=state.options,
             consumers=process_table.consumers(),
-            others=tuple(other.name for other in STAGES if other is not stage and other.needed(state.options)),
+            others=tuple(
+                other.name for other in STAGES if other is not stage and other.needed(state.options)
+            ),
             source=SOURCE,
             cpus=self._cpus.get(stage.name, ()),
         )
@@ -163,7 +187,10 @@ class LiveSession:
     def _follow_up(self) -> None:
         """Changes of state without a request: a change has proved good, a lease has expired, the load requires another level."""
         state, t_ns = self._state, now_ns()
-        outputs = {process.stage.name: int(process.row["seq"]) for process in self.stages.needed(state.options)}
+        outputs = {
+            process.stage.name: int(process.row["seq"])
+            for process in self.stages.needed(state.options)
+        }
         state = self._rollback.watch(state, self.applied(state.rev), outputs, t_ns)
         if state.options.pictures and t_ns > state.pictures_until_ns:
             state = state.without_pictures()
@@ -174,12 +201,21 @@ class LiveSession:
             self._store.apply(state)
         if step is not None:
             level, lowest, why = state.level, len(state.levels) - 1, step.reason
-            self._server.publish("level", level=level.number, lowest=lowest, words=level.words, stage=step.stage, why=why)
+            self._server.publish(
+                "level",
+                level=level.number,
+                lowest=lowest,
+                words=level.words,
+                stage=step.stage,
+                why=why,
+            )
             way = f"{'lowered' if step.stage else 'raised'} to {level.words} (level {level.number} of {lowest})"
             logger.info("quality %s: %s", way if level.number else "restored", why)
             if level.number and not self._busy_told:
                 self._busy_told = True
-                self.log("busy computer: simpler picture for now (`lfpipe monitor` shows how and why)")
+                self.log(
+                    "busy computer: simpler picture for now (`lfpipe monitor` shows how and why)"
+                )
 
     def _end(self, outcome: Outcome) -> None:
         """Records the outcome; only the first one counts."""
@@ -191,10 +227,15 @@ class LiveSession:
         name, row = process.stage.name, process.row
         mistake = process.mistake() if code == child.EXIT_USER else None
         if self._rollback.to_blame(state, code, int(row["config_rev"]) >= state.rev):
-            self._roll_back(name, f"{mistake.message} ({mistake.remedy})" if mistake else f"{name} fails with it")
+            self._roll_back(
+                name,
+                f"{mistake.message} ({mistake.remedy})" if mistake else f"{name} fails with it",
+            )
             return
         first = not row["ready_ns"] and not row["restarts"]
-        if mistake and (first or state.options.lossless):  # later in a live session, the missing thing may return
+        if mistake and (
+            first or state.options.lossless
+        ):  # later in a live session, the missing thing may return
             reason = f"{name} could not {'start' if first else 'continue'}"
             self._end(Outcome(reason, mistake.message, mistake.remedy, user_error=True))
             return
@@ -210,7 +251,9 @@ class LiveSession:
         many = f"{name} failed {MAX_FAILURES} times in {MAX_RESTARTS_WINDOW_S:.0f} s"
         failure = f"{many}, last in {phase} with {how}{why}, after source_seq {last}; "
         failure += f"its last stack:\n{stack}" if stack else "it left no stack"
-        self._end(Outcome(many, failure, "see the messages above; `lfpipe doctor` checks the machine"))
+        self._end(
+            Outcome(many, failure, "see the messages above; `lfpipe doctor` checks the machine")
+        )
 
     def _roll_back(self, name: str, why: str) -> None:
         """Undoes the newest change. This does not count as a failure of the stage: `ctl set` must not end a session."""
@@ -224,23 +267,32 @@ class LiveSession:
         for process in self.stages if self._state.options.lossless else ():
             if (mistake := process.mistake()) and outcome.failure is None:
                 reason = f"{process.stage.name} could not end"
-                outcome = Outcome(reason, mistake.message, mistake.remedy, user_error=True, final=outcome.final)
+                outcome = Outcome(
+                    reason, mistake.message, mistake.remedy, user_error=True, final=outcome.final
+                )
         lost = sum(int(row["lost_outputs"]) for row in self._store.table.rows.values())
         if lost and outcome.failure is None:
             files = "a file of the session is" if lost == 1 else f"{lost} files of the session are"
             outcome.failure = f"{outcome.reason}, but {files} incomplete"
-            outcome.remedy = "see the messages above; make room on the disk, or name files on another one"
+            outcome.remedy = (
+                "see the messages above; make room on the disk, or name files on another one"
+            )
         return outcome
 
     # What the control server asks of the session.
 
     def snapshot(self) -> dict[str, Any]:
         """The figures of the stages."""
-        return take_snapshot(self._session.name, self._store.table.rows, self._store.table.session, self._started_ns)
+        return take_snapshot(
+            self._session.name, self._store.table.rows, self._store.table.session, self._started_ns
+        )
 
     def applied(self, rev: int) -> bool:
         """Whether every stage has applied revision rev, and those that are no longer needed have ended."""
-        return all(int(process.row["config_rev"]) >= rev for process in self.stages.needed(self._state.options, or_alive=True))
+        return all(
+            int(process.row["config_rev"]) >= rev
+            for process in self.stages.needed(self._state.options, or_alive=True)
+        )
 
     def stop(self) -> None:
         """Ends the session."""
@@ -270,4 +322,8 @@ class LiveSession:
     def _show_level(self) -> None:
         """For monitors, which read the table."""
         level, row = self._state.level, self._store.table.session
-        row["level"], row["lowest"], row["words"] = level.number, len(self._state.levels) - 1, level.words.encode()
+        row["level"], row["lowest"], row["words"] = (
+            level.number,
+            len(self._state.levels) - 1,
+            level.words.encode(),
+        )

@@ -52,10 +52,16 @@ STAGES = (
 NAMES = tuple(stage.name for stage in STAGES)
 # The source makes frames, and when it ends by itself, the session ends. The age of pictures is the session's.
 SOURCE, TRACKED_BY, SHOWN_BY = (
-    next(stage.name for stage in STAGES if ring in stage.writes) for ring in ("frames", "eyes", "shown")
+    next(stage.name for stage in STAGES if ring in stage.writes)
+    for ring in ("frames", "eyes", "shown")
 )
-DOES = {"pictures": SHOWN_BY, "eyes": TRACKED_BY}  # work that a lowered quality reduces -> who does it
-CORE = tuple(stage.name for stage in STAGES if not stage.optional)  # the stages that a picture waits for
+DOES = {
+    "pictures": SHOWN_BY,
+    "eyes": TRACKED_BY,
+}  # work that a lowered quality reduces -> who does it
+CORE = tuple(
+    stage.name for stage in STAGES if not stage.optional
+)  # the stages that a picture waits for
 
 
 def _frame_ring(config: Config) -> RingSpec:
@@ -89,9 +95,17 @@ def packet_ring(config: Config, jpeg_px: Sequence[int]) -> RingSpec:
 
 def consumers() -> dict[str, list[str]]:
     """ring -> names of the stages that read it."""
-    return {name: [stage.name for stage in STAGES if name in stage.reads] for stage in STAGES for name in stage.writes}
+    return {
+        name: [stage.name for stage in STAGES if name in stage.reads]
+        for stage in STAGES
+        for name in stage.writes
+    }
 
 
 def cores(allowed: Sequence[int]) -> dict[str, tuple[int, ...]]:
     """stage -> cores: on two cores, stages with own_core get the second; with more, the operating system decides."""
-    return {stage.name: (sorted(allowed)[stage.own_core],) for stage in STAGES} if len(allowed) == 2 else {}
+    return (
+        {stage.name: (sorted(allowed)[stage.own_core],) for stage in STAGES}
+        if len(allowed) == 2
+        else {}
+    )

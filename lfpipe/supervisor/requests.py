@@ -20,7 +20,10 @@ from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.control import BadMessage
 
 # what is written while a session runs: request -> option with its path, in words, as a person types it
-OUTPUTS = {"trace": ("timeline", "timeline", "lfpipe trace"), "record": ("record", "recording", "lfpipe ctl record")}
+OUTPUTS = {
+    "trace": ("timeline", "timeline", "lfpipe trace"),
+    "record": ("record", "recording", "lfpipe ctl record"),
+}
 LEASE_S, MAX_LEASE_S = 5.0, 60.0  # of the ring of pictures
 
 
@@ -61,8 +64,14 @@ def _set(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
 def _pictures(state: SessionState, message: dict[str, Any], t_ns: int) -> Reply:
     """Leases the ring of pictures; a client that keeps reading must renew the lease in time."""
     lease_s = message.get("lease_s", LEASE_S)
-    if isinstance(lease_s, bool) or not isinstance(lease_s, int | float) or not 0 < lease_s <= MAX_LEASE_S:
-        raise BadMessage(f"pictures: lease_s {lease_s!r:.100} is not a time of up to {MAX_LEASE_S:g} s")
+    if (
+        isinstance(lease_s, bool)
+        or not isinstance(lease_s, int | float)
+        or not 0 < lease_s <= MAX_LEASE_S
+    ):
+        raise BadMessage(
+            f"pictures: lease_s {lease_s!r:.100} is not a time of up to {MAX_LEASE_S:g} s"
+        )
     if state.options.scene is None:
         raise UserError("the session shows no pictures", "start one that does: `lfpipe up SCENE`")
     new = state.with_pictures(t_ns + int(lease_s * SECOND_NS))
@@ -73,11 +82,15 @@ def _load(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
     at = _place(state, message)
     scene = message.get("scene") if at is None or "scene" in message else state.options.playlist[at]
     if not isinstance(scene, str) or not _absolute(scene):
-        raise BadMessage("load needs the absolute path of a scene, or an index `at` or a `step` in the playlist")
+        raise BadMessage(
+            "load needs the absolute path of a scene, or an index `at` or a `step` in the playlist"
+        )
     if not state.options.show:
         raise UserError("the session shows no pictures", "start one that does: `lfpipe up SCENE`")
     how: dict[str, Any] = {key: message[key] for key in ("layout", "grid") if key in message}
-    config_module.updated(state.config, {f"scene.{key}": value for key, value in how.items()})  # only for its checks
+    config_module.updated(
+        state.config, {f"scene.{key}": value for key, value in how.items()}
+    )  # only for its checks
     return Reply(check={"check": "scene", "path": scene, "settings": how})
 
 
@@ -92,7 +105,10 @@ def _place(state: SessionState, message: dict[str, Any]) -> int | None:
     if isinstance(number, bool) or not isinstance(number, int) or (at is None) == (step is None):
         return None
     if not scenes:
-        raise UserError("the session has no playlist", "start one with `lfpipe up SCENE SCENE ...`, or with a folder of scenes")
+        raise UserError(
+            "the session has no playlist",
+            "start one with `lfpipe up SCENE SCENE ...`, or with a folder of scenes",
+        )
     if step is not None:
         return (state.options.playlist_at + number) % len(scenes)
     if not 0 <= number < len(scenes):
@@ -115,15 +131,29 @@ def _output(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
         none: dict[str, Any] = {option: ""}
         return Reply({"path": running}, state.changed(**none))
     if command == "record" and not state.options.tracking and not state.options.mouse:
-        raise UserError("no camera is in use: the scene is a single view", "`lfpipe record OUT` records without a scene")
-    return Reply(check={"check": command, "path": path, "source": state.options.source, "record": state.options.record})
+        raise UserError(
+            "no camera is in use: the scene is a single view",
+            "`lfpipe record OUT` records without a scene",
+        )
+    return Reply(
+        check={
+            "check": command,
+            "path": path,
+            "source": state.options.source,
+            "record": state.options.record,
+        }
+    )
 
 
 def _share(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
     """Adds the targets `start`, or removes the targets `stop` (all, if it is empty)."""
     start, stop, running = message.get("start"), message.get("stop"), state.options.share
     texts = stop if start is None else start
-    if (start is None) == (stop is None) or not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
+    if (
+        (start is None) == (stop is None)
+        or not isinstance(texts, list)
+        or not all(isinstance(text, str) for text in texts)
+    ):
         raise BadMessage("share needs a list of targets, either to start or to stop")
     if start is not None:
         if not start:
@@ -131,11 +161,27 @@ def _share(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
         if len(start) > MAX_TARGETS:
             raise BadMessage(f"share: {len(start)} targets; at most {MAX_TARGETS} are allowed")
         if not state.options.tracking and not state.options.mouse:
-            raise UserError("no eyes are tracked: the scene is a single view", "use `lfpipe up --no-picture --share TARGET`")
-        return Reply(check={"check": "share", "path": ", ".join(start)[:200], "targets": start, "running": list(running)})
-    named = {text: [target for target in running if text in (target, target.partition("?")[0])] for text in texts}
+            raise UserError(
+                "no eyes are tracked: the scene is a single view",
+                "use `lfpipe up --no-picture --share TARGET`",
+            )
+        return Reply(
+            check={
+                "check": "share",
+                "path": ", ".join(start)[:200],
+                "targets": start,
+                "running": list(running),
+            }
+        )
+    named = {
+        text: [target for target in running if text in (target, target.partition("?")[0])]
+        for text in texts
+    }
     if missing := [text for text, targets in named.items() if not targets]:
-        raise UserError(f"{printable(missing[0])}: not a current target", f"current targets: {', '.join(running) or 'none'}")
+        raise UserError(
+            f"{printable(missing[0])}: not a current target",
+            f"current targets: {', '.join(running) or 'none'}",
+        )
     if not running:
         raise UserError("nothing is shared", "`lfpipe ctl share start TARGET` starts it")
     ended = [target for targets in named.values() for target in targets] or list(running)
@@ -143,7 +189,9 @@ def _share(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
     return Reply({"share": list(left)}, state.changed(share=left))
 
 
-def respond_checked(state: SessionState, message: dict[str, Any], result: dict[str, Any], t_ns: int) -> Reply:
+def respond_checked(
+    state: SessionState, message: dict[str, Any], result: dict[str, Any], t_ns: int
+) -> Reply:
     """The reply to a request after its files were checked. The state may have changed meanwhile. Raises like `respond`."""
     if message["cmd"] == "load":
         scene = SceneSummary(**result)

@@ -22,7 +22,10 @@ from lfpipe.host.files import is_missing
 from lfpipe.transport import control, status
 from lfpipe.transport.session import PREFIX, Session, base_dir
 
-ATTEMPTS, PAUSE_S = 30, 0.01  # to take a lock: a process that sweeps or lists sessions holds one briefly
+ATTEMPTS, PAUSE_S = (
+    30,
+    0.01,
+)  # to take a lock: a process that sweeps or lists sessions holds one briefly
 ENDING_S = 3.0  # time limit for a session that lost its run directory to end
 
 
@@ -39,10 +42,14 @@ def _make_directory(path: Path) -> None:
         path.mkdir(mode=0o700)
     except FileExistsError:
         if not _is_own_directory(path):
-            raise UserError(f"{path} is not a directory of yours", "remove it, or use another --session name") from None
+            raise UserError(
+                f"{path} is not a directory of yours", "remove it, or use another --session name"
+            ) from None
         path.chmod(0o700)
     except OSError as error:
-        raise UserError(f"{path}: {error.strerror}", "set XDG_RUNTIME_DIR to a directory that you may write to") from None
+        raise UserError(
+            f"{path}: {error.strerror}", "set XDG_RUNTIME_DIR to a directory that you may write to"
+        ) from None
 
 
 def take_lock(path: Path, make: bool = False) -> Lock | None:
@@ -73,7 +80,9 @@ def _sessions() -> Iterator[Session]:
     except OSError:
         return
     for name in names:
-        with contextlib.suppress(OSError, UserError):  # it has just ended, or it is not the name of a session
+        with contextlib.suppress(
+            OSError, UserError
+        ):  # it has just ended, or it is not the name of a session
             session = Session(name.removeprefix(PREFIX))
             if _is_own_directory(base / name):
                 yield session
@@ -87,7 +96,9 @@ def filled(session: Session) -> Iterator[None]:
     except (OSError, zmq.ZMQError) as error:
         path = getattr(error, "filename", None) or session.run_dir
         what = "free space there" if error.errno in (errno.ENOSPC, errno.EDQUOT) else "remove it"
-        raise UserError(f"{path}: {error.strerror}", f"{what}, or set XDG_RUNTIME_DIR to another directory") from None
+        raise UserError(
+            f"{path}: {error.strerror}", f"{what}, or set XDG_RUNTIME_DIR to another directory"
+        ) from None
 
 
 def acquire(session: Session) -> Lock:
@@ -110,7 +121,9 @@ def acquire(session: Session) -> Lock:
         _empty(session.run_dir)
         if not _unlink_memory(session):
             remedy = "try again in a few seconds, or use another --session NAME"
-            raise UserError(f"session {session.name!r} lost its run directory and has not ended yet", remedy)
+            raise UserError(
+                f"session {session.name!r} lost its run directory and has not ended yet", remedy
+            )
     except BaseException:
         release(session, lock)
         raise
@@ -154,7 +167,9 @@ def release(session: Session, lock: Lock) -> None:
             return
     finally:
         lock.release()
-    with contextlib.suppress(OSError):  # if only the lock is missing, the rest is removed like a dead session's
+    with contextlib.suppress(
+        OSError
+    ):  # if only the lock is missing, the rest is removed like a dead session's
         if (again := take_lock(session.lock)) is not None:
             release(session, again)
 
@@ -209,5 +224,8 @@ def find(name: str) -> Session:
     living = running()
     if name not in living:
         others = ", ".join(living)
-        raise UserError(f"no session {name!r} is running", f"running: {others}" if others else "start one: `lfpipe up --demo`")
+        raise UserError(
+            f"no session {name!r} is running",
+            f"running: {others}" if others else "start one: `lfpipe up --demo`",
+        )
     return session

@@ -18,7 +18,9 @@ from lfpipe.supervisor.process_table import packet_ring, picture_ring
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.ring import RingSpec
 
-TRIAL_NS = 2 * SECOND_NS  # counted after all stages have applied a change; a stage that cannot use it fails sooner
+TRIAL_NS = (
+    2 * SECOND_NS
+)  # counted after all stages have applied a change; a stage that cannot use it fails sooner
 
 
 @attrs.frozen
@@ -96,7 +98,9 @@ class SessionState:
 
     # Changes. Each returns a new state with a new revision.
 
-    def changed(self, config: Config | None = None, paused: bool | None = None, **options: Any) -> SessionState:
+    def changed(
+        self, config: Config | None = None, paused: bool | None = None, **options: Any
+    ) -> SessionState:
         """With another configuration, pause or options. If that changes the quality levels, quality is full again."""
         new = attrs.evolve(
             self,
@@ -119,9 +123,13 @@ class SessionState:
         if old is None or old.pack == scene.pack:
             return self.changed(scene=scene, tracking=tracking)
         zero_planes_px = {**self.zero_planes_px, old.pack: self.config.render.zero_plane_px}
-        render = attrs.evolve(self.config.render, zero_plane_px=zero_planes_px.get(scene.pack, Render().zero_plane_px))
+        render = attrs.evolve(
+            self.config.render, zero_plane_px=zero_planes_px.get(scene.pack, Render().zero_plane_px)
+        )
         order = attrs.evolve(self.config.scene, half_turn="auto")
-        new = self.changed(attrs.evolve(self.config, render=render, scene=order), scene=scene, tracking=tracking)
+        new = self.changed(
+            attrs.evolve(self.config, render=render, scene=order), scene=scene, tracking=tracking
+        )
         return attrs.evolve(new, zero_planes_px=zero_planes_px)
 
     def with_level(self, number: int) -> SessionState:
@@ -150,7 +158,9 @@ class SessionState:
     def rolled_back(self) -> SessionState:
         """With the basis that is known to work; all else unchanged."""
         good = self.known_good
-        return self.changed(good.config, scene=good.scene, tracking=good.tracking, playlist_at=good.playlist_at)
+        return self.changed(
+            good.config, scene=good.scene, tracking=good.tracking, playlist_at=good.playlist_at
+        )
 
     def _with_packets(self) -> SessionState:
         """With the ring of JPEGs if a source of JPEGs is recorded, else without it."""
@@ -159,7 +169,9 @@ class SessionState:
             return self
         number = self.rings_made + records_jpegs
         name = f"packets.{number}" if records_jpegs else ""
-        return attrs.evolve(self, options=attrs.evolve(self.options, packets=name), rings_made=number)
+        return attrs.evolve(
+            self, options=attrs.evolve(self.options, packets=name), rings_made=number
+        )
 
 
 class ConfigRollback:
@@ -169,7 +181,9 @@ class ConfigRollback:
         self._since_ns: int | None = None
         self._outputs: dict[str, int] = {}
 
-    def watch(self, state: SessionState, applied: bool, outputs: Mapping[str, int], t_ns: int) -> SessionState:
+    def watch(
+        self, state: SessionState, applied: bool, outputs: Mapping[str, int], t_ns: int
+    ) -> SessionState:
         """Call often. A change is settled, and the state marked so, when every stage has used it and produced outputs for
         TRIAL_NS.
 
@@ -179,7 +193,9 @@ class ConfigRollback:
             self._since_ns = None
         elif self._since_ns is None:
             self._since_ns, self._outputs = t_ns, dict(outputs)
-        elif t_ns - self._since_ns >= TRIAL_NS and all(n > self._outputs.get(name, 0) for name, n in outputs.items()):
+        elif t_ns - self._since_ns >= TRIAL_NS and all(
+            n > self._outputs.get(name, 0) for name, n in outputs.items()
+        ):
             self._since_ns = None
             return state.settled()
         return state

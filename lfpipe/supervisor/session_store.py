@@ -31,7 +31,12 @@ class SessionStore:
         self._unsent: bytes | None = None
         self._rings: dict[str, Segment] = {}
         with contextlib.ExitStack() as undo:
-            undo.callback(_remove, status.create(session.segment("status"), [stage.name for stage in STAGES], session.run_dir))
+            undo.callback(
+                _remove,
+                status.create(
+                    session.segment("status"), [stage.name for stage in STAGES], session.run_dir
+                ),
+            )
             undo.callback(self._keep, ())
             self._make(rings(state.config))
             self._make(state.rings())
@@ -57,7 +62,9 @@ class SessionStore:
         before = set(self._rings)
         try:
             for name in specs.keys() - before:
-                self._rings[name] = ring.create(self._session.segment(name), specs[name], self._session.run_dir)
+                self._rings[name] = ring.create(
+                    self._session.segment(name), specs[name], self._session.run_dir
+                )
         except BaseException:
             self._keep(before)
             raise

@@ -23,7 +23,12 @@ def _notices(source: NDArray[np.void], display: NDArray[np.void], lowered: str) 
     if source["state"] == State.READY:
         yield "camera lost, trying again"
     away_s = (now_ns() - int(display["t_face_ns"])) / 1e9
-    if source["state"] == State.RUNNING and display["state"] == State.RUNNING and display["t_face_ns"] and away_s > FACELESS_S:
+    if (
+        source["state"] == State.RUNNING
+        and display["state"] == State.RUNNING
+        and display["t_face_ns"]
+        and away_s > FACELESS_S
+    ):
         yield f"no face for {away_s:.0f} s: move into the camera's view"
     if lowered:
         yield f"quality lowered: {lowered}"
@@ -48,7 +53,9 @@ def _stage(row: NDArray[np.void]) -> dict[str, Any]:
     }
 
 
-def snapshot(session: str, rows: Mapping[str, NDArray[np.void]], quality: NDArray[np.void], started_ns: int) -> dict[str, Any]:
+def snapshot(
+    session: str, rows: Mapping[str, NDArray[np.void]], quality: NDArray[np.void], started_ns: int
+) -> dict[str, Any]:
     """`{"session", "uptime_s", "camera_fps", "camera_light", "level", "viewer", "stages": {...}, "end_to_end": {...},
     "judder": {...}, "horizon": {...}, "motion_to_photon": {...}}`, as `lfpipe monitor --once --json` prints it.
 
@@ -62,17 +69,29 @@ def snapshot(session: str, rows: Mapping[str, NDArray[np.void]], quality: NDArra
     judder: refreshes that showed another picture than planned; percent: None if no screen reports its blanks.
     motion_to_photon: latency at the onset of a motion and steady, see docs/photon.md; None where nobody has moved.
     """
-    stages = {name: _stage(row) for name, row in rows.items() if name in CORE or row["state"] != State.NONE}
+    stages = {
+        name: _stage(row)
+        for name, row in rows.items()
+        if name in CORE or row["state"] != State.NONE
+    }
     source, display = rows[SOURCE], rows[SHOWN_BY]
     viewer = ViewerState(int(display["viewer"]))
-    if display["state"] == State.NONE and rows[TRACKED_BY]["face"]:  # without a picture nobody follows where the viewer sits
+    if (
+        display["state"] == State.NONE and rows[TRACKED_BY]["face"]
+    ):  # without a picture nobody follows where the viewer sits
         viewer = ViewerState.SEATED
-    level, words, planned = int(quality["level"]), quality["words"].item().decode(errors="replace"), int(display["planned"])
+    level, words, planned = (
+        int(quality["level"]),
+        quality["words"].item().decode(errors="replace"),
+        int(display["planned"]),
+    )
     return {
         "session": session,
         "uptime_s": round((now_ns() - started_ns) / 1e9, 2),
         "camera_fps": stages[SOURCE]["fps"],
-        "camera_light": f"too little light for {int(source['nominal_mhz']) / 1000:.3g} Hz" if source["dim"] else "",
+        "camera_light": f"too little light for {int(source['nominal_mhz']) / 1000:.3g} Hz"
+        if source["dim"]
+        else "",
         "level": level,
         "lowest_level": int(quality["lowest"]),
         "level_words": words,
@@ -86,5 +105,8 @@ def snapshot(session: str, rows: Mapping[str, NDArray[np.void]], quality: NDArra
             "percent": round(100 * int(display["juddered"]) / planned, 3) if planned else None,
         },
         "horizon": summary_ms(display["horizon"]),
-        "motion_to_photon": {f"{name}_ms": round(int(display[f"{name}_ns"]) / 1e6, 2) or None for name in ("onset", "steady")},
+        "motion_to_photon": {
+            f"{name}_ms": round(int(display[f"{name}_ns"]) / 1e6, 2) or None
+            for name in ("onset", "steady")
+        },
     }

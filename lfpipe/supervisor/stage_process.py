@@ -29,12 +29,22 @@ MAX_RESTARTS_WINDOW_S, MAX_FAILURES = 60.0, 5  # five failures in a minute are n
 FIRST_BACKOFF_S, MAX_BACKOFF_S = 0.1, 5.0  # doubled from one failure to the next
 MAX_STACK = 4000  # characters reported
 BUSY_S = 60.0  # without a beat: time for a disk to spin up, or for a network to return
-COMPUTING = 5  # times these limits while it uses a CPU: emulated, one search for a face takes seconds
-LOSSLESS_CPU_S = 60.0  # of its own, without a beat, in a lossless replay: nobody waits for a picture
-COMPUTING_SHARE = 0.03  # of the time: more than polling takes, less than a share beside dozens of busy programs
+COMPUTING = (
+    5  # times these limits while it uses a CPU: emulated, one search for a face takes seconds
+)
+LOSSLESS_CPU_S = (
+    60.0  # of its own, without a beat, in a lossless replay: nobody waits for a picture
+)
+COMPUTING_SHARE = (
+    0.03  # of the time: more than polling takes, less than a share beside dozens of busy programs
+)
 ASLEEP_S = 1.0  # after such a gap between checks, the supervisor was stopped or starved, probably like the stages
 DRAIN_NS = 2 * SECOND_NS  # time for the stages to finish their work after the source has ended
-STOP_S, TERM_S, KILL_S = 0.9, 3.0, 5.0  # time limits after "stop", after SIGTERM (on a busy machine), after SIGKILL
+STOP_S, TERM_S, KILL_S = (
+    0.9,
+    3.0,
+    5.0,
+)  # time limits after "stop", after SIGTERM (on a busy machine), after SIGKILL
 LEFT: tuple[Literal["error", "stack"], ...] = ("error", "stack")  # files of a stage that has ended
 PASSES = ((STOP_S, signals.END), (TERM_S, signals.KILL), (KILL_S, None))
 
@@ -63,7 +73,11 @@ class StageProcess:
         if self.row["pid"] and self.row["state"] != State.FINISHED:
             self.row["restarts"] += 1
         self._checked_ns = self._awake_ns = now_ns()
-        self.row["state"], self.row["ready_ns"], self.row["started_ns"] = State.STARTING, 0, self._checked_ns
+        self.row["state"], self.row["ready_ns"], self.row["started_ns"] = (
+            State.STARTING,
+            0,
+            self._checked_ns,
+        )
         self.row["busy_with"], self.row["busy_since_ns"], self.row["cpu_ns"] = b"", 0, 0
         self._killed, self.lossless = False, spec.options.lossless
         self.process = multiprocessing.get_context("spawn").Process(
@@ -75,7 +89,12 @@ class StageProcess:
         with signals.blocked():
             self.process.start()
         self.row["pid"] = self.process.pid
-        logger.info("%s starts as process %d, restart %d", self.stage.name, self.process.pid, self.row["restarts"])
+        logger.info(
+            "%s starts as process %d, restart %d",
+            self.stage.name,
+            self.process.pid,
+            self.row["restarts"],
+        )
 
     def reap(self) -> int | None:
         """Exit code when the process has ended since the last call, else None."""
@@ -86,10 +105,20 @@ class StageProcess:
         self.process.close()
         self.process = None
         in_order = (0,) if self.must_run else (0, child.EXIT_TERMINATED)
-        finished = code in in_order and (not self.must_run or self.stage.name == SOURCE or self.stage.optional)  # no work is left
-        self.row["state"], self.row["dead_ns"] = State.FINISHED if finished else State.DEAD, now_ns()
+        finished = code in in_order and (
+            not self.must_run or self.stage.name == SOURCE or self.stage.optional
+        )  # no work is left
+        self.row["state"], self.row["dead_ns"] = (
+            State.FINISHED if finished else State.DEAD,
+            now_ns(),
+        )
         self.row["busy_with"], self.row["busy_since_ns"] = b"", 0
-        logger.info("%s ended with code %d after %.1f s", self.stage.name, code, (now_ns() - int(self.row["started_ns"])) / 1e9)
+        logger.info(
+            "%s ended with code %d after %.1f s",
+            self.stage.name,
+            code,
+            (now_ns() - int(self.row["started_ns"])) / 1e9,
+        )
         if code == 0:
             self.row["taken_seq"] = 0  # its work was done, so its successor has missed nothing
         return int(code)
@@ -118,14 +147,20 @@ class StageProcess:
         cpu_s = (cpu_ns - int(row["cpu_ns"])) / 1e9  # since its last output
         computes = cpu_s > COMPUTING_SHARE * silent_s
         patient = self.lossless and cpu_s <= LOSSLESS_CPU_S
-        if silent_s <= BUSY_S * on_disk or (computes and (patient or silent_s <= COMPUTING * limit_s)):
+        if silent_s <= BUSY_S * on_disk or (
+            computes and (patient or silent_s <= COMPUTING * limit_s)
+        ):
             return ""
         return f"{words + ': ' if words else ''}{'not ready after' if sets_up else 'no beat for'} {silent_s:.1f} s"
 
     @property
     def saves(self) -> str:
         """The results that the process is writing at its end, in words, while it makes progress; else ""."""
-        return busy_words(self.row) if self.row["state"] == State.STOPPING and not self.overdue() else ""
+        return (
+            busy_words(self.row)
+            if self.row["state"] == State.STOPPING and not self.overdue()
+            else ""
+        )
 
     def kill_hung(self) -> str:
         """Kills a hung process, once, and returns its stack. On a stalled machine its end may take long."""
@@ -168,10 +203,16 @@ class StageProcesses:
     """All of them. table: the status table. spec: what a stage receives at its start. ask_to_stop: sends the stop to a stage."""
 
     def __init__(
-        self, session: Session, table: Table, spec: Callable[[Stage], StageSpec], ask_to_stop: Callable[[str], None]
+        self,
+        session: Session,
+        table: Table,
+        spec: Callable[[Stage], StageSpec],
+        ask_to_stop: Callable[[str], None],
     ) -> None:
         self._table, self._spec, self._ask_to_stop = table, spec, ask_to_stop
-        self._all = {stage.name: StageProcess(stage, session, table.rows[stage.name]) for stage in STAGES}
+        self._all = {
+            stage.name: StageProcess(stage, session, table.rows[stage.name]) for stage in STAGES
+        }
         self._drain_since_ns = 0
 
     def __iter__(self) -> Iterator[StageProcess]:
@@ -214,7 +255,11 @@ class StageProcesses:
 
     def needed(self, options: SessionOptions, or_alive: bool = False) -> list[StageProcess]:
         """Those that a session with these options needs, running or not. or_alive: also those that run still."""
-        return [process for process in self if process.stage.needed(options) or (or_alive and process.alive)]
+        return [
+            process
+            for process in self
+            if process.stage.needed(options) or (or_alive and process.alive)
+        ]
 
     def kill(self) -> None:
         """Ends all at once: the user asked twice."""

@@ -56,7 +56,9 @@ def run_session(
                 live = LiveSession(ctx, session, SessionState.first(config, options), tell, packing)
             with contextlib.closing(live):
                 outcome = live.loop(duration_s, arrived, lock)
-            logger.info("session %s: %s; %s", session.name, outcome.reason, outcome.failure or "no failure")
+            logger.info(
+                "session %s: %s; %s", session.name, outcome.reason, outcome.failure or "no failure"
+            )
     finally:
         session_log.keep_last(session.run_dir)
         rundir.release(session, lock)

@@ -37,7 +37,10 @@ NEEDS = {REPLAY: "sequences", TRUTH: "sequences", QUALITY: "scenes", TABLE: "sce
 TIMED = (TABLE, *BENCH)  # run alone
 PLAN_BYTES = 1 << 20  # more than anybody types
 MAX_CELLS = 100_000  # a day of a cluster; a list too many is a mistake
-PROTOCOL: dict[str, tuple[Collection[int], int]] = {"keep": ((2, 3), 2), "border": (range(1001), 22)}  # allowed values, default
+PROTOCOL: dict[str, tuple[Collection[int], int]] = {
+    "keep": ((2, 3), 2),
+    "border": (range(1001), 22),
+}  # allowed values, default
 REMEDY = "see `lfpipe sweep --help` for the form of a plan"
 
 
@@ -62,7 +65,11 @@ class Cell:
     @property
     def folder(self) -> str:
         """Name of its reference: readable, and unique by a hash of the name."""
-        return re.sub(r"[^\w.=-]+", "_", self.name)[:80] + "-" + hashlib.blake2b(self.name.encode(), digest_size=4).hexdigest()
+        return (
+            re.sub(r"[^\w.=-]+", "_", self.name)[:80]
+            + "-"
+            + hashlib.blake2b(self.name.encode(), digest_size=4).hexdigest()
+        )
 
 
 def read_plan(path: Path) -> list[Cell]:
@@ -74,19 +81,32 @@ def read_plan(path: Path) -> list[Cell]:
     _check_names(f"{path}: ", table, ("sequences", "scenes", "subjects", "config", "table"))
     texts = {key: table.get(key, []) for key in ("sequences", "scenes", "subjects")}
     for key, values in texts.items():
-        if not isinstance(values, list) or not all(isinstance(value, str) and value for value in values):
-            raise UserError(f"{path}: {key}: {values!r:.100}", f'write a list of strings: {key} = ["..."]')
+        if not isinstance(values, list) or not all(
+            isinstance(value, str) and value for value in values
+        ):
+            raise UserError(
+                f"{path}: {key}: {values!r:.100}", f'write a list of strings: {key} = ["..."]'
+            )
     _check_names(f"{path}: subjects: ", texts["subjects"], SUBJECTS)
     if not texts["subjects"]:
-        raise UserError(f"{path}: subjects: the list is empty", f"name at least one of {', '.join(SUBJECTS)}")
-    options = {name: [default] for name, (_, default) in PROTOCOL.items()} | _lists(path, "table", table)
+        raise UserError(
+            f"{path}: subjects: the list is empty", f"name at least one of {', '.join(SUBJECTS)}"
+        )
+    options = {name: [default] for name, (_, default) in PROTOCOL.items()} | _lists(
+        path, "table", table
+    )
     _check_names(f"{path}: table.", options, PROTOCOL)
     for name, value in ((name, value) for name, values in options.items() for value in values):
         if isinstance(value, bool | float) or value not in PROTOCOL[name][0]:
-            raise UserError(f"{path}: table.{name}: {value!r}", "see the values in `lfpipe bench table --help`")
+            raise UserError(
+                f"{path}: table.{name}: {value!r}", "see the values in `lfpipe bench table --help`"
+            )
     sets = _lists(path, "config", table)
     if (count := len(texts["subjects"]) * math.prod(map(len, sets.values()))) > MAX_CELLS:
-        raise UserError(f"{path}: {count} combinations of configurations and subjects", f"reduce them to at most {MAX_CELLS}")
+        raise UserError(
+            f"{path}: {count} combinations of configurations and subjects",
+            f"reduce them to at most {MAX_CELLS}",
+        )
     configs = _combinations(sets)
     for words in configs:
         config.load(None, words)  # refuses wrong keys and values before anything runs
@@ -96,7 +116,9 @@ def read_plan(path: Path) -> list[Cell]:
         if not inputs.get(key := NEEDS.get(subject, ""), [key]):
             raise UserError(f"{path}: subject {subject} needs {key}", f"add {key} = [...]")
         of_views = NEEDS.get(subject) == "scenes"
-        sequences, protocols = ([""], _combinations(options)) if of_views else (inputs["sequences"] or [""], [()])
+        sequences, protocols = (
+            ([""], _combinations(options)) if of_views else (inputs["sequences"] or [""], [()])
+        )
         product = itertools.product(sequences, inputs["scenes"] or [""], configs, protocols)
         cells += [Cell(subject, *values) for values in product]
     return cells
@@ -115,15 +137,23 @@ def _lists(path: Path, key: str, plan: dict[str, Any]) -> dict[str, list[Any]]:
     table = plan.get(key, {})
     if not isinstance(table, dict):
         raise UserError(f"{path}: {key}: {table!r:.100}", f"write a table: [{key}]")
-    lists = {str(name): value if isinstance(value, list) else [value] for name, value in flat(table)}
+    lists = {
+        str(name): value if isinstance(value, list) else [value] for name, value in flat(table)
+    }
     if empty := [name for name, values in lists.items() if not values]:
-        raise UserError(f"{path}: {key}.{empty[0]}: an empty list", "give at least one value, or leave the key out")
+        raise UserError(
+            f"{path}: {key}.{empty[0]}: an empty list",
+            "give at least one value, or leave the key out",
+        )
     return lists
 
 
 def _combinations(lists: dict[str, list[Any]]) -> list[tuple[str, ...]]:
     """Every combination of one value from each list, as KEY=VALUE texts."""
-    texts = [[f"{k}={one if isinstance(one, str) else json.dumps(one)}" for one in values] for k, values in lists.items()]
+    texts = [
+        [f"{k}={one if isinstance(one, str) else json.dumps(one)}" for one in values]
+        for k, values in lists.items()
+    ]
     return list(itertools.product(*texts))
 
 

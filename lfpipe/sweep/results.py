@@ -22,7 +22,12 @@ DONE = (OK, DIFFERS, LEFT_OUT)  # not measured again
 DIED = "died"  # of a cell whose process died: it runs again, alone; never stored
 LINES, TABLE, PAGE, JUNIT = "results.jsonl", "table.csv", "report.html", "junit.xml"
 PLACE = "name a folder that you may write to, on a disk with free space: --out DIR"
-STATES = {OK: "ok", DIFFERS: "failed", FAILED: "failed", LEFT_OUT: "degraded"}  # with the class of the page's style
+STATES = {
+    OK: "ok",
+    DIFFERS: "failed",
+    FAILED: "failed",
+    LEFT_OUT: "degraded",
+}  # with the class of the page's style
 KINDS = {DIFFERS: "failure", FAILED: "error", LEFT_OUT: "skipped"}  # of JUnit
 ABOUT = ("state", "subject", "sequence", "scene", "config", "options", "seconds", "host", "reason")
 FORMULA = ("=", "+", "-", "@", "\t", "\r")  # a spreadsheet would compute a text that begins so
@@ -43,9 +48,23 @@ class Outcome:
     def row(self) -> dict[str, str]:
         """As a row of a table: the columns ABOUT, then the figures."""
         cell = self.cell
-        paths, sets = (Path(cell.sequence).name, Path(cell.scene).name), (" ".join(cell.sets), " ".join(cell.options))
-        about = (self.state, cell.subject, *paths, *sets, f"{self.seconds:.2f}", self.host, self.reason)
-        figures = {name: value if isinstance(value, str) else f"{value:.6g}" for name, value in self.figures.items()}
+        paths, sets = (
+            (Path(cell.sequence).name, Path(cell.scene).name),
+            (" ".join(cell.sets), " ".join(cell.options)),
+        )
+        about = (
+            self.state,
+            cell.subject,
+            *paths,
+            *sets,
+            f"{self.seconds:.2f}",
+            self.host,
+            self.reason,
+        )
+        figures = {
+            name: value if isinstance(value, str) else f"{value:.6g}"
+            for name, value in self.figures.items()
+        }
         return {**dict(zip(ABOUT, about, strict=True)), **figures}
 
 
@@ -65,7 +84,9 @@ class Store:
         except OSError as error:
             raise UserError(f"{self.path}: {reason(error)}", PLACE) from None
         for line in lines:
-            with contextlib.suppress(ValueError, TypeError, KeyError):  # a line of another version: the cell is measured again
+            with contextlib.suppress(
+                ValueError, TypeError, KeyError
+            ):  # a line of another version: the cell is measured again
                 fields = json.loads(line)
                 cell = Cell(**{name: fields.pop(name) for name in attrs.fields_dict(Cell)})
                 cell = attrs.evolve(cell, sets=tuple(cell.sets), options=tuple(cell.options))
@@ -89,22 +110,31 @@ class Store:
 def verdict(outcomes: Sequence[Outcome]) -> str:
     """Counts by state, in words."""
     counts = Counter(outcome.state for outcome in outcomes)
-    return f"{len(outcomes)} cells: " + ", ".join(f"{counts[state]} {state}" for state in STATES if counts[state])
+    return f"{len(outcomes)} cells: " + ", ".join(
+        f"{counts[state]} {state}" for state in STATES if counts[state]
+    )
 
 
 def write(outcomes: Sequence[Outcome], folder: Path, junit: Path | None) -> Path:
     """table.csv, the page, and JUnit; returns the path of the page. Raises UserError if the disk is full."""
     rows = [outcome.row() for outcome in outcomes]
     text = io.StringIO()
-    table = csv.DictWriter(text, list(dict.fromkeys([*ABOUT, *(name for row in rows for name in row)])))
+    table = csv.DictWriter(
+        text, list(dict.fromkeys([*ABOUT, *(name for row in rows for name in row)]))
+    )
     table.writeheader()
-    table.writerows({name: _quoted(cell) if name in ABOUT else cell for name, cell in row.items()} for row in rows)
+    table.writerows(
+        {name: _quoted(cell) if name in ABOUT else cell for name, cell in row.items()}
+        for row in rows
+    )
     page = f"<p>{verdict(outcomes)}</p>"
     for subject in dict.fromkeys(row["subject"] for row in rows):
         of_subject = [row for row in rows if row["subject"] == subject]
         head = list(dict.fromkeys(name for row in of_subject for name in row))
         texts = [[plain(row.get(name, ""), 400) for name in head] for row in of_subject]
-        page += f"<h2>{subject}</h2>" + html_table(head, texts, [[STATES[row["state"]]] for row in of_subject])
+        page += f"<h2>{subject}</h2>" + html_table(
+            head, texts, [[STATES[row["state"]]] for row in of_subject]
+        )
     write_output(folder / TABLE, text.getvalue().encode())
     write_output(folder / PAGE, document("Sweep", page).encode())
     write_output(junit or folder / JUNIT, _junit(outcomes))
@@ -119,12 +149,27 @@ def _quoted(cell: str) -> str:
 
 def _junit(outcomes: Sequence[Outcome]) -> bytes:
     counts = Counter(outcome.state for outcome in outcomes)
-    numbers = {"tests": len(outcomes), "failures": counts[DIFFERS], "errors": counts[FAILED], "skipped": counts[LEFT_OUT]}
-    suite = ElementTree.Element("testsuite", {"name": "lfpipe sweep", **{name: str(value) for name, value in numbers.items()}})
+    numbers = {
+        "tests": len(outcomes),
+        "failures": counts[DIFFERS],
+        "errors": counts[FAILED],
+        "skipped": counts[LEFT_OUT],
+    }
+    suite = ElementTree.Element(
+        "testsuite",
+        {"name": "lfpipe sweep", **{name: str(value) for name, value in numbers.items()}},
+    )
     for outcome in outcomes:
-        about = {"classname": f"lfpipe.sweep.{outcome.cell.subject}", "name": plain(outcome.cell.name, 500)}
-        case = ElementTree.SubElement(suite, "testcase", {**about, "time": f"{outcome.seconds:.3f}"})
+        about = {
+            "classname": f"lfpipe.sweep.{outcome.cell.subject}",
+            "name": plain(outcome.cell.name, 500),
+        }
+        case = ElementTree.SubElement(
+            suite, "testcase", {**about, "time": f"{outcome.seconds:.3f}"}
+        )
         if outcome.state in KINDS:
             first = plain(outcome.reason.partition("\n")[0], 1000)
-            ElementTree.SubElement(case, KINDS[outcome.state], {"message": first}).text = plain(outcome.reason, 20_000)
+            ElementTree.SubElement(case, KINDS[outcome.state], {"message": first}).text = plain(
+                outcome.reason, 20_000
+            )
     return bytes(ElementTree.tostring(suite, "utf-8", xml_declaration=True))

@@ -30,7 +30,10 @@ from lfpipe.sweep.results import DIED, FAILED, Outcome, Store
 from lfpipe.sweep.work import Order, measure_cell
 
 AGAIN = "start it again, then run the same command"
-SCHEDULER_WAIT_S, WORKER_WAIT_S = 8.0, 30.0  # a host that does not answer; workers that have just been started
+SCHEDULER_WAIT_S, WORKER_WAIT_S = (
+    8.0,
+    30.0,
+)  # a host that does not answer; workers that have just been started
 FIRST_LINE_S = 30.0  # without a result, what runs is named; again after twice that time, and so on
 Notice = Callable[[str], None]
 
@@ -47,18 +50,29 @@ class Workers:
 def content(path: str) -> str:
     """Hash of a file, or of the files in a folder; of a recording, of its manifest, which holds checksums."""
     place = Path(path)
-    files = [place / MANIFEST] if is_sequence(place) else sorted(place.rglob("*")) if is_dir(place) else [place]
+    files = (
+        [place / MANIFEST]
+        if is_sequence(place)
+        else sorted(place.rglob("*"))
+        if is_dir(place)
+        else [place]
+    )
     digest = hashlib.blake2b(digest_size=12)
     for file in filter(is_file, files):
         digest.update(str(file.relative_to(place)).encode(errors="surrogateescape"))
-        with contextlib.suppress(OSError), file.open("rb") as stream:  # the cell names what cannot be read
+        with (
+            contextlib.suppress(OSError),
+            file.open("rb") as stream,
+        ):  # the cell names what cannot be read
             digest.update(hashlib.file_digest(stream, "blake2b").digest())
     return digest.hexdigest()
 
 
 def source_digest() -> str:
     """Hash of the package's own files: a changed program measures again."""
-    return _hash(*(content(str(path)) for path in sorted(Path(lfpipe.__file__).parent.rglob("*.py"))))
+    return _hash(
+        *(content(str(path)) for path in sorted(Path(lfpipe.__file__).parent.rglob("*.py")))
+    )
 
 
 def _hash(*texts: str) -> str:
@@ -68,13 +82,17 @@ def _hash(*texts: str) -> str:
 def keyed(cell: Cell, version: str, order: Order) -> Cell:
     """The cell with its key: of the program, the cell, its inputs, and its reference, or, with update, whether there is one."""
     place = order.reference(cell)
-    reference = "" if place is None else f"update {is_dir(place)}" if order.update else content(str(place))
+    reference = (
+        "" if place is None else f"update {is_dir(place)}" if order.update else content(str(place))
+    )
     inputs = (content(path) if path else "" for path in (cell.sequence, cell.scene))
     return attrs.evolve(cell, key=_hash(version, cell.name, *inputs, reference))
 
 
 @contextlib.contextmanager
-def local_workers(jobs: int, work: Callable[[Cell, Order], Outcome] = measure_cell) -> Iterator[Workers]:
+def local_workers(
+    jobs: int, work: Callable[[Cell, Order], Outcome] = measure_cell
+) -> Iterator[Workers]:
     """Threads of this process. Cells that still run at the end are killed."""
     with ThreadPoolExecutor(jobs) as pool:
         try:
@@ -94,24 +112,39 @@ def dask_workers(address: str, insecure: bool = False) -> Iterator[Workers]:
     """
     if not address.startswith("tls://") and not insecure:
         what = f"--on {address}: without TLS, whoever reaches this port runs code as you: Dask unpickles what it receives"
-        raise UserError(what, "start Dask with certificates and name tls://HOST:PORT; on a network of your own, add --insecure")
+        raise UserError(
+            what,
+            "start Dask with certificates and name tls://HOST:PORT; on a network of your own, add --insecure",
+        )
     try:
         import dask
         from distributed import Client
     except ImportError as error:
-        raise UserError(f"--on needs the package {error.name}", "pip install 'lfpipe[sweep]'") from None
+        raise UserError(
+            f"--on needs the package {error.name}", "pip install 'lfpipe[sweep]'"
+        ) from None
     for name in ("distributed", "distributed.client"):
         logging.getLogger(name).setLevel(logging.CRITICAL)  # we report errors ourselves
-    with dask.config.set({"distributed.comm.timeouts.connect": f"{SCHEDULER_WAIT_S:g}s"}), contextlib.ExitStack() as stack:
+    with (
+        dask.config.set({"distributed.comm.timeouts.connect": f"{SCHEDULER_WAIT_S:g}s"}),
+        contextlib.ExitStack() as stack,
+    ):
         try:
-            client = stack.enter_context(Client(address, timeout=SCHEDULER_WAIT_S, set_as_default=False))
+            client = stack.enter_context(
+                Client(address, timeout=SCHEDULER_WAIT_S, set_as_default=False)
+            )
             client.wait_for_workers(1, timeout=WORKER_WAIT_S)
         except (OSError, ValueError, TypeError, TimeoutError) as error:
             why = str(error).splitlines()[0] if str(error) else type(error).__name__
             remedy = "start `dask scheduler` and, on each host, `dask worker ADDRESS --nthreads 1`"
             raise UserError(f"--on {address}: {why}", remedy) from None
-        if others := {name for name, digest in client.run(source_digest).items() if digest != source_digest()}:
-            raise UserError(f"--on {address}: {min(others)} runs another lfpipe", "install the same version on all hosts")
+        if others := {
+            name for name, digest in client.run(source_digest).items() if digest != source_digest()
+        }:
+            raise UserError(
+                f"--on {address}: {min(others)} runs another lfpipe",
+                "install the same version on all hosts",
+            )
 
         def count() -> int:
             try:
@@ -125,7 +158,9 @@ def dask_workers(address: str, insecure: bool = False) -> Iterator[Workers]:
         yield Workers(partial(client.submit, measure_cell, pure=False), count)
 
 
-def outcomes(workers: Workers, cells: Sequence[Cell], order: Order, notice: Notice) -> Iterator[Outcome]:
+def outcomes(
+    workers: Workers, cells: Sequence[Cell], order: Order, notice: Notice
+) -> Iterator[Outcome]:
     """The outcomes of cells as they come, DIED for one whose process or worker died. While none comes, the oldest are named.
 
     Raises UserError if no answer can come.
@@ -140,7 +175,9 @@ def outcomes(workers: Workers, cells: Sequence[Cell], order: Order, notice: Noti
             future = done.get(timeout=waited_s or FIRST_LINE_S)
         except queue.Empty:
             waited_s = 2 * waited_s or FIRST_LINE_S
-            names = ", ".join(cell.name for cell in itertools.islice(running.values(), workers.count()))
+            names = ", ".join(
+                cell.name for cell in itertools.islice(running.values(), workers.count())
+            )
             notice(f"no result for {waited_s:.0f} s; running: {names}")
             continue
         waited_s, cell = 0.0, running.pop(future)
@@ -150,19 +187,33 @@ def outcomes(workers: Workers, cells: Sequence[Cell], order: Order, notice: Noti
             workers.count()
             yield Outcome(cell, DIED, f"its worker died: {type(error).__name__}")
         except Exception as error:
-            died = type(error).__name__ == "KilledWorker"  # Dask's word for a cell whose workers died several times
+            died = (
+                type(error).__name__ == "KilledWorker"
+            )  # Dask's word for a cell whose workers died several times
             yield Outcome(cell, DIED if died else FAILED, f"{type(error).__name__}: {error}")
 
 
-def run_cells(workers: Workers, cells: Sequence[Cell], order: Order, take: Callable[[Outcome], None], notice: Notice) -> None:
+def run_cells(
+    workers: Workers,
+    cells: Sequence[Cell],
+    order: Order,
+    take: Callable[[Outcome], None],
+    notice: Notice,
+) -> None:
     """Measures cells: those that may run beside others, then the rest, each alone. take: receives the outcomes."""
     alone = [cell for cell in cells if cell.subject in TIMED]
-    for outcome in outcomes(workers, [cell for cell in cells if cell.subject not in TIMED], order, notice):
+    for outcome in outcomes(
+        workers, [cell for cell in cells if cell.subject not in TIMED], order, notice
+    ):
         alone.append(outcome.cell) if outcome.state == DIED else take(outcome)
     for cell in alone:
         (outcome,) = outcomes(workers, [cell], order, notice)
         died = outcome.state == DIED
-        take(attrs.evolve(outcome, state=FAILED, reason=f"{outcome.reason}, also alone") if died else outcome)
+        take(
+            attrs.evolve(outcome, state=FAILED, reason=f"{outcome.reason}, also alone")
+            if died
+            else outcome
+        )
 
 
 def run_sweep(
@@ -177,7 +228,9 @@ def run_sweep(
     version = f"{source_digest()} {versions() | {'processor': ''}}"
     every = [keyed(cell, version, order) for cell in plan]
     store = Store(out)
-    todo = {cell.key: cell for cell in every if cell.key not in store.outcomes}  # scenes of equal name and content are one cell
+    todo = {
+        cell.key: cell for cell in every if cell.key not in store.outcomes
+    }  # scenes of equal name and content are one cell
 
     def take(outcome: Outcome) -> None:
         store.append(outcome)

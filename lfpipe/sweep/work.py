@@ -43,14 +43,20 @@ class Order:
 
     def reference(self, cell: Cell) -> Path | None:
         """Where the reference of a cell is; None for a subject without."""
-        return Path(self.references, cell.folder) if self.references and cell.subject in (REPLAY, QUALITY) else None
+        return (
+            Path(self.references, cell.folder)
+            if self.references and cell.subject in (REPLAY, QUALITY)
+            else None
+        )
 
 
 def measure_cell(cell: Cell, order: Order) -> Outcome:
     """The outcome of a cell, measured on this host. A failed cell raises nothing."""
     began_s, figures = time.time(), dict[str, Any]()
     try:
-        with tempfile.TemporaryDirectory(prefix="lfpipe-sweep-", ignore_cleanup_errors=True) as work:
+        with tempfile.TemporaryDirectory(
+            prefix="lfpipe-sweep-", ignore_cleanup_errors=True
+        ) as work:
             measure = _replay if cell.subject in (REPLAY, TRUTH) else _bench
             state, reason, figures = measure(cell, order, Path(work))
         if state == OK and (place := order.reference(cell)):
@@ -59,11 +65,28 @@ def measure_cell(cell: Cell, order: Order) -> Outcome:
         state, reason = FAILED, f"stopped after {order.limit_s:g} s; --limit gives more"
     except subprocess.CalledProcessError as error:
         state, signal = DIED, -error.returncode
-        reason = f"its process was ended by signal {signal}" + ", perhaps out of memory" * (signal == 9)
+        reason = f"its process was ended by signal {signal}" + ", perhaps out of memory" * (
+            signal == 9
+        )
     except Exception as error:  # one cell's mistake must not end the sweep
-        state, reason = FAILED, str(error) if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
-    numbers = {name: value for name, value in figures.items() if isinstance(value, str) or math.isfinite(value)}
-    return Outcome(cell, state, plain(reason, REASON_CHARS), numbers, round(time.time() - began_s, 4), platform.node(), began_s)
+        state, reason = (
+            FAILED,
+            str(error) if isinstance(error, UserError) else f"{type(error).__name__}: {error}",
+        )
+    numbers = {
+        name: value
+        for name, value in figures.items()
+        if isinstance(value, str) or math.isfinite(value)
+    }
+    return Outcome(
+        cell,
+        state,
+        plain(reason, REASON_CHARS),
+        numbers,
+        round(time.time() - began_s, 4),
+        platform.node(),
+        began_s,
+    )
 
 
 def _run(cell: Cell, order: Order, *words: str) -> tuple[int, str, str]:
@@ -72,19 +95,44 @@ def _run(cell: Cell, order: Order, *words: str) -> tuple[int, str, str]:
     Returns exit code, output, and the reason of a failure.
     Raises CalledProcessError if a signal ends it, and TimeoutExpired after the limit.
     """
-    command = [sys.executable, "-c", COMMAND, str(os.getpid()), *words, *(f"--set={text}" for text in cell.sets)]
+    command = [
+        sys.executable,
+        "-c",
+        COMMAND,
+        str(os.getpid()),
+        *words,
+        *(f"--set={text}" for text in cell.sets),
+    ]
     done = subprocess.run(
-        command, stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace", check=False, timeout=order.limit_s
+        command,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        errors="replace",
+        check=False,
+        timeout=order.limit_s,
     )
     if done.returncode < 0:
         raise subprocess.CalledProcessError(done.returncode, words)
     lines = [line for line in done.stderr.splitlines() if line.strip()]
-    first = next((k for k, line in enumerate(lines) if line.startswith("error: ")), max(0, len(lines) - 3))
-    return done.returncode, done.stdout, "\n".join(lines[first:]).removeprefix("error: ") or f"exit code {done.returncode}"
+    first = next(
+        (k for k, line in enumerate(lines) if line.startswith("error: ")), max(0, len(lines) - 3)
+    )
+    return (
+        done.returncode,
+        done.stdout,
+        "\n".join(lines[first:]).removeprefix("error: ") or f"exit code {done.returncode}",
+    )
 
 
 def _replay(cell: Cell, order: Order, work: Path) -> Measured:
-    words = ["replay", cell.sequence, "--out", str(work / "out"), *(["--scene", cell.scene] if cell.scene else [])]
+    words = [
+        "replay",
+        cell.sequence,
+        "--out",
+        str(work / "out"),
+        *(["--scene", cell.scene] if cell.scene else []),
+    ]
     if cell.subject == TRUTH:
         words += ["--pace", "max"]
     elif (place := order.reference(cell)) and (order.update or is_dir(place)):
@@ -96,7 +144,11 @@ def _replay(cell: Cell, order: Order, work: Path) -> Measured:
         return FAILED, why, {}
     report = read_report(work / "out")
     tables = {name: table or {} for name, table in (report["truth_error"] or {}).items()}
-    errors = {f"truth.{name}.{figure}": value for name, table in tables.items() for figure, value in table.items()}
+    errors = {
+        f"truth.{name}.{figure}": value
+        for name, table in tables.items()
+        for figure, value in table.items()
+    }
     if cell.subject == TRUTH:
         return (OK, "", errors) if errors else (LEFT_OUT, "the sequence has no truth", {})
     counts = {name: report["counts"][name] for name in ("frames", "faces", "composed")}
@@ -107,12 +159,19 @@ def _replay(cell: Cell, order: Order, work: Path) -> Measured:
 def _bench(cell: Cell, order: Order, work: Path) -> Measured:
     table = cell.subject in (QUALITY, TABLE)
     if table:
-        words = ["table", cell.scene, *(f"--{option}" for option in cell.options), *["--untimed"] * (cell.subject == QUALITY)]
+        words = [
+            "table",
+            cell.scene,
+            *(f"--{option}" for option in cell.options),
+            *["--untimed"] * (cell.subject == QUALITY),
+        ]
     else:
         words = [cell.subject, "--quick", *(["--scene", cell.scene] if cell.scene else [])]
         words += ["--sequence", cell.sequence] if cell.sequence else []
     code, _, why = _run(cell, order, "bench", *words, "--out", str(work))
-    if code and not (table and code == 1 and exists(work / "results.json")):  # 1: a scene was left out
+    if code and not (
+        table and code == 1 and exists(work / "results.json")
+    ):  # 1: a scene was left out
         return FAILED, why, {}
     results = read(work)[TABLE if table else cell.subject]
     named = [(f"{row.curve}." if table else f"{row.name}: ", row.values) for row in results.rows]
@@ -120,8 +179,16 @@ def _bench(cell: Cell, order: Order, work: Path) -> Measured:
     if states := [value.state for *_, value in results.judged() if not value.only]:
         figures |= {f"cells {state}": float(states.count(state)) for state in STATES}
     if results.failures:
-        return FAILED, "; ".join(f"{one}: {reason}" for one, reason in results.failures.items()), figures
-    return (OK, "", figures) if figures else (LEFT_OUT, "; ".join(results.left_out) or "nothing to measure", {})
+        return (
+            FAILED,
+            "; ".join(f"{one}: {reason}" for one, reason in results.failures.items()),
+            figures,
+        )
+    return (
+        (OK, "", figures)
+        if figures
+        else (LEFT_OUT, "; ".join(results.left_out) or "nothing to measure", {})
+    )
 
 
 def _compared(cell: Cell, figures: dict[str, Any], place: Path, update: bool) -> tuple[str, str]:

@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 from lfpipe.track.network import Network, Roi, Warp, mapped, model_file, warp
 
 MIN_OVERLAP = 0.3  # boxes that overlap more are one face
-SAME = 0.2  # overlap of one face's boxes in successive pictures: 0.3 at 2 m/s, arm's length and 30 Hz
+SAME = (
+    0.2  # overlap of one face's boxes in successive pictures: 0.3 at 2 m/s, arm's length and 30 Hz
+)
 HOME = 0.45  # overlap with the viewer's usual place: sides differ by less than a third, which excludes people behind
 SCAN_PERIOD = 30  # pictures between two scans of the whole picture: about a second
 FAST_SCAN_PERIOD = 10  # the same while another face may be the viewer
@@ -38,7 +40,9 @@ class Range:
 
 
 # short: a viewer at a desk, 1.1 ms. full: faces down to 1/40 of the picture's width (3 m from an ordinary webcam), 11 ms.
-SHORT = Range("modules/face_detection/face_detection_short_range.tflite", 128, ((16, 2), (8, 6)), 0.5)
+SHORT = Range(
+    "modules/face_detection/face_detection_short_range.tflite", 128, ((16, 2), (8, 6)), 0.5
+)
 FULL = Range("modules/face_detection/face_detection_full_range_sparse.tflite", 192, ((48, 1),), 0.3)
 
 
@@ -69,7 +73,9 @@ def overlap(a: Box, b: Box) -> float:
     return common / union if union > 0 else 0.0
 
 
-def suppressed(rows: NDArray[np.floating], scores: NDArray[np.floating]) -> list[tuple[NDArray[np.float64], float]]:
+def suppressed(
+    rows: NDArray[np.floating], scores: NDArray[np.floating]
+) -> list[tuple[NDArray[np.float64], float]]:
     """One (row, score) for each cluster of overlapping boxes, best first: the mean of its rows, weighted by their scores.
 
     rows (n, 4 + anything): the box (x0, y0, x1, y1), then values to average with it.
@@ -79,7 +85,11 @@ def suppressed(rows: NDArray[np.floating], scores: NDArray[np.floating]) -> list
     out = []
     while left:
         best = left[0]  # a box of no area overlaps nothing, itself included
-        cluster = [index for index in left if index == best or overlap(boxes[best], boxes[index]) > MIN_OVERLAP]
+        cluster = [
+            index
+            for index in left
+            if index == best or overlap(boxes[best], boxes[index]) > MIN_OVERLAP
+        ]
         left = [index for index in left if index not in cluster]
         weights = scores[cluster].astype(np.float64)
         out.append((weights @ rows[cluster] / weights.sum(), float(scores[best])))
@@ -93,7 +103,9 @@ class Detector:
         self._range, self._warp = range_, warp
         self._anchors = anchors(range_.grids)
         count = len(self._anchors)
-        self._network = Network(model_file(range_.file), range_.size_px, (count * 16, count), low=-1.0)
+        self._network = Network(
+            model_file(range_.file), range_.size_px, (count * 16, count), low=-1.0
+        )
 
     def detect(self, image: NDArray[np.uint8], region: Roi | None = None) -> list[Detection]:
         """Faces in uint8 (height, width, 3) BGR, highest score first. region: the part to search; None: the whole picture."""
@@ -101,7 +113,9 @@ class Detector:
         size_px = self._range.size_px
         whole = region or Roi(width_px / 2, height_px / 2, max(width_px, height_px), 0.0)
         matrix = whole.matrix(size_px)
-        regressors, logits = self._network.run(whole.crop(image, matrix, size_px, cv2.BORDER_CONSTANT, self._warp))
+        regressors, logits = self._network.run(
+            whole.crop(image, matrix, size_px, cv2.BORDER_CONSTANT, self._warp)
+        )
         scores = 1 / (1 + np.exp(-np.clip(logits, -80, 80)))  # float32 holds exp(88)
         keep = np.flatnonzero(scores >= self._range.min_score)
         if not len(keep):
@@ -122,7 +136,9 @@ class Detector:
 def prominence(box: Box, width_px: int, height_px: int) -> float:
     """Likelihood that a face is the viewer's: its area, divided by 1 + (distance from the centre / half diagonal)^2."""
     x0, y0, x1, y1 = box
-    away = math.hypot((x0 + x1 - width_px) / width_px, (y0 + y1 - height_px) / height_px) / math.sqrt(2)
+    away = math.hypot(
+        (x0 + x1 - width_px) / width_px, (y0 + y1 - height_px) / height_px
+    ) / math.sqrt(2)
     return (x1 - x0) * (y1 - y0) / (1 + away * away)
 
 
@@ -147,7 +163,12 @@ class FaceSelector:
             self._home, self._away = box, 0
         elif overlap(self._home, box) > HOME:
             (x0, y0, x1, y1), (a, b, c, d), share = self._home, box, HOME_SHARE
-            self._home = x0 + share * (a - x0), y0 + share * (b - y0), x1 + share * (c - x1), y1 + share * (d - y1)
+            self._home = (
+                x0 + share * (a - x0),
+                y0 + share * (b - y0),
+                x1 + share * (c - x1),
+                y1 + share * (d - y1),
+            )
             self._away = 0
         else:
             self._away += 1
@@ -161,21 +182,31 @@ class FaceSelector:
 
         return sorted(faces, key=order, reverse=True)
 
-    def rival(self, faces: Sequence[Detection], followed: Box, width_px: int, height_px: int) -> Detection | None:
+    def rival(
+        self, faces: Sequence[Detection], followed: Box, width_px: int, height_px: int
+    ) -> Detection | None:
         """The face to follow instead of the one in the box followed; None: no change, or not yet."""
         self._pictures = 0
         others = [face for face in faces if overlap(followed, face.box_px) <= SAME]
         back = [face for face in others if self._at_home(face.box_px)]
         if self._away and back:
             return max(back, key=lambda face: face.score)
-        nearest = max((face.box_px for face in faces), key=lambda box: overlap(followed, box), default=followed)
+        nearest = max(
+            (face.box_px for face in faces),
+            key=lambda box: overlap(followed, box),
+            default=followed,
+        )
         own = nearest if overlap(followed, nearest) > SAME else followed
         least = NEARER * prominence(own, width_px, height_px)
-        best = max(others, key=lambda face: prominence(face.box_px, width_px, height_px), default=None)
+        best = max(
+            others, key=lambda face: prominence(face.box_px, width_px, height_px), default=None
+        )
         if best is None or prominence(best.box_px, width_px, height_px) < least:
             self._wins = 0
             return None
-        again = self._wins > 0 and self._rival is not None and overlap(self._rival, best.box_px) > SAME
+        again = (
+            self._wins > 0 and self._rival is not None and overlap(self._rival, best.box_px) > SAME
+        )
         self._rival, self._wins = best.box_px, self._wins + 1 if again else 1
         return best if self._wins >= WINS else None
 

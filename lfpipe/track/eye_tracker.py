@@ -18,7 +18,10 @@ log = logging.getLogger(__name__)
 # Logits of the confidence: 20 for a face that nothing hides, 13 to 20 for turned heads, 1 to 10 behind a hand.
 SUREST, FALL, BACK, SURE = 20.0, 10.0, 4.0, 2.0
 USUAL_S = 1.0  # time constant of a face's usual confidence: nothing is held for much longer
-NEAR, UNSEEN = 0.7, 0.1  # in distances between the eyes: by what a hand pulls a face at most; what nobody sees
+NEAR, UNSEEN = (
+    0.7,
+    0.1,
+)  # in distances between the eyes: by what a hand pulls a face at most; what nobody sees
 NOWHERE: Eyes = (0.0, 0.0, 0.0, 0.0)
 
 
@@ -38,12 +41,17 @@ class HiddenFace:
         """Begins with the first frame of a track."""
         self._usual, self._sure_px, self.held, self.sure = sure, middle_px, False, True
 
-    def update(self, sure: float, middle_px: tuple[float, float], apart_px: float, dt_s: float) -> bool:
+    def update(
+        self, sure: float, middle_px: tuple[float, float], apart_px: float, dt_s: float
+    ) -> bool:
         """Adds a frame; returns whether the face is elsewhere after it was held. sure: logit of its confidence. dt_s: since the
         last frame."""
         self._usual = max(sure, self._usual + min(dt_s / USUAL_S, 1.0) * (sure - self._usual))
         off = math.dist(middle_px, self._sure_px) / max(apart_px, 1.0)
-        held, self.held = self.held, sure < self._usual - (BACK if self.held else FALL) and off < NEAR
+        held, self.held = (
+            self.held,
+            sure < self._usual - (BACK if self.held else FALL) and off < NEAR,
+        )
         self.sure = sure > self._usual - SURE or (held and not self.held)
         if self.sure:
             self._sure_px = middle_px
@@ -99,10 +107,15 @@ class EyeTracker:
 
     def _follow(self, face: Face, t_sensor_ns: int, epoch: int) -> None:
         (lx, ly), (rx, ry) = face.eyes_px.tolist()
-        middle_px, confidence = ((lx + rx) / 2, (ly + ry) / 2), min(max(face.confidence, 1e-9), 1 - 1e-10)
+        middle_px, confidence = (
+            ((lx + rx) / 2, (ly + ry) / 2),
+            min(max(face.confidence, 1e-9), 1 - 1e-10),
+        )
         sure = min(math.log(confidence / (1 - confidence)), SUREST)
         away_ns = t_sensor_ns - self._seen_ns
-        same = self._hidden.held or overlap(self._box_px, face.box_px) > SAME  # a hidden face's box is as wrong as its eyes
+        same = (
+            self._hidden.held or overlap(self._box_px, face.box_px) > SAME
+        )  # a hidden face's box is as wrong as its eyes
         if epoch != self._epoch or away_ns >= MAX_STEP_NS or not same:
             self._epoch, anew = epoch, True  # earlier runs say nothing about this one
             self._hidden.reset(sure, middle_px)
@@ -127,5 +140,7 @@ class EyeTracker:
         face, (height_px, width_px) = self._face, image.shape[:2]
         apart_px, confidence = (face.apart_px, face.confidence) if face is not None else (0.0, 0.0)
         eyes = self._raw_px, self._position_px, self._velocity_px_s
-        EyesRecord(*eyes, apart_px, confidence, width_px, height_px, 0, self.seen, self._generation).write(record)
+        EyesRecord(
+            *eyes, apart_px, confidence, width_px, height_px, 0, self.seen, self._generation
+        ).write(record)
         record["head_px"] = 0.0 if face is None or face.head_px is None else face.head_px

@@ -57,7 +57,12 @@ class Tuning:
     estimate. first, least: initial and smallest noise, in distances between the eyes. rate_common: `common` grows with this power
     of the frame rate above 30 Hz, because each picture then shows another measurement and its step is seen."""
 
-    motions: tuple[Motion, ...] = (Motion(1.0, 1.0), Motion(4.7, 1.0), Motion(85.0, 0.45), Motion(1200.0, 0.31))
+    motions: tuple[Motion, ...] = (
+        Motion(1.0, 1.0),
+        Motion(4.7, 1.0),
+        Motion(85.0, 0.45),
+        Motion(1200.0, 0.31),
+    )
     wander: float = 1e-7
     stay_s: float = 0.7
     common: float = 2.1
@@ -98,12 +103,22 @@ class Extrapolation:
     def __init__(self, loop_s: float) -> None:
         self._horizon_ns = round((FRAME_S + loop_s) * 1e9)
         self._velocity = self._acceleration = (0.0, 0.0)
-        self._lines: deque[tuple[int, Pair, Pair, Pair]] = deque()  # stamp, position, velocity, acceleration
+        self._lines: deque[tuple[int, Pair, Pair, Pair]] = (
+            deque()
+        )  # stamp, position, velocity, acceleration
         self._unproven = unproven = UNPROVEN * (1 + loop_s / UNPROVEN_S)
         self._moved = self._pointed = unproven
         self._gained = self._bent = 0.0
 
-    def corrected(self, t_ns: int, dt_s: float, position: Pair, velocity: Pair, measured: Pair, apart_px: float) -> Pair:
+    def corrected(
+        self,
+        t_ns: int,
+        dt_s: float,
+        position: Pair,
+        velocity: Pair,
+        measured: Pair,
+        apart_px: float,
+    ) -> Pair:
         """The velocity to predict with from t_ns on.
 
         position, velocity: estimates at t_ns, px and px/s. measured: the eyes' midpoint at t_ns, px. dt_s: since the last one.
@@ -114,7 +129,10 @@ class Extrapolation:
         ay += share * ((velocity[1] - uy) / dt_s - ay)
         keep = math.exp(-dt_s / MEMORY_S)
         unproven = self._unproven
-        self._moved, self._pointed = unproven + keep * (self._moved - unproven), unproven + keep * (self._pointed - unproven)
+        self._moved, self._pointed = (
+            unproven + keep * (self._moved - unproven),
+            unproven + keep * (self._pointed - unproven),
+        )
         self._gained, self._bent = keep * self._gained, keep * self._bent
         while self._lines and t_ns - self._lines[0][0] > self._horizon_ns:
             self._score(t_ns, measured, apart_px * apart_px)
@@ -162,7 +180,8 @@ class Predictive(EyeFilter):
         fast = (FIRST_SPEED * apart) ** 2
         motions = (None, *self._tuning.motions)
         self._models = [
-            _Model(motion, x, y, 0.0, 0.0, spread, 0.0, fast if motion else 0.0, 1 / len(motions)) for motion in motions
+            _Model(motion, x, y, 0.0, 0.0, spread, 0.0, fast if motion else 0.0, 1 / len(motions))
+            for motion in motions
         ]
         self._extrapolation = Extrapolation(self._loop_s)
         self._held: Pair | None = None
@@ -175,7 +194,9 @@ class Predictive(EyeFilter):
         u, v = self._velocity[0].tolist()
         px, py = u * dt_s, v * dt_s
         used_s = (t_ns - self._used_ns) / 1e9
-        off = max(math.hypot(lx - plx - px, ly - ply - py), math.hypot(rx - prx - px, ry - pry - py))
+        off = max(
+            math.hypot(lx - plx - px, ly - ply - py), math.hypot(rx - prx - px, ry - pry - py)
+        )
         apart = max(2 * math.hypot(*self._half), 1.0)
         if off > (STEP + STEP_S2 * used_s * used_s) * apart and not self._confirmed(
             x, y, (plx + prx) / 2 + px, (ply + pry) / 2 + py
@@ -190,7 +211,9 @@ class Predictive(EyeFilter):
         hx, hy = self._half
         dx, dy = half[0] - hx, half[1] - hy
         off = dx * dx + dy * dy
-        share = off / max(off + self._noise * self._tuning.half_band**2, 1e-300)  # changes within the band of noise count less
+        share = off / max(
+            off + self._noise * self._tuning.half_band**2, 1e-300
+        )  # changes within the band of noise count less
         self._half = hx, hy = hx + share * dx, hy + share * dy
         mx = my = u = v = 0.0
         for model in self._models:
@@ -201,14 +224,18 @@ class Predictive(EyeFilter):
                 u, v = u + share * model.u, v + share * model.v
         band = (30 * self._tuning.speed_band) ** 2 * self._noise  # a smaller speed may be noise
         fast = (u * u + v * v) / max(u * u + v * v + band, 1e-300)
-        u, v = self._extrapolation.corrected(t_ns, used_s, (mx, my), (fast * u, fast * v), (x, y), apart)
+        u, v = self._extrapolation.corrected(
+            t_ns, used_s, (mx, my), (fast * u, fast * v), (x, y), apart
+        )
         return np.array(((mx + hx, my + hy), (mx - hx, my - hy))), np.array(((u, v), (u, v)))
 
     def _confirmed(self, x: float, y: float, ahead_x: float, ahead_y: float) -> bool:
         """Whether a step that no head makes is one, because the frame before showed it already: a landmark is wrong only once."""
         if self._held is None:
             return False
-        return math.hypot(x - self._held[0], y - self._held[1]) < math.hypot(x - ahead_x, y - ahead_y)
+        return math.hypot(x - self._held[0], y - self._held[1]) < math.hypot(
+            x - ahead_x, y - ahead_y
+        )
 
     def _measure_noise(self, half: Pair, apart: float, dt_s: float) -> None:
         """The variance of a third difference is 20 times that of its input. A glitch counts as at most three standard
@@ -220,7 +247,9 @@ class Predictive(EyeFilter):
         (x0, y0), (x1, y1), (x2, y2), (x3, y3) = halves
         del halves[0]
         variance = ((x3 - 3 * x2 + 3 * x1 - x0) ** 2 + (y3 - 3 * y2 + 3 * y1 - y0) ** 2) / 40
-        self._noise += (min(variance, 9 * self._noise) - self._noise) * min(dt_s / self._tuning.noise_s, 1.0)
+        self._noise += (min(variance, 9 * self._noise) - self._noise) * min(
+            dt_s / self._tuning.noise_s, 1.0
+        )
         self._noise = max(self._noise, (self._tuning.least * apart) ** 2)
 
     def _update(self, x: float, y: float, apart: float, dt_s: float) -> None:
@@ -230,7 +259,11 @@ class Predictive(EyeFilter):
         """
         tuning, models = self._tuning, self._models
         count = len(models)
-        noise = self._noise * tuning.common**2 * max(1 / (RATE_HZ * dt_s), 1.0) ** (2 * tuning.rate_common)
+        noise = (
+            self._noise
+            * tuning.common**2
+            * max(1 / (RATE_HZ * dt_s), 1.0) ** (2 * tuning.rate_common)
+        )
         stay = math.exp(-dt_s / tuning.stay_s)
         leave = (1 - stay) / (count - 1)
         extra = stay - leave
@@ -241,7 +274,13 @@ class Predictive(EyeFilter):
             model.a += (dx * dx + dy * dy) / 2
             model.b += (dx * u + dy * v) / 2
             model.c += (u * u + v * v) / 2
-            total, sx, sy, su, sv = total + share, sx + share * dx, sy + share * dy, su + share * u, sv + share * v
+            total, sx, sy, su, sv = (
+                total + share,
+                sx + share * dx,
+                sy + share * dy,
+                su + share * u,
+                sv + share * v,
+            )
             sa, sb, sc = sa + share * model.a, sb + share * model.b, sc + share * model.c
         logs, best = [], -math.inf
         for model in models:

@@ -13,20 +13,28 @@ from lfpipe.eyes import HEAD_POINTS
 from lfpipe.track.network import Network, Warp, around, mapped, model_file, warp
 
 # The 16 points of each eyelid contour. The viewer's own left eye: at larger x in an unmirrored picture.
-LEFT_EYE = np.array([263, 249, 390, 373, 374, 380, 381, 382, 362, 398, 384, 385, 386, 387, 388, 466])
+LEFT_EYE = np.array(
+    [263, 249, 390, 373, 374, 380, 381, 382, 362, 398, 384, 385, 386, 387, 388, 466]
+)
 RIGHT_EYE = np.array([33, 7, 163, 144, 145, 153, 154, 155, 133, 173, 157, 158, 159, 160, 161, 246])
 Point = tuple[float, float]
 LEFT_IRIS, RIGHT_IRIS = 473, 468  # the centre points; each is followed by four around it
 
 EDGES = (10, 152, 234, 454)  # top of the forehead, chin, and the sides of the face
 
-EYE_LINE = (33, 263)  # outer corners of the eyes, right to left: defines the rotation of a face's region
+EYE_LINE = (
+    33,
+    263,
+)  # outer corners of the eyes, right to left: defines the rotation of a face's region
 IRIS_PX = 64  # side of the crop
 # In distances between the eyes. A gaze moves both irises off the middle of the lids equally, and only as far as the lids allow.
 # If the two irises disagree, glasses or glare hide them, and the lids are the better estimate.
 APART, ASIDE = 0.06, 0.13
 _IRIS_SCALE = 2.3  # width of the crop in distances between the eye's corners
-_CORNERS = ((362, 263), (33, 133))  # inner and outer of the viewer's left eye, outer and inner of the right: both left to right
+_CORNERS = (
+    (362, 263),
+    (33, 133),
+)  # inner and outer of the viewer's left eye, outer and inner of the right: both left to right
 _LIDS = 9  # corners and lower lid: the first of LEFT_EYE and RIGHT_EYE. A blink moves the upper lid by a third of an eye
 _KEY = np.concatenate([LEFT_EYE[:_LIDS], RIGHT_EYE[:_LIDS], EYE_LINE, HEAD_POINTS])
 _HEAD = 2 * _LIDS + len(EYE_LINE)  # index of the first of HEAD_POINTS in _KEY
@@ -66,22 +74,35 @@ class Irises:
 
     def __init__(self, warp: Warp = warp) -> None:
         self._warp = warp
-        self._network = Network(model_file("modules/iris_landmark/iris_landmark.tflite"), IRIS_PX, (15,))
+        self._network = Network(
+            model_file("modules/iris_landmark/iris_landmark.tflite"), IRIS_PX, (15,)
+        )
         self.model = self._network.name
 
     def refined(
-        self, image: NDArray[np.uint8], mesh_px: NDArray[np.float64], lids_px: NDArray[np.float64], apart_px: float
+        self,
+        image: NDArray[np.uint8],
+        mesh_px: NDArray[np.float64],
+        lids_px: NDArray[np.float64],
+        apart_px: float,
     ) -> NDArray[np.float64]:
         """The centres of the irises where they are seen, else lids_px; (2, 2), left first, px of image, uint8 (h, w, 3) BGR.
         mesh_px: (468, 2) points of the face mesh. apart_px: between the eyes."""
         centres_px = np.empty((2, 2))
         for eye, (start, end) in enumerate(_CORNERS):
-            middle, reach = (mesh_px[start] + mesh_px[end]) / 2, np.abs(mesh_px[end] - mesh_px[start]).max() / 2
-            roi = around((*(middle - reach), *(middle + reach)), mesh_px[start], mesh_px[end], _IRIS_SCALE)
+            middle, reach = (
+                (mesh_px[start] + mesh_px[end]) / 2,
+                np.abs(mesh_px[end] - mesh_px[start]).max() / 2,
+            )
+            roi = around(
+                (*(middle - reach), *(middle + reach)), mesh_px[start], mesh_px[end], _IRIS_SCALE
+            )
             matrix = roi.matrix(IRIS_PX)
             crop = roi.crop(image, matrix, IRIS_PX, cv2.BORDER_REPLICATE, self._warp)
             # the network knows only right eyes, so the left one is mirrored
-            x, y = self._network.run(crop if eye else crop[:, ::-1])[0][:2].tolist()  # then z, and four points around the centre
+            x, y = self._network.run(crop if eye else crop[:, ::-1])[0][
+                :2
+            ].tolist()  # then z, and four points around the centre
             centres_px[eye] = mapped(np.array([[x if eye else IRIS_PX - x, y]]), matrix)
         off = (centres_px - lids_px) / max(apart_px, 1.0)
         hidden = float(np.hypot(*(off[0] - off[1]))) > APART or float(np.abs(off).max()) > ASIDE

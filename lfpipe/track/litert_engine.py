@@ -29,8 +29,15 @@ CANDIDATES = 6  # faces per picture that the landmark network tries, 1.3 ms each
 SMALL = 0.04  # distance between the eyes over the picture's longer side (1.5 m away): the near detector misses such faces
 FAR_EVERY = 8  # pictures without a face between runs of the full-range detector (10 ms each)
 UPRIGHT_DEG = 80.0  # no head leans further; such a face is in a rotated picture
-LEANING_DEG, REPEATS = 30.0, 4  # a new face that leans further is measured again, at most REPEATS times
-QUARTERS = (math.pi, math.pi / 2, -math.pi / 2)  # the ways in which a camera or a picture stands wrong
+LEANING_DEG, REPEATS = (
+    30.0,
+    4,
+)  # a new face that leans further is measured again, at most REPEATS times
+QUARTERS = (
+    math.pi,
+    math.pi / 2,
+    -math.pi / 2,
+)  # the ways in which a camera or a picture stands wrong
 SURER = 5.0  # logits by which a face is surer in a region turned by quarters: upside down by 11 to 32, behind a mask by up to 4.3
 ROTATED_FACES = 3  # number of rotated faces before the hint appears
 
@@ -48,7 +55,9 @@ class LitertEngine:
 
     def __init__(self, refine: bool = False, portable: bool = False) -> None:
         self._warp = portable_warp if portable else warp
-        self._network = Network(model_file("modules/face_landmark/face_landmark.tflite"), SIZE_PX, (POINTS * 3, 1))
+        self._network = Network(
+            model_file("modules/face_landmark/face_landmark.tflite"), SIZE_PX, (POINTS * 3, 1)
+        )
         self._near = Detector(warp=self._warp)
         self._irises = Irises(self._warp) if refine else None
         self.model = self._network.name + (f" + {self._irises.model}" if self._irises else "")
@@ -116,7 +125,9 @@ class LitertEngine:
                     return measured
         return None
 
-    def _acquire(self, image: NDArray[np.uint8], candidate: Detection, least: float) -> tuple[Face, Roi] | None:
+    def _acquire(
+        self, image: NDArray[np.uint8], candidate: Detection, least: float
+    ) -> tuple[Face, Roi] | None:
         """Measures a new face and its own region; None if it is not upright, which counts for the hint.
 
         A leaning face is measured again until its own region is found. The detector often takes an upside-down face for an
@@ -133,7 +144,9 @@ class LitertEngine:
         turned = [attrs.evolve(region, angle=region.angle + angle) for angle in QUARTERS]
         sure, *logits = (self._run(image, roi)[2] for roi in (region, *turned))
         surest = max(range(len(QUARTERS)), key=logits.__getitem__)
-        rotated = self._measure(image, turned[surest], FOUND) if logits[surest] > sure + SURER else None
+        rotated = (
+            self._measure(image, turned[surest], FOUND) if logits[surest] > sure + SURER else None
+        )
         return None if rotated is not None and self._is_rotated(rotated[0]) else measured
 
     def _is_rotated(self, face: Face) -> bool:
@@ -163,13 +176,21 @@ class LitertEngine:
         angle = QUARTERS[self._without // FAR_EVERY % 3]
         whole = Roi(width_px / 2, height_px / 2, max(width_px, height_px), angle)
         for candidate in self._near.detect(image, whole)[:1]:
-            if (measured := self._measure(image, around(candidate.box_px, *candidate.points_px[:2]), FOUND)) is not None:
+            if (
+                measured := self._measure(
+                    image, around(candidate.box_px, *candidate.points_px[:2]), FOUND
+                )
+            ) is not None:
                 self._is_rotated(measured[0])
 
-    def _run(self, image: NDArray[np.uint8], roi: Roi) -> tuple[NDArray[np.float64], NDArray[np.float32], float]:
+    def _run(
+        self, image: NDArray[np.uint8], roi: Roi
+    ) -> tuple[NDArray[np.float64], NDArray[np.float32], float]:
         """Returns roi's matrix, the network's points in px of the crop, flat, and the logit of its confidence."""
         matrix = roi.matrix(SIZE_PX)
-        points, logit = self._network.run(roi.crop(image, matrix, SIZE_PX, cv2.BORDER_REPLICATE, self._warp))
+        points, logit = self._network.run(
+            roi.crop(image, matrix, SIZE_PX, cv2.BORDER_REPLICATE, self._warp)
+        )
         return matrix, points, float(logit[0])
 
     def _measure(self, image: NDArray[np.uint8], roi: Roi, least: float) -> tuple[Face, Roi] | None:
@@ -181,13 +202,22 @@ class LitertEngine:
         mesh = values.reshape(POINTS, 3)
         (_, _, x), (_, _, y) = matrix.tolist()
         points = matrix[:, :1] * mesh[:, 0] + matrix[:, 1:2] * mesh[:, 1]  # (2, 468) px from (x, y)
-        (x0, y0), (x1, y1) = np.minimum.reduce(points, axis=1).tolist(), np.maximum.reduce(points, axis=1).tolist()
-        (lx, ly), (rx, ry), left, right, apart_px, head_px = eye_points(points, mesh[:, 2], np.float32(roi.side_px / SIZE_PX))
+        (x0, y0), (x1, y1) = (
+            np.minimum.reduce(points, axis=1).tolist(),
+            np.maximum.reduce(points, axis=1).tolist(),
+        )
+        (lx, ly), (rx, ry), left, right, apart_px, head_px = eye_points(
+            points, mesh[:, 2], np.float32(roi.side_px / SIZE_PX)
+        )
         edges = x0 + x, y0 + y, x1 + x, y1 + y
         region = around(edges, right, left)
-        if not 1.0 <= region.side_px < math.inf:  # narrower than a pixel, or NaN: no region for the next picture
+        if (
+            not 1.0 <= region.side_px < math.inf
+        ):  # narrower than a pixel, or NaN: no region for the next picture
             return None
         eyes_px = np.array(((lx + x, ly + y), (rx + x, ry + y)))
         if self._irises is not None:
             eyes_px = self._irises.refined(image, points.T + matrix[:, 2], eyes_px, apart_px)
-        return Face(eyes_px, confidence, edges, apart_px, math.degrees(region.angle), head_px), region
+        return Face(
+            eyes_px, confidence, edges, apart_px, math.degrees(region.angle), head_px
+        ), region

@@ -41,7 +41,9 @@ class MediapipeEngine:
                 "set track.engine=litert, or install mediapipe==0.10.21, the last version that includes it (up to Python 3.12)",
             ) from None
         self.model = f"FaceMesh{' with iris refinement' if refine else ''}, mediapipe {version}"
-        self._eyes = [[LEFT_IRIS], [RIGHT_IRIS]] if refine else [LEFT_EYE.tolist(), RIGHT_EYE.tolist()]
+        self._eyes = (
+            [[LEFT_IRIS], [RIGHT_IRIS]] if refine else [LEFT_EYE.tolist(), RIGHT_EYE.tolist()]
+        )
         self._noisy = True  # the graph logs at its start, first picture and first face
         with quiet_stderr():
             self._mesh: Any = make(max_num_faces=1, refine_landmarks=refine)
@@ -58,13 +60,21 @@ class MediapipeEngine:
 
         def points(*numbers: int) -> NDArray[np.float64]:
             """(n, 3) px. Each access calls protobuf: reading all 468 would take 0.4 ms."""
-            return np.asarray(np.array([(marks[j].x, marks[j].y, marks[j].z) for j in numbers]) * size_px, np.float64)
+            return np.asarray(
+                np.array([(marks[j].x, marks[j].y, marks[j].z) for j in numbers]) * size_px,
+                np.float64,
+            )
 
         eyes = np.stack([points(*numbers)[:, :2] for numbers in self._eyes])
         centres, edges, head_px = eyes.mean(axis=1), points(*EDGES), points(*HEAD_POINTS)
-        right, left = (np.array((marks[j].x, marks[j].y * size_px[1] / size_px[0], marks[j].z)) for j in EYE_LINE)
+        right, left = (
+            np.array((marks[j].x, marks[j].y * size_px[1] / size_px[0], marks[j].z))
+            for j in EYE_LINE
+        )
         flat = max(float(np.hypot(*(left - right)[:2])), 1e-9)
-        apart_px = float(np.hypot(*(centres[0] - centres[1]))) * float(np.linalg.norm(left - right)) / flat
+        apart_px = (
+            float(np.hypot(*(centres[0] - centres[1]))) * float(np.linalg.norm(left - right)) / flat
+        )
         (x0, y0), (x1, y1) = edges[:, :2].min(axis=0).tolist(), edges[:, :2].max(axis=0).tolist()
         return Face(centres, 1.0, (x0, y0, x1, y1), apart_px, head_px=head_px)
 

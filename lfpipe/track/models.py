@@ -33,11 +33,25 @@ SHA256 = {
     "modules/iris_landmark/iris_landmark.tflite": "d1744d2a09c25f501d39eba4faff47e53ecca8852c5ce19bce8eeac39357521f",
 }
 MOST_BYTES = 16 << 20  # limit per network; the largest has 2.6 MB
-REMEDY = "`lfpipe models get`, or without a network `lfpipe models get --from WHEEL` with any wheel of " + PACKAGE
-DAMAGED = f"`pip install --force-reinstall {PACKAGE}`, or remove the file and run `lfpipe models get`"
+REMEDY = (
+    "`lfpipe models get`, or without a network `lfpipe models get --from WHEEL` with any wheel of "
+    + PACKAGE
+)
+DAMAGED = (
+    f"`pip install --force-reinstall {PACKAGE}`, or remove the file and run `lfpipe models get`"
+)
 # Options that make an installer fetch the wheel for one fixed platform, on any machine.
 _UV = ("--python-platform", "x86_64-manylinux_2_28", "--python-version", "3.12")
-_PIP = ("--platform", "manylinux_2_28_x86_64", "--implementation", "cp", "--python-version", "312", "--abi", "cp312")
+_PIP = (
+    "--platform",
+    "manylinux_2_28_x86_64",
+    "--implementation",
+    "cp",
+    "--python-version",
+    "312",
+    "--abi",
+    "cp312",
+)
 _ONLY = ("--no-deps", "--only-binary", ":all:")
 
 
@@ -78,13 +92,18 @@ def install_models(wheel: Path) -> Path:
     contents = {relative: _read(wheel, f"mediapipe/{relative}") for relative in SHA256}
     for relative, content in contents.items():
         if (sha256 := hashlib.sha256(content).hexdigest()) != SHA256[relative]:
-            raise UserError(f"{wheel}: {relative}: SHA-256 {sha256}, expected {SHA256[relative]}", f"use a wheel of {PACKAGE}")
+            raise UserError(
+                f"{wheel}: {relative}: SHA-256 {sha256}, expected {SHA256[relative]}",
+                f"use a wheel of {PACKAGE}",
+            )
     folder = data_folder()
     try:
         for relative, content in contents.items():
             write_file(folder / Path(relative).name, content)
     except OSError as error:
-        raise UserError(f"{folder}: {reason(error)}", "check free disk space and write permission") from None
+        raise UserError(
+            f"{folder}: {reason(error)}", "check free disk space and write permission"
+        ) from None
     return folder
 
 
@@ -100,7 +119,14 @@ def _read(wheel: Path, name: str) -> bytes:
         why = f"has no {name}"
     except OSError as error:
         why = reason(error)
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError) as error:
+    except (
+        zipfile.BadZipFile,
+        zlib.error,
+        EOFError,
+        NotImplementedError,
+        RuntimeError,
+        ValueError,
+    ) as error:
         why = f"not a wheel: {error}"  # zipfile raises NotImplementedError for unknown compression, RuntimeError for encryption
     raise UserError(f"{wheel}: {why}", f"use a wheel of {PACKAGE}, for any platform")
 
@@ -108,7 +134,18 @@ def _read(wheel: Path, name: str) -> bytes:
 def installer(folder: Path) -> list[str]:
     """The command that puts the wheel, or its contents, into folder: uv's, else pip's; empty without either."""
     if uv := os.environ.get("UV") or shutil.which("uv"):
-        return [uv, "pip", "install", "--python", sys.executable, "--target", str(folder), *_UV, *_ONLY, PACKAGE]
+        return [
+            uv,
+            "pip",
+            "install",
+            "--python",
+            sys.executable,
+            "--target",
+            str(folder),
+            *_UV,
+            *_ONLY,
+            PACKAGE,
+        ]
     own, other = importlib.util.find_spec("pip"), shutil.which("pip")
     pip = [sys.executable, "-m", "pip"] if own else [other] if other else []
     return [*pip, "download", "--dest", str(folder), *_PIP, *_ONLY, PACKAGE] if pip else []
@@ -121,14 +158,25 @@ def fetch_models(say: Callable[[str], None]) -> Path:
         folder = Path(name)
         command = installer(folder)
         if not command:
-            raise UserError("the face networks could not be fetched: neither uv nor pip is installed here", REMEDY)
+            raise UserError(
+                "the face networks could not be fetched: neither uv nor pip is installed here",
+                REMEDY,
+            )
         program = Path(command[0]).stem
-        say(f"models  fetching the face networks with {program}: the wheel of {PACKAGE}, 36 MB, once")
+        say(
+            f"models  fetching the face networks with {program}: the wheel of {PACKAGE}, 36 MB, once"
+        )
         try:
             subprocess.run(command, cwd=folder, stdout=subprocess.DEVNULL, check=True)
         except (OSError, subprocess.CalledProcessError) as error:
-            why = f"code {error.returncode}" if isinstance(error, subprocess.CalledProcessError) else reason(error)
-            raise UserError(f"the face networks could not be fetched: `{program}` ended with {why}", REMEDY) from None
+            why = (
+                f"code {error.returncode}"
+                if isinstance(error, subprocess.CalledProcessError)
+                else reason(error)
+            )
+            raise UserError(
+                f"the face networks could not be fetched: `{program}` ended with {why}", REMEDY
+            ) from None
         kept = install_models(next(folder.glob("*.whl"), folder))
     say(f"models  stored in {kept}")
     return kept

@@ -23,7 +23,9 @@ from lfpipe.track import models
 # (image (h, w, 4), affine (2, 3) from crop px to image px, size_px, border) -> crop, uint8 (size_px, size_px, 4)
 Warp = Callable[[NDArray[np.uint8], NDArray[np.float64], int, int], NDArray[np.uint8]]
 
-SCALE = 1.5  # size of the region relative to the face, so that it also contains the next picture's face
+SCALE = (
+    1.5  # size of the region relative to the face, so that it also contains the next picture's face
+)
 
 
 def model_file(relative: str) -> Path:
@@ -32,7 +34,10 @@ def model_file(relative: str) -> Path:
     if (path := models.find_model(relative)) is not None:
         return path
     where = f"in {models.package_folder() or 'no package mediapipe'} and {models.data_folder()}"
-    raise UserError(f"track.engine = litert: face network {Path(relative).name} is missing {where}", models.REMEDY)
+    raise UserError(
+        f"track.engine = litert: face network {Path(relative).name} is missing {where}",
+        models.REMEDY,
+    )
 
 
 class Network:
@@ -42,7 +47,9 @@ class Network:
     Raises UserError if the file is unreadable, not a network, or a network of another shape (another version).
     """
 
-    def __init__(self, path: Path, size_px: int, outputs: tuple[int, ...], low: float = 0.0) -> None:
+    def __init__(
+        self, path: Path, size_px: int, outputs: tuple[int, ...], low: float = 0.0
+    ) -> None:
         from ai_edge_litert.interpreter import Interpreter
 
         try:
@@ -51,9 +58,17 @@ class Network:
                 self._interpreter: Any = Interpreter(model_content=content, num_threads=1)
                 self._interpreter.allocate_tensors()
         except (OSError, ValueError, RuntimeError) as error:
-            reason = str(error).strip().splitlines()[0] if str(error).strip() else "LiteRT refuses it"
-            raise UserError(f"track.engine = litert: {path}: not a usable face network: {reason}", models.DAMAGED) from None
-        (first, *_), details = self._interpreter.get_input_details(), self._interpreter.get_output_details()
+            reason = (
+                str(error).strip().splitlines()[0] if str(error).strip() else "LiteRT refuses it"
+            )
+            raise UserError(
+                f"track.engine = litert: {path}: not a usable face network: {reason}",
+                models.DAMAGED,
+            ) from None
+        (first, *_), details = (
+            self._interpreter.get_input_details(),
+            self._interpreter.get_output_details(),
+        )
         by_size = {int(np.prod(detail["shape"])): int(detail["index"]) for detail in details}
         shape = tuple(int(size) for size in first["shape"])
         if shape != (1, size_px, size_px, 3) or any(size not in by_size for size in outputs):
@@ -82,16 +97,24 @@ class Network:
         """A flat view of a tensor's memory. Its address does not change: nothing is allocated after the first run. (LiteRT's
         own views must be dropped before each run, so they cannot be stored.)"""
         tensor = self._interpreter.tensor(index)()
-        return np.frombuffer((ctypes.c_float * tensor.size).from_address(tensor.ctypes.data), np.float32)
+        return np.frombuffer(
+            (ctypes.c_float * tensor.size).from_address(tensor.ctypes.data), np.float32
+        )
 
 
-def warp(image: NDArray[np.uint8], matrix: NDArray[np.float64], size_px: int, border: int) -> NDArray[np.uint8]:
+def warp(
+    image: NDArray[np.uint8], matrix: NDArray[np.float64], size_px: int, border: int
+) -> NDArray[np.uint8]:
     """OpenCV's own: OpenCV 5 interpolates exactly, OpenCV 4 at positions rounded to 1/32 px."""
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    return np.asarray(cv2.warpAffine(image, matrix, (size_px, size_px), flags=flags, borderMode=border), np.uint8)
+    return np.asarray(
+        cv2.warpAffine(image, matrix, (size_px, size_px), flags=flags, borderMode=border), np.uint8
+    )
 
 
-def portable_warp(image: NDArray[np.uint8], matrix: NDArray[np.float64], size_px: int, border: int) -> NDArray[np.uint8]:
+def portable_warp(
+    image: NDArray[np.uint8], matrix: NDArray[np.float64], size_px: int, border: int
+) -> NDArray[np.uint8]:
     """At positions rounded to 1/32 px, with the same bits in every OpenCV from 4.10 on; 0.14 ms slower than `warp` for
     192x192."""
     steps = np.arange(size_px)
@@ -122,7 +145,12 @@ class Roi:
         return np.array([[c, -s, self.x_px - half * (c - s)], [s, c, self.y_px - half * (s + c)]])
 
     def crop(
-        self, image: NDArray[np.uint8], matrix: NDArray[np.float64], size_px: int, border: int, warp: Warp = warp
+        self,
+        image: NDArray[np.uint8],
+        matrix: NDArray[np.float64],
+        size_px: int,
+        border: int,
+        warp: Warp = warp,
     ) -> NDArray[np.uint8]:
         """The region as uint8 BGRA (size_px, size_px, 4). matrix: of `matrix(size_px)`. border: cv2.BORDER_*, how to fill pixels
         outside of the picture.
@@ -132,8 +160,14 @@ class Roi:
         # half of the rotated square's extent, plus the margin for interpolation
         reach = 0.5 * self.side_px * (abs(math.cos(self.angle)) + abs(math.sin(self.angle))) + 2
         height, width = image.shape[:2]
-        x0, x1 = min(max(int(self.x_px - reach), 0), width), min(max(int(self.x_px + reach), 0), width)
-        y0, y1 = min(max(int(self.y_px - reach), 0), height), min(max(int(self.y_px + reach), 0), height)
+        x0, x1 = (
+            min(max(int(self.x_px - reach), 0), width),
+            min(max(int(self.x_px + reach), 0), width),
+        )
+        y0, y1 = (
+            min(max(int(self.y_px - reach), 0), height),
+            min(max(int(self.y_px + reach), 0), height),
+        )
         if x1 - x0 < 1 or y1 - y0 < 1:
             x0, y0, x1, y1 = 0, 0, width, height
         moved = matrix.copy()
@@ -144,10 +178,17 @@ class Roi:
 
 def mapped(points: NDArray[np.floating], matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     """points (n, 2) in crop px -> picture px."""
-    return np.asarray(cv2.transform(np.asarray(points, np.float64)[:, None], matrix)[:, 0], np.float64)
+    return np.asarray(
+        cv2.transform(np.asarray(points, np.float64)[:, None], matrix)[:, 0], np.float64
+    )
 
 
-def around(box_px: tuple[float, float, float, float], start: Sequence[float], end: Sequence[float], scale: float = SCALE) -> Roi:
+def around(
+    box_px: tuple[float, float, float, float],
+    start: Sequence[float],
+    end: Sequence[float],
+    scale: float = SCALE,
+) -> Roi:
     """Region around an upright box (x0, y0, x1, y1), turned so that start -> end (eye to eye) lies along its x axis."""
     x0, y0, x1, y1 = box_px
     angle = math.atan2(float(end[1] - start[1]), float(end[0] - start[0]))

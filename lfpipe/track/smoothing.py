@@ -18,7 +18,9 @@ from lfpipe.eyes import extrapolated
 Points = NDArray[np.float64]
 
 LIMIT_PX = 1e6  # beyond every camera's picture: such a measurement is a fault
-MIN_STEP_NS = 200_000  # a stamp that near means a duplicate frame; noise / dt would give a wild velocity
+MIN_STEP_NS = (
+    200_000  # a stamp that near means a duplicate frame; noise / dt would give a wild velocity
+)
 MAX_STEP_NS = 500_000_000  # after a longer gap, the past is meaningless
 
 
@@ -46,7 +48,12 @@ class EyeFilter(ABC):
         t_ns = int(t_ns)  # a numpy integer could overflow in subtractions
         measured = np.array(measurement, np.float64)
         (lx, ly), (rx, ry) = measured.tolist()
-        near = abs(lx) <= LIMIT_PX and abs(ly) <= LIMIT_PX and abs(rx) <= LIMIT_PX and abs(ry) <= LIMIT_PX  # false for NaN
+        near = (
+            abs(lx) <= LIMIT_PX
+            and abs(ly) <= LIMIT_PX
+            and abs(rx) <= LIMIT_PX
+            and abs(ry) <= LIMIT_PX
+        )  # false for NaN
         if not near:
             return self.predict(t_ns), self._velocity
         step_ns = 0 if self._t_ns is None else t_ns - self._t_ns
@@ -61,7 +68,9 @@ class EyeFilter(ABC):
 
     def predict(self, t_ns: int) -> Points:
         """The predicted eyes at t_ns, (2, 2) px; at most `lfpipe.eyes.MAX_HORIZON_S` ahead, never back."""
-        return extrapolated(self._position, self._velocity, 0 if self._t_ns is None else int(t_ns) - self._t_ns)
+        return extrapolated(
+            self._position, self._velocity, 0 if self._t_ns is None else int(t_ns) - self._t_ns
+        )
 
     @abstractmethod
     def _start(self, t_ns: int, measured: Points) -> None:
@@ -107,7 +116,9 @@ class OneEuro(EyeFilter):
         self._last, self._slope = measured, np.zeros((2, 2))
 
     def _step(self, t_ns: int, dt_s: float, measured: Points) -> tuple[Points, Points]:
-        self._slope = blended(self._slope, (measured - self._last) / dt_s, weight(self._d_cutoff_hz, dt_s))
+        self._slope = blended(
+            self._slope, (measured - self._last) / dt_s, weight(self._d_cutoff_hz, dt_s)
+        )
         self._last = measured
         cutoff_hz = self._min_cutoff_hz + self._beta * speed(self._slope, measured)
         return blended(self._position, measured, weight(cutoff_hz, dt_s)), np.zeros((2, 2))
@@ -142,7 +153,11 @@ class Covariance:
         """After a measurement of the position with variance r > 0; also the gains for position and velocity."""
         s = self.a + r
         kept = r / s
-        return Covariance(self.a * kept, self.b * kept, (self.det + self.c * r) / s, self.det * kept), self.a / s, self.b / s
+        return (
+            Covariance(self.a * kept, self.b * kept, (self.det + self.c * r) / s, self.det * kept),
+            self.a / s,
+            self.b / s,
+        )
 
 
 class Kalman(EyeFilter):
@@ -162,7 +177,9 @@ class Kalman(EyeFilter):
         self._covariance = Covariance(1.0, 0.0, self.START_SPREAD, self.START_SPREAD)
 
     def _step(self, t_ns: int, dt_s: float, measured: Points) -> tuple[Points, Points]:
-        self._covariance, k_position, k_velocity = self._covariance.ahead(dt_s, self._agility).measured(1.0)
+        self._covariance, k_position, k_velocity = self._covariance.ahead(
+            dt_s, self._agility
+        ).measured(1.0)
         ahead = self._position + self._velocity * dt_s
         surprise = measured - ahead
         return ahead + k_position * surprise, self._velocity + k_velocity * surprise

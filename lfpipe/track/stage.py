@@ -50,14 +50,18 @@ def _track(context: Context) -> None:
             t_taken_ns = now_ns()
             stamp, image = peeked
             if stamp.source_seq % every:
-                context.row["left_out"] += 1  # at a lowered quality, nothing is measured or published
+                context.row["left_out"] += (
+                    1  # at a lowered quality, nothing is measured or published
+                )
                 context.row["source_seq"] = stamp.source_seq
                 continue
             face = engine.detect(image)
             if not frames.still_valid(stamp):
                 continue  # the writer overtook us: the picture may mix two frames
             if tracker.update(face, stamp.t_sensor_ns, stamp.epoch):
-                log.info("face %s at frame %d", "found" if tracker.seen else "lost", stamp.source_seq)
+                log.info(
+                    "face %s at frame %d", "found" if tracker.seen else "lost", stamp.source_seq
+                )
                 context.emit("face", found=tracker.seen, source_seq=stamp.source_seq)
             record = eyes.begin()
             tracker.write(record, image)
@@ -66,7 +70,10 @@ def _track(context: Context) -> None:
             if engine.rotated_deg != hinted and not tracker.seen:
                 hinted = engine.rotated_deg
                 upright = (context.config.camera.rotate + hinted) % 360
-                context.emit("notice", text=f"a face is visible, but not upright: set camera.rotate={upright}")
+                context.emit(
+                    "notice",
+                    text=f"a face is visible, but not upright: set camera.rotate={upright}",
+                )
             context.row["face"], context.row["cpu_ns"] = tracker.seen, time.process_time_ns()
     finally:
         engine.close()
@@ -88,12 +95,16 @@ def _play(context: Context) -> None:
             context.row["face"], context.row["cpu_ns"] = int(record["face"]), time.process_time_ns()
 
 
-def _publish(context: Context, eyes: RingOutput, stamp: Stamp, record: NDArray[np.void], t_taken_ns: int) -> None:
+def _publish(
+    context: Context, eyes: RingOutput, stamp: Stamp, record: NDArray[np.void], t_taken_ns: int
+) -> None:
     t_tracked_ns = now_ns()
     record["t_tracked_ns"] = t_tracked_ns
     eyes.publish(stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch, stamp.kind)
     context.row.tick(stamp.source_seq)
-    context.row.measure(t_taken_ns - stamp.t_publish_ns, t_tracked_ns - t_taken_ns, t_tracked_ns - stamp.t_sensor_ns)
+    context.row.measure(
+        t_taken_ns - stamp.t_publish_ns, t_tracked_ns - t_taken_ns, t_tracked_ns - stamp.t_sensor_ns
+    )
 
 
 def _loop_s(context: Context) -> float:

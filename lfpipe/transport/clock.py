@@ -5,7 +5,9 @@ from collections.abc import Callable
 
 from lfpipe.host.machine import asleep_ns
 
-now_ns = time.monotonic_ns  # the machine's, not the process's: stamps of different processes compare
+now_ns = (
+    time.monotonic_ns
+)  # the machine's, not the process's: stamps of different processes compare
 SECOND_NS = 1_000_000_000
 MS_NS = 1_000_000
 SLEPT_NS = SECOND_NS // 2  # as long as the gap after which filters start anew

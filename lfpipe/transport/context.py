@@ -35,7 +35,9 @@ class Context:
         self.cores = usable_cores()  # of the session: this is before the stage moves to its own
         self.news = True  # a message arrived since the last call of `commands`: a stage without news need not look
         self._inputs: list[RingInput] = []
-        self._open: list[RingInput | RingOutput] = []  # kept until the end: mappings must outlive their views
+        self._open: list[
+            RingInput | RingOutput
+        ] = []  # kept until the end: mappings must outlive their views
         self._commands: list[tuple[str, dict[str, Any]]] = []
         self._zmq = control.context()
         self._ctl = self._zmq.socket(zmq.DEALER)
@@ -112,7 +114,12 @@ class Context:
     def emit(self, topic: str, **values: Any) -> None:
         """Sends telemetry to the subscribers of the tap; without a subscriber it is lost."""
         try:
-            self._bus.send(control.encode({"topic": topic, "stage": self.spec.name, "t_ns": now_ns(), **values}), zmq.NOBLOCK)
+            self._bus.send(
+                control.encode(
+                    {"topic": topic, "stage": self.spec.name, "t_ns": now_ns(), **values}
+                ),
+                zmq.NOBLOCK,
+            )
         except zmq.Again:
             return
 

@@ -28,7 +28,9 @@ class BadMessage(ValueError):
 
 def _depth(value: object, left: int = MAX_DEPTH) -> bool:
     if isinstance(value, dict):
-        return left > 0 and all(isinstance(k, str) and _depth(v, left - 1) for k, v in value.items())
+        return left > 0 and all(
+            isinstance(k, str) and _depth(v, left - 1) for k, v in value.items()
+        )
     if isinstance(value, list):
         return left > 0 and all(_depth(v, left - 1) for v in value)
     return value is None or isinstance(value, bool | int | float | str)
@@ -53,8 +55,12 @@ def decode(data: bytes) -> dict[str, Any]:
     if len(data) > MAX_BYTES:
         raise BadMessage(f"{len(data)} bytes; at most {MAX_BYTES} are allowed")
     try:
-        message = msgpack.unpackb(data, raw=False, strict_map_key=True, max_ext_len=0, unicode_errors="surrogateescape")
-    except Exception as error:  # msgpack raises several types for hostile bytes; all mean the same here
+        message = msgpack.unpackb(
+            data, raw=False, strict_map_key=True, max_ext_len=0, unicode_errors="surrogateescape"
+        )
+    except (
+        Exception
+    ) as error:  # msgpack raises several types for hostile bytes; all mean the same here
         raise BadMessage(f"not msgpack: {type(error).__name__}") from None
     if not isinstance(message, dict) or not _depth(message):
         raise BadMessage(f"not a map of plain values, nested at most {MAX_DEPTH} levels")
@@ -104,7 +110,10 @@ def request(run_dir: Path, message: dict[str, Any], timeout_s: float = 2.0) -> d
     try:
         data = encode(message)
     except BadMessage as error:
-        raise UserError(f"{message['cmd']}: the request cannot be sent: {error}", "use a shorter one, of plain values") from None
+        raise UserError(
+            f"{message['cmd']}: the request cannot be sent: {error}",
+            "use a shorter one, of plain values",
+        ) from None
     with context() as ctx, ctx.socket(zmq.DEALER) as socket:
         connect(socket, run_dir, "ctl")
         socket.send(data)

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 LAST_OCTAVE = 26  # values to 2^32 us, 71 minutes; longer values go to the last bucket
 BUCKETS = (LAST_OCTAVE << 5) + 64  # 32 an octave, after 64 of single microseconds
 MOST_NS = (1 << 63) - 1  # of a 64-bit counter
-HISTOGRAM = np.dtype([("count", "<i8"), ("sum_ns", "<i8"), ("max_ns", "<i8"), ("buckets", "<i8", (BUCKETS,))])
+HISTOGRAM = np.dtype(
+    [("count", "<i8"), ("sum_ns", "<i8"), ("max_ns", "<i8"), ("buckets", "<i8", (BUCKETS,))]
+)
 
 
 def bucket_of(us: int) -> int:

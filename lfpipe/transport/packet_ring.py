@@ -40,7 +40,14 @@ class PacketOutput:
             with contextlib.suppress(FileNotFoundError):  # removed before use
                 self._ring = ring.Writer(self._session.segment(self._name))
 
-    def publish(self, packet: NDArray[np.uint8] | None, source_seq: int, t_sensor_ns: int, t_read_ns: int, epoch: int) -> None:
+    def publish(
+        self,
+        packet: NDArray[np.uint8] | None,
+        source_seq: int,
+        t_sensor_ns: int,
+        t_read_ns: int,
+        epoch: int,
+    ) -> None:
         """Publishes packet, uint8 (n,), if a recording runs and the packet fits. epoch: of the frame."""
         if self._ring is None or packet is None:
             return

@@ -44,7 +44,11 @@ from lfpipe.transport.clock import now_ns
 
 MAGIC = b"LFRING1\0"
 PAGE = 4096
-PUBLISHED, EPOCH, DESCRIPTION = 128, 192, 256  # offsets in the header: a cache line for each writer's field
+PUBLISHED, EPOCH, DESCRIPTION = (
+    128,
+    192,
+    256,
+)  # offsets in the header: a cache line for each writer's field
 SLOT_HEADER = 64  # a cache line
 
 
@@ -76,7 +80,9 @@ class StampKind(enum.IntEnum):
     READ = 1  # no usable stamp: the time when the frame was read
     END_OF_FRAME = 2
     START_OF_EXPOSURE = 3
-    START_OF_TRANSFER = 4  # uvcvideo: the first packet of the frame, which follows the exposure of the first row
+    START_OF_TRANSFER = (
+        4  # uvcvideo: the first packet of the frame, which follows the exposure of the first row
+    )
 
     @property
     def word(self) -> str:
@@ -100,9 +106,13 @@ class Stamp:
 def create(name: str, spec: RingSpec, run_dir: Path | None = None) -> Segment:
     """Creates an empty ring for the session of run_dir; the caller keeps the segment and unlinks it. Raises UserError like
     `segment.create`."""
-    description = json.dumps({"shape": spec.shape, "dtype": np.lib.format.dtype_to_descr(spec.dtype)}).encode()
+    description = json.dumps(
+        {"shape": spec.shape, "dtype": np.lib.format.dtype_to_descr(spec.dtype)}
+    ).encode()
     if spec.slots < 3 or DESCRIPTION + len(description) > PAGE:
-        raise ValueError(f"ring {name}: {spec.slots} slots (3 or more), {len(description)} bytes of description (a page or less)")
+        raise ValueError(
+            f"ring {name}: {spec.slots} slots (3 or more), {len(description)} bytes of description (a page or less)"
+        )
     fence()  # refuses a machine without fences here, before the first process starts
     memory = segment.create(name, spec.size_bytes, run_dir)
     buffer = memory.buf
@@ -139,10 +149,13 @@ class _Ring:
         self._epoch: NDArray[np.int64] = np.frombuffer(buffer, "<i8", 1, EPOCH)
         self._heads: list[NDArray[np.int64]] = [np.frombuffer(buffer, "<i8", 8, s) for s in starts]
         self._payloads: list[NDArray[Any]] = [
-            np.frombuffer(buffer, self.dtype, count, s + SLOT_HEADER).reshape(self.shape) for s in starts
+            np.frombuffer(buffer, self.dtype, count, s + SLOT_HEADER).reshape(self.shape)
+            for s in starts
         ]
         size = count * self.dtype.itemsize
-        self._bytes: list[NDArray[np.uint8]] = [np.frombuffer(buffer, np.uint8, size, s + SLOT_HEADER) for s in starts]
+        self._bytes: list[NDArray[np.uint8]] = [
+            np.frombuffer(buffer, np.uint8, size, s + SLOT_HEADER) for s in starts
+        ]
 
     @property
     def published(self) -> int:
@@ -181,12 +194,28 @@ class Writer(_Ring):
         fence()  # SYNC: the slot is marked unreadable before its first byte changes
         return self._payloads[i]
 
-    def publish(self, source_seq: int, t_sensor_ns: int, t_read_ns: int, epoch: int | None = None, kind: int = 0) -> int:
+    def publish(
+        self,
+        source_seq: int,
+        t_sensor_ns: int,
+        t_read_ns: int,
+        epoch: int | None = None,
+        kind: int = 0,
+    ) -> int:
         """Makes the slot of the last `begin` the newest; returns its seq. epoch, kind: of a forwarded frame."""
         p = self.published
         head = self._heads[p % self.slots]
-        head[1:7] = source_seq, self.epoch if epoch is None else epoch, t_sensor_ns, t_read_ns, now_ns(), kind
-        head[0] = p + 1  # order relative to stamps and payload does not matter: readers wait for the counter
+        head[1:7] = (
+            source_seq,
+            self.epoch if epoch is None else epoch,
+            t_sensor_ns,
+            t_read_ns,
+            now_ns(),
+            kind,
+        )
+        head[0] = (
+            p + 1
+        )  # order relative to stamps and payload does not matter: readers wait for the counter
         fence()  # SYNC: the slot is whole before the counter points readers to it
         self._published[0] = p + 1
         return p + 1
@@ -246,7 +275,9 @@ class Reader(_Ring):
 
     def _stamp(self, n: int) -> Stamp | None:
         """Header of slot number n, which becomes the last read; None if the writer may have touched it meanwhile."""
-        seq, source_seq, epoch, t_sensor_ns, t_read_ns, t_publish_ns, kind = self._heads[(n - 1) % self.slots][:7].tolist()
+        seq, source_seq, epoch, t_sensor_ns, t_read_ns, t_publish_ns, kind = self._heads[
+            (n - 1) % self.slots
+        ][:7].tolist()
         fence()  # SYNC: the copy is complete before the counter is read again
         if self.published - n > self.slots - 2 or seq != n:
             return None

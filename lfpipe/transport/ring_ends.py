@@ -82,7 +82,9 @@ class RingInput:
 
     def _took(self, stamp: ring.Stamp) -> None:
         if self._credit and self.reader.published > stamp.seq:
-            self.wake.notify(stamp.seq)  # another slot is waiting, but its wake-up has just been consumed
+            self.wake.notify(
+                stamp.seq
+            )  # another slot is waiting, but its wake-up has just been consumed
         self._row["drops"] += stamp.skipped
         if self._credit is None:
             self._taken[self._index] = stamp.seq - 1  # they have already been counted
@@ -125,17 +127,28 @@ class RingOutput:
         session, options, self._wait_for, self._done = spec.session, spec.options, wait_for, done
         self._index, self._lock_step = spec.ring_index(name), options.lock_step
         self.writer = ring.Writer(session.segment(name))
-        self._ahead = 0 if options.lock_step else max(0, self.writer.slots - 4)  # number of slots that readers may be behind
+        self._ahead = (
+            0 if options.lock_step else max(0, self.writer.slots - 4)
+        )  # number of slots that readers may be behind
         readers = spec.consumers.get(name, [])
         self._wakes = [Wake(session.wake(name, reader)) for reader in readers]
         self._rows = [table.rows[reader] for reader in readers] if options.lossless else []
-        self.credits = [Wake(session.credit(name, reader)) for reader in readers] if options.lossless else []
+        self.credits = (
+            [Wake(session.credit(name, reader)) for reader in readers] if options.lossless else []
+        )
 
     def begin(self) -> NDArray[Any]:
         """The slot to fill, in place."""
         return self.writer.begin()
 
-    def publish(self, source_seq: int, t_sensor_ns: int, t_read_ns: int, epoch: int | None = None, kind: int = 0) -> int:
+    def publish(
+        self,
+        source_seq: int,
+        t_sensor_ns: int,
+        t_read_ns: int,
+        epoch: int | None = None,
+        kind: int = 0,
+    ) -> int:
         """Publishes the slot of `begin` and wakes the readers. In lossless sessions, it first waits until they are at most a
         few slots behind. In lock-step, it then waits until they have processed this one.
         """
@@ -153,4 +166,7 @@ class RingOutput:
         for credit in self.credits:
             credit.drain()
         needed = self.writer.published - self._ahead
-        return all(int(row["taken_seq"][self._index]) >= needed or int(row["state"]) in ENDED for row in self._rows)
+        return all(
+            int(row["taken_seq"][self._index]) >= needed or int(row["state"]) in ENDED
+            for row in self._rows
+        )

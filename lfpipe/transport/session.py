@@ -16,7 +16,9 @@ LONGEST_RING = 13  # characters of a ring's name in the name of its segment
 
 def base_dir() -> Path:
     """Parent of run directories: XDG_RUNTIME_DIR, or /tmp. Raises UserError if it is no absolute UTF-8 path."""
-    text = os.environ.get("XDG_RUNTIME_DIR") or "/tmp"  # short: the path of a socket has at most 107 bytes, on macOS 103
+    text = (
+        os.environ.get("XDG_RUNTIME_DIR") or "/tmp"
+    )  # short: the path of a socket has at most 107 bytes, on macOS 103
     remedy = "set it to a directory of yours, or unset it"
     if not Path(text).is_absolute():
         raise UserError(f"XDG_RUNTIME_DIR={text!r} is not an absolute path", remedy)
@@ -48,7 +50,8 @@ def _digest(text: str) -> str:
 def _check_name(name: str, setting: str) -> None:
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.]{0,31}", name):
         raise UserError(
-            f"{setting} is not a valid name", "use 1 to 32 letters, digits, _ and ., beginning with a letter or digit"
+            f"{setting} is not a valid name",
+            "use 1 to 32 letters, digits, _ and ., beginning with a letter or digit",
         )
 
 
@@ -83,7 +86,11 @@ class Session:
         here = segment_prefix(run_dir)
         if os.access(run_dir, os.F_OK):
             return here
-        elsewhere = {name[: len(here)] for name, owner in segment.owned().items() if owner.name == run_dir.name}
+        elsewhere = {
+            name[: len(here)]
+            for name, owner in segment.owned().items()
+            if owner.name == run_dir.name
+        }
         return elsewhere.pop() if len(elsewhere) == 1 else here
 
     def wake(self, ring: str, reader: str) -> Path:

@@ -50,23 +50,42 @@ ROW = np.dtype(
         ("beat_ns", "<i8"),  # updated only by the main loop
         ("seq", "<i8"),  # outputs completed, over all restarts
         ("source_seq", "<i8"),  # of the input last completed
-        ("taken_seq", "<i8", (RINGS,)),  # last taken of each ring, by `StageSpec.ring_index`: the credit of lossless running
+        (
+            "taken_seq",
+            "<i8",
+            (RINGS,),
+        ),  # last taken of each ring, by `StageSpec.ring_index`: the credit of lossless running
         ("epoch", "<i8"),
-        ("lost_outputs", "<i8"),  # files that a full disk or the like has ended early, over all restarts
+        (
+            "lost_outputs",
+            "<i8",
+        ),  # files that a full disk or the like has ended early, over all restarts
         ("drops", "<i8"),  # inputs that this stage lost, or could not use in time
-        ("left_out", "<i8"),  # inputs left out on purpose: at a lowered quality, while paused, for a newer one
+        (
+            "left_out",
+            "<i8",
+        ),  # inputs left out on purpose: at a lowered quality, while paused, for a newer one
         ("missed", "<i8"),  # of render: refreshes of the display without a picture from it
         ("planned", "<i8"),  # of render: refreshes of a screen whose blanks are reported
-        ("juddered", "<i8"),  # of render: those of them that showed another picture than was planned
+        (
+            "juddered",
+            "<i8",
+        ),  # of render: those of them that showed another picture than was planned
         ("onset_ns", "<i8"),  # of render: latency at the onset of a motion; 0: not known
-        ("steady_ns", "<i8"),  # of render: by how much pictures lag behind a head under way; 0: not known
+        (
+            "steady_ns",
+            "<i8",
+        ),  # of render: by how much pictures lag behind a head under way; 0: not known
         ("config_rev", "<i8"),  # revision of the session state that it uses
         ("busy_ns", "<i8"),
         ("cpu_ns", "<i8"),
         ("face", "<i8"),
         ("nominal_mhz", "<i8"),  # of capture: frames per 1000 s that the camera agreed to deliver
         ("dim", "<i8"),  # of capture: the camera delivers clearly fewer, although none is lost
-        ("t_face_ns", "<i8"),  # of render: when a picture was last made for a face, or the stage began
+        (
+            "t_face_ns",
+            "<i8",
+        ),  # of render: when a picture was last made for a face, or the stage began
         ("viewer", "<i8"),  # of render: the viewer's state, a value of ViewerState
         ("busy_since_ns", "<i8"),  # start of the work in busy_with
         ("busy_with", "S32"),  # work outside its loop, in words; empty in its loop
@@ -74,7 +93,10 @@ ROW = np.dtype(
         ("wait", HISTOGRAM),  # from publication by the previous stage until taken by this one
         ("busy", HISTOGRAM),  # from taken to published
         ("age", HISTOGRAM),  # from the sensor to publication: the output's age
-        ("horizon", HISTOGRAM),  # of render: from the sensor stamp to the time of the predicted eyes, at every refresh
+        (
+            "horizon",
+            HISTOGRAM,
+        ),  # of render: from the sensor stamp to the time of the predicted eyes, at every refresh
     ]
 )
 PAGE_ROWS = 8  # stages: five, and room for more
@@ -111,9 +133,13 @@ class Table:
         self._memory.check(MAGIC + LAYOUT.to_bytes(8, "little"), "status table", SIZE_BYTES)
         buffer = self._memory.buf if writable else self._memory.buf.toreadonly()
         table: NDArray[np.void] = np.frombuffer(buffer, ROW, PAGE_ROWS, HEAD)
-        self.session: NDArray[np.void] = np.frombuffer(buffer, SESSION, 1, HEAD + table.nbytes).reshape(())
+        self.session: NDArray[np.void] = np.frombuffer(
+            buffer, SESSION, 1, HEAD + table.nbytes
+        ).reshape(())
         self.rows: dict[str, NDArray[np.void]] = {
-            bytes(table[i]["name"]).decode(): table[i : i + 1].reshape(()) for i in range(PAGE_ROWS) if table[i]["name"]
+            bytes(table[i]["name"]).decode(): table[i : i + 1].reshape(())
+            for i in range(PAGE_ROWS)
+            if table[i]["name"]
         }
 
     def close(self) -> None:
@@ -128,9 +154,15 @@ class Row:
 
     def __init__(self, record: NDArray[np.void]) -> None:
         self.record = record
-        self._int = {name: record[name].reshape(1).data for name in ROW.names or () if ROW[name] == np.dtype("<i8")}
+        self._int = {
+            name: record[name].reshape(1).data
+            for name in ROW.names or ()
+            if ROW[name] == np.dtype("<i8")
+        }
         self._recent = record["recent_ns"].data
-        self.wait, self.busy, self.age, self.horizon = (Histogram(record[name]) for name in ("wait", "busy", "age", "horizon"))
+        self.wait, self.busy, self.age, self.horizon = (
+            Histogram(record[name]) for name in ("wait", "busy", "age", "horizon")
+        )
 
     def __getitem__(self, name: str) -> int:
         return self._int[name][0]

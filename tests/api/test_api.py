@@ -25,14 +25,28 @@ def test_every_name_is_there_and_documented() -> None:
     page = (Path(__file__).parents[2] / "docs" / "python.md").read_text()
     for name in lfpipe.__all__:
         assert callable(getattr(lfpipe, name)) and name in dir(lfpipe), name
-    functions = ("open_scene", "render_view", "render_anaglyph", "Tracker", "replay", "attach", "Session")
+    functions = (
+        "open_scene",
+        "render_view",
+        "render_anaglyph",
+        "Tracker",
+        "replay",
+        "attach",
+        "Session",
+    )
     assert all(f"`{name}(" in page for name in functions)
     with pytest.raises(AttributeError, match="no attribute 'open_scen'"):
         lfpipe.open_scen  # noqa: B018
 
 
 def test_replay_is_a_function_with_its_own_signature() -> None:
-    assert list(inspect.signature(lfpipe.replay).parameters) == ["sequence", "scene", "pace", "out", "settings"]
+    assert list(inspect.signature(lfpipe.replay).parameters) == [
+        "sequence",
+        "scene",
+        "pace",
+        "out",
+        "settings",
+    ]
     assert lfpipe.replay.__doc__ is not None and "recorded sequence" in lfpipe.replay.__doc__
     with pytest.raises(lfpipe.UserError, match="no such folder") as caught:
         lfpipe.replay("/nowhere")
@@ -49,14 +63,22 @@ def test_views_are_those_that_are_stored(field: lfpipe.LightField) -> None:
         for col in range(3):
             picture = lfpipe.render_view(field, row, col, method="nearest")
             assert picture.shape == (48, 64, 3) and picture.dtype == np.uint8
-            assert picture[0, 0].tolist() == [8 * row + 5, 8 * col + 5, 8 * (3 * row + col) + 5]  # blue first
+            assert picture[0, 0].tolist() == [
+                8 * row + 5,
+                8 * col + 5,
+                8 * (3 * row + col) + 5,
+            ]  # blue first
 
 
 def test_pictures_for_two_eyes(field: lfpipe.LightField) -> None:
-    anaglyph = lfpipe.render_anaglyph(field, (1, 0), (1, 2), mode="colour", settings={"render.method": "nearest"})
+    anaglyph = lfpipe.render_anaglyph(
+        field, (1, 0), (1, 2), mode="colour", settings={"render.method": "nearest"}
+    )
     left, right = (lfpipe.render_view(field, 1, col, method="nearest") for col in (0, 2))
     np.testing.assert_array_equal(anaglyph, np.dstack((right[..., :2], left[..., 2])))
-    again = lfpipe.render_anaglyph(field, (1, 1), (1, 2), mode="colour", settings={"render.method": "nearest"})
+    again = lfpipe.render_anaglyph(
+        field, (1, 1), (1, 2), mode="colour", settings={"render.method": "nearest"}
+    )
     assert (anaglyph != again).any()  # each is an array of its own
 
 
@@ -72,7 +94,10 @@ def test_pictures_for_two_eyes(field: lfpipe.LightField) -> None:
         (lambda field: lfpipe.render_view(field, 0, 0, frame=3), "frame 3"),
         (lambda field: lfpipe.render_view(field, 0, 0, frame=-1), "frame -1"),
         (lambda field: lfpipe.open_scene(np.zeros((3, 3))), "(3, 3)"),
-        (lambda field: lfpipe.render_anaglyph(field, (0, 0), (0, 1), mode="dubai"), "did you mean 'dubois'"),
+        (
+            lambda field: lfpipe.render_anaglyph(field, (0, 0), (0, 1), mode="dubai"),
+            "did you mean 'dubois'",
+        ),
         (lambda field: lfpipe.open_scene("/nowhere"), "/nowhere"),
         (lambda field: lfpipe.Tracker({"track.filtr": "mean"}), "track.filtr"),
         (lambda field: lfpipe.attach("nobody"), "nobody"),
@@ -84,7 +109,10 @@ def test_mistakes_are_named_with_a_remedy(field: lfpipe.LightField, call: object
     assert why in caught.value.message and caught.value.remedy
 
 
-@pytest.mark.parametrize("frame", [None, np.zeros((48, 64), np.uint8), np.zeros((48, 64, 3)), np.zeros((0, 0, 3), np.uint8), "x"])
+@pytest.mark.parametrize(
+    "frame",
+    [None, np.zeros((48, 64), np.uint8), np.zeros((48, 64, 3)), np.zeros((0, 0, 3), np.uint8), "x"],
+)
 def test_what_is_no_picture_is_refused(frame: object) -> None:
     with lfpipe.Tracker() as tracker:
         with pytest.raises(lfpipe.UserError, match="not a picture") as caught:
@@ -110,6 +138,8 @@ def test_the_tracker_finds_the_eyes_that_the_stage_finds(clip: Path) -> None:
             stage.engine.examine(frame)
             assert eyes is not None and eyes.head is not None
             np.testing.assert_array_equal(eyes.filtered_px, record["filtered_px"])
-        assert eyes.filtered_px[0, 0] > eyes.filtered_px[1, 0] and 400 < eyes.head.position_mm[2] < 800
+        assert (
+            eyes.filtered_px[0, 0] > eyes.filtered_px[1, 0] and 400 < eyes.head.position_mm[2] < 800
+        )
         assert tracker.update(np.zeros_like(frame), 10**9) is None
     stage.engine.close()

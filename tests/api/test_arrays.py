@@ -24,12 +24,17 @@ def cache(tmp_path: Path) -> dict[str, Any]:
 def test_an_array_gives_the_pictures_of_its_files(tmp_path: Path, cache: dict[str, Any]) -> None:
     np.save(tmp_path / "a.npy", VIEWS)
     np.savez(tmp_path / "a.npz", views=VIEWS)
-    files = lfpipe.open_scene(made.write_grid(tmp_path / "png", VIEWS), cache | {"scene.flip": "none", "scene.transpose": "no"})
+    files = lfpipe.open_scene(
+        made.write_grid(tmp_path / "png", VIEWS),
+        cache | {"scene.flip": "none", "scene.transpose": "no"},
+    )
     for scene in (VIEWS, tmp_path / "a.npy", tmp_path / "a.npz"):
         field = lfpipe.open_scene(scene, cache)
         assert (field.rows, field.cols, field.method) == (2, 3, files.method)
         for place in ((0, 0), (1, 2), (0.5, 1.25)):
-            np.testing.assert_array_equal(lfpipe.render_view(field, *place), lfpipe.render_view(files, *place))
+            np.testing.assert_array_equal(
+                lfpipe.render_view(field, *place), lfpipe.render_view(files, *place)
+            )
     report = lfpipe.replay(made_sequence(tmp_path / "walk"), VIEWS, settings=cache)
     assert (report["scene"]["rows"], report["scene"]["cols"]) == (2, 3)
 
@@ -58,21 +63,32 @@ def test_disparity_and_positions_come_with_an_array(cache: dict[str, Any], tmp_p
     disparity = np.full((2, 3, 40, 48), 1.0, np.float32)  # the pictures say 2
     positions = np.stack(np.mgrid[0:2, 0:3], axis=-1) * 12.5
     field = lfpipe.open_scene(VIEWS, cache, disparity=disparity, positions=positions)
-    assert field.disparity is not None and np.unique(field.disparity).size == 1  # the given one, not an estimate
+    assert (
+        field.disparity is not None and np.unique(field.disparity).size == 1
+    )  # the given one, not an estimate
     turned = lfpipe.open_scene(VIEWS[::-1, ::-1], cache, positions=positions[::-1, ::-1])
-    np.testing.assert_array_equal(lfpipe.render_view(turned, 0, 0, method="nearest"), VIEWS[0, 0, ..., ::-1])
+    np.testing.assert_array_equal(
+        lfpipe.render_view(turned, 0, 0, method="nearest"), VIEWS[0, 0, ..., ::-1]
+    )
     with pytest.raises(lfpipe.UserError, match="only for arrays"):
         lfpipe.open_scene(tmp_path, disparity=disparity)
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 @given(
     shape=st.lists(st.integers(0, 5), min_size=0, max_size=7).map(tuple),
     kind=st.sampled_from(["u1", "u2", "f4", "i8", "?", "c16"]),
 )
 def test_any_array_is_taken_or_refused(shape: tuple[int, ...], kind: str) -> None:
     views = np.zeros(shape, kind)
-    good = len(shape) in (5, 6) and shape[-1] in (1, 3) and 0 not in shape and kind in ("u1", "u2", "f4")
+    good = (
+        len(shape) in (5, 6)
+        and shape[-1] in (1, 3)
+        and 0 not in shape
+        and kind in ("u1", "u2", "f4")
+    )
     try:
         assert require_views(views, "x").ndim == 6 and good
     except lfpipe.UserError as error:
@@ -86,9 +102,22 @@ def test_damaged_files_are_refused(cache: dict[str, Any], tmp_path: Path) -> Non
     np.savez(tmp_path / "other.npz", a=np.zeros(3), b=np.zeros(3))
     nan = np.full((1, 2, 8, 8, 3), np.nan, np.float32)
     np.save(tmp_path / "nan.npy", nan)
-    for name, data in (("short.npy", whole[:500]), ("cut.npy", whole[:50]), ("text.npz", b"PK\3\4 nothing"), ("empty.npy", b"")):
+    for name, data in (
+        ("short.npy", whole[:500]),
+        ("cut.npy", whole[:50]),
+        ("text.npz", b"PK\3\4 nothing"),
+        ("empty.npy", b""),
+    ):
         (tmp_path / name).write_bytes(data)
-    for name in ("short.npy", "cut.npy", "text.npz", "empty.npy", "objects.npy", "other.npz", "nan.npy"):
+    for name in (
+        "short.npy",
+        "cut.npy",
+        "text.npz",
+        "empty.npy",
+        "objects.npy",
+        "other.npz",
+        "nan.npy",
+    ):
         with pytest.raises(lfpipe.UserError) as caught:
             lfpipe.open_scene(tmp_path / name, cache)
         assert caught.value.remedy, name

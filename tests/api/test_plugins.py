@@ -23,13 +23,24 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
         pytest.skip("uv is not installed")
     folder, copy = tmp_path_factory.mktemp("plugins"), tmp_path_factory.mktemp("source") / "example"
     shutil.copytree(EXAMPLE, copy)
-    command = [uv, "pip", "install", "--offline", "--no-deps", "--no-build-isolation", "--python", sys.executable]
+    command = [
+        uv,
+        "pip",
+        "install",
+        "--offline",
+        "--no-deps",
+        "--no-build-isolation",
+        "--python",
+        sys.executable,
+    ]
     done = subprocess.run([*command, "--target", folder, copy], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     broken = folder / "broken-2.0.dist-info"
     broken.mkdir()
     (broken / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 2.0\n")
-    (broken / "entry_points.txt").write_text("".join(f"[{group}]\n{line}\n" for group, line in BROKEN.items()))
+    (broken / "entry_points.txt").write_text(
+        "".join(f"[{group}]\n{line}\n" for group, line in BROKEN.items())
+    )
     return folder
 
 
@@ -56,4 +67,6 @@ def test_each_part_works_and_is_listed(world: World, installed: Path, clip: Path
         "broken 2.0: skipped",
     ):
         assert word in " ".join(listed.split()), listed
-    assert "broken 2.0" in world.refused("up", scene, *more, "--display", "none", "--set", "track.engine=broken")
+    assert "broken 2.0" in world.refused(
+        "up", scene, *more, "--display", "none", "--set", "track.engine=broken"
+    )

@@ -27,7 +27,9 @@ def home(world: World, monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
     yield world
 
 
-def test_a_session_is_started_changed_loaded_and_stopped_in_a_thread(home: World, scene: Path) -> None:
+def test_a_session_is_started_changed_loaded_and_stopped_in_a_thread(
+    home: World, scene: Path
+) -> None:
     failures: list[BaseException] = []
 
     def run() -> None:
@@ -36,7 +38,10 @@ def test_a_session_is_started_changed_loaded_and_stopped_in_a_thread(home: World
             with lfpipe.Session(scene, camera="demo", trace=trace, **QUICK) as session:  # type: ignore[arg-type]
                 home.wait_for(lambda: trace.exists() and trace.stat().st_size, "line of the trace")
                 # it is STARTING for a moment once more, when disparity comes to the views
-                home.wait_for(lambda: session.status()["stages"]["render"]["state"] == "RUNNING", "a running render")
+                home.wait_for(
+                    lambda: session.status()["stages"]["render"]["state"] == "RUNNING",
+                    "a running render",
+                )
                 assert session.frame().picture.shape[2] == 3
                 assert next(eyes for eyes in session.stream() if eyes is not None).head is not None
                 session.set(**{"render.method": "blend"})
@@ -77,7 +82,9 @@ with lfpipe.Session({str(scene)!r}, camera="demo", name="killed") as session:
     print("runs", flush=True)
     time.sleep(600)
 """
-    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, env=home.env, cwd=home.root)
+    process = subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, env=home.env, cwd=home.root
+    )
     assert process.stdout is not None and process.stdout.readline() == b"runs\n"
     assert home.segments()
     os.kill(process.pid, number)
@@ -98,7 +105,10 @@ def test_a_notebook_starts_changes_and_stops_a_session_in_three_cells(
     )
     notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in cells])
     nbclient.NotebookClient(
-        notebook, timeout=120, kernel_name="python3", resources={"metadata": {"path": str(home.root)}}
+        notebook,
+        timeout=120,
+        kernel_name="python3",
+        resources={"metadata": {"path": str(home.root)}},
     ).execute()
     shown = [cell["outputs"][-1]["data"]["text/plain"] for cell in notebook["cells"]]
     assert shown == ["(480, 640, 3)", "'blend'", "True"]

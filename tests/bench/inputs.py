@@ -13,7 +13,9 @@ from tests.scene import made
 
 def wall(rows: int, cols: int, side_px: int = 64, disparity: bool = True) -> LightField:
     """A textured wall, 2 px of disparity per view."""
-    views = np.ascontiguousarray(made.wall(rows, cols, side_px, side_px).transpose(0, 1, 4, 2, 3)[None])
+    views = np.ascontiguousarray(
+        made.wall(rows, cols, side_px, side_px).transpose(0, 1, 4, 2, 3)[None]
+    )
     maps = np.full((1, rows, cols, side_px // 2, side_px // 2), 32, np.int8)
     return LightField(
         views=views, disparity=maps if disparity else None, disparity_scale_px=1 / 16, disparity_min_px=2.0 * disparity,

@@ -10,15 +10,25 @@ import pytest
 from tests.world import World
 
 ROOT = Path(__file__).parents[2]
-NO_SCRIPTS = ("arguments", "photon_simulation", "package_page")  # shared by scripts; the last is a build hook
+NO_SCRIPTS = (
+    "arguments",
+    "photon_simulation",
+    "package_page",
+)  # shared by scripts; the last is a build hook
 FILES = [*ROOT.glob("profiling/*.py"), *ROOT.glob("tools/*.py")]
 SCRIPTS = sorted(path for path in FILES if path.stem not in NO_SCRIPTS)
 WITH_DATA = ("eyes_engines", "pipeline_vs_loop", "scene_pack")
 
 
-def test_subjects_from_the_command_line_share_a_folder(world: World, scene: Path, clip: Path) -> None:
-    first = world.done("bench", "anaglyph", "--quick", "--scene", scene, "--sequence", clip, "--out", "out")
-    assert first.stdout.strip() == "out/report.html" and (world.root / "out" / "report.html").is_file()
+def test_subjects_from_the_command_line_share_a_folder(
+    world: World, scene: Path, clip: Path
+) -> None:
+    first = world.done(
+        "bench", "anaglyph", "--quick", "--scene", scene, "--sequence", clip, "--out", "out"
+    )
+    assert (
+        first.stdout.strip() == "out/report.html" and (world.root / "out" / "report.html").is_file()
+    )
     world.done("bench", "judder", "--quick", "--out", "out")  # credited to itself only
     both = json.loads((world.root / "out" / "results.json").read_text())["subjects"]
     assert [one["about"]["command"].split()[2] for one in both.values()] == ["judder", "anaglyph"]
@@ -36,7 +46,9 @@ def test_mistakes_are_named(world: World, clip: Path) -> None:
 
 
 def run(script: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, str(script), *words], capture_output=True, text=True, check=False)
+    return subprocess.run(
+        [sys.executable, str(script), *words], capture_output=True, text=True, check=False
+    )
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
@@ -48,4 +60,6 @@ def test_help_needs_nothing(script: Path) -> None:
 def test_missing_data_is_named() -> None:
     for name in WITH_DATA:
         done = run(ROOT / "profiling" / f"{name}.py", "nowhere")
-        assert done.returncode == 2 and "nowhere" in done.stderr and "Traceback" not in done.stderr, done.stderr
+        assert (
+            done.returncode == 2 and "nowhere" in done.stderr and "Traceback" not in done.stderr
+        ), done.stderr

@@ -11,7 +11,18 @@ import pytest
 
 from lfpipe.bench import page, runner
 from lfpipe.bench.page import chart, verdict, write_report
-from lfpipe.bench.results import Column, Figures, Results, Row, Table, Value, judged_table, read, timing, write
+from lfpipe.bench.results import (
+    Column,
+    Figures,
+    Results,
+    Row,
+    Table,
+    Value,
+    judged_table,
+    read,
+    timing,
+    write,
+)
 from lfpipe.bench.runner import Candidate, Turn, run
 from lfpipe.bench.subjects import Choice, Subject
 from lfpipe.errors import UserError
@@ -19,7 +30,9 @@ from tests.bench.inputs import inputs, wall
 
 COLUMNS = (Column("error_px", "error", "px"), Column("time_ms", "time", "ms"))
 CHOICE = Choice("track.fake", 11.0, "a third of a frame")
-FAKE = Subject("fake", "Fake subject", "?", COLUMNS, (("time_ms", "error_px"),), choice=CHOICE, rounds=(7, 7))
+FAKE = Subject(
+    "fake", "Fake subject", "?", COLUMNS, (("time_ms", "error_px"),), choice=CHOICE, rounds=(7, 7)
+)
 
 
 def quiet(*_: object) -> None:
@@ -35,7 +48,11 @@ def measured() -> tuple[Results, list[str]]:
 
         def turn() -> dict[str, float]:
             turns.append(name)
-            return {"time_ms": float("nan") if name == "nan" and next(count) == 2 else 1.0 + 0.5 * (len(turns) % 2)}
+            return {
+                "time_ms": float("nan")
+                if name == "nan" and next(count) == 2
+                else 1.0 + 0.5 * (len(turns) % 2)
+            }
 
         def prepare() -> tuple[Figures, Turn]:
             if name == "throws":
@@ -50,12 +67,20 @@ def measured() -> tuple[Results, list[str]]:
 
 def test_failures_are_kept_with_their_reason_and_turns_are_interleaved() -> None:
     results, turns = measured()
-    assert results.failures == {"throws": "ArithmeticError: no root", "nan": "ValueError: not finite: time_ms"}
-    assert [(row.name, row.paper, row.used) for row in results.rows] == [("one", True, False), ("two", False, True)]
+    assert results.failures == {
+        "throws": "ArithmeticError: no root",
+        "nan": "ValueError: not finite: time_ms",
+    }
+    assert [(row.name, row.paper, row.used) for row in results.rows] == [
+        ("one", True, False),
+        ("two", False, True),
+    ]
     assert results.rows[0].value("error_px") == 3.5
     assert results.left_out == ["colour: the scene is grey"]
     sound = [name for name in turns if name in ("one", "two")]
-    assert len(sound) == 14 and all({"one", "two"} == set(sound[k : k + 2]) for k in range(0, 14, 2))
+    assert len(sound) == 14 and all(
+        {"one", "two"} == set(sound[k : k + 2]) for k in range(0, 14, 2)
+    )
 
 
 def test_interval_of_the_median_holds_it_as_often_as_it_says() -> None:
@@ -63,7 +88,15 @@ def test_interval_of_the_median_holds_it_as_often_as_it_says() -> None:
     for count in (6, 9, 25):
         medians = [timing(rng.exponential(1.0, count).tolist()) for _ in range(400)]
         assert sum(one.low <= math.log(2) <= one.high for one in medians) / 400 > 0.92, count
-    for count, low, high in ((3, 1, 3), (6, 1, 6), (8, 1, 8), (10, 2, 9), (20, 6, 15), (25, 8, 18), (50, 18, 33)):  # as printed
+    for count, low, high in (
+        (3, 1, 3),
+        (6, 1, 6),
+        (8, 1, 8),
+        (10, 2, 9),
+        (20, 6, 15),
+        (25, 8, 18),
+        (50, 18, 33),
+    ):  # as printed
         one = timing([float(k) for k in range(count, 0, -1)])
         assert (one.low, one.high) == (low, high), "ranks of the sign test; the range of too few"
     assert timing([5.0, 3.0]).text == "4 (3 to 5)" and Value(2.0).text == "2"
@@ -75,23 +108,46 @@ def row(name: str, time_ms: float, error_px: float, paper: bool = False, used: b
 
 
 def test_a_verdict_keeps_what_ties_and_names_the_cost() -> None:
-    old, best, slow = row("old", 2.0, 9.0, paper=True), row("best", 5.0, 3.0), row("slow", 50.0, 1.0)
+    old, best, slow = (
+        row("old", 2.0, 9.0, paper=True),
+        row("best", 5.0, 3.0),
+        row("slow", 50.0, 1.0),
+    )
     for error_px, choice, words in ((3.05, "ours (in use)", "(old)"), (6.0, "best", "(ours)")):
         rows = (old, row("ours", 4.0, error_px, used=True), best, slow)
         one = verdict(FAKE, Results("fake", [Table("method", COLUMNS, rows)]))
-        assert one is not None and one[:2] == ("track.fake", choice) and words in one[2] and "11 ms" in one[2]
+        assert (
+            one is not None
+            and one[:2] == ("track.fake", choice)
+            and words in one[2]
+            and "11 ms" in one[2]
+        )
         assert one[3].endswith(") ms: time")
 
 
-def test_report_stands_alone_and_begins_with_verdicts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_report_stands_alone_and_begins_with_verdicts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     results, _ = measured()
     results.about = {"command": "lfpipe bench fake --quick", "machine": "<p>"}
     columns = {"b": "", "c": "render.method=blend"}
     states = {"": "failed", "render.method=blend": "degraded"}
-    table = judged_table("Extreme", "", "case", {"a": 9}, columns, lambda _, one: ("9", states[one]), lambda _, one: one)  # type: ignore[return-value]
+    table = judged_table(
+        "Extreme",
+        "",
+        "case",
+        {"a": 9},
+        columns,
+        lambda _, one: ("9", states[one]),
+        lambda _, one: one,
+    )  # type: ignore[return-value]
     results.tables.append(table)
-    raised = judged_table("", "", "case", {"a": 0}, {"b": 0}, lambda row, column: (f"{row / column}", "ok"))
-    assert raised.rows[0].values["b"] == Value(words="ZeroDivisionError: division by zero", state="failed")
+    raised = judged_table(
+        "", "", "case", {"a": 0}, {"b": 0}, lambda row, column: (f"{row / column}", "ok")
+    )
+    assert raised.rows[0].values["b"] == Value(
+        words="ZeroDivisionError: division by zero", state="failed"
+    )
     write({"fake": results}, tmp_path)
     assert read(tmp_path) == {"fake": results}, "as they were"
     monkeypatch.setitem(page.SUBJECTS, "fake", FAKE)
@@ -99,18 +155,28 @@ def test_report_stands_alone_and_begins_with_verdicts(tmp_path: Path, monkeypatc
     first, rest = text.partition("<nav>")[::2]
     assert "two (in use)" in first and "wall time" in first and "CPU" in first
     matters = [re.sub("<[^>]+>", "|", line) for line in first.split("<tr") if "Extreme" in line]
-    assert len(matters) == 2 and "yes: in use" in matters[0] and "only with render.method=blend" in matters[1]
-    assert "ArithmeticError: no root" in first and "the scene is grey" in rest and "&lt;p&gt;" in text
+    assert (
+        len(matters) == 2
+        and "yes: in use" in matters[0]
+        and "only with render.method=blend" in matters[1]
+    )
+    assert (
+        "ArithmeticError: no root" in first and "the scene is grey" in rest and "&lt;p&gt;" in text
+    )
     assert "lfpipe bench fake --quick" in rest and "two ■" in rest and "one ★" in rest
     assert text.count('src="data:image/svg+xml') == 1
     assert not re.search("https?://|<script|<link", re.sub(r'"data:[^"]*"', "", text))
 
 
 def test_an_exact_zero_has_its_place_on_a_chart() -> None:
-    table = Table("method", COLUMNS, (row("none", 1.0, 0.0), row("some", 1.0, 2.0), row("more", 1.0, 9.0)))
+    table = Table(
+        "method", COLUMNS, (row("none", 1.0, 0.0), row("some", 1.0, 2.0), row("more", 1.0, 9.0))
+    )
     image = chart(FAKE, Results("fake", [table]), "time_ms", "error_px")
     svg = base64.b64decode(image.partition("base64,")[2].rstrip('">')).decode()
-    assert 'alt="error against time"' in image and all(f">{name}</text>" in svg for name in ("none", "some", "more"))
+    assert 'alt="error against time"' in image and all(
+        f">{name}</text>" in svg for name in ("none", "some", "more")
+    )
     assert chart(FAKE, Results("fake"), "time_ms", "error_px") == "", "no point"
 
 

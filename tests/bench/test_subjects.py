@@ -9,7 +9,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfpipe.bench import extremes, filters, judder, paper_loop, photon, pipeline, stability, synthesis, tracker
+from lfpipe.bench import (
+    extremes,
+    filters,
+    judder,
+    paper_loop,
+    photon,
+    pipeline,
+    stability,
+    synthesis,
+    tracker,
+)
 from lfpipe.bench.inputs import FrameSequence, demo_sequence, read_sequence
 from lfpipe.bench.motion import known_motion
 from lfpipe.bench.results import Results
@@ -21,7 +31,9 @@ from lfpipe.track.smoothing import Mean
 from tests.bench.inputs import inputs, wall
 from tests.replay.conftest import make_sequence
 
-PAPER = ["mediapipe, 640x480"] if package_folder() else []  # mediapipe has no wheel for some Pythons and machines
+PAPER = (
+    ["mediapipe, 640x480"] if package_folder() else []
+)  # mediapipe has no wheel for some Pythons and machines
 
 
 @pytest.fixture(scope="module")
@@ -38,13 +50,21 @@ def split(offered: object) -> tuple[dict[str, Candidate], dict[str, str]]:
 
 def test_tracker_follows_the_demo_within_a_pixel(tmp_path: Path, sequence: FrameSequence) -> None:
     found, skipped = split(tracker.measure(inputs(wall(2, 2), tmp_path, sequence)))
-    assert [name for name, one in found.items() if one.paper] == PAPER and ("engine mediapipe" in skipped) != bool(PAPER)
-    assert sequence.truth is not None and np.ptp(sequence.truth.eyes_px[61:], axis=0).max() > 5, "it moves after two seconds"
+    assert [name for name, one in found.items() if one.paper] == PAPER and (
+        "engine mediapipe" in skipped
+    ) != bool(PAPER)
+    assert sequence.truth is not None and np.ptp(sequence.truth.eyes_px[61:], axis=0).max() > 5, (
+        "it moves after two seconds"
+    )
     figures, turn = found["litert, 640x480"].prepare()
     assert figures["error_px"] < 1.0
     assert turn is not None and set(turn()) == {"time_ms", "cpu_ms"}
-    found, skipped = split(tracker.measure(inputs(wall(2, 2), tmp_path, attrs.evolve(sequence, truth=None))))
-    assert "error of tracking" in skipped and set(found["litert, 320x240"].prepare()[0]) == {"missed"}
+    found, skipped = split(
+        tracker.measure(inputs(wall(2, 2), tmp_path, attrs.evolve(sequence, truth=None)))
+    )
+    assert "error of tracking" in skipped and set(found["litert, 320x240"].prepare()[0]) == {
+        "missed"
+    }
     blank, skipped = split(tracker.measure(inputs(wall(2, 2), tmp_path)))
     assert "input wider than 160 px" in skipped
     with pytest.raises(ValueError, match="no face"):
@@ -53,7 +73,9 @@ def test_tracker_follows_the_demo_within_a_pixel(tmp_path: Path, sequence: Frame
 
 def test_filters_know_their_motion() -> None:
     raw, five = (filters.follow(Mean(k), 30, 0) for k in (1, 5))
-    assert raw["error_30hz"] == pytest.approx(NOISE_PX * 2**0.5, rel=0.05)  # its own noise, both axes
+    assert raw["error_30hz"] == pytest.approx(
+        NOISE_PX * 2**0.5, rel=0.05
+    )  # its own noise, both axes
     assert five["error_30hz"] > 20 * raw["error_30hz"]  # lags
     assert raw["jitter_30hz"] > 1.5 * five["jitter_30hz"]  # but rests
 
@@ -78,28 +100,49 @@ def on_every_blank(rate_hz: float, late: dict[int, int]) -> judder.ScreenRun:
     """A second of pictures; picture k is shown late[k] blanks too late."""
     count = np.arange(round(rate_hz))
     blanks = count + np.array([late.get(int(k), 0) for k in count])
-    return judder.ScreenRun(0.0, 0.0, blanks, np.round(judder.T0_NS + count * 1e9 / rate_hz).astype(np.int64))
+    return judder.ScreenRun(
+        0.0, 0.0, blanks, np.round(judder.T0_NS + count * 1e9 / rate_hz).astype(np.int64)
+    )
 
 
 def test_a_video_on_a_screen_is_planned_and_each_blank_off_the_plan_counts() -> None:
-    found = [judder.video_judder(on_every_blank(hz, {}), hz, video) for hz in (60.0, 144.0) for video in (24, 25, 30)]
+    found = [
+        judder.video_judder(on_every_blank(hz, {}), hz, video)
+        for hz in (60.0, 144.0)
+        for video in (24, 25, 30)
+    ]
     assert {share for share, _ in found} == {0.0}
     assert [held for _, held in found] == ["2 or 3", "2 or 3", "2", "6", "5 or 6", "4 or 5"]
-    starts = on_every_blank(60.0, {10: 1})  # the first picture of a frame of 30 Hz, and the second one takes its place
+    starts = on_every_blank(
+        60.0, {10: 1}
+    )  # the first picture of a frame of 30 Hz, and the second one takes its place
     assert judder.video_judder(starts, 60.0, 30)[0] == pytest.approx(1 / 59)
-    assert judder.video_judder(on_every_blank(60.0, {11: 1}), 60.0, 30)[0] == pytest.approx(0), "the same frame stays"
+    assert judder.video_judder(on_every_blank(60.0, {11: 1}), 60.0, 30)[0] == pytest.approx(0), (
+        "the same frame stays"
+    )
 
 
 def test_a_clock_that_is_a_little_off_does_not_choose_the_frames() -> None:
-    for rate_hz, videos_hz in ((60.0, (24, 25, 30)), (75.0, (24, 25, 30)), (144.0, (24, 30))):  # 25 Hz on 144 leave 0.1 ms
+    for rate_hz, videos_hz in (
+        (60.0, (24, 25, 30)),
+        (75.0, (24, 25, 30)),
+        (144.0, (24, 30)),
+    ):  # 25 Hz on 144 leave 0.1 ms
         shown = judder.simulate(rate_hz, 3.0, 2000, whole_ms=True)
-        assert max(judder.video_judder(shown, rate_hz, video_hz)[0] for video_hz in videos_hz) <= judder.GOAL
+        assert (
+            max(judder.video_judder(shown, rate_hz, video_hz)[0] for video_hz in videos_hz)
+            <= judder.GOAL
+        )
 
 
 def test_synthesis_of_a_wall_and_what_does_not_apply(tmp_path: Path) -> None:
     found, skipped = split(synthesis.measure(inputs(wall(5, 5), tmp_path)))
-    assert not skipped and [name for name, one in found.items() if one.paper] == ["nearest, every 2nd view"]
-    (near, _), (warped, turn) = (found[f"{name}, every 2nd view"].prepare() for name in ("nearest", "warp2"))
+    assert not skipped and [name for name, one in found.items() if one.paper] == [
+        "nearest, every 2nd view"
+    ]
+    (near, _), (warped, turn) = (
+        found[f"{name}, every 2nd view"].prepare() for name in ("nearest", "warp2")
+    )
     assert warped["psnr_db"] > near["psnr_db"] + 10 and near["jump"] > 10 > 4 > warped["jump"]
     assert turn is not None and turn()["time_ms"] > 0
     for rows, cols, disparity, missing, curves in (
@@ -108,15 +151,23 @@ def test_synthesis_of_a_wall_and_what_does_not_apply(tmp_path: Path) -> None:
         (1, 1, True, "error on left-out views", set()),
         (2, 2, True, "error on left-out views", set()),
     ):
-        found, skipped = split(synthesis.measure(inputs(wall(rows, cols, disparity=disparity), tmp_path)))
+        found, skipped = split(
+            synthesis.measure(inputs(wall(rows, cols, disparity=disparity), tmp_path))
+        )
         assert missing in skipped and {one.curve for one in found.values()} == curves
 
 
 def test_pipeline_skips_what_does_not_apply(tmp_path: Path, sequence: FrameSequence) -> None:
     assert "pipeline" in split(pipeline.measure(inputs(wall(1, 1), tmp_path)))[1]
-    found, skipped = split(pipeline.measure(inputs(wall(3, 3, disparity=False), tmp_path, attrs.evolve(sequence, truth=None))))
+    found, skipped = split(
+        pipeline.measure(
+            inputs(wall(3, 3, disparity=False), tmp_path, attrs.evolve(sequence, truth=None))
+        )
+    )
     assert {"error of the viewpoint shown", "warped views"} <= set(skipped)
-    assert sum(one.paper for one in found.values()) == 1 + len(PAPER)  # its configuration, and the plain loop
+    assert sum(one.paper for one in found.values()) == 1 + len(
+        PAPER
+    )  # its configuration, and the plain loop
 
 
 def test_the_loop_names_the_frame_it_shows(tmp_path: Path) -> None:
@@ -137,9 +188,24 @@ def test_displayed_error_of_a_known_trace() -> None:
         views = [[4.0, 4 + (400 - u) / 100] for u in used[:, 0]]
         pairs = {name: dict(zip(("left", "right"), np.asarray(pair).tolist(), strict=True)) for name, pair in
                  (("eyes_used", used), ("view", views))}  # fmt: skip
-        rows.append({"t_presented_ns": ms * 1_000_000, "t_sensor_ns": 0, "source_seq": 0, "composed": True, **pairs})
-    wrong = {"left": [0.0, 0.0], "right": [0.0, 0.0]}  # the file starts over, and the filter has yet to follow
-    rows += [row | {"source_seq": 120, "t_presented_ns": row["t_presented_ns"] + 10**10, "eyes_used": wrong} for row in rows]
+        rows.append(
+            {
+                "t_presented_ns": ms * 1_000_000,
+                "t_sensor_ns": 0,
+                "source_seq": 0,
+                "composed": True,
+                **pairs,
+            }
+        )
+    wrong = {
+        "left": [0.0, 0.0],
+        "right": [0.0, 0.0],
+    }  # the file starts over, and the filter has yet to follow
+    rows += [
+        row
+        | {"source_seq": 120, "t_presented_ns": row["t_presented_ns"] + 10**10, "eyes_used": wrong}
+        for row in rows
+    ]
     mapping = 100.0, (400.0, 240.0), (9, 9)
     assert pipeline.displayed_errors(truth, rows, *mapping) == {
         "error_views": pytest.approx(0.01, rel=0.05), "error_px": pytest.approx(1.0, rel=0.05)
@@ -164,7 +230,10 @@ def test_a_bad_frame_is_judged_by_peak_and_duration() -> None:
     """The mean of 5 shows a fifth of it for five frames; what predicts shows more, if it lasts."""
     peak, lasts_s = stability.disturbed("mean", "wrong by half an eye distance", 30, False)
     assert peak == pytest.approx(0.1, abs=1e-9) and lasts_s == pytest.approx(5 / 30)
-    once, twice = (stability.disturbed("predictive", "wrong by half an eye distance", 30, False, n)[0] for n in (1, 2))
+    once, twice = (
+        stability.disturbed("predictive", "wrong by half an eye distance", 30, False, n)[0]
+        for n in (1, 2)
+    )
     assert once < 0.1 < 0.5 < twice, "what no head does is held back once"
     assert stability.disturbed("kalman", "spike of 1e18 px", 30, True)[0] < 0.5
 
@@ -172,7 +241,10 @@ def test_a_bad_frame_is_judged_by_peak_and_duration() -> None:
 def test_colours_against_the_published_matrices() -> None:
     """Three planes instead of six cost the most for random colours: 13 levels for Dubois, 40 and 41 for the others."""
     left, right = np.random.default_rng(1).integers(0, 256, (2, 128, 128, 3), np.uint8)
-    errors = [extremes.colour_error(name, "linear", left, right) for name in ("colour", "dubois", "dubois-green-magenta")]
+    errors = [
+        extremes.colour_error(name, "linear", left, right)
+        for name in ("colour", "dubois", "dubois-green-magenta")
+    ]
     assert errors[0] < 0.51 and 5 < errors[1] < 16 < errors[2] < 45
 
 
@@ -188,7 +260,10 @@ def test_latency_by_motion_and_noise_is_that_of_the_docs() -> None:
         (line,) = [line for line in page.splitlines() if line.startswith(f"| {name} |")]
         printed = line.split("|")[2 + photon.NOISES_PX.index(float(noise.split()[0]))].split("/")
         for here, there in zip(ours.split("/"), printed, strict=True):
-            assert here.strip() == there.strip() == "-" or abs(float(here) - float(there)) <= 5, (line, ours)
+            assert here.strip() == there.strip() == "-" or abs(float(here) - float(there)) <= 5, (
+                line,
+                ours,
+            )
     for motion in photon.MOTIONS:
         assert steady[motion, "0.15 px"] < steady[motion, "0.5 px"]
 

@@ -20,8 +20,16 @@ from tests.world import World, write_scene
 
 
 @settings(max_examples=15)
-@given(st.integers(0, 2**32 - 1), st.integers(56, 90), st.integers(56, 90), st.floats(0.1, 60), st.integers(0, 22))
-def test_figures_are_those_of_scikit_image(seed: int, height: int, width: int, noise: float, border_px: int) -> None:
+@given(
+    st.integers(0, 2**32 - 1),
+    st.integers(56, 90),
+    st.integers(56, 90),
+    st.floats(0.1, 60),
+    st.integers(0, 22),
+)
+def test_figures_are_those_of_scikit_image(
+    seed: int, height: int, width: int, noise: float, border_px: int
+) -> None:
     rng = np.random.default_rng(seed)
     a = rng.integers(0, 256, (3, height, width), np.uint8)
     b = np.clip(a + rng.normal(0, noise, a.shape), 0, 255).astype(np.uint8)
@@ -30,20 +38,30 @@ def test_figures_are_those_of_scikit_image(seed: int, height: int, width: int, n
     np.testing.assert_allclose(luma, theirs, rtol=0, atol=1e-11)
     x, y = (metrics.shaved(one, border_px) for one in luma)
     if (x != y).any():
-        assert psnr_db(float(np.mean((x - y) ** 2))) == pytest.approx(peak_signal_noise_ratio(x, y, data_range=255), abs=1e-10)
-    expected = structural_similarity(x, y, data_range=255, gaussian_weights=True, sigma=1.5, use_sample_covariance=False)
+        assert psnr_db(float(np.mean((x - y) ** 2))) == pytest.approx(
+            peak_signal_noise_ratio(x, y, data_range=255), abs=1e-10
+        )
+    expected = structural_similarity(
+        x, y, data_range=255, gaussian_weights=True, sigma=1.5, use_sample_covariance=False
+    )
     assert metrics.ssim(x, y) == pytest.approx(expected, abs=1e-12)
 
 
 def test_grey_counts_as_three_equal_channels() -> None:
     grey = np.arange(256, dtype=np.uint8).reshape(1, 16, 16)
-    np.testing.assert_allclose(metrics.studio_luma(grey), metrics.studio_luma(np.repeat(grey, 3, axis=0)), atol=1e-12)
-    assert metrics.studio_luma(grey).min() == 16 and metrics.studio_luma(grey).max() == pytest.approx(235)
+    np.testing.assert_allclose(
+        metrics.studio_luma(grey), metrics.studio_luma(np.repeat(grey, 3, axis=0)), atol=1e-12
+    )
+    assert metrics.studio_luma(grey).min() == 16 and metrics.studio_luma(
+        grey
+    ).max() == pytest.approx(235)
 
 
 def test_kept_views() -> None:
     kept = {9: [1, 7], 7: [0, 6], 17: [5, 11], 3: [0, 2], 1: [0]}
-    assert {count: list(kept_views(count, 2)) for count in kept} == kept and list(kept_views(9, 3)) == [1, 4, 7]
+    assert {count: list(kept_views(count, 2)) for count in kept} == kept and list(
+        kept_views(9, 3)
+    ) == [1, 4, 7]
     with pytest.raises(ValueError, match="none lies between"):
         kept_views(2, 2)
     with pytest.raises(ValueError, match="one view"):
@@ -65,7 +83,9 @@ def test_methods_beside_each_other() -> None:
     other = _run([field], Protocol(3, 8, timed=False)).rows
     assert other[0].name == "nearest, wall, 3x3 -> 7x7" and "ms" not in other[0].values
     flat = _run([wall(3, 3, 64, disparity=False)])
-    assert [row.curve for row in flat.rows] == ["nearest", "blend"] and not flat.failures, "no warps without disparity"
+    assert [row.curve for row in flat.rows] == ["nearest", "blend"] and not flat.failures, (
+        "no warps without disparity"
+    )
     assert "2x2 -> 3x3" in flat.rows[0].name
 
 
@@ -87,4 +107,6 @@ def test_from_the_command_line(world: World) -> None:
     done = world.done("bench", "table", scene, "--border", "4", "--out", "t")
     assert "2x2 -> 3x3" in done.stdout and "t/report.html" in done.stdout
     bad = world.run("bench", "table", scene, "nowhere", "--border", "4", "--out", "t")
-    assert bad.returncode == 1 and "failed: nowhere: " in bad.stderr and "Traceback" not in bad.stderr
+    assert (
+        bad.returncode == 1 and "failed: nowhere: " in bad.stderr and "Traceback" not in bad.stderr
+    )

@@ -19,8 +19,12 @@ SHORT = (  # what .ci/run runs
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--short", action="store_true", help="a part of the tests, in less than 3 minutes")
-    parser.add_argument("--optional", action="store_true", help="exit code 0 where the machine cannot run")
+    parser.add_argument(
+        "--short", action="store_true", help="a part of the tests, in less than 3 minutes"
+    )
+    parser.add_argument(
+        "--optional", action="store_true", help="exit code 0 where the machine cannot run"
+    )
     parser.add_argument("-k", default="", help="as pytest's")
     parser.add_argument("--limit", type=float, default=0, help="seconds")
     parser.add_argument("--cache", type=Path, default=platformdirs.user_cache_path("lfpipe-vm"))
@@ -31,11 +35,23 @@ def main() -> int:
         machine.install_tools()
         kernel = machine.prepare(arguments.cache)
         chosen = arguments.k or (SHORT if arguments.short else "")
-        words = [sys.executable, "-m", "pytest", "tests/camera_vm", "-m", "camera_vm", "-p", "no:cacheprovider", "--timeout=90"]
+        words = [
+            sys.executable,
+            "-m",
+            "pytest",
+            "tests/camera_vm",
+            "-m",
+            "camera_vm",
+            "-p",
+            "no:cacheprovider",
+            "--timeout=90",
+        ]
         words += ["-v", "-n0", "--junitxml=/guest/junit.xml", *(["-k", chosen] if chosen else [])]
         env = {"LFPIPE_GUEST": "1", "PYTHONUNBUFFERED": "1", "PYTHONPATH": str(Path.cwd())}
         command = " ".join([*(f"{name}={value}" for name, value in env.items()), shlex.join(words)])
-        code, output = machine.run(kernel, command, out, arguments.limit or (170 if arguments.short else 900))
+        code, output = machine.run(
+            kernel, command, out, arguments.limit or (170 if arguments.short else 900)
+        )
     except machine.UnavailableError as error:
         print(f"camera tests in a virtual machine: not run: {error}")
         return 0 if arguments.optional else 3

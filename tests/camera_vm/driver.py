@@ -17,7 +17,12 @@ VIVID = "vivid-000-vid-cap"
 OWN = ("vivid", "vhci-hcd", "uvcvideo")  # loaded by the tests that need them
 # drivers/media/test-drivers/vivid/vivid-ctrls.c
 TIMESTAMP_SOURCE, OSD_TEXT, SIGNAL_MODE = 0x00F0F018, 0x00F0F001, 0x00F0F03E
-DROPPED_PERCENT, DISCONNECT, BUFFER_ERROR, REQBUFS_ERROR = 0x00F0F040, 0x00F0F041, 0x00F0F042, 0x00F0F043
+DROPPED_PERCENT, DISCONNECT, BUFFER_ERROR, REQBUFS_ERROR = (
+    0x00F0F040,
+    0x00F0F041,
+    0x00F0F042,
+    0x00F0F043,
+)
 QBUF_ERROR, STREAMON_ERROR, FATAL_ERROR = 0x00F0F044, 0x00F0F045, 0x00F0F046
 
 
@@ -29,24 +34,41 @@ def call(*words: str) -> None:
 def load(module: str, *parameters: str) -> None:
     """Loads a module, unless it is loaded, after the ones it needs."""
     loaded = Path("/proc/modules").read_text()
-    needed = [name for name in (MODULES / "camera.list").read_text().split() if name.removesuffix(".ko") not in OWN]
+    needed = [
+        name
+        for name in (MODULES / "camera.list").read_text().split()
+        if name.removesuffix(".ko") not in OWN
+    ]
     for name in (*needed, f"{module}.ko"):
         if f"{name.removesuffix('.ko').replace('-', '_')} " not in loaded:
-            call("busybox", "insmod", str(MODULES / name), *(parameters if name == f"{module}.ko" else ()))
+            call(
+                "busybox",
+                "insmod",
+                str(MODULES / name),
+                *(parameters if name == f"{module}.ko" else ()),
+            )
 
 
 def unload(module: str, limit_s: float = 20.0) -> None:
     """Unloads a module as soon as it is unused."""
     until = time.monotonic() + limit_s
     while f"{module} " in Path("/proc/modules").read_text():
-        done = subprocess.run(("busybox", "rmmod", module), capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            ("busybox", "rmmod", module), capture_output=True, text=True, check=False
+        )
         assert time.monotonic() < until, done.stderr
         time.sleep(0.1)
 
 
 def plug(number: int = 0, *more: str) -> Path:
     """A vivid camera at /dev/video{number}; its only input is a webcam."""
-    load("vivid", "n_devs=1", "node_types=0x1", f"vid_cap_nr={number}", *(more or ("num_inputs=1", "input_types=0")))
+    load(
+        "vivid",
+        "n_devs=1",
+        "node_types=0x1",
+        f"vid_cap_nr={number}",
+        *(more or ("num_inputs=1", "input_types=0")),
+    )
     path = Path(f"/dev/video{number}")
     while not path.exists():
         time.sleep(0.01)
@@ -79,7 +101,9 @@ def read(camera: ReconnectingCamera, out: np.ndarray, limit_s: float = 30.0) -> 
     raise AssertionError(f"no frame for {limit_s} s")
 
 
-def after(act: Callable[[], None], camera: ReconnectingCamera, rate_hz: float, frames: int = 10) -> tuple[int, bool]:
+def after(
+    act: Callable[[], None], camera: ReconnectingCamera, rate_hz: float, frames: int = 10
+) -> tuple[int, bool]:
     """What a fault between frames costs: (frames that are missing among the next ones, whether the camera counts as lost)."""
     out = np.empty((180, 320, 3), np.uint8)
     for _ in range(5):

@@ -12,7 +12,16 @@ from pathlib import Path
 import attrs
 
 PACKAGES = ("qemu-system-x86", "kmod", "busybox-static", "cpio", "v4l-utils")
-TOOLS = ("qemu-system-x86_64", "modprobe", "depmod", "busybox", "cpio", "v4l2-ctl", "dpkg-deb", "apt-get")
+TOOLS = (
+    "qemu-system-x86_64",
+    "modprobe",
+    "depmod",
+    "busybox",
+    "cpio",
+    "v4l2-ctl",
+    "dpkg-deb",
+    "apt-get",
+)
 MODULES = {
     "boot.list": ("virtio_pci", "9p", "9pnet_virtio", "overlay"),
     "camera.list": ("vivid", "vhci-hcd", "uvcvideo"),
@@ -55,11 +64,15 @@ class UnavailableError(Exception):
 
 def _call(*words: str | Path, cwd: Path | None = None, timeout_s: float = 300.0) -> str:
     try:
-        done = subprocess.run(words, cwd=cwd, capture_output=True, text=True, timeout=timeout_s, check=False)
+        done = subprocess.run(
+            words, cwd=cwd, capture_output=True, text=True, timeout=timeout_s, check=False
+        )
     except (OSError, subprocess.TimeoutExpired) as error:
         raise UnavailableError(f"{words[0]}: {error}") from None
     if done.returncode:
-        raise UnavailableError(f"{' '.join(map(str, words))}: {(done.stderr or done.stdout).strip()[-200:]}")
+        raise UnavailableError(
+            f"{' '.join(map(str, words))}: {(done.stderr or done.stdout).strip()[-200:]}"
+        )
     return done.stdout
 
 
@@ -71,7 +84,9 @@ def install_tools() -> None:
     if not missing:
         return
     if not shutil.which("apt-get"):
-        raise UnavailableError(f"{', '.join(missing)} not installed, and no apt-get to install them")
+        raise UnavailableError(
+            f"{', '.join(missing)} not installed, and no apt-get to install them"
+        )
     root = [] if os.geteuid() == 0 else ["sudo", "-n"]
     _call(*root, "apt-get", "update", "-qq")
     _call(*root, "apt-get", "install", "-y", "-qq", "--no-install-recommends", *PACKAGES)
@@ -94,7 +109,9 @@ def _kernel_package() -> str:
         kind, _, name = line.strip().partition(": ")
         if kind == "Depends" and name.startswith("linux-image-"):
             return name
-    raise UnavailableError("apt knows no linux-image-amd64: not a Debian with a kernel for this processor")
+    raise UnavailableError(
+        "apt knows no linux-image-amd64: not a Debian with a kernel for this processor"
+    )
 
 
 def prepare(cache: Path) -> Kernel:
@@ -118,7 +135,9 @@ def prepare(cache: Path) -> Kernel:
     for name, needed in MODULES.items():
         listed: list[str] = []
         for module in needed:
-            for line in _call("modprobe", "-d", folder, "-S", version, "--show-depends", module).splitlines():
+            for line in _call(
+                "modprobe", "-d", folder, "-S", version, "--show-depends", module
+            ).splitlines():
                 source = Path(line.removeprefix("insmod ").strip())
                 if line.startswith("insmod ") and source.name not in listed:
                     listed.append(source.name)
@@ -137,21 +156,39 @@ def run(kernel: Kernel, command: str, out: Path, limit_s: float) -> tuple[int, s
 
     Returns exit code and output. Raises UnavailableError if the guest does not boot, or does not finish in time.
     """
-    (out / "start").write_text(START.format(path=os.environ["PATH"], checkout=Path.cwd(), command=command))
+    (out / "start").write_text(
+        START.format(path=os.environ["PATH"], checkout=Path.cwd(), command=command)
+    )
     printed, console = out / "output", out / "console"
     share = "security_model=none,multidevs=remap"
     for accelerator, boot_s in BOOT_S.items():
         words = [
-            *("qemu-system-x86_64", "-accel", accelerator, "-cpu", "max", "-smp", "2", "-m", "4G", "-nographic", "-no-reboot"),
+            *(
+                "qemu-system-x86_64",
+                "-accel",
+                accelerator,
+                "-cpu",
+                "max",
+                "-smp",
+                "2",
+                "-m",
+                "4G",
+                "-nographic",
+                "-no-reboot",
+            ),
             *("-kernel", str(kernel.image), "-initrd", str(kernel.initrd), "-append", KERNEL_WORDS),
             *("-virtfs", f"local,path=/,mount_tag=root,readonly=on,{share}"),
             *("-virtfs", f"local,path={out},mount_tag=out,{share}"),
         ]
         with console.open("wb") as log:
-            process = subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True)
+            process = subprocess.Popen(
+                words, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
+            )
         began, booted = time.monotonic(), False
         try:
-            while process.poll() is None and time.monotonic() < began + (limit_s if booted else min(boot_s, limit_s)):
+            while process.poll() is None and time.monotonic() < began + (
+                limit_s if booted else min(boot_s, limit_s)
+            ):
                 booted = booted or BOOTED in console.read_text(errors="replace")
                 time.sleep(0.2)
         finally:
@@ -160,7 +197,11 @@ def run(kernel: Kernel, command: str, out: Path, limit_s: float) -> tuple[int, s
             process.wait()
         output = (printed if printed.exists() else console).read_text(errors="replace")
         if (out / "code").exists():
-            return int((out / "code").read_text()), f"{output}\n{accelerator}, {time.monotonic() - began:.0f} s"
+            return int(
+                (out / "code").read_text()
+            ), f"{output}\n{accelerator}, {time.monotonic() - began:.0f} s"
         if booted:
-            raise UnavailableError(f"the guest did not finish in {limit_s:.0f} s: {output[-2000:].strip()}")
+            raise UnavailableError(
+                f"the guest did not finish in {limit_s:.0f} s: {output[-2000:].strip()}"
+            )
     raise UnavailableError(f"the guest did not boot: {output[-2000:].strip()}")

@@ -65,21 +65,29 @@ def test_rounded_sizes_and_rates_are_noted(vivid: Path) -> None:
     assert check_camera(vivid, wanted).rate_hz == info.rate_hz
 
 
-@pytest.mark.parametrize(("value", "kind"), [(0, StampKind.END_OF_FRAME), (1, StampKind.START_OF_EXPOSURE)])
-def test_both_kinds_of_stamp_are_used_although_they_are_ahead(vivid: Path, value: int, kind: StampKind) -> None:
+@pytest.mark.parametrize(
+    ("value", "kind"), [(0, StampKind.END_OF_FRAME), (1, StampKind.START_OF_EXPOSURE)]
+)
+def test_both_kinds_of_stamp_are_used_although_they_are_ahead(
+    vivid: Path, value: int, kind: StampKind
+) -> None:
     driver.inject(vivid, driver.TIMESTAMP_SOURCE, value)
     source = open_camera(vivid, config.Camera(**SMALL))
     _, found = frames(source, 12)
     assert not any("time stamps" in note for note in source.info.notes)
     assert {frame.stamp for frame in found} == {kind}
     assert all(frame.t_sensor_ns <= frame.t_read_ns for frame in found)
-    steps_ms = np.diff([frame.t_sensor_ns / 1e6 for frame in found]) / np.diff([frame.source_seq for frame in found])
+    steps_ms = np.diff([frame.t_sensor_ns / 1e6 for frame in found]) / np.diff(
+        [frame.source_seq for frame in found]
+    )
     assert abs(float(np.median(steps_ms)) - 100) < 5
 
 
 def test_the_list_of_cameras_fits_a_screen(vivid: Path) -> None:
     words, env = (sys.executable, "-m", "lfpipe", "cameras"), {"COLUMNS": "80", "HOME": "/root"}
-    lines = subprocess.run(words, capture_output=True, text=True, env=env, check=True).stdout.splitlines()
+    lines = subprocess.run(
+        words, capture_output=True, text=True, env=env, check=True
+    ).stdout.splitlines()
     assert len(lines) <= 24 and max(map(len, lines)) <= 80, lines
     assert "640x480@25" in " ".join(lines) and "camera.gain" in " ".join(lines)
     assert [device.name for device in cameras()] == [driver.VIVID]

@@ -45,14 +45,18 @@ def camera(vivid: Path) -> Iterator[ReconnectingCamera]:
         pytest.param(driver.FATAL_ERROR, None, id="fatal streaming error"),
     ],
 )
-def test_a_fault_while_streaming(vivid: Path, camera: ReconnectingCamera, control: int, most: int | None) -> None:
+def test_a_fault_while_streaming(
+    vivid: Path, camera: ReconnectingCamera, control: int, most: int | None
+) -> None:
     missing, lost = after(lambda: inject(vivid, control), camera, HZ)
     assert lost == (most is None)
     if most is not None:
         assert most <= missing <= most + 2  # the guest itself may be late once
 
 
-@pytest.mark.parametrize("control", [driver.REQBUFS_ERROR, driver.STREAMON_ERROR], ids=["REQBUFS", "STREAMON"])
+@pytest.mark.parametrize(
+    "control", [driver.REQBUFS_ERROR, driver.STREAMON_ERROR], ids=["REQBUFS", "STREAMON"]
+)
 def test_after_a_fault_at_the_start_the_camera_is_opened_again(vivid: Path, control: int) -> None:
     inject(vivid, control)
     with closing(opened(f"camera:{vivid}")) as camera:

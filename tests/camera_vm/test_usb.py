@@ -62,7 +62,9 @@ def plug() -> Iterator[Plug]:
         camera = camera or UsbCamera(MODES, face)
         camera.plug(port)
         until = time.monotonic() + 30
-        while len(list(Path("/dev").glob("video*"))) < count + 2 and time.monotonic() < until:  # pictures and metadata
+        while (
+            len(list(Path("/dev").glob("video*"))) < count + 2 and time.monotonic() < until
+        ):  # pictures and metadata
             time.sleep(0.05)
         plugged.append(camera)
         return camera
@@ -85,13 +87,19 @@ def test_the_rate_decides_between_formats_and_damaged_frames_are_none(plug: Plug
     out = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
     assert check_camera(Path("/dev/video0"), CAMERA).rate_hz == 10.0
     with contextlib.closing(open_camera(Path("/dev/video0"), CAMERA)) as camera:
-        assert camera.info.jpeg and any("dynamic frame rate switched off" in note for note in camera.info.notes)
+        assert camera.info.jpeg and any(
+            "dynamic frame rate switched off" in note for note in camera.info.notes
+        )
         assert usb.controls[AE_PRIORITY].value == 0
-        usb.frame = lambda _, number: FRAMES[0][: -2 if number % 2 else -900]  # every other one lacks more than its end
+        usb.frame = lambda _, number: FRAMES[0][
+            : -2 if number % 2 else -900
+        ]  # every other one lacks more than its end
         first = [camera.read(out) for _ in range(6)]
         numbers = [frame.source_seq for frame in first[2:] if frame is not None]
         assert np.diff(numbers).min() >= 2, "the damaged ones are missing"
-        np.testing.assert_array_equal(out, cv2.imdecode(np.frombuffer(FRAMES[0], np.uint8), cv2.IMREAD_COLOR))
+        np.testing.assert_array_equal(
+            out, cv2.imdecode(np.frombuffer(FRAMES[0], np.uint8), cv2.IMREAD_COLOR)
+        )
     until = time.monotonic() + 60  # the camera does not wait for its controls
     while usb.controls[AE_PRIORITY].value != 1 and time.monotonic() < until:
         time.sleep(0.1)
@@ -127,7 +135,9 @@ def test_a_camera_returns_whatever_its_number_and_a_twin_stays_out(plug: Plug) -
 
 def test_a_face_seen_through_it_moves_the_picture(plug: Plug, tmp_path: Path) -> None:
     """However slowly the machine is emulated: waits until the view has moved, and frames are as few as a loaded one tracks."""
-    plug(0, UsbCamera([Frames("MJPG", *SIZE, (1.0,))], lambda _, number: face(MODES[1], 4 * number)))  # a brisk head
+    plug(
+        0, UsbCamera([Frames("MJPG", *SIZE, (1.0,))], lambda _, number: face(MODES[1], 4 * number))
+    )  # a brisk head
     scene, trace = tmp_path / "scene", tmp_path / "t.jsonl"
     scene.mkdir()
     rng = np.random.default_rng(1)
@@ -135,16 +145,44 @@ def test_a_face_seen_through_it_moves_the_picture(plug: Plug, tmp_path: Path) ->
     for name, left in (("view_00_00", 4), ("view_00_01", 0), ("view_01_00", 4), ("view_01_01", 0)):
         cv2.imwrite(str(scene / f"{name}.png"), base[:, left : left + 72])
     pack = [sys.executable, "-m", "lfpipe", "scene", "pack", str(scene)]
-    for _ in range(3):  # packed beforehand: a child without a step for a minute is ended, and so are its imports here
+    for _ in range(
+        3
+    ):  # packed beforehand: a child without a step for a minute is ended, and so are its imports here
         if subprocess.run(pack, env={"HOME": "/root"}, check=False).returncode == 0:
             break
-    sets = ("camera.width_px=320", "camera.height_px=240", "camera.rate_hz=1", "render.method=blend", "render.clock=camera")
-    words = [sys.executable, "-m", "lfpipe", "up", str(scene), "--display", "none", "--trace", str(trace)]
-    words += ["--camera", "camera:/dev/video0", *(word for text in (*sets, "governor.quality=fixed") for word in ("--set", text))]
-    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env={"HOME": "/root"})
+    sets = (
+        "camera.width_px=320",
+        "camera.height_px=240",
+        "camera.rate_hz=1",
+        "render.method=blend",
+        "render.clock=camera",
+    )
+    words = [
+        sys.executable,
+        "-m",
+        "lfpipe",
+        "up",
+        str(scene),
+        "--display",
+        "none",
+        "--trace",
+        str(trace),
+    ]
+    words += [
+        "--camera",
+        "camera:/dev/video0",
+        *(word for text in (*sets, "governor.quality=fixed") for word in ("--set", text)),
+    ]
+    process = subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env={"HOME": "/root"}
+    )
     columns: list[float] = []
     until = time.monotonic() + 380
-    while np.ptp(columns or [0.0]) <= MOVED_VIEWS and process.poll() is None and time.monotonic() < until:
+    while (
+        np.ptp(columns or [0.0]) <= MOVED_VIEWS
+        and process.poll() is None
+        and time.monotonic() < until
+    ):
         time.sleep(1)
         lines = trace.read_text().splitlines() if trace.exists() else []
         rows = [json.loads(line) for line in lines if line.endswith("}")]

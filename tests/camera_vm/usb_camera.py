@@ -51,7 +51,11 @@ AE_MODE, AE_PRIORITY, EXPOSURE = (TERMINAL, 2), (TERMINAL, 3), (TERMINAL, 4)
 
 def default_controls() -> dict[tuple[int, int], Control]:
     """Exposure with its automatic. AE_MODE is a bitmap: manual and aperture priority."""
-    return {AE_MODE: Control(1, 1, 8, 8, 9), AE_PRIORITY: Control(1, 0, 1, 1), EXPOSURE: Control(4, 3, 2047, 157)}
+    return {
+        AE_MODE: Control(1, 1, 8, 8, 9),
+        AE_PRIORITY: Control(1, 0, 1, 1),
+        EXPOSURE: Control(4, 3, 2047, 157),
+    }
 
 
 def _d(form: str, *values: object) -> bytes:
@@ -63,7 +67,12 @@ def _d(form: str, *values: object) -> bytes:
 class UsbCamera:
     """Plugged in from `plug` to `unplug`. frame: called for each frame, returns its bytes. Fault: slow_s, of each control."""
 
-    def __init__(self, modes: Sequence[Frames], frame: Callable[[Frames, int], bytes], name: str = "Software camera") -> None:
+    def __init__(
+        self,
+        modes: Sequence[Frames],
+        frame: Callable[[Frames, int], bytes],
+        name: str = "Software camera",
+    ) -> None:
         self._modes, self.frame, self._name = list(modes), frame, name
         self._formats = list(dict.fromkeys(mode.fourcc for mode in modes))
         self.controls = default_controls()
@@ -77,7 +86,11 @@ class UsbCamera:
         """Plugs the camera into a port of the bus."""
         mine, kernels = socket.socketpair()
         self._socket, self._port = mine, port
-        self._lock, self._pending, self._ready = threading.Lock(), list[tuple[int, int]](), threading.Event()
+        self._lock, self._pending, self._ready = (
+            threading.Lock(),
+            list[tuple[int, int]](),
+            threading.Event(),
+        )
         (HCD / "attach").write_text(f"{port} {kernels.fileno()} {0x10001 + port} {HIGH_SPEED}")
         kernels.close()
         self._ended = threading.Event()
@@ -97,7 +110,9 @@ class UsbCamera:
         return [mode for mode in self._modes if mode.fourcc == fourcc]
 
     def _configuration(self) -> bytes:
-        units = _d("BBBHBBHHHB3s", 0x24, 2, TERMINAL, 0x0201, 0, 0, 0, 0, 0, 3, bytes([0b1110, 0, 0]))
+        units = _d(
+            "BBBHBBHHHB3s", 0x24, 2, TERMINAL, 0x0201, 0, 0, 0, 0, 0, 3, bytes([0b1110, 0, 0])
+        )
         units += _d("BBBBHBHB", 0x24, 5, PROCESSING, TERMINAL, 0, 2, 0, 0)
         units += _d("BBBHBBB", 0x24, 3, 3, 0x0101, 0, PROCESSING, 0)
         header = _d("BBHHIBB", 0x24, 1, 0x0100, 13 + len(units), 48_000_000, 1, 1)
@@ -107,22 +122,50 @@ class UsbCamera:
             if jpeg:
                 formats += _d("BBBBBBBBBB", 0x24, 6, index, len(modes), 1, 1, 0, 0, 0, 0)
             else:
-                formats += _d("BBBB16sBBBBBB", 0x24, 4, index, len(modes), YUYV_GUID, 16, 1, 0, 0, 0, 0)
+                formats += _d(
+                    "BBBB16sBBBBBB", 0x24, 4, index, len(modes), YUYV_GUID, 16, 1, 0, 0, 0, 0
+                )
             for number, mode in enumerate(modes, 1):
-                size, intervals = 2 * mode.width_px * mode.height_px, [round(CLOCK / hz) for hz in mode.rates_hz]
+                size, intervals = (
+                    2 * mode.width_px * mode.height_px,
+                    [round(CLOCK / hz) for hz in mode.rates_hz],
+                )
                 rate = (16 * size, 16 * size * 30, size, intervals[0], len(intervals), *intervals)
                 form = f"BBBBHHIIIIB{len(intervals)}I"
-                formats += _d(form, 0x24, 7 if jpeg else 5, number, 0, mode.width_px, mode.height_px, *rate)
+                formats += _d(
+                    form, 0x24, 7 if jpeg else 5, number, 0, mode.width_px, mode.height_px, *rate
+                )
         count = len(self._formats)
-        inputs = _d(f"BBBHBBBBBBB{count}B", 0x24, 1, count, 13 + count + len(formats), 0x81, 0, 3, 0, 0, 0, 1, *[0] * count)
+        inputs = _d(
+            f"BBBHBBBBBBB{count}B",
+            0x24,
+            1,
+            count,
+            13 + count + len(formats),
+            0x81,
+            0,
+            3,
+            0,
+            0,
+            0,
+            1,
+            *[0] * count,
+        )
         body = _d("BBBBBBB", 11, 0, 2, 14, 3, 0, 0)  # both interfaces are one function
         body += _d("BBBBBBBB", 4, 0, 0, 0, 14, 1, 0, 0) + header + units
-        body += _d("BBBBBBBB", 4, 1, 0, 1, 14, 2, 0, 0) + inputs + formats + _d("BBBHB", 5, 0x81, 2, 512, 0)
+        body += (
+            _d("BBBBBBBB", 4, 1, 0, 1, 14, 2, 0, 0)
+            + inputs
+            + formats
+            + _d("BBBHB", 5, 0x81, 2, 512, 0)
+        )
         return _d("BHBBBBB", 2, 9 + len(body), 2, 1, 0, 0x80, 250) + body
 
     def _descriptor(self, kind: int, index: int) -> bytes | None:
         if kind == 1:
-            return _d("BHBBBBHHHBBBB", 1, 0x0200, 0xEF, 2, 1, 64, 0x1209, 0x0001, 0x0100, 0, 1, 0, 1)
+            return _d(
+                "BHBBBBHHHBBBB", 1, 0x0200, 0xEF, 2, 1, 64, 0x1209, 0x0001, 0x0100, 0, 1, 0, 1
+            )
         if kind == 2:
             return self._configuration()
         if kind == 3:
@@ -158,7 +201,9 @@ class UsbCamera:
         index = self._formats.index(self.mode.fourcc) + 1
         number = self._modes_of(self.mode.fourcc).index(self.mode) + 1
         size = 2 * self.mode.width_px * self.mode.height_px
-        return struct.pack("<HBBIHHHHHII", 0, index, number, self.interval, 0, 0, 0, 0, 0, size, PAYLOAD)
+        return struct.pack(
+            "<HBBIHHHHHII", 0, index, number, self.interval, 0, 0, 0, 0, 0, size, PAYLOAD
+        )
 
     def _unit_control(self, request: int, place: tuple[int, int], data: bytes) -> bytes | None:
         time.sleep(self.slow_s)
@@ -195,7 +240,10 @@ class UsbCamera:
                     with self._lock:
                         waiting = [one for one in self._pending if one[0] == unlinked]
                         self._pending = [one for one in self._pending if one[0] != unlinked]
-                    self._answer(link, struct.pack(">5Ii24x", UNLINKED, seq, 0, 0, 0, RESET if waiting else 0))
+                    self._answer(
+                        link,
+                        struct.pack(">5Ii24x", UNLINKED, seq, 0, 0, 0, RESET if waiting else 0),
+                    )
                     continue
                 length = struct.unpack_from(">i", rest, 4)[0]
                 data = b"" if incoming else read(length)
@@ -204,19 +252,31 @@ class UsbCamera:
                         self._pending.append((seq, length))
                     self._ready.set()
                     continue
-                threading.Thread(target=self._answer_control, args=(link, seq, incoming, rest[20:], data), daemon=True).start()
+                threading.Thread(
+                    target=self._answer_control,
+                    args=(link, seq, incoming, rest[20:], data),
+                    daemon=True,
+                ).start()
 
-    def _answer_control(self, link: socket.socket, seq: int, incoming: int, setup: bytes, data: bytes) -> None:
+    def _answer_control(
+        self, link: socket.socket, seq: int, incoming: int, setup: bytes, data: bytes
+    ) -> None:
         answer = self._control(setup, data)
         if answer is None:
             self._submitted(link, seq, b"", STALL)
         else:
             wanted = int.from_bytes(setup[6:8], "little")
-            self._submitted(link, seq, answer[:wanted] if incoming else b"", 0, None if incoming else len(data))
+            self._submitted(
+                link, seq, answer[:wanted] if incoming else b"", 0, None if incoming else len(data)
+            )
 
-    def _submitted(self, link: socket.socket, seq: int, data: bytes, status: int = 0, length: int | None = None) -> None:
+    def _submitted(
+        self, link: socket.socket, seq: int, data: bytes, status: int = 0, length: int | None = None
+    ) -> None:
         count = len(data) if length is None else length
-        self._answer(link, struct.pack(">5Iiiiii8x", SUBMITTED, seq, 0, 0, 0, status, count, 0, 0, 0) + data)
+        self._answer(
+            link, struct.pack(">5Iiiiii8x", SUBMITTED, seq, 0, 0, 0, status, count, 0, 0, 0) + data
+        )
 
     def _answer(self, link: socket.socket, message: bytes) -> None:
         with contextlib.suppress(OSError), self._lock:
@@ -241,5 +301,7 @@ class UsbCamera:
             while transfer is not None:
                 room = transfer[1] - 2
                 last = len(data) <= room
-                self._submitted(link, transfer[0], bytes([2, 0x80 | parity | 2 * last]) + data[:room])
+                self._submitted(
+                    link, transfer[0], bytes([2, 0x80 | parity | 2 * last]) + data[:room]
+                )
                 data, transfer = data[room:], None if last else self._take()

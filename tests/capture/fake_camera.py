@@ -42,18 +42,30 @@ class FakeCamera:
         controls: dict[int, FakeControl] | None = None,
     ) -> None:
         self.mode = mode or Mode("YUYV", 640, 480, 1280, 30.0)
-        self.frames = list(frames) or [bytes([9, 128] * (self.mode.stride // 2 * self.mode.height_px))]
+        self.frames = list(frames) or [
+            bytes([9, 128] * (self.mode.stride // 2 * self.mode.height_px))
+        ]
         self.offered, self.controls = list(offered), controls or {}
         self.requested: list[tuple[object, ...]] = []
         self.signal, self.slow_s, self.refused = True, 0.0, set[int]()
         self.sequences: list[int] = []  # of the frames to come; empty: counting
-        self.age_s, self.start_of_exposure, self.damaged, self.closed, self.sent = 0.005, False, False, 0, 0
+        self.age_s, self.start_of_exposure, self.damaged, self.closed, self.sent = (
+            0.005,
+            False,
+            False,
+            0,
+            0,
+        )
 
     def fourccs(self) -> list[str]:
-        return list(dict.fromkeys(each if isinstance(each, str) else each.fourcc for each in self.offered))
+        return list(
+            dict.fromkeys(each if isinstance(each, str) else each.fourcc for each in self.offered)
+        )
 
     def sizes(self, fourcc: str) -> list[FrameSizes]:
-        return [each for each in self.offered if isinstance(each, FrameSizes) and each.fourcc == fourcc]
+        return [
+            each for each in self.offered if isinstance(each, FrameSizes) and each.fourcc == fourcc
+        ]
 
     def duplicate(self) -> "FakeCamera":
         return self

@@ -25,9 +25,11 @@ def noise(index: int, size: tuple[int, int] = SIZE) -> np.ndarray:
 
 def jpeg(index: int, size: tuple[int, int] = SIZE) -> bytes:
     """A unique frame as a JPEG."""
-    return cv2.imencode(".jpg", cv2.GaussianBlur(noise(index, size), (5, 5), 0), [cv2.IMWRITE_JPEG_QUALITY, 70 + index])[
-        1
-    ].tobytes()
+    return cv2.imencode(
+        ".jpg",
+        cv2.GaussianBlur(noise(index, size), (5, 5), 0),
+        [cv2.IMWRITE_JPEG_QUALITY, 70 + index],
+    )[1].tobytes()
 
 
 def seen(packet: bytes) -> np.ndarray:

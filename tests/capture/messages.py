@@ -14,7 +14,10 @@ from lfpipe.capture.v4l2_device import FrameSizes, Mode
 from lfpipe.config import Camera
 from tests.capture.fake_camera import FakeCamera, source
 
-TWINS = [CameraDevice(Path(f"/dev/video{number}"), name) for number, name in enumerate(("Front", "Cam", "CAM"))]
+TWINS = [
+    CameraDevice(Path(f"/dev/video{number}"), name)
+    for number, name in enumerate(("Front", "Cam", "CAM"))
+]
 Cause = Callable[[Path], object]
 
 
@@ -39,7 +42,9 @@ def failing(number: int) -> Cause:
 
 def camera(**changes: object) -> Cause:
     def cause(_: Path) -> None:
-        device = FakeCamera(changes.get("mode"), changes.get("frames", ()), changes.get("offered", ("YUYV",)))  # type: ignore[arg-type]
+        device = FakeCamera(
+            changes.get("mode"), changes.get("frames", ()), changes.get("offered", ("YUYV",))
+        )  # type: ignore[arg-type]
         device.signal = bool(changes.get("signal", True))
         source(device)
 

@@ -25,7 +25,12 @@ OUT = np.zeros((480, 640, 3), np.uint8)
 
 def test_requests_are_those_of_the_kernel() -> None:
     """The sizes are part of the numbers, which were compared with linux/videodev2.h."""
-    assert (abi.QUERYCAP, abi.S_FMT, abi.DQBUF, abi.S_PARM) == (0x80685600, 0xC0D05605, 0xC0585611, 0xC0CC5616)
+    assert (abi.QUERYCAP, abi.S_FMT, abi.DQBUF, abi.S_PARM) == (
+        0x80685600,
+        0xC0D05605,
+        0xC0585611,
+        0xC0CC5616,
+    )
     assert (abi.QUERYCTRL, abi.ENUM_FRAMEINTERVALS) == (0xC0445624, 0xC034564B)
     assert abi.fourcc_code("YUYV") == 0x56595559 and abi.fourcc_text(0x56595559) == "YUYV"
 
@@ -33,7 +38,10 @@ def test_requests_are_those_of_the_kernel() -> None:
 def listed(*modes: str) -> list[FrameSizes]:
     """Modes as in "YUYV 640x480 30 15"."""
     split = [mode.split() for mode in modes]
-    return [FrameSizes(fourcc, *map(int, size.split("x")), tuple(map(float, rates))) for fourcc, size, *rates in split]
+    return [
+        FrameSizes(fourcc, *map(int, size.split("x")), tuple(map(float, rates)))
+        for fourcc, size, *rates in split
+    ]
 
 
 @pytest.mark.parametrize(
@@ -50,7 +58,11 @@ def listed(*modes: str) -> list[FrameSizes]:
         (["GREY 640x480 30", "MJPG 640x480 30"], {}, ("MJPG", 640, 480)),
         (["H264 640x480 30", "NV12 640x480 30"], {}, ("NV12", 640, 480)),
         (["H264 640x480 30", "NV12 640x480 30"], {"format": "YUYV"}, ("NV12", 640, 480)),
-        ([], {"width_px": 1280, "height_px": 720}, ("MJPG", 1280, 720)),  # a camera that lists nothing: what is usual
+        (
+            [],
+            {"width_px": 1280, "height_px": 720},
+            ("MJPG", 1280, 720),
+        ),  # a camera that lists nothing: what is usual
     ],
 )
 def test_the_mode_is_chosen_by_size_rate_and_cost(
@@ -68,7 +80,9 @@ def test_what_the_driver_rounds_is_noted_and_a_range_of_sizes_has_the_wanted_one
     for part in ("MJPG 800x600 at 15 Hz", "YUYV requested", "scaled to 640x480", "30 Hz requested"):
         assert part in " ".join(info.notes)
     device = FakeCamera(offered=[FrameSizes("YUYV", 32, 32, (30.0,), (4096, 4096))])
-    assert negotiate(PATH, device, config.Camera())[1].notes == ("the camera delivers YUYV 640x480 at 30 Hz",)
+    assert negotiate(PATH, device, config.Camera())[1].notes == (
+        "the camera delivers YUYV 640x480 at 30 Hz",
+    )
     assert device.requested == [("YUYV", 640, 480, 30.0)]
 
 
@@ -80,33 +94,56 @@ def test_a_signal_that_ends_is_said_and_shows_no_noise() -> None:
         camera.read(OUT)
 
 
-@given(st.integers(10**10, 10**16), st.integers(0, MAX_AGE_NS), st.none() | st.integers(0, 10**8), st.booleans())
-def test_stamps_move_to_the_middle_of_the_exposure(now_ns: int, age_ns: int, exposure_ns: int | None, start: bool) -> None:
-    kind, stamp_ns = StampKind.START_OF_EXPOSURE if start else StampKind.END_OF_FRAME, now_ns - age_ns
-    half_ns = PERIOD_NS // 4 if exposure_ns is None else exposure_ns // 2  # an unknown exposure is half a period
+@given(
+    st.integers(10**10, 10**16),
+    st.integers(0, MAX_AGE_NS),
+    st.none() | st.integers(0, 10**8),
+    st.booleans(),
+)
+def test_stamps_move_to_the_middle_of_the_exposure(
+    now_ns: int, age_ns: int, exposure_ns: int | None, start: bool
+) -> None:
+    kind, stamp_ns = (
+        StampKind.START_OF_EXPOSURE if start else StampKind.END_OF_FRAME,
+        now_ns - age_ns,
+    )
+    half_ns = (
+        PERIOD_NS // 4 if exposure_ns is None else exposure_ns // 2
+    )  # an unknown exposure is half a period
     middle_ns = min(stamp_ns + (half_ns if start else -half_ns), now_ns)
     assert SensorClock(10.0).middle_ns(stamp_ns, kind, now_ns, exposure_ns) == (middle_ns, kind)
 
 
 @given(st.lists(st.integers(0, PERIOD_NS - 1), min_size=2, max_size=20))
 @settings(max_examples=30)
-def test_stamps_ahead_of_the_clock_by_less_than_a_frame_keep_their_spacing(waits_ns: list[int]) -> None:
+def test_stamps_ahead_of_the_clock_by_less_than_a_frame_keep_their_spacing(
+    waits_ns: list[int],
+) -> None:
     """As those of vivid: for the end of a frame that is handed out before its end."""
     clock, found = SensorClock(10.0), []
-    for k, wait_ns in enumerate([0, *waits_ns]):  # the first is read at once: the largest lead there is
+    for k, wait_ns in enumerate(
+        [0, *waits_ns]
+    ):  # the first is read at once: the largest lead there is
         stamp_ns = 10**12 + k * PERIOD_NS
         read_ns = stamp_ns - PERIOD_NS + wait_ns
         middle_ns, kind = clock.middle_ns(stamp_ns, StampKind.END_OF_FRAME, read_ns, 0)
-        assert kind == StampKind.END_OF_FRAME and middle_ns <= read_ns, "nothing is read before it was exposed"
+        assert kind == StampKind.END_OF_FRAME and middle_ns <= read_ns, (
+            "nothing is read before it was exposed"
+        )
         found.append(middle_ns)
     assert set(np.diff(found)) == {PERIOD_NS}
 
 
-@pytest.mark.parametrize("stamp_ns", [0, 1, 1_700_000_000 * 10**9, -5, 3600 * 10**9 + 2 * PERIOD_NS])
+@pytest.mark.parametrize(
+    "stamp_ns", [0, 1, 1_700_000_000 * 10**9, -5, 3600 * 10**9 + 2 * PERIOD_NS]
+)
 def test_stamps_of_another_clock_are_refused(stamp_ns: int) -> None:
     """None, the wall clock, a wrapped one, one from further ahead than a frame."""
     now_ns = 3600 * 10**9
-    assert SensorClock(10.0).middle_ns(stamp_ns, StampKind.END_OF_FRAME, now_ns, None) == (now_ns, StampKind.READ)
+    assert SensorClock(10.0).middle_ns(stamp_ns, StampKind.END_OF_FRAME, now_ns, None) == (
+        now_ns,
+        StampKind.READ,
+    )
 
 
 def test_uvcvideo_stamps_the_first_packet_unless_the_camera_stamps(tmp_path: Path) -> None:
@@ -118,14 +155,22 @@ def test_uvcvideo_stamps_the_first_packet_unless_the_camera_stamps(tmp_path: Pat
     assert stamp_kind("uvcvideo", False, parameter) == StampKind.END_OF_FRAME
 
 
-@pytest.mark.parametrize(("age_s", "kind"), [(0.005, StampKind.START_OF_EXPOSURE), (1e6, StampKind.READ)])
-def test_frames_carry_the_drivers_stamp_or_the_time_of_reading_which_is_noted(age_s: float, kind: StampKind) -> None:
+@pytest.mark.parametrize(
+    ("age_s", "kind"), [(0.005, StampKind.START_OF_EXPOSURE), (1e6, StampKind.READ)]
+)
+def test_frames_carry_the_drivers_stamp_or_the_time_of_reading_which_is_noted(
+    age_s: float, kind: StampKind
+) -> None:
     device = FakeCamera()
     device.start_of_exposure, device.age_s = True, age_s
     camera = source(device)
     frame = camera.read(OUT)
-    assert any("no usable time stamps" in note for note in camera.info.notes) == (kind == StampKind.READ)
-    assert frame is not None and frame.stamp == kind and 0 <= frame.t_read_ns - frame.t_sensor_ns < 1e9
+    assert any("no usable time stamps" in note for note in camera.info.notes) == (
+        kind == StampKind.READ
+    )
+    assert (
+        frame is not None and frame.stamp == kind and 0 <= frame.t_read_ns - frame.t_sensor_ns < 1e9
+    )
     assert kind != StampKind.READ or frame.t_sensor_ns == frame.t_read_ns
 
 
@@ -156,13 +201,17 @@ def test_damaged_frames_are_skipped_but_not_for_ever(monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.parametrize("error", [TimeoutError(), OSError(errno.EBUSY, "busy")])
-def test_a_camera_without_a_first_frame_is_closed_and_a_later_stall_is_a_time_out(error: Exception) -> None:
+def test_a_camera_without_a_first_frame_is_closed_and_a_later_stall_is_a_time_out(
+    error: Exception,
+) -> None:
     device = FakeCamera(frames=[error])
     with pytest.raises(UserError):
         source(device)
     assert device.closed
     frame = bytes([9, 128] * (640 * 480))
-    camera = source(FakeCamera(frames=[frame, TimeoutError(), frame, OSError(errno.ENODEV, "gone")]))
+    camera = source(
+        FakeCamera(frames=[frame, TimeoutError(), frame, OSError(errno.ENODEV, "gone")])
+    )
     with pytest.raises(TimeoutError):
         camera.read(OUT)
     assert camera.read(OUT) is not None, "the next frame counts on"
@@ -185,10 +234,17 @@ def test_a_slow_camera_is_given_the_time_of_its_frames() -> None:
         ("camera:/dev/null", "/dev/null: not a camera", ""),
         ("camera:/etc/hostname", "/etc/hostname: not a camera", ""),
         ("camera:Nonesuch", "no camera of that name", "--camera demo"),
-        pytest.param("", "no camera found", "--camera demo", marks=pytest.mark.skipif(bool(cameras()), reason="one is here")),
+        pytest.param(
+            "",
+            "no camera found",
+            "--camera demo",
+            marks=pytest.mark.skipif(bool(cameras()), reason="one is here"),
+        ),
     ],
 )
-def test_real_errors_of_real_paths(text: str, says: str, remedy: str, capfd: pytest.CaptureFixture[str]) -> None:
+def test_real_errors_of_real_paths(
+    text: str, says: str, remedy: str, capfd: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(UserError, match=says) as told:
         check_source(text, config.Camera())
     assert told.value.remedy and remedy in told.value.remedy
@@ -199,7 +255,9 @@ def test_real_errors_of_real_paths(text: str, says: str, remedy: str, capfd: pyt
 def test_the_nodes_own_capabilities_decide(whole: int, node: int, tells: bool) -> None:
     class Answering(V4L2Device):
         def ioctl(self, request: int, argument: Any) -> Any:
-            return abi.Capability(capabilities=whole | (abi.CAP_DEVICE_CAPS if tells else 0), device_caps=node)
+            return abi.Capability(
+                capabilities=whole | (abi.CAP_DEVICE_CAPS if tells else 0), device_caps=node
+            )
 
     device, own = Answering(PATH), node if tells else whole
     assert device.captures == (own & abi.CAP_CAPTURES == abi.CAP_CAPTURES)
@@ -215,14 +273,19 @@ def test_a_multi_planar_camera_is_named_with_libcamera(monkeypatch: pytest.Monke
     with pytest.raises(UserError, match="multi-planar") as caught:
         open_device(Path("/dev/video0"))
     assert "libcamera" in caught.value.remedy
-    monkeypatch.setattr("lfpipe.capture.camera_list.nodes", lambda *_: [CameraDevice(Path("/dev/video0"), "bcm2835-isp")])
+    monkeypatch.setattr(
+        "lfpipe.capture.camera_list.nodes",
+        lambda *_: [CameraDevice(Path("/dev/video0"), "bcm2835-isp")],
+    )
     with pytest.raises(NoCamera) as none:
         resolve("")
     assert "bcm2835-isp" in none.value.remedy and "libcamera" in none.value.remedy
 
 
 @pytest.mark.native("Video4Linux")
-def test_the_first_camera_is_the_first_device_that_captures(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_first_camera_is_the_first_device_that_captures(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     devices: list[FakeCamera] = []
 
     def opened(path: Path) -> FakeCamera:
@@ -236,7 +299,9 @@ def test_the_first_camera_is_the_first_device_that_captures(monkeypatch: pytest.
     checked = check_source("", config.Camera())
     assert checked.source == "camera:/dev/video1" and checked.source_hz == 30
     monkeypatch.setattr("lfpipe.capture.open_source.cameras", lambda: listed[1:])
-    monkeypatch.setattr(FakeCamera, "configure", lambda *_: (_ for _ in ()).throw(OSError(errno.EBUSY, "busy")))
+    monkeypatch.setattr(
+        FakeCamera, "configure", lambda *_: (_ for _ in ()).throw(OSError(errno.EBUSY, "busy"))
+    )
     with pytest.raises(UserError, match="busy"):
         check_source("", config.Camera())
     assert all(device.closed == 1 for device in devices), "also after a check that fails"

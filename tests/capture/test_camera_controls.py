@@ -50,7 +50,9 @@ SETTINGS = {
 
 
 @given(st.fixed_dictionaries(SETTINGS))
-def test_values_are_in_range_while_it_runs_and_as_before_afterwards(settings: dict[str, Any]) -> None:
+def test_values_are_in_range_while_it_runs_and_as_before_afterwards(
+    settings: dict[str, Any],
+) -> None:
     failing = webcam(frames=[TimeoutError()])
     with pytest.raises(UserError):
         source(failing, **settings)
@@ -58,7 +60,10 @@ def test_values_are_in_range_while_it_runs_and_as_before_afterwards(settings: di
     before = values(device)
     camera = source(device, **settings)
     for control in device.controls.values():
-        assert control.low <= control.value <= control.high and (control.value - control.low) % control.step == 0
+        assert (
+            control.low <= control.value <= control.high
+            and (control.value - control.low) % control.step == 0
+        )
     camera.close()
     assert values(device) == values(failing) == before and failing.closed
 
@@ -76,14 +81,24 @@ def test_auto_leaves_everything_and_the_dynamic_frame_rate_is_switched_off_with_
 def test_manual_values_switch_the_automatics_off() -> None:
     device = webcam()
     camera = source(device, exposure=8.0, gain=50, power_line_hz=60)
-    assert values(device) == {AUTO_EXPOSURE: 1, EXPOSURE: 80, AUTO_GAIN: 0, GAIN: 50, POWER_LINE: 2, DYNAMIC_FRAMERATE: 0}
+    assert values(device) == {
+        AUTO_EXPOSURE: 1,
+        EXPOSURE: 80,
+        AUTO_GAIN: 0,
+        GAIN: 50,
+        POWER_LINE: 2,
+        DYNAMIC_FRAMERATE: 0,
+    }
     assert camera._controls.exposure_ns == 8_000_000
     camera.close()
 
 
 def test_what_the_camera_cannot_do_is_noted() -> None:
     notes = " ".join(source(webcam(), exposure=500.0, gain=70.0).info.notes)
-    assert "camera.exposure = 500 ms: using 204.7 (0.3 to 204.7 ms possible)" in notes and "gain" not in notes
+    assert (
+        "camera.exposure = 500 ms: using 204.7 (0.3 to 204.7 ms possible)" in notes
+        and "gain" not in notes
+    )
     notes = " ".join(source(FakeCamera(), exposure=5.0, gain=7.0, power_line_hz=50).info.notes)
     assert notes.count("no such control") == 2 and "camera.power_line_hz = 50" in notes
 
@@ -118,7 +133,9 @@ def test_controls_that_fail_are_said() -> None:
     device.refused = {EXPOSURE, POWER_LINE, DYNAMIC_FRAMERATE}
     notes = source(device, exposure=8.0, power_line_hz=60).info.notes
     for key in ("camera.exposure", "camera.power_line_hz", "camera.dynamic_framerate"):
-        assert sum(note.startswith(f"{key}: the camera does not take it") for note in notes) == 1, notes
+        assert sum(note.startswith(f"{key}: the camera does not take it") for note in notes) == 1, (
+            notes
+        )
 
 
 def test_the_exposure_is_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -35,7 +35,9 @@ def _kernel(root: Path, **devices: tuple[str, str]) -> Path:
 
 def test_only_devices_that_exist_are_listed(tmp_path: Path) -> None:
     dev = _kernel(tmp_path, video10=("Camera 10", "usb1"), video2=("Camera 2", "usb2"))
-    found = [(camera.path.name, camera.name) for camera in cameras()]  # no driver answers: listed, to see what is wrong
+    found = [
+        (camera.path.name, camera.name) for camera in cameras()
+    ]  # no driver answers: listed, to see what is wrong
     assert found == [("video2", "Camera 2"), ("video10", "Camera 10")]
     for name in ("video10", "video2"):
         (dev / name).unlink()
@@ -45,9 +47,14 @@ def test_only_devices_that_exist_are_listed(tmp_path: Path) -> None:
 class Plugs:
     """A finder, and the devices that it sees."""
 
-    def __init__(self, root: Path, monkeypatch: pytest.MonkeyPatch, spec: CameraSpec | None = None) -> None:
+    def __init__(
+        self, root: Path, monkeypatch: pytest.MonkeyPatch, spec: CameraSpec | None = None
+    ) -> None:
         self._root, self.metadata = root, set[str]()
-        monkeypatch.setattr("lfpipe.capture.camera_list._captures", lambda device: device.path.name not in self.metadata)
+        monkeypatch.setattr(
+            "lfpipe.capture.camera_list._captures",
+            lambda device: device.path.name not in self.metadata,
+        )
         self.finder = CameraFinder(spec or CameraSpec(_kernel(root) / "video0"))
 
     def found(self, **devices: tuple[str, str]) -> str:
@@ -60,16 +67,24 @@ class Plugs:
             return ""
 
 
-def test_a_camera_is_found_again_by_its_place_and_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_camera_is_found_again_by_its_place_and_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     plugs = Plugs(tmp_path, monkeypatch)
     assert plugs.found(video0=("Cam", "usb2"), video2=("Other", "usb3")) == "video0"
-    assert plugs.found(video0=("Other", "usb3"), video3=("Cam", "usb2")) == "video3", "same place and name"
+    assert plugs.found(video0=("Other", "usb3"), video3=("Cam", "usb2")) == "video3", (
+        "same place and name"
+    )
     assert plugs.found(video0=("Other", "usb3")) == "", "another camera at its number is not it"
-    assert plugs.found(video0=("Other", "usb3"), video5=("Cam", "usb9")) == "video5", "plugged in elsewhere"
+    assert plugs.found(video0=("Other", "usb3"), video5=("Cam", "usb9")) == "video5", (
+        "plugged in elsewhere"
+    )
     assert plugs.found(video5=("Cam", "usb9")) == "video5"
 
 
-def test_a_metadata_node_at_the_old_number_is_not_the_camera(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_metadata_node_at_the_old_number_is_not_the_camera(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Replugged while another device holds a number, the picture node moves up and the metadata node takes its place."""
     plugs = Plugs(tmp_path, monkeypatch, CameraSpec(Path(), "Cam"))
     plugs.metadata = {"video2"}
@@ -78,17 +93,23 @@ def test_a_metadata_node_at_the_old_number_is_not_the_camera(tmp_path: Path, mon
     assert plugs.found(video0=("Cam", "usb1"), video1=("Cam", "usb1")) == "video0"
 
 
-def test_another_camera_of_the_model_does_not_take_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_camera_of_the_model_does_not_take_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     plugs = Plugs(tmp_path, monkeypatch)
     assert plugs.found(video0=("Cam", "usb1"), video1=("Cam", "usb2")) == "video0"
     for _ in range(3):
         assert plugs.found(video1=("Cam", "usb2")) == "", "the twin was there before"
     assert plugs.found(video1=("Cam", "usb2"), video4=("Cam", "usb1")) == "video4"
     assert plugs.found(video1=("Cam", "usb2")) == ""
-    assert plugs.found(video1=("Cam", "usb2"), video3=("Cam", "usb7")) == "video3", "the camera, at another port"
+    assert plugs.found(video1=("Cam", "usb2"), video3=("Cam", "usb7")) == "video3", (
+        "the camera, at another port"
+    )
 
 
 def test_a_name_means_one_camera(tmp_path: Path) -> None:
     _kernel(tmp_path, video0=("Integrated Camera", "a"), video1=("Cam", "b"), video2=("CAM", "c"))
-    assert CameraFinder(CameraSpec(Path("/dev/video96"))).path() == Path("/dev/video96"), "one that is not there yet"
+    assert CameraFinder(CameraSpec(Path("/dev/video96"))).path() == Path("/dev/video96"), (
+        "one that is not there yet"
+    )
     assert by_name("integrated", nodes()).path.name == "video0"

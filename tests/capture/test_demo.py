@@ -14,8 +14,12 @@ from lfpipe.capture.open_source import open_source
 from lfpipe.track.litert_engine import LitertEngine
 
 
-@given(st.floats(0, 1e5), st.floats(1e-4, 0.05), st.sampled_from([(640, 480), (1280, 720), (320, 240)]))
-def test_the_path_is_smooth_and_both_eyes_stay_in_the_frame(t_s: float, step_s: float, size: tuple[int, int]) -> None:
+@given(
+    st.floats(0, 1e5), st.floats(1e-4, 0.05), st.sampled_from([(640, 480), (1280, 720), (320, 240)])
+)
+def test_the_path_is_smooth_and_both_eyes_stay_in_the_frame(
+    t_s: float, step_s: float, size: tuple[int, int]
+) -> None:
     eyes, scale = demo_eyes_px(t_s, *size), min(size[0] / 640, size[1] / 480)
     moved = np.linalg.norm(demo_eyes_px(t_s + step_s, *size) - eyes, axis=1)
     assert moved.max() <= scale * 110 * step_s + 1e-6
@@ -25,7 +29,10 @@ def test_the_path_is_smooth_and_both_eyes_stay_in_the_frame(t_s: float, step_s: 
 
 
 def test_the_face_is_found_where_it_is_on_every_frame() -> None:
-    source, engine = open_source("demo", config.Camera(width_px=320, height_px=240, rate_hz=30.0)), LitertEngine()
+    source, engine = (
+        open_source("demo", config.Camera(width_px=320, height_px=240, rate_hz=30.0)),
+        LitertEngine(),
+    )
     out, errors = np.zeros((240, 320, 3), np.uint8), []
     for k in range(450):  # 15 s of the path
         frame = source.read(out)
@@ -37,9 +44,14 @@ def test_the_face_is_found_where_it_is_on_every_frame() -> None:
 
 
 @pytest.mark.parametrize(("rotate", "mirror"), [(90, False), (180, True), (270, False), (0, True)])
-def test_a_camera_mounted_otherwise_is_set_right(rotate: Literal[0, 90, 180, 270], mirror: bool) -> None:
+def test_a_camera_mounted_otherwise_is_set_right(
+    rotate: Literal[0, 90, 180, 270], mirror: bool
+) -> None:
     camera = config.Camera(rotate=rotate, mirror=mirror)
-    plain, out = np.empty((480, 640, 3), np.uint8), np.empty((camera.frame_px[1], camera.frame_px[0], 3), np.uint8)
+    plain, out = (
+        np.empty((480, 640, 3), np.uint8),
+        np.empty((camera.frame_px[1], camera.frame_px[0], 3), np.uint8),
+    )
     DemoSource(camera).read(plain)
     source = orient(DemoSource(camera), camera)
     source.read(out)

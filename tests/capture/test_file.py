@@ -21,16 +21,24 @@ def recording(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     path = tmp_path / "pictures"
     path.mkdir()
     for index in range(6):
-        cv2.imwrite(str(path / f"frame{7 + index}.png"), flat(index))  # from 7 to 12: numbers, not text
+        cv2.imwrite(
+            str(path / f"frame{7 + index}.png"), flat(index)
+        )  # from 7 to 12: numbers, not text
     (path / "notes.txt").write_text("no picture")
     return path
 
 
 def test_frames_come_in_order_into_a_slot_of_foreign_memory(recording: Path) -> None:
-    source, memory = FileSource(FileSpec(recording, loop=False), CAMERA), np.full((3, *SHAPE), 77, np.uint8)
+    source, memory = (
+        FileSource(FileSpec(recording, loop=False), CAMERA),
+        np.full((3, *SHAPE), 77, np.uint8),
+    )
     assert (source.info.size_px, source.info.live) == (SIZE, False)
     own_rate = recording.suffix == ".avi"
-    assert source.info.rate_hz == (25.0 if own_rate else 50.0) and any("50 Hz" in note for note in source.info.notes) != own_rate
+    assert (
+        source.info.rate_hz == (25.0 if own_rate else 50.0)
+        and any("50 Hz" in note for note in source.info.notes) != own_rate
+    )
     numbers = []
     while (frame := source.read(memory[1])) is not None:
         assert not source.info.jpeg and frame.packet is None
@@ -39,22 +47,33 @@ def test_frames_come_in_order_into_a_slot_of_foreign_memory(recording: Path) -> 
 
 
 @pytest.mark.parametrize(("pace", "rate"), [("recorded", 25.0), (0.5, 0.5), ("max", None)])
-def test_looped_frames_keep_counting_and_never_drift(tmp_path: Path, pace: float | str, rate: float | None) -> None:
+def test_looped_frames_keep_counting_and_never_drift(
+    tmp_path: Path, pace: float | str, rate: float | None
+) -> None:
     path = video(tmp_path / "six.avi", "HFYU", [flat(index) for index in range(6)])
-    source, out = FileSource(FileSpec(path, loop=True, pace=pace), CAMERA), np.zeros(SHAPE, np.uint8)
+    source, out = (
+        FileSource(FileSpec(path, loop=True, pace=pace), CAMERA),
+        np.zeros(SHAPE, np.uint8),
+    )
     frames, numbers = [], []
     for _ in range(20):
         frames.append(source.read(out))
         numbers.append(int(out.mean()) // 10)
-    assert numbers == [k % 6 for k in range(20)] and [frame.source_seq for frame in frames] == list(range(20))
+    assert numbers == [k % 6 for k in range(20)] and [frame.source_seq for frame in frames] == list(
+        range(20)
+    )
     assert all(frame.t_read_ns == 0 for frame in frames)
     for k, frame in enumerate(frames):
         due_ns = frame.t_sensor_ns - frames[0].t_sensor_ns
-        assert abs(due_ns - k * 1e9 / rate) <= 4 if rate else due_ns < 10**10, "at full pace each is due now"
+        assert abs(due_ns - k * 1e9 / rate) <= 4 if rate else due_ns < 10**10, (
+            "at full pace each is due now"
+        )
 
 
 @pytest.mark.parametrize(("kind", "size"), [("video", (270, 480)), ("pictures", (640, 360))])
-def test_another_size_is_scaled_and_said_and_a_circle_stays_a_circle(kind: str, size: tuple[int, int], tmp_path: Path) -> None:
+def test_another_size_is_scaled_and_said_and_a_circle_stays_a_circle(
+    kind: str, size: tuple[int, int], tmp_path: Path
+) -> None:
     frame = np.full((size[1], size[0], 3), 60, np.uint8)
     cv2.circle(frame, (size[0] // 2, size[1] // 2), 100, (255, 255, 255), -1)
     path = tmp_path / "round.png"
@@ -76,7 +95,11 @@ def test_motion_jpeg_in_a_file(tmp_path: Path) -> None:
     options = check_source(f"file:{path}?pace=max", CAMERA)
     assert (options.source_hz, options.jpeg_px, options.lossless) == (25.0, SIZE, True)
     assert not check_source(f"file:{path}", CAMERA).lossless
-    stored, source, out = path.read_bytes(), FileSource(FileSpec(path), CAMERA), np.zeros(SHAPE, np.uint8)
+    stored, source, out = (
+        path.read_bytes(),
+        FileSource(FileSpec(path), CAMERA),
+        np.zeros(SHAPE, np.uint8),
+    )
     assert source.info.jpeg and source.info.rate_hz == 25.0
     packets, stamps = [], []
     for _ in range(12):  # it starts over twice
@@ -85,7 +108,11 @@ def test_motion_jpeg_in_a_file(tmp_path: Path) -> None:
         assert np.array_equal(out, seen(frame.packet.tobytes()))
         packets.append(frame.packet.tobytes())
         stamps.append(frame.t_sensor_ns)
-    assert len(set(packets[:5])) == 5 and packets[5:10] == packets[:5] and set(np.diff(stamps)) == {40_000_000}
+    assert (
+        len(set(packets[:5])) == 5
+        and packets[5:10] == packets[:5]
+        and set(np.diff(stamps)) == {40_000_000}
+    )
 
 
 def test_a_folder_of_jpegs(tmp_path: Path) -> None:
@@ -97,4 +124,6 @@ def test_a_folder_of_jpegs(tmp_path: Path) -> None:
     for index, size in enumerate(sizes):
         frame = source.read(out)
         packet = frame and frame.packet
-        assert (packet is not None and packet.tobytes() == jpeg(index)) == (size == SIZE), "one of another size is not stored"
+        assert (packet is not None and packet.tobytes() == jpeg(index)) == (size == SIZE), (
+            "one of another size is not stored"
+        )

@@ -38,7 +38,10 @@ class FakeCapture:
 @pytest.fixture(autouse=True)
 def portable(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(opencv_camera.cv2, "VideoCapture", FakeCapture)
-    listed = [CameraDevice(Path(f"/dev/video{n}"), name) for n, name in enumerate(("Front", "Back", "Back two"))]
+    listed = [
+        CameraDevice(Path(f"/dev/video{n}"), name)
+        for n, name in enumerate(("Front", "Back", "Back two"))
+    ]
     monkeypatch.setattr(camera_list, "nodes", lambda *_: listed)
     for module in (camera_list, open_source):
         monkeypatch.setattr(module, "PORTABLE", True)
@@ -48,8 +51,15 @@ def test_a_camera_of_that_name_gives_frames_that_are_scaled_counted_and_stamped_
     camera = open_source.open_source("camera:back", config.Camera())
     out = np.zeros((480, 640, 3), np.uint8)
     frames = [camera.read(out) for _ in range(2)]
-    assert [frame and (frame.source_seq, frame.stamp) for frame in frames] == [(0, StampKind.READ), (1, StampKind.READ)]
-    assert (out == 7).all() and camera.info.rate_hz == 25.0 and camera.info.name == "camera:/dev/video1"
+    assert [frame and (frame.source_seq, frame.stamp) for frame in frames] == [
+        (0, StampKind.READ),
+        (1, StampKind.READ),
+    ]
+    assert (
+        (out == 7).all()
+        and camera.info.rate_hz == 25.0
+        and camera.info.name == "camera:/dev/video1"
+    )
     with pytest.raises(UserError, match="no more pictures"):
         camera.read(out)
 

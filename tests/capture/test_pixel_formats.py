@@ -21,9 +21,17 @@ COLOUR = np.array([40, 120, 200], np.uint8)  # BGR
 def rows(fourcc: str) -> list[bytes]:
     """A frame of COLOUR (of grey: of 120), one entry per row; 4:2:0 chroma rows after those of luma."""
     flat = np.tile(COLOUR, (2, 2, 1))
-    y, u, v = (int(value) for value in cv2.cvtColor(flat, cv2.COLOR_BGR2YUV_I420).reshape(-1)[[0, 4, 5]])
+    y, u, v = (
+        int(value) for value in cv2.cvtColor(flat, cv2.COLOR_BGR2YUV_I420).reshape(-1)[[0, 4, 5]]
+    )
     b, g, r = (int(value) for value in COLOUR)
-    pixel = {"BGR3": (b, g, r), "RGB3": (r, g, b), "BGR4": (b, g, r, 0), "XR24": (b, g, r, 0), "GREY": (120,)}
+    pixel = {
+        "BGR3": (b, g, r),
+        "RGB3": (r, g, b),
+        "BGR4": (b, g, r, 0),
+        "XR24": (b, g, r, 0),
+        "GREY": (120,),
+    }
     pair = {"YUYV": (y, u, y, v), "UYVY": (u, y, v, y), "YVYU": (y, v, y, u)}
     if fourcc in pixel:
         return [bytes(pixel[fourcc]) * WIDTH] * HEIGHT
@@ -38,17 +46,29 @@ def rows(fourcc: str) -> list[bytes]:
     if fourcc in chroma:
         return luma + [bytes(chroma[fourcc]) * (WIDTH // 2)] * (HEIGHT // 2)
     first, second = (u, v) if fourcc == "YU12" else (v, u)
-    return luma + [bytes([first]) * (WIDTH // 2)] * (HEIGHT // 2) + [bytes([second]) * (WIDTH // 2)] * (HEIGHT // 2)
+    return (
+        luma
+        + [bytes([first]) * (WIDTH // 2)] * (HEIGHT // 2)
+        + [bytes([second]) * (WIDTH // 2)] * (HEIGHT // 2)
+    )
 
 
 @pytest.mark.parametrize("padding", [0, 4])
 @pytest.mark.parametrize("size", [(WIDTH, HEIGHT), (32, 16)])
 @pytest.mark.parametrize("fourcc", [each for each in DECODED if each not in JPEGS])
-def test_every_format_gives_the_same_picture(fourcc: str, size: tuple[int, int], padding: int) -> None:
+def test_every_format_gives_the_same_picture(
+    fourcc: str, size: tuple[int, int], padding: int
+) -> None:
     lines = rows(fourcc)
     stride = len(lines[0]) + padding
-    small = fourcc in ("YU12", "YV12")  # their chroma rows, and the padding of those, are half as long
-    data = b"".join(line + b"\xee" * (padding // 2 if small and index >= HEIGHT else padding) for index, line in enumerate(lines))
+    small = fourcc in (
+        "YU12",
+        "YV12",
+    )  # their chroma rows, and the padding of those, are half as long
+    data = b"".join(
+        line + b"\xee" * (padding // 2 if small and index >= HEIGHT else padding)
+        for index, line in enumerate(lines)
+    )
     decoder = FrameDecoder(Mode(fourcc, WIDTH, HEIGHT, stride, 30.0))
     out = np.zeros((size[1], size[0], 3), np.uint8)
     whole, packet = decoder.decode(np.frombuffer(data, np.uint8), out)
@@ -63,7 +83,9 @@ def test_every_format_gives_the_same_picture(fourcc: str, size: tuple[int, int],
 
 def photo(seed: int = 0) -> NDArray[np.uint8]:
     noise = np.random.default_rng(seed).integers(0, 256, (240, 320, 3), dtype=np.uint8)
-    return np.asarray(cv2.imencode(".jpg", cv2.GaussianBlur(noise, (0, 0), 2))[1], np.uint8).reshape(-1)
+    return np.asarray(
+        cv2.imencode(".jpg", cv2.GaussianBlur(noise, (0, 0), 2))[1], np.uint8
+    ).reshape(-1)
 
 
 def damaged(kind: str, data: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -76,7 +98,9 @@ def damaged(kind: str, data: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 @pytest.mark.parametrize("kind", ["hole", "zeros", "half", "cut", "start"])
-def test_a_damaged_jpeg_is_no_frame_and_prints_nothing(kind: str, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_damaged_jpeg_is_no_frame_and_prints_nothing(
+    kind: str, capfd: pytest.CaptureFixture[str]
+) -> None:
     """libjpeg fills what is missing with grey and shifted blocks: eyes would be off by 18 px in the median."""
     decoder, out = FrameDecoder(Mode("MJPG", 320, 240, 0, 30.0)), np.zeros((240, 320, 3), np.uint8)
     for seed in range(3):
@@ -103,15 +127,25 @@ def test_what_others_write_to_stderr_meanwhile_is_not_lost(
 
 
 @pytest.mark.parametrize("size", [SIZE, (32, 24)])
-def test_a_cameras_jpegs_come_out_as_they_went_in_and_damaged_ones_are_passed_over(size: tuple[int, int]) -> None:
+def test_a_cameras_jpegs_come_out_as_they_went_in_and_damaged_ones_are_passed_over(
+    size: tuple[int, int],
+) -> None:
     """Frames of another size are scaled, and their packets stay. Some drivers fill their buffer up, some leave out the end."""
     padded, damaged = jpeg(2) + bytes(100), (b"", b"\0" * 500, jpeg(3)[:40])
-    device = FakeCamera(Mode("MJPG", *SIZE, 0, 30.0), [jpeg(0), jpeg(1), padded, *damaged, jpeg(4)[:-2]])
-    camera, out = source(device, width_px=size[0], height_px=size[1]), np.zeros((size[1], size[0], 3), np.uint8)
+    device = FakeCamera(
+        Mode("MJPG", *SIZE, 0, 30.0), [jpeg(0), jpeg(1), padded, *damaged, jpeg(4)[:-2]]
+    )
+    camera, out = (
+        source(device, width_px=size[0], height_px=size[1]),
+        np.zeros((size[1], size[0], 3), np.uint8),
+    )
     assert camera.info.jpeg
     for packet, number in ((jpeg(1), 1), (padded, 2), (jpeg(4), 6)):
         frame = camera.read(out)
         assert (
-            frame is not None and frame.packet is not None and frame.packet.tobytes() == packet and frame.source_seq == number - 1
+            frame is not None
+            and frame.packet is not None
+            and frame.packet.tobytes() == packet
+            and frame.source_seq == number - 1
         )
         assert np.array_equal(out, cv2.resize(seen(packet), size, interpolation=cv2.INTER_LINEAR))

@@ -12,7 +12,10 @@ from lfpipe.capture.schedule import STAMP_ROUNDING_NS, Lateness, Schedule
 MS = 1_000_000
 
 
-@given(st.fractions(min_value=Fraction(1, 10), max_value=1000, max_denominator=1001), st.integers(1, 10**9))
+@given(
+    st.fractions(min_value=Fraction(1, 10), max_value=1000, max_denominator=1001),
+    st.integers(1, 10**9),
+)
 def test_even_frames_never_drift(rate: Fraction, index: int) -> None:
     exact = Fraction(10**9) * index / rate
     assert 0 <= exact - Schedule(float(rate)).due_ns(index) < 1
@@ -23,11 +26,18 @@ def test_even_frames_never_drift(rate: Fraction, index: int) -> None:
 def test_rounded_stamps_give_the_even_grid_over_all_rounds(rate_hz: float) -> None:
     schedule, even = Schedule(rate_hz, STAMP_ROUNDING_NS), Schedule(rate_hz)
     for k in range(300):
-        stamp_ns = round((k % 100) * 1e9 / rate_hz / MS) * MS + 40 * MS  # as a container in ms keeps them, with an offset
-        assert abs(schedule.due_ns(k % 100, stamp_ns) - even.due_ns(k)) <= 3  # a ns of rounding a round
+        stamp_ns = (
+            round((k % 100) * 1e9 / rate_hz / MS) * MS + 40 * MS
+        )  # as a container in ms keeps them, with an offset
+        assert (
+            abs(schedule.due_ns(k % 100, stamp_ns) - even.due_ns(k)) <= 3
+        )  # a ns of rounding a round
 
 
-@given(st.floats(1, 500), st.lists(st.tuples(st.integers(-(10**10), 10**10), st.booleans()), min_size=2, max_size=60))
+@given(
+    st.floats(1, 500),
+    st.lists(st.tuples(st.integers(-(10**10), 10**10), st.booleans()), min_size=2, max_size=60),
+)
 def test_due_times_always_grow(rate_hz: float, steps: list[tuple[int, bool]]) -> None:
     schedule, due, index = Schedule(rate_hz, STAMP_ROUNDING_NS), list[int](), -1
     for stamp_ns, restart in steps:
@@ -44,10 +54,14 @@ def test_growing_stamps_are_met_within_the_rounding(gaps: list[int]) -> None:
         assert abs(schedule.due_ns(index, stamp_ns) - stamp_ns) <= STAMP_ROUNDING_NS
 
 
-Played = tuple[list[int], list[float], int]  # frames passed on, how late each is in ms, how far the schedule has moved in ns
+Played = tuple[
+    list[int], list[float], int
+]  # frames passed on, how late each is in ms, how far the schedule has moved in ns
 
 
-def _played(rate_hz: float, decode_ms: float, seconds: float, stall: tuple[int, float] = (-1, 0.0)) -> Played:
+def _played(
+    rate_hz: float, decode_ms: float, seconds: float, stall: tuple[int, float] = (-1, 0.0)
+) -> Played:
     """A recording, played by a reader that takes decode_ms a frame. stall: (frame, seconds) of a pause before it."""
     schedule, lateness = Schedule(rate_hz), Lateness(int(2e9 / rate_hz))
     t_ns, passed, late_ms, k = 0, [], [], 0
@@ -64,7 +78,9 @@ def _played(rate_hz: float, decode_ms: float, seconds: float, stall: tuple[int, 
 
 def test_after_a_hiccup_frames_are_dropped_until_the_recording_has_caught_up() -> None:
     passed, late_ms, moved_ns = _played(30, 5, 10)
-    assert passed == list(range(len(passed))) and max(late_ms[1:]) == 0 and moved_ns == 0, "in time it loses nothing"
+    assert passed == list(range(len(passed))) and max(late_ms[1:]) == 0 and moved_ns == 0, (
+        "in time it loses nothing"
+    )
     passed, late_ms, moved_ns = _played(30, 5, 10, (50, 0.3))
     missing = sorted(set(range(passed[-1])) - set(passed))
     assert missing == list(range(50, 50 + len(missing))) and 5 <= len(missing) <= 10

@@ -53,13 +53,19 @@ print(int(most.split()[1]) // 1024)
 
 
 @pytest.mark.parametrize("kind", ["MJPG", pytest.param("png ", marks=pytest.mark.live)])
-def test_a_video_of_too_large_frames_is_refused_without_decoding_them(tmp_path: Path, kind: str) -> None:
+def test_a_video_of_too_large_frames_is_refused_without_decoding_them(
+    tmp_path: Path, kind: str
+) -> None:
     path = tmp_path / "large.avi"
     video(path, kind, [np.full((10_000, 10_000, 3), 90, np.uint8)])
     assert path.stat().st_size < 3_000_000
-    done = subprocess.run([sys.executable, "-c", MEMORY, str(path)], capture_output=True, text=True, timeout=100)
+    done = subprocess.run(
+        [sys.executable, "-c", MEMORY, str(path)], capture_output=True, text=True, timeout=100
+    )
     said, used_mb = done.stdout.splitlines()[0], int(done.stdout.splitlines()[-1])
-    assert said.startswith("refused:") and str(path) in said and used_mb < 300, done.stdout + done.stderr
+    assert said.startswith("refused:") and str(path) in said and used_mb < 300, (
+        done.stdout + done.stderr
+    )
     assert "too large to decode" in said or "10000x10000" in said
 
 
@@ -93,10 +99,14 @@ def test_a_stream_that_grows_half_way_loses_that_frame_and_goes_on(tmp_path: Pat
 
 def frames_in(avi: bytes) -> list[int]:
     """Offsets of the frames' chunks in an AVI file."""
-    return [at for at in range(avi.index(b"movi"), len(avi)) if avi[at : at + 4] in (b"00dc", b"00db")]
+    return [
+        at for at in range(avi.index(b"movi"), len(avi)) if avi[at : at + 4] in (b"00dc", b"00db")
+    ]
 
 
-def test_motion_jpeg_that_does_not_begin_with_a_whole_jpeg_is_left_to_ffmpeg(tmp_path: Path) -> None:
+def test_motion_jpeg_that_does_not_begin_with_a_whole_jpeg_is_left_to_ffmpeg(
+    tmp_path: Path,
+) -> None:
     path = six(tmp_path / "v.avi", "MJPG")
     data = bytearray(path.read_bytes())
     start = frames_in(data)[0] + 8
@@ -107,8 +117,14 @@ def test_motion_jpeg_that_does_not_begin_with_a_whole_jpeg_is_left_to_ffmpeg(tmp
 
 
 @pytest.mark.parametrize("kind", ["MJPG", "png ", "folder", "cut off"])
-def test_a_damaged_frame_is_reported_and_counted_and_the_rest_is_played(tmp_path: Path, kind: str) -> None:
-    path = folder(tmp_path) if kind == "folder" else six(tmp_path / "v.avi", "HFYU" if kind == "cut off" else kind)
+def test_a_damaged_frame_is_reported_and_counted_and_the_rest_is_played(
+    tmp_path: Path, kind: str
+) -> None:
+    path = (
+        folder(tmp_path)
+        if kind == "folder"
+        else six(tmp_path / "v.avi", "HFYU" if kind == "cut off" else kind)
+    )
     if kind == "folder":
         (path / "2.png").write_bytes(b"nothing")
     else:
@@ -145,7 +161,9 @@ def test_a_source_of_broken_frames_only_gives_up(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("error", [MemoryError(), cv2.error("boom\nfrom within")])
-def test_errors_of_libraries_reach_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception) -> None:
+def test_errors_of_libraries_reach_nobody(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
     def fails(*_: Any) -> None:
         raise error
 
@@ -180,9 +198,20 @@ def test_what_is_no_recording_is_refused_at_once_by_name(tmp_path: Path, kind: s
 
 
 @pytest.mark.parametrize(
-    "name", [b"a%d.avi", b"concat:a|b.avi", b"http:x.avi", b"-v.avi", "weiß?.avi".encode(), b"a\nb.avi", b"\xff\xfe.avi"]
+    "name",
+    [
+        b"a%d.avi",
+        b"concat:a|b.avi",
+        b"http:x.avi",
+        b"-v.avi",
+        "weiß?.avi".encode(),
+        b"a\nb.avi",
+        b"\xff\xfe.avi",
+    ],
 )
-def test_odd_names_are_opened_as_they_stand(tmp_path: Path, name: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_odd_names_are_opened_as_they_stand(
+    tmp_path: Path, name: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
     six(tmp_path / "plain.avi").rename(tmp_path / os.fsdecode(name))
     monkeypatch.chdir(tmp_path)
     source = open_source(f"file:{os.fsdecode(name)}?loop=0", CAMERA)

@@ -36,8 +36,12 @@ def test_tables_fit_80_columns(live: World, scene: Path) -> None:
     live.env["COLUMNS"] = "80"
     scenes = (("scene", "list"), ("scene", "info", scene), ("scene", "plan", scene))
     for words in (("ctl", "status"), ("monitor", "--once"), *scenes):
-        done = live.done(*words, *(("--session", live.name) if words[0] in ("ctl", "monitor") else ()))
-        wide = [line for line in done.stdout.splitlines() if len(line) > 80 and " " in line.strip()]  # a path stays whole
+        done = live.done(
+            *words, *(("--session", live.name) if words[0] in ("ctl", "monitor") else ())
+        )
+        wide = [
+            line for line in done.stdout.splitlines() if len(line) > 80 and " " in line.strip()
+        ]  # a path stays whole
         assert not wide or all("/" in line for line in wide), wide
 
 
@@ -62,7 +66,9 @@ def test_a_log_gets_a_line_for_work_that_takes_long_and_no_bar(
         ("monit", ["monitor"]),
     ],
 )
-def test_keys_words_and_sessions_are_offered(line: str, offered: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_keys_words_and_sessions_are_offered(
+    line: str, offered: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("lfpipe.supervisor.rundir.running", lambda: ["evening", "morning"])
     *words, incomplete = line.split()
     found = ShellComplete(cli, {}, "lfpipe", "_LFPIPE_COMPLETE").get_completions(words, incomplete)
@@ -79,6 +85,9 @@ def test_a_reader_that_has_ended_is_no_failure_of_ours(world: World) -> None:
     os.close(reader)
     with os.fdopen(writer) as closed:
         done = subprocess.run(
-            [sys.executable, "-m", "lfpipe", "config", "show"], stdout=closed, stderr=subprocess.PIPE, env=world.env
+            [sys.executable, "-m", "lfpipe", "config", "show"],
+            stdout=closed,
+            stderr=subprocess.PIPE,
+            env=world.env,
         )
     assert (done.returncode, done.stderr) == (141, b"")

@@ -15,7 +15,9 @@ from tests.world import World, write_scene
 
 def _content(folder: Path) -> dict[str, bytes]:
     return {
-        str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file() and not path.is_symlink()
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file() and not path.is_symlink()
     }
 
 
@@ -40,7 +42,10 @@ def owned(tmp_path_factory: pytest.TempPathFactory, clip: Path) -> Path:
         ("up /nowhere --trace notes.txt", "notes.txt"),
         ("up /nowhere --camera file:me.avi --trace me.avi --force", "me.avi"),
         ("up views --camera demo --display none --trace notes.txt", "notes.txt"),
-        ("up views --camera demo --display none --trace views/view_01_01.png --force", "view_01_01.png"),
+        (
+            "up views --camera demo --display none --trace views/view_01_01.png --force",
+            "view_01_01.png",
+        ),
         ("up views --camera file:me.avi --display file:me.avi --force", "me.avi"),
         ("up views --camera file:me.avi --display file:link.mkv --force", "link.mkv"),
         ("up views --camera demo --display file:fifo.mkv --force", "fifo.mkv"),
@@ -56,10 +61,14 @@ def owned(tmp_path_factory: pytest.TempPathFactory, clip: Path) -> Path:
         ("sweep plan.toml --junit walk/manifest.json", "manifest.json"),
     ],
 )
-def test_a_file_of_a_person_is_kept(owned: Path, monkeypatch: pytest.MonkeyPatch, args: str, named: str) -> None:
+def test_a_file_of_a_person_is_kept(
+    owned: Path, monkeypatch: pytest.MonkeyPatch, args: str, named: str
+) -> None:
     monkeypatch.chdir(owned)
     monkeypatch.setenv("LFPIPE_KIOSK_CODE", "leave2026")
-    (owned / "me.png").write_bytes((owned / "views" / next(iter(sorted(os.listdir(owned / "views"))))).read_bytes())  # noqa: PTH208
+    (owned / "me.png").write_bytes(
+        (owned / "views" / next(iter(sorted(os.listdir(owned / "views"))))).read_bytes()
+    )  # noqa: PTH208
     before = _content(owned)
     error = CliRunner().invoke(cli, args.split()).exception
     assert isinstance(error, UserError) and named in error.message, error
@@ -67,7 +76,16 @@ def test_a_file_of_a_person_is_kept(owned: Path, monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_file_that_is_shown_to_a_file_plays_once(world: World, scene: Path, clip: Path) -> None:
-    done = world.done("up", scene, "--camera", f"file:{clip}", "--display", "file:out.mkv", "--session", world.name)
+    done = world.done(
+        "up",
+        scene,
+        "--camera",
+        f"file:{clip}",
+        "--display",
+        "file:out.mkv",
+        "--session",
+        world.name,
+    )
     assert "out.mkv" in done.stdout, done.stderr
     frames = cv2.VideoCapture(str(world.root / "out.mkv")).get(cv2.CAP_PROP_FRAME_COUNT)
     assert 60 <= frames <= 240, "60 frames at 30 Hz, shown at 60 Hz"

@@ -29,7 +29,9 @@ def user_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
 
 
 def test_the_file_at_the_top_and_the_pages_of_keys_and_commands_are_current() -> None:
-    assert (Path(__file__).parents[2] / "config.toml").read_text() == commented(), "run: lfpipe config show > config.toml"
+    assert (Path(__file__).parents[2] / "config.toml").read_text() == commented(), (
+        "run: lfpipe config show > config.toml"
+    )
     for name, text in PAGES.items():
         assert (DOCS / name).read_text() == text(), "run: python tools/make_reference.py"
 
@@ -44,8 +46,21 @@ def test_every_error_of_every_layer_is_named_at_once(user_folder: Path, tmp_path
     user_folder.mkdir(parents=True)
     (user_folder / "config.toml").write_text("[camera]\nrate_hz = -3\n[trakc]\nx = 1\n")
     (tmp_path / "mine.toml").write_text("[render\n")
-    sets = ["camera.widht=3", "render.method=neerest", "render.method:warp", "render.alpha_px=abc", "track.mean_k=2.5", "=3"]
-    sets += ["render.swap_eyes=1", "screen.width_mm=nan", "camera.fov_deg=[[", "render={}", "screen.distance_mm=1" + "0" * 30]
+    sets = [
+        "camera.widht=3",
+        "render.method=neerest",
+        "render.method:warp",
+        "render.alpha_px=abc",
+        "track.mean_k=2.5",
+        "=3",
+    ]
+    sets += [
+        "render.swap_eyes=1",
+        "screen.width_mm=nan",
+        "camera.fov_deg=[[",
+        "render={}",
+        "screen.distance_mm=1" + "0" * 30,
+    ]
     with pytest.raises(UserError) as error:
         config.load(tmp_path / "mine.toml", sets)
     for part in (
@@ -69,38 +84,67 @@ def test_every_error_of_every_layer_is_named_at_once(user_folder: Path, tmp_path
         assert part in str(error.value), error.value
     with pytest.raises(UserError) as error:
         config.load()
-    assert "config init FILE" in error.value.remedy, "`config show` fails as long as the user's own file is wrong"
+    assert "config init FILE" in error.value.remedy, (
+        "`config show` fails as long as the user's own file is wrong"
+    )
 
 
 def test_layers_win_in_order(user_folder: Path, tmp_path: Path) -> None:
     user_folder.mkdir(parents=True)
-    (user_folder / "config.toml").write_text("[camera]\nrate_hz = 15\nwidth_px = 320\n[render]\nmethod = 'blend'\n")
+    (user_folder / "config.toml").write_text(
+        "[camera]\nrate_hz = 15\nwidth_px = 320\n[render]\nmethod = 'blend'\n"
+    )
     (tmp_path / "mine.toml").write_text("[camera]\nrate_hz = 25\n")
     loaded = config.load(tmp_path / "mine.toml", ["render.method=warp", "camera.fov_deg=175"])
-    assert (loaded.camera.rate_hz, loaded.camera.width_px, loaded.render.method) == (25.0, 320, "warp")
+    assert (loaded.camera.rate_hz, loaded.camera.width_px, loaded.render.method) == (
+        25.0,
+        320,
+        "warp",
+    )
     assert loaded.camera.fov_deg == 175.0, "a range holds its ends"
 
 
 def test_the_paper_is_a_whole_configuration() -> None:
     paper = config.load("paper")
     assert (paper.track.engine, paper.track.filter, paper.track.mean_k) == ("mediapipe", "mean", 5)
-    assert (paper.render.clock, paper.render.method, paper.render.anaglyph) == ("camera", "nearest", "colour")
+    assert (paper.render.clock, paper.render.method, paper.render.anaglyph) == (
+        "camera",
+        "nearest",
+        "colour",
+    )
 
 
 def test_a_running_session_takes_live_keys_only() -> None:
     assert config.updated(Config(), {"render.alpha_px": 3}, live_only=True).render.alpha_px == 3.0
-    assert config.updated(Config(), {"camera.width_px": 320}).camera.width_px == 320, "one that is still to begin takes all"
+    assert config.updated(Config(), {"camera.width_px": 320}).camera.width_px == 320, (
+        "one that is still to begin takes all"
+    )
     with pytest.raises(UserError, match=r"camera\.width_px.*fixed while a session runs"):
         config.updated(Config(), {"render.alpha_px": 3, "camera.width_px": 320}, live_only=True)
 
 
 KEYS = sorted(config.options())
 SECTIONS = sorted({key.partition(".")[0] for key in KEYS})
-NAMES = st.sampled_from([*KEYS, *SECTIONS]) | st.text(max_size=20) | st.sampled_from(KEYS).map(lambda key: key + ".x")
-LEAVES = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=9) | st.binary(max_size=9) | st.datetimes()
+NAMES = (
+    st.sampled_from([*KEYS, *SECTIONS])
+    | st.text(max_size=20)
+    | st.sampled_from(KEYS).map(lambda key: key + ".x")
+)
+LEAVES = (
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats()
+    | st.text(max_size=9)
+    | st.binary(max_size=9)
+    | st.datetimes()
+)
 SHAPES = st.recursive(
     st.sampled_from(VALUES) | LEAVES,
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(NAMES | st.integers() | st.none(), inner, max_size=4),
+    lambda inner: (
+        st.lists(inner, max_size=4)
+        | st.dictionaries(NAMES | st.integers() | st.none(), inner, max_size=4)
+    ),
     max_leaves=20,
 )
 
@@ -133,7 +177,10 @@ def test_a_change_is_taken_whole_or_refused(sets: dict[str, Any], live: bool) ->
 
 
 @settings(max_examples=100)
-@given(tree=SHAPES | st.dictionaries(st.sampled_from(SECTIONS), st.dictionaries(NAMES, SHAPES, max_size=4)))
+@given(
+    tree=SHAPES
+    | st.dictionaries(st.sampled_from(SECTIONS), st.dictionaries(NAMES, SHAPES, max_size=4))
+)
 def test_a_tree_of_any_shape_is_taken_or_refused(tree: Any) -> None:
     try:
         usable(config.from_dict(tree))
@@ -161,7 +208,14 @@ def test_any_text_is_taken_or_refused_by_the_name_of_its_layer(text: str, tmp_pa
         except UserError as error:
             assert len(str(error)) <= 2000
     path = tmp_path / "mine.toml"
-    for head in ("[render]\nalpha_px = ", "[camera]\nsource = ", "render = ", "x = ", "[[render]]\na = ", ""):
+    for head in (
+        "[render]\nalpha_px = ",
+        "[camera]\nsource = ",
+        "render = ",
+        "x = ",
+        "[[render]]\na = ",
+        "",
+    ):
         path.write_text(head + text, "utf-8", "surrogatepass")
         try:
             usable(config.load(path))
@@ -170,14 +224,28 @@ def test_any_text_is_taken_or_refused_by_the_name_of_its_layer(text: str, tmp_pa
 
 
 @pytest.mark.parametrize("kind", sorted(set(NO_FILES) - {"empty"}))
-def test_what_is_no_file_is_refused_at_once(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_no_file_is_refused_at_once(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "lfpipe").mkdir()
-    for path, name in ((tmp_path / "mine.toml", tmp_path / "mine.toml"), (tmp_path / "lfpipe" / "config.toml", None)):
+    for path, name in (
+        (tmp_path / "mine.toml", tmp_path / "mine.toml"),
+        (tmp_path / "lfpipe" / "config.toml", None),
+    ):
         NO_FILES[kind](path)
         monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path if name is None else tmp_path / "none"))
         with pytest.raises(UserError, match=path.name):
             config.load(name)
-    for name in ("papr", "a\0b", "x" * 300, "x" * 5000, "\udcff", "/dev/null", "/proc/self/mem", "/dev/stdin/x"):
+    for name in (
+        "papr",
+        "a\0b",
+        "x" * 300,
+        "x" * 5000,
+        "\udcff",
+        "/dev/null",
+        "/proc/self/mem",
+        "/dev/stdin/x",
+    ):
         with pytest.raises(UserError, match="--config"):
             config.load(name)
 
@@ -189,13 +257,17 @@ def test_thousands_of_unknown_keys_make_a_short_message(tmp_path: Path) -> None:
         config.load(path)
     said = str(caught.value)
     assert "and more" in said and len(said.replace(str(path), "mine.toml")) < 1000
-    everything = {key: "\x1b" * 100 for key in KEYS} | {f"render.alpha_pix{n}": 1 for n in range(100)}
+    everything = {key: "\x1b" * 100 for key in KEYS} | {
+        f"render.alpha_pix{n}": 1 for n in range(100)
+    }
     with pytest.raises(UserError) as caught:
         config.updated(Config(), everything)
     assert len(str(caught.value)) <= 2000
 
 
-COSTLY: dict[str, Callable[[], bytes]] = {  # files that cost time or memory if they are read carelessly
+COSTLY: dict[
+    str, Callable[[], bytes]
+] = {  # files that cost time or memory if they are read carelessly
     "dotted keys": lambda: b"a." * 60_000 + b"a = 1",
     "tables": lambda: b"[" + b"a." * 60_000 + b"a]",
     "many tables": lambda: b"".join(b"[a%d]\n" % n for n in range(12_000)),
@@ -212,16 +284,29 @@ def test_a_refusal_is_quick_and_small(name: str, tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_bytes(COSTLY[name]())
     env = {**os.environ, "XDG_CONFIG_HOME": str(tmp_path / "none")}
-    code, _, err, peak_mb = ended([sys.executable, "-m", "lfpipe", "config", "check", str(path)], timeout_s=20, env=env)
-    assert code == 2 and err.startswith("error: ") and "mine.toml" in err and len(err) < 2000, err[:3000]
+    code, _, err, peak_mb = ended(
+        [sys.executable, "-m", "lfpipe", "config", "check", str(path)], timeout_s=20, env=env
+    )
+    assert code == 2 and err.startswith("error: ") and "mine.toml" in err and len(err) < 2000, err[
+        :3000
+    ]
     assert peak_mb <= hostile_files.PEAK_MB
 
 
 def test_what_is_written_is_never_half(tmp_path: Path) -> None:
     env = {**os.environ, "XDG_CONFIG_HOME": str(tmp_path / "none")}
     lfpipe = [sys.executable, "-m", "lfpipe", "config", "init"]
-    for place in ("/dev/full", "/proc/x/c.toml", str(tmp_path), str(tmp_path / "gone" / ("x" * 300))):
+    for place in (
+        "/dev/full",
+        "/proc/x/c.toml",
+        str(tmp_path),
+        str(tmp_path / "gone" / ("x" * 300)),
+    ):
         code, _, err, _ = ended([*lfpipe, place], env=env)
         assert code == 2 and err.startswith("error: "), err
     code, out, _, _ = ended([*lfpipe, str(tmp_path / "new" / "c.toml")], env=env)
-    assert code == 0 and out.strip().endswith("c.toml") and config.load(tmp_path / "new" / "c.toml") == Config()
+    assert (
+        code == 0
+        and out.strip().endswith("c.toml")
+        and config.load(tmp_path / "new" / "c.toml") == Config()
+    )

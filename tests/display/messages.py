@@ -12,7 +12,9 @@ from tests.test_messages import Cause
 FORMS = "use one of window, fullscreen, none or file:OUT.mkv (or .mp4)"
 ELSEWHERE = "use --display none or --display file:OUT.mkv, or run on a desktop"
 DESK = [Monitor(0, "eDP-1", 0, 0, 1920, 1200, None), Monitor(1, "DP-1", 1920, 0, 1920, 1080, None)]
-LIST = "use the number or part of the name of one of: 0 eDP-1 1920x1200+0+0; 1 DP-1 1920x1080+1920+0"
+LIST = (
+    "use the number or part of the name of one of: 0 eDP-1 1920x1200+0+0; 1 DP-1 1920x1080+1920+0"
+)
 
 
 def on_screen(name: str, spec: str) -> None:
@@ -45,7 +47,10 @@ MESSAGES: dict[str, tuple[Cause, str]] = {
         for name in (":97", "unix:97", "localhost:97.0", "rubbish", ":")
     },
     **{
-        f"display {spec}": (lambda here, spec=spec: check_display(spec), f"--display {spec!r}: not a display\n  remedy: {FORMS}")
+        f"display {spec}": (
+            lambda here, spec=spec: check_display(spec),
+            f"--display {spec!r}: not a display\n  remedy: {FORMS}",
+        )
         for spec in ("windw", "none:", "file", "file:")
     },
     "kind of video": (
@@ -58,7 +63,10 @@ MESSAGES: dict[str, tuple[Cause, str]] = {
         "--display file:/here/a.mp4: no H.264 encoder: PyAV of PyPI is not installed\n"
         "  remedy: pip install 'lfpipe[media]'; .mkv and .gif do not need it",
     ),
-    "no such monitor": (lambda here: find_monitor("3", DESK), f"screen.monitor '3': no such monitor\n  remedy: {LIST}"),
+    "no such monitor": (
+        lambda here: find_monitor("3", DESK),
+        f"screen.monitor '3': no such monitor\n  remedy: {LIST}",
+    ),
     "two monitors": (
         lambda here: find_monitor("DP", DESK),
         f"screen.monitor 'DP': several monitors are called that\n  remedy: {LIST}",

@@ -73,16 +73,25 @@ class ScreenCamera(ScriptedDevice):
         heard = np.array(sorted(HEARD.values())[-60:]) / 1e9
         slope, first = np.polyfit(np.round((heard - heard[-1]) * XVFB_HZ), heard - heard[-1], 1)
         times = np.array([t for t, _ in recent])
-        count = np.arange(np.ceil((times[0] - heard[-1] - first) / slope), (times[-1] - heard[-1] - first) // slope + 1)
+        count = np.arange(
+            np.ceil((times[0] - heard[-1] - first) / slope),
+            (times[-1] - heard[-1] - first) // slope + 1,
+        )
         blanks = heard[-1] + first + slope * count
-        return [(float(t), recent[k][1]) for t, k in zip(blanks, np.searchsorted(times, blanks) - 1, strict=True)]
+        return [
+            (float(t), recent[k][1])
+            for t, k in zip(blanks, np.searchsorted(times, blanks) - 1, strict=True)
+        ]
 
     def _saw_all(self, from_s: float, to_s: float) -> bool:
         """Whether no change of the screen can have been overlooked in that time."""
         times = np.array([t for t, _ in self.samples[-400:]])
         gaps = np.diff(times)
         near = (times[1:] > from_s) & (times[:-1] < to_s)
-        return bool(times[0] < from_s and gaps[near].max(initial=0.0) < max(MOST_GAP_S, 1.6 * np.median(gaps)))
+        return bool(
+            times[0] < from_s
+            and gaps[near].max(initial=0.0) < max(MOST_GAP_S, 1.6 * np.median(gaps))
+        )
 
     def configure(self, fourcc: str, width_px: int, height_px: int, rate_hz: float) -> Mode:
         return Mode("BGR3", WIDTH, HEIGHT, 3 * WIDTH, self.optics.rate_hz)
@@ -94,18 +103,31 @@ class ScreenCamera(ScriptedDevice):
         while True:
             if time.monotonic() > until:
                 raise TimeoutError
-            behind = int(max(time.monotonic() - self._due - optics.camera_ms / 1e3, 0) * optics.rate_hz)
-            self._due += (1 + behind) / optics.rate_hz  # frames that nobody fetched in time are lost
+            behind = int(
+                max(time.monotonic() - self._due - optics.camera_ms / 1e3, 0) * optics.rate_hz
+            )
+            self._due += (
+                1 + behind
+            ) / optics.rate_hz  # frames that nobody fetched in time are lost
             self._count += 1 + behind
-            end, stamp = self._due - optics.screen_ms / 1e3, self._due + optics.camera_ms / 1e3  # of the exposure; its stamp
+            end, stamp = (
+                self._due - optics.screen_ms / 1e3,
+                self._due + optics.camera_ms / 1e3,
+            )  # of the exposure; its stamp
             time.sleep(max(0.0, stamp - time.monotonic()))
             if self._saw_all(end - optics.exposure_ms / 1e3, end):
                 break  # a busy machine left gaps: such a frame is lost, too
         recent = self._shown()
         since = np.array([*(t for t, _ in recent), time.monotonic()])
         shares = np.diff(np.clip(since, end - optics.exposure_ms / 1e3, end))
-        light = sum(shares[k] * recent[k][1].astype(float) for k in np.nonzero(shares)[0]) / max(shares.sum(), 1e-9)
-        levels = 13 + 0.6 * cv2.resize(np.asarray(light), (WIDTH, HEIGHT)) + self._rng.normal(0, NOISE, (HEIGHT, WIDTH))
+        light = sum(shares[k] * recent[k][1].astype(float) for k in np.nonzero(shares)[0]) / max(
+            shares.sum(), 1e-9
+        )
+        levels = (
+            13
+            + 0.6 * cv2.resize(np.asarray(light), (WIDTH, HEIGHT))
+            + self._rng.normal(0, NOISE, (HEIGHT, WIDTH))
+        )
         picture = cv2.cvtColor(np.clip(levels, 0, 255).astype(np.uint8), cv2.COLOR_GRAY2BGR)
         return RawFrame(picture.reshape(-1), self._count, int(stamp * 1e9), False, False)
 

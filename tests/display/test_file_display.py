@@ -44,7 +44,10 @@ def test_every_value_comes_back(tmp_path: Path, suffix: str, size: tuple[int, in
     pictures = noise(10, *size)
     dropped, _ = record(tmp_path / f"out{suffix}", pictures, 100.0, 0.01)
     cut = [frame[: size[1], : size[0]] for frame in read_back(tmp_path / f"out{suffix}")]
-    shown = [next(k for k, picture in enumerate(pictures) if np.array_equal(frame, picture)) for frame in cut]
+    shown = [
+        next(k for k, picture in enumerate(pictures) if np.array_equal(frame, picture))
+        for frame in cut
+    ]
     assert shown == sorted(shown) and dropped == 10 - len(set(shown)) <= 3
 
 
@@ -69,16 +72,28 @@ def test_a_flood_is_counted_and_does_not_stop_the_caller(tmp_path: Path) -> None
 
 
 def test_pictures_of_another_shape_are_fitted(tmp_path: Path) -> None:
-    record(tmp_path / "out.mkv", (np.zeros((32, 64, 3), np.uint8), np.full((40, 40, 3), 200, np.uint8)), 50.0, 0.1)
+    record(
+        tmp_path / "out.mkv",
+        (np.zeros((32, 64, 3), np.uint8), np.full((40, 40, 3), 200, np.uint8)),
+        50.0,
+        0.1,
+    )
     frame = read_back(tmp_path / "out.mkv")[-1]
     assert frame.shape == (32, 64, 3)
     assert (frame[:, 16:48] == 200).all() and not frame[:, :16].any() and not frame[:, 48:].any()
 
 
-def test_a_full_disk_ends_the_video_with_a_notice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_ends_the_video_with_a_notice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pictures = [noise(1, 32, 32)[0]] * (CHECK_FRAMES * 4)
     _, notices = record(tmp_path / "out.mkv", pictures, 200.0, 0.005, reserve_bytes=1 << 60)
-    assert len(notices) == 1 and notices[0].lost and "the disk is full" in notices[0].text and "out.mkv" in notices[0].text
+    assert (
+        len(notices) == 1
+        and notices[0].lost
+        and "the disk is full" in notices[0].text
+        and "out.mkv" in notices[0].text
+    )
     assert len(read_back(tmp_path / "out.mkv")) == CHECK_FRAMES  # what was written can be played
 
     def full(*_: object) -> None:
@@ -105,14 +120,25 @@ def test_a_file_that_may_not_grow_ends_the_video(tmp_path: Path) -> None:
 def test_mp4_is_h264_whose_pictures_stand_and_whose_index_comes_first(tmp_path: Path) -> None:
     import av
 
-    record(tmp_path / "out.mp4", [np.full((36, 60, 3), shade, np.uint8) for shade in (40, 200)], 50.0, 0.5)
+    record(
+        tmp_path / "out.mp4",
+        [np.full((36, 60, 3), shade, np.uint8) for shade in (40, 200)],
+        50.0,
+        0.5,
+    )
     with av.open(str(tmp_path / "out.mp4")) as container:
         assert container.streams.video[0].codec_context.name == "h264"
         shades = [frame.to_ndarray(format="rgb24").mean() for frame in container.decode(video=0)]
     assert len(shades) > CHECK_FRAMES, "the file was moved to its place while it grew"
-    assert shades == sorted(shades) and shades[0] == pytest.approx(40, abs=2) and shades[-1] == pytest.approx(200, abs=2)
+    assert (
+        shades == sorted(shades)
+        and shades[0] == pytest.approx(40, abs=2)
+        and shades[-1] == pytest.approx(200, abs=2)
+    )
     data = (tmp_path / "out.mp4").read_bytes()
-    assert 0 < data.index(b"moov") < data.index(b"mdat") and list(tmp_path.iterdir()) == [tmp_path / "out.mp4"]
+    assert 0 < data.index(b"moov") < data.index(b"mdat") and list(tmp_path.iterdir()) == [
+        tmp_path / "out.mp4"
+    ]
 
 
 def test_mp4_of_a_killed_writer_plays(tmp_path: Path) -> None:

@@ -19,13 +19,18 @@ from tests.xvfb_screen import Screen, needs_xdotool
 
 
 @pytest.mark.parametrize(
-    ("code", "at", "alone_s", "loads"), [("bye42", 2, 61, 1), ("bye42", 2, 59, 0), ("bye42", 0, 99, 0), ("", 2, 99, 0)]
+    ("code", "at", "alone_s", "loads"),
+    [("bye42", 2, 61, 1), ("bye42", 2, 59, 0), ("bye42", 0, 99, 0), ("", 2, 99, 0)],
 )
-def test_the_next_visitor_begins_with_the_first_scene(code: str, at: int, alone_s: int, loads: int) -> None:
+def test_the_next_visitor_begins_with_the_first_scene(
+    code: str, at: int, alone_s: int, loads: int
+) -> None:
     asked: list[dict[str, object]] = []
     options = SimpleNamespace(kiosk=code, playlist_at=at)
     row = {"t_face_ns": SECOND_NS}
-    context = SimpleNamespace(options=options, row=row, request=lambda word, **more: asked.append({word: more}))
+    context = SimpleNamespace(
+        options=options, row=row, request=lambda word, **more: asked.append({word: more})
+    )
     scenes = SceneLoader(context, Notices())  # type: ignore[arg-type]
     for _ in range(3):  # asked for once, however often it is looked at
         scenes.serve((1 + alone_s) * SECOND_NS)
@@ -55,12 +60,18 @@ def test_the_picture_moves_with_nobody_there_and_keys_do_nothing_until_the_code_
     world: World, scene: Path, screen: Screen
 ) -> None:
     world.env |= {"DISPLAY": screen.name, "LFPIPE_KIOSK_CODE": "bye42"}
-    writer = cv2.VideoWriter(str(world.root / "empty.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (640, 480))
+    writer = cv2.VideoWriter(
+        str(world.root / "empty.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (640, 480)
+    )
     for _ in range(10):
         writer.write(np.full((480, 640, 3), 90, np.uint8))
     writer.release()
-    process = world.up(scene, "--kiosk", camera=f"file:{world.root}/empty.avi", display="fullscreen")
-    world.wait_for(lambda: len({line["view"]["left"][1] for line in world.lines()}) > 20, "views in motion")
+    process = world.up(
+        scene, "--kiosk", camera=f"file:{world.root}/empty.avi", display="fullscreen"
+    )
+    world.wait_for(
+        lambda: len({line["view"]["left"][1] for line in world.lines()}) > 20, "views in motion"
+    )
     world.xdotool("key", "q", "Escape", "m", "p", "F11", "plus")
     world.more_pictures(10)
     assert process.poll() is None and world.monitor()["config"]["render"]["anaglyph"] == "dubois"
@@ -68,7 +79,9 @@ def test_the_picture_moves_with_nobody_there_and_keys_do_nothing_until_the_code_
     world.ended(process)
 
 
-def test_the_unit_starts_it_again_and_quotes_what_systemd_would_expand(world: World, scene: Path) -> None:
+def test_the_unit_starts_it_again_and_quotes_what_systemd_would_expand(
+    world: World, scene: Path
+) -> None:
     odd = world.root / 'a "100 %" $HOME'
     scene_there = shutil.copytree(scene, odd)
     code = world.root / "code"
@@ -77,14 +90,28 @@ def test_the_unit_starts_it_again_and_quotes_what_systemd_would_expand(world: Wo
     assert done.returncode == 0, done.stderr
     unit = Path(done.stdout.strip())
     text = unit.read_text()
-    assert unit == world.root / "settings" / "systemd" / "user" / "lfpipe-kiosk.service" and "bye42" not in text
-    assert "Restart=always" in text and "RestartPreventExitStatus=0" in text and '"--kiosk" "--code-file"' in text
-    assert 'a \\"100 %%\\" $$HOME"' in text and "systemctl --user enable --now lfpipe-kiosk" in done.stderr
+    assert (
+        unit == world.root / "settings" / "systemd" / "user" / "lfpipe-kiosk.service"
+        and "bye42" not in text
+    )
+    assert (
+        "Restart=always" in text
+        and "RestartPreventExitStatus=0" in text
+        and '"--kiosk" "--code-file"' in text
+    )
+    assert (
+        'a \\"100 %%\\" $$HOME"' in text
+        and "systemctl --user enable --now lfpipe-kiosk" in done.stderr
+    )
     if shutil.which("systemd-analyze"):
-        checked = subprocess.run(["systemd-analyze", "--user", "verify", str(unit)], capture_output=True, text=True)
+        checked = subprocess.run(
+            ["systemd-analyze", "--user", "verify", str(unit)], capture_output=True, text=True
+        )
         assert "lfpipe-kiosk" not in checked.stderr, checked.stderr
     kept = world.root / "settings" / "lfpipe" / "kiosk-code"
     assert kept.read_text() == "bye42" and kept.stat().st_mode & 0o077 == 0
     for words in ((scene_there,), ("--code-file", code, "nowhere")):
         assert world.run("kiosk", "install", *words).returncode == 2
-    assert world.run("up", scene, "--kiosk", "--code-file", code, "--display", "none").returncode == 2
+    assert (
+        world.run("up", scene, "--kiosk", "--code-file", code, "--display", "none").returncode == 2
+    )

@@ -24,20 +24,29 @@ def calibrated(world: World, screen: Screen, node: Path, **optics: object) -> tu
 
 
 @pytest.mark.native("Video4Linux")
-def test_a_made_delay_is_found_through_the_real_window(world: World, screen: Screen, tmp_path: Path) -> None:
+def test_a_made_delay_is_found_through_the_real_window(
+    world: World, screen: Screen, tmp_path: Path
+) -> None:
     node = tmp_path / "video0"
     optics = {"screen_ms": 25.0, "camera_ms": 30.0, "exposure_ms": 12.0}
     code, out, err = calibrated(world, screen, node, **optics)
     assert code == 0, err
     truth_ms = optics["screen_ms"] + stamp_offset_ms(Optics("", **optics))
-    written = tomllib.loads((world.root / "settings" / "lfpipe" / "config.toml").read_text())["render"]
+    written = tomllib.loads((world.root / "settings" / "lfpipe" / "config.toml").read_text())[
+        "render"
+    ]
     low_ms, high_ms = map(float, re.findall(r"90 %: ([\d.]+) to ([\d.]+) ms", out)[0])
-    assert abs(written["loop_ms"] - truth_ms) < 1.5 and low_ms < written["loop_ms"] < high_ms, (out, truth_ms)
+    assert abs(written["loop_ms"] - truth_ms) < 1.5 and low_ms < written["loop_ms"] < high_ms, (
+        out,
+        truth_ms,
+    )
     assert str(node) in written["loop_measured"] and "160x120" in written["loop_measured"]
     assert "90 %" in out and "next session" in out
 
 
-def test_a_source_without_stamps_is_refused_and_nothing_is_written(world: World, screen: Screen) -> None:
+def test_a_source_without_stamps_is_refused_and_nothing_is_written(
+    world: World, screen: Screen
+) -> None:
     world.env["DISPLAY"] = screen.name
     done = world.run("calibrate", "--latency", "--camera", "demo")
     assert done.returncode == 2 and "no stamps" in done.stderr and "remedy" in done.stderr

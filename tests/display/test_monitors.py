@@ -15,7 +15,14 @@ import pytest
 from lfpipe import config
 from lfpipe.cli.launch import loop_lines
 from lfpipe.errors import UserError
-from lfpipe.render.monitors import Monitor, find_monitor, loop_conditions, loop_doubt, monitors, pixel_mm
+from lfpipe.render.monitors import (
+    Monitor,
+    find_monitor,
+    loop_conditions,
+    loop_doubt,
+    monitors,
+    pixel_mm,
+)
 from lfpipe.render.window import USUAL_MM, Window
 from tests.sway_screen import sway
 from tests.xvfb_screen import outline, x_server
@@ -45,11 +52,15 @@ Section "ServerFlags"
   Option "AutoAddDevices" "false"
 EndSection
 """
-XWININFO = pytest.mark.skipif(shutil.which("xwininfo") is None, reason="xwininfo is not installed (apt-get install x11-utils)")
+XWININFO = pytest.mark.skipif(
+    shutil.which("xwininfo") is None, reason="xwininfo is not installed (apt-get install x11-utils)"
+)
 GREY = np.full((240, 240, 3), 90, np.uint8)
 
 
-@pytest.mark.parametrize(("wanted", "number"), [("0", 0), ("2", 2), ("eDP-1", 0), ("edp", 0), ("27", 2), ("DP-1; 24", 1)])
+@pytest.mark.parametrize(
+    ("wanted", "number"), [("0", 0), ("2", 2), ("eDP-1", 0), ("edp", 0), ("27", 2), ("DP-1; 24", 1)]
+)
 def test_a_number_or_part_of_a_name(wanted: str, number: int) -> None:
     assert find_monitor(wanted, DESK).number == number
 
@@ -57,7 +68,9 @@ def test_a_number_or_part_of_a_name(wanted: str, number: int) -> None:
 def test_sizes_that_cannot_be_are_not_believed() -> None:
     assert pixel_mm((96.0, 96.0), 1920) == pytest.approx(508 / 1920)
     assert pixel_mm((0.0, 0.0), 1920) is None
-    assert pixel_mm((1920 * 25.4 / 160, 1080 * 25.4 / 90), 1920) is None, "160 x 90 mm is an aspect, no size"
+    assert pixel_mm((1920 * 25.4 / 160, 1080 * 25.4 / 90), 1920) is None, (
+        "160 x 90 mm is an aspect, no size"
+    )
     assert pixel_mm((96.0, 150.0), 1920) is None
 
 
@@ -66,15 +79,33 @@ def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """The name of an X server with a monitor of 1024x768 and one of 800x600 to its right."""
     for tool in ("Xorg", "xrandr"):
         if shutil.which(tool) is None:
-            pytest.skip(f"{tool} is not installed (apt-get install xserver-xorg-video-dummy x11-xserver-utils)")
+            pytest.skip(
+                f"{tool} is not installed (apt-get install xserver-xorg-video-dummy x11-xserver-utils)"
+            )
     folder = tmp_path_factory.mktemp("xorg")
     (folder / "xorg.conf").write_text(XORG)
-    command = ["Xorg", "-config", "xorg.conf", "-logfile", str(folder / "log"), "-novtswitch", "-sharevts"]
+    command = [
+        "Xorg",
+        "-config",
+        "xorg.conf",
+        "-logfile",
+        str(folder / "log"),
+        "-novtswitch",
+        "-sharevts",
+    ]
     with x_server(command, folder) as name:
-        more = ("--addmode DUMMY1 800x600", "--output DUMMY1 --mode 800x600 --pos 1024x0", "--query")  # which makes them known
-        run = functools.partial(subprocess.run, env={**os.environ, "DISPLAY": name}, capture_output=True)
+        more = (
+            "--addmode DUMMY1 800x600",
+            "--output DUMMY1 --mode 800x600 --pos 1024x0",
+            "--query",
+        )  # which makes them known
+        run = functools.partial(
+            subprocess.run, env={**os.environ, "DISPLAY": name}, capture_output=True
+        )
         if name == ":" or any(run(["xrandr", *words.split()]).returncode for words in more):
-            pytest.skip("Xorg with the driver dummy does not start here (apt-get install xserver-xorg-video-dummy)")
+            pytest.skip(
+                "Xorg with the driver dummy does not start here (apt-get install xserver-xorg-video-dummy)"
+            )
         yield name
 
 
@@ -99,7 +130,11 @@ def press(window: Window, key: str) -> None:
 )  # fmt: skip
 @pytest.mark.parametrize("fullscreen", [True, False])
 def test_the_chosen_monitor(
-    x_with_two: str, monitor: str, whole: tuple[int, ...], windowed: tuple[int, ...], fullscreen: bool
+    x_with_two: str,
+    monitor: str,
+    whole: tuple[int, ...],
+    windowed: tuple[int, ...],
+    fullscreen: bool,
 ) -> None:
     window = Window((240, 240), "lfpipe: a test", fullscreen, monitor)
     try:
@@ -108,7 +143,9 @@ def test_the_chosen_monitor(
             assert outline("lfpipe: a test", x_with_two) == (whole if now else windowed)
             press(window, "f")
         share = window.width_mm() / USUAL_MM  # type: ignore[operator]
-        assert share == pytest.approx(window._shown_px / window.monitor.width, rel=0.01), "this server tells no size: 24 inches"
+        assert share == pytest.approx(window._shown_px / window.monitor.width, rel=0.01), (
+            "this server tells no size: 24 inches"
+        )
         if not fullscreen:
             window._asked_monitor = ""  # as if the person had dragged it there
             press(window, "f")
@@ -128,9 +165,15 @@ def test_monitors_are_listed_by_name_and_place(x_with_two: str) -> None:
         Window((64, 64), "", monitor="3")
 
 
-@pytest.mark.skipif(shutil.which("sway") is None, reason="sway is not installed (apt-get install sway)")
-def test_on_a_desktop_that_scales_pixels_are_the_screens_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("SDL_FRAMEBUFFER_ACCELERATION", raising=False)  # as the tests on X have set it
+@pytest.mark.skipif(
+    shutil.which("sway") is None, reason="sway is not installed (apt-get install sway)"
+)
+def test_on_a_desktop_that_scales_pixels_are_the_screens_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.delenv(
+        "SDL_FRAMEBUFFER_ACCELERATION", raising=False
+    )  # as the tests on X have set it
     with sway(1280, 800, 60, scale=2) as name:
         monkeypatch.setenv("WAYLAND_DISPLAY", name)
         monkeypatch.setenv("SDL_VIDEODRIVER", "wayland")
@@ -138,7 +181,9 @@ def test_on_a_desktop_that_scales_pixels_are_the_screens_own(monkeypatch: pytest
         try:
             window.show(np.full((400, 500, 3), 90, np.uint8))
             share = window.width_mm() / USUAL_MM  # type: ignore[operator]
-            assert monitors()[0].width == 640 < window._shown_px and share == pytest.approx(window._shown_px / 1280, rel=0.01)
+            assert monitors()[0].width == 640 < window._shown_px and share == pytest.approx(
+                window._shown_px / 1280, rel=0.01
+            )
         finally:
             window.close()
 
@@ -166,7 +211,9 @@ def measured(camera: str = CAMERA, **changes: object) -> config.Config:
         (CAMERA, {"render.loop_measured": ""}, DESK, "set by hand"),
     ],
 )
-def test_what_changed_is_named(camera: str, changes: dict[str, object], desk: list[Monitor], named: str) -> None:
+def test_what_changed_is_named(
+    camera: str, changes: dict[str, object], desk: list[Monitor], named: str
+) -> None:
     doubt = loop_doubt(measured(**changes), camera, desk)
     assert named in doubt if named else not doubt
 
@@ -178,4 +225,7 @@ def test_up_says_whether_the_delay_is_trusted(monkeypatch: pytest.MonkeyPatch) -
     changed = config.updated(known, {"camera.rate_hz": 60})
     (line,) = loop_lines(changed, "demo", "window")
     assert "doubtful: measured with demo" in line and "calibrate --latency" in line
-    assert loop_lines(changed, "demo", "none") == [] and loop_lines(config.Config(), "demo", "window") == []
+    assert (
+        loop_lines(changed, "demo", "none") == []
+        and loop_lines(config.Config(), "demo", "window") == []
+    )

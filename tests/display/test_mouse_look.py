@@ -31,7 +31,9 @@ class Session:
         self.mouse = MouseLook(Config(), self.viewer, ring if alone else None)  # type: ignore[arg-type]
         self.t_ns = 10**9
 
-    def cols(self, pointer: Pointer, refreshes: int = 90, camera: EyesRecord | None = None) -> list[float]:
+    def cols(
+        self, pointer: Pointer, refreshes: int = 90, camera: EyesRecord | None = None
+    ) -> list[float]:
         """The column between both eyes at each refresh with the pointer there."""
         columns = []
         for _ in range(refreshes):
@@ -51,7 +53,10 @@ def test_edge_to_edge_of_the_window_is_edge_to_edge_of_the_grid_without_a_jump()
     way = session.cols(Pointer(0.0, 0.5))
     assert way[-1] < 1.5 and max(np.abs(np.diff(way))) < 0.6
     assert session.cols(Pointer(1.0, 0.5), 400)[-1] > 6.5
-    rows = [session.cols(Pointer(0.5, y), 200) and session.viewer.last_viewpoints.left[0] for y in (0.0, 1.0)]  # type: ignore[union-attr]
+    rows = [
+        session.cols(Pointer(0.5, y), 200) and session.viewer.last_viewpoints.left[0]
+        for y in (0.0, 1.0)
+    ]  # type: ignore[union-attr]
     assert rows[0] < 1 and rows[1] > 3
 
 
@@ -89,7 +94,9 @@ def test_the_right_button_takes_over_from_a_camera_and_gives_it_back_without_a_j
 
 @pytest.mark.timeout(300)
 @needs_xdotool
-def test_a_session_of_the_mouse_needs_no_camera_is_recorded_and_played_again(world: World, scene: Path, screen: Screen) -> None:
+def test_a_session_of_the_mouse_needs_no_camera_is_recorded_and_played_again(
+    world: World, scene: Path, screen: Screen
+) -> None:
     """The recording holds the eyes; two replays agree bit by bit, and a session follows them as it followed the mouse."""
     world.env["DISPLAY"], out = screen.name, world.root / "rec"
     process = world.up(scene, camera="mouse", display="fullscreen")
@@ -110,7 +117,9 @@ def test_a_session_of_the_mouse_needs_no_camera_is_recorded_and_played_again(wor
     world.ctl("record", "start", out)
 
     def recorded_frames() -> int:
-        return (out / "frames.jsonl").read_text().count("\n") if (out / "frames.jsonl").exists() else 0
+        return (
+            (out / "frames.jsonl").read_text().count("\n") if (out / "frames.jsonl").exists() else 0
+        )
 
     world.wait_for(recorded_frames, "first frame of the recording")
     moves = " ".join(f"mousemove {x} 500 sleep 0.03" for x in range(300, 1200, 30))
@@ -118,7 +127,9 @@ def test_a_session_of_the_mouse_needs_no_camera_is_recorded_and_played_again(wor
     moved = recorded_frames()
     world.wait_for(lambda: recorded_frames() > max(60, moved), "recording of the motion")
     states = {name: stage["state"] for name, stage in world.monitor()["stages"].items()}
-    assert states.pop("render") == states.pop("record") == "RUNNING" and set(states.values()) == {"NONE"}
+    assert states.pop("render") == states.pop("record") == "RUNNING" and set(states.values()) == {
+        "NONE"
+    }
     world.ctl("record", "stop")
     world.wait_for(lambda: json.loads((out / "manifest.json").read_text())["complete"], "manifest")
     world.ctl("stop")
@@ -127,7 +138,10 @@ def test_a_session_of_the_mouse_needs_no_camera_is_recorded_and_played_again(wor
     recorded = open_sequence(out)
     known = {line["t_sensor_ns"]: line for line in world.lines()}
     for packet in recorded.packets:
-        line, (left, right) = known[packet.t_sensor_ns], recorded.eyes(packet.seq)["raw_px"].tolist()
+        line, (left, right) = (
+            known[packet.t_sensor_ns],
+            recorded.eyes(packet.seq)["raw_px"].tolist(),
+        )
         assert line["eyes_raw"] == {"left": left, "right": right}
     digests = []
     for name in ("one", "two"):
@@ -135,14 +149,24 @@ def test_a_session_of_the_mouse_needs_no_camera_is_recorded_and_played_again(wor
         assert done.returncode == 0, done.stderr
         digests.append(json.loads((world.root / name / "report.json").read_text())["digests"])
     assert digests[0] == digests[1]
-    lines = [json.loads(line) for line in (world.root / "one" / "trace.jsonl").read_text().splitlines()]
-    assert len(lines) == len(recorded.packets) and np.ptp([line["view"]["left"][1] for line in lines]) > 0.5
+    lines = [
+        json.loads(line) for line in (world.root / "one" / "trace.jsonl").read_text().splitlines()
+    ]
+    assert (
+        len(lines) == len(recorded.packets)
+        and np.ptp([line["view"]["left"][1] for line in lines]) > 0.5
+    )
     played = world.root / "played.jsonl"
-    done = world.run("up", scene, "--camera", f"file:{out}?loop=0", "--display", "none", "--trace", played)
+    done = world.run(
+        "up", scene, "--camera", f"file:{out}?loop=0", "--display", "none", "--trace", played
+    )
     assert done.returncode == 0, done.stderr
     again = world.root / "again"
     assert world.run("record", again, "--camera", f"file:{out}?loop=0&pace=max").returncode == 0
-    assert all(np.array_equal(open_sequence(again).eyes(k), recorded.eyes(k)) for k in range(len(recorded.packets)))
+    assert all(
+        np.array_equal(open_sequence(again).eyes(k), recorded.eyes(k))
+        for k in range(len(recorded.packets))
+    )
     eyes = {tuple(json.loads(line)["eyes_raw"]["left"]) for line in played.read_text().splitlines()}
     assert len(eyes) > 10 and eyes <= {tuple(line["eyes_raw"]["left"]) for line in lines}
 

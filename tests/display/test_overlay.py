@@ -38,7 +38,9 @@ class Screened(OverlayView):
         self.draw()
 
     def draw(self) -> Panel:
-        return next(panel for panel in self.panels(self.size, max(22, self.size[1] // 50)) if panel.cells)
+        return next(
+            panel for panel in self.panels(self.size, max(22, self.size[1] // 50)) if panel.cells
+        )
 
     def move(self, kind: int, x: int, y: int) -> str:
         return self.mouse(SimpleNamespace(type=kind, button=1), (x, y))  # type: ignore[arg-type]
@@ -50,11 +52,15 @@ class Screened(OverlayView):
 
     def clicked(self) -> Iterator[str]:
         """What clicks all over the window cause."""
-        return (self.click(x, y) for x in range(2, self.size[0], 7) for y in range(2, self.size[1], 7))
+        return (
+            self.click(x, y) for x in range(2, self.size[0], 7) for y in range(2, self.size[1], 7)
+        )
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_every_entry_of_the_bar_can_be_clicked_and_the_middle_is_free(size: tuple[int, int]) -> None:
+def test_every_entry_of_the_bar_can_be_clicked_and_the_middle_is_free(
+    size: tuple[int, int],
+) -> None:
     screened = Screened(size, Overlay(bar=BAR))
     bar = screened.draw()
     assert (
@@ -62,7 +68,10 @@ def test_every_entry_of_the_bar_can_be_clicked_and_the_middle_is_free(size: tupl
         and bar.surface.get_height() <= 1.2 * BAR_SHARE * size[1]
         and bar.at[1] + bar.surface.get_height() == size[1]
     )
-    assert {event.partition(" ")[0] for event in screened.clicked()} == {"", *(item.event for item in BAR)}
+    assert {event.partition(" ")[0] for event in screened.clicked()} == {
+        "",
+        *(item.event for item in BAR),
+    }
 
 
 def test_every_entry_shows_its_key_and_what_a_session_lacks_is_left_out() -> None:
@@ -72,7 +81,9 @@ def test_every_entry_shows_its_key_and_what_a_session_lacks_is_left_out() -> Non
     assert len(fewer) == len(BAR) - 2 and any(item.warns for item in fewer)
 
 
-def test_the_bar_goes_by_itself_but_not_while_the_slider_is_held(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_bar_goes_by_itself_but_not_while_the_slider_is_held(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     screened = Screened((1920, 1080), Overlay(bar=BAR))
     _, rect = next(cell for cell in screened.draw().cells if cell[0].event == DEPTH)
     y = screened.draw().at[1] + rect.centery
@@ -96,15 +107,26 @@ def test_each_kind_of_glasses_can_be_clicked_above_the_notices(size: tuple[int, 
     assert len(panels) == 2 and not panels[0].colliderect(panels[1])
     assert all(pygame.Rect((0, 0), size).contains(panel) for panel in panels)
     assert set(screened.clicked()) == {"", *(item.event for item in menu.items)}
-    assert [screened.key(key) for key in ("enter", "more", "enter")] == ["wear mono", "", "wear dubois"]
+    assert [screened.key(key) for key in ("enter", "more", "enter")] == [
+        "wear mono",
+        "",
+        "wear dubois",
+    ]
 
 
 @settings(max_examples=20)
 @given(
-    st.integers(1, 40), st.tuples(st.integers(120, 1400), st.integers(120, 900)), st.lists(st.sampled_from(ARROWS), max_size=30)
+    st.integers(1, 40),
+    st.tuples(st.integers(120, 1400), st.integers(120, 900)),
+    st.lists(st.sampled_from(ARROWS), max_size=30),
 )
-def test_the_selected_item_is_on_the_page(count: int, size: tuple[int, int], keys: list[str]) -> None:
-    items = tuple(Item(f"scene {k}", f"load /{k}", picture=np.zeros((6, 8, 3), np.uint8)) for k in range(count))
+def test_the_selected_item_is_on_the_page(
+    count: int, size: tuple[int, int], keys: list[str]
+) -> None:
+    items = tuple(
+        Item(f"scene {k}", f"load /{k}", picture=np.zeros((6, 8, 3), np.uint8))
+        for k in range(count)
+    )
     screened = Screened(size, Overlay(menu=Menu("", "a hint", items, count // 2)))
     for key in keys:
         assert screened.key(key) == ""
@@ -116,23 +138,35 @@ def test_the_selected_item_is_on_the_page(count: int, size: tuple[int, int], key
     assert screened.key("enter") == selected or selected == items[-1].event
     screened.draw()
     remaining = len(items[:-1] or items)
-    assert len({screened.key("more") or screened.key("enter") for _ in range(remaining)}) == remaining, "one key reaches all"
+    assert (
+        len({screened.key("more") or screened.key("enter") for _ in range(remaining)}) == remaining
+    ), "one key reaches all"
 
 
 def test_escape_closes_what_is_over_the_picture_then_leaves_the_full_screen() -> None:
     view = OverlayView()
-    for overlay, event in ((Overlay(HELP), "close"), (Overlay(menu=glasses_menu("mono")), "close"), (Overlay(), "escape")):
+    for overlay, event in (
+        (Overlay(HELP), "close"),
+        (Overlay(menu=glasses_menu("mono")), "close"),
+        (Overlay(), "escape"),
+    ):
         view.set(overlay)
         assert view.key("escape") == event
 
 
-def test_the_bar_comes_with_the_mouse_and_a_click_is_a_key(window: Callable[..., Display], screen: Screen) -> None:  # noqa: F811
+def test_the_bar_comes_with_the_mouse_and_a_click_is_a_key(
+    window: Callable[..., Display], screen: Screen
+) -> None:  # noqa: F811
     display = window((700, 500))
     display.show(GREY)
     display.overlay(Overlay(bar=BAR))
-    pygame.event.post(pygame.event.Event(pygame.MOUSEMOTION, pos=(350, 200), rel=(1, 1), buttons=(0, 0, 0)))
+    pygame.event.post(
+        pygame.event.Event(pygame.MOUSEMOTION, pos=(350, 200), rel=(1, 1), buttons=(0, 0, 0))
+    )
     assert becomes(lambda: bool((screen.shown()[470:] == 255).any()), display)
     assert (screen.shown()[:350] == 90).all()
     for name in (pygame.MOUSEMOTION, pygame.MOUSEBUTTONDOWN):
-        pygame.event.post(pygame.event.Event(name, pos=(12, 440), rel=(1, 1), buttons=(0, 0, 0), button=1))
+        pygame.event.post(
+            pygame.event.Event(name, pos=(12, 440), rel=(1, 1), buttons=(0, 0, 0), button=1)
+        )
     assert pressed(display) == ["choose"] and not display.pointer.left

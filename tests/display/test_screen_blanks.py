@@ -26,12 +26,18 @@ def test_a_session_names_who_tells_when_its_pictures_were_shown(
     if system == "x":
         world.env["DISPLAY"], reporters = request.getfixturevalue("screen").name, {"x_present"}
     else:  # which of them depends on the version of wlroots
-        world.env |= {"WAYLAND_DISPLAY": request.getfixturevalue("wayland"), "SDL_VIDEODRIVER": "wayland"}
+        world.env |= {
+            "WAYLAND_DISPLAY": request.getfixturevalue("wayland"),
+            "SDL_VIDEODRIVER": "wayland",
+        }
         reporters = {"wp_presentation", "wl_surface.frame"}
     world.up(scene, display="window")
     lines = world.pictures(60)
     named = [line["presented_by"] for line in lines]
-    assert set(named) <= reporters | {"handover", "replaced"} and named.count("handover") < len(named) / 2
+    assert (
+        set(named) <= reporters | {"handover", "replaced"}
+        and named.count("handover") < len(named) / 2
+    )
     assert all(b["seq"] == a["seq"] + 1 for a, b in pairwise(lines)), "in their order, each of them"
     seen = [line for line in lines if line["composed"] and line["presented_by"] != "replaced"]
     assert all(-20e6 <= line["t_presented_ns"] - line["t_composed_ns"] < 1e9 for line in seen)

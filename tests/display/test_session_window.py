@@ -15,7 +15,13 @@ from tests.world import World, write_scene
 from tests.xdnd import drop
 from tests.xvfb_screen import Screen, needs_xdotool, outline
 
-PLAIN = ("render.method=nearest", "render.alpha_px=20", "render.anaglyph=colour", "render.light=gamma", "render.clock=camera")
+PLAIN = (
+    "render.method=nearest",
+    "render.alpha_px=20",
+    "render.anaglyph=colour",
+    "render.light=gamma",
+    "render.clock=camera",
+)
 GRID_MIDDLE = [13, 13, 37]  # BGR of the middle view
 
 
@@ -27,7 +33,9 @@ def expected(line: dict[str, dict[str, list[float]]]) -> list[int]:
 
 @pytest.mark.everyday
 @needs_xdotool
-def test_the_planes_on_the_screen_come_from_the_right_views(world: World, scene: Path, screen: Screen) -> None:
+def test_the_planes_on_the_screen_come_from_the_right_views(
+    world: World, scene: Path, screen: Screen
+) -> None:
     world.env["DISPLAY"] = screen.name
     second = write_scene(world.root / "second", 2, 2)
     process = world.up(scene, second, *(f"--set={text}" for text in PLAIN), display="window")
@@ -36,28 +44,43 @@ def test_the_planes_on_the_screen_come_from_the_right_views(world: World, scene:
     press("y")  # takes the hint away, which else goes by itself
     for _ in range(10):
         world.ctl("pause")
-        world.wait_for(lambda: _steady(world, screen) == expected(world.lines()[-1]), "the picture that the trace names")
+        world.wait_for(
+            lambda: _steady(world, screen) == expected(world.lines()[-1]),
+            "the picture that the trace names",
+        )
         line = world.lines()[-1]
         if line["view"]["left"] != line["view"]["right"]:
             break
         world.ctl("resume")  # both eyes beyond the edge see the same view
     else:
         pytest.fail("the eyes see the same view: this test shows nothing")
-    for exchange in (lambda word: world.ctl("set", f"scene.half_turn={word}"), lambda _: press("d")):
+    for exchange in (
+        lambda word: world.ctl("set", f"scene.half_turn={word}"),
+        lambda _: press("d"),
+    ):
         _exchange_near_and_far(world, screen, exchange)
     world.ctl("resume")
     for key, changed in (("plus", 22.0), ("minus", 20.0)):
         press(key)
         world.wait_for(lambda changed=changed: _alpha(world) == changed, f"alpha of {changed}")
     press("o")
-    world.wait_for(lambda: bool((screen.picture() == 255).all(axis=-1).any()), "white letters of the overlay")
+    world.wait_for(
+        lambda: bool((screen.picture() == 255).all(axis=-1).any()), "white letters of the overlay"
+    )
     press("o", "g")
-    world.wait_for(lambda: _letters(screen) == ("left", "right"), "L for the left eye and R for the right one")
+    world.wait_for(
+        lambda: _letters(screen) == ("left", "right"), "L for the left eye and R for the right one"
+    )
     press("x")
     world.wait_for(lambda: _letters(screen) == ("right", "left"), "the eyes swapped")
     press("g")
     kept = world.root / "settings" / "lfpipe" / "config.toml"
-    world.wait_for(lambda: kept.exists() and tomllib.loads(kept.read_text()) == {"render": {"swap_eyes": True}}, "settings kept")
+    world.wait_for(
+        lambda: (
+            kept.exists() and tomllib.loads(kept.read_text()) == {"render": {"swap_eyes": True}}
+        ),
+        "settings kept",
+    )
     _choose(world, screen)
     _drop(world, screen)
     press("q")
@@ -76,10 +99,17 @@ def _exchange_near_and_far(world: World, screen: Screen, exchange: Callable[[str
 
         def turned(last: float = last) -> list[int]:
             eyes = world.lines()[-1]["view"]
-            return expected({"view": {eye: [abs(last - at) for at in place] for eye, place in eyes.items()}})
+            return expected(
+                {"view": {eye: [abs(last - at) for at in place] for eye, place in eyes.items()}}
+            )
 
-        world.wait_for(lambda turned=turned: _steady(world, screen) == turned(), f"the picture with half_turn={word}")
-        assert [file.read_text() for file in (world.root / "state" / "lfpipe" / "half_turns").iterdir()] == [word]
+        world.wait_for(
+            lambda turned=turned: _steady(world, screen) == turned(),
+            f"the picture with half_turn={word}",
+        )
+        assert [
+            file.read_text() for file in (world.root / "state" / "lfpipe" / "half_turns").iterdir()
+        ] == [word]
 
 
 def _steady(world: World, screen: Screen) -> list[int] | None:
@@ -95,17 +125,26 @@ def _choose(world: World, screen: Screen) -> None:
     """Keys go to the next scene and back. Thumbnails appear over the picture; arrow and Enter, or a click, choose one."""
     for key, name in (("Page_Down", "second"), ("Page_Up", "grid")):
         world.xdotool("key", key)
-        world.wait_for(lambda name=name: outline(f"lfpipe: {name}", screen.name), f"the title of {name}")
+        world.wait_for(
+            lambda name=name: outline(f"lfpipe: {name}", screen.name), f"the title of {name}"
+        )
     second = cv2.imread(str(world.root / "second" / "view_01_01.png"))[0, 0].tolist()
     world.xdotool("key", "Tab")
     world.wait_for(lambda: _count(screen, GRID_MIDDLE) > 5000, "the thumbnail of the scene shown")
     world.xdotool("key", "Right", "Return")
-    world.wait_for(lambda: outline("lfpipe: second", screen.name), "the title of the scene that was chosen")
+    world.wait_for(
+        lambda: outline("lfpipe: second", screen.name), "the title of the scene that was chosen"
+    )
     world.xdotool("key", "Tab")
-    world.wait_for(lambda: _count(screen, GRID_MIDDLE) > 5000 and _count(screen, second) > 5000, "both thumbnails")
+    world.wait_for(
+        lambda: _count(screen, GRID_MIDDLE) > 5000 and _count(screen, second) > 5000,
+        "both thumbnails",
+    )
     rows, cols = np.nonzero((screen.picture() == GRID_MIDDLE).all(axis=-1))
     world.xdotool("mousemove", int(cols.mean()), int(rows.mean()), "click", 1)
-    world.wait_for(lambda: outline("lfpipe: grid", screen.name), "the title of the scene that was clicked")
+    world.wait_for(
+        lambda: outline("lfpipe: grid", screen.name), "the title of the scene that was clicked"
+    )
 
 
 def _count(screen: Screen, colour: list[int]) -> int:
@@ -119,17 +158,24 @@ def _drop(world: World, screen: Screen) -> None:
     (world.root / "letters" / "letter.txt").write_text("Dear ...")
     title = "lfpipe: grid"
     drop(world.root / "letters", title, screen.name)
-    world.wait_for(lambda: (screen.shown()[-60:] == 255).all(axis=-1).any(), "the refusal below the picture")
+    world.wait_for(
+        lambda: (screen.shown()[-60:] == 255).all(axis=-1).any(), "the refusal below the picture"
+    )
     other = write_scene(world.root / "my other scene", 2, 3)
     drop(other, title, screen.name)
-    world.wait_for(lambda: outline("lfpipe: my other scene", screen.name), "the title of the scene that was dropped")
+    world.wait_for(
+        lambda: outline("lfpipe: my other scene", screen.name),
+        "the title of the scene that was dropped",
+    )
 
 
 def _letters(screen: Screen) -> tuple[str, ...]:
     """The eye that sees the letter in the left half of the window, and in the right half: "colour" gives red to the left eye."""
     shown = screen.shown()[60:-120].astype(int)
     middle, eyes = shown.shape[1] // 2, []
-    for half in (shown[:, 40 : middle - 40], shown[:, middle + 40 : -40]) if len(shown) > 140 else ():
+    for half in (
+        (shown[:, 40 : middle - 40], shown[:, middle + 40 : -40]) if len(shown) > 140 else ()
+    ):
         red, cyan = int(np.ptp(half[..., 2])), int(np.ptp(half[..., 1]))
         eyes.append("left" if red > 100 > cyan else "right" if cyan > 100 > red else "?")
     return tuple(eyes)
@@ -147,24 +193,36 @@ def test_without_a_screen_it_is_the_help(world: World) -> None:
 @needs_xdotool
 def test_scenes_shown_before_are_there_to_choose_from(world: World, screen: Screen) -> None:
     world.env |= {"DISPLAY": screen.name, "LFPIPE_SESSION": world.name}
-    write_scene(world.root / "cache" / "lfpipe" / "demo" / NAME, 2, 2)  # the real one takes half a minute to make
+    write_scene(
+        world.root / "cache" / "lfpipe" / "demo" / NAME, 2, 2
+    )  # the real one takes half a minute to make
     recent = [write_scene(world.root / f"shown before {k}", 1, 2 + k) for k in (1, 2)]
     kept = world.root / "state" / "lfpipe" / "recent_scenes.json"
     kept.parent.mkdir(parents=True)
     kept.write_text(json.dumps([*map(str, recent), str(world.root / "gone")]))
     settings = world.root / "settings" / "lfpipe" / "config.toml"
     process = world.start()
-    world.wait_for(lambda: outline(f"lfpipe: {NAME} (h shows the keys, g tests your glasses)", screen.name), "window")
+    world.wait_for(
+        lambda: outline(f"lfpipe: {NAME} (h shows the keys, g tests your glasses)", screen.name),
+        "window",
+    )
     world.xdotool("key", "Left", "Return")  # no glasses
     world.wait_for(lambda: settings.exists() and "mono" in settings.read_text(), "an answer")
     face = world.wait_for(lambda: _skin(screen), "what the camera sees")
     assert face > 200
     for colour in ([5, 13, 13], [5, 21, 21]):  # BGR of their middle views
-        world.wait_for(lambda colour=colour: (screen.picture() == colour).all(axis=-1).sum() > 1000, "a scene that is not packed")
+        world.wait_for(
+            lambda colour=colour: (screen.picture() == colour).all(axis=-1).sum() > 1000,
+            "a scene that is not packed",
+        )
     world.xdotool("key", *["Right"] * 4, "Return")
-    world.wait_for(lambda: outline("lfpipe: shown before 2", screen.name), "the scene that was chosen")
+    world.wait_for(
+        lambda: outline("lfpipe: shown before 2", screen.name), "the scene that was chosen"
+    )
     newest_first = [str(recent[1]), str(recent[0])]
-    world.wait_for(lambda: json.loads(kept.read_text())[:2] == newest_first, "the list of recent scenes")
+    world.wait_for(
+        lambda: json.loads(kept.read_text())[:2] == newest_first, "the list of recent scenes"
+    )
     world.xdotool("key", "q")
     assert "no camera found" in world.ended(process)
 

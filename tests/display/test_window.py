@@ -47,7 +47,9 @@ def noise(width: int, height: int, seed: int = 3) -> np.ndarray:
     return np.random.default_rng(seed).integers(1, 256, (height, width, 3), np.uint8)
 
 
-def test_the_screen_shows_each_picture_to_the_bit(window: Callable[..., Display], screen: Screen) -> None:
+def test_the_screen_shows_each_picture_to_the_bit(
+    window: Callable[..., Display], screen: Screen
+) -> None:
     display = window((641, 479))
     for seed in (1, 2, 3):
         picture = noise(641, 479, seed)
@@ -66,7 +68,9 @@ def test_a_small_picture_is_scaled_up_whole(window: Callable[..., Display], scre
     assert corners == [[0, 0, 200], [0, 150, 0], [100, 0, 0]]
 
 
-def test_lines_stand_at_the_top_and_notices_at_the_bottom_and_go_again(window: Callable[..., Display], screen: Screen) -> None:
+def test_lines_stand_at_the_top_and_notices_at_the_bottom_and_go_again(
+    window: Callable[..., Display], screen: Screen
+) -> None:
     display = window((700, 500))
     display.show(GREY)
     odd = "sc\udce8ne\0"  # names of files that no font has letters for
@@ -87,8 +91,12 @@ def test_lines_stand_at_the_top_and_notices_at_the_bottom_and_go_again(window: C
     assert becomes(lambda: outline("lfpipe: bunny", screen.name) is not None, display)
 
 
-def test_rows_of_two_views_are_rows_of_the_screen(window: Callable[..., Display], screen: Screen) -> None:
-    left, right = (np.full((50, 70, 3), colour, np.uint8) for colour in ((10, 20, 200), (220, 120, 30)))
+def test_rows_of_two_views_are_rows_of_the_screen(
+    window: Callable[..., Display], screen: Screen
+) -> None:
+    left, right = (
+        np.full((50, 70, 3), colour, np.uint8) for colour in ((10, 20, 200), (220, 120, 30))
+    )
     display = window((70, 50))
     display.show(left, (left, right), "row-interleaved")
     assert becomes(lambda: bool((screen.shown()[0] != screen.shown()[1]).any()), display)
@@ -106,12 +114,19 @@ def test_rows_of_two_views_are_rows_of_the_screen(window: Callable[..., Display]
     assert (screen.shown()[:, -5] == (220, 120, 30)).all()
 
 
-def test_what_is_dropped_is_named_and_a_name_that_is_no_text_ends_nothing(window: Callable[..., Display], screen: Screen) -> None:
+def test_what_is_dropped_is_named_and_a_name_that_is_no_text_ends_nothing(
+    window: Callable[..., Display], screen: Screen
+) -> None:
     display = window((640, 480))
     display.show(noise(640, 480))
     with ThreadPoolExecutor(1) as pool:
-        for name, event in ((b"/tmp/sc\xe8ne", "load"), ("/tmp/a schöne b".encode(), "load /tmp/a schöne b")):
-            dropped = pool.submit(drop, Path(os.fsdecode(name)), f"lfpipe: a test ({HINT})", screen.name)
+        for name, event in (
+            (b"/tmp/sc\xe8ne", "load"),
+            ("/tmp/a schöne b".encode(), "load /tmp/a schöne b"),
+        ):
+            dropped = pool.submit(
+                drop, Path(os.fsdecode(name)), f"lfpipe: a test ({HINT})", screen.name
+            )
             assert pressed(display) == [event]
             dropped.result()
 
@@ -143,13 +158,26 @@ def test_every_key_arrives_and_keys_without_meaning_do_not(window: Callable[...,
         "bracketright": "depth+",
         "space": "freeze",
     }
-    keys |= {"bracketleft": "depth-", "minus": "alpha-", "Left": "less", "Right": "more", "Tab": "choose", "Next": "next"}
-    keys |= {key: event for key, event in EVENTS.items() if len(key) == 1 and key.isalpha() and key not in "fh"}
+    keys |= {
+        "bracketleft": "depth-",
+        "minus": "alpha-",
+        "Left": "less",
+        "Right": "more",
+        "Tab": "choose",
+        "Next": "next",
+    }
+    keys |= {
+        key: event
+        for key, event in EVENTS.items()
+        if len(key) == 1 and key.isalpha() and key not in "fh"
+    }
     press("y", "F5", "Insert", "Escape", *keys)
     assert pressed(display, len(keys)) == list(keys.values())
 
 
-def test_help_lists_every_key_over_the_picture(window: Callable[..., Display], screen: Screen) -> None:
+def test_help_lists_every_key_over_the_picture(
+    window: Callable[..., Display], screen: Screen
+) -> None:
     display = window((700, 500))
     display.show(GREY)
 
@@ -171,6 +199,8 @@ def test_full_screen_keeps_the_aspect_with_black_bars_and_goes_back_with_the_las
     for key, side_px in (("f", 800), ("f", 640), ("F11", 800), ("Escape", 640), ("f", 800)):
         press(key)
         assert pressed(display) == ["fullscreen"]
-        assert becomes(lambda side_px=side_px: screen.shown().shape == (side_px, side_px, 3), display)
+        assert becomes(
+            lambda side_px=side_px: screen.shown().shape == (side_px, side_px, 3), display
+        )
     assert (screen.shown() == colour).all()
     assert not screen.picture()[:, :240].any() and not screen.picture()[:, 1040:].any()

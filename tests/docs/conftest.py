@@ -10,7 +10,9 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-BUILD = "import sys; from hatchling import build; getattr(build, 'build_' + sys.argv[1])(sys.argv[2])"
+BUILD = (
+    "import sys; from hatchling import build; getattr(build, 'build_' + sys.argv[1])(sys.argv[2])"
+)
 
 
 def blocks(page: str, language: str = "python") -> list[str]:
@@ -25,13 +27,26 @@ def fresh(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("fresh")
 
     def run(*words: str | Path, cwd: Path = folder) -> None:
-        done = subprocess.run(words, cwd=cwd, capture_output=True, text=True, env={"PATH": "/usr/bin:/bin", "HOME": str(folder)})
+        done = subprocess.run(
+            words,
+            cwd=cwd,
+            capture_output=True,
+            text=True,
+            env={"PATH": "/usr/bin:/bin", "HOME": str(folder)},
+        )
         assert done.returncode == 0, done.stderr
 
     run(sys.executable, "-c", BUILD, "sdist", folder, cwd=ROOT)
     with tarfile.open(next(folder.glob("*.tar.gz"))) as archive:
         archive.extractall(folder, filter="data")
-    run(sys.executable, "-c", BUILD, "wheel", folder, cwd=next(path for path in folder.iterdir() if path.is_dir()))
+    run(
+        sys.executable,
+        "-c",
+        BUILD,
+        "wheel",
+        folder,
+        cwd=next(path for path in folder.iterdir() if path.is_dir()),
+    )
     run(sys.executable, "-m", "venv", folder / "env")
     python = folder / "env" / "bin" / "python"
     run(python, "-m", "pip", "install", "-q", "--no-deps", "--no-index", next(folder.glob("*.whl")))

@@ -18,7 +18,9 @@ PROGRAMS = [block for block in blocks("docs/python.md") if block.count("\n") > 2
 
 def run(world: World, python: Path, *words: str | Path) -> str:
     """What a program prints. The package comes from the environment of python, not from the checkout."""
-    env = {key: value for key, value in world.env.items() if key != "PYTHONPATH"} | {"MPLBACKEND": "agg"}
+    env = {key: value for key, value in world.env.items() if key != "PYTHONPATH"} | {
+        "MPLBACKEND": "agg"
+    }
     env["PATH"] = f"{python.parent}{os.pathsep}{os.environ['PATH']}"
     done = subprocess.run(words, capture_output=True, text=True, cwd=world.root, env=env)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -36,13 +38,17 @@ def run(world: World, python: Path, *words: str | Path) -> str:
         ("record_and_replay.sh SCENE demo", "matches reference"),
     ],
 )
-def test_a_program_runs(world: World, fresh: Path, scene: Path, clip: Path, words: str, printed: str) -> None:
+def test_a_program_runs(
+    world: World, fresh: Path, scene: Path, clip: Path, words: str, printed: str
+) -> None:
     places = {"SCENE": scene, "VIDEO": clip, "SEQ": world.root / "walk"}
     if "SEQ" in words:
         world.done("sequence", "import", clip, world.root / "walk")
     program, *arguments = words.split()
     start = [fresh] if program.endswith(".py") else []
-    assert printed in run(world, fresh, *start, EXAMPLES / program, *(places.get(word, word) for word in arguments))
+    assert printed in run(
+        world, fresh, *start, EXAMPLES / program, *(places.get(word, word) for word in arguments)
+    )
 
 
 def test_every_program_is_run() -> None:
@@ -55,7 +61,11 @@ def test_the_examples_for_python_run(
     number: int, world: World, fresh: Path, scene: Path, clip: Path, request: pytest.FixtureRequest
 ) -> None:
     """With a small scene in place of the demo's, which takes long to pack."""
-    example = PROGRAMS[number].replace("open_scene()", "open_scene('boxes')").replace('"walk",', '"walk", "boxes",')
+    example = (
+        PROGRAMS[number]
+        .replace("open_scene()", "open_scene('boxes')")
+        .replace('"walk",', '"walk", "boxes",')
+    )
     example = example.replace("Session(camera", "Session('boxes', camera")
     (world.root / "boxes").symlink_to(scene)
     (world.root / "face.avi").symlink_to(clip)
@@ -77,18 +87,36 @@ def test_the_programs_are_typed(fresh: Path, tmp_path: Path) -> None:
         path = tmp_path / f"block_{number}.py"
         path.write_text(program)
         files.append(path)
-    words = [sys.executable, "-m", "mypy", "--strict", "--python-executable", fresh, "--cache-dir", tmp_path / "cache", *files]
+    words = [
+        sys.executable,
+        "-m",
+        "mypy",
+        "--strict",
+        "--python-executable",
+        fresh,
+        "--cache-dir",
+        tmp_path / "cache",
+        *files,
+    ]
     done = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
 @pytest.fixture(scope="module", params=["", "served.example/lfpipe"])
-def package(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, list[str], str]:
+def package(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[str, list[str], str]:
     """(address of the files, names in the source distribution, its metadata)."""
     out = tmp_path_factory.mktemp("dist")
     url = f"https://{request.param}" if request.param else ""
     env = {"PATH": "/usr/bin:/bin", "HOME": str(out), **({"LFPIPE_URL": url} if url else {})}
-    done = subprocess.run([sys.executable, "-c", BUILD, "sdist", str(out)], cwd=ROOT, capture_output=True, text=True, env=env)
+    done = subprocess.run(
+        [sys.executable, "-c", BUILD, "sdist", str(out)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        env=env,
+    )
     assert done.returncode == 0, done.stderr
     with tarfile.open(next(out.glob("*.tar.gz"))) as archive:
         names = [name.partition("/")[2] for name in archive.getnames()]
@@ -98,13 +126,23 @@ def package(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
         return url, names, about.read().decode()
 
 
-def test_the_package_names_licence_and_authors_shows_nobody_and_links_to_what_exists(package: tuple[str, list[str], str]) -> None:
+def test_the_package_names_licence_and_authors_shows_nobody_and_links_to_what_exists(
+    package: tuple[str, list[str], str],
+) -> None:
     url, names, about = package
-    assert "LICENSE" in names and "Containerfile" in names and "lfpipe/cli/up.py" in names and "tests/world.py" in names
+    assert (
+        "LICENSE" in names
+        and "Containerfile" in names
+        and "lfpipe/cli/up.py" in names
+        and "tests/world.py" in names
+    )
     assert "docs/page.png" not in names, "it shows a person"
     assert not any(name.startswith(("profiling/results", "lfpipe-")) for name in names)
     assert "License-Expression: Apache-2.0" in about and "Author: the lfpipe developers" in about
-    assert "Apache License" in (ROOT / "LICENSE").read_text() and "Apache-2.0" in (ROOT / "CITATION.cff").read_text()
+    assert (
+        "Apache License" in (ROOT / "LICENSE").read_text()
+        and "Apache-2.0" in (ROOT / "CITATION.cff").read_text()
+    )
     targets = re.findall(r"\]\(([^)]+)\)", about)
     assert all(target.startswith("https://") for target in targets), targets
     assert ("![" in about) == bool(url) == ("Project-URL" in about)
@@ -113,13 +151,25 @@ def test_the_package_names_licence_and_authors_shows_nobody_and_links_to_what_ex
 
 def test_the_container_runs_commands_that_exist() -> None:
     text = (ROOT / "Containerfile").read_text()
-    assert re.search(r"^FROM python:3\.1[1-4]-slim$", text, re.M) and '"lfpipe", "up", "--demo"' in text and "pytest" in text
+    assert (
+        re.search(r"^FROM python:3\.1[1-4]-slim$", text, re.M)
+        and '"lfpipe", "up", "--demo"' in text
+        and "pytest" in text
+    )
 
 
 @pytest.mark.live
-def test_a_wheel_from_the_source_distribution_installs_into_an_empty_environment(fresh: Path, tmp_path: Path) -> None:
+def test_a_wheel_from_the_source_distribution_installs_into_an_empty_environment(
+    fresh: Path, tmp_path: Path
+) -> None:
     """As an installer without a wheel does: the archive has all that its own build reads."""
     code = "import lfpipe, subprocess; print(lfpipe.__file__); subprocess.run(['lfpipe', '--version'], check=True)"
     env = {"PATH": f"{fresh.parent}:/usr/bin:/bin", "HOME": str(tmp_path)}
-    done = subprocess.run((fresh, "-c", code), cwd=tmp_path, capture_output=True, text=True, env=env)
-    assert done.returncode == 0 and str(fresh.parents[1]) in done.stdout and "lfpipe, version" in done.stdout, done.stderr
+    done = subprocess.run(
+        (fresh, "-c", code), cwd=tmp_path, capture_output=True, text=True, env=env
+    )
+    assert (
+        done.returncode == 0
+        and str(fresh.parents[1]) in done.stdout
+        and "lfpipe, version" in done.stdout
+    ), done.stderr

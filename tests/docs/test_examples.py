@@ -72,17 +72,25 @@ def test_blocks_of_data_are_well_formed() -> None:
             json.loads(block)
 
 
-def test_the_ring_example_reads_a_frame(live: World, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_ring_example_reads_a_frame(
+    live: World, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     example = next(block for block in blocks("docs/contracts.md") if "Reader" in block)
     path = live.root / "ring_example.py"
     path.write_text(example.replace('Session("default")', f'Session("{live.name}")'))
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(live.run_dir))
     runpy.run_path(str(path))
     seq, t_sensor_ns, _skipped, mean = capsys.readouterr().out.split()
-    assert int(seq) > 0 and time.monotonic_ns() - int(t_sensor_ns) < 10_000_000_000 and 0 < float(mean) < 255
+    assert (
+        int(seq) > 0
+        and time.monotonic_ns() - int(t_sensor_ns) < 10_000_000_000
+        and 0 < float(mean) < 255
+    )
 
 
-def test_the_layout_example_opens_its_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_layout_example_opens_its_scene(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     example = next(block for block in blocks("docs/extending.md") if "def detect" in block)
     (tmp_path / "trio.py").write_text(example)
     monkeypatch.setattr(layouts, "__path__", [*layouts.__path__, str(tmp_path)])
@@ -114,7 +122,9 @@ def test_the_stage_example_runs_in_a_session(world: World, scene: Path, tmp_path
     assert row is not None
     example = next(block for block in blocks("docs/extending.md") if "def main" in block)
     (tmp_path / "away.py").write_text(example)
-    (tmp_path / "runner.py").write_text(textwrap.dedent(RUNNER).format(row=row[1].replace("lfpipe.track.away", "away")))
+    (tmp_path / "runner.py").write_text(
+        textwrap.dedent(RUNNER).format(row=row[1].replace("lfpipe.track.away", "away"))
+    )
     world.module, world.env["PYTHONPATH"] = "runner", os.pathsep.join([str(tmp_path), str(ROOT)])
     process = world.up(scene)
     world.pictures(1)
@@ -164,7 +174,9 @@ def test_the_bridge_passes_eyes_on_to_a_page(tmp_path: Path) -> None:
             message = asyncio.run(heard())
         finally:
             process.kill()
-    assert message["left"] == pytest.approx(HEAD.left_mm) and message["right"] == pytest.approx(HEAD.right_mm)
+    assert message["left"] == pytest.approx(HEAD.left_mm) and message["right"] == pytest.approx(
+        HEAD.right_mm
+    )
 
 
 def test_the_experiment_reads_eyes_on_its_own_clock(tmp_path: Path) -> None:
@@ -174,7 +186,9 @@ def test_the_experiment_reads_eyes_on_its_own_clock(tmp_path: Path) -> None:
     output, example = LslOutput(Target("lsl", name=name), "recipe", 30.0, True), program("lab-eyes")
     command = [sys.executable, "-c", example.replace("lab-eyes", f"{name}-eyes")]
     try:
-        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        with subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        ) as process:
             for seq in range(3000):
                 output.send(Sample(seq, now_ns(), now_ns(), HEAD))
                 time.sleep(0.02)
@@ -185,4 +199,6 @@ def test_the_experiment_reads_eyes_on_its_own_clock(tmp_path: Path) -> None:
     finally:
         output.close()
     lines = out.splitlines()
-    assert len(lines) == 10 and all(line.split()[:3] == ["-40.0", "5.0", "600.0"] for line in lines), err
+    assert len(lines) == 10 and all(
+        line.split()[:3] == ["-40.0", "5.0", "600.0"] for line in lines
+    ), err

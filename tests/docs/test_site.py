@@ -25,12 +25,17 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_site_has_every_page(site: Path) -> None:
-    assert {page.stem for page in (ROOT / "docs").glob("*.md")} <= {page.stem for page in site.glob("*.html")}
+    assert {page.stem for page in (ROOT / "docs").glob("*.md")} <= {
+        page.stem for page in site.glob("*.html")
+    }
 
 
 def brightness(browser: Browser, name: str) -> int:
     """Of a colour of the page's body: the sum of red, green and blue."""
-    return sum(int(value) for value in re.findall(r"\d+", browser.ask(f"getComputedStyle(document.body).{name}"))[:3])
+    return sum(
+        int(value)
+        for value in re.findall(r"\d+", browser.ask(f"getComputedStyle(document.body).{name}"))[:3]
+    )
 
 
 @pytest.mark.live
@@ -43,20 +48,31 @@ def test_no_page_is_wider_than_its_screen(site: Path, tmp_path: Path) -> None:
             browser.show_as(width_px, dark)
             for page in sorted(site.glob("*.html")):
                 browser.open(page.as_uri())
-                content = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+                content = (
+                    "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+                )
                 assert browser.ask(content) <= 0, f"{page.name} overflows at {width_px} px"
                 cut = "[...document.querySelectorAll('table')].filter(t => t.offsetWidth > t.parentElement.clientWidth + 1)"
-                assert browser.ask(f"{cut}.length") == 0, f"{page.name}: a table is cut off at {width_px} px"
+                assert browser.ask(f"{cut}.length") == 0, (
+                    f"{page.name}: a table is cut off at {width_px} px"
+                )
             ink, paper = (brightness(browser, name) for name in ("color", "backgroundColor"))
             assert (paper > ink) != dark, (ink, paper)
 
 
 def test_links_and_files_that_pages_name_exist() -> None:
     results = ROOT / "profiling" / "results"
-    for page in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md"), *results.glob("*.md")):
+    for page in (
+        ROOT / "README.md",
+        ROOT / "CONTRIBUTING.md",
+        *(ROOT / "docs").glob("*.md"),
+        *results.glob("*.md"),
+    ):
         text = page.read_text()
         for target in LINK.findall(text):
             if not re.match(r"[a-z]+:|#", target):
                 assert (page.parent / target.partition("#")[0]).exists(), f"{page.name}: {target}"
         for name in FILE.findall(text):
-            assert any((folder / name).exists() for folder in (ROOT, ROOT / "lfpipe")), f"{page.name}: {name}"
+            assert any((folder / name).exists() for folder in (ROOT, ROOT / "lfpipe")), (
+                f"{page.name}: {name}"
+            )

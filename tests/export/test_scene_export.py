@@ -47,21 +47,33 @@ def frames(image: Image.Image) -> list[np.ndarray]:
 
 
 def export(*words: object, cache: str) -> Path:
-    done = CliRunner().invoke(command, ["export", *map(str, words), "--set", f"scene.cache_dir={cache}"])
+    done = CliRunner().invoke(
+        command, ["export", *map(str, words), "--set", f"scene.cache_dir={cache}"]
+    )
     assert done.exit_code == 0, done.output + repr(done.exception)
     return Path(done.output.split()[0])
 
 
-def test_a_quilt_runs_from_the_bottom_left_and_reads_back(scene: Path, cache: str, tmp_path: Path) -> None:
+def test_a_quilt_runs_from_the_bottom_left_and_reads_back(
+    scene: Path, cache: str, tmp_path: Path
+) -> None:
     path = export(scene, tmp_path / "boxes.png", "--as", "quilt", "--tiles", "3x1", cache=cache)
     row = cv2.imread(str(path))
     assert path.name == "boxes_qs3x1a1.33.png" and row.shape == (48, 192, 3)
     assert [row[0, 64 * k, 1] for k in range(3)] == [5, 13, 21]  # green tells the column
     path = export(scene, tmp_path / "tall.png", "--as", "quilt", "--tiles", "1x3", cache=cache)
     column = cv2.imread(str(path))
-    assert [column[48 * k, 0, 1] for k in range(3)] == [21, 13, 5]  # the leftmost view at the bottom
+    assert [column[48 * k, 0, 1] for k in range(3)] == [
+        21,
+        13,
+        5,
+    ]  # the leftmost view at the bottom
     again = pack_scene(path, Scene(cache_dir=cache))
-    assert (again.rows, again.cols) == (1, 3) and again.views[0, 0, :, 1, 0, 0].tolist() == [5, 13, 21]
+    assert (again.rows, again.cols) == (1, 3) and again.views[0, 0, :, 1, 0, 0].tolist() == [
+        5,
+        13,
+        21,
+    ]
     assert quilt_name(Path("b_qs5x9a0.75.png"), 5, 9, 1) == Path("b_qs5x9a0.75.png")
 
 
@@ -72,11 +84,15 @@ def textured(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".jps", ".mpo"])
-def test_every_pair_is_read_back_and_by_pillow(textured: Path, cache: str, tmp_path: Path, suffix: str) -> None:
+def test_every_pair_is_read_back_and_by_pillow(
+    textured: Path, cache: str, tmp_path: Path, suffix: str
+) -> None:
     how = ("--as", "pair", "--apart", 2, "--set", "render.zero_plane_px=0")
     path = export(textured, tmp_path / f"boxes{suffix}", *how, cache=cache)
     assert path.stem == ("boxes_sbs" if suffix in (".png", ".jpg") else "boxes")
-    eyes = [cv2.imread(str(textured / f"view_00_0{col}.png"))[..., ::-1].astype(int) for col in (0, 2)]
+    eyes = [
+        cv2.imread(str(textured / f"view_00_0{col}.png"))[..., ::-1].astype(int) for col in (0, 2)
+    ]
     with Image.open(path) as image:
         halves = frames(image)
         if suffix != ".mpo":
@@ -90,18 +106,32 @@ def test_every_pair_is_read_back_and_by_pillow(textured: Path, cache: str, tmp_p
 
 
 def test_a_pair_in_motion_and_a_sweep_are_videos(scene: Path, cache: str, tmp_path: Path) -> None:
-    path = export(scene, tmp_path / "boxes.mp4", "--as", "pair", "--apart", 1, "--seconds", 1, cache=cache)
+    path = export(
+        scene, tmp_path / "boxes.mp4", "--as", "pair", "--apart", 1, "--seconds", 1, cache=cache
+    )
     pairs = decoded(path)
     assert path.name == "boxes_LR.mp4" and len(pairs) == 30 and pairs[0].shape == (48, 128, 3)
-    assert all(float(frame[5, 100, 1]) - float(frame[5, 5, 1]) == pytest.approx(8, abs=4) for frame in pairs), "left eye left"
+    assert all(
+        float(frame[5, 100, 1]) - float(frame[5, 5, 1]) == pytest.approx(8, abs=4)
+        for frame in pairs
+    ), "left eye left"
     if shutil.which("ffprobe"):
-        entries = ["-show_entries", "stream=codec_name,pix_fmt,width,height,nb_frames", "-of", "csv=p=0"]
+        entries = [
+            "-show_entries",
+            "stream=codec_name,pix_fmt,width,height,nb_frames",
+            "-of",
+            "csv=p=0",
+        ]
         answer = subprocess.check_output(["ffprobe", "-v", "error", *entries, path], text=True)
         assert answer.strip() == "h264,128,48,yuv420p,30"
-    sweep = decoded(export(scene, tmp_path / "sweep.mp4", "--as", "sweep", "--seconds", 1, cache=cache))
+    sweep = decoded(
+        export(scene, tmp_path / "sweep.mp4", "--as", "sweep", "--seconds", 1, cache=cache)
+    )
     greens = [float(frame[..., 1].mean()) for frame in sweep]
     assert len(greens) == 30 and sweep[0].shape == (48, 64, 3)
-    assert greens[0] == pytest.approx(5, abs=2.5) and greens[15] == max(greens) == pytest.approx(21, abs=2.5)
+    assert greens[0] == pytest.approx(5, abs=2.5) and greens[15] == max(greens) == pytest.approx(
+        21, abs=2.5
+    )
 
 
 def test_a_pair_in_motion_opens_as_a_pair(textured: Path, cache: str, tmp_path: Path) -> None:
@@ -111,17 +141,28 @@ def test_a_pair_in_motion_opens_as_a_pair(textured: Path, cache: str, tmp_path: 
 
 
 def test_a_wiggle_loops_for_ever_as_gif(scene: Path, cache: str, tmp_path: Path) -> None:
-    with Image.open(export(scene, tmp_path / "wiggle.gif", "--as", "wiggle", "--apart", 2, cache=cache)) as image:
+    with Image.open(
+        export(scene, tmp_path / "wiggle.gif", "--as", "wiggle", "--apart", 2, cache=cache)
+    ) as image:
         shades = [picture[5, 5, 1] for picture in frames(image)]
         assert len(shades) >= 2 and image.info["loop"] == 0
     assert min(shades) == pytest.approx(5, abs=1) and max(shades) == pytest.approx(21, abs=1)
-    assert len(decoded(export(scene, tmp_path / "wiggle.mp4", "--as", "wiggle", "--apart", 2, cache=cache))) == 24
+    assert (
+        len(
+            decoded(
+                export(scene, tmp_path / "wiggle.mp4", "--as", "wiggle", "--apart", 2, cache=cache)
+            )
+        )
+        == 24
+    )
 
 
 @pytest.mark.parametrize("size", [(64, 48), (61, 37)])
 def test_colours_survive_h264(tmp_path: Path, size: tuple[int, int]) -> None:
     width, height = size
-    ramp = np.linspace(0, 255, width)[None, :, None] * np.array([1.0, 0.6, 0.3]) + np.zeros((height, 1, 1))
+    ramp = np.linspace(0, 255, width)[None, :, None] * np.array([1.0, 0.6, 0.3]) + np.zeros(
+        (height, 1, 1)
+    )
     pictures = [np.roll(ramp.astype(np.uint8), k, axis=2) for k in range(3)]
     write_clip(tmp_path / "x.mp4", (pictures[k // 10] for k in range(30)), 25.0)
     frames = decoded(tmp_path / "x.mp4")
@@ -131,9 +172,13 @@ def test_colours_survive_h264(tmp_path: Path, size: tuple[int, int]) -> None:
         assert abs(error.mean()) < 3 and 10 * np.log10(255**2 / (error**2).mean()) > 30
 
 
-def test_what_cannot_be_exported_is_refused(scene: Path, cache: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_cannot_be_exported_is_refused(
+    scene: Path, cache: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     three = SceneExport(pack_scene(scene, Scene(cache_dir=cache)), Config())
-    single = SceneExport(pack_scene(write_scene(tmp_path / "one", 1, 1), Scene(cache_dir=cache)), Config())
+    single = SceneExport(
+        pack_scene(write_scene(tmp_path / "one", 1, 1), Scene(cache_dir=cache)), Config()
+    )
     for call, why in (
         (lambda: three.eyes(3), "--apart 3"),
         (lambda: three.eyes(float("nan")), "--apart nan"),
@@ -141,9 +186,15 @@ def test_what_cannot_be_exported_is_refused(scene: Path, cache: str, tmp_path: P
         (lambda: parse_tiles("8by6"), "--tiles 8by6"),
         (lambda: parse_tiles("0x6"), "--tiles 0x6"),
         (lambda: check_clip(tmp_path / "x.webm", 3), "not .mp4 or .gif"),
-        (lambda: check_picture(tmp_path / "x.jps", scene), "not .png, .jpg or .jpeg"),  # players would show a pair
+        (
+            lambda: check_picture(tmp_path / "x.jps", scene),
+            "not .png, .jpg or .jpeg",
+        ),  # players would show a pair
         (lambda: check_clip(tmp_path / "x.gif", 301), "301 pictures"),
-        (lambda: write_clip(tmp_path / "no" / "x.gif", iter([np.zeros((4, 4, 3), np.uint8)]), 3), "x.gif"),
+        (
+            lambda: write_clip(tmp_path / "no" / "x.gif", iter([np.zeros((4, 4, 3), np.uint8)]), 3),
+            "x.gif",
+        ),
     ):
         with pytest.raises(UserError) as caught:
             call()

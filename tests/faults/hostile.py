@@ -7,8 +7,33 @@ import msgpack
 
 from lfpipe.transport import control
 
-OTHERS = [None, 5, "stop", [1, 2], {"cmd": "stop"}, {"v": 99, "cmd": "stop"}, {1: 2}, {"v": 1}, {"v": True, "cmd": ["set"]}]
-WORDS = ["config", "SET", "", "stop\0", "__init__", 7, None, ["stop"], {"stop": 1}, "set", "load", "pictures", "trace", "record"]
+OTHERS = [
+    None,
+    5,
+    "stop",
+    [1, 2],
+    {"cmd": "stop"},
+    {"v": 99, "cmd": "stop"},
+    {1: 2},
+    {"v": 1},
+    {"v": True, "cmd": ["set"]},
+]
+WORDS = [
+    "config",
+    "SET",
+    "",
+    "stop\0",
+    "__init__",
+    7,
+    None,
+    ["stop"],
+    {"stop": 1},
+    "set",
+    "load",
+    "pictures",
+    "trace",
+    "record",
+]
 
 
 def hostile(rng: random.Random) -> bytes:
@@ -25,7 +50,8 @@ def hostile(rng: random.Random) -> bytes:
         msgpack.packb(rng.choice(OTHERS)),
         control.encode({"cmd": rng.choice(WORDS), "path": 5, "lease_s": -1}),
         msgpack.packb(large) if rng.random() < 0.1 else b"\x91" * rng.randrange(60_000),
-        rng.choice([b"\xdd", b"\xdf", b"\xdb", b"\xc6", b"\xc9"]) + rng.randbytes(4 + rng.randrange(50)),  # less than it says
+        rng.choice([b"\xdd", b"\xdf", b"\xdb", b"\xc6", b"\xc9"])
+        + rng.randbytes(4 + rng.randrange(50)),  # less than it says
         msgpack.packb({"v": 1, "cmd": deep}),
         whole[: rng.randrange(len(whole) - 1)],
         bytes(spoilt),

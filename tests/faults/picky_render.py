@@ -32,7 +32,8 @@ def main(context: Context) -> None:
 
 if __name__ == "__main__":
     process_table.STAGES = tuple(
-        attrs.evolve(each, module="tests.faults.picky_render") if each.name == "render" else each for each in process_table.STAGES
+        attrs.evolve(each, module="tests.faults.picky_render") if each.name == "render" else each
+        for each in process_table.STAGES
     )
     from lfpipe.cli import run
 

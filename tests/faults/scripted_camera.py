@@ -115,7 +115,9 @@ def main(context: Context) -> None:
 if __name__ == "__main__":
     install()
     process_table.STAGES = tuple(
-        attrs.evolve(each, module="tests.faults.scripted_camera") if each.name == "capture" else each
+        attrs.evolve(each, module="tests.faults.scripted_camera")
+        if each.name == "capture"
+        else each
         for each in process_table.STAGES
     )
     from lfpipe.cli import run

@@ -31,12 +31,20 @@ from tests.world import World, write_scene
 STAGES = ("capture", "track", "render")
 LETHAL = ("kill", "terminate", "stop")
 HARMLESS = ("stop_supervisor", "stall", "hog", "send_garbage", "pause")
-DEATHS, WINDOW_S = 3, 61.0  # of one stage: five in 60 s end a session, and after the fourth it waits before a restart
+DEATHS, WINDOW_S = (
+    3,
+    61.0,
+)  # of one stage: five in 60 s end a session, and after the fourth it waits before a restart
 LEAK_MB = 4.0  # of one process; allocators differ by less from start to start
 LEASE_S, PATIENCE_S = 20.0, 120.0
 SIZE_PX = (320, 240)
 # pictures of one colour: a torn one shows
-SETS = ("render.clock=camera", "render.method=nearest", "render.anaglyph=colour", "render.alpha_px=12")
+SETS = (
+    "render.clock=camera",
+    "render.method=nearest",
+    "render.anaglyph=colour",
+    "render.alpha_px=12",
+)
 HOG = "import time\nend = time.time() + 2\nwhile time.time() < end: pass"
 
 
@@ -49,7 +57,9 @@ def write_checked_frames(folder: Path, count: int) -> Path:
     for k in range(count):
         source.read(frame)
         frame[0] = 0
-        frame[0].reshape(-1)[:4] = np.frombuffer(zlib.crc32(frame[1:]).to_bytes(4, "little"), np.uint8)
+        frame[0].reshape(-1)[:4] = np.frombuffer(
+            zlib.crc32(frame[1:]).to_bytes(4, "little"), np.uint8
+        )
         cv2.imwrite(str(folder / f"f{k:04d}.bmp"), frame)
     source.close()
     return folder
@@ -67,7 +77,10 @@ class Watcher(threading.Thread):
         super().__init__(daemon=True)
         self.table = status.Table(session.segment("status"))
         self._session, self._trace = session, trace
-        self._frames, self._eyes = ring.Reader(session.segment("frames")), ring.Reader(session.segment("eyes"))
+        self._frames, self._eyes = (
+            ring.Reader(session.segment("frames")),
+            ring.Reader(session.segment("eyes")),
+        )
         self._last = (-1, -1)  # epoch and source_seq of the newest frame
         self._ended = threading.Event()
         self._offset, self._rest, self._lines = 0, b"", 0
@@ -118,8 +131,13 @@ class Watcher(threading.Thread):
 
     def miscounts(self) -> tuple[int, int]:
         """Drops counted by track and by render, less those there were; exact while no frame is in flight."""
-        track, render = (int(self.table.rows[name]["drops"] + self.table.rows[name]["left_out"]) for name in ("track", "render"))
-        return track - (self._frames.published - self._eyes.published), render - (self._eyes.published - self._lines)
+        track, render = (
+            int(self.table.rows[name]["drops"] + self.table.rows[name]["left_out"])
+            for name in ("track", "render")
+        )
+        return track - (self._frames.published - self._eyes.published), render - (
+            self._eyes.published - self._lines
+        )
 
     def end(self) -> None:
         """Detaches from the session."""
@@ -137,9 +155,17 @@ class Soak:
         self.world, self._rng = world, random.Random(seed)
         frames = write_checked_frames(world.root / "checked-frames", 40)
         self._log = (world.root / "session.log").open("w")
-        sets = (f"--set={key}" for key in (f"camera.width_px={SIZE_PX[0]}", f"camera.height_px={SIZE_PX[1]}", *SETS))
+        sets = (
+            f"--set={key}"
+            for key in (f"camera.width_px={SIZE_PX[0]}", f"camera.height_px={SIZE_PX[1]}", *SETS)
+        )
         output = {"stdout": self._log, "stderr": self._log}
-        self._supervisor = world.up(write_scene(world.root / "plain"), *sets, camera=f"file:{frames}?loop=1&pace=30", **output)
+        self._supervisor = world.up(
+            write_scene(world.root / "plain"),
+            *sets,
+            camera=f"file:{frames}?loop=1&pace=30",
+            **output,
+        )
         world.pictures(20)
         self._session = Session(world.name)
         self.watcher = Watcher(self._session, world.trace)
@@ -155,16 +181,26 @@ class Soak:
             kind, stage = self._choose([*LETHAL, *HARMLESS][number : number + 1])
             getattr(self, f"_{kind}")(stage)
             self._wait_for_pictures(f"{kind} {stage}")
-            if (number % 4 == 3 or number == count - 1) and any(miscounts := self._miscounts_at_rest()):
-                wrong.append(f"after {kind} {stage}: drops counted less those there were: {miscounts}")
+            if (number % 4 == 3 or number == count - 1) and any(
+                miscounts := self._miscounts_at_rest()
+            ):
+                wrong.append(
+                    f"after {kind} {stage}: drops counted less those there were: {miscounts}"
+                )
             time.sleep(self._rng.uniform(0.05, 0.4))
         time.sleep(3.0)
         self._count_deaths()
         watcher, after = self.watcher, self._resources()
-        wrong += [f"{n} {name}" for name in ("torn_frames", "torn_pictures", "out_of_order") if (n := getattr(watcher, name))]
+        wrong += [
+            f"{n} {name}"
+            for name in ("torn_frames", "torn_pictures", "out_of_order")
+            if (n := getattr(watcher, name))
+        ]
         for name in before.keys() | after.keys():
             was, now = before.get(name, ()), after.get(name, ())
-            grown = len(was) != len(now) or any(b > a + more for a, b, more in zip(was, now, (LEAK_MB, 1), strict=False))
+            grown = len(was) != len(now) or any(
+                b > a + more for a, b, more in zip(was, now, (LEAK_MB, 1), strict=False)
+            )
             wrong += [f"{name}: {was} to {now} (MB, descriptors)"] if grown else []
         return wrong
 
@@ -173,13 +209,25 @@ class Soak:
         table, pid = self.watcher.table, self._supervisor.pid
         names = {int(row["pid"]): name for name, row in table.rows.items()} | {pid: "supervisor"}
         figures: dict[str, tuple[float, ...]] = {}
-        for process in (pid, *map(int, Path(f"/proc/{pid}/task/{pid}/children").read_text().split())):
+        for process in (
+            pid,
+            *map(int, Path(f"/proc/{pid}/task/{pid}/children").read_text().split()),
+        ):
             with contextlib.suppress(FileNotFoundError):
                 lines = Path(f"/proc/{process}/status").read_text().splitlines()
-                anonymous_mb = next(int(line.split()[1]) for line in lines if line.startswith("RssAnon:")) / 1024
-                name = names.get(process) or Path(f"/proc/{process}/comm").read_text().strip()  # a helper of multiprocessing
+                anonymous_mb = (
+                    next(int(line.split()[1]) for line in lines if line.startswith("RssAnon:"))
+                    / 1024
+                )
+                name = (
+                    names.get(process) or Path(f"/proc/{process}/comm").read_text().strip()
+                )  # a helper of multiprocessing
                 figures[name] = anonymous_mb, len(list(Path(f"/proc/{process}/fd").iterdir()))
-        files = [path.name for path in self._session.run_dir.iterdir() if not path.name.startswith(("error.", "stack."))]
+        files = [
+            path.name
+            for path in self._session.run_dir.iterdir()
+            if not path.name.startswith(("error.", "stack."))
+        ]
         return figures | dict.fromkeys((*files, *self.world.segments()), (0.0,))
 
     def _wait_for_pictures(self, after: str) -> None:
@@ -187,9 +235,14 @@ class Soak:
         begin_ns = now_ns()
 
         def shown() -> bool:
-            assert self._supervisor.poll() is None, f"the session ended after {after}: {self._output()}"
+            assert self._supervisor.poll() is None, (
+                f"the session ended after {after}: {self._output()}"
+            )
             rows = [self.watcher.table.rows[name] for name in STAGES]
-            alive = all(row["state"] == State.RUNNING and Path(f"/proc/{row['pid']}").exists() for row in rows)
+            alive = all(
+                row["state"] == State.RUNNING and Path(f"/proc/{row['pid']}").exists()
+                for row in rows
+            )
             return alive and self.watcher.newest["t_read_ns"] > begin_ns
 
         self.world.wait_for(shown, f"picture after {after}", PATIENCE_S)
@@ -215,7 +268,11 @@ class Soak:
     def _choose(self, wanted: list[str]) -> tuple[str, str]:
         """One of those wanted, or any fault, but none that would be the fourth death of a stage within a minute."""
         self._count_deaths()
-        mortal = [name for name in STAGES if len([t for t in self._deaths[name] if time.monotonic() - t < WINDOW_S]) < DEATHS]
+        mortal = [
+            name
+            for name in STAGES
+            if len([t for t in self._deaths[name] if time.monotonic() - t < WINDOW_S]) < DEATHS
+        ]
         kind = self._rng.choice(wanted or [*(LETHAL if mortal else ()), *HARMLESS])
         return kind, self._rng.choice(mortal) if kind in LETHAL else ""
 
@@ -272,7 +329,9 @@ class Soak:
         """The camera's frames up to the newest published one, less those published, dropped or left out; and those left out."""
         pid, row = self._pid("capture"), self.watcher.table.rows["capture"]
         self._signal(pid, signal.SIGSTOP)
-        source_seq, seq, drops, left_out = (int(row[name]) for name in ("source_seq", "seq", "drops", "left_out"))
+        source_seq, seq, drops, left_out = (
+            int(row[name]) for name in ("source_seq", "seq", "drops", "left_out")
+        )
         self._signal(pid, signal.SIGCONT)
         return source_seq - seq - drops - left_out, left_out
 

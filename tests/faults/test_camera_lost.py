@@ -20,11 +20,16 @@ CAMERA = ("--set", "render.clock=camera", "--set", "render.method=nearest")
 
 def _rows(world: World) -> dict[str, tuple[str, int, int]]:
     """State, pid and restarts of each stage."""
-    return {name: (row["state"], row["pid"], row["restarts"]) for name, row in world.monitor()["stages"].items()}
+    return {
+        name: (row["state"], row["pid"], row["restarts"])
+        for name, row in world.monitor()["stages"].items()
+    }
 
 
 @pytest.mark.native("Video4Linux")
-def test_one_session_outlives_all_that_happens_to_its_camera(world: World, scene: Path, tmp_path: Path) -> None:
+def test_one_session_outlives_all_that_happens_to_its_camera(
+    world: World, scene: Path, tmp_path: Path
+) -> None:
     node = tmp_path / "video0"
     node.write_text("frames")
     world.module = "tests.faults.scripted_camera"
@@ -39,18 +44,27 @@ def test_one_session_outlives_all_that_happens_to_its_camera(world: World, scene
             node.write_text(word)
         else:
             node.unlink()
-        world.wait_for(lambda: _rows(world)["capture"] == ("READY", pid, 0), f"word of the {word or 'unplugged'} camera")
+        world.wait_for(
+            lambda: _rows(world)["capture"] == ("READY", pid, 0),
+            f"word of the {word or 'unplugged'} camera",
+        )
         time.sleep(2.2 if word == "hang" else 0.5)  # longer than a stage may be silent
         assert _rows(world)["capture"] == ("READY", pid, 0), "beats go on"
         node.write_text("frames")
-        assert world.more_pictures(3)[-1]["epoch"] == outage, "downstream must forget what was before"
+        assert world.more_pictures(3)[-1]["epoch"] == outage, (
+            "downstream must forget what was before"
+        )
         world.wait_for(lambda n=outage: len(heard("camera")) == 2 * n, "word on the tap")
         assert _rows(world)["capture"] == ("RUNNING", pid, 0)
     lost, back = heard("camera")[-2:]
     assert lost["lost"] and not back["lost"] and back["away_s"] > 0.4
     world.wait_for(lambda: "is back after" in heard("notice")[-1]["text"], "last notice")
     texts = [message["text"] for message in heard("notice")]
-    assert sum("camera lost, trying again" in text for text in texts) == sum("is back after" in text for text in texts) == 3
+    assert (
+        sum("camera lost, trying again" in text for text in texts)
+        == sum("is back after" in text for text in texts)
+        == 3
+    )
     seqs = [line["source_seq"] for line in world.lines()]
     assert seqs == sorted(set(seqs)), "the camera's count goes on"
 
@@ -98,7 +112,11 @@ def _read(camera: ReconnectingCamera, out: np.ndarray) -> tuple[Frame, list[Exce
 
 def test_frames_count_on_over_connections_and_the_loss_is_told_once() -> None:
     opened: list[Made] = []
-    scripts: list[Any] = [[0, 0, UserError("gone")], UserError("no such device"), [0, ZeroDivisionError("a mistake of ours")]]
+    scripts: list[Any] = [
+        [0, 0, UserError("gone")],
+        UserError("no such device"),
+        [0, ZeroDivisionError("a mistake of ours")],
+    ]
 
     def open_() -> Made:
         script = scripts.pop(0)
@@ -114,8 +132,12 @@ def test_frames_count_on_over_connections_and_the_loss_is_told_once() -> None:
     start = time.monotonic()
     frame, raised = _read(camera, out)
     assert frame.source_seq == 2 and (out == 1).all()
-    assert [str(error) for error in raised if isinstance(error, CameraLost)] == ["gone"], "told once, with the first reason"
-    assert time.monotonic() - start >= BACKOFF_S + 2 * BACKOFF_S, "each attempt waits twice as long as the one before"
+    assert [str(error) for error in raised if isinstance(error, CameraLost)] == ["gone"], (
+        "told once, with the first reason"
+    )
+    assert time.monotonic() - start >= BACKOFF_S + 2 * BACKOFF_S, (
+        "each attempt waits twice as long as the one before"
+    )
     with pytest.raises(ZeroDivisionError):
         _read(camera, out)
     assert opened[0].closed

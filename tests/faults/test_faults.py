@@ -15,11 +15,17 @@ MANY = pytest.param(500, marks=(pytest.mark.soak, pytest.mark.timeout(7200)))
 
 @pytest.mark.timeout(240)
 @pytest.mark.parametrize("count", [len(LETHAL) + len(HARMLESS), MANY])
-def test_a_session_outlives_a_row_of_random_faults(world: World, monkeypatch: pytest.MonkeyPatch, count: int) -> None:
+def test_a_session_outlives_a_row_of_random_faults(
+    world: World, monkeypatch: pytest.MonkeyPatch, count: int
+) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(world.run_dir))
     soak = Soak(world, seed=3)
     assert not (wrong := soak.run(count)), wrong
-    assert sum(soak.restarts.values()) >= 3 and soak.watcher.frames > 300 and soak.watcher.pictures > 200
+    assert (
+        sum(soak.restarts.values()) >= 3
+        and soak.watcher.frames > 300
+        and soak.watcher.pictures > 200
+    )
     soak.end()
     assert not world.left()
 

@@ -17,18 +17,28 @@ def _ask(world: World, **message: Any) -> dict[str, Any]:
         return {"error": str(error)}
 
 
-def test_five_failures_end_the_session_with_stage_phase_frame_and_stack(world: World, scene: Path) -> None:
+def test_five_failures_end_the_session_with_stage_phase_frame_and_stack(
+    world: World, scene: Path
+) -> None:
     world.module = "tests.faults.picky_render"
     process = world.up(scene, *CAMERA, "--set", "render.loop_ms=9")
     _, err = process.communicate(timeout=120)
     assert process.returncode == 1 and not world.left(), err
     last = err[err.index("error: ") :]
-    assert "render failed 5 times in 60 s, last in RUNNING with exit code 1, after source_seq" in last
-    assert "its last stack:" in last and "ZeroDivisionError: show at 9" in last and "picky_render.py" in last
+    assert (
+        "render failed 5 times in 60 s, last in RUNNING with exit code 1, after source_seq" in last
+    )
+    assert (
+        "its last stack:" in last
+        and "ZeroDivisionError: show at 9" in last
+        and "picky_render.py" in last
+    )
     assert err.count("render ended with exit code 1 in RUNNING; restarting") == 4
 
 
-def test_a_change_is_taken_whole_or_not_at_all_and_never_ends_the_session(world: World, scene: Path, tmp_path: Path) -> None:
+def test_a_change_is_taken_whole_or_not_at_all_and_never_ends_the_session(
+    world: World, scene: Path, tmp_path: Path
+) -> None:
     world.module = "tests.faults.picky_render"
     process = world.up(scene, *CAMERA)
     world.pictures(5)
@@ -44,9 +54,14 @@ def test_a_change_is_taken_whole_or_not_at_all_and_never_ends_the_session(world:
     for loop_ms in (7, 8):  # acknowledged, and then it failed
         for _ in range(3):  # more failures in total than end an unattended session
             _ask(world, cmd="set", set={"render.swap_eyes": True, "render.loop_ms": loop_ms})
-            world.wait_for(lambda: _ask(world, cmd="status").get("config") == before, "configuration as it was")
+            world.wait_for(
+                lambda: _ask(world, cmd="status").get("config") == before, "configuration as it was"
+            )
     world.more_pictures(3)
-    assert _ask(world, cmd="set", set={"render.swap_eyes": True, "render.loop_ms": 6})["applied"] is True
+    assert (
+        _ask(world, cmd="set", set={"render.swap_eyes": True, "render.loop_ms": 6})["applied"]
+        is True
+    )
     assert "error" not in _ask(world, cmd="load", scene=str(write_scene(tmp_path / "other", 1, 5)))
     assert world.more_pictures(3)[-1]["view"]["left"][0] == 0
     _ask(world, cmd="stop")

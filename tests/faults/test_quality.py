@@ -44,7 +44,9 @@ class Hogs:
     def start(self, *cores: int) -> None:
         """On every core, or on those."""
         for core in (cores or tuple(os.sched_getaffinity(0))) * PER_CORE:
-            self._running.append(subprocess.Popen([sys.executable, "-c", HOG, str(core), str(os.getpid())]))
+            self._running.append(
+                subprocess.Popen([sys.executable, "-c", HOG, str(core), str(os.getpid())])
+            )
 
     def end(self) -> None:
         for hog in self._running:
@@ -72,11 +74,17 @@ def _used(state: dict[str, dict[str, dict[str, int]]]) -> int:
     return track["count"] + track["dropped"] + track["left_out"]
 
 
-def test_quality_goes_down_a_level_at_a_time_while_others_have_the_cores_and_comes_back(world: World, hogs: Hogs) -> None:
-    deep = write_grid(world.root / "deep", views(3, 3, 480, 640))  # takes a millisecond or two to warp
+def test_quality_goes_down_a_level_at_a_time_while_others_have_the_cores_and_comes_back(
+    world: World, hogs: Hogs
+) -> None:
+    deep = write_grid(
+        world.root / "deep", views(3, 3, 480, 640)
+    )  # takes a millisecond or two to warp
     output = world.root / "output"
     with output.open("w") as err:
-        up = world.up(deep, "--set", "render.method=warp2", "--set", "render.rate_hz=60", stderr=err)
+        up = world.up(
+            deep, "--set", "render.method=warp2", "--set", "render.rate_hz=60", stderr=err
+        )
     world.pictures(150)
     with world.tap() as heard:
         hogs.start()
@@ -91,20 +99,32 @@ def test_quality_goes_down_a_level_at_a_time_while_others_have_the_cores_and_com
         world.wait_for(lambda: _level(world) == 0, "full quality again")
         world.wait_for(lambda: heard("level") and heard("level")[-1]["level"] == 0, "word of it")
         steps = heard("level")
-    assert up.poll() is None and restarted >= 1, "a stage that starts again works at the level in force"
-    assert config["render"]["method"] == "warp2" and config["render"]["rate_hz"] == 60, "what the person asked for stays"
-    assert lowered["level"] >= 1 and lowered["level_words"] != "full" and lowered["lowest_level"] == 5
+    assert up.poll() is None and restarted >= 1, (
+        "a stage that starts again works at the level in force"
+    )
+    assert config["render"]["method"] == "warp2" and config["render"]["rate_hz"] == 60, (
+        "what the person asked for stays"
+    )
+    assert (
+        lowered["level"] >= 1 and lowered["level_words"] != "full" and lowered["lowest_level"] == 5
+    )
     lines = world.lines()
-    levels = [b["level"] for a, b in pairwise([{"level": None}, *lines]) if a["level"] != b["level"]]
+    levels = [
+        b["level"] for a, b in pairwise([{"level": None}, *lines]) if a["level"] != b["level"]
+    ]
     assert levels[0] == 0 and levels[-1] == 0 and max(levels) >= 1
     methods = {line["level"]: line["method"] for line in lines}
     assert methods[0] == "warp2" and methods[1] == "warp"
-    assert all(abs(b - a) == 1 for a, b in pairwise([0, *(step["level"] for step in steps)])), "never more than one at a time"
+    assert all(abs(b - a) == 1 for a, b in pairwise([0, *(step["level"] for step in steps)])), (
+        "never more than one at a time"
+    )
     assert all(step["words"] and step["why"] for step in steps)
     assert output.read_text().count("busy computer") == 1
     state = world.monitor()
     assert [stage["restarts"] for stage in state["stages"].values()] == [0, 0, 1]
-    assert state["stages"]["capture"]["count"] - _used(state) <= 8, "every frame is shown, dropped or left out"
+    assert state["stages"]["capture"]["count"] - _used(state) <= 8, (
+        "every frame is shown, dropped or left out"
+    )
 
 
 def test_frames_left_out_by_tracking_are_not_counted_as_lost_and_no_eyes_are_made_up_for_them(
@@ -116,15 +136,25 @@ def test_frames_left_out_by_tracking_are_not_counted_as_lost_and_no_eyes_are_mad
     world.up(scene, *(f"--set={word}" for word in sets), **on_two)
     world.pictures(60)
     before = world.monitor()["stages"]
-    assert [before[name]["cpus"] for name in ("capture", "track", "render")] == [[first], [last], [first]]
+    assert [before[name]["cpus"] for name in ("capture", "track", "render")] == [
+        [first],
+        [last],
+        [first],
+    ]
     hogs.start(last)
     world.wait_for(lambda: _level(world) == 1, "lower level")
     hogs.end()
     left_out = before["track"]["left_out"]  # a busy machine may have lowered the quality already
-    world.wait_for(lambda: world.monitor()["stages"]["track"]["left_out"] > left_out + 60, "frames left out")
+    world.wait_for(
+        lambda: world.monitor()["stages"]["track"]["left_out"] > left_out + 60, "frames left out"
+    )
     state = world.monitor()
     assert state["lowest_level"] == 1 and "every 2nd frame" in state["level_words"]
-    assert abs(state["stages"]["capture"]["count"] - _used(state)) <= 8, "every frame is used, lost or left out"
+    assert abs(state["stages"]["capture"]["count"] - _used(state)) <= 8, (
+        "every frame is used, lost or left out"
+    )
     lowered = [line for line in world.lines() if line["level"] == 1]
-    assert all(line["source_seq"] % 2 == 0 for line in lowered[5:-1]) and all(line["face"] for line in lowered[5:-1])
+    assert all(line["source_seq"] % 2 == 0 for line in lowered[5:-1]) and all(
+        line["face"] for line in lowered[5:-1]
+    )
     world.wait_for(lambda: _level(world) == 0, "full quality again")

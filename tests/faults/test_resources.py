@@ -22,7 +22,10 @@ from tests.world import World
 PLAIN = ("--camera", "demo", "--display", "none", "--duration", "0.5")
 MAY_MOUNT = (
     shutil.which("unshare") is not None
-    and subprocess.run(["unshare", "-m", "mount", "-t", "tmpfs", "tmpfs", "/mnt"], capture_output=True).returncode == 0
+    and subprocess.run(
+        ["unshare", "-m", "mount", "-t", "tmpfs", "tmpfs", "/mnt"], capture_output=True
+    ).returncode
+    == 0
 )
 mounts = pytest.mark.skipif(not MAY_MOUNT, reason="no file system may be mounted here (needs root)")
 
@@ -30,20 +33,31 @@ mounts = pytest.mark.skipif(not MAY_MOUNT, reason="no file system may be mounted
 Done = subprocess.CompletedProcess[str]
 
 
-def in_mounts(world: World, command: Iterable[object], *mounts: tuple[Path, str], after: str = "") -> Done:
+def in_mounts(
+    world: World, command: Iterable[object], *mounts: tuple[Path, str], after: str = ""
+) -> Done:
     """Runs `lfpipe ...` with a tmpfs of these options at each place; stdout ends with what the shell command `after` prints."""
     lines = [f"mount -t tmpfs -o {options} tmpfs '{place}'" for place, options in mounts]
     words = " ".join(f"'{word}'" for word in (sys.executable, "-m", "lfpipe", *command))
-    script = " && ".join([*lines, f"{{ {words}; code=$?; echo ===; {after or 'true'}; exit $code; }}"])
+    script = " && ".join(
+        [*lines, f"{{ {words}; code=$?; echo ===; {after or 'true'}; exit $code; }}"]
+    )
     return subprocess.run(
-        ["unshare", "-m", "sh", "-c", script], capture_output=True, text=True, cwd=world.root, env=world.env, timeout=60
+        ["unshare", "-m", "sh", "-c", script],
+        capture_output=True,
+        text=True,
+        cwd=world.root,
+        env=world.env,
+        timeout=60,
     )
 
 
 def assert_said(done: Done, world: World, *parts: str) -> None:
     """One message with a remedy, and no leftovers."""
     assert done.returncode == 2, done.stderr
-    assert "error: " in done.stderr and "remedy: " in done.stderr and "Traceback" not in done.stderr, done.stderr
+    assert (
+        "error: " in done.stderr and "remedy: " in done.stderr and "Traceback" not in done.stderr
+    ), done.stderr
     assert all(part in done.stderr for part in parts), done.stderr
     assert not world.left(), "something is left"
 
@@ -51,14 +65,24 @@ def assert_said(done: Done, world: World, *parts: str) -> None:
 @mounts
 @pytest.mark.native("/dev/shm")
 def test_too_little_shared_memory(world: World, scene: Path) -> None:
-    for options, named in (("size=1m", "--shm-size"), ("size=64m,ro", "cannot create shared memory")):
-        done = in_mounts(world, ("up", scene, *PLAIN, "--session", world.name), (Path("/dev/shm"), options), after="ls /dev/shm")
+    for options, named in (
+        ("size=1m", "--shm-size"),
+        ("size=64m,ro", "cannot create shared memory"),
+    ):
+        done = in_mounts(
+            world,
+            ("up", scene, *PLAIN, "--session", world.name),
+            (Path("/dev/shm"), options),
+            after="ls /dev/shm",
+        )
         assert_said(done, world, "/dev/shm", named)
         assert done.stdout.split("===\n")[1] == ""
 
 
 @pytest.mark.parametrize(("soft", "hard", "code"), [(24, 24, 2), (24, 4096, 0)])
-def test_too_few_open_files_are_raised_or_said(world: World, scene: Path, soft: int, hard: int, code: int) -> None:
+def test_too_few_open_files_are_raised_or_said(
+    world: World, scene: Path, soft: int, hard: int, code: int
+) -> None:
     def limited() -> None:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
@@ -85,34 +109,72 @@ def test_a_full_disk_under_the_run_directory(world: World, scene: Path) -> None:
 def test_directories_without_permission(world: World, scene: Path, as_nobody: list[str]) -> None:
     def unprivileged(world: World, *command: object, **env: str) -> Done:
         words = [*as_nobody, sys.executable, "-m", "lfpipe", *map(str, command)]
-        return subprocess.run(words, capture_output=True, text=True, cwd=world.root, env={**world.env, **env}, timeout=60)
+        return subprocess.run(
+            words,
+            capture_output=True,
+            text=True,
+            cwd=world.root,
+            env={**world.env, **env},
+            timeout=60,
+        )
 
     closed = world.root / "closed"
     closed.mkdir(mode=0o500)
     up = ("up", scene, *PLAIN, "--session", world.name)
     denied = "Permission denied"
-    assert_said(unprivileged(world, *up, XDG_RUNTIME_DIR=str(closed)), world, str(closed), denied, "XDG_RUNTIME_DIR")
-    assert_said(unprivileged(world, *up, "--set", f"scene.cache_dir={closed}"), world, str(closed), denied, "scene.cache_dir")
+    assert_said(
+        unprivileged(world, *up, XDG_RUNTIME_DIR=str(closed)),
+        world,
+        str(closed),
+        denied,
+        "XDG_RUNTIME_DIR",
+    )
+    assert_said(
+        unprivileged(world, *up, "--set", f"scene.cache_dir={closed}"),
+        world,
+        str(closed),
+        denied,
+        "scene.cache_dir",
+    )
     assert_said(unprivileged(world, *up, "--trace", closed / "t.jsonl"), world, "t.jsonl", denied)
-    assert_said(unprivileged(world, "up", scene, "--camera", "demo", "--display", f"file:{closed}/v.mkv"), world, "v.mkv", denied)
-    assert_said(unprivileged(world, "record", closed / "rec", "--camera", "demo"), world, str(closed / "rec"), denied)
+    assert_said(
+        unprivileged(world, "up", scene, "--camera", "demo", "--display", f"file:{closed}/v.mkv"),
+        world,
+        "v.mkv",
+        denied,
+    )
+    assert_said(
+        unprivileged(world, "record", closed / "rec", "--camera", "demo"),
+        world,
+        str(closed / "rec"),
+        denied,
+    )
 
 
 @mounts
 def test_full_disks_end_trace_and_video_and_keep_the_session(world: World, scene: Path) -> None:
-    videos, traces = world.root / "videos", world.root / "traces"  # apart: whichever is first would fill the other's disk
+    videos, traces = (
+        world.root / "videos",
+        world.root / "traces",
+    )  # apart: whichever is first would fill the other's disk
     for place in (videos, traces):
         place.mkdir()
     shown = "--display", f"file:{videos}/v.mkv", "--duration", "1.5"
     command = ("up", scene, "--camera", "demo", *shown, "--session", world.name)
     full = (videos, "size=24k"), (traces, "size=12k")
-    done = in_mounts(world, (*command, "--trace", traces / "t.jsonl"), *full, after=f"cat {traces}/t.jsonl")
-    assert done.returncode == 1 and "Traceback" not in done.stderr and "2 files" in done.stderr, done.stderr
+    done = in_mounts(
+        world, (*command, "--trace", traces / "t.jsonl"), *full, after=f"cat {traces}/t.jsonl"
+    )
+    assert done.returncode == 1 and "Traceback" not in done.stderr and "2 files" in done.stderr, (
+        done.stderr
+    )
     assert done.stderr.count("t.jsonl: No space left on device; it ends here") == 1
     assert done.stderr.count("v.mkv: the video ends here") == 1
     assert "finished (--duration reached)" in done.stderr
     trace = done.stdout.split("===\n")[1]
-    assert trace.endswith("}\n") and [json.loads(line)["seq"] for line in trace.splitlines()], "whole lines"
+    assert trace.endswith("}\n") and [json.loads(line)["seq"] for line in trace.splitlines()], (
+        "whole lines"
+    )
     assert not world.left()
 
 
@@ -121,7 +183,9 @@ def test_a_replay_whose_results_have_no_room_says_so(world: World, scene: Path, 
     place, sequence = world.root / "small", world.root / "sequence"
     place.mkdir()
     assert world.run("sequence", "import", clip, sequence).returncode == 0
-    done = in_mounts(world, ("replay", sequence, "--scene", scene, "--out", place / "out"), (place, "size=24k"))
+    done = in_mounts(
+        world, ("replay", sequence, "--scene", scene, "--out", place / "out"), (place, "size=24k")
+    )
     assert_said(done, world, "/out: No space left on device", "another --out")
 
 
@@ -131,16 +195,26 @@ def test_a_recording_ends_with_its_last_whole_frame_where_the_disk_is_full(world
     place.mkdir()
     kept = world.root / "kept"
     after = f"cp -r {place}/rec {kept}"
-    done = in_mounts(world, ("record", place / "rec", "--camera", "demo", "--duration", "20"), (place, "size=2m"), after=after)
+    done = in_mounts(
+        world,
+        ("record", place / "rec", "--camera", "demo", "--duration", "20"),
+        (place, "size=2m"),
+        after=after,
+    )
     assert done.returncode == 1 and "Traceback" not in done.stderr, done.stderr
     assert "No space left on device" in done.stderr and "nothing is left to run" in done.stderr
     sequence = open_sequence(kept)
-    assert 2 <= len(sequence.packets) < 30 and f"last frame is {len(sequence.packets) - 1}" in done.stderr
+    assert (
+        2 <= len(sequence.packets) < 30
+        and f"last frame is {len(sequence.packets) - 1}" in done.stderr
+    )
     sequence.frame(len(sequence.packets) - 1)
     assert not list(kept.glob("*.new")) and not world.left()
 
 
-def test_the_video_of_a_render_stage_that_was_killed_is_not_overwritten(world: World, scene: Path) -> None:
+def test_the_video_of_a_render_stage_that_was_killed_is_not_overwritten(
+    world: World, scene: Path
+) -> None:
     video = world.root / "v.mkv"
     process = world.up(scene, display=f"file:{video}")
     world.pictures(20)

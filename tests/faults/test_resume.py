@@ -27,14 +27,28 @@ def _back_at(world: World, t_ns: int, rate_hz: float) -> bool:
     return any(b - a <= 5e8 for a, b in zip(stamps, stamps[int(0.45 * rate_hz) :], strict=False))
 
 
-def test_stopped_and_continued_each_process_and_all_are_back_at_rate(world: World, scene: Path, clip: Path) -> None:
-    sets = ("--set", "render.clock=display", "--set", f"render.rate_hz={RATE_HZ}", "--set", "render.method=nearest")
-    supervisor = world.up(scene, *sets, camera=f"file:{clip}?loop=1&pace={RATE_HZ}", start_new_session=True)
+def test_stopped_and_continued_each_process_and_all_are_back_at_rate(
+    world: World, scene: Path, clip: Path
+) -> None:
+    sets = (
+        "--set",
+        "render.clock=display",
+        "--set",
+        f"render.rate_hz={RATE_HZ}",
+        "--set",
+        "render.method=nearest",
+    )
+    supervisor = world.up(
+        scene, *sets, camera=f"file:{clip}?loop=1&pace={RATE_HZ}", start_new_session=True
+    )
     world.pictures(30)
     before = {name: stage["pid"] for name, stage in world.monitor()["stages"].items()}
     pids = {name: [pid] for name, pid in before.items()} | {"supervisor": [supervisor.pid]}
     pids["all"] = list(itertools.chain.from_iterable(pids.values()))
-    long_s, short_s = STAGES[0].hang_timeout_s + 0.4, 1.2  # longer and shorter than a stage may be silent
+    long_s, short_s = (
+        STAGES[0].hang_timeout_s + 0.4,
+        1.2,
+    )  # longer and shorter than a stage may be silent
     for name, for_s in (("all", long_s), ("render", short_s), ("supervisor", long_s)):
         time.sleep(1.0)
         t_stop_ns = time.monotonic_ns()
@@ -71,13 +85,18 @@ def test_a_sleep_of_the_machine_is_noticed_once() -> None:
 
 def test_no_process_of_a_session_reads_the_wall_clock_after_its_start() -> None:
     """So a step of the clock has no effect: only names and dates of files use it."""
-    wall: dict[str, Any] = {"time": {"time", "time_ns", "gmtime", "localtime"}, "datetime": {"now", "utcnow", "today"}}
+    wall: dict[str, Any] = {
+        "time": {"time", "time_ns", "gmtime", "localtime"},
+        "datetime": {"now", "utcnow", "today"},
+    }
     root = Path(lfpipe.__file__).parent
     for room in ("capture", "track", "render", "transport", "supervisor", "sequence", "replays"):
         for path in sorted((root / room).rglob("*.py")):
             for node in ast.walk(ast.parse(path.read_text())):
                 if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
-                    assert node.attr not in wall.get(node.value.id, ()), f"{path.name}: {node.value.id}.{node.attr}"
+                    assert node.attr not in wall.get(node.value.id, ()), (
+                        f"{path.name}: {node.value.id}.{node.attr}"
+                    )
 
 
 def _alone(world: World, since_ns: int) -> list[dict[str, Any]]:
@@ -101,7 +120,12 @@ def test_records_of_a_tracker_that_hangs_are_no_viewer(world: World, scene: Path
 def test_a_slow_camera_is_no_dead_tracker(world: World, scene: Path, clip: Path) -> None:
     """One frame in 800 ms is older than a dead tracker's last one when the next comes, and still shows where the viewer is."""
     world.up(scene, camera=f"file:{clip}?pace=1.25&loop=1")
-    world.wait_for(lambda: len({line["source_seq"] for line in world.lines() if line["face"]}) > 4, "five faces")
+    world.wait_for(
+        lambda: len({line["source_seq"] for line in world.lines() if line["face"]}) > 4,
+        "five faces",
+    )
     lines = world.lines()
-    known = next(line["source_seq"] for line in lines if line["face"]) + 2  # two frames tell how slow the camera is
+    known = (
+        next(line["source_seq"] for line in lines if line["face"]) + 2
+    )  # two frames tell how slow the camera is
     assert all(line["face"] for line in lines if line["source_seq"] >= known)

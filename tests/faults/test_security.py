@@ -19,7 +19,17 @@ from lfpipe.transport.session import Session
 from tests.world import World
 
 FORBIDDEN = {"pickle", "marshal", "shelve", "dill", "cloudpickle"}
-QUEUES = {"Queue", "SimpleQueue", "JoinableQueue", "Manager", "Pipe", "Lock", "Event", "Condition", "Value"}
+QUEUES = {
+    "Queue",
+    "SimpleQueue",
+    "JoinableQueue",
+    "Manager",
+    "Pipe",
+    "Lock",
+    "Event",
+    "Condition",
+    "Value",
+}
 NOBODY = 65534
 
 
@@ -29,11 +39,21 @@ def _unsafe(node: ast.AST) -> set[str]:
         return {alias.name.split(".")[0] for alias in node.names} & FORBIDDEN
     if isinstance(node, ast.ImportFrom) and node.module:
         top = node.module.split(".")[0]
-        return ({top} & FORBIDDEN) | ({alias.name for alias in node.names} & QUEUES if top == "multiprocessing" else set())
-    if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in ("multiprocessing", "mp"):
+        return ({top} & FORBIDDEN) | (
+            {alias.name for alias in node.names} & QUEUES if top == "multiprocessing" else set()
+        )
+    if (
+        isinstance(node, ast.Attribute)
+        and isinstance(node.value, ast.Name)
+        and node.value.id in ("multiprocessing", "mp")
+    ):
         return {node.attr} & QUEUES
     if isinstance(node, ast.keyword) and node.arg == "allow_pickle":
-        return set() if isinstance(node.value, ast.Constant) and node.value.value is False else {"allow_pickle"}
+        return (
+            set()
+            if isinstance(node.value, ast.Constant) and node.value.value is False
+            else {"allow_pickle"}
+        )
     return set()
 
 
@@ -45,7 +65,9 @@ def test_no_module_unpickles_or_shares_a_lock() -> None:
 
 
 @pytest.mark.parametrize("kind", ["link", "file"])
-def test_a_run_directory_that_is_another_thing_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
+def test_a_run_directory_that_is_another_thing_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     session = Session("mine")
     if kind == "link":
@@ -59,7 +81,9 @@ def test_a_run_directory_that_is_another_thing_is_refused(tmp_path: Path, monkey
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can give a directory away")
-def test_a_run_directory_of_another_user_is_refused_left_alone_and_never_spoken_to(world: World, scene: Path) -> None:
+def test_a_run_directory_of_another_user_is_refused_left_alone_and_never_spoken_to(
+    world: World, scene: Path
+) -> None:
     theirs = world.session_dir
     theirs.mkdir(mode=0o755)
     with (theirs / "lock").open("w") as lock:
@@ -70,7 +94,10 @@ def test_a_run_directory_of_another_user_is_refused_left_alone_and_never_spoken_
             done = world.run(*command, "--session", world.name)
             assert done.returncode == 2 and "Traceback" not in done.stderr, done.stderr
             assert ("not a directory of yours" if command is up else "no session") in done.stderr
-        assert sorted(path.name for path in theirs.iterdir()) == ["lock"] and stat.S_IMODE(theirs.stat().st_mode) == 0o755
+        assert (
+            sorted(path.name for path in theirs.iterdir()) == ["lock"]
+            and stat.S_IMODE(theirs.stat().st_mode) == 0o755
+        )
     shutil.rmtree(theirs)
 
 
@@ -78,7 +105,14 @@ def test_a_run_directory_of_another_user_is_refused_left_alone_and_never_spoken_
 def guarded(tmp_path_factory: pytest.TempPathFactory, scene: Path) -> Iterator[World]:
     """A session whose user's shell allows everything to others."""
     made = World(tmp_path_factory.mktemp("guarded"))
-    made.up(scene, "--set", "render.clock=camera", "--set", "governor.quality=fixed", preexec_fn=lambda: os.umask(0))
+    made.up(
+        scene,
+        "--set",
+        "render.clock=camera",
+        "--set",
+        "governor.quality=fixed",
+        preexec_fn=lambda: os.umask(0),
+    )
     made.pictures(5)
     made.wait_for(lambda: made.ask(cmd="hello")["options"]["scene"]["complete"], "disparity")
     yield made
@@ -92,10 +126,14 @@ def test_every_file_and_segment_of_a_session_is_the_users_alone(guarded: World) 
     assert guarded.ask(cmd="pictures", lease_s=30)["ok"]
     assert stat.S_IMODE(run_dir.stat().st_mode) == 0o700
     entries = list(run_dir.iterdir())
-    assert {stat.S_IFSOCK, stat.S_IFIFO, stat.S_IFREG} <= {stat.S_IFMT(path.stat().st_mode) for path in entries}
+    assert {stat.S_IFSOCK, stat.S_IFIFO, stat.S_IFREG} <= {
+        stat.S_IFMT(path.stat().st_mode) for path in entries
+    }
     segments = [SHM_DIR / name for name in guarded.segments()]
     assert len(segments) >= 4, "status, frames, eyes, pictures"
-    doors = [path for path in (*entries, *segments) if path in segments or not path.is_file()]  # the directory guards its files
+    doors = [
+        path for path in (*entries, *segments) if path in segments or not path.is_file()
+    ]  # the directory guards its files
     assert not [str(path) for path in doors if stat.S_IMODE(path.stat().st_mode) != 0o600]
     assert all(path.stat().st_uid == os.getuid() for path in (run_dir, *entries, *segments))
 
@@ -104,13 +142,27 @@ def test_every_file_and_segment_of_a_session_is_the_users_alone(guarded: World) 
 def test_paths_over_ctl_are_checked_as_on_the_command_line(guarded: World, tmp_path: Path) -> None:
     before = guarded.ask(cmd="hello")
     (tmp_path / "view_00_00.png").write_bytes(b"not a picture")
-    outputs = [{"cmd": cmd, "path": path} for cmd in ("trace", "record") for path in ("../x", "/dev/null/x")]
-    for message in (*outputs, *({"cmd": "load", "scene": path} for path in ("/dev/null", "/proc/self/mem", str(tmp_path)))):
+    outputs = [
+        {"cmd": cmd, "path": path}
+        for cmd in ("trace", "record")
+        for path in ("../x", "/dev/null/x")
+    ]
+    for message in (
+        *outputs,
+        *(
+            {"cmd": "load", "scene": path}
+            for path in ("/dev/null", "/proc/self/mem", str(tmp_path))
+        ),
+    ):
         with pytest.raises(UserError) as refused:
             guarded.ask(**message)
         assert "Traceback" not in refused.value.message
-    typed = guarded.run("up", tmp_path, "--camera", "demo", "--display", "none", "--session", "other")
-    assert typed.returncode == 2 and refused.value.message.splitlines()[0] in typed.stderr, "the words of the command line"
+    typed = guarded.run(
+        "up", tmp_path, "--camera", "demo", "--display", "none", "--session", "other"
+    )
+    assert typed.returncode == 2 and refused.value.message.splitlines()[0] in typed.stderr, (
+        "the words of the command line"
+    )
     after = guarded.ask(cmd="hello")
     for state in (before, after):
         state["options"]["pictures"] = ""  # the lease of the test before may end meanwhile

@@ -12,7 +12,13 @@ import pytest
 from tests.world import World, runs
 
 SMALL = tuple(
-    f"--set={key}" for key in ("camera.width_px=160", "camera.height_px=120", "render.clock=camera", "render.method=nearest")
+    f"--set={key}"
+    for key in (
+        "camera.width_px=160",
+        "camera.height_px=120",
+        "render.clock=camera",
+        "render.method=nearest",
+    )
 )
 OTHER = ("--camera", "demo", "--display", "none", "--session", "other", "--duration", "0.2", *SMALL)
 
@@ -22,7 +28,9 @@ def _gone(pids: list[int]) -> bool:
 
 
 @pytest.mark.parametrize("stopped", [1, 3])
-def test_no_stage_outlives_a_killed_supervisor_not_even_one_that_is_stopped(world: World, scene: Path, stopped: int) -> None:
+def test_no_stage_outlives_a_killed_supervisor_not_even_one_that_is_stopped(
+    world: World, scene: Path, stopped: int
+) -> None:
     """A stopped process does not handle the SIGTERM that the kernel sends when the supervisor dies. A sweep resumes it: by the
     first stage to end, or, if all are stopped, by the next session."""
     process = world.up(scene, *SMALL, start_new_session=True)
@@ -39,7 +47,9 @@ def test_no_stage_outlives_a_killed_supervisor_not_even_one_that_is_stopped(worl
     world.wait_for(lambda: not world.left(), "clean end")
 
 
-def test_after_a_kill_of_the_group_the_next_session_of_any_name_sweeps(world: World, scene: Path) -> None:
+def test_after_a_kill_of_the_group_the_next_session_of_any_name_sweeps(
+    world: World, scene: Path
+) -> None:
     process = world.up(scene, *SMALL, start_new_session=True)
     world.pictures(5)
     os.killpg(process.pid, signal.SIGKILL)
@@ -82,7 +92,11 @@ def test_sessions_that_begin_and_end_at_once_do_not_sweep_each_other(world: Worl
     for k in range(6):
         command = [sys.executable, "-c", BEGIN_AND_END, f"{world.name}.{k % 3}"]
         env = {**world.env, "XDG_RUNTIME_DIR": str(world.run_dir if k < 3 else other)}
-        processes.append(subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env))
+        processes.append(
+            subprocess.Popen(
+                command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env
+            )
+        )
     outputs = [process.communicate(timeout=100) for process in processes]
     assert [process.returncode for process in processes] == [0] * 6, outputs
     assert not world.segments() and not list(other.iterdir())

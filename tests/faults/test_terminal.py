@@ -17,7 +17,14 @@ import pytest
 from lfpipe.sequence.folder import open_sequence
 from tests.world import World, runs
 
-LARGE = ("--set", "camera.width_px=1280", "--set", "camera.height_px=720", "--set", "camera.rate_hz=60")
+LARGE = (
+    "--set",
+    "camera.width_px=1280",
+    "--set",
+    "camera.height_px=720",
+    "--set",
+    "camera.rate_hz=60",
+)
 SMALL = ("--set", "camera.width_px=160", "--set", "camera.height_px=120")
 
 
@@ -33,7 +40,9 @@ class Terminal:
             resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
         pipes = {"stdin": inner, "stdout": inner, "stderr": inner, "text": False}
-        self.shell = subprocess.Popen(["sh", "-c", script], cwd=world.root, env=world.env, preexec_fn=take_terminal, **pipes)
+        self.shell = subprocess.Popen(
+            ["sh", "-c", script], cwd=world.root, env=world.env, preexec_fn=take_terminal, **pipes
+        )
         os.close(inner)
 
     def close(self) -> None:
@@ -57,18 +66,28 @@ def test_the_end_of_its_terminal_ends_a_recording_in_order(world: World, how: st
     if how == "closed":
         terminal.close()
     else:
-        for _ in range(2 if how == "hung up" else 1):  # the shell passes SIGHUP on, and so does the kernel
+        for _ in range(
+            2 if how == "hung up" else 1
+        ):  # the shell passes SIGHUP on, and so does the kernel
             os.killpg(terminal.shell.pid, signal.SIGHUP if how == "hung up" else signal.SIGQUIT)
     terminal.shell.wait(120)
-    world.wait_for(lambda: json.loads((out / "manifest.json").read_text())["complete"], "end of the recording")  # SIGQUIT: later
+    world.wait_for(
+        lambda: json.loads((out / "manifest.json").read_text())["complete"], "end of the recording"
+    )  # SIGQUIT: later
     world.wait_for(lambda: not world.left(), "clean end")
-    assert json.loads((out / "manifest.json").read_text())["frames"] == len(open_sequence(out).packets) > 10
+    assert (
+        json.loads((out / "manifest.json").read_text())["frames"]
+        == len(open_sequence(out).packets)
+        > 10
+    )
     if how != "closed":
         terminal.close()
 
 
 @pytest.mark.parametrize("how", ["terminal", "closed"])
-def test_a_session_without_ears_goes_on_and_ends_when_asked(world: World, scene: Path, how: str) -> None:
+def test_a_session_without_ears_goes_on_and_ends_when_asked(
+    world: World, scene: Path, how: str
+) -> None:
     """It has no output, and ignores the end of its terminal."""
     shown = ("--camera", "demo", "--display", "none", "--trace", world.trace)
     command = lfpipe("up", scene, *shown, "--session", world.name, *SMALL)
@@ -78,11 +97,19 @@ def test_a_session_without_ears_goes_on_and_ends_when_asked(world: World, scene:
         world.pictures(5)
         terminal.close()
     else:
-        deaf = subprocess.Popen(["sh", "-c", f"exec {command} <&- >&- 2>&-"], cwd=world.root, env=world.env)
+        deaf = subprocess.Popen(
+            ["sh", "-c", f"exec {command} <&- >&- 2>&-"], cwd=world.root, env=world.env
+        )
         world.pictures(5)
-    for stage, signum in (("track", signal.SIGKILL), ("render", signal.SIGSTOP)):  # the supervisor reports both, or tries to
+    for stage, signum in (
+        ("track", signal.SIGKILL),
+        ("render", signal.SIGSTOP),
+    ):  # the supervisor reports both, or tries to
         world.kill(stage, signum)
-        world.wait_for(lambda stage=stage: world.monitor()["stages"][stage]["restarts"] == 1, f"restart of {stage}")
+        world.wait_for(
+            lambda stage=stage: world.monitor()["stages"][stage]["restarts"] == 1,
+            f"restart of {stage}",
+        )
     world.more_pictures(10)
     assert deaf.poll() is None
     pids = [stage["pid"] for stage in world.monitor()["stages"].values()]

@@ -15,13 +15,29 @@ from lfpipe.files.output import MARK, check_output, check_outputs, marked_pictur
 from lfpipe.files.trace import TraceFile
 from lfpipe.files.video_writer import VideoWriter
 
-LINE = dict.fromkeys(("seq", "source_seq", "epoch", "t_sensor_ns", "t_presented_ns", "eyes_used", "view", "composed"), 0)
+LINE = dict.fromkeys(
+    (
+        "seq",
+        "source_seq",
+        "epoch",
+        "t_sensor_ns",
+        "t_presented_ns",
+        "eyes_used",
+        "view",
+        "composed",
+    ),
+    0,
+)
 PICTURE = np.arange(48 * 64 * 3, dtype=np.uint8).reshape(48, 64, 3)
 
 
 def _tree(folder: Path) -> dict[str, tuple[int, bytes]]:
     """Name -> (inode, content) of every file."""
-    return {str(p.relative_to(folder)): (p.stat().st_ino, p.read_bytes()) for p in sorted(folder.rglob("*")) if p.is_file()}
+    return {
+        str(p.relative_to(folder)): (p.stat().st_ino, p.read_bytes())
+        for p in sorted(folder.rglob("*"))
+        if p.is_file()
+    }
 
 
 def _refused(path: Path, *inputs: Path, force: bool = False) -> bool:
@@ -33,16 +49,24 @@ def _refused(path: Path, *inputs: Path, force: bool = False) -> bool:
     return False
 
 
-JSON = st.recursive(st.integers() | st.text() | st.booleans(), lambda x: st.lists(x) | st.dictionaries(st.text(), x))
+JSON = st.recursive(
+    st.integers() | st.text() | st.booleans(), lambda x: st.lists(x) | st.dictionaries(st.text(), x)
+)
 
 
 @settings(max_examples=150)
-@given(data=st.binary(max_size=200).map(b".".__add__) | JSON.map(lambda value: json.dumps(value).encode()), force=st.booleans())
+@given(
+    data=st.binary(max_size=200).map(b".".__add__)
+    | JSON.map(lambda value: json.dumps(value).encode()),
+    force=st.booleans(),
+)
 @example(b"hour,visits\n2026-11-21 15:00,12\n", False)  # look-alikes
 @example(b"What was written by lfpipe\n", False)
 @example(b'{"seq": 0}\n', False)
 @example(b"[" * 100_000, False)
-def test_what_others_wrote_is_refused_and_kept(tmp_path_factory: pytest.TempPathFactory, data: bytes, force: bool) -> None:
+def test_what_others_wrote_is_refused_and_kept(
+    tmp_path_factory: pytest.TempPathFactory, data: bytes, force: bool
+) -> None:
     path = tmp_path_factory.getbasetemp() / "others" / "notes.txt"
     path.parent.mkdir(exist_ok=True)
     path.write_bytes(data)
@@ -68,11 +92,17 @@ def _written(folder: Path, kind: str) -> Path:
     elif kind == "csv":
         path.write_bytes(b"seq,source_seq,epoch,t_sensor_ns,t_read_ns\n")
     else:
-        path.write_bytes({"html": b"<!doctype html>\n<!-- " + MARK + b" -->", "toml": b"# " + MARK, "txt": b""}[kind])
+        path.write_bytes(
+            {"html": b"<!doctype html>\n<!-- " + MARK + b" -->", "toml": b"# " + MARK, "txt": b""}[
+                kind
+            ]
+        )
     return path
 
 
-@pytest.mark.parametrize("kind", ["png", "jpg", "mkv", "avi", "mp4", "jsonl", "csv", "html", "toml", "txt"])
+@pytest.mark.parametrize(
+    "kind", ["png", "jpg", "mkv", "avi", "mp4", "jsonl", "csv", "html", "toml", "txt"]
+)
 def test_what_lfpipe_wrote_may_be_replaced(tmp_path: Path, kind: str) -> None:
     path = _written(tmp_path, kind)
     assert not _refused(path)
@@ -108,8 +138,17 @@ def test_an_input_is_never_an_output(tmp_path: Path) -> None:
     (scene / "soft.png").symlink_to("view.png")
     (scene / "link").symlink_to(".")
     before = _tree(tmp_path)
-    for name in ("view.png", "sub/../view.png", "hard.png", "soft.png", "link/view.png", "new/inner.png"):
-        assert _refused(scene / name, scene, force=True) and _refused(scene / name, scene / "view.png", force=True)
+    for name in (
+        "view.png",
+        "sub/../view.png",
+        "hard.png",
+        "soft.png",
+        "link/view.png",
+        "new/inner.png",
+    ):
+        assert _refused(scene / name, scene, force=True) and _refused(
+            scene / name, scene / "view.png", force=True
+        )
     assert _tree(tmp_path) == before
     assert not _refused(scene / "trace.jsonl", scene)
 

@@ -25,7 +25,8 @@ ENCODERS = [
 KINDS = [
     (*encoder, planes, deep)
     for encoder, planes, deep in itertools.product(ENCODERS, (1, 3, 4), (False, True))
-    if not (deep and encoder[0] not in (".png", ".tif", ".ppm")) and not (planes == 4 and encoder[0] in (".jpg", ".ppm"))
+    if not (deep and encoder[0] not in (".png", ".tif", ".ppm"))
+    and not (planes == 4 and encoder[0] in (".jpg", ".ppm"))
     if not (cv2.IMWRITE_PNG_BILEVEL in encoder[1] and (planes > 1 or deep))
 ]
 
@@ -53,13 +54,19 @@ def test_a_picture_is_read_as_opencv_alone_reads_it(
         pixels, full = read_picture(tmp_path / "p")
         wanted = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
         wanted = wanted if wanted.ndim == 2 else cv2.cvtColor(wanted[..., :3], cv2.COLOR_BGR2RGB)
-        assert np.array_equal(pixels if pixels.ndim == wanted.ndim else pixels[..., 0], wanted) and pixels.dtype == wanted.dtype
+        assert (
+            np.array_equal(pixels if pixels.ndim == wanted.ndim else pixels[..., 0], wanted)
+            and pixels.dtype == wanted.dtype
+        )
         assert full == (65535 if deep else 255)
 
 
 @pytest.mark.parametrize("kind", ["AVIF", "GIF", "MPO"])
 def test_animations_and_files_of_several_pictures(tmp_path: Path, kind: str) -> None:
-    frames = [cv2.resize(picture(4, 3, 3, seed=k), (64, 48), interpolation=cv2.INTER_CUBIC) for k in range(3)]
+    frames = [
+        cv2.resize(picture(4, 3, 3, seed=k), (64, 48), interpolation=cv2.INTER_CUBIC)
+        for k in range(3)
+    ]
     images = [Image.fromarray(frame) for frame in frames]
     images[0].save(tmp_path / "p", kind, save_all=True, append_images=images[1:], quality=95)
     header = open_header(tmp_path / "p")
@@ -67,7 +74,9 @@ def test_animations_and_files_of_several_pictures(tmp_path: Path, kind: str) -> 
     assert header.format == ("JPEG" if kind == "MPO" else kind)
     assert np.abs(read_picture(tmp_path / "p")[0].astype(int) - frames[0]).mean() < 12
     read = read_frames(tmp_path / "p")
-    assert len(read) == 3 and all(np.abs(a.astype(int) - b).mean() < 12 for a, b in zip(read, frames, strict=True))
+    assert len(read) == 3 and all(
+        np.abs(a.astype(int) - b).mean() < 12 for a, b in zip(read, frames, strict=True)
+    )
     with pytest.raises(UserError, match="too many to decode"):
         read_frames(tmp_path / "p", 20_000)
 
@@ -75,13 +84,20 @@ def test_animations_and_files_of_several_pictures(tmp_path: Path, kind: str) -> 
 @pytest.mark.parametrize("end", [".jp2", ".hdr", ".pfm", ".ras"])
 def test_other_formats_are_refused_whatever_opencv_can_do(tmp_path: Path, end: str) -> None:
     pixels = picture(64, 64, 3)
-    (tmp_path / "p.png").write_bytes(encoded(end, [], pixels.astype(np.float32) if end in (".hdr", ".pfm") else pixels))
+    (tmp_path / "p.png").write_bytes(
+        encoded(end, [], pixels.astype(np.float32) if end in (".hdr", ".pfm") else pixels)
+    )
     with pytest.raises(UserError, match="not a readable picture"):
         read_picture(tmp_path / "p.png")
 
 
 @settings(max_examples=200, deadline=None)
-@given(encoder=st.sampled_from(ENCODERS), seed=st.integers(0, 1 << 32), times=st.integers(1, 3), near_start=st.booleans())
+@given(
+    encoder=st.sampled_from(ENCODERS),
+    seed=st.integers(0, 1 << 32),
+    times=st.integers(1, 3),
+    near_start=st.booleans(),
+)
 def test_a_damaged_picture_is_refused_or_what_its_header_says(
     encoder: tuple[str, list[int]], seed: int, times: int, near_start: bool
 ) -> None:
@@ -108,14 +124,22 @@ def test_a_photograph_is_turned_upright(tmp_path: Path, orientation: int, planes
     stored = cv2.resize(picture(9, 7, planes), (384, 256), interpolation=cv2.INTER_CUBIC)
     data = with_exif(encoded(".jpg", [], stored), orientation)
     (tmp_path / "p.jpg").write_bytes(data)
-    wanted = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR if planes == 3 else cv2.IMREAD_GRAYSCALE)
+    wanted = cv2.imdecode(
+        np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR if planes == 3 else cv2.IMREAD_GRAYSCALE
+    )
     pixels, _ = read_picture(tmp_path / "p.jpg")
     assert np.array_equal(pixels, wanted[..., ::-1] if planes == 3 else wanted)
     header = open_header(tmp_path / "p.jpg")
-    assert (header.height_px, header.width_px) == wanted.shape[:2] == ((384, 256) if orientation > 4 else (256, 384))
+    assert (
+        (header.height_px, header.width_px)
+        == wanted.shape[:2]
+        == ((384, 256) if orientation > 4 else (256, 384))
+    )
     small = small_grey(tmp_path / "p.jpg", 192 * 128)
     half = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_REDUCED_GRAYSCALE_2)
-    assert small.shape == ((192, 128) if orientation > 4 else (128, 192)) and np.array_equal(small, half)
+    assert small.shape == ((192, 128) if orientation > 4 else (128, 192)) and np.array_equal(
+        small, half
+    )
 
 
 SMALL = encoded(".jpg", [], np.zeros((8, 8, 3), np.uint8))
@@ -125,14 +149,18 @@ CLAIMS = {
     "png without an end": png_of(8, 8)[:-12],
     "jpeg": jpeg_claiming(SMALL, 20_000, 20_000),
     "jpeg without an end": encoded(".jpg", [], picture(64, 64, 3))[:-500],
-    "bmp": b"BM" + struct.pack("<IHHIIiiHHIIiiII", 54, 0, 0, 54, 40, 20_000, 20_000, 1, 24, 1, 0, 0, 0, 0, 0) + b"\0" * 500,
+    "bmp": b"BM"
+    + struct.pack("<IHHIIiiHHIIiiII", 54, 0, 0, 54, 40, 20_000, 20_000, 1, 24, 1, 0, 0, 0, 0, 0)
+    + b"\0" * 500,
     "pnm": b"P6 20000 20000 255\n" + b"\0" * 400,
     "no width": png_of(0, 5, b"\0" * 400),
 }
 
 
 @pytest.mark.parametrize("claim", CLAIMS)
-def test_a_claim_beyond_memory_is_refused_undecoded(tmp_path: Path, claim: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_claim_beyond_memory_is_refused_undecoded(
+    tmp_path: Path, claim: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "p.png").write_bytes(CLAIMS[claim])
     monkeypatch.setattr(cv2, "imread", lambda *_: pytest.fail("it was decoded"))
     with pytest.raises(UserError, match=r"too large: .* MB|not a readable picture"):

@@ -32,7 +32,9 @@ def test_no_more_is_read_than_may_be(tmp_path: Path) -> None:
         safe_files.read_bytes(path, 999)
     with pytest.raises(UserError, match="has 1000 bytes; at most 999"):
         safe_files.open_file(path, 999)
-    assert len(safe_files.read_bytes(Path("/proc/self/status"), 100_000)) > 100, "a file that does not know its size"
+    assert len(safe_files.read_bytes(Path("/proc/self/status"), 100_000)) > 100, (
+        "a file that does not know its size"
+    )
     with pytest.raises(OSError, match="more than 10 bytes"):
         safe_files.read_bytes(Path("/proc/self/status"), 10)
 
@@ -76,7 +78,9 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path) -> None:
         assert path.read_bytes() == b"old" and Path(file.name).read_bytes() == b"new"
         with pytest.raises(OSError, match="another lfpipe"), safe_files.replaced(path):
             pass
-    assert path.read_bytes() == b"new" and link.is_symlink() and names(tmp_path) == ["link", "report"]
+    assert (
+        path.read_bytes() == b"new" and link.is_symlink() and names(tmp_path) == ["link", "report"]
+    )
     for kind in ("fifo", "directory", "endless device", "link to itself"):
         hostile_files.NO_FILES[kind](tmp_path / kind)
         with pytest.raises(OSError), safe_files.replaced(tmp_path / kind):

@@ -14,18 +14,28 @@ from lfpipe.files.untrusted import MAX_INTEGER, Fields, finite, json_fields, par
 
 JSON_VALUES = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=4), inner, max_size=4),
+    lambda inner: (
+        st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=4), inner, max_size=4)
+    ),
     max_leaves=20,
 )
 HOSTILE_JSON = [
     b"[" * 100_000, b'{"a":' * 100_000, b"[" * 50 + b"]" * 50, b"9" * 5000, b"-" + b"9" * 30, b"18446744073709551616", b"1e999",
     b"NaN", b"[-Infinity]", b'"\xff"', b'{"\\ud800": 1}', b'["\\udc00"]', b"", b"\x00", '{"a": 1}'.encode("utf-16"),
 ]  # fmt: skip
-HOSTILE_TOML = [b"a = " + b"[" * 10_000, b"a = " + b"9" * 5000, b"a = 0x" + b"f" * 40, b"\xff", b"a = 1\na = 2"]
+HOSTILE_TOML = [
+    b"a = " + b"[" * 10_000,
+    b"a = " + b"9" * 5000,
+    b"a = 0x" + b"f" * 40,
+    b"\xff",
+    b"a = 1\na = 2",
+]
 
 
 def test_hostile_json_and_toml_are_refused() -> None:
-    for parse, data in [(parse_json, data) for data in HOSTILE_JSON] + [(toml_table, data) for data in HOSTILE_TOML]:
+    for parse, data in [(parse_json, data) for data in HOSTILE_JSON] + [
+        (toml_table, data) for data in HOSTILE_TOML
+    ]:
         with pytest.raises(UserError, match=r"^m\.x: ") as refused:
             parse(data, "m.x", "copy it again")
         assert refused.value.remedy == "copy it again" and len(str(refused.value)) < 300
@@ -58,9 +68,17 @@ def test_any_bytes(data: bytes) -> None:
             assert error.message.startswith("file: ")
 
 
-READERS: list[tuple[Callable[[Fields], object], Callable[[Any], bool]]] = [  # a reader, and the values it gives
-    (lambda f: f.number("k", 0.5, 10), lambda v: isinstance(v, int | float) and not isinstance(v, bool) and 0.5 <= v <= 10),
-    (lambda f: f.integer("k", 1, 10), lambda v: isinstance(v, int) and not isinstance(v, bool) and 1 <= v <= 10),
+READERS: list[
+    tuple[Callable[[Fields], object], Callable[[Any], bool]]
+] = [  # a reader, and the values it gives
+    (
+        lambda f: f.number("k", 0.5, 10),
+        lambda v: isinstance(v, int | float) and not isinstance(v, bool) and 0.5 <= v <= 10,
+    ),
+    (
+        lambda f: f.integer("k", 1, 10),
+        lambda v: isinstance(v, int) and not isinstance(v, bool) and 1 <= v <= 10,
+    ),
     (lambda f: f.flag("k"), lambda v: isinstance(v, bool)),
     (lambda f: f.text("k", 3), lambda v: isinstance(v, str) and len(v) <= 3),
     (lambda f: f.items("k", 2), lambda v: isinstance(v, list) and len(v) <= 2),
@@ -83,5 +101,13 @@ def test_a_field_has_its_type_and_range_or_is_refused(value: Any) -> None:
 
 
 def test_numbers_that_a_file_may_leave_out() -> None:
-    values = {"3": 3.0, " 2.5 ": 2.5, "1e400": None, "nan": None, "11": None, "x": None, "-inf": None}
+    values = {
+        "3": 3.0,
+        " 2.5 ": 2.5,
+        "1e400": None,
+        "nan": None,
+        "11": None,
+        "x": None,
+        "-inf": None,
+    }
     assert {text: finite(text, 0, 10) for text in values} == values

@@ -56,7 +56,9 @@ def test_a_lock_ends_with_its_process_and_follows_no_link(tmp_path: Path) -> Non
     code += "print(take(Path(sys.argv[1])) is not None, flush=True); os._exit(0)"
 
     def taken_elsewhere() -> bool:
-        done = subprocess.run([sys.executable, "-c", code, path], capture_output=True, text=True, check=True)
+        done = subprocess.run(
+            [sys.executable, "-c", code, path], capture_output=True, text=True, check=True
+        )
         return done.stdout.strip() == "True"
 
     assert taken_elsewhere() and not file_lock.is_held(path), "the dead hold nothing"
@@ -90,14 +92,19 @@ def only(monkeypatch: pytest.MonkeyPatch, **libraries: Any) -> None:
 def test_the_fence_is_libatomic_s_or_the_c_library_s(monkeypatch: pytest.MonkeyPatch) -> None:
     called: list[object] = []
     barrier = SimpleNamespace(OSMemoryBarrier=lambda: called.append("own"))
-    for libraries in ({"libatomic": SimpleNamespace(atomic_thread_fence=called.append), "own": barrier}, {"own": barrier}):
+    for libraries in (
+        {"libatomic": SimpleNamespace(atomic_thread_fence=called.append), "own": barrier},
+        {"own": barrier},
+    ):
         machine._full_fence.cache_clear()
         only(monkeypatch, **libraries)
         machine._fence()
     assert called == [machine.SEQ_CST, "own"]
 
 
-def test_a_machine_without_a_fence_is_refused_before_a_ring_exists(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_machine_without_a_fence_is_refused_before_a_ring_exists(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     only(monkeypatch, own=SimpleNamespace())
     monkeypatch.setattr(ring, "fence", machine._fence)
     with pytest.raises(UserError, match="libatomic is not installed") as error:
@@ -162,13 +169,17 @@ print(json.dumps({"ok": True, "result": json.loads(sys.stdin.readline())}))"""
 
 
 def test_noise_without_end_neither_blocks_nor_fills_memory(child: Start) -> None:
-    running = child("import sys\nfor _ in range(300): sys.stderr.write('warning ' * 10000); sys.stdout.write('x' * 10000)\n")
+    running = child(
+        "import sys\nfor _ in range(300): sys.stderr.write('warning ' * 10000); sys.stdout.write('x' * 10000)\n"
+    )
     with pytest.raises(UserError, match="exit code 0"):
         running.result()
     assert len(running._log) <= worker.MAX_LOG_BYTES and len(running._rest) <= worker.MAX_LINE_BYTES
 
 
-@pytest.mark.parametrize("answer", ["", "[]", '{"ok": true, "result": 5}', '{"ok": 0, "error": 1}', "[" * 100_000])
+@pytest.mark.parametrize(
+    "answer", ["", "[]", '{"ok": true, "result": 5}', '{"ok": 0, "error": 1}', "[" * 100_000]
+)
 def test_an_answer_that_is_none_is_a_refusal(child: Start, answer: str) -> None:
     with pytest.raises(UserError, match="/some/file"):
         child(f"print({answer!r})").result()
@@ -183,7 +194,9 @@ def test_an_answer_that_is_none_is_a_refusal(child: Start, answer: str) -> None:
         (HUNGRY, 20.0, "100 MB of memory"),
     ],
 )
-def test_a_child_that_fails_says_how_and_is_gone(child: Start, program: str, limit_s: float, how: str) -> None:
+def test_a_child_that_fails_says_how_and_is_gone(
+    child: Start, program: str, limit_s: float, how: str
+) -> None:
     running = child(program, limit_s=limit_s)
     with pytest.raises(UserError, match=how):
         running.result()

@@ -50,34 +50,52 @@ def locked(tmp_path: Path) -> Iterator[Path]:
     folder.chmod(0o700)
 
 
-def run(world: World, *command: str | Path, before: str = "", **env: str) -> subprocess.CompletedProcess[str]:
+def run(
+    world: World, *command: str | Path, before: str = "", **env: str
+) -> subprocess.CompletedProcess[str]:
     words = ["sh", "-c", f'{before} exec "$@"', "sh", *map(str, command)]
     known = world.env | {"LFPIPE_KIOSK_CODE": "leave2026"} | env
-    done = subprocess.run(words, capture_output=True, text=True, cwd=world.root, env=known, timeout=100)
+    done = subprocess.run(
+        words, capture_output=True, text=True, cwd=world.root, env=known, timeout=100
+    )
     assert "Traceback" not in done.stderr + done.stdout
     return done
 
 
-def test_what_cannot_be_examined_is_neither_there_nor_missing(locked: Path, as_nobody: list[str]) -> None:
+def test_what_cannot_be_examined_is_neither_there_nor_missing(
+    locked: Path, as_nobody: list[str]
+) -> None:
     code = "import sys; from lfpipe.host.files import *; from lfpipe.host.files import is_missing; p = sys.argv[1];"
     code += "print(exists(p), is_file(p), is_dir(p), is_missing(p))"
-    done = subprocess.run([*as_nobody, sys.executable, "-c", code, locked / "in"], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [*as_nobody, sys.executable, "-c", code, locked / "in"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     assert done.stdout.split() == ["False", "False", "False", "False"]
     assert not files.exists(LONG) and not files.is_missing(LONG)
     assert files.is_missing(locked.parent / "absent" / "in") and not files.is_missing(locked)
 
 
-def test_a_path_that_cannot_be_examined_is_refused(world: World, scene: Path, locked: Path, as_nobody: list[str]) -> None:
+def test_a_path_that_cannot_be_examined_is_refused(
+    world: World, scene: Path, locked: Path, as_nobody: list[str]
+) -> None:
     names = {"PATH": "", "SCENE": str(scene)}
     commands = []
     for path in (locked / "in", Path(LONG)):
         names["PATH"] = str(path)
-        commands += [[names.get(word, word).replace("PATH", str(path)) for word in words] for words in COMMANDS]
+        commands += [
+            [names.get(word, word).replace("PATH", str(path)) for word in words]
+            for words in COMMANDS
+        ]
     done = run(world, *as_nobody, sys.executable, "-c", EACH, json.dumps(commands))
     assert done.stdout.split("\n")[:-1] == ["refused"] * len(commands), done.stdout + done.stderr
 
 
-def test_settings_that_cannot_be_examined_are_named(world: World, scene: Path, locked: Path, as_nobody: list[str]) -> None:
+def test_settings_that_cannot_be_examined_are_named(
+    world: World, scene: Path, locked: Path, as_nobody: list[str]
+) -> None:
     for command in (("up", scene, *UP), ("doctor",), ("kiosk", "install", scene)):
         done = run(world, *as_nobody, *LFPIPE, *command, XDG_CONFIG_HOME=str(locked))
         assert done.returncode in (1, 2) and str(locked) in done.stderr + done.stdout
@@ -89,7 +107,9 @@ def test_a_recent_scene_that_cannot_be_examined_stops_nothing(
     state = Path(world.env["XDG_STATE_HOME"]) / "lfpipe"
     state.mkdir(parents=True)
     (state / "recent_scenes.json").write_text(json.dumps([str(locked / "in"), f"/tmp/{LONG}"]))
-    done = run(world, *as_nobody, *LFPIPE, "up", "--session", world.name, "--camera", "demo", scene, *UP)
+    done = run(
+        world, *as_nobody, *LFPIPE, "up", "--session", world.name, "--camera", "demo", scene, *UP
+    )
     assert done.returncode == 0, done.stderr
 
 

@@ -34,7 +34,10 @@ def test_one_key_changes_and_nothing_else(before: str, tmp_path: Path) -> None:
     path.write_text(before)
     write_keys(path, "camera", {"focal_px": 612.5})
     assert tomllib.loads(path.read_text()) == expected and len(list(path.parent.iterdir())) == 1
-    comments = [[line.partition("#")[2] for line in text.splitlines() if "#" in line] for text in (before, path.read_text())]
+    comments = [
+        [line.partition("#")[2] for line in text.splitlines() if "#" in line]
+        for text in (before, path.read_text())
+    ]
     assert comments[0] == comments[1]
     for damaged in ("camera = 3\n", "[camera\n"):
         path.write_text(damaged)
@@ -54,9 +57,15 @@ def test_without_a_screen_the_demo_is_measured_and_kept(world: World) -> None:
     done = world.done("calibrate", "--camera", "demo", "--distance", "600")
     settings = world.root / "settings" / "lfpipe"
     written = tomllib.loads((settings / "cameras.toml").read_text())["demo"]
-    assert 300 < written["focal_px"] < 1200 and str(written["focal_px"]) in done.stdout and written["width_px"] == 640
+    assert (
+        300 < written["focal_px"] < 1200
+        and str(written["focal_px"]) in done.stdout
+        and written["width_px"] == 640
+    )
     assert not (settings / "config.toml").exists()
-    far = world.refused("calibrate", "--camera", "demo", "--distance", "1600")  # the face fills as much as one would at 600 mm
+    far = world.refused(
+        "calibrate", "--camera", "demo", "--distance", "1600"
+    )  # the face fills as much as one would at 600 mm
     assert "not stored" in far and "measure again" in far
     assert tomllib.loads((settings / "cameras.toml").read_text()) == {"demo": written}
     video(world.root / "wall.avi", "MJPG", [np.full((480, 640, 3), 120, np.uint8)] * 30)
@@ -66,12 +75,18 @@ def test_without_a_screen_the_demo_is_measured_and_kept(world: World) -> None:
 def test_each_camera_keeps_its_own_focal_length(world: World, scene: Path, clip: Path) -> None:
     settings = world.root / "settings" / "lfpipe"
     settings.mkdir(parents=True)
-    (settings / "cameras.toml").write_text(f'[demo]\nfocal_px = 400\nwidth_px = 320\n["file:{clip}"]\nfocal_px = 5\n')
+    (settings / "cameras.toml").write_text(
+        f'[demo]\nfocal_px = 400\nwidth_px = 320\n["file:{clip}"]\nfocal_px = 5\n'
+    )
     world.up(scene)
     world.pictures(3)
-    assert json.loads(world.ctl("status", "--json"))["config"]["camera"]["focal_px"] == 800  # at 640
+    assert (
+        json.loads(world.ctl("status", "--json"))["config"]["camera"]["focal_px"] == 800
+    )  # at 640
     world.ctl("stop")
-    damaged = world.refused("up", scene, "--camera", f"file:{clip}", "--display", "none", "--duration", "1")
+    damaged = world.refused(
+        "up", scene, "--camera", f"file:{clip}", "--display", "none", "--duration", "1"
+    )
     assert "cameras.toml" in damaged and "width_px" in damaged
 
 
@@ -84,19 +99,37 @@ def held_up(path: Path) -> tuple[float, float]:
     large = np.full((480 * fine, 640 * fine, 3), 90, np.uint8)
     width, height = (size_mm * FOCAL_PX / CARD_AT_MM for size_mm in CARD_MM)
     corner = [round(fine * value) for value in CARD_PX]
-    cv2.rectangle(large, corner, [corner[0] + round(fine * width), corner[1] + round(fine * height)], (150, 90, 30), -1)
+    cv2.rectangle(
+        large,
+        corner,
+        [corner[0] + round(fine * width), corner[1] + round(fine * height)],
+        (150, 90, 30),
+        -1,
+    )
     video(path, "MJPG", [cv2.resize(large, (640, 480), interpolation=cv2.INTER_AREA)] * 30)
     return width, height
 
 
-@pytest.mark.skipif(not all(map(shutil.which, ("xdotool", "xwininfo"))), reason="apt-get install xdotool x11-utils")
+@pytest.mark.skipif(
+    not all(map(shutil.which, ("xdotool", "xwininfo"))), reason="apt-get install xdotool x11-utils"
+)
 def test_a_card_is_clicked_in_a_real_window(world: World, screen: Screen, tmp_path: Path) -> None:
     width_px, height_px = held_up(tmp_path / "card.avi")
     world.env["DISPLAY"] = screen.name
     settings = world.root / "settings" / "lfpipe" / "config.toml"
     settings.parent.mkdir(parents=True)
-    settings.write_text('# mine\n[camera]\nrate_hz = 25.0  # slow\nfocal_px = 999.0\n[render]\nmethod = "warp"\n')
-    process = world.start("calibrate", "--by", "card", "--camera", "file:card.avi?loop=1", "--distance", str(CARD_AT_MM))
+    settings.write_text(
+        '# mine\n[camera]\nrate_hz = 25.0  # slow\nfocal_px = 999.0\n[render]\nmethod = "warp"\n'
+    )
+    process = world.start(
+        "calibrate",
+        "--by",
+        "card",
+        "--camera",
+        "file:card.avi?loop=1",
+        "--distance",
+        str(CARD_AT_MM),
+    )
     x0, y0, width, _ = world.wait_for(lambda: outline("lfpipe calibrate", screen.name), "window")
     world.wait_for(lambda: len(screen.shown()), "picture")
 
@@ -110,14 +143,27 @@ def test_a_card_is_clicked_in_a_real_window(world: World, screen: Screen, tmp_pa
 
     drawn("key", "Return")
     middle = CARD_PX[1] + height_px / 2
-    for x, y in ((30, 30), (90, 40), (CARD_PX[0], middle), (CARD_PX[0] + width_px, middle)):  # two slips, then the edges
+    for x, y in (
+        (30, 30),
+        (90, 40),
+        (CARD_PX[0], middle),
+        (CARD_PX[0] + width_px, middle),
+    ):  # two slips, then the edges
         drawn("mousemove", round(x0 + x * width / 640), round(y0 + y * width / 640), "click", 1)
     tool("key", "Return")
     out, err = process.communicate(timeout=60)
     assert process.returncode == 0, err
     cameras = settings.with_name("cameras.toml")
     measured = tomllib.loads(cameras.read_text())[f"file:{world.root / 'card.avi'}"]
-    assert measured == {"focal_px": pytest.approx(FOCAL_PX, rel=0.01), "width_px": 640}  # a click falls on a pixel
-    written = tomllib.loads(settings.read_text())  # without the focal length that was set for every camera
-    assert written == {"camera": {"rate_hz": 25.0}, "render": {"method": "warp"}} and "# mine" in settings.read_text()
+    assert measured == {
+        "focal_px": pytest.approx(FOCAL_PX, rel=0.01),
+        "width_px": 640,
+    }  # a click falls on a pixel
+    written = tomllib.loads(
+        settings.read_text()
+    )  # without the focal length that was set for every camera
+    assert (
+        written == {"camera": {"rate_hz": 25.0}, "render": {"method": "warp"}}
+        and "# mine" in settings.read_text()
+    )
     assert str(settings) in out and str(cameras) in out

@@ -16,10 +16,20 @@ from tests.world import World
 def test_this_machine_passes_but_for_what_it_lacks_and_every_line_says_something() -> None:
     checks = doctor.checks()
     assert {check.name for check in checks if not check.ok} <= {"display", "camera"}
-    assert {check.name for check in checks} > {"python", "settings", "opencv", "models", "litert", "shm", "left over"}
+    assert {check.name for check in checks} > {
+        "python",
+        "settings",
+        "opencv",
+        "models",
+        "litert",
+        "shm",
+        "left over",
+    }
     details = {check.name: check.detail for check in checks}
     assert all(details.values())
-    assert re.search(r"litert runs face_landmark\.tflite \(mediapipe 0\.10\.\d+, sha256 \w+\)", details["litert"])
+    assert re.search(
+        r"litert runs face_landmark\.tflite \(mediapipe 0\.10\.\d+, sha256 \w+\)", details["litert"]
+    )
 
 
 def test_a_doubled_opencv_is_explained(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -27,14 +37,24 @@ def test_a_doubled_opencv_is_explained(tmp_path: Path, monkeypatch: pytest.Monke
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: opencv-python\nVersion: 4.9.0\n")
     check = doctor.opencv()
-    assert check.ok and "opencv-contrib-python-headless" in check.detail and "GUI NONE" in check.detail and not check.remedy
+    assert (
+        check.ok
+        and "opencv-contrib-python-headless" in check.detail
+        and "GUI NONE" in check.detail
+        and not check.remedy
+    )
     monkeypatch.syspath_prepend(tmp_path)
     check = doctor.opencv()
     assert not check.ok and "2 in one folder" in check.detail
-    assert check.remedy.endswith("opencv-contrib-python-headless==4.9.0") and "--no-deps" in check.remedy
+    assert (
+        check.remedy.endswith("opencv-contrib-python-headless==4.9.0")
+        and "--no-deps" in check.remedy
+    )
 
 
-def test_missing_networks_are_named_with_what_would_fetch_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_networks_are_named_with_what_would_fetch_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(models, "package_folder", lambda: None)
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     fetchable = doctor.face_networks()
@@ -67,8 +87,12 @@ def test_shared_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_the_first_camera_decides_unless_the_settings_name_another_source() -> None:
     device = CameraDevice(Path("/dev/video97"), "Front")
-    assert [check.ok for check in doctor.camera_checks("", [device, device])] == [PORTABLE, True], "OpenCV asks no camera"
-    assert [check.ok for check in (*doctor.camera_checks("", []), *doctor.camera_checks("camera:0", []))] == [True, False]
+    assert [check.ok for check in doctor.camera_checks("", [device, device])] == [PORTABLE, True], (
+        "OpenCV asks no camera"
+    )
+    assert [
+        check.ok for check in (*doctor.camera_checks("", []), *doctor.camera_checks("camera:0", []))
+    ] == [True, False]
     assert all(check.ok for check in doctor.camera_checks("demo", [device]))
     assert PORTABLE or "Front: No such file" in doctor.camera(device).detail
 
@@ -93,7 +117,11 @@ def test_leftovers_are_what_dead_sessions_left_wherever_they_ran(tmp_path: Path)
         assert not {*left, *used} & set(doctor.leftovers().detail.split(", "))
         dead.kill()
         check = doctor.leftovers()
-        assert check.ok and set(left) <= set(check.detail.split(", ")) and not set(used) & set(check.detail.split(", "))
+        assert (
+            check.ok
+            and set(left) <= set(check.detail.split(", "))
+            and not set(used) & set(check.detail.split(", "))
+        )
         assert "lfpipe up" in check.remedy and str(tmp_path) in check.remedy
     Holder(tmp_path, "next").end()
     assert not set(left) & set(doctor.leftovers().detail.split(", "))

@@ -18,7 +18,9 @@ from profiling.photon_simulation import HEIGHT_PX, WIDTH_PX, Loop, drawn, geomet
 def test_the_delay_is_found_within_its_interval(seed: int) -> None:
     loop = drawn(np.random.default_rng(seed), seed)
     found = estimate(recording(loop))
-    assert abs(found.delay_ms - loop.delay_ms) < 1 and found.low_ms <= loop.delay_ms <= found.high_ms
+    assert (
+        abs(found.delay_ms - loop.delay_ms) < 1 and found.low_ms <= loop.delay_ms <= found.high_ms
+    )
 
 
 def test_what_cannot_be_measured_is_refused_with_the_reason() -> None:
@@ -50,7 +52,9 @@ def test_a_camera_in_step_with_the_screen_is_refused(camera_hz: float, delay_ms:
 
 
 @pytest.mark.parametrize("camera_hz", [30.02, 30.05])
-def test_a_camera_that_drifts_along_the_screen_is_known_as_far_as_it_drifted(camera_hz: float) -> None:
+def test_a_camera_that_drifts_along_the_screen_is_known_as_far_as_it_drifted(
+    camera_hz: float,
+) -> None:
     found = estimate(recording(Loop(camera_hz=camera_hz, screen_hz=60.0024)))
     assert found.low_ms <= 60 <= found.high_ms and (found.half_ms > 1.5) == (camera_hz == 30.02)
 
@@ -60,7 +64,10 @@ def test_a_long_delay_and_frames_delivered_twice_are_measured() -> None:
     made = recording(loop)
     stamps = np.repeat(made.t_frame_ns, 2)
     stamps[1::2] += 16_700_000
-    for each in (made, attrs.evolve(made, t_frame_ns=stamps, pictures=np.repeat(made.pictures, 2, axis=0))):
+    for each in (
+        made,
+        attrs.evolve(made, t_frame_ns=stamps, pictures=np.repeat(made.pictures, 2, axis=0)),
+    ):
         assert estimate(each).delay_ms == pytest.approx(350, abs=1)
 
 
@@ -70,19 +77,30 @@ def test_a_tilted_and_half_hidden_screen_is_found_and_the_guide_says_where_to_ai
     rng = np.random.default_rng(loop.seed)
     rng.integers(3, 7, int(loop.duration_s * loop.screen_hz))  # as the pattern was drawn before
     cover = geometry(loop, rng)[0] > 0.5
-    assert (area & cover).sum() > 0.95 * cover.sum() and (area & ~cover).sum() < 0.1 * WIDTH_PX * HEIGHT_PX
+    assert (area & cover).sum() > 0.95 * cover.sum() and (
+        area & ~cover
+    ).sum() < 0.1 * WIDTH_PX * HEIGHT_PX
     for off, word in ((-0.3, "high"), (0.0, ""), (0.3, "low")):
         said = advice(find_area(recording(Loop(off=off, size=0.4, duration_s=4.0)))[0] > 0.4)
         assert word in said and bool(word) == bool(said)
 
 
-def test_a_busy_machine_that_loses_frames_and_shows_two_flips_at_one_blank_is_no_reason_to_refuse() -> None:
+def test_a_busy_machine_that_loses_frames_and_shows_two_flips_at_one_blank_is_no_reason_to_refuse() -> (
+    None
+):
     loop = Loop(camera_hz=59.7, exposure_ms=8.0, duration_s=8.0)
     made, rng = recording(loop), np.random.default_rng(3)
     kept = rng.random(len(made.t_frame_ns)) > 0.6  # most steps are of two or three frames
     t_flip_ns = made.t_flip_ns.copy()
     t_flip_ns[20] = t_flip_ns[21]  # the compositor stood still: the level before was never seen
-    found = estimate(attrs.evolve(made, t_frame_ns=made.t_frame_ns[kept], pictures=made.pictures[kept], t_flip_ns=t_flip_ns))
+    found = estimate(
+        attrs.evolve(
+            made,
+            t_frame_ns=made.t_frame_ns[kept],
+            pictures=made.pictures[kept],
+            t_flip_ns=t_flip_ns,
+        )
+    )
     assert found.low_ms - 1 < loop.delay_ms < found.high_ms + 1
 
 
@@ -98,13 +116,19 @@ class Stamped:
         self._count += 1
         out[:] = np.arange(out.size).reshape(out.shape) % 251
         kind = StampKind.READ if self._count % self._every == 0 else StampKind.END_OF_FRAME
-        return Frame(self._count, self._count * 33_000_000, 0, stamp=kind) if self._count <= 40 else None
+        return (
+            Frame(self._count, self._count * 33_000_000, 0, stamp=kind)
+            if self._count <= 40
+            else None
+        )
 
     def close(self) -> None:
         pass
 
 
-@pytest.mark.parametrize(("every", "stamped", "kept"), [(99, True, 40), (20, True, 38), (2, False, 20), (1, False, 0)])
+@pytest.mark.parametrize(
+    ("every", "stamped", "kept"), [(99, True, 40), (20, True, 38), (2, False, 20), (1, False, 0)]
+)
 def test_single_frames_without_a_stamp_are_left_out(every: int, stamped: bool, kept: int) -> None:
     watch = CameraWatch(Stamped(every), (64, 48))
     watch.start()

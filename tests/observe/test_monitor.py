@@ -81,7 +81,10 @@ def test_the_screen_its_keys_and_a_session_that_starts_again(world: World, scene
         terminal.press(key)
         terminal.until(answer)
     second.until("nearest views")
-    world.wait_for(lambda: any(part.stat().st_size > 2000 for part in world.root.glob("lfpipe-*.part")), "traced pictures")
+    world.wait_for(
+        lambda: any(part.stat().st_size > 2000 for part in world.root.glob("lfpipe-*.part")),
+        "traced pictures",
+    )
     terminal.press("t")
     terminal.until(r"timeline: /")
     assert [path.suffix for path in world.root.glob("lfpipe-*")] == [".json"]
@@ -105,7 +108,10 @@ def test_coming_and_going_leaves_nothing_and_costs_no_frame(live: World) -> None
                 assert watch.living() and watch.read()["stages"]
     for signum in (signal.SIGKILL, signal.SIGINT):  # whole processes, killed and ended cleanly
         viewer = live.start("monitor", "--session", live.name, "--json")
-        assert viewer.stdout is not None and json.loads(viewer.stdout.readline())["session"] == live.name
+        assert (
+            viewer.stdout is not None
+            and json.loads(viewer.stdout.readline())["session"] == live.name
+        )
         viewer.send_signal(signum)
         viewer.communicate(timeout=60)
     assert len(list(Path("/proc/self/fd").iterdir())) <= descriptors + 1
@@ -113,13 +119,21 @@ def test_coming_and_going_leaves_nothing_and_costs_no_frame(live: World) -> None
     assert all(stage["restarts"] == 0 for stage in live.monitor()["stages"].values())
 
 
-def test_the_horizon_is_what_the_trace_says_and_grows_with_the_displays_own_delay(live: World) -> None:
+def test_the_horizon_is_what_the_trace_says_and_grows_with_the_displays_own_delay(
+    live: World,
+) -> None:
     live.pictures(90)
     state = live.monitor()
     horizon = state["horizon"]
-    live.pictures(max(len(live.lines()), horizon["n"]) + 30)  # what the monitor saw is written by then
+    live.pictures(
+        max(len(live.lines()), horizon["n"]) + 30
+    )  # what the monitor saw is written by then
     counted = [line for line in live.lines() if line["face"]][: horizon["n"]]
-    horizon_ms = statistics.median((line["t_presented_ns"] - line["t_sensor_ns"]) / 1e6 for line in counted) + 100 + 1e3 / 120
+    horizon_ms = (
+        statistics.median((line["t_presented_ns"] - line["t_sensor_ns"]) / 1e6 for line in counted)
+        + 100
+        + 1e3 / 120
+    )
     assert len(counted) >= 60 and horizon["p50_ms"] == pytest.approx(horizon_ms, rel=0.1)
     assert state["motion_to_photon"]["onset_ms"] is None, "no light without a screen"
 

@@ -20,17 +20,28 @@ from tests import hostile_files as hostile
 from tests.world import World
 
 
-def line(source_seq: int, sensor: int, steps: tuple[int, int, int, int, int], composed: bool = True) -> dict[str, Any]:
+def line(
+    source_seq: int, sensor: int, steps: tuple[int, int, int, int, int], composed: bool = True
+) -> dict[str, Any]:
     stamps = list(itertools.accumulate((sensor, *steps)))
     names = ("sensor", "read", "tracked", "started", "composed", "presented")
     view = {"left": [1.0, 1.0], "right": [1.0, 2.0]}
-    about = {"source_seq": source_seq, "epoch": 0, "face": True, "view": view, "method": "warp", "composed": composed}
+    about = {
+        "source_seq": source_seq,
+        "epoch": 0,
+        "face": True,
+        "view": view,
+        "method": "warp",
+        "composed": composed,
+    }
     return {**about, **{f"t_{name}_ns": stamp for name, stamp in zip(names, stamps, strict=True)}}
 
 
 def check(made: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
     """Checks "Trace Event Format": known phases, slices that do not overlap on a track. Returns the slices by track."""
-    tracks = {e["tid"]: e["args"]["name"] for e in made if e["ph"] == "M" and e["name"] == "thread_name"}
+    tracks = {
+        e["tid"]: e["args"]["name"] for e in made if e["ph"] == "M" and e["name"] == "thread_name"
+    }
     assert tuple(tracks.values()) == TRACKS
     slices: dict[str, list[dict[str, Any]]] = defaultdict(list)
     for event in made:
@@ -40,16 +51,25 @@ def check(made: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
             slices[tracks[event["tid"]]].append(event)
     for found in slices.values():
         for before, after in itertools.pairwise(sorted(found, key=lambda e: (e["ts"], e["dur"]))):
-            assert before["ts"] + before["dur"] <= after["ts"] + 1e-3, "slices of a track do not overlap"
+            assert before["ts"] + before["dur"] <= after["ts"] + 1e-3, (
+                "slices of a track do not overlap"
+            )
     return slices
 
 
-@given(st.lists(st.tuples(st.tuples(*[st.integers(0, 50_000_000)] * 5), st.booleans()), max_size=30))
+@given(
+    st.lists(st.tuples(st.tuples(*[st.integers(0, 50_000_000)] * 5), st.booleans()), max_size=30)
+)
 def test_any_trace_gives_a_sound_timeline(made: list[tuple[Any, bool]]) -> None:
-    lines = [line(k // 2, 10**9 + (k // 2) * 33_000_000, steps, composed) for k, (steps, composed) in enumerate(made)]
+    lines = [
+        line(k // 2, 10**9 + (k // 2) * 33_000_000, steps, composed)
+        for k, (steps, composed) in enumerate(made)
+    ]
     slices = check(list(events(lines)))
     assert len(slices["capture"]) == len({each["source_seq"] for each in lines})
-    assert len(slices["render"]) == len(slices["display"]) == sum(each["composed"] for each in lines)
+    assert (
+        len(slices["render"]) == len(slices["display"]) == sum(each["composed"] for each in lines)
+    )
     seen = {s["args"]["source_seq"] for found in slices.values() for s in found}
     assert seen == {each["source_seq"] for each in lines}
 
@@ -84,13 +104,21 @@ def test_a_conversion_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
         convert(bad, out)
     assert out.read_text() == "# written by lfpipe"
     os.mkfifo(tmp_path / "fifo")
-    for source, place in ((tmp_path / "fifo", out), (tmp_path, out), (written(bad), tmp_path / "fifo"), (bad, tmp_path)):
+    for source, place in (
+        (tmp_path / "fifo", out),
+        (tmp_path, out),
+        (written(bad), tmp_path / "fifo"),
+        (bad, tmp_path),
+    ):
         with pytest.raises(UserError):
             convert(source, place)
     convert(bad, out)
     slices = check(json.loads(out.read_text())["traceEvents"])
     assert stat.S_IMODE(out.stat().st_mode) == 0o600
-    assert slices["render"][0]["ts"] == pytest.approx(1_000_004.5) and slices["render"][0]["dur"] == 4.0, "microseconds"
+    assert (
+        slices["render"][0]["ts"] == pytest.approx(1_000_004.5)
+        and slices["render"][0]["dur"] == 4.0
+    ), "microseconds"
     assert slices["display"][0]["args"]["age_ms"] == pytest.approx(0.0086)
 
 
@@ -117,12 +145,18 @@ def test_a_timeline_of_a_running_session(live: World, tmp_path: Path) -> None:
     umask = os.umask(0)
     try:
         live.done("trace", "start", out, *named)
-        assert "t.json.part is already" in live.refused("trace", "start", tmp_path / "u.json", *named)
+        assert "t.json.part is already" in live.refused(
+            "trace", "start", tmp_path / "u.json", *named
+        )
         live.pictures(len(live.lines()) + 40)
         done = live.run("trace", "stop", *named)
     finally:
         os.umask(umask)
-    assert done.returncode == 0 and str(out) in done.stdout and stat.S_IMODE(out.stat().st_mode) == 0o600
+    assert (
+        done.returncode == 0
+        and str(out) in done.stdout
+        and stat.S_IMODE(out.stat().st_mode) == 0o600
+    )
     slices = check(json.loads(out.read_text())["traceEvents"])
     assert all(len(slices[name]) > 5 for name in ("capture", "track"))
     assert [path.name for path in tmp_path.iterdir()] == ["t.json"]

@@ -44,7 +44,9 @@ def packing(world: World) -> bool:
     """Whether a packer of this world runs."""
     for process in psutil.process_iter(["cmdline", "environ"]):
         with contextlib.suppress(psutil.Error, KeyError, TypeError):
-            if "lfpipe.scene.packer" in process.info["cmdline"] and str(world.root) in str(process.info["environ"]):
+            if "lfpipe.scene.packer" in process.info["cmdline"] and str(world.root) in str(
+                process.info["environ"]
+            ):
                 return True
     return False
 
@@ -84,7 +86,9 @@ def test_a_second_load_replaces_the_first(session: World) -> None:
     answer = session.ask(cmd="load", scene=str(second))
     client.join()
     assert answer["ok"] and scene_of(session)["name"] == "quick"
-    assert not refused or "another scene" in refused[0], "replaced, or its views were shown for a moment"
+    assert not refused or "another scene" in refused[0], (
+        "replaced, or its views were shown for a moment"
+    )
 
 
 @pytest.mark.live
@@ -93,7 +97,11 @@ def test_views_are_shown_before_the_disparity_and_then_warped(session: World) ->
     early = scene_of(session)
     session.wait_for(lambda: scene_of(session)["complete"], "the disparity")
     late = scene_of(session)
-    assert not early["complete"] and early["method"] in ("nearest", "blend") and not early["has_disparity"]
+    assert (
+        not early["complete"]
+        and early["method"] in ("nearest", "blend")
+        and not early["has_disparity"]
+    )
     assert late["pack"] == early["pack"] and late["method"].startswith("warp")
     session.wait_for(lambda: session.lines()[-1]["method"].startswith("warp"), "warped pictures")
 
@@ -113,17 +121,25 @@ def test_packs_that_are_left_are_unmapped(session: World) -> None:
     files = []
     for n in range(12):
         assert session.ask(cmd="load", scene=str(scenes[n % 3]))["ok"]
-        session.wait_for(lambda: len(mapped(render.pid)) <= 1, f"the end of the maps of packs left by load {n}")
+        session.wait_for(
+            lambda: len(mapped(render.pid)) <= 1, f"the end of the maps of packs left by load {n}"
+        )
         files.append(render.num_fds())
     assert max(files[3:]) - min(files[3:]) <= 2, files
 
 
-def test_packs_in_use_are_kept_also_while_no_render_stage_has_them_open(world: World, scene: Path) -> None:
+def test_packs_in_use_are_kept_also_while_no_render_stage_has_them_open(
+    world: World, scene: Path
+) -> None:
     world.up(scene, "--set", "render.clock=camera")
     world.pictures(5)
     world.kill("render")
     cleaned = world.run("scene", "clean", "--all")
-    assert cleaned.returncode == 0 and "in use, kept" in cleaned.stdout and "removed 0 packs" in cleaned.stdout
+    assert (
+        cleaned.returncode == 0
+        and "in use, kept" in cleaned.stdout
+        and "removed 0 packs" in cleaned.stdout
+    )
     world.more_pictures(5)
     world.ctl("stop")
     world.wait_for(lambda: not world.left(), "end of the session")
@@ -159,7 +175,9 @@ def test_a_folder_of_scenes_is_a_list_and_a_scene_stays_one(tmp_path: Path) -> N
     names = [folder / name for name in ("amber", "birch", "cedar")]
     assert playlist([folder], settings) == names
     assert playlist([names[1], folder, names[0]], settings) == [names[1], *names, names[0]]
-    made.write(folder / "dune_qs3x1a1.5.png", made.mosaic(made.views(1, 3)))  # one file does not hide the folders beside it
+    made.write(
+        folder / "dune_qs3x1a1.5.png", made.mosaic(made.views(1, 3))
+    )  # one file does not hide the folders beside it
     assert playlist([folder], settings) == [*names, folder / "dune_qs3x1a1.5.png"]
     for other in (tmp_path / "nowhere", folder / "empty", folder / "notes.txt"):
         assert playlist([other], settings) == [other]  # opening it reports the error
@@ -171,10 +189,18 @@ def test_the_next_and_the_previous_scene_come_by_command(listed: World) -> None:
         return listed.run("ctl", "--session", listed.name, "load", *words)
 
     assert shown(listed) == (0, 2)
-    for word, wanted in (("--next", (1, 3)), ("--next", (2, 4)), ("--next", (0, 2)), ("--previous", (2, 4))):
+    for word, wanted in (
+        ("--next", (1, 3)),
+        ("--next", (2, 4)),
+        ("--next", (0, 2)),
+        ("--previous", (2, 4)),
+    ):
         done = load(word)
         assert done.returncode == 0 and shown(listed) == wanted, done.stderr
-    assert load(str(listed.root / "scenes" / "amber")).returncode == 0 and shown(listed) == (0, 2)  # which is in the list
+    assert load(str(listed.root / "scenes" / "amber")).returncode == 0 and shown(listed) == (
+        0,
+        2,
+    )  # which is in the list
     for words in ((), ("--next", "amber")):
         assert load(*words).returncode == 2
 
@@ -185,6 +211,13 @@ def test_the_page_has_the_list_and_loads_nothing_else(listed: World) -> None:
         for at, rows in ((2, 4), (0, 2)):
             status, answer = server.ask("POST", "/ctl", {"cmd": "load", "at": at})
             assert status == 200 and json.loads(answer)["ok"] and shown(listed) == (at, rows)
-        for wrong in ({"at": 3}, {"at": -1}, {"at": True}, {"scene": "/etc"}, {"at": 1, "scene": "/etc"}, {}):
+        for wrong in (
+            {"at": 3},
+            {"at": -1},
+            {"at": True},
+            {"scene": "/etc"},
+            {"at": 1, "scene": "/etc"},
+            {},
+        ):
             assert server.ask("POST", "/ctl", {"cmd": "load", **wrong})[0] == 400, wrong
         assert shown(listed) == (0, 2)

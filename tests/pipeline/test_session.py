@@ -19,7 +19,9 @@ NEAREST = ("--set", "render.method=nearest", "--set", "render.alpha_px=12")
 
 
 @pytest.mark.everyday
-def test_every_frame_of_a_file_becomes_a_picture_and_the_session_ends_with_it(world: World, scene: Path, clip: Path) -> None:
+def test_every_frame_of_a_file_becomes_a_picture_and_the_session_ends_with_it(
+    world: World, scene: Path, clip: Path
+) -> None:
     process = world.up(scene, *CAMERA, *NEAREST, camera=f"file:{clip}?loop=0&pace=max")
     out, err = process.communicate(timeout=120)
     assert process.returncode == 0, err
@@ -28,13 +30,17 @@ def test_every_frame_of_a_file_becomes_a_picture_and_the_session_ends_with_it(wo
     assert [line["seq"] for line in lines] == list(range(60))
     assert sum(line["face"] for line in lines) >= 57
     for line in lines:
-        stamps = [line[f"t_{name}_ns"] for name in ("sensor", "read", "tracked", "composed", "presented")]
+        stamps = [
+            line[f"t_{name}_ns"] for name in ("sensor", "read", "tracked", "composed", "presented")
+        ]
         assert stamps == sorted(stamps) and all(type(stamp) is int for stamp in stamps)
         assert line["epoch"] == 0 and line["method"] == "nearest"
         if line["face"]:
             (left, _), (right, _) = line["eyes_used"]["left"], line["eyes_used"]["right"]
             assert left > right, "the viewer's left eye is at larger x"
-            assert line["view"]["left"][1] <= line["view"]["right"][1], "the left eye looks from the camera further left"
+            assert line["view"]["left"][1] <= line["view"]["right"][1], (
+                "the left eye looks from the camera further left"
+            )
             assert line["view"]["left"][0] == line["view"]["right"][0]
     assert "render" in out and str(world.trace) in out and not world.left()
 
@@ -50,7 +56,10 @@ def test_monitor_and_ctl_see_and_change_the_next_picture(
     assert state["session"] == world.name and set(state["stages"]) == {"capture", "track", "render"}
     for stage in state["stages"].values():
         assert stage["state"] == "RUNNING" and stage["restarts"] == 0
-        assert 0 < stage["fps"] < 90 and stage["p50_ms"] <= stage["p95_ms"] <= stage["p99_ms"] <= stage["max_ms"]
+        assert (
+            0 < stage["fps"] < 90
+            and stage["p50_ms"] <= stage["p95_ms"] <= stage["p99_ms"] <= stage["max_ms"]
+        )
         os.kill(stage["pid"], 0)
     assert 0 < state["end_to_end"]["p50_ms"] <= state["end_to_end"]["max_ms"]
 
@@ -63,13 +72,17 @@ def test_monitor_and_ctl_see_and_change_the_next_picture(
     line = world.more_pictures(2)[-1]
     assert line["view"]["left"][1] >= line["view"]["right"][1]
     assert ctl("set", "render.swap_eyes=false", "render.alpha_px=3")["ok"] is True
-    bad = world.run("ctl", "--session", world.name, "set", "render.alpha_px=4", "render.method=neerest")
+    bad = world.run(
+        "ctl", "--session", world.name, "set", "render.alpha_px=4", "render.method=neerest"
+    )
     assert bad.returncode == 2 and "did you mean 'nearest'" in bad.stderr
     assert ctl("status")["config"]["render"]["alpha_px"] == 3.0, "applied whole or not at all"
     fixed = world.run("ctl", "--session", world.name, "set", "camera.width_px=320")
     assert fixed.returncode == 2 and "fixed while a session runs" in fixed.stderr
 
-    ctl("set", "render.alpha_px=100", "render.method=blend")  # then views tell where in the camera picture the middle lies
+    ctl(
+        "set", "render.alpha_px=100", "render.method=blend"
+    )  # then views tell where in the camera picture the middle lies
 
     def middles(count: int) -> np.ndarray:
         """(n, 2) px: by each picture since, what place of the eyes would be seen from the middle view."""
@@ -78,7 +91,12 @@ def test_monitor_and_ctl_see_and_change_the_next_picture(
             (lu, lv), (ru, rv) = line["eyes_used"]["left"], line["eyes_used"]["right"]
             (row, left), (_, right) = line["view"]["left"], line["view"]["right"]
             if all(0 < value < 2 for value in (row, left, right)):
-                middles.append(((lu + ru) / 2 + ((left + right) / 2 - 1) * 100, (lv + rv) / 2 - (row - 1) * 100))
+                middles.append(
+                    (
+                        (lu + ru) / 2 + ((left + right) / 2 - 1) * 100,
+                        (lv + rv) / 2 - (row - 1) * 100,
+                    )
+                )
         return np.array(middles)
 
     def some_middles() -> np.ndarray:
@@ -91,7 +109,10 @@ def test_monitor_and_ctl_see_and_change_the_next_picture(
     assert np.hypot(*(before - (320, 240))) < 100
     start = len(world.lines())
     ctl("recentre")
-    world.wait_for(lambda: len(now := middles(start)) and np.hypot(*(now[-1] - before)) > 1, "the middle where the eyes were")
+    world.wait_for(
+        lambda: len(now := middles(start)) and np.hypot(*(now[-1] - before)) > 1,
+        "the middle where the eyes were",
+    )
 
     ctl("pause")
     time.sleep(0.3)
@@ -101,8 +122,13 @@ def test_monitor_and_ctl_see_and_change_the_next_picture(
     assert "PAUSED" in world.run("ctl", "--session", world.name, "status").stdout
     paused_ns = time.monotonic_ns()
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(world.run_dir))
-    with contextlib.closing(Watch(find(world.name))) as watch:  # otherwise "no face" is reported after 4 s
-        world.wait_for(lambda: watch.table.rows["render"]["t_face_ns"] > paused_ns, "nobody is missed while paused")
+    with contextlib.closing(
+        Watch(find(world.name))
+    ) as watch:  # otherwise "no face" is reported after 4 s
+        world.wait_for(
+            lambda: watch.table.rows["render"]["t_face_ns"] > paused_ns,
+            "nobody is missed while paused",
+        )
     ctl("resume")
     world.pictures(count + 5)
 
@@ -117,20 +143,31 @@ def test_monitor_and_ctl_see_and_change_the_next_picture(
 
 
 @pytest.mark.everyday
-def test_stages_that_are_killed_or_hang_come_back_and_a_signal_ends_all(world: World, scene: Path) -> None:
+def test_stages_that_are_killed_or_hang_come_back_and_a_signal_ends_all(
+    world: World, scene: Path
+) -> None:
     process = world.up(scene, *CAMERA, start_new_session=True)
     world.pictures(10)
     for number, stage in enumerate(("capture", "track", "render"), 1):
         before = world.monitor()
         world.kill(stage, signal.SIGSTOP if stage == "track" else signal.SIGKILL)
-        world.wait_for(lambda stage=stage: world.monitor()["stages"][stage]["restarts"] == 1, "restart")
-        world.wait_for(lambda stage=stage: world.monitor()["stages"][stage]["state"] == "RUNNING", "restarted stage")
+        world.wait_for(
+            lambda stage=stage: world.monitor()["stages"][stage]["restarts"] == 1, "restart"
+        )
+        world.wait_for(
+            lambda stage=stage: world.monitor()["stages"][stage]["state"] == "RUNNING",
+            "restarted stage",
+        )
         lines = world.more_pictures(5)
         after = world.monitor()
         assert after["stages"][stage]["pid"] != before["stages"][stage]["pid"]
         assert [row["restarts"] for row in after["stages"].values()].count(0) == 3 - number
-        assert [line["seq"] for line in lines] == list(range(len(lines))), "the trace and its count survive"
+        assert [line["seq"] for line in lines] == list(range(len(lines))), (
+            "the trace and its count survive"
+        )
         assert lines[-1]["epoch"] == 1, "capture is another one"
     pids = [row["pid"] for row in after["stages"].values()]
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does
-    assert "track: no beat for" in world.ended(process) and not any(Path(f"/proc/{pid}").exists() for pid in pids)
+    assert "track: no beat for" in world.ended(process) and not any(
+        Path(f"/proc/{pid}").exists() for pid in pids
+    )

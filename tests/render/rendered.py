@@ -15,13 +15,18 @@ from lfpipe.render.anaglyph import MATRICES
 from lfpipe.scene.lightfield import Geometry, LightField
 
 FAR, NEAR = -1.0, 2.0
-SQUARE = (20.0, 44.0)  # where the square begins and ends in the middle view, both axes, in px of a 64x64 view
+SQUARE = (
+    20.0,
+    44.0,
+)  # where the square begins and ends in the middle view, both axes, in px of a 64x64 view
 METHODS = ["nearest", "blend", "warp", "warp2"]
 OUTPUTS = [*MATRICES, "mono", "side-by-side", "row-interleaved"]
 S = 1_000_000_000
 
 
-def eyes_array(x: float = 320.0, y: float = 240.0, apart: float = 24.0, **more: Any) -> NDArray[np.void]:
+def eyes_array(
+    x: float = 320.0, y: float = 240.0, apart: float = 24.0, **more: Any
+) -> NDArray[np.void]:
     """Eyes around (x, y) in a picture of 640x480: of dtype EYES, shape ()."""
     eyes = np.zeros((), EYES)
     eyes["face"], eyes["width_px"], eyes["height_px"] = 1, 640, 480
@@ -45,7 +50,9 @@ def _texture(x: NDArray[np.float64], y: NDArray[np.float64], seed: int) -> NDArr
     return value / 12
 
 
-def view(row: float, col: float, height: int = 64, width: int = 64, texture: float = 1.0) -> NDArray[np.uint8]:
+def view(
+    row: float, col: float, height: int = 64, width: int = 64, texture: float = 1.0
+) -> NDArray[np.uint8]:
     """The true view at steps (row, col) from the middle of the grid: uint8 (3, height, width), red, green, blue.
 
     texture: 0 leaves a plain bright square before a plain dark wall.
@@ -54,8 +61,12 @@ def view(row: float, col: float, height: int = 64, width: int = 64, texture: flo
     planes = []
     inside = _square(row, col, height, width)
     for channel in range(3):
-        wall = (110 if texture else 20) + 60 * texture * _texture(x + FAR * col, y + FAR * row, channel)
-        square = (150 if texture else 240) + 80 * texture * _texture(x + NEAR * col, y + NEAR * row, 10 + channel)
+        wall = (110 if texture else 20) + 60 * texture * _texture(
+            x + FAR * col, y + FAR * row, channel
+        )
+        square = (150 if texture else 240) + 80 * texture * _texture(
+            x + NEAR * col, y + NEAR * row, 10 + channel
+        )
         planes.append(np.where(inside, square, wall))
     return np.rint(np.stack(planes)).clip(0, 255).astype(np.uint8)
 
@@ -69,7 +80,13 @@ def _square(row: float, col: float, height: int, width: int) -> NDArray[np.bool_
 
 @lru_cache(64)
 def field(
-    rows: int = 5, cols: int = 5, height: int = 64, width: int = 64, depth: bool = True, scale: float = 1.0, texture: float = 1.0
+    rows: int = 5,
+    cols: int = 5,
+    height: int = 64,
+    width: int = 64,
+    depth: bool = True,
+    scale: float = 1.0,
+    texture: float = 1.0,
 ) -> LightField:
     """The grid as a LightField, not to be written to. scale: multiplies the grid's spacing, and so its disparities."""
     views = np.zeros((1, rows, cols, 3, height, width), np.uint8)
@@ -79,21 +96,34 @@ def field(
         for c in range(cols):
             row, col = (r - (rows - 1) / 2) * scale, (c - (cols - 1) / 2) * scale
             views[0, r, c] = view(row, col, height, width, texture)
-            depth_px = np.where(_square(row, col, height, width), NEAR, FAR).astype(np.float32) * np.float32(scale / unit_px)
-            disparity[0, r, c] = np.rint(cv2.resize(depth_px, disparity.shape[:2:-1], interpolation=cv2.INTER_AREA))
+            depth_px = np.where(_square(row, col, height, width), NEAR, FAR).astype(
+                np.float32
+            ) * np.float32(scale / unit_px)
+            disparity[0, r, c] = np.rint(
+                cv2.resize(depth_px, disparity.shape[:2:-1], interpolation=cv2.INTER_AREA)
+            )
     return light_field(views, disparity if depth else None, unit_px, FAR * scale, NEAR * scale)
 
 
-def noise(rows: int, cols: int, height: int, width: int, extent_px: float, seed: int, channels: int = 3) -> LightField:
+def noise(
+    rows: int, cols: int, height: int, width: int, extent_px: float, seed: int, channels: int = 3
+) -> LightField:
     """Two frames of views and disparities of pure noise, up to +-extent_px, without any consistency."""
     rng = np.random.default_rng(seed)
     views = rng.integers(0, 256, (2, rows, cols, channels, height, width), dtype=np.uint8)
-    disparity = rng.integers(-127, 128, (1, rows, cols, (height + 1) // 2, (width + 1) // 2), dtype=np.int8)
+    disparity = rng.integers(
+        -127, 128, (1, rows, cols, (height + 1) // 2, (width + 1) // 2), dtype=np.int8
+    )
     return light_field(views, disparity, extent_px / 127, -extent_px, extent_px, "warp")
 
 
 def light_field(
-    views: NDArray[np.uint8], disparity: NDArray[np.int8] | None, unit_px: float, low_px: float, high_px: float, method: str = ""
+    views: NDArray[np.uint8],
+    disparity: NDArray[np.int8] | None,
+    unit_px: float,
+    low_px: float,
+    high_px: float,
+    method: str = "",
 ) -> LightField:
     """views: uint8 (frames, rows, cols, channels, height, width)."""
     rows, cols = views.shape[1:3]

@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lfpipe.render.anaglyph import LEAKS, MATRICES, SHARED_TOLERANCE, decoded, encode, encoded, recipe
+from lfpipe.render.anaglyph import (
+    LEAKS,
+    MATRICES,
+    SHARED_TOLERANCE,
+    decoded,
+    encode,
+    encoded,
+    recipe,
+)
 
 GLASSES = sorted(MATRICES)
 CROSSED = [name for name in GLASSES if name.startswith("dubois")]
@@ -34,7 +42,9 @@ def smooth_pictures(seed: int) -> tuple[Picture, Picture]:
 @pytest.mark.parametrize("name", GLASSES)
 @pytest.mark.parametrize("light", ["linear", "gamma"])
 @pytest.mark.parametrize("ghost_compensation", [0.0, 40.0, 100.0])
-def test_grey_in_is_grey_out_at_every_level(name: str, light: str, ghost_compensation: float) -> None:
+def test_grey_in_is_grey_out_at_every_level(
+    name: str, light: str, ghost_compensation: float
+) -> None:
     grey = np.repeat(np.arange(256, dtype=np.uint8)[:, None, None], 3, axis=2)
     np.testing.assert_array_equal(encode(grey, grey, recipe(name, light, ghost_compensation)), grey)
 
@@ -73,18 +83,26 @@ def test_what_crosses_over_only_takes_away(name: str, sign: int) -> None:
 def test_the_papers_method_is_red_of_left_and_green_and_blue_of_right() -> None:
     rng = np.random.default_rng(0)
     left, right = rng.integers(0, 256, (2, 9, 7, 3), dtype=np.uint8)
-    np.testing.assert_array_equal(encode(left, right, recipe("colour")), np.dstack([right[..., :2], left[..., 2:]]))
+    np.testing.assert_array_equal(
+        encode(left, right, recipe("colour")), np.dstack([right[..., :2], left[..., 2:]])
+    )
 
 
 @pytest.mark.parametrize("name", ["colour", "dubois", "half-colour"])
-def test_full_compensation_takes_out_all_that_leaks_whatever_the_matrix_takes_out(name: str) -> None:
+def test_full_compensation_takes_out_all_that_leaks_whatever_the_matrix_takes_out(
+    name: str,
+) -> None:
     none, full = (recipe(name, "linear", strength).channels for strength in (0.0, 100.0))
     red, green, blue = LEAKS[name][0]
     assert full[0].cross_gain == pytest.approx(-(green + blue) / red * none[1].own_gain)
 
 
-def test_compensation_cancels_the_leak_through_the_red_glass_and_knows_none_of_unknown_spectra() -> None:
-    assert recipe("dubois-amber-blue", "linear", 100.0) == recipe("dubois-amber-blue", "linear", 0.0)
+def test_compensation_cancels_the_leak_through_the_red_glass_and_knows_none_of_unknown_spectra() -> (
+    None
+):
+    assert recipe("dubois-amber-blue", "linear", 100.0) == recipe(
+        "dubois-amber-blue", "linear", 0.0
+    )
     left = np.full((1, 256, 3), 128, np.uint8)
     right = np.repeat(np.arange(256, dtype=np.uint8)[None, :, None], 3, axis=2)
     for name in ("colour", "grey", "half-colour", "wimmer"):

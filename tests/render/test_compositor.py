@@ -21,7 +21,9 @@ from tests.render import rendered
 from tests.render.rendered import METHODS, OUTPUTS
 
 ANY = st.floats(allow_nan=True, allow_infinity=True)
-SEATED = np.array([[350.0, 240.0], [290.0, 240.0]])  # the left eye stands at larger x of the unmirrored picture
+SEATED = np.array(
+    [[350.0, 240.0], [290.0, 240.0]]
+)  # the left eye stands at larger x of the unmirrored picture
 
 
 def bgr(field: Any, row: int, col: int, frame: int = 0) -> NDArray[np.uint8]:
@@ -31,7 +33,9 @@ def bgr(field: Any, row: int, col: int, frame: int = 0) -> NDArray[np.uint8]:
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("anaglyph", sorted(MATRICES))
-def test_at_stored_views_a_picture_is_their_anaglyph_bit_for_bit(method: str, anaglyph: str) -> None:
+def test_at_stored_views_a_picture_is_their_anaglyph_bit_for_bit(
+    method: str, anaglyph: str
+) -> None:
     field = rendered.field(3, 4)
     how = Render(method=method, anaglyph=anaglyph, ghost_compensation=30.0)
     wanted = encode(bgr(field, 1, 0), bgr(field, 1, 3), recipe(anaglyph, how.light, 30.0))
@@ -43,7 +47,11 @@ def test_outputs_without_glasses() -> None:
     left, middle, right = (bgr(field, 1, col) for col in (1, 2, 3))
 
     def picture(anaglyph: str) -> NDArray[np.uint8]:
-        return Compositor(field, Render(method="warp", anaglyph=anaglyph)).compose((1.0, 1.0), (1.0, 3.0)).copy()
+        return (
+            Compositor(field, Render(method="warp", anaglyph=anaglyph))
+            .compose((1.0, 1.0), (1.0, 3.0))
+            .copy()
+        )
 
     np.testing.assert_array_equal(picture("mono"), middle)
     rows = picture("row-interleaved")
@@ -61,25 +69,44 @@ def test_a_grey_light_field_gives_what_its_colours_would(anaglyph: str) -> None:
     colour = rendered.field(3, 3)
     same = np.repeat(colour.views[:, :, :, :1], 3, axis=3)
     pictures = [
-        Compositor(attrs.evolve(colour, views=views), Render(method="warp2", anaglyph=anaglyph)).compose((0.5, 0.2), (0.5, 1.7))
+        Compositor(
+            attrs.evolve(colour, views=views), Render(method="warp2", anaglyph=anaglyph)
+        ).compose((0.5, 0.2), (0.5, 1.7))
         for views in (same, same[:, :, :, :1])
     ]
     assert np.abs(pictures[0].astype(int) - pictures[1]).max() <= 1
 
 
 def test_video_frames_are_told_apart_and_wrap_round() -> None:
-    subject = Compositor(rendered.noise(2, 2, 8, 8, 1.0, seed=3), Render(method="nearest", anaglyph="colour"))
+    subject = Compositor(
+        rendered.noise(2, 2, 8, 8, 1.0, seed=3), Render(method="nearest", anaglyph="colour")
+    )
     keys = [subject.key((0, 0), (0, 1), frame) for frame in range(3)]
     first, second, third = (subject.draw(key).copy() for key in keys)
-    assert keys[0] == keys[2] != keys[1] and np.array_equal(first, third) and not np.array_equal(first, second)
+    assert (
+        keys[0] == keys[2] != keys[1]
+        and np.array_equal(first, third)
+        and not np.array_equal(first, second)
+    )
 
 
 @settings(max_examples=25)
-@given(st.floats(-1, 4), st.floats(-1, 4), st.floats(-1, 4), st.sampled_from(METHODS), st.floats(-0.004, 0.004))
-def test_equal_keys_mean_equal_pictures(row: float, left: float, right: float, method: str, nudge: float) -> None:
+@given(
+    st.floats(-1, 4),
+    st.floats(-1, 4),
+    st.floats(-1, 4),
+    st.sampled_from(METHODS),
+    st.floats(-0.004, 0.004),
+)
+def test_equal_keys_mean_equal_pictures(
+    row: float, left: float, right: float, method: str, nudge: float
+) -> None:
     field = rendered.field(4, 4, 32, 32)
     subject = Compositor(field, Render(method=method, anaglyph="dubois"))
-    one, two = ((row, left), (row, right)), ((row + nudge, left - nudge), (row + nudge, right + nudge))
+    one, two = (
+        ((row, left), (row, right)),
+        ((row + nudge, left - nudge), (row + nudge, right + nudge)),
+    )
     first = subject.compose(*one).copy()
     if hash(subject.key(*one)) == hash(subject.key(*two)):
         np.testing.assert_array_equal(first, subject.compose(*two))
@@ -97,7 +124,9 @@ def test_the_rounding_of_a_key_shows_nowhere() -> None:
         true = subject.compose((2 + off, 1.25 + off), (2 + off, 2.25 + off))
         error = np.abs(drawn.astype(int) - true)
         assert error.mean() < 0.3
-        assert (error > 1).mean() < 0.02  # what lies on the edge of the square may fall to its other side
+        assert (
+            error > 1
+        ).mean() < 0.02  # what lies on the edge of the square may fall to its other side
 
 
 @settings(max_examples=100)
@@ -116,8 +145,12 @@ def test_nonsense_gives_a_picture_within_the_range_of_the_views(
     channels: int, light: int | None,
 ) -> None:  # fmt: skip
     field = rendered.noise(*shape, extent_px, seed=1, channels=channels)
-    field = attrs.evolve(field, views=field.views // 2 + 60 if light is None else np.full_like(field.views, light))
-    how = Render(method=method, anaglyph=anaglyph, ghost_compensation=50.0, zero_plane_px=zero_plane_px)
+    field = attrs.evolve(
+        field, views=field.views // 2 + 60 if light is None else np.full_like(field.views, light)
+    )
+    how = Render(
+        method=method, anaglyph=anaglyph, ghost_compensation=50.0, zero_plane_px=zero_plane_px
+    )
     picture = Compositor(field, how).compose((values[0], values[1]), (values[2], values[3]))
     assert picture.shape == (*shape[2:], 3) and picture.dtype == np.uint8
     if light is not None or anaglyph not in MATRICES:  # which mix, and so may leave the range
@@ -130,15 +163,21 @@ def test_nonsense_gives_a_picture_within_the_range_of_the_views(
     alpha_px=st.sampled_from(["auto", 1e-9, 12.0, 1e9]),
     grid=st.sampled_from([(1, 1), (1, 4), (3, 3)]),
 )
-def test_a_viewer_of_whom_the_tracker_says_anything(strange: list[Any], alpha_px: Any, grid: tuple[int, int]) -> None:
-    viewer = Viewer(rendered.field(*grid, 16, 16), Config(render=Render(alpha_px=alpha_px, method="warp2")))
+def test_a_viewer_of_whom_the_tracker_says_anything(
+    strange: list[Any], alpha_px: Any, grid: tuple[int, int]
+) -> None:
+    viewer = Viewer(
+        rendered.field(*grid, 16, 16), Config(render=Render(alpha_px=alpha_px, method="warp2"))
+    )
     seated = (*SEATED.ravel().tolist(), 0.0)
     for k, (*eyes, velocity) in enumerate((seated, *strange, seated)):
         seen = rendered.record(filtered_px=np.reshape(eyes, (2, 2)), velocity_px_s=velocity)
         look = viewer.viewpoints(seen, k * 10**7, k * 10**7 + 10**6)
         assert np.isfinite([look.left, look.right]).all()
         assert viewer.compositor.compose(look.left, look.right).shape == (16, 16, 3)
-    look = viewer.viewpoints(seen, 10**10, 10**10)  # seen well again, later: nothing of that is left
+    look = viewer.viewpoints(
+        seen, 10**10, 10**10
+    )  # seen well again, later: nothing of that is left
     if grid[1] > 1 and alpha_px != 1e9:
         assert look.left[1] < look.right[1]
 
@@ -168,16 +207,22 @@ LEFT, RIGHT = (10, 20, 200), (220, 120, 30)
 
 
 def pair(size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    return np.full((size[1], size[0], 3), LEFT, np.uint8), np.full((size[1], size[0], 3), RIGHT, np.uint8)
+    return np.full((size[1], size[0], 3), LEFT, np.uint8), np.full(
+        (size[1], size[0], 3), RIGHT, np.uint8
+    )
 
 
 @pytest.mark.parametrize("view", [(64, 64), (300, 200)])
 @pytest.mark.parametrize("screen", [(160, 90), (161, 91), (50, 120)])
 @pytest.mark.parametrize("first_row", [0, 1])
-def test_every_row_of_the_screen_is_one_eyes(view: tuple[int, int], screen: tuple[int, int], first_row: int) -> None:
+def test_every_row_of_the_screen_is_one_eyes(
+    view: tuple[int, int], screen: tuple[int, int], first_row: int
+) -> None:
     memory = np.ones((screen[1], screen[0], 3), np.uint8)
     out = laid_out(pair(view), "row-interleaved", screen, first_row, memory)
-    assert out is memory and laid_out(pair(view), "row-interleaved", (7, 9), first_row, memory).shape == (9, 7, 3)
+    assert out is memory and laid_out(
+        pair(view), "row-interleaved", (7, 9), first_row, memory
+    ).shape == (9, 7, 3)
     for row in range(screen[1]):
         shown = out[row][out[row].any(axis=1)]
         assert (shown == (LEFT, RIGHT)[(first_row + row) % 2]).all(), row
@@ -191,16 +236,24 @@ def test_each_half_when_stretched_is_its_view_in_its_own_shape(screen: tuple[int
     for eye, colour in enumerate((LEFT, RIGHT)):
         stretched = out[:, eye * screen[0] // 2 : (eye + 1) * screen[0] // 2].repeat(2, axis=1)
         assert (stretched[stretched.any(axis=2)] == colour).all()
-        rows, cols = np.nonzero(stretched.any(axis=(1, 2)))[0], np.nonzero(stretched.any(axis=(0, 2)))[0]
+        rows, cols = (
+            np.nonzero(stretched.any(axis=(1, 2)))[0],
+            np.nonzero(stretched.any(axis=(0, 2)))[0],
+        )
         assert np.ptp(cols) / np.ptp(rows) == pytest.approx(1.5, abs=0.05)
-        assert abs(cols.mean() - (screen[0] - 1) / 2) <= 2 and abs(rows.mean() - (screen[1] - 1) / 2) <= 1, "in its middle"
+        assert (
+            abs(cols.mean() - (screen[0] - 1) / 2) <= 2
+            and abs(rows.mean() - (screen[1] - 1) / 2) <= 1
+        ), "in its middle"
 
 
 sides, small = st.integers(1, 4000), st.integers(4, 40)
 
 
 @given(sides, sides, sides, sides)
-def test_the_picture_fills_one_direction_and_keeps_its_aspect(pw: int, ph: int, aw: int, ah: int) -> None:
+def test_the_picture_fills_one_direction_and_keeps_its_aspect(
+    pw: int, ph: int, aw: int, ah: int
+) -> None:
     x, y, w, h = fit_area((pw, ph), (aw, ah))
     assert min(x, y) >= 0 and x + w <= aw and y + h <= ah and (w == aw or h == ah)
     assert abs(x - (aw - w - x)) <= 1 and abs(y - (ah - h - y)) <= 1

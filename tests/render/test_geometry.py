@@ -18,12 +18,19 @@ COTTON = Geometry(25.0, 4250.0, 1462.9)
 
 
 def cotton(**changes: object) -> LightField:
-    about = {"geometry": COTTON, "disparity_min_px": -1.6, "disparity_max_px": 1.5, "name": "cotton"} | changes
+    about = {
+        "geometry": COTTON,
+        "disparity_min_px": -1.6,
+        "disparity_max_px": 1.5,
+        "name": "cotton",
+    } | changes
     return attrs.evolve(rendered.field(9, 9, 4, 512), **about)  # type: ignore[arg-type]
 
 
 def chosen(field: LightField, eyes_px: float = 63.0, **render: object) -> Parallax:
-    config = from_dict({"camera": {"focal_px": 600.0}, "screen": {"width_mm": 299.0}, "render": render})
+    config = from_dict(
+        {"camera": {"focal_px": 600.0}, "screen": {"width_mm": 299.0}, "render": render}
+    )
     return parallax(config, field, 640, eyes_px)
 
 
@@ -31,11 +38,15 @@ def test_true_depth_of_a_known_capture_and_the_whole_grid_of_an_unknown_one() ->
     """alpha = focal length of the webcam * baseline / focus distance, whatever the distance of the viewer."""
     for eyes_px in (63.0, 31.5):
         true = chosen(cotton(), eyes_px, depth=1.0)
-        assert true.alpha_px == pytest.approx(600 * 25 / 4250) and true.compression == pytest.approx(1.0)
+        assert true.alpha_px == pytest.approx(
+            600 * 25 / 4250
+        ) and true.compression == pytest.approx(1.0)
     here, nearer = chosen(cotton()).true_views, chosen(cotton(), zero_plane_px=1.5).true_views
     assert here == pytest.approx(17.85, abs=0.01) and nearer is not None and nearer < 17
     assert chosen(cotton(geometry=Geometry()), depth=1.0).views_between_eyes == pytest.approx(8.0)
-    assert chosen(cotton(), depth=0.5).views_between_eyes == pytest.approx(math.sqrt(4 * 17.85), abs=0.01)
+    assert chosen(cotton(), depth=0.5).views_between_eyes == pytest.approx(
+        math.sqrt(4 * 17.85), abs=0.01
+    )
 
 
 def test_comfort_by_hand() -> None:
@@ -43,9 +54,13 @@ def test_comfort_by_hand() -> None:
     near, far = chosen(cotton()), chosen(cotton(), 31.5)
     assert near.distance_mm == pytest.approx(600.0)
     assert near.comfort_views == pytest.approx(8.97 / (1.6 * 299 / 512), rel=1e-3)
-    assert near.views_between_eyes == 4.0 and near.alpha_px == pytest.approx(63.0 / 4), "half of nine columns decides"
+    assert near.views_between_eyes == 4.0 and near.alpha_px == pytest.approx(63.0 / 4), (
+        "half of nine columns decides"
+    )
     assert near.compression == pytest.approx(4 / 17.85, rel=1e-3)
-    assert far.distance_mm == pytest.approx(1200.0) and far.alpha_px == pytest.approx(near.alpha_px / 2)
+    assert far.distance_mm == pytest.approx(1200.0) and far.alpha_px == pytest.approx(
+        near.alpha_px / 2
+    )
 
 
 @pytest.mark.parametrize(
@@ -54,7 +69,14 @@ def test_comfort_by_hand() -> None:
         (600.0, 600.0, 0.0, 600 * math.pi / 180, 1.6, "1 degree"),
         (299.0, 600.0, 0.0, 0.03 * 299, 1.6, "3% of the picture's width"),
         (3000.0, 10000.0, 0.0, 63.0, 1.6, "must not diverge"),
-        (3000.0, 10000.0, -1.5, 0.03 * 3000, 3.0, "3% of the picture's width"),  # nearly all of it stands before the screen
+        (
+            3000.0,
+            10000.0,
+            -1.5,
+            0.03 * 3000,
+            3.0,
+            "3% of the picture's width",
+        ),  # nearly all of it stands before the screen
         (299.0, 600.0, 1.0, 0.03 * 299, 2.6, "3% of the picture's width"),
     ],
 )
@@ -68,33 +90,53 @@ def test_each_limit_of_comfort_by_hand(
         found = parallax(how, cotton(), 640, 63.0)
         assert found.distance_mm == distance_mm and "(configured)" in str(found)
         assert found.comfort_views == pytest.approx(limit_mm / (extent_px * width_mm / 512))
-        assert (why in str(found)) == (found.views_between_eyes > found.comfort_views) == (alpha < 1)
+        assert (
+            (why in str(found)) == (found.views_between_eyes > found.comfort_views) == (alpha < 1)
+        )
 
 
 def test_the_advice_beyond_comfort_ends_it() -> None:
     advised = 63.0 / (chosen(cotton(), alpha_px=3.5).comfort_views or 0)
     assert f"use render.alpha_px of at least {advised:.1f}" in str(chosen(cotton(), alpha_px=3.5))
     for factor, beyond in ((1.01, False), (0.99, True)):
-        assert ("beyond the comfort limit" in str(chosen(cotton(), alpha_px=factor * advised))) == beyond
+        assert (
+            "beyond the comfort limit" in str(chosen(cotton(), alpha_px=factor * advised))
+        ) == beyond
 
 
 def test_the_least_of_room_comfort_and_nature_decides() -> None:
-    close_up = cotton(disparity_min_px=-0.1, disparity_max_px=0.1, geometry=Geometry(100.0, 1000.0))  # one metre away
+    close_up = cotton(
+        disparity_min_px=-0.1, disparity_max_px=0.1, geometry=Geometry(100.0, 1000.0)
+    )  # one metre away
     found = chosen(close_up)
     assert found.views_between_eyes == found.true_views == pytest.approx(63 / (0.1 * 600))
     assert "true depth" in str(found) and found.compression == 1.0
     zeroed = chosen(close_up, zero_plane_px=0.05)
-    assert zeroed.true_views == found.true_views, "without the capture's focal length the zero plane's depth is not known"
+    assert zeroed.true_views == found.true_views, (
+        "without the capture's focal length the zero plane's depth is not known"
+    )
     for rows, cols, room in ((9, 9, 4.0), (9, 1, 4.0), (1, 5, 2.0), (1, 1, 0.5)):
-        grid = attrs.evolve(rendered.field(rows, cols, 4, 64), disparity_min_px=-1e-3, disparity_max_px=1e-3)
+        grid = attrs.evolve(
+            rendered.field(rows, cols, 4, 64), disparity_min_px=-1e-3, disparity_max_px=1e-3
+        )
         assert chosen(grid).views_between_eyes == room, (rows, cols)
-    assert chosen(attrs.evolve(rendered.field(1, 40, 4, 64), disparity_source="none")).views_between_eyes == 4.0
+    assert (
+        chosen(
+            attrs.evolve(rendered.field(1, 40, 4, 64), disparity_source="none")
+        ).views_between_eyes
+        == 4.0
+    )
 
 
 def test_the_width_of_the_picture_is_the_persons_then_the_monitors_then_a_guess() -> None:
     auto = from_dict({"camera": {"focal_px": 600.0}})
-    reported, guessed = parallax(auto, cotton(), 640, 63.0, 300.0), parallax(auto, cotton(), 640, 63.0)
-    assert "300 mm wide (on this monitor)" in str(reported) and "530 mm wide (assumed" in str(guessed)
+    reported, guessed = (
+        parallax(auto, cotton(), 640, 63.0, 300.0),
+        parallax(auto, cotton(), 640, 63.0),
+    )
+    assert "300 mm wide (on this monitor)" in str(reported) and "530 mm wide (assumed" in str(
+        guessed
+    )
     by_hand = from_dict({"camera": {"focal_px": 600.0}, "screen": {"width_mm": 299.0}})
     assert parallax(by_hand, cotton(), 640, 63.0, 400.0) == chosen(cotton())
 
@@ -103,7 +145,9 @@ def test_auto_puts_the_nearest_at_the_border_into_the_screen_and_chooses_alpha_f
     offset = cotton(disparity_min_px=9.0, disparity_max_px=12.0, border_px=(9.0, 10.5))
     found, unmoved = chosen(offset), chosen(offset, zero_plane_px=0.0)
     assert found.zero_plane_px == 10.5 and "+10.50 px/view" in str(found)
-    assert found.comfort_views == pytest.approx((unmoved.comfort_views or 0) * 12.0 / 1.5), "the budget is that of this screen"
+    assert found.comfort_views == pytest.approx((unmoved.comfort_views or 0) * 12.0 / 1.5), (
+        "the budget is that of this screen"
+    )
     assert found.views_between_eyes == 4.0 > 2 * unmoved.views_between_eyes
     assert chosen(offset.exchanged()).zero_plane_px == -9.0, "what was far is near"
     assert "comfort" not in str(found) and chosen(cotton()).zero_plane_px == 0.0
@@ -112,12 +156,18 @@ def test_auto_puts_the_nearest_at_the_border_into_the_screen_and_chooses_alpha_f
 def test_a_step_of_the_viewer_is_no_news_and_another_seat_is() -> None:
     at = {eyes_px: chosen(cotton(), eyes_px) for eyes_px in (63.0, 68.0, 80.0)}
     assert not at[68.0].differs_from(at[63.0])
-    assert at[80.0].differs_from(at[63.0]) and chosen(cotton(), alpha_px=20.0).differs_from(at[63.0])
+    assert at[80.0].differs_from(at[63.0]) and chosen(cotton(), alpha_px=20.0).differs_from(
+        at[63.0]
+    )
 
 
 def test_focal_length_and_narrower_eyes_which_are_nearer() -> None:
-    assert camera_focal_px(from_dict({"camera": {"fov_deg": 60.0}}), 640) == pytest.approx(320.0 * math.sqrt(3))
-    assert camera_focal_px(from_dict({"camera": {"focal_px": 600.0, "width_px": 640}}), 1280) == pytest.approx(1200.0)
+    assert camera_focal_px(from_dict({"camera": {"fov_deg": 60.0}}), 640) == pytest.approx(
+        320.0 * math.sqrt(3)
+    )
+    assert camera_focal_px(
+        from_dict({"camera": {"focal_px": 600.0, "width_px": 640}}), 1280
+    ) == pytest.approx(1200.0)
     child = from_dict({"camera": {"focal_px": 600.0}, "screen": {"eyes_mm": 50.0}})
     assert parallax(child, cotton(), 640, 63.0).distance_mm == pytest.approx(600.0 * 50 / 63)
 
@@ -140,16 +190,23 @@ def test_some_forty_presses_go_through_a_scene(low: float, span: float) -> None:
     depth=st.floats(0, 1),
     grid=st.tuples(st.integers(1, 3), st.integers(1, 40)),
     distance=st.one_of(st.just("auto"), st.floats(50, 50000)),
-    geometry=st.sampled_from([Geometry(), COTTON, Geometry(1e-9, 1e9, 1.0), Geometry(1e9, 1e-9, 1e9)]),
+    geometry=st.sampled_from(
+        [Geometry(), COTTON, Geometry(1e-9, 1e9, 1.0), Geometry(1e9, 1e-9, 1e9)]
+    ),
 )
 def test_always_an_answer(
     alpha: float | str, eyes_px: float | None, low: float, span: float, zero: float, depth: float, grid: tuple[int, int],
     distance: float | str, geometry: Geometry,
 ) -> None:  # fmt: skip
     field = attrs.evolve(
-        rendered.noise(*grid, 1, 1, 1.0, 0), disparity_min_px=low, disparity_max_px=low + span, geometry=geometry
+        rendered.noise(*grid, 1, 1, 1.0, 0),
+        disparity_min_px=low,
+        disparity_max_px=low + span,
+        geometry=geometry,
     )
     render = {"alpha_px": alpha, "zero_plane_px": zero, "depth": depth}
-    found = parallax(from_dict({"render": render, "screen": {"distance_mm": distance}}), field, 640, eyes_px)
+    found = parallax(
+        from_dict({"render": render, "screen": {"distance_mm": distance}}), field, 640, eyes_px
+    )
     assert 0 < found.alpha_px < math.inf and math.isfinite(found.views_between_eyes)
     assert 50 <= found.distance_mm <= 50000 and str(found)

@@ -34,18 +34,25 @@ def photographs(rows: int, cols: int) -> Grid:
     out = np.empty((rows, cols, HEIGHT, WIDTH, 3), np.uint8)
     wall, front = (made.texture(2 * HEIGHT, 2 * WIDTH, seed).astype(float) for seed in (1, 3))
 
-    def texels(texture: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+    def texels(
+        texture: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
         i, j = np.rint(y + HEIGHT).astype(int), np.rint(x + WIDTH).astype(int)
         return texture[i.clip(0, 2 * HEIGHT - 1), j.clip(0, 2 * WIDTH - 1)]
 
     for row, col in np.ndindex(rows, cols):
         camera_mm = (col - (cols - 1) / 2) * BASELINE_MM, (row - (rows - 1) / 2) * BASELINE_MM
 
-        def meets(disparity_px: float, camera_mm: tuple[float, float] = camera_mm) -> list[NDArray[np.float64]]:
+        def meets(
+            disparity_px: float, camera_mm: tuple[float, float] = camera_mm
+        ) -> list[NDArray[np.float64]]:
             """(x, y) where the ray of each pixel meets the plane of that disparity, in px of it as the middle camera sees it."""
             at_mm = 1 / (disparity_px / (BASELINE_MM * FOCAL_PX) + 1 / FOCUS_MM)
             aimed = (U * FOCUS_MM / FOCAL_PX, V * FOCUS_MM / FOCAL_PX)
-            return [(c + (a - c) * at_mm / FOCUS_MM) * FOCAL_PX / at_mm for a, c in zip(aimed, camera_mm, strict=True)]
+            return [
+                (c + (a - c) * at_mm / FOCUS_MM) * FOCAL_PX / at_mm
+                for a, c in zip(aimed, camera_mm, strict=True)
+            ]
 
         x, y = meets(FAR_PX)
         view = 45 + 0.3 * texels(wall, x, y)
@@ -58,18 +65,24 @@ def photographs(rows: int, cols: int) -> Grid:
     return out
 
 
-TRUTH = np.where(np.hypot(U - 18, V - 6) < RADIUS_PX, NEAR_PX, FAR_PX).astype(np.float32)  # disparity of the middle view
+TRUTH = np.where(np.hypot(U - 18, V - 6) < RADIUS_PX, NEAR_PX, FAR_PX).astype(
+    np.float32
+)  # disparity of the middle view
 
 
 def hci_old(folder: Path) -> None:
     with h5py.File(folder / "lf.h5", "w") as file:
         file["LF"] = photographs(5, 5)[:, ::-1]
-        file["GT_DEPTH"] = np.broadcast_to((0.5 * 20 / (TRUTH + 3)).astype(np.float32), (5, 5, HEIGHT, WIDTH))
+        file["GT_DEPTH"] = np.broadcast_to(
+            (0.5 * 20 / (TRUTH + 3)).astype(np.float32), (5, 5, HEIGHT, WIDTH)
+        )
         file.attrs.update({"dH": 0.5, "focalLength": 20.0, "shift": 3.0, "hRes": HEIGHT})
 
 
 def stanford(folder: Path) -> None:
-    for row, col in np.ndindex(5, 5):  # shot from the right to the left and upwards: the coordinates say so
+    for row, col in np.ndindex(
+        5, 5
+    ):  # shot from the right to the left and upwards: the coordinates say so
         name = f"out_{row:02d}_{col:02d}_{-300 - 8.5 * row:.4f}_{1100 - 8.6 * col:.4f}_.png"
         made.write(folder / name, photographs(5, 5)[4 - row, 4 - col])
 
@@ -81,7 +94,10 @@ def stereo(folder: Path) -> None:
 
 def rgbd(folder: Path) -> None:
     made.write(folder / "shop.png", photographs(1, 1)[0, 0])
-    made.write(folder / "shop_depth.png", np.repeat(np.where(TRUTH > 0, 230, 60).astype(np.uint8)[..., None], 3, axis=2))
+    made.write(
+        folder / "shop_depth.png",
+        np.repeat(np.where(TRUTH > 0, 230, 60).astype(np.uint8)[..., None], 3, axis=2),
+    )
 
 
 def packed(layout: str, write: Callable[[Path], None], folder: Path) -> LightField:
@@ -93,7 +109,12 @@ def packed(layout: str, write: Callable[[Path], None], folder: Path) -> LightFie
 
 
 def seen(
-    compositor: Compositor, grid: tuple[int, int], bright: bool, alpha_px: float, right: float = 0, up: float = 0
+    compositor: Compositor,
+    grid: tuple[int, int],
+    bright: bool,
+    alpha_px: float,
+    right: float = 0,
+    up: float = 0,
 ) -> NDArray[np.float64]:
     """(x, y) of the bright disc, or of the black one, for the left eye and for the right one, when the viewer has moved by px of
     the camera's picture. It shows them unmirrored: their left eye at larger x, a step to their right as one to the left."""
@@ -112,13 +133,19 @@ def seen(
 def test_near_is_crossed_in_3d_photographs(write: Callable[[Path], None], tmp_path: Path) -> None:
     field = packed(write.__name__, write, tmp_path)
     compositor = Compositor(field, Render(anaglyph="colour"))
-    near, far = (seen(compositor, (field.rows, field.cols), bright, EYES_PX) for bright in (True, False))
-    assert (near[0] - near[1])[0] > (far[0] - far[1])[0] + 0.5, "the near disc is crossed against the far one"
+    near, far = (
+        seen(compositor, (field.rows, field.cols), bright, EYES_PX) for bright in (True, False)
+    )
+    assert (near[0] - near[1])[0] > (far[0] - far[1])[0] + 0.5, (
+        "the near disc is crossed against the far one"
+    )
 
 
 # One whose depth, and one whose order of views, has its own sense; that all others keep that order is shown in tests/scene.
 @pytest.mark.parametrize("write", [hci_old, stanford])
-def test_near_is_crossed_and_the_viewer_sees_from_where_they_are(write: Callable[[Path], None], tmp_path: Path) -> None:
+def test_near_is_crossed_and_the_viewer_sees_from_where_they_are(
+    write: Callable[[Path], None], tmp_path: Path
+) -> None:
     field = packed(write.__name__.replace("_", "-"), write, tmp_path)
     for method in ("auto", *METHODS):
         compositor = Compositor(field, Render(method=method, anaglyph="colour", zero_plane_px=0.0))
@@ -127,6 +154,12 @@ def test_near_is_crossed_and_the_viewer_sees_from_where_they_are(write: Callable
             moved_right = seen(compositor, (5, 5), bright, STEP_PX, right=STEP_PX)[0]
             moved_up = seen(compositor, (5, 5), bright, STEP_PX, up=STEP_PX)[0]
             close = {"abs": 0.3 * NEAR_PX}
-            assert left - right == pytest.approx([2 * disparity_px, 0], **close), f"{method}: near is crossed, far is not"
-            assert moved_right - left == pytest.approx([-disparity_px, 0], **close), f"{method}: seen from further right"
-            assert moved_up - left == pytest.approx([0, disparity_px], **close), f"{method}: seen from higher up"
+            assert left - right == pytest.approx([2 * disparity_px, 0], **close), (
+                f"{method}: near is crossed, far is not"
+            )
+            assert moved_right - left == pytest.approx([-disparity_px, 0], **close), (
+                f"{method}: seen from further right"
+            )
+            assert moved_up - left == pytest.approx([0, disparity_px], **close), (
+                f"{method}: seen from higher up"
+            )

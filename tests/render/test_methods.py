@@ -24,10 +24,15 @@ def test_no_warp_is_worse_than_the_cross_fade(kind: str) -> None:
 
     def score(method: str) -> float:
         renderer, inner = synthesis.ViewRenderer(field, method), np.s_[6:-6, 6:-6]
-        errors = [float(np.mean((renderer.at(place)[0] - view)[inner] ** 2)) for place, view in truth.items()]
+        errors = [
+            float(np.mean((renderer.at(place)[0] - view)[inner] ** 2))
+            for place, view in truth.items()
+        ]
         return float(np.mean([psnr_db(error) for error in errors]))
 
-    assert score("warp2") >= score("blend") - 0.1  # invisible; reflecting glass, half of it unexplained, is 0.06 below
+    assert (
+        score("warp2") >= score("blend") - 0.1
+    )  # invisible; reflecting glass, half of it unexplained, is 0.06 below
 
 
 @pytest.mark.parametrize("method", ["warp", "warp2"])
@@ -40,11 +45,17 @@ def test_an_area_without_disparity_is_faded_softly_where_the_plane_of_the_screen
     part[..., :24] = UNKNOWN
     edge = round(48 - zero_plane_px * ((field.cols - 1) / 2 - 0.25))
     subjects = (attrs.evolve(field, disparity=part), method), (field, method), (field, "blend")
-    mixed, warped, faded = (ViewRenderer(subject, by, zero_plane_px).render(0.5, 0.25).astype(float) for subject, by in subjects)
+    mixed, warped, faded = (
+        ViewRenderer(subject, by, zero_plane_px).render(0.5, 0.25).astype(float)
+        for subject, by in subjects
+    )
     np.testing.assert_allclose(mixed[:, : max(edge - 8, 0)], faded[:, : max(edge - 8, 0)], atol=1)
     np.testing.assert_array_equal(mixed[:, edge + 16 :], warped[:, edge + 16 :])
     steps = np.abs(np.diff(mixed, axis=1)).mean(axis=0)
-    assert steps[edge - 8 : edge + 12].max() < 2 * np.median(steps) and np.abs(warped - faded).mean() > 1
+    assert (
+        steps[edge - 8 : edge + 12].max() < 2 * np.median(steps)
+        and np.abs(warped - faded).mean() > 1
+    )
 
 
 def test_unknown_disparity_goes_through_a_pack(tmp_path: Path) -> None:
@@ -55,7 +66,11 @@ def test_unknown_disparity_goes_through_a_pack(tmp_path: Path) -> None:
         for col in range(3):
             cv2.imwrite(str(folder / f"view_{row:02d}_{col:02d}.png"), field.views[0, row, col, 0])
     packed = pack_scene(folder, config.Scene(cache_dir=str(tmp_path / "cache"), force=True))
-    assert packed.disparity is not None and (packed.disparity == UNKNOWN).mean() > 0.9 and packed.method == "blend"
+    assert (
+        packed.disparity is not None
+        and (packed.disparity == UNKNOWN).mean() > 0.9
+        and packed.method == "blend"
+    )
     assert np.isfinite([packed.disparity_min_px, packed.disparity_max_px]).all()
 
 
@@ -68,7 +83,10 @@ def test_views_far_apart_are_never_cross_faded_by_choice() -> None:
     method, scores = choose_method(rendered.field(5, 5, scale=6.0))
     assert method != "blend" and "blend" not in scores
     pair = attrs.evolve(rendered.field(1, 2, scale=6.0), disparity=None)
-    assert choose_method(pair)[0] == "nearest" and choose_method(rendered.field(1, 2, depth=False))[0] == "blend"
+    assert (
+        choose_method(pair)[0] == "nearest"
+        and choose_method(rendered.field(1, 2, depth=False))[0] == "blend"
+    )
 
 
 @pytest.mark.parametrize(("rows", "cols"), [(5, 5), (1, 5), (5, 1), (2, 5), (4, 4), (3, 6)])
@@ -81,13 +99,19 @@ def test_a_scene_with_depth_is_warped(rows: int, cols: int) -> None:
 def test_wrong_disparities_are_found_out_and_a_scene_that_never_changes_gets_the_cheapest() -> None:
     field = rendered.field(5, 5, 96, 96)
     assert field.disparity is not None
-    wrong = attrs.evolve(field, disparity=np.random.default_rng(0).permuted(field.disparity, axis=-1)[..., ::-1, :])
+    wrong = attrs.evolve(
+        field, disparity=np.random.default_rng(0).permuted(field.disparity, axis=-1)[..., ::-1, :]
+    )
     assert choose_method(wrong)[0] == "blend"
     still = attrs.evolve(field, views=np.broadcast_to(field.views[:, :1, :1], field.views.shape))
-    assert choose_method(attrs.evolve(still, disparity=np.zeros_like(field.disparity)))[0] == "nearest"
+    assert (
+        choose_method(attrs.evolve(still, disparity=np.zeros_like(field.disparity)))[0] == "nearest"
+    )
 
 
-@pytest.mark.parametrize(("rows", "cols", "method"), [(1, 1, "nearest"), (1, 2, "warp2"), (2, 2, "warp2")])
+@pytest.mark.parametrize(
+    ("rows", "cols", "method"), [(1, 1, "nearest"), (1, 2, "warp2"), (2, 2, "warp2")]
+)
 def test_grids_too_small_for_leaving_out(rows: int, cols: int, method: str) -> None:
     assert choose_method(rendered.field(rows, cols)) == (method, {})
 

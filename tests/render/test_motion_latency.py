@@ -30,7 +30,10 @@ def starting(t_ns: float) -> np.ndarray:
 
 
 def session(
-    path: Callable[[float], np.ndarray], made_for: Callable[[int], np.ndarray] | None, noise_px: float, track: Track
+    path: Callable[[float], np.ndarray],
+    made_for: Callable[[int], np.ndarray] | None,
+    noise_px: float,
+    track: Track,
 ) -> MotionLatency:
     """30 Hz, presented 20 and 37 ms after the frame's stamp, light LOOP_MS later; made for the middle of the refresh, by the
     filter or as made_for gives the eyes."""
@@ -50,7 +53,9 @@ def session(
 @pytest.mark.parametrize(("late_ms", "noise_px"), [(0, 0.0), (40, 0.15), (-15, 0.15)])
 def test_both_latencies_of_pictures_late_by_a_known_time(late_ms: int, noise_px: float) -> None:
     latency = session(starting, lambda t_ns: starting(t_ns - late_ms * MS), noise_px, Track())
-    assert latency.onset_ns / MS == pytest.approx(max(late_ms, 8), abs=13.0), "a picture every 17 ms; none before the motion"
+    assert latency.onset_ns / MS == pytest.approx(max(late_ms, 8), abs=13.0), (
+        "a picture every 17 ms; none before the motion"
+    )
     latency = session(swaying, lambda t_ns: swaying(t_ns - late_ms * MS), noise_px, Track())
     assert latency.steady_ns / MS == pytest.approx(late_ms, abs=1.0)
 
@@ -58,13 +63,19 @@ def test_both_latencies_of_pictures_late_by_a_known_time(late_ms: int, noise_px:
 def test_the_onset_has_the_filters_own_lag_and_the_steady_latency_has_no_onset() -> None:
     """Found with the paper's mean of 5: 113.8 ms printed where 154 were measured; with prediction 33.6 ms of steady latency where
     6.7 remained under way."""
-    mean, predicted = (session(starting, None, 0.15, track) for track in (Track(filter="mean", mean_k=5), Track()))
-    assert mean.onset_ns / MS == pytest.approx(120 + 20, abs=20) and mean.steady_ns / MS == pytest.approx(67 + 88, abs=25)
+    mean, predicted = (
+        session(starting, None, 0.15, track) for track in (Track(filter="mean", mean_k=5), Track())
+    )
+    assert mean.onset_ns / MS == pytest.approx(
+        120 + 20, abs=20
+    ) and mean.steady_ns / MS == pytest.approx(67 + 88, abs=25)
     assert 60 < predicted.onset_ns / MS < 105 and abs(predicted.steady_ns / MS) < 10
 
 
 @pytest.mark.parametrize(("speed_px_s", "leaves"), [(0.0, False), (4.0, False), (0.0, True)])
-def test_a_still_viewer_a_slow_one_and_one_who_leaves_give_no_latencies(speed_px_s: float, leaves: bool) -> None:
+def test_a_still_viewer_a_slow_one_and_one_who_leaves_give_no_latencies(
+    speed_px_s: float, leaves: bool
+) -> None:
     rng, latency = np.random.default_rng(2), MotionLatency()
     for frame in range(300):
         stamp = frame * 33 * MS

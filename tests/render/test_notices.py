@@ -22,15 +22,22 @@ def test_notices_pass_and_states_stay() -> None:
     assert notices.lines(now_ns() + SHOWN_NS, ["", "paused"]) == ("paused",)
 
 
-@pytest.mark.parametrize("anaglyph", [name for name in choices("render.anaglyph") if name in MATRICES])
+@pytest.mark.parametrize(
+    "anaglyph", [name for name in choices("render.anaglyph") if name in MATRICES]
+)
 def test_each_eyes_letter_is_in_its_own_channels(anaglyph: str) -> None:
     render = Render(anaglyph=anaglyph)
-    plain, swapped = (glasses_test(attrs.evolve(render, swap_eyes=swap), (320, 200))[0].astype(int) for swap in (False, True))
+    plain, swapped = (
+        glasses_test(attrs.evolve(render, swap_eyes=swap), (320, 200))[0].astype(int)
+        for swap in (False, True)
+    )
     assert np.abs(plain - swapped).max() > 60, "swapped, the letters change their eyes"
     left, right = plain[:, 20:150], plain[:, 170:300]
     contrast = [[int(np.ptp(half[..., channel])) for channel in range(3)] for half in (left, right)]
     assert max(contrast[0]) > 100 and max(contrast[1]) > 100
-    assert np.argmax(contrast[0]) != np.argmax(contrast[1]), "a letter stands out in channels of its own"
+    assert np.argmax(contrast[0]) != np.argmax(contrast[1]), (
+        "a letter stands out in channels of its own"
+    )
 
 
 @pytest.mark.parametrize("anaglyph", ["side-by-side", "row-interleaved"])
@@ -42,7 +49,11 @@ def test_screens_of_two_views_get_both(anaglyph: str) -> None:
 def test_the_picture_says_how_far_a_scene_is_loaded_whoever_asked() -> None:
     asked: list[dict[str, object]] = []
     options = SimpleNamespace(kiosk="", playlist_at=0, playlist=("/a", "/b"))
-    context = SimpleNamespace(options=options, row={"t_face_ns": 0}, request=lambda word, **more: asked.append({word: more}))
+    context = SimpleNamespace(
+        options=options,
+        row={"t_face_ns": 0},
+        request=lambda word, **more: asked.append({word: more}),
+    )
     notices = Notices()
     scenes = SceneLoader(context, notices)  # type: ignore[arg-type]
 

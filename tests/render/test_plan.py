@@ -23,8 +23,15 @@ from tests.render.rendered import METHODS, OUTPUTS, S, record
 
 def field(rows: int, cols: int, **changes: Any) -> LightField:
     """Views of 48x64 px."""
-    scene = attrs.evolve(rendered.noise(rows, cols, 48, 64, 3.0, seed=1), manifest={"scores": {"nearest": 30.0, "blend": 41.0}})
-    return attrs.evolve(scene, views=scene.views[:1], **{"disparity": scene.disparity if rows * cols > 1 else None} | changes)
+    scene = attrs.evolve(
+        rendered.noise(rows, cols, 48, 64, 3.0, seed=1),
+        manifest={"scores": {"nearest": 30.0, "blend": 41.0}},
+    )
+    return attrs.evolve(
+        scene,
+        views=scene.views[:1],
+        **{"disparity": scene.disparity if rows * cols > 1 else None} | changes,
+    )
 
 
 def saved(plan: Plan) -> dict[str, str]:
@@ -37,10 +44,18 @@ def with_keys(**keys: object) -> Config:
 
 def read_channels(view: int, how: Config, channels: int) -> tuple[int, ...]:
     """Stored channels of one view of a row of three that a picture for eyes at the outer two depends on."""
-    scene = attrs.evolve(rendered.noise(1, 3, 16, 16, 1.0, seed=7, channels=channels), disparity=None, method="nearest")
+    scene = attrs.evolve(
+        rendered.noise(1, 3, 16, 16, 1.0, seed=7, channels=channels),
+        disparity=None,
+        method="nearest",
+    )
 
     def picture(views: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        return Compositor(attrs.evolve(scene, views=views), how.render).compose((0.0, 0.0), (0.0, 2.0)).copy()
+        return (
+            Compositor(attrs.evolve(scene, views=views), how.render)
+            .compose((0.0, 0.0), (0.0, 2.0))
+            .copy()
+        )
 
     read = []
     for channel in range(channels):
@@ -54,25 +69,41 @@ def read_channels(view: int, how: Config, channels: int) -> tuple[int, ...]:
 @pytest.mark.parametrize("channels", [1, 3])
 @pytest.mark.parametrize("ghost_compensation", [0.0, 50.0])
 @pytest.mark.parametrize("anaglyph", OUTPUTS)
-def test_planes_are_those_that_change_the_picture(anaglyph: str, ghost_compensation: float, channels: int) -> None:
-    how = with_keys(render__anaglyph=anaglyph, render__ghost_compensation=ghost_compensation, render__method="nearest")
+def test_planes_are_those_that_change_the_picture(
+    anaglyph: str, ghost_compensation: float, channels: int
+) -> None:
+    how = with_keys(
+        render__anaglyph=anaglyph,
+        render__ghost_compensation=ghost_compensation,
+        render__method="nearest",
+    )
     left, middle, right = (read_channels(view, how, channels) for view in range(3))
     if anaglyph == "mono":  # one viewpoint, midway between the eyes
         assert left == right == ()
         left, middle = middle, left
     assert middle == ()
     scene = field(1, 3)
-    assert make_plan(attrs.evolve(scene, views=scene.views[:, :, :, :channels]), how).planes == (left, right)
+    assert make_plan(attrs.evolve(scene, views=scene.views[:, :, :, :channels]), how).planes == (
+        left,
+        right,
+    )
 
 
 @st.composite
 def scenes(draw: st.DrawFn) -> LightField:
     rows, cols = draw(st.tuples(st.integers(1, 3), st.integers(1, 5)))
     extent_px = draw(st.sampled_from([0.0, 0.1, 0.4, 0.6, 3.0]))
-    scene = rendered.noise(rows, cols, 8, 8, extent_px, seed=1, channels=draw(st.sampled_from([1, 3])))
+    scene = rendered.noise(
+        rows, cols, 8, 8, extent_px, seed=1, channels=draw(st.sampled_from([1, 3]))
+    )
     scores = draw(st.dictionaries(st.sampled_from(METHODS), st.floats(20.0, 50.0)))
     disparity = scene.disparity if draw(st.booleans()) else None
-    return attrs.evolve(scene, method=draw(st.sampled_from(METHODS)), manifest={"scores": scores}, disparity=disparity)
+    return attrs.evolve(
+        scene,
+        method=draw(st.sampled_from(METHODS)),
+        manifest={"scores": scores},
+        disparity=disparity,
+    )
 
 
 configs = st.builds(
@@ -99,7 +130,9 @@ class Untouchable:
 def test_the_plan_is_what_the_stages_do(scene: LightField, how: Config) -> None:
     plan, compositor = make_plan(scene, how), Compositor(scene, how.render)
     assert plan.method == compositor.method
-    summary = SceneSummary("/pack", "one", scene.rows, scene.cols, 8, 8, scene.method, scene.disparity is not None)
+    summary = SceneSummary(
+        "/pack", "one", scene.rows, scene.cols, 8, 8, scene.method, scene.disparity is not None
+    )
     assert plan.needs_tracking == summary.needs_tracking
     assert ("warping" in saved(plan)) == (plan.needs_tracking and not plan.needs_warp)
     json.dumps(attrs.asdict(plan))
@@ -111,7 +144,9 @@ def test_the_plan_is_what_the_stages_do(scene: LightField, how: Config) -> None:
     if scene.disparity is not None:
         guarded: Any = Untouchable()
         try:
-            Compositor(attrs.evolve(scene, disparity=guarded), how.render).compose((0.0, 0.3), (0.0, 0.6))
+            Compositor(attrs.evolve(scene, disparity=guarded), how.render).compose(
+                (0.0, 0.3), (0.0, 0.6)
+            )
             assert not plan.needs_warp
         except AssertionError as error:
             assert plan.needs_warp, error
@@ -138,16 +173,27 @@ def test_distance_is_needed_where_a_viewer_who_comes_nearer_changes_the_views(ho
 def test_one_view_needs_no_eyes_and_is_drawn_in_its_own_colours() -> None:
     scene = field(1, 1)
     plan = make_plan(scene, Config())
-    assert (plan.needs_tracking, plan.needs_warp, plan.needs_depth, plan.method) == (False, False, False, "nearest")
+    assert (plan.needs_tracking, plan.needs_warp, plan.needs_depth, plan.method) == (
+        False,
+        False,
+        False,
+        "nearest",
+    )
     picture = Compositor(scene, Config().render).compose((0.0, 0.0), (0.0, 0.0))
-    assert np.array_equal(picture, scene.views[0, 0, 0, ::-1].transpose(1, 2, 0)), "in Dubois colours for two equal eyes"
+    assert np.array_equal(picture, scene.views[0, 0, 0, ::-1].transpose(1, 2, 0)), (
+        "in Dubois colours for two equal eyes"
+    )
     assert "room to move" not in str(parallax(Config(), scene, 640, 63.0))
 
 
 @pytest.mark.parametrize(
     ("changes", "method", "why"),
     [
-        ({"method": "blend"}, "auto", "blend predicts held-out views as well (nearest 30.0 dB, blend 41.0 dB)"),
+        (
+            {"method": "blend"},
+            "auto",
+            "blend predicts held-out views as well (nearest 30.0 dB, blend 41.0 dB)",
+        ),
         ({"method": "blend", "manifest": {}}, "auto", "the scene's own method is blend"),
         ({"disparity": None}, "warp", "the scene has no disparity"),
         ({}, "blend", "render.method is blend"),
@@ -155,7 +201,8 @@ def test_one_view_needs_no_eyes_and_is_drawn_in_its_own_colours() -> None:
 )
 def test_why_nothing_is_warped(changes: dict[str, Any], method: str, why: str) -> None:
     plan = make_plan(
-        field(5, 5, **{"disparity_min_px": -1.0, "disparity_max_px": 1.0} | changes), with_keys(render__method=method)
+        field(5, 5, **{"disparity_min_px": -1.0, "disparity_max_px": 1.0} | changes),
+        with_keys(render__method=method),
     )
     assert next(item.why for item in plan.left_out if item.what == "warping") == why
 
@@ -169,7 +216,13 @@ def test_what_is_saved_is_counted_in_bytes_and_planes() -> None:
         "3 of 6 planes per picture": "0.00922 MB per picture",
         "the viewer's distance": "alpha stays 32 px per view",
     }
-    assert saved(make_plan(field(1, 1), Config()))["capture and tracking"] == "2 processes, 0.922 MB per frame"
+    assert (
+        saved(make_plan(field(1, 1), Config()))["capture and tracking"]
+        == "2 processes, 0.922 MB per frame"
+    )
     assert saved(make_plan(field(1, 9), Config()))["row coordinate"] == "0.0246 MB of maps per view"
     film = attrs.evolve(field(3, 3), views=np.zeros((4, 3, 3, 1, 48, 64), np.uint8))
-    assert saved(make_plan(film, Config()))["two of three colour planes"] == "0.221 MB of pack and memory"
+    assert (
+        saved(make_plan(film, Config()))["two of three colour planes"]
+        == "0.221 MB of pack and memory"
+    )

@@ -37,12 +37,17 @@ class Watched(RuleBasedStateMachine):
 
     def frame(self, here: Rest | None, beyond: bool = False) -> Rest | None:
         self.t_ns += FRAME_NS
-        before, rest = self.subject.state, self.subject.update(self.t_ns, here, self.generation, beyond)
+        before, rest = (
+            self.subject.state,
+            self.subject.update(self.t_ns, here, self.generation, beyond),
+        )
         after = self.subject.state
         assert after in ALLOWED[before], f"{before.word} to {after.word}"
         if rest is not None:
             assert after is SE and here is not None
-            assert before in (A, E, L) or beyond or self.exchanged, "a seated viewer is measured anew beyond the grid alone"
+            assert before in (A, E, L) or beyond or self.exchanged, (
+                "a seated viewer is measured anew beyond the grid alone"
+            )
             assert self.exchanged or abs(rest.x_px - here.x_px) <= 2 * REST_SPAN * here.apart_px
         if here is None:
             assert after in (N, L)
@@ -76,7 +81,9 @@ class Watched(RuleBasedStateMachine):
     def is_exchanged(self, x: float) -> None:
         self.generation, self.x, self.exchanged = self.generation + 1, x, True
         back = self.frame(Rest(self.x, 200.0, 60.0))
-        assert self.subject.state is (E if back is None else SE), "another face, or the one that sat there"
+        assert self.subject.state is (E if back is None else SE), (
+            "another face, or the one that sat there"
+        )
         self.exchanged = False
 
     @rule(seconds=st.floats(GAP_S + 0.1, 5.0))
@@ -91,7 +98,9 @@ class Watched(RuleBasedStateMachine):
 
     @rule(seconds=st.floats(1.3, 2.0))
     def rests_beyond_the_grid(self, seconds: float) -> None:
-        found = [self.frame(Rest(self.x, 200.0, 60.0), beyond=True) for _ in range(int(seconds * 30))]
+        found = [
+            self.frame(Rest(self.x, 200.0, 60.0), beyond=True) for _ in range(int(seconds * 30))
+        ]
         assert any(found) and self.subject.state is SE
 
 
@@ -118,7 +127,11 @@ def test_a_viewer_found_again_is_the_one_who_was_lost() -> None:
 def test_who_returns_to_their_seat_is_seated_at_once_and_a_stranger_there_is_not() -> None:
     for place, apart, away_s, known in ((310.0, 62.0, 2.0, True), (420.0, 62.0, 2.0, False), (305.0, 80.0, 2.0, False),
                                         (305.0, 60.0, RETURN_S + 1, False)):  # fmt: skip
-        subject, rest = watched((HOME, 2.0, 0), (Rest(500.0, 210.0, 90.0), away_s, 1), (Rest(place, 200.0, apart), 0.0, 2))
+        subject, rest = watched(
+            (HOME, 2.0, 0),
+            (Rest(500.0, 210.0, 90.0), away_s, 1),
+            (Rest(place, 200.0, apart), 0.0, 2),
+        )
         assert (subject.state is SE and rest is not None and rest.x_px == 300.0) == known
 
 
@@ -127,11 +140,21 @@ NEUTRAL, EYES = np.array([4.0, 4.0, 4.0, 4.0]), np.array([1.0, 7.0, 1.0, 7.0])
 
 
 def run(
-    glide: EyeEasing, start: int, count: int, eyes: np.ndarray | None, generation: int = 0, step_ns: int = STEP_NS
+    glide: EyeEasing,
+    start: int,
+    count: int,
+    eyes: np.ndarray | None,
+    generation: int = 0,
+    step_ns: int = STEP_NS,
 ) -> np.ndarray:
     """The positions shown at count refreshes."""
     target = None if eyes is None else tuple(eyes.tolist())
-    return np.array([glide.at((start + i) * step_ns, target, tuple(NEUTRAL.tolist()), generation) for i in range(count)])
+    return np.array(
+        [
+            glide.at((start + i) * step_ns, target, tuple(NEUTRAL.tolist()), generation)
+            for i in range(count)
+        ]
+    )
 
 
 def test_found_held_gone_and_found_again() -> None:
@@ -146,15 +169,23 @@ def test_found_held_gone_and_found_again() -> None:
     np.testing.assert_allclose(away[-1], NEUTRAL, atol=1e-4)
     shares = ((away - NEUTRAL) / (EYES - NEUTRAL))[:, 0]
     assert np.all(np.diff(shares) <= 1e-12)
-    assert 0.65 < shares[round(AWAY_S / STEP_NS * 1e9) + 1] < 0.8, "(1 + 1) / e after the time constant"
+    assert 0.65 < shares[round(AWAY_S / STEP_NS * 1e9) + 1] < 0.8, (
+        "(1 + 1) / e after the time constant"
+    )
     back = run(glide, 1200 + hold, 120, EYES + 1, 1)
     assert np.abs(back[0] - away[-1]).max() < 0.1
     np.testing.assert_allclose(back[-1], EYES + 1, atol=1e-3)
     for i in range(30):  # who is followed is not delayed
-        np.testing.assert_allclose(run(glide, 1400 + hold + i, 1, EYES + i, 1)[0], EYES + i, atol=1e-3)
+        np.testing.assert_allclose(
+            run(glide, 1400 + hold + i, 1, EYES + i, 1)[0], EYES + i, atol=1e-3
+        )
 
 
-@given(st.lists(st.tuples(st.booleans(), st.integers(1, 40), st.floats(-8, 8)), min_size=1, max_size=12))
+@given(
+    st.lists(
+        st.tuples(st.booleans(), st.integers(1, 40), st.floats(-8, 8)), min_size=1, max_size=12
+    )
+)
 @settings(max_examples=80)
 def test_never_a_jump_whatever_the_faces_do(spans: list[tuple[bool, int, float]]) -> None:
     """Faces come and go anywhere within 8 views; from refresh to refresh the picture moves by a part of that only."""

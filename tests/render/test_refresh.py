@@ -11,7 +11,14 @@ import pytest
 
 from lfpipe.bench.judder import T0_NS, simulate
 from lfpipe.host.presentation import Presented
-from lfpipe.render.refresh import GAIN, LARGEST_STEP, LONGEST_NS, Refresh, ScreenClock, ScreenRefresh
+from lfpipe.render.refresh import (
+    GAIN,
+    LARGEST_STEP,
+    LONGEST_NS,
+    Refresh,
+    ScreenClock,
+    ScreenRefresh,
+)
 from lfpipe.render.showing import ANSWER_NS, HANDOVER, REPLACED, Showing, take_known
 from lfpipe.render.viewer import Viewpoints
 
@@ -19,7 +26,9 @@ MS = 1_000_000
 AGE_NS = 5 * MS  # from a frame's stamp to its eyes
 
 
-def frames(rate_hz: float, count: int, start_ns: int = T0_NS, every: int = 1) -> Iterator[tuple[int, int]]:
+def frames(
+    rate_hz: float, count: int, start_ns: int = T0_NS, every: int = 1
+) -> Iterator[tuple[int, int]]:
     """(source_seq, t_sensor_ns)."""
     return ((k, start_ns + round(k * 1e9 / rate_hz)) for k in range(0, count, every))
 
@@ -37,14 +46,22 @@ def hear(refresh: Refresh, seq: int, t_sensor_ns: int) -> list[int]:
 def off(refresh: Refresh, t_sensor_ns: int) -> float:
     """How far a refresh is from being due just after the eyes of that frame are drawn, in periods, -0.5 to 0.5."""
     slack_ns = min(0.2 * refresh.period_ns, 3 * MS)
-    away = (refresh.due_ns() - (t_sensor_ns + AGE_NS + refresh.lead_ns() + slack_ns)) / refresh.period_ns
+    away = (
+        refresh.due_ns() - (t_sensor_ns + AGE_NS + refresh.lead_ns() + slack_ns)
+    ) / refresh.period_ns
     return float((away + 0.5) % 1 - 0.5)
 
 
-@pytest.mark.parametrize(("display_hz", "camera_hz"), [(60, 30), (60, 60), (120, 30), (60, 20), (144, 24)])
+@pytest.mark.parametrize(
+    ("display_hz", "camera_hz"), [(60, 30), (60, 60), (120, 30), (60, 20), (144, 24)]
+)
 @pytest.mark.parametrize("phase", [0.1, 0.5, 0.9])
-@pytest.mark.parametrize(("count", "every"), [(2, 1), (300, 3)])  # frames lost on the way do not change the camera's rate
-def test_the_second_frame_sets_the_phase(display_hz: float, camera_hz: float, phase: float, count: int, every: int) -> None:
+@pytest.mark.parametrize(
+    ("count", "every"), [(2, 1), (300, 3)]
+)  # frames lost on the way do not change the camera's rate
+def test_the_second_frame_sets_the_phase(
+    display_hz: float, camera_hz: float, phase: float, count: int, every: int
+) -> None:
     refresh = Refresh(display_hz, T0_NS - round(phase * 1e9 / display_hz))
     for seq, t_ns in frames(camera_hz, count, every=every):
         hear(refresh, seq, t_ns)
@@ -53,9 +70,18 @@ def test_the_second_frame_sets_the_phase(display_hz: float, camera_hz: float, ph
 
 @pytest.mark.parametrize(
     ("display_hz", "camera_hz", "every"),
-    [(60, 25, 1), (60, 24, 1), (50, 30, 1), (30, 60, 1), (60, 59, 1), (50, 30, 3)],  # every third of 30 Hz would fit 50 Hz
+    [
+        (60, 25, 1),
+        (60, 24, 1),
+        (50, 30, 1),
+        (30, 60, 1),
+        (60, 59, 1),
+        (50, 30, 3),
+    ],  # every third of 30 Hz would fit 50 Hz
 )
-def test_rates_that_do_not_fit_are_left_alone(display_hz: float, camera_hz: float, every: int) -> None:
+def test_rates_that_do_not_fit_are_left_alone(
+    display_hz: float, camera_hz: float, every: int
+) -> None:
     refresh, due = Refresh(display_hz, T0_NS), list[int]()
     for seq, t_ns in frames(camera_hz, 200 * every, every=every):
         due += hear(refresh, seq, t_ns)
@@ -63,7 +89,9 @@ def test_rates_that_do_not_fit_are_left_alone(display_hz: float, camera_hz: floa
 
 
 @pytest.mark.parametrize("true_hz", [29.97, 30.02])
-def test_a_camera_whose_rate_is_a_little_off_is_followed_by_steps_that_nobody_sees(true_hz: float) -> None:
+def test_a_camera_whose_rate_is_a_little_off_is_followed_by_steps_that_nobody_sees(
+    true_hz: float,
+) -> None:
     refresh, due, away = Refresh(60.0, T0_NS), list[int](), list[float]()
     for seq, t_ns in frames(true_hz, 3000):
         passed = hear(refresh, seq, t_ns)
@@ -117,16 +145,22 @@ def test_dues_rise_whatever_the_camera_says() -> None:
     assert all(b > a for a, b in pairwise(dues))
 
 
-def grid(rate_hz: float, count: int, jitter_ns: float, seed: int = 1, shown: float = 1.0) -> list[int]:
+def grid(
+    rate_hz: float, count: int, jitter_ns: float, seed: int = 1, shown: float = 1.0
+) -> list[int]:
     """Times of blanks; a share `shown` of them is reported."""
     random = np.random.default_rng(seed)
     ticks = np.flatnonzero(random.random(count) < shown)
     return [round(T0_NS + k * 1e9 / rate_hz + random.uniform(-jitter_ns, jitter_ns)) for k in ticks]
 
 
-@pytest.mark.parametrize(("rate_hz", "nominal_hz"), [(59.94, 60), (75.0, 75), (71.4, 75), (143.98, 144), (23.976, 24)])
+@pytest.mark.parametrize(
+    ("rate_hz", "nominal_hz"), [(59.94, 60), (75.0, 75), (71.4, 75), (143.98, 144), (23.976, 24)]
+)
 @pytest.mark.parametrize("shown", [1.0, 0.3])
-def test_the_grid_is_found_from_stamps_in_whole_ms(rate_hz: float, nominal_hz: float, shown: float) -> None:
+def test_the_grid_is_found_from_stamps_in_whole_ms(
+    rate_hz: float, nominal_hz: float, shown: float
+) -> None:
     clock = ScreenClock(nominal_hz, T0_NS - 3 * MS)
     blanks = grid(rate_hz, 4000, 0.5 * MS, shown=shown)
     for t_ns in blanks:
@@ -178,7 +212,9 @@ def test_pictures_begin_late_and_still_make_their_blank(rate_hz: float, deadline
 
 
 @pytest.mark.parametrize(("slow", "most"), [(0.02, 0.02), (0.1, 0.05), (0.3, 0.12)])
-def test_a_busy_machine_costs_a_picture_now_and_then_and_never_runs_away(slow: float, most: float) -> None:
+def test_a_busy_machine_costs_a_picture_now_and_then_and_never_runs_away(
+    slow: float, most: float
+) -> None:
     """slow: share of wake-ups that come 5 ms late on average."""
     shown = simulate(60.0, 3.0, 4000, slow=slow)
     assert shown.juddered <= most
@@ -209,18 +245,31 @@ NOWHERE = Viewpoints((0.0, 0.0, 0.0, 0.0), (0.0, 0.0), (0.0, 0.0), 0)
 
 
 def showing(number: int, t_ns: int, by: str = "") -> Showing:
-    return Showing(number, None, None, NOWHERE, 0, t_ns, 0, 0, 0, 0, 0, t_ns, 0, 0, t_ns if by else 0, by)
+    return Showing(
+        number, None, None, NOWHERE, 0, t_ns, 0, 0, 0, 0, 0, t_ns, 0, 0, t_ns if by else 0, by
+    )
 
 
-def known(waiting: deque[Showing], answers: list[Presented], t_ns: int) -> list[tuple[int, int, str]]:
-    return [(one.t_handed_ns, one.t_presented_ns, one.by) for one in take_known(waiting, answers, "blanks", t_ns)]
+def known(
+    waiting: deque[Showing], answers: list[Presented], t_ns: int
+) -> list[tuple[int, int, str]]:
+    return [
+        (one.t_handed_ns, one.t_presented_ns, one.by)
+        for one in take_known(waiting, answers, "blanks", t_ns)
+    ]
 
 
 def test_a_picture_waits_for_its_blank_and_those_behind_it_wait_too() -> None:
     waiting = deque((showing(1, 100), showing(0, 200, "blanks"), showing(2, 300)))
     assert known(waiting, [Presented(2, 350, 0)], 360) == []
-    assert known(waiting, [Presented(1, 150, 0)], 370) == [(100, 150, "blanks"), (200, 200, "blanks"), (300, 350, "blanks")]
-    assert known(waiting, [Presented(1, 999, 0), Presented(7, 1, 0)], 380) == [], "an answer twice, and one to nothing"
+    assert known(waiting, [Presented(1, 150, 0)], 370) == [
+        (100, 150, "blanks"),
+        (200, 200, "blanks"),
+        (300, 350, "blanks"),
+    ]
+    assert known(waiting, [Presented(1, 999, 0), Presented(7, 1, 0)], 380) == [], (
+        "an answer twice, and one to nothing"
+    )
 
 
 def test_one_that_was_replaced_has_no_time_and_one_never_answered_its_hand_over() -> None:

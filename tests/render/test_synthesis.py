@@ -22,7 +22,13 @@ from tests.render import rendered
 from tests.render.rendered import METHODS
 
 
-def made(field: LightField, method: str, position: Position, zero_plane_px: float = 0.0, channels: int = 1) -> NDArray[np.uint8]:
+def made(
+    field: LightField,
+    method: str,
+    position: Position,
+    zero_plane_px: float = 0.0,
+    channels: int = 1,
+) -> NDArray[np.uint8]:
     outs = [np.zeros((field.height_px, field.width_px), np.uint8) for _ in range(channels)]
     sources = [lambda frame, r, c, k=k: field.views[frame, r, c, k] for k in range(channels)]
     planes = Synthesiser(field, method).render(position, 0, zero_plane_px, sources, outs)
@@ -31,19 +37,32 @@ def made(field: LightField, method: str, position: Position, zero_plane_px: floa
 
 def scores(field: LightField, position: Position, scale: float) -> dict[str, float]:
     """PSNR of every method against the view drawn for position, 16 px off the border: what enters there was never seen."""
-    row, col = (scale * (p - (count - 1) / 2) for p, count in zip(position, (field.rows, field.cols), strict=True))
+    row, col = (
+        scale * (p - (count - 1) / 2)
+        for p, count in zip(position, (field.rows, field.cols), strict=True)
+    )
     inner = (slice(None), slice(16, -16), slice(16, -16))
     truth = rendered.view(row, col, field.height_px, field.width_px)[:1].astype(float)[inner]
-    return {method: psnr_db(float(np.mean((made(field, method, position)[inner] - truth) ** 2))) for method in METHODS}
+    return {
+        method: psnr_db(float(np.mean((made(field, method, position)[inner] - truth) ** 2)))
+        for method in METHODS
+    }
 
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("channels", [1, 2, 3])
-def test_whole_numbers_give_the_stored_views_bit_for_bit_also_off_a_regular_grid(method: str, channels: int) -> None:
-    regular, offsets = rendered.field(3, 4), np.random.default_rng(1).uniform(-0.2, 0.2, (3, 4, 2)).astype(np.float32)
+def test_whole_numbers_give_the_stored_views_bit_for_bit_also_off_a_regular_grid(
+    method: str, channels: int
+) -> None:
+    regular, offsets = (
+        rendered.field(3, 4),
+        np.random.default_rng(1).uniform(-0.2, 0.2, (3, 4, 2)).astype(np.float32),
+    )
     for field in (regular, attrs.evolve(regular, offsets=offsets)):
         for row, col in np.ndindex(3, 4):
-            np.testing.assert_array_equal(made(field, method, (row, col), 0.0, channels), field.views[0, row, col, :channels])
+            np.testing.assert_array_equal(
+                made(field, method, (row, col), 0.0, channels), field.views[0, row, col, :channels]
+            )
 
 
 def test_a_camera_off_the_grid_is_warped_from_where_it_stands() -> None:
@@ -53,11 +72,17 @@ def test_a_camera_off_the_grid_is_warped_from_where_it_stands() -> None:
     views = field.views.copy()
     for row in range(3):
         for col in range(3):
-            views[0, row, col] = rendered.view(offsets[row, col, 0] + row - 1, offsets[row, col, 1] + col - 1, 96, 96)
+            views[0, row, col] = rendered.view(
+                offsets[row, col, 0] + row - 1, offsets[row, col, 1] + col - 1, 96, 96
+            )
     field = attrs.evolve(field, views=views)
     knowing = attrs.evolve(field, offsets=offsets)
     middle = offsets[:2, :2].mean(axis=(0, 1)) - 0.5  # of the four cameras around (0.5, 0.5)
-    inner = (slice(None), slice(24, 40), slice(24, 40))  # within the square: its edges moved too, its stored disparities did not
+    inner = (
+        slice(None),
+        slice(24, 40),
+        slice(24, 40),
+    )  # within the square: its edges moved too, its stored disparities did not
     truth = rendered.view(middle[0], middle[1], 96, 96)[:1].astype(float)[inner]
 
     def error(subject: LightField) -> float:
@@ -77,8 +102,14 @@ def test_warping_meets_the_true_view_where_fading_doubles_it(position: Position)
 @pytest.mark.parametrize(
     ("side", "scale", "position"),
     [
-        *((5, 2.0, place) for place in ((2.0, -1.0), (4.5, 2.0), (5.0, 5.0))),  # beyond the grid the warp goes on
-        *((3, scale, place) for scale in (5.0, 8.0) for place in ((1.5, 1.5), (1.0, 0.5), (0.5, 2.0), (1.0, -1.0), (1.0, 0.3))),
+        *(
+            (5, 2.0, place) for place in ((2.0, -1.0), (4.5, 2.0), (5.0, 5.0))
+        ),  # beyond the grid the warp goes on
+        *(
+            (3, scale, place)
+            for scale in (5.0, 8.0)
+            for place in ((1.5, 1.5), (1.0, 0.5), (0.5, 2.0), (1.0, -1.0), (1.0, 0.3))
+        ),
     ],
 )
 def test_what_is_hidden_or_was_never_seen_costs_no_method_its_lead_over_nearest(
@@ -103,24 +134,42 @@ def test_no_jumps_along_a_sweep(method: str, along: tuple[float, float]) -> None
 def test_the_zero_plane_stands_still_and_the_other_moves(method: str) -> None:
     square = (0, slice(24, 40), slice(24, 40))
     for zero_plane_px in (rendered.NEAR, 0.0):
-        here, there = (made(rendered.field(5, 5), method, (2.0, col), zero_plane_px).astype(float) for col in (1.0, 3.0))
+        here, there = (
+            made(rendered.field(5, 5), method, (2.0, col), zero_plane_px).astype(float)
+            for col in (1.0, 3.0)
+        )
         assert (np.abs(here - there)[square].mean() < 2) == (zero_plane_px == rendered.NEAR)
 
 
-@given(st.integers(-40, 40), st.integers(-40, 40), st.integers(0, 12), st.integers(0, 16), st.integers(1, 13), st.integers(1, 17))
-def test_shifted_repeats_the_border(dy: int, dx: int, y: int, x: int, height: int, width: int) -> None:
+@given(
+    st.integers(-40, 40),
+    st.integers(-40, 40),
+    st.integers(0, 12),
+    st.integers(0, 16),
+    st.integers(1, 13),
+    st.integers(1, 17),
+)
+def test_shifted_repeats_the_border(
+    dy: int, dx: int, y: int, x: int, height: int, width: int
+) -> None:
     plane = np.random.default_rng(0).integers(0, 255, (13, 17), dtype=np.uint8)
-    wanted = plane[np.clip(np.arange(13) + dy, 0, 12)][:, np.clip(np.arange(17) + dx, 0, 16)][y : y + height, x : x + width]
+    wanted = plane[np.clip(np.arange(13) + dy, 0, 12)][:, np.clip(np.arange(17) + dx, 0, 16)][
+        y : y + height, x : x + width
+    ]
     box = np.s_[y : min(y + height, 13), x : min(x + width, 17)]
     np.testing.assert_array_equal(shifted(plane, dy, dx, box), wanted)
 
 
 @pytest.mark.parametrize("method", WARPS)
-def test_a_picture_made_in_bands_is_the_same_picture(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_picture_made_in_bands_is_the_same_picture(
+    method: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     fields = rendered.field(3, 3, scale=4.0), rendered.noise(3, 3, 37, 41, 30.0, seed=1)
     places = (0.3, 1.6), (1.0, 2.4), (-0.7, 0.5)
     whole = [made(field, method, place, 0.5, 3) for field in fields for place in places]
-    monkeypatch.setattr(warper, "bands_of", lambda rows, _: [slice(k, min(k + 7, rows)) for k in range(0, rows, 7)])
+    monkeypatch.setattr(
+        warper, "bands_of", lambda rows, _: [slice(k, min(k + 7, rows)) for k in range(0, rows, 7)]
+    )
     banded = [made(field, method, place, 0.5, 3) for field in fields for place in places]
     for one, other in zip(whole, banded, strict=True):
         np.testing.assert_array_equal(one, other)
@@ -130,10 +179,14 @@ SIZES = [(1, 1), (1, 6), (5, 1), (2, 2), (7, 9), (8, 12)]
 
 
 def picture(height: int, width: int) -> NDArray[np.uint8]:
-    return np.random.default_rng(height * 100 + width).integers(0, 256, (height, width), dtype=np.uint8)
+    return np.random.default_rng(height * 100 + width).integers(
+        0, 256, (height, width), dtype=np.uint8
+    )
 
 
-def through(plane: NDArray[np.uint8], dx: NDArray[np.float32], dy: NDArray[np.float32]) -> NDArray[np.uint8]:
+def through(
+    plane: NDArray[np.uint8], dx: NDArray[np.float32], dy: NDArray[np.float32]
+) -> NDArray[np.uint8]:
     """plane, each block displaced by its (dx, dy)."""
     subject = Blocks(*plane.shape)
     x, y = places(*plane.shape)
@@ -153,19 +206,31 @@ def through(plane: NDArray[np.uint8], dx: NDArray[np.float32], dy: NDArray[np.fl
 
 @settings(max_examples=60)
 @given(st.sampled_from(SIZES), st.integers(0, 1000), st.sampled_from([0.0, 0.6, 3.0, 100.0]))
-def test_blocks_sample_as_pixels_do_even_beyond_the_border(size: tuple[int, int], seed: int, reach_px: float) -> None:
+def test_blocks_sample_as_pixels_do_even_beyond_the_border(
+    size: tuple[int, int], seed: int, reach_px: float
+) -> None:
     height, width = size
     plane = picture(height, width)
     rng = np.random.default_rng(seed)
     dx, dy = rng.uniform(-reach_px, reach_px, (2, *size_of(height, width))).astype(np.float32)
     y, x = np.mgrid[0:height, 0:width].astype(np.float32)
-    each_x, each_y = (np.repeat(np.repeat(d, 2, axis=0), 2, axis=1)[:height, :width] for d in (dx, dy))
-    wanted = cv2.remap(plane, x + each_x, y + each_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    each_x, each_y = (
+        np.repeat(np.repeat(d, 2, axis=0), 2, axis=1)[:height, :width] for d in (dx, dy)
+    )
+    wanted = cv2.remap(
+        plane, x + each_x, y + each_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
     error = np.abs(through(plane, dx, dy).astype(int) - wanted).max()
-    assert error <= (reach_px > 0), "the margin shifts the rounding of coordinates; where nothing moves the plane comes back"
+    assert error <= (reach_px > 0), (
+        "the margin shifts the rounding of coordinates; where nothing moves the plane comes back"
+    )
 
 
 def test_large_planes_are_sampled_in_bands_that_cover_them() -> None:
     assert bands_of(256, 4096) == [slice(0, 256)], "512x512 stays whole"
     bands = bands_of(540, 8 * 1920)
-    assert len(bands) > 4 and [band.start for band in bands[1:]] == [band.stop for band in bands[:-1]] and bands[-1].stop == 540
+    assert (
+        len(bands) > 4
+        and [band.start for band in bands[1:]] == [band.stop for band in bands[:-1]]
+        and bands[-1].stop == 540
+    )

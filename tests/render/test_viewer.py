@@ -25,7 +25,10 @@ def viewer(**render: Any) -> Viewer:
 
 def four_views() -> Viewer:
     """Of a scene whose disparities are not known: four views between the eyes, at every distance."""
-    return Viewer(attrs.evolve(rendered.field(9, 9, 16, 16), disparity_source="none"), Config(render=Render(method="warp2")))
+    return Viewer(
+        attrs.evolve(rendered.field(9, 9, 16, 16), disparity_source="none"),
+        Config(render=Render(method="warp2")),
+    )
 
 
 def middle(look: Viewpoints) -> tuple[float, float]:
@@ -33,7 +36,9 @@ def middle(look: Viewpoints) -> tuple[float, float]:
     return look.left[0], (look.left[1] + look.right[1]) / 2
 
 
-def script(subject: Viewer, *scenes: tuple[float, dict[str, Any]], start_s: float = 0.0) -> list[Viewpoints]:
+def script(
+    subject: Viewer, *scenes: tuple[float, dict[str, Any]], start_s: float = 0.0
+) -> list[Viewpoints]:
     """What is shown at 60 Hz while a camera of 30 Hz sees each scene for its seconds; a scene without a face has face=0."""
     shown, k, sensor_ns = [], 0, 0
     for seconds, where in scenes:
@@ -57,8 +62,13 @@ def test_nobody_yet_looks_from_the_middle() -> None:
         assert look.left == look.right == (4.0, 4.0)
 
 
-def test_by_hand_the_grid_lies_on_the_cameras_middle_and_else_on_where_the_viewer_was_first() -> None:
-    by_hand, auto = viewer(alpha_px=12.0).viewpoints(record(344.0, 228.0), 0, 0), viewer().viewpoints(record(344.0, 228.0), 0, 0)
+def test_by_hand_the_grid_lies_on_the_cameras_middle_and_else_on_where_the_viewer_was_first() -> (
+    None
+):
+    by_hand, auto = (
+        viewer(alpha_px=12.0).viewpoints(record(344.0, 228.0), 0, 0),
+        viewer().viewpoints(record(344.0, 228.0), 0, 0),
+    )
     assert middle(by_hand) == (3.0, 2.0) and middle(auto) == (4.0, 4.0)
     assert by_hand.right[1] - by_hand.left[1] == pytest.approx(24 / 12)
 
@@ -69,28 +79,41 @@ def test_an_exhibition_moves_without_a_viewer_and_is_exactly_the_same_with_one()
     empty = [shown.viewpoints(None, 0, t * S // 10) for t in range(300)]
     cols = [look.left[1] for look in empty]
     assert max(cols) - min(cols) > 4 and max(np.abs(np.diff(cols))) < 0.2
-    assert all(0 <= look.left[1] <= look.right[1] <= 8 and look.left[0] == look.right[0] for look in empty)
+    assert all(
+        0 <= look.left[1] <= look.right[1] <= 8 and look.left[0] == look.right[0] for look in empty
+    )
     here = [(record(300 + t % 7, generation=1), 30 * S + t * S // 30) for t in range(90)]
     both = [(plain.viewpoints(seen, t, t), shown.viewpoints(seen, t, t)) for seen, t in here]
-    leap = max(abs(b.left[1] - a.left[1]) for a, b in itertools.pairwise([empty[-1], *(look for _, look in both)]))
-    assert leap < 1.5  # the distance between the eyes comes at once, as ever; the way back to them does not
+    leap = max(
+        abs(b.left[1] - a.left[1])
+        for a, b in itertools.pairwise([empty[-1], *(look for _, look in both)])
+    )
+    assert (
+        leap < 1.5
+    )  # the distance between the eyes comes at once, as ever; the way back to them does not
     assert both[-1][0].left == both[-1][1].left and both[-1][0].right == both[-1][1].right
 
 
 @pytest.mark.parametrize("alpha_px", [12.0, "auto"])
-def test_recentre_makes_where_the_viewer_is_the_middle_and_keeps_the_step_in_another_scene_too(alpha_px: Any) -> None:
+def test_recentre_makes_where_the_viewer_is_the_middle_and_keeps_the_step_in_another_scene_too(
+    alpha_px: Any,
+) -> None:
     subject = viewer(alpha_px=alpha_px)
     subject.viewpoints(record(), 0, 0)
     here = subject.viewpoints(record(344.0, 252.0), S, S)
     away = subject.viewpoints(record(344.0, 252.0), 3 * S, 3 * S)
     assert middle(away) != (4.0, 4.0)
     subject.recentre()
-    assert middle(subject.viewpoints(record(344.0, 252.0), 4 * S, 4 * S)) == pytest.approx((4.0, 4.0))
+    assert middle(subject.viewpoints(record(344.0, 252.0), 4 * S, 4 * S)) == pytest.approx(
+        (4.0, 4.0)
+    )
     back = subject.viewpoints(record(), 5 * S, 5 * S)
     assert middle(back)[1] - 4.0 == pytest.approx(4.0 - middle(away)[1], rel=1e-3)
     assert here.right[1] - here.left[1] == pytest.approx(back.right[1] - back.left[1], rel=1e-3)
     subject.set(rendered.field(5, 7, 16, 16), subject.config)
-    assert middle(subject.viewpoints(record(344.0, 252.0), 6 * S, 6 * S)) == pytest.approx((2.0, 3.0))
+    assert middle(subject.viewpoints(record(344.0, 252.0), 6 * S, 6 * S)) == pytest.approx(
+        (2.0, 3.0)
+    )
 
 
 def test_eyes_are_taken_to_the_moment_of_light() -> None:
@@ -98,7 +121,9 @@ def test_eyes_are_taken_to_the_moment_of_light() -> None:
     moving = record(velocity_px_s=[[120.0, 0.0], [120.0, 0.0]])
     subject.viewpoints(moving, 0, 0)
     later = subject.viewpoints(moving, S, S + S // 10)
-    assert later.eyes_px[0] == pytest.approx(332.0 + 12.0) and middle(later)[1] == pytest.approx(4.0 - 1.0)
+    assert later.eyes_px[0] == pytest.approx(332.0 + 12.0) and middle(later)[1] == pytest.approx(
+        4.0 - 1.0
+    )
 
 
 def test_alpha_follows_the_viewers_distance_within_seconds_and_not_at_once() -> None:
@@ -111,16 +136,22 @@ def test_alpha_follows_the_viewers_distance_within_seconds_and_not_at_once() -> 
     for k in range(2, int(60 * 8 * DISTANCE_S)):
         subject.viewpoints(record(apart=30.0), k * S // 60, k * S // 60)
         if k == int(60 * DISTANCE_S):
-            assert subject.solver.alpha_px == pytest.approx(alpha * (0.5 + 0.5 / math.e), rel=0.02), "its time constant"
+            assert subject.solver.alpha_px == pytest.approx(
+                alpha * (0.5 + 0.5 / math.e), rel=0.02
+            ), "its time constant"
     assert subject.solver.alpha_px == pytest.approx(alpha / 2, rel=0.02)
 
 
 def test_a_lowered_quality_changes_how_views_are_drawn_and_not_where() -> None:
     subject = viewer(alpha_px=12.0)
     full = subject.viewpoints(record(349.0, 240.0), 0, 0)
-    subject.redraw_by(attrs.evolve(subject.config, render=attrs.evolve(subject.config.render, method="nearest")))
+    subject.redraw_by(
+        attrs.evolve(subject.config, render=attrs.evolve(subject.config.render, method="nearest"))
+    )
     snapped = subject.viewpoints(record(349.0, 240.0), S, S)
-    assert subject.method == "nearest" and all(value == round(value) for value in (*snapped.left, *snapped.right))
+    assert subject.method == "nearest" and all(
+        value == round(value) for value in (*snapped.left, *snapped.right)
+    )
     assert max(abs(a - b) for a, b in zip(full.left, snapped.left, strict=True)) <= 0.6
 
 
@@ -129,14 +160,22 @@ def test_another_width_on_the_display_makes_alpha_anew() -> None:
     subject = Viewer(deep, Config())
     assert subject.shown_as_wide(300.0) and not subject.shown_as_wide(300.0)
     subject.viewpoints(record(), 0, 0)
-    assert subject.solver is not None and subject.parallax is not None and "300 mm" in str(subject.parallax)
+    assert (
+        subject.solver is not None
+        and subject.parallax is not None
+        and "300 mm" in str(subject.parallax)
+    )
     assert subject.shown_as_wide(600.0) and subject.solver is None
-    assert not Viewer(deep, Config(screen=attrs.evolve(Config().screen, width_mm=500.0))).shown_as_wide(300.0)
+    assert not Viewer(
+        deep, Config(screen=attrs.evolve(Config().screen, width_mm=500.0))
+    ).shown_as_wide(300.0)
 
 
 @pytest.mark.parametrize("screen_hz", [60.0, 144.0])
 @pytest.mark.parametrize("film_hz", [24.0, 25.0, 30.0])
-def test_a_video_keeps_its_cadence_on_a_screen_whose_clock_jitters(film_hz: float, screen_hz: float) -> None:
+def test_a_video_keeps_its_cadence_on_a_screen_whose_clock_jitters(
+    film_hz: float, screen_hz: float
+) -> None:
     """Every frame is shown for as many refreshes as its rate asks for, to one refresh, and those of 30 on 60 Hz for two each."""
     film = attrs.evolve(rendered.field(1, 2, 8, 8), frame_rate_hz=film_hz)
     film = attrs.evolve(film, views=np.repeat(film.views, 500, axis=0))
@@ -146,7 +185,9 @@ def test_a_video_keeps_its_cadence_on_a_screen_whose_clock_jitters(film_hz: floa
     frames = [subject.viewpoints(None, 0, t_ns).frame for t_ns in moments]
     ratio = screen_hz / film_hz
     assert frames[0] == 0, "it begins when it is first shown"
-    assert set(np.bincount(frames)[1:-1].tolist()) <= ({int(ratio)} if ratio == int(ratio) else {int(ratio), int(ratio) + 1})
+    assert set(np.bincount(frames)[1:-1].tolist()) <= (
+        {int(ratio)} if ratio == int(ratio) else {int(ratio), int(ratio) + 1}
+    )
 
 
 def test_who_comes_in_from_the_side_and_sits_down_looks_from_the_middle() -> None:
@@ -161,14 +202,22 @@ def test_who_comes_in_from_the_side_and_sits_down_looks_from_the_middle() -> Non
     seated = script(subject, (6.0, seat), start_s=2.0)
     assert subject.presence.state is ViewerState.SEATED
     assert middle(seated[-1]) == pytest.approx((4.0, 4.0), abs=0.05)
-    assert subject.parallax is not None and subject.parallax.eyes_px == pytest.approx(60.0, rel=0.02)
-    assert middle(script(subject, (0.5, seat | {"x": 290.0}), start_s=8.0)[-1])[1] > 4.2, "and moves from there"
+    assert subject.parallax is not None and subject.parallax.eyes_px == pytest.approx(
+        60.0, rel=0.02
+    )
+    assert middle(script(subject, (0.5, seat | {"x": 290.0}), start_s=8.0)[-1])[1] > 4.2, (
+        "and moves from there"
+    )
 
 
 def test_a_viewer_who_rests_beyond_the_grid_gets_it_anew_without_a_jump() -> None:
     shown = script(four_views(), (2.0, {}), (8.0, {"x": 500.0}))[120:]
-    assert shown[40].left[1] < 0.0 and shown[40].right[1] - shown[40].left[1] == pytest.approx(4.0), "at the edge, in depth"
-    assert middle(shown[-1]) == pytest.approx((4.0, 4.0), abs=0.05) and steps_views(shown[20:]) < 0.5
+    assert shown[40].left[1] < 0.0 and shown[40].right[1] - shown[40].left[1] == pytest.approx(
+        4.0
+    ), "at the edge, in depth"
+    assert (
+        middle(shown[-1]) == pytest.approx((4.0, 4.0), abs=0.05) and steps_views(shown[20:]) < 0.5
+    )
 
 
 def test_a_turned_head_keeps_alpha() -> None:
@@ -184,30 +233,54 @@ def test_an_exchange_of_faces_moves_the_view_by_less_than_half_a_view_per_pictur
     for place in (500.0, 150.0, 620.0):
         passing = {"x": place, "apart": 60.0, "generation": 1}
         back = {"x": 302.0, "apart": 40.0, "generation": 2}
-        assert steps_views(script(four_views(), (3.0, {"x": 300.0, "apart": 40.0}), (1.5, passing), (1.5, back))[120:]) <= 0.5
+        assert (
+            steps_views(
+                script(
+                    four_views(), (3.0, {"x": 300.0, "apart": 40.0}), (1.5, passing), (1.5, back)
+                )[120:]
+            )
+            <= 0.5
+        )
 
 
 def test_a_viewer_who_returns_after_a_passer_by_finds_their_view_again() -> None:
     seated, passing = {"x": 300.0, "apart": 40.0}, {"x": 500.0, "apart": 60.0, "generation": 1}
-    shown = script(four_views(), (3.0, seated), (3.0, passing), (1.5, {**seated, "x": 304.0, "generation": 2}))
+    shown = script(
+        four_views(), (3.0, seated), (3.0, passing), (1.5, {**seated, "x": 304.0, "generation": 2})
+    )
     assert middle(shown[-1])[1] == pytest.approx(middle(shown[170])[1], abs=0.5)
 
 
 def test_a_face_lost_for_a_moment_does_not_make_the_picture_jump() -> None:
-    shown = script(four_views(), (3.0, {"x": 300.0}), (0.4, {"face": 0}), (0.5, {"x": 320.0}))  # 20 px later, of the same track
+    shown = script(
+        four_views(), (3.0, {"x": 300.0}), (0.4, {"face": 0}), (0.5, {"x": 320.0})
+    )  # 20 px later, of the same track
     assert steps_views(shown[120:]) <= 0.5 and middle(shown[-1])[1] < middle(shown[170])[1] - 2.0
 
 
 def test_leaning_in_exceeds_comfort_only_briefly_and_leaning_back_gives_depth_back() -> None:
-    deep = attrs.evolve(rendered.field(9, 9, 16, 16), disparity_min_px=-2.0, disparity_max_px=2.0, disparity_source="truth")
+    deep = attrs.evolve(
+        rendered.field(9, 9, 16, 16),
+        disparity_min_px=-2.0,
+        disparity_max_px=2.0,
+        disparity_source="truth",
+    )
     subject = Viewer(deep, Config(render=Render(method="warp2")))
-    sizes = [np.full(180, 40.0), np.linspace(40, 60, 30), np.full(60, 60.0), np.linspace(60, 16, 60), np.full(90, 16.0)]
+    sizes = [
+        np.full(180, 40.0),
+        np.linspace(40, 60, 30),
+        np.full(60, 60.0),
+        np.linspace(60, 16, 60),
+        np.full(90, 16.0),
+    ]
     beyond = []
     for k, apart in enumerate(np.concatenate(sizes).tolist()):
         look = subject.viewpoints(record(apart=apart), k * S // 60, k * S // 60)
         limit = parallax(subject.config, deep, 640, apart).comfort_views or 0.0
         beyond.append((look.right[1] - look.left[1]) / min(limit, 4.0))
-    assert max(beyond) < 1.5 and max(beyond[230:270]) < 1.12, "a third of a second after leaning in by a third"
+    assert max(beyond) < 1.5 and max(beyond[230:270]) < 1.12, (
+        "a third of a second after leaning in by a third"
+    )
     assert beyond[-1] > 0.9
 
 
@@ -218,14 +291,18 @@ def test_one_senseless_distance_is_forgotten(apart_px: float) -> None:
         wrong = {"apart_px": apart_px} if k == 60 or k == 0 else {"apart_px": 24.0}
         seen = subject.viewpoints(record(300.0 + k / 4, **wrong), k * S // 60, k * S // 60)
         same = plain.viewpoints(record(300.0 + k / 4, apart_px=24.0), k * S // 60, k * S // 60)
-    assert seen.left == pytest.approx(same.left, abs=1e-6) and seen.right == pytest.approx(same.right, abs=1e-6)
+    assert seen.left == pytest.approx(same.left, abs=1e-6) and seen.right == pytest.approx(
+        same.right, abs=1e-6
+    )
 
 
 SIZE, EYES_MM = (640, 480), Config().screen.eyes_mm
 heights, tilts = st.floats(-300, 400), st.floats(-30, 30)
 
 
-def seen_px(config: Config, point_mm: np.ndarray, above_mm: float, tilt_deg: float) -> tuple[np.ndarray, float]:
+def seen_px(
+    config: Config, point_mm: np.ndarray, above_mm: float, tilt_deg: float
+) -> tuple[np.ndarray, float]:
     """Eyes around a point before the screen (x, y down, z) in the camera's picture, and how far apart they are in it."""
     focal_px, t = camera_focal_px(config, SIZE[0]), math.radians(tilt_deg)
     eyes = []
@@ -246,23 +323,36 @@ def test_eyes_become_points_before_the_screen_and_come_back(
     pose = CameraPose.of(config, SIZE)
     if pose is None:
         return
-    np.testing.assert_allclose(pose.points_mm(eyes_px, apart_px).mean(axis=0), (x, y, z), atol=1e-6 * z)
+    np.testing.assert_allclose(
+        pose.points_mm(eyes_px, apart_px).mean(axis=0), (x, y, z), atol=1e-6 * z
+    )
     there = pose.from_screen(eyes_px, apart_px)
     np.testing.assert_allclose(pose.from_camera(there, apart_px), eyes_px, atol=1e-6)
 
 
 @pytest.mark.parametrize("depth", [0.0, 1.0])
 @pytest.mark.parametrize(("above_mm", "tilt_deg"), [(200.0, 15.0), (-150.0, -10.0)])
-def test_leaning_in_does_not_look_like_moving_down(above_mm: float, tilt_deg: float, depth: float) -> None:
+def test_leaning_in_does_not_look_like_moving_down(
+    above_mm: float, tilt_deg: float, depth: float
+) -> None:
     field = attrs.evolve(rendered.field(9, 9, 16, 16), disparity_source="none")
-    known = attrs.evolve(field.geometry, baseline_mm=5.0, focus_distance_mm=600.0, focal_length_px=16.0)
+    known = attrs.evolve(
+        field.geometry, baseline_mm=5.0, focus_distance_mm=600.0, focal_length_px=16.0
+    )
     field = attrs.evolve(field, geometry=known)
 
     def rows(**camera: float) -> list[float]:
-        subject, found = Viewer(field, Config(camera=Camera(**camera), render=Render(method="warp2", depth=depth))), []
+        subject, found = (
+            Viewer(
+                field, Config(camera=Camera(**camera), render=Render(method="warp2", depth=depth))
+            ),
+            [],
+        )
         for k in range(300):
             z_mm = 600.0 - 200.0 * min(max((k - 90) / 60, 0.0), 1.0)
-            eyes_px, apart_px = seen_px(subject.config, np.array([0.0, 0.0, z_mm]), above_mm, tilt_deg)
+            eyes_px, apart_px = seen_px(
+                subject.config, np.array([0.0, 0.0, z_mm]), above_mm, tilt_deg
+            )
             seen = record(filtered_px=eyes_px, apart_px=apart_px)
             found.append(subject.viewpoints(seen, k * S // 30, k * S // 30).left[0])
         return found

@@ -17,7 +17,9 @@ USUAL = st.floats(-2000, 2000)
 METHODS = st.sampled_from(["nearest", "blend", "warp2"])
 
 
-def solver(rows: int = 9, cols: int = 9, alpha_px: float = 12.0, method: str = "warp2", **render: object) -> ViewSolver:
+def solver(
+    rows: int = 9, cols: int = 9, alpha_px: float = 12.0, method: str = "warp2", **render: object
+) -> ViewSolver:
     return ViewSolver(rows, cols, Render(**render), alpha_px, (320.0, 240.0), method)  # type: ignore[arg-type]
 
 
@@ -33,9 +35,21 @@ def test_formula() -> None:
 SENSELESS = st.sampled_from([0.0, -0.0, math.nan, math.inf, 1e-320])
 
 
-@given(st.tuples(ANY, ANY, ANY, ANY), st.floats(1e-9, 1e9) | SENSELESS, COUNTS, COUNTS, st.floats(0, 16), METHODS)
+@given(
+    st.tuples(ANY, ANY, ANY, ANY),
+    st.floats(1e-9, 1e9) | SENSELESS,
+    COUNTS,
+    COUNTS,
+    st.floats(0, 16),
+    METHODS,
+)
 def test_always_finite_and_within_reach(
-    p: tuple[float, float, float, float], alpha_px: float, rows: int, cols: int, reach: float, method: str
+    p: tuple[float, float, float, float],
+    alpha_px: float,
+    rows: int,
+    cols: int,
+    reach: float,
+    method: str,
 ) -> None:
     found = solver(rows, cols, alpha_px, method, extrapolate_views=reach).views(p)
     assert found[0][0] == found[1][0], "one row for both eyes"
@@ -50,7 +64,9 @@ def test_an_eye_that_is_no_number_looks_from_the_middle() -> None:
 
 
 @given(st.floats(-50, 50), st.floats(1e-6, 1), st.integers(1, 20), st.floats(0.01, 16))
-def test_soft_clamp_is_exact_inside_and_never_jumps_or_turns_back(value: float, step: float, count: int, reach: float) -> None:
+def test_soft_clamp_is_exact_inside_and_never_jumps_or_turns_back(
+    value: float, step: float, count: int, reach: float
+) -> None:
     here, there = soft_clamp(value, count, reach), soft_clamp(value + step, count, reach)
     if 0 <= value <= count - 1:
         assert here == value
@@ -61,7 +77,9 @@ def test_soft_clamp_is_exact_inside_and_never_jumps_or_turns_back(value: float, 
 
 
 @given(st.lists(st.floats(-0.09, 0.09), min_size=1, max_size=50), st.floats(-3, 3))
-def test_noise_below_the_hysteresis_changes_the_view_at_most_once(noise: list[float], place: float) -> None:
+def test_noise_below_the_hysteresis_changes_the_view_at_most_once(
+    noise: list[float], place: float
+) -> None:
     snapping = solver(method="nearest", extrapolate_views=0.0)
     views = [snapping.views((320 - 12 * (place + n), 240 + 12 * (n - place)) * 2)[0] for n in noise]
     for steps in zip(*views, strict=True):  # rows, then columns
@@ -73,13 +91,17 @@ PAIR = st.tuples(st.floats(-30, 30), st.floats(0, 12), COUNTS, st.floats(0, 16))
 
 
 @given(PAIR)
-def test_at_the_edge_the_distance_of_the_eyes_stays_and_what_is_inside_is_exact(pair: tuple[float, float, int, float]) -> None:
+def test_at_the_edge_the_distance_of_the_eyes_stays_and_what_is_inside_is_exact(
+    pair: tuple[float, float, int, float],
+) -> None:
     left, apart, count, reach = pair
     found = pair_clamped(left, left + apart, count, reach)
     kept = min(apart, count - 1.0)
     assert found[1] - found[0] >= kept - 1e-9 and found[1] - found[0] <= apart + 1e-9, "depth stays"
     assert all(-reach <= col <= count - 1 + reach for col in found)
-    assert apart > count - 1 or pair_clamped(-1e6, apart - 1e6, count, reach)[0] == pytest.approx(-reach)
+    assert apart > count - 1 or pair_clamped(-1e6, apart - 1e6, count, reach)[0] == pytest.approx(
+        -reach
+    )
     if left >= 0 and left + apart <= count - 1:
         assert found == (left, left + apart)
     mirrored = pair_clamped(count - 1 - left - apart, count - 1 - left, count, reach)
@@ -108,7 +130,9 @@ def test_as_printed_in_the_paper_each_eye_stops_by_itself() -> None:
 
 
 @given(st.tuples(ANY, ANY), st.floats(1e-9, 1e9) | SENSELESS)
-def test_a_dragged_neutral_position_is_finite_for_finite_eyes(centre: tuple[float, float], alpha_px: float) -> None:
+def test_a_dragged_neutral_position_is_finite_for_finite_eyes(
+    centre: tuple[float, float], alpha_px: float
+) -> None:
     if all(map(math.isfinite, centre)):
         found = solver(alpha_px=alpha_px).dragged(centre, (350.0, 200.0, 290.0, 200.0))
         assert all(map(math.isfinite, found))
@@ -122,9 +146,19 @@ def test_swapped_eyes_exchange_their_views() -> None:
 CENTRES = st.tuples(st.floats(-500, 1500), st.floats(-500, 1500))
 
 
-@given(CENTRES, st.tuples(USUAL, USUAL, st.floats(-200, 200)), st.floats(2, 100), st.integers(1, 12), st.integers(2, 12))
+@given(
+    CENTRES,
+    st.tuples(USUAL, USUAL, st.floats(-200, 200)),
+    st.floats(2, 100),
+    st.integers(1, 12),
+    st.integers(2, 12),
+)
 def test_a_dragged_neutral_position_is_the_nearest_that_holds_the_eyes(
-    centre: tuple[float, float], head: tuple[float, float, float], alpha_px: float, rows: int, cols: int
+    centre: tuple[float, float],
+    head: tuple[float, float, float],
+    alpha_px: float,
+    rows: int,
+    cols: int,
 ) -> None:
     x, y, half_px = head
     eyes = (x + half_px, y, x - half_px, y)
@@ -151,10 +185,14 @@ def test_a_dragged_neutral_position_is_the_nearest_that_holds_the_eyes(
         ((330.0, 300.0, 310.0, 180.0), False),  # it is the middle of the eyes that has a row
     ],
 )
-def test_beyond_the_grid_are_both_eyes_on_one_side(eyes: tuple[float, float, float, float], beyond: bool) -> None:
+def test_beyond_the_grid_are_both_eyes_on_one_side(
+    eyes: tuple[float, float, float, float], beyond: bool
+) -> None:
     assert solver().beyond(eyes) is beyond
     if eyes[1] == eyes[3] != 240.0:
-        assert solver(rows=2).beyond(eyes) and not solver(rows=1).beyond(eyes), "a single row has no above and below"
+        assert solver(rows=2).beyond(eyes) and not solver(rows=1).beyond(eyes), (
+            "a single row has no above and below"
+        )
 
 
 @given(
@@ -164,12 +202,20 @@ def test_beyond_the_grid_are_both_eyes_on_one_side(eyes: tuple[float, float, flo
     st.floats(-1, 5),
     st.floats(-1, 5),
 )
-def test_a_picture_is_made_of_its_neighbours_by_their_nearness(method: str, rows: int, cols: int, row: float, col: float) -> None:
+def test_a_picture_is_made_of_its_neighbours_by_their_nearness(
+    method: str, rows: int, cols: int, row: float, col: float
+) -> None:
     weights = view_weights(method, (row, col), rows, cols)
     assert 1 <= len(weights) <= 4 and sum(one.weight for one in weights) == pytest.approx(1)
     assert all(one.weight > 0 for one in weights)
     r, c = min(max(row, 0.0), rows - 1.0), min(max(col, 0.0), cols - 1.0)
-    assert all(abs(one.row - r) <= 1 and abs(one.col - c) <= 1 and 0 <= one.row < rows and 0 <= one.col < cols for one in weights)
+    assert all(
+        abs(one.row - r) <= 1
+        and abs(one.col - c) <= 1
+        and 0 <= one.row < rows
+        and 0 <= one.col < cols
+        for one in weights
+    )
     if method == "blend":
         assert sum(one.row * one.weight for one in weights) == pytest.approx(r, abs=1e-9)
         assert sum(one.col * one.weight for one in weights) == pytest.approx(c, abs=1e-9)
@@ -189,7 +235,15 @@ def test_weights_are_continuous(row: float, col: float, method: str) -> None:
 
 def test_fading_is_narrow_for_warp2() -> None:
     def share_of_the_next(row: float, col: float) -> float:
-        return sum(view.weight for view in view_weights("warp2", (row, col), 3, 3) if (view.row, view.col) == (1, 1))
+        return sum(
+            view.weight
+            for view in view_weights("warp2", (row, col), 3, 3)
+            if (view.row, view.col) == (1, 1)
+        )
 
-    assert [share_of_the_next(1.0, col) for col in (0.25, 0.375, 0.5, 0.75)] == pytest.approx([0.0, 0.25, 0.5, 1.0])
-    assert [share_of_the_next(row, 1.0) for row in (0.4, 0.45, 0.5, 0.6)] == pytest.approx([0.0, 0.25, 0.5, 1.0])
+    assert [share_of_the_next(1.0, col) for col in (0.25, 0.375, 0.5, 0.75)] == pytest.approx(
+        [0.0, 0.25, 0.5, 1.0]
+    )
+    assert [share_of_the_next(row, 1.0) for row in (0.4, 0.45, 0.5, 0.6)] == pytest.approx(
+        [0.0, 0.25, 0.5, 1.0]
+    )

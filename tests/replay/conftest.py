@@ -43,11 +43,15 @@ def make_sequence(out: Path, frames: int) -> Path:
     """Frames of the demo as JPEG, with the truth beside them."""
     portrait = Portrait()
     with (
-        new_sequence(out, "demo", SIZE, RATE_HZ, made=f"portrait {SIZE} {frames} {QUALITY}") as writer,
+        new_sequence(
+            out, "demo", SIZE, RATE_HZ, made=f"portrait {SIZE} {frames} {QUALITY}"
+        ) as writer,
         (out / TRUTH).open("w", newline="") as file,
     ):
         rows = csv.writer(file)
-        rows.writerow(["source_seq", "t_ns", "left_x_px", "left_y_px", "right_x_px", "right_y_px", "visible"])
+        rows.writerow(
+            ["source_seq", "t_ns", "left_x_px", "left_y_px", "right_x_px", "right_y_px", "visible"]
+        )
         for seq in range(frames):
             t_ns = round(seq * 1e9 / RATE_HZ)
             eyes_px = demo_eyes_px(t_ns / 1e9, *SIZE)
@@ -78,6 +82,13 @@ def blocks(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for row in range(5):
         for col in range(5):
             at_x, at_y = (x + 2 - col) // 8, (y + 2 - row) // 8
-            view = np.stack([(at_x * 37 + at_y * 59) % 256, (at_x * 91 + at_y * 23) % 256, (at_x * 53 + at_y * 71) % 256], axis=2)
+            view = np.stack(
+                [
+                    (at_x * 37 + at_y * 59) % 256,
+                    (at_x * 91 + at_y * 23) % 256,
+                    (at_x * 53 + at_y * 71) % 256,
+                ],
+                axis=2,
+            )
             cv2.imwrite(str(folder / f"view_{row}_{col}.png"), view.astype(np.uint8))
     return folder

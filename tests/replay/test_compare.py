@@ -57,7 +57,9 @@ def change_report(folder: Path, change: Change) -> None:
 def other(folder: Path, line: Change | None = None, machine: str = "x86_64") -> Path:
     """A copy of folder as another OpenCV made it, on that machine; line: what that does to a line of the trace."""
     copy = shutil.copytree(folder, folder.parent / "other", dirs_exist_ok=True)
-    change_report(copy, lambda report: report["versions"].update({OPENCV: "4.12.0.88", "machine": machine}))
+    change_report(
+        copy, lambda report: report["versions"].update({OPENCV: "4.12.0.88", "machine": machine})
+    )
     lines = read_trace(copy)
     for each in lines if line else ():
         line(each)
@@ -68,14 +70,24 @@ def other(folder: Path, line: Change | None = None, machine: str = "x86_64") -> 
 def redrawn(folder: Path, draw: Callable[[Picture], Picture]) -> None:
     """Every picture of a run drawn otherwise: kept ones, and all digests."""
     kept = folder / PICTURES
-    old = [(p, (kept / PACKETS).read_bytes()[p.offset : p.offset + p.bytes]) for p in read_index(kept, complete=True)]
+    old = [
+        (p, (kept / PACKETS).read_bytes()[p.offset : p.offset + p.bytes])
+        for p in read_index(kept, complete=True)
+    ]
     shutil.rmtree(kept)
     kept.mkdir()
     writer, digests = PacketWriter(kept), {}
     for packet, data in old:
         size = np.frombuffer(data[16:24], ">u4")  # of a PNG's first chunk
         picture = draw(decoded(packet, data, int(size[0]), int(size[1]), kept))
-        writer.append(encoded(picture, fast=False)[1], "png", packet.source_seq, packet.epoch, packet.t_sensor_ns, 0)
+        writer.append(
+            encoded(picture, fast=False)[1],
+            "png",
+            packet.source_seq,
+            packet.epoch,
+            packet.t_sensor_ns,
+            0,
+        )
         digests[packet.source_seq] = f"{zlib.crc32(picture.data):08x}"
     writer.close()
     lines = read_trace(folder)
@@ -109,12 +121,19 @@ def test_the_same_results_under_another_name_need_no_word_and_settings_count_whe
     assert same.differences == [] and same.notes == []
 
     def changed(**sections: dict[str, Any]) -> list[str]:
-        change_report(run, lambda report: [report["config"][section].update(keys) for section, keys in sections.items()])
+        change_report(
+            run,
+            lambda report: [
+                report["config"][section].update(keys) for section, keys in sections.items()
+            ],
+        )
         return [str(difference) for difference in compare(REFERENCE, run).differences]
 
     render = {"rate_hz": 50.0, "clock": "camera", "loop_ms": 60.0}
     assert changed(render=render, screen={"monitor": "DP-1"}, scene={"cache_dir": "/x"}) == []
-    assert changed(track={"filter": "mean"}) == ["config: track.filter: 'predictive' in the reference, 'mean' now"]
+    assert changed(track={"filter": "mean"}) == [
+        "config: track.filter: 'predictive' in the reference, 'mean' now"
+    ]
 
 
 def test_another_scene_or_sequence_is_refused_and_other_views_are_named(run: Path) -> None:
@@ -122,12 +141,18 @@ def test_another_scene_or_sequence_is_refused_and_other_views_are_named(run: Pat
     one, turned = about_scene(field), about_scene(attrs.evolve(field, views=field.views[:, ::-1]))
     change_report(run, lambda report: report["scene"].update(order=turned["order"]))
     assert one["views"] == turned["views"] and one["order"] != turned["order"]
-    assert [str(each) for each in compare(REFERENCE, run).differences] == ["scene: the same views in another order"]
+    assert [str(each) for each in compare(REFERENCE, run).differences] == [
+        "scene: the same views in another order"
+    ]
     change_report(run, lambda report: report["scene"].update(views=one["views"]))
-    assert [str(each) for each in compare(REFERENCE, run).differences] == ["scene: the pictures of its views differ"]
+    assert [str(each) for each in compare(REFERENCE, run).differences] == [
+        "scene: the pictures of its views differ"
+    ]
     for part, key, was in (("scene", "rows", 5), ("sequence", "frames", 300)):
         change_report(run, lambda report, part=part, key=key: report[part].update({key: 9}))
-        with pytest.raises(UserError, match=f"made with another {part}: {key} {was} in the reference, 9 now"):
+        with pytest.raises(
+            UserError, match=f"made with another {part}: {key} {was} in the reference, 9 now"
+        ):
             compare(REFERENCE, run)
         shutil.copy(REFERENCE / REPORT, run / REPORT)
 
@@ -137,11 +162,18 @@ def test_other_versions_are_told_and_a_rounding_passes(run: Path) -> None:
     redrawn(copy, dithered)
     found = compare(copy, run)
     assert found.differences == [], [str(difference) for difference in found.differences]
-    was, is_now = "4.12.0.88 in the reference", json.loads((run / REPORT).read_text())["versions"][OPENCV]
-    assert found.notes[0] == f"compared with tolerances, not bit by bit: {OPENCV} {was}, {is_now} now"
+    was, is_now = (
+        "4.12.0.88 in the reference",
+        json.loads((run / REPORT).read_text())["versions"][OPENCV],
+    )
+    assert (
+        found.notes[0] == f"compared with tolerances, not bit by bit: {OPENCV} {was}, {is_now} now"
+    )
     assert "300 of 300 digests differ, least PSNR 5" in found.notes[1]
     assert not (run / "difference").exists()
-    redrawn(copy, lambda picture: np.where(picture < 253, picture + np.uint8(3), picture))  # a person could tell them apart
+    redrawn(
+        copy, lambda picture: np.where(picture < 253, picture + np.uint8(3), picture)
+    )  # a person could tell them apart
     (difference,) = compare(copy, run).differences
     assert difference.part == "pictures" and "least PSNR 3" in difference.what
 
@@ -149,7 +181,11 @@ def test_other_versions_are_told_and_a_rounding_passes(run: Path) -> None:
 def test_the_same_rounding_is_caught_where_versions_are_equal(run: Path) -> None:
     redrawn(run, dithered)
     (difference,) = compare(REFERENCE, run).differences
-    assert difference.part == "pictures" and difference.frame == 0 and "300 of 300 frames; least PSNR 5" in difference.what
+    assert (
+        difference.part == "pictures"
+        and difference.frame == 0
+        and "300 of 300 frames; least PSNR 5" in difference.what
+    )
     kinds = {path.name.rpartition("_")[2] for path in (run / "difference").iterdir()}
     assert kinds == {"reference.png", "now.png", "difference.png"}
 
@@ -164,19 +200,29 @@ SEVENTH = (7, 120).__contains__
         (moved(0.06, "eyes_raw"), "x86_64", "eyes: frame 0: eyes_raw left"),
         (moved(-0.06, "eyes_filtered"), "x86_64", "eyes: frame 0: eyes_filtered left"),
         (moved(0.06, "eyes_used"), "x86_64", "eyes: frame 0: eyes_used left"),
-        (moved(0.0, flips=SEVENTH), "x86_64", "2 of 300 frames"),  # equal eyes, another view: the map changed
+        (
+            moved(0.0, flips=SEVENTH),
+            "x86_64",
+            "2 of 300 frames",
+        ),  # equal eyes, another view: the map changed
         # found on ARM: eyes differ by up to 0.08 px, and one of 300 views flips
         (moved(0.08, *EYES, flips=SEVENTH), "aarch64", ""),
         (moved(0.12, *EYES), "aarch64", "eyes: frame 0: eyes_raw left"),
         (moved(0.0, flips=SEVENTH), "aarch64", "views: frame 7: view left"),
-        (moved(0.08, *EYES, flips=lambda seq: True), "aarch64", "views: frame 0: view left"),  # all views are off by one
+        (
+            moved(0.08, *EYES, flips=lambda seq: True),
+            "aarch64",
+            "views: frame 0: view left",
+        ),  # all views are off by one
     ],
 )
 def test_only_rounding_and_views_at_their_boundary_pass_on_another_machine(
     run: Path, change: Change, machine: str, said: str
 ) -> None:
     found = compare(other(run, change, machine), run)
-    assert bool(found.differences) == bool(said) and said in "".join(map(str, found.differences[:1]))
+    assert bool(found.differences) == bool(said) and said in "".join(
+        map(str, found.differences[:1])
+    )
     if not said:
         assert machine in found.notes[0] and "2 of 300 flipped" in found.notes[-1]
 
@@ -196,24 +242,40 @@ def test_a_damaged_reference_is_compared_or_refused(first: Path, seed: int, redr
     with tempfile.TemporaryDirectory() as parent:
         reference, now = (shutil.copytree(first, Path(parent) / name) for name in ("ref", "now"))
         if redraw:  # so that pictures are looked at
-            write_trace(now, [{**line, "picture": f"{line['picture']}x"} for line in read_trace(now)])
+            write_trace(
+                now, [{**line, "picture": f"{line['picture']}x"} for line in read_trace(now)]
+            )
         kept = reference / PICTURES
-        what = damage(random.Random(seed), reference / REPORT, reference / TRACE, kept / INDEX, kept / PACKETS)
+        what = damage(
+            random.Random(seed), reference / REPORT, reference / TRACE, kept / INDEX, kept / PACKETS
+        )
         try:
             found = compare(reference, now)
         except UserError as error:
-            assert str(reference) in error.message and error.remedy and len(str(error)) <= 2000, (what, error)
+            assert str(reference) in error.message and error.remedy and len(str(error)) <= 2000, (
+                what,
+                error,
+            )
         else:
             text = "".join(map(str, found.differences)) + "".join(found.notes)
             assert len(text.encode()) < 40_000
 
 
-def test_a_reference_with_thousands_of_other_settings_is_told_in_a_few_lines(first: Path, tmp_path: Path) -> None:
+def test_a_reference_with_thousands_of_other_settings_is_told_in_a_few_lines(
+    first: Path, tmp_path: Path
+) -> None:
     reference = shutil.copytree(first, tmp_path / "ref")
-    change_report(reference, lambda report: report.update(plan={f"x{n}": "v" * 50 for n in range(3626)}))
+    change_report(
+        reference, lambda report: report.update(plan={f"x{n}": "v" * 50 for n in range(3626)})
+    )
     found = [str(each) for each in compare(reference, first).differences]
     assert len(found) == MOST_FIELDS + 1 and found[-1].endswith("more keys")
-    change_report(reference, lambda report: report["config"].update({"x" * 200 + str(n): "v" * 1000 for n in range(3626)}))
+    change_report(
+        reference,
+        lambda report: report["config"].update(
+            {"x" * 200 + str(n): "v" * 1000 for n in range(3626)}
+        ),
+    )
     with pytest.raises(UserError, match="bytes"):
         compare(reference, first)
 
@@ -221,7 +283,9 @@ def test_a_reference_with_thousands_of_other_settings_is_told_in_a_few_lines(fir
 def test_what_is_not_whole_or_leads_elsewhere_is_refused(first: Path, tmp_path: Path) -> None:
     reference = shutil.copytree(first, tmp_path / "ref")
     for keep in (9, 12):
-        (reference / TRACE).write_bytes(b"".join((first / TRACE).read_bytes().splitlines(keepends=True)[:keep])[:-9])
+        (reference / TRACE).write_bytes(
+            b"".join((first / TRACE).read_bytes().splitlines(keepends=True)[:keep])[:-9]
+        )
         with pytest.raises(UserError, match=f"{keep - 1} lines"):
             compare(reference, first)
     (reference / TRACE).unlink()
@@ -248,7 +312,9 @@ def test_only_results_are_cleared_and_links_are_none(tmp_path: Path) -> None:
     assert not list((tmp_path / "out").iterdir())
 
 
-def test_kept_pictures_of_two_runs_have_frames_in_common(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_kept_pictures_of_two_runs_have_frames_in_common(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(replay_writer, "KEPT_BYTES", 20_000)
     rng, kept = np.random.default_rng(3), []
     for size in (16, 24):
@@ -257,7 +323,9 @@ def test_kept_pictures_of_two_runs_have_frames_in_common(tmp_path: Path, monkeyp
         keeping, eyes = ReplayWriter(folder, str(tmp_path), pictures=True), np.zeros((2, 2))
         for seq in range(64):
             picture = rng.integers(0, 256, (size, size, 3), dtype=np.uint8)
-            keeping.keep(Stamp(seq + 1, seq, 0, seq, seq, seq, 0), eyes, eyes, seq, picture, composed=True)
+            keeping.keep(
+                Stamp(seq + 1, seq, 0, seq, seq, seq, 0), eyes, eyes, seq, picture, composed=True
+            )
         keeping.close()
         packets = read_index(folder / PICTURES, complete=True)
         assert sum(packet.bytes for packet in packets) <= 20_000 and (folder / "last.png").exists()
@@ -272,7 +340,9 @@ def test_an_update_without_room_leaves_the_reference(first: Path, tmp_path: Path
     (tmp_path / "now" / REPORT).write_text("{}")  # no trace: as if the disk were full there
     with pytest.raises(UserError):
         update_reference(reference, tmp_path / "now")
-    assert {path.name: path.read_bytes() for path in reference.rglob("*") if path.is_file()} == before
+    assert {
+        path.name: path.read_bytes() for path in reference.rglob("*") if path.is_file()
+    } == before
     (tmp_path / ".ref.new").mkdir()  # of an update that was killed
     update_reference(reference, first)
     assert sorted(path.name for path in reference.iterdir()) == ["pictures", REPORT, TRACE]

@@ -29,9 +29,15 @@ def outcome(path: Path) -> tuple[int, int, str]:
     """(failures, errors, all that is said) of a JUnit file, whose counts agree with its contents."""
     suite = ElementTree.parse(path).getroot()
     failures, errors = suite.findall("testcase/failure"), suite.findall("testcase/error")
-    assert int(suite.attrib["failures"]) == len(failures) and int(suite.attrib["errors"]) == len(errors)
+    assert int(suite.attrib["failures"]) == len(failures) and int(suite.attrib["errors"]) == len(
+        errors
+    )
     assert int(suite.attrib["tests"]) == len(suite.findall("testcase"))
-    return len(failures), len(errors), "\n".join(each.attrib["message"] for each in failures + errors)
+    return (
+        len(failures),
+        len(errors),
+        "\n".join(each.attrib["message"] for each in failures + errors),
+    )
 
 
 def typed(monkeypatch: pytest.MonkeyPatch, *args: str | Path) -> int:
@@ -53,7 +59,12 @@ def typed(monkeypatch: pytest.MonkeyPatch, *args: str | Path) -> int:
     ],
 )
 def test_bad_input_is_an_error(
-    seq: Path, blocks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, args: tuple[str, ...], said: str
+    seq: Path,
+    blocks: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    args: tuple[str, ...],
+    said: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     for name in ("XDG_CACHE_HOME", "XDG_CONFIG_HOME"):
@@ -78,12 +89,20 @@ def test_bad_input_is_an_error(
     ],
 )
 def test_a_failure_on_the_way_is_an_error(
-    seq: Path, blocks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failure: BaseException, code: int | None, said: str
+    seq: Path,
+    blocks: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    failure: BaseException,
+    code: int | None,
+    said: str,
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
 
     def fail(*_: Any) -> None:
-        assert outcome(tmp_path / "j.xml") == (0, 1, "it did not finish"), "what the file holds if we are killed now"
+        assert outcome(tmp_path / "j.xml") == (0, 1, "it did not finish"), (
+            "what the file holds if we are killed now"
+        )
         raise failure
 
     monkeypatch.setattr(run, "replay", fail)
@@ -97,7 +116,11 @@ def test_a_failure_on_the_way_is_an_error(
 
 
 def test_differences_are_failures_of_their_own(tmp_path: Path) -> None:
-    differences = [Difference("eyes", "moved\x07", 3), Difference("eyes", "again", 4), Difference("plan", "x" * 10**6)]
+    differences = [
+        Difference("eyes", "moved\x07", 3),
+        Difference("eyes", "again", 4),
+        Difference("plan", "x" * 10**6),
+    ]
     write_junit(tmp_path / "j.xml", "a\x00\udcff<", cases_of(differences), "", 1.5)
     failures, errors, text = outcome(tmp_path / "j.xml")
     assert (failures, errors) == (2, 0) and "frame 3: moved" in text
@@ -107,9 +130,22 @@ def test_differences_are_failures_of_their_own(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
-def test_a_replay_that_is_ended_says_so(world: World, short: Path, blocks: Path, number: int) -> None:
+def test_a_replay_that_is_ended_says_so(
+    world: World, short: Path, blocks: Path, number: int
+) -> None:
     junit = world.root / "j.xml"
-    process = world.start("replay", short, "--scene", blocks, "--pace", "0.5", "--junit", junit, "--out", world.root / "out")
+    process = world.start(
+        "replay",
+        short,
+        "--scene",
+        blocks,
+        "--pace",
+        "0.5",
+        "--junit",
+        junit,
+        "--out",
+        world.root / "out",
+    )
     trace = world.root / "out" / "trace.jsonl"
     world.wait_for(lambda: trace.exists() and trace.stat().st_size, "picture")
     os.kill(process.pid, number)

@@ -28,11 +28,15 @@ def frames(out: Path) -> int:
 @pytest.mark.everyday
 def test_a_live_session_is_recorded_without_a_hole(world: World, short: Path, blocks: Path) -> None:
     out = world.root / "rec"
-    process = world.up(blocks, *SMALL, camera=f"file:{short}?loop=1&pace=60", preexec_fn=lambda: os.umask(0))
+    process = world.up(
+        blocks, *SMALL, camera=f"file:{short}?loop=1&pace=60", preexec_fn=lambda: os.umask(0)
+    )
     world.pictures(5)
 
     assert json.loads(world.ctl("--json", "record", "start", out))["path"] == str(out)
-    assert "is already running" in world.refused("ctl", "--session", world.name, "record", "start", world.root / "other")
+    assert "is already running" in world.refused(
+        "ctl", "--session", world.name, "record", "start", world.root / "other"
+    )
     world.wait_for(lambda: frames(out) > 60, "recording")
     stage = world.monitor()["stages"]["record"]
     assert stage["state"] == "RUNNING" and stage["dropped"] == 0
@@ -49,19 +53,41 @@ def test_a_live_session_is_recorded_without_a_hole(world: World, short: Path, bl
     for packet in itertools.islice(sequence.packets, 10):
         assert np.array_equal(sequence.frame(packet.seq), source.frame(packet.source_seq % 60))
     let_go, missed = (stopped["stages"][name]["dropped"] for name in ("capture", "record"))
-    assert sequence.lost <= let_go + missed, "every hole is counted, of the source as of the recorder"
-    assert missed <= 0.02 * len(seqs), "that no frame is missed is measured in profiling/replay_recording.py"
-    assert {stat.S_IMODE(path.stat().st_mode) for path in out.iterdir()} == {0o600} and stat.S_IMODE(out.stat().st_mode) == 0o700
+    assert sequence.lost <= let_go + missed, (
+        "every hole is counted, of the source as of the recorder"
+    )
+    assert missed <= 0.02 * len(seqs), (
+        "that no frame is missed is measured in profiling/replay_recording.py"
+    )
+    assert {stat.S_IMODE(path.stat().st_mode) for path in out.iterdir()} == {
+        0o600
+    } and stat.S_IMODE(out.stat().st_mode) == 0o700
 
 
-def test_recorded_and_replayed_stamps_and_rate_agree(world: World, short: Path, blocks: Path) -> None:
+def test_recorded_and_replayed_stamps_and_rate_agree(
+    world: World, short: Path, blocks: Path
+) -> None:
     out = world.root / "rec"
-    assert "recorded" in world.done("record", out, "--camera", f"file:{short}?loop=1&pace=60", "--duration", "3", *SMALL).stderr
+    assert (
+        "recorded"
+        in world.done(
+            "record", out, "--camera", f"file:{short}?loop=1&pace=60", "--duration", "3", *SMALL
+        ).stderr
+    )
     sequence = open_sequence(out)
     counted = sequence.packets[-1].source_seq - sequence.packets[0].source_seq
     assert counted > 60 and counted / sequence.duration_s == pytest.approx(60, rel=0.01)
     replayed = world.root / "out"
-    args = ("--scene", blocks, "--pace", "recorded", "--out", replayed, "--set", "render.clock=camera")
+    args = (
+        "--scene",
+        blocks,
+        "--pace",
+        "recorded",
+        "--out",
+        replayed,
+        "--set",
+        "render.clock=camera",
+    )
     world.done("replay", out, *args)
     lines = [json.loads(line) for line in (replayed / "trace.jsonl").read_text().splitlines()]
     recorded = np.array([packet.t_sensor_ns for packet in sequence.packets])
@@ -69,16 +95,27 @@ def test_recorded_and_replayed_stamps_and_rate_agree(world: World, short: Path, 
     played = np.array([line["t_sensor_ns"] for line in lines])
     assert np.abs((played - played[0]) - (recorded[seen] - recorded[seen[0]])).max() < 1000
     read = [line["t_read_ns"] for line in lines]
-    recorded_s, replayed_s = (recorded[seen[-1]] - recorded[seen[0]]) / 1e9, (read[-1] - read[0]) / 1e9
-    assert replayed_s > 2 and replayed_s == pytest.approx(recorded_s, rel=0.01), "the same frames in the same time"
+    recorded_s, replayed_s = (
+        (recorded[seen[-1]] - recorded[seen[0]]) / 1e9,
+        (read[-1] - read[0]) / 1e9,
+    )
+    assert replayed_s > 2 and replayed_s == pytest.approx(recorded_s, rel=0.01), (
+        "the same frames in the same time"
+    )
     report = json.loads((replayed / "report.json").read_text())
-    assert report["counts"]["frames_shown"] + sum(report["counts"]["dropped"].values()) >= len(recorded)
+    assert report["counts"]["frames_shown"] + sum(report["counts"]["dropped"].values()) >= len(
+        recorded
+    )
     assert report["digests"] is None
 
 
-def test_a_recording_cut_off_by_sigkill_is_whole_to_its_last_frame(world: World, short: Path, blocks: Path) -> None:
+def test_a_recording_cut_off_by_sigkill_is_whole_to_its_last_frame(
+    world: World, short: Path, blocks: Path
+) -> None:
     out = world.root / "rec"
-    process = world.start("record", out, "--camera", f"file:{short}?loop=1&pace=60", *SMALL, start_new_session=True)
+    process = world.start(
+        "record", out, "--camera", f"file:{short}?loop=1&pace=60", *SMALL, start_new_session=True
+    )
     world.wait_for(lambda: frames(out) > 20, "frames")
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
@@ -86,34 +123,52 @@ def test_a_recording_cut_off_by_sigkill_is_whole_to_its_last_frame(world: World,
     sequence = open_sequence(out)
     assert not sequence.complete and len(sequence.packets) > 20
     assert "cut off" in world.done("sequence", "check", out).stdout
-    assert f"replaying its {len(sequence.packets)} whole frames" in world.done("replay", out, "--scene", blocks).stderr
+    assert (
+        f"replaying its {len(sequence.packets)} whole frames"
+        in world.done("replay", out, "--scene", blocks).stderr
+    )
 
 
 def _same(sequence: Sequence, given: list[bytes]) -> bool:
-    return all(sequence.data(p.seq) == given[p.source_seq % len(given)] and p.codec == "jpeg" for p in sequence.packets)
+    return all(
+        sequence.data(p.seq) == given[p.source_seq % len(given)] and p.codec == "jpeg"
+        for p in sequence.packets
+    )
 
 
-def test_jpegs_of_another_size_stay_and_replay_as_they_were_tracked(world: World, short: Path, blocks: Path) -> None:
+def test_jpegs_of_another_size_stay_and_replay_as_they_were_tracked(
+    world: World, short: Path, blocks: Path
+) -> None:
     folder, out = world.root / "jpegs", world.root / "rec"
     folder.mkdir()
     given = []
     for number, frame in ((k, open_sequence(short).frame(k)) for k in range(12)):
         big = cv2.resize(frame, (400, 300), interpolation=cv2.INTER_CUBIC)
-        given.append(cv2.imencode(".jpg", big, [cv2.IMWRITE_JPEG_QUALITY, 85 + number % 10])[1].tobytes())
+        given.append(
+            cv2.imencode(".jpg", big, [cv2.IMWRITE_JPEG_QUALITY, 85 + number % 10])[1].tobytes()
+        )
         (folder / f"{number}.jpg").write_bytes(given[-1])
     world.done("record", out, "--camera", f"file:{folder}?loop=0&pace=30", *SMALL)
     recorded = open_sequence(out)
-    assert (recorded.width_px, recorded.height_px) == (400, 300) and len(recorded.packets) > 3 and _same(recorded, given)
+    assert (
+        (recorded.width_px, recorded.height_px) == (400, 300)
+        and len(recorded.packets) > 3
+        and _same(recorded, given)
+    )
     assert set(recorded.manifest["checksums"]) == {INDEX}
     runs = []
     for name in ("one", "two"):
         world.done("replay", out, "--scene", blocks, "--out", world.root / name)
         runs.append(json.loads((world.root / name / "report.json").read_text()))
     assert runs[0]["digests"] == runs[1]["digests"]
-    assert runs[0]["config"]["camera"]["width_px"] == 320, "the size that was tracked, not that of the JPEGs"
+    assert runs[0]["config"]["camera"]["width_px"] == 320, (
+        "the size that was tracked, not that of the JPEGs"
+    )
 
 
-def test_a_live_session_lends_the_ring_only_while_it_records_each_whole(world: World, short: Path, blocks: Path) -> None:
+def test_a_live_session_lends_the_ring_only_while_it_records_each_whole(
+    world: World, short: Path, blocks: Path
+) -> None:
     given = [open_sequence(short).data(k) for k in range(60)]
     outs = [world.root / f"rec{number}" for number in range(3)]
 
@@ -134,5 +189,7 @@ def test_a_live_session_lends_the_ring_only_while_it_records_each_whole(world: W
             world.pictures(len(world.lines()) + 120)
     sequences = [open_sequence(out) for out in outs]
     assert all(sequence.complete and _same(sequence, given) for sequence in sequences)
-    assert recorder()["restarts"] == 0 and recorder()["count"] == sum(len(sequence.packets) for sequence in sequences)
+    assert recorder()["restarts"] == 0 and recorder()["count"] == sum(
+        len(sequence.packets) for sequence in sequences
+    )
     assert recorder()["dropped"] - missed < 30, "frames between two recordings are not lost"

@@ -22,7 +22,14 @@ from lfpipe.transport.session import Session
 from tests.replay.test_record import frames
 from tests.world import World
 
-SMALL = ("--set", "camera.width_px=160", "--set", "camera.height_px=120", "--set", "camera.rate_hz=60")
+SMALL = (
+    "--set",
+    "camera.width_px=160",
+    "--set",
+    "camera.height_px=120",
+    "--set",
+    "camera.rate_hz=60",
+)
 SHAPE = (120, 160, 3)
 
 
@@ -38,8 +45,12 @@ def disk(tmp_path: Path) -> Iterator[Path]:
     with image.open("wb") as file:
         file.truncate(64 << 20)
     made = [["mkfs.ext4", "-q", str(image)], ["mount", "-o", "loop", str(image), str(place)]]
-    if os.getuid() or not all(shutil.which(command[0]) and not subprocess.run(command).returncode for command in made):
-        pytest.skip("no file system can be made and mounted here (needs root, mkfs.ext4 and loop devices)")
+    if os.getuid() or not all(
+        shutil.which(command[0]) and not subprocess.run(command).returncode for command in made
+    ):
+        pytest.skip(
+            "no file system can be made and mounted here (needs root, mkfs.ext4 and loop devices)"
+        )
     yield place
     subprocess.run(["fsfreeze", "-u", str(place)], capture_output=True)
     for _ in range(100):
@@ -58,43 +69,66 @@ def stopped(disk: Path) -> Iterator[None]:
         subprocess.run(["fsfreeze", "-u", str(disk)], check=True)
 
 
-def test_a_disk_that_stalls_costs_nothing_and_nobody_is_killed(world: World, scene: Path, disk: Path) -> None:
+def test_a_disk_that_stalls_costs_nothing_and_nobody_is_killed(
+    world: World, scene: Path, disk: Path
+) -> None:
     process = world.up(scene, *SMALL)
     world.pictures(5)
     out = disk / "rec"
     world.ctl("record", "start", out)
     world.wait_for(lambda: frames(out) > 30, "frames")
     with stopped(disk):
-        world.wait_for(lambda: str(recorder(world)["busy_with"]).startswith("waiting for the disk"), "words")
+        world.wait_for(
+            lambda: str(recorder(world)["busy_with"]).startswith("waiting for the disk"), "words"
+        )
         time.sleep(4.0)  # longer than a stage may be silent
     stored = frames(out)
-    world.wait_for(lambda: frames(out) > stored + 30 and not recorder(world)["busy_with"], "frames again")
+    world.wait_for(
+        lambda: frames(out) > stored + 30 and not recorder(world)["busy_with"], "frames again"
+    )
     world.ctl("record", "stop")
     world.wait_for(lambda: json.loads((out / "manifest.json").read_text())["complete"], "manifest")
     world.wait_for(lambda: recorder(world)["state"] == "FINISHED", "end of the recorder")
     stages = world.monitor()["stages"]
     assert [stage["restarts"] for stage in stages.values()] == [0] * 4
-    assert open_sequence(out).lost <= stages["capture"]["dropped"] + stages["record"]["dropped"], "every hole is counted"
+    assert open_sequence(out).lost <= stages["capture"]["dropped"] + stages["record"]["dropped"], (
+        "every hole is counted"
+    )
     process.send_signal(signal.SIGINT)
     assert process.wait(60) == 0
 
 
-def test_the_death_of_the_supervisor_loses_no_frame_that_the_recorder_had(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_death_of_the_supervisor_loses_no_frame_that_the_recorder_had(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
     out = world.root / "rec"
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(world.run_dir))
-    large = ("--set", "camera.width_px=1280", "--set", "camera.height_px=720", "--set", "camera.rate_hz=60")
+    large = (
+        "--set",
+        "camera.width_px=1280",
+        "--set",
+        "camera.height_px=720",
+        "--set",
+        "camera.rate_hz=60",
+    )
     process = world.start("record", out, "--camera", "demo", *large)
     world.wait_for(lambda: frames(out) > 20, "frames")
     ring = Reader(Session(f"record.{process.pid}").segment("frames"))
     process.kill()
     process.wait()
-    world.wait_for(lambda: json.loads((out / "manifest.json").read_text())["complete"], "end of the recording", 60)
+    world.wait_for(
+        lambda: json.loads((out / "manifest.json").read_text())["complete"],
+        "end of the recording",
+        60,
+    )
     seqs = [packet.source_seq for packet in open_sequence(out).packets]
     assert len(seqs) > 20
     picture = np.empty(ring.shape, ring.dtype)
     ring.last_seq = 0
     newest = ring.read(picture)
-    assert newest is not None and newest.source_seq - seqs[-1] <= ring.slots, "only what was under way"
+    assert newest is not None and newest.source_seq - seqs[-1] <= ring.slots, (
+        "only what was under way"
+    )
     ring.close()
 
 
@@ -107,19 +141,31 @@ def made(folder: Path) -> tuple[SequenceWriter, Store]:
     return writer, Store(writer, 3 * SHAPE[0] * SHAPE[1])
 
 
-def test_whatever_goes_wrong_in_the_thread_ends_the_recording_with_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_whatever_goes_wrong_in_the_thread_ends_the_recording_with_words(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def fails(*_: object, **__: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr(stage, "encoded", lambda frame, fast: ("png", b"") if frame.any() else fails())
+    monkeypatch.setattr(
+        stage, "encoded", lambda frame, fast: ("png", b"") if frame.any() else fails()
+    )
     writer, store = made(tmp_path)
-    for number, picture in enumerate((np.ones(SHAPE, np.uint8), np.zeros(SHAPE, np.uint8), np.ones(SHAPE, np.uint8))):
+    for number, picture in enumerate(
+        (np.ones(SHAPE, np.uint8), np.zeros(SHAPE, np.uint8), np.ones(SHAPE, np.uint8))
+    ):
         store.put((stamp(number), "", picture))
     store.close()
-    assert store.failure == "MemoryError" and writer.count == len(list(store.results())) == 1 and not store.full
+    assert (
+        store.failure == "MemoryError"
+        and writer.count == len(list(store.results())) == 1
+        and not store.full
+    )
 
 
-def test_a_full_store_empties_itself_and_keeps_the_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_store_empties_itself_and_keeps_the_order(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(stage, "ROOM_BYTES", 0)  # room for the fewest there may be
     gate, encoded = threading.Event(), stage.encoded
     monkeypatch.setattr(stage, "encoded", lambda frame, fast: gate.wait() and encoded(frame, fast))
@@ -129,4 +175,6 @@ def test_a_full_store_empties_itself_and_keeps_the_order(tmp_path: Path, monkeyp
         count += 1
     gate.set()
     store.close()
-    assert [done.source_seq for done, *_ in store.results()] == list(range(count)) and not store.full
+    assert [done.source_seq for done, *_ in store.results()] == list(
+        range(count)
+    ) and not store.full

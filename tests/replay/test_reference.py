@@ -19,7 +19,12 @@ from tests.world import World
 ROOT = Path(__file__).parents[2]
 REFERENCE = Path(__file__).parent / "reference"
 # The plane of the screen by number: estimated disparity is not the same to the last bit in OpenCV 4 and 5.
-KEYS = ("render.method=nearest", "render.alpha_px=8", "render.zero_plane_px=0", "replay.latency_ms=20")
+KEYS = (
+    "render.method=nearest",
+    "render.alpha_px=8",
+    "render.zero_plane_px=0",
+    "replay.latency_ms=20",
+)
 SETTINGS = tuple(f"--set={key}" for key in KEYS)
 # to make it anew: LFPIPE_UPDATE_REFERENCE=1 pytest tests/replay/test_reference.py -k reference_in_git
 
@@ -39,14 +44,23 @@ def test_the_reference_in_git_is_met(world: World, walk: Path, blocks: Path) -> 
     for name in ("eyes_raw", "eyes_filtered", "eyes_used"):
         assert np.abs(_eyes(was, name) - _eyes(now, name)).max() <= 0.05
     assert [line["view"] for line in was] == [line["view"] for line in now]
-    reports = [json.loads((folder / "report.json").read_text()) for folder in (REFERENCE, world.root / "out")]
+    reports = [
+        json.loads((folder / "report.json").read_text())
+        for folder in (REFERENCE, world.root / "out")
+    ]
     if reports[0]["versions"] == reports[1]["versions"]:
         assert reports[0]["digests"] == reports[1]["digests"]
     assert reports[1]["truth_error"]["raw"]["rms_px"] < 1.0, "truth and eyes belong together"
     suite = ElementTree.parse(world.root / "j.xml").getroot()
-    assert suite.get("failures") == "0" and {case.get("name") for case in suite} >= {"eyes", "views", "pictures"}
+    assert suite.get("failures") == "0" and {case.get("name") for case in suite} >= {
+        "eyes",
+        "views",
+        "pictures",
+    }
     seen = [(line["t_read_ns"], line["t_presented_ns"]) for line in now]
-    assert all(shown < read for (_, shown), (read, _) in itertools.pairwise(seen)), "one frame at a time"
+    assert all(shown < read for (_, shown), (read, _) in itertools.pairwise(seen)), (
+        "one frame at a time"
+    )
 
 
 def test_load_and_cores_change_no_bit(world: World, short: Path, blocks: Path) -> None:
@@ -57,7 +71,9 @@ def test_load_and_cores_change_no_bit(world: World, short: Path, blocks: Path) -
         for number, (pace, cores) in enumerate((("step", cpus[:1]), ("max", cpus[:2]))):
             out = world.root / f"out{number}"
             args = ("replay", short, "--scene", blocks, *SETTINGS, "--pace", pace, "--out", out)
-            process = world.start(*args, preexec_fn=lambda cores=cores: os.sched_setaffinity(0, cores))
+            process = world.start(
+                *args, preexec_fn=lambda cores=cores: os.sched_setaffinity(0, cores)
+            )
             _, err = process.communicate(timeout=90)
             assert process.returncode == 0, err
             found.append(json.loads((out / "report.json").read_text())["digests"])
@@ -66,7 +82,10 @@ def test_load_and_cores_change_no_bit(world: World, short: Path, blocks: Path) -
             hog.kill()
             hog.wait()
     quiet = world.root / "quiet"
-    measured = ("--set", "render.loop_ms=60")  # by `lfpipe calibrate --latency`: of this screen, which a replay has not
+    measured = (
+        "--set",
+        "render.loop_ms=60",
+    )  # by `lfpipe calibrate --latency`: of this screen, which a replay has not
     world.done("replay", short, "--scene", blocks, *SETTINGS, *measured, "--out", quiet)
     assert found == [json.loads((quiet / "report.json").read_text())["digests"]] * 2
 
@@ -75,13 +94,17 @@ def test_load_and_cores_change_no_bit(world: World, short: Path, blocks: Path) -
 def of_short(tmp_path_factory: pytest.TempPathFactory, short: Path, blocks: Path) -> Path:
     """The reference of the short sequence."""
     world = World(tmp_path_factory.mktemp("reference"))
-    world.done("replay", short, "--scene", blocks, *SETTINGS, "--expect", world.root / "made", "--update")
+    world.done(
+        "replay", short, "--scene", blocks, *SETTINGS, "--expect", world.root / "made", "--update"
+    )
     return world.root / "made"
 
 
 def _changed(root: Path, file: str, before: str, after: str) -> Path:
     """A copy of the package with one thing changed."""
-    shutil.copytree(ROOT / "lfpipe", root / "changed" / "lfpipe", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(
+        ROOT / "lfpipe", root / "changed" / "lfpipe", ignore=shutil.ignore_patterns("__pycache__")
+    )
     path = root / "changed" / "lfpipe" / file
     text = path.read_text()
     assert text.count(before) == 1, f"{file} no longer says {before!r}: name another constant here"
@@ -92,18 +115,55 @@ def _changed(root: Path, file: str, before: str, after: str) -> Path:
 @pytest.mark.parametrize(
     ("file", "before", "after", "part", "named"),
     [
-        ("track/filters.py", "common: float = 2.1", "common: float = 2.1000001", "eyes", "the filter or its constants"),
-        ("render/anaglyph.py", "0.4561, 0.500484", "0.4571, 0.499484", "pictures", "anaglyph coefficients"),
+        (
+            "track/filters.py",
+            "common: float = 2.1",
+            "common: float = 2.1000001",
+            "eyes",
+            "the filter or its constants",
+        ),
+        (
+            "render/anaglyph.py",
+            "0.4561, 0.500484",
+            "0.4571, 0.499484",
+            "pictures",
+            "anaglyph coefficients",
+        ),
     ],
 )
 def test_a_constant_changed_by_a_hair_is_caught_and_named(
-    world: World, short: Path, blocks: Path, of_short: Path, file: str, before: str, after: str, part: str, named: str
+    world: World,
+    short: Path,
+    blocks: Path,
+    of_short: Path,
+    file: str,
+    before: str,
+    after: str,
+    part: str,
+    named: str,
 ) -> None:
     world.env["PYTHONPATH"] = str(_changed(world.root, file, before, after))
-    done = world.run("replay", short, "--scene", blocks, *SETTINGS, "--expect", of_short, "--out", world.root / "out")
+    done = world.run(
+        "replay",
+        short,
+        "--scene",
+        blocks,
+        *SETTINGS,
+        "--expect",
+        of_short,
+        "--out",
+        world.root / "out",
+    )
     assert done.returncode == 1, done.stdout + done.stderr
     first = next(line for line in done.stdout.splitlines() if line.startswith("differs:"))
-    assert first.startswith(f"differs: {part}: frame ") and named in first and "in the reference" in first
+    assert (
+        first.startswith(f"differs: {part}: frame ")
+        and named in first
+        and "in the reference" in first
+    )
     if part == "pictures":
-        kinds = {re.sub(r"frame_\d+_", "", path.name) for path in (world.root / "out" / "difference").iterdir()}
+        kinds = {
+            re.sub(r"frame_\d+_", "", path.name)
+            for path in (world.root / "out" / "difference").iterdir()
+        }
         assert kinds == {"reference.png", "now.png", "difference.png"} and "PSNR" in first

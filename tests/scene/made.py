@@ -20,14 +20,21 @@ def texture(height: int, width: int, seed: int) -> NDArray[np.uint8]:
     rng = np.random.default_rng(seed)
     out = np.zeros((height, width, 3), np.float32)
     for cells, share in ((6, 0.35), (16, 0.35), (40, 0.3)):
-        small = rng.random((max(2, height // (256 // cells) + 1), max(2, width // (256 // cells) + 1), 3)).astype(np.float32)
+        small = rng.random(
+            (max(2, height // (256 // cells) + 1), max(2, width // (256 // cells) + 1), 3)
+        ).astype(np.float32)
         out += share * cv2.resize(small, (width, height), interpolation=cv2.INTER_CUBIC)
     return np.asarray(np.clip(out * 220 + 20, 0, 255), np.uint8)
 
 
 @lru_cache(maxsize=8)
 def views(
-    rows: int, cols: int, height: int = 96, width: int = 128, near_px: float = 2.0, far_px: float = -1.0
+    rows: int,
+    cols: int,
+    height: int = 96,
+    width: int = 128,
+    near_px: float = 2.0,
+    far_px: float = -1.0,
 ) -> NDArray[np.uint8]:
     """Canonical views, uint8 (rows, cols, height, width, 3): a far wall, a middle and a near shape. Not to be written to."""
     out = np.empty((rows, cols, height, width, 3), np.uint8)
@@ -46,7 +53,10 @@ def views(
                 if disc is None:
                     out[r, c] = seen
                 else:
-                    inside = np.hypot(x - disc[0] * width, y - disc[1] * height) < disc[2] * min(height, width) * 1.3
+                    inside = (
+                        np.hypot(x - disc[0] * width, y - disc[1] * height)
+                        < disc[2] * min(height, width) * 1.3
+                    )
                     out[r, c][inside] = seen[inside]
     out.setflags(write=False)
     return out
@@ -56,10 +66,14 @@ def wall(rows: int, cols: int, height: int, width: int, step_px: int = 2) -> NDA
     """Views of one textured wall, uint8 (rows, cols, height, width, 3), which moves by step_px from view to view."""
     painted = texture(height + step_px * rows, width + step_px * cols, 4)
     tops, lefts = step_px * np.arange(rows), step_px * np.arange(cols)
-    return np.array([[painted[top : top + height, left : left + width] for left in lefts] for top in tops])
+    return np.array(
+        [[painted[top : top + height, left : left + width] for left in lefts] for top in tops]
+    )
 
 
-def middle_disparity(height: int = 96, width: int = 128, near_px: float = 2.0, far_px: float = -1.0) -> NDArray[np.float32]:
+def middle_disparity(
+    height: int = 96, width: int = 128, near_px: float = 2.0, far_px: float = -1.0
+) -> NDArray[np.float32]:
     """True disparity of the middle view of `views` with odd rows and cols."""
     yy, xx = np.mgrid[:height, :width].astype(np.float32)
     out = np.full((height, width), far_px, np.float32)
@@ -74,7 +88,9 @@ def write(path: Path, rgb: NDArray[Any]) -> None:
     assert cv2.imwrite(str(path), rgb if rgb.ndim == 2 else cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
 
 
-def write_grid(folder: Path, grid: NDArray[Any], name: str = "view_{r:02d}_{c:02d}.png", **more: Any) -> Path:
+def write_grid(
+    folder: Path, grid: NDArray[Any], name: str = "view_{r:02d}_{c:02d}.png", **more: Any
+) -> Path:
     """One file per view; name may use r, c (from 0), n (r * cols + c)."""
     for r in range(grid.shape[0]):
         for c in range(grid.shape[1]):
@@ -91,20 +107,27 @@ def write_pfm(path: Path, values: NDArray[np.float32]) -> None:
 def write_ppm(path: Path, values: NDArray[np.uint16], full: int) -> None:
     """A binary PPM of 16-bit samples with that maximal value."""
     path.write_bytes(
-        f"P6\n{values.shape[1]} {values.shape[0]}\n{full}\n".encode() + np.ascontiguousarray(values, ">u2").tobytes()
+        f"P6\n{values.shape[1]} {values.shape[0]}\n{full}\n".encode()
+        + np.ascontiguousarray(values, ">u2").tobytes()
     )
 
 
 def mosaic(grid: NDArray[Any]) -> NDArray[Any]:
     """Views (rows, cols, h, w, 3) as one picture of tiles."""
     rows, cols, height, width, planes = grid.shape
-    return np.ascontiguousarray(grid.transpose(0, 2, 1, 3, 4).reshape(rows * height, cols * width, planes))
+    return np.ascontiguousarray(
+        grid.transpose(0, 2, 1, 3, 4).reshape(rows * height, cols * width, planes)
+    )
 
 
-def write_film(path: Path, frames: list[NDArray[Any]], codec: str = "MJPG", rate_hz: float = 12.0) -> Path:
+def write_film(
+    path: Path, frames: list[NDArray[Any]], codec: str = "MJPG", rate_hz: float = 12.0
+) -> Path:
     """A video of RGB frames; returns its path."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), rate_hz, frames[0].shape[1::-1])
+    writer = cv2.VideoWriter(
+        str(path), cv2.VideoWriter.fourcc(*codec), rate_hz, frames[0].shape[1::-1]
+    )
     for frame in frames:
         writer.write(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
     writer.release()
@@ -122,7 +145,10 @@ def honeycomb(pitch_px: float, turned: bool = False) -> NDArray[np.uint8]:
     y, x = np.mgrid[:420, :560].astype(np.float64)
     x, y = (y, x) if turned else (x, y)
     row = np.rint(y / (pitch_px * np.sqrt(3) / 2))
-    off_y, off_x = y - row * pitch_px * np.sqrt(3) / 2, (x + row % 2 * pitch_px / 2) % pitch_px - pitch_px / 2
+    off_y, off_x = (
+        y - row * pitch_px * np.sqrt(3) / 2,
+        (x + row % 2 * pitch_px / 2) % pitch_px - pitch_px / 2,
+    )
     lens = np.exp(-(off_x**2 + off_y**2) / (0.35 * pitch_px) ** 2)
     return np.asarray(lens[..., None] * texture(420, 560, 4), np.uint8)
 
@@ -133,7 +159,10 @@ TURNS = [Turn(*flags) for flags in product((False, True), repeat=3)]
 def as_source(grid: np.ndarray, **more: object) -> SceneSource:
     """A source of unknown order that reads from memory. grid: (rows, cols, h, w), or with colours."""
     rows, cols, height, width = grid.shape[:4]
-    return attrs.evolve(SceneSource("test", Path(), (), rows, cols, lambda f, r, c: grid[r, c], height, width), **more)
+    return attrs.evolve(
+        SceneSource("test", Path(), (), rows, cols, lambda f, r, c: grid[r, c], height, width),
+        **more,
+    )
 
 
 def turned(grid: np.ndarray, turn: Turn) -> np.ndarray:

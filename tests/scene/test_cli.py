@@ -21,7 +21,9 @@ class Shell:
         self.cache = cache
 
     def __call__(self, *words: object) -> Result:
-        return CliRunner().invoke(scene, [*map(str, words), "--set", f"scene.cache_dir={self.cache}"])
+        return CliRunner().invoke(
+            scene, [*map(str, words), "--set", f"scene.cache_dir={self.cache}"]
+        )
 
     def text(self, *words: object) -> str:
         done = self(*words)
@@ -39,14 +41,27 @@ def shell(tmp_path_factory: pytest.TempPathFactory) -> Shell:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return made.write_grid(tmp_path_factory.mktemp("views") / "scene", made.views(5, 5)[::-1])  # rows from the bottom up
+    return made.write_grid(
+        tmp_path_factory.mktemp("views") / "scene", made.views(5, 5)[::-1]
+    )  # rows from the bottom up
 
 
 def test_info_as_json(shell: Shell, folder: Path) -> None:
     shell.text("pack", folder)
     told = shell.json("info", folder)
-    assert (told["layout"], told["rows"], told["cols"], told["height"], told["width"]) == ("rows-cols", 5, 5, 96, 128)
-    assert (told["channels"], told["bit_depth"], told["frames"], told["views_missing"]) == (3, 8, 1, [])
+    assert (told["layout"], told["rows"], told["cols"], told["height"], told["width"]) == (
+        "rows-cols",
+        5,
+        5,
+        96,
+        128,
+    )
+    assert (told["channels"], told["bit_depth"], told["frames"], told["views_missing"]) == (
+        3,
+        8,
+        1,
+        [],
+    )
     assert told["flips"] == {"rows": True, "cols": False, "transpose": False}
     assert told["orientation_evidence"]["by"] == "flow"
     assert told["disparity"]["source"] == "estimated"
@@ -59,11 +74,15 @@ def test_info_as_json(shell: Shell, folder: Path) -> None:
 def test_info_for_people_names_the_override(shell: Shell, folder: Path, tmp_path: Path) -> None:
     assert "rows reversed" in shell.text("info", folder)
     assert "set by scene.flip" in shell.text("info", folder, "--flip", "both")
-    same = made.write_grid(tmp_path / "same", np.broadcast_to(made.texture(48, 64, 2), (2, 2, 48, 64, 3)))
+    same = made.write_grid(
+        tmp_path / "same", np.broadcast_to(made.texture(48, 64, 2), (2, 2, 48, 64, 3))
+    )
     assert "scene.flip" in shell.text("info", same)
 
 
-def test_view_is_canonical_and_fractions_are_made(shell: Shell, folder: Path, tmp_path: Path) -> None:
+def test_view_is_canonical_and_fractions_are_made(
+    shell: Shell, folder: Path, tmp_path: Path
+) -> None:
     grid, out = made.views(5, 5), tmp_path / "v.png"
 
     def seen(*words: object) -> np.ndarray:
@@ -73,10 +92,14 @@ def test_view_is_canonical_and_fractions_are_made(shell: Shell, folder: Path, tm
     assert np.array_equal(seen("--row", 0, "--col", 4), grid[0, 4])
     assert np.array_equal(seen("--row", 1.4, "--col", 2.6, "--method", "nearest"), grid[1, 3])
     assert np.array_equal(seen("--row", 1, "--col", 3, "--method", "warp"), grid[1, 3])
-    between = made.views(9, 9, near_px=1.0, far_px=-0.5)[4, 3]  # half a step to the left of the middle camera
+    between = made.views(9, 9, near_px=1.0, far_px=-0.5)[
+        4, 3
+    ]  # half a step to the left of the middle camera
     inner = np.s_[8:-8, 8:-8]
     wrong = {
-        m: np.abs(seen("--row", 2, "--col", 1.5, "--method", m)[inner].astype(int) - between[inner]).mean()
+        m: np.abs(
+            seen("--row", 2, "--col", 1.5, "--method", m)[inner].astype(int) - between[inner]
+        ).mean()
         for m in ("nearest", "warp")
     }
     assert wrong["warp"] < 0.6 * wrong["nearest"]
@@ -89,16 +112,22 @@ def test_views_outside_are_refused(shell: Shell, folder: Path, tmp_path: Path) -
         (0, -0.1, 0, "--col -0.1"),
         (0, 0, 1, "--frame 1"),
     ):
-        refused = shell("view", folder, "-o", tmp_path / "v.png", "--row", row, "--col", col, "--frame", frame).exception
+        refused = shell(
+            "view", folder, "-o", tmp_path / "v.png", "--row", row, "--col", col, "--frame", frame
+        ).exception
         assert isinstance(refused, UserError) and message in refused.message
 
 
-def test_sheet_shows_all_views_in_canonical_order(shell: Shell, folder: Path, tmp_path: Path) -> None:
+def test_sheet_shows_all_views_in_canonical_order(
+    shell: Shell, folder: Path, tmp_path: Path
+) -> None:
     shell.text("sheet", folder, "-o", tmp_path / "s.png")
     sheet = cv2.cvtColor(cv2.imread(str(tmp_path / "s.png")), cv2.COLOR_BGR2RGB)
     grid = made.views(5, 5)
     assert np.array_equal(sheet[4:100, 4:132], grid[0, 0])
-    assert np.array_equal(sheet[4 + 4 * 100 : 4 + 4 * 100 + 96, 4 + 132 : 4 + 132 + 128], grid[4, 1])
+    assert np.array_equal(
+        sheet[4 + 4 * 100 : 4 + 4 * 100 + 96, 4 + 132 : 4 + 132 + 128], grid[4, 1]
+    )
 
 
 def test_pack_list_clean(folder: Path, tmp_path: Path) -> None:
@@ -129,5 +158,10 @@ def test_plan_says_what_is_left_out(shell: Shell, folder: Path, tmp_path: Path) 
 
 
 def test_words_of_the_user_are_checked(shell: Shell, folder: Path) -> None:
-    for words in (["--grid", "2"], ["--set", "scene.gamma=wrong"], ["--set", "scene.gamma=0"], ["--layout", "unknown"]):
+    for words in (
+        ["--grid", "2"],
+        ["--set", "scene.gamma=wrong"],
+        ["--set", "scene.gamma=0"],
+        ["--layout", "unknown"],
+    ):
         assert isinstance(shell("info", folder, *words).exception, UserError), words

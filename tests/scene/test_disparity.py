@@ -3,16 +3,27 @@
 import numpy as np
 import pytest
 
-from lfpipe.scene.disparity import estimate_disparity, luma, neighbour_indices, quantised, refined, scale_for
+from lfpipe.scene.disparity import (
+    estimate_disparity,
+    luma,
+    neighbour_indices,
+    quantised,
+    refined,
+    scale_for,
+)
 from lfpipe.scene.optical_flow import SMALLEST_PX
 from tests.bench.inputs import wall
 from tests.scene import made
 
 
 @pytest.mark.parametrize("wrong_px", [0.4, -0.3])
-def test_refinement_pulls_a_map_to_where_all_neighbours_agree_and_leaves_flat_pictures_alone(wrong_px: float) -> None:
+def test_refinement_pulls_a_map_to_where_all_neighbours_agree_and_leaves_flat_pictures_alone(
+    wrong_px: float,
+) -> None:
     views = wall(3, 3, 96).views[0]
-    neighbours = [(luma(views[r, c]), float(r - 1), float(c - 1)) for r, c in neighbour_indices(1, 1, 3, 3)]
+    neighbours = [
+        (luma(views[r, c]), float(r - 1), float(c - 1)) for r, c in neighbour_indices(1, 1, 3, 3)
+    ]
     found = np.full((96, 96), 2 + wrong_px, np.float32)
     for _ in range(2):
         found = refined(luma(views[1, 1]), neighbours, found)
@@ -42,13 +53,19 @@ def test_disparity_of_a_subset_of_views_is_per_its_own_step() -> None:
     found = estimate_disparity(grid[::2, ::2])
     assert found is not None and found.shape == (3, 3, 48, 64)
     assert np.median(np.abs(found[1, 1] - 2 * made.middle_disparity()[::2, ::2])) < 0.25
-    assert estimate_disparity(grid[:1, :1]) is estimate_disparity(grid[:, :, :, : SMALLEST_PX - 1]) is None
+    assert (
+        estimate_disparity(grid[:1, :1])
+        is estimate_disparity(grid[:, :, :, : SMALLEST_PX - 1])
+        is None
+    )
 
 
 def test_cameras_off_the_grid_are_divided_by_their_true_distance() -> None:
     painted = made.texture(192, 256, 4)
     steps = np.array([0.0, 1.4, 2.0])  # the middle camera stands 0.4 of a step to the right
-    views = np.array([[painted[40:136, 40 + round(5 * s) : 168 + round(5 * s)] for s in steps]]).transpose(0, 1, 4, 2, 3)
+    views = np.array(
+        [[painted[40:136, 40 + round(5 * s) : 168 + round(5 * s)] for s in steps]]
+    ).transpose(0, 1, 4, 2, 3)
     offsets = np.zeros((1, 3, 2), np.float32)
     offsets[0, 1, 1] = 0.4
     known, blind = estimate_disparity(views, offsets), estimate_disparity(views)

@@ -16,7 +16,12 @@ from lfpipe.scene.occlusion import hides
 from lfpipe.scene.packing import pack_scene
 from tests.scene import made
 
-PLACES = [((1.2, 1.3), (1.2, 3.4)), ((0.0, 0.5), (0.0, 2.5)), ((2.0, 2.0), (2.0, 2.0)), ((3.9, -0.7), (3.9, 1.5))]
+PLACES = [
+    ((1.2, 1.3), (1.2, 3.4)),
+    ((0.0, 0.5), (0.0, 2.5)),
+    ((2.0, 2.0), (2.0, 2.0)),
+    ((3.9, -0.7), (3.9, 1.5)),
+]
 
 
 @pytest.fixture(autouse=True)
@@ -34,16 +39,27 @@ def pictures(field: LightField, method: str) -> list[np.ndarray]:
     return [compositor.compose(*place).copy() for place in PLACES]
 
 
-def test_exchanged_it_is_bit_for_bit_a_pack_of_the_turned_grid(scene: Path, scene_config: config.Scene) -> None:
+def test_exchanged_it_is_bit_for_bit_a_pack_of_the_turned_grid(
+    scene: Path, scene_config: config.Scene
+) -> None:
     pack = pack_scene(scene, attrs.evolve(scene_config, flip="none"))
     turned = pack_scene(scene, attrs.evolve(scene_config, flip="both"))
     exchanged = pack.exchanged()
-    assert turned.manifest["key"] != pack.manifest["key"] and exchanged.manifest["flips"] == turned.manifest["flips"]
+    assert (
+        turned.manifest["key"] != pack.manifest["key"]
+        and exchanged.manifest["flips"] == turned.manifest["flips"]
+    )
     assert np.array_equal(exchanged.views, turned.views)
     assert exchanged.disparity is not None and turned.disparity is not None
-    stored = exchanged.disparity * exchanged.disparity_scale_px, turned.disparity * turned.disparity_scale_px
+    stored = (
+        exchanged.disparity * exchanged.disparity_scale_px,
+        turned.disparity * turned.disparity_scale_px,
+    )
     assert np.array_equal(*stored)
-    assert exchanged.disparity_min_px == turned.disparity_min_px and exchanged.disparity_max_px == turned.disparity_max_px
+    assert (
+        exchanged.disparity_min_px == turned.disparity_min_px
+        and exchanged.disparity_max_px == turned.disparity_max_px
+    )
     assert exchanged.border_px == turned.border_px == pytest.approx((1.0, 1.0), abs=0.2)
     for method in ("nearest", "blend", "warp", "warp2"):
         for a, b in zip(pictures(exchanged, method), pictures(turned, method), strict=True):
@@ -62,13 +78,18 @@ def test_unknown_disparity_stays_unknown() -> None:
         assert np.array_equal(a, b)
     negated = np.where(field.disparity == -128, -128, -field.disparity.astype(int)).astype(np.int8)
     by_hand = attrs.evolve(
-        field.exchanged(), disparity=negated[:, ::-1, ::-1], disparity_scale_px=field.disparity_scale_px, half_turned=False
+        field.exchanged(),
+        disparity=negated[:, ::-1, ::-1],
+        disparity_scale_px=field.disparity_scale_px,
+        half_turned=False,
     )
     for a, b in zip(pictures(field.exchanged(), "warp2"), pictures(by_hand, "warp2"), strict=True):
         assert np.array_equal(a, b)
 
 
-def test_the_choice_is_remembered_for_the_scene_and_the_setting_wins(scene: Path, scene_config: config.Scene) -> None:
+def test_the_choice_is_remembered_for_the_scene_and_the_setting_wins(
+    scene: Path, scene_config: config.Scene
+) -> None:
     def turned(setting: str = "auto") -> bool:
         return pack_scene(scene, attrs.evolve(scene_config, half_turn=setting)).half_turned
 
@@ -81,13 +102,17 @@ def test_the_choice_is_remembered_for_the_scene_and_the_setting_wins(scene: Path
         assert turned() == (word == "yes") and turned("yes") and not turned("no")
         facts = describe_pack(pack_scene(scene, scene_config))
         assert facts["flips"]["rows"] == facts["flips"]["cols"] == (word == "yes")
-    assert len(list((Path(scene_config.cache_dir) / "scenes").iterdir())) == 1, "nothing is packed again"
+    assert len(list((Path(scene_config.cache_dir) / "scenes").iterdir())) == 1, (
+        "nothing is packed again"
+    )
     for content in (b"perhaps", b"\xff\xfe", b"x" * 100):
         next(half_turn.folder().iterdir()).write_bytes(content)
         assert turned() == plain
 
 
-def test_the_reversed_grid_is_packed_once_and_shown_as_its_pictures_say(scene_config: config.Scene, tmp_path: Path) -> None:
+def test_the_reversed_grid_is_packed_once_and_shown_as_its_pictures_say(
+    scene_config: config.Scene, tmp_path: Path
+) -> None:
     grid = made.views(5, 5)
     scene = made.write_grid(tmp_path / "reversed", grid[::-1, ::-1])
     field = pack_scene(scene, scene_config)
@@ -98,7 +123,18 @@ def test_the_reversed_grid_is_packed_once_and_shown_as_its_pictures_say(scene_co
 
 @pytest.mark.parametrize(
     ("right", "wrong", "verdict"),
-    [(67, 0, 1), (16, 0, 1), (0, 16, -1), (15, 0, 0), (86, 21, 0), (22, 116, 0), (0, 0, 0), (1, 61, -1)],
+    [
+        (67, 0, 1),
+        (16, 0, 1),
+        (0, 16, -1),
+        (15, 0, 0),
+        (86, 21, 0),
+        (22, 116, 0),
+        (0, 0, 0),
+        (1, 61, -1),
+    ],
 )
-def test_only_an_unmistakable_occlusion_decides_near_and_far(right: int, wrong: int, verdict: int) -> None:
+def test_only_an_unmistakable_occlusion_decides_near_and_far(
+    right: int, wrong: int, verdict: int
+) -> None:
     assert hides(right, wrong) == verdict

@@ -39,9 +39,13 @@ from tests.scene import made
 
 CHECKOUT = Path(__file__).parents[2]
 GRID, FRAME = made.views(3, 3, 32, 40), made.mosaic(made.views(2, 3, 64, 80))
-Make = Callable[[Path], object]  # writes a scene into a folder; returns the path that is given if it is not the folder
+Make = Callable[
+    [Path], object
+]  # writes a scene into a folder; returns the path that is given if it is not the folder
 DEPTH = 10 / (made.middle_disparity(32, 40) + 3)
-PARAMETERS = "[extrinsics]\nnum_cams_x = 3\nnum_cams_y = 3\nbaseline_mm = 25\nfocus_distance_m = 4.25\n"
+PARAMETERS = (
+    "[extrinsics]\nnum_cams_x = 3\nnum_cams_y = 3\nbaseline_mm = 25\nfocus_distance_m = 4.25\n"
+)
 
 
 def hci(folder: Path, **parameters: str) -> None:
@@ -53,13 +57,17 @@ def hci(folder: Path, **parameters: str) -> None:
     made.write_pfm(folder / "gt_disp_lowres.pfm", made.middle_disparity(32, 40))
 
 
-def hci_text(folder: Path, attributes: str = "3 //hRes\n3 //vRes\n.5 //dH\n3 //shift\n20 //focalLength\n") -> None:
+def hci_text(
+    folder: Path, attributes: str = "3 //hRes\n3 //vRes\n.5 //dH\n3 //shift\n20 //focalLength\n"
+) -> None:
     made.write_grid(folder / "lf", GRID, "{r:02d}_{c:02d}.png")
     (folder / "attributes.dat").write_text(attributes)
     (folder / "depth.bin").write_bytes(DEPTH.astype("<f4").tobytes())
 
 
-def h5(folder: Path, name: str = "lf.h5", values: np.ndarray = GRID[:, ::-1], **options: object) -> None:
+def h5(
+    folder: Path, name: str = "lf.h5", values: np.ndarray = GRID[:, ::-1], **options: object
+) -> None:
     with h5py.File(folder / name, "w", userblock_size=512) as file:
         file.create_dataset("LF", data=values, **options)
         file.attrs.update({"dH": 0.5, "focalLength": 20.0, "shift": 3.0})
@@ -68,7 +76,11 @@ def h5(folder: Path, name: str = "lf.h5", values: np.ndarray = GRID[:, ::-1], **
 
 def stanford(folder: Path, y: str = "{:.3f}", x: str = "{:.3f}") -> None:
     for r, c in np.ndindex(3, 3):
-        made.write(folder / f"out_{r:02d}_{c:02d}_{y.format(-300 - 8.5 * r)}_{x.format(1100 - 8.6 * c)}_.png", GRID[r, c])
+        made.write(
+            folder
+            / f"out_{r:02d}_{c:02d}_{y.format(-300 - 8.5 * r)}_{x.format(1100 - 8.6 * c)}_.png",
+            GRID[r, c],
+        )
 
 
 def jpeg_pleno(folder: Path) -> None:
@@ -145,7 +157,9 @@ def virtual(folder: Path) -> None:
 def chunk_bomb(folder: Path) -> None:
     """A chunk of 34 kB as 0.5 MB that unpacks to 0.5 GB."""
     with h5py.File(folder / "lf.h5", "w") as file:
-        data = file.create_dataset("LF", GRID.shape, np.uint8, chunks=GRID.shape, compression="gzip")
+        data = file.create_dataset(
+            "LF", GRID.shape, np.uint8, chunks=GRID.shape, compression="gzip"
+        )
         engine = zlib.compressobj(6)
         packed = b"".join(engine.compress(b"\0" * (1 << 24)) for _ in range(32)) + engine.flush()
         data.id.write_direct_chunk((0,) * 5, packed)
@@ -200,7 +214,11 @@ NUMBERS = (
 
 def damage(rng: random.Random, folder: Path) -> None:
     """Does something to one file of a scene: to its bytes, to numbers in its text or name, or puts no file in its place."""
-    files = [path for path in folder.rglob("*") if path.is_file() and not path.is_symlink() and path.stat().st_size < 10_000_000]
+    files = [
+        path
+        for path in folder.rglob("*")
+        if path.is_file() and not path.is_symlink() and path.stat().st_size < 10_000_000
+    ]
     if not files:
         return
     path, kind = rng.choice(sorted(files)), rng.randrange(5)
@@ -273,7 +291,16 @@ def test_damaged_scenes_are_refused_or_open_with_little_memory(tmp_path: Path) -
 def test_the_command_refuses_with_code_2_and_escapes_what_a_terminal_obeys(tmp_path: Path) -> None:
     folder = made.write_grid(tmp_path / "a\x1b[2Jb", GRID)
     (folder / "view_01_01.png").write_text("none")
-    command = [sys.executable, "-m", "lfpipe", "scene", "info", str(folder), "--set", f"scene.cache_dir={tmp_path / 'cache'}"]
+    command = [
+        sys.executable,
+        "-m",
+        "lfpipe",
+        "scene",
+        "info",
+        str(folder),
+        "--set",
+        f"scene.cache_dir={tmp_path / 'cache'}",
+    ]
     code, out, err, peak_mb = ended(command)
     assert (code, out) == (2, "") and "Traceback" not in err and peak_mb < PEAK_MB
     assert "a\\x1b[2Jb/view_01_01.png" in err and "\x1b[2J" not in err
@@ -290,7 +317,9 @@ def test_what_is_no_file_neither_blocks_nor_is_read(tmp_path: Path, kind: str) -
         (tmp_path / "alone").mkdir(exist_ok=True)
         NO_FILES[kind](tmp_path / "alone" / name)
         for layout in ("auto", *layouts.layouts()):
-            assert "neither a file nor a folder" in opened(tmp_path / "alone" / name, config.Scene(layout=layout))
+            assert "neither a file nor a folder" in opened(
+                tmp_path / "alone" / name, config.Scene(layout=layout)
+            )
 
 
 @pytest.mark.timeout(60)
@@ -304,19 +333,30 @@ def test_things_beside_the_views_do_no_harm(tmp_path: Path) -> None:
 
 def test_paths_of_any_bytes_work(tmp_path: Path, scene_config: config.Scene) -> None:
     for name in (b"\xff\xfe", b"sc\xe9ne", "日本".encode(), b"a b;'\"", b"\x1b[2J\x07"):
-        base = made.write_grid(tmp_path / "x", GRID).rename(tmp_path / os.fsdecode(name))  # OpenCV alone crashes at such a path
+        base = made.write_grid(tmp_path / "x", GRID).rename(
+            tmp_path / os.fsdecode(name)
+        )  # OpenCV alone crashes at such a path
         paths = [base, film(tmp_path, "mkv").rename(base.with_name(base.name + ".mkv"))]
         paths.append(base.with_name(base.name + ".png"))
         paths[-1].write_bytes(cv2.imencode(".png", GRID[0, 0])[1].tobytes())
         for end, grid in (("h5", GRID), ("mat", GRID.transpose())):
             h5(tmp_path, f"x.{end}", grid)
             paths.append((tmp_path / f"x.{end}").rename(base.with_name(f"{base.name}.{end}")))
-        assert [examine_scene(path, config.Scene()).source.rows for path in paths] == [3, 2, 1, 3, 3]
+        assert [examine_scene(path, config.Scene()).source.rows for path in paths] == [
+            3,
+            2,
+            1,
+            3,
+            3,
+        ]
     pack_scene(base, config.Scene(cache_dir=scene_config.cache_dir + os.fsdecode(b"-\xff")))
 
 
 def test_a_name_does_not_make_lines_of_its_own(tmp_path: Path) -> None:
-    assert all(len(opened(tmp_path / name, config.Scene()).splitlines()) == 2 for name in ("a\nerror: x", "a\rb"))
+    assert all(
+        len(opened(tmp_path / name, config.Scene()).splitlines()) == 2
+        for name in ("a\nerror: x", "a\rb")
+    )
 
 
 @pytest.fixture

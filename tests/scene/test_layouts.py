@@ -30,7 +30,12 @@ def canonical(source: SceneSource, scene: config.Scene = AUTO) -> np.ndarray:
     """All views of a source in canonical order as the packer places them, uint8 or uint16."""
     turn = orient(source, scene).turn
     rows, cols = turn.grid(source.rows, source.cols)
-    return np.array([[source.read(0, *turn.file_index(r, c, rows, cols)) for c in range(cols)] for r in range(rows)])
+    return np.array(
+        [
+            [source.read(0, *turn.file_index(r, c, rows, cols)) for c in range(cols)]
+            for r in range(rows)
+        ]
+    )
 
 
 def described(path: Path, layout: str, scene: config.Scene = AUTO) -> SceneSource:
@@ -41,10 +46,19 @@ def described(path: Path, layout: str, scene: config.Scene = AUTO) -> SceneSourc
 
 def named(grid: np.ndarray, name: str, **more: str) -> Make:
     """One file per view, and texts beside them."""
-    return lambda f: [made.write_grid(f, grid, name), *((f / k.replace("_", ".")).write_text(v) for k, v in more.items())]
+    return lambda f: [
+        made.write_grid(f, grid, name),
+        *((f / k.replace("_", ".")).write_text(v) for k, v in more.items()),
+    ]
 
 
-def stanford(name: str, index: Callable[[int, int], tuple[int, int]], y: float, x: float, shape: tuple[int, int]) -> Make:
+def stanford(
+    name: str,
+    index: Callable[[int, int], tuple[int, int]],
+    y: float,
+    x: float,
+    shape: tuple[int, int],
+) -> Make:
     """Views under camera coordinates. index: of the view in GRID; y, x: by which the coordinates grow with the index in names."""
 
     def make(folder: Path) -> None:
@@ -66,9 +80,21 @@ def old_hci(path: Path, grid: np.ndarray, depth: np.ndarray | None = None) -> No
 
 def text_export(folder: Path, focal: float) -> None:
     made.write_grid(folder / "lf", SQUARE, "{r:02d}_{c:02d}.png")
-    values = {"xRes": 80, "yRes": 64, "hRes": 3, "vRes": 3, "dH": 0.5, "shift": 3, "focalLength": focal}
-    (folder / "attributes.dat").write_text("".join(f"{value:e} //{name}\n" for name, value in values.items()) + "junk\n")
-    (folder / "depth.bin").write_bytes((TRUTH if focal == 0 else 10 / (TRUTH + 3)).astype("<f4").tobytes())
+    values = {
+        "xRes": 80,
+        "yRes": 64,
+        "hRes": 3,
+        "vRes": 3,
+        "dH": 0.5,
+        "shift": 3,
+        "focalLength": focal,
+    }
+    (folder / "attributes.dat").write_text(
+        "".join(f"{value:e} //{name}\n" for name, value in values.items()) + "junk\n"
+    )
+    (folder / "depth.bin").write_bytes(
+        (TRUTH if focal == 0 else 10 / (TRUTH + 3)).astype("<f4").tobytes()
+    )
     made.write(folder / "mask.png", np.full((64, 80), 255, np.uint8))
 
 
@@ -77,7 +103,11 @@ def numbered(grid: np.ndarray, order: str) -> Make:
 
     def make(folder: Path) -> None:
         for r, c in np.ndindex(rows, cols):
-            n = {"rows": r * cols + c, "cols": c * rows + r, "snake": r * cols + (cols - 1 - c if r % 2 else c)}[order]
+            n = {
+                "rows": r * cols + c,
+                "cols": c * rows + r,
+                "snake": r * cols + (cols - 1 - c if r % 2 else c),
+            }[order]
             made.write(folder / f"im_{n + 1:03d}.png", grid[r, c])
 
     return make
@@ -139,24 +169,33 @@ def test_hci_with_geometry_and_truth_of_two_views(tmp_path: Path) -> None:
 def test_views_that_are_missing_or_of_another_size_are_named(tmp_path: Path, layout: str) -> None:
     name = {"hci": "input_Cam{n:03d}.png", "hci-text": "lf/{r:02d}_{c:02d}.png", "stanford": "out_{r:02d}_{c:02d}_{r}_{c}_.png",
             "jpeg-pleno": "{r:03d}_{c:03d}.png"}[layout]  # fmt: skip
-    named(made.views(4, 4, 64, 80), name, parameters_cfg=CFG.format(4, 4), attributes_dat="1 //dH\n")(tmp_path)
+    named(
+        made.views(4, 4, 64, 80), name, parameters_cfg=CFG.format(4, 4), attributes_dat="1 //dH\n"
+    )(tmp_path)
     gone, odd = (tmp_path / name.format(r=r, c=c, n=4 * r + c) for r, c in ((1, 2), (2, 1)))
     gone.unlink()
     made.write(odd, GRID[0, 0, :-2])
     source = described(tmp_path, layout)
     assert (source.rows, source.cols, source.missing) == (4, 4, {(1, 2), (2, 1)})
-    assert "2 of 4x4 views missing, made from others: row 1 column 2, row 2 column 1" in source.notes
+    assert (
+        "2 of 4x4 views missing, made from others: row 1 column 2, row 2 column 1" in source.notes
+    )
     assert any(f"{odd.name} (80x62 px)" in note for note in source.notes)
 
 
 def test_truth_of_the_first_hci_data_set(tmp_path: Path) -> None:
     for focal in (0.0, 20.0):
         text_export(tmp_path / str(focal), focal)
-        assert np.allclose(described(tmp_path / str(focal), "hci-text").truth[1, 1](), TRUTH, atol=1e-4)
+        assert np.allclose(
+            described(tmp_path / str(focal), "hci-text").truth[1, 1](), TRUTH, atol=1e-4
+        )
     for grid, by in ((SQUARE, "layout"), (SQUARE[:, ::-1], "truth")):
         old_hci(tmp_path / f"{by}.h5", grid, DEPTH)
         source = described(tmp_path / f"{by}.h5", "hci-old")
-        assert np.allclose(source.truth[1, 1](), TRUTH, atol=1e-4) and orient(source, AUTO).by in (by, "truth")
+        assert np.allclose(source.truth[1, 1](), TRUTH, atol=1e-4) and orient(source, AUTO).by in (
+            by,
+            "truth",
+        )
 
 
 def test_jpeg_pleno_10_bit_dark_sides_and_missing_corners(tmp_path: Path) -> None:
@@ -168,7 +207,12 @@ def test_jpeg_pleno_10_bit_dark_sides_and_missing_corners(tmp_path: Path) -> Non
         if (r, c) not in ((0, 0), (0, 1), (1, 0), (0, 6), (5, 5)):
             made.write_ppm(tmp_path / f"{r:03d}_{c:03d}.ppm", whole[r, c], 1023)
     source = described(tmp_path, "jpeg-pleno")
-    assert (source.rows, source.cols, source.bit_depth, source.missing) == (5, 5, 10, {(0, 0), (4, 4)})
+    assert (source.rows, source.cols, source.bit_depth, source.missing) == (
+        5,
+        5,
+        10,
+        {(0, 0), (4, 4)},
+    )
     assert np.array_equal(source.read(0, 2, 3), inner[2, 3])
 
 
@@ -189,7 +233,10 @@ def test_mat_both_versions_and_types(tmp_path: Path, modern: bool, dtype: type) 
     write_mat(tmp_path / "scene.mat", (GRID * np.float64(scale)).astype(dtype), modern)
     source = described(tmp_path, "mat")
     assert source.max_value == (255 if dtype == np.uint8 else 65535)
-    views = canonical(source, config.Scene(flip="none", transpose="no")).astype(np.float64) / source.max_value
+    views = (
+        canonical(source, config.Scene(flip="none", transpose="no")).astype(np.float64)
+        / source.max_value
+    )
     assert np.abs(views - GRID / 255).max() < 1e-4
 
 
@@ -209,7 +256,13 @@ OPTIONS = [{}, {"compression": "gzip", "fletcher32": True, "shuffle": True}, {"c
 
 
 @pytest.mark.parametrize(
-    "grid", [GRID, GRID[..., :1], GRID[..., 0], np.random.default_rng(1).integers(0, 255, GRID.shape, np.uint8)]
+    "grid",
+    [
+        GRID,
+        GRID[..., :1],
+        GRID[..., 0],
+        np.random.default_rng(1).integers(0, 255, GRID.shape, np.uint8),
+    ],
 )
 def test_ways_to_pack_hdf5(tmp_path: Path, grid: np.ndarray) -> None:
     for n, options in enumerate(OPTIONS):
@@ -226,7 +279,9 @@ def test_eslf_lenslets_with_dark_outer_views(tmp_path: Path) -> None:
     whole = np.zeros((14, 14, 60, 72, 3), np.uint8)
     whole[2:12, 2:12] = inner
     lenslets = whole.transpose(2, 0, 3, 1, 4).reshape(60 * 14, 72 * 14, 3)
-    made.write(tmp_path / "IMG_0001.png", lenslets[:-3])  # not a multiple of 14: filled up at the end
+    made.write(
+        tmp_path / "IMG_0001.png", lenslets[:-3]
+    )  # not a multiple of 14: filled up at the end
     source = described(tmp_path, "eslf")
     assert (source.rows, source.cols, source.height_px, source.width_px) == (10, 10, 60, 72)
     assert np.array_equal(source.read(0, 3, 7), inner[3, 7])
@@ -239,7 +294,10 @@ def test_lines_between_tiles_are_cut_away(
     rows: int, cols: int, level: int, line_px: int, edge_px: int, suffix: str, tmp_path: Path
 ) -> None:
     grid = made.views(rows, cols, 90, 131)
-    height, width = ((count - 1) * (size + line_px) + size + 2 * edge_px for count, size in ((rows, 90), (cols, 131)))
+    height, width = (
+        (count - 1) * (size + line_px) + size + 2 * edge_px
+        for count, size in ((rows, 90), (cols, 131))
+    )
     sheet = np.full((height, width, 3), level, np.uint8)
     for r, c in np.ndindex(rows, cols):
         top, left = edge_px + r * (90 + line_px), edge_px + c * (131 + line_px)
@@ -249,13 +307,17 @@ def test_lines_between_tiles_are_cut_away(
     assert (source.rows, source.cols) == (rows, cols)
     assert abs(source.height_px - 90) + abs(source.width_px - 131) <= (0 if suffix == "png" else 8)
     if suffix == "png":
-        assert all(np.array_equal(source.read(0, r, c), grid[r, c]) for r, c in np.ndindex(rows, cols))
+        assert all(
+            np.array_equal(source.read(0, r, c), grid[r, c]) for r, c in np.ndindex(rows, cols)
+        )
 
 
 def test_the_scale_of_a_pfm_map_is_its_byte_order_only(tmp_path: Path) -> None:
     values = np.arange(12, dtype=np.float32).reshape(3, 4)
     for scale, order in (("-1", "<f4"), ("-0.25", "<f4"), ("1.0", ">f4"), ("300", ">f4")):
-        (tmp_path / "x.pfm").write_bytes(f"Pf\n4 3\n{scale}\n".encode() + values[::-1].astype(order).tobytes())
+        (tmp_path / "x.pfm").write_bytes(
+            f"Pf\n4 3\n{scale}\n".encode() + values[::-1].astype(order).tobytes()
+        )
         np.testing.assert_allclose(read_pfm(tmp_path / "x.pfm"), values, rtol=1e-6)
 
 
@@ -269,7 +331,12 @@ def test_tiles_with_a_plain_background_are_not_cropped(tmp_path: Path) -> None:
 
 def test_a_quilt_whose_tiles_do_not_divide_it(tmp_path: Path) -> None:
     line = made.views(1, 45, 91, 102, 0.5, -0.3)[0]
-    tiles = np.array([[cv2.resize(line[9 * 5 - 5 * (r + 1) + c], (819, 455)) for c in range(5)] for r in range(9)])
+    tiles = np.array(
+        [
+            [cv2.resize(line[9 * 5 - 5 * (r + 1) + c], (819, 455)) for c in range(5)]
+            for r in range(9)
+        ]
+    )
     pixels = np.zeros((4096, 4096, 3), np.uint8)
     pixels[:4095, :4095] = made.mosaic(tiles)
     made.write(tmp_path / "45_01.jpg", pixels)

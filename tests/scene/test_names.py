@@ -23,7 +23,21 @@ from tests.scene import made
 AUTO = config.Scene()
 GRID = made.views(3, 4, 48, 64)
 PLACES = list(product(range(3), range(4)))
-TEXTS = st.sampled_from(["", "view", "IMG", "out put", "Original Camera", "2067", "light-field(1)", "a.b", "x264", "im", "K"])
+TEXTS = st.sampled_from(
+    [
+        "",
+        "view",
+        "IMG",
+        "out put",
+        "Original Camera",
+        "2067",
+        "light-field(1)",
+        "a.b",
+        "x264",
+        "im",
+        "K",
+    ]
+)
 SEPARATORS = st.sampled_from(["_", "-", " ", "x", "_r", "__", "."])
 PAIRS = [
     ("_", "_"), ("-", "-"), ("_row", "_col"), ("_r", "c"), (" (", ","), ("_", "x"), (".", "."), ("_y", "_x"), ("t", "_s"),
@@ -35,8 +49,15 @@ PAIRS = [
 def schemes(draw: st.DrawFn) -> tuple[dict[str, tuple[int, int]], list[str]]:
     """Names by (row, column) in some scheme, and names of other files beside them."""
     rows, cols = draw(st.integers(2, 6)), draw(st.integers(2, 6))
-    text, (before, between), width = draw(TEXTS), draw(st.sampled_from(PAIRS)), draw(st.integers(1, 4))
-    start, step = draw(st.tuples(st.integers(0, 12), st.integers(0, 12))), draw(st.sampled_from([1, 1, 1, 2, 5]))
+    text, (before, between), width = (
+        draw(TEXTS),
+        draw(st.sampled_from(PAIRS)),
+        draw(st.integers(1, 4)),
+    )
+    start, step = (
+        draw(st.tuples(st.integers(0, 12), st.integers(0, 12))),
+        draw(st.sampled_from([1, 1, 1, 2, 5])),
+    )
     swapped, counter = draw(st.booleans()), draw(st.sampled_from(["", "front", "back"]))
     signed = between in ("_", ",") and draw(st.booleans())
     coordinates, suffix = draw(st.booleans()), draw(st.sampled_from(["", "_GT", "_full", "_1"]))
@@ -45,11 +66,21 @@ def schemes(draw: st.DrawFn) -> tuple[dict[str, tuple[int, int]], list[str]]:
         indices = [start[0] + step * row, start[1] + step * col]
         if signed:
             indices = [indices[0] - step - start[0], indices[1] - step - start[1]]
-        first, second = (f"{n:+d}" if signed else f"{n:0{width}d}" for n in (indices[::-1] if swapped else indices))
+        first, second = (
+            f"{n:+d}" if signed else f"{n:0{width}d}"
+            for n in (indices[::-1] if swapped else indices)
+        )
         front = f"_{number + 7:04d}" if counter == "front" else ""
         back = f"_{number + 100:03d}" if counter == "back" else ""
-        where = f"_{400 - 2.5 * row + 0.1 * (col % 3):.1f}_{1103.25 + 8.5 * col + 0.1 * (row % 2):.2f}" if coordinates else ""
-        names[f"{text}{front}{before}{first}{between}{second}{where}{back}{suffix}.png"] = (row, col)
+        where = (
+            f"_{400 - 2.5 * row + 0.1 * (col % 3):.1f}_{1103.25 + 8.5 * col + 0.1 * (row % 2):.2f}"
+            if coordinates
+            else ""
+        )
+        names[f"{text}{front}{before}{first}{between}{second}{where}{back}{suffix}.png"] = (
+            row,
+            col,
+        )
     return names, draw(st.sampled_from([[], ["thumbs.png"], ["all views 12.jpg", "depth.png"]]))
 
 
@@ -61,19 +92,32 @@ def schemes(draw: st.DrawFn) -> tuple[dict[str, tuple[int, int]], list[str]]:
 def test_coordinates_of_any_sign_are_rows_and_columns(
     rows: int, cols: int, y0: int, x0: int, dy: float, dx: float, text: str
 ) -> None:
-    index = {text.format(y=y0 / 4 + dy * r, x=x0 / 4 + dx * c) + ".png": (r, c) for r in range(rows) for c in range(cols)}
+    index = {
+        text.format(y=y0 / 4 + dy * r, x=x0 / 4 + dx * c) + ".png": (r, c)
+        for r in range(rows)
+        for c in range(cols)
+    }
     numbered = read_names(tuple(sorted(index)))
     assert numbered is not None
-    assert (numbered.rows, numbered.cols, numbered.runs, set(numbered.views.values())) == (rows, cols, False, set(index))
+    assert (numbered.rows, numbered.cols, numbered.runs, set(numbered.views.values())) == (
+        rows,
+        cols,
+        False,
+        set(index),
+    )
     turns = [lambda r, c, down=down, across=across: (down(r), across(c))
              for down in (lambda r: r, lambda r: rows - 1 - r) for across in (lambda c: c, lambda c: cols - 1 - c)]  # fmt: skip
     # A sign before every number may be a separator, so the order is that of the files or its reverse.
-    assert any(all(turn(*index[name]) == place for place, name in numbered.views.items()) for turn in turns)
+    assert any(
+        all(turn(*index[name]) == place for place, name in numbered.views.items()) for turn in turns
+    )
 
 
 @settings(max_examples=300)
 @given(schemes())
-def test_row_and_column_are_found_in_any_scheme(scheme: tuple[dict[str, tuple[int, int]], list[str]]) -> None:
+def test_row_and_column_are_found_in_any_scheme(
+    scheme: tuple[dict[str, tuple[int, int]], list[str]],
+) -> None:
     names, others = scheme
     numbered = read_names(tuple(sorted([*names, *others])))
     assert numbered is not None and not numbered.runs
@@ -82,8 +126,17 @@ def test_row_and_column_are_found_in_any_scheme(scheme: tuple[dict[str, tuple[in
 
 
 @settings(max_examples=100)
-@given(TEXTS, SEPARATORS, st.integers(1, 6), st.integers(0, 2000), st.integers(3, 130), st.sampled_from(["", "_GT", "_2"]))
-def test_a_running_number_is_no_grid(text: str, mark: str, width: int, start: int, count: int, end: str) -> None:
+@given(
+    TEXTS,
+    SEPARATORS,
+    st.integers(1, 6),
+    st.integers(0, 2000),
+    st.integers(3, 130),
+    st.sampled_from(["", "_GT", "_2"]),
+)
+def test_a_running_number_is_no_grid(
+    text: str, mark: str, width: int, start: int, count: int, end: str
+) -> None:
     names = [f"{text}{mark}{number:0{width}d}{end}.jpg" for number in range(start, start + count)]
     assume(len(set(names)) == count)
     numbered = read_names(tuple(sorted(names)))
@@ -106,8 +159,13 @@ FOLDERS = {  # by row and column of 3x4 views
     "sums": [f"{r:02d}_{c:02d}_{(97 * r + c) * 2654435761 % 2**32:08x}.png" for r, c in PLACES],
     "copies, the first bare": ["a.png", *(f"a ({k}).png" for k in range(1, 12))],
     "copies of a Mac": ["shot.png", *(f"shot {k}.png" for k in range(2, 13))],
-    "times": [f"WhatsApp Image 2026-07-04 at {15 + k // 6}.{(58, 0)[k // 6]:02d}.{9 * (k % 6):02d}.jpeg" for k in range(12)],
-    "times of a phone": [f"PXL_20260704_15{k // 6 + 30}{9 * (k % 6):02d}{371 * k % 1000:03d}.jpg" for k in range(12)],
+    "times": [
+        f"WhatsApp Image 2026-07-04 at {15 + k // 6}.{(58, 0)[k // 6]:02d}.{9 * (k % 6):02d}.jpeg"
+        for k in range(12)
+    ],
+    "times of a phone": [
+        f"PXL_20260704_15{k // 6 + 30}{9 * (k % 6):02d}{371 * k % 1000:03d}.jpg" for k in range(12)
+    ],
 }
 
 
@@ -120,7 +178,9 @@ def test_names_and_folders_of_people(tmp_path: Path, scheme: str) -> None:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(b"x")
     source = layouts.describe(tmp_path, AUTO)
-    grid = np.array([[source.read(0, r, c) for c in range(source.cols)] for r in range(source.rows)])
+    grid = np.array(
+        [[source.read(0, r, c) for c in range(source.cols)] for r in range(source.rows)]
+    )
     assert grid.shape == GRID.shape and source.path == tmp_path
     assert np.abs(grid.astype(int) - GRID).mean() < 8
     assert not any("files used" in note or "\n" in note for note in source.notes)
@@ -128,16 +188,27 @@ def test_names_and_folders_of_people(tmp_path: Path, scheme: str) -> None:
 
 @pytest.mark.parametrize(
     ("rows", "cols", "near_px", "order"),
-    [(*shape, 2.0, order) for shape in ((16, 16), (2, 8), (1, 20)) for order in ("rows", "cols", "snake")]
+    [
+        (*shape, 2.0, order)
+        for shape in ((16, 16), (2, 8), (1, 20))
+        for order in ("rows", "cols", "snake")
+    ]
     + [(1, 51, 0.25, "rows"), (1, 51, 1.0, "rows"), (1, 45, 2.0, "rows"), (1, 101, 1.0, "rows")],
 )
 def test_columns_of_a_running_number(rows: int, cols: int, near_px: float, order: str) -> None:
     views = made.views(rows, cols, 48, 64, near_px, -near_px / 2)[..., 1]
-    places = [(r, c) for c in range(cols) for r in range(rows)] if order == "cols" else list(product(range(rows), range(cols)))
+    places = (
+        [(r, c) for c in range(cols) for r in range(rows)]
+        if order == "cols"
+        else list(product(range(rows), range(cols)))
+    )
     line = [views[r, cols - 1 - c if order == "snake" and r % 2 else c] for r, c in places]
     run = find_columns(lambda k: line[k], [True] * len(line), None)
     shape = (cols, rows) if order == "cols" and rows > 1 else (rows, cols)
-    assert run is not None and (run.rows, run.cols, run.snake) == (*shape, order == "snake" and rows > 1)
+    assert run is not None and (run.rows, run.cols, run.snake) == (
+        *shape,
+        order == "snake" and rows > 1,
+    )
 
 
 def test_an_odd_picture_among_the_views_is_named(tmp_path: Path) -> None:
@@ -146,7 +217,10 @@ def test_an_odd_picture_among_the_views_is_named(tmp_path: Path) -> None:
     made.write(tmp_path / "juntos.jpg", made.texture(80, 200, 1))
     source = layouts.describe(tmp_path, AUTO)
     assert (source.rows, source.cols) == (3, 4)
-    assert any("12 of 14 files used; the others are juntos.jpg, v12.png (200x80 px)" in note for note in source.notes)
+    assert any(
+        "12 of 14 files used; the others are juntos.jpg, v12.png (200x80 px)" in note
+        for note in source.notes
+    )
 
 
 def test_a_missing_view_is_made_and_told(tmp_path: Path, scene_config: config.Scene) -> None:
@@ -154,14 +228,21 @@ def test_a_missing_view_is_made_and_told(tmp_path: Path, scene_config: config.Sc
     made.write_grid(tmp_path / "s", views, "v_{r}_{c}.png")
     (tmp_path / "s" / "v_2_2.png").unlink()
     field = pack_scene(tmp_path / "s", scene_config)
-    assert any("1 of 5x5 views missing, made from others: row 2 column 2" in note for note in field.manifest["notes"])
+    assert any(
+        "1 of 5x5 views missing, made from others: row 2 column 2" in note
+        for note in field.manifest["notes"]
+    )
     assert not field.present[2, 2]
     true, stored = views[2, 2].transpose(2, 0, 1).astype(float), field.views[0, 2].astype(float)
     assert np.abs(stored[2] - true).mean() < 0.4 * np.abs(stored[3] - true).mean()
 
 
-@pytest.mark.parametrize("inside", [lambda r, c: r == 4 or c == 4, lambda r, c: c < 4 or (r, c) == (0, 8)])
-def test_a_grid_with_many_gaps_is_refused(tmp_path: Path, inside: Callable[[int, int], bool]) -> None:
+@pytest.mark.parametrize(
+    "inside", [lambda r, c: r == 4 or c == 4, lambda r, c: c < 4 or (r, c) == (0, 8)]
+)
+def test_a_grid_with_many_gaps_is_refused(
+    tmp_path: Path, inside: Callable[[int, int], bool]
+) -> None:
     for r, c in product(range(9), range(9)):
         if inside(r, c):
             made.write(tmp_path / f"v_{r}_{c}.png", GRID[0, 0])
@@ -169,16 +250,38 @@ def test_a_grid_with_many_gaps_is_refused(tmp_path: Path, inside: Callable[[int,
         layouts.describe(tmp_path, AUTO)
 
 
-HABITS: dict[str, tuple[list[str], tuple[int, int, int]]] = {  # names, and rows, columns and views of them
-    "a burst's cover": ([f"IMG_BURST{n:03d}{'_COVER' * (n == 3)}.jpg" for n in range(9)], (1, 9, 8)),
-    "half PNG, half JPEG": ([f"v_{r}_{c}.{'png' if (r + c) % 2 else 'jpg'}" for r in range(5) for c in range(5)], (5, 5, 25)),
-    "left and right cameras": (
-        [f"{side} cam x {r:02d}_{c:02d}.png" for side in ("left", "right") for r in range(5) for c in range(5)],
+HABITS: dict[
+    str, tuple[list[str], tuple[int, int, int]]
+] = {  # names, and rows, columns and views of them
+    "a burst's cover": (
+        [f"IMG_BURST{n:03d}{'_COVER' * (n == 3)}.jpg" for n in range(9)],
+        (1, 9, 8),
+    ),
+    "half PNG, half JPEG": (
+        [f"v_{r}_{c}.{'png' if (r + c) % 2 else 'jpg'}" for r in range(5) for c in range(5)],
         (5, 5, 25),
     ),
-    "times": ([f"Screenshot 2026-07-04 at 15.{30 + n // 12}.{5 * (n % 12):02d}.png" for n in range(25)], (1, 25, 25)),
-    "uneven steps": ([f"pos {100 * c // 8}% {100 * r // 8}%.png" for r in range(5) for c in range(5)], (5, 5, 25)),
-    "frames of a line": ([f"cam{c}_frame{f:03d}.png" for c in range(7) for f in range(3)], (1, 7, 7)),
+    "left and right cameras": (
+        [
+            f"{side} cam x {r:02d}_{c:02d}.png"
+            for side in ("left", "right")
+            for r in range(5)
+            for c in range(5)
+        ],
+        (5, 5, 25),
+    ),
+    "times": (
+        [f"Screenshot 2026-07-04 at 15.{30 + n // 12}.{5 * (n % 12):02d}.png" for n in range(25)],
+        (1, 25, 25),
+    ),
+    "uneven steps": (
+        [f"pos {100 * c // 8}% {100 * r // 8}%.png" for r in range(5) for c in range(5)],
+        (5, 5, 25),
+    ),
+    "frames of a line": (
+        [f"cam{c}_frame{f:03d}.png" for c in range(7) for f in range(3)],
+        (1, 7, 7),
+    ),
     "exposures": ([f"{r}_{c}_ev{e}.png" for r, c in PLACES for e in (0, 1)], (3, 4, 12)),
     "a copy is no cover": ([f"v_{n}.png" for n in range(9)] + ["v_copy_3.png"], (1, 9, 9)),
     "a folder per camera": ([f"cam{n:02d}/frame.jpg" for n in range(16)], (1, 16, 16)),
@@ -195,25 +298,56 @@ def test_numbers_that_count_no_views_are_told_apart(habit: str) -> None:
 
 
 def test_three_numbers_alike_leave_a_doubt_and_roman_numerals_say_nothing() -> None:
-    numbered = read_names(tuple(f"{r}_{c}_{f}.png" for r in range(3) for c in range(4) for f in range(2)))
+    numbered = read_names(
+        tuple(f"{r}_{c}_{f}.png" for r in range(3) for c in range(4) for f in range(2))
+    )
     assert numbered is not None and "frames" in numbered.doubt
-    assert read_names(tuple(f"view {name}.png" for name in ("I", "II", "III", "IV", "V", "VI", "VII", "VIII", "IX"))) is None
+    assert (
+        read_names(
+            tuple(
+                f"view {name}.png"
+                for name in ("I", "II", "III", "IV", "V", "VI", "VII", "VIII", "IX")
+            )
+        )
+        is None
+    )
 
 
 def test_twenty_thousand_unrelated_names_are_read_at_once() -> None:
     rng = np.random.default_rng(0)
-    words = ["holiday", "beach", "cat", "dog", "DSC", "IMG", "scan", "photo", "final", "new", "copy"]
-    names = {f"{'_'.join(rng.choice(words, 3, False))}_{rng.integers(10**6)}.{rng.choice(['jpg', 'png'])}" for _ in range(20_000)}
-    numbered = read_names(tuple(sorted(names)))  # in a second; comparing each family with each other took minutes
+    words = [
+        "holiday",
+        "beach",
+        "cat",
+        "dog",
+        "DSC",
+        "IMG",
+        "scan",
+        "photo",
+        "final",
+        "new",
+        "copy",
+    ]
+    names = {
+        f"{'_'.join(rng.choice(words, 3, False))}_{rng.integers(10**6)}.{rng.choice(['jpg', 'png'])}"
+        for _ in range(20_000)
+    }
+    numbered = read_names(
+        tuple(sorted(names))
+    )  # in a second; comparing each family with each other took minutes
     assert numbered is not None and len(numbered.views) < 100
 
 
 def test_of_a_view_in_two_formats_the_lossless_one_in_colour_is_used(tmp_path: Path) -> None:
     for folder, other, end in (("a", "png", ".png"), ("b", "tif", ".jpg")):
         made.write_grid(tmp_path / folder, GRID, "v_{r}_{c}.jpg")
-        made.write_grid(tmp_path / folder, GRID if other == "png" else GRID[..., 1], "v_{r}_{c}." + other)
+        made.write_grid(
+            tmp_path / folder, GRID if other == "png" else GRID[..., 1], "v_{r}_{c}." + other
+        )
         source = layouts.describe(tmp_path / folder, AUTO)
-        assert (source.rows, source.cols) == (3, 4) and {path.suffix for path in source.files} == {end}
+        assert (source.rows, source.cols) == (3, 4) and {path.suffix for path in source.files} == {
+            end
+        }
         assert any("12 of 24 files used" in note for note in source.notes)
 
 
@@ -225,14 +359,20 @@ def test_folders_of_two_eyes_of_maps_and_of_rows(tmp_path: Path) -> None:
     made.write_grid(tmp_path / "scene" / "rgb", GRID)
     made.write_grid(tmp_path / "scene" / "depth", GRID[..., 1])
     source = layouts.describe(tmp_path / "scene", AUTO)
-    assert (source.rows, source.cols) == (3, 4) and "the pictures are those of rgb; not used: depth/" in source.notes
+    assert (source.rows, source.cols) == (
+        3,
+        4,
+    ) and "the pictures are those of rgb; not used: depth/" in source.notes
     made.write_grid(tmp_path / "rows", GRID, "row_{r}/{c}.png")
     made.write(tmp_path / "rows" / "preview.png", GRID[1, 1])
     source = layouts.describe(tmp_path / "rows", AUTO)
     assert (source.rows, source.cols) == (3, 4) and "not used: preview.png" in source.notes
 
 
-@pytest.mark.parametrize("names", [("flowers", "knights"), ("a", "scene 1", "scene 2"), ("images", "images_4", "images_8")])
+@pytest.mark.parametrize(
+    "names",
+    [("flowers", "knights"), ("a", "scene 1", "scene 2"), ("images", "images_4", "images_8")],
+)
 def test_folders_of_several_scenes_are_refused(names: tuple[str, ...], tmp_path: Path) -> None:
     for name in names:
         made.write_grid(tmp_path / name, GRID)
@@ -252,9 +392,13 @@ def test_a_picture_beside_no_more_than_one_below_it(below: str, tmp_path: Path) 
 @pytest.mark.parametrize("orientation", [3, 6, 8])
 def test_photographs_of_a_phone_held_upright(orientation: int, tmp_path: Path) -> None:
     grid = made.views(1, 7, 128, 96)
-    lying = {3: cv2.ROTATE_180, 6: cv2.ROTATE_90_COUNTERCLOCKWISE, 8: cv2.ROTATE_90_CLOCKWISE}[orientation]
+    lying = {3: cv2.ROTATE_180, 6: cv2.ROTATE_90_COUNTERCLOCKWISE, 8: cv2.ROTATE_90_CLOCKWISE}[
+        orientation
+    ]
     for n, view in enumerate(grid[0]):
-        stored = cv2.imencode(".jpg", cv2.rotate(view[..., ::-1], lying), [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
+        stored = cv2.imencode(
+            ".jpg", cv2.rotate(view[..., ::-1], lying), [cv2.IMWRITE_JPEG_QUALITY, 95]
+        )[1].tobytes()
         (tmp_path / f"IMG_{4026 + n}.JPG").write_bytes(with_exif(stored, orientation))
     source = layouts.describe(tmp_path, AUTO)
     assert (source.rows, source.cols, source.height_px, source.width_px) == (1, 7, 128, 96)

@@ -36,7 +36,13 @@ def test_flow_finds_the_direction_of_a_line(shape: tuple[int, int], flip: bool) 
     for laid in (line, line.swapaxes(0, 1)):  # numbered files know no line from a column
         found = orient(as_source(laid), AUTO)
         rows, cols = found.turn.grid(*laid.shape[:2])
-        assert np.array_equal([[laid[found.turn.file_index(r, c, rows, cols)] for c in range(cols)] for r in range(rows)], grid)
+        assert np.array_equal(
+            [
+                [laid[found.turn.file_index(r, c, rows, cols)] for c in range(cols)]
+                for r in range(rows)
+            ],
+            grid,
+        )
 
 
 def test_views_without_difference_are_undecided() -> None:
@@ -48,8 +54,15 @@ def test_views_without_difference_are_undecided() -> None:
 
 @pytest.mark.parametrize("half_turn", [False, True])
 def test_one_way_motion_does_not_decide_the_half_turn(half_turn: bool) -> None:
-    wall = made.texture(192, 256, 4)  # one surface: nothing hides anything, and cameras may converge in front of it
-    grid = np.array([[wall[40 + 4 * r : 136 + 4 * r, 40 + 4 * c : 168 + 4 * c] for c in range(5)] for r in range(5)])
+    wall = made.texture(
+        192, 256, 4
+    )  # one surface: nothing hides anything, and cameras may converge in front of it
+    grid = np.array(
+        [
+            [wall[40 + 4 * r : 136 + 4 * r, 40 + 4 * c : 168 + 4 * c] for c in range(5)]
+            for r in range(5)
+        ]
+    )
     found = orient(as_source(grid[::-1, ::-1] if half_turn else grid), AUTO)
     assert (found.turn, found.half_turn_sure) == (Turn(), False)
     assert "near and far" in found.undecided
@@ -75,21 +88,32 @@ def test_a_layouts_habit_gives_way_to_clear_flow_only() -> None:
 
 
 @given(st.booleans(), st.booleans(), st.booleans(), st.integers(1, 6), st.integers(1, 6))
-def test_a_turn_visits_every_place_once(flip_rows: bool, flip_cols: bool, transpose: bool, rows: int, cols: int) -> None:
+def test_a_turn_visits_every_place_once(
+    flip_rows: bool, flip_cols: bool, transpose: bool, rows: int, cols: int
+) -> None:
     turn = Turn(flip_rows, flip_cols, transpose)
     file_rows, file_cols = turn.grid(rows, cols)
     seen = {turn.file_index(r, c, rows, cols) for r in range(rows) for c in range(cols)}
     assert seen == {(r, c) for r in range(file_rows) for c in range(file_cols)}
 
 
-@given(st.booleans(), st.booleans(), st.booleans(), st.integers(2, 6), st.integers(2, 6), st.integers(0, 2**31))
+@given(
+    st.booleans(),
+    st.booleans(),
+    st.booleans(),
+    st.integers(2, 6),
+    st.integers(2, 6),
+    st.integers(0, 2**31),
+)
 def test_coordinates_give_the_turn_and_the_jitter(
     rows_on: bool, cols_on: bool, across: bool, rows: int, cols: int, seed: int
 ) -> None:
     turn = Turn(rows_on, cols_on, across)
     rng = np.random.default_rng(seed)
     jitter = rng.uniform(-0.1, 0.1, (rows, cols, 2))
-    canonical = (np.stack(np.meshgrid(np.arange(rows), np.arange(cols), indexing="ij"), axis=2) + jitter) * 8.6 + 1000
+    canonical = (
+        np.stack(np.meshgrid(np.arange(rows), np.arange(cols), indexing="ij"), axis=2) + jitter
+    ) * 8.6 + 1000
     stood = turned(canonical, turn)
     assert coordinate_turn(stood) == turn
     offsets = grid_offsets(turn.applied(stood))
@@ -120,11 +144,22 @@ def test_sample_scenes_need_no_override(name: str) -> None:
     found = orient(source, AUTO)
     assert (source.layout, source.rows, source.cols, found.turn) == SCENES[name]
     assert found.half_turn_sure != ("near and far" in found.undecided)
-    rows, cols = (source.rows + 3) // 4, (source.cols + 3) // 4  # plausible, as is every fourth view of it
-    for views in (source, attrs.evolve(source, rows=rows, cols=cols, read=lambda f, r, c: source.read(f, 4 * r, 4 * c))):
+    rows, cols = (
+        (source.rows + 3) // 4,
+        (source.cols + 3) // 4,
+    )  # plausible, as is every fourth view of it
+    for views in (
+        source,
+        attrs.evolve(
+            source, rows=rows, cols=cols, read=lambda f, r, c: source.read(f, 4 * r, 4 * c)
+        ),
+    ):
         evidence = examine(views)
         assert evidence is None or not evidence.reason
-    if name in ("hci_antinous", "stanford_lego_knights_17x17"):  # flow agrees, or says that it does not know
+    if name in (
+        "hci_antinous",
+        "stanford_lego_knights_17x17",
+    ):  # flow agrees, or says that it does not know
         blind = orient(attrs.evolve(source, turn=None, truth={}, coordinates=None), AUTO)
         assert (blind.by, blind.half_turn_sure) == ("flow", name == "hci_antinous")
         assert not blind.half_turn_sure or (blind.turn, blind.undecided) == (found.turn, "")
@@ -132,18 +167,30 @@ def test_sample_scenes_need_no_override(name: str) -> None:
 
 def test_views_too_small_for_flow_are_said_to_be() -> None:
     for size in ((1, 1), (6, 8), (23, 200)):
-        order = orient(as_source(np.random.default_rng(0).integers(0, 256, (3, 3, *size, 3), np.uint8)), AUTO)
-        assert (order.turn, order.by) == (Turn(), "nothing") and "too small" in order.reason and order.undecided
+        order = orient(
+            as_source(np.random.default_rng(0).integers(0, 256, (3, 3, *size, 3), np.uint8)), AUTO
+        )
+        assert (
+            (order.turn, order.by) == (Turn(), "nothing")
+            and "too small" in order.reason
+            and order.undecided
+        )
 
 
 def disturbed(grid: np.ndarray, kind: int) -> np.ndarray:
     """Cameras that converge elsewhere, noise, blur, or a part of the picture; grid: uint8 (rows, cols, h, w)."""
     rng = np.random.default_rng(kind)
     rows, cols, height, width = grid.shape
-    shift, sigma, blur = int(rng.integers(-5, 6)), float(rng.choice([0, 0, 4, 12])), float(rng.choice([0, 0, 3]))
+    shift, sigma, blur = (
+        int(rng.integers(-5, 6)),
+        float(rng.choice([0, 0, 4, 12])),
+        float(rng.choice([0, 0, 3])),
+    )
     out = np.empty_like(grid)
     for r, c in product(range(rows), range(cols)):
-        move = np.array([[1, 0, shift * (c - cols // 2)], [0, 1, shift * (r - rows // 2)]], np.float32)
+        move = np.array(
+            [[1, 0, shift * (c - cols // 2)], [0, 1, shift * (r - rows // 2)]], np.float32
+        )
         view = cv2.warpAffine(grid[r, c], move, (width, height), borderMode=cv2.BORDER_REPLICATE)
         view = cv2.GaussianBlur(view, (0, 0), blur) if blur else view
         out[r, c] = np.clip(view + rng.normal(0, sigma, view.shape), 0, 255)
@@ -162,7 +209,9 @@ def test_certainty_on_made_scenes() -> None:
         order = orient(source, AUTO)
         rows, cols = order.turn.grid(source.rows, source.cols)
         places = list(product(range(rows), range(cols)))
-        right = [order.turn.file_index(*p, rows, cols) for p in places] == [turn.file_index(*p, *scene.shape[:2]) for p in places]
+        right = [order.turn.file_index(*p, rows, cols) for p in places] == [
+            turn.file_index(*p, *scene.shape[:2]) for p in places
+        ]
         judged.append((order.sure, right))
     assert all(right for sure, right in judged if sure)
     assert sum(sure for sure, _ in judged) >= 0.4 * len(judged)

@@ -26,7 +26,14 @@ def test_axes_agree_as_their_disparities_correlate(scale: float, reverse: bool, 
     values = np.random.default_rng(seed).normal(0, 1, (20, 30))
     sign = -1 if reverse else 1
     assert same_way(axis(values), axis(sign * scale * values + 3)) == pytest.approx(sign, abs=1e-4)
-    assert abs(same_way(axis(values), axis(np.random.default_rng(seed + 100).normal(0, 1, values.shape)))) < ALIKE
+    assert (
+        abs(
+            same_way(
+                axis(values), axis(np.random.default_rng(seed + 100).normal(0, 1, values.shape))
+            )
+        )
+        < ALIKE
+    )
     few = np.zeros(values.shape, bool)
     few.ravel()[:199] = True
     assert same_way(axis(values, few), axis(values)) == 0.0
@@ -46,17 +53,25 @@ def test_axes_agree_as_their_disparities_correlate(scale: float, reverse: bool, 
         (-2.0, -1.5, 0.9),
     ],
 )
-def test_a_flat_wall_moves_as_one_and_by_as_much_along_both_axes(first: float, second: float, alike: float) -> None:
+def test_a_flat_wall_moves_as_one_and_by_as_much_along_both_axes(
+    first: float, second: float, alike: float
+) -> None:
     rng = np.random.default_rng(0)
-    walls = [axis(at + rng.normal(0, noise, (20, 30))) for at, noise in ((first, 1e-3), (second, 1e-3))]
+    walls = [
+        axis(at + rng.normal(0, noise, (20, 30))) for at, noise in ((first, 1e-3), (second, 1e-3))
+    ]
     assert same_way(*walls) == pytest.approx(alike, abs=0.15)
     constant = axis(np.full((20, 30), first)), axis(np.full((20, 30), second))
     assert same_way(*constant) == alike
-    assert same_way(axis(np.full((20, 30), first)), axis(np.full((20, 30), 2 * first))) == 0.0, "by twice as much"
+    assert same_way(axis(np.full((20, 30), first)), axis(np.full((20, 30), 2 * first))) == 0.0, (
+        "by twice as much"
+    )
     leaning = axis(first + rng.normal(0, 0.05 * abs(first), (20, 30)))
     other = axis(leaning.disparity * second / first + rng.normal(0, 0.03 * abs(second), (20, 30)))
     correlated = np.corrcoef(leaning.disparity.ravel(), other.disparity.ravel())[0, 1]
-    assert same_way(leaning, other) == pytest.approx(correlated), "what correlates says more than a mean"
+    assert same_way(leaning, other) == pytest.approx(correlated), (
+        "what correlates says more than a mean"
+    )
     rough = [axis(at + rng.normal(0, 0.4 * abs(at), (20, 30))) for at in (first, second)]
     assert abs(same_way(*rough)) < 0.3, "no wall: it varies"
 
@@ -68,9 +83,14 @@ def test_an_axis_is_measured_by_what_moves(sideways: bool, px: float) -> None:
     views = grid if sideways else grid.swapaxes(1, 2)
     found = examine_axis(lambda k: views[k], len(views))
     assert found is not None and found.sideways is sideways
-    assert found.along_px == pytest.approx(abs(px), rel=0.2, abs=0.1) and found.across_px < 0.1 + 0.1 * abs(px)
+    assert found.along_px == pytest.approx(
+        abs(px), rel=0.2, abs=0.1
+    ) and found.across_px < 0.1 + 0.1 * abs(px)
     assert np.median(found.disparity[found.reliable]) == pytest.approx(px, rel=0.1)
-    assert examine_axis(lambda k: views[k], 1) is None and examine_axis(lambda k: views[k], 2) is not None
+    assert (
+        examine_axis(lambda k: views[k], 1) is None
+        and examine_axis(lambda k: views[k], 2) is not None
+    )
 
 
 @pytest.mark.parametrize(("px", "by"), [(0.4, "flow"), (0.0, "nothing")])
@@ -88,7 +108,10 @@ def test_views_that_move_across_their_line_are_no_line() -> None:
 def test_a_grid_whose_columns_stand_still_is_a_doubtful_one() -> None:
     line = made.views(1, 7)
     order = orient(source(np.repeat(line, 3, axis=0)), AUTO)
-    assert (order.by, order.turn.transpose) == ("flow", False) and "whether the grid is one" in order.undecided
+    assert (order.by, order.turn.transpose) == (
+        "flow",
+        False,
+    ) and "whether the grid is one" in order.undecided
 
 
 TRUTH = {(2, 2): made.middle_disparity}
@@ -99,13 +122,27 @@ def test_true_disparity_corrects_a_layout(turn: Turn) -> None:
     """The map of the middle view lands on the neighbouring views in one order only."""
     asked = source(turned(made.views(5, 5), turn), turn=Turn(), turn_by="names", truth=TRUTH)
     asked = attrs.evolve(
-        asked, read=lambda f, r, c, read=asked.read: read(f, r, c) if (r, c) != (3, 3) else pytest.fail("no neighbour")
+        asked,
+        read=lambda f, r, c, read=asked.read: (
+            read(f, r, c) if (r, c) != (3, 3) else pytest.fail("no neighbour")
+        ),
     )
     order = orient(asked, AUTO)
-    assert order.turn == turn and order.by == ("layout" if turn == Turn() else "truth") and order.sure and order.half_turn_sure
-    assert orient(attrs.evolve(asked, rendered=True), AUTO).turn == Turn(), "not asked where the program drew it"
-    assert orient(attrs.evolve(asked, missing=frozenset({(2, 3)})), AUTO).by != "truth", "a neighbour is missing"
-    assert orient(attrs.evolve(asked, truth={(0, 2): made.middle_disparity}), AUTO).by != "truth", "not of the middle view"
+    assert (
+        order.turn == turn
+        and order.by == ("layout" if turn == Turn() else "truth")
+        and order.sure
+        and order.half_turn_sure
+    )
+    assert orient(attrs.evolve(asked, rendered=True), AUTO).turn == Turn(), (
+        "not asked where the program drew it"
+    )
+    assert orient(attrs.evolve(asked, missing=frozenset({(2, 3)})), AUTO).by != "truth", (
+        "a neighbour is missing"
+    )
+    assert orient(attrs.evolve(asked, truth={(0, 2): made.middle_disparity}), AUTO).by != "truth", (
+        "not of the middle view"
+    )
     for shape in ((1, 5), (5, 1)):
         middle = {(shape[0] // 2, shape[1] // 2): made.middle_disparity}
         line = source(made.views(*shape)[::-1, ::-1], turn=Turn(), turn_by="names", truth=middle)
@@ -114,13 +151,22 @@ def test_true_disparity_corrects_a_layout(turn: Turn) -> None:
 
 def test_a_map_that_matches_nowhere_changes_nothing() -> None:
     flat = {(2, 2): lambda: np.zeros((96, 128), np.float32)}
-    assert orient(source(made.views(5, 5), turn=Turn(rows=True), turn_by="names", truth=flat), AUTO).turn == Turn(rows=True)
-    both = {(1, 1): lambda: -made.middle_disparity(), **TRUTH, (3, 3): lambda: -made.middle_disparity()}
-    assert orient(source(made.views(5, 5)[::-1], turn=Turn(), turn_by="names", truth=both), AUTO).turn == Turn(rows=True)
+    assert orient(
+        source(made.views(5, 5), turn=Turn(rows=True), turn_by="names", truth=flat), AUTO
+    ).turn == Turn(rows=True)
+    both = {
+        (1, 1): lambda: -made.middle_disparity(),
+        **TRUTH,
+        (3, 3): lambda: -made.middle_disparity(),
+    }
+    assert orient(
+        source(made.views(5, 5)[::-1], turn=Turn(), turn_by="names", truth=both), AUTO
+    ).turn == Turn(rows=True)
 
 
 @pytest.mark.parametrize(
-    ("flip", "transpose", "by"), [("auto", "no", "flow"), ("auto", "yes", "override"), ("none", "auto", "override")]
+    ("flip", "transpose", "by"),
+    [("auto", "no", "flow"), ("auto", "yes", "override"), ("none", "auto", "override")],
 )
 def test_a_setting_that_changes_nothing_is_no_override(flip: str, transpose: str, by: str) -> None:
     order = orient(source(made.views(5, 5)), config.Scene(flip=flip, transpose=transpose))
@@ -142,7 +188,9 @@ def test_a_pack_leaves_the_half_turn_to_the_session(turn: Turn) -> None:
     assert order.truth_sign == (-1 if turn.cols else 1)
     asked = Orientation(turn, "override", "", detected=Turn())
     assert (asked.half_turn, asked.packed) == (False, turn)
-    assert asked.truth_sign == (0 if turn.transpose or turn.rows != turn.cols else -1 if turn.cols else 1)
+    assert asked.truth_sign == (
+        0 if turn.transpose or turn.rows != turn.cols else -1 if turn.cols else 1
+    )
 
 
 @pytest.mark.parametrize(("near_px", "far_px"), [(2.0, -1.0), (1.0, 0.5)])
@@ -156,10 +204,14 @@ def test_depth_is_that_of_the_middle_view_in_either_way(near_px: float, far_px: 
     ):
         depth = orient(source(grid, **more), AUTO).depth
         assert depth is not None
-        assert depth["max_px"] == pytest.approx(near_px, abs=0.4) and depth["min_px"] == pytest.approx(far_px, abs=0.4)
+        assert depth["max_px"] == pytest.approx(near_px, abs=0.4) and depth[
+            "min_px"
+        ] == pytest.approx(far_px, abs=0.4)
     column = orient(source(grid[:, 2:3], turn=Turn(), turn_by="names", turn_firm=True), AUTO).depth
     assert column is not None and column["max_px"] == pytest.approx(near_px, abs=0.4)
-    turned = orient(source(grid[::-1, ::-1], turn=Turn(True, True), turn_by="names", turn_firm=True), AUTO)
+    turned = orient(
+        source(grid[::-1, ::-1], turn=Turn(True, True), turn_by="names", turn_firm=True), AUTO
+    )
     assert turned.depth is not None and turned.depth["max_px"] == pytest.approx(-far_px, abs=0.4), (
         "of the pack, without the half-turn"
     )

@@ -40,10 +40,16 @@ def pictures(field: LightField) -> np.ndarray:
 
 
 def left_over(scene: config.Scene) -> list[str]:
-    return [path.name for path in (Path(scene.cache_dir) / "scenes").iterdir() if path.name.startswith(".")]
+    return [
+        path.name
+        for path in (Path(scene.cache_dir) / "scenes").iterdir()
+        if path.name.startswith(".")
+    ]
 
 
-def test_a_pack_holds_the_views_planar_and_the_disparity_and_is_made_once(folder: Path, scene_config: config.Scene) -> None:
+def test_a_pack_holds_the_views_planar_and_the_disparity_and_is_made_once(
+    folder: Path, scene_config: config.Scene
+) -> None:
     seen: list[tuple[str, int, int]] = []
 
     def pack() -> LightField:
@@ -54,11 +60,23 @@ def test_a_pack_holds_the_views_planar_and_the_disparity_and_is_made_once(folder
     field = pack()
     assert np.array_equal(pictures(field), made.views(3, 3)) and not field.views.flags.writeable
     assert field.disparity is not None and field.disparity.shape == (1, 3, 3, 48, 64)
-    assert (field.disparity_min_px, field.disparity_max_px, field.disparity_source) == (-1.0, 2.0, "truth")
-    wrong = np.abs(field.disparity[0, 1, 1] * np.float32(field.disparity_scale_px) - made.middle_disparity()[::2, ::2])
+    assert (field.disparity_min_px, field.disparity_max_px, field.disparity_source) == (
+        -1.0,
+        2.0,
+        "truth",
+    )
+    wrong = np.abs(
+        field.disparity[0, 1, 1] * np.float32(field.disparity_scale_px)
+        - made.middle_disparity()[::2, ::2]
+    )
     assert np.median(wrong) < 0.15 and np.mean(wrong > 0.7) < 0.15  # the rims of the shapes
-    assert field.method in ("warp", "warp2") and field.manifest["scores"]["warp"] > field.manifest["scores"]["nearest"]
-    assert [report for report in seen if report[0] == "views"][-1] == ("views", 9, 9) and left_over(scene_config) == []
+    assert (
+        field.method in ("warp", "warp2")
+        and field.manifest["scores"]["warp"] > field.manifest["scores"]["nearest"]
+    )
+    assert [report for report in seen if report[0] == "views"][-1] == ("views", 9, 9) and left_over(
+        scene_config
+    ) == []
     assert pack().name == "scene" and seen == []
     os.utime(folder / "input_Cam004.png")
     assert cache.find_pack(folder, scene_config) is None
@@ -67,7 +85,9 @@ def test_a_pack_holds_the_views_planar_and_the_disparity_and_is_made_once(folder
     assert pack().folder != field.folder
 
 
-def test_threads_that_change_places_anywhere_write_a_pack(folder: Path, scene_config: config.Scene) -> None:
+def test_threads_that_change_places_anywhere_write_a_pack(
+    folder: Path, scene_config: config.Scene
+) -> None:
     """Python 3.11's parser fails when another thread parses meanwhile, as numpy does for the header of an .npy file."""
 
     def change_places(*_: object) -> None:
@@ -89,7 +109,9 @@ def test_the_users_word_makes_another_pack(folder: Path, scene_config: config.Sc
     assert np.array_equal(turned.views, plain.views[:, ::-1, ::-1])
     # Near and far exchanged: truth follows with its sign.
     assert (turned.disparity_min_px, turned.disparity_max_px) == (-2.0, 1.0)
-    assert pack_scene(folder, attrs.evolve(scene_config, flip="rows")).disparity_source == "estimated"
+    assert (
+        pack_scene(folder, attrs.evolve(scene_config, flip="rows")).disparity_source == "estimated"
+    )
 
 
 def test_truth_holds_with_the_order_it_told(tmp_path: Path, scene_config: config.Scene) -> None:
@@ -110,20 +132,27 @@ def test_gamma_grey_and_depth(tmp_path: Path, scene_config: config.Scene) -> Non
     assert np.array_equal(field.views[0, :, :, 0], np.rint(255 * np.sqrt(values[..., 0] / 1023)))
 
 
-def test_one_coloured_view_makes_a_scene_coloured(tmp_path: Path, scene_config: config.Scene) -> None:
+def test_one_coloured_view_makes_a_scene_coloured(
+    tmp_path: Path, scene_config: config.Scene
+) -> None:
     grid = np.repeat(made.views(4, 4, 48, 64)[..., :1], 3, axis=-1)
     grid[1, 1, 5, 5] = (1, 2, 3)  # not among the views looked at first
     made.write_grid(tmp_path, grid)
     assert pack_scene(tmp_path, scene_config).channels == 3
 
 
-def test_missing_corners_are_made_from_the_nearest_view(tmp_path: Path, scene_config: config.Scene) -> None:
+def test_missing_corners_are_made_from_the_nearest_view(
+    tmp_path: Path, scene_config: config.Scene
+) -> None:
     grid = made.views(5, 5, 48, 64)
     made.write_grid(tmp_path, grid, "{r:03d}_{c:03d}.png")
     (tmp_path / "000_000.png").unlink()
     field = pack_scene(tmp_path, attrs.evolve(scene_config, flip="none"))
     assert [tuple(place) for place in np.argwhere(~field.present)] == [(0, 0)]
-    true, beside = grid[0, 0].transpose(2, 0, 1).astype(float), np.asarray(field.views[0, 0, 1], float)
+    true, beside = (
+        grid[0, 0].transpose(2, 0, 1).astype(float),
+        np.asarray(field.views[0, 0, 1], float),
+    )
     assert np.abs(field.views[0, 0, 0] - true).mean() < 0.6 * np.abs(beside - true).mean()
 
 
@@ -144,7 +173,10 @@ def _other_version(pack: Path) -> None:
 
 
 DAMAGES: dict[str, Callable[[Path], object]] = {
-    **{f"no {name}": lambda pack, name=name: (pack / name).unlink() for name in ("views.npy", "disparity.npy", "manifest.json")},
+    **{
+        f"no {name}": lambda pack, name=name: (pack / name).unlink()
+        for name in ("views.npy", "disparity.npy", "manifest.json")
+    },
     "another version": _other_version,
     "cut": lambda pack: os.truncate(pack / "views.npy", 1000),
     "empty manifest": lambda pack: (pack / "manifest.json").write_text("{}"),
@@ -156,7 +188,9 @@ DAMAGES: dict[str, Callable[[Path], object]] = {
 }
 
 
-def test_a_damaged_pack_is_refused_and_made_again(folder: Path, scene_config: config.Scene, tmp_path: Path) -> None:
+def test_a_damaged_pack_is_refused_and_made_again(
+    folder: Path, scene_config: config.Scene, tmp_path: Path
+) -> None:
     pack = Path(pack_scene(folder, scene_config).folder)
     for kind, damage in DAMAGES.items():
         damaged = shutil.copytree(pack, tmp_path / kind.replace("/", " "))
@@ -176,7 +210,9 @@ def test_what_cannot_be_finished_leaves_nothing(folder: Path, scene_config: conf
     assert cache.find_pack(folder, scene_config) is None
 
 
-def test_a_pack_in_use_stays_until_nobody_has_it_open(folder: Path, scene_config: config.Scene) -> None:
+def test_a_pack_in_use_stays_until_nobody_has_it_open(
+    folder: Path, scene_config: config.Scene
+) -> None:
     pack_scene(folder, scene_config)
     found = cache.packs(scene_config)[0][0]
     field = open_pack(found)
@@ -188,7 +224,9 @@ def test_a_pack_in_use_stays_until_nobody_has_it_open(folder: Path, scene_config
         open_pack(found)
 
 
-def test_the_first_picture_needs_the_views_in_the_middle_only(tmp_path: Path, scene_config: config.Scene) -> None:
+def test_the_first_picture_needs_the_views_in_the_middle_only(
+    tmp_path: Path, scene_config: config.Scene
+) -> None:
     grid, folder, seen = made.views(5, 5), with_truth(tmp_path / "scene", 5), list[LightField]()
 
     def stop(pack: Path) -> None:
@@ -221,7 +259,10 @@ def test_an_entry_of_the_index_that_is_no_small_file_is_passed_over(
 
 def test_a_link_in_one_pack_hides_no_other(tmp_path: Path, scene_config: config.Scene) -> None:
     for name in ("a", "b"):
-        pack_scene(made.write_grid(tmp_path / name, made.views(2, 2, 24, 32 + 8 * (name == "b"))), scene_config)
+        pack_scene(
+            made.write_grid(tmp_path / name, made.views(2, 2, 24, 32 + 8 * (name == "b"))),
+            scene_config,
+        )
     for pack in (tmp_path / "cache" / "scenes").iterdir():
         (pack / "loop").symlink_to("loop")
     assert len(cache.packs(scene_config)) == 2

@@ -27,15 +27,22 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path / "scene"
 
 
-def test_a_scene_is_packed_by_a_child_once_and_its_facts_need_no_pack(folder: Path, scene_config: config.Scene) -> None:
+def test_a_scene_is_packed_by_a_child_once_and_its_facts_need_no_pack(
+    folder: Path, scene_config: config.Scene
+) -> None:
     facts = ask_packer(folder, scene_config, do="info")
-    assert (facts["rows"], facts["cols"], facts["pack"]) == (3, 3, None) and packed(folder, scene_config) is None
+    assert (facts["rows"], facts["cols"], facts["pack"]) == (3, 3, None) and packed(
+        folder, scene_config
+    ) is None
     steps: list[str] = []
     field = open_scene(folder, scene_config, lambda what, *_: steps.append(what))
     assert (field.rows, field.cols, field.complete) == (3, 3, True) and field.disparity is not None
     assert steps.index("views") < steps.index("disparity")
     steps.clear()
-    assert open_scene(folder, scene_config, lambda what, *_: steps.append(what)).folder == field.folder and not steps
+    assert (
+        open_scene(folder, scene_config, lambda what, *_: steps.append(what)).folder == field.folder
+        and not steps
+    )
 
 
 def test_a_folder_of_scenes_stands_for_them(folder: Path, scene_config: config.Scene) -> None:
@@ -47,7 +54,9 @@ def test_a_folder_of_scenes_stands_for_them(folder: Path, scene_config: config.S
         opened.packing.close()
 
 
-def test_a_killed_packer_leaves_a_pack_that_the_next_completes(folder: Path, scene_config: config.Scene) -> None:
+def test_a_killed_packer_leaves_a_pack_that_the_next_completes(
+    folder: Path, scene_config: config.Scene
+) -> None:
     with closing(Packing([folder], scene_config)) as packing:
         packing.wait(lambda: packing.views is not None)
         assert packing.views is not None and not packing.views.complete
@@ -104,7 +113,9 @@ def test_too_much_memory_is_a_refusal(tmp_path: Path, scene_config: config.Scene
         "except UserError as error: print(bool(error.remedy), resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)"
     )
     words = [sys.executable, "-c", code, tmp_path / "big.png", scene_config.cache_dir]
-    remedy, peak_kb = subprocess.run(words, capture_output=True, text=True, check=True).stdout.split()
+    remedy, peak_kb = subprocess.run(
+        words, capture_output=True, text=True, check=True
+    ).stdout.split()
     assert remedy == "True" and int(peak_kb) < 300_000
 
 
@@ -115,9 +126,16 @@ def test_the_packer_ends_with_its_parent(folder: Path, scene_config: config.Scen
         "print(packing._process.pid, flush=True); os.kill(os.getpid(), 9)"
     )
     os.mkfifo(folder / "x")
-    run = subprocess.run([sys.executable, "-c", code, str(folder), scene_config.cache_dir], capture_output=True, text=True)
+    run = subprocess.run(
+        [sys.executable, "-c", code, str(folder), scene_config.cache_dir],
+        capture_output=True,
+        text=True,
+    )
     pid, end = int(run.stdout), time.monotonic() + 20
-    while Path(f"/proc/{pid}").exists() and "Z" not in Path(f"/proc/{pid}/stat").read_text().split(")")[1]:
+    while (
+        Path(f"/proc/{pid}").exists()
+        and "Z" not in Path(f"/proc/{pid}/stat").read_text().split(")")[1]
+    ):
         assert time.monotonic() < end, "the child is still there"
         time.sleep(0.05)
 

@@ -27,17 +27,28 @@ PICTURE = made.views(1, 1, 96, 128, 1.0, -1.0)[0, 0]
 DISPARITY = made.middle_disparity(96, 128, 1.0, -1.0)
 DEPTH = np.repeat(((DISPARITY + 1) * 127).astype(np.uint8)[..., None], 3, axis=2)
 FAR_WHITE = np.asarray((1 - DISPARITY) * 127, np.uint8)
-FLOOR = np.repeat(np.linspace(20, 230, 96).astype(np.uint8)[:, None], 128, axis=1)  # brighter below, where a floor is nearer
+FLOOR = np.repeat(
+    np.linspace(20, 230, 96).astype(np.uint8)[:, None], 128, axis=1
+)  # brighter below, where a floor is nearer
 Make = Callable[[Path], Path]
 
 
 def jpeg(picture: np.ndarray) -> bytes:
-    return bytes(cv2.imencode(".jpg", picture if picture.ndim == 2 else picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 97])[1])
+    return bytes(
+        cv2.imencode(
+            ".jpg",
+            picture if picture.ndim == 2 else picture[..., ::-1],
+            [cv2.IMWRITE_JPEG_QUALITY, 97],
+        )[1]
+    )
 
 
 def files(**pictures: np.ndarray) -> Make:
     """Pictures in a folder, which is given; `_` before the ending."""
-    return lambda folder: [*(made.write(folder / ".".join(k.rsplit("_", 1)), v) for k, v in pictures.items()), folder][-1]
+    return lambda folder: [
+        *(made.write(folder / ".".join(k.rsplit("_", 1)), v) for k, v in pictures.items()),
+        folder,
+    ][-1]
 
 
 def one(name: str, picture: np.ndarray | bytes, size: tuple[int, int] | None = None) -> Make:
@@ -45,7 +56,12 @@ def one(name: str, picture: np.ndarray | bytes, size: tuple[int, int] | None = N
         if isinstance(picture, bytes):
             (folder / name).write_bytes(picture)
         else:
-            made.write(folder / name, picture if size is None else cv2.resize(picture, size, interpolation=cv2.INTER_AREA))
+            made.write(
+                folder / name,
+                picture
+                if size is None
+                else cv2.resize(picture, size, interpolation=cv2.INTER_AREA),
+            )
         return folder / name
 
     return make
@@ -54,7 +70,9 @@ def one(name: str, picture: np.ndarray | bytes, size: tuple[int, int] | None = N
 def mpo(first: np.ndarray, second: np.ndarray) -> bytes:
     """Two JPEGs in one file, as cameras write it."""
     file = io.BytesIO()
-    Image.fromarray(first).save(file, "MPO", save_all=True, append_images=[Image.fromarray(second)], quality=97)
+    Image.fromarray(first).save(
+        file, "MPO", save_all=True, append_images=[Image.fromarray(second)], quality=97
+    )
     return file.getvalue()
 
 
@@ -63,7 +81,9 @@ PAIRS: dict[str, Make] = {
     "left, right": files(room_left_png=LEFT, room_right_png=RIGHT),
     "L, R": files(L_jpg=LEFT, R_jpg=RIGHT),
     "gauche, droite": files(gauche_jpg=LEFT, droite_jpg=RIGHT),
-    "Middlebury": files(im2_png=LEFT, im6_png=RIGHT, disp2_png=OTHER, disp6_png=OTHER, im3_png=OTHER),
+    "Middlebury": files(
+        im2_png=LEFT, im6_png=RIGHT, disp2_png=OTHER, disp6_png=OTHER, im3_png=OTHER
+    ),
     "with a map": files(a_r_left_png=LEFT, a_r_right_png=RIGHT, a_depth_png=OTHER),
     "side by side": one("x_sbs.png", BESIDE),
     "half side by side": one("x_half-sbs.png", BESIDE, (256, 192)),
@@ -80,7 +100,9 @@ WITH_DEPTH: dict[str, Make] = {
     "two files": files(x_png=PICTURE, x_depth_png=DEPTH[..., 0]),
     "named by content": files(rgb_png=PICTURE, depth_png=DEPTH[..., 0]),
     "named before": files(photo_png=PICTURE, depth_photo_png=DEPTH[..., 0]),
-    "named by a network": files(**{"photo_png": PICTURE, "photo-dpt_beit_large_512_png": DEPTH[..., 0]}),
+    "named by a network": files(
+        **{"photo_png": PICTURE, "photo-dpt_beit_large_512_png": DEPTH[..., 0]}
+    ),
 }
 
 
@@ -103,20 +125,29 @@ def test_of_an_album_of_pairs_the_first_is_shown_and_the_others_are_named(tmp_pa
         made.write(tmp_path / f"{number}_R.png", np.roll(RIGHT, roll, 0))
     source = layouts.describe(tmp_path, AUTO)
     assert (source.layout, source.rows, source.cols) == ("stereo", 1, 2)
-    assert np.array_equal(source.read(0, 0, 0), LEFT) and np.array_equal(source.read(0, 0, 1), RIGHT)
-    assert source.notes == ("2 of 6 files used; the others are 002_L.png, 002_R.png, 010_L.png, 010_R.png",)
+    assert np.array_equal(source.read(0, 0, 0), LEFT) and np.array_equal(
+        source.read(0, 0, 1), RIGHT
+    )
+    assert source.notes == (
+        "2 of 6 files used; the others are 002_L.png, 002_R.png, 010_L.png, 010_R.png",
+    )
 
 
 @pytest.mark.parametrize("above", [False, True])
 def test_halves_without_a_word_are_a_pair_by_their_content(tmp_path: Path, above: bool) -> None:
-    source = layouts.describe(one("x.png", np.vstack([LEFT, RIGHT]) if above else BESIDE)(tmp_path), AUTO)
+    source = layouts.describe(
+        one("x.png", np.vstack([LEFT, RIGHT]) if above else BESIDE)(tmp_path), AUTO
+    )
     order = orient(source, AUTO)
     assert source.layout == "stereo"
-    assert order.undecided or np.array_equal(source.read(0, *order.turn.file_index(0, 0, 1, 2)), LEFT)
+    assert order.undecided or np.array_equal(
+        source.read(0, *order.turn.file_index(0, 0, 1, 2)), LEFT
+    )
 
 
 @pytest.mark.parametrize(
-    ("picture", "layout"), [(made.mosaic(made.views(4, 4, 96, 128)), "mosaic"), (made.texture(192, 512, 5), "picture")]
+    ("picture", "layout"),
+    [(made.mosaic(made.views(4, 4, 96, 128)), "mosaic"), (made.texture(192, 512, 5), "picture")],
 )
 def test_other_pictures_are_no_pair(tmp_path: Path, picture: np.ndarray, layout: str) -> None:
     assert layouts.describe(one("x.png", picture)(tmp_path), AUTO).layout == layout
@@ -139,7 +170,10 @@ def test_near_moves_to_the_left_as_the_camera_moves_to_the_right(tmp_path: Path,
 def test_what_was_hidden_is_filled_from_behind() -> None:
     far, near = np.full((40, 60), 50, np.uint8), np.zeros((40, 60), bool)
     near[10:30, 20:40] = True
-    picture, disparity = np.where(near, 200, far).astype(np.uint8), np.where(near, 2.0, -1.0).astype(np.float32)
+    picture, disparity = (
+        np.where(near, 200, far).astype(np.uint8),
+        np.where(near, 2.0, -1.0).astype(np.float32),
+    )
     view = warped_view(picture, disparity, warped_disparity(disparity, 0, 3), 0, 3)
     assert (view == 200).sum() == pytest.approx(400, abs=45)
     assert not ((view > 60) & (view < 190)).sum() > 60
@@ -154,16 +188,22 @@ HOLES[60:70, 30:50] = HOLES[:, :6] = True
 @pytest.mark.parametrize(
     ("depth", "doubt"),
     [(FLOOR, False), (255 - FLOOR, True), (STRETCHED, False)]
-    + [(np.where(HOLES, 0, KINECT * per_m).astype(np.uint16), False) for per_m in (1000, 5000, 256)],  # Kinect; TUM; KITTI
+    + [
+        (np.where(HOLES, 0, KINECT * per_m).astype(np.uint16), False) for per_m in (1000, 5000, 256)
+    ],  # Kinect; TUM; KITTI
 )
-def test_a_depth_map_is_read_as_what_stands_lower_is_nearer(depth: np.ndarray, doubt: bool, tmp_path: Path) -> None:
+def test_a_depth_map_is_read_as_what_stands_lower_is_nearer(
+    depth: np.ndarray, doubt: bool, tmp_path: Path
+) -> None:
     source = layouts.describe(files(x_png=PICTURE, x_depth_png=depth)(tmp_path), AUTO)
     disparity = source.truth[2, 4]()
     above, below = float(disparity[2].mean()), float(disparity[-3].mean())
     assert below > above and bool(source.doubt) == doubt
     if depth.min() == 0 and depth is not STRETCHED:
         assert "distances" in source.notes[0]
-        assert np.abs(disparity[62:68, 32:48] - disparity[62:68, 60:76]).max() < 0.2 * (below - above)  # no pit, no peak
+        assert np.abs(disparity[62:68, 32:48] - disparity[62:68, 60:76]).max() < 0.2 * (
+            below - above
+        )  # no pit, no peak
 
 
 def test_two_files_of_one_name_are_a_picture_and_its_depth_or_one_picture(tmp_path: Path) -> None:
@@ -172,28 +212,46 @@ def test_two_files_of_one_name_are_a_picture_and_its_depth_or_one_picture(tmp_pa
         ("grey", PICTURE[..., 1], FLOOR, "rgbd", ["grey.jpg", "grey.png"]),
         ("moon", PICTURE[..., 1], PICTURE[..., 1], "picture", ["moon.png"]), ("sun", PICTURE, PICTURE, "picture", ["sun.png"]),
     ):  # fmt: skip
-        source = layouts.describe(files(**{f"{name}_jpg": first, f"{name}_png": second})(tmp_path / name), AUTO)
+        source = layouts.describe(
+            files(**{f"{name}_jpg": first, f"{name}_png": second})(tmp_path / name), AUTO
+        )
         assert (source.layout, [path.name for path in source.files]) == (layout, used)
         assert layout == "rgbd" or any(f"{name}.jpg" in note for note in source.notes)
         assert name != "grey" or "whether grey.png is the depth" in source.doubt
 
 
 def test_a_photograph_of_a_phone_is_made_small(tmp_path: Path) -> None:
-    source = layouts.describe(files(x_jpg=made.texture(1500, 2000, 1), x_depth_png=cv2.resize(FLOOR, (640, 480)))(tmp_path), AUTO)
-    assert source.height_px * source.width_px <= 710_000 and any("for speed" in note for note in source.notes)
+    source = layouts.describe(
+        files(x_jpg=made.texture(1500, 2000, 1), x_depth_png=cv2.resize(FLOOR, (640, 480)))(
+            tmp_path
+        ),
+        AUTO,
+    )
+    assert source.height_px * source.width_px <= 710_000 and any(
+        "for speed" in note for note in source.notes
+    )
 
 
 XMP, MORE = b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0" + b"0" * 32
 
 
 def with_segments(data: bytes, *bodies: bytes) -> bytes:
-    return data[:2] + b"".join(b"\xff\xe1" + (len(body) + 2).to_bytes(2) + body for body in bodies) + data[2:]
+    return (
+        data[:2]
+        + b"".join(b"\xff\xe1" + (len(body) + 2).to_bytes(2) + body for body in bodies)
+        + data[2:]
+    )
 
 
 def gdepth(kind: bytes = b"RangeInverse") -> bytes:
     """As Google's camera wrote it: the map in extended XMP, in parts."""
     code = base64.b64encode(cv2.imencode(".png", FAR_WHITE)[1])
-    main = XMP + b'<x GDepth:Format="' + kind + b'" GDepth:Near="1.0" GDepth:Far="3.0" GDepth:Mime="image/png"/>'
+    main = (
+        XMP
+        + b'<x GDepth:Format="'
+        + kind
+        + b'" GDepth:Near="1.0" GDepth:Far="3.0" GDepth:Mime="image/png"/>'
+    )
     whole = b'<x GDepth:Data="' + code + b'"/>'
     starts = reversed(range(0, len(whole), 500))
     parts = [MORE + len(whole).to_bytes(4) + at.to_bytes(4) + whole[at : at + 500] for at in starts]
@@ -204,11 +262,18 @@ def dynamic_depth() -> bytes:
     """Items that follow the picture, as the Android camera writes them."""
     depth, video = jpeg(FAR_WHITE), b"video" * 50
     items = [("Primary", 0), ("Depth", len(depth)), ("MotionPhoto", len(video))]
-    listed = "".join(f'<Container:Item Item:Mime="image/jpeg" Item:Semantic="{s}" Item:Length="{n}"/>' for s, n in items)
+    listed = "".join(
+        f'<Container:Item Item:Mime="image/jpeg" Item:Semantic="{s}" Item:Length="{n}"/>'
+        for s, n in items
+    )
     return with_segments(jpeg(PICTURE), XMP + listed.encode()) + depth + video
 
 
-PORTRAITS = {"GDepth": gdepth(), "GDepth, linear": gdepth(b"RangeLinear"), "Dynamic Depth": dynamic_depth()}
+PORTRAITS = {
+    "GDepth": gdepth(),
+    "GDepth, linear": gdepth(b"RangeLinear"),
+    "Dynamic Depth": dynamic_depth(),
+}
 
 
 @pytest.mark.parametrize("kind", PORTRAITS)
@@ -217,15 +282,25 @@ def test_a_portrait_with_depth_becomes_views(tmp_path: Path, kind: str) -> None:
     assert (source.layout, source.rows, source.cols) == ("rgbd", 5, 9)
     assert np.abs(source.read(0, 2, 4).astype(int) - PICTURE).mean() < 3
     assert np.corrcoef(source.truth[2, 4]().ravel(), DISPARITY.ravel())[0, 1] > 0.95
-    turned = layouts.describe(one("turned.jpg", with_exif(PORTRAITS[kind], 6))(tmp_path), AUTO)  # with its depth
+    turned = layouts.describe(
+        one("turned.jpg", with_exif(PORTRAITS[kind], 6))(tmp_path), AUTO
+    )  # with its depth
     upright = source.truth[2, 4]() / source.width_px
     assert np.allclose(turned.truth[2, 4]() / turned.width_px, np.rot90(upright, -1), atol=1e-4)
 
 
 def test_damaged_portraits_and_pairs_are_refused_or_open(tmp_path: Path) -> None:
-    for name, data in {"a.jpg": PORTRAITS["GDepth"], "b.jpg": PORTRAITS["Dynamic Depth"], "c.mpo": mpo(LEFT, RIGHT)}.items():
+    for name, data in {
+        "a.jpg": PORTRAITS["GDepth"],
+        "b.jpg": PORTRAITS["Dynamic Depth"],
+        "c.mpo": mpo(LEFT, RIGHT),
+    }.items():
         for at in (0, 10, 30, 90, 300, 900, 4000, 6500):
-            for damaged in (data[:at], data[:at] + b"\0" * 40 + data[at + 40 :], data[:at] + b"\xff" * 40 + data[at + 40 :]):
+            for damaged in (
+                data[:at],
+                data[:at] + b"\0" * 40 + data[at + 40 :],
+                data[:at] + b"\xff" * 40 + data[at + 40 :],
+            ):
                 with contextlib.suppress(UserError):
                     layouts.describe(one(name, damaged)(tmp_path), AUTO)
 
@@ -239,7 +314,13 @@ def test_a_wiggle_opens_as_a_line_of_views(tmp_path: Path, back: bool) -> None:
     assert (source.layout, source.rows, source.cols) == ("gif", 1, 7)
     assert np.abs(source.read(0, 0, 6).astype(int) - line[6]).mean() < 12  # 256 colours
     whole = (tmp_path / "wiggle.gif").read_bytes()
-    for data in (whole[:9], whole[:400], b"GIF89a", whole[:6] + b"\xff" * 4 + whole[10:], b"GIF89a" + b"\x2c" * 500):
+    for data in (
+        whole[:9],
+        whole[:400],
+        b"GIF89a",
+        whole[:6] + b"\xff" * 4 + whole[10:],
+        b"GIF89a" + b"\x2c" * 500,
+    ):
         with pytest.raises(UserError):
             layouts.describe(one("damaged.gif", data)(tmp_path), AUTO)
 
@@ -247,7 +328,12 @@ def test_a_wiggle_opens_as_a_line_of_views(tmp_path: Path, back: bool) -> None:
 def test_raw_plenoptic_pictures_are_honeycombs_and_photographs_are_not() -> None:
     assert is_honeycomb(made.honeycomb(10.0)) and is_honeycomb(made.honeycomb(14.3, True))
     faces = made.SAMPLES.parent / "faces" / "no_face"
-    pictures = [cv2.imread(str(path)) for path in sorted(faces.glob("*.jpg"))] + [made.texture(300, 400, k) for k in range(3)]
+    pictures = [cv2.imread(str(path)) for path in sorted(faces.glob("*.jpg"))] + [
+        made.texture(300, 400, k) for k in range(3)
+    ]
     pictures += [np.full((300, 400, 3), 5, np.uint8), np.zeros((48, 64, 3), np.uint8)]
-    pictures += [np.tile(line, (300, 1)).astype(np.uint8) for line in (np.arange(400) % 20 * 10, np.arange(400) / 2)]
+    pictures += [
+        np.tile(line, (300, 1)).astype(np.uint8)
+        for line in (np.arange(400) % 20 * 10, np.arange(400) / 2)
+    ]
     assert not any(is_honeycomb(picture) for picture in pictures)

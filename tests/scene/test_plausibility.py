@@ -27,7 +27,13 @@ def turntable(count: int, degrees: float) -> np.ndarray:
             points[:, 2] * np.cos(angle) - points[:, 0] * np.sin(angle),
         )
         for i in np.argsort(z):
-            cv2.circle(out[0, k], (int(110 + 60 * x[i]), int(80 + 60 * points[i, 1])), 4, int(shades[i]), -1)
+            cv2.circle(
+                out[0, k],
+                (int(110 + 60 * x[i]), int(80 + 60 * points[i, 1])),
+                4,
+                int(shades[i]),
+                -1,
+            )
     return out
 
 
@@ -40,7 +46,9 @@ def focal_stack(count: int) -> np.ndarray:
         out[0, k] = sharp
         for level in (1, 2, 3):
             soft = cv2.GaussianBlur(sharp, (0, 0), 1.2 * level)
-            out[0, k][np.abs(depth - focus) > 0.7 * level] = soft[np.abs(depth - focus) > 0.7 * level]
+            out[0, k][np.abs(depth - focus) > 0.7 * level] = soft[
+                np.abs(depth - focus) > 0.7 * level
+            ]
     return out
 
 
@@ -52,14 +60,20 @@ def zoomed(view: np.ndarray, by: float, degrees: float = 0) -> np.ndarray:
 
 def breathing(count: int, step: float) -> np.ndarray:
     """A focal stack whose pictures also differ in size, as most lenses make them."""
-    return np.stack([zoomed(view, 1 + step * (k - count // 2)) for k, view in enumerate(focal_stack(count)[0])])[None]
+    return np.stack(
+        [zoomed(view, 1 + step * (k - count // 2)) for k, view in enumerate(focal_stack(count)[0])]
+    )[None]
 
 
 def refocused(slopes: np.ndarray) -> np.ndarray:
     """A light field refocused at several depths."""
     grid = made.views(9, 9, 144, 192, 2.0, -2.0)[..., 1].astype(np.float32)
     out = [
-        sum(np.roll(grid[r, c], (round(s * (r - 4)), round(s * (c - 4))), (0, 1)) for r, c in np.ndindex(9, 9)) for s in slopes
+        sum(
+            np.roll(grid[r, c], (round(s * (r - 4)), round(s * (c - 4))), (0, 1))
+            for r, c in np.ndindex(9, 9)
+        )
+        for s in slopes
     ]
     return np.stack([np.asarray(total / 81, np.uint8) for total in out])[None]
 
@@ -80,13 +94,17 @@ NO_LIGHT_FIELDS = {
     "turntable of a few steps": turntable(12, 30),
     "focal stack": focal_stack(9),
     "focal stack as a grid": focal_stack(9).reshape(3, 3, 160, 220),
-    "bracket": np.stack([np.clip(UNRELATED[0] * gain, 0, 255).astype(np.uint8) for gain in (0.3, 0.5, 1, 2, 3)])[None],
+    "bracket": np.stack(
+        [np.clip(UNRELATED[0] * gain, 0, 255).astype(np.uint8) for gain in (0.3, 0.5, 1, 2, 3)]
+    )[None],
     "focal stack that breathes": breathing(9, 0.01),
     "focal stack that hardly breathes": breathing(9, 0.004),
     "zoom": np.stack([zoomed(UNRELATED[0], 1.05**k) for k in range(8)])[None],
     "turned": np.stack([zoomed(UNRELATED[0], 1, 15 * k) for k in range(8)])[None],
     "refocused": refocused(np.linspace(-3, 3, 7)),
-    "refocused, breathing": np.stack([zoomed(v, 1 + 0.01 * k) for k, v in enumerate(refocused(np.linspace(-3, 3, 7))[0])])[None],
+    "refocused, breathing": np.stack(
+        [zoomed(v, 1 + 0.01 * k) for k, v in enumerate(refocused(np.linspace(-3, 3, 7))[0])]
+    )[None],
     "one picture cut up": made.texture(480, 640, 3)[..., 1].reshape(4, 120, 4, 160).swapaxes(1, 2),
     "quilts": np.stack([quilt_row(seed) for seed in range(0, 60, 10)])[None],
 }
@@ -126,7 +144,9 @@ LIGHT_FIELDS = {
     "2x2": made.views(2, 2, 96, 128, 8.0, -4.0),
     "noise": np.clip(made.views(5, 5) + NOISE, 0, 255).astype(np.uint8),
     "one colour": np.full((3, 3, 96, 128, 3), 40, np.uint8),
-    "little texture": np.stack([[cv2.GaussianBlur(view, (0, 0), 6) for view in row] for row in made.views(5, 5)]),
+    "little texture": np.stack(
+        [[cv2.GaussianBlur(view, (0, 0), 6) for view in row] for row in made.views(5, 5)]
+    ),
     "rows reversed": made.views(5, 5)[::-1],
     "no parallax": np.broadcast_to(made.texture(96, 128, 7), (3, 3, 96, 128, 3)),
 }
@@ -143,7 +163,10 @@ def test_no_light_field_is_refused(kind: str) -> None:
 def test_a_line_that_ends_where_it_began_is_no_circle() -> None:
     for shift_px in range(3):
         grid = np.array(made.views(1, 9, 144, 192, 0.3, -0.2))
-        grid[0, 0], grid[0, -1] = np.roll(grid[0, 0], -shift_px, 1), np.roll(grid[0, 0], -2 * shift_px, 1)
+        grid[0, 0], grid[0, -1] = (
+            np.roll(grid[0, 0], -shift_px, 1),
+            np.roll(grid[0, 0], -2 * shift_px, 1),
+        )
         evidence = examine(as_source(grid))
         assert evidence is not None and not evidence.change
 

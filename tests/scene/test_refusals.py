@@ -34,7 +34,10 @@ class Refused:
 
 
 def grid(name: str, *without: str, views: np.ndarray = GRID) -> Make:
-    return lambda here: [made.write_grid(here / "s", views, name), *((here / "s" / name).unlink() for name in without)][0]
+    return lambda here: [
+        made.write_grid(here / "s", views, name),
+        *((here / "s" / name).unlink() for name in without),
+    ][0]
 
 
 def one(name: str, picture: np.ndarray = GRID[0, 0]) -> Make:
@@ -118,7 +121,9 @@ def anew(make: Make) -> Cure:
 LEFT, RIGHT = PAIR
 AS_PAIR = anew(both(one("x_left.png", LEFT), one("x_right.png", RIGHT)))
 AS_VIEWS = anew(grid("view_{n:03d}.jpg"))
-AS_DEPTH = anew(both(one("x.png"), one("x_depth.png", np.uint8(60 + 60 * made.middle_disparity(48, 64)))))
+AS_DEPTH = anew(
+    both(one("x.png"), one("x_depth.png", np.uint8(60 + 60 * made.middle_disparity(48, 64))))
+)
 XMP = b"http://ns.adobe.com/xap/1.0/\0" + b'<x GDepth:Format="RangeInverse"/>'
 SMALL_JPEG = cv2.imencode(".jpg", GRID[0, 0])[1].tobytes()
 PROMISED = SMALL_JPEG[:2] + b"\xff\xe1" + (len(XMP) + 2).to_bytes(2) + XMP + SMALL_JPEG[2:]
@@ -126,12 +131,16 @@ PROMISED = SMALL_JPEG[:2] + b"\xff\xe1" + (len(XMP) + 2).to_bytes(2) + XMP + SMA
 REFUSALS = {
     "no such scene": Refused(lambda here: here / "nowhere", "no such scene"),
     "more files than a light field has": Refused(
-        lambda here: [(here / f"v_{n}.png").touch() for n in range(MAX_FILES + 1)] and here, "more than 20000 files, no"
+        lambda here: [(here / f"v_{n}.png").touch() for n in range(MAX_FILES + 1)] and here,
+        "more than 20000 files, no",
     ),
     "a view of other bits": Refused(
-        hci(lambda f: made.write(f / "input_Cam003.png", GRID[0, 0].astype(np.uint16) * 257)), "16-bit, but input_Cam006.png"
+        hci(lambda f: made.write(f / "input_Cam003.png", GRID[0, 0].astype(np.uint16) * 257)),
+        "16-bit, but input_Cam006.png",
     ),
-    "beyond the grid of HCI": Refused(grid(HCI), "input_Cam011.png is outside", again(grid="3x4"), config.Scene(grid="3x3")),
+    "beyond the grid of HCI": Refused(
+        grid(HCI), "input_Cam011.png is outside", again(grid="3x4"), config.Scene(grid="3x3")
+    ),
     "h5: another name": Refused(h5(key="views"), "no array LF (it contains:", anew(h5())),
     "h5: wrong axes": Refused(h5(values=GRID[0]), "LF has 4 axes of sizes (4,", anew(h5())),
     "hci-text: no attributes": Refused(
@@ -141,64 +150,116 @@ REFUSALS = {
         config.Scene(layout="hci-text"),
     ),
     "two files for a view": Refused(
-        both(grid("v_{r}_{c}.png"), one("v_01_01.png")), "v_01_01.png and v_1_1.png are", without("v_1_1.png")
+        both(grid("v_{r}_{c}.png"), one("v_01_01.png")),
+        "v_01_01.png and v_1_1.png are",
+        without("v_1_1.png"),
     ),
     "a running number": Refused(
-        grid("v{n:02d}.png"), "the names contain one running", again(layout="numbered"), config.Scene(layout="rows-cols")
+        grid("v{n:02d}.png"),
+        "the names contain one running",
+        again(layout="numbered"),
+        config.Scene(layout="rows-cols"),
     ),
-    "a grid that does not divide": Refused(grid("v{n:02d}.png"), "12 views do not make 5x5", again(), config.Scene(grid="5x5")),
+    "a grid that does not divide": Refused(
+        grid("v{n:02d}.png"), "12 views do not make 5x5", again(), config.Scene(grid="5x5")
+    ),
     "another grid than the names": Refused(
-        grid("v_{r}_{c}.png"), "the names give a grid of 3x4,", again(layout="numbered"), config.Scene(grid="4x4")
+        grid("v_{r}_{c}.png"),
+        "the names give a grid of 3x4,",
+        again(layout="numbered"),
+        config.Scene(grid="4x4"),
     ),
-    "another grid than the layout": Refused(text(), "the layout hci-text has 3x4 views,", again(), config.Scene(grid="4x4")),
+    "another grid than the layout": Refused(
+        text(), "the layout hci-text has 3x4 views,", again(), config.Scene(grid="4x4")
+    ),
     "unnumbered pictures": Refused(
-        both(*(one(f"{name}.png") for name in ("beach", "dog", "house"))), "no layout of a light field", inside("beach.png")
+        both(*(one(f"{name}.png") for name in ("beach", "dog", "house"))),
+        "no layout of a light field",
+        inside("beach.png"),
     ),
     "folders of two scenes": Refused(
-        both(grid("garden/v_{r}_{c}.png"), grid("hall/v_{r}_{c}.png")), "pictures stand in 2 folders:", inside("garden")
+        both(grid("garden/v_{r}_{c}.png"), grid("hall/v_{r}_{c}.png")),
+        "pictures stand in 2 folders:",
+        inside("garden"),
     ),
     "numbered folders of two scenes": Refused(
-        both(grid("set1/{r}_{c}.png"), grid("set2/{r}_{c}.png")), "pictures stand in 2 folders:", inside("set1")
+        both(grid("set1/{r}_{c}.png"), grid("set2/{r}_{c}.png")),
+        "pictures stand in 2 folders:",
+        inside("set1"),
     ),
     "unknown files": Refused(
-        both(one("a.png"), *(data(f"{n}.xyz") for n in range(9))), "9 of 10 files are of a kind", inside("a.png")
+        both(one("a.png"), *(data(f"{n}.xyz") for n in range(9))),
+        "9 of 10 files are of a kind",
+        inside("a.png"),
     ),
     "tiles that do not divide": Refused(
-        one("m.png", made.mosaic(GRID)), "256x144 px do not divide into", again(grid="3x4"), config.Scene(grid="5x7")
+        one("m.png", made.mosaic(GRID)),
+        "256x144 px do not divide into",
+        again(grid="3x4"),
+        config.Scene(grid="5x7"),
     ),
     "no tiles": Refused(
-        one("x.png"), "no tiles recognised in 64x48", again(grid="3x4", layout="mosaic"), config.Scene(layout="mosaic")
+        one("x.png"),
+        "no tiles recognised in 64x48",
+        again(grid="3x4", layout="mosaic"),
+        config.Scene(layout="mosaic"),
     ),
     "halves that do not match": Refused(
-        one("x.png", made.texture(96, 256, 5)), "its halves are no stereo", AS_PAIR, config.Scene(layout="stereo")
+        one("x.png", made.texture(96, 256, 5)),
+        "its halves are no stereo",
+        AS_PAIR,
+        config.Scene(layout="stereo"),
     ),
     "an anaglyph": Refused(
-        one("x.png", np.dstack([LEFT[..., 0], RIGHT[..., 0], RIGHT[..., 0]])), "a red/cyan anaglyph: each", again(force=True)
+        one("x.png", np.dstack([LEFT[..., 0], RIGHT[..., 0], RIGHT[..., 0]])),
+        "a red/cyan anaglyph: each",
+        again(force=True),
     ),
-    "lenslets": Refused(one("x.png", made.honeycomb(10.0)), "a raw picture of a plenoptic", again(force=True)),
-    "no depth": Refused(one("x_rgbd.png"), "neither half is a grey depth", AS_DEPTH, config.Scene(layout="rgbd")),
-    "depth that is promised only": Refused(data("x.jpg", PROMISED), "claims to contain a depth", AS_DEPTH),
+    "lenslets": Refused(
+        one("x.png", made.honeycomb(10.0)), "a raw picture of a plenoptic", again(force=True)
+    ),
+    "no depth": Refused(
+        one("x_rgbd.png"), "neither half is a grey depth", AS_DEPTH, config.Scene(layout="rgbd")
+    ),
+    "depth that is promised only": Refused(
+        data("x.jpg", PROMISED), "claims to contain a depth", AS_DEPTH
+    ),
     "depth in false colours": Refused(
         both(one("x.png"), one("x_depth.png", GRID[2, 2])), "a depth map in false colours", AS_DEPTH
     ),
     "depth in floats": Refused(
-        both(one("x.png"), one("x_depth.tiff", made.middle_disparity(48, 64))), "not a readable picture", AS_DEPTH
+        both(one("x.png"), one("x_depth.tiff", made.middle_disparity(48, 64))),
+        "not a readable picture",
+        AS_DEPTH,
     ),
     "depth of another shape": Refused(
-        both(one("x.png"), one("x_depth.png", GRID[2, 2, :, :30, 0])), "a depth map of 30x48 px for a", AS_DEPTH
+        both(one("x.png"), one("x_depth.png", GRID[2, 2, :, :30, 0])),
+        "a depth map of 30x48 px for a",
+        AS_DEPTH,
     ),
     "depth of one value": Refused(
-        both(one("x.png"), one("x_depth.png", GRID[2, 2, ..., 0] * 0)), "a depth map of one value", AS_DEPTH
+        both(one("x.png"), one("x_depth.png", GRID[2, 2, ..., 0] * 0)),
+        "a depth map of one value",
+        AS_DEPTH,
     ),
     "HEIC": Refused(data("a.heic"), "a HEIC picture, which is not", AS_VIEWS),
     "Lytro's raw picture": Refused(folder_of(data("a.LFR")), "a raw picture of a Lytro", AS_VIEWS),
     "no picture at all": Refused(folder_of(data("notes.txt")), "no layout of a light field"),
-    "no layout": Refused(grid("v_{r}_{c}.png"), "scene.layout: 'qilt' is not a", again(), config.Scene(layout="qilt")),
-    "no grid": Refused(grid("v_{r}_{c}.png"), "'9' is not ROWSxCOLS", again(grid="3x4"), config.Scene(grid="9")),
-    "a grid beyond all": Refused(
-        grid("v_{r}_{c}.png"), "9999x1000 views, at most 10000 along a", again(grid="3x4"), config.Scene(grid="9999x1000")
+    "no layout": Refused(
+        grid("v_{r}_{c}.png"), "scene.layout: 'qilt' is not a", again(), config.Scene(layout="qilt")
     ),
-    "npz: no views": Refused(lambda here: made.write_npz(here / "a.npz", other=GRID, more=GRID), "no array 'views'"),
+    "no grid": Refused(
+        grid("v_{r}_{c}.png"), "'9' is not ROWSxCOLS", again(grid="3x4"), config.Scene(grid="9")
+    ),
+    "a grid beyond all": Refused(
+        grid("v_{r}_{c}.png"),
+        "9999x1000 views, at most 10000 along a",
+        again(grid="3x4"),
+        config.Scene(grid="9999x1000"),
+    ),
+    "npz: no views": Refused(
+        lambda here: made.write_npz(here / "a.npz", other=GRID, more=GRID), "no array 'views'"
+    ),
 }
 
 

@@ -17,21 +17,30 @@ from tests.scene import made
 
 SIZE = (240, 320)
 FOCAL_PX = 1.2 * SIZE[1]
-SLID = made.views(1, 17, *SIZE, 2.0, -1.0)[0]  # the near moves to the left as the camera goes to the right
+SLID = made.views(1, 17, *SIZE, 2.0, -1.0)[
+    0
+]  # the near moves to the left as the camera goes to the right
 
 
 def rotated(view: np.ndarray, degrees: np.ndarray) -> np.ndarray:
     """The view as the same camera sees it, turned by (pitch, yaw, roll)."""
     inner = np.array([[FOCAL_PX, 0, SIZE[1] / 2], [0, FOCAL_PX, SIZE[0] / 2], [0, 0, 1.0]])
     turn = inner @ cv2.Rodrigues(np.radians(degrees))[0] @ np.linalg.inv(inner)
-    return np.asarray(cv2.warpPerspective(view, turn, SIZE[::-1], flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT))
+    return np.asarray(
+        cv2.warpPerspective(
+            view, turn, SIZE[::-1], flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT
+        )
+    )
 
 
 def shaken(views: np.ndarray, degrees: float, seed: int = 1) -> list[np.ndarray]:
     rng = np.random.default_rng(seed)
     walk = np.cumsum(rng.normal(0, 1, (len(views), 3)), axis=0)
     walk = (walk - walk.mean(axis=0)) / np.abs(walk).max()
-    return [rotated(view, degrees * (turn + rng.normal(0, 0.2, 3))) for view, turn in zip(views, walk, strict=True)]
+    return [
+        rotated(view, degrees * (turn + rng.normal(0, 0.2, 3)))
+        for view, turn in zip(views, walk, strict=True)
+    ]
 
 
 def silent(what: str, done: int, total: int) -> None:
@@ -58,12 +67,16 @@ def vertical_px(folder: Path) -> float:
 
 
 @pytest.mark.parametrize(("degrees", "backwards"), [(0.0, True), (0.6, False)])
-def test_a_shaken_slide_becomes_a_rectified_row(tmp_path: Path, degrees: float, backwards: bool) -> None:
+def test_a_shaken_slide_becomes_a_rectified_row(
+    tmp_path: Path, degrees: float, backwards: bool
+) -> None:
     found = slide(tmp_path, shaken(SLID[::-1] if backwards else SLID, degrees))
     assert found.residual_px <= 0.5
     assert vertical_px(tmp_path / "out") <= 0.5
     assert found.views >= 7
-    assert found.order_sure or degrees == 0.0, "there, 6 places of 74 speak against the order: either end may be the left one"
+    assert found.order_sure or degrees == 0.0, (
+        "there, 6 places of 74 speak against the order: either end may be the left one"
+    )
     source = layouts.describe(tmp_path / "out", config.Scene())
     assert (source.layout, source.rows, source.cols) == ("stanford", 1, found.views)
     first, last = source.read(0, 0, 0)[..., 1], source.read(0, 0, found.views - 1)[..., 1]
@@ -71,7 +84,9 @@ def test_a_shaken_slide_becomes_a_rectified_row(tmp_path: Path, degrees: float, 
     height, width = first.shape
     near = flow[int(0.6 * height), int(0.55 * width) : int(0.65 * width), 0].mean()
     if found.order_sure:
-        assert near < np.median(flow[: height // 8, :, 0]), "the near shape moves to the left of the wall"
+        assert near < np.median(flow[: height // 8, :, 0]), (
+            "the near shape moves to the left of the wall"
+        )
 
 
 def test_known_positions_come_back(tmp_path: Path) -> None:
@@ -80,13 +95,18 @@ def test_known_positions_come_back(tmp_path: Path) -> None:
     at = [float(path.name.split("_")[4]) for path in sorted((tmp_path / "out").glob("*.png"))]
     assert at == sorted(at)
     every = np.array(picked) / 16 * at[-1]
-    ways = (every,) if row.order_sure else (every, at[-1] - every)  # undecided, either end may be the left one
+    ways = (
+        (every,) if row.order_sure else (every, at[-1] - every)
+    )  # undecided, either end may be the left one
     assert min(max(np.abs(way - value).min() for value in at) for way in ways) < 0.06 * at[-1]
 
 
 def test_a_video_by_the_command(tmp_path: Path) -> None:
     made.write_film(tmp_path / "clip.avi", shaken(SLID, 0.3))
-    done = CliRunner().invoke(scene, ["make", str(tmp_path / "clip.avi"), "--set", f"scene.cache_dir={tmp_path / 'cache'}"])
+    done = CliRunner().invoke(
+        scene,
+        ["make", str(tmp_path / "clip.avi"), "--set", f"scene.cache_dir={tmp_path / 'cache'}"],
+    )
     assert done.exit_code == 0, done.output + repr(done.exception)
     assert "vertical error" in done.output
     assert (tmp_path / "clip-views").is_dir()
@@ -96,7 +116,10 @@ def test_a_video_by_the_command(tmp_path: Path) -> None:
 BASE = SLID[8]
 CLIPS = {
     "still": ([BASE] * 9, "turned, not slid, or hardly moved"),
-    "turned": ([rotated(BASE, np.array([0, angle, 0])) for angle in np.linspace(-4, 4, 9)], "turned, not slid"),
+    "turned": (
+        [rotated(BASE, np.array([0, angle, 0])) for angle in np.linspace(-4, 4, 9)],
+        "turned, not slid",
+    ),
     "up and down": (list(made.views(17, 1, *SIZE, 2.0, -1.0)[:, 0]), "up and down"),
     "smeared": ([cv2.blur(view, (41, 1)) for view in SLID], "blurred"),
     "unrelated": ([made.texture(*SIZE, seed) for seed in range(9)], "too little detail"),

@@ -33,7 +33,10 @@ def line(**changes: object) -> Callable[[Path], object]:
     def change(data: bytes) -> bytes:
         lines = data.splitlines(keepends=True)
         old = json.loads(lines[2])
-        steps = {name: old[name] + step if isinstance(step, int) else step for name, step in changes.items()}
+        steps = {
+            name: old[name] + step if isinstance(step, int) else step
+            for name, step in changes.items()
+        }
         return b"".join([*lines[:2], json.dumps(old | steps).encode() + b"\n", *lines[3:]])
 
     return file(INDEX, change)

@@ -79,7 +79,9 @@ def test_a_damaged_sequence_is_read_or_refused(whole: Path, seed: int) -> None:
         folder = Path(parent) / "seq"
         shutil.copytree(whole, folder)
         rng = random.Random(seed)
-        what = hostile_sequences.damage(rng, *(folder / name for name in (MANIFEST, INDEX, PACKETS, TRUTH)))
+        what = hostile_sequences.damage(
+            rng, *(folder / name for name in (MANIFEST, INDEX, PACKETS, TRUTH))
+        )
         if rng.random() < 0.7:
             hostile_sequences.sign(folder)
         for name, use in USES.items():
@@ -87,14 +89,20 @@ def test_a_damaged_sequence_is_read_or_refused(whole: Path, seed: int) -> None:
             try:
                 use(folder, out)
             except UserError as error:
-                assert str(folder) in str(error) and len(str(error)) <= 2000 and error.remedy, (what, name, error)
+                assert str(folder) in str(error) and len(str(error)) <= 2000 and error.remedy, (
+                    what,
+                    name,
+                    error,
+                )
                 assert not list(Path(parent).glob(f"{out.name}*")), "what failed leaves nothing"
 
 
 def bombs() -> dict[str, tuple[str, bytes]]:
     """(codec, packet) of pictures that are small and claim much, or cost much."""
     jpeg = cv2.imencode(".jpg", hostile_sequences.picture(0))[1].tobytes()
-    progressive = cv2.imencode(".jpg", hostile_sequences.picture(0), [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])[1].tobytes()
+    progressive = cv2.imencode(
+        ".jpg", hostile_sequences.picture(0), [cv2.IMWRITE_JPEG_PROGRESSIVE, 1]
+    )[1].tobytes()
     scan = progressive[progressive.rfind(b"\xff\xda") : -2]
     return {
         "jpeg of 20000x20000": ("jpeg", hostile_files.jpeg_claiming(jpeg, 20_000, 20_000)),
@@ -120,7 +128,11 @@ def long_file(name: str, head: bytes, line: bytes, count: int, folder: Path) -> 
     """The first line of a file, or another head, then count lines, "%d" counted, and one that is wrong."""
     path = folder / name
     head = head or path.read_bytes().splitlines(keepends=True)[0]
-    path.write_bytes(head + b"".join(line.replace(b"%d", str(number).encode()) for number in range(1, count)) + b"x\n")
+    path.write_bytes(
+        head
+        + b"".join(line.replace(b"%d", str(number).encode()) for number in range(1, count))
+        + b"x\n"
+    )
 
 
 def endless(name: str, start: bytes, folder: Path) -> None:
@@ -140,7 +152,9 @@ def many_frames(folder: Path) -> None:
     long_file(INDEX, b"", LINE.replace(b"SIZE", str(size).encode()), 300_000, folder)
 
 
-DAMAGES: dict[str, tuple[str, Callable[[Path], object]]] = {  # name -> (what the refusal names, damage)
+DAMAGES: dict[
+    str, tuple[str, Callable[[Path], object]]
+] = {  # name -> (what the refusal names, damage)
     **{name: ("frame 3: ", partial(replace_packet, *bomb)) for name, bomb in bombs().items()},
     "manifest of brackets": (MANIFEST, partial(endless, MANIFEST, b"[" * 9999)),
     "index without lines": (INDEX, partial(endless, INDEX, b"x")),
@@ -149,7 +163,10 @@ DAMAGES: dict[str, tuple[str, Callable[[Path], object]]] = {  # name -> (what th
     "truth of many rows": (TRUTH, partial(long_file, TRUTH, b"", b"%d,%d,0,0,0,0,1\n", 300_000)),
     "packets cut off": (PACKETS, lambda folder: os.truncate(folder / PACKETS, 20_000)),
     **{
-        f"{kind} as {name}": (name, lambda folder, kind=kind, name=name: NO_FILES[kind](folder / name))
+        f"{kind} as {name}": (
+            name,
+            lambda folder, kind=kind, name=name: NO_FILES[kind](folder / name),
+        )
         for kind, name in zip(NO_FILES, 3 * (MANIFEST, INDEX, PACKETS, TRUTH), strict=False)
     },
 }
@@ -158,34 +175,60 @@ DAMAGES: dict[str, tuple[str, Callable[[Path], object]]] = {  # name -> (what th
 def lfpipe(home: Path, *args: str | Path) -> tuple[int, str, str, float]:
     """Runs the command line in a process of its own; see `hostile_files.ended`."""
     names = ("XDG_CONFIG_HOME", "XDG_CACHE_HOME", "XDG_RUNTIME_DIR")
-    env = {**os.environ, **{name: str(home / "home") for name in names}, "PYTHONPATH": str(Path(__file__).parents[2])}
+    env = {
+        **os.environ,
+        **{name: str(home / "home") for name in names},
+        "PYTHONPATH": str(Path(__file__).parents[2]),
+    }
     (home / "home").mkdir(mode=0o700, exist_ok=True)
     return hostile_files.ended([sys.executable, "-m", "lfpipe", *map(str, args)], env=env, cwd=home)
 
 
-def test_every_refusal_is_quick_and_small_and_names_file_or_frame(whole: Path, tmp_path: Path) -> None:
+def test_every_refusal_is_quick_and_small_and_names_file_or_frame(
+    whole: Path, tmp_path: Path
+) -> None:
     """All at once: one bad sequence of several hides no other, and the largest memory is that of all refusals."""
     for number, (_, damage) in enumerate(DAMAGES.values()):
         damage(shutil.copytree(whole, tmp_path / f"d{number}"))
     folders = [tmp_path / f"d{number}" for number in range(len(DAMAGES))]
-    code, out, err, peak_mb = lfpipe(tmp_path, "sequence", "check", whole, *folders, tmp_path / "gone")
+    code, out, err, peak_mb = lfpipe(
+        tmp_path, "sequence", "check", whole, *folders, tmp_path / "gone"
+    )
     refusals = err.split("error: ")[1:]
-    assert code == 2 and len(refusals) == len(folders) + 1 and f"{whole}: 6 frames" in out and "Traceback" not in err, err
+    assert (
+        code == 2
+        and len(refusals) == len(folders) + 1
+        and f"{whole}: 6 frames" in out
+        and "Traceback" not in err
+    ), err
     for folder, (name, (word, _)), refusal in zip(folders, DAMAGES.items(), refusals, strict=False):
-        assert str(folder) in refusal and (word in refusal or "frame" in refusal) and len(refusal) <= 2000, (name, refusal)
+        assert (
+            str(folder) in refusal
+            and (word in refusal or "frame" in refusal)
+            and len(refusal) <= 2000
+        ), (name, refusal)
     assert peak_mb <= hostile_files.PEAK_MB
 
 
-def test_all_broken_frames_are_named_and_those_before_can_be_cut_out(whole: Path, tmp_path: Path) -> None:
+def test_all_broken_frames_are_named_and_those_before_can_be_cut_out(
+    whole: Path, tmp_path: Path
+) -> None:
     folder = shutil.copytree(whole, tmp_path / "seq")
     put_packets(
-        folder, [(line, data[: -20 * (line["seq"] in (2, 4)) or None]) for line, data in hostile_sequences.packets(folder)]
+        folder,
+        [
+            (line, data[: -20 * (line["seq"] in (2, 4)) or None])
+            for line, data in hostile_sequences.packets(folder)
+        ],
     )
     with pytest.raises(UserError, match=r"(?s)frame 2: .*frame 4: .*`lfpipe sequence cut`"):
         typed("check", folder)
     typed("cut", folder, tmp_path / "out", "--to", "0.06")
     part = open_sequence(tmp_path / "out")
-    assert all(np.array_equal(part.frame(k), open_sequence(whole).frame(k)) for k in range(2)) and len(part.packets) == 2
+    assert (
+        all(np.array_equal(part.frame(k), open_sequence(whole).frame(k)) for k in range(2))
+        and len(part.packets) == 2
+    )
 
 
 def test_what_shows_a_person_is_for_its_owner_alone(whole: Path, tmp_path: Path) -> None:
@@ -201,7 +244,9 @@ def test_what_shows_a_person_is_for_its_owner_alone(whole: Path, tmp_path: Path)
         assert stat.S_IMODE(path.stat().st_mode) == (0o700 if path.is_dir() else 0o600), path
 
 
-def test_nothing_that_is_there_is_overwritten_and_nothing_half_stays(whole: Path, tmp_path: Path) -> None:
+def test_nothing_that_is_there_is_overwritten_and_nothing_half_stays(
+    whole: Path, tmp_path: Path
+) -> None:
     (tmp_path / "mine.csv").write_text("mine")
     (tmp_path / "folder").mkdir()
     (tmp_path / "notes.avi").write_text("no video")
@@ -212,7 +257,9 @@ def test_nothing_that_is_there_is_overwritten_and_nothing_half_stays(whole: Path
     def refused(*args: str | Path) -> None:
         with pytest.raises(UserError) as caught:
             typed(*args)
-        assert caught.value.remedy and sorted(path.name for path in tmp_path.iterdir()) == before, args
+        assert caught.value.remedy and sorted(path.name for path in tmp_path.iterdir()) == before, (
+            args
+        )
 
     for args in (
         ("export", whole, tmp_path / "mine.mkv"),
@@ -233,7 +280,9 @@ def test_nothing_that_is_there_is_overwritten_and_nothing_half_stays(whole: Path
             refused("export", whole, tmp_path / "new.mkv")
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    assert (tmp_path / "mine.csv").read_text() == "mine" and not list((tmp_path / "folder").iterdir())
+    assert (tmp_path / "mine.csv").read_text() == "mine" and not list(
+        (tmp_path / "folder").iterdir()
+    )
 
 
 def test_a_link_out_of_the_folder_is_not_followed(whole: Path, tmp_path: Path) -> None:

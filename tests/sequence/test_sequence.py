@@ -17,7 +17,16 @@ from lfpipe.errors import UserError
 from lfpipe.sequence import edit
 from lfpipe.sequence.eyes import Truth, read_truth
 from lfpipe.sequence.folder import MANIFEST, open_sequence
-from lfpipe.sequence.packets import INDEX, PACKETS, Packet, PacketWriter, decoded, encoded, read_index, read_packet
+from lfpipe.sequence.packets import (
+    INDEX,
+    PACKETS,
+    Packet,
+    PacketWriter,
+    decoded,
+    encoded,
+    read_index,
+    read_packet,
+)
 from tests.capture.made_files import video
 from tests.hostile_sequences import FRAMES, typed
 
@@ -29,7 +38,9 @@ def test_a_packet_without_loss_gives_its_picture_back(tmp_path: Path) -> None:
         codec, data = encoded(NOISE, fast)
         packet = Packet(0, 0, 0, 1, 1, codec, 0, len(data), zlib.crc32(data))
         (tmp_path / PACKETS).write_bytes(data)
-        assert np.array_equal(decoded(packet, read_packet(tmp_path, packet), 32, 24, tmp_path), NOISE)
+        assert np.array_equal(
+            decoded(packet, read_packet(tmp_path, packet), 32, 24, tmp_path), NOISE
+        )
         with pytest.raises(UserError, match="frame 0: not a whole"):
             decoded(packet, data, 31, 24, tmp_path)
         (tmp_path / PACKETS).write_bytes(data[:-1] + bytes([data[-1] ^ 1]))
@@ -74,28 +85,43 @@ def test_a_full_disk_leaves_the_frames_before_it(tmp_path: Path) -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     writer.append(b"z", "raw", 2, 0, 3, 3)
     writer.close()
-    assert [(p.source_seq, p.bytes) for p in read_index(tmp_path, complete=True)] == [(0, 4000), (2, 1)]
+    assert [(p.source_seq, p.bytes) for p in read_index(tmp_path, complete=True)] == [
+        (0, 4000),
+        (2, 1),
+    ]
 
 
-def test_a_cut_keeps_packets_stamps_and_truth_and_is_json_for_every_reader(whole: Path, tmp_path: Path) -> None:
+def test_a_cut_keeps_packets_stamps_and_truth_and_is_json_for_every_reader(
+    whole: Path, tmp_path: Path
+) -> None:
     sequence = open_sequence(whole)
     assert edit.cut(sequence, tmp_path / "part", 0.05, float("inf")) == 4
     part, offset = open_sequence(tmp_path / "part"), FRAMES - 4
     for packet in part.packets:
         was = sequence.packets[packet.seq + offset]
-        assert packet.t_sensor_ns == was.t_sensor_ns and part.data(packet.seq) == sequence.data(was.seq)
+        assert packet.t_sensor_ns == was.t_sensor_ns and part.data(packet.seq) == sequence.data(
+            was.seq
+        )
     truth, of_whole = read_truth(part.path), read_truth(whole)
-    assert truth is not None and of_whole is not None and np.array_equal(truth.eyes_px, of_whole.eyes_px[offset:])
+    assert (
+        truth is not None
+        and of_whole is not None
+        and np.array_equal(truth.eyes_px, of_whole.eyes_px[offset:])
+    )
     manifest = json.loads((part.path / MANIFEST).read_text(), parse_constant=pytest.fail)
     assert manifest["cut_from"]["end_s"] == pytest.approx(5 / 30, abs=1e-3)
 
 
-def test_export_and_import_bring_the_same_pictures_back_and_motion_jpeg_unchanged(whole: Path, tmp_path: Path) -> None:
+def test_export_and_import_bring_the_same_pictures_back_and_motion_jpeg_unchanged(
+    whole: Path, tmp_path: Path
+) -> None:
     sequence = open_sequence(whole)
     edit.export(sequence, tmp_path / "v.mkv")
     header, *rows = (tmp_path / "v.csv").read_text().splitlines()
     assert len(rows) == FRAMES and header == "seq,source_seq,epoch,t_sensor_ns,t_read_ns"
-    stored = video(tmp_path / "v.avi", "MJPG", [sequence.frame(k) for k in range(FRAMES)]).read_bytes()
+    stored = video(
+        tmp_path / "v.avi", "MJPG", [sequence.frame(k) for k in range(FRAMES)]
+    ).read_bytes()
     for name, codec in (("v.mkv", "png"), ("v.avi", "jpeg")):
         typed("import", tmp_path / name, tmp_path / codec)
         back = open_sequence(tmp_path / codec)
@@ -104,30 +130,49 @@ def test_export_and_import_bring_the_same_pictures_back_and_motion_jpeg_unchange
             if codec == "png":
                 assert np.array_equal(back.frame(k), sequence.frame(k))
             else:
-                assert back.data(k).rstrip(b"\0") in stored and cv2.PSNR(back.frame(k), sequence.frame(k)) > 35
+                assert (
+                    back.data(k).rstrip(b"\0") in stored
+                    and cv2.PSNR(back.frame(k), sequence.frame(k)) > 35
+                )
 
 
 @pytest.mark.parametrize("pace", ["recorded", "max", "60"])
 def test_a_sequence_is_a_source_with_its_own_stamps(whole: Path, pace: str) -> None:
-    source = open_source(f"file:{whole}?loop=1&pace={pace}", config.Camera(width_px=64, height_px=48))
+    source = open_source(
+        f"file:{whole}?loop=1&pace={pace}", config.Camera(width_px=64, height_px=48)
+    )
     out = np.empty((48, 64, 3), np.uint8)
     frames = [frame for frame in (source.read(out) for _ in range(FRAMES + 1)) if frame]
     source.close()
-    stamps, recorded = [frame.t_sensor_ns for frame in frames], [packet.t_sensor_ns for packet in open_sequence(whole).packets]
+    stamps, recorded = (
+        [frame.t_sensor_ns for frame in frames],
+        [packet.t_sensor_ns for packet in open_sequence(whole).packets],
+    )
     if pace == "60":
         assert np.abs(np.diff(stamps) - 16_666_667).max() <= 1
     else:
         assert np.array_equal(np.diff(stamps[:FRAMES]), np.diff(recorded))
-    assert stamps[FRAMES] > stamps[FRAMES - 1] and [frame.source_seq for frame in frames] == list(range(FRAMES + 1))
+    assert stamps[FRAMES] > stamps[FRAMES - 1] and [frame.source_seq for frame in frames] == list(
+        range(FRAMES + 1)
+    )
     assert all(bool(frame.t_read_ns) == (pace == "max") for frame in frames)
 
 
 @given(st.integers(0, 1_000_000_000), st.floats(-50, 50), st.floats(-50, 50))
-def test_truth_lies_on_the_line_between_frames_where_the_eyes_are_visible(t_ns: int, x_px: float, y_px: float) -> None:
-    ends = np.array([[[0.0, 0.0], [10.0, 0.0]], [[x_px, y_px], [10.0 + x_px, y_px]], [[0.0, 0.0], [1.0, 1.0]]])
+def test_truth_lies_on_the_line_between_frames_where_the_eyes_are_visible(
+    t_ns: int, x_px: float, y_px: float
+) -> None:
+    ends = np.array(
+        [[[0.0, 0.0], [10.0, 0.0]], [[x_px, y_px], [10.0 + x_px, y_px]], [[0.0, 0.0], [1.0, 1.0]]]
+    )
     truth = Truth(np.array([0, 1_000_000_000, 1_000_000_010]), ends, np.array([True, True, False]))
     at = truth.at(t_ns)
-    assert truth.sees(t_ns) and np.allclose(at, ends[0] + t_ns / 1e9 * (ends[1] - ends[0]), atol=1e-9)
+    assert truth.sees(t_ns) and np.allclose(
+        at, ends[0] + t_ns / 1e9 * (ends[1] - ends[0]), atol=1e-9
+    )
     assert truth.error_px(np.add(at, [3.0, 4.0]), t_ns) == pytest.approx(5.0)
     hidden_ns = [-1, 1_000_000_005, 1_000_000_010, 1_000_000_011]
-    assert not truth.sees(hidden_ns).any() and np.isnan(truth.error_px(np.zeros((4, 2, 2)), hidden_ns)).all()
+    assert (
+        not truth.sees(hidden_ns).any()
+        and np.isnan(truth.error_px(np.zeros((4, 2, 2)), hidden_ns)).all()
+    )

@@ -32,7 +32,10 @@ def rotation(yaw_deg: float, pitch_deg: float, roll_deg: float) -> np.ndarray:
 def record_of(config: Config, position_mm: np.ndarray, turned: np.ndarray) -> np.ndarray:
     """What tracking would report of a head there: (x right, y up, z to the viewer) in mm, turned (3, 3) on these axes."""
     camera = config.camera
-    tilt, focal_px = math.radians(camera.tilt_deg), SIZE[0] / 2 / math.tan(math.radians(camera.fov_deg) / 2)
+    tilt, focal_px = (
+        math.radians(camera.tilt_deg),
+        SIZE[0] / 2 / math.tan(math.radians(camera.fov_deg) / 2),
+    )
     # the camera's axes on the screen's: it stands above and looks at the viewer, down by tilt
     right, ahead = np.array([-1.0, 0, 0]), np.array([0.0, -math.sin(tilt), math.cos(tilt)])
     axes = np.stack([right, np.cross(ahead, right), ahead])  # down = ahead x right
@@ -68,7 +71,10 @@ def head_in(config: Config, record: np.ndarray) -> Head:
     st.floats(-15, 25),
 )
 def test_a_head_before_the_screen_is_found_where_it_is(
-    position: tuple[float, float, float], turn: tuple[float, float, float], above_mm: float, tilt_deg: float
+    position: tuple[float, float, float],
+    turn: tuple[float, float, float],
+    above_mm: float,
+    tilt_deg: float,
 ) -> None:
     config = updated(Config(), {"camera.above_mm": above_mm, "camera.tilt_deg": tilt_deg})
     record = record_of(config, np.array(position), rotation(*turn))
@@ -84,7 +90,10 @@ def test_the_axes_are_those_that_are_documented() -> None:
     found = head_in(config, record_of(config, np.array([100.0, 50, 600]), rotation(0, 0, 0)))
     assert found.left_mm[0] < found.right_mm[0]  # the right eye is further to the right
     record = np.zeros((), EYES)
-    record["filtered_px"] = [[200, 100], [140, 100]]  # in an unmirrored picture: to the viewer's right, and above
+    record["filtered_px"] = [
+        [200, 100],
+        [140, 100],
+    ]  # in an unmirrored picture: to the viewer's right, and above
     record["apart_px"], record["width_px"], record["height_px"], record["face"] = 60, *SIZE, 1
     head = head_in(config, record)
     assert head.position_mm[0] > 0 and head.position_mm[1] > 0 and head.position_mm[2] > 0
@@ -92,7 +101,9 @@ def test_the_axes_are_those_that_are_documented() -> None:
 
 def test_the_depth_is_smoothed_and_forgotten_after_a_loss() -> None:
     config = Config()
-    near, far = (record_of(config, np.array([0.0, 0, z]), rotation(0, 0, 0)) for z in (500.0, 1000.0))
+    near, far = (
+        record_of(config, np.array([0.0, 0, z]), rotation(0, 0, 0)) for z in (500.0, 1000.0)
+    )
     estimator = HeadEstimator(config)
     estimator.update(near, T0_NS)
     estimator.update(far, T0_NS + 33_000_000)
@@ -136,11 +147,17 @@ def test_whatever_the_points_the_rotation_is_one(values: list[float]) -> None:
 
 
 @needs_faces
-@pytest.mark.parametrize("engine", [LitertEngine, pytest.param(MediapipeEngine, marks=needs_mediapipe)])
+@pytest.mark.parametrize(
+    "engine", [LitertEngine, pytest.param(MediapipeEngine, marks=needs_mediapipe)]
+)
 def test_portraits_turned_to_either_side(engine: type[LitertEngine]) -> None:
     tracker, estimator = engine(), HeadEstimator(Config())
     record = np.zeros((), EYES)
-    for kind, low, high in (("1m", -10, 10), ("3m", 10, 45), ("4m", -45, -10)):  # straight, to their right, to their left
+    for kind, low, high in (
+        ("1m", -10, 10),
+        ("3m", 10, 45),
+        ("4m", -45, -10),
+    ):  # straight, to their right, to their left
         picture = cv2.imread(str(next((FACES / "imm").glob(f"02-{kind}.*"))))
         tracker.reset()
         face = [tracker.detect(picture) for _ in range(3)][-1]

@@ -47,13 +47,17 @@ def neuralnet(turned: np.ndarray, position_mm: np.ndarray) -> list[float]:
 def test_opentrack_gets_the_pose_that_its_own_tracker_would_send(
     position: tuple[float, float, float], turn_deg: tuple[float, float, float]
 ) -> None:
-    sent = struct.unpack("<6d", opentrack_datagram(Sample(0, 0, 0, Head(position, position, position, *turn_deg))))
+    sent = struct.unpack(
+        "<6d", opentrack_datagram(Sample(0, 0, 0, Head(position, position, position, *turn_deg)))
+    )
     np.testing.assert_allclose(sent, neuralnet(rotation(*turn_deg), np.array(position)), atol=1e-9)
 
 
 def test_a_head_to_its_right_and_tilted_right_moves_right_and_tilts_right_in_flightgear() -> None:
     """proto-flightgear: x = -TX, r = -Roll; FlightGear's x is to the right, its roll to the right shoulder."""
-    x_cm, _, _, _, _, roll = struct.unpack("<6d", opentrack_datagram(Sample(0, 0, 0, Head(*[(86.0, 0.0, 600.0)] * 3, 0, 0, 19))))
+    x_cm, _, _, _, _, roll = struct.unpack(
+        "<6d", opentrack_datagram(Sample(0, 0, 0, Head(*[(86.0, 0.0, 600.0)] * 3, 0, 0, 19)))
+    )
     assert (-x_cm, -roll) == (8.6, 19)
     assert opentrack_datagram(Sample(0, 0, 0, None)) == b"", "without a face it holds the last pose"
 
@@ -66,7 +70,11 @@ def test_a_bundle_has_the_time_of_its_eyes(monkeypatch: pytest.MonkeyPatch) -> N
     for age_ns in (0, 40_000_000, 3_000_000_000):
         bundle = OscBundle(osc_datagram(Sample(7, 0, 50 * 10**9 - age_ns, HEAD)))
         assert bundle.timestamp == pytest.approx(1_700_000_000 - age_ns / 1e9, abs=1e-6)
-        assert [message.address for message in bundle] == ["/lfpipe/frame", "/lfpipe/eyes", "/lfpipe/head"]
+        assert [message.address for message in bundle] == [
+            "/lfpipe/frame",
+            "/lfpipe/eyes",
+            "/lfpipe/head",
+        ]
 
 
 @pytest.fixture
@@ -78,7 +86,9 @@ def lsl(tmp_path: Path) -> Any:
 
     outlet, inlets = LslOutput(Target("lsl", name=LSL_NAME), "unit", 30.0, True), {}
     for stream in ("eyes", "pictures", "markers"):
-        (info,) = pylsl.resolve_byprop("source_id", source_id("unit", f"{LSL_NAME}-{stream}"), 1, 60)
+        (info,) = pylsl.resolve_byprop(
+            "source_id", source_id("unit", f"{LSL_NAME}-{stream}"), 1, 60
+        )
         inlets[stream] = pylsl.StreamInlet(info)
         inlets[stream].open_stream(20)
     yield outlet, inlets
@@ -90,7 +100,9 @@ def lsl(tmp_path: Path) -> Any:
 def test_lsl_describes_its_channels_as_xdf_recommends(lsl: Any) -> None:
     _, inlets = lsl
     for inlet in inlets.values():
-        assert socket.gethostname() in inlet.info(5).source_id(), "else an inlet goes on with the stream of another machine"
+        assert socket.gethostname() in inlet.info(5).source_id(), (
+            "else an inlet goes on with the stream of another machine"
+        )
         info, rows = inlet.info(5), []
         channel = info.desc().child("channels").child("channel")
         for _ in range(info.channel_count()):
@@ -98,9 +110,19 @@ def test_lsl_describes_its_channels_as_xdf_recommends(lsl: Any) -> None:
             channel = channel.next_sibling("channel")
         assert all(all(row.values()) and row["eye"] in ("left", "right", "both") for row in rows)
         if info.type() == "Gaze":
-            assert rows[5] == {"label": "right_z", "eye": "right", "type": "PositionZ", "unit": "mm"}
+            assert rows[5] == {
+                "label": "right_z",
+                "eye": "right",
+                "type": "PositionZ",
+                "unit": "mm",
+            }
             assert rows[6]["type"] == "HeadX" and rows[13]["type"] == "FrameNumber"
-            assert rows[15] == {"label": "confidence", "eye": "both", "type": "Confidence", "unit": "normalized"}
+            assert rows[15] == {
+                "label": "confidence",
+                "eye": "both",
+                "type": "Confidence",
+                "unit": "normalized",
+            }
 
 
 def test_the_state_is_repeated_every_second_and_the_confidence_is_sent(lsl: Any) -> None:
@@ -108,13 +130,20 @@ def test_the_state_is_repeated_every_second_and_the_confidence_is_sent(lsl: Any)
     begin_ns = now_ns()
     for k in range(81):  # 30 Hz: 0.3 s without a face, 2 s with one, 0.4 s without
         face = 10 <= k < 70
-        outlet.send(Sample(k, 0, begin_ns + k * 33_400_000, HEAD if face else None, 0.75 if face else 0.0))
+        outlet.send(
+            Sample(k, 0, begin_ns + k * 33_400_000, HEAD if face else None, 0.75 if face else 0.0)
+        )
     markers = []
     while (marker := inlets["markers"].pull_sample(timeout=0.5))[1] is not None:
         markers.append(marker[0][0])
     assert markers in ([*STATES, "face lost"], [*STATES, "face", "face lost"])
     rows = [inlets["eyes"].pull_sample(timeout=60)[0] for _ in range(81)]
-    assert rows[20][15] == 0.75 and rows[0][15] == 0 and math.isnan(rows[0][0]) and rows[20][:3] == [-40.0, 5.0, 600.0]
+    assert (
+        rows[20][15] == 0.75
+        and rows[0][15] == 0
+        and math.isnan(rows[0][0])
+        and rows[20][:3] == [-40.0, 5.0, 600.0]
+    )
 
 
 @pytest.mark.live

@@ -63,7 +63,11 @@ def test_opentrack_gets_the_pose_in_its_layout(sharing: Sharing) -> None:
     """The demo's portrait stands 600 mm before the camera, moves by some 70 px and leans by 3 degrees."""
     poses = np.array(sharing.opentrack.poses(60))
     x_cm, y_cm, z_cm, yaw, pitch, roll = poses.T
-    assert np.all((z_cm > 50) & (z_cm < 70)) and np.all(np.abs(x_cm) < 20) and np.all(np.abs(y_cm) < 12)
+    assert (
+        np.all((z_cm > 50) & (z_cm < 70))
+        and np.all(np.abs(x_cm) < 20)
+        and np.all(np.abs(y_cm) < 12)
+    )
     assert np.ptp(x_cm) > 0.5, "the head moves"
     assert np.all(np.abs(yaw) < 25) and np.all(np.abs(pitch) < 25) and np.all(np.abs(roll) < 10)
 
@@ -72,7 +76,11 @@ def test_osc_gets_the_eyes_of_every_frame_and_the_head_between_them(sharing: Sha
     first = len(sharing.heard)
     sharing.world.wait_for(lambda: len(sharing.heard) > first + 90, "30 frames by OSC")
     heard = sharing.heard[first:]
-    triples = [triple for triple in zip(heard, heard[1:], heard[2:], strict=False) if triple[2][0] == "/lfpipe/head"]
+    triples = [
+        triple
+        for triple in zip(heard, heard[1:], heard[2:], strict=False)
+        if triple[2][0] == "/lfpipe/head"
+    ]
     sensor = {line["source_seq"]: line["t_sensor_ns"] for line in sharing.world.lines()}
     seqs = [frame[1] for (_, frame), _, _ in triples]
     assert len(seqs) > 20 and seqs == sorted(set(seqs))
@@ -89,7 +97,9 @@ def test_a_receiver_that_goes_and_comes_back_costs_nobody_a_frame(sharing: Shari
     sharing.opentrack = OpentrackReceiver(sharing.opentrack_port)
     assert len(sharing.opentrack.poses(10)) == 10
     after = sharing.world.monitor()["stages"]
-    assert after["share"]["dropped"] == before["share"]["dropped"] and after["share"]["restarts"] == 0
+    assert (
+        after["share"]["dropped"] == before["share"]["dropped"] and after["share"]["restarts"] == 0
+    )
     tracked, shared = (after[name]["count"] - before[name]["count"] for name in ("track", "share"))
     assert abs(tracked - shared) <= 2  # what was under way
 
@@ -102,7 +112,9 @@ def test_lsl_has_the_sensors_time_on_its_clock(sharing: Sharing, tmp_path: Path)
 
     inlets = {}
     for stream in ("eyes", "pictures"):
-        (info,) = pylsl.resolve_byprop("source_id", source_id(sharing.world.name, f"{LSL_NAME}-{stream}"), 1, 60)
+        (info,) = pylsl.resolve_byprop(
+            "source_id", source_id(sharing.world.name, f"{LSL_NAME}-{stream}"), 1, 60
+        )
         inlets[stream] = pylsl.StreamInlet(info)
     rows: dict[str, list[list[float]]] = {"eyes": [], "pictures": []}
     stamps: dict[str, list[float]] = {"eyes": [], "pictures": []}
@@ -114,7 +126,9 @@ def test_lsl_has_the_sensors_time_on_its_clock(sharing: Sharing, tmp_path: Path)
             stamps[name].append(stamp)
     lines = sharing.world.lines()
     sensor = {line["source_seq"]: line["t_sensor_ns"] / 1e9 for line in lines}
-    offset_s = pylsl.local_clock() - time.monotonic()  # between the two clocks of this process, which are the machine's
+    offset_s = (
+        pylsl.local_clock() - time.monotonic()
+    )  # between the two clocks of this process, which are the machine's
     pairs = [(int(row[13]), t) for row, t in zip(rows["eyes"], stamps["eyes"], strict=True)]
     errors = [t - offset_s - sensor[seq] for seq, t in pairs if seq in sensor]
     assert len(errors) > 20 and max(map(abs, errors)) < 0.0005
@@ -123,7 +137,10 @@ def test_lsl_has_the_sensors_time_on_its_clock(sharing: Sharing, tmp_path: Path)
     assert max(near) < 0.0005
 
     path = tmp_path / "lab.xdf"
-    files = [(inlets[name].info(5).as_xml(), rows[name], stamps[name], inlets[name].time_correction(5)) for name in rows]
+    files = [
+        (inlets[name].info(5).as_xml(), rows[name], stamps[name], inlets[name].time_correction(5))
+        for name in rows
+    ]
     write_xdf(path, files)
     streams, _ = pyxdf.load_xdf(str(path))
     eyes = next(stream for stream in streams if stream["info"]["name"][0] == f"{LSL_NAME}-eyes")
@@ -138,9 +155,14 @@ def test_what_is_shared_is_stopped_and_started_while_it_runs(sharing: Sharing) -
     world.ctl("share", "stop", target)
     sharing.opentrack.empty()
     assert sharing.opentrack.silent(0.6)
-    assert "already" in world.refused("ctl", "--session", world.name, "share", "start", f"osc:localhost:{sharing.osc_port}")
+    assert "already" in world.refused(
+        "ctl", "--session", world.name, "share", "start", f"osc:localhost:{sharing.osc_port}"
+    )
     assert sharing.opentrack.silent(0.05)
-    assert json.loads(world.ctl("--json", "share", "start", f"{target}?rate=100"))["share"][-1] == f"{target}?rate=100"
+    assert (
+        json.loads(world.ctl("--json", "share", "start", f"{target}?rate=100"))["share"][-1]
+        == f"{target}?rate=100"
+    )
     arrived = sharing.opentrack.times(100)
     assert arrived[-1] - arrived[0] < 2.5  # 30 a second would take 3.3 s
     world.ctl("share", "stop", target)
@@ -169,12 +191,25 @@ def test_nothing_is_open_to_anybody_unless_asked(live: World) -> None:
 def test_without_a_picture_the_eyes_alone(world: World) -> None:
     port = free_port()
     receiver = OpentrackReceiver(port)
-    words = ("--no-picture", "--camera", "demo", "--share", f"opentrack:127.0.0.1:{port}", "--session", world.name)
+    words = (
+        "--no-picture",
+        "--camera",
+        "demo",
+        "--share",
+        f"opentrack:127.0.0.1:{port}",
+        "--session",
+        world.name,
+    )
     process = world.start("up", *words)
     try:
         assert len(receiver.poses(20)) == 20
         stages = world.monitor()["stages"]
-        assert stages["capture"]["state"] == stages["track"]["state"] == stages["share"]["state"] == "RUNNING"
+        assert (
+            stages["capture"]["state"]
+            == stages["track"]["state"]
+            == stages["share"]["state"]
+            == "RUNNING"
+        )
         assert stages["render"]["state"] == "NONE"
         world.wait_for(lambda: world.monitor()["viewer"] == "seated", "a viewer by the face alone")
     finally:

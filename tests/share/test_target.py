@@ -26,7 +26,10 @@ def test_a_target_has_one_exact_form(text: str, exact: str) -> None:
     assert str(check_target(text)) == str(parse_target(exact)) == exact
 
 
-@given(st.text(max_size=40) | st.from_regex(r"(osc|opentrack|lsl):.{0,20}:?[0-9]{0,7}(\?rate=.{0,6})?", fullmatch=True))
+@given(
+    st.text(max_size=40)
+    | st.from_regex(r"(osc|opentrack|lsl):.{0,20}:?[0-9]{0,7}(\?rate=.{0,6})?", fullmatch=True)
+)
 def test_any_text_is_accepted_in_its_exact_form_or_refused(text: str) -> None:
     try:
         target = parse_target(text)

@@ -10,7 +10,9 @@ def _chunk(tag: int, content: bytes) -> bytes:
     return b"\x04" + struct.pack("<I", len(body)) + body
 
 
-def write_xdf(path: Path, streams: Sequence[tuple[str, Sequence[Sequence[float]], Sequence[float], float]]) -> None:
+def write_xdf(
+    path: Path, streams: Sequence[tuple[str, Sequence[Sequence[float]], Sequence[float], float]]
+) -> None:
     """streams: (header as liblsl's StreamInfo.as_xml gives it, samples of doubles, stamps, correction of the clock) each."""
     data = b"XDF:" + _chunk(1, b'<?xml version="1.0"?><info><version>1.0</version></info>')
     for number, (header, samples, stamps, correction) in enumerate(streams, 1):

@@ -18,7 +18,12 @@ class Holder:
 
     def __init__(self, base: Path, name: str, *prefix: str) -> None:
         command = [*prefix, sys.executable, "-m", "tests.supervisor.holder", name]
-        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        pipes = {
+            "stdin": subprocess.PIPE,
+            "stdout": subprocess.PIPE,
+            "stderr": subprocess.PIPE,
+            "text": True,
+        }
         env = {**os.environ, "XDG_RUNTIME_DIR": os.fsdecode(base)}
         self.process = subprocess.Popen(command, cwd=ROOT, env=env, **pipes)
 
@@ -91,8 +96,14 @@ def main() -> int:
             lock = rundir.acquire(session)
         try:
             with rundir.filled(session):
-                memory = SessionStore(session, SessionState.first(config.Config(), config.SessionOptions()))
-            print("ready", *(session.segment(part) for part in ("status", "frames", "eyes")), flush=True)
+                memory = SessionStore(
+                    session, SessionState.first(config.Config(), config.SessionOptions())
+                )
+            print(
+                "ready",
+                *(session.segment(part) for part in ("status", "frames", "eyes")),
+                flush=True,
+            )
             sys.stdin.readline()
             memory.close()
         finally:

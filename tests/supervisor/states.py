@@ -8,7 +8,9 @@ from lfpipe.config import Config, SceneSummary, SessionOptions, options
 from lfpipe.supervisor.requests import HANDLERS
 from lfpipe.supervisor.session_state import SessionState
 
-SCENE = SceneSummary("/packs/one", "one", 3, 3, 48, 64, "warp", True, {"warp": 40.0, "nearest": 30.0})
+SCENE = SceneSummary(
+    "/packs/one", "one", 3, 3, 48, 64, "warp", True, {"warp": 40.0, "nearest": 30.0}
+)
 
 
 def made_state(**more: Any) -> SessionState:
@@ -16,12 +18,27 @@ def made_state(**more: Any) -> SessionState:
     return SessionState.first(Config(), SessionOptions(**usual | more))
 
 
-texts = st.text(max_size=20) | st.sampled_from(["", "\0", "/", "/tmp/\udcff", "a" * 5000, "\x1b[2J", *options()])
-leaves = st.none() | st.booleans() | st.integers(-(2**63), 2**64 - 1) | st.floats(allow_nan=True, allow_infinity=True) | texts
-values = st.recursive(
-    leaves, lambda inner: st.lists(inner, max_size=4) | st.dictionaries(texts, inner, max_size=4), max_leaves=12
+texts = st.text(max_size=20) | st.sampled_from(
+    ["", "\0", "/", "/tmp/\udcff", "a" * 5000, "\x1b[2J", *options()]
 )
-keys = st.sampled_from([*options(), *(key.split(".")[0] for key in options()), "", ".", "render.", "a.b.c"]) | texts
+leaves = (
+    st.none()
+    | st.booleans()
+    | st.integers(-(2**63), 2**64 - 1)
+    | st.floats(allow_nan=True, allow_infinity=True)
+    | texts
+)
+values = st.recursive(
+    leaves,
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(texts, inner, max_size=4),
+    max_leaves=12,
+)
+keys = (
+    st.sampled_from(
+        [*options(), *(key.split(".")[0] for key in options()), "", ".", "render.", "a.b.c"]
+    )
+    | texts
+)
 fields = st.fixed_dictionaries(
     {},
     optional={
@@ -34,4 +51,6 @@ fields = st.fixed_dictionaries(
         "stop": values,
     },
 )
-messages = st.builds(lambda cmd, more: {"v": 1, **more, "cmd": cmd}, st.sampled_from(list(HANDLERS)) | values, fields)
+messages = st.builds(
+    lambda cmd, more: {"v": 1, **more, "cmd": cmd}, st.sampled_from(list(HANDLERS)) | values, fields
+)

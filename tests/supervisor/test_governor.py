@@ -20,7 +20,11 @@ from lfpipe.transport.status import ROW, State
 
 DT_NS = SECOND_NS // 10
 ALL = frozenset(("capture", "track", "render"))
-EASY = {"capture": Load(3, 0, 3_000_000), "track": Load(3, 0, 6_000_000), "render": Load(6, 0, 12_000_000)}
+EASY = {
+    "capture": Load(3, 0, 3_000_000),
+    "track": Load(3, 0, 6_000_000),
+    "render": Load(6, 0, 12_000_000),
+}
 TIGHT = {**EASY, "render": Load(6, 0, 75_000_000)}  # neither lag nor room
 LATE = {**EASY, "render": Load(3, 3, 60_000_000)}
 FULL = {**EASY, "render": Load(6, 0, 97_000_000)}
@@ -54,12 +58,16 @@ class Run:
         return [t_s for t_s, step in self.steps if not step.stage]
 
 
-spells = st.lists(st.tuples(st.sampled_from((EASY, TIGHT, LATE, FULL, LOST)), st.floats(0.1, 15)), max_size=25)
+spells = st.lists(
+    st.tuples(st.sampled_from((EASY, TIGHT, LATE, FULL, LOST)), st.floats(0.1, 15)), max_size=25
+)
 
 
 @settings(max_examples=40)
 @given(spells)
-def test_one_level_at_a_time_down_after_half_a_second_of_lag_and_up_after_five_of_room(load: list[tuple[Loads, float]]) -> None:
+def test_one_level_at_a_time_down_after_half_a_second_of_lag_and_up_after_five_of_room(
+    load: list[tuple[Loads, float]],
+) -> None:
     run = Run()
     before, lag_s, room_s = 0, 0.0, 0.0
     for loads, seconds in load:
@@ -84,15 +92,57 @@ PLAYS: dict[str, list[Spell]] = {
     "late": [(LATE, 3.1, 5), (EASY, 25.6, 0)],
     "always busy": [(FULL, 3.1, 5), (EASY, 25.6, 0)],
     "loses frames": [(LOST, 3.1, 5), (EASY, 25.6, 0)],
-    "a second without room cancels five with": [DOWN, (EASY, 4.0, 1), (TIGHT, 0.2, 1), (EASY, 1.8, 1), (EASY, 0.4, 0)],
-    "two fifths of one cancel two": [DOWN, (EASY, 4.0, 1), (TIGHT, 0.4, 1), (EASY, 2.8, 1), (EASY, 0.4, 0)],
-    "a second without lag cancels half of one": [(LATE, 0.4, 0), (TIGHT, 0.4, 0), (LATE, 0.2, 0), (LATE, 0.1, 1)],
-    "no output: room for a second, then unknown": [DOWN, (EASY, 3.0, 1), (QUIET, 5.0, 1), (EASY, 0.9, 1), (EASY, 0.2, 0)],
-    "lost soon: twice the wait": [DOWN, (EASY, 5.1, 0), (TIGHT, 9.0, 0), DOWN, (EASY, 9.8, 1), (EASY, 0.4, 0)],
-    "lost later: the usual wait": [DOWN, (EASY, 5.1, 0), (TIGHT, 10.0, 0), DOWN, (EASY, 4.8, 1), (EASY, 0.4, 0)],
+    "a second without room cancels five with": [
+        DOWN,
+        (EASY, 4.0, 1),
+        (TIGHT, 0.2, 1),
+        (EASY, 1.8, 1),
+        (EASY, 0.4, 0),
+    ],
+    "two fifths of one cancel two": [
+        DOWN,
+        (EASY, 4.0, 1),
+        (TIGHT, 0.4, 1),
+        (EASY, 2.8, 1),
+        (EASY, 0.4, 0),
+    ],
+    "a second without lag cancels half of one": [
+        (LATE, 0.4, 0),
+        (TIGHT, 0.4, 0),
+        (LATE, 0.2, 0),
+        (LATE, 0.1, 1),
+    ],
+    "no output: room for a second, then unknown": [
+        DOWN,
+        (EASY, 3.0, 1),
+        (QUIET, 5.0, 1),
+        (EASY, 0.9, 1),
+        (EASY, 0.2, 0),
+    ],
+    "lost soon: twice the wait": [
+        DOWN,
+        (EASY, 5.1, 0),
+        (TIGHT, 9.0, 0),
+        DOWN,
+        (EASY, 9.8, 1),
+        (EASY, 0.4, 0),
+    ],
+    "lost later: the usual wait": [
+        DOWN,
+        (EASY, 5.1, 0),
+        (TIGHT, 10.0, 0),
+        DOWN,
+        (EASY, 4.8, 1),
+        (EASY, 0.4, 0),
+    ],
     "hiccups": [(LATE, 0.1, 0), (EASY, 0.3, 0)] * 50 + [(LATE, 0.4, 0), (EASY, 1.2, 0)] * 50,
     "a process that was stopped and goes on": [(QUIET, 1.5, 0), (WAKING, 0.1, 0), (EASY, 2.0, 0)],
-    "pictures that take a second each": [(QUIET, 0.9, 0), (SLOW, 0.1, 0), (QUIET, 0.9, 0), (SLOW, 0.1, 1)],
+    "pictures that take a second each": [
+        (QUIET, 0.9, 0),
+        (SLOW, 0.1, 0),
+        (QUIET, 0.9, 0),
+        (SLOW, 0.1, 1),
+    ],
 }
 
 
@@ -133,8 +183,18 @@ def test_a_level_that_cannot_be_kept_is_tried_less_and_less_often() -> None:
     [
         ("warp2", "blend", {"blend": 38.1, "warp2": 37.9}, "blend"),  # its own test shows it worse
         ("warp2", "blend", {"blend": 38.1, "warp2": 38.1}, "warp2"),
-        ("warp", "blend", {"blend": 37.0, "warp": 38.0}, "warp"),  # the scene's own is not worth a warp: asked for, it is drawn
-        ("warp", "warp2", {"warp2": 50.0, "warp": 48.0}, "warp"),  # a cheaper warp is a choice, not a fault
+        (
+            "warp",
+            "blend",
+            {"blend": 37.0, "warp": 38.0},
+            "warp",
+        ),  # the scene's own is not worth a warp: asked for, it is drawn
+        (
+            "warp",
+            "warp2",
+            {"warp2": 50.0, "warp": 48.0},
+            "warp",
+        ),  # a cheaper warp is a choice, not a fault
         ("warp", "blend", {}, "warp"),
         ("nearest", "warp2", {"warp2": 50.0, "nearest": 30.0}, "nearest"),
         ("blend", "nearest", {"nearest": 50.0, "blend": 40.0}, "blend"),
@@ -167,7 +227,10 @@ def test_the_ladder_begins_at_what_is_asked_for_and_goes_no_higher(
     levels = ladder(config, _options(scene, disparity))
     assert [level.number for level in levels] == list(range(len(levels)))
     assert list(dict.fromkeys(level.method for level in levels)) == wanted
-    assert [(level.method, level.rate_hz, level.every) for level in levels[-2:]] == [("nearest", 30.0, 1), ("nearest", 30.0, 2)]
+    assert [(level.method, level.rate_hz, level.every) for level in levels[-2:]] == [
+        ("nearest", 30.0, 1),
+        ("nearest", 30.0, 2),
+    ]
     assert len({level.words for level in levels}) == len(levels) and levels[0].words == "full"
     assert wanted[0] == drawn_with(asked, scene, disparity, {}) and wanted[0] in METHODS
 
@@ -177,13 +240,22 @@ def test_no_level_slows_the_camera_clock_and_none_is_there_where_nothing_is_show
     paper = Config(render=Render(clock="camera", method="nearest"))
     assert len(ladder(paper, options)) == 1
     assert options.scene is not None
-    deep = attrs.evolve(options, scene=attrs.evolve(options.scene, disparity_min_px=-6.0, disparity_max_px=6.0))
+    deep = attrs.evolve(
+        options, scene=attrs.evolve(options.scene, disparity_min_px=-6.0, disparity_max_px=6.0)
+    )
     shallow = {level.method for level in ladder(Config(render=Render(method="warp2")), options)}
-    assert {level.method for level in ladder(Config(render=Render(method="warp2")), deep)} == shallow - {"blend"}
+    assert {
+        level.method for level in ladder(Config(render=Render(method="warp2")), deep)
+    } == shallow - {"blend"}
     assert {level.every for level in ladder(Config(render=Render(clock="camera")), options)} == {1}
     assert len(ladder(Config(), SessionOptions(show=False, tracking=False))) == 1
-    assert {level.every for level in ladder(Config(), attrs.evolve(options, tracking=False))} == {1}, "nothing is tracked"
-    assert [level.rate_hz for level in ladder(Config(render=Render(method="nearest", rate_hz=120)), options)] == [120, 60, 30, 30]
+    assert {level.every for level in ladder(Config(), attrs.evolve(options, tracking=False))} == {
+        1
+    }, "nothing is tracked"
+    assert [
+        level.rate_hz
+        for level in ladder(Config(render=Render(method="nearest", rate_hz=120)), options)
+    ] == [120, 60, 30, 30]
 
 
 def test_a_level_reaches_the_stages_and_leaves_the_configuration_alone() -> None:
@@ -196,19 +268,27 @@ def test_a_level_reaches_the_stages_and_leaves_the_configuration_alone() -> None
         drawn = work.render.method, work.render.nominal_hz
         assert work == config if not level.number else drawn == (level.method, level.rate_hz)
         assert attrs.evolve(work, render=config.render) == config
-    assert lowered(config, options) is config and level_number(options) == 0 and tracked_every(options) == 1
+    assert (
+        lowered(config, options) is config
+        and level_number(options) == 0
+        and tracked_every(options) == 1
+    )
 
 
 def _rows() -> dict[str, np.ndarray]:
     table = np.zeros(3, ROW)
     table["state"] = State.RUNNING
-    return {name: table[i : i + 1].reshape(()) for i, name in enumerate(("capture", "track", "render"))}
+    return {
+        name: table[i : i + 1].reshape(()) for i, name in enumerate(("capture", "track", "render"))
+    }
 
 
 class Session:
     """A state whose level follows from the load, as in the supervisor's loop."""
 
-    def __init__(self, state: SessionState, cores: dict[str, tuple[int, ...]] | None = None) -> None:
+    def __init__(
+        self, state: SessionState, cores: dict[str, tuple[int, ...]] | None = None
+    ) -> None:
         self.state, self.rows, self.t_ns = state, _rows(), 0
         self.control = QualityControl(lambda name: (cores or {}).get(name, ()))
 
@@ -226,7 +306,9 @@ class Session:
                 self.state = self.state.with_level(step.level)
 
 
-def _session(config: Config | None = None, cores: dict[str, tuple[int, ...]] | None = None, **options: Any) -> Session:
+def _session(
+    config: Config | None = None, cores: dict[str, tuple[int, ...]] | None = None, **options: Any
+) -> Session:
     return Session(SessionState.first(config or Config(), _options("warp", True, **options)), cores)
 
 
@@ -234,7 +316,12 @@ def _session(config: Config | None = None, cores: dict[str, tuple[int, ...]] | N
     ("clock", "stage", "lost", "lags"),
     [
         ("display", "render", "missed", True),
-        ("display", "render", "drops", False),  # a refresh takes the newest eyes, and leaves those before
+        (
+            "display",
+            "render",
+            "drops",
+            False,
+        ),  # a refresh takes the newest eyes, and leaves those before
         ("camera", "render", "drops", True),
         ("display", "track", "drops", True),
         ("display", "capture", "drops", True),
@@ -252,7 +339,9 @@ def test_another_scene_begins_at_full_quality_and_other_settings_keep_the_level(
     session.work(0.9, "render", "missed")
     assert session.state.level.number == 1
     config = session.state.config
-    session.state = session.state.changed(attrs.evolve(config, render=attrs.evolve(config.render, alpha_px=12.0)), trace="/t")
+    session.state = session.state.changed(
+        attrs.evolve(config, render=attrs.evolve(config.render, alpha_px=12.0)), trace="/t"
+    )
     session.work(0.1, "", "")
     assert session.state.level.number == 1
     flat = _options("nearest", False).scene
@@ -272,7 +361,9 @@ def test_a_stage_takes_no_level_where_none_that_is_left_helps_it() -> None:
     apart = {"capture": (0,), "track": (1,), "render": (0,)}
     session = _session(Config(render=Render(clock="camera")), apart)
     session.work(5.0, "track", "drops")
-    assert len(session.state.levels) > 1 and session.state.level.number == 0, "cheaper views give no time to a core of its own"
+    assert len(session.state.levels) > 1 and session.state.level.number == 0, (
+        "cheaper views give no time to a core of its own"
+    )
     session.t_ns = 100 * SECOND_NS
     session.work(1.0, "capture", "drops")
     assert session.state.level.number >= 1, "but to capture, on the same core"
@@ -286,9 +377,13 @@ def test_a_step_tells_its_reason() -> None:
     for loads, seconds in ((EASY, 1), (LATE, 0.4), (TIGHT, 0.4), (LATE, 0.3)):
         run.feed_for(loads, seconds)
     ((_, step),) = run.steps
-    assert step == Step(1, "render", Load(3 * 7 + 6 * 4, 3 * 7, 60_000_000 * 7 + 75_000_000 * 4, pytest.approx(1.1)))
+    assert step == Step(
+        1, "render", Load(3 * 7 + 6 * 4, 3 * 7, 60_000_000 * 7 + 75_000_000 * 4, pytest.approx(1.1))
+    )
     assert step.reason == "render missed 21 of 66 in 1.1 s"
-    assert Step(1, "track", Load(15, 0, 450_000_000, 0.5)).reason == "track is busy 90 % of its time"
+    assert (
+        Step(1, "track", Load(15, 0, 450_000_000, 0.5)).reason == "track is busy 90 % of its time"
+    )
     assert Step(0).reason == "CPU is free again"
 
 
@@ -303,7 +398,9 @@ def test_a_step_tells_its_reason() -> None:
         (Load(6, 0, 60_000_000), False, False),
     ],
 )
-def test_the_edges_of_lag_and_room_are_where_they_are_said_to_be(load: Load, lags: bool, room: bool) -> None:
+def test_the_edges_of_lag_and_room_are_where_they_are_said_to_be(
+    load: Load, lags: bool, room: bool
+) -> None:
     full, lowered = Run(), Run(levels=1)
     full.feed_for({**EASY, "render": load}, 0.6)
     lowered.feed_for(LATE, 0.6)
@@ -313,7 +410,10 @@ def test_the_edges_of_lag_and_room_are_where_they_are_said_to_be(load: Load, lag
 
 def test_two_cores_give_tracking_one_of_its_own_and_more_or_fewer_leave_it_to_the_system() -> None:
     own = {"capture": (4,), "track": (6,), "render": (4,), "record": (6,), "share": (6,)}
-    assert process_table.cores([4, 6]).items() >= own.items() and process_table.cores([0]) == process_table.cores(range(8)) == {}
+    assert (
+        process_table.cores([4, 6]).items() >= own.items()
+        and process_table.cores([0]) == process_table.cores(range(8)) == {}
+    )
 
 
 def test_the_table_is_read_every_tenth_of_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -321,4 +421,6 @@ def test_the_table_is_read_every_tenth_of_a_second(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(Governor, "update", lambda _, t_ns, loads: taken.append(t_ns))
     for t_ms in range(0, 3000, 7):
         session.control.sample(session.state, session.rows, t_ms * 1_000_000)
-    assert np.diff(taken).min() >= SECOND_NS / 10 and np.diff(taken).max() < SECOND_NS / 10 + 7_000_000
+    assert (
+        np.diff(taken).min() >= SECOND_NS / 10 and np.diff(taken).max() < SECOND_NS / 10 + 7_000_000
+    )

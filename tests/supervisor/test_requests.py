@@ -43,23 +43,60 @@ def test_every_shape_of_request_is_answered_or_refused(message: Message) -> None
         assert reply.state.rev == state.rev or message["cmd"] in changing
 
 
-REFUSED: list[tuple[str, Message, str, list[Message]]] = [  # command, options of the session, words of the refusal, what is sent
+REFUSED: list[
+    tuple[str, Message, str, list[Message]]
+] = [  # command, options of the session, words of the refusal, what is sent
     ("set", {}, "set needs", [{}, {"set": {}}, {"set": []}]),
-    ("set", {}, "render: a section", [{"set": {"render": wrong}} for wrong in ({}, {"alpha_px": 5}, 5)]),
-    ("set", {}, "render.alpha_px: ", [{"set": {"render.alpha_px": wrong}} for wrong in ({}, float("nan"), 2**64 - 1)]),
-    ("set", {}, "unknown key", [{"set": {"": 1}}, {"set": {f"render.x{i}": 1 for i in range(3626)}}]),
-    ("set", {}, "fixed while a session runs", [{"set": {"render.method": "warp", "camera.width_px": 320}}]),
-    ("pictures", {}, "lease_s", [{"lease_s": wrong} for wrong in (0, -1, 60.001, True, "5", None, [5])]),
+    (
+        "set",
+        {},
+        "render: a section",
+        [{"set": {"render": wrong}} for wrong in ({}, {"alpha_px": 5}, 5)],
+    ),
+    (
+        "set",
+        {},
+        "render.alpha_px: ",
+        [{"set": {"render.alpha_px": wrong}} for wrong in ({}, float("nan"), 2**64 - 1)],
+    ),
+    (
+        "set",
+        {},
+        "unknown key",
+        [{"set": {"": 1}}, {"set": {f"render.x{i}": 1 for i in range(3626)}}],
+    ),
+    (
+        "set",
+        {},
+        "fixed while a session runs",
+        [{"set": {"render.method": "warp", "camera.width_px": 320}}],
+    ),
+    (
+        "pictures",
+        {},
+        "lease_s",
+        [{"lease_s": wrong} for wrong in (0, -1, 60.001, True, "5", None, [5])],
+    ),
     ("pictures", {"scene": None}, "no pictures", [{}]),
     ("load", LIST, "absolute path", [{}, {"scene": "x"}, {"scene": "/x\0"}, {"scene": 5}]),
-    ("load", LIST, "absolute path", [{"at": 1, "step": 1}, {"at": True}, {"step": 1.0}, {"at": "1"}]),
+    (
+        "load",
+        LIST,
+        "absolute path",
+        [{"at": 1, "step": 1}, {"at": True}, {"step": 1.0}, {"at": "1"}],
+    ),
     ("load", LIST, "no scene", [{"at": 3}, {"at": -1}]),
     ("load", {}, "no playlist", [{"at": 0}]),
     ("load", {"show": False}, "no pictures", [{"scene": "/x"}]),
     ("record", {}, "absolute path", [{"path": "r"}, {"path": 5}]),
     ("record", {"tracking": False}, "single view", [{"path": "/r"}]),
     ("trace", {}, "absolute path", [{"path": "t"}, {}]),
-    ("share", {}, "list of targets", [{}, {"start": ["lsl"], "stop": []}, {"start": "lsl"}, {"stop": [5]}]),
+    (
+        "share",
+        {},
+        "list of targets",
+        [{}, {"start": ["lsl"], "stop": []}, {"start": "lsl"}, {"stop": [5]}],
+    ),
     ("share", {}, "no target given", [{"start": []}]),
     ("share", {}, "nothing is shared", [{"stop": []}]),
     ("share", {}, "9 targets", [{"start": ["lsl"] * 9}]),
@@ -81,7 +118,9 @@ def test_what_cannot_be_done_is_refused_with_a_short_answer(
     [({"scene": "/x"}, "/x"), ({"scene": "/b"}, "/b"), ({"at": 0}, "/a"), ({"at": 2}, "/c"), ({"step": 1}, "/a"),
      ({"step": -1}, "/b"), ({"step": -3}, "/c"), ({"scene": "/x", "at": 1}, "/x")],
 )  # fmt: skip
-def test_a_scene_is_named_by_path_by_number_or_by_step_and_opened_by_a_child(words: Message, path: str) -> None:
+def test_a_scene_is_named_by_path_by_number_or_by_step_and_opened_by_a_child(
+    words: Message, path: str
+) -> None:
     for settings_ in ({}, {"layout": "quilt", "grid": "4x8"}):
         reply = respond(made_state(**LIST), {"cmd": "load", **words, **settings_}, 0)
         assert reply == Reply(check={"check": "scene", "path": path, "settings": settings_})
@@ -92,12 +131,19 @@ def test_a_scene_is_named_by_path_by_number_or_by_step_and_opened_by_a_child(wor
     [
         ({"cmd": "trace", "path": "/t"}, {"path": "/t", "source": "demo", "record": ""}),
         ({"cmd": "record", "path": "/r"}, {"path": "/r", "source": "demo", "record": ""}),
-        ({"cmd": "share", "start": ["/x", "/y"]}, {"path": "/x, /y", "targets": ["/x", "/y"], "running": []}),
+        (
+            {"cmd": "share", "start": ["/x", "/y"]},
+            {"path": "/x, /y", "targets": ["/x", "/y"], "running": []},
+        ),
     ],
 )
-def test_outputs_are_looked_at_by_a_child_too_whether_eyes_are_of_a_camera_or_a_mouse(message: Message, check: Message) -> None:
+def test_outputs_are_looked_at_by_a_child_too_whether_eyes_are_of_a_camera_or_a_mouse(
+    message: Message, check: Message
+) -> None:
     for eyes in ({}, {"tracking": False, "mouse": True}):
-        assert respond(made_state(**eyes), message, 0) == Reply(check={"check": message["cmd"], **check})
+        assert respond(made_state(**eyes), message, 0) == Reply(
+            check={"check": message["cmd"], **check}
+        )
 
 
 @pytest.mark.parametrize(
@@ -105,9 +151,27 @@ def test_outputs_are_looked_at_by_a_child_too_whether_eyes_are_of_a_camera_or_a_
     [
         ({}, {"cmd": "record", "path": "/r"}, {}, {"path": "/r"}, {"record": "/r"}),
         ({}, {"cmd": "trace", "path": "/t"}, {}, {"path": "/t"}, {"timeline": "/t"}),
-        (LIST, {"cmd": "load", "scene": "/b"}, attrs.asdict(SCENE), {"pack": SCENE.pack}, {"playlist_at": 1}),
-        (LIST, {"cmd": "load", "step": 1}, attrs.asdict(SCENE), {"pack": SCENE.pack}, {"playlist_at": 0}),
-        (LIST, {"cmd": "load", "scene": "/x"}, attrs.asdict(SCENE), {"pack": SCENE.pack}, {"playlist_at": 2}),
+        (
+            LIST,
+            {"cmd": "load", "scene": "/b"},
+            attrs.asdict(SCENE),
+            {"pack": SCENE.pack},
+            {"playlist_at": 1},
+        ),
+        (
+            LIST,
+            {"cmd": "load", "step": 1},
+            attrs.asdict(SCENE),
+            {"pack": SCENE.pack},
+            {"playlist_at": 0},
+        ),
+        (
+            LIST,
+            {"cmd": "load", "scene": "/x"},
+            attrs.asdict(SCENE),
+            {"pack": SCENE.pack},
+            {"playlist_at": 2},
+        ),
         (
             SHARED,
             {"cmd": "share", "start": ["opentrack:h:1"]},
@@ -115,21 +179,37 @@ def test_outputs_are_looked_at_by_a_child_too_whether_eyes_are_of_a_camera_or_a_
             {"share": [*SHARED["share"], "opentrack:10.0.0.1:1"]},
             {"share": (*SHARED["share"], "opentrack:10.0.0.1:1")},
         ),
-        (SHARED, {"cmd": "share", "stop": ["osc:127.0.0.1:9000"]}, None, {"share": ["lsl:lab"]}, {"share": ("lsl:lab",)}),
+        (
+            SHARED,
+            {"cmd": "share", "stop": ["osc:127.0.0.1:9000"]},
+            None,
+            {"share": ["lsl:lab"]},
+            {"share": ("lsl:lab",)},
+        ),
         (SHARED, {"cmd": "share", "stop": []}, None, {"share": []}, {"share": ()}),
         ({"timeline": "/t"}, {"cmd": "trace", "path": ""}, None, {"path": "/t"}, {"timeline": ""}),
-        ({"record": "/r"}, {"cmd": "record", "path": ""}, None, {"path": "/r"}, {"record": "", "packets": ""}),
+        (
+            {"record": "/r"},
+            {"cmd": "record", "path": ""},
+            None,
+            {"path": "/r"},
+            {"record": "", "packets": ""},
+        ),
     ],
 )
 def test_a_request_changes_the_option_that_it_names(
     options: Message, message: Message, result: Message | None, answer: Message, changed: Message
 ) -> None:
     state = made_state(**options)
-    reply = respond(state, message, 0) if result is None else respond_checked(state, message, result, 0)
+    reply = (
+        respond(state, message, 0) if result is None else respond_checked(state, message, result, 0)
+    )
     assert reply.answer == answer and reply.state is not None
     after, before = attrs.asdict(reply.state.options), attrs.asdict(state.options)
     assert {key: after[key] for key in changed} == changed
-    assert {key for key in after if after[key] != before[key]} <= {*changed, "packets"}, "and nothing else"
+    assert {key for key in after if after[key] != before[key]} <= {*changed, "packets"}, (
+        "and nothing else"
+    )
 
 
 def test_what_another_client_did_meanwhile_is_respected() -> None:
@@ -141,7 +221,11 @@ def test_simple_requests_and_their_answers() -> None:
     state = made_state()
     for cmd, paused in (("pause", True), ("resume", False)):
         reply = respond(state.changed(paused=not paused), {"cmd": cmd}, 0)
-        assert reply.answer == {"paused": paused} and reply.state is not None and reply.state.paused is paused
+        assert (
+            reply.answer == {"paused": paused}
+            and reply.state is not None
+            and reply.state.paused is paused
+        )
     reply = respond(state, {"cmd": "set", "set": {"render.alpha_px": 20.0}}, 0)
     assert reply.state is not None and reply.state.config.render.alpha_px == 20.0
     assert reply.answer == {"set": {"render.alpha_px": 20.0}}
@@ -153,9 +237,12 @@ def test_simple_requests_and_their_answers() -> None:
 
 
 @pytest.mark.parametrize(
-    ("lease", "lasts_s"), [({}, 5.0), ({"lease_s": 0.5}, 0.5), ({"lease_s": 60}, 60), ({"lease_s": 60.0}, 60)]
+    ("lease", "lasts_s"),
+    [({}, 5.0), ({"lease_s": 0.5}, 0.5), ({"lease_s": 60}, 60), ({"lease_s": 60.0}, 60)],
 )
-def test_a_lease_of_pictures_lasts_as_asked_and_five_seconds_without(lease: Message, lasts_s: float) -> None:
+def test_a_lease_of_pictures_lasts_as_asked_and_five_seconds_without(
+    lease: Message, lasts_s: float
+) -> None:
     reply = respond(made_state(), {"cmd": "pictures", **lease}, 7)
     assert reply.state is not None and reply.state.pictures_until_ns == lasts_s * 10**9 + 7
     assert reply.answer == {"ring": "pictures.1"}

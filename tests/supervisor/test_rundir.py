@@ -50,7 +50,9 @@ def test_an_entry_that_may_not_be_read_or_is_of_another_kind_shuts_nobody_out(
     base: Path, name: str, as_nobody: list[str]
 ) -> None:
     words = ("lockdir", "locklink", "unreadable", "closed", "with folder", "a name", "file")
-    lock_dir, lock_link, unreadable, closed, with_folder, odd_name, file = (base / f"{PREFIX}{word}" for word in words)
+    lock_dir, lock_link, unreadable, closed, with_folder, odd_name, file = (
+        base / f"{PREFIX}{word}" for word in words
+    )
     for path in (lock_dir, lock_link, unreadable, closed, with_folder, odd_name):
         path.mkdir(mode=0o700)
     (lock_dir / "lock").mkdir()
@@ -63,17 +65,29 @@ def test_an_entry_that_may_not_be_read_or_is_of_another_kind_shuts_nobody_out(
     holder = Holder(base, name, *as_nobody)
     holder.ready()
     env = {**os.environ, "XDG_RUNTIME_DIR": str(base)}
-    done = subprocess.run([*as_nobody, sys.executable, "-c", LOOK, name], capture_output=True, text=True, cwd=ROOT, env=env)
+    done = subprocess.run(
+        [*as_nobody, sys.executable, "-c", LOOK, name],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        env=env,
+    )
     assert done.returncode == 0 and done.stdout == f"['{name}'] {name}\n", done.stderr
     rundir.sweep()
-    assert rundir.running() == [name] and (lock_link / "lock").is_symlink(), "a link is not followed"
+    assert rundir.running() == [name] and (lock_link / "lock").is_symlink(), (
+        "a link is not followed"
+    )
     holder.end()
     with contextlib.suppress(FileNotFoundError):  # root may have swept it
         closed.chmod(0o700)
 
 
-@pytest.mark.parametrize("kind", ["directory", pytest.param("link", marks=pytest.mark.native("a lock that is a file"))])
-def test_a_lock_that_is_none_is_named_and_its_remedy_works(base: Path, name: str, kind: str) -> None:
+@pytest.mark.parametrize(
+    "kind", ["directory", pytest.param("link", marks=pytest.mark.native("a lock that is a file"))]
+)
+def test_a_lock_that_is_none_is_named_and_its_remedy_works(
+    base: Path, name: str, kind: str
+) -> None:
     lock = Session(name).lock
     lock.parent.mkdir(mode=0o700)
     if kind == "directory":
@@ -87,7 +101,9 @@ def test_a_lock_that_is_none_is_named_and_its_remedy_works(base: Path, name: str
         pass
 
 
-def test_what_lies_in_a_dead_run_directory_goes_with_it(base: Path, name: str, tmp_path: Path) -> None:
+def test_what_lies_in_a_dead_run_directory_goes_with_it(
+    base: Path, name: str, tmp_path: Path
+) -> None:
     """Also folders, and links without what they lead to."""
     kept = tmp_path / "kept"
     kept.mkdir()
@@ -104,22 +120,36 @@ def test_what_lies_in_a_dead_run_directory_goes_with_it(base: Path, name: str, t
 
 
 @pytest.mark.native("sockets with a path")
-def test_the_remedy_for_a_path_too_long_for_sockets_works(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_remedy_for_a_path_too_long_for_sockets_works(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     need = zmq.IPC_PATH_MAX_LEN - len(f"/{PREFIX}ab/ctl")  # what a session of two letters leaves
     place = Path(f"{tmp_path}/".ljust(need, "y"))
     place.mkdir()
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(place))
     with pytest.raises(UserError, match="a socket takes") as error:
         rundir.acquire(Session("abc"))
-    assert "shorter --session" in error.value.remedy and "shorter XDG_RUNTIME_DIR" in error.value.remedy
+    assert (
+        "shorter --session" in error.value.remedy
+        and "shorter XDG_RUNTIME_DIR" in error.value.remedy
+    )
     assert not list(place.iterdir())
     lock = rundir.acquire(Session("ab"))
     rundir.release(Session("ab"), lock)
 
 
-def test_a_runtime_directory_that_cannot_be_is_named_with_a_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_runtime_directory_that_cannot_be_is_named_with_a_remedy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "file").touch()
-    for path in ("./run", "~/run", os.fsdecode(b"/tmp/\xff\xfe"), tmp_path / "missing", tmp_path / "file", "/" + "x" * 5000):
+    for path in (
+        "./run",
+        "~/run",
+        os.fsdecode(b"/tmp/\xff\xfe"),
+        tmp_path / "missing",
+        tmp_path / "file",
+        "/" + "x" * 5000,
+    ):
         monkeypatch.setenv("XDG_RUNTIME_DIR", str(path))
         with pytest.raises(UserError) as error:
             rundir.acquire(Session("a"))
@@ -128,9 +158,27 @@ def test_a_runtime_directory_that_cannot_be_is_named_with_a_remedy(tmp_path: Pat
 
 
 @pytest.mark.parametrize(
-    "text", ["", "..", "../x", "a/b", "a\n", "-a", "a b", "a" * 33, "é", "١", "a*", "a\0", "$(id)", "\udcff"]
+    "text",
+    [
+        "",
+        "..",
+        "../x",
+        "a/b",
+        "a\n",
+        "-a",
+        "a b",
+        "a" * 33,
+        "é",
+        "١",
+        "a*",
+        "a\0",
+        "$(id)",
+        "\udcff",
+    ],
 )
-def test_a_session_name_that_cannot_be_is_named_with_a_remedy(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_session_name_that_cannot_be_is_named_with_a_remedy(
+    text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with pytest.raises(UserError) as error:
         Session(text)
     assert repr(text) in error.value.message and "1 to 32" in error.value.remedy
@@ -143,7 +191,9 @@ def test_a_session_name_that_cannot_be_is_named_with_a_remedy(text: str, monkeyp
 NOBODY = 65534
 
 
-def test_a_session_of_the_same_name_elsewhere_leaves_a_living_one_alone(base: Path, name: str) -> None:
+def test_a_session_of_the_same_name_elsewhere_leaves_a_living_one_alone(
+    base: Path, name: str
+) -> None:
     other = base.parent / "other"
     other.mkdir()
     with holding(base, name) as first:
@@ -163,7 +213,9 @@ def test_the_same_directory_by_another_path_is_the_same_session(base: Path, name
         assert "is already running" in Holder(base, name).failed()
 
 
-def test_a_reader_with_another_runtime_directory_finds_the_one_session_of_that_name(base: Path, name: str) -> None:
+def test_a_reader_with_another_runtime_directory_finds_the_one_session_of_that_name(
+    base: Path, name: str
+) -> None:
     others = [base.parent / "b", base.parent / "c"]
     for other in others:
         other.mkdir()
@@ -228,7 +280,9 @@ def test_a_killed_session_is_swept_and_a_living_one_is_not(base: Path, name: str
 
 
 @pytest.mark.parametrize("how", ["removed", "base removed", "moved"])
-def test_memory_whose_run_directory_is_gone_is_removed_once_its_session_is_dead(base: Path, name: str, how: str) -> None:
+def test_memory_whose_run_directory_is_gone_is_removed_once_its_session_is_dead(
+    base: Path, name: str, how: str
+) -> None:
     """By whichever session of this user begins next, wherever its run directory is."""
     other = base.parent / "other"
     other.mkdir()
@@ -245,7 +299,9 @@ def test_memory_whose_run_directory_is_gone_is_removed_once_its_session_is_dead(
         assert gone(left)
 
 
-def test_a_session_that_lost_its_run_directory_leaves_the_next_one_alone(base: Path, name: str) -> None:
+def test_a_session_that_lost_its_run_directory_leaves_the_next_one_alone(
+    base: Path, name: str
+) -> None:
     first = Holder(base, name)
     first.ready()
     shutil.rmtree(base / f"{PREFIX}{name}")

@@ -14,7 +14,20 @@ LOWER = Config(render=Render(method="nearest"))
 
 Change = str
 changes = st.sampled_from(
-    ["set", "load", "other", "single", "pause", "lower", "record", "stop", "pictures", "drop", "settle", "roll"]
+    [
+        "set",
+        "load",
+        "other",
+        "single",
+        "pause",
+        "lower",
+        "record",
+        "stop",
+        "pictures",
+        "drop",
+        "settle",
+        "roll",
+    ]
 )
 
 
@@ -41,10 +54,18 @@ def test_whatever_happens_rings_levels_and_revisions_agree(steps: list[Change]) 
     state, names = made_state(), set[str]()
     for step in steps:
         before, state = state, changed(state, step)
-        same_work = (state.config, state.options, state.paused) == (before.config, before.options, before.paused)
-        assert state.rev >= before.rev and (same_work or state.rev > before.rev), "stages hear of every change"
+        same_work = (state.config, state.options, state.paused) == (
+            before.config,
+            before.options,
+            before.paused,
+        )
+        assert state.rev >= before.rev and (same_work or state.rev > before.rev), (
+            "stages hear of every change"
+        )
         rings = state.rings()
-        assert rings.keys() == {name for name in (state.options.pictures, state.options.packets) if name}
+        assert rings.keys() == {
+            name for name in (state.options.pictures, state.options.packets) if name
+        }
         for name in rings.keys() - before.rings().keys():
             assert name not in names, "a reader of an old ring never maps a new one under its name"
             names.add(name)
@@ -60,10 +81,16 @@ def test_whatever_happens_rings_levels_and_revisions_agree(steps: list[Change]) 
 
 def test_another_scene_starts_at_its_own_zero_plane() -> None:
     state = made_state()
-    state = state.changed(attrs.evolve(state.config, render=attrs.evolve(state.config.render, zero_plane_px=10.25)))
+    state = state.changed(
+        attrs.evolve(state.config, render=attrs.evolve(state.config.render, zero_plane_px=10.25))
+    )
     other = state.loaded(OTHER)
-    assert other.config.render == attrs.evolve(state.config.render, zero_plane_px="auto"), "in the measure of the scene before"
-    other = other.changed(attrs.evolve(other.config, render=attrs.evolve(other.config.render, zero_plane_px=-0.5)))
+    assert other.config.render == attrs.evolve(state.config.render, zero_plane_px="auto"), (
+        "in the measure of the scene before"
+    )
+    other = other.changed(
+        attrs.evolve(other.config, render=attrs.evolve(other.config.render, zero_plane_px=-0.5))
+    )
     back = other.loaded(SCENE)
     assert back.config.render.zero_plane_px == 10.25
     assert back.loaded(SCENE).config == back.config, "opened again, a scene stays as it is"
@@ -76,20 +103,40 @@ def test_near_and_far_of_another_scene_are_its_own_and_its_summary_follows() -> 
     order = attrs.evolve(state.config.scene, half_turn="yes")
     turned = state.changed(attrs.evolve(state.config, scene=order))
     assert turned.options.scene == attrs.evolve(
-        SCENE, disparity_min_px=-SCENE.disparity_max_px, disparity_max_px=-SCENE.disparity_min_px, half_turned=True
+        SCENE,
+        disparity_min_px=-SCENE.disparity_max_px,
+        disparity_max_px=-SCENE.disparity_min_px,
+        half_turned=True,
     )
-    assert turned.loaded(OTHER).config.scene.half_turn == "auto" and turned.loaded(OTHER).options.scene == OTHER
+    assert (
+        turned.loaded(OTHER).config.scene.half_turn == "auto"
+        and turned.loaded(OTHER).options.scene == OTHER
+    )
 
 
-def test_a_renewed_lease_changes_nothing_that_stages_see_and_another_size_asks_for_another_ring() -> None:
+def test_a_renewed_lease_changes_nothing_that_stages_see_and_another_size_asks_for_another_ring() -> (
+    None
+):
     state = made_state().with_pictures(10)
     longer = state.with_pictures(20)
-    assert longer.rev == state.rev and longer.pictures_until_ns == 20 and longer.options == state.options
-    assert longer.with_pictures(5).pictures_until_ns == 20, "another client's shorter lease takes nothing away"
+    assert (
+        longer.rev == state.rev
+        and longer.pictures_until_ns == 20
+        and longer.options == state.options
+    )
+    assert longer.with_pictures(5).pictures_until_ns == 20, (
+        "another client's shorter lease takes nothing away"
+    )
     other = longer.loaded(OTHER)
-    assert other.options.pictures == state.options.pictures, "the old ring stays until somebody asks again"
+    assert other.options.pictures == state.options.pictures, (
+        "the old ring stays until somebody asks again"
+    )
     assert other.with_pictures(30).options.pictures != state.options.pictures
-    assert other.with_pictures(30).rings()[other.with_pictures(30).options.pictures].shape == (96, 64, 3)
+    assert other.with_pictures(30).rings()[other.with_pictures(30).options.pictures].shape == (
+        96,
+        64,
+        3,
+    )
 
 
 def test_a_change_is_settled_once_every_stage_has_worked_by_it_for_a_while() -> None:
@@ -98,7 +145,9 @@ def test_a_change_is_settled_once_every_stage_has_worked_by_it_for_a_while() -> 
     rollback.watch(state, True, {"render": 1}, begun_ns)
     more = {"render": 2, "share": 1}  # a stage that has begun meanwhile
     assert rollback.watch(state, True, more, begun_ns + TRIAL_NS - 1) is state, "too early"
-    assert rollback.watch(state, True, {"render": 1}, begun_ns + TRIAL_NS) is state, "no output since"
+    assert rollback.watch(state, True, {"render": 1}, begun_ns + TRIAL_NS) is state, (
+        "no output since"
+    )
     assert rollback.watch(state, True, more, begun_ns + TRIAL_NS).known_good == state.basis
 
 
@@ -107,13 +156,21 @@ def test_a_stage_that_fails_on_a_change_blames_it_and_one_that_is_killed_later_d
     state = good.changed(LOWER)
     assert not rollback.to_blame(good, 1, True), "there is nothing to roll back"
     assert rollback.to_blame(state, -9, False) and rollback.to_blame(state, 1, True)
-    assert not rollback.to_blame(state, -9, True), "a kill says nothing against a change that was applied"
+    assert not rollback.to_blame(state, -9, True), (
+        "a kill says nothing against a change that was applied"
+    )
     assert not rollback.to_blame(state, 0, True)
 
 
 def test_each_change_is_one_revision_and_each_ring_has_the_next_name() -> None:
     state = made_state()
-    assert (state.paused, state.rev, state.pictures_until_ns, state.pictures_px, state.rings_made) == (False, 1, 0, (0, 0), 0)
+    assert (
+        state.paused,
+        state.rev,
+        state.pictures_until_ns,
+        state.pictures_px,
+        state.rings_made,
+    ) == (False, 1, 0, (0, 0), 0)
     assert not state.rings() and not state.zero_planes_px
     first = state.with_pictures(10)
     assert (first.rev, first.rings_made, first.options.pictures) == (2, 1, "pictures.1")
@@ -121,7 +178,11 @@ def test_each_change_is_one_revision_and_each_ring_has_the_next_name() -> None:
     recorded = first.changed(record="/out")
     assert (recorded.rev, recorded.rings_made, recorded.options.packets) == (3, 2, "packets.2")
     stopped = recorded.without_pictures().changed(record="")
-    assert (stopped.rev, stopped.rings_made, stopped.pictures_until_ns) == (5, 2, 0) and not stopped.rings()
+    assert (stopped.rev, stopped.rings_made, stopped.pictures_until_ns) == (
+        5,
+        2,
+        0,
+    ) and not stopped.rings()
     assert stopped.with_pictures(5).options.pictures == "pictures.3"
     paused = state.changed(paused=True)
     assert paused.paused and paused.config is state.config
@@ -131,16 +192,26 @@ def test_each_change_is_one_revision_and_each_ring_has_the_next_name() -> None:
 def test_quality_falls_by_number_and_is_full_again_where_the_levels_change() -> None:
     state = made_state()
     lower = state.with_level(1)
-    assert lower.level == state.levels[1] and lower.level.number == 1 and lower.with_level(0).options.level is None
+    assert (
+        lower.level == state.levels[1]
+        and lower.level.number == 1
+        and lower.with_level(0).options.level is None
+    )
     assert lower.changed(paused=True).level == lower.level, "the levels are the same"
     assert lower.changed(LOWER).options.level is None
-    for fixed in (state.changed(lossless=True), state.changed(Config(governor=Governor(quality="fixed")))):
+    for fixed in (
+        state.changed(lossless=True),
+        state.changed(Config(governor=Governor(quality="fixed"))),
+    ):
         assert fixed.levels == state.levels[:1]
 
 
 def test_a_mouse_or_a_single_view_needs_no_tracking_and_a_line_of_views_does() -> None:
     for mouse in (False, True):
         state = made_state(mouse=mouse)
-        assert state.loaded(OTHER).options.tracking is not mouse and state.loaded(SCENE).options.tracking is not mouse
+        assert (
+            state.loaded(OTHER).options.tracking is not mouse
+            and state.loaded(SCENE).options.tracking is not mouse
+        )
     assert not made_state().loaded(SINGLE).options.tracking
     assert SceneSummary("/p", "line", 1, 5, 4, 4, "nearest", False).needs_tracking

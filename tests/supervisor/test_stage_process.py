@@ -9,12 +9,21 @@ import pytest
 from lfpipe.host import signals
 from lfpipe.supervisor import stage_process
 from lfpipe.supervisor.process_table import Stage
-from lfpipe.supervisor.stage_process import ASLEEP_S, BUSY_S, COMPUTING, LOSSLESS_CPU_S, StageProcess, wait_for_end
+from lfpipe.supervisor.stage_process import (
+    ASLEEP_S,
+    BUSY_S,
+    COMPUTING,
+    LOSSLESS_CPU_S,
+    StageProcess,
+    wait_for_end,
+)
 from lfpipe.transport.clock import MS_NS
 from lfpipe.transport.session import Session
 from lfpipe.transport.status import ROW, State
 
-STAGE = Stage("render", "lfpipe.render.stage", lambda options: True, reads=("eyes",), hang_timeout_s=1.0)
+STAGE = Stage(
+    "render", "lfpipe.render.stage", lambda options: True, reads=("eyes",), hang_timeout_s=1.0
+)
 
 
 class Script:
@@ -47,7 +56,10 @@ class Script:
 
 PHASES = {  # state of the row -> seconds without a beat that are allowed
     "starts": ({"ready_ns": 0, "state": State.STARTING}, STAGE.startup_timeout_s),
-    "opens another scene": ({"state": State.STARTING, "busy_with": b"opening the scene"}, STAGE.startup_timeout_s),
+    "opens another scene": (
+        {"state": State.STARTING, "busy_with": b"opening the scene"},
+        STAGE.startup_timeout_s,
+    ),
     "runs": ({}, STAGE.hang_timeout_s),
     "reads": ({"busy_with": b"reading"}, BUSY_S),
     "saves": ({"busy_with": b"writing", "state": State.STOPPING}, BUSY_S),
@@ -55,19 +67,27 @@ PHASES = {  # state of the row -> seconds without a beat that are allowed
 
 
 @pytest.mark.parametrize("phase", PHASES)
-def test_each_phase_has_its_time_without_a_beat(phase: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_phase_has_its_time_without_a_beat(
+    phase: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     row, limit_s = PHASES[phase]
     script = Script(monkeypatch, **row)
     assert script.after(3 * limit_s, beats=True) == "" and script.after(limit_s) == ""
     why = script.after(1)
     assert f"{limit_s:.0f}" in why and row.get("busy_with", b"").decode() in why  # type: ignore[attr-defined]
-    assert Script(monkeypatch, **row).after(limit_s + 1, share=0.01), "a thread that only polls computes nothing"
+    assert Script(monkeypatch, **row).after(limit_s + 1, share=0.01), (
+        "a thread that only polls computes nothing"
+    )
     slow = Script(monkeypatch, **row)
-    assert slow.after(COMPUTING * limit_s, share=0.5) == "" and slow.after(1, share=0.5), "a slow machine is no hang"
+    assert slow.after(COMPUTING * limit_s, share=0.5) == "" and slow.after(1, share=0.5), (
+        "a slow machine is no hang"
+    )
     replay = Script(monkeypatch, **row)
     replay.process.lossless = True
     longest_s = max(COMPUTING * limit_s, LOSSLESS_CPU_S / 0.5)
-    assert replay.after(longest_s - 1, share=0.5) == "" and replay.after(2, share=0.5), "emulated, an inference takes long"
+    assert replay.after(longest_s - 1, share=0.5) == "" and replay.after(2, share=0.5), (
+        "emulated, an inference takes long"
+    )
 
 
 def test_a_wait_for_a_disk_is_busy_declared_or_not_and_an_end_without_words_is_not_judged(
@@ -107,7 +127,9 @@ class Ending:
         self.signals.append(signum)
 
 
-def test_who_ends_a_session_waits_for_what_is_being_saved_and_for_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_who_ends_a_session_waits_for_what_is_being_saved_and_for_nothing_else(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     clock, reports = [10**12], list[str]()
 
     def sleep(seconds: float) -> None:

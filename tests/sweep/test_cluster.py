@@ -14,7 +14,10 @@ from lfpipe.sweep.run import dask_workers, local_workers, run_cells
 from lfpipe.sweep.work import Order, measure_cell
 from tests.sweep.conftest import write_wall
 
-CELLS = [Cell(subject, "", f"/s{k}", key=f"k{k}") for k, subject in enumerate(["quality"] * 4 + ["table"] * 2)]
+CELLS = [
+    Cell(subject, "", f"/s{k}", key=f"k{k}")
+    for k, subject in enumerate(["quality"] * 4 + ["table"] * 2)
+]
 
 
 def test_cells_beside_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -37,15 +40,39 @@ def test_cells_beside_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
         now.discard(cell.key)
         if cell.key == "k1":
             raise ArithmeticError("no root")
-        return Outcome(cell, DIED if cell.key == "k0" or (cell.key == "k2" and tries.count("k2") == 1) else OK, "signal 9")
+        return Outcome(
+            cell,
+            DIED if cell.key == "k0" or (cell.key == "k2" and tries.count("k2") == 1) else OK,
+            "signal 9",
+        )
 
     with local_workers(2, measured) as workers:
-        run_cells(workers, CELLS, Order(60.0), lambda one: done.update({one.cell.key: one}), notices.append)
-        sockets = [one for one in psutil.Process().net_connections("inet") if one.status == psutil.CONN_LISTEN]
+        run_cells(
+            workers,
+            CELLS,
+            Order(60.0),
+            lambda one: done.update({one.cell.key: one}),
+            notices.append,
+        )
+        sockets = [
+            one
+            for one in psutil.Process().net_connections("inet")
+            if one.status == psutil.CONN_LISTEN
+        ]
         assert not sockets, "a stranger could run code"
-    assert {key: one.state for key, one in done.items()} == {"k0": FAILED, "k1": FAILED, "k2": OK, "k3": OK, "k4": OK, "k5": OK}
+    assert {key: one.state for key, one in done.items()} == {
+        "k0": FAILED,
+        "k1": FAILED,
+        "k2": OK,
+        "k3": OK,
+        "k4": OK,
+        "k5": OK,
+    }
     assert done["k0"].reason == "signal 9, also alone" and "no root" in done["k1"].reason
-    assert all(beside[key] == {key} for key in ("k0", "k2", "k4", "k5")) and tries[4:6] == ["k4", "k5"]
+    assert all(beside[key] == {key} for key in ("k0", "k2", "k4", "k5")) and tries[4:6] == [
+        "k4",
+        "k5",
+    ]
     assert all("running:" in line for line in notices)
 
 
@@ -58,16 +85,23 @@ def test_a_scheduler_without_tls_is_refused_unless_insecure(address: str) -> Non
 
 @pytest.mark.parametrize(
     ("code", "state", "reason"),
-    [("import time; time.sleep(600)", FAILED, "--limit"), ("import os; os.kill(os.getpid(), 9)", DIED, "signal 9")],
+    [
+        ("import time; time.sleep(600)", FAILED, "--limit"),
+        ("import os; os.kill(os.getpid(), 9)", DIED, "signal 9"),
+    ],
 )
-def test_a_cell_that_hangs_or_dies(code: str, state: str, reason: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cell_that_hangs_or_dies(
+    code: str, state: str, reason: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(work, "COMMAND", code)
     outcome = measure_cell(CELLS[0], Order(2.0))
     assert outcome.state == state and reason in outcome.reason
 
 
 @pytest.mark.live
-def test_a_subject_of_the_benchmark_as_a_cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_subject_of_the_benchmark_as_a_cell(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     scene = write_wall(tmp_path / "wall", 0)
     outcome = measure_cell(Cell("anaglyph", "", str(scene), key="k"), Order(100.0))

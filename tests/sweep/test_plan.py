@@ -33,18 +33,28 @@ def test_every_combination_is_a_cell_with_a_key_of_its_own(tmp_path: Path, corpu
     plan = read_plan(write_plan(tmp_path, corpus, FULL))
     found = [keyed(cell, "v1", Order(1.0)) for cell in plan]
     assert len(found) == 2 * 4 * 2 + 2 * 4 + 2 * 4 * 2
-    assert all(len({getattr(cell, name) for cell in found}) == len(found) for name in ("key", "name", "folder"))
+    assert all(
+        len({getattr(cell, name) for cell in found}) == len(found)
+        for name in ("key", "name", "folder")
+    )
     assert all("track.filter=mean" in cell.sets for cell in found)
     assert {cell.sequence != "" for cell in found if cell.subject == "truth"} == {True}
     assert not {keyed(cell, "v2", Order(1.0)).key for cell in plan} & {cell.key for cell in found}
-    for order in (Order(1.0, str(tmp_path)), Order(1.0, str(tmp_path), update=True)):  # whether they are compared matters
+    for order in (
+        Order(1.0, str(tmp_path)),
+        Order(1.0, str(tmp_path), update=True),
+    ):  # whether they are compared matters
         assert {
             keyed(cell, "v1", order).key == key
             for cell, key in zip(plan, (c.key for c in found), strict=True)
             if cell.subject == "quality"
         } == {False}
-    folder = Cell("replay", "/a/../é/%$ walk", "/x/" + "s" * 300, ("render.method=warp2", 'screen.x="/"')).folder
-    assert "/" not in folder and len(folder) < 100 and not folder.startswith("."), "the name of a reference"
+    folder = Cell(
+        "replay", "/a/../é/%$ walk", "/x/" + "s" * 300, ("render.method=warp2", 'screen.x="/"')
+    ).folder
+    assert "/" not in folder and len(folder) < 100 and not folder.startswith("."), (
+        "the name of a reference"
+    )
 
 
 def test_a_key_follows_contents_not_the_place(tmp_path: Path, corpus: Path) -> None:
@@ -78,13 +88,21 @@ def test_mistakes_are_named_before_anything_runs(tmp_path: Path, text: str, said
 
 def test_no_name_of_a_file_is_a_formula_of_a_spreadsheet(tmp_path: Path) -> None:
     names = ("=1+1", "+cmd", "-2", "@SUM(A1)", "plain")
-    outcomes = [Outcome(Cell("quality", "", f"/x/{name}", key=name), LEFT_OUT, "=why", {"a": -1.5}) for name in names]
+    outcomes = [
+        Outcome(Cell("quality", "", f"/x/{name}", key=name), LEFT_OUT, "=why", {"a": -1.5})
+        for name in names
+    ]
     write(outcomes, tmp_path, None)
     head, *rows = csv.reader((tmp_path / "table.csv").open())
     assert [row[3] for row in rows] == ["'=1+1", "'+cmd", "'-2", "'@SUM(A1)", "plain"]
-    assert {(row[ABOUT.index("reason")], row[head.index("a")]) for row in rows} == {("'=why", "-1.5")}
+    assert {(row[ABOUT.index("reason")], row[head.index("a")]) for row in rows} == {
+        ("'=why", "-1.5")
+    }
     store = Store(tmp_path / "out")
-    for outcome in (attrs.evolve(outcomes[0], state=FAILED, cell=attrs.evolve(outcomes[0].cell, key="again")), *outcomes):
+    for outcome in (
+        attrs.evolve(outcomes[0], state=FAILED, cell=attrs.evolve(outcomes[0].cell, key="again")),
+        *outcomes,
+    ):
         store.append(outcome)
     store.close()
     write(outcomes, tmp_path / "out", None)

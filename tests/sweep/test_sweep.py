@@ -56,14 +56,38 @@ def running(parent: psutil.Process, word: str) -> list[psutil.Process]:
 def scheduler(world: World) -> Iterator[tuple[subprocess.Popen[bytes], str]]:
     """A scheduler and two workers, as somebody else started them."""
     file = world.root / "scheduler.json"
-    quiet: dict[str, Any] = {"env": world.env, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": world.root}
-    dask = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--no-dashboard", "--host", "127.0.0.1", "--port", "0"]
+    quiet: dict[str, Any] = {
+        "env": world.env,
+        "stdout": subprocess.DEVNULL,
+        "stderr": subprocess.DEVNULL,
+        "cwd": world.root,
+    }
+    dask = [
+        sys.executable,
+        "-m",
+        "distributed.cli.dask_scheduler",
+        "--no-dashboard",
+        "--host",
+        "127.0.0.1",
+        "--port",
+        "0",
+    ]
     started = [subprocess.Popen([*dask, "--scheduler-file", str(file)], **quiet)]
     world.wait_for(lambda: file.exists() and file.stat().st_size > 0, "address of the scheduler")
     address = json.loads(file.read_text())["address"]
     for k in range(2):
-        words = ["--nthreads", "1", "--no-dashboard", "--local-directory", str(world.root / f"w{k}")]
-        started.append(subprocess.Popen([sys.executable, "-m", "distributed.cli.dask_worker", address, *words], **quiet))
+        words = [
+            "--nthreads",
+            "1",
+            "--no-dashboard",
+            "--local-directory",
+            str(world.root / f"w{k}"),
+        ]
+        started.append(
+            subprocess.Popen(
+                [sys.executable, "-m", "distributed.cli.dask_worker", address, *words], **quiet
+            )
+        )
     yield started[0], address
     for process in started:
         process.kill()
@@ -73,7 +97,9 @@ def scheduler(world: World) -> Iterator[tuple[subprocess.Popen[bytes], str]]:
 def test_every_cell_although_one_is_killed(world: World, corpus: Path) -> None:
     plan = write_plan(world.root, corpus, PLAN)
     process = world.start("sweep", plan, "--out", "out", "--jobs", "2")
-    world.wait_for(lambda: running(psutil.Process(process.pid), "runpy"), "process of a cell")[0].kill()
+    world.wait_for(lambda: running(psutil.Process(process.pid), "runpy"), "process of a cell")[
+        0
+    ].kill()
     out, err = process.communicate(timeout=100)
     assert process.returncode == 0, out + err
     assert f"{CELLS} cells: {CELLS} ok" in out and "Traceback" not in err
@@ -83,16 +109,26 @@ def test_every_cell_although_one_is_killed(world: World, corpus: Path) -> None:
     table = list(csv.reader((world.root / "out" / "table.csv").open()))
     assert len(table) == CELLS + 1 and "warp2.psnr_db" in table[0]
     world.done("bench", "table", corpus / "scenes" / "s0", "--border", "4", "--out", "hand")
-    of_sweep = next(one for one in lines(world) if one["scene"].endswith("s0") and "border=4" in one["options"])
+    of_sweep = next(
+        one for one in lines(world) if one["scene"].endswith("s0") and "border=4" in one["options"]
+    )
     for row in read(world.root / "hand")["table"].rows:
-        assert all(of_sweep["figures"][f"{row.curve}.{name}"] == row.value(name) for name in ("psnr_db", "ssim"))
+        assert all(
+            of_sweep["figures"][f"{row.curve}.{name}"] == row.value(name)
+            for name in ("psnr_db", "ssim")
+        )
 
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
-def test_what_is_done_is_kept_when_the_sweep_ends_early(world: World, corpus: Path, how: signal.Signals) -> None:
+def test_what_is_done_is_kept_when_the_sweep_ends_early(
+    world: World, corpus: Path, how: signal.Signals
+) -> None:
     plan = write_plan(world.root, corpus, PLAN)
     process = world.start("sweep", plan, "--out", "out", "--jobs", "2")
-    left = world.wait_for(lambda: len(lines(world)) >= 2 and running(psutil.Process(process.pid), "runpy"), "third cell")
+    left = world.wait_for(
+        lambda: len(lines(world)) >= 2 and running(psutil.Process(process.pid), "runpy"),
+        "third cell",
+    )
     process.send_signal(how)
     _, err = process.communicate(timeout=60)
     assert process.returncode == (-signal.SIGKILL if how == signal.SIGKILL else 130), err
@@ -104,10 +140,16 @@ def test_what_is_done_is_kept_when_the_sweep_ends_early(world: World, corpus: Pa
     assert lines(world)[: len(kept)] == kept and len(lines(world)) == CELLS
 
 
-def test_a_cluster(world: World, corpus: Path, scheduler: tuple[subprocess.Popen[bytes], str]) -> None:
+def test_a_cluster(
+    world: World, corpus: Path, scheduler: tuple[subprocess.Popen[bytes], str]
+) -> None:
     """A worker that dies changes nothing; timed cells run one at a time, after the others; a dead scheduler is a clear end."""
     dask, address = scheduler
-    text = PLAN.replace('["quality"]', '["quality", "table"]').replace('["warp", "warp2"]', '"warp"').replace("[4, 6]", "[4]")
+    text = (
+        PLAN.replace('["quality"]', '["quality", "table"]')
+        .replace('["warp", "warp2"]', '"warp"')
+        .replace("[4, 6]", "[4]")
+    )
     plan = write_plan(world.root, corpus, text)
     process = world.start("sweep", plan, "--out", "out", "--on", address, "--insecure")
     world.wait_for(lambda: lines(world), "first cell")
@@ -118,16 +160,26 @@ def test_a_cluster(world: World, corpus: Path, scheduler: tuple[subprocess.Popen
     for line in sorted(lines(world), key=lambda line: str(line["scene"])):
         by_subject[line["subject"]].append(line)
     timed = sorted((one["began_s"], one["began_s"] + one["seconds"]) for one in by_subject["table"])
-    assert len(timed) == 2 and all(a[1] <= b[0] for a, b in itertools.pairwise(timed)), "one at a time"
+    assert len(timed) == 2 and all(a[1] <= b[0] for a, b in itertools.pairwise(timed)), (
+        "one at a time"
+    )
     for one, other in zip(by_subject["quality"], by_subject["table"], strict=True):
-        figures = {name: value for name, value in other["figures"].items() if "psnr" in name or "ssim" in name}
-        assert figures == {name: one["figures"][name] for name in figures} != {}, "whoever measures them"
+        figures = {
+            name: value
+            for name, value in other["figures"].items()
+            if "psnr" in name or "ssim" in name
+        }
+        assert figures == {name: one["figures"][name] for name in figures} != {}, (
+            "whoever measures them"
+        )
     other_plan = write_plan(world.root, corpus, PLAN)
     process = world.start("sweep", other_plan, "--out", "out", "--on", address, "--insecure")
     world.wait_for(lambda: len(lines(world)) >= 6, "sixth cell")
     dask.kill()
     _, err = process.communicate(timeout=90)
-    assert process.returncode == 2 and "the scheduler is gone" in err and "Traceback" not in err, err
+    assert process.returncode == 2 and "the scheduler is gone" in err and "Traceback" not in err, (
+        err
+    )
     kept = lines(world)
     world.done("sweep", other_plan, "--out", "out")
     assert lines(world)[: len(kept)] == kept
@@ -137,16 +189,35 @@ def test_missing(world: World, corpus: Path) -> None:
     plan = write_plan(world.root, corpus, MIXED)
     done = world.run("sweep", plan, "--out", "out", timeout_s=120)
     assert done.returncode == 1 and "Traceback" not in done.stderr, done.stderr
-    found = {(one["subject"], Path(one["sequence"]).name, Path(one["scene"]).name): one for one in lines(world)}
+    found = {
+        (one["subject"], Path(one["sequence"]).name, Path(one["scene"]).name): one
+        for one in lines(world)
+    }
     assert len(found) == 2 + 4 + 4
     states = {place: one["state"] for place, one in found.items()}
-    assert all(state == "failed" for place, state in states.items() if "nowhere" in place or "cut" in place), states
+    assert all(
+        state == "failed" for place, state in states.items() if "nowhere" in place or "cut" in place
+    ), states
     assert all(one["reason"] for one in found.values() if one["state"] == "failed")
-    assert states["quality", "", "s0"] == states["replay", "walk", "s0"] == states["truth", "walk", "s0"] == "ok"
+    assert (
+        states["quality", "", "s0"]
+        == states["replay", "walk", "s0"]
+        == states["truth", "walk", "s0"]
+        == "ok"
+    )
     assert found["truth", "walk", "s0"]["figures"]["truth.used.rms_px"] > 0
     suite = ElementTree.parse(world.root / "out" / "junit.xml").getroot()
-    assert suite.get("tests") == "10" and suite.get("errors") == str(sum(state == "failed" for state in states.values()))
-    world.done("replay", corpus / "recordings" / "walk", "--scene", corpus / "scenes" / "s0", "--out", "hand")
+    assert suite.get("tests") == "10" and suite.get("errors") == str(
+        sum(state == "failed" for state in states.values())
+    )
+    world.done(
+        "replay",
+        corpus / "recordings" / "walk",
+        "--scene",
+        corpus / "scenes" / "s0",
+        "--out",
+        "hand",
+    )
     digests = json.loads((world.root / "hand" / "report.json").read_text())["digests"]
     figures = found["replay", "walk", "s0"]["figures"]
     assert {name: figures[f"digest.{name}"] for name in digests} == digests
@@ -154,8 +225,12 @@ def test_missing(world: World, corpus: Path) -> None:
 
 def test_references_of_a_corpus(world: World, corpus: Path) -> None:
     write_wall(world.root / "wall", 0)
-    text = MIXED.replace(', "CORPUS/broken/cut"', "").replace('"CORPUS/scenes/s0", "CORPUS/scenes/nowhere"', '"wall"')
-    plan = write_plan(world.root, corpus, text.replace('"quality", "replay", "truth"', '"quality", "replay"'))
+    text = MIXED.replace(', "CORPUS/broken/cut"', "").replace(
+        '"CORPUS/scenes/s0", "CORPUS/scenes/nowhere"', '"wall"'
+    )
+    plan = write_plan(
+        world.root, corpus, text.replace('"quality", "replay", "truth"', '"quality", "replay"')
+    )
     words = ("sweep", plan, "--out", "out", "--jobs", "1", "--expect", "ref")
     bare = world.run(*words)
     assert bare.returncode == 1 and "write it with --update" in bare.stdout
@@ -163,6 +238,12 @@ def test_references_of_a_corpus(world: World, corpus: Path) -> None:
     assert len(list((world.root / "ref").iterdir())) == 2
     assert "2 cells: 2 ok" in world.done(*words).stdout
     for path in (world.root / "ref").glob("quality*/figures.json"):
-        path.write_text(json.dumps({name: value * 1.1 for name, value in json.loads(path.read_text()).items()}))
+        path.write_text(
+            json.dumps({name: value * 1.1 for name, value in json.loads(path.read_text()).items()})
+        )
     changed = world.run(*words)
-    assert changed.returncode == 1 and "differs: quality" in changed.stdout and "2 cells: 1 ok, 1 differs" in changed.stdout
+    assert (
+        changed.returncode == 1
+        and "differs: quality" in changed.stdout
+        and "2 cells: 1 ok, 1 differs" in changed.stdout
+    )

@@ -16,7 +16,9 @@ Picture = NDArray[np.uint8]
 def portrait() -> Picture:
     spec = importlib.util.find_spec("matplotlib")
     assert spec is not None and spec.origin is not None
-    image = cv2.imread(str(Path(spec.origin).parent / "mpl-data" / "sample_data" / "grace_hopper.jpg"))
+    image = cv2.imread(
+        str(Path(spec.origin).parent / "mpl-data" / "sample_data" / "grace_hopper.jpg")
+    )
     assert image is not None
     return image[:420].astype(np.uint8)  # head and shoulders, 512 wide
 
@@ -29,7 +31,9 @@ def placed(portrait: Picture) -> Callable[..., Picture]:
         out = np.full((size[1], size[0], 3), 90, np.uint8)
         for x, y, scale in heads:
             matrix = np.array([[scale, 0, x - 264 * scale], [0, scale, y - 190 * scale]])
-            mask = cv2.warpAffine(np.full(portrait.shape[:2], 255, np.uint8), matrix, size, flags=cv2.INTER_NEAREST)
+            mask = cv2.warpAffine(
+                np.full(portrait.shape[:2], 255, np.uint8), matrix, size, flags=cv2.INTER_NEAREST
+            )
             head = cv2.warpAffine(portrait, matrix, size, flags=cv2.INTER_LINEAR)
             out[mask > 0] = head[mask > 0]
         return out

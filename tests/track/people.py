@@ -22,8 +22,12 @@ from lfpipe.track.models import package_folder
 FACES = Path(__file__).parents[3] / "shared" / "data" / "faces"  # beside the checkout
 SIZE = (640, 480)
 RATE_HZ = 30.0
-needs_mediapipe = pytest.mark.skipif(package_folder() is None, reason="mediapipe has no wheel for this Python or machine")
-needs_faces = pytest.mark.skipif(not (FACES / "eyes_truth.csv").is_file(), reason=f"the sample faces are not in {FACES}")
+needs_mediapipe = pytest.mark.skipif(
+    package_folder() is None, reason="mediapipe has no wheel for this Python or machine"
+)
+needs_faces = pytest.mark.skipif(
+    not (FACES / "eyes_truth.csv").is_file(), reason=f"the sample faces are not in {FACES}"
+)
 
 Picture = NDArray[np.uint8]
 
@@ -78,14 +82,18 @@ def _cut_out(name: str, apart_px: float) -> tuple[Picture, NDArray[np.float32]]:
     return head, mask
 
 
-def placed(picture: Picture, name: str, x: float, y: float, apart_px: float, roll_deg: float = 0.0) -> Picture:
+def placed(
+    picture: Picture, name: str, x: float, y: float, apart_px: float, roll_deg: float = 0.0
+) -> Picture:
     """picture with the head of a portrait before it: eyes apart_px apart, their middle at (x, y), turned clockwise."""
     eyes = portrait(name)[1]
     between = eyes[0] - eyes[1]
     middle, wide = eyes.mean(axis=0), float(np.hypot(*between))
     turn = np.deg2rad(roll_deg) - np.arctan2(between[1], between[0])
     c, s = np.cos(turn) * apart_px / wide, np.sin(turn) * apart_px / wide
-    matrix = np.array([[c, -s, x - c * middle[0] + s * middle[1]], [s, c, y - s * middle[0] - c * middle[1]]])
+    matrix = np.array(
+        [[c, -s, x - c * middle[0] + s * middle[1]], [s, c, y - s * middle[0] - c * middle[1]]]
+    )
     head, mask = _cut_out(name, apart_px)
     share = np.asarray(cv2.warpAffine(mask, matrix, SIZE, flags=cv2.INTER_LINEAR), np.float32)
     drawn = np.asarray(cv2.warpAffine(head, matrix, SIZE, flags=cv2.INTER_LINEAR), np.uint8)
@@ -110,12 +118,20 @@ def watched(frames: Iterable[Picture], refine: bool = False) -> list[Seen]:
     noise = np.asarray(np.rint(rng.normal(0, 2, (SIZE[1] + 97, SIZE[0], 3))), np.int16)
     for k, frame in enumerate(frames):
         shifted = noise[13 * k % 97 :][: frame.shape[0], : frame.shape[1]]
-        noisy = np.asarray(cv2.add(frame, shifted, dtype=cv2.CV_8U), np.uint8) if frame.shape == shifted.shape else frame
+        noisy = (
+            np.asarray(cv2.add(frame, shifted, dtype=cv2.CV_8U), np.uint8)
+            if frame.shape == shifted.shape
+            else frame
+        )
         tracker.update(tracker.engine.detect(noisy), round(k * 1e9 / RATE_HZ))
         tracker.write(record, noisy)
         tracker.engine.examine(noisy)
         middles = (record[name].mean(axis=0) for name in ("raw_px", "filtered_px"))
-        seen.append(Seen(bool(record["face"]), *middles, float(record["apart_px"]), int(record["generation"])))
+        seen.append(
+            Seen(
+                bool(record["face"]), *middles, float(record["apart_px"]), int(record["generation"])
+            )
+        )
     tracker.engine.close()
     return seen
 

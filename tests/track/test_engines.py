@@ -43,7 +43,9 @@ def apart(eyes_px: NDArray[np.float64]) -> float:
     return float(np.linalg.norm(eyes_px[0] - eyes_px[1]))
 
 
-def test_eyes_are_found_where_they_are_and_left_is_at_larger_x(engine: LitertEngine, placed: Placed) -> None:
+def test_eyes_are_found_where_they_are_and_left_is_at_larger_x(
+    engine: LitertEngine, placed: Placed
+) -> None:
     assert engine.detect(placed()) is None
     face = engine.detect(placed((320, 200, 0.8)))
     assert face is not None
@@ -51,7 +53,11 @@ def test_eyes_are_found_where_they_are_and_left_is_at_larger_x(engine: LitertEng
     assert face.eyes_px[0, 0] > face.eyes_px[1, 0] + 50
     assert 0.9 < face.confidence <= 1.0
     x0, y0, x1, y1 = face.box_px
-    assert x0 < face.eyes_px[1, 0] < face.eyes_px[0, 0] < x1 and y0 < face.eyes_px[:, 1].min() and y1 > 250
+    assert (
+        x0 < face.eyes_px[1, 0] < face.eyes_px[0, 0] < x1
+        and y0 < face.eyes_px[:, 1].min()
+        and y1 > 250
+    )
     assert [engine.detect(placed()), engine.detect(placed())] == [None, None], "lost"
     assert engine.detect(placed((300, 200, 0.8))) is not None
 
@@ -69,8 +75,13 @@ def test_same_eyes_as_facemesh_on_a_moving_face(engine: LitertEngine, placed: Pl
     finally:
         mesh.close()
     apart_px = 0.7 * 89
-    assert np.abs(np.mean(errors, axis=0)).max() < 0.02 * apart_px  # ours rest on corners and lower lid, theirs on both lids
-    assert float(np.sqrt(np.square(errors - np.mean(errors, axis=0)).sum(axis=-1).mean())) < 0.005 * apart_px
+    assert (
+        np.abs(np.mean(errors, axis=0)).max() < 0.02 * apart_px
+    )  # ours rest on corners and lower lid, theirs on both lids
+    assert (
+        float(np.sqrt(np.square(errors - np.mean(errors, axis=0)).sum(axis=-1).mean()))
+        < 0.005 * apart_px
+    )
 
 
 def test_subpixel_moves_are_followed(engine: LitertEngine, placed: Placed) -> None:
@@ -78,7 +89,9 @@ def test_subpixel_moves_are_followed(engine: LitertEngine, placed: Placed) -> No
     found = []
     for i in range(31):
         for _ in range(2 if i else 8):  # the region of interest settles
-            face = engine.detect(cv2.GaussianBlur(placed((320 + i / 10, 200, 0.7)), (0, 0), 0.8))  # as a lens does
+            face = engine.detect(
+                cv2.GaussianBlur(placed((320 + i / 10, 200, 0.7)), (0, 0), 0.8)
+            )  # as a lens does
         assert face is not None
         found.append(face.eyes_px[:, 0].mean())
     residual = np.array(found) - np.polyval(np.polyfit(np.arange(31), found, 1), np.arange(31))
@@ -86,7 +99,9 @@ def test_subpixel_moves_are_followed(engine: LitertEngine, placed: Placed) -> No
     assert residual.std() < 0.15  # whole pixels would leave 0.29
 
 
-def test_a_passer_by_does_not_steal_the_view_and_recentre_chooses_anew(engine: LitertEngine, placed: Placed) -> None:
+def test_a_passer_by_does_not_steal_the_view_and_recentre_chooses_anew(
+    engine: LitertEngine, placed: Placed
+) -> None:
     viewer = (160.0, 200.0, 0.45)
     engine.detect(placed(viewer))
     for x in (620, 560, 500, 450):
@@ -102,7 +117,9 @@ def test_a_passer_by_does_not_steal_the_view_and_recentre_chooses_anew(engine: L
 @pytest.mark.parametrize("size", [(320, 240), (1920, 1080), (3840, 2160)])
 def test_every_size_of_frame(engine: LitertEngine, placed: Placed, size: tuple[int, int]) -> None:
     factor = size[1] / 480
-    assert engine.detect(np.full((1, size[0] // 320, 3), 128, np.uint8)) is None, "tiny pictures hold no face"
+    assert engine.detect(np.full((1, size[0] // 320, 3), 128, np.uint8)) is None, (
+        "tiny pictures hold no face"
+    )
     face = engine.detect(placed((0.5 * size[0], 0.42 * size[1], 0.7 * factor), size=size))
     assert face is not None
     assert apart(face.eyes_px) == pytest.approx(89 * 0.7 * factor, rel=0.08)
@@ -124,7 +141,9 @@ def test_broken_model_and_model_of_another_version_are_refused(tmp_path: Path) -
     with pytest.raises(UserError, match="not a usable face network"):
         Network(broken, 192, (1404, 1))
     with pytest.raises(UserError, match=r"another version: input \(1, 128, 128, 3\)"):
-        Network(model_file("modules/face_detection/face_detection_short_range.tflite"), 192, (1404, 1))
+        Network(
+            model_file("modules/face_detection/face_detection_short_range.tflite"), 192, (1404, 1)
+        )
 
 
 def test_mediapipe_is_never_imported() -> None:
@@ -139,7 +158,9 @@ def test_mediapipe_is_never_imported() -> None:
 
 
 @needs_mediapipe
-def test_mediapipes_own_graph_finds_loses_and_finds_the_eyes(placed: Placed, capfd: pytest.CaptureFixture[str]) -> None:
+def test_mediapipes_own_graph_finds_loses_and_finds_the_eyes(
+    placed: Placed, capfd: pytest.CaptureFixture[str]
+) -> None:
     graph = make_engine(Track(engine="mediapipe"))
     face = graph.detect(placed((300, 210, 0.8)))
     assert face is not None
@@ -150,7 +171,9 @@ def test_mediapipes_own_graph_finds_loses_and_finds_the_eyes(placed: Placed, cap
     assert graph.detect(np.zeros((1, 1, 3), np.uint8)) is None
     assert graph.detect(placed((200, 210, 0.8))) is not None
     graph.close()
-    assert capfd.readouterr().err == ""  # it would log at the start, at the first picture and at the first face
+    assert (
+        capfd.readouterr().err == ""
+    )  # it would log at the start, at the first picture and at the first face
 
 
 def test_version_without_facemesh_says_which_one_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -162,16 +185,23 @@ def test_version_without_facemesh_says_which_one_has_it(monkeypatch: pytest.Monk
 
 
 def test_overlap_is_intersection_over_union() -> None:
-    a, others = (0.0, 0.0, 2.0, 2.0), [(0.0, 0.0, 2.0, 2.0), (1.0, 0.0, 3.0, 2.0), (2.0, 2.0, 3.0, 3.0), (0.5, 0.5, 0.5, 0.5)]
+    a, others = (
+        (0.0, 0.0, 2.0, 2.0),
+        [(0.0, 0.0, 2.0, 2.0), (1.0, 0.0, 3.0, 2.0), (2.0, 2.0, 3.0, 3.0), (0.5, 0.5, 0.5, 0.5)],
+    )
     assert [overlap(a, other) for other in others] == pytest.approx([1, 1 / 3, 0, 0])
     assert overlap(others[3], others[3]) == 0  # no area, no overlap, no division by zero
     here = (100.0, 100.0, 200.0, 200.0)
     faces = (130.0, 110.0, 230.0, 210.0), (180.0, 100.0, 280.0, 200.0), (140.0, 140.0, 160.0, 160.0)
-    assert [overlap(here, face) > SAME for face in faces] == [True, False, False], "the same where it was and of its size"
+    assert [overlap(here, face) > SAME for face in faces] == [True, False, False], (
+        "the same where it was and of its size"
+    )
 
 
 def test_suppression_averages_by_score_and_keeps_the_best_score() -> None:
-    rows = np.array([[0, 0, 10, 10, 1.0], [1, 0, 11, 10, 4.0], [50, 50, 60, 60, 7.0], [3, 3, 3, 3, 9.0]])
+    rows = np.array(
+        [[0, 0, 10, 10, 1.0], [1, 0, 11, 10, 4.0], [50, 50, 60, 60, 7.0], [3, 3, 3, 3, 9.0]]
+    )
     out = suppressed(rows, np.array([0.6, 0.9, 0.7, 0.5]))
     assert [score for _, score in out] == [0.9, 0.7, 0.5]
     np.testing.assert_allclose(out[0][0], (0.6 * rows[0] + 0.9 * rows[1]) / 1.5)
@@ -189,18 +219,30 @@ def test_crop_shows_what_the_map_says(angle: float) -> None:
     np.testing.assert_allclose(mapped(middle, roi.matrix(60))[0], (61.5, 41.5), atol=0.1)
 
 
-@pytest.mark.parametrize("roi", [Roi(51.3, 40.2, 60.0, 0.1), Roi(5.0, 3.0, 40.0, -0.4), Roi(90.0, 70.0, 31.0, 3.0)])
+@pytest.mark.parametrize(
+    "roi", [Roi(51.3, 40.2, 60.0, 0.1), Roi(5.0, 3.0, 40.0, -0.4), Roi(90.0, 70.0, 31.0, 3.0)]
+)
 def test_the_portable_warp_differs_by_a_rounding_only(roi: Roi) -> None:
     """Places of 1/32 px: half of one off, along and down, in a picture whose pixels change by at most that much."""
     y, x = np.mgrid[0:80, 0:100]
     image = np.stack([2 * x, 3 * y, x + y], axis=2).astype(np.uint8)
-    exact, rounded = (roi.crop(image, roi.matrix(64), 64, cv2.BORDER_REPLICATE, way).astype(int) for way in (warp, portable_warp))
+    exact, rounded = (
+        roi.crop(image, roi.matrix(64), 64, cv2.BORDER_REPLICATE, way).astype(int)
+        for way in (warp, portable_warp)
+    )
     assert np.abs(exact - rounded).max() <= 1 and rounded.std() > 5
 
 
 FRAME_NS = 33_333_333
 IMAGE = np.zeros((480, 640, 3), np.uint8)
-FACE = Face(np.array([[350.0, 240.0], [290.0, 242.0]]), 0.98, (250.0, 180.0, 390.0, 330.0), 62.0, 2.0, np.ones((10, 3)))
+FACE = Face(
+    np.array([[350.0, 240.0], [290.0, 242.0]]),
+    0.98,
+    (250.0, 180.0, 390.0, 330.0),
+    62.0,
+    2.0,
+    np.ones((10, 3)),
+)
 BAD = [math.nan, math.inf, -math.inf, 1e300, -1e300]
 WRONG = [
     *({"apart_px": value} for value in (*BAD, -60.0, 900.0, 0.1)),
@@ -219,7 +261,9 @@ def test_an_implausible_face_is_no_face(change: dict[str, object]) -> None:
         tracker.update(FACE, k * FRAME_NS)
     assert tracker.update(attrs.evolve(FACE, **change), 5 * FRAME_NS) and not tracker.seen
     tracker.write(record, IMAGE)
-    assert record["face"] == 0 and record["apart_px"] == 0 and np.isfinite(record["filtered_px"]).all()
+    assert (
+        record["face"] == 0 and record["apart_px"] == 0 and np.isfinite(record["filtered_px"]).all()
+    )
     assert tracker.update(FACE, 6 * FRAME_NS) and tracker.seen
 
 
@@ -227,5 +271,7 @@ def test_faces_of_every_distance_and_lean_are_plausible() -> None:
     for scale in (0.06, 1.0, 12.0):
         x0, y0, x1, y1 = (scale * value for value in FACE.box_px)
         assert Face(scale * FACE.eyes_px, 1.0, (x0, y0, x1, y1), scale * 62).plausible
-    profile = Face(np.array([[300.0, 240.0], [296.0, 240.0]]), 0.9, (250.0, 180.0, 350.0, 330.0), 60.0)
+    profile = Face(
+        np.array([[300.0, 240.0], [296.0, 240.0]]), 0.9, (250.0, 180.0, 350.0, 330.0), 60.0
+    )
     assert profile.plausible

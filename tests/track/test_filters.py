@@ -13,7 +13,16 @@ from hypothesis import strategies as st
 
 from lfpipe.config import Track
 from lfpipe.track.filters import Motion, Predictive, Tuning, make_filter
-from lfpipe.track.smoothing import LIMIT_PX, MAX_STEP_NS, MIN_STEP_NS, Covariance, EyeFilter, Mean, OneEuro, weight
+from lfpipe.track.smoothing import (
+    LIMIT_PX,
+    MAX_STEP_NS,
+    MIN_STEP_NS,
+    Covariance,
+    EyeFilter,
+    Mean,
+    OneEuro,
+    weight,
+)
 
 FRAME_NS = 33_333_333
 EYES = np.array([[350.0, 240.0], [290.0, 242.0]])
@@ -36,9 +45,15 @@ def settled(kind: str, frames: int = 40, start_ns: int = 0) -> EyeFilter:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@given(track=st.lists(st.tuples(steps, st.tuples(pixels, pixels, pixels, pixels)), min_size=1, max_size=30))
+@given(
+    track=st.lists(
+        st.tuples(steps, st.tuples(pixels, pixels, pixels, pixels)), min_size=1, max_size=30
+    )
+)
 @settings(max_examples=60)
-def test_whatever_comes_the_output_is_finite_and_bounded(kind: str, track: list[tuple[int, tuple[float, ...]]]) -> None:
+def test_whatever_comes_the_output_is_finite_and_bounded(
+    kind: str, track: list[tuple[int, tuple[float, ...]]]
+) -> None:
     filter_, t_ns, seen = make(kind), 0, []
     for step_ns, values in track:
         t_ns += step_ns
@@ -49,14 +64,18 @@ def test_whatever_comes_the_output_is_finite_and_bounded(kind: str, track: list[
         assert np.all(np.isfinite(filter_.predict(t_ns + FRAME_NS)))
         if kind in SMOOTHING:
             slack = 1e-9 * (1 + np.abs(seen).max())  # a mean of equal numbers may round
-            assert np.all(position >= np.min(seen, axis=0) - slack) and np.all(position <= np.max(seen, axis=0) + slack)
+            assert np.all(position >= np.min(seen, axis=0) - slack) and np.all(
+                position <= np.max(seen, axis=0) + slack
+            )
             assert not velocity.any()
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e18, 5e-324])
 @pytest.mark.parametrize("where", [(0, 0), (1, 1), slice(None)])
-def test_one_bad_measurement_is_forgotten_within_three_good_ones(kind: str, bad: float, where: object) -> None:
+def test_one_bad_measurement_is_forgotten_within_three_good_ones(
+    kind: str, bad: float, where: object
+) -> None:
     fresh, filter_, untouched = make(kind), settled(kind), settled(kind)
     assert np.isnan(fresh.update(0, np.full((2, 2), np.nan))[0]).all()
     np.testing.assert_array_equal(fresh.update(FRAME_NS, EYES), (EYES, np.zeros((2, 2))))
@@ -105,7 +124,9 @@ def test_stamps_near_the_end_of_int64_are_as_good_as_any(kind: str) -> None:
         a = early.update(i * FRAME_NS, measured)
         b = late.update(np.int64(late_ns + i * FRAME_NS), measured)  # type: ignore[arg-type]
         np.testing.assert_array_equal(a, b)
-    np.testing.assert_array_equal(early.predict(50 * FRAME_NS), late.predict(late_ns + 50 * FRAME_NS))
+    np.testing.assert_array_equal(
+        early.predict(50 * FRAME_NS), late.predict(late_ns + 50 * FRAME_NS)
+    )
     position, _ = late.update(-(2**63), EYES)  # the difference alone is beyond int64
     np.testing.assert_array_equal(position, EYES)
 
@@ -126,8 +147,15 @@ def test_no_drift_over_any_number_of_updates(kind: str) -> None:
 
 def _state(filter_: object) -> str:
     """Everything a filter holds but its last stamp."""
-    values = {key: value for key, value in vars(filter_).items() if key not in ("_t_ns", "_used_ns")}
-    return repr({k: _state(v) if hasattr(v, "update") and hasattr(v, "predict") else repr(v) for k, v in values.items()})
+    values = {
+        key: value for key, value in vars(filter_).items() if key not in ("_t_ns", "_used_ns")
+    }
+    return repr(
+        {
+            k: _state(v) if hasattr(v, "update") and hasattr(v, "predict") else repr(v)
+            for k, v in values.items()
+        }
+    )
 
 
 @pytest.mark.parametrize("kind", ["predictive", "kalman"])
@@ -142,24 +170,40 @@ def test_constant_motion_is_predicted(kind: str, speed_px_s: float) -> None:
     assert lag_s < (0.012 if speed_px_s > 100 else 0.03)  # the mean of five lags by 0.067 + 0.030
 
 
-def missed_px(filter_: EyeFilter, x_px: Callable[[float], float], from_s: float, to_s: float, ahead_s: float = 0.1) -> float:
+def missed_px(
+    filter_: EyeFilter,
+    x_px: Callable[[float], float],
+    from_s: float,
+    to_s: float,
+    ahead_s: float = 0.1,
+) -> float:
     """RMS of the error ahead_s after each frame at 30 Hz of eyes that move sideways from from_s to to_s; noise of 0.15 px."""
     rng, missed = np.random.default_rng(4), []
     for i in range(round(from_s * 30), round(to_s * 30)):
         t_s = i / 30
-        filter_.update(round(t_s * 1e9), EYES + np.array([x_px(t_s), 0]) + rng.normal(0, 0.15, (2, 2)))
+        filter_.update(
+            round(t_s * 1e9), EYES + np.array([x_px(t_s), 0]) + rng.normal(0, 0.15, (2, 2))
+        )
         if t_s > (from_s + to_s) / 2:
-            missed.append(filter_.predict(round((t_s + ahead_s) * 1e9))[:, 0].mean() - EYES[:, 0].mean() - x_px(t_s + ahead_s))
+            missed.append(
+                filter_.predict(round((t_s + ahead_s) * 1e9))[:, 0].mean()
+                - EYES[:, 0].mean()
+                - x_px(t_s + ahead_s)
+            )
     return float(np.sqrt(np.mean(np.square(missed))))
 
 
 @pytest.mark.parametrize("speed_px_s", [150, 450, -450])
-def test_a_face_that_enters_at_speed_is_predicted_from_its_second_frame_on(speed_px_s: float) -> None:
+def test_a_face_that_enters_at_speed_is_predicted_from_its_second_frame_on(
+    speed_px_s: float,
+) -> None:
     filter_ = make("predictive")
     for i in range(2):
         filter_.update(i * FRAME_NS, EYES + np.array([speed_px_s * i / 30, 0]))
     ahead = filter_.predict(4 * FRAME_NS)[:, 0].mean() - EYES[:, 0].mean()
-    assert ahead / (speed_px_s * 4 / 30) == pytest.approx(1, abs=0.35), "the lively models are not trusted in full"
+    assert ahead / (speed_px_s * 4 / 30) == pytest.approx(1, abs=0.35), (
+        "the lively models are not trusted in full"
+    )
     for i in range(2, 4):
         filter_.update(i * FRAME_NS, EYES + np.array([speed_px_s * i / 30, 0]))
     ahead = filter_.predict(6 * FRAME_NS)[:, 0].mean() - EYES[:, 0].mean()
@@ -167,10 +211,16 @@ def test_a_face_that_enters_at_speed_is_predicted_from_its_second_frame_on(speed
 
 
 def test_acceleration_is_used_where_it_has_improved_predictions() -> None:
-    slow = missed_px(make_filter(Track(), 0.05), lambda t_s: 80 * math.sin(2 * math.pi * 0.4 * t_s), 0, 12)
+    slow = missed_px(
+        make_filter(Track(), 0.05), lambda t_s: 80 * math.sin(2 * math.pi * 0.4 * t_s), 0, 12
+    )
     assert slow < 2, "without it, 2.75 px"
-    quick = missed_px(make_filter(Track(), 0.05), lambda t_s: 8 * math.sin(2 * math.pi * 4 * t_s), 0, 12)
-    assert quick < 12.5, "a shaking head turns before an acceleration carries that far: as without it"
+    quick = missed_px(
+        make_filter(Track(), 0.05), lambda t_s: 8 * math.sin(2 * math.pi * 4 * t_s), 0, 12
+    )
+    assert quick < 12.5, (
+        "a shaking head turns before an acceleration carries that far: as without it"
+    )
 
 
 def test_landmarks_that_jump_do_not_change_how_far_acceleration_is_used() -> None:
@@ -223,7 +273,9 @@ def test_a_velocity_is_trusted_over_a_long_loop_as_far_as_it_carries() -> None:
     def nod(t_s: float) -> float:
         return 15 * math.sin(2 * math.pi * 1.5 * t_s)
 
-    short, loop = (missed_px(make_filter(Track(), loop_s), nod, 0, 16, 0.17) for loop_s in (0.0, 0.12))
+    short, loop = (
+        missed_px(make_filter(Track(), loop_s), nod, 0, 16, 0.17) for loop_s in (0.0, 0.12)
+    )
     assert loop < 0.9 * short
 
 
@@ -235,13 +287,19 @@ def test_the_step_of_a_still_head_is_no_more_than_the_means_at_high_rates(rate_h
         filter_, rng, used = make(kind), np.random.default_rng(8), []
         for i in range(10 * rate_hz):
             sway = 3 * math.sin(2 * math.pi * 0.15 * i / rate_hz)
-            filter_.update(round(i * 1e9 / rate_hz), EYES + np.array([sway, 0]) + rng.normal(0, 0.3, (2, 2)))
+            filter_.update(
+                round(i * 1e9 / rate_hz), EYES + np.array([sway, 0]) + rng.normal(0, 0.3, (2, 2))
+            )
             used.append(filter_.predict(round((i / rate_hz + 0.02) * 1e9)))
         steps[kind] = float(np.sqrt(np.square(np.diff(used[2 * rate_hz :], axis=0)).mean()))
     assert steps["predictive"] <= steps["mean"]
 
 
-TRACKS = st.lists(st.tuples(st.integers(1, 150), st.tuples(*[st.floats(-1000, 1000)] * 4)), min_size=2, max_size=25)
+TRACKS = st.lists(
+    st.tuples(st.integers(1, 150), st.tuples(*[st.floats(-1000, 1000)] * 4)),
+    min_size=2,
+    max_size=25,
+)
 
 
 @given(TRACKS, st.floats(0.1, 5), st.floats(0, 20), st.floats(0.5, 8))
@@ -258,7 +316,10 @@ def test_one_euro_is_the_published_filter(
             at, last = eyes, eyes
         else:
             w = 2 * math.pi * slope_hz * step_ms / 1e3
-            slopes = tuple(s + w / (1 + w) * ((e - x) / (step_ms / 1e3) - s) for s, e, x in zip(slopes, eyes, last, strict=True))
+            slopes = tuple(
+                s + w / (1 + w) * ((e - x) / (step_ms / 1e3) - s)
+                for s, e, x in zip(slopes, eyes, last, strict=True)
+            )
             apart_px = max(math.hypot(eyes[0] - eyes[2], eyes[1] - eyes[3]), 1.0)
             speed = math.sqrt(sum(s * s for s in slopes) / 2) / apart_px
             w = 2 * math.pi * (least_hz + beta * speed) * step_ms / 1e3
@@ -284,7 +345,9 @@ def test_the_limits_of_a_measurement_are_where_they_are_said_to_be() -> None:
         filter_ = Mean(1)
         filter_.update(0, eyes)
         assert filter_.update(10**7, eyes * 0 + where)[0][0, 0] == where
-        assert filter_.update(2 * 10**7, eyes * 0 + np.nextafter(where, 2 * where))[0][0, 0] == where, "too far away to be true"
+        assert (
+            filter_.update(2 * 10**7, eyes * 0 + np.nextafter(where, 2 * where))[0][0, 0] == where
+        ), "too far away to be true"
     for step_ns, heard in ((MIN_STEP_NS - 1, False), (MIN_STEP_NS, True), (MAX_STEP_NS - 1, True)):
         filter_ = Mean(2)
         filter_.update(0, eyes)
@@ -292,7 +355,11 @@ def test_the_limits_of_a_measurement_are_where_they_are_said_to_be() -> None:
     filter_ = Mean(2)
     filter_.update(0, eyes)
     assert np.array_equal(filter_.update(MAX_STEP_NS, eyes + 2)[0], eyes + 2), "a new beginning"
-    assert weight(1.0, 0.5) == pytest.approx(math.pi / (1 + math.pi)) and weight(math.inf, 1.0) == 1.0 and weight(0.0, 1.0) == 0.0
+    assert (
+        weight(1.0, 0.5) == pytest.approx(math.pi / (1 + math.pi))
+        and weight(math.inf, 1.0) == 1.0
+        and weight(0.0, 1.0) == 0.0
+    )
 
 
 NOISES = (1e-12, 1e-6, 1.0, 1e6, 1e12)
@@ -300,7 +367,9 @@ STEPS_S = (1e-9, 1e-3, 1 / 30, 10.0, 1e6)
 START = (1.0, 0.0, 1.0)
 
 
-def exact(q: float, r: float, dt_s: float, steps: int, start: tuple[float, ...] = START) -> tuple[Fraction, ...]:
+def exact(
+    q: float, r: float, dt_s: float, steps: int, start: tuple[float, ...] = START
+) -> tuple[Fraction, ...]:
     """The textbook recursion in rational numbers: P = F P F' + Q, then P - K H P."""
     a, b, c = (Fraction(value) for value in start)
     fq, fr, d = Fraction(q), Fraction(r), Fraction(dt_s)
@@ -328,8 +397,12 @@ def test_the_default_filter_keeps_its_digits_and_stays_positive() -> None:
     """One of its models, over and far beyond its settings: acceleration, noise in eye distances, time between frames."""
     eyes = np.array([[350.0, 240.0], [290.0, 242.0]])
     q_px = math.dist(*eyes.tolist()) ** 2
-    for q, noise, dt_ns in itertools.product((1e-6, 1.0, 1200.0, 1e9), (1e-6, 1e-3, 1.0), (200_000, 4_166_667, 400_000_000)):
-        tuning = Tuning(motions=(Motion(q, 1.0),), stay_s=1e300, rate_common=0.0, first=noise, least=noise)
+    for q, noise, dt_ns in itertools.product(
+        (1e-6, 1.0, 1200.0, 1e9), (1e-6, 1e-3, 1.0), (200_000, 4_166_667, 400_000_000)
+    ):
+        tuning = Tuning(
+            motions=(Motion(q, 1.0),), stay_s=1e300, rate_common=0.0, first=noise, least=noise
+        )
         filter_ = Predictive(tuning)
         filter_.update(0, eyes)
         one = filter_._models[1]
@@ -337,15 +410,23 @@ def test_the_default_filter_keeps_its_digits_and_stays_positive() -> None:
         for k in range(1, 8):
             filter_.update(k * dt_ns, eyes)
             assert one.a > 0 and one.c >= 0 and one.b**2 <= one.a * one.c * (1 + 1e-9)
-        for value, truth in zip((one.a, one.b, one.c), exact(q * q_px, r, dt_ns / 1e9, 7, start), strict=True):
+        for value, truth in zip(
+            (one.a, one.b, one.c), exact(q * q_px, r, dt_ns / 1e9, 7, start), strict=True
+        ):
             assert abs(float(Fraction(value) / truth - 1)) < 1e-3, (q, noise, dt_ns)
 
 
 @given(
-    st.lists(st.tuples(st.floats(1e-9, 1e6), st.floats(1e-12, 1e12), st.floats(1e-12, 1e12)), min_size=1, max_size=40),
+    st.lists(
+        st.tuples(st.floats(1e-9, 1e6), st.floats(1e-12, 1e12), st.floats(1e-12, 1e12)),
+        min_size=1,
+        max_size=40,
+    ),
 )
 @settings(max_examples=100)
-def test_any_mix_of_steps_stays_positive_semi_definite(steps: list[tuple[float, float, float]]) -> None:
+def test_any_mix_of_steps_stays_positive_semi_definite(
+    steps: list[tuple[float, float, float]],
+) -> None:
     p = Covariance(1.0, 0.0, 1e6, 1e6)
     for dt_s, q, r in steps:
         p, k0, k1 = p.ahead(dt_s, q).measured(r)

@@ -20,7 +20,11 @@ from lfpipe.track.litert_engine import LitertEngine
 @pytest.fixture(scope="module")
 def contents() -> dict[str, bytes]:
     found = {relative: models.find_model(relative) for relative in models.SHA256}
-    return {f"mediapipe/{relative}": path.read_bytes() for relative, path in found.items() if path is not None}
+    return {
+        f"mediapipe/{relative}": path.read_bytes()
+        for relative, path in found.items()
+        if path is not None
+    }
 
 
 @pytest.fixture
@@ -49,7 +53,9 @@ def fake_installer(path: Path, lines: str) -> None:
 
 
 def test_every_network_that_an_engine_loads_has_its_checksum(contents: dict[str, bytes]) -> None:
-    assert [hashlib.sha256(each).hexdigest() for each in contents.values()] == list(models.SHA256.values())
+    assert [hashlib.sha256(each).hexdigest() for each in contents.values()] == list(
+        models.SHA256.values()
+    )
 
 
 def test_networks_of_a_wheel_run_without_the_package(bare: Path, wheel: Path) -> None:
@@ -61,11 +67,15 @@ def test_networks_of_a_wheel_run_without_the_package(bare: Path, wheel: Path) ->
     assert str(bare) in str(models.find_model("modules/iris_landmark/iris_landmark.tflite"))
     assert "mediapipe 0.10.21" in LitertEngine(refine=True).model
     done = CliRunner().invoke(cli, ["models", "get", "--from", str(wheel)])
-    assert [line.split()[0] for line in done.stdout.splitlines()] == [sha256[:8] for sha256 in models.SHA256.values()]
+    assert [line.split()[0] for line in done.stdout.splitlines()] == [
+        sha256[:8] for sha256 in models.SHA256.values()
+    ]
 
 
 @pytest.mark.parametrize("damage", ["truncated", "text", "without", "changed", "absent", "folder"])
-def test_a_bad_wheel_changes_nothing(bare: Path, tmp_path: Path, contents: dict[str, bytes], damage: str) -> None:
+def test_a_bad_wheel_changes_nothing(
+    bare: Path, tmp_path: Path, contents: dict[str, bytes], damage: str
+) -> None:
     path, iris = tmp_path / "bad.whl", "mediapipe/modules/iris_landmark/iris_landmark.tflite"
     if damage == "truncated":
         path.write_bytes(write_wheel(path, contents).read_bytes()[:-100])
@@ -91,7 +101,11 @@ def test_either_installer_fetches_by_name_and_says_so(
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setattr(models.importlib.util, "find_spec", lambda name: None)  # type: ignore[attr-defined]
     target = "--target" if tool == "uv" else "--dest"
-    unpack = f"shutil.unpack_archive({str(wheel)!r}, there, 'zip')" if tool == "uv" else f"shutil.copy({str(wheel)!r}, there)"
+    unpack = (
+        f"shutil.unpack_archive({str(wheel)!r}, there, 'zip')"
+        if tool == "uv"
+        else f"shutil.copy({str(wheel)!r}, there)"
+    )
     there = f"there = sys.argv[sys.argv.index({target!r}) + 1]"
     fake_installer(tmp_path / tool, f"assert 'mediapipe==0.10.21' in sys.argv\n{there}\n{unpack}")
     said: list[str] = []

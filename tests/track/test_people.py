@@ -7,7 +7,17 @@ import numpy as np
 import pytest
 
 from lfpipe.track.litert_engine import LitertEngine
-from tests.track.people import FACES, SIZE, Picture, backdrop, eyes_apart_px, near, needs_faces, placed, watched
+from tests.track.people import (
+    FACES,
+    SIZE,
+    Picture,
+    backdrop,
+    eyes_apart_px,
+    near,
+    needs_faces,
+    placed,
+    watched,
+)
 
 pytestmark = needs_faces
 VIEWER, BYSTANDER, OTHER = "01-1m", "04-1m", "08-1f"
@@ -19,13 +29,20 @@ def poster(picture: Picture, seed: int, x: int, y: int, side: int) -> Picture:
     rng, drawn = np.random.default_rng(seed), np.empty((side, side, 3), np.uint8)
     drawn[:] = rng.integers(60, 200, 3)
     c = side // 2
-    skin, dark = (tuple(int(v) for v in rng.integers(low, high, 3)) for low, high in ((120, 255), (0, 70)))
+    skin, dark = (
+        tuple(int(v) for v in rng.integers(low, high, 3)) for low, high in ((120, 255), (0, 70))
+    )
     cv2.ellipse(drawn, (c, c), (int(side * 0.32), int(side * 0.4)), 0, 0, 360, skin, -1)
     for sign in (-1, 1):
-        place = c + sign * int(side * rng.uniform(0.11, 0.15)), c - int(side * rng.uniform(0.08, 0.14))
+        place = (
+            c + sign * int(side * rng.uniform(0.11, 0.15)),
+            c - int(side * rng.uniform(0.08, 0.14)),
+        )
         cv2.circle(drawn, place, int(side * rng.uniform(0.03, 0.06)), dark, -1)
     lips = int(side * 0.14), int(side * rng.uniform(0.02, 0.06))
-    cv2.ellipse(drawn, (c, c + int(side * 0.17)), lips, 0, 0, 180, dark, -1 if rng.random() < 0.5 else 4)
+    cv2.ellipse(
+        drawn, (c, c + int(side * 0.17)), lips, 0, 0, 180, dark, -1 if rng.random() < 0.5 else 4
+    )
     if rng.random() < 0.5:
         cv2.line(drawn, (c, c - 5), (c, c + int(side * 0.06)), dark, 3)
     out = picture.copy()
@@ -98,9 +115,17 @@ def blinking() -> tuple[Picture, Picture]:
     grey = [cv2.cvtColor(frame[120:460, 180:480], cv2.COLOR_BGR2GRAY) for frame in (opened, closed)]
     still = np.full_like(grey[0], 255)
     still[70:135] = 0  # all but the eyes
-    _, warp = cv2.findTransformECC(*grey, np.eye(2, 3, dtype=np.float32), cv2.MOTION_AFFINE, inputMask=still)
+    _, warp = cv2.findTransformECC(
+        *grey, np.eye(2, 3, dtype=np.float32), cv2.MOTION_AFFINE, inputMask=still
+    )
     warp[:, 2] += (180, 120) - warp[:, :2] @ (180, 120)
-    moved = cv2.warpAffine(closed, warp, SIZE, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REPLICATE)
+    moved = cv2.warpAffine(
+        closed,
+        warp,
+        SIZE,
+        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
     share = np.zeros((SIZE[1], SIZE[0]), np.float32)
     for x, y in LIDS:
         cv2.ellipse(share, (x, y), (34, 20), -10, 0, 360, 1.0, -1)
@@ -111,8 +136,12 @@ def blinking() -> tuple[Picture, Picture]:
 def test_a_blink_moves_the_eyes_less_than_its_lids() -> None:
     opened, closed = blinking()
     seen = watched([opened] * 20 + [closed] * 6)
-    before, during = (np.mean([one.raw_px for one in some], axis=0) for some in (seen[10:20], seen[21:26]))
-    assert abs(during[1] - before[1]) < 0.032 * seen[15].apart_px, "the mean over both lids sinks by 4.1 %, this one by 2.6 %"
+    before, during = (
+        np.mean([one.raw_px for one in some], axis=0) for some in (seen[10:20], seen[21:26])
+    )
+    assert abs(during[1] - before[1]) < 0.032 * seen[15].apart_px, (
+        "the mean over both lids sinks by 4.1 %, this one by 2.6 %"
+    )
 
 
 @pytest.mark.parametrize("person", ["01", "06"])
@@ -164,23 +193,37 @@ def test_a_hand_before_the_face_does_not_pull_the_eyes(name: str) -> None:
 def test_a_head_that_moves_behind_an_uncertain_network_is_followed() -> None:
     """Holding ends where the face moves by more than a hand can pull it."""
     dark = [placed(backdrop(), VIEWER, 200 + 6 * max(k - 20, 0), 220, 60) for k in range(50)]
-    frames = [frame if k < 20 else np.asarray(cv2.GaussianBlur(frame, (0, 0), 5), np.uint8) for k, frame in enumerate(dark)]
+    frames = [
+        frame if k < 20 else np.asarray(cv2.GaussianBlur(frame, (0, 0), 5), np.uint8)
+        for k, frame in enumerate(dark)
+    ]
     seen = watched(frames)
     assert seen[-1].face and np.hypot(*(seen[-1].used_px - (374, 220))) < 12
 
 
-def painted(name: str, aside_px: int, y: int, axes: tuple[int, int], turn: int, colour: tuple[int, int, int]) -> list[float]:
+def painted(
+    name: str, aside_px: int, y: int, axes: tuple[int, int], turn: int, colour: tuple[int, int, int]
+) -> list[float]:
     """How far plain and refined eyes are off behind glasses with these spots."""
     picture = placed(backdrop(), name, 300, 220, 80)
     for x in (260, 340):
         cv2.ellipse(picture, (x + aside_px, y), axes, turn, 0, 360, colour, -1)
-    faces = [[engine.detect(picture) for _ in range(3)][-1] for engine in (LitertEngine(), LitertEngine(refine=True))]
-    return [float(np.abs(face.eyes_px.mean(axis=0) - (300, 220)).max()) for face in faces if face is not None]
+    faces = [
+        [engine.detect(picture) for _ in range(3)][-1]
+        for engine in (LitertEngine(), LitertEngine(refine=True))
+    ]
+    return [
+        float(np.abs(face.eyes_px.mean(axis=0) - (300, 220)).max())
+        for face in faces
+        if face is not None
+    ]
 
 
 def test_glasses_leave_refined_eyes_where_the_lids_are() -> None:
     """The iris network answers whatever it is shown: behind painted glasses its answers for the two eyes disagree."""
-    dark = [painted(name, 0, 223, (30, 21), 0, (20, 20, 20)) for name in ("01-1m", "03-1m", "05-1m")]
+    dark = [
+        painted(name, 0, 223, (30, 21), 0, (20, 20, 20)) for name in ("01-1m", "03-1m", "05-1m")
+    ]
     assert sum(refined > plain + 4 for plain, refined in dark) <= 1
     for name in ("01-1m", "03-1m", "06-1m"):
         plain, refined = painted(name, 6, 218, (20, 13), -20, (255, 255, 255))
@@ -196,6 +239,9 @@ def test_hands_before_the_face_lose_no_frame() -> None:
         for top_px in range(290, 226, -10):
             picture[top_px:] = (120, 150, 200)
             face = engine.detect(picture)
-            assert face is not None and np.abs(face.eyes_px.mean(axis=0) - (300, 220)).max() < 0.06 * 80
+            assert (
+                face is not None
+                and np.abs(face.eyes_px.mean(axis=0) - (300, 220)).max() < 0.06 * 80
+            )
             followed, found = followed + 1, found + (LitertEngine().detect(picture) is not None)
     assert found < followed

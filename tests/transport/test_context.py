@@ -28,7 +28,9 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Session
     memory.close()
 
 
-pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # mappings go with the process
+pytestmark = pytest.mark.filterwarnings(
+    "ignore::pytest.PytestUnraisableExceptionWarning"
+)  # mappings go with the process
 
 Make = Callable[[str, bool], Context]
 
@@ -39,7 +41,17 @@ def make(session: Session) -> Iterator[Make]:
     made = []
 
     def context(name: str, lossless: bool) -> Context:
-        spec = StageSpec(name, "", session, Config(), 1, SessionOptions(lossless=lossless), consumers(), (), SOURCE)
+        spec = StageSpec(
+            name,
+            "",
+            session,
+            Config(),
+            1,
+            SessionOptions(lossless=lossless),
+            consumers(),
+            (),
+            SOURCE,
+        )
         made.append(Context(spec))
         return made[-1]
 
@@ -57,7 +69,9 @@ def wakes(context: Context, seconds: float) -> int:
     return count
 
 
-def test_a_reader_that_has_taken_a_slot_does_not_keep_its_writer_awake(session: Session, make: Make) -> None:
+def test_a_reader_that_has_taken_a_slot_does_not_keep_its_writer_awake(
+    session: Session, make: Make
+) -> None:
     """At pace=max, where every slot taken is told to the writer, which looks at it only when it wants to publish again."""
     context = make("track", True)
     eyes = context.output("eyes")

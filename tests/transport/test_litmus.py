@@ -21,7 +21,13 @@ from lfpipe.transport import ring
 from lfpipe.transport.ring import Reader, Stamp, Writer
 
 SLOTS, PUBLISHED = 3, 5  # the least number of slots; so many are published meanwhile
-FENCES = ("begin 1", "publish 1", "_next 1", "_stamp 1", "still_valid 1")  # function, and number in it
+FENCES = (
+    "begin 1",
+    "publish 1",
+    "_next 1",
+    "_stamp 1",
+    "still_valid 1",
+)  # function, and number in it
 Way = Literal["read", "read_next", "peek"]
 WAYS: tuple[Way, ...] = ("read", "read_next", "peek")
 Place = tuple[str, int]  # what, of which slot
@@ -48,7 +54,13 @@ class _Trace:
 
     def fence(self) -> None:
         caller = sys._getframe(1)
-        lines = sorted({line for _, _, line in caller.f_code.co_lines() if line and _is_fence(caller.f_code.co_filename, line)})
+        lines = sorted(
+            {
+                line
+                for _, _, line in caller.f_code.co_lines()
+                if line and _is_fence(caller.f_code.co_filename, line)
+            }
+        )
         if f"{caller.f_code.co_name} {lines.index(caller.f_lineno) + 1}" != self._without:
             self.accesses.append(Access(None))
 
@@ -94,7 +106,17 @@ class _Head:
             self._trace.store(("seq", self._slot), value)
 
     def __getitem__(self, key: Any) -> Any:
-        return np.array([self._trace.load(("seq", self._slot)), self._trace.load(("stamp", self._slot)), 0, 0, 0, 0, 0])
+        return np.array(
+            [
+                self._trace.load(("seq", self._slot)),
+                self._trace.load(("stamp", self._slot)),
+                0,
+                0,
+                0,
+                0,
+                0,
+            ]
+        )
 
 
 class _Payload:
@@ -168,7 +190,9 @@ def _take(trace: _Trace, way: Way, last_seq: int) -> tuple[Stamp, Any] | None:
 def reader_program(without: str, way: Way, last_seq: int, p: int) -> tuple[list[Access], int]:
     """The accesses of a read that finds p published, and the number of the slot that it takes."""
     number = max(last_seq + 1, p - SLOTS + 2) if way == "read_next" else p
-    loads = {"peek": (p, number, number, p, number, number, p)}.get(way, (p, number, number, number, number, p))
+    loads = {"peek": (p, number, number, p, number, number, p)}.get(
+        way, (p, number, number, number, number, p)
+    )
     trace = _Trace(without, loads)
     assert _take(trace, way, last_seq) is not None, "nothing in the way of this read"
     return trace.accesses, number
@@ -228,7 +252,11 @@ def verdict(without: str = "") -> str:
                     taken = _take(_Trace("", values), way, last_seq)
                     if taken is None and values[-1] == number:  # nothing was published meanwhile
                         return f"refused in vain: {way}, {values}"
-                    if taken is not None and {*taken[1].tolist(), taken[0].source_seq, taken[0].seq} != {number}:
+                    if taken is not None and {
+                        *taken[1].tolist(),
+                        taken[0].source_seq,
+                        taken[0].seq,
+                    } != {number}:
                         return f"torn: {way}, {values}"
     return "whole"
 

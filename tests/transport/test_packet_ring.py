@@ -75,7 +75,9 @@ def test_each_frame_has_its_own_packet_or_none(kinds: list[tuple[str, int]], ahe
         if kind != "frame not asked for":
             kept = packet.tobytes() if packet is not None and kind == "both" else None
             waiting.append((stamp(seq, epoch), kept))
-        while waiting and seq - waiting[0][0].source_seq >= ahead:  # further behind, what it wants would be gone
+        while (
+            waiting and seq - waiting[0][0].source_seq >= ahead
+        ):  # further behind, what it wants would be gone
             take()
     while waiting:
         take()
@@ -85,13 +87,17 @@ def test_each_frame_has_its_own_packet_or_none(kinds: list[tuple[str, int]], ahe
     memory.unlink()
 
 
-def test_a_packet_that_was_overwritten_is_gone_and_the_next_ones_are_there(session: Session, made: Segment) -> None:
+def test_a_packet_that_was_overwritten_is_gone_and_the_next_ones_are_there(
+    session: Session, made: Segment
+) -> None:
     output, taken = opened(session), PacketInput(session, "packets.1")
     for seq in range(10):
         output.publish(data(seq), seq, 0, 0, 0)
     assert taken.of(stamp(1)) is None
     oldest = 10 - (SLOTS - 2) - 1
-    assert [taken.of(stamp(seq)) for seq in range(oldest, 10)] == [data(seq).tobytes() for seq in range(oldest, 10)]
+    assert [taken.of(stamp(seq)) for seq in range(oldest, 10)] == [
+        data(seq).tobytes() for seq in range(oldest, 10)
+    ]
     taken.close()
     output.close()
 

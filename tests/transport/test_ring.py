@@ -111,7 +111,11 @@ def test_a_writer_killed_in_mid_slot_harms_nobody(made: str) -> None:
     successor.begin()[:] = 8
     successor.publish(2, 30, 40)
     stamp = reader.read(out)
-    assert stamp is not None and (stamp.seq, stamp.epoch, stamp.skipped) == (2, 1, 0) and (out == 8).all()
+    assert (
+        stamp is not None
+        and (stamp.seq, stamp.epoch, stamp.skipped) == (2, 1, 0)
+        and (out == 8).all()
+    )
     successor.close()
     reader.close()
 
@@ -125,19 +129,29 @@ def test_every_slot_is_either_read_or_counted(steps: list[int], slots: int) -> N
         for burst in steps:
             for _ in range(burst):
                 writer.begin()["confidence"] = published
-                assert writer.publish(published, published * 3, published * 5, epoch=9) == published + 1
+                assert (
+                    writer.publish(published, published * 3, published * 5, epoch=9)
+                    == published + 1
+                )
                 published += 1
             stamp = reader.read(out)
             assert (stamp is None) == (burst == 0)
             if stamp is not None:
                 read, skipped = read + 1, skipped + stamp.skipped
                 assert float(out["confidence"]) == published - 1 == stamp.source_seq
-                assert (stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch) == ((published - 1) * 3, (published - 1) * 5, 9)
+                assert (stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch) == (
+                    (published - 1) * 3,
+                    (published - 1) * 5,
+                    9,
+                )
     assert read + skipped == published
 
 
 @settings(max_examples=60)
-@given(steps=st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)), min_size=1, max_size=30), slots=st.integers(3, 6))
+@given(
+    steps=st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)), min_size=1, max_size=30),
+    slots=st.integers(3, 6),
+)
 @pytest.mark.parametrize("lent", [False, True])
 def test_in_order_every_slot_comes_once_or_is_counted_and_all_that_are_still_there_come(
     lent: bool, steps: list[tuple[int, int]], slots: int
@@ -162,7 +176,11 @@ def test_in_order_every_slot_comes_once_or_is_counted_and_all_that_are_still_the
                     value = int(out[0])
                 assert (stamp is None) == (last == published)
                 if stamp is not None:
-                    assert (stamp.seq, stamp.source_seq, value) == (expected, expected - 1, expected - 1)
+                    assert (stamp.seq, stamp.source_seq, value) == (
+                        expected,
+                        expected - 1,
+                        expected - 1,
+                    )
                     assert stamp.skipped == expected - last - 1
                     last = stamp.seq
 
@@ -174,13 +192,18 @@ def test_a_slot_that_was_lent_counts_until_the_writer_may_have_touched_it(slots:
         writer.publish(0, 0, 0)
         stamp = reader.peek()[0]  # type: ignore[index]
         for more in range(slots + 1):
-            assert reader.still_valid(stamp) == (more <= slots - 2), "one slot is being written, unseen"
+            assert reader.still_valid(stamp) == (more <= slots - 2), (
+                "one slot is being written, unseen"
+            )
             writer.begin()
             writer.publish(0, 0, 0)
 
 
 def test_what_is_no_ring_is_said(name: str) -> None:
-    for slots, dtype in ((2, np.dtype("u1")), (4, np.dtype([(f"a field with a long name {k}", "<f8") for k in range(200)]))):
+    for slots, dtype in (
+        (2, np.dtype("u1")),
+        (4, np.dtype([(f"a field with a long name {k}", "<f8") for k in range(200)])),
+    ):
         with pytest.raises(ValueError, match=name):
             ring.create(name, RingSpec((4,), dtype, slots))
     memory = segment.create(name, 8192)
@@ -216,7 +239,9 @@ def test_a_reader_that_sees_the_writer_lap_it_takes_the_newest(made: str) -> Non
     reader.close()
 
 
-def test_readers_cannot_write_and_their_views_outlive_close_as_an_error_and_not_as_a_crash(made: str) -> None:
+def test_readers_cannot_write_and_their_views_outlive_close_as_an_error_and_not_as_a_crash(
+    made: str,
+) -> None:
     reader = Reader(made)
     with pytest.raises(ValueError, match="read-only"):
         reader._payloads[0][:] = 1
@@ -236,12 +261,22 @@ def test_no_room_is_a_clear_error_and_leaves_nothing(name: str) -> None:
     assert not (segment.SHM_DIR / name).exists()
 
 
-@given(st.lists(st.integers(1, 70), min_size=1, max_size=3), st.sampled_from(["u1", "<f4", "<i8"]), st.integers(3, 9))
-def test_slots_are_whole_pages_and_no_more_than_they_need(shape: list[int], kind: str, slots: int) -> None:
+@given(
+    st.lists(st.integers(1, 70), min_size=1, max_size=3),
+    st.sampled_from(["u1", "<f4", "<i8"]),
+    st.integers(3, 9),
+)
+def test_slots_are_whole_pages_and_no_more_than_they_need(
+    shape: list[int], kind: str, slots: int
+) -> None:
     spec = RingSpec(tuple(shape), np.dtype(kind), slots)
     assert spec.payload_bytes == np.zeros(shape, kind).nbytes
     room = spec.stride - spec.payload_bytes - ring.SLOT_HEADER
-    assert spec.stride % ring.PAGE == 0 and 0 <= room < ring.PAGE and spec.size_bytes == ring.PAGE + slots * spec.stride
+    assert (
+        spec.stride % ring.PAGE == 0
+        and 0 <= room < ring.PAGE
+        and spec.size_bytes == ring.PAGE + slots * spec.stride
+    )
 
 
 def test_a_slot_that_is_being_filled_cannot_be_read_and_carries_what_was_said_of_it() -> None:

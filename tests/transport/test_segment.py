@@ -29,7 +29,9 @@ def prefix() -> Iterator[str]:
 
 
 def page(path: bytes, length: int | None = None, magic: bytes = segment.MAGIC) -> bytes:
-    return (magic + (len(path) if length is None else length).to_bytes(8, "little", signed=True) + path)[:PAGE].ljust(PAGE, b"\0")
+    return (
+        magic + (len(path) if length is None else length).to_bytes(8, "little", signed=True) + path
+    )[:PAGE].ljust(PAGE, b"\0")
 
 
 @pytest.mark.native("a segment that names its owner itself")
@@ -39,7 +41,10 @@ def page(path: bytes, length: int | None = None, magic: bytes = segment.MAGIC) -
         st.binary(max_size=64),
         st.binary(max_size=PAGE).map(page),
         st.builds(page, st.binary(max_size=30), st.integers(-(2**63), 2**63 - 1)),
-        st.builds(page, st.text(string.printable, max_size=30).map(lambda text: b"/nowhere/" + text.encode())),
+        st.builds(
+            page,
+            st.text(string.printable, max_size=30).map(lambda text: b"/nowhere/" + text.encode()),
+        ),
     ),
     pages=st.integers(0, 2),
 )
@@ -48,7 +53,9 @@ def page(path: bytes, length: int | None = None, magic: bytes = segment.MAGIC) -
 @example(last=page(b"/" + b"x/" * 2030), pages=1)
 @example(last=page(b"\xff\xfe"), pages=1)
 @example(last=page(b"", 2**62), pages=1)
-def test_whatever_a_file_says_of_itself_nothing_fails(prefix: str, base: Path, last: bytes, pages: int) -> None:
+def test_whatever_a_file_says_of_itself_nothing_fails(
+    prefix: str, base: Path, last: bytes, pages: int
+) -> None:
     """And what does not bear the mark is there afterwards."""
     path = segment.SHM_DIR / f"{prefix}x"
     path.write_bytes(bytes(pages * PAGE) + last)
@@ -66,7 +73,9 @@ def base(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-NAMES = st.text(string.ascii_letters + string.digits + "_.", min_size=1, max_size=32).filter(lambda text: text[0] not in "_.")
+NAMES = st.text(string.ascii_letters + string.digits + "_.", min_size=1, max_size=32).filter(
+    lambda text: text[0] not in "_."
+)
 PARTS = st.one_of(
     st.sampled_from(["status", "frames", "eyes"]),
     st.builds("{}.{}".format, st.sampled_from(["packets", "pictures"]), st.integers(1, 10**12)),
@@ -75,7 +84,9 @@ PARTS = st.one_of(
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(each=st.sets(st.tuples(NAMES, PARTS), max_size=20))
-def test_every_ring_of_every_session_has_a_name_of_its_own(base: Path, each: set[tuple[str, str]]) -> None:
+def test_every_ring_of_every_session_has_a_name_of_its_own(
+    base: Path, each: set[tuple[str, str]]
+) -> None:
     names = [Session(name).segment(part) for name, part in each]
     assert len(set(names)) == len(each) and all(len(f"/{name}") <= 31 for name in names)
 
@@ -87,7 +98,9 @@ def test_a_segment_lives_as_long_as_the_process_that_made_it(prefix: str) -> Non
     assert segment.owned(prefix) == {f"{prefix}x": Path("/nowhere/run")}
     reader = segment.attach(f"{prefix}x")
     made.close()
-    assert dict(segment.abandoned(prefix)) == {f"{prefix}x": Path("/nowhere/run")}, "readers do not keep it"
+    assert dict(segment.abandoned(prefix)) == {f"{prefix}x": Path("/nowhere/run")}, (
+        "readers do not keep it"
+    )
     reader.close()
     made.unlink()
     assert not segment.owned(prefix)
@@ -122,7 +135,9 @@ for k in range(10**9):
 def test_a_process_killed_at_any_moment_leaves_whole_segments_only(prefix: str) -> None:
     for k in range(8):
         maker = subprocess.Popen(
-            [sys.executable, "-c", MAKE, f"{prefix}{k}."], stdout=subprocess.PIPE, cwd=Path(__file__).parents[2]
+            [sys.executable, "-c", MAKE, f"{prefix}{k}."],
+            stdout=subprocess.PIPE,
+            cwd=Path(__file__).parents[2],
         )
         assert maker.stdout is not None
         maker.stdout.readline()
@@ -130,7 +145,9 @@ def test_a_process_killed_at_any_moment_leaves_whole_segments_only(prefix: str) 
         maker.send_signal(signal.SIGKILL)
         maker.communicate()
     found = sorted(entry.name for entry in segment.SHM_DIR.glob(f"{prefix}*"))
-    assert found and found == sorted(segment.owned(prefix)) == sorted(name for name, _ in segment.abandoned(prefix))
+    assert found and found == sorted(segment.owned(prefix)) == sorted(
+        name for name, _ in segment.abandoned(prefix)
+    )
     for name, _ in segment.abandoned(prefix):
         segment.unlink(name)
     assert not sorted(entry.name for entry in segment.SHM_DIR.glob(f"{prefix}*"))
@@ -138,6 +155,13 @@ def test_a_process_killed_at_any_moment_leaves_whole_segments_only(prefix: str) 
 
 def test_no_process_is_started_and_nothing_is_written_for_a_segment(prefix: str) -> None:
     """Python's tracker would be one, and has something to say of what its process left."""
-    script = f"from lfpipe.host import segment; segment.create('{prefix}x', 100); import os; os._exit(0)"
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=Path(__file__).parents[2])
+    script = (
+        f"from lfpipe.host import segment; segment.create('{prefix}x', 100); import os; os._exit(0)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        capture_output=True,
+        text=True,
+        cwd=Path(__file__).parents[2],
+    )
     assert done.returncode == 0 and not done.stderr and segment.owned(prefix)

@@ -14,7 +14,14 @@ from lfpipe.host import segment
 from lfpipe.host.segment import WrongSegment
 from lfpipe.transport import control, status
 from lfpipe.transport.clock import Ticker
-from lfpipe.transport.histogram import BUCKETS, HISTOGRAM, Histogram, bucket_of, middle_us, summary_ms
+from lfpipe.transport.histogram import (
+    BUCKETS,
+    HISTOGRAM,
+    Histogram,
+    bucket_of,
+    middle_us,
+    summary_ms,
+)
 from lfpipe.transport.status import Row, State, Table
 
 
@@ -33,16 +40,24 @@ def test_a_late_ticker_skips_to_the_future(late: int) -> None:
     assert late < ticker.due_ns() <= late + 10_000_000
 
 
-def test_buckets_are_in_order_without_gap_and_stand_for_their_values_within_one_sixtyfourth() -> None:
+def test_buckets_are_in_order_without_gap_and_stand_for_their_values_within_one_sixtyfourth() -> (
+    None
+):
     middles = np.array([middle_us(i) for i in range(BUCKETS)])
-    assert (np.diff(middles) > 0).all() and [bucket_of(int(m)) for m in middles] == list(range(BUCKETS))
+    assert (np.diff(middles) > 0).all() and [bucket_of(int(m)) for m in middles] == list(
+        range(BUCKETS)
+    )
     assert (np.diff(middles) / 2 <= np.maximum(middles[1:] / 64, 0.5)).all()
 
 
 def test_durations_that_cannot_be_are_counted_as_nothing_and_as_the_longest() -> None:
     histogram = Histogram(np.zeros((), HISTOGRAM))
     histogram.add_ns(-5)
-    assert (histogram.record["count"], histogram.record["sum_ns"], histogram.record["max_ns"]) == (1, 0, 0)
+    assert (histogram.record["count"], histogram.record["sum_ns"], histogram.record["max_ns"]) == (
+        1,
+        0,
+        0,
+    )
     for value in (1 << 53, 1 << 62, 1 << 63, 1 << 80):
         histogram.add_ns(value)
     assert summary_ms(histogram.record)["n"] == 5 and histogram.record["buckets"][-1] == 4
@@ -54,9 +69,15 @@ def test_a_bucket_is_represented_by_the_middle_of_its_values() -> None:
     for us in range(1 << 13):
         values.setdefault(bucket_of(us), []).append(us)
     assert all(
-        middle_us(bucket) == (us[0] + us[-1]) / 2 and us == list(range(us[0], us[-1] + 1)) for bucket, us in values.items()
+        middle_us(bucket) == (us[0] + us[-1]) / 2 and us == list(range(us[0], us[-1] + 1))
+        for bucket, us in values.items()
     )
-    assert bucket_of((1 << 32) - 1) == bucket_of(1 << 32) == BUCKETS - 1 > bucket_of((1 << 32) - (1 << 27))
+    assert (
+        bucket_of((1 << 32) - 1)
+        == bucket_of(1 << 32)
+        == BUCKETS - 1
+        > bucket_of((1 << 32) - (1 << 27))
+    )
 
 
 @given(st.lists(st.integers(0, 10**13), max_size=40))
@@ -90,7 +111,11 @@ def test_a_row_is_seen_by_another_attachment_and_outlives_its_writer() -> None:
     table.close()
     watch = Table(name)
     seen = watch.rows["track"]
-    assert (int(seen["seq"]), int(seen["source_seq"]), int(seen["busy_ns"])) == (100, 99, 200_000_000)
+    assert (int(seen["seq"]), int(seen["source_seq"]), int(seen["busy_ns"])) == (
+        100,
+        99,
+        200_000_000,
+    )
     assert summary_ms(seen["busy"])["p50_ms"] == pytest.approx(2, rel=0.02)
     assert list(watch.rows) == ["capture", "track"] and int(watch.rows["capture"]["seq"]) == 0
     with pytest.raises(ValueError, match="read-only"):
@@ -105,7 +130,16 @@ SIGNED = status.MAGIC + status.LAYOUT.to_bytes(8, "little")
 
 
 @pytest.mark.parametrize(
-    "data", [b"", b"LFRING1\0", b"LFSTAT1\0", b"LFSTAT0\0" + bytes(2**17), status.MAGIC + bytes(2**17), b"x" * 2**17, SIGNED]
+    "data",
+    [
+        b"",
+        b"LFRING1\0",
+        b"LFSTAT1\0",
+        b"LFSTAT0\0" + bytes(2**17),
+        status.MAGIC + bytes(2**17),
+        b"x" * 2**17,
+        SIGNED,
+    ],
 )
 def test_what_is_no_status_table_of_this_version_is_named(data: bytes) -> None:
     """Another ring, one made just now, one of another version, one of other fields, anything else, and one that is cut short."""
@@ -131,13 +165,23 @@ def test_the_rate_is_that_of_the_newest_and_goes_stale() -> None:
 
 
 plain = st.recursive(
-    st.none() | st.booleans() | st.integers(-(2**60), 2**60) | st.floats(allow_nan=False) | st.text(max_size=20),
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner, max_size=4),
+    st.none()
+    | st.booleans()
+    | st.integers(-(2**60), 2**60)
+    | st.floats(allow_nan=False)
+    | st.text(max_size=20),
+    lambda inner: (
+        st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner, max_size=4)
+    ),
     max_leaves=12,
 )
 
 
-@given(message=st.dictionaries(st.text(min_size=1, max_size=8).filter(lambda k: k != "v"), plain, max_size=5))
+@given(
+    message=st.dictionaries(
+        st.text(min_size=1, max_size=8).filter(lambda k: k != "v"), plain, max_size=5
+    )
+)
 def test_what_is_encoded_is_decoded_or_refused_as_too_deep(message: dict[str, object]) -> None:
     try:
         assert control.decode(control.encode(message)) == {"v": control.VERSION, **message}
@@ -146,7 +190,9 @@ def test_what_is_encoded_is_decoded_or_refused_as_too_deep(message: dict[str, ob
 
 
 @given(data=st.binary(max_size=300) | plain.map(msgpack.packb))
-def test_random_bytes_and_messages_of_another_shape_are_refused_and_never_worse(data: bytes) -> None:
+def test_random_bytes_and_messages_of_another_shape_are_refused_and_never_worse(
+    data: bytes,
+) -> None:
     with pytest.raises(control.BadMessage):
         control.decode(data)
 

@@ -14,13 +14,23 @@ from pathlib import Path
 from typing import Any
 
 ELEMENT = "element-6066-11e4-a52e-4f735466cecf"
-ARGUMENTS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--window-size=1240,1400")
+ARGUMENTS = (
+    "--headless=new",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-dev-shm-usage",
+    "--window-size=1240,1400",
+)
 
 
 def missing() -> str:
     """Why there is no browser here, or nothing."""
     absent = [name for name in ("chromium", "chromedriver") if shutil.which(name) is None]
-    return f"{' and '.join(absent)} not installed (apt-get install chromium chromium-driver)" if absent else ""
+    return (
+        f"{' and '.join(absent)} not installed (apt-get install chromium chromium-driver)"
+        if absent
+        else ""
+    )
 
 
 class Browser:
@@ -33,21 +43,32 @@ class Browser:
         quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
         self._driver = subprocess.Popen(["chromedriver", f"--port={port}"], **quiet)
         self._session = ""
-        options = {"binary": shutil.which("chromium"), "args": [*ARGUMENTS, f"--user-data-dir={profile}"]}
+        options = {
+            "binary": shutil.which("chromium"),
+            "args": [*ARGUMENTS, f"--user-data-dir={profile}"],
+        }
         end = time.monotonic() + 30
         while not self._session:
             try:
-                made = self._call("POST", "/session", {"capabilities": {"alwaysMatch": {"goog:chromeOptions": options}}})
+                made = self._call(
+                    "POST",
+                    "/session",
+                    {"capabilities": {"alwaysMatch": {"goog:chromeOptions": options}}},
+                )
                 self._session = f"/session/{made['sessionId']}"
             except urllib.error.HTTPError as error:
                 raise AssertionError(error.read().decode()) from None
             except (urllib.error.URLError, ConnectionError):
-                assert time.monotonic() < end and self._driver.poll() is None, "chromedriver does not start"
+                assert time.monotonic() < end and self._driver.poll() is None, (
+                    "chromedriver does not start"
+                )
                 time.sleep(0.1)
 
     def _call(self, method: str, path: str, body: Any = None) -> Any:
         data = None if body is None else json.dumps(body).encode()
-        request = urllib.request.Request(self._base + path, data, {"Content-Type": "application/json"}, method=method)
+        request = urllib.request.Request(
+            self._base + path, data, {"Content-Type": "application/json"}, method=method
+        )
         with urllib.request.urlopen(request, timeout=60) as answer:
             return json.load(answer)["value"]
 
@@ -56,18 +77,29 @@ class Browser:
 
     def ask(self, script: str) -> Any:
         """The value of a JavaScript expression."""
-        return self._call("POST", f"{self._session}/execute/sync", {"script": f"return {script};", "args": []})
+        return self._call(
+            "POST", f"{self._session}/execute/sync", {"script": f"return {script};", "args": []}
+        )
 
     def click(self, selector: str) -> None:
-        found = self._call("POST", f"{self._session}/element", {"using": "css selector", "value": selector})
+        found = self._call(
+            "POST", f"{self._session}/element", {"using": "css selector", "value": selector}
+        )
         self._call("POST", f"{self._session}/element/{found[ELEMENT]}/click", {})
 
     def show_as(self, width_px: int, dark: bool) -> None:
         """Shows pages as on a screen of that width, in the reader's light or dark mode."""
         size = {"width": width_px, "height": 900, "deviceScaleFactor": 1, "mobile": False}
         scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
-        for command, values in (("setDeviceMetricsOverride", size), ("setEmulatedMedia", {"features": scheme})):
-            self._call("POST", f"{self._session}/goog/cdp/execute", {"cmd": f"Emulation.{command}", "params": values})
+        for command, values in (
+            ("setDeviceMetricsOverride", size),
+            ("setEmulatedMedia", {"features": scheme}),
+        ):
+            self._call(
+                "POST",
+                f"{self._session}/goog/cdp/execute",
+                {"cmd": f"Emulation.{command}", "params": values},
+            )
 
     def screenshot(self, path: Path) -> None:
         path.write_bytes(base64.b64decode(self._call("GET", f"{self._session}/screenshot")))

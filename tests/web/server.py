@@ -40,7 +40,9 @@ class Server:
         answer, data = self.answer(method, path, body, **{**self.bearer, **headers})
         return answer.status, data
 
-    def answer(self, method: str, path: str, body: Any = None, **headers: str) -> tuple[http.client.HTTPResponse, bytes]:
+    def answer(
+        self, method: str, path: str, body: Any = None, **headers: str
+    ) -> tuple[http.client.HTTPResponse, bytes]:
         """The same, with its headers and without the token."""
         kind = {"Content-Type": "application/json"} if body is not None else {}
         data = body if body is None or isinstance(body, bytes) else json.dumps(body)
@@ -93,7 +95,9 @@ def served(world: World, *args: str) -> Iterator[Server]:
     with log.open("w") as output:
         words = ("monitor", "--session", world.name, "--web", *(args or (":0",)))
         process = world.start(*words, stdout=output, stderr=output)
-    port, token = until(lambda: re.findall(r"http://\S+:(\d+)/\?token=(\S+)", log.read_text()), "address")[0]
+    port, token = until(
+        lambda: re.findall(r"http://\S+:(\d+)/\?token=(\S+)", log.read_text()), "address"
+    )[0]
     yield Server(int(port), token, process.pid)
     assert process.poll() is None, log.read_text()
     process.send_signal(signal.SIGINT)

@@ -41,9 +41,13 @@ def test_nothing_is_served_without_the_token(live_server: Server, method: str) -
         ("", {"Cookie": f"lfpipe-1={live_server.token}"}), ("", {"Cookie": f"{name}="}), ("", {"Cookie": f'{name}="'}),
     ]  # fmt: skip
     for path, (query, headers) in itertools.product(PATHS, attempts):
-        answer, data = live_server.answer(method, path + query, COMMAND if method == "POST" else None, **headers)
+        answer, data = live_server.answer(
+            method, path + query, COMMAND if method == "POST" else None, **headers
+        )
         assert answer.status in (403, 400 if "%ff" in query else 403), (query, headers)
-        assert {key: answer.getheader(key) for key in HARDENED} == HARDENED and "Set-Cookie" not in answer.headers
+        assert {
+            key: answer.getheader(key) for key in HARDENED
+        } == HARDENED and "Set-Cookie" not in answer.headers
         assert "frame-ancestors 'none'" in answer.headers["Content-Security-Policy"]
         assert "%ff" in query or "/?token=" in json.loads(data)["error"]
 
@@ -54,7 +58,9 @@ def test_the_token_moves_into_a_cookie(live_server: Server) -> None:
     cookie, *attributes = answer.headers["Set-Cookie"].split("; ")
     assert cookie == f"lfpipe-{live_server.port}={live_server.token}"
     path = next(one for one in attributes if one.startswith("Path=")).removeprefix("Path=")
-    assert {"HttpOnly", "SameSite=Strict"} < set(attributes) and len(path) > 20, "no other server of this host is sent it"
+    assert {"HttpOnly", "SameSite=Strict"} < set(attributes) and len(path) > 20, (
+        "no other server of this host is sent it"
+    )
     for name in ("", "page.js", "page.css", "uPlot.iife.min.js"):
         answer, _ = live_server.answer("GET", path + name, Cookie=cookie)
         assert answer.status == 200 and {key: answer.getheader(key) for key in HARDENED} == HARDENED
@@ -64,17 +70,40 @@ def test_the_token_moves_into_a_cookie(live_server: Server) -> None:
 
 def test_names_and_pages_of_others_are_refused(live_server: Server) -> None:
     port = live_server.port
-    for host in ("example.org", f"example.org:{port}", "127.0.0.1.example.org", "", f"x@127.0.0.1:{port}"):
+    for host in (
+        "example.org",
+        f"example.org:{port}",
+        "127.0.0.1.example.org",
+        "",
+        f"x@127.0.0.1:{port}",
+    ):
         assert live_server.ask("GET", "/", Host=host)[0] in (400, 403), host
     assert live_server.ask("GET", "/", Host="localhost:9")[0] == 200, "another port of a tunnel"
-    for origin in ("http://example.org", "http://127.0.0.1:1", f"https://127.0.0.1:{port}", f"http://localhost:{port}", "null"):
+    for origin in (
+        "http://example.org",
+        "http://127.0.0.1:1",
+        f"https://127.0.0.1:{port}",
+        f"http://localhost:{port}",
+        "null",
+    ):
         assert live_server.ask("POST", "/ctl", COMMAND, Origin=origin)[0] == 403, origin
         assert live_server.ask("GET", "/events", Origin=origin)[0] == 403, origin
-    assert live_server.ask("POST", "/ctl", {"cmd": "resume"}, Origin=f"http://127.0.0.1:{port}")[0] == 200
+    assert (
+        live_server.ask("POST", "/ctl", {"cmd": "resume"}, Origin=f"http://127.0.0.1:{port}")[0]
+        == 200
+    )
 
 
 def test_only_commands_of_the_page_are_passed_on(server: Server, world: World) -> None:
-    for body in ({"cmd": "stop"}, {"cmd": "load", "scene": "/"}, [], "x", {"cmd": ["set"]}, {"cmd": None}, {}):
+    for body in (
+        {"cmd": "stop"},
+        {"cmd": "load", "scene": "/"},
+        [],
+        "x",
+        {"cmd": ["set"]},
+        {"cmd": None},
+        {},
+    ):
         assert server.ask("POST", "/ctl", body)[0] == 400
     assert server.ask("POST", "/ctl", {"cmd": "set", "x": "y" * 5000})[0] == 413
     assert server.ask("POST", "/ctl", COMMAND, **{"Content-Type": "text/plain"})[0] == 400
@@ -112,7 +141,11 @@ def test_in_a_browser_with_the_token_other_pages_get_nothing(
         browser.open(live_server.url)
         until(lambda: browser.ask("window.lfpipe.events > 2"), "figures")
         page = str(browser.ask("location.href"))
-        assert "token" not in page and browser.ask("document.cookie") == "" and live_server.token not in page
+        assert (
+            "token" not in page
+            and browser.ask("document.cookie") == ""
+            and live_server.token not in page
+        )
         browser.ask(f"(() => {{ location.href = '{stranger[0]}/left'; }})()")
         until(lambda: browser.ask("document.title") == "stranger", "page of the stranger")
         browser.ask(f"""(() => {{ window.got = {{}};
@@ -123,12 +156,24 @@ def test_in_a_browser_with_the_token_other_pages_get_nothing(
               .then(() => got.command = 'sent', () => got.command = 'sent');
             const events = new EventSource(base + 'events', {{withCredentials: true}});
             events.onmessage = () => got.events = 'read'; events.onerror = () => got.events = 'refused'; }})()""")
-        got = until(lambda: len(found := browser.ask("window.got")) == 3 and found, "end of what the stranger tried")
+        got = until(
+            lambda: len(found := browser.ask("window.got")) == 3 and found,
+            "end of what the stranger tried",
+        )
         assert got == {"frame": "refused", "command": "sent", "events": "refused"}
         for text in stranger[1]:
-            assert live_server.token not in text and f":{live_server.port}" not in text and "lfpipe-" not in text, text
+            assert (
+                live_server.token not in text
+                and f":{live_server.port}" not in text
+                and "lfpipe-" not in text
+            ), text
         browser.open(page)
-        until(lambda: browser.ask("window.lfpipe && window.lfpipe.last && window.lfpipe.last.paused === false"), "no pause")
+        until(
+            lambda: browser.ask(
+                "window.lfpipe && window.lfpipe.last && window.lfpipe.last.paused === false"
+            ),
+            "no pause",
+        )
 
 
 @given(st.lists(st.text()))
@@ -137,7 +182,10 @@ def test_no_other_text_opens(texts: list[str]) -> None:
     assert not site.opens(texts) and site.opens([*texts, site.token]) and len(site.token) >= 43
 
 
-@given(st.from_regex(r"[a-z]([a-z0-9-]*[a-z0-9])?(\.[a-z]([a-z0-9-]*[a-z0-9])?)+", fullmatch=True), st.integers(0, 65535))
+@given(
+    st.from_regex(r"[a-z]([a-z0-9-]*[a-z0-9])?(\.[a-z]([a-z0-9-]*[a-z0-9])?)+", fullmatch=True),
+    st.integers(0, 65535),
+)
 def test_names_that_may_point_here(name: str, port: int) -> None:
     assert not named(name, "127.0.0.1") and not named(f"{name}:{port}", "127.0.0.1")
     assert named(f"{name}:{port}", name), "the name that was asked for"

@@ -35,7 +35,11 @@ def test_half_requests_hold_nothing_and_close_nobody_with_the_token(live_server:
         for _ in range(100):
             for half in HALVES:
                 stack.enter_context(live_server.send(half))
-        assert live_server.ask("GET", "/")[0] == live_server.ask("POST", "/ctl", {"cmd": "resume"})[0] == 200
+        assert (
+            live_server.ask("GET", "/")[0]
+            == live_server.ask("POST", "/ctl", {"cmd": "resume"})[0]
+            == 200
+        )
         assert live_server.threads() <= threads
         assert live_server.sockets() <= sockets + MAX_STRANGERS + 2
         assert all(viewer.readline() for _ in range(12))
@@ -97,7 +101,9 @@ def test_who_does_not_read_is_dropped(live_server: Server) -> None:
         until(lambda: live_server.sockets() <= sockets, "end of who does not read", 90)
 
 
-def test_a_server_that_nobody_looks_at_lets_go_of_the_session_and_ends_with_viewers(live: World) -> None:
+def test_a_server_that_nobody_looks_at_lets_go_of_the_session_and_ends_with_viewers(
+    live: World,
+) -> None:
     with served(live) as server:
         maps = Path(f"/proc/{server.pid}/maps")
         for _ in itertools.islice(server.events(), 6):
@@ -113,23 +119,38 @@ DEEP = st.sampled_from([7, 8, 9, 31, 33, 500, 1900]).flatmap(
 )
 BODIES = st.one_of(
     (messages | values).map(lambda value: json.dumps(value).encode()),
-    st.tuples(messages, DEEP).map(lambda both: (json.dumps(both[0])[:-1] + f',"set":{both[1]}}}').encode()),
+    st.tuples(messages, DEEP).map(
+        lambda both: (json.dumps(both[0])[:-1] + f',"set":{both[1]}}}').encode()
+    ),
     messages.map(lambda value: json.dumps(value).encode("utf-16")),
-    st.sampled_from([b'{"cmd":"set","set":{"render.alpha_px":%s}}' % number for number in (b"1e999", b"1e-400", b"9" * 3900)]),
+    st.sampled_from(
+        [
+            b'{"cmd":"set","set":{"render.alpha_px":%s}}' % number
+            for number in (b"1e999", b"1e-400", b"9" * 3900)
+        ]
+    ),
     st.binary(max_size=100),
 )
 
 
 @settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(BODIES)
-def test_a_hostile_command_is_answered_and_the_page_goes_on(live_server: Server, body: bytes) -> None:
+def test_a_hostile_command_is_answered_and_the_page_goes_on(
+    live_server: Server, body: bytes
+) -> None:
     status, data = live_server.ask("POST", "/ctl", body)
     assert status in (200, 400, 413), (status, data)
     answer: Any = json.loads(data, parse_constant=pytest.fail)
-    assert answer["ok"] is (status == 200) and (status == 200 or answer["error"]) and "Traceback" not in data.decode()
+    assert (
+        answer["ok"] is (status == 200)
+        and (status == 200 or answer["error"])
+        and "Traceback" not in data.decode()
+    )
 
 
 def test_afterwards_page_and_session_go_on(live_server: Server) -> None:
-    answer = json.loads(live_server.ask("POST", "/ctl", {"cmd": "set", "set": {"render.alpha_px": 12.0}})[1])
+    answer = json.loads(
+        live_server.ask("POST", "/ctl", {"cmd": "set", "set": {"render.alpha_px": 12.0}})[1]
+    )
     assert answer["ok"] is True and live_server.ask("POST", "/ctl", {"cmd": "resume"})[0] == 200
     assert live_server.jpeg("picture")

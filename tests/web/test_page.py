@@ -13,15 +13,21 @@ from tests.web.server import Server, until
 from tests.world import World
 
 
-def test_the_picture_is_lent_at_full_chroma_taken_back_and_controlled(live: World, live_server: Server) -> None:
+def test_the_picture_is_lent_at_full_chroma_taken_back_and_controlled(
+    live: World, live_server: Server
+) -> None:
     assert live.segments("pictures") == [], "nobody asks, no ring"
     jpeg = live_server.jpeg("picture")
     assert len(live.segments("pictures")) == 1
     picture = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
     assert picture.shape == (48, 64, 3)
     reds = [8 * (3 * row + col) + 5 for row in range(3) for col in range(3)]
-    assert min(abs(int(picture[20, 30, 2]) - red) for red in reds) <= 3, "the red plane of a view that is stored"
-    assert jpeg[jpeg.index(b"\xff\xc0") + 11] == 0x11, "4:4:4: the first component is sampled as the others"
+    assert min(abs(int(picture[20, 30, 2]) - red) for red in reds) <= 3, (
+        "the red plane of a view that is stored"
+    )
+    assert jpeg[jpeg.index(b"\xff\xc0") + 11] == 0x11, (
+        "4:4:4: the first component is sampled as the others"
+    )
     camera = live_server.picture("camera")
     assert camera.shape == (240, 320, 3) and camera.std() > 20
     until(lambda: live.segments("pictures") == [], "ring taken back when nobody asks")
@@ -34,26 +40,48 @@ def test_the_picture_is_lent_at_full_chroma_taken_back_and_controlled(live: Worl
         sets = {"render.anaglyph": anaglyph, "render.alpha_px": alpha_px}
         status, data = live_server.ask("POST", "/ctl", {"cmd": "set", "set": sets})
         assert status == 200 and json.loads(data)["ok"] is True
-        until(lambda wanted=anaglyph: spread() < 4 if wanted == "grey" else spread() > 8, f"{anaglyph} picture")
+        until(
+            lambda wanted=anaglyph: spread() < 4 if wanted == "grey" else spread() > 8,
+            f"{anaglyph} picture",
+        )
 
 
 @pytest.mark.everyday
-def test_in_a_browser_charts_move_and_controls_work(world: World, scene: Path, server: Server, tmp_path: Path) -> None:
+def test_in_a_browser_charts_move_and_controls_work(
+    world: World, scene: Path, server: Server, tmp_path: Path
+) -> None:
     if why := missing():
         pytest.skip(why)
     world.up(scene)
     world.pictures(5)
     with Browser(tmp_path / "profile") as browser:
         browser.open(server.url)
-        until(lambda: browser.ask("window.lfpipe.latency && window.lfpipe.latency.data[0].length > 4"), "moving chart")
-        assert browser.ask("Object.keys(window.lfpipe.last.stages).join()") == "capture,track,render"
+        until(
+            lambda: browser.ask(
+                "window.lfpipe.latency && window.lfpipe.latency.data[0].length > 4"
+            ),
+            "moving chart",
+        )
+        assert (
+            browser.ask("Object.keys(window.lfpipe.last.stages).join()") == "capture,track,render"
+        )
         axes = browser.ask("window.lfpipe.latency.axes.map((axis) => axis.label).join()")
         legend = browser.ask("document.querySelector('#latency .u-legend').textContent")
-        assert axes == "session time, s,ms" and legend.count(" ms") >= 3, legend  # the newest, without a pointer over the chart
-        assert browser.ask("document.getElementById('scenes').offsetParent === null"), "one scene is no list"
-        assert "viewer " in until(lambda: browser.ask("document.getElementById('state').textContent"), "state")
-        until(lambda: browser.ask("document.getElementById('picture').naturalWidth") == 64, "picture")
-        until(lambda: browser.ask("document.getElementById('camera').naturalWidth") == 320, "camera")
+        assert axes == "session time, s,ms" and legend.count(" ms") >= 3, (
+            legend
+        )  # the newest, without a pointer over the chart
+        assert browser.ask("document.getElementById('scenes').offsetParent === null"), (
+            "one scene is no list"
+        )
+        assert "viewer " in until(
+            lambda: browser.ask("document.getElementById('state').textContent"), "state"
+        )
+        until(
+            lambda: browser.ask("document.getElementById('picture').naturalWidth") == 64, "picture"
+        )
+        until(
+            lambda: browser.ask("document.getElementById('camera').naturalWidth") == 320, "camera"
+        )
         assert browser.ask("document.getElementById('anaglyph').value") == "dubois"
         colours = """(() => { const c = document.createElement('canvas'), i = document.getElementById('picture');
             c.width = i.naturalWidth; c.height = i.naturalHeight; const d = c.getContext('2d'); d.drawImage(i, 0, 0);
@@ -62,13 +90,18 @@ def test_in_a_browser_charts_move_and_controls_work(world: World, scene: Path, s
 
         def turn(name: str, value: object, event: str) -> None:
             control = f"document.getElementById('{name}')"
-            browser.ask(f"(() => {{ {control}.value = '{value}'; {control}.dispatchEvent(new Event('{event}')); }})()")
+            browser.ask(
+                f"(() => {{ {control}.value = '{value}'; {control}.dispatchEvent(new Event('{event}')); }})()"
+            )
 
         turn("anaglyph", "mono", "change")
         until(lambda: world.monitor()["config"]["render"]["anaglyph"] == "mono", "other mode")
         before = len(world.lines())
         turn("zero", 1.5, "input")
-        until(lambda: browser.ask("window.lfpipe.last.config.render.zero_plane_px") == 1.5, "moved zero plane")
+        until(
+            lambda: browser.ask("window.lfpipe.last.config.render.zero_plane_px") == 1.5,
+            "moved zero plane",
+        )
         browser.click("#pause")
         until(lambda: browser.ask("window.lfpipe.last.paused"), "pause")
         browser.click("#pause")
@@ -76,12 +109,24 @@ def test_in_a_browser_charts_move_and_controls_work(world: World, scene: Path, s
         browser.click("#recentre")
         world.pictures(before + 10)
         world.ctl("stop")
-        until(lambda: "no session" in browser.ask("document.getElementById('state').textContent"), "word of the end")
+        until(
+            lambda: "no session" in browser.ask("document.getElementById('state').textContent"),
+            "word of the end",
+        )
         world.wait_for(lambda: not world.left(), "clean end")
         world.trace.unlink()
         world.up(scene)
-        until(lambda: browser.ask("window.lfpipe.last && window.lfpipe.last.alive"), "session that returned")
-        until(lambda: browser.ask("window.lfpipe.last.camera_fps > 5 && window.lfpipe.last.stages.track.face"), "its figures", 60)
+        until(
+            lambda: browser.ask("window.lfpipe.last && window.lfpipe.last.alive"),
+            "session that returned",
+        )
+        until(
+            lambda: browser.ask(
+                "window.lfpipe.last.camera_fps > 5 && window.lfpipe.last.stages.track.face"
+            ),
+            "its figures",
+            60,
+        )
         assert server.ask("POST", "/ctl", {"cmd": "recentre"})[0] == 200
 
 
@@ -91,7 +136,13 @@ def test_the_grid_is_where_the_mapping_says() -> None:
 
     solver = ViewSolver(5, 7, Render(), 20.0, (300.0, 220.0))
     eyes_px = (310.0, 230.0), (270.0, 230.0)
-    look = {"grid": (5, 7), "alpha_px": 20.0, "centre_px": (300.0, 220.0), "eyes_px": eyes_px, "face": True}
+    look = {
+        "grid": (5, 7),
+        "alpha_px": 20.0,
+        "centre_px": (300.0, 220.0),
+        "eyes_px": eyes_px,
+        "face": True,
+    }
     for row, col in ((0, 0), (4, 6), (2, 3), (1, 5)):
         place = place_px(look, row, col)
         assert solver.views((*place, *place))[0] == pytest.approx((row, col))
@@ -100,4 +151,6 @@ def test_the_grid_is_where_the_mapping_says() -> None:
     x, y = place_px(look, 4, 6)
     assert (picture[round(y), round(x)] > 200).all()
     left, right = picture[230, 310], picture[230, 270]
-    assert left[2] > 200 > 100 > left[0] and right[0] > 200 > 100 > right[2], "left eye red, right eye cyan"
+    assert left[2] > 200 > 100 > left[0] and right[0] > 200 > 100 > right[2], (
+        "left eye red, right eye cyan"
+    )

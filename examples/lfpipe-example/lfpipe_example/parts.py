@@ -23,7 +23,9 @@ class CentreEngine:
     def detect(self, image: NDArray[np.uint8]) -> Face | None:
         height, width = image.shape[:2]
         x, y, apart = width / 2, height / 2, width / 10
-        eyes = np.array([[x + apart / 2, y], [x - apart / 2, y]])  # the viewer's own left eye is at the larger x
+        eyes = np.array(
+            [[x + apart / 2, y], [x - apart / 2, y]]
+        )  # the viewer's own left eye is at the larger x
         return Face(eyes, 1.0, (x - apart, y - apart, x + apart, y + apart), apart_px=apart)
 
     def examine(self, image: NDArray[np.uint8]) -> None:

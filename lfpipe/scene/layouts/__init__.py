@@ -32,7 +32,10 @@ def layouts() -> dict[str, Layout]:
         if not module.name.startswith("_"):
             content = importlib.import_module(f"{__name__}.{module.name}")
             own |= {layout.NAME: layout for layout in getattr(content, "LAYOUTS", [content])}
-    return {**{name: cast(Layout, layout) for name, layout in loaded(LAYOUTS).items()}, **dict(sorted(own.items()))}
+    return {
+        **{name: cast(Layout, layout) for name, layout in loaded(LAYOUTS).items()},
+        **dict(sorted(own.items())),
+    }
 
 
 def describe(path: str | os.PathLike[str], scene: config.Scene) -> SceneSource:
@@ -42,14 +45,20 @@ def describe(path: str | os.PathLike[str], scene: config.Scene) -> SceneSource:
     """
     known = layouts()
     if scene.layout not in ("auto", *known):
-        raise UserError(f"scene.layout: {scene.layout!r} is not a layout", f"one of: auto, {', '.join(known)}")
+        raise UserError(
+            f"scene.layout: {scene.layout!r} is not a layout", f"one of: auto, {', '.join(known)}"
+        )
     try:
         with library_errors(path):
             source = _described(known, list_scene(path), scene)
     except UserError as error:  # names may hold line breaks
-        raise UserError(error.message.replace("\n", r"\n"), error.remedy.replace("\n", r"\n")) from None
+        raise UserError(
+            error.message.replace("\n", r"\n"), error.remedy.replace("\n", r"\n")
+        ) from None
     grid = parse_grid(scene.grid)
-    if grid is not None and math.prod(grid) != source.rows * source.cols:  # a quilt's says how its one row is laid out
+    if (
+        grid is not None and math.prod(grid) != source.rows * source.cols
+    ):  # a quilt's says how its one row is laid out
         wrong = f"the layout {source.layout} has {source.rows}x{source.cols} views, scene.grid says {scene.grid}"
         raise UserError(f"{path}: {wrong}", "leave out scene.grid")
     return attrs.evolve(source, notes=tuple(note.replace("\n", r"\n") for note in source.notes))
@@ -79,7 +88,11 @@ def _require_pictures(listing: Listing, certain: bool) -> None:
         such = [name for name in listing.names if name.lower().endswith(ends)]
         if such and not pictures and 2 * len(such) >= len(listing.names):
             raise UserError(f"{listing.file(such[0])}: {what}", remedy)
-    kinds = Counter(Path(name).suffix.lower() for name in listing.names if not name.lower().endswith((*PICTURES, *_BESIDE)))
+    kinds = Counter(
+        Path(name).suffix.lower()
+        for name in listing.names
+        if not name.lower().endswith((*PICTURES, *_BESIDE))
+    )
     kind, count = kinds.most_common(1)[0] if kinds else ("", 0)
     if count > max(3, len(pictures)) and not certain:
         some = ", ".join([name for name in listing.names if Path(name).suffix.lower() == kind][:3])
@@ -97,12 +110,20 @@ def _described(known: dict[str, Layout], given: Listing, scene: config.Scene) ->
     inner = inner_listing(given) if mark <= _LAST_RESORT else None
     if inner is not None:
         listing, (mark, layout) = inner, _match(tries, inner)
-    certain = scene.layout != "auto" or mark >= 80 or listing.is_file or scene.force or layout is None
+    certain = (
+        scene.layout != "auto" or mark >= 80 or listing.is_file or scene.force or layout is None
+    )
     _require_pictures(listing, certain)
-    layout = known[scene.layout] if scene.layout != "auto" else _checked(known, mark, layout, listing, scene)
+    layout = (
+        known[scene.layout]
+        if scene.layout != "auto"
+        else _checked(known, mark, layout, listing, scene)
+    )
     source = layout.describe(listing, scene)
     if inner is not None:
-        source = attrs.evolve(source, path=given.path, notes=(*source.notes, *filter(None, [note_of(given, inner)])))
+        source = attrs.evolve(
+            source, path=given.path, notes=(*source.notes, *filter(None, [note_of(given, inner)]))
+        )
     return source
 
 
@@ -122,14 +143,22 @@ def _match(tries: list[Layout], listing: Listing) -> tuple[int, Layout | None]:
     return best
 
 
-def _checked(known: dict[str, Layout], mark: int, layout: Layout | None, listing: Listing, scene: config.Scene) -> Layout:
+def _checked(
+    known: dict[str, Layout],
+    mark: int,
+    layout: Layout | None,
+    listing: Listing,
+    scene: config.Scene,
+) -> Layout:
     """The layout of a scene, unless there is none or the picture is a raw one. Raises UserError."""
     if layout is None:
         some = ", ".join(listing.names[:3] or listing.folders[:3])
         remedy = "give the folder of the views, or one file that holds them all by its own path"
         if listing.pictures():
             remedy = "name the views view_ROW_COLUMN.png, or give one picture by its own path"
-        raise UserError(f"{listing.path}: no layout of a light field recognised ({some}, ...)", remedy)
+        raise UserError(
+            f"{listing.path}: no layout of a light field recognised ({some}, ...)", remedy
+        )
     path = single_picture(listing) if mark < 90 else None  # others say what they are
     if path is None or not is_honeycomb(read_picture(path)[0]):
         return layout

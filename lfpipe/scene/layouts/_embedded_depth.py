@@ -20,7 +20,9 @@ from lfpipe.scene.files import read_bytes
 
 MAX_BYTES = 60_000_000  # of a photograph with its embedded items
 _XMP = b"http://ns.adobe.com/xap/1.0/\0"
-_MORE = re.compile(rb"\xff\xe1(..)http://ns\.adobe\.com/xmp/extension/\0.{36}(.{4})", re.DOTALL)  # a part's size and place
+_MORE = re.compile(
+    rb"\xff\xe1(..)http://ns\.adobe\.com/xmp/extension/\0.{36}(.{4})", re.DOTALL
+)  # a part's size and place
 _ITEM = re.compile(rb"<\w+:Item\b([^>]{0,2000})>")
 
 
@@ -31,7 +33,9 @@ def _packet(data: bytes) -> bytes:
 
 
 def _value(xmp: bytes, name: bytes) -> bytes | None:
-    match = re.search(rb"\b" + name + rb"\s*=\s*[\"']([^\"']*)", xmp) or re.search(rb"<" + name + rb">([^<]*)", xmp)
+    match = re.search(rb"\b" + name + rb"\s*=\s*[\"']([^\"']*)", xmp) or re.search(
+        rb"<" + name + rb">([^<]*)", xmp
+    )
     return match[1] if match else None
 
 
@@ -52,24 +56,38 @@ def has_depth(path: Path) -> bool:
     if path.suffix.lower() not in (".jpg", ".jpeg"):
         return False
     packet = _packet(read_bytes(path, MAX_BYTES))
-    return _depth_item(packet, b"") is not None or b"GDepth:Format" in packet or b"GDepth:Mime" in packet
+    return (
+        _depth_item(packet, b"") is not None
+        or b"GDepth:Format" in packet
+        or b"GDepth:Mime" in packet
+    )
 
 
 def embedded_depth(path: Path) -> NDArray[Any]:
     """The depth map of a photograph, (h, w) float32, larger is nearer. Raises UserError."""
     data = read_bytes(path, MAX_BYTES)
-    parts = sorted((head[2], data[head.end() : head.start() + 2 + int.from_bytes(head[1])]) for head in _MORE.finditer(data))
+    parts = sorted(
+        (head[2], data[head.end() : head.start() + 2 + int.from_bytes(head[1])])
+        for head in _MORE.finditer(data)
+    )
     packet, pixels = _packet(data), None
     whole = packet + b"".join(body for _, body in parts)
     with contextlib.suppress(ValueError, cv2.error):
         stored = _value(whole, b"GDepth:Data")
-        coded = base64.b64decode(stored, validate=True) if stored else _depth_item(packet, data) or b""
-        pixels = cv2.imdecode(np.frombuffer(coded, np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
+        coded = (
+            base64.b64decode(stored, validate=True) if stored else _depth_item(packet, data) or b""
+        )
+        pixels = cv2.imdecode(
+            np.frombuffer(coded, np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH
+        )
     if pixels is None:
         remedy = "export the picture and its depth as x.png and x_depth.png, and give their folder"
         raise UserError(f"{path}: claims to contain a depth map, but has no readable one", remedy)
     share = pixels.astype(np.float32) / np.float32(65535 if pixels.dtype == np.uint16 else 255)
-    near, far = (finite((_value(whole, rb"\w*Depth:" + name) or b"").decode("latin-1"), 0) for name in (b"Near", b"Far"))
+    near, far = (
+        finite((_value(whole, rb"\w*Depth:" + name) or b"").decode("latin-1"), 0)
+        for name in (b"Near", b"Far")
+    )
     linear = (_value(whole, rb"\w*Depth:Format") or b"").lower() == b"rangelinear"
     if not linear or near is None or far is None or not 0 < near < far:
         return np.asarray(1 - share, np.float32)

@@ -18,13 +18,21 @@ def inner_listing(listing: Listing, deepest: int = _DEEPEST) -> Listing | None:
     """The pictures below a folder, as names with a slash or as the only inner folder; None if there are none, or no more than in
     the folder itself. Raises UserError if folders hold scenes of their own."""
     own, below = len(listing.pictures()), None if listing.is_file else _inner(listing, deepest)
-    return below if below is not None and (len(below.pictures()) > own or (below.names and not own)) else None
+    return (
+        below
+        if below is not None and (len(below.pictures()) > own or (below.names and not own))
+        else None
+    )
 
 
 def _inner(listing: Listing, deepest: int) -> Listing | None:
     inner = {name: _listed(listing, name) for name in listing.folders}
     if listing.pictures() or len(inner) > 1:
-        inner = {name: one for name, one in inner.items() if not MAPS.search(name) and name.lower() not in _BESIDE}
+        inner = {
+            name: one
+            for name, one in inner.items()
+            if not MAPS.search(name) and name.lower() not in _BESIDE
+        }
     if len(inner) == 1 and deepest > 1:
         only = next(iter(inner.values()))
         return inner_listing(only, deepest - 1) or only
@@ -47,7 +55,9 @@ def _listed(listing: Listing, name: str) -> Listing:
     """A subfolder; as an empty one if it cannot be read."""
     with contextlib.suppress(UserError):
         return list_scene(listing.file(name))
-    return attrs.evolve(listing, path=listing.path / name, folder=listing.path / name, names=(), folders=())
+    return attrs.evolve(
+        listing, path=listing.path / name, folder=listing.path / name, names=(), folders=()
+    )
 
 
 def note_of(given: Listing, inner: Listing) -> str:
@@ -56,7 +66,9 @@ def note_of(given: Listing, inner: Listing) -> str:
     others = [] if parts else given.pictures()
     for part in parts:
         others += [at.file(name).relative_to(given.path).as_posix() for name in at.pictures()]
-        others += [f"{name}/" for name in at.folders if name != part and _listed(at, name).pictures()]
+        others += [
+            f"{name}/" for name in at.folders if name != part and _listed(at, name).pictures()
+        ]
         at = _listed(at, part)
     taken = [f"the pictures are those of {Path(*parts)}"] if parts else []
     return "; ".join(taken + [f"not used: {some(others)}"] * bool(others))
@@ -65,8 +77,14 @@ def note_of(given: Listing, inner: Listing) -> str:
 def _are_rows(folders: list[str], names: tuple[str, ...]) -> bool:
     """Whether names of folders differ in one number or letter only, or are those of the two eyes' pictures; and names of the
     pictures in them leave nothing open: a grid in each folder is a scene in each."""
-    if sorted(name.lower() for name in folders) in (sorted(pair) for pair in zip(LEFT, RIGHT, strict=True)):
+    if sorted(name.lower() for name in folders) in (
+        sorted(pair) for pair in zip(LEFT, RIGHT, strict=True)
+    ):
         return True
     numbered = read_names(tuple(f"{name}.png" for name in folders))
     together = read_names(names)
-    return numbered is not None and len(numbered.views) == len(folders) and not (together is not None and together.doubt)
+    return (
+        numbered is not None
+        and len(numbered.views) == len(folders)
+        and not (together is not None and together.doubt)
+    )

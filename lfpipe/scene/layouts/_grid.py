@@ -29,7 +29,9 @@ def parse_grid(text: str) -> ViewIndex | None:
         return None
     numbers = re.fullmatch(r"\s*(\d{1,4})\s*[xX×]\s*(\d{1,4})\s*", text)
     if not numbers or int(numbers[1]) * int(numbers[2]) == 0:
-        raise UserError(f"scene.grid: {text!r} is not ROWSxCOLS", "use for example --set scene.grid=9x9")
+        raise UserError(
+            f"scene.grid: {text!r} is not ROWSxCOLS", "use for example --set scene.grid=9x9"
+        )
     require_grid(int(numbers[1]), int(numbers[2]), "scene.grid")
     return int(numbers[1]), int(numbers[2])
 
@@ -39,7 +41,8 @@ def require_grid(rows: int, cols: int, what: str) -> None:
     if not (1 <= rows <= MAX_SIDE and 1 <= cols <= MAX_SIDE and rows * cols <= MAX_FILES):
         most = f"at most {MAX_SIDE} along a side and {MAX_FILES} together"
         raise UserError(
-            f"{what}: a grid of {rows}x{cols} views, {most} are expected", "give the true one with --set scene.grid=ROWSxCOLS"
+            f"{what}: a grid of {rows}x{cols} views, {most} are expected",
+            "give the true one with --set scene.grid=ROWSxCOLS",
         )
 
 
@@ -47,12 +50,18 @@ def require_view(height: int, width: int, sample_bytes: int, what: str) -> None:
     """Raises UserError where no view is so large. what: who says so."""
     if min(height, width) < 1 or height * width * 3 * sample_bytes > MAX_DECODING_BYTES:
         most = f"at most {MAX_DECODING_BYTES / 1e6:.0f} MB each"
-        raise UserError(f"{what}: views of {width}x{height} px, expected {most}", "export it with smaller views")
+        raise UserError(
+            f"{what}: views of {width}x{height} px, expected {most}", "export it with smaller views"
+        )
 
 
 def true_max(values: list[int], full: int) -> int:
     """The value that stands for full where 16-bit files may hold 10, 12 or 14 bits: by the largest value of some views."""
-    return full if full != 65535 else next((top for top in (1023, 4095, 16383) if max(values) <= top), full)
+    return (
+        full
+        if full != 65535
+        else next((top for top in (1023, 4095, 16383) if max(values) <= top), full)
+    )
 
 
 def some(names: Sequence[str], most: int = 4) -> str:
@@ -67,7 +76,10 @@ def files_source(
     """A SceneSource that reads one picture file per view; places without a name are missing. Size and depth are those of the
     middle view; raises UserError where a view has others. headers: by name, where known; more: further fields of SceneSource."""
     files = {place: listing.file(name) for place, name in views.items()}
-    middle = min(files, key=lambda place: (abs(place[0] - shape[0] // 2) + abs(place[1] - shape[1] // 2), place))
+    middle = min(
+        files,
+        key=lambda place: (abs(place[0] - shape[0] // 2) + abs(place[1] - shape[1] // 2), place),
+    )
     headers = headers or {name: open_header(listing.file(name)) for name in views.values()}
     first = headers[views[middle]]
     for place, name in views.items():
@@ -79,12 +91,21 @@ def files_source(
                 )
     full = first.max_value
     if full == 65535:
-        full = true_max([int(read_picture(files[place])[0].max()) for place in {min(files), middle, max(files)}], full)
+        full = true_max(
+            [
+                int(read_picture(files[place])[0].max())
+                for place in {min(files), middle, max(files)}
+            ],
+            full,
+        )
 
     def read(frame: int, row: int, col: int) -> NDArray[Any]:
         pixels, _ = read_picture(files[row, col])
         if pixels.shape[:2] != (first.height_px, first.width_px):
-            raise UserError(f"{files[row, col]}: changed while it was read", "try again once the files are complete")
+            raise UserError(
+                f"{files[row, col]}: changed while it was read",
+                "try again once the files are complete",
+            )
         return pixels
 
     missing = frozenset(place for place in np.ndindex(shape) if place not in files)
@@ -120,7 +141,11 @@ def _headers(listing: Listing, names: Sequence[str]) -> tuple[dict[str, Header],
     """The headers of pictures, and the names of those few that have another size than the rest."""
     headers = {name: open_header(listing.file(name)) for name in names}
     usual, count = Counter(header.size for header in headers.values()).most_common(1)[0]
-    return headers, {name for name, header in headers.items() if header.size != usual and 2 * count > len(headers)}
+    return headers, {
+        name
+        for name, header in headers.items()
+        if header.size != usual and 2 * count > len(headers)
+    }
 
 
 def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: bool) -> SceneSource:
@@ -131,12 +156,19 @@ def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: boo
     numbered = named_views(listing)
     if numbered is None:
         what = f"{listing.path}: {len(listing.pictures())} pictures whose names do not differ in numbers"
-        raise UserError(what, "name the views view_ROW_COLUMN.png, or give one picture by its own path")
+        raise UserError(
+            what, "name the views view_ROW_COLUMN.png, or give one picture by its own path"
+        )
     headers, odd = _headers(listing, list(numbered.views.values()))
     if odd:
-        numbered = read_names(tuple(name for name in _one_per_stem(listing) if name not in odd)) or numbered
+        numbered = (
+            read_names(tuple(name for name in _one_per_stem(listing) if name not in odd))
+            or numbered
+        )
     if runs and not numbered.runs:
-        line = {(0, position): name for position, (_, name) in enumerate(sorted(numbered.views.items()))}
+        line = {
+            (0, position): name for position, (_, name) in enumerate(sorted(numbered.views.items()))
+        }
         numbered = attrs.evolve(numbered, views=line, rows=1, cols=len(line), runs=True, doubt="")
     if not runs and numbered.runs:
         what = f"{listing.path}: the names contain one running number, not row and column"
@@ -144,7 +176,10 @@ def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: boo
     grid, note = parse_grid(scene.grid), ""
     if not runs and grid not in (None, (numbered.rows, numbered.cols)):
         wrong = f"the names give a grid of {numbered.rows}x{numbered.cols}, scene.grid says {scene.grid}"
-        raise UserError(f"{listing.path}: {wrong}", "leave out scene.grid; --set scene.layout=numbered takes names in order")
+        raise UserError(
+            f"{listing.path}: {wrong}",
+            "leave out scene.grid; --set scene.layout=numbered takes names in order",
+        )
     if runs and not numbered.clashes:
         by_position = {col: name for (_, col), name in numbered.views.items()}
         run = find_columns(
@@ -155,29 +190,51 @@ def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: boo
             what = f"{listing.path}: {len(by_position)} views do not make {scene.grid}"
             raise UserError(what, "leave out scene.grid to have it detected")
         views = {run.index(position): name for position, name in by_position.items()}
-        numbered = attrs.evolve(numbered, views=views, rows=run.rows, cols=run.cols, doubt=run.doubt)
+        numbered = attrs.evolve(
+            numbered, views=views, rows=run.rows, cols=run.cols, doubt=run.doubt
+        )
         how = f"{run.rows}x{run.cols}" + (", every other row backwards" if run.snake else "")
-        why = "as scene.grid says" if grid else "from the likeness of the pictures; --set scene.grid=ROWSxCOLS overrides it"
+        why = (
+            "as scene.grid says"
+            if grid
+            else "from the likeness of the pictures; --set scene.grid=ROWSxCOLS overrides it"
+        )
         note = f"the numbered views form {how}: {why}"
     return _views_source(layout, listing, numbered, headers, note, certain=False)
 
 
 def placed_views(
-    layout: str, listing: Listing, places: Mapping[str, ViewIndex], shape: ViewIndex | None = None, **more: Any
+    layout: str,
+    listing: Listing,
+    places: Mapping[str, ViewIndex],
+    shape: ViewIndex | None = None,
+    **more: Any,
 ) -> SceneSource:
     """The scene of pictures whose names say their rows and columns. shape: the grid; without it, numbers may start anywhere and
     go in equal steps (rows 0, 4, 8). more: further fields of SceneSource. Raises UserError."""
     headers, odd = _headers(listing, list(places))
-    (top, down, rows), (left, across, cols) = (spaced([place[axis] for place in places.values()]) for axis in (0, 1))
+    (top, down, rows), (left, across, cols) = (
+        spaced([place[axis] for place in places.values()]) for axis in (0, 1)
+    )
     if shape:
         (top, down, rows), (left, across, cols) = (0, 1, shape[0]), (0, 1, shape[1])
     names = [name for name in places if name not in odd]
-    by_row, by_col = [(places[name][0] - top) // down for name in names], [(places[name][1] - left) // across for name in names]
-    return _views_source(layout, listing, placed(names, by_row, by_col, (rows, cols)), headers, **more)
+    by_row, by_col = (
+        [(places[name][0] - top) // down for name in names],
+        [(places[name][1] - left) // across for name in names],
+    )
+    return _views_source(
+        layout, listing, placed(names, by_row, by_col, (rows, cols)), headers, **more
+    )
 
 
 def _views_source(
-    layout: str, listing: Listing, numbered: NumberedNames, headers: Mapping[str, Header], note: str = "", **more: Any
+    layout: str,
+    listing: Listing,
+    numbered: NumberedNames,
+    headers: Mapping[str, Header],
+    note: str = "",
+    **more: Any,
 ) -> SceneSource:
     """The scene of views by place; pictures that are not used are noted. Raises UserError where two have one place, or many
     places no view."""
@@ -191,24 +248,43 @@ def _views_source(
     holes = [place for place in np.ndindex(rows, cols) if place not in views]
     if len(holes) > _MADE_SHARE * rows * cols:
         wrong = f"the names span {rows}x{cols} views, {len(views)} files are there"
-        raise UserError(f"{listing.path}: {wrong}", "give a folder with a whole row or a whole grid of one scene")
+        raise UserError(
+            f"{listing.path}: {wrong}",
+            "give a folder with a whole row or a whole grid of one scene",
+        )
     notes = [note] if note else []
     if holes:
         where = some([f"row {row} column {col}" for row, col in holes])
         notes.append(f"{len(holes)} of {rows}x{cols} views missing, made from others: {where}")
     used, names = set(views.values()), listing.pictures()
     sizes = {headers[name].size for name in used}
-    odd = {name: f"{name} ({header.size})" for name, header in headers.items() if header.size not in sizes}
+    odd = {
+        name: f"{name} ({header.size})"
+        for name, header in headers.items()
+        if header.size not in sizes
+    }
     if unused := [odd.get(name, name) for name in names if name not in used]:
         notes.append(f"{len(used)} of {len(names)} files used; the others are {some(unused)}")
-    return files_source(layout, listing, views, (rows, cols), headers, doubt=numbered.doubt, notes=tuple(notes), **more)
+    return files_source(
+        layout,
+        listing,
+        views,
+        (rows, cols),
+        headers,
+        doubt=numbered.doubt,
+        notes=tuple(notes),
+        **more,
+    )
 
 
 def coordinate_turn(stood: NDArray[np.float64]) -> Turn | None:
     """From coordinates (rows, cols, 2) as (down, right) in file order, NaN where unknown: the turn to canonical order, or None if
     they do not determine it. Along each index axis the mean step of the coordinate that moves most decides."""
     by_row, by_col = (np.ma.masked_invalid(stood).mean(axis=axis).filled(np.nan) for axis in (1, 0))
-    (down_by_row, right_by_row), (down_by_col, right_by_col) = by_row[-1] - by_row[0], by_col[-1] - by_col[0]
+    (down_by_row, right_by_row), (down_by_col, right_by_col) = (
+        by_row[-1] - by_row[0],
+        by_col[-1] - by_col[0],
+    )
     straight, crossed = abs(down_by_row) + abs(right_by_col), abs(right_by_row) + abs(down_by_col)
     if not abs(straight - crossed) > 0:  # equal, or not known
         return None

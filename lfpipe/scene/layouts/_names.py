@@ -31,17 +31,37 @@ _READINGS = tuple(
 )
 _LETTERS, _HALVES = len(_READINGS) - 2, len(_READINGS) - 1
 MAPS = re.compile(
-    r"depth|disp|mask|matte|alpha|label|seg|normal|flow(?!er)|conf(?!e)|thumb|error|diff|(?<![a-z])gt", re.IGNORECASE
+    r"depth|disp|mask|matte|alpha|label|seg|normal|flow(?!er)|conf(?!e)|thumb|error|diff|(?<![a-z])gt",
+    re.IGNORECASE,
 )
 # Names of the two eyes' pictures, by language.
-LEFT, RIGHT = ("left", "l", "links", "gauche", "izquierda", "sinistra"), ("right", "r", "rechts", "droite", "derecha", "destra")
-_FRAME_WORDS = ("f", "fr", "frame", "frames", "time", "ev", "exp", "exposure", "iso", "take")  # numbers that count no views
-_ROW_WORDS, _COL_WORDS = ("row", "rows", "r", "y", "v", "t"), ("col", "cols", "column", "c", "x", "u", "s")
+LEFT, RIGHT = (
+    ("left", "l", "links", "gauche", "izquierda", "sinistra"),
+    ("right", "r", "rechts", "droite", "derecha", "destra"),
+)
+_FRAME_WORDS = (
+    "f",
+    "fr",
+    "frame",
+    "frames",
+    "time",
+    "ev",
+    "exp",
+    "exposure",
+    "iso",
+    "take",
+)  # numbers that count no views
+_ROW_WORDS, _COL_WORDS = (
+    ("row", "rows", "r", "y", "v", "t"),
+    ("col", "cols", "column", "c", "x", "u", "s"),
+)
 _MIN_COVERAGE = 0.15  # of a lattice by files: less is no grid. A cross in a 13x13 grid has 0.148
 _MAX_FIELDS = 12  # a date with its time has six
 _UNIT = 10**9  # of numbers, which have up to nine decimals
 MAX_SIDE = 10_000  # views along one side of a grid
-_TIME = re.compile(r"(?:19|20)\d\d([-_.]?)[01]\d\1[0-3]\d\D{0,4}[0-2]\d([-_.:]?)[0-5]\d\2[0-5]\d(?:\d{3}(?!\d))?(?!\d)")
+_TIME = re.compile(
+    r"(?:19|20)\d\d([-_.]?)[01]\d\1[0-3]\d\D{0,4}[0-2]\d([-_.:]?)[0-5]\d\2[0-5]\d(?:\d{3}(?!\d))?(?!\d)"
+)
 _SUM = re.compile(r"[-_. ](?=[0-9a-f]*[a-f])(?=[0-9a-f]*[0-9])[0-9a-f]{6,40}$", re.IGNORECASE)
 _SUM_OR_NUMBER = re.compile(r"[-_. ][0-9a-f]{6,40}$", re.IGNORECASE)
 _COPY = re.compile(r"(.*?)([-_ ]?\(|[-_ ])(\d{1,5})(\)?)", re.DOTALL)
@@ -80,7 +100,9 @@ class _Column:
 
     @classmethod
     def of(cls, texts: tuple[str, ...], before: str) -> "_Column":
-        separator = all(text.startswith("-") for text in texts)  # and no sign, where every number has it
+        separator = all(
+            text.startswith("-") for text in texts
+        )  # and no sign, where every number has it
         word = re.search(r"([a-z]+)[^a-z]*$", before)
         return cls(tuple(_value(text[separator:]) for text in texts), word[1] if word else "")
 
@@ -123,7 +145,9 @@ def _stems(names: tuple[str, ...]) -> dict[str, str]:
     stems = {name: name.rpartition(".")[0] for name in names}
     times = {name: match[0] for name, stem in stems.items() if (match := _TIME.search(stem))}
     if 2 * len(times) > len(names):  # a time counts nothing: it puts names in order
-        order = {time: f"{position:05d}" for position, time in enumerate(sorted(set(times.values())))}
+        order = {
+            time: f"{position:05d}" for position, time in enumerate(sorted(set(times.values())))
+        }
         stems |= {name: stems[name].replace(time, order[time], 1) for name, time in times.items()}
     if 2 * sum(_SUM.search(stem) is not None for stem in stems.values()) > len(names):
         stems = {name: _SUM_OR_NUMBER.sub("", stem) for name, stem in stems.items()}
@@ -138,7 +162,9 @@ def _stems(names: tuple[str, ...]) -> dict[str, str]:
     return stems
 
 
-def _families(stems: dict[str, str], reading: int) -> dict[tuple[str, ...], dict[str, tuple[str, ...]]]:
+def _families(
+    stems: dict[str, str], reading: int
+) -> dict[tuple[str, ...], dict[str, tuple[str, ...]]]:
     """By their texts, the names of each family and the numbers of each name."""
     families: defaultdict[tuple[str, ...], dict[str, tuple[str, ...]]] = defaultdict(dict)
     for name, stem in stems.items():
@@ -164,7 +190,11 @@ def _read(names: list[str], columns: list[_Column]) -> NumberedNames:
     if not keys and (frame := _frame_column(varying, count)):
         column, doubt = frame
         first = [at for at, number in enumerate(column.numbers) if number == column.values[0]]
-        kept = [attrs.evolve(other, numbers=tuple(other.numbers[at] for at in first)) for other in varying if other != column]
+        kept = [
+            attrs.evolve(other, numbers=tuple(other.numbers[at] for at in first))
+            for other in varying
+            if other != column
+        ]
         return attrs.evolve(_read([names[at] for at in first], kept), doubt=doubt, explained=count)
     grid = _grid([column for column in varying if column not in keys], names)
     if grid is not None and (grid.explained > 0.9 * count or not keys):
@@ -176,7 +206,9 @@ def _read(names: list[str], columns: list[_Column]) -> NumberedNames:
         return placed(names, None, column.places, (1, column.count), counts)
     together = _together(varying) or [()] * count  # the numbers together run
     order = {numbers: position for position, numbers in enumerate(sorted(set(together)))}
-    return placed(names, None, [order[numbers] for numbers in together], (1, len(order)), counts=False)
+    return placed(
+        names, None, [order[numbers] for numbers in together], (1, len(order)), counts=False
+    )
 
 
 def _grid(columns: list[_Column], names: list[str]) -> NumberedNames | None:
@@ -185,10 +217,18 @@ def _grid(columns: list[_Column], names: list[str]) -> NumberedNames | None:
     for (first, down), (second, across) in combinations(enumerate(columns), 2):
         pairs = len(set(_together((down, across))))
         plain = all(column.steps[:2] in ((0, _UNIT), (_UNIT, _UNIT)) for column in (down, across))
-        if pairs == len(names) == len(down.values) * len(across.values):  # then order counts where steps are uneven
-            even = [column.ordered() if column.count > 2 * len(column.values) else column for column in (down, across)]
+        if (
+            pairs == len(names) == len(down.values) * len(across.values)
+        ):  # then order counts where steps are uneven
+            even = [
+                column.ordered() if column.count > 2 * len(column.values) else column
+                for column in (down, across)
+            ]
             plain, (down, across) = plain and even == [down, across], even
-        if max(down.count, across.count) > MAX_SIDE or pairs < _MIN_COVERAGE * down.count * across.count:
+        if (
+            max(down.count, across.count) > MAX_SIDE
+            or pairs < _MIN_COVERAGE * down.count * across.count
+        ):
             continue
         rank = pairs / len(names), pairs / (down.count * across.count), plain, -first - second
         if best is None or rank > best[0]:
@@ -201,7 +241,9 @@ def _grid(columns: list[_Column], names: list[str]) -> NumberedNames | None:
     return placed(names, down.places, across.places, (down.count, across.count))
 
 
-def placed(names: list[str], rows: list[int] | None, cols: list[int], shape: ViewIndex, counts: bool = True) -> NumberedNames:
+def placed(
+    names: list[str], rows: list[int] | None, cols: list[int], shape: ViewIndex, counts: bool = True
+) -> NumberedNames:
     """Names by their places; of several for one, the first. rows: None for a number that runs; counts: whether numbers and not
     only their order say so."""
     views: dict[ViewIndex, str] = {}
@@ -212,14 +254,20 @@ def placed(names: list[str], rows: list[int] | None, cols: list[int], shape: Vie
         else:
             views[index] = name
     share = len(views) / (shape[0] * shape[1]) if counts else 0.0
-    return NumberedNames(views, *shape, rows is None, tuple(clashes), explained=len(views), share=share)
+    return NumberedNames(
+        views, *shape, rows is None, tuple(clashes), explained=len(views), share=share
+    )
 
 
 def _frame_column(varying: list[_Column], count: int) -> tuple[_Column, str] | None:
     """The number that counts frames or exposures, and what that leaves open, where the numbers of views and it fill a box: by the
     word before it, else the last of three."""
     for columns in [*combinations(varying, 3), *combinations(varying, 2)]:
-        if math.prod(len(column.values) for column in columns) == count == len(set(_together(columns))):
+        if (
+            math.prod(len(column.values) for column in columns)
+            == count
+            == len(set(_together(columns)))
+        ):
             named = next((column for column in columns if column.word in _FRAME_WORDS), None)
             if named is not None:
                 return named, ""
@@ -230,7 +278,9 @@ def _frame_column(varying: list[_Column], count: int) -> tuple[_Column, str] | N
 
 def _runs_on(numbered: NumberedNames) -> bool:
     """Whether the numbers of a family that was read in halves just run on: 00 to 29 is no grid of 3x10."""
-    numbers = [int(re.findall(r"[0-9]+", name.rpartition(".")[0])[-1]) for name in numbered.views.values()]
+    numbers = [
+        int(re.findall(r"[0-9]+", name.rpartition(".")[0])[-1]) for name in numbered.views.values()
+    ]
     return max(numbers) - min(numbers) < len(numbers)
 
 
@@ -242,7 +292,11 @@ def _by_folder(names: tuple[str, ...]) -> NumberedNames | None:
     counts = {len(inside) for inside in folders.values()}
     if len(folders) < 2 or len(counts) > 1 or counts == {1}:
         return None
-    views = {(row, col): name for row, inside in enumerate(folders.values()) for col, name in enumerate(inside)}
+    views = {
+        (row, col): name
+        for row, inside in enumerate(folders.values())
+        for col, name in enumerate(inside)
+    }
     return NumberedNames(views, len(folders), counts.pop(), False)
 
 
@@ -260,7 +314,9 @@ def read_names(names: tuple[str, ...]) -> NumberedNames | None:
             if len(family) < 2 or 2 * len(family) < most:
                 continue
             fields = zip(zip(*family.values(), strict=True), texts, strict=False)
-            numbered = _read(list(family), [_Column.of(numbers, before) for numbers, before in fields])
+            numbered = _read(
+                list(family), [_Column.of(numbers, before) for numbers, before in fields]
+            )
             if reading == _HALVES and (numbered.runs or numbered.share < 1 or _runs_on(numbered)):
                 continue
             if reading == _LETTERS and 2 * len(family) < len(names):  # Roman numerals, initials
@@ -269,7 +325,9 @@ def read_names(names: tuple[str, ...]) -> NumberedNames | None:
             fit = numbered.explained / (1 + maps), not numbered.runs, numbered.share
             if fit > best_fit:
                 best_fit, best = fit, numbered
-        if best is not None and best.explained == len(names) and best.share == 1 and not best.runs:  # nothing can be better
+        if (
+            best is not None and best.explained == len(names) and best.share == 1 and not best.runs
+        ):  # nothing can be better
             break
     if (best is None or best.runs or best.clashes) and (rows := _by_folder(names)) is not None:
         return rows

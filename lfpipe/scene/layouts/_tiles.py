@@ -23,14 +23,23 @@ from lfpipe.scene.layouts._running import Running, likeliest
 
 # Sizes and tiles (columns, rows) of displays whose tiles do not divide the picture: the remainder is at the right and the bottom.
 UNEVEN = {(4096, 4096): (5, 9), (8192, 8192): (5, 9)}
-QUILT_NAME = re.compile(r"_qs(\d{1,2})x(\d{1,2})(?:a[\d.]+)?", re.IGNORECASE)  # Looking Glass: columns, rows, aspect
+QUILT_NAME = re.compile(
+    r"_qs(\d{1,2})x(\d{1,2})(?:a[\d.]+)?", re.IGNORECASE
+)  # Looking Glass: columns, rows, aspect
 _SAME_PICTURE = 0.98  # correlation of two files of one picture
 _LOOK_PX = 32  # side of pictures that are compared
 MOST_TILES = 64  # along one side
 _SMALLEST_TILE_PX = 24  # less shows nothing
 _GLANCE_PX = 1024  # longer side of the reduced picture in which tiles are detected
-_TWO_AXES, _ONE_AXIS, _PLAIN = 0.5, 0.2, 0.8  # limits of `_unlike` for neighbouring tiles; above the last, there are none
-_LINE_LEVELS, _LINE_SHARE = (4, 16, 48), 0.98  # grey levels from the colour of lines (JPEG blurs them), and share of a line
+_TWO_AXES, _ONE_AXIS, _PLAIN = (
+    0.5,
+    0.2,
+    0.8,
+)  # limits of `_unlike` for neighbouring tiles; above the last, there are none
+_LINE_LEVELS, _LINE_SHARE = (
+    (4, 16, 48),
+    0.98,
+)  # grey levels from the colour of lines (JPEG blurs them), and share of a line
 _LINE_SAMPLES = 64  # along a line
 _SOFT_PX = 2  # by which lines and tiles differ where lines have soft edges
 
@@ -65,7 +74,12 @@ class Tiling:
     def even(cls, picture: NDArray[Any], rows: int, cols: int) -> "Tiling":
         """Tiles of one size without gaps; a remainder at the right and the bottom belongs to none."""
         height, width = picture.shape[0] // rows, picture.shape[1] // cols
-        return cls(tuple(height * r for r in range(rows)), tuple(width * c for c in range(cols)), height, width)
+        return cls(
+            tuple(height * r for r in range(rows)),
+            tuple(width * c for c in range(cols)),
+            height,
+            width,
+        )
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -91,19 +105,26 @@ def dip(grey: NDArray[np.float32], axis: int, period: float, plain: float = 1e-3
     period more or less: 1 where these are plain. What repeats has a dip there; the difference of an ordinary picture only grows
     with the shift."""
     along = grey if axis == 0 else grey.T
-    at, less, more = (float(np.mean((along[n:] - along[:-n]) ** 2)) for n in (round(period * by) for by in (1, 0.5, 1.5)))
+    at, less, more = (
+        float(np.mean((along[n:] - along[:-n]) ** 2))
+        for n in (round(period * by) for by in (1, 0.5, 1.5))
+    )
     return at / min(less, more) if min(less, more) > plain else 1.0
 
 
 def _unlike(grey: NDArray[np.float32], axis: int) -> dict[int, float]:
     """By number of tiles along an axis, the dip at a shift of one tile."""
     size = grey.shape[axis]
-    return {count: dip(grey, axis, size / count) for count in range(2, min(MOST_TILES, size // 8) + 1)}
+    return {
+        count: dip(grey, axis, size / count) for count in range(2, min(MOST_TILES, size // 8) + 1)
+    }
 
 
 def _period(unlike: dict[int, float], full_px: int) -> tuple[int, float]:
     """The number of tiles whose neighbours are most alike, and their difference; (1, 1.0) if no number divides."""
-    fits = {n: u for n, u in unlike.items() if full_px % n == 0 and full_px // n >= _SMALLEST_TILE_PX}
+    fits = {
+        n: u for n, u in unlike.items() if full_px % n == 0 and full_px // n >= _SMALLEST_TILE_PX
+    }
     best = min(fits, key=lambda n: fits[n], default=1)
     return best, fits.get(best, 1.0)
 
@@ -111,7 +132,9 @@ def _period(unlike: dict[int, float], full_px: int) -> tuple[int, float]:
 def _between_lines(picture: NDArray[Any]) -> list[tuple[int, int]]:
     """(first, last + 1) of the rows between lines of one colour, where these divide the picture evenly; else all rows as one."""
     height, width = picture.shape[:2]
-    some = np.asarray(picture[:, :: max(1, width // _LINE_SAMPLES)], np.float32).reshape(height, -1, picture[0, 0].size)
+    some = np.asarray(picture[:, :: max(1, width // _LINE_SAMPLES)], np.float32).reshape(
+        height, -1, picture[0, 0].size
+    )
     some *= np.float32(255 / max(1.0, float(some.max())))
     middle = np.median(some, axis=1, keepdims=True)
     colour = middle[np.abs(some - middle).max(axis=2).mean(axis=1).argmin()]
@@ -134,10 +157,16 @@ def _runs(plain: NDArray[np.bool_]) -> list[tuple[int, int]]:
 def _even(runs: list[tuple[int, int]], whole_px: int) -> bool:
     """Whether runs have one size and lines between them another, smaller one."""
     sizes, gaps = [last - first for first, last in runs], [b[0] - a[1] for a, b in pairwise(runs)]
-    if len(runs) > MOST_TILES or min(sizes) < _SMALLEST_TILE_PX or max(sizes) - min(sizes) > _SOFT_PX:
+    if (
+        len(runs) > MOST_TILES
+        or min(sizes) < _SMALLEST_TILE_PX
+        or max(sizes) - min(sizes) > _SOFT_PX
+    ):
         return False
     around = runs[0][0] + whole_px - runs[-1][1]
-    margins = 0 < around <= 1.5 * min(gaps)  # of tiles with a plain background: they belong to the tiles
+    margins = (
+        0 < around <= 1.5 * min(gaps)
+    )  # of tiles with a plain background: they belong to the tiles
     return not margins and max(gaps) - min(gaps) <= _SOFT_PX and 4 * max(gaps) < min(sizes)
 
 
@@ -148,7 +177,12 @@ def _by_lines(picture: NDArray[Any]) -> Tiling | None:
     if len(down) * len(across) < 3:  # one photograph in a frame, or two, is no mosaic
         return None
     (top, bottom), (left, right) = down[0], across[0]
-    return Tiling(tuple(first for first, _ in down), tuple(first for first, _ in across), bottom - top, right - left)
+    return Tiling(
+        tuple(first for first, _ in down),
+        tuple(first for first, _ in across),
+        bottom - top,
+        right - left,
+    )
 
 
 def find_tiles(picture: NDArray[Any], name: str = "") -> Tiling | None:
@@ -170,12 +204,22 @@ def find_tiles(picture: NDArray[Any], name: str = "") -> Tiling | None:
     down, across = _unlike(plane, 0), _unlike(plane, 1)
     for named in re.finditer(r"(?<!\d)(\d{1,2})x(\d{1,2})(?!\d)", name):
         rows, cols = int(named[1]), int(named[2])
-        if rows * cols > 1 and not (height % rows or width % cols) and (down.get(rows, 0) < 0.8 and across.get(cols, 0) < 0.8):
+        if (
+            rows * cols > 1
+            and not (height % rows or width % cols)
+            and (down.get(rows, 0) < 0.8 and across.get(cols, 0) < 0.8)
+        ):
             return Tiling.even(picture, rows, cols)
     (rows, row_unlike), (cols, col_unlike) = _period(down, height), _period(across, width)
     if row_unlike < _TWO_AXES and col_unlike < _TWO_AXES:
         return Tiling.even(picture, rows, cols)
-    strip = (1, cols) if col_unlike < _ONE_AXIS and cols > 2 else (rows, 1) if row_unlike < _ONE_AXIS and rows > 2 else None
+    strip = (
+        (1, cols)
+        if col_unlike < _ONE_AXIS and cols > 2
+        else (rows, 1)
+        if row_unlike < _ONE_AXIS and rows > 2
+        else None
+    )
     if strip is None:
         return None
     if max(row_unlike, col_unlike) > _PLAIN:
@@ -194,12 +238,20 @@ def _as_quilt(picture: NDArray[Any], plain: Tiling) -> Tiling:
     for down in (False, True):
         quilt = attrs.evolve(plain, quilt=True, down=down)
         grid = Running(rows, cols)
-        best = likeliest(lambda at, quilt=quilt: plane_of(quilt.cut(picture, 0, at)), [True] * rows * cols, [grid, line])  # type: ignore[misc]
+        best = likeliest(
+            lambda at, quilt=quilt: plane_of(quilt.cut(picture, 0, at)),
+            [True] * rows * cols,
+            [grid, line],
+        )  # type: ignore[misc]
         readings[down] = best, quilt
     lines = [reading for reading in readings.values() if reading[0].run.rows == 1]
     doubt = f"one line of {rows * cols} views (--set scene.layout=quilt), or {rows}x{cols} (mosaic)"
     if not lines:
-        return plain if all(best.clear for best, _ in readings.values()) else attrs.evolve(plain, doubt=doubt)
+        return (
+            plain
+            if all(best.clear for best, _ in readings.values())
+            else attrs.evolve(plain, doubt=doubt)
+        )
     best, quilt = max(lines, key=lambda reading: reading[0].score)
     return quilt if best.clear else attrs.evolve(quilt, doubt=doubt)
 
@@ -234,7 +286,10 @@ def glance(path: Path) -> NDArray[Any]:
 def likeness(a: Path, b: Path) -> float:
     """Correlation of two pictures, much reduced and in grey; 0 where one is plain or cannot be read, or only one has colour."""
     try:
-        looks = [cv2.resize(glance(path), (_LOOK_PX, _LOOK_PX), interpolation=cv2.INTER_AREA) for path in (a, b)]
+        looks = [
+            cv2.resize(glance(path), (_LOOK_PX, _LOOK_PX), interpolation=cv2.INTER_AREA)
+            for path in (a, b)
+        ]
     except UserError:
         return 0.0
     greys = [(look if look.ndim == 2 else look.mean(axis=2)).ravel() for look in looks]
@@ -256,7 +311,9 @@ def single_picture(listing: Listing) -> Path | None:
     """The picture of a scene of one picture: the given file, or the only picture of the folder."""
     pictures = listing.pictures()
     twice = one_picture_twice(listing)
-    return listing.file(pictures[0]) if len(pictures) == 1 else listing.file(twice) if twice else None
+    return (
+        listing.file(pictures[0]) if len(pictures) == 1 else listing.file(twice) if twice else None
+    )
 
 
 def require_picture(listing: Listing) -> Path:
@@ -268,7 +325,9 @@ def require_picture(listing: Listing) -> Path:
     return path
 
 
-def tiling(picture: NDArray[Any], path: Path, scene: config.Scene, quilt: bool = False) -> Tiling | None:
+def tiling(
+    picture: NDArray[Any], path: Path, scene: config.Scene, quilt: bool = False
+) -> Tiling | None:
     """The tiling of the picture at path: from scene.grid or a quilt's name, else detected. quilt: it is one line of views, which
     else the pictures say. Raises UserError if the given grid does not divide it."""
     height, width = picture.shape[:2]

@@ -32,13 +32,17 @@ VIEWS, DISPARITY, POSITIONS = "views", "disparity", "positions"
 AXES = "(rows, cols, height, width, 1 or 3), or (frames, rows, cols, height, width, 1 or 3)"
 _KEYS = ("LF", "lf", "LightField", "lightfield")
 _PLANES = (1, 3, 4, 5)  # grey, colour, and colour with weights behind it
-LARGEST = 1e9  # of what files say of cameras, in mm or px: beyond, and where it is NaN, it is not known
+LARGEST = (
+    1e9  # of what files say of cameras, in mm or px: beyond, and where it is NaN, it is not known
+)
 
 
 def _require_size(kind: np.dtype[Any], shape: tuple[int, ...], what: str) -> None:
     """Raises UserError for values of another type, or where no light field is so large. what: its name, for messages."""
     if kind not in (np.uint8, np.uint16) and kind.kind != "f":
-        raise UserError(f"{what}: values of type {kind}", "save it as uint8, uint16 or float 0 .. 1")
+        raise UserError(
+            f"{what}: values of type {kind}", "save it as uint8, uint16 or float 0 .. 1"
+        )
     rows, cols, height, width = shape
     require_grid(rows, cols, what)
     require_view(height, width, kind.itemsize, what)
@@ -70,16 +74,31 @@ def _source(
         if kind.kind == "f":
             if not np.isfinite(pixels).all():
                 raise UserError(f"{path}: contains NaN or infinite values", "export it again")
-            pixels = np.clip(pixels, 0, full).astype(np.float32)  # clipped first: float32 holds less than float64
+            pixels = np.clip(pixels, 0, full).astype(
+                np.float32
+            )  # clipped first: float32 holds less than float64
             pixels = np.rint(pixels / np.float32(full) * np.float32(65535)).astype(np.uint16)
         return np.ascontiguousarray(pixels)
 
-    return SceneSource(layout, listing.path, (path,), rows, cols, read, height, width, 255 if kind == np.uint8 else 65535, **more)
+    return SceneSource(
+        layout,
+        listing.path,
+        (path,),
+        rows,
+        cols,
+        read,
+        height,
+        width,
+        255 if kind == np.uint8 else 65535,
+        **more,
+    )
 
 
 def _numpy_arrays(path: Path) -> Mapping[str, NDArray[Any]]:
     """The arrays of a file by name. Raises UserError."""
-    with _damage(path, "not a readable array", "save it with numpy.save or numpy.savez, without objects"):
+    with _damage(
+        path, "not a readable array", "save it with numpy.save or numpy.savez, without objects"
+    ):
         if path.suffix.lower() == ".npy":
             return {VIEWS: np.load(path, mmap_mode="r", allow_pickle=False)}
         with np.load(path, allow_pickle=False) as held:
@@ -91,15 +110,24 @@ def _numpy_arrays(path: Path) -> Mapping[str, NDArray[Any]]:
 def _numpy_source(listing: Listing, path: Path) -> SceneSource:
     arrays = _numpy_arrays(path)
     if VIEWS not in arrays:
-        raise UserError(f"{path}: no array {VIEWS!r}", f"numpy.savez(FILE, {VIEWS}=...) with axes {AXES}")
+        raise UserError(
+            f"{path}: no array {VIEWS!r}", f"numpy.savez(FILE, {VIEWS}=...) with axes {AXES}"
+        )
     views = require_views(arrays[VIEWS], str(path))
     frames, rows, cols = views.shape[:3]
     disparity, positions = arrays.get(DISPARITY), arrays.get(POSITIONS)
-    for name, values, shape in ((DISPARITY, disparity, views.shape[1:5]), (POSITIONS, positions, (rows, cols, 2))):
+    for name, values, shape in (
+        (DISPARITY, disparity, views.shape[1:5]),
+        (POSITIONS, positions, (rows, cols, 2)),
+    ):
         if values is not None and (values.shape != shape or values.dtype.kind not in "fiu"):
-            raise UserError(f"{path}: {name} has sizes {values.shape}", f"expected {shape}, of numbers")
+            raise UserError(
+                f"{path}: {name} has sizes {values.shape}", f"expected {shape}, of numbers"
+            )
     if positions is not None and not np.isfinite(positions).all():
-        raise UserError(f"{path}: {POSITIONS} contains NaN or infinite values", "expected finite numbers")
+        raise UserError(
+            f"{path}: {POSITIONS} contains NaN or infinite values", "expected finite numbers"
+        )
 
     turn = None if positions is None else coordinate_turn(np.asarray(positions, np.float64))
     places = () if disparity is None else np.ndindex(rows, cols)
@@ -140,18 +168,35 @@ def _hdf5_array(path: Path, file: Any, *keys: str) -> Any:
 
     for key in keys:
         with _damage(path, f"{key} cannot be read"):
-            linked = isinstance(file.get(key, getlink=True), h5py.ExternalLink | h5py.SoftLink)  # a chain may end anywhere
+            linked = isinstance(
+                file.get(key, getlink=True), h5py.ExternalLink | h5py.SoftLink
+            )  # a chain may end anywhere
             data = None if linked else file.get(key)
             if linked or (isinstance(data, h5py.Dataset) and (data.external or data.is_virtual)):
-                raise UserError(f"{path}: {key} is kept in another file or place", "download the whole scene as one file")
-            if not isinstance(data, h5py.Dataset) or data.dtype.kind not in "uif" or data.shape is None:
+                raise UserError(
+                    f"{path}: {key} is kept in another file or place",
+                    "download the whole scene as one file",
+                )
+            if (
+                not isinstance(data, h5py.Dataset)
+                or data.dtype.kind not in "uif"
+                or data.shape is None
+            ):
                 continue
             if not data.chunks:
                 return data
-            whole = math.prod(-(-size // chunk) * chunk for size, chunk in zip(data.shape, data.chunks, strict=True))
+            whole = math.prod(
+                -(-size // chunk) * chunk
+                for size, chunk in zip(data.shape, data.chunks, strict=True)
+            )
             stored = data.id.get_storage_size()
-            if stored > whole * data.dtype.itemsize * 1.1 + 1024:  # it would unpack to more than it says
-                raise UserError(f"{path}: {key}: {stored} bytes are stored for {whole} values", "fetch the file again")
+            if (
+                stored > whole * data.dtype.itemsize * 1.1 + 1024
+            ):  # it would unpack to more than it says
+                raise UserError(
+                    f"{path}: {key}: {stored} bytes are stored for {whole} values",
+                    "fetch the file again",
+                )
             # a view may cross every compressed chunk: unpacking all of them once beats unpacking for each view
             return data[()] if data.nbytes <= 1 << 30 else data
     return None
@@ -170,11 +215,16 @@ def axis_order(shape: tuple[int, ...]) -> tuple[int, ...] | None:
     return natural[::-1] if sizes[0] in _PLANES and max(sizes[3:]) <= min(sizes[1:3]) else None
 
 
-def _ordered_source(layout: str, listing: Listing, path: Path, array: Any, names: list[str]) -> SceneSource:
+def _ordered_source(
+    layout: str, listing: Listing, path: Path, array: Any, names: list[str]
+) -> SceneSource:
     """The views of an array, or of a data set of HDF5, whose axes may be in reverse order. names: of all arrays in the file, for
     the message without one. Raises UserError."""
     if array is None:
-        raise UserError(f"{path}: no array LF (it contains: {', '.join(names[:8])})", "save the light field as LF")
+        raise UserError(
+            f"{path}: no array LF (it contains: {', '.join(names[:8])})",
+            "save the light field as LF",
+        )
     order = axis_order(array.shape)
     if order is None:
         wrong = f"{len(array.shape)} axes of sizes {array.shape}; expected (rows, columns, y, x, planes)"
@@ -212,7 +262,10 @@ def _matlab_source(listing: Listing, path: Path) -> SceneSource:
     array, names = _matlab_array(path)
     source = lit(_ordered_source("mat", listing, path, array, names))
     if array.dtype == np.uint16:
-        top = true_max([int(source.read(0, row, source.cols // 2).max()) for row in (0, source.rows // 2)], 65535)
+        top = true_max(
+            [int(source.read(0, row, source.cols // 2).max()) for row in (0, source.rows // 2)],
+            65535,
+        )
         source = attrs.evolve(source, max_value=top)
     if not {"LFMetadata", "DecodeOptions", "RectOptions", "WhiteImageMetadata"} & set(names):
         return source
@@ -220,7 +273,9 @@ def _matlab_source(listing: Listing, path: Path) -> SceneSource:
     return attrs.evolve(source, linear=True, turn=Turn(), turn_by=by, turn_firm=False)
 
 
-def disparity_of_depth(depth: NDArray[np.float32], known: Mapping[str, float]) -> NDArray[np.float32]:
+def disparity_of_depth(
+    depth: NDArray[np.float32], known: Mapping[str, float]
+) -> NDArray[np.float32]:
     """Disparity in px per view of the first HCI data set's depth: dH * focalLength / depth - shift."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         unit = np.float32(known.get("dH", 0.0) * known.get("focalLength", 0.0))
@@ -231,31 +286,56 @@ def _hci_old_source(listing: Listing, path: Path) -> SceneSource:
     file = _hdf5(path)
     source = _ordered_source("hci-old", listing, path, _hdf5_array(path, file, *_KEYS), [*file])
     with _damage(path, "the attributes cannot be read"):
-        stored = {name: file.attrs.get_id(name) for name in ("dH", "focalLength", "shift") if name in file.attrs}
-        single = [name for name, about in stored.items() if about.dtype.kind in "uif" and about.shape in ((), (1,))]
+        stored = {
+            name: file.attrs.get_id(name)
+            for name in ("dH", "focalLength", "shift")
+            if name in file.attrs
+        }
+        single = [
+            name
+            for name, about in stored.items()
+            if about.dtype.kind in "uif" and about.shape in ((), (1,))
+        ]
         values = {name: float(np.ravel(file.attrs[name])[0]) for name in single}
     known = {name: value for name, value in values.items() if abs(value) <= LARGEST}
     depth, truth = _hdf5_array(path, file, "GT_DEPTH"), {}
     shape = source.rows, source.cols, source.height_px, source.width_px
     if depth is not None and depth.shape == shape and known.get("dH") and known.get("focalLength"):
         places = np.ndindex(source.rows, source.cols)
-        truth = {place: lambda at=place: disparity_of_depth(depth[at].astype(np.float32), known) for place in places}
+        truth = {
+            place: lambda at=place: disparity_of_depth(depth[at].astype(np.float32), known)
+            for place in places
+        }
     if not values and path.name != "lf.h5":
         return source
-    return attrs.evolve(source, truth=truth, turn=Turn(cols=True), turn_by="the columns of lf.h5 run from right to left")
+    return attrs.evolve(
+        source,
+        truth=truth,
+        turn=Turn(cols=True),
+        turn_by="the columns of lf.h5 run from right to left",
+    )
 
 
-def _layout(name: str, ends: tuple[str, ...], source: Callable[[Listing, Path], SceneSource]) -> Layout:
+def _layout(
+    name: str, ends: tuple[str, ...], source: Callable[[Listing, Path], SceneSource]
+) -> Layout:
     """The layout of a scene whose only file with such an ending holds it."""
 
     def only(listing: Listing) -> Path | None:
-        names = [file for file in listing.names if file.lower().endswith(ends) and (listing.is_file or ends[0] != ".npy")]
+        names = [
+            file
+            for file in listing.names
+            if file.lower().endswith(ends) and (listing.is_file or ends[0] != ".npy")
+        ]
         names = ["lf.h5"] if "lf.h5" in names else names
         return listing.file(names[0]) if len(names) == 1 else None
 
     def describe(listing: Listing, scene: config.Scene) -> SceneSource:
         if (path := only(listing)) is None:
-            raise UserError(f"{listing.path}: not exactly one {ends[0]} file", "give the file itself by its own path")
+            raise UserError(
+                f"{listing.path}: not exactly one {ends[0]} file",
+                "give the file itself by its own path",
+            )
         return source(listing, path)
 
     return Layout(name, lambda listing: None if only(listing) is None else 90, describe)

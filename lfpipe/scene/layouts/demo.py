@@ -18,7 +18,11 @@ from lfpipe.scene.source import SceneSource, Turn
 
 NAME = "demo"
 GRID = 9  # views a side, as in the HCI benchmark, whose cameras have
-FOCAL_MM, SENSOR_MM, FOCUS_M = 100.0, 35.0, 1.5  # this focal length and width of the sensor, and about this focus
+FOCAL_MM, SENSOR_MM, FOCUS_M = (
+    100.0,
+    35.0,
+    1.5,
+)  # this focal length and width of the sensor, and about this focus
 
 
 def detect(listing: Listing) -> int | None:
@@ -36,8 +40,12 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
         if size_px == SIZE_PX:
             return picture, disparity
         sides = size_px, size_px
-        small = cv2.resize(disparity * np.float32(size_px / SIZE_PX), sides, interpolation=cv2.INTER_NEAREST)
-        return np.asarray(cv2.resize(picture, sides, interpolation=cv2.INTER_AREA), np.uint8), np.asarray(small, np.float32)
+        small = cv2.resize(
+            disparity * np.float32(size_px / SIZE_PX), sides, interpolation=cv2.INTER_NEAREST
+        )
+        return np.asarray(
+            cv2.resize(picture, sides, interpolation=cv2.INTER_AREA), np.uint8
+        ), np.asarray(small, np.float32)
 
     def read(_frame: int, row: int, col: int) -> NDArray[Any]:
         return view(row, col)[0]
@@ -48,7 +56,10 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
         focus_distance_mm=FOCUS_M * 1000,
         focal_length_px=FOCAL_MM / SENSOR_MM * size_px,
     )
-    truth = {place: partial(lambda row, col: view(row, col)[1], *place) for place in np.ndindex(GRID, GRID)}
+    truth = {
+        place: partial(lambda row, col: view(row, col)[1], *place)
+        for place in np.ndindex(GRID, GRID)
+    }
     return SceneSource(
         NAME, listing.path, (path,), GRID, GRID, read, size_px, size_px, turn=Turn(), rendered=True, truth=truth,
         turn_by="the demo is rendered in this order", geometry=geometry,

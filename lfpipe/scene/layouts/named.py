@@ -24,7 +24,13 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.untrusted import finite
 from lfpipe.scene.files import Listing, list_scene, read_bytes, read_pfm
-from lfpipe.scene.layouts._grid import coordinate_turn, describe_views, named_views, parse_grid, placed_views
+from lfpipe.scene.layouts._grid import (
+    coordinate_turn,
+    describe_views,
+    named_views,
+    parse_grid,
+    placed_views,
+)
 from lfpipe.scene.layouts._names import MAX_SIDE
 from lfpipe.scene.layouts.arrays import LARGEST, disparity_of_depth
 from lfpipe.scene.layouts.plenoptic import lit
@@ -34,7 +40,9 @@ from lfpipe.scene.source import Layout, SceneSource, Turn
 _NUMBER, _PICTURE = r"(-?\d+(?:\.\d+)?(?:e[+-]?\d+)?)", r"\.(?:png|jpe?g|ppm)"
 _HCI = re.compile(rf"input_Cam(\d{{3,5}}){_PICTURE}", re.IGNORECASE)
 _HCI_TEXT = re.compile(rf"(\d{{1,3}})_(\d{{1,3}}){_PICTURE}", re.IGNORECASE)
-_STANFORD = re.compile(rf".*?out_(\d{{1,4}})_(\d{{1,4}})_{_NUMBER}_{_NUMBER}(?:_{_NUMBER})*_?{_PICTURE}", re.IGNORECASE)
+_STANFORD = re.compile(
+    rf".*?out_(\d{{1,4}})_(\d{{1,4}})_{_NUMBER}_{_NUMBER}(?:_{_NUMBER})*_?{_PICTURE}", re.IGNORECASE
+)
 _JPEG_PLENO = re.compile(r"(\d{3})_(\d{3})\.(?:ppm|png)", re.IGNORECASE)
 _TRUTH = re.compile(r"gt_disp_lowres(?:_Cam(\d{3,5}))?\.pfm", re.IGNORECASE)
 
@@ -44,9 +52,14 @@ def _matches(listing: Listing, pattern: re.Pattern[str]) -> dict[str, re.Match[s
     return {name: match for name in listing.names if (match := pattern.fullmatch(name))}
 
 
-def _require_matches(listing: Listing, pattern: re.Pattern[str], example: str) -> dict[str, re.Match[str]]:
+def _require_matches(
+    listing: Listing, pattern: re.Pattern[str], example: str
+) -> dict[str, re.Match[str]]:
     if not (matches := _matches(listing, pattern)):
-        raise UserError(f"{listing.path}: no {example}", "give the folder of the views, or leave out scene.layout")
+        raise UserError(
+            f"{listing.path}: no {example}",
+            "give the folder of the views, or leave out scene.layout",
+        )
     return matches
 
 
@@ -55,7 +68,10 @@ def _detects(pattern: re.Pattern[str], fewest: int, mark: int) -> Callable[[List
 
 
 def _describe_hci(listing: Listing, scene: config.Scene) -> SceneSource:
-    views = {name: int(match[1]) for name, match in _require_matches(listing, _HCI, "input_Cam000.png").items()}
+    views = {
+        name: int(match[1])
+        for name, match in _require_matches(listing, _HCI, "input_Cam000.png").items()
+    }
     cfg = [listing.file("parameters.cfg")] if "parameters.cfg" in listing.names else []
     text = read_bytes(cfg[0]).decode("utf-8", "replace").lower() if cfg else ""
     parameters = dict(re.findall(r"^[^\S\n]*(\w+)[^\S\n]*[=:][^\S\n]*(\S+)", text, re.MULTILINE))
@@ -72,25 +88,40 @@ def _describe_hci(listing: Listing, scene: config.Scene) -> SceneSource:
         focus_distance_mm=focus * 1000 if focus else None,
         focal_length_px=focal / sensor * longer_px if focal and sensor and longer_px else None,
     )
-    rows, cols = parse_grid(scene.grid) or [int(number(f"num_cams_{axis}", 1, MAX_SIDE) or 0) for axis in "yx"]
-    maps = {name: match for name in sorted(listing.names, key=len) if (match := _TRUTH.fullmatch(name))}
+    rows, cols = parse_grid(scene.grid) or [
+        int(number(f"num_cams_{axis}", 1, MAX_SIDE) or 0) for axis in "yx"
+    ]
+    maps = {
+        name: match for name in sorted(listing.names, key=len) if (match := _TRUTH.fullmatch(name))
+    }
     convention = "the HCI layout is row by row from the top left camera"
-    if not rows * cols and not maps:  # only the names are of the benchmark: the pictures decide, and may contradict the order
+    if (
+        not rows * cols and not maps
+    ):  # only the names are of the benchmark: the pictures decide, and may contradict the order
         source = describe_views("hci", listing, scene, runs=True)
         usual = source.rows == source.cols and not source.doubt
-        return attrs.evolve(source, turn=Turn(), turn_firm=False, turn_by=convention) if usual else source
+        return (
+            attrs.evolve(source, turn=Turn(), turn_firm=False, turn_by=convention)
+            if usual
+            else source
+        )
     last = max(views, key=lambda name: views[name])
     if not rows * cols:
         rows = cols = math.isqrt(views[last]) + 1
     if views[last] >= rows * cols:
-        raise UserError(f"{listing.path}: {last} is outside of the grid of {rows}x{cols}", "use --set scene.grid=ROWSxCOLS")
+        raise UserError(
+            f"{listing.path}: {last} is outside of the grid of {rows}x{cols}",
+            "use --set scene.grid=ROWSxCOLS",
+        )
     source = placed_views(
         "hci", listing, {name: divmod(index, cols) for name, index in views.items()}, (rows, cols),
         turn=Turn(), turn_by=convention, geometry=geometry,
     )  # fmt: skip
     truth: dict[tuple[int, int], Callable[[], NDArray[np.float32]]] = {}
     for name, match in maps.items() if (source.rows, source.cols) == (rows, cols) else ():
-        index = int(match[1]) if match[1] else (rows // 2) * cols + cols // 2  # a map that names its view is last and wins
+        index = (
+            int(match[1]) if match[1] else (rows // 2) * cols + cols // 2
+        )  # a map that names its view is last and wins
         if index < rows * cols and divmod(index, cols) not in source.missing:
             truth[divmod(index, cols)] = partial(read_pfm, listing.file(name))
     beside = (*(listing.file(name) for name in maps), *cfg)
@@ -100,7 +131,11 @@ def _describe_hci(listing: Listing, scene: config.Scene) -> SceneSource:
 def hci_attributes(text: str) -> dict[str, float]:
     """`value //name` lines by name; others, and numbers that cannot be, are passed over."""
     lines = re.findall(r"^[^\S\n]*(\S+)[^\S\n]*//[^\S\n]*(\S+)", text, re.MULTILINE)
-    return {name: number for value, name in lines if (number := finite(value, -LARGEST, LARGEST)) is not None}
+    return {
+        name: number
+        for value, name in lines
+        if (number := finite(value, -LARGEST, LARGEST)) is not None
+    }
 
 
 def _detect_hci_text(listing: Listing) -> int | None:
@@ -109,15 +144,29 @@ def _detect_hci_text(listing: Listing) -> int | None:
 
 def _describe_hci_text(listing: Listing, scene: config.Scene) -> SceneSource:
     if _detect_hci_text(listing) is None:
-        raise UserError(f"{listing.path}: no attributes.dat next to a folder lf/", "give the folder that contains both")
+        raise UserError(
+            f"{listing.path}: no attributes.dat next to a folder lf/",
+            "give the folder that contains both",
+        )
     beside = [listing.file("attributes.dat")]
     known = hci_attributes(read_bytes(beside[0]).decode("utf-8", "replace"))
     inner = list_scene(listing.file("lf"))
-    places = {name: (int(m[1]), int(m[2])) for name, m in _require_matches(inner, _HCI_TEXT, "ROW_COLUMN.png").items()}
+    places = {
+        name: (int(m[1]), int(m[2]))
+        for name, m in _require_matches(inner, _HCI_TEXT, "ROW_COLUMN.png").items()
+    }
     source = placed_views(
-        "hci-text", inner, places, turn=Turn(), turn_by="this export counts rows from the top and columns from the left"
+        "hci-text",
+        inner,
+        places,
+        turn=Turn(),
+        turn_by="this export counts rows from the top and columns from the left",
     )
-    size, truth, middle = (source.height_px, source.width_px), {}, (source.rows // 2, source.cols // 2)
+    size, truth, middle = (
+        (source.height_px, source.width_px),
+        {},
+        (source.rows // 2, source.cols // 2),
+    )
     if "depth.bin" in listing.names and "focalLength" in known and middle not in source.missing:
         beside.append(path := listing.file("depth.bin"))
 
@@ -135,9 +184,13 @@ def _describe_hci_text(listing: Listing, scene: config.Scene) -> SceneSource:
 
 def _describe_stanford(listing: Listing, scene: config.Scene) -> SceneSource:
     matches = _require_matches(listing, _STANFORD, "out_ROW_COLUMN_Y_X_.png")
-    source = placed_views("stanford", listing, {name: (int(m[1]), int(m[2])) for name, m in matches.items()})
+    source = placed_views(
+        "stanford", listing, {name: (int(m[1]), int(m[2])) for name, m in matches.items()}
+    )
     stood = np.full((source.rows, source.cols, 2), np.nan)
-    places = [place for place in np.ndindex(source.rows, source.cols) if place not in source.missing]
+    places = [
+        place for place in np.ndindex(source.rows, source.cols) if place not in source.missing
+    ]
     for place, path in zip(places, source.files, strict=True):
         for axis in (0, 1):
             value = finite(matches[path.name][3 + axis], -LARGEST, LARGEST)
@@ -146,7 +199,9 @@ def _describe_stanford(listing: Listing, scene: config.Scene) -> SceneSource:
     if turn is None:
         return source
     coordinates = stood if np.isfinite(stood).all() else None
-    return attrs.evolve(source, coordinates=coordinates, turn=turn, turn_by="camera coordinates in the names")
+    return attrs.evolve(
+        source, coordinates=coordinates, turn=turn, turn_by="camera coordinates in the names"
+    )
 
 
 def _describe_jpeg_pleno(listing: Listing, scene: config.Scene) -> SceneSource:
@@ -167,6 +222,14 @@ LAYOUTS = (
     Layout("hci-text", _detect_hci_text, _describe_hci_text),
     Layout("stanford", _detects(_STANFORD, 2, 90), _describe_stanford),
     Layout("jpeg-pleno", _detects(_JPEG_PLENO, 2, 80), _describe_jpeg_pleno),
-    Layout("rows-cols", partial(_detect_numbers, False, 50), partial(describe_views, "rows-cols", runs=False)),
-    Layout("numbered", partial(_detect_numbers, True, 40), partial(describe_views, "numbered", runs=True)),
+    Layout(
+        "rows-cols",
+        partial(_detect_numbers, False, 50),
+        partial(describe_views, "rows-cols", runs=False),
+    ),
+    Layout(
+        "numbered",
+        partial(_detect_numbers, True, 40),
+        partial(describe_views, "numbered", runs=True),
+    ),
 )

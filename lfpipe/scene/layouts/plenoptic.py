@@ -20,9 +20,16 @@ NAME = "eslf"
 _USUAL = 14  # pitch of a Lytro Illum
 _PITCHES = range(5, 25)  # px: Lytro's lenslets have 10 to 15
 _GLANCE_PX = 1024  # of the middle
-_CROP_PX, _PITCH_PX, _PEAK = 512, (5, 30), 300.0  # of the examined crop, of a lenslet; over the median around it
+_CROP_PX, _PITCH_PX, _PEAK = (
+    512,
+    (5, 30),
+    300.0,
+)  # of the examined crop, of a lenslet; over the median around it
 _SMALLEST_PX = 256  # side of a raw picture: at least thousands of px
-_DARK_SIDE, _DARK_VIEW = 0.55, 0.4  # brightness over that of the middle view; darker sides and views are left out
+_DARK_SIDE, _DARK_VIEW = (
+    0.55,
+    0.4,
+)  # brightness over that of the middle view; darker sides and views are left out
 
 
 def _middle(picture: NDArray[Any], most_px: int) -> NDArray[np.float32]:
@@ -50,7 +57,9 @@ def is_honeycomb(picture: NDArray[Any]) -> bool:
     crop, window = _middle(picture, size), np.hanning(size).astype(np.float32)
     if crop.std() < 1e-3 * (float(crop.max()) + 1):
         return False
-    power = np.fft.fftshift(np.abs(np.fft.fft2((crop - crop.mean()) * window * window[:, None])) ** 2)
+    power = np.fft.fftshift(
+        np.abs(np.fft.fft2((crop - crop.mean()) * window * window[:, None])) ** 2
+    )
     y, x = np.mgrid[:size, :size] - size // 2
     away = np.hypot(x, y)
     ring = (away > size / _PITCH_PX[1]) & (away < size / _PITCH_PX[0])
@@ -71,21 +80,33 @@ def lit(source: SceneSource) -> SceneSource:
     """The source without its dark sides, evenly from both ends; dark views in the corners count as missing."""
 
     def light(row: int, col: int) -> float:
-        return 0.0 if (row, col) in source.missing else float(source.read(0, row, col)[::4, ::4].mean())
+        return (
+            0.0
+            if (row, col) in source.missing
+            else float(source.read(0, row, col)[::4, ::4].mean())
+        )
 
     all_rows, all_cols = source.rows, source.cols
     middle = light(all_rows // 2, all_cols // 2)
     top = left = 0
-    while all_rows - 2 * top > 2 and min(light(r, all_cols // 2) for r in (top, all_rows - 1 - top)) < _DARK_SIDE * middle:
+    while (
+        all_rows - 2 * top > 2
+        and min(light(r, all_cols // 2) for r in (top, all_rows - 1 - top)) < _DARK_SIDE * middle
+    ):
         top += 1
-    while all_cols - 2 * left > 2 and min(light(all_rows // 2, c) for c in (left, all_cols - 1 - left)) < _DARK_SIDE * middle:
+    while (
+        all_cols - 2 * left > 2
+        and min(light(all_rows // 2, c) for c in (left, all_cols - 1 - left)) < _DARK_SIDE * middle
+    ):
         left += 1
     rows, cols = all_rows - 2 * top, all_cols - 2 * left
     missing: set[ViewIndex] = set()
     for row, col in np.ndindex(rows, cols):
         # light falls off only towards the corners: no need to check the rest of the grid
         corner = min(row, rows - 1 - row) + min(col, cols - 1 - col) < max(1, min(rows, cols) // 4)
-        if (row + top, col + left) in source.missing or (corner and light(row + top, col + left) < _DARK_VIEW * middle):
+        if (row + top, col + left) in source.missing or (
+            corner and light(row + top, col + left) < _DARK_VIEW * middle
+        ):
             missing.add((row, col))
     note = f"the central {rows}x{cols} of {all_rows}x{all_cols} views are used; the others are dark"
     small = source.small

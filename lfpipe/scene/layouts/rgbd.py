@@ -20,7 +20,13 @@ from lfpipe.files.pictures import open_header, read_picture, upright
 from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._embedded_depth import embedded_depth, has_depth
 from lfpipe.scene.layouts._grid import parse_grid, require_grid
-from lfpipe.scene.layouts._tiles import glance, halves, one_picture_twice, require_picture, single_picture
+from lfpipe.scene.layouts._tiles import (
+    glance,
+    halves,
+    one_picture_twice,
+    require_picture,
+    single_picture,
+)
 from lfpipe.scene.missing_views import nearest, warped_disparity, warped_view
 from lfpipe.scene.source import SceneSource, Turn
 
@@ -32,7 +38,10 @@ _GRID = (5, 9)  # of made views: eyes move sideways more than up and down
 _MOST_PX = 700_000  # of the made views: 45 of them are packed in ten seconds
 _SAME_SHAPE = 1.2  # most ratio of the aspects of a picture and its depth map
 _RANGE_SHARE = 0.008  # of the width: disparity between the nearest and the farthest, per view
-_GREY, _COLOURED = 2.0, 6.0  # levels between channels: at most for a depth map, at least for a picture
+_GREY, _COLOURED = (
+    2.0,
+    6.0,
+)  # levels between channels: at most for a depth map, at least for a picture
 _LOWER = 0.35  # correlation of height with nearness that means something
 _HOLE_PX = 7  # around holes, where the edge of what is in front may lie
 _LEFT_OPEN = "press d in the window, or set scene.half_turn=yes, if they are exchanged"
@@ -51,7 +60,9 @@ class _Photo:
     doubt: str = ""
 
 
-def read_depth(stored: NDArray[Any], name: str, by_format: bool = False) -> tuple[NDArray[np.float32], str, str]:
+def read_depth(
+    stored: NDArray[Any], name: str, by_format: bool = False
+) -> tuple[NDArray[np.float32], str, str]:
     """(nearness, why, doubt), as `_Photo` has them, of a stored depth map, uint8 or uint16 (h, w).
 
     16 bits that are not stretched to the whole range are a distance: near is small, 0 was not measured. In other maps white is
@@ -64,13 +75,21 @@ def read_depth(stored: NDArray[Any], name: str, by_format: bool = False) -> tupl
         with np.errstate(divide="ignore"):
             near = np.where(stored > 0, 1 / values, np.float32(np.nan)).astype(np.float32)
         against = _lower_is_nearer(near) < -_LOWER
-        doubt = f"whether the depth map holds distances: what stands lower would be farther; {_LEFT_OPEN}" if against else ""
+        doubt = (
+            f"whether the depth map holds distances: what stands lower would be farther; {_LEFT_OPEN}"
+            if against
+            else ""
+        )
         return near, "near is small in the depth map, as in distances; 0 was not measured", doubt
     lower = 1.0 if by_format else _lower_is_nearer(values)
     if lower < -_LOWER:
         what = f"whether black is near in the depth map: what stands lower is darker; {_LEFT_OPEN}"
         return -values, "black is near: what stands lower in the depth map is darker", what
-    return values, "white is near", "" if lower > _LOWER else f"whether white is near in the depth map; {_LEFT_OPEN}"
+    return (
+        values,
+        "white is near",
+        "" if lower > _LOWER else f"whether white is near in the depth map; {_LEFT_OPEN}",
+    )
 
 
 def _lower_is_nearer(nearness: NDArray[np.float32]) -> float:
@@ -113,7 +132,9 @@ def _colour(picture: NDArray[Any]) -> float:
     if picture.ndim == 2:
         return 0.0
     small = cv2.resize(picture, (64, 64), interpolation=cv2.INTER_AREA).astype(np.float32)
-    return float(np.percentile(np.ptp(small, axis=2), 90)) / (257 if picture.dtype == np.uint16 else 1)
+    return float(np.percentile(np.ptp(small, axis=2), 90)) / (
+        257 if picture.dtype == np.uint16 else 1
+    )
 
 
 def _beside(picture: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]] | None:
@@ -144,8 +165,13 @@ def _read(listing: Listing) -> _Photo:
         paths = tuple(listing.file(name) for name in pair)
         (picture, full), (stored, _) = read_picture(paths[0]), read_picture(paths[1])
         if _colour(stored) > _COLOURED:
-            raise UserError(f"{paths[1]}: a depth map in false colours", "save it in grey, with near things white")
-        near, why, doubt = read_depth(stored if stored.ndim == 2 else stored[..., 1], paths[1].stem.lower())
+            raise UserError(
+                f"{paths[1]}: a depth map in false colours",
+                "save it in grey, with near things white",
+            )
+        near, why, doubt = read_depth(
+            stored if stored.ndim == 2 else stored[..., 1], paths[1].stem.lower()
+        )
         if paths[0].stem.lower() == paths[1].stem.lower() and picture.ndim == 2:
             doubt = "; ".join(filter(None, (f"whether {pair[1]} is the depth of {pair[0]}", doubt)))
         return _Photo(paths, picture, full, near, why, doubt)
@@ -160,7 +186,9 @@ def _read(listing: Listing) -> _Photo:
             f"{path}: neither half is a grey depth map beside a coloured picture",
             "give picture and depth side by side, or as x.png and x_depth.png in a folder of their own",
         )
-    return _Photo((path,), both[0], full, *read_depth(both[1][..., 1], path.stem.lower(), by_format=True))
+    return _Photo(
+        (path,), both[0], full, *read_depth(both[1][..., 1], path.stem.lower(), by_format=True)
+    )
 
 
 def _disparity(photo: _Photo, height: int, width: int) -> NDArray[np.float32]:
@@ -170,16 +198,26 @@ def _disparity(photo: _Photo, height: int, width: int) -> NDArray[np.float32]:
         what = f"{photo.paths[-1]}: a depth map of {near.shape[1]}x{near.shape[0]} px for a picture of {of[1]}x{of[0]}"
         raise UserError(what, "turn or crop one of them to the shape of the other")
     if near.shape[0] * near.shape[1] > height * width:
-        near = np.asarray(cv2.resize(near, (width, height), interpolation=cv2.INTER_NEAREST), np.float32)
+        near = np.asarray(
+            cv2.resize(near, (width, height), interpolation=cv2.INTER_NEAREST), np.float32
+        )
     known = np.isfinite(near)
-    low, high = (float(v) for v in np.percentile(near[known], (1, 99))) if known.any() else (0.0, 0.0)
+    low, high = (
+        (float(v) for v in np.percentile(near[known], (1, 99))) if known.any() else (0.0, 0.0)
+    )
     if not high > low:
-        raise UserError(f"{photo.paths[-1]}: a depth map of one value", "use one in which near and far differ")
+        raise UserError(
+            f"{photo.paths[-1]}: a depth map of one value", "use one in which near and far differ"
+        )
     share = np.clip((near - np.float32(low)) / np.float32(high - low), 0, 1)
     if not known.all():  # what was not measured lies behind what is beside it
-        behind = cv2.erode(np.where(known, share, np.float32(1)), np.ones((_HOLE_PX, _HOLE_PX), np.uint8))
+        behind = cv2.erode(
+            np.where(known, share, np.float32(1)), np.ones((_HOLE_PX, _HOLE_PX), np.uint8)
+        )
         share = np.where(known, share, np.asarray(behind).ravel()[nearest(known)])
-    share = np.asarray(cv2.resize(share.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR))
+    share = np.asarray(
+        cv2.resize(share.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR)
+    )
     return np.asarray((share - np.float32(0.5)) * np.float32(_RANGE_SHARE * width), np.float32)
 
 
@@ -187,10 +225,15 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     photo = _read(listing)
     rows, cols = parse_grid(scene.grid) or _GRID
     require_grid(rows, cols, str(listing.path))
-    picture, notes = photo.picture, [f"{rows}x{cols} views are made from one picture and its depth; {photo.why}"]
+    picture, notes = (
+        photo.picture,
+        [f"{rows}x{cols} views are made from one picture and its depth; {photo.why}"],
+    )
     scale = (_MOST_PX / (picture.shape[0] * picture.shape[1])) ** 0.5
     if scale < 1:
-        picture = np.asarray(cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
+        picture = np.asarray(
+            cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        )
         notes.append(f"made at {picture.shape[1]}x{picture.shape[0]} px, for speed")
     picture = np.ascontiguousarray(picture)
     height, width = picture.shape[:2]
@@ -201,7 +244,9 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
         return warped_disparity(disparity, row - rows // 2, col - cols // 2)
 
     def read(frame: int, row: int, col: int) -> NDArray[Any]:
-        return warped_view(picture, disparity, disparity_at(row, col), row - rows // 2, col - cols // 2)
+        return warped_view(
+            picture, disparity, disparity_at(row, col), row - rows // 2, col - cols // 2
+        )
 
     truth = {place: partial(disparity_at, *place) for place in np.ndindex(rows, cols)}
     return SceneSource(

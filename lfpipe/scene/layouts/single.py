@@ -18,7 +18,10 @@ from lfpipe.scene.layouts._tiles import plane_of, reduced, require_picture, sing
 from lfpipe.scene.optical_flow import returned_flow, textured
 from lfpipe.scene.source import Layout, SceneSource, Turn
 
-_GLANCE_PX, _FEWEST_PX = 512, 300  # longer side of the examined copy; px of detail that red and green must share
+_GLANCE_PX, _FEWEST_PX = (
+    512,
+    300,
+)  # longer side of the examined copy; px of detail that red and green must share
 _ASIDE_PX = 1.5  # between red and green: more than lens errors
 _SAME = 2.0  # grey levels between frames of one view: dithering
 
@@ -28,7 +31,9 @@ def _is_anaglyph(picture: NDArray[Any]) -> bool:
     if picture.ndim == 2:
         return False
     small = reduced(picture, _GLANCE_PX)
-    red, green = (np.asarray(cv2.equalizeHist(plane_of(small[..., channel])), np.uint8) for channel in (0, 1))
+    red, green = (
+        np.asarray(cv2.equalizeHist(plane_of(small[..., channel])), np.uint8) for channel in (0, 1)
+    )
     if min(red.shape) < 24:
         return False
     aside, confirmed = returned_flow(red, green)
@@ -47,7 +52,15 @@ def _describe_picture(listing: Listing, scene: config.Scene) -> SceneSource:
             "give the stereo pair that it was made of; --set scene.force=true shows it flat",
         )
     notes = tuple(f"{name} is the same picture" for name in listing.pictures() if name != path.name)
-    return files_source("picture", listing, {(0, 0): path.name}, (1, 1), turn=Turn(), turn_by="there is one view", notes=notes)
+    return files_source(
+        "picture",
+        listing,
+        {(0, 0): path.name},
+        (1, 1),
+        turn=Turn(),
+        turn_by="there is one view",
+        notes=notes,
+    )
 
 
 @lru_cache(maxsize=2)
@@ -66,7 +79,11 @@ def _one_way(frames: list[NDArray[Any]]) -> list[NDArray[Any]]:
     count = len(frames)
     for last, back in ((count // 2, count), (count // 2 - 1, count - 1)):
         pairs = [(k, back - k) for k in range(last) if back - k < count and k < back - k]
-        if len(pairs) >= max(1, (count - 1) // 2) and count > 2 and all(same(a, b) for a, b in pairs):
+        if (
+            len(pairs) >= max(1, (count - 1) // 2)
+            and count > 2
+            and all(same(a, b) for a, b in pairs)
+        ):
             return frames[: back // 2 + 1]
     return frames
 
@@ -85,6 +102,10 @@ def _describe_animation(listing: Listing, scene: config.Scene) -> SceneSource:
 
 
 LAYOUTS = (
-    Layout("picture", lambda listing: None if single_picture(listing) is None else 10, _describe_picture),
+    Layout(
+        "picture",
+        lambda listing: None if single_picture(listing) is None else 10,
+        _describe_picture,
+    ),
     Layout("gif", lambda listing: None if _animation(listing) is None else 90, _describe_animation),
 )

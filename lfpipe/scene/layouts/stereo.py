@@ -26,7 +26,12 @@ from lfpipe.scene.source import SceneSource, Turn
 
 NAME = "stereo"
 _SIDES = re.compile(rf"(?<![a-z])({'|'.join(LEFT + RIGHT)})(?![a-z])")
-_NUMBERED = {"im2": "im6", "im0": "im1", "view1": "view5", "img_left": "img_right"}  # Middlebury's pairs, the left one first
+_NUMBERED = {
+    "im2": "im6",
+    "im0": "im1",
+    "view1": "view5",
+    "img_left": "img_right",
+}  # Middlebury's pairs, the left one first
 _MOST_NUMBERED = 4  # pictures in such a folder; more are all views of such a set
 _BESIDE = re.compile(r"(?<![a-z])(h?sbs|half[-_ ]?sbs|side[-_ ]?by[-_ ]?side|parallel)(?![a-z])")
 _CROSSED = re.compile(r"cross[-_ ]?ey|(?<![a-z])(xeye|rl)(?![a-z])")
@@ -49,9 +54,14 @@ class _Halves:
 
 def _pairs(listing: Listing) -> list[tuple[str, str]]:
     """The names of left and right pictures of a folder."""
-    by_stem = {name.rpartition(".")[0].lower(): name for name in listing.pictures()}  # with the folder, if it is part of the name
+    by_stem = {
+        name.rpartition(".")[0].lower(): name for name in listing.pictures()
+    }  # with the folder, if it is part of the name
     for left, right in _NUMBERED.items():
-        numbered = sum(re.fullmatch(left.rstrip("0123456789") + r"\d{1,4}", stem) is not None for stem in by_stem)
+        numbered = sum(
+            re.fullmatch(left.rstrip("0123456789") + r"\d{1,4}", stem) is not None
+            for stem in by_stem
+        )
         if left in by_stem and right in by_stem and numbered <= _MOST_NUMBERED:
             return [(by_stem[left], by_stem[right])]
     sides: dict[str, dict[bool, str]] = {}
@@ -62,7 +72,9 @@ def _pairs(listing: Listing) -> list[tuple[str, str]]:
             sides.setdefault(rest, {})[words[-1][1] in LEFT] = name
     pairs = [(both[True], both[False]) for both in sides.values() if len(both) == 2]
     cameras = read_names(tuple(left for left, _ in pairs)) if len(pairs) > 3 else None
-    return [] if cameras is not None and not cameras.runs else pairs  # two grids of cameras, left and right, are no album
+    return (
+        [] if cameras is not None and not cameras.runs else pairs
+    )  # two grids of cameras, left and right, are no album
 
 
 def _alone(listing: Listing) -> Path | None:
@@ -76,7 +88,9 @@ def are_a_pair(a: NDArray[Any], b: NDArray[Any]) -> bool:
     greys = [plane_of(reduced(picture, _GLANCE_PX)) for picture in (a, b)]
     if min(greys[0].shape) < 24 or min(float(grey.std()) for grey in greys) < 2:
         return False
-    a_soft, b_soft = (np.asarray(cv2.GaussianBlur(grey, (0, 0), 4), np.float64).ravel() for grey in greys)
+    a_soft, b_soft = (
+        np.asarray(cv2.GaussianBlur(grey, (0, 0), 4), np.float64).ravel() for grey in greys
+    )
     if float(np.corrcoef(a_soft, b_soft)[0, 1]) < _ALIKE:
         return False
     (to_right, confirmed), detail = returned_flow(*greys), textured(greys[0])
@@ -93,7 +107,10 @@ def _arrangement(path: Path) -> _Halves | None:
     picture, _ = read_picture(path)
     aspect = picture.shape[1] / picture.shape[0]
     video = _VIDEO_ASPECTS[0] < aspect < _VIDEO_ASPECTS[1]
-    for above, word, likely in ((False, _BESIDE, aspect > 1.2), (True, _ABOVE, aspect < 1.0 or video)):
+    for above, word, likely in (
+        (False, _BESIDE, aspect > 1.2),
+        (True, _ABOVE, aspect < 1.0 or video),
+    ):
         named = bool(word.search(name))
         if (named or likely) and are_a_pair(*halves(picture, above)):
             return _Halves(above, bool(_HALF.search(name)) or video, named)
@@ -103,7 +120,9 @@ def _arrangement(path: Path) -> _Halves | None:
 def detect(listing: Listing) -> int | None:
     if pairs := _pairs(listing):
         paired = {name for pair in pairs for name in pair}
-        others = [name for name in listing.pictures() if name not in paired and not MAPS.search(name)]
+        others = [
+            name for name in listing.pictures() if name not in paired and not MAPS.search(name)
+        ]
         if not others or Path(pairs[0][0]).stem.lower() in _NUMBERED or "/" in pairs[0][0]:
             return 85
         if len(pairs) == 1:
@@ -119,23 +138,43 @@ def detect(listing: Listing) -> int | None:
 def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     if pairs := _pairs(listing):
         others = [name for name in listing.pictures() if name not in pairs[0]]
-        notes = (f"2 of {len(others) + 2} files used; the others are {some(others)}",) if others else ()
+        notes = (
+            (f"2 of {len(others) + 2} files used; the others are {some(others)}",) if others else ()
+        )
         eyes = {(0, col): name for col, name in enumerate(pairs[0])}
-        return files_source(NAME, listing, eyes, (1, 2), turn=Turn(), turn_by="the names say left and right", notes=notes)
+        return files_source(
+            NAME,
+            listing,
+            eyes,
+            (1, 2),
+            turn=Turn(),
+            turn_by="the names say left and right",
+            notes=notes,
+        )
     path = _alone(listing) or require_picture(listing)
     full, why, name = 255, "", path.stem.lower().replace("_", " ")
     if path.suffix.lower() == ".mpo":
         views: list[NDArray[Any]] = list(read_frames(path)[:2])
         if len(views) < 2 or views[0].shape != views[1].shape:
-            raise UserError(f"{path}: no two pictures of one size in this .mpo file", "copy it from the camera again")
+            raise UserError(
+                f"{path}: no two pictures of one size in this .mpo file",
+                "copy it from the camera again",
+            )
         why = "an .mpo file begins with the left eye's picture"
     elif arrangement := _arrangement(path):
         picture, full = read_picture(path)
         views = [np.ascontiguousarray(view) for view in halves(picture, arrangement.above)]
         if arrangement.squeezed:
             x, y = (1, 2) if arrangement.above else (2, 1)
-            views = [np.asarray(cv2.resize(view, None, fx=x, fy=y, interpolation=cv2.INTER_LINEAR)) for view in views]
-        why = "the name gives a format that begins with the left eye's picture" if arrangement.named else ""
+            views = [
+                np.asarray(cv2.resize(view, None, fx=x, fy=y, interpolation=cv2.INTER_LINEAR))
+                for view in views
+            ]
+        why = (
+            "the name gives a format that begins with the left eye's picture"
+            if arrangement.named
+            else ""
+        )
     else:
         what = f"{path}: its halves are no stereo pair, neither side by side nor above one another"
         raise UserError(what, "give two files x_left.png and x_right.png")

@@ -61,8 +61,13 @@ def _frames(layout: str, listing: Listing) -> tuple[list[Path], tuple[str, ...]]
     paths = [listing.file(name) for name in listing.pictures()] or [require_picture(listing)]
     headers = [open_header(path) for path in paths]
     usual = headers[0].size
-    if len(paths) > 1 and ((usual, headers[0].grey) != (headers[1].size, headers[1].grey) or likeness(*paths[:2]) <= 0.5):
-        return paths[:1], (f"{len(paths)} unrelated pictures: showing {paths[0].name}; name another file to see it",)
+    if len(paths) > 1 and (
+        (usual, headers[0].grey) != (headers[1].size, headers[1].grey)
+        or likeness(*paths[:2]) <= 0.5
+    ):
+        return paths[:1], (
+            f"{len(paths)} unrelated pictures: showing {paths[0].name}; name another file to see it",
+        )
     for path, header in zip(paths, headers, strict=True):
         if header.size != usual:
             what = f"{path}: {header.size}, {paths[0].name} has {usual}"
@@ -79,7 +84,10 @@ def _describe(layout: str, listing: Listing, scene: config.Scene) -> SceneSource
         load, full, frames, rate_hz = last_picture(video.read), 255, video.frames, video.rate_hz
     else:
         paths, notes = _frames(layout, listing)
-        load, full = last_picture(lambda frame: read_picture(paths[frame])[0]), open_header(paths[0]).max_value
+        load, full = (
+            last_picture(lambda frame: read_picture(paths[frame])[0]),
+            open_header(paths[0]).max_value,
+        )
         frames, rate_hz = len(paths), USUAL_RATE_HZ if len(paths) > 1 else 0.0
     cut = tiling(load(0), paths[0], scene, quilt)
     if cut is None and are_a_pair(*halves(load(0), above=False)):
