@@ -1,8 +1,14 @@
-"""Replays a recording with two filters and compares their errors: python compare_filters.py SEQ SCENE."""
+"""Replays a recording with two filters and compares their errors.
+
+Usage: python compare_filters.py SEQ SCENE
+"""
 
 import sys
 
 import lfpipe
+
+if len(sys.argv) != 3:
+    sys.exit(__doc__)
 
 for name in ("predictive", "mean"):
     report = lfpipe.replay(sys.argv[1], sys.argv[2], settings={"track.filter": name})

@@ -1,10 +1,16 @@
-"""Prints where the eyes are in a video: python eyes.py VIDEO."""
+"""Prints where the eyes are in a video.
+
+Usage: python eyes.py VIDEO
+"""
 
 import sys
 
 import cv2
 
 import lfpipe
+
+if len(sys.argv) != 2:
+    sys.exit(__doc__)
 
 video = cv2.VideoCapture(sys.argv[1])
 rate_hz = video.get(cv2.CAP_PROP_FPS) or 30.0

@@ -1,10 +1,16 @@
-"""Shows a light field that exists only as an array, and saves it for `lfpipe up`: python from_array.py views.npy."""
+"""Shows a light field that exists only as an array, and saves it for `lfpipe up`.
+
+Usage: python from_array.py views.npy
+"""
 
 import sys
 
 import numpy as np
 
 import lfpipe
+
+if len(sys.argv) != 2:
+    sys.exit(__doc__)
 
 views = np.zeros((3, 3, 96, 128, 3), np.uint8)  # rows, columns, height, width, red first
 for row in range(3):

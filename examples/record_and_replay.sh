@@ -1,5 +1,9 @@
 #!/bin/sh
-# Records a camera, replays the recording twice and checks that both runs agree: record_and_replay.sh SCENE CAMERA
+# Records a camera, replays the recording twice and checks that both runs agree.
+if [ $# != 2 ]; then
+  echo "Usage: record_and_replay.sh SCENE CAMERA" >&2
+  exit 1
+fi
 set -eu
 lfpipe record walk --camera "$2" --duration 2
 lfpipe sequence info walk

@@ -1,7 +1,8 @@
 """lfpipe: a light field you look into, on an ordinary screen.
 
-For programs and notebooks (docs/python.md): `open_scene`, `render_view`, `render_anaglyph`, `Tracker`, `replay`, `attach`. Each
-is imported when it is first used, so that `import lfpipe` and the command line stay quick.
+For programs and notebooks (docs/python.md): `open_scene`, `render_view`, `render_anaglyph`,
+`Tracker`, `replay`, `attach`. Each is imported when it is first used, so that `import lfpipe` and
+the command line stay quick.
 """
 
 import importlib
@@ -16,11 +17,22 @@ if TYPE_CHECKING:
     from lfpipe.scene.lightfield import LightField
     from lfpipe.share.head import Head
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"
 __all__ = [
-    "Attachment", "Eyes", "Frame", "Head", "LightField", "Session", "Tracker", "UserError", "attach", "open_scene",
-    "render_anaglyph", "render_view", "replay",
-]  # fmt: skip
+    "Attachment",
+    "Eyes",
+    "Frame",
+    "Head",
+    "LightField",
+    "Session",
+    "Tracker",
+    "UserError",
+    "attach",
+    "open_scene",
+    "render_anaglyph",
+    "render_view",
+    "replay",
+]
 _MODULES = {
     "api.scenes": ("open_scene", "render_anaglyph", "render_view"),
     "api.session": ("Attachment", "Frame", "Session", "attach", "replay"),
@@ -30,8 +42,8 @@ _MODULES = {
     "share.head": ("Head",),
 }
 
-# OpenCV reads these when it is imported. The first is a second limit behind lfpipe.files.pictures; the second keeps FFmpeg
-# from printing a line for every frame of a damaged video.
+# OpenCV reads these when it is imported. The first is a second limit behind lfpipe.files.pictures;
+# the second keeps FFmpeg from printing a line for every frame of a damaged video.
 os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(240_000_000))
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 

@@ -1,4 +1,7 @@
-"""Entry of the `lfpipe` command. Nothing is imported at the top: spawned stages read this module again."""
+"""Entry of the `lfpipe` command.
+
+Nothing is imported at the top: spawned stages read this module again.
+"""
 
 
 def main() -> None:

@@ -2,18 +2,18 @@
 
 import reprlib
 
-MESSAGE_CHARS, REMEDY_CHARS, VALUE_CHARS = (
-    1500,
-    400,
-    60,
-)  # a screen of 80x24 holds a message with its remedy
+# a screen of 80x24 holds a message with its remedy
+MESSAGE_CHARS, REMEDY_CHARS, VALUE_CHARS = 1500, 400, 60
 
 
 class UserError(Exception):
-    """A mistake of the user's or of their machine, never of the program's: printed without traceback, exit code 2.
+    """A mistake of the user's or of their machine, never of the program's: printed without
+    traceback, exit code 2.
 
-    message names the thing and the value; remedy says what to do about it. Both may quote names and values from files that
-    nobody has checked: they are made `plain` and short here, so that every terminal, log and message can carry them.
+    message names the thing and the value; remedy says what to do about it. Both may quote names and
+    values from files that
+    nobody has checked: they are made `plain` and short here, so that every terminal, log and
+    message can carry them.
     """
 
     def __init__(self, message: str, remedy: str = "") -> None:
@@ -25,8 +25,11 @@ class UserError(Exception):
         return f"{self.message}\n  remedy: {self.remedy}" if self.remedy else self.message
 
 
-def plain(text: str, most_chars: int) -> str:
-    """text with control characters and lone surrogates escaped (lines remain lines), and its middle left out where it is long."""
+def plain(text: str, most_chars: int = 4 * MESSAGE_CHARS) -> str:
+    """text with control characters and lone surrogates escaped (lines remain lines), and its middle
+    left out where it is long. Whatever lfpipe prints and did not write itself goes through here: a
+    terminal obeys escape sequences in names, notices and telemetry.
+    """
     text = _without_middle(text, most_chars)
     return _without_middle(
         "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text), most_chars
@@ -40,13 +43,14 @@ def _without_middle(text: str, most_chars: int) -> str:
 
 _short = reprlib.Repr()
 _short.maxstring = _short.maxother = VALUE_CHARS
-_short.maxlevel = _short.maxdict = _short.maxlist = _short.maxtuple = _short.maxset = (
-    3  # enough to recognise a value
-)
+# enough to recognise a value
+_short.maxlevel = _short.maxdict = _short.maxlist = _short.maxtuple = _short.maxset = 3
 
 
 def shown(value: object) -> str:
-    """value as a message quotes it: repr on one line, never long, never an exception, however large or deep value is."""
+    """value as a message quotes it: repr on one line, never long, never an exception, however large
+    or deep value is.
+    """
     try:
         text = _short.repr(value)
     except ValueError:  # Python refuses to print the longest

@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 Eyes = tuple[float, float, float, float]  # x and y of the left eye, x and y of the right one
 
-# Points are [[left x, left y], [right x, right y]] of the viewer's own eyes in px of the unmirrored camera picture, so
-# the left eye stands at larger x. The ring's slot header repeats source_seq, epoch and the stamps of the frame.
+# Points are [[left x, left y], [right x, right y]] of the viewer's own eyes in px of the unmirrored
+# camera picture, so the left eye stands at larger x. The ring's slot header repeats source_seq,
+# epoch and the stamps of the frame.
 EYES = np.dtype(
     [
         ("raw_px", "<f8", (2, 2)),
@@ -21,25 +22,21 @@ EYES = np.dtype(
         ("height_px", "<i4"),
         ("t_tracked_ns", "<i8"),
         ("face", "<i4"),
-        (
-            "generation",
-            "<i4",
-        ),  # counts the tracks of a face: another number means another run of the filter
-        (
-            "head_px",
-            "<f4",
-            (10, 3),
-        ),  # HEAD_POINTS in the picture: right, down, away from the camera; zeros: not known
+        # counts the tracks of a face: another number means another run of the filter
+        ("generation", "<i4"),
+        # HEAD_POINTS in the picture: right, down, away from the camera; zeros: not known
+        ("head_px", "<f4", (10, 3)),
     ]
 )
 
-PLAIN = struct.Struct(
-    "<14d2iq2i"
-)  # the fields before head_px; packed into a record and unpacked from it
+# the fields before head_px; packed into a record and unpacked from it
+PLAIN = struct.Struct("<14d2iq2i")
 
 
 class EyesRecord(NamedTuple):
-    """A record of EYES without head_px, as plain numbers: on a path where each numpy call costs some microseconds."""
+    """A record of EYES without head_px, as plain numbers: on a path where each numpy call costs
+    some microseconds.
+    """
 
     raw_px: Eyes
     filtered_px: Eyes
@@ -63,11 +60,13 @@ class EyesRecord(NamedTuple):
         PLAIN.pack_into(record, 0, *self.raw_px, *self.filtered_px, *self.velocity_px_s, *self[3:])  # type: ignore[arg-type]
 
 
-# Points of MediaPipe's face mesh that jaw and mouth do not move: tip of the nose, top of the forehead, corners of the eyes from
-# the right outer to the left outer one, temples, and in front of the ears.
+# Points of MediaPipe's face mesh that jaw and mouth do not move: tip of the nose, top of the
+# forehead, corners of the eyes from the right outer to the left outer one, temples, and in front of
+# the ears.
 HEAD_POINTS = (1, 10, 33, 133, 362, 263, 127, 356, 234, 454)
 
-# A picture shown, for who shares the session; the slot header repeats the stamps of the frame that it was made for.
+# A picture shown, for who shares the session; the slot header repeats the stamps of the frame that
+# it was made for.
 SHOWN = np.dtype(
     [("t_presented_ns", "<i8"), ("view", "<f8", (2, 2)), ("composed", "<i4"), ("face", "<i4")]
 )
@@ -84,7 +83,8 @@ def middle_of(eyes: Eyes) -> tuple[float, float]:
 def extrapolated(
     position_px: NDArray[np.float64], velocity_px_s: NDArray[np.float64], horizon_ns: int
 ) -> NDArray[np.float64]:
-    """Where the eyes will be horizon_ns after their frame was taken; the horizon is clamped to 0 .. MAX_HORIZON_S.
+    """Where the eyes will be horizon_ns after their frame was taken; the horizon is clamped to 0 ..
+    MAX_HORIZON_S.
 
     position_px, velocity_px_s: (2, 2). Returns (2, 2) px.
     """

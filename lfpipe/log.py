@@ -1,6 +1,8 @@
-"""The log: silent on the terminal unless asked (`-v`, `-vv`, LFPIPE_LOG); a session keeps the newest lines in its run directory.
+"""The log: silent on the terminal unless asked (`-v`, `-vv`, LFPIPE_LOG); a session keeps the
+newest lines in its run directory.
 
-Every module logs to `logging.getLogger(__name__)` what a session decides, never what happens in every frame.
+Every module logs to `logging.getLogger(__name__)` what a session decides, never what happens in
+every frame.
 """
 
 import contextlib
@@ -10,20 +12,30 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from lfpipe.errors import UserError, shown
+from lfpipe.errors import UserError, plain, shown
 
 VARIABLE = "LFPIPE_LOG"
 FILE = "session.log"
 MAX_BYTES = 1 << 20  # of the file, and of its predecessor FILE.1: hours of a session at level info
 LEVELS = ("debug", "info", "warning", "error")
+
+
+class PlainFormatter(logging.Formatter):
+    """Escapes control characters: a record may quote anything."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        return plain(super().format(record), MAX_BYTES)
+
+
 _ROOT = logging.getLogger("lfpipe")
 _ROOT.addHandler(logging.NullHandler())
-_FORMAT = logging.Formatter("%(asctime)s %(levelname)s %(processName)s %(name)s: %(message)s")
+_FORMAT = PlainFormatter("%(asctime)s %(levelname)s %(processName)s %(name)s: %(message)s")
 
 
 class SessionFile(logging.Handler):
-    """Appends to a file that several processes write, and keeps it near MAX_BYTES: each line is one write at its end, and the
-    process whose line crosses the limit renames it."""
+    """Appends to a file that several processes write, and keeps it near MAX_BYTES: each line is one
+    write at its end, and the process whose line crosses the limit renames it.
+    """
 
     def __init__(self, path: Path) -> None:
         super().__init__()
@@ -45,8 +57,9 @@ class SessionFile(logging.Handler):
 
 
 def set_up(verbose: int = 0) -> None:
-    """Logs to the terminal as LFPIPE_LOG says, or at level info with verbose = 1, debug with more; the same in every process
-    that this one starts. Raises UserError for an invalid LFPIPE_LOG."""
+    """Logs to the terminal as LFPIPE_LOG says, or at level info with verbose = 1, debug with more;
+    the same in every process that this one starts. Raises UserError for an invalid LFPIPE_LOG.
+    """
     if verbose:
         os.environ[VARIABLE] = "info" if verbose == 1 else "debug"
     level = os.environ.get(VARIABLE, "").lower()
@@ -62,8 +75,11 @@ def set_up(verbose: int = 0) -> None:
 
 @contextlib.contextmanager
 def kept_in(run_dir: Path) -> Iterator[None]:
-    """Logs to the session's file inside the block, also in a program that has not called `set_up`."""
-    if _ROOT.level == logging.NOTSET:
+    """Logs to the session's file inside the block, also in a program that has not called
+    `set_up`.
+    """
+    level = _ROOT.level
+    if level == logging.NOTSET:
         _ROOT.setLevel(logging.INFO)
     handler = SessionFile(run_dir / FILE)
     _ROOT.addHandler(handler)
@@ -71,6 +87,7 @@ def kept_in(run_dir: Path) -> Iterator[None]:
         yield
     finally:
         _ROOT.removeHandler(handler)
+        _ROOT.setLevel(level)
 
 
 def lines(run_dir: Path) -> bytes:

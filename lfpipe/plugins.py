@@ -1,15 +1,22 @@
-"""Parts from other packages, by entry points: layouts, face engines, filters and displays. docs/extending.md describes each.
+"""Plug-ins: parts from other packages, by entry points. docs/extending.md describes each.
 
-lfpipe.layouts    a module or object with NAME, detect and describe (`lfpipe.scene.layouts.Layout`)
-lfpipe.engines    a function of `config.Track` that returns a `lfpipe.track.engine.Engine`; a value of track.engine
-lfpipe.filters    a function of `config.Track` and loop_s that returns a `lfpipe.track.smoothing.EyeFilter`; of track.filter
-lfpipe.displays   a function of (argument, size_px, title, rate_hz) that returns a `lfpipe.render.display.Display`; `--display
-                  NAME[:ARGUMENT]`
+lfpipe.layouts    a module or object with NAME, detect and describe (`lfpipe.scene.source.Layout`)
+lfpipe.engines    a function of `config.Track` that returns a `lfpipe.track.engine.Engine`; a value
+                  of track.engine
+lfpipe.filters    a function of `config.Track` and loop_s that returns a
+                  `lfpipe.track.smoothing.EyeFilter`; a value of track.filter
+lfpipe.displays   a function of (argument, size_px, title, rate_hz) that returns a
+                  `lfpipe.render.display.Display`; `--display NAME[:ARGUMENT]`
+
+Another package's code runs in here only: whatever it raises becomes a PluginError.
 """
 
+import contextlib
 import functools
 import importlib.metadata
 import logging
+from collections.abc import Callable, Collection, Iterator, Mapping
+from types import UnionType
 from typing import Any
 
 from lfpipe.errors import UserError
@@ -21,11 +28,15 @@ LAYOUTS, ENGINES, FILTERS, DISPLAYS = GROUPS = (
     "lfpipe.displays",
 )
 log = logging.getLogger(__name__)
+Results = Mapping[str, type | UnionType]
 
 
 @functools.cache
 def plugins(group: str) -> dict[str, str]:
-    """The package of each plugin of a group, with its version, by the plugin's name. Imports none of them."""
+    """The package of each plugin of a group, with its version, by the plugin's name.
+
+    Imports none of them.
+    """
     entries = importlib.metadata.entry_points(group=group)
     return {
         entry.name: f"{entry.dist.name} {entry.dist.version}"
@@ -35,27 +46,98 @@ def plugins(group: str) -> dict[str, str]:
     }
 
 
-def load(group: str, name: str) -> Any:
-    """The plugin of that name. Raises UserError if there is none, or if its package is broken."""
+class PluginError(UserError):
+    """A plug-in that does not work. name: as its entry point has it."""
+
+    def __init__(self, name: str, message: str, remedy: str) -> None:
+        super().__init__(message, remedy)
+        self.name = name
+
+
+@contextlib.contextmanager
+def _guarded(group: str, name: str, what: str) -> Iterator[None]:
+    """Turns whatever another package's code raises, also SystemExit, into PluginError."""
+    try:
+        yield
+    except (UserError, KeyboardInterrupt):
+        raise
+    except BaseException as error:
+        failure = _broken(group, name, f"{what}: {type(error).__name__}: {error}")
+        log.warning("%s", failure.message, exc_info=True)
+        raise failure from None
+
+
+def _broken(group: str, name: str, why: str) -> PluginError:
+    package = plugins(group)[name]
+    remedy = f"repair or uninstall {package.partition(' ')[0]}"
+    return PluginError(name, f"{name} of {package} ({group}) {why}", remedy)
+
+
+class _Guarded:
+    """A part of a plug-in: its calls raise PluginError, also for a result of a wrong type."""
+
+    def __init__(self, part: Any, group: str, name: str, results: Results) -> None:
+        self._part, self._group, self._name, self._results = part, group, name, results
+
+    def __getattr__(self, attribute: str) -> Any:
+        value = getattr(self._part, attribute)
+        return functools.partial(self._call, attribute, value) if callable(value) else value
+
+    def _call(
+        self, attribute: str, function: Callable[..., Any], *arguments: Any, **named: Any
+    ) -> Any:
+        with _guarded(self._group, self._name, f"fails in {attribute}"):
+            result = function(*arguments, **named)
+        kind = self._results.get(attribute, object)
+        if not isinstance(result, kind):
+            raise _broken(
+                self._group, self._name, f"returns {type(result).__name__} from {attribute}"
+            )
+        return result
+
+
+def load(group: str, name: str, built_in: Collection[str]) -> Any:
+    """The object of a plug-in. built_in: names of the group that no plug-in may have.
+
+    Raises UserError if there is none, PluginError if its package is broken.
+    """
     if name not in plugins(group):
         raise UserError(
             f"{group}: {name!r} is not installed",
             "install the package that offers it; `lfpipe doctor` lists them",
         )
-    try:
+    if name in built_in:
+        raise _broken(group, name, "has the name of a built-in one")
+    with _guarded(group, name, "cannot be loaded"):
         return importlib.metadata.entry_points(group=group)[name].load()
-    except Exception as error:  # another package's code may raise anything
-        package = plugins(group)[name]
-        why = f"{name} of {package} ({group}) cannot be loaded: {type(error).__name__}: {error}"
-        raise UserError(why, f"repair or uninstall {package.partition(' ')[0]}") from None
 
 
-def loaded(group: str) -> dict[str, Any]:
-    """All plugins of a group that work, by name. Others are logged and skipped; `lfpipe doctor` reports them."""
+def guarded(part: Any, group: str, name: str, results: Results) -> Any:
+    """A part whose calls raise PluginError. results: the types that its methods return; it must
+    have each of them.
+    """
+    if missing := [attribute for attribute in results if not hasattr(part, attribute)]:
+        raise _broken(group, name, f"has no {missing[0]}")
+    return _Guarded(part, group, name, results)
+
+
+def make(group: str, name: str, results: Results, *arguments: Any) -> Any:
+    """Calls the function of a plug-in; returns the part that it makes, `guarded`."""
+    function = load(group, name, ())
+    with _guarded(group, name, "cannot be started"):
+        part = function(*arguments)
+    return guarded(part, group, name, results)
+
+
+def loaded(group: str, built_in: Collection[str], results: Results) -> dict[str, Any]:
+    """All plug-ins of a group that can be loaded, by name, each `guarded`.
+
+    Others are logged and skipped; `lfpipe doctor` reports them.
+    """
     working = {}
     for name in plugins(group):
         try:
-            working[name] = load(group, name)
-        except UserError as error:
+            working[name] = guarded(load(group, name, built_in), group, name, results)
+        except PluginError as error:
             log.warning("%s; it is skipped", error.message)
     return working

@@ -22,7 +22,9 @@ def parser_of(doc: str | None, **numbers: float) -> argparse.ArgumentParser:
 
 
 def existing(text: str) -> Path:
-    """The type of an argument that names a file or folder; argparse reports a missing one and exits with 2."""
+    """The type of an argument that names a file or folder; argparse reports a missing one and exits
+    with 2.
+    """
     path = Path(text)
     if not path.exists():
         raise argparse.ArgumentTypeError(f"no such file or folder: {text}")

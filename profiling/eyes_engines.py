@@ -1,11 +1,13 @@
 """The engine "litert" compared with "mediapipe" on videos of real people.
 
-    uv run python profiling/eyes_engines.py FACES
+    python -m profiling.eyes_engines FACES
 
-FACES is a folder with videos/*.mp4. Prints, by video: frames with a face, frames in which only one engine found one, the longest
-run of such frames, and the RMS distance of eye centres in px over all frames and over those with a frontal head. In profile the
-landmarks of either engine depend on the region of interest of the previous frame. The last column shows how far mediapipe's own
-eyes move if the frames get 1 DN of noise. Accuracy: tests/track/test_people.py. Time per frame: `lfpipe bench tracker`.
+FACES is a folder with videos/*.mp4. Prints, by video: frames with a face, frames in which only one
+engine found one, the longest run of such frames, and the RMS distance of eye centres in px over all
+frames and over those with a frontal head. In profile the landmarks of either engine depend on the
+region of interest of the previous frame. The last column shows how far mediapipe's own eyes move if
+the frames get 1 DN of noise. Accuracy: tests/track/test_people.py. Time per frame: `lfpipe bench
+tracker`.
 """
 
 import itertools
@@ -14,19 +16,20 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from arguments import existing, parser_of, start
 from numpy.typing import NDArray
 
 from lfpipe.track.engine import Engine, Face
 from lfpipe.track.litert_engine import LitertEngine
 from lfpipe.track.mediapipe_engine import MediapipeEngine
+from profiling.arguments import existing, parser_of, start
 
 Picture = NDArray[np.uint8]
 Faces = list[Face | None]
 
 
 def frames(path: Path, noise_dn: int = 0) -> Iterator[Picture]:
-    source, rng = cv2.VideoCapture(str(path)), np.random.default_rng(0)
+    source = cv2.VideoCapture(str(path))
+    rng = np.random.default_rng(0)
     while (frame := source.read()[1]) is not None:
         shaken = frame.astype(np.int16) + rng.integers(
             -noise_dn, noise_dn + 1, frame.shape, np.int16
@@ -42,7 +45,9 @@ def run(engine: Engine, pictures: Iterable[Picture]) -> Faces:
 
 
 def frontal(face: Face) -> bool:
-    """Whether the eyes span a large part of the face's width and the network is confident; in profile neither holds."""
+    """Whether the eyes span a large part of the face's width and the network is confident; in
+    profile neither holds.
+    """
     x0, _, x1, _ = face.box_px
     return face.confidence > 0.9995 and float(
         np.linalg.norm(face.eyes_px[0] - face.eyes_px[1])

@@ -1,17 +1,20 @@
 """Filters on the eyes of real people: what is shown beside where the eyes were.
 
-    uv run python profiling/eyes_tracks.py FOLDER [--loop-ms 80] [--camera-hz 60]
+    python -m profiling.eyes_tracks FOLDER [--loop-ms 80] [--camera-hz 60]
 
-FOLDER holds tracks, one CSV a clip: t_s, face, left_x, left_y, right_x, right_y, in px, as measured in every frame. Each stretch
-of more than 60 frames with a face runs offline as the pipeline runs it: measurements 10 ms old, a refresh every 1/60 s, eyes
-predicted to its middle; the paper's way, the mean of five, changes with the camera's frames instead. Truth is the track smoothed
-without causality: at each frame the parabola through its neighbours, weighted by a Gaussian of 50 ms. With --loop-ms light leaves
-the screen that much later, and the eyes are predicted to that moment. With --camera-hz the truth is measured at that rate, with
-the residuals of the real frames in random order as noise.
+FOLDER holds tracks, one CSV a clip: t_s, face, left_x, left_y, right_x, right_y, in px, as measured
+in every frame. Each stretch of more than 60 frames with a face runs offline as the pipeline runs
+it: measurements 10 ms old, a refresh every 1/60 s, eyes predicted to its middle; the paper's way,
+the mean of five, changes with the camera's frames instead. Truth is the track smoothed
+without causality: at each frame the parabola through its neighbours, weighted by a Gaussian of 50
+ms. With --loop-ms light leaves the screen that much later, and the eyes are predicted to that
+moment. With --camera-hz the truth is measured at that rate, with the residuals of the real frames
+in random order as noise.
 
-Figures are medians over the stretches, in % of the distance between the eyes, RMS over both eyes and every 2 ms: moving (over 0.5
-distances/s), still (under 0.1 for 0.2 s), step from picture to picture while still, how far ahead of a head that has just stopped
-the eyes are shown (after it fell from 1.0 to 0.25 distances/s, for 0.2 s), and all. Then, by stretch, the error over all time.
+Figures are medians over the stretches, in % of the distance between the eyes, RMS over both eyes
+and every 2 ms: moving (over 0.5 distances/s), still (under 0.1 for 0.2 s), step from picture to
+picture while still, how far ahead of a head that has just stopped the eyes are shown (after it fell
+from 1.0 to 0.25 distances/s, for 0.2 s), and all. Then, by stretch, the error over all time.
 """
 
 import copy
@@ -21,14 +24,18 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from arguments import existing, parser_of, start
 from numpy.typing import NDArray
 
 from lfpipe.config import Track
 from lfpipe.track.filters import make_filter
 from lfpipe.track.smoothing import EyeFilter, Mean
+from profiling.arguments import existing, parser_of, start
 
-REFRESH_S, AGE_S, SMOOTH_S, FINE_S, LEAST_FRAMES = 1 / 60, 0.010, 0.05, 0.002, 60
+REFRESH_S = 1 / 60
+AGE_S = 0.010
+SMOOTH_S = 0.05
+FINE_S = 0.002
+LEAST_FRAMES = 60
 Float = NDArray[np.float64]
 
 
@@ -36,7 +43,9 @@ class Clip:
     """One stretch: t_s (n,), eyes (n, 4) px; and the truth at fine times."""
 
     def __init__(self, name: str, t_s: Float, eyes: Float) -> None:
-        self.name, self.t_s, self.eyes = name, t_s - t_s[0], eyes
+        self.name = name
+        self.t_s = t_s - t_s[0]
+        self.eyes = eyes
         self.apart_px = float(np.median(np.hypot(eyes[:, 0] - eyes[:, 2], eyes[:, 1] - eyes[:, 3])))
         smooth, slope = self._smoothed()
         self.fine_s = np.arange(0.6, self.t_s[-1] - 0.05, FINE_S)
@@ -47,7 +56,8 @@ class Clip:
         self.truth = ends + u * (1 - u) ** 2 * h * slope[k] + u * u * (u - 1) * h * slope[k + 1]
         self.velocity = np.gradient(self.truth, FINE_S, axis=0)
         self.speed = np.sqrt(np.square(self.velocity).sum(axis=1) / 2) / self.apart_px
-        slow, half = np.cumsum(np.r_[0, self.speed < 0.1]), int(0.1 / FINE_S)
+        slow = np.cumsum(np.r_[0, self.speed < 0.1])
+        half = int(0.1 / FINE_S)
         low, high = (
             np.clip(np.arange(len(self.fine_s)) + off, 0, len(self.fine_s))
             for off in (-2 * half, half)
@@ -58,9 +68,8 @@ class Clip:
         smooth, slope = np.empty_like(self.eyes), np.empty_like(self.eyes)
         for i, t in enumerate(self.t_s):
             away = self.t_s - t
-            weight = np.exp(-0.25 * (away / SMOOTH_S) ** 2)[
-                :, None
-            ]  # the square root of the Gaussian
+            # the square root of the Gaussian
+            weight = np.exp(-0.25 * (away / SMOOTH_S) ** 2)[:, None]
             powers = np.stack([np.ones_like(away), away, away**2], axis=1)
             smooth[i], slope[i] = np.linalg.lstsq(powers * weight, self.eyes * weight, rcond=None)[
                 0
@@ -69,7 +78,8 @@ class Clip:
 
     def measured(self, rate_hz: float) -> "Clip":
         """The same truth as a camera of that rate measures it."""
-        other, rng = copy.copy(self), np.random.default_rng(1)
+        other = copy.copy(self)
+        rng = np.random.default_rng(1)
         other.t_s = np.arange(self.fine_s[0], self.fine_s[-1], 1 / rate_hz)
         k = np.clip(np.searchsorted(self.fine_s, other.t_s), 0, len(self.fine_s) - 1)
         noise = self.eyes - self._smoothed()[0]
@@ -78,7 +88,8 @@ class Clip:
 
     def stops(self) -> list[tuple[int, Float]]:
         """(place in fine_s, direction) of each time that a fast head has become slow."""
-        found, fast = [], -(10**9)
+        found = []
+        fast = -(10**9)
         for i in range(1, len(self.speed)):
             fast = i if self.speed[i] > 1.0 else fast
             if self.speed[i] < 0.25 <= self.speed[i - 1] and i - fast < 0.3 / FINE_S:
@@ -95,7 +106,8 @@ def clips(folder: Path) -> list[Clip]:
         for end in range(len(rows) + 1):
             if end < len(rows) and rows[end]["face"] == "1":
                 continue
-            part, start = rows[start:end], end + 1
+            part = rows[start:end]
+            start = end + 1
             if len(part) > LEAST_FRAMES:
                 eyes = [
                     [float(row[name]) for name in ("left_x", "left_y", "right_x", "right_y")]
@@ -111,7 +123,8 @@ def shown(clip: Clip, one: EyeFilter, display: bool, loop_s: float = 0.0) -> tup
     """When the light of pictures appeared, and the eyes (n, 4) that they were made for."""
     times: list[float] = []
     used: list[Float] = []
-    due_s, i = clip.t_s[0] + 0.003, 0
+    due_s = clip.t_s[0] + 0.003
+    i = 0
     if not display:
         return clip.t_s + AGE_S + loop_s, np.array(
             [
@@ -154,7 +167,9 @@ def figures(clip: Clip, times: Float, used: Float) -> list[float]:
 def table(
     found: list[Clip], ways: list[tuple[str, Callable[[], EyeFilter], bool]], loop_s: float
 ) -> dict[str, Float]:
-    """figures (stretches, 5) of every filter: (name, its maker, whether it predicts on the display's clock)."""
+    """figures (stretches, 5) of every filter: (name, its maker, whether it predicts on the
+    display's clock).
+    """
     return {
         name: np.array([figures(clip, *shown(clip, make(), display, loop_s)) for clip in found])
         for name, make, display in ways
@@ -167,7 +182,8 @@ def main() -> None:
     parser.add_argument("--loop-ms", type=float, default=0.0)
     parser.add_argument("--camera-hz", type=float, default=0.0)
     given = parser.parse_args()
-    loop_s, found = given.loop_ms / 1000, clips(given.folder)
+    loop_s = given.loop_ms / 1000
+    found = clips(given.folder)
     if given.camera_hz:
         found = [clip.measured(given.camera_hz) for clip in found]
     ways: list[tuple[str, Callable[[], EyeFilter], bool]] = [

@@ -1,10 +1,11 @@
 """Python functions that one camera frame runs through in the stages capture, track and render.
 
-    uv run python profiling/functions_per_frame.py [--config paper] [--set KEY=VALUE]... [--list]
+    python -m profiling.functions_per_frame [--config paper] [--set KEY=VALUE]... [--list]
 
-A session without a display plays the demo's sequence at 30 Hz; after two seconds, each stage counts calls until it has completed
-FRAMES outputs. Printed per stage: functions of lfpipe that ran, calls of them per camera frame, and calls of functions of
-libraries. --list: also each function with its calls per frame.
+A session without a display plays the demo's sequence at 30 Hz; after two seconds, each stage counts
+calls until it has completed FRAMES outputs. Printed per stage: functions of lfpipe that ran, calls
+of them per camera frame, and calls of functions of libraries. --list: also each function with its
+calls per frame.
 """
 
 import collections
@@ -20,13 +21,13 @@ from types import FrameType
 from typing import Any
 
 import attrs
-from arguments import parser_of, start
 
 from lfpipe.bench.inputs import MOVING_S, demo_sequence
 from lfpipe.config import load
 from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.demo import demo_scene
 from lfpipe.transport.context import Context
+from profiling.arguments import parser_of, start
 
 FRAMES, WARM_UP = 30, 60
 FOLDER = "LFPIPE_FUNCTIONS"
@@ -78,7 +79,8 @@ def main(context: Context | None = None) -> None:
     parser.add_argument("--list", action="store_true")
     args = parser.parse_args()
     cache = cache_dir(load().scene)
-    video, scene = demo_sequence(cache / "bench", MOVING_S[1]), demo_scene(cache)
+    video = demo_sequence(cache / "bench", MOVING_S[1])
+    scene = demo_scene(cache)
     options = [f"--set={text}" for text in args.sets] + (
         ["--config", args.config] if args.config else []
     )

@@ -1,11 +1,13 @@
-"""What runs under which Python: every module imported, the tests of the transport, the demo, and one recording replayed.
+"""What runs under which Python: every module imported, the tests of the transport, the demo, and
+one recording replayed.
 
-    python profiling/hosts.py               # under each Python found here; writes profiling/results/hosts.md
-    python profiling/hosts.py --short       # a minute; prints the table only
+    python -m profiling.hosts               # under each Python found here; writes
+    profiling/results/hosts.md python -m profiling.hosts --short       # a minute; prints the table
+    only
 
-Each Python has its environment in .venv-X.Y of the checkout, made by uv from the project's file. A Python that is not installed
-is a line of the table and no failure. The replay compares the digests of eyes, views and pictures with those of the first Python.
-Exit code 1 where something failed.
+Each Python has its environment in .venv-X.Y of the checkout, made by uv from the project's file. A
+Python that is not installed is a line of the table and no failure. The replay compares the digests
+of eyes, views and pictures with those of the first Python. Exit code 1 where something failed.
 """
 
 import argparse
@@ -25,7 +27,8 @@ RESULTS = ROOT / "profiling" / "results" / "hosts.md"
 PYTHONS = ("3.11", "3.12", "3.13", "3.14")
 IMPORTS = """
 import importlib, pkgutil, lfpipe
-names = [one.name for one in pkgutil.walk_packages(lfpipe.__path__, "lfpipe.") if not one.name.endswith("__main__")]
+found = pkgutil.walk_packages(lfpipe.__path__, "lfpipe.")
+names = [module.name for module in found if not module.name.endswith("__main__")]
 for name in names:
     importlib.import_module(name)
 print(len(names))
@@ -40,8 +43,8 @@ COLUMNS = ("Python", "modules imported", "tests of the transport", "demo", "repl
 ELSEWHERE = """
 | machine | state |
 |---|---|
-| Linux on ARM | not run by us, rows of the workflow; the ring's fences hold on a model of its memory (litmus.md) |
-| macOS | not run by us: a row of the workflow that may fail; `LFPIPE_HOST=portable` runs their implementation on Linux |
+| Linux on ARM | rows of the workflow; the ring's fences hold on a model of its memory |
+| macOS | a row of the workflow that may fail; `LFPIPE_HOST=portable` runs its code on Linux |
 """
 
 
@@ -63,7 +66,8 @@ class Interpreter:
     """One Python with its environment, and a work folder."""
 
     def __init__(self, path: str, folder: Path) -> None:
-        self.folder, self.failed = folder, False
+        self.folder = folder
+        self.failed = False
         folder.mkdir(mode=0o700)
         self.own = Path(sys.prefix) == ROOT / ".venv" and path == sys.executable
         place = ROOT / (".venv" if self.own else f".venv-{folder.name}")
@@ -85,7 +89,9 @@ class Interpreter:
         self._python = place / "bin/python"
 
     def run(self, *args: str | Path) -> str:
-        """What its Python prints with args, in its work folder; "FAILED", printed and kept, if it fails."""
+        """What its Python prints with args, in its work folder; "FAILED", printed and kept, if it
+        fails.
+        """
         command = [str(self._python), *map(str, args)]
         done = subprocess.run(
             command, cwd=self.folder, env=self._env, capture_output=True, text=True
@@ -100,7 +106,9 @@ class Interpreter:
 
 
 def transport(one: Interpreter, short: bool) -> str:
-    """The tests' own last line; a short run leaves out what the suite has just run under this Python."""
+    """The tests' own last line; a short run leaves out what the suite has just run under this
+    Python.
+    """
     if short and one.own:
         return "in the suite"
     options = ("-o", "addopts=", "-q", "-W", "ignore", "-p", "no:cacheprovider")
@@ -141,7 +149,9 @@ def replay(one: Interpreter, sequence: Path) -> str:
 
 def table(short: bool) -> tuple[list[tuple[str, ...]], bool]:
     """A row per Python, and whether anything failed."""
-    rows, failed, first = [], False, ""
+    rows = []
+    failed = False
+    first = ""
     with tempfile.TemporaryDirectory(prefix="lfh") as work:
         sequence = Path(work, "walk")
         for version in PYTHONS:
@@ -149,7 +159,8 @@ def table(short: bool) -> tuple[list[tuple[str, ...]], bool]:
             if path is None:
                 rows.append((version, *["not installed here"] * 4, ""))
                 continue
-            began, one = time.monotonic(), Interpreter(path, Path(work, version))
+            began = time.monotonic()
+            one = Interpreter(path, Path(work, version))
             if not sequence.exists():
                 one.run("-c", MAKE_SEQUENCE, sequence, "30" if short else "150")
             cells = [
@@ -183,9 +194,15 @@ def main() -> int:
     text = "\n".join(lines)
     print(text)
     if not short:
-        machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, load average {psutil.getloadavg()[1]:.0f}"
-        about = "Digests are of all frames' eyes, views and pictures, replayed in steps with the demo's scene."
-        head = f"# Hosts and Pythons\n\n`python profiling/hosts.py` on {machine}. {about}"
+        machine = (
+            f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, load average"
+            f" {psutil.getloadavg()[1]:.0f}"
+        )
+        about = (
+            "Digests are of all frames' eyes, views and pictures, replayed in steps with the demo's"
+            " scene."
+        )
+        head = f"# Hosts and Pythons\n\n`python -m profiling.hosts` on {machine}. {about}"
         RESULTS.write_text(f"{head}\n\n{text}\n{ELSEWHERE}")
     return int(failed)
 

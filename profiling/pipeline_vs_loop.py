@@ -1,17 +1,19 @@
-"""`lfpipe up` compared with the paper's loop (lfpipe/bench/paper_loop.py): latency, rate, CPU and start, in alternating runs.
+"""`lfpipe up` compared with the paper's loop (lfpipe/bench/paper_loop.py): latency, rate, CPU and
+start, in alternating runs.
 
-    uv run python profiling/pipeline_vs_loop.py [VIDEO [SCENE]] [--pace 30|60|max] [--rounds 3] [--seconds 12]
+    python -m profiling.pipeline_vs_loop [VIDEO [SCENE]] [--pace 30|60|max] [--rounds 3]
+    [--seconds 12]
         [--config paper] [--set KEY=VALUE]... [--cpus 0,1]
 
-VIDEO and SCENE: the demo's if not given. Latency is t_composed_ns - t_read_ns, the median of a run. CPU is of all processes. Only
-with --pace max does the loop decode frames as it runs. Prints a row per run, and the median of the ratios with their range.
+VIDEO and SCENE: the demo's if not given. Latency is t_composed_ns - t_read_ns, the median of a run.
+CPU is of all processes. Only with --pace max does the loop decode frames as it runs. Prints a row
+per run, and the median of the ratios with their range.
 """
 
 import itertools
 import os
 
 import numpy as np
-from arguments import existing, parser_of, start
 
 from lfpipe.bench.inputs import MOVING_S, demo_sequence
 from lfpipe.bench.paper_loop import Loop
@@ -27,6 +29,7 @@ from lfpipe.config import load
 from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.demo import demo_scene
 from lfpipe.scene.open_scene import open_scene
+from profiling.arguments import existing, parser_of, start
 
 
 def figures(run: SessionRun) -> dict[str, float]:
@@ -38,13 +41,19 @@ def figures(run: SessionRun) -> dict[str, float]:
     ]
     steps = [b["source_seq"] - a["source_seq"] for a, b in itertools.pairwise(rows)]
     return {
-        "p50 ms": float(
-            np.median([row["t_composed_ns"] - row["t_read_ns"] for row in rows if row["composed"]])
-        )
-        / 1e6,
-        "frames/s": sum(step != 0 for step in steps)
-        / (rows[-1]["t_presented_ns"] - rows[0]["t_presented_ns"])
-        * 1e9,
+        "p50 ms": (
+            float(
+                np.median(
+                    [row["t_composed_ns"] - row["t_read_ns"] for row in rows if row["composed"]]
+                )
+            )
+            / 1e6
+        ),
+        "frames/s": (
+            sum(step != 0 for step in steps)
+            / (rows[-1]["t_presented_ns"] - rows[0]["t_presented_ns"])
+            * 1e9
+        ),
         "cores": float(np.mean(run.cpu_ms_s)) / 1e3,
         "first s": run.first_s,
         "lost": sum(step - 1 for step in steps if step > 1),
@@ -66,13 +75,18 @@ def main() -> None:
     video = args.video or demo_sequence(cache / "bench", MOVING_S[1])
     scene = args.scene or demo_scene(cache)
     field = open_scene(scene, settings)
-    views, fast = (
-        write_views(field, cache / "bench" / "views" / str(field.manifest["key"])),
-        args.pace == "max",
-    )
+    views = write_views(field, cache / "bench" / "views" / str(field.manifest["key"]))
+    fast = args.pace == "max"
     pace_hz = 0.0 if fast else float(args.pace)
     loop = Loop(
-        video, views, pace_hz, args.seconds, PAPER_ALPHA_PX, field.rows, field.cols, decode=fast
+        video=video,
+        views=views,
+        pace_hz=pace_hz,
+        seconds=args.seconds,
+        alpha_px=PAPER_ALPHA_PX,
+        rows=field.rows,
+        cols=field.cols,
+        decode=fast,
     )
     options = [
         f"--set=render.alpha_px={PAPER_ALPHA_PX}",
@@ -96,7 +110,8 @@ def main() -> None:
     for name in ("p50 ms", "frames/s", "cores", "first s"):
         ratios = [runs["lfpipe"][name] / runs["loop"][name] for runs in pairs]
         print(
-            f"ratio {name:<9} median {np.median(ratios):.3f}   {min(ratios):.3f} to {max(ratios):.3f}"
+            f"ratio {name:<9} median {np.median(ratios):.3f}   {min(ratios):.3f} to"
+            f" {max(ratios):.3f}"
         )
 
 

@@ -1,10 +1,12 @@
-"""What the governor saves on an overloaded machine: a session beside busy loops, with and without it.
+"""What the governor saves on an overloaded machine: a session beside busy loops, with and without
+it.
 
-    uv run python profiling/quality_beside_hogs.py [SCENE] [--per-core 12] [--seconds 8]
+    python -m profiling.quality_beside_hogs [SCENE] [--per-core 12] [--seconds 8]
 
-Runs that many busy loops on each of two cores. Prints, for fixed quality and for the governor once it has settled:
-refreshes missed, frames lost by capture and tracking, the age of pictures, and the time until quality is restored after the
-loops have ended. Root can run it ahead of the machine's other work.
+Runs that many busy loops on each of two cores. Prints, for fixed quality and for the governor once
+it has settled: refreshes missed, frames lost by capture and tracking, the age of pictures, and the
+time until quality is restored after the loops have ended. Root can run it ahead of the machine's
+other work.
 """
 
 import argparse
@@ -18,10 +20,14 @@ import time
 from pathlib import Path
 
 import numpy as np
-from arguments import LFPIPE, existing, parser_of, session_state, start
+
+from profiling.arguments import LFPIPE, existing, parser_of, session_state, start
 
 SETTLE_S, BACK_S = 6.0, 60.0
-HOG = "import os, sys\nos.sched_setaffinity(0, {int(sys.argv[1])})\nwhile os.getppid() == int(sys.argv[2]): pass"
+HOG = (
+    "import os, sys\nos.sched_setaffinity(0, {int(sys.argv[1])})\nwhile os.getppid() =="
+    " int(sys.argv[2]): pass"
+)
 
 
 def measure(args: argparse.Namespace, cores: list[int], quality: str, trace: Path) -> None:
@@ -58,7 +64,8 @@ def measure(args: argparse.Namespace, cores: list[int], quality: str, trace: Pat
     ]
     try:
         time.sleep(SETTLE_S)
-        before, size = session_state(name), trace.stat().st_size
+        before = session_state(name)
+        size = trace.stat().st_size
         time.sleep(args.seconds)
         after = session_state(name)
         lines = trace.read_bytes()[size:].split(b"\n")[1:-1]
@@ -71,20 +78,20 @@ def measure(args: argparse.Namespace, cores: list[int], quality: str, trace: Pat
     def count(stage: str, key: str) -> int:
         return int(after["stages"][stage][key]) - int(before["stages"][stage][key])
 
-    shown, missed, frames = (
-        count("render", "count"),
-        count("render", "missed"),
-        count("capture", "count"),
-    )
+    shown = count("render", "count")
+    missed = count("render", "missed")
+    frames = count("capture", "count")
     ages_ms = [
         (line["t_presented_ns"] - line["t_sensor_ns"]) / 1e6 for line in map(json.loads, lines)
     ]
     print(f"{quality}: level {after['level']} of {after['lowest_level']}, {after['level_words']}")
     print(
-        f"  refreshes missed     {missed} of {shown + missed}, {100 * missed / max(shown + missed, 1):.0f} %"
+        f"  refreshes missed     {missed} of {shown + missed},"
+        f" {100 * missed / max(shown + missed, 1):.0f} %"
     )
     print(
-        f"  frames lost          capture {count('capture', 'dropped')}, track {count('track', 'dropped')} of {frames}"
+        f"  frames lost          capture {count('capture', 'dropped')}, track"
+        f" {count('track', 'dropped')} of {frames}"
     )
     print(f"  left out by tracking {count('track', 'left_out')}")
     p50, p95 = np.percentile(ages_ms, (50, 95))

@@ -1,19 +1,23 @@
 """What sets of many kinds open as: right, undecided or refused.
 
-    python -m profiling.scene_layouts --out profiling/results/layouts.md
+    python -m profiling.scene_layouts --out profiling/results/layouts.md --before EARLIER.md
 
-Every set of ../shared/data/lightfields, light fields under many names and in many files, and what is none. "right": the expected
-grid, with every view where it belongs. "undecided": the program says that it cannot tell. "WRONG": sure, and not right.
+Every set of ../shared/data/lightfields, light fields under many names and in many files, and what
+is none. "right": the expected grid, with every view where it belongs. "undecided": the program says
+that it cannot tell. "WRONG": sure, and not right. Last, the sets of tests/scene/people_sets.py:
+"right" as the table there expects it; "REFUSED" and "OPENED": against expectation. --before: an
+earlier result, whose words stand in a column of their own.
 """
 
+import re
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator
+from functools import partial
 from itertools import product
 from pathlib import Path
 
 import attrs
-import cv2
 import numpy as np
 from PIL import Image
 
@@ -21,30 +25,49 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene.examination import examine_scene
 from profiling.arguments import parser_of
-from tests.scene import made, test_pictures, test_plausibility
+from tests.scene import made, people_sets, test_pictures, test_plausibility
 
 Make = Callable[[Path], Path]
 SAMPLES = {
-    "atlas_jarabo_toys_9x9": (9, 9), "hci_antinous": (9, 9), "hci_old_monasroom_2x2": (2, 2), "hci_old_stillLife_3x3": (3, 3),
-    "hci_style_vr_newshot01": (9, 9), "lfvideo_airplane_8x8": (8, 8), "lytro_2067": (9, 9), "lytro_illum_field": (9, 9),
-    "quilt_4x8": (1, 32), "stanford_lego_knights_17x17": (17, 17),
-}  # fmt: skip
+    "atlas_jarabo_toys_9x9": (9, 9),
+    "hci_antinous": (9, 9),
+    "hci_old_monasroom_2x2": (2, 2),
+    "hci_old_stillLife_3x3": (3, 3),
+    "hci_style_vr_newshot01": (9, 9),
+    "lfvideo_airplane_8x8": (8, 8),
+    "lytro_2067": (9, 9),
+    "lytro_illum_field": (9, 9),
+    "quilt_4x8": (1, 32),
+    "stanford_lego_knights_17x17": (17, 17),
+}
 NAMES = {
-    "row and column": "view_{r:02d}_{c:02d}.png", "a counter before": "IMG_{n:04d}_001_{r:02d}_{c:02d}.png",
-    "coordinates behind": "Camera_{r:02d}_{c:02d}_{y:.1f}_{x:.1f}_30_36.png", "signs": "image_{sr:+d}_{sc:+d}.png",
-    "words around": "im_t{r:03d}_s{c:03d}_GT.png", "column first": "x{c}_y{r}.png", "no separator": "v{r}{c}.png",
-    "letters": "{letter}{c}.png", "1-based, wide": "scene-r{r1:04d}-c{c1:04d}.png", "running": "lowtoys{n:03d}.png",
-    "folders": "row {r}/{c}.png", "times": "Screenshot 2026-07-04 at 15.{m:02d}.{s:02d}.png", "line breaks": "v\n{r}\n{c}.png",
-    "half PNG, half JPEG": "v_{r}_{c}.{end}", "AVIF": "v_{r}_{c}.avif", "GIF": "v_{r}_{c}.gif",
+    "row and column": "view_{r:02d}_{c:02d}.png",
+    "a counter before": "IMG_{n:04d}_001_{r:02d}_{c:02d}.png",
+    "coordinates behind": "Camera_{r:02d}_{c:02d}_{y:.1f}_{x:.1f}_30_36.png",
+    "signs": "image_{sr:+d}_{sc:+d}.png",
+    "words around": "im_t{r:03d}_s{c:03d}_GT.png",
+    "column first": "x{c}_y{r}.png",
+    "no separator": "v{r}{c}.png",
+    "letters": "{letter}{c}.png",
+    "1-based, wide": "scene-r{r1:04d}-c{c1:04d}.png",
+    "running": "lowtoys{n:03d}.png",
+    "folders": "row {r}/{c}.png",
+    "times": "Screenshot 2026-07-04 at 15.{m:02d}.{s:02d}.png",
+    "line breaks": "v\n{r}\n{c}.png",
+    "half PNG, half JPEG": "v_{r}_{c}.{end}",
+    "AVIF": "v_{r}_{c}.avif",
+    "GIF": "v_{r}_{c}.gif",
     "four folders down": "a/b/c/d/{r}_{c}.png",
     "left cameras beside right ones": "left cam {r:02d}_{c:02d}.png",
-}  # fmt: skip
+}
 
 
 @attrs.frozen(eq=False)
 class Case:
-    """make writes it below a folder and returns its path. grid: expected rows and columns, None for what is no light field.
-    true: views in canonical order, where they are compared."""
+    """make writes it below a folder and returns its path. grid: expected rows and columns, None for
+    what is no light field.
+    true: views in canonical order, where they are compared.
+    """
 
     group: str
     kind: str
@@ -99,19 +122,33 @@ def depth(name: str, values: np.ndarray) -> Make:
     return make
 
 
+def sample(name: str) -> Make:
+    return lambda _: made.SAMPLES / name
+
+
+def among_unknown(picture: np.ndarray) -> Make:
+    def make(folder: Path) -> Path:
+        for number in range(289):
+            (folder / f"{number}.xyz").write_bytes(b"x")
+        made.write(folder / "a.png", picture)
+        return folder
+
+    return make
+
+
 def cases() -> Iterator[Case]:
     for name, grid in SAMPLES.items():
         if (made.SAMPLES / name).is_dir():
-            yield Case("sample sets", name, lambda _, name=name: made.SAMPLES / name, grid)
+            yield Case("sample sets", name, sample(name), grid)
     scene = made.views(5, 6, 96, 128)
     for kind, name in NAMES.items():
-        yield Case("names", kind, lambda f, name=name: written(f, scene, name), (5, 6), scene)
+        yield Case("names", kind, partial(written, grid=scene, name=name), (5, 6), scene)
     for rows, cols in ((1, 9), (1, 51), (1, 101), (3, 17), (16, 16), (17, 17)):
         views = made.views(rows, cols, 48, 64, 1.0, -0.5)
         yield Case(
             "a running number",
             f"{rows}x{cols}",
-            lambda f, v=views: written(f, v, "t{n:03d}.png"),
+            partial(written, grid=views, name="t{n:03d}.png"),
             (rows, cols),
             views,
         )
@@ -150,26 +187,32 @@ def cases() -> Iterator[Case]:
         (5, 9),
     )
     yield Case("one picture", "moon.jpg, moon.png", depth("car.png", test_pictures.PICTURE), (1, 1))
-    yield Case("none", "289 unknown files and a picture", lambda f: [
-        [(f / f"{k}.xyz").write_bytes(b"x") for k in range(289)], made.write(f / "a.png", scene[0, 0]), f][2], None)  # fmt: skip
-    for kind, grid in test_plausibility.NO_LIGHT_FIELDS.items():
+    yield Case(
+        "none",
+        "289 unknown files and a picture",
+        among_unknown(scene[0, 0]),
+        None,
+    )
+    for kind, views in test_plausibility.NO_LIGHT_FIELDS.items():
         yield Case(
             "none",
             kind,
-            lambda f, g=grid: made.write_grid(
-                f, g, "v_{r}_{c:02d}.png" if len(g) > 1 else "v{c:02d}.png"
+            partial(
+                made.write_grid,
+                grid=views,
+                name="v_{r}_{c:02d}.png" if len(views) > 1 else "v{c:02d}.png",
             ),
             None,
         )
     portraits = [
-        cv2.imread(str(path))
+        made.read(path)
         for path in sorted((made.SAMPLES.parent / "faces" / "imm").glob("*-1m.jpg"))[:9]
     ]
     if portraits:
         yield Case(
             "none",
             "nine portraits",
-            lambda f: [made.write(f / f"{k}.jpg", p) for k, p in enumerate(portraits)] and f,
+            people_sets.numbered(portraits, "{}.jpg"),
             None,
         )
 
@@ -182,7 +225,8 @@ def verdict(case: Case, path: Path) -> tuple[str, str]:
         return (
             "refused" if case.grid is None else "WRONG"
         ), f"{error.message} ({error.remedy})".replace(str(path), "")
-    source, turn = found.source, found.orientation.turn
+    source = found.source
+    turn = found.orientation.turn
     rows, cols = turn.grid(source.rows, source.cols)
     what = f"{source.layout} {rows}x{cols}"
     if case.grid is None:
@@ -212,20 +256,34 @@ def near(view: np.ndarray, true: np.ndarray, grid: np.ndarray) -> bool:
 def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("--out", type=Path, default=Path("profiling/results/layouts.md"))
-    out = parser.parse_args().out
+    parser.add_argument("--before", type=Path)
+    options = parser.parse_args()
+    out = options.out
+    earlier = re.findall(
+        r"^\| ([^|]*) \| ([^|]*) \| [^|]* \| (?:[^|]* \| )?(\w+) \| [^|]* \|$",
+        options.before.read_text() if options.before else "",
+        re.MULTILINE,
+    )
+    before = {(group, kind): word for group, kind, word in earlier}
     counts: Counter[str] = Counter()
     rows = []
+
+    def note(group: str, kind: str, expected: str, word: str, what: str) -> None:
+        counts[word] += 1
+        cells = (group, kind, expected, before.get((group, kind), ""), word, what[:170])
+        rows.append("| " + " | ".join(cells).replace("\n", " ") + " |")
+        print(rows[-1], flush=True)
+
     for case in cases():
         with tempfile.TemporaryDirectory() as folder:
             word, what = verdict(case, case.make(Path(folder)))
-        counts[word] += 1
         expected = "no light field" if case.grid is None else f"{case.grid[0]}x{case.grid[1]}"
-        rows.append(
-            f"| {case.group} | {case.kind} | {expected} | {word} | {what[:170]} |".replace(
-                "\n", " "
-            )
-        )
-        print(rows[-1], flush=True)
+        note(case.group, case.kind, expected, word, what)
+    for group, sets in people_sets.SETS.items():
+        for people in sets:
+            with tempfile.TemporaryDirectory() as folder:
+                word, what = people_sets.verdict(people, people.make(Path(folder)))
+            note(group, people.kind, people.opens or f"refused: {people.text}", word, what)
     total = ", ".join(f"{word} {count}" for word, count in sorted(counts.items()))
     head = [
         "# What sets of many kinds open as",
@@ -234,8 +292,8 @@ def main() -> None:
         "",
     ]
     head += [
-        "| group | kind | expected | result | what it opened as, or why not |",
-        "|---|---|---|---|---|",
+        "| group | kind | expected | before | result | what it opened as, or why not |",
+        "|---|---|---|---|---|---|",
     ]
     out.write_text("\n".join([*head, *rows]) + "\n")
     print(total)

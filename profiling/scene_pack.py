@@ -1,11 +1,14 @@
-"""What opening a scene costs: `lfpipe scene info`, the first picture of a new scene, and packing, of sets of many sizes.
+"""What opening a scene costs: `lfpipe scene info`, the first picture of a new scene, and packing,
+of sets of many sizes.
 
     python -m profiling.scene_pack [SCENE]... --out profiling/results/scene_pack.md
 
-Each SCENE, the demo, and sets that are drawn: 2, 25, 101 and 289 views, and a photograph with depth of 12 megapixels. CPU and
-memory are those of all processes together and of the largest one; the first picture is that of `lfpipe up`, from its start to the
-refresh that shows the scene. Goals: first picture in 2 s (9x9 views of 512x512, the demo) and 4 s (101 views), `info` in 2 s of
-CPU, the photograph packed in 15 s. Last, the time of a picture from 3x3 and from 27x27 views, which must be equal within 10 %.
+Each SCENE, the demo, and sets that are drawn: 2, 25, 101 and 289 views, and a photograph with depth
+of 12 megapixels. CPU and memory are those of all processes together and of the largest one; the
+first picture is that of `lfpipe up`, from its start to the refresh that shows the scene. Goals:
+first picture in 2 s (9x9 views of 512x512, the demo) and 4 s (101 views), `info` in 2 s of CPU, the
+photograph packed in 15 s. Last, the time of a picture from 3x3 and from 27x27 views, which must be
+equal within 10 %.
 """
 
 import json
@@ -35,10 +38,15 @@ import json, resource, subprocess, sys, time
 started = time.monotonic_ns()
 code = subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL).returncode
 used = resource.getrusage(resource.RUSAGE_CHILDREN)
-print(json.dumps([code, started, (time.monotonic_ns() - started) / 1e9, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024]))
+wall_s = (time.monotonic_ns() - started) / 1e9
+print(json.dumps([code, started, wall_s, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024]))
 """
-DRAWN = {"2 views of 1920x1080": (1, 2, 1080, 1920), "5x5 views of 640x480": (5, 5, 480, 640),
-         "101 views of 1000x700": (1, 101, 700, 1000), "17x17 views of 512x512": (17, 17, 512, 512)}  # fmt: skip
+DRAWN = {
+    "2 views of 1920x1080": (1, 2, 1080, 1920),
+    "5x5 views of 640x480": (5, 5, 480, 640),
+    "101 views of 1000x700": (1, 101, 700, 1000),
+    "17x17 views of 512x512": (17, 17, 512, 512),
+}
 
 
 def draw(folder: Path, kind: str) -> Path:
@@ -58,7 +66,9 @@ def draw(folder: Path, kind: str) -> Path:
 
 
 def cost(*words: str) -> tuple[int, float, float, float]:
-    """(start on the monotonic clock in ns, wall s, CPU s, MB of the largest process) of a command."""
+    """(start on the monotonic clock in ns, wall s, CPU s, MB of the largest process) of a
+    command.
+    """
     done = subprocess.run(
         [sys.executable, "-c", COST, *LFPIPE, *words], capture_output=True, text=True, check=True
     )
@@ -70,7 +80,8 @@ def cost(*words: str) -> tuple[int, float, float, float]:
 
 def row(scene: str, folder: Path) -> str:
     """The figures of a scene, "" for the demo."""
-    cache, trace = f"--set=scene.cache_dir={folder}/cache", folder / "trace.jsonl"
+    cache = f"--set=scene.cache_dir={folder}/cache"
+    trace = folder / "trace.jsonl"
     words = [
         scene or "--demo",
         "--session",
@@ -88,7 +99,10 @@ def row(scene: str, folder: Path) -> str:
         return f" | {first_s:.1f} s | | | |"
     _, _, info_s, info_mb = cost("scene", "info", scene, cache)
     _, wall_s, cpu_s, mb = cost("scene", "pack", scene, cache)
-    return f"{info_s:.1f} s, {info_mb:.0f} MB | {first_s:.1f} s | {wall_s:.1f} s | {cpu_s:.1f} s | {mb:.0f} MB |"
+    return (
+        f"{info_s:.1f} s, {info_mb:.0f} MB | {first_s:.1f} s | {wall_s:.1f} s | {cpu_s:.1f} s |"
+        f" {mb:.0f} MB |"
+    )
 
 
 def rows(scenes: list[Path]) -> Iterator[str]:
@@ -99,12 +113,16 @@ def rows(scenes: list[Path]) -> Iterator[str]:
             folder = Path(temporary)
             drawn = not isinstance(kind, Path) and kind != "the demo"
             scene = str(draw(folder / "s", str(kind)) if drawn else kind)
-            yield f"| {kind.name if isinstance(kind, Path) else kind} | {row('' if kind == 'the demo' else scene, folder)}"
+            yield (
+                f"| {kind.name if isinstance(kind, Path) else kind} |"
+                f" {row('' if kind == 'the demo' else scene, folder)}"
+            )
 
 
 def picture_us(field: LightField, method: str) -> float:
-    """Median time to draw a picture of two views, on the same small walk around the middle of any grid. Larger walks would
-    measure how many views fit into the processor's cache."""
+    """Median time to draw a picture of two views, on the same small walk around the middle of any
+    grid. Larger walks would measure how many views fit into the processor's cache.
+    """
     settings = config.updated(
         config.Config(), {"render.method": method, "render.anaglyph": "colour"}
     ).render
@@ -126,11 +144,13 @@ def picture_us(field: LightField, method: str) -> float:
 def pictures() -> Iterator[str]:
     small, large = (rendered.field(side, side, 320, 480) for side in (3, 27))
     for method in ("nearest", "warp"):
-        pairs = [
-            (picture_us(small, method), picture_us(large, method)) for _ in range(5)
-        ]  # alternating: the machine drifts
+        # alternating: the machine drifts
+        pairs = [(picture_us(small, method), picture_us(large, method)) for _ in range(5)]
         ratio = statistics.median(b / a for a, b in pairs)
-        figures = f"{pairs[0][0]:.0f} us from 3x3 views of 480x320, {pairs[0][1]:.0f} us from 27x27, ratio {ratio:.3f}"
+        figures = (
+            f"{pairs[0][0]:.0f} us from 3x3 views of 480x320, {pairs[0][1]:.0f} us from 27x27,"
+            f" ratio {ratio:.3f}"
+        )
         yield f"A picture by {method}: {figures}."
 
 

@@ -1,10 +1,12 @@
-"""What the default suite covers, by room, and what share of small faults (mutants) its tests notice; writes results/tests.md.
+"""What the default suite covers, by room, and what share of small faults (mutants) its tests
+notice; writes results/tests.md.
 
-    python profiling/tests_coverage.py [--coverage] [--mutation] [--mutants N] [--module NAME ...]
+    python -m profiling.tests_coverage [--coverage] [--mutation] [--mutants N] [--module NAME ...]
 
-A part that is not asked for keeps its last result. A mutant changes one operator, comparison, constant or truth of a module. It
-takes the module's place in a process of its own, the module's tests run there, and it is killed if one of them fails. Two run at
-once. N of them are drawn from a module with a fixed seed; 0 stands for all.
+A part that is not asked for keeps its last result. A mutant changes one operator, comparison,
+constant or truth of a module. It takes the module's place in a process of its own, the module's
+tests run there, and it is killed if one of them fails. Two run at once. N of them are drawn from a
+module with a fixed seed; 0 stands for all.
 """
 
 import ast
@@ -21,7 +23,7 @@ import time
 from pathlib import Path
 from types import CodeType, ModuleType
 
-from arguments import parser_of
+from profiling.arguments import parser_of
 
 ROOT = Path(__file__).parents[1]
 REPORT = ROOT / "profiling" / "results" / "tests.md"
@@ -38,17 +40,34 @@ MODULES = {  # module -> the tests that are about it
 }
 AT_ONCE, LIMIT_S = 2, 90.0  # of one mutant's tests: one that never ends is killed, too
 SWAPS: dict[type, type] = {
-    ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.FloorDiv: ast.Mult, ast.Mod: ast.Add,
-    ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
-    ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In, ast.And: ast.Or, ast.Or: ast.And,
-}  # fmt: skip
+    ast.Add: ast.Sub,
+    ast.Sub: ast.Add,
+    ast.Mult: ast.Div,
+    ast.Div: ast.Mult,
+    ast.FloorDiv: ast.Mult,
+    ast.Mod: ast.Add,
+    ast.Lt: ast.LtE,
+    ast.LtE: ast.Lt,
+    ast.Gt: ast.GtE,
+    ast.GtE: ast.Gt,
+    ast.Eq: ast.NotEq,
+    ast.NotEq: ast.Eq,
+    ast.Is: ast.IsNot,
+    ast.IsNot: ast.Is,
+    ast.In: ast.NotIn,
+    ast.NotIn: ast.In,
+    ast.And: ast.Or,
+    ast.Or: ast.And,
+}
 
 
 class Mutator(ast.NodeTransformer):
     """Counts the places where a fault fits; makes the one numbered chosen. what: that place."""
 
     def __init__(self, chosen: int = -1) -> None:
-        self.chosen, self.count, self.what = chosen, 0, ""
+        self.chosen = chosen
+        self.count = 0
+        self.what = ""
 
     def _here(self, node: ast.AST, what: str) -> bool:
         self.count += 1
@@ -61,7 +80,7 @@ class Mutator(ast.NodeTransformer):
         fits = swap is not type(operator) and self._here(
             node, f"{type(operator).__name__} -> {swap.__name__}"
         )
-        return swap() if fits else operator  # type: ignore[no-any-return]
+        return swap() if fits else operator
 
     def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
         node.op = self._swapped(node, node.op)  # type: ignore[assignment]
@@ -95,14 +114,16 @@ class Mutator(ast.NodeTransformer):
 
 
 def run_tests(module: str, code: CodeType) -> None:
-    """In a process of its own: exits with 0 if the module's tests pass with this code in its place."""
+    """In a process of its own: exits with 0 if the module's tests pass with this code in
+    its place.
+    """
     import pytest
 
     os.chdir(ROOT)
-    resource.setrlimit(
-        resource.RLIMIT_CPU, (int(LIMIT_S), int(LIMIT_S))
-    )  # also where this script was killed
-    name, null = f"lfpipe.{module}", os.open(os.devnull, os.O_WRONLY)
+    # also where this script was killed
+    resource.setrlimit(resource.RLIMIT_CPU, (int(LIMIT_S), int(LIMIT_S)))
+    name = f"lfpipe.{module}"
+    null = os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 1)
     os.dup2(null, 2)
     sys.modules[name] = ModuleType(name)
@@ -130,10 +151,8 @@ def survivors(module: str, most: int) -> tuple[int, list[str]]:
     chosen = random.Random(1).sample(
         range(counter.count), min(most or counter.count, counter.count)
     )
-    waiting: list[Mutator | None] = [
-        None,
-        *map(Mutator, sorted(chosen)),
-    ]  # first without a fault: the tests pass
+    # first without a fault: the tests pass
+    waiting: list[Mutator | None] = [None, *map(Mutator, sorted(chosen))]
     running: list[tuple[Mutator | None, multiprocessing.process.BaseProcess, float]] = []
     alive: list[Mutator | None] = []
     while waiting or running:
@@ -147,9 +166,9 @@ def survivors(module: str, most: int) -> tuple[int, list[str]]:
             process.start()
             running.append((mutator, process, time.monotonic()))
         for entry in list(running):
-            mutator, process, began = entry
-            if process.is_alive() and time.monotonic() - began > LIMIT_S:
-                process.kill()
+            mutator, child, began = entry
+            if child.is_alive() and time.monotonic() - began > LIMIT_S:
+                child.kill()
             if not process.is_alive():
                 running.remove(entry)
                 alive += [mutator] if process.exitcode == 0 else []
@@ -175,7 +194,9 @@ def mutation(modules: list[str], most: int) -> str:
 
 
 def coverage() -> str:
-    """The part of the report about lines and branches of each room that the default suite runs, child processes included."""
+    """The part of the report about lines and branches of each room that the default suite runs,
+    child processes included.
+    """
     settings, data, out = (
         ROOT / "profiling" / name for name in (".coveragerc", ".coverage", ".coverage.json")
     )
@@ -219,7 +240,10 @@ def main() -> None:
         ("Mutation", args.mutation, lambda: mutation(args.module, args.mutants)),
     ):
         if asked:
-            call = f"`python profiling/tests_coverage.py {' '.join(sys.argv[1:])}`, {time.strftime('%d %B %Y')}"
+            call = (
+                f"`python -m profiling.tests_coverage {' '.join(sys.argv[1:])}`,"
+                f" {time.strftime('%d %B %Y')}"
+            )
             report.append(f"## {title}\n\n{call}\n\n{write()}\n")
         elif kept := re.search(rf"(?ms)^## {title}\n.*?(?=^## |\Z)", old):
             report.append(kept[0])

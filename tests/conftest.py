@@ -1,5 +1,8 @@
-"""Fixtures of several rooms: a private world for whole sessions, a clip of a face, a real X server."""
+"""Fixtures of several rooms: a private world for whole sessions, a clip of a face, a real X
+server.
+"""
 
+import logging
 import os
 import shutil
 import signal
@@ -13,16 +16,19 @@ import numpy as np
 import psutil
 import pytest
 
+from lfpipe import log
 from lfpipe.host import PORTABLE
 from lfpipe.track import models
-from tests.world import World, write_scene
-from tests.xvfb_screen import Screen, x_server
+from tests.support.world import World, write_scene
+from tests.support.xvfb_screen import Screen, x_server
 
-# These tests start hundreds of processes: without stored bytecode each compiles everything again, which takes minutes.
+# These tests start hundreds of processes: without stored bytecode each compiles everything again,
+# which takes minutes.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
-# The same examples in every run: a change fails for what it does. `pytest --hypothesis-profile=explore` looks for others. No test
-# has a deadline: how long an example takes depends on what else the machine does.
+# The same examples in every run: a change fails for what it does. `pytest
+# --hypothesis-profile=explore` looks for others. No test has a deadline: how long an example takes
+# depends on what else the machine does.
 hypothesis.settings.register_profile(
     "explore", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow]
 )
@@ -37,11 +43,26 @@ for _name in ("SIGHUP", "SIGQUIT"):
         signal.signal(getattr(signal, _name), signal.SIG_DFL)
 
 
+@pytest.fixture(autouse=True)
+def _log_as_before(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A command in the test's own process sets up the log: it does not outlast the test."""
+    monkeypatch.setenv(log.VARIABLE, "")
+    root = logging.getLogger("lfpipe")
+    level, handlers, propagate = root.level, list(root.handlers), root.propagate
+    root.setLevel(logging.NOTSET)
+    yield
+    root.setLevel(level)
+    root.handlers[:] = handlers
+    root.propagate = propagate
+
+
 LONGEST_ROOMS = {"sweep"}  # first: at the end one worker would wait for the other
 
 
 def pytest_xdist_auto_num_workers() -> int:
-    """One worker per physical core, and at least two: half of the time a test waits for a process it started."""
+    """One worker per physical core, and at least two: half of the time a test waits for a process
+    it started.
+    """
     return max(psutil.cpu_count(logical=False) or 1, 2)
 
 
@@ -50,8 +71,10 @@ SESSIONS = {"world", "live", "screen", "xvfb"}  # fixtures of real sessions and 
 
 @pytest.hookimpl(tryfirst=True)  # before `-m` chooses
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Function]) -> None:
-    """Long rooms first. A test with a session is `live`, unless it is the one of its kind that every run plays through
-    (`everyday`). What soaks runs only if `-m` names it; what only Linux's own host has is skipped on the portable one."""
+    """Long rooms first. A test with a session is `live`, unless it is the one of its kind that
+    every run plays through (`everyday`). What soaks runs only if `-m` names it; what only Linux's
+    own host has is skipped on the portable one.
+    """
     if "soak" not in config.option.markexpr:
         items[:] = [item for item in items if item.get_closest_marker("soak") is None]
     items.sort(key=lambda item: item.path.parent.name not in LONGEST_ROOMS)
@@ -67,7 +90,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Func
 
 @pytest.fixture(scope="session", autouse=True)
 def face_networks() -> None:
-    """Fetches the networks once if the package mediapipe has no wheel, as the first `lfpipe up` would."""
+    """Fetches the networks once if the package mediapipe has no wheel, as the first `lfpipe up`
+    would.
+    """
     if models.missing_models():
         models.fetch_models(print)
 
@@ -85,9 +110,11 @@ def as_nobody() -> list[str]:
         return []
     if shutil.which("setpriv") is None:
         pytest.skip(
-            "setpriv is not installed (apt-get install util-linux), and permissions do not apply to root"
+            "setpriv is not installed (apt-get install util-linux), and permissions do not apply to"
+            " root"
         )
-    # Another user's id could not reach most of a suite that runs as root: its interpreter is in root's own folder.
+    # Another user's id could not reach most of a suite that runs as root: its interpreter is in
+    # root's own folder.
     return ["setpriv", "--bounding-set=-all", "--inh-caps=-all"]
 
 
@@ -100,7 +127,10 @@ def world(tmp_path: Path) -> Iterator[World]:
 
 @pytest.fixture(scope="module")
 def live(tmp_path_factory: pytest.TempPathFactory, scene: Path) -> Iterator[World]:
-    """A world with a running session, for all tests of a module that leave it unchanged. Pictures reach light after 100 ms."""
+    """A world with a running session, for all tests of a module that leave it unchanged.
+
+    Pictures reach light after 100 ms.
+    """
     made = World(tmp_path_factory.mktemp("live"))
     shown = (
         "render.anaglyph=colour",

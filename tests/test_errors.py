@@ -1,11 +1,13 @@
-"""Messages: whatever they quote, they are short, of one encoding, and never an exception themselves."""
+"""Messages: whatever they quote, they are short, of one encoding, and never an exception
+themselves.
+"""
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.errors import UserError, shown
-from tests.hostile_files import deep
+from tests.support.hostile_files import deep
 
 ANY = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text() | st.binary(),

@@ -11,15 +11,7 @@ import pytest
 
 from lfpipe import log
 from lfpipe.errors import UserError
-from tests.world import World
-
-
-@pytest.fixture(autouse=True)
-def _as_before(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(log.VARIABLE, "")
-    root = logging.getLogger("lfpipe")
-    monkeypatch.setattr(root, "handlers", list(root.handlers))
-    monkeypatch.setattr(root, "level", logging.NOTSET)
+from tests.support.world import World
 
 
 def test_the_terminal_is_silent_unless_asked(
@@ -38,6 +30,14 @@ def test_the_terminal_is_silent_unless_asked(
         log.set_up()
 
 
+def test_what_a_record_quotes_does_not_reach_the_terminal_as_commands(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    log.set_up(1)
+    logging.getLogger("lfpipe.some.room").info("opens %s", "/tmp/\x1b[2J\x07")
+    assert "\\x1b[2J\\x07" in (said := capfd.readouterr().err) and "\x1b" not in said
+
+
 def _write(path: Path, word: str, count: int) -> None:
     handler = log.SessionFile(path)
     for number in range(count):
@@ -49,7 +49,8 @@ def _write(path: Path, word: str, count: int) -> None:
 
 
 def test_the_file_of_several_processes_is_bounded_and_loses_no_line(tmp_path: Path) -> None:
-    path, count = tmp_path / log.FILE, 1000
+    path = tmp_path / log.FILE
+    count = 1000
     writers = [
         multiprocessing.get_context("fork").Process(target=_write, args=(path, word, count))
         for word in "abc"
@@ -68,7 +69,9 @@ def test_the_file_of_several_processes_is_bounded_and_loses_no_line(tmp_path: Pa
 
 
 def test_the_report_of_a_session_has_its_log_and_no_code(live: World, tmp_path: Path) -> None:
-    """The log tells of every stage, from its own process; a report of the running session holds it."""
+    """The log tells of every stage, from its own process; a report of the running session
+    holds it.
+    """
     done = live.run("doctor", "--report", tmp_path / "report.zip")
     assert done.returncode in (0, 1), done.stderr
     with zipfile.ZipFile(tmp_path / "report.zip") as report:
@@ -76,9 +79,11 @@ def test_the_report_of_a_session_has_its_log_and_no_code(live: World, tmp_path: 
         assert {"versions.json", "doctor.txt", "config.toml"} <= set(names)
         text = report.read(f"{live.name}/{log.FILE}").decode()
         about = json.loads(report.read(f"{live.name}/session.json"))
-    assert "kiosk" not in about["options"] and about["session"] == live.name
+    assert "kiosk" not in about["options"]["display"] and about["session"] == live.name
     for stage in ("capture", "track", "render"):
         assert f" INFO lfpipe-{stage} lfpipe.transport.context: ready after" in text
         assert f": {stage} starts as process" in text
-    again = live.run("doctor", "--report", tmp_path / "report.zip")
-    assert again.returncode == 2 and "report.zip" in again.stderr
+    assert live.run("doctor", "--report", tmp_path / "report.zip").returncode in (0, 1)
+    (tmp_path / "mine.zip").write_bytes(b"PK")
+    refused = live.run("doctor", "--report", tmp_path / "mine.zip")
+    assert refused.returncode == 2 and "mine.zip" in refused.stderr

@@ -1,6 +1,7 @@
-"""Every refusal once: what causes it, how it begins and the key words of its remedy, with `…` for what lies between. The rows
-stand in `messages.py` in the tests of the room that refuses. Elsewhere tests assert the error's class, the exit code and the
-thing it names, never the sentence."""
+"""Every refusal once: what causes it, how it begins and the key words of its remedy, with `…` for
+what lies between. The rows stand in `messages.py` in the tests of the room that refuses. Elsewhere
+tests assert the error's class, the exit code and the thing it names, never the sentence.
+"""
 
 import importlib
 import re

@@ -34,7 +34,10 @@ def test_a_path_is_printed_as_the_bytes_that_it_is(tmp_path: Path) -> None:
 
 
 def test_half_a_surrogate_pair_is_escaped(tmp_path: Path) -> None:
-    script = "import sys; sys.argv = ['lfpipe', 'x']; import lfpipe.cli as c; c.cli = lambda **_: print('a\\ud800b'); c.run()"
+    script = (
+        "import sys; sys.argv = ['lfpipe', 'x']; import lfpipe.cli as c; c.cli = lambda **_:"
+        " print('a\\ud800b'); c.run()"
+    )
     done = subprocess.run(
         [sys.executable, "-X", "utf8", "-c", script], capture_output=True, timeout=60
     )
@@ -58,5 +61,5 @@ def test_a_video_under_such_a_name_is_played_but_not_made(
 def test_a_video_under_such_a_name_is_imported_but_not_made(tmp_path: Path, clip: Path) -> None:
     shutil.copy(clip, tmp_path / ODD)
     assert lfpipe(tmp_path, "sequence", "import", ODD, "out").returncode == 0
-    done = lfpipe(tmp_path, "sequence", "export", "out", f"new-{ODD}")
+    done = lfpipe(tmp_path, "sequence", "export", "out", f"new-{ODD}.mkv")
     assert (done.returncode, b"must be UTF-8" in done.stderr) == (2, True)

@@ -1,13 +1,17 @@
-"""Every import between the rooms of the package points down: no room knows those above it, and stages do not know each other."""
+"""Every import between the rooms of the package points down: no room knows those above it, and
+stages do not know each other.
+"""
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
 import lfpipe
 
 PACKAGE = Path(lfpipe.__file__).parent
-# From the bottom up; rooms of one layer do not know each other. Loose modules (`errors`, `eyes`) are below them all.
+# From the bottom up; rooms of one layer do not know each other. Loose modules (`errors`, `eyes`)
+# are below them all.
 LAYERS = (
     {"host"},
     {"files"},
@@ -31,6 +35,16 @@ def imported(path: Path) -> Iterator[str]:
             yield from (f"{node.module}.{one.name}" for one in node.names)
         elif isinstance(node, ast.Import):
             yield from (one.name for one in node.names)
+        elif (
+            isinstance(node, ast.Constant)
+            and isinstance(node.value, str)
+            and re.match(r"lfpipe\.\w+(\.\S*)?$", node.value)
+        ):
+            yield node.value  # a module that is named and not imported, to be run or imported later
+
+
+# Programs of rooms above that a file starts, with limits and an answer in JSON: no import.
+PROGRAMS = {"scene/open_scene.py": "lfpipe.render.packer"}
 
 
 def room(path: Path) -> str:
@@ -55,6 +69,7 @@ def test_every_folder_is_a_room_and_imports_point_down() -> None:
                 and there in LAYER
                 and LAYER[there] >= LAYER.get(here, 0)
                 and here not in ("__init__", "__main__")
+                and PROGRAMS.get(path.relative_to(PACKAGE).as_posix()) != name
             ):
                 wrong.append(f"{path.relative_to(PACKAGE)}: {name}")
     assert not wrong, "\n".join(wrong)
@@ -63,11 +78,37 @@ def test_every_folder_is_a_room_and_imports_point_down() -> None:
 # Modules, functions and paths that not every operating system has: `host` alone may name them.
 SYSTEM_MODULES = {"ctypes", "fcntl", "grp", "pwd", "resource", "select", "termios", "tty"}
 SYSTEM_FUNCTIONS = {
-    "AF_UNIX", "CLOCK_BOOTTIME", "O_DIRECTORY", "O_NOCTTY", "O_NOFOLLOW", "O_NONBLOCK", "SIGCONT", "SIGHUP", "SIGKILL", "SIGSTOP",
-    "SIGUSR1", "posix_fadvise", "set_blocking",
-    "fork", "getpgid", "getpriority", "getsid", "geteuid", "killpg", "mkfifo", "posix_fallocate", "sched_getaffinity",
-    "sched_setaffinity", "sched_setscheduler", "setpgid", "setpriority", "setsid", "sysconf", "uname", "pthread_sigmask",
-}  # fmt: skip
+    "AF_UNIX",
+    "CLOCK_BOOTTIME",
+    "O_DIRECTORY",
+    "O_NOCTTY",
+    "O_NOFOLLOW",
+    "O_NONBLOCK",
+    "SIGCONT",
+    "SIGHUP",
+    "SIGKILL",
+    "SIGSTOP",
+    "SIGUSR1",
+    "posix_fadvise",
+    "set_blocking",
+    "fork",
+    "getpgid",
+    "getpriority",
+    "getsid",
+    "geteuid",
+    "killpg",
+    "mkfifo",
+    "posix_fallocate",
+    "sched_getaffinity",
+    "sched_setaffinity",
+    "sched_setscheduler",
+    "setpgid",
+    "setpriority",
+    "setsid",
+    "sysconf",
+    "uname",
+    "pthread_sigmask",
+}
 SYSTEM_PATHS = ("/proc", "/sys/", "/dev/shm", "/dev/dri")
 # What is about one system by its nature, or the C library of a dependency; each with its reason.
 ALLOWED = {
@@ -75,7 +116,7 @@ ALLOWED = {
     "lfpipe/capture/camera.py": "a parameter of Linux's driver for webcams",
     "lfpipe/capture/v4l2_abi.py": "Video4Linux is Linux's own",
     "lfpipe/capture/v4l2_device.py": "Video4Linux is Linux's own",
-    "lfpipe/render/display.py": "X and Wayland listen at Unix sockets",
+    "lfpipe/render/open_display.py": "X and Wayland listen at Unix sockets",
     "lfpipe/render/window_system.py": "calls the SDL library that pygame loads",
     "lfpipe/track/network.py": "maps a tensor's memory",
 }
@@ -115,7 +156,9 @@ def test_only_host_names_an_operating_system() -> None:
 
 
 def test_paths_are_examined_without_exceptions() -> None:
-    """`Path.exists` and its like raise up to Python 3.13, for a folder that may not be searched: `host.files` does not."""
+    """`Path.exists` and its like raise up to Python 3.13, for a folder that may not be searched:
+    `host.files` does not.
+    """
     wrong = []
     for path in PACKAGE.rglob("*.py"):
         if room(path) in ("scene", "files"):

@@ -1,8 +1,9 @@
 """Draws the rooms of the house and the imports between them, as a picture and in words.
 
-    uv run python tools/draw_rooms.py [--root FOLDER] OUT.png
+    python -m tools.draw_rooms [--root FOLDER] OUT.png
 
-Arrows point from a room to one that it imports, as thick as the number of imports. Red: upwards, or within a circle.
+Arrows point from a room to one that it imports, as thick as the number of imports. Red: upwards, or
+within a circle.
 """
 
 import argparse
@@ -17,7 +18,9 @@ import matplotlib.pyplot as plt
 
 
 def room(name: str) -> str:
-    """The room of a file: its folder, or "root" of a loose module; "" for the package's own entry points."""
+    """The room of a file: its folder, or "root" of a loose module; "" for the package's own entry
+    points.
+    """
     _, here, *inside = name.split("/")
     return here if inside else "" if here.startswith("__") else "root"
 
@@ -48,7 +51,9 @@ def imports(files: dict[str, str]) -> Counter[tuple[str, str]]:
 
 
 def floors(arrows: Counter[tuple[str, str]]) -> dict[str, int]:
-    """The floor of each room: one above the highest that it imports. Rooms within a circle share the floor above the rest."""
+    """The floor of each room: one above the highest that it imports. Rooms within a circle share
+    the floor above the rest.
+    """
     rooms = {name for arrow in arrows for name in arrow}
     found: dict[str, int] = {}
     while left := rooms - found.keys():

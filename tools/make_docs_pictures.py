@@ -1,11 +1,14 @@
-"""The pictures of README and docs/: look_around.gif, monitor.svg, page.png, window.png and timeline.svg.
+"""The pictures of README and docs/: look_around.gif, monitor.svg, page.png, window.png and
+timeline.svg; and the window's thumbnails of the demo's scenes.
 
-    uv run python -m tools.make_docs_pictures [--out docs] [animation] [monitor] [window]
+    uv run python -m tools.make_docs_pictures [--out docs] [NAME ...]
 
-animation: left the red/cyan picture of the demo's scene, right what both eyes fuse it to; below, the head moves.
+animation: left the red/cyan picture of the demo's scene, right what both eyes fuse it to; below,
+the head moves.
 monitor: the terminal and the page (which needs chromium and chromedriver) of a running demo.
-window: under Xvfb (with xdotool): thumbnails (key Tab), a change and a pause (keys m, p), the glasses test (key g), side by side;
-and the pictures of three camera frames from its trace. Nothing named: all.
+window: under Xvfb (with xdotool): thumbnails (key Tab), a change and a pause (keys m, p), the
+glasses test (key g), side by side; and the pictures of three camera frames from its trace.
+thumbnails: of the demo's scenes, for the window. Nothing named: all.
 """
 
 import argparse
@@ -33,29 +36,24 @@ import lfpipe
 from lfpipe.config import Scene
 from lfpipe.observe.monitor import screen_text
 from lfpipe.observe.session_reader import Follower
+from lfpipe.render.scenes import THUMBNAILS
 from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.demo import NAMES, demo_scene
+from tests.support.world import World, private_world
+from tests.support.xvfb_screen import Screen, x_server
 from tests.web.browser import Browser, missing
-from tests.world import World, private_world
-from tests.xvfb_screen import Screen, x_server
 
-FRAMES, STEP_MS = (
-    20,
-    100,
-)  # of the animation: two seconds for a head to go and come back, as people do
-PANEL_PX, FLOOR_PX = (
-    300,
-    64,
-)  # width of a panel, height of the floor with the head: together small enough for under 1 MB
+# of the animation: two seconds for a head to go and come back, as people do
+FRAMES, STEP_MS = 20, 100
+# width of a panel, height of the floor with the head: together small enough for under 1 MB
+PANEL_PX, FLOOR_PX = 300, 64
 COLOURS = 80  # of the palette: more are not seen in a picture of this size
-INK, FLOOR, SKIN, RED, CYAN = (
-    (87, 96, 106),
-    (246, 248, 250),
-    (241, 212, 184),
-    (216, 52, 59),
-    (0, 165, 181),
-)
-SIDE_PX, WINDOW_COLOURS = 320, 160
+INK = (87, 96, 106)
+FLOOR = (246, 248, 250)
+SKIN = (241, 212, 184)
+RED = (216, 52, 59)
+CYAN = (0, 165, 181)
+SIDE_PX, WINDOW_COLOURS, THUMBNAIL_PX = 320, 160, 320
 ROWS = (
     "camera, driver, decoding",
     "tracking",
@@ -73,10 +71,8 @@ STAMPS = (
     "t_composed_ns",
     "t_presented_ns",
 )
-SETTLED, LOOP_MS = (
-    60,
-    45.0,
-)  # lines that a session takes to find its pace; drawn behind the present, not in the trace
+# lines that a session takes to find its pace; drawn behind the present, not in the trace
+SETTLED, LOOP_MS = 60, 45.0
 
 
 def panel(picture: np.ndarray) -> Image.Image:
@@ -90,7 +86,8 @@ def panel(picture: np.ndarray) -> Image.Image:
 def frame(field: lfpipe.LightField, phase: float) -> Image.Image:
     """One picture of the animation. phase: 0 to 1, once from side to side and back."""
     turn = math.sin(2 * math.pi * phase)
-    row, col = (field.rows - 1) / 2, (field.cols - 1) / 2 + ((field.cols - 1) / 2 - 1) * turn
+    row = (field.rows - 1) / 2
+    col = (field.cols - 1) / 2 + ((field.cols - 1) / 2 - 1) * turn
     screen = panel(lfpipe.render_anaglyph(field, (row, col - 1.0), (row, col + 1.0)))
     canvas = Image.new("RGB", (2 * PANEL_PX + 12, screen.height + FLOOR_PX), FLOOR)
     canvas.paste(screen, (0, 0))
@@ -98,10 +95,8 @@ def frame(field: lfpipe.LightField, phase: float) -> Image.Image:
     draw = ImageDraw.Draw(canvas)
     for left, text in ((0, "on the screen"), (PANEL_PX + 12, "through the glasses")):
         draw.text((left + 6, screen.height + FLOOR_PX - 16), text, fill=INK)
-    x, y = (
-        PANEL_PX / 2 + 0.3 * PANEL_PX * turn,
-        screen.height + 26,
-    )  # the head from above, the nose towards the screen
+    # the head from above, the nose towards the screen
+    x, y = PANEL_PX / 2 + 0.3 * PANEL_PX * turn, screen.height + 26
     draw.ellipse((x - 22, y - 14, x + 22, y + 22), fill=SKIN)
     draw.polygon([(x - 4, y - 13), (x, y - 19), (x + 4, y - 13)], fill=SKIN)
     draw.rectangle((x - 20, y - 13, x - 4, y - 8), fill=RED)
@@ -112,9 +107,8 @@ def frame(field: lfpipe.LightField, phase: float) -> Image.Image:
 def animation(out: Path) -> None:
     field = lfpipe.open_scene()
     sample = frame(field, 0.0)
-    for index, colour in enumerate(
-        (SKIN, RED, CYAN, INK)
-    ):  # small areas, which a palette by frequency leaves out
+    # small areas, which a palette by frequency leaves out
+    for index, colour in enumerate((SKIN, RED, CYAN, INK)):
         sample.paste(colour, (index * 60, sample.height - FLOOR_PX, index * 60 + 60, sample.height))
     palette = sample.quantize(COLOURS)
     pictures = [
@@ -141,9 +135,8 @@ def started(world: World, *words: str, **env: str) -> "subprocess.Popen[bytes]":
         world.name,
         *words,
     ]
-    settings = (
-        Path(world.env["XDG_CONFIG_HOME"]) / "lfpipe" / "config.toml"
-    )  # no question about glasses
+    # no question about glasses
+    settings = Path(world.env["XDG_CONFIG_HOME"]) / "lfpipe" / "config.toml"
     settings.parent.mkdir(parents=True)
     settings.write_text('[render]\nanaglyph = "dubois"\n')
     return subprocess.Popen(command, env=world.env | more, cwd=world.root)
@@ -153,7 +146,8 @@ def monitor(out: Path) -> None:
     with private_world() as world, tempfile.TemporaryDirectory() as folder:
         world.name = "default"
         session = started(world, str(demo_scene(cache_dir(Scene()))), "--display", "none")
-        follower, text = Follower(world.name), None
+        follower = Follower(world.name)
+        text = None
         for _ in range(100):
             time.sleep(0.25)
             if (state := follower.read()) is not None:
@@ -204,7 +198,8 @@ def window(out: Path) -> None:
         tempfile.TemporaryDirectory() as folder,
         x_server(["Xvfb", "-screen", "0", "1280x800x24", "-fbdir", folder], Path(folder)) as name,
     ):
-        screen, trace = Screen(name, Path(folder) / "Xvfb_screen0"), Path(folder) / "trace.jsonl"
+        screen = Screen(name, Path(folder) / "Xvfb_screen0")
+        trace = Path(folder) / "trace.jsonl"
         scenes = [str(demo_scene(cache_dir(Scene()), name=scene)) for scene in NAMES]
         session = started(
             world, *scenes, "--display", "window", "--trace", str(trace), DISPLAY=name
@@ -213,11 +208,8 @@ def window(out: Path) -> None:
             time.sleep(0.5)
         time.sleep(8.0)
         lines = trace.read_text().splitlines()[:-1]
-        for keys, wait_s in (
-            (["Tab"], 14.0),
-            (["Tab", "m", "p"], 0.0),
-            (["p", "m", "g"], 4.0),
-        ):  # thumbnails come; the bar goes
+        # thumbnails come; the bar goes
+        for keys, wait_s in ((["Tab"], 14.0), (["Tab", "m", "p"], 0.0), (["p", "m", "g"], 4.0)):
             for key in keys:
                 subprocess.run(
                     ["xdotool", "key", key], env={**world.env, "DISPLAY": name}, check=True
@@ -235,6 +227,15 @@ def window(out: Path) -> None:
     whole = Image.fromarray(cv2.cvtColor(np.hstack(seen), cv2.COLOR_BGR2RGB))
     whole.quantize(WINDOW_COLOURS, dither=Image.Dither.NONE).save(out / "window.png", optimize=True)
     timeline([json.loads(line) for line in lines], out)
+
+
+def thumbnails(_out: Path) -> None:
+    """The middle views of the demo's scenes, for the window."""
+    for name in NAMES:
+        field = lfpipe.open_scene(demo_scene(cache_dir(Scene()), name=name))
+        view = lfpipe.render_view(field, (field.rows - 1) / 2, (field.cols - 1) / 2)
+        small = cv2.resize(view, (THUMBNAIL_PX, THUMBNAIL_PX), interpolation=cv2.INTER_AREA)
+        cv2.imwrite(str(THUMBNAILS / f"{name}.jpg"), small, [cv2.IMWRITE_JPEG_QUALITY, 88])
 
 
 def timeline(lines: Sequence[dict[str, Any]], out: Path, frames: int = 3) -> None:
@@ -286,7 +287,12 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path(__file__).parents[1] / "docs")
     parser.add_argument("names", nargs="*", metavar="NAME")
     options = parser.parse_args()
-    makers = {"animation": animation, "monitor": monitor, "window": window}
+    makers = {
+        "animation": animation,
+        "monitor": monitor,
+        "window": window,
+        "thumbnails": thumbnails,
+    }
     for name in options.names or makers:
         makers[name](options.out)
 

@@ -1,16 +1,20 @@
 """A video of a face in known motion, from any portrait picture, and the truth about its eyes.
 
-    python tools/make_sequence.py OUT.avi [--portrait PICTURE] [--seconds S] [--rate HZ] [--noise DN] [--seed N]
+    python -m tools.make_sequence OUT.avi [--portrait PICTURE] [--seconds S] [--rate HZ] [--noise
+    DN] [--seed N]
 
-Writes OUT.avi (640x480 Motion JPEG of high quality: every frame stands alone, cv2.VideoCapture reads it) and OUT.csv, the truth:
+Writes OUT.avi (640x480 Motion JPEG of high quality: every frame stands alone, cv2.VideoCapture
+reads it) and OUT.csv, the truth:
 
     source_seq,t_ns,left_x_px,left_y_px,right_x_px,right_y_px,visible,phase
 
-one row per frame: source_seq counts frames from 0; t_ns is the frame's time from the start of the video; eye centres (mean of the
-16 periocular landmarks, the viewer's own left and right) in px of the unmirrored picture, with pixel centres at whole numbers;
-visible is 1 while both eyes are inside the picture; phase is still, reach, sway, stop, approach, retreat, leave or enter.
-The path is lfpipe.bench.motion.viewer_path. The landmarks are found once, on a noise-free picture of the portrait; from then on
-truth is the known map from portrait to picture. Without --portrait: the photograph in matplotlib's sample data.
+one row per frame: source_seq counts frames from 0; t_ns is the frame's time from the start of the
+video; eye centres (mean of the 16 periocular landmarks, the viewer's own left and right) in px of
+the unmirrored picture, with pixel centres at whole numbers; visible is 1 while both eyes are inside
+the picture; phase is still, reach, sway, stop, approach, retreat, leave or enter. The path is
+tools/head_path.py:viewer_path. The landmarks are found once, on a noise-free picture of the
+portrait; from then on truth is the known map from portrait to picture. Without --portrait: the
+demo's portrait.
 """
 
 import sys
@@ -23,10 +27,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.bench.inputs import SIZE_PX, write_video
-from lfpipe.bench.motion import EYES_MM, FOCAL_PX, HOME_MM, duration_s, path_at, viewer_path
-from lfpipe.capture.demo import portrait_path
+from lfpipe.capture.demo import PORTRAIT
 from lfpipe.errors import UserError
 from lfpipe.track.litert_engine import LitertEngine
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from tools.head_path import EYES_MM, FOCAL_PX, HOME_MM, duration_s, path_at, viewer_path
 
 WIDTH_PX, HEIGHT_PX = SIZE_PX
 BACKGROUND = np.array([96, 92, 88], np.float32)
@@ -45,7 +52,8 @@ class Puppet:
             raise UserError(
                 "no face found in the portrait", "give a picture of one person from the front"
             )
-        # first to the size it has at home, with proper averaging: the warps that follow then hardly change it
+        # first to the size it has at home, with proper averaging: the warps that follow then hardly
+        # change it
         factor = (
             EYES_MM * FOCAL_PX / HOME_MM / float(np.linalg.norm(face.eyes_px[0] - face.eyes_px[1]))
         )
@@ -57,7 +65,8 @@ class Puppet:
         self._mask = cv2.GaussianBlur(edge, (0, 0), 5.0)[..., None]
         self._middle = face.eyes_px.mean(axis=0) * factor
         home = np.array([0.0, 0.0, HOME_MM])
-        still, map_ = self.draw(home).astype(np.uint8), self.map(home)
+        still = self.draw(home).astype(np.uint8)
+        map_ = self.map(home)
         engine.reset()
         for _ in range(5):  # the region of interest settles
             face = engine.detect(still)
@@ -83,7 +92,8 @@ class Puppet:
 
     def draw(self, position_mm: NDArray[np.float64]) -> NDArray[np.float32]:
         """The picture without noise: float32 (480, 640, 3), 0..255."""
-        map_, size = self.map(position_mm), (WIDTH_PX, HEIGHT_PX)
+        map_ = self.map(position_mm)
+        size = (WIDTH_PX, HEIGHT_PX)
         face = cv2.warpAffine(
             self._picture, map_, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
         )
@@ -98,7 +108,7 @@ class Puppet:
 @click.option(
     "--portrait",
     type=click.Path(path_type=Path),
-    help="Picture of a face; matplotlib's sample without it.",
+    help="Picture of a face; the demo's portrait without it.",
 )
 @click.option("--seconds", type=click.FloatRange(0.1), help="Cut the path off here.")
 @click.option(
@@ -122,7 +132,7 @@ def main(
     """Writes OUT.avi and OUT.csv: a face in known motion and where its eyes are."""
     cv2.setNumThreads(1)
     try:
-        write(out, portrait or portrait_path(), seconds, rate, noise, seed)
+        write(out, portrait or PORTRAIT, seconds, rate, noise, seed)
     except UserError as error:
         click.echo(f"error: {error}", err=True)
         sys.exit(2)
@@ -131,7 +141,10 @@ def main(
 def write(
     out: Path, portrait: Path, seconds: float | None, rate_hz: float, noise_dn: float, seed: int
 ) -> None:
-    """See the module. Raises UserError where the portrait cannot be read, holds no face, or OUT cannot be written."""
+    """See the module.
+
+    Raises UserError where the portrait cannot be read, holds no face, or OUT cannot be written.
+    """
     picture = cv2.imread(str(portrait))
     if picture is None:
         raise UserError(f"{portrait}: not a picture that can be read", "give a JPEG or PNG file")
@@ -152,7 +165,8 @@ def write(
     video = out.with_suffix(".avi")
     write_video(video, rate_hz, frames())
     click.echo(
-        f"{video}: {count} frames at {rate_hz:g} Hz, noise {noise_dn:g} DN; truth in {video.with_suffix('.csv')}"
+        f"{video}: {count} frames at {rate_hz:g} Hz, noise {noise_dn:g} DN; truth in"
+        f" {video.with_suffix('.csv')}"
     )
 
 

@@ -1,7 +1,9 @@
-"""The package page, made of README.md when a package is built: there, paths within the repository lead nowhere.
+"""The package page, made of README.md when a package is built: there, paths within the repository
+lead nowhere.
 
-LFPIPE_URL in the environment is where the repository's files are served, such as the address of a release's raw files: links and
-pictures then lead there. Without it links become plain text, and pictures and the tables of them are left out.
+LFPIPE_URL in the environment is where the repository's files are served, such as the address of a
+release's raw files: links and pictures then lead there. Without it links become plain text, and
+pictures and the tables of them are left out.
 """
 
 import os
@@ -15,7 +17,10 @@ LINK = re.compile(r"(!?)\[([^\]]*)\]\((?![a-z]+:|#)([^)]+)\)")
 
 
 def package_page(readme: str, url: str) -> str:
-    """README.md for a page that does not have the repository's files beside it. url: "" where they are not served."""
+    """README.md for a page that does not have the repository's files beside it.
+
+    url: "" where they are not served.
+    """
     if url:
         return LINK.sub(lambda link: f"{link[1]}[{link[2]}]({url.rstrip('/')}/{link[3]})", readme)
     lines = []
@@ -28,11 +33,10 @@ def package_page(readme: str, url: str) -> str:
 
 
 class CustomMetadataHook(MetadataHookInterface):
-    """What hatchling runs for `dynamic = ["readme", "urls"]`."""
+    """What hatchling runs for `dynamic = ["readme"]`."""
 
     def update(self, metadata: dict[str, Any]) -> None:
-        """Sets the readme, and the address of the source where it is given."""
+        """Sets the readme."""
         url = os.environ.get("LFPIPE_URL", "")
         text = package_page((Path(self.root) / "README.md").read_text(encoding="utf-8"), url)
         metadata["readme"] = {"content-type": "text/markdown", "text": text}
-        metadata["urls"] = {"Source": url} if url else {}

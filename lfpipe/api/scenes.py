@@ -26,22 +26,24 @@ ScenePath = str | os.PathLike[str]
 
 
 def open_scene(
-    scene: ScenePath | ArrayLike | None = None,
+    scene: ScenePath | LightField | ArrayLike | None = None,
     settings: Mapping[str, Any] | None = None,
     *,
     disparity: ArrayLike | None = None,
     positions: ArrayLike | None = None,
     half_turn: bool | None = None,
 ) -> LightField:
-    """The light field at a path, in any layout, or of an array; the demo's if scene is omitted.
+    """The light field at a path, in any layout, or of an array; the demo's if scene is omitted; a
+    light field that is open already opens once more.
 
-    An array has axes (rows, cols, height, width, 1 or 3), red first, or frames before them: uint8, uint16 or float 0 .. 1. Row 0
-    is the top row of cameras, column 0 the left one. Only with an array: disparity, (rows, cols, height, width), px per view,
-    nearer is larger, used where it matches the views better than flow; positions, (rows, cols, 2), (down, right) of each camera.
+    An array has axes (rows, cols, height, width, 1 or 3), red first, or frames before them: uint8,
+    uint16 or float 0 .. 1. Row 0 is the top row of cameras, column 0 the left one. Only with an
+    array: disparity, (rows, cols, height, width), px per view, nearer is larger, used where it
+    matches the views better than flow; positions, (rows, cols, 2), (down, right) of each camera.
     half_turn: near and far are exchanged; None: detect it.
 
-    The first call packs it into the cache, which may take a minute; later calls return at once. settings: as for `--set`, for
-    example {"scene.layout": "hci"}. Raises lfpipe.UserError.
+    The first call packs it into the cache, which may take a minute; later calls return at once.
+    settings: as for `--set`, for example {"scene.layout": "hci"}. Raises lfpipe.UserError.
     """
     config = updated(Config(), settings or {}).scene
     if half_turn is not None:
@@ -52,45 +54,54 @@ def open_scene(
 
 
 def scene_path(
-    scene: ScenePath | ArrayLike | None,
+    scene: ScenePath | LightField | ArrayLike | None,
     config: Scene,
     *,
     disparity: ArrayLike | None = None,
     positions: ArrayLike | None = None,
 ) -> Path | None:
-    """The path of a scene; an array is written to the cache, by its content. Raises UserError."""
-    beside = {
+    """The path of a scene, the pack of an open light field; an array is written to the cache, by
+    its content. Raises UserError.
+    """
+    known = {
         name: value
         for name, value in (("disparity", disparity), ("positions", positions))
         if value is not None
     }
+    if isinstance(scene, LightField):
+        scene = Path(scene.folder)
     if scene is None or isinstance(scene, str | os.PathLike):
-        if beside:
+        if known:
             raise UserError(
-                f"{', '.join(beside)} with {scene or 'the demo'}: only for arrays", "leave it out"
+                f"{', '.join(known)} with {scene or 'the demo'}: only for arrays", "leave it out"
             )
         return None if scene is None else Path(scene)
     views = np.asarray(scene)
+    if views.ndim == 6 and views.shape[3] in (1, 3) and views.shape[-1] > 3:
+        raise UserError(
+            f"the array: its planes come before height and width: {views.shape}",
+            "np.moveaxis(views, 3, -1) puts them last, as in `field.views`",
+        )
     require_views(views, "the array")
     arrays = {
         "views": np.ascontiguousarray(views),
-        **{name: np.ascontiguousarray(value) for name, value in beside.items()},
+        **{name: np.ascontiguousarray(value) for name, value in known.items()},
     }
     digest = hashlib.sha256()
     for name, array in arrays.items():
         digest.update(f"{name} {array.shape} {array.dtype.str};".encode())
         digest.update(array.data)
     folder = cache_dir(config) / "arrays"
-    path = folder / f"array-{digest.hexdigest()[:20]}{'.npz' if beside else '.npy'}"
+    path = folder / f"array-{digest.hexdigest()[:20]}{'.npz' if known else '.npy'}"
     try:
         folder.mkdir(0o700, parents=True, exist_ok=True)
         if is_file(path):
             return path
-        for old in folder.iterdir():
-            if time.time() - old.stat().st_atime > KEPT_S:
+        for old in folder.glob(f"array-{'[0-9a-f]' * 20}.np[yz]"):
+            if time.time() - old.lstat().st_atime > KEPT_S:
                 old.unlink(missing_ok=True)
         with replaced(path) as file:
-            if beside:
+            if known:
                 np.savez(file, **arrays)  # type: ignore[arg-type]
             else:
                 np.save(file, arrays["views"])
@@ -104,10 +115,12 @@ def scene_path(
 def render_view(
     field: LightField, row: float, col: float, *, method: str = "auto", frame: int = 0
 ) -> NDArray[np.uint8]:
-    """The view of a camera at (row, col) of the grid, fractions allowed: uint8 (height, width, 3) BGR.
+    """The view of a camera at (row, col) of the grid, fractions allowed: uint8 (height, width, 3)
+    BGR.
 
-    (0, 0) is the top left camera. method: auto, nearest, blend, warp or warp2. frame: of a light-field video. Positions
-    outside the grid are extrapolated by up to `render.extrapolate_views`. Raises lfpipe.UserError.
+    (0, 0) is the top left camera. method: auto, nearest, blend, warp or warp2. frame: of a
+    light-field video. Positions outside the grid are extrapolated by up to
+    `render.extrapolate_views`. Raises lfpipe.UserError.
     """
     config = updated(Config(), {"render.method": method})
     _check(field, (row, col), config.render.extrapolate_views, frame)
@@ -123,10 +136,11 @@ def render_anaglyph(
     frame: int = 0,
     settings: Mapping[str, Any] | None = None,
 ) -> NDArray[np.uint8]:
-    """The picture for two eyes at the grid positions left and right, (row, col) each: uint8 (height, width, 3) BGR.
+    """The picture for two eyes at the grid positions left and right, (row, col) each: uint8
+    (height, width, 3) BGR.
 
-    mode: as `render.anaglyph`, including side-by-side. settings: of `render`, for example {"render.zero_plane_px": 0.5}. Raises
-    lfpipe.UserError.
+    mode: as `render.anaglyph`, including side-by-side. settings: of `render`, for example
+    {"render.zero_plane_px": 0.5}. Raises lfpipe.UserError.
     """
     render = updated(Config(), {"render.anaglyph": mode, **(settings or {})}).render
     for place in (left, right):
@@ -135,6 +149,10 @@ def render_anaglyph(
 
 
 def _check(field: LightField, place: tuple[float, float], beyond: float, frame: int) -> None:
+    if not isinstance(field, LightField):
+        raise UserError(
+            f"field: {type(field).__name__}, not a light field", "open it with lfpipe.open_scene"
+        )
     if (
         isinstance(frame, bool)
         or not isinstance(frame, int | np.integer)

@@ -1,9 +1,11 @@
-"""Sessions as objects: one that a program starts, or one that runs already. Frames and eyes come from shared memory. And replays,
-in a process of their own."""
+"""Sessions as objects: one that a program starts, or one that runs already. Frames and eyes come
+from shared memory. And replays, in a process of their own.
+"""
 
 import contextlib
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -18,10 +20,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfpipe.api.scenes import ScenePath, scene_path
 from lfpipe.api.tracker import Eyes
-from lfpipe.config import Config, from_dict, updated
+from lfpipe.config import Config, converter, updated
 from lfpipe.errors import UserError
+from lfpipe.files.safe_files import temporary_folder
 from lfpipe.observe.session_reader import Watch
-from lfpipe.render.display import has_display
+from lfpipe.render.open_display import has_display
+from lfpipe.scene.lightfield import LightField
 from lfpipe.share.head import HeadEstimator
 from lfpipe.supervisor.rundir import find
 from lfpipe.transport import control
@@ -29,6 +33,7 @@ from lfpipe.transport.ring import Reader, Stamp
 from lfpipe.transport.status import State
 
 LOOK_S = 0.001  # between two polls of a ring
+STOPPED = (0, -15, 143)  # exit codes of a session that did not fail
 START_S = 600.0  # a scene may be packed first
 STOP_S, LOAD_S = 30.0, 900.0  # a recording is completed at the end; a large scene is packed first
 # Ends with the program that started it: the program holds the other end of this pipe.
@@ -43,22 +48,46 @@ runpy.run_module('lfpipe', run_name='__main__')
 
 @attrs.frozen(eq=False)
 class Frame:
-    """A camera frame. picture: uint8 (height, width, 3) BGR, a copy. stamp: source_seq, t_sensor_ns, t_read_ns, skipped, ..."""
+    """A camera frame.
+
+    picture: uint8 (height, width, 3) BGR, a copy. stamp: source_seq, t_sensor_ns, t_read_ns,
+    skipped, ...
+    """
 
     picture: NDArray[np.uint8]
     stamp: Stamp
 
 
 class Attachment:
-    """A running session: reads the newest data, where a slow reader skips frames, and sends commands. Raises lfpipe.UserError if
-    no session of that name runs."""
+    """A running session: reads the newest data, where a slow reader skips frames, and sends
+    commands. Raises lfpipe.UserError if no session of that name runs.
+    """
 
     def __init__(self, session: str = "default") -> None:
         self.name = session
         self._session = find(session)
         self._readers: dict[str, Reader] = {}
-        self._estimator = HeadEstimator(from_dict(self.ask({"cmd": "hello"})["config"]))
+        self._closed = False
         self._watch = Watch(self._session)
+        try:
+            self._estimator = HeadEstimator(self._config())
+        except BaseException:
+            self.close()
+            raise
+
+    def _require_session(self) -> None:
+        """Raises UserError once the session has ended, or this object was closed."""
+        if self._closed:
+            raise UserError(f"session {self.name!r}: closed here", "attach to it again")
+        if not self._watch.living():
+            raise UserError(f"session {self.name!r} has ended{self._end()}", "start another one")
+
+    def _end(self) -> str:
+        """How the session ended, after a colon; empty if that is not known."""
+        return ""
+
+    def _config(self) -> Config:
+        return converter().structure(self.ask({"cmd": "hello"})["config"], Config)
 
     def frame(self, timeout_s: float = 2.0) -> Frame:
         """The next camera frame. Raises lfpipe.UserError if none arrives in time."""
@@ -66,7 +95,10 @@ class Attachment:
         return Frame(picture, self._next("frames", picture, timeout_s))
 
     def eyes(self, timeout_s: float = 2.0) -> Eyes | None:
-        """The eyes of the next frame; None if it shows no face. Raises lfpipe.UserError if no frame arrives in time."""
+        """The eyes of the next frame; None if it shows no face.
+
+        Raises lfpipe.UserError if no frame arrives in time.
+        """
         record = np.zeros((), self._reader("eyes").dtype)
         stamp = self._next("eyes", record, timeout_s)
         self._estimator.update(record, stamp.t_sensor_ns)
@@ -74,11 +106,12 @@ class Attachment:
 
     def stream(self) -> Iterator[Eyes | None]:
         """Yields `eyes` until the session ends."""
-        while self._watch.living():
+        while not self._closed and self._watch.living():
             with contextlib.suppress(UserError):
                 yield self.eyes()
 
     def _reader(self, ring: str) -> Reader:
+        self._require_session()
         if ring not in self._readers:
             try:
                 self._readers[ring] = Reader(self._session.segment(ring))
@@ -90,8 +123,10 @@ class Attachment:
         return self._readers[ring]
 
     def _next(self, ring: str, out: NDArray[Any], timeout_s: float) -> Stamp:
-        end, reader = time.monotonic() + timeout_s, self._reader(ring)
+        end = time.monotonic() + timeout_s
+        reader = self._reader(ring)
         while (stamp := reader.read(out)) is None:
+            self._require_session()
             if time.monotonic() > end:
                 raise UserError(
                     f"session {self.name!r}: nothing new for {timeout_s:g} s",
@@ -102,19 +137,28 @@ class Attachment:
 
     def status(self) -> dict[str, Any]:
         """State and latency of every stage, as `lfpipe monitor --once --json` prints it."""
-        return self._watch.read()
+        self._require_session()
+        return self._watch.read().to_dict()
 
     def ask(self, message: dict[str, Any], timeout_s: float = 3.0) -> dict[str, Any]:
-        """Sends a command (docs/contracts.md) and returns the answer. Raises lfpipe.UserError if it is refused."""
+        """Sends a command (docs/contracts.md) and returns the answer.
+
+        Raises lfpipe.UserError if it is refused, or if the session has ended.
+        """
+        self._require_session()
         return control.request(self._session.run_dir, message, timeout_s)
 
-    def set(self, **settings: Any) -> None:
-        """Changes live keys: all of them, or none if one is refused. `set(**{"render.method": "nearest"})`."""
-        self.ask({"cmd": "set", "set": settings})
+    def set(self, settings: Mapping[str, Any]) -> None:
+        """Changes live keys: all of them, or none if one is refused: `set({"render.method":
+        "nearest"})`.
+        """
+        self.ask({"cmd": "set", "set": dict(settings)})
 
-    def load(self, scene: ScenePath | ArrayLike) -> None:
-        """Shows another light field, a path or an array as for `open_scene`; returns when it is shown."""
-        config = from_dict(self.ask({"cmd": "hello"})["config"]).scene
+    def load(self, scene: ScenePath | LightField | ArrayLike) -> None:
+        """Shows another light field, a path, an open one or an array as for `open_scene`; returns
+        when it is shown.
+        """
+        config = self._config().scene
         self.ask(
             {"cmd": "load", "scene": str(Path(scene_path(scene, config) or "").resolve())}, LOAD_S
         )
@@ -122,6 +166,8 @@ class Attachment:
     def wait(self, timeout_s: float | None = None) -> bool:
         """Waits until the session has ended; False if it still runs after timeout_s."""
         end = None if timeout_s is None else time.monotonic() + timeout_s
+        if self._closed:
+            self._require_session()
         while self._watch.living():
             if end is not None and time.monotonic() > end:
                 return False
@@ -130,12 +176,17 @@ class Attachment:
 
     def stop(self) -> None:
         """Ends the session, and returns when it has left nothing behind. May be called again."""
+        if self._closed:
+            return
         with contextlib.suppress(UserError):  # it has ended
             self.ask({"cmd": "stop"})
         self.wait(STOP_S)
 
     def close(self) -> None:
-        """Detaches; the session goes on."""
+        """Detaches; the session goes on. May be called again."""
+        if self._closed:
+            return
+        self._closed = True
         for reader in self._readers.values():
             reader.close()
         self._readers.clear()
@@ -149,27 +200,32 @@ class Attachment:
 
 
 class Session(Attachment):
-    """A session that this program starts: what `lfpipe up` starts. It ends with `stop`, with the block, or with the program.
+    """A session that this program starts: what `lfpipe up` starts. It ends with `stop`, with the
+    block, or with the program.
 
-    scene: a path or an array, as for `open_scene`; None for the demo's. camera, display: as `--camera` and `--display`; without a
-    screen, display is "none". name: for `attach` and `lfpipe monitor --session`. settings: as `--set`, for example
-    **{"render.method": "warp2"}. Works in a notebook and in any thread. Raises lfpipe.UserError.
+    scene: a path, an open light field or an array, as for `open_scene`; None for the demo's.
+    camera, display: as `--camera` and `--display`; without a screen, display is "none". name: for
+    `attach` and `lfpipe monitor --session`. trace: a file of one line per picture. settings: as
+    `--set`, for example {"render.method": "warp2"}. Works in a notebook and in any thread. Raises
+    lfpipe.UserError.
     """
 
     def __init__(
         self,
-        scene: ScenePath | ArrayLike | None = None,
+        scene: ScenePath | LightField | ArrayLike | None = None,
         *,
         camera: str | None = None,
         display: str | None = None,
         name: str | None = None,
         trace: str | os.PathLike[str] | None = None,
-        **settings: Any,
+        settings: Mapping[str, Any] | None = None,
     ) -> None:
+        settings = dict(settings or {})
         path = scene_path(scene, updated(Config(), settings).scene)
-        name = (
-            name or f"py{os.getpid()}.{time.monotonic_ns() % 1000}"
-        )  # short: it is part of a socket's path
+        if isinstance(scene, LightField) and scene.half_turned:
+            settings.setdefault("scene.half_turn", "yes")
+        # short: it is part of a socket's path
+        name = name or f"py{os.getpid()}.{time.monotonic_ns() % 1000}"
         display = display or ("window" if has_display() else "none")
         words = ["up", "--demo" if path is None else str(path.resolve()), *_set_words(settings)]
         for option, value in {
@@ -180,6 +236,8 @@ class Session(Attachment):
         }.items():
             words += [f"--{option}", os.fspath(value)] if value is not None else []
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115  (open as long as the session)
+        self._output = ""  # by the session, once it has ended
+        self._closed = True  # nothing is open yet
         command = [sys.executable, "-P", "-c", COMMAND, *words]
         self._process = subprocess.Popen(
             command,
@@ -201,10 +259,9 @@ class Session(Attachment):
                 raise self._failure()
             with contextlib.suppress(UserError, FileNotFoundError):
                 super().__init__(name)
-                rows, own = (
-                    self._watch.table.rows,
-                    self._watch.pid == self._process.pid,
-                )  # else this name is already taken
+                # else this name is already taken
+                rows = self._watch.table.rows
+                own = self._watch.manifest.pid == self._process.pid
                 if (
                     own
                     and "render" in rows
@@ -219,16 +276,28 @@ class Session(Attachment):
         )
 
     def _failure(self) -> UserError:
-        self._errors.seek(0)
-        return _printed(self._errors.read().decode(errors="replace"), "the session ended at once")
+        if not self._errors.closed:
+            self._errors.seek(0)
+            self._output = self._errors.read().decode(errors="replace")
+            self._errors.close()
+        error = _printed(self._output, "the session ended at once")
+        return UserError(_by_parameter(error.message), _by_parameter(error.remedy))
+
+    def _end(self) -> str:
+        if self._process.wait(STOP_S) in STOPPED:
+            return ": it was stopped, or its source ended"
+        return f": {self._failure().message}"
 
     def wait(self, timeout_s: float | None = None) -> bool:
-        """Waits until the session has ended; False if it still runs after timeout_s. Raises lfpipe.UserError if it failed."""
+        """Waits until the session has ended; False if it still runs after timeout_s.
+
+        Raises lfpipe.UserError if it failed.
+        """
         try:
             code = self._process.wait(timeout_s)
         except subprocess.TimeoutExpired:
             return False
-        if code not in (0, -15, 143):
+        if code not in STOPPED:
             raise self._failure()
         return True
 
@@ -241,6 +310,7 @@ class Session(Attachment):
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
+        self._failure()  # keeps what the session printed, and closes the file
 
     def __exit__(self, *_: object) -> None:
         self.stop()
@@ -252,21 +322,22 @@ attach = Attachment
 
 def replay(
     sequence: str | os.PathLike[str],
-    scene: ScenePath | ArrayLike | None = None,
+    scene: ScenePath | LightField | ArrayLike | None = None,
     *,
     pace: str = "step",
     out: str | os.PathLike[str] | None = None,
     settings: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """Runs `lfpipe replay` on a recorded sequence and returns its report, the contents of report.json (docs/replay.md).
+    """Runs `lfpipe replay` on a recorded sequence and returns its report, the contents of
+    report.json (docs/replay.md).
 
-    scene: a path or an array, as for `open_scene`; None for the demo's. pace: step, max, recorded or a rate in Hz. out: folder
-    for report, trace and pictures. settings: as `--set`; they override the user's file. Raises lfpipe.UserError if the command
-    refuses or fails.
+    scene: a path, an open light field or an array, as for `open_scene`; None for the demo's. pace:
+    step, max, recorded or a rate in Hz. out: folder for report, trace and pictures. settings: as
+    `--set`; they override the user's file. Raises lfpipe.UserError if the command refuses or fails.
     """
     path = scene_path(scene, updated(Config(), settings or {}).scene)
-    with tempfile.TemporaryDirectory(prefix="lfpipe-replay-") as folder:
-        kept = Path(out) if out is not None else Path(folder) / "out"
+    with temporary_folder("replay") as folder:
+        kept = Path(out) if out is not None else folder
         words = [
             sys.executable,
             "-m",
@@ -293,6 +364,13 @@ def _set_words(settings: Mapping[str, Any]) -> list[str]:
     return [
         word for key, value in settings.items() for word in ("--set", f"{key}={json.dumps(value)}")
     ]
+
+
+def _by_parameter(text: str) -> str:
+    """A command's words about its options, as those of the parameters of `Session`."""
+    text = re.sub(r"--(camera|display|trace) '?([^\s,;']*[^\s,;':])'?", r"\1='\2'", text)
+    text = re.sub(r"--(camera|display|trace)\b", r"\1", text)
+    return re.sub(r"--session( name)?\b", "name", text)
 
 
 def _printed(text: str, otherwise: str) -> UserError:

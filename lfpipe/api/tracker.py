@@ -17,11 +17,13 @@ from lfpipe.share.head import Head, HeadEstimator
 from lfpipe.track.eye_tracker import EyeTracker
 
 
-@attrs.frozen(eq=False)
+@attrs.frozen(eq=False, kw_only=True)
 class Eyes:
-    """A viewer's eyes in one frame. t_ns: its time. raw_px, filtered_px: (2, 2), [[left x, y], [right x, y]] of the viewer's own
-    eyes in px of the unmirrored picture, as measured and smoothed. velocity_px_s: (2, 2). head: in mm before the screen, see
-    `lfpipe.share.head`; None if the distance between the eyes cannot be a face's."""
+    """A viewer's eyes in one frame. t_ns: its time. raw_px, filtered_px: (2, 2), [[left x, y],
+    [right x, y]] of the viewer's own eyes in px of the unmirrored picture, as measured and
+    smoothed. velocity_px_s: (2, 2). head: in mm before the screen, see `lfpipe.share.head`; None if
+    the distance between the eyes cannot be a face's.
+    """
 
     t_ns: int
     raw_px: NDArray[np.float64]
@@ -38,7 +40,14 @@ class Eyes:
         raw_px, filtered_px, velocity_px_s = (
             record[name].copy() for name in ("raw_px", "filtered_px", "velocity_px_s")
         )
-        return cls(t_ns, raw_px, filtered_px, velocity_px_s, float(record["confidence"]), head)
+        return cls(
+            t_ns=t_ns,
+            raw_px=raw_px,
+            filtered_px=filtered_px,
+            velocity_px_s=velocity_px_s,
+            confidence=float(record["confidence"]),
+            head=head,
+        )
 
     def predicted_px(self, t_ns: int) -> NDArray[np.float64]:
         """The predicted eyes at t_ns, (2, 2) px; at most a quarter of a second ahead."""
@@ -46,20 +55,24 @@ class Eyes:
 
 
 class Tracker:
-    """Follows one face from frame to frame, in this process. settings: of `track` and `camera`, as {"track.refine": True}.
+    """Follows one face from frame to frame, in this process. settings: of `track` and `camera`, as
+    {"track.refine": True}.
 
     Raises lfpipe.UserError for wrong settings and for missing libraries of an engine.
     """
 
     def __init__(self, settings: Mapping[str, Any] | None = None) -> None:
         config = updated(Config(), settings or {})
-        self._tracker, self._estimator = EyeTracker(config.track), HeadEstimator(config)
+        self._tracker = EyeTracker(config.track)
+        self._estimator = HeadEstimator(config)
         self._record = np.zeros((), EYES)
         self._closed = False
 
     def update(self, frame: NDArray[Any], t_ns: int | None = None) -> Eyes | None:
-        """The eyes in the next frame, uint8 (height, width, 3) BGR; None without a face. t_ns: its time on any clock that never
-        goes back; by default the monotonic clock's now. Raises lfpipe.UserError for anything but such a picture."""
+        """The eyes in the next frame, uint8 (height, width, 3) BGR; None without a face. t_ns: its
+        time on any clock that never goes back; by default the monotonic clock's now. Raises
+        lfpipe.UserError for anything but such a picture.
+        """
         if self._closed:
             raise UserError("this Tracker is closed", "make a new one")
         is_array = isinstance(frame, np.ndarray)

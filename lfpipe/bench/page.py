@@ -1,93 +1,128 @@
-"""The report of a run: one HTML page that begins with verdicts, with charts of error against run time."""
+"""The report of a run: one HTML page that begins with verdicts, with charts of error against run
+time.
+"""
 
 import base64
 import html
+import importlib.util
 import io
+import textwrap
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
-from matplotlib.figure import Figure
-
-from lfpipe.bench.results import STATES, Results, short
+from lfpipe.bench.results import STATES, Column, Results, Row, Value, short
 from lfpipe.bench.style import document, html_table
 from lfpipe.bench.subjects import SUBJECTS, TABLE, Subject
 from lfpipe.files.output import write_output
+from lfpipe.host.machine import install_command
 
-TIE = 0.05  # errors that differ by less than this share are equal for a verdict: the noise of short sequences
+# errors that differ by less than this share are equal for a verdict: the noise of short sequences
+TIE = 0.05
 MARKERS = "osD^vPX<>h"
-COLOURS = (
-    "#0072b2",
-    "#d55e00",
-    "#008a63",
-    "#b1548f",
-    "#8a6d00",
-    "#4b4fc4",
-    "#7a7f86",
-)  # for a colour vision deficiency, too
+# for a colour vision deficiency, too
+COLOURS = ("#0072b2", "#d55e00", "#008a63", "#b1548f", "#8a6d00", "#4b4fc4", "#7a7f86")
+TITLE_CHARS = 78  # of a line of a chart's title
 HOW = (
-    "<h2>How it was measured</h2><p class=soft>Times are medians of turns that the methods take in random order, with the 95 %"
-    " interval of the median, or the range if there are too few turns. Axes are logarithmic; an exact 0 is drawn at the edge."
-    " Lower left is better. Square, bold: in use by default. Star, red: the paper.</p>"
+    "<h2>How it was measured</h2><p class=soft>Times are CPU times of the thread, which other"
+    " programs hardly change: medians of turns that the methods take in random order, with the"
+    " 95 % interval of the median, or the range of fewer than five turns. Errors have 95 %"
+    " intervals by resampling. Axes are logarithmic; an exact 0 is drawn at the edge. Lower left is"
+    " better. Square, bold: in use by default. Star, red: the paper.</p>"
+)
+CITE = (
+    "<h2>To cite</h2><p class=soft>lfpipe, CITATION.cff of the repository; state the version, the"
+    " machine and the command above.</p>"
+)
+WHAT_FAILED = (
+    "<h2>What failed</h2><p class=soft>Failed: an exception, a number that is not finite, or a"
+    " figure beyond the limit of its table. Degraded: within that limit, but worse than what its"
+    " table calls ok. What only other settings reach does not concern a session by default.</p>"
+)
+NO_CHARTS = (
+    "<p>Without charts: matplotlib is not installed"
+    f" (<code>{html.escape(install_command('matplotlib'))}</code>).</p>"
 )
 Pairs = list[tuple[Subject, Results]]
+Verdict = tuple[str, str, str, str]
 
 
-def verdict(subject: Subject, results: Results) -> tuple[str, str, str, str] | None:
-    """The choice of a subject: the least error among what fits its limit of cost; what is in use, if that ties. Returns the key
-    of the configuration, what to use for this machine and these inputs, why, and its cost."""
+def verdict(subject: Subject, results: Results) -> Verdict | None:
+    """The choice of a subject: the least error among what fits its limit of cost; what is in use,
+    if that ties; undecided where an interval contains the limit. Returns the key of the
+    configuration, what to use for this machine and these inputs, why, and its cost.
+    """
     choice = subject.choice
-    timed = [
-        row for row in results.rows if choice is not None and subject.charts[0][0] in row.values
-    ]
-    if choice is None or not timed:
+    x, y = (subject.column(key) for key in subject.charts[0]) if subject.charts else (None, None)
+    timed = [row for row in results.rows if x is not None and x.key in row.values]
+    if choice is None or x is None or y is None or not timed:
         return None
-    x, y = (subject.column(key) for key in subject.charts[0])
     used = next((row for row in timed if row.used), None)
     rows = [row for row in timed if used is None or row.knob == used.knob]
-    best, why = (
-        used or rows[0],
-        f"no error can be measured: {'; '.join(results.left_out) or 'see below'}",
-    )
-    if known := [row for row in rows if y.key in row.values]:
-        fitting = [row for row in known if row.value(x.key) <= choice.limit] or known
-        least = min(row.value(y.key) for row in fitting)
-        ties = [row for row in fitting if row.value(y.key) <= least * (1 + TIE)]
-        best = (
-            used
-            if used is not None and used in ties
-            else min(ties, key=lambda row: row.value(x.key))
-        )
-        why = f"{y.label} {short(best.value(y.key))} {y.unit}".rstrip()
-        why += ", the least" if best.value(y.key) <= least else f", within {TIE:.0%} of the least"
-        why += f" of what takes at most {short(choice.limit)} {x.unit} ({choice.reason})"
-        for what, row in (
-            ("the paper's way", next((row for row in timed if row.paper), None)),
-            ("in use now", used),
-        ):
-            if row is not None and row is not best:
-                why += f"; {what} ({row.name}): {short(row.value(y.key))} for {short(row.value(x.key))} {x.unit}"
-    return (
-        choice.key,
-        best.name + " (in use)" * best.used,
-        why,
-        f"{best.values[x.key].text} {x.unit}: {x.label}",
-    )
+    known = [row for row in rows if y.key in row.values]
+    if not known:
+        best = used or rows[0]
+        why = f"no error can be measured: {'; '.join(results.left_out) or 'see below'}"
+        return choice.key, _named(best), why, _cost(best, x)
+    fitting = [row for row in known if _most(row.values[x.key]) <= choice.limit]
+    unsure = [
+        row for row in known if row not in fitting and _least(row.values[x.key]) <= choice.limit
+    ]
+    limit = f"{short(choice.limit)} {x.unit} ({choice.reason})"
+    if not fitting and not unsure:
+        best = min(known, key=lambda row: row.value(x.key))
+        return choice.key, _named(best), f"the cheapest: none takes at most {limit}", _cost(best, x)
+    least = min(row.value(y.key) for row in fitting or unsure)
+    better = [row for row in unsure if row.value(y.key) < least * (1 - TIE) or not fitting]
+    if better:
+        best = min(better, key=lambda row: row.value(y.key))
+        why = f"{_cost(best, x)}: the interval contains the limit, {limit}; measure it alone"
+        return choice.key, f"undecided: {_named(best)}", why, _cost(best, x)
+    ties = [row for row in fitting if row.value(y.key) <= least * (1 + TIE)]
+    best = used if used in ties and used else min(ties, key=lambda row: row.value(x.key))
+    compared = f" at {best.knob}" if best.knob else ""
+    rank = "the least" if best.value(y.key) <= least else f"within {TIE:.0%} of the least"
+    why = f"{y.label} {best.values[y.key].text} {y.unit}".rstrip()
+    why += f", {rank} of the {len(fitting)} methods{compared} that take at most {limit}"
+    paper = next((row for row in timed if row.paper), None)
+    for what, row in (("the paper's way", paper), ("in use now", used)):
+        if row is not None and row is not best:
+            figures = f"{short(row.value(y.key))} for {short(row.value(x.key))} {x.unit}"
+            why += f"; {what} ({row.name}): {figures}"
+    return choice.key, _named(best), why, _cost(best, x)
+
+
+def _named(row: Row) -> str:
+    return row.name + " (in use)" * row.used
+
+
+def _cost(row: Row, x: Column) -> str:
+    return f"{row.values[x.key].text} {x.unit}: {x.label}"
+
+
+def _least(value: Value) -> float:
+    return value.low if value.high else value.value
+
+
+def _most(value: Value) -> float:
+    return value.high or value.value
 
 
 def write_report(results: dict[str, Results], out: Path) -> Path:
     """Writes report.html and returns its path. Raises UserError."""
     subjects = SUBJECTS | {TABLE.name: TABLE}
-    pairs = [(subjects[name], one) for name, one in results.items()]
+    pairs = [(subjects[name], one) for name, one in results.items() if name in subjects]
     links = " ".join(
         f'<a href="#{subject.name}">{html.escape(subject.title)}</a>' for subject, _ in pairs
     )
-    wall_s, cpu_s = (
-        sum(one.wall_s for one in results.values()),
-        sum(one.cpu_s for one in results.values()),
-    )
-    body = f"<p class=soft>Measured in {wall_s:.0f} s of wall time, {cpu_s:.0f} s of CPU.</p>{_verdicts(pairs)}{_failures(pairs)}"
-    body += f"<nav>{links}</nav>{''.join(_section(*pair) for pair in pairs)}{HOW}"
+    wall_s = sum(one.wall_s for one in results.values())
+    cpu_s = sum(one.cpu_s for one in results.values())
+    about = pairs[0][1].about if pairs else {}
+    facts = [about[name] for name in ("started", "machine") if name in about]
+    facts.append(f"{wall_s:.0f} s of wall time, {cpu_s:.0f} s of CPU")
+    body = f"<p class=soft>{html.escape('; '.join(facts))}.</p>"
+    body += "" if importlib.util.find_spec("matplotlib") else NO_CHARTS
+    body += f"{_verdicts(pairs)}<nav>{links}</nav>"
+    body += f"{''.join(_section(*pair) for pair in pairs)}{_failures(pairs)}{HOW}{CITE}"
     write_output(
         out / "report.html", document("Error against run time", body).encode(), label="--out"
     )
@@ -116,15 +151,16 @@ def _verdicts(pairs: Pairs) -> str:
 
 
 def _failures(pairs: Pairs) -> str:
-    """What failed: methods that raised an exception, and judged values, each with whether it matters."""
+    """What failed: methods that raised an exception, and judged values, each with whether it
+    matters.
+    """
     rows = [
         (subject.title, one, why, "yes")
         for subject, results in pairs
         for one, why in results.failures.items()
     ]
-    grouped: dict[
-        tuple[str, str, str], list[str]
-    ] = {}  # title, case of a failure or "", setting -> what
+    # title, case of a failure or "", setting -> what
+    grouped: dict[tuple[str, str, str], list[str]] = {}
     for _, results in pairs:
         for table, row, column, value in results.judged():
             if value.state != "ok":
@@ -145,22 +181,30 @@ def _failures(pairs: Pairs) -> str:
             )
         )
     rows.sort(key=lambda row: (not row[3].startswith("yes"), not row[2].startswith("failed")))
-    return f"<h2>What failed</h2>{html_table(('where', 'case', 'what', 'does it matter?'), rows) if rows else '<p>Nothing.</p>'}"
+    if not rows:
+        return "<h2>What failed</h2><p>Nothing.</p>"
+    return WHAT_FAILED + html_table(("where", "case", "what", "does it matter?"), rows)
 
 
 def _section(subject: Subject, results: Results) -> str:
-    text = f'<h2 id="{subject.name}">{html.escape(subject.title)}</h2><p>{html.escape(subject.question)}</p>'
+    text = f'<h2 id="{subject.name}">{html.escape(subject.title)}</h2>'
+    text += f"<p>{html.escape(subject.question)}</p>"
     text += f'<p class="soft">The paper: {html.escape(subject.paper)}.</p>' if subject.paper else ""
     text += f"<p><code>{html.escape(results.about.get('command', ''))}</code></p>"
     text += "".join(chart(subject, results, *axes) for axes in subject.charts)
     if results.left_out:
-        text += f"<p>Left out:</p><ul>{''.join(f'<li>{html.escape(reason)}</li>' for reason in results.left_out)}</ul>"
+        reasons = "".join(f"<li>{html.escape(reason)}</li>" for reason in results.left_out)
+        text += f"<p>Left out:</p><ul>{reasons}</ul>"
     for table in results.tables:
         head, body = table.texts()
         classes = [
-            [" ".join(["used"] * row.used + ["paper"] * row.paper)] if row.curve
-            else ["", *(row.values[column.key].state for column in table.columns)] for row in table.rows
-        ]  # fmt: skip
+            (
+                [" ".join(["used"] * row.used + ["paper"] * row.paper)]
+                if row.curve
+                else ["", *(row.state(column.key) for column in table.filled)]
+            )
+            for row in table.rows
+        ]
         note = table.note or "■ in use, ★ the paper."
         title = table.title or f"All figures of {len(table.rows)} methods"
         text += (
@@ -173,10 +217,15 @@ def _section(subject: Subject, results: Results) -> str:
 
 
 def chart(subject: Subject, results: Results, x: str, y: str) -> str:
-    """The chart of two columns on logarithmic axes, an image of HTML; "" if it holds no point."""
+    """The chart of two columns on logarithmic axes, an image of HTML; "" if it holds no point, or
+    without matplotlib.
+    """
     rows = [row for row in results.rows if row.value(x) >= 0 and row.value(y) >= 0]
-    if not rows:
+    if not rows or not importlib.util.find_spec("matplotlib"):
         return ""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
     title = f"{subject.column(y).label} against {subject.column(x).label}"
     style: Any = {
         "svg.fonttype": "none",
@@ -185,17 +234,24 @@ def chart(subject: Subject, results: Results, x: str, y: str) -> str:
         "axes.formatter.min_exponent": 3,
     }
     with mpl.rc_context(style):
-        figure = Figure(figsize=(9.0, 4.6), layout="constrained")
+        figure = Figure(figsize=(9.0, 4.8), layout="constrained")
         axes = figure.add_subplot(
-            xlabel=subject.column(x).axis, ylabel=subject.column(y).axis, title=title
+            xlabel=subject.column(x).axis,
+            ylabel=subject.column(y).axis,
+            title=textwrap.fill(title, TITLE_CHARS),
         )
         for k, curve in enumerate(dict.fromkeys(row.curve for row in rows)):
-            places = [(row.value(x), row.value(y)) for row in rows if row.curve == curve]
-            axes.plot(
-                *zip(*places, strict=True),
+            points = [row for row in rows if row.curve == curve]
+            axes.errorbar(
+                [row.value(x) for row in points],
+                [row.value(y) for row in points],
+                xerr=_bars(points, x),
+                yerr=_bars(points, y),
                 marker=MARKERS[k % len(MARKERS)],
                 color=COLOURS[k % len(COLOURS)],
                 label=curve,
+                capsize=2,
+                linewidth=1,
             )
         for label, marker, face, marked in (
             ("in use", "s", "none", [row for row in rows if row.used]),
@@ -218,8 +274,16 @@ def chart(subject: Subject, results: Results, x: str, y: str) -> str:
             else:
                 set_scale("symlog", linthresh=min(above, default=1.0), linscale=0.4)
         axes.grid(True, color="#e4e7eb")
-        figure.legend(loc="outside right upper", frameon=False)
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
         out = io.StringIO()
         figure.savefig(out, format="svg", metadata={"Date": None})
     data = base64.b64encode(out.getvalue().encode()).decode()
     return f'<img alt="{html.escape(title)}" src="data:image/svg+xml;base64,{data}">'
+
+
+def _bars(rows: list[Row], key: str) -> tuple[list[float], list[float]]:
+    """The lengths of error bars, down and up; 0 where no interval is known."""
+    values = [row.values[key] for row in rows]
+    down = [max(value.value - _least(value), 0.0) for value in values]
+    up = [max(_most(value) - value.value, 0.0) for value in values]
+    return down, up

@@ -1,8 +1,9 @@
-"""The paper's pipeline as one plain loop in one process: the reference that `lfpipe` is compared with.
+"""The paper's pipeline as one plain loop in one process: the reference that `lfpipe` is compared
+with.
 
-video frame -> FaceMesh -> mean of 16 landmarks around each eye -> k-frame moving average -> nearest view of the grid laid over
-the camera picture -> red of the left view, green and blue of the right. It uses nothing from lfpipe except the landmarks'
-numbers.
+video frame -> FaceMesh -> mean of 16 landmarks around each eye -> k-frame moving average -> nearest
+view of the grid laid over the camera picture -> red of the left view, green and blue of the right.
+It uses nothing from lfpipe except the landmarks' numbers.
 """
 
 import itertools
@@ -24,9 +25,10 @@ WARM_UP = 10  # warm-up frames, not counted
 PRELOADED = 600  # frames held in memory
 
 
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class Loop:
-    """views: a folder of rows x cols pictures whose sorted order is row-major. pace_hz: 0 for as fast as possible.
+    """views: a folder of rows x cols pictures whose sorted order is row-major. pace_hz: 0 for as
+    fast as possible.
 
     decode: decode frames inside the loop, not before it. trace: the file to write.
     """
@@ -47,7 +49,10 @@ class Loop:
 def frames(
     video: Path, decode: bool, size: tuple[int, int]
 ) -> Iterator[tuple[int, NDArray[np.uint8]]]:
-    """Yields indices in the video and BGR frames, forever. decode: on demand; else PRELOADED frames before the first."""
+    """Yields indices in the video and BGR frames, forever.
+
+    decode: on demand; else PRELOADED frames before the first.
+    """
     capture = cv2.VideoCapture(str(video))
 
     def one_pass() -> Iterator[tuple[int, NDArray[np.uint8]]]:
@@ -130,8 +135,16 @@ def run(loop: Loop) -> None:
                 name: {"left": pair[0].tolist(), "right": pair[1].tolist()}
                 for name, pair in pairs.items()
             }
-            line = {"source_seq": index, "composed": True, "cpu_ns": time.process_time_ns(), "t_sensor_ns": t_sensor_ns,
-                    "t_read_ns": t_read_ns, "t_composed_ns": t_composed_ns, "t_presented_ns": t_composed_ns, **sided}  # fmt: skip
+            line = {
+                "source_seq": index,
+                "composed": True,
+                "cpu_ns": time.process_time_ns(),
+                "t_sensor_ns": t_sensor_ns,
+                "t_read_ns": t_read_ns,
+                "t_composed_ns": t_composed_ns,
+                "t_presented_ns": t_composed_ns,
+                **sided,
+            }
             lines.append(json.dumps(line) + "\n")
     loop.trace.write_text("".join(lines))
 

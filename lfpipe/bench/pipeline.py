@@ -1,4 +1,6 @@
-"""Subject: whole sessions, and the paper's loop, in processes of their own. Error of the viewpoint against CPU and latency."""
+"""Subject: whole sessions, and the paper's loop, in processes of their own. Error of the viewpoint
+against CPU and latency.
+"""
 
 import contextlib
 import itertools
@@ -20,12 +22,12 @@ import numpy as np
 import psutil
 from numpy.typing import NDArray
 
-from lfpipe.bench.anaglyph import view_bgr
 from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.paper_loop import Loop
 from lfpipe.bench.results import Figures, rms
 from lfpipe.bench.runner import Candidate, Offer
 from lfpipe.config import Render
+from lfpipe.files.safe_files import write_file
 from lfpipe.host.files import exists
 from lfpipe.scene.lightfield import LightField
 from lfpipe.sequence.eyes import Truth
@@ -44,8 +46,9 @@ Float = NDArray[np.float64]
 
 @attrs.frozen
 class SessionRun:
-    """rows: of the trace. cpu_ms_s: CPU of all processes without the start, in ms per second. first_s: from the start of the
-    process to its first picture."""
+    """rows: of the trace. cpu_ms_s: CPU of all processes without the start, in ms per second.
+    first_s: from the start of the process to its first picture.
+    """
 
     rows: Trace
     cpu_ms_s: float
@@ -64,17 +67,18 @@ def _cpu_ms(process: psutil.Process) -> float:
 def run_session(
     scene: Path, video: Path, seconds: float, options: Sequence[str], pace: str = ""
 ) -> SessionRun:
-    """`lfpipe up` on a scene and a video without a display, for `seconds` from its first picture on.
+    """`lfpipe up` on a scene and a video without a display, for `seconds` from its first picture
+    on.
 
-    options: of the command line. pace: of the video, in Hz, or "max". Raises RuntimeError if the session fails.
+    options: of the command line. pace: of the video, in Hz, or "max". Raises RuntimeError if the
+    session fails.
     """
     with tempfile.TemporaryDirectory() as folder:
         trace = Path(folder, "trace.jsonl")
         camera = f"file:{video}?loop=1" + (f"&pace={pace}" if pace else "")
         command = [sys.executable, "-m", "lfpipe", "up", str(scene), "--camera", camera]
-        command += [
-            "--set=governor.quality=fixed"
-        ]  # measure the requested quality even if it is too slow
+        # measure the requested quality even if it is too slow
+        command += ["--set=governor.quality=fixed"]
         command += [
             "--display",
             "none",
@@ -93,7 +97,8 @@ def run_session(
                     raise RuntimeError(f"no picture within {START_S:g} s")
                 time.sleep(POLL_S)
             time.sleep(STEADY_S)
-            begun_s, used_ms = time.monotonic(), _cpu_ms(psutil.Process(process.pid))
+            begun_s = time.monotonic()
+            used_ms = _cpu_ms(psutil.Process(process.pid))
             time.sleep(max(seconds - STEADY_S, LEAST_S))
             cpu_ms_s = (_cpu_ms(psutil.Process(process.pid)) - used_ms) / (
                 time.monotonic() - begun_s
@@ -143,11 +148,11 @@ def write_views(field: LightField, folder: Path) -> Path:
     if len(list(folder.glob("*.png"))) != field.rows * field.cols:
         folder.mkdir(parents=True, exist_ok=True)
         for index, place in enumerate(np.ndindex(field.rows, field.cols)):
-            cv2.imwrite(
-                str(folder / f"view_{index:04d}.png"),
-                view_bgr(field, *place),
-                [cv2.IMWRITE_PNG_COMPRESSION, 1],
-            )
+            quick = [cv2.IMWRITE_PNG_COMPRESSION, 1]
+            view = np.asarray(field.views)[0][place]
+            picture = np.broadcast_to(view[::-1], (3, *view.shape[1:])).transpose(1, 2, 0)
+            _, data = cv2.imencode(".png", np.ascontiguousarray(picture), quick)
+            write_file(folder / f"view_{index:04d}.png", data.tobytes())
     return folder
 
 
@@ -158,14 +163,15 @@ def displayed_errors(
     centre_px: tuple[float, float],
     grid: tuple[int, int],
 ) -> dict[str, float]:
-    """RMS over both eyes while they are visible, and while a picture is on the screen: error_views, the distance of the viewpoint
-    on screen from that of the true eyes; error_px, of the eyes that the picture was made for; jitter_px, their deviation from the
-    mean of each rest, from STILL_MS after its start, if there is any.
+    """RMS over both eyes while they are visible, and while a picture is on the screen: error_views,
+    the distance of the viewpoint on screen from that of the true eyes; error_px, of the eyes that
+    the picture was made for; jitter_px, their deviation from the mean of each rest, from STILL_MS
+    after its start, if there is any.
 
-    rows: of a trace, in order; only the first round of a looped file and the time after SKIP_NS count, as every tracker searches
-    for the face first. A picture's frame aligns the clocks: the truth at time t is the truth at the frame's own time plus
-    t - t_sensor_ns. alpha_px, centre_px: of the mapping that made the trace. grid: rows, cols. Raises ValueError if nothing
-    remains.
+    rows: of a trace, in order; only the first round of a looped file and the time after SKIP_NS
+    count, as every tracker searches for the face first. A picture's frame aligns the clocks: the
+    truth at time t is the truth at the frame's own time plus t - t_sensor_ns. alpha_px, centre_px:
+    of the mapping that made the trace. grid: rows, cols. Raises ValueError if nothing remains.
     """
     rows = [
         row
@@ -181,7 +187,8 @@ def displayed_errors(
     t_ns = np.arange(presented_ns[0] + SKIP_NS, presented_ns[-1], STEP_NS)
     now = np.searchsorted(presented_ns, t_ns, side="right") - 1
     true_ns = t_ns + offset_ns[now]
-    visible, true_px = truth.sees(true_ns), truth.at(true_ns)
+    visible = truth.sees(true_ns)
+    true_px = truth.at(true_ns)
     if not visible.any():
         raise ValueError("the trace and the truth have no time in common")
     used_px = np.array([[row["eyes_used"][side] for side in SIDES] for row in rows])[now]
@@ -201,9 +208,8 @@ def displayed_errors(
         "error_px": _apart((used_px - true_px)[visible]),
     }
     resting = visible & truth.still[np.searchsorted(truth.t_ns, true_ns, side="right") - 1]
-    moved = np.maximum.accumulate(
-        np.where(resting, -1, np.arange(len(now)))
-    )  # the last sample in motion
+    # the last sample in motion
+    moved = np.maximum.accumulate(np.where(resting, -1, np.arange(len(now))))
     still = np.arange(len(now)) - moved > STILL_MS
     rests = [used_px[still & (moved == start)] for start in np.unique(moved[still])]
     return errors | (
@@ -219,8 +225,11 @@ def _apart(offsets: Float) -> float:
 
 
 def _alpha_px(inputs: Inputs) -> float:
-    """px per view that keeps the eyes of the sequence within the grid, so that every method can show the correct view."""
-    truth, field = inputs.sequence.truth, inputs.field
+    """px per view that keeps the eyes of the sequence within the grid, so that every method can
+    show the correct view.
+    """
+    truth = inputs.sequence.truth
+    field = inputs.field
     if truth is None or field.cols == 1:
         return PAPER_ALPHA_PX
     reach_px = float(
@@ -231,18 +240,27 @@ def _alpha_px(inputs: Inputs) -> float:
 
 def measure(inputs: Inputs) -> Iterator[Offer]:
     """Clock x method, the paper's configuration and its plain loop."""
-    field, sequence, usual = inputs.field, inputs.sequence, Render()
+    field = inputs.field
+    sequence = inputs.sequence
+    usual = Render()
     if field.rows * field.cols == 1:
         yield "pipeline: one view: nothing follows the eyes"
         return
     if sequence.truth is None:
-        yield f"error of the viewpoint shown: {sequence.path.name} has no truth; only latency and CPU are measured"
+        yield (
+            f"error of the viewpoint shown: {sequence.path.name} has no truth; only latency and CPU"
+            " are measured"
+        )
     if inputs.quick:
-        yield "nearest views with the other settings of lfpipe: --quick shows them in the paper's configuration only"
+        yield (
+            "nearest views with the other settings of lfpipe: --quick shows them in the paper's"
+            " configuration only"
+        )
     best = field.method if field.method.startswith("warp") else "blend"
     if best == "blend":
         yield "warped views: the scene has no disparity, or blending is as good"
-    alpha_px, (width_px, height_px) = _alpha_px(inputs), sequence.size_px
+    alpha_px = _alpha_px(inputs)
+    width_px, height_px = sequence.size_px
     common = [
         f"--set=render.alpha_px={alpha_px:.3f}",
         f"--set=camera.width_px={width_px}",
@@ -254,7 +272,13 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
         name: str, run: Callable[[], SessionRun], paper: bool = False, used: bool = False
     ) -> Candidate:
         turn = partial(_figures, inputs, run, alpha_px)
-        return Candidate(name, f"{sequence.rate_hz:g} Hz", lambda: ({}, turn), paper, used)
+        return Candidate(
+            curve=name,
+            knob=f"{sequence.rate_hz:g} Hz",
+            prepare=lambda: ({}, turn),
+            paper=paper,
+            used=used,
+        )
 
     def session(*options: str) -> Callable[[], SessionRun]:
         return partial(run_session, inputs.scene[0], sequence.path, seconds, [*common, *options])
@@ -263,19 +287,22 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
         views = write_views(field, inputs.work / "views" / str(field.manifest["key"]))
         return run_loop(
             Loop(
-                sequence.path,
-                views,
-                sequence.rate_hz,
-                seconds,
-                alpha_px,
-                field.rows,
-                field.cols,
-                sequence.size_px,
+                video=sequence.path,
+                views=views,
+                pace_hz=sequence.rate_hz,
+                seconds=seconds,
+                alpha_px=alpha_px,
+                rows=field.rows,
+                cols=field.cols,
+                size_px=sequence.size_px,
             )
         )
 
     if package_folder() is None or is_sequence(sequence.path):
-        yield "paper as a plain loop: it needs mediapipe, which is not installed, or a video; its configuration runs"
+        yield (
+            "paper as a plain loop: it needs mediapipe, which is not installed, or a video; its"
+            " configuration runs"
+        )
     else:
         yield candidate("paper as a plain loop", loop, True)
     yield candidate("paper's configuration", session("--config", "paper"), True)
@@ -289,10 +316,11 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
 
 
 def _figures(inputs: Inputs, measured: Callable[[], SessionRun], alpha_px: float) -> Figures:
-    run, sequence, field = measured(), inputs.sequence, inputs.field
-    start_ns = (
-        run.rows[0]["t_presented_ns"] + STEADY_S * 1e9
-    )  # before, the tracker looks for the face
+    run = measured()
+    sequence = inputs.sequence
+    field = inputs.field
+    # before, the tracker looks for the face
+    start_ns = run.rows[0]["t_presented_ns"] + STEADY_S * 1e9
     rows = [
         row for row in run.rows if row.get("composed", True) and row["t_presented_ns"] > start_ns
     ]

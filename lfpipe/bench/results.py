@@ -1,14 +1,17 @@
-"""The one form of all results: tables of rows. Whatever prints, draws, judges, saves or compares reads these."""
+"""The one form of all results: tables of rows. Whatever prints, draws, judges, saves or compares
+reads these.
+"""
 
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Literal, TypeVar
 
 import attrs
+import cattrs
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from lfpipe.errors import UserError
 from lfpipe.files.output import write_output
@@ -18,6 +21,8 @@ from lfpipe.files.untrusted import json_fields
 FORMAT = "lfpipe-bench-5"
 MAX_BYTES = 16 << 20  # of results.json; a full run of all subjects writes 0.2 MB
 Figures = dict[str, float]  # by the key of a column
+RESAMPLED = 2000  # times, for the interval of an error
+LEAST_ROUNDS = 5  # of an interval of the median
 R = TypeVar("R")
 C = TypeVar("C")
 State = Literal["", "ok", "degraded", "failed"]
@@ -39,9 +44,11 @@ class Column:
 
 @attrs.frozen
 class Value:
-    """A figure of a row. low, high: of a time, else 0: the 95 % interval of its median, the range of few turns. words: stand for
-    a figure that is judged. state: the judgement. only: where a value that is not ok matters, "" for what is in use by default,
-    else the setting that reaches it."""
+    """A figure of a row. low, high: its 95 % interval, the range of few turns; 0: not known.
+    words: stand for a figure that is judged. state: the judgement. only: where a
+    value that is not ok matters, "" for what is in use by default, else the setting that reaches
+    it.
+    """
 
     value: float = 0.0
     low: float = 0.0
@@ -59,8 +66,10 @@ class Value:
 
 @attrs.frozen
 class Row:
-    """A measured method, a point of charts; or a case. curve, knob: of the chart, and the setting that varies along the curve.
-    paper: this is what the paper does; used: what lfpipe does by default."""
+    """A measured method, a point of charts; or a case. curve, knob: of the chart, and the setting
+    that varies along the curve.
+    paper: this is what the paper does; used: what lfpipe does by default.
+    """
 
     name: str
     values: dict[str, Value]
@@ -73,6 +82,9 @@ class Row:
         """A figure as one number; NaN if it was not measured."""
         return self.values[key].value if key in self.values else math.nan
 
+    def state(self, key: str) -> State:
+        return self.values[key].state if key in self.values else ""
+
 
 @attrs.frozen
 class Table:
@@ -84,16 +96,26 @@ class Table:
     title: str = ""
     note: str = ""
 
-    def texts(self) -> tuple[list[str], list[list[str]]]:
-        """(head, body) with the columns that have values; ■ marks what is in use, ★ the paper."""
-        columns = [
+    @property
+    def filled(self) -> list[Column]:
+        """The columns that have values."""
+        return [
             column for column in self.columns if any(column.key in row.values for row in self.rows)
         ]
+
+    def texts(self) -> tuple[list[str], list[list[str]]]:
+        """(head, body) of the filled columns; ■ marks what is in use, ★ the paper."""
+        columns = self.filled
         body = [
-            [row.name + " ■" * row.used + " ★" * row.paper,
-             *(row.values[column.key].text if column.key in row.values else "" for column in columns)]
+            [
+                row.name + " ■" * row.used + " ★" * row.paper,
+                *(
+                    row.values[column.key].text if column.key in row.values else ""
+                    for column in columns
+                ),
+            ]
             for row in self.rows
-        ]  # fmt: skip
+        ]
         return [self.of, *(column.axis for column in columns)], body
 
     def markdown(self) -> str:
@@ -106,17 +128,24 @@ class Table:
 
 
 def judged_table(
-    title: str, note: str, of: str, rows: Mapping[str, R], columns: Mapping[str, C],
-    judge: Callable[[R, C], tuple[str, State]], only: Callable[[R, C], str] = lambda _row, _column: "",
-) -> Table:  # fmt: skip
-    """A table of judged values, by the names of rows and columns. of: what a row is. judge: returns words and state; an exception
-    is a failure. only: the setting that reaches the value."""
+    title: str,
+    note: str,
+    of: str,
+    rows: Mapping[str, R],
+    columns: Mapping[str, C],
+    judge: Callable[[R, C], tuple[str, State]],
+    only: Callable[[R, C], str] = lambda _row, _column: "",
+) -> Table:
+    """A table of judged values, by the names of rows and columns. of: what a row is. judge: returns
+    words and state; an exception is a failure. only: the setting that reaches the value.
+    """
 
     def value(row: R, column: C) -> Value:
         try:
             words, state = judge(row, column)
         except Exception as error:  # the exception is the result
-            words, state = f"{type(error).__name__}: {error}"[:80], "failed"
+            words = f"{type(error).__name__}: {error}"[:80]
+            state = "failed"
         return Value(words=words, state=state, only=only(row, column))
 
     body = (
@@ -127,7 +156,9 @@ def judged_table(
 
 
 def judged_error(worst: float, ok: float, degraded: float) -> tuple[str, State]:
-    """The worst error as words, and its state: ok up to `ok`, degraded up to `degraded`, failed above and for NaN."""
+    """The worst error as words, and its state: ok up to `ok`, degraded up to `degraded`, failed
+    above and for NaN.
+    """
     return (
         f"{worst:.1e}" if worst else "0",
         "ok" if worst <= ok else "degraded" if worst <= degraded else "failed",
@@ -136,8 +167,10 @@ def judged_error(worst: float, ok: float, degraded: float) -> tuple[str, State]:
 
 @attrs.define
 class Results:
-    """Of one subject. failures: methods that raised an exception, with the reason. left_out: what was not measured, and why.
-    about: command, inputs, start. wall_s, cpu_s: of all processes."""
+    """Of one subject. failures: methods that raised an exception, with the reason. left_out: what
+    was not measured, and why.
+    about: command, inputs, start. wall_s, cpu_s: of all processes.
+    """
 
     name: str
     tables: list[Table] = attrs.Factory(list)
@@ -167,11 +200,36 @@ def rms(values: ArrayLike) -> float:
 
 
 def timing(samples: Sequence[float]) -> Value:
-    """The median with its 95 % interval by order statistics, for any distribution; with the range of fewer than six samples."""
-    ordered, n = sorted(samples), len(samples)
+    """The median with its 95 % interval by order statistics, for any distribution; the range of
+    fewer samples than LEAST_ROUNDS, which have no such interval.
+    """
+    ordered = sorted(samples)
+    n = len(samples)
     tail = np.cumsum([math.comb(n, k) / 2**n for k in range(n // 2)])
     rank = max(1, int(np.searchsorted(tail, 0.025, side="right")))
-    return Value(float(np.median(ordered)), ordered[rank - 1], ordered[n - rank])
+    value = Value(float(np.median(ordered)), ordered[rank - 1], ordered[n - rank])
+    if n >= LEAST_ROUNDS:
+        return value
+    return attrs.evolve(value, words=f"{value.text[:-1]}, range of {n})")
+
+
+def mean_of(samples: Sequence[float]) -> Value:
+    """The mean with its 95 % interval, by resampling."""
+    return _resampled(samples, lambda values: values.mean(axis=-1))
+
+
+def rms_of(samples: Sequence[float]) -> Value:
+    """The root of the mean square with its 95 % interval, by resampling."""
+    return _resampled(samples, lambda values: np.sqrt(np.square(values).mean(axis=-1)))
+
+
+def _resampled(
+    samples: Sequence[float], figure: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+) -> Value:
+    values = np.asarray(samples, np.float64)
+    drawn = np.random.default_rng(1).choice(values, (RESAMPLED, len(values)))
+    low, high = np.percentile(figure(drawn), (2.5, 97.5)).tolist()
+    return Value(float(figure(values)), low, high)
 
 
 def short(value: float) -> str:
@@ -196,31 +254,12 @@ def write(results: dict[str, Results], folder: Path) -> None:
 
 def read(folder: Path) -> dict[str, Results]:
     """The results in a folder. Raises UserError if there are none, or they have another format."""
-    path, remedy = (
-        folder / "results.json",
-        "give a folder written by `lfpipe bench --out` of this version",
-    )
+    path = folder / "results.json"
+    remedy = "give a folder written by `lfpipe bench --out` of this version"
     try:
         content = json_fields(read_bytes(path, MAX_BYTES), str(path), remedy).values
         if content.get("format") != FORMAT:
             raise ValueError(f"format {content.get('format')!r:.100}, expected {FORMAT}")
-        return {
-            name: Results(**{**one, "tables": [*map(_table, one["tables"])]})
-            for name, one in content["subjects"].items()
-        }
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        return cattrs.structure(content["subjects"], dict[str, Results])
+    except (OSError, ValueError, KeyError, cattrs.BaseValidationError) as error:
         raise UserError(f"{path}: no results of `lfpipe bench`: {error!s:.200}", remedy) from None
-
-
-def _table(fields: dict[str, Any]) -> Table:
-    rows = [
-        Row(**{**row, "values": {key: Value(**one) for key, one in row["values"].items()}})
-        for row in fields["rows"]
-    ]
-    return Table(
-        **{
-            **fields,
-            "columns": tuple(Column(**one) for one in fields["columns"]),
-            "rows": tuple(rows),
-        }
-    )

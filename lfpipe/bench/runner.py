@@ -8,18 +8,17 @@ import platform
 import random
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import attrs
 import cv2
-import numpy as np
 
 from lfpipe.bench.inputs import Inputs, Progress
 from lfpipe.bench.results import Figures, Results, Row, Table, Value, read, timing, write
 from lfpipe.bench.subjects import SUBJECTS, Subject
 from lfpipe.errors import UserError
-from lfpipe.files.output import check_output
+from lfpipe.files.output import RESULTS, check_output
 from lfpipe.host.machine import versions
 from lfpipe.host.processes import usable_cores
 
@@ -27,13 +26,16 @@ FILES = ("results.json", "report.html")
 Turn = Callable[[], Figures]  # takes one sample of each time
 
 
-@attrs.frozen(eq=False)
+@attrs.frozen(eq=False, kw_only=True)
 class Candidate:
-    """A method to be measured. prepare: returns its errors, and its turn; None if nothing is timed."""
+    """A method to be measured.
+
+    prepare: returns its errors, and its turn; None if nothing is timed.
+    """
 
     curve: str
     knob: str
-    prepare: Callable[[], tuple[Figures, Turn | None]]
+    prepare: Callable[[], tuple[Mapping[str, float | Value], Turn | None]]
     paper: bool = False
     used: bool = False
 
@@ -48,13 +50,15 @@ Offer = Candidate | Table | str  # a text says what is left out, and why
 def measure(
     names: Sequence[str], inputs: Inputs, out: Path, progress: Progress
 ) -> dict[str, Results]:
-    """Measures the named subjects, and writes out/results.json after each. Returns all results in it: other subjects' stay.
+    """Measures the named subjects, and writes out/results.json after each. Returns all results in
+    it: other subjects' stay.
 
     Raises UserError if out cannot be written.
     """
     results = opened(out)
     for name in names:
-        subject, about = SUBJECTS[name], conditions()
+        subject = SUBJECTS[name]
+        about = conditions()
         results[name] = run(
             subject,
             importlib.import_module(f"lfpipe.bench.{name}").measure(inputs),
@@ -68,7 +72,10 @@ def measure(
 
 
 def opened(out: Path) -> dict[str, Results]:
-    """Makes the folder and returns the results in it. Raises UserError if it has files of these names that are not ours."""
+    """Makes the folder and returns the results in it.
+
+    Raises UserError if it has files of these names that are not ours.
+    """
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -76,19 +83,23 @@ def opened(out: Path) -> dict[str, Results]:
             f"{out}: {error.strerror}", "choose another folder with --out DIR"
         ) from None
     for name in FILES:
-        check_output(out / name)
+        check_output(out / name, writes=RESULTS)
     with contextlib.suppress(UserError):  # nothing yet, or of another version
         return read(out)
     return {}
 
 
 def run(subject: Subject, offers: Iterable[Offer], quick: bool, progress: Progress) -> Results:
-    """Measures a subject. A candidate that raises, or returns a number that is not finite, is a failure with the reason.
+    """Measures a subject. A candidate that raises, or returns a number that is not finite, is a
+    failure with the reason.
 
-    Rounds of one turn each, in a new order every round: other load on the machine affects all alike.
+    Rounds of one turn each, in a new order every round: other load on the machine affects all
+    alike.
     """
     cv2.setNumThreads(1)  # as in a session
-    results, started_s, cpu_s = Results(subject.name), time.monotonic(), sum(os.times()[:4])
+    results = Results(subject.name)
+    started_s = time.monotonic()
+    cpu_s = sum(os.times()[:4])
     candidates: list[Candidate] = []
     for offer in offers:
         if isinstance(offer, Candidate):
@@ -98,7 +109,7 @@ def run(subject: Subject, offers: Iterable[Offer], quick: bool, progress: Progre
         else:
             results.left_out.append(offer)
     rounds = subject.rounds[0 if quick else 1]
-    errors: dict[str, Figures] = {}
+    errors: dict[str, Mapping[str, float | Value]] = {}
     turns: dict[str, Turn] = {}
     samples: dict[str, list[Figures]] = {one.name: [] for one in candidates}
     for k, one in enumerate(candidates):
@@ -118,7 +129,10 @@ def run(subject: Subject, offers: Iterable[Offer], quick: bool, progress: Progre
     rows = []
     for one in candidates:
         if one.name not in results.failures:
-            values = {key: Value(value) for key, value in errors[one.name].items()}
+            values = {
+                key: value if isinstance(value, Value) else Value(value)
+                for key, value in errors[one.name].items()
+            }
             taken = samples[one.name]
             values |= {
                 key: timing([sample[key] for sample in taken])
@@ -127,10 +141,8 @@ def run(subject: Subject, offers: Iterable[Offer], quick: bool, progress: Progre
             rows.append(Row(one.name, values, one.curve, one.knob, one.paper, one.used))
     if candidates:
         results.tables.insert(0, Table("method", subject.columns, tuple(rows)))
-    results.wall_s, results.cpu_s = (
-        round(time.monotonic() - started_s, 1),
-        round(sum(os.times()[:4]) - cpu_s, 1),
-    )
+    results.wall_s = round(time.monotonic() - started_s, 1)
+    results.cpu_s = round(sum(os.times()[:4]) - cpu_s, 1)
     progress(subject.title, 1, 1)
     return results
 
@@ -144,27 +156,35 @@ def _failing(name: str, results: Results) -> Iterator[None]:
         results.failures[name] = f"{type(error).__name__}: {error}"
 
 
-def _check(figures: Figures) -> None:
-    if wrong := [key for key, value in figures.items() if not math.isfinite(value)]:
+def _check(figures: Mapping[str, float | Value]) -> None:
+    numbers = {
+        key: value.value if isinstance(value, Value) else value for key, value in figures.items()
+    }
+    if wrong := [key for key, value in numbers.items() if not math.isfinite(value)]:
         raise ValueError(f"not finite: {', '.join(wrong)}")
 
 
-def time_ms(call: Callable[[], object], count: int) -> float:
-    """Median time of count calls."""
-    times = []
+def cpu_ms(
+    call: Callable[[], object], count: int, clock_ns: Callable[[], int] = time.thread_time_ns
+) -> float:
+    """CPU time of this thread per call, mean of count calls: other programs do not change it.
+    clock_ns: time.process_time_ns counts all threads.
+    """
+    start_ns = clock_ns()
     for _ in range(count):
-        start_ns = time.perf_counter_ns()
         call()
-        times.append((time.perf_counter_ns() - start_ns) / 1e6)
-    return float(np.median(times))
+    return (clock_ns() - start_ns) / 1e6 / count
 
 
 def conditions() -> dict[str, str]:
     """What results depend on besides their inputs: time, command, machine, versions."""
-    packages, load = versions(), f"load {os.getloadavg()[0]:.2f}"
+    packages = versions()
+    load = f"load {os.getloadavg()[0]:.2f}"
     return {
         "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
         "command": " ".join(["lfpipe", *sys.argv[1:]]),
-        "machine": f"{packages.pop('processor')}, {len(usable_cores())} cores, {platform.system()}, {load}",
+        "machine": (
+            f"{packages.pop('processor')}, {len(usable_cores())} cores, {platform.system()}, {load}"
+        ),
         "versions": ", ".join(f"{name} {version}" for name, version in packages.items()),
     }

@@ -1,24 +1,24 @@
-"""Subject: stiff and extreme cases of eyes over time: the filters and the viewer. Values are ok, degraded or failed.
-
-They are compared with the undisturbed run; the cases of the picture are in `extremes.py`.
+"""Subject: stiff and extreme cases of numerics: the filters, compared with their undisturbed run;
+eyes to viewpoints, and views at the ends of the range. Values are ok, degraded or failed.
 """
 
 import itertools
 import math
 from collections.abc import Callable, Iterator
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.bench.extremes import colour_table, mapping_table, synthesis_table
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.results import State, Table, judged_table
+from lfpipe.bench.results import State, Table, judged_error, judged_table
 from lfpipe.bench.runner import Offer
-from lfpipe.config import Config, Track
-from lfpipe.eyes import EYES as RECORD
-from lfpipe.eyes import EyesRecord
-from lfpipe.render.viewer import Viewer
-from lfpipe.scene.lightfield import LightField
+from lfpipe.bench.synthesis import view_at
+from lfpipe.config import Render, Track
+from lfpipe.config.quality import METHODS, WARPS
+from lfpipe.render.compositor import Compositor, ViewRenderer
+from lfpipe.render.viewpoint import ViewSolver, pair_clamped
+from lfpipe.scene.lightfield import UNKNOWN, Geometry, LightField
 from lfpipe.track.filters import make_filter
 
 FILTERS = (
@@ -29,13 +29,16 @@ RATES_HZ = (15, 30, 60, 120, 240)  # of webcams in the dark to high-speed camera
 EYES = np.array([[350.0, 240.0], [290.0, 242.0]])  # px, of somebody before the middle of 640x480
 APART_PX = 60.0  # of EYES
 AHEAD_MS = 100  # a usual time from exposure to light
-VIEWER_HZ, VIEWER_STEP_NS = 60, 16_666_667  # a usual screen
 Float = NDArray[np.float64]
+wide = np.longdouble
 
 
 def stamps_ns(rate_hz: float, count: int, seed: int, jittered: bool) -> list[int]:
-    """Rising stamps of frames; jittered: by a tenth of the period, every ninth a duplicate of its predecessor."""
-    random, period_ns = np.random.default_rng(seed), 1e9 / rate_hz
+    """Rising stamps of frames; jittered: by a tenth of the period, every ninth a duplicate of its
+    predecessor.
+    """
+    random = np.random.default_rng(seed)
+    period_ns = 1e9 / rate_hz
     stamps = [
         round(10**12 + k * period_ns + (random.uniform(-0.1, 0.1) * period_ns if jittered else 0))
         for k in range(count)
@@ -44,9 +47,11 @@ def stamps_ns(rate_hz: float, count: int, seed: int, jittered: bool) -> list[int
 
 
 def aftermath(runs: list[Float], since: int, limit: float, rate_hz: float) -> tuple[float, float]:
-    """(peak, duration) of what a disturbance at sample `since` does. runs: without it and with it, (n, 2, 2) each.
+    """(peak, duration) of what a disturbance at sample `since` does. runs: without it and with it,
+    (n, 2, 2) each.
 
-    The largest distance between the runs, and the seconds until it stays below limit; infinite if any output is not finite.
+    The largest distance between the runs, and the seconds until it stays below limit; infinite if
+    any output is not finite.
     """
     off = np.abs(runs[1] - runs[0]).max(axis=(1, 2))[since:]
     if not np.isfinite(off).all():
@@ -55,8 +60,8 @@ def aftermath(runs: list[Float], since: int, limit: float, rate_hz: float) -> tu
     return float(off.max()), float((above[-1] + 1) / rate_hz if len(above) else 0.0)
 
 
-# Name -> what becomes of the stamp (ns) and the eyes of one frame. What the tracker's gate refuses anyway (not finite, out of all
-# proportion) is no face.
+# Name -> what becomes of the stamp (ns) and the eyes of one frame. What the tracker's gate refuses
+# anyway (not finite, out of all proportion) is no face.
 DISTURBANCES: dict[str, Callable[[int, Float], tuple[int, Float]]] = {
     "wrong by half an eye distance": lambda t_ns, eyes: (
         t_ns,
@@ -78,13 +83,18 @@ DISTURBANCES: dict[str, Callable[[int, Float], tuple[int, Float]]] = {
 def disturbed(
     name: str, what: str, rate_hz: int, moving: bool, frames: int = 1
 ) -> tuple[float, float]:
-    """(peak, duration) of a disturbance of so many frames in a row, in eye distances AHEAD_MS ahead, until it stays below 2 %.
+    """(peak, duration) of a disturbance of so many frames in a row, in eye distances AHEAD_MS
+    ahead, until it stays below 2 %.
 
     The head rests, or sways by 100 px at half a hertz, then with jittered stamps.
     """
-    stamps, at, runs = stamps_ns(rate_hz, 4 * rate_hz, 1, jittered=moving), 2 * rate_hz, []
+    stamps = stamps_ns(rate_hz, 4 * rate_hz, 1, jittered=moving)
+    at = 2 * rate_hz
+    runs = []
     for wrong in ((), range(at, at + frames)):
-        filter_, noise, outputs = make_filter(Track(filter=name)), np.random.default_rng(2), []  # type: ignore[arg-type]
+        filter_ = make_filter(Track(filter=name))  # type: ignore[arg-type]
+        noise = np.random.default_rng(2)
+        outputs = []
         for k, t_ns in enumerate(stamps):
             t_s = (t_ns - stamps[0]) / 1e9
             sway = (
@@ -102,8 +112,9 @@ def disturbed(
 def filter_tables(rates_hz: tuple[int, ...]) -> Iterator[Table]:
     """Every filter with every disturbance of one frame and of two, at rest and moving."""
     note = (
-        f"Largest distance from the run without it in eye distances, {AHEAD_MS} ms ahead, and how long it stays above 2 %."
-        " ok: at most 1.5 and 0.7 s; failed: longer than 1.5 s, or not finite."
+        f"Largest distance from the run without it in eye distances, {AHEAD_MS} ms ahead, and how"
+        " long it stays above 2 %. ok: at most 1.5 and 0.7 s; failed: longer than 1.5 s, or not"
+        " finite."
     )
     cases = {
         f"{what}, {rate} Hz": (what, rate)
@@ -135,60 +146,148 @@ def _only(_case: object, name: str) -> str:
     return "" if name == FILTERS[0] else f"track.filter={name}"
 
 
-def viewer_run(
-    field: LightField, rate_hz: int, jittered: bool, bad: dict[str, object], frames: range
-) -> Float:
-    """Viewpoints (n, 2, 2) of a viewer before a field, at VIEWER_HZ, over 8 s. bad: what stands in the records of some frames."""
-    viewer, record = Viewer(field, Config()), np.zeros((), RECORD)
-    stamps = stamps_ns(rate_hz, 8 * rate_hz, 3, jittered)
-    views, k = [], 0
-    for presented_ns in range(stamps[0], stamps[-1], VIEWER_STEP_NS):
-        while k + 1 < len(stamps) and stamps[k + 1] <= presented_ns:
-            k += 1
-        usual = {"filtered_px": EYES, "raw_px": EYES, "velocity_px_s": 0.0, "apart_px": APART_PX, "confidence": 1.0,
-                 "width_px": 640, "height_px": 480, "face": 1, "generation": 1}  # fmt: skip
-        for name, value in (usual | (bad if k in frames else {})).items():
-            record[name] = value
-        viewpoints = viewer.viewpoints(EyesRecord.of(record), stamps[k], presented_ns + 50_000_000)
-        views.append((viewpoints.left, viewpoints.right))
-    return np.array(views)
-
-
-CASES: dict[
-    str, tuple[dict[str, object], int]
-] = {  # what stands in the record, for how many frames
-    "no face for a frame": ({"face": 0}, 1),
-    "no face for ten frames": ({"face": 0}, 10),
-    "eyes that are no number": ({"filtered_px": math.nan}, 1),
-    "eyes at 1e300 px": ({"filtered_px": 1e300}, 1),
-    "speed that is infinite": ({"velocity_px_s": math.inf}, 1),
-    "distance that is no number": ({"apart_px": math.nan}, 1),
-    "infinite distance": ({"apart_px": math.inf}, 1),
-    "distance of 1e300 px": ({"apart_px": 1e300}, 1),
-    "eyes 30 px aside": ({"filtered_px": EYES + 30.0}, 1),
-    "another face": ({"generation": 2}, 1),
-}
-
-
-def viewer_table(field: LightField, rates_hz: tuple[int, ...]) -> Table:
-    """Viewer, easing, presence and parallax: what one frame, or ten without a face, do to the viewpoints."""
-
-    def judge(case: tuple[dict[str, object], int], column: tuple[int, bool]) -> tuple[str, State]:
-        at, (bad, frames) = 3 * column[0], case
-        runs = [viewer_run(field, *column, bad, range(at, at + count)) for count in (0, frames)]
-        peak, lasts_s = aftermath(runs, 3 * VIEWER_HZ, 0.05, VIEWER_HZ)
-        return (
-            f"{peak:.2f}, {lasts_s:.2f} s",
-            "ok" if lasts_s <= 2 else "degraded" if lasts_s < 4.5 else "failed",
+def mapping_error(alpha_px: float, u: float, count: int = 9, reach: float = 2.0) -> float:
+    """Distance in views between the mapping and the same in long double, before the clamp; infinite
+    if it is not finite, leaves the zone, or is wrong in its clamp.
+    """
+    solver = ViewSolver(count, count, Render(extrapolate_views=reach), alpha_px, (320.0, 240.0))
+    views = [view[1] for view in solver.views((u, 240.0, u - 60.0, 240.0))]
+    if not all(math.isfinite(view) and -reach <= view <= count - 1 + reach for view in views):
+        return math.inf
+    if not math.isfinite(u):
+        return 0.0
+    exact = [wide(count - 1) / 2 + (wide(320.0) - wide(v)) / wide(alpha_px) for v in (u, u - 60.0)]
+    left, right = (float(np.clip(v, -wide(1e12), wide(1e12))) for v in exact)
+    return float(
+        max(
+            abs(wide(a) - wide(b))
+            for a, b in zip(views, pair_clamped(left, right, count, reach), strict=True)
         )
+    )
 
-    columns = {
-        f"{hz} Hz{', jittered' * late}": (hz, late)
-        for hz, late in itertools.product(rates_hz, (False, True))
+
+def mapping_table() -> Table:
+    """Eyes and alpha over the whole range of floats."""
+    eyes = (320.0, 0.0, -1e3, 1e6, 1e18, 1e308, 5e-324, math.inf, -math.inf, math.nan)
+    alphas = (1e-9, 1e-3, 1.0, 12.0, 1e3, 1e9)
+    note = "Error in views against long double, with 9 views and 2 views of extrapolation."
+    rows = {f"u = {u:g} px": u for u in eyes}
+    columns = {f"alpha {alpha:g} px": alpha for alpha in alphas}
+
+    def judge(u: float, alpha_px: float) -> tuple[str, State]:
+        return judged_error(mapping_error(alpha_px, u), 1e-9, 1e-3)
+
+    return judged_table("Eyes to viewpoints", note, "left eye", rows, columns, judge)
+
+
+def extreme_field(
+    rows: int, cols: int, height: int, width: int, disparity_px: float, unknown: float = 0.0
+) -> LightField:
+    """Noise with disparities up to disparity_px, of both signs.
+
+    unknown: share of unknown disparities.
+    """
+    rng = np.random.default_rng(1)
+    low = ((height + 1) // 2, (width + 1) // 2)
+    disparity = rng.integers(-127, 128, (1, rows, cols, *low), np.int8)
+    disparity[rng.random(disparity.shape) < unknown] = UNKNOWN
+    return LightField(
+        views=rng.integers(0, 256, (1, rows, cols, 3, height, width), np.uint8),
+        disparity=disparity,
+        disparity_scale_px=disparity_px / 127,
+        disparity_min_px=-disparity_px,
+        disparity_max_px=disparity_px,
+        disparity_source="truth",
+        offsets=np.zeros((rows, cols, 2), np.float32),
+        present=np.ones((rows, cols), bool),
+        geometry=Geometry(),
+        frame_rate_hz=0.0,
+        name="extreme",
+        method="warp2",
+        manifest={},
+    )
+
+
+def error_at_stored_views(field: LightField, method: str) -> float:
+    """Largest difference between a stored view and the method's view at its position; 0 is
+    required.
+    """
+    renderer = ViewRenderer(field, method)
+    views = np.asarray(field.views)[0]
+    stored = {(0, 0), (field.rows - 1, field.cols - 1), (field.rows // 2, field.cols // 2)}
+    return max(
+        float(np.abs(view_at(renderer, (float(r), float(c))) - views[r, c]).max())
+        for r, c in stored
+    )
+
+
+def error_at_extremes(field: LightField, method: str) -> float:
+    """Composes at impossible viewpoints (NaN, infinities, far outside, tiny fractions) with and
+    without a plane of the screen in depth. Returns the largest difference between pictures with
+    equal keys, which must be equal.
+    """
+    values = (math.nan, math.inf, -math.inf, 1e308, -1e308, 5e-324, 0.5, field.cols - 1 + 1e-12)
+    worst = 0.0
+    for zero_plane_px in (0.0, 900.0):
+        compositor = Compositor(
+            field,
+            Render(method=method, zero_plane_px=zero_plane_px),  # type: ignore[arg-type]
+        )
+        pictures: dict[object, NDArray[np.uint8]] = {}
+        for value in values:
+            for left, right in (((value, value), (0.0, value)), ((0.0, 0.0), (value, value))):
+                picture = compositor.compose(left, right).copy()
+                before = pictures.setdefault(compositor.key(left, right), picture)
+                worst = max(worst, float(np.abs(before.astype(np.int16) - picture).max()))
+    return worst
+
+
+def synthesis_table(inputs: Inputs) -> Table:
+    """The scene, and generated light fields of extreme sizes and disparities."""
+    scene = attrs.evolve(inputs.field, views=inputs.field.views[:1])
+    offset = extreme_field(3, 3, 32, 32, 2.0)
+    offset.offsets[:] = np.random.default_rng(3).normal(0, 3, offset.offsets.shape)
+    fields = {
+        inputs.field.name or "scene": scene,
+        "3x3 of 1x1 px": extreme_field(3, 3, 1, 1, 1.0),
+        "2x2 of 2x3 px": extreme_field(2, 2, 2, 3, 1.0),
+        "3x3 of 33x47 px": extreme_field(3, 3, 33, 47, 2.0),
+        "1x1 view": extreme_field(1, 1, 32, 32, 1.0),
+        "1x9 views": extreme_field(1, 9, 32, 32, 2.0),
+        "5x1 views": extreme_field(5, 1, 32, 32, 2.0),
+        "disparity 0": extreme_field(3, 3, 32, 32, 0.0),
+        "disparity 1e-6 px": extreme_field(3, 3, 32, 32, 1e-6),
+        "disparity 200 px of 32": extreme_field(3, 3, 32, 32, 200.0),
+        "disparity 1e6 px": extreme_field(3, 3, 32, 32, 1e6),
+        "a third unknown": extreme_field(3, 3, 32, 32, 2.0, 0.33),
+        "all unknown": extreme_field(3, 3, 32, 32, 2.0, 1.1),
+        "cameras out of place": offset,
     }
-    note = "Distance of the viewpoints from a run without it, in views, and how long it stays above 0.05. failed: it never ends."
+    checks = {
+        "stored views": error_at_stored_views,
+        "extremes": error_at_extremes,
+    }
+
+    def judge(field: LightField, column: tuple[str, str]) -> tuple[str, State]:
+        method, check = column
+        if field.disparity is None and method in WARPS:
+            return "-", ""
+        return judged_error(checks[check](field, method), 0.0, 1.0)
+
+    def only(_field: LightField, column: tuple[str, str]) -> str:
+        return "" if column[0] == inputs.field.method else f"render.method={column[0]}"
+
+    note = (
+        "Stored views: largest difference in levels from the stored view. Extremes: viewpoints of"
+        " NaN, infinities, 1e308, 5e-324, a plane of the screen of 900 px; pictures with equal keys"
+        " must be equal, and nothing may raise."
+    )
+    columns = {
+        f"{method}: {check}": (method, check)
+        for method, check in itertools.product(METHODS[::-1], checks)
+    }
     return judged_table(
-        "The viewer before the screen", note, "in the record", CASES, columns, judge
+        "Views at the ends of the range", note, "light field", fields, columns, judge, only
     )
 
 
@@ -196,7 +295,5 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
     """All tables."""
     rates_hz = (30, 240) if inputs.quick else RATES_HZ
     yield from filter_tables(rates_hz)
-    yield viewer_table(inputs.field, rates_hz)
     yield mapping_table()
-    yield colour_table(inputs.field)
     yield synthesis_table(inputs)

@@ -5,13 +5,23 @@ from collections.abc import Sequence
 
 STYLE = """
 :root { color-scheme: light dark; }
-body { margin: 0 auto; padding: 1.5rem; max-width: 64rem; font: 16px/1.5 system-ui, sans-serif; } a { color: inherit; }
-h2 { margin: 2.6rem 0 .3rem; border-top: 1px solid #8886; padding-top: 1.2rem; } p { margin: .3rem 0 .8rem; }
-.soft { opacity: .75; } nav a { margin-right: .9rem; } img { width: 100%; margin: .6rem 0 1rem; border-radius: 6px; }
-.wide { overflow-x: auto; } table { border-collapse: collapse; font-size: .84rem; margin: .3rem 0 1rem; }
-th, td { text-align: left; padding: .22rem .6rem; border-bottom: 1px solid #8886; vertical-align: top; } th { background: #8882; }
+body { margin: 0 auto; padding: 1.5rem; max-width: 64rem; font: 16px/1.5 system-ui, sans-serif; }
+a { color: inherit; }
+h2 { margin: 2.6rem 0 .3rem; border-top: 1px solid #8886; padding-top: 1.2rem; }
+p { margin: .3rem 0 .8rem; }
+.soft { opacity: .75; }
+nav a { margin-right: .9rem; }
+img { width: 100%; margin: .6rem 0 1rem; border-radius: 6px; }
+.wide { overflow-x: auto; }
+table { border-collapse: collapse; font-size: .84rem; margin: .3rem 0 1rem; }
+th, td {
+  text-align: left; padding: .22rem .6rem; border-bottom: 1px solid #8886; vertical-align: top;
+}
+th { background: #8882; }
 .used { font-weight: 600; } .paper { color: #e5484d; }
-.ok { background: #30a46c40; } .degraded { background: #ffb22440; } .failed { background: #e5484d40; }
+.ok { background: #30a46c40; }
+.degraded { background: #ffb22440; }
+.failed { background: #e5484d40; }
 summary { cursor: pointer; margin: .4rem 0; } code { font-size: .9em; overflow-wrap: anywhere; }
 """
 
@@ -20,7 +30,8 @@ def document(title: str, body: str) -> str:
     """A page that stands alone. body: HTML."""
     return (
         '<!doctype html><!-- written by lfpipe --><html lang="en"><head><meta charset="utf-8">'
-        f'<meta name="viewport" content="width=device-width"><title>{html.escape(title)}</title><style>{STYLE}</style></head>'
+        '<meta name="viewport" content="width=device-width">'
+        f"<title>{html.escape(title)}</title><style>{STYLE}</style></head>"
         f"<body><h1>{html.escape(title)}</h1>{body}</body></html>"
     )
 
@@ -38,4 +49,5 @@ def html_table(
             + "".join(f'<td class="{name}">{html.escape(text)}</td>' for text, name in cells)
             + "</tr>"
         )
-    return f'<div class="wide"><table><tr>{"".join(f"<th>{html.escape(text)}</th>" for text in head)}</tr>{body}</table></div>'
+    titles = "".join(f"<th>{html.escape(text)}</th>" for text in head)
+    return f'<div class="wide"><table><tr>{titles}</tr>{body}</table></div>'

@@ -1,7 +1,9 @@
-"""The protocol of papers on angular super-resolution: keep the corners of 7x7 views, synthesise the 45 others and compare.
+"""The protocol of papers on angular super-resolution: keep the corners of 7x7 views, synthesise the
+45 others and compare.
 
-PSNR and SSIM of luma are averaged over the synthesised views of a scene. The 7x7 views are the central ones of 9x9 (DistgASR).
-Smaller grids use the largest square that fits; the name of the row tells it.
+PSNR and SSIM of luma are averaged over the synthesised views of a scene. The 7x7 views are the
+central ones of 9x9 (DistgASR). Smaller grids use the largest square that fits; the name of the row
+tells it.
 """
 
 import itertools
@@ -16,27 +18,29 @@ from numpy.typing import NDArray
 
 from lfpipe.bench.inputs import Progress
 from lfpipe.bench.results import Figures, Results, Row, Table
-from lfpipe.bench.runner import Candidate, Turn, conditions, run, time_ms
+from lfpipe.bench.runner import Candidate, Turn, conditions, cpu_ms, run
 from lfpipe.bench.subjects import TABLE
-from lfpipe.bench.synthesis import ViewRenderer, subsample
+from lfpipe.bench.synthesis import subsample, view_at
 from lfpipe.config.quality import METHODS, WARPS
 from lfpipe.errors import UserError
+from lfpipe.render.compositor import ViewRenderer
 from lfpipe.render.scoring import psnr_db
 from lfpipe.render.viewpoint import Position
 from lfpipe.scene.lightfield import LightField
 
 SIDE = 7  # views per side in the printed protocol
-LUMA, BLACK = (
-    np.array([65.481, 128.553, 24.966]) / 255,
-    16.0,
-)  # ITU-R BT.601, 16 to 235, as MATLAB's rgb2ycbcr
+# ITU-R BT.601, 16 to 235, as MATLAB's rgb2ycbcr
+LUMA = np.array([65.481, 128.553, 24.966]) / 255
+BLACK = 16.0
 SIGMA_PX, WINDOW_PX, K1, K2 = 1.5, 11, 0.01, 0.03  # Wang, Bovik, Sheikh, Simoncelli, IEEE TIP 2004
 Float = NDArray[np.float64]
 
 
 @attrs.frozen
 class Protocol:
-    """keep: kept views per side. border_px: shaved off each side before comparing. timed: with the time per picture."""
+    """keep: kept views per side. border_px: shaved off each side before comparing. timed: with the
+    time per picture.
+    """
 
     keep: int = 2
     border_px: int = 22
@@ -44,13 +48,18 @@ class Protocol:
 
 
 def studio_luma(planes: NDArray[np.generic]) -> Float:
-    """Luma, float64 (h, w), 16 to 235, of planar RGB (3, h, w) or grey (1, h, w) with values 0 to 255. Not rounded."""
+    """Luma, float64 (h, w), 16 to 235, of planar RGB (3, h, w) or grey (1, h, w) with values 0 to
+    255. Not rounded.
+    """
     weights = LUMA if len(planes) == 3 else LUMA.sum(keepdims=True)
     return np.asarray(np.tensordot(weights, np.asarray(planes, np.float64), 1) + BLACK, np.float64)
 
 
 def shaved(picture: Float, border_px: int) -> Float:
-    """The picture without border_px on each side. Raises ValueError if the rest is too small for SSIM."""
+    """The picture without border_px on each side.
+
+    Raises ValueError if the rest is too small for SSIM.
+    """
     height, width = picture.shape
     if min(height, width) - 2 * border_px < WINDOW_PX:
         raise ValueError(
@@ -60,9 +69,11 @@ def shaved(picture: Float, border_px: int) -> Float:
 
 
 def ssim(a: Float, b: Float) -> float:
-    """Mean structural similarity: Gaussian window of 11x11 with sigma 1.5, population covariance, peak 255.
+    """Mean structural similarity: Gaussian window of 11x11 with sigma 1.5, population covariance,
+    peak 255.
 
-    The mean is over the windows that lie within the picture, as in the authors' code and in scikit-image.
+    The mean is over the windows that lie within the picture, as in the authors' code and in
+    scikit-image.
     """
 
     def mean(values: Float) -> Float:
@@ -71,11 +82,9 @@ def ssim(a: Float, b: Float) -> float:
         )  # type: ignore[return-value]
 
     mean_a, mean_b = mean(a), mean(b)
-    var_a, var_b, both = (
-        mean(a * a) - mean_a**2,
-        mean(b * b) - mean_b**2,
-        mean(a * b) - mean_a * mean_b,
-    )
+    var_a = mean(a * a) - mean_a**2
+    var_b = mean(b * b) - mean_b**2
+    both = mean(a * b) - mean_a * mean_b
     c1, c2 = (K1 * 255) ** 2, (K2 * 255) ** 2
     similarity = (
         (2 * mean_a * mean_b + c1)
@@ -87,7 +96,8 @@ def ssim(a: Float, b: Float) -> float:
 
 
 def kept_views(count: int, keep: int) -> range:
-    """Indices of the kept views along an axis, evenly spaced among the central ones; the only one of a single view.
+    """Indices of the kept views along an axis, evenly spaced among the central ones; the only one
+    of a single view.
 
     Raises ValueError if no view lies between them.
     """
@@ -103,13 +113,13 @@ def measure(field: LightField, protocol: Protocol) -> Iterator[Candidate]:
     axes = [kept_views(count, protocol.keep) for count in (field.rows, field.cols)]
     if field.rows == field.cols == 1:
         raise ValueError("one view: nothing lies between")
-    step = min(
-        kept.step for kept in axes if len(kept) > 1
-    )  # the same on both axes, as disparity is per step of the grid
+    # the same on both axes, as disparity is per step of the grid
+    step = min(kept.step for kept in axes if len(kept) > 1)
     rows, cols = ([kept.start + k * step for k in range(len(kept))] for kept in axes)
     if not field.present[np.ix_(rows, cols)].all():
         raise ValueError("one of the kept views is missing")
-    size, views = (rows[-1] - rows[0] + 1, cols[-1] - cols[0] + 1), np.asarray(field.views[0])
+    size = (rows[-1] - rows[0] + 1, cols[-1] - cols[0] + 1)
+    views = np.asarray(field.views[0])
     truth = {
         (r / step, c / step): shaved(
             studio_luma(views[rows[0] + r, cols[0] + c]), protocol.border_px
@@ -122,9 +132,9 @@ def measure(field: LightField, protocol: Protocol) -> Iterator[Candidate]:
     for method in reversed(METHODS):
         if kept_field.disparity is not None or method not in WARPS:
             yield Candidate(
-                method,
-                f"{field.name}, {grid}",
-                partial(_prepare, kept_field, method, truth, protocol),
+                curve=method,
+                knob=f"{field.name}, {grid}",
+                prepare=partial(_prepare, kept_field, method, truth, protocol),
             )
 
 
@@ -132,11 +142,13 @@ def _prepare(
     kept_field: LightField, method: str, truth: dict[Position, Float], protocol: Protocol
 ) -> tuple[Figures, Turn | None]:
     renderer = ViewRenderer(kept_field, method)
-    lumas = {place: shaved(studio_luma(renderer.at(place)), protocol.border_px) for place in truth}
+    lumas = {
+        place: shaved(studio_luma(view_at(renderer, place)), protocol.border_px) for place in truth
+    }
     db = [psnr_db(float(np.mean(np.square(true - lumas[place])))) for place, true in truth.items()]
     similar = [ssim(true, lumas[place]) for place, true in truth.items()]
     upcoming = itertools.cycle(truth)
-    turn = partial(time_ms, lambda: renderer.draw(next(upcoming)), len(truth))
+    turn = partial(cpu_ms, lambda: renderer.planes(*next(upcoming)), len(truth))
     figures = {"psnr_db": float(np.mean(db)), "worst_db": min(db), "ssim": float(np.mean(similar))}
     return figures, (lambda: {"ms": turn()}) if protocol.timed else None
 
@@ -144,8 +156,12 @@ def _prepare(
 def measure_scenes(
     scenes: Sequence[tuple[Path, Callable[[], LightField]]], protocol: Protocol, progress: Progress
 ) -> Results:
-    """Every method on every scene. scenes: (path, function that opens it); one that does not fit the protocol is left out."""
-    whole, rows = Results(TABLE.name, about=conditions()), list[Row]()
+    """Every method on every scene.
+
+    scenes: (path, function that opens it); one that does not fit the protocol is left out.
+    """
+    whole = Results(TABLE.name, about=conditions())
+    rows = list[Row]()
     for path, open_field in scenes:
         try:
             results = run(TABLE, measure(open_field(), protocol), False, progress)
@@ -158,6 +174,9 @@ def measure_scenes(
         rows += results.rows
         whole.failures |= results.failures
         whole.wall_s, whole.cpu_s = whole.wall_s + results.wall_s, whole.cpu_s + results.cpu_s
-    note = f"{protocol.keep}x{protocol.keep} views kept of the central 7x7, {protocol.border_px} px shaved off each side."
+    note = (
+        f"{protocol.keep}x{protocol.keep} views kept of the central 7x7, {protocol.border_px} px"
+        " shaved off each side."
+    )
     whole.tables = [Table("method, scene, views", TABLE.columns, tuple(rows), "", note)]
     return whole

@@ -10,38 +10,42 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.bench.inputs import FrameSequence, Inputs, Picture
-from lfpipe.bench.results import Figures, rms
-from lfpipe.bench.runner import Candidate, Offer, Turn, time_ms
+from lfpipe.bench.results import Value, rms, rms_of
+from lfpipe.bench.runner import Candidate, Offer, Turn, cpu_ms
 from lfpipe.config import Track
-from lfpipe.track.engine import make_engine
+from lfpipe.track.make_engine import make_engine
 from lfpipe.track.models import package_folder
 
 ENGINES = ("litert", "mediapipe")
 WIDTHS_PX = (640, 320), (640, 320, 160)  # quick and full
 TURN_FRAMES = 12  # of each turn
+BLOCKS = 10  # stretches of a sequence, for the interval of its error: frames resemble each other
 
 
-def motion_errors(eyes: NDArray[np.float64], truth: NDArray[np.float64]) -> Figures:
+def motion_errors(eyes: NDArray[np.float64], truth: NDArray[np.float64]) -> dict[str, Value]:
     """Figures of measured eyes (n, 2, 2) against the true ones, over frames with a face.
 
-    Engines define the centre of an eye differently (lids or iris). The median offset from the truth, in distances between the
-    eyes, is therefore subtracted and reported as `offset`.
+    Engines define the centre of an eye differently (lids or iris). The median offset from the
+    truth, in distances between the eyes, is therefore subtracted and reported as `offset`.
     """
     seen = np.isfinite(eyes).all(axis=(1, 2))
     between_px = np.linalg.norm(truth[seen, 0] - truth[seen, 1], axis=1)
     error = (eyes[seen] - truth[seen]) / between_px[:, None, None]
     offset = np.median(error, axis=0)
     worst = np.linalg.norm(error - offset, axis=2).max(axis=1)
+    blocks = np.array_split(worst, min(BLOCKS, len(worst)))
     return {
-        "error_px": rms(worst * between_px),
-        "offset": float(np.linalg.norm(offset, axis=1).max()),
+        "error": rms_of([100 * rms(block) for block in blocks]),
+        "offset": Value(float(np.linalg.norm(offset, axis=1).max())),
     }
 
 
 def measure(inputs: Inputs) -> Iterator[Offer]:
     """Engines x refine x input size."""
     if inputs.sequence.truth is None:
-        yield f"error of tracking: {inputs.sequence.path.name} has no truth; only times are measured"
+        yield (
+            f"error of tracking: {inputs.sequence.path.name} has no truth; only times are measured"
+        )
     width_px, height_px = inputs.sequence.size_px
     offered = WIDTHS_PX[0 if inputs.quick else 1]
     widths = [width for width in offered if width <= width_px] or [width_px]
@@ -59,12 +63,19 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
         )
         prepare = partial(_prepare, inputs.sequence, track, size)
         yield Candidate(
-            name + " with irises" * refine, f"{size[0]}x{size[1]}", prepare, paper, used
+            curve=name + " with irises" * refine,
+            knob=f"{size[0]}x{size[1]}",
+            prepare=prepare,
+            paper=paper,
+            used=used,
         )
 
 
-def _prepare(sequence: FrameSequence, track: Track, size: tuple[int, int]) -> tuple[Figures, Turn]:
-    engine, scale = make_engine(track), sequence.size_px[0] / size[0]
+def _prepare(
+    sequence: FrameSequence, track: Track, size: tuple[int, int]
+) -> tuple[dict[str, float | Value], Turn]:
+    engine = make_engine(track)
+    scale = sequence.size_px[0] / size[0]
 
     def frames() -> Iterator[Picture]:
         for frame in sequence.frames():
@@ -77,7 +88,7 @@ def _prepare(sequence: FrameSequence, track: Track, size: tuple[int, int]) -> tu
     faces = [engine.detect(frame) for frame in frames()]
     if not any(faces):
         raise ValueError("no face found in any frame")
-    figures = {"missed": faces.count(None) / len(faces)}
+    figures: dict[str, float | Value] = {"missed": faces.count(None) / len(faces)}
     if sequence.truth is not None:
         eyes = np.array(
             [np.full((2, 2), np.nan) if face is None else face.eyes_px * scale for face in faces]
@@ -85,12 +96,5 @@ def _prepare(sequence: FrameSequence, track: Track, size: tuple[int, int]) -> tu
         figures |= motion_errors(eyes, sequence.truth.eyes_px[: len(eyes)])
     upcoming = itertools.cycle(itertools.islice(frames(), TURN_FRAMES))
 
-    def turn() -> Figures:
-        cpu_ns = time.process_time_ns()
-        taken_ms = time_ms(lambda: engine.detect(next(upcoming)), TURN_FRAMES)
-        return {
-            "time_ms": taken_ms,
-            "cpu_ms": (time.process_time_ns() - cpu_ns) / 1e6 / TURN_FRAMES,
-        }
-
-    return figures, turn
+    detect = partial(cpu_ms, lambda: engine.detect(next(upcoming)), TURN_FRAMES)
+    return figures, lambda: {"cpu_ms": detect(time.process_time_ns)}

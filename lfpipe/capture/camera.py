@@ -1,4 +1,6 @@
-"""A V4L2 camera as a source: requests a mode, reports the actual one, decodes frames and stamps them with their exposure."""
+"""A V4L2 camera as a source: requests a mode, reports the actual one, decodes frames and stamps
+them with their exposure.
+"""
 
 import contextlib
 import errno
@@ -27,7 +29,10 @@ CONTROLS_S = 1.0  # longest wait for the camera's controls; they are set later i
 REPLUG = "unplug the camera and plug it in again"
 MAX_AGE_NS = 2_000_000_000  # an older stamp comes from another clock
 HARDWARE_STAMPS = Path("/sys/module/uvcvideo/parameters/hwtimestamps")
-USB = "use another USB port, or --set camera.format=MJPG, or a smaller size: --set camera.width_px=640"
+USB = (
+    "use another USB port, or --set camera.format=MJPG, or a smaller size: --set"
+    " camera.width_px=640"
+)
 TROUBLE = {  # errno of a driver's call -> what it means, what helps; {} is the device
     errno.ENODEV: ("unplugged", "plug it in again"),
     errno.ENXIO: ("unplugged", "plug it in again"),
@@ -42,8 +47,8 @@ TROUBLE = {  # errno of a driver's call -> what it means, what helps; {} is the 
 def stamp_kind(driver: str, start_of_exposure: bool, hardware: Path = HARDWARE_STAMPS) -> StampKind:
     """The event that the driver's stamps mark. start_of_exposure: the flag of its buffers.
 
-    uvcvideo sets that flag always, but stamps the arrival of the first packet (uvc_video_decode_start) unless its parameter
-    hwtimestamps is set.
+    uvcvideo sets that flag always, but stamps the arrival of the first packet
+    (uvc_video_decode_start) unless its parameter hwtimestamps is set.
     """
     if not start_of_exposure:
         return StampKind.END_OF_FRAME
@@ -56,12 +61,13 @@ def stamp_kind(driver: str, start_of_exposure: bool, hardware: Path = HARDWARE_S
 class SensorClock:
     """Moves stamps to the middle of the exposure.
 
-    A stamp marks one end of the exposure, so half of the exposure time is added or subtracted. If the camera does not report it,
-    half a frame period is assumed, which is off by at most a quarter of a period. The sensor's readout time is unknown and not
-    corrected.
+    A stamp marks one end of the exposure, so half of the exposure time is added or subtracted. If
+    the camera does not report it, half a frame period is assumed, which is off by at most a quarter
+    of a period. The sensor's readout time is unknown and not corrected.
 
-    Drivers may stamp ahead of the clock (vivid: the end of a future frame). Stamps ahead by up to one period are used, all
-    shifted back by the largest lead so far: they stay evenly spaced, and no frame is read before its exposure.
+    Drivers may stamp ahead of the clock (vivid: the end of a future frame). Stamps ahead by up to
+    one period are used, all shifted back by the largest lead so far: they stay evenly spaced, and
+    no frame is read before its exposure.
     """
 
     def __init__(self, rate_hz: float) -> None:
@@ -75,7 +81,9 @@ class SensorClock:
     def middle_ns(
         self, stamp_ns: int, kind: StampKind, read_ns: int, exposure_ns: int | None
     ) -> tuple[int, StampKind]:
-        """The middle of the exposure of a frame read at read_ns, never later than read_ns, and the source of the value."""
+        """The middle of the exposure of a frame read at read_ns, never later than read_ns, and the
+        source of the value.
+        """
         if not self.usable(stamp_ns, read_ns):
             return read_ns, StampKind.READ
         self._lead_ns = max(self._lead_ns, stamp_ns - read_ns)
@@ -98,21 +106,22 @@ def trouble(path: Path, error: OSError) -> UserError:
 
 
 def negotiate(path: Path, device: V4L2Device, camera: config.Camera) -> tuple[Mode, SourceInfo]:
-    """The mode that the device accepted, and the source that it makes: with a rate that is never 0, and notes on differences from
-    the configuration.
+    """The mode that the device accepted, and the source that it makes: with a rate that is never 0,
+    and notes on differences from the configuration.
 
     Raises OSError from the driver, UserError if none of the device's formats can be decoded.
     """
-    wanted_px, offered = (camera.width_px, camera.height_px), device.fourccs()
-    usual = (
-        JPEGS if camera.width_px * camera.height_px > SMALL_PX else CHEAPEST
-    )  # of a driver that lists nothing
+    wanted_px = (camera.width_px, camera.height_px)
+    offered = device.fourccs()
+    # of a driver that lists nothing
+    usual = JPEGS if camera.width_px * camera.height_px > SMALL_PX else CHEAPEST
     formats = [fourcc for fourcc in offered or [usual[0], camera.format] if fourcc in DECODED]
     formats = [camera.format] if camera.format in formats else formats
     modes = [
         mode
         for fourcc in formats
-        for mode in device.sizes(fourcc) or [FrameSizes(fourcc, *wanted_px)]
+        for mode in device.sizes(fourcc)
+        or [FrameSizes(fourcc=fourcc, width_px=camera.width_px, height_px=camera.height_px)]
     ]
     requested = choose(modes, *wanted_px, camera.rate_hz)
     mode = (
@@ -127,7 +136,8 @@ def negotiate(path: Path, device: V4L2Device, camera: config.Camera) -> tuple[Mo
             f"camera {path}: none of its pixel formats can be decoded ({', '.join(formats)})",
             remedy,
         )
-    size_px, rate_hz = (mode.width_px, mode.height_px), mode.rate_hz or camera.rate_hz
+    size_px = (mode.width_px, mode.height_px)
+    rate_hz = mode.rate_hz or camera.rate_hz
     log.info("camera %s: requested %s, delivers %s", path, requested, mode)
     notes = [
         f"the camera delivers {mode.fourcc} {mode.width_px}x{mode.height_px} at {rate_hz:.4g} Hz"
@@ -144,10 +154,15 @@ def negotiate(path: Path, device: V4L2Device, camera: config.Camera) -> tuple[Mo
 
 
 class CameraSource:
-    """A streaming camera. source_seq follows the driver's count: frames that the driver lost leave gaps."""
+    """A streaming camera.
+
+    source_seq follows the driver's count: frames that the driver lost leave gaps.
+    """
 
     def __init__(self, path: Path, camera: config.Camera, device: V4L2Device) -> None:
-        """device: open; closed by this object. Raises UserError if it cannot be configured or delivers no first frame."""
+        """device: open; closed by this object. Raises UserError if it cannot be configured or
+        delivers no first frame.
+        """
         self._path, self._device = path, device
         with contextlib.ExitStack() as opened_so_far:
             opened_so_far.callback(device.close)
@@ -160,9 +175,8 @@ class CameraSource:
                 self._controls = CameraControls(device.duplicate(), camera)
                 opened_so_far.callback(self._controls.end, CONTROLS_S)
                 device.start()
-                first = device.read(
-                    START_S
-                )  # discarded: often dark, and old when the session is ready
+                # discarded: often dark, and old when the session is ready
+                first = device.read(START_S)
             except TimeoutError:
                 raise UserError(f"camera {path}: no picture for {START_S:g} s", REPLUG) from None
             except OSError as error:
@@ -171,20 +185,26 @@ class CameraSource:
                 raise UserError(
                     f"camera {path}: {error}", "set another camera.format, or another size"
                 ) from None
-            self.close = (
-                opened_so_far.pop_all().close
-            )  # restores the controls, then ends the stream
-        self._clock, self._period_ns = SensorClock(info.rate_hz), 1e9 / info.rate_hz
+            # restores the controls, then ends the stream
+            self.close = opened_so_far.pop_all().close
+        self._clock = SensorClock(info.rate_hz)
+        self._period_ns = 1e9 / info.rate_hz
         self._stall_s = max(STALL_S, STALL_PERIODS / info.rate_hz)
         self._kind = stamp_kind(device.driver, first.start_of_exposure)
-        self._seq, self._sequence, self._stamp_ns = -1, first.sequence, first.stamp_ns
-        now_ns, notes = time.monotonic_ns(), info.notes
+        self._seq = -1
+        self._sequence = first.sequence
+        self._stamp_ns = first.stamp_ns
+        now_ns = time.monotonic_ns()
+        notes = info.notes
         if not self._clock.usable(first.stamp_ns, now_ns):
             notes += ("the driver gives no usable time stamps: using the time of reading",)
             self._stamp_ns = now_ns
         if not self._controls.applied.wait(CONTROLS_S):
             notes += (
-                f"its controls have not answered for {CONTROLS_S:g} s: exposure and others may be set later, or never",
+                (
+                    f"its controls have not answered for {CONTROLS_S:g} s: exposure and others may"
+                    " be set later, or never"
+                ),
             )
         self.info = attrs.evolve(info, notes=(*notes, *self._controls.notes.values()))
 
@@ -195,8 +215,12 @@ class CameraSource:
         )
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
-        """See `FrameSource.read`. Raises TimeoutError if the camera stalls, UserError if it is gone, fails or has no signal."""
-        until_ns, damaged = time.monotonic_ns() + int(self._stall_s * 1e9), 0
+        """See `FrameSource.read`.
+
+        Raises TimeoutError if the camera stalls, UserError if it is gone, fails or has no signal.
+        """
+        until_ns = time.monotonic_ns() + int(self._stall_s * 1e9)
+        damaged = 0
         if not self._controls.signal:
             raise self._no_signal()
         while True:
@@ -206,7 +230,8 @@ class CameraSource:
                 raw = self._device.read(left_s)
             except TimeoutError:
                 raise TimeoutError(
-                    f"camera {self._path}: no whole frame for {self._stall_s:.2g} s, {damaged} damaged"
+                    f"camera {self._path}: no whole frame for {self._stall_s:.2g} s, {damaged}"
+                    " damaged"
                 ) from None
             except OSError as error:
                 raise trouble(self._path, error) from None
@@ -225,19 +250,23 @@ class CameraSource:
         return Frame(self._seq, sensor_ns, read_ns, packet, kind)
 
     def _count(self, raw: RawFrame, read_ns: int) -> None:
-        """Advances the frame number by the driver's count, but never by more frames than the time allows.
+        """Advances the frame number by the driver's count, but never by more frames than the time
+        allows.
 
         Some drivers count fields, or not at all.
         """
         stamp_ns = raw.stamp_ns if self._clock.usable(raw.stamp_ns, read_ns) else read_ns
         by_driver = (raw.sequence - self._sequence) % (1 << 32)
         by_time = round((stamp_ns - self._stamp_ns) / self._period_ns)
-        self._sequence, self._stamp_ns = raw.sequence, stamp_ns
+        self._sequence = raw.sequence
+        self._stamp_ns = stamp_ns
         self._seq += max(1, min(by_driver, by_time)) if self._seq >= 0 else 1
 
 
 def open_device(path: Path) -> V4L2Device:
-    """Raises UserError if path cannot be a camera: missing, not permitted, or another kind of device."""
+    """Raises UserError if path cannot be a camera: missing, not permitted, or another kind of
+    device.
+    """
     try:
         device = opened(path)
     except OSError as error:
@@ -256,12 +285,18 @@ def open_device(path: Path) -> V4L2Device:
 
 
 def open_camera(path: Path, camera: config.Camera) -> CameraSource:
-    """Opens, configures and starts the device. Raises UserError if it is missing, not permitted, no camera, or busy."""
+    """Opens, configures and starts the device.
+
+    Raises UserError if it is missing, not permitted, no camera, or busy.
+    """
     return CameraSource(path, camera, open_device(path))
 
 
 def check_camera(path: Path, camera: config.Camera) -> SourceInfo:
-    """The format that the camera will deliver. Configures it without starting it. Raises UserError as `open_camera` does."""
+    """The format that the camera will deliver.
+
+    Configures it without starting it. Raises UserError as `open_camera` does.
+    """
     with contextlib.closing(open_device(path)) as device:
         try:
             _, info = negotiate(path, device, camera)

@@ -1,6 +1,8 @@
-"""Exposure, gain, mains frequency and dynamic frame rate of a camera: applied at the start, restored at the end.
+"""Exposure, gain, mains frequency and dynamic frame rate of a camera: applied at the start,
+restored at the end.
 
-A camera may take a second to answer, or never answer. So a thread of its own asks it while frames are read.
+A camera may take a second to answer, or never answer. So a thread of its own asks it while frames
+are read.
 """
 
 import logging
@@ -23,19 +25,24 @@ POWER_LINE_HZ = (0, 50, 60)  # by menu entry; the next is automatic
 CHECK_S = 2.0  # automatic exposure follows the light
 RESTORE_TRIES = 3  # a busy camera misses a request; nobody would set the control again
 DARKER = (
-    "dynamic frame rate switched off until the end: in dim light the picture is darker instead of slower "
-    "(camera.dynamic_framerate=auto leaves it on)"
+    "dynamic frame rate switched off until the end: in dim light the picture is darker instead of"
+    " slower (camera.dynamic_framerate=auto leaves it on)"
 )
 
 
-AMOUNTS = {  # key: its control, steps per unit, unit, the control of its automatic, and that one's value for "manual"
+# key: its control, steps per unit, unit, the control of its automatic, and that one's value for
+# "manual"
+AMOUNTS = {
     "camera.exposure": (EXPOSURE, 10, " ms", AUTO_EXPOSURE, 1),
     "camera.gain": (GAIN, 1, "", AUTO_GAIN, 0),
 }
 
 
 def control_texts(device: V4L2Device) -> list[str]:
-    """The controls that the device has, with their present values and ranges, for people. Raises OSError as the driver does."""
+    """The controls that the device has, with their present values and ranges, for people.
+
+    Raises OSError as the driver does.
+    """
     texts = []
     for key, (control, scale, unit, switch, manual) in AMOUNTS.items():
         if (span := device.control_range(control)) is not None:
@@ -46,7 +53,8 @@ def control_texts(device: V4L2Device) -> list[str]:
                 steps / scale for steps in (device.control(control), span.minimum, span.maximum)
             )
             texts.append(
-                f"{key} {value:g}{unit}{' (automatic)' if automatic else ''} [{low:g} to {high:g}{unit}]"
+                f"{key} {value:g}{unit}{' (automatic)' if automatic else ''} [{low:g} to"
+                f" {high:g}{unit}]"
             )
     if (span := device.control_range(POWER_LINE)) is not None:
         entry = device.control(POWER_LINE)
@@ -58,9 +66,11 @@ def control_texts(device: V4L2Device) -> list[str]:
 
 
 class CameraControls(threading.Thread):
-    """Applies the configuration to a device, then asks it every CHECK_S; at the end restores the old settings and closes it.
+    """Applies the configuration to a device, then asks it every CHECK_S; at the end restores the
+    old settings and closes it.
 
-    notes: for the user, by key, complete once `applied` is set. exposure_ns: as the camera reports it, None if it does not.
+    notes: for the user, by key, complete once `applied` is set. exposure_ns: as the camera reports
+    it, None if it does not.
     signal: False if nothing is connected to the device's input.
     """
 
@@ -80,10 +90,8 @@ class CameraControls(threading.Thread):
         try:
             self._apply(self._camera)
             while True:
-                self.exposure_ns, self.signal = (
-                    self._asked("", self._exposure_ns),
-                    self._device.signal,
-                )
+                self.exposure_ns = self._asked("", self._exposure_ns)
+                self.signal = self._device.signal
                 self.applied.set()
                 if self._ending.wait(CHECK_S):
                     break
@@ -97,7 +105,9 @@ class CameraControls(threading.Thread):
             self._device.close()
 
     def end(self, wait_s: float) -> None:
-        """Restores every changed control, the last one first, as far as the device answers in time."""
+        """Restores every changed control, the last one first, as far as the device answers
+        in time.
+        """
         self._ending.set()
         self.join(wait_s)
 
@@ -110,7 +120,8 @@ class CameraControls(threading.Thread):
             key, self._set, POWER_LINE, POWER_LINE_HZ.index(hz)
         ) is None:
             self.notes.setdefault(key, f"{key} = {hz}: not supported by the camera")
-        key, state = "camera.dynamic_framerate", camera.dynamic_framerate
+        key = "camera.dynamic_framerate"
+        state = camera.dynamic_framerate
         if (
             state != "auto"
             and self._asked(key, self._set, DYNAMIC_FRAMERATE, int(state == "on"))
@@ -129,7 +140,10 @@ class CameraControls(threading.Thread):
             return None
 
     def _set(self, control: int, value: int) -> bool | None:
-        """Sets a control to a value in its range. Returns whether that changed it; None if the device has no such value."""
+        """Sets a control to a value in its range.
+
+        Returns whether that changed it; None if the device has no such value.
+        """
         span = self._device.control_range(control)
         if span is None or not span.minimum <= value <= span.maximum:
             return None
@@ -152,7 +166,8 @@ class CameraControls(threading.Thread):
         if abs(nearest - value * scale) > max(span.step, 1) / 2:
             low, high = span.minimum / scale, span.maximum / scale
             self.notes[key] = (
-                f"{key} = {value:g}{unit}: using {nearest / scale:g} ({low:g} to {high:g}{unit} possible)"
+                f"{key} = {value:g}{unit}: using {nearest / scale:g} ({low:g} to {high:g}{unit}"
+                " possible)"
             )
 
     def _exposure_ns(self) -> int | None:

@@ -1,7 +1,8 @@
-"""The cameras of this machine, and the current device of one of them: device numbers change, name and place do not.
+"""The cameras of this machine, and the current device of one of them: device numbers change, name
+and place do not.
 
-Without Video4Linux, cameras have numbers only, written as the path /dev/videoN, and names if the package cv2-enumerate-cameras is
-installed.
+Without Video4Linux, cameras have numbers only, written as the path /dev/videoN, and names if the
+package cv2-enumerate-cameras is installed.
 """
 
 import contextlib
@@ -36,7 +37,10 @@ T = TypeVar("T")
 
 @attrs.frozen
 class CameraDevice:
-    """A listed device. name: the driver's. place: its path in /sys, which names the port. Both empty if unknown."""
+    """A listed device.
+
+    name: the driver's. place: its path in /sys, which names the port. Both empty if unknown.
+    """
 
     path: Path
     name: str = ""
@@ -44,8 +48,10 @@ class CameraDevice:
 
 
 def with_time_limit(limit_s: float, call: Callable[[], T]) -> T:
-    """Returns the result of call, or raises its error. Raises OSError ETIMEDOUT (TimeoutError) after limit_s; the thread of the
-    call then stays until the process ends, because nothing can end it."""
+    """Returns the result of call, or raises its error. Raises OSError ETIMEDOUT (TimeoutError)
+    after limit_s; the thread of the call then stays until the process ends, because nothing can end
+    it.
+    """
     result: Future[T] = Future()
 
     def run() -> None:
@@ -67,8 +73,9 @@ def opened(path: Path) -> V4L2Device:
 
 
 def asking(path: Path, question: Callable[[V4L2Device], T], limit_s: float = LIST_S) -> T:
-    """Opens the device, queries it and closes it. Raises OSError from the driver, ETIMEDOUT after limit_s, ENOTSUP without
-    Video4Linux."""
+    """Opens the device, queries it and closes it. Raises OSError from the driver, ETIMEDOUT after
+    limit_s, ENOTSUP without Video4Linux.
+    """
     if PORTABLE:
         raise OSError(errno.ENOTSUP, "OpenCV lists no formats", path)
 
@@ -110,7 +117,9 @@ def describe(path: Path) -> CameraDevice:
 
 
 def _captures(device: CameraDevice) -> bool:
-    """Whether a node delivers pictures; True if it cannot be queried (busy, no permission) but is there."""
+    """Whether a node delivers pictures; True if it cannot be queried (busy, no permission) but is
+    there.
+    """
     try:
         return asking(device.path, lambda opened_device: opened_device.captures, ANSWER_S)
     except OSError as error:
@@ -118,13 +127,17 @@ def _captures(device: CameraDevice) -> bool:
 
 
 def cameras() -> list[CameraDevice]:
-    """The capturing devices, by number. Includes devices that cannot be queried (busy, no permission)."""
+    """The capturing devices, by number.
+
+    Includes devices that cannot be queried (busy, no permission).
+    """
     return [device for device in nodes() if _captures(device)]
 
 
 def others(path: Path = Path()) -> str:
-    """A remedy for a camera that is not there: the other ones, or what to do without; names libcamera if only its cameras are
-    here."""
+    """A remedy for a camera that is not there: the other ones, or what to do without; names
+    libcamera if only its cameras are here.
+    """
     if listed := ", ".join(
         f"camera:{camera.path} ({camera.name})" for camera in cameras() if camera.path != path
     ):
@@ -138,8 +151,25 @@ def others(path: Path = Path()) -> str:
     return WITHOUT_CAMERA
 
 
+class NoCamera(UserError):
+    """Raised where the first camera is asked for and there is none: a session goes on with the
+    mouse.
+    """
+
+
+def first_camera() -> CameraSpec:
+    """The first camera. Raises NoCamera."""
+    present = cameras()
+    if not present:
+        raise NoCamera("no camera found", others())
+    return CameraSpec(present[0].path)
+
+
 def by_name(name: str, devices: list[CameraDevice]) -> CameraDevice:
-    """The device with this name, ignoring case, else the one whose name contains it. Raises UserError for none or several."""
+    """The device with this name, ignoring case, else the one whose name contains it.
+
+    Raises UserError for none or several.
+    """
     folded = name.casefold()
     named = [d for d in devices if d.name.casefold() == folded] or [
         d for d in devices if folded in d.name.casefold()
@@ -157,20 +187,26 @@ def by_name(name: str, devices: list[CameraDevice]) -> CameraDevice:
 class CameraFinder:
     """Follows one camera through changes of its device number.
 
-    It is recognised by its name and its place (the USB port). At another place, a device of that name is the same camera only if
-    it came after the first one had gone: another camera of the same model that was there all the time never takes over.
+    It is recognised by its name and its place (the USB port). At another place, a device of that
+    name is the same camera only if it came after the first one had gone: another camera of the same
+    model that was there all the time never takes over.
     """
 
-    def __init__(self, spec: CameraSpec) -> None:
+    def __init__(self, spec: CameraSpec | None) -> None:
+        """spec: None for the first camera that is there when it is needed."""
         self._spec = spec
         self._known: CameraDevice | None = None
         self._twins: set[str] = set()  # places of other cameras of that name
         self._gone = False
 
     def path(self) -> Path:
-        """The camera's device file now. Raises UserError if no camera, or more than one, has the name, or if it is unplugged."""
-        spec, known = self._spec, self._known
+        """The camera's device file now.
+
+        Raises UserError if no camera, or more than one, has the name, or if it is unplugged.
+        """
+        known = self._known
         if known is None:
+            spec = self._spec or first_camera()
             first = by_name(spec.name, nodes()) if spec.name else describe(spec.path)
             if first.place:  # else there is nothing to recognise it by
                 self._known = first
@@ -184,11 +220,13 @@ class CameraFinder:
             device for device in same_name if device.place not in self._twins
         ]
         candidates.sort(key=lambda device: device.path != known.path)
-        # nodes of one camera (pictures, metadata) share name and place, and may have exchanged their numbers
+        # nodes of one camera (pictures, metadata) share name and place, and may have exchanged
+        # their numbers
         current = next((device for device in candidates if _captures(device)), None)
         if current is None:
             raise UserError(f"camera {known.path} ({known.name}): unplugged", "plug it in again")
         if current.path != known.path:
             log.info("camera %s is now %s", known.path, current.path)
-        self._known, self._gone = current, False
+        self._known = current
+        self._gone = False
         return current.path

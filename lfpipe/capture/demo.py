@@ -1,6 +1,5 @@
-"""The demo's viewer: matplotlib's sample portrait moves on a known smooth path. Needs no camera."""
+"""The demo's viewer: a portrait moves on a known smooth path. Needs no camera."""
 
-import importlib.util
 import math
 import time
 from pathlib import Path
@@ -14,22 +13,13 @@ from lfpipe.capture.frame_source import Frame, SourceInfo
 from lfpipe.capture.schedule import Schedule
 from lfpipe.errors import UserError
 
-# Mean of the 16 landmarks around each eye in the portrait, the left eye of the sitter first, as FaceMesh finds them.
+PORTRAIT = Path(__file__).with_name("portrait.jpg")  # in the public domain: portrait.md
+# Mean of the 16 landmarks around each eye in the portrait, the left eye of the sitter first, as
+# FaceMesh finds them.
 PORTRAIT_EYES_PX = np.array([[308.0, 188.1], [220.2, 193.0]])
 EYE_DISTANCE_PX = 65.0  # in a frame of 640x480: a viewer 600 mm from a webcam
 EYE_LINE = 0.47  # share of the frame's height, at the middle of the path
 FRAME_PX = (640, 480)  # lengths in px refer to this size; other sizes scale
-
-
-def portrait_path() -> Path:
-    """Path of matplotlib's portrait, without importing matplotlib, whether it exists or not."""
-    spec = importlib.util.find_spec("matplotlib")
-    return (
-        Path(spec.origin if spec and spec.origin else "").parent
-        / "mpl-data"
-        / "sample_data"
-        / "grace_hopper.jpg"
-    )
 
 
 def _scale(width_px: int, height_px: int) -> float:
@@ -46,14 +36,18 @@ def _portrait_scale(width_px: int, height_px: int) -> float:
 
 
 def _head_matrix(t_s: float, width_px: int, height_px: int) -> NDArray[np.float64]:
-    """(2, 3): from px about the point between the eyes, in a head of mean size, to px of the frame at time t_s.
+    """(2, 3): from px about the point between the eyes, in a head of mean size, to px of the frame
+    at time t_s.
 
-    Sums of sines: smooth, endless, and slow enough for a head (at most 90 px/s in a frame of 640x480).
+    Sums of sines: smooth, endless, and slow enough for a head (at most 90 px/s in a frame of
+    640x480).
     """
-    turn, scale = 2 * math.pi * t_s, _scale(width_px, height_px)
+    turn = 2 * math.pi * t_s
+    scale = _scale(width_px, height_px)
     right_px = 62 * math.sin(turn / 7.3) + 14 * math.sin(turn / 3.1)
     down_px = 16 * math.sin(turn / 5.9 + 1.0)
-    roll_rad, size = 0.05 * math.sin(turn / 6.7 + 0.4), 1 + 0.04 * math.sin(turn / 9.1)
+    roll_rad = 0.05 * math.sin(turn / 6.7 + 0.4)
+    size = 1 + 0.04 * math.sin(turn / 9.1)
     cos, sin = size * math.cos(roll_rad), size * math.sin(roll_rad)
     x, y = width_px / 2 + scale * right_px, EYE_LINE * height_px + scale * down_px
     return np.array([[cos, -sin, x], [sin, cos, y]])
@@ -62,7 +56,9 @@ def _head_matrix(t_s: float, width_px: int, height_px: int) -> NDArray[np.float6
 def demo_eyes_px(
     t_s: float, width_px: int = FRAME_PX[0], height_px: int = FRAME_PX[1]
 ) -> NDArray[np.float64]:
-    """Eyes in the frame of time t_s: (2, 2) px, [[left x, left y], [right x, right y]], the sitter's own left and right."""
+    """Eyes in the frame of time t_s: (2, 2) px, [[left x, left y], [right x, right y]], the
+    sitter's own left and right.
+    """
     about_px = (PORTRAIT_EYES_PX - PORTRAIT_EYES_PX.mean(axis=0)) * _portrait_scale(
         width_px, height_px
     )
@@ -75,12 +71,9 @@ def backdrop(width_px: int, height_px: int) -> tuple[NDArray[np.uint8], NDArray[
 
     Larger than a frame by the margin that the path needs on each side.
     """
-    portrait = cv2.imread(str(portrait_path()), cv2.IMREAD_COLOR)
+    portrait = cv2.imread(str(PORTRAIT), cv2.IMREAD_COLOR)
     if portrait is None:
-        raise UserError(
-            f"demo: {portrait_path()} cannot be read",
-            "reinstall it: pip install --force-reinstall matplotlib",
-        )
+        raise UserError(f"demo: {PORTRAIT} cannot be read", "install lfpipe again")
     scale = _portrait_scale(width_px, height_px)
     small = cv2.resize(portrait, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     rows, cols = small.shape[:2]
@@ -100,7 +93,9 @@ def backdrop(width_px: int, height_px: int) -> tuple[NDArray[np.uint8], NDArray[
 
 
 class DemoSource:
-    """Frames of camera.width_px x camera.height_px at camera.rate_hz, endlessly; frame k shows the head at k / rate_hz."""
+    """Frames of camera.width_px x camera.height_px at camera.rate_hz, endlessly; frame k shows the
+    head at k / rate_hz.
+    """
 
     def __init__(self, camera: config.Camera) -> None:
         """Raises UserError if the portrait is missing."""
@@ -114,7 +109,10 @@ class DemoSource:
         self.info = SourceInfo("demo", self._size, camera.rate_hz, live=False)
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
-        """See `FrameSource.read`; out may have another size than the camera's. Never returns None."""
+        """See `FrameSource.read`; out may have another size than the camera's.
+
+        Never returns None.
+        """
         height_px, width_px = out.shape[:2]
         after_ns = self._schedule.due_ns(self._seq)
         matrix = _head_matrix(after_ns / 1e9, *self._size)

@@ -1,4 +1,6 @@
-"""The protocol that a camera, a file and the demo share, and frames turned upright for a camera that is mounted otherwise."""
+"""The protocol that a camera, a file and the demo share, and frames turned upright for a camera
+that is mounted otherwise.
+"""
 
 from typing import Protocol
 
@@ -17,7 +19,9 @@ NO_MEMORY = -4  # cv::Error::StsNoMem
 
 
 class BrokenFrame(UserError):
-    """Raised by `read` for a frame that cannot be decoded: it is lost, the next call continues after it."""
+    """Raised by `read` for a frame that cannot be decoded: it is lost, the next call continues
+    after it.
+    """
 
 
 def undecodable(what: str, error: MemoryError | cv2.error) -> BrokenFrame:
@@ -32,8 +36,9 @@ def undecodable(what: str, error: MemoryError | cv2.error) -> BrokenFrame:
 
 @attrs.frozen
 class SourceInfo:
-    """Properties of an open source. size_px: (width, height) of its own frames. rate_hz: what it delivers. live: a device, not a
-    recording."""
+    """Properties of an open source. size_px: (width, height) of its own frames. rate_hz: what it
+    delivers. live: a device, not a recording.
+    """
 
     name: str
     size_px: tuple[int, int]
@@ -41,18 +46,19 @@ class SourceInfo:
     live: bool
     jpeg: bool = False  # its frames are JPEGs, each with its `Frame.packet`
     eyes: str = ""  # folder of the recording, if it holds the eyes of the mouse instead of frames
-    notes: tuple[
-        str, ...
-    ] = ()  # to show the user once: scaled frames, another rate than requested, ...
+    # to show the user once: scaled frames, another rate than requested, ...
+    notes: tuple[str, ...] = ()
 
 
 @attrs.frozen
 class Frame:
-    """Stamps of a frame that `read` wrote. t_sensor_ns: middle of the exposure, or the scheduled time of a file.
+    """Stamps of a frame that `read` wrote. t_sensor_ns: middle of the exposure, or the scheduled
+    time of a file.
 
-    t_read_ns: when the frame left the driver or, for a recording played without a pace, the disk; 0 for any other
-    recording, whose frame is due at t_sensor_ns and not before. packet: the JPEG it was decoded from, uint8 (n,), if
-    it has the source's own size. stamp: what t_sensor_ns was derived from.
+    t_read_ns: when the frame left the driver or, for a recording played without a pace, the disk; 0
+    for any other recording, whose frame is due at t_sensor_ns and not before. packet: the JPEG it
+    was decoded from, uint8 (n,), if it has the source's own size. stamp: what t_sensor_ns was
+    derived from.
     """
 
     source_seq: int
@@ -69,10 +75,12 @@ class FrameSource(Protocol):
     def info(self) -> SourceInfo: ...
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
-        """Decodes the next frame into out, uint8 (height, width, 3) BGR, scaling if sizes differ; returns None at the end.
+        """Decodes the next frame into out, uint8 (height, width, 3) BGR, scaling if sizes differ;
+        returns None at the end.
 
-        May block for the next frame of a device, 1 s at most (then raises TimeoutError); never sleeps for a recording. Raises
-        BrokenFrame for a frame of a recording that cannot be decoded; its number is then missing.
+        May block for the next frame of a device, 1 s at most (then raises TimeoutError); never
+        sleeps for a recording. Raises BrokenFrame for a frame of a recording that cannot be
+        decoded; its number is then missing.
         """
         ...
 
@@ -80,7 +88,8 @@ class FrameSource(Protocol):
 
 
 class OrientedSource:
-    """Another source's frames, rotated clockwise by camera.rotate degrees, then mirrored if camera.mirror is set.
+    """Another source's frames, rotated clockwise by camera.rotate degrees, then mirrored if
+    camera.mirror is set.
 
     It passes on no JPEGs, because those are not rotated; recordings are therefore upright.
     """
@@ -112,13 +121,17 @@ class OrientedSource:
 
 
 def size_notes(size_px: tuple[int, int], camera: config.Camera) -> list[str]:
-    """Says, for people, how frames of that size become those of the configuration; empty if they have its size."""
+    """Says, for people, how frames of that size become those of the configuration; empty if they
+    have its size.
+    """
     slot_px = (camera.width_px, camera.height_px)
     return [] if size_px == slot_px else [fit_note(size_px, slot_px)]
 
 
 def as_read(pictures: NDArray[np.uint8], camera: config.Camera) -> NDArray[np.uint8]:
-    """Upright pictures, (n, height, width), in the sensor's order of readout: row by row from the first."""
+    """Upright pictures, (n, height, width), in the sensor's order of readout: row by row from the
+    first.
+    """
     unmirrored = pictures[:, :, ::-1] if camera.mirror else pictures
     return np.rot90(unmirrored, camera.rotate // 90, axes=(1, 2))
 

@@ -8,21 +8,14 @@ import cv2
 import numpy as np
 
 from lfpipe import config
-from lfpipe.capture.camera_list import CameraFinder, cameras, describe, others, with_time_limit
+from lfpipe.capture.camera_list import CameraFinder, describe, first_camera, with_time_limit
 from lfpipe.capture.frame_source import FrameSource, SourceInfo, orient, undecodable
-from lfpipe.capture.spec import CameraSpec, FileSpec, Spec, parse_source
+from lfpipe.capture.spec import CameraSpec, DemoSpec, FileSpec, Spec, parse_source
+from lfpipe.config.modes import CameraViewer, Clock, Live, Lossless, RecordedEyes
 from lfpipe.errors import UserError
 from lfpipe.host import PORTABLE
 
-MOUSE = "mouse"
-BY_MOUSE = config.SessionOptions(
-    source=MOUSE, mouse=True, tracking=False
-)  # no camera: the mouse is the viewer
 CAMERA_S, FILE_S = 15.0, 60.0  # longest time a source may take to open
-
-
-class NoCamera(UserError):
-    """Raised where the first camera is asked for and there is none: a session goes on with the mouse."""
 
 
 def _driver() -> Any:
@@ -35,16 +28,12 @@ def resolve(text: str) -> Spec:
 
     Raises UserError if text names no source, NoCamera if there is no camera at all.
     """
-    if text:
-        return parse_source(text)
-    present = cameras()
-    if not present:
-        raise NoCamera("no camera found", others())
-    return CameraSpec(present[0].path)
+    return parse_source(text) if text else first_camera()
 
 
 def camera_name(text: str) -> str:
-    """The name of a source in measurements: the driver's name of a camera, wherever it is plugged in.
+    """The name of a source in measurements: the driver's name of a camera, wherever it is plugged
+    in.
 
     Raises UserError as `resolve` does.
     """
@@ -55,35 +44,44 @@ def camera_name(text: str) -> str:
 
 
 def open_source(text: str, camera: config.Camera, reconnect: bool = False) -> FrameSource:
-    """Opens the source that text names, in one of the forms of `spec.FORMS`, or the first camera for an empty text.
+    """Opens the source that text names, in one of the forms of `spec.FORMS`, or the first camera
+    for an empty text.
 
-    camera.rotate and camera.mirror apply to cameras and videos; sequences were recorded upright. reconnect: retry a device that
-    cannot be opened or is lost later, see `ReconnectingCamera`. Raises UserError with the reason if it cannot be opened.
+    camera.rotate and camera.mirror apply to cameras and videos; sequences were recorded upright.
+    reconnect: retry a device that cannot be opened or is lost later, see `ReconnectingCamera`.
+    Raises UserError with the reason if it cannot be opened.
     """
-    spec = resolve(text)
+    waits = reconnect and not text
+    spec = None if waits else resolve(text)
     if isinstance(spec, FileSpec):
         from lfpipe.capture.recordings import FileSource
         from lfpipe.sequence.folder import is_sequence
 
         source = FileSource(spec, camera)
         return source if is_sequence(spec.path) else orient(source, camera)
-    if not isinstance(spec, CameraSpec):
+    if isinstance(spec, DemoSpec):
         from lfpipe.capture.demo import DemoSource
 
         return DemoSource(camera)
-    driver, finder = _driver(), CameraFinder(spec)
+    driver = _driver()
+    finder = CameraFinder(spec)
     if not reconnect:
         return orient(driver.open_camera(finder.path(), camera), camera)
     from lfpipe.capture.reconnecting_camera import ReconnectingCamera
 
-    info = SourceInfo(str(spec), (camera.width_px, camera.height_px), camera.rate_hz, live=True)
+    info = SourceInfo(
+        str(spec or "camera"), (camera.width_px, camera.height_px), camera.rate_hz, live=True
+    )
     return orient(
         ReconnectingCamera(info, lambda: driver.open_camera(finder.path(), camera)), camera
     )
 
 
 def _tried(text: str, camera: config.Camera) -> SourceInfo:
-    """Opens the source, reads the first frame of a recording, closes it. A camera is configured, but not started."""
+    """Opens the source, reads the first frame of a recording, closes it.
+
+    A camera is configured, but not started.
+    """
     spec = parse_source(text)
     if isinstance(spec, CameraSpec):
         info: SourceInfo = _driver().check_camera(CameraFinder(spec).path(), camera)
@@ -100,9 +98,17 @@ def _tried(text: str, camera: config.Camera) -> SourceInfo:
     return source.info
 
 
-def check_source(text: str, camera: config.Camera) -> config.SessionOptions:
-    """Opens the source, decodes its first frame and closes it: returns the options of a session on it, with its definite name (a
-    path for the first camera).
+def clock_of(text: str) -> Clock:
+    """The clock of a session on a source: a file may ask for none. Raises UserError as
+    `resolve` does.
+    """
+    spec = resolve(text)
+    return Lossless() if isinstance(spec, FileSpec) and spec.pace == "max" else Live()
+
+
+def check_source(text: str, camera: config.Camera) -> CameraViewer | RecordedEyes:
+    """Opens the source, decodes its first frame and closes it: returns the viewer in it, with its
+    definite name (a path for the first camera).
 
     Raises UserError as `open_source` does, and after CAMERA_S or FILE_S.
     """
@@ -118,10 +124,7 @@ def check_source(text: str, camera: config.Camera) -> config.SessionOptions:
             else "check its disk or network drive"
         )
         raise UserError(f"{definite}: {error.strerror}", remedy) from None
-    return config.SessionOptions(
-        source=definite,
-        source_hz=info.rate_hz,
-        jpeg_px=info.size_px if info.jpeg else None,
-        eyes=info.eyes,
-        lossless=isinstance(spec, FileSpec) and spec.pace == "max",
-    )
+    if info.eyes:
+        return RecordedEyes(source=definite, rate_hz=info.rate_hz, folder=info.eyes)
+    jpeg_px = info.size_px if info.jpeg else None
+    return CameraViewer(source=definite, rate_hz=info.rate_hz, jpeg_px=jpeg_px)

@@ -29,7 +29,8 @@ class OpenCVCamera:
             raise UserError(
                 f"camera {path}: not the number of a camera", "use for example camera:0"
             )
-        self._name, self._seq = f"camera {int(digits)}", -1
+        self._name = f"camera {int(digits)}"
+        self._seq = -1
         with opencv_logging():
             self._capture = cv2.VideoCapture(int(digits))
         settings = {
@@ -54,7 +55,10 @@ class OpenCVCamera:
         self.info = SourceInfo(f"camera:{path}", size_px, rate_hz, live=True, notes=tuple(notes))
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
-        """See `FrameSource.read`. Raises UserError if the camera is gone; may block for as long as its driver does."""
+        """See `FrameSource.read`.
+
+        Raises UserError if the camera is gone; may block for as long as its driver does.
+        """
         whole, frame = self._capture.read()
         if not whole:
             raise UserError(f"{self._name}: delivers no more pictures", "plug it in again")
@@ -72,7 +76,10 @@ open_camera = OpenCVCamera
 
 
 def check_camera(path: Path, camera: config.Camera) -> SourceInfo:
-    """Detects the format that the camera delivers, which starts it. Raises UserError as `OpenCVCamera` does."""
+    """Detects the format that the camera delivers, which starts it.
+
+    Raises UserError as `OpenCVCamera` does.
+    """
     opened = OpenCVCamera(path, camera)
     opened.close()
     return opened.info

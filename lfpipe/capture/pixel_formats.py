@@ -26,7 +26,8 @@ INTERLEAVED = {  # channels, conversion
     "GRBG": (1, cv2.COLOR_BayerGRBG2BGR),
     "RGGB": (1, cv2.COLOR_BayerRGGB2BGR),
 }
-PLANAR = {  # 4:2:0, chroma of half the width and height; the first two with both chroma values interleaved
+# 4:2:0, chroma of half the width and height; the first two with both chroma values interleaved
+PLANAR = {
     "NV12": cv2.COLOR_YUV2BGR_NV12,
     "NV21": cv2.COLOR_YUV2BGR_NV21,
     "YU12": cv2.COLOR_YUV2BGR_I420,
@@ -58,10 +59,12 @@ JPEG_END = np.array([0xFF, 0xD9], np.uint8)  # end of image
 def choose(
     modes: Sequence[FrameSizes], width_px: int, height_px: int, rate_hz: float
 ) -> FrameSizes | None:
-    """The mode to request for frames of that size and rate, None if none can be decoded: first the one with the most detail in a
-    frame, then colour, then the one that reaches the rate, then the one that is cheapest to decode.
+    """The mode to request for frames of that size and rate, None if none can be decoded: first the
+    one with the most detail in a frame, then colour, then the one that reaches the rate, then the
+    one that is cheapest to decode.
 
-    A mode without rates counts as fast enough, but uncompressed frames above SMALL_PX only if there is nothing else.
+    A mode without rates counts as fast enough, but uncompressed frames above SMALL_PX only if there
+    is nothing else.
     """
     candidates = [_within(mode, width_px, height_px) for mode in modes if mode.fourcc in DECODED]
 
@@ -90,18 +93,20 @@ def _within(mode: FrameSizes, width_px: int, height_px: int) -> FrameSizes:
     width, height = np.clip(
         (width_px, height_px), (mode.width_px, mode.height_px), mode.largest_px
     ).tolist()
-    return FrameSizes(mode.fourcc, width, height, mode.rates_hz)
+    return FrameSizes(fourcc=mode.fourcc, width_px=width, height_px=height, rates_hz=mode.rates_hz)
 
 
 class FrameDecoder:
-    """Decodes the frames of a mode, one of DECODED, to BGR. Raises ValueError for an impossible stride.
+    """Decodes the frames of a mode, one of DECODED, to BGR. Raises ValueError for an impossible
+    stride.
 
-    libjpeg decodes damaged JPEGs, too, and reports the damage on stderr alone, so that is where this looks; nothing of it reaches
-    the terminal.
+    libjpeg decodes damaged JPEGs, too, and reports the damage on stderr alone, so that is where
+    this looks; nothing of it reaches the terminal.
     """
 
     def __init__(self, mode: Mode) -> None:
-        self._mode, self._shape = mode, (mode.height_px, mode.width_px, 3)
+        self._mode = mode
+        self._shape = (mode.height_px, mode.width_px, 3)
         self._own_size: NDArray[np.uint8] = np.empty(self._shape, np.uint8)
         self._sink_fd = -1  # where libjpeg writes to
         if mode.fourcc in JPEGS:
@@ -124,8 +129,8 @@ class FrameDecoder:
     ) -> tuple[bool, NDArray[np.uint8] | None]:
         """Decodes data, uint8 (n,), into out, uint8 (height, width, 3) BGR, scaled to fit.
 
-        Returns whether the frame was whole, and a copy of the JPEG if it has the mode's own size: the driver gets its buffer back
-        before a recorder has written it.
+        Returns whether the frame was whole, and a copy of the JPEG if it has the mode's own size:
+        the driver gets its buffer back before a recorder has written it.
         """
         if self._mode.fourcc in JPEGS:
             return self._decode_jpeg(data, out)
@@ -185,7 +190,8 @@ class FrameDecoder:
 
     def _planes(self, data: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """The planes without padding, stacked: uint8 (height * 3 / 2, width)."""
-        (height, width, _), stride = self._shape, self._mode.stride
+        height, width, _ = self._shape
+        stride = self._mode.stride
         rows = height * 3 // 2
         if stride == width or self._mode.fourcc in ("NV12", "NV21"):
             return np.ndarray((rows, width), np.uint8, data.data, strides=(stride, 1))

@@ -1,6 +1,8 @@
-"""A camera that may be unplugged, stall and return: readers wait with a limit and never block in the driver.
+"""A camera that may be unplugged, stall and return: readers wait with a limit and never block in
+the driver.
 
-One thread makes all calls of the camera, because a dead device may block any of them: open, read, even close. After a failure it
+One thread makes all calls of the camera, because a dead device may block any of them: open, read,
+even close. After a failure it
 opens the camera again: after BACKOFF_S, then after twice as long each time, up to MAX_BACKOFF_S.
 """
 
@@ -18,15 +20,12 @@ from lfpipe.capture.frame_source import Frame, FrameSource, SourceInfo, undecoda
 from lfpipe.errors import UserError
 
 WAIT_S = 0.1  # longest wait of `read`
-STALL_S, STALL_PERIODS = (
-    1.0,
-    3.5,
-)  # a camera without a frame for the longer of these is lost; longer than `camera` waits
+# a camera without a frame for the longer of these is lost; longer than `camera` waits
+STALL_S, STALL_PERIODS = 1.0, 3.5
 BACKOFF_S, MAX_BACKOFF_S = 0.5, 5.0
 FIRST_S = 8.0  # longest wait of the constructor until the camera is open
-HUNG_S = (
-    15.0  # a driver call longer than this ends the process; five restarts take more than a minute
-)
+# a driver call longer than this ends the process; five restarts take more than a minute
+HUNG_S = 15.0
 
 
 class CameraLost(TimeoutError):
@@ -34,7 +33,10 @@ class CameraLost(TimeoutError):
 
 
 class ReconnectingCamera:
-    """An endless source. source_seq continues over all connections; info: of the camera as it was opened last."""
+    """An endless source.
+
+    source_seq continues over all connections; info: of the camera as it was opened last.
+    """
 
     def __init__(self, info: SourceInfo, open_: Callable[[], FrameSource]) -> None:
         """info: assumed until the camera is open. open_: opens it, or raises UserError.
@@ -42,26 +44,25 @@ class ReconnectingCamera:
         Returns when the camera is open or failed to open, after at most FIRST_S.
         """
         self.info, self._open = info, open_
-        self._requests: queue.SimpleQueue[NDArray[np.uint8] | None] = (
-            queue.SimpleQueue()
-        )  # where to write the next frame
-        self._answers: queue.SimpleQueue[Frame | Exception] = (
-            queue.SimpleQueue()
-        )  # one for each request
+        # where to write the next frame
+        self._requests: queue.SimpleQueue[NDArray[np.uint8] | None] = queue.SimpleQueue()
+        # one for each request
+        self._answers: queue.SimpleQueue[Frame | Exception] = queue.SimpleQueue()
         self._requested = self._lost = False
         self._opened, self._ended = threading.Event(), threading.Event()
-        self._called_ns = (
-            time.monotonic_ns()
-        )  # start of the thread's present call; 0: it makes none
+        # start of the thread's present call; 0: it makes none
+        self._called_ns = time.monotonic_ns()
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
         self._thread.start()
         self._opened.wait(FIRST_S)
         self._fresh_ns = time.monotonic_ns()  # when the last frame came
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
-        """See `FrameSource.read`; waits at most WAIT_S. out belongs to the thread until a frame has come: pass the same again.
+        """See `FrameSource.read`; waits at most WAIT_S. out belongs to the thread until a frame has
+        come: pass the same again.
 
-        Raises CameraLost or TimeoutError without a frame, UserError if the driver blocks for HUNG_S.
+        Raises CameraLost or TimeoutError without a frame, UserError if the driver blocks for
+        HUNG_S.
         """
         if not self._requested:
             self._requested = True
@@ -69,7 +70,8 @@ class ReconnectingCamera:
         try:
             answer = self._answers.get(timeout=WAIT_S)
         except queue.Empty:
-            t_ns, called_ns = time.monotonic_ns(), self._called_ns
+            t_ns = time.monotonic_ns()
+            called_ns = self._called_ns
             if called_ns and t_ns - called_ns > HUNG_S * 1e9:
                 why = f"{self.info.name}: its driver has not answered for {HUNG_S:g} s"
                 raise UserError(why, "unplug the camera and plug it in again") from None
@@ -82,28 +84,33 @@ class ReconnectingCamera:
             raise self._no_frame(getattr(answer, "message", str(answer)))
         if isinstance(answer, Exception):
             raise answer
-        self._lost, self._fresh_ns = False, time.monotonic_ns()
+        self._lost = False
+        self._fresh_ns = time.monotonic_ns()
         return answer
 
     def _no_frame(self, why: str) -> TimeoutError:
         """The error to raise without a frame: CameraLost the first time."""
-        first, self._lost = not self._lost, True
+        first = not self._lost
+        self._lost = True
         return CameraLost(why) if first else TimeoutError(why)
 
     def _run(self) -> None:
-        backoff_s, next_seq = BACKOFF_S, 0
+        backoff_s = BACKOFF_S
+        next_seq = 0
         while not self._ended.is_set():
             source: FrameSource | None = None
             out: NDArray[np.uint8] | None = None
             self._called_ns = time.monotonic_ns()
             try:
-                source, first_seq = self._open(), next_seq
+                source = self._open()
+                first_seq = next_seq
                 self.info = source.info
                 self._opened.set()
                 while (out := self._requested_next()) is not None:
                     frame = source.read(out)
                     assert frame is not None, "a camera has no end"
-                    next_seq, backoff_s = first_seq + frame.source_seq + 1, BACKOFF_S
+                    next_seq = first_seq + frame.source_seq + 1
+                    backoff_s = BACKOFF_S
                     self._answers.put(attrs.evolve(frame, source_seq=next_seq - 1))
                 failure: Exception | None = None
             except (MemoryError, cv2.error) as error:

@@ -1,4 +1,6 @@
-"""Recordings as sources, with due times that never drift: a video, pictures in order of name, or a recorded sequence."""
+"""Recordings as sources, with due times that never drift: a video, pictures in order of name, or a
+recorded sequence.
+"""
 
 import time
 from collections.abc import Callable
@@ -32,9 +34,10 @@ MAX_BROKEN = 50  # frames in a row: 2 s of a video
 class Recording:
     """A series of frames that can be played again and again.
 
-    info: with the recording's own rate, 0 if it has none. read: called with 0, 1, 2, ..., it returns the next frame, None at the
-    end; 0 starts over. It raises BrokenFrame for one that cannot be decoded. close: call when no more frames are needed. exact:
-    its stamps are those of its frames; else a container may have rounded them.
+    info: with the recording's own rate, 0 if it has none. read: called with 0, 1, 2, ..., it
+    returns the next frame, None at the end; 0 starts over. It raises BrokenFrame for one that
+    cannot be decoded. close: call when no more frames are needed. exact: its stamps are those of
+    its frames; else a container may have rounded them.
     """
 
     info: SourceInfo
@@ -86,15 +89,17 @@ def _pictures(paths: list[Path]) -> Recording:
 
 
 def _sequence(path: Path) -> Recording:
-    """A recorded sequence, with the stamps of its frames. Raises UserError if it cannot be read, as its frames do if they are
-    damaged."""
+    """A recorded sequence, with the stamps of its frames. Raises UserError if it cannot be read, as
+    its frames do if they are damaged.
+    """
     sequence = open_sequence(path, verify=False)
     grey = np.broadcast_to(np.uint8(GREY), (sequence.height_px, sequence.width_px, 3))
 
     def read(index: int) -> RecordedFrame | None:
         if index == len(sequence.packets):
             return None
-        packet, data = sequence.packets[index], sequence.data(index)
+        packet = sequence.packets[index]
+        data = sequence.data(index)
         picture = grey if sequence.holds_eyes else sequence.frame(index, data)
         return RecordedFrame(
             packet.t_sensor_ns,
@@ -164,15 +169,17 @@ def open_recording(path: Path) -> Recording:
 class FileSource:
     """Plays a recording. Frame 0 is due when first decoded, the others relative to it.
 
-    pace a number: frame k is due exactly k periods later; "recorded": at the recording's own stamps and rate (camera.rate_hz if
-    it has none); "max": each frame is due the moment it is decoded, but those of a sequence at their stamps without waiting for
-    them: consumers that use stamps alone see the same as at the recorded pace. source_seq continues when a looped file starts
-    over.
+    pace a number: frame k is due exactly k periods later; "recorded": at the recording's own stamps
+    and rate (camera.rate_hz if it has none); "max": each frame is due the moment it is decoded, but
+    those of a sequence at their stamps without waiting for
+    them: consumers that use stamps alone see the same as at the recorded pace. source_seq continues
+    when a looped file starts over.
     """
 
     def __init__(self, spec: FileSpec, camera: config.Camera) -> None:
         """Raises UserError if the file is missing or cannot be decoded."""
-        self._spec, self._recording = spec, open_recording(spec.path)
+        self._spec = spec
+        self._recording = open_recording(spec.path)
         info, exact = self._recording.info, self._recording.exact
         rate_hz = spec.pace if isinstance(spec.pace, float) else info.rate_hz or camera.rate_hz
         self._stamped = info.rate_hz > 0 and (
@@ -190,8 +197,11 @@ class FileSource:
         )
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
-        """See `FrameSource.read`; never sleeps, and returns None at the end of a file that is not looped."""
-        t_read_ns, hurries = time.monotonic_ns(), self._spec.pace == "max"
+        """See `FrameSource.read`; never sleeps, and returns None at the end of a file that is not
+        looped.
+        """
+        t_read_ns = time.monotonic_ns()
+        hurries = self._spec.pace == "max"
         frame = self._next(out)
         if frame is None and self._spec.loop:
             self._index = 0

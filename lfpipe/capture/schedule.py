@@ -1,9 +1,11 @@
-"""Due times of a recording's frames: absolute deadlines in whole nanoseconds, so that errors never add up."""
+"""Due times of a recording's frames: absolute deadlines in whole nanoseconds, so that errors never
+add up.
+"""
 
 from fractions import Fraction
 
-# A container that counts milliseconds rounds each stamp by up to 0.5 ms, the encoder by as much again.
-# Within that, the even grid of the frame rate is more accurate than the stamps.
+# A container that counts milliseconds rounds each stamp by up to 0.5 ms, the encoder by as much
+# again. Within that, the even grid of the frame rate is more accurate than the stamps.
 STAMP_ROUNDING_NS = 1_000_000
 MOVE_NS = 1_000_000_000  # longer than any hiccup of a busy machine
 
@@ -11,25 +13,26 @@ MOVE_NS = 1_000_000_000  # longer than any hiccup of a busy machine
 class Schedule:
     """Due times of a recording that may be played in rounds.
 
-    Frame k of a round is due k periods after its first, by integer arithmetic: the error stays below 1 ns. rounding_ns: stamps
-    that differ by more from this even grid are due by their stamps; None: the frames have no stamps. Due times always grow: a
-    stamp that does not increase counts as one period after the frame before.
+    Frame k of a round is due k periods after its first, by integer arithmetic: the error stays
+    below 1 ns. rounding_ns: stamps that differ by more from this even grid are due by their stamps;
+    None: the frames have no stamps. Due times always grow: a stamp that does not increase counts as
+    one period after the frame before.
     """
 
     def __init__(self, rate_hz: float, rounding_ns: int | None = None) -> None:
-        period = 1_000_000_000 / Fraction(rate_hz).limit_denominator(
-            1001
-        )  # 29.97002997 stands for 30000/1001
+        # 29.97002997 stands for 30000/1001
+        period = 1_000_000_000 / Fraction(rate_hz).limit_denominator(1001)
         self._period_ns, self._parts = period.numerator, period.denominator
-        self._step_ns, self._rounding_ns = max(1, self._period_ns // self._parts), rounding_ns
-        self._round_ns = self._first_stamp_ns = (
-            0  # due time and stamp of the first frame of this round
-        )
+        self._step_ns = max(1, self._period_ns // self._parts)
+        self._rounding_ns = rounding_ns
+        # due time and stamp of the first frame of this round
+        self._round_ns = self._first_stamp_ns = 0
         self._index = self._last_ns = -1
 
     def due_ns(self, index: int, stamp_ns: int = 0) -> int:
-        """Nanoseconds from the very first frame to the next one, number index of its round. A number that does not rise begins a
-        round, one period after the last frame."""
+        """Nanoseconds from the very first frame to the next one, number index of its round. A
+        number that does not rise begins a round, one period after the last frame.
+        """
         if index <= self._index or self._last_ns < 0:
             self._round_ns = self._last_ns + self._step_ns if self._last_ns >= 0 else 0
             self._first_stamp_ns = stamp_ns
@@ -47,17 +50,20 @@ class Schedule:
 class Lateness:
     """Drops or reschedules late frames of a recording. late_ns: tolerance, 0 for none.
 
-    After a hiccup frames are dropped, as a camera's driver would overwrite them, until playback has caught up. If it does not,
-    because decoding takes longer than a period, or if playback stood still for MOVE_NS, the schedule moves: dropping on would
-    leave no frame at all.
+    After a hiccup frames are dropped, as a camera's driver would overwrite them, until playback has
+    caught up. If it does not, because decoding takes longer than a period, or if playback stood
+    still for MOVE_NS, the schedule moves: dropping on would leave no frame at all.
     """
 
     def __init__(self, late_ns: int) -> None:
-        self._late_ns, self._behind_ns = late_ns, 0
+        self._late_ns = late_ns
+        self._behind_ns = 0
         self.moved_ns = 0  # delay of playback against the original schedule
 
     def drops(self, due_ns: int, t_read_ns: int) -> bool:
-        """Whether to drop the frame due at due_ns that was read at t_read_ns; may move the schedule."""
+        """Whether to drop the frame due at due_ns that was read at t_read_ns; may move the
+        schedule.
+        """
         late_ns = t_read_ns - due_ns - self.moved_ns
         if not self._late_ns or late_ns <= self._late_ns:
             self._behind_ns = 0

@@ -1,4 +1,6 @@
-"""Parses names of frame sources: `camera:N`, `camera:/dev/videoN`, `camera:NAME`, `file:PATH[?...]`, `demo`."""
+"""Parses names of frame sources: `camera:N`, `camera:/dev/videoN`, `camera:NAME`,
+`file:PATH[?...]`, `demo`.
+"""
 
 from pathlib import Path
 from typing import Literal, cast
@@ -8,17 +10,20 @@ import attrs
 from lfpipe.errors import UserError
 from lfpipe.files.untrusted import finite
 
-FORMS = "camera:N, camera:/dev/videoN, camera:NAME, file:PATH, file:PATH?loop=0|1&pace=recorded|max|HZ, or demo"
-MIN_RATE_HZ, MAX_RATE_HZ = (
-    0.1,
-    10_000.0,
-)  # below, a person takes it for a picture; above, no camera or disk delivers it
+FORMS = (
+    "camera:N, camera:/dev/videoN, camera:NAME, file:PATH, file:PATH?loop=0|1&pace=recorded|max|HZ,"
+    " or demo"
+)
+# below, a person takes it for a picture; above, no camera or disk delivers it
+MIN_RATE_HZ, MAX_RATE_HZ = 0.1, 10_000.0
 PARAMETERS = f"loop=0|1 and pace=recorded|max|HZ, HZ from {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g}"
 
 
 @attrs.frozen
 class CameraSpec:
-    """A camera by its device file, or by its name as `lfpipe cameras` prints it; path is then empty."""
+    """A camera by its device file, or by its name as `lfpipe cameras` prints it; path is then
+    empty.
+    """
 
     path: Path
     name: str = ""
@@ -29,8 +34,9 @@ class CameraSpec:
 
 @attrs.frozen
 class FileSpec:
-    """A video, a picture or a folder of pictures. pace: recorded times, as fast as it decodes, or a rate in Hz. names_loop: loop
-    was given."""
+    """A video, a picture or a folder of pictures. pace: recorded times, as fast as it decodes, or a
+    rate in Hz. names_loop: loop was given.
+    """
 
     path: Path
     loop: bool = True
@@ -65,7 +71,10 @@ def _file(text: str) -> FileSpec:
 
 
 def playing_once(text: str) -> str:
-    """text with loop=0 if it names a file and its parameters do not name loop. Raises UserError as `parse_source` does."""
+    """text with loop=0 if it names a file and its parameters do not name loop.
+
+    Raises UserError as `parse_source` does.
+    """
     spec = parse_source(text)
     once = isinstance(spec, FileSpec) and not spec.names_loop
     return f"{text}{'&' if '?' in text else '?'}loop=0" if once else text

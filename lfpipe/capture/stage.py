@@ -1,8 +1,10 @@
 """Capture: frames of a camera, a file or the demo into the ring.
 
 Reads: the source in option "source".
-Writes: ring "frames", one slot per frame, decoded in place; while a recording runs, ring "packets" with the original JPEGs.
-Commands: stop; pause and resume by configuration (the stage still reads the source but drops frames).
+Writes: ring "frames", one slot per frame, decoded in place; while a recording runs, ring "packets"
+with the original JPEGs.
+Commands: stop; pause and resume by configuration (the stage still reads the source but drops
+frames).
 Emits: source (what was opened), camera (lost, found), notice (the same for people).
 State: READY, not RUNNING, while no camera delivers frames.
 """
@@ -16,6 +18,7 @@ from lfpipe.capture.frame_source import BrokenFrame, Frame, SourceInfo
 from lfpipe.capture.open_source import open_source
 from lfpipe.capture.reconnecting_camera import CameraLost
 from lfpipe.capture.schedule import Lateness
+from lfpipe.config.modes import Lossless
 from lfpipe.transport.clock import SleepWatch, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.packet_ring import PacketOutput
@@ -29,7 +32,9 @@ LATE_PERIODS = 2  # a camera's driver would have kept as many
 
 
 class _LightWatch:
-    """Detects that the camera delivers fewer frames than negotiated although none is lost: probably too little light."""
+    """Detects that the camera delivers fewer frames than negotiated although none is lost: probably
+    too little light.
+    """
 
     def __init__(self, context: Context) -> None:
         self._context = context
@@ -43,121 +48,160 @@ class _LightWatch:
         if len(self.stamps) < LIGHT_FRAMES:
             return
         hz = 1e9 * (LIGHT_FRAMES - 1) / max(1, self.stamps[-1] - self.stamps[0])
-        row, was = self._context.row, self._context.row["dim"]
+        row = self._context.row
+        was = self._context.row["dim"]
         row["dim"] = hz < (BRIGHT_SHARE if was else DIM_SHARE) * info.rate_hz
         if row["dim"] and not was:
-            text = f"{info.name} delivers {hz:.3g} instead of {info.rate_hz:.3g} Hz, probably because of too little light"
+            text = (
+                f"{info.name} delivers {hz:.3g} instead of {info.rate_hz:.3g} Hz, probably because"
+                " of too little light"
+            )
             self._context.emit("notice", text=text)
 
 
-def _report(context: Context, info: SourceInfo) -> None:
-    context.row["nominal_mhz"] = round(1000 * info.rate_hz)
-    log.info(
-        "source %s: %dx%d at %.4g Hz; %s",
-        info.name,
-        *info.size_px,
-        info.rate_hz,
-        "; ".join(info.notes),
-    )
-    context.emit(
-        "source", name=info.name, rate_hz=info.rate_hz, live=info.live, notes=list(info.notes)
-    )
+class CaptureStage:
+    """Reads the source, and publishes its frames when they are due."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._lossless = isinstance(context.options.clock, Lossless)
+        self._frames = context.output("frames")
+        self._packets = PacketOutput(context.spec.session)
+        with context.setting_up("opening the source"):
+            self._source = open_source(
+                context.options.viewer.source, context.config.camera, reconnect=True
+            )
+        self._report_source()
+        info = self._source.info
+        self._live = info.live
+        late_s = LATE_PERIODS / info.rate_hz if info.rate_hz and not self._lossless else 0.0
+        self._lateness = Lateness(int(late_s * 1e9))
+        self._light = _LightWatch(context)
+        self._sleeps = SleepWatch()
+        self._lost_ns = 0  # since then there is no camera; 0: there is one
+        self._broken = 0
+        self._next_seq = 0
+        self._ended = False
+
+    def _report_source(self) -> None:
+        info = self._source.info
+        context = self._context
+        context.row["nominal_mhz"] = round(1000 * info.rate_hz)
+        notes = "; ".join(info.notes)
+        log.info("source %s: %dx%d at %.4g Hz; %s", info.name, *info.size_px, info.rate_hz, notes)
+        context.emit(
+            "source", name=info.name, rate_hz=info.rate_hz, live=info.live, notes=list(info.notes)
+        )
+
+    def run(self) -> None:
+        """Runs until the stop, or the end of the source."""
+        context = self._context
+        if not self._live and not context.wait_for_others():
+            return
+        while context.wait(now_ns()) and not self._ended:
+            context.ack_config()
+            if context.paused and self._lossless:
+                context.wait()  # no clock drives this source: stop it
+                continue
+            t_begin_ns = now_ns()
+            frame = self._read()
+            if frame is not None:
+                # from the driver, or the disk, to the decoded picture
+                self._publish(frame, now_ns() - (frame.t_read_ns or t_begin_ns))
+
+    def _read(self) -> Frame | None:
+        """The next frame, decoded into the ring's slot; None if none came."""
+        context = self._context
+        slow_disk = (
+            contextlib.nullcontext() if self._live else context.busy_with("reading the recording")
+        )
+        frame = None
+        try:
+            with slow_disk:
+                frame = self._source.read(self._frames.begin())
+            self._ended = frame is None
+        except CameraLost as lost:
+            name = self._source.info.name
+            log.warning("camera lost: %s: %s", name, lost)
+            context.row["state"] = State.READY
+            self._lost_ns = now_ns()
+            context.emit("camera", name=name, lost=True, why=str(lost))
+            context.emit("notice", text=f"{lost}; camera lost, trying again")
+        except TimeoutError:
+            pass
+        except BrokenFrame as error:
+            self._broken += 1
+            context.row["drops"] += 1
+            if self._broken.bit_count() == 1:  # the 1st, 2nd, 4th, ...: a file may be full of them
+                so_far = f" ({self._broken} so far)" if self._broken > 1 else ""
+                context.emit("notice", text=error.message + so_far)
+        return frame
+
+    def _publish(self, frame: Frame, busy_ns: int) -> None:
+        """Publishes a frame when it is due, unless it is late or the session is paused. busy_ns: of
+        reading it.
+        """
+        self._note_gap()
+        t_read_ns = frame.t_read_ns or self._wait_until_due(frame)
+        if not t_read_ns:
+            return
+        context, frames = self._context, self._frames
+        t_sensor_ns = frame.t_sensor_ns + self._lateness.moved_ns
+        if self._live:
+            lost = frame.source_seq - self._next_seq
+            self._next_seq = frame.source_seq + 1
+            context.row["drops"] += lost
+            self._light.add(frame, self._source.info, lost)
+        if context.paused:
+            context.row["left_out"] += 1
+            return
+        self._packets.follow(context.options)
+        self._packets.publish(
+            frame.packet, frame.source_seq, t_sensor_ns, t_read_ns, frames.writer.epoch
+        )
+        frames.publish(frame.source_seq, t_sensor_ns, t_read_ns, kind=frame.stamp)
+        t_ns = now_ns()
+        context.row.tick(frame.source_seq)
+        context.row.measure(t_read_ns - t_sensor_ns, busy_ns, t_ns - t_sensor_ns)
+        context.row["cpu_ns"] = time.process_time_ns()
+
+    def _note_gap(self) -> None:
+        """Begins a new epoch after a gap: the viewer may be anywhere by now, and old positions mean
+        nothing.
+        """
+        if self._lost_ns:
+            self._context.row["state"] = State.RUNNING
+            away_s = (now_ns() - self._lost_ns) / 1e9
+            name = self._source.info.name
+            self._context.emit("camera", name=name, lost=False, away_s=away_s)
+            self._context.emit("notice", text=f"{name} is back after {away_s:.1f} s")
+            self._report_source()
+        if self._lost_ns or self._sleeps.woke():
+            self._lost_ns = 0
+            self._light.stamps.clear()
+            self._frames.writer.new_epoch()
+
+    def _wait_until_due(self, frame: Frame) -> int:
+        """Waits for a recording's clock; returns the time, 0 for a late frame and at the stop."""
+        context = self._context
+        while now_ns() < (due_ns := frame.t_sensor_ns + self._lateness.moved_ns):
+            if not context.wait(due_ns):
+                return 0
+            context.ack_config()  # takes effect with this frame, not yet published
+        t_ns = now_ns()
+        if self._lateness.drops(frame.t_sensor_ns, t_ns):
+            context.row["drops"] += 1
+            return 0
+        return t_ns
+
+    def close(self) -> None:
+        """Closes the source."""
+        self._packets.close()
+        self._source.close()
 
 
 def main(context: Context) -> None:
     """Runs the stage until it is stopped or the source ends."""
-    frames, packets = context.output("frames"), PacketOutput(context.spec.session)
-    with context.setting_up("opening the source"):
-        source = open_source(context.options.source, context.config.camera, reconnect=True)
-    info = source.info
-    _report(context, info)
-    lateness = Lateness(
-        int(LATE_PERIODS * 1e9 / info.rate_hz)
-        if info.rate_hz and not context.spec.options.lossless
-        else 0
-    )
-    light, sleeps, lost_ns, broken, next_seq = _LightWatch(context), SleepWatch(), 0, 0, 0
-    context.ready()
-    try:
-        if not info.live and not context.wait_for_others():
-            return
-        while context.wait(now_ns()):
-            context.ack_config()
-            if context.paused and context.options.lossless:
-                context.wait()  # no clock drives this source: stop it
-                continue
-            t_begin_ns = now_ns()
-            try:
-                with (
-                    contextlib.nullcontext()
-                    if info.live
-                    else context.busy_with("reading the recording")
-                ):  # from a slow disk
-                    frame = source.read(frames.begin())
-            except CameraLost as lost:
-                log.warning("camera lost: %s: %s", info.name, lost)
-                context.row["state"], lost_ns = State.READY, now_ns()
-                context.emit("camera", name=info.name, lost=True, why=str(lost))
-                context.emit("notice", text=f"{lost}; camera lost, trying again")
-                continue
-            except TimeoutError:
-                continue
-            except BrokenFrame as error:
-                broken += 1
-                context.row["drops"] += 1
-                if broken & (broken - 1) == 0:  # the 1st, 2nd, 4th, ...: a file may be full of them
-                    context.emit(
-                        "notice", text=error.message + (f" ({broken} so far)" if broken > 1 else "")
-                    )
-                continue
-            if frame is None:
-                return
-            if lost_ns:
-                context.row["state"], away_s, name = (
-                    State.RUNNING,
-                    (now_ns() - lost_ns) / 1e9,
-                    source.info.name,
-                )
-                context.emit("camera", name=name, lost=False, away_s=away_s)
-                context.emit("notice", text=f"{name} is back after {away_s:.1f} s")
-                _report(context, source.info)
-            if lost_ns or sleeps.woke():
-                lost_ns = 0
-                light.stamps.clear()
-                frames.writer.new_epoch()  # the viewer may be anywhere by now: old positions mean nothing
-            busy_ns, t_read_ns, t_sensor_ns = (
-                now_ns() - t_begin_ns,
-                frame.t_read_ns,
-                frame.t_sensor_ns + lateness.moved_ns,
-            )
-            if not t_read_ns:
-                while now_ns() < t_sensor_ns:
-                    if not context.wait(t_sensor_ns):
-                        return
-                    context.ack_config()  # takes effect with this frame, not yet published
-                t_read_ns = now_ns()
-                if lateness.drops(frame.t_sensor_ns, t_read_ns):
-                    context.row["drops"] += 1
-                    continue
-                t_sensor_ns = frame.t_sensor_ns + lateness.moved_ns
-            else:
-                busy_ns = now_ns() - t_read_ns
-            if info.live:
-                missing, next_seq = frame.source_seq - next_seq, frame.source_seq + 1
-                context.row["drops"] += missing
-                light.add(frame, source.info, missing)
-            if context.paused:
-                context.row["left_out"] += 1
-                continue
-            packets.follow(context.options)
-            packets.publish(
-                frame.packet, frame.source_seq, t_sensor_ns, t_read_ns, frames.writer.epoch
-            )
-            frames.publish(frame.source_seq, t_sensor_ns, t_read_ns, kind=frame.stamp)
-            t_ns = now_ns()
-            context.row.tick(frame.source_seq)
-            context.row.measure(t_read_ns - t_sensor_ns, busy_ns, t_ns - t_sensor_ns)
-            context.row["cpu_ns"] = time.process_time_ns()
-    finally:
-        packets.close()
-        source.close()
+    with contextlib.closing(CaptureStage(context)) as stage:
+        context.ready()
+        stage.run()

@@ -1,26 +1,22 @@
 """The structures and request numbers of linux/videodev2.h in use here: a stable binary interface.
 
-linuxpy (formerly v4l2py) wraps the whole interface, but its licence, GPL 3 or later, does not suit an Apache-2.0 program.
+linuxpy (formerly v4l2py) wraps the whole interface, but its licence, GPL 3 or later, does not suit
+an Apache-2.0 program.
 """
 
 import ctypes
 from ctypes import Structure, Union, c_char, c_int32, c_long, c_uint8, c_uint32, c_ulong, sizeof
 from typing import Any
 
-CAP_CAPTURES, CAP_MULTI_PLANAR, CAP_DEVICE_CAPS = (
-    0x04000001,
-    0x1000,
-    0x80000000,
-)  # V4L2_CAP_VIDEO_CAPTURE and _STREAMING
-VIDEO_CAPTURE = MEMORY_MMAP = DISCRETE = (
-    1  # V4L2_BUF_TYPE_VIDEO_CAPTURE, V4L2_FRMSIZE_TYPE_DISCRETE and so on
-)
+# V4L2_CAP_VIDEO_CAPTURE and _STREAMING
+CAP_CAPTURES, CAP_MULTI_PLANAR, CAP_DEVICE_CAPS = 0x04000001, 0x1000, 0x80000000
+# V4L2_BUF_TYPE_VIDEO_CAPTURE, V4L2_FRMSIZE_TYPE_DISCRETE and so on
+VIDEO_CAPTURE = MEMORY_MMAP = DISCRETE = 1
 BUF_FLAG_ERROR, STAMP_SOURCE_MASK, STAMP_SOURCE_SOE = 0x40, 0x70000, 0x10000
 FIELD_NONE = 1
 CTRL_DISABLED, CTRL_READ_ONLY = 0x1, 0x4
-INPUT_WITHOUT_SIGNAL = (
-    0x103  # V4L2_IN_ST_NO_POWER, _NO_SIGNAL, _NO_H_LOCK: what such an input delivers is noise
-)
+# V4L2_IN_ST_NO_POWER, _NO_SIGNAL, _NO_H_LOCK: what such an input delivers is noise
+INPUT_WITHOUT_SIGNAL = 0x103
 
 
 def _words(*names: str) -> tuple[tuple[str, Any], ...]:

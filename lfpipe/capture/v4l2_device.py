@@ -1,4 +1,6 @@
-"""One open V4L2 device: its identity, formats, controls, mode, and frames through mapped buffers."""
+"""One open V4L2 device: its identity, formats, controls, mode, and frames through mapped
+buffers.
+"""
 
 import contextlib
 import errno
@@ -20,12 +22,12 @@ from numpy.typing import NDArray
 from lfpipe.capture import v4l2_abi as abi
 
 MAX_LISTED = 256  # entries of one list, in case a driver never ends it
-NOT_THERE = (
-    errno.EINVAL,
-    errno.ENOTTY,
-)  # the end of a list, or a driver without such lists or controls
+# the end of a list, or a driver without such lists or controls
+NOT_THERE = (errno.EINVAL, errno.ENOTTY)
 
-BUFFERS = 4  # one being decoded, one being filled, two spare; older frames are skipped, so spare buffers add no latency
+# one being decoded, one being filled, two spare; older frames are skipped, so spare buffers add no
+# latency
+BUFFERS = 4
 MOST_BUFFERS = 32  # VIDEO_MAX_FRAME
 
 S = TypeVar("S", bound=Structure)
@@ -33,7 +35,10 @@ S = TypeVar("S", bound=Structure)
 
 @attrs.frozen
 class Mode:
-    """What a device delivers. fourcc: see `v4l2_abi.fourcc_text`. stride: bytes per row, 0 for JPEGs. rate_hz: 0 if unknown."""
+    """What a device delivers.
+
+    fourcc: see `v4l2_abi.fourcc_text`. stride: bytes per row, 0 for JPEGs. rate_hz: 0 if unknown.
+    """
 
     fourcc: str
     width_px: int
@@ -42,10 +47,11 @@ class Mode:
     rate_hz: float
 
 
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class FrameSizes:
-    """A pixel format with one of its sizes, or with a range of sizes up to largest_px (width, height). rates_hz: descending, in a
-    range those of the smallest size; empty if unknown."""
+    """A pixel format with one of its sizes, or with a range of sizes up to largest_px (width,
+    height). rates_hz: descending, in a range those of the smallest size; empty if unknown.
+    """
 
     fourcc: str
     width_px: int
@@ -68,11 +74,11 @@ class ControlRange:
     step: int
 
 
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class RawFrame:
-    """data: uint8 (n,), valid until the next read. sequence: the driver's count of frames; gaps are lost frames. stamp_ns: the
-    driver's stamp, from an unknown clock. start_of_exposure: the stamp marks that, else the end of the frame. damaged: the driver
-    marked the frame as broken.
+    """data: uint8 (n,), valid until the next read. sequence: the driver's count of frames; gaps are
+    lost frames. stamp_ns: the driver's stamp, from an unknown clock. start_of_exposure: the stamp
+    marks that, else the end of the frame. damaged: the driver marked the frame as broken.
     """
 
     data: NDArray[np.uint8]
@@ -106,9 +112,8 @@ class V4L2Device:
             raise
         self.driver = bytes(capability.driver).decode(errors="replace")
         whole, own = int(capability.capabilities), int(capability.device_caps)
-        self._capabilities = (
-            own if whole & abi.CAP_DEVICE_CAPS else whole
-        )  # of this node, not of its device as a whole
+        # of this node, not of its device as a whole
+        self._capabilities = own if whole & abi.CAP_DEVICE_CAPS else whole
 
     def ioctl(self, request: int, argument: S) -> S:
         """argument as the driver changed it."""
@@ -117,17 +122,23 @@ class V4L2Device:
 
     @property
     def captures(self) -> bool:
-        """Whether this node delivers pictures to mapped buffers (a camera's second node is for metadata)."""
+        """Whether this node delivers pictures to mapped buffers (a camera's second node is for
+        metadata).
+        """
         return self._capabilities & abi.CAP_CAPTURES == abi.CAP_CAPTURES
 
     @property
     def multi_planar(self) -> bool:
-        """Whether this node delivers pictures through the multi-planar interface alone, as boards with a camera port do."""
+        """Whether this node delivers pictures through the multi-planar interface alone, as boards
+        with a camera port do.
+        """
         return not self.captures and bool(self._capabilities & abi.CAP_MULTI_PLANAR)
 
     @property
     def signal(self) -> bool:
-        """False if the present input reports that nothing is connected to it; its frames are then noise or one colour."""
+        """False if the present input reports that nothing is connected to it; its frames are then
+        noise or one colour.
+        """
         try:
             number = self.ioctl(abi.G_INPUT, abi.Number()).value
             return (
@@ -144,19 +155,30 @@ class V4L2Device:
 
     def sizes(self, fourcc: str) -> list[FrameSizes]:
         """The frame sizes of a pixel format with their rates; a range of sizes is one entry."""
-        code, sizes = abi.fourcc_code(fourcc), []
+        code = abi.fourcc_code(fourcc)
+        sizes = []
         message = abi.FrameSize(pixelformat=code)
         for _ in self._listed(abi.ENUM_FRAMESIZES, message):
             low_w, high_w, _, low_h, high_h, _ = message.sizes
             if message.type != abi.DISCRETE:
                 return [
                     FrameSizes(
-                        fourcc, low_w, low_h, self._rates(code, low_w, low_h), (high_w, high_h)
+                        fourcc=fourcc,
+                        width_px=low_w,
+                        height_px=low_h,
+                        rates_hz=self._rates(code, low_w, low_h),
+                        largest_px=(high_w, high_h),
                     )
                 ]
+            # of a discrete size: width, height
             sizes.append(
-                FrameSizes(fourcc, low_w, high_w, self._rates(code, low_w, high_w))
-            )  # of a discrete size: width, height
+                FrameSizes(
+                    fourcc=fourcc,
+                    width_px=low_w,
+                    height_px=high_w,
+                    rates_hz=self._rates(code, low_w, high_w),
+                )
+            )
         return sizes
 
     def _rates(self, code: int, width_px: int, height_px: int) -> tuple[float, ...]:
@@ -182,15 +204,16 @@ class V4L2Device:
             yield
 
     def configure(self, fourcc: str, width_px: int, height_px: int, rate_hz: float) -> Mode:
-        """Requests a mode and returns the one that the driver chose. Raises EBUSY while another program streams."""
+        """Requests a mode and returns the one that the driver chose.
+
+        Raises EBUSY while another program streams.
+        """
         message = abi.Format(type=abi.VIDEO_CAPTURE)
         pix = message.fmt.pix
-        pix.width, pix.height, pix.pixelformat, pix.field = (
-            width_px,
-            height_px,
-            abi.fourcc_code(fourcc),
-            abi.FIELD_NONE,
-        )
+        pix.width = width_px
+        pix.height = height_px
+        pix.pixelformat = abi.fourcc_code(fourcc)
+        pix.field = abi.FIELD_NONE
         self.ioctl(abi.S_FMT, message)
         pace = Fraction(1 / rate_hz).limit_denominator(100_000)
         parameters = abi.StreamParameters(
@@ -226,7 +249,9 @@ class V4L2Device:
         self.ioctl(abi.S_CTRL, abi.Control(id=control, value=value))
 
     def duplicate(self) -> "V4L2Device":
-        """The same open device on a descriptor of its own, for another thread: some drivers open only once."""
+        """The same open device on a descriptor of its own, for another thread: some drivers open
+        only once.
+        """
         return V4L2Device(self.path, os.dup(self.fd))
 
     def start(self) -> None:
@@ -245,7 +270,8 @@ class V4L2Device:
     def read(self, timeout_s: float) -> RawFrame:
         """The newest frame of the stream. Raises TimeoutError without one."""
         if self._taken is not None:
-            index, self._taken = self._taken, None
+            index = self._taken
+            self._taken = None
             self.ioctl(abi.QBUF, _buffer(index))
         until = time.monotonic() + timeout_s
         while True:
@@ -257,12 +283,18 @@ class V4L2Device:
                 break
             if left_s <= 0:
                 raise TimeoutError(f"no frame for {timeout_s:.1f} s")
-        memory, flags, stamp = self._maps[newest.index], int(newest.flags), newest.timestamp
+        memory = self._maps[newest.index]
+        flags = int(newest.flags)
+        stamp = newest.timestamp
         data = np.frombuffer(memory, np.uint8, min(int(newest.bytesused), len(memory)))
         stamp_ns = int(stamp.seconds) * 1_000_000_000 + int(stamp.microseconds) * 1000
         start = flags & abi.STAMP_SOURCE_MASK == abi.STAMP_SOURCE_SOE
         return RawFrame(
-            data, int(newest.sequence), stamp_ns, start, bool(flags & abi.BUF_FLAG_ERROR)
+            data=data,
+            sequence=int(newest.sequence),
+            stamp_ns=stamp_ns,
+            start_of_exposure=start,
+            damaged=bool(flags & abi.BUF_FLAG_ERROR),
         )
 
     def _dequeue_newest(self) -> abi.Buffer | None:
@@ -276,19 +308,21 @@ class V4L2Device:
                 raise
             if newest is not None:
                 self.ioctl(abi.QBUF, _buffer(newest.index))
-            newest, self._taken = buffer, buffer.index
+            newest = buffer
+            self._taken = buffer.index
 
     def close(self) -> None:
-        """Stops the stream and frees its buffers, as far as the driver still answers, and closes the descriptor."""
+        """Stops the stream and frees its buffers, as far as the driver still answers, and closes
+        the descriptor.
+        """
         if self.fd < 0:
             return
         if self._maps:
             with contextlib.suppress(OSError):
                 self.ioctl(abi.STREAMOFF, abi.Number(abi.VIDEO_CAPTURE))
             for memory in self._maps:
-                with contextlib.suppress(
-                    BufferError
-                ):  # a frame is still in use: the map is freed with it
+                # a frame is still in use: the map is freed with it
+                with contextlib.suppress(BufferError):
                     memory.close()
             with contextlib.suppress(OSError):
                 self.ioctl(abi.REQBUFS, _buffers(0))

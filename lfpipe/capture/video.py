@@ -22,7 +22,8 @@ from lfpipe.scene.video import FRAME_BYTES_PX, MAX_FRAME_PX, OPENING_BYTES
 
 TRIES = 16  # an undecodable frame looks like the end, unless a later one decodes
 REMEDY = "give a video (mp4, mkv, avi, ...), a picture or a folder of pictures"
-# Kinds allowed besides those of `is_video`. FFmpeg would also follow playlists of other files and addresses.
+# Kinds allowed besides those of `is_video`. FFmpeg would also follow playlists of other files and
+# addresses.
 MORE_KINDS = (
     b"OggS",
     b"FLV\x01",
@@ -38,8 +39,9 @@ MORE_KINDS = (
 
 @attrs.frozen(eq=False)
 class RecordedFrame:
-    """stamp_ns: by the recording's own clock. picture: uint8 (height, width, 3) BGR. packet: the JPEG that it was decoded from,
-    uint8 (n,), if it has the recording's size."""
+    """stamp_ns: by the recording's own clock. picture: uint8 (height, width, 3) BGR. packet: the
+    JPEG that it was decoded from, uint8 (n,), if it has the recording's size.
+    """
 
     stamp_ns: int
     picture: NDArray[np.uint8]
@@ -47,15 +49,21 @@ class RecordedFrame:
 
 
 class Video:
-    """A video, decoded by FFmpeg. Motion JPEG is only demuxed by it and decoded like a camera's JPEGs, and its packets are
+    """A video, decoded by FFmpeg. Motion JPEG is only demuxed by it and decoded like a camera's
+    JPEGs, and its packets are
     passed through: at 640x480 1.15 ms a frame, as with FFmpeg's own decoder.
 
-    width_px, height_px: frame size in the header. rate_hz: 0 if unknown. jpeg: its frames are JPEGs.
+    width_px, height_px: frame size in the header. rate_hz: 0 if unknown. jpeg: its frames are
+    JPEGs.
     """
 
     def __init__(self, file: BinaryIO, path: Path) -> None:
-        """file: open at its start; closed by this object. Raises UserError if it is not a video, or too large to decode."""
-        self._file, self._path, self._capture = file, path, cv2.VideoCapture()
+        """file: open at its start; closed by this object. Raises UserError if it is not a video, or
+        too large to decode.
+        """
+        self._file = file
+        self._path = path
+        self._capture = cv2.VideoCapture()
         self._memory = MemoryLimit(OPENING_BYTES)  # a stream may change its size midway
         self.jpeg = False
         try:
@@ -78,9 +86,13 @@ class Video:
             raise
 
     def _start(self) -> None:
-        """Starts over; opens the file anew, because not every stream can seek. On failure the capture is not open."""
-        # One decoder thread: measured on 400x300 to 720x576, two take 20 to 40 % more CPU and are no faster. The path is
-        # that of the checked descriptor; OpenCV would crash on names that are not UTF-8.
+        """Starts over; opens the file anew, because not every stream can seek.
+
+        On failure the capture is not open.
+        """
+        # One decoder thread: measured on 400x300 to 720x576, two take 20 to 40 % more CPU and are
+        # no faster. The path is that of the checked descriptor; OpenCV would crash on names that
+        # are not UTF-8.
         with self._memory, opencv_logging():
             self._capture.open(path_of(self._file), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
             if self.jpeg:
@@ -90,10 +102,8 @@ class Video:
     def _read_header(self) -> None:
         """Checks sizes, takes the rate, and limits the memory."""
         of = self._capture.get
-        self.width_px, self.height_px = (
-            int(of(cv2.CAP_PROP_FRAME_WIDTH)),
-            int(of(cv2.CAP_PROP_FRAME_HEIGHT)),
-        )
+        self.width_px = int(of(cv2.CAP_PROP_FRAME_WIDTH))
+        self.height_px = int(of(cv2.CAP_PROP_FRAME_HEIGHT))
         if not self._capture.isOpened() or self.width_px < 1 or self.height_px < 1:
             raise UserError(f"{self._path}: not a readable video, or too large to decode", REMEDY)
         if self.width_px * self.height_px > MAX_FRAME_PX:

@@ -1,4 +1,7 @@
-"""The command line. Each command is a few lines that call a room below; rooms are imported when a command runs."""
+"""The command line.
+
+Each command is a few lines that call a room below; rooms are imported when a command runs.
+"""
 
 import codecs
 import contextlib
@@ -20,7 +23,9 @@ from lfpipe.log import set_up
 log = logging.getLogger(__name__)
 
 
-COMMANDS = {  # in order of use: the module of lfpipe.cli that has the command, and its line in the list of commands
+# in order of use: the module of lfpipe.cli that has the command, and its line in the list of
+# commands
+COMMANDS = {
     "up": ("up", "Show a light field from where your eyes are."),
     "monitor": ("sessions", "Show latency, rate, drops and load of a running session."),
     "ctl": ("sessions", "Query and control a running session."),
@@ -30,6 +35,7 @@ COMMANDS = {  # in order of use: the module of lfpipe.cli that has the command, 
     "doctor": ("machine", "Check this machine."),
     "models": ("machine", "Fetch the face networks if mediapipe has no wheel here."),
     "kiosk": ("kiosk", "Run an exhibition that starts with the desktop."),
+    "desktop": ("desktop", "Add lfpipe to the desktop's menu."),
     "config": ("machine", "Write, show and check the configuration."),
     "trace": ("sessions", "Record timelines of a running session for Perfetto."),
     "record": ("sequence", "Record a camera to a new folder."),
@@ -42,7 +48,10 @@ COMMANDS = {  # in order of use: the module of lfpipe.cli that has the command, 
 
 
 class Commands(click.Group):
-    """The commands of COMMANDS. Each module is imported when its command runs; an unknown command gets the closest one named."""
+    """The commands of COMMANDS.
+
+    Each module is imported when its command runs; an unknown command gets the closest one named.
+    """
 
     def invoke(self, ctx: click.Context) -> object:
         try:
@@ -93,14 +102,15 @@ class Commands(click.Group):
 )
 @click.pass_context
 def cli(context: click.Context, verbose: int) -> int | None:
-    """Look into a light field: a webcam follows your eyes, and red/cyan glasses show each eye its own view.
+    """Look into a light field: a webcam follows your eyes, and red/cyan glasses show each eye its
+    own view.
 
     Start with: lfpipe up --demo. On a desktop, plain lfpipe offers the demo and recent scenes.
     """
     set_up(verbose)
     if context.invoked_subcommand is not None:
         return None
-    from lfpipe.render.display import has_display
+    from lfpipe.render.open_display import has_display
 
     if not has_display():
         raise click.exceptions.NoArgsIsHelpError(context)
@@ -110,7 +120,9 @@ def cli(context: click.Context, verbose: int) -> int | None:
 
 
 def _path_bytes(error: UnicodeError) -> tuple[str | bytes, int]:
-    """Encoding error handler for stdout: writes a path as its original bytes and escapes anything else."""
+    """Encoding error handler for stdout: writes a path as its original bytes and escapes anything
+    else.
+    """
     try:
         return codecs.lookup_error("surrogateescape")(error)
     except UnicodeError:
@@ -128,7 +140,9 @@ def _check_working_folder() -> None:
 
 
 def _drop_output() -> None:
-    """Writes what stdout still holds, if it can be written; nothing more goes there, at the interpreter's end neither."""
+    """Writes what stdout still holds, if it can be written; nothing more goes there, at the
+    interpreter's end neither.
+    """
     if sys.stdout is None:
         return
     with contextlib.suppress(OSError):
@@ -169,7 +183,8 @@ def run() -> None:
         sys.exit(130)
     except BrokenPipeError:
         _reader_ended()
-    except OSError as error:  # of this machine: a full disk, a folder that may not be searched, a drive that has gone
+    # of this machine: a full disk, a folder that may not be searched, a drive that has gone
+    except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         remedy = (
             "free some space"

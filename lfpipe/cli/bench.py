@@ -10,6 +10,15 @@ from lfpipe.bench.subjects import SUBJECTS, TABLE
 from lfpipe.cli.options import PATH, with_config
 from lfpipe.config import Config
 
+OUT = click.option(
+    "--out",
+    type=PATH,
+    default=Path("lfpipe-bench"),
+    show_default=True,
+    metavar="DIR",
+    help="Folder for results; those of other subjects in it stay.",
+)
+
 
 @click.group()
 def bench() -> None:
@@ -22,10 +31,13 @@ def bench() -> None:
 
 def _command(name: str, subjects: tuple[str, ...], about: str) -> click.Command:
     @click.option("--scene", type=PATH, metavar="SCENE", help="Light field. Default: the demo's.")
-    @click.option("--sequence", type=PATH, metavar="SEQUENCE",
-                  help="A recorded sequence, or a video; VIDEO.csv holds its true eyes. Default: the demo's.")  # fmt: skip
-    @click.option("--out", type=PATH, default=Path("lfpipe-bench"), show_default=True, metavar="DIR",
-                  help="Folder for results; those of other subjects in it stay.")  # fmt: skip
+    @click.option(
+        "--sequence",
+        type=PATH,
+        metavar="SEQUENCE",
+        help="A recorded sequence, or a video; VIDEO.csv holds its true eyes. Default: the demo's.",
+    )
+    @OUT
     @click.option(
         "--quick",
         is_flag=True,
@@ -54,9 +66,43 @@ bench.add_command(
     )
 )
 for _name, _subject in SUBJECTS.items():
-    bench.add_command(
-        _command(_name, (_name,), _subject.question.partition("? ")[0].removesuffix("?") + "?")
-    )
+    if _name != "viewer":
+        bench.add_command(
+            _command(_name, (_name,), _subject.question.partition("? ")[0].removesuffix("?") + "?")
+        )
+
+
+@bench.command(short_help="What does each eye see, against what it should see?")
+@click.option(
+    "--track",
+    "tracks",
+    type=PATH,
+    multiple=True,
+    metavar="CSV",
+    help="A recorded head track, as one more script: t_s, face, left_x, left_y, right_x, right_y.",
+)
+@OUT
+@click.option("--quick", is_flag=True, help="Fewer pictures: at most 20 s of CPU.")
+@click.option("--check", is_flag=True, help="Exit with 1 if a figure is beyond its bound.")
+def viewer(tracks: tuple[Path, ...], out: Path, quick: bool, check: bool) -> int:
+    """Measure what each eye sees against what it should see, in a made world.
+
+    Scripted viewers sit, sway, leave and come back before a made camera and screen; scenes are
+    drawn exactly from any viewpoint. Time is simulated: every run gives the same errors.
+    """
+    from lfpipe.bench.inputs import world_inputs
+    from lfpipe.bench.runner import measure
+    from lfpipe.bench.world.bounds import beyond
+    from lfpipe.cli.progress import progress
+
+    with progress() as bar:
+        results = measure(("viewer",), world_inputs(tracks, quick), out, bar)
+    _report(results, out)
+    lines = beyond(results["viewer"])
+    if check:
+        for line in lines:
+            click.echo(line, err=True)
+    return 1 if check and (lines or results["viewer"].failures) else 0
 
 
 @bench.command(
@@ -93,8 +139,9 @@ def table(
 ) -> int:
     """Measure every method by the protocol of angular super-resolution, 2x2 -> 7x7 views.
 
-    FOLDER is a light field of any layout. The table shows PSNR, SSIM, and the time per picture. The exit code is 1 if
-    a scene was left out. `lfpipe sweep` measures many scenes and continues where it was interrupted.
+    FOLDER is a light field of any layout. The table shows PSNR, SSIM, and the time per picture. The
+    exit code is 1 if a scene was left out. `lfpipe sweep` measures many scenes and continues where
+    it was interrupted.
     """
     from lfpipe.bench.results import write
     from lfpipe.bench.runner import opened

@@ -22,8 +22,15 @@ USUAL_DEG = (30, 130)  # fields of view of webcams, narrow to wide
 
 @click.command()
 @CAMERA
-@click.option("--distance", "distance_mm", type=Number(100, 5000), default=600.0, show_default=True, metavar="MM",
-              help="Distance from the camera to your eyes, or to the card.")  # fmt: skip
+@click.option(
+    "--distance",
+    "distance_mm",
+    type=Number(100, 5000),
+    default=600.0,
+    show_default=True,
+    metavar="MM",
+    help="Distance from the camera to your eyes, or to the card.",
+)
 @click.option(
     "--by",
     type=click.Choice(["eyes", "card"]),
@@ -42,11 +49,13 @@ def calibrate(
 ) -> None:
     """Measure the camera's focal length (stored under its name), or the delay of the loop.
 
-    Sit so that a tape measure reads MM from the camera to your eyes (or hold a bank card there, flat to the camera) and follow
-    the window. Without a screen, the eyes are measured as soon as they are detected.
+    Sit so that a tape measure reads MM from the camera to your eyes (or hold a bank card there,
+    flat to the camera) and follow the window. Without a screen, the eyes are measured as soon as
+    they are detected.
 
-    --latency measures what camera and display add to the age of a picture: a window flickers for 15 s
-    while the camera watches it. Turn the camera to the screen, or show it the screen in a hand mirror.
+    --latency measures what camera and display add to the age of a picture: a window flickers for 15
+    s while the camera watches it. Turn the camera to the screen, or show it the screen in a hand
+    mirror.
     """
     name = camera_name(camera or config.camera.source)
     if latency:
@@ -58,19 +67,22 @@ def calibrate(
         else by_eyes(config, camera, distance_mm)
     )
     size_mm = BANK_CARD_MM if by == "card" else config.screen.eyes_mm
-    focal_px, width_px = round(size_px * distance_mm / size_mm, 1), config.camera.frame_px[0]
+    focal_px = round(size_px * distance_mm / size_mm, 1)
+    width_px = config.camera.frame_px[0]
     fov_deg = math.degrees(2 * math.atan(width_px / 2 / focal_px))
     click.echo(f"{size_mm:g} mm at a distance of {distance_mm:g} mm measure {size_px:.1f} px")
     click.echo(f"focal length {focal_px} px, field of view {fov_deg:.1f} degrees")
     if not USUAL_DEG[0] <= fov_deg <= USUAL_DEG[1]:
         raise UserError(
-            f"a field of view of {fov_deg:.1f} degrees is not stored: webcams have {USUAL_DEG[0]} to {USUAL_DEG[1]} degrees",
-            f"measure again at {distance_mm:g} mm; if the lens really has this field of view, set focal_px = {focal_px}"
-            f" under [camera] in {user_file()}",
+            f"a field of view of {fov_deg:.1f} degrees is not stored: webcams have {USUAL_DEG[0]}"
+            f" to {USUAL_DEG[1]} degrees",
+            f"measure again at {distance_mm:g} mm; if the lens really has this field of view, set"
+            f" focal_px = {focal_px} under [camera] in {user_file()}",
         )
     if by == "eyes":
         click.echo(
-            f"by screen.eyes_mm, {size_mm:g} mm between your eyes: the mean, 63, is at most 8 % off for most people"
+            f"by screen.eyes_mm, {size_mm:g} mm between your eyes: the mean, 63, is at most 8 % off"
+            " for most people"
         )
     _store(camera_file(), name, {"focal_px": focal_px, "width_px": width_px})
     click.echo(f"stored for {name} in {camera_file()}")
@@ -86,7 +98,8 @@ def _latency(config: Config, camera: str | None, name: str) -> None:
     delay, monitor = measure_loop(config, camera)
     loop_ms = round(max(delay.delay_ms, 0.0), 1)
     click.echo(
-        f"total delay of camera and display: {loop_ms} ms (90 %: {delay.low_ms:.1f} to {delay.high_ms:.1f} ms)"
+        f"total delay of camera and display: {loop_ms} ms (90 %: {delay.low_ms:.1f} to"
+        f" {delay.high_ms:.1f} ms)"
     )
     click.echo(
         f"exposure {delay.exposure_ms:.0f} ms, on monitor {monitor.name} at {monitor.rate_hz:g} Hz"
@@ -97,7 +110,10 @@ def _latency(config: Config, camera: str | None, name: str) -> None:
 
 
 def _store(path: Path, section: str, values: Mapping[str, float | str | None]) -> None:
-    """Writes the values under [section] of path. Raises UserError if it is not TOML, OSError if it cannot be written."""
+    """Writes the values under [section] of path.
+
+    Raises UserError if it is not TOML, OSError if it cannot be written.
+    """
     try:
         write_keys(path, section, values)
     except ValueError as error:

@@ -39,7 +39,8 @@ WantedBy=graphical-session.target
 
 
 def kiosk_code(file: Path | None) -> str:
-    """The code that ends an exhibition, from file or the environment: a command line can be read by every user of the machine.
+    """The code that ends an exhibition, from file or the environment: a command line can be read by
+    every user of the machine.
 
     Raises UserError if there is none, if it cannot be typed, or if a child could type it by chance.
     """
@@ -83,7 +84,9 @@ def kiosk() -> None:
 @click.argument("scenes", nargs=-1, required=True, metavar="SCENE...", type=PATH)
 @click.option("--code-file", type=PATH, metavar="FILE", help=f"It holds the code; or {VARIABLE}.")
 def install(scenes: tuple[Path, ...], code_file: Path | None) -> None:
-    """Write a systemd unit that shows SCENE in full screen when this user's desktop starts, and restarts it after any failure."""
+    """Write a systemd unit that shows SCENE in full screen when this user's desktop starts, and
+    restarts it after any failure.
+    """
     import platformdirs
 
     code = kiosk_code(code_file)

@@ -1,4 +1,7 @@
-"""`lfpipe up`, from its arguments to a running session. All checks run before the first process starts."""
+"""`lfpipe up`, from its arguments to a running session.
+
+All checks run before the first process starts.
+"""
 
 import contextlib
 from pathlib import Path
@@ -7,22 +10,38 @@ import attrs
 import click
 
 from lfpipe import config as configuration
-from lfpipe.capture.open_source import BY_MOUSE, MOUSE, NoCamera, camera_name, check_source
-from lfpipe.capture.spec import playing_once, source_file
+from lfpipe.capture.camera_list import NoCamera
+from lfpipe.capture.open_source import camera_name, check_source, clock_of
+from lfpipe.capture.spec import CameraSpec, parse_source, playing_once, source_file
 from lfpipe.cli.kiosk import until_it_ends
 from lfpipe.cli.progress import progress
+from lfpipe.cli.sessions import load_scene
 from lfpipe.config import Config, SessionOptions
+from lfpipe.config.modes import (
+    CameraViewer,
+    Clock,
+    Live,
+    MouseViewer,
+    Nothing,
+    NoViewer,
+    RecordedEyes,
+    Target,
+    VideoFile,
+    Viewer,
+    Window,
+    watching,
+)
 from lfpipe.config.user_files import has_key, with_measured_focal
-from lfpipe.errors import UserError
+from lfpipe.errors import UserError, plain
 from lfpipe.files.output import check_outputs
 from lfpipe.files.video_writer import require_encoder
 from lfpipe.host.files import exists
 from lfpipe.host.machine import has_gpu
 from lfpipe.observe.monitor import print_state
-from lfpipe.render.compositor import mixed_as
-from lfpipe.render.display import check_display, has_display
-from lfpipe.render.geometry import parallax
+from lfpipe.observe.session_reader import SessionSettings, ask
+from lfpipe.render.compositor import settings_for_scene
 from lfpipe.render.monitors import detect_monitors, loop_doubt
+from lfpipe.render.open_display import check_display, has_display, parse_display
 from lfpipe.render.plan import Plan, make_plan
 from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.demo import NAMES, demo_scene
@@ -39,12 +58,14 @@ from lfpipe.transport.session import Session, default_name
 
 DEMO_S = 10.0  # length of the demo without a screen
 DEMO_FOLDER = Path("lfpipe-demo")
-WINDOWS = ("window", "fullscreen")
 
 
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class UpArguments:
-    """The arguments of `lfpipe up`. kiosk: the code that ends an exhibition. start: begin with the scenes' thumbnails."""
+    """The arguments of `lfpipe up`.
+
+    kiosk: the code that ends an exhibition. start: begin with the scenes' thumbnails.
+    """
 
     scenes: tuple[Path, ...] = ()
     camera: str | None = None
@@ -66,10 +87,11 @@ class UpArguments:
         return self.camera or config.camera.source or ("demo" if self.demo else "")
 
 
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class SessionPlan:
-    """A session that can start. files: its outputs, listed at its end. hold: keeps the pack in the cache. packing: the packer,
-    while it works on the scene's disparity."""
+    """A session that can start. files: its outputs, listed at its end. hold: keeps the pack in the
+    cache. packing: the packer, while it works on the scene's disparity.
+    """
 
     config: Config
     options: SessionOptions
@@ -81,13 +103,15 @@ class SessionPlan:
 
 def say(text: str) -> None:
     """Prints a line for people on stderr: stdout is for results."""
-    click.echo(text, err=True)
+    click.echo(plain(text), err=True)
 
 
 def start() -> int:
-    """`lfpipe` without arguments on a desktop: a session that begins with thumbnails of the demo and of recent scenes, with the
-    demo's viewer if there is no camera. Returns the exit code."""
-    config, camera = configuration.load(), None
+    """`lfpipe` without arguments on a desktop: a session that begins with thumbnails of the demo
+    and of recent scenes, with the demo's viewer if there is no camera. Returns the exit code.
+    """
+    config = configuration.load()
+    camera = None
     try:
         check_source(config.camera.source, config.camera)
     except UserError as error:
@@ -106,6 +130,10 @@ def launch(arguments: UpArguments) -> int:
     """
     session = Session(arguments.session_name)
     if session.name in rundir.running():
+        if _is_for_open_window(arguments):
+            load_scene(session.name, arguments.scenes[0])
+            say("shown in the open window; `--session NAME` opens another one")
+            return 0
         rundir.release(session, rundir.acquire(session))  # raises the error with the remedy
     plan = prepare(arguments)
     if arguments.kiosk is None:
@@ -113,15 +141,30 @@ def launch(arguments: UpArguments) -> int:
     return until_it_ends(lambda: _run(session, plan), lambda: _run(session, prepare(arguments)))
 
 
+def _is_for_open_window(arguments: UpArguments) -> bool:
+    """Whether one scene is asked for and nothing else, and the session that runs shows scenes in a
+    window.
+    """
+    scenes, name = arguments.scenes, arguments.session_name
+    if len(scenes) != 1 or arguments != UpArguments(scenes=scenes, session_name=name):
+        return False
+    options = SessionSettings.of(ask(name, {"cmd": "hello"})).options
+    return isinstance(options.display, Window) and not options.kiosk
+
+
 def _run(session: Session, plan: SessionPlan) -> int:
-    """Runs one session; returns the exit code. Raises UserError if the user can fix what ended it."""
+    """Runs one session; returns the exit code.
+
+    Raises UserError if the user can fix what ended it.
+    """
     with contextlib.closing(plan.packing) if plan.packing is not None else contextlib.nullcontext():
         outcome = run_session(
             session, plan.config, plan.options, say, plan.duration_s, plan.packing
         )
-    print_state(outcome.final)
+    if outcome.final is not None:
+        print_state(outcome.final)
     for path in filter(exists, plan.files):
-        click.echo(f"{path.stat().st_size / 1e6:8.2f} MB  {path}")
+        click.echo(f"{path.stat().st_size / 1e6:8.2f} MB  {plain(str(path))}")
     if outcome.failure is None:
         say(outcome.reason)
     return exit_code(outcome)
@@ -147,18 +190,24 @@ def _prepare_tracking(arguments: UpArguments) -> SessionPlan:
         )
     config = configuration.load(arguments.config_file, arguments.sets)
     share = check_targets(arguments.share)
-    camera = _source(arguments.source(config), "none", config, False)
-    config = with_engine(with_measured_focal(config, camera_name(camera.source)))
+    viewer = _viewer(arguments.source(config), Nothing(), config)
+    config = with_engine(with_measured_focal(config, camera_name(viewer.source)))
     say(
-        f"camera  {camera.source}; eyes by {config.track.engine}, filter {config.track.filter}; no picture"
+        f"camera  {viewer.source}; eyes by {config.track.engine}, filter {config.track.filter}; no"
+        " picture"
     )
     for target in share:
         say(f"share   eyes and head to {target}")
-    return SessionPlan(config, attrs.evolve(camera, show=False, share=share), arguments.duration_s)
+    clock = clock_of(viewer.source)
+    options = SessionOptions(viewer=viewer, clock=clock, show=False, share=share)
+    return SessionPlan(config=config, options=options, duration_s=arguments.duration_s)
 
 
 def prepare(arguments: UpArguments) -> SessionPlan:
-    """Checks all arguments, packs the scene unless it is packed, and prints the settings in force. Raises UserError."""
+    """Checks all arguments, packs the scene unless it is packed, and prints the settings in force.
+
+    Raises UserError.
+    """
     if arguments.no_picture:
         return _prepare_tracking(arguments)
     if not arguments.scenes and not arguments.demo:
@@ -168,20 +217,9 @@ def prepare(arguments: UpArguments) -> SessionPlan:
     is_kiosk = arguments.kiosk is not None
     records_itself = arguments.demo and arguments.display is None and not has_display()
     still = DEMO_FOLDER / "demo.png" if records_itself else None
-    display = (
-        _demo_display()
-        if records_itself
-        else arguments.display or ("fullscreen" if is_kiosk else "window")
-    )
-    video = (
-        Path(display.removeprefix("file:")).expanduser() if display.startswith("file:") else None
-    )
-    if is_kiosk and display not in WINDOWS:
-        raise UserError(
-            f"--kiosk with --display {display}: an exhibition needs a screen",
-            "leave out one or the other",
-        )
-    halved = ("render.rate_hz=30",) if records_itself else ()  # lossless video is large
+    display = VideoFile(_demo_video()) if records_itself else _display(arguments)
+    video = display.path if isinstance(display, VideoFile) else None
+    halved = ("render.rate_hz=30",) if records_itself else ()  # for a small video
     config = configuration.load(arguments.config_file, (*halved, *arguments.sets))
     source = arguments.source(config)
     inputs = [path for path in (*arguments.scenes, source_file(source)) if path is not None]
@@ -191,20 +229,22 @@ def prepare(arguments: UpArguments) -> SessionPlan:
     with progress() as bar:
         opened = open_scenes(arguments.scenes, config.scene, bar, complete=video is not None)
     try:
-        scenes, scene = opened.scenes, summarize(opened.field)
-        camera = SessionOptions()
-        if scene.needs_tracking or len(scenes) > 1:
-            camera = _source(source, display, config, is_kiosk)
+        scenes = opened.scenes
+        scene = summarize(opened.field)
+        viewer: Viewer = NoViewer()
+        if scene.needs_eyes or len(scenes) > 1:
+            viewer = watching(_viewer(source, display, config), scene.needs_eyes)
         elif arguments.share:
             remedy = "`lfpipe up --no-picture --share TARGET` tracks without a scene"
             raise UserError(
-                f"--share with {scenes[0]}: a single view needs no eyes, so none are tracked",
+                f"--share with {scenes[0]}: its picture needs no eyes, so none are tracked",
                 remedy,
             )
-        tracking = scene.needs_tracking and not camera.mouse
-        if camera.source and not camera.mouse:
-            config = with_measured_focal(config, camera_name(camera.source))
-        config = with_engine(config) if tracking else config
+        clock: Clock = Live()
+        if viewer.source and isinstance(viewer, CameraViewer | RecordedEyes):
+            config = with_measured_focal(config, camera_name(viewer.source))
+            clock = clock_of(viewer.source)
+        config = with_engine(config) if viewer.tracked else config
     except BaseException:
         if opened.packing is not None:
             opened.packing.close()
@@ -213,25 +253,26 @@ def prepare(arguments: UpArguments) -> SessionPlan:
         remember_scene(scenes[0])
     plan = make_plan(opened.field, config)
     for line in (
-        *startup_lines(config, opened.field, plan, camera.source, display),
-        *loop_lines(config, camera.source, display),
+        *startup_lines(config, opened.field, plan, viewer, display),
+        *loop_lines(config, viewer, display),
     ):
         say(line)
     for target in share:
         say(f"share   eyes and head to {target}")
     if len(scenes) > 1:
-        say(
-            f"scenes  {len(scenes)}: Tab, Page Up and Page Down show the others, as does `lfpipe ctl load --next`"
-        )
-    options = attrs.evolve(
-        camera,
+        keys = "" if is_kiosk else "Tab, Page Up and Page Down, or "
+        command = f"lfpipe ctl --session {arguments.session_name} load --next"
+        say(f"scenes  {len(scenes)}: {keys}`{command}` to show the others")
+    options = SessionOptions(
         scene=scene,
-        tracking=tracking,
+        viewer=viewer,
+        clock=clock,
         display=display,
-        kiosk=arguments.kiosk or "",
-        playlist=tuple(str(path.resolve()) for path in scenes)
-        if len(scenes) > 1 or arguments.start
-        else (),
+        playlist=(
+            tuple(str(path.resolve()) for path in scenes)
+            if len(scenes) > 1 or arguments.start
+            else ()
+        ),
         start=arguments.start,
         ask_glasses=_is_first_start(arguments, display),
         trace=str(arguments.trace.resolve()) if arguments.trace else "",
@@ -240,24 +281,46 @@ def prepare(arguments: UpArguments) -> SessionPlan:
     )
     files = tuple(path for path in (video, still, arguments.trace) if path is not None)
     duration_s = arguments.duration_s or (DEMO_S if records_itself else None)
-    return SessionPlan(config, options, duration_s, files, opened.field.hold, opened.packing)
+    return SessionPlan(
+        config=config,
+        options=options,
+        duration_s=duration_s,
+        files=files,
+        hold=opened.field.hold,
+        packing=opened.packing,
+    )
 
 
-def _demo_display() -> str:
-    """Creates the folder to which the demo records itself without a screen. Returns its video as a display: small and playable
-    anywhere if there is an encoder for that. Raises OSError."""
+def _display(arguments: UpArguments) -> Target:
+    """The display that is asked for; an exhibition fills the screen. Raises UserError."""
+    if arguments.kiosk is None:
+        return parse_display(arguments.display or "window")
+    display = parse_display(arguments.display or "fullscreen")
+    if not isinstance(display, Window):
+        raise UserError(
+            f"--kiosk with --display {display}: an exhibition needs a screen",
+            "leave out one or the other",
+        )
+    return attrs.evolve(display, kiosk=arguments.kiosk)
+
+
+def _demo_video() -> Path:
+    """Creates the folder to which the demo records itself without a screen. Returns the path of its
+    video, which plays anywhere: the smallest if there is an encoder for that. Raises OSError.
+    """
     DEMO_FOLDER.mkdir(exist_ok=True)
     say(f"no screen here: the demo records itself in {DEMO_FOLDER}/")
     try:
         require_encoder()
-    except UserError as error:
-        say(f"the demo's video is lossless and large: {error.message}; {error.remedy}")
-        return f"file:{DEMO_FOLDER / 'demo.mkv'}"
-    return f"file:{DEMO_FOLDER / 'demo.mp4'}"
+    except UserError:  # PyAV is not installed
+        return DEMO_FOLDER / "demo.avi"
+    return DEMO_FOLDER / "demo.mp4"
 
 
-def _is_first_start(arguments: UpArguments, display: str) -> bool:
-    """Whether a person opens a window for the first time: no glasses were chosen yet, and nothing is given as scripts do."""
+def _is_first_start(arguments: UpArguments, display: Target) -> bool:
+    """Whether a person opens a window for the first time: no glasses were chosen yet, and nothing
+    is given as scripts do.
+    """
     scripted = (
         arguments.sets
         or arguments.config_file
@@ -265,14 +328,18 @@ def _is_first_start(arguments: UpArguments, display: str) -> bool:
         or arguments.trace
         or arguments.kiosk is not None
     )
-    return not scripted and display in WINDOWS and not has_key("render", "anaglyph")
+    return not scripted and isinstance(display, Window) and not has_key("render", "anaglyph")
 
 
 def with_engine(config: Config) -> Config:
-    """Returns config with an engine that this machine has. Fetches its networks if they are missing. Raises UserError."""
+    """Returns config with an engine that this machine has.
+
+    Fetches its networks if they are missing. Raises UserError.
+    """
     if config.track.engine == "mediapipe" and models.package_folder() is None:
         say(
-            "engine  mediapipe is not installed here: using track.engine=litert, which runs the same landmark network"
+            "engine  mediapipe is not installed here: using track.engine=litert, which runs the"
+            " same landmark network"
         )
         config = attrs.evolve(config, track=attrs.evolve(config.track, engine="litert"))
     if config.track.engine == "litert" and models.missing_models():
@@ -280,32 +347,39 @@ def with_engine(config: Config) -> Config:
     return config
 
 
-def _source(camera: str, display: str, config: Config, kiosk: bool) -> SessionOptions:
-    """The source of frames; without a camera, the mouse over a window, but not in an exhibition, which has none. A file whose
-    pictures go to a file plays once. Raises UserError."""
-    has_mouse = display in WINDOWS and not kiosk
-    if camera == MOUSE and not has_mouse:
-        where = "--kiosk" if kiosk else f"--display {display}"
+def _viewer(camera: str, display: Target, config: Config) -> Viewer:
+    """The viewer in front of a source. Without a camera, the mouse over a window; an exhibition
+    waits for its camera. A file whose pictures go to a file plays once. Raises UserError.
+    """
+    is_exhibition = isinstance(display, Window) and bool(display.kiosk)
+    has_mouse = isinstance(display, Window) and not is_exhibition
+    if camera == MouseViewer.source and not has_mouse:
+        where = "--kiosk" if is_exhibition else f"--display {display}"
         remedy = "use --display window, or another source: --camera demo"
         raise UserError(f"--camera mouse with {where}: there is no mouse", remedy)
     try:
-        once = playing_once(camera) if camera and display.startswith("file:") else camera
-        return BY_MOUSE if camera == MOUSE else check_source(once, config.camera)
-    except NoCamera:
-        if not has_mouse:
+        once = playing_once(camera) if camera and isinstance(display, VideoFile) else camera
+        if camera == MouseViewer.source:
+            return MouseViewer()
+        return check_source(once, config.camera)
+    except UserError as error:
+        if is_exhibition and (not camera or isinstance(parse_source(camera), CameraSpec)):
+            say(f"{error.message}; the exhibition waits for its camera")
+            return CameraViewer(source=camera)
+        if not (has_mouse and isinstance(error, NoCamera)):
             raise
         say("no camera: move the mouse to look around")
-        return BY_MOUSE
+        return MouseViewer()
 
 
 def startup_lines(
-    config: Config, field: LightField, plan: Plan, camera: str, display: str
+    config: Config, field: LightField, plan: Plan, viewer: Viewer, display: Target
 ) -> list[str]:
-    """Scene, plan, camera, alpha and picture. camera: the source. display: as for `--display`."""
+    """Scene, plan, camera and picture."""
     without = ", ".join(item.what for item in plan.left_out)
     left_out = f"; left out: {without} (`lfpipe scene plan` explains why)" if without else ""
-    render = mixed_as(field, plan.method, config.render)
-    on_screen = display in WINDOWS
+    render = settings_for_scene(field, plan.method, config.render)
+    on_screen = isinstance(display, Window)
     at_hz = (
         "of the screen"
         if on_screen and render.rate_hz == "auto"
@@ -314,35 +388,30 @@ def startup_lines(
     clock = f"every refresh {at_hz}" if render.clock == "display" else "every camera frame"
     by = ", drawn by the CPU (no GPU found)" if on_screen and not has_gpu() else ""
     if not plan.needs_tracking:
-        source, alpha = "none: a single view needs no eyes", "none: the scene has one view"
+        source = "none: the picture needs no eyes"
+    elif isinstance(viewer, MouseViewer):
+        source = "none, and no tracking: move the mouse to look around"
     else:
-        source = f"{camera}; eyes by {config.track.engine}, filter {config.track.filter}"
-        source = (
-            "none, and no tracking: move the mouse to look around" if camera == MOUSE else source
-        )
-        chosen = parallax(config, field, config.camera.frame_px[0], None)
-        depth = "" if chosen.compression is None else f", {chosen.compression:.0%} of true depth"
-        across = f"{field.cols} columns" if field.cols > 1 else f"{field.rows} rows"
-        asked = (
-            "set"
-            if isinstance(render.alpha_px, float)
-            else f"{render.alpha_px}, at {chosen.distance_mm:.0f} mm"
-        )
-        alpha = f"{chosen.alpha_px:.1f} px/view ({asked}): {chosen.views_between_eyes:.1f} of {across} between your eyes{depth}"
+        name = viewer.source or "the first one"
+        source = f"{name}; eyes by {config.track.engine}, filter {config.track.filter}"
     return [
-        f"scene   {field.name}: {field.rows}x{field.cols} views of {field.width_px}x{field.height_px}",
+        (
+            f"scene   {field.name}: {field.rows}x{field.cols} views of"
+            f" {field.width_px}x{field.height_px}"
+        ),
         f"plan    views by {plan.method}{left_out}",
         f"camera  {source}",
-        f"alpha   {alpha}",
         f"picture {render.anaglyph} in {render.light} light, {clock}, to {display}{by}",
     ]
 
 
-def loop_lines(config: Config, camera: str, display: str) -> list[str]:
-    """The delay of the loop if pictures go to a screen, with a warning if it is doubtful. camera: the source."""
+def loop_lines(config: Config, viewer: Viewer, display: Target) -> list[str]:
+    """The delay of the loop if pictures go to a screen, with a warning if it is doubtful."""
     render = config.render
-    if not render.loop_ms or display not in WINDOWS or camera == MOUSE:
+    if not render.loop_ms or not isinstance(display, Window) or isinstance(viewer, MouseViewer):
         return []
-    doubt = loop_doubt(config, camera_name(camera) if camera else "", detect_monitors()[1])
+    doubt = loop_doubt(
+        config, camera_name(viewer.source) if viewer.source else "", detect_monitors()[1]
+    )
     why = f"; doubtful: {doubt}; `lfpipe calibrate --latency` measures it" if doubt else ""
     return [f"loop    {render.loop_ms:g} ms delay of camera and display{why}"]

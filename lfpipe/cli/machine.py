@@ -18,6 +18,7 @@ from lfpipe.config.user_files import commented
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import write_file
 from lfpipe.observe.doctor import checks, write_report
+from lfpipe.scene.cache import cache_dir
 from lfpipe.track.models import SHA256, fetch_models, find_model, install_models, missing_models
 
 
@@ -26,8 +27,8 @@ from lfpipe.track.models import SHA256, fetch_models, find_model, install_models
 def cameras(as_json: bool) -> None:
     """List cameras with pixel formats, frame sizes, rates and controls, without starting them.
 
-    Each size is shown with its highest rate; --json has every rate. Give --camera the path or the name: camera:/dev/video0,
-    camera:NAME.
+    Each size is shown with its highest rate; --json has every rate. Give --camera the path or the
+    name: camera:/dev/video0, camera:NAME.
     """
     listed: list[dict[str, Any]] = []
     for device in camera_list.cameras():
@@ -61,7 +62,9 @@ def cameras(as_json: bool) -> None:
 
 
 def _formats(device: V4L2Device, every_rate: bool) -> list[str]:
-    """One line per group of pixel formats with the same sizes, each size with all its rates or with the highest."""
+    """One line per group of pixel formats with the same sizes, each size with all its rates or with
+    the highest.
+    """
     groups: dict[str, list[str]] = {}
     for fourcc in device.fourccs():
         sizes = []
@@ -77,10 +80,19 @@ def _formats(device: V4L2Device, every_rate: bool) -> list[str]:
 
 
 @click.command()
-@click.option("--report", type=PATH, metavar="FILE",
-              help="Also pack versions, settings, and the log and state of sessions into a ZIP, for a bug report.")  # fmt: skip
+@click.option(
+    "--report",
+    type=PATH,
+    metavar="FILE",
+    help=(
+        "Also pack versions, settings, and the log and state of sessions into a ZIP, for a bug"
+        " report."
+    ),
+)
 def doctor(report: Path | None) -> int:
-    """Check this machine: one line per check, with remedies. Exit code 1 if `lfpipe up SCENE` would fail."""
+    """Check this machine: one line per check, with remedies. Exit code 1 if `lfpipe up SCENE` would
+    fail.
+    """
     results = checks()
     if report is not None:
         write_report(report, results)
@@ -104,7 +116,8 @@ def models() -> None:
 def get(wheel: Path | None) -> None:
     """Fetch the face networks with uv or pip if the package mediapipe is not installed.
 
-    Their checksums are verified, and they are kept in your data folder. The first `lfpipe up` does the same.
+    Their checksums are verified, and they are kept in your data folder. The first `lfpipe up` does
+    the same.
     """
     if wheel is not None:
         install_models(wheel)
@@ -141,5 +154,5 @@ def show(config: Config) -> None:
 @click.argument("path", required=False)
 def check(path: str | None) -> None:
     """Check PATH, or your own settings, and report every wrong key."""
-    load(path)
+    cache_dir(load(path).scene)
     click.echo(f"{path or user_file()}: ok")

@@ -1,4 +1,6 @@
-"""Output for people: lines that fit the terminal; progress on stderr as a bar, or in a log as a line for what takes long."""
+"""Output for people: lines that fit the terminal; progress on stderr as a bar, or in a log as a
+line for what takes long.
+"""
 
 import math
 import shutil
@@ -15,7 +17,10 @@ Progress = Callable[[str, int, int], None]  # (task, steps done, steps in total)
 
 
 def filled(text: str, head: str) -> str:
-    """head and text, wrapped to the terminal's width, or 80 columns without a terminal. Words stay whole, for copying."""
+    """head and text, wrapped to the terminal's width, or 80 columns without a terminal.
+
+    Words stay whole, for copying.
+    """
     width = max(shutil.get_terminal_size((80, 24)).columns, len(head) + 20)
     return textwrap.fill(
         text,
@@ -29,8 +34,9 @@ def filled(text: str, head: str) -> str:
 
 @contextmanager
 def progress() -> Iterator[Progress]:
-    """Yields a callback that draws one bar per task on a terminal; elsewhere it writes one line for a task of QUIET_S or more:
-    nobody should take a minute of silence for a hang."""
+    """Yields a callback that draws one bar per task on a terminal; elsewhere it writes one line for
+    a task of QUIET_S or more: nobody should take a minute of silence for a hang.
+    """
     if not sys.stderr.isatty():
         began: dict[str, float] = {}
 

@@ -1,9 +1,10 @@
-"""`lfpipe replay`: runs a recorded sequence through the real stages and compares the results with a reference."""
+"""`lfpipe replay`: runs a recorded sequence through the real stages and compares the results with a
+reference.
+"""
 
 import contextlib
 import os
 import sys
-import tempfile
 import time
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,9 @@ from lfpipe.cli.launch import say
 from lfpipe.cli.options import PATH, with_settings
 from lfpipe.cli.scene import opened
 from lfpipe.errors import UserError
-from lfpipe.files.output import check_output
+from lfpipe.files.output import check_output, check_outside
+from lfpipe.files.safe_files import temporary_folder
+from lfpipe.host.files import is_dir
 from lfpipe.replays import run
 from lfpipe.replays.compare import Comparison, cases_of, check_reference, compare
 from lfpipe.replays.report import STEADY, about_scene, about_sequence, read_report, write_junit
@@ -66,9 +69,11 @@ def replay(path: Path, junit: Path | None, **options: Any) -> int:
         with contextlib.suppress(UserError):
             write_outcome(
                 [],
-                "interrupted"
-                if isinstance(error, KeyboardInterrupt)
-                else str(error) or type(error).__name__,
+                (
+                    "interrupted"
+                    if isinstance(error, KeyboardInterrupt)
+                    else str(error) or type(error).__name__
+                ),
             )
         if not isinstance(error, run.ReplayFailed):
             raise
@@ -87,23 +92,31 @@ def _replayed(
     sets: tuple[str, ...],
     config_file: str | None,
 ) -> Cases:
-    """Replays, and compares with expect or updates it. Returns the parts of the comparison with their failures."""
+    """Replays, and compares with expect or updates it.
+
+    Returns the parts of the comparison with their failures.
+    """
     _check(pace, out, expect, update)
+    for folder, label in ((out, "--out"), (expect if update else None, "--expect")):
+        if folder is not None:
+            check_outside(folder, [path, scene, None if folder is expect else expect], label)
+    if expect is not None and update:
+        run.check_update(expect)
+    elif expect is not None:
+        if not is_dir(expect):
+            run.recover_reference(expect)
+        if not is_dir(expect):
+            raise UserError(f"--expect {expect}: no such reference", "the first time, add --update")
+        read_report(expect)
     sequence = open_sequence(path)
     if not sequence.complete:
         say(
-            f"{path} was cut off during recording: replaying its {len(sequence.packets)} whole frames"
+            f"{path} was cut off during recording: replaying its {len(sequence.packets)} whole"
+            " frames"
         )
     config = run.replay_config(sequence, config_file, sets)
-    if expect is not None:
-        run.check_out(expect) if update else read_report(expect)
     against = expect is not None and not update
-    with (
-        contextlib.nullcontext(str(out))
-        if out is not None
-        else tempfile.TemporaryDirectory(prefix="lfpipe-replay-", ignore_cleanup_errors=True)
-    ) as place:
-        folder = Path(place)
+    with contextlib.nullcontext(out) if out is not None else temporary_folder("replay") as folder:
         run.check_out(folder)
         field = opened(scene, config)
         if expect is not None and against:
@@ -131,7 +144,9 @@ def _replayed(
 
 
 def _check_junit(junit: Path | None, inputs: list[Path | None], out: Path | None) -> None:
-    """Raises UserError if the file of --junit is an input, or is removed with the results of an earlier run."""
+    """Raises UserError if the file of --junit is an input, or is removed with the results of an
+    earlier run.
+    """
     if junit is None:
         return
     check_output(junit, [path for path in inputs if path is not None], label="--junit")
@@ -147,7 +162,10 @@ def _check(pace: str, out: Path | None, expect: Path | None, update: bool) -> No
     try:
         parse_source(f"file:sequence?pace={'max' if pace == 'step' else pace}")
     except UserError:
-        remedy = "step is the fastest that gives the same results every time; max plays without waiting, 30 plays at 30 Hz"
+        remedy = (
+            "step is the fastest that gives the same results every time; max plays without waiting,"
+            " 30 plays at 30 Hz"
+        )
         raise UserError(f"--pace {pace}: not {', '.join(PACES)} or a rate in Hz", remedy) from None
     if update and expect is None:
         raise UserError("--update needs a reference", "name it with --expect REF")
@@ -163,14 +181,17 @@ def _check(pace: str, out: Path | None, expect: Path | None, update: bool) -> No
 
 
 def _summary(report: dict[str, Any]) -> None:
-    counts, latency = report["counts"], report["latency"]["end_to_end"]
+    counts = report["counts"]
+    latency = report["latency"]["end_to_end"]
     dropped = sum(counts["dropped"].values())
     name = report["sequence"]["name"]
     click.echo(
-        f"{name}: {counts['frames']} frames, {counts['faces']} with a face, {counts['composed']} composed"
+        f"{name}: {counts['frames']} frames, {counts['faces']} with a face, {counts['composed']}"
+        " composed"
     )
     click.echo(
-        f"{report['rate_hz']:.1f} frames/s, {dropped} dropped, read to shown p50 {latency.get('p50_ms', 0):.2f} ms"
+        f"{report['rate_hz']:.1f} frames/s, {dropped} dropped, read to shown p50"
+        f" {latency.get('p50_ms', 0):.2f} ms"
     )
     for name, error in (report["truth_error"] or {}).items():
         if error:

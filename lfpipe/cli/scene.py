@@ -1,7 +1,9 @@
 """`lfpipe scene`: packs, lists, inspects and plans light fields."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import attrs
 import click
@@ -15,28 +17,37 @@ from lfpipe.config import Config
 from lfpipe.config.quality import METHODS, WARPS
 from lfpipe.errors import UserError
 from lfpipe.export import pictures
+from lfpipe.export.page import PageExport, check_page
 from lfpipe.files.output import check_output, marked_picture, write_output
 from lfpipe.host.files import is_dir
+from lfpipe.log import set_up
 from lfpipe.render.compositor import ViewRenderer
 from lfpipe.render.plan import make_plan
 from lfpipe.scene.cache import cache_dir, packs, remove, sweep
 from lfpipe.scene.contact_sheet import contact_sheet
-from lfpipe.scene.info import describe_pack, lines
+from lfpipe.scene.info import describe_pack, expected_field, lines
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.open_scene import ask_packer, open_scene, packed
 
+Command = Callable[..., Any]
 PICTURES = (".png", ".jpg", ".jpeg")
 PAIRS = (*PICTURES, ".jps", ".mpo", ".mp4")
 
 
 def opened(path: Path | None, config: Config) -> LightField:
-    """Opens the scene, or the demo; packs it first if necessary, with a progress bar. Raises UserError."""
+    """Opens the scene, or the demo; packs it first if necessary, with a progress bar.
+
+    Raises UserError.
+    """
     with progress() as bar:
         return open_scene(path, config.scene, bar)
 
 
 def check_picture(path: Path, scene: Path, kinds: tuple[str, ...] = PICTURES) -> None:
-    """Raises UserError if a command that reads scene must not write a picture to path. Called before any work."""
+    """Raises UserError if a command that reads scene must not write a picture to path.
+
+    Called before any work.
+    """
     if path.suffix.lower() not in kinds:
         raise UserError(
             f"{path}: not {', '.join(kinds[:-1])} or {kinds[-1]}", "for example view.png"
@@ -100,7 +111,8 @@ def list_packs(as_json: bool, config: Config) -> None:
         grid = "{rows}x{cols} of {width}x{height}".format(**about) if "rows" in about else "damaged"
         click.echo(f"{folder.name} {size / 1e6:8.1f} MB  {grid}\n    {about.get('source', '')}")
     click.echo(
-        f"{len(cached)} packs, {sum(size for _, _, size in cached) / 1e6:.1f} MB in {cache_dir(config.scene)}"
+        f"{len(cached)} packs, {sum(size for _, _, size in cached) / 1e6:.1f} MB in"
+        f" {cache_dir(config.scene)}"
     )
 
 
@@ -109,8 +121,9 @@ def list_packs(as_json: bool, config: Config) -> None:
 @click.option("--all", "everything", is_flag=True, help="Remove every pack.")
 @with_config
 def clean(keys: tuple[str, ...], everything: bool, config: Config) -> None:
-    """Remove packs by key or name. Without KEY, remove only what killed runs and other versions left. Packs
-    that a session shows are kept."""
+    """Remove packs by key or name. Without KEY, remove only what killed runs and other versions
+    left. Packs that a session shows are kept.
+    """
     cached = packs(config.scene)
     names = {
         folder: {folder.name, about.get("name"), about.get("source")} for folder, about, _ in cached
@@ -122,10 +135,11 @@ def clean(keys: tuple[str, ...], everything: bool, config: Config) -> None:
     chosen = {folder: size for folder, _, size in cached if everything or names[folder] & set(keys)}
     removed_bytes = [size for folder, size in chosen.items() if remove(folder)]
     for folder in filter(is_dir, chosen):
-        click.echo(f"in use, kept: {folder.name}")
+        click.echo(f"kept, in use or with other files: {folder.name}")
     leftovers = sweep(config.scene)
     click.echo(
-        f"removed {len(removed_bytes)} packs, {sum(removed_bytes) / 1e6:.1f} MB, and {leftovers} leftovers"
+        f"removed {len(removed_bytes)} packs, {sum(removed_bytes) / 1e6:.1f} MB, and {leftovers}"
+        " leftovers"
     )
 
 
@@ -134,8 +148,15 @@ def clean(keys: tuple[str, ...], everything: bool, config: Config) -> None:
 @with_scene
 @JSON
 def plan(path: Path, as_json: bool, config: Config) -> None:
-    """Show which work SCENE does not need, why, and what leaving it out saves."""
-    field = opened(path, config)
+    """Show which work SCENE does not need, why, and what leaving it out saves.
+
+    A video that is not packed yet is examined only: then the method is that of most scenes.
+    """
+    field = packed(path, config.scene)
+    if field is None or not field.complete:
+        with progress() as bar:
+            facts = ask_packer(path, config.scene, bar, do="info")
+        field = expected_field(facts) if facts["frames"] > 1 else opened(path, config)
     plan = make_plan(field, config)
     if as_json:
         click.echo(json.dumps({"scene": field.name, **attrs.asdict(plan)}))
@@ -144,12 +165,13 @@ def plan(path: Path, as_json: bool, config: Config) -> None:
         name for name in ("tracking", "rows", "warp", "depth") if getattr(plan, f"needs_{name}")
     ]
     click.echo(
-        f"{field.name}: {field.rows}x{field.cols} views, method {plan.method}, needs {', '.join(needs) or 'nothing'}"
+        f"{field.name}: {field.rows}x{field.cols} views, method {plan.method}, needs"
+        f" {', '.join(needs) or 'nothing'}"
     )
     for item in plan.left_out:
-        click.echo(
-            f"  left out: {item.what}\n{filled(item.why, '    because ')}\n{filled(item.saves, '    saves   ')}"
-        )
+        click.echo(f"  left out: {item.what}")
+        click.echo(filled(item.why, "    because "))
+        click.echo(filled(item.saves, "    saves   "))
     if not plan.left_out:
         click.echo("  nothing can be left out")
 
@@ -158,9 +180,14 @@ def plan(path: Path, as_json: bool, config: Config) -> None:
 @SCENE
 @with_scene
 @JSON
-def info(path: Path, as_json: bool, config: Config) -> None:
+@click.option(
+    "-v", "--verbose", is_flag=True, help="Also log the readings of SCENE that were compared."
+)
+def info(path: Path, as_json: bool, verbose: bool, config: Config) -> None:
     """Show SCENE's layout, grid, order of views, disparity and geometry."""
-    field = packed(path, config.scene)
+    if verbose:
+        set_up(1)
+    field = None if verbose else packed(path, config.scene)
     facts = (
         describe_pack(field)
         if field is not None and field.complete
@@ -227,68 +254,118 @@ def sheet(path: Path, out: Path, config: Config) -> None:
     write_picture(out, contact_sheet(opened(path, config))[..., ::-1])
 
 
-@scene.command()
-@SCENE
-@click.argument("out", type=PATH)
-@click.option(
-    "--as",
-    "form",
-    type=click.Choice(["quilt", "pair", "wiggle", "sweep"]),
-    required=True,
-    help="Format of OUT.",
-)
-@click.option(
-    "--tiles", default="8x6", show_default=True, metavar="COLSxROWS", help="Tiles of a quilt."
-)
-@click.option(
-    "--apart",
-    type=float,
-    metavar="VIEWS",
-    help="Views between the eyes of a pair or wiggle.  [default: comfortable]",
-)
-@click.option(
-    "--seconds",
-    type=Number(0.1, 600),
-    metavar="S",
-    help="Length of a wiggle or sweep. [default: 0.8 and 6]",
-)
-@with_scene
-def export(
-    path: Path,
-    out: Path,
-    form: str,
-    tiles: str,
-    apart: float | None,
-    seconds: float | None,
-    config: Config,
-) -> None:
-    """Write SCENE for other programs: a quilt for Looking Glass displays, a pair (.png, .jpg, .jps, .mpo, .mp4), a wiggle (.mp4,
-    .gif), or a sweep.
+@scene.group()
+def export() -> None:
+    """Write SCENE for other programs and people."""
 
-    The name tells viewers the form: _qs8x6a1.00 is appended to a quilt's, _sbs or _LR to a pair's. MP4 needs lfpipe[media].
-    """
+
+def _out(help_text: str) -> Callable[[Command], Command]:
+    return click.option("-o", "--out", type=PATH, required=True, help=help_text)
+
+
+APART = click.option(
+    "--apart", type=float, metavar="VIEWS", help="Views between the eyes.  [default: comfortable]"
+)
+
+
+def _seconds(default_s: float) -> Callable[[Command], Command]:
+    return click.option(
+        "--seconds",
+        type=Number(0.1, 600),
+        default=default_s,
+        show_default=True,
+        metavar="S",
+        help="Length of a clip, there and back.",
+    )
+
+
+@export.command()
+@SCENE
+@_out("Picture; _qs8x6a1.00 is appended to its name.")
+@click.option("--tiles", default="8x6", show_default=True, metavar="COLSxROWS", help="Tiles.")
+@with_scene
+def quilt(path: Path, out: Path, tiles: str, config: Config) -> None:
+    """Write a quilt of views from left to right, for Looking Glass displays."""
     cols, rows = pictures.parse_tiles(tiles)
-    seconds = seconds or (pictures.WIGGLE_S if form == "wiggle" else pictures.SWEEP_S)
-    suffix = out.suffix.lower()
-    is_clip = form in ("wiggle", "sweep") or (form == "pair" and suffix == ".mp4")
-    out = pictures.pair_name(out) if form == "pair" else out
-    if is_clip:
-        pictures.check_clip(out, round(seconds * pictures.RATE_HZ))
-        check_output(out, [path])
-    else:
-        check_picture(out, path, PAIRS if form == "pair" else PICTURES)
+    check_picture(out, path)
     field = opened(path, config)
-    exported = pictures.SceneExport(field, config)
-    if form == "quilt":
-        name = pictures.quilt_name(out, cols, rows, field.width_px / field.height_px)
-        check_picture(name, path)
-        write_picture(name, exported.quilt(cols, rows))
-    elif is_clip:
-        pictures.write_clip(out, exported.clip(form, apart, seconds), pictures.RATE_HZ)
-        click.echo(f"{out}  {out.stat().st_size / 1e6:.2f} MB")
-    else:
-        write_output(out, pictures.stereo_file(*exported.eyes(apart), suffix))
-        click.echo(out)
+    name = pictures.quilt_name(out, cols, rows, field.width_px / field.height_px)
+    check_picture(name, path)
+    write_picture(name, pictures.SceneExport(field, config).quilt(cols, rows))
+
+
+@export.command()
+@SCENE
+@_out("Picture (.png, .jpg, .jps, .mpo) or clip (.mp4); _sbs or _LR is appended to its name.")
+@APART
+@_seconds(pictures.SWEEP_S)
+@with_scene
+def pair(path: Path, out: Path, apart: float | None, seconds: float, config: Config) -> None:
+    """Write the views of both eyes, for stereo viewers. MP4 needs the extra media."""
+    out = pictures.pair_name(out)
+    if out.suffix.lower() == ".mp4":
+        _write_clip(path, out, "pair", apart, seconds, config)
+        return
+    check_picture(out, path, PAIRS)
+    exported = pictures.SceneExport(opened(path, config), config)
+    write_output(out, pictures.stereo_file(*exported.eyes(apart), out.suffix.lower()))
+    click.echo(out)
+
+
+@export.command()
+@SCENE
+@_out("Clip (.gif, .mp4).")
+@APART
+@_seconds(pictures.WIGGLE_S)
+@with_scene
+def wiggle(path: Path, out: Path, apart: float | None, seconds: float, config: Config) -> None:
+    """Write a clip from one eye's view to the other's and back: depth without glasses."""
+    _write_clip(path, out, "wiggle", apart, seconds, config)
+
+
+@export.command("sweep")
+@SCENE
+@_out("Clip (.mp4, .gif).")
+@_seconds(pictures.SWEEP_S)
+@with_scene
+def sweep_clip(path: Path, out: Path, seconds: float, config: Config) -> None:
+    """Write a clip along the middle row, there and back."""
+    _write_clip(path, out, "sweep", None, seconds, config)
+
+
+def _write_clip(
+    path: Path, out: Path, form: str, apart: float | None, seconds: float, config: Config
+) -> None:
+    pictures.check_clip(out, round(seconds * pictures.RATE_HZ))
+    check_output(out, [path])
+    exported = pictures.SceneExport(opened(path, config), config)
+    pictures.write_clip(out, exported.clip(form, apart, seconds), pictures.RATE_HZ)
+    click.echo(f"{out}  {out.stat().st_size / 1e6:.2f} MB")
+
+
+@export.command()
+@SCENE
+@_out("Page (.html).")
+@click.option("--credit", metavar="TEXT", default="", help="Line below the picture.")
+@with_scene
+def page(path: Path, out: Path, credit: str, config: Config) -> None:
+    """Write a web page to give away: one file of at most 8 MB that any browser opens.
+
+    Mouse, finger or tilt look around; a button shows red/cyan. It loads nothing from elsewhere.
+    """
+    check_page(out)
+    check_output(out, [path])
+    field = opened(path, config)
+    quilt = PageExport(field, config).write(out, credit)
+    click.echo(
+        f"{out}  {out.stat().st_size / 1e6:.2f} MB, {quilt.rows}x{quilt.cols} views of"
+        f" {quilt.width_px}x{quilt.height_px} px"
+    )
+    if quilt.wanted != (quilt.rows, quilt.cols):
+        wanted = "x".join(map(str, quilt.wanted))
+        click.echo(f"  fewer than the {wanted} views of a smooth cross-fade: it would be too large")
+    if field.frames > 1:
+        click.echo(f"  the first of {field.frames} frames")
 
 
 @scene.command()
@@ -298,17 +375,24 @@ def export(
 )
 @with_config
 def make(path: Path, out: Path | None, config: Config) -> None:
-    """Make a light field of one row from CLIP, a video or a folder of pictures taken while sliding the camera sideways."""
+    """Make a light field of one row from CLIP, a video or a folder of pictures taken while sliding
+    the camera sideways.
+    """
     with progress() as bar:
         folder = out or path.with_name(f"{path.stem}-views")
         facts = ask_packer(path, config.scene, bar, do="make", out=str(folder))
     click.echo(
-        f"{facts['views']} views of {facts['width_px']}x{facts['height_px']} px, chosen from {facts['frames']} pictures"
+        f"{facts['views']} views of {facts['width_px']}x{facts['height_px']} px, chosen from"
+        f" {facts['frames']} pictures"
     )
-    parallax = f"{facts['spread_px']:.0f} px between outermost views, {facts['residual_px']:.2f} px vertical error (95 %)"
+    parallax = (
+        f"{facts['spread_px']:.0f} px between outermost views, {facts['residual_px']:.2f} px"
+        " vertical error (95 %)"
+    )
     click.echo(f"  parallax    {parallax}")
     click.echo(
-        f"  direction   {facts['order']} ({'sure' if facts['order_sure'] else '`lfpipe scene sheet` shows near and far'})"
+        f"  direction   {facts['order']}"
+        f" ({'sure' if facts['order_sure'] else '`lfpipe scene sheet` shows near and far'})"
     )
     opened(Path(facts["folder"]), config)
     click.echo(facts["folder"])

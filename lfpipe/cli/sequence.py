@@ -1,4 +1,6 @@
-"""`lfpipe record` and `lfpipe sequence`: records a camera; inspects, cuts, imports and exports what was recorded."""
+"""`lfpipe record` and `lfpipe sequence`: records a camera; inspects, cuts, imports and exports what
+was recorded.
+"""
 
 import contextlib
 import json
@@ -14,11 +16,12 @@ import attrs
 import click
 import numpy as np
 
-from lfpipe.capture.open_source import camera_name, check_source
+from lfpipe.capture.open_source import camera_name, check_source, clock_of
 from lfpipe.capture.recordings import open_recording
 from lfpipe.cli.launch import exit_code, say
 from lfpipe.cli.options import CAMERA, DURATION, PATH, Number, with_config
-from lfpipe.config import Config
+from lfpipe.config import Config, SessionOptions
+from lfpipe.config.modes import RecordedEyes
 from lfpipe.config.user_files import with_measured_focal
 from lfpipe.errors import UserError, plain
 from lfpipe.files.safe_files import create_private, open_regular
@@ -26,7 +29,13 @@ from lfpipe.host.files import exists
 from lfpipe.host.machine import versions
 from lfpipe.sequence import edit
 from lfpipe.sequence.eyes import TRUTH, read_truth, table_of
-from lfpipe.sequence.folder import check_out, check_sums, new_sequence, open_sequence
+from lfpipe.sequence.folder import (
+    check_out,
+    check_sums,
+    new_sequence,
+    open_sequence,
+    remove_empty,
+)
 from lfpipe.sequence.packets import encoded
 from lfpipe.supervisor.supervisor import run_session
 from lfpipe.transport.session import Session
@@ -41,13 +50,22 @@ SEQUENCES = click.argument("paths", type=PATH, metavar="SEQ...", nargs=-1, requi
 @DURATION
 @with_config
 def record(out: Path, camera: str | None, duration_s: float | None, config: Config) -> int:
-    """Record a camera to the new folder OUT, for `lfpipe replay`. Ctrl-C ends it. See also `lfpipe ctl record`."""
-    source = check_source(camera or config.camera.source, config.camera)
-    config = with_measured_focal(config, camera_name(source.source))
+    """Record a camera to the new folder OUT, for `lfpipe replay`.
+
+    Ctrl-C ends it. See also `lfpipe ctl record`.
+    """
+    viewer = check_source(camera or config.camera.source, config.camera)
+    config = with_measured_focal(config, camera_name(viewer.source))
     check_out(out)
-    tracking = bool(source.eyes)  # who plays recorded eyes is the tracker
-    options = attrs.evolve(source, tracking=tracking, show=False, record=str(out.resolve()))
-    outcome = run_session(Session(f"record.{os.getpid()}"), config, options, say, duration_s)
+    # the tracker plays recorded eyes
+    viewer = attrs.evolve(viewer, tracked=isinstance(viewer, RecordedEyes))
+    clock = clock_of(viewer.source)
+    record = str(out.resolve())
+    options = SessionOptions(viewer=viewer, clock=clock, show=False, record=record)
+    try:
+        outcome = run_session(Session(f"record.{os.getpid()}"), config, options, say, duration_s)
+    finally:
+        remove_empty(out)
     return exit_code(outcome)
 
 
@@ -101,7 +119,8 @@ def _info(path: Path, as_json: bool) -> None:
     about["versions"] = [f"{name} {version}" for name, version in about["versions"].items()]
     for name, value in about.items():
         click.echo(
-            f"  {name:<10} {plain(', '.join(value) if isinstance(value, list) else str(value), 400)}"
+            f"  {name:<10}"
+            f" {plain(', '.join(value) if isinstance(value, list) else str(value), 400)}"
         )
 
 
@@ -149,9 +168,9 @@ def _check(path: Path) -> None:
 @click.option("--to", "end_s", type=Number(min=0), metavar="S", help="Exclusive end, in seconds.")
 def cut(path: Path, out: Path, begin_s: float, end_s: float | None) -> None:
     """Copy a part of SEQ to the new sequence OUT. Frames are copied byte for byte."""
-    click.echo(
-        f"{out}: {edit.cut(open_sequence(path, verify=False), out, begin_s, math.inf if end_s is None else end_s)} frames"
-    )
+    end_s = math.inf if end_s is None else end_s
+    frames = edit.cut(open_sequence(path, verify=False), out, begin_s, end_s)
+    click.echo(f"{out}: {frames} frames")
 
 
 @sequence.command("import")
@@ -193,5 +212,5 @@ def import_(video: Path, out: Path, truth: Path | None) -> None:
 @click.argument("path", type=PATH, metavar="SEQ")
 @click.argument("video", type=PATH)
 def export(path: Path, video: Path) -> None:
-    """Write SEQ as VIDEO, .mkv or .avi without loss, with stamps in a CSV next to it."""
+    """Write SEQ as VIDEO, a lossless .mkv, with stamps in a CSV next to it."""
     click.echo(f"{video}, {edit.export(open_sequence(path), video)}")

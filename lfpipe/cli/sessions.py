@@ -10,10 +10,12 @@ from typing import Any
 import click
 
 from lfpipe.cli.options import PATH, SESSION, complete_settings
-from lfpipe.config import parse_set
+from lfpipe.config import converter, parse_set
+from lfpipe.errors import plain
 from lfpipe.observe.monitor import print_state, run
 from lfpipe.observe.session_reader import ask
-from lfpipe.observe.timeline import begin_trace, finish_trace
+from lfpipe.observe.timeline import begin_trace, convert, finish_trace
+from lfpipe.supervisor.figures import SessionFigures
 from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S
 
 LOAD_S = 900.0  # packing a large scene takes minutes
@@ -24,13 +26,22 @@ Send = Callable[..., None]  # of one message, and perhaps timeout_s
 @SESSION
 @click.option("--once", is_flag=True, help="Print the state once and end.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object per line.")
-@click.option("--web", is_flag=False, flag_value="", metavar="[[HOST]:PORT]",
-              help="Serve a page with charts, pictures and controls on 127.0.0.1, or on HOST; a token protects it.")  # fmt: skip
+@click.option(
+    "--web",
+    is_flag=False,
+    flag_value="",
+    metavar="[[HOST]:PORT]",
+    help=(
+        "Serve a page with charts, pictures and controls on 127.0.0.1, or on HOST. It prints two"
+        " addresses: one to control, one to watch only, without the camera's picture."
+    ),
+)
 def monitor(session_name: str, once: bool, as_json: bool, web: str | None) -> None:
     """Show latency, rate, drops and load of every stage of a running session.
 
-    On a terminal, the screen updates four times a second; elsewhere the state is printed once. Several monitors may watch one
-    session. If the session ends, the monitor waits for it to start again.
+    On a terminal, the screen updates four times a second; elsewhere the state is printed once.
+    Several monitors may watch one session. If the session ends, the monitor waits for it to start
+    again.
     Keys: q quit, p pause, r reset, t record a timeline, w toggle warp, m mode, c recentre.
     """
     if web is None:
@@ -79,12 +90,19 @@ def _send(
     if as_json:
         click.echo(json.dumps(answer))
     elif message["cmd"] == "status":
-        print_state(answer)
+        print_state(converter().structure(answer, SessionFigures), answer["paused"])
     else:
         facts = [
-            f"{key} {value}" for key, value in answer.items() if key not in ("ok", "rev", "applied")
+            f"{key} {value}"
+            for key, value in answer.items()
+            if key not in ("ok", "rev", "applied", "cmd")
         ]
-        click.echo(", ".join([f"{message['cmd']}: done", *facts]))
+        click.echo(plain(", ".join([f"{message['cmd']}: done", *facts])))
+
+
+def load_scene(session_name: str, scene: Path) -> None:
+    """Shows another light field in a session. Raises UserError."""
+    ask(session_name, {"cmd": "load", "scene": str(scene.resolve())}, LOAD_S)
 
 
 @ctl.command("set")
@@ -109,7 +127,10 @@ def set_keys(send: Send, sets: tuple[str, ...]) -> None:
 def load(
     send: Send, scene: Path | None, step: int | None, layout: str | None, grid: str | None
 ) -> None:
-    """Show another light field. It is packed first if necessary; the old one stays visible meanwhile."""
+    """Show another light field.
+
+    It is packed first if necessary; the old one stays visible meanwhile.
+    """
     if (scene is None) == (step is None):
         raise click.UsageError("give one of SCENE, --next and --previous")
     how = {"step": step, "scene": scene and str(scene.resolve()), "layout": layout, "grid": grid}
@@ -159,7 +180,9 @@ def share() -> None:
 @click.argument("targets", nargs=-1, required=True, metavar="TARGET...")
 @click.pass_obj
 def start_share(send: Send, targets: tuple[str, ...]) -> None:
-    """Start sharing with each TARGET: opentrack:HOST:PORT, osc:HOST:PORT or lsl[:NAME]. Append ?rate=HZ for predicted eyes."""
+    """Start sharing with each TARGET: opentrack:HOST:PORT, osc:HOST:PORT or lsl[:NAME]. Append
+    ?rate=HZ for predicted eyes.
+    """
     send({"cmd": "share", "start": list(targets)}, FILE_CHECK_TIMEOUT_S)
 
 
@@ -167,30 +190,49 @@ def start_share(send: Send, targets: tuple[str, ...]) -> None:
 @click.argument("targets", nargs=-1, metavar="[TARGET]...")
 @click.pass_obj
 def stop_share(send: Send, targets: tuple[str, ...]) -> None:
-    """Stop sharing with each TARGET, written as `start` printed it. Without TARGET, stop all sharing."""
+    """Stop sharing with each TARGET, written as `start` printed it.
+
+    Without TARGET, stop all sharing.
+    """
     send({"cmd": "share", "stop": list(targets)})
 
 
 @click.group()
 def trace() -> None:
-    """Record a timeline of a running session as Chrome trace-event JSON, which Perfetto opens."""
+    """Trace a running session, one JSON line per picture, and convert traces to timelines."""
 
 
 @trace.command("start")
-@click.argument("out", metavar="[OUT.json]", required=False, type=PATH)
+@click.argument("out", metavar="[OUT.jsonl]", required=False, type=PATH)
 @SESSION
 def start_trace(out: Path | None, session_name: str) -> None:
-    """Start a timeline. `lfpipe trace stop` writes it to OUT.json; the default is a name made of the time, in this folder."""
-    click.echo(
-        f"recording; `lfpipe trace stop` writes {begin_trace(partial(ask, session_name), out)}"
-    )
+    """Start a trace, with the lines of `lfpipe up --trace`.
+
+    The default for OUT.jsonl is a name made of the time, in this folder.
+    """
+    path = begin_trace(partial(ask, session_name), out)
+    click.echo(plain(f"tracing to {path}; `lfpipe trace stop` ends it"))
 
 
 @trace.command("stop")
 @SESSION
 def stop_trace(session_name: str) -> None:
-    """End the timeline and write it to the file given to `start`."""
-    out = finish_trace(partial(ask, session_name))
+    """End the trace that `start` began."""
+    path = finish_trace(partial(ask, session_name))
+    click.echo(plain(f"{path}: `lfpipe trace timeline {path}` makes a timeline of it"))
+
+
+@trace.command("timeline")
+@click.argument("source", metavar="TRACE.jsonl", type=PATH)
+@click.argument("out", metavar="[OUT.json]", required=False, type=PATH)
+def write_timeline(source: Path, out: Path | None) -> None:
+    """Convert a trace to Chrome trace-event JSON, which Perfetto opens.
+
+    The default for OUT.json is the name of the trace.
+    """
+    out = out or source.with_suffix(".json")
+    convert(source, out)
     click.echo(
-        f"{out}: open it at ui.perfetto.dev, which does not upload it, or in chrome://tracing"
+        f"{plain(str(out))}: open it at ui.perfetto.dev, which does not upload it, or in"
+        " chrome://tracing"
     )

@@ -59,9 +59,16 @@ from lfpipe.errors import UserError
     help="Write the outcome as JUnit XML.  [default: junit.xml in DIR]",
 )
 def sweep(
-    plan: Path, out: Path, jobs: int | None, address: str, insecure: bool, limit: float, expect: Path | None, update: bool,
+    plan: Path,
+    out: Path,
+    jobs: int | None,
+    address: str,
+    insecure: bool,
+    limit: float,
+    expect: Path | None,
+    update: bool,
     junit: Path | None,
-) -> int:  # fmt: skip
+) -> int:
     """Run replays, quality and benchmarks over all recordings and scenes of PLAN.toml.
 
     \b
@@ -73,7 +80,8 @@ def sweep(
     [table]
     keep = [2, 3]
 
-    Each combination is a cell. Finished cells are not run again; an interrupted sweep continues with the same command.
+    Each combination is a cell. Finished cells are not run again; an interrupted sweep continues
+    with the same command.
     Exit code 0: all as expected, 1: a cell failed or differs, 2: bad input.
     """
     from lfpipe.cli.progress import progress

@@ -18,10 +18,17 @@ Examples:
 
 @click.command(epilog=EXAMPLES)
 @click.argument("scenes", nargs=-1, metavar="[SCENE]...", type=PATH)
-@click.option("--camera", metavar="SRC",
-              help="camera:N, camera:/dev/videoN, file:PATH[?loop=0|1&pace=recorded|max|HZ], demo or mouse.")  # fmt: skip
-@click.option("--display", metavar="WHERE",
-              help="window, fullscreen, none, file:OUT.mkv or file:OUT.mp4.  [default: window]")  # fmt: skip
+@click.option(
+    "--camera",
+    metavar="SRC",
+    help="camera:N, camera:/dev/videoN, file:PATH[?loop=0|1&pace=recorded|max|HZ], demo or mouse.",
+)
+@click.option(
+    "--display",
+    metavar="WHERE",
+    help="window, fullscreen, none, or file:OUT with .mp4, .avi or .mkv (lossless)."
+    "  [default: window]",
+)
 @DURATION
 @click.option("--trace", type=PATH, metavar="FILE", help="Write one JSON line per picture.")
 @click.option(
@@ -29,8 +36,13 @@ Examples:
     is_flag=True,
     help="A built-in scene and face: needs no camera, light field or screen.",
 )
-@click.option("--share", multiple=True, metavar="TARGET", help="Send eyes and head to opentrack:HOST:PORT, osc:HOST:PORT or "
-              "lsl[:NAME]; add ?rate=HZ for predicted eyes. Repeatable.")  # fmt: skip
+@click.option(
+    "--share",
+    multiple=True,
+    metavar="TARGET",
+    help="Send eyes and head to opentrack:HOST:PORT, osc:HOST:PORT or "
+    "lsl[:NAME]; add ?rate=HZ for predicted eyes. Repeatable.",
+)
 @click.option(
     "--kiosk",
     is_flag=True,
@@ -49,8 +61,10 @@ Examples:
 def up(**options: Any) -> int:
     """Show SCENE, a folder or file with a light field, from the position of the viewer's eyes.
 
-    Several scenes, or a folder of scenes, form a playlist. Switch with Tab, Page Up and Page Down, or `lfpipe ctl load --next`.
-    Camera, layout, method and alpha are detected and printed in five lines. In the window, h shows the keys.
+    Several scenes, or a folder of scenes, form a playlist. Switch with Tab, Page Up and Page Down,
+    or `lfpipe ctl load --next`. Camera, layout and method are detected and printed. In the window,
+    h shows the keys. While a window is open, `lfpipe up SCENE` shows SCENE there; --session NAME
+    opens another one.
     """
     from lfpipe.cli.kiosk import kiosk_code
     from lfpipe.cli.launch import UpArguments, launch

@@ -1,9 +1,11 @@
 """The camera's position, to convert eyes in its picture to points in front of the screen.
 
-The screen's axes begin in the middle of the picture on it: x along it as in the camera's picture, y down, z towards the viewer.
-The camera stands at (0, -above, 0) and looks down by tilt. Eyes e mm apart that are p px apart in its picture are f e / p mm away
-along its axis (f its focal length in px). `from_screen` converts them to the picture that the same camera would take from the
-middle of the screen, looking straight ahead. In that picture, a viewer who leans towards the middle of the screen does not move.
+The screen's axes begin in the middle of the picture on it: x along it as in the camera's picture, y
+down, z towards the viewer. The camera stands at (0, -above, 0) and looks down by tilt. Eyes e mm
+apart that are p px apart in its picture are f e / p mm away along its axis (f its focal length in
+px). `from_screen` converts them to the picture that the same camera would take from the middle of
+the screen, looking straight ahead. In that picture, a viewer who leans towards the middle of the
+screen does not move.
 """
 
 from __future__ import annotations
@@ -20,7 +22,9 @@ LEAST_Z_MM = 50.0  # eyes are never nearer to the screen
 
 
 def camera_focal_px(config: Config, frame_width_px: int) -> float:
-    """Focal length of the webcam in px of a frame of width_px, from camera.focal_px or camera.fov_deg."""
+    """Focal length of the webcam in px of a frame of width_px, from camera.focal_px or
+    camera.fov_deg.
+    """
     camera = config.camera
     scale = frame_width_px / camera.frame_px[0]
     if camera.focal_px != "auto":
@@ -28,10 +32,12 @@ def camera_focal_px(config: Config, frame_width_px: int) -> float:
     return scale * camera.width_px / 2 / math.tan(math.radians(camera.fov_deg) / 2)
 
 
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class CameraPose:
-    """above_mm: from the middle of the picture on the screen up to the camera. tilt: radians, positive where it looks down.
-    focal_px, middle_px: of its picture. eyes_mm: distance between the viewer's eyes."""
+    """above_mm: from the middle of the picture on the screen up to the camera. tilt: radians,
+    positive where it looks down.
+    focal_px, middle_px: of its picture. eyes_mm: distance between the viewer's eyes.
+    """
 
     above_mm: float
     tilt: float
@@ -41,36 +47,50 @@ class CameraPose:
 
     @classmethod
     def of(cls, config: Config, size_px: tuple[int, int]) -> CameraPose | None:
-        """From the configuration, for pictures of size_px (width, height); None if the camera is assumed
-        to be in the middle of the screen."""
-        above_mm, tilt = config.camera.above_mm, math.radians(config.camera.tilt_deg)
+        """From the configuration, for pictures of size_px (width, height); None if the camera is
+        assumed to be in the middle of the screen.
+        """
+        above_mm = config.camera.above_mm
+        tilt = math.radians(config.camera.tilt_deg)
         if not above_mm and not tilt:
             return None
         middle_px = size_px[0] / 2, size_px[1] / 2
         return cls(
-            above_mm, tilt, camera_focal_px(config, size_px[0]), middle_px, config.screen.eyes_mm
+            above_mm=above_mm,
+            tilt=tilt,
+            focal_px=camera_focal_px(config, size_px[0]),
+            middle_px=middle_px,
+            eyes_mm=config.screen.eyes_mm,
         )
 
     def points_mm(self, eyes_px: NDArray[np.float64], apart_px: float) -> NDArray[np.float64]:
-        """Eyes (2, 2) px, apart_px apart if the head were not turned, as points (2, 3) mm on the screen's axes."""
+        """Eyes (2, 2) px, apart_px apart if the head were not turned, as points (2, 3) mm on the
+        screen's axes.
+        """
         depth_mm = self.focal_px * self.eyes_mm / max(apart_px, 1e-6)
         across, down = (eyes_px - self.middle_px).T * (depth_mm / self.focal_px)
-        c, s = math.cos(self.tilt), math.sin(self.tilt)
+        c = math.cos(self.tilt)
+        s = math.sin(self.tilt)
         return np.stack(
             [across, down * c + depth_mm * s - self.above_mm, depth_mm * c - down * s], axis=1
         )
 
     def from_screen(self, eyes_px: NDArray[np.float64], apart_px: float) -> NDArray[np.float64]:
-        """Eyes (2, 2) px of the camera's picture in px of the picture taken from the middle of the screen."""
+        """Eyes (2, 2) px of the camera's picture in px of the picture taken from the middle of the
+        screen.
+        """
         points = self.points_mm(eyes_px, apart_px)
         return (
             self.focal_px * points[:, :2] / np.maximum(points[:, 2:], LEAST_Z_MM) + self.middle_px
         )
 
     def from_camera(self, screen_px: NDArray[np.float64], apart_px: float) -> NDArray[np.float64]:
-        """The inverse of `from_screen`: px of the camera's picture, for the same depth along the camera's axis."""
+        """The inverse of `from_screen`: px of the camera's picture, for the same depth along the
+        camera's axis.
+        """
         depth_mm = self.focal_px * self.eyes_mm / max(apart_px, 1e-6)
-        c, s = math.cos(self.tilt), math.sin(self.tilt)
+        c = math.cos(self.tilt)
+        s = math.sin(self.tilt)
         slope = (screen_px - self.middle_px) / self.focal_px  # x / z and y / z on the screen's axes
         # y = down c + depth s - above and z = depth c - down s, with y = slope z: solved for down
         down_mm = (slope[:, 1] * depth_mm * c - depth_mm * s + self.above_mm) / (

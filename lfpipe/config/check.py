@@ -1,7 +1,8 @@
-"""Checks values from outside against the tree, and merges them: defaults, the user's file, `--config`, `--set`; later ones win.
+"""Checks values from outside against the tree, and merges them: defaults, the user's file,
+`--config`, `--set`; later ones win.
 
-All problems are reported at once, each with its key, value and remedy. Values may have any type and depth that TOML, msgpack or
-a caller can carry. The only exception raised is UserError.
+All problems are reported at once, each with its key, value and remedy. Values may have any type and
+depth that TOML, msgpack or a caller can carry. The only exception raised is UserError.
 """
 
 import difflib
@@ -14,7 +15,9 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from lfpipe.config.tree import SECTIONS, Config, Key, options, to_dict, trusted
+import attrs
+
+from lfpipe.config.tree import SECTIONS, Config, Key, options
 from lfpipe.config.user_files import FILE_BYTES, user_file
 from lfpipe.errors import UserError, shown
 from lfpipe.files.safe_files import read_text
@@ -22,18 +25,18 @@ from lfpipe.files.untrusted import toml_table
 from lfpipe.host.files import is_missing
 from lfpipe.plugins import ENGINES, FILTERS, plugins
 
-PRESETS = {
-    path.stem: path for path in (Path(__file__).parent / "presets").glob("*.toml")
-}  # values of --config
-FILE_FORM = f"correct that file (`lfpipe config init FILE` writes a complete one), or name a preset: {', '.join(PRESETS)}"
+# values of --config
+PRESETS = {path.stem: path for path in (Path(__file__).parent / "presets").glob("*.toml")}
+FILE_FORM = (
+    "correct that file (`lfpipe config init FILE` writes a complete one), or name a preset:"
+    f" {', '.join(PRESETS)}"
+)
 SHOW = "`lfpipe config show` lists every key with its unit and range"
 TEXT_CHARS = 4096  # of any text; the longest path
 MOST_LISTED = 10  # problems that one message names
 NAMES = {int: "a whole number", float: "a number", bool: "true or false", str: "text"}
-PLUGGABLE = {
-    "track.engine": ENGINES,
-    "track.filter": FILTERS,
-}  # keys whose words other packages may add
+# keys whose words other packages may add
+PLUGGABLE = {"track.engine": ENGINES, "track.filter": FILTERS}
 
 
 def _problem(name: object, value: object) -> str:
@@ -46,7 +49,10 @@ def _problem(name: object, value: object) -> str:
         return why and f"{name}: {why}"
     if name in SECTIONS:
         first = next(key for key in options() if key.startswith(f"{name}."))
-        return f"{name}: a section, which cannot have the value {shown(value)}; its keys are {first}, ..."
+        return (
+            f"{name}: a section, which cannot have the value {shown(value)}; its keys are"
+            f" {first}, ..."
+        )
     section = name.partition(".")[0]
     name = name if section in SECTIONS else section
     close = closest(name, [*options(), *SECTIONS])
@@ -77,7 +83,10 @@ def _wrong(value: object, key: Key) -> str:
     if isinstance(value, str) and str in key.types:
         return wrong_text(value)
     if key.types:
-        return f"{shown(value)} is not {' or '.join([*(NAMES[kind] for kind in key.types), *map(repr, key.words)])}"
+        return (
+            f"{shown(value)} is not"
+            f" {' or '.join([*(NAMES[kind] for kind in key.types), *map(repr, key.words)])}"
+        )
     texts = [str(word) for word in key.words]
     close = closest(value, texts, 0.5)
     return f"{shown(value)} is not one of {', '.join(texts)}" + (
@@ -86,7 +95,10 @@ def _wrong(value: object, key: Key) -> str:
 
 
 def wrong_text(value: str) -> str:
-    """Why a text is refused, or "". Texts are paths and names: they must survive a message, a file and a system call."""
+    """Why a text is refused, or "".
+
+    Texts are paths and names: they must survive a message, a file and a system call.
+    """
     if len(value) > TEXT_CHARS:
         return f"{shown(value)} has {len(value)} characters; at most {TEXT_CHARS} are allowed"
     odd = next((c for c in value if unicodedata.category(c) in ("Cc", "Cs")), "")
@@ -104,7 +116,9 @@ def closest(value: object, texts: Iterable[str], cutoff: float = 0.6) -> str:
 
 
 def problems(values: Iterable[tuple[object, object]]) -> list[str]:
-    """The problems of (dotted key, value) pairs: the first MOST_LISTED, and whether there are more."""
+    """The problems of (dotted key, value) pairs: the first MOST_LISTED, and whether there
+    are more.
+    """
     wrong = list(
         itertools.islice(filter(None, itertools.starmap(_problem, values)), MOST_LISTED + 1)
     )
@@ -117,7 +131,10 @@ def refusal(wrong: list[str], remedy: str = SHOW) -> UserError:
 
 
 def flat(tree: Mapping[Any, Any]) -> list[tuple[object, object]]:
-    """(dotted key, value) pairs of nested tables. A value that is not a table keeps its own name."""
+    """(dotted key, value) pairs of nested tables.
+
+    A value that is not a table keeps its own name.
+    """
     pairs: list[tuple[object, object]] = []
     for section, table in tree.items():
         if isinstance(section, str) and section in SECTIONS and isinstance(table, Mapping):
@@ -132,20 +149,25 @@ def flat(tree: Mapping[Any, Any]) -> list[tuple[object, object]]:
 
 def changed(config: Config, values: Mapping[str, Any]) -> Config:
     """Returns config with dotted keys changed; `problems` must have accepted them."""
-    tree = to_dict(config)
+    sections: dict[str, dict[str, Any]] = {}
     for key, value in values.items():
         section, _, name = key.partition(".")
         number = (
             isinstance(value, int) and not isinstance(value, bool) and float in options()[key].types
         )
-        tree[section][name] = float(value) if number else value
-    return trusted(tree)
+        sections.setdefault(section, {})[name] = float(value) if number else value
+    changes = {
+        section: attrs.evolve(getattr(config, section), **fields)
+        for section, fields in sections.items()
+    }
+    return attrs.evolve(config, **changes)
 
 
 def updated(config: Config, sets: Mapping[str, Any], live_only: bool = False) -> Config:
     """Returns config with dotted keys changed: all of them, or none if one is refused.
 
-    live_only: refuse keys that cannot change while a session runs. Raises UserError; config itself never changes.
+    live_only: refuse keys that cannot change while a session runs. Raises UserError; config itself
+    never changes.
     """
     if wrong := problems(sets.items()):
         raise refusal(wrong)
@@ -157,17 +179,9 @@ def updated(config: Config, sets: Mapping[str, Any], live_only: bool = False) ->
     return changed(config, sets)
 
 
-def from_dict(tree: Mapping[str, Any]) -> Config:
-    """Returns a checked Config from nested dicts; missing keys have their defaults. Raises UserError with all problems."""
-    if not isinstance(tree, Mapping):
-        raise refusal([f"{shown(tree)} is not a table of sections"])
-    pairs: dict[Any, Any] = dict(flat(tree))
-    return updated(Config(), pairs)
-
-
 def parse_set(text: str) -> tuple[str, bool | int | float | str]:
-    """Parses `KEY=VALUE` to (dotted key, value). The value is a number, boolean or string in TOML syntax; anything else is
-    plain text. `updated` checks the key and its value.
+    """Parses `KEY=VALUE` to (dotted key, value). The value is a number, boolean or string in TOML
+    syntax; anything else is plain text. `updated` checks the key and its value.
 
     Raises UserError if `=` or the key is missing, or if a character is not allowed.
     """
@@ -181,9 +195,8 @@ def parse_set(text: str) -> tuple[str, bool | int | float | str]:
     except (ValueError, RecursionError):  # a bare word, or endless digits or brackets
         pass
     if isinstance(value, int) and value.bit_length() > 63:
-        value = (
-            math.inf if value > 0 else -math.inf
-        )  # out of every range, and too large for a message
+        # out of every range, and too large for a message
+        value = math.inf if value > 0 else -math.inf
     if not isinstance(value, bool | int | float | str):
         value = raw
     for word in (key, value):
@@ -193,12 +206,14 @@ def parse_set(text: str) -> tuple[str, bool | int | float | str]:
 
 
 def load(file: str | os.PathLike[str] | None = None, sets: Iterable[str] = ()) -> Config:
-    """The checked tree from the user's file, `--config` (a path or a preset's name) and `--set` texts.
+    """The checked tree from the user's file, `--config` (a path or a preset's name) and `--set`
+    texts.
 
     Raises UserError with each wrong file, key, value and remedy.
     """
     values: dict[str, Any] = {}
-    wrong, remedy = [], SHOW
+    wrong = []
+    remedy = SHOW
     files = {str(user_file()): user_file()} if not is_missing(user_file()) else {}
     if file is not None:
         name = os.fspath(file)

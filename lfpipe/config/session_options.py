@@ -1,41 +1,63 @@
-"""What a session's stages need besides the configuration: facts detected by `up`, and later requests.
+"""What a session's stages need besides the configuration: facts detected by `up`, and later
+requests.
 
-A stage receives all options at its start (pickled) and with each change (as a map in a control message).
+A stage receives all options at its start (pickled) and with each change (as a map in a control
+message).
 """
 
-from __future__ import annotations
-
+import functools
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal, Self, get_origin
 
 import attrs
 
+from lfpipe.config.modes import (
+    CameraViewer,
+    Clock,
+    Live,
+    Nothing,
+    Target,
+    Viewer,
+    Window,
+)
 
-@attrs.frozen
+if TYPE_CHECKING:
+    from cattrs import BaseConverter
+
+
+@attrs.frozen(kw_only=True)
 class SceneSummary:
-    """Facts about a packed scene that a session needs without opening it.
+    """Facts about a packed scene that a session needs without opening it."""
 
-    pack: the pack's folder, absolute. height_px, width_px: of a view. method: the method used for render.method = "auto".
-    complete: whether the packer has finished; until then there is no disparity. scores: PSNR in dB of each method on held-out
-    views. disparity_min_px, disparity_max_px: of the farthest and nearest points, px per view. half_turned: the views run against
-    the order of the pack.
-    """
-
+    # the pack's folder, absolute
     pack: str
     name: str
+    # of the grid
     rows: int
     cols: int
+    # of a view
     height_px: int
     width_px: int
+    # the one used for render.method = "auto"
     method: str
     has_disparity: bool
+    # whether the packer has finished; until then there is no disparity
     complete: bool = True
+    # PSNR in dB of each method on held-out views
     scores: Mapping[str, float] = attrs.field(factory=dict)
+    # of the farthest and nearest points, px per view
     disparity_min_px: float = 0.0
     disparity_max_px: float = 0.0
+    # whether the views run against the order of the pack
     half_turned: bool = False
+    # whether the picture depends on the eyes
+    needs_eyes: bool = attrs.field(
+        default=attrs.Factory(lambda self: self.rows * self.cols > 1, takes_self=True)
+    )
+    # of light-field video, 1 of a still
+    frames: int = 1
 
-    def shown_as(self, half_turn: str) -> SceneSummary:
+    def shown_as(self, half_turn: str) -> Self:
         """With near and far as scene.half_turn asks; "auto" leaves them as they are."""
         if half_turn == "auto" or (half_turn == "yes") == self.half_turned:
             return self
@@ -44,74 +66,62 @@ class SceneSummary:
             self, disparity_min_px=low, disparity_max_px=high, half_turned=not self.half_turned
         )
 
-    @property
-    def needs_tracking(self) -> bool:
-        """Whether the picture depends on the eyes: a single view looks the same from everywhere."""
-        return self.rows * self.cols > 1
 
-
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class QualityLevel:
-    """One level of quality. number: 0 for full quality. work: what it makes less of, "pictures" or "eyes", "" for level 0.
-    method: how views are made. rate_hz: of the display's clock. every: n, one frame in n is tracked. words: for people."""
+    """One level of quality."""
 
-    number: int
-    work: str
+    # 0 for full quality
+    number: int = 0
+    # what it makes less of: "pictures" or "eyes", "" for level 0
+    work: str = ""
+    # how views are made
     method: str
+    # of the display's clock
     rate_hz: float
-    every: int
-    words: str
+    # n: one frame in n is tracked
+    every: int = 1
+    # for people
+    words: str = "full"
 
 
-@attrs.frozen
-class ReplayOutput:
-    """Where a deterministic replay writes. folder: results. sequence: the recording replayed. pictures: whether to store some."""
-
-    folder: str
-    sequence: str
-    pictures: bool
-
-
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class SessionOptions:
-    """Paths are absolute; "" means none.
-
-    source, source_hz: the camera or file, fully named. jpeg_px: (width, height) of the JPEGs that it delivers, None without.
-    mouse: no camera, the mouse is the viewer. eyes: the source, if it is a recording of such a session. tracking: whether eyes
-    are tracked. show: whether pictures are made. trace: file of one line per picture. still: file for the last picture.
-    timeline: file of a trace that was started later. record: folder of a running recording. pictures, packets: names of rings
-    that exist only on demand. lossless: no frame may be dropped, writers wait for readers. lock_step: besides, a frame passes
-    every stage before the next one starts. share: where eyes are sent to, as `lfpipe.share.target` writes it. level: the
-    quality in force, None for full.
-    playlist, playlist_at: the scenes to step through, and the index of the one shown. kiosk: the code that ends an exhibition.
-    start: begin with the thumbnails of the playlist. ask_glasses: ask which glasses the person has.
-    """
+    """What a session does. Paths are absolute; "" means none."""
 
     scene: SceneSummary | None = None
-    source: str = ""
-    source_hz: float = 0.0
-    jpeg_px: tuple[int, int] | None = None
-    tracking: bool = True
-    mouse: bool = False
-    eyes: str = ""
+    viewer: Viewer = attrs.field(factory=CameraViewer)
+    clock: Clock = attrs.field(factory=Live)
+    # whether pictures are made
     show: bool = True
-    display: str = "none"
+    display: Target = attrs.field(factory=Nothing)
+    # file of one line per picture
     trace: str = ""
+    # file for the last picture
     still: str = ""
+    # file of a trace that was started later
     timeline: str = ""
+    # folder of a running recording
     record: str = ""
+    # names of rings that exist only on demand
     pictures: str = ""
     packets: str = ""
-    lossless: bool = False
-    lock_step: bool = False
-    replay: ReplayOutput | None = None
+    # where eyes are sent to, as `lfpipe.share.target` writes it
     share: tuple[str, ...] = ()
+    # the scenes to step through, and the index of the one on show
     playlist: tuple[str, ...] = ()
     playlist_at: int = 0
-    kiosk: str = ""
+    # begin with the thumbnails of the playlist
     start: bool = False
+    # ask which glasses the person has
     ask_glasses: bool = False
+    # the quality in force, None for full
     level: QualityLevel | None = None
+
+    @property
+    def kiosk(self) -> str:
+        """The code that ends an exhibition, "" outside of one."""
+        return self.display.kiosk if isinstance(self.display, Window) else ""
 
     @property
     def pack(self) -> str:
@@ -123,19 +133,24 @@ class SessionOptions:
         """Whether the scene has its disparity, as far as there is any."""
         return self.scene is None or self.scene.complete
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values, for messages and files."""
-        return attrs.asdict(self)
 
-    @classmethod
-    def from_dict(cls, plain: Mapping[str, Any]) -> SessionOptions:
-        """The inverse of `to_dict`, unchecked."""
-        classes = {"scene": SceneSummary, "replay": ReplayOutput, "level": QualityLevel}
-        nested = {
-            name: kind(**plain[name]) if plain[name] else None for name, kind in classes.items()
-        }
-        tuples = {
-            name: tuple(plain[name]) if plain[name] is not None else None
-            for name in ("jpeg_px", "share", "playlist")
-        }
-        return cls(**{**plain, **nested, **tuples})
+def _is_literal(kind: Any) -> bool:
+    return get_origin(kind) is Literal
+
+
+@functools.cache
+def converter() -> "BaseConverter":
+    """Turns configuration and options into plain values for messages and files, and back,
+    unchecked. A class of a union carries its name as `_type`.
+    """
+    from cattrs import BaseConverter
+    from cattrs.preconf.msgpack import configure_converter
+    from cattrs.strategies import configure_tagged_union
+
+    made = BaseConverter(detailed_validation=False)
+    configure_converter(made)
+    # a plug-in's name is no word of the key's
+    made.register_structure_hook_func(_is_literal, lambda value, _: value)
+    for union in (Viewer, Clock, Target):
+        configure_tagged_union(union, made)
+    return made

@@ -2,27 +2,39 @@
 
 import functools
 import math
-from collections.abc import Mapping
 from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
 import attrs
 
 AUTO_HZ = 60.0  # pictures per second without a screen
-# fmt: off
+
 PixelFormat = Literal["auto", "MJPG", "YUYV", "UYVY", "NV12", "YU12", "BGR3", "RGB3", "GREY"]
+Method = Literal["auto", "nearest", "blend", "warp", "warp2"]
+Flip = Literal["auto", "none", "rows", "cols", "both"]
+Decision = Literal["auto", "no", "yes"]
 Anaglyph = Literal[
-    "colour", "grey", "half-colour", "wimmer", "dubois", "dubois-green-magenta", "dubois-amber-blue", "mono", "side-by-side",
+    "colour",
+    "grey",
+    "half-colour",
+    "wimmer",
+    "dubois",
+    "dubois-green-magenta",
+    "dubois-amber-blue",
+    "mono",
+    "side-by-side",
     "row-interleaved",
 ]
-# fmt: on
 
 
 @attrs.frozen
 class Key:
-    """Meaning and limits of a value. types: of int, float, str and bool, those that it may have. words: values besides.
-    low and high: range of a number, inclusive; without them every number is valid. live: `lfpipe ctl set` may change it, so the
-    stage that uses the key must reread `context.config`. replays: whether it can change what a replay computes."""
+    """Meaning and limits of a value. types: of int, float, str and bool, those that it may have.
+    words: values besides.
+    low and high: range of a number, inclusive; without them every number is valid. live: `lfpipe
+    ctl set` may change it, so the stage that uses the key must reread `context.config`. replays:
+    whether it can change what a replay computes.
+    """
 
     default: Any
     doc: str
@@ -51,34 +63,97 @@ def key(
     )
 
 
-# fmt: off
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class Camera:
-    source: str = key("", replays=False,
-        doc="camera:N, camera:/dev/videoN, camera:NAME, file:PATH[?loop=0|1&pace=recorded|max|HZ] or demo; empty: the first camera found")
-    width_px: int = key(640, "px", 16, 7680,
-        doc="frame width requested from the camera; frames of another size are scaled, frames of another aspect ratio get black bars")
+    source: str = key(
+        "",
+        replays=False,
+        doc=(
+            "camera:N, camera:/dev/videoN, camera:NAME, file:PATH[?loop=0|1&pace=recorded|max|HZ]"
+            " or demo; empty: the first camera found"
+        ),
+    )
+    width_px: int = key(
+        640,
+        "px",
+        16,
+        7680,
+        doc=(
+            "frame width requested from the camera; frames of another size are scaled, frames of"
+            " another aspect ratio get black bars"
+        ),
+    )
     height_px: int = key(480, "px", 16, 4320, doc="frame height requested from the camera")
-    rate_hz: float = key(30.0, "Hz", 0.1, 1000,
-        doc="frame rate requested from the camera, and used for a file without a rate of its own")
-    format: PixelFormat = key("auto", replays=False,
-        doc="pixel format requested from the camera; auto: the one that reaches the size, then the rate, then the cheapest to decode")
-    exposure: float | Literal["auto"] = key("auto", "ms", 0.01, 1000, doc="exposure time; auto: the camera decides")
-    gain: float | Literal["auto"] = key("auto", "", 0, 65535, doc="gain in the camera's own units; auto: the camera decides")
-    power_line_hz: Literal["auto", 0, 50, 60] = key("auto", "Hz",
-        doc="mains frequency whose flicker the exposure avoids, 0 for none; auto: leave the camera's setting")
-    dynamic_framerate: Literal["off", "on", "auto"] = key("off",
-        doc="let a camera lower its rate in dim light, until the session ends; auto: leave the camera's setting")
-    rotate: Literal[0, 90, 180, 270] = key(0, "deg",
-        doc="turn the picture clockwise, for a camera mounted upside down or sideways")
-    mirror: bool = key(False, doc="mirror the picture, after the turn, for a driver that delivers it mirrored")
-    above_mm: float = key(0.0, "mm", -2000, 2000, live=True,
-        doc="height of the camera above the middle of the picture on the screen")
-    tilt_deg: float = key(0.0, "deg", -60, 60, live=True, doc="angle by which the camera looks down")
-    focal_px: float | Literal["auto"] = key("auto", "px", 1, 100000, live=True,
-        doc="focal length at width_px; auto: measured by `lfpipe calibrate`, else from fov_deg")
-    fov_deg: float = key(56.0, "deg", 5, 175, live=True,
-        doc="horizontal field of view, used if focal_px is auto and was not measured")
+    rate_hz: float = key(
+        30.0,
+        "Hz",
+        0.1,
+        1000,
+        doc="frame rate requested from the camera, and used for a file without a rate of its own",
+    )
+    format: PixelFormat = key(
+        "auto",
+        replays=False,
+        doc=(
+            "pixel format requested from the camera; auto: the one that reaches the size, then the"
+            " rate, then the cheapest to decode"
+        ),
+    )
+    exposure: float | Literal["auto"] = key(
+        "auto", "ms", 0.01, 1000, doc="exposure time; auto: the camera decides"
+    )
+    gain: float | Literal["auto"] = key(
+        "auto", "", 0, 65535, doc="gain in the camera's own units; auto: the camera decides"
+    )
+    power_line_hz: Literal["auto", 0, 50, 60] = key(
+        "auto",
+        "Hz",
+        doc=(
+            "mains frequency whose flicker the exposure avoids, 0 for none; auto: leave the"
+            " camera's setting"
+        ),
+    )
+    dynamic_framerate: Literal["off", "on", "auto"] = key(
+        "off",
+        doc=(
+            "let a camera lower its rate in dim light, until the session ends; auto: leave the"
+            " camera's setting"
+        ),
+    )
+    rotate: Literal[0, 90, 180, 270] = key(
+        0, "deg", doc="turn the picture clockwise, for a camera mounted upside down or sideways"
+    )
+    mirror: bool = key(
+        False, doc="mirror the picture, after the turn, for a driver that delivers it mirrored"
+    )
+    above_mm: float = key(
+        0.0,
+        "mm",
+        -2000,
+        2000,
+        live=True,
+        doc="height of the camera above the middle of the picture on the screen",
+    )
+    tilt_deg: float = key(
+        0.0, "deg", -60, 60, live=True, doc="angle by which the camera looks down"
+    )
+    focal_px: float | Literal["auto"] = key(
+        "auto",
+        "px",
+        1,
+        100000,
+        live=True,
+        doc="focal length at width_px; auto: measured by `lfpipe calibrate`, else from fov_deg",
+    )
+    fov_deg: float = key(
+        56.0,
+        "deg",
+        5,
+        175,
+        live=True,
+        doc="horizontal field of view, used if focal_px is auto and was not measured",
+    )
+
     @property
     def frame_px(self) -> tuple[int, int]:
         """(width, height) of a frame after the turn."""
@@ -88,40 +163,126 @@ class Camera:
 
 @attrs.frozen
 class Track:
-    engine: Literal["litert", "mediapipe"] = key("litert",
-        doc="litert: the landmark network in-thread; mediapipe: FaceMesh, as in the paper")
-    filter: Literal["predictive", "one-euro", "kalman", "mean"] = key("predictive", live=True,
-        doc="smoothing of the eye positions; mean is the paper's")
-    mean_k: int = key(5, "frames", 1, 1000, live=True, doc="frames in the moving average of filter = mean")
+    engine: Literal["litert", "mediapipe"] = key(
+        "litert", doc="litert: the landmark network in-thread; mediapipe: FaceMesh, as in the paper"
+    )
+    filter: Literal["predictive", "one-euro", "kalman", "mean"] = key(
+        "predictive", live=True, doc="smoothing of the eye positions; mean is the paper's"
+    )
+    mean_k: int = key(
+        5, "frames", 1, 1000, live=True, doc="frames in the moving average of filter = mean"
+    )
     refine: bool = key(False, doc="refine the eye centres with the iris network")
 
 
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class Render:
-    clock: Literal["display", "camera"] = key("display", replays=False,
-        doc="display: a picture for every refresh, eyes predicted to it; camera: one picture per camera frame, as in the paper")
-    rate_hz: float | Literal["auto"] = key("auto", "Hz", 1, 1000, replays=False,
-        doc="pictures per second of the display clock; auto: every refresh of the screen, 60 without a screen")
-    method: Literal["auto", "nearest", "blend", "warp", "warp2"] = key("auto", live=True,
-        doc="how a view between the stored views is made; nearest is the paper's")
-    alpha_px: float | Literal["auto"] = key("auto", "px", 1e-09, 1e+09, live=True,
-        doc="camera pixels between neighbouring views of the grid; auto: from geometry, comfort and render.depth")
-    depth: float = key(0.0, "", 0, 1, live=True,
-        doc="depth from comfort (0) to true (1), or to the whole grid where true is unknown; with alpha_px auto")
-    anaglyph: Anaglyph = key("dubois", live=True, doc="how the two eyes' views share one picture; colour is the paper's")
-    light: Literal["linear", "gamma"] = key("linear", live=True,
-        doc="where matrices with cross terms are applied: linear light, or code values")
-    ghost_compensation: float = key(0.0, "%", 0, 100, live=True,
-        doc="share of the light leaking through the other eye's glass that is subtracted; no effect with dubois-amber-blue")
-    zero_plane_px: float | Literal["auto"] = key("auto", "px/view", -1000, 1000, live=True,
-        doc="disparity of points in the plane of the screen; auto: that of the nearest at the picture's left and right border")
-    extrapolate_views: float = key(2.0, "views", 0, 16, live=True, doc="how far beyond the grid the viewpoint may go")
-    keep_depth: bool = key(True, live=True,
-        doc="at the edge of the grid, keep the distance of the eyes and stop their middle; no: stop each eye, as the paper does")
-    swap_eyes: bool = key(False, live=True, doc="swap the eyes, for glasses worn or printed the other way round")
-    loop_ms: float = key(0.0, "ms", 0, 1000, live=True, replays=False,
-        doc="delay of the camera before its stamp plus delay of the display after the present; prediction adds it; `lfpipe calibrate --latency` measures it")
-    loop_measured: str = key("", replays=False, doc="date, camera and monitor of the measurement of loop_ms; empty: not measured")
+    clock: Literal["display", "camera"] = key(
+        "display",
+        replays=False,
+        doc=(
+            "display: a picture for every refresh, eyes predicted to it; camera: one picture per"
+            " camera frame, as in the paper"
+        ),
+    )
+    rate_hz: float | Literal["auto"] = key(
+        "auto",
+        "Hz",
+        1,
+        1000,
+        replays=False,
+        doc=(
+            "pictures per second of the display clock; auto: every refresh of the screen, 60"
+            " without a screen"
+        ),
+    )
+    method: Method = key(
+        "auto", live=True, doc="how a view between the stored views is made; nearest is the paper's"
+    )
+    alpha_px: float | Literal["auto"] = key(
+        "auto",
+        "px",
+        1e-09,
+        1e09,
+        live=True,
+        doc=(
+            "camera pixels between neighbouring views of the grid; auto: from geometry, comfort and"
+            " render.depth"
+        ),
+    )
+    depth: float = key(
+        0.0,
+        "",
+        0,
+        1,
+        live=True,
+        doc=(
+            "depth from comfort (0) to true (1), or to the whole grid where true is unknown; with"
+            " alpha_px auto"
+        ),
+    )
+    anaglyph: Anaglyph = key(
+        "dubois", live=True, doc="how the two eyes' views share one picture; colour is the paper's"
+    )
+    light: Literal["linear", "gamma"] = key(
+        "linear",
+        live=True,
+        doc="where matrices with cross terms are applied: linear light, or code values",
+    )
+    ghost_compensation: float = key(
+        0.0,
+        "%",
+        0,
+        100,
+        live=True,
+        doc=(
+            "share of the light leaking through the other eye's glass that is subtracted; no effect"
+            " with dubois-amber-blue"
+        ),
+    )
+    zero_plane_px: float | Literal["auto"] = key(
+        "auto",
+        "px/view",
+        -1000,
+        1000,
+        live=True,
+        doc=(
+            "disparity of points in the plane of the screen; auto: that of the nearest at the"
+            " picture's left and right border"
+        ),
+    )
+    extrapolate_views: float = key(
+        2.0, "views", 0, 16, live=True, doc="how far beyond the grid the viewpoint may go"
+    )
+    keep_depth: bool = key(
+        True,
+        live=True,
+        doc=(
+            "at the edge of the grid, keep the distance of the eyes and stop their middle; no: stop"
+            " each eye, as the paper does"
+        ),
+    )
+    swap_eyes: bool = key(
+        False, live=True, doc="swap the eyes, for glasses worn or printed the other way round"
+    )
+    loop_ms: float = key(
+        0.0,
+        "ms",
+        0,
+        1000,
+        live=True,
+        replays=False,
+        doc=(
+            "delay of the camera before its stamp plus delay of the display after the present;"
+            " prediction adds it; `lfpipe calibrate --latency` measures it"
+        ),
+    )
+    loop_measured: str = key(
+        "",
+        replays=False,
+        doc="date, camera and monitor of the measurement of loop_ms; empty: not measured",
+    )
+
     @property
     def nominal_hz(self) -> float:
         """rate_hz as a number; AUTO_HZ if the screen decides."""
@@ -130,46 +291,104 @@ class Render:
 
 @attrs.frozen
 class Screen:
-    monitor: int | str = key("", "", 0, 63, replays=False,
-        doc="monitor for the window and for full screen: its number or part of its name, as `lfpipe doctor` lists them; empty: the window's own")
-    width_mm: float | Literal["auto"] = key("auto", "mm", 10, 20000, live=True,
-        doc="width of the picture on the screen; auto: from the monitor's reported size, 530 if unknown")
-    distance_mm: float | Literal["auto"] = key("auto", "mm", 50, 50000, live=True,
-        doc="viewer to screen; auto: from the distance between the eyes in the camera picture")
-    eyes_mm: float = key(63.0, "mm", 40, 80, live=True, doc="distance between your eyes; 63 is the mean of adults")
+    monitor: int | str = key(
+        "",
+        "",
+        0,
+        63,
+        replays=False,
+        doc=(
+            "monitor for the window and for full screen: its number or part of its name, as `lfpipe"
+            " doctor` lists them; empty: the window's own"
+        ),
+    )
+    width_mm: float | Literal["auto"] = key(
+        "auto",
+        "mm",
+        10,
+        20000,
+        live=True,
+        doc=(
+            "width of the picture on the screen; auto: from the monitor's reported size, 530 if"
+            " unknown"
+        ),
+    )
+    distance_mm: float | Literal["auto"] = key(
+        "auto",
+        "mm",
+        50,
+        50000,
+        live=True,
+        doc="viewer to screen; auto: from the distance between the eyes in the camera picture",
+    )
+    eyes_mm: float = key(
+        63.0, "mm", 40, 80, live=True, doc="distance between your eyes; 63 is the mean of adults"
+    )
 
 
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class Scene:
     layout: str = key("auto", doc="layout on disk; auto: detect it (`lfpipe scene info` shows it)")
     grid: str = key("", doc="ROWSxCOLS, if the files do not define it; empty: detect it")
-    flip: Literal["auto", "none", "rows", "cols", "both"] = key("auto", doc="reverse the order of the views; auto: detect it")
-    transpose: Literal["auto", "no", "yes"] = key("auto", doc="exchange rows and columns of the grid; auto: detect it")
-    half_turn: Literal["auto", "no", "yes"] = key("auto", live=True,
-        doc="exchange near and far: reverse both rows and columns; auto: as chosen for this scene before, else as its files say")
-    gamma: float | Literal["auto"] = key("auto", "", 0.1, 10,
-        doc="screen value = stored value ** (1 / gamma), for pictures in linear light; 1 for none; auto: detect it")
+    flip: Flip = key("auto", doc="reverse the order of the views; auto: detect it")
+    transpose: Decision = key("auto", doc="exchange rows and columns of the grid; auto: detect it")
+    half_turn: Decision = key(
+        "auto",
+        live=True,
+        doc=(
+            "exchange near and far: reverse both rows and columns; auto: as chosen for this scene"
+            " before, else as its files say"
+        ),
+    )
+    gamma: float | Literal["auto"] = key(
+        "auto",
+        "",
+        0.1,
+        10,
+        doc=(
+            "screen value = stored value ** (1 / gamma), for pictures in linear light; 1 for none;"
+            " auto: detect it"
+        ),
+    )
     force: bool = key(False, doc="open pictures even if they do not look like one light field")
-    cache_dir: str = key("", replays=False, doc="folder for packed scenes; empty: the user's cache directory")
+    cache_dir: str = key(
+        "", replays=False, doc="folder for packed scenes; empty: the user's cache directory"
+    )
 
 
 @attrs.frozen
 class Governor:
-    quality: Literal["auto", "fixed"] = key("auto", live=True, replays=False,
-        doc="auto: lower quality level by level if the machine is too slow, and raise it when CPU is free; fixed: never")
-    affinity: Literal["auto", "none"] = key("auto", replays=False,
-        doc="auto: on two cores, tracking has one of its own; none: the system decides")
+    quality: Literal["auto", "fixed"] = key(
+        "auto",
+        live=True,
+        replays=False,
+        doc=(
+            "auto: lower quality level by level if the machine is too slow, and raise it when CPU"
+            " is free; fixed: never"
+        ),
+    )
+    affinity: Literal["auto", "none"] = key(
+        "auto",
+        replays=False,
+        doc="auto: on two cores, tracking has one of its own; none: the system decides",
+    )
 
 
 @attrs.frozen
 class Replay:
-    latency_ms: float = key(20.0, "ms", 0, 1000,
-        doc="assumed latency from sensor to light if pictures do not depend on the clock: replay in steps, pace=max")
+    latency_ms: float = key(
+        20.0,
+        "ms",
+        0,
+        1000,
+        doc=(
+            "assumed latency from sensor to light if pictures do not depend on the clock: replay in"
+            " steps, pace=max"
+        ),
+    )
 
-# fmt: on
 
-
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class Config:
     """The whole tree. Immutable: a change is a new tree (`updated`)."""
 
@@ -207,13 +426,3 @@ def options() -> dict[str, Key]:
 def choices(name: str) -> tuple[str, ...]:
     """The words that a key accepts, in order."""
     return tuple(word for word in options()[name].words if isinstance(word, str))
-
-
-def trusted(tree: Mapping[str, Any]) -> Config:
-    """The inverse of `to_dict`, unchecked."""
-    return Config(**{name: SECTIONS[name](**values) for name, values in tree.items()})
-
-
-def to_dict(config: Config) -> dict[str, Any]:
-    """The tree as nested dicts of plain values, for messages and files."""
-    return attrs.asdict(config)

@@ -1,4 +1,6 @@
-"""The user's own files: settings with every key explained, or written key by key, and measured cameras."""
+"""The user's own files: settings with every key explained, or written key by key, and measured
+cameras.
+"""
 
 import json
 import math
@@ -9,7 +11,7 @@ from typing import Any
 
 import attrs
 
-from lfpipe.config.tree import Config, Key, options, to_dict
+from lfpipe.config.tree import Config, Key, options
 from lfpipe.files.safe_files import read_text, write_file
 from lfpipe.files.untrusted import Fields, toml_table
 from lfpipe.host.files import exists, is_missing
@@ -26,13 +28,16 @@ def user_file() -> Path:
 
 
 def camera_file() -> Path:
-    """Path of the measured focal lengths, which need not exist: `[NAME] focal_px, width_px`, one table per camera."""
+    """Path of the measured focal lengths, which need not exist: `[NAME] focal_px, width_px`, one
+    table per camera.
+    """
     return user_file().with_name("cameras.toml")
 
 
 def with_measured_focal(config: Config, camera: str) -> Config:
-    """Returns config with the measured focal length of that camera, unless camera.focal_px has a value. Without a
-    measurement, config is unchanged. Raises UserError if the file is damaged."""
+    """Returns config with the measured focal length of that camera, unless camera.focal_px has a
+    value. Without a measurement, config is unchanged. Raises UserError if the file is damaged.
+    """
     path = camera_file()
     if config.camera.focal_px != "auto" or is_missing(path):
         return config
@@ -53,8 +58,8 @@ def has_key(section: str, name: str) -> bool:
 
 
 def write_keys(path: Path, section: str, values: Mapping[str, float | bool | str | None]) -> None:
-    """Sets keys of [section] in the TOML file at path, or removes those whose value is None. Keeps everything else, comments and
-    order too. The write is atomic.
+    """Sets keys of [section] in the TOML file at path, or removes those whose value is None. Keeps
+    everything else, comments and order too. The write is atomic.
 
     Raises OSError if it cannot be written, ValueError if it is not TOML or section is not a table.
     """
@@ -85,9 +90,11 @@ def _toml(value: Any) -> str:
 
 
 def commented(config: Config | None = None) -> str:
-    """TOML text of config (the defaults when None) for people: above each key its meaning, unit and range."""
+    """TOML text of config (the defaults when None) for people: above each key its meaning, unit and
+    range.
+    """
     lines = ["# Every key of lfpipe. `--set SECTION.KEY=VALUE` changes one for one run."]
-    for section, values in to_dict(config or Config()).items():
+    for section, values in attrs.asdict(config or Config()).items():
         lines += ["", f"[{section}]"]
         for name, value in values.items():
             key = options()[f"{section}.{name}"]

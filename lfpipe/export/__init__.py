@@ -1,1 +1,3 @@
-"""Light fields as pictures and videos for other programs: quilt, side-by-side pair, wiggle, sweep."""
+"""Light fields as pictures and videos for other programs: quilt, side-by-side pair, wiggle,
+sweep.
+"""

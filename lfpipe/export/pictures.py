@@ -1,7 +1,8 @@
-"""Exports of a light field: pictures, and short videos as MP4 or GIF. The method that suits the scene draws every view;
-light-field videos play on.
+"""Exports of a light field: pictures, and short videos as MP4 or GIF. The method that suits the
+scene draws every view; light-field videos play on.
 
-quilt    views from left to right as tiles of one picture, the leftmost at the bottom left: Looking Glass displays
+quilt    views from left to right as tiles of one picture, the leftmost at the bottom left: Looking
+Glass displays
          (https://docs.lookingglassfactory.com/keyconcepts/quilts)
 pair     the left eye's view beside the right eye's, both in full width
 wiggle   from the left eye's view to the right eye's and back, for ever
@@ -41,11 +42,14 @@ WIGGLE_S, SWEEP_S = 0.8, 6.0  # there and back
 
 
 class SceneExport:
-    """Draws the exports of one scene. config: render.method, render.zero_plane_px, and the keys that determine the distance
-    between the eyes' views."""
+    """Draws the exports of one scene. config: render.method, render.zero_plane_px, and the keys
+    that determine the distance between the eyes' views.
+    """
 
     def __init__(self, field: LightField, config: Config) -> None:
-        self._field, self._config, self._last = field, config, field.cols - 1.0
+        self._field = field
+        self._config = config
+        self._last = field.cols - 1.0
         self._renderer = ViewRenderer(
             field, config.render.method, zero_plane_px(field, config.render)
         )
@@ -54,8 +58,9 @@ class SceneExport:
         return self._renderer.render((self._field.rows - 1) / 2, col, frame)
 
     def _columns(self, apart_views: float | None) -> tuple[float, float]:
-        """Columns of the left and the right eye; by default as a session would choose them before it sees a face. Raises
-        UserError."""
+        """Columns of the left and the right eye; by default as a session would choose them before
+        it sees a face. Raises UserError.
+        """
         if apart_views is None:
             chosen = parallax(self._config, self._field, self._config.camera.frame_px[0], None)
             apart_views = min(chosen.views_between_eyes, self._last)
@@ -68,7 +73,9 @@ class SceneExport:
         return (self._last - apart_views) / 2, (self._last + apart_views) / 2
 
     def quilt(self, cols: int, rows: int) -> Picture:
-        """cols * rows views, evenly from the first column to the last; tiles shrink if the quilt would exceed QUILT_PX."""
+        """cols * rows views, evenly from the first column to the last; tiles shrink if the quilt
+        would exceed QUILT_PX.
+        """
         field = self._field
         scale = min(1.0, QUILT_PX / (cols * field.width_px), QUILT_PX / (rows * field.height_px))
         width, height = (
@@ -92,8 +99,9 @@ class SceneExport:
         return self._view(left), self._view(right)
 
     def clip(self, form: str, apart_views: float | None, seconds: float) -> Iterator[Picture]:
-        """One turn at RATE_HZ, whose last picture leads to the first. form: "sweep", "wiggle", or "pair", two views side by side
-        that sweep. Raises UserError."""
+        """One turn at RATE_HZ, whose last picture leads to the first. form: "sweep", "wiggle", or
+        "pair", two views side by side that sweep. Raises UserError.
+        """
         if form == "sweep":
             return self._swing(0.0, self._last, seconds)
         left, right = self._columns(apart_views)
@@ -113,13 +121,17 @@ class SceneExport:
 
 
 def quilt_name(path: Path, cols: int, rows: int, aspect: float) -> Path:
-    """path with the grid and aspect that quilt viewers read from a name; unchanged if it has them."""
+    """path with the grid and aspect that quilt viewers read from a name; unchanged if it
+    has them.
+    """
     known = re.search(r"_qs\d+x\d+", path.stem)
     return path if known else path.with_stem(f"{path.stem}_qs{cols}x{rows}a{aspect:.2f}")
 
 
 def pair_name(path: Path) -> Path:
-    """path with the words by which players know a pair: _sbs for pictures, _LR for videos. .jps and .mpo need none."""
+    """path with the words by which players know a pair: _sbs for pictures, _LR for videos. .jps and
+    .mpo need none.
+    """
     if path.suffix.lower() in (".jps", ".mpo") or re.search(
         r"(?<![A-Za-z])(h?sbs|LR)(?![A-Za-z])", path.stem
     ):
@@ -128,7 +140,9 @@ def pair_name(path: Path) -> Path:
 
 
 def stereo_file(left: Picture, right: Picture, suffix: str) -> bytes:
-    """The pair as .mpo (two pictures, left first; CIPA DC-007), or side by side: .jps (right eye first), .jpg, .png (left)."""
+    """The pair as .mpo (two pictures, left first; CIPA DC-007), or side by side: .jps (right eye
+    first), .jpg, .png (left).
+    """
     if suffix == ".mpo":
         first, second = (
             Image.fromarray(np.ascontiguousarray(eye[..., ::-1])) for eye in (left, right)
@@ -161,7 +175,9 @@ def parse_tiles(text: str) -> tuple[int, int]:
 
 
 def check_clip(path: Path, count: int) -> None:
-    """Raises UserError if path names no kind of clip of this many pictures that can be written here."""
+    """Raises UserError if path names no kind of clip of this many pictures that can be written
+    here.
+    """
     if path.suffix.lower() not in (".mp4", ".gif"):
         raise UserError(f"{path}: not .mp4 or .gif", "for example boxes.mp4")
     if path.suffix.lower() == ".gif" and count > GIF_PICTURES:
@@ -173,7 +189,8 @@ def check_clip(path: Path, count: int) -> None:
 
 
 def write_clip(path: Path, pictures: Iterable[Picture], rate_hz: float) -> None:
-    """Writes pictures, uint8 (height, width, 3) BGR of one size, to a path that `check_clip` allows.
+    """Writes pictures, uint8 (height, width, 3) BGR of one size, to a path that `check_clip`
+    allows.
 
     Raises UserError if the disk is full; path is then unchanged.
     """
@@ -198,9 +215,8 @@ def _write_gif(file: IO[bytes], pictures: list[Picture], rate_hz: float) -> None
     sample = Image.fromarray(np.vstack([np.asarray(image)[::4, ::4] for image in images]))
     palette = sample.quantize(256, dither=Image.Dither.NONE)
     first, *more = [image.quantize(palette=palette) for image in images]
-    hundredths = max(
-        2, round(100 / rate_hz)
-    )  # unit of a GIF's delays; players slow down shorter ones
+    # unit of a GIF's delays; players slow down shorter ones
+    hundredths = max(2, round(100 / rate_hz))
     first.save(
         file,
         "GIF",

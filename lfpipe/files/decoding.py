@@ -1,4 +1,7 @@
-"""Decodes pictures into ring slots. JPEGs of every source are decoded here, so that recordings replay to the same bits."""
+"""Decodes pictures into ring slots.
+
+JPEGs of every source are decoded here, so that recordings replay to the same bits.
+"""
 
 from pathlib import Path
 
@@ -9,15 +12,8 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import MAX_DECODING_BYTES, header_of
 
-_BOXES = (
-    b"ftyp",
-    b"moov",
-    b"mdat",
-    b"free",
-    b"skip",
-    b"wide",
-    b"pnot",
-)  # first boxes of MP4 and QuickTime files
+# first boxes of MP4 and QuickTime files
+_BOXES = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide", b"pnot")
 JPEG_START = b"\xff\xd8\xff"  # start of image, and of the first marker
 
 
@@ -33,7 +29,10 @@ def opencv_name(path: Path) -> str:
 
 
 def is_video(start: bytes) -> bool:
-    """Whether a file begins like MP4, QuickTime, Matroska, WebM or AVI. FFmpeg would also read others, such as file lists."""
+    """Whether a file begins like MP4, QuickTime, Matroska, WebM or AVI.
+
+    FFmpeg would also read others, such as file lists.
+    """
     return (
         start[4:8] in _BOXES
         or start[:4] == b"\x1aE\xdf\xa3"
@@ -47,7 +46,9 @@ def is_jpeg(data: NDArray[np.uint8]) -> bool:
 
 
 def _jpeg_px(data: NDArray[np.uint8]) -> int | None:
-    """Width times height of an ordinary JPEG by its frame header, for cameras (Pillow takes 0.17 ms); None for others."""
+    """Width times height of an ordinary JPEG by its frame header, for cameras (Pillow takes 0.17
+    ms); None for others.
+    """
     at = 2 if is_jpeg(data) else data.size
     while at + 9 < data.size and data[at] == 0xFF:
         marker, high, low = data[at + 1 : at + 4].tolist()
@@ -60,7 +61,8 @@ def _jpeg_px(data: NDArray[np.uint8]) -> int | None:
 
 
 def picture_of(data: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
-    """Decodes data, uint8 (n,), to uint8 (height, width, 3) BGR with its orientation applied; None if it cannot be decoded.
+    """Decodes data, uint8 (n,), to uint8 (height, width, 3) BGR with its orientation applied; None
+    if it cannot be decoded.
 
     The header is read first: a picture that would take too much memory is not decoded.
     """
@@ -77,7 +79,9 @@ def picture_of(data: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
 
 
 def fit_area(picture_px: tuple[int, int], area_px: tuple[int, int]) -> tuple[int, int, int, int]:
-    """The largest (x, y, width, height) of the picture's aspect in the middle of the area; both sizes are (width, height)."""
+    """The largest (x, y, width, height) of the picture's aspect in the middle of the area; both
+    sizes are (width, height).
+    """
     width, height = picture_px
     scale = min(area_px[0] / width, area_px[1] / height)
     fit_w = max(1, min(area_px[0], round(width * scale)))
@@ -88,7 +92,8 @@ def fit_area(picture_px: tuple[int, int], area_px: tuple[int, int]) -> tuple[int
 def fitted(frame: NDArray[np.uint8], out: NDArray[np.uint8]) -> None:
     """Writes frame to out, unless the decoder has already done so.
 
-    Pixels stay square: a frame of another aspect ratio is scaled to fit, with black bars. Faces are not distorted or cropped.
+    Pixels stay square: a frame of another aspect ratio is scaled to fit, with black bars. Faces are
+    not distorted or cropped.
     """
     if frame.shape == out.shape:
         if frame.ctypes.data != out.ctypes.data:
@@ -101,7 +106,9 @@ def fitted(frame: NDArray[np.uint8], out: NDArray[np.uint8]) -> None:
 
 
 def fit_note(frame_px: tuple[int, int], out_px: tuple[int, int]) -> str:
-    """Describes, for people, what `fitted` does with frames of another size; both are (width, height)."""
+    """Describes, for people, what `fitted` does with frames of another size; both are (width,
+    height).
+    """
     x, y, width, height = fit_area(frame_px, out_px)
     bars = ", with black bars " + ("at the sides" if x > y else "above and below") if x or y else ""
     return f"frames of {frame_px[0]}x{frame_px[1]} are scaled to {width}x{height}{bars}"

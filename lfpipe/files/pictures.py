@@ -1,9 +1,13 @@
-"""Picture files: headers by Pillow, pixels by OpenCV, which keeps 16 bits (AVIF and animations by Pillow)."""
+"""Picture files: headers by Pillow, pixels by OpenCV, which keeps 16 bits (AVIF, HEIC and
+animations by Pillow).
+"""
 
 import contextlib
 import io
 import os
+import re
 import warnings
+from functools import lru_cache
 from pathlib import Path
 from typing import IO, Any
 
@@ -17,23 +21,28 @@ from lfpipe.errors import UserError
 from lfpipe.files.safe_files import open_file
 from lfpipe.host.files import path_of
 
-MAX_DECODING_BYTES = 240_000_000  # 8192x8192 px of 8-bit colour, 7574x5264 px (lenslets of a Lytro Illum) of 16-bit colour
-FORMATS = ("PNG", "JPEG", "PPM", "BMP", "TIFF", "WEBP", "AVIF", "GIF")
+# 8192x8192 px of 8-bit colour, 7574x5264 px (lenslets of a Lytro Illum) of 16-bit colour
+MAX_DECODING_BYTES = 240_000_000
+FORMATS = ("PNG", "JPEG", "PPM", "BMP", "TIFF", "WEBP", "AVIF", "GIF", "HEIF")
+_HEIC = re.compile(rb"....ftyp(hei|hev|mif1|msf1)", re.DOTALL)
 _GREY = ("1", "L", "I", "I;16", "I;16B", "I;16L")  # Pillow's modes of one sample per pixel
 _ORIENTATION = 0x0112  # EXIF's tag
-_TAIL, _ENDS = (
-    1 << 16,
-    {"JPEG": b"\xff\xd9", "PNG": b"IEND"},
-)  # phones append data after a picture's end
+# phones append data after a picture's end
+_TAIL = 1 << 16
+_ENDS = {"JPEG": b"\xff\xd9", "PNG": b"IEND"}
 warnings.filterwarnings("ignore", module="PIL")  # about damage that costs no picture
 Image.MAX_IMAGE_PIXELS = None  # MAX_DECODING_BYTES is the limit, and it counts bytes
 
 
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class Header:
-    """What a picture's header says. width_px, height_px: upright. grey: one sample per pixel, neither colour nor alpha.
-    max_value: the full-scale value, above 255 for samples of two bytes. orientation: of the stored picture, 1 (upright) to 8, as
-    EXIF counts. frames: of an animation, or pictures in one file."""
+    """What a picture's header says. width_px, height_px: upright. grey: one sample per pixel,
+    neither colour nor alpha.
+    max_value: the full-scale value, above 255 for samples of two bytes. orientation: of the stored
+    picture, 1 (upright) to 8, as EXIF counts. frames: of an animation, or pictures in one file.
+    eyes: which of them are the left and the right eye's; empty where the file does not say.
+    has_depth: as a part of a HEIC picture.
+    """
 
     format: str
     width_px: int
@@ -42,6 +51,8 @@ class Header:
     max_value: int = 255
     orientation: int = 1
     frames: int = 1
+    eyes: tuple[int, ...] = ()
+    has_depth: bool = False
 
     @property
     def size(self) -> str:
@@ -79,7 +90,27 @@ def header_of(data: bytes | memoryview) -> Header | None:
     return _header(io.BytesIO(data))
 
 
+@lru_cache(maxsize=1)
+def _add_heic() -> None:
+    """Teaches Pillow to read HEIC, if the extra is there."""
+    with contextlib.suppress(ImportError):
+        from pillow_heif import register_heif_opener
+
+        register_heif_opener(thumbnails=False)
+
+
+def _eyes(image: Image.Image) -> tuple[int, ...]:
+    """The frames of a spatial photo, left first: its group "ster" (ISO/IEC 23008-12)."""
+    for group in image.info.get("entity_groups", ()):
+        if group["type"] == "ster" and len(group["images"]) == 2 and None not in group["images"]:
+            return tuple(group["images"])
+    return ()
+
+
 def _header(file: IO[bytes]) -> Header | None:
+    if _HEIC.match(file.read(12)):
+        _add_heic()
+    file.seek(0)
     try:
         with Image.open(file, formats=FORMATS) as image:
             kind = "JPEG" if image.format == "MPO" else str(image.format)
@@ -88,20 +119,22 @@ def _header(file: IO[bytes]) -> Header | None:
             turn = 1
             with contextlib.suppress(Exception):  # damaged: the picture is shown as stored
                 exif = Image.Exif()  # `image.getexif` would decode a PNG
-                exif.load(
-                    image.info.get("exif", b"") if kind != "TIFF" else b""
-                )  # OpenCV turns TIFF files
+                # OpenCV turns TIFF files
+                exif.load(image.info.get("exif", b"") if kind != "TIFF" else b"")
                 turn = int(exif.get(_ORIENTATION, 1))
             width, height = image.size[::-1] if 5 <= turn <= 8 else image.size
-            grey, full = image.mode in _GREY, _full_value(image)
+            grey = image.mode in _GREY
+            full = _full_value(image)
             return Header(
-                kind,
-                width,
-                height,
-                grey,
-                full,
-                turn if 1 <= turn <= 8 else 1,
-                getattr(image, "n_frames", 1),
+                format=kind,
+                width_px=width,
+                height_px=height,
+                grey=grey,
+                max_value=full,
+                orientation=turn if 1 <= turn <= 8 else 1,
+                frames=getattr(image, "n_frames", 1),
+                eyes=_eyes(image),
+                has_depth=bool(image.info.get("depth_images")),
             )
     except Exception:  # Pillow's parsers raise many kinds for damage
         return None
@@ -131,6 +164,11 @@ def _checked(path: Path, file: IO[bytes]) -> Header:
             f"{path}: too large: {claim}; at most {MAX_DECODING_BYTES / 1e6:.0f} MB are read",
             "make it smaller",
         )
+    if header.format == "HEIF" and header.frames > 1 and not header.eyes:
+        raise UserError(
+            f"{path}: a collection of {header.frames} pictures",
+            f"export the one to show, or convert all: `heif-convert {path.name} {path.stem}.jpg`",
+        )
     if header.format in _ENDS:
         size = os.fstat(file.fileno()).st_size
         file.seek(max(0, size - _TAIL))
@@ -140,7 +178,10 @@ def _checked(path: Path, file: IO[bytes]) -> Header:
 
 
 def open_header(path: Path) -> Header:
-    """The header of a picture. Raises UserError if it is no picture, too large to decode or certainly truncated."""
+    """The header of a picture.
+
+    Raises UserError if it is no picture, too large to decode or certainly truncated.
+    """
     with open_file(path) as file:
         return _checked(path, file)
 
@@ -171,15 +212,17 @@ def _imread(path: Path, file: IO[bytes], flags: int) -> NDArray[Any]:
 
 
 def read_picture(path: Path) -> tuple[NDArray[Any], int]:
-    """A picture's own values, upright, and the full value: ((h, w) or (h, w, 3) RGB, uint8 or uint16, max_value).
+    """A picture's own values, upright, and the full value: ((h, w) or (h, w, 3) RGB, uint8 or
+    uint16, max_value).
 
-    Keeps the file's bit depth (a 10-bit PPM holds 0..1023; OpenCV's default would shift it to 0..3). Drops an alpha plane; of an
-    animation, gives the first frame. Raises UserError if the file is truncated, no picture or too large.
+    Keeps the file's bit depth (a 10-bit PPM holds 0..1023; OpenCV's default would shift it to
+    0..3). Drops an alpha plane; of an animation, gives the first frame. Raises UserError if the
+    file is truncated, no picture or too large.
     """
     with open_file(path) as file:
         header = _checked(path, file)
         deep = header.max_value > 255
-        if header.format in ("AVIF", "GIF"):
+        if header.format in ("AVIF", "GIF", "HEIF"):
             pixels: NDArray[Any] = _frames(path, file, header, 1, "L" if header.grey else "RGB")[0]
         else:
             colours = cv2.IMREAD_GRAYSCALE if header.grey else cv2.IMREAD_COLOR
@@ -194,7 +237,9 @@ def read_picture(path: Path) -> tuple[NDArray[Any], int]:
 
 
 def read_frames(path: Path, most_bytes: int = MAX_DECODING_BYTES) -> list[NDArray[np.uint8]]:
-    """All frames of an animation or all pictures of one file (GIF, WebP, MPO), uint8 (h, w, 3) RGB, upright. Raises UserError."""
+    """All frames of an animation or all pictures of one file (GIF, WebP, MPO), uint8 (h, w, 3) RGB,
+    upright. Raises UserError.
+    """
     with open_file(path) as file:
         header = _checked(path, file)
         if header.frames * header.decoded_bytes > most_bytes:
@@ -209,9 +254,29 @@ def read_frames(path: Path, most_bytes: int = MAX_DECODING_BYTES) -> list[NDArra
         ]
 
 
+def heic_depth(path: Path) -> NDArray[np.float32]:
+    """The depth image of a HEIC picture that has one, float32 (h, w) 0 .. 1, white (1) is near.
+
+    Raises UserError.
+    """
+    with open_file(path) as file:
+        _checked(path, file)
+        try:
+            file.seek(0)
+            with Image.open(file, formats=FORMATS) as image:
+                depth = image.info["depth_images"][0]
+                values = np.asarray(depth.to_pillow(), np.float32)
+                is_distance = (depth.info["metadata"] or {}).get("representation_type") == 2
+        except Exception:
+            raise _unreadable(path, "its depth image is damaged") from None
+    share = values / np.float32(65535 if values.max() > 255 else 255)
+    return np.asarray(1 - share if is_distance else share, np.float32)
+
+
 def small_grey(path: Path, most_px: float) -> NDArray[np.uint8]:
-    """A picture in grey, uint8 (h, w); a JPEG much larger than most_px is decoded at 1/2, 1/4 or 1/8 of its size, but not far
-    below most_px. Raises UserError."""
+    """A picture in grey, uint8 (h, w); a JPEG much larger than most_px is decoded at 1/2, 1/4 or
+    1/8 of its size, but not far below most_px. Raises UserError.
+    """
     with open_file(path) as file:
         header = _checked(path, file)
         pixels = header.width_px * header.height_px
@@ -229,7 +294,9 @@ def small_grey(path: Path, most_px: float) -> NDArray[np.uint8]:
 
 
 def upright(picture: NDArray[Any], orientation: int) -> NDArray[Any]:
-    """A stored picture as EXIF's orientation (1 to 8) shows it; overwrites it unless that is a quarter turn."""
+    """A stored picture as EXIF's orientation (1 to 8) shows it; overwrites it unless that is a
+    quarter turn.
+    """
     if orientation >= 5:
         picture = np.asarray(cv2.transpose(picture))
     code = {2: 1, 3: -1, 4: 0, 6: 1, 7: -1, 8: 0}.get(orientation)

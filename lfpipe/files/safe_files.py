@@ -1,21 +1,29 @@
-"""Files by untrusted paths: read only if they are regular files of limited size, written private to their owner."""
+"""Files by untrusted paths: read only if they are regular files of limited size, written private to
+their owner.
+"""
 
 import contextlib
 import errno
 import os
+import re
+import secrets
+import shutil
 import stat
+import tempfile
 from collections.abc import Iterable, Iterator
 from io import BufferedReader, BufferedWriter
 from pathlib import Path
 
 from lfpipe.errors import UserError
-from lfpipe.host.file_lock import is_held, lock_open
-from lfpipe.host.files import CAREFUL
+from lfpipe.host.file_lock import is_held, lock_open, take_folder
+from lfpipe.host.files import CAREFUL, CREATING
 
 PRIVATE = 0o600  # of a file that records a face or its movements; its folder has PRIVATE_FOLDER
 PRIVATE_FOLDER = 0o700
 MAX_FILE_BYTES = 1 << 36  # an hour of lossless light-field video is smaller
 LONGEST_LINE = 1 << 16  # bytes of a `LineFile`; limit of the search for the end of the last line
+WORK_NAME = re.compile(r"\.lfpipe-[0-9a-f]{16}\.new.{0,40}")  # of an `OutputFile`
+_LABEL = "written by lfpipe: temporary"  # file in a `temporary_folder`
 
 
 def reason(error: OSError | ValueError) -> str:
@@ -40,8 +48,9 @@ def check_regular(path: Path) -> None:
 
 
 def check_links(folder: Path, names: Iterable[str]) -> None:
-    """Raises UserError if a file of a folder is a link out of it: an unpacked archive could expose any readable file. A name may
-    begin with that of a subfolder."""
+    """Raises UserError if a file of a folder is a link out of it: an unpacked archive could expose
+    any readable file. A name may begin with that of a subfolder.
+    """
     for path in (folder / name for name in names):
         linked = os.path.islink(path) or os.path.islink(path.parent)  # noqa: PTH114  (raises nothing where nobody may search)
         if linked and not Path(target := os.path.realpath(path)).is_relative_to(
@@ -54,7 +63,10 @@ def check_links(folder: Path, names: Iterable[str]) -> None:
 
 
 def open_regular(path: Path) -> BufferedReader:
-    """Opens path for reading. Raises OSError if it is not a regular file: a FIFO would block, a device may do anything."""
+    """Opens path for reading.
+
+    Raises OSError if it is not a regular file: a FIFO would block, a device may do anything.
+    """
     check_regular(path)
     file = open(path, "rb", opener=lambda path, flags: os.open(path, flags | CAREFUL))  # noqa: SIM115
     if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
@@ -82,7 +94,11 @@ def open_file(path: Path, most_bytes: int = MAX_FILE_BYTES) -> BufferedReader:
 
 
 def read_bytes(path: Path, most_bytes: int) -> bytes:
-    """Reads a whole file. Raises OSError if it is not a file, cannot be read or has more than most_bytes; then reading stops."""
+    """Reads a whole file.
+
+    Raises OSError if it is not a file, cannot be read or has more than most_bytes; then reading
+    stops.
+    """
     with open_regular(path) as file:
         data = file.read(most_bytes + 1) or b""
     if len(data) > most_bytes:
@@ -105,8 +121,11 @@ def lines(path: Path, longest: int, remedy: str) -> Iterator[tuple[int, bytes]]:
 
 
 def create_private(path: Path, mode: int = PRIVATE) -> BufferedWriter:
-    """Creates a file, private to its owner, and opens it for writing. Raises OSError, for example FileExistsError."""
-    return open(path, "xb", opener=lambda path, flags: os.open(path, flags | CAREFUL, mode))
+    """Creates a file, private to its owner, and opens it for writing.
+
+    Raises OSError, for example FileExistsError.
+    """
+    return open(path, "xb", opener=lambda path, flags: os.open(path, flags | CREATING, mode))
 
 
 def in_use(path: Path) -> bool:
@@ -117,32 +136,29 @@ def in_use(path: Path) -> bool:
         return False
 
 
-def beside(path: Path) -> Path:
-    """Where path is written until it is readable: same folder, same suffix, because FFmpeg chooses the format by it."""
-    return path.with_name(f".{path.stem[:180]}.new{path.suffix[:40]}")
-
-
 class OutputFile:
-    """A file that is written at `current`, beside its place, and replaces `path` with `place`; until then, path is unchanged.
+    """A file that is written at `current`, under a random name beside its place, and replaces
+    `path` with `place`; until then, path is unchanged.
 
-    It is locked while it is open, so that no other writer replaces it. A writer that is killed leaves it in place if `place` was
-    called, and otherwise a hidden file that the next writer removes. Raises OSError.
+    It is locked while it is open, so that no other writer replaces it. A writer that is killed
+    leaves it in place if `place` was called, and otherwise a hidden file. Raises OSError.
     """
 
     def __init__(self, path: Path, mode: int = PRIVATE) -> None:
-        """mode: of the file, less the umask."""
+        """mode: of the file, less the umask, and no wider than that of the file it replaces."""
         check_regular(path)
         self.path = Path(os.path.realpath(path))
-        self.current = beside(self.path)
-        if in_use(self.current):
-            raise OSError(errno.EBUSY, "another lfpipe is writing it", str(path))
-        self.current.unlink(missing_ok=True)
-        self.file = create_private(self.current, mode)
+        _check_free(self.path)
+        with contextlib.suppress(FileNotFoundError):
+            mode &= self.path.stat().st_mode | PRIVATE
+        self.file = _create_beside(self.path, mode)
+        self.current = Path(self.file.name)
         lock_open(self.file.fileno())
 
     def place(self) -> None:
-        """Moves the file to its path. It stays open, and may grow."""
+        """Moves the file to its path. It stays open, and may grow. Raises OSError."""
         if self.current != self.path:
+            _check_free(self.path)
             self.current.replace(self.path)
             self.current = self.path
 
@@ -154,10 +170,36 @@ class OutputFile:
             self.file.close()
 
 
+def _create_beside(path: Path, mode: int = PRIVATE) -> BufferedWriter:
+    """Creates a file of a random hidden name in the folder of path, with its suffix: FFmpeg chooses
+    the format by it. Raises OSError.
+    """
+    return create_private(
+        path.with_name(f".lfpipe-{secrets.token_hex(8)}.new{path.suffix[:40]}"), mode
+    )
+
+
+@contextlib.contextmanager
+def new_file_beside(path: Path) -> Iterator[BufferedWriter]:
+    """A private file in the folder of path, to be renamed; otherwise removed. Raises OSError."""
+    with _create_beside(path) as file:
+        try:
+            yield file
+        finally:
+            Path(file.name).unlink(missing_ok=True)
+
+
+def _check_free(path: Path) -> None:
+    """Raises OSError if another lfpipe is writing path."""
+    if in_use(path):
+        raise OSError(errno.EBUSY, "another lfpipe is writing it", str(path))
+
+
 @contextlib.contextmanager
 def replaced(path: Path, mode: int = PRIVATE) -> Iterator[BufferedWriter]:
-    """A file to write, also by its name, that replaces path when it is complete. Until then, and if writing fails, path is
-    unchanged. mode: as `OutputFile`. Raises OSError."""
+    """A file to write, also by its name, that replaces path when it is complete. Until then, and if
+    writing fails, path is unchanged. mode: as `OutputFile`. Raises OSError.
+    """
     output = OutputFile(path, mode)
     try:
         yield output.file
@@ -168,7 +210,10 @@ def replaced(path: Path, mode: int = PRIVATE) -> Iterator[BufferedWriter]:
 
 
 def write_file(path: Path, data: bytes, mode: int = PRIVATE) -> None:
-    """Replaces a file by data at once; creates its folder if there is none. mode: as `OutputFile`. Raises OSError."""
+    """Replaces a file by data at once; creates its folder if there is none.
+
+    mode: as `OutputFile`. Raises OSError.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     with replaced(path, mode) as file:
         file.write(data)
@@ -189,9 +234,11 @@ class LineFile:
     """Appends lines with one write each. A partial line left by a killed writer is cut off."""
 
     def __init__(self, path: Path) -> None:
-        """Creates the file, private to its owner, if it does not exist, and locks it. Raises OSError, also if path is not a file
-        or in use."""
+        """Creates the file, private to its owner, if it does not exist, and locks it. Raises
+        OSError, also if path is not a file or in use.
+        """
         check_regular(path)
+        self.path = path
         self._fd = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | CAREFUL, PRIVATE)
         if not lock_open(self._fd):
             os.close(self._fd)
@@ -205,12 +252,11 @@ class LineFile:
         if tail and not tail.endswith(b"\n"):
             os.ftruncate(self._fd, size - len(tail) + tail.rfind(b"\n") + 1)
 
-    def clear(self) -> None:
-        """Removes all lines. Raises OSError."""
-        os.ftruncate(self._fd, 0)
-
     def append(self, line: bytes) -> None:
-        """Appends line, which ends with a newline. Raises OSError if it does not fit; the file then ends with the last line."""
+        """Appends line, which ends with a newline.
+
+        Raises OSError if it does not fit; the file then ends with the last line.
+        """
         written = 0
         try:
             while written < len(line):  # after a short write, a second one raises the reason
@@ -222,3 +268,35 @@ class LineFile:
 
     def close(self) -> None:
         os.close(self._fd)
+
+
+@contextlib.contextmanager
+def temporary_folder(kind: str) -> Iterator[Path]:
+    """An empty folder among the temporary files, private to its owner, and removed at the end.
+
+    Folders of this kind that killed processes left are removed first: only those of this user that
+    have our label and that no process holds. Raises OSError.
+    """
+    prefix = f"lfpipe-{kind}-"
+    for left in Path(tempfile.gettempdir()).glob(f"{prefix}*"):
+        with contextlib.suppress(OSError):
+            _sweep(left)
+    folder = Path(tempfile.mkdtemp(prefix=prefix))
+    held = take_folder(folder)
+    try:
+        create_private(folder / _LABEL).close()  # after the lock: without a label, none is swept
+        work = folder / "work"
+        work.mkdir(PRIVATE_FOLDER)
+        yield work
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+        if held is not None:
+            held.release()
+
+
+def _sweep(left: Path) -> None:
+    """Removes a folder that a killed process left. Raises OSError."""
+    labelled = stat.S_ISREG((left / _LABEL).lstat().st_mode)
+    if labelled and (held := take_folder(left)) is not None:
+        shutil.rmtree(left, ignore_errors=True)
+        held.release()

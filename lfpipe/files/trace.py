@@ -1,4 +1,6 @@
-"""The trace: JSON Lines, one object per display refresh or per camera frame, appended by whole lines only."""
+"""The trace: JSON Lines, one object per display refresh or per camera frame, appended by whole
+lines only.
+"""
 
 import json
 from collections.abc import Callable, Iterator
@@ -6,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from lfpipe.errors import UserError
-from lfpipe.files.safe_files import LONGEST_LINE, LineFile, lines, reason
+from lfpipe.files.safe_files import LONGEST_LINE, LineFile, lines, reason, replaced
 from lfpipe.files.untrusted import Fields, json_fields
 
 TIMES = ("t_sensor_ns", "t_read_ns", "t_tracked_ns", "t_composed_ns", "t_presented_ns")
@@ -15,7 +17,8 @@ MAX_PX = 1e12  # limit for eyes (px) and views
 
 
 def trace_lines(path: Path, remedy: str) -> Iterator[Fields]:
-    """The lines of a trace, with fields checked against the contract. A last line without a newline is ignored.
+    """The lines of a trace, with fields checked against the contract. A last line without a newline
+    is ignored.
 
     Raises UserError with the wrong line and field.
     """
@@ -50,15 +53,19 @@ def check_sides(fields: Fields, name: str) -> None:
 
 
 class TraceFile:
-    """Writes whole lines of JSON to a file. Lines of an earlier session stay until the first new one.
+    """Writes whole lines of JSON to a file. Lines of an earlier session stay until the first new
+    one.
 
-    A full disk or a removed path ends the trace, not the session: `lost` is called once with the reason.
+    A full disk or a removed path ends the trace, not the session: `lost` is called once with the
+    reason.
     """
 
     def __init__(
         self, path: Path | None, lost: Callable[[str], None], since: Path | None = None
     ) -> None:
-        """since: for a restarted writer, a file that its session wrote at its start: lines after it are kept."""
+        """since: for a restarted writer, a file that its session wrote at its start: lines after it
+        are kept.
+        """
         self._path, self._lost = path, lost
         self._file: LineFile | None = None
         if path is not None:
@@ -69,9 +76,8 @@ class TraceFile:
                     and path.stat().st_mtime_ns >= since.stat().st_mtime_ns
                 )
                 self._file = LineFile(path)
-            except (
-                OSError
-            ) as error:  # the path was valid at the start, but its directory may be gone since
+            # the path was valid at the start, but its directory may be gone since
+            except OSError as error:
                 self._end(error)
 
     @property
@@ -82,13 +88,22 @@ class TraceFile:
         """One line; keys as in docs/contracts.md."""
         if self._file is None:
             return
+        line = json.dumps(record, allow_nan=False).encode() + b"\n"
         try:
-            if not self._goes_on:
-                self._file.clear()
-                self._goes_on = True
-            self._file.append(json.dumps(record, allow_nan=False).encode() + b"\n")
+            if self._goes_on:
+                self._file.append(line)
+            else:
+                self._begin(self._file.path, line)
         except OSError as error:
             self._end(error)
+
+    def _begin(self, path: Path, line: bytes) -> None:
+        """Replaces the lines of an earlier session, which stay if that fails. Raises OSError."""
+        self.close()
+        with replaced(path) as file:
+            file.write(line)
+        self._file = LineFile(path)
+        self._goes_on = True
 
     def _end(self, error: OSError) -> None:
         self.close()

@@ -1,4 +1,5 @@
-"""Values from untrusted files. Depth, finiteness, range and type are checked; errors name the place in the file.
+"""Values from untrusted files. Depth, finiteness, range and type are checked; errors name the place
+in the file.
 
 All functions raise only UserError. `where` names the file in messages; `remedy` is the remedy.
 """
@@ -21,26 +22,32 @@ _MAX_TOML_LINE = 4096  # tomllib's time for dotted keys grows with the square of
 
 
 def parse_json(data: bytes | str, where: str, remedy: str) -> Any:
-    """The JSON value in data, UTF-8. Unlike json.loads: no NaN or infinity, no integer beyond 64 bits, no deep nesting."""
+    """The JSON value in data, UTF-8.
+
+    Unlike json.loads: no NaN or infinity, no integer beyond 64 bits, no deep nesting.
+    """
     try:
         value = json.loads(data.decode() if isinstance(data, bytes) else data)
         _check(value)
-        json.dumps(
-            value, ensure_ascii=False, allow_nan=False
-        ).encode()  # neither NaN nor half of a surrogate pair
+        # neither NaN nor half of a surrogate pair
+        json.dumps(value, ensure_ascii=False, allow_nan=False).encode()
     except (ValueError, RecursionError) as error:
         raise UserError(f"{where}: not valid JSON: {_reason(error)}", remedy) from None
     return value
 
 
 def toml_table(data: bytes | str, where: str, remedy: str) -> dict[str, Any]:
-    """The table of a TOML document, UTF-8. Times, and numbers that are not finite, are left to the caller."""
+    """The table of a TOML document, UTF-8.
+
+    Times, and numbers that are not finite, are left to the caller.
+    """
     try:
         text = data.decode() if isinstance(data, bytes) else data
         for number, line in enumerate(text.split("\n"), 1):
             if len(line) > _MAX_TOML_LINE:
                 raise ValueError(
-                    f"line {number} has {len(line)} characters; at most {_MAX_TOML_LINE} are allowed"
+                    f"line {number} has {len(line)} characters; at most {_MAX_TOML_LINE} are"
+                    " allowed"
                 )
         table = tomllib.loads(text)
         _check(table)
@@ -86,7 +93,9 @@ def finite(text: str, low: float = -math.inf, high: float = math.inf) -> float |
 
 @attrs.frozen
 class Fields:
-    """A mapping from a file; each method reads one field of a given type and range, inclusive, or raises UserError."""
+    """A mapping from a file; each method reads one field of a given type and range, inclusive, or
+    raises UserError.
+    """
 
     values: Mapping[str, Any]
     where: str

@@ -12,7 +12,10 @@ _PAUSE_S, _REPORT_S = 0.01, 1.0  # between attempts; between reports to a person
 
 
 def lock_open(fd: int, shared: bool = False) -> bool:
-    """Locks an open file without waiting; False if another process holds a conflicting lock. Raises OSError."""
+    """Locks an open file without waiting; False if another process holds a conflicting lock.
+
+    Raises OSError.
+    """
     try:
         fcntl.flock(fd, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -21,7 +24,10 @@ def lock_open(fd: int, shared: bool = False) -> bool:
 
 
 class Lock:
-    """A lock that this process holds on the file at path. fd: open and locked; closed by this object."""
+    """A lock that this process holds on the file at path.
+
+    fd: open and locked; closed by this object.
+    """
 
     def __init__(self, path: Path, fd: int) -> None:
         self._path, self._fd = path, fd
@@ -37,13 +43,16 @@ class Lock:
 
     def release(self) -> None:
         """Releases the lock; may be called again."""
-        fd, self._fd = self._fd, -1
+        fd = self._fd
+        self._fd = -1
         if fd >= 0:
             os.close(fd)
 
 
 def take(path: Path) -> Lock | None:
-    """Locks the file at path, created if missing, without waiting; None if another process holds a lock. Raises OSError."""
+    """Locks the file at path, created if missing, without waiting; None if another process holds a
+    lock. Raises OSError.
+    """
     fd = os.open(path, os.O_RDWR | os.O_CREAT | _SAFE, 0o600)
     if lock_open(fd):
         return Lock(path, fd)
@@ -51,10 +60,20 @@ def take(path: Path) -> Lock | None:
     return None
 
 
+def take_folder(path: Path) -> Lock | None:
+    """As `take`, for an existing folder of this user. Raises OSError."""
+    fd = os.open(path, os.O_RDONLY | os.O_DIRECTORY | _SAFE)
+    if os.fstat(fd).st_uid == os.getuid() and lock_open(fd):
+        return Lock(path, fd)
+    os.close(fd)
+    return None
+
+
 @contextlib.contextmanager
 def waited_for(path: Path, waiting: Callable[[], None]) -> Iterator[None]:
-    """Holds the lock of a file, created if missing; waits until no other process holds one. waiting: called once a second
-    meanwhile. Raises OSError."""
+    """Holds the lock of a file, created if missing; waits until no other process holds one.
+    waiting: called once a second meanwhile. Raises OSError.
+    """
     report_s = time.monotonic() + _REPORT_S
     while (lock := take(path)) is None:
         time.sleep(_PAUSE_S)
@@ -68,7 +87,10 @@ def waited_for(path: Path, waiting: Callable[[], None]) -> Iterator[None]:
 
 
 def is_held(path: Path) -> bool:
-    """Whether a process holds an exclusive lock on the file at path. Raises OSError if it is missing or cannot be opened."""
+    """Whether a process holds an exclusive lock on the file at path.
+
+    Raises OSError if it is missing or cannot be opened.
+    """
     fd = os.open(path, os.O_RDWR | _SAFE)
     try:
         return not lock_open(fd, shared=True)

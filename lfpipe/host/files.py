@@ -1,8 +1,8 @@
 """Files: what a path is, and open files by name.
 
-`exists`, `is_file`, `is_dir` are False where a path cannot be examined. `Path.exists` and its like raise OSError up to Python
-3.13, for a folder that may not be searched, a name that is too long, a network drive that has gone. Who needs the reason opens
-the path.
+`exists`, `is_file`, `is_dir` are False where a path cannot be examined. `Path.exists` and its like
+raise OSError up to Python 3.13, for a folder that may not be searched, a name that is too long, a
+network drive that has gone. Who needs the reason opens the path.
 """
 
 import os
@@ -17,6 +17,7 @@ is_dir, is_file = isdir, isfile
 
 # for files that a user names: opening waits for no other process and acquires no terminal
 CAREFUL = os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC
+CREATING = CAREFUL | os.O_NOFOLLOW  # a link in the place of a new file is refused
 _DESCRIPTORS = "/proc/self/fd" if sys.platform == "linux" else "/dev/fd"
 
 
@@ -36,8 +37,18 @@ def path_of(file: IO[bytes]) -> str:
     return f"{_DESCRIPTORS}/{file.fileno()}"
 
 
+def path_to_write(file: IO[bytes]) -> str:
+    """A path by which a library opens this very file anew, as often as it likes: whatever is put
+    in place of its name meanwhile. On macOS, the name: `/dev/fd` shares one position there.
+    """
+    return path_of(file) if sys.platform == "linux" else str(file.name)
+
+
 def reserve(path: Path) -> None:
-    """Reserves room on the disk for all of a file, so that a map of it can be written. Raises OSError if it is full."""
+    """Reserves room on the disk for all of a file, so that a map of it can be written.
+
+    Raises OSError if it is full.
+    """
     with path.open("r+b") as file:
         if hasattr(os, "posix_fallocate"):  # macOS has none: a full disk is a signal there
             os.posix_fallocate(file.fileno(), 0, os.fstat(file.fileno()).st_size)

@@ -1,17 +1,24 @@
-"""Limits of the operating system. Open files: raised before a session starts, because some libraries abort if the limit is too
-low. Memory: limited only if the system reports the use of a process.
+"""Limits of the operating system. Open files: raised before a session starts, because some
+libraries abort if the limit is too low. Threads: probed, for the same reason. Memory: limited only
+if the system reports the use of a process.
 """
 
 import contextlib
 import resource
 import sys
+import threading
 from pathlib import Path
 from typing import Self
 
 from lfpipe.errors import UserError
+from lfpipe.host.processes import usable_cores
 
 OPEN_FILES = 128  # about 30 for a stage, as many for the supervisor, and a reserve
-# more is useless, and some programs close every number up to the limit; macOS refuses more than OPEN_MAX
+# A session on two cores starts 30, and each of its processes one more per core; a packer 10.
+SESSION_THREADS = 24 + 4 * len(usable_cores())
+WORKER_THREADS = 8 + len(usable_cores())
+# more is useless, and some programs close every number up to the limit; macOS refuses more than
+# OPEN_MAX
 MOST_FILES = 1 << 16 if sys.platform == "linux" else 1 << 13
 
 
@@ -31,9 +38,33 @@ def allow_files() -> None:
         resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
 
 
+def check_threads(count: int) -> None:
+    """Raises UserError unless this user may start so many more threads or processes now. Where they
+    may not, libraries abort or fail with words of their own.
+    """
+    release = threading.Event()
+    threads: list[threading.Thread] = []
+    try:
+        for _ in range(count):
+            thread = threading.Thread(target=release.wait, daemon=True)
+            thread.start()
+            threads.append(thread)
+    except RuntimeError:
+        limit = resource.getrlimit(resource.RLIMIT_NPROC)[0]
+        allowed = f"{limit} threads of all your processes" if limit >= 0 else "too few threads"
+        raise UserError(
+            f"{allowed} are allowed here (RLIMIT_NPROC); {count} more are needed",
+            "end other programs, or raise the limit: `ulimit -u`, TasksMax= in a systemd unit",
+        ) from None
+    finally:
+        release.set()
+        for thread in threads:
+            thread.join()
+
+
 class MemoryLimit:
-    """A context in which this process may use only this much more memory than at its creation: larger allocations fail. Shared
-    memory and mapped files do not count.
+    """A context in which this process may use only this much more memory than at its creation:
+    larger allocations fail. Shared memory and mapped files do not count.
     """
 
     def __init__(self, more_bytes: int) -> None:

@@ -1,9 +1,13 @@
-"""The machine: its sleep, the order of its memory, how it rounds, versions of what computes, screen hardware."""
+"""The machine: its sleep, the order of its memory, how it rounds, versions of what computes, screen
+hardware.
+"""
 
 import contextlib
 import ctypes
 import functools
+import importlib.util
 import platform
+import shlex
 import sys
 import time
 from collections.abc import Callable, Iterable
@@ -13,17 +17,27 @@ from pathlib import Path
 from lfpipe import __version__
 from lfpipe.errors import UserError
 
-TOTAL_STORE_ORDER = (
-    "x86_64",
-    "i686",
-)  # processors that keep program order as far as a ring needs it
+# processors that keep program order as far as a ring needs it
+TOTAL_STORE_ORDER = ("x86_64", "i686")
 SEQ_CST = 5  # memory_order_seq_cst of <stdatomic.h>
 OPENCV = "opencv-contrib-python-headless"
 PACKAGES = ("numpy", OPENCV, "mediapipe", "ai-edge-litert")
 
 
+def install_command(*words: str) -> str:
+    """The command that installs packages (with options) into the environment that lfpipe runs in:
+    pip's, or uv's where that has no pip.
+    """
+    python = shlex.quote(sys.executable)
+    if importlib.util.find_spec("pip"):
+        return f"{python} -m pip install {shlex.join(words)}"
+    return f"uv pip install --python {python} {shlex.join(words)}"
+
+
 def asleep_ns() -> int:
-    """The time for which the machine has been suspended since it started, where the monotonic clock stops then; else 0."""
+    """The time for which the machine has been suspended since it started, where the monotonic clock
+    stops then; else 0.
+    """
     clock = getattr(time, "CLOCK_BOOTTIME", None)
     return 0 if clock is None else time.clock_gettime_ns(clock) - time.monotonic_ns()
 
@@ -51,7 +65,10 @@ fence: Callable[[], None] = (lambda: None) if platform.machine() in TOTAL_STORE_
 
 
 def add(values: Iterable[float]) -> float:
-    """The sum, rounded at each step from the first to the last. `sum` compensates rounding errors from Python 3.12 on."""
+    """The sum, rounded at each step from the first to the last.
+
+    `sum` compensates rounding errors from Python 3.12 on.
+    """
     total = 0.0
     for value in values:
         total += value
@@ -78,9 +95,8 @@ def versions() -> dict[str, str]:
         try:
             conditions[name] = version(name)
         except PackageNotFoundError:
-            conditions[name] = (
-                cv2.__version__ if name == OPENCV else "none"
-            )  # another of the four packages that provide cv2
+            # another of the four packages that provide cv2
+            conditions[name] = cv2.__version__ if name == OPENCV else "none"
     return conditions
 
 

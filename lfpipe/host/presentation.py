@@ -1,8 +1,8 @@
 """Reports of a window system about a picture on its screen: their form, and those of an X server.
 
-X's Present extension reports vertical blanks, over a separate connection. The first one after the hand-over of a picture shows
-it, unless a compositor intervenes. It is identified by its time, because servers without a screen count blanks half a period off
-(present_fake.c).
+X's Present extension reports vertical blanks, over a separate connection. The first one after the
+hand-over of a picture shows it, unless a compositor intervenes. It is identified by its time,
+because servers without a screen count blanks half a period off (present_fake.c).
 """
 
 import ctypes
@@ -17,8 +17,10 @@ _PERIOD_GAIN = 0.05  # of each new period in the average
 
 @attrs.frozen
 class Presented:
-    """serial: number of the picture. t_ns: the vertical blank that shows it (CLOCK_MONOTONIC), 0 if it was never shown.
-    period_ns: of the screen, 0 if unknown."""
+    """serial: number of the picture. t_ns: the vertical blank that shows it (CLOCK_MONOTONIC), 0 if
+    it was never shown.
+    period_ns: of the screen, 0 if unknown.
+    """
 
     serial: int
     t_ns: int
@@ -57,7 +59,10 @@ class _Extension(ctypes.Structure):
 
 
 class XPresentation:
-    """Blanks for one window of the server that DISPLAY names. Raises OSError if the library or the extension is missing."""
+    """Blanks for one window of the server that DISPLAY names.
+
+    Raises OSError if the library or the extension is missing.
+    """
 
     name = "x_present"
 
@@ -134,7 +139,8 @@ class XPresentation:
     def _answered(self, serial: int, t_ns: int, number: int) -> list[Presented]:
         """Blank `number` at t_ns answers for a picture; returns what is certain now.
 
-        Of several pictures before one blank the last was shown: an answer is held while another may follow for its blank.
+        Of several pictures before one blank the last was shown: an answer is held while another may
+        follow for its blank.
         """
         if self._last and number > self._last[1]:
             period_ns = (t_ns - self._last[0]) / (number - self._last[1])
@@ -144,10 +150,8 @@ class XPresentation:
         self._last = t_ns, number
         after_ns = max(t_ns - self._handed_ns.pop(serial, t_ns), 0)
         before = int(after_ns / self._period_ns) if self._period_ns else 0
-        new, held = (
-            Presented(serial, round(t_ns - before * self._period_ns), round(self._period_ns)),
-            self._held,
-        )
+        new = Presented(serial, round(t_ns - before * self._period_ns), round(self._period_ns))
+        held = self._held
         if held is None:
             self._held = new
             return []

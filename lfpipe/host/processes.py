@@ -1,4 +1,6 @@
-"""Processes: cores, load, the settings of a stage's own, its end with its parent, what it gets from its parent."""
+"""Processes: cores, load, the settings of a stage's own, its end with its parent, what it gets from
+its parent.
+"""
 
 from __future__ import annotations
 
@@ -41,14 +43,17 @@ def run_on(cores: Sequence[int]) -> None:
 
 
 def yield_to_others() -> None:
-    """Yields the core to other processes whenever they need it; no effect if the system cannot do this."""
+    """Yields the core to other processes whenever they need it; no effect if the system cannot do
+    this.
+    """
     with contextlib.suppress(OSError, AttributeError):
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
 
 
 def set_up(name: str) -> None:
-    """Sets a process name for tools, precise sleeps, and an allocator that keeps memory for the next frame: returning pictures to
-    the kernel and faulting them in again costs 1 ms per frame of 640x480.
+    """Sets a process name for tools, precise sleeps, and an allocator that keeps memory for the
+    next frame: returning pictures to the kernel and faulting them in again costs 1 ms per frame of
+    640x480.
     """
     with contextlib.suppress(OSError):
         Path("/proc/self/comm").write_text(name[:15])
@@ -58,9 +63,11 @@ def set_up(name: str) -> None:
 
 
 def end_with_parent(parent_pid: int) -> bool:
-    """Sends this process SIGTERM when its parent ends. Returns False if the parent has already ended.
+    """Sends this process SIGTERM when its parent ends. Returns False if the parent has already
+    ended.
 
-    A thread reads the pipe that multiprocessing holds open in the parent until it ends. On Linux, the kernel sends the signal
+    A thread reads the pipe that multiprocessing holds open in the parent until it ends. On Linux,
+    the kernel sends the signal
     too: at once, and even to a process whose threads do not run.
     """
     _libc("prctl", PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
@@ -78,7 +85,9 @@ def _wait_for_end(sentinel: int) -> None:
 
 
 def resume_stage(pid: int) -> None:
-    """Resumes a stopped stage; does nothing if it is gone, because another program may have its number."""
+    """Resumes a stopped stage; does nothing if it is gone, because another program may have its
+    number.
+    """
     with contextlib.suppress(OSError):
         if Path(f"/proc/{pid}/comm").read_text().startswith("lfpipe-"):
             os.kill(pid, signal.SIGCONT)

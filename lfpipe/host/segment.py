@@ -1,8 +1,9 @@
-"""Shared-memory segments: mapped files of one folder, /dev/shm on Linux. Only the supervisor creates and unlinks them; all others
-attach without tracking. The last page of each names its run directory, and its creator holds a lock on it while it lives.
+"""Shared-memory segments: mapped files of one folder, /dev/shm on Linux. Only the supervisor
+creates and unlinks them; all others attach without tracking. The last page of each names its run
+directory, and its creator holds a lock on it while it lives.
 
-Not `multiprocessing.shared_memory`: its tracker unlinks by name after its process has died, when the next session may already
-use that name, and it cannot say to whom a segment belongs.
+Not `multiprocessing.shared_memory`: its tracker unlinks by name after its process has died, when
+the next session may already use that name, and it cannot say to whom a segment belongs.
 """
 
 import contextlib
@@ -36,8 +37,9 @@ class WrongSegment(UserError, ValueError):
 
 
 class Segment:
-    """An open segment. locks: for its creator, who owns it while this object is open. size, buf: with its last page. Raises
-    FileNotFoundError, OSError, and ValueError for an empty file."""
+    """An open segment. locks: for its creator, who owns it while this object is open. size, buf:
+    with its last page. Raises FileNotFoundError, OSError, and ValueError for an empty file.
+    """
 
     def __init__(self, name: str, locks: bool = False) -> None:
         self.name = name
@@ -45,9 +47,8 @@ class Segment:
         try:
             self._entry = os.fstat(fd)
             self.size = self._entry.st_size
-            self._map = mmap.mmap(
-                fd, self.size
-            )  # has a copy of the descriptor, and with it the lock
+            # has a copy of the descriptor, and with it the lock
+            self._map = mmap.mmap(fd, self.size)
             if locks:
                 lock_open(fd, shared=True)
         finally:
@@ -55,7 +56,10 @@ class Segment:
         self.buf = memoryview(self._map)
 
     def check(self, magic: bytes, what: str, size_bytes: int) -> None:
-        """Raises WrongSegment, and closes it, if it does not begin with magic or is too short. what: its name in words."""
+        """Raises WrongSegment, and closes it, if it does not begin with magic or is too short.
+
+        what: its name in words.
+        """
         begin = bytes(self.buf[: len(magic)])
         if begin == magic and self.size >= size_bytes:
             return
@@ -73,9 +77,16 @@ class Segment:
         self.buf.release()
         self._map.close()
 
+    def in_place(self) -> bool:
+        """Whether others still reach it by its name."""
+        try:
+            return os.path.samestat((SHM_DIR / self.name).lstat(), self._entry)
+        except FileNotFoundError:
+            return False
+
     def unlink(self) -> None:
         """Removes the name. Raises FileNotFoundError if it is no longer this segment's."""
-        if not os.path.samestat((SHM_DIR / self.name).lstat(), self._entry):
+        if not self.in_place():
             raise FileNotFoundError(errno.ENOENT, "another segment has that name", self.name)
         unlink(self.name)
 
@@ -86,29 +97,30 @@ attach = Segment  # without a lock, and without the tracker of `multiprocessing`
 def create(name: str, size_bytes: int, run_dir: Path | None = None) -> Segment:
     """Creates a segment, mode 0600, of size_bytes zeros for the session of run_dir.
 
-    Raises UserError if there is no room, if the name is in use, or if shared memory cannot be created at all.
+    Raises UserError if there is no room, or if shared memory cannot be created at all.
     """
     whole_bytes = -(-size_bytes // PAGE) * PAGE
     try:
         return _create(name, whole_bytes, os.fsencode(run_dir) if run_dir else b"")
-    except FileExistsError:
-        raise UserError(
-            f"{SHM_DIR / name} is in the way", "remove it, or use another --session name"
-        ) from None
     except OSError as error:
         if error.errno not in (errno.ENOSPC, errno.ENOMEM):
             raise UserError(
                 f"{SHM_DIR}: cannot create shared memory: {error.strerror}", WRITABLE
             ) from None
         total, _, free = (size / 1e6 for size in shutil.disk_usage(SHM_DIR))
-        message = f"{SHM_DIR} has {free:.1f} MB free of {total:.1f} MB; {name} needs {whole_bytes / 1e6:.1f} MB"
+        message = (
+            f"{SHM_DIR} has {free:.1f} MB free of {total:.1f} MB; {name} needs"
+            f" {whole_bytes / 1e6:.1f} MB"
+        )
         remedy = f"{more_room(whole_bytes)}, or smaller camera.width_px and camera.height_px"
         raise UserError(message, remedy) from None
 
 
 def _create(name: str, whole_bytes: int, run_dir: bytes) -> Segment:
-    """It gets its name only when it is complete and locked: on Linux, a process killed here leaves nothing. Its pages are
-    allocated, so a full tmpfs is an error here and never a SIGBUS at a later write."""
+    """It gets its name only when it is complete and locked: on Linux, a process killed here leaves
+    nothing. Its pages are allocated, so a full tmpfs is an error here and never a SIGBUS at a later
+    write.
+    """
     owner = (_OWNER.pack(MAGIC, len(run_dir)) + run_dir).ljust(PAGE, b"\0")
     if not hasattr(os, "O_TMPFILE"):  # the session holds its lock: nobody else creates this name
         fd = os.open(SHM_DIR / name, os.O_RDWR | os.O_CREAT | os.O_EXCL | _SAFE, 0o600)
@@ -130,7 +142,10 @@ def _create(name: str, whole_bytes: int, run_dir: bytes) -> Segment:
 
 def more_room(needed_bytes: int) -> str:
     """The remedy for too little room."""
-    return f"mount -o remount,size={max(64, 2 * needed_bytes >> 20)}m {SHM_DIR}, or docker run --shm-size=128m"
+    return (
+        f"mount -o remount,size={max(64, 2 * needed_bytes >> 20)}m {SHM_DIR}, or docker run"
+        " --shm-size=128m"
+    )
 
 
 def unlink(name: str) -> None:
@@ -139,7 +154,9 @@ def unlink(name: str) -> None:
 
 
 def _owner(fd: int) -> Path | None:
-    """Run directory of an open segment, empty if it was created without one; None if it is not lfpipe's or not this user's."""
+    """Run directory of an open segment, empty if it was created without one; None if it is not
+    lfpipe's or not this user's.
+    """
     entry = os.fstat(fd)
     if not stat.S_ISREG(entry.st_mode) or entry.st_uid != os.getuid() or entry.st_size < PAGE:
         return None
@@ -154,7 +171,9 @@ def _owner(fd: int) -> Path | None:
 
 
 def _opened(prefix: str) -> Iterator[tuple[str, int, Path]]:
-    """Yields name, descriptor and run directory of each segment of this user whose name begins with prefix."""
+    """Yields name, descriptor and run directory of each segment of this user whose name begins with
+    prefix.
+    """
     try:
         names = sorted(path.name for path in SHM_DIR.iterdir() if path.name.startswith(prefix))
     except OSError:
@@ -175,12 +194,15 @@ def _opened(prefix: str) -> Iterator[tuple[str, int, Path]]:
 
 
 def owned(prefix: str = PREFIX) -> dict[str, Path]:
-    """Segments of this user whose names begin with prefix, of living and dead sessions: name -> run directory."""
+    """Segments of this user whose names begin with prefix, of living and dead sessions: name -> run
+    directory.
+    """
     return {name: owner for name, _, owner in _opened(prefix)}
 
 
 def abandoned(prefix: str = PREFIX) -> Iterator[tuple[str, Path]]:
-    """Yields name and run directory of segments whose creator is dead. The caller may unlink each by name before it takes the
+    """Yields name and run directory of segments whose creator is dead. The caller may unlink each
+    by name before it takes the
     next: until then no other process unlinks it, so the name cannot pass to another segment.
     """
     for name, fd, owner in _opened(prefix):

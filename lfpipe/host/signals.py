@@ -1,4 +1,6 @@
-"""Signals: those of a terminal to all its processes, which only the supervisor handles, and those between processes."""
+"""Signals: those of a terminal to all its processes, which only the supervisor handles, and those
+between processes.
+"""
 
 import contextlib
 import signal

@@ -1,4 +1,6 @@
-"""The terminal: single keys, output that survives its end, and native libraries kept from writing to it, past Python."""
+"""The terminal: single keys, output that survives its end, and native libraries kept from writing
+to it, past Python.
+"""
 
 import contextlib
 import io
@@ -15,8 +17,9 @@ OPENCV_SILENT, OPENCV_ERROR = 0, 2  # cv::utils::logging::LogLevel
 
 
 class Keyboard:
-    """Single keys, without waiting for Enter and without an echo. A context, which always restores the terminal; without a
-    terminal on stdin there are no keys."""
+    """Single keys, without waiting for Enter and without an echo. A context, which always restores
+    the terminal; without a terminal on stdin there are no keys.
+    """
 
     def __enter__(self) -> Self:
         self._fd = sys.stdin.fileno() if sys.stdin is not None and sys.stdin.isatty() else -1
@@ -31,9 +34,8 @@ class Keyboard:
         if not select.select(fds, [], [], max(timeout_s, 0.0))[0]:
             return ""
         data = os.read(self._fd, 1)
-        return (
-            data.decode(errors="ignore").lower() if data else "q"
-        )  # the terminal is gone, and nobody reads the output
+        # the terminal is gone, and nobody reads the output
+        return data.decode(errors="ignore").lower() if data else "q"
 
     def __exit__(self, *_: object) -> None:
         if self._fd >= 0:
@@ -46,22 +48,24 @@ class _Forgiving(io.FileIO):
     def write(self, data: Any) -> int:
         try:
             return os.write(self.fileno(), data)
-        except (
-            OSError
-        ):  # EIO: the terminal is closed; EPIPE: the reader has ended; ENOSPC: the disk is full
+        # EIO: the terminal is closed; EPIPE: the reader has ended; ENOSPC: the disk is full
+        except OSError:
             return len(data)
 
 
 def protect_output(*names: str) -> None:
-    """Makes the named ones of sys.stdout and sys.stderr drop output instead of raising. Redirected streams (a test's) stay.
+    """Makes the named ones of sys.stdout and sys.stderr drop output instead of raising. Redirected
+    streams (a test's) stay.
 
-    Opens /dev/null for those of 0, 1 and 2 that are closed: otherwise the next opened file would become standard error.
+    Opens /dev/null for those of 0, 1 and 2 that are closed: otherwise the next opened file would
+    become standard error.
     """
     while (fd := os.open(os.devnull, os.O_RDWR)) <= 2:
         os.set_inheritable(fd, True)
     os.close(fd)
     for name in names:
-        fd, stream = {"stdout": 1, "stderr": 2}[name], getattr(sys, name)
+        fd = {"stdout": 1, "stderr": 2}[name]
+        stream = getattr(sys, name)
         encoding, errors = "utf-8", "backslashreplace"
         if stream is not None:  # else it was closed when Python started
             try:
@@ -70,7 +74,8 @@ def protect_output(*names: str) -> None:
             except (OSError, ValueError):
                 continue
             stream.flush()
-            encoding, errors = stream.encoding, stream.errors or "strict"
+            encoding = stream.encoding
+            errors = stream.errors or "strict"
         lines = name == "stderr" or os.isatty(fd)
         forgiving = io.BufferedWriter(_Forgiving(fd, "w", closefd=False))
         setattr(sys, name, io.TextIOWrapper(forgiving, encoding, errors, line_buffering=lines))
@@ -78,8 +83,9 @@ def protect_output(*names: str) -> None:
 
 @contextlib.contextmanager
 def opencv_logging(level: int = OPENCV_SILENT) -> Iterator[None]:
-    """Drops OpenCV's less severe messages in the whole process meanwhile: the error that follows reports the cause in the user's
-    words."""
+    """Drops OpenCV's less severe messages in the whole process meanwhile: the error that follows
+    reports the cause in the user's words.
+    """
     import cv2
 
     utils: Any = cv2.utils

@@ -1,5 +1,6 @@
-"""Wake-ups: what tells the one reader of a ring that the slot of an 8-byte seq is published. Its descriptor goes into the same
-zmq.Poller as sockets and sentinels. A wake that is not taken yet is enough: the ring has the truth.
+"""Wake-ups: what tells the one reader of a ring that the slot of an 8-byte seq is published. Its
+descriptor goes into the same zmq.Poller as sockets and sentinels. A wake that is not taken yet is
+enough: the ring has the truth.
 """
 
 import os
@@ -18,13 +19,16 @@ def make(path: Path) -> None:
 
 
 def readable(fds: Sequence[int], seconds: float) -> list[int]:
-    """Sleeps until one of the descriptors can be read, or for seconds, to the microsecond; returns those that can."""
+    """Sleeps until one of the descriptors can be read, or for seconds, to the microsecond; returns
+    those that can.
+    """
     return select.select(fds, (), (), seconds)[0]
 
 
 class Wake:
-    """Either end of a named FIFO. Both open it O_RDWR | O_NONBLOCK: no order of opening, no SIGPIPE, and it survives a restart of
-    either side."""
+    """Either end of a named FIFO. Both open it O_RDWR | O_NONBLOCK: no order of opening, no
+    SIGPIPE, and it survives a restart of either side.
+    """
 
     def __init__(self, path: Path) -> None:
         self.fd = os.open(path, os.O_RDWR | os.O_NONBLOCK)

@@ -1,8 +1,10 @@
-"""Times at which a Wayland compositor showed a picture, through the client library that the window uses.
+"""Times at which a Wayland compositor showed a picture, through the client library that the window
+uses.
 
-wp_presentation reports the vertical blank. Some compositors offer it but never answer (wlroots 0.15 without a screen). Until the
-first answer, or if none comes, the frame callback stands in; it reports the repaint that used the picture, in whole ms. Events
-arrive on a separate queue, so the window library's events stay untouched. Interfaces and opcodes are those of wayland.xml and
+wp_presentation reports the vertical blank. Some compositors offer it but never answer (wlroots 0.15
+without a screen). Until the first answer, or if none comes, the frame callback stands in; it
+reports the repaint that used the picture, in whole ms. Events arrive on a separate queue, so the
+window library's events stay untouched. Interfaces and opcodes are those of wayland.xml and
 presentation-time.xml.
 """
 
@@ -13,16 +15,14 @@ from typing import Any
 
 from lfpipe.host.presentation import Presented
 
-_PRESENTATION_FEEDBACK, _DISPLAY_GET_REGISTRY, _REGISTRY_BIND, _SURFACE_FRAME = (
-    1,
-    1,
-    0,
-    3,
-)  # numbers of requests
+# numbers of requests
+_PRESENTATION_FEEDBACK, _DISPLAY_GET_REGISTRY, _REGISTRY_BIND, _SURFACE_FRAME = 1, 1, 0, 3
 _CLOCK_MONOTONIC = 1
 _MOST_WAITING = 64  # answers outstanding; a hidden window gets none
 _UNANSWERED = 30  # after this many frame callbacks without feedback none is expected
-_CLOCK_MS, _WRAP_MS = 1000, 1 << 32  # a frame's stamp further from now comes from another clock
+# a frame's stamp further from now comes from another clock
+_CLOCK_MS = 1000
+_WRAP_MS = 1 << 32
 
 _Pointer, _Int = ctypes.c_void_p, ctypes.c_uint32
 
@@ -53,7 +53,9 @@ class _Argument(ctypes.Union):
 def _interface(
     name: bytes, methods: list[tuple[bytes, bytes]], events: list[tuple[bytes, bytes]]
 ) -> _Interface:
-    """Types of arguments are null: libwayland would use them only to check this module's own objects."""
+    """Types of arguments are null: libwayland would use them only to check this module's own
+    objects.
+    """
     untyped = (_Pointer * 8)()
     lists = [
         (_Message * len(kind))(*(_Message(*names, untyped) for names in kind))
@@ -228,7 +230,8 @@ class WaylandPresentation:
 
     def _repaints(self) -> list[Presented]:
         """Reports repaints; of the pictures used by one repaint, only the last was shown."""
-        done, self._done = sorted(self._done), []
+        done = sorted(self._done)
+        self._done = []
         last = {t_ns: serial for t_ns, serial in done}
         return [Presented(serial, t_ns if last[t_ns] == serial else 0, 0) for t_ns, serial in done]
 
@@ -257,7 +260,8 @@ class WaylandPresentation:
     def take(self) -> list[Presented]:
         """The reports since the last call. The window's own event loop reads the connection."""
         self._library.wl_display_dispatch_queue_pending(self._display, self._queue)
-        feedback, self._feedback = self._feedback, []
+        feedback = self._feedback
+        self._feedback = []
         repaints = self._repaints()
         return feedback if self._answered else repaints
 

@@ -1,8 +1,9 @@
 """A child process with limits that answers one request: a JSON object in, lines of JSON out.
 
-The parent writes one line to the child's standard input and keeps the pipe open: its end tells the child that the parent is gone.
-The child prints a JSON object for each step and, last, its verdict: {"ok": true, "result": {...}} or {"ok": false, "error": ...,
-"remedy": ...}. The parent never waits longer than it wants, keeps little of the output, and survives whatever the child does.
+The parent writes one line to the child's standard input and keeps the pipe open: its end tells the
+child that the parent is gone. The child prints a JSON object for each step and, last, its verdict:
+{"ok": true, "result": {...}} or {"ok": false, "error": ..., "remedy": ...}. The parent never waits
+longer than it wants, keeps little of the output, and survives whatever the child does.
 """
 
 import contextlib
@@ -17,45 +18,42 @@ from multiprocessing import connection
 from typing import Any
 
 from lfpipe.errors import UserError
-from lfpipe.host.limits import MemoryLimit
+from lfpipe.host.limits import WORKER_THREADS, MemoryLimit, check_threads
 from lfpipe.host.processes import cpu_ns
 
 MAX_LINE_BYTES = 1 << 20  # of the child's output; a longer line is not one of ours
 MAX_LOG_BYTES = 2000  # the end of what the child wrote to stderr
-COMPUTING = 0.03  # of a core: a child that gets less than that from a busy machine cannot be told from one that hangs
+# of a core: a child that gets less than that from a busy machine cannot be told from one that hangs
+COMPUTING = 0.03
 LAST_WORDS_S = 0.5  # how long what a child wrote before its end may take to arrive
 
 Report = Callable[..., None]  # report(key=value, ...): one line for the parent
-Serve = Callable[
-    [dict[str, Any], Report], dict[str, Any]
-]  # (request, report) -> result; raises UserError
+# (request, report) -> result; raises UserError
+Serve = Callable[[dict[str, Any], Report], dict[str, Any]]
 
 
 class Worker:
     """The parent's side of a running child.
 
-    module: run as `python -m`. subject: what the request is about, for messages. limit_s: time without a step, of its own CPU
-    time while it computes: a busy or emulated machine takes longer. fds: for a poller; call `read` when they are readable.
-    heard: called with every step.
+    module: run as `python -m`. subject: what the request is about, for messages. limit_s: time
+    without a step, of its own CPU
+    time while it computes: a busy or emulated machine takes longer. fds: for a poller; call `read`
+    when they are readable.
+    heard: called with every step. Raises UserError if no child can be started.
     """
 
     def __init__(self, module: str, request: dict[str, Any], subject: str, limit_s: float) -> None:
+        check_threads(WORKER_THREADS)
         self.subject, self._limit_s = subject, limit_s
         self._verdict: dict[str, Any] | None = None
         pipe = subprocess.PIPE
-        command = [
-            sys.executable,
-            "-P",
-            "-m",
-            module,
-        ]  # -P: imports nothing from the working directory, which may be anybody's
+        # -P: imports nothing from the working directory, which may be anybody's
+        command = [sys.executable, "-P", "-m", module]
         self._process = subprocess.Popen(command, bufsize=0, stdin=pipe, stdout=pipe, stderr=pipe)
         assert self._process.stdin and self._process.stdout and self._process.stderr
-        self._stdin, self._stdout, self._stderr = (
-            self._process.stdin,
-            self._process.stdout,
-            self._process.stderr,
-        )
+        self._stdin = self._process.stdin
+        self._stdout = self._process.stdout
+        self._stderr = self._process.stderr
         self._open = [self._stdout, self._stderr]  # those that have not ended
         self._rest = self._log = b""  # of the last line, of what it wrote to stderr
         self._step_s = self._look_s = time.monotonic()
@@ -71,9 +69,8 @@ class Worker:
 
     def _is_stuck(self) -> bool:
         now_s = time.monotonic()
-        if (
-            now_s - self._look_s > self._limit_s / 4
-        ):  # whether it computes, by its last quarter of the limit
+        # whether it computes, by its last quarter of the limit
+        if now_s - self._look_s > self._limit_s / 4:
             used_ns = cpu_ns(self._process.pid)
             self._computes = (used_ns - self._look_cpu_ns) / 1e9 > COMPUTING * (
                 now_s - self._look_s
@@ -95,7 +92,9 @@ class Worker:
         return self._process.poll() is not None or self._is_stuck()
 
     def read(self) -> None:
-        """Reads the child's output, at most 1 MB of it: an endless writer does not block the parent."""
+        """Reads the child's output, at most 1 MB of it: an endless writer does not block the
+        parent.
+        """
         for _ in range(16):
             for stream in list(self._open):
                 data = stream.read(1 << 16)  # None if nothing is available yet
@@ -133,7 +132,10 @@ class Worker:
             self.read()
 
     def result(self) -> dict[str, Any]:
-        """The child's result, once it is done. Raises UserError if it refused, failed or took too long."""
+        """The child's result, once it is done.
+
+        Raises UserError if it refused, failed or took too long.
+        """
         ended = self._process.poll()
         self.read()
         while ended is not None and self._open and connection.wait(self.fds, LAST_WORDS_S):
@@ -166,7 +168,9 @@ class Worker:
 
 
 def serve(work: Serve, memory_bytes: int) -> None:
-    """The child's side: reads the request, works with limited memory, prints the verdict and ends the process."""
+    """The child's side: reads the request, works with limited memory, prints the verdict and ends
+    the process.
+    """
     out = os.dup(1)
     os.dup2(2, 1)  # what libraries print does not belong into the answer
     lock = threading.Lock()

@@ -1,4 +1,7 @@
-"""Measures an object of known size in the camera's picture. A window guides the user if there is a screen."""
+"""Measures an object of known size in the camera's picture.
+
+A window guides the user if there is a screen.
+"""
 
 import math
 from collections import deque
@@ -12,9 +15,9 @@ from numpy.typing import NDArray
 from lfpipe.capture.open_source import open_source
 from lfpipe.config import Config
 from lfpipe.errors import UserError
-from lfpipe.render.display import has_display
+from lfpipe.render.open_display import has_display
 from lfpipe.render.overlay import Overlay
-from lfpipe.track.engine import make_engine
+from lfpipe.track.make_engine import make_engine
 
 MEASURED_FRAMES = 45  # with a face: one and a half seconds
 SPREAD = 0.05  # quartiles further apart than this share of the median: the viewer moved
@@ -34,37 +37,39 @@ RESTLESS = UserError(
 
 
 class _CameraWindow:
-    """The camera and, where there is a screen, a window with its picture and lines of text. clicks: px of the picture."""
+    """The camera and, where there is a screen, a window with its picture and lines of text.
+
+    clicks: px of the picture.
+    """
 
     def __init__(self, config: Config, camera: str | None) -> None:
         width_px, height_px = config.camera.frame_px
         self.picture: NDArray[np.uint8] = np.empty((height_px, width_px, 3), np.uint8)
         self.clicks: list[tuple[float, float]] = []
-        self.source, self.window = open_source(camera or config.camera.source, config.camera), None
+        self.source = open_source(camera or config.camera.source, config.camera)
+        self.window = None
         if has_display():
-            from lfpipe.render.window import Window
+            from lfpipe.render.window import ScreenWindow
 
-            self.window = Window(
-                (2 * width_px, 2 * height_px), "lfpipe calibrate"
-            )  # large: clicks fall between pixels too
+            # large: clicks fall between pixels too
+            self.window = ScreenWindow((2 * width_px, 2 * height_px), "lfpipe calibrate")
 
     def read(self) -> bool:
         """Reads the next picture. False at the end of the source."""
         return self.source.read(self.picture) is not None
 
     def show(self, marks: Sequence[Sequence[float]], *lines: str) -> bool:
-        """Shows the picture with crosses at marks. Returns whether Enter was pressed; without a window it is. Raises UserError if
-        the person cancels."""
+        """Shows the picture with crosses at marks. Returns whether Enter was pressed; without a
+        window it is. Raises UserError if the person cancels.
+        """
         if self.window is None:
             return True
         marked = self.picture.copy()
         for x, y in marks:
-            for colour, thick_px in (
-                ((0, 0, 0), 5),
-                ((255, 255, 255), 2),
-            ):  # visible on a face and on a white card
+            # visible on a face and on a white card
+            for colour, thick_px in (((0, 0, 0), 5), ((255, 255, 255), 2)):
                 cv2.drawMarker(marked, (round(x), round(y)), colour, cv2.MARKER_CROSS, 21, thick_px)
-        self.window.overlay(Overlay(lines))
+        self.window.overlay(Overlay(lines=lines))
         self.window.show(marked)
         events = [event.split() for event in self.window.events()]
         if any(word in ("quit", "close") for word, *_ in events):
@@ -87,9 +92,11 @@ def median_of(apart_px: Collection[float]) -> tuple[float, bool]:
 
 
 def by_eyes(config: Config, camera: str | None, distance_mm: float) -> float:
-    """Distance between the viewer's eyes in px of a frame of config's size; median over several frames.
+    """Distance between the viewer's eyes in px of a frame of config's size; median over several
+    frames.
 
-    Raises UserError if no face is detected, the face does not stay still, the source ends, or the user cancels.
+    Raises UserError if no face is detected, the face does not stay still, the source ends, or the
+    user cancels.
     """
     apart_px: deque[float] = deque(maxlen=MEASURED_FRAMES)
     median_px, still, missed, accepted = 0.0, False, 0, False
@@ -119,7 +126,8 @@ def by_eyes(config: Config, camera: str | None, distance_mm: float) -> float:
 def by_card(config: Config, camera: str | None, distance_mm: float) -> float:
     """Width of the card in px of a frame of config's size, from two clicks on a frozen frame.
 
-    Raises UserError without a screen, if the source ends before a frame is frozen, or if the user cancels.
+    Raises UserError without a screen, if the source ends before a frame is frozen, or if the user
+    cancels.
     """
     if not has_display():
         raise UserError(

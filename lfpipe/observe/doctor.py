@@ -1,15 +1,18 @@
-"""Checks whether `lfpipe up SCENE` would run on this machine, each check with its remedy, and packs a report for a bug. Starts no
-camera, opens no window."""
+"""Checks whether `lfpipe up SCENE` would run on this machine, each check with its remedy, and packs
+a report for a bug. Starts no camera, opens no window.
+"""
 
 import contextlib
 import errno
 import importlib.metadata
+import io
 import json
 import platform
 import re
 import shutil
 import sys
 import zipfile
+from collections.abc import Callable, Collection
 from pathlib import Path
 
 import attrs
@@ -19,12 +22,17 @@ from lfpipe import config, log
 from lfpipe.capture.camera_list import CameraDevice, asking, cameras
 from lfpipe.config.user_files import commented
 from lfpipe.errors import UserError
+from lfpipe.files.output import MARK, check_output, write_output
+from lfpipe.files.safe_files import PRIVATE
 from lfpipe.host import segment
 from lfpipe.host.files import is_missing
-from lfpipe.host.machine import versions
+from lfpipe.host.machine import install_command, versions
 from lfpipe.host.processes import usable_cores
-from lfpipe.plugins import GROUPS, load, plugins
-from lfpipe.render.display import has_display
+from lfpipe.plugins import DISPLAYS, ENGINES, FILTERS, GROUPS, LAYOUTS, guarded, load, plugins
+from lfpipe.render.open_display import BUILT_IN as DISPLAY_NAMES
+from lfpipe.render.open_display import has_display
+from lfpipe.scene.files import Listing
+from lfpipe.scene.layouts import RESULTS, built_in
 from lfpipe.supervisor import rundir
 from lfpipe.track import models
 from lfpipe.transport.session import Session
@@ -37,7 +45,10 @@ SHM_NEED_BYTES = 16 << 20  # rings for frames of 640x480, with a margin
 
 @attrs.frozen
 class Check:
-    """ok is False if plain `lfpipe up SCENE` would fail. A remedy with ok = True suggests an improvement."""
+    """ok is False if plain `lfpipe up SCENE` would fail.
+
+    A remedy with ok = True suggests an improvement.
+    """
 
     name: str
     ok: bool
@@ -48,7 +59,10 @@ class Check:
 def python() -> Check:
     """The interpreter, and the cores that it may use."""
     count = len(usable_cores())
-    detail = f"{platform.python_version()} ({platform.python_implementation()}, {sys.executable}), {count} cores"
+    detail = (
+        f"{platform.python_version()} ({platform.python_implementation()}, {sys.executable}),"
+        f" {count} cores"
+    )
     return Check(
         "python",
         True,
@@ -57,11 +71,24 @@ def python() -> Check:
     )
 
 
+BUILT_IN: dict[str, Callable[[], Collection[str]]] = {  # names that no plug-in may have
+    LAYOUTS: built_in,
+    ENGINES: lambda: config.choices("track.engine"),
+    FILTERS: lambda: config.choices("track.filter"),
+    DISPLAYS: lambda: DISPLAY_NAMES,
+}
+
+
+NO_FILES = Listing(path=Path(), folder=Path(), names=(), folders=(), is_file=False)
+
+
 def plugin_check(group: str, name: str, package: str) -> Check:
     """What another package adds; sessions skip a broken one."""
     what = f"{group.removeprefix('lfpipe.').removesuffix('s')} {name}, from {package}"
     try:
-        load(group, name)
+        part = load(group, name, BUILT_IN[group]())
+        if group == LAYOUTS:
+            guarded(part, group, name, RESULTS).detect(NO_FILES)
     except UserError as error:
         return Check("plugin", True, f"{what}: skipped: {error.message}", error.remedy)
     return Check("plugin", True, what)
@@ -70,8 +97,9 @@ def plugin_check(group: str, name: str, package: str) -> Check:
 def opencv() -> Check:
     """Which distributions provide cv2, and its GUI backend.
 
-    MediaPipe requires the windowed distribution, whose files overlap with the headless one's: pip installs both, and the last
-    one wins. The remedy puts the headless files on top, in the oldest version, which fits the installed numpy.
+    MediaPipe requires the windowed distribution, whose files overlap with the headless one's: pip
+    installs both, and the last one wins. The remedy puts the headless files on top, in the oldest
+    version, which fits the installed numpy.
     """
     installed = {
         ((dist.name or "").lower(), dist.version) for dist in importlib.metadata.distributions()
@@ -84,16 +112,15 @@ def opencv() -> Check:
         {name.split()[1] for name in distributions},
         key=lambda text: [int(n) for n in re.findall(r"\d+", text)],
     )
-    reinstall = "pip install --force-reinstall --no-deps opencv-contrib-python-headless"
-    reinstall += f"=={versions[0]}" if versions else ""
+    package = "opencv-contrib-python-headless" + (f"=={versions[0]}" if versions else "")
     gui = re.search(r"^\s*GUI: +(.*)$", cv2.getBuildInformation(), re.MULTILINE)
     detail = f"{names}, GUI {gui[1] if gui else '?'}"
     if len(distributions) > 1 and (len(versions) > 1 or "GUI NONE" not in detail):
         return Check(
             "opencv",
-            False,
+            True,  # this one was imported
             f"{detail}: {len(distributions)} in one folder, cv2 {cv2.__version__} is in use",
-            reinstall,
+            install_command("--force-reinstall", "--no-deps", package),
         )
     return Check("opencv", True, detail)
 
@@ -138,7 +165,10 @@ def litert() -> Check:
 def sdl() -> Check:
     """SDL's video driver and how it presents pictures."""
     if not has_display():
-        remedy = "run on a desktop, or use --display none or --display file:OUT.mkv; `lfpipe up --demo` needs none"
+        remedy = (
+            "run on a desktop, or use --display none or --display file:OUT.mkv; `lfpipe up --demo`"
+            " needs none"
+        )
         return Check("display", False, "no screen here", remedy)
     try:
         from lfpipe.render.monitors import detect_monitors
@@ -146,7 +176,7 @@ def sdl() -> Check:
 
         driver, monitors = detect_monitors()
     except Exception as error:  # any error of SDL is what the user needs to read
-        remedy = "pip install pygame-ce (and uninstall pygame), or use --display none"
+        remedy = f"{install_command('--force-reinstall', 'pygame-ce')}, or use --display none"
         return Check("display", False, f"SDL does not start: {error}", remedy)
     listed = "; ".join(f"monitor {monitor}" for monitor in monitors)
     how = drawn_by(driver)
@@ -246,8 +276,10 @@ def checks() -> list[Check]:
 
 
 def write_report(path: Path, results: list[Check]) -> None:
-    """Writes a new ZIP file with versions, settings, the checks, and the log and state of the user's sessions. Raises OSError,
-    also if path exists."""
+    """Writes a ZIP file with versions, settings, the checks, and the log and state of the user's
+    sessions, private to its owner. Raises UserError.
+    """
+    check_output(path, label="--report")
     contents: dict[str, str | bytes] = {
         "versions.json": json.dumps({**versions(), "system": platform.platform()}, indent=1),
         "doctor.txt": "\n".join(
@@ -264,13 +296,15 @@ def write_report(path: Path, results: list[Check]) -> None:
         run_dir = Session(name).run_dir
         with contextlib.suppress(OSError, ValueError):  # it has just ended
             about = json.loads((run_dir / "session.json").read_text())
-            about["options"].pop("kiosk")  # the code that ends an exhibition
             contents[f"{name}/session.json"] = json.dumps(about, indent=1)
             contents[f"{name}/{log.FILE}"] = log.lines(run_dir)
             contents |= {
                 f"{name}/{stack.name}": stack.read_bytes()
                 for stack in sorted(run_dir.glob("stack.*"))
             }
-    with path.open("xb") as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as report:
+    data = io.BytesIO()
+    with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED) as report:
+        report.comment = MARK
         for name, content in contents.items():
             report.writestr(name, content)
+    write_output(path, data.getvalue(), PRIVATE, label="--report")

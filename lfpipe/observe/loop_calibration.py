@@ -1,4 +1,7 @@
-"""Measures the delay of the loop. A window flips between black and white, the camera watches it, and `loop_delay` compares."""
+"""Measures the delay of the loop.
+
+A window flips between black and white, the camera watches it, and `loop_delay` compares.
+"""
 
 import threading
 from contextlib import closing
@@ -22,8 +25,8 @@ from lfpipe.observe.loop_delay import (
     estimate,
     find_area,
 )
-from lfpipe.render.display import has_display
 from lfpipe.render.monitors import Monitor
+from lfpipe.render.open_display import has_display
 from lfpipe.render.overlay import Overlay
 from lfpipe.render.refresh import ScreenClock
 from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns, sleep_until
@@ -33,32 +36,34 @@ WINDOW_PX = (1600, 900)  # limited by the screen
 HOLDS = (3, 6)  # of a level, 50 to 100 ms: in refreshes at about STEP_HZ, inclusive
 STEP_HZ = 60.0
 AIM_S = 60.0  # timeout for aiming the camera
-LOOK_S, LOOK_EVERY_S = (
-    3.0,
-    1.5,
-)  # the last of the camera's pictures that are searched for the screen; how often
+# the last of the camera's pictures that are searched for the screen; how often
+LOOK_S, LOOK_EVERY_S = 3.0, 1.5
 CLEAR_R = 0.4  # of the best pixel within LOOK_S; pure noise reaches 0.3
 MEASURE_S = 15.0  # as the recordings of profiling/photon.py, which states the errors
 EVENTS_NS = 4 * MS_NS  # between two looks at the keyboard
-ASK = "Turn the camera to this screen, or use a mirror, so that the screen is in the middle of its picture."
+ASK = (
+    "Turn the camera to this screen, or use a mirror, so that the screen is in the middle of its"
+    " picture."
+)
 AGAIN = UserError("nothing was measured", "start again when you are ready")
 SMALL_PX, INSET_PX = 64, 240  # widths: of the pictures that are compared, and for the person
-MOST_UNSTAMPED, UNSTAMPED_SHARE = (
-    5,
-    0.1,
-)  # frames without a stamp that a good driver delivers too, at its start and later
+# frames without a stamp that a good driver delivers too, at its start and later
+MOST_UNSTAMPED, UNSTAMPED_SHARE = 5, 0.1
 
 
 class CameraWatch(threading.Thread):
-    """Reads the camera in its own thread. inset: the newest picture, small. failure: why it ended."""
+    """Reads the camera in its own thread.
+
+    inset: the newest picture, small. failure: why it ended.
+    """
 
     def __init__(self, source: FrameSource, frame_px: tuple[int, int]) -> None:
         super().__init__(daemon=True)
-        self._source, self._ended = source, threading.Event()
+        self._source = source
+        self._ended = threading.Event()
         self._frame = np.empty((frame_px[1], frame_px[0], 3), np.uint8)
-        self._frames: list[
-            tuple[int, NDArray[np.uint8]]
-        ] = []  # stamp and small picture; appended here, copied elsewhere
+        # stamp and small picture; appended here, copied elsewhere
+        self._frames: list[tuple[int, NDArray[np.uint8]]] = []
         self._unstamped = 0
         self.inset: NDArray[np.uint8] | None = None
         self.failure: UserError | None = None
@@ -91,7 +96,9 @@ class CameraWatch(threading.Thread):
 
     @property
     def stamped(self) -> bool:
-        """Whether the driver stamps the frames: nearly all; single frames without a stamp are left out."""
+        """Whether the driver stamps the frames: nearly all; single frames without a stamp are left
+        out.
+        """
         return self._unstamped < max(MOST_UNSTAMPED, len(self._frames) * UNSTAMPED_SHARE)
 
     def frames(self, since_ns: int) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
@@ -119,9 +126,11 @@ def advice(area: NDArray[np.bool_]) -> str:
 
 
 def measure_loop(config: Config, camera: str | None) -> tuple[LoopDelay, Monitor]:
-    """Returns the delay of the loop and the monitor on which it was measured. Takes MEASURE_S once the camera sees the window.
+    """Returns the delay of the loop and the monitor on which it was measured. Takes MEASURE_S once
+    the camera sees the window.
 
-    Raises UserError without a screen, if `estimate` refuses, if the camera fails, or if the user cancels.
+    Raises UserError without a screen, if `estimate` refuses, if the camera fails, or if the user
+    cancels.
     """
     if not has_display():
         raise UserError(
@@ -142,25 +151,27 @@ class _FlippingWindow:
     """The window that flips. Odd pictures are white."""
 
     def __init__(self, config: Config, watch: CameraWatch) -> None:
-        from lfpipe.render.window import Window
+        from lfpipe.render.window import ScreenWindow
 
         self._camera = config.camera
-        self._watch, self.window = (
-            watch,
-            Window(WINDOW_PX, "lfpipe calibrate", monitor=str(config.screen.monitor)),
+        self._watch = watch
+        self.window = ScreenWindow(
+            WINDOW_PX, "lfpipe calibrate", monitor=str(config.screen.monitor)
         )
         self._levels = [np.full((9, 16, 3), 255 * white, np.uint8) for white in (0, 1)]
         hz = self.window.nominal_hz()
-        self._clock, self._rng, self._step = (
-            ScreenClock(hz, now_ns()),
-            np.random.default_rng(1),
-            max(1, round(hz / STEP_HZ)),
-        )
-        self._number, self._due_ns = 0, now_ns()
+        self._clock = ScreenClock(hz, now_ns())
+        self._rng = np.random.default_rng(1)
+        self._step = max(1, round(hz / STEP_HZ))
+        self._number = 0
+        self._due_ns = now_ns()
         self._presented_ns: dict[int, int] = {}
 
     def measured(self) -> LoopDelay:
-        """Waits until the camera sees the window, then measures. Pictures have the sensor's order of rows."""
+        """Waits until the camera sees the window, then measures.
+
+        Pictures have the sensor's order of rows.
+        """
         since_ns = self._aimed_ns()
         self._say(f"Screen detected. Measuring for {MEASURE_S:.0f} s. Keep still.", None)
         while self._flip() < since_ns + MEASURE_S * SECOND_NS:
@@ -169,8 +180,9 @@ class _FlippingWindow:
         return estimate(attrs.evolve(recording, pictures=as_read(recording.pictures, self._camera)))
 
     def _aimed_ns(self) -> int:
-        """Flips until the camera sees the window in the middle of its picture; returns since when. After AIM_S, and of a camera
-        without stamps, the estimate says what is wrong."""
+        """Flips until the camera sees the window in the middle of its picture; returns since when.
+        After AIM_S, and of a camera without stamps, the estimate says what is wrong.
+        """
         began_ns = look_ns = now_ns()
         while (t_ns := self._flip()) < began_ns + AIM_S * SECOND_NS and self._watch.stamped:
             since_ns = t_ns - int(LOOK_S * SECOND_NS)
@@ -189,23 +201,21 @@ class _FlippingWindow:
         reported = bool(window.blanks_by)
         hold_ns = int(self._rng.integers(HOLDS[0], HOLDS[1] + 1)) * self._step * clock.period_ns
         lead_ns = round(clock.period_ns / 2) * reported
-        self._due_ns = max(self._due_ns, now_ns() + lead_ns) + round(
-            hold_ns
-        )  # after a late flip no hold is cut short
+        # after a late flip no hold is cut short
+        self._due_ns = max(self._due_ns, now_ns() + lead_ns) + round(hold_ns)
         if reported:
             self._due_ns = clock.nearest(self._due_ns)
         begin_ns = self._due_ns - lead_ns
         while now_ns() < begin_ns:
-            if "quit" in window.events():
+            if {"quit", "close"} & set(window.events()):
                 raise AGAIN
             sleep_until(min(begin_ns, now_ns() + EVENTS_NS))
         t_ns = now_ns()
         self._number += 1
         window.show(self._levels[self._number % 2])
         if not reported:
-            self._presented_ns[self._number] = (
-                t_ns  # as a session plans it if no blanks are reported
-            )
+            # as a session plans it if no blanks are reported
+            self._presented_ns[self._number] = t_ns
         for answer in window.presented():
             if answer.t_ns:
                 clock.blank(answer.t_ns, answer.period_ns)
@@ -220,12 +230,12 @@ class _FlippingWindow:
         )
         times, numbers = np.array(flips, np.int64).reshape(-1, 2).T
         return Recording(
-            times,
-            numbers % 2 == 1,
-            t_frame_ns,
-            pictures,
-            self._watch.stamped,
-            self._clock.period_ns / 1e6,
+            t_flip_ns=times,
+            bright=numbers % 2 == 1,
+            t_frame_ns=t_frame_ns,
+            pictures=pictures,
+            stamped=self._watch.stamped,
+            refresh_ms=self._clock.period_ns / 1e6,
         )
 
     def _advice(self, since_ns: int) -> str:
@@ -241,4 +251,4 @@ class _FlippingWindow:
         return advice(area) if area.sum() >= LEAST_PIXELS else ASK
 
     def _say(self, state: str, inset: NDArray[np.uint8] | None) -> None:
-        self.window.overlay(Overlay((state, "f full screen, q ends"), inset))
+        self.window.overlay(Overlay(lines=(state, "f full screen, q ends"), inset=inset))

@@ -1,24 +1,24 @@
-"""`lfpipe monitor` as text: the state of a session for people, also for `ctl status` and the end of `lfpipe up`, and the screen
-with keys."""
+"""`lfpipe monitor` as text: the state of a session for people, also for `ctl status` and the end of
+`lfpipe up`, and the screen with keys.
+"""
 
 import json
 import os
 import sys
 import time
-from collections.abc import Mapping
 from contextlib import closing
 from datetime import timedelta
 from functools import partial
-from typing import Any
 
 from rich.console import Console
 from rich.text import Text
 
 from lfpipe.config import choices
-from lfpipe.errors import UserError
+from lfpipe.errors import UserError, plain
 from lfpipe.host.terminal import Keyboard
-from lfpipe.observe.session_reader import Follower, Watch, ask
+from lfpipe.observe.session_reader import Follower, SessionSettings, SessionState, Watch, ask
 from lfpipe.observe.timeline import begin_trace, finish_trace
+from lfpipe.supervisor.figures import MotionToPhoton, SessionFigures
 from lfpipe.supervisor.rundir import find
 
 STATE_STYLE = {"RUNNING": "green", "STARTING": "yellow", "STOPPING": "yellow", "DEAD": "bold red"}
@@ -39,62 +39,60 @@ def ms(value: float) -> str:
     )
 
 
-def photon_words(latency: Mapping[str, float | None]) -> str:
-    """`onset 61.2 ms, steady 4.0 ms` of `motion_to_photon`, as far as they are known."""
-    return ", ".join(
-        f"{key.removesuffix('_ms')} {value:.1f} ms"
-        for key, value in latency.items()
-        if value is not None
-    )
+def photon_words(latency: MotionToPhoton) -> str:
+    """`onset 61.2 ms, steady 4.0 ms`, as far as they are known."""
+    times = {"onset": latency.onset_ms, "steady": latency.steady_ms}
+    return ", ".join(f"{key} {value:.1f} ms" for key, value in times.items() if value is not None)
 
 
-def state_text(state: Mapping[str, Any]) -> Text:
-    """The table of stages (rate, wait, busy, drops, restarts, load if it is known), quality, and the age of the picture.
-
-    state: see `snapshot`. At most 80 cells wide.
+def state_text(figures: SessionFigures, paused: bool = False) -> Text:
+    """The table of stages (rate, wait, busy, drops, restarts, load if it is known), quality, and
+    the age of the picture. At most 80 cells wide.
     """
     out = Text(no_wrap=True, overflow="crop")
     out.append(
-        f"up {timedelta(seconds=int(state['uptime_s']))}  camera {state['camera_fps']:.1f} Hz  "
+        f"up {timedelta(seconds=int(figures.uptime_s))}  camera {figures.camera_fps:.1f} Hz  "
     )
-    if state.get("paused"):
+    if paused:
         out.append("PAUSED  ", "bold yellow")
-    if state["camera_light"]:
-        out.append(f"{state['camera_light']}  ", "bold yellow")
+    if figures.camera_light:
+        out.append(f"{figures.camera_light}  ", "bold yellow")
+    tracked = figures.stages.get("track")
     out.append(
-        f"viewer {state['viewer']}\n",
-        "green" if state["stages"].get("track", {}).get("face") else "bold yellow",
+        f"viewer {figures.viewer}\n",
+        "green" if tracked is not None and tracked.face else "bold yellow",
     )
-    stages = {name: stage for name, stage in state["stages"].items() if stage["state"] != "NONE"}
-    loads = any("cpu_percent" in stage for stage in stages.values())
+    stages = figures.used_stages
+    loads = any(stage.cpu_percent is not None for stage in stages.values())
     out.append(f"{'ms':>22}   wait                busy\n", "bold")
     out.append(
-        f"{'stage':<8}{'state':<9}{'Hz':>5}   p50   p95   p50   p95   p99   max drops rst{' cpu%  MB' * loads}\n",
+        f"{'stage':<8}{'state':<9}{'Hz':>5}   p50   p95   p50   p95   p99   max drops"
+        f" rst{' cpu%  MB' * loads}\n",
         "bold",
     )
     for name, stage in stages.items():
         waits, busies = (
-            [stage[kind][quantile] for quantile in QUANTILES] for kind in ("wait", "busy")
+            [times[quantile] for quantile in QUANTILES] for times in (stage.wait, stage.busy)
         )
-        times = "".join(f" {ms(value)}" for value in (*waits[:2], *busies, stage["busy"]["max_ms"]))
+        times = "".join(f" {ms(value)}" for value in (*waits[:2], *busies, stage.max_ms))
         out.append(f"{name:<8}").append(
-            f"{stage['state'].lower():<9}", STATE_STYLE.get(stage["state"], "")
+            f"{stage.state.lower():<9}", STATE_STYLE.get(stage.state, "")
         )
-        out.append(f"{stage['fps']:5.1f}{times}").append(
-            f" {stage['dropped']:5d}", "bold red" if stage["dropped"] else ""
+        out.append(f"{stage.fps:5.1f}{times}").append(
+            f" {stage.dropped:5d}", "bold red" if stage.dropped else ""
         )
-        out.append(f" {stage['restarts']:3d}", "bold red" if stage["restarts"] else "")
-        out.append(f" {stage['cpu_percent']:4.0f}{stage['rss_mb']:4.0f}\n" if loads else "\n")
-        if stage["busy_with"]:
-            out.append(f"{'':<8}{stage['busy_with']}\n", "yellow")
-    level = f"level {state['level']} of {state['lowest_level']}" if state["level"] else "full"
-    out.append(f"quality {level}\n", "bold yellow" if state["level"] else "dim")
-    for notice in state["notices"]:
-        out.append(f"now: {notice}\n", "bold yellow")
-    age, judder, ahead = state["end_to_end"], state["judder"], state["horizon"]
+        out.append(f" {stage.restarts:3d}", "bold red" if stage.restarts else "")
+        out.append(f" {stage.cpu_percent or 0:4.0f}{stage.rss_mb or 0:4.0f}\n" if loads else "\n")
+        if stage.busy_with:
+            out.append(plain(f"{'':<8}{stage.busy_with}\n"), "yellow")
+    level = f"level {figures.level} of {figures.lowest_level}" if figures.level else "full"
+    out.append(f"quality {level}\n", "bold yellow" if figures.level else "dim")
+    for notice in figures.notices:
+        out.append(plain(f"now: {notice}\n"), "bold yellow")
+    age, judder, ahead = figures.end_to_end, figures.judder, figures.horizon
     if age["n"]:
         out.append(
-            f"age of the picture at {'its blank' if judder['planned'] else 'hand-over'}", "bold"
+            f"age of the picture at {'its blank' if judder.planned else 'hand-over'}", "bold"
         )
         out.append("; the delays of camera and display are not in it:\n")
         out.append(
@@ -104,88 +102,109 @@ def state_text(state: Mapping[str, Any]) -> Text:
             )
         )
         out.append(f" ms over {age['n']} pictures\n")
-    if judder["planned"]:
+    if judder.planned:
         out.append(
-            f"judder: {judder['percent']:.2f} % of {judder['planned']} refreshes showed another picture than planned\n"
+            f"judder: {judder.percent:.2f} % of {judder.planned} refreshes showed another"
+            " picture than planned\n"
         )
     if ahead["n"]:
         out.append(
-            f"eyes predicted ahead of the sensor by p50 {ahead['p50_ms']:.2f}, p95 {ahead['p95_ms']:.2f} ms\n"
+            f"eyes predicted ahead of the sensor by p50 {ahead['p50_ms']:.2f}, p95"
+            f" {ahead['p95_ms']:.2f} ms\n"
         )
-    if words := photon_words(state["motion_to_photon"]):
+    if words := photon_words(figures.motion_to_photon):
         out.append(f"motion to photon: {words}\n")
     return out
 
 
-def print_state(state: Mapping[str, Any]) -> None:
+def print_state(figures: SessionFigures, paused: bool = False) -> None:
     """Prints the state on stdout."""
     console = Console(highlight=False, soft_wrap=True)
     console.print(
-        Text.assemble("session ", (str(state["session"]), "bold"))
+        Text.assemble("session ", (figures.session, "bold"))
         .append("  ")
-        .append_text(state_text(state)),
+        .append_text(state_text(figures, paused)),
         end="",
     )
 
 
-def screen_text(name: str, state: Mapping[str, Any] | None, note: str = "") -> Text:
-    """The whole screen of a monitor. state: see `Follower.read`. note: the answer to the last key."""
+def screen_text(name: str, state: SessionState | None, note: str = "") -> Text:
+    """The whole screen of a monitor.
+
+    note: the answer to the last key.
+    """
     out = Text.assemble(
         ("lfpipe ", "bold"), (name, "bold cyan"), "  ", no_wrap=True, overflow="crop"
     )
     if state is None:
         return out.append("no session; waiting for one (q quits)\n")
-    if "config" in state:
-        render, timeline = state["config"]["render"], state["options"]["timeline"]
-        alpha = (
-            render["alpha_px"]
-            if isinstance(render["alpha_px"], str)
-            else f"{render['alpha_px']:.1f}"
-        )
-        out.append(f"{render['method']} views, {render['anaglyph']} anaglyph, alpha {alpha}", "dim")
-        out.append(f"\nrecording timeline {timeline}" if timeline else "", "dim")
-    out.append("\n").append_text(state_text(state)).append(
-        f"{note or KEYS_LINE}\n", "bold" if note else "dim"
-    )
+    settings = state.settings
+    if settings is not None:
+        render = settings.config.render
+        timeline = settings.options.timeline
+        alpha = render.alpha_px if isinstance(render.alpha_px, str) else f"{render.alpha_px:.1f}"
+        out.append(f"{render.method} views, {render.anaglyph} anaglyph, alpha {alpha}", "dim")
+        out.append(plain(f"\ntracing to {timeline}") if timeline else "", "dim")
+    out.append("\n").append_text(
+        state_text(state.figures, settings is not None and settings.paused)
+    ).append(plain(f"{note or KEYS_LINE}\n"), "bold" if note else "dim")
     return out.append("times of the last 10 s; rst: restarts", "dim")
 
 
+def fitted(text: Text, width: int, height: int) -> Text:
+    """What a terminal of that size shows of text; its last line then says how much is left out."""
+    lines = text.split("\n")
+    columns = max(line.cell_len for line in lines) - width
+    if columns <= 0 and len(lines) <= height:
+        return text
+    kept = lines[: height - 1]
+    more = {"columns": columns, "lines": len(lines) - len(kept)}
+    missing = ", ".join(f"{count} {what}" for what, count in more.items() if count > 0)
+    return Text("\n", no_wrap=True, overflow="crop").join(
+        [*kept, Text(f"left out: {missing}", "bold yellow")]
+    )
+
+
 def press(name: str, key: str) -> str:
-    """Sends the session what a key means; returns one line for the person, "" for an unknown key. Raises UserError."""
+    """Sends the session what a key means; returns one line for the person, "" for an unknown key.
+
+    Raises UserError.
+    """
     if key not in ("p", "w", "m", "c", "t"):
         return ""
-    hello = ask(name, {"cmd": "hello"})
-    render = hello["config"]["render"]
+    settings = SessionSettings.of(ask(name, {"cmd": "hello"}))
+    render = settings.config.render
     if key == "p":
-        ask(name, {"cmd": "resume" if hello["paused"] else "pause"})
-        return "resumed" if hello["paused"] else "paused: p resumes"
+        ask(name, {"cmd": "resume" if settings.paused else "pause"})
+        return "resumed" if settings.paused else "paused: p resumes"
     if key == "w":
-        method = "auto" if render["method"] == "nearest" else "nearest"
+        method = "auto" if render.method == "nearest" else "nearest"
         ask(name, {"cmd": "set", "set": {"render.method": method}})
         return f"views: {method}"
     if key == "m":
         modes = choices("render.anaglyph")
-        mode = modes[(modes.index(render["anaglyph"]) + 1) % len(modes)]
+        mode = modes[(modes.index(render.anaglyph) + 1) % len(modes)]
         ask(name, {"cmd": "set", "set": {"render.anaglyph": mode}})
         return f"mode: {mode}"
     if key == "c":
         ask(name, {"cmd": "recentre"})
         return "recentred"
-    if hello["options"]["timeline"]:
-        return f"timeline: {finish_trace(partial(ask, name))}"
+    if settings.options.timeline:
+        return f"trace: {finish_trace(partial(ask, name))}"
     begin_trace(partial(ask, name), None)
-    return "recording a timeline: t ends it"
+    return "tracing: t ends it"
 
 
 def run(name: str, once: bool, as_json: bool) -> None:
-    """Shows the session of that name: one state, JSON lines until it ends, or the screen of a terminal, where there is one.
-    Raises UserError if it does not run."""
+    """Shows the session of that name: one state, JSON lines until it ends, or the screen of a
+    terminal, where there is one. Raises UserError if it does not run.
+    """
     redraws = sys.stdout.isatty() and os.environ.get("TERM", "dumb") not in ("dumb", "unknown")
     with closing(Watch(find(name))) as watch:
         if not as_json and (once or not redraws):
             print_state(watch.read())
         while as_json:
-            print(json.dumps(watch.read()), flush=True)
+            print(json.dumps(watch.read().to_dict()), flush=True)
             if once or not watch.living():
                 return
             time.sleep(PERIOD_S)
@@ -194,10 +213,14 @@ def run(name: str, once: bool, as_json: bool) -> None:
 
 
 def screen(name: str) -> None:
-    """The terminal screen, until q or Ctrl-C. It waits for a session that has ended to start again."""
+    """The terminal screen, until q or Ctrl-C.
+
+    It waits for a session that has ended to start again.
+    """
     from rich.live import Live
 
-    note, note_end = "", 0.0
+    note = ""
+    note_end = 0.0
     with (
         closing(Follower(name)) as follower,
         Keyboard() as keyboard,
@@ -205,9 +228,8 @@ def screen(name: str) -> None:
     ):
         while True:
             now = time.monotonic()
-            live.update(
-                screen_text(name, follower.read(), note if now < note_end else ""), refresh=True
-            )
+            text = screen_text(name, follower.read(), note if now < note_end else "")
+            live.update(fitted(text, *live.console.size), refresh=True)
             while left_s := max(0.0, now + PERIOD_S - time.monotonic()):
                 try:
                     key = keyboard.key(left_s)

@@ -1,6 +1,8 @@
-"""What the page shows: samples of a session's state and pictures, one sampler for any number of viewers.
+"""What the page shows: samples of a session's state and pictures, one sampler for any number of
+viewers.
 
-It attaches to the status table, two picture rings and the tap while the page has viewers, and releases everything without.
+It attaches to the status table, two picture rings and the tap while the page has viewers, and
+releases everything without.
 """
 
 import asyncio
@@ -18,9 +20,10 @@ import numpy as np
 import zmq
 from numpy.typing import NDArray
 
+from lfpipe.config import converter
 from lfpipe.errors import UserError
 from lfpipe.observe.monitor import photon_words
-from lfpipe.observe.session_reader import Follower, ask
+from lfpipe.observe.session_reader import Follower, SessionState, ask
 from lfpipe.render.geometry import zero_planes_px
 from lfpipe.transport import control, ring
 from lfpipe.transport.clock import SECOND_NS, now_ns
@@ -43,37 +46,43 @@ _SHIFT = 4  # sub-pixel bits of OpenCV's drawing
 log = logging.getLogger(__name__)
 
 
-def figures_of(state: dict[str, Any]) -> dict[str, Any]:
-    """What the page is told of a state (see `Follower.read`), without the options, which are not for every viewer.
+def figures_of(state: SessionState) -> dict[str, Any]:
+    """A state as the page shows it, without the options, which are not for every viewer.
 
-    Adds `depth_px`: smallest and largest zero plane to offer, and step; `playlist`: names of scenes; `playlist_at`.
+    Adds `depth_px`: smallest and largest zero plane to offer, and step; `playlist`: names of
+    scenes; `playlist_at`.
     """
-    figures = {"alive": True, **state, "motion_to_photon": photon_words(state["motion_to_photon"])}
-    figures["stages"] = {
-        name: stage for name, stage in state["stages"].items() if stage["state"] != "NONE"
-    }
-    options = figures.pop("options", {})
-    if scene := options.get("scene"):
-        figures["playlist"] = [Path(path).name for path in options["playlist"]]
-        figures["playlist_at"] = options["playlist_at"]
-        figures["depth_px"] = zero_planes_px(scene["disparity_min_px"], scene["disparity_max_px"])
-    return figures
+    figures = state.figures
+    told = {"alive": True, **figures.to_dict()}
+    told["motion_to_photon"] = photon_words(figures.motion_to_photon)
+    told["stages"] = {name: told["stages"][name] for name in figures.used_stages}
+    if (settings := state.settings) is None:
+        return told
+    told |= {"config": converter().unstructure(settings.config), "paused": settings.paused}
+    if (scene := settings.options.scene) is not None:
+        told["playlist"] = [Path(path).name for path in settings.options.playlist]
+        told["playlist_at"] = settings.options.playlist_at
+        told["depth_px"] = zero_planes_px(scene.disparity_min_px, scene.disparity_max_px)
+    return told
 
 
 def place_px(look: Mapping[str, Any], row: float, col: float) -> tuple[float, float]:
-    """The position of an eye that sees the view, in px of the camera picture: the inverse of `ViewSolver.views`. look: render's
-    message of that topic."""
+    """The position of an eye that sees the view, in px of the camera picture: the inverse of
+    `ViewSolver.views`. look: render's message of that topic.
+    """
     (rows, cols), (x, y), alpha_px = look["grid"], look["centre_px"], look["alpha_px"]
     return x - (col - (cols - 1) / 2) * alpha_px, y + (row - (rows - 1) / 2) * alpha_px
 
 
 def draw_over_eyes(picture: NDArray[np.uint8], look: Mapping[str, Any], scale: float = 1.0) -> None:
-    """Draws into uint8 (height, width, 3) BGR, a camera picture scaled by `scale`: a dot per view, the left eye red, the right
-    cyan. look: render's message of that topic."""
+    """Draws into uint8 (height, width, 3) BGR, a camera picture scaled by `scale`: a dot per view,
+    the left eye red, the right cyan. look: render's message of that topic.
+    """
     (rows, cols), alpha_px = look["grid"], look["alpha_px"]
     if not alpha_px:  # nobody was seen yet
         return
-    radius, far = min(max(alpha_px * scale / 8, 0.8), 4.0), 4.0 * max(picture.shape)
+    radius = min(max(alpha_px * scale / 8, 0.8), 4.0)
+    far = 4.0 * max(picture.shape)
 
     def dot(
         x: float, y: float, radius: float, colour: tuple[int, int, int], thickness: int = -1
@@ -99,7 +108,9 @@ class Pictures:
         self._readers: dict[str, ring.Reader] = {}
         self._events: dict[str, bytes] = {}
         self._look: dict[str, Any] | None = None  # render's last message about the eyes
-        self._lent, self._lease_end_ns = "", 0  # the ring of the picture on the screen
+        # the ring of the picture on the screen
+        self._lent = ""
+        self._lease_end_ns = 0
         self._zmq = control.context()
         self._tap = self._zmq.socket(zmq.SUB)
         self._tap.setsockopt(zmq.RCVHWM, 100)
@@ -107,14 +118,15 @@ class Pictures:
         control.connect(self._tap, session.run_dir, "tap")
 
     def event(self, which: str) -> bytes:
-        """The newest picture. `camera`: with the grid of views over the eyes; `picture`: as on the screen. Empty without one."""
+        """The newest picture.
+
+        `camera`: with the grid of views over the eyes; `picture`: as on the screen. Empty without
+        one.
+        """
         try:
             reader = self._reader(which)
-        except (
-            UserError,
-            FileNotFoundError,
-            ValueError,
-        ):  # no camera, or the session has just ended
+        # no camera, or the session has just ended
+        except (UserError, FileNotFoundError, ValueError):
             return b""
         frame: NDArray[np.uint8] = np.empty(reader.shape, np.uint8)
         if reader.read(frame) is not None:
@@ -134,16 +146,17 @@ class Pictures:
         return self._events[which]
 
     def _reader(self, which: str) -> ring.Reader:
-        """The ring of pictures. It changes with the size, and the one of the screen is leased again and again."""
+        """The ring of pictures.
+
+        It changes with the size, and the one of the screen is leased again and again.
+        """
         if which == "picture" and now_ns() > self._lease_end_ns - LEASE_S / 2 * SECOND_NS:
             self._lent = str(
                 ask(self.session.name, {"cmd": "pictures", "lease_s": LEASE_S}, COMMAND_S)["ring"]
             )
             self._lease_end_ns = now_ns() + int(LEASE_S * SECOND_NS)
-        name, reader = (
-            self.session.segment("frames" if which == "camera" else self._lent),
-            self._readers.get(which),
-        )
+        name = self.session.segment("frames" if which == "camera" else self._lent)
+        reader = self._readers.get(which)
         if reader is None or reader.name != name:
             if reader is not None:
                 self._readers.pop(which).close()
@@ -171,18 +184,21 @@ class Feed:
     """Belongs to one event loop. One thread takes samples, another sends commands, in order."""
 
     def __init__(self, name: str) -> None:
-        self.name, self.viewers = name, 0
+        self.name = name
+        self.viewers = 0
         self._follower = Follower(name)
         self._pictures: Pictures | None = None
-        self._sampling, self._commands = (
-            ThreadPoolExecutor(1, "lfpipe-sample"),
-            ThreadPoolExecutor(1, "lfpipe-ctl"),
-        )
+        self._sampling = ThreadPoolExecutor(1, "lfpipe-sample")
+        self._commands = ThreadPoolExecutor(1, "lfpipe-ctl")
         self._sampler: asyncio.Task[None] | None = None
-        self._news, self._newest, self._ended = asyncio.Condition(), b"", False
+        self._news = asyncio.Condition()
+        self._newest = self._newest_camera = b""
+        self._ended = False
 
-    async def events(self) -> AsyncGenerator[bytes]:
-        """Yields the newest sample as server-sent events until the feed ends: figures as JSON, pictures as JPEG in base64."""
+    async def events(self, with_camera: bool) -> AsyncGenerator[bytes]:
+        """Yields the newest sample as server-sent events until the feed ends: figures as JSON,
+        pictures as JPEG in base64. with_camera: whether the camera's is one of them.
+        """
         self.viewers += 1
         if self._sampler is None:
             self._sampler = asyncio.create_task(self._keep_sampling())
@@ -190,12 +206,15 @@ class Feed:
             while not self._ended:
                 async with self._news:
                     await self._news.wait()
-                yield self._newest
+                yield self._newest + self._newest_camera if with_camera else self._newest
         finally:
             self.viewers -= 1
 
     async def command(self, message: dict[str, Any]) -> dict[str, Any]:
-        """Returns the session's answer. `reset` counts drops and times from now on. Raises UserError."""
+        """Returns the session's answer.
+
+        `reset` counts drops and times from now on. Raises UserError.
+        """
         loop = asyncio.get_running_loop()
         if message["cmd"] == "reset":
             await loop.run_in_executor(self._sampling, self._follower.reset)
@@ -215,7 +234,7 @@ class Feed:
 
     async def _keep_sampling(self) -> None:
         while self.viewers and not self._ended:
-            self._newest = await asyncio.get_running_loop().run_in_executor(
+            self._newest, self._newest_camera = await asyncio.get_running_loop().run_in_executor(
                 self._sampling, self._sample
             )
             async with self._news:
@@ -225,20 +244,22 @@ class Feed:
         self._follower.close()
         self._sampler = None
 
-    def _sample(self) -> bytes:
+    def _sample(self) -> tuple[bytes, bytes]:
+        """Events for everybody, and that of the camera's picture."""
         try:
-            state, watch = self._follower.read(), self._follower.watch
+            state = self._follower.read()
+            watch = self._follower.watch
             if self._pictures is not None and (
                 watch is None or watch.session is not self._pictures.session
             ):
                 self._release_pictures()
             if state is not None and watch is not None:
                 self._pictures = self._pictures or Pictures(watch.session)
-                pictures = [self._pictures.event(which) for which in PICTURES]
-                return b"".join([f"data: {json.dumps(figures_of(state))}\n\n".encode(), *pictures])
+                figures = f"data: {json.dumps(figures_of(state))}\n\n".encode()
+                return figures + self._pictures.event("picture"), self._pictures.event("camera")
         except Exception:  # a defect, or a half-removed session: viewers see "no session"
             log.exception("no sample of the session")
-        return b'data: {"alive": false}\n\n'
+        return b'data: {"alive": false}\n\n', b""
 
     def _release_pictures(self) -> None:
         if self._pictures is not None:

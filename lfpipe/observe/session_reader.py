@@ -1,49 +1,54 @@
-"""Reads running sessions: attaches to their status tables untracked and read-only, without side effects."""
+"""Reads running sessions: attaches to their status tables untracked and read-only, without side
+effects.
+"""
 
-import json
 from collections import deque
 from typing import Any
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.config import Config, SessionOptions, converter
 from lfpipe.errors import UserError
 from lfpipe.host.processes import rss_bytes
 from lfpipe.host.segment import WrongSegment
+from lfpipe.supervisor.figures import SessionFigures, session_figures
 from lfpipe.supervisor.process_table import SHOWN_BY
 from lfpipe.supervisor.rundir import find
-from lfpipe.supervisor.snapshot import snapshot
 from lfpipe.transport import control
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.histogram import MIDDLES_US
-from lfpipe.transport.session import Session
+from lfpipe.transport.session import MANIFEST, Session, SessionManifest
 from lfpipe.transport.status import Table
 
-WINDOW_S = (
-    10.0  # of what monitors show: long enough for a p99 at 30 Hz, short enough to see a change
-)
+# of what monitors show: long enough for a p99 at 30 Hz, short enough to see a change
+WINDOW_S = 10.0
 HELLO_S = 0.5  # timeout for the settings; figures need no answer
 Rows = dict[str, NDArray[np.void]]
 HISTOGRAMS = ("wait", "busy", "age", "horizon")
 
 
 def ask(name: str, message: dict[str, Any], timeout_s: float = 2.0) -> dict[str, Any]:
-    """Sends one command to the session that has this name now; returns its answer. Raises UserError."""
+    """Sends one command to the session that has this name now; returns its answer.
+
+    Raises UserError.
+    """
     return control.request(find(name).run_dir, message, timeout_s)
 
 
 class Watch:
-    """One attachment. pid: of the supervisor. Raises UserError if the session ends meanwhile, or if its table has another
-    version."""
+    """One attachment. manifest, table: of the session. Raises UserError if it ends meanwhile, or if
+    its table has another version.
+    """
 
     def __init__(self, session: Session) -> None:
         self.session = session
         try:
-            self._about = session.run_dir / "session.json"
+            self._path = session.run_dir / MANIFEST
             self._mark = self._marked()
-            about = json.loads(self._about.read_text())
-            self.table = Table(session.segment("status"))
-            self.started_ns, self.pid = int(about["started_ns"]), int(about["pid"])
+            self.manifest = SessionManifest.read(session.run_dir)
+            self.table = Table(self.manifest.segments + "status")
         except WrongSegment:
             raise
         except (FileNotFoundError, ValueError):
@@ -51,9 +56,11 @@ class Watch:
                 f"session {session.name!r} is starting or ending", "try again in a second"
             ) from None
 
-    def read(self) -> dict[str, Any]:
-        """The state since the session began, see `snapshot`."""
-        return snapshot(self.session.name, self.table.rows, self.table.session, self.started_ns)
+    def read(self) -> SessionFigures:
+        """The figures since the session began."""
+        return session_figures(
+            self.session.name, self.table.rows, self.table.session, self.manifest.started_ns
+        )
 
     def living(self) -> bool:
         """Whether the session is still the one that was attached to."""
@@ -63,8 +70,8 @@ class Watch:
             return False
 
     def _marked(self) -> tuple[int, int]:
-        about = self._about.stat()
-        return about.st_ino, about.st_mtime_ns
+        entry = self._path.stat()
+        return entry.st_ino, entry.st_mtime_ns
 
     def close(self) -> None:
         """Releases the table."""
@@ -72,7 +79,9 @@ class Watch:
 
 
 def _since(row: NDArray[np.void], before: NDArray[np.void]) -> NDArray[np.void]:
-    """row with its histograms counted from `before` on; maxima are then the middle of their bucket (1.6 %)."""
+    """row with its histograms counted from `before` on; maxima are then the middle of their bucket
+    (1.6 %).
+    """
     out = row.copy()
     for name in HISTOGRAMS:
         for field in ("count", "sum_ns", "buckets"):
@@ -82,8 +91,35 @@ def _since(row: NDArray[np.void], before: NDArray[np.void]) -> NDArray[np.void]:
     return out
 
 
+@attrs.frozen(kw_only=True)
+class SessionSettings:
+    """What a session works by."""
+
+    config: Config
+    options: SessionOptions
+    paused: bool
+
+    @classmethod
+    def of(cls, answer: dict[str, Any]) -> "SessionSettings":
+        """From the answer to the command `hello`."""
+        return cls(
+            config=converter().structure(answer["config"], Config),
+            options=converter().structure(answer["options"], SessionOptions),
+            paused=answer["paused"],
+        )
+
+
+@attrs.frozen
+class SessionState:
+    """A session at one moment."""
+
+    figures: SessionFigures
+    settings: SessionSettings | None = None  # None if the session does not answer
+
+
 class Follower:
-    """What monitors show of the session of a name. It detaches when the session ends and attaches to the next one.
+    """What monitors show of the session of a name. It detaches when the session ends and attaches
+    to the next one.
 
     watch: the attachment, None without a session.
     """
@@ -93,14 +129,12 @@ class Follower:
         self.watch: Watch | None = None
         self._past: deque[tuple[int, Rows]] = deque()  # time, and a copy of the table
         self._dropped: dict[str, int] = {}  # at the reset
-        self._settings: dict[str, Any] = {}
+        self._settings: SessionSettings | None = None
         self._revision = -1  # of the settings
 
-    def read(self) -> dict[str, Any] | None:
-        """`snapshot` with the times of the last WINDOW_S, and more; None without a session.
-
-        `cpu_percent`, `rss_mb`: of each stage. `config`, `options`, `paused`: see the command `hello`; missing if the session
-        does not answer.
+    def read(self) -> SessionState | None:
+        """The figures with the times of the last WINDOW_S, and the settings; None without a
+        session.
         """
         if self.watch is not None and not self.watch.living():
             self.close()
@@ -109,30 +143,33 @@ class Follower:
                 self.watch = Watch(find(self.name))
             except UserError:
                 return None
-        t_ns, now = now_ns(), {name: row.copy() for name, row in self.watch.table.rows.items()}
+        t_ns = now_ns()
+        now = {name: row.copy() for name, row in self.watch.table.rows.items()}
         while self._past and t_ns - self._past[0][0] > WINDOW_S * SECOND_NS:
             self._past.popleft()
         self._past.append((t_ns, now))
         then_ns, then = self._past[0]
         rows = {name: _since(row, then[name]) for name, row in now.items()}
-        state = snapshot(self.name, rows, self.watch.table.session, self.watch.started_ns)
-        for name, stage in state["stages"].items():
-            spent_ns = int(now[name]["cpu_ns"]) - int(
-                then[name]["cpu_ns"]
-            )  # of one process: less after a restart
-            stage["cpu_percent"] = round(max(0.0, 100.0 * spent_ns / max(t_ns - then_ns, 1)), 1)
-            stage["rss_mb"] = round(rss_bytes(stage["pid"]) / 1e6, 1)
-            stage["dropped"] -= self._dropped.get(name, 0)
+        about = self.watch.manifest
+        figures = session_figures(self.name, rows, self.watch.table.session, about.started_ns)
+        stages = {}
+        for name, stage in figures.stages.items():
+            # of one process: less after a restart
+            spent_ns = int(now[name]["cpu_ns"]) - int(then[name]["cpu_ns"])
+            stages[name] = attrs.evolve(
+                stage,
+                cpu_percent=round(max(0.0, 100.0 * spent_ns / max(t_ns - then_ns, 1)), 1),
+                rss_mb=round(rss_bytes(stage.pid) / 1e6, 1),
+                dropped=stage.dropped - self._dropped.get(name, 0),
+            )
         if (revision := int(now[SHOWN_BY]["config_rev"])) != self._revision:
             try:
                 answer = ask(self.name, {"cmd": "hello"}, HELLO_S)
-                self._settings, self._revision = (
-                    {key: answer[key] for key in ("config", "options", "paused")},
-                    revision,
-                )
+                self._settings = SessionSettings.of(answer)
+                self._revision = revision
             except UserError:
-                self._settings = {}
-        return {**state, **self._settings}
+                self._settings = None
+        return SessionState(attrs.evolve(figures, stages=stages), self._settings)
 
     def reset(self) -> None:
         """Counts drops and times from the last reading on, for this monitor only."""
@@ -144,5 +181,7 @@ class Follower:
         """Detaches."""
         if self.watch is not None:
             self.watch.close()
-        self.watch, self._revision, self._dropped = None, -1, {}
+        self.watch = None
+        self._revision = -1
+        self._dropped = {}
         self._past.clear()

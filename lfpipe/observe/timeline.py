@@ -1,7 +1,9 @@
-"""The trace as Chrome trace-event JSON, which Perfetto and chrome://tracing open: a track per stage.
+"""The trace as Chrome trace-event JSON, which Perfetto and chrome://tracing open: a track per
+stage.
 
-Slices: capture from the sensor's stamp to the decoded frame, track from there to its eyes, render while a picture is composed,
-display until it is presented. Format: "Trace Event Format" (Google, 2016) with complete events X and metadata M.
+Slices: capture from the sensor's stamp to the decoded frame, track from there to its eyes, render
+while a picture is composed, display until it is presented. Format: "Trace Event Format" (Google,
+2016) with complete events X and metadata M.
 """
 
 import json
@@ -19,9 +21,8 @@ from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S
 
 TRACKS = (*CORE, "display")
 PID = 1
-Ask = Callable[
-    ..., dict[str, Any]
-]  # sends the session a command, perhaps with timeout_s; returns its answer
+# sends the session a command, perhaps with timeout_s; returns its answer
+Ask = Callable[..., dict[str, Any]]
 
 
 def events(trace: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
@@ -39,7 +40,9 @@ def events(trace: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
     end_ns = dict.fromkeys(TRACKS, 0)
 
     def slice_of(name: str, start: int, end: int, **about: Any) -> dict[str, Any]:
-        """Shortened so that slices of a track do not overlap: viewers would nest overlapping slices."""
+        """Shortened so that slices of a track do not overlap: viewers would nest overlapping
+        slices.
+        """
         start = max(start, end_ns[name])
         end_ns[name] = end = max(end, start)
         args = {"source_seq": line["source_seq"], "epoch": line["epoch"], **about}
@@ -53,10 +56,8 @@ def events(trace: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
             yield slice_of("capture", line["t_sensor_ns"], line["t_read_ns"])
             yield slice_of("track", line["t_read_ns"], line["t_tracked_ns"], face=line["face"])
         if line["composed"]:
-            started_ns, composed_ns = (
-                line.get("t_started_ns", line["t_tracked_ns"]),
-                line["t_composed_ns"],
-            )
+            started_ns = line.get("t_started_ns", line["t_tracked_ns"])
+            composed_ns = line["t_composed_ns"]
             presented_ns = line["t_presented_ns"] or composed_ns  # 0: replaced before it was seen
             yield slice_of(
                 "render", started_ns, composed_ns, method=line["method"], view=line["view"]
@@ -66,12 +67,12 @@ def events(trace: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
 
 
 def convert(source: Path, out: Path) -> None:
-    """Writes the JSON Lines trace `source` as trace events to `out`, for its owner alone. Raises UserError; out then stays as it
-    was."""
+    """Writes the JSON Lines trace `source` as trace events to `out`, for its owner alone. Raises
+    UserError; out then stays as it was.
+    """
     check_output(out, [source])
-    lines = (
-        fields.values for fields in trace_lines(source, "a trace written by `lfpipe up --trace`")
-    )
+    remedy = "name a trace of `lfpipe up --trace` or `lfpipe trace start`"
+    lines = (fields.values for fields in trace_lines(source, remedy))
     try:
         with replaced(out) as file:
             for number, event in enumerate(events(lines)):
@@ -83,25 +84,17 @@ def convert(source: Path, out: Path) -> None:
 
 
 def begin_trace(ask: Ask, out: Path | None) -> Path:
-    """Starts a timeline, for a new file in this folder if out is None. Returns its path. Raises UserError."""
-    out = (out or Path(time.strftime("lfpipe-%Y%m%d-%H%M%S.json"))).absolute()
-    check_output(out)
-    ask({"cmd": "trace", "path": f"{out}.part"}, FILE_CHECK_TIMEOUT_S)
+    """Starts a trace of a running session, in a new file in this folder if out is None.
+
+    Returns its path. Raises UserError.
+    """
+    out = (out or Path(time.strftime("lfpipe-%Y%m%d-%H%M%S.jsonl"))).absolute()
+    ask({"cmd": "trace", "path": str(out)}, FILE_CHECK_TIMEOUT_S)
     return out
 
 
 def finish_trace(ask: Ask) -> Path:
-    """Ends the running timeline, converts it and removes the raw lines. Returns its path.
-
-    Raises UserError if no timeline is running, or if its file cannot be written; its raw lines are kept then.
+    """Ends the trace that `begin_trace` started. Returns its path. Raises UserError if none
+    runs.
     """
-    lines = Path(ask({"cmd": "trace", "path": ""})["path"])
-    out = lines.with_suffix("")
-    try:
-        convert(lines, out)
-    except UserError as error:
-        raise UserError(
-            error.message, f"its lines are kept as {lines}; start another one, where there is room"
-        ) from None
-    lines.unlink(missing_ok=True)
-    return out
+    return Path(ask({"cmd": "trace", "path": ""})["path"])

@@ -1,7 +1,9 @@
-"""The page of `lfpipe monitor --web`: charts, pictures and controls, for holders of the token.
+"""The page of `lfpipe monitor --web`: charts, pictures and controls, for holders of the token; for
+holders of another one to watch only, without the camera's picture.
 
-Its requests need the token and must come from its own page: any local user reaches 127.0.0.1. Tornado serves them in one thread,
-with limits on time, sizes and connections, so that clients cannot exhaust it.
+Its requests need a token and must come from its own page: any local user reaches 127.0.0.1.
+Tornado serves them in one thread, with limits on time, sizes and connections, so that clients
+cannot exhaust it.
 """
 
 import asyncio
@@ -37,19 +39,28 @@ KINDS = {
 }
 COMMANDS = ("set", "pause", "resume", "recentre", "load", "reset")
 COMMAND_FORM = f"a JSON map with cmd, one of {', '.join(COMMANDS)}"
-# Limits, as docs/security.md states them: far above what a class-room of browsers needs, far below what hurts a session.
-TIMEOUT_S = 10.0  # for the headers of a request, for its body, between two requests, and to take an answer or a piece of a stream
+# Limits, as docs/security.md states them: far above what a class-room of browsers needs, far below
+# what hurts a session.
+# for the headers of a request, for its body, between two requests, and to take an answer or a piece
+# of a stream
+TIMEOUT_S = 10.0
 MAX_HEADER_BYTES = 16 << 10
 MAX_BODY_BYTES = 64 << 10
 MAX_COMMAND_BYTES = 4 << 10
-MAX_STREAMS = 32
+MAX_STREAMS, MAX_WATCHERS = 32, 30  # a class leaves room for its teacher
 MAX_STRANGERS = 64  # connections not yet admitted; one more closes the oldest of them
-SEND_BUFFER_BYTES = (
-    64 << 10
-)  # of the kernel; small, so that a slow reader of a stream skips to the newest data
-NO_TOKEN = "the token is missing or wrong: open the address that `lfpipe monitor --web` printed; it ends in /?token=..."
+# of the kernel; small, so that a slow reader of a stream skips to the newest data
+SEND_BUFFER_BYTES = 64 << 10
+NO_TOKEN = (
+    "the token is missing or wrong: open the address that `lfpipe monitor --web` printed; it ends"
+    " in /?token=..."
+)
 NOT_OURS = "requests must be for this server's own address and come from its own page"
-POLICY = "frame-ancestors 'none'; default-src 'self'; img-src 'self' data:; base-uri 'self'; form-action 'none'"
+POLICY = (
+    "frame-ancestors 'none'; default-src 'self'; img-src 'self' data:; base-uri 'self'; form-action"
+    " 'none'"
+)
+WATCH_BODY = b"<body>", b'<body class="watch">'
 HEADERS = {
     "Content-Security-Policy": POLICY,
     "Cross-Origin-Resource-Policy": "same-origin",
@@ -70,13 +81,14 @@ def parse_address(text: str) -> tuple[str, int]:
 
 
 def url_of(host: str, port: int) -> str:
-    """The address of a server, for a browser; a server on all interfaces is named by the outgoing one, for phones."""
+    """The address of a server, for a browser; a server on all interfaces is named by the outgoing
+    one, for phones.
+    """
     if host in ("0.0.0.0", "::"):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             try:
-                probe.connect(
-                    ("192.0.2.1", 9)
-                )  # a documentation address; connecting a datagram socket sends nothing
+                # a documentation address; connecting a datagram socket sends nothing
+                probe.connect(("192.0.2.1", 9))
                 host = probe.getsockname()[0]
             except OSError:  # no network
                 host = socket.gethostname()
@@ -84,9 +96,11 @@ def url_of(host: str, port: int) -> str:
 
 
 def named(host_header: str, bound: str) -> bool:
-    """Whether a Host header names a server bound to `bound` by an IP address, as localhost, or by its own name.
+    """Whether a Host header names a server bound to `bound` by an IP address, as localhost, or by
+    its own name.
 
-    Any other name may be an attacker's, pointed at this machine so that the attacker's page can read answers (DNS rebinding).
+    Any other name may be an attacker's, pointed at this machine so that the attacker's page can
+    read answers (DNS rebinding).
     """
     name, _, port = host_header.lower().rpartition(":")
     name = name if port.isdigit() else host_header.lower()
@@ -99,18 +113,21 @@ def named(host_header: str, bound: str) -> bool:
     return True
 
 
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class Site:
-    """What all handlers share. host, port: where the server is bound. token: 256 random bits.
+    """What all handlers share. host, port: where the server is bound. token: 256 random bits;
+    watch_token: as many, to watch only.
 
-    path: of the cookie that keeps the token. Browsers send a cookie to every port of a host, so also to servers of other users on
-    this machine; the path is random, and no other server has an address below it.
+    path: of the cookie that keeps the token. Browsers send a cookie to every port of a host, so
+    also to servers of other users on this machine; the path is random, and no other server has an
+    address below it.
     """
 
     host: str
     port: int
     feed: Feed
     token: str = attrs.field(factory=lambda: secrets.token_urlsafe(32))
+    watch_token: str = attrs.field(factory=lambda: secrets.token_urlsafe(32))
     path: str = attrs.field(factory=lambda: f"/{secrets.token_urlsafe(16)}/")
 
     @property
@@ -118,14 +135,15 @@ class Site:
         """Name of the cookie: two servers on one host each have their own."""
         return f"lfpipe-{self.port}"
 
-    def opens(self, offered: Iterable[str]) -> bool:
-        """Whether one of the texts is the token. The comparison takes constant time."""
-        return any(
-            [
-                hmac.compare_digest(text.encode(errors="replace"), self.token.encode())
-                for text in offered
-            ]
-        )
+    def opened_by(self, offered: Iterable[str]) -> str:
+        """The token among the texts, the one with more rights first; empty if there is none. The
+        comparison takes constant time.
+        """
+        texts = [text.encode(errors="replace") for text in offered]
+        for token in (self.token, self.watch_token):
+            if any([hmac.compare_digest(text, token.encode()) for text in texts]):
+                return token
+        return ""
 
 
 class Server(HTTPServer):
@@ -135,8 +153,13 @@ class Server(HTTPServer):
         """Tornado's replacement for __init__."""
         self._admitted: dict[Any, bool] = {}  # streams in order of arrival
         app.settings.update(admit=self.admit, log_function=lambda handler: None)
-        super().initialize(app, idle_connection_timeout=TIMEOUT_S, body_timeout=TIMEOUT_S,
-                           max_header_size=MAX_HEADER_BYTES, max_body_size=MAX_BODY_BYTES)  # fmt: skip
+        super().initialize(
+            app,
+            idle_connection_timeout=TIMEOUT_S,
+            body_timeout=TIMEOUT_S,
+            max_header_size=MAX_HEADER_BYTES,
+            max_body_size=MAX_BODY_BYTES,
+        )
 
     def admit(self, stream: Any) -> None:
         """The connection is no longer a stranger's."""
@@ -157,7 +180,8 @@ class Server(HTTPServer):
 
 
 class Handler(RequestHandler):
-    """One request, with the token in the cookie, in `Authorization: Bearer TOKEN` or in `?token=TOKEN`.
+    """One request, with the token in the cookie, in `Authorization: Bearer TOKEN` or in
+    `?token=TOKEN`.
 
     Every answer carries HEADERS; errors are JSON; nothing sent by a client reaches a log.
     """
@@ -181,7 +205,8 @@ class Handler(RequestHandler):
 
     def prepare(self) -> None:
         """Admits the request or raises HTTPError."""
-        headers, host = self.request.headers, self.request.headers.get("Host", "")
+        headers = self.request.headers
+        host = self.request.headers.get("Host", "")
         if (
             not named(host, self.site.host)
             or headers.get("Origin", f"http://{host}") != f"http://{host}"
@@ -189,8 +214,11 @@ class Handler(RequestHandler):
             raise HTTPError(HTTPStatus.FORBIDDEN, NOT_OURS)
         scheme, _, bearer = headers.get("Authorization", "").partition(" ")
         offered = [self.get_cookie(self.site.cookie) or "", *self.get_query_arguments("token")]
-        if not self.site.opens([*offered, bearer if scheme.lower() == "bearer" else ""]):
+        offered.append(bearer if scheme.lower() == "bearer" else "")
+        self.token = self.site.opened_by(offered)
+        if not self.token:
             raise HTTPError(HTTPStatus.FORBIDDEN, NO_TOKEN)
+        self.only_watches = self.token == self.site.watch_token
         self.settings["admit"](self.stream)
 
     def write_error(self, status_code: int, **kwargs: Any) -> None:
@@ -200,12 +228,17 @@ class Handler(RequestHandler):
         self.finish({"ok": False, "error": why or HTTPStatus(status_code).phrase.lower()})
 
     def log_exception(self, kind: Any, error: BaseException | None, trace: Any) -> None:
-        """Logs defects of this program, without the query of the address, which may contain the token."""
+        """Logs defects of this program, without the query of the address, which may contain the
+        token.
+        """
         if not isinstance(error, HTTPError | StreamClosedError):
             log.error("%s %s", self.request.method, self.request.path, exc_info=error)
 
     async def sent(self, sending: Awaitable[None]) -> bool:
-        """Waits until the client has taken what is sent. Closes the connection of one that does not, and returns False."""
+        """Waits until the client has taken what is sent.
+
+        Closes the connection of one that does not, and returns False.
+        """
         try:
             async with asyncio.timeout(TIMEOUT_S):
                 await sending
@@ -227,22 +260,25 @@ class File(Handler):
     """A file of the page, from memory; without a name the page itself."""
 
     async def get(self, name: str = "index.html") -> None:
-        """Sends it. If the address contains the token, also sets the cookie; the page then hides the token.
+        """Sends it. If the address contains the token, also sets the cookie; the page then hides
+        the token.
 
-        This is not a redirect: browsers do not send a SameSite=Strict cookie on a redirect that began at a link elsewhere.
+        This is not a redirect: browsers do not send a SameSite=Strict cookie on a redirect that
+        began at a link elsewhere.
         """
         if name not in self.settings["files"]:
             raise HTTPError(HTTPStatus.NOT_FOUND, "no such page")
         if self.get_query_arguments("token"):
             self.set_cookie(
                 self.site.cookie,
-                self.site.token,
+                self.token,
                 path=self.site.path,
                 httponly=True,
                 samesite="Strict",
             )
         self.set_header("Content-Type", KINDS[Path(name).suffix])
-        await self.sent(self.finish(self.settings["files"][name]))
+        page = self.settings["files"][name]
+        await self.sent(self.finish(page.replace(*WATCH_BODY) if self.only_watches else page))
 
 
 class Events(Handler):
@@ -250,12 +286,13 @@ class Events(Handler):
 
     async def get(self) -> None:
         """Sends the newest until the viewer leaves or reads too slowly."""
-        if self.site.feed.viewers >= MAX_STREAMS:
+        limit = MAX_WATCHERS if self.only_watches else MAX_STREAMS
+        if self.site.feed.viewers >= limit:
             raise HTTPError(
-                HTTPStatus.SERVICE_UNAVAILABLE, f"the limit of {MAX_STREAMS} viewers is reached"
+                HTTPStatus.SERVICE_UNAVAILABLE, f"the limit of {limit} viewers is reached"
             )
         self.set_header("Content-Type", "text/event-stream")
-        async with aclosing(self.site.feed.events()) as events:
+        async with aclosing(self.site.feed.events(with_camera=not self.only_watches)) as events:
             async for event in events:
                 self.write(event)
                 if not await self.sent(self.flush()):
@@ -267,6 +304,8 @@ class Commands(Handler):
 
     async def post(self) -> None:
         """Passes a command on and sends the session's answer."""
+        if self.only_watches:
+            raise HTTPError(HTTPStatus.FORBIDDEN, "this address is to watch only")
         if len(self.request.body) > MAX_COMMAND_BYTES:
             raise HTTPError(
                 HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"at most {MAX_COMMAND_BYTES} bytes"
@@ -296,7 +335,10 @@ class Commands(Handler):
 
 
 def serve(name: str, address: str, tell: Callable[[str], None]) -> None:
-    """Serves the page of session `name` on `[HOST]:PORT` until Ctrl-C. Raises UserError if the port is in use."""
+    """Serves the page of session `name` on `[HOST]:PORT` until Ctrl-C.
+
+    Raises UserError if the port is in use.
+    """
     host, port = parse_address(address)
     try:
         sockets = bind_sockets(port, host)
@@ -307,18 +349,19 @@ def serve(name: str, address: str, tell: Callable[[str], None]) -> None:
         ) from None
     for sock in sockets:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
-    site = Site(host, int(sockets[0].getsockname()[1]), Feed(name))
+    site = Site(host=host, port=int(sockets[0].getsockname()[1]), feed=Feed(name))
     files = {path.name: path.read_bytes() for path in STATIC.iterdir() if path.suffix in KINDS}
     files["index.html"] = files["index.html"].replace(
         b'<base href="/">', f'<base href="{site.path}">'.encode()
     )
     routes = [("", File), ("events", Events), ("ctl", Commands), (r"([\w.]+)", File)]
-    handlers = [
-        (f"(?:{site.path}|/){path}", handler) for path, handler in routes
-    ]  # at the root and below the cookie's path
+    # at the root and below the cookie's path
+    handlers = [(f"(?:{site.path}|/){path}", handler) for path, handler in routes]
     app = Application(handlers, default_handler_class=Unknown, site=site, files=files)
     cv2.setNumThreads(1)  # the session's stages need the cores
-    tell(f"session {name!r} on {url_of(site.host, site.port)}/?token={site.token} (Ctrl-C ends)")
+    url = url_of(site.host, site.port)
+    tell(f"session {name!r} on {url}/?token={site.token} (Ctrl-C ends)")
+    tell(f"to watch only, without the camera's picture: {url}/?token={site.watch_token}")
 
     async def serving() -> None:
         server = Server(app)

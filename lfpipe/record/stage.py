@@ -1,7 +1,7 @@
 """Stage record: writes every frame to a folder on disk, or the eyes that the mouse makes.
 
-Reads: ring "frames", every slot in order; the ring of option "packets", the source's JPEGs if it delivers them; of
-a session of the mouse, ring "eyes" in place of frames.
+Reads: ring "frames", every slot in order; the ring of option "packets", the source's JPEGs if it
+delivers them; of a session of the mouse, ring "eyes" in place of frames.
 Writes: the sequence in the folder of option "record"; it ends when the option changes.
 Commands: stop. Asks: record (to end the recording, if writing fails).
 Emits: notice (end of a recording, lost frames).
@@ -15,16 +15,17 @@ from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.config import to_dict
+from lfpipe.config.modes import MouseViewer, RecordedEyes
 from lfpipe.eyes import EYES
 from lfpipe.host.files import exists
 from lfpipe.host.machine import versions
 from lfpipe.host.processes import yield_to_others
 from lfpipe.sequence.eyes import eyes_line
-from lfpipe.sequence.folder import MANIFEST, SequenceWriter
+from lfpipe.sequence.folder import MANIFEST, SequenceWriter, remove_empty
 from lfpipe.sequence.packets import encoded
 from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
 from lfpipe.transport.context import Context
@@ -32,44 +33,46 @@ from lfpipe.transport.packet_ring import PacketInput
 from lfpipe.transport.ring import Stamp
 
 FULL_NS = 5 * MS_NS  # between looks whether a full store has room again
-ROOM_BYTES = (
-    128 << 20
-)  # buffer of frames to encode: some seconds, so that a slow disk loses no frame
+# buffer of frames to encode: some seconds, so that a slow disk loses no frame
+ROOM_BYTES = 128 << 20
 LEAST_FRAMES = 8  # in that buffer, however large they are
 SLOW_NS = SECOND_NS // 2  # a longer time per frame is reported
 
-Frame = tuple[
-    Stamp, str, NDArray[np.uint8] | bytes
-]  # a packet with its codec or, with codec "", a picture
+# a packet with its codec or, with codec "", a picture
+Frame = tuple[Stamp, str, NDArray[np.uint8] | bytes]
 
 
 class FrameReader:
-    """Reads the frames in order, as the source's own JPEGs if it delivers them, or the eyes in place of frames. size_px: of the
-    stored frames."""
+    """Reads the frames in order, as the source's own JPEGs if it delivers them, or the eyes in
+    place of frames. size_px: of the stored frames.
+    """
 
     def __init__(self, context: Context) -> None:
         options, self._row = context.options, context.row
-        self._frames, self._eyes, self._record = (
-            context.input("frames"),
-            context.input("eyes"),
-            np.empty((), EYES),
-        )
-        self._eyes_only = options.mouse or bool(options.eyes)
+        self._frames = context.input("frames")
+        self._eyes = context.input("eyes")
+        self._record = np.empty((), EYES)
+        self._eyes_only = isinstance(options.viewer, MouseViewer | RecordedEyes)
         self._ring_px = self.size_px = context.config.camera.frame_px
         self._packets: PacketInput | None = None
         self._begun = True
         if options.packets and not self._eyes_only:
             with contextlib.suppress(FileNotFoundError):  # stopped before it began
                 self._packets = PacketInput(context.spec.session, options.packets)
-                self.size_px = options.jpeg_px or (0, 0)
+                self.size_px = options.viewer.jpeg_px or (0, 0)
 
     def skip(self) -> None:
-        """What was published until now is neither recorded nor counted as lost. Nor are frames before the first JPEG."""
+        """What was published until now is neither recorded nor counted as lost.
+
+        Nor are frames before the first JPEG.
+        """
         (self._eyes if self._eyes_only else self._frames).skip()
         self._begun = False
 
     def take(self) -> Frame | None:
-        """The next frame, as a JPEG or a picture, or the next eyes as a line of JSON; None if there is none."""
+        """The next frame, as a JPEG or a picture, or the next eyes as a line of JSON; None if there
+        is none.
+        """
         if self._eyes_only:
             self._frames.skip()
             stamp = self._eyes.take(self._record, in_order=True)
@@ -86,7 +89,8 @@ class FrameReader:
                 self._begun = True
                 return stamp, "jpeg", packet
             if self._packets is not None and self._packets.ended:
-                return None  # the recording is being stopped; capture has already stopped sending JPEGs
+                # the recording is being stopped; capture has already stopped sending JPEGs
+                return None
             if self._ring_px != self.size_px:
                 self._row["drops"] += self._begun  # it is scaled, so it does not fit this recording
                 continue
@@ -104,14 +108,15 @@ class FrameReader:
 class Store:
     """Writes frames in a thread of its own, so that a slow disk does not block reading the ring.
 
-    Packets are stored unchanged. Pictures are stored as PNG, or raw if more than a quarter of the buffer is in use. failure: why
-    storing ended, in words; "" if it has not.
+    Packets are stored unchanged. Pictures are stored as PNG, or raw if more than a quarter of the
+    buffer is in use. failure: why storing ended, in words; "" if it has not.
     """
 
     def __init__(self, writer: SequenceWriter, frame_bytes: int) -> None:
-        self._writer, self._room = writer, max(LEAST_FRAMES, ROOM_BYTES // frame_bytes)
-        # Yields to threads that wake up for a live picture. A lower priority would be wrong: preempted while it holds the GIL,
-        # this thread would block the other one.
+        self._writer = writer
+        self._room = max(LEAST_FRAMES, ROOM_BYTES // frame_bytes)
+        # Yields to threads that wake up for a live picture. A lower priority would be wrong:
+        # preempted while it holds the GIL, this thread would block the other one.
         self._thread = ThreadPoolExecutor(1, "store", yield_to_others)
         self._pending: deque[tuple[Stamp, int, Future[int]]] = deque()
         self._begun_ns, self._hurry = 0, False
@@ -160,7 +165,10 @@ class Store:
         return 0 if self.failure else now_ns()
 
     def close(self) -> None:
-        """Waits until everything is on disk. The rest is not compressed, so that a session ends quickly."""
+        """Waits until everything is on disk.
+
+        The rest is not compressed, so that a session ends quickly.
+        """
         self._hurry = True
         self._thread.shutdown()
 
@@ -176,19 +184,18 @@ class Recorder:
         self._frames = FrameReader(context)
         self._reported = self._slow = False
         self._last_ns = 0
-        source, rate_hz = (
-            context.options.source,
-            context.options.source_hz or context.config.render.nominal_hz,
-        )
-        about = {"versions": versions(), "config": to_dict(context.config)}
-        self._writer = SequenceWriter(folder, source, self._frames.size_px, rate_hz, **about)
+        viewer = context.options.viewer
+        rate_hz = viewer.rate_hz or context.config.render.nominal_hz
+        about = {"versions": versions(), "config": attrs.asdict(context.config)}
+        self._writer = SequenceWriter(folder, viewer.source, self._frames.size_px, rate_hz, **about)
         self._store = Store(self._writer, 3 * math.prod(context.config.camera.frame_px))
         if anew:
             self._frames.skip()
 
     def wait(self) -> bool:
         """Waits for frames, or for room to store them. False once the recording must end."""
-        context, full = self._context, self._store.full
+        context = self._context
+        full = self._store.full
         context.wait(now_ns() + FULL_NS if full else None, inputs=not full)
         return not context.stopping and context.options.record == str(self._folder)
 
@@ -203,7 +210,10 @@ class Recorder:
                 self._context.row["drops"] += 1
 
     def report(self) -> None:
-        """Updates the status row. After an error, reports it once and requests the end of the recording."""
+        """Updates the status row.
+
+        After an error, reports it once and requests the end of the recording.
+        """
         context, store = self._context, self._store
         for stamp, t_taken_ns, t_stored_ns in store.results():
             context.row.tick(stamp.source_seq)
@@ -241,6 +251,8 @@ class Recorder:
                 self._writer.complete()
             except OSError as error:
                 context.report_lost(f"recording {self._folder}: not completed: {error.strerror}")
+            if not self._writer.count:
+                remove_empty(self._folder)
             context.emit("notice", text=text)
 
 

@@ -1,21 +1,27 @@
-"""Two eyes' views in one picture, whatever the glasses: a projection of each eye to planes, then a mixing of planes.
+"""Two eyes' views in one picture, whatever the glasses: a projection of each eye to planes, then a
+mixing of planes.
 
 Every method of the form `M_left @ left + M_right @ right` becomes
 
-    plane_k = w_k . RGB of one eye                     (w sums to 1: a plane of a grey view is that grey)
-    channel = own_gain * own plane + cross_gain * cross plane       (the gains sum to 1: grey in, grey out)
+    plane_k = w_k . RGB of one eye                     (w sums to 1: a plane of a grey view is that
+    grey) channel = own_gain * own plane + cross_gain * cross plane       (the gains sum to 1: grey
+    in, grey out)
 
-The planes are built once per stored view and can be warped like any picture. Mixing is a function of two bytes, so one table of
-65536 entries holds it, for linear light, code values and any ghost compensation. Planes are clipped and rounded to bytes before:
-against one float64 matrix, saturated random colours deviate by up to 13 (Dubois), 40 (green/magenta) and 41 (amber/blue) levels
-in linear light, photographs by 4 to 6. Methods without cross terms need no mixing: their picture is one merge of three planes.
+The planes are built once per stored view and can be warped like any picture. Mixing is a function
+of two bytes, so one table of 65536 entries holds it, for linear light, code values and any ghost
+compensation. Planes are clipped and rounded to bytes before: against one float64 matrix, saturated
+random colours deviate by up to 13 (Dubois), 40 (green/magenta) and 41 (amber/blue) levels in linear
+light, photographs by 4 to 6. Methods without cross terms need no mixing: their picture is one merge
+of three planes.
 
-The cross rows of the red/cyan Dubois matrix are multiples of the other eye's own rows, to 0.004 per coefficient, so three planes
-carry the whole method. Where that does not hold (amber/blue, parts of green/magenta), the cross row is a separate plane.
+The cross rows of the red/cyan Dubois matrix are multiples of the other eye's own rows, to 0.004 per
+coefficient, so three planes carry the whole method. Where that does not hold (amber/blue, parts of
+green/magenta), the cross row is a separate plane.
 
-Matrices: FFmpeg vf_stereo3d (colour, grey, half-colour), Wimmer, Dubois 2001 (red/cyan) and Dubois 2009 (the others). Wimmer's
-omits the gamma of 1.5 on red that some copies have. With it, grey differs between the eyes (mid grey by 11 L*), and photographs
-have a rivalry of 12 L* instead of 0.4.
+Matrices: FFmpeg vf_stereo3d (colour, grey, half-colour), Wimmer, Dubois 2001 (red/cyan) and Dubois
+2009 (the others). Wimmer's omits the gamma of 1.5 on red that some copies have. With it, grey
+differs between the eyes (mid grey by 11 L*), and photographs have a rivalry of 12 L* instead of
+0.4.
 """
 
 from functools import lru_cache
@@ -36,7 +42,8 @@ GREEN: Weights = (0.0, 1.0, 0.0)
 BLUE: Weights = (0.0, 0.0, 1.0)
 NONE: Weights = (0.0, 0.0, 0.0)
 
-# Rows: red, green and blue of the output, from (red, green, blue) of the left eye and of the right eye.
+# Rows: red, green and blue of the output, from (red, green, blue) of the left eye and of the right
+# eye.
 MATRICES: dict[
     str, tuple[tuple[Weights, Weights], tuple[Weights, Weights], tuple[Weights, Weights]]
 ] = {
@@ -61,7 +68,8 @@ MATRICES: dict[
     ),
 }
 
-# Luminance of red, green and blue through the left and the right glass, from measured spectra (`bench.anaglyph.GLASS`).
+# Luminance of red, green and blue through the left and the right glass, from measured spectra
+# (`bench.glasses.GLASS`).
 _RED_CYAN = ((0.0922, 0.0135, 0.0001), (0.0009, 0.2381, 0.0658))
 _GREEN_MAGENTA = ((0.0006, 0.1266, 0.0170), (0.1174, 0.0153, 0.0043))
 LEAST_LEAK = 0.01  # a smaller leak is invisible: the right glass of red/cyan lets 0.4 % through
@@ -72,12 +80,11 @@ SHARED_TOLERANCE = 0.015  # a cross row this close to a multiple of an own row u
 
 
 class Plane(NamedTuple):
-    """One plane to be had from one eye's view. eye: 0 left, 1 right. weights: on its red, green, blue; they sum to 1.
-    linear: whether they weigh linear light or code values."""
+    """One plane to be had from one eye's view."""
 
-    eye: int
-    weights: Weights
-    linear: bool
+    eye: int  # 0 left, 1 right
+    weights: Weights  # on its red, green and blue; they sum to 1
+    linear: bool  # whether they weigh linear light, or code values
 
     @property
     def channels(self) -> tuple[int, ...]:
@@ -87,21 +94,21 @@ class Plane(NamedTuple):
 
 @attrs.frozen
 class Channel:
-    """One output channel: own_gain * own + cross_gain * cross, planes by index; cross None: the own plane itself."""
+    """One output channel: own_gain * own + cross_gain * cross."""
 
-    own: int
-    cross: int | None = None
+    own: int  # index of a plane
+    cross: int | None = None  # index of a plane; None: the channel is the own plane itself
     own_gain: float = 1.0
     cross_gain: float = 0.0
 
 
 @attrs.frozen
 class Recipe:
-    """What an output picture is made of. channels: red, green, blue. linear: the light in which planes are mixed."""
+    """What an output picture is made of."""
 
     planes: tuple[Plane, ...]
-    channels: tuple[Channel, Channel, Channel]
-    linear: bool
+    channels: tuple[Channel, Channel, Channel]  # red, green, blue
+    linear: bool  # whether planes are mixed in linear light, or in code values
 
 
 def decoded(code: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -125,12 +132,17 @@ def _unit(row: Weights) -> tuple[Weights, float]:
 def recipe(anaglyph: str, light: str = "linear", ghost_compensation: float = 0.0) -> Recipe:
     """The recipe of a glasses method.
 
-    anaglyph: a key of MATRICES. light: "linear" or "gamma"; it counts only where a method has cross terms, as the
-    others know no sum of two eyes. ghost_compensation: 0..100 %, the share to be taken out of the light that leaks through
-    the other eye's glass: green through red; blue through green and green through magenta. Of amber/blue glasses no spectra
-    are at hand: theirs is what the matrix takes out. A channel is raised by as much as it loses on grey: grey stays grey.
+    anaglyph: a key of MATRICES. light: "linear" or "gamma"; it counts only where a method has cross
+    terms, as the others know no sum of two eyes. ghost_compensation: 0..100 %, the share to be
+    taken out of the light that leaks through the other eye's glass: green through red; blue through
+    green and green through magenta. Of amber/blue glasses no spectra
+    are at hand: theirs is what the matrix takes out. A channel is raised by as much as it loses on
+    grey: grey stays grey. A channel whose row is empty stays dark, as for red/green glasses.
     """
-    rows = MATRICES[anaglyph]
+    stated = MATRICES[anaglyph]
+    dark = [not any((*left, *right)) for left, right in stated]
+    # a dark channel has the planes of another one
+    rows = [stated[dark.index(False)] if no else row for row, no in zip(stated, dark, strict=True)]
     crossed = any(sum(map(abs, row[0])) > 0 and sum(map(abs, row[1])) > 0 for row in rows)
     linear = crossed and light == "linear"
     eyes = [int(abs(sum(right)) > abs(sum(left))) for left, right in rows]
@@ -159,7 +171,10 @@ def recipe(anaglyph: str, light: str = "linear", ghost_compensation: float = 0.0
         channels.append(Channel(index[c], cross, gain, 1.0 - gain))
     if ghost_compensation > 0 and anaglyph in LEAKS:
         channels = _compensated(channels, eyes, LEAKS[anaglyph], ghost_compensation / 100)
-    red, green, blue = channels
+    red, green, blue = (
+        Channel(one.own, one.own, 0.0, 0.0) if no else one
+        for one, no in zip(channels, dark, strict=True)
+    )
     return Recipe(tuple(planes), (red, green, blue), light == "linear")
 
 
@@ -168,7 +183,8 @@ def _compensated(
 ) -> list[Channel]:
     """The channels with a share of what leaks taken out of the brightest channel of each eye.
 
-    Seen through a glass: main + leak * other. (1 + leak) * own view - leak * other leaves only the own view.
+    Seen through a glass: main + leak * other. (1 + leak) * own view - leak * other leaves only the
+    own view.
     """
     compensated = list(channels)
     for eye, through in enumerate(glasses):
@@ -188,7 +204,9 @@ def _compensated(
 
 @lru_cache(maxsize=64)
 def _table(own_gain: float, cross_gain: float, linear: bool, own_low: bool) -> NDArray[np.uint8]:
-    """(1, 65536) uint8: the channel for every pair of bytes; own_low: the own plane is the low byte of the index."""
+    """(1, 65536) uint8: the channel for every pair of bytes; own_low: the own plane is the low byte
+    of the index.
+    """
     code = np.arange(256) / 255.0
     light = decoded(code) if linear else code
     low, high = (own_gain, cross_gain) if own_low else (cross_gain, own_gain)
@@ -201,15 +219,14 @@ class Mixer:
     """Planes of one size to a picture; owns the scratch, so a call allocates nothing."""
 
     def __init__(self, recipe: Recipe, height_px: int, width_px: int) -> None:
-        self._pairs: dict[
-            tuple[int, int], NDArray[np.uint8]
-        ] = {}  # two planes as one index into a table
-        self._steps: list[
-            tuple[int, tuple[int, int] | None, NDArray[np.uint8]]
-        ] = []  # own plane, or a pair and its table
+        # two planes as one index into a table
+        self._pairs: dict[tuple[int, int], NDArray[np.uint8]] = {}
+        # own plane, or a pair and its table
+        self._steps: list[tuple[int, tuple[int, int] | None, NDArray[np.uint8]]] = []
         self._out = [np.empty((height_px, width_px), np.uint8) for _ in range(3)]
         for channel in recipe.channels:
-            pair, table = None, np.empty(0, np.uint8)
+            pair = None
+            table = np.empty(0, np.uint8)
             if channel.cross is not None:
                 pair = (min(channel.own, channel.cross), max(channel.own, channel.cross))
                 table = _table(
@@ -222,8 +239,9 @@ class Mixer:
     def mix(
         self, planes: list[NDArray[np.uint8]], out: NDArray[np.uint8], rows: slice = slice(None)
     ) -> NDArray[np.uint8]:
-        """planes: uint8 (height, width) in the recipe's order. out: uint8 (height, width, 3), filled as BGR. rows: only these;
-        two threads may mix different rows."""
+        """planes: uint8 (height, width) in the recipe's order. out: uint8 (height, width, 3),
+        filled as BGR. rows: only these; two threads may mix different rows.
+        """
         for (low, high), index in self._pairs.items():
             cv2.merge([planes[low][rows], planes[high][rows]], index[rows])
         channels: list[NDArray[np.uint8]] = []
@@ -238,7 +256,10 @@ class Mixer:
 def wide_lookup(
     index: NDArray[np.uint16], table: NDArray[np.uint8], out: NDArray[np.uint8]
 ) -> None:
-    """out = table[0][index]; table: (1, 65536). `cv2.LUT` takes 8 bits only before OpenCV 5, which plain pip cannot install."""
+    """out = table[0][index]; table: (1, 65536).
+
+    `cv2.LUT` takes 8 bits only before OpenCV 5, which plain pip cannot install.
+    """
     if WIDE_LUT:
         cv2.LUT(index, table, out)
     else:
@@ -246,7 +267,9 @@ def wide_lookup(
 
 
 class PlaneBuilder:
-    """Builds a plane from a stored view: sum of weighted light, then code values again, in 16 bits between."""
+    """Builds a plane from a stored view: sum of weighted light, then code values again, in 16 bits
+    between.
+    """
 
     def __init__(self, height_px: int, width_px: int) -> None:
         self._plus = np.empty((height_px, width_px), np.uint16)
@@ -258,7 +281,8 @@ class PlaneBuilder:
         plus = minus = False
         terms, back = _plane_tables(plane.weights, plane.linear)
         for channel in plane.channels:
-            weight, table = plane.weights[channel], terms[channel]
+            weight = plane.weights[channel]
+            table = terms[channel]
             target = self._plus if weight > 0 else self._minus
             first = not (plus if weight > 0 else minus)
             cv2.LUT(view[channel], table, target if first else self._term)
@@ -274,9 +298,11 @@ class PlaneBuilder:
 def _plane_tables(
     weights: Weights, linear: bool
 ) -> tuple[list[NDArray[np.uint16]], NDArray[np.uint8]]:
-    """Per channel (1, 256) uint16 of |weight| * light, and (1, 65536) uint8 from their sum back to code values.
+    """Per channel (1, 256) uint16 of |weight| * light, and (1, 65536) uint8 from their sum back to
+    code values.
 
-    The scale lets the positive terms together reach 65535 and no more, so sums never saturate."""
+    The scale lets the positive terms together reach 65535 and no more, so sums never saturate.
+    """
     code = np.arange(256) / 255.0
     light = decoded(code) if linear else code
     scale = 65530.0 / add(max(weight, 0.0) for weight in weights)
@@ -289,7 +315,9 @@ def _plane_tables(
 
 
 def encode(left: NDArray[np.uint8], right: NDArray[np.uint8], how: Recipe) -> NDArray[np.uint8]:
-    """The anaglyph of two pictures, uint8 (height, width, 3) BGR each, as a new one: for notebooks, metrics and tests."""
+    """The anaglyph of two pictures, uint8 (height, width, 3) BGR each, as a new one: for notebooks,
+    metrics and tests.
+    """
     height, width = left.shape[:2]
     views = [
         np.ascontiguousarray(picture[..., ::-1].transpose(2, 0, 1)) for picture in (left, right)

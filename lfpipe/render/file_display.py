@@ -22,28 +22,28 @@ from lfpipe.host.terminal import OPENCV_ERROR, opencv_logging
 from lfpipe.render.display import Display, DisplayNotice
 from lfpipe.render.pair_layout import Pair
 
-os.environ.setdefault(
-    "OPENCV_FFMPEG_LOGLEVEL", "-8"
-)  # it reports past Python; notices report the same
+# it reports past Python; notices report the same
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 SUFFIXES = (".mkv", ".avi", ".mp4")
 QUEUE_PICTURES = 8  # a short wait for the disk
-RESERVE_BYTES = (
-    64 << 20
-)  # left free on the disk, so that the video makes nothing else on the machine fail
+# left free on the disk, so that the video makes nothing else on the machine fail
+RESERVE_BYTES = 64 << 20
 CHECK_FRAMES = 16  # between two looks at the disk: four a second at 60 Hz
 HELD_BYTES = 8 << 20  # not in the file yet: more than the 5 MB that the container may hold back
 LEAST_BITS = 3  # a pixel takes at least a bit a channel
-BEHIND_S = (
-    0.5  # an encoder that lags by more than a short wait for the disk no longer repeats pictures
-)
+# an encoder that lags by more than a short wait for the disk no longer repeats pictures
+BEHIND_S = 0.5
 AHEAD_FRAMES = 2  # pictures faster than the rate are accepted until the video is this far ahead
 
 
 def check_file(path: Path) -> None:
     """Raises UserError if path names no kind of video that can be written here."""
     if path.suffix.lower() not in SUFFIXES:
-        remedy = "use for example file:out.mkv, lossless RGB like .avi; .mp4 is small and plays everywhere"
+        remedy = (
+            "use for example file:out.mkv, which is lossless; .mp4 and .avi are small and play"
+            " everywhere"
+        )
         raise UserError(f"--display file:{path}: not .mkv, .avi or .mp4", remedy)
     opencv_name(path)
     if path.suffix.lower() == ".mp4":
@@ -54,11 +54,11 @@ def check_file(path: Path) -> None:
 
 
 class FileDisplay(Display):
-    """Writes pictures at a constant rate in its own thread: a picture stays until the next one, as on a screen. The
-    overlay is not in it.
+    """Writes pictures at a constant rate in its own thread: a picture stays until the next one, as
+    on a screen. The overlay is not in it.
 
-    `show` never waits: if the encoder lags, pictures are dropped and counted in `dropped`. A full disk or a lost file ends the
-    video with a notice; the session continues.
+    `show` never waits: if the encoder lags, pictures are dropped and counted in `dropped`. A full
+    disk or a lost file ends the video with a notice; the session continues.
     """
 
     def __init__(
@@ -68,18 +68,18 @@ class FileDisplay(Display):
         rate_hz: float,
         reserve_bytes: int = RESERVE_BYTES,
     ) -> None:
-        """path: as `check_file` accepts. size_px: (width, height) of the pictures. Raises UserError if it cannot be created."""
+        """path: as `check_file` accepts. size_px: (width, height) of the pictures. Raises UserError
+        if it cannot be created.
+        """
         try:
             self._output = OutputFile(path)
         except OSError as error:
             raise write_error(path, error) from None
         self._writer = VideoWriter(self._output.current, size_px, rate_hz)
-        self._path, self._size, self._period_ns, self._reserve = (
-            path,
-            size_px,
-            1e9 / rate_hz,
-            reserve_bytes,
-        )
+        self._path = path
+        self._size = size_px
+        self._period_ns = 1e9 / rate_hz
+        self._reserve = reserve_bytes
         self._queue: queue.Queue[tuple[int, NDArray[np.uint8] | None]] = queue.Queue(QUEUE_PICTURES)
         self._notices: list[DisplayNotice] = []
         self._written = self.dropped = 0
@@ -98,14 +98,14 @@ class FileDisplay(Display):
         return t_ns
 
     def notices(self) -> list[DisplayNotice]:
-        notices, self._notices = self._notices, []
+        notices = self._notices
+        self._notices = []
         return notices
 
     def close(self) -> None:
         while self._thread.is_alive():
-            with contextlib.suppress(
-                queue.Full
-            ):  # a full disk may end the thread before it takes this
+            # a full disk may end the thread before it takes this
+            with contextlib.suppress(queue.Full):
                 self._queue.put((time.monotonic_ns(), None), timeout=0.1)
                 break
         self._thread.join()
@@ -119,7 +119,10 @@ class FileDisplay(Display):
             except OSError as error:
                 why = why or error.strerror or "it cannot be written"
         self._output.close()
-        text = f"{self._path}: {self.dropped} pictures are missing: they came faster than they could be written"
+        text = (
+            f"{self._path}: {self.dropped} pictures are missing: they came faster than they could"
+            " be written"
+        )
         if why:
             text = f"{self._path}: the video ends here after {self._written} pictures: {why}"
         if why or self.dropped:
@@ -150,7 +153,10 @@ class FileDisplay(Display):
     def _next(
         self, shown: NDArray[np.uint8], start_ns: int
     ) -> tuple[int, NDArray[np.uint8] | None]:
-        """The next of the queue; while there is nothing new for a while, repeats what is shown. Raises OSError."""
+        """The next of the queue; while there is nothing new for a while, repeats what is shown.
+
+        Raises OSError.
+        """
         while True:
             due_ns = start_ns + (self._written + QUEUE_PICTURES) * self._period_ns
             with contextlib.suppress(queue.Empty):
@@ -158,14 +164,16 @@ class FileDisplay(Display):
             self._put(shown)
 
     def _put(self, picture: NDArray[np.uint8]) -> None:
-        """Writes a picture. Raises OSError, also for what a lossless video does not report: a full disk, a file that does not
-        grow."""
+        """Writes a picture. Raises OSError, also for what a lossless video does not report: a full
+        disk, a file that does not grow.
+        """
         self._writer.write(picture)
         self._written += 1
         if self._written % CHECK_FRAMES:
             return
         self._place()
-        free, size = shutil.disk_usage(self._path.parent).free, self._output.current.stat().st_size
+        free = shutil.disk_usage(self._path.parent).free
+        size = self._output.current.stat().st_size
         if free < self._reserve:
             raise OSError(errno.ENOSPC, f"the disk is full but for {free / 1e6:.0f} MB")
         if (
@@ -181,8 +189,8 @@ class FileDisplay(Display):
 
 
 def save(path: Path, picture: NDArray[np.uint8]) -> str:
-    """Writes picture, uint8 (height, width, 3) BGR, as the PNG path; returns why it failed, "" if it did not. An existing file
-    stays until the new one is complete.
+    """Writes picture, uint8 (height, width, 3) BGR, as the PNG path; returns why it failed, "" if
+    it did not. An existing file stays until the new one is complete.
     """
     done, data = cv2.imencode(".png", picture)
     assert done, "a uint8 picture is always a PNG"

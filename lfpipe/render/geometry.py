@@ -1,12 +1,15 @@
-"""Alpha from the viewer's distance, the screen and the scene's disparities: how far apart the eyes are on the grid of views.
+"""Alpha from the viewer's distance, the screen and the scene's disparities: how far apart the eyes
+are on the grid of views.
 
-The eyes are S views apart, `alpha = IPD_px / S`. A scene of baseline b and focus distance F, seen from distance Z by eyes e
-apart, is true to nature at `S_true = e F / (b Z)`. Fewer views flatten it by `g = S / S_true`, in stereo and in motion alike, so
-the scene stays rigid. The limit of comfort is what the eyes can fuse: on the screen the two images of a point of disparity d are
-`S |d - zero plane| pitch` apart, at most 1 degree of visual angle and 3 % of the picture's width.
+The eyes are S views apart, `alpha = IPD_px / S`. A scene of baseline b and focus distance F, seen
+from distance Z by eyes e apart, is true to nature at `S_true = e F / (b Z)`. Fewer views flatten it
+by `g = S / S_true`, in stereo and in motion alike, so the scene stays rigid. The limit of comfort
+is what the eyes can fuse: on the screen the two images of a point of disparity d are `S |d - zero
+plane| pitch` apart, at most 1 degree of visual angle and 3 % of the picture's width.
 
-What the border of a picture cuts off must not stand before the screen: a window violation, which the eyes cannot fuse. The zero
-plane `auto` puts the nearest thing at the left and right border into the screen; what is in the middle may come forward.
+What the border of a picture cuts off must not stand before the screen: a window violation, which
+the eyes cannot fuse. The zero plane `auto` puts the nearest thing at the left and right border into
+the screen; what is in the middle may come forward.
 """
 
 import math
@@ -17,28 +20,28 @@ from lfpipe.config import Config, Render
 from lfpipe.config.camera_pose import camera_focal_px
 from lfpipe.scene.lightfield import Geometry, LightField
 
-PICTURE_MM = (
-    530.0  # width of a picture that fills a 24 inch screen, used if the monitor size is unknown
-)
+# width of a picture that fills a 24 inch screen, used if the monitor size is unknown
+PICTURE_MM = 530.0
 SEAT_MM = 600.0  # assumed distance of the viewer until a face is seen
 NEAREST_MM, FARTHEST_MM = 50.0, 50000.0  # the range of screen.distance_mm
-FUSED_RAD, FUSED_WIDTH = math.radians(1.0), 0.03  # that most people fuse at once: docs/comfort.md
+# that most people fuse at once: docs/comfort.md
+FUSED_RAD = math.radians(1.0)
+FUSED_WIDTH = 0.03
 DEFAULT_VIEWS = 4.0  # between the eyes, if the disparities are unknown
 LEAST_VIEWS = 1e-3  # so that alpha stays finite
 LEAST_EYES_PX = 0.5  # eyes closer together than this are not a face's
-PLANES, LEAST_STEP_PX = (
-    40,
-    0.01,
-)  # zero planes from the farthest to the nearest of a scene; the least step between them
+# zero planes from the farthest to the nearest of a scene; the least step between them
+PLANES, LEAST_STEP_PX = 40, 0.01
 UNKNOWN_PX = (-2.0, 2.0)  # disparities if they are unknown, or all equal
 
 
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class Parallax:
-    """The chosen alpha and the reason; `str()` gives the lines that `lfpipe up` prints.
+    """The chosen alpha and the reason; `str()` gives all of it in lines, for the log.
 
-    alpha_px: camera px per view. views_between_eyes: S. comfort_views, true_views: the largest comfortable S and the S of nature,
-    None if unknown. zero_plane_px: the disparity in the plane of the screen that S was chosen for.
+    alpha_px: camera px per view. views_between_eyes: S. comfort_views, true_views: the largest
+    comfortable S and the S of nature, None if unknown. zero_plane_px: the disparity in the plane of
+    the screen that S was chosen for.
     """
 
     alpha_px: float
@@ -56,18 +59,23 @@ class Parallax:
         return self.views_between_eyes / self.true_views if self.true_views else None
 
     def differs_from(self, other: "Parallax") -> bool:
-        """Whether a person should be informed: another number of views between the eyes, or a distance changed by 15 %."""
+        """Whether a person should be informed: another number of views between the eyes, or a
+        distance changed by 15 %.
+        """
         views = abs(self.views_between_eyes - other.views_between_eyes)
         return views > 0.005 or abs(self.alpha_px / other.alpha_px - 1) > 0.15
 
-    def __str__(self) -> str:
-        depth = (
-            "unknown (no baseline or focus distance)"
-            if self.compression is None
-            else f"{self.compression:.2f} of true depth"
+    @property
+    def summary(self) -> str:
+        """One line, for the viewer who has sat down."""
+        depth = "" if self.compression is None else f", {self.compression:.0%} of true depth"
+        return (
+            f"viewer {self.distance_mm:.0f} mm from the screen: {self.views_between_eyes:.1f} views"
+            f" between the eyes{depth}"
         )
-        line = f"alpha {self.alpha_px:.2f} px/view, {self.views_between_eyes:.2f} views between the eyes, depth {depth}"
-        return "\n  ".join((line, *self.reasons))
+
+    def __str__(self) -> str:
+        return "\n  ".join((f"alpha {self.alpha_px:.2f} px/view", self.summary, *self.reasons))
 
 
 def alpha_is_automatic(config: Config) -> bool:
@@ -84,29 +92,32 @@ def parallax(
 ) -> Parallax:
     """Chooses alpha.
 
-    frame_width_px: of the camera picture. eyes_px: distance between the eyes in it; None, or a value no face has, before a face
-    is seen. picture_mm: `Display.width_mm`.
+    frame_width_px: of the camera picture. eyes_px: distance between the eyes in it; None, or a
+    value no face has, before a face is seen. picture_mm: `Display.width_mm`.
     """
-    render, screen, eyes_mm = config.render, config.screen, config.screen.eyes_mm
+    render = config.render
+    screen = config.screen
+    eyes_mm = config.screen.eyes_mm
     focal_px = camera_focal_px(config, frame_width_px)
     seen_px = (
         eyes_px if eyes_px is not None and LEAST_EYES_PX <= eyes_px <= frame_width_px else None
     )
     if screen.distance_mm != "auto":
-        distance_mm, why = float(screen.distance_mm), "configured"
+        distance_mm = float(screen.distance_mm)
+        why = "configured"
     elif seen_px is not None:
         distance_mm = min(max(focal_px * eyes_mm / seen_px, NEAREST_MM), FARTHEST_MM)
         why = f"eyes {seen_px:.0f} px apart"
     else:
-        distance_mm, why = SEAT_MM, "assumed until a face is detected"
+        distance_mm = SEAT_MM
+        why = "assumed until a face is detected"
     reasons = [f"viewer {distance_mm:.0f} mm from the screen ({why})"]
     apart_px = seen_px or focal_px * eyes_mm / distance_mm
-    width_mm, source = (
-        picture_mm or PICTURE_MM,
-        "on this monitor" if picture_mm else "assumed: monitor size unknown",
-    )
+    width_mm = picture_mm or PICTURE_MM
+    source = "on this monitor" if picture_mm else "assumed: monitor size unknown"
     if screen.width_mm != "auto":
-        width_mm, source = float(screen.width_mm), "configured"
+        width_mm = float(screen.width_mm)
+        source = "configured"
 
     zero_px = zero_plane_px(field, render)
     comfort, limit = _comfort_views(zero_px, field, distance_mm, eyes_mm, width_mm)
@@ -116,7 +127,9 @@ def parallax(
         views, why = _automatic_views(field, render.depth, (comfort, limit), true)
         alpha_px = apart_px / views
     else:
-        views, why, alpha_px = apart_px / render.alpha_px, "from render.alpha_px", render.alpha_px
+        views = apart_px / render.alpha_px
+        why = "from render.alpha_px"
+        alpha_px = render.alpha_px
     reasons.append(f"{views:.2f} views between the eyes: {why}")
     if comfort is not None and views > comfort * (1 + 1e-9):
         best = f"use render.alpha_px of at least {apart_px / comfort:.1f}"
@@ -125,7 +138,16 @@ def parallax(
         reasons.append(
             f"screen at {zero_px:+.2f} px/view: the nearest at the left and right border is in it"
         )
-    return Parallax(alpha_px, views, comfort, true, distance_mm, apart_px, zero_px, tuple(reasons))
+    return Parallax(
+        alpha_px=alpha_px,
+        views_between_eyes=views,
+        comfort_views=comfort,
+        true_views=true,
+        distance_mm=distance_mm,
+        eyes_px=apart_px,
+        zero_plane_px=zero_px,
+        reasons=tuple(reasons),
+    )
 
 
 def _automatic_views(
@@ -146,24 +168,23 @@ def _automatic_views(
     most = max(float(count - 1) if true is None else true, views)
     if not depth or most <= views:
         return views, why
-    return views * (
-        most / views
-    ) ** depth, f"{depth:.0%} of the way to {'the whole grid' if true is None else 'true depth'}"
+    return (
+        views * (most / views) ** depth,
+        f"{depth:.0%} of the way to {'the whole grid' if true is None else 'true depth'}",
+    )
 
 
 def _comfort_views(
     zero_px: float, field: LightField, distance_mm: float, eyes_mm: float, width_mm: float
 ) -> tuple[float | None, str]:
-    """The most views between the eyes at which everything can be fused, and the limit that decides; None if disparities are
-    unknown.
+    """The most views between the eyes at which everything can be fused, and the limit that decides;
+    None if disparities are unknown. Their range is known from a first flow, before there are maps.
     """
     pitch_mm = width_mm / field.width_px
-    behind_mm, before_mm = (
-        (zero_px - field.disparity_min_px) * pitch_mm,
-        (field.disparity_max_px - zero_px) * pitch_mm,
-    )
+    behind_mm = (zero_px - field.disparity_min_px) * pitch_mm
+    before_mm = (field.disparity_max_px - zero_px) * pitch_mm
     extent_mm = max(abs(behind_mm), abs(before_mm))
-    if field.disparity_source == "none" or not extent_mm > 0:
+    if not extent_mm > 0:
         return None, "disparities unknown"
     limits = [
         (FUSED_RAD * distance_mm / extent_mm, "1 degree between the eyes' images"),
@@ -195,8 +216,9 @@ def zero_plane_px(field: LightField, render: Render) -> float:
 
 
 def zero_planes_px(low_px: float, high_px: float) -> tuple[float, float, float]:
-    """(least, most, step) of the zero planes to offer: the disparities of a scene, low_px to high_px, and half their range
-    beyond either end."""
+    """(least, most, step) of the zero planes to offer: the disparities of a scene, low_px to
+    high_px, and half their range beyond either end.
+    """
     low_px, high_px = (low_px, high_px) if high_px > low_px else UNKNOWN_PX
     step_px = float(f"{max((high_px - low_px) / PLANES, LEAST_STEP_PX):.0g}")
     room_px = max((high_px - low_px) / 2, 10 * LEAST_STEP_PX)

@@ -1,4 +1,6 @@
-"""A person's glasses: the question which they are (key e, and at the first start), and their test (key g)."""
+"""A person's glasses: the question which they are (key e, and at the first start), and their test
+(key g).
+"""
 
 from functools import lru_cache
 
@@ -22,11 +24,9 @@ KINDS: tuple[tuple[str, tuple[Colour, Colour] | None, str], ...] = (
     ("none", None, "mono"),
 )
 ICON_PX = 480, 240  # width, height: larger than on any screen, so that it is only scaled down
-GREY, DARK, LIGHT = (
-    128,
-    60,
-    235,
-)  # of the test: both letters have room for compensation of ghosts on either side
+# of the test: both letters have room for compensation of ghosts on either side
+GREY, DARK, LIGHT = 128, 60, 235
+GHOST = "ghost"  # event of the slider: "ghost S", S from 0 to 1
 FONT = cv2.FONT_HERSHEY_DUPLEX
 WORDS = {
     "anaglyph": "your glasses",
@@ -37,7 +37,9 @@ WORDS = {
 
 def _icon(lenses: tuple[Colour, Colour] | None) -> NDArray[np.uint8]:
     """Glasses, or a crossed circle for none: RGBA."""
-    picture, frame, line = np.zeros((ICON_PX[1], ICON_PX[0], 4), np.uint8), (200, 200, 200, 255), 14
+    picture = np.zeros((ICON_PX[1], ICON_PX[0], 4), np.uint8)
+    frame = (200, 200, 200, 255)
+    line = 14
     middle, y = ICON_PX[0] // 2, ICON_PX[1] // 2
     if lenses is None:
         cv2.circle(picture, (middle, y), 100, frame, line, cv2.LINE_AA)
@@ -64,7 +66,9 @@ def glasses_menu(anaglyph: str) -> Menu:
 
 
 def _eye_picture(left: bool, size_px: tuple[int, int]) -> NDArray[np.uint8]:
-    """The test picture for one eye, uint8 BGR: its letter in its half, and a frame for both. size_px: (width, height)."""
+    """The test picture for one eye, uint8 BGR: its letter in its half, and a frame for both.
+    size_px: (width, height).
+    """
     width, height = size_px
     picture = np.full((height, width, 3), GREY, np.uint8)
     line = max(2, min(size_px) // 100)
@@ -75,7 +79,8 @@ def _eye_picture(left: bool, size_px: tuple[int, int]) -> NDArray[np.uint8]:
         else slice(width // 2 + width // 32, width - width // 16)
     )
     picture[height // 8 : height - height // 8, patch] = DARK
-    letter, scale = "L" if left else "R", min(width / 2, height) / 40
+    letter = "L" if left else "R"
+    scale = min(width / 2, height) / 40
     (wide, high), _ = cv2.getTextSize(letter, FONT, scale, line)
     at = (patch.start + patch.stop - wide) // 2, (height + high) // 2
     cv2.putText(picture, letter, at, FONT, scale, (LIGHT,) * 3, 2 * line, cv2.LINE_AA)
@@ -84,7 +89,8 @@ def _eye_picture(left: bool, size_px: tuple[int, int]) -> NDArray[np.uint8]:
 
 @lru_cache(1)
 def glasses_test(render: Render, size_px: tuple[int, int]) -> tuple[NDArray[np.uint8], Pair | None]:
-    """A picture with an L for the left eye and an R for the right one, made like every other picture.
+    """A picture with an L for the left eye and an R for the right one, made like every other
+    picture.
 
     Returns uint8 (height, width, 3) BGR, and its two views where the mode shows two.
     """
@@ -98,14 +104,18 @@ def glasses_test(render: Render, size_px: tuple[int, int]) -> tuple[NDArray[np.u
     return laid_out(pair, render.anaglyph, size_px), pair
 
 
-def instructions(render: Render) -> str:
-    """The instructions of a running test."""
+def instructions(render: Render) -> tuple[tuple[str, ...], tuple[Item, ...]]:
+    """The lines of a running test, and what can be chosen in it."""
+    others = Item("Other glasses", "which", "e"), Item("Done", "glasses", "g")
     if render.anaglyph == "mono":
-        return "glasses test: this mode shows both eyes the same picture; m changes the mode"
-    ghost = f"a faint L too? adjust with right and left arrow: compensation {render.ghost_compensation:.0f} %"
+        return ("Glasses test: these colours are the same for both eyes.",), others
+    swap = Item("Swap the eyes", "swap", "x")
+    if render.anaglyph not in MATRICES:
+        return ("Close your left eye: you should see only R.",), (swap, *others)
+    ghost = Item("Less of the ghost", GHOST, slider=render.ghost_compensation / 100)
     lines = (
-        "close your left eye: you should see only R",
-        ghost,
-        "x swaps the eyes, g ends the test",
+        "Close your left eye: you should see only R.",
+        "A faint L too? Move the slider, or press the right and left arrow:"
+        f" {render.ghost_compensation:.0f} %.",
     )
-    return "\n".join(line for line in lines if line != ghost or render.anaglyph in MATRICES)
+    return lines, (swap, ghost, *others)

@@ -1,4 +1,6 @@
-"""The monitors that SDL lists, and the conditions under which the loop's delay was measured with one of them."""
+"""The monitors that SDL lists, and the conditions under which the loop's delay was measured with
+one of them.
+"""
 
 from __future__ import annotations
 
@@ -9,21 +11,20 @@ from lfpipe.errors import UserError
 from lfpipe.render import window_system
 from lfpipe.render.window_system import pygame
 
-SMALLEST_PX, SMALLEST_SHARE = (
-    640,
-    1 / 3,
-)  # of a first window: room for two rows of the bar; share of the monitor's width
-SCREEN_SHARE = 0.85  # of the monitor, at most, for a first window: panels and title bars take some
+# of the monitor for a first window: of its width, and at most of its height, since panels and title
+# bars take some
+WIDTH_SHARE, HEIGHT_SHARE = 2 / 3, 0.85
 INCH_MM = 25.4  # by definition
 ASPECTS_MM = (16.0, 160.0)  # widths in EDIDs that know only an aspect: 160 x 90, 16 x 10, ...
 NOMINAL_HZ = 60.0  # if a monitor does not report its rate
 SQUARE = 0.1  # pixels further from square than this: the reported size is invented
 
 
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class Monitor:
-    """x, y, width, height: its area on the desktop, in the units of window positions. pixel_mm: the pitch of its physical pixels,
-    None if it reports no size or an impossible one. rate_hz: the refresh rate that it claims.
+    """x, y, width, height: its area on the desktop, in the units of window positions. pixel_mm: the
+    pitch of its physical pixels, None if it reports no size or an impossible one. rate_hz: the
+    refresh rate that it claims.
     """
 
     number: int
@@ -36,11 +37,8 @@ class Monitor:
     rate_hz: float = NOMINAL_HZ
 
     def window_for(self, size_px: tuple[int, int]) -> tuple[int, int]:
-        """(width, height) of the first window for pictures of that size: small light fields are enlarged."""
-        largest = min(
-            SCREEN_SHARE * self.width / size_px[0], SCREEN_SHARE * self.height / size_px[1]
-        )
-        scale = min(max(1.0, max(SMALLEST_PX, SMALLEST_SHARE * self.width) / max(size_px)), largest)
+        """(width, height) of the first window for pictures of that size."""
+        scale = min(WIDTH_SHARE * self.width / size_px[0], HEIGHT_SHARE * self.height / size_px[1])
         return max(1, round(size_px[0] * scale)), max(1, round(size_px[1] * scale))
 
     def __str__(self) -> str:
@@ -49,7 +47,9 @@ class Monitor:
 
 
 def pixel_mm(dots_per_inch: tuple[float, float], width_px: int) -> float | None:
-    """The pitch from the size that SDL reports, (horizontal, vertical); None if that cannot be the size of a monitor."""
+    """The pitch from the size that SDL reports, (horizontal, vertical); None if that cannot be the
+    size of a monitor.
+    """
     across, down = dots_per_inch
     if min(across, down) <= 0 or abs(across / down - 1) > SQUARE:
         return None
@@ -63,24 +63,31 @@ def pixel_mm(dots_per_inch: tuple[float, float], width_px: int) -> float | None:
 
 def monitors() -> list[Monitor]:
     """All monitors, by number. pygame.display must be initialised."""
-    sizes, rates_hz = pygame.display.get_desktop_sizes(), pygame.display.get_desktop_refresh_rates()
+    sizes = pygame.display.get_desktop_sizes()
+    rates_hz = pygame.display.get_desktop_refresh_rates()
     connected = []
     for number, ((width_px, _), rate_hz) in enumerate(zip(sizes, rates_hz, strict=True)):
-        name, place, dots_per_inch = window_system.monitor_facts(number)
+        name, (x, y, width, height), dots_per_inch = window_system.monitor_facts(number)
         connected.append(
             Monitor(
-                number,
-                name,
-                *place,
-                pixel_mm(dots_per_inch, width_px),
-                float(rate_hz or NOMINAL_HZ),
+                number=number,
+                name=name,
+                x=x,
+                y=y,
+                width=width,
+                height=height,
+                pixel_mm=pixel_mm(dots_per_inch, width_px),
+                rate_hz=float(rate_hz or NOMINAL_HZ),
             )
         )
     return connected
 
 
 def find_monitor(asked: str, offered: list[Monitor]) -> Monitor:
-    """The monitor with that number or name, or the only one whose name contains it. Raises UserError, which lists them."""
+    """The monitor with that number or name, or the only one whose name contains it.
+
+    Raises UserError, which lists them.
+    """
     exact = [monitor for monitor in offered if asked in (str(monitor.number), monitor.name)]
     similar = [monitor for monitor in offered if asked.lower() in monitor.name.lower()]
     for matches in (exact, similar):
@@ -100,15 +107,19 @@ def detect_monitors() -> tuple[str, list[Monitor]]:
 
 
 def loop_conditions(date: str, camera: str, asked: Camera, monitor: Monitor) -> str:
-    """The value of render.loop_measured. date: YYYY-MM-DD. camera: the driver's name. asked: its settings."""
+    """The value of render.loop_measured.
+
+    date: YYYY-MM-DD. camera: the driver's name. asked: its settings.
+    """
     mode = f"{asked.width_px}x{asked.height_px} {asked.format} {asked.rate_hz:g} Hz"
     texts = (date, camera, mode, monitor.name, f"{monitor.rate_hz:g} Hz")
     return "; ".join(text.replace(";", ",") for text in texts)
 
 
 def loop_doubt(config: Config, camera: str, monitors: list[Monitor]) -> str:
-    """The reason to distrust render.loop_ms now; "" if there is none. camera: name of the camera in use. monitors: all connected
-    ones; without screen.monitor the window may be on any of them."""
+    """The reason to distrust render.loop_ms now; "" if there is none. camera: name of the camera in
+    use. monitors: all connected ones; without screen.monitor the window may be on any of them.
+    """
     date, _, then = config.render.loop_measured.partition("; ")
     if not then:
         return "it was set by hand, not measured" if config.render.loop_ms else ""

@@ -1,8 +1,8 @@
 """The mouse as the viewer: without a camera, and with one while the right button is held.
 
-The pointer's place over the window is the place of the eyes before the grid of views: at the left edge they see the leftmost
-view, at the top the topmost. The wheel is the distance, dragging moves the neutral position, and the eyes follow as smoothly as a
-head.
+The pointer's place over the window is the place of the eyes before the grid of views: at the left
+edge they see the leftmost view, at the top the topmost. The wheel is the distance, dragging moves
+the neutral position, and the eyes follow as smoothly as a head.
 """
 
 import math
@@ -21,34 +21,32 @@ from lfpipe.transport.ring import Stamp
 from lfpipe.transport.ring_ends import RingOutput
 
 EASE_S = 0.06  # time constant of two low-passes in a row: a move of the mouse becomes one of a head
-BACK_NS = (
-    SECOND_NS // 2
-)  # the way back to the camera's eyes: eight times EASE_S leave nothing to see
-NEAR_MM, FAR_MM, STEP = (
-    250.0,
-    4000.0,
-    1.1,
-)  # range of the wheel, from reading to across a room; a step is as one of key +
+# the way back to the camera's eyes: eight times EASE_S leave nothing to see
+BACK_NS = SECOND_NS // 2
+# range of the wheel, from reading to across a room; a step is as one of key +
+NEAR_MM, FAR_MM, STEP = 250.0, 4000.0, 1.1
 
 
 class MouseLook:
-    """Makes eyes records from the pointer. ring: "eyes", which it writes in a session without a camera; None with a camera."""
+    """Makes eyes records from the pointer.
+
+    ring: "eyes", which it writes in a session without a camera; None with a camera.
+    """
 
     def __init__(self, config: Config, viewer: Viewer, ring: RingOutput | None) -> None:
-        self._viewer, self._size_px = viewer, config.camera.frame_px
+        self._viewer = viewer
+        self._size_px = config.camera.frame_px
         self._pointer = Pointer()
         self._anchor = 0.5, 0.5  # where the pointer must be for the neutral position
-        self._focal_px, self._eyes_mm = (
-            camera_focal_px(config, self._size_px[0]),
-            config.screen.eyes_mm,
-        )
+        self._focal_px = camera_focal_px(config, self._size_px[0])
+        self._eyes_mm = config.screen.eyes_mm
         distance_mm = config.screen.distance_mm
         self._distance_mm = SEAT_MM if distance_mm == "auto" else float(distance_mm)
-        self._eased_px: tuple[NDArray[np.float64], ...] | None = (
-            None  # the middle of the eyes after one low-pass, and after both
-        )
+        # the middle of the eyes after one low-pass, and after both
+        self._eased_px: tuple[NDArray[np.float64], ...] | None = None
         self._t_ns = self._released_ns = 0
-        self._ring, self._alone = ring, ring is not None
+        self._ring = ring
+        self._alone = ring is not None
         self._count = 0
         viewer.neutral_is_fixed = self._alone
 
@@ -59,7 +57,8 @@ class MouseLook:
 
     def follow(self, pointer: Pointer, t_ns: int) -> None:
         """Takes the pointer's state at t_ns."""
-        before, self._pointer = self._pointer, pointer
+        before = self._pointer
+        self._pointer = pointer
         if pointer.left and before.left and self.looks:
             self._anchor = (
                 self._anchor[0] + pointer.x - before.x,
@@ -79,7 +78,10 @@ class MouseLook:
     def eyes(
         self, record: EyesRecord | None, stamp: Stamp | None, t_ns: int
     ) -> tuple[EyesRecord, Stamp]:
-        """The record and stamp of the eyes at t_ns. record, stamp: of the camera, if there is one."""
+        """The record and stamp of the eyes at t_ns.
+
+        record, stamp: of the camera, if there is one.
+        """
         solver, field = self._viewer.solver, self._viewer.field
         face = record if record is not None and record.face else None
         centre_px = (
@@ -93,16 +95,15 @@ class MouseLook:
             target_px = start_px
         elif solver is not None:
             x, y = self._pointer.x - self._anchor[0], self._pointer.y - self._anchor[1]
-            across, down = (
-                max(field.cols - 1, 1) * solver.alpha_px,
-                max(field.rows - 1, 1) * solver.alpha_px,
-            )
-            target_px = centre_px + np.array(
-                (-x * across, y * down)
-            )  # who moves right is further left in the camera's picture
+            across = max(field.cols - 1, 1) * solver.alpha_px
+            down = max(field.rows - 1, 1) * solver.alpha_px
+            # who moves right is further left in the camera's picture
+            target_px = centre_px + np.array((-x * across, y * down))
         if self._eased_px is None:
-            self._eased_px, self._t_ns = (start_px, start_px), t_ns
-        share, self._t_ns = low_pass_share(max(t_ns - self._t_ns, 0) / 1e9, EASE_S), t_ns
+            self._eased_px = (start_px, start_px)
+            self._t_ns = t_ns
+        share = low_pass_share(max(t_ns - self._t_ns, 0) / 1e9, EASE_S)
+        self._t_ns = t_ns
         once_px = self._eased_px[0] + (target_px - self._eased_px[0]) * share
         middle_px = self._eased_px[1] + (once_px - self._eased_px[1]) * share
         self._eased_px = once_px, middle_px

@@ -1,6 +1,8 @@
-"""What lies over the picture, as data: the keys with their help and their entries in the bar, menus, and lines of text.
+"""What lies over the picture, as data: the keys with their help and their entries in the bar,
+menus, and lines of text.
 
-The session sets an `Overlay`; the window draws it, and reports keys, clicks and touches as the same events.
+The session sets an `Overlay`; the window draws it, and reports keys, clicks and touches as the same
+events.
 """
 
 from functools import lru_cache
@@ -12,8 +14,9 @@ from numpy.typing import NDArray
 
 @attrs.frozen
 class Key:
-    """keys: what a person presses. events: what the window reports, one for each key. help: for people. label: of the entry in
-    the bar, "" for none."""
+    """keys: what a person presses. events: what the window reports, one for each key. help: for
+    people. label: of the entry in the bar, "" for none.
+    """
 
     keys: str
     events: str
@@ -30,7 +33,7 @@ KEYS = (
     Key("+ -", "alpha+ alpha-", "more, less head movement from view to view", "Depth"),
     Key("d", "half-turn", "exchange near and far", "Near/far"),
     Key("c", "recentre", "look straight ahead from where you are now", "Straight ahead"),
-    Key("r", "record", "record the camera, or end it", "Record"),
+    Key("r", "record", "record the camera, or end it", "Record camera"),
     Key("s", "screenshot", "save the picture", "Save picture"),
     Key(
         "f",
@@ -59,8 +62,10 @@ HELP = tuple(f"{row.keys}\t{row.help}" for row in KEYS)
 
 @attrs.frozen
 class Item:
-    """Something to see; a click on it is its event, "" for none. key: shown below the label. picture: above it, uint8 (height,
-    width, 3 or 4) RGB or RGBA. slider: its position, 0 to 1, which its event repeats. warns: red."""
+    """Something to see; a click on it is its event, "" for none. key: shown below the label.
+    picture: above it, uint8 (height, width, 3 or 4) RGB or RGBA. slider: its position, 0 to 1,
+    which its event repeats. warns: red.
+    """
 
     label: str
     event: str = ""
@@ -72,8 +77,10 @@ class Item:
 
 @attrs.frozen
 class Menu:
-    """A choice: arrows and Enter, or a click, cause an item's event; Delete causes "delete EVENT", Esc "close". at: the item
-    selected at first. A menu of the same title replaces the one on the screen, and keeps its selection."""
+    """A choice: arrows and Enter, or a click, cause an item's event; Delete causes "delete EVENT",
+    Esc "close". at: the item selected at first. A menu of the same title replaces the one on the
+    screen, and keeps its selection.
+    """
 
     title: str
     hint: str
@@ -81,18 +88,30 @@ class Menu:
     at: int = 0
 
 
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class Overlay:
-    """lines: at the top left; text after a tab forms a second column; Esc causes "close". inset: a small picture below them,
-    uint8 (h, w, 3) BGR. notices: short lines at the bottom. progress: length of a thin line along the bottom, as a share of the
-    width; None without. bar: at the bottom, while the mouse moves."""
+    """What lies over the picture. Esc, and the cross of lines and menu, cause "close"."""
 
+    # at the top left; text after a tab forms a second column
     lines: tuple[str, ...] = ()
+    # a row of entries below the lines, which then are at the bottom
+    items: tuple[Item, ...] = ()
+    # a small picture below the lines, uint8 (h, w, 3) BGR
     inset: NDArray[np.uint8] | None = attrs.field(default=None, eq=id)
+    # each in a panel of its own at the bottom, the first on top
     notices: tuple[str, ...] = ()
+    # length of a thin line along the bottom, as a share of the width; None without
     progress: float | None = None
     menu: Menu | None = None
+    # at the bottom, while the mouse is there or rests
     bar: tuple[Item, ...] = ()
+    # beside a red dot at the top right; "" for none
+    recording: str = ""
+
+
+CLOSE = Item("×", "close")
+# entries of the bar that close a page; the others open another one
+CLOSING = {DEPTH} | {row.events for row in KEYS if row.label} - {"choose", "which", "help"}
 
 
 @lru_cache(2)
@@ -107,8 +126,9 @@ def bar_items(depth: float, recording: bool, without: frozenset[str]) -> tuple[I
 
 @attrs.frozen
 class Pointer:
-    """The mouse over the window. x, y: share of the window, from its top left corner. left, right: buttons held. wheel: steps
-    away from the person, since the events before."""
+    """The mouse over the window. x, y: share of the window, from its top left corner. left, right:
+    buttons held. wheel: steps away from the person, since the events before.
+    """
 
     x: float = 0.5
     y: float = 0.5

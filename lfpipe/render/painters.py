@@ -1,9 +1,9 @@
-"""Painters put a picture into a window: SDL's renderer scales it and swaps in step with the screen; the processor fills the
-window's surface. Of both:
+"""Painters put a picture into a window: SDL's renderer scales it and swaps in step with the screen;
+the processor fills the window's surface. Of both:
 
 size_px   (width, height) of the window in the screen's own pixels
-paint     draws uint8 (height, width, 3) BGR, scaled to fit, and panels over it, without showing them
-swap      hands the drawn picture to the window system
+paint     draws uint8 (height, width, 3) BGR, scaled to fit, and panels over it, without showing
+them swap      hands the drawn picture to the window system
 """
 
 import contextlib
@@ -49,7 +49,8 @@ class SurfacePainter:
         self._window.flip()
 
     def _write(self, surface: pygame.Surface, picture: NDArray[np.uint8]) -> None:
-        # the views of the surface's memory end with this call: the surface is locked as long as one lives
+        # the views of the surface's memory end with this call: the surface is locked as long as one
+        # lives
         width, height = surface.get_size()
         memory: Any = surface.get_buffer()  # a buffer, though the type checker disagrees
         pixels = np.frombuffer(memory, np.uint8).reshape(height, surface.get_pitch() // 4, 4)[
@@ -66,10 +67,14 @@ class SurfacePainter:
 
 
 class RendererPainter:
-    """Uploads pictures of their own size to a streaming texture; SDL's renderer scales them and swaps."""
+    """Uploads pictures of their own size to a streaming texture; SDL's renderer scales them and
+    swaps.
+    """
 
     def __init__(self, window: pygame.Window, wait: bool) -> None:
-        """wait: `swap` waits for the screen. Raises pygame.error without an accelerated renderer."""
+        """wait: `swap` waits for the screen. Raises pygame.error without an accelerated
+        renderer.
+        """
         self._renderer = video.Renderer(window, -1, 1, wait)
         self._texture: video.Texture | None = None
         self._four: NDArray[np.uint8] = np.empty((0, 0, 4), np.uint8)
@@ -91,8 +96,10 @@ class RendererPainter:
         self._renderer.clear()
         self._texture.draw(dstrect=fit_area((cols, rows), self.size_px()))
         self._textures = {
-            panel: self._textures.get(panel)
-            or video.Texture.from_surface(self._renderer, panel.surface)
+            panel: (
+                self._textures.get(panel)
+                or video.Texture.from_surface(self._renderer, panel.surface)
+            )
             for panel in panels
         }
         for panel, texture in self._textures.items():
@@ -103,11 +110,15 @@ class RendererPainter:
 
 
 def open_painter(window: pygame.Window, driver: str) -> SurfacePainter | RendererPainter:
-    """The renderer where it is cheaper and available, with a GPU or on Wayland, else the surface. Raises UserError as
-    `SurfacePainter` does."""
-    if uses_renderer(driver):
-        # A Wayland compositor takes the newest complete picture at each blank: waiting for the previous one would only make the
-        # next one older.
+    """The renderer where it is cheaper and available, with a GPU or on Wayland, else the surface;
+    the renderer, too, where the screen's pixels are none that SDL has surfaces for, as on X with 30
+    bits. Raises UserError as `SurfacePainter` does, pygame.error where neither is available.
+    """
+    if not uses_renderer(driver):
         with contextlib.suppress(pygame.error):
-            return RendererPainter(window, wait=driver != "wayland")
+            return SurfacePainter(window)
+    # A Wayland compositor takes the newest complete picture at each blank: waiting for the
+    # previous one would only make the next one older.
+    with contextlib.suppress(pygame.error):
+        return RendererPainter(window, wait=driver != "wayland")
     return SurfacePainter(window)

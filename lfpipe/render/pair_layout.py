@@ -1,4 +1,6 @@
-"""Scaling of pictures, and two views for 3-D screens, arranged in the screen's own pixels: after scaling, so rows stay rows."""
+"""Scaling of pictures, and two views for 3-D screens, arranged in the screen's own pixels: after
+scaling, so rows stay rows.
+"""
 
 import cv2
 import numpy as np
@@ -8,7 +10,9 @@ from lfpipe.files.decoding import fit_area
 
 
 def scale_into(picture: NDArray[np.uint8], out: NDArray[np.uint8]) -> None:
-    """Scales picture into out, which has equally many channels: cubic to enlarge (as fast as linear), by area to shrink."""
+    """Scales picture into out, which has equally many channels: cubic to enlarge (as fast as
+    linear), by area to shrink.
+    """
     if picture.shape == out.shape:
         np.copyto(out, picture)
         return
@@ -27,11 +31,12 @@ def laid_out(
     first_row: int = 0,
     out: NDArray[np.uint8] | None = None,
 ) -> NDArray[np.uint8]:
-    """The picture, uint8 (height, width, 3) BGR, of exactly screen_px (width, height); written to out if that has the size.
+    """The picture, uint8 (height, width, 3) BGR, of exactly screen_px (width, height); written to
+    out if that has the size.
 
-    pair: left and right view. how: "row-interleaved" (even rows of the screen to the left eye) or "side-by-side" (each view
-    squeezed into its half, so that a 3-D screen that stretches the halves shows it in its own shape). first_row: the row of the
-    screen on which the picture begins.
+    pair: left and right view. how: "row-interleaved" (even rows of the screen to the left eye) or
+    "side-by-side" (each view squeezed into its half, so that a 3-D screen that stretches the halves
+    shows it in its own shape). first_row: the row of the screen on which the picture begins.
     """
     width, height = screen_px
     if out is None or out.shape != (height, width, 3):
@@ -41,7 +46,8 @@ def laid_out(
     if how == "side-by-side":
         for eye, view in enumerate(pair):
             start, stop = eye * width // 2, (eye + 1) * width // 2
-            left, right = start + x // 2, min(start + (x + w) // 2, stop)
+            left = start + x // 2
+            right = min(start + (x + w) // 2, stop)
             scale_into(view, out[y : y + h, left:right])
         return out
     both = np.empty((2, h, w, 3), np.uint8)

@@ -1,6 +1,7 @@
 """The work that rendering a scene under a configuration needs, and the work it leaves out.
 
-Only a report: stages do not read it. Each entry comes from the function that the stage itself uses to decide.
+Only a report: stages do not read it. Each entry comes from the function that the stage itself uses
+to decide.
 """
 
 from collections.abc import Iterator
@@ -10,42 +11,41 @@ import attrs
 from lfpipe.config import Config, Render
 from lfpipe.config.camera_pose import CameraPose
 from lfpipe.config.quality import WARPS
-from lfpipe.render.compositor import method_for, mixed_as, planes_of_eyes, stored_channels
+from lfpipe.render.compositor import method_for, planes_of_eyes, settings_for_scene, stored_channels
 from lfpipe.render.geometry import alpha_is_automatic
 from lfpipe.scene.lightfield import LightField
 
 
 @attrs.frozen
 class LeftOut:
-    """Work not done, or data not read or stored. saves: an amount with its unit."""
+    """Work not done, or data not read or stored."""
 
     what: str
     why: str
-    saves: str
+    saves: str  # an amount with its unit
 
 
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class Plan:
-    """needs_tracking: the picture depends on the eyes; otherwise capture and track do not run. needs_rows: it depends on the
-    eyes' height. needs_warp: views are warped, so disparity is read. needs_depth: it depends on the viewer's distance. planes:
-    stored channels read for the left eye and for the right eye (0 red, 1 green, 2 blue; 0 of a grey scene). method: never "auto".
-    """
+    """What rendering a scene needs."""
 
-    needs_tracking: bool
-    needs_rows: bool
-    needs_warp: bool
-    needs_depth: bool
+    needs_tracking: bool  # the picture depends on the eyes; else capture and track do not run
+    needs_rows: bool  # it depends on the eyes' height
+    needs_warp: bool  # views are warped, so disparity is read
+    needs_depth: bool  # it depends on the viewer's distance
+    # stored channels read for the left eye and for the right eye: 0 red, 1 green, 2 blue; 0 of a
+    # grey scene
     planes: tuple[tuple[int, ...], tuple[int, ...]]
-    method: str
+    method: str  # never "auto"
     left_out: tuple[LeftOut, ...] = ()
 
 
 def make_plan(field: LightField, config: Config) -> Plan:
     """The plan for a scene under a configuration."""
     render = config.render
-    tracking = field.rows * field.cols > 1
+    tracking = field.needs_eyes
     method = method_for(field, render.method)
-    render = mixed_as(field, method, render)
+    render = settings_for_scene(field, method, render)
     posed = CameraPose.of(config, config.camera.frame_px) is not None
     left, right = (
         sorted({k for plane in eye for k in stored_channels(field, plane)})
@@ -63,20 +63,19 @@ def make_plan(field: LightField, config: Config) -> Plan:
 
 
 def _left_out(plan: Plan, field: LightField, config: Config) -> Iterator[LeftOut]:
-    plane_bytes, render = (
-        field.height_px * field.width_px,
-        mixed_as(field, plan.method, config.render),
-    )
+    plane_bytes = field.height_px * field.width_px
+    render = settings_for_scene(field, plan.method, config.render)
     if not plan.needs_tracking:
         frame = _size(config.camera.width_px * config.camera.height_px * 3)
         yield LeftOut(
             "capture and tracking",
-            "a single view does not depend on the eyes",
+            "a single view does not depend on the eyes"
+            if field.rows * field.cols == 1
+            else "all views are equal",
             f"2 processes, {frame} per frame",
         )
-    elif (
-        not plan.needs_rows and plan.method != "nearest"
-    ):  # nearest takes one view, whatever the row
+    # nearest takes one view, whatever the row
+    elif not plan.needs_rows and plan.method != "nearest":
         saves = (
             f"{_size(8 * plane_bytes)} of maps per view"
             if plan.needs_warp

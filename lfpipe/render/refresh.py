@@ -1,4 +1,6 @@
-"""When pictures are due: an even rate whose phase follows the camera, or the vertical blanks that the window system reports."""
+"""When pictures are due: an even rate whose phase follows the camera, or the vertical blanks that
+the window system reports.
+"""
 
 import math
 
@@ -6,13 +8,11 @@ from lfpipe.host.presentation import Presented
 from lfpipe.transport.clock import MS_NS, SECOND_NS
 
 SLACK = 0.2  # of a period, at most 3 ms: tolerated lateness of eyes
-GAIN = (
-    0.05  # of each frame in phase and period: 20 frames, over which jitter of stamps averages out
-)
+# of each frame in phase and period: 20 frames, over which jitter of stamps averages out
+GAIN = 0.05
 LARGEST_STEP = 0.01  # of a period
-LONGEST_NS = (
-    SECOND_NS // 2
-)  # from frame to frame; after a longer gap the camera or the machine stood still
+# from frame to frame; after a longer gap the camera or the machine stood still
+LONGEST_NS = SECOND_NS // 2
 NEAR_RATIO = 0.01  # tolerance of the ratio of both rates to a whole number
 COST_SHARE = 0.1  # weight of the newest in the running mean of a picture's cost
 SPARE_NS = MS_NS  # additional lead of composing
@@ -22,7 +22,8 @@ class Refresh:
     """The display's clock at rate_hz, first due at t0_ns; its phase follows the camera's frames."""
 
     def __init__(self, rate_hz: float, t0_ns: int) -> None:
-        self._due_ns, self._period_ns = float(t0_ns), 1e9 / rate_hz
+        self._due_ns = float(t0_ns)
+        self._period_ns = 1e9 / rate_hz
         self._cost_ns = 0
         self._camera_period_ns = 0.0
         self._last: tuple[int, int] | None = None  # (source_seq, t_sensor_ns) of the previous eyes
@@ -56,7 +57,8 @@ class Refresh:
     def limit(self, rate_hz: float | str, nominal_hz: float) -> None:
         """Takes `render.rate_hz` now in force; nominal_hz: the rate if it is "auto"."""
         if 1e9 / nominal_hz != self._period_ns:
-            self._period_ns, self._locked = 1e9 / nominal_hz, False
+            self._period_ns = 1e9 / nominal_hz
+            self._locked = False
 
     def advance(self, t_ns: int) -> int:
         """Advances to the next refresh after t_ns; returns how many were missed."""
@@ -66,7 +68,8 @@ class Refresh:
 
     def heard(self, source_seq: int, t_sensor_ns: int, t_eyes_ns: int) -> None:
         """Records that new eyes, of that frame, arrived at t_eyes_ns."""
-        last, self._last = self._last, (source_seq, t_sensor_ns)
+        last = self._last
+        self._last = (source_seq, t_sensor_ns)
         if last is None or source_seq <= last[0] or t_sensor_ns - last[1] > LONGEST_NS:
             self._locked = False  # the first frame, or the first after a gap: the phase is new
             return
@@ -89,28 +92,24 @@ class Refresh:
         self._due_ns += min(max(GAIN * late_ns, -largest_ns), largest_ns)
 
 
-PHASE_GAIN, PERIOD_GAIN = (
-    0.3,
-    0.01,
-)  # phase within a few blanks; period over a hundred: reports come in whole ms
+# phase within a few blanks; period over a hundred: reports come in whole ms
+PHASE_GAIN, PERIOD_GAIN = 0.3, 0.01
 OFF_GRID = 0.35  # of a period: a blank further off belongs to another grid
 OFF_COUNT = 5  # after this many such blanks in a row the clock follows the other grid
-PERIOD_RANGE = 0.12  # around the nominal one, if the period is not reported: the error of a rate in whole Hz at 25 Hz
+# around the nominal one, if the period is not reported: the error of a rate in whole Hz at 25 Hz
+PERIOD_RANGE = 0.12
 EARLY_NS = MS_NS // 4  # after a blank; no hand-over for the next one before this
-COST_UP, COST_DOWN = (
-    0.5,
-    0.005,
-)  # the tracked cost is a high quantile: late pictures are visible, early ones are not
-MARGIN_NS, LEAST_MARGIN_NS = (
-    2 * MS_NS,
-    MS_NS // 2,
-)  # at first, most window systems take pictures later; a wake-up's lateness
+# One picture in 200 exceeds the tracked cost: a step down is a 200th of a step up. Steps
+# of one size keep a single stall from lengthening the lead of the pictures after it.
+COST_STEP_NS = MS_NS // 4
+COST_QUANTILE = 0.995
+# at first, most window systems take pictures later; a wake-up's lateness
+MARGIN_NS = 2 * MS_NS
+LEAST_MARGIN_NS = MS_NS // 2
 STEP_NS = MS_NS
 IN_TIME = 0.7  # of the margin left at hand-over: then the picture's own cost did not make it late
-EARLY_SHARE, EARLY_STEP_NS = (
-    1e-4,
-    1000,
-)  # narrowing per punctual picture: with the step above, 1 picture in 500 is late
+# narrowing per punctual picture: with the step above, 1 picture in 500 is late
+EARLY_SHARE, EARLY_STEP_NS = 1e-4, 1000
 MOST_PERIODS = 2.5  # a compositor may require a picture a whole period before its blank
 
 
@@ -129,7 +128,9 @@ class ScreenClock:
         return SECOND_NS / self.period_ns
 
     def claim(self, nominal_hz: float) -> None:
-        """Takes the rate that the screen claims: if it changed, the window has moved, and the grid is detected again."""
+        """Takes the rate that the screen claims: if it changed, the window has moved, and the grid
+        is detected again.
+        """
         if abs(1e9 / nominal_hz - self._claimed_ns) > 1:
             self._claimed_ns = self._nominal_ns = self.period_ns = 1e9 / nominal_hz
             self.measured = False
@@ -137,26 +138,25 @@ class ScreenClock:
     def blank(self, t_ns: int, period_ns: int = 0) -> None:
         """Adds a blank at t_ns. period_ns: reported with it, or 0."""
         if period_ns and abs(period_ns / self._nominal_ns - 1) > PERIOD_RANGE and period_ns > MS_NS:
-            self._nominal_ns = self.period_ns = float(
-                period_ns
-            )  # another monitor, or one that claims another rate
+            # another monitor, or one that claims another rate
+            self._nominal_ns = self.period_ns = float(period_ns)
             self.measured = False
         count = round((t_ns - self._t_ns) / self.period_ns)
         error_ns = t_ns - self._t_ns - count * self.period_ns
         if not self.measured or abs(error_ns) > OFF_GRID * self.period_ns:
             self._off += 1
             if not self.measured or self._off >= OFF_COUNT:
-                self._t_ns, self._off, self.measured = float(t_ns), 0, True
+                self._t_ns = float(t_ns)
+                self._off = 0
+                self.measured = True
             return
         self._off = 0
         if count <= 0:
             return
         self._t_ns += count * self.period_ns + PHASE_GAIN * error_ns
         period_ns_now = self.period_ns + PERIOD_GAIN * error_ns / count
-        low_ns, high_ns = (
-            self._nominal_ns * (1 - PERIOD_RANGE),
-            self._nominal_ns * (1 + PERIOD_RANGE),
-        )
+        low_ns = self._nominal_ns * (1 - PERIOD_RANGE)
+        high_ns = self._nominal_ns * (1 + PERIOD_RANGE)
         self.period_ns = min(max(period_ns_now, low_ns), high_ns)
 
     def nearest(self, t_ns: float) -> int:
@@ -165,13 +165,17 @@ class ScreenClock:
 
 
 class ScreenRefresh(Refresh):
-    """Refreshes on the blanks that a screen of nominal_hz reports: pictures are due at blanks, whose phase does not follow the
-    camera, and begin a lead before them that is learnt from late and early pictures. limit_hz: at most this many pictures a
-    second, 0 for every blank."""
+    """Refreshes on the blanks that a screen of nominal_hz reports: pictures are due at blanks,
+    whose phase does not follow the camera, and begin a lead before them that is learnt from late
+    and early pictures. limit_hz: at most this many pictures a second, 0 for every blank.
+    """
 
     def __init__(self, nominal_hz: float, t0_ns: int, limit_hz: float = 0.0) -> None:
-        self.clock, self._limit_hz, self._due_ns = ScreenClock(nominal_hz, t0_ns), limit_hz, t0_ns
-        self._high_cost_ns, self._margin_ns = 0.0, float(MARGIN_NS)
+        self.clock = ScreenClock(nominal_hz, t0_ns)
+        self._limit_hz = limit_hz
+        self._due_ns = t0_ns
+        self._high_cost_ns = 0.0
+        self._margin_ns = float(MARGIN_NS)
         self._changed_ns = 0  # when a late or early picture changed the margin
 
     @property
@@ -193,18 +197,24 @@ class ScreenRefresh(Refresh):
         pass
 
     def took(self, cost_ns: int, t_started_ns: int, target_ns: int) -> None:
-        """Lateness of its start counts as cost. More than a period is useless: until then the previous picture is being made."""
+        """Lateness of its start counts as cost.
+
+        A cost of more than a period says nothing: no lead would have made that picture punctual.
+        """
         late_ns = max(t_started_ns - (target_ns - self.lead_ns()), 0)
-        cost = min(float(cost_ns + late_ns), self.clock.period_ns)
-        self._high_cost_ns += (COST_UP if cost > self._high_cost_ns else COST_DOWN) * (
-            cost - self._high_cost_ns
-        )
+        cost = cost_ns + late_ns
+        if cost > self.clock.period_ns:
+            return
+        step = COST_QUANTILE if cost > self._high_cost_ns else COST_QUANTILE - 1
+        self._high_cost_ns = max(0.0, self._high_cost_ns + step * COST_STEP_NS)
 
     def judge(self, target_ns: int, t_handed_ns: int, t_presented_ns: int) -> bool:
-        """Judges a picture for the blank target_ns, shown at t_presented_ns, 0 for never; returns whether that was not its blank.
+        """Judges a picture for the blank target_ns, shown at t_presented_ns, 0 for never; returns
+        whether that was not its blank.
 
-        Late despite a punctual hand-over: the window system needs more time. A whole period early: it needs less. A picture begun
-        before the margin changed says nothing about the new margin; one handed over late cost more.
+        Late despite a punctual hand-over: the window system needs more time. A whole period early:
+        it needs less. A picture begun before the margin changed says nothing about the new margin;
+        one handed over late cost more.
         """
         if not t_presented_ns or not self.clock.measured:
             return not t_presented_ns
@@ -223,7 +233,10 @@ class ScreenRefresh(Refresh):
         return bool(blanks)
 
     def blanks(self, reports: list[Presented], nominal_hz: float) -> None:
-        """Takes the window system's reports. nominal_hz: the rate that the window's monitor claims."""
+        """Takes the window system's reports.
+
+        nominal_hz: the rate that the window's monitor claims.
+        """
         self.clock.claim(nominal_hz)
         for report in reports:
             if report.t_ns:

@@ -1,9 +1,12 @@
-"""Other scenes: requests for one of the playlist or a dropped one, their choice by pictures (key Tab), and the desktop's dialog.
+"""Other scenes: requests for one of the playlist or a dropped one, their choice by pictures (key
+Tab), and the desktop's dialog.
 
-The old scene stays on the screen until the packer has the views of the new one. A second request replaces the first.
+The old scene stays on the screen until the packer has the views of the new one. A second request
+replaces the first.
 """
 
-import contextlib
+import base64
+import re
 import shutil
 import subprocess
 import textwrap
@@ -14,42 +17,43 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area
+from lfpipe.host.files import exists
 from lfpipe.render.notices import Notices
 from lfpipe.render.overlay import Item, Menu
-from lfpipe.scene.cache import cache_dir
-from lfpipe.scene.contact_sheet import stored_view
-from lfpipe.scene.open_scene import Packing, packed, preview
+from lfpipe.scene.cache import cache_root
 from lfpipe.scene.recent_scenes import forget_scene
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.ring import Reader
 
 ALONE_NS = 60 * SECOND_NS  # then the visitor is assumed to have left
-NO_OTHER = "there is no other scene: `lfpipe up` accepts several"
-REFUSED_NS, LINE_CHARS, MAX_LINES = (
-    6 * SECOND_NS,
-    60,
-    5,
-)  # of a refusal in the picture; lines of the reason, and of the remedy
-CAMERA_NS = (
-    SECOND_NS // 5
-)  # between two pictures of the camera: one sees oneself move, and the scene keeps its rate
+NO_OTHER = "there is no other scene: press l, or drop a folder of views onto the window"
+# of a refusal in the picture; lines of the reason, and of the remedy
+REFUSED_NS = 6 * SECOND_NS
+LINE_CHARS = 60
+TYPED = re.compile(r"`|--|\blfpipe \w|\w=\w")  # what only a terminal takes
+MAX_LINES = 5
+# between two pictures of the camera: one sees oneself move, and the scene keeps its rate
+CAMERA_NS = SECOND_NS // 5
+THUMBNAILS = Path(__file__).parent / "thumbnails"  # by tools.make_docs_pictures
 KEPT_PX = (480, 360)  # of a thumbnail, at most: larger than a cell of most menus
 HINT = "Click, or arrows and Enter; {}Tab goes back.\nOr drop a folder of views onto the window."
 
 
 class SceneLoader:
-    """Requests scenes. share: of the packer's work on the scene on the screen that is done; None without."""
+    """Requests scenes.
+
+    share: of the packer's work on the scene on the screen that is done; None without.
+    """
 
     def __init__(self, context: Context, notices: Notices) -> None:
         self._context, self._notices = context, notices
-        self._asked, self._asked_ns = "", 0  # the scene requested last that is not loaded yet
-        self._loading, self._step = (
-            "",
-            "",
-        )  # the name of the scene being loaded, whoever requested it, and its progress
+        # the scene requested last that is not loaded yet
+        self._asked = ""
+        self._asked_ns = 0
+        # the name of the scene being loaded, whoever requested it, and its progress
+        self._loading, self._step = "", ""
         self.share: float | None = None
         self._first_due_ns = 0
 
@@ -69,7 +73,8 @@ class SceneLoader:
     def load(self, scene: Path) -> None:
         """Requests the scene at a path, instead of one requested before."""
         self._context.request("load", scene=str(scene))
-        self._asked, self._asked_ns = str(scene), now_ns()
+        self._asked = str(scene)
+        self._asked_ns = now_ns()
 
     def answered(self, answer: dict[str, Any]) -> None:
         """Handles the answer to a request: the picture shows a refusal for a while."""
@@ -77,14 +82,20 @@ class SceneLoader:
             return
         if not answer["ok"]:
             lines = [f"{self._what()}: refused".removeprefix(": ")]
-            for text in (answer["error"], answer.get("remedy", "")):
+            remedy = answer.get("remedy", "")
+            # a command line is of no use in the window
+            shown = "" if TYPED.search(remedy) else remedy
+            for text in (answer["error"], shown):
                 lines += textwrap.wrap(text, LINE_CHARS)[:MAX_LINES]
             self._notices.say("refused", "\n".join(lines), REFUSED_NS)
         if not answer["ok"] or "pack" in answer:
             self._asked = ""
 
     def report(self, news: dict[str, Any]) -> None:
-        """Takes the progress of loading, whoever requested the scene. Of the scene on the screen, only a line shows it."""
+        """Takes the progress of loading, whoever requested the scene.
+
+        Of the scene on the screen, only a line shows it.
+        """
         self._loading, self._step = ("", "") if news["shown"] else (news["scene"], news["step"])
         self.share = news["share"] if news["shown"] and news["step"] else None
 
@@ -108,7 +119,8 @@ class SceneLoader:
 
     def serve(self, t_ns: int) -> None:
         """In an exhibition, requests the first scene for the next visitor."""
-        options, alone_ns = self._context.options, t_ns - int(self._context.row["t_face_ns"])
+        options = self._context.options
+        alone_ns = t_ns - int(self._context.row["t_face_ns"])
         if (
             options.kiosk
             and options.playlist_at
@@ -131,10 +143,8 @@ class ScenePage:
         self._context = context
         self._scenes: list[str] = list(context.options.playlist)
         self._at = 0
+        # of those that were read; None: it has none
         self._pictures: dict[str, NDArray[np.uint8] | None] = {}
-        self._packings: dict[
-            str, Packing
-        ] = {}  # at most one: it reads a picture of a scene that is not packed
         self._camera: Reader | None = None
         self._camera_due_ns = 0
         self._camera_item = Item("the camera")
@@ -151,73 +161,74 @@ class ScenePage:
         return Menu("Choose a scene", hint, tuple(items), self._at)
 
     def open(self) -> None:
-        """Selects the scene on show; reads the pictures again, as one may have been packed since."""
+        """Selects the scene on show; asks for all pictures again, as one may have been packed
+        since. Those of our own making are in the package: their views take a while to render.
+        """
         options = self._context.options
         now = options.playlist[options.playlist_at]
         self._at = self._scenes.index(now) if now in self._scenes else 0
-        self._pictures.clear()
-        if options.tracking and self._camera is None:
+        stored = {scene: THUMBNAILS / f"{Path(scene).name}.jpg" for scene in self._scenes}
+        self._pictures = {
+            scene: np.asarray(cv2.imread(str(path)), np.uint8)[..., ::-1]
+            for scene, path in stored.items()
+            if self._is_own(scene) and exists(path)
+        }
+        rest = [scene for scene in self._scenes if scene not in self._pictures]
+        self._context.request("previews", scenes=rest)
+        if options.viewer.tracked and self._camera is None:
             self._camera = Reader(self._context.spec.session.segment("frames"))
 
     def close(self) -> None:
         """Ends what reads pictures."""
-        for scene in list(self._packings):
-            self._packings.pop(scene).close()
+        if len(self._pictures) < len(self._scenes):
+            self._context.request("previews", scenes=[])
+
+    def add(self, preview: dict[str, Any]) -> None:
+        """Takes a picture that the packer has read."""
+        picture = None
+        if preview["data"]:
+            data = np.frombuffer(base64.b64decode(preview["data"]), np.uint8)
+            picture = np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), np.uint8)[..., ::-1]
+        self._pictures[preview["scene"]] = picture
 
     def _is_own(self, scene: str) -> bool:
-        """Whether a scene is of our own making: it is always there, and its views take a while to render."""
-        return Path(scene).is_relative_to(cache_dir(self._context.config.scene))
+        """Whether a scene is of our own making: it is always there."""
+        return Path(scene).is_relative_to(cache_root(self._context.config.scene))
 
     def forget(self, scene: str) -> None:
         """Takes a scene off the start page; the demos stay, and so do all files."""
         if self._context.options.start and scene in self._scenes and not self._is_own(scene):
             self._scenes.remove(scene)
-            if scene in self._packings:
-                self._packings.pop(scene).close()
             forget_scene(Path(scene))
 
     def serve(self, t_ns: int) -> None:
-        """Reads one more thumbnail and, now and then, the camera's picture."""
-        unread = [scene for scene in self._scenes if scene not in self._pictures]
-        if unread:
-            with self._context.busy_with("reading thumbnails"):
-                self._read_picture(min(unread, key=self._is_own))
+        """Reads the camera's picture now and then."""
         if self._camera is not None and t_ns >= self._camera_due_ns:
             self._camera_due_ns = t_ns + CAMERA_NS
             self._see_camera(self._camera)
 
-    def _read_picture(self, scene: str) -> None:
-        """Reads the middle view from the scene's pack, or has the packer read it."""
-        if scene not in self._packings:
-            with contextlib.suppress(UserError):
-                if (field := packed(scene, self._context.config.scene)) is not None:
-                    self._pictures[scene] = _small(
-                        stored_view(field, field.rows // 2, field.cols // 2)
-                    )
-                    return
-            self._packings[scene] = Packing([scene], self._context.config.scene, do="preview")
-        self._packings[scene].read()
-        if self._packings[scene].done:
-            self._pictures[scene] = preview(self._packings.pop(scene))
-
     def _see_camera(self, camera: Reader) -> None:
         """Takes the camera's newest picture, mirrored."""
-        options, (width_px, height_px) = self._context.options, self._context.config.camera.frame_px
+        options = self._context.options
+        width_px, height_px = self._context.config.camera.frame_px
         frame = np.empty((height_px, width_px, 3), np.uint8)
         if camera.read(frame) is None:
             return
         caption = "a face: here you are" if self._context.row["face"] else "no face seen"
-        if options.source.startswith("demo"):
+        if options.viewer.source.startswith("demo"):
             caption = "demo face: no camera found" if options.start else "demo face"
         self._camera_item = Item(caption, picture=_small(frame)[:, ::-1, ::-1])
 
 
-# A portal's answer is a signal to the connection that asked; `gdbus call` and `busctl call` have closed theirs by then.
+# A portal's answer is a signal to the connection that asked; `gdbus call` and `busctl call` have
+# closed theirs by then.
 NO_DIALOG = "drop a folder or a file onto the window (zenity or kdialog would give a dialog)"
 
 
 def file_dialog(folder: bool) -> subprocess.Popen[str] | None:
-    """The desktop's own dialog for a folder or a file, a child process that prints its path; None if there is none."""
+    """The desktop's own dialog for a folder or a file, a child process that prints its path; None
+    if there is none.
+    """
     title = "Open a folder of views" if folder else "Open a light field"
     if program := shutil.which("zenity"):
         command = [

@@ -1,4 +1,6 @@
-"""The best method for a scene: every second view is held out, predicted from the others, and compared."""
+"""The best method for a scene: every second view is held out, predicted from the others, and
+compared.
+"""
 
 import math
 
@@ -21,7 +23,9 @@ def psnr_db(mean_square: float) -> float:
 
 
 def thinned(field: LightField) -> LightField:
-    """Every second view along either axis as a light field: disparities grow with the spacing. Copies nothing."""
+    """Every second view along either axis as a light field: disparities grow with the spacing.
+    Copies nothing.
+    """
     every = np.s_[::2, ::2]
     return attrs.evolve(
         field,
@@ -36,15 +40,17 @@ def thinned(field: LightField) -> LightField:
 
 
 def left_out(field: LightField, count: int) -> list[tuple[int, int]]:
-    """Up to count (row, col) of present views that `thinned` leaves out, between those that it keeps, well spread; of two rows
-    or columns, the first."""
+    """Up to count (row, col) of present views that `thinned` leaves out, between those that it
+    keeps, well spread; of two rows or columns, the first.
+    """
     inside = [
         (r, c)
         for r in range((field.rows - 1) // 2 * 2 + 1)
         for c in range((field.cols - 1) // 2 * 2 + 1)
         if (r % 2 or c % 2) and field.present[r, c]
     ]
-    # a stride coprime to the pattern of the grid selects views between two and between four others equally often
+    # a stride coprime to the pattern of the grid selects views between two and between four others
+    # equally often
     chosen = (
         np.unique(np.linspace(0, len(inside) - 1, count).round().astype(int))
         if len(inside) > count
@@ -54,9 +60,13 @@ def left_out(field: LightField, count: int) -> list[tuple[int, int]]:
 
 
 def score(field: LightField, method: str, places: list[tuple[int, int]]) -> float:
-    """Mean PSNR in dB of the held-out views of field, each made by method from its `thinned` neighbours (green plane)."""
-    kept, channel = thinned(field), min(1, field.channels - 1)
-    synthesiser, views = Synthesiser(kept, method), np.asarray(kept.views)
+    """Mean PSNR in dB of the held-out views of field, each made by method from its `thinned`
+    neighbours (green plane).
+    """
+    kept = thinned(field)
+    channel = min(1, field.channels - 1)
+    synthesiser = Synthesiser(kept, method)
+    views = np.asarray(kept.views)
     out = [np.empty((field.height_px, field.width_px), np.uint8)]
     levels_db = []
     for row, col in places:
@@ -71,8 +81,8 @@ def score(field: LightField, method: str, places: list[tuple[int, int]]) -> floa
 def choose_method(field: LightField, count: int = 7) -> tuple[str, dict[str, float]]:
     """(method that `auto` stands for, {method: dB}) from a hold-out test on about count views.
 
-    The cheapest method that no costlier one beats by WORTH_DB. A grid too small to hold out a view has no scores; then
-    disparities decide.
+    The cheapest method that no costlier one beats by WORTH_DB. A grid too small to hold out a view
+    has no scores; then disparities decide.
     """
     fades = may_fade(field.disparity_min_px, field.disparity_max_px)
     methods = [

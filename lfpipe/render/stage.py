@@ -1,124 +1,248 @@
 """Render: one picture for each refresh of the display, or for each camera frame.
 
 Reads: ring "eyes", the newest record; the packed scene named by option "pack".
-Writes: the display of option "display"; the trace of option "trace"; the last picture to option "still"; without a camera, ring
-"eyes" from the mouse.
-Commands: recentre, loading (progress), stop; settings and another scene by configuration, a lowered quality by option "level".
+Writes: the display of option "display"; the trace of option "trace"; the last picture to option
+"still"; without a camera, ring "eyes" from the mouse.
+Commands: recentre, loading (progress), stop; settings and another scene by configuration, a lowered
+quality by option "level".
 Asks: set, recentre, load, pause, resume, record, stop (keys and bar of the window).
-Emits: parallax (alpha and its reasons), viewer (nobody, arriving, seated, lost, exchanged), notice (an output was lost).
+Emits: parallax (alpha and its reasons), viewer (nobody, arriving, seated, lost, exchanged), notice
+(an output was lost).
 """
 
 import gc
 import logging
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from lfpipe.config import Config
+from lfpipe.config.modes import (
+    Lossless,
+    MouseViewer,
+    Nothing,
+    Plugin,
+    RecordedEyes,
+    VideoFile,
+    Window,
+    loop_ms,
+)
 from lfpipe.config.quality import lowered
+from lfpipe.errors import UserError
+from lfpipe.eyes import EYES, EyesRecord
 from lfpipe.host.processes import run_on
-from lfpipe.render.display import open_display
+from lfpipe.render.choice import EyesSource, Moment
+from lfpipe.render.display import Display
 from lfpipe.render.file_display import save
 from lfpipe.render.key_bindings import KeyBindings
+from lfpipe.render.listeners.motion_latency import MotionLatencyRow
+from lfpipe.render.listeners.picture_ring import PictureRing
+from lfpipe.render.listeners.replay_writer import ReplayWriter
+from lfpipe.render.listeners.share_stamps import ShareStamps
+from lfpipe.render.listeners.status_row import StatusRow
+from lfpipe.render.listeners.tap_messages import TapMessages
+from lfpipe.render.listeners.trace import Trace
+from lfpipe.render.mouse_look import MouseLook
+from lfpipe.render.open_display import open_display
+from lfpipe.render.presence import ViewerState
 from lfpipe.render.presenter import Presenter
 from lfpipe.render.refresh import Refresh, ScreenRefresh
+from lfpipe.render.showing import Listener
 from lfpipe.render.viewer import Viewer
 from lfpipe.scene.half_turn import remember, shown_as
 from lfpipe.scene.pack import open_pack
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.context import Context
+from lfpipe.transport.ring import Stamp
 
 logger = logging.getLogger(__name__)
 SERVE_NS = 100 * MS_NS  # between two looks at keys and notices without a window: nobody presses one
+
+
+class EyesInput:
+    """Reads the ring "eyes" into a source."""
+
+    def __init__(self, context: Context, source: EyesSource) -> None:
+        self._context = context
+        self.source = source
+        self._by_mouse = isinstance(context.options.viewer, MouseViewer)
+        self._ring = context.input("eyes")
+        self._buffer = np.empty((), EYES)
+        self.pending = False
+        """Whether no picture was made yet for the newest record."""
+
+    def take(self) -> Stamp | None:
+        """Reads the newest record if there is one; returns its stamp."""
+        stamp = self._ring.take(self._buffer)
+        if stamp is None or self._by_mouse:  # then the mouse wrote it, in this process
+            return None
+        self.leave_out()
+        self.pending = True
+        self.source.update(EyesRecord.of(self._buffer), stamp, now_ns())
+        return stamp
+
+    def leave_out(self) -> None:
+        """Counts the previous record as left out if no picture was made for it: a newer one came,
+        or the session is paused.
+        """
+        self._context.row["left_out"] += self.pending
+        self.pending = False
 
 
 class RenderStage:
     """The scene, its viewer and its display, under the configuration in force."""
 
     def __init__(self, context: Context) -> None:
-        self._context, self._asked, self._options = context, context.config, context.options
-        self._config = lowered(self._asked, self._options)
-        options = self._options
+        self._context = context
+        self._asked = context.config
+        self._options = options = context.options
+        self._config = lowered(self._asked, options)
+        self._lossless = isinstance(options.clock, Lossless)
         with context.setting_up("opening the scene"):
             self._field = open_pack(Path(options.pack), self._config.scene.half_turn)
+            # on any of them
             helper = (
                 ThreadPoolExecutor(1, "half", run_on, (context.cores,))
                 if len(context.cores) > 1
                 else None
-            )  # on any of them
+            )
             self._viewer = Viewer(self._field, self._config, bool(options.kiosk), helper)
         self._keep_choice()
         # without a clock, pictures depend on the frames alone
-        self.on_camera = (
-            options.lossless or self._config.render.clock == "camera"
-        ) and options.tracking
-        rate_hz = float(options.source_hz) if self.on_camera else self._asked.render.nominal_hz
-        size_px, monitor = (
-            (self._field.width_px, self._field.height_px),
-            str(self._config.screen.monitor),
-        )
-        restarts = context.row["restarts"]
-        name = f"lfpipe: {self._field.name}"
-        self._display = open_display(
-            options.display, size_px, name, rate_hz, monitor, restarts, options.kiosk
-        )
-        self._interactive, self._serve_ns = (
-            options.display != "none" and not options.display.startswith("file:"),
-            0,
-        )
+        on_frames = self._lossless or self._config.render.clock == "camera"
+        self._on_camera = on_frames and options.viewer.tracked
+        self._display = self._open_display()
+        self._interactive = isinstance(options.display, Window | Plugin)
+        self._serve_ns = 0
         self._viewer.shown_as_wide(self._display.width_mm())
-        self._presenter = Presenter(context, self._viewer, self._display)
-        self._keys = KeyBindings(context, self._viewer, self._presenter, self._display)
+        self._eyes = EyesInput(context, EyesSource(self._lossless))
+        written = context.output("eyes") if isinstance(options.viewer, MouseViewer) else None
+        self._mouse = MouseLook(context.config, self._viewer, written)
+        self._viewer.neutral_is_fixed |= isinstance(options.viewer, RecordedEyes)
+        self._status = StatusRow(context.row, self._viewer, self._display)
+        self._listeners = self._make_listeners()
+        self._refresh = None if self._on_camera else self._make_refresh()
+        self._presenter = Presenter(
+            viewer=self._viewer,
+            source=self._eyes.source,
+            mouse=self._mouse,
+            display=self._display,
+            refresh=self._refresh,
+            listeners=self._listeners,
+            seq=context.row["seq"],
+        )
+        self._keys = KeyBindings(context, self._viewer, self._presenter, self._mouse, self._display)
         middle = ((self._field.rows - 1) / 2, (self._field.cols - 1) / 2)
-        self._viewer.compositor.compose(
-            middle, middle
-        )  # builds tables and touches pages before the first picture is due
+        # builds tables and touches pages before the first picture is due
+        self._viewer.compositor.compose(middle, middle)
         context.row["t_face_ns"] = now_ns()
 
-    def on_frames(self) -> None:
-        """One picture per camera frame, as in the paper, until the stop."""
-        presenter, context, lossless = self._presenter, self._context, self._options.lossless
+    def _open_display(self) -> Display:
+        options = self._options
+        rate_hz = options.viewer.rate_hz if self._on_camera else self._asked.render.nominal_hz
+        return open_display(
+            options.display,
+            (self._field.width_px, self._field.height_px),
+            f"lfpipe: {self._field.name}",
+            float(rate_hz),
+            str(self._config.screen.monitor),
+            self._context.row["restarts"],
+        )
+
+    def _make_refresh(self) -> Refresh:
+        """The screen's blanks if they are reported, else an even rate."""
+        if self._display.blanks_by:
+            return ScreenRefresh(self._display.nominal_hz(), now_ns())
+        return Refresh(self._config.render.nominal_hz, now_ns())
+
+    def _make_listeners(self) -> list[Listener]:
+        context, options, viewer = self._context, self._options, self._viewer
+        session = context.spec.session
+        listeners: list[Listener] = [self._status]
+        if not isinstance(options.display, Nothing):
+            listeners.append(MotionLatencyRow(context.row))
+        if replay := options.clock.output:
+            folder = Path(replay.folder)
+            listeners.append(ReplayWriter(folder, replay.sequence, replay.pictures, self._lost))
+        state = ViewerState(context.row["viewer"])
+        trace = Path(options.trace) if options.trace else None
+        began = session.run_dir / "session.json" if context.row["restarts"] else None
+        listeners += (
+            TapMessages(context.emit, viewer, state),
+            PictureRing(session.segment),
+            ShareStamps(partial(context.output, "shown")),
+            Trace(viewer, trace, began, self._lost),
+        )
+        for listener in listeners:
+            listener.set_options(options)
+        return listeners
+
+    def _lost(self, why: str) -> None:
+        if self._options.clock.output is not None:  # it needs its trace
+            raise UserError(why, "make room there, or another --out")
+        self._context.report_lost(why)
+
+    def run(self) -> None:
+        """Shows pictures until the stop: one per camera frame, as in the paper, or one per refresh
+        of the display.
+        """
+        if self._refresh is None:
+            self._run_on_frames()
+        else:
+            self._run_on_refreshes(self._refresh)
+
+    def _run_on_frames(self) -> None:
+        context = self._context
         while context.wait():
             if context.news:
-                self._follow_session()
-            fresh = presenter.take()
+                self._take_news()
+            fresh = self._eyes.take()
             if context.paused:
-                presenter.leave_out()
+                self._eyes.leave_out()
             elif fresh is not None:
                 latency_ns = int(self._config.replay.latency_ms * MS_NS)
-                presenter.show(
-                    fresh.t_sensor_ns + latency_ns if lossless else now_ns() + presenter.cost_ns
-                )
+                target_ns = now_ns() + self._presenter.cost_ns
+                self._show(fresh.t_sensor_ns + latency_ns if self._lossless else target_ns)
             self._after_picture()
 
-    def on_refreshes(self) -> None:
-        """One picture per refresh of the display, until the stop."""
-        presenter, context = self._presenter, self._context
-        screen = (
-            self._display.blanks_by
-        )  # the screen's blanks if they are reported, else an even rate
-        refresh = (
-            ScreenRefresh(self._display.nominal_hz(), now_ns())
-            if screen
-            else Refresh(self._config.render.nominal_hz, now_ns())
-        )
-        presenter.refresh = refresh
+    def _run_on_refreshes(self, refresh: Refresh) -> None:
+        context = self._context
+        refresh.advance(now_ns())  # none was missed while the stage started
         while context.wait(refresh.start_ns()):
             if context.news:
-                self._follow_session()
+                self._take_news()
                 refresh.limit(self._config.render.rate_hz, self._config.render.nominal_hz)
-            if (fresh := presenter.take()) is not None:
+            if (fresh := self._eyes.take()) is not None:
                 refresh.heard(fresh.source_seq, fresh.t_sensor_ns, now_ns())
             if now_ns() >= refresh.start_ns():
                 if not context.paused:
-                    presenter.show(refresh.due_ns(), refresh.period_ns)
+                    self._show(refresh.due_ns(), refresh.period_ns)
                 if count := refresh.advance(now_ns()):
-                    presenter.missed(count)
+                    self._status.missed(count)
             self._after_picture()
 
-    def _follow_session(self) -> None:
+    def _show(self, target_ns: int, refresh_ns: int = 0) -> None:
+        on_blanks = isinstance(self._refresh, ScreenRefresh)
+        self._eyes.pending = False
+        self._presenter.show(Moment.of(target_ns, refresh_ns, self._loop_ns, on_blanks))
+        self._context.done()  # if this process dies, its successor counts later records as lost
+
+    @property
+    def _loop_ns(self) -> int:
+        """The delay of camera and display together. A file has no light, and without a clock
+        replay.latency_ms is the whole delay.
+        """
+        if isinstance(self._options.display, VideoFile):
+            return 0
+        return int(loop_ms(self._options.clock, self._config.render.loop_ms) * MS_NS)
+
+    def _take_news(self) -> None:
         """Applies changes of configuration, scene and quality, and commands."""
         context, viewer, presenter = self._context, self._viewer, self._presenter
-        old, new = self._options, context.options
+        old = self._options
+        new = context.options
         other_pack = (new.pack, new.complete) != (old.pack, old.complete)
         if other_pack or context.config != self._asked:
             with context.setting_up("opening the scene"):
@@ -132,21 +256,29 @@ class RenderStage:
                 logger.info("quality: %s at %s Hz", config.render.method, config.render.rate_hz)
                 viewer.redraw_by(config)
                 presenter.redraw()
-        presenter.follow()
+        for listener in self._listeners:
+            listener.set_options(new)
         context.ack_config()
         for word, message in context.commands():
             if word == "recentre":
-                if not presenter.mouse.recentre():
+                if not self._mouse.recentre():
                     viewer.recentre()
                 presenter.redraw()
+                context.answer(message)
             elif word == "loading":
                 self._keys.scenes.report(message)
+            elif word == "preview":
+                self._keys.page.add(message)
             elif not word:
                 self._keys.scenes.answered(message)
 
     def _open_scene(self, other_pack: bool) -> None:
-        """Takes over configuration and options, with their scene. other_pack: it was packed anew, or further."""
-        context, half_turn = self._context, self._context.config.scene.half_turn
+        """Takes over configuration and options, with their scene.
+
+        other_pack: it was packed anew, or further.
+        """
+        context = self._context
+        half_turn = self._context.config.scene.half_turn
         completed = context.options.pack == self._options.pack and context.config == self._asked
         if other_pack:
             self._field = open_pack(Path(context.options.pack), half_turn)
@@ -162,32 +294,34 @@ class RenderStage:
         self._config = lowered(self._asked, self._options)
         (self._viewer.complete if completed else self._viewer.set)(self._field, self._config)
         if other_pack:
-            gc.unfreeze()  # the old compositor's parts refer to one another, and to the maps of the pack
+            # the old compositor's parts refer to one another, and to the maps of the pack
+            gc.unfreeze()
             gc.collect()
             gc.freeze()
 
     def _keep_choice(self) -> None:
         """Remembers near and far as a person chose them; a replay only applies what was chosen."""
-        if (
-            word := self._context.config.scene.half_turn
-        ) != "auto" and not self._context.options.lossless:
+        word = self._context.config.scene.half_turn
+        if word != "auto" and not self._lossless:
             remember(self._field, word)
 
     def _after_picture(self) -> None:
-        """What does not change the picture just shown: keys and notices, without a window ten times a second."""
+        """What does not change the picture just shown: keys and notices, without a window ten times
+        a second.
+        """
         if self._context.paused:
-            self._context.row["t_face_ns"] = (
-                now_ns()
-            )  # while nobody looks for a face, none is missed
+            # while nobody looks for a face, none is missed
+            self._context.row["t_face_ns"] = now_ns()
         if self._interactive or now_ns() >= self._serve_ns:
             self._serve_ns = now_ns() + SERVE_NS
             self._keys.serve()
         if self._display.blanks_by:
-            self._presenter.follow_screen()
+            self._presenter.take_reports()
 
     def close(self) -> None:
         """Writes what is left to write."""
-        still, picture = self._options.still, self._presenter.picture
+        still = self._options.still
+        picture = self._presenter.picture
         if still and picture is not None and (failure := save(Path(still), picture)):
             self._context.report_lost(failure)
         self._presenter.close()
@@ -200,9 +334,6 @@ def main(context: Context) -> None:
     stage = RenderStage(context)
     context.ready()
     try:
-        if stage.on_camera:
-            stage.on_frames()
-        else:
-            stage.on_refreshes()
+        stage.run()
     finally:
         stage.close()

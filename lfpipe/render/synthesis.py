@@ -1,16 +1,19 @@
 """Views between the stored views, and a little beyond them.
 
-A viewpoint is (row, col), fractional, in grid steps. Whole numbers are the stored views, which every method returns bit for bit.
-Between them a stored view b is warped backwards along its own disparity d (px per grid step, nearer is positive):
+A viewpoint is (row, col), fractional, in grid steps. Whole numbers are the stored views, which
+every method returns bit for bit. Between them a stored view b is warped backwards along its own
+disparity d (px per grid step, nearer is positive):
 
-    picture(x, y) = view_b(x + d * (col - b_col), y + d * (row - b_row)),   d taken where it lands (fixed point)
+    picture(x, y) = view_b(x + d * (col - b_col), y + d * (row - b_row)),   d taken where it lands
+    (fixed point)
 
-All methods work on single planes at the light field's resolution, in blocks of 2x2 pixels; disparity is refined at its own lower
-resolution.
+All methods work on single planes at the light field's resolution, in blocks of 2x2 pixels;
+disparity is refined at its own lower resolution.
 """
 
 from collections.abc import Callable, Sequence
 
+import attrs
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +26,40 @@ from lfpipe.scene.lightfield import LightField
 
 Array = NDArray[np.uint8]
 Source = Callable[[int, int, int], Array]  # (frame, row, col) -> a plane of that stored view
+
+
+@attrs.frozen
+class Layer:
+    """A stored view in a cross-fade."""
+
+    planes: list[Array]
+    share: float  # of the sum of this layer and those below
+    by: tuple[int, int]  # px down and right by which a pixel of the picture looks into the planes
+
+
+@attrs.frozen
+class CrossFade:
+    """A sum of stored views."""
+
+    layers: list[Layer]
+    whole: Box
+
+    def over(self, box: Box, outs: Sequence[Array]) -> list[Array]:
+        """A box of the sum, one plane for each of the layers' planes.
+
+        outs: to draw into, of the box's size. Returns them, or the stored planes themselves.
+        """
+        faded: list[Array] = []
+        for layer in self.layers:
+            planes = layer.planes
+            if any(layer.by) or box is not self.whole:
+                planes = [shifted(plane, *layer.by, box) for plane in planes]
+            if faded:
+                for plane, below, out in zip(planes, faded, outs, strict=False):
+                    cv2.addWeighted(plane, layer.share, below, 1 - layer.share, 0.0, out)
+                planes = list(outs[: len(planes)])
+            faded = planes
+        return faded
 
 
 class Synthesiser:
@@ -50,12 +87,14 @@ class Synthesiser:
     ) -> list[Array]:
         """One plane for each source, at most four, seen from position.
 
-        zero_plane_px: disparity that lies in the plane of the screen. outs: uint8 (height, width) each, to draw into. Returns the
-        planes: an element of outs, the stored plane itself if that is the picture, or a shifted copy.
+        zero_plane_px: disparity that lies in the plane of the screen. outs: uint8 (height, width)
+        each, to draw into. Returns the
+        planes: an element of outs, the stored plane itself if that is the picture, or a shifted
+        copy.
         """
         views = view_weights(self.method, position, self._rows, self._cols)
         if self._warper is None:
-            return self._faded(frame, views, zero_plane_px, sources, outs, self._whole)
+            return self._faded(frame, views, zero_plane_px, sources).over(self._whole, outs)
         shift = (
             zero_plane_px * (self._centre[0] - position[0]),
             zero_plane_px * (self._centre[1] - position[1]),
@@ -72,60 +111,47 @@ class Synthesiser:
             self._warp(
                 self._warper, view.weight / total, planes, drawn if view is views[-1] else []
             )
-        if (
-            unknown := self._warper.unknown(frame, position, shift)
-        ) is not None:  # along no disparity: the cross-fade instead
-            box, share = unknown
-            views = view_weights("blend", position, self._rows, self._cols)
-            outs = [np.empty(share.shape, np.uint8) for _ in sources]
-            for out, plane in zip(
-                drawn, self._faded(frame, views, zero_plane_px, sources, outs, box), strict=True
-            ):
+        # along no disparity: the cross-fade instead
+        fade: CrossFade | None = None
+        for box, share in self._warper.unknown(frame, position, shift):
+            if fade is None:
+                views = view_weights("blend", position, self._rows, self._cols)
+                fade = self._faded(frame, views, zero_plane_px, sources)
+            scratch = [np.empty(share.shape, np.uint8) for _ in sources]
+            for out, plane in zip(drawn, fade.over(box, scratch), strict=True):
                 cv2.blendLinear(plane, out[box], share, 1 - share, out[box])
         return drawn
 
     def _faded(
-        self,
-        frame: int,
-        views: list[ViewWeight],
-        zero_px: float,
-        sources: Sequence[Source],
-        outs: Sequence[Array],
-        box: Box,
-    ) -> list[Array]:
-        """A box of the weighted sum of the stored views, each shifted as a whole to its zero plane. outs: of the box's size."""
-        faded: list[Array] = []
+        self, frame: int, views: list[ViewWeight], zero_px: float, sources: Sequence[Source]
+    ) -> CrossFade:
+        """The weighted sum of the stored views, each shifted as a whole to its zero plane."""
+        layers: list[Layer] = []
         total = 0.0
         for view in views:
             total += view.weight
-            share = view.weight / total
             by = (
                 round(zero_px * (self._centre[0] - view.row)),
                 round(zero_px * (self._centre[1] - view.col)),
             )
             planes = [source(frame, view.row, view.col) for source in sources]
-            if any(by) or box is not self._whole:
-                planes = [shifted(plane, *by, box) for plane in planes]
-            if faded:
-                for plane, below, out in zip(planes, faded, outs, strict=False):
-                    cv2.addWeighted(plane, share, below, 1 - share, 0.0, out)
-                planes = list(outs[: len(planes)])
-            faded = planes
-        return faded
+            layers.append(Layer(planes, view.weight / total, by))
+        return CrossFade(layers, self._whole)
 
     def _warp(self, warper: Warper, share: float, planes: list[Array], outs: list[Array]) -> None:
-        """Warps planes of a view as aimed, and adds them in blocks with its share of the views so far. outs: to unpack into,
-        after the last view."""
+        """Warps planes of a view as aimed, and adds them in blocks with its share of the views so
+        far. outs: to unpack into, after the last view.
+        """
         for band in warper.bands:
-            x, y = warper.maps(band)
-            reach = self._blocks.reach(band.rows, y, warper.most_px)
+            reach = self._blocks.reach(band.rows, warper.most_px)
+            x, y = warper.maps(band, reach[0])
             sample = self._sample[: len(x)]
             for k, plane in enumerate(planes):
                 blocks = self._sums[k][band.rows]
                 if share == 1:
-                    self._blocks.sample(plane, x, reach, blocks)
+                    self._blocks.sample(plane, x, y, reach, blocks)
                 else:
-                    self._blocks.sample(plane, x, reach, sample)
+                    self._blocks.sample(plane, x, y, reach, sample)
                     cv2.addWeighted(sample, share, blocks, 1 - share, 0.0, blocks)
                 if outs:
                     self._blocks.pixels(blocks, outs[k][2 * band.rows.start : 2 * band.rows.stop])

@@ -1,4 +1,6 @@
-"""The viewer before the screen: from the position of the eyes to the two viewpoints and the picture."""
+"""The viewer before the screen: from the position of the eyes to the two viewpoints and the
+picture.
+"""
 
 import math
 from concurrent.futures import Executor
@@ -11,27 +13,35 @@ from lfpipe.config.camera_pose import CameraPose
 from lfpipe.eyes import MAX_HORIZON_S, Eyes, EyesRecord, middle_of
 from lfpipe.render.compositor import Compositor
 from lfpipe.render.geometry import LEAST_EYES_PX, Parallax, alpha_is_automatic, parallax
-from lfpipe.render.presence import ABSENT_S, EyeEasing, IdleMotion, Presence, Rest, ViewerState
-from lfpipe.render.viewpoint import Position, ViewSolver
+from lfpipe.render.presence import ABSENT_S, Presence, Rest, ViewEasing, ViewerState, idle_place
+from lfpipe.render.viewpoint import Place, Position, ViewSolver
 from lfpipe.scene.lightfield import LightField
+from lfpipe.transport.clock import SECOND_NS
 
 FAR_PX = 1e6  # outside the picture's corner; no eye is further out
-# Time constants by which alpha follows the viewer's distance, seen as the distance between the eyes: quickly to another distance,
-# so that depth never stays beyond comfort; slowly where the difference is the noise of a measurement.
+# Time constants by which alpha follows the viewer's distance, seen as the distance between the
+# eyes: quickly to another distance, so that depth never stays beyond comfort; slowly where the
+# difference is the noise of a measurement.
 DISTANCE_S, STILL_S, STILL = 0.25, 1.0, 0.02
 NEUTRAL_S = 0.5  # time constant of changes of the neutral position
+SETTLE_S = 0.25  # the same before it is measured, while the eyes stand still
+KNOWN_S = 0.25  # after which the motion of a face that was just found is believed
 POSE_S = 0.1  # time constant of the distance that gives the position before the screen
 MOVED = 0.01  # change of the distance after which the views between the eyes are chosen again
 
-# From a video's start to its first blank, in refreshes. On 60, 75 and 144 Hz, frames of 24, 25 and 30 Hz begin at multiples of 1,
-# 1/2 or 1/5 of a refresh (once 1/8, once 1/25): 0.3 keeps a tenth away from all blanks. At a blank, noise would choose the frame.
+# From a video's start to its first blank, in refreshes. On 60, 75 and 144 Hz, frames of 24, 25 and
+# 30 Hz begin at multiples of 1, 1/2 or 1/5 of a refresh (once 1/8, once 1/25): 0.3 keeps a tenth
+# away from all blanks. At a blank, noise would choose the frame.
 VIDEO_LEAD = 0.3
 
 LARGE_PX = 1 << 20  # of a picture: drawing one takes most of a refresh of 60 Hz
 
 
 class Viewpoints(NamedTuple):
-    """The viewpoints of a picture. eyes_px: after filter and prediction. left, right: (row, col). frame: of a video."""
+    """The viewpoints of a picture.
+
+    eyes_px: after filter and prediction. left, right: (row, col). frame: of a video.
+    """
 
     eyes_px: Eyes
     left: Position
@@ -40,10 +50,12 @@ class Viewpoints(NamedTuple):
 
 
 class Viewer:
-    """Holds the neutral position, alpha and the compositor; a changed configuration or scene keeps the position.
+    """Holds the neutral position, alpha and the compositor; a changed configuration or scene keeps
+    the position.
 
-    Positions are px of the camera picture; where the camera's pose is known, of the picture that a camera in the middle of the
-    screen would take (`CameraPose`). All arithmetic uses plain numbers, which cost a tenth of numpy's small arrays.
+    Positions are px of the camera picture; where the camera's pose is known, of the picture that a
+    camera in the middle of the screen would take (`CameraPose`). All arithmetic uses plain numbers,
+    which cost a tenth of numpy's small arrays.
     """
 
     def __init__(
@@ -53,14 +65,16 @@ class Viewer:
         exhibition: bool = False,
         helper: Executor | None = None,
     ) -> None:
-        """exhibition: the picture moves while nobody is there. helper: a thread on another core, for half of a large picture."""
+        """exhibition: the picture moves while nobody is there. helper: a thread on another core,
+        for half of a large picture.
+        """
         self._helper = helper
         self.parallax: Parallax | None = None
-        self.solver: ViewSolver | None = (
-            None  # the mapping from eyes to views; None until a face was seen
-        )
+        # the mapping from eyes to views; None until a face was seen
+        self.solver: ViewSolver | None = None
         self.presence = Presence()
         self._target_px: tuple[float, float] | None = None  # neutral position; None: not measured
+        self._dragged = False  # whether the eyes drag the neutral position along
         self._centre_px: tuple[float, float] | None = None  # the same, while moving there
         self._eyes_px: Eyes = (0.0, 0.0, 0.0, 0.0)
         self._seen = False
@@ -71,15 +85,20 @@ class Viewer:
         self._pose: CameraPose | None = None
         self._tracked_ns = -1  # stamp of the last record that presence processed
         self._start_ns = 0
-        # Start of a video before the time of the first picture: half a refresh of a screen. If the video's rate divides the
-        # screen's, times then lie well within its frames, and jitter of the clock never repeats or skips one.
+        # Start of a video before the time of the first picture: half a refresh of a screen. If the
+        # video's rate divides the screen's, times then lie well within its frames, and jitter of
+        # the clock never repeats or skips one.
         self.video_lead_ns = 0
-        self._easing = EyeEasing()
-        self._idle = IdleMotion() if exhibition else None
+        self._easing = ViewEasing()
+        self._exhibition = exhibition
+        self._alone_ns: int | None = None  # since when an exhibition has no viewer
+        # px per second of the raw eyes, by the last two frames of a track
+        self._raw_px_s = (0.0, 0.0)
+        self._raw: tuple[EyesRecord, int] | None = None  # the last frame with a face, its stamp
+        self._found_ns = 0  # when its track began
         self._picture_mm: float | None = None
-        self.neutral_is_fixed = (
-            False  # to the middle of the picture: the viewer is the mouse, which moves around it
-        )
+        # to the middle of the picture: the viewer is the mouse, which moves around it
+        self.neutral_is_fixed = False
         self.last_viewpoints: Viewpoints | None = None
         self.set(field, config)
 
@@ -87,18 +106,24 @@ class Viewer:
         """Sets scene and configuration from the next viewpoints on."""
         self.field = field
         self.parallax = self.solver = None
+        self._easing.reset()
         self.redraw_by(config)
-        self._auto, self._size_px = alpha_is_automatic(config), (0, 0)
+        self._auto = alpha_is_automatic(config)
+        self._size_px = (0, 0)
 
     def complete(self, field: LightField, config: Config) -> None:
-        """Sets the same scene, now with its disparity: viewpoint, neutral position and views between the eyes stay, or follow."""
+        """Sets the same scene, now with its disparity: viewpoint, neutral position and views
+        between the eyes stay, or follow.
+        """
         self.field = field
         self.redraw_by(config)
         if self.parallax is not None:
             self._choose(self._apart_px)
 
     def redraw_by(self, config: Config) -> None:
-        """Sets a configuration that differs only in render.method and render.rate_hz: geometry stays unchanged."""
+        """Sets a configuration that differs only in render.method and render.rate_hz: geometry
+        stays unchanged.
+        """
         large = self.field.width_px * self.field.height_px >= LARGE_PX
         self._is_video = self.field.frames > 1
         self.config, self.compositor = (
@@ -107,10 +132,12 @@ class Viewer:
         )
         self.method = self.compositor.method
         if self.solver is not None:
-            self.solver.draw_with(self.method)
+            self.solver.set_method(self.method)
 
     def shown_as_wide(self, width_mm: float | None) -> bool:
-        """Sets the width of the picture on the screen, as the display reports it; returns whether alpha must be chosen again."""
+        """Sets the width of the picture on the screen, as the display reports it; returns whether
+        alpha must be chosen again.
+        """
         new = width_mm != self._picture_mm and self.config.screen.width_mm == "auto"
         self._picture_mm = width_mm
         if new:
@@ -126,7 +153,9 @@ class Viewer:
     def viewpoints(
         self, record: EyesRecord | None, t_sensor_ns: int, t_shown_ns: int
     ) -> Viewpoints:
-        """The viewpoints at t_shown_ns, from the newest eyes record and its frame's stamp; None if nobody was seen yet."""
+        """The viewpoints at t_shown_ns, from the newest eyes record and its frame's stamp; None if
+        nobody was seen yet.
+        """
         frame = self._frame(t_shown_ns) if self._is_video else 0
         camera_px = (
             None
@@ -135,17 +164,14 @@ class Viewer:
         )
         if record is None or (camera_px is None and not self._seen):
             middle = (self.field.rows - 1) / 2, (self.field.cols - 1) / 2
-            left, right = middle, middle
+            absent = record is None or _is_absent(t_sensor_ns, t_shown_ns)
+            place = self._easing.alone(
+                t_shown_ns, self._neutral((*middle, middle[1]), t_shown_ns, absent)
+            )
+            left, right = place[:2], (place[0], place[2])
             used_px = self._eyes_px
         else:
             used_px, left, right = self._follow(record, camera_px, t_sensor_ns, t_shown_ns)
-        if self._idle is not None:
-            alone = (
-                self.presence.state is ViewerState.NOBODY
-                or t_shown_ns - t_sensor_ns > ABSENT_S * 1e9
-            )
-            grid, whole = (self.field.rows, self.field.cols), self.method == "nearest"
-            left, right = self._idle.moved(left, right, grid, t_shown_ns, alone, whole)
         self.last_viewpoints = Viewpoints(used_px, left, right, frame)
         return self.last_viewpoints
 
@@ -160,31 +186,75 @@ class Viewer:
         if self._size_px != (record.width_px, record.height_px):
             self._size_px = record.width_px, record.height_px
             self._pose = CameraPose.of(self.config, self._size_px)
-        pose, eyes_px = self._pose, camera_px
+        pose = self._pose
+        eyes_px = camera_px
         if camera_px is not None and pose is not None:
             eyes_px = _flat(pose.from_screen(np.reshape(camera_px, (2, 2)), self._near_px))
         solver = self.solver or self._make_solver(eyes_px)
         if t_sensor_ns != self._tracked_ns:  # once per frame
             self._tracked_ns = t_sensor_ns
             self._follow_presence(record.generation, t_sensor_ns, solver, eyes_px)
-        (x, y), half = solver.centre_px, self._apart_px / 2
-        start_px = (
-            (x + half, y, x - half, y) if self._seen or eyes_px is None else eyes_px
-        )  # no easing for the first face
+            self._measure_motion(record, t_sensor_ns)
         self._seen = True
-        self._eyes_px = self._easing.at(
-            t_shown_ns, eyes_px, start_px, record.generation, solver.alpha_px
-        )
         if self._auto and self._centre_px is not None:
-            self._follow_neutral(solver, self._centre_px, eyes_px is not None, dt_s)
-        left, right = solver.views(self._eyes_px)
-        if pose is None:
-            return self._eyes_px, left, right
-        return (
-            _flat(pose.from_camera(np.reshape(self._eyes_px, (2, 2)), self._near_px)),
-            left,
-            right,
-        )
+            self._follow_neutral(solver, self._centre_px, eyes_px, dt_s)
+        if eyes_px is None:
+            x, y = solver.centre_px
+            half = self._apart_px / 2
+            neutral = solver.place((x + half, y, x - half, y))
+            absent = _is_absent(t_sensor_ns, t_shown_ns)
+            target = place = self._easing.alone(
+                t_shown_ns, self._neutral(neutral, t_shown_ns, absent)
+            )
+            used_px = solver.eyes_at(place)
+        else:
+            self._alone_ns = None
+            self._eyes_px = used_px = eyes_px
+            target = solver.place(eyes_px)
+            place = self._easing.followed(t_shown_ns, target, self._explained)
+            if place != target:
+                used_px = solver.eyes_at(place)
+        left, right = solver.positions(place)
+        if pose is not None:
+            used_px = _flat(pose.from_camera(np.reshape(used_px, (2, 2)), self._near_px))
+        return used_px, left, right
+
+    def _neutral(self, neutral: Place, t_shown_ns: int, absent: bool) -> Place:
+        """The place without a face: neutral, or around it in an exhibition with nobody there."""
+        if not self._exhibition or not (absent or self.presence.state is ViewerState.NOBODY):
+            return neutral
+        self._alone_ns = t_shown_ns if self._alone_ns is None else self._alone_ns
+        grid = self.field.rows, self.field.cols
+        return idle_place(neutral, grid, (t_shown_ns - self._alone_ns) / 1e9)
+
+    def _measure_motion(self, record: EyesRecord, t_sensor_ns: int) -> None:
+        """Measures the speed of the raw eyes: that of a filter lacks the latest motion, or all."""
+        last, last_ns = self._raw or (record, t_sensor_ns)
+        same = self._raw is not None and record.generation == last.generation
+        self._raw = (record, t_sensor_ns) if record.face else None
+        if not same:
+            self._found_ns = t_sensor_ns
+        dt_s = (t_sensor_ns - last_ns) / 1e9
+        self._raw_px_s = (0.0, 0.0)
+        if same and record.face and dt_s > 0:
+            (x, y), (was_x, was_y) = middle_of(record.raw_px), middle_of(last.raw_px)
+            self._raw_px_s = (x - was_x) / dt_s, (y - was_y) / dt_s
+
+    def _explained(self, dt_s: float) -> Place:
+        """Steps on the grid that the motion of the eyes explains in dt_s: none of a face that was
+        just found, and none while the eyes drag the neutral position along.
+        """
+        assert self.solver is not None
+        known = self._raw is not None and self._raw[1] - self._found_ns >= KNOWN_S * 1e9
+        if self._raw is None or not known or self._dragged:
+            return 0.0, 0.0, 0.0
+        (u, v, p, q), (raw_u, raw_v) = self._raw[0].velocity_px_s, self._raw_px_s
+        x = max((u + p) / 2, raw_u, key=abs) * dt_s
+        y = max((v + q) / 2, raw_v, key=abs) * dt_s
+        lx, ly, rx, ry = self._eyes_px
+        now = self.solver.place(self._eyes_px)
+        before = self.solver.place((lx - x, ly - y, rx - x, ry - y))
+        return now[0] - before[0], now[1] - before[1], now[2] - before[2]
 
     def _frame(self, t_ns: int) -> int:
         self._start_ns = self._start_ns or t_ns - self.video_lead_ns
@@ -215,32 +285,31 @@ class Viewer:
         if rest is not None and self._auto and not self.neutral_is_fixed:
             self._target_px = rest.x_px, rest.y_px
             self._choose(rest.apart_px)
-            if (
-                self.presence.returned and self._centre_px is not None
-            ):  # the view is eased to where it was
-                self._easing.shift(rest.x_px - self._centre_px[0], rest.y_px - self._centre_px[1])
+            if self.presence.returned:
                 self._centre_px = solver.centre_px = self._target_px
 
     def _follow_neutral(
-        self, solver: ViewSolver, centre_px: tuple[float, float], face: bool, dt_s: float
+        self, solver: ViewSolver, centre_px: tuple[float, float], eyes_px: Eyes | None, dt_s: float
     ) -> None:
-        """Moves the neutral position to the measured one, and alpha with the distance; until a rest the grid follows the eyes."""
+        """Moves the neutral position to the measured one, and alpha with the distance; until a rest
+        the grid follows the eyes, and whoever stands still comes to its middle.
+        """
         assert self.parallax is not None
-        if face and abs(self._apart_px / self.parallax.eyes_px - 1) > MOVED:
+        if eyes_px is not None and abs(self._apart_px / self.parallax.eyes_px - 1) > MOVED:
             self._choose(self._apart_px)
         solver.alpha_px = self._apart_px / self.parallax.views_between_eyes
+        self._dragged = False
         if self.neutral_is_fixed:
             pass
         elif self.presence.state in (ViewerState.ARRIVING, ViewerState.EXCHANGED):
-            if face:
-                centre_px = solver.dragged(centre_px, self._eyes_px)
+            if eyes_px is not None:
+                inside_px = solver.dragged(centre_px, eyes_px)
+                self._dragged = inside_px != centre_px
+                centre_px = inside_px
+                if self.presence.settled:
+                    centre_px = _towards(centre_px, middle_of(eyes_px), dt_s, SETTLE_S)
         elif self._target_px is not None:
-            (x, y), (to_x, to_y), share = (
-                centre_px,
-                self._target_px,
-                low_pass_share(dt_s, NEUTRAL_S),
-            )
-            centre_px = x + (to_x - x) * share, y + (to_y - y) * share
+            centre_px = _towards(centre_px, self._target_px, dt_s, NEUTRAL_S)
         self._centre_px = solver.centre_px = centre_px
 
     def _choose(self, apart_px: float) -> None:
@@ -250,8 +319,9 @@ class Viewer:
         )
 
     def _make_solver(self, eyes_px: Eyes | None) -> ViewSolver:
-        """A fixed alpha centres the grid in the camera picture, as in the paper; alpha from geometry centres it on the viewer,
-        who is never in the middle of a webcam above the screen."""
+        """A fixed alpha centres the grid in the camera picture, as in the paper; alpha from
+        geometry centres it on the viewer, who is never in the middle of a webcam above the screen.
+        """
         self._choose(self._apart_px)
         assert self.parallax is not None
         middle_px = self._size_px[0] / 2, self._size_px[1] / 2
@@ -266,19 +336,33 @@ class Viewer:
 
 
 def _predicted(record: EyesRecord, horizon_ns: int) -> Eyes | None:
-    """The eyes after horizon_ns, as `lfpipe.eyes.extrapolated`; None if impossible: a NaN would stay in the averages for ever."""
+    """The eyes after horizon_ns, as `lfpipe.eyes.extrapolated`; None if impossible: a NaN would
+    stay in the averages for ever.
+    """
     s = min(max(horizon_ns, 0) / 1e9, MAX_HORIZON_S)
     (lx, ly, rx, ry), (u, v, p, q) = record.filtered_px, record.velocity_px_s
     lx, ly, rx, ry = lx + u * s, ly + v * s, rx + p * s, ry + q * s
-    near = (
-        abs(lx) < FAR_PX and abs(ly) < FAR_PX and abs(rx) < FAR_PX and abs(ry) < FAR_PX
-    )  # false for NaN
+    # false for NaN
+    near = abs(lx) < FAR_PX and abs(ly) < FAR_PX and abs(rx) < FAR_PX and abs(ry) < FAR_PX
     return (lx, ly, rx, ry) if near else None
 
 
 def _flat(points: np.ndarray[Any, Any]) -> Eyes:
     lx, ly, rx, ry = points.ravel().tolist()
     return lx, ly, rx, ry
+
+
+def _towards(
+    place: tuple[float, float], to: tuple[float, float], dt_s: float, time_s: float
+) -> tuple[float, float]:
+    """place after dt_s on its way to another, by a low-pass of time constant time_s."""
+    share = low_pass_share(dt_s, time_s)
+    return place[0] + (to[0] - place[0]) * share, place[1] + (to[1] - place[1]) * share
+
+
+def _is_absent(t_sensor_ns: int, t_shown_ns: int) -> bool:
+    """Whether no frame has come for so long that its viewer has gone."""
+    return t_shown_ns - t_sensor_ns > ABSENT_S * SECOND_NS
 
 
 def low_pass_share(dt_s: float, time_s: float) -> float:

@@ -1,11 +1,14 @@
-"""Eyes in the camera picture to viewpoints on the grid of views, and viewpoints to the stored views that make up a picture.
+"""Eyes in the camera picture to viewpoints on the grid of views, and viewpoints to the stored views
+that make up a picture.
 
     col = c0 + (cx - u) / alpha        row = r0 + (v - cy) / alpha
 
-(u, v) is an eye in px of the unmirrored camera picture, (cx, cy) the centre of the neutral viewer's eyes, (r0, c0) the middle of
-the grid in canonical order. A viewer who moves right appears further left in the picture (smaller u) and looks from a camera
-further right. Both eyes share the row of the point midway between them, so noise of the landmarks never becomes vertical
-disparity. At the edge of the grid the middle of the eyes stops and their distance stays: parallax ends there, depth does not.
+(u, v) is an eye in px of the unmirrored camera picture, (cx, cy) the centre of the neutral viewer's
+eyes, (r0, c0) the middle of the grid in canonical order. A viewer who moves right appears further
+left in the picture (smaller u) and looks from a camera further right. Both eyes share the row of
+the point midway between them, so noise of the landmarks never becomes vertical disparity. At the
+edge of the grid the middle of the eyes stops and their distance stays: parallax ends there, depth
+does not.
 """
 
 import math
@@ -16,20 +19,24 @@ from lfpipe.config.quality import WARPS
 from lfpipe.eyes import Eyes
 
 Position = tuple[float, float]  # (row, col) in grid steps
+Place = tuple[float, float, float]  # row of both eyes, column of the left and of the right one
 
 HYSTERESIS_VIEWS = 0.1  # still eyes tremble by less
 _FAR = 1e12  # steps; larger values mean nothing and overflow
 
-# Half the width, in views, of the zone in which warp2 fades from one stored view to the next. Against fading all the way
-# (antinous): nothing lost with every 2nd view kept, 0.3 dB with every 4th, largest over median step of a sweep 2.1 instead of
-# 2.0, and half as many views to warp on average.
+# Half the width, in views, of the zone in which warp2 fades from one stored view to the next.
+# Against fading all the way (antinous): nothing lost with every 2nd view kept, 0.3 dB with every
+# 4th, largest over median step of a sweep 2.1 instead of 2.0, and half as many views to warp on
+# average.
 ROW_FADE, COL_FADE = 0.1, 0.25
 
 
 def limited(value: float, low: float, high: float, reach: float) -> float:
-    """value between low and high, which is unchanged; beyond them compressed towards `reach` further out.
+    """value between low and high, which is unchanged; beyond them compressed towards `reach`
+    further out.
 
-    Value and slope are continuous: the picture never freezes at the edge, however far the viewer leans out. value must be finite.
+    Value and slope are continuous: the picture never freezes at the edge, however far the viewer
+    leans out. value must be finite.
     """
     inside = min(max(value, low), high)
     if reach <= 0 or value == inside:
@@ -40,8 +47,8 @@ def limited(value: float, low: float, high: float, reach: float) -> float:
 def pair_clamped(
     left: float, right: float, count: int, extrapolate_views: float
 ) -> tuple[float, float]:
-    """The columns of both eyes within a grid of `count` columns and extrapolate_views beyond it: their middle is clamped, and
-    their distance stays unless the grid is narrower.
+    """The columns of both eyes within a grid of `count` columns and extrapolate_views beyond it:
+    their middle is clamped, and their distance stays unless the grid is narrower.
 
     Continuous, and the columns themselves while both are inside. left, right must be finite.
     """
@@ -56,7 +63,8 @@ def pair_clamped(
         room,
         max(edge + extrapolate_views - room - abs(half), 0.0),
     )
-    low, high = -extrapolate_views, count - 1 + extrapolate_views
+    low = -extrapolate_views
+    high = count - 1 + extrapolate_views
     return min(max(middle - half, low), high), min(max(middle + half, low), high)
 
 
@@ -66,7 +74,9 @@ def extrapolation_views(method: str, render: Render) -> float:
 
 
 def snapped(value: float, held: float | None) -> float:
-    """The whole view for value: the held one until value is HYSTERESIS_VIEWS past halfway to its neighbour."""
+    """The whole view for value: the held one until value is HYSTERESIS_VIEWS past halfway to its
+    neighbour.
+    """
     if held is not None and abs(value - held) <= 0.5 + HYSTERESIS_VIEWS:
         return held
     return math.floor(value + 0.5)
@@ -75,8 +85,9 @@ def snapped(value: float, held: float | None) -> float:
 class ViewSolver:
     """The mapping with its state: the neutral pose, and the views held in nearest mode.
 
-    rows, cols: of the grid. render: extrapolate_views, keep_depth and swap_eyes are used. alpha_px: camera px between
-    neighbouring views. centre_px: (cx, cy). method: in use; nearest gets whole views with hysteresis.
+    rows, cols: of the grid. render: extrapolate_views, keep_depth and swap_eyes are used. alpha_px:
+    camera px between neighbouring views. centre_px: (cx, cy). method: in use; nearest gets whole
+    views with hysteresis.
     """
 
     def __init__(
@@ -91,25 +102,28 @@ class ViewSolver:
         self.rows, self.cols, self._render = rows, cols, render
         self._middle = (rows - 1) / 2, (cols - 1) / 2
         self.alpha_px, self.centre_px = alpha_px, centre_px
-        self.draw_with(method)
-        self._held: tuple[float | None, float | None, float | None] = (
-            None,
-            None,
-            None,
-        )  # row, left col, right col
+        self.set_method(method)
+        # row, left col, right col
+        self._held: tuple[float | None, float | None, float | None] = None, None, None
 
-    def draw_with(self, method: str) -> None:
-        """Sets the method in use: the last views are held in nearest mode, and only warps extrapolate."""
+    def set_method(self, method: str) -> None:
+        """Sets the method in use: the last views are held in nearest mode, and only warps
+        extrapolate.
+        """
         self._snap, self._reach = method == "nearest", extrapolation_views(method, self._render)
 
     def _steps(self, distance_px: float) -> float:
-        """distance over alpha, always finite; NaN counts as 0, an alpha that is not finite as infinite."""
+        """distance over alpha, always finite; NaN counts as 0, an alpha that is not finite as
+        infinite.
+        """
         alpha_px = max(abs(self.alpha_px), 1e-300) if math.isfinite(self.alpha_px) else math.inf
         steps = distance_px / alpha_px if math.isfinite(distance_px) else distance_px
         return 0.0 if math.isnan(steps) else min(max(steps, -_FAR), _FAR)
 
     def beyond(self, eyes_px: Eyes) -> bool:
-        """Whether both eyes are beyond the same side of the grid, where motion hardly changes the picture."""
+        """Whether both eyes are beyond the same side of the grid, where motion hardly changes the
+        picture.
+        """
         left_u, left_v, right_u, right_v = eyes_px
         (cx, cy), (half_rows, half_cols) = self.centre_px, self._middle
         left, right = self._steps(cx - left_u), self._steps(cx - right_u)
@@ -121,27 +135,31 @@ class ViewSolver:
         )
 
     def dragged(self, centre_px: tuple[float, float], eyes_px: Eyes) -> tuple[float, float]:
-        """The neutral position nearest to centre_px that puts the eyes within the grid if they fit."""
+        """The neutral position nearest to centre_px that puts the eyes within the grid if
+        they fit.
+        """
         left_u, left_v, right_u, right_v = eyes_px
         alpha_px = min(abs(self.alpha_px), _FAR) if math.isfinite(self.alpha_px) else _FAR
         x, y, half_rows, half_cols = (left_u + right_u) / 2, (left_v + right_v) / 2, *self._middle
-        room_x, room_y = (
-            max(half_cols * alpha_px - abs(left_u - right_u) / 2, 0.0),
-            half_rows * alpha_px,
-        )
+        room_x = max(half_cols * alpha_px - abs(left_u - right_u) / 2, 0.0)
+        room_y = half_rows * alpha_px
         cx, cy = centre_px
         return min(max(cx, x - room_x), x + room_x), min(max(cy, y - room_y), y + room_y)
 
     def views(self, eyes_px: Eyes) -> tuple[Position, Position]:
-        """Viewpoints ((row, col) left, (row, col) right) for the eyes.
+        """Viewpoints ((row, col) left, (row, col) right) for the eyes, as `positions`."""
+        return self.positions(self.place(eyes_px))
 
-        Always finite and within the grid plus extrapolate_views. An eye that is NaN looks from the neutral view.
+    def place(self, eyes_px: Eyes) -> Place:
+        """The place of the eyes on the grid.
+
+        Always finite and within the grid plus extrapolate_views. An eye that is NaN looks from the
+        neutral view.
         """
         left_u, left_v, right_u, right_v = eyes_px
         (r0, c0), (cx, cy) = self._middle, self.centre_px
-        middle_v = (
-            left_v / 2 + right_v / 2
-        )  # halve first: the sum of two finite numbers may overflow
+        # halve first: the sum of two finite numbers may overflow
+        middle_v = left_v / 2 + right_v / 2
         # a single row knows nothing above and below it: its height is left out
         row = limited(
             r0 + self._steps(middle_v - cy),
@@ -154,20 +172,35 @@ class ViewSolver:
             left, right = pair_clamped(left, right, self.cols, self._reach)
         else:
             last = self.cols - 1.0
-            left, right = (
-                limited(left, 0.0, last, self._reach),
-                limited(right, 0.0, last, self._reach),
-            )
+            left = limited(left, 0.0, last, self._reach)
+            right = limited(right, 0.0, last, self._reach)
+        return row, left, right
+
+    def positions(self, place: Place) -> tuple[Position, Position]:
+        """Viewpoints ((row, col) left, (row, col) right) at a place: whole views in nearest mode,
+        exchanged if the configuration exchanges the eyes.
+        """
         if self._snap:
+            row, left, right = place
             held = self._held
-            row, left, right = self._held = (
+            place = self._held = (
                 snapped(row, held[0]),
                 snapped(left, held[1]),
                 snapped(right, held[2]),
             )
+        row, left, right = place
         return (
             ((row, right), (row, left)) if self._render.swap_eyes else ((row, left), (row, right))
         )
+
+    def eyes_at(self, place: Place) -> Eyes:
+        """Eyes that look from place, in px of the camera picture: the inverse of `place` within the
+        grid.
+        """
+        row, left, right = place
+        (r0, c0), (cx, cy) = self._middle, self.centre_px
+        v = cy + (row - r0) * self.alpha_px
+        return cx - (left - c0) * self.alpha_px, v, cx - (right - c0) * self.alpha_px, v
 
 
 class ViewWeight(NamedTuple):
@@ -179,7 +212,9 @@ class ViewWeight(NamedTuple):
 
 
 def cell_of(position: float, count: int) -> tuple[int, float]:
-    """Lower index of the pair of views around position, and the share of the upper one; the outermost pair at the edge."""
+    """Lower index of the pair of views around position, and the share of the upper one; the
+    outermost pair at the edge.
+    """
     inside = min(max(position, 0.0), count - 1.0)
     low = min(int(inside), max(count - 2, 0))
     return low, inside - low
@@ -190,11 +225,11 @@ def _faded(share: float, half_width: float) -> float:
 
 
 def view_weights(method: str, position: Position, rows: int, cols: int) -> list[ViewWeight]:
-    """The stored views that method uses at position, with weights > 0 that sum to 1 and are continuous in position for
-    blend and warp2. position must be finite.
+    """The stored views that method uses at position, with weights > 0 that sum to 1 and are
+    continuous in position for blend and warp2. position must be finite.
 
-    warp2 fades only around the middle between views, where the nearest view changes; elsewhere it uses one view. Heads move
-    sideways, so columns have the wider zone.
+    warp2 fades only around the middle between views, where the nearest view changes; elsewhere it
+    uses one view. Heads move sideways, so columns have the wider zone.
     """
     row, col = position
     if method in ("nearest", "warp"):

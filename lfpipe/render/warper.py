@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from collections.abc import Iterator
 from functools import lru_cache
 
 import attrs
@@ -13,36 +14,52 @@ from lfpipe.render.blocks import Box, bands_of, places, shifted, size_of
 from lfpipe.render.viewpoint import Position, ViewWeight, cell_of, view_weights
 from lfpipe.scene.lightfield import UNKNOWN, LightField
 
-CAREFUL_PX = 1.0  # separation of near and far above which hidden parts are handled, at a seventh of the cost of a warp
+# separation of near and far above which hidden parts are handled, at a seventh of the cost of a
+# warp
+CAREFUL_PX = 1.0
 SOFT = 5  # values of disparity over which a cross-fade ramps up
+BOX_SHARE = 0.02  # what the work for a box costs before its first pixel, in parts of a whole map
+MOST_BOXES = 30  # of unknown disparity: more are one
 
-
-Moves = tuple[
-    tuple[float, float], tuple[float, float]
-]  # along x and y: px per stored unit of disparity, and px in all
 Pair = tuple[NDArray[np.float32], NDArray[np.float32]]  # x, y
+Levels = NDArray[np.uint8]  # disparity in stored units, plus ZERO
+ZERO = 128
+
+
+@attrs.frozen(eq=False, kw_only=True)
+class Band:
+    """Rows of blocks processed at a time, with their parts of the arrays of a Warper."""
+
+    rows: slice
+    low: Levels
+    nearest: Levels  # of `Warper.aim`
+    cells: NDArray[np.int16]  # x and y of each disparity
+    places: Pair  # x and y of each block
+    # scratch
+    offsets: NDArray[np.int32]
+    targets: NDArray[np.int16]
+    moved: Pair
+    first: Levels
+    second: Levels
 
 
 @attrs.frozen(eq=False)
-class Band:
-    """Rows of blocks processed at a time, with their parts of the arrays of a Warper.
+class Unknown:
+    """A box of the maps of four views in which some disparity is unknown."""
 
-    low: the disparity, in stored units. nearest: of `Warper.aim`. index: x and y of each disparity. place: x and y of each block.
-    moved: x and y after a displacement. first, second: disparities.
-    """
+    box: Box  # with as much around what is unknown as `SOFT` reaches
+    masks: dict[tuple[int, int], NDArray[np.float32]]  # of a view: 1 where it is unknown, else 0
 
-    rows: slice
-    low: NDArray[np.float32]
-    nearest: NDArray[np.uint8]
-    index: Pair
-    place: Pair
-    moved: Pair
-    first: NDArray[np.float32]
-    second: NDArray[np.float32]
+    @property
+    def shape(self) -> tuple[int, int]:
+        rows, cols = self.box
+        return rows.stop - rows.start, cols.stop - cols.start
 
 
 class Warper:
-    """Sampling maps from the disparity of a light field; owns its buffers, so a call allocates nothing."""
+    """Sampling maps from the disparity of a light field; owns its buffers, so a call allocates
+    nothing.
+    """
 
     def __init__(self, field: LightField) -> None:
         if field.disparity is None:
@@ -50,47 +67,57 @@ class Warper:
         self._stored = np.asarray(field.disparity)
         self._offsets = field.offsets.astype(np.float64)
         self._regular = not self._offsets.any()
-        self._unit_px, self._turned = (
-            abs(float(field.disparity_scale_px)),
-            field.disparity_scale_px < 0,
-        )
+        self._unit_px = abs(float(field.disparity_scale_px))
+        self._turned = field.disparity_scale_px < 0
         self._span_px = field.disparity_max_px - field.disparity_min_px
         rows, cols = size_of(field.height_px, field.width_px)
         if self._stored.shape[3:] != (rows, cols):
             raise ValueError(
-                f"disparity of {self._stored.shape[3:]} values, not one for each 2x2 pixels: {rows, cols}"
+                f"disparity of {self._stored.shape[3:]} values, not one for each 2x2 pixels:"
+                f" {rows, cols}"
             )
-        self._unknown: dict[tuple[int, int, int], Box | None] = {}  # of the maps examined
-        self._unknown_cells: dict[tuple[int, int, int], Box | None] = {}
-        self._size = field.width_px, field.height_px
-        self._step = (
-            field.height_px / rows,
-            field.width_px / cols,
-        )  # px of a view per px of its disparity
-        self._low = np.empty((rows, cols), np.float32)
-        self._bytes = np.empty((2, rows, cols), np.uint8)
-        y, x = (np.ascontiguousarray(axis, np.float32) for axis in np.mgrid[:rows, :cols])
+        self._unknown_cells: dict[tuple[int, int, int], list[Unknown]] = {}
+        self._has_unknown: dict[tuple[int, int, int], bool] = {}
+        # px of a view per px of its disparity
+        self._step = (field.height_px / rows, field.width_px / cols)
+        self._size = field.height_px, field.width_px
+        self._low, self._steps_up, self._nearest = np.empty((3, rows, cols), np.uint8)
+        cells = np.ascontiguousarray(np.mgrid[:rows, :cols][::-1].transpose(1, 2, 0), np.int16)
         place_x, place_y = places(field.height_px, field.width_px)
         bands = bands_of(rows, 16 * cols)
-        scratch = np.empty((4, bands[0].stop, cols), np.float32)
+        size = bands[0].stop, cols
+        offsets = np.empty(size, np.int32)
+        targets = np.empty((*size, 2), np.int16)
+        moved_x, moved_y = np.empty((2, *size), np.float32)
+        first, second = np.empty((2, *size), np.uint8)
         self.bands = []
         for band in bands:
-            first, second, moved_x, moved_y = scratch[:, : band.stop - band.start]
-            low, nearest = self._low[band], self._bytes[1][band]
-            index, place = (x[band], y[band]), (place_x[band], place_y[band])
+            count = slice(band.stop - band.start)
             self.bands.append(
-                Band(band, low, nearest, index, place, (moved_x, moved_y), first, second)
+                Band(
+                    rows=band,
+                    low=self._low[band],
+                    nearest=self._nearest[band],
+                    cells=cells[band],
+                    places=(place_x[band], place_y[band]),
+                    offsets=offsets[count],
+                    targets=targets[count],
+                    moved=(moved_x[count], moved_y[count]),
+                    first=first[count],
+                    second=second[count],
+                )
             )
         self.most_px = 0.0
-        self._moves = self._low_moves = (
-            (0.0, 0.0),
-            (0.0, 0.0),
-        )  # in px of the view, and of its disparity
+        # by level: px that a block moves along x and y; and whole cells
+        self._moves = np.empty((2, 256), np.float32)
+        self._cell_moves = np.empty((1, 256), np.int32)
         self._careful = False  # whether near and far separate enough to hide each other
 
     def offset(self, view: ViewWeight, position: Position) -> Position:
-        """Steps from the view's camera to position. Cameras off the regular grid bend the coordinates: whole numbers are always
-        the cameras themselves, and offsets between them are interpolated."""
+        """Steps from the view's camera to position. Cameras off the regular grid bend the
+        coordinates: whole numbers are always the cameras themselves, and offsets between them are
+        interpolated.
+        """
         if self._regular:
             return position[0] - view.row, position[1] - view.col
         rows, cols = self._offsets.shape[:2]
@@ -105,147 +132,200 @@ class Warper:
         return position[0] - view.row + float(bend[0]), position[1] - view.col + float(bend[1])
 
     def aim(self, frame: int, view: ViewWeight, steps: Position, shift_px: Position) -> None:
-        """Prepare `maps` of the view as seen steps away from it, moved by shift_px. steps, shift_px: (row, col)."""
+        """Prepare `maps` of the view as seen steps away from it, moved by shift_px.
+
+        steps, shift_px: (row, col).
+        """
         down, right = steps
         shift_y, shift_x = shift_px
-        stored, unknown = self._map(frame, view.row, view.col)
-        if self._turned:  # near and far are exchanged
-            np.negative(stored, out=self._low, dtype=np.float32)
-        else:
-            np.copyto(self._low, stored)
-        if unknown is not None:
-            self._low[unknown][stored[unknown] == UNKNOWN] = 0
-        self._moves = (right * self._unit_px, shift_x), (down * self._unit_px, shift_y)
-        self.most_px = 128 * self._unit_px * abs(down) + abs(
-            shift_y
-        )  # by which a pixel is moved down or up at most
-        per_px = self._unit_px / self._step[1], self._unit_px / self._step[0]
-        self._low_moves = (
-            (right * per_px[0], shift_x / self._step[1]),
-            (down * per_px[1], shift_y / self._step[0]),
-        )
-        apart_x, apart_y = abs(right) * self._span_px, abs(down) * self._span_px
+        stored = self._map(frame, view.row, view.col).view(np.uint8)
+        levels, levels_up = _LEVELS_TURNED if self._turned else _LEVELS
+        cv2.LUT(stored, levels, self._low)
+        # by which a pixel is moved down or up at most
+        self.most_px = ZERO * self._unit_px * abs(down) + abs(shift_y)
+        per_level = np.array((right * self._unit_px, down * self._unit_px))
+        moves = np.rint((_UNITS * per_level + (shift_x, shift_y)) / _STEP_PX) * _STEP_PX
+        self._moves = np.ascontiguousarray(moves.T, np.float32)
+        cells = np.floor(np.clip(moves / self._step[::-1], -_FAR, _FAR) + 0.5).astype(np.int16)
+        self._cell_moves = cells.view(np.int32).reshape(1, 256)
+        apart_x = abs(right) * self._span_px
+        apart_y = abs(down) * self._span_px
         self._careful = max(apart_x, apart_y) >= CAREFUL_PX
         if not self._careful:
             return
         reach = (math.ceil(apart_y / self._step[0]), math.ceil(apart_x / self._step[1]))
         rows, cols = self._low.shape
-        steps_up, nearest = self._bytes  # a register holds four times as many bytes as floats
-        np.bitwise_xor(stored.view(np.uint8), np.uint8(128), out=steps_up)
-        if self._turned:
-            np.negative(steps_up, out=steps_up)  # 1 to 255 in reverse; 0, unknown, stays
-        cv2.dilate(steps_up, _box(min(reach[0], rows), min(reach[1], cols)), nearest)
+        steps_up = self._low
+        if self._unknown_in(frame, view.row, view.col):  # which is never nearest
+            steps_up = self._steps_up
+            cv2.LUT(stored, levels_up, steps_up)
+        cv2.dilate(steps_up, _box(min(reach[0], rows), min(reach[1], cols)), self._nearest)
 
-    def maps(self, band: Band) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Maps (x, y), float32 (rows of band, columns) of blocks, that sample the view of `aim`. band: one of `bands`. The maps
-        are for `Blocks.sample`, not to be written to, and valid until the next call.
+    def maps(self, band: Band, first_row: int) -> Pair:
+        """Maps (x, y), float32 (rows of band, columns) of blocks, that sample the view of `aim`.
 
-        They follow the view's disparity at the place where each pixel lands: d(x + d * steps). One iteration of the fixed point
-        from d(x) suffices if little is hidden. If near and far separate by more than CAREFUL_PX, the search starts from the
-        nearest object in reach, so that the front object wins. A point hidden in the view does not converge: it alternates
-        between the front object and the background. The nearer value then samples the background right beside the object.
+        band: one of `bands`. first_row: of blocks, from which y counts. The maps are for
+        `Blocks.sample`, not to be written to, and valid until the next call.
+
+        They follow the view's disparity at the place where each pixel lands: d(x + d * steps). One
+        iteration of the fixed point from d(x) suffices if little is hidden. If near and far
+        separate by more than CAREFUL_PX, the search starts from the nearest object in reach, so
+        that the front object wins. A point hidden in the view does not converge: it alternates
+        between the front object and the background. The nearer value then samples the background
+        right beside the object.
         """
         if self._careful:
-            start = np.subtract(band.nearest, np.float32(128.0), out=band.second)
-            first = self._look_up(band, start, band.first)
+            first = self._look_up(band, band.nearest, band.first)
             disparity = self._look_up(band, first, band.second)
             cv2.max(first, disparity, disparity)
         else:
             disparity = self._look_up(band, band.low, band.first)
-        return _moved(disparity, self._moves, band.place, band.moved)
+        across, down = self._moves
+        x = _moved(disparity, across, band.places[0], band.moved[0])
+        y = _moved(disparity, down - np.float32(first_row), band.places[1], band.moved[1])
+        return x, y
 
-    def _map(self, frame: int, row: int, col: int) -> tuple[NDArray[np.int8], Box | None]:
-        """The stored disparity of a view, and the box that holds what is unknown in it; None if it is known everywhere."""
+    def _map(self, frame: int, row: int, col: int) -> NDArray[np.int8]:
+        stored: NDArray[np.int8] = self._stored[min(frame, len(self._stored) - 1), row, col]
+        return stored
+
+    def _unknown_in(self, frame: int, row: int, col: int) -> bool:
+        """Whether some disparity of a view is unknown."""
         place = min(frame, len(self._stored) - 1), row, col
-        stored: NDArray[np.int8] = self._stored[place]
-        if place not in self._unknown:
-            x, y, width, height = (
-                cv2.boundingRect((stored == UNKNOWN).astype(np.uint8))
-                if stored.min() == UNKNOWN
-                else (0,) * 4
-            )
-            self._unknown[place] = np.s_[y : y + height, x : x + width] if width else None
-        return stored, self._unknown[place]
+        if place not in self._has_unknown:
+            self._has_unknown[place] = bool(self._map(*place).min() == UNKNOWN)
+        return self._has_unknown[place]
 
-    def _unknown_around(self, frame: int, position: Position) -> Box | None:
-        """The box that holds all that is unknown in the four views around position, and as much around it as `SOFT` reaches."""
+    def _unknown_around(self, frame: int, position: Position) -> list[Unknown]:
+        """All that is unknown in the four views around position."""
         rows, cols = self._offsets.shape[:2]
-        r, c = cell_of(position[0], rows)[0], cell_of(position[1], cols)[0]
+        r = cell_of(position[0], rows)[0]
+        c = cell_of(position[1], cols)[0]
         if (frame, r, c) not in self._unknown_cells:
             corners = itertools.product((r, min(r + 1, rows - 1)), (c, min(c + 1, cols - 1)))
-            boxes = [box for at in corners if (box := self._map(frame, *at)[1]) is not None]
-            sides = zip(*boxes, strict=True)
-            union = [
-                slice(max(min(s.start for s in side) - SOFT, 0), max(s.stop for s in side) + SOFT)
-                for side in sides
+            masks = {
+                at: (self._map(frame, *at) == UNKNOWN).view(np.uint8)
+                for at in corners
+                if self._unknown_in(frame, *at)
+            }
+            around = np.zeros(self._low.shape, np.uint8)
+            for mask in masks.values():
+                around |= mask
+            cv2.dilate(around, _box(SOFT, SOFT), around)
+            self._unknown_cells[frame, r, c] = [
+                Unknown(box, {at: mask[box].astype(np.float32) for at, mask in masks.items()})
+                for box in _boxes_of(around)
             ]
-            self._unknown_cells[frame, r, c] = (union[0], union[1]) if boxes else None
         return self._unknown_cells[frame, r, c]
 
     def unknown(
         self, frame: int, position: Position, shift_px: Position
-    ) -> tuple[Box, NDArray[np.float32]] | None:
-        """Where a picture is cross-faded because disparity is unknown: a box of the picture, moved by shift_px as by `aim`, and
-        the share of the cross-fade at each of its pixels, float32, 0 to 1. None if it is 0 everywhere."""
-        around = self._unknown_around(frame, position)
-        if around is None:
-            return None
-        low = np.zeros_like(self._low)
-        for view in view_weights("blend", position, *self._offsets.shape[:2]):
-            low[around] += np.float32(view.weight) * (
-                self._map(frame, view.row, view.col)[0][around] == UNKNOWN
-            )
-        low[around] = cv2.blur(
-            np.clip(2 * low[around] - 1, 0, 1), (SOFT, SOFT)
-        )  # other views know the rest
-        x, y, width, height = cv2.boundingRect((low > 0).view(np.uint8))
-        if not width:
-            return None
-        even = self._step == (2.0, 2.0)  # then a part alone scales as in the whole
-        if not even:
-            x, y, width, height = 0, 0, len(low[0]), len(low)
-        uncertain = low[max(y - 1, 0) : y + height + 1, max(x - 1, 0) : x + width + 1]
-        size = (2 * uncertain.shape[1], 2 * uncertain.shape[0]) if even else self._size
-        share = np.asarray(cv2.resize(uncertain, size, interpolation=cv2.INTER_LINEAR), np.float32)
-        first = 2 * max(y - 1, 0), 2 * max(x - 1, 0)
-        by = round(shift_px[0]), round(shift_px[1])
-        spans = []
-        for start, moved, length, most in zip(
-            first, by, share.shape[:2], self._size[::-1], strict=True
-        ):
-            stop = start + length
-            spans.append(
-                slice(
-                    max(start - moved, 0) if start else 0,
-                    min(stop - moved, most) if stop < most else most,
+    ) -> Iterator[tuple[Box, NDArray[np.float32]]]:
+        """Where a picture is cross-faded because disparity is unknown: boxes of the picture, moved
+        by shift_px as by `aim`, and the share of the cross-fade at each of their pixels, float32, 0
+        to 1. It is 0 everywhere else.
+        """
+        areas = self._unknown_around(frame, position)
+        if not areas:
+            return
+        views = view_weights("blend", position, *self._offsets.shape[:2])
+        dy, dx = round(shift_px[0]), round(shift_px[1])
+        for area in areas:
+            top, left = area.box[0].start, area.box[1].start
+            low = np.full(area.shape, -1, np.float32)  # other views know the rest
+            for view in views:
+                if (mask := area.masks.get((view.row, view.col))) is not None:
+                    cv2.scaleAdd(mask, 2 * view.weight, low, low)
+            cv2.max(low, 0, low)  # type: ignore[call-overload]
+            if not low.any():
+                continue
+            cv2.blur(low, (SOFT, SOFT), low)
+            share = cv2.resize(low, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR)
+            rows = _span(2 * top, len(share), dy, self._size[0])
+            cols = _span(2 * left, len(share[0]), dx, self._size[1])
+            if rows.start < rows.stop and cols.start < cols.stop:
+                box = rows, cols
+                yield (
+                    box,
+                    shifted(np.asarray(share, np.float32), dy - 2 * top, dx - 2 * left, box),
                 )
-            )
-        rows, cols = spans
-        if rows.start >= rows.stop or cols.start >= cols.stop:
-            return None
-        box = rows, cols
-        return box, shifted(share, by[0] - first[0], by[1] - first[1], box)
 
-    def _look_up(
-        self, band: Band, at: NDArray[np.float32], out: NDArray[np.float32]
-    ) -> NDArray[np.float32]:
-        """The stored disparity at the place where each pixel of a band lands if its own is `at`. The nearest value: a mean of two
-        would be neither."""
-        x, y = _moved(at, self._low_moves, band.index, band.moved)
-        cv2.remap(self._low, x, y, cv2.INTER_NEAREST, out, cv2.BORDER_REPLICATE)
+    def _look_up(self, band: Band, at: Levels, out: Levels) -> Levels:
+        """The stored disparity at the place where each pixel of a band lands if its own is `at`.
+        The nearest value: a mean of two would be neither.
+        """
+        cv2.LUT(at, self._cell_moves, band.offsets)
+        offsets = band.offsets.view(np.int16).reshape(band.targets.shape)
+        cv2.add(band.cells, offsets, band.targets)
+        cv2.remap(self._low, band.targets, None, cv2.INTER_NEAREST, out, cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
         return out
 
 
-def _moved(disparity: NDArray[np.float32], moves: Moves, start: Pair, out: Pair) -> Pair:
-    """start + disparity * move[0] + move[1] along x and y, in out; start itself where nothing moves."""
-    moved = list(start)
-    for axis, (per_unit, shift) in enumerate(moves):
-        if per_unit or shift:
-            cv2.scaleAdd(disparity, per_unit, start[axis], out[axis])
-            moved[axis] = out[axis]
-        if shift:
-            np.add(out[axis], shift, out=out[axis])  # cv2.add takes 4x1 arrays for scalars
-    return moved[0], moved[1]
+def _moved(
+    disparity: Levels,
+    move: NDArray[np.float32],
+    start: NDArray[np.float32],
+    out: NDArray[np.float32],
+) -> NDArray[np.float32]:
+    """start + move[disparity], in out; start itself if nothing moves."""
+    if not move.any():
+        return start
+    cv2.LUT(disparity, move[None], out)
+    cv2.add(start, out, out)
+    return out
+
+
+def _levels(turned: bool) -> tuple[Levels, Levels]:
+    """Tables from a stored byte to its level. Unknown is ZERO in the first, and below all others in
+    the second. turned: near and far are exchanged.
+    """
+    up = np.arange(256, dtype=np.uint8) ^ np.uint8(ZERO)
+    if turned:
+        up = np.negative(up)  # 1 to 255 in reverse; 0, unknown, stays
+    known = up.copy()
+    known[np.int8(UNKNOWN).view(np.uint8)] = ZERO
+    return known, up
+
+
+_LEVELS, _LEVELS_TURNED = _levels(False), _levels(True)
+_UNITS = np.arange(256)[:, None] - float(ZERO)
+_STEP_PX = 1 / 1024  # of a move: then its sum with a place is exact, whatever the band
+_FAR = 1 << 14  # cells beyond any picture, which 16 bits hold together with a place in it
+
+
+def _span(start: int, length: int, moved: int, most: int) -> slice:
+    """The pixels on an axis of `most` that show start to start + length of a plane after a move;
+    what touches a border of the plane reaches to that of the picture.
+    """
+    stop = start + length
+    return slice(
+        max(start - moved, 0) if start else 0, min(stop - moved, most) if stop < most else most
+    )
+
+
+def _boxes_of(mask: NDArray[np.uint8]) -> list[Box]:
+    """Boxes that hold all of a mask, uint8 (h, w), and cost the least work."""
+    count, _, areas, _ = cv2.connectedComponentsWithStats(mask)
+    rects = areas[1:, :4].tolist() if count - 1 <= MOST_BOXES else [cv2.boundingRect(mask)]
+    boxes = [(y, x, y + height, x + width) for x, y, width, height in rects]
+
+    def work(box: tuple[int, int, int, int]) -> float:
+        return (box[2] - box[0]) * (box[3] - box[1]) + BOX_SHARE * mask.size
+
+    def joined(
+        a: tuple[int, int, int, int], b: tuple[int, int, int, int]
+    ) -> tuple[int, int, int, int]:
+        return min(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), max(a[3], b[3])
+
+    def saved(pair: tuple[tuple[int, int, int, int], tuple[int, int, int, int]]) -> float:
+        return work(pair[0]) + work(pair[1]) - work(joined(*pair))
+
+    while len(boxes) > 1:
+        pair = max(itertools.combinations(boxes, 2), key=saved)
+        if saved(pair) <= 0:
+            break
+        boxes = [box for box in boxes if box not in pair] + [joined(*pair)]
+    return [np.s_[top:bottom, left:right] for top, left, bottom, right in boxes]
 
 
 @lru_cache(maxsize=256)

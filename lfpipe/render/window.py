@@ -1,4 +1,6 @@
-"""The window on the screen: pictures through a painter, the overlay, keys and clicks as events, and the times of display."""
+"""The window on the screen: pictures through a painter, the overlay, keys and clicks as events, and
+the times of display.
+"""
 
 import contextlib
 import time
@@ -20,10 +22,14 @@ from lfpipe.render.pair_layout import Pair, laid_out
 from lfpipe.render.window_system import open_presentation, pygame
 
 USUAL_MM = 531.0  # width of a 24-inch screen of 16:9, for monitors that report no size
-TEXT_PX, TEXT_SHARE = 22, 1 / 50  # of the monitor's height: TEXT_PX is too small on a fine monitor
+# of the monitor's height: TEXT_PX is too small on a fine monitor
+TEXT_PX = 22
+TEXT_SHARE = 1 / 50
 BUTTONS = {1: "left", 3: "right"}
 MOUSE = (pygame.MOUSEMOTION, pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP, pygame.MOUSEWHEEL)
 RESIZED = (pygame.WINDOWSIZECHANGED, pygame.WINDOWDISPLAYCHANGED)
+# a move may exchange the rows of the screen under two views
+REDRAWN = (pygame.WINDOWEXPOSED, pygame.WINDOWMOVED, *RESIZED)
 NAMES = EVENTS | {"=": "alpha+", " ": "freeze", "?": "help"}
 CODES = {
     pygame.K_F11: "fullscreen",
@@ -40,10 +46,12 @@ CODES |= {
 }
 
 
-class Window(Display):
-    """A resizable window or the full screen. `show` hands a picture over at once; `presented` says when the screen showed it.
+class ScreenWindow(Display):
+    """A resizable window or the full screen. `show` hands a picture over at once; `presented` says
+    when the screen showed it.
 
-    Its pixels are the screen's own: SDL asks a desktop that scales windows not to scale this one. monitor: the window is on it.
+    Its pixels are the screen's own: SDL asks a desktop that scales windows not to scale this one.
+    monitor: the window is on it.
     """
 
     def __init__(
@@ -54,19 +62,22 @@ class Window(Display):
         monitor: str = "",
         code: str = "",
     ) -> None:
-        """size_px: (width, height) of the pictures. monitor: a number or name, as for `monitors.find_monitor`; empty: the desktop
-        chooses. code: only these letters have an effect, and quit; other keys, buttons and drops have none. Raises UserError if
-        no window can be opened, or the monitor is missing."""
-        self._code, self._typed = code, ""
+        """size_px: (width, height) of the pictures. monitor: a number or name, as for
+        `monitors.find_monitor`; empty: the desktop chooses. code: only these letters have an
+        effect, and quit; other keys, buttons and drops have none. Raises UserError if no window can
+        be opened, or the monitor is missing.
+        """
+        self._code = code
+        self._typed = ""
         self._title, self._fullscreen, self._asked_monitor = title, fullscreen, monitor
         self._picture: NDArray[np.uint8] | None = None
         self._pair: Pair | None = None
         self._how = ""
         self._laid: NDArray[np.uint8] | None = None
-        self._view, self._drawn = OverlayView(), list[Panel]()
-        self._number = self._handed = (
-            0  # of the picture, and of the hand-over: a picture may be drawn again
-        )
+        self._view = OverlayView()
+        self._drawn = list[Panel]()
+        # of the picture, and of the hand-over: a picture may be drawn again
+        self._number = self._handed = 0
         self._numbers: dict[int, int] = {}  # hand-over -> picture
         try:
             self._driver = window_system.start()
@@ -90,13 +101,17 @@ class Window(Display):
         self._shown_px = fit_area(size_px, self._painter.size_px())[2]
 
     def _open(self) -> None:
-        whole, (size, at) = self._fullscreen, (self._windowed, self._at)
+        whole = self._fullscreen
+        size, at = (self._windowed, self._at)
         if whole:
             size, at = (self.monitor.width, self.monitor.height), (self.monitor.x, self.monitor.y)
         flags = {"fullscreen_desktop": whole, "resizable": not whole, "allow_high_dpi": True}
         self._window = pygame.Window(self._title, size, at, **flags)
         self._window.set_icon(window_system.icon())
         self._painter = open_painter(self._window, self._driver)
+        if not whole and pygame.WINDOWPOS_UNDEFINED not in self._at:
+            # else a window manager places the frame there, and the picture below its title
+            self._window.position = self._at
         self._presentation = open_presentation(self._window)
         self._numbers.clear()
 
@@ -112,18 +127,23 @@ class Window(Display):
     def nominal_hz(self) -> float:
         return self.monitor.rate_hz
 
+    @property
+    def knows_rows(self) -> bool:
+        """Wayland tells no window where it is."""
+        return self._fullscreen or self._driver != "wayland"
+
     def presented(self) -> list[Presented]:
         answers: list[Presented] = []
         for answer in self._presentation.take() if self._presentation is not None else []:
             number = self._numbers.pop(answer.serial, None)
-            if number is not None and (
-                answer.t_ns or number not in self._numbers.values()
-            ):  # else it was drawn again
+            # else it was drawn again
+            if number is not None and (answer.t_ns or number not in self._numbers.values()):
                 answers.append(Presented(number, answer.t_ns, answer.period_ns))
         return answers
 
     def _toggle(self) -> None:
-        """Switches to full screen on the chosen monitor, or else on the window's; or back to the window's old position.
+        """Switches to full screen on the chosen monitor, or else on the window's; or back to the
+        window's old position.
 
         Opens the window again: without a window manager SDL neither moves nor shrinks an open one.
         """
@@ -139,7 +159,8 @@ class Window(Display):
 
     def _find_monitor(self) -> None:
         """The monitor that the window is on now; others may have been plugged or unplugged."""
-        offered, number = monitors(), window_system.monitor_number(self._window)
+        offered = monitors()
+        number = window_system.monitor_number(self._window)
         self.monitor = next(
             (monitor for monitor in offered if monitor.number == number), offered[0]
         )
@@ -160,20 +181,20 @@ class Window(Display):
     def _draw(self, again: bool = True) -> None:
         """Draws picture and overlay. again: also if neither has changed."""
         pygame.mouse.set_visible(not self._fullscreen or self._view.has_pointer)
-        window_px, picture = self._painter.size_px(), self._picture
+        window_px = self._painter.size_px()
+        picture = self._picture
         text_px = round(
             max(TEXT_PX, TEXT_SHARE * self.monitor.height) * window_px[0] / self._window.size[0]
         )
         panels = self._view.panels(window_px, text_px)
-        unchanged, self._drawn = panels == self._drawn, panels
+        unchanged = panels == self._drawn
+        self._drawn = panels
         if picture is None or (unchanged and not again):
             return
         self._shown_px = fit_area((picture.shape[1], picture.shape[0]), window_px)[2]
         if self._pair is not None:
-            # the row of the screen on which the window begins: known on X and in full screen
-            first_row = (
-                0 if self._fullscreen else max(0, int(self._window.position[1] - self.monitor.y))
-            )
+            # the row of the screen on which the window begins, negative above its top
+            first_row = 0 if self._fullscreen else self._window.position[1] - self.monitor.y
             picture = self._laid = laid_out(self._pair, self._how, window_px, first_row, self._laid)
         self._painter.paint(picture, panels)
         self._handed += 1
@@ -190,12 +211,13 @@ class Window(Display):
 
     def events(self) -> list[str]:
         """Handles full screen itself, and redraws after it was covered or resized."""
-        names, again = [], False
+        names = []
+        again = False
         self.pointer = attrs.evolve(self.pointer, wheel=0)
         for event in window_system.take_events():
             if event.type in RESIZED:
                 self._find_monitor()
-            again |= event.type in (pygame.WINDOWEXPOSED, *RESIZED)
+            again |= event.type in REDRAWN
             if name := self._meaning(event):
                 names.append(name)
             if name == "fullscreen":
@@ -210,6 +232,8 @@ class Window(Display):
             self._typed = (self._typed + (event.unicode if event.type == pygame.KEYDOWN else ""))[
                 -len(self._code) :
             ]
+            if event.type in MOUSE:
+                self._point(event)
             return "quit" if self._typed == self._code else ""
         if event.type == pygame.QUIT:
             return "quit"
@@ -220,8 +244,10 @@ class Window(Display):
             return name if name != "escape" else "fullscreen" if self._fullscreen else ""
         return self._mouse(event) if event.type in MOUSE else ""
 
-    def _mouse(self, event: pygame.Event) -> str:
-        """Moves the pointer; the name of what a click or a touch means."""
+    def _point(self, event: pygame.Event) -> None:
+        """Moves the pointer. In an exhibition any touch or button looks around, as elsewhere the
+        right button does.
+        """
         if event.type == pygame.MOUSEWHEEL:
             self.pointer = attrs.evolve(self.pointer, wheel=self.pointer.wheel + event.y)
         else:
@@ -230,20 +256,28 @@ class Window(Display):
                 for at, size in zip(event.pos, self._window.size, strict=True)
             )
             button = BUTTONS.get(event.button) if event.type != pygame.MOUSEMOTION else None
+            if button and self._code:
+                button = "right"
             held = {button: event.type == pygame.MOUSEBUTTONDOWN} if button else {}
             self.pointer = attrs.evolve(self.pointer, x=x, y=y, **held)
+
+    def _mouse(self, event: pygame.Event) -> str:
+        """Moves the pointer; the name of what a click or a touch means."""
+        self._point(event)
         x_px, y_px = self._painter.size_px()
         name = self._view.mouse(event, (round(self.pointer.x * x_px), round(self.pointer.y * y_px)))
         if name:
-            self.pointer = attrs.evolve(
-                self.pointer, left=False
-            )  # a click, and no drag of the view
+            # a click, and no drag of the view
+            self.pointer = attrs.evolve(self.pointer, left=False)
         elif (
             event.type == pygame.MOUSEBUTTONDOWN and event.button == 1 and self._picture is not None
         ):
             rows, cols = self._picture.shape[:2]
             left, top, width, height = fit_area((cols, rows), (x_px, y_px))
-            name = f"click {(self.pointer.x * x_px - left) * cols / width} {(self.pointer.y * y_px - top) * rows / height}"
+            name = (
+                f"click {(self.pointer.x * x_px - left) * cols / width}"
+                f" {(self.pointer.y * y_px - top) * rows / height}"
+            )
         return name
 
     def title(self, name: str) -> None:

@@ -1,4 +1,5 @@
-"""SDL with this program's settings, and what pygame does not expose: monitors and the blanks of a window.
+"""SDL with this program's settings, and what pygame does not expose: monitors and the blanks of a
+window.
 
 Import pygame from here: SDL reads its environment when it starts.
 """
@@ -6,6 +7,7 @@ Import pygame from here: SDL reads its environment when it starts.
 import ctypes
 import functools
 import os
+from pathlib import Path
 
 from lfpipe.host.machine import has_gpu
 from lfpipe.host.presentation import XPresentation
@@ -19,14 +21,17 @@ import pygame as pygame
 from pygame._sdl2 import video as video
 
 ICON_PX = 64  # desktops scale it down
+FONT = Path(__file__).parent / "fonts" / "DejaVuSans.ttf"
+FONT_SHARE = 0.75  # size of letters, as fonts count it, over the height of their line
 UNSEEN = ("dummy", "offscreen")  # drivers without a screen, for tests
 
 
 def start() -> str:
-    """Starts SDL's display part; returns the name of its driver. Raises pygame.error if no screen answers.
+    """Starts SDL's display part; returns the name of its driver. Raises pygame.error if no screen
+    answers.
 
-    SDL provides a window's surface through OpenGL; without a GPU that is a software renderer at ten times the cost. X can do
-    without; Wayland cannot.
+    SDL provides a window's surface through OpenGL; without a GPU that is a software renderer at ten
+    times the cost. X can do without; Wayland cannot.
     """
     pygame.display.init()
     driver = pygame.display.get_driver()
@@ -38,7 +43,9 @@ def start() -> str:
 
 
 def uses_renderer(driver: str) -> bool:
-    """Whether a window draws through SDL's renderer: with a GPU, and on Wayland, which has no surface of its own."""
+    """Whether a window draws through SDL's renderer: with a GPU, and on Wayland, which has no
+    surface of its own.
+    """
     return driver == "wayland" or (driver == "x11" and has_gpu())
 
 
@@ -54,7 +61,10 @@ def drawn_by(driver: str) -> str:
 
 
 def take_events() -> list[pygame.Event]:
-    """The events since the last call. pygame cannot decode every name of a dropped file: such a drop has no name."""
+    """The events since the last call.
+
+    pygame cannot decode every name of a dropped file: such a drop has no name.
+    """
     try:
         return pygame.event.get()
     except (SystemError, UnicodeError):
@@ -64,6 +74,15 @@ def take_events() -> list[pygame.Event]:
 def drawable(text: str) -> str:
     """text that a font can draw: a file name may hold bytes that are no character."""
     return text.replace("\0", "").encode(errors="replace").decode()
+
+
+@functools.lru_cache(32)
+def font(size_px: int) -> pygame.font.Font:
+    """DejaVu Sans, which is made for screens: its letters stay evenly spaced when they are small.
+
+    size_px: height of a line, about.
+    """
+    return pygame.font.Font(FONT, round(FONT_SHARE * size_px))
 
 
 def icon() -> pygame.Surface:
@@ -82,7 +101,9 @@ _X11, _WAYLAND = 2, 6  # SDL_SYSWM_TYPE
 
 
 class _Handles(ctypes.Structure):
-    """SDL_SysWMinfo: the first two handles are Display and Window of X11, or wl_display and wl_surface."""
+    """SDL_SysWMinfo: the first two handles are Display and Window of X11, or wl_display and
+    wl_surface.
+    """
 
     _fields_ = (
         ("version", ctypes.c_uint8 * 3),
@@ -103,8 +124,12 @@ def sdl_library() -> ctypes.CDLL:
 
 
 def monitor_facts(monitor: int) -> tuple[str, tuple[int, int, int, int], tuple[float, float]]:
-    """(name, (x, y, width, height) on the desktop, (horizontal, vertical) dots per inch, 0 if unknown) of a monitor."""
-    library, place, dots = sdl_library(), (ctypes.c_int * 4)(), [ctypes.c_float() for _ in range(3)]
+    """(name, (x, y, width, height) on the desktop, (horizontal, vertical) dots per inch, 0 if
+    unknown) of a monitor.
+    """
+    library = sdl_library()
+    place = (ctypes.c_int * 4)()
+    dots = [ctypes.c_float() for _ in range(3)]
     library.SDL_GetDisplayBounds(monitor, place)
     library.SDL_GetDisplayDPI(monitor, *map(ctypes.byref, dots))
     x, y, width, height = place
@@ -124,8 +149,12 @@ def monitor_number(window: pygame.Window) -> int:
 
 
 def open_presentation(window: pygame.Window) -> XPresentation | WaylandPresentation | None:
-    """The source of reports of this window's blanks, or None. Call after creating the painter: it may replace the window."""
-    library, info = sdl_library(), _Handles()
+    """The source of reports of this window's blanks, or None.
+
+    Call after creating the painter: it may replace the window.
+    """
+    library = sdl_library()
+    info = _Handles()
     info.version[:] = pygame.version.SDL
     if not library.SDL_GetWindowWMInfo(library.SDL_GetWindowFromID(window.id), ctypes.byref(info)):
         return None

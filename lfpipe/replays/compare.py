@@ -1,8 +1,9 @@
 """Compares a run with a reference: the first difference, its cause, and pictures that show it.
 
-With the same versions on the same kind of processor, everything must be equal to the last bit. Otherwise, numbers may differ by
-the effect of different rounding (TOLERANCES; between x86 and ARM networks round more, MACHINE_PX), a whole view may flip where
-the eyes are within that of its boundary, and pictures may differ by invisible amounts (LEAST_DB).
+With the same versions on the same kind of processor, everything must be equal to the last bit.
+Otherwise, numbers may differ by the effect of different rounding (TOLERANCES; between x86 and ARM
+networks round more, MACHINE_PX), a whole view may flip where the eyes are within that of its
+boundary, and pictures may differ by invisible amounts (LEAST_DB).
 """
 
 import os
@@ -15,14 +16,22 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.config import Config, options, to_dict
+from lfpipe.config import Config, options
 from lfpipe.config.check import flat
 from lfpipe.errors import VALUE_CHARS, UserError, plain, shown
 from lfpipe.files.output import PLACE, marked_picture, write_output
 from lfpipe.files.pictures import header_of
 from lfpipe.files.safe_files import reason
-from lfpipe.render.replay_writer import PICTURES
-from lfpipe.replays.report import COUNTED, DIFFERENCE, Line, pair, read_report, read_trace
+from lfpipe.render.listeners.replay_writer import PICTURES
+from lfpipe.replays.report import (
+    COUNTED,
+    DIFFERENCE,
+    Line,
+    digests,
+    pair,
+    read_report,
+    read_trace,
+)
 from lfpipe.sequence.packets import INDEX, decoded, encoded, read_index, read_packet
 
 VERSION_PX = 0.05  # of eyes
@@ -33,31 +42,46 @@ TOLERANCES = {  # name in the trace -> (absolute, relative), where versions diff
     "view": (0.01, 0.0),  # 1/5 of a px at the smallest alpha in use
 }
 MACHINE_PX = 0.1  # between x86-64 and ARM: 0.02 median, 0.08 at most were measured
-FLIPPED_SHARE = 0.05  # of frames: eyes uncertain by 0.1 px are near a boundary of views 4 px wide; more is another map
+# of frames: eyes uncertain by 0.1 px are near a boundary of views 4 px wide; more is another map
+FLIPPED_SHARE = 0.05
 LEAST_DB = 50.0  # 0.8 levels root mean square: nobody sees that
 MOST_FIELDS = 20  # listed per part
-SHAPE = (
-    "frames",
-    "rows",
-    "cols",
-    "height_px",
-    "width_px",
-)  # of a scene; its name is that of a folder, which may be renamed
+# of a scene; its name is that of a folder, which may be renamed
+SHAPE = ("frames", "rows", "cols", "height_px", "width_px")
 FLIP = "flip"
 CAUSES = {  # in the order of the pipeline: an earlier difference causes the later ones
-    "face": "tracking finds a face in other frames (lfpipe/track: engine, detector, choice of the face)",
-    "eyes_raw": "the engine measures other eyes in the same frame (lfpipe/track: engine, region of interest, landmarks)",
-    "eyes_filtered": "raw eyes are equal: the filter or its constants changed (track.filter, lfpipe/track/filters.py)",
-    "eyes_used": "filtered eyes are equal: prediction or easing changed (replay.latency_ms, lfpipe/eyes.py, lfpipe/render)",
-    "view": "eyes are equal: the map to views changed (alpha, centre, lfpipe/render/viewpoint.py, geometry.py)",
+    "face": (
+        "tracking finds a face in other frames (lfpipe/track: engine, detector, choice of the face)"
+    ),
+    "eyes_raw": (
+        "the engine measures other eyes in the same frame (lfpipe/track: engine, region of"
+        " interest, landmarks)"
+    ),
+    "eyes_filtered": (
+        "raw eyes are equal: the filter or its constants changed (track.filter,"
+        " lfpipe/track/filters.py)"
+    ),
+    "eyes_used": (
+        "filtered eyes are equal: prediction or easing changed (replay.latency_ms, lfpipe/eyes.py,"
+        " lfpipe/render)"
+    ),
+    "view": (
+        "eyes are equal: the map to views changed (alpha, centre, lfpipe/render/viewpoint.py,"
+        " geometry.py)"
+    ),
     "method": "another way of making views was chosen (render.method, the scene's scores)",
-    "picture": "views are equal: the drawing changed (anaglyph coefficients, synthesis, or the scene's pictures and their order)",
+    "picture": (
+        "views are equal: the drawing changed (anaglyph coefficients, synthesis, or the scene's"
+        " pictures and their order)"
+    ),
 }
 
 
 @attrs.frozen
 class Difference:
-    """part: config, plan, counts, scene, eyes, views or pictures. frame: source_seq of the first one, None for the whole run."""
+    """part: config, plan, counts, scene, eyes, views or pictures. frame: source_seq of the first
+    one, None for the whole run.
+    """
 
     part: str
     what: str
@@ -73,7 +97,10 @@ class Difference:
 
 @attrs.frozen
 class ComparedFrame:
-    """Its lines in the reference and now. cause: name of their first difference in CAUSES, FLIP, or "" for none."""
+    """Its lines in the reference and now.
+
+    cause: name of their first difference in CAUSES, FLIP, or "" for none.
+    """
 
     was: Line
     now: Line
@@ -101,12 +128,15 @@ def cases_of(differences: list[Difference]) -> list[tuple[str, list[str]]]:
 
 
 def check_reference(reference: Path, report: dict[str, Any]) -> None:
-    """Raises UserError if reference has another sequence or scene than report: a comparison would be meaningless."""
+    """Raises UserError if reference has another sequence or scene than report: a comparison would
+    be meaningless.
+    """
     was = read_report(reference)
     remedy = "use the reference that belongs to it, or --update to make one"
     for part, names in (("sequence", ("frames", "checksums")), ("scene", SHAPE)):
         for name in names:
-            before, now = was[part].get(name), report[part][name]
+            before = was[part].get(name)
+            now = report[part][name]
             if before != now:
                 values = (
                     ""
@@ -117,7 +147,8 @@ def check_reference(reference: Path, report: dict[str, Any]) -> None:
 
 
 def compare(reference: Path, folder: Path) -> Comparison:
-    """Compares the reference with the run in folder. Saves the pictures that show differences to folder/difference.
+    """Compares the reference with the run in folder. Saves the pictures that show differences to
+    folder/difference.
 
     Raises UserError if the reference cannot be read or has another sequence or scene.
     """
@@ -126,7 +157,7 @@ def compare(reference: Path, folder: Path) -> Comparison:
     tolerance_px, versions = _tolerance(was["versions"], now["versions"])
     # a key that one of them does not know had its default's effect
     before, after = (
-        dict(flat(to_dict(Config()))) | dict(flat(report["config"])) for report in (was, now)
+        dict(flat(attrs.asdict(Config()))) | dict(flat(report["config"])) for report in (was, now)
     )
     compared = [name for name, key in options().items() if key.replays]
     differences = _unequal(
@@ -144,10 +175,20 @@ def compare(reference: Path, folder: Path) -> Comparison:
     pictures = min(was["counts"]["pictures"], now["sequence"]["frames"])  # one per frame, at most
     lines_before = read_trace(reference, most_lines=pictures + 1)
     if len(lines_before) != was["counts"]["pictures"]:
-        values = f"{len(lines_before)} lines in its trace, {was['counts']['pictures']} pictures in its report"
+        values = (
+            f"{len(lines_before)} lines in its trace, {was['counts']['pictures']} pictures in its"
+            " report"
+        )
         raise UserError(
             f"{reference}: {values}", "copy the whole folder again, or --update to rewrite it"
         )
+    stated = was.get("digests") or {}
+    for name, digest in digests(lines_before).items():
+        if digest != stated.get(name, digest):
+            raise UserError(
+                f"{reference}: its trace has other {name} than the {name} in its report",
+                "copy the whole folder again, or --update to rewrite it",
+            )
     in_frames, notes = _compare_frames(
         reference, folder, zip(lines_before, lines_now, strict=False), tolerance_px
     )
@@ -178,7 +219,9 @@ def _unequal(part: str, was: dict[str, Any], now: dict[str, Any]) -> list[Differ
 
 
 def _first_difference(was: Line, now: Line, tolerance_px: float) -> str:
-    """The first name of CAUSES whose values differ by more than rounding, FLIP for a view at its boundary, "" for none."""
+    """The first name of CAUSES whose values differ by more than rounding, FLIP for a view at its
+    boundary, "" for none.
+    """
     whole = now["method"] == "nearest"
     for name in CAUSES:
         if was[name] == now[name]:
@@ -201,27 +244,33 @@ def _first_difference(was: Line, now: Line, tolerance_px: float) -> str:
 def _compare_frames(
     reference: Path, folder: Path, lines: Iterable[tuple[Line, Line]], tolerance_px: float
 ) -> tuple[list[Difference], list[str]]:
-    """The first difference of each part, frame by frame, and notes. lines: those of each frame, the reference's first."""
+    """The first difference of each part, frame by frame, and notes.
+
+    lines: those of each frame, the reference's first.
+    """
     frames = [
         ComparedFrame(was, now, _first_difference(was, now, tolerance_px)) for was, now in lines
     ]
-    differences, notes = list[Difference](), list[str]()
+    differences = list[Difference]()
+    notes = list[str]()
     unflipped = [frame for frame in frames if frame.cause != FLIP]
     if flips := len(frames) - len(unflipped):
         notes = [
-            f"views: {flips} of {len(frames)} flipped, with eyes within {tolerance_px:g} px of a boundary"
+            f"views: {flips} of {len(frames)} flipped, with eyes within {tolerance_px:g} px of a"
+            " boundary"
         ]
     if flips > FLIPPED_SHARE * len(frames):
-        frames, notes = (
-            [attrs.evolve(frame, cause=frame.cause.replace(FLIP, "view")) for frame in frames],
-            [],
-        )
+        frames = [attrs.evolve(frame, cause=frame.cause.replace(FLIP, "view")) for frame in frames]
+        notes = []
         unflipped = frames
     for part in ("eyes", "views"):
         changed = [frame for frame in frames if _PART_OF.get(frame.cause) == part]
         if changed:
             name, was, now = changed[0].cause, changed[0].was, changed[0].now
-            what = f"{name} {_sides(was[name])} in the reference, {_sides(now[name])} now; {CAUSES[name]}"
+            what = (
+                f"{name} {_sides(was[name])} in the reference, {_sides(now[name])} now;"
+                f" {CAUSES[name]}"
+            )
             differences.append(
                 Difference(
                     part, f"{what}; {len(changed)} of {len(frames)} frames", now["source_seq"]
@@ -238,8 +287,12 @@ def _sides(value: Any) -> str:
 
 
 def _stored(folder: Path, lines: list[Line]) -> Callable[[str], NDArray[np.uint8] | None]:
-    """Reads the pictures that a run stored, by digest. Equal digests mean equal pictures, whatever the frame."""
-    place, digest_of = folder / PICTURES, {line["source_seq"]: line["picture"] for line in lines}
+    """Reads the pictures that a run stored, by digest.
+
+    Equal digests mean equal pictures, whatever the frame.
+    """
+    place = folder / PICTURES
+    digest_of = {line["source_seq"]: line["picture"] for line in lines}
     packets = read_index(place, complete=True) if os.path.lexists(place / INDEX) else []
     by_digest = {
         digest_of[packet.source_seq]: packet for packet in packets if packet.source_seq in digest_of
@@ -260,22 +313,29 @@ def _stored(folder: Path, lines: list[Line]) -> Callable[[str], NDArray[np.uint8
 def _compare_pictures(
     reference: Path, folder: Path, frames: list[ComparedFrame], exact: bool
 ) -> tuple[list[Difference], list[str]]:
-    """Differences of pictures with equal views, and the pictures of the first frame that differs in anything; a note."""
+    """Differences of pictures with equal views, and the pictures of the first frame that differs in
+    anything; a note.
+    """
     theirs = _stored(reference, [frame.was for frame in frames])
     ours = _stored(folder, [frame.now for frame in frames])
     unequal = [
         (frame.was, frame.now) for frame in frames if frame.was["picture"] != frame.now["picture"]
     ]
     drawn = [(frame.was, frame.now) for frame in frames if frame.cause == "picture"]
-    first, least_db = None, 100.0
+    first = None
+    least_db = 100.0
     for was, now in unequal:
-        a, b = theirs(was["picture"]), ours(now["picture"])
+        a = theirs(was["picture"])
+        b = ours(now["picture"])
         if a is not None and b is not None:
             first = first or (now["source_seq"], a, b)
             least_db = min(least_db, cv2.PSNR(a, b) if a.shape == b.shape else 0.0)
     wrong = bool(drawn) and (exact or first is None or least_db < LEAST_DB)
     if not wrong and len(unequal) == len(drawn):
-        note = f"pictures: {len(drawn)} of {len(frames)} digests differ, least PSNR {least_db:.1f} dB ({LEAST_DB:g} wanted)"
+        note = (
+            f"pictures: {len(drawn)} of {len(frames)} digests differ, least PSNR {least_db:.1f} dB"
+            f" ({LEAST_DB:g} wanted)"
+        )
         return [], [note] if drawn else []
     where = (
         f"least PSNR {least_db:.1f} dB, see {_save(folder, *first)}"
@@ -291,7 +351,10 @@ def _compare_pictures(
 
 
 def _save(folder: Path, frame: int, was: NDArray[np.uint8], now: NDArray[np.uint8]) -> str:
-    """Saves both pictures and their difference (scaled so that the largest is white). Returns their folder."""
+    """Saves both pictures and their difference (scaled so that the largest is white).
+
+    Returns their folder.
+    """
     out = folder / DIFFERENCE
     sides = {"reference": was, "now": now}
     if was.shape == now.shape:

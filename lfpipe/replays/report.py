@@ -1,4 +1,6 @@
-"""The results of a replay: `report.json` as plain data, and JUnit XML for CI systems, a test case per part of the comparison."""
+"""The results of a replay: `report.json` as plain data, and JUnit XML for CI systems, a test case
+per part of the comparison.
+"""
 
 import hashlib
 import itertools
@@ -13,18 +15,19 @@ from xml.etree import ElementTree
 import attrs
 import numpy as np
 
-from lfpipe.config import Config, to_dict
+from lfpipe.config import Config
 from lfpipe.errors import plain
 from lfpipe.files.output import write_output
 from lfpipe.files.safe_files import check_links, read_text
 from lfpipe.files.trace import check_sides, trace_lines
 from lfpipe.files.untrusted import json_fields
 from lfpipe.host.machine import versions
-from lfpipe.render.replay_writer import PICTURES
+from lfpipe.render.listeners.replay_writer import PICTURES
 from lfpipe.scene.lightfield import LightField
 from lfpipe.sequence.eyes import Truth, read_truth, summary
 from lfpipe.sequence.folder import Sequence
 from lfpipe.sequence.packets import INDEX, PACKETS
+from lfpipe.supervisor.figures import SessionFigures
 
 FORMAT = 1
 REPORT, TRACE = "report.json", "trace.jsonl"
@@ -39,7 +42,8 @@ Line = dict[str, Any]
 
 
 def read_trace(folder: Path, steady: bool = True, most_lines: int = sys.maxsize) -> list[Line]:
-    """The first most_lines lines of the trace in folder. steady: of a pace whose lines have filtered eyes and a picture's digest.
+    """The first most_lines lines of the trace in folder. steady: of a pace whose lines have
+    filtered eyes and a picture's digest.
 
     Raises UserError if it cannot be read.
     """
@@ -54,7 +58,8 @@ def read_trace(folder: Path, steady: bool = True, most_lines: int = sys.maxsize)
 
 
 def read_report(folder: Path) -> dict[str, Any]:
-    """The report in folder: of this version, with all tables that a comparison reads, and counts that are numbers.
+    """The report in folder: of this version, with all tables that a comparison reads, and counts
+    that are numbers.
 
     Raises UserError if it is not such a report.
     """
@@ -80,7 +85,9 @@ def _digest(parts: list[bytes]) -> str:
 
 
 def digests(lines: list[Line]) -> dict[str, str]:
-    """sha256 over all frames of the exact bytes of eyes (raw, filtered, used), views, and pictures."""
+    """sha256 over all frames of the exact bytes of eyes (raw, filtered, used), views, and
+    pictures.
+    """
     names = ("eyes_raw", "eyes_filtered", "eyes_used")
     eyes = [
         struct.pack("<12d?", *(v for name in names for v in pair(line, name)), line["face"])
@@ -112,17 +119,17 @@ def about_scene(field: LightField) -> dict[str, Any]:
 def about_sequence(sequence: Sequence) -> dict[str, Any]:
     """Name, number of frames, checksums of frames and stamps, rate by the stamps.
 
-    A generated sequence has the name of its generator under "made" in its manifest. Its packets depend on the version of the
-    encoder, so it is identified by that name instead of checksums.
+    A generated sequence has the name of its generator under "made" in its manifest. Its packets
+    depend on the version of the encoder, so it is identified by that name instead of checksums.
     """
     checksums = sequence.manifest.get("checksums", {})
     made = sequence.manifest.get("made")
     return {
         "name": sequence.path.resolve().name,
         "frames": len(sequence.packets),
-        "checksums": {"made": made}
-        if made
-        else {name: checksums.get(name, "") for name in (PACKETS, INDEX)},
+        "checksums": (
+            {"made": made} if made else {name: checksums.get(name, "") for name in (PACKETS, INDEX)}
+        ),
         "rate_hz": round(sequence.measured_hz, 4),
     }
 
@@ -140,7 +147,9 @@ def _quantiles_ms(values_ns: list[int]) -> dict[str, float]:
 
 
 def _truth_error(truth: Truth, lines: list[Line], shown_ns: list[int]) -> dict[str, Any]:
-    """Errors of the measured eyes (raw, at the frame's time) and of the eyes used for the picture (used, when it is seen)."""
+    """Errors of the measured eyes (raw, at the frame's time) and of the eyes used for the picture
+    (used, when it is seen).
+    """
     stamps_ns = np.array([line["t_sensor_ns"] for line in lines])
     faces = np.array([line["face"] for line in lines], np.bool_)
     errors = {}
@@ -156,9 +165,12 @@ def make_report(
     config: Config,
     pace: str,
     folder: Path,
-    final: dict[str, Any],
+    final: SessionFigures,
 ) -> dict[str, Any]:
-    """The report of a run whose trace is in folder. final: the session's last snapshot. Keys as in docs/replay.md."""
+    """The report of a run whose trace is in folder.
+
+    final: the session at its end. Keys as in docs/replay.md.
+    """
     from lfpipe.render.plan import make_plan
 
     steady = pace in STEADY
@@ -170,7 +182,7 @@ def make_report(
         line["t_sensor_ns"] + latency_ns if steady else line["t_presented_ns"] for line in lines
     ]
     truth = read_truth(sequence.path)
-    stages = final["stages"]
+    stages = final.stages
     span_ns = lines[-1]["t_presented_ns"] - lines[0]["t_presented_ns"] if lines else 0
     seen = len({line["source_seq"] for line in lines})
     composed = [line for line in lines if line["composed"]]
@@ -180,7 +192,7 @@ def make_report(
         "pace": pace,
         "sequence": about_sequence(sequence),
         "scene": about_scene(field),
-        "config": to_dict(config),
+        "config": attrs.asdict(config),
         "plan": plan,
         "counts": {
             "frames": len(sequence.packets),
@@ -189,22 +201,19 @@ def make_report(
             "frames_shown": seen,
             "composed": len(composed),
             "faces": len({line["source_seq"] for line in lines if line["face"]}),
-            "dropped": {name: stage["dropped"] for name, stage in stages.items()},
-            "restarts": {name: stage["restarts"] for name, stage in stages.items()},
+            "dropped": {name: stage.dropped for name, stage in stages.items()},
+            "restarts": {name: stage.restarts for name, stage in stages.items()},
         },
         "digests": digests(lines) if steady and lines else None,
         "truth_error": _truth_error(truth, lines, shown_ns) if truth and lines else None,
         "rate_hz": round((seen - 1) / span_ns * 1e9, 2) if span_ns > 0 else 0.0,
         "latency": {
-            **{
-                name: {"wait": stage["wait"], "busy": stage["busy"]}
-                for name, stage in stages.items()
-            },
+            **{name: {"wait": stage.wait, "busy": stage.busy} for name, stage in stages.items()},
             "end_to_end": _quantiles_ms(
                 [line["t_presented_ns"] - line["t_read_ns"] for line in composed]
             ),
         },
-        "cpu": {name: stage["cpu_s"] for name, stage in stages.items()},
+        "cpu": {name: stage.cpu_s for name, stage in stages.items()},
     }
 
 

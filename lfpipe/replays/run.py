@@ -1,9 +1,9 @@
 """Runs the real stages on a recorded sequence and writes the results to a folder.
 
-step      every frame passes every stage before the next one starts; eyes, views and pictures depend only on the
-sequence, the scene and the configuration
-max       as fast as possible; nothing is lost, and the results equal those of step
-recorded, HZ   in real time, on the clocks of a live session; late frames are dropped and counted
+step      every frame passes every stage before the next one starts; eyes, views and pictures depend
+only on the sequence, the scene and the configuration max       as fast as possible; nothing is
+lost, and the results equal those of step recorded, HZ   in real time, on the clocks of a live
+session; late frames are dropped and counted
 """
 
 import errno
@@ -16,12 +16,13 @@ from pathlib import Path
 from typing import Any
 
 from lfpipe import config as config_module
-from lfpipe.config import Config, ReplayOutput, SessionOptions
+from lfpipe.config import Config, SessionOptions
+from lfpipe.config.modes import CameraViewer, Live, Lossless, RecordedEyes, ReplayOutput, Viewer
 from lfpipe.errors import UserError
 from lfpipe.files.output import write_output, written_by_lfpipe
-from lfpipe.files.safe_files import PRIVATE_FOLDER, reason
+from lfpipe.files.safe_files import PRIVATE_FOLDER, WORK_NAME, reason
 from lfpipe.host.files import is_dir
-from lfpipe.render.replay_writer import PICTURES
+from lfpipe.render.listeners.replay_writer import PICTURES
 from lfpipe.replays.report import DIFFERENCE, REPORT, STEADY, TRACE, make_report
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.pack import summarize
@@ -40,7 +41,8 @@ class ReplayFailed(Exception):
 
 
 def replay_config(sequence: Recorded, file: str | None, sets: tuple[str, ...]) -> Config:
-    """The configuration of a replay: the recorded camera, and the user's current settings for everything else.
+    """The configuration of a replay: the recorded camera, and the user's current settings for
+    everything else.
 
     Raises UserError for a wrong key or value.
     """
@@ -49,9 +51,8 @@ def replay_config(sequence: Recorded, file: str | None, sets: tuple[str, ...]) -
     recorded = sequence.manifest.get("config", {}).get("camera", {})
     camera = {f"camera.{key}": recorded[key] for key in ("focal_px", "fov_deg") if key in recorded}
     size = dict(zip(("width_px", "height_px"), sequence.size_px, strict=True))
-    camera |= {
-        f"camera.{key}": recorded.get(key, own) for key, own in size.items()
-    }  # because its JPEGs may have been scaled
+    # because its JPEGs may have been scaled
+    camera |= {f"camera.{key}": recorded.get(key, own) for key, own in size.items()}
     camera["camera.rate_hz"] = min(max(sequence.measured_hz, 0.1), 1000.0)
     try:
         return config_module.updated(
@@ -65,18 +66,26 @@ def replay_config(sequence: Recorded, file: str | None, sets: tuple[str, ...]) -
 
 
 def check_out(folder: Path) -> None:
-    """Creates folder if it does not exist. Raises UserError if it is not writable, or contains anything but results."""
+    """Creates folder if it does not exist.
+
+    Raises UserError if it is not writable, or contains anything but results.
+    """
     try:
         folder.mkdir(PRIVATE_FOLDER, parents=True, exist_ok=True)
-        strange = sorted(
-            name
-            for path in folder.rglob("*")
-            if not _is_result(path, name := path.relative_to(folder).as_posix())
-        )
         if not os.access(folder, os.W_OK | os.X_OK):
             raise PermissionError(errno.EACCES, "Permission denied")
+        _check_results(folder)
     except (OSError, ValueError) as error:
         raise UserError(f"{folder}: cannot be written: {reason(error)}", PLACE) from None
+
+
+def _check_results(folder: Path) -> None:
+    """Raises UserError if a folder contains anything but results of a replay, and OSError."""
+    strange = sorted(
+        name
+        for path in folder.rglob("*")
+        if not _is_result(path, name := path.relative_to(folder).as_posix())
+    )
     if strange:
         raise UserError(
             f"{folder}: contains {strange[0]}, which is not from a replay",
@@ -89,7 +98,8 @@ def _is_result(path: Path, name: str) -> bool:
     if path.is_symlink() or is_dir(path):
         return name in (PICTURES, DIFFERENCE) and not path.is_symlink()
     packets = path.name in (PACKETS, INDEX)  # their contents carry no mark
-    return bool(_FILE.fullmatch(name)) and (packets or written_by_lfpipe(path))
+    known = bool(_FILE.fullmatch(name)) and (packets or written_by_lfpipe(path))
+    return known or bool(WORK_NAME.fullmatch(path.name))  # of a killed run
 
 
 def clear_out(folder: Path) -> None:
@@ -102,24 +112,69 @@ def clear_out(folder: Path) -> None:
         raise UserError(f"{folder}: cannot be written: {reason(error)}", PLACE) from None
 
 
-def update_reference(reference: Path, folder: Path) -> None:
-    """Replaces the contents of reference with those files of the run in folder that a comparison reads.
+def _beside(reference: Path) -> tuple[Path, Path, Path]:
+    """The folder of a reference, where its next content is written, and where the old one goes."""
+    place = Path(os.path.realpath(reference))
+    new, old = (place.with_name(f".{place.name[:200]}.{name}") for name in ("new", "old"))
+    return place, new, old
 
-    Raises UserError if writing fails; the old reference is then kept.
+
+def recover_reference(reference: Path) -> None:
+    """Completes an update that was killed: its reference is the old one, or the new one in place.
+
+    Raises UserError if a name that the update needs is taken, or a folder cannot be written.
     """
-    new = reference.with_name(f".{reference.name}.new")
+    place, new, old = _beside(reference)
     try:
-        shutil.rmtree(new, ignore_errors=True)  # of an update that was killed
+        for left in (new, old):
+            if os.path.lexists(left):
+                _check_results(left)
+                if left == old and not os.path.lexists(place):
+                    old.rename(place)
+                else:
+                    shutil.rmtree(left)
+    except (OSError, ValueError) as error:
+        raise UserError(f"{reference}: cannot be written: {reason(error)}", PLACE) from None
+
+
+def check_update(reference: Path) -> None:
+    """Raises UserError if `update_reference` could not write reference, or would remove anything
+    but results. Makes the folders above it, and completes an update that was killed.
+    """
+    place = _beside(reference)[0]
+    try:
+        place.parent.mkdir(parents=True, exist_ok=True)
+        if not os.access(place.parent, os.W_OK | os.X_OK):
+            raise PermissionError(errno.EACCES, "Permission denied")
+    except (OSError, ValueError) as error:
+        raise UserError(f"{reference}: cannot be written: {reason(error)}", PLACE) from None
+    recover_reference(reference)
+    if os.path.lexists(place):
+        check_out(place)
+
+
+def update_reference(reference: Path, folder: Path) -> None:
+    """Replaces reference by a folder with those files of the run in folder that a comparison reads.
+
+    Raises UserError if writing fails; the old reference is then kept. What a killed update leaves,
+    `recover_reference` completes.
+    """
+    place, new, old = _beside(reference)
+    check_update(reference)
+    try:
         new.mkdir(PRIVATE_FOLDER)
-        for path in (folder / name for name in (REPORT, TRACE, PICTURES)):
-            shutil.copytree(path, new / path.name) if is_dir(path) else shutil.copy(path, new)
-        clear_out(reference)
-        for path in new.iterdir():
-            path.replace(reference / path.name)
+        try:
+            for path in (folder / name for name in (REPORT, TRACE, PICTURES)):
+                shutil.copytree(path, new / path.name) if is_dir(path) else shutil.copy(path, new)
+        except OSError:
+            shutil.rmtree(new, ignore_errors=True)
+            raise
+        if os.path.lexists(place):
+            place.rename(old)
+        new.rename(place)
     except OSError as error:
         raise UserError(f"{reference}: cannot be written: {reason(error)}", PLACE) from None
-    finally:
-        shutil.rmtree(new, ignore_errors=True)
+    recover_reference(reference)
 
 
 def replay(
@@ -131,10 +186,11 @@ def replay(
     pictures: bool,
     tell: Callable[[str], None] = print,
 ) -> dict[str, Any]:
-    """Runs sequence through the stages and writes trace, report and pictures to folder (see `clear_out`); returns the report.
+    """Runs sequence through the stages and writes trace, report and pictures to folder (see
+    `clear_out`); returns the report.
 
-    pace: step, max, recorded or a rate in Hz. pictures: store some for comparison. Raises UserError for a user's mistake,
-    ReplayFailed if a stage fails.
+    pace: step, max, recorded or a rate in Hz. pictures: store some for comparison. Raises UserError
+    for a user's mistake, ReplayFailed if a stage fails.
     """
     from lfpipe.supervisor.live_session import SOURCE_ENDED
     from lfpipe.supervisor.supervisor import run_session
@@ -143,22 +199,24 @@ def replay(
     steady = pace in STEADY
     source = f"file:{sequence.path.resolve()}?loop=0&pace={'max' if steady else pace}"
     output = ReplayOutput(str(folder.resolve()), str(sequence.path.resolve()), pictures)
+    rate_hz = float(pace) if pace not in ("step", "max", "recorded") else sequence.measured_hz
+    # tracked also with a scene of one view: the eyes are compared
+    viewer: Viewer = CameraViewer(source=source, rate_hz=rate_hz)
+    if sequence.holds_eyes:
+        recording = str(sequence.path.resolve())
+        viewer = RecordedEyes(source=source, rate_hz=rate_hz, folder=recording)
     options = SessionOptions(
         scene=summarize(field),
-        source=source,
-        source_hz=float(pace) if pace not in ("step", "max", "recorded") else sequence.measured_hz,
+        viewer=viewer,
+        clock=Lossless(lock_step=pace == "step", output=output) if steady else Live(),
         trace=str((folder / TRACE).resolve()),
-        tracking=True,  # also for a scene of one view: its eyes are compared
-        lossless=steady,
-        lock_step=pace == "step",
-        replay=output if steady else None,
-        eyes=str(sequence.path.resolve()) if sequence.holds_eyes else "",
     )
     outcome = run_session(Session(f"replay.{os.getpid()}"), config, options, tell)
     if outcome.user_error:
         raise UserError(outcome.failure or outcome.reason, outcome.remedy)
     if outcome.failure or outcome.reason != SOURCE_ENDED:
         raise ReplayFailed(outcome.failure or outcome.reason)
+    assert outcome.final is not None
     report = make_report(sequence, field, config, pace, folder, outcome.final)
     restarted = [name for name, count in report["counts"]["restarts"].items() if count]
     if restarted:
@@ -167,7 +225,8 @@ def replay(
         )
     if steady and report["counts"]["pictures"] != len(sequence.packets):
         raise ReplayFailed(
-            f"{report['counts']['pictures']} pictures of {len(sequence.packets)} frames: a stage lost some"
+            f"{report['counts']['pictures']} pictures of {len(sequence.packets)} frames: a stage"
+            " lost some"
         )
     write_output(folder / REPORT, json.dumps(report, indent=1).encode() + b"\n")
     return report

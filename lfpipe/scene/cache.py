@@ -3,13 +3,21 @@
 CACHE/scenes/KEY/      a pack (`pack`); an unfinished one has no manifest
 CACHE/locks/KEY        lock of its writer
 CACHE/index/STAMP      text: the KEY of a path whose names, sizes and times have this stamp
+CACHE/arrays/          arrays of programs
+CACHE/demo-N/          demo scenes
+CACHE/bench/           inputs of measurements
+
+Nothing else is removed, and a scene.cache_dir that holds anything else is refused.
 """
 
 import contextlib
+import errno
 import hashlib
 import json
 import os
+import re
 import shutil
+import stat
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -18,24 +26,64 @@ import attrs
 import platformdirs
 
 from lfpipe import config
-from lfpipe.errors import UserError
-from lfpipe.files.safe_files import open_file, read_bytes, reason
+from lfpipe.errors import UserError, shown
+from lfpipe.files.safe_files import WORK_NAME, open_file, read_bytes, reason, write_file
 from lfpipe.host import file_lock
+from lfpipe.host.files import exists, is_dir
 from lfpipe.scene.files import Listing, list_scene
-from lfpipe.scene.pack import VERSION, VIEWS, DamagedPackError, read_manifest
+from lfpipe.scene.lightfield import LightField
+from lfpipe.scene.pack import (
+    FILES,
+    MANIFEST,
+    VERSION,
+    VIEWS,
+    DamagedPackError,
+    open_pack,
+    read_manifest,
+)
 from lfpipe.scene.source import SceneSource
 
 _DEEPEST = 3  # levels of folders between the given one and its pictures
 _MAX_KEY_BYTES = 256  # of an entry of the index
+_KEY = re.compile("[0-9a-f]{24}")  # as `content_key` gives it
+_STAMP = re.compile("[0-9a-f]{32}")
+_HIDDEN = r"|\..*"  # of the system, or a work name
+_CONTENTS = {  # names by folder
+    # a home directory may have hidden files only
+    "": re.compile(r"scenes|locks|index|arrays|bench|demo-\d+|lost\+found|\.DS_Store|\.nfs\w+"),
+    "scenes": re.compile(_KEY.pattern + _HIDDEN),
+    "locks": re.compile(_KEY.pattern + _HIDDEN),
+    "index": re.compile(_STAMP.pattern + r"(\..*)?" + _HIDDEN),
+    "arrays": re.compile(r"array-[0-9a-f]{20}\.np[yz]" + _HIDDEN),
+}
 
 
-def cache_dir(scene: config.Scene) -> Path:
-    """The cache: scene.cache_dir, or the user's cache directory. Need not exist."""
+def cache_root(scene: config.Scene) -> Path:
+    """As `cache_dir`, whatever it holds."""
     return (
         Path(scene.cache_dir).expanduser()
         if scene.cache_dir
         else Path(platformdirs.user_cache_dir("lfpipe"))
     )
+
+
+def cache_dir(scene: config.Scene) -> Path:
+    """The cache: scene.cache_dir, or the user's cache directory. Need not exist.
+
+    Raises UserError if scene.cache_dir holds anything but a cache.
+    """
+    root = cache_root(scene)
+    with writing(root):
+        for name, known in _CONTENTS.items() if scene.cache_dir else ():
+            folder = root / name
+            for path in folder.iterdir() if is_dir(folder) else ():
+                if not known.fullmatch(path.name):
+                    raise UserError(
+                        f"scene.cache_dir {root}: holds {shown(str(path.relative_to(root)))}, which"
+                        " is not of lfpipe's cache",
+                        "name a new folder: --set scene.cache_dir=DIR",
+                    )
+    return root
 
 
 @contextlib.contextmanager
@@ -70,7 +118,9 @@ def _settings_key(scene: config.Scene) -> str:
 
 
 def stamp(path: str | os.PathLike[str], scene: config.Scene) -> str:
-    """Hash of names, sizes and times at path and some levels of subfolders: equal while nothing changes. Raises UserError."""
+    """Hash of names, sizes and times at path and some levels of subfolders: equal while nothing
+    changes. Raises UserError.
+    """
     digest = hashlib.blake2b(_settings_key(scene).encode(), digest_size=16)
     listing = list_scene(path)
     digest.update(str(listing.path.resolve()).encode(errors="surrogateescape"))
@@ -92,7 +142,10 @@ def _entries(listing: Listing, deep: int) -> Iterator[Path]:
 
 
 def content_key(source: SceneSource, scene: config.Scene) -> str:
-    """Hash of the contents of the source's files, its layout and the settings. Raises UserError or OSError."""
+    """Hash of the contents of the source's files, its layout and the settings.
+
+    Raises UserError or OSError.
+    """
     digest = hashlib.blake2b(f"{_settings_key(scene)}{source.layout}".encode(), digest_size=12)
     for path in source.files:
         with open_file(path) as stream:
@@ -113,23 +166,43 @@ def _pack_of(entry: Path, root: Path) -> Path | None:
 
 
 def find_pack(path: str | os.PathLike[str], scene: config.Scene) -> Path | None:
-    """The pack of an unchanged scene, or None; reads no picture. Raises UserError if there is no scene."""
+    """The pack of an unchanged scene, or None; reads no picture.
+
+    Raises UserError if there is no scene.
+    """
     root = cache_dir(scene)
     return _pack_of(root / "index" / stamp(path, scene), root)
 
 
+def packed(path: str | os.PathLike[str], scene: config.Scene) -> LightField | None:
+    """The light field of an unchanged scene, perhaps without disparity yet, or of a pack that is
+    given itself; None without a usable pack. Whoever asks whether the cache serves, asks here.
+    Reads no picture. Raises UserError if there is no scene.
+    """
+    own = Path(path) if exists(Path(path) / MANIFEST) else None
+    for pack in filter(None, (own, find_pack(path, scene))):
+        with contextlib.suppress(DamagedPackError):
+            return open_pack(pack, scene.half_turn)
+    return None
+
+
 def remember(root: Path, mark: str, key: str) -> None:
-    """Notes that the path with this stamp has that pack. Raises UserError if there is no room for the entry."""
-    new = root / "index" / f".{mark}.{os.getpid()}"
+    """Notes that the path with this stamp has that pack.
+
+    Raises UserError if there is no room for the entry.
+    """
     with writing(root):
-        new.write_text(key)
-        new.replace(root / "index" / mark)
+        write_file(root / "index" / mark, key.encode(), 0o666)
 
 
 def packs(scene: config.Scene) -> list[tuple[Path, dict[str, Any], int]]:
-    """Every pack as (folder, manifest, bytes on disk), newest first; the manifest is {} if it cannot be read."""
+    """Every pack as (folder, manifest, bytes on disk), newest first; the manifest is {} if it
+    cannot be read.
+    """
     listed: list[tuple[Path, dict[str, Any], int]] = []
-    for folder in (cache_dir(scene) / "scenes").glob("[!.]*/"):
+    for folder in (cache_dir(scene) / "scenes").glob("*/"):
+        if not _KEY.fullmatch(folder.name) or folder.is_symlink():
+            continue
         manifest: dict[str, Any] = {}
         with contextlib.suppress(DamagedPackError):
             manifest = read_manifest(folder)
@@ -137,29 +210,56 @@ def packs(scene: config.Scene) -> list[tuple[Path, dict[str, Any], int]]:
     return sorted(listed, key=lambda pack: str(pack[1].get("created", "")), reverse=True)
 
 
+def _is_pack(folder: Path) -> bool:
+    """Whether a folder is a pack, also an unfinished or damaged one, and holds nothing else."""
+    return (
+        bool(_KEY.fullmatch(folder.name))
+        and not folder.is_symlink()
+        and all(
+            stat.S_ISREG(file.lstat().st_mode)
+            and (file.name in FILES or bool(WORK_NAME.fullmatch(file.name)))
+            for file in folder.iterdir()
+        )
+    )
+
+
+def clear(folder: Path) -> None:
+    """Removes a pack, if it is there. Raises OSError, also if the folder holds anything else."""
+    if os.path.lexists(folder):
+        if not _is_pack(folder):
+            raise FileExistsError(errno.EEXIST, "exists, and is no pack", str(folder))
+        shutil.rmtree(folder)
+
+
 def remove(folder: Path) -> bool:
-    """Deletes a pack; returns False and keeps it if any process has it open or makes it. Raises UserError."""
+    """Deletes a pack; returns False and keeps it if any process has it open or makes it, or if it
+    holds anything else.
+
+    Raises UserError.
+    """
     root = folder.parents[1]
-    with (
-        writing(root),
-        contextlib.suppress(FileNotFoundError),
-        contextlib.ExitStack() as held,
-    ):  # another clean was faster
+    # another clean was faster
+    with writing(root), contextlib.suppress(FileNotFoundError), contextlib.ExitStack() as held:
+        if not _is_pack(folder):
+            return False
         for file in (root / "locks" / folder.name, folder / VIEWS):
             if (lock := file_lock.take(file)) is None:
                 return False
             held.callback(lock.release)
-        shutil.rmtree(folder)
+        clear(folder)
     return True
 
 
 def sweep(scene: config.Scene) -> int:
-    """Removes what killed packers and other versions left, and index entries without a pack; returns the number removed."""
+    """Removes what killed packers and other versions left, and index entries without a pack;
+    returns the number removed. Raises UserError.
+    """
     removed = sum(remove(folder) for folder, manifest, _ in packs(scene) if not manifest)
     root = cache_dir(scene)
     for entry in (root / "index").iterdir() if (root / "index").is_dir() else ():
+        ours = _STAMP.fullmatch(entry.name) or WORK_NAME.fullmatch(entry.name)
         with contextlib.suppress(OSError):
-            if _pack_of(entry, root) is None:
+            if ours and _pack_of(entry, root) is None:
                 entry.unlink()
                 removed += 1
     return removed

@@ -1,4 +1,6 @@
-"""Pictures to inspect a light field: one view, and a contact sheet that makes errors of the order visible."""
+"""Pictures to inspect a light field: one view, and a contact sheet that makes errors of the order
+visible.
+"""
 
 import cv2
 import numpy as np
@@ -18,18 +20,17 @@ def stored_view(field: LightField, row: int, col: int) -> NDArray[np.uint8]:
 
 
 def contact_sheet(field: LightField) -> NDArray[np.uint8]:
-    """All views in canonical order, RGB. Below them an epipolar slice: the middle line of every view of the middle row, column 0
-    at the top; to the right the same for the middle column.
+    """All views in canonical order, RGB. Below them an epipolar slice: the middle line of every
+    view of the middle row, column 0 at the top; to the right the same for the middle column.
 
-    In a well-ordered grid near objects lean to the left going down in the first slice, and upwards going right in the second. A
-    flipped axis leans the wrong way; a transposed grid jumps instead. At the bottom, the middle view beside its depth.
+    In a well-ordered grid near objects lean to the left going down in the first slice, and upwards
+    going right in the second. A flipped axis leans the wrong way; a transposed grid jumps instead.
+    At the bottom, the middle view beside its depth.
     """
     scale = min(1.0, SHEET_PX / max(field.rows * field.height_px, field.cols * field.width_px))
     height, width = max(2, round(field.height_px * scale)), max(2, round(field.width_px * scale))
-    sheet_height, sheet_width = (
-        field.rows * (height + _GAP_PX) + _GAP_PX,
-        field.cols * (width + _GAP_PX) + _GAP_PX,
-    )
+    sheet_height = field.rows * (height + _GAP_PX) + _GAP_PX
+    sheet_width = field.cols * (width + _GAP_PX) + _GAP_PX
     across = np.stack(
         [stored_view(field, field.rows // 2, c)[field.height_px // 2] for c in range(field.cols)]
     )

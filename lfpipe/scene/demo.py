@@ -1,4 +1,6 @@
-"""Light fields of our own making: folders with one small file. Views are rendered when packed, with exact disparity."""
+"""Light fields of our own making: folders with one small file. Views are rendered when packed, with
+exact disparity.
+"""
 
 import json
 from pathlib import Path
@@ -16,7 +18,10 @@ SIZE_PX = 512  # of a view, both sides
 
 
 def demo_scene(cache_dir: Path, name: str = NAME, size_px: int = SIZE_PX) -> Path:
-    """The folder of one of NAMES below cache_dir. Raises UserError if the cache cannot be written."""
+    """The folder of one of NAMES below cache_dir.
+
+    Raises UserError if the cache cannot be written.
+    """
     folder = cache_dir / f"demo-{VERSION}" / (name if size_px == SIZE_PX else f"{name}-{size_px}")
     marker = folder / MARKER
     try:

@@ -1,8 +1,9 @@
 """Exact light fields of simple solids: textured quads and balls, painted back to front.
 
-Space is (X, Y, d): px of the centre view and disparity in px per grid step, nearer is larger. The camera u columns right of and v
-rows below the centre one sees the point (X, Y, d) at (X - d*u, Y - d*v). Rays are straight lines and planes are planes, so a quad
-is one homography per view, and its disparity is linear in the pixels of that view.
+Space is (X, Y, d): px of the centre view and disparity in px per grid step, nearer is larger. The
+camera u columns right of and v rows below the centre one sees the point (X, Y, d) at (X - d*u, Y -
+d*v). Rays are straight lines and planes are planes, so a quad is one homography per view, and its
+disparity is linear in the pixels of that view.
 """
 
 import attrs
@@ -17,18 +18,16 @@ Floats = NDArray[np.float32]
 Window = tuple[slice, slice]  # rows and columns of a view
 
 
-LIGHT = np.array(
-    [-0.45, -0.62, 0.64], np.float32
-)  # about a unit vector, towards the lamp: left, above, before
-HIGHLIGHT = np.array(
-    [-0.249, -0.343, 0.906], np.float32
-)  # the normal that mirrors the lamp: between it and the viewer
+# about a unit vector, towards the lamp: left, above, before
+LIGHT = np.array([-0.45, -0.62, 0.64], np.float32)
+# the normal that mirrors the lamp: between it and the viewer
+HIGHLIGHT = np.array([-0.249, -0.343, 0.906], np.float32)
 
 
-def _window(points: NDArray[np.float64]) -> Window:
+def _window(points: NDArray[np.float64], size_px: int) -> Window:
     """The part of a view that holds points (n, 2) as (x, y), at least one px."""
-    low = np.clip(np.floor(points.min(axis=0)), 0, SIZE_PX - 1).astype(int)
-    high = np.clip(np.ceil(points.max(axis=0)) + 1, low + 1, SIZE_PX).astype(int)
+    low = np.clip(np.floor(points.min(axis=0)), 0, size_px - 1).astype(int)
+    high = np.clip(np.ceil(points.max(axis=0)) + 1, low + 1, size_px).astype(int)
     return slice(low[1], high[1]), slice(low[0], high[0])
 
 
@@ -36,19 +35,22 @@ def _window(points: NDArray[np.float64]) -> Window:
 class Quad:
     """A flat picture.
 
-    texture: uint8 (h, w, 4) RGB and alpha, pre-multiplied. corners: float (4, 3) of (X, Y, d), clockwise from top left, in one
-    plane.
+    texture: uint8 (h, w, 4) RGB and alpha, pre-multiplied. corners: float (4, 3) of (X, Y, d),
+    clockwise from top left, in one plane.
     """
 
     texture: Picture
     corners: NDArray[np.float64]
 
-    def seen(self, u: float, v: float) -> tuple[Window, Picture, Floats]:
-        """The window of a view that the quad covers; there its colours, pre-multiplied RGBA, and its disparity."""
+    def seen(self, u: float, v: float, size_px: int) -> tuple[Window, Picture, Floats]:
+        """The window of a view that the quad covers; there its colours, pre-multiplied RGBA, and
+        its disparity.
+        """
         at = self.corners[:, :2] - self.corners[:, 2:] * (u, v)
-        rows, cols = window = _window(at)
+        rows, cols = window = _window(at, size_px)
         h, w = self.texture.shape[:2]
-        # The texture's edge, not the centre of its first texel, lies on the corner; pixel i covers i - 1/2 .. i + 1/2.
+        # The texture's edge, not the centre of its first texel, lies on the corner; pixel i covers
+        # i - 1/2 .. i + 1/2.
         edges = np.array([[0, 0], [w, 0], [w, h], [0, h]], np.float32) - np.float32(0.5)
         matrix = cv2.getPerspectiveTransform(
             edges, (at - (cols.start, rows.start)).astype(np.float32)
@@ -66,7 +68,7 @@ class Quad:
         )
 
 
-@attrs.frozen(eq=False)
+@attrs.frozen(eq=False, kw_only=True)
 class Ball:
     """A ball: about (x, y, d) with its radius in px, and `depth` in disparity.
 
@@ -81,7 +83,7 @@ class Ball:
     depth: float
     gloss: float
 
-    def seen(self, u: float, v: float) -> tuple[Window, Picture, Floats]:
+    def seen(self, u: float, v: float, size_px: int) -> tuple[Window, Picture, Floats]:
         """As a quad's.
 
         The nearest point on the ray of pixel (x, y) is the larger solution d of
@@ -89,7 +91,7 @@ class Ball:
         """
         reach = self.radius * 1.02 + self.depth * np.hypot(u, v) + 1
         centre = np.array([self.x - self.d * u, self.y - self.d * v])
-        window = _window(np.stack([centre - reach, centre + reach]))
+        window = _window(np.stack([centre - reach, centre + reach]), size_px)
         y, x = (axis.astype(np.float32) for axis in np.ogrid[window])
         px, py = (x - centre[0]) / self.radius, (y - centre[1]) / self.radius
         ku, kv, kd = u / self.radius, v / self.radius, 1 / self.depth
@@ -97,9 +99,8 @@ class Ball:
         half_b = px * ku + py * kv
         root = half_b * half_b - a * (px * px + py * py - 1)
         nearer = (np.sqrt(np.maximum(root, 0)) - half_b) / a
-        alpha = np.clip(
-            0.5 + root / a * self.radius / 2, 0, 1
-        )  # px within the outline, along which root / a falls by 2 a radius
+        # px within the outline, along which root / a falls by 2 a radius
+        alpha = np.clip(0.5 + root / a * self.radius / 2, 0, 1)
         colour = self._colour(px + nearer * ku, py + nearer * kv, nearer * kd) * alpha[..., None]
         return (
             window,
@@ -110,16 +111,13 @@ class Ball:
     def _colour(self, x: Floats, y: Floats, z: Floats) -> Floats:
         """Colours float32 (h, w, 3) of the points of the surface with these normals."""
         h, w = self.texture.shape[:2]
-        longitude, latitude = (
-            np.arctan2(x, z) / (2 * np.pi) + 0.5,
-            np.arcsin(np.clip(y, -1, 1)) / np.pi + 0.5,
-        )
+        longitude = np.arctan2(x, z) / (2 * np.pi) + 0.5
+        latitude = np.arcsin(np.clip(y, -1, 1)) / np.pi + 0.5
         at = (longitude * (w - 1)).astype(np.float32), (latitude * (h - 1)).astype(np.float32)
         base = cv2.remap(self.texture, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         normal = np.stack([x, y, z], axis=-1)
-        lit = (
-            0.34 + 0.72 * np.clip(normal @ LIGHT, 0, 1) + 0.06 * np.clip(y, 0, 1)
-        )  # room, lamp, and light from the table
+        # room, lamp, and light from the table
+        lit = 0.34 + 0.72 * np.clip(normal @ LIGHT, 0, 1) + 0.06 * np.clip(y, 0, 1)
         shine = 255 * self.gloss * np.clip(normal @ HIGHLIGHT, 0, 1) ** 60
         return np.asarray(np.clip(base * lit[..., None] + shine[..., None], 0, 255), np.float32)
 
@@ -127,16 +125,19 @@ class Ball:
 Solid = Quad | Ball
 
 
-def draw_view(solids: list[Solid], u: float, v: float) -> tuple[Picture, Floats]:
-    """The view of the camera at grid offset (u, v) from the centre: uint8 (SIZE_PX, SIZE_PX, 3) RGB and its exact disparity.
+def draw_view(
+    solids: list[Solid], u: float, v: float, size_px: int = SIZE_PX
+) -> tuple[Picture, Floats]:
+    """The view of the camera at grid offset (u, v) from the centre: uint8 (size_px, size_px, 3) RGB
+    and its exact disparity.
 
-    solids: back to front, together covering the whole view. disparity: float32 in px per grid step, at the pixel's centre,
-    of what covers more than half of it.
+    solids: back to front, together covering the whole view. disparity: float32 in px per grid step,
+    at the pixel's centre, of what covers more than half of it.
     """
-    picture = np.zeros((SIZE_PX, SIZE_PX, 3), np.uint8)
-    disparity = np.full((SIZE_PX, SIZE_PX), np.nan, np.float32)
+    picture = np.zeros((size_px, size_px, 3), np.uint8)
+    disparity = np.full((size_px, size_px), np.nan, np.float32)
     for solid in solids:
-        window, colour, depth = solid.seen(u, v)
+        window, colour, depth = solid.seen(u, v, size_px)
         alpha = colour[..., 3]
         below = cv2.multiply(picture[window], cv2.merge([255 - alpha] * 3), scale=1 / 255)
         picture[window] = cv2.add(below, cv2.cvtColor(colour, cv2.COLOR_RGBA2RGB))

@@ -1,7 +1,8 @@
-"""The demo's scenes: before a papered wall with an eye chart, on a table, a card and balls in grass; marbles; a meadow.
+"""The demo's scenes: before a papered wall with an eye chart, on a table, a card and balls in
+grass; marbles; a meadow.
 
-Lengths are px of the centre view. The table rises to its horizon, where a point would stand still: nearer objects appear lower,
-as for a camera that looks down a little.
+Lengths are px of the centre view. The table rises to its horizon, where a point would stand still:
+nearer objects appear lower, as for a camera that looks down a little.
 """
 
 from functools import cache
@@ -17,9 +18,8 @@ OFFSET_PX = 8.0  # disparity between infinity and the plane of zero disparity
 VANISHING = (256.0, 60.0)  # vanishing point of lines straight away from the camera
 WALL_D = -2.0
 TABLE_SLOPE = 0.0215  # disparity per px down the table
-BALL_DEPTH = (
-    0.0075  # depth of a ball in disparity over its radius in px: a little rounder than life
-)
+# depth of a ball in disparity over its radius in px: a little rounder than life
+BALL_DEPTH = 0.0075
 MARGIN = 48.0  # around the centre view, which the outermost cameras see
 PAPER = (238, 232, 216)
 
@@ -33,7 +33,9 @@ def solids_of(name: str) -> list[Solid]:
 
 
 def _table_y(d: float) -> float:
-    """The height at which the table has disparity d: its plane reaches infinity at the height of the vanishing point."""
+    """The height at which the table has disparity d: its plane reaches infinity at the height of
+    the vanishing point.
+    """
     return VANISHING[1] + (d + OFFSET_PX) / TABLE_SLOPE
 
 
@@ -49,9 +51,8 @@ def _lying(texture: Picture, x: float, half: float, d_far: float, d_near: float)
     """A rectangle on the table, centred at x and `half` to either side of it at its near edge."""
 
     def edge(d: float) -> list[list[float]]:
-        scale = (d + OFFSET_PX) / (
-            d_near + OFFSET_PX
-        )  # of lengths, which shrink towards the vanishing point
+        # of lengths, which shrink towards the vanishing point
+        scale = (d + OFFSET_PX) / (d_near + OFFSET_PX)
         middle = VANISHING[0] + (x - VANISHING[0]) * scale
         return [[middle - half * scale, _table_y(d), d], [middle + half * scale, _table_y(d), d]]
 
@@ -60,7 +61,8 @@ def _lying(texture: Picture, x: float, half: float, d_far: float, d_near: float)
 
 def _room(rng: np.random.Generator) -> list[Solid]:
     """The wall with the eye chart, and the table."""
-    seam, side = _table_y(WALL_D), round((SIZE_PX + 2 * MARGIN) * TEXELS)
+    seam = _table_y(WALL_D)
+    side = round((SIZE_PX + 2 * MARGIN) * TEXELS)
     chart = textures.poster(232, 308, textures.LETTERS, (PAPER, PAPER), (40, 34, 34), (84, 62, 40))
     wall = textures.wall(rng, round((seam + MARGIN) * TEXELS), side)
     return [
@@ -133,7 +135,10 @@ def _grass(
 def _ball(
     texture: textures.Texture, rng: np.random.Generator, x: float, d: float, radius: float
 ) -> list[Solid]:
-    """A ball that lies on the table at disparity d, after its shadow. At its middle a texel is a px."""
+    """A ball that lies on the table at disparity d, after its shadow.
+
+    At its middle a texel is a px.
+    """
     shadow = _lying(
         textures.shadow(0.5),
         x + 0.35 * radius,
@@ -144,5 +149,13 @@ def _ball(
     surface = texture(rng, round(np.pi * radius), round(2 * np.pi * radius))
     return [
         shadow,
-        Ball(surface, x, _table_y(d) - 0.9 * radius, d, radius, radius * BALL_DEPTH, 0.5),
+        Ball(
+            texture=surface,
+            x=x,
+            y=_table_y(d) - 0.9 * radius,
+            d=d,
+            radius=radius,
+            depth=radius * BALL_DEPTH,
+            gloss=0.5,
+        ),
     ]

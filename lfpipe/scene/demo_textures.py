@@ -1,4 +1,6 @@
-"""Textures of the demo's scenes: wallpaper, an eye chart, wood, balls, grass. Colours are RGB, lengths texels, TEXELS to a px."""
+"""Textures of the demo's scenes: wallpaper, an eye chart, wood, balls, grass. Colours are RGB,
+lengths texels, TEXELS to a px.
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -18,7 +20,10 @@ TEXELS = 2  # of a flat picture to one px of a view; `opaque` smooths away what 
 def noise(
     rng: np.random.Generator, height: int, width: int, grain: tuple[float, float], octaves: int = 4
 ) -> Floats:
-    """Smooth noise about 0, standard deviation 1. grain: (vertical, horizontal) size of its largest features."""
+    """Smooth noise about 0, standard deviation 1.
+
+    grain: (vertical, horizontal) size of its largest features.
+    """
     total = np.zeros((height, width), np.float32)
     for octave in range(octaves):
         cells = [
@@ -40,7 +45,9 @@ def mixed(share: NDArray[np.floating], dark: Colour | Floats, light: Colour | Fl
 
 
 def opaque(colour: NDArray[Any]) -> Picture:
-    """A texture of a flat picture, without detail finer than a px: no moire when the view changes."""
+    """A texture of a flat picture, without detail finer than a px: no moire when the view
+    changes.
+    """
     picture = cv2.GaussianBlur(np.clip(colour, 0, 255).astype(np.uint8), (0, 0), 0.5 * TEXELS)
     return np.dstack([picture, np.full(picture.shape[:2], 255, np.uint8)])
 
@@ -80,10 +87,22 @@ def wall(rng: np.random.Generator, height: int, width: int) -> Picture:
 
 
 # text, its height and that of its middle, as shares of the height of a poster
-LETTERS = (("E", 0.2, 0.27), ("F P", 0.125, 0.469), ("T O Z", 0.09, 0.612), ("L P E D", 0.066, 0.726),
-           ("P E C F D", 0.05, 0.82), ("E D F C Z P", 0.038, 0.9))  # fmt: skip
-TITLE = (("LIGHT", 0.11, 0.16), ("FIELD", 0.11, 0.32), ("one picture", 0.05, 0.5), ("for each eye,", 0.05, 0.605),
-         ("from wherever", 0.05, 0.71), ("you look", 0.05, 0.815))  # fmt: skip
+LETTERS = (
+    ("E", 0.2, 0.27),
+    ("F P", 0.125, 0.469),
+    ("T O Z", 0.09, 0.612),
+    ("L P E D", 0.066, 0.726),
+    ("P E C F D", 0.05, 0.82),
+    ("E D F C Z P", 0.038, 0.9),
+)
+TITLE = (
+    ("LIGHT", 0.11, 0.16),
+    ("FIELD", 0.11, 0.32),
+    ("one picture", 0.05, 0.5),
+    ("for each eye,", 0.05, 0.605),
+    ("from wherever", 0.05, 0.71),
+    ("you look", 0.05, 0.815),
+)
 
 
 def poster(
@@ -109,10 +128,8 @@ def poster(
 
 def planet(rng: np.random.Generator, height: int, width: int) -> Picture:
     lie = noise(rng, height, width, (height / 2.5, width / 5), 6)
-    sea, land = (
-        mixed(0.5 + 0.25 * lie, (18, 52, 120), (52, 128, 176)),
-        mixed(0.1 + 0.4 * lie, (92, 124, 54), (206, 182, 120)),
-    )
+    sea = mixed(0.5 + 0.25 * lie, (18, 52, 120), (52, 128, 176))
+    land = mixed(0.1 + 0.4 * lie, (92, 124, 54), (206, 182, 120))
     clouds = 0.8 * noise(rng, height, width, (height / 6, width / 6), 5) - 0.7
     return mixed(
         np.minimum(clouds, 0.85), mixed((lie - 0.15) * 8, sea, land), (245, 245, 245)
@@ -141,18 +158,15 @@ blue, red = _checked((240, 196, 40), (30, 84, 150)), _checked((236, 232, 220), (
 
 
 def grass(rng: np.random.Generator, height: int, width: int, blades: int) -> Picture:
-    colour, alpha = (
-        np.full((height, width, 3), (70, 110, 44), np.uint8),
-        np.zeros((height, width), np.uint8),
-    )
+    colour = np.full((height, width, 3), (70, 110, 44), np.uint8)
+    alpha = np.zeros((height, width), np.uint8)
     t = np.linspace(0, 1, 24)
     for _ in range(blades):
-        foot, lean, tall = (
-            rng.uniform(0.12, 0.88) * width,
-            rng.normal(0, 0.2) * width,
-            rng.uniform(0.55, 0.97) * height,
-        )
-        x, y = foot + lean * t**2, height - tall * t * (1 - 0.12 * t)
+        foot = rng.uniform(0.12, 0.88) * width
+        lean = rng.normal(0, 0.2) * width
+        tall = rng.uniform(0.55, 0.97) * height
+        x = foot + lean * t**2
+        y = height - tall * t * (1 - 0.12 * t)
         half = 2.3 * TEXELS * (1 - t) ** 0.6 + 0.35 * TEXELS
         edges = (
             np.column_stack([x - half, y]),

@@ -1,8 +1,10 @@
-"""Disparity of every view from its neighbours in the grid, as in LightField: px per grid step, positive is nearer."""
+"""Disparity of every view from its neighbours in the grid, as in LightField: px per grid step,
+positive is nearer.
+"""
 
 from collections.abc import Callable
 from functools import partial
-from itertools import product
+from itertools import chain, groupby, product
 from typing import Any
 
 import cv2
@@ -11,17 +13,17 @@ from numpy.typing import NDArray
 
 from lfpipe.host.machine import add
 from lfpipe.scene.lightfield import UNKNOWN
-from lfpipe.scene.optical_flow import SMALLEST_PX, FloatMap, Grey, flow, grid_xy
+from lfpipe.scene.optical_flow import SMALLEST_PX, FloatMap, Grey, fine_flow, grid_xy
 
-Depth = dict[
-    str, float
-]  # min_px, max_px, border_low_px, border_high_px: of a scene, px per grid step
+# min_px, max_px, border_low_px, border_high_px: of a scene, px per grid step
+Depth = dict[str, float]
 NO_DEPTH: Depth = dict.fromkeys(("min_px", "max_px", "border_low_px", "border_high_px"), 0.0)
-Neighbours = list[
-    tuple[Grey, float, float]
-]  # (picture, rows away, columns away), fractions allowed
+# (picture, rows away, columns away), fractions allowed
+Neighbours = list[tuple[Grey, float, float]]
 
-HALVED_PX = 192  # views of at least this many px on either side are compared at half their size, which maps have anyway
+# views of at least this many px on either side are compared at half their size, which maps have
+# anyway
+HALVED_PX = 192
 ROUNDS = 2  # of refinement by all neighbours jointly
 REFINED_OVER_PX = 0.8  # sigma of the window of the refinement
 STEADY = 4.0  # squared grey levels per px: with less contrast in the neighbours a value stays
@@ -29,18 +31,19 @@ OUTLIER = 6.0  # grey levels above which a pixel counts less
 LARGEST_STEP_PX = 0.5  # a gradient describes the picture no further
 MEDIAN_PX = 3  # side of the last filter
 SOFTNESS = 2.0  # grey levels by which a neighbour may match worse and still count
-# Where disparity serves, over windows of WINDOW_PX: it explains a tenth of the squared difference between a view and one of its
-# neighbours, and a picture midway between them differs less between the two warps than the cross-fade differs from their mean.
-# Smaller areas than LEAST_AREA_PX on a side are left alone, gaps between areas up to GAP_PX count with them.
+# Where disparity serves, over windows of WINDOW_PX: it explains a tenth of the squared difference
+# between a view and one of its neighbours, and a picture midway between them differs less between
+# the two warps than the cross-fade differs from their mean. Smaller areas than LEAST_AREA_PX on a
+# side are left alone, gaps between areas up to GAP_PX count with them.
 LEAST_EXPLAINED, WINDOW_PX, LEAST_AREA_PX, GAP_PX = 0.1, 9, 15, 25
 EXPLAINED_ALL = 4.0  # squared grey levels: a smaller difference needs no explanation
-DISAGREEMENT = (
-    1.5  # squared error of a warp per squared difference between two; see docs/quality.md
-)
+# squared error of a warp per squared difference between two; see profiling/results/synthesis.md
+DISAGREEMENT = 1.5
 UNSEEN_ERROR = 16.0  # squared grey levels: a warp with a smaller error needs no replacement
 OUTSIDE = 64.0  # grey levels of a match outside the neighbour's picture
 BORDER = 0.03  # of the width, at either side: what the edge of a screen cuts off within a few views
-EXTREME = 5  # percentile: at the border, where one view sees what its neighbour does not, a few values are wrong
+# percentile: at the border, where one view sees what its neighbour does not, a few values are wrong
+EXTREME = 5
 _BOX = (5, 5)  # px whose errors count together
 
 
@@ -51,7 +54,9 @@ def sampled(
     d_col: float,
     how: int = cv2.INTER_LINEAR,
 ) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-    """A view d_row rows and d_col columns away, sampled along the disparity of this one; and where that leaves the picture."""
+    """A view d_row rows and d_col columns away, sampled along the disparity of this one; and where
+    that leaves the picture.
+    """
     height, width = disparity_px.shape
     xx, yy = grid_xy(height, width)
     mx, my = xx - disparity_px * float(d_col), yy - disparity_px * float(d_row)
@@ -60,7 +65,9 @@ def sampled(
 
 
 def mismatch(a: Grey, b: Grey, disparity_px: FloatMap, d_row: float, d_col: float) -> FloatMap:
-    """Mismatch of a, warped by its disparity, with b at grid steps (d_row, d_col) from it: grey levels, box mean."""
+    """Mismatch of a, warped by its disparity, with b at grid steps (d_row, d_col) from it: grey
+    levels, box mean.
+    """
     warped, outside = sampled(b, disparity_px, d_row, d_col)
     wrong = cv2.absdiff(warped, a).astype(np.float32)
     wrong[outside] += OUTSIDE
@@ -70,30 +77,53 @@ def mismatch(a: Grey, b: Grey, disparity_px: FloatMap, d_row: float, d_col: floa
 def view_disparity(here: Grey, neighbours: Neighbours) -> FloatMap:
     """Disparity of one view, float32 (h, w), from its neighbours, one or more.
 
-    Each neighbour gives one map; where it is blind (occlusion, border), it matches badly and loses its weight.
+    Each neighbour gives one map; where it is blind (occlusion, border), it matches badly and loses
+    its weight. The flow to a pair of opposite neighbours starts from the disparity that the pair
+    before gave: what one direction cannot tell (a far displacement, an edge along it), the other
+    can.
     """
+    pairs = [list(pair) for _, pair in groupby(sorted(neighbours, key=_line), _line)]
     maps, errors = list[FloatMap](), list[FloatMap]()
-    for neighbour, d_row, d_col in neighbours:
-        shift = flow(here, neighbour, fine=True)
-        square = d_row * d_row + d_col * d_col
-        maps.append(
-            shift[..., 0] * np.float32(-d_col / square) - shift[..., 1] * np.float32(d_row / square)
-        )
-        errors.append(mismatch(here, neighbour, maps[-1], d_row, d_col))
-    shares = _shares(errors)
-    joint = _total(
-        neighbours, [share * one for share, one in zip(shares, maps, strict=True)]
-    ) / _total(neighbours, shares)
+    start: FloatMap | None = None
+    for pair in pairs:
+        for neighbour, d_row, d_col in pair:
+            shift = None if start is None else np.dstack((-d_col * start, -d_row * start))
+            shift = fine_flow(here, neighbour, shift)
+            square = d_row * d_row + d_col * d_col
+            maps.append(
+                shift[..., 0] * np.float32(-d_col / square)
+                - shift[..., 1] * np.float32(d_row / square)
+            )
+            errors.append(mismatch(here, neighbour, maps[-1], d_row, d_col))
+        start = _agreed(pair, maps[-len(pair) :], errors[-len(pair) :])
+    ordered = list(chain.from_iterable(pairs))
+    joint = _agreed(ordered, maps, errors)
     for _ in range(ROUNDS):
-        joint = refined(here, neighbours, joint)
+        joint = refined(here, ordered, joint)
     return np.asarray(cv2.medianBlur(joint, MEDIAN_PX), np.float32)
 
 
+def _line(neighbour: tuple[Grey, float, float]) -> int:
+    """A number of the line through a view and its neighbour; that of opposite ones is equal."""
+    _, d_row, d_col = neighbour
+    return round(abs(d_row)) + 3 * round(abs(d_col)) + 9 * (d_row * d_col < -0.25)
+
+
+def _agreed(neighbours: Neighbours, maps: list[FloatMap], errors: list[FloatMap]) -> FloatMap:
+    """The mean of the neighbours' maps, weighted by how well each matches at each pixel."""
+    shares = _shares(errors)
+    weighted = [share * one for share, one in zip(shares, maps, strict=True)]
+    return _total(neighbours, weighted) / _total(neighbours, shares)
+
+
 def _total(neighbours: Neighbours, values: list[FloatMap]) -> FloatMap:
-    """The sum of a value of each neighbour. Opposite neighbours first: the grid turned by 180 degrees gives the same bits."""
+    """The sum of a value of each neighbour.
+
+    Opposite neighbours first: the grid turned by 180 degrees gives the same bits.
+    """
     pairs: dict[int, FloatMap] = {}
-    for (_, d_row, d_col), value in zip(neighbours, values, strict=True):
-        line = round(abs(d_row)) + 3 * round(abs(d_col)) + 9 * (d_row * d_col < -0.25)
+    for neighbour, value in zip(neighbours, values, strict=True):
+        line = _line(neighbour)
         pairs[line] = pairs[line] + value if line in pairs else value
     first, *others = (pairs[line] for line in sorted(pairs))
     return sum(others, first)
@@ -108,9 +138,9 @@ def _shares(errors: list[FloatMap]) -> list[FloatMap]:
 def refined(here: Grey, neighbours: Neighbours, disparity_px: FloatMap) -> FloatMap:
     """One Gauss-Newton step of disparity_px, float32 (h, w), by all neighbours jointly.
 
-    Minimises, over a Gaussian window around each pixel, the squared difference between `here` and the neighbours sampled through
-    the disparity (Lucas and Kanade 1981, along one unknown). Neighbours that match badly, for example because of occlusion, count
-    less.
+    Minimises, over a Gaussian window around each pixel, the squared difference between `here` and
+    the neighbours sampled through the disparity (Lucas and Kanade 1981, along one unknown).
+    Neighbours that match badly, for example because of occlusion, count less.
     """
     own = here.astype(np.float32)
     wrongs, slopes, errors = list[FloatMap](), list[FloatMap](), list[FloatMap]()
@@ -141,15 +171,19 @@ def refined(here: Grey, neighbours: Neighbours, disparity_px: FloatMap) -> Float
 
 
 def unexplained(here: Grey, neighbours: Neighbours, disparity_px: FloatMap) -> NDArray[np.bool_]:
-    """The pixels, bool (h, w), at which views are better cross-faded than warped along the disparity, whichever the neighbour.
+    """The pixels, bool (h, w), at which views are better cross-faded than warped along the
+    disparity, whichever the neighbour.
 
-    A view differs from each neighbour as much along its disparity as at the same place: the raster of a sensor or a dither, which
-    does not move, or wrong disparity. Or a picture midway to each neighbour does not get better: warps from either side differ
-    more from each other, or are blurred more by sampling, than the cross-fade differs from both. Causes: two surfaces at one
+    A view differs from each neighbour as much along its disparity as at the same place: the raster
+    of a sensor or a dither, which does not move, or wrong disparity. Or a picture midway to each
+    neighbour does not get better: warps from either side differ more from each other, or are
+    blurred more by sampling, than the cross-fade differs from both. Causes: two surfaces at one
     place (glass, highlights), texture at the limit of sampling.
     """
     own = here.astype(np.float32)
-    worse, along, still = list[NDArray[np.bool_]](), list[FloatMap](), list[FloatMap]()
+    worse = list[NDArray[np.bool_]]()
+    along = list[FloatMap]()
+    still = list[FloatMap]()
     for neighbour, d_row, d_col in neighbours:
         other = neighbour.astype(np.float32)
 
@@ -192,7 +226,9 @@ def _windows(squares: FloatMap) -> FloatMap:
 
 
 def compared(view: Grey) -> Grey:
-    """A view, uint8 (h, w), at the size at which disparity is estimated: halved (rounded up) if it is large."""
+    """A view, uint8 (h, w), at the size at which disparity is estimated: halved (rounded up) if it
+    is large.
+    """
     height, width = view.shape
     if min(height, width) < HALVED_PX:
         return view
@@ -210,13 +246,13 @@ def shrinking(height_px: int, width_px: int) -> int:
 def stored_map(
     here: Grey, neighbours: Neighbours, disparity_px: FloatMap | None, factor: int
 ) -> tuple[FloatMap, NDArray[np.bool_]]:
-    """A map of a `compared` view, zeros for None, at the size and in the px of stored maps; and where it is not known."""
+    """A map of a `compared` view, zeros for None, at the size and in the px of stored maps; and
+    where it is not known.
+    """
     if disparity_px is None:
         disparity_px = np.zeros(here.shape, np.float32)
-    stored, every = (
-        disparity_px * np.float32(2) if factor == 2 else halved(disparity_px),
-        3 - factor,
-    )
+    stored = disparity_px * np.float32(2) if factor == 2 else halved(disparity_px)
+    every = 3 - factor
     unknown = (
         unexplained(here, neighbours, disparity_px)[::every, ::every]
         if neighbours
@@ -237,8 +273,9 @@ def halved(disparity_px: FloatMap) -> FloatMap:
 
 
 def neighbour_indices(row: int, col: int, rows: int, cols: int) -> list[tuple[int, int]]:
-    """The up to four neighbours of a place in the grid; if fewer, the diagonal ones too: at the edge and in a small grid every
-    view must see what others hide."""
+    """The up to four neighbours of a place in the grid; if fewer, the diagonal ones too: at the
+    edge and in a small grid every view must see what others hide.
+    """
     steps = [(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)]
     inside = [(row + r, col + c) for r, c in steps if 0 <= row + r < rows and 0 <= col + c < cols]
     return inside[:4] if len(inside) == 8 else inside
@@ -251,7 +288,10 @@ def neighbours_of(
     present: NDArray[np.bool_],
     offsets: NDArray[np.float32],
 ) -> Neighbours:
-    """The present neighbours of a view. grey(row, col): a view, uint8 (h, w); present and offsets as in LightField."""
+    """The present neighbours of a view.
+
+    grey(row, col): a view, uint8 (h, w); present and offsets as in LightField.
+    """
     neighbours: Neighbours = []
     for r, c in neighbour_indices(row, col, *present.shape):
         if present[r, c]:
@@ -288,9 +328,10 @@ def estimate_disparity(
 ) -> FloatMap | None:
     """Disparity of every view of a grid from its neighbours in that grid, px per step of it.
 
-    views: uint8 (rows, cols, channels, h, w), any subset of a light field (`field.views[0, ::2, ::2]`). offsets: float32 (rows,
-    cols, 2) in steps of this grid. Returns float32 (rows, cols, (h + 1) // 2, (w + 1) // 2), NaN where `unexplained`; None for a
-    single view or views smaller than SMALLEST_PX.
+    views: uint8 (rows, cols, channels, h, w), any subset of a light field (`field.views[0, ::2,
+    ::2]`). offsets: float32 (rows, cols, 2) in steps of this grid. Returns float32 (rows, cols, (h
+    + 1) // 2, (w + 1) // 2), NaN where `unexplained`; None for a single view or views smaller than
+    SMALLEST_PX.
     """
     rows, cols, _, height, width = views.shape
     if rows * cols < 2 or min(height, width) < SMALLEST_PX:
@@ -313,8 +354,9 @@ def depth_range(disparity_px: FloatMap) -> Depth:
 
 
 def border_range(disparity_px: FloatMap) -> Depth:
-    """Disparities of the farthest and the nearest thing at the left and right border of maps (..., h, w), which the edge of a
-    screen cuts off; NaN is not known."""
+    """Disparities of the farthest and the nearest thing at the left and right border of maps (...,
+    h, w), which the edge of a screen cuts off; NaN is not known.
+    """
     width = max(1, round(BORDER * disparity_px.shape[-1]))
     values = np.concatenate((disparity_px[..., :width], disparity_px[..., -width:]), axis=None)
     known = values[np.isfinite(values)]
@@ -329,5 +371,7 @@ def quantised(disparity_px: FloatMap, scale_px: float) -> NDArray[np.int8]:
 
 
 def scale_for(low_px: float, high_px: float) -> float:
-    """The step of the stored maps: 1/16 px if the range fits (up to 7.9 px), else the finest step that holds it."""
+    """The step of the stored maps: 1/16 px if the range fits (up to 7.9 px), else the finest step
+    that holds it.
+    """
     return max(1 / 16, max(abs(low_px), abs(high_px)) / 127)

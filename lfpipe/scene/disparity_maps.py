@@ -1,4 +1,6 @@
-"""Writes the disparity of a pack: flow between neighbouring views, or truth if it exists and matches better."""
+"""Writes the disparity of a pack: flow between neighbouring views, or truth if it exists and
+matches better.
+"""
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -29,7 +31,7 @@ from lfpipe.scene.examination import Examined, FrameIndex
 from lfpipe.scene.lightfield import UNKNOWN
 from lfpipe.scene.missing_views import fill_missing
 from lfpipe.scene.optical_flow import SMALLEST_PX
-from lfpipe.scene.pack import DISPARITY, VIEWS, make_array, mapper
+from lfpipe.scene.pack import DISPARITY, INTERIM, VIEWS, make_array, mapper
 from lfpipe.scene.source import Progress
 
 T = TypeVar("T")
@@ -47,8 +49,9 @@ def run_parallel(
     report: Callable[[int], None],
     before: int = 0,
 ) -> None:
-    """Runs work(item) for every item on a few threads, fewer if each needs much memory; the first error ends it. report: called
-    with the number of items done so far, with those done before."""
+    """Runs work(item) for every item on a few threads, fewer if each needs much memory; the first
+    error ends it. report: called with the number of items done so far, with those done before.
+    """
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)  # the pool is the parallelism
     pool = ThreadPoolExecutor(max(1, min(4, len(usable_cores()), _ROOM_BYTES // item_bytes)))
@@ -63,17 +66,18 @@ def run_parallel(
 def write_disparity(scene: Examined, folder: Path, progress: Progress) -> dict[str, Any]:
     """Writes disparity.npy into the folder of a pack with views; returns its entry in the manifest.
 
-    min_px and max_px are those of the truth if there is any ("source"), else robust extremes of the estimates.
+    min_px and max_px are those of the truth if there is any ("source"), else robust extremes of the
+    estimates.
     """
     frames, rows, cols, _, height, width = scene.shape
-    if int(scene.present.sum()) < 2 or min(height, width) < SMALLEST_PX:
-        return {"source": "none", "scale_px": 1 / 16, **NO_DEPTH}
+    if scene.apart or int(scene.present.sum()) < 2 or min(height, width) < SMALLEST_PX:
+        depth = scene.orientation.depth if scene.apart else None
+        return {"source": "none", "scale_px": 1 / 16, **(depth or NO_DEPTH)}
     shape = (frames, rows, cols, (height + 1) // 2, (width + 1) // 2)
-    views, interim_file = mapper(folder / VIEWS), folder / "interim.npy"
-    interim, out = (
-        make_array(interim_file, shape, np.int16),
-        make_array(folder / DISPARITY, shape, np.int8),
-    )
+    views = mapper(folder / VIEWS)
+    interim_file = folder / INTERIM
+    interim = make_array(interim_file, shape, np.int16)
+    out = make_array(folder / DISPARITY, shape, np.int8)
     about = _estimate(scene, views, interim, progress)
     scale_px = about["scale_px"]
     for place in scene.views:
@@ -93,7 +97,9 @@ def _estimate(
     interim: Callable[[], NDArray[Any]],
     progress: Progress,
 ) -> dict[str, Any]:
-    """Writes every present view's map to interim(), in steps of _INTERIM_PX; returns the manifest's entry."""
+    """Writes every present view's map to interim(), in steps of _INTERIM_PX; returns the manifest's
+    entry.
+    """
     source = scene.source
     ranges: dict[FrameIndex, NDArray[np.float64]] = {}
     true_ranges: list[tuple[float, float]] = []
@@ -102,22 +108,22 @@ def _estimate(
     def grey(frame: int, row: int, col: int) -> NDArray[np.uint8]:
         return compared(luma(views()[frame, row, col]))
 
-    factor, sign = shrinking(source.height_px, source.width_px), scene.orientation.truth_sign
+    factor = shrinking(source.height_px, source.width_px)
+    sign = scene.orientation.truth_sign
 
     def estimate(place: FrameIndex) -> None:
         frame, row, col = place
-        here, around = (
-            grey(*place),
-            neighbours_of(partial(grey, frame), row, col, scene.present, scene.offsets),
-        )
+        here = grey(*place)
+        around = neighbours_of(partial(grey, frame), row, col, scene.present, scene.offsets)
         best = view_disparity(here, around) if around and not source.rendered else None
         read = source.truth.get(scene.file_index(row, col)) if sign and not frame else None
         if read is not None:
             true = read() * np.float32(sign)  # in the order in which truth holds
             true_ranges.append((float(true.min()), float(true.max())))
             true = true if factor == 1 else halved(true) / np.float32(factor)
-            # Truth is sharp at edges, where a view warped by it doubles hidden parts; flow bends around them. The better match
-            # with the neighbouring views wins: flow, in all scenes tried (HCI antinous 47.7 dB, truth 41.9).
+            # Truth is sharp at edges, where a view warped by it doubles hidden parts; flow bends
+            # around them. The better match with the neighbouring views wins: flow, in all scenes
+            # tried (HCI antinous 47.7 dB, truth 41.9).
             if best is None or mean_square_mismatch(here, around, true) < mean_square_mismatch(
                 here, around, best
             ):
@@ -138,10 +144,12 @@ def _estimate(
     )
     spans = np.array(list(ranges.values()))
     scale = scale_for(*(round(float(v), 4) for v in (spans[:, 0].min(), spans[:, 1].max())))
-    # truth is exact; the extremes of an estimate are its errors, so use robust extremes over all views
+    # truth is exact; the extremes of an estimate are its errors, so use robust extremes over all
+    # views
     low, high = (round(float(v), 4) for v in np.median(spans, axis=0))
     if true_ranges:
-        low, high = min(span[0] for span in true_ranges), max(span[1] for span in true_ranges)
+        low = min(span[0] for span in true_ranges)
+        high = max(span[1] for span in true_ranges)
     return {
         "source": "truth" if true_ranges else "estimated",
         "scale_px": scale,

@@ -1,4 +1,6 @@
-"""What the packer learns about a scene from its names and a few views, before it reads all of them."""
+"""What the packer learns about a scene from its names and a few views, before it reads all
+of them.
+"""
 
 import os
 from functools import cached_property
@@ -11,31 +13,43 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene import layouts
+from lfpipe.scene.disparity import Depth
 from lfpipe.scene.files import library_errors
+from lfpipe.scene.optical_flow import grey_views
 from lfpipe.scene.orientation import Orientation, orient
-from lfpipe.scene.plausibility import plausible
+from lfpipe.scene.plausibility import Evidence, plausible
 from lfpipe.scene.source import SceneSource, Turn, ViewIndex
 
 STRIP_ROWS = 256  # of a large view, processed at a time to limit memory
 SCREEN_GAMMA = 2.2  # of linear-light pictures: out = in ** (1 / gamma)
-_DARK = 0.17  # median and mean of a linear-light picture of an ordinary scene are lower, those of a screen-ready one higher
+# median and mean of a linear-light picture of an ordinary scene are lower, those of a screen-ready
+# one higher
+_DARK = 0.17
 FrameIndex = tuple[int, int, int]  # frame, row, column
 
 
-@attrs.frozen(eq=False, slots=False)
+@attrs.frozen(eq=False, slots=False, kw_only=True)
 class Examined:
-    """gamma: the exponent for the scene's values, with the reason. channels: 1 or 3. turn, rows, cols, present and offsets are
-    those of the pack, whose order leaves the half-turn to the session."""
+    """gamma: the exponent for the scene's values, with the reason. channels: 1 or 3. turn, rows,
+    cols, present and offsets are those of the pack, whose order leaves the half-turn to the
+    session.
+    """
 
     source: SceneSource
     orientation: Orientation
     gamma: float
     gamma_by: str
     channels: int
+    evidence: Evidence | None = None
 
     @property
     def turn(self) -> Turn:
         return self.orientation.packed
+
+    @property
+    def apart(self) -> bool:
+        """Whether the views are too far apart to make others between them."""
+        return self.evidence is not None and self.evidence.apart_px is not None
 
     @property
     def rows(self) -> int:
@@ -104,8 +118,7 @@ def described(path: str | os.PathLike[str], scene: config.Scene) -> SceneSource:
 
 def examined(source: SceneSource, scene: config.Scene) -> Examined:
     """Examines a few views. Raises UserError if they are no light field."""
-    if not source.certain:
-        source = plausible(source, scene.force)
+    source, evidence = plausible(source, scene.force)
     middle = source.read(0, *source.middle)
     ends = (
         {(0, 0), (0, source.cols - 1), (source.rows - 1, source.cols - 1)}
@@ -115,7 +128,27 @@ def examined(source: SceneSource, scene: config.Scene) -> Examined:
     grey = is_grey(middle) and (
         source.rendered or all(is_grey(source.read(0, *place)) for place in ends)
     )
-    return Examined(source, orient(source, scene), *_gamma(source, scene, middle), 1 if grey else 3)
+    order = orient(source, scene)
+    if evidence is not None and evidence.apart_px is not None:
+        order = attrs.evolve(order, depth=_depth_of(source, order, evidence.apart_px))
+    gamma, gamma_by = _gamma(source, scene, middle)
+    return Examined(
+        source=source,
+        orientation=order,
+        gamma=gamma,
+        gamma_by=gamma_by,
+        channels=1 if grey else 3,
+        evidence=evidence,
+    )
+
+
+def _depth_of(source: SceneSource, order: Orientation, move_px: tuple[float, float]) -> Depth:
+    """The depth of two views that are too far apart for flow, by the motion along x between them in
+    file order.
+    """
+    scale = source.width_px / grey_views(source)(0, 0).shape[1]
+    low, high = sorted((1 if order.packed.cols else -1) * scale * move for move in move_px)
+    return {"min_px": low, "max_px": high, "border_low_px": low, "border_high_px": high}
 
 
 def _gamma(source: SceneSource, scene: config.Scene, middle: NDArray[Any]) -> tuple[float, str]:
@@ -144,9 +177,11 @@ def is_grey(pixels: NDArray[Any]) -> bool:
 
 
 def looks_linear(middle: NDArray[Any], max_value: int) -> bool:
-    """Whether a middle view looks like undeveloped linear light of a plenoptic camera: dark, and black rounded corners.
+    """Whether a middle view looks like undeveloped linear light of a plenoptic camera: dark, and
+    black rounded corners.
 
-    Darkness alone would also catch scenes lit by a lamp; the black corners are what rectification leaves.
+    Darkness alone would also catch scenes lit by a lamp; the black corners are what rectification
+    leaves.
     """
     step = max(1, min(middle.shape[:2]) // 1024)  # a sample of pixels suffices for a large view
     middle = middle[::step, ::step]
@@ -164,9 +199,11 @@ def looks_linear(middle: NDArray[Any], max_value: int) -> bool:
 
 
 def grid_offsets(stood: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Offset of each camera from the best regular grid, float32 (rows, cols, 2) in steps (row, col); zeros if they span no grid.
+    """Offset of each camera from the best regular grid, float32 (rows, cols, 2) in steps (row,
+    col); zeros if they span no grid.
 
-    stood: float64 (rows, cols, 2) in canonical order, (down, right) in any unit, not finite if unknown.
+    stood: float64 (rows, cols, 2) in canonical order, (down, right) in any unit, not finite if
+    unknown.
     """
     out = np.zeros(stood.shape, np.float32)
     row, col = np.nonzero(np.isfinite(stood).all(axis=2))
@@ -179,17 +216,19 @@ def grid_offsets(stood: NDArray[np.float64]) -> NDArray[np.float32]:
 
 
 def require_plausible_truth(source: SceneSource) -> None:
-    """Raises UserError if a map of true disparity differs in size from the views, holds NaN, claims more than a picture's side
-    per view (the range would be stretched until the whole scene looks flat), or cannot be read."""
-    size, remedy = (source.height_px, source.width_px), "remove the map to have disparity estimated"
+    """Raises UserError if a map of true disparity differs in size from the views, holds NaN, claims
+    more than a picture's side per view (the range would be stretched until the whole scene looks
+    flat), or cannot be read.
+    """
+    size = (source.height_px, source.width_px)
+    remedy = "remove the map to have disparity estimated"
     for (row, col), read in () if source.rendered else source.truth.items():
-        values, where = (
-            read(),
-            f"{source.path}: true disparity of the view in row {row} column {col}",
-        )
+        values = read()
+        where = f"{source.path}: true disparity of the view in row {row} column {col}"
         if values.shape != size:
             raise UserError(
-                f"{where} has {values.shape[1]}x{values.shape[0]} values, the views {size[1]}x{size[0]} px",
+                f"{where} has {values.shape[1]}x{values.shape[0]} values, the views"
+                f" {size[1]}x{size[0]} px",
                 remedy,
             )
         if bad := int(np.count_nonzero(~np.isfinite(values))):

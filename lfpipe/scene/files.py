@@ -5,6 +5,7 @@ import os
 import re
 import stat
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 
 import attrs
@@ -17,9 +18,8 @@ from lfpipe.files.safe_files import check_links, open_file, reason
 from lfpipe.host.files import path_of
 from lfpipe.host.terminal import opencv_logging
 
-MAX_FILES = (
-    20_000  # a light field of 100x100 views has half of this; a larger folder is something else
-)
+# a light field of 100x100 views has half of this; a larger folder is something else
+MAX_FILES = 20_000
 PICTURES = (
     ".png",
     ".jpg",
@@ -33,14 +33,16 @@ PICTURES = (
     ".webp",
     ".avif",
     ".gif",
+    *((".heic", ".heif") if find_spec("pillow_heif") else ()),
 )
 VIDEOS = (".mp4", ".mkv", ".avi", ".mov", ".webm", ".m4v")
 
 
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class Listing:
-    """The content of a path. `names`: the files directly in `folder` (one name if the path is a file), with numbers in numeric
-    order; `folders`: names of its subfolders."""
+    """The content of a path. `names`: the files directly in `folder` (one name if the path is a
+    file), with numbers in numeric order; `folders`: names of its subfolders.
+    """
 
     path: Path
     folder: Path
@@ -53,7 +55,10 @@ class Listing:
         return [name for name in self.names if name.lower().endswith(PICTURES)]
 
     def file(self, name: str) -> Path:
-        """The path of one of the folder's files. Raises UserError if it is a link that leads out of the folder."""
+        """The path of one of the folder's files.
+
+        Raises UserError if it is a link that leads out of the folder.
+        """
         if self.folder == self.path:  # else the user named this file
             check_links(self.folder, [name])
         return self.folder / name
@@ -69,12 +74,18 @@ def natural(name: str) -> list[tuple[int, int, str]]:
 
 
 def list_scene(path: str | os.PathLike[str]) -> Listing:
-    """Lists a scene's folder or file. Raises UserError if it is missing, unreadable or holds too many files."""
-    given, where = Path(path), str(path).replace("\n", r"\n")
+    """Lists a scene's folder or file.
+
+    Raises UserError if it is missing, unreadable or holds too many files.
+    """
+    given = Path(path)
+    where = str(path).replace("\n", r"\n")
     try:
         mode = given.stat().st_mode
         if stat.S_ISREG(mode):
-            return Listing(given, given.parent, (given.name,), (), True)
+            return Listing(
+                path=given, folder=given.parent, names=(given.name,), folders=(), is_file=True
+            )
         if not stat.S_ISDIR(mode):
             raise UserError(
                 f"{where}: neither a file nor a folder",
@@ -98,7 +109,11 @@ def list_scene(path: str | os.PathLike[str]) -> Listing:
             f"{where}: the folder is empty", "give the folder of the views, or their file"
         )
     return Listing(
-        given, given, tuple(sorted(names, key=natural)), tuple(sorted(folders, key=natural)), False
+        path=given,
+        folder=given,
+        names=tuple(sorted(names, key=natural)),
+        folders=tuple(sorted(folders, key=natural)),
+        is_file=False,
     )
 
 
@@ -124,8 +139,9 @@ def _entries(folder: Path) -> tuple[list[str], list[str]]:
 
 @contextlib.contextmanager
 def library_errors(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Turns errors of the libraries that read files, and lack of memory, into UserError; silences OpenCV's warnings about the
-    files."""
+    """Turns errors of the libraries that read files, and lack of memory, into UserError; silences
+    OpenCV's warnings about the files.
+    """
     try:
         with opencv_logging():
             yield
@@ -151,7 +167,10 @@ def read_bytes(path: Path, most_bytes: int = 1 << 20) -> bytes:
 
 
 def read_pfm(path: Path) -> NDArray[np.float32]:
-    """A PFM map, top row first, float32 (h, w); keeps values that are not finite. Raises UserError."""
+    """A PFM map, top row first, float32 (h, w); keeps values that are not finite.
+
+    Raises UserError.
+    """
     with open_file(path) as file:
         header = file.read(100).split()  # Pf, width, height, scale: its sign is the byte order
         values = cv2.imread(path_of(file), cv2.IMREAD_UNCHANGED)

@@ -1,8 +1,9 @@
 """Near and far of a packed scene: which of two opposite orders of its views is shown.
 
-A half-turn reverses rows and columns and the sign of disparity. Pictures rarely tell which order is right, so a pack holds the
-views without it, and the order is state of the session: `scene.half_turn`, else what a person chose for this scene before, else
-what the pack's evidence says.
+A half-turn reverses rows and columns and the sign of disparity. Pictures rarely tell which order is
+right, so a pack holds the views without it, and the order is state of the session:
+`scene.half_turn`, else what a person chose for this scene before, else what the pack's evidence
+says.
 
     STATE/half_turns/KEY       "yes", "no", or "asked" once the window has asked
 """
@@ -32,7 +33,10 @@ def remembered(field: LightField) -> str:
 
 
 def remember(field: LightField, word: str) -> None:
-    """Stores the choice for this scene, by its content. Does nothing if the folder cannot be written: the session goes on."""
+    """Stores the choice for this scene, by its content.
+
+    Does nothing if the folder cannot be written: the session goes on.
+    """
     with contextlib.suppress(OSError):
         write_file(folder() / str(field.manifest["key"]), word.encode())
 

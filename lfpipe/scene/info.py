@@ -1,18 +1,35 @@
-"""Facts about a scene, for people and programs: from its pack, or from an examination if there is none yet."""
+"""Facts about a scene, for people and programs: from its pack, or from an examination if there is
+none yet.
+"""
 
 from pathlib import Path
 from typing import Any
 
 import attrs
+import numpy as np
 
 from lfpipe.scene.examination import Examined
-from lfpipe.scene.lightfield import LightField
+from lfpipe.scene.lightfield import Geometry, LightField
 from lfpipe.scene.packing import manifest_of
 
 _NAMES = (
-    "name", "source", "layout", "rows", "cols", "height", "width", "channels", "bit_depth", "frames", "frame_rate_hz", "flips",
-    "geometry", "gamma", "gamma_by", "notes",
-)  # fmt: skip
+    "name",
+    "source",
+    "layout",
+    "rows",
+    "cols",
+    "height",
+    "width",
+    "channels",
+    "bit_depth",
+    "frames",
+    "frame_rate_hz",
+    "flips",
+    "geometry",
+    "gamma",
+    "gamma_by",
+    "notes",
+)
 
 
 def _describe(
@@ -48,8 +65,11 @@ def describe_pack(field: LightField) -> dict[str, Any]:
 
 
 def describe_examined(scene: Examined) -> dict[str, Any]:
-    """The facts of an unpacked scene, with the keys of `describe_pack`: facts that need packing are None or empty."""
-    manifest, depth = manifest_of(scene), scene.orientation.depth
+    """The facts of an unpacked scene, with the keys of `describe_pack`: facts that need packing are
+    None or empty.
+    """
+    manifest = manifest_of(scene)
+    depth = scene.orientation.depth
     low, high = (depth["min_px"], depth["max_px"]) if depth else (None, None)
     if depth and scene.orientation.half_turn:
         low, high = -depth["max_px"], -depth["min_px"]
@@ -80,7 +100,8 @@ def lines(facts: dict[str, Any]) -> list[str]:
     )
     say(
         "order",
-        f"{turned or 'as in the files'}: {order['said']} ({order['by']}{', sure' if order['sure'] else ''})",
+        f"{turned or 'as in the files'}: {order['said']}"
+        f" ({order['by']}{', sure' if order['sure'] else ''})",
     )
     if order["undecided"]:
         say("undecided", order["undecided"])
@@ -96,7 +117,8 @@ def lines(facts: dict[str, Any]) -> list[str]:
         where = "" if facts["pack"] else " from a few views"
         say(
             "disparity",
-            f"{disparity['min']:+.2f} to {disparity['max']:+.2f} px per view, {disparity['source']}{where}",
+            f"{disparity['min']:+.2f} to {disparity['max']:+.2f} px per view,"
+            f" {disparity['source']}{where}",
         )
     units = [(*name.rsplit("_", 1), value) for name, value in facts["geometry"].items() if value]
     say(
@@ -116,3 +138,30 @@ def lines(facts: dict[str, Any]) -> list[str]:
     packed = f"{facts['pack_bytes'] / 1e6:.1f} MB in {facts['pack']}"
     say("pack", packed if facts["pack"] else "none yet: `lfpipe scene pack` or `up` makes it")
     return out
+
+
+def expected_field(facts: dict[str, Any]) -> LightField:
+    """What the pack of a scene with these facts will be, with views and disparities of zeros that
+    take no memory, and the method of most scenes.
+    """
+    rows, cols, height, width = (facts[name] for name in ("rows", "cols", "height", "width"))
+    frames = facts["frames"]
+    shape = (frames, rows, cols, facts["channels"], height, width)
+    half = (frames, rows, cols, (height + 1) // 2, (width + 1) // 2)
+    disparity = facts["disparity"]
+    warped = disparity["source"] != "none"
+    return LightField(
+        views=np.broadcast_to(np.uint8(0), shape),
+        disparity=np.broadcast_to(np.int8(0), half) if warped else None,
+        disparity_scale_px=1.0,
+        disparity_min_px=disparity["min"] or 0.0,
+        disparity_max_px=disparity["max"] or 0.0,
+        disparity_source=disparity["source"],
+        offsets=np.zeros((rows, cols, 2), np.float32),
+        present=np.ones((rows, cols), bool),
+        geometry=Geometry(**facts["geometry"]),
+        frame_rate_hz=facts["frame_rate_hz"],
+        name=facts["name"],
+        method="warp2" if warped else "nearest",
+        manifest={"complete": False, "scores": {}},
+    )

@@ -1,38 +1,66 @@
-"""An opened light field, as used by all rooms above: in canonical order (row 0 top camera, column 0 left camera)."""
+"""An opened light field, as used by all rooms above: in canonical order (row 0 top camera, column 0
+left camera).
+"""
 
-from typing import Any
+import os
+from functools import cached_property
+from typing import Any, Self
 
 import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-UNKNOWN = (
-    -128
-)  # in LightField.disparity: no value explains the neighbours, so views are cross-faded there
+# in LightField.disparity: no value explains the neighbours, so views are cross-faded there
+UNKNOWN = -128
+
+
+class Hold:
+    """Keeps `lfpipe scene clean` from removing a pack, by a lock, until it is closed or gone."""
+
+    def __init__(self, locked: int) -> None:
+        """locked: a descriptor with the lock, which may be closed afterwards."""
+        self._fd = os.dup(locked)
+
+    def close(self) -> None:
+        """Releases the lock. May be called again."""
+        fd = self._fd
+        self._fd = -1
+        if fd >= 0:
+            os.close(fd)
+
+    __del__ = close
 
 
 @attrs.frozen
 class Geometry:
-    """Known facts of the capture; None if the source does not state them. focal_length_px is of a stored view."""
+    """Known facts of the capture; None if the source does not state them.
+
+    focal_length_px is of a stored view.
+    """
 
     baseline_mm: float | None = None
     focus_distance_mm: float | None = None
     focal_length_px: float | None = None
 
 
-@attrs.frozen(eq=False)
+@attrs.frozen(eq=False, repr=False, kw_only=True)
 class LightField:
     """A grid of views with its metadata.
 
-    views: uint8 (frames, rows, cols, channels, height, width); channels is 1 (grey) or 3 (red, green, blue), in screen
+    views: uint8 (frames, rows, cols, channels, height, width); channels is 1 (grey) or 3 (red,
+    green, blue), in screen
         (gamma) values. A read-only memory map: touching one plane reads that plane only.
-    disparity: int8 (frames or 1, rows, cols, height_d, width_d), or None; times disparity_scale_px, which is negative after
+    disparity: int8 (frames or 1, rows, cols, height_d, width_d), or None; times disparity_scale_px,
+    which is negative after
         a half-turn, it is the shift in
-        px of a stored view per grid step, positive is nearer than the plane of zero disparity: what stands at (x, y)
-        in view (r, c) stands at (x - d*(c'-c), y - d*(r'-r)) in view (r', c'). UNKNOWN where it is not known.
-    offsets: float32 (rows, cols, 2), where a camera stood less its place on the regular grid, in grid steps
+        px of a stored view per grid step, positive is nearer than the plane of zero disparity: what
+        stands at (x, y) in view (r, c) stands at (x - d*(c'-c), y - d*(r'-r)) in view (r', c').
+        UNKNOWN where it is not known.
+    offsets: float32 (rows, cols, 2), where a camera stood less its place on the regular grid, in
+    grid steps
         (row, col); zeros on a regular grid.
-    present: bool (rows, cols), False where the source has no such view (its place holds the nearest one's copy).
+    present: bool (rows, cols), False where the source has no such view (its place holds the nearest
+    one's copy).
     """
 
     views: NDArray[np.uint8]
@@ -49,15 +77,31 @@ class LightField:
     method: str  # the method that `auto` stands for: "nearest", "blend", "warp" or "warp2"
     manifest: dict[str, Any]  # provenance, as stored; "flips" as shown
     folder: str = ""  # of the pack, absolute
-    hold: object = None  # keeps `lfpipe scene clean` from removing the pack
-    border_px: tuple[float, float] = (
-        0.0,
-        0.0,
-    )  # farthest and nearest at the left and right border, px per view
+    hold: Hold | None = None  # keeps `lfpipe scene clean` from removing the pack
+    # farthest and nearest at the left and right border, px per view
+    border_px: tuple[float, float] = (0.0, 0.0)
     half_turned: bool = False  # rows and columns run against the pack's order
 
+    def __repr__(self) -> str:
+        frames = f"{self.frames} frames of " if self.frames > 1 else ""
+        size = f"{self.rows}x{self.cols} views of {self.width_px}x{self.height_px}"
+        return f"<LightField {self.name!r}: {frames}{size}, method {self.method}>"
+
+    def close(self) -> None:
+        """Lets `lfpipe scene clean` remove the pack. Its maps last as long as their arrays."""
+        if self.hold is not None:
+            self.hold.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
     def exchanged(self) -> "LightField":
-        """The same field with near and far exchanged: the grid turned by 180 degrees, disparities negated. Copies nothing."""
+        """The same field with near and far exchanged: the grid turned by 180 degrees, disparities
+        negated. Copies nothing.
+        """
         flips = self.manifest.get("flips")
         turned = flips and {**flips, "rows": not flips["rows"], "cols": not flips["cols"]}
         return attrs.evolve(
@@ -72,6 +116,19 @@ class LightField:
             present=self.present[::-1, ::-1],
             manifest={**self.manifest, "flips": turned} if turned else self.manifest,
             half_turned=not self.half_turned,
+        )
+
+    @cached_property
+    def needs_eyes(self) -> bool:
+        """Whether the picture depends on the eyes: of a single view, or of equal ones, it is the
+        same from everywhere. The outermost views of most scenes answer.
+        """
+        if self.rows * self.cols == 1:
+            return False
+        first = self.views[:, 0, 0]
+        places = reversed([*np.ndindex(self.rows, self.cols)])
+        return not self.complete or any(
+            not np.array_equal(self.views[:, row, col], first) for row, col in places
         )
 
     @property

@@ -1,4 +1,6 @@
-"""Fills in missing views from the nearest present one: warped by its disparity, holes filled from behind."""
+"""Fills in missing views from the nearest present one: warped by its disparity, holes filled from
+behind.
+"""
 
 from typing import Any
 
@@ -20,10 +22,11 @@ def nearest_present(present: NDArray[np.bool_], row: int, col: int) -> tuple[int
 
 
 def warped_disparity(disparity: FloatMap, down: float, across: float) -> FloatMap:
-    """The disparity map of a view, warped to the view `down` rows and `across` columns further; float32 (h, w) both.
+    """The disparity map of a view, warped to the view `down` rows and `across` columns further;
+    float32 (h, w) both.
 
-    If several surfaces land on a pixel, the nearest wins; pixels that none reaches lie behind, so the farther neighbour fills
-    them.
+    If several surfaces land on a pixel, the nearest wins; pixels that none reaches lie behind, so
+    the farther neighbour fills them.
     """
     height, width = disparity.shape
     order = np.argsort(disparity.ravel(), kind="stable")
@@ -42,7 +45,8 @@ def warped_disparity(disparity: FloatMap, down: float, across: float) -> FloatMa
         empty = np.isinf(out)
         if not empty.any():
             break
-        # the default border is the largest float, which is less than infinity and would spread inwards
+        # the default border is the largest float, which is less than infinity and would spread
+        # inwards
         out = np.where(
             empty, cv2.erode(out, np.ones((3, 3), np.uint8), borderType=cv2.BORDER_REPLICATE), out
         )
@@ -62,13 +66,15 @@ def nearest(usable: NDArray[np.bool_]) -> NDArray[np.intp]:
 def warped_view(
     picture: NDArray[Any], disparity: FloatMap, target: FloatMap, down: float, across: float
 ) -> NDArray[Any]:
-    """A view warped to the one `down` rows and `across` columns further, (h, w) or (h, w, 3). target: `warped_disparity` of
-    disparity.
+    """A view warped to the one `down` rows and `across` columns further, (h, w) or (h, w, 3).
+    target: `warped_disparity` of disparity.
 
-    If the source of a pixel shows something nearer, the pixel was hidden: the nearest pixel at its depth fills it.
+    If the source of a pixel shows something nearer, the pixel was hidden: the nearest pixel at its
+    depth fills it.
     """
     by_px = np.dstack((target * np.float32(across), target * np.float32(down)))
-    out, step = displaced(picture, by_px), max(abs(down), abs(across))
+    out = displaced(picture, by_px)
+    step = max(abs(down), abs(across))
     hidden = (displaced(disparity, by_px) - target) * step > _HIDDEN_PX
     if not hidden.any():
         return out
@@ -91,7 +97,10 @@ def fill_missing(
     disparity: NDArray[np.int8],
     scale_px: float,
 ) -> None:
-    """Writes each missing view of a frame and its disparity into the arrays of a pack. disparity: in scale_px."""
+    """Writes each missing view of a frame and its disparity into the arrays of a pack.
+
+    disparity: in scale_px.
+    """
     for row, col in zip(*(index.tolist() for index in np.nonzero(~present)), strict=True):
         near = nearest_present(present, row, col)
         steps = float(row - near[0]), float(col - near[1])

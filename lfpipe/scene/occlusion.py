@@ -1,4 +1,6 @@
-"""Near surfaces hide far ones: the one thing in pictures that tells a grid of views from its half-turn."""
+"""Near surfaces hide far ones: the one thing in pictures that tells a grid of views from its
+half-turn.
+"""
 
 from collections.abc import Callable
 
@@ -10,24 +12,22 @@ from lfpipe.scene.optical_flow import FloatMap, Grey, Mask
 
 UNMISTAKABLE, AGAINST = 16, 10  # places that must agree, and that one against cancels; see `hides`
 OVERLAP_PX = 1.5  # a surface that lands on another is that much nearer
-DIFFERENT, SAME, WRONG = (
-    10,
-    3,
-    6,
-)  # grey levels between two surfaces; between a surface and what is seen
-SIDE, MAJORITY = (
-    20,
-    3,
-)  # places along the shorter side of a view, with one vote each; its pixels must agree by this many
+# grey levels between two surfaces; between a surface and what is seen
+DIFFERENT, SAME, WRONG = 10, 3, 6
+# places along the shorter side of a view, with one vote each; its pixels must agree by this many
+SIDE, MAJORITY = 20, 3
 
 
 def hides(right: int, wrong: int) -> int:
-    """1 if near surfaces hide far ones unmistakably, -1 if far ones hide near ones, 0 if that stays open.
+    """1 if near surfaces hide far ones unmistakably, -1 if far ones hide near ones, 0 if that stays
+    open.
 
-    right, wrong: places. Where glow, blur and repetition mislead, many places are wrong at once. Right / wrong of
-    real light fields: antinous 104 / 1, stillLife 76 / 3, monasroom 57 / 0, lytro 46 / 2, all sure; newshot01 44 / 4,
-    quilt 77 / 42, lego knights 82 / 10, toys 4 / 0, airplane 0 / 2 and illum_field 0 / 0 stay open. Of 170 made, turned and
-    disturbed sets none is wrong; the nearest to it is the airplane, noisy and turned, with 13 / 0.
+    right, wrong: places. Where glow, blur and repetition mislead, many places are wrong at once.
+    Right / wrong of
+    real light fields: antinous 104 / 1, stillLife 76 / 3, monasroom 57 / 0, lytro 46 / 2, all sure;
+    newshot01 44 / 4, quilt 77 / 42, lego knights 82 / 10, toys 4 / 0, airplane 0 / 2 and
+    illum_field 0 / 0 stay open. Of 170 made, turned and disturbed sets none is wrong; the nearest
+    to it is the airplane, noisy and turned, with 13 / 0.
     """
     return int(right - AGAINST * wrong >= UNMISTAKABLE) - int(
         wrong - AGAINST * right >= UNMISTAKABLE
@@ -37,16 +37,19 @@ def hides(right: int, wrong: int) -> int:
 def places(
     view: Callable[[int], Grey], count: int, disparity_px: FloatMap, reliable: Mask, sideways: bool
 ) -> tuple[int, int]:
-    """(right, wrong): places where the outermost views of a line show the nearer of two surfaces that meet, and the farther one.
+    """(right, wrong): places where the outermost views of a line show the nearer of two surfaces
+    that meet, and the farther one.
 
-    view(0) .. view(count - 1): the line; disparity_px: of its middle view, float32 (h, w), per step; reliable: where it holds.
+    view(0) .. view(count - 1): the line; disparity_px: of its middle view, float32 (h, w), per
+    step; reliable: where it holds.
     """
     here = view(count // 2)
     low, high = np.percentile(disparity_px, (5, 95))
     ends = [end for end in (0, count - 1) if abs(end - count // 2) * (high - low) > 2]
     if not ends:
         return 0, 0
-    sharp, votes = _sharpened(disparity_px, here), np.zeros(here.shape, np.int32)
+    sharp = _sharpened(disparity_px, here)
+    votes = np.zeros(here.shape, np.int32)
     for end in ends:
         votes += _votes(here, sharp, reliable, view(end), end - count // 2, sideways)
     side = max(4, min(here.shape) // SIDE)
@@ -56,7 +59,9 @@ def places(
 
 
 def _sharpened(disparity_px: FloatMap, picture: Grey) -> FloatMap:
-    """The map with its edges moved to those of the picture (weighted median), because occlusion shows only at edges."""
+    """The map with its edges moved to those of the picture (weighted median), because occlusion
+    shows only at edges.
+    """
     low, high = (float(v) for v in np.percentile(disparity_px, (0.5, 99.5)))
     steps = np.clip((disparity_px - low) * np.float32(255 / (high - low)), 0, 255).astype(np.uint8)
     sharp = cv2.ximgproc.weightedMedianFilter(picture, steps, 7, sigma=12.0)
@@ -66,20 +71,24 @@ def _sharpened(disparity_px: FloatMap, picture: Grey) -> FloatMap:
 def _votes(
     here: Grey, disparity_px: FloatMap, reliable: Mask, there: Grey, steps: int, sideways: bool
 ) -> NDArray[np.int32]:
-    """By pixel of a view, int32 (h, w): 1 where two surfaces meet in the view `steps` further and that shows the nearer one,
-    -1 where it shows the farther one."""
+    """By pixel of a view, int32 (h, w): 1 where two surfaces meet in the view `steps` further and
+    that shows the nearer one, -1 where it shows the farther one.
+    """
     height, width = here.shape
     far_first = np.argsort(disparity_px, axis=None, kind="stable")
     y, x = np.divmod(far_first, width)
     shift = np.rint(disparity_px.ravel()[far_first] * np.float32(steps)).astype(np.intp)
     x, y = (x - shift, y) if sideways else (x, y - shift)
     inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-    landing, start = (y * width + x)[inside], far_first[inside]
-    front, back = np.full(
-        (2, here.size), -1, np.intp
-    )  # the nearest and the farthest pixel that lands on each one
-    front[landing], back[landing[::-1]] = start, start[::-1]
-    colour, depth, known = here.ravel().astype(np.float32), disparity_px.ravel(), reliable.ravel()
+    landing = (y * width + x)[inside]
+    start = far_first[inside]
+    # the nearest and the farthest pixel that lands on each one
+    front, back = np.full((2, here.size), -1, np.intp)
+    front[landing] = start
+    back[landing[::-1]] = start[::-1]
+    colour = here.ravel().astype(np.float32)
+    depth = disparity_px.ravel()
+    known = reliable.ravel()
     meet = (
         (front >= 0)
         & ((depth[front] - depth[back]) * abs(steps) > OVERLAP_PX)
@@ -87,7 +96,9 @@ def _votes(
         & known[back]
     )
     meet &= np.abs(colour[front] - colour[back]) > DIFFERENT
-    front, back, seen = front[meet], back[meet], there.ravel()[meet]
+    front = front[meet]
+    back = back[meet]
+    seen = there.ravel()[meet]
     front_off, back_off = np.abs(colour[front] - seen), np.abs(colour[back] - seen)
     out = np.zeros(here.size, np.int32)
     np.add.at(out, front, (front_off < SAME) & (back_off > WRONG))

@@ -1,27 +1,26 @@
 """One way to open a scene: its pack from the cache, or the packer's work, whoever asks."""
 
-import base64
 import contextlib
+import logging
 import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import attrs
-import cv2
-import numpy as np
-from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.config import SceneSummary
-from lfpipe.errors import UserError
 from lfpipe.host.files import is_dir
 from lfpipe.host.worker import Worker
-from lfpipe.scene.cache import cache_dir, find_pack
+from lfpipe.scene import cache
+from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.demo import demo_scene, named_scene
 from lfpipe.scene.lightfield import LightField
-from lfpipe.scene.pack import DamagedPackError, open_pack
+from lfpipe.scene.pack import open_pack
 from lfpipe.scene.source import Progress
+
+log = logging.getLogger(__name__)
 
 SILENT_S = 60.0  # without a step: a large picture on a slow disk
 ScenePath = str | os.PathLike[str]
@@ -30,8 +29,10 @@ ScenePath = str | os.PathLike[str]
 class Packing(Worker):
     """The packer at work on the first of some scenes; see `packer` for the request.
 
-    views: the summary of the pack as soon as it can be shown. scenes: with expand, the light fields that the paths stand for.
-    step, share: what it is doing, for people, and the share of that which is done; "" before the first.
+    views: the summary of the pack as soon as it can be shown. scenes: with expand, the light fields
+    that the paths stand for.
+    step, share: what it is doing, for people, and the share of that which is done; "" before the
+    first.
     """
 
     def __init__(
@@ -43,11 +44,12 @@ class Packing(Worker):
     ) -> None:
         self.views: SceneSummary | None = None
         self.scenes: list[Path] = []
-        self.step, self.share = "", 0.0
+        self.step = ""
+        self.share = 0.0
         self.progress = progress
         paths = [os.fspath(path) for path in scenes]
         request = {"do": "pack", "scenes": paths, "config": attrs.asdict(settings), **request}
-        super().__init__("lfpipe.scene.packer", request, paths[0], SILENT_S)
+        super().__init__("lfpipe.render.packer", request, paths[0], SILENT_S)
 
     def heard(self, step: dict[str, Any]) -> None:
         """Notes a step of the packer."""
@@ -58,6 +60,8 @@ class Packing(Worker):
                 self.progress(step["step"], step["done"], step["total"])
         elif "summary" in step:
             self.views = SceneSummary(**step["summary"])
+        elif "log" in step:
+            log.info(step["log"])
         elif "scenes" in step:
             self.scenes = [Path(text) for text in step["scenes"]]
 
@@ -68,7 +72,9 @@ class Packing(Worker):
 
 @attrs.frozen
 class Opened:
-    """scenes: the light fields that paths stand for. field: the first. packing: the packer while it works on its disparity."""
+    """scenes: the light fields that paths stand for. field: the first. packing: the packer while it
+    works on its disparity.
+    """
 
     scenes: list[Path]
     field: LightField
@@ -85,14 +91,15 @@ def open_scenes(
 ) -> Opened:
     """Opens the first of the light fields at paths as soon as it can be shown.
 
-    An empty sequence stands for the demo. progress: called from this thread. complete: with its disparity, for pictures that are
-    kept. expand: a folder of light fields stands for those in it. Raises UserError.
+    An empty sequence stands for the demo. progress: called from this thread. complete: with its
+    disparity, for pictures that are kept. expand: a folder of light fields stands for those in it.
+    Raises UserError.
     """
     paths = [named_scene(path, cache_dir(settings)) for path in paths] or [
         demo_scene(cache_dir(settings))
     ]
     known = packed(paths[0], settings)
-    expand = expand and any(is_dir(path) and find_pack(path, settings) is None for path in paths)
+    expand = expand and any(is_dir(path) and packed(path, settings) is None for path in paths)
     if known is not None and known.complete and not expand:
         return Opened(paths, known)
     packing = Packing(paths, settings, progress, expand=expand)
@@ -112,7 +119,8 @@ def open_scenes(
 def open_scene(
     path: ScenePath | None, settings: config.Scene, progress: Progress | None = None
 ) -> LightField:
-    """The light field at path, or the demo's, complete: packed now by a child process unless it has been before.
+    """The light field at path, or the demo's, complete: packed now by a child process unless it has
+    been before.
 
     progress: called from this thread. Raises UserError.
     """
@@ -122,11 +130,12 @@ def open_scene(
 
 
 def packed(path: ScenePath, settings: config.Scene) -> LightField | None:
-    """The pack of an unchanged scene, perhaps without disparity yet; None without one. Reads no picture."""
-    with contextlib.suppress(DamagedPackError):
-        pack = find_pack(named_scene(Path(path), cache_dir(settings)), settings)
-        return None if pack is None else open_pack(pack, settings.half_turn)
-    return None
+    """The pack of an unchanged scene, perhaps without disparity yet, or the one at path itself;
+    None without one.
+
+    Reads no picture.
+    """
+    return cache.packed(named_scene(Path(path), cache_dir(settings)), settings)
 
 
 def ask_packer(
@@ -138,12 +147,3 @@ def ask_packer(
     ) as packing:
         packing.wait()
         return packing.result()
-
-
-def preview(packing: Packing) -> NDArray[np.uint8] | None:
-    """The view that a packer with do="preview" has found, uint8 (height, width, 3) RGB; None where there is none."""
-    try:
-        png = np.frombuffer(base64.b64decode(packing.result()["png"]), np.uint8)
-        return np.asarray(cv2.imdecode(png, cv2.IMREAD_COLOR), np.uint8)
-    except UserError:
-        return None

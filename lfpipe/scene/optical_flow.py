@@ -1,7 +1,8 @@
-"""Dense optical flow between two pictures, where it can be relied on, and the views of a scene prepared for it.
+"""Dense optical flow between two pictures, where it can be relied on, and the views of a scene
+prepared for it.
 
-Dense inverse search (DIS): Kroeger, Timofte, Dai, Van Gool, "Fast Optical Flow using Dense Inverse Search", ECCV 2016, as
-implemented in OpenCV.
+Dense inverse search (DIS): Kroeger, Timofte, Dai, Van Gool, "Fast Optical Flow using Dense Inverse
+Search", ECCV 2016, as implemented in OpenCV.
 """
 
 import math
@@ -22,31 +23,53 @@ Grey = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 
 SMALLEST_PX = 24  # the flow needs a few of its 8x8 patches per side
-# Of fine flow: scale, patch, stride of patches, steps of descent, smoothing. profiling/results/disparity.md
-_FINEST_SCALE, _PATCH_PX, _PATCH_STRIDE_PX, _DESCENTS, _SMOOTHINGS = 0, 4, 3, 3, 2
+# Of fine flow. Chosen on 23 scenes, of 1 to 90 px between views: profiling/results/disparity.md
+_FINEST_SCALE = 0
+_PATCH_PX = 4
+_PATCH_STRIDE_PX = 3
+_SMOOTHINGS = 2
+_DESCENTS = 8  # steps that a patch needs to reach a place far from where it starts
+_DESCENTS_NEAR = 3  # steps that it needs from a start that is nearly right
 _RETURN_PX, _RETURN_SHARE = 0.5, 0.1  # tolerance of flow followed back: px, and share of the way
 _FIT_ROUNDS = 6  # of a robust fit: weights hardly change any more
 _LUMA = np.array([[0.299, 0.587, 0.114]], np.float32)  # BT.601's, as OpenCV turns colours to grey
 LOOK_PX = 1 << 17  # of a view, enough to judge order and fit
 _DARK = 0.2  # views with a lower mean are brightened
-_here = threading.local()  # with `engines`: flow objects own buffers, so each serves one thread
+_here = threading.local()  # of flow engines: they own buffers, so each serves one thread
 
 
-def flow(a: Grey, b: Grey, fine: bool = False) -> FloatMap:
-    """Dense flow from a to b, float32 (h, w, 2) in px (x, y): the point at x in a is at x + flow in b.
-
-    fine: down to single pixels, takes twice as long.
+def flow(a: Grey, b: Grey) -> FloatMap:
+    """Dense flow from a to b, float32 (h, w, 2) in px (x, y): the point at x in a is at x + flow in
+    b.
     """
-    engines: dict[bool, cv2.DISOpticalFlow] = _here.__dict__.setdefault("engines", {})
-    if fine not in engines:
-        engine = engines[fine] = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-        if fine:
-            engine.setFinestScale(_FINEST_SCALE)
-            engine.setPatchSize(_PATCH_PX)
-            engine.setPatchStride(_PATCH_STRIDE_PX)
-            engine.setGradientDescentIterations(_DESCENTS)
-            engine.setVariationalRefinementIterations(_SMOOTHINGS)
-    return np.asarray(engines[fine].calc(a, b, np.zeros((*a.shape, 2), np.float32)), np.float32)
+    engines = _here.__dict__
+    if "coarse" not in engines:
+        engines["coarse"] = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    return _calculated(engines["coarse"], a, b, None)
+
+
+def fine_flow(a: Grey, b: Grey, start: FloatMap | None = None) -> FloatMap:
+    """`flow` down to single pixels, in twice the time.
+
+    start: a guess, float32 (h, w, 2), overwritten. Each patch begins at the guess or at what the
+    next coarser scale says, whichever matches better.
+    """
+    engines = _here.__dict__
+    if "fine" not in engines:
+        engine = engines["fine"] = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+        engine.setFinestScale(_FINEST_SCALE)
+        engine.setPatchSize(_PATCH_PX)
+        engine.setPatchStride(_PATCH_STRIDE_PX)
+        engine.setVariationalRefinementIterations(_SMOOTHINGS)
+    fine: cv2.DISOpticalFlow = engines["fine"]
+    fine.setGradientDescentIterations(_DESCENTS if start is None else _DESCENTS_NEAR)
+    return _calculated(fine, a, b, start)
+
+
+def _calculated(engine: cv2.DISOpticalFlow, a: Grey, b: Grey, start: FloatMap | None) -> FloatMap:
+    # Always with a start: without one, the engine takes the start of its last call.
+    guess = np.zeros((*a.shape, 2), np.float32) if start is None else start
+    return np.asarray(engine.calc(a, b, guess), np.float32)
 
 
 @lru_cache(maxsize=2)
@@ -57,7 +80,9 @@ def grid_xy(height: int, width: int) -> tuple[FloatMap, FloatMap]:
 
 
 def displaced(picture: NDArray[Any], by_px: FloatMap, how: int = cv2.INTER_LINEAR) -> NDArray[Any]:
-    """A picture sampled by_px, float32 (h, w, 2) as (x, y), away from every pixel; beyond its border that repeats."""
+    """A picture sampled by_px, float32 (h, w, 2) as (x, y), away from every pixel; beyond its
+    border that repeats.
+    """
     xx, yy = grid_xy(*by_px.shape[:2])
     return np.asarray(
         cv2.remap(
@@ -70,8 +95,14 @@ def returned_flow(a: Grey, b: Grey) -> tuple[FloatMap, Mask]:
     """The flow from a to b, and the pixels where the flow back returns to its start."""
     ahead, back = flow(a, b), flow(b, a)
     xx, yy = grid_xy(*ahead.shape[:2])
-    returned = cv2.remap(back, xx + ahead[..., 0], yy + ahead[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT,
-                         borderValue=(1e4, 1e4, 0, 0))  # fmt: skip
+    returned = cv2.remap(
+        back,
+        xx + ahead[..., 0],
+        yy + ahead[..., 1],
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_CONSTANT,
+        borderValue=(1e4, 1e4, 0, 0),
+    )
     off = np.hypot(ahead[..., 0] + returned[..., 0], ahead[..., 1] + returned[..., 1])
     return ahead, off < _RETURN_PX + _RETURN_SHARE * np.hypot(ahead[..., 0], ahead[..., 1])
 
@@ -79,8 +110,9 @@ def returned_flow(a: Grey, b: Grey) -> tuple[FloatMap, Mask]:
 def robust_fit(
     matrix: NDArray[np.float64], values: NDArray[np.float64], tolerance: float
 ) -> NDArray[np.float64]:
-    """Least-squares solution in which what is off by more than the tolerance, because it moves otherwise, counts by its amount
-    and not by its square (Huber's weights)."""
+    """Least-squares solution in which what is off by more than the tolerance, because it moves
+    otherwise, counts by its amount and not by its square (Huber's weights).
+    """
     weights = np.ones(len(values))
     for _ in range(_FIT_ROUNDS):
         solution = np.linalg.lstsq(matrix * weights[:, None], values * weights, rcond=None)[0]
@@ -100,7 +132,8 @@ def textured(picture: Grey) -> Mask:
 
 @lru_cache(maxsize=2)
 def grey_views(source: SceneSource, most_px: float = LOOK_PX) -> Callable[[int, int], Grey]:
-    """Views by file place for optical flow: grey, 8 bit; dark (linear-light) scenes are brightened so that it finds texture.
+    """Views by file place for optical flow: grey, 8 bit; dark (linear-light) scenes are brightened
+    so that it finds texture.
 
     Views of more than most_px are reduced.
     """

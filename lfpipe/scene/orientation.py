@@ -1,9 +1,10 @@
 """From file order to canonical order (row 0 top camera, column 0 left camera), with the evidence.
 
-In canonical order a step to the next column moves everything sideways by -d and a step to the next row moves it upwards by the
-same d. So the direction of motion shows a transpose, and the sign of the correlation of the two the flip of one axis: pictures
-prove both. The half-turn changes neither; it exchanges near and far. Formats, coordinates and true disparity say it; pictures
-show it only where a near surface visibly hides a far one (`occlusion`).
+In canonical order a step to the next column moves everything sideways by -d and a step to the next
+row moves it upwards by the same d. So the direction of motion shows a transpose, and the sign of
+the correlation of the two the flip of one axis: pictures prove both. The half-turn changes neither;
+it exchanges near and far. Formats, coordinates and true disparity say it; pictures show it only
+where a near surface visibly hides a far one (`occlusion`).
 """
 
 import math
@@ -29,10 +30,8 @@ from lfpipe.scene.optical_flow import (
 )
 from lfpipe.scene.source import SceneSource, Turn
 
-LEAST_PX, ALONG = (
-    0.05,
-    2.0,
-)  # motion per step that is no noise; motion along a line of views over motion across it
+# motion per step that is no noise; motion along a line of views over motion across it
+LEAST_PX, ALONG = 0.05, 2.0
 ALIKE = 0.4  # least correlation of the disparities along rows and along columns of a grid in order
 TRUTH_LEADS = 0.2  # share by which true disparity matches better in one order than in all others
 SPREAD_PX = 3.0  # flow that separates surfaces
@@ -43,11 +42,13 @@ _DEPTH_HELP = (
 )
 
 
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class Orientation:
-    """turn: from file order to canonical. by: "override", "coordinates", "truth", "layout", "flow" or "nothing". reason: for
-    people. undecided: what the evidence does not settle, "" for nothing. half_turn_sure: whether it settles near and
-    far. detected: the turn without the user's setting, if that differs. depth: of the middle view, in the order of the pack."""
+    """turn: from file order to canonical. by: "override", "coordinates", "truth", "layout", "flow"
+    or "nothing". reason: for people. undecided: what the evidence does not settle, "" for nothing.
+    half_turn_sure: whether it settles near and far. detected: the turn without the user's setting,
+    if that differs. depth: of the middle view, in the order of the pack.
+    """
 
     turn: Turn
     by: str
@@ -63,7 +64,9 @@ class Orientation:
 
     @property
     def half_turn(self) -> bool:
-        """Whether the canonical grid is a half-turn of what a pack holds; "override" is packed as asked."""
+        """Whether the canonical grid is a half-turn of what a pack holds; "override" is packed as
+        asked.
+        """
         return self.by != "override" and self.turn.cols
 
     @property
@@ -73,8 +76,9 @@ class Orientation:
 
     @property
     def truth_sign(self) -> int:
-        """Sign of true disparity in a pack, which holds with the detected turn; 0 if the user's turn is another than its
-        half-turn."""
+        """Sign of true disparity in a pack, which holds with the detected turn; 0 if the user's
+        turn is another than its half-turn.
+        """
         holds = self.detected or self.turn
         changed = {self.packed.rows != holds.rows, self.packed.cols != holds.cols}
         return (
@@ -98,12 +102,14 @@ class Orientation:
         }
 
 
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class Axis:
     """One axis of the file grid, seen from its middle view.
 
-    sideways: views differ along x (else along y). disparity: float32 (h, w), px per step as if file order were canonical.
-    reliable: bool (h, w), where the flow is confirmed. along_px, across_px: motion per step along the axis and across it.
+    sideways: views differ along x (else along y). disparity: float32 (h, w), px per step as if file
+    order were canonical.
+    reliable: bool (h, w), where the flow is confirmed. along_px, across_px: motion per step along
+    the axis and across it.
     right, wrong: places where the hidden surface is the farther one, and the nearer one.
     """
 
@@ -117,8 +123,10 @@ class Axis:
 
 
 def orient(source: SceneSource, scene: config.Scene) -> Orientation:
-    """The turn to canonical order: from the user's setting, else from coordinates or the layout, checked by true disparity, else
-    from flow between a few views. Doubts of the layout are part of `undecided`."""
+    """The turn to canonical order: from the user's setting, else from coordinates or the layout,
+    checked by true disparity, else from flow between a few views. Doubts of the layout are part of
+    `undecided`.
+    """
     best = _detected(source)
     if source.doubt:
         best = attrs.evolve(
@@ -135,7 +143,9 @@ def orient(source: SceneSource, scene: config.Scene) -> Orientation:
         turn = attrs.evolve(turn, transpose=scene.transpose == "yes")
     if scene.flip != "auto" or (scene.transpose != "auto" and turn != best.turn):
         reason = f"set by scene.flip or scene.transpose; without that: {best.reason}"
-        best = Orientation(turn, "override", reason, source.doubt, detected=best.turn)
+        best = Orientation(
+            turn=turn, by="override", reason=reason, undecided=source.doubt, detected=best.turn
+        )
     unknown = best.depth is None and best.by != "nothing" and source.rows * source.cols > 1
     return attrs.evolve(best, depth=_depth(source, best)) if unknown else best
 
@@ -147,7 +157,8 @@ def _depth(source: SceneSource, order: Orientation) -> Depth | None:
         return depth_range(source.truth[row, col]() * np.float32(order.truth_sign))
     sideways = order.packed.grid(source.rows, source.cols)[1] > 1
     back = order.packed.cols if sideways else order.packed.rows
-    grey, lines = grey_views(source), present_lines(source)
+    grey = grey_views(source)
+    lines = present_lines(source)
     line = lines[0 if sideways != order.packed.transpose else 1]
     if len(line) < 2 or min(source.height_px, source.width_px) < SMALLEST_PX:
         return None
@@ -159,15 +170,20 @@ def _depth(source: SceneSource, order: Orientation) -> Depth | None:
 def _detected(source: SceneSource) -> Orientation:
     """Orientation without the user's setting."""
     if source.rows * source.cols == 1:
-        return Orientation(Turn(), "layout", "there is one view")
+        return Orientation(turn=Turn(), by="layout", reason="there is one view")
     if source.turn is None:
         return _by_flow(source)
     truth = None if source.rendered else _by_truth(source)
     if truth not in (None, source.turn):
-        reason = f"{source.turn_by}, but true disparity lands on the neighbouring views only when turned otherwise"
-        return Orientation(truth, "truth", reason)
+        reason = (
+            f"{source.turn_by}, but true disparity lands on the neighbouring views only when turned"
+            " otherwise"
+        )
+        return Orientation(turn=truth, by="truth", reason=reason)
     stated = Orientation(
-        source.turn, "layout" if source.coordinates is None else "coordinates", source.turn_by
+        turn=source.turn,
+        by="layout" if source.coordinates is None else "coordinates",
+        reason=source.turn_by,
     )
     if truth is not None or source.turn_firm:
         confirmation = (
@@ -196,8 +212,9 @@ def _detected(source: SceneSource) -> Orientation:
 
 
 def _by_truth(source: SceneSource) -> Turn | None:
-    """The turn under which the true map of the middle view matches its neighbours best; the layout's if no other one is clearly
-    better; None without a map."""
+    """The turn under which the true map of the middle view matches its neighbours best; the
+    layout's if no other one is clearly better; None without a map.
+    """
     row, col = source.middle
     inside = (
         row < source.rows - 1
@@ -210,7 +227,8 @@ def _by_truth(source: SceneSource) -> Turn | None:
         or min(source.height_px, source.width_px) < SMALLEST_PX
     ):
         return None
-    disparity, grey = source.truth[row, col](), grey_views(source, math.inf)
+    disparity = source.truth[row, col]()
+    grey = grey_views(source, math.inf)
     errors: dict[Turn, float] = {}
     for turn in (Turn(*flags) for flags in product((False, True), repeat=3)):
         for step in ((0, 1), (1, 0)):
@@ -228,17 +246,25 @@ def _by_flow(source: SceneSource) -> Orientation:
     """Orientation from flow between a few views."""
 
     def unknown(reason: str, what: str = "the order of the views") -> Orientation:
-        return Orientation(Turn(), "nothing", reason, f"{what}; {_TURN_HELP}; {_DEPTH_HELP}", False)
+        return Orientation(
+            turn=Turn(),
+            by="nothing",
+            reason=reason,
+            undecided=f"{what}; {_TURN_HELP}; {_DEPTH_HELP}",
+            half_turn_sure=False,
+        )
 
     if min(source.height_px, source.width_px) < SMALLEST_PX:
         return unknown("the views are too small for optical flow")
-    grey, lines = grey_views(source), present_lines(source)
+    grey = grey_views(source)
+    lines = present_lines(source)
     across, down = (examine_axis(lambda k, line=line: grey(*line[k]), len(line)) for line in lines)  # type: ignore[misc]
     moving = [axis for axis in (across, down) if axis is not None and axis.along_px > LEAST_PX]
     if not moving:
         return unknown("the views hardly differ")
     transpose = moving[0].sideways != (moving[0] is across)
-    undecided, relative = "", 1
+    undecided = ""
+    relative = 1
     if len(moving) == 2:
         alike = same_way(*moving)
         if moving[0].sideways == moving[1].sideways or abs(alike) < ALIKE:
@@ -246,10 +272,8 @@ def _by_flow(source: SceneSource) -> Orientation:
                 f"rows and columns of views hardly agree (correlation {alike:+.2f})",
                 "rows against columns",
             )
-        relative, reason = (
-            -1 if alike < 0 else 1,
-            f"motion along rows and columns agrees with correlation {alike:+.2f}",
-        )
+        relative = -1 if alike < 0 else 1
+        reason = f"motion along rows and columns agrees with correlation {alike:+.2f}"
         moving.sort(key=lambda axis: not axis.sideways)
     else:
         if moving[0].along_px < ALONG * moving[0].across_px:
@@ -270,15 +294,26 @@ def _by_flow(source: SceneSource) -> Orientation:
         undecided = "; ".join(filter(None, (undecided, _DEPTH_HELP)))
     turn = Turn((verdict or 1) * relative < 0, verdict < 0, transpose)
     depth = moving[0].disparity * np.float32(source.width_px / moving[0].disparity.shape[1])
-    return Orientation(turn, "flow", reason, undecided, bool(verdict), depth=depth_range(depth))
+    return Orientation(
+        turn=turn,
+        by="flow",
+        reason=reason,
+        undecided=undecided,
+        half_turn_sure=bool(verdict),
+        depth=depth_range(depth),
+    )
 
 
 def examine_axis(view: Callable[[int], Grey], count: int) -> Axis | None:
-    """Evidence from the views view(0) .. view(count - 1) along one axis of the grid; None if there are fewer than two."""
+    """Evidence from the views view(0) ..
+
+    view(count - 1) along one axis of the grid; None if there are fewer than two.
+    """
     if count < 2:
         return None
     base = count // 2
-    here, sides = view(base), [side for side in (1, -1) if 0 <= base + side < count]
+    here = view(base)
+    sides = [side for side in (1, -1) if 0 <= base + side < count]
     detail = textured(here)
     # Motion grows with the step: choose a step with enough motion.
     near_px = float(_motion_px(flow(here, view(base + sides[0])), detail).max())
@@ -292,7 +327,8 @@ def examine_axis(view: Callable[[int], Grey], count: int) -> Axis | None:
     others = [(side * step, view(base + side * step)) for side in sides]
     flows = [returned_flow(here, there) for _, there in others]
     x_px, y_px = (_motion_px(flows[0][0], flows[0][1] & detail) / step).tolist()
-    sideways, reliable = x_px >= y_px, np.logical_or.reduce([confirmed for _, confirmed in flows])
+    sideways = x_px >= y_px
+    reliable = np.logical_or.reduce([confirmed for _, confirmed in flows])
     disparity = view_disparity(
         here,
         [
@@ -302,15 +338,23 @@ def examine_axis(view: Callable[[int], Grey], count: int) -> Axis | None:
     )
     right, wrong = places(view, count, disparity, reliable, sideways)
     return Axis(
-        sideways, disparity, reliable & detail, max(x_px, y_px), min(x_px, y_px), right, wrong
+        sideways=sideways,
+        disparity=disparity,
+        reliable=reliable & detail,
+        along_px=max(x_px, y_px),
+        across_px=min(x_px, y_px),
+        right=right,
+        wrong=wrong,
     )
 
 
 def same_way(a: Axis, b: Axis) -> float:
-    """Correlation of the two axes' disparities at pixels reliable in both: near 1 in a well-ordered grid, near -1 with one axis
-    reversed."""
+    """Correlation of the two axes' disparities at pixels reliable in both: near 1 in a well-ordered
+    grid, near -1 with one axis reversed.
+    """
     use = a.reliable & b.reliable
-    first, second = a.disparity[use], b.disparity[use]
+    first = a.disparity[use]
+    second = b.disparity[use]
     if len(first) < FEWEST:
         return 0.0
     varied = min(first.std(), second.std()) >= 1e-6
@@ -323,8 +367,10 @@ def same_way(a: Axis, b: Axis) -> float:
 
 
 def _motion_px(flow_px: FloatMap, use: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Amount of motion along x and y, float64 (2,): the spread between surfaces and their common motion, because a flat wall
-    moves as one. flow_px: float32 (h, w, 2); use: pixels that count, if they are enough."""
+    """Amount of motion along x and y, float64 (2,): the spread between surfaces and their common
+    motion, because a flat wall moves as one. flow_px: float32 (h, w, 2); use: pixels that count, if
+    they are enough.
+    """
     values = flow_px[use] if np.count_nonzero(use) >= FEWEST else flow_px.reshape(-1, 2)
     low, middle, high = np.percentile(values, (5, 50, 95), axis=0)
     return np.asarray(high - low + np.abs(middle), np.float64)

@@ -1,8 +1,10 @@
-"""A pack on disk: planar arrays opened as read-only memory maps, and manifest.json with everything else.
+"""A pack on disk: planar arrays opened as read-only memory maps, and manifest.json with everything
+else.
 
-    views.npy       uint8 (frames, rows, cols, channels, height, width); locked while a light field of the pack is open
-    disparity.npy   int8 (frames, rows, cols, half height, half width); only of a complete pack
-    manifest.json   written last; "complete": whether all views and the disparity are there; "checksum": of the rest of it
+    views.npy       uint8 (frames, rows, cols, channels, height, width); locked while a light field
+    of the pack is open disparity.npy   int8 (frames, rows, cols, half height, half width); only of
+    a complete pack manifest.json   written last; "complete": whether all views and the disparity
+    are there; "checksum": of the rest of it
 
 Views come first: a pack without disparity can be shown.
 """
@@ -26,10 +28,12 @@ from lfpipe.files.untrusted import json_fields
 from lfpipe.host.file_lock import lock_open
 from lfpipe.host.files import reserve
 from lfpipe.scene.half_turn import shown_as
-from lfpipe.scene.lightfield import Geometry, LightField
+from lfpipe.scene.lightfield import Geometry, Hold, LightField
 
 VIEWS, DISPARITY, MANIFEST = "views.npy", "disparity.npy", "manifest.json"
-VERSION = 10  # of the pack; another version is another key
+INTERIM = "interim.npy"  # while the disparity is estimated
+FILES = (VIEWS, DISPARITY, MANIFEST, INTERIM)
+VERSION = 11  # of the pack; another version is another key
 _MAX_BYTES = 16 << 20  # of a manifest: that of 20,000 views with their offsets has about 1 MB
 
 
@@ -52,7 +56,9 @@ def write_manifest(folder: Path, manifest: dict[str, Any]) -> None:
 
 @contextlib.contextmanager
 def _reading(folder: Path) -> Iterator[None]:
-    """Turns what reading a pack raises, which lfpipe may not have written, into DamagedPackError."""
+    """Turns what reading a pack raises, which lfpipe may not have written, into
+    DamagedPackError.
+    """
     try:
         yield
     except DamagedPackError:
@@ -65,7 +71,10 @@ def _reading(folder: Path) -> Iterator[None]:
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
-    """The manifest of a pack. Raises DamagedPackError if it is missing, changed or of another version."""
+    """The manifest of a pack.
+
+    Raises DamagedPackError if it is missing, changed or of another version.
+    """
     with _reading(folder):
         manifest = dict(json_fields(read_bytes(folder / MANIFEST, _MAX_BYTES), MANIFEST, "").values)
         if manifest.get("version") != VERSION:
@@ -78,18 +87,21 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 def make_array(
     path: Path, shape: tuple[int, ...], dtype: Any = np.uint8
 ) -> Callable[[], NDArray[Any]]:
-    """Makes an .npy file of zeros, with its room on the disk: a full one is an error now, and no signal later. Raises OSError."""
+    """Makes an .npy file of zeros, with its room on the disk: a full one is an error now, and no
+    signal later. Raises OSError.
+    """
     np.lib.format.open_memmap(path, "w+", dtype, shape)
     reserve(path)
     return mapper(path)
 
 
 def mapper(path: Path) -> Callable[[], NDArray[Any]]:
-    """A function that maps the array of an .npy file, to read and to write from any thread. Call it anew for every piece: touched
-    pages of a map count as memory of the process as long as it exists."""
-    array = np.lib.format.open_memmap(
-        path, "r+"
-    )  # once: two threads that parse a header fail now and then (Python 3.11.7)
+    """A function that maps the array of an .npy file, to read and to write from any thread. Call it
+    anew for every piece: touched pages of a map count as memory of the process as long as it
+    exists.
+    """
+    # once: two threads that parse a header fail now and then (Python 3.11.7)
+    array = np.lib.format.open_memmap(path, "r+")
     return partial(np.memmap, path, array.dtype, "r+", array.offset, array.shape)
 
 
@@ -103,22 +115,26 @@ def _mapped(path: Path, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
 
 
 def open_pack(folder: Path, half_turn: str = "auto") -> LightField:
-    """The light field of a pack, in the order that scene.half_turn asks for. `lfpipe scene clean` does not remove the pack while
-    this object lives.
+    """The light field of a pack, in the order that scene.half_turn asks for. `lfpipe scene clean`
+    does not remove the pack while this object lives.
 
     Raises DamagedPackError if it is missing, damaged, changed or of another version.
     """
     with _reading(folder):
-        hold = open_regular(folder / VIEWS)
-        if not lock_open(hold.fileno(), shared=True) or not os.path.samestat(
-            os.fstat(hold.fileno()), (folder / VIEWS).stat()
-        ):
-            raise ValueError("it is being removed")
+        with open_regular(folder / VIEWS) as file:
+            locked = lock_open(file.fileno(), shared=True)
+            here = os.path.samestat(os.fstat(file.fileno()), (folder / VIEWS).stat())
+            if not locked or not here:
+                raise ValueError("it is being removed")
+            hold = Hold(file.fileno())
         return shown_as(light_field(folder, read_manifest(folder), hold), half_turn)
 
 
-def light_field(folder: Path, manifest: dict[str, Any], hold: object = None) -> LightField:
-    """The light field of a pack with this manifest. Raises OSError, ValueError and others for what lfpipe did not write."""
+def light_field(folder: Path, manifest: dict[str, Any], hold: Hold | None = None) -> LightField:
+    """The light field of a pack with this manifest.
+
+    Raises OSError, ValueError and others for what lfpipe did not write.
+    """
     rows, cols, frames, height, width = (
         int(manifest[name]) for name in ("rows", "cols", "frames", "height", "width")
     )
@@ -153,7 +169,10 @@ def light_field(folder: Path, manifest: dict[str, Any], hold: object = None) -> 
 
 def summarize(field: LightField) -> SceneSummary:
     """What a session needs to know of an opened pack."""
-    same = ("name", "rows", "cols", "height_px", "width_px", "method", "complete", "half_turned")
+    same = (
+        *("name", "frames", "rows", "cols", "height_px", "width_px"),
+        *("method", "complete", "half_turned", "needs_eyes"),
+    )
     return SceneSummary(
         pack=field.folder,
         has_disparity=field.disparity is not None,

@@ -1,7 +1,8 @@
-"""Makes a pack of a light field in any layout, in canonical order: first its views, then its disparity."""
+"""Makes a pack of a light field in any layout, in canonical order: first its views, then its
+disparity.
+"""
 
 import contextlib
-import importlib
 import os
 import shutil
 import time
@@ -35,32 +36,44 @@ from lfpipe.scene.pack import (
 )
 from lfpipe.scene.source import Progress
 
-# Scores the methods of synthesis on the new pack. It belongs to a room above this one, so it is named and not imported.
-CHOOSER = "lfpipe.render.scoring"
+# (the method that `auto` stands for, {method: dB}) of a packed light field
+Choose = Callable[[LightField], tuple[str, dict[str, float]]]
 FIRST_VIEWS = 5  # the middle and its neighbours: a viewer begins in the middle of the grid
-BLEND_PX = 2.0  # disparity up to which a cross-fade of neighbouring views shows no double edges worth mentioning
+# disparity up to which a cross-fade of neighbouring views shows no double edges worth mentioning
+BLEND_PX = 2.0
+WARPED_PX = 0.5  # disparity from which on a warp is worth it
 
 
 def silent(_what: str, _done: int, _total: int) -> None:
     """Ignores progress."""
 
 
+def by_depth(field: LightField) -> tuple[str, dict[str, float]]:
+    """The method by disparity alone, without scores."""
+    extent_px = max(-field.disparity_min_px, field.disparity_max_px)
+    return ("warp" if extent_px >= WARPED_PX else "nearest"), {}
+
+
 def pack_scene(
     path: str | os.PathLike[str],
     settings: config.Scene,
+    choose: Choose = by_depth,
     progress: Progress = silent,
     views_ready: Callable[[Path], None] = lambda pack: None,
 ) -> LightField:
-    """The light field at path, from its pack, which is made now unless there is a complete one. Call it in a process with limits
-    (`packer`): it reads a person's pictures.
+    """The light field at path, from its pack, which is made now unless there is a complete one.
+    Call it in a process with limits (`packer`): it reads a person's pictures.
 
-    progress: called from this thread. views_ready: called with the pack's folder as soon as it can be shown without disparity.
-    Several processes may call this at once; what a killed one leaves, a later call makes again. Raises UserError.
+    choose: chooses the method, once there is disparity. progress: called from this thread.
+    views_ready: called with the pack's folder as soon as it can be shown without disparity. Several
+    processes may call this at once; what a killed one leaves, a later call makes again. Raises
+    UserError.
     """
-    pack = cache.find_pack(path, settings)
-    if pack is not None and (field := _whole(pack, settings)) is not None:
+    field = cache.packed(path, settings)
+    if field is not None and field.complete:
         return field
-    mark, root = cache.stamp(path, settings), cache.prepare_cache(settings)
+    mark = cache.stamp(path, settings)
+    root = cache.prepare_cache(settings)
     with library_errors(path):
         source = described(path, settings)
         key = cache.content_key(source, settings)
@@ -80,7 +93,7 @@ def pack_scene(
                 except NotGreyError:
                     scene = attrs.evolve(scene, channels=3)
                     _write_views(scene, folder, can_be_shown, progress)
-                _complete(scene, folder, progress)
+                _complete(scene, folder, choose, progress)
             cache.remember(root, mark, key)
             return open_pack(folder, settings.half_turn)
 
@@ -94,23 +107,45 @@ def _whole(pack: Path, settings: config.Scene) -> LightField | None:
 
 
 def manifest_of(scene: Examined, key: str = "") -> dict[str, Any]:
-    """The manifest of a pack without disparity. Its range is that of the few views that were compared."""
-    source, depth = scene.source, scene.orientation.depth
+    """The manifest of a pack without disparity.
+
+    Its range is that of the few views that were compared.
+    """
+    source = scene.source
+    depth = scene.orientation.depth
     path = source.path.resolve()
     return {
-        "version": VERSION, "complete": False, "lfpipe": lfpipe.__version__, "key": key,
+        "version": VERSION,
+        "complete": False,
+        "lfpipe": lfpipe.__version__,
+        "key": key,
         "name": plain(path.stem if source.path.is_file() else path.name, 300),
-        "source": plain(str(path), 10_000), "layout": source.layout, "files": len(source.files),
-        "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()), "rows": scene.rows, "cols": scene.cols,
-        "frames": source.frames, "height": source.height_px, "width": source.width_px, "channels": scene.channels,
-        "bit_depth": source.bit_depth, "frame_rate_hz": source.frame_rate_hz, "flips": attrs.asdict(scene.turn),
-        "orientation": scene.orientation.facts, "gamma": scene.gamma, "gamma_by": scene.gamma_by,
-        "geometry": attrs.asdict(source.geometry), "present": scene.present.astype(int).tolist(),
+        "source": plain(str(path), 10_000),
+        "layout": source.layout,
+        "files": len(source.files),
+        "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+        "rows": scene.rows,
+        "cols": scene.cols,
+        "frames": source.frames,
+        "height": source.height_px,
+        "width": source.width_px,
+        "channels": scene.channels,
+        "bit_depth": source.bit_depth,
+        "frame_rate_hz": source.frame_rate_hz,
+        "flips": attrs.asdict(scene.turn),
+        "orientation": scene.orientation.facts,
+        "gamma": scene.gamma,
+        "gamma_by": scene.gamma_by,
+        "geometry": attrs.asdict(source.geometry),
+        "present": scene.present.astype(int).tolist(),
         "offsets": scene.offsets.tolist() if source.coordinates is not None else None,
         "disparity": {"source": "none", "scale_px": 1 / 16, **(depth or NO_DEPTH)},
-        "notes": list(source.notes), "scores": {},
-        "method": "blend" if depth and max(-depth["min_px"], depth["max_px"]) <= BLEND_PX else "nearest",
-    }  # fmt: skip
+        "notes": list(source.notes),
+        "scores": {},
+        "method": "blend"
+        if depth and max(-depth["min_px"], depth["max_px"]) <= BLEND_PX
+        else "nearest",
+    }
 
 
 class NotGreyError(Exception):
@@ -118,13 +153,13 @@ class NotGreyError(Exception):
 
 
 def _view_writer(scene: Examined, out: Callable[[], NDArray[Any]]) -> Callable[[FrameIndex], None]:
-    """A function that decodes one view into the array that out() maps; it raises UserError, and NotGreyError if the view has
-    colour but the pack has no planes for it."""
+    """A function that decodes one view into the array that out() maps; it raises UserError, and
+    NotGreyError if the view has colour but the pack has no planes for it.
+    """
     source = scene.source
     values = np.arange(source.max_value + 1, dtype=np.float64) / source.max_value
-    table = np.asarray(
-        np.rint(255 * values ** (1 / scene.gamma)), np.uint8
-    )  # the screen value of each value of the source
+    # the screen value of each value of the source
+    table = np.asarray(np.rint(255 * values ** (1 / scene.gamma)), np.uint8)
 
     def write(place: FrameIndex) -> None:
         frame, row, col = place
@@ -143,8 +178,10 @@ def _view_writer(scene: Examined, out: Callable[[], NDArray[Any]]) -> Callable[[
 def _write_views(
     scene: Examined, folder: Path, can_be_shown: Callable[[], None], progress: Progress
 ) -> None:
-    """Writes the views of a new pack, those nearest to the middle of the grid first; places without a view get a copy of the
-    nearest one. The manifest, without which it is no pack, comes with the first views, and then can_be_shown is called."""
+    """Writes the views of a new pack, those nearest to the middle of the grid first; places without
+    a view get a copy of the nearest one. The manifest, without which it is no pack, comes with the
+    first views, and then can_be_shown is called.
+    """
 
     def away(place: FrameIndex) -> float:
         return (place[1] - (scene.rows - 1) / 2) ** 2 + (place[2] - (scene.cols - 1) / 2) ** 2
@@ -152,13 +189,15 @@ def _write_views(
     def report(done: int) -> None:
         progress("views", done, len(views))
 
-    views, written = sorted(scene.views, key=away), np.zeros_like(scene.present)
+    views = sorted(scene.views, key=away)
+    written = np.zeros_like(scene.present)
     first = min(len(views), FIRST_VIEWS) if scene.source.frames == 1 else len(views)
     item_bytes = 6 * scene.source.height_px * scene.source.width_px
-    shutil.rmtree(folder, ignore_errors=True)  # a killed packer's
+    with cache.writing(folder.parents[1]):
+        cache.clear(folder)  # a killed packer's
+        folder.mkdir()
     try:
         with cache.writing(folder.parents[1]):
-            folder.mkdir()
             out = make_array(folder / VIEWS, scene.shape)
             write = _view_writer(scene, out)
             report(0)
@@ -177,19 +216,17 @@ def _write_views(
         raise
 
 
-def _complete(scene: Examined, folder: Path, progress: Progress) -> None:
+def _complete(scene: Examined, folder: Path, choose: Choose, progress: Progress) -> None:
     """Writes the disparity of a pack with views; the manifest that announces it comes last."""
     with cache.writing(folder.parents[1]):
         disparity = write_disparity(scene, folder, progress)
-        method = "warp" if max(-disparity["min_px"], disparity["max_px"]) >= 0.5 else "nearest"
         manifest = manifest_of(scene, folder.name) | {
             "complete": True,
             "disparity": disparity,
-            "method": method,
+            "method": "nearest",
         }
-        if scene.rows * scene.cols > 1:
+        if scene.rows * scene.cols > 1 and not scene.apart:
             progress("method", 0, 1)
-            choose = importlib.import_module(CHOOSER).choose_method
             manifest["method"], manifest["scores"] = choose(light_field(folder, manifest))
             progress("method", 1, 1)
         write_manifest(folder, manifest)

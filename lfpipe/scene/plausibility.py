@@ -1,13 +1,16 @@
-"""Checks quickly, on a few small pictures, whether they form a light field, before all of them are packed.
+"""Examines a few small pictures before all of them are packed: whether they form a light field, and
+whether anything moves between them.
 
-Pictures are refused where views between two others are predicted badly from these and no disparity explains the flow (it must be
-equal to both neighbours, along the line of cameras), or where they change otherwise than by a camera that moves sideways: in
-focus or size. Thresholds lie between 211 disturbed and drawn light fields (at least 0.38 explained and 30 dB, or
-0.64 and 24 dB) and 40 made sets that are none (focus stacks with and without breathing, refocused pictures, walks around a box,
+Pictures are refused where views between two others are predicted badly from these and no disparity
+explains the flow (it must be equal to both neighbours, along the line of cameras), or where they
+change otherwise than by a camera that moves sideways: in focus or size. Thresholds lie between 211
+disturbed and drawn light fields (at least 0.38 explained and 30 dB, or 0.64 and 24 dB) and 40 made
+sets that are none (focus stacks with and without breathing, refocused pictures, walks around a box,
 portraits, clips, zooms, turns, exposures), of which 37 are refused.
 """
 
-from collections.abc import Callable
+import logging
+from collections.abc import Callable, Sequence
 
 import attrs
 import cv2
@@ -16,7 +19,9 @@ from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
 from lfpipe.scene.optical_flow import (
+    FloatMap,
     Grey,
+    Mask,
     displaced,
     flow,
     grey_views,
@@ -25,13 +30,13 @@ from lfpipe.scene.optical_flow import (
     robust_fit,
     textured,
 )
-from lfpipe.scene.source import SceneSource
+from lfpipe.scene.source import SceneSource, Turn
+
+log = logging.getLogger(__name__)
 
 _SMALLEST_PX = 48  # side of views: the flow needs some of its patches
-_POOR_DB, _EXPLAINED = (
-    26.0,
-    0.6,
-)  # of views between two others, and share of their detail that one disparity explains
+# of views between two others, and share of their detail that one disparity explains
+_POOR_DB, _EXPLAINED = 26.0, 0.6
 _UNEXPLAINED = 0.15  # share below which they do not fit together whatever their quality
 _FINE_DB, _FINE_SHARE = 30.0, 0.7  # of the middle of all lines: enough to skip other views
 _LOOSE_PX, _LOOSE_SHARE = 1.0, 0.2  # tolerance of the flow
@@ -41,48 +46,81 @@ _REFOCUSED = 4.0  # ratio of the sharpest to the least sharp picture of a block,
 _ROUND = 1.3  # ratio of motion left in the two directions: below it, there is no direction
 _REACH, _FEWEST_POINTS = 8, 100  # views from the middle; pixels to fit motion to
 _BLOCKS = 8  # along the shorter side
-_SHORTEST_CIRCLE, _FEWEST_PX, _STAYS = (
-    8,
-    200,
-    0.5,
-)  # views; pixels that move between them; share of these seen half-way round
+# views; pixels that move between them; share of these seen half-way round
+_SHORTEST_CIRCLE, _FEWEST_PX, _STAYS = 8, 200, 0.5
+_CLOSING = 2.0  # step from the last view to the first over that from the first to the second
+_AROUND, _ROUNDNESS = (
+    12,
+    0.3,
+)  # views of a circle to examine; least over most of its radius
+# of the farthest views, less motion is none; percentile of the motion that counts
+_NOTHING_PX, _NEARLY_ALL = 0.3, 97
+# blocks that are looked for in the other view of a pair, along the width and the height
+_BLOCK_ROWS, _BLOCK_COLS = 6, 8
+# correlation of a block that was found, and its lead on the second best place
+_FOUND, _LEADS = 0.75, 0.08
+_FEWEST_BLOCKS, _MISSED = 6, 0.4  # found blocks; share of them that the flow misses
+_DIFFERENT = "these are different pictures, not one scene from several places"
 
 
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class Evidence:
-    """held_out_db: PSNR of views predicted from two neighbours, median. explained: share of textured pixels whose flow one
-    disparity explains. change: how the pictures change otherwise than by a camera that moves sideways, "" for nothing."""
+    """What a few small views of a scene show."""
 
-    held_out_db: float
-    explained: float
-    change: str = ""
+    held_out_db: float  # PSNR of views predicted from two neighbours, median
+    explained: float  # share of textured pixels whose flow one disparity explains
+    change: str = ""  # how the pictures change otherwise than by a camera that moves sideways
+    moved_px: float = np.inf  # motion between the farthest views, of nearly all of their detail
+    apart_px: tuple[float, float] | None = None  # motion between two views that flow misses
 
     @property
     def reason(self) -> str:
         """Why the pictures are no light field; "" if they may be one."""
-        if self.change:
-            return self.change
-        if self.explained < _UNEXPLAINED or (
-            self.held_out_db < _POOR_DB and self.explained < _EXPLAINED
-        ):
-            return (
-                f"quality when predicting views from their neighbours {self.held_out_db:.0f} dB, and one disparity explains "
-                f"the motion of {self.explained:.0%} of the detail"
-            )
-        return ""
+        poor = self.held_out_db < _POOR_DB
+        unexplained = self.explained < _UNEXPLAINED
+        if self.change and not (poor and unexplained):
+            return f"the pictures do not fit together as a light field: {self.change}"
+        fits = self.apart_px is not None or not (
+            unexplained or (poor and self.explained < _EXPLAINED)
+        )
+        return "" if fits else _DIFFERENT
+
+    @property
+    def still(self) -> bool:
+        """Whether nothing moves between the pictures, and they are alike."""
+        return not self.reason and self.moved_px < _NOTHING_PX and self.held_out_db > _POOR_DB
 
     @classmethod
-    def median(cls, samples: list["Evidence"], change: str = "") -> "Evidence":
+    def median(cls, samples: "Sequence[Evidence]", **more: object) -> "Evidence":
         """What some samples say together."""
-        held_out, explained = zip(
-            *((sample.held_out_db, sample.explained) for sample in samples), strict=True
+        return cls(
+            held_out_db=float(np.median([sample.held_out_db for sample in samples])),
+            explained=float(np.median([sample.explained for sample in samples])),
+            **more,  # type: ignore[arg-type]
         )
-        return cls(float(np.median(held_out)), float(np.median(explained)), change)
 
 
-def _motion(a: Grey, b: Grey) -> tuple[float, str] | None:
-    """Motion between two views, px at the edge of the picture, and what changes more than the viewpoint does, "" for nothing;
-    None if too little is in both views."""
+@attrs.frozen(kw_only=True)
+class Motion:
+    """How one view moves against another, px at the edge of the picture."""
+
+    parallax_px: float
+    size_px: float  # of growing or shrinking
+    directed: bool  # whether most of it is along one line
+
+    @property
+    def change(self) -> str:
+        """What changes more than the viewpoint does, "" for nothing."""
+        if self.size_px > max(_STILL_PX, self.parallax_px):
+            return (
+                "the pictures differ in size, as when focus breathes, the lens zooms or the camera"
+                " comes nearer"
+            )
+        return "" if self.directed else "what moves, moves in no direction"
+
+
+def _motion(a: Grey, b: Grey) -> Motion | None:
+    """Motion between two views; None if too little is in both."""
     ahead, confirmed = returned_flow(a, b)
     sure = confirmed & textured(a)
     if np.count_nonzero(sure) < _FEWEST_POINTS:
@@ -90,7 +128,8 @@ def _motion(a: Grey, b: Grey) -> tuple[float, str] | None:
     y, x = np.nonzero(sure)
     half = a.shape[1] / 2
     x, y = (x - half) / half, (y - a.shape[0] / 2) / half
-    one, none = np.ones_like(x), np.zeros_like(x)
+    one = np.ones_like(x)
+    none = np.zeros_like(x)
     values = ahead[sure].T.ravel().astype(np.float64)
     matrix = np.concatenate([np.stack([one, none, x, -y], 1), np.stack([none, one, y, x], 1)])
     fit = robust_fit(matrix, values, _OFF_PX)
@@ -99,48 +138,112 @@ def _motion(a: Grey, b: Grey) -> tuple[float, str] | None:
         robust_fit(np.stack([x, y, one], 1), axis, _OFF_PX)[k]
         for k, axis in enumerate(values.reshape(2, -1))
     )
-    size_px = min(abs(wider), abs(taller)) if wider * taller > 0 else 0.0
-    left_px = np.ptp(
-        np.percentile((values - matrix @ fit).reshape(2, -1), (5, 95), axis=1), axis=0
-    )  # along x and y
+    # along x and y; a fit that adds motion explains none
+    raw_px = _spread_px(values)
+    left_px = np.minimum(raw_px, _spread_px(values - matrix @ fit))
     shift_px = float(np.hypot(*fit[:2]))
-    parallax_px = max(shift_px, float(left_px.max()))
-    if size_px > max(_STILL_PX, parallax_px):
-        return (
-            parallax_px,
-            "the pictures differ in size, as when focus breathes, the lens zooms or the camera comes nearer",
-        )
-    if left_px.min() > _STILL_PX and left_px.max() < _ROUND * left_px.min() > 2 * shift_px:
-        return parallax_px, "what moves, moves in no direction"
-    return parallax_px, ""
+    crosswise = left_px.min() > _STILL_PX and left_px.max() < _ROUND * left_px.min() > 2 * shift_px
+    return Motion(
+        parallax_px=max(shift_px, float(left_px.max())),
+        size_px=min(abs(wider), abs(taller)) if wider * taller > 0 else 0.0,
+        directed=not crosswise,
+    )
+
+
+def _spread_px(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """By axis, the spread of a motion whose x come before its y."""
+    return np.asarray(
+        np.ptp(np.percentile(values.reshape(2, -1), (5, 95), axis=1), axis=0), np.float64
+    )
 
 
 def _change(views: list[Grey], every: list[Grey]) -> str:
-    """How the views of a line change otherwise than by a camera that moves sideways; "" for nothing. every: some of the whole
-    grid."""
+    """How the views of a line change otherwise than by a camera that moves sideways; "" for
+    nothing. every: some of the whole grid.
+    """
     middle = len(views) // 2
     motions = [
         _motion(views[middle], views[min(len(views) - 1, middle + away)]) for away in (1, _REACH)
     ]
-    if change := next((motion[1] for motion in motions if motion is not None and motion[1]), ""):
+    if change := next((motion.change for motion in motions if motion and motion.change), ""):
         return change
-    still = all(motion is not None and motion[0] < _STILL_PX for motion in motions)
+    still = all(motion is not None and motion.parallax_px < _STILL_PX for motion in motions)
     if still and (ratio := _refocused(every)) > _REFOCUSED:
-        return f"their focus or exposure differs (sharpness by a factor of {ratio:.0f}), their viewpoint does not"
+        return (
+            f"their focus or exposure differs (sharpness by a factor of {ratio:.0f}), their"
+            " viewpoint does not"
+        )
     return ""
 
 
+def _moved_px(detail: Mask, ahead: FloatMap, confirmed: Mask) -> float:
+    """Motion of nearly all detail that two views share, by the flow between them; infinite for too
+    little.
+    """
+    sure = confirmed & detail
+    if np.count_nonzero(sure) < max(_FEWEST_POINTS, 0.5 * np.count_nonzero(detail)):
+        return np.inf
+    return float(np.percentile(np.hypot(*ahead[sure].T), _NEARLY_ALL))
+
+
+def _found(a: Grey, b: Grey, y: int, x: int, side: int) -> tuple[int, int] | None:
+    """Where (y, x) the block of a at that place is in b, at any x and nearly the same y; None
+    unless it is like one place only.
+    """
+    top = max(0, y - side // 4)
+    strip = b[top : y + side + side // 4]
+    alike = cv2.matchTemplate(strip, a[y : y + side, x : x + side], cv2.TM_CCOEFF_NORMED)
+    down, across = (int(k) for k in np.unravel_index(int(alike.argmax()), alike.shape))
+    best = float(alike[down, across])
+    alike[:, max(0, across - side // 2) : across + side // 2 + 1] = -1
+    clear = best > _FOUND and best - float(alike.max()) > _LEADS
+    return (top + down, across) if clear else None
+
+
+def _blocks(a: Grey, b: Grey, ahead: FloatMap) -> tuple[float, float] | None:
+    """The range of motion along x of blocks of a that are found in b, and from there in a again,
+    where the flow does not lead; None where the flow finds them, or they are not in b.
+    """
+    height, width = a.shape
+    side = min(height, width) // 7
+    moves, missed = [], []
+    for y in np.linspace(side // 2, height - side - side // 2, _BLOCK_ROWS).astype(int).tolist():
+        for x in np.linspace(0, width - side, _BLOCK_COLS).astype(int).tolist():
+            there = _found(a, b, y, x, side) if a[y : y + side, x : x + side].std() > 8 else None
+            back = there and _found(b, a, *there, side)
+            if not there or not back or max(abs(back[0] - y), abs(back[1] - x)) > 2:
+                continue
+            move = float(there[1] - x)
+            flowed = float(np.median(ahead[y : y + side, x : x + side, 0]))
+            moves.append(move)
+            missed.append(abs(flowed - move) > max(2.0, 0.2 * abs(move)))
+    if len(moves) < _FEWEST_BLOCKS or np.mean(missed) < _MISSED:
+        return None
+    low, high = np.percentile(moves, (5, 95))
+    return float(low), float(high)
+
+
 def _pair(a: Grey, b: Grey) -> Evidence:
-    """As `_triple`, for two views: one predicted from the other, and the share of its detail found there."""
-    (ahead, confirmed), detail = returned_flow(a, b), textured(a)
+    """As `_triple`, for two views: one predicted from the other, and the share of its detail found
+    there.
+    """
+    ahead, confirmed = returned_flow(a, b)
+    detail = textured(a)
     explained = float(confirmed[detail].mean()) if detail.any() else 1.0
-    return Evidence(cv2.PSNR(displaced(b, ahead), a), explained)
+    return Evidence(
+        held_out_db=cv2.PSNR(displaced(b, ahead), a),
+        explained=explained,
+        moved_px=_moved_px(detail, ahead, confirmed),
+        apart_px=_blocks(a, b, ahead) if explained < _EXPLAINED else None,
+    )
 
 
 def _unsteady(
     x: NDArray[np.intp], y: NDArray[np.intp], motion_px: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """Motion of pixels, float32 (n,), without that of a hand: its least-squares fit by a shift, a turn and a zoom."""
+    """Motion of pixels, float32 (n,), without that of a hand: its least-squares fit by a shift, a
+    turn and a zoom.
+    """
     places = np.stack((np.ones(len(x)), x, y), axis=1).astype(np.float32)
     return np.asarray(
         motion_px - places @ np.linalg.lstsq(places, motion_px, rcond=None)[0], np.float32
@@ -148,28 +251,33 @@ def _unsteady(
 
 
 def _triple(before: Grey, middle: Grey, after: Grey) -> Evidence:
-    """PSNR of the middle view predicted from the others, and the share of its detail that one disparity explains."""
+    """PSNR of the middle view predicted from the others, and the share of its detail that one
+    disparity explains.
+    """
     half = flow(before, after) * np.float32(0.5)
     sideways = float(np.abs(half[..., 0]).mean()) >= float(np.abs(half[..., 1]).mean())
     half[..., 1 if sideways else 0] = 0
     predicted = (displaced(before, -half).astype(np.float32) + displaced(after, half)) / 2
     edge = max(1, min(middle.shape) // 20)
     inner = slice(edge, -edge), slice(edge, -edge)
+    moved_px = float(np.percentile(np.abs(half), 99))
     held_out = cv2.PSNR(predicted[inner], middle[inner].astype(np.float32))
     detail = textured(middle)
     if not detail.any():
-        return Evidence(held_out, 1.0)
+        return Evidence(held_out_db=held_out, explained=1.0, moved_px=moved_px)
     to_before, to_after = (flow(middle, other)[detail] for other in (before, after))
     y, x = np.nonzero(detail)
     along, beside = (to_after[:, k] for k in ((0, 1) if sideways else (1, 0)))
     off = np.hypot(*(_unsteady(x, y, (to_before + to_after)[:, k]) for k in (0, 1)))
     loose = _LOOSE_PX + _LOOSE_SHARE * np.abs(along)
     explained = float(((off < loose) & (np.abs(_unsteady(x, y, beside)) < loose)).mean())
-    return Evidence(held_out, explained)
+    return Evidence(held_out_db=held_out, explained=explained, moved_px=moved_px)
 
 
 def _refocused(views: list[Grey]) -> float:
-    """Median over textured blocks of the sharpest over the least sharp picture; 1 if all blocks are sharpest in the same one."""
+    """Median over textured blocks of the sharpest over the least sharp picture; 1 if all blocks are
+    sharpest in the same one.
+    """
     side = max(8, min(views[0].shape) // _BLOCKS)
     sharp = []
     for view in views:
@@ -183,10 +291,8 @@ def _refocused(views: list[Grey]) -> float:
     use = blocks.max(axis=0) > max(30.0, float(np.median(blocks.max(axis=0))))
     if use.sum() < 4:
         return 1.0
-    best, ratio = (
-        blocks[:, use].argmax(axis=0),
-        blocks[:, use].max(axis=0) / (blocks[:, use].min(axis=0) + 5.0),
-    )
+    best = blocks[:, use].argmax(axis=0)
+    ratio = blocks[:, use].max(axis=0) / (blocks[:, use].min(axis=0) + 5.0)
     return (
         float(np.median(ratio))
         if len(np.unique(best)) > 1 and np.bincount(best).max() < 0.8 * len(best)
@@ -194,18 +300,54 @@ def _refocused(views: list[Grey]) -> float:
     )
 
 
-def _is_circle(first: Grey, second: Grey, middle: Grey, last: Grey) -> bool:
-    """Whether what moves from the first view of a line to the second one comes from the last view by the same motion, and is not
-    in the middle view, where a turntable shows the other side."""
+def _is_circle(line: list[Grey]) -> str:
+    """How a line of views is a circle, "" if it is none: its last view is a neighbour of the first
+    one, and what moves to the second view comes from there while the middle view shows the other
+    side, or the camera's path goes round.
+    """
+    first, second, middle, last = (line[k] for k in (0, 1, len(line) // 2, -1))
     detail = textured(first)
-    back, ahead = flow(first, last)[detail], flow(first, second)[detail]
-    moving = np.hypot(*ahead.T) > _LOOSE_PX
+    back = flow(first, last)[detail]
+    ahead = flow(first, second)[detail]
+    step_px = np.hypot(*ahead.T)
+    moving = step_px > _LOOSE_PX
     if np.count_nonzero(moving) < _FEWEST_PX:
-        return False
+        return ""
     off = np.hypot(*(back + ahead)[moving].T)
-    comes = float((off < _LOOSE_PX + _LOOSE_SHARE * np.hypot(*ahead[moving].T)).mean())
+    comes = float((off < _LOOSE_PX + _LOOSE_SHARE * step_px[moving]).mean())
     stays = float(returned_flow(first, middle)[1][detail][moving].mean())
-    return comes > _EXPLAINED and stays < _STAYS
+    if comes > _EXPLAINED and stays < _STAYS:
+        return "the last picture follows the first one: a turntable, or a walk around something"
+    closing = float(np.median(np.hypot(*back[moving].T) / step_px[moving]))
+    if closing < _CLOSING and stays >= _STAYS and _goes_round(line):
+        return "the camera walks on a circle, not along a line or over a grid"
+    return ""
+
+
+def _goes_round(line: list[Grey]) -> bool:
+    """Whether the camera's path goes once round its middle: all that is still moves by one path,
+    the nearer the more, so that is the first principal motion.
+    """
+    chosen = sorted({round(at) for at in np.linspace(1, len(line) - 1, _AROUND)})
+    use = textured(line[0])
+    flows = []
+    for k in chosen:
+        ahead, confirmed = returned_flow(line[0], line[k])
+        use &= confirmed
+        flows.append(ahead)
+    if np.count_nonzero(use) < _FEWEST_PX:
+        return False
+    motion = np.stack([ahead[use].T for ahead in flows]).reshape(2 * len(flows), -1)
+    path = np.linalg.svd(motion, full_matrices=False)[0][:, 0].reshape(-1, 2)
+    path = np.concatenate([np.zeros((1, 2)), path])
+    away = path - (path.min(axis=0) + path.max(axis=0)) / 2
+    distance = np.hypot(*away.T)
+    angle = np.arctan2(away[:, 1], away[:, 0])
+    turns = (np.diff(np.append(angle, angle[0])) + np.pi) % (2 * np.pi) - np.pi
+    winds = (
+        abs(float(turns.sum())) > np.pi and np.mean(np.sign(turns) == np.sign(turns.sum())) > 0.9
+    )
+    return bool(winds and distance.min() > _ROUNDNESS * distance.max())
 
 
 def examine(source: SceneSource) -> Evidence | None:
@@ -220,7 +362,13 @@ def examine(source: SceneSource) -> Evidence | None:
             for line in present_lines(source)
             if len(line) == 2
         ]
-        return Evidence.median(pairs) if pairs else None
+        if not pairs:
+            return None
+        return Evidence.median(
+            pairs,
+            moved_px=max(pair.moved_px for pair in pairs),
+            apart_px=pairs[0].apart_px if len(pairs) == 1 else None,
+        )
     triples = [_triple(*(grey(*line[k + len(line) // 2]) for k in (-1, 0, 1))) for line in lines]
     if any(triple.held_out_db < _FINE_DB or triple.explained < _FINE_SHARE for triple in triples):
         for line in lines:
@@ -238,26 +386,74 @@ def examine(source: SceneSource) -> Evidence | None:
     every = [
         grey(*places[k]) for k in sorted({round(p) for p in np.linspace(0, len(places) - 1, 9)})
     ]
-    around = [
-        line[max(0, len(line) // 2 - _REACH) : len(line) // 2 + _REACH + 1] for line in lines
-    ]  # their middle
+    # their middle
+    around = [line[max(0, len(line) // 2 - _REACH) : len(line) // 2 + _REACH + 1] for line in lines]
     changes = [_change([grey(*place) for place in views], every) for views in around]
-    change, line = changes[0] if all(changes) else "", lines[0]
-    closed = not change and len(lines) == 1 and len(line) >= _SHORTEST_CIRCLE
-    if closed and _is_circle(*(grey(*line[k]) for k in (0, 1, len(line) // 2, -1))):
-        change = "the last picture follows the first one: a turntable, or a walk around something"
-    return Evidence.median(triples, change)
+    change = changes[0] if all(changes) else ""
+    line = lines[0]
+    if len(lines) == 1 and len(line) >= _SHORTEST_CIRCLE:
+        change = _is_circle([grey(*place) for place in line]) or change
+    moved_px = max(triple.moved_px for triple in triples)
+    if moved_px < _STILL_PX:  # between neighbours: perhaps more from one end to the other
+        ends = [(grey(*line[0]), grey(*line[-1])) for line in lines]
+        moved_px = max(_moved_px(textured(a), *returned_flow(a, b)) for a, b in ends)
+    return Evidence.median(triples, change=change, moved_px=moved_px)
 
 
-def plausible(source: SceneSource, force: bool) -> SceneSource:
-    """The source; if it is no light field, raises UserError, or with `force` adds a doubt."""
-    evidence = examine(source)
-    if evidence is None or not evidence.reason:
-        return source
-    why = f"the pictures do not fit together as a light field: {evidence.reason}"
-    if not force:
-        raise UserError(
-            f"{source.path}: as {source.rows}x{source.cols} views of layout {source.layout}, {why}",
-            "give the folder of one scene, or one of the pictures; --set scene.force=true opens it all the same",
+def plausible(source: SceneSource, force: bool) -> tuple[SceneSource, Evidence | None]:
+    """The source with what a few views say of it, and their evidence. Pictures between which
+    nothing moves become one view. If it is no light field, raises UserError, or with `force` adds a
+    doubt; what its format proves to be one is not refused.
+    """
+    evidence = examine(source) if not source.certain or source.rows * source.cols == 2 else None
+    if evidence is None:
+        return source, None
+    log.info(
+        "%s: quality when predicting views from their neighbours %.1f dB; one disparity explains"
+        " the motion of %.0f%% of the detail; motion up to %.1f px",
+        source.path,
+        evidence.held_out_db,
+        100 * evidence.explained,
+        evidence.moved_px,
+    )
+    if evidence.still:
+        return _as_one(source), evidence
+    if evidence.apart_px is not None:
+        share = max(map(abs, evidence.apart_px)) / grey_views(source)(0, 0).shape[1]
+        doubt = (
+            f"the views are too far apart ({share:.0%} of the width): nothing is made between them"
         )
-    return attrs.evolve(source, doubt="; ".join(filter(None, (source.doubt, why))))
+        return _doubted(source, doubt), evidence
+    if not evidence.reason or source.certain:
+        return source, evidence
+    if not force:
+        grid = f"{source.rows}x{source.cols} views of layout {source.layout}"
+        anyway = "--set scene.force=true opens it all the same"
+        if len(source.files) > 1:
+            anyway = (
+                f"give the folder of one scene, or one of the pictures: {source.files[0]}; {anyway}"
+            )
+        raise UserError(f"{source.path}: {evidence.reason} (read as {grid})", anyway)
+    return _doubted(source, evidence.reason), evidence
+
+
+def _doubted(source: SceneSource, doubt: str) -> SceneSource:
+    return attrs.evolve(source, doubt="; ".join(filter(None, (source.doubt, doubt))))
+
+
+def _as_one(source: SceneSource) -> SceneSource:
+    """The view in the middle, alone."""
+    at = source.middle
+    return attrs.evolve(
+        source,
+        rows=1,
+        cols=1,
+        read=lambda frame, row, col: source.read(frame, *at),
+        small=None,
+        missing=frozenset(),
+        turn=Turn(),
+        turn_by="there is one view",
+        coordinates=None,
+        truth={},
+        doubt="nothing moves between these pictures: one of them is shown",
+    )

@@ -1,8 +1,15 @@
-"""A light field of one row from a camera moved sideways by hand: frames of a video, or pictures of a folder.
+"""A light field of one row from a camera moved sideways by hand: frames of a video, or pictures of
+a folder.
 
-Corners of the middle frame are followed through the others. How far the near ones move against the far ones gives the camera's
-place. The chosen views are rectified, so that common points move along rows only: a fit explains vertical motion by a rotation
-(roll, pitch, yaw), a scale, and a share of the sideways motion, the slope of the slide.
+Corners of the middle frame are followed through the others. How far the near ones move against the
+far ones gives the camera's place. The chosen views are rectified, so that common points move along
+rows only: a fit explains vertical motion by a rotation (roll, pitch, yaw), a scale, and a share of
+the sideways motion, the slope of the slide.
+
+Which end of the row is the left one: a camera that moves to the right moves everything to the left,
+but people turn it, too, so that the subject stays in the middle. A turn also makes one side of the
+picture taller (x' = f a + x + a x^2 / f, y' = y + a x y / f, for an angle a and a focal length f),
+which no sideways motion does: that share gives the angle, and the rest is the camera's own motion.
 """
 
 from collections.abc import Callable
@@ -28,48 +35,85 @@ Corners = NDArray[np.float32]  # (n, 1, 2) as (x, y), OpenCV's form
 
 _MAX_FRAMES = 400  # examined
 _GLANCE_PX, _VIEW_PX = 320, 1280  # widths: for measuring motion, and of the views at most
-_STEP_SHARE, _MIN_PARALLAX = (
-    0.004,
-    0.008,
-)  # of the width: parallax between neighbouring views, and of the whole slide
+# of the width: parallax between neighbouring views, and of the whole slide
+_STEP_SHARE, _MIN_PARALLAX = 0.004, 0.008
 _FEWEST, _MOST = 5, 15  # views
 _SHARED = 0.3  # share of the middle frame's details visible in a frame
-_BLURRED, _SHARPNESS = (
-    0.15,
-    4.0,
-)  # sharpness of the chosen frames: over that of the sharpest tenth, and at least
-_CORNERS, _FEWEST_CORNERS = (
-    1200,
-    60,
-)  # that are followed through the views, and that a rotation needs
+# sharpness of the chosen frames: over that of the sharpest tenth, and at least
+_BLURRED, _SHARPNESS = 0.15, 4.0
+# that are followed through the views, and that a rotation needs
+_CORNERS, _FEWEST_CORNERS = 1200, 60
 _RETURN_PX = 0.4  # a corner tracked there and back must return
 _HUBER_PX = 0.3  # from there on, what is off counts by its amount and not by its square
-_MAX_RESIDUAL_PX, _MIN_SHRINK, _MIN_VIEW_PX = (
-    0.5,
-    0.4,
-    200,
-)  # px up and down that warps pass over; of a view's size; width
+# px up and down that warps pass over; of a view's size; width
+_MAX_RESIDUAL_PX, _MIN_SHRINK, _MIN_VIEW_PX = 0.5, 0.4, 200
+# focal length over the longer side: wide phones to short telephoto lenses; that of most phones
+_FOCAL_RANGE, _USUAL_FOCAL = (0.55, 2.0), 0.8
+# turning that is one: over its standard error, and over the parallax
+_CLEAR, _TURNED = 4.0, 0.1
+_LOWER = 0.35  # correlation of height with nearness that means something
+_ZOOMED = 0.05  # change of size: more is no hand
 
 
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class Slide:
-    """The result: views in folder, of that size, from `frames` pictures. residual_px: vertical disparity, 95th percentile.
-    spread_px: parallax between the outermost views. order: evidence that near and far are not exchanged. order_sure: whether
-    it decides."""
+    """The row of views that was made."""
 
     folder: Path
     views: int
     width_px: int
     height_px: int
-    frames: int
-    residual_px: float
-    spread_px: float
-    order: str
-    order_sure: bool
+    frames: int  # pictures that the views were chosen from
+    residual_px: float  # vertical disparity, 95th percentile
+    spread_px: float  # parallax between the outermost views
+    order: str  # evidence that near and far are not exchanged
+    order_sure: bool  # whether it decides
+
+
+@attrs.frozen(kw_only=True)
+class Rectified:
+    """What makes a row of the views of a slide."""
+
+    homographies: list[NDArray[np.float64]]  # (3, 3), from rectified pixels to those of each view
+    residual_px: float  # vertical disparity that is left; 95 % are smaller
+    spread_px: float  # parallax between the outermost views
+    size_change: float  # share by which the largest picture exceeds the smallest
+    moved: NDArray[np.float64]  # by view, the motion of the picture along x, in half widths
+    aside: NDArray[np.float64]  # by view and corner, what exceeds that
+    yaw: NDArray[np.float64]  # by view, the share x y of its motion along y, in half widths
+    corners_y: NDArray[np.float64]  # of the corners in the middle view, in half widths
+
+    def to_the_right(self, position: NDArray[np.float64], longer: float) -> tuple[bool, bool]:
+        """(Whether the camera went to the right as its position rises, whether that is sure).
+
+        Sure where the camera was turned: without its turning everything then moves to one side, at
+        any focal length that cameras have. Where it was not, pictures may have been shifted by a
+        stabiliser; then what stands lower in the picture is taken as nearer. longer: the longer
+        side over the width.
+        """
+        centred = position - position.mean()
+        weights = centred / (centred @ centred)
+        turning = float(self.yaw @ weights)
+        off = self.yaw - self.yaw.mean() - turning * centred
+        error = float(np.sqrt(off @ off / (len(off) - 2) * (weights @ weights)))
+        by_corner = weights @ self.aside
+        low, high = np.percentile(by_corner, (5, 95)) + float(self.moved @ weights)
+        focal = 2 * longer * np.array([*_FOCAL_RANGE, _USUAL_FOCAL])
+        ends = np.stack([low - turning * focal**2, high - turning * focal**2])
+        turned = abs(turning) > _CLEAR * error and abs(turning) * focal[2] ** 2 > _TURNED * (
+            high - low
+        )
+        if turned:
+            return bool(ends[:, 2].mean() < 0), bool((ends < 0).all() or (ends > 0).all())
+        lower = float(np.corrcoef(by_corner, self.corners_y)[0, 1])
+        return (lower < 0 if abs(lower) > _LOWER else bool(ends[:, 2].mean() < 0)), False
 
 
 def _reader(path: Path) -> tuple[int, Callable[[int], NDArray[Any]]]:
-    """(count, read) of the frames of a video or the pictures of a folder, RGB or grey of 8 bit. Raises UserError."""
+    """(count, read) of the frames of a video or the pictures of a folder, RGB or grey of 8 bit.
+
+    Raises UserError.
+    """
     listing = list_scene(path)
     if listing.is_file:
         if not listing.names[0].lower().endswith(VIDEOS):
@@ -101,6 +145,41 @@ def _grey(picture: NDArray[Any]) -> Grey:
     )
 
 
+def _levelled(pictures: list[NDArray[Any]]) -> list[NDArray[Any]]:
+    """Pictures without the changes of exposure between them: with the mean of the middle one."""
+    means = [max(1.0, float(picture.mean())) for picture in pictures]
+    return [
+        np.asarray(cv2.convertScaleAbs(picture, alpha=means[len(means) // 2] / mean))
+        for picture, mean in zip(pictures, means, strict=True)
+    ]
+
+
+def _size_change(at: NDArray[np.float64]) -> float:
+    """Share by which the largest picture exceeds the smallest, by followed corners (`follow`). Both
+    axes must agree: parallax stretches one.
+    """
+    sizes = []
+    for there in at:
+        use = np.isfinite(there[:, 0])
+        if np.count_nonzero(use) >= 20:
+            spreads = [
+                np.ptp(np.percentile(view[use], (10, 90), axis=0), axis=0)
+                for view in (there, at[len(at) // 2])
+            ]
+            sizes.append(spreads[0] / np.maximum(spreads[1], 1e-9))
+    return float(np.ptp(sizes, axis=0).min()) if sizes else 0.0
+
+
+def _refuse_zoom(change: float) -> None:
+    """Raises UserError where the pictures differ in size by more than a hand makes them."""
+    if change > _ZOOMED:
+        raise UserError(
+            "the lens zoomed, or the camera came nearer: the pictures differ in size by"
+            f" {change:.0%}",
+            "slide the camera sideways, at one zoom and one distance",
+        )
+
+
 def _rectified(picture: NDArray[Any], homography: NDArray[np.float64]) -> NDArray[Any]:
     """A view by its homography of `rectify`; black where it shows nothing."""
     size = picture.shape[1], picture.shape[0]
@@ -110,7 +189,10 @@ def _rectified(picture: NDArray[Any], homography: NDArray[np.float64]) -> NDArra
 
 
 def _track(a: Grey, b: Grey, start: Corners, guess: Corners) -> tuple[Corners, Mask]:
-    """Positions in b of corners of a, and whether they lead back from there. guess: initial positions."""
+    """Positions in b of corners of a, and whether they lead back from there.
+
+    guess: initial positions.
+    """
     ends = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 40, 0.003)
 
     def moved(a: Grey, b: Grey, start: Corners, guess: Corners) -> tuple[Corners, Mask]:
@@ -126,8 +208,9 @@ def _track(a: Grey, b: Grey, start: Corners, guess: Corners) -> tuple[Corners, M
 
 
 def follow(views: list[Grey], most: int) -> NDArray[np.float64]:
-    """Where corners of the middle view, at most so many, are in every view: (views, corners, 2) as (x, y) px, NaN from where on
-    one is lost."""
+    """Where corners of the middle view, at most so many, are in every view: (views, corners, 2) as
+    (x, y) px, NaN from where on one is lost.
+    """
     middle = len(views) // 2
     corners = cv2.goodFeaturesToTrack(
         views[middle], most, 0.005, max(5, views[middle].shape[1] // 90)
@@ -136,9 +219,11 @@ def follow(views: list[Grey], most: int) -> NDArray[np.float64]:
     at = np.full((len(views), len(start), 2), np.nan)
     at[middle] = start[:, 0]
     for order in (range(middle + 1, len(views)), range(middle - 1, -1, -1)) if len(start) else ():
-        before, kept = start, np.ones(len(start), bool)
+        before = start
+        kept = np.ones(len(start), bool)
         for k in order:
-            # always from the middle view, so that errors do not add up; starting at the last view's position, so that it is found
+            # always from the middle view, so that errors do not add up; starting at the last view's
+            # position, so that it is found
             before, ok = _track(views[middle], views[k], start, before)
             kept &= ok
             at[k, kept] = before[kept, 0]
@@ -146,22 +231,25 @@ def follow(views: list[Grey], most: int) -> NDArray[np.float64]:
 
 
 def _motion(glances: list[Grey]) -> tuple[int, NDArray[np.float64]]:
-    """The first of the frames that share enough detail; and where the camera stood at each of them, px of parallax between the
-    nearest and the farthest, rising to the right if the pictures move to the left: the first principal motion of corners after
-    removing the common part. Raises UserError."""
-    middle, count = len(glances) // 2, len(glances)
+    """The first of the frames that share enough detail; and where the camera stood at each of them,
+    px of parallax between the nearest and the farthest, rising to either side: the first principal
+    motion of corners after removing the common part. Raises UserError.
+    """
+    middle = len(glances) // 2
+    count = len(glances)
     at = follow(glances, 400)
     share = np.isfinite(at[..., 0]).mean(axis=1) if at.size else np.zeros(count)
     bad = np.flatnonzero(share <= _SHARED)
-    first, last = (
-        int(max(bad[bad < middle], default=-1)) + 1,
-        int(min(bad[bad > middle], default=count)) - 1,
-    )
+    first = int(max(bad[bad < middle], default=-1)) + 1
+    last = int(min(bad[bad > middle], default=count)) - 1
     kept = np.isfinite(at[first : last + 1, :, 0]).all(axis=0)
     if kept.sum() < 20 or last - first + 1 < _FEWEST:
+        _refuse_zoom(_size_change(at))
         raise UserError(
-            "the pictures share too little detail: the camera moves too fast, or they are blurred or too dark",
-            "slide over a hand's breadth in four seconds, in good light, with something still in view",
+            "the pictures share too little detail: the camera moves too fast, or they are blurred"
+            " or too dark",
+            "slide over a hand's breadth in four seconds, in good light, with something still in"
+            " view",
         )
     moved = at[first : last + 1, kept] - at[middle, kept]
     parallax = _without_rotation(moved, at[middle, kept], glances[middle].shape)
@@ -170,16 +258,20 @@ def _motion(glances: list[Grey]) -> tuple[int, NDArray[np.float64]]:
     )
     reach = np.ptp(np.percentile(mode, (5, 95), axis=0), axis=0)
     position = parallax.reshape(len(parallax), -1) @ mode.ravel() * float(np.hypot(*reach))
-    to_the_right = float(np.median(moved[..., 0], axis=1) @ (position - position.mean())) < 0
-    return first, position if to_the_right else -position
+    if float(np.ptp(position)) / glances[middle].shape[1] < _MIN_PARALLAX:
+        _refuse_zoom(_size_change(at[first : last + 1]))
+    return first, position
 
 
 def _without_rotation(
     moved: NDArray[np.float64], at: NDArray[np.float64], size: tuple[int, ...]
 ) -> NDArray[np.float64]:
-    """Motion (frames, points, 2) minus the part explained by rotation or forward motion of the camera."""
+    """Motion (frames, points, 2) minus the part explained by rotation or forward motion of the
+    camera.
+    """
     x, y = ((at - np.array(size[::-1]) / 2) / size[1]).T
-    one, none = np.ones_like(x), np.zeros_like(x)
+    one = np.ones_like(x)
+    none = np.zeros_like(x)
     terms = [(one, none), (none, one), (-y, x), (x, y), (x * x, x * y), (x * y, y * y)]
     basis = np.stack([np.stack(term, axis=1).ravel() for term in terms], axis=1)
     flat = moved.reshape(len(moved), -1)
@@ -190,8 +282,9 @@ def _without_rotation(
 def choose_frames(
     count: int, read: Callable[[int], NDArray[Any]], progress: Progress
 ) -> tuple[list[int], NDArray[np.float64]]:
-    """Frames at even steps between the ends of the slide, the sharpest near each step; and where the camera stood, in any unit,
-    rising to the right. Raises UserError."""
+    """Frames at even steps between the ends of the slide, the sharpest near each step; and where
+    the camera stood, in any unit, rising to either side. Raises UserError.
+    """
     numbers = list(range(0, count, -(-count // _MAX_FRAMES)))
     if len(numbers) < _FEWEST:
         raise UserError(
@@ -203,7 +296,7 @@ def choose_frames(
         glances.append(_grey(_reduced(read(number), _GLANCE_PX)))
         progress("motion", len(glances), len(numbers))
     sharp = np.array([float(cv2.Laplacian(glance, cv2.CV_32F).var()) for glance in glances])
-    start, position = _motion(glances)
+    start, position = _motion(_levelled(glances))
     first, last = sorted((int(np.argmin(position)), int(np.argmax(position))))
     travelled = np.abs(position - position[first])[first : last + 1]
     parallax = float(travelled[-1]) / _GLANCE_PX
@@ -214,7 +307,8 @@ def choose_frames(
             "slide the camera sideways by a hand's breadth without turning it, past something near",
         )
     views = int(np.clip(parallax / _STEP_SHARE, _FEWEST, _MOST))
-    step, sharp = travelled[-1] / (views - 1), sharp[start + first :]
+    step = travelled[-1] / (views - 1)
+    sharp = sharp[start + first :]
     steps: set[int] = set()
     for goal in np.linspace(0, travelled[-1], views):
         near = np.flatnonzero(np.abs(travelled - goal) <= step / 4)
@@ -227,27 +321,30 @@ def choose_frames(
     return [numbers[start + first + k] for k in chosen], position[first:][chosen]
 
 
-def rectify(views: list[Grey]) -> tuple[list[NDArray[np.float64]], float, float]:
-    """The homographies (3, 3) from rectified pixels to those of each view, in order of the slide; the vertical disparity that is
-    left (95 % are smaller) and the parallax between the outermost views, px. Raises UserError if the views share too little."""
+def rectify(views: list[Grey]) -> Rectified:
+    """What makes a row of views in order of the slide. Raises UserError if they share too
+    little.
+    """
     height, width = views[0].shape
-    unit, centre, middle = width / 2, np.array([width / 2, height / 2]), len(views) // 2
+    unit = width / 2
+    centre = np.array([width / 2, height / 2])
+    middle = len(views) // 2
     at_px = follow(views, _CORNERS)
     shared = np.isfinite(at_px).all(axis=(0, 2))
     if shared.sum() < _FEWEST_CORNERS:
+        _refuse_zoom(_size_change(at_px))
         raise UserError(
-            f"only {int(shared.sum())} details are in all of the pictures, {_FEWEST_CORNERS} are needed",
+            f"only {int(shared.sum())} details are in all of the pictures, {_FEWEST_CORNERS} are"
+            " needed",
             "slide more slowly and less far, in good light, with something still in view",
         )
-    at = ((at_px[:, shared] - centre) / unit).transpose(
-        0, 2, 1
-    )  # centred, in units of half the width
+    # centred, in units of half the width
+    at = ((at_px[:, shared] - centre) / unit).transpose(0, 2, 1)
     x, y = at[middle]
     basis = np.stack([np.ones_like(x), x, y, x * y, y * y], axis=1)
     others = [k for k in range(len(views)) if k != middle]
-    fits = np.zeros(
-        (len(views), 6)
-    )  # pitch, roll, scale, yaw (x y and y y), and the slope of the slide
+    # pitch, roll, scale, yaw (x y and y y), and the slope of the slide
+    fits = np.zeros((len(views), 6))
     aside = np.zeros((len(views), len(x)))  # sideways motion not explained by the rotation
 
     def moved(k: int) -> NDArray[np.float64]:
@@ -259,30 +356,47 @@ def rectify(views: list[Grey]) -> tuple[list[NDArray[np.float64]], float, float]
             aside[k] = moved(k) - np.median(moved(k))
             fits[k] = robust_fit(np.column_stack([basis, aside[k]]), at[k][1] - y, _HUBER_PX / unit)
     slope = float(np.average(fits[others, 5], weights=aside[others].std(axis=1) + 1e-9))
-    along = np.array(
-        [[1, -slope, 0], [slope, 1, 0], [0, 0, np.hypot(1, slope)]]
-    )  # rows of the result run along the slide
+    # rows of the result run along the slide
+    along = np.array([[1, -slope, 0], [slope, 1, 0], [0, 0, np.hypot(1, slope)]])
     to_px = np.array([[unit, 0, width / 2], [0, unit, height / 2], [0, 0, 1]])
-    left, homographies = np.zeros_like(aside), []
+    left = np.zeros_like(aside)
+    motion = np.zeros(len(views))
+    homographies = []
     for k, fit in enumerate(fits):  # once more, with one slope for all
         vertical = at[k][1] - y - slope * aside[k]
         fit[:5] = robust_fit(basis, vertical, _HUBER_PX / unit)
         left[k] = np.abs(vertical - basis @ fit[:5])
         pitch, roll, scale, yaw, pitch_2, _ = fit
-        # second-order terms of a rotation are the same two in both directions: those of a homography
-        shift = np.array([np.median(moved(k)), pitch, 1])
+        # second-order terms of a rotation are the same two in both directions: those of a
+        # homography
+        motion[k] = np.median(moved(k))
+        shift = np.array([motion[k], pitch, 1])
         linear = np.array([[1 + scale, -roll, 0], [roll, 1 + scale, 0], [0, 0, 0]])
         homographies.append(
             to_px @ (linear - np.outer(shift, [yaw, pitch_2, -1])) @ along @ np.linalg.inv(to_px)
         )
     residual = float(np.percentile(left[others], 95)) / float(np.hypot(1, slope)) * unit
     spread = float(np.ptp(np.percentile(aside[-1] - aside[0], (5, 95)))) * unit
-    return homographies, residual, spread
+    return Rectified(
+        homographies=homographies,
+        residual_px=residual,
+        spread_px=spread,
+        size_change=float(np.ptp(fits[:, 2])),
+        moved=motion,
+        aside=aside,
+        yaw=fits[:, 3],
+        corners_y=y,
+    )
 
 
 def common_area(inside: Mask) -> tuple[slice, slice]:
-    """Rows and columns of the largest part of a picture that is inside everywhere, found by shrinking all sides in turn."""
-    top, bottom, left, right = 0, inside.shape[0], 0, inside.shape[1]
+    """Rows and columns of the largest part of a picture that is inside everywhere, found by
+    shrinking all sides in turn.
+    """
+    top = 0
+    bottom = inside.shape[0]
+    left = 0
+    right = inside.shape[1]
     while top < bottom and left < right and not inside[top:bottom, left:right].all():
         empty = ~inside[top:bottom, left:right]
         sides = {
@@ -292,13 +406,16 @@ def common_area(inside: Mask) -> tuple[slice, slice]:
             "right": empty[:, -1].mean(),
         }
         worst = max(sides, key=lambda side: sides[side])
-        top, bottom = top + (worst == "top"), bottom - (worst == "bottom")
-        left, right = left + (worst == "left"), right - (worst == "right")
+        top = top + (worst == "top")
+        bottom = bottom - (worst == "bottom")
+        left = left + (worst == "left")
+        right = right - (worst == "right")
     return slice(top, bottom), slice(left, right)
 
 
 def make_slide(path: Path, out: Path, progress: Progress) -> Slide:
-    """Writes a row of rectified views of the slide at path into the new folder out, named with their camera positions.
+    """Writes a row of rectified views of the slide at path into the new folder out, named with
+    their camera positions where their order is sure, else with numbers.
 
     Raises UserError with the reason if the clip is unsuitable.
     """
@@ -308,25 +425,34 @@ def make_slide(path: Path, out: Path, progress: Progress) -> Slide:
             numbers, position = choose_frames(count, read, progress)
             views = [read(number) for number in numbers]
             views = [_reduced(view, _VIEW_PX) for view in views]
-            homographies, residual_px, spread_px = rectify([_grey(view) for view in views])
+            views = _levelled(views)
+            rectified = rectify([_grey(view) for view in views])
+            homographies = rectified.homographies
+            residual_px = rectified.residual_px
+            longer = max(views[0].shape[:2]) / views[0].shape[1]
+            to_the_right, side_sure = rectified.to_the_right(position, longer)
+            position = position if to_the_right else -position
             views = [
                 _rectified(view, homography)
                 for view, homography in zip(views, homographies, strict=True)
             ]
-            inner = np.pad(
-                np.ones((views[0].shape[0] - 2, views[0].shape[1] - 2), np.uint8), 1
-            )  # half a px outside is black
+            # half a px outside is black
+            inner = np.pad(np.ones((views[0].shape[0] - 2, views[0].shape[1] - 2), np.uint8), 1)
             area = common_area(
                 np.all([_rectified(inner, homography) > 0 for homography in homographies], axis=0)
             )
             height, width = views[0][area].shape[:2]
-            # the remaining vertical motion comes from the hand, which also rises and falls: smaller views have less of it
+            # the remaining vertical motion comes from the hand, which also rises and falls: smaller
+            # views have less of it
             shrink = min(1.0, _MAX_RESIDUAL_PX / max(residual_px, 1e-9))
             if shrink * width < _MIN_VIEW_PX or shrink < _MIN_SHRINK:
+                _refuse_zoom(rectified.size_change)
                 raise UserError(
-                    f"views of {width}x{height} px remain, which differ up and down by {residual_px:.2f} px (95 %); they need "
-                    f"a width of {_MIN_VIEW_PX} and {_MAX_RESIDUAL_PX} px",
-                    "slide along a straight line without turning the camera, past things that stand still, in larger pictures",
+                    f"views of {width}x{height} px remain, which differ up and down by"
+                    f" {residual_px:.2f} px (95 %); they need a width of {_MIN_VIEW_PX} and"
+                    f" {_MAX_RESIDUAL_PX} px",
+                    "slide along a straight line without turning the camera, past things that stand"
+                    " still, in larger pictures",
                 )
         except UserError as error:
             raise UserError(f"{path}: {error.message}", error.remedy) from None
@@ -341,21 +467,35 @@ def make_slide(path: Path, out: Path, progress: Progress) -> Slide:
                 )
             )
     order = orient(
-        SceneSource("slide", path, (), 1, len(row), lambda f, r, c: row[c], *row[0].shape[:2]),
+        SceneSource(
+            layout="slide",
+            path=path,
+            files=(),
+            rows=1,
+            cols=len(row),
+            read=lambda f, r, c: row[c],
+            height_px=row[0].shape[0],
+            width_px=row[0].shape[1],
+        ),
         config.Scene(),
     )
     position = (np.sort(position) - position.min()) / float(np.ptp(position)) * (len(row) - 1)
+    why = order.reason
     if order.turn.cols:
         row, position = row[::-1], (len(row) - 1 - position)[::-1]
+        side_sure = False  # what is hidden speaks against the motion
+    elif side_sure and not order.sure:
+        why = f"{why}; the camera's own motion, without its turning, leads to the right"
+    sure = order.sure or side_sure
+    # only what is sure may stand in the names: coordinates are believed
+    form = "out_00_{0:02d}_0.000_{1:.3f}_.png" if sure else "view_{0:02d}.png"
     try:
         out.mkdir(parents=True)
         for col, view in enumerate(row):
             data = cv2.imencode(
                 ".png", view if view.ndim == 2 else cv2.cvtColor(view, cv2.COLOR_RGB2BGR)
             )[1]
-            write_file(
-                out / f"out_00_{col:02d}_0.000_{position[col]:.3f}_.png", data.tobytes(), 0o644
-            )
+            write_file(out / form.format(col, position[col]), data.tobytes(), 0o644)
             progress("views", col + 1, len(row))
     except OSError as error:
         raise UserError(
@@ -364,13 +504,13 @@ def make_slide(path: Path, out: Path, progress: Progress) -> Slide:
         ) from None
     height_px, width_px = row[0].shape[:2]
     return Slide(
-        out,
-        len(row),
-        width_px,
-        height_px,
-        count,
-        residual_px * shrink,
-        spread_px * shrink,
-        order.reason,
-        order.sure,
+        folder=out,
+        views=len(row),
+        width_px=width_px,
+        height_px=height_px,
+        frames=count,
+        residual_px=residual_px * shrink,
+        spread_px=rectified.spread_px * shrink,
+        order=why,
+        order_sure=sure,
     )

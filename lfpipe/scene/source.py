@@ -19,7 +19,9 @@ ViewIndex = tuple[int, int]  # (row, column)
 
 @attrs.frozen
 class Turn:
-    """The transform from file order to canonical order: transpose first, then reverse rows and columns."""
+    """The transform from file order to canonical order: transpose first, then reverse rows and
+    columns.
+    """
 
     rows: bool = False
     cols: bool = False
@@ -41,22 +43,31 @@ class Turn:
         return (cols, rows) if self.transpose else (rows, cols)
 
 
-@attrs.frozen(eq=False)
+@attrs.frozen(eq=False, kw_only=True)
 class SceneSource:
     """A scene on disk as its layout describes it. Rows and columns here are in FILE order.
 
-    read(frame, row, col): one view, (h, w) or (h, w, 3) RGB, uint8 or uint16 up to max_value; may be called from
+    read(frame, row, col): one view, (h, w) or (h, w, 3) RGB, uint8 or uint16 up to max_value; may
+    be called from
         several threads; raises UserError that names the file.
-    small: one view in grey, uint8 (h, w), from (row, col, px): with at least that many px where it has them, quicker than read.
-    missing: indices without a view. files: everything that read and truth read from, for the content key.
-    turn: the way to canonical order where the layout or its coordinates define it, with the reason in turn_by; else None.
-        turn_firm: False where scenes of this layout with another order exist, so that clear flow overrides it.
-    coordinates: float64 (rows, cols, 2), where each camera stood, (down, right) in any one unit, or None.
-    truth: true disparity by file index, as functions that read float32 (h, w) in px per canonical grid step, positive
+    small: one view in grey, uint8 (h, w), from (row, col, px): with at least that many px where it
+    has them, quicker than read.
+    missing: indices without a view. files: everything that read and truth read from, for the
+    content key.
+    turn: the way to canonical order where the layout or its coordinates define it, with the reason
+    in turn_by; else None.
+        turn_firm: False where scenes of this layout with another order exist, so that clear flow
+        overrides it.
+    coordinates: float64 (rows, cols, 2), where each camera stood, (down, right) in any one unit, or
+    None.
+    truth: true disparity by file index, as functions that read float32 (h, w) in px per canonical
+    grid step, positive
         nearer, and hold with `turn` (no turn where that is None).
-    rendered: views and truth are computed from one picture and agree: nothing to check or to estimate.
+    rendered: views and truth are computed from one picture and agree: nothing to check or to
+    estimate.
     linear: the values are linear light. doubt: what the layout leaves open, "" for nothing.
-    certain: whether the format says that this is a light field; False where names or a look at a picture suggest it.
+    certain: whether the format says that this is a light field; False where names or a look at a
+    picture suggest it.
     notes: for people, one sentence each.
     """
 
@@ -106,11 +117,13 @@ class SceneSource:
 
 @attrs.frozen
 class Layout:
-    """One of the formats in which light fields come. A module that defines these three names is a layout, too.
+    """One of the formats in which light fields come. A module that defines these three names is a
+    layout, too.
 
-    NAME: as `--layout` takes it. detect: how specific the match is, by names (and a glance at one picture) alone: 90 for a
-    format that says what it is, 50 for a pattern of names, 10 for a last resort; None where it is not this layout. describe: the
-    scene, by the user's own word on grid and so on; raises UserError.
+    NAME: as `--layout` takes it. detect: how specific the match is, by names (and a glance at one
+    picture) alone: 90 for a format that says what it is, 50 for a pattern of names, 10 for a last
+    resort; None where it is not this layout. describe: the scene, by the user's own word on grid
+    and so on; raises UserError.
     """
 
     NAME: str

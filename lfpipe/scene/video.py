@@ -1,7 +1,7 @@
 """A video file whose frames are pictures of a scene, read completely before anything relies on it.
 
-A container's claims about its frames may differ from its stream, and only decoding shows that. In the packer, running out of
-memory, a crash or a hang of the decoder is a refusal.
+A container's claims about its frames may differ from its stream, and only decoding shows that. In
+the packer, running out of memory, a crash or a hang of the decoder is a refusal.
 """
 
 from pathlib import Path
@@ -25,11 +25,15 @@ _REMEDY = "play it with another program, or export it again"
 
 
 class Video:
-    """Frames of a video as RGB, by number; seeks only if they are not read in order. frames: how many of them decode."""
+    """Frames of a video as RGB, by number; seeks only if they are not read in order.
+
+    frames: how many of them decode.
+    """
 
     def __init__(self, path: Path) -> None:
         """Raises UserError if it is not a video, too large, or has no frames."""
-        self._path, self._file = path, open_file(path)
+        self._path = path
+        self._file = open_file(path)
         if not is_video(self._file.read(12)):
             raise UserError(
                 f"{path}: not a readable video (MP4, QuickTime, Matroska, WebM or AVI)", _REMEDY
@@ -39,11 +43,15 @@ class Video:
             int(self._capture.get(p)) for p in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
         )
         if self.width_px * self.height_px > MAX_FRAME_PX:
-            what = f"{path}: a video of {self.width_px}x{self.height_px} px; at most {MAX_FRAME_PX} px are decoded"
+            what = (
+                f"{path}: a video of {self.width_px}x{self.height_px} px; at most {MAX_FRAME_PX} px"
+                " are decoded"
+            )
             raise UserError(what, _REMEDY)
         if not self._capture.isOpened() or self.width_px * self.height_px < 1:
             raise UserError(f"{path}: not a readable video", _REMEDY)
-        rate_hz, self.frames = self._capture.get(cv2.CAP_PROP_FPS), 0
+        rate_hz = self._capture.get(cv2.CAP_PROP_FPS)
+        self.frames = 0
         self.rate_hz = rate_hz if 0.1 <= rate_hz <= 1000 else USUAL_RATE_HZ
         while self.frames < MAX_FRAMES and self._capture.grab():
             self.frames += 1
@@ -52,7 +60,10 @@ class Video:
         self._open(self.width_px * self.height_px)
 
     def _open(self, frame_px: int) -> None:
-        """Begins anew. FFmpeg decodes; large frames on one thread, because each thread holds its own frames."""
+        """Begins anew.
+
+        FFmpeg decodes; large frames on one thread, because each thread holds its own frames.
+        """
         threads = [cv2.CAP_PROP_N_THREADS, 2 if frame_px <= 12_000_000 else 1]
         self._capture = cv2.VideoCapture(path_of(self._file), cv2.CAP_FFMPEG, threads)
         self._next = 0

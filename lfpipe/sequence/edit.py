@@ -11,7 +11,7 @@ import cv2
 
 from lfpipe.errors import UserError, plain
 from lfpipe.files.decoding import opencv_name
-from lfpipe.files.output import PLACE, check_output
+from lfpipe.files.output import PLACE, TABLE, check_output
 from lfpipe.files.safe_files import create_private, lines, reason, replaced
 from lfpipe.files.video_writer import VideoWriter
 from lfpipe.sequence.eyes import LINE_BYTES, REMEDY, TRUTH
@@ -21,7 +21,8 @@ STAMPS = ("seq", "source_seq", "epoch", "t_sensor_ns", "t_read_ns")
 
 
 def cut(sequence: Sequence, out: Path, begin_s: float, end_s: float) -> int:
-    """Copies the frames from begin_s to end_s (exclusive) after the first one to a new sequence. Packets are copied unchanged.
+    """Copies the frames from begin_s to end_s (exclusive) after the first one to a new sequence.
+    Packets are copied unchanged.
 
     Returns the number of frames. Raises UserError if there are none, or if out cannot be created.
     """
@@ -42,7 +43,8 @@ def cut(sequence: Sequence, out: Path, begin_s: float, end_s: float) -> int:
         "begin_s": begin_s,
         "end_s": min(end_s, sequence.duration_s),
     }
-    source, truth = str(sequence.manifest.get("source", "")), sequence.path / TRUTH
+    source = str(sequence.manifest.get("source", ""))
+    truth = sequence.path / TRUTH
     try:
         rows = (
             [row for _, row in lines(truth, LINE_BYTES, REMEDY)] if os.path.lexists(truth) else []
@@ -63,16 +65,15 @@ def cut(sequence: Sequence, out: Path, begin_s: float, end_s: float) -> int:
 def export(sequence: Sequence, video: Path) -> Path:
     """Writes a lossless video (HuffYUV) at a constant rate, and next to it a CSV of exact stamps.
 
-    Returns the path of the CSV. Raises UserError if they must not or cannot be written, or if there are no frames.
+    Returns the path of the CSV. Raises UserError if they must not or cannot be written, or if there
+    are no frames.
     """
-    if video.suffix.lower() not in (".mkv", ".avi"):
-        raise UserError(
-            f"{video}: not .mkv or .avi", "use for example walk.mkv; both store RGB without loss"
-        )
+    if video.suffix.lower() != ".mkv":
+        raise UserError(f"{video}: not .mkv", "use for example walk.mkv, which is lossless")
     opencv_name(video)
     table = video.with_suffix(".csv")
-    for path in (video, table):
-        check_output(path, [sequence.path])
+    check_output(video, [sequence.path])
+    check_output(table, [sequence.path], writes=TABLE)
     try:
         with replaced(video) as pictures, replaced(table) as rows:
             rows.write((",".join(STAMPS) + "\r\n").encode())
@@ -85,13 +86,16 @@ def export(sequence: Sequence, video: Path) -> Path:
 
 
 def _write_video(sequence: Sequence, path: Path) -> None:
-    """Raises UserError if it cannot be created, OSError if its end is missing: FFmpeg does not report a full disk."""
+    """Raises UserError if it cannot be created, OSError if its end is missing: FFmpeg does not
+    report a full disk.
+    """
     writer = VideoWriter(path, sequence.size_px, sequence.measured_hz)
     for packet in sequence.packets:
         writer.write(sequence.frame(packet.seq))
     writer.release(path)
     packets = [cv2.CAP_PROP_FORMAT, -1]  # counted, not decoded
-    reader, count = cv2.VideoCapture(opencv_name(path.absolute()), cv2.CAP_FFMPEG, packets), 0
+    reader = cv2.VideoCapture(opencv_name(path.absolute()), cv2.CAP_FFMPEG, packets)
+    count = 0
     while reader.grab():
         count += 1
     reader.release()

@@ -1,5 +1,6 @@
-"""Eyes in a sequence: those of the mouse that it holds instead of frames, and the true ones of a generated sequence, with errors
-against them."""
+"""Eyes in a sequence: those of the mouse that it holds instead of frames, and the true ones of a
+generated sequence, with errors against them.
+"""
 
 import csv
 import json
@@ -22,12 +23,18 @@ COLUMNS = ("left_x_px", "left_y_px", "right_x_px", "right_y_px")
 MAX_PX = 1e6  # limit of a coordinate, far outside every picture
 MAX_NS = 1 << 61  # 73 years; sums of two stay within 64 bits
 LINE_BYTES = 4096  # one of ours has some 200
-REMEDY = f"write one row per frame with columns t_ns, {', '.join(COLUMNS)}, and optionally visible (0 or 1)"
+REMEDY = (
+    f"write one row per frame with columns t_ns, {', '.join(COLUMNS)}, and optionally visible (0"
+    " or 1)"
+)
 
 
 @attrs.frozen(eq=False)
 class Truth:
-    """t_ns: (n,) since the first frame. eyes_px: (n, 2, 2). visible, still: (n,), both eyes are in view, the head rests."""
+    """t_ns: (n,) since the first frame.
+
+    eyes_px: (n, 2, 2). visible, still: (n,), both eyes are in view, the head rests.
+    """
 
     t_ns: NDArray[np.int64]
     eyes_px: NDArray[np.float64]
@@ -37,7 +44,9 @@ class Truth:
     )
 
     def at(self, t_ns: ArrayLike) -> NDArray[np.float64]:
-        """The eyes (..., 2, 2) px at times (...) after the first frame, between its rows; constant before and after them."""
+        """The eyes (..., 2, 2) px at times (...) after the first frame, between its rows; constant
+        before and after them.
+        """
         columns = [
             np.interp(np.asarray(t_ns), self.t_ns, column)
             for column in self.eyes_px.reshape(-1, 4).T
@@ -45,7 +54,9 @@ class Truth:
         return np.stack(columns, axis=-1).reshape(*np.shape(t_ns), 2, 2)
 
     def sees(self, t_ns: ArrayLike) -> NDArray[np.bool_]:
-        """Whether both eyes are in view in the frames before and after times (...); not before the first and after the last."""
+        """Whether both eyes are in view in the frames before and after times (...); not before the
+        first and after the last.
+        """
         after = np.searchsorted(self.t_ns, t_ns)
         known = (np.asarray(t_ns) >= self.t_ns[0]) & (after < len(self.t_ns))
         return np.asarray(
@@ -55,7 +66,9 @@ class Truth:
         )
 
     def error_px(self, eyes_px: ArrayLike, t_ns: ArrayLike) -> NDArray[np.float64]:
-        """Root mean square over both eyes (..., 2, 2) of the distance from the truth at times (...), px; NaN where hidden."""
+        """Root mean square over both eyes (..., 2, 2) of the distance from the truth at times
+        (...), px; NaN where hidden.
+        """
         error_px = np.sqrt(np.square(np.subtract(eyes_px, self.at(t_ns))).sum(axis=(-2, -1)) / 2)
         return np.where(self.sees(t_ns), error_px, np.nan)
 
@@ -71,12 +84,16 @@ def eyes_line(record: NDArray[np.void], **stamps: int) -> bytes:
 
 
 def eyes_of(line: bytes, where: str) -> NDArray[np.void]:
-    """The record of dtype EYES in a line of `eyes_line`; what it does not name is 0. Raises UserError."""
-    fields, record = json_fields(line, where, COPY), np.zeros((), EYES)
-    for name in set(EYES.names or ()) & fields.values.keys() - {
-        "t_tracked_ns"
-    }:  # which its player sets
-        most, shape = 1 if name == "face" else MAX_PX, record[name].shape
+    """The record of dtype EYES in a line of `eyes_line`; what it does not name is 0.
+
+    Raises UserError.
+    """
+    fields = json_fields(line, where, COPY)
+    record = np.zeros((), EYES)
+    # which its player sets
+    for name in set(EYES.names or ()) & fields.values.keys() - {"t_tracked_ns"}:
+        most = 1 if name == "face" else MAX_PX
+        shape = record[name].shape
         try:
             value = np.asarray(fields.values[name], np.float64)
         except (ValueError, TypeError):
@@ -84,7 +101,8 @@ def eyes_of(line: bytes, where: str) -> NDArray[np.void]:
         if value.shape != shape or not (np.abs(value) <= most).all():
             expected = f"{'x'.join(map(str, shape))} numbers" if shape else "a number"
             raise UserError(
-                f"{where}: {name} is {shown(fields.values[name])}, expected {expected} up to {most:g}",
+                f"{where}: {name} is {shown(fields.values[name])}, expected {expected} up to"
+                f" {most:g}",
                 COPY,
             )
         record[name] = value
@@ -99,7 +117,10 @@ def read_truth(folder: Path) -> Truth | None:
 
 def table_of(path: Path) -> Truth:
     """The truth in a table. Raises UserError with the wrong row and column."""
-    stamps, numbers, visible, still = array("q"), array("d"), bytearray(), bytearray()
+    stamps = array("q")
+    numbers = array("d")
+    visible = bytearray()
+    still = bytearray()
     where = str(path)
     try:
         table = csv.DictReader(
@@ -121,7 +142,8 @@ def table_of(path: Path) -> Truth:
                         f"{where}: {name} is {shown(row[name])}, expected a number of px", REMEDY
                     )
                 numbers.append(px)
-            t_ns, last_ns = int(row["t_ns"]), stamps[-1] if stamps else -MAX_NS - 1
+            t_ns = int(row["t_ns"])
+            last_ns = stamps[-1] if stamps else -MAX_NS - 1
             if not last_ns < t_ns <= MAX_NS:
                 raise UserError(
                     f"{where}: times must rise: t_ns is {shown(t_ns)}, after {last_ns}", REMEDY

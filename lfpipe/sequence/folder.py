@@ -1,8 +1,10 @@
-"""A recorded sequence: a folder with manifest.json, the packets of the frames, and further data about them.
+"""A recorded sequence: a folder with manifest.json, the packets of the frames, and further data
+about them.
 
-manifest.json  format, version, source, size, rate, versions, config; at its end also frames, and sha256 of SUMMED
-frames.bin, frames.jsonl   frames, or the eyes of the mouse: see lfpipe.sequence.packets
-truth.csv      true eyes of a generated sequence: source_seq,t_ns,left_x_px,left_y_px,right_x_px,right_y_px,...
+manifest.json  format, version, source, size, rate, versions, config; at its end also frames, and
+sha256 of SUMMED frames.bin, frames.jsonl   frames, or the eyes of the mouse: see
+lfpipe.sequence.packets truth.csv      true eyes of a generated sequence:
+source_seq,t_ns,left_x_px,left_y_px,right_x_px,right_y_px,...
 """
 
 import contextlib
@@ -23,6 +25,7 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError, plain
 from lfpipe.files.safe_files import (
     PRIVATE_FOLDER,
+    WORK_NAME,
     check_links,
     open_file,
     read_bytes,
@@ -46,13 +49,12 @@ from lfpipe.sequence.packets import (
     read_packet,
 )
 
-FORMAT, VERSION = "lfpipe-sequence", 1
+FORMAT = "lfpipe-sequence"
+VERSION = 1
 MANIFEST = "manifest.json"
 FILES = (PACKETS, INDEX, TRUTH)
-SUMMED = (
-    INDEX,
-    TRUTH,
-)  # files whose sums the manifest holds; every packet has its own in the index
+# files whose sums the manifest holds; every packet has its own in the index
+SUMMED = (INDEX, TRUTH)
 SUMMED_BYTES = MAX_PACKETS * LINE_BYTES  # of the longest index
 MANIFEST_BYTES = 1 << 18  # one of ours has some 1 kB
 MOST_HZ = 100_000.0  # no camera is faster
@@ -78,6 +80,16 @@ def check_out(path: Path) -> None:
         raise UserError(
             f"{path}: {reason(error)}", "name a folder in a directory that you may write to"
         ) from None
+
+
+def remove_empty(path: Path) -> None:
+    """Removes the folder of a sequence that holds no whole frame, and nothing of anybody else."""
+    with contextlib.suppress(OSError, UserError):
+        names = {entry.name for entry in path.iterdir() if not WORK_NAME.fullmatch(entry.name)}
+        if names <= {MANIFEST, PACKETS, INDEX} and not (
+            INDEX in names and read_index(path, complete=False)
+        ):
+            shutil.rmtree(path)
 
 
 class SequenceWriter(PacketWriter):
@@ -111,7 +123,10 @@ class SequenceWriter(PacketWriter):
             file.write(json.dumps(self._manifest, indent=1, allow_nan=False).encode() + b"\n")
 
     def complete(self) -> None:
-        """Ends the sequence. Raises OSError if the disk is full; the first manifest is then kept."""
+        """Ends the sequence.
+
+        Raises OSError if the disk is full; the first manifest is then kept.
+        """
         self.close()
         checksums = {
             name: _sha256(self._folder / name) for name in SUMMED if exists(self._folder / name)
@@ -124,8 +139,9 @@ class SequenceWriter(PacketWriter):
 def new_sequence(
     path: Path, source: str, size_px: tuple[int, int], rate_hz: float, **more: Any
 ) -> Iterator[SequenceWriter]:
-    """A `SequenceWriter` in a new folder. If the body fails, the folder is removed. Raises UserError as `check_out`, and if the
-    disk is full."""
+    """A `SequenceWriter` in a new folder. If the body fails, the folder is removed. Raises
+    UserError as `check_out`, and if the disk is full.
+    """
     check_out(path)
     try:
         writer = SequenceWriter(path, source, size_px, rate_hz, **more)
@@ -146,9 +162,12 @@ def _sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-@attrs.frozen(eq=False)
+@attrs.frozen(eq=False, kw_only=True)
 class Sequence:
-    """An opened sequence. complete: its recording ended properly; otherwise it holds the frames up to the cut."""
+    """An opened sequence.
+
+    complete: its recording ended properly; otherwise it holds the frames up to the cut.
+    """
 
     path: Path
     manifest: dict[str, Any]
@@ -159,12 +178,16 @@ class Sequence:
     complete: bool
 
     def data(self, index: int) -> bytes:
-        """The packet of a frame as it was stored. Raises UserError if it cannot be read, or has changed."""
+        """The packet of a frame as it was stored.
+
+        Raises UserError if it cannot be read, or has changed.
+        """
         return read_packet(self.path, self.packets[index])
 
     def frame(self, index: int, data: bytes | None = None) -> NDArray[np.uint8]:
-        """A frame, uint8 (height, width, 3) BGR. data: its packet, if it has been read. Raises UserError if that is damaged, or
-        holds eyes."""
+        """A frame, uint8 (height, width, 3) BGR. data: its packet, if it has been read. Raises
+        UserError if that is damaged, or holds eyes.
+        """
         return decoded(
             self.packets[index],
             self.data(index) if data is None else data,
@@ -173,7 +196,10 @@ class Sequence:
         )
 
     def eyes(self, index: int) -> NDArray[np.void]:
-        """The record, of dtype EYES, that stands in place of a frame. Raises UserError if its packet is damaged."""
+        """The record, of dtype EYES, that stands in place of a frame.
+
+        Raises UserError if its packet is damaged.
+        """
         return eyes_of(self.data(index), f"{self.path}: frame {index}")
 
     @property
@@ -216,23 +242,31 @@ def open_sequence(path: Path, verify: bool = True) -> Sequence:
     """
     check_links(path, (MANIFEST, *FILES))
     fields = _manifest(path)
-    width_px, height_px = (
-        fields.integer("width_px", 1, MAX_PIXELS),
-        fields.integer("height_px", 1, MAX_PIXELS),
-    )
+    width_px = fields.integer("width_px", 1, MAX_PIXELS)
+    height_px = fields.integer("height_px", 1, MAX_PIXELS)
     if width_px * height_px > MAX_PIXELS:
         raise UserError(
-            f"{fields.where}: frames of {width_px}x{height_px}; at most {MAX_PIXELS} px are allowed",
+            f"{fields.where}: frames of {width_px}x{height_px}; at most {MAX_PIXELS} px are"
+            " allowed",
             COPY,
         )
-    rate_hz, complete = fields.number("rate_hz", 1e-3, MOST_HZ), fields.flag("complete")
+    rate_hz = fields.number("rate_hz", 1e-3, MOST_HZ)
+    complete = fields.flag("complete")
     frames = fields.integer("frames", 1, MAX_PACKETS) if complete else MAX_PACKETS
     packets = read_index(path, complete, frames)
     if not packets:
         raise UserError(f"{path}: contains no whole frame", "record it again")
     if complete and len(packets) != frames:
         raise UserError(f"{path}: {len(packets)} frames, but {frames} were recorded", COPY)
-    sequence = Sequence(path, dict(fields.values), packets, width_px, height_px, rate_hz, complete)
+    sequence = Sequence(
+        path=path,
+        manifest=dict(fields.values),
+        packets=packets,
+        width_px=width_px,
+        height_px=height_px,
+        rate_hz=rate_hz,
+        complete=complete,
+    )
     if sequence.codecs > {"eyes"}:
         raise UserError(f"{path}: holds frames and eyes in their place", COPY)
     if sequence.measured_hz > MOST_HZ:
@@ -285,7 +319,9 @@ def _manifest(path: Path) -> Fields:
 
 
 def check_sums(sequence: Sequence) -> None:
-    """Raises UserError if a file beside the packets has another checksum than when the recording ended."""
+    """Raises UserError if a file beside the packets has another checksum than when the recording
+    ended.
+    """
     checksums = sequence.manifest.get("checksums", {})
     for path, name in ((sequence.path / name, name) for name in SUMMED if name in checksums):
         if _sha256(path) != checksums[name]:

@@ -1,11 +1,14 @@
-"""Stored frames on disk: one file of concatenated encoded pictures, and one with a line of JSON per picture. Both append only.
+"""Stored frames on disk: one file of concatenated encoded pictures, and one with a line of JSON per
+picture. Both append only.
 
     frames.bin     the packets, back to back
-    frames.jsonl   {"seq", "source_seq", "epoch", "t_sensor_ns", "t_read_ns", "codec", "offset", "bytes", "crc32"} per packet
+    frames.jsonl   {"seq", "source_seq", "epoch", "t_sensor_ns", "t_read_ns", "codec", "offset",
+    "bytes", "crc32"} per packet
 
-A packet is written before its line, each with one write. However the writer ends, every whole line belongs to a whole packet,
-so all frames but the current one can be read. Nothing calls fsync: a recording survives a crash of the program, but not a
-power cut. A packet of codec "eyes" holds no picture but a line of JSON, recorded where the mouse is the viewer.
+A packet is written before its line, each with one write. However the writer ends, every whole line
+belongs to a whole packet, so all frames but the current one can be read. Nothing calls fsync: a
+recording survives a crash of the program, but not a power cut. A packet of codec "eyes" holds no
+picture but a line of JSON, recorded where the mouse is the viewer.
 """
 
 import errno
@@ -24,22 +27,23 @@ from lfpipe.files.decoding import picture_of
 from lfpipe.files.pictures import header_of
 from lfpipe.files.safe_files import PRIVATE, check_regular, lines, open_regular, reason
 from lfpipe.files.untrusted import json_fields
-from lfpipe.host.files import CAREFUL, exists
+from lfpipe.host.files import CREATING, exists
 
 PACKETS, INDEX = "frames.bin", "frames.jsonl"
 CODECS = ("jpeg", "png", "raw", "eyes")
 MAX_PIXELS = 8192 * 8192  # of a frame
-PACKET_BYTES = 3 * MAX_PIXELS + (
-    1 << 20
-)  # a packet is at most as large as the raw frame, plus headers
+# a packet is at most as large as the raw frame, plus headers
+PACKET_BYTES = 3 * MAX_PIXELS + (1 << 20)
 MAX_PACKETS = 1 << 20  # 9.7 hours at 30 Hz; each takes 300 bytes of memory
 LINE_BYTES = 1024  # one of ours has some 150
 COPY = "copy the whole folder again from where it was recorded"
-REPAIR = "`lfpipe sequence check` lists all such frames; `lfpipe sequence cut` copies the frames before it"
-SCAN, MAX_SCANS = (
-    b"\xff\xda",
-    100,
-)  # of a JPEG: each scan of a dozen bytes can cost one more pass over the whole picture
+REPAIR = (
+    "`lfpipe sequence check` lists all such frames; `lfpipe sequence cut` copies the frames"
+    " before it"
+)
+# of a JPEG: each scan of a dozen bytes can cost one more pass over the whole picture
+SCAN = b"\xff\xda"
+MAX_SCANS = 100
 FORMATS = {"jpeg": "JPEG", "png": "PNG"}  # codec -> name of the picture's format
 _TIME_NS = 1 << 61  # keeps differences, and sums over loops of the recording, within 64 bits
 BOUNDS = {  # field of a line with a number -> (lowest, highest)
@@ -54,9 +58,12 @@ BOUNDS = {  # field of a line with a number -> (lowest, highest)
 }
 
 
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class Packet:
-    """A line of the index. seq counts stored frames from 0; source_seq is the camera's count. Times are of CLOCK_MONOTONIC."""
+    """A line of the index.
+
+    seq counts stored frames from 0; source_seq is the camera's count. Times are of CLOCK_MONOTONIC.
+    """
 
     seq: int
     source_seq: int
@@ -85,12 +92,15 @@ def parse_line(line: bytes, where: str) -> Packet:
 
 
 def read_index(folder: Path, complete: bool, most: int = MAX_PACKETS) -> list[Packet]:
-    """The packets in folder, in order, `most` at most. complete: the recording ended properly, so all its frames must exist.
+    """The packets in folder, in order, `most` at most. complete: the recording ended properly, so
+    all its frames must exist.
 
     Raises UserError with the first frame that is missing, damaged or out of order.
     """
-    path, packets = folder / INDEX, list[Packet]()
-    end, last_ns = 0, -_TIME_NS - 1
+    path = folder / INDEX
+    packets = list[Packet]()
+    end = 0
+    last_ns = -_TIME_NS - 1
     try:
         check_regular(folder / PACKETS)
         size = (folder / PACKETS).stat().st_size
@@ -109,12 +119,16 @@ def read_index(folder: Path, complete: bool, most: int = MAX_PACKETS) -> list[Pa
                     f"{folder}: frame {seq} does not begin where the previous frame ends", COPY
                 )
             if packet.t_sensor_ns <= last_ns:
-                back = f"its time stamp {packet.t_sensor_ns} ns is not after {last_ns} ns of the previous frame"
+                back = (
+                    f"its time stamp {packet.t_sensor_ns} ns is not after {last_ns} ns of the"
+                    " previous frame"
+                )
                 raise UserError(
                     f"{folder}: frame {seq}: {back}",
                     "record it again: time stamps that go back cannot be replayed",
                 )
-            end, last_ns = packet.offset + packet.bytes, packet.t_sensor_ns
+            end = packet.offset + packet.bytes
+            last_ns = packet.t_sensor_ns
             if end > size:
                 if complete:
                     raise UserError(
@@ -134,7 +148,9 @@ def read_index(folder: Path, complete: bool, most: int = MAX_PACKETS) -> list[Pa
 
 
 def encoded(picture: NDArray[np.uint8], fast: bool) -> tuple[str, bytes]:
-    """(codec, packet) of a uint8 (height, width, 3) BGR picture without loss: PNG, or raw if there is no time."""
+    """(codec, packet) of a uint8 (height, width, 3) BGR picture without loss: PNG, or raw if there
+    is no time.
+    """
     if fast:
         return "raw", picture.tobytes()
     done, data = cv2.imencode(
@@ -145,7 +161,10 @@ def encoded(picture: NDArray[np.uint8], fast: bool) -> tuple[str, bytes]:
 
 
 def read_packet(folder: Path, packet: Packet) -> bytes:
-    """The bytes of a packet in folder. Raises UserError if they cannot be read, or were changed after recording."""
+    """The bytes of a packet in folder.
+
+    Raises UserError if they cannot be read, or were changed after recording.
+    """
     try:
         with open_regular(folder / PACKETS) as file:
             data = os.pread(file.fileno(), packet.bytes, packet.offset)
@@ -164,11 +183,14 @@ def read_packet(folder: Path, packet: Packet) -> bytes:
 def decoded(
     packet: Packet, data: bytes, width_px: int, height_px: int, folder: Path
 ) -> NDArray[np.uint8]:
-    """The picture in data, uint8 (height_px, width_px, 3) BGR. Raises UserError if it is not whole or has another size.
+    """The picture in data, uint8 (height_px, width_px, 3) BGR. Raises UserError if it is not whole
+    or has another size.
 
     The header's claims are checked before a decoder allocates memory. folder: for the message.
     """
-    wrong, codec, shape = "", packet.codec, (height_px, width_px, 3)
+    wrong = ""
+    codec = packet.codec
+    shape = (height_px, width_px, 3)
     if codec == "raw" and len(data) == 3 * width_px * height_px:
         return np.frombuffer(data, np.uint8).reshape(shape)
     header = header_of(data) if codec in FORMATS else None
@@ -199,7 +221,7 @@ class PacketWriter:
             sum(len(line_of(packet)) for packet in packets),
         ]
         self._files = [
-            os.open(folder / name, os.O_WRONLY | os.O_CREAT | CAREFUL, PRIVATE)
+            os.open(folder / name, os.O_WRONLY | os.O_CREAT | CREATING, PRIVATE)
             for name in (PACKETS, INDEX)
         ]
         for file, end in zip(self._files, self._ends, strict=True):
@@ -208,11 +230,22 @@ class PacketWriter:
     def append(
         self, data: bytes, codec: str, source_seq: int, epoch: int, t_sensor_ns: int, t_read_ns: int
     ) -> None:
-        """Stores one packet. Raises OSError if the disk is full; the sequence then ends with the previous frame."""
-        stamps = (source_seq, epoch, t_sensor_ns, t_read_ns)
-        line = line_of(
-            Packet(self.count, *stamps, codec, self._ends[0], len(data), zlib.crc32(data))
+        """Stores one packet.
+
+        Raises OSError if the disk is full; the sequence then ends with the previous frame.
+        """
+        packet = Packet(
+            seq=self.count,
+            source_seq=source_seq,
+            epoch=epoch,
+            t_sensor_ns=t_sensor_ns,
+            t_read_ns=t_read_ns,
+            codec=codec,
+            offset=self._ends[0],
+            bytes=len(data),
+            crc32=zlib.crc32(data),
         )
+        line = line_of(packet)
         for file, end, new in zip(self._files, self._ends, (data, line), strict=True):
             if os.pwrite(file, new, end) != len(new):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

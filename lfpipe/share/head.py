@@ -1,11 +1,13 @@
 """The viewer's head for other programs: positions in mm before the screen, and rotation.
 
-Axes: the origin is the middle of the picture on the screen; x points to the viewer's right, y up, z from the screen to the
-viewer. A viewer who looks straight at the screen looks along -z, like the camera in OpenGL and three.js. The depth follows from
-the distance between the eyes (`CameraPose`); one eye of a turned head is further away than the other.
+Axes: the origin is the middle of the picture on the screen; x points to the viewer's right, y up, z
+from the screen to the viewer. A viewer who looks straight at the screen looks along -z, like the
+camera in OpenGL and three.js. The depth follows from the distance between the eyes (`CameraPose`);
+one eye of a turned head is further away than the other.
 
-The rotation fits MediaPipe's canonical face model to the network's points (Kabsch, Acta Cryst. A32, 1976), at points that jaw and
-mouth do not move. The mesh assumes parallel camera rays, so the fit is relative to the line of sight from the camera to the head.
+The rotation fits MediaPipe's canonical face model to the network's points (Kabsch, Acta Cryst. A32,
+1976), at points that jaw and mouth do not move. The mesh assumes parallel camera rays, so the fit
+is relative to the line of sight from the camera to the head.
 """
 
 import math
@@ -20,13 +22,13 @@ from lfpipe.eyes import extrapolated
 
 Point = tuple[float, float, float]
 
-NEAR_S = (
-    0.1  # time constant of the depth: the distance between the eyes is noisier than their position
-)
+# time constant of the depth: the distance between the eyes is noisier than their position
+NEAR_S = 0.1
 LOST_NS = 500_000_000  # after such a gap the old depth means nothing
 LEAST_PX = 0.5  # eyes closer together than this are not a face's
 
-# The points of `lfpipe.eyes.HEAD_POINTS` in the canonical model, cm: x to the face's left, y up, z out of the face.
+# The points of `lfpipe.eyes.HEAD_POINTS` in the canonical model, cm: x to the face's left, y up, z
+# out of the face.
 _MODEL_CM = (
     (0.0, -1.126865, 7.475604),
     (0.0, 8.261778, 4.481535),
@@ -39,18 +41,18 @@ _MODEL_CM = (
     (-7.664182, 0.673132, -2.435867),
     (7.664182, 0.673132, -2.435867),
 )
-MODEL = np.array(_MODEL_CM) * (
-    1.0,
-    -1.0,
-    -1.0,
-)  # on the picture's axes: right, down, away from the camera
+# on the picture's axes: right, down, away from the camera
+MODEL = np.array(_MODEL_CM) * (1.0, -1.0, -1.0)
 _CENTRED = MODEL - MODEL.mean(axis=0)  # its rows sum to 0, so the points need not be centred
 
 
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class Head:
-    """left_mm, right_mm: the viewer's own eyes. position_mm: the point between them. yaw to the viewer's right, pitch up, roll to
-    the right shoulder: 0 for a head that faces along -z; applied in that order about intrinsic axes."""
+    """left_mm, right_mm: the viewer's own eyes. position_mm: the point between them. yaw to the
+    viewer's right, pitch up, roll to
+    the right shoulder: 0 for a head that faces along -z; applied in that order about intrinsic
+    axes.
+    """
 
     left_mm: Point
     right_mm: Point
@@ -75,7 +77,8 @@ class HeadEstimator:
         apart_px = float(record["apart_px"]) or math.dist(*record["filtered_px"].tolist())
         if not LEAST_PX <= apart_px < math.inf:
             return
-        step_ns, generation = t_sensor_ns - self._t_ns, int(record["generation"])
+        step_ns = t_sensor_ns - self._t_ns
+        generation = int(record["generation"])
         fresh = not self._apart_px or not 0 <= step_ns < LOST_NS or generation != self._generation
         ratio = step_ns / 1e9 / NEAR_S
         self._apart_px = (
@@ -96,13 +99,14 @@ class HeadEstimator:
             return None
         width_px, height_px = int(record["width_px"]), int(record["height_px"])
         camera = self.config.camera
-        tilt, focal_px = math.radians(camera.tilt_deg), camera_focal_px(self.config, width_px)
+        tilt = math.radians(camera.tilt_deg)
+        focal_px = camera_focal_px(self.config, width_px)
         pose = CameraPose(
-            camera.above_mm,
-            tilt,
-            focal_px,
-            (width_px / 2, height_px / 2),
-            self.config.screen.eyes_mm,
+            above_mm=camera.above_mm,
+            tilt=tilt,
+            focal_px=focal_px,
+            middle_px=(width_px / 2, height_px / 2),
+            eyes_mm=self.config.screen.eyes_mm,
         )
         return _head(
             pose, np.asarray(eyes_px, np.float64), self._apart_px, head_rotation(record["head_px"])
@@ -110,9 +114,10 @@ class HeadEstimator:
 
 
 def head_rotation(points: NDArray[np.floating]) -> NDArray[np.float64]:
-    """The rotation (3, 3) of the canonical model on the picture's axes that fits points (10, 3), `HEAD_POINTS` in any unit:
-    right, down, away from the camera. The identity for a face that looks along the line of sight, and for unknown points,
-    which are not finite or all 0."""
+    """The rotation (3, 3) of the canonical model on the picture's axes that fits points (10, 3),
+    `HEAD_POINTS` in any unit: right, down, away from the camera. The identity for a face that looks
+    along the line of sight, and for unknown points, which are not finite or all 0.
+    """
     moved = np.asarray(points, np.float64)
     if not moved.any() or not np.isfinite(moved).all():
         return np.eye(3)
@@ -122,35 +127,38 @@ def head_rotation(points: NDArray[np.floating]) -> NDArray[np.float64]:
     return np.asarray(u @ vt, np.float64)
 
 
-_FLIP = np.diag(
-    [-1.0, -1.0, 1.0]
-)  # between the picture's axes (right, down, ahead) and those of a viewer who faces it
+# between the picture's axes (right, down, ahead) and those of a viewer who faces it
+_FLIP = np.diag([-1.0, -1.0, 1.0])
 
 
 def _head(
     pose: CameraPose, eyes_px: NDArray[np.float64], apart_px: float, rotation: NDArray[np.float64]
 ) -> Head:
-    rays = np.column_stack(
-        [(eyes_px - pose.middle_px) / pose.focal_px, np.ones(2)]
-    )  # of the eyes, on the camera's axes
+    # of the eyes, on the camera's axes
+    rays = np.column_stack([(eyes_px - pose.middle_px) / pose.focal_px, np.ones(2)])
     turned = _along(rays.mean(axis=0)) @ rotation  # of the head on the camera's axes
-    aside_mm = (
-        turned[2, 0] * pose.eyes_mm / 2
-    )  # additional distance of the left eye over the point between them
+    # additional distance of the left eye over the point between them
+    aside_mm = turned[2, 0] * pose.eyes_mm / 2
     depths_mm = pose.focal_px * pose.eyes_mm / apart_px + np.array([[aside_mm], [-aside_mm]])
-    c, s = math.cos(pose.tilt), math.sin(pose.tilt)
+    c = math.cos(pose.tilt)
+    s = math.sin(pose.tilt)
     to_screen = np.array([[-1.0, 0, 0], [0, -c, -s], [0, -s, c]])
     eyes_mm = (rays * depths_mm) @ to_screen.T + (0.0, pose.above_mm, 0.0)
     left_mm, right_mm, between_mm = (
         tuple(point) for point in (*eyes_mm.tolist(), eyes_mm.mean(axis=0).tolist())
     )
     r = (to_screen @ turned @ _FLIP).tolist()
-    yaw, pitch, roll = (
-        -math.atan2(r[0][2], r[2][2]),
-        math.asin(min(max(-r[1][2], -1.0), 1.0)),
-        -math.atan2(r[1][0], r[1][1]),
+    yaw = -math.atan2(r[0][2], r[2][2])
+    pitch = math.asin(min(max(-r[1][2], -1.0), 1.0))
+    roll = -math.atan2(r[1][0], r[1][1])
+    return Head(
+        left_mm=left_mm,
+        right_mm=right_mm,
+        position_mm=between_mm,
+        yaw_deg=math.degrees(yaw),
+        pitch_deg=math.degrees(pitch),
+        roll_deg=math.degrees(roll),
     )
-    return Head(left_mm, right_mm, between_mm, *map(math.degrees, (yaw, pitch, roll)))
 
 
 def _along(ray: NDArray[np.float64]) -> NDArray[np.float64]:

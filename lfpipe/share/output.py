@@ -1,14 +1,16 @@
 """What is sent for each frame and picture, and how; no output waits for a receiver.
 
-By UDP, an absent receiver misses datagrams: opentrack's layout, and OSC bundles. Streams of the Lab Streaming Layer, with the
-sensor's time on LSL's clock:
+By UDP, an absent receiver misses datagrams: opentrack's layout, and OSC bundles. Streams of the Lab
+Streaming Layer, with the sensor's time on LSL's clock:
 
     NAME-eyes      16 x double64, one sample a frame; NaN without a face
     NAME-pictures   5 x double64, one sample per picture shown, at the time it was presented
-    NAME-markers    1 x string, "face found" and "face lost"; "face" or "no face" every second, for a recorder that joins late
+    NAME-markers    1 x string, "face found" and "face lost"; "face" or "no face" every second, for
+    a recorder that joins late
 
-All have an irregular rate, so that no reader smooths their stamps; the description holds the camera's rate. Channels are
-described as XDF recommends for streams of type Gaze (github.com/sccn/xdf/wiki/Gaze-Meta-Data).
+All have an irregular rate, so that no reader smooths their stamps; the description holds the
+camera's rate. Channels are described as XDF recommends for streams of type Gaze
+(github.com/sccn/xdf/wiki/Gaze-Meta-Data).
 """
 
 import math
@@ -32,8 +34,10 @@ MM_PER_CM = 10.0
 
 @attrs.frozen
 class Sample:
-    """Eyes at one moment. t_ns: the sensor's stamp or, for predicted eyes, the time of sending. head: None without a face.
-    confidence: of the face, 0..1; 0 without one."""
+    """Eyes at one moment. t_ns: the sensor's stamp or, for predicted eyes, the time of sending.
+    head: None without a face.
+    confidence: of the face, 0..1; 0 without one.
+    """
 
     source_seq: int
     t_sensor_ns: int
@@ -43,8 +47,10 @@ class Sample:
 
 
 def opentrack_datagram(sample: Sample) -> bytes:
-    """opentrack's input "UDP over network", on opentrack's axes: x to the viewer's left, y up, z away from the screen in cm; yaw
-    to the right, pitch up, roll to the left shoulder in degrees. Empty without a face: opentrack then holds the last pose."""
+    """opentrack's input "UDP over network", on opentrack's axes: x to the viewer's left, y up, z
+    away from the screen in cm; yaw to the right, pitch up, roll to the left shoulder in degrees.
+    Empty without a face: opentrack then holds the last pose.
+    """
     head = sample.head
     if head is None:
         return b""
@@ -53,7 +59,9 @@ def opentrack_datagram(sample: Sample) -> bytes:
 
 
 def osc_datagram(sample: Sample) -> bytes:
-    """One bundle a frame, its time tag that of the eyes: /lfpipe/frame always, /lfpipe/eyes and /lfpipe/head with a face."""
+    """One bundle a frame, its time tag that of the eyes: /lfpipe/frame always, /lfpipe/eyes and
+    /lfpipe/head with a face.
+    """
     from pythonosc.osc_bundle_builder import OscBundleBuilder
     from pythonosc.osc_message_builder import OscMessageBuilder
 
@@ -67,9 +75,8 @@ def osc_datagram(sample: Sample) -> bytes:
             ("f", value)
             for value in (*head.position_mm, head.yaw_deg, head.pitch_deg, head.roll_deg)
         ]
-    unix_s = (
-        sample.t_ns + time.time_ns() - now_ns()
-    ) / 1e9  # the wall clock may be set while a session runs
+    # the wall clock may be set while a session runs
+    unix_s = (sample.t_ns + time.time_ns() - now_ns()) / 1e9
     bundle = OscBundleBuilder(unix_s)  # type: ignore[arg-type]  # it takes fractions
     for name, values in messages.items():
         message = OscMessageBuilder(f"/lfpipe/{name}")
@@ -140,34 +147,41 @@ def clock_offset_s() -> float:
 
     readings: list[tuple[int, float]] = []
     for _ in range(TRIES):
-        before_ns, lsl_s, after_ns = now_ns(), local_clock(), now_ns()
+        before_ns = now_ns()
+        lsl_s = local_clock()
+        after_ns = now_ns()
         readings.append((after_ns - before_ns, lsl_s - (before_ns + after_ns) / 2e9))
     return min(readings)[1]
 
 
-def source_id(session: str, stream: str) -> str:
-    """The stream's identity. It names the machine: a receiver that loses a stream goes on with another of the same identity."""
-    return f"lfpipe-{socket.gethostname()}-{session}-{stream}"
+def source_id(run: str, stream: str) -> str:
+    """The stream's identity: a receiver that loses a stream goes on with another of the same one.
+
+    It names the machine and the run of the session, which a restart of the stage does not change.
+    """
+    return f"lfpipe-{socket.gethostname()}-{run}-{stream}"
 
 
 class LslOutput:
-    """The streams of one target. pictures: whether the session shows any. rate_hz: the camera's."""
+    """The streams of one target. run: see `Session.run`. pictures: whether the session shows any.
+    rate_hz: the camera's.
+    """
 
-    def __init__(self, target: Target, session: str, rate_hz: float, pictures: bool) -> None:
+    def __init__(self, target: Target, run: str, rate_hz: float, pictures: bool) -> None:
         self._offset_s = clock_offset_s()
         self._face, self._marked_ns = False, 0
         names = [name for name in STREAMS if pictures or name != "pictures"]
         with quiet_stderr():  # liblsl prints a greeting
-            self._outlets = {name: self._outlet(target, name, session, rate_hz) for name in names}
+            self._outlets = {name: self._outlet(target, name, run, rate_hz) for name in names}
 
-    def _outlet(self, target: Target, stream: str, session: str, rate_hz: float) -> Any:
+    def _outlet(self, target: Target, stream: str, run: str, rate_hz: float) -> Any:
         import pylsl
 
         content, channels = STREAMS[stream]
         kind = pylsl.cf_string if stream == "markers" else pylsl.cf_double64
         name = f"{target.name}-{stream}"
         info = pylsl.StreamInfo(
-            name, content, len(channels), pylsl.IRREGULAR_RATE, kind, source_id(session, name)
+            name, content, len(channels), pylsl.IRREGULAR_RATE, kind, source_id(run, name)
         )
         description = info.desc()
         listed = description.append_child("channels")
@@ -194,7 +208,8 @@ class LslOutput:
 
     def send(self, sample: Sample) -> bool:
         """See `UdpOutput.send`. Markers have the time of the sample."""
-        head, t_s = sample.head, self._lsl_s(sample.t_ns)
+        head = sample.head
+        t_s = self._lsl_s(sample.t_ns)
         values = [math.nan] * 12
         if head is not None:
             values = [

@@ -2,7 +2,8 @@
 
 Reads: ring "eyes", in order; ring "shown", in order, if a target's protocol has pictures.
 Writes: the targets of option "share".
-Commands: stop; targets by option "share", camera.* by configuration. Asks: share (to end a target that cannot be opened).
+Commands: stop; targets by option "share", camera.* by configuration. Asks: share (to end a target
+that cannot be opened).
 Emits: notice (a target fails, or works again).
 """
 
@@ -56,14 +57,17 @@ class Sharer:
         self._channels = {text: self._channels[text] for text in targets if text in self._channels}
 
     def _open(self, text: str) -> None:
-        context, target, options = self._context, parse_target(text), self._context.options
+        context = self._context
+        target = parse_target(text)
+        options = self._context.options
         try:
             with context.busy_with(f"opening {target.kind}"):
                 output: UdpOutput | LslOutput
                 if target.kind == "lsl":
-                    yield_to_others()  # liblsl's threads inherit it: many receivers do not delay a picture
+                    # liblsl's threads inherit it: many receivers do not delay a picture
+                    yield_to_others()
                     output = LslOutput(
-                        target, context.spec.session.name, options.source_hz, options.show
+                        target, context.spec.session.run, options.viewer.rate_hz, options.show
                     )
                 else:
                     output = UdpOutput(target)
@@ -100,7 +104,8 @@ class Sharer:
         """Sends the eyes of every new frame."""
         context = self._context
         while (stamp := self._eyes.take(self._record, in_order=True)) is not None:
-            t_taken_ns, self._stamp = now_ns(), stamp
+            t_taken_ns = now_ns()
+            self._stamp = stamp
             self._estimator.update(self._record, stamp.t_sensor_ns)
             for channel in self._channels.values():
                 if channel.ticker is None:

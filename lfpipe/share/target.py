@@ -1,4 +1,6 @@
-"""Targets of a session's eyes: `opentrack:HOST:PORT`, `osc:HOST:PORT` or `lsl[:NAME]`, each with an optional `?rate=HZ`."""
+"""Targets of a session's eyes: `opentrack:HOST:PORT`, `osc:HOST:PORT` or `lsl[:NAME]`, each with an
+optional `?rate=HZ`.
+"""
 
 import contextlib
 import importlib
@@ -9,8 +11,12 @@ from collections.abc import Sequence
 import attrs
 
 from lfpipe.errors import UserError, shown
+from lfpipe.host.machine import install_command
 
-FORMS = "opentrack:HOST:PORT, osc:HOST:PORT or lsl[:NAME], with ?rate=HZ for predicted eyes at that rate"
+FORMS = (
+    "opentrack:HOST:PORT, osc:HOST:PORT or lsl[:NAME], with ?rate=HZ for predicted eyes at that"
+    " rate"
+)
 LIBRARIES = {"opentrack": "", "osc": "pythonosc", "lsl": "pylsl"}  # kind -> module that it needs
 MAX_TARGETS = 8  # each costs time per frame
 MAX_RATE_HZ = 1000.0  # the rate of a fast mouse; no screen is faster
@@ -18,10 +24,11 @@ MAX_NAME = 64  # characters
 NAME = "lfpipe"  # of LSL's streams
 
 
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class Target:
-    """kind: a key of LIBRARIES. host, port: of UDP; a numeric address once checked. name: of LSL's streams. rate_hz: of predicted
-    eyes; 0 sends those of every camera frame."""
+    """kind: a key of LIBRARIES. host, port: of UDP; a numeric address once checked. name: of LSL's
+    streams. rate_hz: of predicted eyes; 0 sends those of every camera frame.
+    """
 
     kind: str
     host: str = ""
@@ -58,18 +65,19 @@ def parse_target(text: str) -> Target:
             unicodedata.category(c) in ("Cc", "Cs") for c in name
         ):
             raise _refusal(text, f"a stream's name has 1 to {MAX_NAME} characters")
-        return Target(kind, name=name, rate_hz=rate_hz)
+        return Target(kind=kind, name=name, rate_hz=rate_hz)
     host, colon, port = rest.rpartition(":")
     host = host[1:-1] if host.startswith("[") and host.endswith("]") else host
     if not host or not colon:
         raise _refusal(text, "no HOST:PORT")
     if not (port.isascii() and port.isdigit() and len(port) <= 5 and 0 < int(port) < 65536):
         raise _refusal(text, f"{shown(port)} is not a port, 1 to 65535")
-    return Target(kind, host, int(port), rate_hz=rate_hz)
+    return Target(kind=kind, host=host, port=int(port), rate_hz=rate_hz)
 
 
 def check_target(text: str) -> Target:
-    """Parses a target and checks that its library is installed and its host resolves and has a route.
+    """Parses a target and checks that its library is installed and its host resolves and has a
+    route.
 
     Sends nothing, except to look up a name. Raises UserError.
     """
@@ -80,10 +88,13 @@ def check_target(text: str) -> Target:
             importlib.import_module(module)
     except ModuleNotFoundError:
         raise _refusal(
-            text, f"{module} is not installed", "install it: pip install 'lfpipe[share]'"
+            text, f"{module} is not installed", install_command("python-osc", "pylsl")
         ) from None
     except (ImportError, OSError, RuntimeError) as error:
-        why = f"{module} does not find its library: {(str(error) or type(error).__name__).splitlines()[0]}"
+        why = (
+            f"{module} does not find its library:"
+            f" {(str(error) or type(error).__name__).splitlines()[0]}"
+        )
         raise _refusal(
             text, why, "install liblsl (its releases, or conda-forge), and name it in PYLSL_LIB"
         ) from None
@@ -91,7 +102,10 @@ def check_target(text: str) -> Target:
 
 
 def check_targets(texts: Sequence[str], running: Sequence[str] = ()) -> tuple[str, ...]:
-    """Checks targets to add to those running; returns them in their exact form. Raises UserError."""
+    """Checks targets to add to those running; returns them in their exact form.
+
+    Raises UserError.
+    """
     targets = list(running)
     for text in texts:
         exact = str(check_target(text))

@@ -1,4 +1,6 @@
-"""Runs before and after the `main` of every stage's process: signals, death with the parent, cores, error reports."""
+"""Runs before and after the `main` of every stage's process: signals, death with the parent, cores,
+error reports.
+"""
 
 import faulthandler
 import importlib
@@ -13,6 +15,7 @@ from typing import Literal, NoReturn, TextIO
 
 from lfpipe import log
 from lfpipe.errors import UserError
+from lfpipe.files.safe_files import write_file
 from lfpipe.host import processes, signals
 from lfpipe.host.terminal import protect_output
 from lfpipe.supervisor import rundir
@@ -26,13 +29,16 @@ EXIT_TERMINATED = 128 + signal.SIGTERM  # as a shell reports it
 
 
 def left_file(run_dir: Path, what: Literal["error", "stack"], stage: str) -> Path:
-    """The file in which a stage leaves a user's mistake, or its stack when it hangs (on SIGUSR1), fails or crashes."""
+    """The file in which a stage leaves a user's mistake, or its stack when it hangs (on SIGUSR1),
+    fails or crashes.
+    """
     return run_dir / f"{what}.{stage}"
 
 
 def run(spec: StageSpec, parent_pid: int) -> None:
     """Entry of a spawned process."""
-    signals.ignore()  # the terminal sends signals to the whole group; only the supervisor acts on them
+    # the terminal sends signals to the whole group; only the supervisor acts on them
+    signals.ignore()
     protect_output("stdout", "stderr")
     if not processes.end_with_parent(parent_pid):
         return
@@ -65,7 +71,8 @@ def _run_stage(spec: StageSpec, parent_pid: int, run_dir: Path, stack: TextIO) -
         importlib.import_module(spec.module).main(context)
     except UserError as error:
         logger.info("%s: %s", spec.name, error)
-        left_file(run_dir, "error", spec.name).write_text(f"{error.message}\n{error.remedy}")
+        text = f"{error.message}\n{error.remedy}"
+        write_file(left_file(run_dir, "error", spec.name), text.encode(errors="backslashreplace"))
         code = EXIT_USER
     except Exception:
         logger.exception("%s failed", spec.name)
@@ -75,7 +82,8 @@ def _run_stage(spec: StageSpec, parent_pid: int, run_dir: Path, stack: TextIO) -
             sys.excepthook(*sys.exc_info())
             code = 1
     if terminated and code == 0:
-        code = EXIT_TERMINATED  # the work is not finished; the supervisor ignores this code if it asked for the stop
+        # the work is not finished; the supervisor ignores this code if it asked for the stop
+        code = EXIT_TERMINATED
     context.row["state"] = State.STOPPING
     context.close()
     if os.getppid() != parent_pid:

@@ -1,8 +1,10 @@
-"""Decides when to lower and raise the quality, from the load of the stages alone. Uses no process, clock or file.
+"""Decides when to lower and raise the quality, from the load of the stages alone. Uses no process,
+clock or file.
 
-A stage lags if it misses more than a tenth of what was due, or works nearly all the time. It has room if it misses nothing and
-works little. Half a second of lag lowers the quality by one level; five seconds of room raise it. A level that is restored and
-lost again at once is tried less and less often.
+A stage lags if it misses more than a tenth of what was due, or works nearly all the time. It has
+room if it misses nothing and works little. Half a second of lag lowers the quality by one level;
+five seconds of room raise it. A level that is restored and lost again at once is tried less and
+less often.
 """
 
 from __future__ import annotations
@@ -19,14 +21,11 @@ from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.status import State
 
-LAG_S, ROOM_S = (
-    0.5,
-    5.0,
-)  # a viewer notices lag at once, and a level that comes and goes more than a lower one
+# a viewer notices lag at once, and a level that comes and goes more than a lower one
+LAG_S, ROOM_S = 0.5, 5.0
 LONGEST_S = 300.0  # longest wait before a higher level is tried
-LATE_SHARE = (
-    0.1  # of the outputs due; one or two frames in half a second are the scheduler's fault, not lag
-)
+# of the outputs due; one or two frames in half a second are the scheduler's fault, not lag
+LATE_SHARE = 0.1
 FULL_SHARE, ROOM_SHARE = 0.9, 0.6  # of the time spent working: more is lag, less is room
 FORGET = 0.5  # s of lag that one second without lag cancels
 HICCUP_S = 0.25  # limit of one sample: a process that was stopped or starved once does not lag
@@ -41,7 +40,10 @@ Rows = Mapping[str, NDArray[np.void]]
 
 @attrs.frozen
 class Load:
-    """A stage's work within span_s. done: completed outputs. missed: outputs that were due but never made."""
+    """A stage's work within span_s.
+
+    done: completed outputs. missed: outputs that were due but never made.
+    """
 
     done: int = 0
     missed: int = 0
@@ -65,7 +67,10 @@ class Load:
 
 @attrs.frozen
 class Step:
-    """A change of level by one. stage: the lagging one, "" when raising. load: its work while it lagged."""
+    """A change of level by one.
+
+    stage: the lagging one, "" when raising. load: its work while it lagged.
+    """
 
     level: int
     stage: str = ""
@@ -78,13 +83,18 @@ class Step:
         if not self.stage:
             return "CPU is free again"
         if load.missed:
-            return f"{self.stage} missed {load.missed} of {load.done + load.missed} in {load.span_s:.1f} s"
+            return (
+                f"{self.stage} missed {load.missed} of {load.done + load.missed} in"
+                f" {load.span_s:.1f} s"
+            )
         return f"{self.stage} is busy {100 * load.share:.0f} % of its time"
 
 
 @attrs.define
 class _Stage:
-    """silent: the work since it last made or missed something. lag_s: how long it has lagged, lagging: its work meanwhile."""
+    """silent: the work since it last made or missed something. lag_s: how long it has lagged,
+    lagging: its work meanwhile.
+    """
 
     silent: Load = Load()
     lag_s: float = 0.0
@@ -118,13 +128,19 @@ class Governor:
         self._stages: dict[str, _Stage] = {}
 
     def forget(self) -> None:
-        """Discards the past, because it does not describe the load: a stage starts, the machine was suspended, ..."""
-        self._t_ns, self._room_s = None, 0.0
+        """Discards the past, because it does not describe the load: a stage starts, the machine was
+        suspended, ...
+        """
+        self._t_ns = None
+        self._room_s = 0.0
         self._stages.clear()
 
     def update(self, t_ns: int, loads: Mapping[str, Load]) -> Step | None:
-        """Adds the work of every stage since the last sample; returns the resulting step, if any."""
-        last_ns, self._t_ns = self._t_ns, t_ns
+        """Adds the work of every stage since the last sample; returns the resulting step,
+        if any.
+        """
+        last_ns = self._t_ns
+        self._t_ns = t_ns
         dt_s = 0.0 if last_ns is None else (t_ns - last_ns) / 1e9
         if last_ns is None or dt_s > GAP_S:
             self.forget()
@@ -148,10 +164,8 @@ class Governor:
             failed = (
                 self._raised_ns is not None and (t_ns - self._raised_ns) / 1e9 < 2 * self._hold_s
             )
-            self._hold_s, self._raised_ns = (
-                min(2 * self._hold_s, LONGEST_S) if failed else ROOM_S,
-                None,
-            )
+            self._hold_s = min(2 * self._hold_s, LONGEST_S) if failed else ROOM_S
+            self._raised_ns = None
             return self._step(Step(self.level + 1, worst, self._stages[worst].lagging))
         if self.level and self._room_s >= self._hold_s:
             self._raised_ns = t_ns
@@ -159,7 +173,8 @@ class Governor:
         return None
 
     def _step(self, step: Step) -> Step:
-        self.level, self._room_s = step.level, 0.0
+        self.level = step.level
+        self._room_s = 0.0
         self._stages.clear()
         return step
 
@@ -174,7 +189,9 @@ class QualityControl:
         self._due_ns = self._settled_ns = 0
 
     def sample(self, state: SessionState, rows: Rows, t_ns: int) -> Step | None:
-        """Reads the table, at most every SAMPLE_NS; returns the resulting change of level, if any."""
+        """Reads the table, at most every SAMPLE_NS; returns the resulting change of level,
+        if any.
+        """
         if state.levels != self._levels:
             self._begin(state.levels)
         if len(self._levels) == 1 or t_ns < self._due_ns:
@@ -191,8 +208,9 @@ class QualityControl:
             self._governor.forget()
             self._before.clear()
             return None
-        on_camera = state.config.render.clock == "camera" and state.options.tracking
-        # on a display's clock, only refreshes count as missed, not the eyes skipped between two refreshes
+        on_camera = state.config.render.clock == "camera" and state.options.viewer.tracked
+        # on a display's clock, only refreshes count as missed, not the eyes skipped between two
+        # refreshes
         missed = {
             name: "missed" if name == SHOWN_BY and not on_camera else "drops" for name in used
         }
@@ -200,7 +218,8 @@ class QualityControl:
             name: (int(row["seq"]), int(row[missed[name]]), int(row["busy_ns"]))
             for name, row in used.items()
         }
-        before, self._before = self._before, counts
+        before = self._before
+        self._before = counts
         loads = {
             name: Load(*np.subtract(now, before.get(name, now)).tolist())
             for name, now in counts.items()
@@ -211,13 +230,16 @@ class QualityControl:
         """Replaces the levels, and starts at full quality."""
         self._levels = levels
         helped = [self._relieved(DOES[level.work]) for level in levels[1:]]
-        # Levels are lowered in order: a stage that only a later level relieves needs the earlier ones too.
+        # Levels are lowered in order: a stage that only a later level relieves needs the earlier
+        # ones too.
         self._governor = Governor(
             [frozenset[str]().union(*helped[number:]) for number in range(len(helped))]
         )
 
     def _relieved(self, stage: str) -> frozenset[str]:
-        """The stages that run faster if `stage` has less work: those that may share a core with it."""
+        """The stages that run faster if `stage` has less work: those that may share a core
+        with it.
+        """
         cores = {name: set(self._cores(name)) for name in CORE}
         alone = [
             name for name, of in cores.items() if of and cores[stage] and not of & cores[stage]

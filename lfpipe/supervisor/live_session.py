@@ -1,41 +1,71 @@
 """A running session: its memory, stages and sockets, and the loop that decides.
 
-The loop runs in the main thread; it never blocks on a child, and polls sockets and sentinels in one place.
+The loop runs in the main thread; it never blocks on a child, and polls sockets and sentinels in one
+place.
 """
 
 import contextlib
-import json
 import logging
-import os
-import time
+import traceback
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import attrs
 import zmq
 
 from lfpipe import __version__
+from lfpipe.config import converter
+from lfpipe.config.modes import Lossless
+from lfpipe.errors import UserError, plain
 from lfpipe.host.file_lock import Lock
 from lfpipe.host.processes import usable_cores
+from lfpipe.host.worker import Worker
 from lfpipe.scene.open_scene import Packing
 from lfpipe.supervisor import child, process_table
-from lfpipe.supervisor.control_server import ControlServer
+from lfpipe.supervisor.control_sockets import ControlSockets, Request
+from lfpipe.supervisor.figures import SessionFigures, session_figures
+from lfpipe.supervisor.file_checks import FileChecks
 from lfpipe.supervisor.governor import QualityControl
-from lfpipe.supervisor.process_table import SOURCE, STAGES, Stage
+from lfpipe.supervisor.pending_answers import PendingAnswers
+from lfpipe.supervisor.process_table import NAMES, SHOWN_BY, SOURCE, STAGES, Stage
+from lfpipe.supervisor.requests import Reply, on_complete, on_load, respond, respond_checked
+from lfpipe.supervisor.scene_loads import (
+    LoadFailed,
+    SceneComplete,
+    SceneEvent,
+    SceneLoads,
+    SceneReady,
+)
+from lfpipe.supervisor.scene_previews import ScenePreviews
 from lfpipe.supervisor.session_state import ConfigRollback, SessionState
 from lfpipe.supervisor.session_store import SessionStore
-from lfpipe.supervisor.snapshot import snapshot as take_snapshot
 from lfpipe.supervisor.stage_process import (
     MAX_FAILURES,
     MAX_RESTARTS_WINDOW_S,
     StageProcess,
     StageProcesses,
 )
-from lfpipe.transport import control
 from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
+from lfpipe.transport.control import EXECUTED, BadMessage
+from lfpipe.transport.notices import faults
 from lfpipe.transport.ring_ends import StageSpec
-from lfpipe.transport.session import Session
+from lfpipe.transport.session import Session, SessionManifest
 
+PENDING_MS = 4  # the loop's period while answers wait for the stages
+ASKED_OFTEN = ("hello", "status", "pictures")  # requests that change nothing
+MAX_ERROR_CHARS = 2000  # of an answer: parts of the text came from outside
+INTERNAL = {
+    "ok": False,
+    "error": "internal error",
+    "remedy": "the session continues; please report the stack in its log",
+}
+REPLACED = {
+    "ok": False,
+    "error": "another scene was requested meanwhile",
+    "remedy": "load it again",
+    "replaced": True,
+}
 TICK_MS = 100  # beats are due as often; a sentinel or a message wakes the loop sooner
 SOURCE_ENDED = "the source has ended"
 logger = logging.getLogger(__name__)
@@ -43,14 +73,16 @@ logger = logging.getLogger(__name__)
 
 @attrs.define
 class Outcome:
-    """How a session ended. reason: in a few words. failure: None for a normal end, else the message for the user. user_error: a
-    restart cannot help until the user has changed something. final: the state at the end, from `snapshot`."""
+    """How a session ended. reason: in a few words. failure: None for a normal end, else the message
+    for the user. user_error: a restart cannot help until the user has changed something. final: the
+    state at the end.
+    """
 
     reason: str
     failure: str | None = None
     remedy: str = ""
     user_error: bool = False
-    final: dict[str, Any] = attrs.field(factory=dict)
+    final: SessionFigures | None = None
 
 
 class LiveSession:
@@ -67,23 +99,32 @@ class LiveSession:
         tell: Callable[[str], None],
         packing: Packing | None = None,
     ) -> None:
-        placed = state.config.governor.affinity == "auto" and not state.options.lossless
+        placed = state.config.governor.affinity == "auto" and not isinstance(
+            state.options.clock, Lossless
+        )
         self._cpus = process_table.cores(usable_cores()) if placed else {}
         self._session, self._tell = session, tell
         self._outcome: Outcome | None = None
         self._rollback = ConfigRollback()
         self._busy_told = False
-        self._parallax: list[str] = []  # last reported
+        # parts that do not work, and whether they ever have
+        self._faults: list[tuple[str, bool]] = []
+        self._checks = FileChecks()
+        self._pending = PendingAnswers()
         self._quality = QualityControl(lambda name: self._cpus.get(name, ()))
         with contextlib.ExitStack() as steps:  # each step runs, even if another one raises
             self._store = SessionStore(session, state)
             steps.callback(self._store.close)
             self._show_level()
-            self._started_ns = now_ns()
-            self._write_about()
+            self._started_ns = self._begin().started_ns
             self.stages = StageProcesses(session, self._store.table, self._spec, self._ask_to_stop)
-            self._server = ControlServer(ctx, session, self._store, self, packing)
-            steps.callback(self._server.close)
+            self._sockets = ControlSockets(ctx, session.run_dir)
+            steps.callback(self._sockets.close)
+            self._loads = SceneLoads(partial(self._sockets.send, SHOWN_BY), packing)
+            steps.callback(self._loads.close)
+            self._previews = ScenePreviews(partial(self._sockets.send, SHOWN_BY))
+            steps.callback(self._previews.close)
+            steps.callback(self._checks.close)
             steps.callback(self.stages.close)
             steps.callback(self.stages.stop, self.log)  # returns at once if they have ended
             self._end_steps = steps.pop_all()
@@ -93,8 +134,10 @@ class LiveSession:
         self._end_steps.close()
 
     def loop(self, duration_s: float | None, signals: Sequence[int], lock: Lock) -> Outcome:
-        """Runs the session to its end. signals: those that have arrived. lock: the session's; without it, the session receives no
-        commands any more, and the next one of that name cannot detect it."""
+        """Runs the session to its end. signals: those that have arrived. lock: the session's;
+        without it, the session receives no commands any more, and the next one of that name cannot
+        detect it.
+        """
         end_ns: int | None = None
         while self._outcome is None:
             end_ns = self._step(duration_s, end_ns)
@@ -102,19 +145,24 @@ class LiveSession:
                 why = f"{self._session.run_dir} was removed while the session ran"
                 remedy = "set XDG_RUNTIME_DIR to a directory that no program cleans"
                 self._end(Outcome("its run directory was removed", why, remedy))
+            if removed := self._store.removed():
+                why = f"{removed} was removed while the session ran"
+                remedy = "find the program that cleans that folder, and exclude lfp-*"
+                self._end(Outcome("its shared memory was removed", why, remedy))
             if signals:
                 self._end(Outcome("interrupted"))
             elif end_ns is not None and now_ns() >= end_ns:
                 self._end(Outcome("finished (--duration reached)"))
-        self._outcome.final = self.snapshot()
+        self._outcome.final = self.figures()
+        self._faults = list(faults(self._store.table.rows, now_ns()))
         self.stages.stop(self.log)
         outcome = self._checked(self._outcome)
-        self._server.serve()  # final messages of the stages
+        self._serve()  # final messages of the stages
         return outcome
 
     def _step(self, duration_s: float | None, end_ns: int | None) -> int | None:
         """One turn of the loop; returns when the session must end, None while that is not known."""
-        server, stages = self._server, self.stages
+        stages = self.stages
         stages.ensure_running(self._state.options)
         if (
             duration_s is not None
@@ -123,19 +171,18 @@ class LiveSession:
         ):
             end_ns = now_ns() + int(duration_s * SECOND_NS)  # --duration excludes the start
         poller = zmq.Poller()
-        server.register(poller)
+        self._sockets.register(poller)
+        for fd in (*self._loads.fds, *self._previews.fds, *self._checks.fds):
+            poller.register(fd, zmq.POLLIN)
         for process in stages:
             if process.process is not None:
                 poller.register(process.process.sentinel, zmq.POLLIN)
-        tick_ms = server.wait_ms(TICK_MS)
-        poller.poll(
-            tick_ms if end_ns is None else max(0, min(tick_ms, (end_ns - now_ns()) // MS_NS + 1))
-        )
-        server.serve()
+        poller.poll(self._wait_ms(end_ns))
+        self._serve()
         for process, code in stages.judge(self.log):
             self._failed(process, code)
         self._follow_up()
-        server.flush()
+        self._flush()
         self._show_level()
         if stages.finished(self._state.level.every):
             self._end(Outcome(SOURCE_ENDED))
@@ -144,24 +191,14 @@ class LiveSession:
             self._end(Outcome(why, why, "see the messages above"))
         return end_ns
 
-    def _write_about(self) -> None:
-        options = self._state.options.to_dict()
-        names = {
-            "session": self._session.name,
-            "segments": self._session.segment(""),
-            "pid": os.getpid(),
-        }
-        times = {"started_ns": self._started_ns, "started": time.strftime("%Y-%m-%dT%H:%M:%S%z")}
-        logger.info(
-            "session %s begins: lfpipe %s, pid %d", self._session.name, __version__, os.getpid()
-        )
-        logger.info(
-            "options: %s",
-            {key: value for key, value in options.items() if value and key != "kiosk"},
-        )
-        (self._session.run_dir / "session.json").write_text(
-            json.dumps({**names, **times, "options": options})
-        )
+    def _begin(self) -> SessionManifest:
+        """Writes the session's manifest and the head of its log."""
+        options = converter().unstructure(self._state.options)
+        options["display"].pop("kiosk", None)  # the code that ends an exhibition
+        manifest = SessionManifest.begin(self._session, options)
+        logger.info("session %s: lfpipe %s, pid %d", manifest.session, __version__, manifest.pid)
+        logger.info("options: %s", {key: value for key, value in options.items() if value})
+        return manifest
 
     @property
     def _state(self) -> SessionState:
@@ -185,23 +222,33 @@ class LiveSession:
         )
 
     def _follow_up(self) -> None:
-        """Changes of state without a request: a change has proved good, a lease has expired, the load requires another level."""
-        state, t_ns = self._state, now_ns()
+        """Changes of state without a request: a change has proved good, a lease has expired, the
+        load requires another level.
+        """
+        state = self._state
+        t_ns = now_ns()
         outputs = {
             process.stage.name: int(process.row["seq"])
             for process in self.stages.needed(state.options)
         }
-        state = self._rollback.watch(state, self.applied(state.rev), outputs, t_ns)
+        state = self._rollback.watch(state, self._applied(state.rev), outputs, t_ns)
         if state.options.pictures and t_ns > state.pictures_until_ns:
             state = state.without_pictures()
+        found = list(faults(self._store.table.rows, t_ns))
+        for words, _ in found:
+            if words not in (told for told, _ in self._faults):
+                self.log(words)
+        self._faults = found or self._faults
         step = self._quality.sample(state, self._store.table.rows, t_ns)
         if step is not None:
             state = state.with_level(step.level)
         if state is not self._state:
             self._store.apply(state)
         if step is not None:
-            level, lowest, why = state.level, len(state.levels) - 1, step.reason
-            self._server.publish(
+            level = state.level
+            lowest = len(state.levels) - 1
+            why = step.reason
+            self._sockets.publish(
                 "level",
                 level=level.number,
                 lowest=lowest,
@@ -209,7 +256,10 @@ class LiveSession:
                 stage=step.stage,
                 why=why,
             )
-            way = f"{'lowered' if step.stage else 'raised'} to {level.words} (level {level.number} of {lowest})"
+            way = (
+                f"{'lowered' if step.stage else 'raised'} to {level.words} (level {level.number} of"
+                f" {lowest})"
+            )
             logger.info("quality %s: %s", way if level.number else "restored", why)
             if level.number and not self._busy_told:
                 self._busy_told = True
@@ -224,7 +274,8 @@ class LiveSession:
     def _failed(self, process: StageProcess, code: int) -> None:
         """Rolls back, ends the session, or leaves the stage to be restarted."""
         state = self._state
-        name, row = process.stage.name, process.row
+        name = process.stage.name
+        row = process.row
         mistake = process.mistake() if code == child.EXIT_USER else None
         if self._rollback.to_blame(state, code, int(row["config_rev"]) >= state.rev):
             self._roll_back(
@@ -233,9 +284,8 @@ class LiveSession:
             )
             return
         first = not row["ready_ns"] and not row["restarts"]
-        if mistake and (
-            first or state.options.lossless
-        ):  # later in a live session, the missing thing may return
+        # later in a live session, the missing thing may return
+        if mistake and (first or isinstance(state.options.clock, Lossless)):
             reason = f"{name} could not {'start' if first else 'continue'}"
             self._end(Outcome(reason, mistake.message, mistake.remedy, user_error=True))
             return
@@ -243,7 +293,7 @@ class LiveSession:
         how = f"signal {-code}" if code < 0 else f"exit code {code}"
         why = f": {mistake.message}" if mistake else ""
         last = int(row["source_seq"])
-        self._server.publish("failed", stage=name, code=code, phase=phase, source_seq=last)
+        self._sockets.publish("failed", stage=name, code=code, phase=phase, source_seq=last)
         if not process.failed():
             self.log(f"{name} ended with {how} in {phase}{why}; restarting")
             return
@@ -256,20 +306,30 @@ class LiveSession:
         )
 
     def _roll_back(self, name: str, why: str) -> None:
-        """Undoes the newest change. This does not count as a failure of the stage: `ctl set` must not end a session."""
+        """Undoes the newest change.
+
+        This does not count as a failure of the stage: `ctl set` must not end a session.
+        """
         self._store.apply(self._state.rolled_back())
-        self._server.refuse_waiting(why)
-        self._server.publish("refused", stage=name, why=why)
+        for request, answer in self._pending.refuse_changes(why):
+            self._sockets.answer(request, self._state.rev, answer)
+        self._sockets.publish("refused", stage=name, why=why)
         self.log(f"the last change is rolled back: {why}")
 
     def _checked(self, outcome: Outcome) -> Outcome:
-        """An output that ended early is a failure; in a lossless session also one that a stage could not write at its end."""
-        for process in self.stages if self._state.options.lossless else ():
+        """An output that ended early is a failure; in a lossless session also one that a stage
+        could not write at its end.
+        """
+        for process in self.stages if isinstance(self._state.options.clock, Lossless) else ():
             if (mistake := process.mistake()) and outcome.failure is None:
                 reason = f"{process.stage.name} could not end"
                 outcome = Outcome(
                     reason, mistake.message, mistake.remedy, user_error=True, final=outcome.final
                 )
+        never = [words for words, worked in self._faults if not worked]
+        if never and outcome.failure is None:
+            outcome.failure = f"{outcome.reason}, but {never[0]}: it never worked"
+            outcome.remedy = "choose another one with --set track.engine or track.filter"
         lost = sum(int(row["lost_outputs"]) for row in self._store.table.rows.values())
         if lost and outcome.failure is None:
             files = "a file of the session is" if lost == 1 else f"{lost} files of the session are"
@@ -279,51 +339,162 @@ class LiveSession:
             )
         return outcome
 
-    # What the control server asks of the session.
+    # Requests and telemetry.
 
-    def snapshot(self) -> dict[str, Any]:
+    def _wait_ms(self, end_ns: int | None) -> int:
+        """How long the loop may sleep unless something wakes it."""
+        times_ms = [TICK_MS]
+        if rest_ns := self._sockets.rest_ns():
+            times_ms.append(rest_ns // MS_NS + 1)
+        if self._pending:
+            times_ms.append(PENDING_MS)
+        if end_ns is not None:
+            times_ms.append((end_ns - now_ns()) // MS_NS + 1)
+        return max(0, min(times_ms))
+
+    def _serve(self) -> None:
+        """Handles what has arrived."""
+        for request in self._sockets.requests():
+            self._guard(request, partial(self._take, request))
+        for message in self._sockets.telemetry():
+            self._guard(None, partial(self._report, message))
+        connections = self._sockets.connected()
+        for event in self._loads.update(connections):
+            self._guard(
+                None if isinstance(event, SceneComplete) else event.request,
+                partial(self._take_event, event),
+            )
+        self._guard(None, self._previews.update)
+        for request, worker in self._checks.update(connections):
+            self._guard(request, partial(self._take_check, request, worker))
+        self._flush()
+        for request, answer in self._pending.due(self._applied, now_ns()):
+            self._sockets.answer(request, self._state.rev, answer)
+
+    def _flush(self) -> None:
+        """Sends the state to the stages if it is new."""
+        if message := self._store.take_message():
+            self._sockets.broadcast(NAMES, message)
+
+    def _guard(self, request: Request | None, handle: Callable[[], None]) -> None:
+        """Handles one message; turns every error into an answer."""
+        try:
+            handle()
+            return
+        except BadMessage as error:
+            answer = {"ok": False, "error": plain(str(error), MAX_ERROR_CHARS)}
+        except UserError as error:
+            answer = {"ok": False, "error": error.message, "remedy": error.remedy}
+        except Exception:
+            self.log(
+                "internal error while handling a message; the session"
+                f" continues\n{traceback.format_exc()}"
+            )
+            answer = INTERNAL
+        logger.info("refused: %s", answer["error"])
+        if request is None:
+            return
+        if request.client.decode(errors="replace") in NAMES:  # nobody reads a stage's answers
+            remedy = answer.get("remedy")
+            self.log(f"{answer['error']} ({remedy})" if remedy else str(answer["error"]))
+        self._sockets.answer(request, self._state.rev, answer)
+
+    def _take(self, request: Request) -> None:
+        request.decode()
+        stage = request.client.decode(errors="replace")
+        if request.command == EXECUTED and stage in NAMES:
+            self._pending.executed(stage, request.message)
+            return
+        level = logging.DEBUG if request.command in ASKED_OFTEN else logging.INFO
+        logger.log(level, "request %.500s", request.message)
+        self._carry_out(request, respond(self._state, request.message, now_ns()))
+
+    def _take_event(self, event: SceneEvent) -> None:
+        if isinstance(event, LoadFailed):
+            raise event.error
+        if isinstance(event, SceneReady):
+            reply = on_load(self._state, event.request.message, event.scene)
+            self._carry_out(event.request, reply)
+        elif (state := on_complete(self._state, event.scene)) is not self._state:
+            scene = event.scene
+            logger.info("%s: disparity is complete, method %s", scene.name, scene.method)
+            self._store.apply(state)
+
+    def _take_check(self, request: Request, worker: Worker) -> None:
+        result = worker.result()
+        reply = respond_checked(self._state, request.message, result, now_ns())
+        self._carry_out(request, reply)
+
+    def _carry_out(self, request: Request, reply: Reply) -> None:
+        """Carries out a reply; answers now, or when it is done."""
+        if reply.check is not None:
+            self._checks.begin(request, reply.check)
+            return
+        if reply.load is not None:
+            replaced = self._loads.want(request, reply.load.path, reply.load.settings)
+            if replaced is not None:
+                self._sockets.answer(replaced, self._state.rev, REPLACED)
+            return
+        if reply.previews is not None:
+            self._previews.begin(reply.previews, self._state.config.scene)
+        if reply.executed_by:
+            number = self._pending.await_stages(request, reply.executed_by, now_ns())
+            for stage in reply.executed_by:
+                self._sockets.send(stage, {**request.message, "number": number})
+            return
+        answer = {"ok": True, **reply.answer}
+        if reply.with_stages:
+            answer |= self.figures().to_dict()
+        rev = self._state.rev
+        if reply.state is not None:
+            self._store.apply(reply.state)
+        if self._state.rev != rev:
+            self._pending.await_revision(request, answer, self._state.rev, now_ns())
+        else:
+            self._sockets.answer(request, rev, answer)
+        if reply.stop:
+            by_window = request.client == SHOWN_BY.encode()
+            self._end(Outcome("the window was closed" if by_window else "stopped by command"))
+
+    def figures(self) -> SessionFigures:
         """The figures of the stages."""
-        return take_snapshot(
+        return session_figures(
             self._session.name, self._store.table.rows, self._store.table.session, self._started_ns
         )
 
-    def applied(self, rev: int) -> bool:
-        """Whether every stage has applied revision rev, and those that are no longer needed have ended."""
+    def _applied(self, rev: int) -> bool:
+        """Whether every stage has applied revision rev, and those that are no longer needed have
+        ended.
+        """
         return all(
             int(process.row["config_rev"]) >= rev
             for process in self.stages.needed(self._state.options, or_alive=True)
         )
 
-    def stop(self) -> None:
-        """Ends the session."""
-        self._end(Outcome("stopped by command"))
-
     def log(self, text: str) -> None:
-        """For people, and for the log."""
+        """For people, and for the log. text: may quote anything."""
         logger.info(text)
-        self._tell(text)
+        self._tell(plain(text))
 
-    def report(self, message: dict[str, Any]) -> None:
-        """Logs telemetry that is for people. Of parallax only the changed lines: a key that changes alpha changes one line of
-        six."""
-        if message.get("topic") not in ("source", "notice", "parallax"):
+    def _report(self, message: dict[str, Any]) -> None:
+        """Logs telemetry that is for people; parallax, which changes with the viewer's distance,
+        only in the log.
+        """
+        topic = message.get("topic")
+        if topic not in ("source", "notice", "parallax"):
             return
         notes = message.get("notes")
         for text in notes if isinstance(notes, list) and notes else [message.get("text")]:
-            if isinstance(text, str) and message["topic"] == "parallax":
-                before, self._parallax = self._parallax, text.splitlines()
-                text = "\n".join(line for line in self._parallax if line not in before)
             if isinstance(text, str) and text:
-                self.log(text)
+                (logger.info if topic == "parallax" else self.log)(text)
 
     def _ask_to_stop(self, name: str) -> None:
-        self._server.send(name, control.encode({"cmd": "stop"}))
+        self._sockets.send(name, {"cmd": "stop"})
 
     def _show_level(self) -> None:
         """For monitors, which read the table."""
-        level, row = self._state.level, self._store.table.session
-        row["level"], row["lowest"], row["words"] = (
-            level.number,
-            len(self._state.levels) - 1,
-            level.words.encode(),
-        )
+        level = self._state.level
+        row = self._store.table.session
+        row["level"] = level.number
+        row["lowest"] = len(self._state.levels) - 1
+        row["words"] = level.words.encode()

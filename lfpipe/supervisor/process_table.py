@@ -1,4 +1,6 @@
-"""The process table: a stage is one row here and one module with `main(context)`. No other module of this room names a stage."""
+"""The process table: a stage is one row here and one module with `main(context)`. No other module
+of this room names a stage.
+"""
 
 import math
 from collections.abc import Callable, Sequence
@@ -7,21 +9,24 @@ import attrs
 import numpy as np
 
 from lfpipe.config import Config, SessionOptions
+from lfpipe.config.modes import MouseViewer
 from lfpipe.eyes import EYES, SHOWN
 from lfpipe.transport.packet_ring import packet_dtype
 from lfpipe.transport.ring import RingSpec
 
 
 def _feeds(options: SessionOptions) -> bool:
-    return options.tracking or bool(options.record and not options.mouse)
+    records = bool(options.record) and not isinstance(options.viewer, MouseViewer)
+    return options.viewer.tracked or records
 
 
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class Stage:
     """A process. needed: whether a session with these options runs it.
 
-    optional: few sessions run it, and no picture waits for it. own_core: on two cores it avoids the first. startup_timeout_s:
-    from spawn to READY, or to open another scene or camera. hang_timeout_s: longest time without a beat after that.
+    optional: few sessions run it, and no picture waits for it. own_core: on two cores it avoids the
+    first. startup_timeout_s: from spawn to READY, or to open another scene or camera.
+    hang_timeout_s: longest time without a beat after that.
     """
 
     name: str
@@ -37,31 +42,55 @@ class Stage:
 
 FRAMES_BYTES = 16 << 20  # a recorder may fall behind by the number of slots minus two
 
-# fmt: off
-STAGES = (
-    Stage("capture", "lfpipe.capture.stage", _feeds, writes=("frames",)),
-    Stage("track", "lfpipe.track.stage", lambda options: options.tracking, ("frames",), ("eyes",), own_core=True,
-          startup_timeout_s=30.0),
-    Stage("render", "lfpipe.render.stage", lambda options: options.show, ("eyes",), ("shown",)),
+
+STAGES: tuple[Stage, ...] = (
+    Stage(name="capture", module="lfpipe.capture.stage", needed=_feeds, writes=("frames",)),
+    Stage(
+        name="track",
+        module="lfpipe.track.stage",
+        needed=lambda options: options.viewer.tracked,
+        reads=("frames",),
+        writes=("eyes",),
+        own_core=True,
+        startup_timeout_s=30.0,
+    ),
+    Stage(
+        name="render",
+        module="lfpipe.render.stage",
+        needed=lambda options: options.show,
+        reads=("eyes",),
+        writes=("shown",),
+    ),
     # their work can wait, so it must not disturb capture and render
-    Stage("record", "lfpipe.record.stage", lambda options: bool(options.record), ("frames", "eyes"),
-          optional=True, own_core=True),
-    Stage("share", "lfpipe.share.stage", lambda options: bool(options.share), ("eyes", "shown"), optional=True, own_core=True),
+    Stage(
+        name="record",
+        module="lfpipe.record.stage",
+        needed=lambda options: bool(options.record),
+        reads=("frames", "eyes"),
+        optional=True,
+        own_core=True,
+    ),
+    Stage(
+        name="share",
+        module="lfpipe.share.stage",
+        needed=lambda options: bool(options.share),
+        reads=("eyes", "shown"),
+        optional=True,
+        own_core=True,
+    ),
 )
-# fmt: on
+
 NAMES = tuple(stage.name for stage in STAGES)
-# The source makes frames, and when it ends by itself, the session ends. The age of pictures is the session's.
+# The source makes frames, and when it ends by itself, the session ends. The age of pictures is the
+# session's.
 SOURCE, TRACKED_BY, SHOWN_BY = (
     next(stage.name for stage in STAGES if ring in stage.writes)
     for ring in ("frames", "eyes", "shown")
 )
-DOES = {
-    "pictures": SHOWN_BY,
-    "eyes": TRACKED_BY,
-}  # work that a lowered quality reduces -> who does it
-CORE = tuple(
-    stage.name for stage in STAGES if not stage.optional
-)  # the stages that a picture waits for
+# work that a lowered quality reduces -> who does it
+DOES = {"pictures": SHOWN_BY, "eyes": TRACKED_BY}
+# the stages that a picture waits for
+CORE = tuple(stage.name for stage in STAGES if not stage.optional)
 
 
 def _frame_ring(config: Config) -> RingSpec:
@@ -85,7 +114,8 @@ def picture_ring(height_px: int, width_px: int) -> RingSpec:
 
 
 def packet_ring(config: Config, jpeg_px: Sequence[int]) -> RingSpec:
-    """The ring of a source's JPEGs, (width, height) jpeg_px. A slot fits any JPEG that is no larger than its decoded picture.
+    """The ring of a source's JPEGs, (width, height) jpeg_px. A slot fits any JPEG that is no larger
+    than its decoded picture.
 
     A packet is kept longer than the frame decoded from it, because that frame is published later.
     """
@@ -103,7 +133,9 @@ def consumers() -> dict[str, list[str]]:
 
 
 def cores(allowed: Sequence[int]) -> dict[str, tuple[int, ...]]:
-    """stage -> cores: on two cores, stages with own_core get the second; with more, the operating system decides."""
+    """stage -> cores: on two cores, stages with own_core get the second; with more, the operating
+    system decides.
+    """
     return (
         {stage.name: (sorted(allowed)[stage.own_core],) for stage in STAGES}
         if len(allowed) == 2

@@ -1,45 +1,61 @@
-"""The requests of a session on ctl. Each handler is a pure function of state and request; it returns a reply or refuses.
+"""The requests of a session on ctl. Each handler is a pure function of state and request; it
+returns a reply or refuses.
 
-Requests that name files come in two steps: `respond` asks for a check by a child process (`file_requests`), `respond_checked`
-processes its result; for a scene, that child is the packer. A refusal is a BadMessage (not a request at all) or a UserError (with
-a remedy); either changes nothing.
+Requests that name files come in two steps: `respond` asks for a check by a child process
+(`file_checks`), `respond_checked` processes its result; a scene is packed first, then `on_load`
+shows it. A refusal is a BadMessage (not a request at all) or a UserError (with a remedy); either
+changes nothing.
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import attrs
 
 from lfpipe import config as config_module
-from lfpipe.config import SceneSummary
+from lfpipe.config import Scene, SceneSummary, converter
+from lfpipe.config.modes import MouseViewer
 from lfpipe.errors import UserError
 from lfpipe.errors import shown as printable
 from lfpipe.share.target import FORMS, MAX_TARGETS
+from lfpipe.supervisor.file_checks import FileCheck
+from lfpipe.supervisor.process_table import SHOWN_BY, STAGES, TRACKED_BY
 from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.control import BadMessage
 
-# what is written while a session runs: request -> option with its path, in words, as a person types it
+# what is written while a session runs: request -> option with its path, in words, as a person types
+# it
 OUTPUTS = {
-    "trace": ("timeline", "timeline", "lfpipe trace"),
+    "trace": ("timeline", "trace", "lfpipe trace"),
     "record": ("record", "recording", "lfpipe ctl record"),
 }
 LEASE_S, MAX_LEASE_S = 5.0, 60.0  # of the ring of pictures
 
 
 @attrs.frozen
+class SceneLoad:
+    """A scene to pack, with its settings."""
+
+    path: str
+    settings: Scene
+
+
+@attrs.frozen(kw_only=True)
 class Reply:
-    """answer: sent back. state: to apply; if it is a new revision, the answer waits until the stages have applied it. broadcast:
-    a message for every stage. check: a request for `file_requests`, whose result gives the real reply. with_stages: the answer
-    gets the figures of the stages. stop: the session ends.
+    """What a request leads to. Without `load`, `check` and `executed_by` it is answered as soon as
+    the stages have applied `state`.
     """
 
     answer: dict[str, Any] = attrs.field(factory=dict)
-    state: SessionState | None = None
-    broadcast: dict[str, Any] | None = None
-    check: dict[str, Any] | None = None
-    with_stages: bool = False
-    stop: bool = False
+    state: SessionState | None = None  # to store; a new revision goes to the stages
+    load: SceneLoad | None = None  # the real reply comes from `on_load`
+    previews: tuple[str, ...] | None = None  # scenes to read for the page that offers them
+    check: FileCheck | None = None  # the real reply comes from `respond_checked`
+    executed_by: tuple[str, ...] = ()  # the stages that execute the command, and then answer
+    with_stages: bool = False  # the answer gets the figures of the stages
+    stop: bool = False  # the session ends
 
 
 Handler = Callable[[SessionState, dict[str, Any], int], Reply]
@@ -58,7 +74,7 @@ def _set(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
     if not isinstance(sets, dict) or not sets:
         raise BadMessage("set needs a map of keys and values")
     config = config_module.updated(state.config, sets, live_only=True)
-    return Reply({"set": sets}, state.changed(config))
+    return Reply(answer={"set": sets}, state=state.changed(config))
 
 
 def _pictures(state: SessionState, message: dict[str, Any], t_ns: int) -> Reply:
@@ -75,7 +91,7 @@ def _pictures(state: SessionState, message: dict[str, Any], t_ns: int) -> Reply:
     if state.options.scene is None:
         raise UserError("the session shows no pictures", "start one that does: `lfpipe up SCENE`")
     new = state.with_pictures(t_ns + int(lease_s * SECOND_NS))
-    return Reply({"ring": new.options.pictures}, new)
+    return Reply(answer={"ring": new.options.pictures}, state=new)
 
 
 def _load(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
@@ -87,17 +103,26 @@ def _load(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
         )
     if not state.options.show:
         raise UserError("the session shows no pictures", "start one that does: `lfpipe up SCENE`")
-    how: dict[str, Any] = {key: message[key] for key in ("layout", "grid") if key in message}
-    config_module.updated(
-        state.config, {f"scene.{key}": value for key, value in how.items()}
-    )  # only for its checks
-    return Reply(check={"check": "scene", "path": scene, "settings": how})
+    how = {f"scene.{key}": message[key] for key in ("layout", "grid") if key in message}
+    return Reply(load=SceneLoad(scene, config_module.updated(state.config, how).scene))
+
+
+def _previews(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
+    """Reads small pictures of scenes of the playlist for the stage that shows pictures."""
+    scenes = message.get("scenes")
+    if not isinstance(scenes, list) or not all(
+        isinstance(scene, str) and scene in state.options.playlist for scene in scenes
+    ):
+        raise BadMessage("previews needs a list of scenes of the playlist, or an empty one to stop")
+    return Reply(previews=tuple(scenes))
 
 
 def _place(state: SessionState, message: dict[str, Any]) -> int | None:
-    """The playlist index of the scene that `load` requests: by path, `at` an index, or a `step` from the one shown; None
-    if it is not in the playlist."""
-    scenes, scene = state.options.playlist, message.get("scene")
+    """The playlist index of the scene that `load` requests: by path, `at` an index, or a `step`
+    from the one shown; None if it is not in the playlist.
+    """
+    scenes = state.options.playlist
+    scene = message.get("scene")
     if scene is not None:
         return scenes.index(scene) if scene in scenes else None
     at, step = message.get("at"), message.get("step")
@@ -118,7 +143,8 @@ def _place(state: SessionState, message: dict[str, Any]) -> int | None:
 
 def _output(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
     """Begins the file or folder `path`; an empty one ends what is running."""
-    command, path = message["cmd"], message.get("path")
+    command = message["cmd"]
+    path = message.get("path")
     option, what, typed = OUTPUTS[command]
     running = getattr(state.options, option)
     if not isinstance(path, str) or not (_absolute(path) or not path):
@@ -129,25 +155,21 @@ def _output(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
         raise UserError(f"no {what} is running", f"`{typed} start OUT` starts one")
     if not path:
         none: dict[str, Any] = {option: ""}
-        return Reply({"path": running}, state.changed(**none))
-    if command == "record" and not state.options.tracking and not state.options.mouse:
+        return Reply(answer={"path": running}, state=state.changed(**none))
+    if command == "record" and not _has_eyes(state):
         raise UserError(
             "no camera is in use: the scene is a single view",
             "`lfpipe record OUT` records without a scene",
         )
-    return Reply(
-        check={
-            "check": command,
-            "path": path,
-            "source": state.options.source,
-            "record": state.options.record,
-        }
-    )
+    source, record = state.options.viewer.source, state.options.record
+    return Reply(check=FileCheck(check=command, path=path, source=source, record=record))
 
 
 def _share(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
     """Adds the targets `start`, or removes the targets `stop` (all, if it is empty)."""
-    start, stop, running = message.get("start"), message.get("stop"), state.options.share
+    start = message.get("start")
+    stop = message.get("stop")
+    running = state.options.share
     texts = stop if start is None else start
     if (
         (start is None) == (stop is None)
@@ -160,19 +182,14 @@ def _share(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
             raise UserError("no target given", FORMS)
         if len(start) > MAX_TARGETS:
             raise BadMessage(f"share: {len(start)} targets; at most {MAX_TARGETS} are allowed")
-        if not state.options.tracking and not state.options.mouse:
+        if not _has_eyes(state):
             raise UserError(
                 "no eyes are tracked: the scene is a single view",
                 "use `lfpipe up --no-picture --share TARGET`",
             )
-        return Reply(
-            check={
-                "check": "share",
-                "path": ", ".join(start)[:200],
-                "targets": start,
-                "running": list(running),
-            }
-        )
+        names = ", ".join(start)[:200]
+        targets = tuple(start)
+        return Reply(check=FileCheck(check="share", path=names, targets=targets, running=running))
     named = {
         text: [target for target in running if text in (target, target.partition("?")[0])]
         for text in texts
@@ -186,26 +203,54 @@ def _share(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
         raise UserError("nothing is shared", "`lfpipe ctl share start TARGET` starts it")
     ended = [target for targets in named.values() for target in targets] or list(running)
     left = tuple(target for target in running if target not in ended)
-    return Reply({"share": list(left)}, state.changed(share=left))
+    return Reply(answer={"share": list(left)}, state=state.changed(share=left))
 
 
 def respond_checked(
     state: SessionState, message: dict[str, Any], result: dict[str, Any], t_ns: int
 ) -> Reply:
-    """The reply to a request after its files were checked. The state may have changed meanwhile. Raises like `respond`."""
-    if message["cmd"] == "load":
-        scene = SceneSummary(**result)
-        at = _place(state, message)
-        new = state.loaded(scene)
-        if at is not None:
-            new = attrs.evolve(new, options=attrs.evolve(new.options, playlist_at=at))
-        return Reply({"pack": scene.pack}, new)
+    """The reply to a request after its files were checked.
+
+    The state may have changed meanwhile. Raises like `respond`.
+    """
     respond(state, message, t_ns)  # another client may have started one
     if message["cmd"] == "share":
         share = tuple(dict.fromkeys((*state.options.share, *result["targets"])))
-        return Reply({"share": list(share)}, state.changed(share=share))
+        return Reply(answer={"share": list(share)}, state=state.changed(share=share))
     option, _, _ = OUTPUTS[message["cmd"]]
-    return Reply({"path": message["path"]}, state.changed(**{option: message["path"]}))
+    path = message["path"]
+    return Reply(answer={"path": path}, state=state.changed(**{option: path}))
+
+
+def _has_eyes(state: SessionState) -> bool:
+    """Whether the scene on show needs eyes, and the session has some."""
+    return state.options.viewer.tracked or isinstance(state.options.viewer, MouseViewer)
+
+
+def on_load(state: SessionState, message: dict[str, Any], scene: SceneSummary) -> Reply:
+    """The reply to a request for a scene that can be shown now. Raises like `respond`."""
+    at = _place(state, message)
+    new = state.loaded(scene)
+    if at is not None:
+        new = attrs.evolve(new, options=attrs.evolve(new.options, playlist_at=at))
+    return Reply(answer={"pack": scene.pack}, state=new)
+
+
+def on_complete(state: SessionState, scene: SceneSummary) -> SessionState:
+    """The state once a scene has its disparity; unchanged if another scene is shown by then."""
+    shown = state.options.scene
+    return state.loaded(scene) if shown is not None and shown.pack == scene.pack else state
+
+
+def _recentre(state: SessionState, _message: dict[str, Any], _t_ns: int) -> Reply:
+    stages = tuple(
+        stage.name
+        for stage in STAGES
+        if stage.name in (SHOWN_BY, TRACKED_BY) and stage.needed(state.options)
+    )
+    if not stages:
+        raise UserError("the session has no viewer to recentre", "start one with a camera")
+    return Reply(executed_by=stages)
 
 
 def _absolute(path: str) -> bool:
@@ -213,16 +258,24 @@ def _absolute(path: str) -> bool:
     return path.startswith("/") and "\0" not in path
 
 
+def _status(state: SessionState, _message: dict[str, Any], _t_ns: int) -> Reply:
+    config = converter().unstructure(state.config)
+    return Reply(answer={"paused": state.paused, "config": config}, with_stages=True)
+
+
+def _pause(state: SessionState, _message: dict[str, Any], _t_ns: int, *, paused: bool) -> Reply:
+    return Reply(answer={"paused": paused}, state=state.changed(paused=paused))
+
+
 HANDLERS: dict[str, Handler] = {
-    "hello": lambda state, _message, _t_ns: Reply(state.message()),
-    "status": lambda state, _message, _t_ns: Reply(
-        {"paused": state.paused, "config": config_module.to_dict(state.config)}, with_stages=True
-    ),
+    "hello": lambda state, _message, _t_ns: Reply(answer=state.message()),
+    "status": _status,
     "set": _set,
-    "pause": lambda state, _message, _t_ns: Reply({"paused": True}, state.changed(paused=True)),
-    "resume": lambda state, _message, _t_ns: Reply({"paused": False}, state.changed(paused=False)),
-    "recentre": lambda _state, _message, _t_ns: Reply(broadcast={"cmd": "recentre"}),
+    "pause": partial(_pause, paused=True),
+    "resume": partial(_pause, paused=False),
+    "recentre": _recentre,
     "load": _load,
+    "previews": _previews,
     "pictures": _pictures,
     "trace": _output,
     "record": _output,

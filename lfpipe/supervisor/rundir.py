@@ -1,7 +1,8 @@
-"""The run directory: one session owns and locks it while it lives. Any process of the user may sweep one without an owner.
+"""The run directory: one session owns and locks it while it lives. Any process of the user may
+sweep one without an owner.
 
-A lock ends with its process. A sweep unlinks shared memory only if it belongs to this user and its session is dead
-(`host.segment`).
+A lock ends with its process. A sweep unlinks shared memory only if it belongs to this user and its
+session is dead (`host.segment`).
 """
 
 import contextlib
@@ -20,24 +21,25 @@ from lfpipe.host import file_lock, processes, segment
 from lfpipe.host.file_lock import Lock
 from lfpipe.host.files import is_missing
 from lfpipe.transport import control, status
-from lfpipe.transport.session import PREFIX, Session, base_dir
+from lfpipe.transport.session import PREFIX, Session, base_dir, place_prefix
 
-ATTEMPTS, PAUSE_S = (
-    30,
-    0.01,
-)  # to take a lock: a process that sweeps or lists sessions holds one briefly
+# to take a lock: a process that sweeps or lists sessions holds one briefly
+ATTEMPTS, PAUSE_S = 30, 0.01
 ENDING_S = 3.0  # time limit for a session that lost its run directory to end
 
 
 def _is_own_directory(path: Path) -> bool:
-    """Whether path is a directory of this user and not a link: in /tmp, anybody may create one with our name. Raises OSError."""
+    """Whether path is a directory of this user and not a link: in /tmp, anybody may create one with
+    our name. Raises OSError.
+    """
     entry = path.lstat()
     return stat.S_ISDIR(entry.st_mode) and entry.st_uid == os.getuid()
 
 
 def _make_directory(path: Path) -> None:
-    """Creates path with mode 0700, or sets that mode. Raises UserError if it is not this user's directory, FileNotFoundError if
-    another process has just removed it."""
+    """Creates path with mode 0700, or sets that mode. Raises UserError if it is not this user's
+    directory, FileNotFoundError if another process has just removed it.
+    """
     try:
         path.mkdir(mode=0o700)
     except FileExistsError:
@@ -55,8 +57,9 @@ def _make_directory(path: Path) -> None:
 def take_lock(path: Path, make: bool = False) -> Lock | None:
     """Locks the file at path, created if missing; None if another process holds it.
 
-    make: also creates its directory. Otherwise None if that is missing. Raises OSError, and UserError for a directory of another
-    user. A sweep treats an unlocked directory as a dead session's, so a lock is valid only if the file still exists.
+    make: also creates its directory. Otherwise None if that is missing. Raises OSError, and
+    UserError for a directory of another user. A sweep treats an unlocked directory as a dead
+    session's, so a lock is valid only if the file still exists.
     """
     while True:
         try:
@@ -73,16 +76,18 @@ def take_lock(path: Path, make: bool = False) -> Lock | None:
 
 
 def _sessions() -> Iterator[Session]:
-    """This user's sessions that have a run directory. Skips anything unreadable or not a run directory."""
+    """This user's sessions that have a run directory.
+
+    Skips anything unreadable or not a run directory.
+    """
     base = base_dir()
     try:
         names = sorted(path.name for path in base.iterdir() if path.name.startswith(PREFIX))
     except OSError:
         return
     for name in names:
-        with contextlib.suppress(
-            OSError, UserError
-        ):  # it has just ended, or it is not the name of a session
+        # it has just ended, or it is not the name of a session
+        with contextlib.suppress(OSError, UserError):
             session = Session(name.removeprefix(PREFIX))
             if _is_own_directory(base / name):
                 yield session
@@ -90,7 +95,9 @@ def _sessions() -> Iterator[Session]:
 
 @contextlib.contextmanager
 def filled(session: Session) -> Iterator[None]:
-    """Turns system errors while a session's files are created (a full disk, a quota, ...) into a UserError."""
+    """Turns system errors while a session's files are created (a full disk, a quota, ...) into a
+    UserError.
+    """
     try:
         yield
     except (OSError, zmq.ZMQError) as error:
@@ -102,11 +109,11 @@ def filled(session: Session) -> Iterator[None]:
 
 
 def acquire(session: Session) -> Lock:
-    """Takes the session for this process and returns its lock. The directory is then empty except for the lock, and
-    the names of the session's memory are free.
+    """Takes the session for this process and returns its lock. The directory is then empty except
+    for the lock, and the names of the session's memory are free.
 
-    Raises UserError if another `up` runs under this name or the path is too long for sockets, OSError if an entry of the
-    directory cannot be removed.
+    Raises UserError if another `up` runs under this name or the path is too long for sockets,
+    OSError if an entry of the directory cannot be removed.
     """
     control.check_place(session.run_dir, "ctl")
     for _ in range(ATTEMPTS):
@@ -140,13 +147,16 @@ def _empty(run_dir: Path) -> None:
 
 
 def _unlink_memory(session: Session) -> bool:
-    """Unlinks the session's abandoned memory; whether none is left. Waits for another process that sweeps and looks at it, and
-    for a living session that lost its run directory to end."""
+    """Unlinks the session's abandoned memory; whether none is left. Waits for another process that
+    sweeps and looks at it, and for a living session that lost its run directory to end.
+    """
+    prefix = place_prefix(session.run_dir)
     end_s = time.monotonic() + ENDING_S
     while True:
-        for name, _ in segment.abandoned(session.segment("")):
+        for name, _ in segment.abandoned(prefix):
+            _resume_stages(name)
             segment.unlink(name)
-        if not segment.owned(session.segment("")):
+        if not segment.owned(prefix):
             return True
         if time.monotonic() > end_s:
             return False
@@ -154,8 +164,9 @@ def _unlink_memory(session: Session) -> bool:
 
 
 def release(session: Session, lock: Lock) -> None:
-    """Removes everything that the session created, the lock last, and releases it. Leaves what cannot be removed, and
-    everything if another session owns the directory by now. The caller must have unlinked its own memory.
+    """Removes everything that the session created, the lock last, and releases it. Leaves what
+    cannot be removed, and everything if another session owns the directory by now. The caller must
+    have unlinked its own memory.
     """
     try:
         if lock.in_place():
@@ -167,9 +178,8 @@ def release(session: Session, lock: Lock) -> None:
             return
     finally:
         lock.release()
-    with contextlib.suppress(
-        OSError
-    ):  # if only the lock is missing, the rest is removed like a dead session's
+    # if only the lock is missing, the rest is removed like a dead session's
+    with contextlib.suppress(OSError):
         if (again := take_lock(session.lock)) is not None:
             release(session, again)
 
@@ -189,16 +199,17 @@ def _resume_stages(name: str) -> None:
 
 
 def sweep() -> list[str]:
-    """Removes what dead sessions of this user left, and returns their names. Skips what cannot be removed.
+    """Removes what dead sessions of this user left, and returns their names. Skips what cannot be
+    removed.
 
-    Covers the run directories of this runtime directory, and all memory whose run directory is gone, wherever it was.
+    Covers the run directories of this runtime directory, and all memory whose run directory is
+    gone, wherever it was.
     """
     swept = []
     for session in _sessions():
         with contextlib.suppress(OSError):
             lock = take_lock(session.lock)
             if lock is not None:
-                _resume_stages(session.segment("status"))
                 release(session, lock)
                 swept.append(session.name)
     for name, run_dir in segment.abandoned():

@@ -1,26 +1,35 @@
-"""The state of a session: one frozen value. Every change is a pure function from one state to the next.
+"""The state of a session: one frozen value. Every change is a pure function from one state to the
+next.
 
-Rollback: if a stage fails on a change of configuration or scene, the change is undone, and the session continues.
+Rollback: if a stage fails on a change of configuration or scene, the change is undone, and the
+session continues.
 """
 
 from __future__ import annotations
 
+import secrets
 from collections.abc import Mapping
 from typing import Any, Literal
 
 import attrs
 
-from lfpipe import config as config_module
-from lfpipe.config import Config, QualityLevel, Render, SceneSummary, SessionOptions
+from lfpipe.config import Config, QualityLevel, Render, SceneSummary, SessionOptions, converter
+from lfpipe.config.modes import Lossless, Viewer, watching
 from lfpipe.config.quality import ladder
 from lfpipe.supervisor.child import EXIT_TERMINATED
 from lfpipe.supervisor.process_table import packet_ring, picture_ring
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.ring import RingSpec
 
-TRIAL_NS = (
-    2 * SECOND_NS
-)  # counted after all stages have applied a change; a stage that cannot use it fails sooner
+# counted after all stages have applied a change; a stage that cannot use it fails sooner
+TRIAL_NS = 2 * SECOND_NS
+
+
+def new_ring(kind: str) -> str:
+    """The name of a ring made on demand: never used before, so that no reader maps an old one, and
+    not known before, so that no stranger takes it first.
+    """
+    return f"{kind}.{secrets.token_hex(4)}"
 
 
 @attrs.frozen
@@ -29,20 +38,20 @@ class Basis:
 
     config: Config
     scene: SceneSummary | None
-    tracking: bool
+    viewer: Viewer
     playlist_at: int
 
     @classmethod
     def of(cls, config: Config, options: SessionOptions) -> Basis:
-        return cls(config, options.scene, options.tracking, options.playlist_at)
+        return cls(config, options.scene, options.viewer, options.playlist_at)
 
 
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class SessionState:
-    """config, options, paused: used by the stages. rev: counts changes. pictures_until_ns: end of the lease of the ring of
-    pictures, 0 without one. pictures_px: (height, width) of that ring. rings_made: counts the rings created on demand; their
-    names are never reused, so no reader maps an old one. zero_planes_px: of scenes shown before, by pack. known_good: the basis
-    that is known to work.
+    """config, options, paused: used by the stages. rev: counts changes. pictures_until_ns: end of
+    the lease of the ring of pictures, 0 without one. pictures_px: (height, width) of that ring.
+    zero_planes_px: of scenes shown before, by pack. known_good: the basis that is known
+    to work.
     """
 
     config: Config
@@ -52,13 +61,13 @@ class SessionState:
     rev: int = 1
     pictures_until_ns: int = 0
     pictures_px: tuple[int, int] = (0, 0)
-    rings_made: int = 0
     zero_planes_px: Mapping[str, float | Literal["auto"]] = attrs.field(factory=dict)
 
     @classmethod
     def first(cls, config: Config, options: SessionOptions) -> SessionState:
         """The state at the start of a session."""
-        return cls(config, options, Basis.of(config, options))._with_packets()
+        known_good = Basis.of(config, options)
+        return cls(config=config, options=options, known_good=known_good)._with_packets()
 
     @property
     def basis(self) -> Basis:
@@ -69,7 +78,7 @@ class SessionState:
     def levels(self) -> tuple[QualityLevel, ...]:
         """The quality levels allowed here; only full quality if nothing may depend on load."""
         all_levels = ladder(self.config, self.options)
-        fixed = self.options.lossless or self.config.governor.quality == "fixed"
+        fixed = isinstance(self.options.clock, Lossless) or self.config.governor.quality == "fixed"
         return all_levels[:1] if fixed else all_levels
 
     @property
@@ -82,8 +91,8 @@ class SessionState:
         return {
             "cmd": "config",
             "rev": self.rev,
-            "config": config_module.to_dict(self.config),
-            "options": self.options.to_dict(),
+            "config": converter().unstructure(self.config),
+            "options": converter().unstructure(self.options),
             "paused": self.paused,
         }
 
@@ -92,8 +101,9 @@ class SessionState:
         rings: dict[str, RingSpec] = {}
         if self.options.pictures:
             rings[self.options.pictures] = picture_ring(*self.pictures_px)
-        if self.options.packets and self.options.jpeg_px:
-            rings[self.options.packets] = packet_ring(self.config, self.options.jpeg_px)
+        jpeg_px = self.options.viewer.jpeg_px
+        if self.options.packets and jpeg_px:
+            rings[self.options.packets] = packet_ring(self.config, jpeg_px)
         return rings
 
     # Changes. Each returns a new state with a new revision.
@@ -101,7 +111,10 @@ class SessionState:
     def changed(
         self, config: Config | None = None, paused: bool | None = None, **options: Any
     ) -> SessionState:
-        """With another configuration, pause or options. If that changes the quality levels, quality is full again."""
+        """With another configuration, pause or options.
+
+        If that changes the quality levels, quality is full again.
+        """
         new = attrs.evolve(
             self,
             config=self.config if config is None else config,
@@ -117,18 +130,20 @@ class SessionState:
         return new._with_packets()
 
     def loaded(self, scene: SceneSummary) -> SessionState:
-        """With another scene, at the zero plane of its last showing, or the default: a zero plane is in px of its own scene.
-        Near and far are as chosen for that scene before."""
-        old, tracking = self.options.scene, scene.needs_tracking and not self.options.mouse
+        """With another scene, at the zero plane of its last showing, or the default: a zero plane
+        is in px of its own scene. Near and far are as chosen for that scene before.
+        """
+        old = self.options.scene
+        viewer = watching(self.options.viewer, scene.needs_eyes)
         if old is None or old.pack == scene.pack:
-            return self.changed(scene=scene, tracking=tracking)
+            return self.changed(scene=scene, viewer=viewer)
         zero_planes_px = {**self.zero_planes_px, old.pack: self.config.render.zero_plane_px}
         render = attrs.evolve(
             self.config.render, zero_plane_px=zero_planes_px.get(scene.pack, Render().zero_plane_px)
         )
         order = attrs.evolve(self.config.scene, half_turn="auto")
         new = self.changed(
-            attrs.evolve(self.config, render=render, scene=order), scene=scene, tracking=tracking
+            attrs.evolve(self.config, render=render, scene=order), scene=scene, viewer=viewer
         )
         return attrs.evolve(new, zero_planes_px=zero_planes_px)
 
@@ -137,15 +152,17 @@ class SessionState:
         return self.changed(level=self.levels[number] if number else None)
 
     def with_pictures(self, until_ns: int) -> SessionState:
-        """With the ring of pictures leased at least until then; self if only the lease is extended."""
+        """With the ring of pictures leased at least until then; self if only the lease is
+        extended.
+        """
         scene = self.options.scene
         assert scene is not None
-        until_ns, size_px = max(until_ns, self.pictures_until_ns), (scene.height_px, scene.width_px)
+        until_ns = max(until_ns, self.pictures_until_ns)
+        size_px = (scene.height_px, scene.width_px)
         if self.options.pictures and size_px == self.pictures_px:
             return attrs.evolve(self, pictures_until_ns=until_ns)
-        number = self.rings_made + 1
-        new = self.changed(pictures=f"pictures.{number}")
-        return attrs.evolve(new, pictures_until_ns=until_ns, pictures_px=size_px, rings_made=number)
+        new = self.changed(pictures=new_ring("pictures"))
+        return attrs.evolve(new, pictures_until_ns=until_ns, pictures_px=size_px)
 
     def without_pictures(self) -> SessionState:
         """Without the ring of pictures."""
@@ -159,19 +176,16 @@ class SessionState:
         """With the basis that is known to work; all else unchanged."""
         good = self.known_good
         return self.changed(
-            good.config, scene=good.scene, tracking=good.tracking, playlist_at=good.playlist_at
+            good.config, scene=good.scene, viewer=good.viewer, playlist_at=good.playlist_at
         )
 
     def _with_packets(self) -> SessionState:
         """With the ring of JPEGs if a source of JPEGs is recorded, else without it."""
-        records_jpegs = bool(self.options.record and self.options.jpeg_px)
+        records_jpegs = bool(self.options.record and self.options.viewer.jpeg_px)
         if records_jpegs == bool(self.options.packets):
             return self
-        number = self.rings_made + records_jpegs
-        name = f"packets.{number}" if records_jpegs else ""
-        return attrs.evolve(
-            self, options=attrs.evolve(self.options, packets=name), rings_made=number
-        )
+        name = new_ring("packets") if records_jpegs else ""
+        return attrs.evolve(self, options=attrs.evolve(self.options, packets=name))
 
 
 class ConfigRollback:
@@ -184,15 +198,16 @@ class ConfigRollback:
     def watch(
         self, state: SessionState, applied: bool, outputs: Mapping[str, int], t_ns: int
     ) -> SessionState:
-        """Call often. A change is settled, and the state marked so, when every stage has used it and produced outputs for
-        TRIAL_NS.
+        """Call often. A change is settled, and the state marked so, when every stage has used it
+        and produced outputs for TRIAL_NS.
 
         outputs: number of outputs of each stage so far.
         """
         if state.basis == state.known_good or not applied:
             self._since_ns = None
         elif self._since_ns is None:
-            self._since_ns, self._outputs = t_ns, dict(outputs)
+            self._since_ns = t_ns
+            self._outputs = dict(outputs)
         elif t_ns - self._since_ns >= TRIAL_NS and all(
             n > self._outputs.get(name, 0) for name, n in outputs.items()
         ):

@@ -1,11 +1,14 @@
-"""The memory of a session, and the only place that stores its state. Only the supervisor creates and removes them."""
+"""The memory of a session, and the only place that stores its state.
+
+Only the supervisor creates and removes them.
+"""
 
 import contextlib
 import gc
 from collections.abc import Collection, Mapping
 
 from lfpipe.host import wake
-from lfpipe.host.segment import Segment
+from lfpipe.host.segment import SHM_DIR, Segment
 from lfpipe.supervisor.process_table import STAGES, consumers, rings
 from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport import control, ring, status
@@ -20,10 +23,11 @@ def _remove(memory: Segment) -> None:
 
 
 class SessionStore:
-    """state: the current state; its rings exist, with the FIFOs that wake their readers. table: the status table; drop all
-    references to its rows before `close`.
+    """state: the current state; its rings exist, with the FIFOs that wake their readers. table: the
+    status table; drop all references to its rows before `close`.
 
-    Raises UserError if memory is short, OSError if no FIFO can be created; then nothing is left behind.
+    Raises UserError if memory is short, OSError if no FIFO can be created; then nothing is left
+    behind.
     """
 
     def __init__(self, session: Session, state: SessionState) -> None:
@@ -31,12 +35,10 @@ class SessionStore:
         self._unsent: bytes | None = None
         self._rings: dict[str, Segment] = {}
         with contextlib.ExitStack() as undo:
-            undo.callback(
-                _remove,
-                status.create(
-                    session.segment("status"), [stage.name for stage in STAGES], session.run_dir
-                ),
+            self._status = status.create(
+                session.segment("status"), [stage.name for stage in STAGES], session.run_dir
             )
+            undo.callback(_remove, self._status)
             undo.callback(self._keep, ())
             self._make(rings(state.config))
             self._make(state.rings())
@@ -47,10 +49,16 @@ class SessionStore:
             self.table = status.Table(session.segment("status"), writable=True)
             self._memory = undo.pop_all()
 
+    def removed(self) -> str:
+        """The file of a segment that another program has removed; "" if all are in place."""
+        memory = (self._status, *self._rings.values())
+        return next((str(SHM_DIR / one.name) for one in memory if not one.in_place()), "")
+
     def apply(self, state: SessionState) -> None:
         """Stores a state; `take_message` returns a new revision for the stages.
 
-        Raises UserError if memory is short, BadMessage if the stages could not read it; then nothing has changed.
+        Raises UserError if memory is short, BadMessage if the stages could not read it; then
+        nothing has changed.
         """
         message = control.encode(state.message()) if state.rev != self.state.rev else self._unsent
         self._make(state.rings())
@@ -75,13 +83,17 @@ class SessionStore:
             _remove(self._rings.pop(name))
 
     def take_message(self) -> bytes | None:
-        """The newest state as a message for every stage, once; None if already sent. Of several changes, only the last is
-        sent."""
-        message, self._unsent = self._unsent, None
+        """The newest state as a message for every stage, once; None if already sent. Of several
+        changes, only the last is sent.
+        """
+        message = self._unsent
+        self._unsent = None
         return message
 
     def close(self) -> None:
         """Unlinks every segment; the FIFOs are removed with the run directory."""
-        gc.collect()  # frames of an exception may still reference rows of the table
-        self.table.close()
+        gc.collect()
+        # An exception that ends the session still references rows; its mapping ends with it.
+        with contextlib.suppress(BufferError):
+            self.table.close()
         self._memory.close()

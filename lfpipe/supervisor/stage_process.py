@@ -1,4 +1,6 @@
-"""The processes of the stages: started when needed, judged by their beat, restarted, and ended in two passes."""
+"""The processes of the stages: started when needed, judged by their beat, restarted, and ended in
+two passes.
+"""
 
 import logging
 import multiprocessing
@@ -13,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import SessionOptions
+from lfpipe.config.modes import Lossless
 from lfpipe.errors import UserError
 from lfpipe.host import signals
 from lfpipe.host.files import exists
@@ -26,25 +29,21 @@ from lfpipe.transport.status import ENDED, State, Table, busy_words
 
 logger = logging.getLogger(__name__)
 MAX_RESTARTS_WINDOW_S, MAX_FAILURES = 60.0, 5  # five failures in a minute are no accident
-FIRST_BACKOFF_S, MAX_BACKOFF_S = 0.1, 5.0  # doubled from one failure to the next
+FIRST_BACKOFF_S = 0.1  # doubled from one failure to the next
 MAX_STACK = 4000  # characters reported
 BUSY_S = 60.0  # without a beat: time for a disk to spin up, or for a network to return
-COMPUTING = (
-    5  # times these limits while it uses a CPU: emulated, one search for a face takes seconds
-)
-LOSSLESS_CPU_S = (
-    60.0  # of its own, without a beat, in a lossless replay: nobody waits for a picture
-)
-COMPUTING_SHARE = (
-    0.03  # of the time: more than polling takes, less than a share beside dozens of busy programs
-)
-ASLEEP_S = 1.0  # after such a gap between checks, the supervisor was stopped or starved, probably like the stages
+# times these limits while it uses a CPU: emulated, one search for a face takes seconds
+COMPUTING = 5
+# Time of its own on a CPU, without a beat: emulated, one search for a face takes more than 10 s. In
+# a lossless replay nobody waits for a picture.
+LIVE_CPU_S, LOSSLESS_CPU_S = 30.0, 60.0
+# of the time: more than polling takes, less than a share beside dozens of busy programs
+COMPUTING_SHARE = 0.03
+# after such a gap between checks, the supervisor was stopped or starved, probably like the stages
+ASLEEP_S = 1.0
 DRAIN_NS = 2 * SECOND_NS  # time for the stages to finish their work after the source has ended
-STOP_S, TERM_S, KILL_S = (
-    0.9,
-    3.0,
-    5.0,
-)  # time limits after "stop", after SIGTERM (on a busy machine), after SIGKILL
+# time limits after "stop", after SIGTERM (on a busy machine), after SIGKILL
+STOP_S, TERM_S, KILL_S = 0.9, 3.0, 5.0
 LEFT: tuple[Literal["error", "stack"], ...] = ("error", "stack")  # files of a stage that has ended
 PASSES = ((STOP_S, signals.END), (TERM_S, signals.KILL), (KILL_S, None))
 
@@ -67,19 +66,24 @@ class StageProcess:
         return self.process is not None
 
     def start(self, spec: StageSpec) -> None:
-        """Spawns the process. Only from the main thread: PR_SET_PDEATHSIG is tied to the starting thread."""
+        """Spawns the process.
+
+        Only from the main thread: PR_SET_PDEATHSIG is tied to the starting thread.
+        """
         for what in LEFT:
             child.left_file(self._session.run_dir, what, self.stage.name).unlink(missing_ok=True)
         if self.row["pid"] and self.row["state"] != State.FINISHED:
             self.row["restarts"] += 1
         self._checked_ns = self._awake_ns = now_ns()
-        self.row["state"], self.row["ready_ns"], self.row["started_ns"] = (
-            State.STARTING,
-            0,
-            self._checked_ns,
-        )
-        self.row["busy_with"], self.row["busy_since_ns"], self.row["cpu_ns"] = b"", 0, 0
-        self._killed, self.lossless = False, spec.options.lossless
+        self.row["state"] = State.STARTING
+        self.row["ready_ns"] = 0
+        self.row["started_ns"] = self._checked_ns
+        self.row["busy_with"] = b""
+        self.row["busy_since_ns"] = 0
+        self.row["cpu_ns"] = 0
+        self.row["fault"] = b""
+        self._killed = False
+        self.lossless = isinstance(spec.options.clock, Lossless)
         self.process = multiprocessing.get_context("spawn").Process(
             target=child.run,
             args=(spec, os.getpid()),
@@ -105,14 +109,14 @@ class StageProcess:
         self.process.close()
         self.process = None
         in_order = (0,) if self.must_run else (0, child.EXIT_TERMINATED)
+        # no work is left
         finished = code in in_order and (
             not self.must_run or self.stage.name == SOURCE or self.stage.optional
-        )  # no work is left
-        self.row["state"], self.row["dead_ns"] = (
-            State.FINISHED if finished else State.DEAD,
-            now_ns(),
         )
-        self.row["busy_with"], self.row["busy_since_ns"] = b"", 0
+        self.row["state"] = State.FINISHED if finished else State.DEAD
+        self.row["dead_ns"] = now_ns()
+        self.row["busy_with"] = b""
+        self.row["busy_since_ns"] = 0
         logger.info(
             "%s ended with code %d after %.1f s",
             self.stage.name,
@@ -124,19 +128,24 @@ class StageProcess:
         return int(code)
 
     def overdue(self) -> str:
-        """Why the process counts as hung, or "": it gave no beat for longer than its phase allows. Call often.
+        """Why the process counts as hung, or "": it gave no beat for longer than its phase allows.
+        Call often.
 
-        Running: the stage's hang_timeout_s. Starting, or within `Context.setting_up`: startup_timeout_s. Within `busy_with` and
-        `saving`, or in the kernel's wait for a disk: BUSY_S. While it computes COMPUTING times that; in a lossless replay, until
-        it has computed LOSSLESS_CPU_S. Stopping otherwise: `wait_for_end` decides.
+        Running: the stage's hang_timeout_s. Starting, or within `Context.setting_up`:
+        startup_timeout_s. Within `busy_with` and `saving`, or in the kernel's wait for a disk:
+        BUSY_S. While it computes COMPUTING times that, or until it has computed LIVE_CPU_S, in a
+        lossless replay LOSSLESS_CPU_S. Stopping otherwise: `wait_for_end` decides.
         """
         if self.process is None or self._killed:
             return ""
-        row, stage, t_ns = self.row, self.stage, now_ns()
+        row = self.row
+        stage = self.stage
+        t_ns = now_ns()
         if t_ns - self._checked_ns > ASLEEP_S * 1e9:
             self._awake_ns = t_ns  # the machine was suspended, or starved all processes alike
         self._checked_ns = t_ns
-        words, sets_up = busy_words(row), row["state"] == State.STARTING or not row["ready_ns"]
+        words = busy_words(row)
+        sets_up = row["state"] == State.STARTING or not row["ready_ns"]
         if row["state"] == State.STOPPING and not words:
             return ""
         silent_s = (t_ns - max(int(row["beat_ns"]), int(row["started_ns"]), self._awake_ns)) / 1e9
@@ -146,16 +155,21 @@ class StageProcess:
         cpu_ns, on_disk = activity(int(row["pid"]))
         cpu_s = (cpu_ns - int(row["cpu_ns"])) / 1e9  # since its last output
         computes = cpu_s > COMPUTING_SHARE * silent_s
-        patient = self.lossless and cpu_s <= LOSSLESS_CPU_S
+        patient = cpu_s <= (LOSSLESS_CPU_S if self.lossless else LIVE_CPU_S)
         if silent_s <= BUSY_S * on_disk or (
             computes and (patient or silent_s <= COMPUTING * limit_s)
         ):
             return ""
-        return f"{words + ': ' if words else ''}{'not ready after' if sets_up else 'no beat for'} {silent_s:.1f} s"
+        return (
+            f"{words + ': ' if words else ''}{'not ready after' if sets_up else 'no beat for'}"
+            f" {silent_s:.1f} s"
+        )
 
     @property
     def saves(self) -> str:
-        """The results that the process is writing at its end, in words, while it makes progress; else ""."""
+        """The results that the process is writing at its end, in words, while it makes progress;
+        else "".
+        """
         return (
             busy_words(self.row)
             if self.row["state"] == State.STOPPING and not self.overdue()
@@ -163,7 +177,10 @@ class StageProcess:
         )
 
     def kill_hung(self) -> str:
-        """Kills a hung process, once, and returns its stack. On a stalled machine its end may take long."""
+        """Kills a hung process, once, and returns its stack.
+
+        On a stalled machine its end may take long.
+        """
         self.signal(signals.LEAVE_STACK)
         time.sleep(0.05)
         stack = self.last_stack()
@@ -176,11 +193,13 @@ class StageProcess:
         return self._left("stack")[-MAX_STACK:].rstrip()
 
     def failed(self) -> bool:
-        """Restart policy: counts a failure and sets the time of the next start; True after too many failures."""
+        """Restart policy: counts a failure and sets the time of the next start; True after too many
+        failures.
+        """
         t_ns = now_ns()
         self.failures.append(t_ns)
         recent = [f for f in self.failures if t_ns - f < MAX_RESTARTS_WINDOW_S * 1e9]
-        backoff_s = min(FIRST_BACKOFF_S * 2 ** (len(recent) - 1), MAX_BACKOFF_S)
+        backoff_s = FIRST_BACKOFF_S * 2 ** (len(recent) - 1)
         self.next_start_ns = t_ns + int(backoff_s * 1e9)
         return len(recent) >= MAX_FAILURES
 
@@ -200,7 +219,11 @@ class StageProcess:
 
 
 class StageProcesses:
-    """All of them. table: the status table. spec: what a stage receives at its start. ask_to_stop: sends the stop to a stage."""
+    """All of them.
+
+    table: the status table. spec: what a stage receives at its start. ask_to_stop: sends the stop
+    to a stage.
+    """
 
     def __init__(
         self,
@@ -245,7 +268,10 @@ class StageProcesses:
         return ended
 
     def finished(self, every: int) -> bool:
-        """Whether the source has ended and every stage has processed its last frame. every: n, one frame in n is tracked."""
+        """Whether the source has ended and every stage has processed its last frame.
+
+        every: n, one frame in n is tracked.
+        """
         if not self._drain_since_ns:
             return False
         last = int(self._table.rows[SOURCE]["source_seq"]) - every + 1
@@ -254,7 +280,10 @@ class StageProcesses:
         return done or now_ns() - self._drain_since_ns > DRAIN_NS
 
     def needed(self, options: SessionOptions, or_alive: bool = False) -> list[StageProcess]:
-        """Those that a session with these options needs, running or not. or_alive: also those that run still."""
+        """Those that a session with these options needs, running or not.
+
+        or_alive: also those that run still.
+        """
         return [
             process
             for process in self
@@ -279,8 +308,9 @@ class StageProcesses:
 
 
 def wait_for_end(stages: Collection[StageProcess], log: Callable[[str], None]) -> None:
-    """Waits until all processes have ended; the caller has asked them to stop. Late ones get SIGTERM, then SIGKILL, unless one
-    saves results and makes progress. log: reports to people what the session waits for.
+    """Waits until all processes have ended; the caller has asked them to stop. Late ones get
+    SIGTERM, then SIGKILL, unless one saves results and makes progress. log: reports to people what
+    the session waits for.
     """
     reported: set[str] = set()
     for limit_s, signum in PASSES:

@@ -27,16 +27,19 @@ def run_session(
     duration_s: float | None = None,
     packing: Packing | None = None,
 ) -> Outcome:
-    """Runs a session to its end: a command, a signal, duration_s (from when all stages are ready), the end of the source, or too
-    many failures. tell: receives lines for people. packing: the packer, while it works on the disparity of the first scene.
+    """Runs a session to its end: a command, a signal, duration_s (from when all stages are ready),
+    the end of the source, or too many failures. tell: receives lines for people. packing: the
+    packer, while it works on the disparity of the first scene.
 
-    Raises UserError before any process starts if the session is impossible: its name is in use, /dev/shm is too small, a stage is
-    configured for a missing core, ...
+    Raises UserError before any process starts if the session is impossible: its name is in use,
+    /dev/shm is too small, a stage is configured for a missing core, ...
     """
     limits.allow_files()
+    limits.check_threads(limits.SESSION_THREADS)
     with rundir.filled(session):
         swept = rundir.sweep()
         lock = rundir.acquire(session)
+        session = session.with_token()
     protect_output("stdout", "stderr")
     arrived: list[int] = []
     live: LiveSession | None = None
@@ -48,7 +51,8 @@ def run_session(
             live.stages.kill()
 
     try:
-        log, signalled = session_log.kept_in(session.run_dir), signals.handled(take_signal)
+        log = session_log.kept_in(session.run_dir)
+        signalled = signals.handled(take_signal)
         with signalled, log, control.context() as ctx:
             if swept:
                 logger.info("removed what dead sessions left: %s", ", ".join(swept))

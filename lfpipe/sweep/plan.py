@@ -1,8 +1,8 @@
 """PLAN.toml: the contents of a sweep, as cells.
 
-sequences = ["recordings/*"]             # folders of `lfpipe record`, relative to the plan; patterns allowed
-scenes = ["scenes/buddha", "lytro/*"]
-subjects = ["replay", "truth", "quality", "table", "synthesis"]
+sequences = ["recordings/*"]             # folders of `lfpipe record`, relative to the plan;
+patterns allowed scenes = ["scenes/buddha", "lytro/*"] subjects = ["replay", "truth", "quality",
+"table", "synthesis"]
 
 [config]                                 # every combination of the lists
 "render.method" = ["warp", "warp2"]
@@ -31,23 +31,26 @@ from lfpipe.files.safe_files import read_text
 from lfpipe.files.untrusted import toml_table
 
 QUALITY, TABLE, REPLAY, TRUTH = "quality", "table", "replay", "truth"
-BENCH = ("tracker", "filters", "synthesis", "anaglyph", "stability")  # as `lfpipe bench` names them
+BENCH = ("tracker", "synthesis", "stability")  # as `lfpipe bench` names them
 SUBJECTS = (REPLAY, TRUTH, QUALITY, TABLE, *BENCH)
 NEEDS = {REPLAY: "sequences", TRUTH: "sequences", QUALITY: "scenes", TABLE: "scenes"}
 TIMED = (TABLE, *BENCH)  # run alone
 PLAN_BYTES = 1 << 20  # more than anybody types
 MAX_CELLS = 100_000  # a day of a cluster; a list too many is a mistake
+# allowed values, default
 PROTOCOL: dict[str, tuple[Collection[int], int]] = {
     "keep": ((2, 3), 2),
     "border": (range(1001), 22),
-}  # allowed values, default
+}
 REMEDY = "see `lfpipe sweep --help` for the form of a plan"
 
 
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class Cell:
-    """sequence, scene: paths, "" for none. sets, options: KEY=VALUE texts of the configuration, and of quality and table.
-    key: hash of everything that affects the outcome."""
+    """sequence, scene: paths, "" for none. sets, options: KEY=VALUE texts of the configuration, and
+    of quality and table.
+    key: hash of everything that affects the outcome.
+    """
 
     subject: str
     sequence: str
@@ -120,7 +123,10 @@ def read_plan(path: Path) -> list[Cell]:
             ([""], _combinations(options)) if of_views else (inputs["sequences"] or [""], [()])
         )
         product = itertools.product(sequences, inputs["scenes"] or [""], configs, protocols)
-        cells += [Cell(subject, *values) for values in product]
+        cells += [
+            Cell(subject=subject, sequence=sequence, scene=scene, sets=sets, options=chosen)
+            for sequence, scene, sets, chosen in product
+        ]
     return cells
 
 
@@ -158,7 +164,10 @@ def _combinations(lists: dict[str, list[Any]]) -> list[tuple[str, ...]]:
 
 
 def _expanded(plan: Path, patterns: list[str]) -> list[str]:
-    """Paths that the patterns match, in order. A pattern without a match is kept, so that it is reported as missing."""
+    """Paths that the patterns match, in order.
+
+    A pattern without a match is kept, so that it is reported as missing.
+    """
     paths: dict[str, None] = {}
     for pattern in patterns:
         whole = str(plan.resolve().parent / Path(pattern).expanduser())

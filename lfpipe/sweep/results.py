@@ -22,12 +22,8 @@ DONE = (OK, DIFFERS, LEFT_OUT)  # not measured again
 DIED = "died"  # of a cell whose process died: it runs again, alone; never stored
 LINES, TABLE, PAGE, JUNIT = "results.jsonl", "table.csv", "report.html", "junit.xml"
 PLACE = "name a folder that you may write to, on a disk with free space: --out DIR"
-STATES = {
-    OK: "ok",
-    DIFFERS: "failed",
-    FAILED: "failed",
-    LEFT_OUT: "degraded",
-}  # with the class of the page's style
+# with the class of the page's style
+STATES = {OK: "ok", DIFFERS: "failed", FAILED: "failed", LEFT_OUT: "degraded"}
 KINDS = {DIFFERS: "failure", FAILED: "error", LEFT_OUT: "skipped"}  # of JUnit
 ABOUT = ("state", "subject", "sequence", "scene", "config", "options", "seconds", "host", "reason")
 FORMULA = ("=", "+", "-", "@", "\t", "\r")  # a spreadsheet would compute a text that begins so
@@ -35,7 +31,10 @@ FORMULA = ("=", "+", "-", "@", "\t", "\r")  # a spreadsheet would compute a text
 
 @attrs.frozen
 class Outcome:
-    """The outcome of a cell. figures: numbers and digests by name. seconds: of its process. began_s: Unix time."""
+    """The outcome of a cell.
+
+    figures: numbers and digests by name. seconds: of its process. began_s: Unix time.
+    """
 
     cell: Cell
     state: str
@@ -48,10 +47,8 @@ class Outcome:
     def row(self) -> dict[str, str]:
         """As a row of a table: the columns ABOUT, then the figures."""
         cell = self.cell
-        paths, sets = (
-            (Path(cell.sequence).name, Path(cell.scene).name),
-            (" ".join(cell.sets), " ".join(cell.options)),
-        )
+        paths = (Path(cell.sequence).name, Path(cell.scene).name)
+        sets = (" ".join(cell.sets), " ".join(cell.options))
         about = (
             self.state,
             cell.subject,
@@ -69,10 +66,14 @@ class Outcome:
 
 
 class Store:
-    """results.jsonl of a folder: finished outcomes by the key of their cell. A partial last line is ignored."""
+    """results.jsonl of a folder: finished outcomes by the key of their cell. A partial last line is
+    ignored.
+    """
 
     def __init__(self, folder: Path) -> None:
-        """Raises UserError if the folder cannot be read or written, or has files of these names that are not ours."""
+        """Raises UserError if the folder cannot be read or written, or has files of these names
+        that are not ours.
+        """
         self.path = folder / LINES
         self.outcomes: dict[str, Outcome] = {}
         try:
@@ -84,9 +85,8 @@ class Store:
         except OSError as error:
             raise UserError(f"{self.path}: {reason(error)}", PLACE) from None
         for line in lines:
-            with contextlib.suppress(
-                ValueError, TypeError, KeyError
-            ):  # a line of another version: the cell is measured again
+            # a line of another version: the cell is measured again
+            with contextlib.suppress(ValueError, TypeError, KeyError):
                 fields = json.loads(line)
                 cell = Cell(**{name: fields.pop(name) for name in attrs.fields_dict(Cell)})
                 cell = attrs.evolve(cell, sets=tuple(cell.sets), options=tuple(cell.options))
@@ -116,7 +116,10 @@ def verdict(outcomes: Sequence[Outcome]) -> str:
 
 
 def write(outcomes: Sequence[Outcome], folder: Path, junit: Path | None) -> Path:
-    """table.csv, the page, and JUnit; returns the path of the page. Raises UserError if the disk is full."""
+    """table.csv, the page, and JUnit; returns the path of the page.
+
+    Raises UserError if the disk is full.
+    """
     rows = [outcome.row() for outcome in outcomes]
     text = io.StringIO()
     table = csv.DictWriter(

@@ -1,7 +1,8 @@
-"""Runs the cells of a sweep: in threads of this process, or on Dask distributed by the address of a scheduler.
+"""Runs the cells of a sweep: in threads of this process, or on Dask distributed by the address of a
+scheduler.
 
-Every cell is a process of its own, whoever starts it. Timed cells run one at a time, after all others, and so does, once more, a
-cell whose process or worker died.
+Every cell is a process of its own, whoever starts it. Timed cells run one at a time, after all
+others, and so does, once more, a cell whose process or worker died.
 """
 
 import contextlib
@@ -23,24 +24,24 @@ import psutil
 import lfpipe
 from lfpipe.errors import UserError
 from lfpipe.host.files import is_dir, is_file
-from lfpipe.host.machine import versions
+from lfpipe.host.machine import install_command, versions
 from lfpipe.sequence.folder import MANIFEST, is_sequence
 from lfpipe.sweep.plan import TIMED, Cell
 from lfpipe.sweep.results import DIED, FAILED, Outcome, Store
 from lfpipe.sweep.work import Order, measure_cell
 
 AGAIN = "start it again, then run the same command"
-SCHEDULER_WAIT_S, WORKER_WAIT_S = (
-    8.0,
-    30.0,
-)  # a host that does not answer; workers that have just been started
+# a host that does not answer; workers that have just been started
+SCHEDULER_WAIT_S, WORKER_WAIT_S = 8.0, 30.0
 FIRST_LINE_S = 30.0  # without a result, what runs is named; again after twice that time, and so on
 Notice = Callable[[str], None]
 
 
 @attrs.frozen
 class Workers:
-    """submit: starts measuring a cell and returns its future, of Dask or of Python. count: raises UserError if there are none."""
+    """submit: starts measuring a cell and returns its future, of Dask or of Python. count: raises
+    UserError if there are none.
+    """
 
     submit: Callable[[Cell, Order], Any]
     count: Callable[[], int]
@@ -48,7 +49,9 @@ class Workers:
 
 @cache
 def content(path: str) -> str:
-    """Hash of a file, or of the files in a folder; of a recording, of its manifest, which holds checksums."""
+    """Hash of a file, or of the files in a folder; of a recording, of its manifest, which holds
+    checksums.
+    """
     place = Path(path)
     files = (
         [place / MANIFEST]
@@ -60,10 +63,8 @@ def content(path: str) -> str:
     digest = hashlib.blake2b(digest_size=12)
     for file in filter(is_file, files):
         digest.update(str(file.relative_to(place)).encode(errors="surrogateescape"))
-        with (
-            contextlib.suppress(OSError),
-            file.open("rb") as stream,
-        ):  # the cell names what cannot be read
+        # the cell names what cannot be read
+        with contextlib.suppress(OSError), file.open("rb") as stream:
             digest.update(hashlib.file_digest(stream, "blake2b").digest())
     return digest.hexdigest()
 
@@ -80,7 +81,9 @@ def _hash(*texts: str) -> str:
 
 
 def keyed(cell: Cell, version: str, order: Order) -> Cell:
-    """The cell with its key: of the program, the cell, its inputs, and its reference, or, with update, whether there is one."""
+    """The cell with its key: of the program, the cell, its inputs, and its reference, or, with
+    update, whether there is one.
+    """
     place = order.reference(cell)
     reference = (
         "" if place is None else f"update {is_dir(place)}" if order.update else content(str(place))
@@ -107,21 +110,25 @@ def local_workers(
 def dask_workers(address: str, insecure: bool = False) -> Iterator[Workers]:
     """The workers of the scheduler at address.
 
-    Dask runs whatever code it receives, so the scheduler needs certificates, those of Dask's configuration; insecure: connect
-    without. Raises UserError.
+    Dask runs whatever code it receives, so the scheduler needs certificates, those of Dask's
+    configuration; insecure: connect without. Raises UserError.
     """
     if not address.startswith("tls://") and not insecure:
-        what = f"--on {address}: without TLS, whoever reaches this port runs code as you: Dask unpickles what it receives"
+        what = (
+            f"--on {address}: without TLS, whoever reaches this port runs code as you: Dask"
+            " unpickles what it receives"
+        )
         raise UserError(
             what,
-            "start Dask with certificates and name tls://HOST:PORT; on a network of your own, add --insecure",
+            "start Dask with certificates and name tls://HOST:PORT; on a network of your own, add"
+            " --insecure",
         )
     try:
         import dask
         from distributed import Client
     except ImportError as error:
         raise UserError(
-            f"--on needs the package {error.name}", "pip install 'lfpipe[sweep]'"
+            f"--on needs the package {error.name}", install_command("dask", "distributed")
         ) from None
     for name in ("distributed", "distributed.client"):
         logging.getLogger(name).setLevel(logging.CRITICAL)  # we report errors ourselves
@@ -161,7 +168,8 @@ def dask_workers(address: str, insecure: bool = False) -> Iterator[Workers]:
 def outcomes(
     workers: Workers, cells: Sequence[Cell], order: Order, notice: Notice
 ) -> Iterator[Outcome]:
-    """The outcomes of cells as they come, DIED for one whose process or worker died. While none comes, the oldest are named.
+    """The outcomes of cells as they come, DIED for one whose process or worker died. While none
+    comes, the oldest are named.
 
     Raises UserError if no answer can come.
     """
@@ -180,16 +188,16 @@ def outcomes(
             )
             notice(f"no result for {waited_s:.0f} s; running: {names}")
             continue
-        waited_s, cell = 0.0, running.pop(future)
+        waited_s = 0.0
+        cell = running.pop(future)
         try:
             yield future.result()
         except (OSError, CancelledError) as error:  # the worker died while the result travelled
             workers.count()
             yield Outcome(cell, DIED, f"its worker died: {type(error).__name__}")
         except Exception as error:
-            died = (
-                type(error).__name__ == "KilledWorker"
-            )  # Dask's word for a cell whose workers died several times
+            # Dask's word for a cell whose workers died several times
+            died = type(error).__name__ == "KilledWorker"
             yield Outcome(cell, DIED if died else FAILED, f"{type(error).__name__}: {error}")
 
 
@@ -200,7 +208,9 @@ def run_cells(
     take: Callable[[Outcome], None],
     notice: Notice,
 ) -> None:
-    """Measures cells: those that may run beside others, then the rest, each alone. take: receives the outcomes."""
+    """Measures cells: those that may run beside others, then the rest, each alone. take: receives
+    the outcomes.
+    """
     alone = [cell for cell in cells if cell.subject in TIMED]
     for outcome in outcomes(
         workers, [cell for cell in cells if cell.subject not in TIMED], order, notice
@@ -217,20 +227,25 @@ def run_cells(
 
 
 def run_sweep(
-    plan: Sequence[Cell], out: Path, place: AbstractContextManager[Workers], order: Order,
-    progress: Callable[[str, int, int], None], notice: Notice,
-) -> list[Outcome]:  # fmt: skip
-    """Measures the cells that are not yet in out; returns the outcomes of all cells, in the order of the plan.
+    plan: Sequence[Cell],
+    out: Path,
+    place: AbstractContextManager[Workers],
+    order: Order,
+    progress: Callable[[str, int, int], None],
+    notice: Notice,
+) -> list[Outcome]:
+    """Measures the cells that are not yet in out; returns the outcomes of all cells, in the order
+    of the plan.
 
-    place: gives the workers, if any are needed. progress: (what, done, total). notice: receives lines for the user.
-    Raises UserError if out cannot be written, or the workers are gone. Finished cells are kept.
+    place: gives the workers, if any are needed. progress: (what, done, total). notice: receives
+    lines for the user. Raises UserError if out cannot be written, or the workers are gone. Finished
+    cells are kept.
     """
     version = f"{source_digest()} {versions() | {'processor': ''}}"
     every = [keyed(cell, version, order) for cell in plan]
     store = Store(out)
-    todo = {
-        cell.key: cell for cell in every if cell.key not in store.outcomes
-    }  # scenes of equal name and content are one cell
+    # scenes of equal name and content are one cell
+    todo = {cell.key: cell for cell in every if cell.key not in store.outcomes}
 
     def take(outcome: Outcome) -> None:
         store.append(outcome)

@@ -1,4 +1,6 @@
-"""Measures a cell, in a child process of its own: a crash, a leak or a hang ends that process and nothing else."""
+"""Measures a cell, in a child process of its own: a crash, a leak or a hang ends that process and
+nothing else.
+"""
 
 import json
 import math
@@ -6,7 +8,6 @@ import os
 import platform
 import subprocess
 import sys
-import tempfile
 import time
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ import attrs
 from lfpipe.bench.results import STATES, read
 from lfpipe.errors import UserError, plain
 from lfpipe.files.output import write_output
+from lfpipe.files.safe_files import temporary_folder
 from lfpipe.host.files import exists, is_dir
 from lfpipe.replays.report import read_report
 from lfpipe.sweep.plan import QUALITY, REPLAY, TABLE, TRUTH, Cell
@@ -24,7 +26,8 @@ from lfpipe.sweep.results import DIED, DIFFERS, FAILED, LEFT_OUT, OK, Outcome
 REASON_CHARS = 2000  # of a line of results: the end of a traceback
 REFERENCE = "figures.json"  # in the reference of a cell without pictures
 CLOSE = 1e-3  # relative tolerance of figures, for rounding on other processors
-# A command ends with the worker that started it; otherwise the stages of its session would continue.
+# A command ends with the worker that started it; otherwise the stages of its session would
+# continue.
 COMMAND = (
     "import runpy, sys; from lfpipe.host.processes import end_with_parent; sys.argv[0] = 'lfpipe';"
     " end_with_parent(int(sys.argv.pop(1))) and runpy.run_module('lfpipe', run_name='__main__')"
@@ -34,8 +37,10 @@ Measured = tuple[str, str, dict[str, Any]]  # state, reason, figures
 
 @attrs.frozen
 class Order:
-    """How to measure cells. references: folder with a folder for each replay and quality cell, "" compares nothing.
-    update: they are written instead."""
+    """How to measure cells. references: folder with a folder for each replay and quality cell, ""
+    compares nothing.
+    update: they are written instead.
+    """
 
     limit_s: float
     references: str = ""
@@ -52,27 +57,27 @@ class Order:
 
 def measure_cell(cell: Cell, order: Order) -> Outcome:
     """The outcome of a cell, measured on this host. A failed cell raises nothing."""
-    began_s, figures = time.time(), dict[str, Any]()
+    began_s = time.time()
+    started_s = time.monotonic()
+    figures = dict[str, Any]()
     try:
-        with tempfile.TemporaryDirectory(
-            prefix="lfpipe-sweep-", ignore_cleanup_errors=True
-        ) as work:
+        with temporary_folder("sweep") as work:
             measure = _replay if cell.subject in (REPLAY, TRUTH) else _bench
-            state, reason, figures = measure(cell, order, Path(work))
+            state, reason, figures = measure(cell, order, work)
         if state == OK and (place := order.reference(cell)):
             state, reason = _compared(cell, figures, place, order.update)
     except subprocess.TimeoutExpired:
-        state, reason = FAILED, f"stopped after {order.limit_s:g} s; --limit gives more"
+        state = FAILED
+        reason = f"stopped after {order.limit_s:g} s; --limit gives more"
     except subprocess.CalledProcessError as error:
-        state, signal = DIED, -error.returncode
+        state = DIED
+        signal = -error.returncode
         reason = f"its process was ended by signal {signal}" + ", perhaps out of memory" * (
             signal == 9
         )
     except Exception as error:  # one cell's mistake must not end the sweep
-        state, reason = (
-            FAILED,
-            str(error) if isinstance(error, UserError) else f"{type(error).__name__}: {error}",
-        )
+        state = FAILED
+        reason = str(error) if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
     numbers = {
         name: value
         for name, value in figures.items()
@@ -83,7 +88,7 @@ def measure_cell(cell: Cell, order: Order) -> Outcome:
         state,
         plain(reason, REASON_CHARS),
         numbers,
-        round(time.time() - began_s, 4),
+        round(time.monotonic() - started_s, 4),
         platform.node(),
         began_s,
     )
@@ -169,9 +174,8 @@ def _bench(cell: Cell, order: Order, work: Path) -> Measured:
         words = [cell.subject, "--quick", *(["--scene", cell.scene] if cell.scene else [])]
         words += ["--sequence", cell.sequence] if cell.sequence else []
     code, _, why = _run(cell, order, "bench", *words, "--out", str(work))
-    if code and not (
-        table and code == 1 and exists(work / "results.json")
-    ):  # 1: a scene was left out
+    # 1: a scene was left out
+    if code and not (table and code == 1 and exists(work / "results.json")):
         return FAILED, why, {}
     results = read(work)[TABLE if table else cell.subject]
     named = [(f"{row.curve}." if table else f"{row.name}: ", row.values) for row in results.rows]
@@ -192,7 +196,9 @@ def _bench(cell: Cell, order: Order, work: Path) -> Measured:
 
 
 def _compared(cell: Cell, figures: dict[str, Any], place: Path, update: bool) -> tuple[str, str]:
-    """State and reason by its reference, which is written with update; `lfpipe replay` compares and writes its own."""
+    """State and reason by its reference, which is written with update; `lfpipe replay` compares and
+    writes its own.
+    """
     if not update and not is_dir(place):
         return FAILED, f"no reference {place.name}: write it with --update"
     if cell.subject == REPLAY:

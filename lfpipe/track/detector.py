@@ -1,6 +1,8 @@
-"""Faces in a whole picture: the face detectors of MediaPipe (BlazeFace, arXiv:1907.05047), and the choice of the viewer's.
+"""Faces in a whole picture: the face detectors of MediaPipe (BlazeFace, arXiv:1907.05047), and the
+choice of the viewer's.
 
-`FaceSelector` counts pictures, not time: an engine has no clock, and a replay must make the same decisions as the session.
+`FaceSelector` counts pictures, not time: an engine has no clock, and a replay must make the same
+decisions as the session.
 """
 
 import math
@@ -14,13 +16,15 @@ from numpy.typing import NDArray
 from lfpipe.track.network import Network, Roi, Warp, mapped, model_file, warp
 
 MIN_OVERLAP = 0.3  # boxes that overlap more are one face
-SAME = (
-    0.2  # overlap of one face's boxes in successive pictures: 0.3 at 2 m/s, arm's length and 30 Hz
-)
-HOME = 0.45  # overlap with the viewer's usual place: sides differ by less than a third, which excludes people behind
+# overlap of one face's boxes in successive pictures: 0.3 at 2 m/s, arm's length and 30 Hz
+SAME = 0.2
+# overlap with the viewer's usual place: sides differ by less than a third, which excludes people
+# behind
+HOME = 0.45
 SCAN_PERIOD = 30  # pictures between two scans of the whole picture: about a second
 FAST_SCAN_PERIOD = 10  # the same while another face may be the viewer
-WINS = 4  # consecutive scans that a nearer face must win, FAST_SCAN_PERIOD pictures apart: about a second
+# consecutive scans that a nearer face must win, FAST_SCAN_PERIOD pictures apart: about a second
+WINS = 4
 NEARER = 1.6  # required ratio of prominence; equal faces never alternate
 HOME_SHARE = 0.02  # weight of the newest picture in the viewer's usual place: 50 pictures
 MEMORY = 150  # pictures at another place after which that place becomes the usual one
@@ -30,8 +34,9 @@ Box = tuple[float, float, float, float]
 
 @attrs.frozen
 class Range:
-    """A detection network. size_px: side of its input. grids: (cells per side, anchors per cell). Scores below min_score are
-    dropped."""
+    """A detection network. size_px: side of its input. grids: (cells per side, anchors per cell).
+    Scores below min_score are dropped.
+    """
 
     file: str
     size_px: int
@@ -39,7 +44,8 @@ class Range:
     min_score: float
 
 
-# short: a viewer at a desk, 1.1 ms. full: faces down to 1/40 of the picture's width (3 m from an ordinary webcam), 11 ms.
+# short: a viewer at a desk, 1.1 ms. full: faces down to 1/40 of the picture's width (3 m from an
+# ordinary webcam), 11 ms.
 SHORT = Range(
     "modules/face_detection/face_detection_short_range.tflite", 128, ((16, 2), (8, 6)), 0.5
 )
@@ -48,7 +54,9 @@ FULL = Range("modules/face_detection/face_detection_full_range_sparse.tflite", 1
 
 @attrs.frozen(eq=False)
 class Detection:
-    """box_px (x0, y0, x1, y1); points_px (6, 2): the person's right and left eye, nose, mouth, right and left ear; score 0..1."""
+    """box_px (x0, y0, x1, y1); points_px (6, 2): the person's right and left eye, nose, mouth,
+    right and left ear; score 0..1.
+    """
 
     box_px: tuple[float, float, float, float]
     points_px: NDArray[np.float64]
@@ -56,7 +64,9 @@ class Detection:
 
 
 def anchors(grids: tuple[tuple[int, int], ...]) -> NDArray[np.float32]:
-    """Centres (n, 2) of the anchors as (x, y) in 0..1: all anchors have the size of the whole input, so only centres matter."""
+    """Centres (n, 2) of the anchors as (x, y) in 0..1: all anchors have the size of the whole
+    input, so only centres matter.
+    """
     out = []
     for cells, repeats in grids:
         centres = (np.arange(cells, dtype=np.float32) + np.float32(0.5)) / np.float32(cells)
@@ -76,7 +86,8 @@ def overlap(a: Box, b: Box) -> float:
 def suppressed(
     rows: NDArray[np.floating], scores: NDArray[np.floating]
 ) -> list[tuple[NDArray[np.float64], float]]:
-    """One (row, score) for each cluster of overlapping boxes, best first: the mean of its rows, weighted by their scores.
+    """One (row, score) for each cluster of overlapping boxes, best first: the mean of its rows,
+    weighted by their scores.
 
     rows (n, 4 + anything): the box (x0, y0, x1, y1), then values to average with it.
     """
@@ -108,7 +119,10 @@ class Detector:
         )
 
     def detect(self, image: NDArray[np.uint8], region: Roi | None = None) -> list[Detection]:
-        """Faces in uint8 (height, width, 3) BGR, highest score first. region: the part to search; None: the whole picture."""
+        """Faces in uint8 (height, width, 3) BGR, highest score first.
+
+        region: the part to search; None: the whole picture.
+        """
         height_px, width_px = image.shape[:2]
         size_px = self._range.size_px
         whole = region or Roi(width_px / 2, height_px / 2, max(width_px, height_px), 0.0)
@@ -120,10 +134,12 @@ class Detector:
         keep = np.flatnonzero(scores >= self._range.min_score)
         if not len(keep):
             return []
-        # each row: centre and size of the box, then six points, all in px of the input and relative to the anchor
+        # each row: centre and size of the box, then six points, all in px of the input and relative
+        # to the anchor
         raw = regressors.reshape(-1, 8, 2)[keep] / np.float32(size_px)
         raw[:, [0, 2, 3, 4, 5, 6, 7]] += self._anchors[keep, None]
-        centre, half = raw[:, 0], raw[:, 1] / 2
+        centre = raw[:, 0]
+        half = raw[:, 1] / 2
         rows = np.concatenate([centre - half, centre + half, raw[:, 2:].reshape(-1, 12)], axis=1)
         faces = []
         for row, score in suppressed(rows, scores[keep]):
@@ -134,7 +150,9 @@ class Detector:
 
 
 def prominence(box: Box, width_px: int, height_px: int) -> float:
-    """Likelihood that a face is the viewer's: its area, divided by 1 + (distance from the centre / half diagonal)^2."""
+    """Likelihood that a face is the viewer's: its area, divided by 1 + (distance from the centre /
+    half diagonal)^2.
+    """
     x0, y0, x1, y1 = box
     away = math.hypot(
         (x0 + x1 - width_px) / width_px, (y0 + y1 - height_px) / height_px
@@ -143,10 +161,12 @@ def prominence(box: Box, width_px: int, height_px: int) -> float:
 
 
 class FaceSelector:
-    """Remembers where the viewer usually is. Ranks the faces of a picture, and decides whether to follow another one.
+    """Remembers where the viewer usually is. Ranks the faces of a picture, and decides whether to
+    follow another one.
 
-    If another face is followed, a face at the usual place is the viewer, who was hidden by a passer-by; the selector returns to
-    it at once. A face that is clearly nearer and more central (NEARER) for WINS scans takes over.
+    If another face is followed, a face at the usual place is the viewer, who was hidden by a
+    passer-by; the selector returns to it at once. A face that is clearly nearer and more central
+    (NEARER) for WINS scans takes over.
     """
 
     def __init__(self) -> None:
@@ -156,13 +176,19 @@ class FaceSelector:
         self._rival: Box | None = None
         self._wins = 0
 
-    def follow(self, box: Box) -> bool:
-        """Reports the box of the followed face in this picture. Returns whether to scan the whole picture for other faces now."""
+    def follow(self, box: Box, doubted: bool = False) -> bool:
+        """Reports the box of the followed face in this picture. doubted: it may be no viewer.
+
+        Returns whether to scan the whole picture for other faces now.
+        """
         self._pictures += 1
         if self._home is None or self._away > MEMORY:
-            self._home, self._away = box, 0
+            self._home = box
+            self._away = 0
         elif overlap(self._home, box) > HOME:
-            (x0, y0, x1, y1), (a, b, c, d), share = self._home, box, HOME_SHARE
+            x0, y0, x1, y1 = self._home
+            a, b, c, d = box
+            share = HOME_SHARE
             self._home = (
                 x0 + share * (a - x0),
                 y0 + share * (b - y0),
@@ -172,10 +198,13 @@ class FaceSelector:
             self._away = 0
         else:
             self._away += 1
-        return self._pictures >= (FAST_SCAN_PERIOD if self._away or self._wins else SCAN_PERIOD)
+        soon = self._away or self._wins or doubted
+        return self._pictures >= (FAST_SCAN_PERIOD if soon else SCAN_PERIOD)
 
     def rank(self, faces: Sequence[Detection], width_px: int, height_px: int) -> list[Detection]:
-        """Faces of a picture in which none is followed, best first: at the usual place, then by prominence."""
+        """Faces of a picture in which none is followed, best first: at the usual place, then by
+        prominence.
+        """
 
         def order(face: Detection) -> tuple[bool, float]:
             return self._at_home(face.box_px), prominence(face.box_px, width_px, height_px)
@@ -185,7 +214,9 @@ class FaceSelector:
     def rival(
         self, faces: Sequence[Detection], followed: Box, width_px: int, height_px: int
     ) -> Detection | None:
-        """The face to follow instead of the one in the box followed; None: no change, or not yet."""
+        """The face to follow instead of the one in the box followed; None: no change, or
+        not yet.
+        """
         self._pictures = 0
         others = [face for face in faces if overlap(followed, face.box_px) <= SAME]
         back = [face for face in others if self._at_home(face.box_px)]
@@ -207,12 +238,16 @@ class FaceSelector:
         again = (
             self._wins > 0 and self._rival is not None and overlap(self._rival, best.box_px) > SAME
         )
-        self._rival, self._wins = best.box_px, self._wins + 1 if again else 1
+        self._rival = best.box_px
+        self._wins = self._wins + 1 if again else 1
         return best if self._wins >= WINS else None
 
     def change(self, box: Box) -> None:
         """Starts to follow the face in box; its place becomes the usual one."""
-        self._home, self._away, self._wins, self._rival = box, 0, 0, None
+        self._home = box
+        self._away = 0
+        self._wins = 0
+        self._rival = None
 
     def _at_home(self, box: Box) -> bool:
         return self._home is not None and overlap(self._home, box) > HOME

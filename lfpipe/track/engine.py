@@ -1,4 +1,4 @@
-"""Face engines find the eyes in a picture: their protocol, what they return, and their names in the configuration."""
+"""Face engines find the eyes in a picture: their protocol, and what they return."""
 
 import math
 from typing import Protocol
@@ -7,20 +7,22 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.config import Track
-from lfpipe.plugins import ENGINES, load
-
 LIMIT_PX = 1e6  # beyond every camera's picture
 MIN_APART_PX = 0.5  # between the eyes; a tracked face has at least 4 px
-WIDEST = 1.5  # distance between the eyes over the longer side of the face; 0.3 to 0.5 in faces, 1 in those of a bad fit
+# distance between the eyes over the longer side of the face; 0.3 to 0.5 in faces, 1 in those of a
+# bad fit
+WIDEST = 1.5
 
 
 @attrs.frozen(eq=False)
 class Face:
-    """One face. eyes_px: float64 (2, 2), [[left x, y], [right x, y]] of the viewer's own eyes in px of the picture given,
-    confidence 0..1, box_px: (x0, y0, x1, y1). apart_px: distance between the eyes as if the head were not turned, 0 if unknown.
+    """One face. eyes_px: float64 (2, 2), [[left x, y], [right x, y]] of the viewer's own eyes in px
+    of the picture given, confidence 0..1, box_px: (x0, y0, x1, y1). apart_px: distance between the
+    eyes as if the head were not turned, 0 if unknown.
     lean_deg: lean towards the shoulder, clockwise in the picture.
-    head_px: float (10, 3), `lfpipe.eyes.HEAD_POINTS` in the picture: right, down, away from the camera; None if unknown."""
+    head_px: float (10, 3), `lfpipe.eyes.HEAD_POINTS` in the picture: right, down, away from the
+    camera; None if unknown.
+    """
 
     eyes_px: NDArray[np.float64]
     confidence: float
@@ -31,13 +33,16 @@ class Face:
 
     @property
     def plausible(self) -> bool:
-        """Whether all numbers are finite and fit each other; otherwise no face is better than this one."""
+        """Whether all numbers are finite and fit each other; otherwise no face is better than this
+        one.
+        """
         (lx, ly), (rx, ry) = self.eyes_px.tolist()
         x0, y0, x1, y1 = self.box_px
         numbers = (lx, ly, rx, ry, x0, y0, x1, y1, self.apart_px, self.confidence)
         if math.isnan(sum(numbers)) or max(map(abs, numbers)) > LIMIT_PX:
             return False
-        side_px, apart_px = max(x1 - x0, y1 - y0), math.hypot(lx - rx, ly - ry)
+        side_px = max(x1 - x0, y1 - y0)
+        apart_px = math.hypot(lx - rx, ly - ry)
         widest_px = WIDEST * side_px
         known = self.apart_px == 0 or MIN_APART_PX <= self.apart_px <= widest_px
         return MIN_APART_PX <= apart_px <= widest_px and known and 0 <= self.confidence <= 1
@@ -46,14 +51,21 @@ class Face:
 class Engine(Protocol):
     name: str
     model: str  # file name and version, for `doctor`
-    rotated_deg: int  # clockwise rotation of the picture that would make detected faces upright; 0: none needed
+    # clockwise rotation of the picture that would make detected faces upright; 0: none needed
+    rotated_deg: int
 
     def detect(self, image: NDArray[np.uint8]) -> Face | None:
-        """The viewer's face in uint8 (height, width, 3) BGR, or None. The engine keeps its region of interest between calls."""
+        """The viewer's face in uint8 (height, width, 3) BGR, or None.
+
+        The engine keeps its region of interest between calls.
+        """
         ...
 
     def examine(self, image: NDArray[np.uint8]) -> None:
-        """Searches the last picture of `detect` for other faces, about once a second. Call it when there is time."""
+        """Searches the last picture of `detect` for other faces, about once a second.
+
+        Call it when there is time.
+        """
         ...
 
     def reset(self) -> None:
@@ -61,21 +73,3 @@ class Engine(Protocol):
         ...
 
     def close(self) -> None: ...
-
-
-def make_engine(track: Track, portable: bool = False) -> Engine:
-    """The engine that track names, ready. Its libraries are imported only now. portable: see `LitertEngine`.
-
-    Raises UserError if its libraries or models are missing or have another version.
-    """
-    name: str = track.engine
-    if name == "litert":
-        from lfpipe.track.litert_engine import LitertEngine
-
-        return LitertEngine(track.refine, portable)
-    if name == "mediapipe":
-        from lfpipe.track.mediapipe_engine import MediapipeEngine
-
-        return MediapipeEngine(track.refine)
-    engine: Engine = load(ENGINES, name)(track)
-    return engine

@@ -1,6 +1,8 @@
-"""The points of the face mesh around the eyes, and the irises by MediaPipe's iris network (arXiv:2006.11341).
+"""The points of the face mesh around the eyes, and the irises by MediaPipe's iris network
+(arXiv:2006.11341).
 
-The 468 points, and the 5 + 5 of the iris that follow them when refined, are those of MediaPipe's canonical face model.
+The 468 points, and the 5 + 5 of the iris that follow them when refined, are those of MediaPipe's
+canonical face model.
 """
 
 import math
@@ -12,7 +14,8 @@ from numpy.typing import NDArray
 from lfpipe.eyes import HEAD_POINTS
 from lfpipe.track.network import Network, Warp, around, mapped, model_file, warp
 
-# The 16 points of each eyelid contour. The viewer's own left eye: at larger x in an unmirrored picture.
+# The 16 points of each eyelid contour. The viewer's own left eye: at larger x in an unmirrored
+# picture.
 LEFT_EYE = np.array(
     [263, 249, 390, 373, 374, 380, 381, 382, 362, 398, 384, 385, 386, 387, 388, 466]
 )
@@ -22,35 +25,36 @@ LEFT_IRIS, RIGHT_IRIS = 473, 468  # the centre points; each is followed by four 
 
 EDGES = (10, 152, 234, 454)  # top of the forehead, chin, and the sides of the face
 
-EYE_LINE = (
-    33,
-    263,
-)  # outer corners of the eyes, right to left: defines the rotation of a face's region
+# outer corners of the eyes, right to left: defines the rotation of a face's region
+EYE_LINE = (33, 263)
 IRIS_PX = 64  # side of the crop
-# In distances between the eyes. A gaze moves both irises off the middle of the lids equally, and only as far as the lids allow.
-# If the two irises disagree, glasses or glare hide them, and the lids are the better estimate.
+# In distances between the eyes. A gaze moves both irises off the middle of the lids equally, and
+# only as far as the lids allow. If the two irises disagree, glasses or glare hide them, and the
+# lids are the better estimate.
 APART, ASIDE = 0.06, 0.13
 _IRIS_SCALE = 2.3  # width of the crop in distances between the eye's corners
-_CORNERS = (
-    (362, 263),
-    (33, 133),
-)  # inner and outer of the viewer's left eye, outer and inner of the right: both left to right
-_LIDS = 9  # corners and lower lid: the first of LEFT_EYE and RIGHT_EYE. A blink moves the upper lid by a third of an eye
+# inner and outer of the viewer's left eye, outer and inner of the right: both left to right
+_CORNERS = ((362, 263), (33, 133))
+# corners and lower lid: the first of LEFT_EYE and RIGHT_EYE. A blink moves the upper lid by a third
+# of an eye
+_LIDS = 9
 _KEY = np.concatenate([LEFT_EYE[:_LIDS], RIGHT_EYE[:_LIDS], EYE_LINE, HEAD_POINTS])
 _HEAD = 2 * _LIDS + len(EYE_LINE)  # index of the first of HEAD_POINTS in _KEY
-# From the mean of these points to that of all 16 in open eyes, in distances between the eyes: upwards, and away from the nose.
-# Medians over 60 pictures of 10 people (0.0355, 0.0073) and 429 frames of a talking person (0.0370, 0.0062).
+# From the mean of these points to that of all 16 in open eyes, in distances between the eyes:
+# upwards, and away from the nose. Medians over 60 pictures of 10 people (0.0355, 0.0073) and 429
+# frames of a talking person (0.0370, 0.0062).
 _RAISE, _SPREAD = 0.036, 0.0067
 
 
 def eye_points(
     points: NDArray[np.floating], depth: NDArray[np.floating], scale: np.float32
 ) -> tuple[Point, Point, Point, Point, float, NDArray[np.float64]]:
-    """(left eye, right eye, their outer corners, the distance between the eyes in 3-D, the points of HEAD_POINTS (10, 3)), from
-    points (2, 468), x and y of the mesh, and depth (468,), its z before it is scaled. A blink does not move them.
+    """(left eye, right eye, their outer corners, the distance between the eyes in 3-D, the points
+    of HEAD_POINTS (10, 3)), from points (2, 468), x and y of the mesh, and depth (468,), its z
+    before it is scaled. A blink does not move them.
 
-    A centre is the mean of the eye's corners and lower lid, shifted to the paper's centre: the mean of
-    all 16 periocular points of an open eye.
+    A centre is the mean of the eye's corners and lower lid, shifted to the paper's centre: the mean
+    of all 16 periocular points of an open eye.
     """
     keys = np.empty((3, len(_KEY)))
     points.take(_KEY, 1, keys[:2])
@@ -63,14 +67,18 @@ def eye_points(
     lx, ly, lz, rx, ry, rz = lx / _LIDS, ly / _LIDS, lz / _LIDS, rx / _LIDS, ry / _LIDS, rz / _LIDS
     dx, dy = lx - rx, ly - ry
     up_x, up_y, out_x, out_y = _RAISE * dy, -_RAISE * dx, _SPREAD * dx, _SPREAD * dy
-    right, left = 2 * _LIDS, 2 * _LIDS + 1
+    right = 2 * _LIDS
+    left = 2 * _LIDS + 1
     eyes = (lx + up_x + out_x, ly + up_y + out_y), (rx + up_x - out_x, ry + up_y - out_y)
     apart = (1 + 2 * _SPREAD) * math.sqrt(dx * dx + dy * dy + (lz - rz) ** 2)
     return *eyes, (xs[left], ys[left]), (xs[right], ys[right]), apart, keys[:, _HEAD:].T
 
 
 class Irises:
-    """The eyes by their irises. Raises UserError if the network is missing or has another version."""
+    """The eyes by their irises.
+
+    Raises UserError if the network is missing or has another version.
+    """
 
     def __init__(self, warp: Warp = warp) -> None:
         self._warp = warp
@@ -86,23 +94,22 @@ class Irises:
         lids_px: NDArray[np.float64],
         apart_px: float,
     ) -> NDArray[np.float64]:
-        """The centres of the irises where they are seen, else lids_px; (2, 2), left first, px of image, uint8 (h, w, 3) BGR.
-        mesh_px: (468, 2) points of the face mesh. apart_px: between the eyes."""
+        """The centres of the irises where they are seen, else lids_px; (2, 2), left first, px of
+        image, uint8 (h, w, 3) BGR.
+        mesh_px: (468, 2) points of the face mesh. apart_px: between the eyes.
+        """
         centres_px = np.empty((2, 2))
         for eye, (start, end) in enumerate(_CORNERS):
-            middle, reach = (
-                (mesh_px[start] + mesh_px[end]) / 2,
-                np.abs(mesh_px[end] - mesh_px[start]).max() / 2,
-            )
+            middle = (mesh_px[start] + mesh_px[end]) / 2
+            reach = np.abs(mesh_px[end] - mesh_px[start]).max() / 2
             roi = around(
                 (*(middle - reach), *(middle + reach)), mesh_px[start], mesh_px[end], _IRIS_SCALE
             )
             matrix = roi.matrix(IRIS_PX)
             crop = roi.crop(image, matrix, IRIS_PX, cv2.BORDER_REPLICATE, self._warp)
             # the network knows only right eyes, so the left one is mirrored
-            x, y = self._network.run(crop if eye else crop[:, ::-1])[0][
-                :2
-            ].tolist()  # then z, and four points around the centre
+            # then z, and four points around the centre
+            x, y = self._network.run(crop if eye else crop[:, ::-1])[0][:2].tolist()
             centres_px[eye] = mapped(np.array([[x if eye else IRIS_PX - x, y]]), matrix)
         off = (centres_px - lids_px) / max(apart_px, 1.0)
         hidden = float(np.hypot(*(off[0] - off[1]))) > APART or float(np.abs(off).max()) > ASIDE

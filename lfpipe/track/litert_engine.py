@@ -1,8 +1,10 @@
-"""Engine "litert": MediaPipe's landmark network run in this thread, on a region of interest that follows the face.
+"""Engine "litert": MediaPipe's landmark network run in this thread, on a region of interest that
+follows the face.
 
-The same network and regions as the FaceMesh graph, without its scheduler. A detector runs for the first face, after a loss, and
-about once a second in addition. FaceMesh takes the face with the highest score; this engine takes the viewer's (`FaceSelector`).
-If the landmark network rejects a candidate, it tries the next.
+The same network and regions as the FaceMesh graph, without its scheduler. A detector runs for the
+first face, after a loss, and about once a second in addition. FaceMesh takes the face with the
+highest score; this engine takes the viewer's (`FaceSelector`). If the landmark network rejects a
+candidate, it tries the next.
 """
 
 import logging
@@ -15,38 +17,52 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.track.detector import FULL, Detection, Detector, FaceSelector
+from lfpipe.track.detector import (
+    FULL,
+    SAME,
+    Detection,
+    Detector,
+    FaceSelector,
+    overlap,
+    prominence,
+)
 from lfpipe.track.engine import Face
 from lfpipe.track.landmarks import Irises, eye_points
+from lfpipe.track.liveness import Liveness
 from lfpipe.track.network import Network, Roi, around, model_file, portable_warp, warp
 
 SIZE_PX = 192  # side of the network's picture
 POINTS = 468  # of MediaPipe's face mesh
 FOUND = 0.5  # confidence that a new face needs
-FOUND_FAR = 0.9  # the same for a small face: its detector has many false alarms, and real faces get high confidence
-KEPT = 0.2  # confidence that a followed face needs: a hand in front of it lowers confidence more than accuracy
+# the same for a small face: its detector has many false alarms, and real faces get high confidence
+FOUND_FAR = 0.9
+# confidence that a followed face needs: a hand in front of it lowers confidence more than accuracy
+KEPT = 0.2
+# The same behind a mask and film glasses (-5.3 logits in one of 20), where the detector is sure: it
+# gives 0.7 to 19 of 20 of these faces, and 0.6 to the likeliest scene without one.
+DOUBTFUL, CERTAIN = 0.005, 0.7
+DOUBTED_EVERY = 10  # pictures after which a doubtful face must be detected again
 CANDIDATES = 6  # faces per picture that the landmark network tries, 1.3 ms each
-SMALL = 0.04  # distance between the eyes over the picture's longer side (1.5 m away): the near detector misses such faces
+# distance between the eyes over the picture's longer side (1.5 m away): the near detector misses
+# such faces
+SMALL = 0.04
 FAR_EVERY = 8  # pictures without a face between runs of the full-range detector (10 ms each)
 UPRIGHT_DEG = 80.0  # no head leans further; such a face is in a rotated picture
-LEANING_DEG, REPEATS = (
-    30.0,
-    4,
-)  # a new face that leans further is measured again, at most REPEATS times
-QUARTERS = (
-    math.pi,
-    math.pi / 2,
-    -math.pi / 2,
-)  # the ways in which a camera or a picture stands wrong
-SURER = 5.0  # logits by which a face is surer in a region turned by quarters: upside down by 11 to 32, behind a mask by up to 4.3
+# a new face that leans further is measured again, at most REPEATS times
+LEANING_DEG, REPEATS = 30.0, 4
+# the ways in which a camera or a picture stands wrong
+QUARTERS = (math.pi, math.pi / 2, -math.pi / 2)
+# logits by which a face is surer in a region turned by quarters: upside down by 11 to 32, behind a
+# mask by up to 4.3
+SURER = 5.0
 ROTATED_FACES = 3  # number of rotated faces before the hint appears
 
 log = logging.getLogger(__name__)
 
 
 class LitertEngine:
-    """refine: eye centres are those of the irises, at the cost of two small networks. portable: the same eyes to the last bit in
-    every version of OpenCV, at the cost of 0.14 ms.
+    """refine: eye centres are those of the irises, at the cost of two small networks. portable: the
+    same eyes to the last bit in every version of OpenCV, at the cost of 0.14 ms.
 
     Raises UserError if mediapipe's network files are missing or have another version.
     """
@@ -64,12 +80,17 @@ class LitertEngine:
         self.rotated_deg = 0
         self._rotated: Counter[int] = Counter()  # rotation in degrees
         self._size: tuple[int, ...] = ()
+        self._liveness = Liveness()
         self.reset()
 
     def reset(self) -> None:
+        """See Engine.reset. Known portraits stay known."""
+        self._liveness.begin()
+        self._doubts = 0
         self._roi: Roi | None = None
         self._followed: Face | None = None
-        self._selector, self._scan = FaceSelector(), False
+        self._selector = FaceSelector()
+        self._scan = False
         self._without = 0  # pictures since there was a face
 
     def close(self) -> None:
@@ -78,34 +99,81 @@ class LitertEngine:
     def detect(self, image: NDArray[np.uint8]) -> Face | None:
         if image.shape[:2] != self._size:  # regions in px of another size are invalid
             self._size = image.shape[:2]
+            self._liveness = Liveness()
             self.reset()
-        measured = self._measure(image, self._roi, KEPT) if self._roi else None
-        if measured is None or abs(measured[0].lean_deg) > UPRIGHT_DEG:
+        measured = self._measure(image, self._roi, DOUBTFUL) if self._roi else None
+        if measured is None or not self._keeps(image, measured[0]):
             measured = self._search(image)
+            self._liveness.begin()
         if measured is None:
             self._followed = self._roi = None
             self._without += 1
             return None
         self._followed, self._roi = measured
-        self._scan = self._selector.follow(self._followed.box_px)
+        self._liveness.follow(self._followed)
+        self._scan = self._selector.follow(self._followed.box_px, self._liveness.still)
         self._without = 0
         return self._followed
 
+    def _keeps(self, image: NDArray[np.uint8], face: Face) -> bool:
+        """Whether to go on following a face: it is upright, and if the landmark network is not
+        sure, the detector is, now and then.
+        """
+        if abs(face.lean_deg) > UPRIGHT_DEG:
+            return False
+        if face.confidence >= KEPT:
+            self._doubts = 0
+            return True
+        self._doubts += 1
+        if self._doubts % DOUBTED_EVERY != 1:
+            return True
+        found = self._near.detect(image)
+        return any(
+            one.score >= CERTAIN and overlap(one.box_px, face.box_px) > SAME for one in found
+        )
+
     def examine(self, image: NDArray[np.uint8]) -> None:
-        """See Engine.examine. If another face should be followed, that starts with the next picture."""
+        """See Engine.examine.
+
+        If another face should be followed, that starts with the next picture.
+        """
         if self._followed is None or not self._scan:
             return
-        followed, self._scan = self._followed, False
+        followed = self._followed
+        self._scan = False
         height_px, width_px = image.shape[:2]
         candidates = self._near.detect(image)
         if followed.apart_px < SMALL * max(width_px, height_px):
             candidates += self._far.detect(image)
-        rival = self._selector.rival(candidates, followed.box_px, width_px, height_px)
-        measured = self._acquire(image, rival, FOUND) if rival else None
+        own = [one for one in candidates if overlap(followed.box_px, one.box_px) > SAME]
+        if own:
+            box = max(own, key=lambda one: overlap(followed.box_px, one.box_px)).box_px
+            self._liveness.scanned(box)
+        candidates = [one for one in candidates if one in own or not self._is_portrait(one)]
+        measured = self._living(image, candidates, followed) if self._liveness.still else None
+        if measured is None:
+            rival = self._selector.rival(candidates, followed.box_px, width_px, height_px)
+            measured = self._acquire(image, rival, FOUND) if rival else None
         if measured is not None:
             face, self._roi = measured
             log.info("another face is followed: %s instead of %s", face.box_px, followed.box_px)
             self._selector.change(face.box_px)
+            self._liveness.begin()
+
+    def _living(
+        self, image: NDArray[np.uint8], candidates: list[Detection], followed: Face
+    ) -> tuple[Face, Roi] | None:
+        """The most prominent face that lives, to follow instead of a portrait."""
+        others = [one for one in candidates if overlap(followed.box_px, one.box_px) <= SAME]
+        measured = [self._acquire(image, one, FOUND) for one in others[:CANDIDATES]]
+        regions = {id(one[0]): one for one in measured if one is not None}
+        alive = self._liveness.others_alive([one for one, _ in regions.values()], followed)
+        size_px = image.shape[1], image.shape[0]
+        best = max(alive, key=lambda face: prominence(face.box_px, *size_px), default=None)
+        return None if best is None else regions[id(best)]
+
+    def _is_portrait(self, candidate: Detection) -> bool:
+        return self._liveness.is_portrait(candidate)
 
     @cached_property
     def _far(self) -> Detector:
@@ -114,13 +182,17 @@ class LitertEngine:
     def _search(self, image: NDArray[np.uint8]) -> tuple[Face, Roi] | None:
         """Searches the whole picture for a face."""
         height_px, width_px = image.shape[:2]
-        looks = [(FOUND, self._near.detect(image))]
+        near = self._near.detect(image)
+        looks = [(FOUND, near)]
         if self._without % FAR_EVERY == FAR_EVERY - 1:
             looks.append((FOUND_FAR, self._look_far(image)))
         elif self._without % FAR_EVERY == FAR_EVERY // 2:
             self._look_rotated(image)
+        looks.append((DOUBTFUL, [one for one in near if one.score >= CERTAIN]))
         for least, candidates in looks:
-            for candidate in self._selector.rank(candidates, width_px, height_px)[:CANDIDATES]:
+            ranked = self._selector.rank(candidates, width_px, height_px)
+            ranked.sort(key=self._is_portrait)  # somebody is better than nobody
+            for candidate in ranked[:CANDIDATES]:
                 if (measured := self._acquire(image, candidate, least)) is not None:
                     return measured
         return None
@@ -128,16 +200,23 @@ class LitertEngine:
     def _acquire(
         self, image: NDArray[np.uint8], candidate: Detection, least: float
     ) -> tuple[Face, Roi] | None:
-        """Measures a new face and its own region; None if it is not upright, which counts for the hint.
+        """Measures a new face and its own region; None if it is not upright, which counts for the
+        hint.
 
-        A leaning face is measured again until its own region is found. The detector often takes an upside-down face for an
-        upright one, but the landmark network is surer in the rotated region.
+        A leaning face is measured again until its own region is found, and one that the border of
+        the picture cuts off once: the detector's region is off by up to a third of the distance
+        between the eyes there. The detector often takes an upside-down face for an upright one, but
+        the landmark network is surer in the rotated region.
         """
         measured = self._measure(image, around(candidate.box_px, *candidate.points_px[:2]), least)
-        for _ in range(REPEATS):
-            if measured is None or abs(measured[0].lean_deg) < LEANING_DEG:
+        for k in range(REPEATS):
+            if measured is None:
                 break
-            measured = self._measure(image, measured[1], KEPT)
+            face = measured[0]
+            again = k == 0 and _is_cut_off(face, image)
+            if not again and abs(face.lean_deg) < LEANING_DEG:
+                break
+            measured = self._measure(image, measured[1], min(KEPT, least))
         if measured is None or self._is_rotated(measured[0]):
             return None
         region = measured[1]
@@ -147,10 +226,14 @@ class LitertEngine:
         rotated = (
             self._measure(image, turned[surest], FOUND) if logits[surest] > sure + SURER else None
         )
-        return None if rotated is not None and self._is_rotated(rotated[0]) else measured
+        if rotated is None:
+            return measured
+        return None if self._is_rotated(rotated[0]) else rotated
 
     def _is_rotated(self, face: Face) -> bool:
-        """Whether a face leans further than a head can: the picture is rotated. The most frequent rotation is the hint."""
+        """Whether a face leans further than a head can: the picture is rotated. The most frequent
+        rotation is the hint.
+        """
         if abs(face.lean_deg) <= UPRIGHT_DEG:
             return False
         self._rotated[round(-face.lean_deg / 90) * 90 % 360] += 1
@@ -160,18 +243,24 @@ class LitertEngine:
         return True
 
     def _look_far(self, image: NDArray[np.uint8]) -> list[Detection]:
-        """Searches small faces, alternately in the whole picture and, enlarged, in one of three parts that cover its width."""
+        """Searches small faces, alternately in the whole picture and, enlarged, in one of three
+        parts that cover its width.
+        """
         height_px, width_px = image.shape[:2]
         turn = self._without // FAR_EVERY % 4
         if turn == 0:
             return self._far.detect(image)
         side_px = 0.6 * max(width_px, height_px)
-        x_px, y_px = (min(max(share * length, side_px / 2), max(length - side_px / 2, length / 2)) for share, length in
-                      (((0.5, 0.0, 1.0)[turn - 1], width_px), (0.4, height_px)))  # fmt: skip
+        x_px, y_px = (
+            min(max(share * length, side_px / 2), max(length - side_px / 2, length / 2))
+            for share, length in (((0.5, 0.0, 1.0)[turn - 1], width_px), (0.4, height_px))
+        )
         return self._far.detect(image, Roi(x_px, y_px, side_px, 0.0))
 
     def _look_rotated(self, image: NDArray[np.uint8]) -> None:
-        """Counts faces that are upside down or sideways; the detector misses many of them unless the picture is rotated."""
+        """Counts faces that are upside down or sideways; the detector misses many of them unless
+        the picture is rotated.
+        """
         height_px, width_px = image.shape[:2]
         angle = QUARTERS[self._without // FAR_EVERY % 3]
         whole = Roi(width_px / 2, height_px / 2, max(width_px, height_px), angle)
@@ -186,7 +275,9 @@ class LitertEngine:
     def _run(
         self, image: NDArray[np.uint8], roi: Roi
     ) -> tuple[NDArray[np.float64], NDArray[np.float32], float]:
-        """Returns roi's matrix, the network's points in px of the crop, flat, and the logit of its confidence."""
+        """Returns roi's matrix, the network's points in px of the crop, flat, and the logit of its
+        confidence.
+        """
         matrix = roi.matrix(SIZE_PX)
         points, logit = self._network.run(
             roi.crop(image, matrix, SIZE_PX, cv2.BORDER_REPLICATE, self._warp)
@@ -194,7 +285,10 @@ class LitertEngine:
         return matrix, points, float(logit[0])
 
     def _measure(self, image: NDArray[np.uint8], roi: Roi, least: float) -> tuple[Face, Roi] | None:
-        """The face in roi, however it leans, and its region in the next picture. least: the required confidence."""
+        """The face in roi, however it leans, and its region in the next picture.
+
+        least: the required confidence.
+        """
         matrix, values, logit = self._run(image, roi)
         confidence = 1 / (1 + math.exp(-min(max(logit, -80.0), 80.0)))
         if confidence < least:
@@ -202,18 +296,15 @@ class LitertEngine:
         mesh = values.reshape(POINTS, 3)
         (_, _, x), (_, _, y) = matrix.tolist()
         points = matrix[:, :1] * mesh[:, 0] + matrix[:, 1:2] * mesh[:, 1]  # (2, 468) px from (x, y)
-        (x0, y0), (x1, y1) = (
-            np.minimum.reduce(points, axis=1).tolist(),
-            np.maximum.reduce(points, axis=1).tolist(),
-        )
+        x0, y0 = np.minimum.reduce(points, axis=1).tolist()
+        x1, y1 = np.maximum.reduce(points, axis=1).tolist()
         (lx, ly), (rx, ry), left, right, apart_px, head_px = eye_points(
             points, mesh[:, 2], np.float32(roi.side_px / SIZE_PX)
         )
         edges = x0 + x, y0 + y, x1 + x, y1 + y
         region = around(edges, right, left)
-        if (
-            not 1.0 <= region.side_px < math.inf
-        ):  # narrower than a pixel, or NaN: no region for the next picture
+        # narrower than a pixel, or NaN: no region for the next picture
+        if not 1.0 <= region.side_px < math.inf:
             return None
         eyes_px = np.array(((lx + x, ly + y), (rx + x, ry + y)))
         if self._irises is not None:
@@ -221,3 +312,10 @@ class LitertEngine:
         return Face(
             eyes_px, confidence, edges, apart_px, math.degrees(region.angle), head_px
         ), region
+
+
+def _is_cut_off(face: Face, image: NDArray[np.uint8]) -> bool:
+    """Whether the border of the picture hides a part of a face."""
+    x0, y0, x1, y1 = face.box_px
+    height_px, width_px = image.shape[:2]
+    return min(x0, y0) < 0 or x1 > width_px or y1 > height_px

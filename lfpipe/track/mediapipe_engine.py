@@ -18,7 +18,8 @@ _BLANK = np.zeros((64, 64, 3), np.uint8)
 
 
 class MediapipeEngine:
-    """FaceMesh of one face on the CPU. refine: use the iris network; eye centres are then those of the irises.
+    """FaceMesh of one face on the CPU. refine: use the iris network; eye centres are then those of
+    the irises.
 
     The graph reports no score, so confidence is 1. It chooses among several faces itself.
     Raises UserError if mediapipe is missing or has no FaceMesh.
@@ -38,7 +39,8 @@ class MediapipeEngine:
         except (ImportError, AttributeError) as error:
             raise UserError(
                 f"track.engine = mediapipe: this installation has no FaceMesh ({error})",
-                "set track.engine=litert, or install mediapipe==0.10.21, the last version that includes it (up to Python 3.12)",
+                "set track.engine=litert, or install mediapipe==0.10.21, the last version that"
+                " includes it (up to Python 3.12)",
             ) from None
         self.model = f"FaceMesh{' with iris refinement' if refine else ''}, mediapipe {version}"
         self._eyes = (
@@ -66,7 +68,9 @@ class MediapipeEngine:
             )
 
         eyes = np.stack([points(*numbers)[:, :2] for numbers in self._eyes])
-        centres, edges, head_px = eyes.mean(axis=1), points(*EDGES), points(*HEAD_POINTS)
+        centres = eyes.mean(axis=1)
+        edges = points(*EDGES)
+        head_px = points(*HEAD_POINTS)
         right, left = (
             np.array((marks[j].x, marks[j].y * size_px[1] / size_px[0], marks[j].z))
             for j in EYE_LINE

@@ -1,7 +1,8 @@
-"""The face networks: four files of one mediapipe wheel, from the installed package or from the user's data folder.
+"""The face networks: four files of one mediapipe wheel, from the installed package or from the
+user's data folder.
 
-mediapipe has no wheel for some machines and Pythons. There, the files are taken from a wheel for another platform,
-which uv or pip fetches by the package's name. All wheels contain the same files.
+mediapipe has no wheel for some machines and Pythons. There, the files are taken from a wheel for
+another platform, which uv or pip fetches by the package's name. All wheels contain the same files.
 """
 
 import hashlib
@@ -19,6 +20,7 @@ from pathlib import Path
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import check_regular, read_bytes, reason, write_file
 from lfpipe.host.files import is_dir, is_file
+from lfpipe.host.machine import install_command
 
 VERSION = "0.10.21"  # the last version with these files
 PACKAGE = f"mediapipe=={VERSION}"
@@ -29,8 +31,12 @@ SHA256 = {
     "modules/face_detection/face_detection_full_range_sparse.tflite": (
         "2c3728e6da56f21e21a320433396fb06d40d9088f2247c05e5635a688d45dfe1"
     ),
-    "modules/face_landmark/face_landmark.tflite": "1055cb9d4a9ca8b8c688902a3a5194311138ba256bcc94e336d8373a5f30c814",
-    "modules/iris_landmark/iris_landmark.tflite": "d1744d2a09c25f501d39eba4faff47e53ecca8852c5ce19bce8eeac39357521f",
+    "modules/face_landmark/face_landmark.tflite": (
+        "1055cb9d4a9ca8b8c688902a3a5194311138ba256bcc94e336d8373a5f30c814"
+    ),
+    "modules/iris_landmark/iris_landmark.tflite": (
+        "d1744d2a09c25f501d39eba4faff47e53ecca8852c5ce19bce8eeac39357521f"
+    ),
 }
 MOST_BYTES = 16 << 20  # limit per network; the largest has 2.6 MB
 REMEDY = (
@@ -38,7 +44,8 @@ REMEDY = (
     + PACKAGE
 )
 DAMAGED = (
-    f"`pip install --force-reinstall {PACKAGE}`, or remove the file and run `lfpipe models get`"
+    f"`{install_command('--force-reinstall', PACKAGE)}`, or remove the file and run `lfpipe models"
+    " get`"
 )
 # Options that make an installer fetch the wheel for one fixed platform, on any machine.
 _UV = ("--python-platform", "x86_64-manylinux_2_28", "--python-version", "3.12")
@@ -56,7 +63,10 @@ _ONLY = ("--no-deps", "--only-binary", ":all:")
 
 
 def package_folder() -> Path | None:
-    """Folder of the installed package mediapipe, or None. It is not imported, because that takes 0.6 s."""
+    """Folder of the installed package mediapipe, or None.
+
+    It is not imported, because that takes 0.6 s.
+    """
     spec = importlib.util.find_spec("mediapipe")  # for a top-level package, this does not import it
     folders = list(spec.submodule_search_locations or []) if spec else []
     return Path(folders[0]) if folders else None
@@ -70,7 +80,9 @@ def data_folder() -> Path:
 
 
 def find_model(relative: str) -> Path | None:
-    """A file of the mediapipe wheel, as "modules/face_landmark/face_landmark.tflite", from the package or the data folder."""
+    """A file of the mediapipe wheel, as "modules/face_landmark/face_landmark.tflite", from the
+    package or the data folder.
+    """
     folder = package_folder()
     if folder is not None and is_file(folder / relative):
         return folder / relative
@@ -84,10 +96,11 @@ def missing_models() -> list[str]:
 
 
 def install_models(wheel: Path) -> Path:
-    """Copies the networks from a wheel, or from a folder with its contents. Returns the data folder.
+    """Copies the networks from a wheel, or from a folder with its contents. Returns the data
+    folder.
 
-    Raises UserError if a file is missing or has other contents, or if the folder cannot be written. The data folder is then
-    unchanged.
+    Raises UserError if a file is missing or has other contents, or if the folder cannot be written.
+    The data folder is then unchanged.
     """
     contents = {relative: _read(wheel, f"mediapipe/{relative}") for relative in SHA256}
     for relative, content in contents.items():
@@ -127,12 +140,15 @@ def _read(wheel: Path, name: str) -> bytes:
         RuntimeError,
         ValueError,
     ) as error:
-        why = f"not a wheel: {error}"  # zipfile raises NotImplementedError for unknown compression, RuntimeError for encryption
+        # zipfile raises NotImplementedError for unknown compression, RuntimeError for encryption
+        why = f"not a wheel: {error}"
     raise UserError(f"{wheel}: {why}", f"use a wheel of {PACKAGE}, for any platform")
 
 
 def installer(folder: Path) -> list[str]:
-    """The command that puts the wheel, or its contents, into folder: uv's, else pip's; empty without either."""
+    """The command that puts the wheel, or its contents, into folder: uv's, else pip's; empty
+    without either.
+    """
     if uv := os.environ.get("UV") or shutil.which("uv"):
         return [
             uv,
@@ -146,14 +162,17 @@ def installer(folder: Path) -> list[str]:
             *_ONLY,
             PACKAGE,
         ]
-    own, other = importlib.util.find_spec("pip"), shutil.which("pip")
+    own = importlib.util.find_spec("pip")
+    other = shutil.which("pip")
     pip = [sys.executable, "-m", "pip"] if own else [other] if other else []
     return [*pip, "download", "--dest", str(folder), *_PIP, *_ONLY, PACKAGE] if pip else []
 
 
 def fetch_models(say: Callable[[str], None]) -> Path:
-    """Fetches the wheel and copies the networks; returns the data folder. say: receives one message per step; the installer
-    writes its own to stderr. Raises UserError without an installer, or if it does not get the wheel."""
+    """Fetches the wheel and copies the networks; returns the data folder. say: receives one message
+    per step; the installer writes its own to stderr. Raises UserError without an installer, or if
+    it does not get the wheel.
+    """
     with tempfile.TemporaryDirectory(prefix="lfpipe-models-") as name:
         folder = Path(name)
         command = installer(folder)
@@ -164,7 +183,8 @@ def fetch_models(say: Callable[[str], None]) -> Path:
             )
         program = Path(command[0]).stem
         say(
-            f"models  fetching the face networks with {program}: the wheel of {PACKAGE}, 36 MB, once"
+            f"models  fetching the face networks with {program}: the wheel of {PACKAGE}, 36 MB,"
+            " once"
         )
         try:
             subprocess.run(command, cwd=folder, stdout=subprocess.DEVNULL, check=True)

@@ -1,7 +1,8 @@
-"""Networks of the mediapipe wheel, run in this thread through LiteRT, and the square, rotated crop of the picture that they see.
+"""Networks of the mediapipe wheel, run in this thread through LiteRT, and the square, rotated crop
+of the picture that they see.
 
-mediapipe itself is never imported. Proportions of crops are those of the face graphs for which the networks were trained
-(MediaPipe, modules/face_landmark).
+mediapipe itself is never imported. Proportions of crops are those of the face graphs for which the
+networks were trained (MediaPipe, modules/face_landmark).
 """
 
 import ctypes
@@ -20,17 +21,18 @@ from lfpipe.errors import UserError
 from lfpipe.host.terminal import quiet_stderr
 from lfpipe.track import models
 
-# (image (h, w, 4), affine (2, 3) from crop px to image px, size_px, border) -> crop, uint8 (size_px, size_px, 4)
+# (image (h, w, 4), affine (2, 3) from crop px to image px, size_px, border) -> crop, uint8
+# (size_px, size_px, 4)
 Warp = Callable[[NDArray[np.uint8], NDArray[np.float64], int, int], NDArray[np.uint8]]
 
-SCALE = (
-    1.5  # size of the region relative to the face, so that it also contains the next picture's face
-)
+# size of the region relative to the face, so that it also contains the next picture's face
+SCALE = 1.5
 
 
 def model_file(relative: str) -> Path:
-    """Path of a file of the mediapipe wheel, for example "modules/face_landmark/face_landmark.tflite". Raises UserError if
-    absent."""
+    """Path of a file of the mediapipe wheel, for example
+    "modules/face_landmark/face_landmark.tflite". Raises UserError if absent.
+    """
     if (path := models.find_model(relative)) is not None:
         return path
     where = f"in {models.package_folder() or 'no package mediapipe'} and {models.data_folder()}"
@@ -41,10 +43,12 @@ def model_file(relative: str) -> Path:
 
 
 class Network:
-    """One .tflite network, single-threaded: one picture, float32 outputs identified by their number of values.
+    """One .tflite network, single-threaded: one picture, float32 outputs identified by their number
+    of values.
 
-    path: the file. size_px: side of the picture. outputs: number of values of each wanted output. low: of black; 1 is white.
-    Raises UserError if the file is unreadable, not a network, or a network of another shape (another version).
+    path: the file. size_px: side of the picture. outputs: number of values of each wanted output.
+    low: of black; 1 is white. Raises UserError if the file is unreadable, not a network, or a
+    network of another shape (another version).
     """
 
     def __init__(
@@ -65,16 +69,15 @@ class Network:
                 f"track.engine = litert: {path}: not a usable face network: {reason}",
                 models.DAMAGED,
             ) from None
-        (first, *_), details = (
-            self._interpreter.get_input_details(),
-            self._interpreter.get_output_details(),
-        )
+        first, *_ = self._interpreter.get_input_details()
+        details = self._interpreter.get_output_details()
         by_size = {int(np.prod(detail["shape"])): int(detail["index"]) for detail in details}
         shape = tuple(int(size) for size in first["shape"])
         if shape != (1, size_px, size_px, 3) or any(size not in by_size for size in outputs):
             raise UserError(
-                f"track.engine = litert: {path}: another version: input {shape}, outputs of {sorted(by_size)} values,"
-                f" expected {(1, size_px, size_px, 3)} and {sorted(outputs)}",
+                f"track.engine = litert: {path}: another version: input {shape}, outputs of"
+                f" {sorted(by_size)} values, expected {(1, size_px, size_px, 3)} and"
+                f" {sorted(outputs)}",
                 models.DAMAGED,
             )
         self.invoke: Callable[[], None] = self._interpreter.invoke
@@ -88,14 +91,18 @@ class Network:
         self.name = f"{path.name} (mediapipe {version}, sha256 {sha256[:8]})"
 
     def run(self, crop: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
-        """The wanted outputs, flat, for crop, uint8 BGRA (size_px, size_px, 4); valid until the next run."""
+        """The wanted outputs, flat, for crop, uint8 BGRA (size_px, size_px, 4); valid until the
+        next run.
+        """
         cv2.LUT(cv2.cvtColor(crop, cv2.COLOR_BGRA2RGB), self._levels, self._input)
         self.invoke()
         return self._outputs
 
     def _memory(self, index: int) -> NDArray[np.float32]:
-        """A flat view of a tensor's memory. Its address does not change: nothing is allocated after the first run. (LiteRT's
-        own views must be dropped before each run, so they cannot be stored.)"""
+        """A flat view of a tensor's memory. Its address does not change: nothing is allocated after
+        the first run. (LiteRT's own views must be dropped before each run, so they cannot be
+        stored.)
+        """
         tensor = self._interpreter.tensor(index)()
         return np.frombuffer(
             (ctypes.c_float * tensor.size).from_address(tensor.ctypes.data), np.float32
@@ -115,10 +122,12 @@ def warp(
 def portable_warp(
     image: NDArray[np.uint8], matrix: NDArray[np.float64], size_px: int, border: int
 ) -> NDArray[np.uint8]:
-    """At positions rounded to 1/32 px, with the same bits in every OpenCV from 4.10 on; 0.14 ms slower than `warp` for
-    192x192."""
+    """At positions rounded to 1/32 px, with the same bits in every OpenCV from 4.10 on; 0.14 ms
+    slower than `warp` for 192x192.
+    """
     steps = np.arange(size_px)
-    along_px, down_px = matrix[:, 0, None] * steps, matrix[:, 1, None] * steps + matrix[:, 2, None]
+    along_px = matrix[:, 0, None] * steps
+    down_px = matrix[:, 1, None] * steps + matrix[:, 2, None]
     along, down = (np.rint(1024 * place_px).astype(np.int32) for place_px in (along_px, down_px))
     place = along[:, None, :] + (down + 16)[:, :, None]  # (x and y, row, column), in 1/1024 px
     x, y = place.astype(np.uint16)
@@ -130,7 +139,9 @@ def portable_warp(
 
 @attrs.frozen
 class Roi:
-    """A square in picture px: centre, side, and angle of its x axis (radians, clockwise as y points down)."""
+    """A square in picture px: centre, side, and angle of its x axis (radians, clockwise as y points
+    down).
+    """
 
     x_px: float
     y_px: float
@@ -152,24 +163,23 @@ class Roi:
         border: int,
         warp: Warp = warp,
     ) -> NDArray[np.uint8]:
-        """The region as uint8 BGRA (size_px, size_px, 4). matrix: of `matrix(size_px)`. border: cv2.BORDER_*, how to fill pixels
-        outside of the picture.
+        """The region as uint8 BGRA (size_px, size_px, 4). matrix: of `matrix(size_px)`. border:
+        cv2.BORDER_*, how to fill pixels outside of the picture.
 
         Warping four channels takes 0.4 of the time of three, with the same values.
         """
         # half of the rotated square's extent, plus the margin for interpolation
         reach = 0.5 * self.side_px * (abs(math.cos(self.angle)) + abs(math.sin(self.angle))) + 2
         height, width = image.shape[:2]
-        x0, x1 = (
-            min(max(int(self.x_px - reach), 0), width),
-            min(max(int(self.x_px + reach), 0), width),
-        )
-        y0, y1 = (
-            min(max(int(self.y_px - reach), 0), height),
-            min(max(int(self.y_px + reach), 0), height),
-        )
+        x0 = min(max(int(self.x_px - reach), 0), width)
+        x1 = min(max(int(self.x_px + reach), 0), width)
+        y0 = min(max(int(self.y_px - reach), 0), height)
+        y1 = min(max(int(self.y_px + reach), 0), height)
         if x1 - x0 < 1 or y1 - y0 < 1:
-            x0, y0, x1, y1 = 0, 0, width, height
+            x0 = 0
+            y0 = 0
+            x1 = width
+            y1 = height
         moved = matrix.copy()
         moved[0, 2] -= x0
         moved[1, 2] -= y0
@@ -189,7 +199,9 @@ def around(
     end: Sequence[float],
     scale: float = SCALE,
 ) -> Roi:
-    """Region around an upright box (x0, y0, x1, y1), turned so that start -> end (eye to eye) lies along its x axis."""
+    """Region around an upright box (x0, y0, x1, y1), turned so that start -> end (eye to eye) lies
+    along its x axis.
+    """
     x0, y0, x1, y1 = box_px
     angle = math.atan2(float(end[1] - start[1]), float(end[0] - start[0]))
     return Roi((x0 + x1) / 2, (y0 + y1) / 2, max(x1 - x0, y1 - y0) * scale, angle)

@@ -1,8 +1,9 @@
-"""Smoothing and prediction of the eye positions: what all filters share, and those for comparison: mean, One-Euro, Kalman.
+"""Smoothing and prediction of the eye positions: what all filters share, and those for comparison:
+mean, One-Euro, Kalman.
 
-No filter reads a clock. Stamps are subtracted as integers before conversion to float, so no precision is lost on a machine that
-has been up for years. Speeds are in distances between the eyes per second: a near head moves by more pixels, and the noise of its
-landmarks grows in proportion.
+No filter reads a clock. Stamps are subtracted as integers before conversion to float, so no
+precision is lost on a machine that has been up for years. Speeds are in distances between the eyes
+per second: a near head moves by more pixels, and the noise of its landmarks grows in proportion.
 """
 
 import math
@@ -18,15 +19,15 @@ from lfpipe.eyes import extrapolated
 Points = NDArray[np.float64]
 
 LIMIT_PX = 1e6  # beyond every camera's picture: such a measurement is a fault
-MIN_STEP_NS = (
-    200_000  # a stamp that near means a duplicate frame; noise / dt would give a wild velocity
-)
+# a stamp that near means a duplicate frame; noise / dt would give a wild velocity
+MIN_STEP_NS = 200_000
 MAX_STEP_NS = 500_000_000  # after a longer gap, the past is meaningless
 
 
 class EyeFilter(ABC):
-    """A filter: subclasses implement _start and _step. The prediction is position + velocity * horizon, so a filter reports the
-    velocity to use for extrapolation."""
+    """A filter: subclasses implement _start and _step. The prediction is position + velocity *
+    horizon, so a filter reports the velocity to use for extrapolation.
+    """
 
     def __init__(self) -> None:
         self.reset()
@@ -38,22 +39,25 @@ class EyeFilter(ABC):
         self._velocity = np.zeros((2, 2))
 
     def update(self, t_ns: int, measurement: Points) -> tuple[Points, Points]:
-        """Adds the eyes measured at t_ns, float64 (2, 2) px; returns (position, velocity), both (2, 2), px and px/s, which the
+        """Adds the eyes measured at t_ns, float64 (2, 2) px; returns (position, velocity), both (2,
+        2), px and px/s, which the
         filter still uses: copy them before you change them.
 
-        A measurement that is not finite or beyond LIMIT_PX counts as missing. A stamp less than MIN_STEP_NS after the last one
-        means a duplicate frame, which is ignored. A step of at least MAX_STEP_NS, forwards or backwards, starts a new run.
-        Before the first good measurement, the position is NaN.
+        A measurement that is not finite or beyond LIMIT_PX counts as missing. A stamp less than
+        MIN_STEP_NS after the last one means a duplicate frame, which is ignored. A step of at least
+        MAX_STEP_NS, forwards or backwards, starts a new run. Before the first good measurement, the
+        position is NaN.
         """
         t_ns = int(t_ns)  # a numpy integer could overflow in subtractions
         measured = np.array(measurement, np.float64)
         (lx, ly), (rx, ry) = measured.tolist()
+        # false for NaN
         near = (
             abs(lx) <= LIMIT_PX
             and abs(ly) <= LIMIT_PX
             and abs(rx) <= LIMIT_PX
             and abs(ry) <= LIMIT_PX
-        )  # false for NaN
+        )
         if not near:
             return self.predict(t_ns), self._velocity
         step_ns = 0 if self._t_ns is None else t_ns - self._t_ns
@@ -67,7 +71,9 @@ class EyeFilter(ABC):
         return self._position, self._velocity
 
     def predict(self, t_ns: int) -> Points:
-        """The predicted eyes at t_ns, (2, 2) px; at most `lfpipe.eyes.MAX_HORIZON_S` ahead, never back."""
+        """The predicted eyes at t_ns, (2, 2) px; at most `lfpipe.eyes.MAX_HORIZON_S` ahead, never
+        back.
+        """
         return extrapolated(
             self._position, self._velocity, 0 if self._t_ns is None else int(t_ns) - self._t_ns
         )
@@ -82,9 +88,11 @@ class EyeFilter(ABC):
 
 
 class Mean(EyeFilter):
-    """Moving average of the last k measurements (or all, if there are fewer), as in the paper. No prediction.
+    """Moving average of the last k measurements (or all, if there are fewer), as in the paper. No
+    prediction.
 
-    The sum is computed afresh each time: a running sum would accumulate rounding errors and keep glitches for ever.
+    The sum is computed afresh each time: a running sum would accumulate rounding errors and keep
+    glitches for ever.
     """
 
     def __init__(self, k: int) -> None:
@@ -104,8 +112,8 @@ class Mean(EyeFilter):
 class OneEuro(EyeFilter):
     """Low-pass whose cutoff rises with speed (Casiez, Roussel, Vogel, CHI 2012). No prediction.
 
-    cutoff = min_cutoff_hz + beta * speed, the speed (distances between the eyes per second, both eyes together) itself low-passed
-    at d_cutoff_hz.
+    cutoff = min_cutoff_hz + beta * speed, the speed (distances between the eyes per second, both
+    eyes together) itself low-passed at d_cutoff_hz.
     """
 
     def __init__(self, min_cutoff_hz: float, beta: float, d_cutoff_hz: float) -> None:
@@ -113,7 +121,8 @@ class OneEuro(EyeFilter):
         super().__init__()
 
     def _start(self, t_ns: int, measured: Points) -> None:
-        self._last, self._slope = measured, np.zeros((2, 2))
+        self._last = measured
+        self._slope = np.zeros((2, 2))
 
     def _step(self, t_ns: int, dt_s: float, measured: Points) -> tuple[Points, Points]:
         self._slope = blended(
@@ -128,9 +137,10 @@ class OneEuro(EyeFilter):
 class Covariance:
     """Covariance [[a, b], [b, c]] of (position, velocity), stored with its determinant.
 
-    Both steps are the exact ones for white acceleration (Bar-Shalom, Li, Kirubarajan 2001, section 6.2.2), rearranged so that
-    they only add, multiply and divide non-negative numbers. Nothing cancels, so every entry keeps nearly all of its digits, and
-    the matrix stays symmetric and positive semi-definite. (The Joseph form loses digits of c.) b >= 0 holds if the start is
+    Both steps are the exact ones for white acceleration (Bar-Shalom, Li, Kirubarajan 2001, section
+    6.2.2), rearranged so that they only add, multiply and divide non-negative numbers. Nothing
+    cancels, so every entry keeps nearly all of its digits, and the matrix stays symmetric and
+    positive semi-definite. (The Joseph form loses digits of c.) b >= 0 holds if the start is
     diagonal.
     """
 
@@ -141,7 +151,10 @@ class Covariance:
 
     def ahead(self, dt_s: float, q: float) -> "Covariance":
         """After dt_s >= 0 under acceleration noise of density q."""
-        a, b, c, d = self.a, self.b, self.c, dt_s
+        a = self.a
+        b = self.b
+        c = self.c
+        d = dt_s
         return Covariance(
             a + d * (2 * b + d * (c + q * d / 3)),
             b + d * (c + q * d / 2),
@@ -150,7 +163,9 @@ class Covariance:
         )
 
     def measured(self, r: float) -> tuple["Covariance", float, float]:
-        """After a measurement of the position with variance r > 0; also the gains for position and velocity."""
+        """After a measurement of the position with variance r > 0; also the gains for position and
+        velocity.
+        """
         s = self.a + r
         kept = r / s
         return (
@@ -161,13 +176,15 @@ class Covariance:
 
 
 class Kalman(EyeFilter):
-    """Constant-velocity model with one covariance for the four coordinates. Reports the estimated velocity.
+    """Constant-velocity model with one covariance for the four coordinates. Reports the estimated
+    velocity.
 
-    agility: density of the acceleration noise divided by the variance of the measurement, 1/s^3. Only this ratio affects the
-    gains.
+    agility: density of the acceleration noise divided by the variance of the measurement, 1/s^3.
+    Only this ratio affects the gains.
     """
 
-    START_SPREAD = 1e6  # variance of the first velocity over that of a measurement, 1/s^2: covers all head motion
+    # variance of the first velocity over that of a measurement, 1/s^2: covers all head motion
+    START_SPREAD = 1e6
 
     def __init__(self, agility: float) -> None:
         self._agility = agility
@@ -186,9 +203,11 @@ class Kalman(EyeFilter):
 
 
 def weight(cutoff_hz: float, dt_s: float) -> float:
-    """Share of the new value in a first-order low-pass over dt_s >= 0: backward Euler, within 0..1 for every dt.
+    """Share of the new value in a first-order low-pass over dt_s >= 0: backward Euler, within 0..1
+    for every dt.
 
-    (Explicit Euler's share, dt/tau, passes 2 at long steps or high cutoffs and then grows without bound.)
+    (Explicit Euler's share, dt/tau, passes 2 at long steps or high cutoffs and then grows without
+    bound.)
     """
     ratio = 2 * math.pi * cutoff_hz * dt_s
     return ratio / (1 + ratio) if ratio < math.inf else 1.0
@@ -200,6 +219,8 @@ def blended(old: Points, new: Points, share: float) -> Points:
 
 
 def speed(velocity_px_s: Points, eyes_px: Points) -> float:
-    """Speed of the head in distances between the eyes per second, both (2, 2); the distance counts as at least one pixel."""
+    """Speed of the head in distances between the eyes per second, both (2, 2); the distance counts
+    as at least one pixel.
+    """
     apart_px = max(float(np.hypot(*(eyes_px[0] - eyes_px[1]))), 1.0)
     return math.sqrt(float(np.square(velocity_px_s).sum()) / 2) / apart_px

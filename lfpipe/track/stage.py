@@ -2,7 +2,8 @@
 
 Reads: ring "frames", the newest.
 Writes: ring "eyes", one record per processed frame, with or without a face.
-Commands: recentre (chooses the face again), stop; filter settings by configuration; frames to leave out by option "level".
+Commands: recentre (chooses the face again), stop; filter settings by configuration; frames to leave
+out by option "level".
 Emits: engine (name and model), face (found or lost), notice (faces that are not upright).
 """
 
@@ -13,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.config.modes import RecordedEyes, loop_ms
 from lfpipe.config.quality import tracked_every
 from lfpipe.sequence.folder import open_sequence
 from lfpipe.track.eye_tracker import EyeTracker
@@ -26,13 +28,24 @@ log = logging.getLogger(__name__)
 
 def main(context: Context) -> None:
     """Runs the stage until it is stopped."""
-    (_play if context.options.eyes else _track)(context)
+    match context.options.viewer:
+        case RecordedEyes(folder=folder):
+            _play(context, folder)
+        case _:
+            _track(context)
 
 
 def _track(context: Context) -> None:
-    tracker = EyeTracker(context.config.track, context.options.replay is not None, _loop_s(context))
-    engine, hinted = tracker.engine, 0
-    frames, eyes = context.input("frames"), context.output("eyes")
+    is_replay = context.options.clock.output is not None
+    tracker = EyeTracker(
+        context.config.track,
+        is_replay,
+        _loop_s(context),
+    )
+    engine = tracker.engine
+    hinted = 0
+    frames = context.input("frames")
+    eyes = context.output("eyes")
     every = 1
     context.emit("engine", name=engine.name, model=engine.model)
     context.ready()
@@ -42,17 +55,18 @@ def _track(context: Context) -> None:
                 tracker.set(context.config.track, _loop_s(context))
                 every = tracked_every(context.options)
                 context.ack_config()
-                if any(word == "recentre" for word, _ in context.commands()):
-                    tracker.reset()
+                for word, message in context.commands():
+                    if word == "recentre":
+                        tracker.reset()
+                        context.answer(message)
             peeked = frames.peek()
             if peeked is None:
                 continue
             t_taken_ns = now_ns()
             stamp, image = peeked
             if stamp.source_seq % every:
-                context.row["left_out"] += (
-                    1  # at a lowered quality, nothing is measured or published
-                )
+                # at a lowered quality, nothing is measured or published
+                context.row["left_out"] += 1
                 context.row["source_seq"] = stamp.source_seq
                 continue
             face = engine.detect(image)
@@ -74,25 +88,32 @@ def _track(context: Context) -> None:
                     "notice",
                     text=f"a face is visible, but not upright: set camera.rotate={upright}",
                 )
-            context.row["face"], context.row["cpu_ns"] = tracker.seen, time.process_time_ns()
+            context.row["face"] = tracker.seen
+            context.row.judge(tracker.fault, tracker.seen)
+            context.row["cpu_ns"] = time.process_time_ns()
     finally:
         engine.close()
 
 
-def _play(context: Context) -> None:
+def _play(context: Context, folder: str) -> None:
     """Publishes the eyes that a recording of the mouse holds in place of frames."""
-    sequence = open_sequence(Path(context.options.eyes), verify=False)
-    frames, eyes = context.input("frames"), context.output("eyes")
-    context.emit("engine", name="recording", model=context.options.eyes)
+    sequence = open_sequence(Path(folder), verify=False)
+    frames = context.input("frames")
+    eyes = context.output("eyes")
+    context.emit("engine", name="recording", model=folder)
     context.ready()
     while context.wait():
         context.ack_config()
-        context.commands()  # a recording cannot choose another face
+        for word, message in context.commands():
+            if word == "recentre":
+                context.answer(message)  # a recording cannot choose another face
         if (peeked := frames.peek()) is not None:
-            t_taken_ns, record = now_ns(), eyes.begin()
+            t_taken_ns = now_ns()
+            record = eyes.begin()
             record[...] = sequence.eyes(peeked[0].source_seq % len(sequence.packets))
             _publish(context, eyes, peeked[0], record, t_taken_ns)
-            context.row["face"], context.row["cpu_ns"] = int(record["face"]), time.process_time_ns()
+            context.row["face"] = int(record["face"])
+            context.row["cpu_ns"] = time.process_time_ns()
 
 
 def _publish(
@@ -109,4 +130,4 @@ def _publish(
 
 def _loop_s(context: Context) -> float:
     """The delay of camera and display; none where pictures depend on the frames alone."""
-    return 0.0 if context.options.lossless else context.config.render.loop_ms / 1e3
+    return loop_ms(context.options.clock, context.config.render.loop_ms) / 1e3

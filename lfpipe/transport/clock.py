@@ -1,13 +1,14 @@
-"""One clock for every process: CLOCK_MONOTONIC as int64 nanoseconds. Subtract first, then convert to float seconds."""
+"""One clock for every process: CLOCK_MONOTONIC as int64 nanoseconds. Subtract first, then convert
+to float seconds.
+"""
 
 import time
 from collections.abc import Callable
 
 from lfpipe.host.machine import asleep_ns
 
-now_ns = (
-    time.monotonic_ns
-)  # the machine's, not the process's: stamps of different processes compare
+# the machine's, not the process's: stamps of different processes compare
+now_ns = time.monotonic_ns
 SECOND_NS = 1_000_000_000
 MS_NS = 1_000_000
 SLEPT_NS = SECOND_NS // 2  # as long as the gap after which filters start anew
@@ -24,10 +25,13 @@ class SleepWatch:
     """Detects that the machine was suspended. asleep: a function like `asleep_ns`."""
 
     def __init__(self, asleep: Callable[[], int] = asleep_ns) -> None:
-        self._asleep, self._known_ns = asleep, asleep()
+        self._asleep = asleep
+        self._known_ns = asleep()
 
     def woke(self) -> bool:
-        """Whether the machine was suspended for at least SLEPT_NS since the last call that returned True."""
+        """Whether the machine was suspended for at least SLEPT_NS since the last call that returned
+        True.
+        """
         slept_ns = self._asleep()
         if slept_ns - self._known_ns < SLEPT_NS:
             return False
@@ -39,7 +43,9 @@ class Ticker:
     """Absolute deadlines t0 + k * period without drift. Missed deadlines are skipped."""
 
     def __init__(self, rate_hz: float, t0_ns: int) -> None:
-        self._rate_hz, self._t0_ns, self._k = rate_hz, t0_ns, 0
+        self._rate_hz = rate_hz
+        self._t0_ns = t0_ns
+        self._k = 0
 
     def due_ns(self) -> int:
         """The next deadline."""

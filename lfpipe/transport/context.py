@@ -1,4 +1,6 @@
-"""The interface of a stage: its configuration, its rings with wake-ups, its status row, and one place to wait."""
+"""The interface of a stage: its configuration, its rings with wake-ups, its status row, and one
+place to wait.
+"""
 
 import contextlib
 import gc
@@ -8,8 +10,7 @@ from typing import Any
 
 import zmq
 
-from lfpipe import config as config_module
-from lfpipe.config import SessionOptions
+from lfpipe.config import Config, SessionOptions, converter
 from lfpipe.host.processes import usable_cores
 from lfpipe.host.wake import Wake, readable
 from lfpipe.transport import control, status
@@ -22,7 +23,10 @@ BEAT_NS = 100 * MS_NS  # longest wait of a stage without a beat
 
 
 class Context:
-    """Everything a stage needs. A stage sleeps only in `wait`, which beats, receives commands and detects the stop."""
+    """Everything a stage needs.
+
+    A stage sleeps only in `wait`, which beats, receives commands and detects the stop.
+    """
 
     def __init__(self, spec: StageSpec) -> None:
         self.spec = spec
@@ -33,11 +37,11 @@ class Context:
         self.stopping = False
         self.paused = False
         self.cores = usable_cores()  # of the session: this is before the stage moves to its own
-        self.news = True  # a message arrived since the last call of `commands`: a stage without news need not look
+        # a message arrived since the last call of `commands`: a stage without news need not look
+        self.news = True
         self._inputs: list[RingInput] = []
-        self._open: list[
-            RingInput | RingOutput
-        ] = []  # kept until the end: mappings must outlive their views
+        # kept until the end: mappings must outlive their views
+        self._open: list[RingInput | RingOutput] = []
         self._commands: list[tuple[str, dict[str, Any]]] = []
         self._zmq = control.context()
         self._ctl = self._zmq.socket(zmq.DEALER)
@@ -48,7 +52,9 @@ class Context:
         control.connect(self._bus, spec.session.run_dir, "bus")
         self._ctl.send(control.encode({"cmd": "hello", "stage": spec.name}))
         self._rev = spec.rev
-        self._ctl_fd, self._used = int(self._ctl.getsockopt(zmq.FD)), True
+        self._converter = converter()  # its import takes longer than a stage may stand still
+        self._ctl_fd = int(self._ctl.getsockopt(zmq.FD))
+        self._used = True
         self._fds = [self._ctl_fd]
 
     def input(self, name: str) -> RingInput:
@@ -66,7 +72,9 @@ class Context:
         return ring_output
 
     def ready(self) -> None:
-        """Ends the setup: from now on, a missing beat means a hang. What exists now is no garbage: collections leave it out."""
+        """Ends the setup: from now on, a missing beat means a hang. What exists now is no garbage:
+        collections leave it out.
+        """
         gc.freeze()
         self.row["epoch"] += 1
         self.row.beat()  # first: a stage delayed between these lines is not hung
@@ -76,7 +84,8 @@ class Context:
 
     @contextlib.contextmanager
     def busy_with(self, words: str) -> Iterator[None]:
-        """Wraps calls that may wait for a disk: the stage is then judged by its progress, not by its beat.
+        """Wraps calls that may wait for a disk: the stage is then judged by its progress, not by
+        its beat.
 
         words: a description for monitors, at most 32 bytes. See `StageProcess.overdue`.
         """
@@ -88,8 +97,11 @@ class Context:
 
     @contextlib.contextmanager
     def setting_up(self, words: str) -> Iterator[None]:
-        """Like `busy_with`, for work that may also compute for long: the stage is judged as during its start."""
-        before, self.row["state"] = self.row["state"], State.STARTING
+        """Like `busy_with`, for work that may also compute for long: the stage is judged as during
+        its start.
+        """
+        before = self.row["state"]
+        self.row["state"] = State.STARTING
         try:
             with self.busy_with(words):
                 yield
@@ -104,8 +116,9 @@ class Context:
             yield
 
     def wait_for_others(self) -> bool:
-        """Waits until every other stage is ready, so that no frame of a recording is lost. Returns False once the stage must
-        end."""
+        """Waits until every other stage is ready, so that no frame of a recording is lost. Returns
+        False once the stage must end.
+        """
         while not all(int(self.table.rows[name]["ready_ns"]) for name in self.spec.others):
             if not self.wait(now_ns() + 5 * MS_NS):
                 return False
@@ -124,34 +137,49 @@ class Context:
             return
 
     def report_lost(self, why: str) -> None:
-        """Reports that a file of the session ended early, or was not written: then the session's exit code is not 0."""
+        """Reports that a file of the session ended early, or was not written: then the session's
+        exit code is not 0.
+        """
         self.row["lost_outputs"] += 1
         self.emit("notice", text=why)
 
     def request(self, word: str, **values: Any) -> None:
-        """Sends the supervisor a command, as `lfpipe ctl` would; its answer appears in `commands`."""
+        """Sends the supervisor a command, as `lfpipe ctl` would; its answer appears in
+        `commands`.
+        """
         self._ctl.send(control.encode({"cmd": word, **values}))
         self._used = True
+
+    def answer(self, command: dict[str, Any], error: str = "", **result: Any) -> None:
+        """Answers a command of `commands` once it is executed: its client receives the result, or
+        why it could not be executed.
+        """
+        answer = {"ok": False, "error": error} if error else {"ok": True, **result}
+        self.request(control.EXECUTED, number=command.get("number", 0), **answer)
 
     def ack_config(self) -> None:
         """Acknowledges the current `config`, `options` and `paused`."""
         self.row["config_rev"] = self._rev
 
     def commands(self) -> list[tuple[str, dict[str, Any]]]:
-        """Commands since the last call, as (command, message). A change of configuration is already in `config`. The answer to
-        a `request` is ("", answer)."""
-        self.news, taken, self._commands = False, self._commands, []
+        """Commands since the last call, as (command, message). A change of configuration is already
+        in `config`. The answer to a `request` is ("", answer).
+        """
+        self.news = False
+        taken = self._commands
+        self._commands = []
         return taken
 
     def wait(self, until_ns: int | None = None, inputs: bool = True) -> bool:
-        """Sleeps until an input has a new slot, a command or the stop arrives, or until_ns; at most BEAT_NS.
+        """Sleeps until an input has a new slot, a command or the stop arrives, or until_ns; at most
+        BEAT_NS.
 
         Returns False once the stage must end. inputs: False where it cannot use their data now.
         """
         self.row.beat()
         self.done()  # a waiting stage has processed what it took
-        for ring_input in self._inputs if self.spec.options.lock_step else ():
-            ring_input.give_credit()
+        for ring_input in self._inputs:
+            ring_input.wait()
         t_ns = now_ns()
         limit_ns = t_ns + BEAT_NS
         until_ns = limit_ns if until_ns is None else min(until_ns, limit_ns)
@@ -159,8 +187,10 @@ class Context:
         return not self.stopping
 
     def _sleep(self, fds: Sequence[int], left_ns: int) -> None:
-        """Sleeps until a descriptor is readable or left_ns have passed, and takes messages. The socket's own descriptor stays
-        readable from an arrival until the socket is used: after a request, the socket itself must be asked."""
+        """Sleeps until a descriptor is readable or left_ns have passed, and takes messages. The
+        socket's own descriptor stays readable from an arrival until the socket is used: after a
+        request, the socket itself must be asked.
+        """
         ready = readable(fds, 0.0 if self._used else left_ns / 1e9)
         if self._used or self._ctl_fd in ready:
             self._used = False
@@ -182,16 +212,17 @@ class Context:
         while self._ctl.poll(0):
             self.news, message = True, control.decode(self._ctl.recv())
             word = message.get("cmd", "")
-            if word == "stop":
+            answered = "ok" in message
+            if word == "stop" and not answered:
                 self.stopping = True
-            elif word == "config":
-                self.config = config_module.trusted(message["config"])
-                self.options = SessionOptions.from_dict(message["options"])
+            elif word in ("config", "hello") and "config" in message:
+                self.config = self._converter.structure(message["config"], Config)
+                self.options = self._converter.structure(message["options"], SessionOptions)
                 self.paused = message["paused"]
                 self._rev = message["rev"]
                 logger.debug("has revision %d", self._rev)
             else:
-                self._commands.append((word, message))
+                self._commands.append(("" if answered else word, message))
 
     def close(self) -> None:
         """Closes the sockets; the mappings end with the process."""

@@ -1,10 +1,11 @@
 """Control messages: msgpack maps in single-part ZeroMQ messages, checked before use.
 
-    ctl   ROUTER bound by the supervisor; stages and commands are DEALERs; `supervisor/requests.py` answers
-    bus   PULL bound by the supervisor; stages PUSH telemetry, dropped if not received
-    tap   XPUB bound by the supervisor; monitors subscribe to events
+    ctl   ROUTER bound by the supervisor; stages and commands are DEALERs; `supervisor/requests.py`
+    answers bus   PULL bound by the supervisor; stages PUSH telemetry, dropped if not received tap
+    XPUB bound by the supervisor; monitors subscribe to events
 
-State is never sent over tap: `hello` answers with a snapshot. Every message carries the version "v".
+State is never sent over tap: `hello` answers with a snapshot. Every message carries the version
+"v".
 """
 
 from pathlib import Path
@@ -19,6 +20,8 @@ VERSION = 1
 MAX_BYTES = 64 * 1024  # a playlist of hundreds of scenes fits
 MAX_DEPTH = 8  # the snapshot needs 4
 FILE_CHECK_TIMEOUT_S = 15.0  # for an answer to `trace` and `record`, whose paths are checked first
+EXECUTED = "executed"  # with it, a stage answers a command that it has executed
+MAX_ID_BYTES = 64  # of the id of a request
 QUEUE = 64  # messages that may wait on either side of a socket, per client
 
 
@@ -37,9 +40,11 @@ def _depth(value: object, left: int = MAX_DEPTH) -> bool:
 
 
 def encode(message: dict[str, Any]) -> bytes:
-    """Encodes a map of plain values, adding the version. Paths that are not UTF-8 are encoded with surrogates, as in Python.
+    """Encodes a map of plain values, adding the version. Paths that are not UTF-8 are encoded with
+    surrogates, as in Python.
 
-    Raises BadMessage if it cannot be sent: other types, integers beyond 64 bits, more than MAX_BYTES.
+    Raises BadMessage if it cannot be sent: other types, integers beyond 64 bits, more than
+    MAX_BYTES.
     """
     try:
         data = bytes(msgpack.packb({"v": VERSION, **message}, unicode_errors="surrogateescape"))
@@ -51,22 +56,55 @@ def encode(message: dict[str, Any]) -> bytes:
 
 
 def decode(data: bytes) -> dict[str, Any]:
-    """Decodes the map in data. Raises BadMessage for a wrong size, depth, type or version; never another exception."""
+    """Decodes and checks the map in data.
+
+    Raises BadMessage for a wrong size, depth, type or version; never another exception.
+    """
+    message = unpack(data)
+    check(message)
+    return message
+
+
+def unpack(data: bytes) -> dict[str, Any]:
+    """Decodes the map in data, unchecked. Raises BadMessage if there is none."""
     if len(data) > MAX_BYTES:
         raise BadMessage(f"{len(data)} bytes; at most {MAX_BYTES} are allowed")
     try:
         message = msgpack.unpackb(
             data, raw=False, strict_map_key=True, max_ext_len=0, unicode_errors="surrogateescape"
         )
-    except (
-        Exception
-    ) as error:  # msgpack raises several types for hostile bytes; all mean the same here
+    # msgpack raises several types for hostile bytes; all mean the same here
+    except Exception as error:
         raise BadMessage(f"not msgpack: {type(error).__name__}") from None
-    if not isinstance(message, dict) or not _depth(message):
+    if not isinstance(message, dict):
+        raise BadMessage("not a map of plain values")
+    return message
+
+
+def check(message: dict[str, Any]) -> None:
+    """Raises BadMessage for a wrong depth, type or version."""
+    if not _depth({key: value for key, value in message.items() if key != "id"}):
         raise BadMessage(f"not a map of plain values, nested at most {MAX_DEPTH} levels")
     if message.get("v") != VERSION or message["v"] is True:
-        raise BadMessage(f"version {message.get('v')!r}, expected {VERSION}")
-    return message
+        raise BadMessage(f"version {message.get('v')!r:.100}, expected {VERSION}")
+    if not _is_id(message.get("id")):
+        raise BadMessage(
+            f"an id is one number, text or byte string of at most {MAX_ID_BYTES} bytes"
+        )
+
+
+def _is_id(value: object) -> bool:
+    data = value.encode(errors="surrogateescape") if isinstance(value, str) else value
+    if isinstance(data, bytes):
+        return len(data) <= MAX_ID_BYTES
+    return data is None or isinstance(data, bool | int | float)
+
+
+def repeated(message: dict[str, Any]) -> dict[str, Any]:
+    """What the answer to a message repeats of it: `cmd` and `id`, as far as they are valid."""
+    command = message.get("cmd")
+    head = {"cmd": command} if isinstance(command, str) and _is_id(command) else {}
+    return {**head, "id": message["id"]} if _is_id(message.get("id", [])) else head
 
 
 def context() -> zmq.Context[zmq.Socket[bytes]]:
@@ -87,15 +125,18 @@ def check_place(run_dir: Path, name: str) -> None:
 
 
 def connect(socket: zmq.Socket[bytes], run_dir: Path, name: str) -> None:
-    """Connects to the session's ctl, bus or tap: Unix sockets in its run directory, which only its user may enter. If there is
-    none, messages wait. Raises UserError if the path is too long for a socket."""
+    """Connects to the session's ctl, bus or tap: Unix sockets in its run directory, which only its
+    user may enter. If there is none, messages wait. Raises UserError if the path is too long for a
+    socket.
+    """
     check_place(run_dir, name)
     socket.connect(f"ipc://{run_dir / name}")
 
 
 def bind(socket: zmq.Socket[bytes], run_dir: Path, name: str) -> None:
-    """Makes a socket reachable under name, with limited memory: a message beyond MAX_BYTES gets an error answer, one beyond twice
-    that none. Raises zmq.ZMQError."""
+    """Makes a socket reachable under name, with limited memory: a message beyond MAX_BYTES gets an
+    error answer, one beyond twice that none. Raises zmq.ZMQError.
+    """
     socket.setsockopt(zmq.MAXMSGSIZE, 2 * MAX_BYTES)
     socket.set_hwm(QUEUE)
     socket.bind(f"ipc://{run_dir / name}")

@@ -1,8 +1,10 @@
-"""Log-linear histogram on 64-bit counters that may be in shared memory: constant size, exact count, sum and maximum.
+"""Log-linear histogram on 64-bit counters that may be in shared memory: constant size, exact count,
+sum and maximum.
 
-Values are microseconds. Below 64 us each value has its own bucket; above, every power of two is divided into 32. So the width
-of a bucket is at most 1/32 of its value, and the error of its middle at most 1/64 = 1.6 % (the layout of HdrHistogram). One
-writer. Any process may read it at any time; counts may then be off by one, but never corrupt.
+Values are microseconds. Below 64 us each value has its own bucket; above, every power of two is
+divided into 32. So the width of a bucket is at most 1/32 of its value, and the error of its middle
+at most 1/64 = 1.6 % (the layout of HdrHistogram). One writer. Any process may read it at any time;
+counts may then be off by one, but never corrupt.
 """
 
 import numpy as np
@@ -17,7 +19,9 @@ HISTOGRAM = np.dtype(
 
 
 def bucket_of(us: int) -> int:
-    """Index of the bucket that holds us, a whole number of microseconds; negative values count as 0."""
+    """Index of the bucket that holds us, a whole number of microseconds; negative values count as
+    0.
+    """
     if us < 64:
         return max(us, 0)
     shift = us.bit_length() - 6
@@ -37,7 +41,10 @@ MIDDLES_US = np.array([middle_us(i) for i in range(BUCKETS)])
 
 
 class Histogram:
-    """Writer's side. record: a scalar view of dtype HISTOGRAM (shape ()), for example a field of a status row."""
+    """Writer's side.
+
+    record: a scalar view of dtype HISTOGRAM (shape ()), for example a field of a status row.
+    """
 
     def __init__(self, record: NDArray[np.void] | None = None) -> None:
         self.record: NDArray[np.void] = np.zeros((), HISTOGRAM) if record is None else record
@@ -45,7 +52,10 @@ class Histogram:
         self._head = [self.record[name].reshape(1).data for name in ("count", "sum_ns", "max_ns")]
 
     def add_ns(self, value_ns: int) -> None:
-        """Adds one duration in nanoseconds; a negative one counts as 0. Sum and maximum stop at MOST_NS."""
+        """Adds one duration in nanoseconds; a negative one counts as 0.
+
+        Sum and maximum stop at MOST_NS.
+        """
         value_ns = min(max(value_ns, 0), MOST_NS)
         self._buckets[bucket_of(value_ns // 1000)] += 1
         count, total, top = self._head
@@ -56,9 +66,11 @@ class Histogram:
 
 
 def summary_ms(record: NDArray[np.void]) -> dict[str, float]:
-    """{"n", "mean_ms", "p50_ms", "p95_ms", "p99_ms", "max_ms"} of a HISTOGRAM record; zeros if it is empty.
+    """{"n", "mean_ms", "p50_ms", "p95_ms", "p99_ms", "max_ms"} of a HISTOGRAM record; zeros if it
+    is empty.
 
-    A percentile is the middle of the bucket with the value of that rank, but never more than the maximum.
+    A percentile is the middle of the bucket with the value of that rank, but never more than the
+    maximum.
     """
     counts = record["buckets"].copy()
     total = int(counts.sum())

@@ -1,7 +1,8 @@
-"""The ring "packets": the original JPEGs of frames, from capture to the recorder. It exists only while a recording runs.
+"""The ring "packets": the original JPEGs of frames, from capture to the recorder. It exists only
+while a recording runs.
 
-A slot contains one packet of variable length and the frame's stamps. (epoch, source_seq) identify the frame decoded from it.
-The packet is published before the frame.
+A slot contains one packet of variable length and the frame's stamps. (epoch, source_seq) identify
+the frame decoded from it. The packet is published before the frame.
 """
 
 import contextlib
@@ -28,7 +29,8 @@ class PacketOutput:
 
     def __init__(self, session: Session) -> None:
         self._session = session
-        self._name, self._ring = "", None  # type: tuple[str, ring.Writer | None]
+        self._name = ""
+        self._ring: ring.Writer | None = None
 
     def follow(self, options: SessionOptions) -> None:
         """Opens and closes the ring as options require; cheap if nothing changes."""
@@ -48,7 +50,10 @@ class PacketOutput:
         t_read_ns: int,
         epoch: int,
     ) -> None:
-        """Publishes packet, uint8 (n,), if a recording runs and the packet fits. epoch: of the frame."""
+        """Publishes packet, uint8 (n,), if a recording runs and the packet fits.
+
+        epoch: of the frame.
+        """
         if self._ring is None or packet is None:
             return
         slot = self._ring.begin()
@@ -75,7 +80,10 @@ class PacketInput:
         self._data: bytes | None = None
 
     def of(self, stamp: Stamp) -> bytes | None:
-        """The packet of the frame with that stamp; call in order of frames. None if there was none, or if it is overwritten."""
+        """The packet of the frame with that stamp; call in order of frames.
+
+        None if there was none, or if it is overwritten.
+        """
         frame = (stamp.epoch, stamp.source_seq)
         while self._at < frame and (peeked := self._ring.peek(in_order=True)) is not None:
             packet_stamp, slot = peeked
@@ -86,7 +94,9 @@ class PacketInput:
 
     @property
     def ended(self) -> bool:
-        """Whether the ring has been removed: later frames have no packets. Its name is never used again."""
+        """Whether the ring has been removed: later frames have no packets. Its name is never used
+        again.
+        """
         return is_missing(SHM_DIR / self._name)
 
     def close(self) -> None:

@@ -1,10 +1,13 @@
 """A ring of slots in shared memory: one writer, any number of readers, latest wins, no waiting.
 
-    page 0   0  magic "LFRING1\\0"      8  slots      16  slot stride      24  payload bytes      32  description bytes
+    page 0   0  magic "LFRING1\\0"      8  slots      16  slot stride      24  payload bytes      32
+    description bytes
            128  published: number of slots ever published, alone on its cache line
-           192  epoch: 0 for the ring's first writer; one more for each later writer, and for each gap that a writer reports
+           192  epoch: 0 for the ring's first writer; one more for each later writer, and for each
+           gap that a writer reports
            256  description: JSON of shape and dtype, so that a reader needs no configuration
-    slot i   0  seq | source_seq | epoch | t_sensor_ns | t_read_ns | t_publish_ns | kind | 0        (8 x int64)
+    slot i   0  seq | source_seq | epoch | t_sensor_ns | t_read_ns | t_publish_ns | kind | 0
+    (8 x int64)
             64  payload
              :  up to the stride, a multiple of 4096
 
@@ -20,12 +23,13 @@ Write
 Read
   1. Note p = published; fence.
   2. Copy slot (p-1) % N, which holds number p; fence.
-  3. Note q = published again. The writer may now be filling slot q % N, which contained number q - N + 1.
+  3. Note q = published again. The writer may now be filling slot q % N, which contained number q -
+     N + 1.
   4. The copy is valid if q - p <= N - 2. Otherwise it may be torn: start again.
 
-A reader in order reads number n, the one after its last, by the same rule with n instead of p; or the oldest safe one.
-A killed writer has published only whole slots, and the next writer continues from the same counter.
-Slots that a slow reader missed are counted.
+A reader in order reads number n, the one after its last, by the same rule with n instead of p; or
+the oldest safe one. A killed writer has published only whole slots, and the next writer continues
+from the same counter. Slots that a slow reader missed are counted.
 """
 
 import enum
@@ -44,17 +48,17 @@ from lfpipe.transport.clock import now_ns
 
 MAGIC = b"LFRING1\0"
 PAGE = 4096
-PUBLISHED, EPOCH, DESCRIPTION = (
-    128,
-    192,
-    256,
-)  # offsets in the header: a cache line for each writer's field
+# offsets in the header: a cache line for each writer's field
+PUBLISHED, EPOCH, DESCRIPTION = 128, 192, 256
 SLOT_HEADER = 64  # a cache line
 
 
 @attrs.frozen
 class RingSpec:
-    """Shape and type of a slot. slots >= 3: a reader then has the period of at least one slot for its copy."""
+    """Shape and type of a slot.
+
+    slots >= 3: a reader then has the period of at least one slot for its copy.
+    """
 
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
@@ -74,15 +78,16 @@ class RingSpec:
 
 
 class StampKind(enum.IntEnum):
-    """The source of a frame's sensor stamp, as in a ring's slot; `word` is its name in the trace."""
+    """The source of a frame's sensor stamp, as in a ring's slot; `word` is its name in the
+    trace.
+    """
 
     SCHEDULED = 0  # a recording's or the demo's scheduled time
     READ = 1  # no usable stamp: the time when the frame was read
     END_OF_FRAME = 2
     START_OF_EXPOSURE = 3
-    START_OF_TRANSFER = (
-        4  # uvcvideo: the first packet of the frame, which follows the exposure of the first row
-    )
+    # uvcvideo: the first packet of the frame, which follows the exposure of the first row
+    START_OF_TRANSFER = 4
 
     @property
     def word(self) -> str:
@@ -91,7 +96,9 @@ class StampKind(enum.IntEnum):
 
 @attrs.frozen
 class Stamp:
-    """Header of a slot as read; skipped: number of slots since the last read that this reader missed."""
+    """Header of a slot as read; skipped: number of slots since the last read that this reader
+    missed.
+    """
 
     seq: int
     source_seq: int
@@ -104,14 +111,16 @@ class Stamp:
 
 
 def create(name: str, spec: RingSpec, run_dir: Path | None = None) -> Segment:
-    """Creates an empty ring for the session of run_dir; the caller keeps the segment and unlinks it. Raises UserError like
-    `segment.create`."""
+    """Creates an empty ring for the session of run_dir; the caller keeps the segment and unlinks
+    it. Raises UserError like `segment.create`.
+    """
     description = json.dumps(
         {"shape": spec.shape, "dtype": np.lib.format.dtype_to_descr(spec.dtype)}
     ).encode()
     if spec.slots < 3 or DESCRIPTION + len(description) > PAGE:
         raise ValueError(
-            f"ring {name}: {spec.slots} slots (3 or more), {len(description)} bytes of description (a page or less)"
+            f"ring {name}: {spec.slots} slots (3 or more), {len(description)} bytes of description"
+            " (a page or less)"
         )
     fence()  # refuses a machine without fences here, before the first process starts
     memory = segment.create(name, spec.size_bytes, run_dir)
@@ -164,11 +173,15 @@ class _Ring:
 
     @property
     def epoch(self) -> int:
-        """Number of the current run: 0 for the first writer, one more for each later writer and each `new_epoch`."""
+        """Number of the current run: 0 for the first writer, one more for each later writer and
+        each `new_epoch`.
+        """
         return int(self._epoch[0])
 
     def close(self) -> None:
-        """Drops the views, then the mapping; otherwise pointers into unmapped memory would remain."""
+        """Drops the views, then the mapping; otherwise pointers into unmapped memory would
+        remain.
+        """
         del self._published, self._epoch
         self._heads.clear()
         self._payloads.clear()
@@ -202,7 +215,10 @@ class Writer(_Ring):
         epoch: int | None = None,
         kind: int = 0,
     ) -> int:
-        """Makes the slot of the last `begin` the newest; returns its seq. epoch, kind: of a forwarded frame."""
+        """Makes the slot of the last `begin` the newest; returns its seq.
+
+        epoch, kind: of a forwarded frame.
+        """
         p = self.published
         head = self._heads[p % self.slots]
         head[1:7] = (
@@ -213,35 +229,40 @@ class Writer(_Ring):
             now_ns(),
             kind,
         )
-        head[0] = (
-            p + 1
-        )  # order relative to stamps and payload does not matter: readers wait for the counter
+        # order relative to stamps and payload does not matter: readers wait for the counter
+        head[0] = p + 1
         fence()  # SYNC: the slot is whole before the counter points readers to it
         self._published[0] = p + 1
         return p + 1
 
 
 class Reader(_Ring):
-    """Any process's view of the ring; its memory is mapped read-only as far as numpy is concerned."""
+    """Any process's view of the ring; its memory is mapped read-only as far as numpy is
+    concerned.
+    """
 
     def __init__(self, name: str) -> None:
         super().__init__(name, writable=False)
         self.last_seq = self.published
 
     def read(self, out: NDArray[Any]) -> Stamp | None:
-        """Copies the newest slot to out (shape and dtype of the ring) if it is newer than the last read.
+        """Copies the newest slot to out (shape and dtype of the ring) if it is newer than the last
+        read.
 
         Returns None otherwise. Never returns a torn copy.
         """
         return self._read(out, in_order=False)
 
     def read_next(self, out: NDArray[Any]) -> Stamp | None:
-        """Like `read`, but copies the slot after the last one read, or the oldest remaining one if the writer was too fast."""
+        """Like `read`, but copies the slot after the last one read, or the oldest remaining one if
+        the writer was too fast.
+        """
         return self._read(out, in_order=True)
 
     def peek(self, in_order: bool = False) -> tuple[Stamp, NDArray[Any]] | None:
-        """The slot itself instead of a copy, read-only. Results made from it are valid only if `still_valid` confirms it
-        afterwards."""
+        """The slot itself instead of a copy, read-only. Results made from it are valid only if
+        `still_valid` confirms it afterwards.
+        """
         while (n := self._next(in_order)) is not None:
             stamp = self._stamp(n)
             if stamp is not None:
@@ -258,7 +279,8 @@ class Reader(_Ring):
             slot = (n - 1) % self.slots
             if self.shape:
                 np.copyto(out, self._payloads[slot])
-            else:  # one record: copy as bytes, because numpy copies field by field, ten times slower
+            # one record: copy as bytes, because numpy copies field by field, ten times slower
+            else:
                 out.reshape(1).view(np.uint8)[:] = self._bytes[slot]
             stamp = self._stamp(n)
             if stamp is not None:
@@ -270,16 +292,20 @@ class Reader(_Ring):
         p = self.published
         if p == self.last_seq:
             return None
-        fence()  # SYNC: pairs with the writer's last fence: the counter first, then the slot it points to
+        # SYNC: pairs with the writer's last fence: the counter first, then the slot it points to
+        fence()
         return max(self.last_seq + 1, p - self.slots + 2) if in_order else p
 
     def _stamp(self, n: int) -> Stamp | None:
-        """Header of slot number n, which becomes the last read; None if the writer may have touched it meanwhile."""
+        """Header of slot number n, which becomes the last read; None if the writer may have touched
+        it meanwhile.
+        """
         seq, source_seq, epoch, t_sensor_ns, t_read_ns, t_publish_ns, kind = self._heads[
             (n - 1) % self.slots
         ][:7].tolist()
         fence()  # SYNC: the copy is complete before the counter is read again
         if self.published - n > self.slots - 2 or seq != n:
             return None
-        skipped, self.last_seq = n - self.last_seq - 1, n
+        skipped = n - self.last_seq - 1
+        self.last_seq = n
         return Stamp(seq, source_seq, epoch, t_sensor_ns, t_read_ns, t_publish_ns, skipped, kind)

@@ -1,6 +1,8 @@
-"""What a stage receives at its start, and its ends of rings: wake-ups, the count of missed slots, credit in lossless sessions.
+"""What a stage receives at its start, and its ends of rings: wake-ups, the count of missed slots,
+credit in lossless sessions.
 
-Credit: with `lossless`, a reader reports in its status row how far it has read a ring, and the writer waits for that.
+Credit: with the clock Lossless, a reader reports in its status row how far it has read a ring, and
+the writer waits for that.
 """
 
 from collections.abc import Callable, Sequence
@@ -10,18 +12,19 @@ import attrs
 from numpy.typing import NDArray
 
 from lfpipe.config import Config, SessionOptions
+from lfpipe.config.modes import Lossless
 from lfpipe.host.wake import Wake
 from lfpipe.transport import ring, status
 from lfpipe.transport.session import Session
 from lfpipe.transport.status import ENDED
 
 
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class StageSpec:
     """Everything that a stage's process receives at its start, pickled.
 
-    consumers: ring -> stages that read it. others: the other stages of the session. source: the stage that makes frames. cpus:
-    cores to run on, none for all.
+    consumers: ring -> stages that read it. others: the other stages of the session. source: the
+    stage that makes frames. cpus: cores to run on, none for all.
     """
 
     name: str
@@ -44,20 +47,25 @@ class RingInput:
     """The reading end of a ring with its wake-up. row: the stage's own status row."""
 
     def __init__(self, spec: StageSpec, name: str, row: status.Row) -> None:
-        session, options, self._row = spec.session, spec.options, row
+        session = spec.session
+        clock = spec.options.clock
+        self._row = row
         self.reader = ring.Reader(session.segment(name))
         self.wake = Wake(session.wake(name, spec.name))
-        self._credit = Wake(session.credit(name, spec.name)) if options.lossless else None
-        self._lock_step = options.lock_step
+        self._credit: Wake | None = None
+        self._lock_step = False
+        if isinstance(clock, Lossless):
+            self._credit = Wake(session.credit(name, spec.name))
+            self._lock_step = clock.lock_step
         self._index = spec.ring_index(name)
         self._taken = row.record["taken_seq"].data
         taken = int(self._taken[self._index])
-        if options.lossless or taken:  # a predecessor died: count what it left and what came since
+        if self._credit or taken:  # a predecessor died: count what it left and what came since
             self.reader.last_seq = min(self.reader.last_seq, taken)
 
     def take(self, out: NDArray[Any], in_order: bool = False) -> ring.Stamp | None:
-        """Copies the newest slot to out, if there is a new one; on request or in lossless sessions, the next in order.
-        Skipped slots count as drops.
+        """Copies the newest slot to out, if there is a new one; on request or in lossless sessions,
+        the next in order. Skipped slots count as drops.
         """
         self.wake.drain()
         stamp = self.reader.read_next(out) if in_order or self._credit else self.reader.read(out)
@@ -66,8 +74,9 @@ class RingInput:
         return stamp
 
     def peek(self, in_order: bool = False) -> tuple[ring.Stamp, NDArray[Any]] | None:
-        """Like `take`, but returns the slot itself, read-only. Results made from it are valid only if `still_valid` confirms
-        it."""
+        """Like `take`, but returns the slot itself, read-only. Results made from it are valid only
+        if `still_valid` confirms it.
+        """
         self.wake.drain()
         peeked = self.reader.peek(in_order or self._credit is not None)
         if peeked is not None:
@@ -75,16 +84,17 @@ class RingInput:
         return peeked
 
     def still_valid(self, stamp: ring.Stamp) -> bool:
-        """Whether the writer has not touched a peeked slot; if it has, the slot counts as a drop."""
+        """Whether the writer has not touched a peeked slot; if it has, the slot counts as a
+        drop.
+        """
         valid = self.reader.still_valid(stamp)
         self._row["drops"] += not valid
         return valid
 
     def _took(self, stamp: ring.Stamp) -> None:
         if self._credit and self.reader.published > stamp.seq:
-            self.wake.notify(
-                stamp.seq
-            )  # another slot is waiting, but its wake-up has just been consumed
+            # another slot is waiting, but its wake-up has just been consumed
+            self.wake.notify(stamp.seq)
         self._row["drops"] += stamp.skipped
         if self._credit is None:
             self._taken[self._index] = stamp.seq - 1  # they have already been counted
@@ -98,12 +108,22 @@ class RingInput:
         self.give_credit()
 
     def done(self) -> None:
-        """Everything taken has been processed. If this process dies, its successor counts later slots as dropped."""
+        """Everything taken has been processed.
+
+        If this process dies, its successor counts later slots as dropped.
+        """
         if self._credit is None:
             self._taken[self._index] = self.reader.last_seq
 
+    def wait(self) -> None:
+        """The stage waits: in lock-step, everything taken has been processed."""
+        if self._lock_step:
+            self.give_credit()
+
     def give_credit(self) -> None:
-        """Reports to the writer that the slots taken so far may be overwritten; in lock-step, that they have been processed."""
+        """Reports to the writer that the slots taken so far may be overwritten; in lock-step, that
+        they have been processed.
+        """
         if self._credit is not None and self._taken[self._index] != self.reader.last_seq:
             self._taken[self._index] = self.reader.last_seq
             self._credit.notify(self.reader.last_seq)
@@ -112,8 +132,8 @@ class RingInput:
 class RingOutput:
     """The writing end of a ring with the wake-ups of its readers.
 
-    table: the status table. wait_for: waits until a condition holds, woken by credits. done: reports that the stage has
-    processed what it took.
+    table: the status table. wait_for: waits until a condition holds, woken by credits. done:
+    reports that the stage has processed what it took.
     """
 
     def __init__(
@@ -124,18 +144,23 @@ class RingOutput:
         wait_for: Callable[[Callable[[], bool], Sequence[Wake]], None],
         done: Callable[[], None],
     ) -> None:
-        session, options, self._wait_for, self._done = spec.session, spec.options, wait_for, done
-        self._index, self._lock_step = spec.ring_index(name), options.lock_step
+        session = spec.session
+        clock = spec.options.clock
+        self._wait_for = wait_for
+        self._done = done
+        self._index = spec.ring_index(name)
         self.writer = ring.Writer(session.segment(name))
-        self._ahead = (
-            0 if options.lock_step else max(0, self.writer.slots - 4)
-        )  # number of slots that readers may be behind
         readers = spec.consumers.get(name, [])
         self._wakes = [Wake(session.wake(name, reader)) for reader in readers]
-        self._rows = [table.rows[reader] for reader in readers] if options.lossless else []
-        self.credits = (
-            [Wake(session.credit(name, reader)) for reader in readers] if options.lossless else []
-        )
+        self._lock_step = False
+        self._rows: list[NDArray[Any]] = []
+        self.credits: list[Wake] = []
+        if isinstance(clock, Lossless):
+            self._lock_step = clock.lock_step
+            # number of slots that readers may be behind
+            self._ahead = 0 if clock.lock_step else max(0, self.writer.slots - 4)
+            self._rows = [table.rows[reader] for reader in readers]
+            self.credits = [Wake(session.credit(name, reader)) for reader in readers]
 
     def begin(self) -> NDArray[Any]:
         """The slot to fill, in place."""
@@ -149,13 +174,15 @@ class RingOutput:
         epoch: int | None = None,
         kind: int = 0,
     ) -> int:
-        """Publishes the slot of `begin` and wakes the readers. In lossless sessions, it first waits until they are at most a
-        few slots behind. In lock-step, it then waits until they have processed this one.
+        """Publishes the slot of `begin` and wakes the readers. In lossless sessions, it first waits
+        until they are at most a few slots behind. In lock-step, it then waits until they have
+        processed this one.
         """
         if self._rows:
             self._wait_for(self._all_taken, self.credits)
         seq = self.writer.publish(source_seq, t_sensor_ns, t_read_ns, epoch, kind)
-        self._done()  # at once: if the process is killed before this line, the new slot counts as lost
+        # at once: if the process is killed before this line, the new slot counts as lost
+        self._done()
         for wake in self._wakes:
             wake.notify(seq)
         if self._lock_step:

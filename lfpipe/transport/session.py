@@ -1,24 +1,34 @@
-"""Names of a session: its run directory, segments, FIFOs and sockets. The supervisor creates what they name."""
+"""Names of a session: its run directory, segments, FIFOs and sockets. The supervisor creates what
+they name.
+"""
 
+import errno
 import hashlib
+import json
 import os
 import re
+import secrets
+import time
 from pathlib import Path
+from typing import Any
 
 import attrs
 
 from lfpipe.errors import UserError
+from lfpipe.files.safe_files import write_file
 from lfpipe.host import segment
+from lfpipe.transport.clock import now_ns
 
 PREFIX = f"lfpipe-{os.getuid()}-"  # of run directories, to separate users
-LONGEST_RING = 13  # characters of a ring's name in the name of its segment
+MANIFEST = "session.json"  # in the run directory
 
 
 def base_dir() -> Path:
-    """Parent of run directories: XDG_RUNTIME_DIR, or /tmp. Raises UserError if it is no absolute UTF-8 path."""
-    text = (
-        os.environ.get("XDG_RUNTIME_DIR") or "/tmp"
-    )  # short: the path of a socket has at most 107 bytes, on macOS 103
+    """Parent of run directories: XDG_RUNTIME_DIR, or /tmp. Raises UserError if it is no absolute
+    UTF-8 path.
+    """
+    # short: the path of a socket has at most 107 bytes, on macOS 103
+    text = os.environ.get("XDG_RUNTIME_DIR") or "/tmp"
     remedy = "set it to a directory of yours, or unset it"
     if not Path(text).is_absolute():
         raise UserError(f"XDG_RUNTIME_DIR={text!r} is not an absolute path", remedy)
@@ -29,22 +39,21 @@ def base_dir() -> Path:
     return Path(text)
 
 
-def segment_prefix(run_dir: Path) -> str:
-    """First part of the names of a session's segments: `lfp-`, 12 hexadecimal digits of a hash, `-`.
+def place_prefix(run_dir: Path) -> str:
+    """What the names of all segments of a run directory's sessions begin with: `lfp-`, 12
+    hexadecimal digits of a hash, `-`.
 
-    The hash is the SHA-256 of `DEVICE:INODE/NAME`: device and inode of the run directory's parent, and its own name. It is
-    the same for any path to that directory, and differs in another container that shares /dev/shm.
+    The hash is the SHA-256 of `DEVICE:INODE/NAME`: device and inode of the run directory's parent,
+    and its own name. It is the same for any path to that directory, and differs in another
+    container that shares /dev/shm.
     """
     try:
         parent = run_dir.parent.stat()
         base = f"{parent.st_dev}:{parent.st_ino}"
     except OSError:  # no session can exist there
         base = str(run_dir.parent)
-    return f"{segment.PREFIX}{_digest(f'{base}/{run_dir.name}')}-"
-
-
-def _digest(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()[:12]
+    digest = hashlib.sha256(f"{base}/{run_dir.name}".encode()).hexdigest()
+    return f"{segment.PREFIX}{digest[:12]}-"
 
 
 def _check_name(name: str, setting: str) -> None:
@@ -57,13 +66,29 @@ def _check_name(name: str, setting: str) -> None:
 
 @attrs.frozen
 class Session:
-    """One session's names."""
+    """One session's names.
+
+    token: random part of the names of its memory, so that no stranger can take them first. Only the
+    supervisor and its stages have it; empty for others, who read it from the session's manifest.
+    """
 
     name: str = attrs.field()
+    token: str = ""
 
     @name.validator
     def _check(self, _: object, value: str) -> None:
         _check_name(value, f"--session {value!r}")
+
+    def with_token(self) -> "Session":
+        """The names of a new session: its memory has names of its own."""
+        return attrs.evolve(self, token=secrets.token_hex(8))
+
+    @property
+    def run(self) -> str:
+        """This run of the session, for other programs: unlike its name, no other run has it. It
+        does not tell the token.
+        """
+        return f"{self.name}.{hashlib.sha256(self.token.encode()).hexdigest()[:12]}"
 
     @property
     def run_dir(self) -> Path:
@@ -74,36 +99,73 @@ class Session:
         return self.run_dir / "lock"
 
     def segment(self, ring: str) -> str:
-        """Name of a shared-memory segment, at most 30 characters. ring: its name, "status", or "" for the prefix of all names.
+        """Name of a shared-memory segment. ring: its name, "status", or "" for the prefix of all
+        names.
 
-        If this process's runtime directory has no such session, the name is that of the user's only session of this name
-        elsewhere, so readers need not use the session's runtime directory.
+        If this process's runtime directory has no such session, the name is that of the user's only
+        session of this name elsewhere, so readers need not use the session's runtime directory.
+        Raises FileNotFoundError if no such session runs.
         """
-        return self._segments() + (ring if len(ring) <= LONGEST_RING else f"_{_digest(ring)}")
-
-    def _segments(self) -> str:
-        run_dir = self.run_dir
-        here = segment_prefix(run_dir)
-        if os.access(run_dir, os.F_OK):
-            return here
+        if self.token:
+            return f"{place_prefix(self.run_dir)}{self.token}-{ring}"
+        if os.access(self.run_dir, os.F_OK):
+            return SessionManifest.read(self.run_dir).segments + ring
         elsewhere = {
-            name[: len(here)]
+            f"{name.rpartition('-')[0]}-"
             for name, owner in segment.owned().items()
-            if owner.name == run_dir.name
+            if owner.name == self.run_dir.name
         }
-        return elsewhere.pop() if len(elsewhere) == 1 else here
+        if len(elsewhere) != 1:
+            raise FileNotFoundError(errno.ENOENT, "no session, or several, of that name", self.name)
+        return elsewhere.pop() + ring
 
     def wake(self, ring: str, reader: str) -> Path:
         """FIFO with which the writer of ring wakes reader."""
         return self.run_dir / f"wake.{ring}.{reader}"
 
     def credit(self, ring: str, reader: str) -> Path:
-        """FIFO with which reader reports to the writer of ring that it has read a slot, in lossless sessions."""
+        """FIFO with which reader reports to the writer of ring that it has read a slot, in lossless
+        sessions.
+        """
         return self.run_dir / f"credit.{ring}.{reader}"
 
 
+@attrs.frozen(kw_only=True)
+class SessionManifest:
+    """What the file `session.json` in the run directory says of a running session."""
+
+    session: str  # its name
+    segments: str  # prefix of the names of its shared memory
+    pid: int  # of the supervisor
+    started_ns: int  # of CLOCK_MONOTONIC
+    started: str  # the same moment by the wall clock
+    options: dict[str, Any]  # `SessionOptions` at its start, as plain values
+
+    @classmethod
+    def begin(cls, session: Session, options: dict[str, Any]) -> "SessionManifest":
+        """Writes the manifest of a session that starts now in this process."""
+        manifest = cls(
+            session=session.name,
+            segments=session.segment(""),
+            pid=os.getpid(),
+            started_ns=now_ns(),
+            started=time.strftime("%Y-%m-%dT%H:%M:%S%z"),
+            options=options,
+        )
+        write_file(session.run_dir / MANIFEST, json.dumps(attrs.asdict(manifest)).encode())
+        return manifest
+
+    @classmethod
+    def read(cls, run_dir: Path) -> "SessionManifest":
+        """The manifest of the session that runs there. Raises FileNotFoundError."""
+        return cls(**json.loads((run_dir / MANIFEST).read_text()))
+
+
 def default_name() -> str:
-    """The session that commands use by default. Raises UserError if LFPIPE_SESSION is not a valid name."""
+    """The session that commands use by default.
+
+    Raises UserError if LFPIPE_SESSION is not a valid name.
+    """
     name = os.environ.get("LFPIPE_SESSION") or "default"
     _check_name(name, f"LFPIPE_SESSION={name!r}")
     return name

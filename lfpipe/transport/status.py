@@ -1,10 +1,12 @@
-"""The status table: one row per process in shared memory, read by the supervisor and by monitors without messages.
+"""The status table: one row per process in shared memory, read by the supervisor and by monitors
+without messages.
 
-    0    magic "LFSTAT1\0"      8  checksum of the types below, so that a table with other fields is never misread
-    64   PAGE_ROWS rows of ROW, then SESSION
+    0    magic "LFSTAT1\0"      8  checksum of the types below, so that a table with other fields is
+    never misread 64   PAGE_ROWS rows of ROW, then SESSION
 
-A row has one writer at any time: the stage while it lives, otherwise the supervisor. Only the supervisor writes the fields from
-`name` to `dead_ns`. Counters and histograms survive a restart of the stage.
+A row has one writer at any time: the stage while it lives, otherwise the supervisor. Only the
+supervisor writes the fields from `name` to `dead_ns`. Counters and histograms survive a restart of
+the stage.
 """
 
 import enum
@@ -24,7 +26,10 @@ RINGS = 8  # rings that a session may have
 
 
 class State(enum.IntEnum):
-    """The state of a process. NONE: the session never needed it. FINISHED: it completed its work."""
+    """The state of a process.
+
+    NONE: the session never needed it. FINISHED: it completed its work.
+    """
 
     NONE = 0
     STARTING = 1
@@ -50,42 +55,34 @@ ROW = np.dtype(
         ("beat_ns", "<i8"),  # updated only by the main loop
         ("seq", "<i8"),  # outputs completed, over all restarts
         ("source_seq", "<i8"),  # of the input last completed
-        (
-            "taken_seq",
-            "<i8",
-            (RINGS,),
-        ),  # last taken of each ring, by `StageSpec.ring_index`: the credit of lossless running
+        # last taken of each ring, by `StageSpec.ring_index`: the credit of lossless running
+        ("taken_seq", "<i8", (RINGS,)),
         ("epoch", "<i8"),
-        (
-            "lost_outputs",
-            "<i8",
-        ),  # files that a full disk or the like has ended early, over all restarts
+        # files that a full disk or the like has ended early, over all restarts
+        ("lost_outputs", "<i8"),
         ("drops", "<i8"),  # inputs that this stage lost, or could not use in time
-        (
-            "left_out",
-            "<i8",
-        ),  # inputs left out on purpose: at a lowered quality, while paused, for a newer one
+        # inputs left out on purpose: at a lowered quality, while paused, for a newer one
+        ("left_out", "<i8"),
         ("missed", "<i8"),  # of render: refreshes of the display without a picture from it
         ("planned", "<i8"),  # of render: refreshes of a screen whose blanks are reported
-        (
-            "juddered",
-            "<i8",
-        ),  # of render: those of them that showed another picture than was planned
+        # of render: those of them that showed another picture than was planned
+        ("juddered", "<i8"),
         ("onset_ns", "<i8"),  # of render: latency at the onset of a motion; 0: not known
-        (
-            "steady_ns",
-            "<i8",
-        ),  # of render: by how much pictures lag behind a head under way; 0: not known
+        # of render: by how much pictures lag behind a head under way; 0: not known
+        ("steady_ns", "<i8"),
         ("config_rev", "<i8"),  # revision of the session state that it uses
         ("busy_ns", "<i8"),
         ("cpu_ns", "<i8"),
         ("face", "<i8"),
+        ("fault", "S96"),  # which part of the stage does not work now, in words; empty if all do
+        ("fault_since_ns", "<i8"),
+        # outputs with a result while all parts worked, and those without it while one did not
+        ("worked", "<i8"),
+        ("spoilt", "<i8"),
         ("nominal_mhz", "<i8"),  # of capture: frames per 1000 s that the camera agreed to deliver
         ("dim", "<i8"),  # of capture: the camera delivers clearly fewer, although none is lost
-        (
-            "t_face_ns",
-            "<i8",
-        ),  # of render: when a picture was last made for a face, or the stage began
+        # of render: when a picture was last made for a face, or the stage began
+        ("t_face_ns", "<i8"),
         ("viewer", "<i8"),  # of render: the viewer's state, a value of ViewerState
         ("busy_since_ns", "<i8"),  # start of the work in busy_with
         ("busy_with", "S32"),  # work outside its loop, in words; empty in its loop
@@ -93,15 +90,14 @@ ROW = np.dtype(
         ("wait", HISTOGRAM),  # from publication by the previous stage until taken by this one
         ("busy", HISTOGRAM),  # from taken to published
         ("age", HISTOGRAM),  # from the sensor to publication: the output's age
-        (
-            "horizon",
-            HISTOGRAM,
-        ),  # of render: from the sensor stamp to the time of the predicted eyes, at every refresh
+        # of render: from the sensor stamp to the time of the predicted eyes, at every refresh
+        ("horizon", HISTOGRAM),
     ]
 )
 PAGE_ROWS = 8  # stages: five, and room for more
 
-# Of the whole session, written by the supervisor: the current level of quality (0 is full), the last level, and in words.
+# Of the whole session, written by the supervisor: the current level of quality (0 is full), the
+# last level, and in words.
 SESSION = np.dtype([("level", "<i8"), ("lowest", "<i8"), ("words", "S96")])
 
 MAGIC = b"LFSTAT1\0"
@@ -111,8 +107,9 @@ LAYOUT = zlib.crc32(repr((ROW.descr, PAGE_ROWS, SESSION.descr)).encode())
 
 
 def create(name: str, rows: list[str], run_dir: Path | None = None) -> Segment:
-    """An empty table with one named row per process, at most PAGE_ROWS, for the session of run_dir. The caller keeps and unlinks
-    the segment. Raises UserError as `segment.create` does."""
+    """An empty table with one named row per process, at most PAGE_ROWS, for the session of run_dir.
+    The caller keeps and unlinks the segment. Raises UserError as `segment.create` does.
+    """
     memory = segment.create(name, SIZE_BYTES, run_dir)
     buffer = memory.buf
     table = np.frombuffer(buffer, ROW, PAGE_ROWS, HEAD)
@@ -123,7 +120,8 @@ def create(name: str, rows: list[str], run_dir: Path | None = None) -> Segment:
 
 
 class Table:
-    """An attached table. rows: name -> record of dtype ROW, shape (). session: record of dtype SESSION.
+    """An attached table. rows: name -> record of dtype ROW, shape (). session: record of dtype
+    SESSION.
 
     Raises FileNotFoundError if the segment does not exist, WrongSegment if it has other contents.
     """
@@ -179,6 +177,16 @@ class Row:
         self._int["busy_since_ns"][0] = self._int["beat_ns"][0] = now_ns()
         self.record["busy_with"] = words.encode()
 
+    def judge(self, fault: str, has_result: bool) -> None:
+        """Counts an output. fault: which part of the stage does not work, at most 96 bytes; "" if
+        all do.
+        """
+        self._int["spoilt" if fault else "worked"][0] += bool(fault) or has_result
+        data = fault.encode()[:96]
+        if data != self.record["fault"].item():
+            self._int["fault_since_ns"][0] = now_ns()
+            self.record["fault"] = data
+
     def tick(self, source_seq: int) -> None:
         """Counts one completed output, made from input source_seq."""
         t_ns = now_ns()
@@ -189,7 +197,10 @@ class Row:
         self._int["beat_ns"][0] = t_ns
 
     def measure(self, wait_ns: int, busy_ns: int, age_ns: int | None) -> None:
-        """Records the three durations of one output. age_ns: None for a picture that was never shown."""
+        """Records the three durations of one output.
+
+        age_ns: None for a picture that was never shown.
+        """
         self._int["busy_ns"][0] += busy_ns
         self.wait.add_ns(wait_ns)
         self.busy.add_ns(busy_ns)
@@ -204,7 +215,9 @@ def busy_words(record: NDArray[np.void]) -> str:
 
 
 def rate_hz(record: NDArray[np.void], t_ns: int | None = None) -> float:
-    """Outputs per second over the last RECENT of them; 0 before two outputs, or if the newest is older than ten periods."""
+    """Outputs per second over the last RECENT of them; 0 before two outputs, or if the newest is
+    older than ten periods.
+    """
     stamps = np.sort(record["recent_ns"][record["recent_ns"] > 0])
     if stamps.size < 2:
         return 0.0

@@ -3,7 +3,9 @@
 import inspect
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -63,11 +65,8 @@ def test_views_are_those_that_are_stored(field: lfpipe.LightField) -> None:
         for col in range(3):
             picture = lfpipe.render_view(field, row, col, method="nearest")
             assert picture.shape == (48, 64, 3) and picture.dtype == np.uint8
-            assert picture[0, 0].tolist() == [
-                8 * row + 5,
-                8 * col + 5,
-                8 * (3 * row + col) + 5,
-            ]  # blue first
+            # blue first
+            assert picture[0, 0].tolist() == [8 * row + 5, 8 * col + 5, 8 * (3 * row + col) + 5]
 
 
 def test_pictures_for_two_eyes(field: lfpipe.LightField) -> None:
@@ -82,30 +81,34 @@ def test_pictures_for_two_eyes(field: lfpipe.LightField) -> None:
     assert (anaglyph != again).any()  # each is an array of its own
 
 
-@pytest.mark.parametrize(
-    ("call", "why"),
-    [
-        (lambda field: lfpipe.render_view(field, 9, 0), "row 9"),
-        (lambda field: lfpipe.render_view(field, float("nan"), 0), "row nan"),
-        (lambda field: lfpipe.render_view(field, 0, 0, method="neerest"), "did you mean 'nearest'"),
-        (lambda field: lfpipe.render_anaglyph(field, (0, 0), (0, 99)), "col 99"),
-        (lambda field: lfpipe.render_anaglyph(field, ("a", 1), (0, 1)), "('a', 1)"),
-        (lambda field: lfpipe.render_anaglyph(field, (0, 0, 0), (0, 1)), "(0, 0, 0)"),
-        (lambda field: lfpipe.render_view(field, 0, 0, frame=3), "frame 3"),
-        (lambda field: lfpipe.render_view(field, 0, 0, frame=-1), "frame -1"),
-        (lambda field: lfpipe.open_scene(np.zeros((3, 3))), "(3, 3)"),
-        (
-            lambda field: lfpipe.render_anaglyph(field, (0, 0), (0, 1), mode="dubai"),
-            "did you mean 'dubois'",
-        ),
-        (lambda field: lfpipe.open_scene("/nowhere"), "/nowhere"),
-        (lambda field: lfpipe.Tracker({"track.filtr": "mean"}), "track.filtr"),
-        (lambda field: lfpipe.attach("nobody"), "nobody"),
-    ],
-)
-def test_mistakes_are_named_with_a_remedy(field: lfpipe.LightField, call: object, why: str) -> None:
+CALLS: list[tuple[Callable[[Any], object], str]] = [
+    (lambda field: lfpipe.render_view(field, 9, 0), "row 9"),
+    (lambda _: lfpipe.render_view("/p", 0, 0), "str, not a light field"),  # type: ignore[arg-type]
+    (lambda _: lfpipe.render_anaglyph(None, (0, 0), (0, 1)), "not a light field"),  # type: ignore[arg-type]
+    (lambda field: lfpipe.render_view(field, float("nan"), 0), "row nan"),
+    (lambda field: lfpipe.render_view(field, 0, 0, method="neerest"), "did you mean 'nearest'"),
+    (lambda field: lfpipe.render_anaglyph(field, (0, 0), (0, 99)), "col 99"),
+    (lambda field: lfpipe.render_anaglyph(field, ("a", 1), (0, 1)), "('a', 1)"),  # type: ignore[arg-type]
+    (lambda field: lfpipe.render_anaglyph(field, (0, 0, 0), (0, 1)), "(0, 0, 0)"),  # type: ignore[arg-type]
+    (lambda field: lfpipe.render_view(field, 0, 0, frame=3), "frame 3"),
+    (lambda field: lfpipe.render_view(field, 0, 0, frame=-1), "frame -1"),
+    (lambda field: lfpipe.open_scene(np.zeros((3, 3))), "(3, 3)"),
+    (
+        lambda field: lfpipe.render_anaglyph(field, (0, 0), (0, 1), mode="dubai"),
+        "did you mean 'dubois'",
+    ),
+    (lambda field: lfpipe.open_scene("/nowhere"), "/nowhere"),
+    (lambda field: lfpipe.Tracker({"track.filtr": "mean"}), "track.filtr"),
+    (lambda field: lfpipe.attach("nobody"), "nobody"),
+]
+
+
+@pytest.mark.parametrize(("call", "why"), CALLS)
+def test_mistakes_are_named_with_a_remedy(
+    field: lfpipe.LightField, call: Callable[[Any], object], why: str
+) -> None:
     with pytest.raises(lfpipe.UserError) as caught:
-        call(field)  # type: ignore[operator]
+        call(field)
     assert why in caught.value.message and caught.value.remedy
 
 
@@ -127,10 +130,12 @@ def test_the_tracker_finds_the_eyes_that_the_stage_finds(clip: Path) -> None:
     from lfpipe.config import Track
     from lfpipe.track.eye_tracker import EyeTracker
 
-    video, stage, record = cv2.VideoCapture(str(clip)), EyeTracker(Track()), np.zeros((), EYES)
+    video = cv2.VideoCapture(str(clip))
+    stage = EyeTracker(Track())
+    record = np.zeros((), EYES)
     with lfpipe.Tracker() as tracker:
         for number in range(12):
-            frame = video.read()[1]
+            frame = np.asarray(video.read()[1], np.uint8)
             t_ns = number * 33_333_333
             eyes = tracker.update(frame, t_ns)
             stage.update(stage.engine.detect(frame), t_ns)
@@ -138,8 +143,32 @@ def test_the_tracker_finds_the_eyes_that_the_stage_finds(clip: Path) -> None:
             stage.engine.examine(frame)
             assert eyes is not None and eyes.head is not None
             np.testing.assert_array_equal(eyes.filtered_px, record["filtered_px"])
+        assert eyes is not None and eyes.head is not None
         assert (
             eyes.filtered_px[0, 0] > eyes.filtered_px[1, 0] and 400 < eyes.head.position_mm[2] < 800
         )
         assert tracker.update(np.zeros_like(frame), 10**9) is None
     stage.engine.close()
+
+
+PROGRAM = """
+import lfpipe
+
+settings = {"render.method": "nearest", "render.alpha_px": 12, "render.swap_eyes": True}
+with lfpipe.open_scene("boxes", settings) as field:
+    print(lfpipe.render_view(field, 0.5, 1).shape)
+    with lfpipe.Session(field, camera="demo", settings=settings) as session:
+        session.set({"render.depth": 0.5, "render.anaglyph": "grey"})
+        for eyes in session.stream():
+            if eyes is not None and eyes.head is not None:
+                print(eyes.head.position_mm)
+    report = lfpipe.replay("walk", field, settings=settings)
+"""
+
+
+def test_a_users_program_is_clean_under_mypy_strict(tmp_path: Path) -> None:
+    program = tmp_path / "program.py"
+    program.write_text(PROGRAM)
+    command = [sys.executable, "-m", "mypy", "--strict", "--config-file=", str(program)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert done.returncode == 0, done.stdout

@@ -1,5 +1,6 @@
 """Light fields as arrays: the same pictures as from files, and mistakes with their remedy."""
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +10,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import lfpipe
+from lfpipe.scene.layouts._grid import LEAST_VIEW_PX
 from lfpipe.scene.layouts.arrays import require_views
-from tests.hostile_sequences import made_sequence
 from tests.scene import made
+from tests.support.hostile_sequences import made_sequence
 
 VIEWS = made.wall(2, 3, 40, 48)
 
@@ -59,13 +61,42 @@ def test_every_documented_form_is_taken(change: Any, cache: dict[str, Any]) -> N
     assert np.abs(shown.astype(int) - expected).max() <= 1
 
 
+def test_an_open_light_field_and_its_views_open_again(cache: dict[str, Any]) -> None:
+    field = lfpipe.open_scene(VIEWS, cache)
+    assert repr(field) == f"<LightField {field.name!r}: 2x3 views of 48x40, method {field.method}>"
+    with lfpipe.open_scene(field, cache) as again:
+        assert (again.folder, again.method) == (field.folder, field.method)
+    again.close()
+    with pytest.raises(lfpipe.UserError, match="planes") as caught:
+        lfpipe.open_scene(field.views, cache)
+    assert "np.moveaxis(views, 3, -1)" in caught.value.remedy
+    copy = lfpipe.open_scene(np.moveaxis(field.views, 3, -1), cache)
+    np.testing.assert_array_equal(copy.views, field.views)
+
+
+@pytest.mark.parametrize("bits", [10, 12, 14, 16])
+def test_an_array_of_fewer_bits_opens_as_bright(bits: int, cache: dict[str, Any]) -> None:
+    deep = np.rint(VIEWS / 255 * (2**bits - 1)).astype(np.uint16)
+    deep[0, 0, 0, 0] = 2**bits - 1
+    shown = lfpipe.render_view(lfpipe.open_scene(deep, cache), 1, 2, method="nearest")
+    assert np.abs(shown.astype(int) - VIEWS[1, 2, ..., ::-1]).max() <= 1
+
+
+def test_negative_values_are_refused_and_a_filters_overshoot_is_not(cache: dict[str, Any]) -> None:
+    values = VIEWS / np.float32(255)
+    with pytest.raises(lfpipe.UserError, match="below 0, down to -0") as caught:
+        lfpipe.open_scene(2 * values - 1, cache)
+    assert "scale them" in caught.value.remedy
+    values[1, 1, 0, 0] = -0.1
+    lfpipe.open_scene(values, cache)
+
+
 def test_disparity_and_positions_come_with_an_array(cache: dict[str, Any], tmp_path: Path) -> None:
     disparity = np.full((2, 3, 40, 48), 1.0, np.float32)  # the pictures say 2
-    positions = np.stack(np.mgrid[0:2, 0:3], axis=-1) * 12.5
+    positions = np.stack([*np.mgrid[0:2, 0:3]], axis=-1) * 12.5
     field = lfpipe.open_scene(VIEWS, cache, disparity=disparity, positions=positions)
-    assert (
-        field.disparity is not None and np.unique(field.disparity).size == 1
-    )  # the given one, not an estimate
+    # the given one, not an estimate
+    assert field.disparity is not None and np.unique(field.disparity).size == 1
     turned = lfpipe.open_scene(VIEWS[::-1, ::-1], cache, positions=positions[::-1, ::-1])
     np.testing.assert_array_equal(
         lfpipe.render_view(turned, 0, 0, method="nearest"), VIEWS[0, 0, ..., ::-1]
@@ -78,16 +109,18 @@ def test_disparity_and_positions_come_with_an_array(cache: dict[str, Any], tmp_p
     max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(
-    shape=st.lists(st.integers(0, 5), min_size=0, max_size=7).map(tuple),
+    shape=st.lists(st.sampled_from([0, 1, 2, 3, 5, 15]), min_size=0, max_size=7).map(tuple),
     kind=st.sampled_from(["u1", "u2", "f4", "i8", "?", "c16"]),
 )
 def test_any_array_is_taken_or_refused(shape: tuple[int, ...], kind: str) -> None:
     views = np.zeros(shape, kind)
+    axes = (*shape, 1) if len(shape) == 4 else shape
     good = (
-        len(shape) in (5, 6)
-        and shape[-1] in (1, 3)
-        and 0 not in shape
+        len(axes) in (5, 6)
+        and axes[-1] in (1, 3)
+        and 0 not in axes
         and kind in ("u1", "u2", "f4")
+        and min(max(axes[-3:-1], axes[-5:-3], key=math.prod)) >= LEAST_VIEW_PX
     )
     try:
         assert require_views(views, "x").ndim == 6 and good

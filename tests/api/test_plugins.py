@@ -1,4 +1,6 @@
-"""A package of one's own adds a layout, an engine, a filter and a display; a broken one is reported and skipped."""
+"""A package of one's own adds a layout, an engine, a filter and a display; a broken one is reported
+and skipped.
+"""
 
 import os
 import shutil
@@ -9,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.scene import made
-from tests.world import World
+from tests.support.world import World
 
 pytestmark = pytest.mark.live
 EXAMPLE = Path(__file__).parents[2] / "examples" / "lfpipe-example"
@@ -21,7 +23,8 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the example and a broken package, built and installed."""
     if (uv := shutil.which("uv")) is None:
         pytest.skip("uv is not installed")
-    folder, copy = tmp_path_factory.mktemp("plugins"), tmp_path_factory.mktemp("source") / "example"
+    folder = tmp_path_factory.mktemp("plugins")
+    copy = tmp_path_factory.mktemp("source") / "example"
     shutil.copytree(EXAMPLE, copy)
     command = [
         uv,

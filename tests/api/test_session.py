@@ -1,4 +1,6 @@
-"""Sessions that a program starts: changed, loaded, stopped; nothing is left, however the program ends."""
+"""Sessions that a program starts: changed, loaded, stopped; nothing is left, however the program
+ends.
+"""
 
 import os
 import signal
@@ -12,7 +14,7 @@ import numpy as np
 import pytest
 
 import lfpipe
-from tests.world import World
+from tests.support.world import World
 
 pytestmark = pytest.mark.live
 QUICK = {"render.method": "nearest", "render.alpha_px": 12}
@@ -35,7 +37,7 @@ def test_a_session_is_started_changed_loaded_and_stopped_in_a_thread(
     def run() -> None:
         try:
             trace = home.root / "t.jsonl"
-            with lfpipe.Session(scene, camera="demo", trace=trace, **QUICK) as session:  # type: ignore[arg-type]
+            with lfpipe.Session(scene, camera="demo", trace=trace, settings=QUICK) as session:
                 home.wait_for(lambda: trace.exists() and trace.stat().st_size, "line of the trace")
                 # it is STARTING for a moment once more, when disparity comes to the views
                 home.wait_for(
@@ -44,17 +46,23 @@ def test_a_session_is_started_changed_loaded_and_stopped_in_a_thread(
                 )
                 assert session.frame().picture.shape[2] == 3
                 assert next(eyes for eyes in session.stream() if eyes is not None).head is not None
-                session.set(**{"render.method": "blend"})
+                session.set({"render.method": "blend"})
                 with lfpipe.attach(session.name) as other:
                     assert other.ask({"cmd": "hello"})["config"]["render"]["method"] == "blend"
                     other.load(np.full((2, 2, 32, 40, 3), 90, np.uint8))
                     with pytest.raises(lfpipe.UserError) as caught:
-                        other.set(**{"render.method": "wrap"})
+                        other.set({"render.method": "wrap"})
                     assert caught.value.remedy
                     with pytest.raises(lfpipe.UserError, match="already running"):
                         lfpipe.Session(scene, camera="demo", name=session.name)
                     session.stop()
-                    assert other.wait(60)
+                    assert other.wait(60) and session.wait()
+                for ended in (session, other):
+                    for call in (ended.status, ended.eyes, lambda ended=ended: ended.set({})):
+                        with pytest.raises(lfpipe.UserError, match=r"has ended|closed"):
+                            call()
+                with pytest.raises(lfpipe.UserError, match="has ended: it was stopped"):
+                    session.eyes()
         except BaseException as error:
             failures.append(error)
 
@@ -70,8 +78,40 @@ def test_a_session_that_cannot_start_says_why(home: World, scene: Path) -> None:
         lfpipe.Session("/nowhere", camera="demo")
     assert caught.value.remedy
     with pytest.raises(lfpipe.UserError, match="did you mean"):
-        lfpipe.Session(scene, **{"render.methd": "warp"})
+        lfpipe.Session(scene, settings={"render.methd": "warp"})
     assert home.segments() == []
+
+
+def test_errors_of_a_session_name_its_parameters(home: World, scene: Path) -> None:
+    taken = home.root / "taken"
+    taken.mkdir()
+    for wrong, named in (
+        ({"trace": taken}, "trace"),
+        ({"name": "a/b"}, "name"),
+        ({"display": "x"}, "display='x'"),
+    ):
+        with pytest.raises(lfpipe.UserError) as caught:
+            lfpipe.Session(scene, camera="demo", **wrong)
+        text = str(caught.value)
+        assert named in text and "--" not in text, text
+
+
+def test_an_open_light_field_is_shown(home: World, scene: Path) -> None:
+    field = lfpipe.open_scene(scene, half_turn=True)
+    with field, lfpipe.Session(field, camera="demo", settings=QUICK) as session:
+        shown = session.ask({"cmd": "hello"})["options"]["scene"]
+    assert (shown["pack"], shown["half_turned"]) == (field.folder, True)
+
+
+def test_a_session_that_is_killed_says_how_it_ended(home: World, scene: Path) -> None:
+    with lfpipe.Session(scene, camera="demo", settings=QUICK) as session:
+        os.kill(session.status()["stages"]["render"]["pid"], 0)
+        os.kill(session._process.pid, signal.SIGKILL)
+        with pytest.raises(lfpipe.UserError, match="has ended"):
+            while True:
+                session.status()
+        with pytest.raises(lfpipe.UserError):
+            session.wait()
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
@@ -99,8 +139,14 @@ def test_a_notebook_starts_changes_and_stops_a_session_in_three_cells(
     pytest.importorskip("ipykernel")
     monkeypatch.setenv("JUPYTER_DATA_DIR", str(home.root / "jupyter"))
     cells = (
-        f"import lfpipe\nsession = lfpipe.Session({str(scene)!r}, camera='demo', **{QUICK!r})\nsession.frame().picture.shape",
-        "session.set(**{'render.method': 'blend'})\nsession.ask({'cmd': 'hello'})['config']['render']['method']",
+        (
+            f"import lfpipe\nsession = lfpipe.Session({str(scene)!r}, camera='demo',"
+            f" settings={QUICK!r})\nsession.frame().picture.shape"
+        ),
+        (
+            "session.set({'render.method': 'blend'})\nsession.ask({'cmd':"
+            " 'hello'})['config']['render']['method']"
+        ),
         "session.stop()\nsession.wait(30)",
     )
     notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in cells])

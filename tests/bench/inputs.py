@@ -18,15 +18,36 @@ def wall(rows: int, cols: int, side_px: int = 64, disparity: bool = True) -> Lig
     )
     maps = np.full((1, rows, cols, side_px // 2, side_px // 2), 32, np.int8)
     return LightField(
-        views=views, disparity=maps if disparity else None, disparity_scale_px=1 / 16, disparity_min_px=2.0 * disparity,
-        disparity_max_px=2.0 * disparity, disparity_source="truth" if disparity else "none",
-        offsets=np.zeros((rows, cols, 2), np.float32), present=np.ones((rows, cols), bool), geometry=Geometry(),
-        frame_rate_hz=0.0, name="wall", method="warp2" if disparity else "nearest", manifest={"key": f"wall{rows}x{cols}"},
-    )  # fmt: skip
+        views=views,
+        disparity=maps if disparity else None,
+        disparity_scale_px=1 / 16,
+        disparity_min_px=2.0 * disparity,
+        disparity_max_px=2.0 * disparity,
+        disparity_source="truth" if disparity else "none",
+        offsets=np.zeros((rows, cols, 2), np.float32),
+        present=np.ones((rows, cols), bool),
+        geometry=Geometry(),
+        frame_rate_hz=0.0,
+        name="wall",
+        method="warp2" if disparity else "nearest",
+        manifest={"key": f"wall{rows}x{cols}"},
+    )
 
 
 def inputs(field: LightField, work: Path, sequence: FrameSequence | None = None) -> Inputs:
     """Quick inputs; without a sequence, 20 grey frames without truth."""
     frames = partial(itertools.repeat, np.full((120, 160, 3), 90, np.uint8), 20)
-    grey = FrameSequence(work / "grey.avi", frames, 20, (160, 120), 30.0, None)
-    return Inputs(lambda: (work / "wall", field), lambda: sequence or grey, True, work)
+    grey = FrameSequence(
+        path=work / "grey.avi",
+        frames=frames,
+        count=20,
+        size_px=(160, 120),
+        rate_hz=30.0,
+        truth=None,
+    )
+    return Inputs(
+        open_scene=lambda: (work / "wall", field),
+        open_sequence=lambda: sequence or grey,
+        quick=True,
+        work=work,
+    )

@@ -3,20 +3,9 @@
 import numpy as np
 import pytest
 
-from lfpipe.bench.anaglyph import (
-    BARE,
-    GLASS,
-    GREEN_MAGENTA,
-    RED_CYAN,
-    Encoder,
-    fused_error,
-    ghost,
-    lab,
-    lightness,
-    rivalry,
-    seen_xyz,
-)
+from lfpipe.bench.glasses import BARE, GLASS, GREEN_MAGENTA, RED_CYAN, lightness, seen_xyz
 from lfpipe.render.anaglyph import LEAKS, encode, recipe
+from profiling.anaglyph import Encoder, fused_error, ghost, lab, rivalry
 
 
 def encoder(name: str, light: str = "linear", ghost_compensation: float = 0.0) -> Encoder:
@@ -29,17 +18,15 @@ def test_lightness_and_lab_at_known_points() -> None:
     white = BARE.sum(axis=1)
     assert lab(white, white) == pytest.approx([100, 0, 0], abs=1e-9)
     assert seen_xyz(np.full((1, 3), 255, np.uint8), BARE)[0] == pytest.approx(white)
-    for name, own in (
-        ("red", 0),
-        ("cyan", 1),
-        ("green", 1),
-        ("magenta", 0),
-    ):  # a glass passes its own colour best
+    # a glass passes its own colour best
+    for name, own in (("red", 0), ("cyan", 1), ("green", 1), ("magenta", 0)):
         assert int(np.argmax(GLASS[name][1])) == own and (GLASS[name][1] <= BARE[1]).all()
 
 
 def test_rivalry_and_colour_error_of_the_encodings() -> None:
-    """In the paper's encoding a red thing is bright for the left eye and black for the right one; grey seen as grey is whole."""
+    """In the paper's encoding a red thing is bright for the left eye and black for the right one;
+    grey seen as grey is whole.
+    """
     grey = np.repeat(np.linspace(0, 255, 64).astype(np.uint8)[:, None, None], 3, axis=2)
     assert (
         rivalry(encoder("grey")(grey, grey)) < 1e-6

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from lfpipe.bench.motion import duration_s, path_at, reach, stop, viewer_path
 from lfpipe.track.litert_engine import LitertEngine
+from tools.head_path import duration_s, path_at, reach, stop, viewer_path
 
 TOOL = Path(__file__).parents[2] / "tools" / "make_sequence.py"
 HOME = (0.0, 0.0, 600.0)
@@ -77,8 +77,9 @@ def test_sequence_shows_the_eyes_where_the_truth_says(tmp_path: Path) -> None:
         float,
     )
     assert np.ptp(truth[:, 0, 0]) > 100 and np.all(truth[:, 0, 0] > truth[:, 1, 0])
-    video, engine = cv2.VideoCapture(str(path)), LitertEngine()
-    pictures = [video.read()[1] for _ in rows]
+    video = cv2.VideoCapture(str(path))
+    engine = LitertEngine()
+    pictures = [np.asarray(video.read()[1], np.uint8) for _ in rows]
     assert pictures[0].shape == (480, 640, 3) and not video.read()[0]
     faces = [engine.detect(picture) for picture in pictures]
     errors = [

@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lfpipe.bench import page, runner
+from lfpipe.bench import runner
 from lfpipe.bench.page import chart, verdict, write_report
 from lfpipe.bench.results import (
     Column,
     Figures,
     Results,
     Row,
+    State,
     Table,
     Value,
     judged_table,
@@ -23,15 +24,21 @@ from lfpipe.bench.results import (
     timing,
     write,
 )
-from lfpipe.bench.runner import Candidate, Turn, run
-from lfpipe.bench.subjects import Choice, Subject
+from lfpipe.bench.runner import Candidate, Offer, Turn, run
+from lfpipe.bench.subjects import SUBJECTS, Choice, Subject
 from lfpipe.errors import UserError
 from tests.bench.inputs import inputs, wall
 
 COLUMNS = (Column("error_px", "error", "px"), Column("time_ms", "time", "ms"))
 CHOICE = Choice("track.fake", 11.0, "a third of a frame")
 FAKE = Subject(
-    "fake", "Fake subject", "?", COLUMNS, (("time_ms", "error_px"),), choice=CHOICE, rounds=(7, 7)
+    name="fake",
+    title="Fake subject",
+    question="?",
+    columns=COLUMNS,
+    charts=(("time_ms", "error_px"),),
+    choice=CHOICE,
+    rounds=(7, 7),
 )
 
 
@@ -40,7 +47,9 @@ def quiet(*_: object) -> None:
 
 
 def measured() -> tuple[Results, list[str]]:
-    """Four candidates: two sound, one that raises, one that gives NaN in its third turn; and the turns that were taken."""
+    """Four candidates: two sound, one that raises, one that gives NaN in its third turn; and the
+    turns that were taken.
+    """
     turns: list[str] = []
 
     def candidate(name: str) -> Candidate:
@@ -59,9 +68,14 @@ def measured() -> tuple[Results, list[str]]:
                 raise ArithmeticError("no root")
             return {"error_px": 3.5}, turn
 
-        return Candidate(name, "", prepare, name == "one", name == "two")
+        return Candidate(
+            curve=name, knob="", prepare=prepare, paper=name == "one", used=name == "two"
+        )
 
-    offers = ["colour: the scene is grey", *map(candidate, ("one", "two", "throws", "nan"))]
+    offers: list[Offer] = [
+        "colour: the scene is grey",
+        *map(candidate, ("one", "two", "throws", "nan")),
+    ]
     return run(FAKE, offers, True, quiet), turns
 
 
@@ -88,6 +102,7 @@ def test_interval_of_the_median_holds_it_as_often_as_it_says() -> None:
     for count in (6, 9, 25):
         medians = [timing(rng.exponential(1.0, count).tolist()) for _ in range(400)]
         assert sum(one.low <= math.log(2) <= one.high for one in medians) / 400 > 0.92, count
+    # as printed
     for count, low, high in (
         (3, 1, 3),
         (6, 1, 6),
@@ -96,10 +111,10 @@ def test_interval_of_the_median_holds_it_as_often_as_it_says() -> None:
         (20, 6, 15),
         (25, 8, 18),
         (50, 18, 33),
-    ):  # as printed
+    ):
         one = timing([float(k) for k in range(count, 0, -1)])
         assert (one.low, one.high) == (low, high), "ranks of the sign test; the range of too few"
-    assert timing([5.0, 3.0]).text == "4 (3 to 5)" and Value(2.0).text == "2"
+    assert timing([5.0, 3.0]).text == "4 (3 to 5, range of 2)" and Value(2.0).text == "2"
 
 
 def row(name: str, time_ms: float, error_px: float, paper: bool = False, used: bool = False) -> Row:
@@ -108,11 +123,9 @@ def row(name: str, time_ms: float, error_px: float, paper: bool = False, used: b
 
 
 def test_a_verdict_keeps_what_ties_and_names_the_cost() -> None:
-    old, best, slow = (
-        row("old", 2.0, 9.0, paper=True),
-        row("best", 5.0, 3.0),
-        row("slow", 50.0, 1.0),
-    )
+    old = row("old", 2.0, 9.0, paper=True)
+    best = row("best", 5.0, 3.0)
+    slow = row("slow", 50.0, 1.0)
     for error_px, choice, words in ((3.05, "ours (in use)", "(old)"), (6.0, "best", "(ours)")):
         rows = (old, row("ours", 4.0, error_px, used=True), best, slow)
         one = verdict(FAKE, Results("fake", [Table("method", COLUMNS, rows)]))
@@ -125,13 +138,24 @@ def test_a_verdict_keeps_what_ties_and_names_the_cost() -> None:
         assert one[3].endswith(") ms: time")
 
 
+def test_a_limit_within_an_interval_is_undecided() -> None:
+    """The same run beside other work gives the same verdict."""
+    rows = (row("ours", 4.0, 6.0, used=True), row("near", 11.0, 3.0), row("slow", 50.0, 1.0))
+    one = verdict(FAKE, Results("fake", [Table("method", COLUMNS, rows)]))
+    assert one is not None and one[1] == "undecided: near"
+    assert "9.9 to 12.1" in one[2] and "11 ms" in one[2]
+    alike = (rows[0], row("near", 11.0, 5.9), rows[2])
+    one = verdict(FAKE, Results("fake", [Table("method", COLUMNS, alike)]))
+    assert one is not None and one[1] == "ours (in use)", "undecided, but no better"
+
+
 def test_report_stands_alone_and_begins_with_verdicts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     results, _ = measured()
     results.about = {"command": "lfpipe bench fake --quick", "machine": "<p>"}
     columns = {"b": "", "c": "render.method=blend"}
-    states = {"": "failed", "render.method=blend": "degraded"}
+    states: dict[str, State] = {"": "failed", "render.method=blend": "degraded"}
     table = judged_table(
         "Extreme",
         "",
@@ -140,7 +164,7 @@ def test_report_stands_alone_and_begins_with_verdicts(
         columns,
         lambda _, one: ("9", states[one]),
         lambda _, one: one,
-    )  # type: ignore[return-value]
+    )
     results.tables.append(table)
     raised = judged_table(
         "", "", "case", {"a": 0}, {"b": 0}, lambda row, column: (f"{row / column}", "ok")
@@ -150,19 +174,18 @@ def test_report_stands_alone_and_begins_with_verdicts(
     )
     write({"fake": results}, tmp_path)
     assert read(tmp_path) == {"fake": results}, "as they were"
-    monkeypatch.setitem(page.SUBJECTS, "fake", FAKE)
+    monkeypatch.setitem(SUBJECTS, "fake", FAKE)
     text = write_report({"fake": results}, tmp_path).read_text()
     first, rest = text.partition("<nav>")[::2]
-    assert "two (in use)" in first and "wall time" in first and "CPU" in first
-    matters = [re.sub("<[^>]+>", "|", line) for line in first.split("<tr") if "Extreme" in line]
+    assert "two (in use)" in first and "wall time" in first and "&lt;p&gt;" in first
+    last = rest[rest.index("What failed") :]
+    matters = [re.sub("<[^>]+>", "|", line) for line in last.split("<tr") if "Extreme" in line]
     assert (
         len(matters) == 2
         and "yes: in use" in matters[0]
         and "only with render.method=blend" in matters[1]
     )
-    assert (
-        "ArithmeticError: no root" in first and "the scene is grey" in rest and "&lt;p&gt;" in text
-    )
+    assert "ArithmeticError: no root" in last and "the scene is grey" in rest
     assert "lfpipe bench fake --quick" in rest and "two ■" in rest and "one ★" in rest
     assert text.count('src="data:image/svg+xml') == 1
     assert not re.search("https?://|<script|<link", re.sub(r'"data:[^"]*"', "", text))
@@ -186,8 +209,8 @@ def test_nothing_that_lfpipe_did_not_write_is_replaced(tmp_path: Path) -> None:
         mine = tmp_path / name
         mine.write_text("my own notes")
         with pytest.raises(UserError, match=name):
-            runner.measure(["judder"], given, tmp_path, quiet)
+            runner.measure(["stability"], given, tmp_path, quiet)
         assert mine.read_text() == "my own notes"
         mine.unlink()
     for _ in range(2):  # its own files are replaced
-        write_report(runner.measure(["judder"], given, tmp_path, quiet), tmp_path)
+        write_report(runner.measure(["stability"], given, tmp_path, quiet), tmp_path)

@@ -9,31 +9,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfpipe.bench import (
-    extremes,
-    filters,
-    judder,
-    paper_loop,
-    photon,
-    pipeline,
-    stability,
-    synthesis,
-    tracker,
-)
+from lfpipe.bench import paper_loop, pipeline, stability, synthesis, tracker
 from lfpipe.bench.inputs import FrameSequence, demo_sequence, read_sequence
-from lfpipe.bench.motion import known_motion
-from lfpipe.bench.results import Results
+from lfpipe.bench.results import Results, Value
 from lfpipe.bench.runner import Candidate
-from lfpipe.bench.subjects import NOISE_PX
 from lfpipe.sequence.eyes import Truth
 from lfpipe.track.models import package_folder
-from lfpipe.track.smoothing import Mean
 from tests.bench.inputs import inputs, wall
 from tests.replay.conftest import make_sequence
 
-PAPER = (
-    ["mediapipe, 640x480"] if package_folder() else []
-)  # mediapipe has no wheel for some Pythons and machines
+# mediapipe has no wheel for some Pythons and machines
+PAPER = ["mediapipe, 640x480"] if package_folder() else []
 
 
 @pytest.fixture(scope="module")
@@ -57,8 +43,8 @@ def test_tracker_follows_the_demo_within_a_pixel(tmp_path: Path, sequence: Frame
         "it moves after two seconds"
     )
     figures, turn = found["litert, 640x480"].prepare()
-    assert figures["error_px"] < 1.0
-    assert turn is not None and set(turn()) == {"time_ms", "cpu_ms"}
+    assert isinstance(figures["error"], Value) and figures["error"].value < 2.0
+    assert turn is not None and set(turn()) == {"cpu_ms"}
     found, skipped = split(
         tracker.measure(inputs(wall(2, 2), tmp_path, attrs.evolve(sequence, truth=None)))
     )
@@ -71,70 +57,6 @@ def test_tracker_follows_the_demo_within_a_pixel(tmp_path: Path, sequence: Frame
         blank["litert, 160x120"].prepare()
 
 
-def test_filters_know_their_motion() -> None:
-    raw, five = (filters.follow(Mean(k), 30, 0) for k in (1, 5))
-    assert raw["error_30hz"] == pytest.approx(
-        NOISE_PX * 2**0.5, rel=0.05
-    )  # its own noise, both axes
-    assert five["error_30hz"] > 20 * raw["error_30hz"]  # lags
-    assert raw["jitter_30hz"] > 1.5 * five["jitter_30hz"]  # but rests
-
-
-@pytest.mark.parametrize("late_ms", [0, 25, 60])
-def test_latencies_of_pictures_that_are_late_by_a_known_time(late_ms: int) -> None:
-    class Late:
-        """Shows the eyes of late_ms ago."""
-
-        def update(self, t_ns: int, measurement: np.ndarray) -> None:
-            pass
-
-        def predict(self, t_ns: int) -> np.ndarray:
-            return known_motion().eyes[max(t_ns // 1_000_000 - late_ms, 0)]
-
-    pictures = photon.displayed(Late(), (80,))[0]  # type: ignore[arg-type]
-    assert np.median(photon.steady_ms(pictures)) == pytest.approx(late_ms, abs=1.5)
-    assert late_ms <= np.mean(photon.onset_ms(pictures)) <= late_ms + 1e3 / photon.REFRESH_HZ + 1
-
-
-def on_every_blank(rate_hz: float, late: dict[int, int]) -> judder.ScreenRun:
-    """A second of pictures; picture k is shown late[k] blanks too late."""
-    count = np.arange(round(rate_hz))
-    blanks = count + np.array([late.get(int(k), 0) for k in count])
-    return judder.ScreenRun(
-        0.0, 0.0, blanks, np.round(judder.T0_NS + count * 1e9 / rate_hz).astype(np.int64)
-    )
-
-
-def test_a_video_on_a_screen_is_planned_and_each_blank_off_the_plan_counts() -> None:
-    found = [
-        judder.video_judder(on_every_blank(hz, {}), hz, video)
-        for hz in (60.0, 144.0)
-        for video in (24, 25, 30)
-    ]
-    assert {share for share, _ in found} == {0.0}
-    assert [held for _, held in found] == ["2 or 3", "2 or 3", "2", "6", "5 or 6", "4 or 5"]
-    starts = on_every_blank(
-        60.0, {10: 1}
-    )  # the first picture of a frame of 30 Hz, and the second one takes its place
-    assert judder.video_judder(starts, 60.0, 30)[0] == pytest.approx(1 / 59)
-    assert judder.video_judder(on_every_blank(60.0, {11: 1}), 60.0, 30)[0] == pytest.approx(0), (
-        "the same frame stays"
-    )
-
-
-def test_a_clock_that_is_a_little_off_does_not_choose_the_frames() -> None:
-    for rate_hz, videos_hz in (
-        (60.0, (24, 25, 30)),
-        (75.0, (24, 25, 30)),
-        (144.0, (24, 30)),
-    ):  # 25 Hz on 144 leave 0.1 ms
-        shown = judder.simulate(rate_hz, 3.0, 2000, whole_ms=True)
-        assert (
-            max(judder.video_judder(shown, rate_hz, video_hz)[0] for video_hz in videos_hz)
-            <= judder.GOAL
-        )
-
-
 def test_synthesis_of_a_wall_and_what_does_not_apply(tmp_path: Path) -> None:
     found, skipped = split(synthesis.measure(inputs(wall(5, 5), tmp_path)))
     assert not skipped and [name for name, one in found.items() if one.paper] == [
@@ -143,8 +65,11 @@ def test_synthesis_of_a_wall_and_what_does_not_apply(tmp_path: Path) -> None:
     (near, _), (warped, turn) = (
         found[f"{name}, every 2nd view"].prepare() for name in ("nearest", "warp2")
     )
-    assert warped["psnr_db"] > near["psnr_db"] + 10 and near["jump"] > 10 > 4 > warped["jump"]
-    assert turn is not None and turn()["time_ms"] > 0
+    assert isinstance(warped["psnr_db"], Value) and isinstance(near["psnr_db"], Value)
+    assert warped["psnr_db"].low > near["psnr_db"].high + 5
+    assert isinstance(near["jump"], float) and isinstance(warped["jump"], float)
+    assert near["jump"] > 10 > 4 > warped["jump"]
+    assert turn is not None and turn()["cpu_ms"] > 0
     for rows, cols, disparity, missing, curves in (
         (5, 5, False, "warped views", {"nearest", "blend"}),
         (1, 9, True, "viewpoints off the line", {"nearest", "blend", "warp", "warp2"}),
@@ -165,9 +90,8 @@ def test_pipeline_skips_what_does_not_apply(tmp_path: Path, sequence: FrameSeque
         )
     )
     assert {"error of the viewpoint shown", "warped views"} <= set(skipped)
-    assert sum(one.paper for one in found.values()) == 1 + len(
-        PAPER
-    )  # its configuration, and the plain loop
+    # its configuration, and the plain loop
+    assert sum(one.paper for one in found.values()) == 1 + len(PAPER)
 
 
 def test_the_loop_names_the_frame_it_shows(tmp_path: Path) -> None:
@@ -178,7 +102,9 @@ def test_the_loop_names_the_frame_it_shows(tmp_path: Path) -> None:
 
 
 def test_displayed_error_of_a_known_trace() -> None:
-    """Pictures 10 ms late of eyes that move 100 px/s: 1 px behind, 0.01 views at 100 px per view."""
+    """Pictures 10 ms late of eyes that move 100 px/s: 1 px behind, 0.01 views at 100 px per
+    view.
+    """
     t_ns = np.arange(120) * 33_333_333
     eyes = np.stack([300 + t_ns / 1e9 * 100, 240 + 0 * t_ns] * 2, axis=1).reshape(-1, 2, 2)
     truth = Truth(t_ns, eyes, np.ones(len(t_ns), bool))
@@ -186,8 +112,10 @@ def test_displayed_error_of_a_known_trace() -> None:
     for ms in range(200, 3500):
         used = truth.at((ms - 10) * 1e6)
         views = [[4.0, 4 + (400 - u) / 100] for u in used[:, 0]]
-        pairs = {name: dict(zip(("left", "right"), np.asarray(pair).tolist(), strict=True)) for name, pair in
-                 (("eyes_used", used), ("view", views))}  # fmt: skip
+        pairs = {
+            name: dict(zip(("left", "right"), np.asarray(pair).tolist(), strict=True))
+            for name, pair in (("eyes_used", used), ("view", views))
+        }
         rows.append(
             {
                 "t_presented_ns": ms * 1_000_000,
@@ -197,31 +125,38 @@ def test_displayed_error_of_a_known_trace() -> None:
                 **pairs,
             }
         )
-    wrong = {
-        "left": [0.0, 0.0],
-        "right": [0.0, 0.0],
-    }  # the file starts over, and the filter has yet to follow
+    # the file starts over, and the filter has yet to follow
+    wrong = {"left": [0.0, 0.0], "right": [0.0, 0.0]}
     rows += [
         row
-        | {"source_seq": 120, "t_presented_ns": row["t_presented_ns"] + 10**10, "eyes_used": wrong}
+        | {
+            "source_seq": 120,
+            "t_presented_ns": row["t_presented_ns"] + 10**10,  # type: ignore[operator]
+            "eyes_used": wrong,
+        }
         for row in rows
     ]
     mapping = 100.0, (400.0, 240.0), (9, 9)
     assert pipeline.displayed_errors(truth, rows, *mapping) == {
-        "error_views": pytest.approx(0.01, rel=0.05), "error_px": pytest.approx(1.0, rel=0.05)
-    }  # fmt: skip
+        "error_views": pytest.approx(0.01, rel=0.05),
+        "error_px": pytest.approx(1.0, rel=0.05),
+    }
     resting = Truth(t_ns, eyes, truth.visible, np.ones(len(t_ns), bool))
     assert pipeline.displayed_errors(resting, rows, *mapping)["jitter_px"] > 10
 
 
 def test_extreme_cases_and_whether_they_matter(tmp_path: Path) -> None:
-    """Nothing in use fails; what is not in use names the setting that reaches it; the tables can tell."""
+    """Nothing in use fails; what is not in use names the setting that reaches it; the tables can
+    tell.
+    """
     given = inputs(wall(3, 3), tmp_path)
-    made = [*stability.filter_tables((30,)), stability.viewer_table(given.field, (30,)),
-            extremes.mapping_table(), extremes.colour_table(given.field), extremes.synthesis_table(given)]  # fmt: skip
+    made = [
+        *stability.filter_tables((30,)),
+        stability.mapping_table(),
+        stability.synthesis_table(given),
+    ]
     judged = [(table.title, value) for table, _, _, value in Results("stability", made).judged()]
-    failed = [value for _, value in judged if value.state == "failed"]
-    assert failed and all("render.anaglyph=" in value.only for value in failed)
+    assert not [value for _, value in judged if value.state == "failed"]
     degraded = [title for title, value in judged if value.state == "degraded" and not value.only]
     assert any(" bad frame" in title for title in degraded)
 
@@ -236,36 +171,6 @@ def test_a_bad_frame_is_judged_by_peak_and_duration() -> None:
     )
     assert once < 0.1 < 0.5 < twice, "what no head does is held back once"
     assert stability.disturbed("kalman", "spike of 1e18 px", 30, True)[0] < 0.5
-
-
-def test_colours_against_the_published_matrices() -> None:
-    """Three planes instead of six cost the most for random colours: 13 levels for Dubois, 40 and 41 for the others."""
-    left, right = np.random.default_rng(1).integers(0, 256, (2, 128, 128, 3), np.uint8)
-    errors = [
-        extremes.colour_error(name, "linear", left, right)
-        for name in ("colour", "dubois", "dubois-green-magenta")
-    ]
-    assert errors[0] < 0.51 and 5 < errors[1] < 16 < errors[2] < 45
-
-
-def test_latency_by_motion_and_noise_is_that_of_the_docs() -> None:
-    """More noise, more lag: README's figures are those of live faces."""
-    page = (Path(__file__).parents[2] / "docs" / "photon.md").read_text()
-    steady: dict[tuple[str, str], float] = {}
-    for row in photon.motion_table().rows:
-        name, _, noise = row.name.rpartition(", ")
-        ours, paper = (value.words for value in row.values.values())
-        steady[name, noise] = float(ours.partition("/")[2])
-        assert steady[name, noise] < 60 < 130 < float(paper.partition("/")[2])
-        (line,) = [line for line in page.splitlines() if line.startswith(f"| {name} |")]
-        printed = line.split("|")[2 + photon.NOISES_PX.index(float(noise.split()[0]))].split("/")
-        for here, there in zip(ours.split("/"), printed, strict=True):
-            assert here.strip() == there.strip() == "-" or abs(float(here) - float(there)) <= 5, (
-                line,
-                ours,
-            )
-    for motion in photon.MOTIONS:
-        assert steady[motion, "0.15 px"] < steady[motion, "0.5 px"]
 
 
 def test_a_sequence_is_read_frame_by_frame_and_a_recorded_one_will_do(tmp_path: Path) -> None:

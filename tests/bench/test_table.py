@@ -1,7 +1,11 @@
-"""The protocol of angular super-resolution: figures equal to scikit-image's, the views that papers keep."""
+"""The protocol of angular super-resolution: figures equal to scikit-image's, the views that papers
+keep.
+"""
 
+from functools import partial
 from pathlib import Path
 
+import attrs
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -16,7 +20,7 @@ from lfpipe.errors import UserError
 from lfpipe.render.scoring import psnr_db
 from lfpipe.scene.lightfield import LightField
 from tests.bench.inputs import wall
-from tests.world import World, write_scene
+from tests.support.world import World, write_scene
 
 
 @settings(max_examples=15)
@@ -39,9 +43,10 @@ def test_figures_are_those_of_scikit_image(
     x, y = (metrics.shaved(one, border_px) for one in luma)
     if (x != y).any():
         assert psnr_db(float(np.mean((x - y) ** 2))) == pytest.approx(
-            peak_signal_noise_ratio(x, y, data_range=255), abs=1e-10
+            peak_signal_noise_ratio(x, y, data_range=255),  # type: ignore[no-untyped-call]
+            abs=1e-10,
         )
-    expected = structural_similarity(
+    expected = structural_similarity(  # type: ignore[no-untyped-call]
         x, y, data_range=255, gaussian_weights=True, sigma=1.5, use_sample_covariance=False
     )
     assert metrics.ssim(x, y) == pytest.approx(expected, abs=1e-12)
@@ -69,8 +74,8 @@ def test_kept_views() -> None:
 
 
 def _run(fields: list[LightField], protocol: Protocol | None = None) -> Results:
-    scenes = [(Path(f"s{k}"), lambda field=field: field) for k, field in enumerate(fields)]
-    return measure_scenes(scenes, protocol or Protocol(border_px=8), lambda *_: None)  # type: ignore[arg-type]
+    scenes = [(Path(f"s{k}"), partial(attrs.evolve, field)) for k, field in enumerate(fields)]
+    return measure_scenes(scenes, protocol or Protocol(border_px=8), lambda *_: None)
 
 
 def test_methods_beside_each_other() -> None:
@@ -83,9 +88,10 @@ def test_methods_beside_each_other() -> None:
     other = _run([field], Protocol(3, 8, timed=False)).rows
     assert other[0].name == "nearest, wall, 3x3 -> 7x7" and "ms" not in other[0].values
     flat = _run([wall(3, 3, 64, disparity=False)])
-    assert [row.curve for row in flat.rows] == ["nearest", "blend"] and not flat.failures, (
-        "no warps without disparity"
-    )
+    assert [row.curve for row in flat.rows] == [
+        "nearest",
+        "blend",
+    ] and not flat.failures, "no warps without disparity"
     assert "2x2 -> 3x3" in flat.rows[0].name
 
 
@@ -95,8 +101,12 @@ def test_what_cannot_be_measured_is_left_out_with_its_reason() -> None:
 
     hole = wall(9, 9, 96)
     hole.present[1, 1] = False
-    results = [measure_scenes([(Path("nowhere"), missing)], Protocol(), lambda *_: None), _run([wall(2, 2)]),
-               _run([wall(9, 9, 50)], Protocol()), _run([hole])]  # fmt: skip
+    results = [
+        measure_scenes([(Path("nowhere"), missing)], Protocol(), lambda *_: None),
+        _run([wall(2, 2)]),
+        _run([wall(9, 9, 50)], Protocol()),
+        _run([hole]),
+    ]
     reasons = [*results[0].failures.values(), *(one.left_out[0] for one in results[1:])]
     words = ("no such", "between", "too small", "missing")
     assert all(word in reason for word, reason in zip(words, reasons, strict=True)), reasons

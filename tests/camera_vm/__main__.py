@@ -1,4 +1,6 @@
-"""`python -m tests.camera_vm`: the tests of this folder in a virtual machine with a real camera driver."""
+"""`python -m tests.camera_vm`: the tests of this folder in a virtual machine with a real camera
+driver.
+"""
 
 import argparse
 import shlex
@@ -13,7 +15,8 @@ import platformdirs
 from tests.camera_vm import machine
 
 SHORT = (  # what .ci/run runs
-    "every_format or gives_way or both_kinds or damaged or fatal or STREAMON or same_number or appears_later or fits_a_screen"
+    "every_format or gives_way or both_kinds or damaged or fatal or STREAMON or same_number or"
+    " appears_later or fits_a_screen"
 )
 
 

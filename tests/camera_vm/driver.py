@@ -11,18 +11,17 @@ from lfpipe.capture.frame_source import Frame
 from lfpipe.capture.reconnecting_camera import CameraLost, ReconnectingCamera
 from lfpipe.capture.v4l2_device import V4L2Device
 from lfpipe.errors import UserError
+from tests.support.world import until
 
 MODULES = Path("/run/modules")
 VIVID = "vivid-000-vid-cap"
 OWN = ("vivid", "vhci-hcd", "uvcvideo")  # loaded by the tests that need them
 # drivers/media/test-drivers/vivid/vivid-ctrls.c
 TIMESTAMP_SOURCE, OSD_TEXT, SIGNAL_MODE = 0x00F0F018, 0x00F0F001, 0x00F0F03E
-DROPPED_PERCENT, DISCONNECT, BUFFER_ERROR, REQBUFS_ERROR = (
-    0x00F0F040,
-    0x00F0F041,
-    0x00F0F042,
-    0x00F0F043,
-)
+DROPPED_PERCENT = 0x00F0F040
+DISCONNECT = 0x00F0F041
+BUFFER_ERROR = 0x00F0F042
+REQBUFS_ERROR = 0x00F0F043
 QBUF_ERROR, STREAMON_ERROR, FATAL_ERROR = 0x00F0F044, 0x00F0F045, 0x00F0F046
 
 
@@ -70,8 +69,7 @@ def plug(number: int = 0, *more: str) -> Path:
         *(more or ("num_inputs=1", "input_types=0")),
     )
     path = Path(f"/dev/video{number}")
-    while not path.exists():
-        time.sleep(0.01)
+    until(path.exists, str(path))
     inject(path, OSD_TEXT, 2)
     return path
 
@@ -87,7 +85,8 @@ def inject(path: Path, control: int, value: int = 1) -> None:
 
 def read(camera: ReconnectingCamera, out: np.ndarray, limit_s: float = 30.0) -> tuple[Frame, bool]:
     """The next frame, and whether the camera was lost before it."""
-    until, lost = time.monotonic() + limit_s, False
+    until = time.monotonic() + limit_s
+    lost = False
     while time.monotonic() < until:
         try:
             frame = camera.read(out)
@@ -104,7 +103,9 @@ def read(camera: ReconnectingCamera, out: np.ndarray, limit_s: float = 30.0) -> 
 def after(
     act: Callable[[], None], camera: ReconnectingCamera, rate_hz: float, frames: int = 10
 ) -> tuple[int, bool]:
-    """What a fault between frames costs: (frames that are missing among the next ones, whether the camera counts as lost)."""
+    """What a fault between frames costs: (frames that are missing among the next ones, whether the
+    camera counts as lost).
+    """
     out = np.empty((180, 320, 3), np.uint8)
     for _ in range(5):
         last, _ = read(camera, out)

@@ -1,4 +1,6 @@
-"""A virtual machine with a Debian kernel and its camera drivers, over this machine's own files: see README.md."""
+"""A virtual machine with a Debian kernel and its camera drivers, over this machine's own files: see
+README.md.
+"""
 
 import contextlib
 import os
@@ -35,18 +37,22 @@ export PATH=/bin; /bin/busybox mkdir -p /bin /proc /sys /dev /low /top /new
 /bin/busybox --install -s /bin
 mount -t proc proc /proc; mount -t sysfs sys /sys; mount -t devtmpfs dev /dev
 echo {booted}
-while read -r module; do insmod /modules/$module || echo "insmod $module failed"; done < /modules/boot.list
+while read -r module; do
+  insmod /modules/$module || echo "insmod $module failed"
+done < /modules/boot.list
 share=trans=virtio,version=9p2000.L,msize=262144
 mount -t 9p -o $share,ro,cache=loose root /low
 mount -t tmpfs -o size=2g top /top; mkdir /top/upper /top/work
 mount -t overlay -o lowerdir=/low,upperdir=/top/upper,workdir=/top/work root /new
 for each in proc sys dev; do mount --move /$each /new/$each; done
-mkdir -p /new/dev/shm /new/run /new/guest; for each in dev/shm run; do mount -t tmpfs tmpfs /new/$each; done
+mkdir -p /new/dev/shm /new/run /new/guest
+for each in dev/shm run; do mount -t tmpfs tmpfs /new/$each; done
 mkdir -p /new/run/modules; cp /modules/* /new/run/modules/
 mount -t 9p -o $share out /new/guest
 exec switch_root /new /bin/sh /guest/start
 """
-START = """export PATH={path} HOME=/root LFPIPE_GUEST=1 PYTHONDONTWRITEBYTECODE= PYTHONPYCACHEPREFIX=
+START = """export PATH={path} HOME=/root LFPIPE_GUEST=1
+export PYTHONDONTWRITEBYTECODE= PYTHONPYCACHEPREFIX=
 case {checkout} in /tmp/*) ;; *) mount -t tmpfs tmpfs /tmp ;; esac
 cd {checkout}
 ip link set lo up 2>/dev/null || busybox ip link set lo up
@@ -115,7 +121,10 @@ def _kernel_package() -> str:
 
 
 def prepare(cache: Path) -> Kernel:
-    """Downloads the kernel into cache, once, and packs the initial file system. Raises UnavailableError."""
+    """Downloads the kernel into cache, once, and packs the initial file system.
+
+    Raises UnavailableError.
+    """
     package = _kernel_package()
     version = package.removeprefix("linux-image-")
     folder = cache / version
@@ -152,9 +161,11 @@ def prepare(cache: Path) -> Kernel:
 
 
 def run(kernel: Kernel, command: str, out: Path, limit_s: float) -> tuple[int, str]:
-    """Runs command in the guest, in this folder; out is its /guest. Ends the machine after limit_s, whatever happens.
+    """Runs command in the guest, in this folder; out is its /guest. Ends the machine after limit_s,
+    whatever happens.
 
-    Returns exit code and output. Raises UnavailableError if the guest does not boot, or does not finish in time.
+    Returns exit code and output. Raises UnavailableError if the guest does not boot, or does not
+    finish in time.
     """
     (out / "start").write_text(
         START.format(path=os.environ["PATH"], checkout=Path.cwd(), command=command)
@@ -184,7 +195,8 @@ def run(kernel: Kernel, command: str, out: Path, limit_s: float) -> tuple[int, s
             process = subprocess.Popen(
                 words, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
             )
-        began, booted = time.monotonic(), False
+        began = time.monotonic()
+        booted = False
         try:
             while process.poll() is None and time.monotonic() < began + (
                 limit_s if booted else min(boot_s, limit_s)
@@ -197,9 +209,10 @@ def run(kernel: Kernel, command: str, out: Path, limit_s: float) -> tuple[int, s
             process.wait()
         output = (printed if printed.exists() else console).read_text(errors="replace")
         if (out / "code").exists():
-            return int(
-                (out / "code").read_text()
-            ), f"{output}\n{accelerator}, {time.monotonic() - began:.0f} s"
+            return (
+                int((out / "code").read_text()),
+                f"{output}\n{accelerator}, {time.monotonic() - began:.0f} s",
+            )
         if booted:
             raise UnavailableError(
                 f"the guest did not finish in {limit_s:.0f} s: {output[-2000:].strip()}"

@@ -4,7 +4,9 @@ import contextlib
 import subprocess
 import sys
 from pathlib import Path
+from typing import cast
 
+import attrs
 import numpy as np
 import pytest
 
@@ -13,11 +15,12 @@ from lfpipe.capture.camera import CameraSource, check_camera, open_camera
 from lfpipe.capture.camera_list import asking, cameras
 from lfpipe.capture.frame_source import Frame
 from lfpipe.capture.pixel_formats import DECODED
+from lfpipe.config.tree import PixelFormat
 from lfpipe.transport.ring import StampKind
 from tests.camera_vm import driver
 
 pytestmark = pytest.mark.camera_vm
-SMALL = {"width_px": 320, "height_px": 180, "rate_hz": 10.0}
+SMALL = config.Camera(width_px=320, height_px=180, rate_hz=10.0)
 MODULES = Path("/run/modules")
 
 
@@ -31,7 +34,7 @@ def frames(source: CameraSource, count: int) -> tuple[np.ndarray, list[Frame]]:
 
 
 def test_every_format_that_can_be_decoded_gives_the_same_picture(vivid: Path) -> None:
-    reference, _ = frames(open_camera(vivid, config.Camera(format="BGR3", **SMALL)), 1)
+    reference, _ = frames(open_camera(vivid, attrs.evolve(SMALL, format="BGR3")), 1)
     rec_709 = reference @ np.array([0.0722, 0.7152, 0.2126])
     grey = np.repeat(rec_709[..., None], 3, axis=2)
     offered = asking(vivid, lambda device: device.fourccs())
@@ -39,7 +42,7 @@ def test_every_format_that_can_be_decoded_gives_the_same_picture(vivid: Path) ->
     assert {"YUYV", "NV12", "GREY", "RGGB"} <= set(tried)
     wrong = {}
     for fourcc in tried:
-        source = open_camera(vivid, config.Camera(format=fourcc, **SMALL))
+        source = open_camera(vivid, attrs.evolve(SMALL, format=cast(PixelFormat, fourcc)))
         assert f"delivers {fourcc} 320x180 at 10 Hz" in source.info.notes[0]
         picture, _ = frames(source, 1)
         apart = np.abs(picture.astype(int) - (grey if fourcc == "GREY" else reference))
@@ -49,7 +52,7 @@ def test_every_format_that_can_be_decoded_gives_the_same_picture(vivid: Path) ->
 
 
 def test_a_format_that_cannot_be_decoded_gives_way(vivid: Path) -> None:
-    source = open_camera(vivid, config.Camera(format="HSV3", **SMALL))  # type: ignore[arg-type]
+    source = open_camera(vivid, attrs.evolve(SMALL, format="HSV3"))  # type: ignore[arg-type]
     assert any("HSV3 requested" in note for note in source.info.notes)
     assert len(frames(source, 2)[1]) == 2
 
@@ -72,7 +75,7 @@ def test_both_kinds_of_stamp_are_used_although_they_are_ahead(
     vivid: Path, value: int, kind: StampKind
 ) -> None:
     driver.inject(vivid, driver.TIMESTAMP_SOURCE, value)
-    source = open_camera(vivid, config.Camera(**SMALL))
+    source = open_camera(vivid, SMALL)
     _, found = frames(source, 12)
     assert not any("time stamps" in note for note in source.info.notes)
     assert {frame.stamp for frame in found} == {kind}
@@ -84,7 +87,8 @@ def test_both_kinds_of_stamp_are_used_although_they_are_ahead(
 
 
 def test_the_list_of_cameras_fits_a_screen(vivid: Path) -> None:
-    words, env = (sys.executable, "-m", "lfpipe", "cameras"), {"COLUMNS": "80", "HOME": "/root"}
+    words = (sys.executable, "-m", "lfpipe", "cameras")
+    env = {"COLUMNS": "80", "HOME": "/root"}
     lines = subprocess.run(
         words, capture_output=True, text=True, env=env, check=True
     ).stdout.splitlines()

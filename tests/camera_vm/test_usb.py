@@ -1,4 +1,6 @@
-"""The kernel's uvcvideo with a USB camera in software: modes, damage, slow controls, replugging, and a face from end to end."""
+"""The kernel's uvcvideo with a USB camera in software: modes, damage, slow controls, replugging,
+and a face from end to end.
+"""
 
 import contextlib
 import json
@@ -20,6 +22,7 @@ from lfpipe.capture.spec import CameraSpec
 from lfpipe.errors import UserError
 from tests.camera_vm import driver
 from tests.camera_vm.usb_camera import AE_PRIORITY, Frames, UsbCamera
+from tests.support.world import until
 
 pytestmark = [pytest.mark.camera_vm, pytest.mark.timeout(480)]
 SIZE = (320, 240)
@@ -31,7 +34,8 @@ Plug = Callable[..., UsbCamera]
 
 def jpegs(count: int) -> list[bytes]:
     """Frames of the demo's viewer, 10 per second of their path."""
-    source, out = DemoSource(CAMERA), np.empty((SIZE[1], SIZE[0], 3), np.uint8)
+    source = DemoSource(CAMERA)
+    out = np.empty((SIZE[1], SIZE[0], 3), np.uint8)
     frames = []
     for _ in range(count):
         source.read(out)
@@ -61,11 +65,8 @@ def plug() -> Iterator[Plug]:
         count = len(list(Path("/sys/class/video4linux").glob("video*")))
         camera = camera or UsbCamera(MODES, face)
         camera.plug(port)
-        until = time.monotonic() + 30
-        while (
-            len(list(Path("/dev").glob("video*"))) < count + 2 and time.monotonic() < until
-        ):  # pictures and metadata
-            time.sleep(0.05)
+        pictures_and_metadata = count + 2
+        until(lambda: len(list(Path("/dev").glob("video*"))) >= pictures_and_metadata, "camera", 30)
         plugged.append(camera)
         return camera
 
@@ -91,19 +92,16 @@ def test_the_rate_decides_between_formats_and_damaged_frames_are_none(plug: Plug
             "dynamic frame rate switched off" in note for note in camera.info.notes
         )
         assert usb.controls[AE_PRIORITY].value == 0
-        usb.frame = lambda _, number: FRAMES[0][
-            : -2 if number % 2 else -900
-        ]  # every other one lacks more than its end
+        # every other one lacks more than its end
+        usb.frame = lambda _, number: FRAMES[0][: -2 if number % 2 else -900]
         first = [camera.read(out) for _ in range(6)]
         numbers = [frame.source_seq for frame in first[2:] if frame is not None]
         assert np.diff(numbers).min() >= 2, "the damaged ones are missing"
         np.testing.assert_array_equal(
             out, cv2.imdecode(np.frombuffer(FRAMES[0], np.uint8), cv2.IMREAD_COLOR)
         )
-    until = time.monotonic() + 60  # the camera does not wait for its controls
-    while usb.controls[AE_PRIORITY].value != 1 and time.monotonic() < until:
-        time.sleep(0.1)
-    assert usb.controls[AE_PRIORITY].value == 1, "restored"
+    # the camera does not wait for its controls
+    until(lambda: usb.controls[AE_PRIORITY].value == 1, "restored control")
 
 
 def test_a_slow_control_stops_no_frame(plug: Plug) -> None:
@@ -134,10 +132,13 @@ def test_a_camera_returns_whatever_its_number_and_a_twin_stays_out(plug: Plug) -
 
 
 def test_a_face_seen_through_it_moves_the_picture(plug: Plug, tmp_path: Path) -> None:
-    """However slowly the machine is emulated: waits until the view has moved, and frames are as few as a loaded one tracks."""
+    """However slowly the machine is emulated: waits until the view has moved, and frames are as few
+    as a loaded one tracks.
+    """
+    # a brisk head
     plug(
         0, UsbCamera([Frames("MJPG", *SIZE, (1.0,))], lambda _, number: face(MODES[1], 4 * number))
-    )  # a brisk head
+    )
     scene, trace = tmp_path / "scene", tmp_path / "t.jsonl"
     scene.mkdir()
     rng = np.random.default_rng(1)
@@ -145,9 +146,8 @@ def test_a_face_seen_through_it_moves_the_picture(plug: Plug, tmp_path: Path) ->
     for name, left in (("view_00_00", 4), ("view_00_01", 0), ("view_01_00", 4), ("view_01_01", 0)):
         cv2.imwrite(str(scene / f"{name}.png"), base[:, left : left + 72])
     pack = [sys.executable, "-m", "lfpipe", "scene", "pack", str(scene)]
-    for _ in range(
-        3
-    ):  # packed beforehand: a child without a step for a minute is ended, and so are its imports here
+    # packed beforehand: a child without a step for a minute is ended, and so are its imports here
+    for _ in range(3):
         if subprocess.run(pack, env={"HOME": "/root"}, check=False).returncode == 0:
             break
     sets = (

@@ -1,7 +1,9 @@
-"""A USB camera in software: the device side of USB/IP on `vhci-hcd`, so that the kernel's own uvcvideo drives it.
+"""A USB camera in software: the device side of USB/IP on `vhci-hcd`, so that the kernel's own
+uvcvideo drives it.
 
-USB/IP messages as in the kernel's Documentation/usb/usbip_protocol.rst, descriptors and requests as in the USB Device Class
-Definition for Video Devices 1.0. Frames travel by bulk transfers; the attributes of `UsbCamera` are its faults.
+USB/IP messages as in the kernel's Documentation/usb/usbip_protocol.rst, descriptors and requests as
+in the USB Device Class Definition for Video Devices 1.0. Frames travel by bulk transfers; the
+attributes of `UsbCamera` are its faults.
 """
 
 import contextlib
@@ -65,7 +67,10 @@ def _d(form: str, *values: object) -> bytes:
 
 
 class UsbCamera:
-    """Plugged in from `plug` to `unplug`. frame: called for each frame, returns its bytes. Fault: slow_s, of each control."""
+    """Plugged in from `plug` to `unplug`.
+
+    frame: called for each frame, returns its bytes. Fault: slow_s, of each control.
+    """
 
     def __init__(
         self,
@@ -73,11 +78,15 @@ class UsbCamera:
         frame: Callable[[Frames, int], bytes],
         name: str = "Software camera",
     ) -> None:
-        self._modes, self.frame, self._name = list(modes), frame, name
+        self._modes = list(modes)
+        self.frame = frame
+        self._name = name
         self._formats = list(dict.fromkeys(mode.fourcc for mode in modes))
         self.controls = default_controls()
         self.slow_s = 0.0
-        self.mode, self.interval, self.sent = self._modes[0], CLOCK // 30, 0
+        self.mode = self._modes[0]
+        self.interval = CLOCK // 30
+        self.sent = 0
         self._probe = b""
         self._socket: socket.socket | None = None
         self._port = -1
@@ -86,11 +95,9 @@ class UsbCamera:
         """Plugs the camera into a port of the bus."""
         mine, kernels = socket.socketpair()
         self._socket, self._port = mine, port
-        self._lock, self._pending, self._ready = (
-            threading.Lock(),
-            list[tuple[int, int]](),
-            threading.Event(),
-        )
+        self._lock = threading.Lock()
+        self._pending = list[tuple[int, int]]()
+        self._ready = threading.Event()
         (HCD / "attach").write_text(f"{port} {kernels.fileno()} {0x10001 + port} {HIGH_SPEED}")
         kernels.close()
         self._ended = threading.Event()
@@ -118,7 +125,8 @@ class UsbCamera:
         header = _d("BBHHIBB", 0x24, 1, 0x0100, 13 + len(units), 48_000_000, 1, 1)
         formats = b""
         for index, fourcc in enumerate(self._formats, 1):
-            modes, jpeg = self._modes_of(fourcc), fourcc == "MJPG"
+            modes = self._modes_of(fourcc)
+            jpeg = fourcc == "MJPG"
             if jpeg:
                 formats += _d("BBBBBBBBBB", 0x24, 6, index, len(modes), 1, 1, 0, 0, 0, 0)
             else:
@@ -126,10 +134,8 @@ class UsbCamera:
                     "BBBB16sBBBBBB", 0x24, 4, index, len(modes), YUYV_GUID, 16, 1, 0, 0, 0, 0
                 )
             for number, mode in enumerate(modes, 1):
-                size, intervals = (
-                    2 * mode.width_px * mode.height_px,
-                    [round(CLOCK / hz) for hz in mode.rates_hz],
-                )
+                size = 2 * mode.width_px * mode.height_px
+                intervals = [round(CLOCK / hz) for hz in mode.rates_hz]
                 rate = (16 * size, 16 * size * 30, size, intervals[0], len(intervals), *intervals)
                 form = f"BBBBHHIIIIB{len(intervals)}I"
                 formats += _d(
@@ -293,15 +299,19 @@ class UsbCamera:
         return None
 
     def _send_frames(self, link: socket.socket) -> None:
-        due, parity = time.monotonic(), 0
+        due = time.monotonic()
+        parity = 0
         while (transfer := self._take()) is not None:
             due = max(due + self.interval / CLOCK, time.monotonic())
             time.sleep(max(0.0, due - time.monotonic()))
-            data, parity, self.sent = self.frame(self.mode, self.sent), parity ^ 1, self.sent + 1
+            data = self.frame(self.mode, self.sent)
+            parity = parity ^ 1
+            self.sent = self.sent + 1
             while transfer is not None:
                 room = transfer[1] - 2
                 last = len(data) <= room
                 self._submitted(
                     link, transfer[0], bytes([2, 0x80 | parity | 2 * last]) + data[:room]
                 )
-                data, transfer = data[room:], None if last else self._take()
+                data = data[room:]
+                transfer = None if last else self._take()

@@ -1,9 +1,13 @@
-"""A V4L2 device and its stream in memory; the test scripts modes, failures and stamps. The real driver: tests/camera_vm."""
+"""A V4L2 device and its stream in memory; the test scripts modes, failures and stamps.
+
+The real driver: tests/camera_vm.
+"""
 
 import errno
 import time
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import attrs
 import numpy as np
@@ -11,7 +15,13 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.capture.camera import CameraSource
-from lfpipe.capture.v4l2_device import ControlRange, FrameSizes, Mode, RawFrame
+from lfpipe.capture.v4l2_device import (
+    ControlRange,
+    FrameSizes,
+    Mode,
+    RawFrame,
+    V4L2Device,
+)
 
 PATH = Path("/dev/null")
 
@@ -24,15 +34,17 @@ class FakeControl:
     step: int = 1
 
 
-class FakeCamera:
-    """mode: what `configure` answers; None: the mode that was requested. frames: what comes, in turn: bytes or an exception; then
-    the last one for ever. offered: its formats with their sizes and rates. slow_s: how long a control takes to answer. refused:
-    controls that cannot be set.
+class FakeCamera(V4L2Device):
+    """mode: what `configure` answers; None: the mode that was requested. frames: what comes, in
+    turn: bytes or an exception; then the last one for ever. offered: its formats with their sizes
+    and rates. slow_s: how long a control takes to answer. refused: controls that cannot be set.
 
     Frame k has sequence k and a stamp age_s before its reading.
     """
 
-    driver, captures = "fake", True
+    driver = "fake"
+    captures = True
+    signal = True
 
     def __init__(
         self,
@@ -45,17 +57,17 @@ class FakeCamera:
         self.frames = list(frames) or [
             bytes([9, 128] * (self.mode.stride // 2 * self.mode.height_px))
         ]
-        self.offered, self.controls = list(offered), controls or {}
+        self.offered = list(offered)
+        self.controls = controls or {}
         self.requested: list[tuple[object, ...]] = []
-        self.signal, self.slow_s, self.refused = True, 0.0, set[int]()
+        self.slow_s = 0.0
+        self.refused = set[int]()
         self.sequences: list[int] = []  # of the frames to come; empty: counting
-        self.age_s, self.start_of_exposure, self.damaged, self.closed, self.sent = (
-            0.005,
-            False,
-            False,
-            0,
-            0,
-        )
+        self.age_s = 0.005
+        self.start_of_exposure = False
+        self.damaged = False
+        self.closed = 0
+        self.sent = 0
 
     def fourccs(self) -> list[str]:
         return list(
@@ -98,12 +110,18 @@ class FakeCamera:
         self.sent += 1
         data: NDArray[np.uint8] = np.frombuffer(item, np.uint8)
         stamp_ns = time.monotonic_ns() - int(self.age_s * 1e9)
-        return RawFrame(data, sequence, stamp_ns, self.start_of_exposure, self.damaged)
+        return RawFrame(
+            data=data,
+            sequence=sequence,
+            stamp_ns=stamp_ns,
+            start_of_exposure=self.start_of_exposure,
+            damaged=self.damaged,
+        )
 
     def close(self) -> None:
         self.closed += 1
 
 
-def source(device: FakeCamera, **settings: object) -> CameraSource:
+def source(device: FakeCamera, **settings: Any) -> CameraSource:
     """The product's camera on device."""
     return CameraSource(PATH, attrs.evolve(config.Camera(), **settings), device)

@@ -33,7 +33,9 @@ def jpeg(index: int, size: tuple[int, int] = SIZE) -> bytes:
 
 
 def seen(packet: bytes) -> np.ndarray:
-    return cv2.imdecode(np.frombuffer(packet, np.uint8), cv2.IMREAD_COLOR)
+    picture = cv2.imdecode(np.frombuffer(packet, np.uint8), cv2.IMREAD_COLOR)
+    assert picture is not None
+    return picture
 
 
 def video(path: Path, fourcc: str, frames: list[np.ndarray]) -> Path:

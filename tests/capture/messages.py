@@ -4,6 +4,7 @@ import errno
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from lfpipe.capture.camera import trouble
 from lfpipe.capture.camera_list import CameraDevice, by_name
@@ -40,45 +41,87 @@ def failing(number: int) -> Cause:
     return cause
 
 
-def camera(**changes: object) -> Cause:
+def camera(signal: bool = True, **how: Any) -> Cause:
     def cause(_: Path) -> None:
-        device = FakeCamera(
-            changes.get("mode"), changes.get("frames", ()), changes.get("offered", ("YUYV",))
-        )  # type: ignore[arg-type]
-        device.signal = bool(changes.get("signal", True))
+        device = FakeCamera(**{"offered": ("YUYV",), **how})
+        device.signal = signal
         source(device)
 
     return cause
 
 
 MESSAGES: dict[str, tuple[Cause, str]] = {
-    "no scheme": (parsed("fiel:a.mp4"), "'fiel:a.mp4': not a frame source … camera:N, … file:PATH?loop=0|1 … demo"),
+    "no scheme": (
+        parsed("fiel:a.mp4"),
+        "'fiel:a.mp4': not a frame source … camera:N, … file:PATH?loop=0|1 … demo",
+    ),
     "no camera given": (parsed("camera: "), "'camera: ': not a frame source … camera:NAME"),
     "no path": (parsed("file:?loop=0"), "file: no path given … file:walk.mp4"),
-    "bad pace": (parsed("file:a?pace=nan"), "'pace=nan' in 'file:a?pace=nan': … pace=recorded|max|HZ … 10000 … another '?'"),
-    "no file": (checked("a.avi", lambda path: None), "/here/a.avi: no such file … relative to the current directory"),
-    "text": (checked("a.avi", lambda path: path.write_text("text")), "/here/a.avi: not a readable video … mp4, mkv"),
-    "damaged picture": (
-        checked("a.png", lambda path: path.write_text("text")), "/here/a.png: not a readable picture … remove it from the folder"
+    "bad pace": (
+        parsed("file:a?pace=nan"),
+        "'pace=nan' in 'file:a?pace=nan': … pace=recorded|max|HZ … 10000 … another '?'",
     ),
-    "empty folder": (checked("a", Path.mkdir), "/here/a: a folder without pictures … .png … or name a video in it"),
+    "no file": (
+        checked("a.avi", lambda path: None),
+        "/here/a.avi: no such file … relative to the current directory",
+    ),
+    "text": (
+        checked("a.avi", lambda path: path.write_text("text")),
+        "/here/a.avi: not a readable video … mp4, mkv",
+    ),
+    "damaged picture": (
+        checked("a.png", lambda path: path.write_text("text")),
+        "/here/a.png: not a readable picture … remove it from the folder",
+    ),
+    "empty folder": (
+        checked("a", Path.mkdir),
+        "/here/a: a folder without pictures … .png … or name a video in it",
+    ),
     "unplugged": (failing(errno.ENODEV), "camera /dev/video7: unplugged … plug it in again"),
     "no permission": (failing(errno.EACCES), "camera /dev/video7: no permission … group `video`"),
-    "forbidden": (failing(errno.EPERM), "camera /dev/video7: the system forbids it … `--device /dev/video7`"),
+    "forbidden": (
+        failing(errno.EPERM),
+        "camera /dev/video7: the system forbids it … `--device /dev/video7`",
+    ),
     "busy": (failing(errno.EBUSY), "camera /dev/video7: busy … `fuser -v /dev/video7`"),
-    "full bus": (failing(errno.ENOSPC), "camera /dev/video7: the USB bus has no room … camera.format=MJPG … camera.width_px"),
-    "silent driver": (failing(errno.ETIMEDOUT), "camera /dev/video7: its driver does not answer … plug it in again"),
-    "other failure": (failing(errno.EIO), "camera /dev/video7: its driver failed (Input/output error) … plug it in again"),
+    "full bus": (
+        failing(errno.ENOSPC),
+        "camera /dev/video7: the USB bus has no room … camera.format=MJPG … camera.width_px",
+    ),
+    "silent driver": (
+        failing(errno.ETIMEDOUT),
+        "camera /dev/video7: its driver does not answer … plug it in again",
+    ),
+    "other failure": (
+        failing(errno.EIO),
+        "camera /dev/video7: its driver failed (Input/output error) … plug it in again",
+    ),
     "no signal": (camera(signal=False), "camera /dev/null: no signal at its input … switch on"),
-    "no picture": (camera(frames=[TimeoutError()]), "camera /dev/null: no picture for 5 s … plug it in again"),
-    "unknown formats": (camera(offered=["H264", "HSV3"]), "camera /dev/null: none … decoded (H264, HSV3) … MJPG, JPEG, YUYV"),
+    "no picture": (
+        camera(frames=[TimeoutError()]),
+        "camera /dev/null: no picture for 5 s … plug it in again",
+    ),
+    "unknown formats": (
+        camera(offered=["H264", "HSV3"]),
+        "camera /dev/null: none … decoded (H264, HSV3) … MJPG, JPEG, YUYV",
+    ),
     "another format": (
-        camera(offered=[FrameSizes("YUYV", 640, 480)], mode=Mode("H264", 640, 480, 0, 30.0)),
+        camera(
+            offered=[FrameSizes(fourcc="YUYV", width_px=640, height_px=480)],
+            mode=Mode("H264", 640, 480, 0, 30.0),
+        ),
         "camera /dev/null: none … can be decoded (H264) … MJPG, JPEG, YUYV",
     ),
     "impossible rows": (
-        camera(mode=Mode("YUYV", 640, 480, 1279, 30.0)), "camera /dev/null: YUYV of 640 px with 1279 bytes … camera.format"
+        camera(mode=Mode("YUYV", 640, 480, 1279, 30.0)),
+        "camera /dev/null: YUYV of 640 px with 1279 bytes … camera.format",
     ),
-    "two of a name": (lambda _: by_name("cam", TWINS), "camera:cam: 2 cameras … camera:/dev/video1 or camera:/dev/video2"),
-    "no number": (lambda _: OpenCVCamera(Path("/dev/front"), Camera()), "camera /dev/front: not the number … camera:0"),
-}  # fmt: skip
+    "two of a name": (
+        lambda _: by_name("cam", TWINS),
+        "camera:cam: 2 cameras … camera:/dev/video1 or camera:/dev/video2",
+    ),
+    "no number": (
+        lambda _: OpenCVCamera(Path("/dev/front"), Camera()),
+        "camera /dev/front: not the number … camera:0",
+    ),
+}

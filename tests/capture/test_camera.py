@@ -1,4 +1,6 @@
-"""The camera without a camera: negotiation, notes, stamps, counting and real errors. With a real driver: tests/camera_vm."""
+"""The camera without a camera: negotiation, notes, stamps, counting and real errors. With a real
+driver: tests/camera_vm.
+"""
 
 import errno
 from pathlib import Path
@@ -12,8 +14,8 @@ from hypothesis import strategies as st
 from lfpipe import config
 from lfpipe.capture import v4l2_abi as abi
 from lfpipe.capture.camera import MAX_AGE_NS, SensorClock, negotiate, open_device, stamp_kind
-from lfpipe.capture.camera_list import CameraDevice, cameras
-from lfpipe.capture.open_source import NoCamera, check_source, resolve
+from lfpipe.capture.camera_list import CameraDevice, NoCamera, cameras
+from lfpipe.capture.open_source import check_source, resolve
 from lfpipe.capture.v4l2_device import FrameSizes, Mode, V4L2Device
 from lfpipe.errors import UserError
 from lfpipe.transport.ring import StampKind
@@ -37,10 +39,15 @@ def test_requests_are_those_of_the_kernel() -> None:
 
 def listed(*modes: str) -> list[FrameSizes]:
     """Modes as in "YUYV 640x480 30 15"."""
-    split = [mode.split() for mode in modes]
+    split = [mode.replace("x", " ").split() for mode in modes]
     return [
-        FrameSizes(fourcc, *map(int, size.split("x")), tuple(map(float, rates)))
-        for fourcc, size, *rates in split
+        FrameSizes(
+            fourcc=fourcc,
+            width_px=int(width),
+            height_px=int(height),
+            rates_hz=tuple(map(float, rates)),
+        )
+        for fourcc, width, height, *rates in split
     ]
 
 
@@ -58,11 +65,8 @@ def listed(*modes: str) -> list[FrameSizes]:
         (["GREY 640x480 30", "MJPG 640x480 30"], {}, ("MJPG", 640, 480)),
         (["H264 640x480 30", "NV12 640x480 30"], {}, ("NV12", 640, 480)),
         (["H264 640x480 30", "NV12 640x480 30"], {"format": "YUYV"}, ("NV12", 640, 480)),
-        (
-            [],
-            {"width_px": 1280, "height_px": 720},
-            ("MJPG", 1280, 720),
-        ),  # a camera that lists nothing: what is usual
+        # a camera that lists nothing: what is usual
+        ([], {"width_px": 1280, "height_px": 720}, ("MJPG", 1280, 720)),
     ],
 )
 def test_the_mode_is_chosen_by_size_rate_and_cost(
@@ -79,7 +83,13 @@ def test_what_the_driver_rounds_is_noted_and_a_range_of_sizes_has_the_wanted_one
     assert device.requested == [("YUYV", 640, 480, 30.0)] and mode == device.mode
     for part in ("MJPG 800x600 at 15 Hz", "YUYV requested", "scaled to 640x480", "30 Hz requested"):
         assert part in " ".join(info.notes)
-    device = FakeCamera(offered=[FrameSizes("YUYV", 32, 32, (30.0,), (4096, 4096))])
+    device = FakeCamera(
+        offered=[
+            FrameSizes(
+                fourcc="YUYV", width_px=32, height_px=32, rates_hz=(30.0,), largest_px=(4096, 4096)
+            )
+        ]
+    )
     assert negotiate(PATH, device, config.Camera())[1].notes == (
         "the camera delivers YUYV 640x480 at 30 Hz",
     )
@@ -103,13 +113,10 @@ def test_a_signal_that_ends_is_said_and_shows_no_noise() -> None:
 def test_stamps_move_to_the_middle_of_the_exposure(
     now_ns: int, age_ns: int, exposure_ns: int | None, start: bool
 ) -> None:
-    kind, stamp_ns = (
-        StampKind.START_OF_EXPOSURE if start else StampKind.END_OF_FRAME,
-        now_ns - age_ns,
-    )
-    half_ns = (
-        PERIOD_NS // 4 if exposure_ns is None else exposure_ns // 2
-    )  # an unknown exposure is half a period
+    kind = StampKind.START_OF_EXPOSURE if start else StampKind.END_OF_FRAME
+    stamp_ns = now_ns - age_ns
+    # an unknown exposure is half a period
+    half_ns = PERIOD_NS // 4 if exposure_ns is None else exposure_ns // 2
     middle_ns = min(stamp_ns + (half_ns if start else -half_ns), now_ns)
     assert SensorClock(10.0).middle_ns(stamp_ns, kind, now_ns, exposure_ns) == (middle_ns, kind)
 
@@ -120,10 +127,10 @@ def test_stamps_ahead_of_the_clock_by_less_than_a_frame_keep_their_spacing(
     waits_ns: list[int],
 ) -> None:
     """As those of vivid: for the end of a frame that is handed out before its end."""
-    clock, found = SensorClock(10.0), []
-    for k, wait_ns in enumerate(
-        [0, *waits_ns]
-    ):  # the first is read at once: the largest lead there is
+    clock = SensorClock(10.0)
+    found = []
+    # the first is read at once: the largest lead there is
+    for k, wait_ns in enumerate([0, *waits_ns]):
         stamp_ns = 10**12 + k * PERIOD_NS
         read_ns = stamp_ns - PERIOD_NS + wait_ns
         middle_ns, kind = clock.middle_ns(stamp_ns, StampKind.END_OF_FRAME, read_ns, 0)
@@ -162,7 +169,8 @@ def test_frames_carry_the_drivers_stamp_or_the_time_of_reading_which_is_noted(
     age_s: float, kind: StampKind
 ) -> None:
     device = FakeCamera()
-    device.start_of_exposure, device.age_s = True, age_s
+    device.start_of_exposure = True
+    device.age_s = age_s
     camera = source(device)
     frame = camera.read(OUT)
     assert any("no usable time stamps" in note for note in camera.info.notes) == (
@@ -179,7 +187,8 @@ def test_frames_that_the_driver_lost_leave_gaps(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr("time.monotonic_ns", lambda: now[0])
     device = FakeCamera()
     device.sequences = [7, 8, 11, 2**32 - 1, 0, 0, 0]  # lost two; nonsense; wrapped; does not count
-    camera, seqs = source(device), []
+    camera = source(device)
+    seqs = []
     for periods in (1, 3, 1, 1, 1, 1):
         now[0] += periods * 33_333_333
         frame = camera.read(OUT)
@@ -259,7 +268,8 @@ def test_the_nodes_own_capabilities_decide(whole: int, node: int, tells: bool) -
                 capabilities=whole | (abi.CAP_DEVICE_CAPS if tells else 0), device_caps=node
             )
 
-    device, own = Answering(PATH), node if tells else whole
+    device = Answering(PATH)
+    own = node if tells else whole
     assert device.captures == (own & abi.CAP_CAPTURES == abi.CAP_CAPTURES)
     assert device.multi_planar == (not device.captures and bool(own & abi.CAP_MULTI_PLANAR))
 
@@ -267,7 +277,7 @@ def test_the_nodes_own_capabilities_decide(whole: int, node: int, tells: bool) -
 @pytest.mark.native("Video4Linux")
 def test_a_multi_planar_camera_is_named_with_libcamera(monkeypatch: pytest.MonkeyPatch) -> None:
     class MultiPlanar(FakeCamera):
-        captures, multi_planar = False, True  # type: ignore[assignment]
+        captures, multi_planar = False, True
 
     monkeypatch.setattr("lfpipe.capture.camera_list.V4L2Device", lambda *_: MultiPlanar())
     with pytest.raises(UserError, match="multi-planar") as caught:
@@ -297,8 +307,8 @@ def test_the_first_camera_is_the_first_device_that_captures(
     listed = [CameraDevice(Path(f"/dev/video{k}"), "Webcam", "usb-1") for k in range(2)]
     monkeypatch.setattr("lfpipe.capture.camera_list.nodes", lambda: listed)
     checked = check_source("", config.Camera())
-    assert checked.source == "camera:/dev/video1" and checked.source_hz == 30
-    monkeypatch.setattr("lfpipe.capture.open_source.cameras", lambda: listed[1:])
+    assert checked.source == "camera:/dev/video1" and checked.rate_hz == 30
+    monkeypatch.setattr("lfpipe.capture.camera_list.cameras", lambda: listed[1:])
     monkeypatch.setattr(
         FakeCamera, "configure", lambda *_: (_ for _ in ()).throw(OSError(errno.EBUSY, "busy"))
     )

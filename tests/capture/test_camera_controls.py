@@ -21,6 +21,7 @@ from lfpipe.capture.camera_controls import (
 )
 from lfpipe.errors import UserError
 from tests.capture.fake_camera import FakeCamera, FakeControl, source
+from tests.support.world import until
 
 
 def webcam(**more: Any) -> FakeCamera:
@@ -115,13 +116,16 @@ def test_states_for_people() -> None:
 
 
 def test_a_control_that_answers_in_a_second_stops_no_frame(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It used to be asked between two frames: every frame was then late, and the camera lost for good."""
+    """It used to be asked between two frames: every frame was then late, and the camera lost for
+    good.
+    """
     device = webcam()
     device.slow_s = 1.0
     monkeypatch.setattr("lfpipe.capture.camera.CONTROLS_S", 0.05)
     camera = source(device)
     assert any("controls have not answered" in note for note in camera.info.notes)
-    out, began = np.zeros((480, 640, 3), np.uint8), time.monotonic()
+    out = np.zeros((480, 640, 3), np.uint8)
+    began = time.monotonic()
     for _ in range(5):
         assert camera.read(out) is not None
     assert time.monotonic() - began < 0.9
@@ -144,9 +148,6 @@ def test_the_exposure_is_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
     controls = CameraControls(device, config.Camera(dynamic_framerate="auto"))
     for value in (20, 40):
         device.controls[EXPOSURE].value = value
-        end = time.monotonic() + 10
-        while controls.exposure_ns != value * 100_000:
-            assert time.monotonic() < end
-            time.sleep(0.005)
+        until(lambda value=value: controls.exposure_ns == value * 100_000, "exposure", 10)
     controls.end(5)
     assert not controls.is_alive()

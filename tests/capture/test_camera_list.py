@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from lfpipe.capture.camera_list import CameraFinder, by_name, cameras, nodes
+from lfpipe.capture.camera_list import CameraFinder, NoCamera, by_name, cameras, nodes
 from lfpipe.capture.spec import CameraSpec
 from lfpipe.errors import UserError
 
@@ -35,9 +35,8 @@ def _kernel(root: Path, **devices: tuple[str, str]) -> Path:
 
 def test_only_devices_that_exist_are_listed(tmp_path: Path) -> None:
     dev = _kernel(tmp_path, video10=("Camera 10", "usb1"), video2=("Camera 2", "usb2"))
-    found = [
-        (camera.path.name, camera.name) for camera in cameras()
-    ]  # no driver answers: listed, to see what is wrong
+    # no driver answers: listed, to see what is wrong
+    found = [(camera.path.name, camera.name) for camera in cameras()]
     assert found == [("video2", "Camera 2"), ("video10", "Camera 10")]
     for name in ("video10", "video2"):
         (dev / name).unlink()
@@ -50,7 +49,8 @@ class Plugs:
     def __init__(
         self, root: Path, monkeypatch: pytest.MonkeyPatch, spec: CameraSpec | None = None
     ) -> None:
-        self._root, self.metadata = root, set[str]()
+        self._root = root
+        self.metadata = set[str]()
         monkeypatch.setattr(
             "lfpipe.capture.camera_list._captures",
             lambda device: device.path.name not in self.metadata,
@@ -82,10 +82,21 @@ def test_a_camera_is_found_again_by_its_place_and_name(
     assert plugs.found(video5=("Cam", "usb9")) == "video5"
 
 
+def test_the_first_camera_may_come_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    plugs = Plugs(tmp_path, monkeypatch)
+    plugs.finder = CameraFinder(None)
+    with pytest.raises(NoCamera):
+        plugs.finder.path()
+    assert plugs.found(video4=("Cam", "usb2"), video5=("Other", "usb3")) == "video4"
+    assert plugs.found(video5=("Other", "usb3")) == "", "from then on it is that one"
+
+
 def test_a_metadata_node_at_the_old_number_is_not_the_camera(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Replugged while another device holds a number, the picture node moves up and the metadata node takes its place."""
+    """Replugged while another device holds a number, the picture node moves up and the metadata
+    node takes its place.
+    """
     plugs = Plugs(tmp_path, monkeypatch, CameraSpec(Path(), "Cam"))
     plugs.metadata = {"video2"}
     assert plugs.found(video1=("Cam", "usb1"), video2=("Cam", "usb1")) == "video1"

@@ -1,15 +1,19 @@
-"""Recordings as sources, with real encoders and decoders: in order, on time, JPEGs passed on unchanged."""
+"""Recordings as sources, with real encoders and decoders: in order, on time, JPEGs passed on
+unchanged.
+"""
 
 from pathlib import Path
+from typing import Literal
 
 import cv2
 import numpy as np
 import pytest
 
 from lfpipe import config
-from lfpipe.capture.open_source import check_source, open_source
+from lfpipe.capture.open_source import check_source, clock_of, open_source
 from lfpipe.capture.recordings import FileSource
 from lfpipe.capture.spec import FileSpec
+from lfpipe.config.modes import CameraViewer, Live, Lossless
 from tests.capture.made_files import CAMERA, SHAPE, SIZE, flat, jpeg, seen, video
 
 
@@ -21,18 +25,15 @@ def recording(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     path = tmp_path / "pictures"
     path.mkdir()
     for index in range(6):
-        cv2.imwrite(
-            str(path / f"frame{7 + index}.png"), flat(index)
-        )  # from 7 to 12: numbers, not text
+        # from 7 to 12: numbers, not text
+        cv2.imwrite(str(path / f"frame{7 + index}.png"), flat(index))
     (path / "notes.txt").write_text("no picture")
     return path
 
 
 def test_frames_come_in_order_into_a_slot_of_foreign_memory(recording: Path) -> None:
-    source, memory = (
-        FileSource(FileSpec(recording, loop=False), CAMERA),
-        np.full((3, *SHAPE), 77, np.uint8),
-    )
+    source = FileSource(FileSpec(recording, loop=False), CAMERA)
+    memory = np.full((3, *SHAPE), 77, np.uint8)
     assert (source.info.size_px, source.info.live) == (SIZE, False)
     own_rate = recording.suffix == ".avi"
     assert (
@@ -48,16 +49,16 @@ def test_frames_come_in_order_into_a_slot_of_foreign_memory(recording: Path) -> 
 
 @pytest.mark.parametrize(("pace", "rate"), [("recorded", 25.0), (0.5, 0.5), ("max", None)])
 def test_looped_frames_keep_counting_and_never_drift(
-    tmp_path: Path, pace: float | str, rate: float | None
+    tmp_path: Path, pace: float | Literal["recorded", "max"], rate: float | None
 ) -> None:
     path = video(tmp_path / "six.avi", "HFYU", [flat(index) for index in range(6)])
-    source, out = (
-        FileSource(FileSpec(path, loop=True, pace=pace), CAMERA),
-        np.zeros(SHAPE, np.uint8),
-    )
+    source = FileSource(FileSpec(path, loop=True, pace=pace), CAMERA)
+    out = np.zeros(SHAPE, np.uint8)
     frames, numbers = [], []
     for _ in range(20):
-        frames.append(source.read(out))
+        frame = source.read(out)
+        assert frame is not None
+        frames.append(frame)
         numbers.append(int(out.mean()) // 10)
     assert numbers == [k % 6 for k in range(20)] and [frame.source_seq for frame in frames] == list(
         range(20)
@@ -92,14 +93,12 @@ def test_another_size_is_scaled_and_said_and_a_circle_stays_a_circle(
 
 def test_motion_jpeg_in_a_file(tmp_path: Path) -> None:
     path = video(tmp_path / "v.avi", "MJPG", [seen(jpeg(index)) for index in range(5)])
-    options = check_source(f"file:{path}?pace=max", CAMERA)
-    assert (options.source_hz, options.jpeg_px, options.lossless) == (25.0, SIZE, True)
-    assert not check_source(f"file:{path}", CAMERA).lossless
-    stored, source, out = (
-        path.read_bytes(),
-        FileSource(FileSpec(path), CAMERA),
-        np.zeros(SHAPE, np.uint8),
-    )
+    text = f"file:{path}?pace=max"
+    assert check_source(text, CAMERA) == CameraViewer(source=text, rate_hz=25.0, jpeg_px=SIZE)
+    assert (clock_of(text), clock_of(f"file:{path}")) == (Lossless(), Live())
+    stored = path.read_bytes()
+    source = FileSource(FileSpec(path), CAMERA)
+    out = np.zeros(SHAPE, np.uint8)
     assert source.info.jpeg and source.info.rate_hz == 25.0
     packets, stamps = [], []
     for _ in range(12):  # it starts over twice
@@ -119,11 +118,13 @@ def test_a_folder_of_jpegs(tmp_path: Path) -> None:
     sizes = (SIZE, SIZE, (48, 32))
     for index, size in enumerate(sizes):
         (tmp_path / f"{index}.jpg").write_bytes(jpeg(index, size))
-    source, out = FileSource(FileSpec(tmp_path, loop=False), CAMERA), np.zeros(SHAPE, np.uint8)
+    source = FileSource(FileSpec(tmp_path, loop=False), CAMERA)
+    out = np.zeros(SHAPE, np.uint8)
     assert source.info.jpeg
     for index, size in enumerate(sizes):
         frame = source.read(out)
-        packet = frame and frame.packet
+        assert frame is not None
+        packet = frame.packet
         assert (packet is not None and packet.tobytes() == jpeg(index)) == (size == SIZE), (
             "one of another size is not stored"
         )

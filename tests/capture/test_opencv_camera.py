@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lfpipe import config
-from lfpipe.capture import camera_list, open_source, opencv_camera
+from lfpipe.capture import camera_list, open_source
 from lfpipe.capture.camera_list import CameraDevice
 from lfpipe.errors import UserError
 from lfpipe.transport.ring import StampKind
@@ -37,7 +37,7 @@ class FakeCapture:
 
 @pytest.fixture(autouse=True)
 def portable(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(opencv_camera.cv2, "VideoCapture", FakeCapture)
+    monkeypatch.setattr(cv2, "VideoCapture", FakeCapture)
     listed = [
         CameraDevice(Path(f"/dev/video{n}"), name)
         for n, name in enumerate(("Front", "Back", "Back two"))

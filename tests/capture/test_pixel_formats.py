@@ -1,4 +1,6 @@
-"""Every pixel format: the same picture comes out of each, whatever the driver's padding; JPEGs are passed on unchanged."""
+"""Every pixel format: the same picture comes out of each, whatever the driver's padding; JPEGs are
+passed on unchanged.
+"""
 
 import os
 
@@ -10,6 +12,7 @@ from numpy.typing import NDArray
 from lfpipe.capture import pixel_formats
 from lfpipe.capture.pixel_formats import DECODED, JPEGS, FrameDecoder
 from lfpipe.capture.v4l2_device import Mode
+from lfpipe.files.decoding import picture_of
 from tests.capture.fake_camera import FakeCamera, source
 from tests.capture.made_files import SIZE, jpeg, seen
 
@@ -19,7 +22,9 @@ COLOUR = np.array([40, 120, 200], np.uint8)  # BGR
 
 
 def rows(fourcc: str) -> list[bytes]:
-    """A frame of COLOUR (of grey: of 120), one entry per row; 4:2:0 chroma rows after those of luma."""
+    """A frame of COLOUR (of grey: of 120), one entry per row; 4:2:0 chroma rows after those of
+    luma.
+    """
     flat = np.tile(COLOUR, (2, 2, 1))
     y, u, v = (
         int(value) for value in cv2.cvtColor(flat, cv2.COLOR_BGR2YUV_I420).reshape(-1)[[0, 4, 5]]
@@ -61,10 +66,8 @@ def test_every_format_gives_the_same_picture(
 ) -> None:
     lines = rows(fourcc)
     stride = len(lines[0]) + padding
-    small = fourcc in (
-        "YU12",
-        "YV12",
-    )  # their chroma rows, and the padding of those, are half as long
+    # their chroma rows, and the padding of those, are half as long
+    small = fourcc in ("YU12", "YV12")
     data = b"".join(
         line + b"\xee" * (padding // 2 if small and index >= HEIGHT else padding)
         for index, line in enumerate(lines)
@@ -101,8 +104,11 @@ def damaged(kind: str, data: NDArray[np.uint8]) -> NDArray[np.uint8]:
 def test_a_damaged_jpeg_is_no_frame_and_prints_nothing(
     kind: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """libjpeg fills what is missing with grey and shifted blocks: eyes would be off by 18 px in the median."""
-    decoder, out = FrameDecoder(Mode("MJPG", 320, 240, 0, 30.0)), np.zeros((240, 320, 3), np.uint8)
+    """libjpeg fills what is missing with grey and shifted blocks: eyes would be off by 18 px in the
+    median.
+    """
+    decoder = FrameDecoder(Mode("MJPG", 320, 240, 0, 30.0))
+    out = np.zeros((240, 320, 3), np.uint8)
     for seed in range(3):
         assert not decoder.decode(damaged(kind, photo(seed)), out)[0]
         assert decoder.decode(photo(seed), out)[0], "the next one is whole again"
@@ -113,13 +119,14 @@ def test_a_damaged_jpeg_is_no_frame_and_prints_nothing(
 def test_what_others_write_to_stderr_meanwhile_is_not_lost(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    decode = pixel_formats.picture_of
+    decode = picture_of
 
     def with_a_line(data: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
         os.write(2, b"another thread\n")
         return decode(data)
 
-    decoder, out = FrameDecoder(Mode("MJPG", 320, 240, 0, 30.0)), np.zeros((240, 320, 3), np.uint8)
+    decoder = FrameDecoder(Mode("MJPG", 320, 240, 0, 30.0))
+    out = np.zeros((240, 320, 3), np.uint8)
     monkeypatch.setattr(pixel_formats, "picture_of", with_a_line)
     assert decoder.decode(photo(), out)[0]
     decoder.close()
@@ -130,15 +137,17 @@ def test_what_others_write_to_stderr_meanwhile_is_not_lost(
 def test_a_cameras_jpegs_come_out_as_they_went_in_and_damaged_ones_are_passed_over(
     size: tuple[int, int],
 ) -> None:
-    """Frames of another size are scaled, and their packets stay. Some drivers fill their buffer up, some leave out the end."""
-    padded, damaged = jpeg(2) + bytes(100), (b"", b"\0" * 500, jpeg(3)[:40])
+    """Frames of another size are scaled, and their packets stay.
+
+    Some drivers fill their buffer up, some leave out the end.
+    """
+    padded = jpeg(2) + bytes(100)
+    damaged = (b"", b"\0" * 500, jpeg(3)[:40])
     device = FakeCamera(
         Mode("MJPG", *SIZE, 0, 30.0), [jpeg(0), jpeg(1), padded, *damaged, jpeg(4)[:-2]]
     )
-    camera, out = (
-        source(device, width_px=size[0], height_px=size[1]),
-        np.zeros((size[1], size[0], 3), np.uint8),
-    )
+    camera = source(device, width_px=size[0], height_px=size[1])
+    out = np.zeros((size[1], size[0], 3), np.uint8)
     assert camera.info.jpeg
     for packet, number in ((jpeg(1), 1), (padded, 2), (jpeg(4), 6)):
         frame = camera.read(out)

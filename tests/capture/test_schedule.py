@@ -26,12 +26,10 @@ def test_even_frames_never_drift(rate: Fraction, index: int) -> None:
 def test_rounded_stamps_give_the_even_grid_over_all_rounds(rate_hz: float) -> None:
     schedule, even = Schedule(rate_hz, STAMP_ROUNDING_NS), Schedule(rate_hz)
     for k in range(300):
-        stamp_ns = (
-            round((k % 100) * 1e9 / rate_hz / MS) * MS + 40 * MS
-        )  # as a container in ms keeps them, with an offset
-        assert (
-            abs(schedule.due_ns(k % 100, stamp_ns) - even.due_ns(k)) <= 3
-        )  # a ns of rounding a round
+        # as a container in ms keeps them, with an offset
+        stamp_ns = round((k % 100) * 1e9 / rate_hz / MS) * MS + 40 * MS
+        # a ns of rounding a round
+        assert abs(schedule.due_ns(k % 100, stamp_ns) - even.due_ns(k)) <= 3
 
 
 @given(
@@ -39,7 +37,9 @@ def test_rounded_stamps_give_the_even_grid_over_all_rounds(rate_hz: float) -> No
     st.lists(st.tuples(st.integers(-(10**10), 10**10), st.booleans()), min_size=2, max_size=60),
 )
 def test_due_times_always_grow(rate_hz: float, steps: list[tuple[int, bool]]) -> None:
-    schedule, due, index = Schedule(rate_hz, STAMP_ROUNDING_NS), list[int](), -1
+    schedule = Schedule(rate_hz, STAMP_ROUNDING_NS)
+    due = list[int]()
+    index = -1
     for stamp_ns, restart in steps:
         index = 0 if restart else index + 1
         due.append(schedule.due_ns(index, stamp_ns))
@@ -48,23 +48,30 @@ def test_due_times_always_grow(rate_hz: float, steps: list[tuple[int, bool]]) ->
 
 @given(st.lists(st.integers(2 * STAMP_ROUNDING_NS, 10**9), min_size=1, max_size=50))
 def test_growing_stamps_are_met_within_the_rounding(gaps: list[int]) -> None:
-    schedule, stamp_ns = Schedule(30.0, STAMP_ROUNDING_NS), 0
+    schedule = Schedule(30.0, STAMP_ROUNDING_NS)
+    stamp_ns = 0
     for index, gap in enumerate([0, *gaps]):
         stamp_ns += gap
         assert abs(schedule.due_ns(index, stamp_ns) - stamp_ns) <= STAMP_ROUNDING_NS
 
 
-Played = tuple[
-    list[int], list[float], int
-]  # frames passed on, how late each is in ms, how far the schedule has moved in ns
+# frames passed on, how late each is in ms, how far the schedule has moved in ns
+Played = tuple[list[int], list[float], int]
 
 
 def _played(
     rate_hz: float, decode_ms: float, seconds: float, stall: tuple[int, float] = (-1, 0.0)
 ) -> Played:
-    """A recording, played by a reader that takes decode_ms a frame. stall: (frame, seconds) of a pause before it."""
-    schedule, lateness = Schedule(rate_hz), Lateness(int(2e9 / rate_hz))
-    t_ns, passed, late_ms, k = 0, [], [], 0
+    """A recording, played by a reader that takes decode_ms a frame.
+
+    stall: (frame, seconds) of a pause before it.
+    """
+    schedule = Schedule(rate_hz)
+    lateness = Lateness(int(2e9 / rate_hz))
+    t_ns = 0
+    passed = []
+    late_ms = []
+    k = 0
     while t_ns < seconds * 1e9:
         t_ns += int(decode_ms * 1e6) + int(stall[1] * 1e9) * (k == stall[0])
         due_ns = schedule.due_ns(k)

@@ -21,7 +21,7 @@ from lfpipe.capture.recordings import MAX_BROKEN, FileSource
 from lfpipe.capture.spec import FileSpec
 from lfpipe.errors import UserError
 from tests.capture.made_files import CAMERA, SHAPE, noise, video
-from tests.hostile_files import NO_FILES
+from tests.support.hostile_files import NO_FILES
 
 OUT = np.zeros(SHAPE, np.uint8)
 COUNT = 6
@@ -47,7 +47,8 @@ try:
     check_source(f"file:{sys.argv[1]}", config.Camera())
 except UserError as error:
     print("refused:", error)
-most = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM"))
+status = Path("/proc/self/status").read_text().splitlines()
+most = next(line for line in status if line.startswith("VmHWM"))
 print(int(most.split()[1]) // 1024)
 """
 
@@ -62,7 +63,8 @@ def test_a_video_of_too_large_frames_is_refused_without_decoding_them(
     done = subprocess.run(
         [sys.executable, "-c", MEMORY, str(path)], capture_output=True, text=True, timeout=100
     )
-    said, used_mb = done.stdout.splitlines()[0], int(done.stdout.splitlines()[-1])
+    said = done.stdout.splitlines()[0]
+    used_mb = int(done.stdout.splitlines()[-1])
     assert said.startswith("refused:") and str(path) in said and used_mb < 300, (
         done.stdout + done.stderr
     )
@@ -70,8 +72,13 @@ def test_a_video_of_too_large_frames_is_refused_without_decoding_them(
 
 
 def played(source: FileSource) -> tuple[list[int], int]:
-    """Numbers of the frames, and how many were broken. The limit on memory holds for decoding alone."""
-    seqs, broken, limit = [], 0, resource.getrlimit(resource.RLIMIT_DATA)
+    """Numbers of the frames, and how many were broken.
+
+    The limit on memory holds for decoding alone.
+    """
+    seqs = list[int]()
+    broken = 0
+    limit = resource.getrlimit(resource.RLIMIT_DATA)
     while True:
         try:
             frame = source.read(OUT)
@@ -97,7 +104,7 @@ def test_a_stream_that_grows_half_way_loses_that_frame_and_goes_on(tmp_path: Pat
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kb < 250_000
 
 
-def frames_in(avi: bytes) -> list[int]:
+def frames_in(avi: bytes | bytearray) -> list[int]:
     """Offsets of the frames' chunks in an AVI file."""
     return [
         at for at in range(avi.index(b"movi"), len(avi)) if avi[at : at + 4] in (b"00dc", b"00db")

@@ -1,4 +1,6 @@
-"""What a person types on the command line: typos have a remedy, tables fit narrow terminals, Tab completes."""
+"""What a person types on the command line: typos have a remedy, tables fit narrow terminals, Tab
+completes.
+"""
 
 import os
 import subprocess
@@ -10,7 +12,7 @@ from click.shell_completion import ShellComplete
 from click.testing import CliRunner
 
 from lfpipe.cli import cli, progress
-from tests.world import World
+from tests.support.world import World
 
 
 @pytest.mark.parametrize(
@@ -39,9 +41,8 @@ def test_tables_fit_80_columns(live: World, scene: Path) -> None:
         done = live.done(
             *words, *(("--session", live.name) if words[0] in ("ctl", "monitor") else ())
         )
-        wide = [
-            line for line in done.stdout.splitlines() if len(line) > 80 and " " in line.strip()
-        ]  # a path stays whole
+        # a path stays whole
+        wide = [line for line in done.stdout.splitlines() if len(line) > 80 and " " in line.strip()]
         assert not wide or all("/" in line for line in wide), wide
 
 

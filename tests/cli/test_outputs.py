@@ -1,7 +1,11 @@
-"""What commands write: refused, they leave every file of a person as it was, and they replace only what lfpipe wrote."""
+"""What commands write: refused, they leave every file of a person as it was, and they replace only
+what lfpipe wrote.
+"""
 
 import os
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import cv2
@@ -10,7 +14,7 @@ from click.testing import CliRunner
 
 from lfpipe.cli import cli
 from lfpipe.errors import UserError
-from tests.world import World, write_scene
+from tests.support.world import World, write_scene
 
 
 def _content(folder: Path) -> dict[str, bytes]:
@@ -32,6 +36,7 @@ def owned(tmp_path_factory: pytest.TempPathFactory, clip: Path) -> Path:
     (folder / "link.mkv").symlink_to("me.avi")
     (folder / "walk").mkdir()
     (folder / "walk" / "manifest.json").write_text('{"format": "lfpipe-sequence"}')  # as it begins
+    (folder / "me.csv").write_text("seq,source_seq,epoch,t_sensor_ns,t_read_ns\n")
     (folder / "plan.toml").write_text('sequences = ["walk"]\nsubjects = ["replay"]\n')
     return folder
 
@@ -53,12 +58,21 @@ def owned(tmp_path_factory: pytest.TempPathFactory, clip: Path) -> Path:
         ("scene sheet views -o views/view_01_01.png", "view_01_01.png"),
         ("scene view views --row 0 --col 0 -o notes.txt", "notes.txt"),
         ("scene view views --row 0 --col 0 -o me.png", "me.png"),
-        ("scene export views me.avi --as pair", "me_sbs.avi"),
-        ("scene export views views/view_00_00.png --as pair", "view_00_00_sbs.png"),
+        ("scene export pair views -o me.avi", "me_sbs.avi"),
+        ("scene export pair views -o views/view_00_00.png", "view_00_00_sbs.png"),
         ("replay walk --junit walk/manifest.json", "manifest.json"),
         ("replay views --expect walk --junit walk/manifest.json", "manifest.json"),
         ("replay views --out walk --junit walk/j.xml", "j.xml"),
         ("sweep plan.toml --junit walk/manifest.json", "manifest.json"),
+        ("replay walk --out views/out --junit walk/truth.csv", "truth.csv"),
+        ("replay walk --out walk/out", "walk/out"),
+        ("replay views --scene views --expect views/ref --update", "views/ref"),
+        ("replay walk --expect nothing", "nothing"),
+        ("up views --camera file:me.avi --display none --trace me.csv --force", "me.csv"),
+        ("up views --camera demo --display none --trace walk/t.jsonl", "t.jsonl"),
+        ("scene clean --set scene.cache_dir=.", "cache_dir"),
+        ("scene view views --row 0 --col 0 -o v.png --set scene.cache_dir=.", "cache_dir"),
+        ("doctor --report notes.txt", "notes.txt"),
     ],
 )
 def test_a_file_of_a_person_is_kept(
@@ -66,9 +80,7 @@ def test_a_file_of_a_person_is_kept(
 ) -> None:
     monkeypatch.chdir(owned)
     monkeypatch.setenv("LFPIPE_KIOSK_CODE", "leave2026")
-    (owned / "me.png").write_bytes(
-        (owned / "views" / next(iter(sorted(os.listdir(owned / "views"))))).read_bytes()
-    )  # noqa: PTH208
+    (owned / "me.png").write_bytes(min((owned / "views").iterdir()).read_bytes())
     before = _content(owned)
     error = CliRunner().invoke(cli, args.split()).exception
     assert isinstance(error, UserError) and named in error.message, error
@@ -99,5 +111,24 @@ def test_without_a_screen_the_demo_leaves_a_video_and_a_picture(world: World) ->
     (video,) = Path(world.root, "lfpipe-demo").glob("demo.m*")
     film = cv2.VideoCapture(str(video))
     assert film.read()[0] and film.get(cv2.CAP_PROP_FRAME_COUNT) >= 10
-    assert cv2.imread(str(video.with_suffix(".png"))).std() > 20, "a picture of something"
+    picture = cv2.imread(str(video.with_suffix(".png")))
+    assert picture is not None and picture.std() > 20, "a picture of something"
     assert not world.left()
+
+
+def test_a_hidden_input_beside_the_output_is_kept(owned: Path, tmp_path: Path) -> None:
+    view = tmp_path / ".b.new.png"
+    shutil.copy(owned / "views" / "view_00_00.png", view)
+    words = ["scene", "view", str(view), "--row", "0", "--col", "0", "-o", str(tmp_path / "b.png")]
+    assert CliRunner().invoke(cli, words).exit_code == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == [".b.new.png", "b.png"]
+
+
+def test_a_recording_of_nothing_leaves_nothing(world: World) -> None:
+    out = world.root / "rec"
+    said = world.refused("record", out, "--camera", "demo", "--set", "camera.rate_hz=0")
+    assert "camera.rate_hz" in said and not out.exists()
+    limited = ["bash", "-c", 'ulimit -n 40; exec "$@"', "-", sys.executable, "-m", "lfpipe"]
+    words = ["record", str(out), "--camera", "demo", "--duration", "1"]
+    done = subprocess.run([*limited, *words], env=world.env, capture_output=True, text=True)
+    assert done.returncode == 2 and "ulimit" in done.stderr and not out.exists()

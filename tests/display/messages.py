@@ -5,13 +5,17 @@ from pathlib import Path
 
 import pytest
 
-from lfpipe.render.display import check_display
+from lfpipe.host.machine import install_command
 from lfpipe.render.monitors import Monitor, find_monitor
+from lfpipe.render.open_display import check_display, parse_display
 from tests.test_messages import Cause
 
 FORMS = "use one of window, fullscreen, none or file:OUT.mkv (or .mp4)"
 ELSEWHERE = "use --display none or --display file:OUT.mkv, or run on a desktop"
-DESK = [Monitor(0, "eDP-1", 0, 0, 1920, 1200, None), Monitor(1, "DP-1", 1920, 0, 1920, 1080, None)]
+DESK = [
+    Monitor(number=0, name="eDP-1", x=0, y=0, width=1920, height=1200, pixel_mm=None),
+    Monitor(number=1, name="DP-1", x=1920, y=0, width=1920, height=1080, pixel_mm=None),
+]
 LIST = (
     "use the number or part of the name of one of: 0 eDP-1 1920x1200+0+0; 1 DP-1 1920x1080+1920+0"
 )
@@ -24,44 +28,59 @@ def on_screen(name: str, spec: str) -> None:
             patch.delenv(variable, raising=False)
         if name:
             patch.setenv("DISPLAY", name)
-        check_display(spec)
+        check_display(parse_display(spec))
 
 
 def no_encoder(here: Path) -> None:
     """Checks a video in a format that needs PyAV, without it."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(sys.modules, "av", None)
-        check_display(f"file:{here}/a.mp4")
+        check_display(parse_display(f"file:{here}/a.mp4"))
+
+
+def nowhere_on(name: str) -> Cause:
+    return lambda _: on_screen(name, "window")
+
+
+def displayed(spec: str) -> Cause:
+    return lambda _: check_display(parse_display(spec))
 
 
 MESSAGES: dict[str, tuple[Cause, str]] = {
     "no screen": (
         lambda here: on_screen("", "fullscreen"),
-        f"--display fullscreen: no screen here (neither WAYLAND_DISPLAY nor DISPLAY is set)\n  remedy: {ELSEWHERE}",
+        (
+            "--display fullscreen: no screen here (neither WAYLAND_DISPLAY nor DISPLAY is set)\n "
+            f" remedy: {ELSEWHERE}"
+        ),
     ),
     **{
         f"dead screen {name}": (
-            lambda here, name=name: on_screen(name, "window"),
+            nowhere_on(name),
             f"--display window: no screen here ({name} does not answer)\n  remedy: {ELSEWHERE}",
         )
         for name in (":97", "unix:97", "localhost:97.0", "rubbish", ":")
     },
     **{
         f"display {spec}": (
-            lambda here, spec=spec: check_display(spec),
+            displayed(spec),
             f"--display {spec!r}: not a display\n  remedy: {FORMS}",
         )
         for spec in ("windw", "none:", "file", "file:")
     },
     "kind of video": (
-        lambda here: check_display("file:out.webm"),
-        "--display file:out.webm: not .mkv, .avi or .mp4\n"
-        "  remedy: use for example file:out.mkv, lossless RGB like .avi; .mp4 is small and plays everywhere",
+        lambda here: check_display(parse_display("file:out.webm")),
+        (
+            "--display file:out.webm: not .mkv, .avi or .mp4\n  remedy: use for example"
+            " file:out.mkv, which is lossless; .mp4 and .avi are small and play everywhere"
+        ),
     ),
     "no encoder": (
         no_encoder,
-        "--display file:/here/a.mp4: no H.264 encoder: PyAV of PyPI is not installed\n"
-        "  remedy: pip install 'lfpipe[media]'; .mkv and .gif do not need it",
+        (
+            "--display file:/here/a.mp4: no H.264 encoder: PyAV of PyPI is not installed\n"
+            f"  remedy: {install_command('av')}; .avi, .mkv and .gif do not need it"
+        ),
     ),
     "no such monitor": (
         lambda here: find_monitor("3", DESK),

@@ -1,8 +1,9 @@
 """`lfpipe` with a camera that looks at the screen, with a delay and an exposure of its own.
 
-The device's node is an ordinary file: the settings of `Optics` as JSON. At each blank the screen shows what the picture of Xvfb
-held just before, as a real screen would: the server, which has none, changes its picture 0 to 25 ms before the blank that it
-reports. Used as `python -m tests.display.screen_camera`.
+The device's node is an ordinary file: the settings of `Optics` as JSON. At each blank the screen
+shows what the picture of Xvfb held just before, as a real screen would: the server, which has none,
+changes its picture 0 to 25 ms before the blank that it reports. Used as `python -m
+tests.display.screen_camera`.
 """
 
 import json
@@ -16,7 +17,7 @@ import cv2
 import numpy as np
 
 from lfpipe import config
-from lfpipe.capture import camera
+from lfpipe.capture import camera as driver
 from lfpipe.capture.v4l2_device import Mode, RawFrame
 from tests.faults.scripted_camera import ScriptedDevice
 
@@ -28,7 +29,9 @@ NOISE = 2.0
 
 @attrs.frozen
 class Optics:
-    """buffer: file of Xvfb's picture of the screen. screen_ms, camera_ms: delays of light and stamps."""
+    """buffer: file of Xvfb's picture of the screen. screen_ms, camera_ms: delays of light and
+    stamps.
+    """
 
     buffer: str
     screen_ms: float = 20.0
@@ -38,19 +41,24 @@ class Optics:
 
 
 def stamp_offset_ms(optics: Optics) -> float:
-    """From the middle of an exposure to the stamp that the product makes of it: a quarter of a period before the end of the
-    frame, where the camera does not tell its exposure."""
+    """From the middle of an exposure to the stamp that the product makes of it: a quarter of a
+    period before the end of the frame, where the camera does not tell its exposure.
+    """
     return optics.camera_ms - 1e3 / optics.rate_hz / 4 + optics.exposure_ms / 2
 
 
 class ScreenCamera(ScriptedDevice):
-    """Samples the screen on a thread; a frame is the mean of what the screen showed during its exposure."""
+    """Samples the screen on a thread; a frame is the mean of what the screen showed during its
+    exposure.
+    """
 
     def __init__(self, path: Path) -> None:
         self.optics = Optics(**json.loads(path.read_text()))
         self.samples: list[tuple[float, np.ndarray]] = []
         self._rng = np.random.default_rng(1)
-        self._count, self._due, self._ended = 0, time.monotonic(), threading.Event()
+        self._count = 0
+        self._due = time.monotonic()
+        self._ended = threading.Event()
         self._thread = threading.Thread(target=self._sample, daemon=True)
         self._thread.start()
         while not self.samples:
@@ -59,7 +67,10 @@ class ScreenCamera(ScriptedDevice):
     def _sample(self) -> None:
         data = np.memmap(self.optics.buffer, np.uint8, "r")
         head = np.frombuffer(data[:100].tobytes(), ">u4")
-        start, line, height, width = head[0] + 12 * head[19], head[12], head[5], head[4]
+        start = head[0] + 12 * head[19]
+        line = head[12]
+        height = head[5]
+        width = head[4]
         rows = np.lib.stride_tricks.as_strided(data[start:], (height, line), (line, 1))
         screen = rows[STEP_PX // 2 :: STEP_PX, 4 * (STEP_PX // 2) : 4 * width : 4 * STEP_PX, None]
         while not self._ended.wait(SAMPLE_S):
@@ -99,21 +110,20 @@ class ScreenCamera(ScriptedDevice):
     def start(self) -> None: ...
 
     def read(self, timeout_s: float) -> RawFrame:
-        optics, until = self.optics, time.monotonic() + timeout_s
+        optics = self.optics
+        until = time.monotonic() + timeout_s
         while True:
             if time.monotonic() > until:
                 raise TimeoutError
             behind = int(
                 max(time.monotonic() - self._due - optics.camera_ms / 1e3, 0) * optics.rate_hz
             )
-            self._due += (
-                1 + behind
-            ) / optics.rate_hz  # frames that nobody fetched in time are lost
+            # frames that nobody fetched in time are lost
+            self._due += (1 + behind) / optics.rate_hz
             self._count += 1 + behind
-            end, stamp = (
-                self._due - optics.screen_ms / 1e3,
-                self._due + optics.camera_ms / 1e3,
-            )  # of the exposure; its stamp
+            # of the exposure; its stamp
+            end = self._due - optics.screen_ms / 1e3
+            stamp = self._due + optics.camera_ms / 1e3
             time.sleep(max(0.0, stamp - time.monotonic()))
             if self._saw_all(end - optics.exposure_ms / 1e3, end):
                 break  # a busy machine left gaps: such a frame is lost, too
@@ -128,15 +138,21 @@ class ScreenCamera(ScriptedDevice):
             + 0.6 * cv2.resize(np.asarray(light), (WIDTH, HEIGHT))
             + self._rng.normal(0, NOISE, (HEIGHT, WIDTH))
         )
-        picture = cv2.cvtColor(np.clip(levels, 0, 255).astype(np.uint8), cv2.COLOR_GRAY2BGR)
-        return RawFrame(picture.reshape(-1), self._count, int(stamp * 1e9), False, False)
+        grey = np.clip(levels, 0, 255).astype(np.uint8)
+        return RawFrame(
+            data=grey.repeat(3),
+            sequence=self._count,
+            stamp_ns=int(stamp * 1e9),
+            start_of_exposure=False,
+            damaged=False,
+        )
 
     def close(self) -> None:
         self._ended.set()
 
 
-def open_screen(path: Path, settings: config.Camera) -> camera.CameraSource:
-    return camera.CameraSource(path, settings, ScreenCamera(path))
+def open_screen(path: Path, camera: config.Camera) -> driver.CameraSource:
+    return driver.CameraSource(path, camera, ScreenCamera(path))
 
 
 HEARD: dict[int, int] = {}  # blanks that the window has heard of, ns, by picture
@@ -155,9 +171,9 @@ def note_blanks(window_class: Any) -> None:
 
 if __name__ == "__main__":
     from lfpipe.cli import run
-    from lfpipe.render.window import Window
+    from lfpipe.render.window import ScreenWindow
     from tests.display import screen_camera
 
-    camera.open_camera = screen_camera.open_screen
-    screen_camera.note_blanks(Window)
+    driver.open_camera = screen_camera.open_screen
+    screen_camera.note_blanks(ScreenWindow)
     run()

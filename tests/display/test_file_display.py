@@ -16,7 +16,8 @@ from lfpipe.render.file_display import CHECK_FRAMES, FileDisplay
 
 
 def read_back(path: Path) -> list[np.ndarray]:
-    capture, frames = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG), []
+    capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    frames = []
     while (answer := capture.read())[0]:
         frames.append(answer[1])
     return frames
@@ -39,11 +40,21 @@ def record(
     return display.dropped, display.notices()
 
 
-@pytest.mark.parametrize(("suffix", "size"), [(".mkv", (64, 48)), (".avi", (61, 37))])
-def test_every_value_comes_back(tmp_path: Path, suffix: str, size: tuple[int, int]) -> None:
+def test_motion_jpeg_is_small_and_close(tmp_path: Path) -> None:
+    y, x = np.mgrid[:240, :320].astype(np.float32)
+    picture = np.dstack([np.sin(x / 9) * np.cos(y / 7) * 90 + 128] * 3).astype(np.uint8)
+    for suffix in (".avi", ".mkv"):
+        record(tmp_path / f"out{suffix}", [picture] * 30, 100.0, 0.01)
+    assert cv2.PSNR(read_back(tmp_path / "out.avi")[-1], picture) > 38
+    sizes = [(tmp_path / f"out{suffix}").stat().st_size for suffix in (".avi", ".mkv")]
+    assert sizes[0] < sizes[1] / 2
+
+
+@pytest.mark.parametrize("size", [(64, 48), (61, 37)])
+def test_every_value_comes_back(tmp_path: Path, size: tuple[int, int]) -> None:
     pictures = noise(10, *size)
-    dropped, _ = record(tmp_path / f"out{suffix}", pictures, 100.0, 0.01)
-    cut = [frame[: size[1], : size[0]] for frame in read_back(tmp_path / f"out{suffix}")]
+    dropped, _ = record(tmp_path / "out.mkv", pictures, 100.0, 0.01)
+    cut = [frame[: size[1], : size[0]] for frame in read_back(tmp_path / "out.mkv")]
     shown = [
         next(k for k, picture in enumerate(pictures) if np.array_equal(frame, picture))
         for frame in cut
@@ -110,7 +121,8 @@ def test_a_file_that_may_not_grow_ends_the_video(tmp_path: Path) -> None:
         from pathlib import Path
         from tests.display.test_file_display import noise, record
         resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
-        print(record(Path({str(tmp_path / "out.mkv")!r}), [noise(1, 640, 480)[0]] * 300, 200.0, 0.005))
+        out = Path({str(tmp_path / "out.mkv")!r})
+        print(record(out, [noise(1, 640, 480)[0]] * 300, 200.0, 0.005))
     """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr

@@ -14,8 +14,8 @@ from lfpipe.errors import UserError
 from lfpipe.render.notices import Notices
 from lfpipe.render.scenes import SceneLoader
 from lfpipe.transport.clock import SECOND_NS
-from tests.world import World
-from tests.xvfb_screen import Screen, needs_xdotool
+from tests.support.world import World
+from tests.support.xvfb_screen import Screen, needs_xdotool
 
 
 @pytest.mark.parametrize(
@@ -77,6 +77,35 @@ def test_the_picture_moves_with_nobody_there_and_keys_do_nothing_until_the_code_
     assert process.poll() is None and world.monitor()["config"]["render"]["anaglyph"] == "dubois"
     world.xdotool("type", "--delay", 30, "bye42")
     world.ended(process)
+
+
+@needs_xdotool
+def test_without_a_camera_it_starts_and_a_touch_looks_around(
+    world: World, scene: Path, screen: Screen
+) -> None:
+    world.env |= {"DISPLAY": screen.name, "LFPIPE_KIOSK_CODE": "bye42"}
+    process = world.up(scene, scene, "--kiosk", camera="camera:none such", display="fullscreen")
+
+    def moves() -> None:
+        seen = set[bytes]()
+
+        def enough() -> bool:
+            seen.add(screen.picture().tobytes())
+            return len(seen) > 20
+
+        world.wait_for(enough, "views in motion")
+
+    moves()
+    world.xdotool("mousemove", 2, 200, "mousedown", 1)
+    world.wait_for(
+        lambda: [line["view"]["left"][1] for line in world.lines()[-9:]] == 9 * [0.0],
+        "the view at the pointer",
+    )
+    world.xdotool("mouseup", 1)
+    moves()
+    world.xdotool("type", "--delay", 30, "bye42")
+    told = world.ended(process)
+    assert "waits for its camera" in told and "Tab" not in told
 
 
 def test_the_unit_starts_it_again_and_quotes_what_systemd_would_expand(

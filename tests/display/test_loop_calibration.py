@@ -1,4 +1,6 @@
-"""The closed loop: the real window on an X server, a camera that sees that screen, and the written result."""
+"""The closed loop: the real window on an X server, a camera that sees that screen, and the written
+result.
+"""
 
 import json
 import re
@@ -8,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from tests.display.screen_camera import Optics, stamp_offset_ms
-from tests.world import World
-from tests.xvfb_screen import Screen
+from tests.support.world import World
+from tests.support.xvfb_screen import Screen
 
 SMALL = ("--set", "camera.width_px=160", "--set", "camera.height_px=120")
 
@@ -17,7 +19,8 @@ SMALL = ("--set", "camera.width_px=160", "--set", "camera.height_px=120")
 def calibrated(world: World, screen: Screen, node: Path, **optics: object) -> tuple[int, str, str]:
     """Exit code, stdout and stderr of a calibration with that camera."""
     node.write_text(json.dumps({"buffer": str(screen.buffer), **optics}))
-    world.module, world.env["DISPLAY"] = "tests.display.screen_camera", screen.name
+    world.module = "tests.display.screen_camera"
+    world.env["DISPLAY"] = screen.name
     process = world.start("calibrate", "--latency", "--camera", f"camera:{node}", *SMALL)
     out, err = process.communicate(timeout=100)
     return process.returncode, out, err

@@ -1,11 +1,13 @@
-"""Choice of the monitor, pixel sizes, windows on an X server with two monitors and on a desktop that scales; and reasons to
-distrust a delay of the loop that was measured on another."""
+"""Choice of the monitor, pixel sizes, windows on an X server with two monitors and on a desktop
+that scales; and reasons to distrust a delay of the loop that was measured on another.
+"""
 
 import functools
 import os
 import shutil
 import subprocess
 from collections.abc import Iterator
+from typing import Any
 
 import attrs
 import numpy as np
@@ -14,6 +16,7 @@ import pytest
 
 from lfpipe import config
 from lfpipe.cli.launch import loop_lines
+from lfpipe.config.modes import CameraViewer, Nothing, Window
 from lfpipe.errors import UserError
 from lfpipe.render.monitors import (
     Monitor,
@@ -23,14 +26,23 @@ from lfpipe.render.monitors import (
     monitors,
     pixel_mm,
 )
-from lfpipe.render.window import USUAL_MM, Window
-from tests.sway_screen import sway
-from tests.xvfb_screen import outline, x_server
+from lfpipe.render.window import USUAL_MM, ScreenWindow
+from tests.support.sway_screen import sway
+from tests.support.xvfb_screen import outline, x_server
 
 DESK = [
-    Monitor(0, "eDP-1", 0, 0, 1920, 1200, 0.18, 60.0),
-    Monitor(1, "DP-1; 24", 1920, 0, 1920, 1080, None, 144.0),
-    Monitor(2, 'DP-2 27"', 3840, 0, 2560, 1440, 0.23),
+    Monitor(number=0, name="eDP-1", x=0, y=0, width=1920, height=1200, pixel_mm=0.18, rate_hz=60.0),
+    Monitor(
+        number=1,
+        name="DP-1; 24",
+        x=1920,
+        y=0,
+        width=1920,
+        height=1080,
+        pixel_mm=None,
+        rate_hz=144.0,
+    ),
+    Monitor(number=2, name='DP-2 27"', x=3840, y=0, width=2560, height=1440, pixel_mm=0.23),
 ]
 
 XORG = """
@@ -80,7 +92,8 @@ def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     for tool in ("Xorg", "xrandr"):
         if shutil.which(tool) is None:
             pytest.skip(
-                f"{tool} is not installed (apt-get install xserver-xorg-video-dummy x11-xserver-utils)"
+                f"{tool} is not installed (apt-get install xserver-xorg-video-dummy"
+                " x11-xserver-utils)"
             )
     folder = tmp_path_factory.mktemp("xorg")
     (folder / "xorg.conf").write_text(XORG)
@@ -94,17 +107,19 @@ def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         "-sharevts",
     ]
     with x_server(command, folder) as name:
+        # which makes them known
         more = (
             "--addmode DUMMY1 800x600",
             "--output DUMMY1 --mode 800x600 --pos 1024x0",
             "--query",
-        )  # which makes them known
+        )
         run = functools.partial(
             subprocess.run, env={**os.environ, "DISPLAY": name}, capture_output=True
         )
         if name == ":" or any(run(["xrandr", *words.split()]).returncode for words in more):
             pytest.skip(
-                "Xorg with the driver dummy does not start here (apt-get install xserver-xorg-video-dummy)"
+                "Xorg with the driver dummy does not start here (apt-get install"
+                " xserver-xorg-video-dummy)"
             )
         yield name
 
@@ -117,7 +132,7 @@ def x_with_two(two: str, monkeypatch: pytest.MonkeyPatch) -> str:
     return two
 
 
-def press(window: Window, key: str) -> None:
+def press(window: ScreenWindow, key: str) -> None:
     pygame.event.post(pygame.event.Event(pygame.KEYDOWN, unicode=key, key=0))
     assert window.events() == ["fullscreen"]
 
@@ -125,9 +140,12 @@ def press(window: Window, key: str) -> None:
 @XWININFO
 @pytest.mark.parametrize(
     ("monitor", "whole", "windowed"),
-    [("", (0, 0, 1024, 768), (192, 64, 640, 640)), ("1", (1024, 0, 800, 600), (1169, 45, 510, 510)),
-     ("dummy0", (0, 0, 1024, 768), (192, 64, 640, 640))],
-)  # fmt: skip
+    [
+        ("", (0, 0, 1024, 768), (185, 57, 653, 653)),
+        ("1", (1024, 0, 800, 600), (1169, 45, 510, 510)),
+        ("dummy0", (0, 0, 1024, 768), (185, 57, 653, 653)),
+    ],
+)
 @pytest.mark.parametrize("fullscreen", [True, False])
 def test_the_chosen_monitor(
     x_with_two: str,
@@ -136,7 +154,7 @@ def test_the_chosen_monitor(
     windowed: tuple[int, ...],
     fullscreen: bool,
 ) -> None:
-    window = Window((240, 240), "lfpipe: a test", fullscreen, monitor)
+    window = ScreenWindow((240, 240), "lfpipe: a test", fullscreen, monitor)
     try:
         window.show(GREY)
         for now in (fullscreen, not fullscreen, fullscreen):
@@ -162,7 +180,7 @@ def test_monitors_are_listed_by_name_and_place(x_with_two: str) -> None:
     finally:
         pygame.display.quit()
     with pytest.raises(UserError, match="no such monitor"):
-        Window((64, 64), "", monitor="3")
+        ScreenWindow((64, 64), "", monitor="3")
 
 
 @pytest.mark.skipif(
@@ -171,28 +189,33 @@ def test_monitors_are_listed_by_name_and_place(x_with_two: str) -> None:
 def test_on_a_desktop_that_scales_pixels_are_the_screens_own(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.delenv(
-        "SDL_FRAMEBUFFER_ACCELERATION", raising=False
-    )  # as the tests on X have set it
+    # as the tests on X have set it
+    monkeypatch.delenv("SDL_FRAMEBUFFER_ACCELERATION", raising=False)
     with sway(1280, 800, 60, scale=2) as name:
         monkeypatch.setenv("WAYLAND_DISPLAY", name)
         monkeypatch.setenv("SDL_VIDEODRIVER", "wayland")
-        window = Window((500, 400), "lfpipe: a test")
+        window = ScreenWindow((500, 400), "lfpipe: a test")
         try:
             window.show(np.full((400, 500, 3), 90, np.uint8))
             share = window.width_mm() / USUAL_MM  # type: ignore[operator]
             assert monitors()[0].width == 640 < window._shown_px and share == pytest.approx(
                 window._shown_px / 1280, rel=0.01
             )
+            assert not window.knows_rows
+            press(window, "f")
+            assert window.knows_rows, "in full screen"
         finally:
             window.close()
 
 
+DEMO = CameraViewer(source="demo")
 CAMERA = "HD Webcam; C920"
 
 
 def measured(camera: str = CAMERA, **changes: object) -> config.Config:
-    """A configuration in which the loop was measured on the second monitor; then something changed."""
+    """A configuration in which the loop was measured on the second monitor; then something
+    changed.
+    """
     here = loop_conditions("2026-11-21", camera, config.Camera(), DESK[1])
     sets = {"render.loop_ms": 61.5, "render.loop_measured": here}
     return config.updated(config.updated(config.Config(), sets), changes)
@@ -212,7 +235,7 @@ def measured(camera: str = CAMERA, **changes: object) -> config.Config:
     ],
 )
 def test_what_changed_is_named(
-    camera: str, changes: dict[str, object], desk: list[Monitor], named: str
+    camera: str, changes: dict[str, Any], desk: list[Monitor], named: str
 ) -> None:
     doubt = loop_doubt(measured(**changes), camera, desk)
     assert named in doubt if named else not doubt
@@ -221,11 +244,11 @@ def test_what_changed_is_named(
 def test_up_says_whether_the_delay_is_trusted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lfpipe.cli.launch.detect_monitors", lambda: ("x11", DESK))
     known = measured("demo")
-    assert loop_lines(known, "demo", "window") == ["loop    61.5 ms delay of camera and display"]
+    assert loop_lines(known, DEMO, Window()) == ["loop    61.5 ms delay of camera and display"]
     changed = config.updated(known, {"camera.rate_hz": 60})
-    (line,) = loop_lines(changed, "demo", "window")
+    (line,) = loop_lines(changed, DEMO, Window())
     assert "doubtful: measured with demo" in line and "calibrate --latency" in line
     assert (
-        loop_lines(changed, "demo", "none") == []
-        and loop_lines(config.Config(), "demo", "window") == []
+        loop_lines(changed, DEMO, Nothing()) == []
+        and loop_lines(config.Config(), DEMO, Window()) == []
     )

@@ -16,8 +16,8 @@ from lfpipe.sequence.folder import open_sequence
 from lfpipe.transport.ring import Stamp
 from tests.render.rendered import field
 from tests.render.rendered import record as eyes_record
-from tests.world import World
-from tests.xvfb_screen import Screen, needs_xdotool
+from tests.support.world import World
+from tests.support.xvfb_screen import Screen, needs_xdotool
 
 REFRESH_NS = 16_666_667
 
@@ -39,7 +39,8 @@ class Session:
         for _ in range(refreshes):
             self.t_ns += REFRESH_NS
             self.mouse.follow(pointer, self.t_ns)
-            record, t_ns = camera, self.t_ns
+            record = camera
+            t_ns = self.t_ns
             if self.mouse.looks:
                 record, _ = self.mouse.eyes(camera, Stamp(1, 1, 0, t_ns, t_ns, t_ns, 0), t_ns)
             views = self.viewer.viewpoints(record, t_ns, t_ns)
@@ -53,11 +54,10 @@ def test_edge_to_edge_of_the_window_is_edge_to_edge_of_the_grid_without_a_jump()
     way = session.cols(Pointer(0.0, 0.5))
     assert way[-1] < 1.5 and max(np.abs(np.diff(way))) < 0.6
     assert session.cols(Pointer(1.0, 0.5), 400)[-1] > 6.5
-    rows = [
-        session.cols(Pointer(0.5, y), 200) and session.viewer.last_viewpoints.left[0]
-        for y in (0.0, 1.0)
-    ]  # type: ignore[union-attr]
-    assert rows[0] < 1 and rows[1] > 3
+    for y, least, most in ((0.0, 0, 1), (1.0, 3, 9)):
+        session.cols(Pointer(0.5, y), 200)
+        views = session.viewer.last_viewpoints
+        assert views is not None and least <= views.left[0] <= most
 
 
 def test_resting_aside_keeps_the_view_dragging_and_the_key_move_the_neutral_position() -> None:
@@ -83,7 +83,8 @@ def test_the_wheel_is_the_distance() -> None:
 
 
 def test_the_right_button_takes_over_from_a_camera_and_gives_it_back_without_a_jump() -> None:
-    session, camera = Session(alone=False), eyes_record(apart=60.0, apart_px=60.0, generation=1)
+    session = Session(alone=False)
+    camera = eyes_record(apart=60.0, apart_px=60.0, generation=1)
     still = session.cols(Pointer(0.1, 0.5), 200, camera)
     assert not session.mouse.looks
     away = session.cols(Pointer(0.1, 0.5, right=True), 120, camera)
@@ -97,8 +98,11 @@ def test_the_right_button_takes_over_from_a_camera_and_gives_it_back_without_a_j
 def test_a_session_of_the_mouse_needs_no_camera_is_recorded_and_played_again(
     world: World, scene: Path, screen: Screen
 ) -> None:
-    """The recording holds the eyes; two replays agree bit by bit, and a session follows them as it followed the mouse."""
-    world.env["DISPLAY"], out = screen.name, world.root / "rec"
+    """The recording holds the eyes; two replays agree bit by bit, and a session follows them as it
+    followed the mouse.
+    """
+    world.env["DISPLAY"] = screen.name
+    out = world.root / "rec"
     process = world.up(scene, camera="mouse", display="fullscreen")
     world.pictures(5)
 
@@ -138,10 +142,8 @@ def test_a_session_of_the_mouse_needs_no_camera_is_recorded_and_played_again(
     recorded = open_sequence(out)
     known = {line["t_sensor_ns"]: line for line in world.lines()}
     for packet in recorded.packets:
-        line, (left, right) = (
-            known[packet.t_sensor_ns],
-            recorded.eyes(packet.seq)["raw_px"].tolist(),
-        )
+        line = known[packet.t_sensor_ns]
+        left, right = recorded.eyes(packet.seq)["raw_px"].tolist()
         assert line["eyes_raw"] == {"left": left, "right": right}
     digests = []
     for name in ("one", "two"):

@@ -15,7 +15,7 @@ from lfpipe.render.glasses import KINDS, glasses_menu
 from lfpipe.render.overlay import DEPTH, EVENTS, HELP, KEYS, Item, Menu, Overlay, bar_items
 from lfpipe.render.overlay_view import BAR_SHARE, OverlayView, Panel
 from tests.display.test_window import GREY, becomes, pressed, window  # noqa: F401  (fixture)
-from tests.xvfb_screen import Screen
+from tests.support.xvfb_screen import Screen
 
 SIZES = [(320, 240), (640, 480), (1920, 1080), (3840, 2160)]
 BAR = bar_items(0.0, False, frozenset())
@@ -102,11 +102,11 @@ def test_the_bar_goes_by_itself_but_not_while_the_slider_is_held(
 def test_each_kind_of_glasses_can_be_clicked_above_the_notices(size: tuple[int, int]) -> None:
     menu = glasses_menu("mono")
     assert {value for *_, value in KINDS} <= set(choices("render.anaglyph"))
-    screened = Screened(size, Overlay(menu=menu, notices=("camera lost, trying again",) * 4))
+    screened = Screened(size, Overlay(menu=menu, notices=("camera lost, trying again",)))
     panels = [panel.surface.get_rect(topleft=panel.at) for panel in screened.panels(size, 22)]
     assert len(panels) == 2 and not panels[0].colliderect(panels[1])
     assert all(pygame.Rect((0, 0), size).contains(panel) for panel in panels)
-    assert set(screened.clicked()) == {"", *(item.event for item in menu.items)}
+    assert set(screened.clicked()) == {"", "close", *(item.event for item in menu.items)}
     assert [screened.key(key) for key in ("enter", "more", "enter")] == [
         "wear mono",
         "",
@@ -146,7 +146,7 @@ def test_the_selected_item_is_on_the_page(
 def test_escape_closes_what_is_over_the_picture_then_leaves_the_full_screen() -> None:
     view = OverlayView()
     for overlay, event in (
-        (Overlay(HELP), "close"),
+        (Overlay(lines=HELP), "close"),
         (Overlay(menu=glasses_menu("mono")), "close"),
         (Overlay(), "escape"),
     ):
@@ -155,9 +155,10 @@ def test_escape_closes_what_is_over_the_picture_then_leaves_the_full_screen() ->
 
 
 def test_the_bar_comes_with_the_mouse_and_a_click_is_a_key(
-    window: Callable[..., Display], screen: Screen
-) -> None:  # noqa: F811
-    display = window((700, 500))
+    window: Callable[..., Display],  # noqa: F811
+    screen: Screen,
+) -> None:
+    display = window((853, 500))
     display.show(GREY)
     display.overlay(Overlay(bar=BAR))
     pygame.event.post(

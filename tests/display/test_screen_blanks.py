@@ -1,4 +1,6 @@
-"""Sessions in real windows on real servers: who reports the blanks, and what the trace makes of it."""
+"""Sessions in real windows on real servers: who reports the blanks, and what the trace
+makes of it.
+"""
 
 import shutil
 from collections.abc import Iterator
@@ -7,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.sway_screen import sway
-from tests.world import World
+from tests.support.sway_screen import sway
+from tests.support.world import World
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +26,8 @@ def test_a_session_names_who_tells_when_its_pictures_were_shown(
     system: str, world: World, scene: Path, request: pytest.FixtureRequest
 ) -> None:
     if system == "x":
-        world.env["DISPLAY"], reporters = request.getfixturevalue("screen").name, {"x_present"}
+        world.env["DISPLAY"] = request.getfixturevalue("screen").name
+        reporters = {"x_present"}
     else:  # which of them depends on the version of wlroots
         world.env |= {
             "WAYLAND_DISPLAY": request.getfixturevalue("wayland"),

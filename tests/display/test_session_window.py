@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from lfpipe.scene.demo import NAME
-from tests.world import World, write_scene
-from tests.xdnd import drop
-from tests.xvfb_screen import Screen, needs_xdotool, outline
+from tests.scene.made import read
+from tests.support.world import World, write_scene
+from tests.support.xdnd import drop
+from tests.support.xvfb_screen import Screen, needs_xdotool, outline
 
 PLAIN = (
     "render.method=nearest",
@@ -26,7 +27,9 @@ GRID_MIDDLE = [13, 13, 37]  # BGR of the middle view
 
 
 def expected(line: dict[str, dict[str, list[float]]]) -> list[int]:
-    """BGR of the picture, from how `write_scene` colours its views: red of the left one, green and blue of the right one."""
+    """BGR of the picture, from how `write_scene` colours its views: red of the left one, green and
+    blue of the right one.
+    """
     (left_row, left_col), (right_row, right_col) = line["view"]["left"], line["view"]["right"]
     return [int(8 * right_row + 5), int(8 * right_col + 5), int(8 * (3 * left_row + left_col) + 5)]
 
@@ -90,7 +93,10 @@ def test_the_planes_on_the_screen_come_from_the_right_views(
 
 
 def _exchange_near_and_far(world: World, screen: Screen, exchange: Callable[[str], object]) -> None:
-    """In a paused session that is resumed for it; the same viewpoints then show the opposite views. Back again."""
+    """In a paused session that is resumed for it; the same viewpoints then show the opposite views.
+
+    Back again.
+    """
     for word, last in (("yes", 2.0), ("no", 0.0)):
         exchange(word)
         world.ctl("resume")
@@ -113,22 +119,27 @@ def _exchange_near_and_far(world: World, screen: Screen, exchange: Callable[[str
 
 
 def _steady(world: World, screen: Screen) -> list[int] | None:
-    """The one colour of the window, once the trace stands still and the window shows one colour above "paused"."""
+    """The one colour of the window, once the trace stands still and the window shows one colour
+    above "paused".
+    """
     before = len(world.lines())
     shown = screen.shown()
-    shown = shown[: 3 * len(shown) // 4]
+    shown = shown[len(shown) // 8 : len(shown) // 2]
     same = (shown == shown[0, 0]).all()
     return np.asarray(shown[0, 0]).tolist() if same and len(world.lines()) == before else None
 
 
 def _choose(world: World, screen: Screen) -> None:
-    """Keys go to the next scene and back. Thumbnails appear over the picture; arrow and Enter, or a click, choose one."""
+    """Keys go to the next scene and back.
+
+    Thumbnails appear over the picture; arrow and Enter, or a click, choose one.
+    """
     for key, name in (("Page_Down", "second"), ("Page_Up", "grid")):
         world.xdotool("key", key)
         world.wait_for(
             lambda name=name: outline(f"lfpipe: {name}", screen.name), f"the title of {name}"
         )
-    second = cv2.imread(str(world.root / "second" / "view_01_01.png"))[0, 0].tolist()
+    second = read(world.root / "second" / "view_01_01.png", cv2.IMREAD_COLOR)[0, 0].tolist()
     world.xdotool("key", "Tab")
     world.wait_for(lambda: _count(screen, GRID_MIDDLE) > 5000, "the thumbnail of the scene shown")
     world.xdotool("key", "Right", "Return")
@@ -153,13 +164,15 @@ def _count(screen: Screen, colour: list[int]) -> int:
 
 
 def _drop(world: World, screen: Screen) -> None:
-    """A file that is not a scene is refused in the picture, the session continues; a scene is shown and named in the title."""
+    """A file that is not a scene is refused in the picture, the session continues; a scene is shown
+    and named in the title.
+    """
     (world.root / "letters").mkdir()
     (world.root / "letters" / "letter.txt").write_text("Dear ...")
     title = "lfpipe: grid"
     drop(world.root / "letters", title, screen.name)
     world.wait_for(
-        lambda: (screen.shown()[-60:] == 255).all(axis=-1).any(), "the refusal below the picture"
+        lambda: (screen.shown()[-200:] == 255).all(axis=-1).any(), "the refusal below the picture"
     )
     other = write_scene(world.root / "my other scene", 2, 3)
     drop(other, title, screen.name)
@@ -170,12 +183,17 @@ def _drop(world: World, screen: Screen) -> None:
 
 
 def _letters(screen: Screen) -> tuple[str, ...]:
-    """The eye that sees the letter in the left half of the window, and in the right half: "colour" gives red to the left eye."""
-    shown = screen.shown()[60:-120].astype(int)
-    middle, eyes = shown.shape[1] // 2, []
-    for half in (
-        (shown[:, 40 : middle - 40], shown[:, middle + 40 : -40]) if len(shown) > 140 else ()
-    ):
+    """The eye that sees the letter in the left half of the window, and in the right half: "colour"
+    gives red to the left eye.
+    """
+    shown = screen.shown().astype(int)
+    height, width = shown.shape[:2]
+    patches = shown[height // 4 : 5 * height // 8]  # below the frame, above the panel
+    eyes = []
+    for left in (width // 12, width // 2 + width // 24):
+        half = patches[:, left : left + 3 * width // 8]
+        if not half.size:
+            return ()
         red, cyan = int(np.ptp(half[..., 2])), int(np.ptp(half[..., 1]))
         eyes.append("left" if red > 100 > cyan else "right" if cyan > 100 > red else "?")
     return tuple(eyes)
@@ -193,9 +211,8 @@ def test_without_a_screen_it_is_the_help(world: World) -> None:
 @needs_xdotool
 def test_scenes_shown_before_are_there_to_choose_from(world: World, screen: Screen) -> None:
     world.env |= {"DISPLAY": screen.name, "LFPIPE_SESSION": world.name}
-    write_scene(
-        world.root / "cache" / "lfpipe" / "demo" / NAME, 2, 2
-    )  # the real one takes half a minute to make
+    # the real one takes half a minute to make
+    write_scene(world.root / "cache" / "lfpipe" / "demo" / NAME, 2, 2)
     recent = [write_scene(world.root / f"shown before {k}", 1, 2 + k) for k in (1, 2)]
     kept = world.root / "state" / "lfpipe" / "recent_scenes.json"
     kept.parent.mkdir(parents=True)
@@ -231,3 +248,20 @@ def _skin(screen: Screen) -> int:
     """How many pixels of the screen are as red as skin: the scenes of this test are dark."""
     blue, green, red = np.moveaxis(screen.picture().astype(int), -1, 0)
     return int(((red > 150) & (red > green + 20) & (green > blue)).sum())
+
+
+@needs_xdotool
+def test_a_second_scene_is_shown_in_the_open_window(
+    world: World, scene: Path, screen: Screen
+) -> None:
+    world.env |= {"DISPLAY": screen.name, "LFPIPE_SESSION": world.name}
+    process = world.up(scene, display="window")
+    world.pictures(5)
+    other = write_scene(world.root / "the other", 1, 3)
+    done = world.run("up", other)
+    assert done.returncode == 0 and "--session NAME" in done.stderr, done.stderr
+    world.wait_for(lambda: outline("lfpipe: the other", screen.name), "the other scene")
+    refused = world.run("up", other, "--display", "none")
+    assert refused.returncode == 2 and "running" in refused.stderr, refused.stderr
+    world.xdotool("key", "q")
+    world.ended(process)

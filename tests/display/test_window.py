@@ -1,6 +1,7 @@
 """A real window on a real X server."""
 
 import os
+import shutil
 import subprocess
 import time
 from collections.abc import Callable, Iterator
@@ -11,13 +12,15 @@ import numpy as np
 import pygame
 import pytest
 
-from lfpipe.render.display import HINT, Display, open_display
+from lfpipe.render.display import Display
+from lfpipe.render.open_display import HINT, open_display, parse_display
 from lfpipe.render.overlay import EVENTS, HELP, KEYS, Item, Menu, Overlay
-from tests.xdnd import drop
-from tests.xvfb_screen import Screen, needs_xdotool, outline
+from lfpipe.render.window import ScreenWindow
+from tests.support.xdnd import drop
+from tests.support.xvfb_screen import Screen, needs_xdotool, outline, x_server
 
 WAIT_S = 60.0
-GREY = np.full((500, 700, 3), 90, np.uint8)
+GREY = np.full((500, 853, 3), 90, np.uint8)  # of the width of a first window
 
 
 @pytest.fixture
@@ -25,7 +28,7 @@ def window(screen: Screen) -> Iterator[Callable[..., Display]]:
     opened = []
 
     def make(size: tuple[int, int], spec: str = "window") -> Display:
-        opened.append(open_display(spec, size, "lfpipe: a test", 60.0))
+        opened.append(open_display(parse_display(spec), size, "lfpipe: a test", 60.0))
         assert becomes(pygame.key.get_focused, opened[-1])
         return opened[-1]
 
@@ -34,13 +37,13 @@ def window(screen: Screen) -> Iterator[Callable[..., Display]]:
         display.close()
 
 
-def becomes(true: Callable[[], bool], display: Display) -> bool:
+def becomes(true: Callable[..., object], display: Display) -> bool:
     """Waits until true, keeping the window alive."""
     until = time.monotonic() + WAIT_S
     while not (done := true()) and time.monotonic() < until:
         display.events()
         time.sleep(0.01)
-    return done
+    return bool(done)
 
 
 def noise(width: int, height: int, seed: int = 3) -> np.ndarray:
@@ -50,9 +53,9 @@ def noise(width: int, height: int, seed: int = 3) -> np.ndarray:
 def test_the_screen_shows_each_picture_to_the_bit(
     window: Callable[..., Display], screen: Screen
 ) -> None:
-    display = window((641, 479))
+    display = window((853, 479))
     for seed in (1, 2, 3):
-        picture = noise(641, 479, seed)
+        picture = noise(853, 479, seed)
         before = time.monotonic_ns()
         assert before < display.show(picture) <= time.monotonic_ns()
         assert becomes(lambda picture=picture: np.array_equal(screen.shown(), picture), display)
@@ -63,21 +66,21 @@ def test_a_small_picture_is_scaled_up_whole(window: Callable[..., Display], scre
     picture[:, :20, 2], picture[:15, 20:, 1], picture[15:, 20:, 0] = 200, 150, 100
     display = window((40, 30))
     display.show(picture)
-    assert becomes(lambda: screen.shown().shape == (480, 640, 3), display)
-    corners = [screen.shown()[place].tolist() for place in ((240, 100), (100, 500), (400, 500))]
+    assert becomes(lambda: screen.shown().shape == (640, 853, 3), display)
+    corners = [screen.shown()[place].tolist() for place in ((240, 100), (100, 700), (600, 700))]
     assert corners == [[0, 0, 200], [0, 150, 0], [100, 0, 0]]
 
 
 def test_lines_stand_at_the_top_and_notices_at_the_bottom_and_go_again(
     window: Callable[..., Display], screen: Screen
 ) -> None:
-    display = window((700, 500))
+    display = window((853, 500))
     display.show(GREY)
     odd = "sc\udce8ne\0"  # names of files that no font has letters for
     for overlay, rest in (
-        (Overlay(("30.0 Hz", "age of the picture 21 ms")), slice(200, None)),
+        (Overlay(lines=("30.0 Hz", "age of the picture 21 ms")), slice(200, None)),
         (Overlay(notices=("mode: grey", "paused")), slice(400)),
-        (Overlay((odd,), notices=(odd,), progress=0.5), slice(200, 300)),
+        (Overlay(lines=(odd,), notices=(odd,), progress=0.5), slice(200, 300)),
         (Overlay(menu=Menu("", "a hint", (Item(odd),))), slice(0, 20)),
     ):
         display.overlay(overlay)
@@ -91,27 +94,77 @@ def test_lines_stand_at_the_top_and_notices_at_the_bottom_and_go_again(
     assert becomes(lambda: outline("lfpipe: bunny", screen.name) is not None, display)
 
 
+LEFT, RIGHT = (10, 20, 200), (220, 120, 30)
+
+
+def show_rows(display: Display) -> None:
+    """Shows a view of one colour for each eye, in rows."""
+    left, right = (np.full((50, 70, 3), colour, np.uint8) for colour in (LEFT, RIGHT))
+    display.show(left, (left, right), "row-interleaved")
+
+
+def interleaved(screen: Screen) -> bool:
+    """Whether even rows of the screen are the left eye's and odd ones the right eye's, once the bar
+    that a mouse over the window brings has gone.
+    """
+    shown = screen.picture()
+    rows = np.flatnonzero(shown.any(axis=(1, 2)))
+    cols = shown.any(axis=(0, 2))
+    colours = np.array([(LEFT, RIGHT)[row % 2] for row in rows])
+    return len(rows) > 200 and bool((shown[rows][:, cols] == colours[:, None]).all())
+
+
 def test_rows_of_two_views_are_rows_of_the_screen(
     window: Callable[..., Display], screen: Screen
 ) -> None:
-    left, right = (
-        np.full((50, 70, 3), colour, np.uint8) for colour in ((10, 20, 200), (220, 120, 30))
-    )
     display = window((70, 50))
-    display.show(left, (left, right), "row-interleaved")
-    assert becomes(lambda: bool((screen.shown()[0] != screen.shown()[1]).any()), display)
-
-    def interleaved() -> bool:
-        """Every row is one eye's, once the bar that a mouse over the window brings has gone."""
-        shown = screen.picture()
-        rows, cols = shown.any(axis=(1, 2)).nonzero()[0], shown.any(axis=(0, 2))
-        colours = np.array([((10, 20, 200), (220, 120, 30))[row % 2] for row in rows])
-        return len(rows) > 400 and bool((shown[rows][:, cols] == colours[:, None]).all())
-
-    assert becomes(interleaved, display)
+    show_rows(display)
+    assert becomes(lambda: interleaved(screen), display)
+    left, right = (np.full((50, 70, 3), colour, np.uint8) for colour in (LEFT, RIGHT))
     display.show(left, (left, right), "side-by-side")
-    assert becomes(lambda: bool((screen.shown()[:, 5] == (10, 20, 200)).all()), display)
-    assert (screen.shown()[:, -5] == (220, 120, 30)).all()
+    assert becomes(lambda: bool((screen.shown()[:, 5] == LEFT).all()), display)
+    assert (screen.shown()[:, -5] == RIGHT).all()
+
+
+@needs_xdotool
+def test_rows_stay_rows_of_the_screen_where_a_window_is_moved(
+    window: Callable[..., Display], screen: Screen
+) -> None:
+    """Also above the top of the screen. No new picture comes meanwhile."""
+    display = window((70, 50))
+    show_rows(display)
+    env = {**os.environ, "DISPLAY": screen.name}
+    title = f"lfpipe: a test ({HINT})"
+    for place in ("100 101", "100 100", "100 -101", "100 -100"):
+        move = ["getwindowfocus", "windowmove", *place.split()]
+        subprocess.run(["xdotool", *move], env=env, check=True)
+        top = int(place.split()[1])
+        assert becomes(
+            lambda top=top: (outline(title, screen.name) or (0, None))[1] == top, display
+        )
+        assert becomes(lambda: interleaved(screen), display), place
+
+
+@pytest.mark.skipif(shutil.which("Xvfb") is None, reason="apt-get install xvfb")
+def test_a_window_opens_on_a_screen_of_ten_bits_per_colour(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("SDL_FRAMEBUFFER_ACCELERATION", raising=False)
+    command = ["Xvfb", "-screen", "0", "640x480x30", "-fbdir", str(tmp_path)]
+    with x_server(command, tmp_path) as name:
+        monkeypatch.setenv("DISPLAY", name)
+        monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+        display = ScreenWindow((640, 480), "lfpipe: a test", fullscreen=True)
+        deep = Screen(name, tmp_path / "Xvfb_screen0")
+        try:
+            picture = np.full((480, 640, 3), (200, 100, 50), np.uint8)
+            display.show(picture)
+            levels = [round(level * 1023 / 255) for level in (50, 100, 200)]
+            assert becomes(lambda: np.ptp(deep.pixels() & 0x3FFFFFFF) == 0, display)
+            pixel = int(deep.pixels().flat[0]) & 0x3FFFFFFF
+            assert [pixel >> 20, pixel >> 10 & 1023, pixel & 1023] == pytest.approx(levels, abs=2)
+        finally:
+            display.close()
 
 
 def test_what_is_dropped_is_named_and_a_name_that_is_no_text_ends_nothing(
@@ -178,14 +231,14 @@ def test_every_key_arrives_and_keys_without_meaning_do_not(window: Callable[...,
 def test_help_lists_every_key_over_the_picture(
     window: Callable[..., Display], screen: Screen
 ) -> None:
-    display = window((700, 500))
+    display = window((853, 500))
     display.show(GREY)
 
     def lines() -> int:
         white = (screen.shown() == 255).all(axis=2)
         return int((np.diff(white.any(axis=1).astype(int)) == 1).sum())
 
-    display.overlay(Overlay(HELP))
+    display.overlay(Overlay(lines=HELP))
     assert becomes(lambda: lines() >= len(KEYS), display)
 
 
@@ -196,7 +249,7 @@ def test_full_screen_keeps_the_aspect_with_black_bars_and_goes_back_with_the_las
     colour = (10, 120, 230)
     display = window((640, 640))
     display.show(np.full((640, 640, 3), colour, np.uint8))
-    for key, side_px in (("f", 800), ("f", 640), ("F11", 800), ("Escape", 640), ("f", 800)):
+    for key, side_px in (("f", 800), ("f", 680), ("F11", 800), ("Escape", 680), ("f", 800)):
         press(key)
         assert pressed(display) == ["fullscreen"]
         assert becomes(
@@ -204,3 +257,46 @@ def test_full_screen_keeps_the_aspect_with_black_bars_and_goes_back_with_the_las
         )
     assert (screen.shown() == colour).all()
     assert not screen.picture()[:, :240].any() and not screen.picture()[:, 1040:].any()
+
+
+@pytest.mark.skipif(
+    shutil.which("openbox") is None or shutil.which("Xvfb") is None,
+    reason="apt-get install openbox xvfb",
+)
+def test_full_screen_and_back_leaves_a_framed_window_where_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with x_server(["Xvfb", "-screen", "0", "1280x800x24"], tmp_path) as name:
+        monkeypatch.setenv("DISPLAY", name)
+        monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+        manager = subprocess.Popen(["openbox"], stderr=subprocess.DEVNULL)
+        display = None
+        try:
+            root = ["xprop", "-root", "_NET_SUPPORTING_WM_CHECK"]
+            until = time.monotonic() + WAIT_S
+            while time.monotonic() < until and b"window id" not in subprocess.check_output(root):
+                time.sleep(0.05)
+            display = ScreenWindow((853, 500), "lfpipe: a test")
+            display.show(GREY)
+            size = (1280, 800)
+            places = []
+            for whole in (False, True) * 3:
+                assert becomes(
+                    lambda: (
+                        (outline("lfpipe: a test", name) or (0, 0, 0, 0))[:2]
+                        == display._window.position
+                    ),
+                    display,
+                )
+                place = outline("lfpipe: a test", name)
+                assert place is not None and (place[2:] == size) == whole
+                places.append(place)
+                display._toggle()
+                display.show(GREY)
+            # the manager may still have been starting when the first window opened
+            assert len(set(places[2:])) == 2, places
+        finally:
+            if display is not None:
+                display.close()
+            manager.terminate()
+            manager.wait()

@@ -22,8 +22,10 @@ def blocks(page: str, language: str = "python") -> list[str]:
 
 @pytest.fixture(scope="session")
 def fresh(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The Python of a new environment, made by `python -m venv`, into which pip installed a wheel built from the source
-    distribution. Its dependencies are those of the present environment, by a .pth file, so that no index is needed."""
+    """The Python of a new environment, made by `python -m venv`, into which pip installed a wheel
+    built from the source distribution. Its dependencies are those of the present environment, by a
+    .pth file, so that no index is needed.
+    """
     folder = tmp_path_factory.mktemp("fresh")
 
     def run(*words: str | Path, cwd: Path = folder) -> None:

@@ -1,4 +1,6 @@
-"""The package as an installer gets it; in an environment made without uv, the programs of examples/ and docs/python.md run."""
+"""The package as an installer gets it; in an environment made without uv, the programs of examples/
+and docs/python.md run.
+"""
 
 import os
 import re
@@ -10,19 +12,24 @@ from pathlib import Path
 import pytest
 
 from tests.docs.conftest import BUILD, ROOT, blocks
-from tests.world import World
+from tests.support.world import World
 
 EXAMPLES = ROOT / "examples"
 PROGRAMS = [block for block in blocks("docs/python.md") if block.count("\n") > 2]
 
 
 def run(world: World, python: Path, *words: str | Path) -> str:
-    """What a program prints. The package comes from the environment of python, not from the checkout."""
+    """What a program prints.
+
+    The package comes from the environment of python, not from the checkout.
+    """
     env = {key: value for key, value in world.env.items() if key != "PYTHONPATH"} | {
         "MPLBACKEND": "agg"
     }
     env["PATH"] = f"{python.parent}{os.pathsep}{os.environ['PATH']}"
-    done = subprocess.run(words, capture_output=True, text=True, cwd=world.root, env=env)
+    done = subprocess.run(
+        [str(word) for word in words], capture_output=True, text=True, cwd=world.root, env=env
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
@@ -51,9 +58,24 @@ def test_a_program_runs(
     )
 
 
-def test_every_program_is_run() -> None:
+EXAMPLE_FILES = sorted(path.name for path in EXAMPLES.iterdir() if path.suffix in (".py", ".sh"))
+
+
+def test_every_program_is_run_and_listed() -> None:
     programs = {row[0].split()[0] for row in test_a_program_runs.pytestmark[0].args[1]}  # type: ignore[attr-defined]
-    assert programs == {path.name for path in EXAMPLES.iterdir() if path.is_file()}
+    assert programs == set(EXAMPLE_FILES)
+    listed = re.findall(r"^\| `([\w.]+) ", (EXAMPLES / "README.md").read_text(), re.M)
+    assert sorted(listed) == EXAMPLE_FILES
+
+
+@pytest.mark.parametrize("name", EXAMPLE_FILES)
+def test_a_program_without_arguments_prints_its_usage(name: str, tmp_path: Path) -> None:
+    words = [sys.executable] if name.endswith(".py") else []
+    done = subprocess.run(
+        [*words, EXAMPLES / name], capture_output=True, text=True, cwd=tmp_path, timeout=60
+    )
+    assert done.returncode == 1 and f"{name} " in done.stderr, done.stderr
+    assert not any(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("number", range(len(PROGRAMS)))
@@ -98,7 +120,9 @@ def test_the_programs_are_typed(fresh: Path, tmp_path: Path) -> None:
         tmp_path / "cache",
         *files,
     ]
-    done = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path)
+    done = subprocess.run(
+        [str(word) for word in words], capture_output=True, text=True, cwd=tmp_path
+    )
     assert done.returncode == 0, done.stdout + done.stderr
 
 
@@ -134,7 +158,8 @@ def test_the_package_names_licence_and_authors_shows_nobody_and_links_to_what_ex
         "LICENSE" in names
         and "Containerfile" in names
         and "lfpipe/cli/up.py" in names
-        and "tests/world.py" in names
+        and "tests/support/world.py" in names
+        and "examples/eyes.py" in names
     )
     assert "docs/page.png" not in names, "it shows a person"
     assert not any(name.startswith(("profiling/results", "lfpipe-")) for name in names)
@@ -145,7 +170,7 @@ def test_the_package_names_licence_and_authors_shows_nobody_and_links_to_what_ex
     )
     targets = re.findall(r"\]\(([^)]+)\)", about)
     assert all(target.startswith("https://") for target in targets), targets
-    assert ("![" in about) == bool(url) == ("Project-URL" in about)
+    assert ("![" in about) == bool(url) and "Project-URL: Source, https:" in about
     assert "lfpipe up --demo" in about and "## How it is built" in about
 
 
@@ -163,7 +188,10 @@ def test_a_wheel_from_the_source_distribution_installs_into_an_empty_environment
     fresh: Path, tmp_path: Path
 ) -> None:
     """As an installer without a wheel does: the archive has all that its own build reads."""
-    code = "import lfpipe, subprocess; print(lfpipe.__file__); subprocess.run(['lfpipe', '--version'], check=True)"
+    code = (
+        "import lfpipe, subprocess; print(lfpipe.__file__); subprocess.run(['lfpipe', '--version'],"
+        " check=True)"
+    )
     env = {"PATH": f"{fresh.parent}:/usr/bin:/bin", "HOME": str(tmp_path)}
     done = subprocess.run(
         (fresh, "-c", code), cwd=tmp_path, capture_output=True, text=True, env=env

@@ -52,7 +52,10 @@ def test_no_page_is_wider_than_its_screen(site: Path, tmp_path: Path) -> None:
                     "document.documentElement.scrollWidth - document.documentElement.clientWidth"
                 )
                 assert browser.ask(content) <= 0, f"{page.name} overflows at {width_px} px"
-                cut = "[...document.querySelectorAll('table')].filter(t => t.offsetWidth > t.parentElement.clientWidth + 1)"
+                cut = (
+                    "[...document.querySelectorAll('table')].filter(t => t.offsetWidth >"
+                    " t.parentElement.clientWidth + 1)"
+                )
                 assert browser.ask(f"{cut}.length") == 0, (
                     f"{page.name}: a table is cut off at {width_px} px"
                 )

@@ -19,7 +19,7 @@ from lfpipe.export.pictures import SceneExport, check_clip, parse_tiles, quilt_n
 from lfpipe.files import video_writer
 from lfpipe.scene.packing import pack_scene
 from tests.scene import made
-from tests.world import write_scene
+from tests.support.world import write_scene
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +28,9 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 def decoded(path: Path) -> list[np.ndarray]:
-    """The frames of an H.264 video, RGB, as FFmpeg decodes them by what the file says of its colours. Its index comes first."""
+    """The frames of an H.264 video, RGB, as FFmpeg decodes them by what the file says of its
+    colours. Its index comes first.
+    """
     data = path.read_bytes()
     assert data.index(b"moov") < data.index(b"mdat")
     with av.open(str(path)) as container:
@@ -46,9 +48,10 @@ def frames(image: Image.Image) -> list[np.ndarray]:
     return pictures
 
 
-def export(*words: object, cache: str) -> Path:
+def export(scene: Path, out: Path, form: str, *words: object, cache: str) -> Path:
+    options = ["--set", f"scene.cache_dir={cache}"]
     done = CliRunner().invoke(
-        command, ["export", *map(str, words), "--set", f"scene.cache_dir={cache}"]
+        command, ["export", form, str(scene), "-o", str(out), *map(str, words), *options]
     )
     assert done.exit_code == 0, done.output + repr(done.exception)
     return Path(done.output.split()[0])
@@ -57,17 +60,16 @@ def export(*words: object, cache: str) -> Path:
 def test_a_quilt_runs_from_the_bottom_left_and_reads_back(
     scene: Path, cache: str, tmp_path: Path
 ) -> None:
-    path = export(scene, tmp_path / "boxes.png", "--as", "quilt", "--tiles", "3x1", cache=cache)
+    path = export(scene, tmp_path / "boxes.png", "quilt", "--tiles", "3x1", cache=cache)
     row = cv2.imread(str(path))
+    assert row is not None
     assert path.name == "boxes_qs3x1a1.33.png" and row.shape == (48, 192, 3)
     assert [row[0, 64 * k, 1] for k in range(3)] == [5, 13, 21]  # green tells the column
-    path = export(scene, tmp_path / "tall.png", "--as", "quilt", "--tiles", "1x3", cache=cache)
+    path = export(scene, tmp_path / "tall.png", "quilt", "--tiles", "1x3", cache=cache)
     column = cv2.imread(str(path))
-    assert [column[48 * k, 0, 1] for k in range(3)] == [
-        21,
-        13,
-        5,
-    ]  # the leftmost view at the bottom
+    assert column is not None
+    # the leftmost view at the bottom
+    assert [column[48 * k, 0, 1] for k in range(3)] == [21, 13, 5]
     again = pack_scene(path, Scene(cache_dir=cache))
     assert (again.rows, again.cols) == (1, 3) and again.views[0, 0, :, 1, 0, 0].tolist() == [
         5,
@@ -87,12 +89,11 @@ def textured(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_every_pair_is_read_back_and_by_pillow(
     textured: Path, cache: str, tmp_path: Path, suffix: str
 ) -> None:
-    how = ("--as", "pair", "--apart", 2, "--set", "render.zero_plane_px=0")
+    how = ("pair", "--apart", 2, "--set", "render.zero_plane_px=0")
     path = export(textured, tmp_path / f"boxes{suffix}", *how, cache=cache)
     assert path.stem == ("boxes_sbs" if suffix in (".png", ".jpg") else "boxes")
-    eyes = [
-        cv2.imread(str(textured / f"view_00_0{col}.png"))[..., ::-1].astype(int) for col in (0, 2)
-    ]
+    files = [str(textured / f"view_00_0{col}.png") for col in (0, 2)]
+    eyes = [np.asarray(cv2.imread(name))[..., ::-1].astype(int) for name in files]
     with Image.open(path) as image:
         halves = frames(image)
         if suffix != ".mpo":
@@ -106,9 +107,7 @@ def test_every_pair_is_read_back_and_by_pillow(
 
 
 def test_a_pair_in_motion_and_a_sweep_are_videos(scene: Path, cache: str, tmp_path: Path) -> None:
-    path = export(
-        scene, tmp_path / "boxes.mp4", "--as", "pair", "--apart", 1, "--seconds", 1, cache=cache
-    )
+    path = export(scene, tmp_path / "boxes.mp4", "pair", "--apart", 1, "--seconds", 1, cache=cache)
     pairs = decoded(path)
     assert path.name == "boxes_LR.mp4" and len(pairs) == 30 and pairs[0].shape == (48, 128, 3)
     assert all(
@@ -124,9 +123,7 @@ def test_a_pair_in_motion_and_a_sweep_are_videos(scene: Path, cache: str, tmp_pa
         ]
         answer = subprocess.check_output(["ffprobe", "-v", "error", *entries, path], text=True)
         assert answer.strip() == "h264,128,48,yuv420p,30"
-    sweep = decoded(
-        export(scene, tmp_path / "sweep.mp4", "--as", "sweep", "--seconds", 1, cache=cache)
-    )
+    sweep = decoded(export(scene, tmp_path / "sweep.mp4", "sweep", "--seconds", 1, cache=cache))
     greens = [float(frame[..., 1].mean()) for frame in sweep]
     assert len(greens) == 30 and sweep[0].shape == (48, 64, 3)
     assert greens[0] == pytest.approx(5, abs=2.5) and greens[15] == max(greens) == pytest.approx(
@@ -135,24 +132,20 @@ def test_a_pair_in_motion_and_a_sweep_are_videos(scene: Path, cache: str, tmp_pa
 
 
 def test_a_pair_in_motion_opens_as_a_pair(textured: Path, cache: str, tmp_path: Path) -> None:
-    path = export(textured, tmp_path / "boxes.mp4", "--as", "pair", "--seconds", 0.2, cache=cache)
+    path = export(textured, tmp_path / "boxes.mp4", "pair", "--seconds", 0.2, cache=cache)
     again = pack_scene(path, Scene(cache_dir=cache))
     assert (again.rows, again.cols, again.views.shape[0]) == (1, 2, 6)
 
 
 def test_a_wiggle_loops_for_ever_as_gif(scene: Path, cache: str, tmp_path: Path) -> None:
     with Image.open(
-        export(scene, tmp_path / "wiggle.gif", "--as", "wiggle", "--apart", 2, cache=cache)
+        export(scene, tmp_path / "wiggle.gif", "wiggle", "--apart", 2, cache=cache)
     ) as image:
         shades = [picture[5, 5, 1] for picture in frames(image)]
         assert len(shades) >= 2 and image.info["loop"] == 0
     assert min(shades) == pytest.approx(5, abs=1) and max(shades) == pytest.approx(21, abs=1)
     assert (
-        len(
-            decoded(
-                export(scene, tmp_path / "wiggle.mp4", "--as", "wiggle", "--apart", 2, cache=cache)
-            )
-        )
+        len(decoded(export(scene, tmp_path / "wiggle.mp4", "wiggle", "--apart", 2, cache=cache)))
         == 24
     )
 
@@ -186,10 +179,8 @@ def test_what_cannot_be_exported_is_refused(
         (lambda: parse_tiles("8by6"), "--tiles 8by6"),
         (lambda: parse_tiles("0x6"), "--tiles 0x6"),
         (lambda: check_clip(tmp_path / "x.webm", 3), "not .mp4 or .gif"),
-        (
-            lambda: check_picture(tmp_path / "x.jps", scene),
-            "not .png, .jpg or .jpeg",
-        ),  # players would show a pair
+        # players would show a pair
+        (lambda: check_picture(tmp_path / "x.jps", scene), "not .png, .jpg or .jpeg"),
         (lambda: check_clip(tmp_path / "x.gif", 301), "301 pictures"),
         (
             lambda: write_clip(tmp_path / "no" / "x.gif", iter([np.zeros((4, 4, 3), np.uint8)]), 3),

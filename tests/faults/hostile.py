@@ -37,7 +37,9 @@ WORDS = [
 
 
 def hostile(rng: random.Random) -> bytes:
-    """Random bytes, valid msgpack of another shape, commands without contents, too much, too deep, cut short, one bit off."""
+    """Random bytes, valid msgpack of another shape, commands without contents, too much, too deep,
+    cut short, one bit off.
+    """
     deep: Any = "stop"
     for _ in range(rng.randrange(10, 600)):
         deep = [deep]
@@ -50,8 +52,9 @@ def hostile(rng: random.Random) -> bytes:
         msgpack.packb(rng.choice(OTHERS)),
         control.encode({"cmd": rng.choice(WORDS), "path": 5, "lease_s": -1}),
         msgpack.packb(large) if rng.random() < 0.1 else b"\x91" * rng.randrange(60_000),
+        # less than it says
         rng.choice([b"\xdd", b"\xdf", b"\xdb", b"\xc6", b"\xc9"])
-        + rng.randbytes(4 + rng.randrange(50)),  # less than it says
+        + rng.randbytes(4 + rng.randrange(50)),
         msgpack.packb({"v": 1, "cmd": deep}),
         whole[: rng.randrange(len(whole) - 1)],
         bytes(spoilt),

@@ -1,7 +1,7 @@
 """`lfpipe` with a render stage that fails with some settings, and one that dies again and again.
 
-render.loop_ms = 7: it ends with a UserError after it has confirmed the setting; 8: with another error; 9: always, at its first
-picture.
+render.loop_ms = 7: it ends with a UserError after it has confirmed the setting; 8: with another
+error; 9: always, at its first picture.
 """
 
 from typing import Any
@@ -13,19 +13,18 @@ from lfpipe.render import presenter, stage
 from lfpipe.supervisor import process_table
 from lfpipe.transport.context import Context
 
-_show = presenter.Presenter.show
-
-
-def show(self: presenter.Presenter, *args: Any, **more: Any) -> None:
-    loop_ms = self._context.config.render.loop_ms
-    if loop_ms == 7:
-        raise UserError("render.loop_ms = 7: not for me", "another number")
-    if loop_ms in (8, 9):
-        raise ZeroDivisionError(f"show at {loop_ms:g}")
-    _show(self, *args, **more)
-
 
 def main(context: Context) -> None:
+    usual = presenter.Presenter.show
+
+    def show(self: presenter.Presenter, *args: Any, **more: Any) -> None:
+        loop_ms = context.config.render.loop_ms
+        if loop_ms == 7:
+            raise UserError("render.loop_ms = 7: not for me", "another number")
+        if loop_ms in (8, 9):
+            raise ZeroDivisionError(f"show at {loop_ms:g}")
+        usual(self, *args, **more)
+
     presenter.Presenter.show = show  # type: ignore[method-assign]
     stage.main(context)
 

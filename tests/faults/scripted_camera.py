@@ -1,8 +1,9 @@
-"""`lfpipe` with a camera controlled by a file: everything above the driver is the product's own code.
+"""`lfpipe` with a camera controlled by a file: everything above the driver is the product's own
+code.
 
-The device's node is an ordinary file that holds a word: "frames", "empty" (frames with nobody in them), "stall" (the driver waits
-a second and has nothing) or "hang" (a call does not come back). No file: the camera is unplugged. Used as
-`python -m tests.faults.scripted_camera up ...`.
+The device's node is an ordinary file that holds a word: "frames", "empty" (frames with nobody in
+them), "stall" (the driver waits a second and has nothing) or "hang" (a call does not come back). No
+file: the camera is unplugged. Used as `python -m tests.faults.scripted_camera up ...`.
 """
 
 import errno
@@ -13,17 +14,21 @@ import attrs
 import numpy as np
 
 from lfpipe import config
-from lfpipe.capture import camera, stage
+from lfpipe.capture import camera as driver
+from lfpipe.capture import stage
 from lfpipe.capture.demo import DemoSource
-from lfpipe.capture.v4l2_device import ControlRange, FrameSizes, Mode, RawFrame
+from lfpipe.capture.frame_source import SourceInfo
+from lfpipe.capture.v4l2_device import ControlRange, FrameSizes, Mode, RawFrame, V4L2Device
 from lfpipe.supervisor import process_table
 from lfpipe.transport.context import Context
 
 
-class NoControls:
+class NoControls(V4L2Device):
     """The controls of a camera that has none."""
 
     signal = True
+
+    def __init__(self) -> None: ...
 
     def control_range(self, control: int) -> ControlRange | None:
         return None
@@ -37,15 +42,21 @@ class NoControls:
 
 
 class ScriptedDevice(NoControls):
-    """A `V4L2Device` and its `V4L2Stream`: a camera of 640x480 at 30 Hz with the demo's face before it."""
+    """A `V4L2Device` and its `V4L2Stream`: a camera of 640x480 at 30 Hz with the demo's face before
+    it.
+    """
 
-    driver, captures, signal = "scripted", True, True
+    driver = "scripted"
+    captures = True
 
     def __init__(self, path: Path) -> None:
         if not path.exists():
             raise FileNotFoundError(errno.ENOENT, "no such device")
-        self._path, self._scene, self._due = path, DemoSource(config.Camera()), time.monotonic()
-        self._picture, self._count = np.empty((480, 640, 3), np.uint8), 0
+        self._path = path
+        self._scene = DemoSource(config.Camera())
+        self._due = time.monotonic()
+        self._picture = np.empty((480, 640, 3), np.uint8)
+        self._count = 0
 
     def _word(self) -> str:
         try:
@@ -82,29 +93,35 @@ class ScriptedDevice(NoControls):
         if word == "empty":
             self._picture[:] = 90
         self._count += 1
-        return RawFrame(self._picture.reshape(-1), self._count, time.monotonic_ns(), False, False)
+        return RawFrame(
+            data=self._picture.reshape(-1),
+            sequence=self._count,
+            stamp_ns=time.monotonic_ns(),
+            start_of_exposure=False,
+            damaged=False,
+        )
 
     def close(self) -> None:
         while self._word() == "hang":
             time.sleep(0.01)
 
 
-def open_scripted(path: Path, settings: config.Camera) -> camera.CameraSource:
+def open_scripted(path: Path, camera: config.Camera) -> driver.CameraSource:
     try:
         device = ScriptedDevice(path)
     except OSError as error:
-        raise camera.trouble(path, error) from None
-    return camera.CameraSource(path, settings, device)
+        raise driver.trouble(path, error) from None
+    return driver.CameraSource(path, camera, device)
 
 
-def check_scripted(path: Path, settings: config.Camera) -> camera.SourceInfo:
-    source = open_scripted(path, settings)
+def check_scripted(path: Path, camera: config.Camera) -> SourceInfo:
+    source = open_scripted(path, camera)
     source.close()
     return source.info
 
 
 def install() -> None:
-    camera.open_camera, camera.check_camera = open_scripted, check_scripted
+    driver.open_camera, driver.check_camera = open_scripted, check_scripted
 
 
 def main(context: Context) -> None:

@@ -1,5 +1,5 @@
-"""Random faults in one session, one after another, while every frame and picture is checked from outside. `pytest -m soak` runs
-hundreds of them, `-m live` one of each kind.
+"""Random faults in one session, one after another, while every frame and picture is checked from
+outside. `pytest -m soak` runs hundreds of them, `-m live` one of each kind.
 """
 
 import contextlib
@@ -26,15 +26,13 @@ from lfpipe.transport.clock import now_ns
 from lfpipe.transport.session import Session
 from lfpipe.transport.status import State
 from tests.faults.hostile import hostile
-from tests.world import World, write_scene
+from tests.support.world import World, write_scene
 
 STAGES = ("capture", "track", "render")
 LETHAL = ("kill", "terminate", "stop")
 HARMLESS = ("stop_supervisor", "stall", "hog", "send_garbage", "pause")
-DEATHS, WINDOW_S = (
-    3,
-    61.0,
-)  # of one stage: five in 60 s end a session, and after the fourth it waits before a restart
+# of one stage: five in 60 s end a session, and after the fourth it waits before a restart
+DEATHS, WINDOW_S = 3, 61.0
 LEAK_MB = 4.0  # of one process; allocators differ by less from start to start
 LEASE_S, PATIENCE_S = 20.0, 120.0
 SIZE_PX = (320, 240)
@@ -49,7 +47,9 @@ HOG = "import time\nend = time.time() + 2\nwhile time.time() < end: pass"
 
 
 def write_checked_frames(folder: Path, count: int) -> Path:
-    """A folder of BMP pictures of the demo's face whose first row holds the checksum of the rest and nothing else."""
+    """A folder of BMP pictures of the demo's face whose first row holds the checksum of the rest
+    and nothing else.
+    """
     folder.mkdir()
     width_px, height_px = SIZE_PX
     source = open_source("demo", config.Camera(width_px=width_px, height_px=height_px))
@@ -57,17 +57,21 @@ def write_checked_frames(folder: Path, count: int) -> Path:
     for k in range(count):
         source.read(frame)
         frame[0] = 0
-        frame[0].reshape(-1)[:4] = np.frombuffer(
-            zlib.crc32(frame[1:]).to_bytes(4, "little"), np.uint8
-        )
+        frame[0].reshape(-1)[:4] = np.frombuffer(checksum(frame), np.uint8)
         cv2.imwrite(str(folder / f"f{k:04d}.bmp"), frame)
     source.close()
     return folder
 
 
+def checksum(frame: NDArray[np.uint8]) -> bytes:
+    """Of all rows but the first."""
+    return zlib.crc32(frame[1:].data).to_bytes(4, "little")
+
+
 def is_whole(frame: NDArray[np.uint8]) -> bool:
     """Whether a frame's checksum is right."""
-    return frame[0].reshape(-1)[:4].tobytes() == zlib.crc32(frame[1:]).to_bytes(4, "little")
+    row: bytes = frame[0].tobytes()
+    return row.startswith(checksum(frame))
 
 
 class Watcher(threading.Thread):
@@ -77,13 +81,13 @@ class Watcher(threading.Thread):
         super().__init__(daemon=True)
         self.table = status.Table(session.segment("status"))
         self._session, self._trace = session, trace
-        self._frames, self._eyes = (
-            ring.Reader(session.segment("frames")),
-            ring.Reader(session.segment("eyes")),
-        )
+        self._frames = ring.Reader(session.segment("frames"))
+        self._eyes = ring.Reader(session.segment("eyes"))
         self._last = (-1, -1)  # epoch and source_seq of the newest frame
         self._ended = threading.Event()
-        self._offset, self._rest, self._lines = 0, b"", 0
+        self._offset = 0
+        self._rest = b""
+        self._lines = 0
         self.newest = {"t_read_ns": 0}
         self.frames = self.pictures = self.torn_frames = self.torn_pictures = self.out_of_order = 0
 
@@ -130,7 +134,9 @@ class Watcher(threading.Thread):
             self.newest = json.loads(lines[-1])
 
     def miscounts(self) -> tuple[int, int]:
-        """Drops counted by track and by render, less those there were; exact while no frame is in flight."""
+        """Drops counted by track and by render, less those there were; exact while no frame is in
+        flight.
+        """
         track, render = (
             int(self.table.rows[name]["drops"] + self.table.rows[name]["left_out"])
             for name in ("track", "render")
@@ -152,19 +158,20 @@ class Soak:
     """A session under faults, from the constructor to `end`. restarts: of each stage."""
 
     def __init__(self, world: World, seed: int) -> None:
-        self.world, self._rng = world, random.Random(seed)
+        self.world = world
+        self._rng = random.Random(seed)
         frames = write_checked_frames(world.root / "checked-frames", 40)
         self._log = (world.root / "session.log").open("w")
         sets = (
             f"--set={key}"
             for key in (f"camera.width_px={SIZE_PX[0]}", f"camera.height_px={SIZE_PX[1]}", *SETS)
         )
-        output = {"stdout": self._log, "stderr": self._log}
         self._supervisor = world.up(
             write_scene(world.root / "plain"),
             *sets,
             camera=f"file:{frames}?loop=1&pace=30",
-            **output,
+            stdout=self._log,
+            stderr=self._log,
         )
         world.pictures(20)
         self._session = Session(world.name)
@@ -174,9 +181,13 @@ class Soak:
         self._deaths: dict[str, list[float]] = {name: [] for name in STAGES}
 
     def run(self, count: int) -> list[str]:
-        """Injects faults, one of each kind before random ones. Returns what went wrong, in words."""
+        """Injects faults, one of each kind before random ones.
+
+        Returns what went wrong, in words.
+        """
         time.sleep(3.0)  # after warm-up of allocators and lazy imports
-        before, wrong = self._resources(), []
+        before = self._resources()
+        wrong = []
         for number in range(count):
             kind, stage = self._choose([*LETHAL, *HARMLESS][number : number + 1])
             getattr(self, f"_{kind}")(stage)
@@ -190,7 +201,8 @@ class Soak:
             time.sleep(self._rng.uniform(0.05, 0.4))
         time.sleep(3.0)
         self._count_deaths()
-        watcher, after = self.watcher, self._resources()
+        watcher = self.watcher
+        after = self._resources()
         wrong += [
             f"{n} {name}"
             for name in ("torn_frames", "torn_pictures", "out_of_order")
@@ -206,7 +218,8 @@ class Soak:
 
     def _resources(self) -> dict[str, tuple[float, ...]]:
         """Memory of its own (MB) and descriptors of each process; segments and files by name."""
-        table, pid = self.watcher.table, self._supervisor.pid
+        table = self.watcher.table
+        pid = self._supervisor.pid
         names = {int(row["pid"]): name for name, row in table.rows.items()} | {pid: "supervisor"}
         figures: dict[str, tuple[float, ...]] = {}
         for process in (
@@ -219,9 +232,8 @@ class Soak:
                     next(int(line.split()[1]) for line in lines if line.startswith("RssAnon:"))
                     / 1024
                 )
-                name = (
-                    names.get(process) or Path(f"/proc/{process}/comm").read_text().strip()
-                )  # a helper of multiprocessing
+                # a helper of multiprocessing
+                name = names.get(process) or Path(f"/proc/{process}/comm").read_text().strip()
                 figures[name] = anonymous_mb, len(list(Path(f"/proc/{process}/fd").iterdir()))
         files = [
             path.name
@@ -251,10 +263,13 @@ class Soak:
         return (self.world.root / "session.log").read_text()[-3000:]
 
     def _miscounts_at_rest(self) -> tuple[int, int]:
-        """While capture is stopped, for less than the limit of a hang, so that no frame is in flight. Counts that differ are read
-        again, because a stage may still be working: a wrong one stays wrong."""
+        """While capture is stopped, for less than the limit of a hang, so that no frame is in
+        flight. Counts that differ are read again, because a stage may still be working: a wrong one
+        stays wrong.
+        """
         for _ in range(5):
-            pid, end = self._pid("capture"), time.monotonic() + 1.2
+            pid = self._pid("capture")
+            end = time.monotonic() + 1.2
             self._signal(pid, signal.SIGSTOP)
             time.sleep(0.2)
             while any(miscounts := self.watcher.miscounts()) and time.monotonic() < end:
@@ -266,7 +281,9 @@ class Soak:
         return miscounts
 
     def _choose(self, wanted: list[str]) -> tuple[str, str]:
-        """One of those wanted, or any fault, but none that would be the fourth death of a stage within a minute."""
+        """One of those wanted, or any fault, but none that would be the fourth death of a stage
+        within a minute.
+        """
         self._count_deaths()
         mortal = [
             name
@@ -326,8 +343,11 @@ class Soak:
         assert after == before and left_out_now > left_out + 5, (before, after)
 
     def _unaccounted(self) -> tuple[int, int]:
-        """The camera's frames up to the newest published one, less those published, dropped or left out; and those left out."""
-        pid, row = self._pid("capture"), self.watcher.table.rows["capture"]
+        """The camera's frames up to the newest published one, less those published, dropped or left
+        out; and those left out.
+        """
+        pid = self._pid("capture")
+        row = self.watcher.table.rows["capture"]
         self._signal(pid, signal.SIGSTOP)
         source_seq, seq, drops, left_out = (
             int(row[name]) for name in ("source_seq", "seq", "drops", "left_out")
@@ -335,7 +355,7 @@ class Soak:
         self._signal(pid, signal.SIGCONT)
         return source_seq - seq - drops - left_out, left_out
 
-    def _send_garbage(self, _: str) -> None:
+    def _send_garbage(self, _stage: str) -> None:
         with control.context() as ctx, ctx.socket(zmq.DEALER) as socket:
             control.connect(socket, self._session.run_dir, "ctl")
             for _ in range(200):

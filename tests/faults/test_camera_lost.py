@@ -1,4 +1,6 @@
-"""A camera that stalls, hangs in its driver, is unplugged and comes back: the session survives and reports it."""
+"""A camera that stalls, hangs in its driver, is unplugged and comes back: the session survives and
+reports it.
+"""
 
 import contextlib
 import os
@@ -13,7 +15,7 @@ import pytest
 from lfpipe.capture.frame_source import Frame, SourceInfo
 from lfpipe.capture.reconnecting_camera import BACKOFF_S, CameraLost, ReconnectingCamera
 from lfpipe.errors import UserError
-from tests.world import World
+from tests.support.world import World
 
 CAMERA = ("--set", "render.clock=camera", "--set", "render.method=nearest")
 
@@ -68,7 +70,8 @@ def test_one_session_outlives_all_that_happens_to_its_camera(
     seqs = [line["source_seq"] for line in world.lines()]
     assert seqs == sorted(set(seqs)), "the camera's count goes on"
 
-    node.unlink()  # also unplugged while its process dies: a new process waits for it like the old one
+    # also unplugged while its process dies: a new process waits for it like the old one
+    node.unlink()
     os.kill(pid, signal.SIGKILL)
     world.wait_for(lambda: _rows(world)["capture"][0::2] == ("READY", 1), "waiting capture")
     node.write_text("frames")
@@ -85,7 +88,9 @@ class Made:
 
     def __init__(self, steps: list[Any]) -> None:
         self.info = SourceInfo("camera:made", (4, 4), 30.0, live=True)
-        self.steps, self.seq, self.closed = steps, 0, False
+        self.steps = steps
+        self.seq = 0
+        self.closed = False
 
     def read(self, out: np.ndarray) -> Frame | None:
         if isinstance(step := self.steps.pop(0), Exception):

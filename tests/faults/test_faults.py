@@ -1,12 +1,15 @@
-"""One session, fault after fault: pictures return after each, none is torn, every drop is counted, and nothing accumulates."""
+"""One session, fault after fault: pictures return after each, none is torn, every drop is counted,
+and nothing accumulates.
+"""
 
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pytest
 
 from tests.faults.soak import HARMLESS, LETHAL, Soak, is_whole, write_checked_frames
-from tests.world import World
+from tests.support.world import World
 
 pytestmark = pytest.mark.live
 
@@ -31,7 +34,8 @@ def test_a_session_outlives_a_row_of_random_faults(
 
 
 def test_a_torn_frame_would_be_seen(tmp_path: Path) -> None:
-    frame = cv2.imread(str(write_checked_frames(tmp_path / "frames", 2) / "f0001.bmp"))
-    assert frame is not None and is_whole(frame)
+    path = write_checked_frames(tmp_path / "frames", 2) / "f0001.bmp"
+    frame = np.asarray(cv2.imread(str(path)), np.uint8)
+    assert is_whole(frame)
     frame[30, 20, 1] ^= 1
     assert not is_whole(frame)

@@ -3,8 +3,10 @@
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from lfpipe.errors import UserError
-from tests.world import World, write_scene
+from tests.support.world import World, write_scene
 
 CAMERA = ("--set", "render.clock=camera", "--set", "render.method=nearest")
 
@@ -69,3 +71,61 @@ def test_a_change_is_taken_whole_or_not_at_all_and_never_ends_the_session(
     assert process.returncode == 0, err
     assert err.count("the last change is rolled back: render.loop_ms = 7: not for me") == 3
     assert err.count("the last change is rolled back: render fails with it") == 3
+
+
+PARTS = """
+import numpy as np
+from lfpipe_example.parts import CentreEngine, Newest
+
+class NanEngine(CentreEngine):
+    def detect(self, image):
+        face = super().detect(image)
+        face.eyes_px[:] = np.nan
+        return face
+
+class NanFilter(Newest):
+    def _step(self, t_ns, dt_s, measured):
+        return measured * np.nan, np.zeros((2, 2))
+
+    _start = lambda self, t_ns, measured: None
+
+def nan_filter(track, loop_s):
+    return NanFilter()
+"""
+ENTRIES = """
+[lfpipe.engines]
+broken = made_parts:NanEngine
+centre = lfpipe_example.parts:CentreEngine
+[lfpipe.filters]
+broken = made_parts:nan_filter
+"""
+
+
+@pytest.mark.parametrize(
+    ("sets", "words"),
+    [
+        (("track.engine=broken",), "engine centre gives faces that cannot be"),
+        (
+            ("track.engine=centre", "track.filter=broken"),
+            "the filter gives eyes that are not finite",
+        ),
+    ],
+)
+def test_a_part_that_never_works_is_named_and_ends_a_session_with_code_1(
+    world: World, scene: Path, sets: tuple[str, ...], words: str
+) -> None:
+    folder = world.root / "parts"
+    about = folder / "parts-1.0.dist-info"
+    about.mkdir(parents=True)
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: parts\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text(ENTRIES)
+    (folder / "made_parts.py").write_text(PARTS)
+    example = Path(__file__).parents[2] / "examples" / "lfpipe-example"
+    world.env["PYTHONPATH"] += f":{folder}:{example}"
+    process = world.up(scene, *(f"--set={text}" for text in sets))
+    world.pictures(5)
+    told = f"{words}: the picture does not follow you"
+    world.wait_for(lambda: told in world.monitor()["notices"], "notice")
+    assert world.ask(cmd="stop")["ok"]
+    err = world.ended(process, code=1)
+    assert err.count(words) == 2 and f"{words}: it never worked" in err

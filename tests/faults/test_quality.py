@@ -12,20 +12,26 @@ from pathlib import Path
 import pytest
 
 from tests.scene.made import views, write_grid
-from tests.world import World
+from tests.support.world import World
 
-HOG = "import os, sys\nos.sched_setaffinity(0, {int(sys.argv[1])})\nwhile os.getppid() == int(sys.argv[2]): pass"
+HOG = (
+    "import os, sys\nos.sched_setaffinity(0, {int(sys.argv[1])})\nwhile os.getppid() =="
+    " int(sys.argv[2]): pass"
+)
 PER_CORE = 12
 BEFORE_OTHERS = -15
 
 
 @pytest.fixture
 def before_others() -> Iterator[None]:
-    """Test, session and hogs compete with each other, not with other programs of this machine, if that is allowed.
+    """Test, session and hogs compete with each other, not with other programs of this machine, if
+    that is allowed.
 
-    Where the kernel groups processes by terminal session (autogroup) the group's niceness counts, elsewhere each process's own.
+    Where the kernel groups processes by terminal session (autogroup) the group's niceness counts,
+    elsewhere each process's own.
     """
-    group, own = Path("/proc/self/autogroup"), os.getpriority(os.PRIO_PROCESS, 0)
+    group = Path("/proc/self/autogroup")
+    own = os.getpriority(os.PRIO_PROCESS, 0)
     with contextlib.suppress(OSError):
         os.setpriority(os.PRIO_PROCESS, 0, BEFORE_OTHERS)
         group.write_text(str(BEFORE_OTHERS))
@@ -77,9 +83,8 @@ def _used(state: dict[str, dict[str, dict[str, int]]]) -> int:
 def test_quality_goes_down_a_level_at_a_time_while_others_have_the_cores_and_comes_back(
     world: World, hogs: Hogs
 ) -> None:
-    deep = write_grid(
-        world.root / "deep", views(3, 3, 480, 640)
-    )  # takes a millisecond or two to warp
+    # takes a millisecond or two to warp
+    deep = write_grid(world.root / "deep", views(3, 3, 480, 640))
     output = world.root / "output"
     with output.open("w") as err:
         up = world.up(
@@ -132,8 +137,8 @@ def test_frames_left_out_by_tracking_are_not_counted_as_lost_and_no_eyes_are_mad
 ) -> None:
     first, last = sorted(os.sched_getaffinity(0))[:2]
     sets = ("camera.rate_hz=120", "render.method=nearest", "render.rate_hz=30")
-    on_two = {"preexec_fn": lambda: os.sched_setaffinity(0, (first, last))}
-    world.up(scene, *(f"--set={word}" for word in sets), **on_two)
+    words = [f"--set={word}" for word in sets]
+    world.up(scene, *words, preexec_fn=lambda: os.sched_setaffinity(0, (first, last)))
     world.pictures(60)
     before = world.monitor()["stages"]
     assert [before[name]["cpus"] for name in ("capture", "track", "render")] == [

@@ -1,7 +1,7 @@
 """Too little of everything: reported before a session starts; later, only the affected output ends.
 
-Mounts and dropped privileges are real. Tests of permissions drop root's; without the right to mount, tests of small disks are
-skipped.
+Mounts and dropped privileges are real. Tests of permissions drop root's; without the right to
+mount, tests of small disks are skipped.
 """
 
 import json
@@ -17,7 +17,7 @@ import cv2
 import pytest
 
 from lfpipe.sequence.folder import open_sequence
-from tests.world import World
+from tests.support.world import World
 
 PLAIN = ("--camera", "demo", "--display", "none", "--duration", "0.5")
 MAY_MOUNT = (
@@ -36,7 +36,9 @@ Done = subprocess.CompletedProcess[str]
 def in_mounts(
     world: World, command: Iterable[object], *mounts: tuple[Path, str], after: str = ""
 ) -> Done:
-    """Runs `lfpipe ...` with a tmpfs of these options at each place; stdout ends with what the shell command `after` prints."""
+    """Runs `lfpipe ...` with a tmpfs of these options at each place; stdout ends with what the
+    shell command `after` prints.
+    """
     lines = [f"mount -t tmpfs -o {options} tmpfs '{place}'" for place, options in mounts]
     words = " ".join(f"'{word}'" for word in (sys.executable, "-m", "lfpipe", *command))
     script = " && ".join(
@@ -153,10 +155,8 @@ def test_directories_without_permission(world: World, scene: Path, as_nobody: li
 
 @mounts
 def test_full_disks_end_trace_and_video_and_keep_the_session(world: World, scene: Path) -> None:
-    videos, traces = (
-        world.root / "videos",
-        world.root / "traces",
-    )  # apart: whichever is first would fill the other's disk
+    # apart: whichever is first would fill the other's disk
+    videos, traces = world.root / "videos", world.root / "traces"
     for place in (videos, traces):
         place.mkdir()
     shown = "--display", f"file:{videos}/v.mkv", "--duration", "1.5"

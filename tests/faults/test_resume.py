@@ -1,4 +1,6 @@
-"""SIGSTOP and SIGCONT of each process and of all of them, as by a suspended machine, a debugger or a starved host."""
+"""SIGSTOP and SIGCONT of each process and of all of them, as by a suspended machine, a debugger or
+a starved host.
+"""
 
 import ast
 import itertools
@@ -12,7 +14,7 @@ import lfpipe
 from lfpipe.eyes import MAX_HORIZON_S
 from lfpipe.supervisor.process_table import STAGES
 from lfpipe.transport.clock import SLEPT_NS, SleepWatch
-from tests.world import World
+from tests.support.world import World
 
 RATE_HZ = 30
 
@@ -45,10 +47,9 @@ def test_stopped_and_continued_each_process_and_all_are_back_at_rate(
     before = {name: stage["pid"] for name, stage in world.monitor()["stages"].items()}
     pids = {name: [pid] for name, pid in before.items()} | {"supervisor": [supervisor.pid]}
     pids["all"] = list(itertools.chain.from_iterable(pids.values()))
-    long_s, short_s = (
-        STAGES[0].hang_timeout_s + 0.4,
-        1.2,
-    )  # longer and shorter than a stage may be silent
+    # longer and shorter than a stage may be silent
+    long_s = STAGES[0].hang_timeout_s + 0.4
+    short_s = 1.2
     for name, for_s in (("all", long_s), ("render", short_s), ("supervisor", long_s)):
         time.sleep(1.0)
         t_stop_ns = time.monotonic_ns()
@@ -118,14 +119,15 @@ def test_records_of_a_tracker_that_hangs_are_no_viewer(world: World, scene: Path
 
 
 def test_a_slow_camera_is_no_dead_tracker(world: World, scene: Path, clip: Path) -> None:
-    """One frame in 800 ms is older than a dead tracker's last one when the next comes, and still shows where the viewer is."""
+    """One frame in 800 ms is older than a dead tracker's last one when the next comes, and still
+    shows where the viewer is.
+    """
     world.up(scene, camera=f"file:{clip}?pace=1.25&loop=1")
     world.wait_for(
         lambda: len({line["source_seq"] for line in world.lines() if line["face"]}) > 4,
         "five faces",
     )
     lines = world.lines()
-    known = (
-        next(line["source_seq"] for line in lines if line["face"]) + 2
-    )  # two frames tell how slow the camera is
+    # two frames tell how slow the camera is
+    known = next(line["source_seq"] for line in lines if line["face"]) + 2
     assert all(line["face"] for line in lines if line["source_seq"] >= known)

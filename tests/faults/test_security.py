@@ -1,4 +1,6 @@
-"""Only the user who started a session can access it, and no path that a command names escapes the checks of the command line."""
+"""Only the user who started a session can access it, and no path that a command names escapes the
+checks of the command line.
+"""
 
 import ast
 import fcntl
@@ -7,6 +9,7 @@ import shutil
 import stat
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import zmq
@@ -16,7 +19,7 @@ from lfpipe.host.segment import SHM_DIR
 from lfpipe.supervisor import rundir
 from lfpipe.transport import control
 from lfpipe.transport.session import Session
-from tests.world import World
+from tests.support.world import World
 
 FORBIDDEN = {"pickle", "marshal", "shelve", "dill", "cloudpickle"}
 QUEUES = {
@@ -34,7 +37,9 @@ NOBODY = 65534
 
 
 def _unsafe(node: ast.AST) -> set[str]:
-    """Names in a node that execute their input (pickle), or that a killed process takes with it (queues and locks)."""
+    """Names in a node that execute their input (pickle), or that a killed process takes with it
+    (queues and locks).
+    """
     if isinstance(node, ast.Import):
         return {alias.name.split(".")[0] for alias in node.names} & FORBIDDEN
     if isinstance(node, ast.ImportFrom) and node.module:
@@ -131,9 +136,8 @@ def test_every_file_and_segment_of_a_session_is_the_users_alone(guarded: World) 
     }
     segments = [SHM_DIR / name for name in guarded.segments()]
     assert len(segments) >= 4, "status, frames, eyes, pictures"
-    doors = [
-        path for path in (*entries, *segments) if path in segments or not path.is_file()
-    ]  # the directory guards its files
+    # the directory guards its files
+    doors = [path for path in (*entries, *segments) if path in segments or not path.is_file()]
     assert not [str(path) for path in doors if stat.S_IMODE(path.stat().st_mode) != 0o600]
     assert all(path.stat().st_uid == os.getuid() for path in (run_dir, *entries, *segments))
 
@@ -178,7 +182,7 @@ def test_one_scene_is_loaded_at_a_time(guarded: World, scene: Path) -> None:
         control.connect(socket, guarded.session_dir, "ctl")
         for _ in range(30):
             socket.send(control.encode({"cmd": "load", "scene": str(scene)}))
-        answers = []
+        answers: list[dict[str, Any]] = []
         while len(answers) < 30 and socket.poll(60_000):
             answers.append(control.decode(socket.recv()))
             children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.world import World, runs
+from lfpipe.host.segment import SHM_DIR
+from tests.support.world import World, runs
 
 SMALL = tuple(
     f"--set={key}"
@@ -31,8 +32,9 @@ def _gone(pids: list[int]) -> bool:
 def test_no_stage_outlives_a_killed_supervisor_not_even_one_that_is_stopped(
     world: World, scene: Path, stopped: int
 ) -> None:
-    """A stopped process does not handle the SIGTERM that the kernel sends when the supervisor dies. A sweep resumes it: by the
-    first stage to end, or, if all are stopped, by the next session."""
+    """A stopped process does not handle the SIGTERM that the kernel sends when the supervisor dies.
+    A sweep resumes it: by the first stage to end, or, if all are stopped, by the next session.
+    """
     process = world.up(scene, *SMALL, start_new_session=True)
     world.pictures(5)
     pids = [stage["pid"] for stage in world.monitor()["stages"].values()]
@@ -59,6 +61,14 @@ def test_after_a_kill_of_the_group_the_next_session_of_any_name_sweeps(
     assert other.returncode == 0 and not world.left(), other.stderr
 
 
+def test_a_session_whose_memory_is_removed_ends_in_words(world: World, scene: Path) -> None:
+    process = world.up(scene, *SMALL)
+    world.pictures(5)
+    status = SHM_DIR / next(name for name in world.segments("status"))
+    status.unlink()
+    assert f"{status} was removed" in world.ended(process, code=1)
+
+
 BEGIN_AND_END = """
 import os, sys
 from lfpipe import config
@@ -67,7 +77,7 @@ from lfpipe.supervisor.session_state import SessionState
 from lfpipe.supervisor.session_store import SessionStore
 from lfpipe.host import segment
 from lfpipe.transport.session import Session
-session = Session(sys.argv[1])
+session = Session(sys.argv[1]).with_token()
 for _ in range(12):
     rundir.sweep()
     lock = rundir.acquire(session)
@@ -84,8 +94,9 @@ for _ in range(12):
 
 
 def test_sessions_that_begin_and_end_at_once_do_not_sweep_each_other(world: World) -> None:
-    """A directory that is created but not yet locked looks like a dead session's to a concurrent sweep. Half of them have the
-    names of the others, under another runtime directory."""
+    """A directory that is created but not yet locked looks like a dead session's to a concurrent
+    sweep. Half of them have the names of the others, under another runtime directory.
+    """
     other = world.run_dir / "other"  # a short path: it holds sockets
     other.mkdir()
     processes = []

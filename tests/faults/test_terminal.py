@@ -11,11 +11,12 @@ import subprocess
 import sys
 import termios
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from lfpipe.sequence.folder import open_sequence
-from tests.world import World, runs
+from tests.support.world import World, runs
 
 LARGE = (
     "--set",
@@ -39,7 +40,7 @@ class Terminal:
             fcntl.ioctl(0, termios.TIOCSCTTY, 0)
             resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
-        pipes = {"stdin": inner, "stdout": inner, "stderr": inner, "text": False}
+        pipes: dict[str, Any] = {"stdin": inner, "stdout": inner, "stderr": inner}
         self.shell = subprocess.Popen(
             ["sh", "-c", script], cwd=world.root, env=world.env, preexec_fn=take_terminal, **pipes
         )
@@ -66,14 +67,14 @@ def test_the_end_of_its_terminal_ends_a_recording_in_order(world: World, how: st
     if how == "closed":
         terminal.close()
     else:
-        for _ in range(
-            2 if how == "hung up" else 1
-        ):  # the shell passes SIGHUP on, and so does the kernel
+        # the shell passes SIGHUP on, and so does the kernel
+        for _ in range(2 if how == "hung up" else 1):
             os.killpg(terminal.shell.pid, signal.SIGHUP if how == "hung up" else signal.SIGQUIT)
     terminal.shell.wait(120)
+    # SIGQUIT: later
     world.wait_for(
         lambda: json.loads((out / "manifest.json").read_text())["complete"], "end of the recording"
-    )  # SIGQUIT: later
+    )
     world.wait_for(lambda: not world.left(), "clean end")
     assert (
         json.loads((out / "manifest.json").read_text())["frames"]
@@ -101,10 +102,8 @@ def test_a_session_without_ears_goes_on_and_ends_when_asked(
             ["sh", "-c", f"exec {command} <&- >&- 2>&-"], cwd=world.root, env=world.env
         )
         world.pictures(5)
-    for stage, signum in (
-        ("track", signal.SIGKILL),
-        ("render", signal.SIGSTOP),
-    ):  # the supervisor reports both, or tries to
+    # the supervisor reports both, or tries to
+    for stage, signum in (("track", signal.SIGKILL), ("render", signal.SIGSTOP)):
         world.kill(stage, signum)
         world.wait_for(
             lambda stage=stage: world.monitor()["stages"][stage]["restarts"] == 1,

@@ -1,7 +1,10 @@
-"""What a command writes: nothing is lost, whatever path it is given, and what lfpipe wrote is recognised."""
+"""What a command writes: nothing is lost, whatever path it is given, and what lfpipe wrote is
+recognised.
+"""
 
 import json
 import os
+import resource
 from pathlib import Path
 
 import cv2
@@ -11,7 +14,15 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from lfpipe.errors import UserError
-from lfpipe.files.output import MARK, check_output, check_outputs, marked_picture, written_by_lfpipe
+from lfpipe.files.output import (
+    MARK,
+    TABLE,
+    check_output,
+    check_outputs,
+    marked_picture,
+    written_by_lfpipe,
+)
+from lfpipe.files.safe_files import replaced
 from lfpipe.files.trace import TraceFile
 from lfpipe.files.video_writer import VideoWriter
 
@@ -40,9 +51,9 @@ def _tree(folder: Path) -> dict[str, tuple[int, bytes]]:
     }
 
 
-def _refused(path: Path, *inputs: Path, force: bool = False) -> bool:
+def _refused(path: Path, *inputs: Path, force: bool = False, writes: str = "") -> bool:
     try:
-        check_output(path, inputs, force)
+        check_output(path, inputs, force, writes=writes)
     except UserError as error:
         assert error.remedy
         return True
@@ -105,19 +116,20 @@ def _written(folder: Path, kind: str) -> Path:
 )
 def test_what_lfpipe_wrote_may_be_replaced(tmp_path: Path, kind: str) -> None:
     path = _written(tmp_path, kind)
-    assert not _refused(path)
+    assert not _refused(path, writes=TABLE)
     assert _refused(path, path)  # but not if it is an input
 
 
 def test_a_mark_changes_no_pixel(tmp_path: Path) -> None:
     for kind in ("png", "jpg"):
         plain = cv2.imencode(f".{kind}", PICTURE)[1]
-        assert np.array_equal(cv2.imdecode(plain, 1), cv2.imread(str(_written(tmp_path, kind))))
+        marked = np.asarray(cv2.imread(str(_written(tmp_path, kind))))
+        assert np.array_equal(np.asarray(cv2.imdecode(plain, 1)), marked)
     for kind in ("mkv", "avi", "mp4"):
         video = cv2.VideoCapture(str(_written(tmp_path, kind)), cv2.CAP_FFMPEG)
         frames = [video.read() for _ in range(4)]
         assert [done for done, _ in frames] == [True] * 3 + [False]
-        assert kind == "mp4" or np.array_equal(frames[2][1], PICTURE)
+        assert kind != "mkv" or np.array_equal(frames[2][1], PICTURE)
 
 
 def test_places_that_are_no_files(tmp_path: Path) -> None:
@@ -150,7 +162,36 @@ def test_an_input_is_never_an_output(tmp_path: Path) -> None:
             scene / name, scene / "view.png", force=True
         )
     assert _tree(tmp_path) == before
-    assert not _refused(scene / "trace.jsonl", scene)
+    assert _refused(scene / "trace.jsonl", scene) and not _refused(tmp_path / "new.png", scene)
+
+
+def test_what_another_command_reads_is_never_replaced(tmp_path: Path) -> None:
+    (tmp_path / "in.avi").write_bytes(b"")
+    (tmp_path / "in.csv").write_bytes(b"seq,source_seq,epoch,t_sensor_ns,t_read_ns\n")
+    (tmp_path / "theirs.avi").write_bytes(b"")
+    (tmp_path / "theirs.csv").write_bytes(b"time\n")
+    for name, file, head in (
+        ("walk", "manifest.json", b'{\n "format": "lfpipe-sequence"'),
+        ("ref", "report.json", b'{\n "format": 1,\n "versions": {\n  "lfpipe"'),
+        ("bench", "results.json", b'{"format": "lfpipe-bench-5"'),
+    ):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / file).write_bytes(head)
+        assert _refused(tmp_path / name / file, force=True)
+    for new in ("walk/truth.csv", "walk/out.png", "ref/trace.jsonl", "ref/pictures/frames.bin"):
+        (tmp_path / new).parent.mkdir(exist_ok=True)
+        assert _refused(tmp_path / new, force=True), new
+    assert not _refused(tmp_path / "bench" / "report.html")
+    assert _refused(tmp_path / "in.csv", force=True)
+    assert _refused(tmp_path / "in.csv", tmp_path / "in.avi", force=True, writes=TABLE)
+    assert _refused(tmp_path / "theirs.csv", tmp_path / "theirs.avi", force=True)
+    assert not _refused(tmp_path / "theirs.csv", force=True)
+
+
+def test_a_file_of_several_names_is_kept(tmp_path: Path) -> None:
+    path = _written(tmp_path, "jsonl")
+    (tmp_path / "other").hardlink_to(path)
+    assert _refused(path, force=True) and _refused(tmp_path / "other", force=True)
 
 
 def test_two_outputs_of_one_command_differ(tmp_path: Path) -> None:
@@ -180,3 +221,33 @@ def test_a_restarted_writer_goes_on_and_a_new_session_begins_anew(tmp_path: Path
         trace.write(LINE)
         trace.close()
         assert path.read_bytes().count(b"\n") == lines
+
+
+def test_finishing_a_video_writes_through_no_link(tmp_path: Path) -> None:
+    (tmp_path / "victim").write_text("mine")
+    for name in (".o.mp4.index", "..o.new.mp4.index", ".o.new.mp4.index", ".o.index"):
+        (tmp_path / name).symlink_to("victim")
+    before = {path.name for path in tmp_path.iterdir()}
+    path = tmp_path / "o.mp4"
+    with replaced(path, 0o644) as file:
+        writer = VideoWriter(Path(file.name), (64, 48), 30)
+        writer.write(PICTURE)
+        writer.release(Path(file.name))
+    assert (tmp_path / "victim").read_text() == "mine" and not path.is_symlink()
+    assert {path.name for path in tmp_path.iterdir()} == before | {"o.mp4"}
+    assert path.read_bytes().index(b"moov") < path.read_bytes().index(b"mdat")
+
+
+def test_a_full_disk_keeps_the_trace_of_an_earlier_session(tmp_path: Path) -> None:
+    path = tmp_path / "t.jsonl"
+    old = _written(tmp_path, "jsonl").rename(path).read_bytes()
+    lost: list[str] = []
+    trace = TraceFile(path, lost.append)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10, hard))
+    try:
+        trace.write(LINE)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert len(lost) == 1 and not trace.wanted
+    assert path.read_bytes() == old and [p.name for p in tmp_path.iterdir()] == ["t.jsonl"]

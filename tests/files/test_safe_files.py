@@ -2,13 +2,15 @@
 
 import os
 import stat
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from lfpipe.errors import UserError
 from lfpipe.files import safe_files
-from tests import hostile_files
+from tests.support import hostile_files
 
 
 def names(folder: Path) -> list[str]:
@@ -68,16 +70,12 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path) -> None:
         file.write(b"new")
         raise RuntimeError
     assert path.read_bytes() == b"old" and names(tmp_path) == ["report"]
-    safe_files.OutputFile(path).file.close()  # as a killed writer leaves it
-    assert names(tmp_path) == [".report.new", "report"]
     link = tmp_path / "link"
     link.symlink_to(path)
     with safe_files.replaced(link, 0o644) as file:
         file.write(b"new")
         file.flush()
         assert path.read_bytes() == b"old" and Path(file.name).read_bytes() == b"new"
-        with pytest.raises(OSError, match="another lfpipe"), safe_files.replaced(path):
-            pass
     assert (
         path.read_bytes() == b"new" and link.is_symlink() and names(tmp_path) == ["link", "report"]
     )
@@ -97,3 +95,76 @@ def test_what_shows_a_person_is_for_its_owner(tmp_path: Path) -> None:
     finally:
         os.umask(umask)
     assert {stat.S_IMODE((tmp_path / name).stat().st_mode) for name in "ab"} == {0o600}
+
+
+def test_of_two_writers_the_later_one_is_refused_and_the_file_in_use_stays(tmp_path: Path) -> None:
+    path = tmp_path / "video.mkv"
+    first, second = safe_files.OutputFile(path), safe_files.OutputFile(path)
+    first.file.write(b"first")
+    first.file.flush()
+    first.place()
+    with pytest.raises(OSError, match="another lfpipe"):
+        second.place()
+    with pytest.raises(OSError, match="another lfpipe"):
+        safe_files.OutputFile(path)
+    second.close()
+    first.close()
+    assert path.read_bytes() == b"first" and names(tmp_path) == ["video.mkv"]
+
+
+@pytest.mark.parametrize("name", [".b.new.png", ".report.new", "x" * 250, f"{'x' * 180}.png"])
+def test_no_file_beside_is_taken_for_unfinished_work(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(b"mine")
+    (tmp_path / f".{name[:180]}.new").write_bytes(b"mine")
+    before = names(tmp_path)
+    for other in ("b.png", "report", f"{'x' * 180}1.png"):
+        safe_files.write_file(tmp_path / other, b"new")
+        (tmp_path / other).unlink()
+    assert names(tmp_path) == before and (tmp_path / name).read_bytes() == b"mine"
+
+
+def test_a_file_stays_as_private_as_it_was(tmp_path: Path) -> None:
+    path = tmp_path / "config.toml"
+    path.touch(0o600)
+    safe_files.write_file(path, b"", 0o644)
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+
+
+HOLD = """
+import sys, time
+from lfpipe.files.safe_files import temporary_folder
+with temporary_folder("test") as folder:
+    (folder / "face.png").write_bytes(b"private")
+    print(folder, flush=True)
+    time.sleep(100)
+"""
+
+
+def test_a_temporary_folder_of_a_killed_process_is_removed_and_no_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    (tmp_path / "lfpipe-test-notes").mkdir()
+    (tmp_path / "lfpipe-test-notes" / "mine.txt").write_text("mine")
+    (tmp_path / "lfpipe-test-file").write_text("mine")
+    (tmp_path / "lfpipe-test-link").symlink_to("lfpipe-test-notes")
+    env = {**os.environ, "TMPDIR": str(tmp_path)}
+    running = [
+        subprocess.Popen([sys.executable, "-c", HOLD], env=env, stdout=subprocess.PIPE, text=True)
+        for _ in range(2)
+    ]
+    try:
+        killed, living = (Path(p.stdout.readline().strip()) for p in running if p.stdout)
+        running[0].kill()
+        running[0].wait()
+        assert killed.is_dir()
+        with safe_files.temporary_folder("test") as folder:
+            assert stat.S_IMODE(folder.parent.stat().st_mode) == 0o700
+            assert not killed.parent.exists() and living.is_dir()
+        assert not folder.parent.exists()
+    finally:
+        for process in running:
+            process.kill()
+            process.communicate()
+    assert {"lfpipe-test-file", "lfpipe-test-link", "lfpipe-test-notes"} <= set(names(tmp_path))
+    assert (tmp_path / "lfpipe-test-notes" / "mine.txt").read_text() == "mine"

@@ -20,9 +20,22 @@ JSON_VALUES = st.recursive(
     max_leaves=20,
 )
 HOSTILE_JSON = [
-    b"[" * 100_000, b'{"a":' * 100_000, b"[" * 50 + b"]" * 50, b"9" * 5000, b"-" + b"9" * 30, b"18446744073709551616", b"1e999",
-    b"NaN", b"[-Infinity]", b'"\xff"', b'{"\\ud800": 1}', b'["\\udc00"]', b"", b"\x00", '{"a": 1}'.encode("utf-16"),
-]  # fmt: skip
+    b"[" * 100_000,
+    b'{"a":' * 100_000,
+    b"[" * 50 + b"]" * 50,
+    b"9" * 5000,
+    b"-" + b"9" * 30,
+    b"18446744073709551616",
+    b"1e999",
+    b"NaN",
+    b"[-Infinity]",
+    b'"\xff"',
+    b'{"\\ud800": 1}',
+    b'["\\udc00"]',
+    b"",
+    b"\x00",
+    '{"a": 1}'.encode("utf-16"),
+]
 HOSTILE_TOML = [
     b"a = " + b"[" * 10_000,
     b"a = " + b"9" * 5000,
@@ -68,9 +81,8 @@ def test_any_bytes(data: bytes) -> None:
             assert error.message.startswith("file: ")
 
 
-READERS: list[
-    tuple[Callable[[Fields], object], Callable[[Any], bool]]
-] = [  # a reader, and the values it gives
+# a reader, and the values it gives
+READERS: list[tuple[Callable[[Fields], object], Callable[[Any], bool]]] = [
     (
         lambda f: f.number("k", 0.5, 10),
         lambda v: isinstance(v, int | float) and not isinstance(v, bool) and 0.5 <= v <= 10,

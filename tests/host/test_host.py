@@ -1,7 +1,11 @@
-"""What `host` does on every system: wake-ups, locks that end with their process, the fence of machines that need one, sums that
-have the same bits under every Python, and children that may misbehave."""
+"""What `host` does on every system: wake-ups, locks that end with their process, the fence of
+machines that need one, sums that have the same bits under every Python, and children that may
+misbehave.
+"""
 
 import ctypes
+import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -19,6 +23,31 @@ from lfpipe.errors import UserError
 from lfpipe.host import file_lock, machine, wake, worker
 from lfpipe.host.worker import Worker
 from lfpipe.transport import ring
+
+FEW_THREADS = """
+import resource
+from lfpipe.host.limits import check_threads
+resource.setrlimit(resource.RLIMIT_NPROC, (8, 8))
+check_threads(2)
+try:
+    check_threads(20)
+except Exception as error:
+    print(error)
+"""
+
+
+def test_a_limit_of_processes_is_named_before_a_library_aborts() -> None:
+    as_stranger = ["setpriv", "--reuid=65431", "--clear-groups"]
+    as_stranger += [f"--{kind}-caps=+dac_override,+dac_read_search" for kind in ("inh", "ambient")]
+    as_stranger.append("--bounding-set=-sys_resource,-sys_admin")
+    if os.getuid() or shutil.which("setpriv") is None:
+        pytest.skip("needs root and setpriv: the limit is not root's, and counts all of a user's")
+    env = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+    done = subprocess.run(
+        [*as_stranger, sys.executable, "-c", FEW_THREADS], capture_output=True, text=True, env=env
+    )
+    assert done.stdout.startswith("8 threads of all your processes are allowed"), done.stderr
+    assert "remedy: end other programs, or raise the limit" in done.stdout
 
 
 def test_wakes_arrive_also_at_a_restarted_reader(tmp_path: Path) -> None:
@@ -170,7 +199,8 @@ print(json.dumps({"ok": True, "result": json.loads(sys.stdin.readline())}))"""
 
 def test_noise_without_end_neither_blocks_nor_fills_memory(child: Start) -> None:
     running = child(
-        "import sys\nfor _ in range(300): sys.stderr.write('warning ' * 10000); sys.stdout.write('x' * 10000)\n"
+        "import sys\nfor _ in range(300): sys.stderr.write('warning ' * 10000);"
+        " sys.stdout.write('x' * 10000)\n"
     )
     with pytest.raises(UserError, match="exit code 0"):
         running.result()

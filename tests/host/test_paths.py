@@ -1,4 +1,6 @@
-"""Paths that cannot be examined end no command with a traceback: locked folders, long names, no working directory."""
+"""Paths that cannot be examined end no command with a traceback: locked folders, long names, no
+working directory.
+"""
 
 import json
 import os
@@ -10,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from lfpipe.host import files
-from tests.world import World
+from tests.support.world import World
 
 LONG = "x" * 300  # longer than any file system allows
 LFPIPE = [sys.executable, "-m", "lfpipe"]
@@ -65,7 +67,10 @@ def run(
 def test_what_cannot_be_examined_is_neither_there_nor_missing(
     locked: Path, as_nobody: list[str]
 ) -> None:
-    code = "import sys; from lfpipe.host.files import *; from lfpipe.host.files import is_missing; p = sys.argv[1];"
+    code = (
+        "import sys; from lfpipe.host.files import *; from lfpipe.host.files import is_missing; p ="
+        " sys.argv[1];"
+    )
     code += "print(exists(p), is_file(p), is_dir(p), is_missing(p))"
     done = subprocess.run(
         [*as_nobody, sys.executable, "-c", code, locked / "in"],

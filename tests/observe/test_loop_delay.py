@@ -1,4 +1,7 @@
-"""The delay of the loop, from simulated cameras and screens. Many more: `python -m profiling.photon`."""
+"""The delay of the loop, from simulated cameras and screens.
+
+Many more: `python -m profiling.photon`.
+"""
 
 import attrs
 import numpy as np
@@ -8,10 +11,10 @@ from lfpipe import config
 from lfpipe.capture.frame_source import Frame, SourceInfo, as_read, orient
 from lfpipe.errors import UserError
 from lfpipe.observe.loop_calibration import CameraWatch, advice
-from lfpipe.observe.loop_delay import LoopDelay, Recording, estimate, find_area
+from lfpipe.observe.loop_delay import LoopDelay, estimate, find_area
 from lfpipe.transport.ring import StampKind
+from profiling.made_recordings import HEIGHT_PX, WIDTH_PX, Loop, drawn, geometry, recording
 from profiling.photon import bad_recordings, outcome
-from profiling.photon_simulation import HEIGHT_PX, WIDTH_PX, Loop, drawn, geometry, recording
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -29,22 +32,38 @@ def test_what_cannot_be_measured_is_refused_with_the_reason() -> None:
         assert not isinstance(answer, LoopDelay) and word in answer, f"{what}: {answer}"
 
 
-def _mixed(made: Recording, share: float) -> Recording:
-    """What a camera with temporal noise reduction delivers that keeps this share of the frame before."""
-    pictures = made.pictures.astype(float)
-    for k in range(1, len(pictures)):
-        pictures[k] = (1 - share) * pictures[k] + share * pictures[k - 1]
-    return attrs.evolve(made, pictures=np.round(pictures).astype(np.uint8))
+@pytest.mark.parametrize(
+    ("camera_hz", "kept"), [(29.5, 0.15), (59.1, 0.2), (24.7, 0.5), (29.5, -1.0), (59.1, -1.0)]
+)
+def test_a_camera_that_mixes_frames_is_refused(camera_hz: float, kept: float) -> None:
+    """With noise reduction (kept > 0), or a mean of two frames. Half of the frame before gave one
+    confident answer once, 73.8 ms for 60.3.
+    """
+    with pytest.raises(UserError, match="mixes"):
+        estimate(recording(Loop(camera_hz=camera_hz, kept=kept)))
 
 
-@pytest.mark.parametrize(("seed", "share"), [(0, 0.5), (1, 0.25), (4, 0.25)])
-def test_a_camera_that_mixes_frames_is_refused(seed: int, share: float) -> None:
-    """Found: with half of the frame before kept, one confident answer, 73.8 ms for 60.3."""
-    with pytest.raises(UserError, match="temporal noise reduction"):
-        estimate(_mixed(recording(drawn(np.random.default_rng(seed), seed)), share))
+@pytest.mark.parametrize(
+    ("rise_ms", "fall_ms", "shape"), [(20, 8, "exponential"), (20, 2, "ramp"), (2, 20, "s-curve")]
+)
+def test_slow_screens_are_measured_within_the_interval(
+    rise_ms: float, fall_ms: float, shape: str
+) -> None:
+    loop = Loop(camera_hz=29.5, rise_ms=rise_ms, fall_ms=fall_ms, shape=shape)
+    delay = estimate(recording(loop))
+    assert abs(delay.delay_ms - loop.delay_ms) <= max(1.0, delay.half_ms)
 
 
-@pytest.mark.parametrize(("camera_hz", "delay_ms"), [(30.0012, 60.0), (15.0006, 66.0)])
+@pytest.mark.parametrize("share", [0.06, 0.1, 0.2])
+def test_automatic_exposure_that_answers_the_pattern_moves_no_delay(share: float) -> None:
+    """The room's pixels once counted as screen: 1.6 to 2.3 ms off, "+-0.5"."""
+    loop = Loop(camera_hz=29.6, gain_share=share)
+    assert estimate(recording(loop)).delay_ms == pytest.approx(loop.delay_ms, abs=1)
+
+
+@pytest.mark.parametrize(
+    ("camera_hz", "delay_ms"), [(30.0012, 60.0), (15.0006, 66.0), (60.0, 43.0)]
+)
 def test_a_camera_in_step_with_the_screen_is_refused(camera_hz: float, delay_ms: float) -> None:
     """Found: 5 of 7 accepted, with errors to 3.3 ms and intervals without the truth."""
     with pytest.raises(UserError, match="in step"):
@@ -85,11 +104,10 @@ def test_a_tilted_and_half_hidden_screen_is_found_and_the_guide_says_where_to_ai
         assert word in said and bool(word) == bool(said)
 
 
-def test_a_busy_machine_that_loses_frames_and_shows_two_flips_at_one_blank_is_no_reason_to_refuse() -> (
-    None
-):
+def test_a_busy_machine_that_loses_frames_is_no_reason_to_refuse() -> None:
     loop = Loop(camera_hz=59.7, exposure_ms=8.0, duration_s=8.0)
-    made, rng = recording(loop), np.random.default_rng(3)
+    made = recording(loop)
+    rng = np.random.default_rng(3)
     kept = rng.random(len(made.t_frame_ns)) > 0.6  # most steps are of two or three frames
     t_flip_ns = made.t_flip_ns.copy()
     t_flip_ns[20] = t_flip_ns[21]  # the compositor stood still: the level before was never seen
@@ -110,7 +128,8 @@ class Stamped:
     info = SourceInfo("camera:made", (64, 48), 30.0, live=True)
 
     def __init__(self, every: int) -> None:
-        self._every, self._count = every, 0
+        self._every = every
+        self._count = 0
 
     def read(self, out: np.ndarray) -> Frame | None:
         self._count += 1

@@ -16,11 +16,13 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from rich.text import Text
 
 from lfpipe.cli import cli
+from lfpipe.observe.monitor import fitted
 from lfpipe.observe.session_reader import Watch
 from lfpipe.supervisor.rundir import find
-from tests.world import World
+from tests.support.world import World
 
 ESCAPES = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
 
@@ -63,6 +65,18 @@ class Terminal:
         os.write(self._fd, key.encode())
 
 
+def test_a_small_terminal_names_what_it_leaves_out() -> None:
+    text = Text("\n".join(["x" * 79] * 15))
+    assert fitted(text, 80, 24) is text
+    for size, last in (
+        ((40, 24), "39 columns"),
+        ((80, 12), "4 lines"),
+        ((40, 12), "39 columns, 4"),
+    ):
+        lines = fitted(text, *size).plain.splitlines()
+        assert len(lines) == min(16, size[1]) and lines[-1].startswith(f"left out: {last}"), lines
+
+
 def test_the_screen_its_keys_and_a_session_that_starts_again(world: World, scene: Path) -> None:
     world.up(scene)
     world.pictures(5)
@@ -75,19 +89,24 @@ def test_the_screen_its_keys_and_a_session_that_starts_again(world: World, scene
     terminal.until(r"viewer (arriving|seated)")
     terminal.until(r"eyes predicted ahead of the sensor by p50 \d")
     for key, answer in (
-        ("w", "nearest views"), ("m", "dubois-green-magenta anaglyph"), ("p", "PAUSED"), ("p", "resumed"), ("c", "recentred"),
-        ("r", "counts reset"), ("t", "recording timeline"),
-    ):  # fmt: skip
+        ("w", "nearest views"),
+        ("m", "dubois-green-magenta anaglyph"),
+        ("p", "PAUSED"),
+        ("p", "resumed"),
+        ("c", "recentred"),
+        ("r", "counts reset"),
+        ("t", "tracing to"),
+    ):
         terminal.press(key)
         terminal.until(answer)
     second.until("nearest views")
     world.wait_for(
-        lambda: any(part.stat().st_size > 2000 for part in world.root.glob("lfpipe-*.part")),
+        lambda: any(trace.stat().st_size > 2000 for trace in world.root.glob("lfpipe-*.jsonl")),
         "traced pictures",
     )
     terminal.press("t")
-    terminal.until(r"timeline: /")
-    assert [path.suffix for path in world.root.glob("lfpipe-*")] == [".json"]
+    terminal.until(r"trace: /")
+    assert [path.suffix for path in world.root.glob("lfpipe-*")] == [".jsonl"]
     world.ctl("stop")
     terminal.until("no session")
     world.wait_for(lambda: not world.left(), "clean end")
@@ -105,7 +124,7 @@ def test_coming_and_going_leaves_nothing_and_costs_no_frame(live: World) -> None
     with live.entered():
         for _ in range(20):
             with contextlib.closing(Watch(find(live.name))) as watch:
-                assert watch.living() and watch.read()["stages"]
+                assert watch.living() and watch.read().stages
     for signum in (signal.SIGKILL, signal.SIGINT):  # whole processes, killed and ended cleanly
         viewer = live.start("monitor", "--session", live.name, "--json")
         assert (
@@ -125,9 +144,8 @@ def test_the_horizon_is_what_the_trace_says_and_grows_with_the_displays_own_dela
     live.pictures(90)
     state = live.monitor()
     horizon = state["horizon"]
-    live.pictures(
-        max(len(live.lines()), horizon["n"]) + 30
-    )  # what the monitor saw is written by then
+    # what the monitor saw is written by then
+    live.pictures(max(len(live.lines()), horizon["n"]) + 30)
     counted = [line for line in live.lines() if line["face"]][: horizon["n"]]
     horizon_ms = (
         statistics.median((line["t_presented_ns"] - line["t_sensor_ns"]) / 1e6 for line in counted)

@@ -1,4 +1,4 @@
-"""Timelines: trace-event JSON that a strict reader accepts, from a trace made here and from a real session."""
+"""Traces of running sessions, and timelines: trace-event JSON that a strict reader accepts."""
 
 import itertools
 import json
@@ -15,9 +15,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lfpipe.errors import UserError
-from lfpipe.observe.timeline import TRACKS, convert, events, finish_trace
-from tests import hostile_files as hostile
-from tests.world import World
+from lfpipe.observe.timeline import TRACKS, convert, events
+from tests.support import hostile_files as hostile
+from tests.support.world import World
 
 
 def line(
@@ -38,7 +38,9 @@ def line(
 
 
 def check(made: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
-    """Checks "Trace Event Format": known phases, slices that do not overlap on a track. Returns the slices by track."""
+    """Checks "Trace Event Format": known phases, slices that do not overlap on a track. Returns the
+    slices by track.
+    """
     tracks = {
         e["tid"]: e["args"]["name"] for e in made if e["ph"] == "M" and e["name"] == "thread_name"
     }
@@ -122,41 +124,27 @@ def test_a_conversion_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
     assert slices["display"][0]["args"]["age_ms"] == pytest.approx(0.0086)
 
 
-def test_a_timeline_that_cannot_be_left_is_kept(tmp_path: Path) -> None:
-    part = written(tmp_path / "t.json.part")
-    (tmp_path / "t.json").mkdir()
-
-    def ask(message: dict[str, object]) -> dict[str, object]:
-        return {"path": str(part)}
-
-    with pytest.raises(UserError, match="is a directory") as caught:
-        finish_trace(ask)
-    assert str(part) in caught.value.remedy and part.exists()
-    (tmp_path / "t.json").rmdir()
-    assert finish_trace(ask).exists() and not part.exists()
-
-
-def test_a_timeline_of_a_running_session(live: World, tmp_path: Path) -> None:
-    named, out = ("--session", live.name), tmp_path / "t.json"
+def test_a_trace_of_a_running_session_and_its_timeline(live: World, tmp_path: Path) -> None:
+    named = ("--session", live.name)
+    trace = tmp_path / "t.jsonl"
     assert live.run("trace", "stop", *named).returncode == 2, "none runs"
-    for place in (tmp_path, tmp_path / "gone" / "t.json", "/dev/null"):
-        said = live.refused("trace", "start", place, *named)
-        assert str(place) in said and "remedy" in said
+    for place in (tmp_path, tmp_path / "gone" / "t.jsonl", "/dev/null"):
+        refusal = live.refused("trace", "start", place, *named)
+        assert str(place) in refusal and "remedy" in refusal
     umask = os.umask(0)
     try:
-        live.done("trace", "start", out, *named)
-        assert "t.json.part is already" in live.refused(
-            "trace", "start", tmp_path / "u.json", *named
-        )
+        live.done("trace", "start", trace, *named)
+        other = tmp_path / "u.jsonl"
+        assert "t.jsonl is already" in live.refused("trace", "start", other, *named)
         live.pictures(len(live.lines()) + 40)
-        done = live.run("trace", "stop", *named)
+        assert str(trace) in live.done("trace", "stop", *named).stdout
+        live.done("trace", "timeline", trace)
     finally:
         os.umask(umask)
-    assert (
-        done.returncode == 0
-        and str(out) in done.stdout
-        and stat.S_IMODE(out.stat().st_mode) == 0o600
-    )
-    slices = check(json.loads(out.read_text())["traceEvents"])
+    written = [json.loads(text) for text in trace.read_text().splitlines()]
+    whole = {each["seq"]: each for each in live.lines()}
+    assert written and all(each == whole[each["seq"]] for each in written), "one format"
+    slices = check(json.loads((tmp_path / "t.json").read_text())["traceEvents"])
     assert all(len(slices[name]) > 5 for name in ("capture", "track"))
-    assert [path.name for path in tmp_path.iterdir()] == ["t.json"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["t.json", "t.jsonl"]
+    assert {stat.S_IMODE(path.stat().st_mode) for path in tmp_path.iterdir()} == {0o600}

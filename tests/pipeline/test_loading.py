@@ -1,5 +1,7 @@
-"""Loads of a running session: cancelled, replaced, shown before they are complete, left without a trace in memory; packs in use
-are kept. And several scenes in one session, chosen by command and by the page."""
+"""Loads of a running session: cancelled, replaced, shown before they are complete, left without a
+trace in memory; packs in use are kept. And several scenes in one session, chosen by command and by
+the page.
+"""
 
 import contextlib
 import json
@@ -15,11 +17,11 @@ import zmq
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.scene.packer import playlist
+from lfpipe.render.packer import playlist
 from lfpipe.transport import control
 from tests.scene import made
+from tests.support.world import World, write_scene
 from tests.web.server import served
-from tests.world import World, write_scene
 
 
 def running(root: Path, name: str, write: Callable[[Path], Path]) -> Iterator[World]:
@@ -44,7 +46,7 @@ def packing(world: World) -> bool:
     """Whether a packer of this world runs."""
     for process in psutil.process_iter(["cmdline", "environ"]):
         with contextlib.suppress(psutil.Error, KeyError, TypeError):
-            if "lfpipe.scene.packer" in process.info["cmdline"] and str(world.root) in str(
+            if "lfpipe.render.packer" in process.info["cmdline"] and str(world.root) in str(
                 process.info["environ"]
             ):
                 return True
@@ -71,7 +73,8 @@ def test_a_load_ends_with_its_client(session: World) -> None:
 
 @pytest.mark.live
 def test_a_second_load_replaces_the_first(session: World) -> None:
-    first, second = slow_scene(session.root / "slow", 9), write_scene(session.root / "quick", 2, 2)
+    first = slow_scene(session.root / "slow", 9)
+    second = write_scene(session.root / "quick", 2, 2)
     refused: list[str] = []
 
     def load_first() -> None:
@@ -137,7 +140,7 @@ def test_packs_in_use_are_kept_also_while_no_render_stage_has_them_open(
     cleaned = world.run("scene", "clean", "--all")
     assert (
         cleaned.returncode == 0
-        and "in use, kept" in cleaned.stdout
+        and "kept, in use" in cleaned.stdout
         and "removed 0 packs" in cleaned.stdout
     )
     world.more_pictures(5)
@@ -175,9 +178,8 @@ def test_a_folder_of_scenes_is_a_list_and_a_scene_stays_one(tmp_path: Path) -> N
     names = [folder / name for name in ("amber", "birch", "cedar")]
     assert playlist([folder], settings) == names
     assert playlist([names[1], folder, names[0]], settings) == [names[1], *names, names[0]]
-    made.write(
-        folder / "dune_qs3x1a1.5.png", made.mosaic(made.views(1, 3))
-    )  # one file does not hide the folders beside it
+    # one file does not hide the folders beside it
+    made.write(folder / "dune_qs3x1a1.5.png", made.mosaic(made.views(1, 3)))
     assert playlist([folder], settings) == [*names, folder / "dune_qs3x1a1.5.png"]
     for other in (tmp_path / "nowhere", folder / "empty", folder / "notes.txt"):
         assert playlist([other], settings) == [other]  # opening it reports the error
@@ -197,10 +199,8 @@ def test_the_next_and_the_previous_scene_come_by_command(listed: World) -> None:
     ):
         done = load(word)
         assert done.returncode == 0 and shown(listed) == wanted, done.stderr
-    assert load(str(listed.root / "scenes" / "amber")).returncode == 0 and shown(listed) == (
-        0,
-        2,
-    )  # which is in the list
+    # which is in the list
+    assert load(str(listed.root / "scenes" / "amber")).returncode == 0 and shown(listed) == (0, 2)
     for words in ((), ("--next", "amber")):
         assert load(*words).returncode == 2
 

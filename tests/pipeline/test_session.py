@@ -6,13 +6,14 @@ import os
 import signal
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from lfpipe.observe.session_reader import Watch
 from lfpipe.supervisor.rundir import find
-from tests.world import World, write_scene
+from tests.support.world import World, write_scene
 
 CAMERA = ("--set", "render.clock=camera")
 NEAREST = ("--set", "render.method=nearest", "--set", "render.alpha_px=12")
@@ -63,7 +64,7 @@ def test_monitor_and_ctl_see_and_change_the_next_picture(
         os.kill(stage["pid"], 0)
     assert 0 < state["end_to_end"]["p50_ms"] <= state["end_to_end"]["max_ms"]
 
-    def ctl(*words: str) -> dict[str, object]:
+    def ctl(*words: str) -> Any:
         done = world.run("ctl", *words, "--session", world.name, "--json")
         assert done.returncode == 0, done.stderr
         return json.loads(done.stdout)
@@ -80,12 +81,13 @@ def test_monitor_and_ctl_see_and_change_the_next_picture(
     fixed = world.run("ctl", "--session", world.name, "set", "camera.width_px=320")
     assert fixed.returncode == 2 and "fixed while a session runs" in fixed.stderr
 
-    ctl(
-        "set", "render.alpha_px=100", "render.method=blend"
-    )  # then views tell where in the camera picture the middle lies
+    # then views tell where in the camera picture the middle lies
+    ctl("set", "render.alpha_px=100", "render.method=blend")
 
     def middles(count: int) -> np.ndarray:
-        """(n, 2) px: by each picture since, what place of the eyes would be seen from the middle view."""
+        """(n, 2) px: by each picture since, what place of the eyes would be seen from the middle
+        view.
+        """
         middles = []
         for line in world.lines()[count:]:
             (lu, lv), (ru, rv) = line["eyes_used"]["left"], line["eyes_used"]["right"]
@@ -100,7 +102,9 @@ def test_monitor_and_ctl_see_and_change_the_next_picture(
         return np.array(middles)
 
     def some_middles() -> np.ndarray:
-        """Of the pictures from now on but two, once there are three that look from within the grid."""
+        """Of the pictures from now on but two, once there are three that look from within
+        the grid.
+        """
         start = len(world.lines()) + 2
         world.wait_for(lambda: len(middles(start)) >= 3, "pictures seen from within the grid")
         return middles(start)
@@ -122,9 +126,8 @@ def test_monitor_and_ctl_see_and_change_the_next_picture(
     assert "PAUSED" in world.run("ctl", "--session", world.name, "status").stdout
     paused_ns = time.monotonic_ns()
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(world.run_dir))
-    with contextlib.closing(
-        Watch(find(world.name))
-    ) as watch:  # otherwise "no face" is reported after 4 s
+    # otherwise "no face" is reported after 4 s
+    with contextlib.closing(Watch(find(world.name))) as watch:
         world.wait_for(
             lambda: watch.table.rows["render"]["t_face_ns"] > paused_ns,
             "nobody is missed while paused",

@@ -1,6 +1,8 @@
-"""Scenes on which a warp fails: fine dither, noise, wires thinner than a pixel, moving highlights, repetition.
+"""Scenes on which a warp fails: fine dither, noise, wires thinner than a pixel, moving highlights,
+repetition.
 
-A scene is layers of texture, each at a disparity, seen by a grid of cameras; every view between is known as well.
+A scene is layers of texture, each at a disparity, seen by a grid of cameras; every view between is
+known as well.
 """
 
 from collections.abc import Callable
@@ -98,7 +100,9 @@ KINDS: dict[str, tuple[Callable[[np.random.Generator], list[Layer]], float]] = {
 def scene(
     kind: str, kept: int = 2
 ) -> tuple[LightField, dict[tuple[float, float], NDArray[np.uint8]]]:
-    """A field of kept x kept views with estimated disparity, and the views between them by place."""
+    """A field of kept x kept views with estimated disparity, and the views between them by
+    place.
+    """
     make, noise = KINDS[kind]
     rng = np.random.default_rng(len(kind))
     layers = make(rng)

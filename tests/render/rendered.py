@@ -1,6 +1,8 @@
-"""A small light field drawn from formulas, so that every depth and every view, also between the stored ones, is known.
+"""A small light field drawn from formulas, so that every depth and every view, also between the
+stored ones, is known.
 
-A textured wall at disparity FAR and before it a textured square at NEAR (px per grid step), on a grid of any size.
+A textured wall at disparity FAR and before it a textured square at NEAR (px per grid step), on a
+grid of any size.
 """
 
 from functools import lru_cache
@@ -10,16 +12,19 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.config.tree import Method
 from lfpipe.eyes import EYES, EyesRecord
 from lfpipe.render.anaglyph import MATRICES
+from lfpipe.render.choice import Moment, TrackedEyes
+from lfpipe.render.showing import Showing
+from lfpipe.render.viewer import Viewpoints
 from lfpipe.scene.lightfield import Geometry, LightField
+from lfpipe.transport.ring import Stamp
 
 FAR, NEAR = -1.0, 2.0
-SQUARE = (
-    20.0,
-    44.0,
-)  # where the square begins and ends in the middle view, both axes, in px of a 64x64 view
-METHODS = ["nearest", "blend", "warp", "warp2"]
+# where the square begins and ends in the middle view, both axes, in px of a 64x64 view
+SQUARE = (20.0, 44.0)
+METHODS: list[Method] = ["nearest", "blend", "warp", "warp2"]
 OUTPUTS = [*MATRICES, "mono", "side-by-side", "row-interleaved"]
 S = 1_000_000_000
 
@@ -41,6 +46,24 @@ def record(*place: float, **more: Any) -> EyesRecord:
     return EyesRecord.of(eyes_array(*place, **more))
 
 
+def showing(**fields: Any) -> Showing:
+    """A new picture for eyes in the middle, handed over after 1 s; fields: other values."""
+    eyes = TrackedEyes(record(), Stamp(1, 1, 0, S, S, S, 0), S)
+    plain: dict[str, Any] = {
+        "seq": 0,
+        "number": 1,
+        "moment": Moment.of(S),
+        "eyes": eyes,
+        "viewpoints": Viewpoints(eyes.record.filtered_px, (0.0, 0.0), (0.0, 0.0), 0),
+        "picture": None,
+        "t_started_ns": S,
+        "t_composed_ns": S,
+        "t_handed_ns": S,
+        "cost_ns": 0,
+    }
+    return Showing(**(plain | fields))
+
+
 def _texture(x: NDArray[np.float64], y: NDArray[np.float64], seed: int) -> NDArray[np.float64]:
     rng = np.random.default_rng(seed)
     value = np.zeros_like(x)
@@ -53,7 +76,8 @@ def _texture(x: NDArray[np.float64], y: NDArray[np.float64], seed: int) -> NDArr
 def view(
     row: float, col: float, height: int = 64, width: int = 64, texture: float = 1.0
 ) -> NDArray[np.uint8]:
-    """The true view at steps (row, col) from the middle of the grid: uint8 (3, height, width), red, green, blue.
+    """The true view at steps (row, col) from the middle of the grid: uint8 (3, height, width), red,
+    green, blue.
 
     texture: 0 leaves a plain bright square before a plain dark wall.
     """
@@ -68,14 +92,14 @@ def view(
             x + NEAR * col, y + NEAR * row, 10 + channel
         )
         planes.append(np.where(inside, square, wall))
-    return np.rint(np.stack(planes)).clip(0, 255).astype(np.uint8)
+    return np.asarray(np.stack(planes).round().clip(0, 255), np.uint8)
 
 
 def _square(row: float, col: float, height: int, width: int) -> NDArray[np.bool_]:
     y, x = np.mgrid[0:height, 0:width].astype(float)
     x, y = x + NEAR * col, y + NEAR * row
     low, high = SQUARE
-    return (x >= low) & (x < high) & (y >= low) & (y < high)
+    return np.asarray((x >= low) & (x < high) & (y >= low) & (y < high))
 
 
 @lru_cache(64)
@@ -88,7 +112,10 @@ def field(
     scale: float = 1.0,
     texture: float = 1.0,
 ) -> LightField:
-    """The grid as a LightField, not to be written to. scale: multiplies the grid's spacing, and so its disparities."""
+    """The grid as a LightField, not to be written to.
+
+    scale: multiplies the grid's spacing, and so its disparities.
+    """
     views = np.zeros((1, rows, cols, 3, height, width), np.uint8)
     disparity = np.zeros((1, rows, cols, (height + 1) // 2, (width + 1) // 2), np.int8)
     unit_px = max(abs(FAR), abs(NEAR)) * scale / 120
@@ -108,7 +135,9 @@ def field(
 def noise(
     rows: int, cols: int, height: int, width: int, extent_px: float, seed: int, channels: int = 3
 ) -> LightField:
-    """Two frames of views and disparities of pure noise, up to +-extent_px, without any consistency."""
+    """Two frames of views and disparities of pure noise, up to +-extent_px, without any
+    consistency.
+    """
     rng = np.random.default_rng(seed)
     views = rng.integers(0, 256, (2, rows, cols, channels, height, width), dtype=np.uint8)
     disparity = rng.integers(
@@ -129,6 +158,17 @@ def light_field(
     rows, cols = views.shape[1:3]
     method = method or ("blend" if disparity is None else "warp2")
     return LightField(
-        views, disparity, unit_px, low_px, high_px, "none" if disparity is None else "truth",
-        np.zeros((rows, cols, 2), np.float32), np.ones((rows, cols), bool), Geometry(), 25.0, "drawn", method, {},
-    )  # fmt: skip
+        views=views,
+        disparity=disparity,
+        disparity_scale_px=unit_px,
+        disparity_min_px=low_px,
+        disparity_max_px=high_px,
+        disparity_source="none" if disparity is None else "truth",
+        offsets=np.zeros((rows, cols, 2), np.float32),
+        present=np.ones((rows, cols), bool),
+        geometry=Geometry(),
+        frame_rate_hz=25.0,
+        name="drawn",
+        method=method,
+        manifest={},
+    )

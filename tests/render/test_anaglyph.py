@@ -97,9 +97,7 @@ def test_full_compensation_takes_out_all_that_leaks_whatever_the_matrix_takes_ou
     assert full[0].cross_gain == pytest.approx(-(green + blue) / red * none[1].own_gain)
 
 
-def test_compensation_cancels_the_leak_through_the_red_glass_and_knows_none_of_unknown_spectra() -> (
-    None
-):
+def test_compensation_cancels_the_leak_through_the_red_glass() -> None:
     assert recipe("dubois-amber-blue", "linear", 100.0) == recipe(
         "dubois-amber-blue", "linear", 0.0
     )
@@ -126,3 +124,21 @@ def test_wide_tables_are_read_alike_with_any_opencv(monkeypatch: pytest.MonkeyPa
         out = np.zeros(index.shape, np.uint8)
         anaglyph.wide_lookup(index, table, out)
         np.testing.assert_array_equal(out, table[0][index])
+
+
+@pytest.mark.parametrize("light", ["linear", "gamma"])
+@pytest.mark.parametrize("empty", [0, 1, 2])
+def test_a_channel_without_a_row_stays_dark(
+    monkeypatch: pytest.MonkeyPatch, light: str, empty: int
+) -> None:
+    nothing, grey = (0.0, 0.0, 0.0), (0.299, 0.587, 0.114)
+    lit = [(grey, nothing), (nothing, grey)]
+    rows = (*lit[:empty], (nothing, nothing), *lit[empty:])
+    name = f"of two channels {empty}"
+    monkeypatch.setitem(MATRICES, name, rows)
+    left, right = smooth_pictures(3)
+    picture = encode(left, right, recipe(name, light))[..., ::-1]
+    eyes = [encode(eye, eye, recipe("grey", light))[..., 0] for eye in (left, right)]
+    assert not picture[..., empty].any()
+    for channel, eye in zip([k for k in range(3) if k != empty], eyes, strict=True):
+        assert np.abs(picture[..., channel].astype(int) - eye).max() <= 1

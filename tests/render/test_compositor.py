@@ -1,5 +1,7 @@
-"""From eyes to pixels: directions of motion, promises of a key, every output, nonsense input; and views of two eyes in a screen's
-own pixels: whole rows, whole halves, shapes kept."""
+"""From eyes to pixels: directions of motion, promises of a key, every output, nonsense input; and
+views of two eyes in a screen's
+own pixels: whole rows, whole halves, shapes kept.
+"""
 
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -12,6 +14,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from lfpipe.config import Config, Render
+from lfpipe.config.tree import Anaglyph, Method
 from lfpipe.files.decoding import fit_area
 from lfpipe.render.anaglyph import MATRICES, encode, recipe
 from lfpipe.render.compositor import Compositor, PlaneStore
@@ -21,9 +24,8 @@ from tests.render import rendered
 from tests.render.rendered import METHODS, OUTPUTS
 
 ANY = st.floats(allow_nan=True, allow_infinity=True)
-SEATED = np.array(
-    [[350.0, 240.0], [290.0, 240.0]]
-)  # the left eye stands at larger x of the unmirrored picture
+# the left eye stands at larger x of the unmirrored picture
+SEATED = np.array([[350.0, 240.0], [290.0, 240.0]])
 
 
 def bgr(field: Any, row: int, col: int, frame: int = 0) -> NDArray[np.uint8]:
@@ -34,7 +36,7 @@ def bgr(field: Any, row: int, col: int, frame: int = 0) -> NDArray[np.uint8]:
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("anaglyph", sorted(MATRICES))
 def test_at_stored_views_a_picture_is_their_anaglyph_bit_for_bit(
-    method: str, anaglyph: str
+    method: Method, anaglyph: Anaglyph
 ) -> None:
     field = rendered.field(3, 4)
     how = Render(method=method, anaglyph=anaglyph, ghost_compensation=30.0)
@@ -46,7 +48,7 @@ def test_outputs_without_glasses() -> None:
     field = rendered.field(3, 5)
     left, middle, right = (bgr(field, 1, col) for col in (1, 2, 3))
 
-    def picture(anaglyph: str) -> NDArray[np.uint8]:
+    def picture(anaglyph: Anaglyph) -> NDArray[np.uint8]:
         return (
             Compositor(field, Render(method="warp", anaglyph=anaglyph))
             .compose((1.0, 1.0), (1.0, 3.0))
@@ -65,7 +67,7 @@ def test_outputs_without_glasses() -> None:
 
 
 @pytest.mark.parametrize("anaglyph", OUTPUTS)
-def test_a_grey_light_field_gives_what_its_colours_would(anaglyph: str) -> None:
+def test_a_grey_light_field_gives_what_its_colours_would(anaglyph: Anaglyph) -> None:
     colour = rendered.field(3, 3)
     same = np.repeat(colour.views[:, :, :, :1], 3, axis=3)
     pictures = [
@@ -99,14 +101,12 @@ def test_video_frames_are_told_apart_and_wrap_round() -> None:
     st.floats(-0.004, 0.004),
 )
 def test_equal_keys_mean_equal_pictures(
-    row: float, left: float, right: float, method: str, nudge: float
+    row: float, left: float, right: float, method: Method, nudge: float
 ) -> None:
     field = rendered.field(4, 4, 32, 32)
     subject = Compositor(field, Render(method=method, anaglyph="dubois"))
-    one, two = (
-        ((row, left), (row, right)),
-        ((row + nudge, left - nudge), (row + nudge, right + nudge)),
-    )
+    one = ((row, left), (row, right))
+    two = ((row + nudge, left - nudge), (row + nudge, right + nudge))
     first = subject.compose(*one).copy()
     if hash(subject.key(*one)) == hash(subject.key(*two)):
         np.testing.assert_array_equal(first, subject.compose(*two))
@@ -124,9 +124,8 @@ def test_the_rounding_of_a_key_shows_nowhere() -> None:
         true = subject.compose((2 + off, 1.25 + off), (2 + off, 2.25 + off))
         error = np.abs(drawn.astype(int) - true)
         assert error.mean() < 0.3
-        assert (
-            error > 1
-        ).mean() < 0.02  # what lies on the edge of the square may fall to its other side
+        # what lies on the edge of the square may fall to its other side
+        assert (error > 1).mean() < 0.02
 
 
 @settings(max_examples=100)
@@ -141,9 +140,15 @@ def test_the_rounding_of_a_key_shows_nowhere() -> None:
     light=st.sampled_from([0, 255, None]),
 )
 def test_nonsense_gives_a_picture_within_the_range_of_the_views(
-    shape: tuple[int, int, int, int], extent_px: float, zero_plane_px: float, values: list[float], method: str, anaglyph: str,
-    channels: int, light: int | None,
-) -> None:  # fmt: skip
+    shape: tuple[int, int, int, int],
+    extent_px: float,
+    zero_plane_px: float,
+    values: list[float],
+    method: Method,
+    anaglyph: Anaglyph,
+    channels: int,
+    light: int | None,
+) -> None:
     field = rendered.noise(*shape, extent_px, seed=1, channels=channels)
     field = attrs.evolve(
         field, views=field.views // 2 + 60 if light is None else np.full_like(field.views, light)
@@ -175,16 +180,16 @@ def test_a_viewer_of_whom_the_tracker_says_anything(
         look = viewer.viewpoints(seen, k * 10**7, k * 10**7 + 10**6)
         assert np.isfinite([look.left, look.right]).all()
         assert viewer.compositor.compose(look.left, look.right).shape == (16, 16, 3)
-    look = viewer.viewpoints(
-        seen, 10**10, 10**10
-    )  # seen well again, later: nothing of that is left
+    # seen well again, later: nothing of that is left
+    look = viewer.viewpoints(seen, 10**10, 10**10)
     if grid[1] > 1 and alpha_px != 1e9:
         assert look.left[1] < look.right[1]
 
 
 @pytest.mark.parametrize("method", ["nearest", "warp2"])
-def test_two_threads_draw_the_same_picture(method: str) -> None:
-    field, how = rendered.field(2, 3, 130, 94), Render(method=method, anaglyph="dubois")
+def test_two_threads_draw_the_same_picture(method: Method) -> None:
+    field = rendered.field(2, 3, 130, 94)
+    how = Render(method=method, anaglyph="dubois")
     with ThreadPoolExecutor(1) as helper:
         one, two = Compositor(field, how), Compositor(field, how, helper)
         for place in np.random.default_rng(1).uniform(0, 2, (8, 3)).tolist():
@@ -236,10 +241,8 @@ def test_each_half_when_stretched_is_its_view_in_its_own_shape(screen: tuple[int
     for eye, colour in enumerate((LEFT, RIGHT)):
         stretched = out[:, eye * screen[0] // 2 : (eye + 1) * screen[0] // 2].repeat(2, axis=1)
         assert (stretched[stretched.any(axis=2)] == colour).all()
-        rows, cols = (
-            np.nonzero(stretched.any(axis=(1, 2)))[0],
-            np.nonzero(stretched.any(axis=(0, 2)))[0],
-        )
+        rows = np.nonzero(stretched.any(axis=(1, 2)))[0]
+        cols = np.nonzero(stretched.any(axis=(0, 2)))[0]
         assert np.ptp(cols) / np.ptp(rows) == pytest.approx(1.5, abs=0.05)
         assert (
             abs(cols.mean() - (screen[0] - 1) / 2) <= 2

@@ -1,19 +1,23 @@
-"""The distance of the eyes on the grid: known cases computed by hand, and arbitrary configurations."""
+"""The distance of the eyes on the grid: known cases computed by hand, and arbitrary
+configurations.
+"""
 
 import math
+from collections.abc import Mapping
 
 import attrs
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lfpipe.config import from_dict
+from lfpipe.config import Config, updated
 from lfpipe.config.camera_pose import camera_focal_px
 from lfpipe.render.geometry import PLANES, Parallax, parallax, zero_planes_px
 from lfpipe.scene.lightfield import Geometry, LightField
 from tests.render import rendered
 
-# The HCI scene "cotton": baseline 25 mm, focus 4.25 m, focal length 1462.9 px of 512, disparities -1.6..1.5
+# The HCI scene "cotton": baseline 25 mm, focus 4.25 m, focal length 1462.9 px of 512, disparities
+# -1.6..1.5
 COTTON = Geometry(25.0, 4250.0, 1462.9)
 
 
@@ -27,21 +31,32 @@ def cotton(**changes: object) -> LightField:
     return attrs.evolve(rendered.field(9, 9, 4, 512), **about)  # type: ignore[arg-type]
 
 
+def configured(tree: Mapping[str, Mapping[str, object]]) -> Config:
+    """The configuration that a table of sections gives."""
+    values = {
+        f"{section}.{key}": value for section, keys in tree.items() for key, value in keys.items()
+    }
+    return updated(Config(), values)
+
+
 def chosen(field: LightField, eyes_px: float = 63.0, **render: object) -> Parallax:
-    config = from_dict(
+    config = configured(
         {"camera": {"focal_px": 600.0}, "screen": {"width_mm": 299.0}, "render": render}
     )
     return parallax(config, field, 640, eyes_px)
 
 
 def test_true_depth_of_a_known_capture_and_the_whole_grid_of_an_unknown_one() -> None:
-    """alpha = focal length of the webcam * baseline / focus distance, whatever the distance of the viewer."""
+    """alpha = focal length of the webcam * baseline / focus distance, whatever the distance of the
+    viewer.
+    """
     for eyes_px in (63.0, 31.5):
         true = chosen(cotton(), eyes_px, depth=1.0)
         assert true.alpha_px == pytest.approx(
             600 * 25 / 4250
         ) and true.compression == pytest.approx(1.0)
-    here, nearer = chosen(cotton()).true_views, chosen(cotton(), zero_plane_px=1.5).true_views
+    here = chosen(cotton()).true_views
+    nearer = chosen(cotton(), zero_plane_px=1.5).true_views
     assert here == pytest.approx(17.85, abs=0.01) and nearer is not None and nearer < 17
     assert chosen(cotton(geometry=Geometry()), depth=1.0).views_between_eyes == pytest.approx(8.0)
     assert chosen(cotton(), depth=0.5).views_between_eyes == pytest.approx(
@@ -50,7 +65,9 @@ def test_true_depth_of_a_known_capture_and_the_whole_grid_of_an_unknown_one() ->
 
 
 def test_comfort_by_hand() -> None:
-    """At 600 mm one degree is 10.47 mm and 3 % of the width 8.97 mm; a view step moves the farthest 1.6 px of 0.584 mm."""
+    """At 600 mm one degree is 10.47 mm and 3 % of the width 8.97 mm; a view step moves the farthest
+    1.6 px of 0.584 mm.
+    """
     near, far = chosen(cotton()), chosen(cotton(), 31.5)
     assert near.distance_mm == pytest.approx(600.0)
     assert near.comfort_views == pytest.approx(8.97 / (1.6 * 299 / 512), rel=1e-3)
@@ -69,14 +86,8 @@ def test_comfort_by_hand() -> None:
         (600.0, 600.0, 0.0, 600 * math.pi / 180, 1.6, "1 degree"),
         (299.0, 600.0, 0.0, 0.03 * 299, 1.6, "3% of the picture's width"),
         (3000.0, 10000.0, 0.0, 63.0, 1.6, "must not diverge"),
-        (
-            3000.0,
-            10000.0,
-            -1.5,
-            0.03 * 3000,
-            3.0,
-            "3% of the picture's width",
-        ),  # nearly all of it stands before the screen
+        # nearly all of it stands before the screen
+        (3000.0, 10000.0, -1.5, 0.03 * 3000, 3.0, "3% of the picture's width"),
         (299.0, 600.0, 1.0, 0.03 * 299, 2.6, "3% of the picture's width"),
     ],
 )
@@ -86,10 +97,11 @@ def test_each_limit_of_comfort_by_hand(
     screen = {"width_mm": width_mm, "distance_mm": distance_mm}
     for alpha in (1e-3, 1e3):
         render = {"zero_plane_px": zero_px, "alpha_px": alpha}
-        how = from_dict({"camera": {"focal_px": 600.0}, "screen": screen, "render": render})
+        how = configured({"camera": {"focal_px": 600.0}, "screen": screen, "render": render})
         found = parallax(how, cotton(), 640, 63.0)
         assert found.distance_mm == distance_mm and "(configured)" in str(found)
         assert found.comfort_views == pytest.approx(limit_mm / (extent_px * width_mm / 512))
+        assert found.comfort_views is not None
         assert (
             (why in str(found)) == (found.views_between_eyes > found.comfort_views) == (alpha < 1)
         )
@@ -105,9 +117,8 @@ def test_the_advice_beyond_comfort_ends_it() -> None:
 
 
 def test_the_least_of_room_comfort_and_nature_decides() -> None:
-    close_up = cotton(
-        disparity_min_px=-0.1, disparity_max_px=0.1, geometry=Geometry(100.0, 1000.0)
-    )  # one metre away
+    # one metre away
+    close_up = cotton(disparity_min_px=-0.1, disparity_max_px=0.1, geometry=Geometry(100.0, 1000.0))
     found = chosen(close_up)
     assert found.views_between_eyes == found.true_views == pytest.approx(63 / (0.1 * 600))
     assert "true depth" in str(found) and found.compression == 1.0
@@ -122,22 +133,20 @@ def test_the_least_of_room_comfort_and_nature_decides() -> None:
         assert chosen(grid).views_between_eyes == room, (rows, cols)
     assert (
         chosen(
-            attrs.evolve(rendered.field(1, 40, 4, 64), disparity_source="none")
+            attrs.evolve(rendered.field(1, 40, 4, 64), disparity_min_px=0.0, disparity_max_px=0.0)
         ).views_between_eyes
         == 4.0
     )
 
 
 def test_the_width_of_the_picture_is_the_persons_then_the_monitors_then_a_guess() -> None:
-    auto = from_dict({"camera": {"focal_px": 600.0}})
-    reported, guessed = (
-        parallax(auto, cotton(), 640, 63.0, 300.0),
-        parallax(auto, cotton(), 640, 63.0),
-    )
+    auto = configured({"camera": {"focal_px": 600.0}})
+    reported = parallax(auto, cotton(), 640, 63.0, 300.0)
+    guessed = parallax(auto, cotton(), 640, 63.0)
     assert "300 mm wide (on this monitor)" in str(reported) and "530 mm wide (assumed" in str(
         guessed
     )
-    by_hand = from_dict({"camera": {"focal_px": 600.0}, "screen": {"width_mm": 299.0}})
+    by_hand = configured({"camera": {"focal_px": 600.0}, "screen": {"width_mm": 299.0}})
     assert parallax(by_hand, cotton(), 640, 63.0, 400.0) == chosen(cotton())
 
 
@@ -162,13 +171,13 @@ def test_a_step_of_the_viewer_is_no_news_and_another_seat_is() -> None:
 
 
 def test_focal_length_and_narrower_eyes_which_are_nearer() -> None:
-    assert camera_focal_px(from_dict({"camera": {"fov_deg": 60.0}}), 640) == pytest.approx(
+    assert camera_focal_px(configured({"camera": {"fov_deg": 60.0}}), 640) == pytest.approx(
         320.0 * math.sqrt(3)
     )
     assert camera_focal_px(
-        from_dict({"camera": {"focal_px": 600.0, "width_px": 640}}), 1280
+        configured({"camera": {"focal_px": 600.0, "width_px": 640}}), 1280
     ) == pytest.approx(1200.0)
-    child = from_dict({"camera": {"focal_px": 600.0}, "screen": {"eyes_mm": 50.0}})
+    child = configured({"camera": {"focal_px": 600.0}, "screen": {"eyes_mm": 50.0}})
     assert parallax(child, cotton(), 640, 63.0).distance_mm == pytest.approx(600.0 * 50 / 63)
 
 
@@ -195,9 +204,16 @@ def test_some_forty_presses_go_through_a_scene(low: float, span: float) -> None:
     ),
 )
 def test_always_an_answer(
-    alpha: float | str, eyes_px: float | None, low: float, span: float, zero: float, depth: float, grid: tuple[int, int],
-    distance: float | str, geometry: Geometry,
-) -> None:  # fmt: skip
+    alpha: float | str,
+    eyes_px: float | None,
+    low: float,
+    span: float,
+    zero: float,
+    depth: float,
+    grid: tuple[int, int],
+    distance: float | str,
+    geometry: Geometry,
+) -> None:
     field = attrs.evolve(
         rendered.noise(*grid, 1, 1, 1.0, 0),
         disparity_min_px=low,
@@ -206,7 +222,7 @@ def test_always_an_answer(
     )
     render = {"alpha_px": alpha, "zero_plane_px": zero, "depth": depth}
     found = parallax(
-        from_dict({"render": render, "screen": {"distance_mm": distance}}), field, 640, eyes_px
+        configured({"render": render, "screen": {"distance_mm": distance}}), field, 640, eyes_px
     )
     assert 0 < found.alpha_px < math.inf and math.isfinite(found.views_between_eyes)
     assert 50 <= found.distance_mm <= 50000 and str(found)

@@ -1,9 +1,12 @@
-"""From pixels to pixels: a scene with known depth, photographed from known places, written in every layout, packed, and seen
-through the glasses. Near objects must appear further right for the left eye, and a viewer who moves must see them from there."""
+"""From pixels to pixels: a scene with known depth, photographed from known places, written in every
+layout, packed, and seen through the glasses. Near objects must appear further right for the left
+eye, and a viewer who moves must see them from there.
+"""
 
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
+from typing import get_args
 
 import h5py
 import numpy as np
@@ -11,11 +14,11 @@ import pytest
 from numpy.typing import NDArray
 
 from lfpipe.config import Render, Scene
+from lfpipe.config.tree import Method
 from lfpipe.render.compositor import Compositor
 from lfpipe.render.viewpoint import ViewSolver
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.packing import pack_scene
-from tests.render.rendered import METHODS
 from tests.scene import made
 
 Grid = NDArray[np.uint8]  # (rows, cols, height, width, 3), top left camera first
@@ -29,8 +32,10 @@ V, U = np.mgrid[0:HEIGHT, 0:WIDTH] - np.array([HEIGHT / 2, WIDTH / 2])[:, None, 
 
 @lru_cache(maxsize=4)
 def photographs(rows: int, cols: int) -> Grid:
-    """What cameras BASELINE_MM apart see, all aimed at the same rectangle FOCUS_MM away: a textured wall with a black disc on it
-    and before it a bright disc. Rays are cast through each pixel; nothing here knows what a disparity map is."""
+    """What cameras BASELINE_MM apart see, all aimed at the same rectangle FOCUS_MM away: a textured
+    wall with a black disc on it and before it a bright disc. Rays are cast through each pixel;
+    nothing here knows what a disparity map is.
+    """
     out = np.empty((rows, cols, HEIGHT, WIDTH, 3), np.uint8)
     wall, front = (made.texture(2 * HEIGHT, 2 * WIDTH, seed).astype(float) for seed in (1, 3))
 
@@ -38,7 +43,7 @@ def photographs(rows: int, cols: int) -> Grid:
         texture: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         i, j = np.rint(y + HEIGHT).astype(int), np.rint(x + WIDTH).astype(int)
-        return texture[i.clip(0, 2 * HEIGHT - 1), j.clip(0, 2 * WIDTH - 1)]
+        return np.asarray(texture[i.clip(0, 2 * HEIGHT - 1), j.clip(0, 2 * WIDTH - 1)])
 
     for row, col in np.ndindex(rows, cols):
         camera_mm = (col - (cols - 1) / 2) * BASELINE_MM, (row - (rows - 1) / 2) * BASELINE_MM
@@ -46,7 +51,9 @@ def photographs(rows: int, cols: int) -> Grid:
         def meets(
             disparity_px: float, camera_mm: tuple[float, float] = camera_mm
         ) -> list[NDArray[np.float64]]:
-            """(x, y) where the ray of each pixel meets the plane of that disparity, in px of it as the middle camera sees it."""
+            """(x, y) where the ray of each pixel meets the plane of that disparity, in px of it as
+            the middle camera sees it.
+            """
             at_mm = 1 / (disparity_px / (BASELINE_MM * FOCAL_PX) + 1 / FOCUS_MM)
             aimed = (U * FOCUS_MM / FOCAL_PX, V * FOCUS_MM / FOCAL_PX)
             return [
@@ -65,9 +72,8 @@ def photographs(rows: int, cols: int) -> Grid:
     return out
 
 
-TRUTH = np.where(np.hypot(U - 18, V - 6) < RADIUS_PX, NEAR_PX, FAR_PX).astype(
-    np.float32
-)  # disparity of the middle view
+# disparity of the middle view
+TRUTH = np.where(np.hypot(U - 18, V - 6) < RADIUS_PX, NEAR_PX, FAR_PX).astype(np.float32)
 
 
 def hci_old(folder: Path) -> None:
@@ -80,9 +86,8 @@ def hci_old(folder: Path) -> None:
 
 
 def stanford(folder: Path) -> None:
-    for row, col in np.ndindex(
-        5, 5
-    ):  # shot from the right to the left and upwards: the coordinates say so
+    # shot from the right to the left and upwards: the coordinates say so
+    for row, col in np.ndindex(5, 5):
         name = f"out_{row:02d}_{col:02d}_{-300 - 8.5 * row:.4f}_{1100 - 8.6 * col:.4f}_.png"
         made.write(folder / name, photographs(5, 5)[4 - row, 4 - col])
 
@@ -116,8 +121,10 @@ def seen(
     right: float = 0,
     up: float = 0,
 ) -> NDArray[np.float64]:
-    """(x, y) of the bright disc, or of the black one, for the left eye and for the right one, when the viewer has moved by px of
-    the camera's picture. It shows them unmirrored: their left eye at larger x, a step to their right as one to the left."""
+    """(x, y) of the bright disc, or of the black one, for the left eye and for the right one, when
+    the viewer has moved by px of the camera's picture. It shows them unmirrored: their left eye at
+    larger x, a step to their right as one to the left.
+    """
     x, y = 320 - right, 240 - up
     solver = ViewSolver(*grid, Render(), alpha_px, (320.0, 240.0), compositor.method)
     drawn = compositor.compose(*solver.views((x + EYES_PX / 2, y, x - EYES_PX / 2, y)))
@@ -141,25 +148,24 @@ def test_near_is_crossed_in_3d_photographs(write: Callable[[Path], None], tmp_pa
     )
 
 
-# One whose depth, and one whose order of views, has its own sense; that all others keep that order is shown in tests/scene.
+# One whose depth, and one whose order of views, has its own sense; that all others keep that order
+# is shown in tests/scene.
 @pytest.mark.parametrize("write", [hci_old, stanford])
 def test_near_is_crossed_and_the_viewer_sees_from_where_they_are(
     write: Callable[[Path], None], tmp_path: Path
 ) -> None:
     field = packed(write.__name__.replace("_", "-"), write, tmp_path)
-    for method in ("auto", *METHODS):
+    for method in get_args(Method):
         compositor = Compositor(field, Render(method=method, anaglyph="colour", zero_plane_px=0.0))
         for bright, disparity_px in ((True, NEAR_PX), (False, FAR_PX)):
             left, right = seen(compositor, (5, 5), bright, STEP_PX)
             moved_right = seen(compositor, (5, 5), bright, STEP_PX, right=STEP_PX)[0]
             moved_up = seen(compositor, (5, 5), bright, STEP_PX, up=STEP_PX)[0]
-            close = {"abs": 0.3 * NEAR_PX}
-            assert left - right == pytest.approx([2 * disparity_px, 0], **close), (
+            close = partial(pytest.approx, abs=0.3 * NEAR_PX)
+            assert left - right == close([2 * disparity_px, 0]), (
                 f"{method}: near is crossed, far is not"
             )
-            assert moved_right - left == pytest.approx([-disparity_px, 0], **close), (
+            assert moved_right - left == close([-disparity_px, 0]), (
                 f"{method}: seen from further right"
             )
-            assert moved_up - left == pytest.approx([0, disparity_px], **close), (
-                f"{method}: seen from higher up"
-            )
+            assert moved_up - left == close([0, disparity_px]), f"{method}: seen from higher up"

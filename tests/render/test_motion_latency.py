@@ -1,4 +1,6 @@
-"""Latencies of a motion, as a session measures them, with pictures that are late by a known time and with the filters in use."""
+"""Latencies of a motion, as a session measures them, with pictures that are late by a known time
+and with the filters in use.
+"""
 
 import math
 from collections.abc import Callable
@@ -7,7 +9,7 @@ import numpy as np
 import pytest
 
 from lfpipe.config import Track
-from lfpipe.render.motion_latency import MotionLatency
+from lfpipe.render.listeners.motion_latency import MotionLatency
 from lfpipe.track.filters import make_filter
 
 MS = 1_000_000
@@ -25,8 +27,14 @@ def swaying(t_ns: float) -> np.ndarray:
 def starting(t_ns: float) -> np.ndarray:
     """A head that rests for a second and moves for a second, to and fro, at once at STEP_PX_S."""
     t_s = t_ns / 1e9
-    number, away_s = int(t_s // 2), max(t_s % 2 - 1, 0)
+    number = int(t_s // 2)
+    away_s = max(t_s % 2 - 1, 0)
     return eyes_at(200 + STEP_PX_S * (away_s if number % 2 == 0 else 1 - away_s))
+
+
+def record_px(eyes_px: np.ndarray) -> tuple[float, float, float, float]:
+    (lx, ly), (rx, ry) = eyes_px.tolist()
+    return lx, ly, rx, ry
 
 
 def session(
@@ -35,18 +43,22 @@ def session(
     noise_px: float,
     track: Track,
 ) -> MotionLatency:
-    """30 Hz, presented 20 and 37 ms after the frame's stamp, light LOOP_MS later; made for the middle of the refresh, by the
-    filter or as made_for gives the eyes."""
-    latency, filter_, rng = MotionLatency(), make_filter(track), np.random.default_rng(1)
+    """30 Hz, presented 20 and 37 ms after the frame's stamp, light LOOP_MS later; made for the
+    middle of the refresh, by the filter or as made_for gives the eyes.
+    """
+    latency = MotionLatency()
+    filter_ = make_filter(track)
+    rng = np.random.default_rng(1)
     for frame in range(900):
         stamp = frame * 33_333_333
         measured = path(stamp) + rng.normal(0, noise_px, (2, 2))
-        latency.measured(stamp, measured.ravel().tolist())
+        latency.measured(stamp, record_px(measured))
         filter_.update(stamp, measured)
         for refresh in range(2):
-            presented, after = stamp + (20 + 17 * refresh) * MS, (LOOP_MS + 8) * MS
+            presented = stamp + (20 + 17 * refresh) * MS
+            after = (LOOP_MS + 8) * MS
             eyes = made_for(presented + after) if made_for else filter_.predict(presented + after)
-            latency.pictured(presented, after, LOOP_MS * MS, eyes.ravel().tolist())
+            latency.pictured(presented, after, LOOP_MS * MS, record_px(eyes))
     return latency
 
 
@@ -61,8 +73,9 @@ def test_both_latencies_of_pictures_late_by_a_known_time(late_ms: int, noise_px:
 
 
 def test_the_onset_has_the_filters_own_lag_and_the_steady_latency_has_no_onset() -> None:
-    """Found with the paper's mean of 5: 113.8 ms printed where 154 were measured; with prediction 33.6 ms of steady latency where
-    6.7 remained under way."""
+    """Found with the paper's mean of 5: 113.8 ms printed where 154 were measured; with prediction
+    33.6 ms of steady latency where 6.7 remained under way.
+    """
     mean, predicted = (
         session(starting, None, 0.15, track) for track in (Track(filter="mean", mean_k=5), Track())
     )
@@ -76,10 +89,11 @@ def test_the_onset_has_the_filters_own_lag_and_the_steady_latency_has_no_onset()
 def test_a_still_viewer_a_slow_one_and_one_who_leaves_give_no_latencies(
     speed_px_s: float, leaves: bool
 ) -> None:
-    rng, latency = np.random.default_rng(2), MotionLatency()
+    rng = np.random.default_rng(2)
+    latency = MotionLatency()
     for frame in range(300):
         stamp = frame * 33 * MS
         measured = eyes_at(200 + speed_px_s * stamp / 1e9) + rng.normal(0, 0.3, (2, 2))
-        latency.measured(stamp, None if leaves and frame % 10 == 9 else measured.ravel().tolist())
-        latency.pictured(stamp + 20 * MS, 8 * MS, 0, (eyes_at(200) + 1).ravel().tolist())
+        latency.measured(stamp, None if leaves and frame % 10 == 9 else record_px(measured))
+        latency.pictured(stamp + 20 * MS, 8 * MS, 0, record_px(eyes_at(200) + 1))
     assert latency.steady_ns == 0 and latency.onset_ns == 0

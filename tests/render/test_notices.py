@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from lfpipe.config import Render, choices
+from lfpipe.config.tree import Anaglyph
 from lfpipe.render.anaglyph import MATRICES
 from lfpipe.render.glasses import glasses_test
 from lfpipe.render.notices import SHOWN_NS, Notices
@@ -15,7 +16,8 @@ from lfpipe.transport.clock import now_ns
 
 
 def test_notices_pass_and_states_stay() -> None:
-    notices, t_ns = Notices(), now_ns()
+    notices = Notices()
+    t_ns = now_ns()
     notices.say("mode", "mode: grey")
     notices.say("mode", "mode: mono")
     assert notices.lines(t_ns + SHOWN_NS - 1, ["", "paused"]) == ("mode: mono", "paused")
@@ -25,7 +27,7 @@ def test_notices_pass_and_states_stay() -> None:
 @pytest.mark.parametrize(
     "anaglyph", [name for name in choices("render.anaglyph") if name in MATRICES]
 )
-def test_each_eyes_letter_is_in_its_own_channels(anaglyph: str) -> None:
+def test_each_eyes_letter_is_in_its_own_channels(anaglyph: Anaglyph) -> None:
     render = Render(anaglyph=anaglyph)
     plain, swapped = (
         glasses_test(attrs.evolve(render, swap_eyes=swap), (320, 200))[0].astype(int)
@@ -41,7 +43,7 @@ def test_each_eyes_letter_is_in_its_own_channels(anaglyph: str) -> None:
 
 
 @pytest.mark.parametrize("anaglyph", ["side-by-side", "row-interleaved"])
-def test_screens_of_two_views_get_both(anaglyph: str) -> None:
+def test_screens_of_two_views_get_both(anaglyph: Anaglyph) -> None:
     picture, pair = glasses_test(Render(anaglyph=anaglyph), (320, 200))
     assert picture.shape == (200, 320, 3) and pair is not None and (pair[0] != pair[1]).any()
 
@@ -75,4 +77,4 @@ def test_the_picture_says_how_far_a_scene_is_loaded_whoever_asked() -> None:
     assert asked == [{"load": {"scene": "/b"}}, {"load": {"scene": "/a"}}]
     report("a", "")
     scenes.answered({"ok": False, "error": "/a: the folder is empty"})
-    assert shown() == ["loading a: 1 of 2: refused", "/a: the folder is empty"]
+    assert shown() == ["loading a: 1 of 2: refused\n/a: the folder is empty"]

@@ -43,7 +43,9 @@ def with_keys(**keys: object) -> Config:
 
 
 def read_channels(view: int, how: Config, channels: int) -> tuple[int, ...]:
-    """Stored channels of one view of a row of three that a picture for eyes at the outer two depends on."""
+    """Stored channels of one view of a row of three that a picture for eyes at the outer two
+    depends on.
+    """
     scene = attrs.evolve(
         rendered.noise(1, 3, 16, 16, 1.0, seed=7, channels=channels),
         disparity=None,
@@ -128,12 +130,20 @@ class Untouchable:
 
 @given(scenes(), configs)
 def test_the_plan_is_what_the_stages_do(scene: LightField, how: Config) -> None:
-    plan, compositor = make_plan(scene, how), Compositor(scene, how.render)
+    plan = make_plan(scene, how)
+    compositor = Compositor(scene, how.render)
     assert plan.method == compositor.method
     summary = SceneSummary(
-        "/pack", "one", scene.rows, scene.cols, 8, 8, scene.method, scene.disparity is not None
+        pack="/pack",
+        name="one",
+        rows=scene.rows,
+        cols=scene.cols,
+        height_px=8,
+        width_px=8,
+        method=scene.method,
+        has_disparity=scene.disparity is not None,
     )
-    assert plan.needs_tracking == summary.needs_tracking
+    assert plan.needs_tracking == summary.needs_eyes
     assert ("warping" in saved(plan)) == (plan.needs_tracking and not plan.needs_warp)
     json.dumps(attrs.asdict(plan))
     if not plan.needs_tracking:
@@ -155,7 +165,8 @@ def test_the_plan_is_what_the_stages_do(scene: LightField, how: Config) -> None:
 @settings(max_examples=50)
 @given(configs)
 def test_distance_is_needed_where_a_viewer_who_comes_nearer_changes_the_views(how: Config) -> None:
-    scene = attrs.evolve(rendered.noise(9, 9, 8, 8, 1.0, seed=1), disparity_source="none")
+    scene = rendered.noise(9, 9, 8, 8, 1.0, seed=1)
+    scene = attrs.evolve(scene, disparity_min_px=0.0, disparity_max_px=0.0)
     how = updated(how, {"render.method": "blend"})  # nearest would round small changes away
     seen = []
     for apart in (30.0, 60.0):  # the same direction, half the distance
@@ -168,6 +179,21 @@ def test_distance_is_needed_where_a_viewer_who_comes_nearer_changes_the_views(ho
         seen.append((viewer.solver.alpha_px, left[0], left[1] + right[1]))
     same = seen[0] == pytest.approx(seen[1], abs=1e-3)
     assert make_plan(scene, how).needs_depth == (not same)
+
+
+def test_equal_views_need_no_eyes() -> None:
+    scene = field(3, 3)
+    equal = attrs.evolve(
+        scene,
+        views=np.ascontiguousarray(np.broadcast_to(scene.views[:, :1, :1], scene.views.shape)),
+    )
+    assert not equal.needs_eyes and not make_plan(equal, Config()).needs_tracking
+    assert any("all views are equal" in item.why for item in make_plan(equal, Config()).left_out)
+    other = equal.views.copy()
+    other[0, 1, 1, 0, 5, 5] ^= 1
+    assert attrs.evolve(equal, views=other).needs_eyes, "one bit of a view in the middle"
+    early = attrs.evolve(equal, manifest={"complete": False, "scores": {}})
+    assert early.needs_eyes, "views that are not written yet are equal, too"
 
 
 def test_one_view_needs_no_eyes_and_is_drawn_in_its_own_colours() -> None:

@@ -1,6 +1,8 @@
-"""The display's clock. Beside a camera's, the phase is found at once, then followed in small steps; what does not fit is left.
-On a screen's blanks: a grid from noisy reports, and a lead learnt from a simulated compositor. Pictures on their way to the
-light are known once each, in their order, by their blank or by their hand-over."""
+"""The display's clock. Beside a camera's, the phase is found at once, then followed in small steps;
+what does not fit is left. On a screen's blanks: a grid from noisy reports, and a lead learnt from a
+simulated compositor. Pictures on their way to the light are known once each, in their order, by
+their blank or by their hand-over.
+"""
 
 from collections import deque
 from collections.abc import Iterator
@@ -9,7 +11,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from lfpipe.bench.judder import T0_NS, simulate
+from lfpipe.bench.world.camera import T0_NS
+from lfpipe.bench.world.screen import PacedScreen, Screen
 from lfpipe.host.presentation import Presented
 from lfpipe.render.refresh import (
     GAIN,
@@ -20,7 +23,7 @@ from lfpipe.render.refresh import (
     ScreenRefresh,
 )
 from lfpipe.render.showing import ANSWER_NS, HANDOVER, REPLACED, Showing, take_known
-from lfpipe.render.viewer import Viewpoints
+from tests.render import rendered
 
 MS = 1_000_000
 AGE_NS = 5 * MS  # from a frame's stamp to its eyes
@@ -34,8 +37,11 @@ def frames(
 
 
 def hear(refresh: Refresh, seq: int, t_sensor_ns: int) -> list[int]:
-    """Lets refreshes pass until the eyes of a frame come, and tells them; the times at which pictures were due."""
-    t_eyes_ns, due = t_sensor_ns + AGE_NS, []
+    """Lets refreshes pass until the eyes of a frame come, and tells them; the times at which
+    pictures were due.
+    """
+    t_eyes_ns = t_sensor_ns + AGE_NS
+    due = []
     while refresh.due_ns() <= t_eyes_ns:
         due.append(refresh.due_ns())
         refresh.advance(refresh.due_ns())
@@ -44,7 +50,9 @@ def hear(refresh: Refresh, seq: int, t_sensor_ns: int) -> list[int]:
 
 
 def off(refresh: Refresh, t_sensor_ns: int) -> float:
-    """How far a refresh is from being due just after the eyes of that frame are drawn, in periods, -0.5 to 0.5."""
+    """How far a refresh is from being due just after the eyes of that frame are drawn, in periods,
+    -0.5 to 0.5.
+    """
     slack_ns = min(0.2 * refresh.period_ns, 3 * MS)
     away = (
         refresh.due_ns() - (t_sensor_ns + AGE_NS + refresh.lead_ns() + slack_ns)
@@ -56,9 +64,8 @@ def off(refresh: Refresh, t_sensor_ns: int) -> float:
     ("display_hz", "camera_hz"), [(60, 30), (60, 60), (120, 30), (60, 20), (144, 24)]
 )
 @pytest.mark.parametrize("phase", [0.1, 0.5, 0.9])
-@pytest.mark.parametrize(
-    ("count", "every"), [(2, 1), (300, 3)]
-)  # frames lost on the way do not change the camera's rate
+# frames lost on the way do not change the camera's rate
+@pytest.mark.parametrize(("count", "every"), [(2, 1), (300, 3)])
 def test_the_second_frame_sets_the_phase(
     display_hz: float, camera_hz: float, phase: float, count: int, every: int
 ) -> None:
@@ -70,19 +77,14 @@ def test_the_second_frame_sets_the_phase(
 
 @pytest.mark.parametrize(
     ("display_hz", "camera_hz", "every"),
-    [
-        (60, 25, 1),
-        (60, 24, 1),
-        (50, 30, 1),
-        (30, 60, 1),
-        (60, 59, 1),
-        (50, 30, 3),
-    ],  # every third of 30 Hz would fit 50 Hz
+    # every third of 30 Hz would fit 50 Hz
+    [(60, 25, 1), (60, 24, 1), (50, 30, 1), (30, 60, 1), (60, 59, 1), (50, 30, 3)],
 )
 def test_rates_that_do_not_fit_are_left_alone(
     display_hz: float, camera_hz: float, every: int
 ) -> None:
-    refresh, due = Refresh(display_hz, T0_NS), list[int]()
+    refresh = Refresh(display_hz, T0_NS)
+    due = list[int]()
     for seq, t_ns in frames(camera_hz, 200 * every, every=every):
         due += hear(refresh, seq, t_ns)
     assert max(abs(t_ns - T0_NS - k * 1e9 / display_hz) for k, t_ns in enumerate(due)) <= 1
@@ -92,7 +94,9 @@ def test_rates_that_do_not_fit_are_left_alone(
 def test_a_camera_whose_rate_is_a_little_off_is_followed_by_steps_that_nobody_sees(
     true_hz: float,
 ) -> None:
-    refresh, due, away = Refresh(60.0, T0_NS), list[int](), list[float]()
+    refresh = Refresh(60.0, T0_NS)
+    due = list[int]()
+    away = list[float]()
     for seq, t_ns in frames(true_hz, 3000):
         passed = hear(refresh, seq, t_ns)
         if seq > 10:
@@ -132,7 +136,10 @@ def test_refreshes_that_pass_during_a_picture_are_counted() -> None:
 
 
 def test_dues_rise_whatever_the_camera_says() -> None:
-    rng, refresh, t_ns, last = np.random.default_rng(3), Refresh(60.0, T0_NS), T0_NS, 0
+    rng = np.random.default_rng(3)
+    refresh = Refresh(60.0, T0_NS)
+    t_ns = T0_NS
+    last = 0
     dues = []
     for _ in range(2000):
         t_ns += int(rng.integers(0, 100 * MS))
@@ -174,11 +181,13 @@ def test_the_grid_is_found_from_stamps_in_whole_ms(
 @pytest.mark.parametrize("reported", [True, False])
 def test_a_window_on_another_monitor_follows_that_ones_rate(reported: bool) -> None:
     """By the period that is reported, or else by the rate that the monitor claims."""
-    clock, later_ns = ScreenClock(60, T0_NS), 10**10
+    clock = ScreenClock(60, T0_NS)
+    later_ns = 10**10
     for t_ns in grid(60.0, 200, 0.2 * MS):
         clock.blank(t_ns, 16_666_667 * reported)
         clock.claim(60)
-    assert clock.measured
+    measured = clock.measured
+    assert measured
     if not reported:
         clock.claim(75)
         assert not clock.measured and clock.rate_hz == pytest.approx(75)
@@ -202,13 +211,27 @@ def test_blanks_that_are_on_no_grid_change_nothing_but_another_phase_is_followed
     assert abs(clock.nearest(moved[-1]) - moved[-1]) < MS // 10
 
 
+def paced(screen: Screen, pictures: int) -> tuple[float, float]:
+    """The share of pictures of the second half that miss their blank, and the mean lead, ms."""
+    pace = PacedScreen(screen)
+    leads = []
+    for k in range(pictures):
+        if k == pictures // 2:
+            missed = pace.late + pace.missed
+        leads.append(pace.refresh.lead_ns() / MS)
+        pace.hand(*pace.begin(), composed=True)
+    half = pictures // 2
+    return (pace.late + pace.missed - missed) / half, float(np.mean(leads[half:]))
+
+
 @pytest.mark.parametrize(
     ("rate_hz", "deadline_ms"), [(60.0, 0.0), (60.0, 3.0), (75.0, 6.0), (144.0, 3.0), (60.0, 18.0)]
 )  # the last one takes pictures a period ahead
 def test_pictures_begin_late_and_still_make_their_blank(rate_hz: float, deadline_ms: float) -> None:
-    shown = simulate(rate_hz, deadline_ms, 6000)
-    assert shown.juddered <= 0.005
-    assert deadline_ms + 1.0 < shown.lead_ms < deadline_ms + 4.0
+    screen = Screen(rate_hz=rate_hz, deadline_ms=deadline_ms, cost_ms=1.0)
+    juddered, lead_ms = paced(screen, 6000)
+    assert juddered <= 0.005
+    assert deadline_ms + 1.0 < lead_ms < deadline_ms + 4.0
 
 
 @pytest.mark.parametrize(("slow", "most"), [(0.02, 0.02), (0.1, 0.05), (0.3, 0.12)])
@@ -216,16 +239,39 @@ def test_a_busy_machine_costs_a_picture_now_and_then_and_never_runs_away(
     slow: float, most: float
 ) -> None:
     """slow: share of wake-ups that come 5 ms late on average."""
-    shown = simulate(60.0, 3.0, 4000, slow=slow)
-    assert shown.juddered <= most
-    assert shown.lead_ms < 3.0 + 16.7 + 3.0
+    juddered, lead_ms = paced(Screen(slow=slow, cost_ms=1.0), 4000)
+    assert juddered <= most
+    assert lead_ms < 3.0 + 16.7 + 3.0
+
+
+def test_a_stall_does_not_lengthen_the_lead_of_the_pictures_after_it() -> None:
+    refresh = ScreenRefresh(60.0, T0_NS)
+    due_ns = T0_NS
+
+    def compose(cost_ms: float) -> None:
+        nonlocal due_ns
+        due_ns += 16_666_667
+        start_ns = due_ns - refresh.lead_ns()
+        refresh.took(round(cost_ms * MS), start_ns, due_ns)
+
+    for _ in range(2000):
+        compose(4.0)
+    before_ns = refresh.lead_ns()
+    for cost_ms in (30.0, 12.0, 4.0):
+        compose(cost_ms)
+    assert refresh.lead_ns() - before_ns <= MS // 2
+    for _ in range(100):
+        compose(8.0)  # but a cost that stays is followed
+    assert refresh.lead_ns() - before_ns >= 3 * MS
 
 
 def test_a_lead_that_is_far_too_long_shrinks_to_what_is_needed() -> None:
-    refresh, wide_ns = ScreenRefresh(60.0, T0_NS), 0
+    refresh = ScreenRefresh(60.0, T0_NS)
+    wide_ns = 0
     refresh.clock.blank(T0_NS)
     for k in range(80):  # late, each begun after the one before; then a period early
-        t_ns, late_ms = k * 100 * MS, 17 if k < 40 else -17
+        t_ns = k * 100 * MS
+        late_ms = 17 if k < 40 else -17
         wide_ns = max(wide_ns, refresh.lead_ns())
         refresh.judge(t_ns, t_ns - 30 * MS, t_ns + late_ms * MS)
     assert wide_ns > 30 * MS and refresh.lead_ns() < 5 * MS
@@ -241,12 +287,9 @@ def test_refreshes_that_were_slept_through_are_missed_and_a_limit_takes_every_se
     assert refresh.due_ns() - first_ns == pytest.approx(6e9 / 60, abs=4)
 
 
-NOWHERE = Viewpoints((0.0, 0.0, 0.0, 0.0), (0.0, 0.0), (0.0, 0.0), 0)
-
-
 def showing(number: int, t_ns: int, by: str = "") -> Showing:
-    return Showing(
-        number, None, None, NOWHERE, 0, t_ns, 0, 0, 0, 0, 0, t_ns, 0, 0, t_ns if by else 0, by
+    return rendered.showing(
+        number=number, t_handed_ns=t_ns, t_presented_ns=t_ns if by else 0, by=by
     )
 
 

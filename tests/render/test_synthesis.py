@@ -1,5 +1,6 @@
-"""Views between the stored ones: exact on the grid, continuous off it, right on a scene with known depth, sane on nonsense; and
-blocks of 2x2 pixels against the same thing done pixel by pixel."""
+"""Views between the stored ones: exact on the grid, continuous off it, right on a scene with known
+depth, sane on nonsense; and blocks of 2x2 pixels against the same thing done pixel by pixel.
+"""
 
 import itertools
 
@@ -36,7 +37,9 @@ def made(
 
 
 def scores(field: LightField, position: Position, scale: float) -> dict[str, float]:
-    """PSNR of every method against the view drawn for position, 16 px off the border: what enters there was never seen."""
+    """PSNR of every method against the view drawn for position, 16 px off the border: what enters
+    there was never seen.
+    """
     row, col = (
         scale * (p - (count - 1) / 2)
         for p, count in zip(position, (field.rows, field.cols), strict=True)
@@ -54,10 +57,8 @@ def scores(field: LightField, position: Position, scale: float) -> dict[str, flo
 def test_whole_numbers_give_the_stored_views_bit_for_bit_also_off_a_regular_grid(
     method: str, channels: int
 ) -> None:
-    regular, offsets = (
-        rendered.field(3, 4),
-        np.random.default_rng(1).uniform(-0.2, 0.2, (3, 4, 2)).astype(np.float32),
-    )
+    regular = rendered.field(3, 4)
+    offsets = np.random.default_rng(1).uniform(-0.2, 0.2, (3, 4, 2)).astype(np.float32)
     for field in (regular, attrs.evolve(regular, offsets=offsets)):
         for row, col in np.ndindex(3, 4):
             np.testing.assert_array_equal(
@@ -66,7 +67,9 @@ def test_whole_numbers_give_the_stored_views_bit_for_bit_also_off_a_regular_grid
 
 
 def test_a_camera_off_the_grid_is_warped_from_where_it_stands() -> None:
-    """Views drawn at offset places come out right between them only if the offsets are used, and used with their sign."""
+    """Views drawn at offset places come out right between them only if the offsets are used, and
+    used with their sign.
+    """
     field = rendered.field(3, 3, 96, 96)
     offsets = np.random.default_rng(5).uniform(-0.4, 0.4, (3, 3, 2)).astype(np.float32)
     views = field.views.copy()
@@ -78,11 +81,8 @@ def test_a_camera_off_the_grid_is_warped_from_where_it_stands() -> None:
     field = attrs.evolve(field, views=views)
     knowing = attrs.evolve(field, offsets=offsets)
     middle = offsets[:2, :2].mean(axis=(0, 1)) - 0.5  # of the four cameras around (0.5, 0.5)
-    inner = (
-        slice(None),
-        slice(24, 40),
-        slice(24, 40),
-    )  # within the square: its edges moved too, its stored disparities did not
+    # within the square: its edges moved too, its stored disparities did not
+    inner = (slice(None), slice(24, 40), slice(24, 40))
     truth = rendered.view(middle[0], middle[1], 96, 96)[:1].astype(float)[inner]
 
     def error(subject: LightField) -> float:
@@ -102,9 +102,8 @@ def test_warping_meets_the_true_view_where_fading_doubles_it(position: Position)
 @pytest.mark.parametrize(
     ("side", "scale", "position"),
     [
-        *(
-            (5, 2.0, place) for place in ((2.0, -1.0), (4.5, 2.0), (5.0, 5.0))
-        ),  # beyond the grid the warp goes on
+        # beyond the grid the warp goes on
+        *((5, 2.0, place) for place in ((2.0, -1.0), (4.5, 2.0), (5.0, 5.0))),
         *(
             (3, scale, place)
             for scale in (5.0, 8.0)
@@ -115,7 +114,9 @@ def test_warping_meets_the_true_view_where_fading_doubles_it(position: Position)
 def test_what_is_hidden_or_was_never_seen_costs_no_method_its_lead_over_nearest(
     side: int, scale: float, position: Position
 ) -> None:
-    """Near and far part by up to 24 px: the warp must neither copy the square into what it uncovers nor lose its front edge."""
+    """Near and far part by up to 24 px: the warp must neither copy the square into what it uncovers
+    nor lose its front edge.
+    """
     found = scores(rendered.field(side, side, 96, 96, scale=scale), position, scale)
     assert min(found[method] for method in WARPS) > found["nearest"] + 5
 
@@ -194,10 +195,12 @@ def through(
     drawn, again = (np.empty((*x.shape, 4), np.uint8) for _ in range(2))
     out, banded = (np.full(plane.shape, 99, np.uint8) for _ in range(2))
     most_px = float(np.abs(dy).max())
-    subject.sample(plane, x, subject.reach(slice(0, len(y)), y, most_px), drawn)
+    subject.sample(plane, x, y, subject.reach(slice(0, len(y)), most_px), drawn)
     subject.pixels(drawn, out)
     for band in bands_of(len(y), 3, 1):  # of one row each
-        subject.sample(plane, x[band], subject.reach(band, y[band], most_px), again[band])
+        first, last = subject.reach(band, most_px)
+        below = y[band] - np.float32(first)
+        subject.sample(plane, x[band], below, (first, last), again[band])
         subject.pixels(again[band], banded[2 * band.start : 2 * band.stop])
     np.testing.assert_array_equal(again, drawn)
     np.testing.assert_array_equal(banded, out)
@@ -227,10 +230,28 @@ def test_blocks_sample_as_pixels_do_even_beyond_the_border(
 
 
 def test_large_planes_are_sampled_in_bands_that_cover_them() -> None:
-    assert bands_of(256, 4096) == [slice(0, 256)], "512x512 stays whole"
+    assert bands_of(128, 2048) == [slice(0, 128)], "256x256 stays whole"
     bands = bands_of(540, 8 * 1920)
     assert (
         len(bands) > 4
         and [band.start for band in bands[1:]] == [band.stop for band in bands[:-1]]
         and bands[-1].stop == 540
     )
+
+
+@settings(max_examples=60)
+@given(st.integers(0, 1000), st.integers(0, 60))
+def test_boxes_of_what_is_unknown_hold_it_all_in_less_than_the_box_around_it(
+    seed: int, count: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    mask = np.zeros((40, 60), np.uint8)
+    for y, x in rng.integers(0, (38, 56), (count, 2)).tolist():
+        mask[y : y + 2, x : x + 4] = 1
+    rest = mask.copy()
+    area = 0
+    for box in warper._boxes_of(mask):
+        rest[box] = 0
+        area += mask[box].size
+    _, _, width, height = cv2.boundingRect(mask)
+    assert not rest.any() and area <= width * height

@@ -1,4 +1,6 @@
-"""The viewer before the screen: neutral pose, prediction, distance, and what stays when scene or configuration change."""
+"""The viewer before the screen: neutral pose, prediction, distance, and what stays when scene or
+configuration change.
+"""
 
 import itertools
 import math
@@ -24,9 +26,11 @@ def viewer(**render: Any) -> Viewer:
 
 
 def four_views() -> Viewer:
-    """Of a scene whose disparities are not known: four views between the eyes, at every distance."""
+    """Of a scene whose disparities are not known: four views between the eyes, at every
+    distance.
+    """
     return Viewer(
-        attrs.evolve(rendered.field(9, 9, 16, 16), disparity_source="none"),
+        attrs.evolve(rendered.field(9, 9, 16, 16), disparity_min_px=0.0, disparity_max_px=0.0),
         Config(render=Render(method="warp2")),
     )
 
@@ -39,8 +43,12 @@ def middle(look: Viewpoints) -> tuple[float, float]:
 def script(
     subject: Viewer, *scenes: tuple[float, dict[str, Any]], start_s: float = 0.0
 ) -> list[Viewpoints]:
-    """What is shown at 60 Hz while a camera of 30 Hz sees each scene for its seconds; a scene without a face has face=0."""
-    shown, k, sensor_ns = [], 0, 0
+    """What is shown at 60 Hz while a camera of 30 Hz sees each scene for its seconds; a scene
+    without a face has face=0.
+    """
+    shown = []
+    k = 0
+    sensor_ns = 0
     for seconds, where in scenes:
         for _ in range(round(seconds * 60)):
             t_ns = round(start_s * S) + k * S // 60
@@ -65,16 +73,15 @@ def test_nobody_yet_looks_from_the_middle() -> None:
 def test_by_hand_the_grid_lies_on_the_cameras_middle_and_else_on_where_the_viewer_was_first() -> (
     None
 ):
-    by_hand, auto = (
-        viewer(alpha_px=12.0).viewpoints(record(344.0, 228.0), 0, 0),
-        viewer().viewpoints(record(344.0, 228.0), 0, 0),
-    )
+    by_hand = viewer(alpha_px=12.0).viewpoints(record(344.0, 228.0), 0, 0)
+    auto = viewer().viewpoints(record(344.0, 228.0), 0, 0)
     assert middle(by_hand) == (3.0, 2.0) and middle(auto) == (4.0, 4.0)
     assert by_hand.right[1] - by_hand.left[1] == pytest.approx(24 / 12)
 
 
 def test_an_exhibition_moves_without_a_viewer_and_is_exactly_the_same_with_one() -> None:
-    field, config = rendered.field(9, 9, 16, 16), Config(render=Render(method="warp2"))
+    field = rendered.field(9, 9, 16, 16)
+    config = Config(render=Render(method="warp2"))
     plain, shown = Viewer(field, config), Viewer(field, config, exhibition=True)
     empty = [shown.viewpoints(None, 0, t * S // 10) for t in range(300)]
     cols = [look.left[1] for look in empty]
@@ -88,9 +95,8 @@ def test_an_exhibition_moves_without_a_viewer_and_is_exactly_the_same_with_one()
         abs(b.left[1] - a.left[1])
         for a, b in itertools.pairwise([empty[-1], *(look for _, look in both)])
     )
-    assert (
-        leap < 1.5
-    )  # the distance between the eyes comes at once, as ever; the way back to them does not
+    # the distance between the eyes comes at once, as ever; the way back to them does not
+    assert leap < 1.5
     assert both[-1][0].left == both[-1][1].left and both[-1][0].right == both[-1][1].right
 
 
@@ -160,11 +166,8 @@ def test_another_width_on_the_display_makes_alpha_anew() -> None:
     subject = Viewer(deep, Config())
     assert subject.shown_as_wide(300.0) and not subject.shown_as_wide(300.0)
     subject.viewpoints(record(), 0, 0)
-    assert (
-        subject.solver is not None
-        and subject.parallax is not None
-        and "300 mm" in str(subject.parallax)
-    )
+    solver = subject.solver
+    assert solver is not None and "300 mm" in str(subject.parallax)
     assert subject.shown_as_wide(600.0) and subject.solver is None
     assert not Viewer(
         deep, Config(screen=attrs.evolve(Config().screen, width_mm=500.0))
@@ -176,10 +179,13 @@ def test_another_width_on_the_display_makes_alpha_anew() -> None:
 def test_a_video_keeps_its_cadence_on_a_screen_whose_clock_jitters(
     film_hz: float, screen_hz: float
 ) -> None:
-    """Every frame is shown for as many refreshes as its rate asks for, to one refresh, and those of 30 on 60 Hz for two each."""
+    """Every frame is shown for as many refreshes as its rate asks for, to one refresh, and those of
+    30 on 60 Hz for two each.
+    """
     film = attrs.evolve(rendered.field(1, 2, 8, 8), frame_rate_hz=film_hz)
     film = attrs.evolve(film, views=np.repeat(film.views, 500, axis=0))
-    subject, random = Viewer(film, Config()), np.random.default_rng(2)
+    subject = Viewer(film, Config())
+    random = np.random.default_rng(2)
     subject.video_lead_ns = round(VIDEO_LEAD * S / screen_hz)
     moments = [round(7 * S + k * S / screen_hz + random.uniform(-3e5, 3e5)) for k in range(1200)]
     frames = [subject.viewpoints(None, 0, t_ns).frame for t_ns in moments]
@@ -197,10 +203,10 @@ def test_who_comes_in_from_the_side_and_sits_down_looks_from_the_middle() -> Non
         x, apart = 40.0 + 260.0 * k / 60, 30.0 + 30.0 * k / 60
         found = subject.viewpoints(record(x, 200.0, apart=apart), k * S // 30, k * S // 30)
         assert found.left[1] < 8.0 and found.right[1] > 0.0, "never flat, not even on the way"
-    assert subject.presence.state is ViewerState.ARRIVING
+    on_the_way = subject.presence.state
     seat = {"x": 300.0, "y": 200.0, "apart": 60.0}
     seated = script(subject, (6.0, seat), start_s=2.0)
-    assert subject.presence.state is ViewerState.SEATED
+    assert (on_the_way, subject.presence.state) == (ViewerState.ARRIVING, ViewerState.SEATED)
     assert middle(seated[-1]) == pytest.approx((4.0, 4.0), abs=0.05)
     assert subject.parallax is not None and subject.parallax.eyes_px == pytest.approx(
         60.0, rel=0.02
@@ -229,7 +235,10 @@ def test_a_turned_head_keeps_alpha() -> None:
     assert subject.solver.alpha_px == pytest.approx(alpha, rel=1e-6)
 
 
-def test_an_exchange_of_faces_moves_the_view_by_less_than_half_a_view_per_picture() -> None:
+UNEXPLAINED = 0.31  # views per picture
+
+
+def test_an_exchange_of_faces_moves_the_view_by_less_than_a_third_of_a_view_per_picture() -> None:
     for place in (500.0, 150.0, 620.0):
         passing = {"x": place, "apart": 60.0, "generation": 1}
         back = {"x": 302.0, "apart": 40.0, "generation": 2}
@@ -239,8 +248,43 @@ def test_an_exchange_of_faces_moves_the_view_by_less_than_half_a_view_per_pictur
                     four_views(), (3.0, {"x": 300.0, "apart": 40.0}), (1.5, passing), (1.5, back)
                 )[120:]
             )
-            <= 0.5
+            <= UNEXPLAINED
         )
+
+
+def test_another_face_takes_over_from_a_viewer_who_leans_beyond_the_grid() -> None:
+    leaning = {"x": 390.0, "apart": 60.0}
+    other = {"x": 470.0, "apart": 60.0, "generation": 1}
+    shown = script(four_views(), (3.0, {"x": 260.0, "apart": 60.0}), (0.5, leaning), (1.0, other))
+    assert middle(shown[209])[1] < 1.0 and steps_views(shown[209:]) <= UNEXPLAINED
+    assert middle(shown[-1])[1] == pytest.approx(4.0, abs=0.5)
+
+
+def test_who_comes_back_elsewhere_sees_the_right_picture_within_half_a_second() -> None:
+    """He left to the left, comes in from the right and walks to a seat a little aside."""
+    walk = [(1 / 30, {"x": 640.0 - 10.0 * k, "generation": 1}) for k in range(23)]
+    subject = four_views()
+    shown = script(subject, (3.0, {"x": 300.0}), (0.5, {"x": 0.0}), (1.5, {"face": 0}), *walk)
+    before = len(shown)
+    shown += script(subject, (2.0, {"x": 410.0, "generation": 1}), start_s=before / 60)
+    assert steps_views(shown[300:]) <= UNEXPLAINED
+    assert middle(shown[before + 30])[1] == pytest.approx(middle(shown[-1])[1], abs=1.0)
+    assert middle(shown[-1])[1] == pytest.approx(4.0, abs=0.1)
+
+
+def test_who_walks_in_does_not_make_the_picture_jump() -> None:
+    """The second record of a face adds its motion and its prediction at once. At 1 m/s."""
+    speed_px_s = -950.0
+    velocity = [[speed_px_s, 0.0]] * 2
+    subject = four_views()
+    shown = script(subject, (3.0, {"x": 300.0, "apart": 60.0}), (11.0, {"face": 0}))
+    first = {"x": 640.0, "apart": 60.0, "generation": 1}
+    walk: list[tuple[float, dict[str, Any]]] = [(1 / 30, first)]
+    for k in range(1, 15):
+        x = 640.0 + speed_px_s * k / 30
+        walk.append((1 / 30, {"x": x, "apart": 60.0, "generation": 1, "velocity_px_s": velocity}))
+    found = script(subject, *walk, start_s=14.0)
+    assert steps_views([*shown[-1:], *found[:8]]) <= 0.4
 
 
 def test_a_viewer_who_returns_after_a_passer_by_finds_their_view_again() -> None:
@@ -252,9 +296,8 @@ def test_a_viewer_who_returns_after_a_passer_by_finds_their_view_again() -> None
 
 
 def test_a_face_lost_for_a_moment_does_not_make_the_picture_jump() -> None:
-    shown = script(
-        four_views(), (3.0, {"x": 300.0}), (0.4, {"face": 0}), (0.5, {"x": 320.0})
-    )  # 20 px later, of the same track
+    # 20 px later, of the same track
+    shown = script(four_views(), (3.0, {"x": 300.0}), (0.4, {"face": 0}), (0.5, {"x": 320.0}))
     assert steps_views(shown[120:]) <= 0.5 and middle(shown[-1])[1] < middle(shown[170])[1] - 2.0
 
 
@@ -296,19 +339,24 @@ def test_one_senseless_distance_is_forgotten(apart_px: float) -> None:
     )
 
 
-SIZE, EYES_MM = (640, 480), Config().screen.eyes_mm
+SIZE = (640, 480)
+EYES_MM = Config().screen.eyes_mm
 heights, tilts = st.floats(-300, 400), st.floats(-30, 30)
 
 
 def seen_px(
     config: Config, point_mm: np.ndarray, above_mm: float, tilt_deg: float
 ) -> tuple[np.ndarray, float]:
-    """Eyes around a point before the screen (x, y down, z) in the camera's picture, and how far apart they are in it."""
-    focal_px, t = camera_focal_px(config, SIZE[0]), math.radians(tilt_deg)
+    """Eyes around a point before the screen (x, y down, z) in the camera's picture, and how far
+    apart they are in it.
+    """
+    focal_px = camera_focal_px(config, SIZE[0])
+    t = math.radians(tilt_deg)
     eyes = []
     for side in (0.5, -0.5):
         x, y, z = point_mm + np.array([side * EYES_MM, above_mm, 0.0])
-        down, depth = y * math.cos(t) - z * math.sin(t), y * math.sin(t) + z * math.cos(t)
+        down = y * math.cos(t) - z * math.sin(t)
+        depth = y * math.sin(t) + z * math.cos(t)
         eyes.append([focal_px * x / depth + SIZE[0] / 2, focal_px * down / depth + SIZE[1] / 2])
     found = np.array(eyes)
     return found, float(np.hypot(*(found[0] - found[1])))
@@ -335,19 +383,15 @@ def test_eyes_become_points_before_the_screen_and_come_back(
 def test_leaning_in_does_not_look_like_moving_down(
     above_mm: float, tilt_deg: float, depth: float
 ) -> None:
-    field = attrs.evolve(rendered.field(9, 9, 16, 16), disparity_source="none")
+    field = attrs.evolve(rendered.field(9, 9, 16, 16), disparity_min_px=0.0, disparity_max_px=0.0)
     known = attrs.evolve(
         field.geometry, baseline_mm=5.0, focus_distance_mm=600.0, focal_length_px=16.0
     )
     field = attrs.evolve(field, geometry=known)
 
-    def rows(**camera: float) -> list[float]:
-        subject, found = (
-            Viewer(
-                field, Config(camera=Camera(**camera), render=Render(method="warp2", depth=depth))
-            ),
-            [],
-        )
+    def rows(camera: Camera) -> list[float]:
+        subject = Viewer(field, Config(camera=camera, render=Render(method="warp2", depth=depth)))
+        found = []
         for k in range(300):
             z_mm = 600.0 - 200.0 * min(max((k - 90) / 60, 0.0), 1.0)
             eyes_px, apart_px = seen_px(
@@ -357,8 +401,22 @@ def test_leaning_in_does_not_look_like_moving_down(
             found.append(subject.viewpoints(seen, k * S // 30, k * S // 30).left[0])
         return found
 
-    without, with_pose = rows(), rows(above_mm=above_mm, tilt_deg=tilt_deg)
+    without, with_pose = (
+        rows(camera) for camera in (Camera(), Camera(above_mm=above_mm, tilt_deg=tilt_deg))
+    )
     assert max(abs(row - without[89]) for row in without) > 0.5, "what it is for"
     assert abs(with_pose[-1] - with_pose[89]) < 0.1
     worst, was = (max(abs(row - found[89]) for row in found[89:]) for found in (with_pose, without))
     assert worst < 0.5 * was, "and on the way, while the distance is followed"
+
+
+def test_the_views_between_the_eyes_stay_when_disparity_arrives() -> None:
+    """The range of a scene is known before its maps are."""
+    complete = rendered.field(9, 9, 16, 16)
+    early = attrs.evolve(complete, disparity=None, disparity_source="none", method="nearest")
+    subject = Viewer(early, Config())
+    script(subject, (1.0, {}))
+    assert subject.parallax is not None
+    views = subject.parallax.views_between_eyes
+    subject.complete(complete, Config())
+    assert subject.parallax.views_between_eyes == views < 4

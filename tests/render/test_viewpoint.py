@@ -1,4 +1,6 @@
-"""The mapping from eyes to viewpoints: formula, handedness, rim, hysteresis, and whatever a tracker may deliver."""
+"""The mapping from eyes to viewpoints: formula, handedness, rim, hysteresis, and whatever a tracker
+may deliver.
+"""
 
 import itertools
 import math
@@ -28,7 +30,9 @@ def soft_clamp(value: float, count: int, reach: float) -> float:
 
 
 def test_formula() -> None:
-    """The unmirrored picture shows the left eye, and a step to the viewer's left, at larger x; who sinks is at larger y."""
+    """The unmirrored picture shows the left eye, and a step to the viewer's left, at larger x; who
+    sinks is at larger y.
+    """
     assert solver().views((326.0, 252.0, 302.0, 252.0)) == ((4 + 1.0, 4 - 0.5), (4 + 1.0, 4 + 1.5))
 
 
@@ -164,7 +168,8 @@ def test_a_dragged_neutral_position_is_the_nearest_that_holds_the_eyes(
     eyes = (x + half_px, y, x - half_px, y)
     one = ViewSolver(rows, cols, Render(), alpha_px, centre)
     cx, cy = one.dragged(centre, eyes)
-    room_x, room_y = max((cols - 1) / 2 * alpha_px - abs(half_px), 0.0), (rows - 1) / 2 * alpha_px
+    room_x = max((cols - 1) / 2 * alpha_px - abs(half_px), 0.0)
+    room_y = (rows - 1) / 2 * alpha_px
     assert cx == pytest.approx(sorted((x - room_x, centre[0], x + room_x))[1], abs=1e-6)
     assert cy == pytest.approx(sorted((y - room_y, centre[1], y + room_y))[1], abs=1e-6)
     again = one.dragged((cx, cy), eyes)

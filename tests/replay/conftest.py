@@ -1,4 +1,5 @@
-"""A sequence of the demo's face in known motion, made anew for the tests, and a scene whose views tell themselves.
+"""A sequence of the demo's face in known motion, made anew for the tests, and a scene whose views
+tell themselves.
 
 Both are the same to the last bit in OpenCV 4 and 5, so that one reference holds for all.
 """
@@ -11,7 +12,8 @@ import numpy as np
 import pytest
 
 from lfpipe.capture.demo import EYE_DISTANCE_PX, FRAME_PX, PORTRAIT_EYES_PX, backdrop, demo_eyes_px
-from lfpipe.sequence.folder import TRUTH, new_sequence
+from lfpipe.sequence.eyes import TRUTH
+from lfpipe.sequence.folder import new_sequence
 from lfpipe.track.network import portable_warp
 
 SIZE = (320, 240)
@@ -20,17 +22,21 @@ QUALITY = [cv2.IMWRITE_JPEG_QUALITY, 80]
 
 
 class Portrait:
-    """The demo's portrait, drawn without OpenCV's own warp, which is another one in OpenCV 5 than in OpenCV 4."""
+    """The demo's portrait, drawn without OpenCV's own warp, which is another one in OpenCV 5 than
+    in OpenCV 4.
+    """
 
     def __init__(self) -> None:
         picture, middle = backdrop(*SIZE)
-        self._picture = cv2.cvtColor(picture, cv2.COLOR_BGR2BGRA)
+        self._picture = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2BGRA), np.uint8)
         apart = PORTRAIT_EYES_PX - PORTRAIT_EYES_PX.mean(axis=0)
         scale = EYE_DISTANCE_PX * SIZE[0] / FRAME_PX[0] / np.linalg.norm(apart[0] - apart[1])
         self._eyes = (middle + apart * scale) @ (1, 1j)
 
     def at(self, eyes_px: np.ndarray) -> np.ndarray:
-        """With the eyes there: turned, scaled and moved as they say, uint8 (height, width, 3) BGR."""
+        """With the eyes there: turned, scaled and moved as they say, uint8 (height, width,
+        3) BGR.
+        """
         there = eyes_px @ (1, 1j)
         turn = (self._eyes[0] - self._eyes[1]) / (there[0] - there[1])
         move = self._eyes.mean() - turn * there.mean()
@@ -75,7 +81,9 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def blocks(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """5x5 views of coloured blocks that shift by a pixel a view; whole numbers only, so every version of numpy makes the same."""
+    """5x5 views of coloured blocks that shift by a pixel a view; whole numbers only, so every
+    version of numpy makes the same.
+    """
     folder = tmp_path_factory.mktemp("scenes") / "blocks"
     folder.mkdir()
     y, x = np.mgrid[0:48, 0:80]

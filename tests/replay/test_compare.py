@@ -1,13 +1,15 @@
-"""A run against a reference of other versions: differences by rounding pass with a note, others are detected. Damaged
-references are compared, or refused by file, field and value.
+"""A run against a reference of other versions: differences by rounding pass with a note, others are
+detected. Damaged references are compared, or refused by file, field and value.
 
-The reference in git stands for both; what another version would have made of it is written into a copy. Real runs with OpenCV
-4.11, 4.12 and 5.0 against each other are in docs/replay.md.
+The reference in git stands for both; what another version would have made of it is written into a
+copy. Real runs with OpenCV 4.11, 4.12 and 5.0 against each other are in docs/replay.md.
 """
 
 import json
 import random
 import shutil
+import subprocess
+import sys
 import tempfile
 import zlib
 from collections.abc import Callable
@@ -22,15 +24,16 @@ from hypothesis import strategies as st
 
 from lfpipe.errors import UserError
 from lfpipe.host.machine import OPENCV
-from lfpipe.render import replay_writer
-from lfpipe.render.replay_writer import PICTURES, ReplayWriter
+from lfpipe.render.choice import TrackedEyes
+from lfpipe.render.listeners import replay_writer
+from lfpipe.render.listeners.replay_writer import PICTURES, ReplayWriter
 from lfpipe.replays.compare import MOST_FIELDS, compare
-from lfpipe.replays.report import REPORT, TRACE, about_scene, read_trace
-from lfpipe.replays.run import clear_out, update_reference
+from lfpipe.replays.report import REPORT, TRACE, about_scene, digests, read_trace
+from lfpipe.replays.run import clear_out, recover_reference, update_reference
 from lfpipe.sequence.packets import INDEX, PACKETS, PacketWriter, decoded, encoded, read_index
 from lfpipe.transport.ring import Stamp
-from tests.hostile_sequences import damage
 from tests.render import rendered
+from tests.support.hostile_sequences import damage
 
 REFERENCE = Path(__file__).parent / "reference"
 FRAMES = 12
@@ -46,6 +49,7 @@ def run(tmp_path: Path) -> Path:
 
 def write_trace(folder: Path, lines: list[dict[str, Any]]) -> None:
     (folder / TRACE).write_text("".join(json.dumps(line) + "\n" for line in lines))
+    change_report(folder, lambda report: report.update(digests=digests(lines)))
 
 
 def change_report(folder: Path, change: Change) -> None:
@@ -54,15 +58,21 @@ def change_report(folder: Path, change: Change) -> None:
     (folder / REPORT).write_text(json.dumps(report))
 
 
-def other(folder: Path, line: Change | None = None, machine: str = "x86_64") -> Path:
-    """A copy of folder as another OpenCV made it, on that machine; line: what that does to a line of the trace."""
+def setting(part: str, key: str, value: object) -> Change:
+    return lambda report: report[part].update({key: value})
+
+
+def other(folder: Path, line: Change = lambda row: None, machine: str = "x86_64") -> Path:
+    """A copy of folder as another OpenCV made it, on that machine; line: what that does to a line
+    of the trace.
+    """
     copy = shutil.copytree(folder, folder.parent / "other", dirs_exist_ok=True)
     change_report(
         copy, lambda report: report["versions"].update({OPENCV: "4.12.0.88", "machine": machine})
     )
     lines = read_trace(copy)
-    for each in lines if line else ():
-        line(each)
+    for row in lines:
+        line(row)
     write_trace(copy, lines)
     return copy
 
@@ -76,7 +86,8 @@ def redrawn(folder: Path, draw: Callable[[Picture], Picture]) -> None:
     ]
     shutil.rmtree(kept)
     kept.mkdir()
-    writer, digests = PacketWriter(kept), {}
+    writer = PacketWriter(kept)
+    digests = {}
     for packet, data in old:
         size = np.frombuffer(data[16:24], ">u4")  # of a PNG's first chunk
         picture = draw(decoded(packet, data, int(size[0]), int(size[1]), kept))
@@ -99,7 +110,7 @@ def redrawn(folder: Path, draw: Callable[[Picture], Picture]) -> None:
 def dithered(picture: Picture) -> Picture:
     """Another rounding: one value in four is one step higher or lower."""
     step = np.random.default_rng(0).choice(np.array([-1, 0, 0, 0, 0, 0, 0, 1]), picture.shape)
-    return np.clip(picture.astype(int) + step, 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(picture.astype(int) + step, 0, 255), np.uint8)
 
 
 def moved(px: float, *names: str, flips: Callable[[int], bool] = lambda seq: False) -> Change:
@@ -116,7 +127,7 @@ def moved(px: float, *names: str, flips: Callable[[int], bool] = lambda seq: Fal
 def test_the_same_results_under_another_name_need_no_word_and_settings_count_where_they_matter(
     run: Path,
 ) -> None:
-    change_report(run, lambda report: report["scene"].update(name="copy"))
+    change_report(run, setting("scene", "name", "copy"))
     same = compare(REFERENCE, run)
     assert same.differences == [] and same.notes == []
 
@@ -139,17 +150,17 @@ def test_the_same_results_under_another_name_need_no_word_and_settings_count_whe
 def test_another_scene_or_sequence_is_refused_and_other_views_are_named(run: Path) -> None:
     field = rendered.field(3, 3)
     one, turned = about_scene(field), about_scene(attrs.evolve(field, views=field.views[:, ::-1]))
-    change_report(run, lambda report: report["scene"].update(order=turned["order"]))
+    change_report(run, setting("scene", "order", turned["order"]))
     assert one["views"] == turned["views"] and one["order"] != turned["order"]
     assert [str(each) for each in compare(REFERENCE, run).differences] == [
         "scene: the same views in another order"
     ]
-    change_report(run, lambda report: report["scene"].update(views=one["views"]))
+    change_report(run, setting("scene", "views", one["views"]))
     assert [str(each) for each in compare(REFERENCE, run).differences] == [
         "scene: the pictures of its views differ"
     ]
     for part, key, was in (("scene", "rows", 5), ("sequence", "frames", 300)):
-        change_report(run, lambda report, part=part, key=key: report[part].update({key: 9}))
+        change_report(run, setting(part, key, 9))
         with pytest.raises(
             UserError, match=f"made with another {part}: {key} {was} in the reference, 9 now"
         ):
@@ -162,18 +173,15 @@ def test_other_versions_are_told_and_a_rounding_passes(run: Path) -> None:
     redrawn(copy, dithered)
     found = compare(copy, run)
     assert found.differences == [], [str(difference) for difference in found.differences]
-    was, is_now = (
-        "4.12.0.88 in the reference",
-        json.loads((run / REPORT).read_text())["versions"][OPENCV],
-    )
+    was = "4.12.0.88 in the reference"
+    is_now = json.loads((run / REPORT).read_text())["versions"][OPENCV]
     assert (
         found.notes[0] == f"compared with tolerances, not bit by bit: {OPENCV} {was}, {is_now} now"
     )
     assert "300 of 300 digests differ, least PSNR 5" in found.notes[1]
     assert not (run / "difference").exists()
-    redrawn(
-        copy, lambda picture: np.where(picture < 253, picture + np.uint8(3), picture)
-    )  # a person could tell them apart
+    # a person could tell them apart
+    redrawn(copy, lambda picture: np.where(picture < 253, picture + np.uint8(3), picture))
     (difference,) = compare(copy, run).differences
     assert difference.part == "pictures" and "least PSNR 3" in difference.what
 
@@ -200,20 +208,14 @@ SEVENTH = (7, 120).__contains__
         (moved(0.06, "eyes_raw"), "x86_64", "eyes: frame 0: eyes_raw left"),
         (moved(-0.06, "eyes_filtered"), "x86_64", "eyes: frame 0: eyes_filtered left"),
         (moved(0.06, "eyes_used"), "x86_64", "eyes: frame 0: eyes_used left"),
-        (
-            moved(0.0, flips=SEVENTH),
-            "x86_64",
-            "2 of 300 frames",
-        ),  # equal eyes, another view: the map changed
+        # equal eyes, another view: the map changed
+        (moved(0.0, flips=SEVENTH), "x86_64", "2 of 300 frames"),
         # found on ARM: eyes differ by up to 0.08 px, and one of 300 views flips
         (moved(0.08, *EYES, flips=SEVENTH), "aarch64", ""),
         (moved(0.12, *EYES), "aarch64", "eyes: frame 0: eyes_raw left"),
         (moved(0.0, flips=SEVENTH), "aarch64", "views: frame 7: view left"),
-        (
-            moved(0.08, *EYES, flips=lambda seq: True),
-            "aarch64",
-            "views: frame 0: view left",
-        ),  # all views are off by one
+        # all views are off by one
+        (moved(0.08, *EYES, flips=lambda seq: True), "aarch64", "views: frame 0: view left"),
     ],
 )
 def test_only_rounding_and_views_at_their_boundary_pass_on_another_machine(
@@ -232,7 +234,7 @@ def first(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The first frames of the project's reference."""
     folder = shutil.copytree(REFERENCE, tmp_path_factory.mktemp("runs") / "run")
     write_trace(folder, read_trace(folder)[:FRAMES])
-    change_report(folder, lambda report: report["counts"].update(pictures=FRAMES))
+    change_report(folder, setting("counts", "pictures", FRAMES))
     return folder
 
 
@@ -316,16 +318,17 @@ def test_kept_pictures_of_two_runs_have_frames_in_common(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(replay_writer, "KEPT_BYTES", 20_000)
-    rng, kept = np.random.default_rng(3), []
+    rng = np.random.default_rng(3)
+    kept = []
     for size in (16, 24):
         folder = tmp_path / str(size)
         folder.mkdir()
-        keeping, eyes = ReplayWriter(folder, str(tmp_path), pictures=True), np.zeros((2, 2))
+        keeping = ReplayWriter(folder, str(tmp_path), True, pytest.fail)
         for seq in range(64):
             picture = rng.integers(0, 256, (size, size, 3), dtype=np.uint8)
-            keeping.keep(
-                Stamp(seq + 1, seq, 0, seq, seq, seq, 0), eyes, eyes, seq, picture, composed=True
-            )
+            stamp = Stamp(seq + 1, seq, 0, seq, seq, seq, 0)
+            eyes = TrackedEyes(rendered.record(), stamp, seq)
+            keeping.handed_over(rendered.showing(eyes=eyes, picture=picture))
         keeping.close()
         packets = read_index(folder / PICTURES, complete=True)
         assert sum(packet.bytes for packet in packets) <= 20_000 and (folder / "last.png").exists()
@@ -347,3 +350,58 @@ def test_an_update_without_room_leaves_the_reference(first: Path, tmp_path: Path
     update_reference(reference, first)
     assert sorted(path.name for path in reference.iterdir()) == ["pictures", REPORT, TRACE]
     assert not (tmp_path / ".ref.new").exists()
+
+
+KILLED = """
+import os, signal, sys
+left = int(sys.argv[1])
+
+def kill(event, arguments):
+    global left
+    if event in ("os.rename", "os.remove", "os.rmdir", "os.mkdir") and "ref" in str(arguments):
+        left -= 1
+        if left < 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+from pathlib import Path
+from lfpipe.replays.run import update_reference
+sys.addaudithook(kill)
+update_reference(Path(sys.argv[2]), Path(sys.argv[3]))
+"""
+
+
+def test_an_update_killed_at_any_step_leaves_a_whole_reference(first: Path, tmp_path: Path) -> None:
+    now = shutil.copytree(first, tmp_path / "now")
+    change_report(now, lambda report: report.update(pace="max"))
+    kills, paces = 0, set()
+    while True:
+        reference = shutil.copytree(first, tmp_path / f"{kills}" / "ref")
+        words = [sys.executable, "-c", KILLED, str(kills), str(reference), str(now)]
+        if subprocess.run(words, check=False).returncode == 0:
+            break
+        if not reference.exists():
+            recover_reference(reference)
+        assert compare(reference, now).differences == []
+        paces.add(json.loads((reference / REPORT).read_text())["pace"])
+        update_reference(reference, now)
+        assert [path.name for path in reference.parent.iterdir()] == ["ref"]
+        kills += 1
+    assert kills >= 4 and paces == {"max", json.loads((first / REPORT).read_text())["pace"]}
+
+
+@pytest.mark.parametrize("name", [".ref.new", ".ref.old"])
+def test_an_update_removes_no_folder_of_a_person(first: Path, tmp_path: Path, name: str) -> None:
+    reference = shutil.copytree(first, tmp_path / "ref")
+    (tmp_path / name).mkdir()
+    (tmp_path / name / "notes.txt").write_text("mine")
+    with pytest.raises(UserError, match="notes"):
+        update_reference(reference, first)
+    assert (tmp_path / name / "notes.txt").exists() and compare(reference, first).differences == []
+
+
+def test_a_reference_whose_trace_is_of_another_run_is_refused(first: Path, tmp_path: Path) -> None:
+    reference = shutil.copytree(first, tmp_path / "ref")
+    change_report(reference, setting("digests", "eyes", "0" * 64))
+    with pytest.raises(UserError, match="eyes in its report") as caught:
+        compare(reference, first)
+    assert "--update" in caught.value.remedy

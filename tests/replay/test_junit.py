@@ -14,8 +14,8 @@ from lfpipe.errors import UserError
 from lfpipe.replays import run
 from lfpipe.replays.compare import Difference, cases_of
 from lfpipe.replays.report import write_junit
-from tests import hostile_sequences
-from tests.world import World
+from tests.support import hostile_sequences
+from tests.support.world import World
 
 REFERENCE = Path(__file__).parent / "reference"
 
@@ -26,7 +26,9 @@ def seq(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def outcome(path: Path) -> tuple[int, int, str]:
-    """(failures, errors, all that is said) of a JUnit file, whose counts agree with its contents."""
+    """(failures, errors, all that is said) of a JUnit file, whose counts agree with its
+    contents.
+    """
     suite = ElementTree.parse(path).getroot()
     failures, errors = suite.findall("testcase/failure"), suite.findall("testcase/error")
     assert int(suite.attrib["failures"]) == len(failures) and int(suite.attrib["errors"]) == len(
@@ -100,9 +102,11 @@ def test_a_failure_on_the_way_is_an_error(
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
 
     def fail(*_: Any) -> None:
-        assert outcome(tmp_path / "j.xml") == (0, 1, "it did not finish"), (
-            "what the file holds if we are killed now"
-        )
+        assert outcome(tmp_path / "j.xml") == (
+            0,
+            1,
+            "it did not finish",
+        ), "what the file holds if we are killed now"
         raise failure
 
     monkeypatch.setattr(run, "replay", fail)

@@ -1,21 +1,23 @@
-"""Recording: beside a live session, alone, cut off by SIGKILL; played again; JPEGs of a source go to disk unchanged."""
+"""Recording: beside a live session, alone, cut off by SIGKILL; played again; JPEGs of a source go
+to disk unchanged.
+"""
 
 import itertools
 import json
 import os
 import signal
 import stat
-import time
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
+import psutil
 import pytest
 
 from lfpipe.sequence.folder import Sequence, open_sequence
 from lfpipe.sequence.packets import INDEX
-from tests.world import World
+from tests.support.world import World, runs
 
 SMALL = ("--set", "camera.width_px=320", "--set", "camera.height_px=240")
 
@@ -95,10 +97,8 @@ def test_recorded_and_replayed_stamps_and_rate_agree(
     played = np.array([line["t_sensor_ns"] for line in lines])
     assert np.abs((played - played[0]) - (recorded[seen] - recorded[seen[0]])).max() < 1000
     read = [line["t_read_ns"] for line in lines]
-    recorded_s, replayed_s = (
-        (recorded[seen[-1]] - recorded[seen[0]]) / 1e9,
-        (read[-1] - read[0]) / 1e9,
-    )
+    recorded_s = (recorded[seen[-1]] - recorded[seen[0]]) / 1e9
+    replayed_s = (read[-1] - read[0]) / 1e9
     assert replayed_s > 2 and replayed_s == pytest.approx(recorded_s, rel=0.01), (
         "the same frames in the same time"
     )
@@ -117,9 +117,10 @@ def test_a_recording_cut_off_by_sigkill_is_whole_to_its_last_frame(
         "record", out, "--camera", f"file:{short}?loop=1&pace=60", *SMALL, start_new_session=True
     )
     world.wait_for(lambda: frames(out) > 20, "frames")
+    stages = psutil.Process(process.pid).children(recursive=True)
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
-    time.sleep(0.2)
+    world.wait_for(lambda: not any(runs(stage.pid) for stage in stages), "end of the stages")
     sequence = open_sequence(out)
     assert not sequence.complete and len(sequence.packets) > 20
     assert "cut off" in world.done("sequence", "check", out).stdout
@@ -172,7 +173,7 @@ def test_a_live_session_lends_the_ring_only_while_it_records_each_whole(
     given = [open_sequence(short).data(k) for k in range(60)]
     outs = [world.root / f"rec{number}" for number in range(3)]
 
-    def recorder() -> dict[str, Any]:
+    def recorder() -> Any:
         return world.monitor()["stages"]["record"]
 
     world.up(blocks, *SMALL, camera=f"file:{short}?loop=1&pace=60")
@@ -183,7 +184,8 @@ def test_a_live_session_lends_the_ring_only_while_it_records_each_whole(
         assert len(world.segments("packets")) == 1
         world.wait_for(lambda out=out: frames(out) > 20, "frames")
         world.ask(cmd="record", path="")
-        if number:  # the second one follows at once; before the third, so many frames pass without a recording
+        # the second one follows at once; before the third, so many frames pass without a recording
+        if number:
             world.wait_for(lambda: recorder()["state"] == "FINISHED", "end of the recorder")
             missed = recorder()["dropped"]
             world.pictures(len(world.lines()) + 120)

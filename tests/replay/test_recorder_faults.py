@@ -1,4 +1,6 @@
-"""Slow, full or missing disks, and unplanned ends: the session continues, and the recording is readable."""
+"""Slow, full or missing disks, and unplanned ends: the session continues, and the recording is
+readable.
+"""
 
 import contextlib
 import json
@@ -10,6 +12,7 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,10 +20,11 @@ import pytest
 from lfpipe.record import stage
 from lfpipe.record.stage import Store
 from lfpipe.sequence.folder import SequenceWriter, open_sequence
+from lfpipe.sequence.packets import encoded
 from lfpipe.transport.ring import Reader, Stamp
 from lfpipe.transport.session import Session
 from tests.replay.test_record import frames
-from tests.world import World
+from tests.support.world import World, until
 
 SMALL = (
     "--set",
@@ -33,7 +37,7 @@ SMALL = (
 SHAPE = (120, 160, 3)
 
 
-def recorder(world: World) -> dict[str, object]:
+def recorder(world: World) -> Any:
     return world.monitor()["stages"].get("record", {"state": "NONE"})
 
 
@@ -53,10 +57,8 @@ def disk(tmp_path: Path) -> Iterator[Path]:
         )
     yield place
     subprocess.run(["fsfreeze", "-u", str(place)], capture_output=True)
-    for _ in range(100):
-        if subprocess.run(["umount", str(place)], capture_output=True).returncode == 0:
-            break
-        time.sleep(0.1)
+    umount = ["umount", str(place)]
+    until(lambda: subprocess.run(umount, capture_output=True).returncode == 0, "end of its use", 10)
 
 
 @contextlib.contextmanager
@@ -167,9 +169,10 @@ def test_a_full_store_empties_itself_and_keeps_the_order(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(stage, "ROOM_BYTES", 0)  # room for the fewest there may be
-    gate, encoded = threading.Event(), stage.encoded
+    gate = threading.Event()
     monkeypatch.setattr(stage, "encoded", lambda frame, fast: gate.wait() and encoded(frame, fast))
-    (_, store), count = made(tmp_path), 0
+    _, store = made(tmp_path)
+    count = 0
     while not store.full:
         store.put((stamp(count), "", np.zeros(SHAPE, np.uint8)))
         count += 1

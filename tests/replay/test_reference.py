@@ -14,11 +14,12 @@ import numpy as np
 import pytest
 
 from lfpipe.replays.report import Line, pair, read_trace
-from tests.world import World
+from tests.support.world import World
 
 ROOT = Path(__file__).parents[2]
 REFERENCE = Path(__file__).parent / "reference"
-# The plane of the screen by number: estimated disparity is not the same to the last bit in OpenCV 4 and 5.
+# The plane of the screen by number: estimated disparity is not the same to the last bit in OpenCV 4
+# and 5.
 KEYS = (
     "render.method=nearest",
     "render.alpha_px=8",
@@ -26,7 +27,8 @@ KEYS = (
     "replay.latency_ms=20",
 )
 SETTINGS = tuple(f"--set={key}" for key in KEYS)
-# to make it anew: LFPIPE_UPDATE_REFERENCE=1 pytest tests/replay/test_reference.py -k reference_in_git
+# to make it anew: LFPIPE_UPDATE_REFERENCE=1 pytest tests/replay/test_reference.py -k
+# reference_in_git
 
 
 def _eyes(lines: list[Line], name: str) -> np.ndarray:
@@ -82,10 +84,8 @@ def test_load_and_cores_change_no_bit(world: World, short: Path, blocks: Path) -
             hog.kill()
             hog.wait()
     quiet = world.root / "quiet"
-    measured = (
-        "--set",
-        "render.loop_ms=60",
-    )  # by `lfpipe calibrate --latency`: of this screen, which a replay has not
+    # by `lfpipe calibrate --latency`: of this screen, which a replay has not
+    measured = ("--set", "render.loop_ms=60")
     world.done("replay", short, "--scene", blocks, *SETTINGS, *measured, "--out", quiet)
     assert found == [json.loads((quiet / "report.json").read_text())["digests"]] * 2
 

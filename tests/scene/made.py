@@ -1,4 +1,6 @@
-"""Light fields drawn by the tests, textured layers at known disparities, and the files that layouts keep them in."""
+"""Light fields drawn by the tests, textured layers at known disparities, and the files that layouts
+keep them in.
+"""
 
 from functools import lru_cache
 from itertools import product
@@ -36,7 +38,9 @@ def views(
     near_px: float = 2.0,
     far_px: float = -1.0,
 ) -> NDArray[np.uint8]:
-    """Canonical views, uint8 (rows, cols, height, width, 3): a far wall, a middle and a near shape. Not to be written to."""
+    """Canonical views, uint8 (rows, cols, height, width, 3): a far wall, a middle and a near shape.
+    Not to be written to.
+    """
     out = np.empty((rows, cols, height, width, 3), np.uint8)
     yy, xx = np.mgrid[:height, :width].astype(np.float32)
     layers = [
@@ -47,7 +51,8 @@ def views(
     for r in range(rows):
         for c in range(cols):
             for d, painted, disc in layers:
-                # What stands at x in the middle view stands at x - d * step here, so x here shows x + d * step of the layer.
+                # What stands at x in the middle view stands at x - d * step here, so x here shows x
+                # + d * step of the layer.
                 x, y = xx + d * (c - (cols - 1) / 2), yy + d * (r - (rows - 1) / 2)
                 seen = cv2.remap(painted, x + width / 2, y + height / 2, cv2.INTER_LINEAR)
                 if disc is None:
@@ -63,7 +68,9 @@ def views(
 
 
 def wall(rows: int, cols: int, height: int, width: int, step_px: int = 2) -> NDArray[np.uint8]:
-    """Views of one textured wall, uint8 (rows, cols, height, width, 3), which moves by step_px from view to view."""
+    """Views of one textured wall, uint8 (rows, cols, height, width, 3), which moves by step_px from
+    view to view.
+    """
     painted = texture(height + step_px * rows, width + step_px * cols, 4)
     tops, lefts = step_px * np.arange(rows), step_px * np.arange(cols)
     return np.array(
@@ -82,10 +89,25 @@ def middle_disparity(
     return out
 
 
-def write(path: Path, rgb: NDArray[Any]) -> None:
-    """A picture file of RGB or grey values."""
+def write(path: Path, rgb: NDArray[Any]) -> Path:
+    """A picture file of RGB or grey values; returns its path."""
     path.parent.mkdir(parents=True, exist_ok=True)
     assert cv2.imwrite(str(path), rgb if rgb.ndim == 2 else cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
+    return path
+
+
+def read(path: Path, flags: int = cv2.IMREAD_COLOR_RGB) -> NDArray[np.uint8]:
+    """The picture of a file, RGB unless flags say otherwise."""
+    picture = cv2.imread(str(path), flags)
+    assert picture is not None, path
+    return np.asarray(picture, np.uint8)
+
+
+def without(folder: Path, *names: str) -> Path:
+    """Removes files of a folder; returns it."""
+    for name in names:
+        (folder / name).unlink()
+    return folder
 
 
 def write_grid(
@@ -136,7 +158,7 @@ def write_film(
 
 def write_npz(path: Path, **arrays: NDArray[Any]) -> Path:
     """Arrays in one file; returns its path."""
-    np.savez(path, **arrays)
+    np.savez(path, allow_pickle=True, **arrays)
     return path
 
 
@@ -145,10 +167,8 @@ def honeycomb(pitch_px: float, turned: bool = False) -> NDArray[np.uint8]:
     y, x = np.mgrid[:420, :560].astype(np.float64)
     x, y = (y, x) if turned else (x, y)
     row = np.rint(y / (pitch_px * np.sqrt(3) / 2))
-    off_y, off_x = (
-        y - row * pitch_px * np.sqrt(3) / 2,
-        (x + row % 2 * pitch_px / 2) % pitch_px - pitch_px / 2,
-    )
+    off_y = y - row * pitch_px * np.sqrt(3) / 2
+    off_x = (x + row % 2 * pitch_px / 2) % pitch_px - pitch_px / 2
     lens = np.exp(-(off_x**2 + off_y**2) / (0.35 * pitch_px) ** 2)
     return np.asarray(lens[..., None] * texture(420, 560, 4), np.uint8)
 
@@ -156,11 +176,23 @@ def honeycomb(pitch_px: float, turned: bool = False) -> NDArray[np.uint8]:
 TURNS = [Turn(*flags) for flags in product((False, True), repeat=3)]
 
 
-def as_source(grid: np.ndarray, **more: object) -> SceneSource:
-    """A source of unknown order that reads from memory. grid: (rows, cols, h, w), or with colours."""
+def as_source(grid: np.ndarray, **more: Any) -> SceneSource:
+    """A source of unknown order that reads from memory.
+
+    grid: (rows, cols, h, w), or with colours.
+    """
     rows, cols, height, width = grid.shape[:4]
     return attrs.evolve(
-        SceneSource("test", Path(), (), rows, cols, lambda f, r, c: grid[r, c], height, width),
+        SceneSource(
+            layout="test",
+            path=Path(),
+            files=(),
+            rows=rows,
+            cols=cols,
+            read=lambda f, r, c: grid[r, c],
+            height_px=height,
+            width_px=width,
+        ),
         **more,
     )
 

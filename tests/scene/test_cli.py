@@ -2,8 +2,8 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
@@ -30,7 +30,7 @@ class Shell:
         assert done.exit_code == 0, done.output + repr(done.exception)
         return done.stdout
 
-    def json(self, *words: object) -> dict:  # type: ignore[type-arg]
+    def json(self, *words: object) -> Any:
         return json.loads(self.text(*words, "--json"))
 
 
@@ -41,9 +41,8 @@ def shell(tmp_path_factory: pytest.TempPathFactory) -> Shell:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return made.write_grid(
-        tmp_path_factory.mktemp("views") / "scene", made.views(5, 5)[::-1]
-    )  # rows from the bottom up
+    # rows from the bottom up
+    return made.write_grid(tmp_path_factory.mktemp("views") / "scene", made.views(5, 5)[::-1])
 
 
 def test_info_as_json(shell: Shell, folder: Path) -> None:
@@ -77,24 +76,24 @@ def test_info_for_people_names_the_override(shell: Shell, folder: Path, tmp_path
     same = made.write_grid(
         tmp_path / "same", np.broadcast_to(made.texture(48, 64, 2), (2, 2, 48, 64, 3))
     )
-    assert "scene.flip" in shell.text("info", same)
+    assert "nothing moves between these pictures" in shell.text("info", same)
 
 
 def test_view_is_canonical_and_fractions_are_made(
     shell: Shell, folder: Path, tmp_path: Path
 ) -> None:
-    grid, out = made.views(5, 5), tmp_path / "v.png"
+    grid = made.views(5, 5)
+    out = tmp_path / "v.png"
 
     def seen(*words: object) -> np.ndarray:
         shell.text("view", folder, "-o", out, *words)
-        return cv2.cvtColor(cv2.imread(str(out)), cv2.COLOR_BGR2RGB)
+        return made.read(out)
 
     assert np.array_equal(seen("--row", 0, "--col", 4), grid[0, 4])
     assert np.array_equal(seen("--row", 1.4, "--col", 2.6, "--method", "nearest"), grid[1, 3])
     assert np.array_equal(seen("--row", 1, "--col", 3, "--method", "warp"), grid[1, 3])
-    between = made.views(9, 9, near_px=1.0, far_px=-0.5)[
-        4, 3
-    ]  # half a step to the left of the middle camera
+    # half a step to the left of the middle camera
+    between = made.views(9, 9, near_px=1.0, far_px=-0.5)[4, 3]
     inner = np.s_[8:-8, 8:-8]
     wrong = {
         m: np.abs(
@@ -122,7 +121,7 @@ def test_sheet_shows_all_views_in_canonical_order(
     shell: Shell, folder: Path, tmp_path: Path
 ) -> None:
     shell.text("sheet", folder, "-o", tmp_path / "s.png")
-    sheet = cv2.cvtColor(cv2.imread(str(tmp_path / "s.png")), cv2.COLOR_BGR2RGB)
+    sheet = made.read(tmp_path / "s.png")
     grid = made.views(5, 5)
     assert np.array_equal(sheet[4:100, 4:132], grid[0, 0])
     assert np.array_equal(
@@ -141,7 +140,7 @@ def test_pack_list_clean(folder: Path, tmp_path: Path) -> None:
     assert isinstance(shell("clean", "unknown").exception, UserError)
     assert "removed 0 packs" in shell.text("clean")
     field = open_pack(pack)
-    assert f"in use, kept: {pack.name}" in shell.text("clean", "--all")
+    assert f"kept, in use or with other files: {pack.name}" in shell.text("clean", "--all")
     assert shell.text("pack", folder).strip() == str(pack)
     del field
     assert "removed 1 packs" in shell.text("clean", "scene")

@@ -18,20 +18,25 @@ from lfpipe.scene.demo_scenes import OFFSET_PX
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_view_follows_from_the_middle_one_by_its_disparity(tmp_path: Path, name: str) -> None:
-    """Warped along the true disparity the middle view is the other view, wherever it sees the same; unwarped it is not."""
+    """Warped along the true disparity the middle view is the other view, wherever it sees the same;
+    unwarped it is not.
+    """
     scene = layouts.describe(demo_scene(tmp_path, name, 256), config.Scene())
     y, x = np.mgrid[0:256, 0:256].astype(np.float32)
-    middle, middle_d = scene.read(0, 4, 4), scene.truth[4, 4]()
+    middle = scene.read(0, 4, 4)
+    middle_d = scene.truth[4, 4]()
     assert (
         np.isfinite(middle_d).all()
         and middle_d.min() == pytest.approx(-1.0)
         and 0.75 < middle_d.max() < 1.05
     )
     known = scene.geometry
+    assert known.focal_length_px and known.baseline_mm and known.focus_distance_mm
     at_infinity = known.focal_length_px * known.baseline_mm / known.focus_distance_mm
     assert at_infinity == pytest.approx(OFFSET_PX / 2, rel=1e-4), "half of 512 px"
     for row, col in ((3, 3), (3, 4), (4, 5), (5, 4)):
-        other, d = scene.read(0, row, col).astype(int), scene.truth[row, col]()
+        other = scene.read(0, row, col).astype(int)
+        d = scene.truth[row, col]()
         mx, my = x + d * (col - 4), y + d * (row - 4)
         warped = cv2.remap(middle, mx, my, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE).astype(
             int
@@ -57,7 +62,9 @@ offsets = st.floats(-4, 4)
 def test_a_quad_stands_where_its_disparity_says(
     u: float, v: float, d: float, tilt_x: float, tilt_y: float
 ) -> None:
-    """In every view, (x + d u, y + d v, d) of each covered pixel lies in the plane of the quad and inside it."""
+    """In every view, (x + d u, y + d v, d) of each covered pixel lies in the plane of the quad and
+    inside it.
+    """
     at = np.array([(20.0, 20.0), (44.0, 20.0), (44.0, 44.0), (20.0, 44.0)])
     slope = np.array([tilt_x, tilt_y]) / 24
     depth = d + (at - 32) @ slope
@@ -76,14 +83,21 @@ def test_a_quad_stands_where_its_disparity_says(
 def test_a_balls_points_lie_on_it_and_face_the_camera(
     u: float, v: float, d: float, depth: float
 ) -> None:
-    ball = Ball(np.zeros((4, 4, 3), np.uint8), 32.0, 30.0, d, 14.0, depth, 0.0)
+    ball = Ball(
+        texture=np.zeros((4, 4, 3), np.uint8),
+        x=32.0,
+        y=30.0,
+        d=d,
+        radius=14.0,
+        depth=depth,
+        gloss=0.0,
+    )
     _, seen = draw_view([ball], u, v)
     y, x = np.nonzero(np.isfinite(seen))
     assert len(x) > 300
     found = seen[y, x].astype(float)
     nx, ny, nd = (x + found * u - 32) / 14, (y + found * v - 30) / 14, (found - d) / depth
     assert np.abs(nx**2 + ny**2 + nd**2 - 1).max() < 1e-3
-    facing = (
-        nx * u / 14 + ny * v / 14 + nd / depth
-    )  # the ray runs along (u, v, 1) towards the camera
+    # the ray runs along (u, v, 1) towards the camera
+    facing = nx * u / 14 + ny * v / 14 + nd / depth
     assert facing.min() > -0.05 / depth

@@ -60,6 +60,15 @@ def test_disparity_of_a_subset_of_views_is_per_its_own_step() -> None:
     )
 
 
+def test_disparity_across_40_px_between_views() -> None:
+    views = made.views(3, 3, 192, 192, near_px=40.0, far_px=0.0).transpose(0, 1, 4, 2, 3)
+    disparity = estimate_disparity(views)
+    assert disparity is not None
+    off = np.abs(disparity[1, 1] - made.middle_disparity(192, 192, 40.0, 0.0)[::2, ::2])
+    right = off < 2  # false where it is unknown
+    assert right.mean() > 0.9
+
+
 def test_cameras_off_the_grid_are_divided_by_their_true_distance() -> None:
     painted = made.texture(192, 256, 4)
     steps = np.array([0.0, 1.4, 2.0])  # the middle camera stands 0.4 of a step to the right

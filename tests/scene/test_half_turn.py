@@ -1,4 +1,6 @@
-"""Near and far are exchanged without packing: state of the session, remembered for the scene, the same bits as a turned pack."""
+"""Near and far are exchanged without packing: state of the session, remembered for the scene, the
+same bits as a turned pack.
+"""
 
 from pathlib import Path
 
@@ -8,6 +10,7 @@ import pytest
 
 from lfpipe import config
 from lfpipe.config import Render
+from lfpipe.config.tree import Decision, Method
 from lfpipe.render.compositor import Compositor
 from lfpipe.scene import half_turn
 from lfpipe.scene.info import describe_pack
@@ -34,7 +37,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made.write_grid(tmp_path_factory.mktemp("scene") / "views", made.views(5, 5))
 
 
-def pictures(field: LightField, method: str) -> list[np.ndarray]:
+def pictures(field: LightField, method: Method) -> list[np.ndarray]:
     compositor = Compositor(field, Render(method=method, zero_plane_px=0.3))
     return [compositor.compose(*place).copy() for place in PLACES]
 
@@ -90,7 +93,7 @@ def test_unknown_disparity_stays_unknown() -> None:
 def test_the_choice_is_remembered_for_the_scene_and_the_setting_wins(
     scene: Path, scene_config: config.Scene
 ) -> None:
-    def turned(setting: str = "auto") -> bool:
+    def turned(setting: Decision = "auto") -> bool:
         return pack_scene(scene, attrs.evolve(scene_config, half_turn=setting)).half_turned
 
     field = pack_scene(scene, scene_config)

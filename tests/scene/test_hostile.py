@@ -1,4 +1,5 @@
-"""Hostile scenes through the packer's door: each is refused by name or opens, with little memory; no traceback, no hang.
+"""Hostile scenes through the packer's door: each is refused by name or opens, with little memory;
+no traceback, no hang.
 
 Many of them go through one process, which has the packer's limits.
 """
@@ -14,7 +15,9 @@ import sys
 import tempfile
 import zlib
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import cv2
 import h5py
@@ -28,20 +31,28 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import read_picture
 from lfpipe.host.limits import MemoryLimit
+from lfpipe.render.packer import MEMORY_BYTES
 from lfpipe.scene import layouts
 from lfpipe.scene.examination import examine_scene
 from lfpipe.scene.files import read_pfm
 from lfpipe.scene.layouts.named import hci_attributes
-from lfpipe.scene.packer import MEMORY_BYTES
 from lfpipe.scene.packing import pack_scene
-from tests.hostile_files import NO_FILES, PEAK_MB, damaged_bytes, ended, jpeg_claiming, png_of
 from tests.scene import made
+from tests.support.hostile_files import (
+    NO_FILES,
+    PEAK_MB,
+    at,
+    damaged_bytes,
+    ended,
+    jpeg_claiming,
+    png_of,
+)
 
 CHECKOUT = Path(__file__).parents[2]
-GRID, FRAME = made.views(3, 3, 32, 40), made.mosaic(made.views(2, 3, 64, 80))
-Make = Callable[
-    [Path], object
-]  # writes a scene into a folder; returns the path that is given if it is not the folder
+GRID = made.views(3, 3, 32, 40)
+FRAME = made.mosaic(made.views(2, 3, 64, 80))
+# writes a scene into a folder; returns the path that is given if it is not the folder
+Make = Callable[[Path], object]
 DEPTH = 10 / (made.middle_disparity(32, 40) + 3)
 PARAMETERS = (
     "[extrinsics]\nnum_cams_x = 3\nnum_cams_y = 3\nbaseline_mm = 25\nfocus_distance_m = 4.25\n"
@@ -66,12 +77,13 @@ def hci_text(
 
 
 def h5(
-    folder: Path, name: str = "lf.h5", values: np.ndarray = GRID[:, ::-1], **options: object
-) -> None:
+    folder: Path, name: str = "lf.h5", values: np.ndarray = GRID[:, ::-1], **options: Any
+) -> Path:
     with h5py.File(folder / name, "w", userblock_size=512) as file:
         file.create_dataset("LF", data=values, **options)
         file.attrs.update({"dH": 0.5, "focalLength": 20.0, "shift": 3.0})
         file["GT_DEPTH"] = np.broadcast_to(DEPTH.astype(np.float32), (3, 3, 32, 40))
+    return folder / name
 
 
 def stanford(folder: Path, y: str = "{:.3f}", x: str = "{:.3f}") -> None:
@@ -93,16 +105,29 @@ def film(folder: Path, end: str = "avi", codec: str = "FFV1") -> Path:
 
 
 SCENES: dict[str, Make] = {
-    "hci": hci, "hci-text": hci_text, "hci-old": h5, "stanford": stanford, "jpeg-pleno": jpeg_pleno,
+    "hci": hci,
+    "hci-text": hci_text,
+    "hci-old": h5,
+    "stanford": stanford,
+    "jpeg-pleno": jpeg_pleno,
     "mat": lambda folder: scipy.io.savemat(folder / "a.mat", {"LF": GRID}, do_compression=True),
-    "mat 7.3": lambda folder: h5(folder, "a.mat", GRID.transpose(), chunks=(1, 40, 32, 3, 3), compression="gzip"),
-    **{f"views, {end}": lambda folder, end=end: made.write_grid(folder, GRID, "view_{r:02d}_{c:02d}." + end)
-       for end in ("png", "jpg", "tif", "webp")},
-    **{name: lambda folder, name=name: made.write(folder / name, FRAME) for name in ("atlas.png", "a_qs3x2.png", "a_eslf.png")},
-    **{f"film, {end}": lambda folder, end=end, codec=codec: film(folder, end, codec)
-       for end, codec in (("mkv", "FFV1"), ("avi", "MJPG"), ("mp4", "mp4v"))},
+    "mat 7.3": lambda folder: h5(
+        folder, "a.mat", GRID.transpose(), chunks=(1, 40, 32, 3, 3), compression="gzip"
+    ),
+    **{
+        f"views, {end}": partial(made.write_grid, grid=GRID, name="view_{r:02d}_{c:02d}." + end)
+        for end in ("png", "jpg", "tif", "webp")
+    },
+    **{
+        name: at(name, lambda path: made.write(path, FRAME))
+        for name in ("atlas.png", "a_qs3x2.png", "a_eslf.png")
+    },
+    **{
+        f"film, {end}": partial(film, end=end, codec=codec)
+        for end, codec in (("mkv", "FFV1"), ("avi", "MJPG"), ("mp4", "mp4v"))
+    },
     "numbered": lambda folder: made.write_grid(folder, GRID[:1], "v{n}.png"),
-}  # fmt: skip
+}
 
 
 def bytes_of(name: str, body: bytes) -> Make:
@@ -169,30 +194,48 @@ SMALL_JPEG = cv2.imencode(".jpg", np.zeros((8, 8, 3), np.uint8))[1].tobytes()
 FRAME_HEADER = b"\xff\xc0\x00\x11\x08"
 HUGE = 2 << 40
 PLAYLIST = b"#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\nfilm.avi\n#EXT-X-ENDLIST\n"
-ATTACKS: dict[str, tuple[Make, str]] = {  # and what is said of it: nothing where a number that cannot be is passed over
+# and what is said of it: nothing where a number that cannot be is passed over
+ATTACKS: dict[str, tuple[Make, str]] = {
     "far too many columns": (lambda f: hci(f, num_cams_x="1e18"), "^$"),
     "many cameras": (lambda f: hci(f, num_cams_x="10000"), "views"),
     "focus": (lambda f: hci(f, focus_distance_m="nan"), "^$"),
     "far cameras": (lambda f: stanford(f, "1e308", "-1e308"), "^$"),
     "attributes": (lambda f: hci_text(f, "1e308 //dH\n1e308 //focalLength\n"), "^$"),
-    "true disparity": (lambda f: hci_text(f, "1 //dH\n1e-30 //focalLength\n3e8 //shift\n"), r"up to 3e\+08 px"),
-    **{f"2 TB, {name}": (beside(hci, name, size=HUGE), name)
-       for name in ("input_Cam004.png", "parameters.cfg", "gt_disp_lowres.pfm")},
-    **{f"2 TB, {name}": (beside(lambda f: None, name, size=HUGE), name) for name in ("lf.h5", "a.mat", "film.mkv")},
+    "true disparity": (
+        lambda f: hci_text(f, "1 //dH\n1e-30 //focalLength\n3e8 //shift\n"),
+        r"up to 3e\+08 px",
+    ),
+    **{
+        f"2 TB, {name}": (beside(hci, name, size=HUGE), name)
+        for name in ("input_Cam004.png", "parameters.cfg", "gt_disp_lowres.pfm")
+    },
+    **{
+        f"2 TB, {name}": (beside(lambda f: None, name, size=HUGE), name)
+        for name in ("lf.h5", "a.mat", "film.mkv")
+    },
     "JPEG": (bytes_of("a.jpg", jpeg_claiming(SMALL_JPEG, 20_000, 20_000)), "20000x20000"),
     "PNG, whole": (bytes_of("a.png", png_of(16_384, 16_384)), "16384x16384"),
     "HDF5, large views": (claiming((9, 9, 40_000, 40_000, 3)), "views of 40000x40000"),
     "HDF5, no end": (claiming((1, 2**40, 32, 32, 3)), r"lf\.h5"),
-    "HDF5, truncated": (lambda f: [h5(f), os.truncate(f / "lf.h5", 4000)], "not a readable HDF5 file"),
+    "HDF5, truncated": (
+        lambda f: os.truncate(h5(f), 4000),
+        "not a readable HDF5 file",
+    ),
     "HDF5 bomb": (chunk_bomb, "bytes are stored for"),
     "chain of links": (chained_links, "kept in another"),
     "virtual data set": (virtual, "kept in another"),
-    "film, header": (replaced(struct.pack("<II", 240, 128), struct.pack("<II", 9000, 9000), "FFV1"), "9000x9000"),
+    "film, header": (
+        replaced(struct.pack("<II", 240, 128), struct.pack("<II", 9000, 9000), "FFV1"),
+        "9000x9000",
+    ),
     "film, frames": (
-        replaced(FRAME_HEADER + struct.pack(">HH", 128, 240), FRAME_HEADER + b"\x4e\x20\x4e\x20", "MJPG"), r"film\.avi"
+        replaced(
+            FRAME_HEADER + struct.pack(">HH", 128, 240), FRAME_HEADER + b"\x4e\x20\x4e\x20", "MJPG"
+        ),
+        r"film\.avi",
     ),
     "playlist": (lambda f: [film(f), bytes_of("list.mp4", PLAYLIST)(f)][1], "not a readable video"),
-}  # fmt: skip
+}
 
 
 def opened(path: Path, scene: config.Scene) -> str:
@@ -208,12 +251,29 @@ def opened(path: Path, scene: config.Scene) -> str:
 
 
 NUMBERS = (
-    "0", "-1", "1e18", "1e-300", "-1e308", "1e400", "nan", "inf", "9" * 400, "99999", "0x10", "", "x", "\x1b[2J", "\n", "٣",
-)  # fmt: skip
+    "0",
+    "-1",
+    "1e18",
+    "1e-300",
+    "-1e308",
+    "1e400",
+    "nan",
+    "inf",
+    "9" * 400,
+    "99999",
+    "0x10",
+    "",
+    "x",
+    "\x1b[2J",
+    "\n",
+    "٣",
+)
 
 
 def damage(rng: random.Random, folder: Path) -> None:
-    """Does something to one file of a scene: to its bytes, to numbers in its text or name, or puts no file in its place."""
+    """Does something to one file of a scene: to its bytes, to numbers in its text or name, or puts
+    no file in its place.
+    """
     files = [
         path
         for path in folder.rglob("*")
@@ -221,8 +281,10 @@ def damage(rng: random.Random, folder: Path) -> None:
     ]
     if not files:
         return
-    path, kind = rng.choice(sorted(files)), rng.randrange(5)
-    data, head = path.read_bytes(), rng.choice((200, 10**9))
+    path = rng.choice(sorted(files))
+    kind = rng.randrange(5)
+    data = path.read_bytes()
+    head = rng.choice((200, 10**9))
     if kind <= 1:
         path.write_bytes(damaged_bytes(rng, data[:head]) + data[head:])
     elif kind == 2:
@@ -251,7 +313,8 @@ def all_attacks(base: Path) -> dict[str, str]:
 def all_damage(base: Path) -> dict[str, str]:
     """For the process of the test below: scenes with damage, opened with any setting."""
     for name, seed in ((name, seed) for name in SCENES for seed in range(8)):
-        rng, folder = random.Random(f"{name} {seed}"), base / "scene"
+        rng = random.Random(f"{name} {seed}")
+        folder = base / "scene"
         folder.mkdir()
         SCENES[name](folder)
         for _ in range(rng.choice((1, 1, 2))):
@@ -333,9 +396,8 @@ def test_things_beside_the_views_do_no_harm(tmp_path: Path) -> None:
 
 def test_paths_of_any_bytes_work(tmp_path: Path, scene_config: config.Scene) -> None:
     for name in (b"\xff\xfe", b"sc\xe9ne", "日本".encode(), b"a b;'\"", b"\x1b[2J\x07"):
-        base = made.write_grid(tmp_path / "x", GRID).rename(
-            tmp_path / os.fsdecode(name)
-        )  # OpenCV alone crashes at such a path
+        # OpenCV alone crashes at such a path
+        base = made.write_grid(tmp_path / "x", GRID).rename(tmp_path / os.fsdecode(name))
         paths = [base, film(tmp_path, "mkv").rename(base.with_name(base.name + ".mkv"))]
         paths.append(base.with_name(base.name + ".png"))
         paths[-1].write_bytes(cv2.imencode(".png", GRID[0, 0])[1].tobytes())
@@ -361,9 +423,12 @@ def test_a_name_does_not_make_lines_of_its_own(tmp_path: Path) -> None:
 
 @pytest.fixture
 def base() -> Iterator[Path]:
-    """A folder, made by root where it is root, who then is nobody: permissions count, as they do for everybody else."""
+    """A folder, made by root where it is root, who then is nobody: permissions count, as they do
+    for everybody else.
+    """
     with tempfile.TemporaryDirectory() as name:
-        base, before = Path(name), os.geteuid()
+        base = Path(name)
+        before = os.geteuid()
         base.chmod(0o777)
         if before == 0:
             os.seteuid(65534)

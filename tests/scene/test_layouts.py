@@ -1,7 +1,11 @@
-"""Each layout from files that the test writes: detected without being named, every view read where it belongs."""
+"""Each layout from files that the test writes: detected without being named, every view read where
+it belongs.
+"""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import h5py
@@ -20,8 +24,9 @@ AUTO = config.Scene()
 GRID, SQUARE, QUILT = made.views(3, 4, 64, 80), made.views(3, 3, 64, 80), made.views(1, 12, 64, 80)
 TRUTH = made.middle_disparity(64, 80)
 CFG = (
-    "[intrinsics]\nfocal_length_mm = 100\nimage_resolution_x_px = 80\nimage_resolution_y_px = 64\nsensor_size_mm = 35\n"
-    "[extrinsics]\nnum_cams_x = {}\nnum_cams_y = {}\nbaseline_mm = 25\nfocus_distance_m = 4.25\n[meta]\nscene = %(odd)s\n"
+    "[intrinsics]\nfocal_length_mm = 100\nimage_resolution_x_px = 80\nimage_resolution_y_px ="
+    " 64\nsensor_size_mm = 35\n[extrinsics]\nnum_cams_x = {}\nnum_cams_y = {}\nbaseline_mm ="
+    " 25\nfocus_distance_m = 4.25\n[meta]\nscene = %(odd)s\n"
 )
 Make = Callable[[Path], object]
 
@@ -59,7 +64,10 @@ def stanford(
     x: float,
     shape: tuple[int, int],
 ) -> Make:
-    """Views under camera coordinates. index: of the view in GRID; y, x: by which the coordinates grow with the index in names."""
+    """Views under camera coordinates.
+
+    index: of the view in GRID; y, x: by which the coordinates grow with the index in names.
+    """
 
     def make(folder: Path) -> None:
         for r, c in np.ndindex(shape):
@@ -121,30 +129,85 @@ STANFORD = "out_{r:02d}_{c:02d}_{y:.6f}_{x:.6f}"
 LINE, LARGE = made.views(1, 9, 96, 128), made.views(5, 7, 96, 128)
 DEPTH = (0.5 * 20 / (TRUTH + 3)).astype(np.float32)
 FORMS: dict[str, tuple[str, Make, np.ndarray]] = {  # layout, files, views in canonical order
-    **{f"hci, {rows}x{cols}": ("hci", named(made.views(rows, cols), "input_Cam{n:03d}.png"), made.views(rows, cols))
-       for rows, cols in ((1, 9), (3, 5), (4, 4), (9, 1))},
-    "hci, parameters": ("hci", named(GRID, "input_Cam{n:03d}.png", parameters_cfg=CFG.format(4, 3)), GRID),
+    **{
+        f"hci, {rows}x{cols}": (
+            "hci",
+            named(made.views(rows, cols), "input_Cam{n:03d}.png"),
+            made.views(rows, cols),
+        )
+        for rows, cols in ((1, 9), (3, 5), (4, 4), (9, 1))
+    },
+    "hci, parameters": (
+        "hci",
+        named(GRID, "input_Cam{n:03d}.png", parameters_cfg=CFG.format(4, 3)),
+        GRID,
+    ),
     "hci-old": ("hci-old", lambda f: old_hci(f / "lf.h5", SQUARE, DEPTH), SQUARE),
     "hci-old, turned": ("hci-old", lambda f: old_hci(f / "lf.h5", SQUARE[:, ::-1], DEPTH), SQUARE),
-    "an .h5 of one's own": ("hci-old", lambda f: h5py.File(f / "my.h5", "w").create_dataset("LF", data=SQUARE), SQUARE),
+    "an .h5 of one's own": (
+        "hci-old",
+        lambda f: h5py.File(f / "my.h5", "w").create_dataset("LF", data=SQUARE),
+        SQUARE,
+    ),
     "hci-text": ("hci-text", lambda f: text_export(f, 20.0), SQUARE),
-    "stanford": ("stanford", stanford(STANFORD + "_.png", lambda r, c: (2 - r, 3 - c), -8.5, -8.6, (3, 4)), GRID),
-    "stanford, copies": ("stanford", stanford("jpg_" + STANFORD + ".png", lambda r, c: (r, 3 - c), 8.5, -8.6, (3, 4)), GRID),
+    "stanford": (
+        "stanford",
+        stanford(STANFORD + "_.png", lambda r, c: (2 - r, 3 - c), -8.5, -8.6, (3, 4)),
+        GRID,
+    ),
+    "stanford, copies": (
+        "stanford",
+        stanford("jpg_" + STANFORD + ".png", lambda r, c: (r, 3 - c), 8.5, -8.6, (3, 4)),
+        GRID,
+    ),
     "stanford, more fields": (
-        "stanford", stanford(STANFORD + "_0.5_1.25_.png", lambda r, c: (2 - r, c), -8.5, 8.6, (3, 4)), GRID
+        "stanford",
+        stanford(STANFORD + "_0.5_1.25_.png", lambda r, c: (2 - r, c), -8.5, 8.6, (3, 4)),
+        GRID,
     ),
-    "stanford, rows for columns": ("stanford", stanford(STANFORD + "_.png", lambda r, c: (c, r), 5.0, 5.0, (4, 3)), GRID),
-    "quilt": ("quilt", picture("a_qs4x3a1.25.png", made.mosaic(QUILT[0].reshape(3, 4, *QUILT.shape[2:])[::-1])), QUILT),
-    "quilt without its name": ("mosaic", picture("a.png", made.mosaic(QUILT[0].reshape(3, 4, *QUILT.shape[2:])[::-1])), QUILT),
-    "quilt downwards": ("mosaic", picture("a.png", made.mosaic(QUILT[0].reshape(3, 4, *QUILT.shape[2:]))), QUILT),
-    "rows-cols": ("rows-cols", named(made.views(5, 5), "view_{r:02d}_{c:02d}.png"), made.views(5, 5)),
+    "stanford, rows for columns": (
+        "stanford",
+        stanford(STANFORD + "_.png", lambda r, c: (c, r), 5.0, 5.0, (4, 3)),
+        GRID,
+    ),
+    "quilt": (
+        "quilt",
+        picture("a_qs4x3a1.25.png", made.mosaic(QUILT[0].reshape(3, 4, *QUILT.shape[2:])[::-1])),
+        QUILT,
+    ),
+    "quilt without its name": (
+        "mosaic",
+        picture("a.png", made.mosaic(QUILT[0].reshape(3, 4, *QUILT.shape[2:])[::-1])),
+        QUILT,
+    ),
+    "quilt downwards": (
+        "mosaic",
+        picture("a.png", made.mosaic(QUILT[0].reshape(3, 4, *QUILT.shape[2:]))),
+        QUILT,
+    ),
+    "rows-cols": (
+        "rows-cols",
+        named(made.views(5, 5), "view_{r:02d}_{c:02d}.png"),
+        made.views(5, 5),
+    ),
     "rows-cols, every fourth": (
-        "rows-cols", lambda f: [made.write(f / f"v_{4 * r}_{4 * c}.png", GRID[r, c]) for r, c in np.ndindex(3, 4)], GRID
+        "rows-cols",
+        lambda f: [
+            made.write(f / f"v_{4 * r}_{4 * c}.png", GRID[r, c]) for r, c in np.ndindex(3, 4)
+        ],
+        GRID,
     ),
-    **{f"numbered, {order}": ("numbered", numbered(LARGE, order), LARGE) for order in ("rows", "cols", "snake")},
+    **{
+        f"numbered, {order}": ("numbered", numbered(LARGE, order), LARGE)
+        for order in ("rows", "cols", "snake")
+    },
     "a line": ("numbered", numbered(LINE, "rows"), LINE),
-    "an upright line": ("numbered", numbered(made.views(9, 1, 96, 128), "rows"), made.views(9, 1, 96, 128)),
-}  # fmt: skip
+    "an upright line": (
+        "numbered",
+        numbered(made.views(9, 1, 96, 128), "rows"),
+        made.views(9, 1, 96, 128),
+    ),
+}
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -167,8 +230,12 @@ def test_hci_with_geometry_and_truth_of_two_views(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("layout", ["hci", "hci-text", "stanford", "jpeg-pleno"])
 def test_views_that_are_missing_or_of_another_size_are_named(tmp_path: Path, layout: str) -> None:
-    name = {"hci": "input_Cam{n:03d}.png", "hci-text": "lf/{r:02d}_{c:02d}.png", "stanford": "out_{r:02d}_{c:02d}_{r}_{c}_.png",
-            "jpeg-pleno": "{r:03d}_{c:03d}.png"}[layout]  # fmt: skip
+    name = {
+        "hci": "input_Cam{n:03d}.png",
+        "hci-text": "lf/{r:02d}_{c:02d}.png",
+        "stanford": "out_{r:02d}_{c:02d}_{r}_{c}_.png",
+        "jpeg-pleno": "{r:03d}_{c:03d}.png",
+    }[layout]
     named(
         made.views(4, 4, 64, 80), name, parameters_cfg=CFG.format(4, 4), attributes_dat="1 //dH\n"
     )(tmp_path)
@@ -176,7 +243,7 @@ def test_views_that_are_missing_or_of_another_size_are_named(tmp_path: Path, lay
     gone.unlink()
     made.write(odd, GRID[0, 0, :-2])
     source = described(tmp_path, layout)
-    assert (source.rows, source.cols, source.missing) == (4, 4, {(1, 2), (2, 1)})
+    assert (source.rows, source.cols, source.missing) == (4, 4, frozenset({(1, 2), (2, 1)}))
     assert (
         "2 of 4x4 views missing, made from others: row 1 column 2, row 2 column 1" in source.notes
     )
@@ -211,7 +278,7 @@ def test_jpeg_pleno_10_bit_dark_sides_and_missing_corners(tmp_path: Path) -> Non
         5,
         5,
         10,
-        {(0, 0), (4, 4)},
+        frozenset({(0, 0), (4, 4)}),
     )
     assert np.array_equal(source.read(0, 2, 3), inner[2, 3])
 
@@ -226,13 +293,13 @@ def write_mat(path: Path, grid: np.ndarray, modern: bool, **more: object) -> Non
         stream.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\0\2IM")
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+@pytest.mark.parametrize("dtype", ["u1", "u2", "f4"])
 @pytest.mark.parametrize("modern", [True, False])
-def test_mat_both_versions_and_types(tmp_path: Path, modern: bool, dtype: type) -> None:
-    scale = {np.uint8: 1, np.uint16: 257, np.float32: 1 / 255}[dtype]
+def test_mat_both_versions_and_types(tmp_path: Path, modern: bool, dtype: str) -> None:
+    scale = {"u1": 1, "u2": 257, "f4": 1 / 255}[dtype]
     write_mat(tmp_path / "scene.mat", (GRID * np.float64(scale)).astype(dtype), modern)
     source = described(tmp_path, "mat")
-    assert source.max_value == (255 if dtype == np.uint8 else 65535)
+    assert source.max_value == (255 if dtype == "u1" else 65535)
     views = (
         canonical(source, config.Scene(flip="none", transpose="no")).astype(np.float64)
         / source.max_value
@@ -252,7 +319,11 @@ def test_mat_of_lftoolbox_is_linear_light_with_weights_and_dark_sides(tmp_path: 
     assert np.array_equal(source.read(0, 1, 4), inner[1, 4].astype(np.uint16) * 257)
 
 
-OPTIONS = [{}, {"compression": "gzip", "fletcher32": True, "shuffle": True}, {"compression": "lzf"}]
+OPTIONS: list[dict[str, Any]] = [
+    {},
+    {"compression": "gzip", "fletcher32": True, "shuffle": True},
+    {"compression": "lzf"},
+]
 
 
 @pytest.mark.parametrize(
@@ -279,9 +350,8 @@ def test_eslf_lenslets_with_dark_outer_views(tmp_path: Path) -> None:
     whole = np.zeros((14, 14, 60, 72, 3), np.uint8)
     whole[2:12, 2:12] = inner
     lenslets = whole.transpose(2, 0, 3, 1, 4).reshape(60 * 14, 72 * 14, 3)
-    made.write(
-        tmp_path / "IMG_0001.png", lenslets[:-3]
-    )  # not a multiple of 14: filled up at the end
+    # not a multiple of 14: filled up at the end
+    made.write(tmp_path / "IMG_0001.png", lenslets[:-3])
     source = described(tmp_path, "eslf")
     assert (source.rows, source.cols, source.height_px, source.width_px) == (10, 10, 60, 72)
     assert np.array_equal(source.read(0, 3, 7), inner[3, 7])
@@ -371,3 +441,9 @@ def test_pictures_that_are_no_video_are_told_apart(tmp_path: Path) -> None:
     made.write(tmp_path / "example02.png", made.mosaic(GRID[:, :, ::-1, ::-1]))
     source = described(tmp_path, "mosaic-video")
     assert source.frames == 1 and "example01.png" in source.notes[0]
+
+
+def test_every_layout_has_a_row_in_the_docs() -> None:
+    text = (Path(__file__).parents[2] / "docs" / "layouts.md").read_text()
+    rows = set(re.findall(r"^\| `([\w-]+)` \|", text, re.MULTILINE))
+    assert rows == {name for name in layouts.layouts() if name != "demo"}

@@ -1,4 +1,6 @@
-"""Names of views: whatever people call them, the two numbers that span a grid are found, and no file is dropped in silence."""
+"""Names of views: whatever people call them, the two numbers that span a grid are found, and no
+file is dropped in silence.
+"""
 
 from collections.abc import Callable
 from itertools import product
@@ -14,11 +16,12 @@ from PIL import Image
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene import layouts
-from lfpipe.scene.layouts._names import read_names
+from lfpipe.scene.layouts._names import _candidates, read_names
 from lfpipe.scene.layouts._running import find_columns
 from lfpipe.scene.packing import pack_scene
-from tests.hostile_files import with_exif
+from lfpipe.scene.source import Turn
 from tests.scene import made
+from tests.support.hostile_files import with_exif
 
 AUTO = config.Scene()
 GRID = made.views(3, 4, 48, 64)
@@ -40,24 +43,28 @@ TEXTS = st.sampled_from(
 )
 SEPARATORS = st.sampled_from(["_", "-", " ", "x", "_r", "__", "."])
 PAIRS = [
-    ("_", "_"), ("-", "-"), ("_row", "_col"), ("_r", "c"), (" (", ","), ("_", "x"), (".", "."), ("_y", "_x"), ("t", "_s"),
+    ("_", "_"),
+    ("-", "-"),
+    ("_row", "_col"),
+    ("_r", "c"),
+    (" (", ","),
+    ("_", "x"),
+    (".", "."),
+    ("_y", "_x"),
+    ("t", "_s"),
     ("_u", "_v"),
-]  # fmt: skip
+]
 
 
 @st.composite
 def schemes(draw: st.DrawFn) -> tuple[dict[str, tuple[int, int]], list[str]]:
     """Names by (row, column) in some scheme, and names of other files beside them."""
     rows, cols = draw(st.integers(2, 6)), draw(st.integers(2, 6))
-    text, (before, between), width = (
-        draw(TEXTS),
-        draw(st.sampled_from(PAIRS)),
-        draw(st.integers(1, 4)),
-    )
-    start, step = (
-        draw(st.tuples(st.integers(0, 12), st.integers(0, 12))),
-        draw(st.sampled_from([1, 1, 1, 2, 5])),
-    )
+    text = draw(TEXTS)
+    before, between = draw(st.sampled_from(PAIRS))
+    width = draw(st.integers(1, 4))
+    start = draw(st.tuples(st.integers(0, 12), st.integers(0, 12)))
+    step = draw(st.sampled_from([1, 1, 1, 2, 5]))
     swapped, counter = draw(st.booleans()), draw(st.sampled_from(["", "front", "back"]))
     signed = between in ("_", ",") and draw(st.booleans())
     coordinates, suffix = draw(st.booleans()), draw(st.sampled_from(["", "_GT", "_full", "_1"]))
@@ -85,10 +92,21 @@ def schemes(draw: st.DrawFn) -> tuple[dict[str, tuple[int, int]], list[str]]:
 
 
 @given(
-    st.integers(2, 9), st.integers(2, 9), st.integers(-200, 200), st.integers(-200, 200),
-    st.sampled_from([0.25, 0.5, 1.25, 2.5, 5, 10]), st.sampled_from([0.25, 0.5, 1.25, 2.5, 5, 10]),
-    st.sampled_from(["view_{y:.2f}_{x:.2f}", "eye {y:.2f} {x:.2f} mm", "cam_y{y:.2f}_x{x:.2f}", "p_{y:+.2f}_{x:+.2f}"]),
-)  # fmt: skip
+    st.integers(2, 9),
+    st.integers(2, 9),
+    st.integers(-200, 200),
+    st.integers(-200, 200),
+    st.sampled_from([0.25, 0.5, 1.25, 2.5, 5, 10]),
+    st.sampled_from([0.25, 0.5, 1.25, 2.5, 5, 10]),
+    st.sampled_from(
+        [
+            "view_{y:.2f}_{x:.2f}",
+            "eye {y:.2f} {x:.2f} mm",
+            "cam_y{y:.2f}_x{x:.2f}",
+            "p_{y:+.2f}_{x:+.2f}",
+        ]
+    ),
+)
 def test_coordinates_of_any_sign_are_rows_and_columns(
     rows: int, cols: int, y0: int, x0: int, dy: float, dx: float, text: str
 ) -> None:
@@ -105,11 +123,14 @@ def test_coordinates_of_any_sign_are_rows_and_columns(
         False,
         set(index),
     )
-    turns = [lambda r, c, down=down, across=across: (down(r), across(c))
-             for down in (lambda r: r, lambda r: rows - 1 - r) for across in (lambda c: c, lambda c: cols - 1 - c)]  # fmt: skip
-    # A sign before every number may be a separator, so the order is that of the files or its reverse.
+    # A sign before every number may be a separator, so the order is that of the files or its
+    # reverse.
     assert any(
-        all(turn(*index[name]) == place for place, name in numbered.views.items()) for turn in turns
+        all(
+            Turn(*flips).file_index(*place, rows, cols) == index[name]
+            for place, name in numbered.views.items()
+        )
+        for flips in product((False, True), repeat=2)
     )
 
 
@@ -250,9 +271,8 @@ def test_a_grid_with_many_gaps_is_refused(
         layouts.describe(tmp_path, AUTO)
 
 
-HABITS: dict[
-    str, tuple[list[str], tuple[int, int, int]]
-] = {  # names, and rows, columns and views of them
+# names, and rows, columns and views of them
+HABITS: dict[str, tuple[list[str], tuple[int, int, int]]] = {
     "a burst's cover": (
         [f"IMG_BURST{n:03d}{'_COVER' * (n == 3)}.jpg" for n in range(9)],
         (1, 9, 8),
@@ -329,12 +349,12 @@ def test_twenty_thousand_unrelated_names_are_read_at_once() -> None:
         "copy",
     ]
     names = {
-        f"{'_'.join(rng.choice(words, 3, False))}_{rng.integers(10**6)}.{rng.choice(['jpg', 'png'])}"
+        "_".join(rng.choice(words, 3, False))
+        + f"_{rng.integers(10**6)}.{rng.choice(['jpg', 'png'])}"
         for _ in range(20_000)
     }
-    numbered = read_names(
-        tuple(sorted(names))
-    )  # in a second; comparing each family with each other took minutes
+    # in a second; comparing each family with each other took minutes
+    numbered = read_names(tuple(sorted(names)))
     assert numbered is not None and len(numbered.views) < 100
 
 
@@ -403,3 +423,60 @@ def test_photographs_of_a_phone_held_upright(orientation: int, tmp_path: Path) -
     source = layouts.describe(tmp_path, AUTO)
     assert (source.rows, source.cols, source.height_px, source.width_px) == (1, 7, 128, 96)
     assert all(np.abs(source.read(0, 0, c).astype(int) - grid[0, c]).mean() < 4 for c in range(7))
+
+
+def spread(text: str, rows: range, cols: range) -> list[str]:
+    return [text.format(r=r, c=c, n=r * len(cols) + c) for r in rows for c in cols]
+
+
+NINE, THREE = range(9), range(3)
+REAL_NAMES = {  # names as data sets, programs and cameras write them, and what they say
+    "HCI": (spread("input_Cam{n:03d}.png", NINE, NINE), "run of 81"),
+    "HCI, with maps": (
+        [*spread("input_Cam{n:03d}.png", NINE, NINE), "gt_disp_lowres.pfm.png", "mask_fine.png"],
+        "run of 81",
+    ),
+    "old HCI": (spread("{r:02d}_{c:02d}.png", THREE, THREE), "3x3"),
+    "Stanford": (spread("out_{r:02d}_{c:02d}_-{r}01.5_{c}99.25_.png", NINE, NINE), "9x9"),
+    "Stanford humvee": (spread("humvee-tree_{n:03d}.png", range(16), range(16)), "run of 256"),
+    "Lytro by KAIST": (spread("2067_{r:02d}_{c:02d}.png", range(1, 10), range(1, 10)), "9x9"),
+    "JPEG Pleno": (spread("{r:03d}_{c:03d}.ppm", range(15), range(15)), "15x15"),
+    "PlenoptiCam": (spread("viewpoint_{r}_{c}.png", NINE, NINE), "9x9"),
+    "Middlebury multiview": ([f"view{n}.png" for n in range(7)], "run of 7"),
+    "Blender": (spread("render_y{r}_x{c}.png", THREE, range(5)), "3x5"),
+    "columns first": (spread("cam_x{c}_y{r}.png", THREE, range(5)), "3x5"),
+    "without a separator": (spread("v{r}{c}.png", THREE, range(5)), "3x5"),
+    "letters": ([f"{letter}{n}.jpg" for letter in "ABC" for n in range(1, 6)], "3x5"),
+    "a phone": ([f"IMG_20260704_15{n // 60:02d}{n % 60:02d}.jpg" for n in range(90)], "run of 90"),
+    "a camera": ([f"DSC0{n}.JPG" for n in range(9994, 9999)], "run of 5"),
+    "KITTI": ([f"{n:010d}.png" for n in range(20)], "run of 20"),
+    "TUM": ([f"1305031102.{175304 + 33333 * n}.png" for n in range(9)], "run of 9"),
+    "screenshots": ([f"Screenshot 2026-07-04 at 15.3{n}.0{n}.png" for n in range(6)], "run of 6"),
+    "copies": (["photo.jpg", *(f"photo ({n}).jpg" for n in range(1, 9))], "run of 9"),
+    "rows in folders": (spread("row_{r}/{c:02d}.png", THREE, range(5)), "3x5"),
+    "signs": (spread("im_{r:+d}_{c:+d}.png", range(-1, 2), range(-2, 3)), "3x5"),
+    "views and frames": (
+        [f"v{r}_{c}_frame{t}.png" for r in THREE for c in THREE for t in range(4)],
+        "3x3",
+    ),
+    "beach, dog, house": (["beach.jpg", "dog.jpg", "house.jpg"], "nothing"),
+    "a grid and previews": (
+        [*spread("view_{r}_{c}.png", THREE, range(5)), "preview_1.png", "preview_2.png"],
+        "3x5",
+    ),
+}
+
+
+def test_real_names_say_what_they_say() -> None:
+    """One table, so that whoever changes a rule sees what else moves."""
+    wrong = []
+    for kind, (names, expected) in REAL_NAMES.items():
+        numbered = read_names(tuple(names))
+        reading = "nothing"
+        if numbered is not None:
+            shape = f"{numbered.rows}x{numbered.cols}"
+            reading = f"run of {numbered.cols}" if numbered.runs else shape
+        if reading != expected:
+            others = [f"{c.score:.2f} {c.what}" for c in _candidates(tuple(names))]
+            wrong.append(f"{kind}: {reading}, expected {expected}; {others}")
+    assert not wrong, "\n".join(wrong)

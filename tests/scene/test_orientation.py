@@ -1,6 +1,9 @@
-"""The order of the views is found from flow alone, however the grid was turned; what cannot be told is said."""
+"""The order of the views is found from flow alone, however the grid was turned; what cannot be told
+is said.
+"""
 
 from itertools import product
+from typing import Any
 
 import attrs
 import cv2
@@ -54,9 +57,8 @@ def test_views_without_difference_are_undecided() -> None:
 
 @pytest.mark.parametrize("half_turn", [False, True])
 def test_one_way_motion_does_not_decide_the_half_turn(half_turn: bool) -> None:
-    wall = made.texture(
-        192, 256, 4
-    )  # one surface: nothing hides anything, and cameras may converge in front of it
+    # one surface: nothing hides anything, and cameras may converge in front of it
+    wall = made.texture(192, 256, 4)
     grid = np.array(
         [
             [wall[40 + 4 * r : 136 + 4 * r, 40 + 4 * c : 168 + 4 * c] for c in range(5)]
@@ -79,7 +81,7 @@ def test_the_users_word_wins() -> None:
 
 
 def test_a_layouts_habit_gives_way_to_clear_flow_only() -> None:
-    habit = {"turn": Turn(), "turn_by": "habit", "turn_firm": False}
+    habit: dict[str, Any] = {"turn": Turn(), "turn_by": "habit", "turn_firm": False}
     flipped = attrs.evolve(as_source(made.views(5, 7)[::-1]), **habit)
     assert orient(flipped, AUTO).turn == Turn(rows=True)
     noise = np.array([[made.texture(96, 128, 10 * r + c) for c in range(3)] for r in range(3)])
@@ -144,10 +146,8 @@ def test_sample_scenes_need_no_override(name: str) -> None:
     found = orient(source, AUTO)
     assert (source.layout, source.rows, source.cols, found.turn) == SCENES[name]
     assert found.half_turn_sure != ("near and far" in found.undecided)
-    rows, cols = (
-        (source.rows + 3) // 4,
-        (source.cols + 3) // 4,
-    )  # plausible, as is every fourth view of it
+    # plausible, as is every fourth view of it
+    rows, cols = (source.rows + 3) // 4, (source.cols + 3) // 4
     for views in (
         source,
         attrs.evolve(
@@ -156,10 +156,8 @@ def test_sample_scenes_need_no_override(name: str) -> None:
     ):
         evidence = examine(views)
         assert evidence is None or not evidence.reason
-    if name in (
-        "hci_antinous",
-        "stanford_lego_knights_17x17",
-    ):  # flow agrees, or says that it does not know
+    # flow agrees, or says that it does not know
+    if name in ("hci_antinous", "stanford_lego_knights_17x17"):
         blind = orient(attrs.evolve(source, turn=None, truth={}, coordinates=None), AUTO)
         assert (blind.by, blind.half_turn_sure) == ("flow", name == "hci_antinous")
         assert not blind.half_turn_sure or (blind.turn, blind.undecided) == (found.turn, "")
@@ -178,14 +176,14 @@ def test_views_too_small_for_flow_are_said_to_be() -> None:
 
 
 def disturbed(grid: np.ndarray, kind: int) -> np.ndarray:
-    """Cameras that converge elsewhere, noise, blur, or a part of the picture; grid: uint8 (rows, cols, h, w)."""
+    """Cameras that converge elsewhere, noise, blur, or a part of the picture; grid: uint8 (rows,
+    cols, h, w).
+    """
     rng = np.random.default_rng(kind)
     rows, cols, height, width = grid.shape
-    shift, sigma, blur = (
-        int(rng.integers(-5, 6)),
-        float(rng.choice([0, 0, 4, 12])),
-        float(rng.choice([0, 0, 3])),
-    )
+    shift = int(rng.integers(-5, 6))
+    sigma = float(rng.choice([0, 0, 4, 12]))
+    blur = float(rng.choice([0, 0, 3]))
     out = np.empty_like(grid)
     for r, c in product(range(rows), range(cols)):
         move = np.array(

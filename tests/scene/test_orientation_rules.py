@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe import config
+from lfpipe.config.tree import Decision, Flip
 from lfpipe.scene.orientation import ALIKE, Axis, Orientation, examine_axis, orient, same_way
 from lfpipe.scene.source import Turn
 from tests.scene import made
@@ -18,7 +19,15 @@ AUTO = config.Scene()
 
 def axis(disparity: np.ndarray, reliable: np.ndarray | None = None) -> Axis:
     whole = np.ones(disparity.shape, bool) if reliable is None else reliable
-    return Axis(True, disparity.astype(np.float32), whole, 1.0, 0.0, 0, 0)
+    return Axis(
+        sideways=True,
+        disparity=disparity.astype(np.float32),
+        reliable=whole,
+        along_px=1.0,
+        across_px=0.0,
+        right=0,
+        wrong=0,
+    )
 
 
 @given(st.floats(0.2, 5), st.booleans(), st.integers(0, 99))
@@ -120,11 +129,11 @@ TRUTH = {(2, 2): made.middle_disparity}
 @pytest.mark.parametrize("turn", TURNS, ids=str)
 def test_true_disparity_corrects_a_layout(turn: Turn) -> None:
     """The map of the middle view lands on the neighbouring views in one order only."""
-    asked = source(turned(made.views(5, 5), turn), turn=Turn(), turn_by="names", truth=TRUTH)
+    whole = source(turned(made.views(5, 5), turn), turn=Turn(), turn_by="names", truth=TRUTH)
     asked = attrs.evolve(
-        asked,
-        read=lambda f, r, c, read=asked.read: (
-            read(f, r, c) if (r, c) != (3, 3) else pytest.fail("no neighbour")
+        whole,
+        read=lambda f, r, c: (
+            whole.read(f, r, c) if (r, c) != (3, 3) else pytest.fail("no neighbour")
         ),
     )
     order = orient(asked, AUTO)
@@ -168,7 +177,9 @@ def test_a_map_that_matches_nowhere_changes_nothing() -> None:
     ("flip", "transpose", "by"),
     [("auto", "no", "flow"), ("auto", "yes", "override"), ("none", "auto", "override")],
 )
-def test_a_setting_that_changes_nothing_is_no_override(flip: str, transpose: str, by: str) -> None:
+def test_a_setting_that_changes_nothing_is_no_override(
+    flip: Flip, transpose: Decision, by: str
+) -> None:
     order = orient(source(made.views(5, 5)), config.Scene(flip=flip, transpose=transpose))
     assert order.by == by and order.depth is not None
     assert (order.detected is None) == (by == "flow")
@@ -182,11 +193,11 @@ def test_a_doubt_of_the_layout_is_kept() -> None:
 
 @pytest.mark.parametrize("turn", TURNS, ids=str)
 def test_a_pack_leaves_the_half_turn_to_the_session(turn: Turn) -> None:
-    order = Orientation(turn, "flow", "")
+    order = Orientation(turn=turn, by="flow", reason="")
     assert order.half_turn is turn.cols
     assert order.packed == (Turn(not turn.rows, False, turn.transpose) if turn.cols else turn)
     assert order.truth_sign == (-1 if turn.cols else 1)
-    asked = Orientation(turn, "override", "", detected=Turn())
+    asked = Orientation(turn=turn, by="override", reason="", detected=Turn())
     assert (asked.half_turn, asked.packed) == (False, turn)
     assert asked.truth_sign == (
         0 if turn.transpose or turn.rows != turn.cols else -1 if turn.cols else 1

@@ -1,4 +1,6 @@
-"""The pack: what is in it, that it is made whole or not at all, and that two may make it at once."""
+"""The pack: what is in it, that it is made whole or not at all, and that two may make it at
+once.
+"""
 
 import gc
 import json
@@ -14,13 +16,15 @@ import pytest
 
 from lfpipe import config
 from lfpipe.errors import UserError
+from lfpipe.render.scoring import choose_method
 from lfpipe.scene import cache
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.pack import DamagedPackError, open_pack
 from lfpipe.scene.packing import pack_scene
-from tests.hostile_files import NO_FILES
 from tests.scene import made
+from tests.scene.people_sets import far_pair
 from tests.scene.test_layouts import old_hci
+from tests.support.hostile_files import NO_FILES, at
 
 
 @pytest.fixture
@@ -36,7 +40,7 @@ def with_truth(folder: Path, count: int) -> Path:
 
 def pictures(field: LightField) -> np.ndarray:
     """(rows, cols, height, width, channels)."""
-    return field.views[0].transpose(0, 1, 3, 4, 2)
+    return np.asarray(field.views[0].transpose(0, 1, 3, 4, 2))
 
 
 def left_over(scene: config.Scene) -> list[str]:
@@ -54,7 +58,7 @@ def test_a_pack_holds_the_views_planar_and_the_disparity_and_is_made_once(
 
     def pack() -> LightField:
         seen.clear()
-        return pack_scene(folder, scene_config, lambda *report: seen.append(report))
+        return pack_scene(folder, scene_config, choose_method, lambda *report: seen.append(report))
 
     assert cache.find_pack(folder, scene_config) is None
     field = pack()
@@ -88,7 +92,9 @@ def test_a_pack_holds_the_views_planar_and_the_disparity_and_is_made_once(
 def test_threads_that_change_places_anywhere_write_a_pack(
     folder: Path, scene_config: config.Scene
 ) -> None:
-    """Python 3.11's parser fails when another thread parses meanwhile, as numpy does for the header of an .npy file."""
+    """Python 3.11's parser fails when another thread parses meanwhile, as numpy does for the header
+    of an .npy file.
+    """
 
     def change_places(*_: object) -> None:
         time.sleep(0)
@@ -115,7 +121,9 @@ def test_the_users_word_makes_another_pack(folder: Path, scene_config: config.Sc
 
 
 def test_truth_holds_with_the_order_it_told(tmp_path: Path, scene_config: config.Scene) -> None:
-    """An lf.h5 whose columns run the other way than the layout's: its own depth says so, and stays of use."""
+    """An lf.h5 whose columns run the other way than the layout's: its own depth says so, and stays
+    of use.
+    """
     depth = (10 / (made.middle_disparity() + 3)).astype(np.float32)
     old_hci(tmp_path / "lf.h5", made.views(3, 3)[:, ::-1], depth)
     field = pack_scene(tmp_path / "lf.h5", scene_config)
@@ -149,10 +157,8 @@ def test_missing_corners_are_made_from_the_nearest_view(
     (tmp_path / "000_000.png").unlink()
     field = pack_scene(tmp_path, attrs.evolve(scene_config, flip="none"))
     assert [tuple(place) for place in np.argwhere(~field.present)] == [(0, 0)]
-    true, beside = (
-        grid[0, 0].transpose(2, 0, 1).astype(float),
-        np.asarray(field.views[0, 0, 1], float),
-    )
+    true = grid[0, 0].transpose(2, 0, 1).astype(float)
+    beside = np.asarray(field.views[0, 0, 1], float)
     assert np.abs(field.views[0, 0, 0] - true).mean() < 0.6 * np.abs(beside - true).mean()
 
 
@@ -174,14 +180,14 @@ def _other_version(pack: Path) -> None:
 
 DAMAGES: dict[str, Callable[[Path], object]] = {
     **{
-        f"no {name}": lambda pack, name=name: (pack / name).unlink()
+        f"no {name}": at(name, Path.unlink)
         for name in ("views.npy", "disparity.npy", "manifest.json")
     },
     "another version": _other_version,
     "cut": lambda pack: os.truncate(pack / "views.npy", 1000),
     "empty manifest": lambda pack: (pack / "manifest.json").write_text("{}"),
     **{
-        f"{kind} as {name}": lambda pack, make=make, name=name: make(pack / name)
+        f"{kind} as {name}": at(name, make)
         for kind, make in NO_FILES.items()
         for name in ("views.npy", "manifest.json")
     },
@@ -199,6 +205,19 @@ def test_a_damaged_pack_is_refused_and_made_again(
             open_pack(damaged)
     os.truncate(pack / "views.npy", 1000)
     assert np.array_equal(pictures(pack_scene(folder, scene_config)), made.views(3, 3))
+
+
+def test_a_changed_manifest_is_refused(folder: Path, scene_config: config.Scene) -> None:
+    """Another name would open as well as before: only the checksum tells."""
+    manifest = Path(pack_scene(folder, scene_config).folder) / "manifest.json"
+    text = manifest.read_text()
+    about = json.loads(text)
+    about["name"] = f"{about['name']}, changed"
+    manifest.write_text(json.dumps(about))
+    with pytest.raises(DamagedPackError, match="changed after the pack was made"):
+        open_pack(manifest.parent)
+    manifest.write_text(text)
+    open_pack(manifest.parent)
 
 
 def test_what_cannot_be_finished_leaves_nothing(folder: Path, scene_config: config.Scene) -> None:
@@ -227,7 +246,9 @@ def test_a_pack_in_use_stays_until_nobody_has_it_open(
 def test_the_first_picture_needs_the_views_in_the_middle_only(
     tmp_path: Path, scene_config: config.Scene
 ) -> None:
-    grid, folder, seen = made.views(5, 5), with_truth(tmp_path / "scene", 5), list[LightField]()
+    grid = made.views(5, 5)
+    folder = with_truth(tmp_path / "scene", 5)
+    seen = list[LightField]()
 
     def stop(pack: Path) -> None:
         field = open_pack(pack)
@@ -266,3 +287,45 @@ def test_a_link_in_one_pack_hides_no_other(tmp_path: Path, scene_config: config.
     for pack in (tmp_path / "cache" / "scenes").iterdir():
         (pack / "loop").symlink_to("loop")
     assert len(cache.packs(scene_config)) == 2
+
+
+def test_only_packs_are_removed_and_a_folder_of_a_person_is_no_cache(
+    tmp_path: Path, scene_config: config.Scene
+) -> None:
+    mine = made.write_grid(tmp_path / "mine" / "scenes" / "boxes", made.views(2, 2, 24, 32))
+    theirs = config.Scene(cache_dir=str(tmp_path / "mine"))
+    for refused in (cache.packs, cache.sweep, cache.prepare_cache):
+        with pytest.raises(UserError, match="holds 'scenes/boxes'"):
+            refused(theirs)
+    with pytest.raises(UserError, match=r"scene\.cache_dir"):
+        pack_scene(mine, theirs)
+    (tmp_path / "home" / ".ssh").mkdir(parents=True)
+    with pytest.raises(UserError, match=r"holds '\.ssh'"):
+        pack_scene(mine, config.Scene(cache_dir=str(tmp_path / "home")))
+    assert len(list(mine.iterdir())) == 4 and [p.name for p in mine.parents[1].iterdir()] == [
+        "scenes"
+    ]
+    pack = Path(pack_scene(mine, scene_config).folder)
+    (pack / "manifest.json").write_text("damaged")
+    for name in ("0" * 24, "1" * 24):  # look like a pack
+        (pack.with_name(name)).mkdir()
+    (pack.with_name("0" * 24) / "notes.txt").write_text("mine")
+    (pack.with_name("1" * 24) / "views.npy").mkdir()
+    (pack.with_name("2" * 24)).symlink_to(mine)
+    (pack.parents[1] / "index" / "notes.txt").write_text("mine")
+    with pytest.raises(UserError, match="index/notes"):
+        cache.sweep(scene_config)
+    (pack.parents[1] / "index" / "notes.txt").unlink()
+    assert cache.sweep(scene_config) == 2, "the damaged pack and its entry"
+    assert sorted(path.name[:1] for path in pack.parent.iterdir()) == ["0", "1", "2"]
+    assert (pack.with_name("0" * 24) / "notes.txt").read_text() == "mine"
+    assert len(list(mine.iterdir())) == 4
+
+
+def test_a_pair_that_is_too_far_apart_is_not_mixed(tmp_path: Path) -> None:
+    for side, view in zip(("left", "right"), far_pair(240), strict=True):
+        made.write(tmp_path / "s" / f"x_{side}.png", view)
+    field = pack_scene(tmp_path / "s", config.Scene(cache_dir=str(tmp_path / "cache")))
+    assert (field.method, field.disparity, field.complete) == ("nearest", None, True)
+    assert "too far apart" in field.manifest["orientation"]["undecided"]
+    assert field.disparity_max_px > 200

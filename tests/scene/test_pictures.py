@@ -1,4 +1,6 @@
-"""Scenes of one or two pictures: stereo pairs, pictures with depth, photographs of phones, wiggles, and what none of them is."""
+"""Scenes of one or two pictures: stereo pairs, pictures with depth, photographs of phones, wiggles,
+and what none of them is.
+"""
 
 import base64
 import contextlib
@@ -18,8 +20,8 @@ from lfpipe.scene import layouts
 from lfpipe.scene.layouts.plenoptic import is_honeycomb
 from lfpipe.scene.missing_views import warped_disparity, warped_view
 from lfpipe.scene.orientation import orient
-from tests.hostile_files import with_exif
-from tests.scene import made
+from tests.scene import heic, made
+from tests.support.hostile_files import with_exif
 
 AUTO = config.Scene()
 LEFT, RIGHT = made.views(1, 3, 192, 256, 6.0, -3.0)[0, ::2]
@@ -27,9 +29,8 @@ PICTURE = made.views(1, 1, 96, 128, 1.0, -1.0)[0, 0]
 DISPARITY = made.middle_disparity(96, 128, 1.0, -1.0)
 DEPTH = np.repeat(((DISPARITY + 1) * 127).astype(np.uint8)[..., None], 3, axis=2)
 FAR_WHITE = np.asarray((1 - DISPARITY) * 127, np.uint8)
-FLOOR = np.repeat(
-    np.linspace(20, 230, 96).astype(np.uint8)[:, None], 128, axis=1
-)  # brighter below, where a floor is nearer
+# brighter below, where a floor is nearer
+FLOOR = np.repeat(np.linspace(20, 230, 96).astype(np.uint8)[:, None], 128, axis=1)
 Make = Callable[[Path], Path]
 
 
@@ -76,7 +77,8 @@ def mpo(first: np.ndarray, second: np.ndarray) -> bytes:
     return file.getvalue()
 
 
-BESIDE, OTHER = np.hstack([LEFT, RIGHT]), made.texture(192, 256, 3)
+BESIDE = np.hstack([LEFT, RIGHT])
+OTHER = made.texture(192, 256, 3)
 PAIRS: dict[str, Make] = {
     "left, right": files(room_left_png=LEFT, room_right_png=RIGHT),
     "L, R": files(L_jpg=LEFT, R_jpg=RIGHT),
@@ -92,6 +94,10 @@ PAIRS: dict[str, Make] = {
     "crossed": one("x_crosseyed.png", np.hstack([RIGHT, LEFT])),
     "jps": one("x.jps", jpeg(np.hstack([RIGHT, LEFT]))),
     "mpo": one("x.mpo", mpo(LEFT, RIGHT)),
+    "spatial photo": lambda f: heic.write(f / "x.heic", [LEFT, RIGHT], (b"ster", 1, 2)),
+    "spatial photo, right first": lambda f: heic.write(
+        f / "x.heic", [RIGHT, LEFT], (b"ster", 2, 1)
+    ),
 }
 WITH_DEPTH: dict[str, Make] = {
     "beside": one("x_rgbd.png", np.hstack([PICTURE, DEPTH])),
@@ -158,7 +164,8 @@ def test_near_moves_to_the_left_as_the_camera_moves_to_the_right(tmp_path: Path,
     source = layouts.describe(WITH_DEPTH[form](tmp_path), AUTO)
     assert (source.layout, source.rows, source.cols) == ("rgbd", 5, 9)
     assert np.array_equal(source.read(0, 2, 4), PICTURE)
-    moved, near = source.read(0, 2, 6).astype(int), DISPARITY == 1
+    moved = source.read(0, 2, 6).astype(int)
+    near = DISPARITY == 1
     shift = round(2 * 0.5 * 0.008 * 128)
     inner = near & np.roll(near, 5, axis=1) & np.roll(near, -5, axis=1)
     y, x = np.nonzero(np.roll(inner, -shift, axis=1))
@@ -168,12 +175,11 @@ def test_near_moves_to_the_left_as_the_camera_moves_to_the_right(tmp_path: Path,
 
 
 def test_what_was_hidden_is_filled_from_behind() -> None:
-    far, near = np.full((40, 60), 50, np.uint8), np.zeros((40, 60), bool)
+    far = np.full((40, 60), 50, np.uint8)
+    near = np.zeros((40, 60), bool)
     near[10:30, 20:40] = True
-    picture, disparity = (
-        np.where(near, 200, far).astype(np.uint8),
-        np.where(near, 2.0, -1.0).astype(np.float32),
-    )
+    picture = np.where(near, 200, far).astype(np.uint8)
+    disparity = np.where(near, 2.0, -1.0).astype(np.float32)
     view = warped_view(picture, disparity, warped_disparity(disparity, 0, 3), 0, 3)
     assert (view == 200).sum() == pytest.approx(400, abs=45)
     assert not ((view > 60) & (view < 190)).sum() > 60
@@ -188,9 +194,10 @@ HOLES[60:70, 30:50] = HOLES[:, :6] = True
 @pytest.mark.parametrize(
     ("depth", "doubt"),
     [(FLOOR, False), (255 - FLOOR, True), (STRETCHED, False)]
+    # Kinect; TUM; KITTI
     + [
         (np.where(HOLES, 0, KINECT * per_m).astype(np.uint16), False) for per_m in (1000, 5000, 256)
-    ],  # Kinect; TUM; KITTI
+    ],
 )
 def test_a_depth_map_is_read_as_what_stands_lower_is_nearer(
     depth: np.ndarray, doubt: bool, tmp_path: Path
@@ -201,17 +208,19 @@ def test_a_depth_map_is_read_as_what_stands_lower_is_nearer(
     assert below > above and bool(source.doubt) == doubt
     if depth.min() == 0 and depth is not STRETCHED:
         assert "distances" in source.notes[0]
+        # no pit, no peak
         assert np.abs(disparity[62:68, 32:48] - disparity[62:68, 60:76]).max() < 0.2 * (
             below - above
-        )  # no pit, no peak
+        )
 
 
 def test_two_files_of_one_name_are_a_picture_and_its_depth_or_one_picture(tmp_path: Path) -> None:
     for name, first, second, layout, used in (
         ("car", PICTURE, FLOOR, "rgbd", ["car.jpg", "car.png"]),
         ("grey", PICTURE[..., 1], FLOOR, "rgbd", ["grey.jpg", "grey.png"]),
-        ("moon", PICTURE[..., 1], PICTURE[..., 1], "picture", ["moon.png"]), ("sun", PICTURE, PICTURE, "picture", ["sun.png"]),
-    ):  # fmt: skip
+        ("moon", PICTURE[..., 1], PICTURE[..., 1], "picture", ["moon.png"]),
+        ("sun", PICTURE, PICTURE, "picture", ["sun.png"]),
+    ):
         source = layouts.describe(
             files(**{f"{name}_jpg": first, f"{name}_png": second})(tmp_path / name), AUTO
         )
@@ -232,7 +241,8 @@ def test_a_photograph_of_a_phone_is_made_small(tmp_path: Path) -> None:
     )
 
 
-XMP, MORE = b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0" + b"0" * 32
+XMP = b"http://ns.adobe.com/xap/1.0/\0"
+MORE = b"http://ns.adobe.com/xmp/extension/\0" + b"0" * 32
 
 
 def with_segments(data: bytes, *bodies: bytes) -> bytes:
@@ -245,7 +255,7 @@ def with_segments(data: bytes, *bodies: bytes) -> bytes:
 
 def gdepth(kind: bytes = b"RangeInverse") -> bytes:
     """As Google's camera wrote it: the map in extended XMP, in parts."""
-    code = base64.b64encode(cv2.imencode(".png", FAR_WHITE)[1])
+    code = base64.b64encode(cv2.imencode(".png", FAR_WHITE)[1].tobytes())
     main = (
         XMP
         + b'<x GDepth:Format="'
@@ -260,7 +270,8 @@ def gdepth(kind: bytes = b"RangeInverse") -> bytes:
 
 def dynamic_depth() -> bytes:
     """Items that follow the picture, as the Android camera writes them."""
-    depth, video = jpeg(FAR_WHITE), b"video" * 50
+    depth = jpeg(FAR_WHITE)
+    video = b"video" * 50
     items = [("Primary", 0), ("Depth", len(depth)), ("MotionPhoto", len(video))]
     listed = "".join(
         f'<Container:Item Item:Mime="image/jpeg" Item:Semantic="{s}" Item:Length="{n}"/>'
@@ -282,9 +293,8 @@ def test_a_portrait_with_depth_becomes_views(tmp_path: Path, kind: str) -> None:
     assert (source.layout, source.rows, source.cols) == ("rgbd", 5, 9)
     assert np.abs(source.read(0, 2, 4).astype(int) - PICTURE).mean() < 3
     assert np.corrcoef(source.truth[2, 4]().ravel(), DISPARITY.ravel())[0, 1] > 0.95
-    turned = layouts.describe(
-        one("turned.jpg", with_exif(PORTRAITS[kind], 6))(tmp_path), AUTO
-    )  # with its depth
+    # with its depth
+    turned = layouts.describe(one("turned.jpg", with_exif(PORTRAITS[kind], 6))(tmp_path), AUTO)
     upright = source.truth[2, 4]() / source.width_px
     assert np.allclose(turned.truth[2, 4]() / turned.width_px, np.rot90(upright, -1), atol=1e-4)
 
@@ -328,7 +338,7 @@ def test_a_wiggle_opens_as_a_line_of_views(tmp_path: Path, back: bool) -> None:
 def test_raw_plenoptic_pictures_are_honeycombs_and_photographs_are_not() -> None:
     assert is_honeycomb(made.honeycomb(10.0)) and is_honeycomb(made.honeycomb(14.3, True))
     faces = made.SAMPLES.parent / "faces" / "no_face"
-    pictures = [cv2.imread(str(path)) for path in sorted(faces.glob("*.jpg"))] + [
+    pictures = [made.read(path) for path in sorted(faces.glob("*.jpg"))] + [
         made.texture(300, 400, k) for k in range(3)
     ]
     pictures += [np.full((300, 400, 3), 5, np.uint8), np.zeros((48, 64, 3), np.uint8)]

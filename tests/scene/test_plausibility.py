@@ -20,12 +20,11 @@ def turntable(count: int, degrees: float) -> np.ndarray:
     rng = np.random.default_rng(1)
     points = rng.normal(size=(2500, 3))
     points *= (1 + 0.3 * np.sin(5 * points[:, :1])) / np.linalg.norm(points, axis=1)[:, None]
-    shades, out = rng.integers(30, 220, len(points)), np.full((1, count, 160, 220), 255, np.uint8)
+    shades = rng.integers(30, 220, len(points))
+    out = np.full((1, count, 160, 220), 255, np.uint8)
     for k, angle in enumerate(np.radians(degrees) * np.arange(count)):
-        x, z = (
-            points[:, 0] * np.cos(angle) + points[:, 2] * np.sin(angle),
-            points[:, 2] * np.cos(angle) - points[:, 0] * np.sin(angle),
-        )
+        x = points[:, 0] * np.cos(angle) + points[:, 2] * np.sin(angle)
+        z = points[:, 2] * np.cos(angle) - points[:, 0] * np.sin(angle)
         for i in np.argsort(z):
             cv2.circle(
                 out[0, k],
@@ -122,11 +121,12 @@ BEHIND = made.views(5, 5, 96, 128, -3.0, -5.0)  # shines through, as in a window
 
 def held_by_hand(grid: np.ndarray) -> np.ndarray:
     """Views that are shifted by some px and turned by about a degree each."""
-    rng, (height, width) = np.random.default_rng(0), grid.shape[2:4]
+    rng = np.random.default_rng(0)
+    height, width = grid.shape[2:4]
     out = grid.copy()
     for r, c in np.ndindex(grid.shape[:2]):
         move = cv2.getRotationMatrix2D((width / 2, height / 2), rng.normal(0, 1.0), 1)
-        move[:, 2] += rng.normal(0, 1.5, 2)
+        move[:, 2] = move[:, 2] + rng.normal(0, 1.5, 2)
         out[r, c] = cv2.warpAffine(grid[r, c], move, (width, height), borderMode=cv2.BORDER_REFLECT)
     return out
 
@@ -174,7 +174,7 @@ def test_a_line_that_ends_where_it_began_is_no_circle() -> None:
 def test_force_opens_what_was_refused(tmp_path: Path) -> None:
     made.write_grid(tmp_path / "s", UNRELATED[:9].reshape(3, 3, 120, 160))
     scene = config.Scene(cache_dir=str(tmp_path / "cache"))
-    with pytest.raises(UserError, match="do not fit together") as caught:
+    with pytest.raises(UserError, match="these are different pictures") as caught:
         pack_scene(tmp_path / "s", scene)
     assert "scene.force" in caught.value.remedy
     assert list((tmp_path / "cache" / "scenes").iterdir()) == []

@@ -1,7 +1,10 @@
-"""Refusals of scenes: what causes each, what it says, and the remedy carried out, which opens the scene."""
+"""Refusals of scenes: what causes each, what it says, and the remedy carried out, which opens the
+scene.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import attrs
 import cv2
@@ -16,7 +19,8 @@ from lfpipe.scene.files import MAX_FILES
 from tests.scene import made
 
 AUTO = config.Scene()
-GRID, PAIR = made.views(3, 4, 48, 64), made.views(1, 2, 192, 256, 6.0, -3.0)[0]
+GRID = made.views(3, 4, 48, 64)
+PAIR = made.views(1, 2, 192, 256, 6.0, -3.0)[0]
 HCI, PLENO, TEXT = "input_Cam{n:03d}.png", "{r:03d}_{c:03d}.png", "lf/{r:02d}_{c:02d}.png"
 Make = Callable[[Path], Path]
 Cure = Callable[[Path], tuple[Path, config.Scene]]
@@ -24,8 +28,9 @@ Cure = Callable[[Path], tuple[Path, config.Scene]]
 
 @attrs.frozen
 class Refused:
-    """make writes a scene into an empty folder and returns the path that is given, with the settings; text: words of the message;
-    cure does what the remedy says."""
+    """make writes a scene into an empty folder and returns the path that is given, with the
+    settings; text: words of the message; cure does what the remedy says.
+    """
 
     make: Make
     text: str
@@ -34,14 +39,11 @@ class Refused:
 
 
 def grid(name: str, *without: str, views: np.ndarray = GRID) -> Make:
-    return lambda here: [
-        made.write_grid(here / "s", views, name),
-        *((here / "s" / name).unlink() for name in without),
-    ][0]
+    return lambda here: made.without(made.write_grid(here / "s", views, name), *without)
 
 
 def one(name: str, picture: np.ndarray = GRID[0, 0]) -> Make:
-    return lambda here: [made.write(here / "s" / name, picture), here / "s" / name][1]
+    return lambda here: made.write(here / "s" / name, picture)
 
 
 def data(name: str, body: bytes = b"x", into: Make | None = None) -> Make:
@@ -96,8 +98,8 @@ def h5(name: str = "lf.h5", key: str = "LF", values: np.ndarray = GRID) -> Make:
     return make
 
 
-def again(**words: object) -> Cure:
-    return lambda path: (path, config.Scene(**words))  # type: ignore[arg-type]
+def again(**words: Any) -> Cure:
+    return lambda path: (path, config.Scene(**words))
 
 
 def inside(name: str) -> Cure:
@@ -105,7 +107,7 @@ def inside(name: str) -> Cure:
 
 
 def without(*names: str) -> Cure:
-    return lambda path: [*((path / name).unlink() for name in names), (path, AUTO)][-1]  # type: ignore[return-value]
+    return lambda path: (made.without(path, *names), AUTO)
 
 
 def anew(make: Make) -> Cure:
@@ -122,16 +124,25 @@ LEFT, RIGHT = PAIR
 AS_PAIR = anew(both(one("x_left.png", LEFT), one("x_right.png", RIGHT)))
 AS_VIEWS = anew(grid("view_{n:03d}.jpg"))
 AS_DEPTH = anew(
-    both(one("x.png"), one("x_depth.png", np.uint8(60 + 60 * made.middle_disparity(48, 64))))
+    both(
+        one("x.png"), one("x_depth.png", (60 + 60 * made.middle_disparity(48, 64)).astype(np.uint8))
+    )
 )
 XMP = b"http://ns.adobe.com/xap/1.0/\0" + b'<x GDepth:Format="RangeInverse"/>'
 SMALL_JPEG = cv2.imencode(".jpg", GRID[0, 0])[1].tobytes()
 PROMISED = SMALL_JPEG[:2] + b"\xff\xe1" + (len(XMP) + 2).to_bytes(2) + XMP + SMALL_JPEG[2:]
 
+
+def too_many_files(here: Path) -> Path:
+    for number in range(MAX_FILES + 1):
+        (here / f"v_{number}.png").touch()
+    return here
+
+
 REFUSALS = {
     "no such scene": Refused(lambda here: here / "nowhere", "no such scene"),
     "more files than a light field has": Refused(
-        lambda here: [(here / f"v_{n}.png").touch() for n in range(MAX_FILES + 1)] and here,
+        too_many_files,
         "more than 20000 files, no",
     ),
     "a view of other bits": Refused(
@@ -166,7 +177,7 @@ REFUSALS = {
     "another grid than the names": Refused(
         grid("v_{r}_{c}.png"),
         "the names give a grid of 3x4,",
-        again(layout="numbered"),
+        again(),
         config.Scene(grid="4x4"),
     ),
     "another grid than the layout": Refused(
@@ -194,9 +205,9 @@ REFUSALS = {
     ),
     "tiles that do not divide": Refused(
         one("m.png", made.mosaic(GRID)),
-        "256x144 px do not divide into",
+        "256x144 px in 30 rows and 40 columns make",
         again(grid="3x4"),
-        config.Scene(grid="5x7"),
+        config.Scene(grid="30x40"),
     ),
     "no tiles": Refused(
         one("x.png"),
@@ -242,7 +253,7 @@ REFUSALS = {
         "a depth map of one value",
         AS_DEPTH,
     ),
-    "HEIC": Refused(data("a.heic"), "a HEIC picture, which is not", AS_VIEWS),
+    "HEIC": Refused(data("a.heic"), "a.heic: ", AS_VIEWS),
     "Lytro's raw picture": Refused(folder_of(data("a.LFR")), "a raw picture of a Lytro", AS_VIEWS),
     "no picture at all": Refused(folder_of(data("notes.txt")), "no layout of a light field"),
     "no layout": Refused(

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tests import hostile_sequences
+from tests.support import hostile_sequences
 
 
 @pytest.fixture(scope="session")

@@ -1,15 +1,14 @@
 """Refusals of recorded sequences."""
 
 import json
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
 from lfpipe.sequence import edit
-from lfpipe.sequence.eyes import eyes_of, read_truth
-from lfpipe.sequence.folder import MANIFEST, TRUTH, open_sequence
+from lfpipe.sequence.eyes import TRUTH, eyes_of, read_truth
+from lfpipe.sequence.folder import MANIFEST, open_sequence
 from lfpipe.sequence.packets import INDEX, PACKETS
-from tests.hostile_sequences import made_sequence, typed
+from tests.support.hostile_sequences import made_sequence, typed
 
 
 def damaged(damage: Callable[[Path], object]) -> Callable[[Path], object]:
@@ -53,42 +52,82 @@ COPY = "copy the whole folder again"
 POINTS = "left_x_px,left_y_px,right_x_px,right_y_px"
 RECORD = "`lfpipe record OUT` or `lfpipe sequence import`"
 MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
-    "index cut off": (file(INDEX, lambda data: data[:-5]), f"/here/seq/frames.jsonl: its last line is cut off … {COPY}"),
+    "index cut off": (
+        file(INDEX, lambda data: data[:-5]),
+        f"/here/seq/frames.jsonl: its last line is cut off … {COPY}",
+    ),
     "index shorter": (
         file(INDEX, lambda data: b"".join(data.splitlines(keepends=True)[:-1])),
         f"/here/seq: 5 frames, but 6 were recorded … {COPY}",
     ),
     "a line is missing": (
-        file(INDEX, lambda data: b"".join(data.splitlines(keepends=True)[1:])), f"/here/seq: frame 0 is missing; … {COPY}"
+        file(INDEX, lambda data: b"".join(data.splitlines(keepends=True)[1:])),
+        f"/here/seq: frame 0 is missing; … {COPY}",
     ),
     "a stamp goes back": (
-        line(t_sensor_ns=-(10**9)), "/here/seq: frame 2: its time stamp 66666666 ns is not after 1033333333 ns … record it again"
+        line(t_sensor_ns=-(10**9)),
+        (
+            "/here/seq: frame 2: its time stamp 66666666 ns is not after 1033333333 ns … record it"
+            " again"
+        ),
     ),
-    "a gap": (line(offset=1), f"/here/seq: frame 2 does not begin where the previous frame ends … {COPY}"),
-    "codec": (line(codec="gif"), f"/here/seq/frames.jsonl:3: codec is 'gif', expected one of jpeg, png, raw, eyes … {COPY}"),
-    "checksum of a packet": (line(crc32="x"), f"/here/seq/frames.jsonl:3: crc32 is 'x', expected a whole number … {COPY}"),
+    "a gap": (
+        line(offset=1),
+        f"/here/seq: frame 2 does not begin where the previous frame ends … {COPY}",
+    ),
+    "codec": (
+        line(codec="gif"),
+        f"/here/seq/frames.jsonl:3: codec is 'gif', expected one of jpeg, png, raw, eyes … {COPY}",
+    ),
+    "checksum of a packet": (
+        line(crc32="x"),
+        f"/here/seq/frames.jsonl:3: crc32 is 'x', expected a whole number … {COPY}",
+    ),
     "frames and eyes": (line(codec="eyes"), f"/here/seq: holds frames and eyes … {COPY}"),
     "a bit": (
         file(PACKETS, lambda data: data[:99] + bytes([data[99] ^ 1]) + data[100:]),
-        "/here/seq: frame 0: its bytes were changed … `lfpipe sequence check` … `lfpipe sequence cut`",
+        (
+            "/here/seq: frame 0: its bytes were changed … `lfpipe sequence check` … `lfpipe"
+            " sequence cut`"
+        ),
     ),
     "another time": (line(t_read_ns=1), f"/here/seq/frames.jsonl: wrong checksum … {COPY}"),
-    "no packets": (damaged(lambda seq: (seq / PACKETS).unlink()), f"/here/seq/frames.bin: No such file or directory … {COPY}"),
-    "no truth": (damaged(lambda seq: (seq / TRUTH).unlink()), "/here/seq/truth.csv: cannot be read: No such file … permissions"),
-    "no manifest": (damaged(lambda seq: (seq / MANIFEST).unlink()), f"/here/seq: not a recorded … manifest.json … {RECORD}"),
-    "a video": (
-        damaged(lambda seq: (shutil.rmtree(seq), seq.write_bytes(b"RIFF"))),
+    "no packets": (
+        damaged(lambda seq: (seq / PACKETS).unlink()),
+        f"/here/seq/frames.bin: No such file or directory … {COPY}",
+    ),
+    "no truth": (
+        damaged(lambda seq: (seq / TRUTH).unlink()),
+        "/here/seq/truth.csv: cannot be read: No such file … permissions",
+    ),
+    "no manifest": (
+        damaged(lambda seq: (seq / MANIFEST).unlink()),
         f"/here/seq: not a recorded … manifest.json … {RECORD}",
     ),
-    "another version": (manifest(version=2), "/here/seq/manifest.json: … version 2; this lfpipe reads version 1 … recorded it"),
-    "another format": (manifest(format="zip"), '/here/seq/manifest.json: not the manifest … "lfpipe-sequence"'),
-    "nowhere": (lambda here: open_sequence(here / "nowhere"), f"/here/nowhere: no such folder … {RECORD}"),
+    "a video": (
+        damaged(lambda seq: [seq.rename(seq.with_name("away")), seq.write_bytes(b"RIFF")]),
+        f"/here/seq: not a recorded … manifest.json … {RECORD}",
+    ),
+    "another version": (
+        manifest(version=2),
+        "/here/seq/manifest.json: … version 2; this lfpipe reads version 1 … recorded it",
+    ),
+    "another format": (
+        manifest(format="zip"),
+        '/here/seq/manifest.json: not the manifest … "lfpipe-sequence"',
+    ),
+    "nowhere": (
+        lambda here: open_sequence(here / "nowhere"),
+        f"/here/nowhere: no such folder … {RECORD}",
+    ),
     "no table": (
         lambda here: (here / TRUTH).write_text("t_ns,left_x_px\n0,1\n") and read_truth(here),
         f"/here/truth.csv: not a table of true eyes: column left_y_px … {TABLE}",
     ),
     "truth goes back": (
-        lambda here: (here / TRUTH).write_text(f"t_ns,{POINTS}\n5,1,1,1,1\n5,1,1,1,1") and read_truth(here),
+        lambda here: (
+            (here / TRUTH).write_text(f"t_ns,{POINTS}\n5,1,1,1,1\n5,1,1,1,1") and read_truth(here)
+        ),
         f"/here/truth.csv:3: times must rise: t_ns is 5, after 5 … {TABLE}",
     ),
     "cut of nothing": (
@@ -100,11 +139,18 @@ MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
         "/here/seq: already exists … another name",
     ),
     "export to mp4": (
-        lambda here: edit.export(open_sequence(made_sequence(here / "seq")), here / "v.mp4"), "/here/v.mp4: not .mkv … walk.mkv"
+        lambda here: edit.export(open_sequence(made_sequence(here / "seq")), here / "v.mp4"),
+        "/here/v.mp4: not .mkv … walk.mkv",
     ),
     "import of text": (
-        lambda here: (here / "v.avi").write_text("no video") and typed("import", here / "v.avi", here / "seq"),
+        lambda here: (
+            (here / "v.avi").write_text("no video")
+            and typed("import", here / "v.avi", here / "seq")
+        ),
         "/here/v.avi: not a readable video … mp4, mkv",
     ),
-    "eyes": (lambda here: eyes_of(EYES, "walk: frame 5"), f"walk: frame 5: face is 2, expected a number up to 1 … {COPY}"),
-}  # fmt: skip
+    "eyes": (
+        lambda here: eyes_of(EYES, "walk: frame 5"),
+        f"walk: frame 5: face is 2, expected a number up to 1 … {COPY}",
+    ),
+}

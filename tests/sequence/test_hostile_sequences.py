@@ -1,4 +1,6 @@
-"""Recorded sequences damaged by chance or on purpose: read to the last frame, or refused by file, field and value."""
+"""Recorded sequences damaged by chance or on purpose: read to the last frame, or refused by file,
+field and value.
+"""
 
 import json
 import os
@@ -27,9 +29,9 @@ from lfpipe.sequence import edit
 from lfpipe.sequence.eyes import TRUTH, read_truth
 from lfpipe.sequence.folder import MANIFEST, open_sequence
 from lfpipe.sequence.packets import INDEX, PACKETS
-from tests import hostile_files, hostile_sequences
-from tests.hostile_files import NO_FILES
-from tests.hostile_sequences import put_packets, typed
+from tests.support import hostile_files, hostile_sequences
+from tests.support.hostile_files import NO_FILES, at
+from tests.support.hostile_sequences import put_packets, typed
 
 
 def opened(folder: Path, out: Path) -> None:
@@ -42,10 +44,8 @@ def opened(folder: Path, out: Path) -> None:
 
 def played(folder: Path, out: Path) -> None:
     camera = config.Camera(width_px=64, height_px=48)
-    source, frame = (
-        open_source(check_source(f"file:{folder}?loop=1&pace=max", camera).source, camera),
-        np.empty((48, 64, 3), np.uint8),
-    )
+    source = open_source(check_source(f"file:{folder}?loop=1&pace=max", camera).source, camera)
+    frame = np.empty((48, 64, 3), np.uint8)
     for _ in range(14):
         source.read(frame)
     source.close()
@@ -125,7 +125,9 @@ def replace_packet(codec: str, data: bytes, folder: Path) -> None:
 
 
 def long_file(name: str, head: bytes, line: bytes, count: int, folder: Path) -> None:
-    """The first line of a file, or another head, then count lines, "%d" counted, and one that is wrong."""
+    """The first line of a file, or another head, then count lines, "%d" counted, and one that is
+    wrong.
+    """
     path = folder / name
     head = head or path.read_bytes().splitlines(keepends=True)[0]
     path.write_bytes(
@@ -136,14 +138,16 @@ def long_file(name: str, head: bytes, line: bytes, count: int, folder: Path) -> 
 
 
 def endless(name: str, start: bytes, folder: Path) -> None:
-    """A file of 300 MB that begins so, sparse: who read it whole would need more memory than a refusal may."""
+    """A file of 300 MB that begins so, sparse: who read it whole would need more memory than a
+    refusal may.
+    """
     (folder / name).write_bytes(start)
     os.truncate(folder / name, 300 << 20)
 
 
 LINE = (
-    b'{"seq": %d, "source_seq": 0, "epoch": 0, "t_sensor_ns": 1000000000%d, "t_read_ns": 0, "codec": "raw", "offset": SIZE,'
-    b' "bytes": 0, "crc32": 0}\n'
+    b'{"seq": %d, "source_seq": 0, "epoch": 0, "t_sensor_ns": 1000000000%d, "t_read_ns": 0,'
+    b' "codec": "raw", "offset": SIZE, "bytes": 0, "crc32": 0}\n'
 )
 
 
@@ -152,9 +156,8 @@ def many_frames(folder: Path) -> None:
     long_file(INDEX, b"", LINE.replace(b"SIZE", str(size).encode()), 300_000, folder)
 
 
-DAMAGES: dict[
-    str, tuple[str, Callable[[Path], object]]
-] = {  # name -> (what the refusal names, damage)
+# name -> (what the refusal names, damage)
+DAMAGES: dict[str, tuple[str, Callable[[Path], object]]] = {
     **{name: ("frame 3: ", partial(replace_packet, *bomb)) for name, bomb in bombs().items()},
     "manifest of brackets": (MANIFEST, partial(endless, MANIFEST, b"[" * 9999)),
     "index without lines": (INDEX, partial(endless, INDEX, b"x")),
@@ -165,7 +168,7 @@ DAMAGES: dict[
     **{
         f"{kind} as {name}": (
             name,
-            lambda folder, kind=kind, name=name: NO_FILES[kind](folder / name),
+            at(name, NO_FILES[kind]),
         )
         for kind, name in zip(NO_FILES, 3 * (MANIFEST, INDEX, PACKETS, TRUTH), strict=False)
     },
@@ -187,7 +190,9 @@ def lfpipe(home: Path, *args: str | Path) -> tuple[int, str, str, float]:
 def test_every_refusal_is_quick_and_small_and_names_file_or_frame(
     whole: Path, tmp_path: Path
 ) -> None:
-    """All at once: one bad sequence of several hides no other, and the largest memory is that of all refusals."""
+    """All at once: one bad sequence of several hides no other, and the largest memory is that of
+    all refusals.
+    """
     for number, (_, damage) in enumerate(DAMAGES.values()):
         damage(shutil.copytree(whole, tmp_path / f"d{number}"))
     folders = [tmp_path / f"d{number}" for number in range(len(DAMAGES))]

@@ -1,4 +1,6 @@
-"""Sequences on disk: written, cut off anywhere, cut, imported, exported and played. `messages.py` names every damage."""
+"""Sequences on disk: written, cut off anywhere, cut, imported, exported and played. `messages.py`
+names every damage.
+"""
 
 import json
 import resource
@@ -28,7 +30,7 @@ from lfpipe.sequence.packets import (
     read_packet,
 )
 from tests.capture.made_files import video
-from tests.hostile_sequences import FRAMES, typed
+from tests.support.hostile_sequences import FRAMES, typed
 
 NOISE = np.random.default_rng(1).integers(0, 256, (24, 32, 3), dtype=np.uint8)
 
@@ -36,7 +38,17 @@ NOISE = np.random.default_rng(1).integers(0, 256, (24, 32, 3), dtype=np.uint8)
 def test_a_packet_without_loss_gives_its_picture_back(tmp_path: Path) -> None:
     for fast in (True, False):
         codec, data = encoded(NOISE, fast)
-        packet = Packet(0, 0, 0, 1, 1, codec, 0, len(data), zlib.crc32(data))
+        packet = Packet(
+            seq=0,
+            source_seq=0,
+            epoch=0,
+            t_sensor_ns=1,
+            t_read_ns=1,
+            codec=codec,
+            offset=0,
+            bytes=len(data),
+            crc32=zlib.crc32(data),
+        )
         (tmp_path / PACKETS).write_bytes(data)
         assert np.array_equal(
             decoded(packet, read_packet(tmp_path, packet), 32, 24, tmp_path), NOISE
@@ -60,7 +72,8 @@ def test_whatever_is_cut_off_the_whole_frames_before_it_are_read_and_written_on(
     writer.close()
     whole = list(read_index(folder, complete=True))
     assert [packet.bytes for packet in whole] == sizes
-    # the index is written after the packet: a kill cuts the index anywhere, and the packets no earlier than it says
+    # the index is written after the packet: a kill cuts the index anywhere, and the packets no
+    # earlier than it says
     keep = data.draw(st.integers(0, (folder / INDEX).stat().st_size))
     (folder / INDEX).write_bytes((folder / INDEX).read_bytes()[:keep])
     left = list(read_index(folder, complete=False))
@@ -96,7 +109,8 @@ def test_a_cut_keeps_packets_stamps_and_truth_and_is_json_for_every_reader(
 ) -> None:
     sequence = open_sequence(whole)
     assert edit.cut(sequence, tmp_path / "part", 0.05, float("inf")) == 4
-    part, offset = open_sequence(tmp_path / "part"), FRAMES - 4
+    part = open_sequence(tmp_path / "part")
+    offset = FRAMES - 4
     for packet in part.packets:
         was = sequence.packets[packet.seq + offset]
         assert packet.t_sensor_ns == was.t_sensor_ns and part.data(packet.seq) == sequence.data(
@@ -144,10 +158,8 @@ def test_a_sequence_is_a_source_with_its_own_stamps(whole: Path, pace: str) -> N
     out = np.empty((48, 64, 3), np.uint8)
     frames = [frame for frame in (source.read(out) for _ in range(FRAMES + 1)) if frame]
     source.close()
-    stamps, recorded = (
-        [frame.t_sensor_ns for frame in frames],
-        [packet.t_sensor_ns for packet in open_sequence(whole).packets],
-    )
+    stamps = [frame.t_sensor_ns for frame in frames]
+    recorded = [packet.t_sensor_ns for packet in open_sequence(whole).packets]
     if pace == "60":
         assert np.abs(np.diff(stamps) - 16_666_667).max() <= 1
     else:

@@ -1,4 +1,6 @@
-"""Independent receivers: python-osc's server, liblsl's inlets, and opentrack's documented layout."""
+"""Independent receivers: python-osc's server, liblsl's inlets, and opentrack's documented
+layout.
+"""
 
 import socket
 import struct
@@ -38,7 +40,9 @@ def lsl_environment(folder: Path) -> dict[str, str]:
 
 
 class OpentrackReceiver:
-    """opentrack's UDP input: six little-endian doubles, x, y, z in cm and yaw, pitch, roll in degrees (its README and wiki)."""
+    """opentrack's UDP input: six little-endian doubles, x, y, z in cm and yaw, pitch, roll in
+    degrees (its README and wiki).
+    """
 
     def __init__(self, port: int) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

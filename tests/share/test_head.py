@@ -1,4 +1,6 @@
-"""Heads before the screen: eyes projected by hand into a camera's picture are found again where they are."""
+"""Heads before the screen: eyes projected by hand into a camera's picture are found again where
+they are.
+"""
 
 import math
 
@@ -21,21 +23,23 @@ T0_NS = 10**9
 
 
 def rotation(yaw_deg: float, pitch_deg: float, roll_deg: float) -> np.ndarray:
-    """On the screen's axes: roll towards the right shoulder first, then pitch up, then yaw to the right."""
+    """On the screen's axes: roll towards the right shoulder first, then pitch up, then yaw to the
+    right.
+    """
     a, b, c = math.radians(-yaw_deg), math.radians(pitch_deg), math.radians(-roll_deg)
     y = np.array([[math.cos(a), 0, math.sin(a)], [0, 1, 0], [-math.sin(a), 0, math.cos(a)]])
     x = np.array([[1, 0, 0], [0, math.cos(b), -math.sin(b)], [0, math.sin(b), math.cos(b)]])
     z = np.array([[math.cos(c), -math.sin(c), 0], [math.sin(c), math.cos(c), 0], [0, 0, 1]])
-    return y @ x @ z
+    return np.asarray(y @ x @ z)
 
 
 def record_of(config: Config, position_mm: np.ndarray, turned: np.ndarray) -> np.ndarray:
-    """What tracking would report of a head there: (x right, y up, z to the viewer) in mm, turned (3, 3) on these axes."""
+    """What tracking would report of a head there: (x right, y up, z to the viewer) in mm, turned
+    (3, 3) on these axes.
+    """
     camera = config.camera
-    tilt, focal_px = (
-        math.radians(camera.tilt_deg),
-        SIZE[0] / 2 / math.tan(math.radians(camera.fov_deg) / 2),
-    )
+    tilt = math.radians(camera.tilt_deg)
+    focal_px = SIZE[0] / 2 / math.tan(math.radians(camera.fov_deg) / 2)
     # the camera's axes on the screen's: it stands above and looks at the viewer, down by tilt
     right, ahead = np.array([-1.0, 0, 0]), np.array([0.0, -math.sin(tilt), math.cos(tilt)])
     axes = np.stack([right, np.cross(ahead, right), ahead])  # down = ahead x right
@@ -48,8 +52,8 @@ def record_of(config: Config, position_mm: np.ndarray, turned: np.ndarray) -> np
     # the network's points are turned against the line of sight
     sight = middle / np.linalg.norm(middle)
     axis = np.cross([0, 0, 1.0], sight)
-    k = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
-    along = np.eye(3) + k + k @ k / (1 + sight[2])  # Rodrigues
+    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    along = np.eye(3) + cross + cross @ cross / (1 + sight[2])  # Rodrigues
     made["head_px"] = 8 * MODEL @ (along.T @ axes @ turned @ np.diag([-1.0, -1, 1])).T + 100
     made["width_px"], made["height_px"], made["face"], made["generation"] = *SIZE, 1, 1
     return made
@@ -90,10 +94,8 @@ def test_the_axes_are_those_that_are_documented() -> None:
     found = head_in(config, record_of(config, np.array([100.0, 50, 600]), rotation(0, 0, 0)))
     assert found.left_mm[0] < found.right_mm[0]  # the right eye is further to the right
     record = np.zeros((), EYES)
-    record["filtered_px"] = [
-        [200, 100],
-        [140, 100],
-    ]  # in an unmirrored picture: to the viewer's right, and above
+    # in an unmirrored picture: to the viewer's right, and above
+    record["filtered_px"] = [[200, 100], [140, 100]]
     record["apart_px"], record["width_px"], record["height_px"], record["face"] = 60, *SIZE, 1
     head = head_in(config, record)
     assert head.position_mm[0] > 0 and head.position_mm[1] > 0 and head.position_mm[2] > 0
@@ -151,18 +153,19 @@ def test_whatever_the_points_the_rotation_is_one(values: list[float]) -> None:
     "engine", [LitertEngine, pytest.param(MediapipeEngine, marks=needs_mediapipe)]
 )
 def test_portraits_turned_to_either_side(engine: type[LitertEngine]) -> None:
-    tracker, estimator = engine(), HeadEstimator(Config())
+    tracker = engine()
+    estimator = HeadEstimator(Config())
     record = np.zeros((), EYES)
-    for kind, low, high in (
-        ("1m", -10, 10),
-        ("3m", 10, 45),
-        ("4m", -45, -10),
-    ):  # straight, to their right, to their left
-        picture = cv2.imread(str(next((FACES / "imm").glob(f"02-{kind}.*"))))
+    # straight, to their right, to their left
+    for kind, low, high in (("1m", -10, 10), ("3m", 10, 45), ("4m", -45, -10)):
+        path = next((FACES / "imm").glob(f"02-{kind}.*"))
+        picture = np.asarray(cv2.imread(str(path)), np.uint8)
         tracker.reset()
         face = [tracker.detect(picture) for _ in range(3)][-1]
         assert face is not None and face.head_px is not None
-        record["face"], record["filtered_px"], record["apart_px"] = 1, face.eyes_px, face.apart_px
+        record["face"] = 1
+        record["filtered_px"] = face.eyes_px
+        record["apart_px"] = face.apart_px
         record["head_px"], record["width_px"], record["height_px"] = face.head_px, *SIZE
         estimator.update(record, T0_NS)
         head = estimator.head(record)

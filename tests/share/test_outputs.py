@@ -1,9 +1,13 @@
-"""What other programs receive, against their own definitions: opentrack's formulas, OSC's time tag, XDF's words for gaze."""
+"""What other programs receive, against their own definitions: opentrack's formulas, OSC's time tag,
+XDF's words for gaze.
+"""
 
 import math
 import os
+import pickle
 import socket
 import struct
+import time
 from pathlib import Path
 from typing import Any
 
@@ -18,18 +22,29 @@ from lfpipe.share.head import Head
 from lfpipe.share.output import Sample, opentrack_datagram, osc_datagram
 from lfpipe.share.target import Target
 from lfpipe.transport.clock import now_ns
+from lfpipe.transport.session import Session
 from tests.share.receivers import lsl_environment
 from tests.share.test_head import rotation
 
 LSL_NAME = f"outputs{os.getpid()}"
 STATES = ["no face", "face found", "face"]
-HEAD = Head((-40.0, 5.0, 600.0), (23.0, 4.0, 598.0), (-8.5, 4.5, 599.0), 1.0, 2.0, 3.0)
-# From our axes (x right, y up, z to the viewer) to those of opentrack's neuralnet tracker (x ahead of the viewer, y up, z right)
+HEAD = Head(
+    left_mm=(-40.0, 5.0, 600.0),
+    right_mm=(23.0, 4.0, 598.0),
+    position_mm=(-8.5, 4.5, 599.0),
+    yaw_deg=1.0,
+    pitch_deg=2.0,
+    roll_deg=3.0,
+)
+# From our axes (x right, y up, z to the viewer) to those of opentrack's neuralnet tracker (x ahead
+# of the viewer, y up, z right)
 OPENTRACK_WORLD = np.array([[0.0, 0, -1], [0, 1, 0], [1, 0, 0]])
 
 
 def neuralnet(turned: np.ndarray, position_mm: np.ndarray) -> list[float]:
-    """opentrack's pose of a head, by the formulas of NeuralNetTracker::data in tracker-neuralnet/ftnoir_tracker_neuralnet.cpp."""
+    """opentrack's pose of a head, by the formulas of NeuralNetTracker::data in
+    tracker-neuralnet/ftnoir_tracker_neuralnet.cpp.
+    """
     r = OPENTRACK_WORLD @ turned @ OPENTRACK_WORLD.T
     t = OPENTRACK_WORLD @ position_mm
     mx, my, mz = r.T
@@ -47,16 +62,36 @@ def neuralnet(turned: np.ndarray, position_mm: np.ndarray) -> list[float]:
 def test_opentrack_gets_the_pose_that_its_own_tracker_would_send(
     position: tuple[float, float, float], turn_deg: tuple[float, float, float]
 ) -> None:
-    sent = struct.unpack(
-        "<6d", opentrack_datagram(Sample(0, 0, 0, Head(position, position, position, *turn_deg)))
+    yaw_deg, pitch_deg, roll_deg = turn_deg
+    head = Head(
+        left_mm=position,
+        right_mm=position,
+        position_mm=position,
+        yaw_deg=yaw_deg,
+        pitch_deg=pitch_deg,
+        roll_deg=roll_deg,
     )
+    sent = struct.unpack("<6d", opentrack_datagram(Sample(0, 0, 0, head)))
     np.testing.assert_allclose(sent, neuralnet(rotation(*turn_deg), np.array(position)), atol=1e-9)
 
 
+AT = (86.0, 0.0, 600.0)
+
+
 def test_a_head_to_its_right_and_tilted_right_moves_right_and_tilts_right_in_flightgear() -> None:
-    """proto-flightgear: x = -TX, r = -Roll; FlightGear's x is to the right, its roll to the right shoulder."""
+    """proto-flightgear: x = -TX, r = -Roll; FlightGear's x is to the right, its roll to the right
+    shoulder.
+    """
     x_cm, _, _, _, _, roll = struct.unpack(
-        "<6d", opentrack_datagram(Sample(0, 0, 0, Head(*[(86.0, 0.0, 600.0)] * 3, 0, 0, 19)))
+        "<6d",
+        opentrack_datagram(
+            Sample(
+                0,
+                0,
+                0,
+                Head(left_mm=AT, right_mm=AT, position_mm=AT, yaw_deg=0, pitch_deg=0, roll_deg=19),
+            )
+        ),
     )
     assert (-x_cm, -roll) == (8.6, 19)
     assert opentrack_datagram(Sample(0, 0, 0, None)) == b"", "without a face it holds the last pose"
@@ -66,7 +101,7 @@ def test_a_bundle_has_the_time_of_its_eyes(monkeypatch: pytest.MonkeyPatch) -> N
     from pythonosc.osc_bundle import OscBundle
 
     monkeypatch.setattr(output, "now_ns", lambda: 50 * 10**9)
-    monkeypatch.setattr(output.time, "time_ns", lambda: 1_700_000_000 * 10**9)
+    monkeypatch.setattr(time, "time_ns", lambda: 1_700_000_000 * 10**9)
     for age_ns in (0, 40_000_000, 3_000_000_000):
         bundle = OscBundle(osc_datagram(Sample(7, 0, 50 * 10**9 - age_ns, HEAD)))
         assert bundle.timestamp == pytest.approx(1_700_000_000 - age_ns / 1e9, abs=1e-6)
@@ -84,7 +119,8 @@ def lsl(tmp_path: Path) -> Any:
     os.environ |= lsl_environment(tmp_path)
     from lfpipe.share.output import LslOutput, source_id
 
-    outlet, inlets = LslOutput(Target("lsl", name=LSL_NAME), "unit", 30.0, True), {}
+    outlet = LslOutput(Target(kind="lsl", name=LSL_NAME), "unit", 30.0, True)
+    inlets = {}
     for stream in ("eyes", "pictures", "markers"):
         (info,) = pylsl.resolve_byprop(
             "source_id", source_id("unit", f"{LSL_NAME}-{stream}"), 1, 60
@@ -97,13 +133,25 @@ def lsl(tmp_path: Path) -> Any:
     outlet.close()
 
 
+def test_the_identity_of_a_stream_is_that_of_one_run_of_a_session() -> None:
+    """A receiver goes on with a stream of the same identity: not with that of another user."""
+    from lfpipe.share.output import source_id
+
+    mine, theirs = (Session("default").with_token() for _ in range(2))
+    again = pickle.loads(pickle.dumps(mine))  # what a restarted stage receives
+    assert source_id(mine.run, "eyes") == source_id(again.run, "eyes")
+    assert source_id(mine.run, "eyes") != source_id(theirs.run, "eyes")
+    assert mine.token not in mine.run
+
+
 def test_lsl_describes_its_channels_as_xdf_recommends(lsl: Any) -> None:
     _, inlets = lsl
     for inlet in inlets.values():
         assert socket.gethostname() in inlet.info(5).source_id(), (
             "else an inlet goes on with the stream of another machine"
         )
-        info, rows = inlet.info(5), []
+        info = inlet.info(5)
+        rows = []
         channel = info.desc().child("channels").child("channel")
         for _ in range(info.channel_count()):
             rows.append({key: channel.child_value(key) for key in ("label", "eye", "type", "unit")})

@@ -16,7 +16,7 @@ import pytest
 
 from tests.share.receivers import OpentrackReceiver, free_port, lsl_environment, osc_server
 from tests.share.xdf import write_xdf
-from tests.world import World
+from tests.support.world import World
 
 pytestmark = pytest.mark.live
 LSL_NAME = f"test{os.getpid()}"
@@ -60,7 +60,9 @@ def sharing(tmp_path_factory: pytest.TempPathFactory, scene: Path) -> Iterator[S
 
 
 def test_opentrack_gets_the_pose_in_its_layout(sharing: Sharing) -> None:
-    """The demo's portrait stands 600 mm before the camera, moves by some 70 px and leans by 3 degrees."""
+    """The demo's portrait stands 600 mm before the camera, moves by some 70 px and leans by 3
+    degrees.
+    """
     poses = np.array(sharing.opentrack.poses(60))
     x_cm, y_cm, z_cm, yaw, pitch, roll = poses.T
     assert (
@@ -93,7 +95,10 @@ def test_osc_gets_the_eyes_of_every_frame_and_the_head_between_them(sharing: Sha
 def test_a_receiver_that_goes_and_comes_back_costs_nobody_a_frame(sharing: Sharing) -> None:
     before = sharing.world.monitor()["stages"]
     sharing.opentrack.close()
-    time.sleep(0.7)
+    sharing.world.wait_for(
+        lambda: sharing.world.monitor()["stages"]["share"]["count"] > before["share"]["count"] + 20,
+        "frames shared with nobody",
+    )
     sharing.opentrack = OpentrackReceiver(sharing.opentrack_port)
     assert len(sharing.opentrack.poses(10)) == 10
     after = sharing.world.monitor()["stages"]
@@ -108,13 +113,9 @@ def test_lsl_has_the_sensors_time_on_its_clock(sharing: Sharing, tmp_path: Path)
     pylsl = pytest.importorskip("pylsl")
     import pyxdf
 
-    from lfpipe.share.output import source_id
-
     inlets = {}
     for stream in ("eyes", "pictures"):
-        (info,) = pylsl.resolve_byprop(
-            "source_id", source_id(sharing.world.name, f"{LSL_NAME}-{stream}"), 1, 60
-        )
+        (info,) = pylsl.resolve_byprop("name", f"{LSL_NAME}-{stream}", 1, 60)
         inlets[stream] = pylsl.StreamInlet(info)
     rows: dict[str, list[list[float]]] = {"eyes": [], "pictures": []}
     stamps: dict[str, list[float]] = {"eyes": [], "pictures": []}
@@ -126,9 +127,8 @@ def test_lsl_has_the_sensors_time_on_its_clock(sharing: Sharing, tmp_path: Path)
             stamps[name].append(stamp)
     lines = sharing.world.lines()
     sensor = {line["source_seq"]: line["t_sensor_ns"] / 1e9 for line in lines}
-    offset_s = (
-        pylsl.local_clock() - time.monotonic()
-    )  # between the two clocks of this process, which are the machine's
+    # between the two clocks of this process, which are the machine's
+    offset_s = pylsl.local_clock() - time.monotonic()
     pairs = [(int(row[13]), t) for row, t in zip(rows["eyes"], stamps["eyes"], strict=True)]
     errors = [t - offset_s - sensor[seq] for seq, t in pairs if seq in sensor]
     assert len(errors) > 20 and max(map(abs, errors)) < 0.0005
@@ -151,7 +151,8 @@ def test_lsl_has_the_sensors_time_on_its_clock(sharing: Sharing, tmp_path: Path)
 
 
 def test_what_is_shared_is_stopped_and_started_while_it_runs(sharing: Sharing) -> None:
-    world, target = sharing.world, f"opentrack:127.0.0.1:{sharing.opentrack_port}"
+    world = sharing.world
+    target = f"opentrack:127.0.0.1:{sharing.opentrack_port}"
     world.ctl("share", "stop", target)
     sharing.opentrack.empty()
     assert sharing.opentrack.silent(0.6)
@@ -170,7 +171,8 @@ def test_what_is_shared_is_stopped_and_started_while_it_runs(sharing: Sharing) -
 
 
 def test_a_stage_that_is_killed_comes_back_and_shares_on(sharing: Sharing) -> None:
-    pid, pictures = sharing.pid(), len(sharing.world.lines())
+    pid = sharing.pid()
+    pictures = len(sharing.world.lines())
     os.kill(pid, signal.SIGKILL)
     sharing.world.wait_for(lambda: sharing.pid() != pid, "another process")
     count = len(sharing.heard)

@@ -1,4 +1,6 @@
-"""A minimal writer of XDF files as LabRecorder writes them (specification at github.com/sccn/xdf, version 1.0)."""
+"""A minimal writer of XDF files as LabRecorder writes them (specification at github.com/sccn/xdf,
+version 1.0).
+"""
 
 import struct
 from collections.abc import Sequence
@@ -13,7 +15,9 @@ def _chunk(tag: int, content: bytes) -> bytes:
 def write_xdf(
     path: Path, streams: Sequence[tuple[str, Sequence[Sequence[float]], Sequence[float], float]]
 ) -> None:
-    """streams: (header as liblsl's StreamInfo.as_xml gives it, samples of doubles, stamps, correction of the clock) each."""
+    """streams: (header as liblsl's StreamInfo.as_xml gives it, samples of doubles, stamps,
+    correction of the clock) each.
+    """
     data = b"XDF:" + _chunk(1, b'<?xml version="1.0"?><info><version>1.0</version></info>')
     for number, (header, samples, stamps, correction) in enumerate(streams, 1):
         stream = struct.pack("<I", number)
@@ -24,6 +28,9 @@ def write_xdf(
             for stamp, row in zip(stamps, samples, strict=True)
         )
         data += _chunk(3, stream + b"\x04" + struct.pack("<I", len(samples)) + rows)
-        footer = f"<info><first_timestamp>{stamps[0]}</first_timestamp><sample_count>{len(samples)}</sample_count></info>"
+        footer = (
+            f"<info><first_timestamp>{stamps[0]}</first_timestamp>"
+            f"<sample_count>{len(samples)}</sample_count></info>"
+        )
         data += _chunk(6, stream + footer.encode())
     path.write_bytes(data)

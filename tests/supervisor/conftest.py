@@ -15,7 +15,9 @@ def name() -> str:
 
 @pytest.fixture
 def base(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """The runtime directory of this process; its path is short enough for sockets whatever TMPDIR says."""
+    """The runtime directory of this process; its path is short enough for sockets whatever TMPDIR
+    says.
+    """
     with tempfile.TemporaryDirectory(prefix="lf", dir="/tmp", ignore_cleanup_errors=True) as folder:
         base = Path(folder) / "run"
         base.mkdir(mode=0o700)

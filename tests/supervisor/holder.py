@@ -1,4 +1,6 @@
-"""A session without stages in a process of its own: holds its run directory and memory until a line comes on stdin."""
+"""A session without stages in a process of its own: holds its run directory and memory until a line
+comes on stdin.
+"""
 
 import os
 import shutil
@@ -14,18 +16,23 @@ ROOT = Path(__file__).parents[2]
 
 
 class Holder:
-    """One such process. Raises AssertionError with what it wrote where it does not get as far as asked."""
+    """One such process.
+
+    Raises AssertionError with what it wrote where it does not get as far as asked.
+    """
 
     def __init__(self, base: Path, name: str, *prefix: str) -> None:
         command = [*prefix, sys.executable, "-m", "tests.supervisor.holder", name]
-        pipes = {
-            "stdin": subprocess.PIPE,
-            "stdout": subprocess.PIPE,
-            "stderr": subprocess.PIPE,
-            "text": True,
-        }
         env = {**os.environ, "XDG_RUNTIME_DIR": os.fsdecode(base)}
-        self.process = subprocess.Popen(command, cwd=ROOT, env=env, **pipes)
+        self.process = subprocess.Popen(
+            command,
+            cwd=ROOT,
+            env=env,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
 
     def ready(self) -> list[str]:
         """Waits until the session holds its memory; the names of its segments."""
@@ -87,10 +94,10 @@ def main() -> int:
     from lfpipe.supervisor import rundir
     from lfpipe.supervisor.session_state import SessionState
     from lfpipe.supervisor.session_store import SessionStore
-    from lfpipe.transport.session import Session
+    from lfpipe.transport.session import Session, SessionManifest
 
     try:
-        session = Session(sys.argv[1])
+        session = Session(sys.argv[1]).with_token()
         with rundir.filled(session):
             rundir.sweep()
             lock = rundir.acquire(session)
@@ -99,6 +106,7 @@ def main() -> int:
                 memory = SessionStore(
                     session, SessionState.first(config.Config(), config.SessionOptions())
                 )
+                SessionManifest.begin(session, {})
             print(
                 "ready",
                 *(session.segment(part) for part in ("status", "frames", "eyes")),

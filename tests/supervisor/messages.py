@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
+from lfpipe.config.modes import NoViewer
 from lfpipe.supervisor import rundir
 from lfpipe.supervisor.requests import respond
 from lfpipe.transport.session import Session
@@ -15,7 +16,10 @@ MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
     ),
     "a name that is no session's": (
         lambda here: Session("../x"),
-        "--session '../x' is not a valid name\n  remedy: use 1 to 32 letters, digits, _ and ., beginning with a letter or digit",
+        (
+            "--session '../x' is not a valid name\n  remedy: use 1 to 32 letters, digits, _ and .,"
+            " beginning with a letter or digit"
+        ),
     ),
     "a second recording": (
         lambda here: respond(made_state(record="/theirs"), {"cmd": "record", "path": "/mine"}, 0),
@@ -23,15 +27,21 @@ MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
     ),
     "no timeline to stop": (
         lambda here: respond(made_state(), {"cmd": "trace", "path": ""}, 0),
-        "no timeline is running\n  remedy: `lfpipe trace start OUT` starts one",
+        "no trace is running\n  remedy: `lfpipe trace start OUT` starts one",
     ),
     "a recording of a single view": (
-        lambda here: respond(made_state(tracking=False), {"cmd": "record", "path": "/x"}, 0),
-        "no camera is in use: the scene is a single view\n  remedy: `lfpipe record OUT` records without a scene",
+        lambda here: respond(made_state(viewer=NoViewer()), {"cmd": "record", "path": "/x"}, 0),
+        (
+            "no camera is in use: the scene is a single view\n  remedy: `lfpipe record OUT` records"
+            " without a scene"
+        ),
     ),
     "nothing to share": (
-        lambda here: respond(made_state(tracking=False), {"cmd": "share", "start": ["lsl"]}, 0),
-        "no eyes are tracked: the scene is a single view\n  remedy: use `lfpipe up --no-picture --share TARGET`",
+        lambda here: respond(made_state(viewer=NoViewer()), {"cmd": "share", "start": ["lsl"]}, 0),
+        (
+            "no eyes are tracked: the scene is a single view\n  remedy: use `lfpipe up --no-picture"
+            " --share TARGET`"
+        ),
     ),
     "a scene beyond the playlist": (
         lambda here: respond(made_state(playlist=("/a", "/b")), {"cmd": "load", "at": 2}, 0),

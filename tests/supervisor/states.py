@@ -5,16 +5,27 @@ from typing import Any
 from hypothesis import strategies as st
 
 from lfpipe.config import Config, SceneSummary, SessionOptions, options
+from lfpipe.config.modes import CameraViewer
 from lfpipe.supervisor.requests import HANDLERS
 from lfpipe.supervisor.session_state import SessionState
 
 SCENE = SceneSummary(
-    "/packs/one", "one", 3, 3, 48, 64, "warp", True, {"warp": 40.0, "nearest": 30.0}
+    pack="/packs/one",
+    name="one",
+    rows=3,
+    cols=3,
+    height_px=48,
+    width_px=64,
+    method="warp",
+    has_disparity=True,
+    scores={"warp": 40.0, "nearest": 30.0},
 )
+
+VIEWER = CameraViewer(source="demo", rate_hz=30.0, jpeg_px=(64, 48))
 
 
 def made_state(**more: Any) -> SessionState:
-    usual = {"scene": SCENE, "source": "demo", "source_hz": 30.0, "jpeg_px": (64, 48)}
+    usual: dict[str, Any] = {"scene": SCENE, "viewer": VIEWER}
     return SessionState.first(Config(), SessionOptions(**usual | more))
 
 

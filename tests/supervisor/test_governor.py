@@ -10,13 +10,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lfpipe.config import Config, Render, SceneSummary, SessionOptions
-from lfpipe.config.quality import METHODS, drawn_with, ladder, level_number, lowered, tracked_every
+from lfpipe.config import Config, Render, SessionOptions, converter
+from lfpipe.config.modes import NoViewer
+from lfpipe.config.quality import (
+    METHODS,
+    ladder,
+    level_number,
+    lowered,
+    method_in_use,
+    tracked_every,
+)
 from lfpipe.supervisor import process_table
 from lfpipe.supervisor.governor import GAP_S, Governor, Load, QualityControl, Step
 from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.status import ROW, State
+from tests.supervisor.states import SCENE
 
 DT_NS = SECOND_NS // 10
 ALL = frozenset(("capture", "track", "render"))
@@ -79,7 +88,9 @@ def test_one_level_at_a_time_down_after_half_a_second_of_lag_and_up_after_five_o
             if step is not None:
                 assert lag_s > 0.5 - 1e-6 if step.level > before else room_s > 5 - 1e-6
                 assert (step.stage in ALL) == (step.level > before)
-                before, lag_s, room_s = step.level, 0.0, 0.0
+                before = step.level
+                lag_s = 0.0
+                room_s = 0.0
             assert 0 <= run.governor.level <= 5
 
 
@@ -183,18 +194,10 @@ def test_a_level_that_cannot_be_kept_is_tried_less_and_less_often() -> None:
     [
         ("warp2", "blend", {"blend": 38.1, "warp2": 37.9}, "blend"),  # its own test shows it worse
         ("warp2", "blend", {"blend": 38.1, "warp2": 38.1}, "warp2"),
-        (
-            "warp",
-            "blend",
-            {"blend": 37.0, "warp": 38.0},
-            "warp",
-        ),  # the scene's own is not worth a warp: asked for, it is drawn
-        (
-            "warp",
-            "warp2",
-            {"warp2": 50.0, "warp": 48.0},
-            "warp",
-        ),  # a cheaper warp is a choice, not a fault
+        # the scene's own is not worth a warp: asked for, it is drawn
+        ("warp", "blend", {"blend": 37.0, "warp": 38.0}, "warp"),
+        # a cheaper warp is a choice, not a fault
+        ("warp", "warp2", {"warp2": 50.0, "warp": 48.0}, "warp"),
         ("warp", "blend", {}, "warp"),
         ("nearest", "warp2", {"warp2": 50.0, "nearest": 30.0}, "nearest"),
         ("blend", "nearest", {"nearest": 50.0, "blend": 40.0}, "blend"),
@@ -203,11 +206,12 @@ def test_a_level_that_cannot_be_kept_is_tried_less_and_less_often() -> None:
 def test_a_warp_is_drawn_where_it_is_not_worse_than_the_scenes_own_cross_fade(
     wanted: str, scene: str, scores: dict[str, float], drawn: str
 ) -> None:
-    assert drawn_with(wanted, scene, True, scores) == drawn
+    assert method_in_use(wanted, scene, True, scores) == drawn
 
 
 def _options(method: str, disparity: bool, **more: Any) -> SessionOptions:
-    return SessionOptions(SceneSummary("/pack", "made", 5, 5, 48, 64, method, disparity), **more)
+    scene = attrs.evolve(SCENE, rows=5, cols=5, method=method, has_disparity=disparity, scores={})
+    return SessionOptions(scene=scene, **more)
 
 
 @pytest.mark.parametrize(
@@ -232,7 +236,7 @@ def test_the_ladder_begins_at_what_is_asked_for_and_goes_no_higher(
         ("nearest", 30.0, 2),
     ]
     assert len({level.words for level in levels}) == len(levels) and levels[0].words == "full"
-    assert wanted[0] == drawn_with(asked, scene, disparity, {}) and wanted[0] in METHODS
+    assert wanted[0] == method_in_use(asked, scene, disparity, {}) and wanted[0] in METHODS
 
 
 def test_no_level_slows_the_camera_clock_and_none_is_there_where_nothing_is_shown() -> None:
@@ -248,10 +252,10 @@ def test_no_level_slows_the_camera_clock_and_none_is_there_where_nothing_is_show
         level.method for level in ladder(Config(render=Render(method="warp2")), deep)
     } == shallow - {"blend"}
     assert {level.every for level in ladder(Config(render=Render(clock="camera")), options)} == {1}
-    assert len(ladder(Config(), SessionOptions(show=False, tracking=False))) == 1
-    assert {level.every for level in ladder(Config(), attrs.evolve(options, tracking=False))} == {
-        1
-    }, "nothing is tracked"
+    assert len(ladder(Config(), SessionOptions(show=False, viewer=NoViewer()))) == 1
+    assert {
+        level.every for level in ladder(Config(), attrs.evolve(options, viewer=NoViewer()))
+    } == {1}, "nothing is tracked"
     assert [
         level.rate_hz
         for level in ladder(Config(render=Render(method="nearest", rate_hz=120)), options)
@@ -259,10 +263,11 @@ def test_no_level_slows_the_camera_clock_and_none_is_there_where_nothing_is_show
 
 
 def test_a_level_reaches_the_stages_and_leaves_the_configuration_alone() -> None:
-    config, options = Config(), _options("warp", True)
+    config = Config()
+    options = _options("warp", True)
     for level in ladder(config, options):
-        sent = attrs.evolve(options, level=level if level.number else None).to_dict()
-        told = SessionOptions.from_dict(json.loads(json.dumps(sent)))
+        sent = converter().unstructure(attrs.evolve(options, level=level if level.number else None))
+        told = converter().structure(json.loads(json.dumps(sent)), SessionOptions)
         work = lowered(config, told)
         assert (level_number(told), tracked_every(told)) == (level.number, level.every)
         drawn = work.render.method, work.render.nominal_hz
@@ -289,7 +294,9 @@ class Session:
     def __init__(
         self, state: SessionState, cores: dict[str, tuple[int, ...]] | None = None
     ) -> None:
-        self.state, self.rows, self.t_ns = state, _rows(), 0
+        self.state = state
+        self.rows = _rows()
+        self.t_ns = 0
         self.control = QualityControl(lambda name: (cores or {}).get(name, ()))
 
     def work(self, seconds: float, of: str, lost: str) -> None:
@@ -316,12 +323,8 @@ def _session(
     ("clock", "stage", "lost", "lags"),
     [
         ("display", "render", "missed", True),
-        (
-            "display",
-            "render",
-            "drops",
-            False,
-        ),  # a refresh takes the newest eyes, and leaves those before
+        # a refresh takes the newest eyes, and leaves those before
+        ("display", "render", "drops", False),
         ("camera", "render", "drops", True),
         ("display", "track", "drops", True),
         ("display", "capture", "drops", True),
@@ -358,7 +361,7 @@ def test_nothing_is_judged_while_a_stage_starts_and_shortly_after() -> None:
 
 
 def test_a_stage_takes_no_level_where_none_that_is_left_helps_it() -> None:
-    apart = {"capture": (0,), "track": (1,), "render": (0,)}
+    apart: dict[str, tuple[int, ...]] = {"capture": (0,), "track": (1,), "render": (0,)}
     session = _session(Config(render=Render(clock="camera")), apart)
     session.work(5.0, "track", "drops")
     assert len(session.state.levels) > 1 and session.state.level.number == 0, (
@@ -377,9 +380,8 @@ def test_a_step_tells_its_reason() -> None:
     for loads, seconds in ((EASY, 1), (LATE, 0.4), (TIGHT, 0.4), (LATE, 0.3)):
         run.feed_for(loads, seconds)
     ((_, step),) = run.steps
-    assert step == Step(
-        1, "render", Load(3 * 7 + 6 * 4, 3 * 7, 60_000_000 * 7 + 75_000_000 * 4, pytest.approx(1.1))
-    )
+    load = Load(3 * 7 + 6 * 4, 3 * 7, 60_000_000 * 7 + 75_000_000 * 4, step.load.span_s)
+    assert step == Step(1, "render", load) and load.span_s == pytest.approx(1.1)
     assert step.reason == "render missed 21 of 66 in 1.1 s"
     assert (
         Step(1, "track", Load(15, 0, 450_000_000, 0.5)).reason == "track is busy 90 % of its time"
@@ -417,7 +419,8 @@ def test_two_cores_give_tracking_one_of_its_own_and_more_or_fewer_leave_it_to_th
 
 
 def test_the_table_is_read_every_tenth_of_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
-    session, taken = _session(), list[int]()
+    session = _session()
+    taken = list[int]()
     monkeypatch.setattr(Governor, "update", lambda _, t_ns, loads: taken.append(t_ns))
     for t_ms in range(0, 3000, 7):
         session.control.sample(session.state, session.rows, t_ms * 1_000_000)

@@ -1,18 +1,34 @@
-"""Requests as pure functions: each shape that a message can carry gives a reply or a refusal, and never another exception."""
+"""Requests as pure functions: each shape that a message can carry gives a reply or a refusal, and
+never another exception.
+"""
 
+import re
+from pathlib import Path
 from typing import Any
 
 import attrs
 import pytest
 from hypothesis import given, settings
 
+from lfpipe.config import Scene, SceneSummary
+from lfpipe.config.modes import MouseViewer, NoViewer
 from lfpipe.errors import UserError
-from lfpipe.supervisor.requests import Reply, respond, respond_checked
+from lfpipe.supervisor.file_checks import FileCheck
+from lfpipe.supervisor.requests import (
+    HANDLERS,
+    Reply,
+    SceneLoad,
+    on_complete,
+    on_load,
+    respond,
+    respond_checked,
+)
 from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport import control
 from lfpipe.transport.control import BadMessage
-from tests.supervisor.states import SCENE, made_state, messages
+from tests.supervisor.states import SCENE, VIEWER, made_state, messages
 
+ROOT = Path(__file__).parents[2]
 Message = dict[str, Any]
 LIST: Message = {"playlist": ("/a", "/b", "/c"), "playlist_at": 2}
 SHARED: Message = {"share": ("osc:127.0.0.1:9000?rate=60", "lsl:lab")}
@@ -43,21 +59,24 @@ def test_every_shape_of_request_is_answered_or_refused(message: Message) -> None
         assert reply.state.rev == state.rev or message["cmd"] in changing
 
 
-REFUSED: list[
-    tuple[str, Message, str, list[Message]]
-] = [  # command, options of the session, words of the refusal, what is sent
+# command, options of the session, words of the refusal, what is sent
+REFUSED: list[tuple[str, Message, str, list[Message]]] = [
     ("set", {}, "set needs", [{}, {"set": {}}, {"set": []}]),
     (
         "set",
         {},
         "render: a section",
-        [{"set": {"render": wrong}} for wrong in ({}, {"alpha_px": 5}, 5)],
+        [{"set": {"render": {}}}, {"set": {"render": {"alpha_px": 5}}}, {"set": {"render": 5}}],
     ),
     (
         "set",
         {},
         "render.alpha_px: ",
-        [{"set": {"render.alpha_px": wrong}} for wrong in ({}, float("nan"), 2**64 - 1)],
+        [
+            {"set": {"render.alpha_px": {}}},
+            {"set": {"render.alpha_px": float("nan")}},
+            {"set": {"render.alpha_px": 2**64 - 1}},
+        ],
     ),
     (
         "set",
@@ -89,7 +108,7 @@ REFUSED: list[
     ("load", {}, "no playlist", [{"at": 0}]),
     ("load", {"show": False}, "no pictures", [{"scene": "/x"}]),
     ("record", {}, "absolute path", [{"path": "r"}, {"path": 5}]),
-    ("record", {"tracking": False}, "single view", [{"path": "/r"}]),
+    ("record", {"viewer": NoViewer()}, "single view", [{"path": "/r"}]),
     ("trace", {}, "absolute path", [{"path": "t"}, {}]),
     (
         "share",
@@ -115,35 +134,44 @@ def test_what_cannot_be_done_is_refused_with_a_short_answer(
 
 @pytest.mark.parametrize(
     ("words", "path"),
-    [({"scene": "/x"}, "/x"), ({"scene": "/b"}, "/b"), ({"at": 0}, "/a"), ({"at": 2}, "/c"), ({"step": 1}, "/a"),
-     ({"step": -1}, "/b"), ({"step": -3}, "/c"), ({"scene": "/x", "at": 1}, "/x")],
-)  # fmt: skip
+    [
+        ({"scene": "/x"}, "/x"),
+        ({"scene": "/b"}, "/b"),
+        ({"at": 0}, "/a"),
+        ({"at": 2}, "/c"),
+        ({"step": 1}, "/a"),
+        ({"step": -1}, "/b"),
+        ({"step": -3}, "/c"),
+        ({"scene": "/x", "at": 1}, "/x"),
+    ],
+)
 def test_a_scene_is_named_by_path_by_number_or_by_step_and_opened_by_a_child(
     words: Message, path: str
 ) -> None:
-    for settings_ in ({}, {"layout": "quilt", "grid": "4x8"}):
+    cases: tuple[dict[str, Any], ...] = ({}, {"layout": "quilt", "grid": "4x8"})
+    for settings_ in cases:
         reply = respond(made_state(**LIST), {"cmd": "load", **words, **settings_}, 0)
-        assert reply == Reply(check={"check": "scene", "path": path, "settings": settings_})
+        assert reply == Reply(load=SceneLoad(path, Scene(**settings_)))
 
 
 @pytest.mark.parametrize(
     ("message", "check"),
     [
-        ({"cmd": "trace", "path": "/t"}, {"path": "/t", "source": "demo", "record": ""}),
-        ({"cmd": "record", "path": "/r"}, {"path": "/r", "source": "demo", "record": ""}),
+        ({"cmd": "trace", "path": "/t"}, {"path": "/t", "source": "demo"}),
+        ({"cmd": "record", "path": "/r"}, {"path": "/r", "source": "demo"}),
         (
             {"cmd": "share", "start": ["/x", "/y"]},
-            {"path": "/x, /y", "targets": ["/x", "/y"], "running": []},
+            {"path": "/x, /y", "targets": ("/x", "/y")},
         ),
     ],
 )
 def test_outputs_are_looked_at_by_a_child_too_whether_eyes_are_of_a_camera_or_a_mouse(
     message: Message, check: Message
 ) -> None:
-    for eyes in ({}, {"tracking": False, "mouse": True}):
-        assert respond(made_state(**eyes), message, 0) == Reply(
-            check={"check": message["cmd"], **check}
-        )
+    for viewer in (VIEWER, MouseViewer()):
+        reply = respond(made_state(viewer=viewer), message, 0)
+        sources = {} if message["cmd"] == "share" else {"source": viewer.source}
+        assert reply == Reply(check=FileCheck(check=message["cmd"], **{**check, **sources}))
 
 
 @pytest.mark.parametrize(
@@ -151,27 +179,9 @@ def test_outputs_are_looked_at_by_a_child_too_whether_eyes_are_of_a_camera_or_a_
     [
         ({}, {"cmd": "record", "path": "/r"}, {}, {"path": "/r"}, {"record": "/r"}),
         ({}, {"cmd": "trace", "path": "/t"}, {}, {"path": "/t"}, {"timeline": "/t"}),
-        (
-            LIST,
-            {"cmd": "load", "scene": "/b"},
-            attrs.asdict(SCENE),
-            {"pack": SCENE.pack},
-            {"playlist_at": 1},
-        ),
-        (
-            LIST,
-            {"cmd": "load", "step": 1},
-            attrs.asdict(SCENE),
-            {"pack": SCENE.pack},
-            {"playlist_at": 0},
-        ),
-        (
-            LIST,
-            {"cmd": "load", "scene": "/x"},
-            attrs.asdict(SCENE),
-            {"pack": SCENE.pack},
-            {"playlist_at": 2},
-        ),
+        (LIST, {"cmd": "load", "scene": "/b"}, SCENE, {"pack": SCENE.pack}, {"playlist_at": 1}),
+        (LIST, {"cmd": "load", "step": 1}, SCENE, {"pack": SCENE.pack}, {"playlist_at": 0}),
+        (LIST, {"cmd": "load", "scene": "/x"}, SCENE, {"pack": SCENE.pack}, {"playlist_at": 2}),
         (
             SHARED,
             {"cmd": "share", "start": ["opentrack:h:1"]},
@@ -198,12 +208,19 @@ def test_outputs_are_looked_at_by_a_child_too_whether_eyes_are_of_a_camera_or_a_
     ],
 )
 def test_a_request_changes_the_option_that_it_names(
-    options: Message, message: Message, result: Message | None, answer: Message, changed: Message
+    options: Message,
+    message: Message,
+    result: Message | SceneSummary | None,
+    answer: Message,
+    changed: Message,
 ) -> None:
     state = made_state(**options)
-    reply = (
-        respond(state, message, 0) if result is None else respond_checked(state, message, result, 0)
-    )
+    if result is None:
+        reply = respond(state, message, 0)
+    elif isinstance(result, SceneSummary):
+        reply = on_load(state, message, result)
+    else:
+        reply = respond_checked(state, message, result, 0)
     assert reply.answer == answer and reply.state is not None
     after, before = attrs.asdict(reply.state.options), attrs.asdict(state.options)
     assert {key: after[key] for key in changed} == changed
@@ -229,11 +246,29 @@ def test_simple_requests_and_their_answers() -> None:
     reply = respond(state, {"cmd": "set", "set": {"render.alpha_px": 20.0}}, 0)
     assert reply.state is not None and reply.state.config.render.alpha_px == 20.0
     assert reply.answer == {"set": {"render.alpha_px": 20.0}}
-    assert respond(state, {"cmd": "hello"}, 0) == Reply(state.message())
+    assert respond(state, {"cmd": "hello"}, 0) == Reply(answer=state.message())
     status = respond(state, {"cmd": "status"}, 0)
     assert status.with_stages and not status.stop and status.answer["paused"] is False
-    assert respond(state, {"cmd": "recentre"}, 0) == Reply(broadcast={"cmd": "recentre"})
+    assert respond(state, {"cmd": "recentre"}, 0) == Reply(executed_by=("track", "render"))
+    by_mouse = made_state(viewer=MouseViewer())
+    assert respond(by_mouse, {"cmd": "recentre"}, 0) == Reply(executed_by=("render",))
+    with pytest.raises(UserError, match="no viewer"):
+        respond(made_state(viewer=NoViewer(), show=False), {"cmd": "recentre"}, 0)
     assert respond(state, {"cmd": "stop"}, 0) == Reply(stop=True) and not Reply().with_stages
+
+
+def test_disparity_of_a_scene_that_is_not_shown_any_more_changes_nothing() -> None:
+    state = made_state(scene=attrs.evolve(SCENE, complete=False))
+    after = on_complete(state, SCENE)
+    assert after.options.complete and after.rev == state.rev + 1
+    assert on_complete(state, attrs.evolve(SCENE, pack="/packs/other")) is state
+
+
+def test_every_command_has_a_row_in_the_contracts() -> None:
+    page = (ROOT / "docs" / "contracts.md").read_text()
+    table = page.partition("## Control")[2].partition("## Monitor")[0]
+    first_cells = [line.split("|")[1] for line in table.splitlines() if line.startswith("| `")]
+    assert set(re.findall(r"`(\w+)`", "".join(first_cells))) == set(HANDLERS)
 
 
 @pytest.mark.parametrize(
@@ -245,4 +280,4 @@ def test_a_lease_of_pictures_lasts_as_asked_and_five_seconds_without(
 ) -> None:
     reply = respond(made_state(), {"cmd": "pictures", **lease}, 7)
     assert reply.state is not None and reply.state.pictures_until_ns == lasts_s * 10**9 + 7
-    assert reply.answer == {"ring": "pictures.1"}
+    assert reply.answer == {"ring": reply.state.options.pictures}

@@ -4,12 +4,14 @@ import attrs
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfpipe.config import Config, Governor, Render, SceneSummary, SessionOptions
+from lfpipe.config import Config, Governor, Render, SessionOptions, Track, converter
+from lfpipe.config.modes import CameraViewer, Lossless, MouseViewer, NoViewer
 from lfpipe.supervisor.session_state import TRIAL_NS, ConfigRollback, SessionState
-from tests.supervisor.states import SCENE, made_state
+from lfpipe.transport import control
+from tests.supervisor.states import SCENE, VIEWER, made_state
 
 OTHER = attrs.evolve(SCENE, pack="/packs/two", height_px=96)
-SINGLE = attrs.evolve(SCENE, pack="/packs/single", rows=1, cols=1)
+SINGLE = attrs.evolve(SCENE, pack="/packs/single", rows=1, cols=1, needs_eyes=False)
 LOWER = Config(render=Render(method="nearest"))
 
 Change = str
@@ -51,9 +53,11 @@ def changed(state: SessionState, change: Change) -> SessionState:
 
 @given(st.lists(changes, max_size=30))
 def test_whatever_happens_rings_levels_and_revisions_agree(steps: list[Change]) -> None:
-    state, names = made_state(), set[str]()
+    state = made_state()
+    names = set[str]()
     for step in steps:
-        before, state = state, changed(state, step)
+        before = state
+        state = changed(state, step)
         same_work = (state.config, state.options, state.paused) == (
             before.config,
             before.options,
@@ -71,11 +75,14 @@ def test_whatever_happens_rings_levels_and_revisions_agree(steps: list[Change]) 
             names.add(name)
         assert bool(state.options.packets) == bool(state.options.record)
         assert state.level in state.levels
-        assert SessionOptions.from_dict(state.options.to_dict()) == state.options
+        assert (
+            converter().structure(converter().unstructure(state.options), SessionOptions)
+            == state.options
+        )
     back = state.rolled_back()
     assert back.basis == state.known_good
-    assert attrs.evolve(back.options, scene=None, tracking=True, level=None) == attrs.evolve(
-        state.options, scene=None, tracking=True, level=None
+    assert attrs.evolve(back.options, scene=None, viewer=VIEWER, level=None) == attrs.evolve(
+        state.options, scene=None, viewer=VIEWER, level=None
     ), "a rollback takes back configuration and scene, and leaves recordings and traces alone"
 
 
@@ -114,9 +121,7 @@ def test_near_and_far_of_another_scene_are_its_own_and_its_summary_follows() -> 
     )
 
 
-def test_a_renewed_lease_changes_nothing_that_stages_see_and_another_size_asks_for_another_ring() -> (
-    None
-):
+def test_a_renewed_lease_changes_nothing_that_stages_see() -> None:
     state = made_state().with_pictures(10)
     longer = state.with_pictures(20)
     assert (
@@ -131,8 +136,9 @@ def test_a_renewed_lease_changes_nothing_that_stages_see_and_another_size_asks_f
     assert other.options.pictures == state.options.pictures, (
         "the old ring stays until somebody asks again"
     )
-    assert other.with_pictures(30).options.pictures != state.options.pictures
-    assert other.with_pictures(30).rings()[other.with_pictures(30).options.pictures].shape == (
+    leased = other.with_pictures(30)
+    assert leased.options.pictures != state.options.pictures
+    assert leased.rings()[leased.options.pictures].shape == (
         96,
         64,
         3,
@@ -140,7 +146,9 @@ def test_a_renewed_lease_changes_nothing_that_stages_see_and_another_size_asks_f
 
 
 def test_a_change_is_settled_once_every_stage_has_worked_by_it_for_a_while() -> None:
-    rollback, state, begun_ns = ConfigRollback(), made_state().changed(LOWER), 10**9
+    rollback = ConfigRollback()
+    state = made_state().changed(LOWER)
+    begun_ns = 10**9
     assert rollback.watch(state, False, {"render": 1}, 0) is state, "not applied yet"
     rollback.watch(state, True, {"render": 1}, begun_ns)
     more = {"render": 2, "share": 1}  # a stage that has begun meanwhile
@@ -152,7 +160,8 @@ def test_a_change_is_settled_once_every_stage_has_worked_by_it_for_a_while() -> 
 
 
 def test_a_stage_that_fails_on_a_change_blames_it_and_one_that_is_killed_later_does_not() -> None:
-    rollback, good = ConfigRollback(), made_state()
+    rollback = ConfigRollback()
+    good = made_state()
     state = good.changed(LOWER)
     assert not rollback.to_blame(good, 1, True), "there is nothing to roll back"
     assert rollback.to_blame(state, -9, False) and rollback.to_blame(state, 1, True)
@@ -162,28 +171,19 @@ def test_a_stage_that_fails_on_a_change_blames_it_and_one_that_is_killed_later_d
     assert not rollback.to_blame(state, 0, True)
 
 
-def test_each_change_is_one_revision_and_each_ring_has_the_next_name() -> None:
+def test_each_change_is_one_revision_and_each_ring_has_a_new_name() -> None:
     state = made_state()
-    assert (
-        state.paused,
-        state.rev,
-        state.pictures_until_ns,
-        state.pictures_px,
-        state.rings_made,
-    ) == (False, 1, 0, (0, 0), 0)
+    assert (state.paused, state.rev, state.pictures_until_ns) == (False, 1, 0)
+    assert state.pictures_px == (0, 0)
     assert not state.rings() and not state.zero_planes_px
     first = state.with_pictures(10)
-    assert (first.rev, first.rings_made, first.options.pictures) == (2, 1, "pictures.1")
+    assert first.rev == 2 and first.options.pictures.startswith("pictures.")
     assert (first.pictures_until_ns, first.pictures_px) == (10, (SCENE.height_px, SCENE.width_px))
     recorded = first.changed(record="/out")
-    assert (recorded.rev, recorded.rings_made, recorded.options.packets) == (3, 2, "packets.2")
+    assert recorded.rev == 3 and recorded.options.packets.startswith("packets.")
     stopped = recorded.without_pictures().changed(record="")
-    assert (stopped.rev, stopped.rings_made, stopped.pictures_until_ns) == (
-        5,
-        2,
-        0,
-    ) and not stopped.rings()
-    assert stopped.with_pictures(5).options.pictures == "pictures.3"
+    assert (stopped.rev, stopped.pictures_until_ns) == (5, 0) and not stopped.rings()
+    assert stopped.with_pictures(5).options.pictures != first.options.pictures
     paused = state.changed(paused=True)
     assert paused.paused and paused.config is state.config
     assert paused.changed(LOWER).paused and not paused.changed(paused=False).paused
@@ -200,18 +200,33 @@ def test_quality_falls_by_number_and_is_full_again_where_the_levels_change() -> 
     assert lower.changed(paused=True).level == lower.level, "the levels are the same"
     assert lower.changed(LOWER).options.level is None
     for fixed in (
-        state.changed(lossless=True),
+        state.changed(clock=Lossless()),
         state.changed(Config(governor=Governor(quality="fixed"))),
     ):
         assert fixed.levels == state.levels[:1]
 
 
 def test_a_mouse_or_a_single_view_needs_no_tracking_and_a_line_of_views_does() -> None:
-    for mouse in (False, True):
-        state = made_state(mouse=mouse)
-        assert (
-            state.loaded(OTHER).options.tracking is not mouse
-            and state.loaded(SCENE).options.tracking is not mouse
-        )
-    assert not made_state().loaded(SINGLE).options.tracking
-    assert SceneSummary("/p", "line", 1, 5, 4, 4, "nearest", False).needs_tracking
+    state = made_state(viewer=MouseViewer())
+    assert state.loaded(OTHER).options.viewer == state.loaded(SCENE).options.viewer == MouseViewer()
+    single = made_state().loaded(SINGLE)
+    assert not single.options.viewer.tracked
+    assert single.loaded(OTHER).options.viewer == VIEWER
+    state = made_state(viewer=NoViewer())
+    assert state.loaded(SINGLE).options.viewer == NoViewer()
+    assert state.loaded(OTHER).options.viewer == CameraViewer(), "it looks for the first camera"
+    assert attrs.evolve(SCENE, rows=1, cols=5).needs_eyes
+
+
+def test_a_still_that_needs_no_eyes_is_drawn_once_and_has_no_lower_quality() -> None:
+    """A video of one view is drawn again for each frame."""
+    state = made_state().loaded(SINGLE)
+    assert [level.words for level in state.levels] == ["full"]
+    video = attrs.evolve(SINGLE, frames=9)
+    assert len(state.loaded(video).levels) > 1
+
+
+def test_a_stage_reads_the_names_of_plugins() -> None:
+    config = attrs.evolve(made_state().config, track=Track(engine="of a plugin"))  # type: ignore[arg-type]
+    message = control.decode(control.encode(made_state().changed(config).message()))
+    assert converter().structure(message["config"], Config) == config

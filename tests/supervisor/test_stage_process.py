@@ -13,6 +13,7 @@ from lfpipe.supervisor.stage_process import (
     ASLEEP_S,
     BUSY_S,
     COMPUTING,
+    LIVE_CPU_S,
     LOSSLESS_CPU_S,
     StageProcess,
     wait_for_end,
@@ -22,7 +23,11 @@ from lfpipe.transport.session import Session
 from lfpipe.transport.status import ROW, State
 
 STAGE = Stage(
-    "render", "lfpipe.render.stage", lambda options: True, reads=("eyes",), hang_timeout_s=1.0
+    name="render",
+    module="lfpipe.render.stage",
+    needed=lambda options: True,
+    reads=("eyes",),
+    hang_timeout_s=1.0,
 )
 
 
@@ -30,7 +35,9 @@ class Script:
     """A process whose clock and row are as a test wants them."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, **row: object) -> None:
-        self.t_ns, self.on_disk, self.cpu_ns = 10**12, False, 0
+        self.t_ns = 10**12
+        self.on_disk = False
+        self.cpu_ns = 0
         monkeypatch.setattr(stage_process, "now_ns", lambda: self.t_ns)
         monkeypatch.setattr(stage_process, "activity", lambda pid: (self.cpu_ns, self.on_disk))
         self.row = np.zeros((), ROW)
@@ -54,7 +61,9 @@ class Script:
         return ""
 
 
-PHASES = {  # state of the row -> seconds without a beat that are allowed
+PHASES: dict[
+    str, tuple[dict[str, Any], float]
+] = {  # state of the row -> seconds without a beat that are allowed
     "starts": ({"ready_ns": 0, "state": State.STARTING}, STAGE.startup_timeout_s),
     "opens another scene": (
         {"state": State.STARTING, "busy_with": b"opening the scene"},
@@ -74,20 +83,17 @@ def test_each_phase_has_its_time_without_a_beat(
     script = Script(monkeypatch, **row)
     assert script.after(3 * limit_s, beats=True) == "" and script.after(limit_s) == ""
     why = script.after(1)
-    assert f"{limit_s:.0f}" in why and row.get("busy_with", b"").decode() in why  # type: ignore[attr-defined]
+    assert f"{limit_s:.0f}" in why and row.get("busy_with", b"").decode() in why
     assert Script(monkeypatch, **row).after(limit_s + 1, share=0.01), (
         "a thread that only polls computes nothing"
     )
-    slow = Script(monkeypatch, **row)
-    assert slow.after(COMPUTING * limit_s, share=0.5) == "" and slow.after(1, share=0.5), (
-        "a slow machine is no hang"
-    )
-    replay = Script(monkeypatch, **row)
-    replay.process.lossless = True
-    longest_s = max(COMPUTING * limit_s, LOSSLESS_CPU_S / 0.5)
-    assert replay.after(longest_s - 1, share=0.5) == "" and replay.after(2, share=0.5), (
-        "emulated, an inference takes long"
-    )
+    for lossless, cpu_s in ((False, LIVE_CPU_S), (True, LOSSLESS_CPU_S)):
+        slow = Script(monkeypatch, **row)
+        slow.process.lossless = lossless
+        longest_s = max(COMPUTING * limit_s, cpu_s / 0.5)
+        assert slow.after(longest_s - 1, share=0.5) == "" and slow.after(2, share=0.5), (
+            "emulated, an inference takes long"
+        )
 
 
 def test_a_wait_for_a_disk_is_busy_declared_or_not_and_an_end_without_words_is_not_judged(
@@ -106,11 +112,15 @@ def test_a_judge_that_slept_forgives_once(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 class Ending:
-    """A process that has been asked to stop, on a scripted clock. saves: for so long it writes results; then it ends or, if it
-    hangs, waits for SIGKILL."""
+    """A process that has been asked to stop, on a scripted clock. saves: for so long it writes
+    results; then it ends or, if it hangs, waits for SIGKILL.
+    """
 
     def __init__(self, clock: list[int], save_s: float, hangs: bool) -> None:
-        self.stage, self.signals, self._clock, self._hangs = STAGE, list[int](), clock, hangs
+        self.stage = STAGE
+        self.signals = list[int]()
+        self._clock = clock
+        self._hangs = hangs
         self._saved_ns = clock[0] + int(save_s * 1e9)
 
     @property
@@ -130,7 +140,8 @@ class Ending:
 def test_who_ends_a_session_waits_for_what_is_being_saved_and_for_nothing_else(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    clock, reports = [10**12], list[str]()
+    clock = [10**12]
+    reports = list[str]()
 
     def sleep(seconds: float) -> None:
         clock[0] += int(seconds * 1e9)
@@ -143,3 +154,40 @@ def test_who_ends_a_session_waits_for_what_is_being_saved_and_for_nothing_else(
     assert reports == ["render: writing what is left; press Ctrl-C again to end it at once"]
     wait_for_end([hung], reports.append)  # type: ignore[list-item]
     assert hung.signals == [signals.END, signals.KILL] and len(reports) == 1
+
+
+def test_five_failures_in_a_minute_are_too_many_and_not_in_more(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    script = Script(monkeypatch)
+
+    def failures(times_s: list[float]) -> list[bool]:
+        process = StageProcess(STAGE, Session("s"), script.row)
+        verdicts = []
+        for t_s in times_s:
+            script.t_ns = 10**12 + int(t_s * 1e9)
+            verdicts.append(process.failed())
+        return verdicts
+
+    assert failures([0, 1, 2, 3]) == [False] * 4
+    assert failures([0, 1, 2, 3, 4]) == [False] * 4 + [True]
+    assert failures([0, 15, 30, 45, 59.9]) == [False] * 4 + [True]
+    assert failures([0, 15, 30, 45, 60]) == [False] * 5
+    assert failures([0, 15, 30, 45, 61, 61.1]) == [False] * 5 + [True], "five of the last minute"
+    assert not any(failures([20.0 * k for k in range(50)]))
+
+
+def test_a_stage_that_fails_again_starts_later_each_time_and_soon_after_a_quiet_minute(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    script = Script(monkeypatch)
+    process = script.process
+    delays_s = []
+    for _ in range(8):
+        process.failed()
+        delays_s.append((process.next_start_ns - script.t_ns) / 1e9)
+        script.t_ns = process.next_start_ns
+    assert delays_s == [0.1, 0.2, 0.4, 0.8, 1.6, 1.6, 1.6, 1.6], "five failures are remembered"
+    script.t_ns += 60 * 10**9
+    process.failed()
+    assert process.next_start_ns - script.t_ns == 10**8

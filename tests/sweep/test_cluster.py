@@ -1,6 +1,5 @@
 """Where cells run: no port is open to strangers; what dies, hangs or takes long is named."""
 
-import time
 from pathlib import Path
 
 import psutil
@@ -12,16 +11,19 @@ from lfpipe.sweep.plan import Cell
 from lfpipe.sweep.results import DIED, FAILED, OK, Outcome
 from lfpipe.sweep.run import dask_workers, local_workers, run_cells
 from lfpipe.sweep.work import Order, measure_cell
+from tests.support.world import until
 from tests.sweep.conftest import write_wall
 
 CELLS = [
-    Cell(subject, "", f"/s{k}", key=f"k{k}")
+    Cell(subject=subject, sequence="", scene=f"/s{k}", key=f"k{k}")
     for k, subject in enumerate(["quality"] * 4 + ["table"] * 2)
 ]
 
 
 def test_cells_beside_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No port is open; a cell whose process dies runs again, alone, as timed cells do; what takes long is named."""
+    """No port is open; a cell whose process dies runs again, alone, as timed cells do; what takes
+    long is named.
+    """
     monkeypatch.setattr(run, "FIRST_LINE_S", 0.2)
     tries: list[str] = []
     now: set[str] = set()
@@ -34,9 +36,7 @@ def test_cells_beside_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
         now.add(cell.key)
         beside[cell.key] = set(now)
         if cell.key == "k3":
-            end = time.monotonic() + 60
-            while not any("quality s3" in line for line in notices) and time.monotonic() < end:
-                time.sleep(0.05)
+            until(lambda: any("quality s3" in line for line in notices), "notice of k3")
         now.discard(cell.key)
         if cell.key == "k1":
             raise ArithmeticError("no root")
@@ -104,5 +104,7 @@ def test_a_subject_of_the_benchmark_as_a_cell(
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     scene = write_wall(tmp_path / "wall", 0)
-    outcome = measure_cell(Cell("anaglyph", "", str(scene), key="k"), Order(100.0))
+    outcome = measure_cell(
+        Cell(subject="stability", sequence="", scene=str(scene), key="k"), Order(100.0)
+    )
     assert outcome.state == OK and outcome.figures, outcome.reason

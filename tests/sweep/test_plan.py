@@ -1,4 +1,6 @@
-"""What a plan becomes: cells, their keys, and refusals that name the key; what a table of results quotes."""
+"""What a plan becomes: cells, their keys, and refusals that name the key; what a table of results
+quotes.
+"""
 
 import csv
 import shutil
@@ -40,17 +42,18 @@ def test_every_combination_is_a_cell_with_a_key_of_its_own(tmp_path: Path, corpu
     assert all("track.filter=mean" in cell.sets for cell in found)
     assert {cell.sequence != "" for cell in found if cell.subject == "truth"} == {True}
     assert not {keyed(cell, "v2", Order(1.0)).key for cell in plan} & {cell.key for cell in found}
-    for order in (
-        Order(1.0, str(tmp_path)),
-        Order(1.0, str(tmp_path), update=True),
-    ):  # whether they are compared matters
+    # whether they are compared matters
+    for order in (Order(1.0, str(tmp_path)), Order(1.0, str(tmp_path), update=True)):
         assert {
             keyed(cell, "v1", order).key == key
             for cell, key in zip(plan, (c.key for c in found), strict=True)
             if cell.subject == "quality"
         } == {False}
     folder = Cell(
-        "replay", "/a/../é/%$ walk", "/x/" + "s" * 300, ("render.method=warp2", 'screen.x="/"')
+        subject="replay",
+        sequence="/a/../é/%$ walk",
+        scene="/x/" + "s" * 300,
+        sets=("render.method=warp2", 'screen.x="/"'),
     ).folder
     assert "/" not in folder and len(folder) < 100 and not folder.startswith("."), (
         "the name of a reference"
@@ -74,10 +77,10 @@ def test_a_key_follows_contents_not_the_place(tmp_path: Path, corpus: Path) -> N
         ('subject = ["quality"]', "did you mean 'subjects'"),
         ('subjects = ["quality"]', "needs scenes"),
         ('subjects = "quality"', "a list of strings"),
-        ('subjects = ["anaglyph"]\n[config]\n"render.methd" = ["warp"]', "render.method"),
-        ('subjects = ["anaglyph"]\n[config]\n"render.method" = []', "empty"),
-        ('subjects = ["anaglyph"]\n[table]\nkeep = [4]', "table.keep: 4"),
-        ('subjects = ["anaglyph"]\nconfig = 3', "a table"),
+        ('subjects = ["synthesis"]\n[config]\n"render.methd" = ["warp"]', "render.method"),
+        ('subjects = ["synthesis"]\n[config]\n"render.method" = []', "empty"),
+        ('subjects = ["synthesis"]\n[table]\nkeep = [4]', "table.keep: 4"),
+        ('subjects = ["synthesis"]\nconfig = 3', "a table"),
     ],
 )
 def test_mistakes_are_named_before_anything_runs(tmp_path: Path, text: str, said: str) -> None:
@@ -89,7 +92,12 @@ def test_mistakes_are_named_before_anything_runs(tmp_path: Path, text: str, said
 def test_no_name_of_a_file_is_a_formula_of_a_spreadsheet(tmp_path: Path) -> None:
     names = ("=1+1", "+cmd", "-2", "@SUM(A1)", "plain")
     outcomes = [
-        Outcome(Cell("quality", "", f"/x/{name}", key=name), LEFT_OUT, "=why", {"a": -1.5})
+        Outcome(
+            Cell(subject="quality", sequence="", scene=f"/x/{name}", key=name),
+            LEFT_OUT,
+            "=why",
+            {"a": -1.5},
+        )
         for name in names
     ]
     write(outcomes, tmp_path, None)

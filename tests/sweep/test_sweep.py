@@ -16,8 +16,8 @@ import psutil
 import pytest
 
 from lfpipe.bench.results import read
+from tests.support.world import World, runs
 from tests.sweep.conftest import write_plan, write_wall
-from tests.world import World, runs
 
 PLAN = """
 scenes = ["CORPUS/scenes/s[0-1]"]
@@ -143,7 +143,9 @@ def test_what_is_done_is_kept_when_the_sweep_ends_early(
 def test_a_cluster(
     world: World, corpus: Path, scheduler: tuple[subprocess.Popen[bytes], str]
 ) -> None:
-    """A worker that dies changes nothing; timed cells run one at a time, after the others; a dead scheduler is a clear end."""
+    """A worker that dies changes nothing; timed cells run one at a time, after the others; a dead
+    scheduler is a clear end.
+    """
     dask, address = scheduler
     text = (
         PLAN.replace('["quality"]', '["quality", "table"]')

@@ -1,31 +1,29 @@
-"""The one face that is always there: the photograph in matplotlib's sample data, placed where a test wants it."""
+"""The one face that is always there: the demo's portrait, placed where a test wants it."""
 
-import importlib.util
 from collections.abc import Callable
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from lfpipe.capture.demo import PORTRAIT
+
 Picture = NDArray[np.uint8]
 
 
 @pytest.fixture(scope="session")
 def portrait() -> Picture:
-    spec = importlib.util.find_spec("matplotlib")
-    assert spec is not None and spec.origin is not None
-    image = cv2.imread(
-        str(Path(spec.origin).parent / "mpl-data" / "sample_data" / "grace_hopper.jpg")
-    )
+    image = cv2.imread(str(PORTRAIT))
     assert image is not None
     return image[:420].astype(np.uint8)  # head and shoulders, 512 wide
 
 
 @pytest.fixture(scope="session")
 def placed(portrait: Picture) -> Callable[..., Picture]:
-    """placed((x, y, scale), ..., size=(640, 480)): heads, the middle of their eyes at (x, y), eyes 89 px apart at scale 1."""
+    """placed((x, y, scale), ..., size=(640, 480)): heads, the middle of their eyes at (x, y), eyes
+    89 px apart at scale 1.
+    """
 
     def draw(*heads: tuple[float, float, float], size: tuple[int, int] = (640, 480)) -> Picture:
         out = np.full((size[1], size[0], 3), 90, np.uint8)

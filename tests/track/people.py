@@ -1,6 +1,8 @@
-"""Pictures of real people, composed from portraits with known eyes, and the tracking that watches them.
+"""Pictures of real people, composed from portraits with known eyes, and the tracking that watches
+them.
 
-The portraits are the sample faces beside the checkout; where they are absent, tests that need them are skipped.
+The portraits are the sample faces beside the checkout; where they are absent, tests that need them
+are skipped.
 """
 
 import csv
@@ -70,9 +72,12 @@ def eyes_apart_px(name: str) -> float:
 
 @lru_cache(maxsize=8)
 def _cut_out(name: str, apart_px: float) -> tuple[Picture, NDArray[np.float32]]:
-    """A portrait, blurred so that a warp to apart_px does not alias, and the soft mask (H, W) of its head."""
+    """A portrait, blurred so that a warp to apart_px does not alias, and the soft mask (H, W) of
+    its head.
+    """
     head, eyes = portrait(name)
-    middle, wide = eyes.mean(axis=0), float(np.hypot(*(eyes[0] - eyes[1])))
+    middle = eyes.mean(axis=0)
+    wide = float(np.hypot(*(eyes[0] - eyes[1])))
     mask = np.zeros(head.shape[:2], np.float32)
     oval = (int(middle[0]), int(middle[1] + 0.45 * wide)), (int(1.35 * wide), int(1.95 * wide))
     cv2.ellipse(mask, *oval, 0, 0, 360, 1.0, -1)
@@ -85,10 +90,13 @@ def _cut_out(name: str, apart_px: float) -> tuple[Picture, NDArray[np.float32]]:
 def placed(
     picture: Picture, name: str, x: float, y: float, apart_px: float, roll_deg: float = 0.0
 ) -> Picture:
-    """picture with the head of a portrait before it: eyes apart_px apart, their middle at (x, y), turned clockwise."""
+    """picture with the head of a portrait before it: eyes apart_px apart, their middle at (x, y),
+    turned clockwise.
+    """
     eyes = portrait(name)[1]
     between = eyes[0] - eyes[1]
-    middle, wide = eyes.mean(axis=0), float(np.hypot(*between))
+    middle = eyes.mean(axis=0)
+    wide = float(np.hypot(*between))
     turn = np.deg2rad(roll_deg) - np.arctan2(between[1], between[0])
     c, s = np.cos(turn) * apart_px / wide, np.sin(turn) * apart_px / wide
     matrix = np.array(
@@ -100,9 +108,12 @@ def placed(
     return np.asarray(cv2.blendLinear(drawn, picture, share, 1 - share), np.uint8)
 
 
-@attrs.frozen(eq=False)
+@attrs.frozen(eq=False, kw_only=True)
 class Seen:
-    """What tracking made of a frame. raw_px, used_px: the point between the eyes, as measured and after the filter."""
+    """What tracking made of a frame.
+
+    raw_px, used_px: the point between the eyes, as measured and after the filter.
+    """
 
     face: bool
     raw_px: NDArray[np.float64]
@@ -112,8 +123,12 @@ class Seen:
 
 
 def watched(frames: Iterable[Picture], refine: bool = False) -> list[Seen]:
-    """What the stage's own engine and tracker make of frames at RATE_HZ, with a little sensor noise."""
-    tracker, record, seen = EyeTracker(Track(refine=refine)), np.zeros((), EYES), []
+    """What the stage's own engine and tracker make of frames at RATE_HZ, with a little sensor
+    noise.
+    """
+    tracker = EyeTracker(Track(refine=refine))
+    record = np.zeros((), EYES)
+    seen = []
     rng = np.random.default_rng(7)
     noise = np.asarray(np.rint(rng.normal(0, 2, (SIZE[1] + 97, SIZE[0], 3))), np.int16)
     for k, frame in enumerate(frames):
@@ -126,10 +141,13 @@ def watched(frames: Iterable[Picture], refine: bool = False) -> list[Seen]:
         tracker.update(tracker.engine.detect(noisy), round(k * 1e9 / RATE_HZ))
         tracker.write(record, noisy)
         tracker.engine.examine(noisy)
-        middles = (record[name].mean(axis=0) for name in ("raw_px", "filtered_px"))
         seen.append(
             Seen(
-                bool(record["face"]), *middles, float(record["apart_px"]), int(record["generation"])
+                face=bool(record["face"]),
+                raw_px=record["raw_px"].mean(axis=0),
+                used_px=record["filtered_px"].mean(axis=0),
+                apart_px=float(record["apart_px"]),
+                generation=int(record["generation"]),
             )
         )
     tracker.engine.close()

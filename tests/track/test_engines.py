@@ -1,5 +1,7 @@
-"""The engines on a real face: the landmark network in-thread and its parts, MediaPipe's own graph, and the gate for what an
-engine returns: finite and plausible, else no face."""
+"""The engines on a real face: the landmark network in-thread and its parts, MediaPipe's own graph,
+and the gate for what an
+engine returns: finite and plausible, else no face.
+"""
 
 import math
 import subprocess
@@ -7,6 +9,7 @@ import sys
 import types
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import attrs
 import cv2
@@ -18,9 +21,10 @@ from lfpipe.config import Track
 from lfpipe.errors import UserError
 from lfpipe.eyes import EYES
 from lfpipe.track.detector import SAME, overlap, suppressed
-from lfpipe.track.engine import Face, make_engine
-from lfpipe.track.eye_tracker import EyeTracker
+from lfpipe.track.engine import Face
+from lfpipe.track.eye_tracker import EyeTracker, HiddenFace
 from lfpipe.track.litert_engine import LitertEngine
+from lfpipe.track.make_engine import make_engine
 from lfpipe.track.mediapipe_engine import MediapipeEngine
 from lfpipe.track.network import Network, Roi, mapped, model_file, portable_warp, warp
 from tests.track.people import needs_mediapipe
@@ -75,9 +79,8 @@ def test_same_eyes_as_facemesh_on_a_moving_face(engine: LitertEngine, placed: Pl
     finally:
         mesh.close()
     apart_px = 0.7 * 89
-    assert (
-        np.abs(np.mean(errors, axis=0)).max() < 0.02 * apart_px
-    )  # ours rest on corners and lower lid, theirs on both lids
+    # ours rest on corners and lower lid, theirs on both lids
+    assert np.abs(np.mean(errors, axis=0)).max() < 0.02 * apart_px
     assert (
         float(np.sqrt(np.square(errors - np.mean(errors, axis=0)).sum(axis=-1).mean()))
         < 0.005 * apart_px
@@ -85,13 +88,15 @@ def test_same_eyes_as_facemesh_on_a_moving_face(engine: LitertEngine, placed: Pl
 
 
 def test_subpixel_moves_are_followed(engine: LitertEngine, placed: Placed) -> None:
-    """A face moved by a tenth of a pixel is seen to move by that: nothing in the crop or the region rounds."""
+    """A face moved by a tenth of a pixel is seen to move by that: nothing in the crop or the region
+    rounds.
+    """
     found = []
     for i in range(31):
         for _ in range(2 if i else 8):  # the region of interest settles
-            face = engine.detect(
-                cv2.GaussianBlur(placed((320 + i / 10, 200, 0.7)), (0, 0), 0.8)
-            )  # as a lens does
+            # as a lens does
+            blurred = cv2.GaussianBlur(placed((320 + i / 10, 200, 0.7)), (0, 0), 0.8)
+            face = engine.detect(np.asarray(blurred, np.uint8))
         assert face is not None
         found.append(face.eyes_px[:, 0].mean())
     residual = np.array(found) - np.polyval(np.polyfit(np.arange(31), found, 1), np.arange(31))
@@ -126,7 +131,8 @@ def test_every_size_of_frame(engine: LitertEngine, placed: Placed, size: tuple[i
 
 
 def test_iris_refinement_stays_within_the_eye(placed: Placed) -> None:
-    plain, refined = LitertEngine(), make_engine(Track(refine=True))
+    plain = LitertEngine()
+    refined = make_engine(Track(refine=True))
     picture = placed((320, 200, 0.8))
     a, b = plain.detect(picture), refined.detect(picture)
     assert a is not None and b is not None
@@ -149,8 +155,9 @@ def test_broken_model_and_model_of_another_version_are_refused(tmp_path: Path) -
 def test_mediapipe_is_never_imported() -> None:
     """Its import takes longer than everything else of a start."""
     code = (
-        "import sys; from lfpipe.config import Track; from lfpipe.track.engine import make_engine;"
-        "make_engine(Track()); print([m for m in ('mediapipe', 'matplotlib', 'scipy', 'jax') if m in sys.modules])"
+        "import sys; from lfpipe.config import Track; from lfpipe.track.make_engine import"
+        " make_engine;make_engine(Track()); print([m for m in ('mediapipe', 'matplotlib', 'scipy',"
+        " 'jax') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
@@ -171,9 +178,8 @@ def test_mediapipes_own_graph_finds_loses_and_finds_the_eyes(
     assert graph.detect(np.zeros((1, 1, 3), np.uint8)) is None
     assert graph.detect(placed((200, 210, 0.8))) is not None
     graph.close()
-    assert (
-        capfd.readouterr().err == ""
-    )  # it would log at the start, at the first picture and at the first face
+    # it would log at the start, at the first picture and at the first face
+    assert capfd.readouterr().err == ""
 
 
 def test_version_without_facemesh_says_which_one_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -185,17 +191,22 @@ def test_version_without_facemesh_says_which_one_has_it(monkeypatch: pytest.Monk
 
 
 def test_overlap_is_intersection_over_union() -> None:
-    a, others = (
+    a = (0.0, 0.0, 2.0, 2.0)
+    others = [
         (0.0, 0.0, 2.0, 2.0),
-        [(0.0, 0.0, 2.0, 2.0), (1.0, 0.0, 3.0, 2.0), (2.0, 2.0, 3.0, 3.0), (0.5, 0.5, 0.5, 0.5)],
-    )
+        (1.0, 0.0, 3.0, 2.0),
+        (2.0, 2.0, 3.0, 3.0),
+        (0.5, 0.5, 0.5, 0.5),
+    ]
     assert [overlap(a, other) for other in others] == pytest.approx([1, 1 / 3, 0, 0])
     assert overlap(others[3], others[3]) == 0  # no area, no overlap, no division by zero
     here = (100.0, 100.0, 200.0, 200.0)
     faces = (130.0, 110.0, 230.0, 210.0), (180.0, 100.0, 280.0, 200.0), (140.0, 140.0, 160.0, 160.0)
-    assert [overlap(here, face) > SAME for face in faces] == [True, False, False], (
-        "the same where it was and of its size"
-    )
+    assert [overlap(here, face) > SAME for face in faces] == [
+        True,
+        False,
+        False,
+    ], "the same where it was and of its size"
 
 
 def test_suppression_averages_by_score_and_keeps_the_best_score() -> None:
@@ -223,7 +234,9 @@ def test_crop_shows_what_the_map_says(angle: float) -> None:
     "roi", [Roi(51.3, 40.2, 60.0, 0.1), Roi(5.0, 3.0, 40.0, -0.4), Roi(90.0, 70.0, 31.0, 3.0)]
 )
 def test_the_portable_warp_differs_by_a_rounding_only(roi: Roi) -> None:
-    """Places of 1/32 px: half of one off, along and down, in a picture whose pixels change by at most that much."""
+    """Places of 1/32 px: half of one off, along and down, in a picture whose pixels change by at
+    most that much.
+    """
     y, x = np.mgrid[0:80, 0:100]
     image = np.stack([2 * x, 3 * y, x + y], axis=2).astype(np.uint8)
     exact, rounded = (
@@ -255,8 +268,9 @@ WRONG = [
 
 
 @pytest.mark.parametrize("change", WRONG, ids=str)
-def test_an_implausible_face_is_no_face(change: dict[str, object]) -> None:
-    tracker, record = EyeTracker(Track()), np.zeros((), EYES)
+def test_an_implausible_face_is_no_face(change: dict[str, Any]) -> None:
+    tracker = EyeTracker(Track())
+    record = np.zeros((), EYES)
     for k in range(5):
         tracker.update(FACE, k * FRAME_NS)
     assert tracker.update(attrs.evolve(FACE, **change), 5 * FRAME_NS) and not tracker.seen
@@ -275,3 +289,16 @@ def test_faces_of_every_distance_and_lean_are_plausible() -> None:
         np.array([[300.0, 240.0], [296.0, 240.0]]), 0.9, (250.0, 180.0, 350.0, 330.0), 60.0
     )
     assert profile.plausible
+
+
+@pytest.mark.parametrize(("speed_px_s", "held"), [(10.0, True), (300.0, False)])
+def test_a_face_that_moves_is_not_held_when_its_confidence_falls(
+    speed_px_s: float, held: bool
+) -> None:
+    """It leaves the picture; a hand comes before a face that rests. Eyes 60 px apart."""
+    hidden = HiddenFace()
+    hidden.reset(20.0, (300.0, 200.0))
+    for k in range(1, 20):
+        hidden.update(20.0, (300.0 + speed_px_s * k / 30, 200.0), 60.0, 1 / 30, speed_px_s)
+    hidden.update(7.0, (300.0 + speed_px_s * 20 / 30, 200.0), 60.0, 1 / 30, speed_px_s)
+    assert hidden.held == held

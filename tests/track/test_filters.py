@@ -1,5 +1,6 @@
-"""The filters: hulls, stability, bad stamps and bad measurements; the covariance of the constant-velocity filter against exact
-arithmetic on the stiff grid."""
+"""The filters: hulls, stability, bad stamps and bad measurements; the covariance of the
+constant-velocity filter against exact arithmetic on the stiff grid.
+"""
 
 import itertools
 import math
@@ -12,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lfpipe.config import Track
-from lfpipe.track.filters import Motion, Predictive, Tuning, make_filter
+from lfpipe.track.filters import Predictive, Tuning, make_filter
 from lfpipe.track.smoothing import (
     LIMIT_PX,
     MAX_STEP_NS,
@@ -44,6 +45,21 @@ def settled(kind: str, frames: int = 40, start_ns: int = 0) -> EyeFilter:
     return filter_
 
 
+@pytest.mark.parametrize("kind", ["kalman", "predictive"])
+@pytest.mark.parametrize("velocity_px_s", [60.0, -200.0])
+def test_prediction_of_an_even_motion_is_where_it_goes(kind: str, velocity_px_s: float) -> None:
+    """Without noise, 80 ms ahead: within a tenth of what the eyes move in that time."""
+    filter_ = make(kind)
+    for k in range(45):
+        t_ns = k * FRAME_NS
+        filter_.update(t_ns, EYES + np.array((velocity_px_s * t_ns / 1e9, 0.0)))
+    later_ns = t_ns + 80_000_000
+    ahead = filter_.predict(later_ns) - EYES
+    assert ahead[:, 1] == pytest.approx(0, abs=0.1)
+    expected = velocity_px_s * later_ns / 1e9
+    assert ahead[:, 0] == pytest.approx(expected, abs=abs(velocity_px_s) * 0.008)
+
+
 @pytest.mark.parametrize("kind", KINDS)
 @given(
     track=st.lists(
@@ -54,7 +70,9 @@ def settled(kind: str, frames: int = 40, start_ns: int = 0) -> EyeFilter:
 def test_whatever_comes_the_output_is_finite_and_bounded(
     kind: str, track: list[tuple[int, tuple[float, ...]]]
 ) -> None:
-    filter_, t_ns, seen = make(kind), 0, []
+    filter_ = make(kind)
+    t_ns = 0
+    seen = []
     for step_ns, values in track:
         t_ns += step_ns
         seen.append(np.reshape(values, (2, 2)))
@@ -74,13 +92,15 @@ def test_whatever_comes_the_output_is_finite_and_bounded(
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e18, 5e-324])
 @pytest.mark.parametrize("where", [(0, 0), (1, 1), slice(None)])
 def test_one_bad_measurement_is_forgotten_within_three_good_ones(
-    kind: str, bad: float, where: object
+    kind: str, bad: float, where: tuple[int, int] | slice
 ) -> None:
-    fresh, filter_, untouched = make(kind), settled(kind), settled(kind)
+    fresh = make(kind)
+    filter_ = settled(kind)
+    untouched = settled(kind)
     assert np.isnan(fresh.update(0, np.full((2, 2), np.nan))[0]).all()
     np.testing.assert_array_equal(fresh.update(FRAME_NS, EYES), (EYES, np.zeros((2, 2))))
     measured = EYES.copy()
-    measured[where] = bad  # type: ignore[index]
+    measured[where] = bad
     position, velocity = filter_.update(40 * FRAME_NS, measured)
     assert np.all(np.isfinite(position))
     assert np.all(np.isfinite(velocity))
@@ -133,9 +153,12 @@ def test_stamps_near_the_end_of_int64_are_as_good_as_any(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_no_drift_over_any_number_of_updates(kind: str) -> None:
-    """Once the whole state comes back, bit for bit, after a few updates, 10^8 more change nothing."""
+    """Once the whole state comes back, bit for bit, after a few updates, 10^8 more change
+    nothing.
+    """
     filter_ = settled(kind, 20_000)
-    before, period = _state(filter_), None
+    before = _state(filter_)
+    period = None
     for i in range(1, 33):
         filter_.update((19_999 + i) * FRAME_NS, EYES)
         if _state(filter_) == before:
@@ -177,8 +200,11 @@ def missed_px(
     to_s: float,
     ahead_s: float = 0.1,
 ) -> float:
-    """RMS of the error ahead_s after each frame at 30 Hz of eyes that move sideways from from_s to to_s; noise of 0.15 px."""
-    rng, missed = np.random.default_rng(4), []
+    """RMS of the error ahead_s after each frame at 30 Hz of eyes that move sideways from from_s to
+    to_s; noise of 0.15 px.
+    """
+    rng = np.random.default_rng(4)
+    missed = []
     for i in range(round(from_s * 30), round(to_s * 30)):
         t_s = i / 30
         filter_.update(
@@ -194,20 +220,14 @@ def missed_px(
 
 
 @pytest.mark.parametrize("speed_px_s", [150, 450, -450])
-def test_a_face_that_enters_at_speed_is_predicted_from_its_second_frame_on(
+def test_a_face_that_enters_at_speed_is_predicted_from_its_third_frame_on(
     speed_px_s: float,
 ) -> None:
     filter_ = make("predictive")
-    for i in range(2):
+    for i in range(3):
         filter_.update(i * FRAME_NS, EYES + np.array([speed_px_s * i / 30, 0]))
-    ahead = filter_.predict(4 * FRAME_NS)[:, 0].mean() - EYES[:, 0].mean()
-    assert ahead / (speed_px_s * 4 / 30) == pytest.approx(1, abs=0.35), (
-        "the lively models are not trusted in full"
-    )
-    for i in range(2, 4):
-        filter_.update(i * FRAME_NS, EYES + np.array([speed_px_s * i / 30, 0]))
-    ahead = filter_.predict(6 * FRAME_NS)[:, 0].mean() - EYES[:, 0].mean()
-    assert ahead / (speed_px_s * 6 / 30) == pytest.approx(1, abs=0.1)
+    ahead = filter_.predict(5 * FRAME_NS)[:, 0].mean() - EYES[:, 0].mean()
+    assert ahead / (speed_px_s * 5 / 30) == pytest.approx(1, abs=0.1)
 
 
 def test_acceleration_is_used_where_it_has_improved_predictions() -> None:
@@ -248,13 +268,78 @@ def test_head_scale_does_not_matter() -> None:
 
 @pytest.mark.parametrize("rate_hz", [30, 60, 120, 240])
 def test_one_wrong_landmark_is_not_magnified(rate_hz: int) -> None:
-    """One frame is off by half a distance between the eyes. It used to be predicted 1.2 to 3.9 such distances away."""
-    filter_, rng, off = make("predictive"), np.random.default_rng(2), []
+    """One frame is off by half a distance between the eyes.
+
+    It used to be predicted 1.2 to 3.9 such distances away.
+    """
+    filter_ = make("predictive")
+    rng = np.random.default_rng(2)
+    off = []
     for i in range(4 * rate_hz):
         wrong = np.array([[0.5 * 60, 0], [0.5 * 60, 0]]) if i == 3 * rate_hz else 0.0
         filter_.update(round(i * 1e9 / rate_hz), EYES + rng.normal(0, 0.15, (2, 2)) + wrong)
         off.append(np.abs(filter_.predict(round((i / rate_hz + 0.1) * 1e9)) - EYES).max() / 60)
     assert max(off[3 * rate_hz :]) < 0.05
+
+
+@pytest.mark.parametrize("loop_s", [0.0, 0.08])
+@pytest.mark.parametrize(
+    ("frames", "off"),
+    [(1, ((0.12, 0), (0.12, 0))), (1, ((0.25, 0), (0, 0))), (2, ((0.58, 0), (0.58, 0)))],
+)
+def test_a_glitch_below_the_gate_is_magnified_twice_at_most(
+    frames: int, off: tuple[tuple[float, float], ...], loop_s: float
+) -> None:
+    """Pictures of 60 Hz; off: of the eyes, in distances between them."""
+    filter_ = make_filter(Track(), loop_s)
+    rng = np.random.default_rng(2)
+    used = []
+    for i in range(150):
+        wrong = 60 * np.array(off) if 90 <= i < 90 + frames else 0.0
+        filter_.update(round(i / 30 * 1e9), EYES + rng.normal(0, 0.15, (2, 2)) + wrong)
+        for k in (0, 1):
+            ahead_s = i / 30 + 0.018 + k / 60 + loop_s
+            used.append(filter_.predict(round(ahead_s * 1e9))[:, 0].mean())
+    true_px = 60 * abs(off[0][0] + off[1][0]) / 2
+    assert np.abs(used - EYES[:, 0].mean()).max() < 2 * true_px + 1
+    assert np.abs(np.diff(used[100:])).max() < 2 * true_px + 1
+
+
+def lags_ms(x_px: Callable[[float], float], speed_px_s: float, loop_s: float = 0.08) -> float:
+    """How late the prediction of a delay is, where eyes move as x_px: the error that follows the
+    speed, over the speed. Noise of 0.3 px.
+    """
+    filter_ = make_filter(Track(), loop_s)
+    rng = np.random.default_rng(4)
+    late = []
+    moved = []
+    for i in range(30 * 12):
+        eyes = EYES + np.array([x_px(i / 30), 0]) + rng.normal(0, 0.3, (2, 2))
+        filter_.update(round(i / 30 * 1e9), eyes)
+        seen_s = i / 30 + 0.03 + loop_s
+        speed = (x_px(seen_s + 1e-3) - x_px(seen_s - 1e-3)) / 2e-3
+        # of a turn, the speed has not yet been seen
+        if i >= 60 and abs(x_px(i / 30 - 0.4) - x_px(seen_s)) >= 0.4 * abs(speed_px_s):
+            off_px = filter_.predict(round(seen_s * 1e9))[:, 0].mean() - 320 - x_px(seen_s)
+            late.append(-off_px * speed)
+            moved.append(speed * speed)
+    return float(1e3 * sum(late) / sum(moved))
+
+
+@pytest.mark.parametrize("speed_px_s", [150, 300, 450])
+def test_a_head_at_constant_speed_is_not_late(speed_px_s: float) -> None:
+    """Forth and back, with a second of rest between: 1.4 s each way."""
+
+    def x_px(t_s: float) -> float:
+        phase = t_s % 4.8
+        way = min(phase, 1.4) if phase < 2.4 else max(3.8 - phase, 0.0)
+        return speed_px_s * way
+
+    assert abs(lags_ms(x_px, speed_px_s)) < 6
+
+
+def test_a_swaying_head_is_predicted_over_a_loop_of_80_ms() -> None:
+    assert lags_ms(lambda t_s: 60 * math.sin(2 * math.pi * t_s), 0.0) < 25, "without it, 110 ms"
 
 
 @pytest.mark.parametrize("rate_hz", [30, 60, 240])
@@ -268,7 +353,9 @@ def test_a_step_that_a_second_frame_confirms_is_followed(rate_hz: int) -> None:
 
 
 def test_a_velocity_is_trusted_over_a_long_loop_as_far_as_it_carries() -> None:
-    """Nodding at 1.5 Hz: with 120 ms of loop a straight line overshoots, and would be worse than no prediction."""
+    """Nodding at 1.5 Hz: with 120 ms of loop a straight line overshoots, and would be worse than no
+    prediction.
+    """
 
     def nod(t_s: float) -> float:
         return 15 * math.sin(2 * math.pi * 1.5 * t_s)
@@ -284,7 +371,9 @@ def test_the_step_of_a_still_head_is_no_more_than_the_means_at_high_rates(rate_h
     """A head is never quite still: it sways by a few px, slowly. Noise of 0.3 px."""
     steps = {}
     for kind in ("mean", "predictive"):
-        filter_, rng, used = make(kind), np.random.default_rng(8), []
+        filter_ = make(kind)
+        rng = np.random.default_rng(8)
+        used = []
         for i in range(10 * rate_hz):
             sway = 3 * math.sin(2 * math.pi * 0.15 * i / rate_hz)
             filter_.update(
@@ -306,9 +395,13 @@ TRACKS = st.lists(
 def test_one_euro_is_the_published_filter(
     track: list[tuple[int, tuple[float, ...]]], least_hz: float, beta: float, slope_hz: float
 ) -> None:
-    """Each coordinate on its own, in plain Python; the speed is of both eyes together, in distances between them."""
-    filter_, t_ms = OneEuro(least_hz, beta, slope_hz), 0
-    at = last = slopes = (0.0,) * 4
+    """Each coordinate on its own, in plain Python; the speed is of both eyes together, in distances
+    between them.
+    """
+    filter_ = OneEuro(least_hz, beta, slope_hz)
+    t_ms = 0
+    at: tuple[float, ...] = (0.0,) * 4
+    last = slopes = at
     for k, (step_ms, eyes) in enumerate(track):
         t_ms += step_ms
         position, velocity = filter_.update(t_ms * 10**6, np.array(eyes).reshape(2, 2))
@@ -331,7 +424,8 @@ def test_one_euro_is_the_published_filter(
 
 @given(TRACKS, st.integers(1, 8))
 def test_a_mean_is_that_of_the_last_k(track: list[tuple[int, tuple[float, ...]]], k: int) -> None:
-    filter_, t_ms = Mean(k), 0
+    filter_ = Mean(k)
+    t_ms = 0
     for n, (step_ms, eyes) in enumerate(track, 1):
         t_ms += step_ms
         position, velocity = filter_.update(t_ms * 10**6, np.array(eyes).reshape(2, 2))
@@ -394,19 +488,20 @@ def test_the_stiff_grid_keeps_its_digits_and_stays_positive() -> None:
 
 
 def test_the_default_filter_keeps_its_digits_and_stays_positive() -> None:
-    """One of its models, over and far beyond its settings: acceleration, noise in eye distances, time between frames."""
+    """One of its models, over and far beyond its settings: acceleration, noise in eye distances,
+    time between frames.
+    """
     eyes = np.array([[350.0, 240.0], [290.0, 242.0]])
     q_px = math.dist(*eyes.tolist()) ** 2
     for q, noise, dt_ns in itertools.product(
         (1e-6, 1.0, 1200.0, 1e9), (1e-6, 1e-3, 1.0), (200_000, 4_166_667, 400_000_000)
     ):
-        tuning = Tuning(
-            motions=(Motion(q, 1.0),), stay_s=1e300, rate_common=0.0, first=noise, least=noise
-        )
+        tuning = Tuning(accelerations=(q,), stay_s=1e300, rate_common=0.0, first=noise, least=noise)
         filter_ = Predictive(tuning)
         filter_.update(0, eyes)
         one = filter_._models[1]
-        start, r = (one.a, one.b, one.c), filter_._noise * tuning.common**2
+        start = (one.a, one.b, one.c)
+        r = filter_._noise * tuning.common**2
         for k in range(1, 8):
             filter_.update(k * dt_ns, eyes)
             assert one.a > 0 and one.c >= 0 and one.b**2 <= one.a * one.c * (1 + 1e-9)

@@ -1,4 +1,6 @@
-"""The face networks without the package mediapipe: fetched by a fake installer, taken from wheels good and bad."""
+"""The face networks without the package mediapipe: fetched by a fake installer, taken from wheels
+good and bad.
+"""
 
 import hashlib
 import stat
@@ -76,7 +78,8 @@ def test_networks_of_a_wheel_run_without_the_package(bare: Path, wheel: Path) ->
 def test_a_bad_wheel_changes_nothing(
     bare: Path, tmp_path: Path, contents: dict[str, bytes], damage: str
 ) -> None:
-    path, iris = tmp_path / "bad.whl", "mediapipe/modules/iris_landmark/iris_landmark.tflite"
+    path = tmp_path / "bad.whl"
+    iris = "mediapipe/modules/iris_landmark/iris_landmark.tflite"
     if damage == "truncated":
         path.write_bytes(write_wheel(path, contents).read_bytes()[:-100])
     elif damage == "text":

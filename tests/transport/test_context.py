@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from lfpipe.config import Config, SessionOptions
+from lfpipe.config.modes import Live, Lossless
 from lfpipe.host.wake import Wake
 from lfpipe.supervisor.process_table import SOURCE, consumers
 from lfpipe.supervisor.session_state import SessionState
@@ -21,16 +22,15 @@ from lfpipe.transport.status import State
 @pytest.fixture
 def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Session]:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    made = Session(f"c{secrets.token_hex(4)}")
+    made = Session(f"c{secrets.token_hex(4)}").with_token()
     made.run_dir.mkdir(mode=0o700)
     memory = SessionStore(made, SessionState.first(Config(), SessionOptions()))
     yield made
     memory.close()
 
 
-pytestmark = pytest.mark.filterwarnings(
-    "ignore::pytest.PytestUnraisableExceptionWarning"
-)  # mappings go with the process
+# mappings go with the process
+pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 
 Make = Callable[[str, bool], Context]
 
@@ -42,15 +42,15 @@ def make(session: Session) -> Iterator[Make]:
 
     def context(name: str, lossless: bool) -> Context:
         spec = StageSpec(
-            name,
-            "",
-            session,
-            Config(),
-            1,
-            SessionOptions(lossless=lossless),
-            consumers(),
-            (),
-            SOURCE,
+            name=name,
+            module="",
+            session=session,
+            config=Config(),
+            rev=1,
+            options=SessionOptions(clock=Lossless() if lossless else Live()),
+            consumers=consumers(),
+            others=(),
+            source=SOURCE,
         )
         made.append(Context(spec))
         return made[-1]
@@ -62,7 +62,8 @@ def make(session: Session) -> Iterator[Make]:
 
 def wakes(context: Context, seconds: float) -> int:
     """How often a stage that has nothing to do until then is woken. It beats every 100 ms."""
-    count, end_ns = 0, now_ns() + int(seconds * 1e9)
+    count = 0
+    end_ns = now_ns() + int(seconds * 1e9)
     while now_ns() < end_ns:
         context.wait(end_ns)
         count += 1
@@ -72,7 +73,9 @@ def wakes(context: Context, seconds: float) -> int:
 def test_a_reader_that_has_taken_a_slot_does_not_keep_its_writer_awake(
     session: Session, make: Make
 ) -> None:
-    """At pace=max, where every slot taken is told to the writer, which looks at it only when it wants to publish again."""
+    """At pace=max, where a reader reports every slot to the writer, which looks at it only when it
+    wants to publish again.
+    """
     context = make("track", True)
     eyes = context.output("eyes")
     for reader in ("render", "record"):

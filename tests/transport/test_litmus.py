@@ -1,17 +1,18 @@
-"""The ring on a machine that reorders memory accesses: with all of its fences nothing is torn, and none can be left out.
-Every execution is tried, with the accesses that the code itself makes.
+"""The ring on a machine that reorders memory accesses: with all of its fences nothing is torn, and
+none can be left out. Every execution is tried, with the accesses that the code itself makes.
 
-The real `Writer` and `Reader` run on arrays that record each load, store and fence. The model then lets each thread make its
-accesses in every order that its fences allow: two accesses stay in order only if a fence stands between them or they are of one
-place. Memory itself is shared by all at once (multi-copy atomic), as on ARMv8, RISC-V and x86. Dependencies order nothing, so the
-model is weaker than any of these machines. The values that an execution loads are given to the real reader, which takes or
-refuses them.
+The real `Writer` and `Reader` run on arrays that record each load, store and fence. The model then
+lets each thread make its accesses in every order that its fences allow: two accesses stay in order
+only if a fence stands between them or they are of one place. Memory itself is shared by all at once
+(multi-copy atomic), as on ARMv8, RISC-V and x86. Dependencies order nothing, so the model is weaker
+than any of these machines. The values that an execution loads are given to the real reader, which
+takes or refuses them.
 """
 
 import linecache
 import sys
 from collections.abc import Callable, Iterator
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import attrs
 import numpy as np
@@ -21,13 +22,8 @@ from lfpipe.transport import ring
 from lfpipe.transport.ring import Reader, Stamp, Writer
 
 SLOTS, PUBLISHED = 3, 5  # the least number of slots; so many are published meanwhile
-FENCES = (
-    "begin 1",
-    "publish 1",
-    "_next 1",
-    "_stamp 1",
-    "still_valid 1",
-)  # function, and number in it
+# function, and number in it
+FENCES = ("begin 1", "publish 1", "_next 1", "_stamp 1", "still_valid 1")
 Way = Literal["read", "read_next", "peek"]
 WAYS: tuple[Way, ...] = ("read", "read_next", "peek")
 Place = tuple[str, int]  # what, of which slot
@@ -41,6 +37,9 @@ class Access:
     value: int | None = None
 
 
+T = TypeVar("T")
+
+
 class _NoMoreValues(Exception):
     """The reader starts again: it has refused the values that it got."""
 
@@ -50,7 +49,8 @@ class _Trace:
 
     def __init__(self, without: str = "", loads: tuple[int, ...] = ()) -> None:
         self.accesses: list[Access] = []
-        self._without, self._loads = without, iter(loads)
+        self._without = without
+        self._loads = iter(loads)
 
     def fence(self) -> None:
         caller = sys._getframe(1)
@@ -83,7 +83,9 @@ class _Counter:
     """The counter `published`. own: what its one writer, which alone changes it, reads of it."""
 
     def __init__(self, trace: _Trace, own: bool) -> None:
-        self._trace, self._own, self._value = trace, own, 0
+        self._trace = trace
+        self._own = own
+        self._value = 0
 
     def __getitem__(self, _: int) -> int:
         return self._value if self._own else self._trace.load(("published", 0))
@@ -135,30 +137,30 @@ class _Payload:
 
 def _on(trace: _Trace, kind: type[Any], own: bool) -> Any:
     """A writer or reader whose memory is trace."""
-    made = kind.__new__(kind)
-    made.slots, made.shape, made.dtype = SLOTS, (2,), np.dtype("i8")
-    made._published, made._epoch = _Counter(trace, own), [0]
+    made: Any = object.__new__(kind)
+    made.slots = SLOTS
+    made.shape = (2,)
+    made.dtype = np.dtype("i8")
+    made._published = _Counter(trace, own)
+    made._epoch = [0]
     made._heads = [_Head(trace, slot) for slot in range(SLOTS)]
     made._payloads = [_Payload(trace, slot) for slot in range(SLOTS)]
     return made
 
 
-def _traced(trace: _Trace, act: Callable[[], Any]) -> Any:
-    kept = ring.fence
-    ring.fence = trace.fence  # type: ignore[assignment]
-    try:
+def _traced(trace: _Trace, act: Callable[[], T]) -> T:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ring, "fence", trace.fence)
         return act()
-    finally:
-        ring.fence = kept  # type: ignore[assignment]
 
 
 def writer_program(without: str) -> list[Access]:
     trace = _Trace(without)
-    writer: Writer = _on(trace, Writer, own=True)
+    writer = _on(trace, Writer, own=True)
 
     def act() -> None:
         for number in range(1, PUBLISHED + 1):
-            writer.begin().fill(number)  # type: ignore[attr-defined]
+            writer.begin().fill(number)
             writer.publish(number, 0, 0)
 
     _traced(trace, act)
@@ -184,7 +186,7 @@ def _take(trace: _Trace, way: Way, last_seq: int) -> tuple[Stamp, Any] | None:
         except _NoMoreValues:
             return None
 
-    return _traced(trace, act)  # type: ignore[no-any-return]
+    return _traced(trace, act)
 
 
 def reader_program(without: str, way: Way, last_seq: int, p: int) -> tuple[list[Access], int]:
@@ -199,8 +201,13 @@ def reader_program(without: str, way: Way, last_seq: int, p: int) -> tuple[list[
 
 
 def _before(program: list[Access]) -> tuple[list[Access], list[int]]:
-    """Loads and stores of a program, and for each the set, as bits, of those that must come before it."""
-    accesses, needed, fenced, since = [], [], 0, 0  # type: ignore[var-annotated]
+    """Loads and stores of a program, and for each the set, as bits, of those that must come before
+    it.
+    """
+    accesses = list[Access]()
+    needed = list[int]()
+    fenced = 0
+    since = 0
     for access in program:
         if access.place is None:
             fenced |= since
@@ -213,7 +220,9 @@ def _before(program: list[Access]) -> tuple[list[Access], list[int]]:
 
 
 def executions(writer: list[Access], reader: list[Access], p: int) -> Iterator[tuple[int, ...]]:
-    """The values of all loads of the reader, in the order of its program, for every execution in which it finds p first."""
+    """The values of all loads of the reader, in the order of its program, for every execution in
+    which it finds p first.
+    """
     stores, store_after = _before(writer)
     loads, load_after = _before(reader)
     todo = [(0, 0, (), ())]  # type: list[tuple[int, int, tuple[tuple[Place, int], ...], tuple[tuple[int, int], ...]]]
@@ -227,7 +236,7 @@ def executions(writer: list[Access], reader: list[Access], p: int) -> Iterator[t
         following = []
         for i, store in enumerate(stores):
             if not written >> i & 1 and store_after[i] & ~written == 0:
-                now = tuple(sorted((held | {store.place: store.value}).items()))  # type: ignore[dict-item]
+                now = tuple(sorted((held | {store.place: store.value}).items()))
                 following.append((written | 1 << i, read, now, found))
         for i, load in enumerate(loads):
             if not read >> i & 1 and load_after[i] & ~read == 0:

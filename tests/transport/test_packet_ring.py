@@ -1,4 +1,6 @@
-"""JPEGs beside their frames: each comes with the frame it was decoded into, whatever is missing on either side."""
+"""JPEGs beside their frames: each comes with the frame it was decoded into, whatever is missing on
+either side.
+"""
 
 import secrets
 from collections.abc import Iterator
@@ -29,7 +31,7 @@ def stamp(seq: int, epoch: int = 0) -> Stamp:
 
 @pytest.fixture
 def session() -> Session:
-    return Session(f"t{secrets.token_hex(4)}")
+    return Session(f"t{secrets.token_hex(4)}").with_token()
 
 
 @pytest.fixture
@@ -56,11 +58,15 @@ def opened(session: Session, part: str = "packets.1") -> PacketOutput:
     st.integers(1, SLOTS - 2),
 )
 def test_each_frame_has_its_own_packet_or_none(kinds: list[tuple[str, int]], ahead: int) -> None:
-    """ahead: frames that capture is before the recorder. New epochs begin anywhere and count frames from anywhere."""
-    session = Session(f"t{secrets.token_hex(4)}")
+    """ahead: frames that capture is before the recorder. New epochs begin anywhere and count frames
+    from anywhere.
+    """
+    session = Session(f"t{secrets.token_hex(4)}").with_token()
     memory = _made(session)
-    output, taken = opened(session), PacketInput(session, "packets.1")
-    epoch, waiting = 0, list[tuple[Stamp, bytes | None]]()
+    output = opened(session)
+    taken = PacketInput(session, "packets.1")
+    epoch = 0
+    waiting = list[tuple[Stamp, bytes | None]]()
 
     def take() -> None:
         wanted, packet = waiting.pop(0)
@@ -75,9 +81,8 @@ def test_each_frame_has_its_own_packet_or_none(kinds: list[tuple[str, int]], ahe
         if kind != "frame not asked for":
             kept = packet.tobytes() if packet is not None and kind == "both" else None
             waiting.append((stamp(seq, epoch), kept))
-        while (
-            waiting and seq - waiting[0][0].source_seq >= ahead
-        ):  # further behind, what it wants would be gone
+        # further behind, what it wants would be gone
+        while waiting and seq - waiting[0][0].source_seq >= ahead:
             take()
     while waiting:
         take()
@@ -90,7 +95,8 @@ def test_each_frame_has_its_own_packet_or_none(kinds: list[tuple[str, int]], ahe
 def test_a_packet_that_was_overwritten_is_gone_and_the_next_ones_are_there(
     session: Session, made: Segment
 ) -> None:
-    output, taken = opened(session), PacketInput(session, "packets.1")
+    output = opened(session)
+    taken = PacketInput(session, "packets.1")
     for seq in range(10):
         output.publish(data(seq), seq, 0, 0, 0)
     assert taken.of(stamp(1)) is None

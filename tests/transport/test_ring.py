@@ -18,6 +18,7 @@ from lfpipe.eyes import EYES
 from lfpipe.host import segment
 from lfpipe.transport import ring
 from lfpipe.transport.ring import Reader, RingSpec, Writer
+from tests.support.world import until
 
 SPAWN = multiprocessing.get_context("spawn")
 
@@ -47,7 +48,8 @@ def made() -> Iterator[str]:
 def ends(spec: RingSpec) -> Iterator[tuple[Writer, Reader]]:
     """Both ends of a ring of its own."""
     with memory(spec) as name:
-        writer, reader = Writer(name), Reader(name)
+        writer = Writer(name)
+        reader = Reader(name)
         yield writer, reader
         writer.close()
         reader.close()
@@ -75,11 +77,12 @@ def test_no_torn_frame_in_100000_reads_with_a_writer_at_full_speed(made: str) ->
     writer = SPAWN.Process(target=write_for_ever, args=(made,), daemon=True)
     writer.start()
     try:
-        reader, out = Reader(made), np.empty((96, 512), np.uint8)
-        seen, last = 0, reader.last_seq
+        reader = Reader(made)
+        out = np.empty((96, 512), np.uint8)
+        seen = 0
+        last = reader.last_seq
         first = last
-        while not reader.published:
-            time.sleep(0.001)
+        until(lambda: reader.published, "first frame")
         for _ in range(100_000):
             stamp = reader.read(out)
             if stamp is None:
@@ -87,7 +90,8 @@ def test_no_torn_frame_in_100000_reads_with_a_writer_at_full_speed(made: str) ->
             assert out.min() == out.max() == stamp.seq % 251, "torn"
             assert stamp.seq == last + stamp.skipped + 1
             assert stamp.source_seq == stamp.seq - 1
-            last, seen = stamp.seq, seen + stamp.skipped + 1
+            last = stamp.seq
+            seen = seen + stamp.skipped + 1
         assert seen == last - first > 0
     finally:
         writer.kill()
@@ -97,7 +101,8 @@ def test_no_torn_frame_in_100000_reads_with_a_writer_at_full_speed(made: str) ->
 
 def test_a_writer_killed_in_mid_slot_harms_nobody(made: str) -> None:
     ours, theirs = SPAWN.Pipe()
-    reader, out = Reader(made), np.empty((96, 512), np.uint8)
+    reader = Reader(made)
+    out = np.empty((96, 512), np.uint8)
     writer = SPAWN.Process(target=stop_in_mid_slot, args=(made, theirs), daemon=True)
     writer.start()
     assert ours.recv() == "half"
@@ -156,7 +161,9 @@ def test_every_slot_is_either_read_or_counted(steps: list[int], slots: int) -> N
 def test_in_order_every_slot_comes_once_or_is_counted_and_all_that_are_still_there_come(
     lent: bool, steps: list[tuple[int, int]], slots: int
 ) -> None:
-    """steps: so many published, then so many asked for. slots - 2 may lie between the newest and the oldest still read."""
+    """steps: so many published, then so many asked for. slots - 2 may lie between the newest and
+    the oldest still read.
+    """
     out = np.empty(2, np.int64)
     published = last = 0
     with ends(RingSpec((2,), np.dtype("<i8"), slots)) as (writer, reader):
@@ -215,12 +222,15 @@ def test_what_is_no_ring_is_said(name: str) -> None:
 
 def test_a_reader_that_sees_the_writer_lap_it_takes_the_newest(made: str) -> None:
     """The writer overtakes between the copy and the second look: the copy must be thrown away."""
-    writer, reader, out = Writer(made), Reader(made), np.empty((96, 512), np.uint8)
+    writer = Writer(made)
+    reader = Reader(made)
+    out = np.empty((96, 512), np.uint8)
 
     for value in (1, 2, 3):
         writer.begin()[:] = value
         writer.publish(value, 0, 0)
-    genuine, laps = reader._payloads, [3]
+    genuine = reader._payloads
+    laps = [3]
 
     class Payloads(list[Any]):  # reaching for a slot lets the writer run ahead, once
         def __getitem__(self, i: Any) -> Any:
@@ -281,8 +291,12 @@ def test_slots_are_whole_pages_and_no_more_than_they_need(
 
 def test_a_slot_that_is_being_filled_cannot_be_read_and_carries_what_was_said_of_it() -> None:
     assert [(one.value, one.word) for one in ring.StampKind] == [
-        (0, "scheduled"), (1, "read"), (2, "end of frame"), (3, "start of exposure"), (4, "start of transfer"),
-    ]  # fmt: skip
+        (0, "scheduled"),
+        (1, "read"),
+        (2, "end of frame"),
+        (3, "start of exposure"),
+        (4, "start of transfer"),
+    ]
     with ends(RingSpec((4,), np.dtype("u1"), slots=3)) as (writer, reader):
         writer.begin()[:] = 7
         assert reader.peek() is None

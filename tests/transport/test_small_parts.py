@@ -53,11 +53,7 @@ def test_buckets_are_in_order_without_gap_and_stand_for_their_values_within_one_
 def test_durations_that_cannot_be_are_counted_as_nothing_and_as_the_longest() -> None:
     histogram = Histogram(np.zeros((), HISTOGRAM))
     histogram.add_ns(-5)
-    assert (histogram.record["count"], histogram.record["sum_ns"], histogram.record["max_ns"]) == (
-        1,
-        0,
-        0,
-    )
+    assert [int(histogram.record[name]) for name in ("count", "sum_ns", "max_ns")] == [1, 0, 0]
     for value in (1 << 53, 1 << 62, 1 << 63, 1 << 80):
         histogram.add_ns(value)
     assert summary_ms(histogram.record)["n"] == 5 and histogram.record["buckets"][-1] == 4
@@ -86,7 +82,8 @@ def test_a_summary_is_that_of_the_values(values_ns: list[int]) -> None:
     histogram = Histogram()
     for value_ns in values_ns:
         histogram.add_ns(value_ns)
-    ranked, top_ms = sorted(values_ns) or [0], max(values_ns, default=0) / 1e6
+    ranked = sorted(values_ns) or [0]
+    top_ms = max(values_ns, default=0) / 1e6
     expected = {
         "n": len(values_ns),
         "mean_ms": round(sum(values_ns) / 1e6 / max(len(values_ns), 1), 4),
@@ -142,7 +139,9 @@ SIGNED = status.MAGIC + status.LAYOUT.to_bytes(8, "little")
     ],
 )
 def test_what_is_no_status_table_of_this_version_is_named(data: bytes) -> None:
-    """Another ring, one made just now, one of another version, one of other fields, anything else, and one that is cut short."""
+    """Another ring, one made just now, one of another version, one of other fields, anything else,
+    and one that is cut short.
+    """
     name = f"lfp-test-{os.getpid()}"
     memory = segment.create(name, max(len(data), 64))
     memory.buf[: len(data)] = data

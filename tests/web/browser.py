@@ -1,4 +1,6 @@
-"""A headless Chromium over the W3C WebDriver protocol: a page opened, looked at, asked and clicked."""
+"""A headless Chromium over the W3C WebDriver protocol: a page opened, looked at, asked and
+clicked.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +14,8 @@ import urllib.error
 import urllib.request
 from pathlib import Path
 from typing import Any
+
+from tests.support.world import until
 
 ELEMENT = "element-6066-11e4-a52e-4f735466cecf"
 ARGUMENTS = (
@@ -36,16 +40,18 @@ def missing() -> str:
 class Browser:
     """A context."""
 
-    def __init__(self, profile: Path) -> None:
+    def __init__(self, profile: Path, *arguments: str) -> None:
+        """arguments: of Chromium, more than ARGUMENTS."""
         with socket.create_server(("127.0.0.1", 0)) as free:
             port = free.getsockname()[1]
         self._base = f"http://127.0.0.1:{port}"
-        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        self._driver = subprocess.Popen(["chromedriver", f"--port={port}"], **quiet)
+        quiet = subprocess.DEVNULL
+        command = ["chromedriver", f"--port={port}"]
+        self._driver = subprocess.Popen(command, stdout=quiet, stderr=quiet)
         self._session = ""
         options = {
             "binary": shutil.which("chromium"),
-            "args": [*ARGUMENTS, f"--user-data-dir={profile}"],
+            "args": [*ARGUMENTS, *arguments, f"--user-data-dir={profile}"],
         }
         end = time.monotonic() + 30
         while not self._session:
@@ -80,6 +86,10 @@ class Browser:
         return self._call(
             "POST", f"{self._session}/execute/sync", {"script": f"return {script};", "args": []}
         )
+
+    def until(self, condition: str, timeout_s: float = 30) -> None:
+        """Waits until a JavaScript expression is true."""
+        until(lambda: self.ask(condition), condition, timeout_s)
 
     def click(self, selector: str) -> None:
         found = self._call(

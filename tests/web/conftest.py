@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import pytest
 
+from tests.support.world import World
 from tests.web.server import Server, served
-from tests.world import World
 
 
 @pytest.fixture

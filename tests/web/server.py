@@ -7,7 +7,7 @@ import re
 import signal
 import socket
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from typing import Any
 
@@ -16,15 +16,16 @@ import cv2
 import numpy as np
 import psutil
 
-from tests.world import World
+from tests.support.world import World, until
 
 
 @attrs.frozen
 class Server:
-    """port and token: as printed. pid: of the process."""
+    """port and tokens: as printed. pid: of the process."""
 
     port: int
     token: str
+    watch_token: str
     pid: int
 
     @property
@@ -36,7 +37,10 @@ class Server:
         return {"Authorization": f"Bearer {self.token}"}
 
     def ask(self, method: str, path: str, body: Any = None, **headers: str) -> tuple[int, bytes]:
-        """Status and body of an answer; with the token. Bytes are sent as they are, another body as JSON."""
+        """Status and body of an answer; with the token.
+
+        Bytes are sent as they are, another body as JSON.
+        """
         answer, data = self.answer(method, path, body, **{**self.bearer, **headers})
         return answer.status, data
 
@@ -73,7 +77,9 @@ class Server:
         return next(base64.b64decode(data) for name, data in self.events() if name == which)
 
     def picture(self, which: str = "picture") -> np.ndarray:
-        return cv2.imdecode(np.frombuffer(self.jpeg(which), np.uint8), cv2.IMREAD_COLOR)
+        picture = cv2.imdecode(np.frombuffer(self.jpeg(which), np.uint8), cv2.IMREAD_COLOR)
+        assert picture is not None
+        return picture
 
     def send(self, data: bytes) -> socket.socket:
         """A connection that has sent data."""
@@ -82,7 +88,7 @@ class Server:
         return connection
 
     def threads(self) -> int:
-        return psutil.Process(self.pid).num_threads()
+        return int(psutil.Process(self.pid).num_threads())
 
     def sockets(self) -> int:
         return len(psutil.Process(self.pid).net_connections())
@@ -90,25 +96,20 @@ class Server:
 
 @contextmanager
 def served(world: World, *args: str) -> Iterator[Server]:
-    """Serves the page of the world's session until Ctrl-C. Fails where it wrote more than its address."""
+    """Serves the page of the world's session until Ctrl-C.
+
+    Fails where it wrote more than its addresses.
+    """
     log = world.root / f"monitor-{time.monotonic_ns()}.log"
     with log.open("w") as output:
         words = ("monitor", "--session", world.name, "--web", *(args or (":0",)))
         process = world.start(*words, stdout=output, stderr=output)
-    port, token = until(
-        lambda: re.findall(r"http://\S+:(\d+)/\?token=(\S+)", log.read_text()), "address"
-    )[0]
-    yield Server(int(port), token, process.pid)
+    addresses = r"http://\S+:(\d+)/\?token=(\S+)[^?]*\?token=(\S+)\n"
+    port, token, watch_token = until(lambda: re.findall(addresses, log.read_text()), "addresses")[0]
+    yield Server(int(port), token, watch_token, process.pid)
     assert process.poll() is None, log.read_text()
     process.send_signal(signal.SIGINT)
-    code, text = process.wait(60), log.read_text()
-    assert code == 0 and len(text.splitlines()) == 1 and text.count(token) == 1, text
-
-
-def until(condition: Callable[[], Any], what: str, timeout_s: float = 60) -> Any:
-    end = time.monotonic() + timeout_s
-    while time.monotonic() < end:
-        if outcome := condition():
-            return outcome
-        time.sleep(0.1)
-    raise AssertionError(f"no {what} within {timeout_s} s")
+    code = process.wait(60)
+    text = log.read_text()
+    once = text.count(token) == text.count(watch_token) == 1
+    assert code == 0 and len(text.splitlines()) == 2 and once, text

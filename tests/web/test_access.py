@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
+import attrs
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -14,9 +15,9 @@ from hypothesis import strategies as st
 from lfpipe.errors import UserError
 from lfpipe.observe.page_feed import Feed
 from lfpipe.observe.web import Site, named, parse_address, url_of
+from tests.support.world import World, until
 from tests.web.browser import Browser, missing
-from tests.web.server import Server, until
-from tests.world import World
+from tests.web.server import Server
 
 PATHS = ["/", "/page.js", "/index.html", "/events", "/ctl", "/nothing", "//", "/x/ctl"]
 HARDENED = {
@@ -36,10 +37,18 @@ def test_nothing_is_served_without_the_token(live_server: Server, method: str) -
     wrong = live_server.token[:-1] + ("A" if live_server.token[-1] != "A" else "B")
     name = f"lfpipe-{live_server.port}"
     attempts: list[tuple[str, dict[str, str]]] = [
-        ("", {}), (f"?token={wrong}", {}), ("?token=", {}), ("?token=%ff", {}), ("", {"Authorization": f"Bearer {wrong}"}),
-        ("", {"Authorization": live_server.token}), ("", {"Authorization": "Bearer "}), ("", {"Cookie": f"{name}={wrong}"}),
-        ("", {"Cookie": f"lfpipe-1={live_server.token}"}), ("", {"Cookie": f"{name}="}), ("", {"Cookie": f'{name}="'}),
-    ]  # fmt: skip
+        ("", {}),
+        (f"?token={wrong}", {}),
+        ("?token=", {}),
+        ("?token=%ff", {}),
+        ("", {"Authorization": f"Bearer {wrong}"}),
+        ("", {"Authorization": live_server.token}),
+        ("", {"Authorization": "Bearer "}),
+        ("", {"Cookie": f"{name}={wrong}"}),
+        ("", {"Cookie": f"lfpipe-1={live_server.token}"}),
+        ("", {"Cookie": f"{name}="}),
+        ("", {"Cookie": f'{name}="'}),
+    ]
     for path, (query, headers) in itertools.product(PATHS, attempts):
         answer, data = live_server.answer(
             method, path + query, COMMAND if method == "POST" else None, **headers
@@ -66,6 +75,19 @@ def test_the_token_moves_into_a_cookie(live_server: Server) -> None:
         assert answer.status == 200 and {key: answer.getheader(key) for key in HARDENED} == HARDENED
     assert live_server.ask("GET", "/nothing")[0] == live_server.ask("GET", "/../web.py")[0] == 404
     assert live_server.ask("PUT", "/ctl", COMMAND)[0] == live_server.ask("GET", "/ctl")[0] == 405
+
+
+def test_the_other_token_shows_no_camera_and_takes_no_commands(live_server: Server) -> None:
+    token = live_server.watch_token
+    answer, page = live_server.answer("GET", f"/?token={token}")
+    assert answer.status == 200 and b'<body class="watch">' in page
+    assert answer.headers["Set-Cookie"].startswith(f"lfpipe-{live_server.port}={token};")
+    watching = {"Authorization": f"Bearer {token}"}
+    assert live_server.answer("POST", "/ctl", COMMAND, **watching)[0].status == 403
+    names = ["", "picture"]
+    assert {name for name, _ in itertools.islice(live_server.events(), 30)} == {*names, "camera"}
+    watcher = attrs.evolve(live_server, token=token)
+    assert sorted({name for name, _ in itertools.islice(watcher.events(), 30)}) == names
 
 
 def test_names_and_pages_of_others_are_refused(live_server: Server) -> None:
@@ -95,7 +117,7 @@ def test_names_and_pages_of_others_are_refused(live_server: Server) -> None:
 
 
 def test_only_commands_of_the_page_are_passed_on(server: Server, world: World) -> None:
-    for body in (
+    bodies: list[object] = [
         {"cmd": "stop"},
         {"cmd": "load", "scene": "/"},
         [],
@@ -103,7 +125,8 @@ def test_only_commands_of_the_page_are_passed_on(server: Server, world: World) -
         {"cmd": ["set"]},
         {"cmd": None},
         {},
-    ):
+    ]
+    for body in bodies:
         assert server.ask("POST", "/ctl", body)[0] == 400
     assert server.ask("POST", "/ctl", {"cmd": "set", "x": "y" * 5000})[0] == 413
     assert server.ask("POST", "/ctl", COMMAND, **{"Content-Type": "text/plain"})[0] == 400
@@ -123,7 +146,8 @@ def stranger() -> Iterator[tuple[str, list[str]]]:
         def do_GET(self) -> None:
             seen.append(f"{self.path} {self.headers}")
             self.wfile.write(
-                b"HTTP/1.0 200 OK\r\nContent-Type: text/html\r\n\r\n<!doctype html><title>stranger</title><body></body>"
+                b"HTTP/1.0 200 OK\r\nContent-Type: text/html\r\n\r\n<!doctype"
+                b" html><title>stranger</title><body></body>"
             )
 
     with ThreadingHTTPServer(("127.0.0.1", 0), Page) as served:
@@ -148,14 +172,21 @@ def test_in_a_browser_with_the_token_other_pages_get_nothing(
         )
         browser.ask(f"(() => {{ location.href = '{stranger[0]}/left'; }})()")
         until(lambda: browser.ask("document.title") == "stranger", "page of the stranger")
-        browser.ask(f"""(() => {{ window.got = {{}};
-            const base = '{page}', frame = document.createElement('iframe'); frame.src = base; frame.onload = () => {{
-                try {{ got.frame = frame.contentDocument ? 'read' : 'refused'; }} catch (e) {{ got.frame = 'refused'; }} }};
+        browser.ask(
+            f"""(() => {{ window.got = {{}};
+            const base = '{page}', frame = document.createElement('iframe');
+            frame.src = base;
+            frame.onload = () => {{
+                try {{ got.frame = frame.contentDocument ? 'read' : 'refused'; }}
+                catch (e) {{ got.frame = 'refused'; }} }};
             document.body.append(frame);
-            fetch(base + 'ctl', {{method: 'POST', mode: 'no-cors', credentials: 'include', body: '{{"cmd": "pause"}}'}})
+            fetch(base + 'ctl', {{method: 'POST', mode: 'no-cors', credentials: 'include',
+                                  body: '{{"cmd": "pause"}}'}})
               .then(() => got.command = 'sent', () => got.command = 'sent');
             const events = new EventSource(base + 'events', {{withCredentials: true}});
-            events.onmessage = () => got.events = 'read'; events.onerror = () => got.events = 'refused'; }})()""")
+            events.onmessage = () => got.events = 'read';
+            events.onerror = () => got.events = 'refused'; }})()"""
+        )
         got = until(
             lambda: len(found := browser.ask("window.got")) == 3 and found,
             "end of what the stranger tried",
@@ -178,8 +209,11 @@ def test_in_a_browser_with_the_token_other_pages_get_nothing(
 
 @given(st.lists(st.text()))
 def test_no_other_text_opens(texts: list[str]) -> None:
-    site = Site("127.0.0.1", 1, Feed("x"))
-    assert not site.opens(texts) and site.opens([*texts, site.token]) and len(site.token) >= 43
+    site = Site(host="127.0.0.1", port=1, feed=Feed("x"))
+    assert not site.opened_by(texts) and len(site.token) >= 43
+    for token in (site.watch_token, site.token):
+        texts = [*texts, token]
+        assert site.opened_by(texts) == token
 
 
 @given(

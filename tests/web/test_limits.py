@@ -1,4 +1,6 @@
-"""Limits on clients: partial, large and many requests, unread answers, and commands of any bytes."""
+"""Limits on clients: partial, large and many requests, unread answers, and commands of any
+bytes.
+"""
 
 import itertools
 import json
@@ -14,8 +16,8 @@ from hypothesis import strategies as st
 from lfpipe.host.segment import PREFIX
 from lfpipe.observe.web import MAX_STRANGERS, MAX_STREAMS
 from tests.supervisor.states import messages, values
-from tests.web.server import Server, served, until
-from tests.world import World
+from tests.support.world import World, until
+from tests.web.server import Server, served
 
 HALVES = (
     b"",
@@ -30,7 +32,8 @@ def test_half_requests_hold_nothing_and_close_nobody_with_the_token(live_server:
     assert live_server.ask("POST", "/ctl", {"cmd": "resume"})[0] == 200
     live_server.jpeg("picture")
     connection, viewer = live_server.viewer()
-    threads, sockets = live_server.threads(), live_server.sockets()
+    threads = live_server.threads()
+    sockets = live_server.sockets()
     with ExitStack() as stack:
         for _ in range(100):
             for half in HALVES:
@@ -50,7 +53,10 @@ def test_half_requests_hold_nothing_and_close_nobody_with_the_token(live_server:
 def test_large_requests_are_refused(live_server: Server) -> None:
     threads = live_server.threads()
     for head in (f"Content-Length: {LARGE}", "Transfer-Encoding: chunked", f"X: {'y' * LARGE}"):
-        start = f"POST /ctl HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: Bearer {live_server.token}\r\n{head}\r\n\r\n".encode()
+        start = (
+            "POST /ctl HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: Bearer"
+            f" {live_server.token}\r\n{head}\r\n\r\n".encode()
+        )
         piece = b"8000\r\n" + 0x8000 * b" " + b"\r\n" if "chunked" in head else 0x8000 * b" "
         answer = b""
         with socket.create_connection(("127.0.0.1", live_server.port), timeout=60) as connection:

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from lfpipe.observe.page_feed import draw_over_eyes, place_px
+from tests.support.world import World, until
 from tests.web.browser import Browser, missing
-from tests.web.server import Server, until
-from tests.world import World
+from tests.web.server import Server
 
 
 def test_the_picture_is_lent_at_full_chroma_taken_back_and_controlled(
@@ -20,7 +20,7 @@ def test_the_picture_is_lent_at_full_chroma_taken_back_and_controlled(
     jpeg = live_server.jpeg("picture")
     assert len(live.segments("pictures")) == 1
     picture = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
-    assert picture.shape == (48, 64, 3)
+    assert picture is not None and picture.shape == (48, 64, 3)
     reds = [8 * (3 * row + col) + 5 for row in range(3) for col in range(3)]
     assert min(abs(int(picture[20, 30, 2]) - red) for red in reds) <= 3, (
         "the red plane of a view that is stored"
@@ -67,9 +67,8 @@ def test_in_a_browser_charts_move_and_controls_work(
         )
         axes = browser.ask("window.lfpipe.latency.axes.map((axis) => axis.label).join()")
         legend = browser.ask("document.querySelector('#latency .u-legend').textContent")
-        assert axes == "session time, s,ms" and legend.count(" ms") >= 3, (
-            legend
-        )  # the newest, without a pointer over the chart
+        # the newest, without a pointer over the chart
+        assert axes == "session time, s,ms" and legend.count(" ms") >= 3, legend
         assert browser.ask("document.getElementById('scenes').offsetParent === null"), (
             "one scene is no list"
         )
@@ -83,15 +82,19 @@ def test_in_a_browser_charts_move_and_controls_work(
             lambda: browser.ask("document.getElementById('camera').naturalWidth") == 320, "camera"
         )
         assert browser.ask("document.getElementById('anaglyph').value") == "dubois"
-        colours = """(() => { const c = document.createElement('canvas'), i = document.getElementById('picture');
-            c.width = i.naturalWidth; c.height = i.naturalHeight; const d = c.getContext('2d'); d.drawImage(i, 0, 0);
-            const p = d.getImageData(32, 24, 1, 1).data; return Math.max(p[0], p[1], p[2]) - Math.min(p[0], p[1], p[2]); })()"""
+        colours = """(() => {
+            const c = document.createElement('canvas'), i = document.getElementById('picture');
+            c.width = i.naturalWidth; c.height = i.naturalHeight;
+            const d = c.getContext('2d'); d.drawImage(i, 0, 0);
+            const p = d.getImageData(32, 24, 1, 1).data;
+            return Math.max(p[0], p[1], p[2]) - Math.min(p[0], p[1], p[2]); })()"""
         until(lambda: browser.ask(colours) > 4, "coloured picture")
 
         def turn(name: str, value: object, event: str) -> None:
             control = f"document.getElementById('{name}')"
             browser.ask(
-                f"(() => {{ {control}.value = '{value}'; {control}.dispatchEvent(new Event('{event}')); }})()"
+                f"(() => {{ {control}.value = '{value}'; {control}.dispatchEvent(new"
+                f" Event('{event}')); }})()"
             )
 
         turn("anaglyph", "mono", "change")

@@ -13,9 +13,13 @@ from lfpipe.track.smoothing import EyeFilter, Points
 
 
 class CentreEngine:
-    """`--set track.engine=centre`: a face in the middle of every picture, a tenth of its width between the eyes."""
+    """`--set track.engine=centre`: a face in the middle of every picture, a tenth of its width
+    between the eyes.
+    """
 
-    name, model, rotated_deg = "centre", "none", 0
+    name = "centre"
+    model = "none"
+    rotated_deg = 0
 
     def __init__(self, track: Track) -> None:
         pass
@@ -23,9 +27,8 @@ class CentreEngine:
     def detect(self, image: NDArray[np.uint8]) -> Face | None:
         height, width = image.shape[:2]
         x, y, apart = width / 2, height / 2, width / 10
-        eyes = np.array(
-            [[x + apart / 2, y], [x - apart / 2, y]]
-        )  # the viewer's own left eye is at the larger x
+        # the viewer's own left eye is at the larger x
+        eyes = np.array([[x + apart / 2, y], [x - apart / 2, y]])
         return Face(eyes, 1.0, (x - apart, y - apart, x + apart, y + apart), apart_px=apart)
 
     def examine(self, image: NDArray[np.uint8]) -> None:
@@ -56,7 +59,8 @@ class CountDisplay(Display):
     """`--display count:FILE`: writes the number of pictures to FILE when the session ends."""
 
     def __init__(self, argument: str, size_px: tuple[int, int], title: str, rate_hz: float) -> None:
-        self._file, self._count = Path(argument), 0
+        self._file = Path(argument)
+        self._count = 0
 
     def show(self, picture: NDArray[np.uint8], pair: Pair | None = None, how: str = "") -> int:
         self._count += 1

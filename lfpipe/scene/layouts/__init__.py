@@ -1,5 +1,6 @@
-"""The layouts light fields come in, by module. A new one is one file here with NAME, `detect` and `describe`, or with
-several of them as LAYOUTS."""
+"""The layouts light fields come in, by module. A new one is one file here with NAME, `detect` and
+`describe`, or with several of them as LAYOUTS.
+"""
 
 import importlib
 import math
@@ -7,15 +8,16 @@ import os
 import pkgutil
 from collections import Counter
 from pathlib import Path
-from typing import cast
 
 import attrs
 
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import read_picture
-from lfpipe.plugins import LAYOUTS, loaded
-from lfpipe.scene.files import PICTURES, Listing, library_errors, list_scene
+from lfpipe.host.machine import install_command
+from lfpipe.plugins import LAYOUTS, PluginError, Results, loaded
+from lfpipe.scene.files import PICTURES, VIDEOS, Listing, library_errors, list_scene
+from lfpipe.scene.layouts._candidates import Candidate, ranked
 from lfpipe.scene.layouts._folders import inner_listing, note_of
 from lfpipe.scene.layouts._grid import parse_grid
 from lfpipe.scene.layouts._tiles import single_picture
@@ -25,21 +27,28 @@ from lfpipe.scene.source import Layout, SceneSource
 _LAST_RESORT = 10  # a mark that pictures below the folder outweigh
 
 
-def layouts() -> dict[str, Layout]:
-    """Every layout by name, in alphabetical order, after those of other packages."""
+RESULTS: Results = {"detect": int | None, "describe": SceneSource}
+
+
+def built_in() -> dict[str, Layout]:
+    """The layouts of this package by name, in alphabetical order."""
     own: dict[str, Layout] = {}
     for module in pkgutil.iter_modules(__path__):
         if not module.name.startswith("_"):
             content = importlib.import_module(f"{__name__}.{module.name}")
             own |= {layout.NAME: layout for layout in getattr(content, "LAYOUTS", [content])}
-    return {
-        **{name: cast(Layout, layout) for name, layout in loaded(LAYOUTS).items()},
-        **dict(sorted(own.items())),
-    }
+    return dict(sorted(own.items()))
+
+
+def layouts() -> dict[str, Layout]:
+    """Every layout by name: those of other packages, then the built-in ones."""
+    own = built_in()
+    return {**loaded(LAYOUTS, own, RESULTS), **own}
 
 
 def describe(path: str | os.PathLike[str], scene: config.Scene) -> SceneSource:
-    """The scene at path by the layout that scene.layout names, else by the most specific one that matches.
+    """The scene at path by the layout that scene.layout names, else by the most specific one that
+    matches.
 
     Raises UserError where there is nothing, no layout matches, or the scene is damaged.
     """
@@ -50,39 +59,100 @@ def describe(path: str | os.PathLike[str], scene: config.Scene) -> SceneSource:
         )
     try:
         with library_errors(path):
-            source = _described(known, list_scene(path), scene)
+            source = _described_by_any(known, path, scene)
     except UserError as error:  # names may hold line breaks
         raise UserError(
             error.message.replace("\n", r"\n"), error.remedy.replace("\n", r"\n")
         ) from None
     grid = parse_grid(scene.grid)
-    if (
-        grid is not None and math.prod(grid) != source.rows * source.cols
-    ):  # a quilt's says how its one row is laid out
-        wrong = f"the layout {source.layout} has {source.rows}x{source.cols} views, scene.grid says {scene.grid}"
+    # a quilt's says how its one row is laid out
+    if grid is not None and math.prod(grid) != source.rows * source.cols:
+        wrong = (
+            f"the layout {source.layout} has {source.rows}x{source.cols} views, scene.grid says"
+            f" {scene.grid}"
+        )
         raise UserError(f"{path}: {wrong}", "leave out scene.grid")
     return attrs.evolve(source, notes=tuple(note.replace("\n", r"\n") for note in source.notes))
 
 
+def _described_by_any(
+    known: dict[str, Layout], path: str | os.PathLike[str], scene: config.Scene
+) -> SceneSource:
+    """The scene at path, without layouts of other packages that fail. Raises UserError, also if
+    scene.layout names one of them.
+    """
+    failed: list[str] = []
+    while True:
+        try:
+            source = _described(known, list_scene(path), scene)
+        except PluginError as error:
+            if scene.layout == error.name:
+                raise
+            del known[error.name]
+            failed.append(f"{error.message}; it is skipped")
+        else:
+            return attrs.evolve(source, notes=(*source.notes, *failed))
+
+
 _CONVERTED = {  # what other programs turn into pictures, by the ends of names
-    (".lfp", ".lfr", ".lfx"): ("a raw picture of a Lytro camera",
-        "decode it with PlenoptiCam or LFToolbox and give the folder of its views"),
-    (".heic", ".heif"): ("a HEIC picture, which is not decoded here",
-        "`heif-convert FILE.heic FILE.jpg`, or export it as JPEG; with its depth: `heif-convert --with-aux`, then the two as "
-        "x.jpg and x_depth.jpg in a folder"),
-    (".jxl", ".psd", ".exr"): ("a picture of a kind that is not decoded here", "export it as PNG or JPEG, and give that"),
-    (".cr2", ".cr3", ".nef", ".arw", ".dng", ".raf", ".orf", ".rw2"): ("a camera's raw picture",
-        "develop it with the camera's program, darktable or RawTherapee, and give the folder of JPEGs or TIFFs"),
+    (".lfp", ".lfr", ".lfx"): (
+        "a raw picture of a Lytro camera",
+        "decode it with PlenoptiCam or LFToolbox and give the folder of its views",
+    ),
+    (".heic", ".heif"): (
+        "a HEIC picture, which needs another package",
+        (
+            f"{install_command('pillow-heif')}; or `heif-convert FILE.heic FILE.jpg` in an"
+            " empty folder: of a spatial photo it writes two files, and with --with-aux the depth"
+            " of a portrait; give that folder"
+        ),
+    ),
+    (".jxl", ".psd", ".exr"): (
+        "a picture of a kind that is not decoded here",
+        "export it as PNG or JPEG, and give that",
+    ),
+    (".cr2", ".cr3", ".nef", ".arw", ".dng", ".raf", ".orf", ".rw2"): (
+        "a camera's raw picture",
+        (
+            "develop it with the camera's program, darktable or RawTherapee, and give the folder of"
+            " JPEGs or TIFFs"
+        ),
+    ),
     (".zip", ".tar", ".gz", ".rar", ".7z"): ("an archive", "unpack it and give the folder"),
-}  # fmt: skip
+}
+_HOLDS_ALL = (".npy", ".npz", ".mat", ".h5", ".hdf5", *VIDEOS)  # files that may be scenes
 _BESIDE = (  # what lies beside views and says nothing of them
-    ".txt", ".md", ".cfg", ".ini", ".json", ".xml", ".xmp", ".csv", ".dat", ".yaml", ".yml", ".toml", ".log", ".db", ".html",
-    ".pdf", ".py", ".pfm", ".bin", ".npy", ".exif", ".aae", ".bak", *(end for ends in _CONVERTED for end in ends),
-)  # fmt: skip
+    ".txt",
+    ".md",
+    ".cfg",
+    ".ini",
+    ".json",
+    ".xml",
+    ".xmp",
+    ".csv",
+    ".dat",
+    ".yaml",
+    ".yml",
+    ".toml",
+    ".log",
+    ".db",
+    ".html",
+    ".pdf",
+    ".py",
+    ".pfm",
+    ".bin",
+    ".npy",
+    ".exif",
+    ".aae",
+    ".bak",
+    *(end for ends in _CONVERTED for end in ends),
+)
 
 
 def _require_pictures(listing: Listing, certain: bool) -> None:
-    """Raises UserError where most files need another program first, or (unless certain) of a kind that is not read here."""
+    """Raises UserError where most files need another program first, or (unless certain) of a kind
+    that is not read here.
+    """
     pictures = listing.pictures()
     for ends, (what, remedy) in _CONVERTED.items():
         such = [name for name in listing.names if name.lower().endswith(ends)]
@@ -98,18 +168,24 @@ def _require_pictures(listing: Listing, certain: bool) -> None:
         some = ", ".join([name for name in listing.names if Path(name).suffix.lower() == kind][:3])
         remedy = f"; {pictures[0]} alone: give {listing.folder / pictures[0]}" if pictures else ""
         raise UserError(
-            f"{listing.path}: {count} of {len(listing.names)} files are of a kind that is not read: {some}, ...",
+            f"{listing.path}: {count} of {len(listing.names)} files are of a kind that is not read:"
+            f" {some}, ...",
             f"convert them to PNG and give their folder{remedy}",
         )
 
 
 def _described(known: dict[str, Layout], given: Listing, scene: config.Scene) -> SceneSource:
-    """The scene by the most specific layout that matches, else of the pictures below the folder. Raises UserError."""
+    """The scene by the most specific layout that matches, else of the pictures below the folder.
+
+    Raises UserError.
+    """
     tries = list(known.values()) if scene.layout == "auto" else [known[scene.layout]]
-    listing, (mark, layout) = given, _match(tries, given)
+    listing = given
+    mark, layout = _match(tries, given)
     inner = inner_listing(given) if mark <= _LAST_RESORT else None
     if inner is not None:
-        listing, (mark, layout) = inner, _match(tries, inner)
+        listing = inner
+        mark, layout = _match(tries, inner)
     certain = (
         scene.layout != "auto" or mark >= 80 or listing.is_file or scene.force or layout is None
     )
@@ -128,19 +204,21 @@ def _described(known: dict[str, Layout], given: Listing, scene: config.Scene) ->
 
 
 def _match(tries: list[Layout], listing: Listing) -> tuple[int, Layout | None]:
-    """The layout that matches most specifically, and how specific that is; (0, None) where none does. Raises UserError where that
-    is because a file cannot be read."""
-    best: tuple[int, Layout | None] = 0, None
+    """The layout that matches most specifically, and how specific that is; (0, None) where none
+    does. Raises UserError where that is because a file cannot be read.
+    """
+    marks = []
     unreadable: UserError | None = None
     for layout in tries:
         try:
-            mark = layout.detect(listing) or 0
+            if mark := layout.detect(listing):
+                marks.append(Candidate(what=layout.NAME, score=mark, value=layout))
         except UserError as error:
-            mark, unreadable = 0, error
-        best = (mark, layout) if mark > best[0] else best
-    if unreadable is not None and best[1] is None:
+            unreadable = error
+    order = ranked(f"the layout of {listing.path}", marks)
+    if unreadable is not None and not order:
         raise unreadable
-    return best
+    return (int(order[0].score), order[0].value) if order else (0, None)
 
 
 def _checked(
@@ -151,9 +229,13 @@ def _checked(
     scene: config.Scene,
 ) -> Layout:
     """The layout of a scene, unless there is none or the picture is a raw one. Raises UserError."""
+    if layout is known["picture"] and math.prod(parse_grid(scene.grid) or (1,)) > 1:
+        return known["mosaic"]  # the user's word: its tiles are unlike each other, or resized
     if layout is None:
         some = ", ".join(listing.names[:3] or listing.folders[:3])
         remedy = "give the folder of the views, or one file that holds them all by its own path"
+        if single := [name for name in listing.names if name.lower().endswith(_HOLDS_ALL)]:
+            remedy = f"give {listing.folder / single[0]}"
         if listing.pictures():
             remedy = "name the views view_ROW_COLUMN.png, or give one picture by its own path"
         raise UserError(
@@ -165,6 +247,7 @@ def _checked(
     if not scene.force:
         raise UserError(
             f"{path}: a raw picture of a plenoptic camera, a honeycomb of lenslets",
-            "decode it with PlenoptiCam or LFToolbox and give the folder of its views; --set scene.force=true shows it flat",
+            "decode it with PlenoptiCam or LFToolbox and give the folder of its views; --set"
+            " scene.force=true shows it flat",
         )
     return known["picture"]

@@ -1,7 +1,9 @@
-"""Depth maps inside JPEGs, as phones write portrait photographs: GDepth (in extended XMP) and Dynamic Depth (appended items).
+"""Depth maps inside JPEGs, as phones write portrait photographs: GDepth (in extended XMP) and
+Dynamic Depth (appended items). Those of HEIC pictures are images of their own.
 
-GDepth: https://developers.google.com/depthmap-metadata/reference; Dynamic Depth 1.0, an XMP directory of the items after the
-picture; XMP Part 3 (Adobe) for its parts in a JPEG. In both, larger values are farther away.
+GDepth: https://developers.google.com/depthmap-metadata/reference; Dynamic Depth 1.0, an XMP
+directory of the items after the picture; XMP Part 3 (Adobe) for its parts in a JPEG. In both,
+larger values are farther away.
 """
 
 import base64
@@ -15,14 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
+from lfpipe.files.pictures import heic_depth, open_header
 from lfpipe.files.untrusted import finite
 from lfpipe.scene.files import read_bytes
 
+HEIC = (".heic", ".heif")
 MAX_BYTES = 60_000_000  # of a photograph with its embedded items
 _XMP = b"http://ns.adobe.com/xap/1.0/\0"
-_MORE = re.compile(
-    rb"\xff\xe1(..)http://ns\.adobe\.com/xmp/extension/\0.{36}(.{4})", re.DOTALL
-)  # a part's size and place
+# a part's size and place
+_MORE = re.compile(rb"\xff\xe1(..)http://ns\.adobe\.com/xmp/extension/\0.{36}(.{4})", re.DOTALL)
 _ITEM = re.compile(rb"<\w+:Item\b([^>]{0,2000})>")
 
 
@@ -40,7 +43,9 @@ def _value(xmp: bytes, name: bytes) -> bytes | None:
 
 
 def _depth_item(packet: bytes, data: bytes) -> bytes | None:
-    """The depth item of the directory in a picture's XMP, None without one: items follow the picture to the end of the file."""
+    """The depth item of the directory in a picture's XMP, None without one: items follow the
+    picture to the end of the file.
+    """
     end = len(data)
     for item in reversed(_ITEM.findall(packet)):
         length = re.search(rb"Item:Length\s*=\s*[\"'](\d{1,12})", item)
@@ -52,7 +57,9 @@ def _depth_item(packet: bytes, data: bytes) -> bytes | None:
 
 
 def has_depth(path: Path) -> bool:
-    """Whether a JPEG declares a depth map. Raises UserError."""
+    """Whether a JPEG declares a depth map, or a HEIC picture has one. Raises UserError."""
+    if path.suffix.lower() in HEIC:
+        return open_header(path).has_depth
     if path.suffix.lower() not in (".jpg", ".jpeg"):
         return False
     packet = _packet(read_bytes(path, MAX_BYTES))
@@ -65,12 +72,15 @@ def has_depth(path: Path) -> bool:
 
 def embedded_depth(path: Path) -> NDArray[Any]:
     """The depth map of a photograph, (h, w) float32, larger is nearer. Raises UserError."""
+    if path.suffix.lower() in HEIC:
+        return heic_depth(path)
     data = read_bytes(path, MAX_BYTES)
     parts = sorted(
         (head[2], data[head.end() : head.start() + 2 + int.from_bytes(head[1])])
         for head in _MORE.finditer(data)
     )
-    packet, pixels = _packet(data), None
+    packet = _packet(data)
+    pixels = None
     whole = packet + b"".join(body for _, body in parts)
     with contextlib.suppress(ValueError, cv2.error):
         stored = _value(whole, b"GDepth:Data")

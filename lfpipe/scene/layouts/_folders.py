@@ -1,6 +1,9 @@
-"""Scenes whose pictures stand below the folder that was given: one folder per row, or all in the only folder with pictures."""
+"""Scenes whose pictures stand below the folder that was given: one folder per row, or all in the
+only folder with pictures.
+"""
 
 import contextlib
+import re
 from pathlib import Path
 
 import attrs
@@ -8,25 +11,31 @@ import attrs
 from lfpipe.errors import UserError
 from lfpipe.scene.files import Listing, list_scene
 from lfpipe.scene.layouts._grid import some
-from lfpipe.scene.layouts._names import LEFT, MAPS, RIGHT, read_names
+from lfpipe.scene.layouts._names import MAPS, read_names, side_of
 
 _DEEPEST = 8  # levels: exports nest three or four
+_KIND = r"s?([-_ ]?(raw|data|map|maps|image|images|png|filled))?"
+_COLOUR_FOLDER = re.compile(rf"(rgb|colou?r|image|img|photo|picture){_KIND}")
+_DEPTH_FOLDER = re.compile(rf"(depth|disparity|disp){_KIND}")
 _BESIDE = ("__macosx", "raw", "thumbs", "thumbnails", "original", "originals", "backup")
 
 
 def inner_listing(listing: Listing, deepest: int = _DEEPEST) -> Listing | None:
-    """The pictures below a folder, as names with a slash or as the only inner folder; None if there are none, or no more than in
-    the folder itself. Raises UserError if folders hold scenes of their own."""
-    own, below = len(listing.pictures()), None if listing.is_file else _inner(listing, deepest)
-    return (
-        below
-        if below is not None and (len(below.pictures()) > own or (below.names and not own))
-        else None
-    )
+    """The pictures below a folder, as names with a slash or as the only inner folder; None if there
+    are none, or no more than in the folder itself. Raises UserError if folders hold scenes of their
+    own.
+    """
+    own = len(listing.pictures())
+    below = None if listing.is_file else _inner(listing, deepest)
+    if below is None:
+        return None
+    recorded = depth_folders(below) is not None
+    more = len(below.pictures()) > own or (bool(below.names) and not own)
+    return below if more or (recorded and not own) else None
 
 
 def _inner(listing: Listing, deepest: int) -> Listing | None:
-    inner = {name: _listed(listing, name) for name in listing.folders}
+    inner = dict(_only_below(name, _listed(listing, name)) for name in listing.folders)
     if listing.pictures() or len(inner) > 1:
         inner = {
             name: one
@@ -35,6 +44,8 @@ def _inner(listing: Listing, deepest: int) -> Listing | None:
         }
     if len(inner) == 1 and deepest > 1:
         only = next(iter(inner.values()))
+        if depth_folders(only) is not None:
+            return only
         return inner_listing(only, deepest - 1) or only
     rows = {name: one for name, one in inner.items() if one.pictures()}
     if len(rows) == 1:
@@ -46,9 +57,28 @@ def _inner(listing: Listing, deepest: int) -> Listing | None:
         most = max(rows, key=lambda name: len(rows[name].pictures()))
         raise UserError(
             f"{listing.path}: pictures stand in {len(rows)} folders: {', '.join(list(rows)[:4])}",
-            f"give one of them, {listing.path / most}; folders that are rows of one scene are named row_01, row_02",
+            f"give one of them, {listing.path / most}; folders that are rows of one scene are named"
+            " row_01, row_02",
         )
     return attrs.evolve(listing, names=names, folders=())
+
+
+def depth_folders(listing: Listing) -> tuple[str, str] | None:
+    """The folders with the colour pictures and the depth maps of a depth camera's recording."""
+    if listing.pictures():
+        return None
+    colour, depth = (
+        next((name for name in listing.folders if words.fullmatch(name.lower())), None)
+        for words in (_COLOUR_FOLDER, _DEPTH_FOLDER)
+    )
+    return None if colour is None or depth is None else (colour, depth)
+
+
+def _only_below(name: str, one: Listing) -> tuple[str, Listing]:
+    """A folder, or the only one in it: cam0/data."""
+    while not one.names and len(one.folders) == 1 and name.count("/") < _DEEPEST:
+        name, one = f"{name}/{one.folders[0]}", _listed(one, one.folders[0])
+    return name, one
 
 
 def _listed(listing: Listing, name: str) -> Listing:
@@ -62,7 +92,8 @@ def _listed(listing: Listing, name: str) -> Listing:
 
 def note_of(given: Listing, inner: Listing) -> str:
     """Which pictures below a folder were taken, and which were not; "" for all of them."""
-    parts, at = inner.path.relative_to(given.path).parts, given
+    parts = inner.path.relative_to(given.path).parts
+    at = given
     others = [] if parts else given.pictures()
     for part in parts:
         others += [at.file(name).relative_to(given.path).as_posix() for name in at.pictures()]
@@ -75,11 +106,12 @@ def note_of(given: Listing, inner: Listing) -> str:
 
 
 def _are_rows(folders: list[str], names: tuple[str, ...]) -> bool:
-    """Whether names of folders differ in one number or letter only, or are those of the two eyes' pictures; and names of the
-    pictures in them leave nothing open: a grid in each folder is a scene in each."""
-    if sorted(name.lower() for name in folders) in (
-        sorted(pair) for pair in zip(LEFT, RIGHT, strict=True)
-    ):
+    """Whether names of folders differ in one number or letter only, or are those of the two eyes'
+    pictures; and names of the pictures in them leave nothing open: a grid in each folder is a scene
+    in each.
+    """
+    sides = [side_of(name) for name in folders]
+    if len(sides) == 2 and sides[0] and sides[1] and sides[0][0] == sides[1][0]:
         return True
     numbered = read_names(tuple(f"{name}.png" for name in folders))
     together = read_names(names)

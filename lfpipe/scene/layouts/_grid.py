@@ -1,9 +1,11 @@
-"""One picture file per view: from the numbers in the names to a grid of views, with a word on every file that is not used."""
+"""One picture file per view: from the numbers in the names to a grid of views, with a word on every
+file that is not used.
+"""
 
 import re
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any
 
 import attrs
@@ -15,10 +17,11 @@ from lfpipe.errors import UserError
 from lfpipe.files.pictures import MAX_DECODING_BYTES, Header, open_header, read_picture, small_grey
 from lfpipe.scene.files import MAX_FILES, Listing
 from lfpipe.scene.layouts._names import MAX_SIDE, NumberedNames, placed, read_names, spaced
-from lfpipe.scene.layouts._running import find_columns
+from lfpipe.scene.layouts._running import MAX_PICTURES, Running, lay_out
 from lfpipe.scene.source import SceneSource, Turn, ViewIndex
 
 LOSSY = (".jpg", ".jpeg", ".webp", ".avif", ".gif")
+LEAST_VIEW_PX = 12  # side of a view: a smaller one shows nothing
 _MADE_SHARE = 0.25  # of a grid that may be missing: those views are made from their neighbours
 _SMALL_PX = 96 * 128  # of pictures that the columns of a running number follow from
 
@@ -30,7 +33,7 @@ def parse_grid(text: str) -> ViewIndex | None:
     numbers = re.fullmatch(r"\s*(\d{1,4})\s*[xX×]\s*(\d{1,4})\s*", text)
     if not numbers or int(numbers[1]) * int(numbers[2]) == 0:
         raise UserError(
-            f"scene.grid: {text!r} is not ROWSxCOLS", "use for example --set scene.grid=9x9"
+            f"scene.grid: {text!r} is not ROWSxCOLS", "give two whole numbers, as in 9x9"
         )
     require_grid(int(numbers[1]), int(numbers[2]), "scene.grid")
     return int(numbers[1]), int(numbers[2])
@@ -47,8 +50,13 @@ def require_grid(rows: int, cols: int, what: str) -> None:
 
 
 def require_view(height: int, width: int, sample_bytes: int, what: str) -> None:
-    """Raises UserError where no view is so large. what: who says so."""
-    if min(height, width) < 1 or height * width * 3 * sample_bytes > MAX_DECODING_BYTES:
+    """Raises UserError where no view is so large, or so small. what: who says so."""
+    if min(height, width) < LEAST_VIEW_PX:
+        raise UserError(
+            f"{what}: views of {width}x{height} px; expected at least {LEAST_VIEW_PX} on a side",
+            "save the array with the axes (rows, columns, height, width, planes)",
+        )
+    if height * width * 3 * sample_bytes > MAX_DECODING_BYTES:
         most = f"at most {MAX_DECODING_BYTES / 1e6:.0f} MB each"
         raise UserError(
             f"{what}: views of {width}x{height} px, expected {most}", "export it with smaller views"
@@ -56,7 +64,9 @@ def require_view(height: int, width: int, sample_bytes: int, what: str) -> None:
 
 
 def true_max(values: list[int], full: int) -> int:
-    """The value that stands for full where 16-bit files may hold 10, 12 or 14 bits: by the largest value of some views."""
+    """The value that stands for full where 16-bit files may hold 10, 12 or 14 bits: by the largest
+    value of some views.
+    """
     return (
         full
         if full != 65535
@@ -70,11 +80,17 @@ def some(names: Sequence[str], most: int = 4) -> str:
 
 
 def files_source(
-    layout: str, listing: Listing, views: Mapping[ViewIndex, str], shape: ViewIndex, headers: Mapping[str, Header] | None = None,
+    layout: str,
+    listing: Listing,
+    views: Mapping[ViewIndex, str],
+    shape: ViewIndex,
+    headers: Mapping[str, Header] | None = None,
     **more: Any,
-) -> SceneSource:  # fmt: skip
-    """A SceneSource that reads one picture file per view; places without a name are missing. Size and depth are those of the
-    middle view; raises UserError where a view has others. headers: by name, where known; more: further fields of SceneSource."""
+) -> SceneSource:
+    """A SceneSource that reads one picture file per view; places without a name are missing. Size
+    and depth are those of the middle view; raises UserError where a view has others. headers: by
+    name, where known; more: further fields of SceneSource.
+    """
     files = {place: listing.file(name) for place, name in views.items()}
     middle = min(
         files,
@@ -87,7 +103,8 @@ def files_source(
             if own != usual:
                 raise UserError(
                     f"{files[place]}: {own}, but {files[middle].name} has {usual}",
-                    "every view of a light field has the same size and depth; export this one again",
+                    "every view of a light field has the same size and depth; export this one"
+                    " again",
                 )
     full = first.max_value
     if full == 65535:
@@ -111,14 +128,30 @@ def files_source(
     missing = frozenset(place for place in np.ndindex(shape) if place not in files)
     paths = tuple(files[place] for place in sorted(files))
     return SceneSource(
-        layout, listing.path, paths, *shape, read, first.height_px, first.width_px, full, missing=missing,
-        small=None if full != first.max_value else lambda row, col, most_px: small_grey(files[row, col], most_px), **more,
-    )  # fmt: skip
+        layout=layout,
+        path=listing.path,
+        files=paths,
+        rows=shape[0],
+        cols=shape[1],
+        read=read,
+        height_px=first.height_px,
+        width_px=first.width_px,
+        max_value=full,
+        missing=missing,
+        small=(
+            None
+            if full != first.max_value
+            else lambda row, col, most_px: small_grey(files[row, col], most_px)
+        ),
+        **more,
+    )
 
 
 @lru_cache(maxsize=2)
 def _one_per_stem(listing: Listing) -> tuple[str, ...]:
-    """The pictures of a folder, one of each name: of a view in several formats the one in colour, then the lossless one."""
+    """The pictures of a folder, one of each name: of a view in several formats the one in colour,
+    then the lossless one.
+    """
     stems: defaultdict[str, list[str]] = defaultdict(list)
     for name in listing.pictures():
         stems[name.rpartition(".")[0]].append(name)
@@ -149,13 +182,17 @@ def _headers(listing: Listing, names: Sequence[str]) -> tuple[dict[str, Header],
 
 
 def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: bool) -> SceneSource:
-    """The scene of a folder with one picture per view. runs: the names contain one running number, not row and column.
+    """The scene of a folder with one picture per view. runs: the names contain one running number,
+    not row and column.
 
     Raises UserError.
     """
     numbered = named_views(listing)
     if numbered is None:
-        what = f"{listing.path}: {len(listing.pictures())} pictures whose names do not differ in numbers"
+        what = (
+            f"{listing.path}: {len(listing.pictures())} pictures whose names do not differ in"
+            " numbers"
+        )
         raise UserError(
             what, "name the views view_ROW_COLUMN.png, or give one picture by its own path"
         )
@@ -173,34 +210,69 @@ def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: boo
     if not runs and numbered.runs:
         what = f"{listing.path}: the names contain one running number, not row and column"
         raise UserError(what, "use --set scene.layout=numbered")
-    grid, note = parse_grid(scene.grid), ""
+    grid = parse_grid(scene.grid)
+    note = ""
     if not runs and grid not in (None, (numbered.rows, numbered.cols)):
-        wrong = f"the names give a grid of {numbered.rows}x{numbered.cols}, scene.grid says {scene.grid}"
+        wrong = (
+            f"the names give a grid of {numbered.rows}x{numbered.cols}, scene.grid says"
+            f" {scene.grid}"
+        )
+        in_order = grid is not None and grid[0] * grid[1] == len(numbered.views)
         raise UserError(
             f"{listing.path}: {wrong}",
-            "leave out scene.grid; --set scene.layout=numbered takes names in order",
+            "--set scene.layout=numbered takes the names in order"
+            if in_order
+            else "leave out scene.grid",
         )
     if runs and not numbered.clashes:
-        by_position = {col: name for (_, col), name in numbered.views.items()}
-        run = find_columns(
-            lambda position: small_grey(listing.file(by_position[position]), _SMALL_PX),
-            [position in by_position for position in range(numbered.cols)], grid,
-        )  # fmt: skip
-        if run is None:
-            what = f"{listing.path}: {len(by_position)} views do not make {scene.grid}"
-            raise UserError(what, "leave out scene.grid to have it detected")
-        views = {run.index(position): name for position, name in by_position.items()}
-        numbered = attrs.evolve(
-            numbered, views=views, rows=run.rows, cols=run.cols, doubt=run.doubt
-        )
-        how = f"{run.rows}x{run.cols}" + (", every other row backwards" if run.snake else "")
-        why = (
-            "as scene.grid says"
-            if grid
-            else "from the likeness of the pictures; --set scene.grid=ROWSxCOLS overrides it"
-        )
-        note = f"the numbered views form {how}: {why}"
+        numbered, note = _laid_out(listing, numbered, grid)
     return _views_source(layout, listing, numbered, headers, note, certain=False)
+
+
+def _laid_out(
+    listing: Listing, numbered: NumberedNames, grid: ViewIndex | None
+) -> tuple[NumberedNames, str]:
+    """Views of a running number in their grid, with a note on how that was found. Raises
+    UserError.
+    """
+    names = {col: name for (_, col), name in numbered.views.items()}
+    read = cache(lambda position: small_grey(listing.file(names[position]), _SMALL_PX))
+    sizes = Counter(listing.file(name).stat().st_size for name in names.values())
+    suspects = [
+        position
+        for position in sorted(names)
+        if len(names) <= MAX_PICTURES or sizes[listing.file(names[position]).stat().st_size] > 1
+    ]
+    present = [position in names for position in range(numbered.cols)]
+    run, places, again = lay_out(read, present, grid, suspects)
+    if run is None:
+        raise misfit(str(listing.path), len(places), grid)
+    views = {run.index(place): names[position] for position, place in places.items()}
+    twice = [
+        f"{names[late]} is the same picture as {names[early]}" for late, early in again.items()
+    ]
+    note = "; ".join([*twice, described_run(run, grid)])
+    return attrs.evolve(numbered, views=views, rows=run.rows, cols=run.cols, doubt=run.doubt), note
+
+
+def misfit(what: str, count: int, grid: ViewIndex | None) -> UserError:
+    """The error for so many views that do not make the user's grid."""
+    rows, cols = grid or (1, count)
+    return UserError(
+        f"{what}: {count} views do not make {rows}x{cols}",
+        "give the grid that they make with --set scene.grid=ROWSxCOLS, or none to have it detected",
+    )
+
+
+def described_run(run: Running, grid: ViewIndex | None) -> str:
+    """How numbered views fill their grid, for people."""
+    how = f"{run.rows}x{run.cols}" + (", every other row backwards" if run.snake else "")
+    why = (
+        "as scene.grid says"
+        if grid
+        else "from the likeness of the pictures; --set scene.grid=ROWSxCOLS overrides it"
+    )
+    return f"the numbered views form {how}: {why}"
 
 
 def placed_views(
@@ -210,8 +282,10 @@ def placed_views(
     shape: ViewIndex | None = None,
     **more: Any,
 ) -> SceneSource:
-    """The scene of pictures whose names say their rows and columns. shape: the grid; without it, numbers may start anywhere and
-    go in equal steps (rows 0, 4, 8). more: further fields of SceneSource. Raises UserError."""
+    """The scene of pictures whose names say their rows and columns. shape: the grid; without it,
+    numbers may start anywhere and go in equal steps (rows 0, 4, 8). more: further fields of
+    SceneSource. Raises UserError.
+    """
     headers, odd = _headers(listing, list(places))
     (top, down, rows), (left, across, cols) = (
         spaced([place[axis] for place in places.values()]) for axis in (0, 1)
@@ -219,10 +293,8 @@ def placed_views(
     if shape:
         (top, down, rows), (left, across, cols) = (0, 1, shape[0]), (0, 1, shape[1])
     names = [name for name in places if name not in odd]
-    by_row, by_col = (
-        [(places[name][0] - top) // down for name in names],
-        [(places[name][1] - left) // across for name in names],
-    )
+    by_row = [(places[name][0] - top) // down for name in names]
+    by_col = [(places[name][1] - left) // across for name in names]
     return _views_source(
         layout, listing, placed(names, by_row, by_col, (rows, cols)), headers, **more
     )
@@ -236,12 +308,17 @@ def _views_source(
     note: str = "",
     **more: Any,
 ) -> SceneSource:
-    """The scene of views by place; pictures that are not used are noted. Raises UserError where two have one place, or many
-    places no view."""
+    """The scene of views by place; pictures that are not used are noted. Raises UserError where two
+    have one place, or many places no view.
+    """
     rows, cols, views = numbered.rows, numbered.cols, numbered.views
     if numbered.clashes:
-        (first, second), pairs = numbered.clashes[0], len(numbered.clashes) - 1
-        remedy = f"move {some([name for _, name in numbered.clashes])} away, or name the views view_ROW_COLUMN.png"
+        first, second = numbered.clashes[0]
+        pairs = len(numbered.clashes) - 1
+        remedy = (
+            f"move {some([name for _, name in numbered.clashes])} away, or name the views"
+            " view_ROW_COLUMN.png"
+        )
         others = f", as {pairs} more pairs are" if pairs else ""
         raise UserError(f"{listing.path}: {first} and {second} are the same view{others}", remedy)
     require_grid(rows, cols, str(listing.path))
@@ -256,7 +333,8 @@ def _views_source(
     if holes:
         where = some([f"row {row} column {col}" for row, col in holes])
         notes.append(f"{len(holes)} of {rows}x{cols} views missing, made from others: {where}")
-    used, names = set(views.values()), listing.pictures()
+    used = set(views.values())
+    names = listing.pictures()
     sizes = {headers[name].size for name in used}
     odd = {
         name: f"{name} ({header.size})"
@@ -278,13 +356,13 @@ def _views_source(
 
 
 def coordinate_turn(stood: NDArray[np.float64]) -> Turn | None:
-    """From coordinates (rows, cols, 2) as (down, right) in file order, NaN where unknown: the turn to canonical order, or None if
-    they do not determine it. Along each index axis the mean step of the coordinate that moves most decides."""
+    """From coordinates (rows, cols, 2) as (down, right) in file order, NaN where unknown: the turn
+    to canonical order, or None if they do not determine it. Along each index axis the mean step of
+    the coordinate that moves most decides.
+    """
     by_row, by_col = (np.ma.masked_invalid(stood).mean(axis=axis).filled(np.nan) for axis in (1, 0))
-    (down_by_row, right_by_row), (down_by_col, right_by_col) = (
-        by_row[-1] - by_row[0],
-        by_col[-1] - by_col[0],
-    )
+    down_by_row, right_by_row = by_row[-1] - by_row[0]
+    down_by_col, right_by_col = by_col[-1] - by_col[0]
     straight, crossed = abs(down_by_row) + abs(right_by_col), abs(right_by_row) + abs(down_by_col)
     if not abs(straight - crossed) > 0:  # equal, or not known
         return None

@@ -1,60 +1,38 @@
-"""The numbers in the names of pictures: which two count rows and columns, which one runs. docs/layouts.md states the rules.
+"""The numbers in the names of pictures: which two count rows and columns, which one runs.
+docs/layouts.md states the rules.
 
-A name is split into texts and numbers; names with the same texts are a family. Two numbers count rows and columns where each
-pair of values occurs once and the pairs fill a lattice; a number that differs in every name runs, or is a counter beside them.
+A name is split into texts and numbers; names with the same texts are a family. Two numbers count
+rows and columns where each pair of values occurs once and the pairs fill a lattice; a number that
+differs in every name runs, or is a counter beside them.
 """
 
 import math
 import re
 from collections import defaultdict
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Iterator
 from functools import cached_property, lru_cache
 from itertools import combinations
 
 import attrs
 
+from lfpipe.scene.layouts._candidates import Candidate, ranked
 from lfpipe.scene.source import ViewIndex
 
 _SIGNED = r"(?<=[^0-9A-Za-z])[+-][0-9]{1,18}"
 _DECIMAL = r"(?:\.[0-9]{1,9})?(?![0-9]*\.[0-9])"
-# Ways to read numbers, the likeliest first: signs after a separator and decimals; signs anywhere; digits alone; letters count;
-# row and column in one number without a separator (0307).
-_READINGS = tuple(
-    re.compile(pattern)
-    for pattern in (
-        rf"(?:{_SIGNED}|[0-9]{{1,18}}){_DECIMAL}",
-        rf"[+-]?[0-9]{{1,18}}{_DECIMAL}",
-        r"[0-9]{1,18}",
-        r"[0-9]{1,18}|(?<![A-Za-z])[A-Za-z](?![A-Za-z])",
-        r"[0-9]{1,18}",
-    )
-)
-_LETTERS, _HALVES = len(_READINGS) - 2, len(_READINGS) - 1
 MAPS = re.compile(
-    r"depth|disp|mask|matte|alpha|label|seg|normal|flow(?!er)|conf(?!e)|thumb|error|diff|(?<![a-z])gt",
+    r"depth|disp|mask|matte|alpha|label|seg|normal|flow(?!er)|conf(?!e)|thumb|error|diff"
+    r"|(?<![a-z])gt|(?<![a-z])class(es)?(?![a-z])",
     re.IGNORECASE,
 )
 # Names of the two eyes' pictures, by language.
-LEFT, RIGHT = (
-    ("left", "l", "links", "gauche", "izquierda", "sinistra"),
-    ("right", "r", "rechts", "droite", "derecha", "destra"),
-)
-_FRAME_WORDS = (
-    "f",
-    "fr",
-    "frame",
-    "frames",
-    "time",
-    "ev",
-    "exp",
-    "exposure",
-    "iso",
-    "take",
-)  # numbers that count no views
-_ROW_WORDS, _COL_WORDS = (
-    ("row", "rows", "r", "y", "v", "t"),
-    ("col", "cols", "column", "c", "x", "u", "s"),
-)
+LEFT = ("left", "l", "links", "gauche", "izquierda", "sinistra")
+RIGHT = ("right", "r", "rechts", "droite", "derecha", "destra")
+SIDES = re.compile(rf"(?<![a-z])({'|'.join(LEFT + RIGHT)})(?![a-z])")
+# numbers that count no views
+_FRAME_WORDS = ("f", "fr", "frame", "frames", "time", "ev", "exp", "exposure", "iso", "take")
+_ROW_WORDS = ("row", "rows", "r", "y", "v", "t")
+_COL_WORDS = ("col", "cols", "column", "c", "x", "u", "s")
 _MIN_COVERAGE = 0.15  # of a lattice by files: less is no grid. A cross in a 13x13 grid has 0.148
 _MAX_FIELDS = 12  # a date with its time has six
 _UNIT = 10**9  # of numbers, which have up to nine decimals
@@ -67,25 +45,34 @@ _SUM_OR_NUMBER = re.compile(r"[-_. ][0-9a-f]{6,40}$", re.IGNORECASE)
 _COPY = re.compile(r"(.*?)([-_ ]?\(|[-_ ])(\d{1,5})(\)?)", re.DOTALL)
 
 
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class NumberedNames:
-    """A family of names by what their numbers say. views: names by (row, column) from (0, 0); or by (0, position) where one
-    number runs (`runs`). clashes: pairs of names for one place. doubt: what the names leave open, "" for nothing. explained: how
-    many names have a place, or another frame of it; share: of all places, those that have a name."""
+    """A family of names by what their numbers say."""
 
-    views: dict[ViewIndex, str]
+    views: dict[ViewIndex, str]  # names by (row, column) from (0, 0), or by (0, position)
     rows: int
     cols: int
-    runs: bool
-    clashes: tuple[tuple[str, str], ...] = ()
-    doubt: str = ""
-    explained: int = 0
-    share: float = 0.0
+    runs: bool  # whether one number runs
+    clashes: tuple[tuple[str, str], ...] = ()  # pairs of names for one place
+    doubt: str = ""  # what the names leave open, "" for nothing
+    explained: int = 0  # how many names have a place, or another frame of it
+    share: float = 0.0  # of all places, those that have a name
+
+
+def side_of(stem: str) -> tuple[str, bool] | None:
+    """(the rest of a name, whether it is the left eye's) by its last word for a side; None without
+    one.
+    """
+    words = list(SIDES.finditer(stem.lower().replace("_", " ")))
+    if not words:
+        return None
+    return f"{stem[: words[-1].start()]}*{stem[words[-1].end() :]}".lower(), words[-1][1] in LEFT
 
 
 def spaced(values: Collection[int]) -> tuple[int, int, int]:
-    """The lowest of some numbers, their step (the largest that leads to all of them), and how many such steps there are, with
-    the first."""
+    """The lowest of some numbers, their step (the largest that leads to all of them), and how many
+    such steps there are, with the first.
+    """
     low = min(values)
     step = math.gcd(*(value - low for value in values)) or 1
     return low, step, (max(values) - low) // step + 1
@@ -100,9 +87,8 @@ class _Column:
 
     @classmethod
     def of(cls, texts: tuple[str, ...], before: str) -> "_Column":
-        separator = all(
-            text.startswith("-") for text in texts
-        )  # and no sign, where every number has it
+        # and no sign, where every number has it
+        separator = all(text.startswith("-") for text in texts)
         word = re.search(r"([a-z]+)[^a-z]*$", before)
         return cls(tuple(_value(text[separator:]) for text in texts), word[1] if word else "")
 
@@ -141,7 +127,9 @@ def _value(text: str) -> int:
 
 
 def _stems(names: tuple[str, ...]) -> dict[str, str]:
-    """The part of each name that is read: without suffix and sums, times in order, and the first of copies numbered."""
+    """The part of each name that is read: without suffix and sums, times in order, and the first of
+    copies numbered.
+    """
     stems = {name: name.rpartition(".")[0] for name in names}
     times = {name: match[0] for name, stem in stems.items() if (match := _TIME.search(stem))}
     if 2 * len(times) > len(names):  # a time counts nothing: it puts names in order
@@ -162,19 +150,60 @@ def _stems(names: tuple[str, ...]) -> dict[str, str]:
     return stems
 
 
-def _families(
-    stems: dict[str, str], reading: int
-) -> dict[tuple[str, ...], dict[str, tuple[str, ...]]]:
-    """By their texts, the names of each family and the numbers of each name."""
-    families: defaultdict[tuple[str, ...], dict[str, tuple[str, ...]]] = defaultdict(dict)
-    for name, stem in stems.items():
-        numbers, digits = _READINGS[reading].findall(stem), 0
-        if reading == _HALVES and numbers and len(numbers[-1]) % 2 == 0:
-            digits = len(numbers[-1])
-            numbers[-1:] = numbers[-1][: digits // 2], numbers[-1][digits // 2 :]
-        if 0 < len(numbers) <= _MAX_FIELDS:
-            families[*_READINGS[reading].split(stem.lower()), "0" * digits][name] = tuple(numbers)
-    return families
+@attrs.frozen(kw_only=True)
+class _Reading:
+    """A way to find the numbers in names."""
+
+    name: str
+    pattern: re.Pattern[str]
+    halved: bool = False  # the last number is row and column without a separator (0307)
+    # whether a family that was read so counts, of so many names
+    accepts: Callable[[NumberedNames, int, int], bool] = lambda numbered, size, names: True
+
+    def families(self, stems: dict[str, str]) -> dict[tuple[str, ...], dict[str, tuple[str, ...]]]:
+        """By their texts, the names of each family and the numbers of each name."""
+        families: defaultdict[tuple[str, ...], dict[str, tuple[str, ...]]] = defaultdict(dict)
+        for name, stem in stems.items():
+            numbers = self.pattern.findall(stem)
+            digits = 0
+            if self.halved and numbers and len(numbers[-1]) % 2 == 0:
+                digits = len(numbers[-1])
+                numbers[-1:] = numbers[-1][: digits // 2], numbers[-1][digits // 2 :]
+            if 0 < len(numbers) <= _MAX_FIELDS:
+                families[*self.pattern.split(stem.lower()), "0" * digits][name] = tuple(numbers)
+        return families
+
+
+def _is_whole(numbered: NumberedNames, size: int, names: int) -> bool:
+    """Whether halved numbers fill a grid, and do not just run on: 00 to 29 is no grid of 3x10."""
+    if numbered.runs or numbered.share < 1:
+        return False
+    numbers = [
+        int(re.findall(r"[0-9]+", name.rpartition(".")[0])[-1]) for name in numbered.views.values()
+    ]
+    return max(numbers) - min(numbers) >= len(numbers)
+
+
+_READINGS = (  # the likeliest first
+    _Reading(
+        name="signs after a separator",
+        pattern=re.compile(rf"(?:{_SIGNED}|[0-9]{{1,18}}){_DECIMAL}"),
+    ),
+    _Reading(name="signs anywhere", pattern=re.compile(rf"[+-]?[0-9]{{1,18}}{_DECIMAL}")),
+    _Reading(name="digits alone", pattern=re.compile(r"[0-9]{1,18}")),
+    _Reading(
+        name="single letters",
+        pattern=re.compile(r"[0-9]{1,18}|(?<![A-Za-z])[A-Za-z](?![A-Za-z])"),
+        # of fewer names, they are Roman numerals or initials
+        accepts=lambda numbered, size, names: 2 * size >= names,
+    ),
+    _Reading(
+        name="halves of a number",
+        pattern=re.compile(r"[0-9]{1,18}"),
+        halved=True,
+        accepts=_is_whole,
+    ),
+)
 
 
 def _together(columns: Collection[_Column]) -> list[tuple[int, ...]]:
@@ -217,14 +246,14 @@ def _grid(columns: list[_Column], names: list[str]) -> NumberedNames | None:
     for (first, down), (second, across) in combinations(enumerate(columns), 2):
         pairs = len(set(_together((down, across))))
         plain = all(column.steps[:2] in ((0, _UNIT), (_UNIT, _UNIT)) for column in (down, across))
-        if (
-            pairs == len(names) == len(down.values) * len(across.values)
-        ):  # then order counts where steps are uneven
+        # then order counts where steps are uneven
+        if pairs == len(names) == len(down.values) * len(across.values):
             even = [
                 column.ordered() if column.count > 2 * len(column.values) else column
                 for column in (down, across)
             ]
-            plain, (down, across) = plain and even == [down, across], even
+            plain = plain and even == [down, across]
+            down, across = even
         if (
             max(down.count, across.count) > MAX_SIDE
             or pairs < _MIN_COVERAGE * down.count * across.count
@@ -244,8 +273,9 @@ def _grid(columns: list[_Column], names: list[str]) -> NumberedNames | None:
 def placed(
     names: list[str], rows: list[int] | None, cols: list[int], shape: ViewIndex, counts: bool = True
 ) -> NumberedNames:
-    """Names by their places; of several for one, the first. rows: None for a number that runs; counts: whether numbers and not
-    only their order say so."""
+    """Names by their places; of several for one, the first. rows: None for a number that runs;
+    counts: whether numbers and not only their order say so.
+    """
     views: dict[ViewIndex, str] = {}
     clashes: list[tuple[str, str]] = []
     for name, index in zip(names, zip(rows or [0] * len(names), cols, strict=True), strict=True):
@@ -255,13 +285,20 @@ def placed(
             views[index] = name
     share = len(views) / (shape[0] * shape[1]) if counts else 0.0
     return NumberedNames(
-        views, *shape, rows is None, tuple(clashes), explained=len(views), share=share
+        views=views,
+        rows=shape[0],
+        cols=shape[1],
+        runs=rows is None,
+        clashes=tuple(clashes),
+        explained=len(views),
+        share=share,
     )
 
 
 def _frame_column(varying: list[_Column], count: int) -> tuple[_Column, str] | None:
-    """The number that counts frames or exposures, and what that leaves open, where the numbers of views and it fill a box: by the
-    word before it, else the last of three."""
+    """The number that counts frames or exposures, and what that leaves open, where the numbers of
+    views and it fill a box: by the word before it, else the last of three.
+    """
     for columns in [*combinations(varying, 3), *combinations(varying, 2)]:
         if (
             math.prod(len(column.values) for column in columns)
@@ -276,16 +313,10 @@ def _frame_column(varying: list[_Column], count: int) -> tuple[_Column, str] | N
     return None
 
 
-def _runs_on(numbered: NumberedNames) -> bool:
-    """Whether the numbers of a family that was read in halves just run on: 00 to 29 is no grid of 3x10."""
-    numbers = [
-        int(re.findall(r"[0-9]+", name.rpartition(".")[0])[-1]) for name in numbered.views.values()
-    ]
-    return max(numbers) - min(numbers) < len(numbers)
-
-
 def _by_folder(names: tuple[str, ...]) -> NumberedNames | None:
-    """Rows by folder, columns by the order of names in each, where all folders hold equally many, two or more; else None."""
+    """Rows by folder, columns by the order of names in each, where all folders hold equally many,
+    two or more; else None.
+    """
     folders: defaultdict[str, list[str]] = defaultdict(list)
     for name in names:
         folders[name.rpartition("/")[0]].append(name)
@@ -297,18 +328,19 @@ def _by_folder(names: tuple[str, ...]) -> NumberedNames | None:
         for row, inside in enumerate(folders.values())
         for col, name in enumerate(inside)
     }
-    return NumberedNames(views, len(folders), counts.pop(), False)
+    return NumberedNames(views=views, rows=len(folders), cols=counts.pop(), runs=False)
 
 
-@lru_cache(maxsize=4)
-def read_names(names: tuple[str, ...]) -> NumberedNames | None:
-    """What the numbers of most of these names say; None where no two names differ in numbers alone. The reading wins that
-    explains most names (of maps, half as many count), then grids, whole ones, and of several the likeliest reading."""
-    best: NumberedNames | None = None
-    best_fit = 0.0, False, 0.0
+# of a score whose whole part is the number of explained names (of maps, half as many): a grid beats
+# a run, and a whole grid one with gaps
+_GRID_BONUS, _WHOLE_BONUS = 0.25, 0.2
+
+
+def _candidates(names: tuple[str, ...]) -> Iterator[Candidate[NumberedNames]]:
+    """What each family says by each reading; no more once nothing can be better."""
     stems = _stems(names)
-    for reading in range(len(_READINGS)):
-        families = _families(stems, reading)
+    for reading in _READINGS:
+        families = reading.families(stems)
         most = max((len(family) for family in families.values()), default=0)
         for texts, family in families.items():
             if len(family) < 2 or 2 * len(family) < most:
@@ -317,18 +349,32 @@ def read_names(names: tuple[str, ...]) -> NumberedNames | None:
             numbered = _read(
                 list(family), [_Column.of(numbers, before) for numbers, before in fields]
             )
-            if reading == _HALVES and (numbered.runs or numbered.share < 1 or _runs_on(numbered)):
-                continue
-            if reading == _LETTERS and 2 * len(family) < len(names):  # Roman numerals, initials
+            if not reading.accepts(numbered, len(family), len(names)):
                 continue
             maps = any(MAPS.search(text) for text in texts)
-            fit = numbered.explained / (1 + maps), not numbered.runs, numbered.share
-            if fit > best_fit:
-                best_fit, best = fit, numbered
-        if (
-            best is not None and best.explained == len(names) and best.share == 1 and not best.runs
-        ):  # nothing can be better
-            break
+            grid_bonus = 0.0 if numbered.runs else _GRID_BONUS
+            yield Candidate(
+                what=f"{'#'.join(texts[: len(texts) - 1])}: {reading.name},"
+                f" {'a run of ' if numbered.runs else ''}{numbered.rows}x{numbered.cols}",
+                score=numbered.explained / (1 + maps) + grid_bonus + _WHOLE_BONUS * numbered.share,
+                value=numbered,
+                evidence={
+                    "names explained": numbered.explained,
+                    "places with a name": numbered.share,
+                    "clashes": len(numbered.clashes),
+                },
+            )
+            if numbered.explained == len(names) and numbered.share == 1 and grid_bonus and not maps:
+                return
+
+
+@lru_cache(maxsize=4)
+def read_names(names: tuple[str, ...]) -> NumberedNames | None:
+    """What the numbers of most of these names say; None where no two names differ in numbers
+    alone.
+    """
+    order = ranked(f"how {len(names)} names count", list(_candidates(names)))
+    best = order[0].value if order else None
     if (best is None or best.runs or best.clashes) and (rows := _by_folder(names)) is not None:
         return rows
     return best

@@ -1,7 +1,8 @@
 """The columns of a running number, from the pictures: views that are near in the grid look alike.
 
-For each candidate grid the likeness of some pairs of views is compared with how near the grid places them. The grid
-that explains the likenesses best wins; where another one explains them nearly as well, the result says so.
+For each candidate grid the likeness of some pairs of views is compared with how near the grid
+places them. The grid that explains the likenesses best wins; where another one explains them nearly
+as well, the result says so.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,32 +14,31 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.scene.layouts._candidates import Candidate, ranked
 from lfpipe.scene.source import ViewIndex
 
 _SIDE_PX = 96  # of the small pictures that are compared
-_MAX_PICTURES = 64  # that are decoded
-_REACHES = (
-    1.5,
-    4.0,
-    12.0,
-    40.0,
-)  # grid steps over which likeness falls off: far cameras differ at once, near ones slowly
-_ROW_STEPS = (
-    0.6,
-    1.0,
-    1.7,
-)  # of a row step against a column step, as the camera may move farther one way
+SHORTEST_CIRCLE = 8  # views of a walk round something
+MAX_PICTURES = 64  # that are decoded
+# grid steps over which likeness falls off: far cameras differ at once, near ones slowly
+_REACHES = (1.5, 4.0, 12.0, 40.0)
+# of a row step against a column step, as the camera may move farther one way
+_ROW_STEPS = (0.6, 1.0, 1.7)
+_SAME_SHARE = 0.2  # of what neighbours differ by: copies that were saved with other losses
+_COPY_PX = (40, 30)  # at which they are compared: losses average out
 _SURE, _CLEAR = 0.35, 0.02  # correlation of a sure grid, and its lead on the next one
 
 
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class Running:
-    """How a running number fills a grid: row by row, in a snake every other one backwards. doubt: what is left open."""
+    """How a running number fills a grid: row by row, in a snake every other one backwards."""
 
     rows: int
     cols: int
     snake: bool = False
-    doubt: str = ""
+    ring: bool = False  # on a circle, which is no line: its ends are neighbours
+    doubt: str = ""  # what is left open
+    score: float = 0.0  # how well it explains the likeness of the pictures, at most 1
 
     @property
     def shape(self) -> ViewIndex:
@@ -58,20 +58,26 @@ def _candidates(count: int, grid: ViewIndex | None) -> list[Running]:
         else [(1, count), *((count // cols, cols) for cols in range(2, count // 2 + 1))]
     )
     shapes = [(rows, cols) for rows, cols in shapes if rows * cols == count]
-    return [Running(*shape) for shape in shapes] + [
-        Running(*shape, snake=True) for shape in shapes if min(shape) > 1
+    snakes = [
+        Running(rows=rows, cols=cols, snake=True) for rows, cols in shapes if min(rows, cols) > 1
     ]
+    rings = (
+        [Running(rows=1, cols=count, ring=True)]
+        if grid is None and count >= SHORTEST_CIRCLE
+        else []
+    )
+    return [Running(rows=rows, cols=cols) for rows, cols in shapes] + snakes + rings
 
 
 def _positions(present: Sequence[bool], tries: Sequence[Running]) -> list[int]:
-    """Positions to compare: all of a short run, else some in the middle and, for each candidate, a row below them."""
+    """Positions to compare: all of a short run, else some in the middle and, for each candidate, a
+    row below them.
+    """
     count = len(present)
-    if count <= _MAX_PICTURES:
+    if count <= MAX_PICTURES:
         return [position for position in range(count) if present[position]]
-    middle, strides = (
-        count // 2,
-        sorted({run.cols for run in tries if run.rows > 1 and run.cols < count // 2}),
-    )
+    middle = count // 2
+    strides = sorted({run.cols for run in tries if run.rows > 1 and run.cols < count // 2})
     order = [middle + near for near in (0, 1, 2, 3, -1, -2, 4, -3)]
     order += [
         middle + sign * (stride + near) for stride in strides for near in (0, 1) for sign in (1, -1)
@@ -86,13 +92,15 @@ def _positions(present: Sequence[bool], tries: Sequence[Running]) -> list[int]:
     usable = dict.fromkeys(
         position for position in order if 0 <= position < count and present[position]
     )
-    return list(usable)[:_MAX_PICTURES]
+    return list(usable)[:MAX_PICTURES]
 
 
 @attrs.frozen
 class Likeliest:
-    """The candidate that explains the likeness of the pictures best. score: correlation of unlikeness with distance in the grid.
-    near: other grids that explain it nearly as well; others: the next ones."""
+    """The candidate that explains the likeness of the pictures best. score: correlation of
+    unlikeness with distance in the grid.
+    near: other grids that explain it nearly as well; others: the next ones.
+    """
 
     run: Running
     score: float
@@ -107,7 +115,10 @@ class Likeliest:
 def likeliest(
     read: Callable[[int], NDArray[np.uint8]], present: Sequence[bool], tries: Sequence[Running]
 ) -> Likeliest:
-    """The candidate that the pictures speak for. read(position): a view, any size; present: by position, whether there is one."""
+    """The candidate that the pictures speak for.
+
+    read(position): a view, any size; present: by position, whether there is one.
+    """
 
     @cache
     def small(position: int) -> NDArray[np.float32]:
@@ -125,32 +136,42 @@ def likeliest(
             for a, b in pairs
         ]
     )
-    scores = {run: _explained(run, pairs, unlike) for run in tries}
-    order = sorted(
-        tries, key=lambda run: (-round(scores[run], 4), abs(run.rows - run.cols), run.snake)
+    # of equals the squarest grid, row by row
+    order = ranked(
+        f"how {len(present)} views in order fill a grid",
+        [
+            Candidate(
+                what=f"{run.rows}x{run.cols}{', a snake' * run.snake}{', a circle' * run.ring}",
+                score=round(_explained(run, pairs, unlike), 4),
+                value=run,
+            )
+            for run in sorted(tries, key=lambda run: (abs(run.rows - run.cols), run.snake))
+        ],
     )
-    best, others = order[0], tuple(run for run in order if run.shape != order[0].shape)
+    best = order[0]
+    others = [other for other in order if other.value.shape != best.value.shape]
     return Likeliest(
-        best,
-        scores[best],
-        tuple(run for run in others if scores[run] > scores[best] - _CLEAR),
-        others,
+        best.value,
+        best.score,
+        tuple(other.value for other in others if other.score > best.score - _CLEAR),
+        tuple(other.value for other in others),
     )
 
 
 def find_columns(
     read: Callable[[int], NDArray[np.uint8]], present: Sequence[bool], grid: ViewIndex | None = None
 ) -> Running | None:
-    """The grid of a run of views, by the pictures; None where the user's grid fits no part of the run."""
+    """The grid of a run of views, by the pictures; None where the user's grid fits no part of the
+    run.
+    """
     tries = _candidates(len(present), grid)
     if len(tries) < 2:
         return tries[0] if tries else None
     likely = likeliest(read, present, tries)
     if likely.clear:
-        return likely.run
-    best = next(
-        (run for run in likely.near if run.rows == 1), likely.run
-    )  # people more often make lines than narrow grids
+        return attrs.evolve(likely.run, score=likely.score)
+    # people more often make lines than narrow grids
+    best = next((run for run in likely.near if run.rows == 1), likely.run)
     others = dict.fromkeys(
         f"{run.rows}x{run.cols}" for run in (likely.run, *likely.others) if run.shape != best.shape
     )
@@ -160,15 +181,78 @@ def find_columns(
         if others
         else ""
     )
-    return attrs.evolve(best, doubt=doubt)
+    return attrs.evolve(best, doubt=doubt, score=likely.score)
+
+
+def copies(read: Callable[[int], NDArray[np.uint8]], positions: Sequence[int]) -> dict[int, int]:
+    """By position, the earlier one whose picture is the same, or nearly (saved again with other
+    losses), against what neighbours differ by; {} where that holds for more of them than people
+    save twice: nothing moves there.
+    """
+    pictures = [np.asarray(read(position)) for position in positions]
+    if len(pictures) < 3 or len({picture.shape for picture in pictures}) > 1:
+        return {}
+    if len(pictures) > MAX_PICTURES:  # too many to compare all with all
+        first: dict[bytes, int] = {}
+        pairs = [(first.setdefault(picture.tobytes(), k), k) for k, picture in enumerate(pictures)]
+        again = {positions[k]: positions[j] for j, k in pairs if j != k}
+    else:
+        pictures = [
+            cv2.resize(picture, _COPY_PX, interpolation=cv2.INTER_AREA).astype(np.int16)
+            for picture in pictures
+        ]
+        unlike = np.full((len(pictures), len(pictures)), np.inf)
+        for j, k in combinations(range(len(pictures)), 2):
+            unlike[j, k] = unlike[k, j] = np.abs(pictures[j] - pictures[k]).mean()
+        limit = _SAME_SHARE * float(np.median(unlike.min(axis=0)))
+        again = {
+            positions[k]: positions[int(unlike[k, :k].argmin())]
+            for k in range(1, len(pictures))
+            if unlike[k, :k].min() <= limit
+        }
+    return again if 4 * len(again) <= len(positions) else {}
+
+
+def lay_out(
+    read: Callable[[int], NDArray[np.uint8]],
+    present: Sequence[bool],
+    grid: ViewIndex | None,
+    suspects: Sequence[int],
+) -> tuple[Running | None, dict[int, int], dict[int, int]]:
+    """(how the views of a run fill a grid, as `find_columns`; the new position of each view; by
+    position, the earlier one of which it is a copy). A copy is no view: it stands in the place of
+    another one, or between others. suspects: positions that may be copies.
+    """
+    kept = [position for position, there in enumerate(present) if there]
+    again = copies(read, suspects)
+    if not again:
+        return find_columns(read, present, grid), {at: at for at in kept}, again
+    kept = [position for position in kept if position not in again]
+    as_is = {at: at for at in kept}
+    moved = {at: at - sum(copy < at for copy in again) for at in kept}
+    best: tuple[Running | None, dict[int, int]] = None, as_is
+    for places, count in ((moved, len(present) - len(again)), (as_is, len(present))):
+        at = {place: position for position, place in places.items()}
+        run = find_columns(
+            lambda place, at=at: read(at[place]),  # type: ignore[misc]
+            [place in at for place in range(count)],
+            grid,
+        )
+        if run is not None and (best[0] is None or run.score > best[0].score + _CLEAR):
+            best = run, places
+    return *best, again
 
 
 def _explained(run: Running, pairs: NDArray[np.int64], unlike: NDArray[np.float64]) -> float:
-    """Correlation of unlikeness with distance in the grid, at the ratio of row and column steps that suits best."""
+    """Correlation of unlikeness with distance in the grid, at the ratio of row and column steps
+    that suits best.
+    """
     if len(pairs) < 3 or unlike.std() <= 1e-9:
         return -1.0
     place = np.array([[run.index(a), run.index(b)] for a, b in pairs.tolist()], np.float64)
     rows, cols = np.abs(place[:, 0] - place[:, 1]).T
+    if run.ring:  # straight through the circle
+        cols = run.cols / np.pi * np.sin(np.pi * cols / run.cols)
     ratios = _ROW_STEPS if min(run.shape) > 1 else (1.0,)
     far = [
         1 - np.exp(-np.hypot(ratio * rows, cols) / reach) for ratio in ratios for reach in _REACHES

@@ -1,5 +1,6 @@
-"""Pictures of many tiles, one view each: finds the tiles by lines of one colour between them, or because neighbours are alike,
-and whether they are a grid of views or, as in a quilt, one line."""
+"""Pictures of many tiles, one view each: finds the tiles by lines of one colour between them, or
+because neighbours are alike, and whether they are a grid of views or, as in a quilt, one line.
+"""
 
 import re
 import threading
@@ -18,28 +19,25 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import read_picture
 from lfpipe.scene.files import Listing
-from lfpipe.scene.layouts._grid import LOSSY, parse_grid
+from lfpipe.scene.layouts._grid import LEAST_VIEW_PX, LOSSY, parse_grid
 from lfpipe.scene.layouts._running import Running, likeliest
 
-# Sizes and tiles (columns, rows) of displays whose tiles do not divide the picture: the remainder is at the right and the bottom.
+# Sizes and tiles (columns, rows) of displays whose tiles do not divide the picture: the remainder
+# is at the right and the bottom.
 UNEVEN = {(4096, 4096): (5, 9), (8192, 8192): (5, 9)}
-QUILT_NAME = re.compile(
-    r"_qs(\d{1,2})x(\d{1,2})(?:a[\d.]+)?", re.IGNORECASE
-)  # Looking Glass: columns, rows, aspect
+# Looking Glass: columns, rows, aspect
+QUILT_NAME = re.compile(r"_qs(\d{1,2})x(\d{1,2})(?:a[\d.]+)?", re.IGNORECASE)
 _SAME_PICTURE = 0.98  # correlation of two files of one picture
 _LOOK_PX = 32  # side of pictures that are compared
+_FROM_THE_TOP = "whether its first view is the top left tile: a quilt begins at the bottom left"
 MOST_TILES = 64  # along one side
 _SMALLEST_TILE_PX = 24  # less shows nothing
 _GLANCE_PX = 1024  # longer side of the reduced picture in which tiles are detected
-_TWO_AXES, _ONE_AXIS, _PLAIN = (
-    0.5,
-    0.2,
-    0.8,
-)  # limits of `_unlike` for neighbouring tiles; above the last, there are none
-_LINE_LEVELS, _LINE_SHARE = (
-    (4, 16, 48),
-    0.98,
-)  # grey levels from the colour of lines (JPEG blurs them), and share of a line
+# limits of `_unlike` for neighbouring tiles; above the last, there are none
+_TWO_AXES, _ONE_AXIS, _PLAIN = 0.5, 0.2, 0.8
+# grey levels from the colour of lines (JPEG blurs them), and share of a line
+_LINE_LEVELS = (4, 16, 48)
+_LINE_SHARE = 0.98
 _LINE_SAMPLES = 64  # along a line
 _SOFT_PX = 2  # by which lines and tiles differ where lines have soft edges
 
@@ -56,11 +54,13 @@ def plane_of(picture: NDArray[Any]) -> NDArray[np.uint8]:
     return np.ascontiguousarray(plane if plane.dtype == np.uint8 else (plane >> 8).astype(np.uint8))
 
 
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class Tiling:
-    """Where the tiles of a picture lie: tops and lefts in px, and their common size; what lies between them belongs to none.
-    quilt: one row of views from the bottom left tile to the right, then upwards (downwards with `down`). doubt: what the pictures
-    leave open, "" for nothing."""
+    """Where the tiles of a picture lie: tops and lefts in px, and their common size; what lies
+    between them belongs to none.
+    quilt: one row of views from the bottom left tile to the right, then upwards (downwards with
+    `down`). doubt: what the pictures leave open, "" for nothing.
+    """
 
     tops: tuple[int, ...]
     lefts: tuple[int, ...]
@@ -71,14 +71,20 @@ class Tiling:
     doubt: str = ""
 
     @classmethod
-    def even(cls, picture: NDArray[Any], rows: int, cols: int) -> "Tiling":
-        """Tiles of one size without gaps; a remainder at the right and the bottom belongs to none."""
+    def even(cls, picture: NDArray[Any], rows: int, cols: int, resized: bool = True) -> "Tiling":
+        """Tiles of one size without gaps. Where they do not divide the picture, it was resized, and
+        they lie at fractions of a pixel; else a remainder at the right and the bottom belongs to
+        none.
+        """
         height, width = picture.shape[0] // rows, picture.shape[1] // cols
+        down, across = height, width
+        if resized:
+            down, across = picture.shape[0] / rows, picture.shape[1] / cols
         return cls(
-            tuple(height * r for r in range(rows)),
-            tuple(width * c for c in range(cols)),
-            height,
-            width,
+            tops=tuple(round(down * r) for r in range(rows)),
+            lefts=tuple(round(across * c) for c in range(cols)),
+            height_px=height,
+            width_px=width,
         )
 
     @property
@@ -96,14 +102,17 @@ class Tiling:
         if self.quilt:
             row, col = divmod(col, len(self.lefts))
             row = row if self.down else len(self.tops) - 1 - row
-        top, left = self.tops[row], self.lefts[col]
+        top = self.tops[row]
+        left = self.lefts[col]
         return picture[top : top + self.height_px, left : left + self.width_px]
 
 
 def dip(grey: NDArray[np.float32], axis: int, period: float, plain: float = 1e-3) -> float:
-    """Mean square difference between a picture and itself at a shift of one period along an axis, relative to shifts of half a
-    period more or less: 1 where these are plain. What repeats has a dip there; the difference of an ordinary picture only grows
-    with the shift."""
+    """Mean square difference between a picture and itself at a shift of one period along an axis,
+    relative to shifts of half a
+    period more or less: 1 where these are plain. What repeats has a dip there; the difference of an
+    ordinary picture only grows with the shift.
+    """
     along = grey if axis == 0 else grey.T
     at, less, more = (
         float(np.mean((along[n:] - along[:-n]) ** 2))
@@ -121,7 +130,9 @@ def _unlike(grey: NDArray[np.float32], axis: int) -> dict[int, float]:
 
 
 def _period(unlike: dict[int, float], full_px: int) -> tuple[int, float]:
-    """The number of tiles whose neighbours are most alike, and their difference; (1, 1.0) if no number divides."""
+    """The number of tiles whose neighbours are most alike, and their difference; (1, 1.0) if no
+    number divides.
+    """
     fits = {
         n: u for n, u in unlike.items() if full_px % n == 0 and full_px // n >= _SMALLEST_TILE_PX
     }
@@ -130,7 +141,9 @@ def _period(unlike: dict[int, float], full_px: int) -> tuple[int, float]:
 
 
 def _between_lines(picture: NDArray[Any]) -> list[tuple[int, int]]:
-    """(first, last + 1) of the rows between lines of one colour, where these divide the picture evenly; else all rows as one."""
+    """(first, last + 1) of the rows between lines of one colour, where these divide the picture
+    evenly; else all rows as one.
+    """
     height, width = picture.shape[:2]
     some = np.asarray(picture[:, :: max(1, width // _LINE_SAMPLES)], np.float32).reshape(
         height, -1, picture[0, 0].size
@@ -164,29 +177,32 @@ def _even(runs: list[tuple[int, int]], whole_px: int) -> bool:
     ):
         return False
     around = runs[0][0] + whole_px - runs[-1][1]
-    margins = (
-        0 < around <= 1.5 * min(gaps)
-    )  # of tiles with a plain background: they belong to the tiles
+    # of tiles with a plain background: they belong to the tiles
+    margins = 0 < around <= 1.5 * min(gaps)
     return not margins and max(gaps) - min(gaps) <= _SOFT_PX and 4 * max(gaps) < min(sizes)
 
 
 def _by_lines(picture: NDArray[Any]) -> Tiling | None:
-    """The tiles of a picture with lines between them, as contact sheets and plots have; None without such lines."""
+    """The tiles of a picture with lines between them, as contact sheets and plots have; None
+    without such lines.
+    """
     down = _between_lines(picture)
     across = _between_lines(picture.swapaxes(0, 1))
     if len(down) * len(across) < 3:  # one photograph in a frame, or two, is no mosaic
         return None
-    (top, bottom), (left, right) = down[0], across[0]
+    top, bottom = down[0]
+    left, right = across[0]
     return Tiling(
-        tuple(first for first, _ in down),
-        tuple(first for first, _ in across),
-        bottom - top,
-        right - left,
+        tops=tuple(first for first, _ in down),
+        lefts=tuple(first for first, _ in across),
+        height_px=bottom - top,
+        width_px=right - left,
     )
 
 
 def find_tiles(picture: NDArray[Any], name: str = "") -> Tiling | None:
-    """The tiles of a picture, or None: a mosaic has lines between its tiles, or nearly repeats itself after one tile.
+    """The tiles of a picture, or None: a mosaic has lines between its tiles, or nearly repeats
+    itself after one tile.
 
     name: of the file or folder; a grid named in it (9x9) is used unless the picture contradicts it.
     """
@@ -229,20 +245,22 @@ def find_tiles(picture: NDArray[Any], name: str = "") -> Tiling | None:
 
 
 def _as_quilt(picture: NDArray[Any], plain: Tiling) -> Tiling:
-    """The tiles as one line of views, from the bottom left (or the top left) one, where that explains the likeness of tiles
-    better than their grid does."""
+    """The tiles as one line of views, from the bottom left (or the top left) one, where that
+    explains the likeness of tiles better than their grid does.
+    """
     rows, cols = plain.shape
     if min(rows, cols) < 2:
         return plain
-    line, readings = Running(1, rows * cols), {}
+    line = Running(rows=1, cols=rows * cols)
+    readings = {}
     for down in (False, True):
         quilt = attrs.evolve(plain, quilt=True, down=down)
-        grid = Running(rows, cols)
+        grid = Running(rows=rows, cols=cols)
         best = likeliest(
-            lambda at, quilt=quilt: plane_of(quilt.cut(picture, 0, at)),
+            lambda at, quilt=quilt: plane_of(quilt.cut(picture, 0, at)),  # type: ignore[misc]
             [True] * rows * cols,
             [grid, line],
-        )  # type: ignore[misc]
+        )
         readings[down] = best, quilt
     lines = [reading for reading in readings.values() if reading[0].run.rows == 1]
     doubt = f"one line of {rows * cols} views (--set scene.layout=quilt), or {rows}x{cols} (mosaic)"
@@ -253,12 +271,15 @@ def _as_quilt(picture: NDArray[Any], plain: Tiling) -> Tiling:
             else attrs.evolve(plain, doubt=doubt)
         )
     best, quilt = max(lines, key=lambda reading: reading[0].score)
-    return quilt if best.clear else attrs.evolve(quilt, doubt=doubt)
+    if not best.clear:
+        return attrs.evolve(quilt, doubt=doubt)
+    return attrs.evolve(quilt, doubt=_FROM_THE_TOP) if quilt.down else quilt
 
 
 def last_picture(load: Callable[[int], NDArray[Any]]) -> Callable[[int], NDArray[Any]]:
     """load, a picture by frame number, with a cache of one for readers in several threads."""
-    lock, cached = threading.Lock(), lru_cache(maxsize=1)(load)
+    lock = threading.Lock()
+    cached = lru_cache(maxsize=1)(load)
 
     def read(frame: int) -> NDArray[Any]:
         with lock:
@@ -284,7 +305,9 @@ def glance(path: Path) -> NDArray[Any]:
 
 
 def likeness(a: Path, b: Path) -> float:
-    """Correlation of two pictures, much reduced and in grey; 0 where one is plain or cannot be read, or only one has colour."""
+    """Correlation of two pictures, much reduced and in grey; 0 where one is plain or cannot be
+    read, or only one has colour.
+    """
     try:
         looks = [
             cv2.resize(glance(path), (_LOOK_PX, _LOOK_PX), interpolation=cv2.INTER_AREA)
@@ -299,7 +322,9 @@ def likeness(a: Path, b: Path) -> float:
 
 
 def one_picture_twice(listing: Listing) -> str | None:
-    """Of two files of one name with the same picture (moon.jpg, moon.png), the lossless one; None for anything else."""
+    """Of two files of one name with the same picture (moon.jpg, moon.png), the lossless one; None
+    for anything else.
+    """
     names = listing.pictures()
     if len(names) != 2 or Path(names[0]).stem.lower() != Path(names[1]).stem.lower():
         return None
@@ -328,20 +353,25 @@ def require_picture(listing: Listing) -> Path:
 def tiling(
     picture: NDArray[Any], path: Path, scene: config.Scene, quilt: bool = False
 ) -> Tiling | None:
-    """The tiling of the picture at path: from scene.grid or a quilt's name, else detected. quilt: it is one line of views, which
-    else the pictures say. Raises UserError if the given grid does not divide it."""
+    """The tiling of the picture at path: from scene.grid or a quilt's name, else detected. quilt:
+    it is one line of views, which else the pictures say. Raises UserError if the given grid does
+    not divide it.
+    """
     height, width = picture.shape[:2]
     named = QUILT_NAME.search(path.stem) if quilt else None
     grid = parse_grid(scene.grid) or ((int(named[2]), int(named[1])) if named else None)
     tiles = None if quilt and grid else find_tiles(picture, f"{path.parent.name}/{path.stem}")
     if grid is not None and (tiles is None or tiles.shape != grid):
         rows, cols = grid
-        if (height % rows or width % cols) and UNEVEN.get((width, height)) != (cols, rows):
+        if min(height // rows, width // cols) < LEAST_VIEW_PX:
             raise UserError(
-                f"{path}: {width}x{height} px do not divide into {rows} rows and {cols} columns of tiles",
+                f"{path}: {width}x{height} px in {rows} rows and {cols} columns make tiles of"
+                f" {width // cols}x{height // rows} px, which show nothing",
                 "give the grid that was rendered with --set scene.grid=ROWSxCOLS",
             )
-        tiles = Tiling.even(picture, rows, cols)
+        # programs for such displays leave a remainder
+        whole = bool(named) or UNEVEN.get((width, height)) == (cols, rows)
+        tiles = Tiling.even(picture, rows, cols, resized=not whole)
     if tiles is None or quilt or grid is not None or scene.layout == "mosaic":  # the user's word
         return tiles and attrs.evolve(tiles, quilt=quilt, doubt="")
     return _as_quilt(picture, tiles)

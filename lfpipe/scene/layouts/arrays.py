@@ -1,11 +1,15 @@
-"""Light fields that are one array: NumPy's .npy and .npz, MATLAB's .mat, and the first HCI data set, lf.h5.
+"""Light fields that are one array: NumPy's .npy and .npz, MATLAB's .mat, and the first HCI data
+set, lf.h5.
 
-Axes are (rows, cols, height, width, planes), in NumPy files perhaps with frames before them; planes are 1 (grey) or 3 (red
-first). Values are uint8, uint16, or float 0 .. 1 or 0 .. 255. An .npz holds `views`, and perhaps `disparity` (rows, cols,
-height, width), px per view, nearer is larger; and `positions` (rows, cols, 2), where each camera stood, (down, right) in any
-unit. MATLAB files hold LF: LFToolbox's NAME__Decoded.mat and BasicLFSR's. v7.3 files are HDF5, axes in reverse order; older ones
-need scipy (`pip install 'lfpipe[scipy]'`). lf.h5 holds LF, GT_DEPTH and attributes, columns from right to left: Wanner, Meister,
-Goldluecke, "Datasets and Benchmarks for Densely Sampled 4D Light Fields", VMV 2013; a file of another name without them need not.
+Axes are (rows, cols, height, width, planes) or (height, width, rows, cols, planes), by the sizes,
+in NumPy files perhaps with frames before them; planes are 1 (grey) or 3 (red first). Values are
+uint8, uint16, or float 0 .. 1 or 0 .. 255. An .npz holds `views`, and perhaps `disparity` (rows,
+cols, height, width), px per view, nearer is larger; and `positions` (rows, cols, 2), where each
+camera stood, (down, right) in any unit. MATLAB files hold LF: LFToolbox's NAME__Decoded.mat and
+BasicLFSR's. v7.3 files are HDF5, axes in reverse order; older ones need scipy (the extra
+`scipy`). lf.h5 holds LF, GT_DEPTH and attributes, columns from right to left: Wanner,
+Meister, Goldluecke, "Datasets and Benchmarks for Densely Sampled 4D Light Fields", VMV 2013; a file
+without those attributes need not.
 """
 
 import contextlib
@@ -23,8 +27,15 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import open_file
 from lfpipe.host.files import path_of
+from lfpipe.host.machine import install_command
 from lfpipe.scene.files import Listing
-from lfpipe.scene.layouts._grid import coordinate_turn, require_grid, require_view, true_max
+from lfpipe.scene.layouts._grid import (
+    LEAST_VIEW_PX,
+    coordinate_turn,
+    require_grid,
+    require_view,
+    true_max,
+)
 from lfpipe.scene.layouts.plenoptic import lit
 from lfpipe.scene.source import Layout, SceneSource, Turn
 
@@ -32,13 +43,15 @@ VIEWS, DISPARITY, POSITIONS = "views", "disparity", "positions"
 AXES = "(rows, cols, height, width, 1 or 3), or (frames, rows, cols, height, width, 1 or 3)"
 _KEYS = ("LF", "lf", "LightField", "lightfield")
 _PLANES = (1, 3, 4, 5)  # grey, colour, and colour with weights behind it
-LARGEST = (
-    1e9  # of what files say of cameras, in mm or px: beyond, and where it is NaN, it is not known
-)
+# of what files say of cameras, in mm or px: beyond, and where it is NaN, it is not known
+LARGEST = 1e9
 
 
 def _require_size(kind: np.dtype[Any], shape: tuple[int, ...], what: str) -> None:
-    """Raises UserError for values of another type, or where no light field is so large. what: its name, for messages."""
+    """Raises UserError for values of another type, or where no light field is so large.
+
+    what: its name, for messages.
+    """
     if kind not in (np.uint8, np.uint16) and kind.kind != "f":
         raise UserError(
             f"{what}: values of type {kind}", "save it as uint8, uint16 or float 0 .. 1"
@@ -49,23 +62,44 @@ def _require_size(kind: np.dtype[Any], shape: tuple[int, ...], what: str) -> Non
 
 
 def require_views(views: NDArray[Any], what: str) -> NDArray[Any]:
-    """views with an axis of frames. Raises UserError for other axes and types. what: its name, for messages."""
-    framed = views[None] if views.ndim == 5 else views
+    """views as (frames, rows, cols, height, width, 1 or 3), whichever of rows and height come
+    first, by the sizes. Copies nothing.
+
+    Raises UserError for other axes and types. what: its name, for messages.
+    """
+    coloured = views[..., None] if views.ndim == 4 else views
+    framed = coloured[None] if coloured.ndim == 5 else coloured
     if framed.ndim != 6 or framed.shape[-1] not in (1, 3) or framed.shape[0] < 1:
         raise UserError(f"{what}: axes of sizes {views.shape}", f"expected {AXES}")
+    if axis_order(framed.shape[1:], reversible=False) == _VIEWS_FIRST:
+        framed = framed.transpose(0, *(axis + 1 for axis in _VIEWS_FIRST))
     _require_size(views.dtype, framed.shape[1:5], what)
     return framed
 
 
 def _source(
-    layout: str, path: Path, listing: Listing, shape: tuple[int, ...], kind: np.dtype[Any],
-    raw: Callable[[int, int, int], NDArray[Any]], **more: Any,
-) -> SceneSource:  # fmt: skip
-    """The views of an array. shape: rows, cols, height and width; kind: of its values; raw: a view as it is stored, perhaps with
-    planes, by frame, row and column; more: further fields of SceneSource."""
+    layout: str,
+    path: Path,
+    listing: Listing,
+    shape: tuple[int, ...],
+    kind: np.dtype[Any],
+    raw: Callable[[int, int, int], NDArray[Any]],
+    **more: Any,
+) -> SceneSource:
+    """The views of an array. shape: rows, cols, height and width; kind: of its values; raw: a view
+    as it is stored, perhaps with planes, by frame, row and column; more: further fields of
+    SceneSource.
+    """
     rows, cols, height, width = shape
+    middle = raw(0, rows // 2, cols // 2)
+    # a filter's overshoot is below 0, too, but it is little
+    if kind.kind == "f" and np.mean(middle < -0.02) > 0.01:
+        raise UserError(
+            f"{path}: values below 0, down to {np.min(middle):.3g}",
+            "scale them to 0 .. 1: (views - low) / (high - low)",
+        )
     # highlights of a rendering are above 1, too, but they are few
-    full = 255.0 if kind.kind == "f" and np.mean(raw(0, rows // 2, cols // 2) > 1.5) > 0.1 else 1.0
+    full = 255.0 if kind.kind == "f" and np.mean(middle > 1.5) > 0.1 else 1.0
 
     def read(frame: int, row: int, col: int) -> NDArray[Any]:
         pixels = raw(frame, row, col)
@@ -74,22 +108,21 @@ def _source(
         if kind.kind == "f":
             if not np.isfinite(pixels).all():
                 raise UserError(f"{path}: contains NaN or infinite values", "export it again")
-            pixels = np.clip(pixels, 0, full).astype(
-                np.float32
-            )  # clipped first: float32 holds less than float64
+            # clipped first: float32 holds less than float64
+            pixels = np.clip(pixels, 0, full).astype(np.float32)
             pixels = np.rint(pixels / np.float32(full) * np.float32(65535)).astype(np.uint16)
         return np.ascontiguousarray(pixels)
 
     return SceneSource(
-        layout,
-        listing.path,
-        (path,),
-        rows,
-        cols,
-        read,
-        height,
-        width,
-        255 if kind == np.uint8 else 65535,
+        layout=layout,
+        path=listing.path,
+        files=(path,),
+        rows=rows,
+        cols=cols,
+        read=read,
+        height_px=height,
+        width_px=width,
+        max_value=255 if kind == np.uint8 else 65535,
         **more,
     )
 
@@ -131,14 +164,28 @@ def _numpy_source(listing: Listing, path: Path) -> SceneSource:
 
     turn = None if positions is None else coordinate_turn(np.asarray(positions, np.float64))
     places = () if disparity is None else np.ndindex(rows, cols)
-    return _source(
-        "array", path, listing, views.shape[1:5], views.dtype, lambda frame, row, col: np.asarray(views[frame, row, col]),
-        frames=frames, frame_rate_hz=30.0 if frames > 1 else 0.0,
-        turn=turn or Turn(), turn_firm=False,
-        turn_by="positions of the cameras" if turn else "rows of the array are counted from the top, columns from the left",
+    source = _source(
+        "array",
+        path,
+        listing,
+        views.shape[1:5],
+        views.dtype,
+        lambda frame, row, col: np.asarray(views[frame, row, col]),
+        frames=frames,
+        frame_rate_hz=30.0 if frames > 1 else 0.0,
+        turn=turn or Turn(),
+        turn_firm=False,
+        turn_by=(
+            "positions of the cameras"
+            if turn
+            else "rows of the array are counted from the top, columns from the left"
+        ),
         coordinates=None if positions is None else np.asarray(positions, np.float64),
         truth={place: partial(np.asarray, disparity[place], np.float32) for place in places},  # type: ignore[index]
-    )  # fmt: skip
+    )
+    if views.dtype != np.uint16:
+        return source
+    return attrs.evolve(source, max_value=true_max([int(views.max())], 65535))
 
 
 @contextlib.contextmanager
@@ -162,15 +209,15 @@ def _hdf5(path: Path) -> Any:
 
 
 def _hdf5_array(path: Path, file: Any, *keys: str) -> Any:
-    """The first of these arrays of numbers in a file: an array, or a data set that reads like one; None without one. Raises
-    UserError if it leads out of the file."""
+    """The first of these arrays of numbers in a file: an array, or a data set that reads like one;
+    None without one. Raises UserError if it leads out of the file.
+    """
     import h5py
 
     for key in keys:
         with _damage(path, f"{key} cannot be read"):
-            linked = isinstance(
-                file.get(key, getlink=True), h5py.ExternalLink | h5py.SoftLink
-            )  # a chain may end anywhere
+            # a chain may end anywhere
+            linked = isinstance(file.get(key, getlink=True), h5py.ExternalLink | h5py.SoftLink)
             data = None if linked else file.get(key)
             if linked or (isinstance(data, h5py.Dataset) and (data.external or data.is_virtual)):
                 raise UserError(
@@ -190,36 +237,51 @@ def _hdf5_array(path: Path, file: Any, *keys: str) -> Any:
                 for size, chunk in zip(data.shape, data.chunks, strict=True)
             )
             stored = data.id.get_storage_size()
-            if (
-                stored > whole * data.dtype.itemsize * 1.1 + 1024
-            ):  # it would unpack to more than it says
+            # it would unpack to more than it says
+            if stored > whole * data.dtype.itemsize * 1.1 + 1024:
                 raise UserError(
                     f"{path}: {key}: {stored} bytes are stored for {whole} values",
                     "fetch the file again",
                 )
-            # a view may cross every compressed chunk: unpacking all of them once beats unpacking for each view
+            # a view may cross every compressed chunk: unpacking all of them once beats unpacking
+            # for each view
             return data[()] if data.nbytes <= 1 << 30 else data
     return None
 
 
-def axis_order(shape: tuple[int, ...]) -> tuple[int, ...] | None:
-    """Which axes are (rows, cols, y, x[, planes]), by size: planes are few and views larger than the grid; None if none are.
-    Both v7.3 order (planes first) and MATLAB's own (planes last) occur."""
-    natural: tuple[int, ...] = tuple(range(len(shape)))
+# (rows, cols, y, x, planes) by axis, in the order in which they are likely
+_ROWS_FIRST, _VIEWS_FIRST = (0, 1, 2, 3, 4), (2, 3, 0, 1, 4)
+_REVERSED, _VIEWS_FIRST_REVERSED = (4, 3, 2, 1, 0), (2, 1, 4, 3, 0)
+
+
+def axis_order(shape: tuple[int, ...], reversible: bool = True) -> tuple[int, ...] | None:
+    """Which axes are (rows, cols, y, x[, planes]), by size: planes are few, and a view has more
+    pixels than the grid has views; None if none are. reversible: the axes may be in reverse order,
+    as HDF5 has those of MATLAB.
+    """
     if len(shape) not in (4, 5) or 0 in shape:
         return None
-    sizes = shape if len(shape) == 5 else (*shape, 1)
-    if sizes[4] in _PLANES and max(sizes[:2]) <= min(sizes[2:4]):
-        return natural
-    sizes = shape if len(shape) == 5 else (1, *shape)
-    return natural[::-1] if sizes[0] in _PLANES and max(sizes[3:]) <= min(sizes[1:3]) else None
+    reverse = (_REVERSED, _VIEWS_FIRST_REVERSED) if reversible else ()
+    best: tuple[float, tuple[int, ...]] | None = None
+    for order in (_ROWS_FIRST, *reverse[:1], _VIEWS_FIRST, *reverse[1:]):
+        sizes, axes = shape, order
+        if len(shape) == 4:  # as if there were one plane
+            sizes = (1, *shape) if order[4] == 0 else (*shape, 1)
+            axes = tuple(axis - (order[4] == 0) for axis in order[:4])
+        rows, cols, height, width, planes = (sizes[axis] for axis in order)
+        ratio = height * width / (rows * cols)
+        large = min(height, width) >= LEAST_VIEW_PX and ratio >= 1
+        if planes in _PLANES and large and (best is None or ratio > best[0]):
+            best = ratio, axes
+    return best and best[1]
 
 
 def _ordered_source(
     layout: str, listing: Listing, path: Path, array: Any, names: list[str]
 ) -> SceneSource:
-    """The views of an array, or of a data set of HDF5, whose axes may be in reverse order. names: of all arrays in the file, for
-    the message without one. Raises UserError."""
+    """The views of an array, or of a data set of HDF5, whose axes may be in reverse order. names:
+    of all arrays in the file, for the message without one. Raises UserError.
+    """
     if array is None:
         raise UserError(
             f"{path}: no array LF (it contains: {', '.join(names[:8])})",
@@ -227,15 +289,31 @@ def _ordered_source(
         )
     order = axis_order(array.shape)
     if order is None:
-        wrong = f"{len(array.shape)} axes of sizes {array.shape}; expected (rows, columns, y, x, planes)"
+        wrong = (
+            f"{len(array.shape)} axes of sizes {array.shape}; expected (rows, columns, y, x,"
+            " planes)"
+        )
         raise UserError(f"{path}: LF has {wrong}", "save it with these axes")
     shape = tuple(int(array.shape[axis]) for axis in order[:4])
     _require_size(array.dtype, shape, f"{path}: LF")
 
-    def raw(frame: int, row: int, col: int) -> NDArray[Any]:
-        return np.asarray(array[..., col, row].T if order[0] else array[row, col])
+    return _source(layout, path, listing, shape, array.dtype, _reader(array, order))
 
-    return _source(layout, path, listing, shape, array.dtype, raw)
+
+def _reader(array: Any, order: tuple[int, ...]) -> Callable[[int, int, int], NDArray[Any]]:
+    """A function that reads the view at (frame, row, col), as (y, x[, planes]), of an array whose
+    axes are in that order. An axis of frames may be before them.
+    """
+    kept = sorted(order[2:])
+    turned = [kept.index(axis) for axis in order[2:]]
+
+    def raw(frame: int, row: int, col: int) -> NDArray[Any]:
+        index: list[Any] = [slice(None)] * len(order)
+        index[order[0]], index[order[1]] = row, col
+        place = (frame, *index) if array.ndim > len(order) else tuple(index)
+        return np.asarray(np.asarray(array[place]).transpose(turned))
+
+    return raw
 
 
 def _matlab_array(path: Path) -> tuple[Any, list[str]]:
@@ -249,7 +327,7 @@ def _matlab_array(path: Path) -> tuple[Any, list[str]]:
         try:
             import scipy.io
         except ImportError:
-            remedy = "pip install 'lfpipe[scipy]', or save it with -v7.3"
+            remedy = f"{install_command('scipy')}, or save it with -v7.3"
             raise UserError(f"{path}: a .mat file older than v7.3 needs scipy", remedy) from None
         with _damage(path, "not a readable .mat file", "save it again, with -v7.3"):
             names = [name for name, _, _ in scipy.io.whosmat(file)]
@@ -276,7 +354,9 @@ def _matlab_source(listing: Listing, path: Path) -> SceneSource:
 def disparity_of_depth(
     depth: NDArray[np.float32], known: Mapping[str, float]
 ) -> NDArray[np.float32]:
-    """Disparity in px per view of the first HCI data set's depth: dH * focalLength / depth - shift."""
+    """Disparity in px per view of the first HCI data set's depth: dH * focalLength / depth
+    - shift.
+    """
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         unit = np.float32(known.get("dH", 0.0) * known.get("focalLength", 0.0))
         return np.asarray(unit / depth - np.float32(known.get("shift", 0.0)), np.float32)
@@ -298,7 +378,8 @@ def _hci_old_source(listing: Listing, path: Path) -> SceneSource:
         ]
         values = {name: float(np.ravel(file.attrs[name])[0]) for name in single}
     known = {name: value for name, value in values.items() if abs(value) <= LARGEST}
-    depth, truth = _hdf5_array(path, file, "GT_DEPTH"), {}
+    depth = _hdf5_array(path, file, "GT_DEPTH")
+    truth = {}
     shape = source.rows, source.cols, source.height_px, source.width_px
     if depth is not None and depth.shape == shape and known.get("dH") and known.get("focalLength"):
         places = np.ndindex(source.rows, source.cols)
@@ -306,7 +387,7 @@ def _hci_old_source(listing: Listing, path: Path) -> SceneSource:
             place: lambda at=place: disparity_of_depth(depth[at].astype(np.float32), known)
             for place in places
         }
-    if not values and path.name != "lf.h5":
+    if not values:  # another program's
         return source
     return attrs.evolve(
         source,

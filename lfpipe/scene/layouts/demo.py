@@ -18,11 +18,8 @@ from lfpipe.scene.source import SceneSource, Turn
 
 NAME = "demo"
 GRID = 9  # views a side, as in the HCI benchmark, whose cameras have
-FOCAL_MM, SENSOR_MM, FOCUS_M = (
-    100.0,
-    35.0,
-    1.5,
-)  # this focal length and width of the sensor, and about this focus
+# this focal length and width of the sensor, and about this focus
+FOCAL_MM, SENSOR_MM, FOCUS_M = 100.0, 35.0, 1.5
 
 
 def detect(listing: Listing) -> int | None:
@@ -32,7 +29,8 @@ def detect(listing: Listing) -> int | None:
 def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     path = listing.file(MARKER)
     fields = json_fields(read_bytes(path), str(path), "remove the folder; lfpipe makes it again")
-    size_px, solids = fields.integer("size_px", 32, 4096), solids_of(fields.text("scene"))
+    size_px = fields.integer("size_px", 32, 4096)
+    solids = solids_of(fields.text("scene"))
 
     @lru_cache(GRID * GRID)
     def view(row: int, col: int) -> tuple[Picture, Floats]:
@@ -51,7 +49,8 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
         return view(row, col)[0]
 
     geometry = Geometry(
-        # offset = baseline * focal length * width / (focus distance * sensor width), as in the HCI benchmark's tools
+        # offset = baseline * focal length * width / (focus distance * sensor width), as in the HCI
+        # benchmark's tools
         baseline_mm=OFFSET_PX / SIZE_PX * FOCUS_M * 1000 * SENSOR_MM / FOCAL_MM,
         focus_distance_mm=FOCUS_M * 1000,
         focal_length_px=FOCAL_MM / SENSOR_MM * size_px,
@@ -61,6 +60,17 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
         for place in np.ndindex(GRID, GRID)
     }
     return SceneSource(
-        NAME, listing.path, (path,), GRID, GRID, read, size_px, size_px, turn=Turn(), rendered=True, truth=truth,
-        turn_by="the demo is rendered in this order", geometry=geometry,
-    )  # fmt: skip
+        layout=NAME,
+        path=listing.path,
+        files=(path,),
+        rows=GRID,
+        cols=GRID,
+        read=read,
+        height_px=size_px,
+        width_px=size_px,
+        turn=Turn(),
+        rendered=True,
+        truth=truth,
+        turn_by="the demo is rendered in this order",
+        geometry=geometry,
+    )

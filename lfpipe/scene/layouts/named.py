@@ -1,13 +1,19 @@
-"""One picture file per view, by names: those of known data sets, and any whose numbers span a grid or run.
+"""One picture file per view, by names: those of known data sets, and any whose numbers span a grid
+or run.
 
-hci          the HCI 4D benchmark: input_Cam000.png ... row by row from the top left, parameters.cfg, true disparity where given:
-             https://lightfield-analysis.uni-konstanz.de (Honauer, Johannsen, Kondermann, Goldluecke, ACCV 2016)
-hci-text     the first HCI data set as text and pictures: lf/XX_YY.png, attributes.dat, depth.bin (Wanner, Meister, Goldluecke,
+hci          the HCI 4D benchmark: input_Cam000.png ... row by row from the top left,
+parameters.cfg, true disparity where given:
+             https://lightfield-analysis.uni-konstanz.de (Honauer, Johannsen, Kondermann,
+             Goldluecke, ACCV 2016)
+hci-text     the first HCI data set as text and pictures: lf/XX_YY.png, attributes.dat, depth.bin
+(Wanner, Meister, Goldluecke,
              "Datasets and Benchmarks for Densely Sampled 4D Light Fields", VMV 2013)
-stanford     the Stanford archive: out_RR_CC_Y_X_.png, Y and X the camera's position. Coordinates decide, never the index: X grows
-             to the right, Y downwards, and scenes were shot in either direction. http://lightfield.stanford.edu
-jpeg-pleno   JPEG Pleno, EPFL: RRR_CCC.ppm of a Lytro Illum, 15x15 with dark sides and corners, 8, 10 or 16 bit
-rows-cols    any two numbers in the names that span a grid
+stanford     the Stanford archive: out_RR_CC_Y_X_.png, Y and X the camera's position. Coordinates
+decide, never the index: X grows
+             to the right, Y downwards, and scenes were shot in either direction.
+             http://lightfield.stanford.edu
+jpeg-pleno   JPEG Pleno, EPFL: RRR_CCC.ppm of a Lytro Illum, 15x15 with dark sides and corners, 8,
+10 or 16 bit rows-cols    any two numbers in the names that span a grid
 numbered     a running number: row by row, column by column, a snake or a line; the pictures decide
 """
 
@@ -95,9 +101,8 @@ def _describe_hci(listing: Listing, scene: config.Scene) -> SceneSource:
         name: match for name in sorted(listing.names, key=len) if (match := _TRUTH.fullmatch(name))
     }
     convention = "the HCI layout is row by row from the top left camera"
-    if (
-        not rows * cols and not maps
-    ):  # only the names are of the benchmark: the pictures decide, and may contradict the order
+    # only the names are of the benchmark: the pictures decide, and may contradict the order
+    if not rows * cols and not maps:
         source = describe_views("hci", listing, scene, runs=True)
         usual = source.rows == source.cols and not source.doubt
         return (
@@ -114,14 +119,18 @@ def _describe_hci(listing: Listing, scene: config.Scene) -> SceneSource:
             "use --set scene.grid=ROWSxCOLS",
         )
     source = placed_views(
-        "hci", listing, {name: divmod(index, cols) for name, index in views.items()}, (rows, cols),
-        turn=Turn(), turn_by=convention, geometry=geometry,
-    )  # fmt: skip
+        "hci",
+        listing,
+        {name: divmod(index, cols) for name, index in views.items()},
+        (rows, cols),
+        turn=Turn(),
+        turn_by=convention,
+        geometry=geometry,
+    )
     truth: dict[tuple[int, int], Callable[[], NDArray[np.float32]]] = {}
     for name, match in maps.items() if (source.rows, source.cols) == (rows, cols) else ():
-        index = (
-            int(match[1]) if match[1] else (rows // 2) * cols + cols // 2
-        )  # a map that names its view is last and wins
+        # a map that names its view is last and wins
+        index = int(match[1]) if match[1] else (rows // 2) * cols + cols // 2
         if index < rows * cols and divmod(index, cols) not in source.missing:
             truth[divmod(index, cols)] = partial(read_pfm, listing.file(name))
     beside = (*(listing.file(name) for name in maps), *cfg)
@@ -162,16 +171,15 @@ def _describe_hci_text(listing: Listing, scene: config.Scene) -> SceneSource:
         turn=Turn(),
         turn_by="this export counts rows from the top and columns from the left",
     )
-    size, truth, middle = (
-        (source.height_px, source.width_px),
-        {},
-        (source.rows // 2, source.cols // 2),
-    )
+    size = (source.height_px, source.width_px)
+    truth = {}
+    middle = (source.rows // 2, source.cols // 2)
     if "depth.bin" in listing.names and "focalLength" in known and middle not in source.missing:
         beside.append(path := listing.file("depth.bin"))
 
         def read_truth() -> NDArray[np.float32]:
-            data, expected = read_bytes(path, 1 << 28), 4 * math.prod(size)
+            data = read_bytes(path, 1 << 28)
+            expected = 4 * math.prod(size)
             if len(data) != expected:
                 wrong = f"{len(data)} bytes, {expected} expected of {size[1]}x{size[0]} float32"
                 raise UserError(f"{path}: {wrong}", "fetch it again, or move it away")
@@ -206,10 +214,16 @@ def _describe_stanford(listing: Listing, scene: config.Scene) -> SceneSource:
 
 def _describe_jpeg_pleno(listing: Listing, scene: config.Scene) -> SceneSource:
     matches = _require_matches(listing, _JPEG_PLENO, "ROW_COLUMN.ppm with three digits each")
-    return lit(placed_views(
-        "jpeg-pleno", listing, {name: (int(m[1]), int(m[2])) for name, m in matches.items()},
-        turn=Turn(), turn_firm=False, turn_by="JPEG Pleno counts rows from the top and columns from the left",
-    ))  # fmt: skip
+    return lit(
+        placed_views(
+            "jpeg-pleno",
+            listing,
+            {name: (int(m[1]), int(m[2])) for name, m in matches.items()},
+            turn=Turn(),
+            turn_firm=False,
+            turn_by="JPEG Pleno counts rows from the top and columns from the left",
+        )
+    )
 
 
 def _detect_numbers(runs: bool, mark: int, listing: Listing) -> int | None:

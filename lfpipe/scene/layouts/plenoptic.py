@@ -1,5 +1,6 @@
-"""Plenoptic cameras. ESLF: one PNG of lenslets, N x N px each (14 x 14 of a Lytro Illum), as in LFToolbox's LFReadESLF; pixel
-(row, col) of every lenslet is one view. Raw pictures are a honeycomb of lenslets; the outer views are dark or empty.
+"""Plenoptic cameras. ESLF: one PNG of lenslets, N x N px each (14 x 14 of a Lytro Illum), as in
+LFToolbox's LFReadESLF; pixel (row, col) of every lenslet is one view. Raw pictures are a honeycomb
+of lenslets; the outer views are dark or empty.
 """
 
 from typing import Any
@@ -20,16 +21,15 @@ NAME = "eslf"
 _USUAL = 14  # pitch of a Lytro Illum
 _PITCHES = range(5, 25)  # px: Lytro's lenslets have 10 to 15
 _GLANCE_PX = 1024  # of the middle
-_CROP_PX, _PITCH_PX, _PEAK = (
-    512,
-    (5, 30),
-    300.0,
-)  # of the examined crop, of a lenslet; over the median around it
+# of the examined crop, of a lenslet; over the median around it
+_CROP_PX = 512
+_PITCH_PX = (5, 30)
+_PEAK = 300.0
+# of the highest peak, at 60 degrees from it: honeycombs have .5 to .7, mosaics up to .08
+_PEAK_SHARE = 0.25
 _SMALLEST_PX = 256  # side of a raw picture: at least thousands of px
-_DARK_SIDE, _DARK_VIEW = (
-    0.55,
-    0.4,
-)  # brightness over that of the middle view; darker sides and views are left out
+# brightness over that of the middle view; darker sides and views are left out
+_DARK_SIDE, _DARK_VIEW = 0.55, 0.4
 
 
 def _middle(picture: NDArray[Any], most_px: int) -> NDArray[np.float32]:
@@ -40,7 +40,9 @@ def _middle(picture: NDArray[Any], most_px: int) -> NDArray[np.float32]:
 
 
 def lenslet_pitch(picture: NDArray[Any]) -> int | None:
-    """The side of a lenslet in px, or None: neighbouring lenslets are nearly alike, their halves are not."""
+    """The side of a lenslet in px, or None: neighbouring lenslets are nearly alike, their halves
+    are not.
+    """
     crop = _middle(picture, _GLANCE_PX)
     if min(crop.shape) < 4 * max(_PITCHES):
         return None
@@ -50,11 +52,14 @@ def lenslet_pitch(picture: NDArray[Any]) -> int | None:
 
 
 def is_honeycomb(picture: NDArray[Any]) -> bool:
-    """Whether a picture is a raw honeycomb of lenslets: its spectrum has peaks at equal distance, 60 degrees apart."""
+    """Whether a picture is a raw honeycomb of lenslets: its spectrum has peaks at equal distance,
+    60 degrees apart.
+    """
     size = min(_CROP_PX, *picture.shape[:2])
     if size < _SMALLEST_PX:
         return False
-    crop, window = _middle(picture, size), np.hanning(size).astype(np.float32)
+    crop = _middle(picture, size)
+    window = np.hanning(size).astype(np.float32)
     if crop.std() < 1e-3 * (float(crop.max()) + 1):
         return False
     power = np.fft.fftshift(
@@ -67,17 +72,21 @@ def is_honeycomb(picture: NDArray[Any]) -> bool:
     peak_y, peak_x = (int(v) - size // 2 for v in divmod(at, size))
     radius = float(np.hypot(peak_x, peak_y))
     usual = float(np.median(power[np.abs(away - radius) < 0.2 * radius]))
-    for angle in (np.pi / 3, -np.pi / 3):
+
+    def power_at(angle: float) -> float:
         px = round(peak_x * np.cos(angle) - peak_y * np.sin(angle)) + size // 2
         py = round(peak_x * np.sin(angle) + peak_y * np.cos(angle)) + size // 2
         near = power[max(0, py - 2) : py + 3, max(0, px - 2) : px + 3]
-        if not near.size or float(near.max()) < max(_PEAK * usual, 0.05 * float(power.flat[at])):
-            return False
-    return True
+        return float(near.max()) if near.size else 0.0
+
+    least = max(_PEAK * usual, _PEAK_SHARE * float(power.flat[at]), power_at(np.pi / 2))
+    return min(power_at(np.pi / 3), power_at(-np.pi / 3)) > least
 
 
 def lit(source: SceneSource) -> SceneSource:
-    """The source without its dark sides, evenly from both ends; dark views in the corners count as missing."""
+    """The source without its dark sides, evenly from both ends; dark views in the corners count as
+    missing.
+    """
 
     def light(row: int, col: int) -> float:
         return (
@@ -111,10 +120,16 @@ def lit(source: SceneSource) -> SceneSource:
     note = f"the central {rows}x{cols} of {all_rows}x{all_cols} views are used; the others are dark"
     small = source.small
     return attrs.evolve(
-        source, rows=rows, cols=cols, missing=frozenset(missing), notes=(*source.notes, note) if top or left else source.notes,
+        source,
+        rows=rows,
+        cols=cols,
+        missing=frozenset(missing),
+        notes=(*source.notes, note) if top or left else source.notes,
         read=lambda frame, row, col: source.read(frame, row + top, col + left),
-        small=None if small is None else lambda row, col, most_px: small(row + top, col + left, most_px),
-    )  # fmt: skip
+        small=None
+        if small is None
+        else lambda row, col, most_px: small(row + top, col + left, most_px),
+    )
 
 
 def detect(listing: Listing) -> int | None:
@@ -132,9 +147,20 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     below, beside = -picture.shape[0] % rows, -picture.shape[1] % cols
     if below or beside:  # LFToolbox fills up at the end
         picture = cv2.copyMakeBorder(picture, 0, below, 0, beside, cv2.BORDER_CONSTANT)
-    return lit(SceneSource(
-        certain="eslf" in path.stem.lower(), layout=NAME, path=listing.path, files=(path,), rows=rows, cols=cols,
-        read=lambda frame, row, col: np.ascontiguousarray(picture[row::rows, col::cols]),
-        height_px=picture.shape[0] // rows, width_px=picture.shape[1] // cols, max_value=full,
-        turn=Turn(), turn_firm=False, turn_by="an ESLF picture counts rows from the top and columns from the left",
-    ))  # fmt: skip
+    return lit(
+        SceneSource(
+            certain="eslf" in path.stem.lower(),
+            layout=NAME,
+            path=listing.path,
+            files=(path,),
+            rows=rows,
+            cols=cols,
+            read=lambda frame, row, col: np.ascontiguousarray(picture[row::rows, col::cols]),
+            height_px=picture.shape[0] // rows,
+            width_px=picture.shape[1] // cols,
+            max_value=full,
+            turn=Turn(),
+            turn_firm=False,
+            turn_by="an ESLF picture counts rows from the top and columns from the left",
+        )
+    )

@@ -1,5 +1,5 @@
-"""A picture with its depth map: side by side or one below the other in one file (Looking Glass RGB-D), in two files, or inside
-a JPEG as phones write it.
+"""A picture with its depth map: side by side or one below the other in one file (Looking Glass
+RGB-D), in two files, or inside a JPEG as phones write it.
 
 Views around the picture are made from it: shifted by depth, holes filled from behind.
 """
@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import open_header, read_picture, upright
-from lfpipe.scene.files import Listing
+from lfpipe.scene.files import Listing, list_scene
 from lfpipe.scene.layouts._embedded_depth import embedded_depth, has_depth
-from lfpipe.scene.layouts._grid import parse_grid, require_grid
+from lfpipe.scene.layouts._folders import depth_folders
+from lfpipe.scene.layouts._grid import parse_grid, require_grid, some
+from lfpipe.scene.layouts._names import MAPS, read_names
 from lfpipe.scene.layouts._tiles import (
     glance,
     halves,
@@ -33,24 +35,26 @@ from lfpipe.scene.source import SceneSource, Turn
 NAME = "rgbd"
 _NAMED = re.compile(r"rgb-?[dz](?![a-z])")
 _DEPTH = re.compile(r"depth|disparity|(?<![a-z])(dpt|disp)(?![a-z])")
+_BETWEEN = re.compile(r"[-_. ]+")
+_COLOUR = ("rgb", "color", "colour", "image", "images", "img", "photo", "picture")
 _INVERSE = re.compile(r"disp|inverse|inv[-_ ]?depth")  # larger is nearer by definition
 _GRID = (5, 9)  # of made views: eyes move sideways more than up and down
 _MOST_PX = 700_000  # of the made views: 45 of them are packed in ten seconds
 _SAME_SHAPE = 1.2  # most ratio of the aspects of a picture and its depth map
 _RANGE_SHARE = 0.008  # of the width: disparity between the nearest and the farthest, per view
-_GREY, _COLOURED = (
-    2.0,
-    6.0,
-)  # levels between channels: at most for a depth map, at least for a picture
+# levels between channels: at most for a depth map, at least for a picture
+_GREY, _COLOURED = 2.0, 6.0
 _LOWER = 0.35  # correlation of height with nearness that means something
 _HOLE_PX = 7  # around holes, where the edge of what is in front may lie
 _LEFT_OPEN = "press d in the window, or set scene.half_turn=yes, if they are exchanged"
 
 
-@attrs.frozen(eq=False)
+@attrs.frozen(eq=False, kw_only=True)
 class _Photo:
-    """A picture with its depth. full: the picture's full value. nearness: float32 (h, w), larger is nearer, NaN where it was not
-    measured; why: how it was read; doubt: what that leaves open, "" for nothing."""
+    """A picture with its depth. full: the picture's full value. nearness: float32 (h, w), larger is
+    nearer, NaN where it was not measured; why: how it was read; doubt: what that leaves open, ""
+    for nothing.
+    """
 
     paths: tuple[Path, ...]
     picture: NDArray[Any]
@@ -65,8 +69,9 @@ def read_depth(
 ) -> tuple[NDArray[np.float32], str, str]:
     """(nearness, why, doubt), as `_Photo` has them, of a stored depth map, uint8 or uint16 (h, w).
 
-    16 bits that are not stretched to the whole range are a distance: near is small, 0 was not measured. In other maps white is
-    near, unless what stands lower, which usually is nearer, is darker. by_format: the format says that white is near.
+    16 bits that are not stretched to the whole range are a distance: near is small, 0 was not
+    measured. In other maps white is near, unless what stands lower, which usually is nearer, is
+    darker. by_format: the format says that white is near.
     """
     values = stored.astype(np.float32)
     stretched = stored.dtype == np.uint8 or (int(stored.min()) == 0 and int(stored.max()) == 65535)
@@ -76,7 +81,8 @@ def read_depth(
             near = np.where(stored > 0, 1 / values, np.float32(np.nan)).astype(np.float32)
         against = _lower_is_nearer(near) < -_LOWER
         doubt = (
-            f"whether the depth map holds distances: what stands lower would be farther; {_LEFT_OPEN}"
+            "whether the depth map holds distances: what stands lower would be farther;"
+            f" {_LEFT_OPEN}"
             if against
             else ""
         )
@@ -103,18 +109,68 @@ def _lower_is_nearer(nearness: NDArray[np.float32]) -> float:
 
 
 def _pair(listing: Listing) -> tuple[str, str] | None:
-    """Names of a picture and of its depth, of two in a folder: by their names, or by content where these are the same."""
+    """Names of a picture and of its depth: by their names, or by content where these are the same;
+    of several pairs, the first.
+    """
+    if pair := _recorded(listing):
+        return pair
     names = listing.pictures()
-    if len(names) != 2:
-        return None
-    if Path(names[0]).stem.lower() == Path(names[1]).stem.lower():
+    if len(names) == 2 and Path(names[0]).stem.lower() == Path(names[1]).stem.lower():
         return _by_content(listing, names)
-    first, second = (bool(_DEPTH.search(Path(name).stem.lower())) for name in names)
-    return None if first == second else (names[first], names[second])
+    depths = [name for name in names if _DEPTH.search(Path(name).stem.lower())]
+    pictures = [name for name in names if name not in depths and not MAPS.search(Path(name).stem)]
+    if not depths or not pictures or read_names(tuple(pictures)) is not None:
+        return None  # no depth, or views of which each may have its own
+    if len(pictures) == 1 and len(depths) == 1:
+        return pictures[0], depths[0]
+    named = {_words(name): name for name in pictures}
+    usual = next((named[word] for word in _COLOUR if word in named), None)
+    for depth in depths:
+        picture = named.get(_words(depth), None if _words(depth) else usual)
+        if picture is not None:
+            return picture, depth
+    return None
+
+
+def _words(name: str) -> str:
+    """A name without its ending and the words for depth."""
+    return _BETWEEN.sub("", _DEPTH.sub("", Path(name).stem.lower()))
+
+
+@lru_cache(maxsize=2)
+def _recorded(listing: Listing) -> tuple[str, str] | None:
+    """The first picture and its depth of a recording by a depth camera, colour and depth in a
+    folder each: of the same name, else of the nearest number (times differ a little).
+    """
+    folders = depth_folders(listing)
+    if folders is None:
+        return None
+    colour, depth = folders
+    pictures, maps = (list_scene(listing.file(name)).pictures() for name in (colour, depth))
+    numbered = read_names(tuple(pictures))
+    if not pictures or not maps or (numbered is not None and not numbered.runs):
+        return None  # a grid of views, each with its depth
+    numbers = {name: _number(name) for name in (pictures[0], *maps)}
+    nearest_map = min(
+        maps,
+        key=lambda name: (
+            Path(name).stem != Path(pictures[0]).stem,
+            abs(numbers[name] - numbers[pictures[0]]),
+        ),
+    )
+    return f"{colour}/{pictures[0]}", f"{depth}/{nearest_map}"
+
+
+def _number(name: str) -> float:
+    """The last number in a name, 0 without one."""
+    numbers = re.findall(r"\d{1,18}(?:\.\d{1,9})?", Path(name).stem)
+    return float(numbers[-1]) if numbers else 0.0
 
 
 def _by_content(listing: Listing, names: list[str]) -> tuple[str, str] | None:
-    """Of two pictures of one name, the picture and its depth: that is grey, and the smoother one of two grey ones."""
+    """Of two pictures of one name, the picture and its depth: that is grey, and the smoother one of
+    two grey ones.
+    """
     if one_picture_twice(listing) is not None:
         return None
     looks = {name: glance(listing.file(name)) for name in names}
@@ -138,7 +194,9 @@ def _colour(picture: NDArray[Any]) -> float:
 
 
 def _beside(picture: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]] | None:
-    """(picture, depth) of a file that holds both: the grey half is the depth; None if there is none."""
+    """(picture, depth) of a file that holds both: the grey half is the depth; None if there is
+    none.
+    """
     if picture.ndim == 2:
         return None
     for first, second in (halves(picture, above=False), halves(picture, above=True)):
@@ -170,32 +228,43 @@ def _read(listing: Listing) -> _Photo:
                 "save it in grey, with near things white",
             )
         near, why, doubt = read_depth(
-            stored if stored.ndim == 2 else stored[..., 1], paths[1].stem.lower()
+            stored if stored.ndim == 2 else stored[..., 1], pair[1].lower().rpartition(".")[0]
         )
-        if paths[0].stem.lower() == paths[1].stem.lower() and picture.ndim == 2:
+        recorded = "/" in pair[0]
+        if paths[0].stem.lower() == paths[1].stem.lower() and picture.ndim == 2 and not recorded:
             doubt = "; ".join(filter(None, (f"whether {pair[1]} is the depth of {pair[0]}", doubt)))
-        return _Photo(paths, picture, full, near, why, doubt)
+        return _Photo(paths=paths, picture=picture, full=full, nearness=near, why=why, doubt=doubt)
     path = require_picture(listing)
     picture, full = read_picture(path)
     if has_depth(path):
         near = np.asarray(upright(embedded_depth(path), open_header(path).orientation), np.float32)
-        return _Photo((path,), picture, full, near, "as the photograph's own depth says")
+        return _Photo(
+            paths=(path,),
+            picture=picture,
+            full=full,
+            nearness=near,
+            why="as the photograph's own depth says",
+        )
     both = _beside(picture)
     if both is None:
         raise UserError(
             f"{path}: neither half is a grey depth map beside a coloured picture",
-            "give picture and depth side by side, or as x.png and x_depth.png in a folder of their own",
+            "give picture and depth side by side, or as x.png and x_depth.png in a folder of"
+            " their own",
         )
-    return _Photo(
-        (path,), both[0], full, *read_depth(both[1][..., 1], path.stem.lower(), by_format=True)
-    )
+    near, why, doubt = read_depth(both[1][..., 1], path.stem.lower(), by_format=True)
+    return _Photo(paths=(path,), picture=both[0], full=full, nearness=near, why=why, doubt=doubt)
 
 
 def _disparity(photo: _Photo, height: int, width: int) -> NDArray[np.float32]:
     """Disparity for each pixel of a view, px per view. Raises UserError."""
-    near, of = photo.nearness, photo.picture.shape
+    near = photo.nearness
+    of = photo.picture.shape
     if not 1 / _SAME_SHAPE < (near.shape[1] / near.shape[0]) / (of[1] / of[0]) < _SAME_SHAPE:
-        what = f"{photo.paths[-1]}: a depth map of {near.shape[1]}x{near.shape[0]} px for a picture of {of[1]}x{of[0]}"
+        what = (
+            f"{photo.paths[-1]}: a depth map of {near.shape[1]}x{near.shape[0]} px for a picture of"
+            f" {of[1]}x{of[0]}"
+        )
         raise UserError(what, "turn or crop one of them to the shape of the other")
     if near.shape[0] * near.shape[1] > height * width:
         near = np.asarray(
@@ -221,14 +290,27 @@ def _disparity(photo: _Photo, height: int, width: int) -> NDArray[np.float32]:
     return np.asarray((share - np.float32(0.5)) * np.float32(_RANGE_SHARE * width), np.float32)
 
 
+def _unused(listing: Listing, photo: _Photo) -> list[str]:
+    """The other pictures of the folder, or of the folders of a recording."""
+    if not _recorded(listing):
+        return [name for name in listing.pictures() if listing.file(name) not in photo.paths]
+    folders = dict.fromkeys(path.parent for path in photo.paths)
+    return [
+        f"{folder.name}/{name}"
+        for folder in folders
+        for name in list_scene(folder).pictures()
+        if folder / name not in photo.paths
+    ]
+
+
 def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     photo = _read(listing)
     rows, cols = parse_grid(scene.grid) or _GRID
     require_grid(rows, cols, str(listing.path))
-    picture, notes = (
-        photo.picture,
-        [f"{rows}x{cols} views are made from one picture and its depth; {photo.why}"],
-    )
+    picture = photo.picture
+    notes = [f"{rows}x{cols} views are made from one picture and its depth; {photo.why}"]
+    if unused := _unused(listing, photo):
+        notes.append(f"not used: {some(unused)}")
     scale = (_MOST_PX / (picture.shape[0] * picture.shape[1])) ** 0.5
     if scale < 1:
         picture = np.asarray(
@@ -250,7 +332,19 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
 
     truth = {place: partial(disparity_at, *place) for place in np.ndindex(rows, cols)}
     return SceneSource(
-        layout=NAME, path=listing.path, files=photo.paths, rows=rows, cols=cols, read=read, height_px=height, width_px=width,
-        max_value=photo.full, truth=truth, rendered=True, turn=Turn(), turn_by=f"the views are made in order; {photo.why}",
-        doubt=photo.doubt, notes=tuple(notes),
-    )  # fmt: skip
+        layout=NAME,
+        path=listing.path,
+        files=photo.paths,
+        rows=rows,
+        cols=cols,
+        read=read,
+        height_px=height,
+        width_px=width,
+        max_value=photo.full,
+        truth=truth,
+        rendered=True,
+        turn=Turn(),
+        turn_by=f"the views are made in order; {photo.why}",
+        doubt=photo.doubt,
+        notes=tuple(notes),
+    )

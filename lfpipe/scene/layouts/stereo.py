@@ -1,7 +1,8 @@
-"""A stereo pair: two files (left and right, Middlebury's im2 and im6), or one picture of both (side by side, above one
-another, .jps, .mpo). Two views, left eye first.
+"""A stereo pair: two files (left and right, Middlebury's im2 and im6), or one picture of both (side
+by side, above one another, .jps, .mpo, a spatial photo in HEIC). Two views, left eye first.
 
-.jps: side by side, right eye first (VRex's format). .mpo: whole JPEGs one after the other, left eye first; CIPA DC-007.
+.jps: side by side, right eye first (VRex's format). .mpo: whole JPEGs one after the other, left eye
+first; CIPA DC-007.
 """
 
 import re
@@ -16,26 +17,29 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.files.pictures import read_frames, read_picture
+from lfpipe.files.pictures import open_header, read_frames, read_picture
 from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._grid import files_source, some
-from lfpipe.scene.layouts._names import LEFT, MAPS, RIGHT, read_names
+from lfpipe.scene.layouts._names import MAPS, read_names, side_of
 from lfpipe.scene.layouts._tiles import halves, plane_of, reduced, require_picture, single_picture
 from lfpipe.scene.optical_flow import returned_flow, textured
 from lfpipe.scene.source import SceneSource, Turn
 
 NAME = "stereo"
-_SIDES = re.compile(rf"(?<![a-z])({'|'.join(LEFT + RIGHT)})(?![a-z])")
-_NUMBERED = {
-    "im2": "im6",
-    "im0": "im1",
-    "view1": "view5",
-    "img_left": "img_right",
-}  # Middlebury's pairs, the left one first
+# Middlebury's pairs, the left one first
+_NUMBERED = {"im2": "im6", "im0": "im1", "view1": "view5", "img_left": "img_right"}
 _MOST_NUMBERED = 4  # pictures in such a folder; more are all views of such a set
-_BESIDE = re.compile(r"(?<![a-z])(h?sbs|half[-_ ]?sbs|side[-_ ]?by[-_ ]?side|parallel)(?![a-z])")
-_CROSSED = re.compile(r"cross[-_ ]?ey|(?<![a-z])(xeye|rl)(?![a-z])")
-_ABOVE = re.compile(r"(?<![a-z])(h?ou|h?tb|over[-_ ]?under|top[-_ ]?bottom)(?![a-z])")
+# folders of two cameras that recorded side by side
+_CAMERAS = re.compile(r"(image|img|cam|camera|eye|sensor)s?[-_ ]?\d{1,2}(/.*)?")
+_RECORDED = 3  # pictures of each of them, at least: fewer are rows of a small grid
+_BESIDE = re.compile(
+    r"(?<![a-z])(h?sbs|half[-_ ]?sbs|side[-_ ]?by[-_ ]?side|parallel|lr"
+    r"|(left|right)[-_ ]?(right|left))(?![a-z])"
+)
+_CROSSED = re.compile(r"cross[-_ ]?ey|(?<![a-z])(xeye|rl|right[-_ ]?left)(?![a-z])")
+_ABOVE = re.compile(
+    r"(?<![a-z])(h?ou|h?tab|h?tb|over[-_ ]?(and[-_ ]?)?under|top[-_ ]?(and[-_ ]?)?bottom)(?![a-z])"
+)
 _HALF = re.compile(r"(?<![a-z])(h|half[-_ ]?)(sbs|ou|tb|width|over|top|side)")
 _VIDEO_ASPECTS = (1.7, 1.85)  # a picture of this shape holds halves squeezed to half their width
 _GLANCE_PX = 384  # longer side of the compared halves
@@ -44,8 +48,9 @@ _ALIKE, _AGREED = 0.5, 0.5  # correlation of two halves; share of their detail t
 
 @attrs.frozen
 class _Halves:
-    """How a picture holds two: one above the other, else side by side; squeezed to half the width or height; named: its name says
-    that it does."""
+    """How a picture holds two: one above the other, else side by side; squeezed to half the width
+    or height; named: its name says that it does.
+    """
 
     above: bool
     squeezed: bool
@@ -54,9 +59,8 @@ class _Halves:
 
 def _pairs(listing: Listing) -> list[tuple[str, str]]:
     """The names of left and right pictures of a folder."""
-    by_stem = {
-        name.rpartition(".")[0].lower(): name for name in listing.pictures()
-    }  # with the folder, if it is part of the name
+    # with the folder, if it is part of the name
+    by_stem = {name.rpartition(".")[0].lower(): name for name in listing.pictures()}
     for left, right in _NUMBERED.items():
         numbered = sum(
             re.fullmatch(left.rstrip("0123456789") + r"\d{1,4}", stem) is not None
@@ -64,17 +68,45 @@ def _pairs(listing: Listing) -> list[tuple[str, str]]:
         )
         if left in by_stem and right in by_stem and numbered <= _MOST_NUMBERED:
             return [(by_stem[left], by_stem[right])]
+    if recorded := _recorded(listing):
+        return recorded
     sides: dict[str, dict[bool, str]] = {}
     for stem, name in by_stem.items():
-        words = list(_SIDES.finditer(stem.replace("_", " ")))
-        if words:
-            rest = stem[: words[-1].start()] + "*" + stem[words[-1].end() :]
-            sides.setdefault(rest, {})[words[-1][1] in LEFT] = name
+        if side := side_of(stem):
+            sides.setdefault(side[0], {})[side[1]] = name
     pairs = [(both[True], both[False]) for both in sides.values() if len(both) == 2]
     cameras = read_names(tuple(left for left, _ in pairs)) if len(pairs) > 3 else None
-    return (
-        [] if cameras is not None and not cameras.runs else pairs
-    )  # two grids of cameras, left and right, are no album
+    # two grids of cameras, left and right, are no album
+    return [] if cameras is not None and not cameras.runs else pairs
+
+
+def _recorded(listing: Listing) -> list[tuple[str, str]]:
+    """Pairs over time of two cameras with a folder each; none where their pictures are rows of a
+    grid, which differ up and down.
+    """
+    names = listing.pictures()
+    folders = list(dict.fromkeys(name.rpartition("/")[0] for name in names))
+    if len(folders) not in (2, 4) or not all(_CAMERAS.fullmatch(name.lower()) for name in folders):
+        return []
+    left, right = folders[:2]
+    pairs = [
+        (name, right + name.removeprefix(left)) for name in names if name.startswith(f"{left}/")
+    ]
+    pairs = [pair for pair in pairs if pair[1] in names]
+    alike = len(pairs) >= _RECORDED and _differ_sideways(*map(listing.file, pairs[0]))
+    return pairs if alike else []
+
+
+@lru_cache(maxsize=2)
+def _differ_sideways(a: Path, b: Path) -> bool:
+    """Whether two files show one scene from two positions, clearly side by side."""
+    pictures = read_picture(a)[0], read_picture(b)[0]
+    if pictures[0].shape != pictures[1].shape or not are_a_pair(*pictures):
+        return False
+    greys = [plane_of(reduced(picture, _GLANCE_PX)) for picture in pictures]
+    motion, confirmed = returned_flow(*greys)
+    across, down = np.percentile(np.abs(motion[confirmed & textured(greys[0])]), 90, axis=0)
+    return bool(across > 2 * down)
 
 
 def _alone(listing: Listing) -> Path | None:
@@ -93,7 +125,8 @@ def are_a_pair(a: NDArray[Any], b: NDArray[Any]) -> bool:
     )
     if float(np.corrcoef(a_soft, b_soft)[0, 1]) < _ALIKE:
         return False
-    (to_right, confirmed), detail = returned_flow(*greys), textured(greys[0])
+    to_right, confirmed = returned_flow(*greys)
+    detail = textured(greys[0])
     agreed = confirmed & (np.abs(to_right[..., 1]) < 1.5 + 0.1 * np.abs(to_right[..., 0]))
     return bool(detail.any()) and float(agreed[detail].mean()) > _AGREED
 
@@ -125,10 +158,9 @@ def detect(listing: Listing) -> int | None:
         ]
         if not others or Path(pairs[0][0]).stem.lower() in _NUMBERED or "/" in pairs[0][0]:
             return 85
-        if len(pairs) == 1:
-            return 45
+        return 55  # left and right beat rows and columns
     path = _alone(listing)
-    if path is None or path.suffix.lower() in (".jps", ".mpo"):
+    if path is None or path.suffix.lower() in (".jps", ".mpo") or open_header(path).eyes:
         return None if path is None else 95
     arrangement = _arrangement(path)
     # the halves of a mosaic are also alike: without a word in the name, tiles come first
@@ -142,25 +174,30 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
             (f"2 of {len(others) + 2} files used; the others are {some(others)}",) if others else ()
         )
         eyes = {(0, col): name for col, name in enumerate(pairs[0])}
+        said = not _recorded(listing)
         return files_source(
             NAME,
             listing,
             eyes,
             (1, 2),
-            turn=Turn(),
-            turn_by="the names say left and right",
+            turn=Turn() if said else None,
+            turn_by="the names say left and right" if said else "",
             notes=notes,
         )
     path = _alone(listing) or require_picture(listing)
-    full, why, name = 255, "", path.stem.lower().replace("_", " ")
-    if path.suffix.lower() == ".mpo":
-        views: list[NDArray[Any]] = list(read_frames(path)[:2])
+    full = 255
+    why = ""
+    name = path.stem.lower().replace("_", " ")
+    in_order = (0, 1) if path.suffix.lower() == ".mpo" else open_header(path).eyes
+    if in_order:
+        frames = read_frames(path)
+        views: list[NDArray[Any]] = [frames[eye] for eye in in_order if eye < len(frames)]
         if len(views) < 2 or views[0].shape != views[1].shape:
             raise UserError(
-                f"{path}: no two pictures of one size in this .mpo file",
+                f"{path}: no two pictures of one size in this {path.suffix} file",
                 "copy it from the camera again",
             )
-        why = "an .mpo file begins with the left eye's picture"
+        why = "the file says which picture is the left eye's"
     elif arrangement := _arrangement(path):
         picture, full = read_picture(path)
         views = [np.ascontiguousarray(view) for view in halves(picture, arrangement.above)]
@@ -182,7 +219,16 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     if crossed:
         why = "the name or format says that the right eye's picture comes first"
     return SceneSource(
-        certain=bool(why), layout=NAME, path=listing.path, files=(path,), rows=1, cols=2,
-        read=lambda frame, row, col: views[col], height_px=views[0].shape[0], width_px=views[0].shape[1],
-        max_value=full, turn=Turn(cols=crossed) if why else None, turn_by=why,
-    )  # fmt: skip
+        certain=bool(why),
+        layout=NAME,
+        path=listing.path,
+        files=(path,),
+        rows=1,
+        cols=2,
+        read=lambda frame, row, col: views[col],
+        height_px=views[0].shape[0],
+        width_px=views[0].shape[1],
+        max_value=full,
+        turn=Turn(cols=crossed) if why else None,
+        turn_by=why,
+    )

@@ -1,9 +1,11 @@
 """Pictures of R x C tiles, one view each.
 
 mosaic         one picture (an atlas, a contact sheet); also a quilt without its usual name
-quilt          Looking Glass: ..._qsCOLSxROWS[aASPECT], leftmost camera at the bottom left, then right, then up:
+quilt          Looking Glass: ..._qsCOLSxROWS[aASPECT], leftmost camera at the bottom left, then
+right, then up:
                https://docs.lookingglassfactory.com/keyconcepts/quilts
-mosaic-video   numbered mosaics in a folder (25 a second), or a video file whose every frame is a mosaic
+mosaic-video   numbered mosaics in a folder (25 a second), or a video file whose every frame is a
+mosaic
 """
 
 from functools import partial
@@ -24,7 +26,7 @@ from lfpipe.scene.layouts._tiles import (
     require_picture,
     single_picture,
     tiling,
-)  # fmt: skip
+)
 from lfpipe.scene.layouts.stereo import are_a_pair
 from lfpipe.scene.source import Layout, SceneSource, Turn
 from lfpipe.scene.video import USUAL_RATE_HZ, Video
@@ -43,7 +45,10 @@ def _detect_picture(layout: str, listing: Listing) -> int | None:
 
 def _detect_video(listing: Listing) -> int | None:
     if _is_video(listing):
-        return 60
+        first = Video(listing.file(listing.names[0])).read(0)
+        path = listing.path
+        tiles = find_tiles(first, f"{path.parent.name}/{path.stem}") is not None
+        return 60 if tiles or are_a_pair(*halves(first, above=False)) else None
     pictures = listing.pictures()
     if len(pictures) < 2 or ((named := named_views(listing)) is not None and not named.runs):
         return None  # names with row and column count more than a look at a picture
@@ -55,7 +60,10 @@ def _is_video(listing: Listing) -> bool:
 
 
 def _frames(layout: str, listing: Listing) -> tuple[list[Path], tuple[str, ...]]:
-    """The pictures of tiles, and a note where they are not frames of one video. Raises UserError where their sizes differ."""
+    """The pictures of tiles, and a note where they are not frames of one video.
+
+    Raises UserError where their sizes differ.
+    """
     if layout != "mosaic-video":
         return [require_picture(listing)], ()
     paths = [listing.file(name) for name in listing.pictures()] or [require_picture(listing)]
@@ -66,7 +74,10 @@ def _frames(layout: str, listing: Listing) -> tuple[list[Path], tuple[str, ...]]
         or likeness(*paths[:2]) <= 0.5
     ):
         return paths[:1], (
-            f"{len(paths)} unrelated pictures: showing {paths[0].name}; name another file to see it",
+            (
+                f"{len(paths)} unrelated pictures: showing {paths[0].name}; name another file to"
+                " see it"
+            ),
         )
     for path, header in zip(paths, headers, strict=True):
         if header.size != usual:
@@ -81,14 +92,16 @@ def _describe(layout: str, listing: Listing, scene: config.Scene) -> SceneSource
     if _is_video(listing):
         paths = [listing.file(listing.names[0])]
         video = Video(paths[0])
-        load, full, frames, rate_hz = last_picture(video.read), 255, video.frames, video.rate_hz
+        load = last_picture(video.read)
+        full = 255
+        frames = video.frames
+        rate_hz = video.rate_hz
     else:
         paths, notes = _frames(layout, listing)
-        load, full = (
-            last_picture(lambda frame: read_picture(paths[frame])[0]),
-            open_header(paths[0]).max_value,
-        )
-        frames, rate_hz = len(paths), USUAL_RATE_HZ if len(paths) > 1 else 0.0
+        load = last_picture(lambda frame: read_picture(paths[frame])[0])
+        full = open_header(paths[0]).max_value
+        frames = len(paths)
+        rate_hz = USUAL_RATE_HZ if len(paths) > 1 else 0.0
     cut = tiling(load(0), paths[0], scene, quilt)
     if cut is None and are_a_pair(*halves(load(0), above=False)):
         cut = Tiling.even(load(0), 1, 2)
@@ -99,11 +112,24 @@ def _describe(layout: str, listing: Listing, scene: config.Scene) -> SceneSource
             remedy += "; from a camera slid sideways, `lfpipe scene make` makes views"
         raise UserError(f"{paths[0]}: no tiles recognised in {width}x{height} px", remedy)
     return SceneSource(
-        certain=quilt, layout=layout, path=listing.path, files=tuple(paths), rows=cut.grid[0], cols=cut.grid[1],
-        read=lambda frame, row, col: cut.cut(load(frame), row, col), frames=frames, frame_rate_hz=rate_hz,
-        height_px=cut.height_px, width_px=cut.width_px, max_value=full, doubt=cut.doubt, turn=Turn() if cut.quilt else None,
-        turn_firm=quilt, turn_by="a quilt runs from the leftmost camera" if cut.quilt else "", notes=notes,
-    )  # fmt: skip
+        certain=quilt,
+        layout=layout,
+        path=listing.path,
+        files=tuple(paths),
+        rows=cut.grid[0],
+        cols=cut.grid[1],
+        read=lambda frame, row, col: cut.cut(load(frame), row, col),
+        frames=frames,
+        frame_rate_hz=rate_hz,
+        height_px=cut.height_px,
+        width_px=cut.width_px,
+        max_value=full,
+        doubt=cut.doubt,
+        # without its name, or the user's word, nothing says where a quilt begins
+        turn=Turn() if quilt else None,
+        turn_by="a quilt runs from the leftmost camera" if quilt else "",
+        notes=notes,
+    )
 
 
 LAYOUTS = (

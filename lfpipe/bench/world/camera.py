@@ -1,0 +1,212 @@
+"""The made camera: when frames are taken, how they are stamped, and what landmarks they give."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.bench.world.scripts import FRAME_PX, Glitch, Script
+from lfpipe.track.detector import Box, Detection, overlap
+from lfpipe.track.engine import Face
+from lfpipe.track.litert_engine import LitertEngine
+from lfpipe.track.liveness import Liveness
+from lfpipe.track.network import Roi
+from lfpipe.transport.clock import MS_NS
+
+NOISE_PX = 0.3  # of live faces at 640x480, whose eyes are 60 px apart: 0.22 to 0.34 px measured
+TRACKED_MS = 10.0  # from a frame's stamp to its eyes, with a read and the networks between
+T0_NS = 10**12  # the world's beginning
+# A face at the border of the picture is measured wrongly at first, in distances between the eyes:
+# the detector's region is cut off, that of its landmarks is not.
+CUT_OFF = 0.27
+DOUBT = 26.0  # logits of confidence per share of a face that the picture cuts off
+TURNED = 20.0  # logits by which a region that is turned by quarters is less sure
+IMAGE = np.broadcast_to(np.uint8(0), (FRAME_PX[1], FRAME_PX[0], 3))
+
+
+@attrs.frozen(kw_only=True)
+class Camera:
+    """A camera and what goes wrong with it."""
+
+    rate_hz: float = 30.0
+    jitter_ms: float = 0.0
+    """Standard deviation of the time between exposure and its place on the even grid."""
+    dropped: float = 0.0
+    """Share of frames that never come."""
+    doubled: float = 0.0
+    """Share of frames that repeat the one before, with a stamp of their own."""
+    stamp_noise_ms: float = 0.0
+    stamp_late_ms: float = 0.0
+    """All stamps are so much later than the exposure; negative: earlier."""
+    wrong_stamp_ms: float = 0.0
+    """One stamp every 2 s is off by so much."""
+    noise_px: float = NOISE_PX
+
+    def frames(self, seconds: float) -> list["Frame"]:
+        """The frames of a time, in the order of their arrival."""
+        rng = np.random.default_rng(round(self.rate_hz))
+        frames = []
+        taken_ms = 0.0
+        for k in range(int(seconds * self.rate_hz)):
+            jitter_ms, noise_ms = rng.normal(0.0, 1.0, 2) * (self.jitter_ms, self.stamp_noise_ms)
+            drop, double = rng.random(2) < (self.dropped, self.doubled)
+            here_ms = max(k * 1e3 / self.rate_hz + jitter_ms, 0.0)
+            if not double:
+                taken_ms = here_ms
+            if drop and k:
+                continue
+            late_ms = self.stamp_late_ms + noise_ms
+            if k % round(2 * self.rate_hz) == round(self.rate_hz):
+                late_ms += self.wrong_stamp_ms
+            frames.append(
+                Frame(
+                    seq=k,
+                    ms=taken_ms,
+                    stamp_ns=T0_NS + round((here_ms + late_ms) * MS_NS),
+                    tracked_ns=T0_NS + round((here_ms + TRACKED_MS) * MS_NS),
+                )
+            )
+        return frames
+
+
+@attrs.frozen(kw_only=True)
+class Frame:
+    """A frame: what it shows is of `ms`, and its eyes are known at `tracked_ns`."""
+
+    seq: int
+    ms: float
+    stamp_ns: int
+    tracked_ns: int
+
+
+class MadeEngine(LitertEngine):
+    """The engine in use, with made faces in place of its three networks."""
+
+    def __init__(self, script: Script, camera: Camera) -> None:
+        self._script = script
+        count = len(script.people)
+        frames = int(script.count_ms / 1e3 * camera.rate_hz) + 1
+        rng = np.random.default_rng(30)
+        self._noise = rng.normal(0.0, camera.noise_px, (frames, count, 2, 2))
+        self._near = self._made = MadeDetector()  # type: ignore[assignment]
+        self._irises = None
+        self._liveness = Liveness()
+        self.rotated_deg = 0
+        self._size = IMAGE.shape[:2]
+        self._own: Roi | None = None  # the region that the last landmarks gave
+        self._faces: list[MadeFace] = []
+        self.reset()
+
+    @property
+    def _far(self) -> Any:
+        return self._made
+
+    def look(self, frame: Frame) -> Face | None:
+        """The face that the engine follows in a frame."""
+        self._faces = [*self._visible(frame)]
+        self._made.faces = self._faces
+        face = self.detect(IMAGE)
+        self.examine(IMAGE)
+        return face
+
+    def measured(self, frame: Frame) -> list["MadeFace"]:
+        """All faces of a frame, the surest and largest first."""
+        return sorted(self._visible(frame), key=lambda face: -face.apart_px)
+
+    def _visible(self, frame: Frame) -> list["MadeFace"]:
+        ms = round(frame.ms)
+        wrong = np.zeros(2)
+        for glitch in self._script.glitches:
+            wrong += _wrong(glitch, frame.ms)
+        faces = []
+        for k, person in enumerate(self._script.people):
+            eyes = person.eyes_px(ms)
+            apart = float(eyes[0, 0] - eyes[1, 0])
+            (x, y) = eyes.mean(axis=0).tolist()
+            box = (x - 1.2 * apart, y - apart, x + 1.2 * apart, y + 1.6 * apart)
+            share = _share_inside(box)
+            logit = float(person.logit[min(ms, len(person.logit) - 1)]) - DOUBT * (1 - share)
+            if logit <= 0 or not 0 <= x < FRAME_PX[0]:
+                continue
+            noise = self._noise[frame.seq, k] * (0.01 if person.still else 1.0) * apart / 60
+            offset = np.stack([wrong * apart, np.zeros(2)], axis=1) if k == 0 else 0.0
+            faces.append(
+                MadeFace(
+                    eyes_px=eyes + noise + offset,
+                    apart_px=apart,
+                    box_px=box,
+                    logit=logit,
+                    cut_off=share < 1,
+                )
+            )
+        return faces
+
+    def _measure(self, image: object, roi: Roi, least: float) -> tuple[Face, Roi] | None:
+        half = roi.side_px / 2
+        square = (roi.x_px - half, roi.y_px - half, roi.x_px + half, roi.y_px + half)
+        here = [face for face in self._faces if overlap(face.box_px, square) > 0.1]
+        if not here or _is_turned(roi):
+            return None
+        face = max(here, key=lambda one: overlap(one.box_px, square))
+        confidence = 1 / (1 + math.exp(-face.logit))
+        if confidence < least:
+            return None
+        wrong = CUT_OFF * face.apart_px if face.cut_off and roi is not self._own else 0.0
+        eyes = face.eyes_px + np.array((0.0, wrong))
+        self._own = face.region
+        return Face(eyes, confidence, face.box_px, face.apart_px), self._own
+
+    def _run(self, image: object, roi: Roi) -> Any:
+        return None, None, -TURNED if _is_turned(roi) else 0.0
+
+
+@attrs.frozen(eq=False, kw_only=True)
+class MadeFace:
+    """cut_off: the border of the picture hides a part of it."""
+
+    eyes_px: NDArray[np.float64]
+    apart_px: float
+    box_px: Box
+    logit: float
+    cut_off: bool
+
+    @property
+    def region(self) -> Roi:
+        x0, y0, x1, y1 = self.box_px
+        return Roi((x0 + x1) / 2, (y0 + y1) / 2, 1.5 * (y1 - y0), 0.0)
+
+
+class MadeDetector:
+    """Finds all faces of the frame, as both detectors do."""
+
+    def __init__(self) -> None:
+        self.faces: Sequence[MadeFace] = ()
+
+    def detect(self, image: object, region: Roi | None = None) -> list[Detection]:
+        """See Detector.detect."""
+        if region is not None:
+            return []
+        return [
+            Detection(face.box_px, np.concatenate([face.eyes_px[::-1]] * 3), 0.9)
+            for face in self.faces
+        ]
+
+
+def _wrong(glitch: Glitch, ms: float) -> NDArray[np.float64]:
+    """What a glitch adds at ms to the x of the left and the right eye, in eye distances."""
+    shown = 0 <= ms - glitch.at_s * 1e3 < glitch.frames * 1e3 / 30
+    return np.array((glitch.left, glitch.right)) * shown
+
+
+def _is_turned(roi: Roi) -> bool:
+    return abs(roi.angle) > math.pi / 4
+
+
+def _share_inside(box: Box) -> float:
+    x0, y0, x1, y1 = box
+    width = max(min(x1, FRAME_PX[0]) - max(x0, 0), 0)
+    height = max(min(y1, FRAME_PX[1]) - max(y0, 0), 0)
+    return width * height / ((x1 - x0) * (y1 - y0))

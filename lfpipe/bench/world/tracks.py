@@ -1,0 +1,63 @@
+"""Recorded head tracks as paths of made viewers."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.errors import UserError
+from lfpipe.sequence.eyes import table_of
+
+COLUMNS = "t_s,face,left_x,left_y,right_x,right_y"
+SMOOTH_MS = 25.0  # standard deviation of the kernel that separates motion from landmark noise
+APART_S = 1.0  # the same for the distance between the eyes, which a turning head changes
+APART_PX = 60.0  # of the made viewer, to which every track is scaled
+REMEDY = f"give a table with the columns {COLUMNS}, or one of true eyes"
+
+
+def read_track(path: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """The path (n, 3) of a track at each ms, about (0, 0): x and y between the eyes, and their
+    distance, scaled so that its median is APART_PX; and where there is a face, (n,).
+
+    Raises UserError if the table cannot be read.
+    """
+    t_s, face, eyes = _table(path)
+    known = np.flatnonzero(face)
+    if len(known) < 2:
+        raise UserError(f"{path}: no face in it", REMEDY)
+    ms = np.arange(int((t_s[-1] - t_s[0]) * 1000))
+    at_s = t_s[0] + ms / 1000
+    columns = [np.interp(at_s, t_s[known], eyes[known, k]) for k in range(4)]
+    lx, ly, rx, ry = columns
+    apart = _smoothed(np.hypot(lx - rx, ly - ry), APART_S * 1000)
+    scale = APART_PX / float(np.median(apart))
+    x = _smoothed((lx + rx) / 2, SMOOTH_MS)
+    y = _smoothed((ly + ry) / 2, SMOOTH_MS)
+    places = np.stack([x - np.median(x), y - np.median(y), apart], axis=1) * scale
+    visible = face[np.searchsorted(t_s, at_s, side="right") - 1]
+    return places, visible
+
+
+def _table(path: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
+    """Times (n,) in s, whether there is a face, and eyes (n, 4)."""
+    try:
+        with path.open() as file:
+            head = file.readline().strip()
+            if head == COLUMNS:
+                rows = np.loadtxt(file, delimiter=",", ndmin=2, dtype=np.float64)
+                if rows.shape[1:] != (6,) or not len(rows) or not np.isfinite(rows).all():
+                    raise ValueError("expected six numbers in each row")
+                return rows[:, 0], rows[:, 1] > 0, rows[:, 2:]
+    except (OSError, ValueError) as error:
+        raise UserError(f"{path}: not a head track: {error}", REMEDY) from None
+    truth = table_of(path)
+    return truth.t_ns / 1e9, truth.visible, truth.eyes_px.reshape(-1, 4)
+
+
+def _smoothed(values: NDArray[np.float64], sigma: float) -> NDArray[np.float64]:
+    """Without a delay: a symmetric kernel."""
+    column = cv2.GaussianBlur(
+        values.reshape(-1, 1), (1, 0), sigmaX=0.01, sigmaY=sigma, borderType=cv2.BORDER_REPLICATE
+    )
+    return np.asarray(column, np.float64).ravel()

@@ -1,0 +1,72 @@
+"""`lfpipe desktop`: the entry in the desktop's menu, and "Open with" for files of light fields."""
+
+import sys
+from pathlib import Path
+
+import click
+
+from lfpipe.files.output import check_output, write_output, written_by_lfpipe
+
+TYPES = (
+    "image/png;image/jpeg;image/tiff;image/webp;image/heic;application/zip;application/x-hdf;"
+    "video/mp4;video/quicktime;video/webm;video/x-matroska;"
+)
+# folders are not among the types: some desktops would then open every folder with lfpipe
+ENTRY = """\
+# written by lfpipe
+[Desktop Entry]
+Type=Application
+Name=lfpipe
+Comment=Look into a light field
+Icon=lfpipe
+Terminal=false
+Categories=Graphics;Viewer;
+Exec={command}{more}
+"""
+ICON = """\
+<!-- written by lfpipe -->
+<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 64 64">
+<circle cx="24" cy="32" r="20" fill="#f00"/>
+<circle cx="40" cy="32" r="20" fill="#0ff" style="mix-blend-mode:screen"/>
+</svg>
+"""
+
+
+def _files() -> dict[Path, str]:
+    """path -> content: the entry, one that opens a file, and their icon."""
+    import platformdirs
+
+    data = platformdirs.user_data_path()
+    program = sys.executable.replace("%", "%%")
+    for character in '\\"`$':  # quoted for Exec, and once more as a value of the file
+        program = program.replace(character, "\\\\" + character)
+    command = f'"{program}" -m lfpipe'
+    opens = f" up %f\nNoDisplay=true\nMimeType={TYPES}"
+    return {
+        data / "applications" / "lfpipe.desktop": ENTRY.format(command=command, more=""),
+        data / "applications" / "lfpipe-open.desktop": ENTRY.format(command=command, more=opens),
+        data / "icons" / "hicolor" / "scalable" / "apps" / "lfpipe.svg": ICON,
+    }
+
+
+@click.group()
+def desktop() -> None:
+    """Add lfpipe to the desktop's menu and to "Open with"."""
+
+
+@desktop.command()
+def install() -> None:
+    """Write a menu entry, an icon and the file types that a file manager opens with lfpipe."""
+    for path, text in _files().items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        check_output(path)
+        write_output(path, text.encode(errors="surrogateescape"))
+        click.echo(path)
+
+
+@desktop.command()
+def remove() -> None:
+    """Remove what `install` wrote."""
+    for path in filter(written_by_lfpipe, _files()):
+        path.unlink()
+        click.echo(path)

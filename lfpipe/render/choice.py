@@ -1,0 +1,121 @@
+"""What a refresh shows: which eyes, which moment, which picture.
+
+Nothing here reads a clock or needs a process: the caller gives every time, so that a simulation
+runs the same choices as the render stage. For each refresh:
+
+    source.update(EyesRecord.of(buffer), stamp)      # when a newer record has come
+    moment = Moment.of(target_ns, refresh_ns, loop_ns)
+    eyes = source.at(t_ns, mouse)                    # t_ns: now, when the picture is begun
+    choice = choose(viewer, eyes, moment)
+    if choice.key != key:                            # else the picture on the screen stays
+        picture = viewer.compositor.draw(choice.key)
+"""
+
+from typing import NamedTuple
+
+import attrs
+
+from lfpipe.eyes import EyesRecord
+from lfpipe.render.compositor import Key
+from lfpipe.render.mouse_look import MouseLook
+from lfpipe.render.viewer import VIDEO_LEAD, Viewer, Viewpoints
+from lfpipe.transport.clock import MS_NS
+from lfpipe.transport.ring import Stamp
+
+STALE_NS = 500 * MS_NS  # a record so old comes from a tracker that has died, unless
+STALE_FRAMES = 3  # frames come so slowly that it is younger than this many of their intervals
+
+
+@attrs.frozen(kw_only=True)
+class Moment:
+    """When a picture is shown and seen, in monotonic ns."""
+
+    target_ns: int
+    """The refresh that the picture is due at; without refreshes, the expected hand-over."""
+    refresh_ns: int
+    """How long it stays on the screen; 0: until the next camera frame."""
+    loop_ns: int
+    """Delay of camera and display together, which the frames' stamps and target_ns lack."""
+    seen_ns: int
+    """The time that the picture is made for."""
+    on_blanks: bool
+    """Whether target_ns is a vertical blank that the window system reports."""
+
+    @classmethod
+    def of(
+        cls, target_ns: int, refresh_ns: int = 0, loop_ns: int = 0, on_blanks: bool = False
+    ) -> "Moment":
+        """The moment of a picture that is due at target_ns: the middle of its refresh, where the
+        error over its time is least, after the delay.
+        """
+        return cls(
+            target_ns=target_ns,
+            refresh_ns=refresh_ns,
+            loop_ns=loop_ns,
+            seen_ns=target_ns + loop_ns + refresh_ns // 2,
+            on_blanks=on_blanks,
+        )
+
+
+class TrackedEyes(NamedTuple):
+    """The eyes that a picture is made for.
+
+    stamp: of their frame. t_ns: the time at which the record is true, where prediction starts: the
+    frame's, or that of the choice for the mouse and for nobody. waited_ns: from their publication
+    until they were read.
+    """
+
+    record: EyesRecord
+    stamp: Stamp
+    t_ns: int
+    waited_ns: int = 0
+    by_mouse: bool = False
+
+
+class EyesSource:
+    """Chooses the eyes for a picture: the newest record, the mouse, or nobody where the newest
+    record is stale.
+    """
+
+    def __init__(self, lossless: bool = False) -> None:
+        """lossless: frames wait for pictures, so no record is ever stale."""
+        self._lossless = lossless
+        self._newest: TrackedEyes | None = None
+        self._stale_ns = STALE_NS
+
+    def update(self, record: EyesRecord, stamp: Stamp, t_ns: int = 0) -> None:
+        """Takes a newer record of the tracker, read at t_ns."""
+        old = self._newest
+        if old is not None and stamp.epoch == old.stamp.epoch:
+            interval_ns = stamp.t_sensor_ns - old.stamp.t_sensor_ns
+            self._stale_ns = max(STALE_NS, STALE_FRAMES * interval_ns)
+        waited_ns = max(t_ns - stamp.t_publish_ns, 0)
+        self._newest = TrackedEyes(record, stamp, stamp.t_sensor_ns, waited_ns)
+
+    def at(self, t_ns: int, mouse: MouseLook | None = None) -> TrackedEyes | None:
+        """The eyes for a picture that is begun at t_ns; None before the first record."""
+        newest = self._newest
+        if mouse is not None and mouse.looks:
+            record, stamp = mouse.eyes(newest and newest.record, newest and newest.stamp, t_ns)
+            waited_ns = newest.waited_ns if newest else 0
+            return TrackedEyes(record, stamp, t_ns, waited_ns, by_mouse=True)
+        if newest is None or self._lossless or t_ns - newest.t_ns <= self._stale_ns:
+            return newest
+        # the tracker died or hangs
+        return newest._replace(record=newest.record._replace(face=0), t_ns=t_ns)
+
+
+class Choice(NamedTuple):
+    """The viewpoints of a picture, and the key by which a compositor draws it."""
+
+    viewpoints: Viewpoints
+    key: Key
+
+
+def choose(viewer: Viewer, eyes: TrackedEyes | None, moment: Moment) -> Choice:
+    """The picture for eyes at a moment. Moments must not decrease from call to call."""
+    viewer.video_lead_ns = round(VIDEO_LEAD * moment.refresh_ns) if moment.on_blanks else 0
+    record, t_ns = (None, moment.seen_ns) if eyes is None else (eyes.record, eyes.t_ns)
+    viewpoints = viewer.viewpoints(record, t_ns, moment.seen_ns)
+    key = viewer.compositor.key(viewpoints.left, viewpoints.right, viewpoints.frame)
+    return Choice(viewpoints, key)

@@ -1,0 +1,180 @@
+"""Motion to photon of a running session, by the definitions of docs/photon.md.
+
+Onset: from the moment at which a resting head has moved by ONSET of the distance between its eyes
+to the light of the first picture made for eyes that have moved as far. It contains everything on
+the way: the wait for a frame, the filter's own lag, the prediction, the loop's delay. Steady: how
+far pictures lag behind a head that has been under way for SETTLED_NS: the eyes at the time of the
+light, compared with the eyes that the picture was made for. The start of a motion is no part of it.
+"""
+
+import math
+from collections import deque
+from typing import NamedTuple
+
+from lfpipe.eyes import Eyes, middle_of
+from lfpipe.render.showing import REPLACED, Listener, Showing
+from lfpipe.transport.clock import MS_NS, SECOND_NS
+from lfpipe.transport.status import Row
+
+# of the distance between the eyes: ten times the noise, yet the head has hardly moved; 3 px in
+# docs/photon.md
+ONSET = 0.05
+REST_NS = 400 * MS_NS  # at least this long within half of ONSET: a rest
+# from the rest to ONSET at most: slower, there is no moment at which the motion begins
+START_NS = 200 * MS_NS
+WITHIN_NS = 600 * MS_NS  # a later picture has nothing to do with the motion
+UNDER_WAY = 0.5  # distances between the eyes per second; slower, noise is most of it
+# the slowest filter (mean of 5 at 30 Hz: 167 ms) and a loop of 130 ms have settled
+SETTLED_NS = 300 * MS_NS
+KEPT = 0.995  # decay of the sums per picture: some 200 pictures in motion
+SHARE = 0.2  # weight of the newest onset in its running mean, which begins as a plain mean
+MOST_PICTURES = 240  # of a second and more, at every rate of a screen
+GAP_NS = SECOND_NS // 4  # from frame to frame; after a longer gap the time between is unknown
+
+
+class _Frame(NamedTuple):
+    """x, y: the middle of the eyes, px."""
+
+    t_ns: int
+    x: float
+    y: float
+    apart_px: float
+
+
+class _Picture(NamedTuple):
+    """t_light_ns: its first light. t_middle_ns: the middle of its time on the screen, for which it
+    was made. Both in the camera's time.
+    """
+
+    t_light_ns: int
+    t_middle_ns: int
+    x: float
+    y: float
+
+
+class MotionLatency:
+    """onset_ns, steady_ns: 0 until known."""
+
+    def __init__(self) -> None:
+        self.onset_ns = self.steady_ns = 0
+        self._frames: deque[_Frame] = deque()  # of the last REST_NS
+        self._pictures: deque[_Picture] = deque(maxlen=MOST_PICTURES)
+        self._rest: _Frame | None = None  # the middle of the last rest, and its end
+        # when the last one began, from where; its reach, px
+        self._motion: tuple[_Frame, float] | None = None
+        self._under_way_ns: int | None = None  # since then
+        self._onsets = 0
+        self._lag = self._power = 0.0
+
+    def measured(self, t_sensor_ns: int, eyes_px: Eyes | None) -> None:
+        """Adds a frame's measured eyes; None without a face.
+
+        A frame that was added before counts once.
+        """
+        last = self._frames[-1] if self._frames else None
+        if eyes_px is None or (last is not None and not 0 <= t_sensor_ns - last.t_ns < GAP_NS):
+            self._frames.clear()
+            self._rest = self._motion = self._under_way_ns = last = None
+        if eyes_px is None or (last is not None and t_sensor_ns == last.t_ns):
+            return
+        frame = _Frame(
+            t_sensor_ns, *middle_of(eyes_px), max(math.dist(eyes_px[:2], eyes_px[2:]), 1.0)
+        )
+        if last is not None:
+            self._add_lag(last, frame)
+            self._find_motion(last, frame)
+        if self._motion is not None and t_sensor_ns > self._motion[0].t_ns + WITHIN_NS:
+            self._add_onset()
+        self._frames.append(frame)
+        while len(self._frames) > 2 and self._frames[1].t_ns <= t_sensor_ns - REST_NS:
+            self._frames.popleft()
+
+    def pictured(self, t_presented_ns: int, after_ns: int, loop_ns: int, eyes_px: Eyes) -> None:
+        """Adds a presented picture, made for eyes_px at after_ns later; loop_ns: the delay of
+        camera and display in that.
+        """
+        self._pictures.append(
+            _Picture(t_presented_ns + loop_ns, t_presented_ns + after_ns, *middle_of(eyes_px))
+        )
+
+    def _add_lag(self, last: _Frame, frame: _Frame) -> None:
+        """Compares the pictures between two frames with where the eyes were."""
+        period_ns, dx, dy = frame.t_ns - last.t_ns, frame.x - last.x, frame.y - last.y
+        if math.hypot(dx, dy) / last.apart_px * SECOND_NS / period_ns < UNDER_WAY:
+            self._under_way_ns = None
+            return
+        if self._under_way_ns is None:
+            self._under_way_ns = last.t_ns
+        for picture in self._pictures:
+            share = (picture.t_middle_ns - last.t_ns) / period_ns
+            if not 0 < share <= 1 or picture.t_middle_ns - self._under_way_ns < SETTLED_NS:
+                continue
+            behind = (last.x + share * dx - picture.x) * dx + (last.y + share * dy - picture.y) * dy
+            self._lag = KEPT * self._lag + behind * period_ns
+            self._power = KEPT * self._power + dx * dx + dy * dy
+            self.steady_ns = round(self._lag / self._power)
+
+    def _find_motion(self, last: _Frame, frame: _Frame) -> None:
+        """Finds the end of a rest: the moment at which the eyes were ONSET from where they had
+        rested.
+        """
+        reach_px = ONSET * last.apart_px
+        frames = self._frames
+        if frames[0].t_ns <= last.t_ns - 0.9 * REST_NS:
+            x = sum([f.x for f in frames]) / len(frames)
+            y = sum([f.y for f in frames]) / len(frames)
+            if max([math.hypot(f.x - x, f.y - y) for f in frames]) < reach_px / 2:
+                self._rest = _Frame(last.t_ns, x, y, last.apart_px)
+        rest = self._rest
+        if rest is None:
+            return
+        before_px = math.hypot(last.x - rest.x, last.y - rest.y)
+        now_px = math.hypot(frame.x - rest.x, frame.y - rest.y)
+        if now_px <= reach_px:
+            if frame.t_ns - rest.t_ns > START_NS:
+                self._rest = None
+            return
+        t_ns = last.t_ns + round(
+            (reach_px - before_px) / (now_px - before_px) * (frame.t_ns - last.t_ns)
+        )
+        self._add_onset()
+        self._motion = (rest._replace(t_ns=t_ns), reach_px)
+        self._rest = None
+
+    def _add_onset(self) -> None:
+        """Finds the first picture that shows the last motion, if it is not found yet."""
+        if self._motion is None:
+            return
+        (start_ns, x, y, _), reach_px = self._motion
+        self._motion = None
+        shows = [
+            picture.t_light_ns - start_ns
+            for picture in self._pictures
+            if math.hypot(picture.x - x, picture.y - y) > reach_px
+        ]
+        if late_ns := [late_ns for late_ns in shows if 0 <= late_ns <= WITHIN_NS]:
+            self._onsets += 1
+            self.onset_ns += round((late_ns[0] - self.onset_ns) * max(SHARE, 1 / self._onsets))
+
+
+class MotionLatencyRow(Listener):
+    """Measures the latency of a session whose loop delay is known, for the status row."""
+
+    def __init__(self, row: Row) -> None:
+        self._row = row
+        self._latency = MotionLatency()
+
+    def handed_over(self, showing: Showing) -> None:
+        eyes = showing.eyes
+        if showing.moment.loop_ns and eyes is not None and not eyes.by_mouse:
+            self._latency.measured(eyes.t_ns, eyes.record.raw_px if showing.face else None)
+
+    def presented(self, showing: Showing) -> None:
+        moment = showing.moment
+        if not (moment.loop_ns and showing.composed and showing.face) or showing.by == REPLACED:
+            return
+        after_ns = moment.seen_ns - (showing.due_ns or showing.t_handed_ns)
+        eyes_px = showing.viewpoints.eyes_px
+        self._latency.pictured(showing.t_presented_ns, after_ns, moment.loop_ns, eyes_px)
+        self._row["onset_ns"] = self._latency.onset_ns
+        self._row["steady_ns"] = self._latency.steady_ns

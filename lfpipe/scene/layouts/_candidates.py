@@ -1,0 +1,36 @@
+"""Readings of a scene that compete, each with its evidence and one score. The best one is taken;
+`lfpipe scene info -v` prints the others, too.
+"""
+
+import logging
+from collections.abc import Mapping, Sequence
+from typing import Generic, TypeVar
+
+import attrs
+
+log = logging.getLogger(__name__)
+T = TypeVar("T")
+_SHOWN = 6  # of the best
+
+
+@attrs.frozen(kw_only=True)
+class Candidate(Generic[T]):
+    """One reading."""
+
+    what: str  # for people
+    score: float  # the higher, the likelier; comparable within one question
+    value: T
+    evidence: Mapping[str, float] = attrs.field(factory=dict)  # what the score was made of, by name
+
+
+def ranked(question: str, candidates: Sequence[Candidate[T]]) -> list[Candidate[T]]:
+    """The candidates, the likeliest first, of equals the first; logged as a table."""
+    order = sorted(candidates, key=lambda candidate: -candidate.score)
+    if order:
+        rows = [
+            f"  {candidate.score:8.3f}  {candidate.what}"
+            + "".join(f", {name} {value:.3g}" for name, value in candidate.evidence.items())
+            for candidate in order[:_SHOWN]
+        ]
+        log.info("%s, best of %d first:\n%s", question, len(order), "\n".join(rows))
+    return order

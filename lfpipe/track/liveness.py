@@ -1,0 +1,90 @@
+"""Whether a face lives: a photograph or a portrait on the wall is no viewer while somebody else is
+there.
+
+Counts pictures, as `FaceSelector` does. Lengths are in distances between the eyes. On 16 clips of
+living people the eyes leave MOVED within 8 pictures of the first ones, and within 51 later on; a
+photograph's landmarks move by a tenth of it.
+"""
+
+import math
+
+from lfpipe.track.detector import SAME, Box, Detection, overlap
+from lfpipe.track.engine import Face
+
+MOVED = 0.0075  # of low-passed eyes, from where they last were
+SMOOTHING = 8  # pictures; so many more after a face was found do not count
+# pictures without motion that make a portrait: of a face that never moved, and of one that did
+NEVER_MOVED, STILL = 60, 300
+KNOWN = 0.7  # overlap of a portrait's boxes in two pictures: it does not move
+# By what a face that is not followed moves between scans: each measures it anew, so noise is more.
+# One much smaller than the portrait is somebody who passes behind.
+ALIVE, LEAST_SIZE = 0.03, 0.65
+
+Middle = tuple[float, float]
+
+
+class Liveness:
+    """The motion of the followed face, of the others from scan to scan, and the known portraits."""
+
+    def __init__(self) -> None:
+        self._portraits: list[Box] = []
+        self.begin()
+
+    def begin(self) -> None:
+        """Another face is followed."""
+        self._smooth: Middle | None = None
+        self._anchor: Middle = (0.0, 0.0)
+        self._pictures = self._resting = 0
+        self._has_moved = False
+        self._others: list[tuple[Box, Middle]] = []
+
+    @property
+    def still(self) -> bool:
+        """Whether the followed face is a portrait."""
+        return self._resting >= (STILL if self._has_moved else NEVER_MOVED)
+
+    def follow(self, face: Face) -> None:
+        """Adds a picture of the followed face."""
+        here = _middle(face)
+        x, y = self._smooth or here
+        self._smooth = smooth = x + (here[0] - x) / SMOOTHING, y + (here[1] - y) / SMOOTHING
+        self._pictures += 1
+        settling = self._pictures <= 2 * SMOOTHING
+        if settling or math.dist(smooth, self._anchor) > MOVED * max(face.apart_px, 1.0):
+            self._has_moved |= not settling
+            self._anchor = smooth
+            self._resting = 0
+        else:
+            self._resting += 1
+
+    def scanned(self, followed: Box) -> None:
+        """Remembers the box in which a scan found the followed face, if it is a portrait, else
+        forgets the portraits there.
+        """
+        self._portraits = [box for box in self._portraits if overlap(box, followed) <= KNOWN]
+        if self.still:
+            self._portraits.append(followed)
+
+    def is_portrait(self, candidate: Detection) -> bool:
+        return any(overlap(box, candidate.box_px) > KNOWN for box in self._portraits)
+
+    def others_alive(self, others: list[Face], followed: Face) -> list[Face]:
+        """Those of the other faces of a scan that have moved since they were first seen near here,
+        and are large enough to take over from a portrait.
+        """
+        before = self._others
+        self._others = []
+        alive = []
+        for face in others:
+            here = _middle(face)
+            first = next((at for box, at in before if overlap(box, face.box_px) > SAME), here)
+            self._others.append((face.box_px, first))
+            large = face.apart_px >= LEAST_SIZE * followed.apart_px
+            if large and math.dist(first, here) > ALIVE * face.apart_px:
+                alive.append(face)
+        return alive
+
+
+def _middle(face: Face) -> Middle:
+    (lx, ly), (rx, ry) = face.eyes_px.tolist()
+    return (lx + rx) / 2, (ly + ry) / 2

@@ -1,0 +1,27 @@
+"""The choice of a face engine by its name in the configuration."""
+
+from types import NoneType
+
+from lfpipe.config import Track
+from lfpipe.plugins import ENGINES, make
+from lfpipe.track.engine import Engine, Face
+
+
+def make_engine(track: Track, portable: bool = False) -> Engine:
+    """The engine that track names, ready. Its libraries are imported only now. portable: see
+    `LitertEngine`.
+
+    Raises UserError if its libraries or models are missing or have another version.
+    """
+    name: str = track.engine
+    if name == "litert":
+        from lfpipe.track.litert_engine import LitertEngine
+
+        return LitertEngine(track.refine, portable)
+    if name == "mediapipe":
+        from lfpipe.track.mediapipe_engine import MediapipeEngine
+
+        return MediapipeEngine(track.refine)
+    results = {"detect": Face | None, "examine": NoneType, "reset": NoneType, "close": NoneType}
+    engine: Engine = make(ENGINES, name, results, track)
+    return engine

@@ -1,0 +1,43 @@
+"""What people should know now, from the status table alone: the window and every monitor say the
+same.
+"""
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.transport.clock import SECOND_NS, now_ns
+from lfpipe.transport.status import State
+
+FACELESS_NS = 4 * SECOND_NS  # a head may be turned away briefly
+FAULT_NS = 2 * SECOND_NS  # a part that fails for a few frames works again
+NO_FACE = "no face"  # such a notice begins with it
+# A filter passes on its first measurement unchanged, whatever it does with the next ones.
+WORKED_SHARE = 0.05
+Rows = Mapping[str, NDArray[np.void]]
+
+
+def faults(rows: Rows, t_ns: int) -> Iterator[tuple[str, bool]]:
+    """Yields which part of a stage does not work, and whether it ever has. t_ns: now."""
+    for row in rows.values():
+        words = row["fault"].item().decode(errors="replace")
+        if words and t_ns - int(row["fault_since_ns"]) > FAULT_NS:
+            yield words, bool(row["worked"] > WORKED_SHARE * row["spoilt"])
+
+
+def notices(rows: Rows, source: str, shows: str) -> list[str]:
+    """The notices, the most urgent alone. source, shows: names of the stages that make frames and
+    show pictures.
+    """
+    t_ns = now_ns()
+    if rows[source]["state"] == State.READY:
+        return ["camera lost, trying again"]
+    if broken := [f"{words}: the picture does not follow you" for words, _ in faults(rows, t_ns)]:
+        return broken
+    running = all(rows[name]["state"] == State.RUNNING for name in (source, shows))
+    t_face_ns = int(rows[shows]["t_face_ns"])
+    if running and t_face_ns and t_ns - t_face_ns > FACELESS_NS:
+        seconds = (t_ns - t_face_ns) // SECOND_NS
+        return [f"{NO_FACE} for {seconds} s: move into the camera's view"]
+    return []

@@ -1,0 +1,62 @@
+"""The made world: its answer is right, and every run gives the same bits."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lfpipe.bench.world.camera import Camera
+from lfpipe.bench.world.figures import Pictures, viewpoint_figures
+from lfpipe.bench.world.run import Truth, settings, watch
+from lfpipe.bench.world.scene import SCENES, scene_of
+from lfpipe.bench.world.screen import Screen
+from lfpipe.bench.world.scripts import moving, recorded
+from lfpipe.config import Track
+from lfpipe.errors import UserError
+
+SCREEN = Screen(loop_ms=0.0)
+STILL = Camera(noise_px=0.0)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_stored_views_of_a_scene_are_its_exact_pictures(name: str) -> None:
+    scene = scene_of(name)
+    views = np.asarray(scene.field.views)[0]
+    assert scene.field.disparity is not None and scene.field.disparity.std() > 0
+    for row, col in ((0, 0), (scene.rows // 2, scene.cols // 2), (scene.rows - 1, scene.cols - 2)):
+        exact = scene.picture((row, col))
+        pictures = Pictures.of(scene, settings(scene, SCREEN, Track()))
+        key = pictures.key(np.array(((row, col), (row, col)), np.float64))
+        errors = pictures.errors([key], np.array([((row, col), (row, col))], np.float64))
+        assert errors.levels.max() < 9, "a shift to the zero plane resamples the stored view"
+        if not scene.zero_px:
+            np.testing.assert_array_equal(views[row, col].transpose(1, 2, 0)[..., ::-1], exact)
+
+
+def test_every_run_gives_the_same_bits() -> None:
+    scene = scene_of(SCENES[0])
+    config = settings(scene, SCREEN, Track())
+    one, other = (watch(scene, moving(), Camera(), SCREEN, config) for _ in range(2))
+    np.testing.assert_array_equal(one.views, other.views)
+    assert one.keys == other.keys
+
+
+def test_recorded_tracks_are_scripts(tmp_path: Path) -> None:
+    t_s = np.arange(120) / 30
+    x = 400 + 60 * np.sin(t_s)
+    rows = [f"{t:.4f},1,{u + 50:.2f},300,{u - 50:.2f},300" for t, u in zip(t_s, x, strict=True)]
+    table = tmp_path / "track.csv"
+    head = "t_s,face,left_x,left_y,right_x,right_y"
+    table.write_text("\n".join((head, *rows)) + "\n")
+    (script,) = recorded([table])
+    places = script.people[0].path_px
+    assert np.median(places[:, 2]) == pytest.approx(60, abs=0.1)
+    assert np.ptp(places[:, 0]) == pytest.approx(0.6 * np.ptp(x), rel=0.02)
+    scene = scene_of(SCENES[0])
+    config = settings(scene, SCREEN, Track())
+    run = watch(scene, script, STILL, SCREEN, config)
+    figures = viewpoint_figures(run, Truth(scene, script, config), script)
+    assert figures["error_views"] < 0.3
+    table.write_text(f"{head}\n1,2\n")
+    with pytest.raises(UserError, match="not a head track"):
+        list(recorded([table]))

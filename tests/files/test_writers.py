@@ -1,0 +1,98 @@
+"""Every file that the program writes goes through `lfpipe.files.safe_files`; what writes in another
+way is listed here, with the reason why no file of a person can be in its place.
+"""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import lfpipe
+
+PACKAGE = Path(lfpipe.__file__).parent
+WRITERS = "write_text write_bytes imwrite open_memmap memmap mkstemp"
+WRITING_FLAGS = "O_CREAT O_WRONLY O_RDWR O_TRUNC O_APPEND"
+SAFE = "files/safe_files.py"
+ALLOWED = {
+    "files/output.py": "marks the video that its caller has just written",
+    "files/video_writer.py": "FFmpeg opens an OutputFile by its random name, or by its descriptor",
+    "host/file_lock.py": "locks: never followed, never written",
+    "host/files.py": "reserves room in a file that its caller has just made",
+    "host/processes.py": "/proc/self/comm",
+    "host/segment.py": "shared memory",
+    "host/terminal.py": "/dev/null",
+    "host/wake.py": "a FIFO in the run directory",
+    "capture/v4l2_device.py": "a device",
+    "cli/__init__.py": "/dev/null",
+    "log.py": "the log in the run directory, which only its owner can enter",
+    "replays/run.py": "copies into a folder that it has just made",
+    "scene/pack.py": "arrays in the folder of a pack that it has just made",
+    "sequence/packets.py": "packets in the folder of a recording that it has just made",
+    "supervisor/child.py": "a stage's stack, in the run directory",
+    "bench/paper_loop.py": "a trace in a temporary folder that its caller has just made",
+    "bench/inputs.py": "OpenCV opens an OutputFile by its random name",
+}
+
+
+def _writes(call: ast.Call) -> bool:
+    function = call.func
+    name = function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")
+    texts = [
+        node.value
+        for argument in (*call.args, *(word.value for word in call.keywords))
+        for node in ast.walk(argument)
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    ]
+    if name in ("open", "fdopen", "ZipFile", "TarFile"):
+        # the mode is the only short text of these letters
+        modes = [text for text in texts if 0 < len(text) < 4 and not set(text) - set("rwxabt+")]
+        flags = {node.attr for node in ast.walk(call) if isinstance(node, ast.Attribute)}
+        in_memory = any(isinstance(a, ast.Name) and a.id == "data" for a in call.args)
+        writing = any(set(mode) & set("wxa+") for mode in modes)
+        return not in_memory and (writing or bool(flags & set(WRITING_FLAGS.split())))
+    owner = function.value if isinstance(function, ast.Attribute) else None
+    if name in ("copy", "copy2", "copyfile", "VideoWriter"):
+        return isinstance(owner, ast.Name) and owner.id in ("shutil", "cv2")
+    return name in WRITERS.split()
+
+
+def writers(source: str) -> list[int]:
+    """Lines of calls that write a file."""
+    calls = (node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call))
+    return [call.lineno for call in calls if _writes(call)]
+
+
+def _all() -> Iterator[tuple[str, list[int]]]:
+    for path in sorted(PACKAGE.rglob("*.py")):
+        if lines := writers(path.read_text()):
+            yield path.relative_to(PACKAGE).as_posix(), lines
+
+
+def test_every_writer_is_the_safe_one_or_listed() -> None:
+    found = dict(_all())
+    assert {name: found[name] for name in found.keys() - {SAFE, *ALLOWED}} == {}
+    assert set(ALLOWED) <= set(found), "what writes nothing any more leaves the list"
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        'open(p, "w")',
+        'open(p, mode="xb")',
+        'p.open("wb")',
+        'p.open("r+b")',
+        'p.write_text("a")',
+        "os.open(p, os.O_WRONLY | os.O_CREAT)",
+        "cv2.imwrite(name, picture)",
+        'zipfile.ZipFile(p, "w")',
+        "shutil.copy(a, b)",
+    ],
+)
+def test_a_writer_is_noticed(call: str) -> None:
+    assert writers(call) == [1]
+
+
+def test_a_reader_is_none() -> None:
+    readers = 'open(p)\np.open("rb")\nos.open(p, os.O_RDONLY)\np.read_text()\na.copy()\n'
+    assert writers(readers) == []

@@ -1,0 +1,110 @@
+"""Choice: which eyes, which moment, which picture."""
+
+import pytest
+
+from lfpipe.config import Config, Render
+from lfpipe.render.choice import EyesSource, Moment, choose
+from lfpipe.render.mouse_look import MouseLook
+from lfpipe.render.overlay import Pointer
+from lfpipe.render.viewer import Viewer
+from lfpipe.transport.ring import Stamp
+from tests.render.rendered import S, field, record
+
+MS = S // 1000
+REFRESH_NS = S // 60
+
+
+def stamp(t_ns: int, seq: int = 1, epoch: int = 0) -> Stamp:
+    return Stamp(seq, seq, epoch, t_ns, t_ns, t_ns, 0)
+
+
+def viewer() -> Viewer:
+    return Viewer(field(9, 9, 16, 16), Config(render=Render(method="warp2", alpha_px=20.0)))
+
+
+def test_a_picture_is_made_for_the_middle_of_its_refresh_after_the_loop() -> None:
+    """Of a head at constant speed, the mean error over the refresh is then zero."""
+    source = EyesSource()
+    velocity_px_s = 240.0
+    source.update(record(velocity_px_s=[[velocity_px_s, 0.0]] * 2), stamp(S))
+    resting = choose(viewer(), source.at(S), Moment.of(S)).viewpoints.eyes_px
+    for loop_ns in (0, 80 * MS):
+        moment = Moment.of(S + 20 * MS, REFRESH_NS, loop_ns)
+        assert moment.seen_ns == S + 20 * MS + loop_ns + REFRESH_NS // 2
+        eyes_px = choose(viewer(), source.at(S + 10 * MS), moment).viewpoints.eyes_px
+        lit_s = [(20 * MS + loop_ns + REFRESH_NS * k / 100) / S for k in range(101)]
+        errors = [eyes_px[0] - resting[0] - velocity_px_s * t_s for t_s in lit_s]
+        assert sum(errors) / len(errors) == pytest.approx(0, abs=0.01)
+
+
+def test_a_picture_for_one_camera_frame_is_made_for_its_hand_over() -> None:
+    assert Moment.of(S).seen_ns == S
+
+
+def test_eyes_of_a_tracker_that_died_are_nobody_after_half_a_second() -> None:
+    source = EyesSource()
+    assert source.at(S) is None
+    source.update(record(), stamp(S))
+    for late_ns, face in ((0, 1), (490 * MS, 1), (510 * MS, 0), (5 * S, 0)):
+        eyes = source.at(S + late_ns)
+        assert eyes is not None
+        assert eyes.record.face == face, late_ns
+        assert eyes.stamp == stamp(S)
+        assert eyes.t_ns == (S if face else S + late_ns)
+    source.update(record(), stamp(9 * S, epoch=1))
+    again = source.at(9 * S + 30 * MS)
+    assert again is not None and again.record.face
+
+
+def test_a_dead_tracker_lets_the_view_return_to_its_middle() -> None:
+    """The last eyes stand aside; the view must not stay frozen there."""
+    subject = viewer()
+    source = EyesSource()
+    columns = []
+    for k in range(12 * 60):
+        t_ns = S + k * REFRESH_NS
+        if k < 60 and k % 2 == 0:
+            source.update(record(x=380.0), stamp(t_ns, k + 1))
+        left, right = choose(subject, source.at(t_ns), Moment.of(t_ns, REFRESH_NS)).key[1:]
+        columns.append((left[1] + right[1]) / 2)
+    assert abs(columns[59] - 4) > 1
+    assert columns[-1] == pytest.approx(4, abs=0.05)
+
+
+@pytest.mark.parametrize("lossless", [False, True])
+def test_slow_frames_and_those_of_a_replay_are_not_stale(lossless: bool) -> None:
+    """One frame a second is no death; a replay computes as slowly as it must."""
+    source = EyesSource(lossless)
+    for k in (1, 2):
+        source.update(record(), stamp(k * S, k))
+    late = source.at(2 * S + 2900 * MS)
+    dead = source.at(2 * S + 3100 * MS)
+    assert late is not None and dead is not None
+    assert (late.record.face, dead.record.face) == (1, int(lossless))
+
+
+def test_the_mouse_is_the_viewer_while_its_right_button_is_held() -> None:
+    subject = viewer()
+    mouse = MouseLook(Config(), subject, None)
+    source = EyesSource()
+    source.update(record(), stamp(S))
+    camera = source.at(S, mouse)
+    assert camera is not None and camera.t_ns == S
+    choose(subject, camera, Moment.of(S, REFRESH_NS))
+    mouse.follow(Pointer(1.0, 0.5, right=True), S)
+    source.at(S, mouse)
+    held = source.at(S + 100 * MS, mouse)
+    assert held is not None and held.t_ns == S + 100 * MS
+    assert held.record.filtered_px[0] < camera.record.filtered_px[0]
+    assert held.stamp == stamp(S)
+
+
+def test_equal_eyes_at_rest_give_one_key_and_so_one_picture() -> None:
+    subject = viewer()
+    source = EyesSource()
+    keys = set()
+    for k in range(120):
+        t_ns = S + k * REFRESH_NS
+        source.update(record(), stamp(t_ns, k + 1))
+        keys.add(choose(subject, source.at(t_ns), Moment.of(t_ns, REFRESH_NS)).key)
+    assert len(keys) == 1

@@ -1,0 +1,229 @@
+"""Listeners: status row, trace, ring of pictures, stamps for sharing, messages to the tap."""
+
+import json
+import os
+import re
+import resource
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import attrs
+import numpy as np
+import pytest
+
+from lfpipe.config import Config, Render, SessionOptions
+from lfpipe.config.modes import Lossless, ReplayOutput
+from lfpipe.errors import UserError
+from lfpipe.eyes import SHOWN
+from lfpipe.render.choice import Moment
+from lfpipe.render.display import Display
+from lfpipe.render.listeners.picture_ring import PictureRing
+from lfpipe.render.listeners.share_stamps import ShareStamps
+from lfpipe.render.listeners.status_row import StatusRow
+from lfpipe.render.listeners.tap_messages import TapMessages
+from lfpipe.render.listeners.trace import Trace, trace_line
+from lfpipe.render.presence import ViewerState
+from lfpipe.render.showing import REPLACED
+from lfpipe.render.stage import RenderStage
+from lfpipe.render.viewer import Viewer
+from lfpipe.transport import ring
+from lfpipe.transport.ring import RingSpec
+from lfpipe.transport.status import ROW, Row
+from tests.render.rendered import S, field, record, showing
+
+REFRESH_NS = S // 60
+NONE = SessionOptions()
+
+
+def viewer() -> Viewer:
+    return Viewer(field(9, 9, 16, 16), Config(render=Render(method="warp2")))
+
+
+def row() -> Row:
+    return Row(np.zeros((), ROW))
+
+
+class Blanks(Display):
+    blanks_by = "blanks"
+
+
+# trace
+
+
+def test_a_trace_and_a_timeline_get_the_same_lines(tmp_path: Path) -> None:
+    trace = Trace(viewer(), tmp_path / "trace.jsonl", None, pytest.fail)
+    trace.set_options(NONE)
+    trace.presented(showing(seq=1))
+    trace.set_options(attrs.evolve(NONE, timeline=str(tmp_path / "timeline")))
+    trace.presented(showing(seq=2, eyes=None))
+    trace.presented(showing(seq=3))
+    trace.set_options(NONE)
+    trace.presented(showing(seq=4, by="blanks", more={"picture": "0"}))
+    trace.close()
+    lines, timeline = (
+        [json.loads(line) for line in (tmp_path / name).read_text().splitlines()]
+        for name in ("trace.jsonl", "timeline")
+    )
+    assert [line["seq"] for line in lines] == [1, 3, 4]
+    assert timeline == lines[1:2]
+    assert (lines[2]["presented_by"], lines[2]["picture"]) == ("blanks", "0")
+    assert (
+        lines[0]["eyes_used"] == lines[0]["eyes_raw"] == {"left": [332, 240], "right": [308, 240]}
+    )
+
+
+@pytest.fixture
+def small_files() -> Iterator[None]:
+    """No file of this process may grow beyond a page."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_a_trace_that_no_longer_fits_is_reported_once(tmp_path: Path, small_files: None) -> None:
+    reasons: list[str] = []
+    trace = Trace(viewer(), tmp_path / "trace.jsonl", None, reasons.append)
+    for seq in range(20):
+        trace.presented(showing(seq=seq))
+    trace.close()
+    assert len(reasons) == 1
+    assert str(tmp_path / "trace.jsonl") in reasons[0] and "it ends here" in reasons[0]
+    text = (tmp_path / "trace.jsonl").read_text()
+    assert text.endswith("}\n") and 3 < text.count("\n") < 20
+
+
+def test_a_lost_output_is_reported_and_ends_a_replay(tmp_path: Path) -> None:
+    """A replay needs its trace and its pictures."""
+    reasons: list[str] = []
+    stage = SimpleNamespace(_options=NONE, _context=SimpleNamespace(report_lost=reasons.append))
+    RenderStage._lost(stage, "full")  # type: ignore[arg-type]
+    assert reasons == ["full"]
+    output = ReplayOutput(str(tmp_path), str(tmp_path), pictures=False)
+    stage._options = attrs.evolve(NONE, clock=Lossless(output=output))
+    with pytest.raises(UserError, match="full"):
+        RenderStage._lost(stage, "full")  # type: ignore[arg-type]
+
+
+def test_a_restarted_process_continues_trace_and_timeline(tmp_path: Path) -> None:
+    began = tmp_path / "session.json"
+    began.touch()
+    options = attrs.evolve(NONE, timeline=str(tmp_path / "timeline"))
+    for restarts in (0, 1, 2):
+        trace = Trace(viewer(), tmp_path / "trace", began if restarts else None, pytest.fail)
+        trace.set_options(options)
+        trace.presented(showing(seq=restarts))
+        trace.close()
+    assert (tmp_path / "trace").read_text().count("\n") == 3
+    assert (tmp_path / "timeline").read_text().count("\n") == 3
+
+
+# status row
+
+
+def test_a_row_counts_what_was_planned_and_what_came_otherwise() -> None:
+    figures = row()
+    status = StatusRow(figures, viewer(), Blanks())
+    shown = showing(moment=Moment.of(S, REFRESH_NS), cost_ns=5_000_000, t_presented_ns=2 * S)
+    status.handed_over(shown)
+    status.handed_over(showing(number=0, moment=Moment.of(S, REFRESH_NS)))
+    status.missed(3)
+    status.presented(shown)
+    status.presented(showing(juddered=True, by=REPLACED))
+    assert [figures[name] for name in ("seq", "planned", "missed", "juddered")] == [2, 5, 3, 4]
+    assert figures["face"] == 1 and figures["t_face_ns"] == S
+    assert int(figures.record["age"]["count"].sum()) == 1, "one was seen"
+    assert int(figures.record["busy"]["count"].sum()) == 2
+
+
+def test_without_reports_of_blanks_nothing_is_planned() -> None:
+    figures = row()
+    status = StatusRow(figures, viewer(), Display())
+    status.handed_over(showing(moment=Moment.of(S, REFRESH_NS)))
+    status.missed(2)
+    assert [figures[name] for name in ("planned", "juddered", "missed")] == [0, 0, 2]
+
+
+def test_a_row_without_eyes_keeps_the_last_face() -> None:
+    figures = row()
+    status = StatusRow(figures, viewer(), Display())
+    status.handed_over(showing())
+    status.handed_over(showing(eyes=None))
+    assert figures["face"] == 1 and figures["source_seq"] == -1
+
+
+# messages
+
+
+def test_the_tap_hears_of_each_state_and_parallax_once() -> None:
+    messages: list[tuple[str, dict[str, Any]]] = []
+    subject = viewer()
+    tap = TapMessages(
+        lambda topic, **values: messages.append((topic, values)), subject, ViewerState.NOBODY
+    )
+    for k in range(120):
+        subject.viewpoints(record(), k * REFRESH_NS, k * REFRESH_NS)
+        tap.handed_over(showing(t_handed_ns=k * REFRESH_NS))
+    topics = [topic for topic, _ in messages]
+    assert [values["state"] for topic, values in messages if topic == "viewer"] == [
+        "arriving",
+        "seated",
+    ]
+    assert topics.count("parallax") == 1 and "look" not in topics
+    (notice,) = [values["text"] for topic, values in messages if topic == "notice"]
+    assert re.fullmatch(r"viewer \d+ mm from the screen: \d+\.\d views between the eyes.*", notice)
+    tap.set_options(attrs.evolve(NONE, pictures="ring"))
+    for k in range(60):
+        tap.handed_over(showing(t_handed_ns=3 * S + k * REFRESH_NS))
+    assert 8 <= sum(topic == "look" for topic, _ in messages) <= 10, "ten a second at most"
+
+
+# rings
+
+
+def test_a_ring_of_pictures_begins_with_the_one_on_the_screen() -> None:
+    name = f"lfpipe-test-{os.getpid()}-pictures"
+    segment = ring.create(name, RingSpec((4, 4, 3), np.dtype(np.uint8), 4))
+    try:
+        listener = PictureRing(lambda asked: asked)
+        picture = np.full((4, 4, 3), 7, np.uint8)
+        listener.handed_over(showing(picture=picture))
+        reader = ring.Reader(name)
+        listener.set_options(attrs.evolve(NONE, pictures=name))
+        out = np.zeros((4, 4, 3), np.uint8)
+        assert reader.read(out) is not None and np.array_equal(out, picture)
+        listener.handed_over(showing(number=0, picture=picture))
+        assert reader.read(out) is None, "it stayed on the screen"
+        listener.handed_over(showing(picture=np.zeros((8, 8, 3), np.uint8)))
+        assert reader.read(out) is None, "another size"
+        listener.handed_over(showing(picture=picture + 1))
+        stamp = reader.read(out)
+        assert stamp is not None and stamp.t_sensor_ns == S and out[0, 0, 0] == 8
+        listener.set_options(attrs.evolve(NONE, pictures="lfpipe-test-none"))  # released since
+        reader.close()
+    finally:
+        segment.close()
+        segment.unlink()
+
+
+def test_stamps_are_shared_only_on_demand_and_only_of_what_was_seen() -> None:
+    records: list[tuple[int, int]] = []
+    slot = np.zeros((), SHOWN)
+    publish = lambda seq, *_: records.append((seq, int(slot["t_presented_ns"])))  # noqa: E731
+    opened = SimpleNamespace(begin=lambda: slot, publish=publish)
+    stamps = ShareStamps(lambda: opened)  # type: ignore[arg-type, return-value]
+    stamps.presented(showing(t_presented_ns=5))
+    stamps.set_options(attrs.evolve(NONE, share=("lsl",)))
+    stamps.presented(showing(t_presented_ns=6))
+    stamps.presented(showing(by=REPLACED))
+    stamps.presented(showing(eyes=None))
+    assert records == [(1, 6)]
+
+
+def test_a_line_of_the_trace_holds_the_blank_that_the_picture_was_made_for() -> None:
+    refresh_ns = 16_666_667
+    line = trace_line(showing(moment=Moment.of(2 * S, refresh_ns)), "warp", 0)
+    assert line["t_due_ns"] == 2 * S
+    assert trace_line(showing(), "warp", 0)["t_due_ns"] == 0

@@ -1,0 +1,175 @@
+"""Presenter: what is composed, handed over and reported, on displays that show nothing."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from lfpipe.config import Config, Render
+from lfpipe.host.presentation import Presented
+from lfpipe.render.choice import EyesSource, Moment
+from lfpipe.render.display import Display
+from lfpipe.render.glasses import glasses_test
+from lfpipe.render.mouse_look import MouseLook
+from lfpipe.render.pair_layout import Pair
+from lfpipe.render.presenter import Presenter, draw_glasses_test
+from lfpipe.render.refresh import Refresh, ScreenRefresh
+from lfpipe.render.showing import HANDOVER, REPLACED, Listener, Showing
+from lfpipe.render.viewer import Viewer
+from lfpipe.transport.clock import now_ns
+from lfpipe.transport.ring import Stamp
+from tests.render.rendered import field, record
+
+REFRESH_NS = 1_000_000_000 // 60
+
+
+class Record(Listener):
+    """Keeps what was handed over and what was presented."""
+
+    def __init__(self) -> None:
+        self.handed: list[Showing] = []
+        self.known: list[Showing] = []
+        self.closed = False
+
+    def handed_over(self, showing: Showing) -> None:
+        self.handed.append(showing)
+
+    def presented(self, showing: Showing) -> None:
+        assert showing in self.handed
+        self.known.append(showing)
+
+    def close(self) -> None:
+        self.closed = True
+
+
+class Screen(Display):
+    """Keeps pictures, and reports blanks as the test asks."""
+
+    def __init__(self, blanks_by: str = "") -> None:
+        self.pictures: list[NDArray[np.uint8]] = []
+        self.reports: list[Presented] = []
+        self._by = blanks_by
+
+    @property
+    def blanks_by(self) -> str:
+        return self._by
+
+    def show(self, picture: NDArray[np.uint8], pair: Pair | None = None, how: str = "") -> int:
+        self.pictures.append(picture.copy())
+        return now_ns()
+
+    def presented(self) -> list[Presented]:
+        taken, self.reports = self.reports, []
+        return taken
+
+    def nominal_hz(self) -> float:
+        return 60.0
+
+
+class World:
+    """A Presenter without a process."""
+
+    def __init__(self, blanks_by: str = "", on_camera: bool = False) -> None:
+        self.viewer = Viewer(field(9, 9, 16, 16), Config(render=Render(method="warp2")))
+        self.source = EyesSource()
+        self.display = Screen(blanks_by)
+        self.listener = Record()
+        self.refresh = (ScreenRefresh if blanks_by else Refresh)(60.0, now_ns())
+        self.presenter = Presenter(
+            viewer=self.viewer,
+            source=self.source,
+            mouse=MouseLook(Config(), self.viewer, None),
+            display=self.display,
+            refresh=None if on_camera else self.refresh,
+            listeners=[self.listener],
+            seq=7,
+        )
+        self.on_camera = on_camera
+
+    def show(self, *, x: float = 320.0) -> Showing:
+        """Shows a picture for eyes of now."""
+        t_ns = now_ns()
+        self.source.update(record(x), Stamp(1, 1, 0, t_ns, t_ns, t_ns, 0))
+        on_blanks = bool(self.display.blanks_by)
+        refresh_ns = 0 if self.on_camera else REFRESH_NS
+        self.presenter.show(Moment.of(t_ns + refresh_ns, refresh_ns, on_blanks=on_blanks))
+        return self.listener.handed[-1]
+
+
+def test_a_picture_is_composed_only_if_it_differs_from_the_one_on_the_screen() -> None:
+    world = World()
+    assert [world.show().composed for _ in range(3)] == [True, False, False]
+    world.presenter.redraw()
+    assert world.show().composed
+    assert any(world.show(x=400).composed for _ in range(120)), "the eyes moved"
+    known = world.listener.known
+    assert len(world.display.pictures) == sum(showing.composed for showing in known)
+    assert [showing.seq for showing in known] == list(range(7, 7 + len(known)))
+
+
+def test_on_the_cameras_clock_every_frame_gets_its_picture() -> None:
+    world = World(on_camera=True)
+    assert [world.show().number for _ in range(3)] == [1, 2, 3]
+    assert all(showing.due_ns == 0 for showing in world.listener.known)
+
+
+def test_before_the_first_eyes_the_middle_view_is_shown() -> None:
+    world = World()
+    world.presenter.show(Moment.of(now_ns(), REFRESH_NS))
+    showing = world.listener.known[0]
+    assert showing.eyes is None and not showing.face
+    assert showing.viewpoints.left == showing.viewpoints.right == (4.0, 4.0)
+    assert np.array_equal(
+        world.display.pictures[0], world.viewer.compositor.compose((4, 4), (4, 4))
+    )
+
+
+def test_the_glasses_test_takes_the_place_of_the_scene() -> None:
+    world = World()
+    world.show()
+    world.presenter.draw_by(partial(draw_glasses_test, world.viewer))
+    world.show()
+    expected, _ = glasses_test(world.viewer.config.render, (16, 16))
+    assert world.presenter.picture is not None
+    assert np.array_equal(world.display.pictures[-1], expected)
+    assert np.array_equal(world.presenter.picture, expected)
+
+
+def test_pictures_are_reported_in_order_when_their_blanks_are_known() -> None:
+    world = World(blanks_by="blanks")
+    first = world.show()
+    stayed = world.show()
+    assert not stayed.composed and world.listener.known == []
+    world.presenter.redraw()
+    second = world.show()
+    late_ns = second.due_ns + 2 * REFRESH_NS
+    world.display.reports = [Presented(1, first.due_ns, REFRESH_NS), Presented(2, late_ns, 0)]
+    world.presenter.take_reports()
+    assert [showing.seq for showing in world.listener.known] == [7, 8, 9]
+    assert [showing.by for showing in world.listener.known] == ["blanks"] * 3
+    assert stayed.t_presented_ns == stayed.due_ns
+    assert (first.juddered, second.juddered) == (False, True)
+
+
+def test_the_last_pictures_are_reported_at_the_end() -> None:
+    world = World(blanks_by="blanks")
+    first = world.show()
+    world.presenter.redraw()
+    second = world.show()
+    world.display.reports = [Presented(1, 0, 0)]
+    world.presenter.take_reports()
+    assert [showing.by for showing in world.listener.known] == [REPLACED] and first.juddered
+    world.presenter.close()
+    assert second.by == HANDOVER and second.t_presented_ns == second.t_handed_ns
+    assert world.listener.closed
+
+
+def test_cost_is_that_of_composing() -> None:
+    world = World(on_camera=True)
+    costs = [world.show().cost_ns for _ in range(20)]
+    assert min(costs) > 0
+    assert 0 < world.presenter.cost_ns <= max(costs)
+    assert world.listener.known[-1].t_composed_ns == pytest.approx(
+        world.listener.known[-1].t_started_ns + costs[-1], abs=max(costs)
+    )

@@ -1,0 +1,255 @@
+"""The control sockets of a real session: it survives any message."""
+
+import itertools
+import os
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import pytest
+import zmq
+from hypothesis import HealthCheck, given, settings
+
+from lfpipe.supervisor.control_sockets import ControlSockets, Request
+from lfpipe.transport import control
+from lfpipe.transport.control import BadMessage
+from tests.supervisor.raw_bytes import byte_strings, send_raw
+from tests.supervisor.states import messages
+from tests.support.world import World
+
+
+@pytest.fixture
+def client(world: World, scene: Path) -> Iterator[zmq.Socket[bytes]]:
+    """A client of a session that runs, with which nothing is wrong afterwards."""
+    process = world.up(scene)
+    world.pictures(5)
+    with control.context() as ctx, ctx.socket(zmq.DEALER) as socket:
+        control.connect(socket, world.session_dir, "ctl")
+        yield socket
+        assert ask(socket, {"v": 1, "cmd": "status"})["ok"]
+        world.more_pictures(3)
+        assert ask(socket, {"v": 1, "cmd": "stop"})["ok"]
+    world.ended(process)
+
+
+def ask(socket: zmq.Socket[bytes], message: dict[str, Any]) -> dict[str, Any]:
+    socket.send(msgpack.packb(message, unicode_errors="surrogatepass"))
+    assert socket.poll(60_000), f"no answer to {message!r:.200}"
+    data = socket.recv()
+    assert len(data) <= control.MAX_BYTES
+    return control.decode(data)
+
+
+def send_telemetry_of_any_shape(world: World) -> None:
+    with control.context() as ctx, ctx.socket(zmq.PUSH) as bus, world.tap() as received:
+        control.connect(bus, world.session_dir, "bus")
+        shapes: list[Any] = [5, None, [5], {"a": 1}, "text", [["deep"]], "\x1b[2J"]
+        for topic, shape in itertools.product(
+            ("notice", "source", "parallax", "level", 5, None, ["notice"]), shapes
+        ):
+            bus.send(msgpack.packb({"v": 1, "topic": topic, "notes": shape, "text": shape}))
+        bus.send_multipart([b"two", b"parts"])
+        bus.send(b"\xc1garbage")
+        bus.send(control.encode({"topic": "last"}))
+        world.wait_for(lambda: received("last"), "the last message")
+
+
+def test_every_shape_of_request_is_answered_and_the_session_goes_on(
+    client: zmq.Socket[bytes], world: World, tmp_path: Path, scene: Path
+) -> None:
+    before = ask(client, {"v": 1, "cmd": "hello"})
+
+    @settings(max_examples=200, suppress_health_check=list(HealthCheck))
+    @given(messages)
+    def attack(message: dict[str, Any]) -> None:
+        # what these may do to a session is tested elsewhere
+        if message["cmd"] not in ("stop", "load", "record", "trace"):
+            answer = ask(client, message)
+            assert answer["ok"] in (True, False) and (answer["ok"] or answer["error"])
+
+    attack()
+    client.send_multipart([b"stop", b"stop"])
+    assert client.poll(60_000) and control.decode(client.recv())["ok"] is False
+    assert (
+        ask(client, {"v": 1, "cmd": "status", "why": "x" * (control.MAX_BYTES + 1)})["ok"] is False
+    )
+    for path in (
+        "/\udcff",
+        "/tmp/\x1b[2J",
+        f"{tmp_path}/{'x' * 300}",
+        "/dev/zero",
+        "/proc/self/mem",
+    ):
+        assert ask(client, {"v": 1, "cmd": "load", "scene": path})["ok"] is False
+    assert ask(client, {"v": 1, "cmd": "resume"})["ok"]
+    after = ask(client, {"v": 1, "cmd": "hello"})
+    assert {**after["config"], "render": 0} == {**before["config"], "render": 0}
+    os.mkfifo(tmp_path / "view_00_00.png")
+    assert ask(client, {"v": 1, "cmd": "load", "scene": str(tmp_path)})["ok"] is False
+    assert ask(client, {"v": 1, "cmd": "load", "scene": str(scene)})["ok"] is True
+    send_telemetry_of_any_shape(world)
+
+
+def test_bytes_of_no_protocol_change_nothing(
+    client: zmq.Socket[bytes], world: World, scene: Path
+) -> None:
+    before = ask(client, {"v": 1, "cmd": "hello"})
+    for name in ("ctl", "bus", "tap"):
+        send_raw(world.session_dir / name, byte_strings(200))
+    assert ask(client, {"v": 1, "cmd": "hello"}) == before
+
+
+def test_escape_sequences_of_clients_reach_no_terminal(
+    world: World, scene: Path, tmp_path: Path
+) -> None:
+    process = world.up(scene)
+    world.pictures(5)
+    with world.tap() as heard, control.context() as ctx, ctx.socket(zmq.PUSH) as bus:
+        control.connect(bus, world.session_dir, "bus")
+        bus.send(control.encode({"topic": "notice", "text": "\x1b[2J\x1b]0;owned\x07 of the bus"}))
+        world.wait_for(lambda: heard("notice"), "notice")
+    out = tmp_path / "\x1b[2J"
+    printed = world.ctl("record", "start", out) + world.ctl("record", "stop")
+    assert "\\x1b[2J" in printed and "\x1b" not in printed
+    assert world.ask(cmd="stop")["ok"]
+    err = world.ended(process)
+    assert "of the bus" in err and "\x1b" not in err
+
+
+def test_a_flood_keeps_neither_frames_nor_other_clients_waiting(
+    client: zmq.Socket[bytes], world: World
+) -> None:
+    """Only a limited part of a flood is read per unit of time, from each client in turn."""
+    with (
+        control.context() as ctx,
+        ctx.socket(zmq.DEALER) as flood,
+        ctx.socket(zmq.DEALER) as stranger,
+    ):
+        for socket in (flood, stranger):
+            control.connect(socket, world.session_dir, "ctl")
+        # is not even read
+        stranger.send(msgpack.packb({"v": 1, "cmd": "stop", "why": "x" * (3 * control.MAX_BYTES)}))
+        flood.set_hwm(100_000)
+        message = control.encode({"cmd": "set", "set": {"render.alpha_px": 12.0}})
+        for _ in range(20_000):
+            flood.send(message)
+        begin = time.monotonic()
+        for _ in range(10):
+            assert ask(client, {"v": 1, "cmd": "status"})["ok"], "a flood shuts others out"
+        took_s = time.monotonic() - begin
+        answered = 0
+        while flood.poll(0):
+            flood.recv()
+            answered += 1
+        assert answered < 20_000, (
+            "the flood was over before it was looked at: this test shows nothing"
+        )
+        assert answered < 2000 * took_s + 200, "no more is read than in the server's slices"
+        world.more_pictures(10)
+        assert not any(stage["restarts"] for stage in world.monitor()["stages"].values())
+
+
+def test_a_client_is_connected_even_if_its_connection_has_the_number_of_one_that_ended_just_before(
+    tmp_path: Path,
+) -> None:
+    """Else the server takes its request for abandoned and never answers."""
+    with control.context() as ctx, closing(ControlSockets(ctx, tmp_path)) as sockets:
+        numbers = []
+        # the end of the first is not processed before the second one's message is read
+        for _ in range(2):
+            with control.context() as other, other.socket(zmq.DEALER) as client:
+                control.connect(client, tmp_path, "ctl")
+                client.send(b"")
+                numbers.append(_next(sockets).connection)
+                if len(numbers) == 2:
+                    assert numbers[1] in sockets.connected()
+        while sockets.connected():
+            _poll(sockets)
+
+
+def _poll(sockets: ControlSockets) -> None:
+    poller = zmq.Poller()
+    sockets.register(poller)
+    assert poller.poll(60_000) or sockets.rest_ns()
+
+
+def _next(sockets: ControlSockets) -> Request:
+    while True:
+        for request in sockets.requests():
+            return request
+        _poll(sockets)
+
+
+def test_ten_thousand_byte_strings_to_each_socket_leave_a_server_that_answers(
+    tmp_path: Path,
+) -> None:
+    with (
+        ThreadPoolExecutor(1) as attacker,
+        control.context() as ctx,
+        closing(ControlSockets(ctx, tmp_path)) as sockets,
+    ):
+        attack = attacker.submit(_attack, tmp_path)
+        while not attack.done():
+            _serve_once(sockets)
+        assert attack.result() == 30_000
+        with control.context() as other, other.socket(zmq.DEALER) as client:
+            control.connect(client, tmp_path, "ctl")
+            client.send(control.encode({"cmd": "status", "id": 7}))
+            while not client.poll(1):
+                _serve_once(sockets)
+            answer = control.decode(client.recv())
+    assert answer == {"v": 1, "cmd": "status", "id": 7, "rev": 5, "ok": True}
+
+
+IDS = [None, True, 7, -1, 2**64 - 1, 1.5, "", "é" * 32, b"", bytes(64), "\udcff"]
+WRONG_IDS = ["x" * 65, "é" * 33, bytes(65), [1], {"a": 1}]
+
+
+def test_an_answer_repeats_the_id_and_the_command_of_its_request(tmp_path: Path) -> None:
+    with (
+        control.context() as ctx,
+        closing(ControlSockets(ctx, tmp_path)) as sockets,
+        control.context() as other,
+        other.socket(zmq.DEALER) as client,
+    ):
+        control.connect(client, tmp_path, "ctl")
+
+        def answered(message: dict[str, Any]) -> dict[str, Any]:
+            client.send(msgpack.packb(message, unicode_errors="surrogateescape"))
+            while not client.poll(1):
+                _serve_once(sockets)
+            return control.decode(client.recv())
+
+        for one in IDS:
+            answer = answered({"v": 1, "cmd": "status", "id": one})
+            assert answer["ok"] and answer["cmd"] == "status"
+            assert answer["id"] == one and type(answer["id"]) is type(one)
+            refused = answered({"v": 2, "cmd": "status", "id": one})
+            assert not refused["ok"] and refused["id"] == one
+        assert "id" not in answered({"v": 1, "cmd": "status"})
+        for wrong in WRONG_IDS:
+            refused = answered({"v": 1, "cmd": "status", "id": wrong})
+            assert "an id is" in refused["error"] and "id" not in refused
+
+
+def _attack(folder: Path) -> int:
+    return sum(send_raw(folder / name, byte_strings(10_000)) for name in ("ctl", "bus", "tap"))
+
+
+def _serve_once(sockets: ControlSockets) -> None:
+    for request in sockets.requests():
+        try:
+            request.decode()
+            sockets.answer(request, 5, {"ok": True})
+        except BadMessage as error:
+            sockets.answer(request, 5, {"ok": False, "error": str(error)})
+    for _ in sockets.telemetry():
+        pass
+    sockets.connected()
+    poller = zmq.Poller()
+    sockets.register(poller)
+    poller.poll(10)

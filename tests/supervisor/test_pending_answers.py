@@ -1,0 +1,46 @@
+"""`PendingAnswers`: who is answered when, without a socket or a clock."""
+
+from lfpipe.supervisor.control_sockets import Request
+from lfpipe.supervisor.pending_answers import APPLY_NS, EXECUTE_NS, PendingAnswers
+
+FIRST, SECOND = Request(b"first"), Request(b"second")
+
+
+def answers(pending: PendingAnswers, applied_rev: int, t_ns: int) -> list[tuple[bytes, object]]:
+    due = pending.due(lambda rev: rev <= applied_rev, t_ns)
+    return [(request.client, answer.get("applied", answer["ok"])) for request, answer in due]
+
+
+def test_a_change_is_answered_when_it_is_applied_or_too_late() -> None:
+    pending = PendingAnswers()
+    pending.await_revision(FIRST, {"ok": True}, 2, 0)
+    pending.await_revision(SECOND, {"ok": True}, 3, 10)
+    assert answers(pending, 1, APPLY_NS) == [] and pending
+    assert answers(pending, 2, APPLY_NS) == [(b"first", True)]
+    assert answers(pending, 2, APPLY_NS + 11) == [(b"second", False)] and not pending
+    pending.await_revision(FIRST, {"ok": True}, 4, 0)
+    assert list(pending.refuse_changes("why")) == [(FIRST, {"ok": False, "error": "why"})]
+    assert not pending
+
+
+def test_a_command_is_answered_when_all_its_stages_have_executed_it() -> None:
+    pending = PendingAnswers()
+    number = pending.await_stages(FIRST, ("render", "track"), 0)
+    message = {"v": 1, "cmd": "executed", "number": number, "ok": True, "path": "/x"}
+    pending.executed("render", message)
+    pending.executed("share", message)
+    pending.executed("track", {**message, "number": number + 1})
+    assert answers(pending, 0, EXECUTE_NS) == []
+    pending.executed("track", {"v": 1, "cmd": "executed", "number": number, "ok": True})
+    assert list(pending.due(bool, 1)) == [(FIRST, {"ok": True, "path": "/x"})] and not pending
+
+
+def test_a_stage_that_cannot_execute_a_command_or_is_silent_is_named() -> None:
+    pending = PendingAnswers()
+    number = pending.await_stages(FIRST, ("render", "track"), 0)
+    pending.executed("render", {"number": number, "ok": False, "error": "no room"})
+    pending.executed("track", {"number": number, "ok": True})
+    assert list(pending.due(bool, 1)) == [(FIRST, {"ok": False, "error": "no room"})]
+    pending.await_stages(SECOND, ("render",), 0)
+    ((_, answer),) = pending.due(bool, EXECUTE_NS + 1)
+    assert answer["ok"] is False and answer["error"].startswith("render did not execute it")

@@ -1,0 +1,89 @@
+"""`SceneLoads` with real packers."""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zmq
+
+from lfpipe.config import Scene
+from lfpipe.errors import UserError
+from lfpipe.supervisor.control_sockets import Request
+from lfpipe.supervisor.scene_loads import (
+    LoadFailed,
+    SceneComplete,
+    SceneEvent,
+    SceneLoads,
+    SceneReady,
+)
+
+CLIENT = Request(b"client", connection=5, message={"cmd": "load"})
+LIMIT_S = 120
+
+
+@pytest.fixture
+def settings(tmp_path: Path) -> Scene:
+    return Scene(cache_dir=str(tmp_path / "cache"))
+
+
+@pytest.fixture
+def news() -> list[dict[str, Any]]:
+    """What the stage that shows pictures is sent."""
+    return []
+
+
+@pytest.fixture
+def loads(news: list[dict[str, Any]]) -> Iterator[SceneLoads]:
+    made = SceneLoads(news.append)
+    yield made
+    made.close()
+
+
+def _ends(event: SceneEvent) -> bool:
+    return isinstance(event, LoadFailed) or event.scene.complete
+
+
+def events(loads: SceneLoads) -> list[SceneEvent]:
+    """What happens until a packer has ended."""
+    happened: list[SceneEvent] = []
+    end = time.monotonic() + LIMIT_S
+    while not any(map(_ends, happened)):
+        assert time.monotonic() < end
+        poller = zmq.Poller()
+        for fd in loads.fds:
+            poller.register(fd, zmq.POLLIN)
+        poller.poll(20)
+        happened += loads.update({5})
+    assert not loads.fds
+    return happened
+
+
+def test_a_scene_is_ready_and_then_complete_and_its_progress_has_an_end(
+    loads: SceneLoads, news: list[dict[str, Any]], scene: Path, settings: Scene
+) -> None:
+    assert loads.want(CLIENT, str(scene), settings) is None
+    happened = events(loads)
+    assert isinstance(happened[0], SceneReady) and happened[0].request is CLIENT
+    assert all(isinstance(event, SceneComplete) for event in happened[1:])
+    last = happened[-1]
+    assert not isinstance(last, LoadFailed) and last.scene.complete
+    steps = [message["step"] for message in news]
+    assert all(message["cmd"] == "loading" for message in news) and (not steps or steps[-1] == "")
+
+
+def test_a_second_request_replaces_the_first_and_a_refusal_is_its_clients(
+    loads: SceneLoads, scene: Path, settings: Scene, tmp_path: Path
+) -> None:
+    loads.want(CLIENT, str(scene), settings)
+    other = Request(b"other", connection=5)
+    assert loads.want(other, str(tmp_path / "nowhere"), settings) is CLIENT
+    (failed,) = events(loads)
+    assert isinstance(failed, LoadFailed) and failed.request is other
+    assert isinstance(failed.error, UserError)
+
+
+def test_a_load_ends_with_its_client(loads: SceneLoads, scene: Path, settings: Scene) -> None:
+    loads.want(CLIENT, str(scene), settings)
+    assert loads.update({1, 2}) == [] and not loads.fds

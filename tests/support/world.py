@@ -1,0 +1,275 @@
+"""Real sessions in a private world: run directory, cache and settings under tmp_path."""
+
+import json
+import os
+import secrets
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import zmq
+
+from lfpipe.host import segment
+from lfpipe.transport import control
+from lfpipe.transport.session import PREFIX
+
+
+def write_scene(
+    folder: Path, rows: int = 3, cols: int = 3, size: tuple[int, int] = (48, 64)
+) -> Path:
+    """Views that tell themselves: red holds 10 * row + col, green the column, blue the row, each
+    times 8, everywhere.
+    """
+    folder.mkdir(parents=True)
+    for row in range(rows):
+        for col in range(cols):
+            view = np.zeros((*size, 3), np.uint8)
+            view[:] = (8 * row + 5, 8 * col + 5, 8 * (3 * row + col) + 5)
+            cv2.imwrite(str(folder / f"view_{row:02d}_{col:02d}.png"), view)
+    return folder
+
+
+def runs(pid: int) -> bool:
+    """Whether a process exists and has not ended: one whose parent was killed may wait long for
+    init to read its exit code.
+    """
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+def until(
+    condition: Callable[..., Any],
+    what: str,
+    timeout_s: float = 120,
+    about: Callable[[], str] = lambda: "",
+) -> Any:
+    """Waits until condition returns something that is true, and returns it.
+
+    about: what else to say when it does not.
+    """
+    end = time.monotonic() + timeout_s
+    while time.monotonic() < end:
+        if found := condition():
+            return found
+        time.sleep(0.02)
+    raise AssertionError(f"no {what} within {timeout_s} s{about()}")
+
+
+class World:
+    """Starts `lfpipe` commands; `session` waits until a session shows pictures."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self.python = sys.executable
+        self.module = "lfpipe"  # another one runs it with a part replaced
+        # a socket's path takes 107 characters, and a runner's folder for temporary files may use
+        # most of them
+        self.run_dir = Path(tempfile.mkdtemp(prefix="lfp", dir="/tmp"))
+        clean = {
+            key: value
+            for key, value in os.environ.items()
+            if key not in ("DISPLAY", "WAYLAND_DISPLAY", "LFPIPE_SESSION")
+        }
+        names = {
+            "XDG_CACHE_HOME": "cache",
+            "XDG_CONFIG_HOME": "settings",
+            "XDG_STATE_HOME": "state",
+        }
+        own = {key: str(root / name) for key, name in names.items()} | {
+            "XDG_RUNTIME_DIR": str(self.run_dir)
+        }
+        own["PYTHONPATH"] = str(Path(__file__).parents[2])
+        self.env = {**clean, **own}
+        self.name = f"t{secrets.token_hex(4)}"
+        self.trace = root / "trace.jsonl"
+        self.running: list[subprocess.Popen[str]] = []
+
+    def start(self, *args: object, **more: Any) -> subprocess.Popen[str]:
+        command = [sys.executable, "-m", self.module, *map(str, args)]
+        pipes = {
+            "stdout": subprocess.PIPE,
+            "stderr": subprocess.PIPE,
+            "text": True,
+            "cwd": self.root,
+            "env": self.env,
+        }
+        process = subprocess.Popen(command, **{**pipes, **more})
+        self.running.append(process)
+        return process
+
+    def run(self, *args: object, timeout_s: float = 120) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", "lfpipe", *map(str, args)]
+        return subprocess.run(
+            command, capture_output=True, text=True, cwd=self.root, env=self.env, timeout=timeout_s
+        )
+
+    def done(self, *args: object) -> subprocess.CompletedProcess[str]:
+        """A command that succeeds."""
+        ended = self.run(*args)
+        assert ended.returncode == 0, ended.stdout + ended.stderr
+        return ended
+
+    def refused(self, *args: object) -> str:
+        """What a command says that is refused."""
+        ended = self.run(*args)
+        assert ended.returncode == 2 and "Traceback" not in ended.stderr, ended.stderr
+        return ended.stderr
+
+    def ctl(self, *words: str | Path) -> str:
+        """What `lfpipe ctl` prints of this world's session."""
+        return self.done("ctl", "--session", self.name, *words).stdout
+
+    def up(
+        self,
+        scene: Path,
+        *args: object,
+        camera: str = "demo",
+        display: str = "none",
+        **more: Any,
+    ) -> subprocess.Popen[str]:
+        fixed = (
+            "--camera",
+            camera,
+            "--display",
+            display,
+            "--trace",
+            self.trace,
+            "--session",
+            self.name,
+        )
+        return self.start("up", scene, *fixed, *args, **more)
+
+    def kill(self, stage: str, signum: int = signal.SIGKILL) -> int:
+        """Sends a signal to a stage; its pid."""
+        pid = int(self.monitor()["stages"][stage]["pid"])
+        os.kill(pid, signum)
+        return pid
+
+    def xdotool(self, *words: object) -> None:
+        """Keys, text and the mouse, on the screen of the session."""
+        subprocess.run(["xdotool", *map(str, words)], check=True, env=self.env)
+
+    def ended(self, process: subprocess.Popen[str], signum: int = 0, code: int = 0) -> str:
+        """What a session wrote on stderr until its end, which a signal may ask for.
+
+        Nothing is left of it.
+        """
+        if signum:
+            process.send_signal(signum)
+        _, err = process.communicate(timeout=120)
+        assert process.returncode == code and "Traceback" not in err, err
+        assert not self.left(), "something is left"
+        return err
+
+    def lines(self) -> list[dict[str, Any]]:
+        """The trace so far, without a line that is just being written."""
+        text = self.trace.read_text() if self.trace.exists() else ""
+        return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
+
+    def wait_for(self, condition: Callable[..., Any], what: str, timeout_s: float = 120) -> Any:
+        return until(condition, what, timeout_s, self._about_ended)
+
+    def _about_ended(self) -> str:
+        ended = [(p.returncode, *p.communicate()) for p in self.running if p.poll() is not None]
+        return f"; ended processes: {ended}"
+
+    def pictures(self, more_than: int = 0) -> list[dict[str, Any]]:
+        lines: list[dict[str, Any]] = self.wait_for(
+            lambda: lines if len(lines := self.lines()) > more_than else None,
+            f"picture {more_than + 1}",
+        )
+        return lines
+
+    def more_pictures(self, count: int) -> list[dict[str, Any]]:
+        """The trace once it has more than so many new lines."""
+        return self.pictures(len(self.lines()) + count)
+
+    @contextmanager
+    def entered(self) -> Iterator[None]:
+        """This process finds the sessions of this world."""
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("XDG_RUNTIME_DIR", str(self.run_dir))
+            yield
+
+    @contextmanager
+    def tap(self) -> Iterator[Callable[[str], list[dict[str, Any]]]]:
+        """What the session publishes from now on, by topic."""
+        messages: list[dict[str, Any]] = []
+        with control.context() as ctx, ctx.socket(zmq.SUB) as tap, ctx.socket(zmq.PUSH) as bus:
+            tap.subscribe(b"")
+            control.connect(tap, self.session_dir, "tap")
+            control.connect(bus, self.session_dir, "bus")
+
+            def heard(topic: str) -> list[dict[str, Any]]:
+                while tap.poll(0):
+                    messages.append(control.decode(tap.recv()))
+                return [message for message in messages if message["topic"] == topic]
+
+            def echo() -> object:
+                bus.send(control.encode({"topic": "echo"}), zmq.NOBLOCK)
+                return tap.poll(20)
+
+            self.wait_for(echo, "subscription")
+            yield heard
+
+    @property
+    def session_dir(self) -> Path:
+        return self.run_dir / f"{PREFIX}{self.name}"
+
+    def ask(self, **message: Any) -> dict[str, Any]:
+        """The answer to a command. Raises UserError if it is refused."""
+        return control.request(self.session_dir, message, 120)
+
+    def monitor(self) -> dict[str, Any]:
+        """The figures that `lfpipe monitor --once --json` prints, without a process for them."""
+        return self.ask(cmd="status")
+
+    def left(self) -> list[str]:
+        """What lies in shared memory and the run directory that belongs to sessions of this
+        world.
+        """
+        return self.segments() + [str(p) for p in self.run_dir.rglob("*")]
+
+    def segments(self, part: str = "") -> list[str]:
+        """Names of the segments of this world's sessions; of one kind of ring, where part
+        names it.
+        """
+        owned = (
+            name for name, owner in segment.owned().items() if owner.is_relative_to(self.run_dir)
+        )
+        return sorted(name for name in owned if f"-{part}" in name)
+
+    def end(self) -> None:
+        for process in self.running:
+            if process.poll() is None:
+                process.kill()
+            process.communicate()
+        if self.left():
+            self.run("up", "--session", self.name, "nothing")  # sweeps what a killed one left
+        for name in self.segments():
+            segment.unlink(name)
+        shutil.rmtree(self.run_dir, ignore_errors=True)
+
+
+@contextmanager
+def private_world() -> Iterator[World]:
+    """A world for a script: what it leaves goes, and what this process looks for is there."""
+    with tempfile.TemporaryDirectory(prefix="lfworld") as folder:
+        world = World(Path(folder))
+        try:
+            with world.entered():
+                yield world
+        finally:
+            world.end()

@@ -1,0 +1,118 @@
+"""Plug-ins that fail: named with their package, and skipped where others can serve."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import NoneType
+
+import numpy as np
+import pytest
+
+from lfpipe.config import Scene, Track
+from lfpipe.errors import UserError
+from lfpipe.observe.doctor import plugin_check
+from lfpipe.plugins import ENGINES, LAYOUTS, PluginError, load, loaded, plugins
+from lfpipe.scene import layouts
+from lfpipe.track.filters import make_filter
+from lfpipe.track.make_engine import make_engine
+from tests.scene import made
+
+MODULE = """
+import sys
+
+NAME = "bad"
+
+def detect(listing):
+    {detect}
+
+def describe(listing, scene):
+    {describe}
+
+class Engine:
+    name, model, rotated_deg = "bad", "none", 0
+    examine = reset = close = lambda *_: None
+
+    def __init__(self, track):
+        pass
+
+    def detect(self, image):
+        {engine}
+
+def raising(*_):
+    sys.exit(3)
+"""
+Install = Callable[..., None]
+
+
+@pytest.fixture
+def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install]:
+    """Installs a package `bad 1.0` with one module and these entry points."""
+
+    def installed(entries: dict[str, str], head: str = "", **bodies: str) -> None:
+        folder = tmp_path / "packages"
+        about = folder / "bad-1.0.dist-info"
+        about.mkdir(parents=True)
+        (about / "METADATA").write_text("Metadata-Version: 2.1\nName: bad\nVersion: 1.0\n")
+        groups = "".join(f"[{group}]\n{entry}\n" for group, entry in entries.items())
+        (about / "entry_points.txt").write_text(groups)
+        usual = {"detect": "return 99", "describe": "return 1", "engine": "return 1"}
+        (folder / "bad_parts.py").write_text(head + MODULE.format(**usual | bodies))
+        monkeypatch.syspath_prepend(folder)
+        monkeypatch.delitem(__import__("sys").modules, "bad_parts", raising=False)
+        plugins.cache_clear()
+
+    yield installed
+    plugins.cache_clear()
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        {"detect": "raise KeyError(1)"},
+        {"detect": "sys.exit(1)"},
+        {"detect": "return 'yes'"},
+        {"describe": "raise MemoryError"},
+        {"describe": "return None"},
+        {"head": "import sys; sys.exit(0)"},
+        {"head": "raise GeneratorExit"},
+    ],
+)
+def test_a_layout_that_fails_is_named_and_skipped(
+    install: Install, tmp_path: Path, fault: dict[str, str]
+) -> None:
+    install({LAYOUTS: "bad = bad_parts"}, **fault)
+    scene = made.write_grid(tmp_path / "png", made.wall(2, 2, 32, 40))
+    source = layouts.describe(scene, Scene())
+    assert (source.rows, source.cols) == (2, 2)
+    if "describe" in fault:
+        assert any("bad of bad 1.0" in note for note in source.notes)
+    else:
+        assert "bad of bad 1.0" in plugin_check(LAYOUTS, "bad", "bad 1.0").detail
+    if "describe" in fault:
+        with pytest.raises(UserError, match=r"bad of bad 1\.0") as caught:
+            layouts.describe(scene, Scene(layout="bad"))
+        assert caught.value.remedy == "repair or uninstall bad"
+
+
+def test_a_layout_with_the_name_of_a_built_in_one_is_refused(install: Install) -> None:
+    install({LAYOUTS: "array = bad_parts"})
+    assert layouts.layouts()["array"] is layouts.built_in()["array"]
+    with pytest.raises(PluginError, match=r"array of bad 1\.0 .* has the name of a built-in one"):
+        load(LAYOUTS, "array", layouts.built_in())
+    assert "built-in" in plugin_check(LAYOUTS, "array", "bad 1.0").detail
+
+
+def test_an_engine_or_filter_that_fails_is_named(install: Install) -> None:
+    entries = {ENGINES: "bad = bad_parts:Engine\nworse = bad_parts:raising"}
+    install(entries | {"lfpipe.filters": "bad = bad_parts:raising"})
+    track = Track(engine="bad")  # type: ignore[arg-type]
+    with pytest.raises(UserError, match=r"bad of bad 1\.0 .* returns int from detect"):
+        make_engine(track).detect(np.zeros((4, 4, 3), np.uint8))
+    with pytest.raises(UserError, match=r"worse of bad 1\.0 .*SystemExit"):
+        make_engine(Track(engine="worse"))  # type: ignore[arg-type]
+    with pytest.raises(UserError, match=r"bad of bad 1\.0 .*SystemExit"):
+        make_filter(Track(filter="bad"))  # type: ignore[arg-type]
+
+
+def test_a_part_without_a_method_is_refused(install: Install) -> None:
+    install({LAYOUTS: "bad = bad_parts:Engine"})
+    assert loaded(LAYOUTS, (), {"describe": NoneType}) == {}
