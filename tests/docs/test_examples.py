@@ -112,7 +112,7 @@ def ending(line: str) -> list[str]:
     """The arguments of Python that run a command so that it ends without a camera or a screen."""
     words = [word.replace("path/to/views", "views") for word in shlex.split(line)[1:]]
     words = [word.rstrip("/") for word in words]
-    if words[:2] == ["sequence", "cut"]:
+    if words[:2] == ["sequence", "cut"] and "--from" in words:
         words[-3::2] = ["0.2", "0.5"]  # of a short one
     if line.startswith("python"):
         return [*words[:2], "--help"]  # its modules load; the rest takes minutes
