@@ -265,6 +265,27 @@ def test_a_stall_does_not_lengthen_the_lead_of_the_pictures_after_it() -> None:
     assert refresh.lead_ns() - before_ns >= 3 * MS
 
 
+def test_a_busy_start_is_forgotten_within_seconds() -> None:
+    refresh = ScreenRefresh(60.0, T0_NS)
+    refresh.clock.blank(T0_NS)
+    due_ns = T0_NS
+
+    def compose(cost_ms: float, late_by: int = 0) -> None:
+        nonlocal due_ns
+        due_ns = refresh.clock.nearest(due_ns + 16_666_667)
+        start_ns = due_ns - refresh.lead_ns()
+        handed_ns = start_ns + round(cost_ms * MS)
+        refresh.took(handed_ns - start_ns, start_ns, due_ns)
+        refresh.judge(due_ns, handed_ns, due_ns + late_by * 16_666_667)
+
+    for k in range(240):  # scenes are packed, stages start
+        compose(10.0, late_by=k % 30 == 0)
+    assert refresh.lead_ns() >= 14 * MS
+    for _ in range(1500):  # 25 s
+        compose(4.0)
+    assert refresh.lead_ns() <= 9 * MS
+
+
 def test_a_lead_that_is_far_too_long_shrinks_to_what_is_needed() -> None:
     refresh = ScreenRefresh(60.0, T0_NS)
     wide_ns = 0
