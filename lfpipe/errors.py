@@ -26,14 +26,16 @@ class UserError(Exception):
 
 
 def plain(text: str, most_chars: int = 4 * MESSAGE_CHARS) -> str:
-    """text with control characters and lone surrogates escaped (lines remain lines), and its middle
-    left out where it is long. Whatever lfpipe prints and did not write itself goes through here: a
-    terminal obeys escape sequences in names, notices and telemetry.
+    """text `escaped`, and its middle left out where it is long."""
+    return _without_middle(escaped(_without_middle(text, most_chars)), most_chars)
+
+
+def escaped(text: str) -> str:
+    """text with control characters and lone surrogates escaped; lines remain lines. Whatever lfpipe
+    prints and did not write itself goes through here: a terminal obeys escape sequences in names,
+    notices and telemetry.
     """
-    text = _without_middle(text, most_chars)
-    return _without_middle(
-        "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text), most_chars
-    )
+    return "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
 
 
 def _without_middle(text: str, most_chars: int) -> str:

@@ -16,6 +16,7 @@ from typing import NoReturn
 import click
 
 from lfpipe import __version__
+from lfpipe.cli.terminal import say
 from lfpipe.errors import UserError
 from lfpipe.host.terminal import protect_output
 from lfpipe.log import set_up
@@ -159,7 +160,7 @@ def _reader_ended() -> NoReturn:
 def _fail(error: UserError) -> NoReturn:
     log.debug("the command failed", exc_info=True)
     _drop_output()
-    click.echo(f"error: {error}", err=True)
+    say(f"error: {error}")
     sys.exit(2)
 
 

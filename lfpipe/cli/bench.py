@@ -8,6 +8,7 @@ import click
 from lfpipe.bench.results import Results
 from lfpipe.bench.subjects import SUBJECTS, TABLE
 from lfpipe.cli.options import PATH, with_config
+from lfpipe.cli.terminal import print_result, say
 from lfpipe.config import Config
 
 OUT = click.option(
@@ -49,7 +50,7 @@ def _command(name: str, subjects: tuple[str, ...], about: str) -> click.Command:
     ) -> None:
         from lfpipe.bench.inputs import make_inputs
         from lfpipe.bench.runner import measure
-        from lfpipe.cli.progress import progress
+        from lfpipe.cli.terminal import progress
 
         with progress() as bar:
             results = measure(subjects, make_inputs(scene, sequence, quick, config, bar), out, bar)
@@ -93,7 +94,7 @@ def viewer(tracks: tuple[Path, ...], out: Path, quick: bool, check: bool) -> int
     from lfpipe.bench.inputs import world_inputs
     from lfpipe.bench.runner import measure
     from lfpipe.bench.world.bounds import beyond
-    from lfpipe.cli.progress import progress
+    from lfpipe.cli.terminal import progress
 
     with progress() as bar:
         results = measure(("viewer",), world_inputs(tracks, quick), out, bar)
@@ -101,7 +102,7 @@ def viewer(tracks: tuple[Path, ...], out: Path, quick: bool, check: bool) -> int
     lines = beyond(results["viewer"])
     if check:
         for line in lines:
-            click.echo(line, err=True)
+            say(line)
     return 1 if check and (lines or results["viewer"].failures) else 0
 
 
@@ -146,7 +147,7 @@ def table(
     from lfpipe.bench.results import write
     from lfpipe.bench.runner import opened
     from lfpipe.bench.table import Protocol, measure_scenes
-    from lfpipe.cli.progress import progress
+    from lfpipe.cli.terminal import progress
     from lfpipe.scene.open_scene import open_scene
 
     opened(out)
@@ -155,9 +156,9 @@ def table(
         results = measure_scenes(fields, Protocol(int(keep), border, not untimed), bar)
     write({TABLE.name: results}, out)
     if results.rows:
-        click.echo(results.tables[0].markdown())
+        print_result(results.tables[0].markdown())
     for reason in results.left_out:
-        click.echo(f"left out: {reason}")
+        print_result(f"left out: {reason}")
     _report({TABLE.name: results}, out)
     return 1 if results.left_out or results.failures else 0
 
@@ -167,5 +168,5 @@ def _report(results: dict[str, Results], out: Path) -> None:
 
     for one in results.values():
         for method, reason in one.failures.items():
-            click.echo(f"failed: {method}: {reason}", err=True)
-    click.echo(write_report(results, out))
+            say(f"failed: {method}: {reason}")
+    print_result(write_report(results, out))

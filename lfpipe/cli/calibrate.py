@@ -9,6 +9,7 @@ import click
 
 from lfpipe.capture.open_source import camera_name
 from lfpipe.cli.options import CAMERA, Number, with_config
+from lfpipe.cli.terminal import print_result
 from lfpipe.config import Config, load, user_file
 from lfpipe.config.user_files import camera_file, write_keys
 from lfpipe.errors import UserError
@@ -70,8 +71,8 @@ def calibrate(
     focal_px = round(size_px * distance_mm / size_mm, 1)
     width_px = config.camera.frame_px[0]
     fov_deg = math.degrees(2 * math.atan(width_px / 2 / focal_px))
-    click.echo(f"{size_mm:g} mm at a distance of {distance_mm:g} mm measure {size_px:.1f} px")
-    click.echo(f"focal length {focal_px} px, field of view {fov_deg:.1f} degrees")
+    print_result(f"{size_mm:g} mm at a distance of {distance_mm:g} mm measure {size_px:.1f} px")
+    print_result(f"focal length {focal_px} px, field of view {fov_deg:.1f} degrees")
     if not USUAL_DEG[0] <= fov_deg <= USUAL_DEG[1]:
         raise UserError(
             f"a field of view of {fov_deg:.1f} degrees is not stored: webcams have {USUAL_DEG[0]}"
@@ -80,15 +81,15 @@ def calibrate(
             f" focal_px = {focal_px} under [camera] in {user_file()}",
         )
     if by == "eyes":
-        click.echo(
+        print_result(
             f"by screen.eyes_mm, {size_mm:g} mm between your eyes: the mean, 63, is at most 8 % off"
             " for most people"
         )
     _store(camera_file(), name, {"focal_px": focal_px, "width_px": width_px})
-    click.echo(f"stored for {name} in {camera_file()}")
+    print_result(f"stored for {name} in {camera_file()}")
     if load().camera.focal_px != "auto":
         _store(user_file(), "camera", {"focal_px": None})
-        click.echo(
+        print_result(
             f"camera.focal_px removed from {user_file()}: it would override the measured value"
         )
 
@@ -97,16 +98,16 @@ def _latency(config: Config, camera: str | None, name: str) -> None:
     """Measures and stores render.loop_ms."""
     delay, monitor = measure_loop(config, camera)
     loop_ms = round(max(delay.delay_ms, 0.0), 1)
-    click.echo(
+    print_result(
         f"total delay of camera and display: {loop_ms} ms (90 %: {delay.low_ms:.1f} to"
         f" {delay.high_ms:.1f} ms)"
     )
-    click.echo(
+    print_result(
         f"exposure {delay.exposure_ms:.0f} ms, on monitor {monitor.name} at {monitor.rate_hz:g} Hz"
     )
     here = loop_conditions(datetime.date.today().isoformat(), name, config.camera, monitor)
     _store(user_file(), "render", {"loop_ms": loop_ms, "loop_measured": here})
-    click.echo(f"render.loop_ms written to {user_file()}: the next session predicts by it")
+    print_result(f"render.loop_ms written to {user_file()}: the next session predicts by it")
 
 
 def _store(path: Path, section: str, values: Mapping[str, float | str | None]) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from lfpipe.cli.terminal import print_result
 from lfpipe.files.output import check_output, write_output, written_by_lfpipe
 
 TYPES = (
@@ -61,7 +62,7 @@ def install() -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         check_output(path)
         write_output(path, text.encode(errors="surrogateescape"))
-        click.echo(path)
+        print_result(path)
 
 
 @desktop.command()
@@ -69,4 +70,4 @@ def remove() -> None:
     """Remove what `install` wrote."""
     for path in filter(written_by_lfpipe, _files()):
         path.unlink()
-        click.echo(path)
+        print_result(path)

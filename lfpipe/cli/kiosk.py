@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 
 from lfpipe.cli.options import PATH
+from lfpipe.cli.terminal import print_result, say
 from lfpipe.config import user_file
 from lfpipe.errors import UserError
 from lfpipe.files.output import check_output, write_output
@@ -69,8 +70,8 @@ def until_it_ends(first: Callable[[], int], again: Callable[[], int]) -> int:
             if not run():
                 return 0
         except UserError as error:  # the camera is still unplugged, the disk still full
-            click.echo(f"error: {error}", err=True)
-        click.echo(f"the exhibition restarts in {AGAIN_S:g} s", err=True)
+            say(f"error: {error}")
+        say(f"the exhibition restarts in {AGAIN_S:g} s")
         time.sleep(AGAIN_S)
         run = again
 
@@ -114,10 +115,8 @@ def install(scenes: tuple[Path, ...], code_file: Path | None) -> None:
     write_output(
         unit, UNIT.format(command=" ".join(map(_quoted, words))).encode(errors="surrogateescape")
     )
-    click.echo(unit)
-    click.echo(
-        "start it, now and with every desktop: systemctl --user enable --now lfpipe-kiosk", err=True
-    )
+    print_result(unit)
+    say("start it, now and with every desktop: systemctl --user enable --now lfpipe-kiosk")
 
 
 def _quoted(word: str) -> str:

@@ -7,15 +7,14 @@ import contextlib
 from pathlib import Path
 
 import attrs
-import click
 
 from lfpipe import config as configuration
 from lfpipe.capture.camera_list import NoCamera
 from lfpipe.capture.open_source import camera_name, check_source, clock_of
 from lfpipe.capture.spec import CameraSpec, parse_source, playing_once, source_file
 from lfpipe.cli.kiosk import until_it_ends
-from lfpipe.cli.progress import progress
 from lfpipe.cli.sessions import load_scene
+from lfpipe.cli.terminal import print_result, progress, say
 from lfpipe.config import Config, SessionOptions
 from lfpipe.config.modes import (
     CameraViewer,
@@ -32,7 +31,7 @@ from lfpipe.config.modes import (
     watching,
 )
 from lfpipe.config.user_files import has_key, with_measured_focal
-from lfpipe.errors import UserError, plain
+from lfpipe.errors import UserError
 from lfpipe.files.output import check_outputs
 from lfpipe.files.video_writer import require_encoder
 from lfpipe.host.files import exists
@@ -101,11 +100,6 @@ class SessionPlan:
     packing: Packing | None = None
 
 
-def say(text: str) -> None:
-    """Prints a line for people on stderr: stdout is for results."""
-    click.echo(plain(text), err=True)
-
-
 def start() -> int:
     """`lfpipe` without arguments on a desktop: a session that begins with thumbnails of the demo
     and of recent scenes, with the demo's viewer if there is no camera. Returns the exit code.
@@ -164,7 +158,7 @@ def _run(session: Session, plan: SessionPlan) -> int:
     if outcome.final is not None:
         print_state(outcome.final)
     for path in filter(exists, plan.files):
-        click.echo(f"{path.stat().st_size / 1e6:8.2f} MB  {plain(str(path))}")
+        print_result(f"{path.stat().st_size / 1e6:8.2f} MB  {path}")
     if outcome.failure is None:
         say(outcome.reason)
     return exit_code(outcome)

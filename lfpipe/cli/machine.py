@@ -12,7 +12,7 @@ from lfpipe.capture.camera_controls import control_texts
 from lfpipe.capture.pixel_formats import DECODED
 from lfpipe.capture.v4l2_device import V4L2Device
 from lfpipe.cli.options import JSON, PATH, with_config
-from lfpipe.cli.progress import filled
+from lfpipe.cli.terminal import filled, print_result, say
 from lfpipe.config import Config, load, user_file
 from lfpipe.config.user_files import commented
 from lfpipe.errors import UserError
@@ -47,18 +47,18 @@ def cameras(as_json: bool) -> None:
             about["trouble"] = os.strerror(error.errno or 0)
         listed.append(about)
     if as_json:
-        click.echo(json.dumps({"cameras": listed}))
+        print_result(json.dumps({"cameras": listed}))
         return
     for about in listed:
-        click.echo(f"{about['camera']}  {about['name']}")
+        print_result(f"{about['camera']}  {about['name']}")
         lines = (
             [about["trouble"]]
             if about["trouble"]
             else [*(about["formats"] or ["formats unknown"]), *about["controls"]]
         )
-        click.echo("\n".join(filled(line, "  ") for line in lines))
+        print_result("\n".join(filled(line, "  ") for line in lines))
     if not listed:
-        click.echo("no camera found; --demo and --camera file:PATH work without one")
+        print_result("no camera found; --demo and --camera file:PATH work without one")
 
 
 def _formats(device: V4L2Device, every_rate: bool) -> list[str]:
@@ -98,9 +98,9 @@ def doctor(report: Path | None) -> int:
         write_report(report, results)
     for check in results:
         head = f"{'ok  ' if check.ok else 'FAIL'} {check.name:<12} "
-        click.echo(filled(check.detail, head))
+        print_result(filled(check.detail, head))
         if check.remedy:
-            click.echo(filled(f"remedy: {check.remedy}", " " * len(head)))
+            print_result(filled(f"remedy: {check.remedy}", " " * len(head)))
     return 0 if all(check.ok for check in results) else 1
 
 
@@ -122,9 +122,9 @@ def get(wheel: Path | None) -> None:
     if wheel is not None:
         install_models(wheel)
     elif missing_models():
-        fetch_models(lambda text: click.echo(text, err=True))
+        fetch_models(say)
     for relative, sha256 in SHA256.items():
-        click.echo(f"{sha256[:8]}  {find_model(relative)}")
+        print_result(f"{sha256[:8]}  {find_model(relative)}")
 
 
 @click.group()
@@ -140,14 +140,14 @@ def init(path: Path | None) -> None:
     if os.path.lexists(path):
         raise UserError(f"{path} exists", "remove it first, or name another PATH")
     write_file(path, commented().encode(), 0o644)
-    click.echo(path)
+    print_result(path)
 
 
 @config.command()
 @with_config
 def show(config: Config) -> None:
     """Print the configuration as `lfpipe up` would use it."""
-    click.echo(commented(config), nl=False)
+    print_result(commented(config).rstrip("\n"))
 
 
 @config.command()
@@ -155,4 +155,4 @@ def show(config: Config) -> None:
 def check(path: str | None) -> None:
     """Check PATH, or your own settings, and report every wrong key."""
     cache_dir(load(path).scene)
-    click.echo(f"{path or user_file()}: ok")
+    print_result(f"{path or user_file()}: ok")

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 import click
 from click.shell_completion import CompletionItem, get_completion_class
 
+from lfpipe.cli.terminal import print_result
 from lfpipe.config import choices, load, options, updated
 from lfpipe.transport.session import default_name
 
@@ -147,4 +148,4 @@ def completion(shell: str) -> None:
 
     script = get_completion_class(shell)
     assert script is not None
-    click.echo(script(cli, {}, "lfpipe", "_LFPIPE_COMPLETE").source())
+    print_result(script(cli, {}, "lfpipe", "_LFPIPE_COMPLETE").source())

@@ -12,9 +12,9 @@ from typing import Any
 import click
 
 from lfpipe.capture.spec import parse_source
-from lfpipe.cli.launch import say
 from lfpipe.cli.options import PATH, with_settings
 from lfpipe.cli.scene import opened
+from lfpipe.cli.terminal import print_result, say
 from lfpipe.errors import UserError
 from lfpipe.files.output import check_output, check_outside
 from lfpipe.files.safe_files import temporary_folder
@@ -132,13 +132,13 @@ def _replayed(
             run.update_reference(expect, folder)
             say(f"reference written to {expect}")
     for note in compared.notes:
-        click.echo(note)
+        print_result(note)
     for difference in compared.differences:
-        click.echo(f"differs: {difference}")
+        print_result(f"differs: {difference}")
     if compared.differences and out is None:
         say("--out DIR keeps the pictures that show a difference")
     if against and not compared.differences:
-        click.echo(f"matches {expect}")
+        print_result(f"matches {expect}")
     sys.stdout.flush()  # detects a closed pipe here, while it still counts as a failure
     return cases_of(compared.differences) if against else []
 
@@ -185,19 +185,19 @@ def _summary(report: dict[str, Any]) -> None:
     latency = report["latency"]["end_to_end"]
     dropped = sum(counts["dropped"].values())
     name = report["sequence"]["name"]
-    click.echo(
+    print_result(
         f"{name}: {counts['frames']} frames, {counts['faces']} with a face, {counts['composed']}"
         " composed"
     )
-    click.echo(
+    print_result(
         f"{report['rate_hz']:.1f} frames/s, {dropped} dropped, read to shown p50"
         f" {latency.get('p50_ms', 0):.2f} ms"
     )
     for name, error in (report["truth_error"] or {}).items():
         if error:
-            click.echo(
+            print_result(
                 f"eyes {name}: {error['rms_px']:.2f} px rms error, {error['max_px']:.2f} px at most"
             )
     for name, digest in (report["digests"] or {}).items():
-        click.echo(f"{name:<8} {digest}")
+        print_result(f"{name:<8} {digest}")
     sys.stdout.flush()

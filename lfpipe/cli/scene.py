@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.cli.options import JSON, PATH, SCENE, Number, with_config, with_scene
-from lfpipe.cli.progress import filled, progress
+from lfpipe.cli.terminal import filled, print_result, progress
 from lfpipe.config import Config
 from lfpipe.config.quality import METHODS, WARPS
 from lfpipe.errors import UserError
@@ -65,7 +65,7 @@ def write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
     suffix = ".png" if path.suffix.lower() == ".png" else ".jpg"
     _, data = cv2.imencode(suffix, picture)
     write_output(path, marked_picture(data.tobytes()))
-    click.echo(path)
+    print_result(path)
 
 
 @click.group()
@@ -88,9 +88,9 @@ def pack(path: Path, as_json: bool, config: Config) -> None:
             "method": plan.method,
             **field.manifest,
         }
-        click.echo(json.dumps(facts))
+        print_result(json.dumps(facts))
     else:
-        click.echo(field.folder)
+        print_result(field.folder)
 
 
 @scene.command("list")
@@ -105,12 +105,12 @@ def list_packs(as_json: bool, config: Config) -> None:
             {"key": folder.name, "bytes": size, **{key: about.get(key) for key in keys}}
             for folder, about, size in cached
         ]
-        click.echo(json.dumps({"cache": str(cache_dir(config.scene)), "packs": rows}))
+        print_result(json.dumps({"cache": str(cache_dir(config.scene)), "packs": rows}))
         return
     for folder, about, size in cached:
         grid = "{rows}x{cols} of {width}x{height}".format(**about) if "rows" in about else "damaged"
-        click.echo(f"{folder.name} {size / 1e6:8.1f} MB  {grid}\n    {about.get('source', '')}")
-    click.echo(
+        print_result(f"{folder.name} {size / 1e6:8.1f} MB  {grid}\n    {about.get('source', '')}")
+    print_result(
         f"{len(cached)} packs, {sum(size for _, _, size in cached) / 1e6:.1f} MB in"
         f" {cache_dir(config.scene)}"
     )
@@ -135,9 +135,9 @@ def clean(keys: tuple[str, ...], everything: bool, config: Config) -> None:
     chosen = {folder: size for folder, _, size in cached if everything or names[folder] & set(keys)}
     removed_bytes = [size for folder, size in chosen.items() if remove(folder)]
     for folder in filter(is_dir, chosen):
-        click.echo(f"kept, in use or with other files: {folder.name}")
+        print_result(f"kept, in use or with other files: {folder.name}")
     leftovers = sweep(config.scene)
-    click.echo(
+    print_result(
         f"removed {len(removed_bytes)} packs, {sum(removed_bytes) / 1e6:.1f} MB, and {leftovers}"
         " leftovers"
     )
@@ -159,21 +159,21 @@ def plan(path: Path, as_json: bool, config: Config) -> None:
         field = expected_field(facts) if facts["frames"] > 1 else opened(path, config)
     plan = make_plan(field, config)
     if as_json:
-        click.echo(json.dumps({"scene": field.name, **attrs.asdict(plan)}))
+        print_result(json.dumps({"scene": field.name, **attrs.asdict(plan)}))
         return
     needs = [
         name for name in ("tracking", "rows", "warp", "depth") if getattr(plan, f"needs_{name}")
     ]
-    click.echo(
+    print_result(
         f"{field.name}: {field.rows}x{field.cols} views, method {plan.method}, needs"
         f" {', '.join(needs) or 'nothing'}"
     )
     for item in plan.left_out:
-        click.echo(f"  left out: {item.what}")
-        click.echo(filled(item.why, "    because "))
-        click.echo(filled(item.saves, "    saves   "))
+        print_result(f"  left out: {item.what}")
+        print_result(filled(item.why, "    because "))
+        print_result(filled(item.saves, "    saves   "))
     if not plan.left_out:
-        click.echo("  nothing can be left out")
+        print_result("  nothing can be left out")
 
 
 @scene.command()
@@ -193,7 +193,7 @@ def info(path: Path, as_json: bool, verbose: bool, config: Config) -> None:
         if field is not None and field.complete
         else ask_packer(path, config.scene, do="info")
     )
-    click.echo(
+    print_result(
         json.dumps(facts)
         if as_json
         else "\n".join(filled(line[14:], line[:14]) for line in lines(facts))
@@ -309,7 +309,7 @@ def pair(path: Path, out: Path, apart: float | None, seconds: float, config: Con
     check_picture(out, path, PAIRS)
     exported = pictures.SceneExport(opened(path, config), config)
     write_output(out, pictures.stereo_file(*exported.eyes(apart), out.suffix.lower()))
-    click.echo(out)
+    print_result(out)
 
 
 @export.command()
@@ -340,7 +340,7 @@ def _write_clip(
     check_output(out, [path])
     exported = pictures.SceneExport(opened(path, config), config)
     pictures.write_clip(out, exported.clip(form, apart, seconds), pictures.RATE_HZ)
-    click.echo(f"{out}  {out.stat().st_size / 1e6:.2f} MB")
+    print_result(f"{out}  {out.stat().st_size / 1e6:.2f} MB")
 
 
 @export.command()
@@ -357,15 +357,17 @@ def page(path: Path, out: Path, credit: str, config: Config) -> None:
     check_output(out, [path])
     field = opened(path, config)
     quilt = PageExport(field, config).write(out, credit)
-    click.echo(
+    print_result(
         f"{out}  {out.stat().st_size / 1e6:.2f} MB, {quilt.rows}x{quilt.cols} views of"
         f" {quilt.width_px}x{quilt.height_px} px"
     )
     if quilt.wanted != (quilt.rows, quilt.cols):
         wanted = "x".join(map(str, quilt.wanted))
-        click.echo(f"  fewer than the {wanted} views of a smooth cross-fade: it would be too large")
+        print_result(
+            f"  fewer than the {wanted} views of a smooth cross-fade: it would be too large"
+        )
     if field.frames > 1:
-        click.echo(f"  the first of {field.frames} frames")
+        print_result(f"  the first of {field.frames} frames")
 
 
 @scene.command()
@@ -381,7 +383,7 @@ def make(path: Path, out: Path | None, config: Config) -> None:
     with progress() as bar:
         folder = out or path.with_name(f"{path.stem}-views")
         facts = ask_packer(path, config.scene, bar, do="make", out=str(folder))
-    click.echo(
+    print_result(
         f"{facts['views']} views of {facts['width_px']}x{facts['height_px']} px, chosen from"
         f" {facts['frames']} pictures"
     )
@@ -389,10 +391,10 @@ def make(path: Path, out: Path | None, config: Config) -> None:
         f"{facts['spread_px']:.0f} px between outermost views, {facts['residual_px']:.2f} px"
         " vertical error (95 %)"
     )
-    click.echo(f"  parallax    {parallax}")
-    click.echo(
+    print_result(f"  parallax    {parallax}")
+    print_result(
         f"  direction   {facts['order']}"
         f" ({'sure' if facts['order_sure'] else '`lfpipe scene sheet` shows near and far'})"
     )
     opened(Path(facts["folder"]), config)
-    click.echo(facts["folder"])
+    print_result(facts["folder"])

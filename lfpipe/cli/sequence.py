@@ -18,8 +18,9 @@ import numpy as np
 
 from lfpipe.capture.open_source import camera_name, check_source, clock_of
 from lfpipe.capture.recordings import open_recording
-from lfpipe.cli.launch import exit_code, say
+from lfpipe.cli.launch import exit_code
 from lfpipe.cli.options import CAMERA, DURATION, PATH, Number, with_config
+from lfpipe.cli.terminal import print_result, say
 from lfpipe.config import Config, SessionOptions
 from lfpipe.config.modes import RecordedEyes
 from lfpipe.config.user_files import with_measured_focal
@@ -83,7 +84,7 @@ def _for_all(paths: tuple[Path, ...], look: Callable[[Path], None]) -> int:
         except UserError as error:
             if len(paths) == 1:
                 raise
-            click.echo(f"error: {error}", err=True)
+            say(f"error: {error}")
             code = 2
     return code
 
@@ -113,12 +114,12 @@ def _info(path: Path, as_json: bool) -> None:
         "versions": recorded.manifest.get("versions", {}),
     }
     if as_json:
-        click.echo(json.dumps(about))
+        print_result(json.dumps(about))
         return
-    click.echo(path)
+    print_result(path)
     about["versions"] = [f"{name} {version}" for name, version in about["versions"].items()]
     for name, value in about.items():
-        click.echo(
+        print_result(
             f"  {name:<10}"
             f" {plain(', '.join(value) if isinstance(value, list) else str(value), 400)}"
         )
@@ -151,7 +152,7 @@ def _check(path: Path) -> None:
         if recorded.complete
         else "cut off during recording, readable to its last whole frame"
     )
-    click.echo(f"{path}: {len(recorded.packets)} frames, all readable; {state}")
+    print_result(f"{path}: {len(recorded.packets)} frames, all readable; {state}")
 
 
 @sequence.command()
@@ -170,7 +171,7 @@ def cut(path: Path, out: Path, begin_s: float, end_s: float | None) -> None:
     """Copy a part of SEQ to the new sequence OUT. Frames are copied byte for byte."""
     end_s = math.inf if end_s is None else end_s
     frames = edit.cut(open_sequence(path, verify=False), out, begin_s, end_s)
-    click.echo(f"{out}: {frames} frames")
+    print_result(f"{out}: {frames} frames")
 
 
 @sequence.command("import")
@@ -205,7 +206,7 @@ def import_(video: Path, out: Path, truth: Path | None) -> None:
             if truth is not None:
                 with create_private(out / TRUTH) as file, open_regular(truth) as table:
                     shutil.copyfileobj(table, file)
-    click.echo(f"{out}: {writer.count} frames")
+    print_result(f"{out}: {writer.count} frames")
 
 
 @sequence.command()
@@ -213,4 +214,4 @@ def import_(video: Path, out: Path, truth: Path | None) -> None:
 @click.argument("video", type=PATH)
 def export(path: Path, video: Path) -> None:
     """Write SEQ as VIDEO, a lossless .mkv, with stamps in a CSV next to it."""
-    click.echo(f"{video}, {edit.export(open_sequence(path), video)}")
+    print_result(f"{video}, {edit.export(open_sequence(path), video)}")

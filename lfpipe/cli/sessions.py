@@ -10,8 +10,8 @@ from typing import Any
 import click
 
 from lfpipe.cli.options import PATH, SESSION, complete_settings
+from lfpipe.cli.terminal import print_result
 from lfpipe.config import converter, parse_set
-from lfpipe.errors import plain
 from lfpipe.observe.monitor import print_state, run
 from lfpipe.observe.session_reader import ask
 from lfpipe.observe.timeline import begin_trace, convert, finish_trace
@@ -51,7 +51,7 @@ def monitor(session_name: str, once: bool, as_json: bool, web: str | None) -> No
         raise click.UsageError(f"--web excludes {'--once' if once else '--json'}")
     from lfpipe.observe.web import serve  # Tornado is not needed for anything else
 
-    serve(session_name, web or ":8765", click.echo)
+    serve(session_name, web or ":8765", print_result)
 
 
 class Leading(click.Group):
@@ -88,7 +88,7 @@ def _send(
     answer = ask(session_name, message, timeout_s)
     answer.pop("v", None)
     if as_json:
-        click.echo(json.dumps(answer))
+        print_result(json.dumps(answer))
     elif message["cmd"] == "status":
         print_state(converter().structure(answer, SessionFigures), answer["paused"])
     else:
@@ -97,7 +97,7 @@ def _send(
             for key, value in answer.items()
             if key not in ("ok", "rev", "applied", "cmd")
         ]
-        click.echo(plain(", ".join([f"{message['cmd']}: done", *facts])))
+        print_result(", ".join([f"{message['cmd']}: done", *facts]))
 
 
 def load_scene(session_name: str, scene: Path) -> None:
@@ -211,7 +211,7 @@ def start_trace(out: Path | None, session_name: str) -> None:
     The default for OUT.jsonl is a name made of the time, in this folder.
     """
     path = begin_trace(partial(ask, session_name), out)
-    click.echo(plain(f"tracing to {path}; `lfpipe trace stop` ends it"))
+    print_result(f"tracing to {path}; `lfpipe trace stop` ends it")
 
 
 @trace.command("stop")
@@ -219,7 +219,7 @@ def start_trace(out: Path | None, session_name: str) -> None:
 def stop_trace(session_name: str) -> None:
     """End the trace that `start` began."""
     path = finish_trace(partial(ask, session_name))
-    click.echo(plain(f"{path}: `lfpipe trace timeline {path}` makes a timeline of it"))
+    print_result(f"{path}: `lfpipe trace timeline {path}` makes a timeline of it")
 
 
 @trace.command("timeline")
@@ -232,7 +232,6 @@ def write_timeline(source: Path, out: Path | None) -> None:
     """
     out = out or source.with_suffix(".json")
     convert(source, out)
-    click.echo(
-        f"{plain(str(out))}: open it at ui.perfetto.dev, which does not upload it, or in"
-        " chrome://tracing"
+    print_result(
+        f"{out}: open it at ui.perfetto.dev, which does not upload it, or in chrome://tracing"
     )

@@ -1,11 +1,11 @@
 """`lfpipe sweep`: runs many measurements over a corpus, on this machine or on a cluster."""
 
-from functools import partial
 from pathlib import Path
 
 import click
 
 from lfpipe.cli.options import PATH, Number
+from lfpipe.cli.terminal import print_result, say
 from lfpipe.errors import UserError
 
 
@@ -84,7 +84,7 @@ def sweep(
     with the same command.
     Exit code 0: all as expected, 1: a cell failed or differs, 2: bad input.
     """
-    from lfpipe.cli.progress import progress
+    from lfpipe.cli.terminal import progress
     from lfpipe.files.output import check_output
     from lfpipe.host.processes import usable_cores
     from lfpipe.sweep.plan import read_plan
@@ -109,16 +109,14 @@ def sweep(
     order = Order(limit, str(expect.resolve()) if expect else "", update)
     try:
         with progress() as bar:
-            outcomes = run_sweep(cells, out, workers, order, bar, partial(click.echo, err=True))
+            outcomes = run_sweep(cells, out, workers, order, bar, say)
     except KeyboardInterrupt:
-        click.echo(
-            f"interrupted; finished cells are in {out}; the same command continues", err=True
-        )
+        say(f"interrupted; finished cells are in {out}; the same command continues")
         return 130
     page = write(outcomes, out, junit)
     wrong = [outcome for outcome in outcomes if outcome.state in (FAILED, DIFFERS)]
     for outcome in wrong:
-        click.echo(f"{outcome.state}: {outcome.cell.name}: {outcome.reason}")
-    click.echo(verdict(outcomes))
-    click.echo(page)
+        print_result(f"{outcome.state}: {outcome.cell.name}: {outcome.reason}")
+    print_result(verdict(outcomes))
+    print_result(page)
     return 1 if wrong else 0

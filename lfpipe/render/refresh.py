@@ -110,7 +110,7 @@ LEAST_MARGIN_NS = MS_NS // 2
 STEP_NS = MS_NS
 IN_TIME = 0.7  # of the margin left at hand-over: then the picture's own cost did not make it late
 # Narrowing per punctual picture, and its growth with each since the last late one: with the step
-# above, 1 picture in 600 is late, and a margin that is far too wide shrinks by 4 ms in 25 s at 60 Hz.
+# above, 1 picture in 600 is late, and one that is far too wide shrinks by 4 ms in 25 s at 60 Hz.
 EARLY_NARROWING_NS, NARROWING_GROWTH_NS = 1000, 2
 MOST_PERIODS = 2.5  # a compositor may require a picture a whole period before its blank
 

@@ -11,7 +11,7 @@ import pytest
 from click.shell_completion import ShellComplete
 from click.testing import CliRunner
 
-from lfpipe.cli import cli, progress
+from lfpipe.cli import cli, terminal
 from tests.support.world import World
 
 
@@ -50,8 +50,8 @@ def test_a_log_gets_a_line_for_work_that_takes_long_and_no_bar(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     for quiet_s, said in ((60.0, ""), (-1.0, "rendering the demo scene: 0 of 81\n")):
-        monkeypatch.setattr(progress, "QUIET_S", quiet_s)
-        with progress.progress() as report:
+        monkeypatch.setattr(terminal, "QUIET_S", quiet_s)
+        with terminal.progress() as report:
             for done in range(81):
                 report("rendering the demo scene", done, 81)
         assert capfd.readouterr().err == said

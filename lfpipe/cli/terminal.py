@@ -1,19 +1,38 @@
-"""Output for people: lines that fit the terminal; progress on stderr as a bar, or in a log as a
-line for what takes long.
+"""All that commands print: results on stdout, words for people on stderr, neither with control
+characters; progress as a bar, or in a log as a line for what takes long.
 """
 
 import math
+import os
 import shutil
 import sys
 import textwrap
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import click
 
+from lfpipe.errors import escaped, plain
+
 QUIET_S = 5.0  # who waits for less needs no line
 Progress = Callable[[str, int, int], None]  # (task, steps done, steps in total)
+
+
+def print_result(result: str | Path) -> None:
+    """Prints a result on stdout. Text is `escaped`: a terminal obeys escape sequences in names
+    of files. A path alone is for scripts: into a pipe or a file go its own bytes.
+    """
+    if isinstance(result, Path) and sys.stdout is not None and not sys.stdout.isatty():
+        click.echo(os.fsencode(result))
+    else:
+        click.echo(escaped(str(result)))
+
+
+def say(text: str) -> None:
+    """Prints lines for people on stderr, `escaped`: stdout is for results."""
+    click.echo(escaped(text), err=True)
 
 
 def filled(text: str, head: str) -> str:
@@ -43,11 +62,12 @@ def progress() -> Iterator[Progress]:
         def line(what: str, done: int, total: int) -> None:
             if time.monotonic() - began.setdefault(what, time.monotonic()) > QUIET_S:
                 began[what] = math.inf  # once
-                click.echo(f"{what}: {done} of {total}", err=True)
+                say(f"{what}: {done} of {total}")
 
         yield line
         return
     from rich.console import Console
+    from rich.markup import escape
     from rich.progress import Progress as Bars
     from rich.progress import TaskID
 
@@ -56,7 +76,7 @@ def progress() -> Iterator[Progress]:
 
         def report(what: str, done: int, total: int) -> None:
             if what not in tasks:
-                tasks[what] = bars.add_task(what, total=total)
+                tasks[what] = bars.add_task(escape(plain(what)), total=total)
             bars.update(tasks[what], completed=done, total=total)
 
         yield report

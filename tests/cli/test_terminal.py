@@ -1,0 +1,76 @@
+"""All that commands print goes through `lfpipe.cli.terminal`."""
+
+import ast
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import lfpipe
+from lfpipe.cli import cli, terminal
+
+PACKAGE = Path(lfpipe.__file__).parent
+PRINTERS = {
+    "cli/terminal.py": "here",
+    "observe/monitor.py": "JSON, and tables whose text is made plain",
+}
+
+
+def _prints(call: ast.Call) -> bool:
+    function = call.func
+    if isinstance(function, ast.Name):
+        return function.id == "print"
+    return isinstance(function, ast.Attribute) and (
+        function.attr in ("echo", "secho", "print")
+        or (function.attr == "write" and ast.unparse(function.value).startswith("sys.std"))
+    )
+
+
+def test_nothing_else_prints() -> None:
+    printers = {
+        str(path.relative_to(PACKAGE))
+        for path in PACKAGE.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Call) and _prints(node)
+    }
+    assert printers == set(PRINTERS)
+
+
+@pytest.mark.parametrize("out", [terminal.print_result, terminal.say])
+def test_lines_have_no_control_characters_and_are_whole(
+    out: object, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert callable(out)
+    out("a\x1b[2Jb\n" + "c" * 20_000)
+    printed = "".join(capfd.readouterr())
+    assert printed == "a\\x1b[2Jb\n" + "c" * 20_000 + "\n"
+
+
+def test_a_path_is_escaped_on_a_terminal_and_whole_in_a_pipe(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = Path("/tmp/\x1b[2J")
+    terminal.print_result(path)
+    assert capfd.readouterr().out == "/tmp/\x1b[2J\n"
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
+    terminal.print_result(path)
+    assert capfd.readouterr().out == "/tmp/\\x1b[2J\n"
+
+
+def test_names_of_files_reach_no_terminal(tmp_path: Path) -> None:
+    views = tmp_path / "\x1b]0;owned\x07.npy"
+    np.save(views, np.zeros((3, 3, 48, 64, 3), np.uint8))
+    settings = ["--set", f"scene.cache_dir={tmp_path / 'cache'}"]
+    for command in (
+        ["scene", "plan", str(views)],
+        ["scene", "list"],
+        ["scene", "info", f"{views}-none"],
+        ["up", "--demo", "--camera", f"file:{views}"],
+    ):
+        extra = settings if command[0] == "scene" else []
+        result = CliRunner().invoke(cli, [*command, *extra])
+        text = result.output + str(result.exception or "")
+        assert "owned" in text or command == ["scene", "list"], command
+        assert "\x1b" not in text, command
