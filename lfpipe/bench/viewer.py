@@ -106,6 +106,11 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
 def tables(count: int, others: Iterable[Script] = ()) -> Iterator[Table]:
     """Everything with bounds. count: of the pictures of each script. others: more scripts."""
     yield from script_tables([*scripts(), *others], count)
+    yield from other_tables()
+
+
+def other_tables() -> Iterator[Table]:
+    """What scenes, cameras and screens do."""
     yield scene_table()
     yield condition_table("Cameras", "camera", CAMERAS, {})
     yield condition_table("Screens", "screen", {}, SCREENS)
@@ -126,7 +131,7 @@ def script_tables(some: list[Script], count: int) -> Iterator[Table]:
     )
     rows = [judged(Row(one.script.name, _values(one.viewpoints()))) for one in watched]
     yield Table("script", VIEWPOINTS, tuple(rows), "Viewpoints by script", note + steps)
-    pictures = Pictures.of(scene, settings(scene, Screen(), Track()))
+    pictures = _pictures_of_scripts()
     rows = [judged(Row(one.script.name, _values(one.pictures(pictures, count)))) for one in watched]
     against = (
         " Against the exact picture for the true eyes, of both eyes, before the anaglyph; and L* of"
@@ -134,6 +139,12 @@ def script_tables(some: list[Script], count: int) -> Iterator[Table]:
         " The plain loop: mean of 5 frames, a picture per frame, nearest views."
     )
     yield Table("script", PICTURE_COLUMNS, tuple(rows), "Pictures by script", note + against)
+
+
+@cache
+def _pictures_of_scripts() -> Pictures:
+    scene = scene_of(SCENES[0])
+    return Pictures.of(scene, settings(scene, Screen(), Track()))
 
 
 class WatchedScript:

@@ -209,7 +209,7 @@ class ScreenRefresh(Refresh):
         if cost_ns + late_ns > self.clock.period_ns:
             return
         self._costs_ns.append(cost_ns + late_ns)
-        rank = int(COST_QUANTILE * (len(self._costs_ns) - 1))
+        rank = math.ceil(COST_QUANTILE * len(self._costs_ns)) - 1
         self._high_cost_ns = sorted(self._costs_ns)[rank]
 
     def judge(self, target_ns: int, t_handed_ns: int, t_presented_ns: int) -> bool:
