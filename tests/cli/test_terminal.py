@@ -1,6 +1,9 @@
 """All that commands print goes through `lfpipe.cli.terminal`."""
 
 import ast
+import os
+import pty
+import subprocess
 import sys
 from pathlib import Path
 
@@ -67,10 +70,21 @@ def test_names_of_files_reach_no_terminal(tmp_path: Path) -> None:
         ["scene", "plan", str(views)],
         ["scene", "list"],
         ["scene", "info", f"{views}-none"],
-        ["up", "--demo", "--camera", f"file:{views}"],
+        ["up", "--demo", "--camera", f"file:{views}", "--session", tmp_path.name[:20]],
     ):
         extra = settings if command[0] == "scene" else []
         result = CliRunner().invoke(cli, [*command, *extra])
         text = result.output + str(result.exception or "")
         assert "owned" in text or command == ["scene", "list"], command
         assert "\x1b" not in text, command
+
+
+def test_a_word_too_many_reaches_no_terminal() -> None:
+    """click quotes it as it is, and leaves escape sequences out only where no terminal is."""
+    controller, terminal_fd = pty.openpty()
+    words = [sys.executable, "-m", "lfpipe", "sweep", "plan.toml", "more\x1b[2J"]
+    done = subprocess.run(words, stderr=terminal_fd, stdin=subprocess.DEVNULL, check=False)
+    os.close(terminal_fd)
+    printed = os.read(controller, 4096)
+    os.close(controller)
+    assert done.returncode == 2 and b"more\\x1b[2J" in printed and b"\x1b[2J" not in printed
