@@ -100,9 +100,7 @@ def _replayed(
     for folder, label in ((out, "--out"), (expect if update else None, "--expect")):
         if folder is not None:
             check_outside(folder, [path, scene, None if folder is expect else expect], label)
-    if expect is not None and update:
-        run.check_update(expect)
-    elif expect is not None:
+    if expect is not None and not update:
         if not is_dir(expect):
             run.recover_reference(expect)
         if not is_dir(expect):
@@ -116,7 +114,11 @@ def _replayed(
         )
     config = run.replay_config(sequence, config_file, sets)
     against = expect is not None and not update
-    with contextlib.nullcontext(out) if out is not None else temporary_folder("replay") as folder:
+    with contextlib.ExitStack() as held:
+        replace = (
+            held.enter_context(run.update_of(expect)) if expect is not None and update else None
+        )
+        folder = held.enter_context(temporary_folder("replay")) if out is None else out
         run.check_out(folder)
         field = opened(scene, config)
         if expect is not None and against:
@@ -128,8 +130,8 @@ def _replayed(
         report = run.replay(sequence, field, config, pace, folder, kept, say)
         _summary(report)
         compared = compare(expect, folder) if expect is not None and against else Comparison([], [])
-        if expect is not None and update:
-            run.update_reference(expect, folder)
+        if replace is not None:
+            replace(folder)
             say(f"reference written to {expect}")
     for note in compared.notes:
         print_result(note)

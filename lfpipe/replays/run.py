@@ -6,12 +6,13 @@ lost, and the results equal those of step recorded, HZ   in real time, on the cl
 session; late frames are dropped and counted
 """
 
+import contextlib
 import errno
 import json
 import os
 import re
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from lfpipe.config.modes import CameraViewer, Live, Lossless, RecordedEyes, Repl
 from lfpipe.errors import UserError
 from lfpipe.files.output import write_output, written_by_lfpipe
 from lfpipe.files.safe_files import PRIVATE_FOLDER, WORK_NAME, reason
+from lfpipe.host.file_lock import take_folder
 from lfpipe.host.files import is_dir
 from lfpipe.render.listeners.replay_writer import PICTURES
 from lfpipe.replays.report import DIFFERENCE, REPORT, STEADY, TRACE, make_report
@@ -119,62 +121,92 @@ def _beside(reference: Path) -> tuple[Path, Path, Path]:
     return place, new, old
 
 
+@contextlib.contextmanager
+def _held(folder: Path, reference: Path) -> Iterator[None]:
+    """Holds the lock of a folder, so that a second update of reference is refused. A file system
+    without locks of folders (NFS) goes without. Raises UserError and OSError.
+    """
+    try:
+        lock = take_folder(folder)
+    except OSError as error:
+        if error.errno not in (errno.EBADF, errno.ENOLCK, errno.EOPNOTSUPP):
+            raise
+        yield
+        return
+    if lock is None or not lock.in_place():
+        raise UserError(
+            f"{reference}: another lfpipe is updating it, or it is another user's",
+            "wait until that command has ended, then run this one again",
+        )
+    try:
+        yield
+    finally:
+        lock.release()
+
+
 def recover_reference(reference: Path) -> None:
     """Completes an update that was killed: its reference is the old one, or the new one in place.
 
-    Raises UserError if a name that the update needs is taken, or a folder cannot be written.
+    Raises UserError if an update is running, a name that the update needs is taken, or a folder
+    cannot be written.
     """
     place, new, old = _beside(reference)
-    try:
+    with _writing(reference):
         for left in (new, old):
             if os.path.lexists(left):
-                _check_results(left)
-                if left == old and not os.path.lexists(place):
-                    old.rename(place)
-                else:
-                    shutil.rmtree(left)
-    except (OSError, ValueError) as error:
-        raise UserError(f"{reference}: cannot be written: {reason(error)}", PLACE) from None
+                with _held(left, reference):
+                    _check_results(left)
+                    if left == old and not os.path.lexists(place):
+                        old.rename(place)
+                    else:
+                        shutil.rmtree(left)
 
 
-def check_update(reference: Path) -> None:
-    """Raises UserError if `update_reference` could not write reference, or would remove anything
-    but results. Makes the folders above it, and completes an update that was killed.
-    """
-    place = _beside(reference)[0]
+@contextlib.contextmanager
+def _writing(reference: Path) -> Iterator[None]:
+    """Turns errors of writing a reference into UserError."""
     try:
-        place.parent.mkdir(parents=True, exist_ok=True)
-        if not os.access(place.parent, os.W_OK | os.X_OK):
-            raise PermissionError(errno.EACCES, "Permission denied")
+        yield
     except (OSError, ValueError) as error:
         raise UserError(f"{reference}: cannot be written: {reason(error)}", PLACE) from None
-    recover_reference(reference)
-    if os.path.lexists(place):
-        check_out(place)
 
 
-def update_reference(reference: Path, folder: Path) -> None:
-    """Replaces reference by a folder with those files of the run in folder that a comparison reads.
+@contextlib.contextmanager
+def update_of(reference: Path) -> Iterator[Callable[[Path], None]]:
+    """Keeps other updates of reference away. The function that it gives replaces reference by a
+    folder with those files of the run in a folder that a comparison reads.
 
-    Raises UserError if writing fails; the old reference is then kept. What a killed update leaves,
-    `recover_reference` completes.
+    Raises UserError if reference could not be written, or anything but results would be removed;
+    the function raises it if writing fails: the old reference is then kept. What a killed update
+    leaves, `recover_reference` completes. Makes the folders above reference.
     """
     place, new, old = _beside(reference)
-    check_update(reference)
-    try:
-        new.mkdir(PRIVATE_FOLDER)
-        try:
-            for path in (folder / name for name in (REPORT, TRACE, PICTURES)):
-                shutil.copytree(path, new / path.name) if is_dir(path) else shutil.copy(path, new)
-        except OSError:
-            shutil.rmtree(new, ignore_errors=True)
-            raise
-        if os.path.lexists(place):
-            place.rename(old)
-        new.rename(place)
-    except OSError as error:
-        raise UserError(f"{reference}: cannot be written: {reason(error)}", PLACE) from None
-    recover_reference(reference)
+    with contextlib.ExitStack() as held:
+        with _writing(reference):
+            place.parent.mkdir(parents=True, exist_ok=True)
+            if not os.access(place.parent, os.W_OK | os.X_OK):
+                raise PermissionError(errno.EACCES, "Permission denied")
+            recover_reference(reference)
+            if os.path.lexists(place):
+                check_out(place)
+                held.enter_context(_held(place, reference))
+            new.mkdir(PRIVATE_FOLDER)
+            held.enter_context(_held(new, reference))
+            held.callback(shutil.rmtree, new, ignore_errors=True)
+
+        def replace(folder: Path) -> None:
+            with _writing(reference):
+                for path in (folder / name for name in (REPORT, TRACE, PICTURES)):
+                    if is_dir(path):
+                        shutil.copytree(path, new / path.name)
+                    else:
+                        shutil.copy(path, new)
+                if os.path.lexists(place):
+                    place.rename(old)
+                new.rename(place)
+                shutil.rmtree(old, ignore_errors=True)
+
+        yield replace
 
 
 def replay(

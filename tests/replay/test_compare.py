@@ -29,7 +29,7 @@ from lfpipe.render.listeners import replay_writer
 from lfpipe.render.listeners.replay_writer import PICTURES, ReplayWriter
 from lfpipe.replays.compare import MOST_FIELDS, compare
 from lfpipe.replays.report import REPORT, TRACE, about_scene, digests, read_trace
-from lfpipe.replays.run import clear_out, recover_reference, update_reference
+from lfpipe.replays.run import clear_out, recover_reference, update_of
 from lfpipe.sequence.packets import INDEX, PACKETS, PacketWriter, decoded, encoded, read_index
 from lfpipe.transport.ring import Stamp
 from tests.render import rendered
@@ -336,6 +336,31 @@ def test_kept_pictures_of_two_runs_have_frames_in_common(
     assert kept[1] < kept[0] and 0 in kept[1] and len(kept[1]) >= 4
 
 
+def update_reference(reference: Path, folder: Path) -> None:
+    with update_of(reference) as replace:
+        replace(folder)
+
+
+def test_a_second_update_is_refused_while_one_runs(first: Path, tmp_path: Path) -> None:
+    for reference in (tmp_path / "new", shutil.copytree(first, tmp_path / "old")):
+        words = [sys.executable, "-c", KILLED, "99", str(reference), str(first)]
+        with update_of(reference) as replace:
+            second = subprocess.run(words, check=False, capture_output=True, text=True)
+            assert second.returncode == 1 and "another lfpipe is updating it" in second.stderr
+            replace(first)
+            second = subprocess.run(words, check=False, capture_output=True, text=True)
+            assert second.returncode == 1 and "another lfpipe is updating it" in second.stderr
+        assert compare(reference, first).differences == []
+        update_reference(reference, first)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["new", "old"]
+
+
+def test_an_update_that_fails_leaves_nothing(first: Path, tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt), update_of(tmp_path / "ref"):
+        raise KeyboardInterrupt
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_an_update_without_room_leaves_the_reference(first: Path, tmp_path: Path) -> None:
     reference = shutil.copytree(first, tmp_path / "ref")
     before = {path.name: path.read_bytes() for path in reference.rglob("*") if path.is_file()}
@@ -364,9 +389,10 @@ def kill(event, arguments):
             os.kill(os.getpid(), signal.SIGKILL)
 
 from pathlib import Path
-from lfpipe.replays.run import update_reference
+from lfpipe.replays.run import update_of
 sys.addaudithook(kill)
-update_reference(Path(sys.argv[2]), Path(sys.argv[3]))
+with update_of(Path(sys.argv[2])) as replace:
+    replace(Path(sys.argv[3]))
 """
 
 
