@@ -90,8 +90,10 @@ def _formats(device: V4L2Device, every_rate: bool) -> list[str]:
     ),
 )
 def doctor(report: Path | None) -> int:
-    """Check this machine: one line per check, with remedies. Exit code 1 if `lfpipe up SCENE` would
-    fail.
+    """Check this machine: one line per check, with remedies.
+
+    Exit code 1 if a session would fail. Without a screen, it is 0: sessions then show to a file or
+    to nothing.
     """
     results = checks()
     if report is not None:

@@ -45,7 +45,7 @@ SHM_NEED_BYTES = 16 << 20  # rings for frames of 640x480, with a margin
 
 @attrs.frozen
 class Check:
-    """ok is False if plain `lfpipe up SCENE` would fail.
+    """ok is False if `lfpipe up SCENE` would fail, whatever its --display.
 
     A remedy with ok = True suggests an improvement.
     """
@@ -169,7 +169,8 @@ def sdl() -> Check:
             "run on a desktop, or use --display none or --display file:OUT.mkv; `lfpipe up --demo`"
             " needs none"
         )
-        return Check("display", False, "no screen here", remedy)
+        # as in CI and on servers, which replay, record and measure
+        return Check("display", True, "no screen here", remedy)
     try:
         from lfpipe.render.monitors import detect_monitors
         from lfpipe.render.window_system import drawn_by, pygame
