@@ -17,7 +17,7 @@ import click
 
 from lfpipe import __version__
 from lfpipe.cli.terminal import say
-from lfpipe.errors import UserError, plain
+from lfpipe.errors import UserError
 from lfpipe.host.terminal import protect_output
 from lfpipe.log import set_up
 
@@ -178,8 +178,9 @@ def run() -> None:
     except UserError as error:
         _fail(error)
     except click.ClickException as error:
-        error.message = plain(error.message)
-        error.show()
+        words = io.StringIO()
+        error.show(words)
+        say(words.getvalue().rstrip())
         sys.exit(2)
     except click.Abort:
         sys.exit(130)
