@@ -235,7 +235,13 @@ def test_weights_are_continuous(row: float, col: float, method: str) -> None:
     for table, off in zip(tables, (0.0, 1e-6), strict=True):
         for one in view_weights(method, (row + off, col + off), 5, 5):
             table[one.row, one.col] += one.weight
-    assert np.abs(tables[0] - tables[1]).max() < 1e-5
+    assert np.abs(tables[0] - tables[1]).max() < 2e-5  # twice as fast where four meet
+
+
+def test_few_positions_need_more_than_two_views_for_warp2() -> None:
+    places = np.linspace(0, 1, 100)
+    counts = [len(view_weights("warp2", (row, col), 3, 3)) for row in places for col in places]
+    assert np.mean([count > 2 for count in counts]) < 0.05
 
 
 def test_fading_is_narrow_for_warp2() -> None:
