@@ -85,12 +85,12 @@ def sweep(
     Exit code 0: all as expected, 1: a cell failed or differs, 2: bad input.
     """
     from lfpipe.cli.terminal import progress
-    from lfpipe.files.output import check_output
+    from lfpipe.files.output import check_output, check_outside
     from lfpipe.host.processes import usable_cores
     from lfpipe.sweep.plan import read_plan
     from lfpipe.sweep.results import DIFFERS, FAILED, verdict, write
     from lfpipe.sweep.run import dask_workers, local_workers, run_sweep
-    from lfpipe.sweep.work import Order
+    from lfpipe.sweep.work import Order, check_references
 
     if update and expect is None:
         raise UserError("--update needs references", "name their folder with --expect DIR")
@@ -100,13 +100,17 @@ def sweep(
             "leave --jobs out: the scheduler has its own workers",
         )
     cells = read_plan(plan)
+    inputs = {Path(place) for cell in cells for place in (cell.sequence, cell.scene) if place}
+    order = Order(limit, str(expect.resolve()) if expect else "", update)
+    check_outside(out, [*inputs, expect], "--out")
     if junit is not None:
-        inputs = {place for cell in cells for place in (cell.sequence, cell.scene, expect) if place}
-        check_output(junit, [plan, *map(Path, inputs)], label="--junit")
+        check_output(junit, [plan, *inputs, *filter(None, [expect])], label="--junit")
+    if expect is not None:
+        check_outside(expect, inputs if update else (), "--expect")
+        check_references(order, cells)
     workers = (
         dask_workers(address, insecure) if address else local_workers(jobs or len(usable_cores()))
     )
-    order = Order(limit, str(expect.resolve()) if expect else "", update)
     try:
         with progress() as bar:
             outcomes = run_sweep(cells, out, workers, order, bar, say)

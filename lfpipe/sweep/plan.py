@@ -1,8 +1,8 @@
 """PLAN.toml: the contents of a sweep, as cells.
 
-sequences = ["recordings/*"]             # folders of `lfpipe record`, relative to the plan;
-patterns allowed scenes = ["scenes/buddha", "lytro/*"] subjects = ["replay", "truth", "quality",
-"table", "synthesis"]
+sequences = ["recordings/*"]             # folders of `lfpipe record`, relative to the plan
+scenes = ["scenes/buddha", "lytro/*"]
+subjects = ["replay", "truth", "quality", "table", "synthesis"]
 
 [config]                                 # every combination of the lists
 "render.method" = ["warp", "warp2"]

@@ -9,22 +9,25 @@ import platform
 import subprocess
 import sys
 import time
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import attrs
 
 from lfpipe.bench.results import STATES, read
-from lfpipe.errors import UserError, plain
+from lfpipe.errors import UserError, plain, shown
 from lfpipe.files.output import write_output
-from lfpipe.files.safe_files import temporary_folder
+from lfpipe.files.safe_files import read_text, temporary_folder
+from lfpipe.files.untrusted import json_fields
 from lfpipe.host.files import exists, is_dir
-from lfpipe.replays.report import read_report
+from lfpipe.replays.report import REPORT, REPORT_BYTES, read_report
 from lfpipe.sweep.plan import QUALITY, REPLAY, TABLE, TRUTH, Cell
 from lfpipe.sweep.results import DIED, DIFFERS, FAILED, LEFT_OUT, OK, Outcome
 
 REASON_CHARS = 2000  # of a line of results: the end of a traceback
 REFERENCE = "figures.json"  # in the reference of a cell without pictures
+AGAIN = "copy the whole folder again, or --update to rewrite it"
 CLOSE = 1e-3  # relative tolerance of figures, for rounding on other processors
 # A command ends with the worker that started it; otherwise the stages of its session would
 # continue.
@@ -53,6 +56,32 @@ class Order:
             if self.references and cell.subject in (REPLAY, QUALITY)
             else None
         )
+
+
+def check_references(order: Order, cells: Iterable[Cell]) -> None:
+    """Raises UserError if the folder of references is missing, or, with update, if it is somebody's
+    own folder or a cell would write into one.
+    """
+    folder = Path(order.references)
+    if not order.update:
+        if not is_dir(folder):
+            raise UserError(f"--expect {folder}: no such folder", "the first time, add --update")
+        return
+    places = [place for cell in cells if (place := order.reference(cell))]
+    taken = [place for place in places if os.path.lexists(place) and not _is_reference(place)]
+    entries = list(folder.glob("[!.]*"))
+    if entries and not any(map(_is_reference, entries)):
+        taken.append(min(entries))
+    if taken:
+        raise UserError(
+            f"--expect {folder}: holds {shown(taken[0].name)}, which is not a reference of a sweep",
+            "name a new folder",
+        )
+
+
+def _is_reference(place: Path) -> bool:
+    """Whether a folder is one, of a cell of any subject."""
+    return is_dir(place) and any(exists(place / name) for name in (REFERENCE, REPORT))
 
 
 def measure_cell(cell: Cell, order: Order) -> Outcome:
@@ -207,9 +236,17 @@ def _compared(cell: Cell, figures: dict[str, Any], place: Path, update: bool) ->
         place.mkdir(parents=True, exist_ok=True)
         write_output(place / REFERENCE, json.dumps(figures, indent=1).encode(), label="--expect")
         return OK, ""
+    path = place / REFERENCE
+    text = read_text(path, REPORT_BYTES, str(path), AGAIN)
+    was = json_fields(text, str(path), AGAIN)
     wrong = [
         f"{name}: {value} in the reference, now {figures.get(name)}"
-        for name, value in json.loads((place / REFERENCE).read_text()).items()
-        if not abs(float(figures.get(name, "nan")) - float(value)) <= CLOSE * abs(float(value))
+        for name in was.values
+        if not math.isclose(
+            value := was.number(name, -math.inf, math.inf),
+            float(figures.get(name, "nan")),
+            rel_tol=0.0,
+            abs_tol=CLOSE * abs(value),
+        )
     ]
     return (DIFFERS, "\n".join(wrong)) if wrong else (OK, "")

@@ -234,6 +234,8 @@ def test_references_of_a_corpus(world: World, corpus: Path) -> None:
         world.root, corpus, text.replace('"quality", "replay", "truth"', '"quality", "replay"')
     )
     words = ("sweep", plan, "--out", "out", "--jobs", "1", "--expect", "ref")
+    assert "the first time, add --update" in world.refused(*words)
+    (world.root / "ref").mkdir()
     bare = world.run(*words)
     assert bare.returncode == 1 and "write it with --update" in bare.stdout
     world.done(*words, "--update")
@@ -249,3 +251,21 @@ def test_references_of_a_corpus(world: World, corpus: Path) -> None:
         and "differs: quality" in changed.stdout
         and "2 cells: 1 ok, 1 differs" in changed.stdout
     )
+    for text, named in (("[1]", "expected a JSON object"), ('{"a": "b"}', "expected a number")):
+        path.write_text(text)
+        broken = world.run(*words)
+        assert broken.returncode == 1 and "figures.json" in broken.stdout
+        assert named in broken.stdout and "Error" not in broken.stdout
+
+
+def test_references_are_not_written_into_a_folder_of_a_person(world: World, corpus: Path) -> None:
+    plan = write_plan(world.root, corpus, MIXED)
+    mine = world.root / "mine"
+    mine.mkdir()
+    (mine / "notes.txt").write_text("mine")
+    words = ("sweep", plan, "--out", "out", "--update", "--expect")
+    assert "notes.txt" in world.refused(*words, "mine")
+    assert "which this command reads" in world.refused(*words, corpus / "scenes" / "s0" / "ref")
+    out = corpus / "scenes" / "s0" / "out"
+    assert "which this command reads" in world.refused("sweep", plan, "--out", out)
+    assert [path.name for path in mine.iterdir()] == ["notes.txt"] and not out.exists()
