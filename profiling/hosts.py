@@ -1,9 +1,8 @@
 """What runs under which Python: every module imported, the tests of the transport, the demo, and
 one recording replayed.
 
-    python -m profiling.hosts               # under each Python found here; writes
-    profiling/results/hosts.md python -m profiling.hosts --short       # a minute; prints the table
-    only
+    python -m profiling.hosts            # each Python found here; writes profiling/results/hosts.md
+    python -m profiling.hosts --short    # a minute; prints the table only
 
 Each Python has its environment in .venv-X.Y of the checkout, made by uv from the project's file. A
 Python that is not installed is a line of the table and no failure. The replay compares the digests

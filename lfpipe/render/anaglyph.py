@@ -3,11 +3,11 @@ mixing of planes.
 
 Every method of the form `M_left @ left + M_right @ right` becomes
 
-    plane_k = w_k . RGB of one eye                     (w sums to 1: a plane of a grey view is that
-    grey) channel = own_gain * own plane + cross_gain * cross plane       (the gains sum to 1: grey
-    in, grey out)
+    plane_k = w_k . RGB of one eye
+    channel = own_gain * own plane + cross_gain * cross plane
 
-The planes are built once per stored view and can be warped like any picture. Mixing is a function
+w sums to 1, so a plane of a grey view is that grey; the gains sum to 1, so grey stays grey. The
+planes are built once per stored view and can be warped like any picture. Mixing is a function
 of two bytes, so one table of 65536 entries holds it, for linear light, code values and any ghost
 compensation. Planes are clipped and rounded to bytes before: against one float64 matrix, saturated
 random colours deviate by up to 13 (Dubois), 40 (green/magenta) and 41 (amber/blue) levels in linear

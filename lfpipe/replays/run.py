@@ -1,9 +1,9 @@
 """Runs the real stages on a recorded sequence and writes the results to a folder.
 
-step      every frame passes every stage before the next one starts; eyes, views and pictures depend
-only on the sequence, the scene and the configuration max       as fast as possible; nothing is
-lost, and the results equal those of step recorded, HZ   in real time, on the clocks of a live
-session; late frames are dropped and counted
+- step: every frame passes every stage before the next one starts; eyes, views and pictures depend
+  only on the sequence, the scene and the configuration
+- max: as fast as possible; nothing is lost, and the results equal those of step
+- recorded, HZ: in real time, on the clocks of a live session; late frames are dropped and counted
 """
 
 import contextlib

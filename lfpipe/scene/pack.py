@@ -1,10 +1,11 @@
 """A pack on disk: planar arrays opened as read-only memory maps, and manifest.json with everything
 else.
 
-    views.npy       uint8 (frames, rows, cols, channels, height, width); locked while a light field
-    of the pack is open disparity.npy   int8 (frames, rows, cols, half height, half width); only of
-    a complete pack manifest.json   written last; "complete": whether all views and the disparity
-    are there; "checksum": of the rest of it
+- views.npy: uint8 (frames, rows, cols, channels, height, width); locked while a light field of the
+  pack is open
+- disparity.npy: int8 (frames, rows, cols, half height, half width); only of a complete pack
+- manifest.json: written last; "complete": whether all views and the disparity are there;
+  "checksum": of the rest of it
 
 Views come first: a pack without disparity can be shown.
 """

@@ -1,8 +1,9 @@
 """The status table: one row per process in shared memory, read by the supervisor and by monitors
 without messages.
 
-    0    magic "LFSTAT1\0"      8  checksum of the types below, so that a table with other fields is
-    never misread 64   PAGE_ROWS rows of ROW, then SESSION
+    0    magic "LFSTAT1\0"
+    8    checksum of the types below, so that a table with other fields is never misread
+    64   PAGE_ROWS rows of ROW, then SESSION
 
 A row has one writer at any time: the stage while it lives, otherwise the supervisor. Only the
 supervisor writes the fields from `name` to `dead_ns`. Counters and histograms survive a restart of

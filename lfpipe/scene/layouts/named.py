@@ -1,20 +1,19 @@
 """One picture file per view, by names: those of known data sets, and any whose numbers span a grid
 or run.
 
-hci          the HCI 4D benchmark: input_Cam000.png ... row by row from the top left,
-parameters.cfg, true disparity where given:
-             https://lightfield-analysis.uni-konstanz.de (Honauer, Johannsen, Kondermann,
-             Goldluecke, ACCV 2016)
-hci-text     the first HCI data set as text and pictures: lf/XX_YY.png, attributes.dat, depth.bin
-(Wanner, Meister, Goldluecke,
-             "Datasets and Benchmarks for Densely Sampled 4D Light Fields", VMV 2013)
-stanford     the Stanford archive: out_RR_CC_Y_X_.png, Y and X the camera's position. Coordinates
-decide, never the index: X grows
-             to the right, Y downwards, and scenes were shot in either direction.
-             http://lightfield.stanford.edu
-jpeg-pleno   JPEG Pleno, EPFL: RRR_CCC.ppm of a Lytro Illum, 15x15 with dark sides and corners, 8,
-10 or 16 bit rows-cols    any two numbers in the names that span a grid
-numbered     a running number: row by row, column by column, a snake or a line; the pictures decide
+- hci: the HCI 4D benchmark: input_Cam000.png ... row by row from the top left, parameters.cfg, true
+  disparity where given: https://lightfield-analysis.uni-konstanz.de (Honauer, Johannsen, Kondermann,
+  Goldluecke, ACCV 2016)
+- hci-text: the first HCI data set as text and pictures: lf/XX_YY.png, attributes.dat, depth.bin
+  (Wanner, Meister, Goldluecke, "Datasets and Benchmarks for Densely Sampled 4D Light Fields", VMV
+  2013)
+- stanford: the Stanford archive: out_RR_CC_Y_X_.png, Y and X the camera's position. Coordinates
+  decide, never the index: X grows to the right, Y downwards, and scenes were shot in either
+  direction. http://lightfield.stanford.edu
+- jpeg-pleno: JPEG Pleno, EPFL: RRR_CCC.ppm of a Lytro Illum, 15x15 with dark sides and corners, 8,
+  10 or 16 bit
+- rows-cols: any two numbers in the names that span a grid
+- numbered: a running number: row by row, column by column, a snake or a line; the pictures decide
 """
 
 import math
