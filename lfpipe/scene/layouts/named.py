@@ -2,8 +2,8 @@
 or run.
 
 - hci: the HCI 4D benchmark: input_Cam000.png ... row by row from the top left, parameters.cfg, true
-  disparity where given: https://lightfield-analysis.uni-konstanz.de (Honauer, Johannsen, Kondermann,
-  Goldluecke, ACCV 2016)
+  disparity where given: https://lightfield-analysis.uni-konstanz.de (Honauer, Johannsen,
+  Kondermann, Goldluecke, ACCV 2016)
 - hci-text: the first HCI data set as text and pictures: lf/XX_YY.png, attributes.dat, depth.bin
   (Wanner, Meister, Goldluecke, "Datasets and Benchmarks for Densely Sampled 4D Light Fields", VMV
   2013)
