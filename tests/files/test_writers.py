@@ -12,12 +12,13 @@ import lfpipe
 
 PACKAGE = Path(lfpipe.__file__).parent
 WRITERS = """
-    write_text write_bytes touch truncate tofile save savez savez_compressed savetxt savefig imwrite
+    write_text write_bytes truncate tofile savez savez_compressed savetxt savefig imwrite
     imwritemulti memmap open_memmap mkstemp NamedTemporaryFile FileHandler RotatingFileHandler
-    copyfileobj copytree make_archive unpack_archive mkfifo mknod link symlink symlink_to hardlink_to
+    copyfileobj copytree make_archive unpack_archive mkfifo mknod symlink_to hardlink_to
 """
-OWNED = "copy copy2 copyfile move dump VideoWriter FileStorage"  # names that others have, too
-OWNERS = "shutil cv2 json pickle tomlkit"
+# names that others have, too
+OWNED = "link symlink touch copy copy2 copyfile move dump save VideoWriter FileStorage"
+OWNERS = "os p path shutil np first cv2 json pickle tomlkit"
 WRITING_FLAGS = "O_CREAT O_WRONLY O_RDWR O_TRUNC O_APPEND"
 SAFE = "files/safe_files.py"
 ALLOWED = {
