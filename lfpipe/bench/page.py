@@ -24,8 +24,9 @@ COLOURS = ("#0072b2", "#d55e00", "#008a63", "#b1548f", "#8a6d00", "#4b4fc4", "#7
 TITLE_CHARS = 78  # of a line of a chart's title
 HOW = (
     "<h2>How it was measured</h2><p class=soft>Times are CPU times of the thread, which other"
-    " programs hardly change: medians of turns that the methods take in random order, with the"
-    " 95 % interval of the median, or the range of fewer than five turns. Errors have 95 %"
+    " programs hardly change: medians of turns that the methods take in random order, without the"
+    " first turn if there are many, with the 95 % interval of the median, or the range of fewer"
+    " than five turns. Errors have 95 %"
     " intervals by resampling. Axes are logarithmic; an exact 0 is drawn at the edge. Lower left is"
     " better. Square, bold: in use by default. Star, red: the paper.</p>"
 )

@@ -97,6 +97,13 @@ def test_failures_are_kept_with_their_reason_and_turns_are_interleaved() -> None
     )
 
 
+def test_a_cold_first_turn_does_not_count() -> None:
+    times_ms = iter([50.0, *[2.0] * 6])
+    one = Candidate(curve="one", knob="", prepare=lambda: ({}, lambda: {"time_ms": next(times_ms)}))
+    (taken,) = run(FAKE, [one], True, quiet).rows
+    assert taken.values["time_ms"] == Value(2.0, 2.0, 2.0)
+
+
 def test_interval_of_the_median_holds_it_as_often_as_it_says() -> None:
     rng = np.random.default_rng(5)
     for count in (6, 9, 25):
