@@ -118,7 +118,7 @@ def read_sequence(path: Path, most_frames: int) -> FrameSequence:
         frames=frames,
         count=count,
         size_px=info.size_px,
-        rate_hz=info.rate_hz or config.Camera().rate_hz,
+        rate_hz=info.rate_hz or config.Camera().nominal_hz,
         truth=truth,
     )
 

@@ -123,9 +123,12 @@ def negotiate(path: Path, device: V4L2Device, camera: config.Camera) -> tuple[Mo
         for mode in device.sizes(fourcc)
         or [FrameSizes(fourcc=fourcc, width_px=camera.width_px, height_px=camera.height_px)]
     ]
-    requested = choose(modes, *wanted_px, camera.rate_hz)
+    wanted_hz = camera.nominal_hz
+    requested = choose(modes, *wanted_px, wanted_hz)
+    if requested and requested.rates_hz and requested.rates_hz[0] > 0.98 * camera.highest_hz:
+        wanted_hz = camera.highest_hz  # in the same format, whose frames cost no more
     mode = (
-        device.configure(requested.fourcc, requested.width_px, requested.height_px, camera.rate_hz)
+        device.configure(requested.fourcc, requested.width_px, requested.height_px, wanted_hz)
         if requested
         else None
     )
@@ -137,7 +140,7 @@ def negotiate(path: Path, device: V4L2Device, camera: config.Camera) -> tuple[Mo
             remedy,
         )
     size_px = (mode.width_px, mode.height_px)
-    rate_hz = mode.rate_hz or camera.rate_hz
+    rate_hz = mode.rate_hz or camera.nominal_hz
     log.info("camera %s: requested %s, delivers %s", path, requested, mode)
     notes = [
         f"the camera delivers {mode.fourcc} {mode.width_px}x{mode.height_px} at {rate_hz:.4g} Hz"
@@ -145,8 +148,8 @@ def negotiate(path: Path, device: V4L2Device, camera: config.Camera) -> tuple[Mo
     if camera.format not in ("auto", mode.fourcc):
         notes.append(f"{camera.format} requested, {mode.fourcc} delivered")
     notes += size_notes(size_px, camera)
-    if abs(rate_hz - camera.rate_hz) > 0.01 * camera.rate_hz:
-        notes.append(f"{camera.rate_hz:g} Hz requested, {rate_hz:.4g} Hz delivered")
+    if camera.rate_hz != "auto" and abs(rate_hz - wanted_hz) > 0.01 * wanted_hz:
+        notes.append(f"{wanted_hz:g} Hz requested, {rate_hz:.4g} Hz delivered")
     jpeg = mode.fourcc in JPEGS
     return mode, SourceInfo(
         f"camera:{path}", size_px, rate_hz, live=True, jpeg=jpeg, notes=tuple(notes)

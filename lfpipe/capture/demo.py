@@ -104,9 +104,9 @@ class DemoSource:
         # Warping four channels takes 0.65 ms, three 1.65 (640x480, OpenCV 5); the values are equal.
         self._picture = cv2.cvtColor(picture, cv2.COLOR_BGR2BGRA)
         self._warped: NDArray[np.uint8] = np.empty((0, 0, 4), np.uint8)
-        self._schedule = Schedule(camera.rate_hz)
+        self._schedule = Schedule(camera.nominal_hz)
         self._seq = self._start_ns = 0
-        self.info = SourceInfo("demo", self._size, camera.rate_hz, live=False)
+        self.info = SourceInfo("demo", self._size, camera.nominal_hz, live=False)
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
         """See `FrameSource.read`; out may have another size than the camera's.

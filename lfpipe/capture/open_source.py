@@ -14,6 +14,7 @@ from lfpipe.capture.spec import CameraSpec, DemoSpec, FileSpec, Spec, parse_sour
 from lfpipe.config.modes import CameraViewer, Clock, Live, Lossless, RecordedEyes
 from lfpipe.errors import UserError
 from lfpipe.host import PORTABLE
+from lfpipe.host.processes import usable_cores
 
 CAMERA_S, FILE_S = 15.0, 60.0  # longest time a source may take to open
 
@@ -43,6 +44,15 @@ def camera_name(text: str) -> str:
     return f"file:{spec.path.absolute()}" if isinstance(spec, FileSpec) else "demo"
 
 
+def camera_settings(settings: config.Config) -> config.Camera:
+    """[camera], at no higher a rate than the session can use: FaceMesh takes most of a core at 30
+    Hz, and two cores are busy with pictures.
+    """
+    camera = settings.camera
+    slow = settings.track.engine == "mediapipe" or len(usable_cores()) <= 2
+    return attrs.evolve(camera, rate_hz=camera.nominal_hz) if slow else camera
+
+
 def open_source(text: str, camera: config.Camera, reconnect: bool = False) -> FrameSource:
     """Opens the source that text names, in one of the forms of `spec.FORMS`, or the first camera
     for an empty text.
@@ -70,7 +80,7 @@ def open_source(text: str, camera: config.Camera, reconnect: bool = False) -> Fr
     from lfpipe.capture.reconnecting_camera import ReconnectingCamera
 
     info = SourceInfo(
-        str(spec or "camera"), (camera.width_px, camera.height_px), camera.rate_hz, live=True
+        str(spec or "camera"), (camera.width_px, camera.height_px), camera.nominal_hz, live=True
     )
     return orient(
         ReconnectingCamera(info, lambda: driver.open_camera(finder.path(), camera)), camera

@@ -37,7 +37,7 @@ class OpenCVCamera:
             cv2.CAP_PROP_FRAME_WIDTH: camera.width_px,
             cv2.CAP_PROP_FRAME_HEIGHT: camera.height_px,
         }
-        for key, value in (settings | {cv2.CAP_PROP_FPS: camera.rate_hz}).items():
+        for key, value in (settings | {cv2.CAP_PROP_FPS: camera.highest_hz}).items():
             self._capture.set(key, value)
         whole, frame = self._capture.read() if self._capture.isOpened() else (False, None)
         if not whole or frame is None:
@@ -47,7 +47,7 @@ class OpenCVCamera:
             )
             raise UserError(f"{self._name}: cannot be opened, or delivers no picture", remedy)
         size_px = frame.shape[1::-1]
-        rate_hz = float(self._capture.get(cv2.CAP_PROP_FPS)) or camera.rate_hz
+        rate_hz = float(self._capture.get(cv2.CAP_PROP_FPS)) or camera.nominal_hz
         notes = [
             "OpenCV gives no time stamps: using the time of reading",
             *size_notes(size_px, camera),

@@ -181,7 +181,7 @@ class FileSource:
         self._spec = spec
         self._recording = open_recording(spec.path)
         info, exact = self._recording.info, self._recording.exact
-        rate_hz = spec.pace if isinstance(spec.pace, float) else info.rate_hz or camera.rate_hz
+        rate_hz = spec.pace if isinstance(spec.pace, float) else info.rate_hz or camera.nominal_hz
         self._stamped = info.rate_hz > 0 and (
             spec.pace == "recorded" or (spec.pace == "max" and exact)
         )

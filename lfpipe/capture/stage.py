@@ -15,7 +15,7 @@ import time
 from collections import deque
 
 from lfpipe.capture.frame_source import BrokenFrame, Frame, SourceInfo
-from lfpipe.capture.open_source import open_source
+from lfpipe.capture.open_source import camera_settings, open_source
 from lfpipe.capture.reconnecting_camera import CameraLost
 from lfpipe.capture.schedule import Lateness
 from lfpipe.config.modes import Lossless
@@ -69,7 +69,7 @@ class CaptureStage:
         self._packets = PacketOutput(context.spec.session)
         with context.setting_up("opening the source"):
             self._source = open_source(
-                context.options.viewer.source, context.config.camera, reconnect=True
+                context.options.viewer.source, camera_settings(context.config), reconnect=True
             )
         self._report_source()
         info = self._source.info

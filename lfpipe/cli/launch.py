@@ -10,7 +10,7 @@ import attrs
 
 from lfpipe import config as configuration
 from lfpipe.capture.camera_list import NoCamera
-from lfpipe.capture.open_source import camera_name, check_source, clock_of
+from lfpipe.capture.open_source import camera_name, camera_settings, check_source, clock_of
 from lfpipe.capture.spec import CameraSpec, parse_source, playing_once, source_file
 from lfpipe.cli.kiosk import until_it_ends
 from lfpipe.cli.sessions import load_scene
@@ -107,7 +107,7 @@ def start() -> int:
     config = configuration.load()
     camera = None
     try:
-        check_source(config.camera.source, config.camera)
+        check_source(config.camera.source, camera_settings(config))
     except UserError as error:
         say(f"using the demo's face instead of a camera: {error.message}")
         camera = "demo"
@@ -355,7 +355,7 @@ def _viewer(camera: str, display: Target, config: Config) -> Viewer:
         once = playing_once(camera) if camera and isinstance(display, VideoFile) else camera
         if camera == MouseViewer.source:
             return MouseViewer()
-        return check_source(once, config.camera)
+        return check_source(once, camera_settings(config))
     except UserError as error:
         if is_exhibition and (not camera or isinstance(parse_source(camera), CameraSpec)):
             say(f"{error.message}; the exhibition waits for its camera")

@@ -16,7 +16,7 @@ import attrs
 import click
 import numpy as np
 
-from lfpipe.capture.open_source import camera_name, check_source, clock_of
+from lfpipe.capture.open_source import camera_name, camera_settings, check_source, clock_of
 from lfpipe.capture.recordings import open_recording
 from lfpipe.cli.launch import exit_code
 from lfpipe.cli.options import CAMERA, DURATION, PATH, Number, with_config
@@ -55,7 +55,7 @@ def record(out: Path, camera: str | None, duration_s: float | None, config: Conf
 
     Ctrl-C ends it. See also `lfpipe ctl record`.
     """
-    viewer = check_source(camera or config.camera.source, config.camera)
+    viewer = check_source(camera or config.camera.source, camera_settings(config))
     config = with_measured_focal(config, camera_name(viewer.source))
     check_out(out)
     # the tracker plays recorded eyes

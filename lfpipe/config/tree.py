@@ -84,12 +84,16 @@ class Camera:
         ),
     )
     height_px: int = key(480, "px", 16, 4320, doc="frame height requested from the camera")
-    rate_hz: float = key(
-        30.0,
+    rate_hz: float | Literal["auto"] = key(
+        "auto",
         "Hz",
         0.1,
         1000,
-        doc="frame rate requested from the camera, and used for a file without a rate of its own",
+        doc=(
+            "frame rate requested from the camera, and used for a file without a rate of its own;"
+            " auto: 30, and of a camera 60 if it offers that in the same format, on more than two"
+            " cores with track.engine litert"
+        ),
     )
     format: PixelFormat = key(
         "auto",
@@ -159,6 +163,16 @@ class Camera:
         """(width, height) of a frame after the turn."""
         upright = self.rotate % 180 == 0
         return (self.width_px, self.height_px) if upright else (self.height_px, self.width_px)
+
+    @property
+    def nominal_hz(self) -> float:
+        """rate_hz of what has no rate of its own."""
+        return 30.0 if isinstance(self.rate_hz, str) else self.rate_hz
+
+    @property
+    def highest_hz(self) -> float:
+        """rate_hz of a camera that offers it."""
+        return 60.0 if isinstance(self.rate_hz, str) else self.rate_hz
 
 
 @attrs.frozen

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.capture.open_source import open_source
+from lfpipe.capture.open_source import camera_settings, open_source
 from lfpipe.config import Config
 from lfpipe.errors import UserError
 from lfpipe.render.open_display import has_display
@@ -46,7 +46,7 @@ class _CameraWindow:
         width_px, height_px = config.camera.frame_px
         self.picture: NDArray[np.uint8] = np.empty((height_px, width_px, 3), np.uint8)
         self.clicks: list[tuple[float, float]] = []
-        self.source = open_source(camera or config.camera.source, config.camera)
+        self.source = open_source(camera or config.camera.source, camera_settings(config))
         self.window = None
         if has_display():
             from lfpipe.render.window import ScreenWindow

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.capture.frame_source import BrokenFrame, FrameSource, as_read
-from lfpipe.capture.open_source import open_source
+from lfpipe.capture.open_source import camera_settings, open_source
 from lfpipe.config import Config
 from lfpipe.errors import UserError
 from lfpipe.observe.loop_delay import (
@@ -138,7 +138,8 @@ def measure_loop(config: Config, camera: str | None) -> tuple[LoopDelay, Monitor
         )
     with closing(
         CameraWatch(
-            open_source(camera or config.camera.source, config.camera), config.camera.frame_px
+            open_source(camera or config.camera.source, camera_settings(config)),
+            config.camera.frame_px,
         )
     ) as watch:
         watch.start()

@@ -6,12 +6,14 @@ import errno
 from pathlib import Path
 from typing import Any
 
+import attrs
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lfpipe import config
+from lfpipe.capture import open_source
 from lfpipe.capture import v4l2_abi as abi
 from lfpipe.capture.camera import MAX_AGE_NS, SensorClock, negotiate, open_device, stamp_kind
 from lfpipe.capture.camera_list import CameraDevice, NoCamera, cameras
@@ -77,9 +79,44 @@ def test_the_mode_is_chosen_by_size_rate_and_cost(
     assert device.requested[0][:3] == request_
 
 
+@pytest.mark.parametrize(
+    ("modes", "rate_hz", "request_"),
+    [
+        (["YUYV 640x480 60 30"], "auto", ("YUYV", 60.0)),
+        (["YUYV 640x480 30", "MJPG 640x480 60 30"], "auto", ("YUYV", 30.0)),
+        (["MJPG 640x480 120 60 30"], "auto", ("MJPG", 60.0)),
+        (["MJPG 640x480 50 30", "MJPG 320x240 60"], "auto", ("MJPG", 30.0)),
+        (["YUYV 640x480 60 30"], 30.0, ("YUYV", 30.0)),
+        (["YUYV 640x480 30", "MJPG 640x480 60 30"], 60.0, ("MJPG", 60.0)),
+    ],
+)
+def test_an_automatic_rate_is_60_hz_where_the_format_has_it(
+    modes: list[str], rate_hz: Any, request_: tuple[str, float]
+) -> None:
+    device = FakeCamera(offered=listed(*modes))
+    _, info = negotiate(PATH, device, config.Camera(rate_hz=rate_hz))
+    assert (device.requested[0][0], device.requested[0][3]) == request_
+    if rate_hz == "auto":
+        assert len(info.notes) == 1, "an automatic rate is never missed"
+
+
+@pytest.mark.parametrize(
+    ("engine", "cores", "rate_hz"),
+    [("litert", 4, "auto"), ("litert", 2, 30.0), ("mediapipe", 4, 30.0)],
+)
+def test_two_cores_and_facemesh_stay_at_30_hz(
+    engine: Any, cores: int, rate_hz: object, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(open_source, "usable_cores", lambda: list(range(cores)))
+    settings = config.Config(track=config.Track(engine=engine))
+    assert open_source.camera_settings(settings).rate_hz == rate_hz
+    asked = attrs.evolve(settings, camera=config.Camera(rate_hz=50.0))
+    assert open_source.camera_settings(asked).rate_hz == 50.0
+
+
 def test_what_the_driver_rounds_is_noted_and_a_range_of_sizes_has_the_wanted_one() -> None:
     device = FakeCamera(Mode("MJPG", 800, 600, 0, 15.0))
-    mode, info = negotiate(PATH, device, config.Camera(format="YUYV"))
+    mode, info = negotiate(PATH, device, config.Camera(format="YUYV", rate_hz=30.0))
     assert device.requested == [("YUYV", 640, 480, 30.0)] and mode == device.mode
     for part in ("MJPG 800x600 at 15 Hz", "YUYV requested", "scaled to 640x480", "30 Hz requested"):
         assert part in " ".join(info.notes)

@@ -134,6 +134,7 @@ def session(tmp_path_factory: pytest.TempPathFactory, scene: Path, clip: Path) -
     made.end()
 
 
+@pytest.mark.live
 @pytest.mark.parametrize("page", [*PAGES, "lfpipe/"])
 def test_commands_run_as_printed(session: World, tmp_path: Path, page: str) -> None:
     """Each that ends by itself, in the order of the page, while a session runs."""
@@ -147,6 +148,7 @@ def test_commands_run_as_printed(session: World, tmp_path: Path, page: str) -> N
     shutil.copytree(session.root, folder, symlinks=True, ignore=HIDDEN)
     env = session.env | {"LFPIPE_SESSION": session.name}
     wrong = []
+    session.run("trace", "stop")  # of the page before
     for line, block in lines.items():
         if re.search(r"record (start )?[\w/]*walk|import", line):
             shutil.rmtree(folder / ("tests/walk" if "tests/walk" in line else "walk"))
