@@ -28,6 +28,7 @@ LAYOUTS, ENGINES, FILTERS, DISPLAYS = GROUPS = (
     "lfpipe.displays",
 )
 log = logging.getLogger(__name__)
+AND = " and "  # between packages that offer a plug-in of one name
 Results = Mapping[str, type | UnionType]
 
 
@@ -37,13 +38,12 @@ def plugins(group: str) -> dict[str, str]:
 
     Imports none of them.
     """
-    entries = importlib.metadata.entry_points(group=group)
-    return {
-        entry.name: f"{entry.dist.name} {entry.dist.version}"
-        if entry.dist
-        else "an unknown package"
-        for entry in entries
-    }
+    offered: dict[str, str] = {}
+    for entry in importlib.metadata.entry_points(group=group):
+        package = f"{entry.dist.name} {entry.dist.version}" if entry.dist else "an unknown package"
+        first = offered.get(entry.name)
+        offered[entry.name] = f"{first}{AND}{package}" if first else package
+    return offered
 
 
 class PluginError(UserError):
@@ -73,7 +73,7 @@ def _broken(group: str, name: str, why: str) -> PluginError:
     return PluginError(name, f"{name} of {package} ({group}) {why}", remedy)
 
 
-class _Guarded:
+class Guarded:
     """A part of a plug-in: its calls raise PluginError, also for a result of a wrong type."""
 
     def __init__(self, part: Any, group: str, name: str, results: Results) -> None:
@@ -82,6 +82,10 @@ class _Guarded:
     def __getattr__(self, attribute: str) -> Any:
         value = getattr(self._part, attribute)
         return functools.partial(self._call, attribute, value) if callable(value) else value
+
+    def guard(self, part: Any, results: Results) -> Any:
+        """`guarded` for a part that this one has made."""
+        return guarded(part, self._group, self._name, results)
 
     def _call(
         self, attribute: str, function: Callable[..., Any], *arguments: Any, **named: Any
@@ -108,17 +112,25 @@ def load(group: str, name: str, built_in: Collection[str]) -> Any:
         )
     if name in built_in:
         raise _broken(group, name, "has the name of a built-in one")
+    if AND in plugins(group)[name]:
+        raise _broken(group, name, "is offered twice")
     with _guarded(group, name, "cannot be loaded"):
         return importlib.metadata.entry_points(group=group)[name].load()
 
 
 def guarded(part: Any, group: str, name: str, results: Results) -> Any:
-    """A part whose calls raise PluginError. results: the types that its methods return; it must
-    have each of them.
+    """A part whose calls raise PluginError. results: the types that its methods return, and those
+    of its other attributes; it must have each of them.
     """
-    if missing := [attribute for attribute in results if not hasattr(part, attribute)]:
-        raise _broken(group, name, f"has no {missing[0]}")
-    return _Guarded(part, group, name, results)
+    for attribute, kind in results.items():
+        with _guarded(group, name, f"fails in {attribute}"):
+            missing = not hasattr(part, attribute)
+            value = None if missing else getattr(part, attribute)
+        if missing:
+            raise _broken(group, name, f"has no {attribute}")
+        if not callable(value) and not isinstance(value, kind):
+            raise _broken(group, name, f"has {type(value).__name__} as {attribute}")
+    return Guarded(part, group, name, results)
 
 
 def make(group: str, name: str, results: Results, *arguments: Any) -> Any:

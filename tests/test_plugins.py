@@ -27,6 +27,14 @@ def detect(listing):
 def describe(listing, scene):
     {describe}
 
+def scene_of(listing, **wrong):
+    from lfpipe.scene.source import SceneSource
+
+    usual = {{"rows": 1, "cols": 2, "height_px": 4, "width_px": 5}}
+    return SceneSource(
+        layout="bad", path=listing.path, files=(), read=lambda *_: 3, **usual | wrong
+    )
+
 class Engine:
     name, model, rotated_deg = "bad", "none", 0
     examine = reset = close = lambda *_: None
@@ -72,6 +80,8 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install
         {"detect": "return 'yes'"},
         {"describe": "raise MemoryError"},
         {"describe": "return None"},
+        {"describe": "return scene_of(listing, rows=-1)"},
+        {"describe": "return scene_of(listing, width_px=0)"},
         {"head": "import sys; sys.exit(0)"},
         {"head": "raise GeneratorExit"},
     ],
@@ -91,6 +101,29 @@ def test_a_layout_that_fails_is_named_and_skipped(
         with pytest.raises(UserError, match=r"bad of bad 1\.0") as caught:
             layouts.describe(scene, Scene(layout="bad"))
         assert caught.value.remedy == "repair or uninstall bad"
+
+
+def test_a_view_that_is_no_array_is_of_its_package(install: Install, tmp_path: Path) -> None:
+    install({LAYOUTS: "bad = bad_parts"}, describe="return scene_of(listing)")
+    scene = made.write_grid(tmp_path / "png", made.wall(2, 2, 32, 40))
+    source = layouts.describe(scene, Scene(layout="bad"))
+    with pytest.raises(PluginError, match=r"bad of bad 1\.0 .* returns int from read"):
+        source.read(0, 0, 0)
+
+
+def test_a_name_that_two_packages_offer_is_refused(
+    install: Install, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    install({ENGINES: "bad = bad_parts:Engine"})
+    about = tmp_path / "more" / "other-2.0.dist-info"
+    about.mkdir(parents=True)
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: other\nVersion: 2.0\n")
+    (about / "entry_points.txt").write_text(f"[{ENGINES}]\nbad = bad_parts:Engine\n")
+    monkeypatch.syspath_prepend(tmp_path / "more")
+    plugins.cache_clear()
+    with pytest.raises(PluginError, match="is offered twice") as caught:
+        make_engine(Track(engine="bad"))  # type: ignore[arg-type]
+    assert "bad 1.0" in caught.value.message and "other 2.0" in caught.value.message
 
 
 def test_a_layout_with_the_name_of_a_built_in_one_is_refused(install: Install) -> None:

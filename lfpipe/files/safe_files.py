@@ -198,13 +198,16 @@ def _check_free(path: Path) -> None:
 @contextlib.contextmanager
 def replaced(path: Path, mode: int = PRIVATE) -> Iterator[BufferedWriter]:
     """A file to write, also by its name, that replaces path when it is complete. Until then, and if
-    writing fails, path is unchanged. mode: as `OutputFile`. Raises OSError.
+    writing fails, path is unchanged. mode: as `OutputFile`. Raises OSError that names path.
     """
     output = OutputFile(path, mode)
     try:
         yield output.file
         output.file.flush()
         output.place()
+    except OSError as error:
+        error.filename = error.filename or str(path)  # a write knows no name
+        raise
     finally:
         output.close()
 

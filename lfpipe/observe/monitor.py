@@ -101,7 +101,7 @@ def state_text(figures: SessionFigures, paused: bool = False) -> Text:
                 f"{key.removesuffix('_ms')} {age[key]:.2f}" for key in (*QUANTILES, "max_ms")
             )
         )
-        out.append(f" ms over {age['n']} pictures\n")
+        out.append(f" ms over {age['n']:.0f} pictures\n")
     if judder.planned:
         out.append(
             f"judder: {judder.percent:.2f} % of {judder.planned} refreshes showed another"

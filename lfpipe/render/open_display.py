@@ -9,8 +9,9 @@ from pathlib import Path
 from lfpipe.config.modes import Nothing, Plugin, Target, VideoFile, Window
 from lfpipe.errors import UserError
 from lfpipe.host.machine import has_desktop
-from lfpipe.plugins import DISPLAYS, load, make, plugins
+from lfpipe.plugins import DISPLAYS, Results, load, make, plugins
 from lfpipe.render.display import Display
+from lfpipe.render.overlay import Pointer
 
 HINT = "h shows the keys, g tests your glasses"
 BUILT_IN = ("window", "fullscreen", "none", "file")
@@ -57,6 +58,22 @@ def parse_display(text: str) -> Target:
             return Plugin(name, argument)
         case _:
             raise UserError(f"--display {text!r}: not a display", f"use one of {FORMS}")
+
+
+RESULTS: Results = {  # of the methods of a display, and its attributes
+    "pointer": Pointer,
+    "blanks_by": str,
+    "knows_rows": bool,
+    "show": int,
+    "events": list,
+    "presented": list,
+    "notices": list,
+    "nominal_hz": int | float,
+    "width_mm": int | float | None,
+    "overlay": object,
+    "title": object,
+    "close": object,
+}
 
 
 def check_display(target: Target, monitor: str = "") -> None:
@@ -113,8 +130,7 @@ def open_display(
                 path = path.with_stem(f"{path.stem}.{restarts + 1}")
             return FileDisplay(path, size_px, rate_hz)
         case Plugin(name, argument):
-            results = {"show": int, "events": list, "presented": list, "notices": list}
-            display: Display = make(DISPLAYS, name, results, argument, size_px, title, rate_hz)
+            display: Display = make(DISPLAYS, name, RESULTS, argument, size_px, title, rate_hz)
             return display
         case Nothing():
             return Display()

@@ -96,6 +96,15 @@ class SceneSource:
     certain: bool = True
     notes: tuple[str, ...] = ()
 
+    def __attrs_post_init__(self) -> None:
+        """Raises ValueError for a scene without a view or pixels."""
+        counts = (self.frames, self.rows, self.cols, self.height_px, self.width_px, self.max_value)
+        if min(counts) < 1 or len(self.missing) >= self.rows * self.cols:
+            raise ValueError(
+                f"{self.frames} frames of {self.rows}x{self.cols} views, {len(self.missing)} of"
+                f" them missing, {self.width_px}x{self.height_px} px, values to {self.max_value}"
+            )
+
     @property
     def middle(self) -> ViewIndex:
         """The present view closest to the middle of the grid."""

@@ -283,7 +283,7 @@ class LiveSession:
                 f"{mistake.message} ({mistake.remedy})" if mistake else f"{name} fails with it",
             )
             return
-        first = not row["ready_ns"] and not row["restarts"]
+        first = not row["seq"]  # it has never worked
         # later in a live session, the missing thing may return
         if mistake and (first or isinstance(state.options.clock, Lossless)):
             reason = f"{name} could not {'start' if first else 'continue'}"

@@ -1,6 +1,7 @@
 """Light fields as arrays: the same pictures as from files, and mistakes with their remedy."""
 
 import math
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -80,6 +81,27 @@ def test_an_array_of_fewer_bits_opens_as_bright(bits: int, cache: dict[str, Any]
     deep[0, 0, 0, 0] = 2**bits - 1
     shown = lfpipe.render_view(lfpipe.open_scene(deep, cache), 1, 2, method="nearest")
     assert np.abs(shown.astype(int) - VIEWS[1, 2, ..., ::-1]).max() <= 1
+
+
+def test_big_endian_values_open(cache: dict[str, Any]) -> None:
+    views = VIEWS.astype(">u2") * 257
+    shown = lfpipe.render_view(lfpipe.open_scene(views, cache), 1, 2, method="nearest")
+    assert np.abs(shown.astype(int) - VIEWS[1, 2, ..., ::-1]).max() <= 1
+
+
+def test_an_archive_without_an_array_is_refused(cache: dict[str, Any], tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "views.npz", "w") as archive:
+        archive.writestr("views.npy", "not an array")
+    with pytest.raises(lfpipe.UserError, match="axes of sizes"):
+        lfpipe.open_scene(tmp_path / "views.npz", cache)
+
+
+def test_sixteen_bits_as_floats_are_refused_and_255_are_not(cache: dict[str, Any]) -> None:
+    views = np.random.default_rng(3).random((3, 3, 48, 64, 3)) * 255
+    assert 100 < lfpipe.render_view(lfpipe.open_scene(views, cache), 1, 1).mean() < 155
+    with pytest.raises(lfpipe.UserError, match="values up to 65") as caught:
+        lfpipe.open_scene(views * 257, cache)
+    assert "views / 65535" in caught.value.remedy
 
 
 def test_negative_values_are_refused_and_a_filters_overshoot_is_not(cache: dict[str, Any]) -> None:

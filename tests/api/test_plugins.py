@@ -73,3 +73,57 @@ def test_each_part_works_and_is_listed(world: World, installed: Path, clip: Path
     assert "broken 2.0" in world.refused(
         "up", scene, *more, "--display", "none", "--set", "track.engine=broken"
     )
+
+
+NEVER = """
+import sys
+
+from lfpipe.render.overlay import Pointer
+
+class Engine:
+    name, model, rotated_deg = "never", "none", 0
+    examine = reset = close = lambda *_: None
+
+    def __init__(self, track):
+        pass
+
+    def detect(self, image):
+        sys.exit(0)
+
+class Screen:
+    events = presented = notices = lambda *_: []
+    overlay = title = width_mm = close = lambda *_: None
+    nominal_hz = lambda *_: 60.0
+    blanks_by, knows_rows, pointer = "test", True, Pointer()
+
+    def __init__(self, *_):
+        pass
+
+    def show(self, *_):
+        return None
+
+def nothing(*_):
+    return None
+"""
+
+
+@pytest.mark.parametrize(
+    ("part", "method"), [("engine", "detect"), ("screen", "show"), ("nothing", "pointer")]
+)
+def test_a_part_that_never_worked_ends_the_session_and_is_named(
+    world: World, scene: Path, part: str, method: str
+) -> None:
+    folder = world.root / "packages"
+    about = folder / "never-1.0.dist-info"
+    about.mkdir(parents=True)
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: never\nVersion: 1.0\n")
+    engines, displays = "engine = never:Engine", "screen = never:Screen\nnothing = never:nothing"
+    groups = f"[lfpipe.engines]\n{engines}\n[lfpipe.displays]\n{displays}\n"
+    (about / "entry_points.txt").write_text(groups)
+    (folder / "never.py").write_text(NEVER)
+    world.env["PYTHONPATH"] += os.pathsep + str(folder)
+    chosen = ["--display", part]
+    if part == "engine":
+        chosen = ["--display", "none", "--set", "track.engine=engine"]
+    said = world.refused("up", scene, "--camera", "demo", "--duration", "20", *chosen)
+    assert f"{part} of never 1.0" in said and method in said, said

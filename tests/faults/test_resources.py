@@ -179,6 +179,16 @@ def test_full_disks_end_trace_and_video_and_keep_the_session(world: World, scene
 
 
 @mounts
+def test_settings_without_room_are_named_and_not_left(world: World) -> None:
+    place = world.root / "settings"
+    place.mkdir()
+    command = ("config", "init", place / "c.toml")
+    done = in_mounts(world, command, (place, "size=4k"), after=f"ls -A {place}")
+    assert done.returncode == 2 and f"{place}/c.toml: No space left on device" in done.stderr
+    assert done.stdout.split("===\n")[1] == ""
+
+
+@mounts
 def test_a_replay_whose_results_have_no_room_says_so(world: World, scene: Path, clip: Path) -> None:
     place, sequence = world.root / "small", world.root / "sequence"
     place.mkdir()

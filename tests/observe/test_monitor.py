@@ -159,6 +159,7 @@ def test_the_horizon_is_what_the_trace_says_and_grows_with_the_displays_own_dela
 def test_streams_and_wrong_words(live: World) -> None:
     assert live.monitor()["stages"]["render"]["fps"] > 0
     assert "age of the picture" in live.run("monitor", "--session", live.name, "--once").stdout
+    assert re.search(r"over \d+ pictures", live.run("ctl", "status", "--session", live.name).stdout)
     for words in (("--web", "--json"), ("--once", "--web")):
         assert CliRunner().invoke(cli, ["monitor", "--session", live.name, *words]).exit_code == 2
     plain = Terminal(live, term="dumb")

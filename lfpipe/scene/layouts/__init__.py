@@ -10,12 +10,13 @@ from collections import Counter
 from pathlib import Path
 
 import attrs
+import numpy as np
 
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import read_picture
 from lfpipe.host.machine import install_command
-from lfpipe.plugins import LAYOUTS, PluginError, Results, loaded
+from lfpipe.plugins import LAYOUTS, Guarded, PluginError, Results, loaded
 from lfpipe.scene.files import PICTURES, VIDEOS, Listing, library_errors, list_scene
 from lfpipe.scene.layouts._candidates import Candidate, ranked
 from lfpipe.scene.layouts._folders import inner_listing, note_of
@@ -196,6 +197,8 @@ def _described(known: dict[str, Layout], given: Listing, scene: config.Scene) ->
         else _checked(known, mark, layout, listing, scene)
     )
     source = layout.describe(listing, scene)
+    if isinstance(layout, Guarded):  # of another package
+        source = attrs.evolve(source, read=layout.guard(source, {"read": np.ndarray}).read)
     if inner is not None:
         source = attrs.evolve(
             source, path=given.path, notes=(*source.notes, *filter(None, [note_of(given, inner)]))

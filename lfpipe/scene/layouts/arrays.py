@@ -52,7 +52,7 @@ def _require_size(kind: np.dtype[Any], shape: tuple[int, ...], what: str) -> Non
 
     what: its name, for messages.
     """
-    if kind not in (np.uint8, np.uint16) and kind.kind != "f":
+    if kind.newbyteorder("=") not in (np.uint8, np.uint16) and kind.kind != "f":
         raise UserError(
             f"{what}: values of type {kind}", "save it as uint8, uint16 or float 0 .. 1"
         )
@@ -98,7 +98,12 @@ def _source(
             f"{path}: values below 0, down to {np.min(middle):.3g}",
             "scale them to 0 .. 1: (views - low) / (high - low)",
         )
-    # highlights of a rendering are above 1, too, but they are few
+    # highlights of a rendering are above 1 or 255, too, but they are few
+    if kind.kind == "f" and np.mean(middle > 1.5 * 255) > 0.1:
+        raise UserError(
+            f"{path}: values up to {np.max(middle):.6g}",
+            "scale them to 0 .. 1: views / 65535 for 16 bits",
+        )
     full = 255.0 if kind.kind == "f" and np.mean(middle > 1.5) > 0.1 else 1.0
 
     def read(frame: int, row: int, col: int) -> NDArray[Any]:
@@ -111,7 +116,7 @@ def _source(
             # clipped first: float32 holds less than float64
             pixels = np.clip(pixels, 0, full).astype(np.float32)
             pixels = np.rint(pixels / np.float32(full) * np.float32(65535)).astype(np.uint16)
-        return np.ascontiguousarray(pixels)
+        return np.ascontiguousarray(pixels, pixels.dtype.newbyteorder("="))
 
     return SceneSource(
         layout=layout,
@@ -137,7 +142,11 @@ def _numpy_arrays(path: Path) -> Mapping[str, NDArray[Any]]:
         with np.load(path, allow_pickle=False) as held:
             names = [name for name in (VIEWS, DISPARITY, POSITIONS) if name in held.files]
             names = names or held.files[:1] * (len(held.files) == 1)
-            return {name if name in (DISPARITY, POSITIONS) else VIEWS: held[name] for name in names}
+            return {
+                # a member that is no array is bytes
+                name if name in (DISPARITY, POSITIONS) else VIEWS: np.asarray(held[name])
+                for name in names
+            }
 
 
 def _numpy_source(listing: Listing, path: Path) -> SceneSource:
