@@ -1,5 +1,6 @@
 """Subject: stiff and extreme cases of numerics: the filters, compared with their undisturbed run;
-eyes to viewpoints, and views at the ends of the range. Values are ok, degraded or failed.
+eyes to viewpoints, views at the ends of the range, and recordings that hold no delay. Values are
+ok, degraded or failed.
 """
 
 import itertools
@@ -16,6 +17,8 @@ from lfpipe.bench.runner import Offer
 from lfpipe.bench.synthesis import view_at
 from lfpipe.config import Render, Track
 from lfpipe.config.quality import METHODS, WARPS
+from lfpipe.errors import UserError
+from lfpipe.observe.loop_delay import Recording, estimate
 from lfpipe.render.compositor import Compositor, ViewRenderer
 from lfpipe.render.viewpoint import ViewSolver, pair_clamped
 from lfpipe.scene.lightfield import UNKNOWN, Geometry, LightField
@@ -291,9 +294,46 @@ def synthesis_table(inputs: Inputs) -> Table:
     )
 
 
+def calibration_table() -> Table:
+    """Recordings of a camera that holds no delay: each must be refused in words."""
+    rng = np.random.default_rng(1)
+    t_frame_ns = np.arange(240) * 33_400_000
+    recording = Recording(
+        t_flip_ns=np.cumsum(rng.integers(3, 7, 120)) * 16_666_667,
+        bright=np.arange(120) % 2 == 0,
+        t_frame_ns=t_frame_ns,
+        pictures=rng.integers(0, 256, (240, 12, 16), np.uint8),
+        stamped=True,
+        refresh_ms=1e3 / 60,
+    )
+    changes: dict[str, dict[str, NDArray[np.generic]]] = {
+        "noise": {},
+        "black": {"pictures": np.zeros_like(recording.pictures)},
+        "one pixel": {"pictures": recording.pictures[:, :1, :1]},
+        "one frame": {"pictures": recording.pictures[:1], "t_frame_ns": t_frame_ns[:1]},
+        "no frame": {"pictures": recording.pictures[:0], "t_frame_ns": t_frame_ns[:0]},
+        "no flip": {"t_flip_ns": recording.t_flip_ns[:0], "bright": recording.bright[:0]},
+        "flips at one time": {"t_flip_ns": 0 * recording.t_flip_ns},
+        "equal stamps": {"t_frame_ns": 0 * t_frame_ns + 3 * 10**9},
+        "falling stamps": {"t_frame_ns": t_frame_ns[::-1].copy()},
+        "stamps of 292 years": {"t_frame_ns": t_frame_ns * ((2**63 - 1) // int(t_frame_ns[-1]))},
+    }
+
+    def judge(change: dict[str, NDArray[np.generic]], _column: str) -> tuple[str, State]:
+        try:
+            found = estimate(attrs.evolve(recording, **change))  # type: ignore[arg-type]
+        except UserError as error:
+            return error.message, "ok"
+        return f"{found.delay_ms:g} ms", "failed"
+
+    note = "ok: refused with a reason; failed: a delay, or an exception."
+    return judged_table("Calibration", note, "recording", changes, {"answer": "answer"}, judge)
+
+
 def measure(inputs: Inputs) -> Iterator[Offer]:
     """All tables."""
     rates_hz = (30, 240) if inputs.quick else RATES_HZ
     yield from filter_tables(rates_hz)
     yield mapping_table()
+    yield calibration_table()
     yield synthesis_table(inputs)

@@ -408,7 +408,7 @@ def _checked(recording: Recording) -> Recording:
             "use another camera: only a driver's stamps tell when a frame was exposed",
         )
     # of two flips at one blank, the first was never seen
-    visible = np.append(np.diff(recording.t_flip_ns) > 0, True)
+    visible = np.diff(recording.t_flip_ns, append=np.iinfo(np.int64).max) > 0
     recording = attrs.evolve(
         recording, t_flip_ns=recording.t_flip_ns[visible], bright=recording.bright[visible]
     )

@@ -153,6 +153,7 @@ def test_extreme_cases_and_whether_they_matter(tmp_path: Path) -> None:
     made = [
         *stability.filter_tables((30,)),
         stability.mapping_table(),
+        stability.calibration_table(),
         stability.synthesis_table(given),
     ]
     judged = [(table.title, value) for table, _, _, value in Results("stability", made).judged()]
