@@ -95,6 +95,16 @@ def test_methods_beside_each_other() -> None:
     assert "2x2 -> 3x3" in flat.rows[0].name
 
 
+def test_a_method_is_measured_although_a_session_would_not_use_it() -> None:
+    """The scores of the whole scene, for which a cross-fade is drawn instead, are not of the views
+    that are kept.
+    """
+    scores = {"blend": 50.0, "warp": 40.0, "warp2": 40.0}
+    field = attrs.evolve(wall(9, 9, 96), method="blend", manifest={"scores": scores})
+    db = {row.curve: row.value("psnr_db") for row in _run([field]).rows}
+    assert min(db["warp"], db["warp2"]) > db["blend"] + 5
+
+
 def test_what_cannot_be_measured_is_left_out_with_its_reason() -> None:
     def missing() -> LightField:
         raise UserError("nowhere: no such folder", "")
