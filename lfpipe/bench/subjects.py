@@ -137,6 +137,7 @@ TABLE = Subject(
         Column("psnr_db", "PSNR", "dB"),
         Column("worst_db", "worst view", "dB"),
         Column("ssim", "SSIM"),
+        Column("mb", "kept views and maps that it reads", "MB"),
         Column("ms", "thread CPU per picture", "ms"),
     ),
     rounds=(3, 3),

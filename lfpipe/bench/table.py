@@ -149,7 +149,14 @@ def _prepare(
     similar = [ssim(true, lumas[place]) for place, true in truth.items()]
     upcoming = itertools.cycle(truth)
     turn = partial(cpu_ms, lambda: renderer.planes(*next(upcoming)), len(truth))
-    figures = {"psnr_db": float(np.mean(db)), "worst_db": min(db), "ssim": float(np.mean(similar))}
+    maps = kept_field.disparity if method in WARPS else None
+    stored_bytes = kept_field.views.nbytes + (0 if maps is None else maps.nbytes)
+    figures = {
+        "psnr_db": float(np.mean(db)),
+        "worst_db": min(db),
+        "ssim": float(np.mean(similar)),
+        "mb": stored_bytes / 1e6,
+    }
     return figures, (lambda: {"ms": turn()}) if protocol.timed else None
 
 

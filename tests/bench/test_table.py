@@ -85,6 +85,8 @@ def test_methods_beside_each_other() -> None:
     assert all(row.knob == "wall, 2x2 -> 7x7" and row.value("ms") > 0 for row in rows)
     db = {row.curve: row.value("psnr_db") for row in rows}
     assert db["warp2"] > db["blend"] > db["nearest"]
+    views, maps = 4 * 3 * 96 * 96 / 1e6, 4 * 48 * 48 / 1e6
+    assert [row.value("mb") for row in rows] == pytest.approx([views, views] + [views + maps] * 2)
     other = _run([field], Protocol(3, 8, timed=False)).rows
     assert other[0].name == "nearest, wall, 3x3 -> 7x7" and "ms" not in other[0].values
     flat = _run([wall(3, 3, 64, disparity=False)])
