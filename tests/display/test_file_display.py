@@ -153,6 +153,17 @@ def test_mp4_is_h264_whose_pictures_stand_and_whose_index_comes_first(tmp_path: 
     ]
 
 
+def test_a_link_beside_an_mp4_is_not_written_through(tmp_path: Path) -> None:
+    victim = tmp_path / "victim"
+    victim.write_text("mine")
+    planted = [tmp_path / name for name in (".out.mp4.index", ".out.mp4", ".out.new.mp4")]
+    for link in planted:
+        link.symlink_to(victim)
+    record(tmp_path / "out.mp4", [np.full((36, 60, 3), 90, np.uint8)], 50.0, 0.2)
+    assert victim.read_text() == "mine" and all(link.is_symlink() for link in planted)
+    assert not (tmp_path / "out.mp4").is_symlink() and read_back(tmp_path / "out.mp4")
+
+
 def test_mp4_of_a_killed_writer_plays(tmp_path: Path) -> None:
     import av
 

@@ -5,6 +5,7 @@ mount, tests of small disks are skipped.
 """
 
 import json
+import os
 import resource
 import shutil
 import signal
@@ -179,13 +180,20 @@ def test_full_disks_end_trace_and_video_and_keep_the_session(world: World, scene
 
 
 @mounts
-def test_settings_without_room_are_named_and_not_left(world: World) -> None:
+def test_files_without_room_are_named_and_not_left(world: World) -> None:
     place = world.root / "settings"
     place.mkdir()
     command = ("config", "init", place / "c.toml")
     done = in_mounts(world, command, (place, "size=4k"), after=f"ls -A {place}")
     assert done.returncode == 2 and f"{place}/c.toml: No space left on device" in done.stderr
     assert done.stdout.split("===\n")[1] == ""
+    log = Path(world.env["XDG_STATE_HOME"]) / "lfpipe" / "last_session.log"
+    log.parent.mkdir(parents=True, exist_ok=True)
+    log.write_bytes(os.urandom(9000))  # a part of the report
+    command = ("doctor", "--report", place / "r.zip")
+    done = in_mounts(world, command, (place, "size=4k"), after=f"ls -A {place}")
+    assert done.returncode == 2 and f"{place}/r.zip: No space left on device" in done.stderr
+    assert done.stdout.split("===\n")[1] == "", "a retry is not refused"
 
 
 @mounts

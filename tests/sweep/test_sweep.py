@@ -16,6 +16,8 @@ import psutil
 import pytest
 
 from lfpipe.bench.results import read
+from lfpipe.sweep.plan import Cell
+from lfpipe.sweep.work import Order, measure_cell
 from tests.support.world import World, runs
 from tests.sweep.conftest import write_plan, write_wall
 
@@ -223,6 +225,16 @@ def test_missing(world: World, corpus: Path) -> None:
     digests = json.loads((world.root / "hand" / "report.json").read_text())["digests"]
     figures = found["replay", "walk", "s0"]["figures"]
     assert {name: figures[f"digest.{name}"] for name in digests} == digests
+
+
+def test_a_clock_that_is_set_back_changes_no_duration(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    hours = itertools.count(500, -1)
+    monkeypatch.setattr("lfpipe.sweep.work.time.time", lambda: 3600.0 * next(hours))
+    cell = Cell(subject="truth", sequence=str(tmp_path), scene="")
+    outcome = measure_cell(cell, Order(60.0))
+    assert outcome.state == "failed" and 0 < outcome.seconds < 60, outcome.reason
 
 
 def test_references_of_a_corpus(world: World, corpus: Path) -> None:

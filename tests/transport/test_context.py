@@ -8,6 +8,7 @@ import pytest
 
 from lfpipe.config import Config, SessionOptions
 from lfpipe.config.modes import Live, Lossless
+from lfpipe.host.segment import SHM_DIR
 from lfpipe.host.wake import Wake
 from lfpipe.supervisor.process_table import SOURCE, consumers
 from lfpipe.supervisor.session_state import SessionState
@@ -27,6 +28,22 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Session
     memory = SessionStore(made, SessionState.first(Config(), SessionOptions()))
     yield made
     memory.close()
+
+
+def test_closing_the_memory_does_not_hide_why_it_is_closed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    made = Session(f"c{secrets.token_hex(4)}").with_token()
+    made.run_dir.mkdir(mode=0o700)
+    memory = SessionStore(made, SessionState.first(Config(), SessionOptions()))
+    with pytest.raises(ZeroDivisionError):
+        try:
+            row = memory.table.rows["render"]  # referenced by the stack of the error
+            row["pid"] = 1 // 0
+        finally:
+            memory.close()
+    assert not list(SHM_DIR.glob(f"{made.segment('')}*"))
 
 
 # mappings go with the process
