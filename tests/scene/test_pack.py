@@ -19,7 +19,7 @@ from lfpipe.errors import UserError
 from lfpipe.render.scoring import choose_method
 from lfpipe.scene import cache
 from lfpipe.scene.lightfield import LightField
-from lfpipe.scene.pack import DamagedPackError, open_pack
+from lfpipe.scene.pack import DamagedPackError, open_pack, write_manifest
 from lfpipe.scene.packing import pack_scene
 from tests.scene import made
 from tests.scene.people_sets import far_pair
@@ -174,8 +174,10 @@ def test_video_and_single_picture(tmp_path: Path, scene_config: config.Scene) ->
 
 
 def _other_version(pack: Path) -> None:
+    """Whole, with a checksum of its own."""
     manifest = json.loads((pack / "manifest.json").read_text())
-    (pack / "manifest.json").write_text(json.dumps({**manifest, "version": 99}))
+    del manifest["checksum"]
+    write_manifest(pack, {**manifest, "version": 99})
 
 
 DAMAGES: dict[str, Callable[[Path], object]] = {
