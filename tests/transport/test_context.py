@@ -114,3 +114,9 @@ def test_what_wakes_a_stage_is_there_for_it(session: Session, make: Make) -> Non
     context.wait(begin_ns + 10**9)
     assert frames.wake.drain() == 1
     assert wakes(context, 0.35) <= 6
+
+
+def test_a_lost_output_is_counted_which_decides_the_exit_code(make: Make) -> None:
+    context = make("render", False)
+    context.report_lost("trace: the disk is full")
+    assert context.row["lost_outputs"] == 1
