@@ -317,7 +317,7 @@ class KeyBindings:
         if folder != self._recorded:
             if self._recorded:
                 path = Path(self._recorded)
-                text = f"the camera's recording is {path.name}\nin {path.parent}"
+                text = f"the recording is {path.name}\nin {path.parent}"
                 words = text if _size_bytes(path) else "no frame was recorded"
                 self._notices.say("record", words, RECORDED_NS)
             self._recorded, self._recording = folder, ""
