@@ -40,7 +40,8 @@ def plugins(group: str) -> dict[str, str]:
     """
     offered: dict[str, str] = {}
     for entry in importlib.metadata.entry_points(group=group):
-        package = f"{entry.dist.name} {entry.dist.version}" if entry.dist else "an unknown package"
+        dist = entry.dist
+        package = f"{dist.name} {dist.version}" if dist and dist.name else "an unknown package"
         first = offered.get(entry.name)
         offered[entry.name] = f"{first}{AND}{package}" if first else package
     return offered

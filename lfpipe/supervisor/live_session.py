@@ -28,7 +28,7 @@ from lfpipe.supervisor.figures import SessionFigures, session_figures
 from lfpipe.supervisor.file_checks import FileChecks
 from lfpipe.supervisor.governor import QualityControl
 from lfpipe.supervisor.pending_answers import PendingAnswers
-from lfpipe.supervisor.process_table import NAMES, SHOWN_BY, SOURCE, STAGES, Stage
+from lfpipe.supervisor.process_table import NAMES, SHOWN_BY, SOURCE, STAGES, TRACKED_BY, Stage
 from lfpipe.supervisor.requests import Reply, on_complete, on_load, respond, respond_checked
 from lfpipe.supervisor.scene_loads import (
     LoadFailed,
@@ -327,6 +327,9 @@ class LiveSession:
                     reason, mistake.message, mistake.remedy, user_error=True, final=outcome.final
                 )
         never = [words for words, worked in self._faults if not worked]
+        tracked = self._store.table.rows[TRACKED_BY]
+        if tracked["restarts"] and not tracked["seq"]:
+            never.append(f"{TRACKED_BY} failed before its first eyes")
         if never and outcome.failure is None:
             outcome.failure = f"{outcome.reason}, but {never[0]}: it never worked"
             outcome.remedy = "choose another one with --set track.engine or track.filter"

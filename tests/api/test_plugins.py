@@ -76,6 +76,7 @@ def test_each_part_works_and_is_listed(world: World, installed: Path, clip: Path
 
 
 NEVER = """
+import os
 import sys
 
 from lfpipe.render.overlay import Pointer
@@ -89,6 +90,10 @@ class Engine:
 
     def detect(self, image):
         sys.exit(0)
+
+class Crash(Engine):
+    def detect(self, image):
+        os._exit(0)
 
 class Screen:
     events = presented = notices = lambda *_: []
@@ -107,23 +112,41 @@ def nothing(*_):
 """
 
 
+def install_never(world: World) -> None:
+    """Installs the package of NEVER for the commands of world."""
+    folder = world.root / "packages"
+    about = folder / "never-1.0.dist-info"
+    about.mkdir(parents=True)
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: never\nVersion: 1.0\n")
+    engines, displays = (
+        "engine = never:Engine\ncrash = never:Crash",
+        "screen = never:Screen\nnothing = never:nothing",
+    )
+    groups = f"[lfpipe.engines]\n{engines}\n[lfpipe.displays]\n{displays}\n"
+    (about / "entry_points.txt").write_text(groups)
+    (folder / "never.py").write_text(NEVER)
+    world.env["PYTHONPATH"] += os.pathsep + str(folder)
+
+
 @pytest.mark.parametrize(
     ("part", "method"), [("engine", "detect"), ("screen", "show"), ("nothing", "pointer")]
 )
 def test_a_part_that_never_worked_ends_the_session_and_is_named(
     world: World, scene: Path, part: str, method: str
 ) -> None:
-    folder = world.root / "packages"
-    about = folder / "never-1.0.dist-info"
-    about.mkdir(parents=True)
-    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: never\nVersion: 1.0\n")
-    engines, displays = "engine = never:Engine", "screen = never:Screen\nnothing = never:nothing"
-    groups = f"[lfpipe.engines]\n{engines}\n[lfpipe.displays]\n{displays}\n"
-    (about / "entry_points.txt").write_text(groups)
-    (folder / "never.py").write_text(NEVER)
-    world.env["PYTHONPATH"] += os.pathsep + str(folder)
+    install_never(world)
     chosen = ["--display", part]
     if part == "engine":
         chosen = ["--display", "none", "--set", "track.engine=engine"]
     said = world.refused("up", scene, "--camera", "demo", "--duration", "20", *chosen)
     assert f"{part} of never 1.0" in said and method in said, said
+
+
+def test_an_engine_that_ends_its_process_each_time_ends_the_session_with_code_1(
+    world: World, scene: Path
+) -> None:
+    install_never(world)
+    words = ("up", scene, "--camera", "demo", "--display", "none", "--set", "track.engine=crash")
+    done = world.run(*words, "--duration", "2")
+    assert done.returncode == 1, done.stderr
+    assert "track failed before its first eyes: it never worked" in done.stderr
