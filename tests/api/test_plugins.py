@@ -118,10 +118,8 @@ def install_never(world: World) -> None:
     about = folder / "never-1.0.dist-info"
     about.mkdir(parents=True)
     (about / "METADATA").write_text("Metadata-Version: 2.1\nName: never\nVersion: 1.0\n")
-    engines, displays = (
-        "engine = never:Engine\ncrash = never:Crash",
-        "screen = never:Screen\nnothing = never:nothing",
-    )
+    engines = "engine = never:Engine\ncrash = never:Crash"
+    displays = "screen = never:Screen\nnothing = never:nothing"
     groups = f"[lfpipe.engines]\n{engines}\n[lfpipe.displays]\n{displays}\n"
     (about / "entry_points.txt").write_text(groups)
     (folder / "never.py").write_text(NEVER)
