@@ -111,7 +111,8 @@ def loop_conditions(date: str, camera: str, asked: Camera, monitor: Monitor) -> 
 
     date: YYYY-MM-DD. camera: the driver's name. asked: its settings.
     """
-    mode = f"{asked.width_px}x{asked.height_px} {asked.format} {asked.rate_hz:g} Hz"
+    rate = "auto rate" if isinstance(asked.rate_hz, str) else f"{asked.rate_hz:g} Hz"
+    mode = f"{asked.width_px}x{asked.height_px} {asked.format} {rate}"
     texts = (date, camera, mode, monitor.name, f"{monitor.rate_hz:g} Hz")
     return "; ".join(text.replace(";", ",") for text in texts)
 
