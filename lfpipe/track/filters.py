@@ -45,13 +45,13 @@ MOST_MOVED, MOST_BENT = 1.0, 0.1
 # head at constant speed does not lag. The change is that of the last STEADY_S.
 STEADY, STEADY_S = 6.0, 0.15
 # Motion since the last DRIFT_S: DRIFT of the way from there, or the speed times 1 / RATE_HZ.
-DRIFT, DRIFT_S = 0.6, 0.1
+DRIFT, DRIFT_S = 0.6, 0.13
 # What lets the way that is predicted grow in a frame: a share of the frame's surprise, of the
 # velocity that this and the last surprise agree on, and of the last frame's growth. A glitch is
 # seen once.
-ONCE, AGAIN, GROWING = 0.6, 1.0, 1.5
+ONCE, AGAIN, GROWING = 0.7, 0.9, 1.5
 # The same as evidence: less than this leaves velocity at its full share, and acceleration near 0.
-UNPROVEN, NOTHING = 0.1, 0.01
+UNPROVEN, NOTHING = 0.05, 0.01
 # a delay of camera and display after which a line adds so much more that twice as much must be
 # proved
 UNPROVEN_S = 0.1
@@ -73,12 +73,12 @@ class Tuning:
     then shows another measurement and its step is seen.
     """
 
-    accelerations: tuple[float, ...] = (1.0, 4.7, 85.0)
-    wander: float = 1e-5
+    accelerations: tuple[float, ...] = (1.0, 3.5, 85.0)
+    wander: float = 1.5e-5
     stay_s: float = 0.7
-    common: float = 2.1
+    common: float = 2.2
     blur_s: float = 0.0035
-    caution: float = 0.15
+    caution: float = 0.175
     half_band: float = 4.5
     motion_band: float = 9.0
     noise_s: float = 2.6
@@ -274,7 +274,8 @@ class Predictive(EyeFilter):
         self._before = was_x + share * dx, was_y + share * dy
         moved = max((dx * dx + dy * dy) * DRIFT**2, (u * u + v * v) / RATE_HZ**2)
         # a smaller motion may be noise
-        fast = moved / max(moved + self._tuning.motion_band**2 * self._noise, 1e-300)
+        noise = self._tuning.motion_band**2 * self._noise
+        fast = moved * moved / max(moved * moved + noise * noise, 1e-300)
         velocity = self._extrapolation.corrected(
             t_ns, used_s, (mx, my), (fast * u, fast * v), (x, y), apart
         )
