@@ -66,6 +66,7 @@ def test_the_planes_on_the_screen_come_from_the_right_views(
     for key, changed in (("plus", 22.0), ("minus", 20.0)):
         press(key)
         world.wait_for(lambda changed=changed: _alpha(world) == changed, f"alpha of {changed}")
+        world.more_pictures(2)  # the next key changes what the window knows
     press("o")
     world.wait_for(
         lambda: bool((screen.picture() == 255).all(axis=-1).any()), "white letters of the overlay"
