@@ -117,8 +117,8 @@ def _changed(root: Path, file: str, before: str, after: str) -> Path:
     [
         (
             "track/filters.py",
-            "common: float = 2.1",
-            "common: float = 2.1000001",
+            "common: float = 2.2",
+            "common: float = 2.2000001",
             "eyes",
             "the filter or its constants",
         ),
