@@ -58,6 +58,60 @@ class _Extension(ctypes.Structure):
     )
 
 
+class BlankAnswers:
+    """What the server's answers, each naming a blank, say of the pictures they were asked for."""
+
+    def __init__(self) -> None:
+        self._handed_ns: dict[int, int] = {}  # serial -> hand-over
+        self._period_ns = 0.0
+        self._held: Presented | None = None
+        self._last: tuple[int, int] | None = None  # (time, number) of a blank
+
+    @property
+    def waiting(self) -> int:
+        """Pictures without an answer."""
+        return len(self._handed_ns)
+
+    def asked(self, serial: int, t_ns: int) -> None:
+        """Picture number serial was handed over at t_ns."""
+        self._handed_ns[serial] = t_ns
+
+    def answered(self, serial: int, t_ns: int, number: int) -> list[Presented]:
+        """Blank `number` at t_ns answers for a picture; returns what is certain now.
+
+        Of several pictures before one blank the last was shown: an answer is held while another may
+        follow for its blank.
+        """
+        if self._last and number > self._last[1]:
+            period_ns = (t_ns - self._last[0]) / (number - self._last[1])
+            self._period_ns += (period_ns - self._period_ns) * (
+                _PERIOD_GAIN if self._period_ns else 1.0
+            )
+        self._last = t_ns, number
+        after_ns = max(t_ns - self._handed_ns.pop(serial, t_ns), 0)
+        before = int(after_ns / self._period_ns) if self._period_ns else 0
+        new = Presented(serial, round(t_ns - before * self._period_ns), round(self._period_ns))
+        if self._held is None:
+            self._held = new
+            return []
+        # present_fake.c puts an answer off by a blank if its timer fires early: the next picture's
+        # comes first then
+        first, last = sorted((self._held, new), key=lambda answer: answer.serial)
+        if last.t_ns - first.t_ns > self._period_ns / 2:
+            self._held = last
+            return [first]
+        self._held = Presented(last.serial, first.t_ns, first.period_ns)
+        return [Presented(first.serial, 0, 0)]
+
+    def rest(self) -> list[Presented]:
+        """The held answer, once no other can follow for its blank."""
+        if self._held is None or self._handed_ns:
+            return []
+        held = [self._held]
+        self._held = None
+        return held
+
+
 class XPresentation:
     """Blanks for one window of the server that DISPLAY names.
 
@@ -89,10 +143,7 @@ class XPresentation:
             *[ctypes.c_uint64] * 3,
         ]
         self._window = window
-        self._handed_ns: dict[int, int] = {}  # serial -> hand-over
-        self._period_ns = 0.0
-        self._held: Presented | None = None
-        self._last: tuple[int, int] | None = None  # (time, number) of a blank
+        self._answers = BlankAnswers()
         self._connection = self._xcb.xcb_connect(None, None)
         extension = None
         if not self._xcb.xcb_connection_has_error(self._connection):
@@ -113,9 +164,9 @@ class XPresentation:
 
     def handed_over(self, serial: int) -> None:
         """Asks for the next blank."""
-        if len(self._handed_ns) < _MOST_WAITING:
+        if self._answers.waiting < _MOST_WAITING:
             number = serial & 0xFFFFFFFF
-            self._handed_ns[number] = time.monotonic_ns()
+            self._answers.asked(number, time.monotonic_ns())
             self._present.xcb_present_notify_msc(self._connection, self._window, number, 0, 1, 0)
             self._xcb.xcb_flush(self._connection)
 
@@ -129,37 +180,9 @@ class XPresentation:
                 and event.extension == self._opcode
                 and event.kind == _NOTIFY_MSC
             ):
-                reports += self._answered(event.serial, event.ust * 1000, event.msc)
+                reports += self._answers.answered(event.serial, event.ust * 1000, event.msc)
             self._free(address)
-        if self._held and not self._handed_ns:
-            reports.append(self._held)
-            self._held = None
-        return reports
-
-    def _answered(self, serial: int, t_ns: int, number: int) -> list[Presented]:
-        """Blank `number` at t_ns answers for a picture; returns what is certain now.
-
-        Of several pictures before one blank the last was shown: an answer is held while another may
-        follow for its blank.
-        """
-        if self._last and number > self._last[1]:
-            period_ns = (t_ns - self._last[0]) / (number - self._last[1])
-            self._period_ns += (period_ns - self._period_ns) * (
-                _PERIOD_GAIN if self._period_ns else 1.0
-            )
-        self._last = t_ns, number
-        after_ns = max(t_ns - self._handed_ns.pop(serial, t_ns), 0)
-        before = int(after_ns / self._period_ns) if self._period_ns else 0
-        new = Presented(serial, round(t_ns - before * self._period_ns), round(self._period_ns))
-        held = self._held
-        if held is None:
-            self._held = new
-            return []
-        if new.t_ns - held.t_ns > self._period_ns / 2:
-            self._held = new
-            return [held]
-        self._held = Presented(serial, held.t_ns, held.period_ns)
-        return [Presented(held.serial, 0, 0)]
+        return reports + self._answers.rest()
 
     def close(self) -> None:
         """Ends the connection."""
