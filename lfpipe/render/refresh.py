@@ -3,7 +3,6 @@ the window system reports.
 """
 
 import math
-from collections import deque
 
 from lfpipe.host.presentation import Presented
 from lfpipe.transport.clock import MS_NS, SECOND_NS
@@ -53,7 +52,8 @@ class Refresh:
 
     def took(self, cost_ns: int, t_started_ns: int, target_ns: int) -> None:
         """Adds what a picture for target_ns, begun at t_started_ns, cost."""
-        self._cost_ns += int(COST_SHARE * (cost_ns - self._cost_ns))
+        share = COST_SHARE if self._cost_ns else 1.0
+        self._cost_ns += int(share * (cost_ns - self._cost_ns))
 
     def limit(self, rate_hz: float | str, nominal_hz: float) -> None:
         """Takes `render.rate_hz` now in force; nominal_hz: the rate if it is "auto"."""
@@ -99,19 +99,22 @@ OFF_GRID = 0.35  # of a period: a blank further off belongs to another grid
 OFF_COUNT = 5  # after this many such blanks in a row the clock follows the other grid
 # around the nominal one, if the period is not reported: the error of a rate in whole Hz at 25 Hz
 PERIOD_RANGE = 0.12
+REPAINT_RANGE = 0.05  # the same of repaints, whose timers count whole ms
+STALL_NS = 2 * MS_NS  # a repaint that is later than this moves the grid
+REPAINT_NARROWING_NS = 5000  # per picture: what is too wide shrinks by 4 ms in 15 s at 60 Hz
 EARLY_NS = MS_NS // 4  # after a blank; no hand-over for the next one before this
-# The lead covers the cost of all but one picture in 200. Seven seconds at 60 Hz are remembered:
-# a start, or another program, lengthens the lead no longer than that.
-COSTS = 400
-COST_QUANTILE = 0.995
-# at first, most window systems take pictures later; a wake-up's lateness
-MARGIN_NS = 2 * MS_NS
+# The lead is the mean cost of a picture and a margin, which holds the rest: how much costs vary,
+# how late the process wakes up, how long before a blank the window system takes a picture.
+MARGIN_NS = 4 * MS_NS  # at first: most window systems need less
 LEAST_MARGIN_NS = MS_NS // 2
-STEP_NS = MS_NS
-IN_TIME = 0.7  # of the margin left at hand-over: then the picture's own cost did not make it late
-# Narrowing per punctual picture, and its growth with each since the last late one: with the step
-# above, 1 picture in 600 is late, and one that is far too wide shrinks by 4 ms in 25 s at 60 Hz.
-EARLY_NARROWING_NS, NARROWING_GROWTH_NS = 1000, 2
+EARLY_STEP_NS = MS_NS
+# The first late picture for a while widens the margin by the least step, for a machine that stands
+# still now and then is late with any margin; the next ones by twice as much each.
+LEAST_STEP_NS, MOST_STEP_NS = MS_NS // 2, MS_NS
+SOON = 20  # pictures
+# Punctual pictures narrow the margin, by the cube of their number since the last late one: by the
+# least step in 500, so that 1 picture in 500 is late, and by 8 ms in 1000.
+NARROWING = 4 * LEAST_STEP_NS / 500**4
 MOST_PERIODS = 2.5  # a compositor may require a picture a whole period before its blank
 
 
@@ -123,6 +126,7 @@ class ScreenClock:
         self.period_ns = self._nominal_ns
         self._t_ns = float(t0_ns)
         self._off = 0
+        self._repaint_ns = 0
         self.measured = False  # whether a blank was reported
 
     @property
@@ -161,6 +165,17 @@ class ScreenClock:
         high_ns = self._nominal_ns * (1 + PERIOD_RANGE)
         self.period_ns = min(max(period_ns_now, low_ns), high_ns)
 
+    def repaint(self, t_ns: int, late_ns: int) -> None:
+        """Adds a repaint at t_ns, late_ns after it was due, of a screen without blanks."""
+        interval_ns = t_ns - self._repaint_ns
+        self._repaint_ns = t_ns
+        stall_ns = max(late_ns - STALL_NS, 0)
+        self._t_ns = self.nearest(t_ns) + GAIN * late_ns + PHASE_GAIN * stall_ns
+        if round(interval_ns / self.period_ns) == 1:
+            period_ns = self.period_ns + GAIN * (interval_ns - self.period_ns)
+            low_ns = self._nominal_ns * (1 - REPAINT_RANGE)
+            self.period_ns = min(max(period_ns, low_ns), self._nominal_ns * (1 + REPAINT_RANGE))
+
     def nearest(self, t_ns: float) -> int:
         """The blank nearest to t_ns."""
         return round(self._t_ns + round((t_ns - self._t_ns) / self.period_ns) * self.period_ns)
@@ -176,9 +191,12 @@ class ScreenRefresh(Refresh):
         self.clock = ScreenClock(nominal_hz, t0_ns)
         self._limit_hz = limit_hz
         self._due_ns = t0_ns
-        self._costs_ns = deque[int](maxlen=COSTS)
-        self._high_cost_ns = 0
+        self._cost_ns = 0
         self._punctual = 0  # pictures since the last late one
+        self._step_ns = LEAST_STEP_NS
+        self._has_blanks = True
+        self._late_ns = 0  # of the last repaint
+        self._unjudged: list[tuple[int, int]] = []  # (target, hand-over) of replaced pictures
         self._margin_ns = float(MARGIN_NS)
         self._changed_ns = 0  # when a late or early picture changed the margin
 
@@ -191,7 +209,7 @@ class ScreenRefresh(Refresh):
         return self.clock.nearest(self._due_ns)
 
     def lead_ns(self) -> int:
-        return int(self._high_cost_ns + self._margin_ns)
+        return int(self._cost_ns + self._margin_ns)
 
     def earliest_ns(self, target_ns: int) -> int:
         """Before it, the picture would appear at the previous blank."""
@@ -201,42 +219,73 @@ class ScreenRefresh(Refresh):
         pass
 
     def took(self, cost_ns: int, t_started_ns: int, target_ns: int) -> None:
-        """Lateness of its start counts as cost.
-
-        A cost of more than a period says nothing: no lead would have made that picture punctual.
-        """
-        late_ns = max(t_started_ns - (target_ns - self.lead_ns()), 0)
-        if cost_ns + late_ns > self.clock.period_ns:
-            return
-        self._costs_ns.append(cost_ns + late_ns)
-        rank = math.ceil(COST_QUANTILE * len(self._costs_ns)) - 1
-        self._high_cost_ns = sorted(self._costs_ns)[rank]
+        """A cost of more than a period says nothing: no lead would make that picture punctual."""
+        if cost_ns < self.clock.period_ns:
+            super().took(cost_ns, t_started_ns, target_ns)
 
     def judge(self, target_ns: int, t_handed_ns: int, t_presented_ns: int) -> bool:
         """Judges a picture for the blank target_ns, shown at t_presented_ns, 0 for never; returns
         whether that was not its blank.
 
-        Late despite a punctual hand-over: the window system needs more time. A whole period early:
-        it needs less. A picture begun before the margin changed says nothing about the new margin;
-        one handed over late cost more.
+        One that was replaced would have been shown when its successor was.
         """
-        if not t_presented_ns or not self.clock.measured:
+        if not self.clock.measured:
             return not t_presented_ns
-        blanks = round((t_presented_ns - target_ns) / self.clock.period_ns)
-        if t_handed_ns > self._changed_ns and (
-            blanks <= 0 or target_ns - t_handed_ns > IN_TIME * self._margin_ns
-        ):
-            if blanks:
-                self._margin_ns += STEP_NS if blanks > 0 else -STEP_NS
-                self._changed_ns = max(t_presented_ns, t_handed_ns)
-                self._punctual = 0
-            else:
-                self._punctual += 1
-                self._margin_ns -= EARLY_NARROWING_NS + NARROWING_GROWTH_NS * self._punctual
-            self._margin_ns = min(
-                max(self._margin_ns, LEAST_MARGIN_NS), MOST_PERIODS * self.clock.period_ns
-            )
+        self._unjudged.append((target_ns, t_handed_ns))
+        if not t_presented_ns:
+            return True
+        if not self._has_blanks:
+            self._unjudged.clear()
+            return self._judge_repaint(target_ns, t_presented_ns)
+        for unjudged in self._unjudged:
+            blanks = self._judge_blank(*unjudged, t_presented_ns)
+        self._unjudged.clear()
         return bool(blanks)
+
+    def _judge_repaint(self, target_ns: int, t_presented_ns: int) -> bool:
+        """Whether the interval to the previous picture was not as planned.
+
+        A screen without blanks shows a picture soon after its hand-over, or when it has rested
+        since the last one: the margin becomes the delay, and the grid follows the rests.
+        """
+        late_ns = t_presented_ns - target_ns
+        changed_ns = late_ns - self._late_ns
+        self._late_ns = late_ns
+        self._margin_ns += min(max(GAIN * late_ns, -LEAST_STEP_NS), LEAST_STEP_NS)
+        self._margin_ns -= REPAINT_NARROWING_NS
+        self._limit_margin()
+        self.clock.repaint(t_presented_ns, late_ns)
+        return abs(changed_ns) > self.clock.period_ns / 2
+
+    def _judge_blank(self, target_ns: int, t_handed_ns: int, t_presented_ns: int) -> int:
+        """By how many blanks the picture was late.
+
+        Late: the lead was too short. A whole period early: too long. A picture begun before the
+        margin changed says nothing about the new margin, and one that its own process handed over
+        a period too late nothing at all.
+        """
+        period_ns = self.clock.period_ns
+        blanks = round((t_presented_ns - target_ns) / period_ns)
+        if t_handed_ns <= self._changed_ns or t_handed_ns >= target_ns + period_ns:
+            return blanks
+        if blanks:
+            if blanks < 0:
+                self._margin_ns -= EARLY_STEP_NS
+            else:
+                again = self._punctual < SOON
+                self._step_ns = min(2 * self._step_ns, MOST_STEP_NS) if again else LEAST_STEP_NS
+                self._margin_ns += self._step_ns
+            self._changed_ns = max(t_presented_ns, t_handed_ns)
+            self._punctual = 0
+        else:
+            self._punctual += 1
+            self._margin_ns -= NARROWING * self._punctual**3
+        self._limit_margin()
+        return blanks
+
+    def _limit_margin(self) -> None:
+        most_ns = MOST_PERIODS * self.clock.period_ns
+        self._margin_ns = min(max(self._margin_ns, LEAST_MARGIN_NS), most_ns)
 
     def blanks(self, reports: list[Presented], nominal_hz: float) -> None:
         """Takes the window system's reports.
@@ -246,7 +295,9 @@ class ScreenRefresh(Refresh):
         self.clock.claim(nominal_hz)
         for report in reports:
             if report.t_ns:
-                self.clock.blank(report.t_ns, report.period_ns)
+                self._has_blanks = bool(report.period_ns)
+                if self._has_blanks or not self.clock.measured:
+                    self.clock.blank(report.t_ns, report.period_ns)
 
     def limit(self, rate_hz: float | str, nominal_hz: float) -> None:
         self._limit_hz = 0.0 if rate_hz == "auto" else nominal_hz

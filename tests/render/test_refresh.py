@@ -257,7 +257,7 @@ def test_a_stall_does_not_lengthen_the_lead_of_the_pictures_after_it() -> None:
     for _ in range(2000):
         compose(4.0)
     before_ns = refresh.lead_ns()
-    for cost_ms in (30.0, 12.0, 4.0):
+    for cost_ms in (30.0, 12.0, 4.0, 4.0, 4.0, 4.0, 4.0):
         compose(cost_ms)
     assert refresh.lead_ns() - before_ns <= MS // 2
     for _ in range(100):
@@ -296,6 +296,54 @@ def test_a_lead_that_is_far_too_long_shrinks_to_what_is_needed() -> None:
         wide_ns = max(wide_ns, refresh.lead_ns())
         refresh.judge(t_ns, t_ns - 30 * MS, t_ns + late_ms * MS)
     assert wide_ns > 30 * MS and refresh.lead_ns() < 5 * MS
+
+
+def shown_on_demand(pictures: int, delay_ms: float, rest_ms: float) -> tuple[int, float]:
+    """A screen without blanks: it shows a picture delay_ms after the hand-over, and not before it
+    has rested for rest_ms since the one before. Returns how many of the second half were not at
+    their interval, and the mean of the lead of those, ms.
+    """
+    random = np.random.default_rng(3)
+    refresh = ScreenRefresh(60.0, T0_NS)
+    now_ns = shown_ns = T0_NS
+    juddered = 0
+    leads = []
+    for k in range(pictures):
+        due_ns = refresh.due_ns()
+        begun_ns = max(now_ns, due_ns - refresh.lead_ns())
+        cost_ns = round(random.lognormal(1.2, 0.2) * MS)
+        refresh.took(cost_ns, begun_ns, due_ns)
+        now_ns = max(begun_ns + cost_ns, refresh.earliest_ns(due_ns))
+        shown_ns = max(round(now_ns + delay_ms * MS), shown_ns + round(rest_ms * MS))
+        late = refresh.judge(due_ns, now_ns, shown_ns)
+        refresh.blanks([Presented(k, shown_ns, 0)], 60.0)
+        refresh.advance(now_ns)
+        if k > pictures // 2:
+            juddered += late
+            leads.append(refresh.lead_ns() / MS)
+    return juddered, float(np.mean(leads))
+
+
+@pytest.mark.parametrize("rest_ms", [5.0, 16.0, 17.0])
+@pytest.mark.parametrize("delay_ms", [1.0, 7.0])
+def test_a_screen_without_blanks_shows_an_even_rate_soon_after_each_hand_over(
+    delay_ms: float, rest_ms: float
+) -> None:
+    juddered, lead_ms = shown_on_demand(6000, delay_ms, rest_ms)
+    assert juddered == 0
+    assert delay_ms + 3.0 < lead_ms < delay_ms + 4.5
+
+
+def test_a_picture_that_its_late_successor_replaced_widens_the_lead_too() -> None:
+    refresh = ScreenRefresh(60.0, T0_NS)
+    refresh.clock.blank(T0_NS)
+    before_ns = refresh.lead_ns()
+    for k in range(10, 60, 2):  # every second one is replaced, its successor is in time
+        due_ns = refresh.clock.nearest(T0_NS + k * 16_666_667)
+        next_ns = refresh.clock.nearest(due_ns + 16_666_667)
+        assert refresh.judge(due_ns, due_ns - MS, 0)
+        assert not refresh.judge(next_ns, next_ns - 10 * MS, next_ns)
+    assert refresh.lead_ns() - before_ns > 5 * MS
 
 
 def test_refreshes_that_were_slept_through_are_missed_and_a_limit_takes_every_second() -> None:
