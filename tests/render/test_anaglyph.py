@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from lfpipe.bench.glasses import GLASS, GREEN_MAGENTA, RED_CYAN
+from lfpipe.config import choices
 from lfpipe.render.anaglyph import (
     LEAKS,
     MATRICES,
@@ -13,8 +15,10 @@ from lfpipe.render.anaglyph import (
     encoded,
     recipe,
 )
+from lfpipe.render.glasses import KINDS
 
 GLASSES = sorted(MATRICES)
+PAIRS = (RED_CYAN, GREEN_MAGENTA)
 CROSSED = [name for name in GLASSES if name.startswith("dubois")]
 Picture = NDArray[np.uint8]
 
@@ -111,6 +115,19 @@ def test_compensation_cancels_the_leak_through_the_red_glass() -> None:
             seen[strength] = float(np.ptp(through_red))
         assert seen[100.0] < 0.05 * seen[0.0]
         assert seen[50.0] == pytest.approx(seen[0.0] / 2, rel=0.1)
+
+
+WITHOUT_SPECTRA = {"dubois-amber-blue"}  # nobody published those of its glasses
+
+
+def test_every_matrix_can_be_chosen_with_its_glasses_and_has_their_leaks_and_spectra() -> None:
+    assert {name for name in choices("render.anaglyph") if name in MATRICES} == set(MATRICES)
+    assert set(MATRICES) - set(LEAKS) == WITHOUT_SPECTRA, "add its glasses to LEAKS"
+    worn = [value for _, _, value in KINDS]
+    for name in MATRICES:
+        assert any(LEAKS.get(name) == LEAKS.get(value) for value in worn), f"no glasses for {name}"
+    spectra = [tuple(map(tuple, (GLASS[left][1], GLASS[right][1]))) for left, right in PAIRS]
+    assert all(leaks in spectra for leaks in LEAKS.values()), "add them to bench.glasses.GLASS"
 
 
 def test_wide_tables_are_read_alike_with_any_opencv(monkeypatch: pytest.MonkeyPatch) -> None:
