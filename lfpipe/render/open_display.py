@@ -15,7 +15,6 @@ from lfpipe.render.overlay import Pointer
 
 HINT = "h shows the keys, g tests your glasses"
 BUILT_IN = ("window", "fullscreen", "none", "file")
-BUILT_IN = ("window", "fullscreen", "none", "file")
 FORMS = "window, fullscreen, none or file:OUT.mkv (or .mp4)"
 
 
