@@ -24,6 +24,43 @@ POSITIONAL = {
 }
 
 
+# Calls of `time.sleep` in tests: fakes that keep time, and what takes its time under test. Other
+# tests wait for an event: `until` and `stays` of tests/support/world.py.
+SLEEPS = {
+    "camera_vm/driver.py": 1,
+    "camera_vm/machine.py": 1,
+    "camera_vm/test_usb.py": 1,
+    "camera_vm/usb_camera.py": 2,
+    "capture/fake_camera.py": 1,
+    "capture/test_untrusted.py": 1,
+    "display/screen_camera.py": 2,
+    "display/test_file_display.py": 2,
+    "docs/test_examples.py": 1,
+    "faults/scripted_camera.py": 4,
+    "faults/soak.py": 8,
+    "faults/test_resume.py": 1,
+    "scene/test_pack.py": 1,
+    "supervisor/test_rundir.py": 1,
+    "support/world.py": 2,
+    "support/xdnd.py": 1,
+    "transport/test_ring.py": 1,
+    "transport/test_segment.py": 1,
+    "web/browser.py": 1,
+}
+
+
+def test_tests_wait_for_events() -> None:
+    found = {}
+    tests = Path(__file__).parent
+    for path in sorted(tests.rglob("*.py")):
+        called = [
+            node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)
+        ]
+        if count := sum(ast.unparse(node.func) == "time.sleep" for node in called):
+            found[str(path.relative_to(tests))] = count
+    assert found == SLEEPS, "wait for an event; remove from SLEEPS what sleeps no longer"
+
+
 def large_classes() -> Iterator[tuple[str, str, bool]]:
     """(room, class, whether it takes keywords only) of every attrs class of many fields."""
     for path in PACKAGE.rglob("*.py"):

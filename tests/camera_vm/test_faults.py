@@ -2,7 +2,6 @@
 
 import subprocess
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
@@ -17,6 +16,7 @@ from lfpipe.capture.reconnecting_camera import ReconnectingCamera
 from lfpipe.errors import UserError
 from tests.camera_vm import driver
 from tests.camera_vm.driver import after, inject, plug, read, unload
+from tests.support.world import until
 
 pytestmark = pytest.mark.camera_vm
 CAMERA = config.Camera(width_px=320, height_px=180, rate_hz=10.0)
@@ -107,7 +107,8 @@ def test_another_program_holds_the_camera(vivid: Path) -> None:
     words = ("v4l2-ctl", "-d", str(vivid), "--stream-mmap", "--stream-count=0")
     other = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
-        time.sleep(2)
+        files = Path(f"/proc/{other.pid}/fd")
+        until(lambda: vivid.resolve() in map(Path.resolve, files.glob("*")), "stream", 20)
         with pytest.raises(UserError, match="busy") as refusal:
             check_camera(vivid, CAMERA)
         assert "fuser" in refusal.value.remedy

@@ -78,9 +78,7 @@ def plug() -> Iterator[Plug]:
 def unplug(camera: UsbCamera) -> None:
     before = set(Path("/dev").glob("video*"))
     camera.unplug()
-    until = time.monotonic() + 10
-    while before and set(Path("/dev").glob("video*")) == before and time.monotonic() < until:
-        time.sleep(0.05)
+    until(lambda: not before or set(Path("/dev").glob("video*")) != before, "other devices", 10)
 
 
 def test_the_rate_decides_between_formats_and_damaged_frames_are_none(plug: Plug) -> None:

@@ -16,6 +16,7 @@ from lfpipe.render.display import Display
 from lfpipe.render.open_display import HINT, open_display, parse_display
 from lfpipe.render.overlay import EVENTS, HELP, KEYS, Item, Menu, Overlay
 from lfpipe.render.window import ScreenWindow
+from tests.support.world import until
 from tests.support.xdnd import drop
 from tests.support.xvfb_screen import Screen, needs_xdotool, outline, x_server
 
@@ -39,11 +40,12 @@ def window(screen: Screen) -> Iterator[Callable[..., Display]]:
 
 def becomes(true: Callable[..., object], display: Display) -> bool:
     """Waits until true, keeping the window alive."""
-    until = time.monotonic() + WAIT_S
-    while not (done := true()) and time.monotonic() < until:
+
+    def done() -> object:
         display.events()
-        time.sleep(0.01)
-    return bool(done)
+        return true()
+
+    return bool(until(done, "such a window", WAIT_S))
 
 
 def noise(width: int, height: int, seed: int = 3) -> np.ndarray:
@@ -190,10 +192,12 @@ def press(*keys: str) -> None:
 
 def pressed(display: Display, count: int = 1) -> list[str]:
     events: list[str] = []
-    until = time.monotonic() + WAIT_S
-    while len(events) < count and time.monotonic() < until:
-        events += display.events()
-        time.sleep(0.01)
+
+    def enough() -> bool:
+        events.extend(display.events())
+        return len(events) >= count
+
+    until(enough, f"{count} events", WAIT_S)
     return events
 
 
@@ -273,9 +277,7 @@ def test_full_screen_and_back_leaves_a_framed_window_where_it_was(
         display = None
         try:
             root = ["xprop", "-root", "_NET_SUPPORTING_WM_CHECK"]
-            until = time.monotonic() + WAIT_S
-            while time.monotonic() < until and b"window id" not in subprocess.check_output(root):
-                time.sleep(0.05)
+            until(lambda: b"window id" in subprocess.check_output(root), "openbox", WAIT_S)
             display = ScreenWindow((853, 500), "lfpipe: a test")
             display.show(GREY)
             size = (1280, 800)

@@ -15,7 +15,7 @@ import pytest
 from lfpipe.capture.frame_source import Frame, SourceInfo
 from lfpipe.capture.reconnecting_camera import BACKOFF_S, CameraLost, ReconnectingCamera
 from lfpipe.errors import UserError
-from tests.support.world import World
+from tests.support.world import World, stays
 
 CAMERA = ("--set", "render.clock=camera", "--set", "render.method=nearest")
 
@@ -50,8 +50,11 @@ def test_one_session_outlives_all_that_happens_to_its_camera(
             lambda: _rows(world)["capture"] == ("READY", pid, 0),
             f"word of the {word or 'unplugged'} camera",
         )
-        time.sleep(2.2 if word == "hang" else 0.5)  # longer than a stage may be silent
-        assert _rows(world)["capture"] == ("READY", pid, 0), "beats go on"
+        stays(
+            lambda: _rows(world)["capture"] == ("READY", pid, 0),
+            2.2 if word == "hang" else 0.5,  # longer than a stage may be silent
+            "the beat",
+        )
         node.write_text("frames")
         assert world.more_pictures(3)[-1]["epoch"] == outage, (
             "downstream must forget what was before"

@@ -51,7 +51,10 @@ def test_stopped_and_continued_each_process_and_all_are_back_at_rate(
     long_s = STAGES[0].hang_timeout_s + 0.4
     short_s = 1.2
     for name, for_s in (("all", long_s), ("render", short_s), ("supervisor", long_s)):
-        time.sleep(1.0)
+        t_from_ns = time.monotonic_ns()
+        world.wait_for(
+            lambda t=t_from_ns: len(_presented(world, t)) > RATE_HZ, "a second of pictures"
+        )
         t_stop_ns = time.monotonic_ns()
         usual_hz = min(RATE_HZ, len(_presented(world, t_stop_ns - 10**9)))
         for pid in pids[name]:

@@ -13,7 +13,7 @@ import pytest
 
 from lfpipe.observe.session_reader import Watch
 from lfpipe.supervisor.rundir import find
-from tests.support.world import World, write_scene
+from tests.support.world import World, stays, write_scene
 
 CAMERA = ("--set", "render.clock=camera")
 NEAREST = ("--set", "render.method=nearest", "--set", "render.alpha_px=12")
@@ -119,11 +119,10 @@ def test_monitor_and_ctl_see_and_change_the_next_picture(
     )
 
     ctl("pause")
-    time.sleep(0.3)
+    status = ("ctl", "--session", world.name, "status")
+    world.wait_for(lambda: "PAUSED" in world.run(*status).stdout, "pause")
     count = len(world.lines())
-    time.sleep(0.5)
-    assert len(world.lines()) == count
-    assert "PAUSED" in world.run("ctl", "--session", world.name, "status").stdout
+    stays(lambda: len(world.lines()) == count, 0.5, "the pause")
     paused_ns = time.monotonic_ns()
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(world.run_dir))
     # otherwise "no face" is reported after 4 s

@@ -9,7 +9,6 @@ import shutil
 import signal
 import subprocess
 import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -24,7 +23,7 @@ from lfpipe.sequence.packets import encoded
 from lfpipe.transport.ring import Reader, Stamp
 from lfpipe.transport.session import Session
 from tests.replay.test_record import frames
-from tests.support.world import World, until
+from tests.support.world import World, stays, until
 
 SMALL = (
     "--set",
@@ -83,7 +82,9 @@ def test_a_disk_that_stalls_costs_nothing_and_nobody_is_killed(
         world.wait_for(
             lambda: str(recorder(world)["busy_with"]).startswith("waiting for the disk"), "words"
         )
-        time.sleep(4.0)  # longer than a stage may be silent
+        waiting = recorder(world)["pid"]
+        # longer than a stage may be silent
+        stays(lambda: recorder(world)["pid"] == waiting, 4.0, "the recorder")
     stored = frames(out)
     world.wait_for(
         lambda: frames(out) > stored + 30 and not recorder(world)["busy_with"], "frames again"

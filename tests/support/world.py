@@ -67,6 +67,14 @@ def until(
     raise AssertionError(f"no {what} within {timeout_s} s{about()}")
 
 
+def stays(condition: Callable[[], Any], seconds: float, what: str = "that") -> None:
+    """Fails if condition is false at any time during seconds."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        assert condition(), f"{what} has ended within {seconds} s"
+        time.sleep(0.02)
+
+
 class World:
     """Starts `lfpipe` commands; `session` waits until a session shows pictures."""
 
