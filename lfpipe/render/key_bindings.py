@@ -4,32 +4,31 @@ like all others, so that every stage gets them.
 The picture shows every change for a moment, whoever made it.
 """
 
-import os
 import subprocess
 import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-import platformdirs
+import attrs
 
 from lfpipe.config import Render, choices, user_file
 from lfpipe.config.modes import Window
 from lfpipe.config.quality import level_number
-from lfpipe.host.files import is_dir
 from lfpipe.render.display import Display
 from lfpipe.render.file_display import save
 from lfpipe.render.geometry import zero_plane_px, zero_planes_px
-from lfpipe.render.glasses import GHOST, WORDS, glasses_menu, instructions
+from lfpipe.render.glasses import GHOST, WORDS
 from lfpipe.render.mouse_look import MouseLook
-from lfpipe.render.notices import SHOWN_NS, Notices, changes, status_lines
+from lfpipe.render.notices import SHOWN_NS, Notices, changes
 from lfpipe.render.open_display import HINT
-from lfpipe.render.overlay import CLOSING, DEPTH, HELP, Item, Overlay, bar_items
-from lfpipe.render.presenter import Presenter, draw_glasses_test, draw_scene
+from lfpipe.render.overlay import CLOSING, DEPTH, Item, Overlay, bar_items
+from lfpipe.render.pages import Figures, GlassesQuestion, GlassesTest, Help, Page
+from lfpipe.render.presenter import Presenter
+from lfpipe.render.recording import RecordingIndicator, picture_folder
 from lfpipe.render.scenes import NO_DIALOG, NO_OTHER, SceneLoader, ScenePage, file_dialog
 from lfpipe.render.viewer import Viewer
 from lfpipe.scene.half_turn import remember, undecided
-from lfpipe.sequence.packets import PACKETS
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.notices import NO_FACE, notices
@@ -38,12 +37,10 @@ ALPHA_STEP = 1.1  # hardly visible at once, twice the movement in seven
 GHOST_STEP = 5.0  # %: the least that is seen
 MODES = choices("render.anaglyph")
 HINT_NS = 6 * SECOND_NS  # a person looks at the scene first
-FIGURES_NS = SECOND_NS // 2  # between two readings: faster ones cannot be read
 TOUCH = "put on the glasses, and drag over the picture to look around"
 INVITATION = "put on the glasses and stand in front of the screen"
 ROWS_UNKNOWN = "Wayland hides where this window is: press f, or the eyes may be exchanged"
 ASKED_NS = 8 * SECOND_NS  # time to look which is which
-RECORDED_NS = 8 * SECOND_NS  # time to read a path
 
 
 class KeyBindings:
@@ -67,64 +64,68 @@ class KeyBindings:
         self.page = ScenePage(context)
         # at most one, so that pictures go on meanwhile
         self._dialog: subprocess.Popen[str] | None = None
+        self._recording = RecordingIndicator(context, self._notices)
+        self._help = Help()
+        self._figures = Figures(context, viewer, presenter)
+        self._question = GlassesQuestion(context)
+        self._test = GlassesTest(context, viewer, presenter, self._keep)
         first = not context.row["restarts"]
-        # over the picture: "glasses", the question; "test", of the glasses; "scenes"; "help";
-        # "figures"; or nothing
-        self._over = "glasses" if context.options.ask_glasses and first else ""
+        # over the picture
+        self._open: Page | None = self._question if context.options.ask_glasses and first else None
         # for the answer, and for the test of the glasses
-        self._page_waits = context.options.start and first
-        self._before_test = context.config.render
-        self._recorded = ""
-        self._record_ns = self._record_due_ns = 0
-        self._recording = ""
+        self._scenes_wait = context.options.start and first
         self._alpha_px = 0.0
-        self._figures = tuple[str, ...]()
-        self._figures_due_ns = 0
         self._known = (
             context.config.render,
             level_number(context.options),
             viewer.field.name,
             viewer.field.half_turned,
         )
-        self._actions: dict[str, Callable[[str], None]] = {
-            "quit": lambda _: context.request("stop"),
-            "recentre": lambda _: self._recentre(),
-            "screenshot": lambda _: self._screenshot(),
-            "overlay": lambda _: self._switch("figures"),
-            "help": lambda _: self._switch("help"),
-            "freeze": lambda _: context.request("resume" if context.paused else "pause"),
-            "mode": lambda _: self._set(
+        self._actions: dict[str, Callable[[], None]] = {
+            "quit": partial(context.request, "stop"),
+            "recentre": self._recentre,
+            "screenshot": self._screenshot,
+            "overlay": partial(self._switch, self._figures),
+            "help": partial(self._switch, self._help),
+            "freeze": lambda: context.request("resume" if context.paused else "pause"),
+            "mode": lambda: self._set(
                 anaglyph=MODES[(MODES.index(context.config.render.anaglyph) + 1) % len(MODES)]
             ),
-            "depth+": lambda _: self._move_plane(1),
-            "depth-": lambda _: self._move_plane(-1),
-            "alpha+": lambda _: self._scale_alpha(ALPHA_STEP),
-            "alpha-": lambda _: self._scale_alpha(1 / ALPHA_STEP),
-            "automatic": lambda _: self._set(
-                alpha_px="auto", zero_plane_px=Render().zero_plane_px, depth=Render().depth
+            "depth+": partial(self._move_plane, 1),
+            "depth-": partial(self._move_plane, -1),
+            "alpha+": partial(self._scale_alpha, ALPHA_STEP),
+            "alpha-": partial(self._scale_alpha, 1 / ALPHA_STEP),
+            "automatic": partial(
+                self._set,
+                alpha_px="auto",
+                zero_plane_px=Render().zero_plane_px,
+                depth=Render().depth,
             ),
-            DEPTH: lambda share: self._set(alpha_px="auto", depth=float(share)),
-            "swap": lambda _: self._set(swap_eyes=not context.config.render.swap_eyes),
-            "half-turn": lambda _: context.request(
+            "swap": lambda: self._set(swap_eyes=not context.config.render.swap_eyes),
+            "half-turn": lambda: context.request(
                 "set", set={"scene.half_turn": "no" if viewer.field.half_turned else "yes"}
             ),
-            "record": lambda _: self._record(),
-            "choose": lambda _: self._switch("scenes"),
-            "close": lambda _: self._close(),
+            "record": self._recording.toggle,
+            "choose": partial(self._switch, self.page),
+            "close": self._close,
+            "next": partial(self.scenes.step, 1),
+            "previous": partial(self.scenes.step, -1),
+            "open": partial(self._ask_for, folder=True),
+            "open-file": partial(self._ask_for, folder=False),
+            "which": partial(self._switch, self._question),
+            "glasses": partial(self._switch, self._test),
+            "more": partial(self._compensate_ghost, GHOST_STEP),
+            "less": partial(self._compensate_ghost, -GHOST_STEP),
+        }
+        # events with an argument
+        self._choices: dict[str, Callable[[str], None]] = {
+            DEPTH: lambda share: self._set(alpha_px="auto", depth=float(share)),
+            GHOST: lambda share: self._set(ghost_compensation=round(100 * float(share))),
             "load": self._load,
             "delete": lambda event: self.page.forget(event.removeprefix("load ")),
-            "next": lambda _: self.scenes.step(1),
-            "previous": lambda _: self.scenes.step(-1),
-            "open": lambda _: self._open(folder=True),
-            "open-file": lambda _: self._open(folder=False),
-            "which": lambda _: self._switch("glasses"),
             "wear": self._wear,
-            "glasses": lambda _: self._switch("test"),
-            GHOST: lambda share: self._set(ghost_compensation=round(100 * float(share))),
-            "more": lambda _: self._compensate_ghost(GHOST_STEP),
-            "less": lambda _: self._compensate_ghost(-GHOST_STEP),
         }
-        if not (context.options.kiosk or self._over or self._page_waits):
+        if not (context.options.kiosk or self._open or self._scenes_wait):
             self._notices.say("hint", HINT, HINT_NS)
         self._ask_about_depth()
         self._show_overlay(now_ns())  # keys that are pressed now are for the menu
@@ -134,10 +135,12 @@ class KeyBindings:
         for event in self._display.events():
             self._presenter.redraw()
             word, _, argument = event.partition(" ")
-            if word in CLOSING and self._over != "figures":
+            if word in CLOSING and not (self._open and self._open.stays):
                 self._close()
             if word in self._actions:
-                self._actions[word](argument)
+                self._actions[word]()
+            elif word in self._choices:
+                self._choices[word](argument)
         if self._dialog is not None and self._dialog.poll() is not None:
             path = self._dialog.communicate()[0].rstrip("\n")
             self._dialog = None
@@ -150,76 +153,41 @@ class KeyBindings:
         if self._viewer.shown_as_wide(self._display.width_mm()):
             self._presenter.redraw()
         self.scenes.serve(t_ns)
-        if self._over == "scenes":
-            self.page.serve(t_ns)
         self._notice_changes()
-        self._follow_recording(t_ns)
+        if self._recording.serve(t_ns):
+            self._presenter.redraw()
         self._show_overlay(t_ns)
 
     def _show_overlay(self, t_ns: int) -> None:
-        if self._page_waits and not self._over:
-            self._switch("scenes")
-        if self._over == "figures" and t_ns >= self._figures_due_ns:
-            self._figures = status_lines(self._context, self._viewer)
-            self._figures_due_ns = t_ns + FIGURES_NS
-            self._presenter.redraw()
-        render = self._context.config.render
-        lines = {"help": HELP, "figures": self._figures}.get(self._over, ())
-        items = tuple[Item, ...]()
-        if self._over == "test":
-            lines, items = instructions(render)
-        menu = self.page.menu() if self._over == "scenes" else None
-        if self._over == "glasses":
-            menu = glasses_menu(render.anaglyph)
+        if self._scenes_wait and self._open is None:
+            self._switch(self.page)
         self._display.overlay(
-            Overlay(
-                lines=lines,
-                items=items,
+            attrs.evolve(
+                self._open.overlay(t_ns) if self._open else Overlay(),
                 notices=self._notices.lines(t_ns, self._standing(t_ns)),
                 progress=self.scenes.share,
-                menu=menu,
                 bar=self._bar(),
-                recording=self._recording,
+                recording=self._recording.words,
             )
         )
 
-    def _switch(self, over: str) -> None:
-        """Puts one thing over the picture; takes it away if it is there."""
+    def _switch(self, page: Page) -> None:
+        """Opens a page in place of another; closes it if it is open."""
         options = self._context.options
-        if over == "scenes" and len(options.playlist) < 2 and not options.start:
+        if page is self.page and len(options.playlist) < 2 and not options.start:
             self._notices.say("scene", NO_OTHER)
             return
-        before = self._over
+        before = self._open
         self._close()
-        if over == before:
-            return
-        self._over = over
-        self._figures_due_ns = 0
-        if over == "test":
-            self._before_test = self._context.config.render
-            self._presenter.draw_by(partial(draw_glasses_test, self._viewer))
-        if over == "scenes":
-            self._page_waits = False
-            self.page.open()
+        if page is not before:
+            self._scenes_wait = self._scenes_wait and page is not self.page
+            self._open = page
+            page.open()
 
     def _close(self) -> None:
-        """Takes away what is over the picture. The changes of a glasses test are kept in the
-        person's settings.
-        """
-        over, self._over = self._over, ""
-        if over == "scenes":
-            self.page.close()
-        if over != "test":
-            return
-        self._presenter.draw_by(partial(draw_scene, self._viewer))
-        now, before = self._context.config.render, self._before_test
-        changed = {
-            name: getattr(now, name)
-            for name in ("swap_eyes", "ghost_compensation")
-            if getattr(now, name) != getattr(before, name)
-        }
-        if changed:
-            self._keep(**changed)
+        page, self._open = self._open, None
+        if page is not None:
+            page.close()
 
     def _load(self, path: str) -> None:
         self._close()
@@ -230,7 +198,7 @@ class KeyBindings:
                 "scene", "not loaded: rename it to plain letters, then drop it again", 2 * SHOWN_NS
             )
 
-    def _open(self, folder: bool) -> None:
+    def _ask_for(self, folder: bool) -> None:
         self._dialog = self._dialog or file_dialog(folder)
         if self._dialog is None:
             self._notices.say("scene", NO_DIALOG, 2 * SHOWN_NS)
@@ -254,19 +222,21 @@ class KeyBindings:
     def _wear(self, anaglyph: str) -> None:
         """Keeps the answer, and begins the test of these glasses."""
         self._close()
-        self._keep(anaglyph=anaglyph)
+        self._keep({"anaglyph": anaglyph})
         self._set(anaglyph=anaglyph)
         if anaglyph != "mono":
-            self._switch("test")
+            self._switch(self._test)
 
     def _compensate_ghost(self, step: float) -> None:
         """During the test: more or less against ghosts."""
-        if self._over == "test":
+        if self._open is self._test:
             ghost = self._context.config.render.ghost_compensation + step
             self._set(ghost_compensation=min(max(ghost, 0.0), 100.0))
 
-    def _keep(self, **values: float | bool | str) -> None:
+    def _keep(self, values: dict[str, float | bool | str]) -> None:
         """Saves keys of [render] in the person's settings."""
+        if not values:
+            return
         from lfpipe.config.user_files import write_keys  # few sessions need it
 
         try:
@@ -303,35 +273,9 @@ class KeyBindings:
 
     # files
 
-    def _record(self) -> None:
-        """Begins or ends a recording of the camera, with the eyes, beside the pictures."""
-        if self._context.options.record:
-            self._context.request("record", path="")
-            return
-        path = _picture_folder() / time.strftime("lfpipe-recording-%Y%m%d-%H%M%S")
-        self._context.request("record", path=str(path))
-
-    def _follow_recording(self, t_ns: int) -> None:
-        """Updates what the window says of a recording, whoever began it."""
-        folder = self._context.options.record
-        if folder != self._recorded:
-            if self._recorded:
-                path = Path(self._recorded)
-                text = f"the recording is {path.name}\nin {path.parent}"
-                words = text if _size_bytes(path) else "no frame was recorded"
-                self._notices.say("record", words, RECORDED_NS)
-            self._recorded, self._recording = folder, ""
-            self._record_ns = self._record_due_ns = t_ns
-        if folder and t_ns >= self._record_due_ns:
-            self._record_due_ns = t_ns + FIGURES_NS
-            minutes, seconds = divmod((t_ns - self._record_ns) // SECOND_NS, 60)
-            megabytes = _size_bytes(Path(folder)) / 1e6
-            self._recording = f"{minutes}:{seconds:02}  {megabytes:.0f} MB"
-            self._presenter.redraw()
-
     def _screenshot(self) -> None:
         if self._presenter.picture is not None:
-            path = _picture_folder() / time.strftime("lfpipe-%Y%m%d-%H%M%S.png")
+            path = picture_folder() / time.strftime("lfpipe-%Y%m%d-%H%M%S.png")
             text = save(path, self._presenter.picture) or f"picture saved as {path}"
             self._context.emit("notice", text=text)
             self._notices.say("picture", text)
@@ -391,21 +335,3 @@ class KeyBindings:
                 self._context.report_lost(notice.text)
             else:
                 self._context.emit("notice", text=notice.text)
-
-
-def _size_bytes(folder: Path) -> int:
-    """Size of a recording's frames."""
-    try:
-        return (folder / PACKETS).stat().st_size
-    except OSError:
-        return 0
-
-
-def _picture_folder() -> Path:
-    """The desktop's folder for pictures, or else the working directory."""
-    folder = platformdirs.user_pictures_path()
-    return (
-        folder
-        if folder != Path.home() and is_dir(folder) and os.access(folder, os.W_OK)
-        else Path.cwd()
-    )

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from lfpipe.files.decoding import fit_area
 from lfpipe.host.files import exists
 from lfpipe.render.notices import Notices
-from lfpipe.render.overlay import Item, Menu
+from lfpipe.render.overlay import Item, Menu, Overlay
+from lfpipe.render.pages import Page
 from lfpipe.scene.cache import cache_root
 from lfpipe.scene.recent_scenes import forget_scene
 from lfpipe.transport.clock import SECOND_NS, now_ns
@@ -136,7 +137,7 @@ def _small(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.asarray(cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
 
 
-class ScenePage:
+class ScenePage(Page):
     """The scenes of the playlist as a menu, with the camera's picture."""
 
     def __init__(self, context: Context) -> None:
@@ -201,11 +202,11 @@ class ScenePage:
             self._scenes.remove(scene)
             forget_scene(Path(scene))
 
-    def serve(self, t_ns: int) -> None:
-        """Reads the camera's picture now and then."""
+    def overlay(self, t_ns: int) -> Overlay:
         if self._camera is not None and t_ns >= self._camera_due_ns:
             self._camera_due_ns = t_ns + CAMERA_NS
             self._see_camera(self._camera)
+        return Overlay(menu=self.menu())
 
     def _see_camera(self, camera: Reader) -> None:
         """Takes the camera's newest picture, mirrored."""
