@@ -234,6 +234,15 @@ def recorded(depth_name: str = "{:05d}.png", image: str = "image", ends: str = "
     )
 
 
+def recorded_together(image: str, ends: str = "png") -> Make:
+    """Pictures of a depth camera: colour and depth, numbered in one folder."""
+    pictures = [np.roll(PHOTO, 3 * k, 1) for k in range(6)]
+    return together(
+        numbered(pictures, image + "_{:04d}." + ends),
+        numbered([MILLIMETRES] * 6, "depth_{:04d}.png"),
+    )
+
+
 def tum(folder: Path) -> Path:
     """TUM's RGB-D sets: names are times, colour and depth at slightly other ones."""
     for k in range(6):
@@ -348,6 +357,37 @@ SETS: dict[str, list[PeopleSet]] = {
         opens("times of TUM", tum, "rgbd 5x9"),
         opens("one folder down", below("scene01", recorded(image="color")), "rgbd 5x9"),
         opens("images and depth", recorded(image="images"), "rgbd 5x9"),
+        opens(
+            "rgb_0000.png, depth_0000.png",
+            recorded_together("rgb"),
+            "rgbd 5x9",
+            sure=False,
+            text="depth_0001.png",
+        ),
+        opens(
+            "rgb_0000.png, depth_0000.png alone",
+            files(rgb_0000_png=PHOTO, depth_0000_png=FLOOR_DEPTH),
+            "rgbd 5x9",
+            sure=True,
+        ),
+        opens("color_0000.jpg, depth_0000.png", recorded_together("color", "jpg"), "rgbd 5x9"),
+        opens(
+            "rgb_0000.png, depth_0000.png, as views",
+            together(
+                numbered(list(LINE12[0]), "rgb_{:04d}.png"),
+                numbered([MILLIMETRES] * 12, "depth_{:04d}.png"),
+            ),
+            "numbered 1x12",
+            layout="numbered",
+        ),
+        opens(
+            "view_0000.png, depth_0000.png",
+            together(
+                numbered(list(LINE12[0]), "view_{:04d}.png"),
+                numbered([MILLIMETRES] * 12, "depth_{:04d}.png"),
+            ),
+            "numbered 1x12",
+        ),
         opens(
             "color, depth, pose",
             together(

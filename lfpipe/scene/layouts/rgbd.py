@@ -37,6 +37,8 @@ _NAMED = re.compile(r"rgb-?[dz](?![a-z])")
 _DEPTH = re.compile(r"depth|disparity|(?<![a-z])(dpt|disp)(?![a-z])")
 _BETWEEN = re.compile(r"[-_. ]+")
 _COLOUR = ("rgb", "color", "colour", "image", "images", "img", "photo", "picture")
+_NUMBERED_COLOUR = re.compile(r"(?:rgb|colou?r)[-_. ]*(\d{1,9})")
+_NUMBERED_DEPTH = re.compile(r"depth[-_. ]*(\d{1,9})")
 _INVERSE = re.compile(r"disp|inverse|inv[-_ ]?depth")  # larger is nearer by definition
 _GRID = (5, 9)  # of made views: eyes move sideways more than up and down
 _MOST_PX = 700_000  # of the made views: 45 of them are packed in ten seconds
@@ -47,6 +49,10 @@ _GREY, _COLOURED = 2.0, 6.0
 _LOWER = 0.35  # correlation of height with nearness that means something
 _HOLE_PX = 7  # around holes, where the edge of what is in front may lie
 _LEFT_OPEN = "press d in the window, or set scene.half_turn=yes, if they are exchanged"
+_FRAMES = (
+    "whether the numbered pictures are frames of one camera"
+    " (--set scene.layout=numbered opens them as views)"
+)
 
 
 @attrs.frozen(eq=False, kw_only=True)
@@ -119,8 +125,10 @@ def _pair(listing: Listing) -> tuple[str, str] | None:
         return _by_content(listing, names)
     depths = [name for name in names if _DEPTH.search(Path(name).stem.lower())]
     pictures = [name for name in names if name not in depths and not MAPS.search(Path(name).stem)]
-    if not depths or not pictures or read_names(tuple(pictures)) is not None:
-        return None  # no depth, or views of which each may have its own
+    if not depths or not pictures:
+        return None
+    if read_names(tuple(pictures)) is not None:  # views of which each may have its own, or frames
+        return _numbered_frames(listing)
     if len(pictures) == 1 and len(depths) == 1:
         return pictures[0], depths[0]
     named = {_words(name): name for name in pictures}
@@ -130,6 +138,25 @@ def _pair(listing: Listing) -> tuple[str, str] | None:
         if picture is not None:
             return picture, depth
     return None
+
+
+def _numbered_frames(listing: Listing) -> tuple[str, str] | None:
+    """The first picture and its depth of a recording by a depth camera, colour and depth of one
+    number in one folder (rgb_0001, depth_0001); None where other words name the pictures, which
+    then may be views, or where several numbers may count rows and columns.
+    """
+    colours: dict[str, str] = {}
+    maps: dict[str, str] = {}
+    for name in listing.pictures():
+        stem = Path(name).stem.lower()
+        if words := _NUMBERED_COLOUR.fullmatch(stem):
+            colours[words[1]] = name
+        elif words := _NUMBERED_DEPTH.fullmatch(stem):
+            maps[words[1]] = name
+    both = sorted(colours.keys() & maps.keys(), key=int)
+    if len(both) < 2 or 2 * len(both) < len(colours):
+        return None
+    return colours[both[0]], maps[both[0]]
 
 
 def _words(name: str) -> str:
@@ -230,6 +257,8 @@ def _read(listing: Listing) -> _Photo:
         near, why, doubt = read_depth(
             stored if stored.ndim == 2 else stored[..., 1], pair[1].lower().rpartition(".")[0]
         )
+        if _numbered_frames(listing) == pair:
+            doubt = "; ".join(filter(None, (_FRAMES, doubt)))
         recorded = "/" in pair[0]
         if paths[0].stem.lower() == paths[1].stem.lower() and picture.ndim == 2 and not recorded:
             doubt = "; ".join(filter(None, (f"whether {pair[1]} is the depth of {pair[0]}", doubt)))
