@@ -276,7 +276,8 @@ def test_full_screen_and_back_leaves_a_framed_window_where_it_was(
         manager = subprocess.Popen(["openbox"], stderr=subprocess.DEVNULL)
         display = None
         try:
-            root = ["xprop", "-root", "_NET_SUPPORTING_WM_CHECK"]
+            # its last property: a window that opens while it starts is never mapped
+            root = ["xprop", "-root", "_NET_CLIENT_LIST"]
             until(lambda: b"window id" in subprocess.check_output(root), "openbox", WAIT_S)
             display = ScreenWindow((853, 500), "lfpipe: a test")
             display.show(GREY)
