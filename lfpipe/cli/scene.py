@@ -25,7 +25,7 @@ from lfpipe.render.compositor import ViewRenderer
 from lfpipe.render.plan import make_plan
 from lfpipe.scene.cache import cache_dir, packs, remove, sweep
 from lfpipe.scene.contact_sheet import contact_sheet
-from lfpipe.scene.info import describe_pack, expected_field, lines
+from lfpipe.scene.info import expected_field, lines, pack_facts
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.open_scene import ask_packer, open_scene, packed
 
@@ -189,7 +189,7 @@ def info(path: Path, as_json: bool, verbose: bool, config: Config) -> None:
         set_up(1)
     field = None if verbose else packed(path, config.scene)
     facts = (
-        describe_pack(field)
+        pack_facts(field)
         if field is not None and field.complete
         else ask_packer(path, config.scene, do="info")
     )

@@ -39,7 +39,7 @@ from lfpipe.scene.cache import cache_dir, cache_root, packed
 from lfpipe.scene.contact_sheet import stored_view
 from lfpipe.scene.demo import named_scene
 from lfpipe.scene.examination import examine_scene
-from lfpipe.scene.info import describe_examined
+from lfpipe.scene.info import scene_facts
 from lfpipe.scene.pack import open_pack, summarize
 from lfpipe.scene.packing import pack_scene
 from lfpipe.scene.recent_scenes import remember_scene
@@ -95,7 +95,7 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
             report(preview=str(path), data=_preview(path, settings))
         return {}
     if request["do"] == "info":
-        return describe_examined(examine_scene(paths[0], settings))
+        return scene_facts(examine_scene(paths[0], settings))
     if request.get("expand"):
         paths = playlist(paths, settings)
         report(scenes=[str(path) for path in paths])
@@ -116,12 +116,14 @@ def playlist(paths: Iterable[Path], settings: config.Scene) -> list[Path]:
     scenes: list[Path] = []
     for path in paths:
         inside: list[Path] = []
-        own = _described(path, settings)
+        own = _light_field_at(path, settings)
         if is_dir(path) and (own is None or len(own.files) == 1):
             with contextlib.suppress(OSError):
                 inside = sorted(path.iterdir())[:MAX_ENTRIES]
         sources = {
-            entry: _described(entry, settings) for entry in inside if not entry.name.startswith(".")
+            entry: _light_field_at(entry, settings)
+            for entry in inside
+            if not entry.name.startswith(".")
         }
         fields = [
             entry
@@ -132,7 +134,7 @@ def playlist(paths: Iterable[Path], settings: config.Scene) -> list[Path]:
     return scenes
 
 
-def _described(path: Path, settings: config.Scene) -> SceneSource | None:
+def _light_field_at(path: Path, settings: config.Scene) -> SceneSource | None:
     """The light field at path; None if there is none."""
     with contextlib.suppress(UserError):
         return layouts.describe(path, settings)

@@ -106,17 +106,17 @@ class Examined:
 def examine_scene(path: str | os.PathLike[str], scene: config.Scene) -> Examined:
     """Examines the scene at path. Raises UserError if there is none."""
     with library_errors(path):
-        return examined(described(path, scene), scene)
+        return examine_source(checked_source(path, scene), scene)
 
 
-def described(path: str | os.PathLike[str], scene: config.Scene) -> SceneSource:
+def checked_source(path: str | os.PathLike[str], scene: config.Scene) -> SceneSource:
     """The scene at path as its layout describes it. Raises UserError."""
     source = layouts.describe(path, scene)
     require_plausible_truth(source)
     return source
 
 
-def examined(source: SceneSource, scene: config.Scene) -> Examined:
+def examine_source(source: SceneSource, scene: config.Scene) -> Examined:
     """Examines a few views. Raises UserError if they are no light field."""
     source, evidence = plausible(source, scene.force)
     middle = source.read(0, *source.middle)

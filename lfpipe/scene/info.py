@@ -32,9 +32,7 @@ _NAMES = (
 )
 
 
-def _describe(
-    manifest: dict[str, Any], low_px: float | None, high_px: float | None
-) -> dict[str, Any]:
+def _facts(manifest: dict[str, Any], low_px: float | None, high_px: float | None) -> dict[str, Any]:
     about = dict(manifest["disparity"])
     del about["min_px"], about["max_px"]
     present = manifest["present"]
@@ -52,11 +50,11 @@ def _describe(
     }
 
 
-def describe_pack(field: LightField) -> dict[str, Any]:
+def pack_facts(field: LightField) -> dict[str, Any]:
     """The facts of `lfpipe scene info --json`."""
     size = sum(file.stat().st_size for file in Path(field.folder).glob("*"))
     return {
-        **_describe(field.manifest, field.disparity_min_px, field.disparity_max_px),
+        **_facts(field.manifest, field.disparity_min_px, field.disparity_max_px),
         "method": field.method,
         "scores_db": field.manifest["scores"],
         "pack": field.folder,
@@ -64,8 +62,8 @@ def describe_pack(field: LightField) -> dict[str, Any]:
     }
 
 
-def describe_examined(scene: Examined) -> dict[str, Any]:
-    """The facts of an unpacked scene, with the keys of `describe_pack`: facts that need packing are
+def scene_facts(scene: Examined) -> dict[str, Any]:
+    """The facts of an unpacked scene, with the keys of `pack_facts`: facts that need packing are
     None or empty.
     """
     manifest = manifest_of(scene)
@@ -75,7 +73,7 @@ def describe_examined(scene: Examined) -> dict[str, Any]:
         low, high = -depth["max_px"], -depth["min_px"]
     manifest["flips"] = attrs.asdict(scene.orientation.turn)
     manifest["disparity"]["source"] = "estimated" if depth else "unknown"
-    facts = _describe(manifest, low, high)
+    facts = _facts(manifest, low, high)
     return {**facts, "method": None, "scores_db": {}, "pack": None, "pack_bytes": 0}
 
 

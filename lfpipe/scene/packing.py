@@ -21,7 +21,14 @@ from lfpipe.host import file_lock
 from lfpipe.scene import cache
 from lfpipe.scene.disparity import NO_DEPTH
 from lfpipe.scene.disparity_maps import run_parallel, write_disparity
-from lfpipe.scene.examination import STRIP_ROWS, Examined, FrameIndex, described, examined, is_grey
+from lfpipe.scene.examination import (
+    STRIP_ROWS,
+    Examined,
+    FrameIndex,
+    checked_source,
+    examine_source,
+    is_grey,
+)
 from lfpipe.scene.files import library_errors
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.missing_views import nearest_present
@@ -75,7 +82,7 @@ def pack_scene(
     mark = cache.stamp(path, settings)
     root = cache.prepare_cache(settings)
     with library_errors(path):
-        source = described(path, settings)
+        source = checked_source(path, settings)
         key = cache.content_key(source, settings)
         folder = root / "scenes" / key
 
@@ -87,7 +94,7 @@ def pack_scene(
             root / "locks" / key, lambda: progress("waiting for another packer", 0, 1)
         ):
             if _whole(folder, settings) is None:
-                scene = examined(source, settings)
+                scene = examine_source(source, settings)
                 try:
                     _write_views(scene, folder, can_be_shown, progress)
                 except NotGreyError:

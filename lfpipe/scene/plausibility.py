@@ -350,7 +350,7 @@ def _goes_round(line: list[Grey]) -> bool:
     return bool(winds and distance.min() > _ROUNDNESS * distance.max())
 
 
-def examine(source: SceneSource) -> Evidence | None:
+def gather_evidence(source: SceneSource) -> Evidence | None:
     """Evidence from a few small views; None if there are too few, or they are too small."""
     if min(source.height_px, source.width_px) < _SMALLEST_PX:
         return None
@@ -405,7 +405,9 @@ def plausible(source: SceneSource, force: bool) -> tuple[SceneSource, Evidence |
     nothing moves become one view. If it is no light field, raises UserError, or with `force` adds a
     doubt; what its format proves to be one is not refused.
     """
-    evidence = examine(source) if not source.certain or source.rows * source.cols == 2 else None
+    evidence = (
+        gather_evidence(source) if not source.certain or source.rows * source.cols == 2 else None
+    )
     if evidence is None:
         return source, None
     log.info(

@@ -17,7 +17,7 @@ from lfpipe.scene import layouts
 from lfpipe.scene.examination import grid_offsets
 from lfpipe.scene.layouts._grid import coordinate_turn
 from lfpipe.scene.orientation import orient
-from lfpipe.scene.plausibility import examine
+from lfpipe.scene.plausibility import gather_evidence
 from lfpipe.scene.source import Turn
 from tests.scene import made
 from tests.scene.made import TURNS, as_source, turned
@@ -154,7 +154,7 @@ def test_sample_scenes_need_no_override(name: str) -> None:
             source, rows=rows, cols=cols, read=lambda f, r, c: source.read(f, 4 * r, 4 * c)
         ),
     ):
-        evidence = examine(views)
+        evidence = gather_evidence(views)
         assert evidence is None or not evidence.reason
     # flow agrees, or says that it does not know
     if name in ("hci_antinous", "stanford_lego_knights_17x17"):

@@ -10,7 +10,7 @@ import pytest
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene.packing import pack_scene
-from lfpipe.scene.plausibility import examine
+from lfpipe.scene.plausibility import gather_evidence
 from tests.scene import made
 from tests.scene.made import as_source
 
@@ -111,7 +111,7 @@ NO_LIGHT_FIELDS = {
 
 @pytest.mark.parametrize("kind", NO_LIGHT_FIELDS)
 def test_what_is_no_light_field_is_refused(kind: str) -> None:
-    evidence = examine(as_source(NO_LIGHT_FIELDS[kind]))
+    evidence = gather_evidence(as_source(NO_LIGHT_FIELDS[kind]))
     assert evidence is not None and evidence.reason
 
 
@@ -155,7 +155,7 @@ LIGHT_FIELDS = {
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("kind", LIGHT_FIELDS)
 def test_no_light_field_is_refused(kind: str) -> None:
-    evidence = examine(as_source(LIGHT_FIELDS[kind]))
+    evidence = gather_evidence(as_source(LIGHT_FIELDS[kind]))
     assert evidence is not None and not evidence.reason
     assert "hand" not in kind or evidence.explained > 0.4
 
@@ -167,7 +167,7 @@ def test_a_line_that_ends_where_it_began_is_no_circle() -> None:
             np.roll(grid[0, 0], -shift_px, 1),
             np.roll(grid[0, 0], -2 * shift_px, 1),
         )
-        evidence = examine(as_source(grid))
+        evidence = gather_evidence(as_source(grid))
         assert evidence is not None and not evidence.change
 
 

@@ -85,7 +85,7 @@ def _described_by_any(
     failed: list[str] = []
     while True:
         try:
-            source = _described(known, list_scene(path), scene)
+            source = _source_of(known, list_scene(path), scene)
         except PluginError as error:
             if scene.layout == error.name:
                 raise
@@ -175,7 +175,7 @@ def _require_pictures(listing: Listing, certain: bool) -> None:
         )
 
 
-def _described(known: dict[str, Layout], given: Listing, scene: config.Scene) -> SceneSource:
+def _source_of(known: dict[str, Layout], given: Listing, scene: config.Scene) -> SceneSource:
     """The scene by the most specific layout that matches, else of the pictures below the folder.
 
     Raises UserError.

@@ -21,7 +21,7 @@ from lfpipe.scene.layouts._grid import described_run, files_source, misfit, pars
 from lfpipe.scene.layouts._running import lay_out
 from lfpipe.scene.layouts._tiles import plane_of, reduced, require_picture, single_picture
 from lfpipe.scene.optical_flow import returned_flow, textured
-from lfpipe.scene.plausibility import examine
+from lfpipe.scene.plausibility import gather_evidence
 from lfpipe.scene.source import Layout, SceneSource, Turn
 from lfpipe.scene.video import Video
 
@@ -152,7 +152,7 @@ def _describe_animation(listing: Listing, scene: config.Scene) -> SceneSource:
         notes=tuple(notes),
     )
     unsteady = is_video and run.rows == 1 and scene.layout == "auto" and not grid
-    evidence = examine(source) if unsteady else None
+    evidence = gather_evidence(source) if unsteady else None
     if unsteady and not (evidence and evidence.change):
         raise UserError(
             f"{path}: no tiles recognised in {width}x{height} px, and its frames form no grid",
