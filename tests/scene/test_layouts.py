@@ -16,6 +16,7 @@ import scipy.io
 from lfpipe import config
 from lfpipe.scene import layouts
 from lfpipe.scene.files import read_pfm
+from lfpipe.scene.layouts._tiles import find_tiles
 from lfpipe.scene.orientation import orient
 from lfpipe.scene.source import SceneSource
 from tests.scene import made
@@ -380,6 +381,23 @@ def test_lines_between_tiles_are_cut_away(
         assert all(
             np.array_equal(source.read(0, r, c), grid[r, c]) for r, c in np.ndindex(rows, cols)
         )
+
+
+def test_find_tiles_ranks_what_the_name_and_the_pictures_say(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    picture = made.mosaic(made.views(4, 6, 90, 120))
+    caplog.set_level("INFO", "lfpipe.scene")
+    tiles = find_tiles(picture, "sheet_2x6")
+    assert tiles is not None
+    assert tiles.shape == (4, 6), "the picture contradicts the name"
+    caplog.clear()
+    tiles = find_tiles(picture, "sheet_4x6")
+    assert tiles is not None
+    assert tiles.shape == (4, 6)
+    _, first, second = caplog.text.splitlines()[-3:]
+    assert "4x6, by the name" in first
+    assert "4x6, by likeness along both axes" in second
 
 
 def test_the_scale_of_a_pfm_map_is_its_byte_order_only(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ because neighbours are alike, and whether they are a grid of views or, as in a q
 
 import re
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
@@ -19,6 +19,7 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import read_picture
 from lfpipe.scene.files import Listing
+from lfpipe.scene.layouts._candidates import Candidate, ranked
 from lfpipe.scene.layouts._grid import LEAST_VIEW_PX, LOSSY, parse_grid
 from lfpipe.scene.layouts._running import Running, likeliest
 
@@ -35,6 +36,8 @@ _SMALLEST_TILE_PX = 24  # less shows nothing
 _GLANCE_PX = 1024  # longer side of the reduced picture in which tiles are detected
 # limits of `_unlike` for neighbouring tiles; above the last, there are none
 _TWO_AXES, _ONE_AXIS, _PLAIN = 0.5, 0.2, 0.8
+# of scores, to which the likeness of neighbours adds at most 1: each kind beats the next
+_BY_LINES, _BY_DISPLAY, _BY_NAME, _BY_TWO_AXES = 4.0, 3.0, 2.0, 1.0
 # grey levels from the colour of lines (JPEG blurs them), and share of a line
 _LINE_LEVELS = (4, 16, 48)
 _LINE_SHARE = 0.98
@@ -207,41 +210,60 @@ def find_tiles(picture: NDArray[Any], name: str = "") -> Tiling | None:
     name: of the file or folder; a grid named in it (9x9) is used unless the picture contradicts it.
     """
     height, width = picture.shape[:2]
+    order = ranked(f"the tiles of {width}x{height} px", list(_candidates(picture, name)))
+    return order[0].value if order else None
+
+
+def _candidates(picture: NDArray[Any], name: str) -> Iterator[Candidate[Tiling]]:
+    """What lines, the usual size of a display, a grid in the name and the likeness of neighbouring
+    tiles speak for; no more once nothing can be better.
+    """
+    height, width = picture.shape[:2]
     lined = _by_lines(picture)
     if lined is not None:
-        return lined
+        yield _candidate("lines between them", lined, _BY_LINES)
+        return
     if (width, height) in UNEVEN:
         cols, rows = UNEVEN[width, height]
         tiles = find_tiles(picture[: height - height % rows, : width - width % cols], name)
         if tiles is not None and tiles.shape == (rows, cols):
-            return tiles
+            yield _candidate("the size of a display", tiles, _BY_DISPLAY)
+            return
     small = reduced(picture, _GLANCE_PX)  # of a single plane it would be a copy
     plane = (small if small.ndim == 2 else small[..., 1]).astype(np.float32)
     down, across = _unlike(plane, 0), _unlike(plane, 1)
     for named in re.finditer(r"(?<!\d)(\d{1,2})x(\d{1,2})(?!\d)", name):
         rows, cols = int(named[1]), int(named[2])
-        if (
-            rows * cols > 1
-            and not (height % rows or width % cols)
-            and (down.get(rows, 0) < 0.8 and across.get(cols, 0) < 0.8)
-        ):
-            return Tiling.even(picture, rows, cols)
+        unlike = max(down.get(rows, 0), across.get(cols, 0))
+        if rows * cols > 1 and not (height % rows or width % cols) and unlike < _PLAIN:
+            yield _candidate("the name", Tiling.even(picture, rows, cols), _BY_NAME, unlike)
     (rows, row_unlike), (cols, col_unlike) = _period(down, height), _period(across, width)
-    if row_unlike < _TWO_AXES and col_unlike < _TWO_AXES:
-        return Tiling.even(picture, rows, cols)
-    strip = (
-        (1, cols)
-        if col_unlike < _ONE_AXIS and cols > 2
-        else (rows, 1)
-        if row_unlike < _ONE_AXIS and rows > 2
-        else None
+    unlike = max(row_unlike, col_unlike)
+    grid = Tiling.even(picture, rows, cols)
+    strip = None
+    if col_unlike < _ONE_AXIS and cols > 2:
+        strip = Tiling.even(picture, 1, cols)
+    elif row_unlike < _ONE_AXIS and rows > 2:
+        strip = Tiling.even(picture, rows, 1)
+    if unlike < _TWO_AXES:
+        yield _candidate("likeness along both axes", grid, _BY_TWO_AXES, unlike)
+    elif strip is not None:
+        yield _candidate("likeness along one axis", strip, 0.0, min(row_unlike, col_unlike))
+        if unlike <= _PLAIN:
+            either = f"{rows}x{cols}, or {strip.shape[0]}x{strip.shape[1]}"
+            doubt = f"the tiles: {either} (--set scene.grid=ROWSxCOLS)"
+            doubted = attrs.evolve(grid, doubt=doubt)
+            yield _candidate("likeness along both axes", doubted, _BY_TWO_AXES, unlike)
+
+
+def _candidate(why: str, tiling: Tiling, prior: float, unlike: float = 0.0) -> Candidate[Tiling]:
+    """unlike: how much neighbouring tiles differ, as `dip`."""
+    return Candidate(
+        what=f"{tiling.shape[0]}x{tiling.shape[1]}, by {why}",
+        score=prior + 1 - unlike,
+        value=tiling,
+        evidence={"neighbours unlike": unlike},
     )
-    if strip is None:
-        return None
-    if max(row_unlike, col_unlike) > _PLAIN:
-        return Tiling.even(picture, *strip)
-    doubt = f"the tiles: {rows}x{cols}, or {strip[0]}x{strip[1]} (--set scene.grid=ROWSxCOLS)"
-    return attrs.evolve(Tiling.even(picture, rows, cols), doubt=doubt)
 
 
 def _as_quilt(picture: NDArray[Any], plain: Tiling) -> Tiling:
