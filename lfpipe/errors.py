@@ -49,7 +49,7 @@ _short.maxstring = _short.maxother = VALUE_CHARS
 _short.maxlevel = _short.maxdict = _short.maxlist = _short.maxtuple = _short.maxset = 3
 
 
-def shown(value: object) -> str:
+def quoted(value: object) -> str:
     """value as a message quotes it: repr on one line, never long, never an exception, however large
     or deep value is.
     """

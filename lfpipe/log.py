@@ -12,7 +12,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from lfpipe.errors import UserError, plain, shown
+from lfpipe.errors import UserError, plain, quoted
 
 VARIABLE = "LFPIPE_LOG"
 FILE = "session.log"
@@ -64,7 +64,7 @@ def set_up(verbose: int = 0) -> None:
         os.environ[VARIABLE] = "info" if verbose == 1 else "debug"
     level = os.environ.get(VARIABLE, "").lower()
     if level and level not in LEVELS:
-        raise UserError(f"{VARIABLE}={shown(level)} is not a level", f"use {', '.join(LEVELS)}")
+        raise UserError(f"{VARIABLE}={quoted(level)} is not a level", f"use {', '.join(LEVELS)}")
     _ROOT.setLevel((level or "info").upper())  # the file has what is decided, in any case
     _ROOT.propagate = False
     if level:

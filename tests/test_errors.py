@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfpipe.errors import UserError, shown
+from lfpipe.errors import UserError, quoted
 from tests.support.hostile_files import deep
 
 ANY = st.recursive(
@@ -30,7 +30,7 @@ def test_plain_words_stay_as_they_are() -> None:
     )
     assert str(UserError("\x1b[2J\x07 a\0b \udcff \u202egpj.exe \x9b31m a\rb\tc")).isprintable()
     for value in (3, -2.5, "a b", None, True, [1, 2], {"a": 1}):
-        assert shown(value) == repr(value)
+        assert quoted(value) == repr(value)
 
 
 DEEP = [deep(20_000), deep(20_000, as_list=False)]
@@ -48,9 +48,9 @@ LARGE = [
 
 @pytest.mark.parametrize("value", LARGE, ids=range(len(LARGE)))
 def test_a_large_value_is_shown_on_one_short_line(value: object) -> None:
-    assert shown(value).isprintable() and len(shown(value)) <= 130
+    assert quoted(value).isprintable() and len(quoted(value)) <= 130
 
 
 @given(ANY)
 def test_no_value_is_too_strange_to_be_shown(value: object) -> None:
-    assert shown(value).isprintable() and len(shown(value)) <= 130
+    assert quoted(value).isprintable() and len(quoted(value)) <= 130

@@ -155,7 +155,7 @@ class CaptureStage:
         if context.paused:
             context.row["left_out"] += 1
             return
-        self._packets.follow(context.options)
+        self._packets.set_options(context.options)
         self._packets.publish(
             frame.packet, frame.source_seq, t_sensor_ns, t_read_ns, frames.writer.epoch
         )

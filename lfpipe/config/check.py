@@ -19,7 +19,7 @@ import attrs
 
 from lfpipe.config.tree import SECTIONS, Config, Key, options
 from lfpipe.config.user_files import FILE_BYTES, user_file
-from lfpipe.errors import UserError, shown
+from lfpipe.errors import UserError, quoted
 from lfpipe.files.safe_files import read_text
 from lfpipe.files.untrusted import toml_table
 from lfpipe.host.files import is_missing
@@ -42,7 +42,7 @@ PLUGGABLE = {"track.engine": ENGINES, "track.filter": FILTERS}
 def _problem(name: object, value: object) -> str:
     """`key: problem`; "" if the key takes this value."""
     if not isinstance(name, str):
-        return f"{shown(name)}: unknown key"
+        return f"{quoted(name)}: unknown key"
     if name in options():
         plugged = name in PLUGGABLE and isinstance(value, str) and value in plugins(PLUGGABLE[name])
         why = "" if plugged else _wrong(value, options()[name])
@@ -50,13 +50,13 @@ def _problem(name: object, value: object) -> str:
     if name in SECTIONS:
         first = next(key for key in options() if key.startswith(f"{name}."))
         return (
-            f"{name}: a section, which cannot have the value {shown(value)}; its keys are"
+            f"{name}: a section, which cannot have the value {quoted(value)}; its keys are"
             f" {first}, ..."
         )
     section = name.partition(".")[0]
     name = name if section in SECTIONS else section
     close = closest(name, [*options(), *SECTIONS])
-    return f"{name if len(name) < 40 else shown(name)}: unknown key" + (
+    return f"{name if len(name) < 40 else quoted(name)}: unknown key" + (
         f", did you mean {close!r}?" if close else ""
     )
 
@@ -73,23 +73,23 @@ def _wrong(value: object, key: Key) -> str:
         and (float in key.types or int in key.types)
     ):
         if int in key.types and not isinstance(value, int):
-            return f"{shown(value)} is not a whole number"
+            return f"{quoted(value)} is not a whole number"
         inside = key.low <= value <= key.high  # false for nan
         return (
             ""
             if inside
-            else f"{shown(value)} is out of range: {key.low:g} to {key.high:g} {key.unit}".rstrip()
+            else f"{quoted(value)} is out of range: {key.low:g} to {key.high:g} {key.unit}".rstrip()
         )
     if isinstance(value, str) and str in key.types:
         return wrong_text(value)
     if key.types:
         return (
-            f"{shown(value)} is not"
+            f"{quoted(value)} is not"
             f" {' or '.join([*(NAMES[kind] for kind in key.types), *map(repr, key.words)])}"
         )
     texts = [str(word) for word in key.words]
     close = closest(value, texts, 0.5)
-    return f"{shown(value)} is not one of {', '.join(texts)}" + (
+    return f"{quoted(value)} is not one of {', '.join(texts)}" + (
         f" (did you mean {close!r}?)" if close else ""
     )
 
@@ -100,9 +100,9 @@ def wrong_text(value: str) -> str:
     Texts are paths and names: they must survive a message, a file and a system call.
     """
     if len(value) > TEXT_CHARS:
-        return f"{shown(value)} has {len(value)} characters; at most {TEXT_CHARS} are allowed"
+        return f"{quoted(value)} has {len(value)} characters; at most {TEXT_CHARS} are allowed"
     odd = next((c for c in value if unicodedata.category(c) in ("Cc", "Cs")), "")
-    return f"{shown(value)} contains {odd!a}, which is not allowed in text" if odd else ""
+    return f"{quoted(value)} contains {odd!a}, which is not allowed in text" if odd else ""
 
 
 def closest(value: object, texts: Iterable[str], cutoff: float = 0.6) -> str:
@@ -187,7 +187,7 @@ def parse_set(text: str) -> tuple[str, bool | int | float | str]:
     """
     key, sign, raw = (word.strip() for word in text.partition("="))
     if not sign or not key:
-        raise UserError(f"{shown(text)} is not KEY=VALUE", "for example render.method=warp")
+        raise UserError(f"{quoted(text)} is not KEY=VALUE", "for example render.method=warp")
     value: object = raw
     try:
         table = tomllib.loads(f"v = {raw}")
@@ -201,7 +201,7 @@ def parse_set(text: str) -> tuple[str, bool | int | float | str]:
         value = raw
     for word in (key, value):
         if isinstance(word, str) and (why := wrong_text(word)):
-            raise UserError(f"{shown(key)}: {why}", SHOW)
+            raise UserError(f"{quoted(key)}: {why}", SHOW)
     return key, value
 
 

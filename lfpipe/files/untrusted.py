@@ -14,7 +14,7 @@ from typing import Any
 
 import attrs
 
-from lfpipe.errors import UserError, shown
+from lfpipe.errors import UserError, quoted
 
 MAX_DEPTH = 32  # no file of ours has ten levels; Python ends at a thousand
 MAX_INTEGER = (1 << 63) - 1  # what NumPy, msgpack and every other reader can hold
@@ -78,7 +78,7 @@ def json_fields(data: bytes | str, where: str, remedy: str) -> Fields:
     """The JSON object in data, to be read field by field."""
     value = parse_json(data, where, remedy)
     if not isinstance(value, dict):
-        raise UserError(f"{where}: expected a JSON object, not {shown(value)}", remedy)
+        raise UserError(f"{where}: expected a JSON object, not {quoted(value)}", remedy)
     return Fields(value, where, remedy)
 
 
@@ -161,7 +161,7 @@ class Fields:
             raise UserError(f"{self.where}: {key} is missing", self.remedy)
         if not fits(self.values[key]):
             raise UserError(
-                f"{self.where}: {key} is {shown(self.values[key])}, expected {expected}",
+                f"{self.where}: {key} is {quoted(self.values[key])}, expected {expected}",
                 self.remedy,
             )
         return self.values[key]

@@ -39,7 +39,7 @@ class Worker:
     without a step, of its own CPU
     time while it computes: a busy or emulated machine takes longer. fds: for a poller; call `read`
     when they are readable.
-    heard: called with every step. Raises UserError if no child can be started.
+    on_step: called with every step. Raises UserError if no child can be started.
     """
 
     def __init__(self, module: str, request: dict[str, Any], subject: str, limit_s: float) -> None:
@@ -64,7 +64,7 @@ class Worker:
         with contextlib.suppress(BrokenPipeError):  # `result` says how it ended
             self._stdin.write(json.dumps(request).encode() + b"\n")
 
-    def heard(self, step: dict[str, Any]) -> None:
+    def on_step(self, step: dict[str, Any]) -> None:
         """A step of the child, not checked. Subclasses keep what they need."""
 
     def _is_stuck(self) -> bool:
@@ -119,7 +119,7 @@ class Worker:
         if "ok" in step:
             self._verdict = step
         else:
-            self.heard(step)
+            self.on_step(step)
 
     def wait(self, until: Callable[[], bool] = lambda: False) -> None:
         """Waits until the child has ended, or `until` holds."""

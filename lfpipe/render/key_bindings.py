@@ -147,7 +147,7 @@ class KeyBindings:
             if path.strip():  # else it was cancelled
                 self.scenes.load(Path(path).absolute())
         t_ns = now_ns()
-        self._mouse.follow(self._display.pointer, t_ns)
+        self._mouse.move(self._display.pointer, t_ns)
         self.pass_on_notices()
         # a larger picture has larger parallax
         if self._viewer.shown_as_wide(self._display.width_mm()):

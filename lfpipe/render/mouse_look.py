@@ -55,7 +55,7 @@ class MouseLook:
         """Whether the mouse is the viewer now."""
         return self._alone or self._pointer.right or self._eased_px is not None
 
-    def follow(self, pointer: Pointer, t_ns: int) -> None:
+    def move(self, pointer: Pointer, t_ns: int) -> None:
         """Takes the pointer's state at t_ns."""
         before = self._pointer
         self._pointer = pointer

@@ -138,7 +138,7 @@ class Presenter:
         if showing.composed:
             self.cost_ns += int(COST_SHARE * (showing.cost_ns - self.cost_ns))
             if self._refresh is not None:
-                self._refresh.took(showing.cost_ns, showing.t_started_ns, showing.due_ns)
+                self._refresh.add_cost(showing.cost_ns, showing.t_started_ns, showing.due_ns)
         for listener in self._listeners:
             listener.handed_over(showing)
         if not self._display.blanks_by:

@@ -50,7 +50,7 @@ class Refresh:
         """The earliest hand-over of a picture for target_ns."""
         return target_ns
 
-    def took(self, cost_ns: int, t_started_ns: int, target_ns: int) -> None:
+    def add_cost(self, cost_ns: int, t_started_ns: int, target_ns: int) -> None:
         """Adds what a picture for target_ns, begun at t_started_ns, cost."""
         share = COST_SHARE if self._cost_ns else 1.0
         self._cost_ns += int(share * (cost_ns - self._cost_ns))
@@ -67,7 +67,7 @@ class Refresh:
         self._due_ns += (1 + missed) * self._period_ns
         return missed
 
-    def heard(self, source_seq: int, t_sensor_ns: int, t_eyes_ns: int) -> None:
+    def add_eyes(self, source_seq: int, t_sensor_ns: int, t_eyes_ns: int) -> None:
         """Records that new eyes, of that frame, arrived at t_eyes_ns."""
         last = self._last
         self._last = (source_seq, t_sensor_ns)
@@ -215,13 +215,13 @@ class ScreenRefresh(Refresh):
         """Before it, the picture would appear at the previous blank."""
         return int(target_ns - max(self.clock.period_ns - EARLY_NS, self._margin_ns))
 
-    def heard(self, source_seq: int, t_sensor_ns: int, t_eyes_ns: int) -> None:
+    def add_eyes(self, source_seq: int, t_sensor_ns: int, t_eyes_ns: int) -> None:
         pass
 
-    def took(self, cost_ns: int, t_started_ns: int, target_ns: int) -> None:
+    def add_cost(self, cost_ns: int, t_started_ns: int, target_ns: int) -> None:
         """A cost of more than a period says nothing: no lead would make that picture punctual."""
         if cost_ns < self.clock.period_ns:
-            super().took(cost_ns, t_started_ns, target_ns)
+            super().add_cost(cost_ns, t_started_ns, target_ns)
 
     def judge(self, target_ns: int, t_handed_ns: int, t_presented_ns: int) -> bool:
         """Judges a picture for the blank target_ns, shown at t_presented_ns, 0 for never; returns

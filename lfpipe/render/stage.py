@@ -215,7 +215,7 @@ class RenderStage:
                 self._take_news()
                 refresh.limit(self._config.render.rate_hz, self._config.render.nominal_hz)
             if (fresh := self._eyes.take()) is not None:
-                refresh.heard(fresh.source_seq, fresh.t_sensor_ns, now_ns())
+                refresh.add_eyes(fresh.source_seq, fresh.t_sensor_ns, now_ns())
             if now_ns() >= refresh.start_ns():
                 if not context.paused:
                     self._show(refresh.due_ns(), refresh.period_ns)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from lfpipe.config import Config, options
 from lfpipe.config.check import flat
-from lfpipe.errors import VALUE_CHARS, UserError, plain, shown
+from lfpipe.errors import VALUE_CHARS, UserError, plain, quoted
 from lfpipe.files.output import PLACE, marked_picture, write_output
 from lfpipe.files.pictures import header_of
 from lfpipe.files.safe_files import reason
@@ -141,7 +141,7 @@ def check_reference(reference: Path, report: dict[str, Any]) -> None:
                 values = (
                     ""
                     if isinstance(now, dict)
-                    else f": {name} {shown(before)} in the reference, {shown(now)} now"
+                    else f": {name} {quoted(before)} in the reference, {quoted(now)} now"
                 )
                 raise UserError(f"{reference}: made with another {part}{values}", remedy)
 
@@ -211,7 +211,7 @@ def _tolerance(was: dict[str, str], now: dict[str, str]) -> tuple[float, str]:
 def _unequal(part: str, was: dict[str, Any], now: dict[str, Any]) -> list[Difference]:
     keys = [key for key in sorted(was | now) if was.get(key) != now.get(key)]
     texts = [
-        f"{key[:80]}: {shown(was.get(key))} in the reference, {shown(now.get(key))} now"
+        f"{key[:80]}: {quoted(was.get(key))} in the reference, {quoted(now.get(key))} now"
         for key in keys[:MOST_FIELDS]
     ]
     texts += [f"and {len(keys) - MOST_FIELDS} more keys"] if len(keys) > MOST_FIELDS else []

@@ -26,7 +26,7 @@ import attrs
 import platformdirs
 
 from lfpipe import config
-from lfpipe.errors import UserError, shown
+from lfpipe.errors import UserError, quoted
 from lfpipe.files.safe_files import WORK_NAME, open_file, read_bytes, reason, write_file
 from lfpipe.host import file_lock
 from lfpipe.host.files import exists, is_dir
@@ -78,9 +78,9 @@ def cache_dir(scene: config.Scene) -> Path:
             folder = root / name
             for path in folder.iterdir() if is_dir(folder) else ():
                 if not known.fullmatch(path.name):
+                    foreign = quoted(str(path.relative_to(root)))
                     raise UserError(
-                        f"scene.cache_dir {root}: holds {shown(str(path.relative_to(root)))}, which"
-                        " is not of lfpipe's cache",
+                        f"scene.cache_dir {root}: holds {foreign}, which is not of lfpipe's cache",
                         "name a new folder: --set scene.cache_dir=DIR",
                     )
     return root

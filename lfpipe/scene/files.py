@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.errors import UserError, shown
+from lfpipe.errors import UserError, quoted
 from lfpipe.files.safe_files import check_links, open_file, reason
 from lfpipe.host.files import path_of
 from lfpipe.host.terminal import opencv_logging
@@ -102,7 +102,7 @@ def list_scene(path: str | os.PathLike[str]) -> Listing:
         ) from None
     except ValueError as error:  # a NUL in the path
         raise UserError(
-            f"{shown(str(given))}: not a path: {error}", "give the folder of the views"
+            f"{quoted(str(given))}: not a path: {error}", "give the folder of the views"
         ) from None
     if not names and not folders:
         raise UserError(

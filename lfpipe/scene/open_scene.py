@@ -51,7 +51,7 @@ class Packing(Worker):
         request = {"do": "pack", "scenes": paths, "config": attrs.asdict(settings), **request}
         super().__init__("lfpipe.render.packer", request, paths[0], SILENT_S)
 
-    def heard(self, step: dict[str, Any]) -> None:
+    def on_step(self, step: dict[str, Any]) -> None:
         """Notes a step of the packer."""
         if "step" in step:
             self.step = "{step} {done} of {total}".format(**step)

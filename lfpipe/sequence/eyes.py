@@ -12,7 +12,7 @@ import attrs
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfpipe.errors import UserError, shown
+from lfpipe.errors import UserError, quoted
 from lfpipe.eyes import EYES
 from lfpipe.files.safe_files import lines, reason
 from lfpipe.files.untrusted import finite, json_fields
@@ -101,7 +101,7 @@ def eyes_of(line: bytes, where: str) -> NDArray[np.void]:
         if value.shape != shape or not (np.abs(value) <= most).all():
             expected = f"{'x'.join(map(str, shape))} numbers" if shape else "a number"
             raise UserError(
-                f"{where}: {name} is {shown(fields.values[name])}, expected {expected} up to"
+                f"{where}: {name} is {quoted(fields.values[name])}, expected {expected} up to"
                 f" {most:g}",
                 COPY,
             )
@@ -139,14 +139,14 @@ def table_of(path: Path) -> Truth:
             for name in COLUMNS:
                 if (px := finite(row[name], -MAX_PX, MAX_PX)) is None:
                     raise UserError(
-                        f"{where}: {name} is {shown(row[name])}, expected a number of px", REMEDY
+                        f"{where}: {name} is {quoted(row[name])}, expected a number of px", REMEDY
                     )
                 numbers.append(px)
             t_ns = int(row["t_ns"])
             last_ns = stamps[-1] if stamps else -MAX_NS - 1
             if not last_ns < t_ns <= MAX_NS:
                 raise UserError(
-                    f"{where}: times must rise: t_ns is {shown(t_ns)}, after {last_ns}", REMEDY
+                    f"{where}: times must rise: t_ns is {quoted(t_ns)}, after {last_ns}", REMEDY
                 )
             stamps.append(t_ns)
             visible.append(row.get("visible") != "0")

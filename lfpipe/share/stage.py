@@ -43,7 +43,7 @@ class Sharer:
         self._estimator = HeadEstimator(context.config)
         self._channels: dict[str, _Channel] = {}
 
-    def follow(self) -> None:
+    def set_targets(self) -> None:
         """Opens and closes targets as the session's options require."""
         targets = self._context.options.share
         self._estimator.config = self._context.config
@@ -145,12 +145,12 @@ class Sharer:
 def main(context: Context) -> None:
     """Runs the stage until it is stopped."""
     sharer = Sharer(context)
-    sharer.follow()
+    sharer.set_targets()
     context.ready()
     context.ack_config()
     try:
         while sharer.wait():
-            sharer.follow()
+            sharer.set_targets()
             context.ack_config()
             sharer.send_frames()
             sharer.send_predicted()

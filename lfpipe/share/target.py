@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import attrs
 
-from lfpipe.errors import UserError, shown
+from lfpipe.errors import UserError, quoted
 from lfpipe.host.machine import install_command
 
 FORMS = (
@@ -43,7 +43,7 @@ class Target:
 
 
 def _refusal(text: str, why: str, remedy: str = FORMS) -> UserError:
-    return UserError(f"--share {shown(text)}: {why}", remedy)
+    return UserError(f"--share {quoted(text)}: {why}", remedy)
 
 
 def parse_target(text: str) -> Target:
@@ -58,7 +58,7 @@ def parse_target(text: str) -> Target:
             key, _, value = options.partition("=")
             rate_hz = float(value) if key == "rate" else 0.0
         if not 1 <= rate_hz <= MAX_RATE_HZ:
-            raise _refusal(text, f"{shown(options)} is not rate=HZ of 1 to {MAX_RATE_HZ:g}")
+            raise _refusal(text, f"{quoted(options)} is not rate=HZ of 1 to {MAX_RATE_HZ:g}")
     if kind == "lsl":
         name = rest if colon else NAME
         if not 0 < len(name) <= MAX_NAME or any(
@@ -71,7 +71,7 @@ def parse_target(text: str) -> Target:
     if not host or not colon:
         raise _refusal(text, "no HOST:PORT")
     if not (port.isascii() and port.isdigit() and len(port) <= 5 and 0 < int(port) < 65536):
-        raise _refusal(text, f"{shown(port)} is not a port, 1 to 65535")
+        raise _refusal(text, f"{quoted(port)} is not a port, 1 to 65535")
     return Target(kind=kind, host=host, port=int(port), rate_hz=rate_hz)
 
 
@@ -130,7 +130,7 @@ def _resolved(text: str, target: Target) -> str:
     except (OSError, ValueError) as error:
         why = error.strerror if isinstance(error, OSError) else "not a host name"
         remedy = "the name or address of the receiver's machine, 127.0.0.1 for this one"
-        raise _refusal(text, f"{shown(target.host)}: {why}", remedy) from None
+        raise _refusal(text, f"{quoted(target.host)}: {why}", remedy) from None
     host = str(address[0])
     if socket.inet_pton(family, host.partition("%")[0]).strip(b"\0") == b"":
         raise _refusal(text, f"{host} is no address to send to")

@@ -16,8 +16,7 @@ import attrs
 from lfpipe import config as config_module
 from lfpipe.config import Scene, SceneSummary, converter
 from lfpipe.config.modes import MouseViewer
-from lfpipe.errors import UserError
-from lfpipe.errors import shown as printable
+from lfpipe.errors import UserError, quoted
 from lfpipe.share.target import FORMS, MAX_TARGETS
 from lfpipe.supervisor.file_checks import FileCheck
 from lfpipe.supervisor.process_table import SHOWN_BY, STAGES, TRACKED_BY
@@ -196,7 +195,7 @@ def _share(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
     }
     if missing := [text for text, targets in named.items() if not targets]:
         raise UserError(
-            f"{printable(missing[0])}: not a current target",
+            f"{quoted(missing[0])}: not a current target",
             f"current targets: {', '.join(running) or 'none'}",
         )
     if not running:

@@ -25,7 +25,7 @@ class _Reader(Worker):
         request = {"do": "previews", "scenes": list(scenes), "config": attrs.asdict(settings)}
         super().__init__("lfpipe.render.packer", request, scenes[0], SILENT_S)
 
-    def heard(self, step: dict[str, Any]) -> None:
+    def on_step(self, step: dict[str, Any]) -> None:
         """Keeps a preview; the packer also tells what it decided."""
         if "preview" in step:
             self.taken += 1

@@ -16,7 +16,7 @@ from typing import Any
 import attrs
 
 from lfpipe.bench.results import STATES, read
-from lfpipe.errors import UserError, plain, shown
+from lfpipe.errors import UserError, plain, quoted
 from lfpipe.files.output import write_output
 from lfpipe.files.safe_files import read_text, temporary_folder
 from lfpipe.files.untrusted import json_fields
@@ -74,7 +74,7 @@ def check_references(order: Order, cells: Iterable[Cell]) -> None:
         taken.append(min(entries))
     if taken:
         raise UserError(
-            f"--expect {folder}: holds {shown(taken[0].name)}, which is not a reference of a sweep",
+            f"--expect {folder}: {quoted(taken[0].name)} there is not a reference of a sweep",
             "name a new folder",
         )
 

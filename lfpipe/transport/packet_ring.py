@@ -32,7 +32,7 @@ class PacketOutput:
         self._name = ""
         self._ring: ring.Writer | None = None
 
-    def follow(self, options: SessionOptions) -> None:
+    def set_options(self, options: SessionOptions) -> None:
         """Opens and closes the ring as options require; cheap if nothing changes."""
         if options.packets == self._name:
             return

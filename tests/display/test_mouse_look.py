@@ -38,7 +38,7 @@ class Session:
         columns = []
         for _ in range(refreshes):
             self.t_ns += REFRESH_NS
-            self.mouse.follow(pointer, self.t_ns)
+            self.mouse.move(pointer, self.t_ns)
             record = camera
             t_ns = self.t_ns
             if self.mouse.looks:

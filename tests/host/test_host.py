@@ -188,7 +188,7 @@ def test_request_steps_and_result(child: Start) -> None:
     steps: list[object] = []
 
     class Steps(Worker):
-        def heard(self, step: dict[str, object]) -> None:
+        def on_step(self, step: dict[str, object]) -> None:
             steps.append(step)
 
     program = """import sys, json

@@ -91,7 +91,7 @@ def test_the_mouse_is_the_viewer_while_its_right_button_is_held() -> None:
     camera = source.at(S, mouse)
     assert camera is not None and camera.t_ns == S
     choose(subject, camera, Moment.of(S, REFRESH_NS))
-    mouse.follow(Pointer(1.0, 0.5, right=True), S)
+    mouse.move(Pointer(1.0, 0.5, right=True), S)
     source.at(S, mouse)
     held = source.at(S + 100 * MS, mouse)
     assert held is not None and held.t_ns == S + 100 * MS

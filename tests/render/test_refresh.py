@@ -45,7 +45,7 @@ def hear(refresh: Refresh, seq: int, t_sensor_ns: int) -> list[int]:
     while refresh.due_ns() <= t_eyes_ns:
         due.append(refresh.due_ns())
         refresh.advance(refresh.due_ns())
-    refresh.heard(seq, t_sensor_ns, t_eyes_ns)
+    refresh.add_eyes(seq, t_sensor_ns, t_eyes_ns)
     return due
 
 
@@ -114,7 +114,7 @@ def test_a_single_late_frame_moves_the_phase_by_no_more_than_the_largest_step() 
     for frame in before:
         hear(refresh, *frame)
     settled = off(refresh, t_ns)
-    refresh.heard(seq, t_ns, t_ns + AGE_NS + 6 * MS)
+    refresh.add_eyes(seq, t_ns, t_ns + AGE_NS + 6 * MS)
     assert 0 < off(refresh, t_ns) - settled <= LARGEST_STEP + 1e-6
 
 
@@ -144,8 +144,8 @@ def test_dues_rise_whatever_the_camera_says() -> None:
     for _ in range(2000):
         t_ns += int(rng.integers(0, 100 * MS))
         last += int(rng.integers(-2, 4))
-        refresh.heard(last, t_ns - int(rng.integers(0, 50 * MS)), t_ns)
-        refresh.took(int(rng.integers(0, 30 * MS)), 0, 0)
+        refresh.add_eyes(last, t_ns - int(rng.integers(0, 50 * MS)), t_ns)
+        refresh.add_cost(int(rng.integers(0, 30 * MS)), 0, 0)
         while refresh.due_ns() <= t_ns:
             dues.append(refresh.due_ns())
             refresh.advance(refresh.due_ns())
@@ -252,7 +252,7 @@ def test_a_stall_does_not_lengthen_the_lead_of_the_pictures_after_it() -> None:
         nonlocal due_ns
         due_ns += 16_666_667
         start_ns = due_ns - refresh.lead_ns()
-        refresh.took(round(cost_ms * MS), start_ns, due_ns)
+        refresh.add_cost(round(cost_ms * MS), start_ns, due_ns)
 
     for _ in range(2000):
         compose(4.0)
@@ -275,7 +275,7 @@ def test_a_busy_start_is_forgotten_within_seconds() -> None:
         due_ns = refresh.clock.nearest(due_ns + 16_666_667)
         start_ns = due_ns - refresh.lead_ns()
         handed_ns = start_ns + round(cost_ms * MS)
-        refresh.took(handed_ns - start_ns, start_ns, due_ns)
+        refresh.add_cost(handed_ns - start_ns, start_ns, due_ns)
         refresh.judge(due_ns, handed_ns, due_ns + late_by * 16_666_667)
 
     for k in range(240):  # scenes are packed, stages start
@@ -312,7 +312,7 @@ def shown_on_demand(pictures: int, delay_ms: float, rest_ms: float) -> tuple[int
         due_ns = refresh.due_ns()
         begun_ns = max(now_ns, due_ns - refresh.lead_ns())
         cost_ns = round(random.lognormal(1.2, 0.2) * MS)
-        refresh.took(cost_ns, begun_ns, due_ns)
+        refresh.add_cost(cost_ns, begun_ns, due_ns)
         now_ns = max(begun_ns + cost_ns, refresh.earliest_ns(due_ns))
         shown_ns = max(round(now_ns + delay_ms * MS), shown_ns + round(rest_ms * MS))
         late = refresh.judge(due_ns, now_ns, shown_ns)

@@ -48,7 +48,7 @@ def _made(session: Session, part: str = "packets.1") -> Segment:
 
 def opened(session: Session, part: str = "packets.1") -> PacketOutput:
     output = PacketOutput(session)
-    output.follow(SessionOptions(packets=part))
+    output.set_options(SessionOptions(packets=part))
     return output
 
 
@@ -111,20 +111,20 @@ def test_a_packet_that_was_overwritten_is_gone_and_the_next_ones_are_there(
 def test_packets_go_where_the_options_say_and_nowhere_else(session: Session, made: Segment) -> None:
     output = PacketOutput(session)
     output.publish(data(1), 1, 0, 0, 0)  # nobody records
-    output.follow(SessionOptions())
-    output.follow(SessionOptions(packets="packets.9"))  # taken back before it was used
+    output.set_options(SessionOptions())
+    output.set_options(SessionOptions(packets="packets.9"))  # taken back before it was used
     output.publish(data(1), 1, 0, 0, 0)
     taken = PacketInput(session, "packets.1")
-    output.follow(SessionOptions(packets="packets.1"))
-    output.follow(SessionOptions(packets="packets.1"))
+    output.set_options(SessionOptions(packets="packets.1"))
+    output.set_options(SessionOptions(packets="packets.1"))
     output.publish(data(2), 2, 0, 0, 0)
     assert taken.of(stamp(1)) is None and taken.of(stamp(2)) == data(2).tobytes()
     other = _made(session, "packets.2")
     second = PacketInput(session, "packets.2")
-    output.follow(SessionOptions(packets="packets.2"))
+    output.set_options(SessionOptions(packets="packets.2"))
     output.publish(data(3), 3, 0, 0, 0)
     assert taken.of(stamp(3)) is None and second.of(stamp(3)) == data(3).tobytes()
-    output.follow(SessionOptions())
+    output.set_options(SessionOptions())
     output.publish(data(4), 4, 0, 0, 0)
     assert second.of(stamp(4)) is None
     for end in (taken, second, output):

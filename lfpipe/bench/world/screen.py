@@ -70,7 +70,7 @@ class PacedScreen:
         handed_ns = max(begun_ns + cost_ns, refresh.earliest_ns(due_ns))
         blank = math.ceil((handed_ns + screen.deadline_ms * MS_NS - T0_NS) / screen.period_ns)
         if composed:
-            refresh.took(cost_ns, begun_ns, due_ns)
+            refresh.add_cost(cost_ns, begun_ns, due_ns)
             shown_ns = screen.blank_ns(blank) // MS_NS * MS_NS + MS_NS // 2  # reported in whole ms
             self.late += refresh.judge(due_ns, handed_ns, shown_ns)
             refresh.clock.blank(shown_ns)
