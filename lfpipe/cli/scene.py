@@ -137,10 +137,8 @@ def clean(keys: tuple[str, ...], everything: bool, config: Config) -> None:
     for folder in filter(is_dir, chosen):
         print_result(f"kept, in use or with other files: {folder.name}")
     leftovers = sweep(config.scene)
-    print_result(
-        f"removed {len(removed_bytes)} packs, {sum(removed_bytes) / 1e6:.1f} MB, and {leftovers}"
-        " leftovers"
-    )
+    count = "1 pack" if len(removed_bytes) == 1 else f"{len(removed_bytes)} packs"
+    print_result(f"removed {count}, {sum(removed_bytes) / 1e6:.1f} MB, and {leftovers} leftovers")
 
 
 @scene.command()

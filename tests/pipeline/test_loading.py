@@ -146,7 +146,7 @@ def test_packs_in_use_are_kept_also_while_no_render_stage_has_them_open(
     world.more_pictures(5)
     world.ctl("stop")
     world.wait_for(lambda: not world.left(), "end of the session")
-    assert "removed 1 packs" in world.run("scene", "clean", "--all").stdout
+    assert "removed 1 pack," in world.run("scene", "clean", "--all").stdout
 
 
 def write_scenes(folder: Path) -> Path:

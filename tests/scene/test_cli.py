@@ -143,7 +143,7 @@ def test_pack_list_clean(folder: Path, tmp_path: Path) -> None:
     assert f"kept, in use or with other files: {pack.name}" in shell.text("clean", "--all")
     assert shell.text("pack", folder).strip() == str(pack)
     del field
-    assert "removed 1 packs" in shell.text("clean", "scene")
+    assert "removed 1 pack," in shell.text("clean", "scene")
     assert shell.json("list")["packs"] == []
 
 
