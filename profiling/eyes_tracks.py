@@ -1,26 +1,31 @@
 """Filters on the eyes of real people: what is shown beside where the eyes were.
 
-    python -m profiling.eyes_tracks FOLDER [--loop-ms 80] [--camera-hz 60]
+    python -m profiling.eyes_tracks FOLDER [--half even] [--tables bad]
 
 FOLDER holds tracks, one CSV a clip: t_s, face, left_x, left_y, right_x, right_y, in px, as measured
 in every frame. Each stretch of more than 60 frames with a face runs offline as the pipeline runs
 it: measurements 10 ms old, a refresh every 1/60 s, eyes predicted to its middle; the paper's way,
 the mean of five, changes with the camera's frames instead. Truth is the track smoothed
 without causality: at each frame the parabola through its neighbours, weighted by a Gaussian of 50
-ms. With --loop-ms light leaves the screen that much later, and the eyes are predicted to that
-moment. With --camera-hz the truth is measured at that rate, with the residuals of the real frames
-in random order as noise.
+ms. Light leaves the screen 0, 40 or 80 ms later, and the eyes are predicted to that moment. Cameras
+of 60 and 120 Hz measure the truth, with the residuals of the real frames in random order as noise.
+--half takes every second stretch, from the first (even) or second (odd) one on.
 
 Figures are medians over the stretches, in % of the distance between the eyes, RMS over both eyes
 and every 2 ms: moving (over 0.5 distances/s), still (under 0.1 for 0.2 s), step from picture to
 picture while still, how far ahead of a head that has just stopped the eyes are shown (after it fell
-from 1.0 to 0.25 distances/s, for 0.2 s), and all. Then, by stretch, the error over all time.
+from 1.0 to 0.25 distances/s, for 0.2 s), and all. Then, by stretch, the error over all time. Two
+rows of the clips as recorded are bounds, not filters, chosen with each clip's own truth: Kalman's
+constant, and the best linear predictor from the last 8 steps.
+
+The table of bad frames: every 2 s landmarks are wrong, in distances between the eyes. How far that
+moves the point between the eyes at most, in views (4 between the eyes), median stretch and worst.
 """
 
 import copy
 import csv
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +33,7 @@ from numpy.typing import NDArray
 
 from lfpipe.config import Track
 from lfpipe.track.filters import make_filter
-from lfpipe.track.smoothing import EyeFilter, Mean
+from lfpipe.track.smoothing import EyeFilter, Kalman, Mean
 from profiling.arguments import existing, parser_of, start
 
 REFRESH_S = 1 / 60
@@ -36,7 +41,22 @@ AGE_S = 0.010
 SMOOTH_S = 0.05
 FINE_S = 0.002
 LEAST_FRAMES = 60
+LOOPS_S = (0.0, 0.04, 0.08)
+CAMERAS_HZ = (0, 60, 120)  # 0: as recorded, 25 or 30 Hz
+LAGS = 8
+AGILITIES = tuple(float(one) for one in np.geomspace(1e3, 1e6, 7))
+FAULT_S = 2.0
+VIEWS = 4.0
+# added to the left and to the right eye, and in how many frames
+FAULTS = {
+    "one frame off by .12": (0.12, 0.12, 1),
+    "one eye off by .3": (0.3, 0.0, 1),
+    "one frame off by .58": (0.58, 0.58, 1),
+    "two frames off by .58": (0.58, 0.58, 2),
+}
 Float = NDArray[np.float64]
+# name, its maker for a delay in s, whether it predicts on the display's clock
+Way = tuple[str, Callable[[float], EyeFilter], bool]
 
 
 class Clip:
@@ -143,6 +163,34 @@ def shown(clip: Clip, one: EyeFilter, display: bool, loop_s: float = 0.0) -> tup
     return np.array(times), np.array(used)
 
 
+def fitted(clip: Clip, loop_s: float) -> tuple[Float, Float]:
+    """As shown, by the best linear predictor: least squares of where the truth will be on the last
+    LAGS steps of the point between the eyes, on the clip itself. It knows the answers: a bound.
+    """
+    due_s = np.arange(clip.t_s[0] + 0.003, clip.t_s[-1], REFRESH_S)
+    k = np.searchsorted(clip.t_s, due_s - AGE_S, side="right") - 1
+    due_s, k = due_s[k > LAGS], k[k > LAGS]
+    light_s = due_s + REFRESH_S / 2 + loop_s
+    middle = (clip.eyes[:, :2] + clip.eyes[:, 2:]) / 2
+    dt_s = np.diff(clip.t_s)
+    velocity = np.diff(middle, axis=0) / dt_s[:, None]
+    lags = np.stack([velocity[k - 1 - j] for j in range(LAGS)], axis=2)  # (n, 2, LAGS)
+    ahead_s = (light_s - clip.t_s[k])[:, None, None]
+    inputs = np.concatenate([lags * dt_s.mean(), lags * ahead_s], axis=2)
+    right = np.stack([np.interp(light_s, clip.fine_s, clip.truth[:, j]) for j in range(4)], axis=1)
+    targets = (right[:, :2] + right[:, 2:]) / 2 - middle[k]
+    known = (light_s >= clip.fine_s[0]) & (light_s <= clip.fine_s[-1])
+    x, y = inputs[known].reshape(-1, 2 * LAGS), targets[known].reshape(-1)
+    factors = np.linalg.lstsq(x, y, rcond=None)[0]
+    return due_s + loop_s, clip.eyes[k] + np.tile(inputs @ factors, (1, 2))
+
+
+def best_kalman(clip: Clip, loop_s: float) -> Float:
+    """Its figures with the agility that gives this clip the least error over all time."""
+    rows = [figures(clip, *shown(clip, Kalman(one), True, loop_s)) for one in AGILITIES]
+    return np.array(min(rows, key=lambda row: row[4]))
+
+
 def figures(clip: Clip, times: Float, used: Float) -> list[float]:
     """moving, still, step, overshoot, all; NaN where the clip has none of it."""
     k = np.clip(np.searchsorted(times, clip.fine_s, side="right") - 1, 0, None)
@@ -164,48 +212,99 @@ def figures(clip: Clip, times: Float, used: Float) -> list[float]:
     return [rms(square[clip.speed > 0.5]), rms(square[clip.still]), step, over, rms(square)]
 
 
-def table(
-    found: list[Clip], ways: list[tuple[str, Callable[[], EyeFilter], bool]], loop_s: float
-) -> dict[str, Float]:
-    """figures (stretches, 5) of every filter: (name, its maker, whether it predicts on the
-    display's clock).
-    """
+def table(found: list[Clip], ways: list[Way], loop_s: float) -> dict[str, Float]:
+    """figures (stretches, 5) of every filter."""
     return {
-        name: np.array([figures(clip, *shown(clip, make(), display, loop_s)) for clip in found])
+        name: np.array(
+            [figures(clip, *shown(clip, make(loop_s), display, loop_s)) for clip in found]
+        )
         for name, make, display in ways
     }
+
+
+def bad_frames(found: list[Clip], ways: list[Way], loops_s: Sequence[float]) -> Iterator[str]:
+    """Rows of the table: by fault and filter, what the fault adds at each delay."""
+    for fault, (left, right, frames) in FAULTS.items():
+        for name, make, display in ways:
+            cells = []
+            for loop_s in loops_s:
+                peaks = [
+                    added(clip, make(loop_s), make(loop_s), display, loop_s, (left, right, frames))
+                    for clip in found
+                ]
+                cells.append(f"{np.median(peaks):.2f} ({max(peaks):.2f})")
+            yield f"| {fault} | {name} | {' | '.join(cells)} |"
+
+
+def added(
+    clip: Clip,
+    one: EyeFilter,
+    other: EyeFilter,
+    display: bool,
+    loop_s: float,
+    fault: tuple[float, float, int],
+) -> float:
+    """How far a fault (of left and right eye, frames) moves the point between the eyes, views."""
+    left, right, frames = fault
+    wrong = copy.copy(clip)
+    wrong.eyes = clip.eyes.copy()
+    for at_s in np.arange(FAULT_S, clip.t_s[-1], FAULT_S):
+        k = int(np.searchsorted(clip.t_s, at_s))
+        wrong.eyes[k : k + frames, 0] += left * clip.apart_px
+        wrong.eyes[k : k + frames, 2] += right * clip.apart_px
+    off = shown(wrong, one, display, loop_s)[1] - shown(clip, other, display, loop_s)[1]
+    middle = (off[:, :2] + off[:, 2:]) / 2
+    return VIEWS * float(np.hypot(*middle.T).max()) / clip.apart_px
 
 
 def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("folder", type=existing)
-    parser.add_argument("--loop-ms", type=float, default=0.0)
-    parser.add_argument("--camera-hz", type=float, default=0.0)
+    parser.add_argument("--half", choices=("even", "odd"))
+    parser.add_argument("--tables", choices=("all", "filters", "bad"), default="all")
     given = parser.parse_args()
-    loop_s = given.loop_ms / 1000
-    found = clips(given.folder)
-    if given.camera_hz:
-        found = [clip.measured(given.camera_hz) for clip in found]
-    ways: list[tuple[str, Callable[[], EyeFilter], bool]] = [
-        ("paper, mean 5", lambda: Mean(5), False),
-        ("none", lambda: Mean(1), True),
-        ("one-euro", lambda: make_filter(Track(filter="one-euro")), True),
-        ("kalman", lambda: make_filter(Track(filter="kalman")), True),
-        ("predictive", lambda: make_filter(Track(), loop_s), True),
+    recorded = clips(given.folder)
+    if given.half:
+        recorded = recorded[given.half == "odd" :: 2]
+    ways: list[Way] = [
+        ("paper, mean 5", lambda loop_s: Mean(5), False),
+        ("none", lambda loop_s: Mean(1), True),
+        ("one-euro", lambda loop_s: make_filter(Track(filter="one-euro")), True),
+        ("kalman", lambda loop_s: make_filter(Track(filter="kalman")), True),
+        ("predictive", lambda loop_s: make_filter(Track(), loop_s), True),
     ]
-    every = table(found, ways, loop_s)
-    print(f"| filter | moving | still | step | overshoot | all |\n|---|{'---:|' * 5}")
-    for name, rows in every.items():
+    if given.tables != "bad":
         print(
-            f"| {name} | "
-            + " | ".join(f"{value:.2f}" for value in np.nanmedian(rows, axis=0))
-            + " |"
+            "| camera | loop | filter | moving | still | step | overshoot | all |\n"
+            f"|---|---:|---|{'---:|' * 5}"
         )
-    print(
-        f"\n| all time | {' | '.join(clip.name for clip in found)} |\n|---|{'---:|' * len(found)}"
-    )
-    for name in ("paper, mean 5", "none", "predictive"):
-        print(f"| {name} | {' | '.join(f'{value:.2f}' for value in every[name][:, 4])} |")
+        by_clip = []
+        for camera_hz in CAMERAS_HZ:
+            found = [clip.measured(camera_hz) for clip in recorded] if camera_hz else recorded
+            camera = f"{camera_hz} Hz" if camera_hz else "as recorded"
+            for loop_s in LOOPS_S:
+                delay = f"{loop_s * 1000:.0f}"
+                every = table(found, ways, loop_s)
+                if not camera_hz:
+                    every["kalman, best of each clip"] = np.array(
+                        [best_kalman(clip, loop_s) for clip in found]
+                    )
+                    every["linear, fitted to each clip"] = np.array(
+                        [figures(clip, *fitted(clip, loop_s)) for clip in found]
+                    )
+                for name, rows in every.items():
+                    medians = " | ".join(f"{value:.2f}" for value in np.nanmedian(rows, axis=0))
+                    print(f"| {camera} | {delay} | {name} | {medians} |", flush=True)
+                    errors = " | ".join(f"{value:.2f}" for value in rows[:, 4])
+                    by_clip.append(f"| {camera} | {delay} | {name} | {errors} |")
+        names = " | ".join(clip.name for clip in recorded)
+        print(f"\n| all time | loop | filter | {names} |\n|---|---:|---|{'---:|' * len(recorded)}")
+        print("\n".join(by_clip))
+    if given.tables != "filters":
+        delays = " | ".join(f"{loop_s * 1000:.0f} ms" for loop_s in LOOPS_S)
+        print(f"\n| bad frames | filter | {delays} |\n|---|---|{'---:|' * len(LOOPS_S)}")
+        for row in bad_frames(recorded, ways[1:], LOOPS_S):
+            print(row, flush=True)
 
 
 if __name__ == "__main__":
