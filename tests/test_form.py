@@ -35,17 +35,14 @@ SLEEPS = {
     "capture/test_untrusted.py": 1,
     "display/screen_camera.py": 2,
     "display/test_file_display.py": 2,
-    "docs/test_examples.py": 1,
     "faults/scripted_camera.py": 4,
     "faults/soak.py": 8,
     "faults/test_resume.py": 1,
     "scene/test_pack.py": 1,
     "supervisor/test_rundir.py": 1,
     "support/world.py": 2,
-    "support/xdnd.py": 1,
     "transport/test_ring.py": 1,
     "transport/test_segment.py": 1,
-    "web/browser.py": 1,
 }
 
 

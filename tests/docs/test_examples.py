@@ -4,6 +4,7 @@ session's data. Commands: test_commands.py.
 
 import asyncio
 import importlib
+import itertools
 import json
 import os
 import re
@@ -28,7 +29,7 @@ from lfpipe.transport.clock import now_ns
 from tests.docs.conftest import PAGES, ROOT, blocks
 from tests.share.receivers import free_port, lsl_environment
 from tests.share.test_outputs import HEAD
-from tests.support.world import World
+from tests.support.world import World, until
 
 
 def test_blocks_of_data_are_well_formed() -> None:
@@ -158,12 +159,16 @@ def test_the_experiment_reads_eyes_on_its_own_clock(tmp_path: Path) -> None:
         with subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         ) as process:
-            for seq in range(3000):
-                output.send(Sample(seq, now_ns(), now_ns(), HEAD))
-                time.sleep(0.02)
-                if process.poll() is not None:
-                    break
-            process.kill()
+            seqs = itertools.count()
+
+            def send_until_ended() -> bool:
+                output.send(Sample(next(seqs), now_ns(), now_ns(), HEAD))
+                return process.poll() is not None
+
+            try:
+                until(send_until_ended, "end of the program", 60)
+            finally:
+                process.kill()
             out, err = process.communicate()
     finally:
         output.close()

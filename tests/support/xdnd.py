@@ -4,6 +4,7 @@ for tests.
 
 import ctypes
 import re
+import select
 import subprocess
 import time
 from pathlib import Path
@@ -50,7 +51,8 @@ def drop(path: Path, title: str, display: str, wait_s: float = 10.0) -> None:
         event = Event()
         while time.monotonic() < end:
             if not x11.XPending(there):
-                time.sleep(0.005)
+                left_s = max(0.0, end - time.monotonic())
+                select.select([x11.XConnectionNumber(there)], (), (), left_s)
                 continue
             x11.XNextEvent(there, ctypes.byref(event))
             kind = event[0] & 0xFFFFFFFF

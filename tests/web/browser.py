@@ -9,7 +9,6 @@ import json
 import shutil
 import socket
 import subprocess
-import time
 import urllib.error
 import urllib.request
 from pathlib import Path
@@ -53,22 +52,18 @@ class Browser:
             "binary": shutil.which("chromium"),
             "args": [*ARGUMENTS, *arguments, f"--user-data-dir={profile}"],
         }
-        end = time.monotonic() + 30
-        while not self._session:
+        wanted = {"capabilities": {"alwaysMatch": {"goog:chromeOptions": options}}}
+
+        def session() -> str:
+            assert self._driver.poll() is None, "chromedriver does not start"
             try:
-                made = self._call(
-                    "POST",
-                    "/session",
-                    {"capabilities": {"alwaysMatch": {"goog:chromeOptions": options}}},
-                )
-                self._session = f"/session/{made['sessionId']}"
+                return str(self._call("POST", "/session", wanted)["sessionId"])
             except urllib.error.HTTPError as error:
                 raise AssertionError(error.read().decode()) from None
             except (urllib.error.URLError, ConnectionError):
-                assert time.monotonic() < end and self._driver.poll() is None, (
-                    "chromedriver does not start"
-                )
-                time.sleep(0.1)
+                return ""
+
+        self._session = f"/session/{until(session, 'answer of chromedriver', 30)}"
 
     def _call(self, method: str, path: str, body: Any = None) -> Any:
         data = None if body is None else json.dumps(body).encode()
