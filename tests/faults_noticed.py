@@ -210,7 +210,7 @@ FAULTS = (
     Fault(
         "pictures begin without a lead",
         "render/refresh.py",
-        "return int(self._high_cost_ns + self._margin_ns)",
+        "return int(self._cost_ns + self._margin_ns)",
         "return 0",
     ),
     Fault(
