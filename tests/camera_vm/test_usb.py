@@ -78,7 +78,8 @@ def plug() -> Iterator[Plug]:
 def unplug(camera: UsbCamera) -> None:
     before = set(Path("/dev").glob("video*"))
     camera.unplug()
-    until(lambda: not before or set(Path("/dev").glob("video*")) != before, "other devices", 10)
+    with contextlib.suppress(AssertionError):  # a test may have unplugged it
+        until(lambda: not before or set(Path("/dev").glob("video*")) != before, "change", 10)
 
 
 def test_the_rate_decides_between_formats_and_damaged_frames_are_none(plug: Plug) -> None:
