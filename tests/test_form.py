@@ -24,8 +24,8 @@ POSITIONAL = {
 }
 
 
-# Calls of `time.sleep` in tests: fakes that keep time, and what takes its time under test. Other
-# tests wait for an event: `until` and `stays` of tests/support/world.py.
+# Calls of `time.sleep` in tests: fakes that keep time, what takes its time under test, and polls of
+# the guest's devices. Other tests wait for an event: `until` and `stays` of tests/support/world.py.
 SLEEPS = {
     "camera_vm/driver.py": 1,
     "camera_vm/machine.py": 1,
