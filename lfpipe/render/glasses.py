@@ -26,6 +26,7 @@ KINDS: tuple[tuple[str, tuple[Colour, Colour] | None, str], ...] = (
 ICON_PX = 480, 240  # width, height: larger than on any screen, so that it is only scaled down
 # of the test: both letters have room for compensation of ghosts on either side
 GREY, DARK, LIGHT = 128, 60, 235
+LETTER_AT = 0.38  # of the height: the middle of the letters
 GHOST = "ghost"  # event of the slider: "ghost S", S from 0 to 1
 FONT = cv2.FONT_HERSHEY_DUPLEX
 WORDS = {
@@ -82,7 +83,8 @@ def _eye_picture(left: bool, size_px: tuple[int, int]) -> NDArray[np.uint8]:
     letter = "L" if left else "R"
     scale = min(width / 2, height) / 40
     (wide, high), _ = cv2.getTextSize(letter, FONT, scale, line)
-    at = (patch.start + patch.stop - wide) // 2, (height + high) // 2
+    # above the middle: the lines of the test lie below
+    at = (patch.start + patch.stop - wide) // 2, round(LETTER_AT * height) + high // 2
     cv2.putText(picture, letter, at, FONT, scale, (LIGHT,) * 3, 2 * line, cv2.LINE_AA)
     return picture
 

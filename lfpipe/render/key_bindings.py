@@ -214,7 +214,10 @@ class KeyBindings:
         if field.rows * field.cols == 1:
             without |= {DEPTH, "half-turn", "recentre", "which"}
         return bar_items(
-            self._context.config.render.depth, bool(options.record), frozenset(without)
+            self._context.config.render.depth,
+            bool(options.record),
+            self._context.paused,
+            frozenset(without),
         )
 
     # glasses

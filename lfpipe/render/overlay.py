@@ -33,6 +33,8 @@ KEYS = (
     Key("+ -", "alpha+ alpha-", "more, less head movement from view to view", "Depth"),
     Key("d", "half-turn", "exchange near and far", "Near/far"),
     Key("c", "recentre", "look straight ahead from where you are now", "Straight ahead"),
+    Key("p", "freeze", "pause or resume (space)", "Pause"),
+    Key("o", "overlay", "rate, latency and the views on show, on and off", "Figures"),
     Key("r", "record", "record the camera, or end it", "Record camera"),
     Key("s", "screenshot", "save the picture", "Save picture"),
     Key(
@@ -47,8 +49,6 @@ KEYS = (
     Key("m", "mode", "another way to give each eye its view"),
     Key("g", "glasses", "glasses test: does each eye see its own?"),
     Key("x", "swap", "swap the eyes"),
-    Key("p", "freeze", "pause or resume (space)"),
-    Key("o", "overlay", "rate, latency and the views on show, on and off"),
     Key("PgDn PgUp", "next previous", "the next scene of the list, the previous one"),
     Key("q", "quit", "quit"),
 )
@@ -111,16 +111,25 @@ class Overlay:
 
 CLOSE = Item("×", "close")
 # entries of the bar that close a page; the others open another one
-CLOSING = {DEPTH} | {row.events for row in KEYS if row.label} - {"choose", "which", "help"}
+CLOSING = {DEPTH} | {row.events for row in KEYS if row.label} - {
+    "choose",
+    "which",
+    "help",
+    "overlay",
+}
 
 
 @lru_cache(2)
-def bar_items(depth: float, recording: bool, without: frozenset[str]) -> tuple[Item, ...]:
+def bar_items(
+    depth: float, recording: bool, paused: bool, without: frozenset[str]
+) -> tuple[Item, ...]:
     """The bar. depth: of the slider. without: events that the session does not have."""
     entries = {row.events: Item(row.label, row.events, row.keys) for row in KEYS if row.label}
     entries["alpha+ alpha-"] = Item("comfort    Depth    true", DEPTH, slider=depth)
     if recording:
         entries["record"] = Item("Stop recording", "record", "r", warns=True)
+    if paused:
+        entries["freeze"] = Item("Resume", "freeze", "p")
     return tuple(item for item in entries.values() if item.event not in without)
 
 

@@ -189,7 +189,7 @@ def _letters(screen: Screen) -> tuple[str, ...]:
     """
     shown = screen.shown().astype(int)
     height, width = shown.shape[:2]
-    patches = shown[height // 4 : 5 * height // 8]  # below the frame, above the panel
+    patches = shown[height // 4 : height // 2]  # below the frame, above the panel
     eyes = []
     for left in (width // 12, width // 2 + width // 24):
         half = patches[:, left : left + 3 * width // 8]

@@ -4,61 +4,17 @@ another entry of the bar; a recording is shown as long as it runs.
 
 import tomllib
 
-import attrs
-
 from lfpipe.config import Render
 from lfpipe.render.glasses import glasses_menu, instructions
-from lfpipe.render.overlay import CLOSE, HELP, Overlay, bar_items
-from lfpipe.render.overlay_view import Panel, bar_panel, menu_panel, text_panel
+from lfpipe.render.overlay import CLOSE, HELP, Overlay
+from lfpipe.render.overlay_view import Panel, menu_panel, text_panel
+from lfpipe.render.window import TEXT_PX
 from lfpipe.render.window_system import pygame
+from tests.support.finger import Finger
 from tests.support.world import World, write_scene
 from tests.support.xvfb_screen import Screen, needs_xdotool, outline
 
-TEXT_PX = 22  # on a screen of 1280x800
 HINTS = "(h shows the keys, g tests your glasses)"
-
-
-@attrs.define
-class Finger:
-    """Touches a session's window."""
-
-    world: World
-    screen: Screen
-    title: str
-
-    @property
-    def size_px(self) -> tuple[int, int]:
-        place = outline(self.title, self.screen.name)
-        assert place is not None
-        return place[2:]
-
-    def tap(self, x: int, y: int) -> None:
-        place = outline(self.title, self.screen.name)
-        assert place is not None
-        self.world.xdotool("mousemove", place[0] + x, place[1] + y, "click", 1)
-
-    def touch(self, panel: Panel, event: str) -> None:
-        """Taps on the item of that event."""
-        rect = next(rect for item, rect in panel.cells if item.event == event)
-        self.tap(*rect.move(panel.at).center)
-
-    def bar(self, recording: bool = False) -> Panel:
-        items = bar_items(0.0, recording, frozenset({"choose"}))
-        return bar_panel(items, "", self.size_px, TEXT_PX)
-
-    def use_bar(self, event: str, recording: bool = False) -> None:
-        """A tap on the picture brings the bar; another one chooses."""
-        self.tap(5, 5)
-        self.touch(self.bar(recording), event)
-
-    def dark(self, panel: Panel) -> bool:
-        """Whether the panel lies over the picture, which the bar and panels darken."""
-        place = outline(self.title, self.screen.name)
-        assert place is not None
-        left, top = place[0] + panel.at[0], place[1] + panel.at[1]
-        rows, cols = panel.surface.get_height(), panel.surface.get_width()
-        shown = self.screen.picture()[top : top + rows, left : left + cols]
-        return bool((shown == 255).all(axis=-1).any())
 
 
 @needs_xdotool
@@ -68,7 +24,7 @@ def test_pages_close_by_their_cross_and_by_another_entry(world: World, screen: S
     # its views are dark: white is in panels alone
     scene = write_scene(world.root / "grid", 3, 3)
     process = world.start("up", scene, "--camera", "demo", "--session", world.name)
-    finger = Finger(world, screen, f"lfpipe: grid {HINTS}")
+    finger = Finger(world, screen, f"lfpipe: grid {HINTS}", frozenset({"choose"}))
     world.wait_for(lambda: outline(finger.title, screen.name), "window")
     width, height = finger.size_px
     area = width, finger.bar().at[1]
@@ -104,6 +60,9 @@ def test_pages_close_by_their_cross_and_by_another_entry(world: World, screen: S
         comes(panel)
         finger.use_bar("recentre")
         goes(panel)
+    for paused in (False, True):
+        finger.use_bar("freeze", paused=paused)
+        world.wait_for(lambda paused=paused: world.monitor()["paused"] is not paused, "a pause")
     finger.use_bar("record")
 
     def red() -> bool:

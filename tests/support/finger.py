@@ -1,0 +1,53 @@
+"""A finger on a session's window: it taps where the window draws an item."""
+
+import attrs
+
+from lfpipe.render.overlay import bar_items
+from lfpipe.render.overlay_view import Panel, bar_panel
+from lfpipe.render.window import TEXT_PX
+from tests.support.world import World
+from tests.support.xvfb_screen import Screen, outline
+
+
+@attrs.define
+class Finger:
+    """Taps on a session's window. without: events that its bar lacks."""
+
+    world: World
+    screen: Screen
+    title: str
+    without: frozenset[str] = frozenset()
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        place = outline(self.title, self.screen.name)
+        assert place is not None
+        return place[2:]
+
+    def tap(self, x: int, y: int) -> None:
+        place = outline(self.title, self.screen.name)
+        assert place is not None
+        self.world.xdotool("mousemove", place[0] + x, place[1] + y, "click", 1)
+
+    def touch(self, panel: Panel, event: str) -> None:
+        """Taps on the item of that event."""
+        rect = next(rect for item, rect in panel.cells if item.event == event)
+        self.tap(*rect.move(panel.at).center)
+
+    def bar(self, recording: bool = False, paused: bool = False) -> Panel:
+        items = bar_items(0.0, recording, paused, self.without)
+        return bar_panel(items, "", self.size_px, TEXT_PX)
+
+    def use_bar(self, event: str, recording: bool = False, paused: bool = False) -> None:
+        """A tap on the picture brings the bar; another one chooses."""
+        self.tap(5, 5)
+        self.touch(self.bar(recording, paused), event)
+
+    def dark(self, panel: Panel) -> bool:
+        """Whether the panel lies over the picture, which the bar and panels darken."""
+        place = outline(self.title, self.screen.name)
+        assert place is not None
+        left, top = place[0] + panel.at[0], place[1] + panel.at[1]
+        rows, cols = panel.surface.get_height(), panel.surface.get_width()
+        shown = self.screen.picture()[top : top + rows, left : left + cols]
+        return bool((shown == 255).all(axis=-1).any())

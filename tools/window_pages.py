@@ -1,0 +1,155 @@
+"""Pictures of the window's pages at one size of the screen, opened and closed by taps alone.
+
+    uv run python -m tools.window_pages [--size 800x600] [--out FOLDER]
+
+Needs Xvfb, openbox and xdotool. Each page is a PNG of the whole screen; pages-SIZE.png holds all.
+"""
+
+import argparse
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from lfpipe.config import Render, Scene
+from lfpipe.render.glasses import glasses_menu, instructions
+from lfpipe.render.overlay import CLOSE, HELP, Item, Menu, Overlay
+from lfpipe.render.overlay_view import Panel, menu_panel, text_panel
+from lfpipe.render.scenes import HINT as SCENES_HINT
+from lfpipe.render.window import TEXT_PX
+from lfpipe.render.window_system import pygame
+from lfpipe.scene.cache import cache_dir
+from lfpipe.scene.demo import NAMES, demo_scene
+from tests.support.finger import Finger
+from tests.support.world import World, private_world, until
+from tests.support.xvfb_screen import Screen, outline, x_server
+
+FIRST_TITLE = "lfpipe: {} (h shows the keys, g tests your glasses)"
+SETTLE_S = 1.5  # then a page is there, with what it reads
+SHEET_COLS, SHEET_PX = 3, 640
+
+
+def _menu(finger: Finger, menu: Menu) -> Panel:
+    return menu_panel(menu, 0, (finger.size_px[0], finger.bar().at[1]), TEXT_PX)
+
+
+def _text(finger: Finger, text: Overlay) -> Panel:
+    return text_panel(text, finger.bar().at[1] if text.items else None, finger.size_px, TEXT_PX)
+
+
+def _test(finger: Finger) -> Panel:
+    lines, items = instructions(Render(**finger.world.monitor()["config"]["render"]))
+    return _text(finger, Overlay(lines=lines, items=items))
+
+
+def walk(finger: Finger, scenes: Sequence[Path]) -> Iterator[str]:
+    """Opens and closes every page by taps; yields the name of what is on the screen."""
+    yield "which-glasses"
+    finger.touch(_menu(finger, glasses_menu("dubois")), "wear dubois")
+    yield "glasses-test"
+    finger.touch(_test(finger), "swap")
+    yield "eyes-swapped"
+    finger.touch(_test(finger), "swap")
+    finger.touch(_test(finger), CLOSE.event)
+    yield "closed"
+    finger.tap(5, 5)
+    yield "bar"
+    finger.use_bar("choose")
+    yield "scenes"
+    items = [Item(scene.name, f"load {scene}") for scene in scenes] + [Item("the camera")]
+    menu = Menu("Choose a scene", SCENES_HINT.format(""), tuple(items))
+    finger.touch(_menu(finger, menu), f"load {scenes[1]}")
+    finger.title = f"lfpipe: {scenes[1].name}"
+    until(lambda: outline(finger.title, finger.screen.name), "second scene")
+    yield "another-scene"
+    finger.use_bar("help")
+    yield "help"
+    finger.touch(_text(finger, Overlay(lines=HELP)), CLOSE.event)
+    finger.use_bar("overlay")
+    time.sleep(3.0)  # the bar goes
+    yield "figures"
+    finger.use_bar("overlay")
+    finger.use_bar("freeze")
+    yield "paused"
+    finger.use_bar("freeze", paused=True)
+    finger.use_bar("record")
+    time.sleep(3.0)
+    yield "recording"
+    finger.use_bar("record", recording=True)
+    yield "recorded"
+    finger.use_bar("half-turn")
+    yield "near-and-far"
+    finger.use_bar("open")
+    yield "no-dialog"
+    finger.use_bar("fullscreen")
+    yield "full-screen"
+    finger.use_bar("which")
+    yield "full-screen-glasses"
+    finger.touch(_menu(finger, glasses_menu("dubois")), CLOSE.event)
+    finger.use_bar("fullscreen")
+    yield "window-again"
+
+
+def sheet(pictures: Sequence[np.ndarray], names: Sequence[str]) -> np.ndarray:
+    """All pictures with their names, SHEET_COLS in a row."""
+    cells = []
+    for picture, name in zip(pictures, names, strict=True):
+        height_px = round(picture.shape[0] * SHEET_PX / picture.shape[1])
+        small = cv2.resize(picture, (SHEET_PX, height_px), interpolation=cv2.INTER_AREA)
+        cell = cv2.copyMakeBorder(small, 28, 4, 4, 4, cv2.BORDER_CONSTANT, value=(255, 255, 255))
+        cv2.putText(cell, name, (6, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (0, 0, 0), 1, cv2.LINE_AA)
+        cells.append(cell)
+    cells += [np.full_like(cells[0], 255)] * (-len(cells) % SHEET_COLS)
+    rows = (np.hstack(cells[at : at + SHEET_COLS]) for at in range(0, len(cells), SHEET_COLS))
+    return np.vstack(list(rows))
+
+
+def pages(world: World, screen: Screen, out: Path) -> tuple[list[np.ndarray], list[str]]:
+    """Runs a session, and stores the picture of each page in out."""
+    cache = cache_dir(Scene())
+    scenes = [demo_scene(cache, name=name) for name in NAMES]
+    world.env |= {"DISPLAY": screen.name, "XDG_CACHE_HOME": str(cache.parent)}
+    process = world.start("up", *scenes, "--camera", "demo", "--session", world.name)
+    finger = Finger(world, screen, FIRST_TITLE.format(scenes[0].name))
+    until(lambda: outline(finger.title, screen.name), "window")
+    pictures, names = [], []
+    for number, name in enumerate(walk(finger, scenes), 1):
+        time.sleep(SETTLE_S)
+        pictures.append(screen.picture())
+        names.append(f"{number:02d} {name}")
+        cv2.imwrite(str(out / f"{number:02d}-{name}.png"), pictures[-1])
+        print(names[-1], flush=True)
+    world.ctl("stop")
+    world.ended(process)
+    return pictures, names
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--size", default="1280x800", metavar="WIDTHxHEIGHT")
+    parser.add_argument("--out", type=Path, default=Path("window_pages"))
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    pygame.font.init()
+    with (
+        private_world() as world,
+        tempfile.TemporaryDirectory() as folder,
+        x_server(
+            ["Xvfb", "-screen", "0", f"{options.size}x24", "-fbdir", folder], Path(folder)
+        ) as name,
+        subprocess.Popen(["openbox"], env={**world.env, "DISPLAY": name}) as manager,
+    ):
+        time.sleep(1.0)  # else the window is there before its frame
+        found = pages(world, Screen(name, Path(folder) / "Xvfb_screen0"), options.out)
+        manager.terminate()
+    cv2.imwrite(str(options.out / f"pages-{options.size}.png"), sheet(*found))
+
+
+if __name__ == "__main__":
+    main()
