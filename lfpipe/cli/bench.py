@@ -25,8 +25,7 @@ OUT = click.option(
 def bench() -> None:
     """Measure error against run time, on this machine, your scene and your sequence.
 
-    Writes a report that opens in any browser. The default inputs are the demo's scene and viewer.
-    Start with: lfpipe bench all --quick
+    Writes a report that opens in any browser. Start with: lfpipe bench all --quick
     """
 
 
@@ -42,7 +41,7 @@ def _command(name: str, subjects: tuple[str, ...], about: str) -> click.Command:
     @click.option(
         "--quick",
         is_flag=True,
-        help="Fewer turns, smaller inputs: all subjects in about a minute of CPU.",
+        help="Fewer turns, smaller inputs.",
     )
     @with_config
     def run(
@@ -83,7 +82,7 @@ for _name, _subject in SUBJECTS.items():
     help="A recorded head track, as one more script: t_s, face, left_x, left_y, right_x, right_y.",
 )
 @OUT
-@click.option("--quick", is_flag=True, help="Fewer pictures: at most 20 s of CPU.")
+@click.option("--quick", is_flag=True, help="Fewer pictures.")
 @click.option("--check", is_flag=True, help="Exit with 1 if a figure is beyond its bound.")
 def viewer(tracks: tuple[Path, ...], out: Path, quick: bool, check: bool) -> int:
     """Measure what each eye sees against what it should see, in a made world.
@@ -141,8 +140,7 @@ def table(
     """Measure every method by the protocol of angular super-resolution, 2x2 -> 7x7 views.
 
     FOLDER is a light field of any layout. The table shows PSNR, SSIM, and the time per picture. The
-    exit code is 1 if a scene was left out. `lfpipe sweep` measures many scenes and continues where
-    it was interrupted.
+    exit code is 1 if a scene was left out.
     """
     from lfpipe.bench.results import write
     from lfpipe.bench.runner import opened

@@ -54,9 +54,8 @@ def calibrate(
     flat to the camera) and follow the window. Without a screen, the eyes are measured as soon as
     they are detected.
 
-    --latency measures what camera and display add to the age of a picture: a window flickers for 15
-    s while the camera watches it. Turn the camera to the screen, or show it the screen in a hand
-    mirror.
+    For --latency, turn the camera to the screen, or show it the screen in a hand mirror: a window
+    flickers for 15 s while the camera watches it.
     """
     name = camera_name(camera or config.camera.source)
     if latency:

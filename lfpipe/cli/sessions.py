@@ -40,8 +40,7 @@ def monitor(session_name: str, once: bool, as_json: bool, web: str | None) -> No
     """Show latency, rate, drops and load of every stage of a running session.
 
     On a terminal, the screen updates four times a second; elsewhere the state is printed once.
-    Several monitors may watch one session. If the session ends, the monitor waits for it to start
-    again.
+    If the session ends, the monitor waits for it to start again.
     Keys: q quit, p pause, r reset, t record a timeline, w toggle warp, m mode, c recentre.
     """
     if web is None:

@@ -61,10 +61,9 @@ Examples:
 def up(**options: Any) -> int:
     """Show SCENE, a folder or file with a light field, from the position of the viewer's eyes.
 
-    Several scenes, or a folder of scenes, form a playlist. Switch with Tab, Page Up and Page Down,
-    or `lfpipe ctl load --next`. Camera, layout and method are detected and printed. In the window,
-    h shows the keys. While a window is open, `lfpipe up SCENE` shows SCENE there; --session NAME
-    opens another one.
+    Several scenes, or a folder of scenes, form a playlist. Switch with Tab, Page Up and Page Down.
+    In the window, h shows the keys. While a window is open, `lfpipe up SCENE` shows SCENE there;
+    --session NAME opens another one.
     """
     from lfpipe.cli.kiosk import kiosk_code
     from lfpipe.cli.launch import UpArguments, launch
