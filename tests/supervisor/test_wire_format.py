@@ -1,0 +1,221 @@
+"""The bytes of messages between processes, and the keys of answers and figures in their order.
+
+`wire_format.json` holds them as maps, in the order of their keys.
+"""
+
+import json
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import attrs
+import numpy as np
+import pytest
+import zmq
+
+from lfpipe.config import Config, Scene
+from lfpipe.config.modes import (
+    Lossless,
+    MouseViewer,
+    NoViewer,
+    Plugin,
+    RecordedEyes,
+    ReplayOutput,
+    VideoFile,
+    Window,
+)
+from lfpipe.host.worker import Worker
+from lfpipe.scene.open_scene import Packing
+from lfpipe.supervisor import figures, live_session, scene_loads, scene_previews
+from lfpipe.supervisor.control_sockets import ControlSockets, Request
+from lfpipe.supervisor.file_checks import FileCheck, FileChecks
+from lfpipe.supervisor.process_table import STAGES
+from lfpipe.supervisor.scene_previews import ScenePreviews
+from lfpipe.transport import control
+from lfpipe.transport.clock import SECOND_NS
+from lfpipe.transport.histogram import Histogram
+from lfpipe.transport.status import ROW, SESSION, State
+from tests.supervisor.states import made_state
+from tests.support.world import World
+
+WIRE: dict[str, Any] = json.loads((Path(__file__).parent / "wire_format.json").read_text())
+EXACT = ("ok", "cmd", "error", "remedy", "v", "topic")
+T_NS = 100 * SECOND_NS
+
+
+def shape(value: Any, key: str = "") -> Any:
+    """The keys of a message in their order, and the types of its values."""
+    if isinstance(value, dict) and key != "config":  # whose keys `docs/configuration.md` lists
+        return {name: shape(inner, name) for name, inner in value.items()}
+    return value if key in EXACT else type(value).__name__
+
+
+def assert_same(name: str, message: Any) -> None:
+    """In the order of the keys, too."""
+    assert json.dumps(message) == json.dumps(WIRE[name]), name
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("snapshot of a camera", {}),
+        (
+            "snapshot of a mouse",
+            {"viewer": MouseViewer(), "display": Window(fullscreen=True), "share": ("lsl:a",)},
+        ),
+        ("snapshot without a viewer", {"viewer": NoViewer(), "display": Plugin("wall", "3")}),
+        (
+            "snapshot of a replay",
+            {
+                "viewer": RecordedEyes(source="/s/t.txt", rate_hz=30.0, folder="/s"),
+                "clock": Lossless(lock_step=True, output=ReplayOutput("/out", "/s", True)),
+                "display": VideoFile(Path("/out/v.mkv")),
+                "playlist": ("/a", "/b"),
+            },
+        ),
+    ],
+)
+def test_a_snapshot_has_these_bytes(name: str, options: dict[str, Any]) -> None:
+    state = made_state(**options)
+    state = state.with_level(len(state.levels[1:2]))
+    message = control.decode(control.encode(state.message()))
+    assert list(message.pop("config")) == [field.name for field in attrs.fields(Config)]
+    assert_same(name, message)
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """The requests to child processes, which are not started."""
+    requests: list[Any] = []
+
+    def begin(worker: Worker, module: str, request: Any, subject: str, limit_s: float) -> None:
+        requests.append([module, request, subject])
+        worker.subject = subject
+
+    monkeypatch.setattr(Worker, "__init__", begin)
+    return requests
+
+
+def test_child_processes_are_asked_with_these_lines(asked: list[Any]) -> None:
+    packing = Packing(["/a"], Scene(), expand=True)
+    Packing([Path("/b")], Scene(layout="quilt"), remember=True)
+    Packing([Path("/c")], Scene(), do="make", out="/out")
+    Packing([Path("/c")], Scene(), do="info")
+    ScenePreviews(print).begin(["/a", "/b"], Scene())
+    check = FileCheck(check="share", path="osc:h:1", targets=("osc:h:1",), running=("lsl",))
+    FileChecks().begin(Request(b"client", message={"cmd": "share"}), check)
+    assert_same("requests to children", json.loads(json.dumps(asked)))
+    for step in WIRE["steps of the packer"]:
+        packing.on_step(step)
+    assert (packing.step, packing.share, packing.scenes) == ("views 7 of 81", 7 / 81, [Path("/a")])
+    assert packing.views == made_state().options.scene
+
+
+def test_the_window_hears_of_loading_and_previews_in_these_messages(
+    asked: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    packing = Packing([Path("/a/" + "long" * 60)], Scene())
+    packing.on_step({"step": "views", "done": 1, "total": 4})
+    load = scene_loads._Load(packing, None)
+    sent = [*load.news(), *load.news(end=True)]
+    monkeypatch.setattr(Worker, "read", lambda worker: None)
+    monkeypatch.setattr(Worker, "done", False)
+    previews = ScenePreviews(sent.append)
+    previews.begin(["/a"], Scene())
+    reader = previews._reader
+    assert isinstance(reader, scene_previews._Reader)
+    reader.on_step({"preview": "/a", "data": "aGk="})
+    previews.update()
+    assert_same("messages to the window", [control.decode(control.encode(one)) for one in sent])
+
+
+def _row(name: str, **values: object) -> np.ndarray[Any, Any]:
+    row = np.zeros((), ROW)
+    row["name"] = name
+    for field, value in values.items():
+        row[field] = value
+    return row
+
+
+def test_figures_have_these_values(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in (figures, "lfpipe.transport.status", "lfpipe.transport.notices"):
+        monkeypatch.setattr(f"{getattr(module, '__name__', module)}.now_ns", lambda: T_NS)
+    monkeypatch.setattr(figures, "usable_cores", lambda pid: [0, 1])
+    rows = {stage.name: _row(stage.name) for stage in STAGES}
+    for name in ("capture", "track", "render"):
+        rows[name] = _row(name, pid=7, state=State.RUNNING, seq=9, drops=1, busy_ns=4, face=1)
+        rows[name]["recent_ns"][:3] = T_NS - np.array([2, 1, 0]) * SECOND_NS // 30
+        for histogram in ("wait", "busy", "age", "horizon"):
+            for ms in (1, 2, 30):
+                Histogram(rows[name][histogram]).add_ns(ms * 1_000_000)
+    rows["capture"]["dim"] = 1
+    rows["capture"]["nominal_mhz"] = 30_000
+    rows["track"]["busy_with"] = b"fetching"
+    rows["track"]["busy_since_ns"] = T_NS - 3 * SECOND_NS
+    for key, value in {"planned": 400, "juddered": 3, "viewer": 2, "onset_ns": 61_200_000}.items():
+        rows["render"][key] = value
+    session = np.zeros((), SESSION)
+    made = figures.session_figures("one", rows, session, T_NS - 5 * SECOND_NS)
+    assert_same("figures", made.to_dict())
+    session["level"], session["lowest"], session["words"] = 1, 4, b"nearest views"
+    rows["render"]["planned"] = rows["render"]["onset_ns"] = 0
+    made = figures.session_figures("one", rows, session, T_NS - 5 * SECOND_NS)
+    watched = attrs.evolve(made.stages["track"], cpu_percent=12.5, rss_mb=80.0)
+    made = attrs.evolve(made, stages={"track": watched})
+    assert_same("figures at a lower level, watched", made.to_dict())
+
+
+def test_answers_have_these_keys(tmp_path: Path) -> None:
+    asked = Request(b"client", message={"v": 1, "cmd": "load", "id": 7})
+    answers: list[Any] = [{"ok": True, "applied": False}, live_session.INTERNAL]
+    answers.append(live_session.REPLACED)
+    sent: list[bytes] = []
+    with control.context() as ctx, closing(ControlSockets(ctx, tmp_path)) as sockets:
+        sockets._send = lambda client, data: sent.append(data)  # type: ignore[method-assign]
+        for answer in answers:
+            sockets.answer(asked, 5, answer)
+        sockets.answer(asked, 5, {"ok": True, "set": {"x": "y" * control.MAX_BYTES}})
+    assert_same("answers", [control.decode(data) for data in sent])
+
+
+def test_a_session_answers_with_these_keys(world: World, scene: Path, tmp_path: Path) -> None:
+    world.up(scene, "--set=governor.quality=fixed")
+    world.pictures(5)
+    requests: list[dict[str, Any]] = [
+        {"cmd": "hello"},
+        {"cmd": "status"},
+        {"cmd": "set", "set": {"render.method": "nearest"}},
+        {"cmd": "pause", "id": "one"},
+        {"cmd": "resume"},
+        {"cmd": "recentre"},
+        {"cmd": "pictures"},
+        {"cmd": "previews", "scenes": []},
+        {"cmd": "load", "scene": str(scene)},
+        {"cmd": "share", "start": ["osc:127.0.0.1:9"]},
+        {"cmd": "share", "stop": []},
+        {"cmd": "trace", "path": str(tmp_path / "t.jsonl")},
+        {"cmd": "trace", "path": ""},
+        {"cmd": "nothing"},
+        {"cmd": "load", "at": 5},
+        {"cmd": "set", "set": {"render.method": 5}},
+        {"cmd": "trace", "path": ""},
+        {"cmd": "stop"},
+    ]
+    with control.context() as ctx, ctx.socket(zmq.DEALER) as socket, world.tap() as heard:
+        control.connect(socket, world.session_dir, "ctl")
+
+        def answer(message: dict[str, Any]) -> dict[str, Any]:
+            socket.send(control.encode(message))
+            assert socket.poll(60_000)
+            return control.decode(socket.recv())
+
+        answers = [shape(answer(message)) for message in requests[:-1]]
+        world.wait_for(lambda: heard("look"), "eyes of a picture")
+        looked = shape(heard("look")[0])
+        printed = world.ctl("--json", "status"), world.ctl("--json", "pause")
+        figures_json = world.done("monitor", "--session", world.name, "--once", "--json").stdout
+        answers.append(shape(answer(requests[-1])))
+    assert_same("answers of a session", answers)
+    assert_same("look", looked)
+    assert_same("ctl --json", [shape(json.loads(text)) for text in printed])
+    assert_same("monitor --json", shape(json.loads(figures_json)))
