@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfpipe.api.scenes import ScenePath, scene_path
 from lfpipe.api.tracker import Eyes
-from lfpipe.config import Config, converter, updated
+from lfpipe.config import Config, Snapshot, converter, updated
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import temporary_folder
 from lfpipe.observe.session_reader import Watch
@@ -87,7 +87,7 @@ class Attachment:
         return ""
 
     def _config(self) -> Config:
-        return converter().structure(self.ask({"cmd": "hello"})["config"], Config)
+        return converter().structure(self.ask({"cmd": "hello"}), Snapshot).config
 
     def frame(self, timeout_s: float = 2.0) -> Frame:
         """The next camera frame. Raises lfpipe.UserError if none arrives in time."""

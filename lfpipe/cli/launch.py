@@ -37,7 +37,7 @@ from lfpipe.files.video_writer import require_encoder
 from lfpipe.host.files import exists
 from lfpipe.host.machine import has_gpu
 from lfpipe.observe.monitor import print_state
-from lfpipe.observe.session_reader import SessionSettings, ask
+from lfpipe.observe.session_reader import snapshot
 from lfpipe.render.compositor import settings_for_scene
 from lfpipe.render.monitors import detect_monitors, loop_doubt
 from lfpipe.render.open_display import check_display, has_display, parse_display
@@ -142,7 +142,7 @@ def _is_for_open_window(arguments: UpArguments) -> bool:
     scenes, name = arguments.scenes, arguments.session_name
     if len(scenes) != 1 or arguments != UpArguments(scenes=scenes, session_name=name):
         return False
-    options = SessionSettings.of(ask(name, {"cmd": "hello"})).options
+    options = snapshot(name).options
     return isinstance(options.display, Window) and not options.kiosk
 
 

@@ -9,6 +9,7 @@ from lfpipe.config.session_options import (
     QualityLevel,
     SceneSummary,
     SessionOptions,
+    Snapshot,
     converter,
 )
 from lfpipe.config.tree import (
@@ -36,6 +37,7 @@ __all__ = [
     "SceneSummary",
     "Screen",
     "SessionOptions",
+    "Snapshot",
     "Track",
     "choices",
     "converter",

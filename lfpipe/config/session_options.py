@@ -20,6 +20,7 @@ from lfpipe.config.modes import (
     Viewer,
     Window,
 )
+from lfpipe.config.tree import Config
 
 if TYPE_CHECKING:
     from cattrs import BaseConverter
@@ -132,6 +133,17 @@ class SessionOptions:
     def complete(self) -> bool:
         """Whether the scene has its disparity, as far as there is any."""
         return self.scene is None or self.scene.complete
+
+
+@attrs.frozen(kw_only=True)
+class Snapshot:
+    """What a session works by: the answer to `hello`, and the message to its stages."""
+
+    # counts changes
+    rev: int
+    config: Config
+    options: SessionOptions
+    paused: bool
 
 
 def _is_literal(kind: Any) -> bool:

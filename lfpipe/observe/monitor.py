@@ -16,7 +16,7 @@ from rich.text import Text
 from lfpipe.config import choices
 from lfpipe.errors import UserError, plain
 from lfpipe.host.terminal import Keyboard
-from lfpipe.observe.session_reader import Follower, SessionSettings, SessionState, Watch, ask
+from lfpipe.observe.session_reader import Follower, Sample, Watch, ask, snapshot
 from lfpipe.observe.timeline import begin_trace, finish_trace
 from lfpipe.supervisor.figures import MotionToPhoton, SessionFigures
 from lfpipe.supervisor.rundir import find
@@ -128,7 +128,7 @@ def print_state(figures: SessionFigures, paused: bool = False) -> None:
     )
 
 
-def screen_text(name: str, state: SessionState | None, note: str = "") -> Text:
+def screen_text(name: str, state: Sample | None, note: str = "") -> Text:
     """The whole screen of a monitor.
 
     note: the answer to the last key.
@@ -172,7 +172,7 @@ def press(name: str, key: str) -> str:
     """
     if key not in ("p", "w", "m", "c", "t"):
         return ""
-    settings = SessionSettings.of(ask(name, {"cmd": "hello"}))
+    settings = snapshot(name)
     render = settings.config.render
     if key == "p":
         ask(name, {"cmd": "resume" if settings.paused else "pause"})

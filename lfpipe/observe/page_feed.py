@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from lfpipe.config import converter
 from lfpipe.errors import UserError
 from lfpipe.observe.monitor import photon_words
-from lfpipe.observe.session_reader import Follower, SessionState, ask
+from lfpipe.observe.session_reader import Follower, Sample, ask
 from lfpipe.render.geometry import zero_planes_px
 from lfpipe.transport import control, ring
 from lfpipe.transport.clock import SECOND_NS, now_ns
@@ -46,7 +46,7 @@ _SHIFT = 4  # sub-pixel bits of OpenCV's drawing
 log = logging.getLogger(__name__)
 
 
-def figures_of(state: SessionState) -> dict[str, Any]:
+def figures_of(state: Sample) -> dict[str, Any]:
     """A state as the page shows it, without the options, which are not for every viewer.
 
     Adds `depth_px`: smallest and largest zero plane to offer, and step; `playlist`: names of

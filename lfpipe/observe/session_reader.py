@@ -9,7 +9,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.config import Config, SessionOptions, converter
+from lfpipe.config import Snapshot, converter
 from lfpipe.errors import UserError
 from lfpipe.host.processes import rss_bytes
 from lfpipe.host.segment import WrongSegment
@@ -35,6 +35,11 @@ def ask(name: str, message: dict[str, Any], timeout_s: float = 2.0) -> dict[str,
     Raises UserError.
     """
     return control.request(find(name).run_dir, message, timeout_s)
+
+
+def snapshot(name: str, timeout_s: float = 2.0) -> Snapshot:
+    """What the session of that name works by. Raises UserError."""
+    return converter().structure(ask(name, {"cmd": "hello"}, timeout_s), Snapshot)
 
 
 class Watch:
@@ -91,30 +96,12 @@ def _since(row: NDArray[np.void], before: NDArray[np.void]) -> NDArray[np.void]:
     return out
 
 
-@attrs.frozen(kw_only=True)
-class SessionSettings:
-    """What a session works by."""
-
-    config: Config
-    options: SessionOptions
-    paused: bool
-
-    @classmethod
-    def of(cls, answer: dict[str, Any]) -> "SessionSettings":
-        """From the answer to the command `hello`."""
-        return cls(
-            config=converter().structure(answer["config"], Config),
-            options=converter().structure(answer["options"], SessionOptions),
-            paused=answer["paused"],
-        )
-
-
 @attrs.frozen
-class SessionState:
+class Sample:
     """A session at one moment."""
 
     figures: SessionFigures
-    settings: SessionSettings | None = None  # None if the session does not answer
+    settings: Snapshot | None = None  # None if the session does not answer
 
 
 class Follower:
@@ -129,10 +116,10 @@ class Follower:
         self.watch: Watch | None = None
         self._past: deque[tuple[int, Rows]] = deque()  # time, and a copy of the table
         self._dropped: dict[str, int] = {}  # at the reset
-        self._settings: SessionSettings | None = None
+        self._settings: Snapshot | None = None
         self._revision = -1  # of the settings
 
-    def read(self) -> SessionState | None:
+    def read(self) -> Sample | None:
         """The figures with the times of the last WINDOW_S, and the settings; None without a
         session.
         """
@@ -164,12 +151,11 @@ class Follower:
             )
         if (revision := int(now[SHOWN_BY]["config_rev"])) != self._revision:
             try:
-                answer = ask(self.name, {"cmd": "hello"}, HELLO_S)
-                self._settings = SessionSettings.of(answer)
+                self._settings = snapshot(self.name, HELLO_S)
                 self._revision = revision
             except UserError:
                 self._settings = None
-        return SessionState(attrs.evolve(figures, stages=stages), self._settings)
+        return Sample(attrs.evolve(figures, stages=stages), self._settings)
 
     def reset(self) -> None:
         """Counts drops and times from the last reading on, for this monitor only."""

@@ -13,7 +13,15 @@ from typing import Any, Literal
 
 import attrs
 
-from lfpipe.config import Config, QualityLevel, Render, SceneSummary, SessionOptions, converter
+from lfpipe.config import (
+    Config,
+    QualityLevel,
+    Render,
+    SceneSummary,
+    SessionOptions,
+    Snapshot,
+    converter,
+)
 from lfpipe.config.modes import Lossless, Viewer, watching
 from lfpipe.config.quality import ladder
 from lfpipe.supervisor.child import EXIT_TERMINATED
@@ -88,13 +96,10 @@ class SessionState:
 
     def message(self) -> dict[str, Any]:
         """The control message for the stages."""
-        return {
-            "cmd": "config",
-            "rev": self.rev,
-            "config": converter().unstructure(self.config),
-            "options": converter().unstructure(self.options),
-            "paused": self.paused,
-        }
+        snapshot = Snapshot(
+            rev=self.rev, config=self.config, options=self.options, paused=self.paused
+        )
+        return {"cmd": "config", **converter().unstructure(snapshot)}
 
     def rings(self) -> dict[str, RingSpec]:
         """The on-demand rings that this state needs, by name."""

@@ -10,7 +10,7 @@ from typing import Any
 
 import zmq
 
-from lfpipe.config import Config, SessionOptions, converter
+from lfpipe.config import Snapshot, converter
 from lfpipe.host.processes import usable_cores
 from lfpipe.host.wake import Wake, readable
 from lfpipe.transport import control, status
@@ -216,10 +216,11 @@ class Context:
             if word == "stop" and not answered:
                 self.stopping = True
             elif word in ("config", "hello") and "config" in message:
-                self.config = self._converter.structure(message["config"], Config)
-                self.options = self._converter.structure(message["options"], SessionOptions)
-                self.paused = message["paused"]
-                self._rev = message["rev"]
+                snapshot = self._converter.structure(message, Snapshot)
+                self.config = snapshot.config
+                self.options = snapshot.options
+                self.paused = snapshot.paused
+                self._rev = snapshot.rev
                 logger.debug("has revision %d", self._rev)
             else:
                 self._commands.append(("" if answered else word, message))
