@@ -18,6 +18,7 @@ from lfpipe.host.files import is_file
 from lfpipe.render.compositor import Compositor, ViewRenderer
 from lfpipe.scene import open_scene as scenes
 from lfpipe.scene.cache import cache_dir
+from lfpipe.scene.demo import named_scene
 from lfpipe.scene.layouts.arrays import require_views
 from lfpipe.scene.lightfield import LightField
 
@@ -75,7 +76,7 @@ def scene_path(
             raise UserError(
                 f"{', '.join(known)} with {scene or 'the demo'}: only for arrays", "leave it out"
             )
-        return None if scene is None else Path(scene)
+        return None if scene is None else named_scene(Path(scene), cache_dir(config))
     views = np.asarray(scene)
     if views.ndim == 6 and views.shape[3] in (1, 3) and views.shape[-1] > 3:
         raise UserError(

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 
+from lfpipe import config as configuration
 from lfpipe.cli.options import PATH
 from lfpipe.cli.terminal import print_result, say
 from lfpipe.config import user_file
@@ -90,7 +91,11 @@ def install(scenes: tuple[Path, ...], code_file: Path | None) -> None:
     """
     import platformdirs
 
+    from lfpipe.scene.open_scene import absolute_path
+
     code = kiosk_code(code_file)
+    settings = configuration.load().scene
+    scenes = tuple(absolute_path(path, settings) for path in scenes)
     if missing := [str(path) for path in scenes if not exists(path)]:
         raise UserError(
             f"{', '.join(missing)}: not found", "name light fields, or a folder of them"
@@ -108,7 +113,7 @@ def install(scenes: tuple[Path, ...], code_file: Path | None) -> None:
         "--code-file",
         str(kept),
     ]
-    words += [str(path.resolve()) for path in scenes]
+    words += map(str, scenes)
     unit.parent.mkdir(parents=True, exist_ok=True)
     check_output(unit, scenes, label="the unit")
     write_file(kept, code.encode())

@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from lfpipe import config as configuration
 from lfpipe.cli.options import PATH, SESSION, complete_settings
 from lfpipe.cli.terminal import print_result
 from lfpipe.config import converter, parse_set
@@ -101,7 +102,13 @@ def _send(
 
 def load_scene(session_name: str, scene: Path) -> None:
     """Shows another light field in a session. Raises UserError."""
-    ask(session_name, {"cmd": "load", "scene": str(scene.resolve())}, LOAD_S)
+    ask(session_name, {"cmd": "load", "scene": _absolute(scene)}, LOAD_S)
+
+
+def _absolute(scene: Path) -> str:
+    from lfpipe.scene.open_scene import absolute_path  # few commands need it
+
+    return str(absolute_path(scene, configuration.load().scene))
 
 
 @ctl.command("set")
@@ -132,7 +139,7 @@ def load(
     """
     if (scene is None) == (step is None):
         raise click.UsageError("give one of SCENE, --next and --previous")
-    how = {"step": step, "scene": scene and str(scene.resolve()), "layout": layout, "grid": grid}
+    how = {"step": step, "scene": scene and _absolute(scene), "layout": layout, "grid": grid}
     send({"cmd": "load", **{key: value for key, value in how.items() if value is not None}}, LOAD_S)
 
 

@@ -129,6 +129,11 @@ def open_scene(
     ).field
 
 
+def absolute_path(path: Path, settings: config.Scene) -> Path:
+    """A scene's path for another process; of demo:NAME its folder. Raises UserError."""
+    return named_scene(path, cache_dir(settings)).resolve()
+
+
 def packed(path: ScenePath, settings: config.Scene) -> LightField | None:
     """The pack of an unchanged scene, perhaps without disparity yet, or the one at path itself;
     None without one.

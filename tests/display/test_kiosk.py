@@ -115,7 +115,7 @@ def test_the_unit_starts_it_again_and_quotes_what_systemd_would_expand(
     scene_there = shutil.copytree(scene, odd)
     code = world.root / "code"
     code.write_text("bye42\n")
-    done = world.run("kiosk", "install", "--code-file", code, scene_there)
+    done = world.run("kiosk", "install", "--code-file", code, scene_there, "demo:marbles")
     assert done.returncode == 0, done.stderr
     unit = Path(done.stdout.strip())
     text = unit.read_text()
@@ -130,6 +130,7 @@ def test_the_unit_starts_it_again_and_quotes_what_systemd_would_expand(
     )
     assert (
         'a \\"100 %%\\" $$HOME"' in text
+        and '/marbles"' in text
         and "systemctl --user enable --now lfpipe-kiosk" in done.stderr
     )
     if shutil.which("systemd-analyze"):

@@ -2,6 +2,7 @@
 
 import functools
 import json
+import signal
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -202,6 +203,25 @@ def _letters(screen: Screen) -> tuple[str, ...]:
 
 def _alpha(world: World) -> float:
     return float(world.monitor()["config"]["render"]["alpha_px"])
+
+
+def test_another_scene_comes_into_the_open_window(
+    world: World, scene: Path, screen: Screen
+) -> None:
+    world.env["DISPLAY"] = screen.name
+    process = world.up(scene, display="window")
+    world.pictures(5)
+
+    def shows(name: str) -> bool:
+        return bool(Path(world.ask(cmd="hello")["options"]["scene"]["name"]).name == name)
+
+    told = world.done("up", "--session", world.name, "demo:meadow").stderr
+    assert "shown in the open window" in told and shows("meadow")
+    world.ctl("load", write_scene(world.root / "second", 2, 2))
+    assert shows("second")
+    world.ctl("load", "demo:meadow")
+    assert shows("meadow")
+    world.ended(process, signal.SIGINT)
 
 
 def test_without_a_screen_it_is_the_help(world: World) -> None:
