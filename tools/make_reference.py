@@ -19,6 +19,7 @@ from lfpipe.config import options
 
 DOCS = Path(__file__).parents[1] / "docs"
 SEVERAL = 3  # commands with the same option, which the page then describes once
+Record = tuple[str, str]  # an option and its help
 HEAD = "<!-- written by tools/make_reference.py -->\n\n"
 
 
@@ -33,7 +34,8 @@ def configuration() -> str:
         (
             "Keys of the user's own file (`lfpipe config init` writes it), of `--config FILE`, and"
             " of `--set SECTION.KEY=VALUE`. Later ones win. *live*: `lfpipe ctl set` changes it"
-            " while a session runs. *no replay*: of no effect on what a replay computes."
+            " while a session runs. *no replay*: of no effect on what a replay computes. Of the"
+            " values, the default is the first."
         ),
     ]
     section = ""
@@ -41,59 +43,65 @@ def configuration() -> str:
         head, _, name = dotted.partition(".")
         if head != section:
             section = head
-            lines += [
-                f"\n## [{head}]\n",
-                "| key | default | values | meaning |",
-                "|---|---|---|---|",
-            ]
-        words = [f"`{word}`" for word in key.words]
-        limits = (
-            [f"{key.low:g} to {key.high:g} {key.unit}".strip()]
-            if math.isfinite(key.low)
-            else [key.unit]
-            if key.unit
-            else []
-        )
+            lines += [f"\n## [{head}]\n", "| key | values | meaning |", "|---|---|---|"]
+        default = str(key.default).lower() if isinstance(key.default, bool) else str(key.default)
+        values = [f"`{word}`" for word in (default, *key.words) if word != ""]
+        if math.isfinite(key.low):
+            values.append(f"{key.low:g} to {key.high:g} {key.unit}".strip())
+        elif key.unit:
+            values.append(key.unit)
         marks = "".join(
             f" *{mark}*"
             for mark, holds in (("live", key.live), ("no replay", not key.replays))
             if holds
         )
-        default = (
-            f"`{str(key.default).lower() if isinstance(key.default, bool) else key.default}`"
-            if key.default != ""
-            else ""
-        )
-        lines.append(
-            f"| `{name}` | {default} | {_cell(', '.join([*limits, *words]))} |"
-            f" {_cell(key.doc)}{marks} |"
-        )
+        # the default once, at the head
+        listed = _cell(", ".join(dict.fromkeys(values)))
+        lines.append(f"| `{name}` | {listed} | {_cell(key.doc)}{marks} |")
     return HEAD + "\n".join(lines) + "\n"
 
 
+def _below(command: click.Command, path: str) -> list[tuple[click.Command, str]]:
+    """The commands of a group that help lists, each with its words; of a command none."""
+    if not isinstance(command, click.Group):
+        return []
+    context = click.Context(command, info_name=path)
+    found = ((command.get_command(context, name), name) for name in command.list_commands(context))
+    return [(child, f"{path} {name}") for child, name in found if child and not child.hidden]
+
+
 def _tree(command: click.Command, path: str) -> Iterator[tuple[click.Command, str]]:
-    """The command and those below it that help lists, each with its words."""
+    """The command and those below it, each with its words."""
     yield command, path
-    if isinstance(command, click.Group):
-        context = click.Context(command, info_name=path)
-        for name in command.list_commands(context):
-            child = command.get_command(context, name)
-            if child is not None and not child.hidden:
-                yield from _tree(child, f"{path} {name}")
+    for child, words in _below(command, path):
+        yield from _tree(child, words)
 
 
-def _records(command: click.Command, context: click.Context) -> list[tuple[str, str]]:
+def _records(command: click.Command, context: click.Context) -> list[Record]:
     """(option, help) of each option but --help."""
     records = [option.get_help_record(context) for option in command.get_params(context)]
     return [record for record in records if record and "--help" not in record[0]]
 
 
-def _listed(records: Iterable[tuple[str, str]]) -> list[str]:
+def _listed(records: Iterable[Record]) -> list[str]:
     return ["", *(f"- `{name}`: {text}" for name, text in records)]
 
 
-def _command(command: click.Command, path: str, shared: Collection[tuple[str, str]]) -> list[str]:
-    """The section of one command; of the shared options only the names."""
+def _of_each(command: click.Command, shared: Collection[Record]) -> list[Record]:
+    """The shared options of the command; of a group those that all of its commands have, too."""
+    own = [record for record in _records(command, click.Context(command)) if record in shared]
+    below = [_of_each(child, shared) for child, _ in _below(command, "")]
+    return own + [
+        record for record in shared if below and all(record in options for options in below)
+    ]
+
+
+def _command(
+    command: click.Command, path: str, shared: Collection[Record], above: Collection[Record] = ()
+) -> list[str]:
+    """The sections of a command and of those below it; of the shared options only the names, and
+    of a group's once. above: the options named there.
+    """
     context = click.Context(command, info_name=path, max_content_width=10_000)
     level = min(path.count(" ") + 2, 4)
     usage = command.get_usage(context).removeprefix("Usage: ")
@@ -103,24 +111,28 @@ def _command(command: click.Command, path: str, shared: Collection[tuple[str, st
     # an example, its lines kept
     text = re.sub("\b\n(.+?)\n\n", "\b\n```toml\n\\1\n```\n\n", text, flags=re.DOTALL)
     lines.append(click.formatting.wrap_text(text, 130, preserve_paragraphs=True))
-    records = _records(command, context)
-    if own := [record for record in records if record not in shared]:
+    if own := [record for record in _records(command, context) if record not in shared]:
         lines += _listed(own)
-    if common := [record for record in records if record in shared]:
-        names = ", ".join(f"`{name.split()[0].rstrip(',')}`" for name, _ in common)
+    common = _of_each(command, shared)
+    if new := [record for record in common if record not in above]:
+        names = ", ".join(f"`{name.split()[0].rstrip(',')}`" for name, _ in new)
         lines.append(f"\nAlso {names}.")
-    return lines
+    below = _below(command, path)
+    return lines + [
+        line for child, words in below for line in _command(child, words, shared, common)
+    ]
 
 
 def commands() -> str:
     """The page of commands with their options: those of several commands once, at its head."""
-    tree = [*_tree(cli, "lfpipe")]
     counts = Counter(
-        record for command, path in tree for record in _records(command, click.Context(command))
+        record
+        for command, _ in _tree(cli, "lfpipe")
+        for record in _records(command, click.Context(command))
     )
     shared = [record for record, count in counts.items() if count >= SEVERAL]
-    sections = [line for command, path in tree for line in _command(command, path, shared)]
-    lines = ["# Commands\n", "Options of several commands:", *_listed(shared), *sections]
+    head = "Options of several commands; those of a group are those of its commands:"
+    lines = ["# Commands\n", head, *_listed(shared), *_command(cli, "lfpipe", shared)]
     return HEAD + "\n".join(lines) + "\n"
 
 

@@ -79,8 +79,8 @@ class Camera:
         16,
         7680,
         doc=(
-            "frame width requested from the camera; frames of another size are scaled, frames of"
-            " another aspect ratio get black bars"
+            "frame width requested from the camera; frames of another size are scaled, of another"
+            " aspect ratio get black bars"
         ),
     )
     height_px: int = key(480, "px", 16, 4320, doc="frame height requested from the camera")
@@ -104,32 +104,25 @@ class Camera:
         ),
     )
     exposure: float | Literal["auto"] = key(
-        "auto", "ms", 0.01, 1000, doc="exposure time; auto: the camera decides"
+        "auto", "ms", 0.01, 1000, doc="exposure time; auto: by the camera"
     )
     gain: float | Literal["auto"] = key(
-        "auto", "", 0, 65535, doc="gain in the camera's own units; auto: the camera decides"
+        "auto", "", 0, 65535, doc="gain in the camera's own units; auto: by the camera"
     )
     power_line_hz: Literal["auto", 0, 50, 60] = key(
         "auto",
         "Hz",
         doc=(
-            "mains frequency whose flicker the exposure avoids, 0 for none; auto: leave the"
-            " camera's setting"
+            "mains frequency whose flicker the exposure avoids, 0 for none; auto: as the camera is"
+            " set"
         ),
     )
     dynamic_framerate: Literal["off", "on", "auto"] = key(
         "off",
-        doc=(
-            "let a camera lower its rate in dim light, until the session ends; auto: leave the"
-            " camera's setting"
-        ),
+        doc="let a camera lower its rate in dim light; auto: as the camera is set",
     )
-    rotate: Literal[0, 90, 180, 270] = key(
-        0, "deg", doc="turn the picture clockwise, for a camera mounted upside down or sideways"
-    )
-    mirror: bool = key(
-        False, doc="mirror the picture, after the turn, for a driver that delivers it mirrored"
-    )
+    rotate: Literal[0, 90, 180, 270] = key(0, "deg", doc="turn the camera's picture clockwise")
+    mirror: bool = key(False, doc="mirror the camera's picture, after the turn")
     above_mm: float = key(
         0.0,
         "mm",

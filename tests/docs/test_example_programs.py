@@ -63,6 +63,7 @@ EXAMPLE_FILES = sorted(path.name for path in EXAMPLES.iterdir() if path.suffix i
 
 def test_every_program_is_run_and_listed() -> None:
     programs = {row[0].split()[0] for row in test_a_program_runs.pytestmark[0].args[1]}  # type: ignore[attr-defined]
+    programs.add("eyes_to_page.py")  # runs until it is ended: test_examples.py
     assert programs == set(EXAMPLE_FILES)
     listed = re.findall(r"^\| `([\w.]+) ", (EXAMPLES / "README.md").read_text(), re.M)
     assert sorted(listed) == EXAMPLE_FILES

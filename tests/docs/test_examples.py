@@ -127,7 +127,8 @@ def test_the_bridge_passes_eyes_on_to_a_page(tmp_path: Path) -> None:
     from tornado.websocket import websocket_connect
 
     osc_port, web_port = free_port(), free_port()
-    words = [sys.executable, "-c", program("WebSocketHandler"), str(osc_port), str(web_port)]
+    bridge = ROOT / "examples" / "eyes_to_page.py"
+    words = [sys.executable, str(bridge), str(osc_port), str(web_port)]
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None and process.stdout.readline().strip() == "passing on"
