@@ -33,7 +33,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area
 from lfpipe.host.files import is_dir
 from lfpipe.host.worker import Report, serve
-from lfpipe.render.scoring import choose_method
+from lfpipe.render.scoring import scores
 from lfpipe.scene import layouts
 from lfpipe.scene.cache import cache_dir, cache_root, packed
 from lfpipe.scene.contact_sheet import stored_view
@@ -99,7 +99,7 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
     if request.get("expand"):
         paths = playlist(paths, settings)
         report(scenes=[str(path) for path in paths])
-    field = pack_scene(paths[0], settings, choose_method, progress, views_ready)
+    field = pack_scene(paths[0], settings, scores, progress, views_ready)
     # the demo is always there
     if request.get("remember") and not paths[0].is_relative_to(cache_root(settings)):
         remember_scene(paths[0])

@@ -1,5 +1,5 @@
-"""The best method for a scene: every second view is held out, predicted from the others, and
-compared.
+"""Scores of the methods that make views: every second view is held out, predicted from the others,
+and compared. `scene.verdict` says what the scores mean.
 """
 
 import math
@@ -7,14 +7,10 @@ import math
 import attrs
 import numpy as np
 
-from lfpipe.config.quality import WARPS, may_fade
+from lfpipe.config.quality import METHODS, WARPS, may_fade
 from lfpipe.host.machine import add
 from lfpipe.render.synthesis import Synthesiser
 from lfpipe.scene.lightfield import LightField
-
-METHODS = ("nearest", "blend", "warp", "warp2")  # cheapest first
-WORTH_DB = 0.25  # minimum gain of a costlier method: a smaller one is invisible
-FLAT_PX = 0.5  # px per view: with less disparity a cross-fade shows no double edges
 
 
 def psnr_db(mean_square: float) -> float:
@@ -78,30 +74,15 @@ def score(field: LightField, method: str, places: list[tuple[int, int]]) -> floa
     return add(levels_db) / len(levels_db)
 
 
-def choose_method(field: LightField, count: int = 7) -> tuple[str, dict[str, float]]:
-    """(method that `auto` stands for, {method: dB}) from a hold-out test on about count views.
-
-    The cheapest method that no costlier one beats by WORTH_DB. A grid too small to hold out a view
-    has no scores; then disparities decide.
+def scores(field: LightField, count: int = 7) -> dict[str, float]:
+    """{method: PSNR in dB} of about count held-out views, without methods that are never used for
+    this scene; empty for a grid too small to hold out a view.
     """
+    places = left_out(field, count)
     fades = may_fade(field.disparity_min_px, field.disparity_max_px)
     methods = [
         name
-        for name in METHODS
+        for name in reversed(METHODS)
         if (fades or name != "blend") and (field.disparity is not None or name not in WARPS)
     ]
-    places = left_out(field, count)
-    if not places:
-        if max(field.rows, field.cols) == 1:
-            return "nearest", {}
-        extent_px = max(abs(field.disparity_min_px), abs(field.disparity_max_px))
-        return (
-            "warp2"
-            if field.disparity is not None and extent_px >= FLAT_PX
-            else "blend"
-            if fades
-            else "nearest"
-        ), {}
-    scores = {method: score(field, method, places) for method in methods}
-    best = max(scores.values())
-    return next(method for method in methods if scores[method] >= best - WORTH_DB), scores
+    return {method: score(field, method, places) for method in methods} if places else {}

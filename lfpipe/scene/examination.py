@@ -15,10 +15,10 @@ from lfpipe.errors import UserError
 from lfpipe.scene import layouts
 from lfpipe.scene.disparity import Depth
 from lfpipe.scene.files import library_errors
-from lfpipe.scene.optical_flow import grey_views
 from lfpipe.scene.orientation import Orientation, orient
-from lfpipe.scene.plausibility import Evidence, plausible
+from lfpipe.scene.plausibility import plausible
 from lfpipe.scene.source import SceneSource, Turn, ViewIndex
+from lfpipe.scene.verdict import Evidence
 
 STRIP_ROWS = 256  # of a large view, processed at a time to limit memory
 SCREEN_GAMMA = 2.2  # of linear-light pictures: out = in ** (1 / gamma)
@@ -49,7 +49,7 @@ class Examined:
     @property
     def apart(self) -> bool:
         """Whether the views are too far apart to make others between them."""
-        return self.evidence is not None and self.evidence.apart_px is not None
+        return self.evidence is not None and self.evidence.verdict.kind == "too far apart"
 
     @property
     def rows(self) -> int:
@@ -129,8 +129,8 @@ def examine_source(source: SceneSource, scene: config.Scene) -> Examined:
         source.rendered or all(is_grey(source.read(0, *place)) for place in ends)
     )
     order = orient(source, scene)
-    if evidence is not None and evidence.apart_px is not None:
-        order = attrs.evolve(order, depth=_depth_of(source, order, evidence.apart_px))
+    if evidence is not None and evidence.apart is not None:
+        order = attrs.evolve(order, depth=_depth_of(source, order, evidence.apart))
     gamma, gamma_by = _gamma(source, scene, middle)
     return Examined(
         source=source,
@@ -142,12 +142,12 @@ def examine_source(source: SceneSource, scene: config.Scene) -> Examined:
     )
 
 
-def _depth_of(source: SceneSource, order: Orientation, move_px: tuple[float, float]) -> Depth:
+def _depth_of(source: SceneSource, order: Orientation, moved: tuple[float, float]) -> Depth:
     """The depth of two views that are too far apart for flow, by the motion along x between them in
-    file order.
+    file order, in shares of the width.
     """
-    scale = source.width_px / grey_views(source)(0, 0).shape[1]
-    low, high = sorted((1 if order.packed.cols else -1) * scale * move for move in move_px)
+    width_px = source.width_px if order.packed.cols else -source.width_px
+    low, high = sorted(round(width_px * move, 4) for move in moved)
     return {"min_px": low, "max_px": high, "border_low_px": low, "border_high_px": high}
 
 

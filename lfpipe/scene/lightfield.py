@@ -137,6 +137,11 @@ class LightField:
         return bool(self.manifest.get("complete", True))
 
     @property
+    def reach_px(self) -> float:
+        """The largest disparity either way, px per view."""
+        return max(-self.disparity_min_px, self.disparity_max_px)
+
+    @property
     def frames(self) -> int:
         return int(self.views.shape[0])
 

@@ -42,36 +42,28 @@ from lfpipe.scene.pack import (
     write_manifest,
 )
 from lfpipe.scene.source import Progress
+from lfpipe.scene.verdict import best_method
 
-# (the method that `auto` stands for, {method: dB}) of a packed light field
-Choose = Callable[[LightField], tuple[str, dict[str, float]]]
+# PSNR in dB of held-out views of a packed light field by method
+Score = Callable[[LightField], dict[str, float]]
 FIRST_VIEWS = 5  # the middle and its neighbours: a viewer begins in the middle of the grid
-# disparity up to which a cross-fade of neighbouring views shows no double edges worth mentioning
-BLEND_PX = 2.0
-WARPED_PX = 0.5  # disparity from which on a warp is worth it
 
 
 def silent(_what: str, _done: int, _total: int) -> None:
     """Ignores progress."""
 
 
-def by_depth(field: LightField) -> tuple[str, dict[str, float]]:
-    """The method by disparity alone, without scores."""
-    extent_px = max(-field.disparity_min_px, field.disparity_max_px)
-    return ("warp" if extent_px >= WARPED_PX else "nearest"), {}
-
-
 def pack_scene(
     path: str | os.PathLike[str],
     settings: config.Scene,
-    choose: Choose = by_depth,
+    score: Score = lambda field: {},
     progress: Progress = silent,
     views_ready: Callable[[Path], None] = lambda pack: None,
 ) -> LightField:
     """The light field at path, from its pack, which is made now unless there is a complete one.
     Call it in a process with limits (`packer`): it reads a person's pictures.
 
-    choose: chooses the method, once there is disparity. progress: called from this thread.
+    score: scores the methods, once there is disparity. progress: called from this thread.
     views_ready: called with the pack's folder as soon as it can be shown without disparity. Several
     processes may call this at once; what a killed one leaves, a later call makes again. Raises
     UserError.
@@ -100,7 +92,7 @@ def pack_scene(
                 except NotGreyError:
                     scene = attrs.evolve(scene, channels=3)
                     _write_views(scene, folder, can_be_shown, progress)
-                _complete(scene, folder, choose, progress)
+                _complete(scene, folder, score, progress)
             cache.remember(root, mark, key)
             return open_pack(folder, settings.half_turn)
 
@@ -149,8 +141,8 @@ def manifest_of(scene: Examined, key: str = "") -> dict[str, Any]:
         "disparity": {"source": "none", "scale_px": 1 / 16, **(depth or NO_DEPTH)},
         "notes": list(source.notes),
         "scores": {},
-        "method": "blend"
-        if depth and max(-depth["min_px"], depth["max_px"]) <= BLEND_PX
+        "method": best_method({}, max(-depth["min_px"], depth["max_px"]), False)
+        if depth
         else "nearest",
     }
 
@@ -223,7 +215,7 @@ def _write_views(
         raise
 
 
-def _complete(scene: Examined, folder: Path, choose: Choose, progress: Progress) -> None:
+def _complete(scene: Examined, folder: Path, score: Score, progress: Progress) -> None:
     """Writes the disparity of a pack with views; the manifest that announces it comes last."""
     with cache.writing(folder.parents[1]):
         disparity = write_disparity(scene, folder, progress)
@@ -234,6 +226,9 @@ def _complete(scene: Examined, folder: Path, choose: Choose, progress: Progress)
         }
         if scene.rows * scene.cols > 1 and not scene.apart:
             progress("method", 0, 1)
-            manifest["method"], manifest["scores"] = choose(light_field(folder, manifest))
+            field = light_field(folder, manifest)
+            scores = score(field)
+            manifest["scores"] = scores
+            manifest["method"] = best_method(scores, field.reach_px, field.disparity is not None)
             progress("method", 1, 1)
         write_manifest(folder, manifest)

@@ -1,16 +1,9 @@
 """Examines a few small pictures before all of them are packed: whether they form a light field, and
 whether anything moves between them.
-
-Pictures are refused where views between two others are predicted badly from these and no disparity
-explains the flow (it must be equal to both neighbours, along the line of cameras), or where they
-change otherwise than by a camera that moves sideways: in focus or size. Thresholds lie between 211
-disturbed and drawn light fields (at least 0.38 explained and 30 dB, or 0.64 and 24 dB) and 40 made
-sets that are none (focus stacks with and without breathing, refocused pictures, walks around a box,
-portraits, clips, zooms, turns, exposures), of which 37 are refused.
 """
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import attrs
 import cv2
@@ -31,14 +24,11 @@ from lfpipe.scene.optical_flow import (
     textured,
 )
 from lfpipe.scene.source import SceneSource, Turn
+from lfpipe.scene.verdict import EXPLAINED, Evidence
 
 log = logging.getLogger(__name__)
 
 _SMALLEST_PX = 48  # side of views: the flow needs some of its patches
-# of views between two others, and share of their detail that one disparity explains
-_POOR_DB, _EXPLAINED = 26.0, 0.6
-_UNEXPLAINED = 0.15  # share below which they do not fit together whatever their quality
-_FINE_DB, _FINE_SHARE = 30.0, 0.7  # of the middle of all lines: enough to skip other views
 _LOOSE_PX, _LOOSE_SHARE = 1.0, 0.2  # tolerance of the flow
 _STILL_PX = 1.0  # motion that is none
 _OFF_PX = 0.5  # from a common motion: what is off by more is near, and counts less
@@ -53,51 +43,12 @@ _AROUND, _ROUNDNESS = (
     12,
     0.3,
 )  # views of a circle to examine; least over most of its radius
-# of the farthest views, less motion is none; percentile of the motion that counts
-_NOTHING_PX, _NEARLY_ALL = 0.3, 97
+_NEARLY_ALL = 97  # percentile of the motion that counts
 # blocks that are looked for in the other view of a pair, along the width and the height
 _BLOCK_ROWS, _BLOCK_COLS = 6, 8
 # correlation of a block that was found, and its lead on the second best place
 _FOUND, _LEADS = 0.75, 0.08
 _FEWEST_BLOCKS, _MISSED = 6, 0.4  # found blocks; share of them that the flow misses
-_DIFFERENT = "these are different pictures, not one scene from several places"
-
-
-@attrs.frozen(kw_only=True)
-class Evidence:
-    """What a few small views of a scene show."""
-
-    held_out_db: float  # PSNR of views predicted from two neighbours, median
-    explained: float  # share of textured pixels whose flow one disparity explains
-    change: str = ""  # how the pictures change otherwise than by a camera that moves sideways
-    moved_px: float = np.inf  # motion between the farthest views, of nearly all of their detail
-    apart_px: tuple[float, float] | None = None  # motion between two views that flow misses
-
-    @property
-    def reason(self) -> str:
-        """Why the pictures are no light field; "" if they may be one."""
-        poor = self.held_out_db < _POOR_DB
-        unexplained = self.explained < _UNEXPLAINED
-        if self.change and not (poor and unexplained):
-            return f"the pictures do not fit together as a light field: {self.change}"
-        fits = self.apart_px is not None or not (
-            unexplained or (poor and self.explained < _EXPLAINED)
-        )
-        return "" if fits else _DIFFERENT
-
-    @property
-    def still(self) -> bool:
-        """Whether nothing moves between the pictures, and they are alike."""
-        return not self.reason and self.moved_px < _NOTHING_PX and self.held_out_db > _POOR_DB
-
-    @classmethod
-    def median(cls, samples: "Sequence[Evidence]", **more: object) -> "Evidence":
-        """What some samples say together."""
-        return cls(
-            held_out_db=float(np.median([sample.held_out_db for sample in samples])),
-            explained=float(np.median([sample.explained for sample in samples])),
-            **more,  # type: ignore[arg-type]
-        )
 
 
 @attrs.frozen(kw_only=True)
@@ -201,8 +152,9 @@ def _found(a: Grey, b: Grey, y: int, x: int, side: int) -> tuple[int, int] | Non
 
 
 def _blocks(a: Grey, b: Grey, ahead: FloatMap) -> tuple[float, float] | None:
-    """The range of motion along x of blocks of a that are found in b, and from there in a again,
-    where the flow does not lead; None where the flow finds them, or they are not in b.
+    """The range of motion along x, in shares of the width, of blocks of a that are found in b, and
+    from there in a again, where the flow does not lead; None where the flow finds them, or they are
+    not in b.
     """
     height, width = a.shape
     side = min(height, width) // 7
@@ -220,7 +172,7 @@ def _blocks(a: Grey, b: Grey, ahead: FloatMap) -> tuple[float, float] | None:
     if len(moves) < _FEWEST_BLOCKS or np.mean(missed) < _MISSED:
         return None
     low, high = np.percentile(moves, (5, 95))
-    return float(low), float(high)
+    return float(low) / width, float(high) / width
 
 
 def _pair(a: Grey, b: Grey) -> Evidence:
@@ -234,7 +186,7 @@ def _pair(a: Grey, b: Grey) -> Evidence:
         held_out_db=cv2.PSNR(displaced(b, ahead), a),
         explained=explained,
         moved_px=_moved_px(detail, ahead, confirmed),
-        apart_px=_blocks(a, b, ahead) if explained < _EXPLAINED else None,
+        apart=_blocks(a, b, ahead) if explained < EXPLAINED else None,
     )
 
 
@@ -316,7 +268,7 @@ def _is_circle(line: list[Grey]) -> str:
     off = np.hypot(*(back + ahead)[moving].T)
     comes = float((off < _LOOSE_PX + _LOOSE_SHARE * step_px[moving]).mean())
     stays = float(returned_flow(first, middle)[1][detail][moving].mean())
-    if comes > _EXPLAINED and stays < _STAYS:
+    if comes > EXPLAINED and stays < _STAYS:
         return "the last picture follows the first one: a turntable, or a walk around something"
     closing = float(np.median(np.hypot(*back[moving].T) / step_px[moving]))
     if closing < _CLOSING and stays >= _STAYS and _goes_round(line):
@@ -367,10 +319,10 @@ def gather_evidence(source: SceneSource) -> Evidence | None:
         return Evidence.median(
             pairs,
             moved_px=max(pair.moved_px for pair in pairs),
-            apart_px=pairs[0].apart_px if len(pairs) == 1 else None,
+            apart=pairs[0].apart if len(pairs) == 1 else None,
         )
     triples = [_triple(*(grey(*line[k + len(line) // 2]) for k in (-1, 0, 1))) for line in lines]
-    if any(triple.held_out_db < _FINE_DB or triple.explained < _FINE_SHARE for triple in triples):
+    if not all(triple.fine for triple in triples):
         for line in lines:
             for middle in {
                 max(1, len(line) // 5),
@@ -418,29 +370,21 @@ def plausible(source: SceneSource, force: bool) -> tuple[SceneSource, Evidence |
         100 * evidence.explained,
         evidence.moved_px,
     )
-    if evidence.still:
-        return _as_one(source), evidence
-    if evidence.apart_px is not None:
-        share = max(map(abs, evidence.apart_px)) / grey_views(source)(0, 0).shape[1]
-        doubt = (
-            f"the views are too far apart ({share:.0%} of the width): nothing is made between them"
-        )
-        return _doubted(source, doubt), evidence
-    if not evidence.reason or source.certain:
+    verdict = evidence.verdict
+    if verdict.kind == "light field" or (verdict.kind == "no light field" and source.certain):
         return source, evidence
-    if not force:
+    if verdict.kind == "no light field" and not force:
         grid = f"{source.rows}x{source.cols} views of layout {source.layout}"
         anyway = "--set scene.force=true opens it all the same"
         if len(source.files) > 1:
             anyway = (
                 f"give the folder of one scene, or one of the pictures: {source.files[0]}; {anyway}"
             )
-        raise UserError(f"{source.path}: {evidence.reason} (read as {grid})", anyway)
-    return _doubted(source, evidence.reason), evidence
-
-
-def _doubted(source: SceneSource, doubt: str) -> SceneSource:
-    return attrs.evolve(source, doubt="; ".join(filter(None, (source.doubt, doubt))))
+        raise UserError(f"{source.path}: {verdict.reason} (read as {grid})", anyway)
+    if verdict.kind == "one view":
+        source = _as_one(source)
+    doubt = "; ".join(filter(None, (source.doubt, verdict.reason)))
+    return attrs.evolve(source, doubt=doubt), evidence
 
 
 def _as_one(source: SceneSource) -> SceneSource:
@@ -457,5 +401,5 @@ def _as_one(source: SceneSource) -> SceneSource:
         turn_by="there is one view",
         coordinates=None,
         truth={},
-        doubt="nothing moves between these pictures: one of them is shown",
+        doubt="",
     )

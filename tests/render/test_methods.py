@@ -11,10 +11,11 @@ import pytest
 
 from lfpipe import config
 from lfpipe.render.compositor import ViewRenderer
-from lfpipe.render.scoring import choose_method, left_out, psnr_db, thinned
+from lfpipe.render.scoring import left_out, psnr_db, scores, thinned
 from lfpipe.scene.disparity import quantised
-from lfpipe.scene.lightfield import UNKNOWN
+from lfpipe.scene.lightfield import UNKNOWN, LightField
 from lfpipe.scene.packing import pack_scene
+from lfpipe.scene.verdict import best_method
 from tests.render import rendered
 from tests.render.difficult import KINDS, scene
 
@@ -67,7 +68,7 @@ def test_unknown_disparity_goes_through_a_pack(tmp_path: Path) -> None:
         for col in range(3):
             cv2.imwrite(str(folder / f"view_{row:02d}_{col:02d}.png"), field.views[0, row, col, 0])
     cached = config.Scene(cache_dir=str(tmp_path / "cache"), force=True)
-    packed = pack_scene(folder, cached, choose_method)
+    packed = pack_scene(folder, cached, scores)
     assert (
         packed.disparity is not None
         and (packed.disparity == UNKNOWN).mean() > 0.9
@@ -81,21 +82,24 @@ def test_values_that_are_no_numbers_are_stored_as_unknown() -> None:
     assert found.tolist() == [[UNKNOWN, 2, -127, 127]]
 
 
+def chosen(field: LightField) -> str:
+    """The method that a pack of the field has."""
+    return best_method(scores(field), field.reach_px, field.disparity is not None)
+
+
 def test_views_far_apart_are_never_cross_faded_by_choice() -> None:
-    method, scores = choose_method(rendered.field(5, 5, scale=6.0))
-    assert method != "blend" and "blend" not in scores
+    far = rendered.field(5, 5, scale=6.0)
+    assert chosen(far) != "blend" and "blend" not in scores(far)
     pair = attrs.evolve(rendered.field(1, 2, scale=6.0), disparity=None)
-    assert (
-        choose_method(pair)[0] == "nearest"
-        and choose_method(rendered.field(1, 2, depth=False))[0] == "blend"
-    )
+    assert chosen(pair) == "nearest" and chosen(rendered.field(1, 2, depth=False)) == "blend"
 
 
 @pytest.mark.parametrize(("rows", "cols"), [(5, 5), (1, 5), (5, 1), (2, 5), (4, 4), (3, 6)])
 def test_a_scene_with_depth_is_warped(rows: int, cols: int) -> None:
-    method, scores = choose_method(rendered.field(rows, cols, 96, 96, scale=2.0))
-    assert method.startswith("warp") and set(scores) == {"nearest", "blend", "warp", "warp2"}
-    assert scores["nearest"] < scores["blend"] < scores["warp"]
+    field = rendered.field(rows, cols, 96, 96, scale=2.0)
+    db = scores(field)
+    assert chosen(field).startswith("warp") and set(db) == {"nearest", "blend", "warp", "warp2"}
+    assert db["nearest"] < db["blend"] < db["warp"]
 
 
 def test_wrong_disparities_are_found_out_and_a_scene_that_never_changes_gets_the_cheapest() -> None:
@@ -104,18 +108,15 @@ def test_wrong_disparities_are_found_out_and_a_scene_that_never_changes_gets_the
     wrong = attrs.evolve(
         field, disparity=np.random.default_rng(0).permuted(field.disparity, axis=-1)[..., ::-1, :]
     )
-    assert choose_method(wrong)[0] == "blend"
+    assert chosen(wrong) == "blend"
     still = attrs.evolve(field, views=np.broadcast_to(field.views[:, :1, :1], field.views.shape))
-    assert (
-        choose_method(attrs.evolve(still, disparity=np.zeros_like(field.disparity)))[0] == "nearest"
-    )
+    assert chosen(attrs.evolve(still, disparity=np.zeros_like(field.disparity))) == "nearest"
 
 
-@pytest.mark.parametrize(
-    ("rows", "cols", "method"), [(1, 1, "nearest"), (1, 2, "warp2"), (2, 2, "warp2")]
-)
-def test_grids_too_small_for_leaving_out(rows: int, cols: int, method: str) -> None:
-    assert choose_method(rendered.field(rows, cols)) == (method, {})
+def test_grids_too_small_for_leaving_out_are_warped() -> None:
+    for rows, cols in ((1, 2), (2, 2)):
+        field = rendered.field(rows, cols)
+        assert (scores(field), chosen(field)) == ({}, "warp2")
 
 
 def test_left_out_views_are_present_inside_and_not_kept() -> None:

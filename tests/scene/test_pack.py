@@ -16,7 +16,7 @@ import pytest
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.render.scoring import choose_method
+from lfpipe.render.scoring import scores
 from lfpipe.scene import cache
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.pack import DamagedPackError, open_pack, write_manifest
@@ -58,7 +58,7 @@ def test_a_pack_holds_the_views_planar_and_the_disparity_and_is_made_once(
 
     def pack() -> LightField:
         seen.clear()
-        return pack_scene(folder, scene_config, choose_method, lambda *report: seen.append(report))
+        return pack_scene(folder, scene_config, scores, lambda *report: seen.append(report))
 
     assert cache.find_pack(folder, scene_config) is None
     field = pack()

@@ -112,7 +112,7 @@ NO_LIGHT_FIELDS = {
 @pytest.mark.parametrize("kind", NO_LIGHT_FIELDS)
 def test_what_is_no_light_field_is_refused(kind: str) -> None:
     evidence = gather_evidence(as_source(NO_LIGHT_FIELDS[kind]))
-    assert evidence is not None and evidence.reason
+    assert evidence is not None and evidence.verdict.kind == "no light field"
 
 
 NOISE = np.random.default_rng(0).normal(0, 20, made.views(5, 5).shape)
@@ -156,7 +156,7 @@ LIGHT_FIELDS = {
 @pytest.mark.parametrize("kind", LIGHT_FIELDS)
 def test_no_light_field_is_refused(kind: str) -> None:
     evidence = gather_evidence(as_source(LIGHT_FIELDS[kind]))
-    assert evidence is not None and not evidence.reason
+    assert evidence is not None and evidence.verdict.kind != "no light field"
     assert "hand" not in kind or evidence.explained > 0.4
 
 

@@ -1,0 +1,99 @@
+"""What the measurements of a scene mean: the two verdicts, and all of their thresholds.
+
+Before packing, a few small views (`plausibility`) say whether the pictures are a light field. After
+it, held-out views of the pack (`render.scoring`) say which method makes its views.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Literal, Self
+
+import attrs
+import numpy as np
+
+from lfpipe.config.quality import METHODS
+
+# Pictures are refused where views between two others are predicted badly from these and no
+# disparity explains the flow (it must be equal to both neighbours, along the line of cameras), or
+# where they change otherwise than by a camera that moves sideways: in focus or size. The thresholds
+# lie between 211 disturbed and drawn light fields (at least 0.38 explained and 30 dB, or 0.64 and
+# 24 dB) and 40 made sets that are none (focus stacks with and without breathing, refocused
+# pictures, walks around a box, portraits, clips, zooms, turns, exposures), of which 37 are refused.
+POOR_DB = 26.0  # of views predicted from two others
+EXPLAINED = 0.6  # share of their detail that one disparity explains
+UNEXPLAINED = 0.15  # share below which they do not fit together whatever their quality
+# of the middle of all lines: enough to skip other views
+FINE_DB = 30.0
+FINE_SHARE = 0.7
+NOTHING_PX = 0.3  # between the farthest views: less motion is none
+WORTH_DB = 0.25  # least gain of a costlier method: a smaller one is invisible
+WARPED_PX = 0.5  # disparity from which on a warp is worth it where no view can be held out
+BLEND_PX = 2.0  # disparity up to which a cross-fade shows no double edges worth mentioning
+
+
+@attrs.frozen(kw_only=True)
+class Verdict:
+    """What the pictures of a scene are."""
+
+    kind: Literal["light field", "one view", "too far apart", "no light field"]
+    reason: str = ""  # for people; "" for a light field
+
+
+@attrs.frozen(kw_only=True)
+class Evidence:
+    """What a few small views of a scene show."""
+
+    held_out_db: float  # PSNR of views predicted from two neighbours, median
+    explained: float  # share of textured pixels whose flow one disparity explains
+    change: str = ""  # how the pictures change otherwise than by a camera that moves sideways
+    moved_px: float = np.inf  # motion between the farthest views, of nearly all of their detail
+    # motion between two views that flow misses, in shares of the width
+    apart: tuple[float, float] | None = None
+
+    @classmethod
+    def median(cls, samples: Sequence[Self], **more: object) -> Self:
+        """What some samples say together."""
+        return cls(
+            held_out_db=float(np.median([sample.held_out_db for sample in samples])),
+            explained=float(np.median([sample.explained for sample in samples])),
+            **more,  # type: ignore[arg-type]
+        )
+
+    @property
+    def fine(self) -> bool:
+        """Whether a look at other views can tell nothing more."""
+        return self.held_out_db >= FINE_DB and self.explained >= FINE_SHARE
+
+    @property
+    def verdict(self) -> Verdict:
+        """What the pictures are by this evidence."""
+        poor = self.held_out_db < POOR_DB
+        unexplained = self.explained < UNEXPLAINED
+        if self.change and not (poor and unexplained):
+            reason = f"the pictures do not fit together as a light field: {self.change}"
+            return Verdict(kind="no light field", reason=reason)
+        if self.apart is None and (unexplained or (poor and self.explained < EXPLAINED)):
+            reason = "these are different pictures, not one scene from several places"
+            return Verdict(kind="no light field", reason=reason)
+        if self.moved_px < NOTHING_PX and self.held_out_db > POOR_DB:
+            reason = "nothing moves between these pictures: one of them is shown"
+            return Verdict(kind="one view", reason=reason)
+        if self.apart is not None:
+            share = f"{max(map(abs, self.apart)):.0%} of the width"
+            reason = f"the views are too far apart ({share}): nothing is made between them"
+            return Verdict(kind="too far apart", reason=reason)
+        return Verdict(kind="light field")
+
+
+def best_method(scores: Mapping[str, float], reach_px: float, has_disparity: bool) -> str:
+    """The method that `auto` stands for in a scene of several views.
+
+    scores: PSNR in dB of held-out views by method: the cheapest that no costlier one beats by
+    WORTH_DB. Without scores, the largest disparity, reach_px, decides.
+    """
+    if scores:
+        enough_db = max(scores.values()) - WORTH_DB
+        cheapest_first = reversed(METHODS)
+        return next(name for name in cheapest_first if scores.get(name, -np.inf) >= enough_db)
+    if has_disparity and reach_px >= WARPED_PX:
+        return "warp2"
+    return "blend" if reach_px <= BLEND_PX else "nearest"
