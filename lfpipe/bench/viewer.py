@@ -71,6 +71,8 @@ CONDITION_COLUMNS = (
     Column("lag_ms", "lag", "ms"),
     Column("late", "pictures that missed their blank", "%"),
     *(Column(f"video_{hz:g}hz", f"video of {hz:g} Hz off plan", "%") for hz in VIDEOS_HZ),
+    Column("plain_error", "plain loop: error", "views"),
+    Column("plain_lag_ms", "plain loop: lag", "ms"),
 )
 CAMERAS = {
     "30 Hz": Camera(),
@@ -226,11 +228,16 @@ def condition_table(
     for name, (camera, screen) in conditions.items():
         config = settings(scene, screen, Track())
         run = watch(scene, script, camera, screen, config)
-        figures = viewpoint_figures(run, Truth(scene, script, config), script)
+        truth = Truth(scene, script, config)
+        figures = viewpoint_figures(run, truth, script)
         figures["late"] = 100 * run.late
         if screens:
             for hz in VIDEOS_HZ:
                 figures[f"video_{hz:g}hz"] = 100 * evenness(run, screen, hz)
+            loop = viewpoint_figures(
+                plain_loop(scene, script, camera, screen, config), truth, script
+            )
+            figures |= {"plain_error": loop["error_views"], "plain_lag_ms": loop["lag_ms"]}
         rows.append(judged(Row(name, _values(figures)), of))
     note = "A viewer who sways at 0.7 Hz and takes steps of 200 px/s."
     return Table(of, CONDITION_COLUMNS, tuple(rows), title, note)
