@@ -2,7 +2,8 @@
 
     uv run python -m tools.window_pages [--size 800x600] [--out FOLDER]
 
-Needs Xvfb, openbox and xdotool. Each page is a PNG of the whole screen; pages-SIZE.png holds all.
+Needs Xvfb, openbox and xdotool. Each page is a PNG of the whole screen; window_pages-SIZE.jpg holds
+all, as in profiling/results.
 """
 
 import argparse
@@ -30,7 +31,7 @@ from tests.support.xvfb_screen import Screen, outline, x_server
 
 FIRST_TITLE = "lfpipe: {} (h shows the keys, g tests your glasses)"
 SETTLE_S = 1.5  # then a page is there, with what it reads
-SHEET_COLS, SHEET_PX = 3, 640
+SHEET_COLS, SHEET_PX, QUALITY = 3, 640, 75
 
 
 def _menu(finger: Finger, menu: Menu) -> Panel:
@@ -148,7 +149,8 @@ def main() -> None:
         time.sleep(1.0)  # else the window is there before its frame
         found = pages(world, Screen(name, Path(folder) / "Xvfb_screen0"), options.out)
         manager.terminate()
-    cv2.imwrite(str(options.out / f"pages-{options.size}.png"), sheet(*found))
+    path = options.out / f"window_pages-{options.size}.jpg"
+    cv2.imwrite(str(path), sheet(*found), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
 
 
 if __name__ == "__main__":
