@@ -1,16 +1,14 @@
 """Subject: what each eye sees, against what it should see, in the world of `lfpipe.bench.world`."""
 
 import itertools
-import time
 from collections.abc import Iterable, Iterator
 from functools import cache, partial
 
-import attrs
 import numpy as np
 
 from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.results import Column, Figures, Row, Table, Value, mean_of
-from lfpipe.bench.runner import Candidate, Offer, Turn
+from lfpipe.bench.runner import Candidate, Offer, Turn, cpu_ms
 from lfpipe.bench.world.bounds import judged
 from lfpipe.bench.world.camera import NOISE_PX, Camera
 from lfpipe.bench.world.figures import (
@@ -21,11 +19,11 @@ from lfpipe.bench.world.figures import (
     samples,
     viewpoint_figures,
 )
-from lfpipe.bench.world.run import Run, Truth, plain_loop, settings, watch
-from lfpipe.bench.world.scene import SCENES, WorldScene, scene_of
+from lfpipe.bench.world.run import Run, Setup, Truth
+from lfpipe.bench.world.scene import SCENES, scene_of
 from lfpipe.bench.world.screen import Screen
-from lfpipe.bench.world.scripts import Script, moving, recorded, scripts
-from lfpipe.config import Config, Track
+from lfpipe.bench.world.scripts import MOVES_ABOUT, SCRIPTS, Script, recorded
+from lfpipe.config import Track
 from lfpipe.config.quality import METHODS
 from lfpipe.render.compositor import Key
 
@@ -34,6 +32,8 @@ TURN_PICTURES = 8
 VIEWPOINTS_PER_SCENE = 8
 APART_VIEWS = 1.5  # between the eyes, at most, of the viewpoints of scenes
 VIDEOS_HZ = (24.0, 25.0, 30.0, 50.0, 60.0)
+# scripts of the candidates
+MOVING = ("sways at 0.5 Hz", "sways at 1 Hz", "sways at 2 Hz", "steps", "shakes", "leans in")
 
 VIEWPOINTS = (
     Column("error_views", "error, mean", "views"),
@@ -101,27 +101,48 @@ SCREENS = {
 
 def measure(inputs: Inputs) -> Iterator[Offer]:
     """Scripts, scenes, cameras and screens; and error against run time."""
-    yield from tables(PICTURES[not inputs.quick], recorded(inputs.tracks))
-    yield from candidates(inputs.quick)
-
-
-def tables(count: int, others: Iterable[Script] = ()) -> Iterator[Table]:
-    """Everything with bounds. count: of the pictures of each script. others: more scripts."""
-    yield from script_tables([*scripts(), *others], count)
+    count = PICTURES[not inputs.quick]
+    yield from script_tables([*SCRIPTS, *recorded(inputs.tracks)], count)
     yield from other_tables()
+    yield from candidates(count)
 
 
 def other_tables() -> Iterator[Table]:
     """What scenes, cameras and screens do."""
     yield scene_table()
-    yield condition_table("Cameras", "camera", CAMERAS, {})
-    yield condition_table("Screens", "screen", {}, SCREENS)
+    yield condition_table(
+        "Cameras", "camera", {name: Setup(camera=camera) for name, camera in CAMERAS.items()}
+    )
+    yield condition_table(
+        "Screens", "screen", {name: Setup(screen=screen) for name, screen in SCREENS.items()}
+    )
 
 
-def script_tables(some: list[Script], count: int) -> Iterator[Table]:
+def plain_loop(screen: Screen | None = None) -> Setup:
+    """The paper's way."""
+    return Setup(screen=screen or Screen(), track=None, method="nearest")
+
+
+@cache
+def watched(setup: Setup, script: Script) -> Run:
+    """What is on the screen for a script."""
+    return setup.watch(script)
+
+
+@cache
+def pictures_of(setup: Setup) -> Pictures:
+    """The pictures that it draws."""
+    return Pictures(setup)
+
+
+def viewpoints(setup: Setup, script: Script) -> Figures:
+    """See `viewpoint_figures`."""
+    return viewpoint_figures(watched(setup, script), Truth(setup, script), script)
+
+
+def script_tables(some: Iterable[Script], count: int) -> Iterator[Table]:
     """What each script does to the viewpoints, and to `count` pictures of it."""
-    scene = scene_of(SCENES[0])
-    watched = [WatchedScript(scene, script) for script in some]
+    some = list(some)
     note = (
         "Of the demo's scene, camera at 30 Hz, screen at 60 Hz,"
         f" {Screen().loop_ms:g} ms from exposure to light."
@@ -131,10 +152,9 @@ def script_tables(some: list[Script], count: int) -> Iterator[Table]:
         " does not explain. Until right: from an event until within 0.25 views. Lag: of a head in"
         " motion."
     )
-    rows = [judged(Row(one.script.name, _values(one.viewpoints()))) for one in watched]
+    rows = [_row(script.name, script_viewpoints(script)) for script in some]
     yield Table("script", VIEWPOINTS, tuple(rows), "Viewpoints by script", note + steps)
-    pictures = _pictures_of_scripts()
-    rows = [judged(Row(one.script.name, _values(one.pictures(pictures, count)))) for one in watched]
+    rows = [_row(script.name, script_pictures(script, count)) for script in some]
     against = (
         " Against the exact picture for the true eyes, of both eyes, before the anaglyph; and L* of"
         " the picture shown through each glass against the published matrix of the exact pictures."
@@ -143,61 +163,37 @@ def script_tables(some: list[Script], count: int) -> Iterator[Table]:
     yield Table("script", PICTURE_COLUMNS, tuple(rows), "Pictures by script", note + against)
 
 
-@cache
-def _pictures_of_scripts() -> Pictures:
-    scene = scene_of(SCENES[0])
-    return Pictures.of(scene, settings(scene, Screen(), Track()))
+def script_viewpoints(script: Script) -> Figures:
+    """Of the columns VIEWPOINTS."""
+    now = viewpoints(Setup(screen=Screen(loop_ms=0.0)), script)
+    bare = viewpoints(Setup(track=Track(filter="mean", mean_k=1)), script)
+    plain = viewpoints(plain_loop(), script)
+    return viewpoints(Setup(), script) | {
+        "step_cols_0": now["step_cols"],
+        "step_rows_0": now["step_rows"],
+        "bare_step": bare["step_cols"],
+        "plain_error": plain["error_views"],
+        "plain_step": plain["step_cols"],
+    }
 
 
-class WatchedScript:
-    """A script through the product, without a filter, and through the plain loop."""
-
-    def __init__(self, scene: WorldScene, script: Script) -> None:
-        self.script = script
-        self._scene = scene
-        self._screen = Screen()
-        self._config = settings(scene, self._screen, Track())
-        self._truth = Truth(scene, script, self._config)
-        self._run = watch(scene, script, Camera(), self._screen, self._config)
-        self._plain = plain_loop(scene, script, Camera(), self._screen, self._config)
-
-    def viewpoints(self) -> Figures:
-        """Of the columns VIEWPOINTS."""
-        figures = self._figures(self._run)
-        screen = Screen(loop_ms=0.0)
-        config = settings(self._scene, screen, Track())
-        now = self._figures(watch(self._scene, self.script, Camera(), screen, config))
-        bare = Track(filter="mean", mean_k=1)
-        config = settings(self._scene, self._screen, bare)
-        without = self._figures(watch(self._scene, self.script, Camera(), self._screen, config))
-        plain = self._figures(self._plain)
-        return figures | {
-            "step_cols_0": now["step_cols"],
-            "step_rows_0": now["step_rows"],
-            "bare_step": without["step_cols"],
-            "plain_error": plain["error_views"],
-            "plain_step": plain["step_cols"],
-        }
-
-    def _figures(self, run: Run) -> Figures:
-        return viewpoint_figures(run, self._truth, self.script)
-
-    def pictures(self, pictures: Pictures, count: int) -> Figures:
-        """Of the columns PICTURE_COLUMNS."""
-        run = self._run
-        at = samples(run, self.script, count)
-        right = self._truth.at(run.ms[at])
-        product = pictures.errors([run.keys[k] for k in at], right)
-        ideal = pictures.errors([pictures.key(views) for views in right], right)
-        nearest = Pictures.of(self._scene, settings(self._scene, self._screen, Track(), "nearest"))
-        keys = [self._plain.key_at(ms) for ms in run.ms[at].tolist()]
-        plain = nearest.errors(keys, right)
-        return picture_figures(product) | {
-            "ideal": float(ideal.levels.mean()),
-            "plain": float(plain.levels.mean()),
-            "plain_seen": float(plain.seen.mean()),
-            "cpu_ms": product.cpu_ms + float(np.median(run.cpu_ms)),
-        }
+def script_pictures(script: Script, count: int) -> Figures:
+    """Of the columns PICTURE_COLUMNS."""
+    usual = Setup()
+    pictures = pictures_of(usual)
+    run = watched(usual, script)
+    at = samples(run, script, count)
+    right = Truth(usual, script).at(run.ms[at])
+    product = pictures.errors([run.keys[k] for k in at], right)
+    ideal = pictures.errors([pictures.key(views) for views in right], right)
+    loop = watched(plain_loop(), script)
+    plain = pictures_of(plain_loop()).errors([loop.key_at(ms) for ms in run.ms[at].tolist()], right)
+    return picture_figures(product) | {
+        "ideal": float(ideal.levels.mean()),
+        "plain": float(plain.levels.mean()),
+        "plain_seen": float(plain.seen.mean()),
+        "cpu_ms": product.cpu_ms + float(np.median(run.cpu_ms)),
+    }
 
 
 def scene_table() -> Table:
@@ -205,135 +201,87 @@ def scene_table() -> Table:
     rows = []
     for name, method in itertools.product(SCENES, METHODS):
         scene = scene_of(name)
-        pictures = Pictures.of(scene, settings(scene, Screen(), Track(), method))
+        pictures = pictures_of(Setup(scene=scene, method=method))
         right = np.random.default_rng(1).uniform(0, 1, (VIEWPOINTS_PER_SCENE, 3))
         right *= (scene.rows - 1, scene.cols - 1 - APART_VIEWS, APART_VIEWS)
         views = np.stack([right[:, :2], right[:, :2] + right[:, 2:] * (0, 1)], axis=1)
         errors = pictures.errors([pictures.key(pair) for pair in views], views)
-        rows.append(judged(Row(f"{name}, {method}", _values(picture_figures(errors)))))
+        rows.append(_row(f"{name}, {method}", picture_figures(errors)))
     note = f"{VIEWPOINTS_PER_SCENE} random viewpoints per scene, up to {APART_VIEWS:g} views apart."
     return Table("scene, method", PICTURE_COLUMNS, tuple(rows), "Pictures by scene", note)
 
 
-def condition_table(
-    title: str, of: str, cameras: dict[str, Camera], screens: dict[str, Screen]
-) -> Table:
+def condition_table(title: str, of: str, setups: dict[str, Setup]) -> Table:
     """What cameras, or screens, do to a moving viewer's viewpoints."""
-    scene = scene_of(SCENES[0])
-    script = moving()
     rows = []
-    usual = Camera(), Screen()
-    conditions = {name: (camera, usual[1]) for name, camera in cameras.items()}
-    conditions |= {name: (usual[0], screen) for name, screen in screens.items()}
-    for name, (camera, screen) in conditions.items():
-        config = settings(scene, screen, Track())
-        run = watch(scene, script, camera, screen, config)
-        truth = Truth(scene, script, config)
-        figures = viewpoint_figures(run, truth, script)
-        figures["late"] = 100 * run.late
-        if screens:
+    for name, setup in setups.items():
+        run = watched(setup, MOVES_ABOUT)
+        figures = viewpoints(setup, MOVES_ABOUT) | {"late": 100 * run.late}
+        if of == "screen":
             for hz in VIDEOS_HZ:
-                figures[f"video_{hz:g}hz"] = 100 * evenness(run, screen, hz)
-            loop = viewpoint_figures(
-                plain_loop(scene, script, camera, screen, config), truth, script
-            )
+                figures[f"video_{hz:g}hz"] = 100 * evenness(run, setup.screen, hz)
+            loop = viewpoints(plain_loop(setup.screen), MOVES_ABOUT)
             figures |= {"plain_error": loop["error_views"], "plain_lag_ms": loop["lag_ms"]}
-        rows.append(judged(Row(name, _values(figures)), of))
+        rows.append(_row(name, figures, of))
     note = "A viewer who sways at 0.7 Hz and takes steps of 200 px/s."
     return Table(of, CONDITION_COLUMNS, tuple(rows), title, note)
 
 
-def candidates(quick: bool) -> Iterator[Candidate]:
+def candidates(count: int) -> Iterator[Candidate]:
     """Methods, filters and noises of landmarks, on the scripts that move."""
     used = Track().filter
     best = METHODS[0]
-    for method in reversed(METHODS):
-        in_use = method == best
-        yield _candidate(used, method, Variant(method=method), quick, in_use)
-    for name in ("mean", "one-euro", "kalman"):
-        track = Track(filter=name)
-        yield _candidate(name, best, Variant(track=track, method=best), quick)
-    for noise_px in (0.15, 2 * NOISE_PX):
-        camera = Camera(noise_px=noise_px)
-        knob = f"landmarks of {noise_px:g} px"
-        yield _candidate(used, knob, Variant(camera=camera), quick)
-    yield _candidate("plain loop", "nearest", Variant(track=None, method="nearest"), quick)
-    yield _candidate("ideal viewpoint", "", Variant(ideal=True), quick)
+    ways = [
+        *((used, method, Setup(method=method)) for method in reversed(METHODS)),
+        *(
+            (name, best, Setup(track=Track(filter=name), method=best))
+            for name in ("mean", "one-euro", "kalman")
+        ),
+        *(
+            (used, f"landmarks of {px:g} px", Setup(camera=Camera(noise_px=px)))
+            for px in (0.15, 2 * NOISE_PX)
+        ),
+        ("plain loop", "nearest", plain_loop()),
+        ("ideal viewpoint", "", Setup()),
+    ]
+    for curve, knob, setup in ways:
+        yield Candidate(
+            curve=curve,
+            knob=knob,
+            prepare=partial(_prepare, setup, count, curve == "ideal viewpoint"),
+            paper=setup.track is None,
+            used=(curve, knob) == (used, best),
+        )
 
 
-@attrs.frozen(kw_only=True)
-class Variant:
-    """A way to make pictures."""
-
-    track: Track | None = attrs.Factory(Track)
-    """None: the plain loop."""
-    method: str = "auto"
-    camera: Camera = attrs.Factory(Camera)
-    ideal: bool = False
-
-
-def _candidate(
-    curve: str, knob: str, variant: Variant, quick: bool, used: bool = False
-) -> Candidate:
-    prepare = partial(_prepare, variant, PICTURES[not quick])
-    return Candidate(
-        curve=curve, knob=knob, prepare=prepare, paper=variant.track is None, used=used
-    )
-
-
-@cache
-def _moving_scripts() -> tuple[Script, ...]:
-    return tuple(script for script in scripts() if script.name in MOVING)
-
-
-MOVING = ("sways at 0.5 Hz", "sways at 1 Hz", "sways at 2 Hz", "steps", "shakes", "leans in")
-
-
-def _prepare(variant: Variant, count: int) -> tuple[dict[str, float | Value], Turn]:
-    scene = scene_of(SCENES[0])
-    screen = Screen()
-    config = settings(scene, screen, variant.track or Track(), variant.method)
-    pictures = Pictures.of(scene, config)
+def _prepare(setup: Setup, count: int, ideal: bool) -> tuple[dict[str, float | Value], Turn]:
+    pictures = pictures_of(setup)
     errors: list[Errors] = []
     off: list[float] = []
     keys: list[Key] = []
-    choices: list[float] = []
-    for script in _moving_scripts():
-        truth = Truth(scene, script, config)
-        run = _watched(variant, scene, script, screen, config)
+    choices = [0.0] * ideal
+    for script in SCRIPTS:
+        if script.name not in MOVING:
+            continue
+        run = watched(setup, script)
         at = samples(run, script, count)
-        right = truth.at(run.ms[at])
-        keys += [pictures.key(views) for views in right] if variant.ideal else run.keys_at(at)
-        errors.append(pictures.errors(keys[-len(at) :], right))
-        error = 0.0
-        if not variant.ideal:
-            error = viewpoint_figures(run, truth, script)["error_views"]
-            choices += run.cpu_ms.tolist()
-        off.append(error)
+        right = Truth(setup, script).at(run.ms[at])
+        chosen = [pictures.key(views) for views in right] if ideal else [run.keys[k] for k in at]
+        keys += chosen
+        errors.append(pictures.errors(chosen, right))
+        off.append(0.0 if ideal else viewpoints(setup, script)["error_views"])
+        choices += [] if ideal else run.cpu_ms.tolist()
     figures: dict[str, float | Value] = {
         "error_levels": mean_of([float(one.levels.mean()) for one in errors]),
         "error_seen": mean_of([float(one.seen.mean()) for one in errors]),
         "error_views": mean_of(off),
     }
     upcoming = itertools.cycle(keys)
-    choosing_ms = float(np.median(choices)) if choices else 0.0
-
-    def turn() -> Figures:
-        started_ns = time.thread_time_ns()
-        for _ in range(TURN_PICTURES):
-            pictures.draw(next(upcoming))
-        spent_ms = (time.thread_time_ns() - started_ns) / 1e6
-        return {"picture_ms": choosing_ms + spent_ms / TURN_PICTURES}
-
-    return figures, turn
+    choosing_ms = float(np.median(choices))
+    drawing_ms = partial(cpu_ms, lambda: pictures.draw(next(upcoming)), TURN_PICTURES)
+    return figures, lambda: {"picture_ms": choosing_ms + drawing_ms()}
 
 
-def _watched(
-    variant: Variant, scene: WorldScene, script: Script, screen: Screen, config: Config
-) -> Run:
-    make = plain_loop if variant.track is None else watch
-    return make(scene, script, variant.camera, screen, config)
-
-
-def _values(figures: Figures) -> dict[str, Value]:
-    return {key: Value(value) for key, value in figures.items()}
+def _row(name: str, figures: Figures, of: str = "") -> Row:
+    """A row with its figures compared with their bounds. of: what it is, if no script."""
+    return judged(Row(name, {key: Value(value) for key, value in figures.items()}), of)

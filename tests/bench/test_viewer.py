@@ -7,7 +7,7 @@ import pytest
 from lfpipe.bench.results import Results, Table
 from lfpipe.bench.viewer import other_tables, script_tables
 from lfpipe.bench.world.bounds import BOUNDS, beyond
-from lfpipe.bench.world.scripts import Script, scripts
+from lfpipe.bench.world.scripts import SCRIPTS, Script
 
 
 def check(tables: Iterator[Table]) -> None:
@@ -16,7 +16,7 @@ def check(tables: Iterator[Table]) -> None:
     assert not lines, "\n".join(lines)
 
 
-@pytest.mark.parametrize("script", list(scripts()), ids=lambda script: script.name)
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.name)
 def test_no_figure_of_a_script_is_beyond_its_bound(script: Script) -> None:
     """Of two of its pictures."""
     assert script.name in BOUNDS

@@ -7,15 +7,13 @@ import pytest
 
 from lfpipe.bench.world.camera import Camera
 from lfpipe.bench.world.figures import Pictures, viewpoint_figures
-from lfpipe.bench.world.run import Truth, settings, watch
+from lfpipe.bench.world.run import Setup, Truth
 from lfpipe.bench.world.scene import SCENES, scene_of
 from lfpipe.bench.world.screen import Screen
-from lfpipe.bench.world.scripts import moving, recorded
-from lfpipe.config import Track
+from lfpipe.bench.world.scripts import MOVES_ABOUT, recorded
 from lfpipe.errors import UserError
 
 SCREEN = Screen(loop_ms=0.0)
-STILL = Camera(noise_px=0.0)
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -25,7 +23,7 @@ def test_stored_views_of_a_scene_are_its_exact_pictures(name: str) -> None:
     assert scene.field.disparity is not None and scene.field.disparity.std() > 0
     for row, col in ((0, 0), (scene.rows // 2, scene.cols // 2), (scene.rows - 1, scene.cols - 2)):
         exact = scene.picture((row, col))
-        pictures = Pictures.of(scene, settings(scene, SCREEN, Track()))
+        pictures = Pictures(Setup(scene=scene, screen=SCREEN))
         key = pictures.key(np.array(((row, col), (row, col)), np.float64))
         errors = pictures.errors([key], np.array([((row, col), (row, col))], np.float64))
         assert errors.levels.max() < 9, "a shift to the zero plane resamples the stored view"
@@ -34,9 +32,7 @@ def test_stored_views_of_a_scene_are_its_exact_pictures(name: str) -> None:
 
 
 def test_every_run_gives_the_same_bits() -> None:
-    scene = scene_of(SCENES[0])
-    config = settings(scene, SCREEN, Track())
-    one, other = (watch(scene, moving(), Camera(), SCREEN, config) for _ in range(2))
+    one, other = (Setup(screen=SCREEN).watch(MOVES_ABOUT) for _ in range(2))
     np.testing.assert_array_equal(one.views, other.views)
     assert one.keys == other.keys
 
@@ -52,10 +48,8 @@ def test_recorded_tracks_are_scripts(tmp_path: Path) -> None:
     places = script.people[0].path_px
     assert np.median(places[:, 2]) == pytest.approx(60, abs=0.1)
     assert np.ptp(places[:, 0]) == pytest.approx(0.6 * np.ptp(x), rel=0.02)
-    scene = scene_of(SCENES[0])
-    config = settings(scene, SCREEN, Track())
-    run = watch(scene, script, STILL, SCREEN, config)
-    figures = viewpoint_figures(run, Truth(scene, script, config), script)
+    setup = Setup(screen=SCREEN, camera=Camera(noise_px=0.0))
+    figures = viewpoint_figures(setup.watch(script), Truth(setup, script), script)
     assert figures["error_views"] < 0.3
     table.write_text(f"{head}\n1,2\n")
     with pytest.raises(UserError, match="not a head track"):

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Sequence
-from typing import Any, Self
+from typing import Any
 
 import attrs
 import numpy as np
@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from lfpipe.bench.glasses import GLASS, RED_CYAN, lightness
 from lfpipe.bench.results import Figures
-from lfpipe.bench.world.run import Run, Truth
-from lfpipe.bench.world.scene import WorldScene
+from lfpipe.bench.world.run import Run, Setup, Truth
 from lfpipe.bench.world.screen import Screen
 from lfpipe.bench.world.scripts import Script
-from lfpipe.config import Config, Render
+from lfpipe.config import Render
 from lfpipe.render.anaglyph import MATRICES, decoded
 from lfpipe.render.compositor import Compositor, Key
 from lfpipe.render.viewer import VIDEO_LEAD, video_frame
@@ -41,7 +40,7 @@ def viewpoint_figures(run: Run, truth: Truth, script: Script) -> Figures:
     power = 0.0
     behind = 0.0
     for window in script.windows:
-        inside = (run.ms >= window.from_s * 1e3) & (run.ms < window.to_s * 1e3)
+        inside = window.holds(run.ms)
         right = truth.views(run.ms[inside], window)
         shown = run.views[inside]
         off = np.linalg.norm(shown - right, axis=2).max(axis=1)
@@ -92,10 +91,7 @@ def _time_until_right(off: Float, ms: Float, event_ms: float) -> float:
 
 def samples(run: Run, script: Script, count: int) -> list[int]:
     """Refreshes spread evenly over the windows, whose pictures are compared."""
-    inside = np.zeros(len(run.ms), bool)
-    for window in script.windows:
-        inside |= (run.ms >= window.from_s * 1e3) & (run.ms < window.to_s * 1e3)
-    known = np.flatnonzero(inside)
+    known = np.flatnonzero(np.any([window.holds(run.ms) for window in script.windows], axis=0))
     places = np.linspace(0, len(known) - 1, min(count, len(known))).round().astype(int)
     return [int(known[place]) for place in np.unique(places)]
 
@@ -114,16 +110,13 @@ class Errors:
 class Pictures:
     """Draws pictures of a scene as the product does, and compares them with the exact ones."""
 
-    def __init__(self, scene: WorldScene, compositor: Compositor, pairs: Compositor) -> None:
-        self._scene = scene
-        self._compositor = compositor
-        self._pairs = pairs
-
-    @classmethod
-    def of(cls, scene: WorldScene, config: Config) -> Self:
-        """With the anaglyph of config; and with a view for each eye, in its own colours."""
-        whole = attrs.evolve(config.render, anaglyph="row-interleaved")
-        return cls(scene, Compositor(scene.field, config.render), Compositor(scene.field, whole))
+    def __init__(self, setup: Setup) -> None:
+        self._scene = setup.scene
+        render = setup.config.render
+        self._compositor = Compositor(self._scene.field, render)
+        # a view for each eye, in its own colours
+        whole = attrs.evolve(render, anaglyph="row-interleaved")
+        self._pairs = Compositor(self._scene.field, whole)
 
     def key(self, views: Float) -> Key:
         """The key of a picture for viewpoints (2, 2)."""

@@ -2,13 +2,14 @@
 
 import time
 from collections import deque
+from typing import NamedTuple
 
 import attrs
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.bench.world.camera import IMAGE, T0_NS, Camera, MadeEngine
-from lfpipe.bench.world.scene import WorldScene
+from lfpipe.bench.world.scene import SCENES, WorldScene, scene_of
 from lfpipe.bench.world.screen import PacedScreen, Screen
 from lfpipe.bench.world.scripts import Script, Window
 from lfpipe.config import Config, Render, Track
@@ -27,6 +28,32 @@ APARTS_PX = np.arange(5.0, 301.0)  # distances between the eyes at which the rig
 Float = NDArray[np.float64]
 
 
+@attrs.frozen(kw_only=True)
+class Setup:
+    """What stands before a viewer, and what follows them."""
+
+    scene: WorldScene = attrs.field(factory=lambda: scene_of(SCENES[0]))
+    camera: Camera = attrs.Factory(Camera)
+    screen: Screen = attrs.Factory(Screen)
+    track: Track | None = attrs.Factory(Track)
+    """None: the paper's plain loop."""
+    method: str = "auto"
+
+    @property
+    def config(self) -> Config:
+        """The configuration of a session before this screen."""
+        render = Render(
+            loop_ms=self.screen.loop_ms,
+            method=self.method,  # type: ignore[arg-type]
+            alpha_px=self.scene.alpha_px or "auto",
+        )
+        return Config(track=self.track or Track(), render=render)
+
+    def watch(self, script: Script) -> "Run":
+        """What is on the screen for a script."""
+        return plain_loop(self, script) if self.track is None else watch(self, script)
+
+
 @attrs.frozen(eq=False, kw_only=True)
 class Run:
     """What was on the screen: an entry per refresh of the screen, at the middle of its light."""
@@ -40,87 +67,72 @@ class Run:
     """The blanks that the pictures were made for."""
     cpu_ms: Float
     """Thread CPU of each choice of eyes, moment and viewpoint."""
-    track_ms: Float
-    """Thread CPU of each frame after its landmarks."""
     late: float = 0.0
     """Share of pictures that missed their blank."""
-
-    def keys_at(self, at: list[int]) -> list[Key]:
-        """The keys of the pictures at these refreshes."""
-        return [self.keys[k] for k in at]
 
     def key_at(self, ms: float) -> Key:
         """The key of the picture whose light is seen at ms."""
         return self.keys[max(int(np.searchsorted(self.ms, ms, side="right")) - 1, 0)]
 
 
-def settings(scene: WorldScene, screen: Screen, track: Track, method: str = "auto") -> Config:
-    """The configuration of a session before a screen."""
-    alpha_px = scene.alpha_px or "auto"
-    render = Render(loop_ms=screen.loop_ms, method=method, alpha_px=alpha_px)  # type: ignore[arg-type]
-    return Config(track=track, render=render)
+class Shown(NamedTuple):
+    """A picture that was handed over for a blank, due at a time."""
+
+    blank: int
+    due_ns: int
+    views: Float
+    key: Key
 
 
-def watch(scene: WorldScene, script: Script, camera: Camera, screen: Screen, config: Config) -> Run:
-    """The product's pictures of a scene for a script."""
-    engine = MadeEngine(script, camera)
+def watch(setup: Setup, script: Script) -> Run:
+    """The product's pictures for a script."""
+    screen = setup.screen
+    config = setup.config
+    engine = MadeEngine(script, setup.camera)
     loop_ns = round(screen.loop_ms * MS_NS)
     tracker = EyeTracker(config.track, loop_s=screen.loop_ms / 1e3, engine=engine)
-    viewer = Viewer(scene.field, config)
+    viewer = Viewer(setup.scene.field, config)
     source = EyesSource()
     clock = PacedScreen(screen)
     record = np.zeros((), EYES)
-    upcoming = deque(camera.frames(script.count_ms / 1e3))
+    upcoming = deque(setup.camera.frames(script.count_ms / 1e3))
     end_ns = T0_NS + script.count_ms * MS_NS - loop_ns
-    shown: list[tuple[int, int, Float, Key]] = []
-    key: Key | None = None
+    shown: list[Shown] = []
     choices = []
-    updates = []
     while True:
         begun_ns, due_ns = clock.begin()
         if due_ns > end_ns:
             break
         while upcoming and upcoming[0].tracked_ns <= begun_ns:
             frame = upcoming.popleft()
-            face = engine.look(frame)
-            started_ns = time.thread_time_ns()
-            tracker.update(face, frame.stamp_ns)
+            tracker.update(engine.look(frame), frame.stamp_ns)
             tracker.write(record, IMAGE)
-            newest = EyesRecord.of(record)
-            updates.append((time.thread_time_ns() - started_ns) / 1e6)
             stamps = frame.stamp_ns, frame.stamp_ns, frame.tracked_ns
-            source.update(newest, Stamp(frame.seq, frame.seq, 0, *stamps, 0))
+            source.update(EyesRecord.of(record), Stamp(frame.seq, frame.seq, 0, *stamps, 0))
         started_ns = time.thread_time_ns()
         moment = Moment.of(due_ns, clock.refresh.period_ns, loop_ns, on_blanks=True)
         choice = choose(viewer, source.at(begun_ns), moment)
         choices.append((time.thread_time_ns() - started_ns) / 1e6)
-        composed = choice.key != key
-        key = choice.key
+        composed = not shown or choice.key != shown[-1].key
         blank = clock.hand(begun_ns, due_ns, composed)
         views = np.array((choice.viewpoints.left, choice.viewpoints.right))
-        shown.append((blank, due_ns, views, key))
-    count = len(shown)
-    late = (clock.late + clock.missed) / count
-    return _on_screen(shown, screen, np.array(choices), np.array(updates), late)
+        shown.append(Shown(blank, due_ns, views, choice.key))
+    late = (clock.late + clock.missed) / len(shown)
+    return _on_screen(shown, screen, np.array(choices), late)
 
 
-def plain_loop(
-    scene: WorldScene, script: Script, camera: Camera, screen: Screen, config: Config
-) -> Run:
+def plain_loop(setup: Setup, script: Script) -> Run:
     """The paper's loop: the mean of 5 frames, a picture for each frame, the nearest views."""
-    engine = MadeEngine(script, camera)
-    truth = Truth(scene, script, config)
+    scene = setup.scene
+    screen = setup.screen
+    engine = MadeEngine(script, setup.camera)
     recent: deque[Float] = deque(maxlen=MEAN_OF)
-    shown: list[tuple[int, int, Float, Key]] = []
-    updates = []
+    shown: list[Shown] = []
     middle = np.array(((scene.rows - 1) / 2, (scene.cols - 1) / 2))
     rest = script.windows[0].rest
-    alpha_px = truth.alpha_px(np.array([rest.apart_px]))[0]
-    for frame in camera.frames(script.count_ms / 1e3):
-        faces = engine.measured(frame)
-        started_ns = time.thread_time_ns()
-        if faces:
-            recent.append(faces[0].eyes_px)
+    alpha_px = Truth(setup, script).alpha_px(np.array([rest.apart_px]))[0]
+    for frame in setup.camera.frames(script.count_ms / 1e3):
+        recent.extend(face.eyes_px for face in engine.measured(frame)[:1])
         if not recent:
             continue
         eyes = np.mean(recent, axis=0)
@@ -128,35 +140,24 @@ def plain_loop(
         cols = middle[1] + (rest.x_px - eyes[:, 0]) / alpha_px
         views = np.stack([np.full(2, rows), cols], axis=1)
         views = np.clip(np.rint(views), 0, (scene.rows - 1, scene.cols - 1))
-        updates.append((time.thread_time_ns() - started_ns) / 1e6)
         blank = int((frame.tracked_ns - T0_NS) / screen.period_ns) + 1
         left, right = views.tolist()
         key = (0, (left[0], left[1]), (right[0], right[1]))
-        shown.append((blank, screen.blank_ns(blank), views, key))
-    return _on_screen(shown, screen, np.zeros(1), np.array(updates))
+        shown.append(Shown(blank, screen.blank_ns(blank), views, key))
+    return _on_screen(shown, screen, np.zeros(1))
 
 
-def _on_screen(
-    shown: list[tuple[int, int, Float, Key]],
-    screen: Screen,
-    cpu_ms: Float,
-    track_ms: Float,
-    late: float = 0.0,
-) -> Run:
+def _on_screen(shown: list[Shown], screen: Screen, cpu_ms: Float, late: float = 0.0) -> Run:
     """What stands on the screen at every blank: the newest picture handed over for it or before."""
-    first = shown[0][0]
-    blanks = np.arange(first, shown[-1][0] + 1)
-    at = np.array([one[0] for one in shown])
+    at = np.array([one.blank for one in shown])
+    blanks = np.arange(at[0], at[-1] + 1)
     newest = np.searchsorted(at, blanks, side="right") - 1
-    ms = (blanks + 0.5) * screen.period_ns / MS_NS + screen.loop_ms
-    views = np.array([one[2] for one in shown])
     return Run(
-        ms=ms,
-        views=views[newest],
-        keys=[shown[k][3] for k in newest],
-        targets_ns=[shown[k][1] for k in newest],
+        ms=(blanks + 0.5) * screen.period_ns / MS_NS + screen.loop_ms,
+        views=np.array([shown[k].views for k in newest]),
+        keys=[shown[k].key for k in newest],
+        targets_ns=[shown[k].due_ns for k in newest],
         cpu_ms=cpu_ms,
-        track_ms=track_ms,
         late=late,
     )
 
@@ -166,14 +167,14 @@ class Truth:
     `lfpipe.render.viewpoint`, with the alpha for the true distance.
     """
 
-    def __init__(self, scene: WorldScene, script: Script, config: Config) -> None:
-        self._scene = scene
+    def __init__(self, setup: Setup, script: Script) -> None:
+        self._scene = setup.scene
         self._script = script
-        self._config = config
-        fixed = config.render.alpha_px
+        self._render = setup.config.render
+        fixed = self._render.alpha_px
         if isinstance(fixed, str):
             views = [
-                parallax(config, scene.field, IMAGE.shape[1], apart).views_between_eyes
+                parallax(setup.config, self._scene.field, IMAGE.shape[1], apart).views_between_eyes
                 for apart in APARTS_PX.tolist()
             ]
             self._alphas_px = APARTS_PX / views
@@ -192,11 +193,11 @@ class Truth:
         eyes = someone.eyes_px(whole)
         alpha_px = self.alpha_px(eyes[:, 0, 0] - eyes[:, 1, 0])[:, None]
         centre = window.rest
-        if not isinstance(self._config.render.alpha_px, str):  # the grid is fixed to the camera
+        if not isinstance(self._render.alpha_px, str):  # the grid is fixed to the camera
             centre = centre._replace(x_px=IMAGE.shape[1] / 2, y_px=IMAGE.shape[0] / 2)
         cols = (scene.cols - 1) / 2 + (centre.x_px - eyes[..., 0]) / alpha_px
         rows = (scene.rows - 1) / 2 + (eyes[..., 1] - centre.y_px) / alpha_px
-        reach = self._config.render.extrapolate_views
+        reach = self._render.extrapolate_views
         inside = [pair_clamped(left, right, scene.cols, reach) for left, right in cols.tolist()]
         row = [limited(row, 0.0, scene.rows - 1.0, reach) for row in rows[:, 0].tolist()]
         return np.stack([np.repeat(np.array(row)[:, None], 2, axis=1), np.array(inside)], axis=2)

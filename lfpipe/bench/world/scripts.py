@@ -6,7 +6,7 @@ Hogan 1985), unless they are even.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import attrs
@@ -57,6 +57,10 @@ class Window:
     event: bool = False
     """It begins with an event, from which the time until the picture is right counts."""
 
+    def holds(self, ms: Float) -> NDArray[np.bool_]:
+        """Which of these moments lie in it."""
+        return np.asarray((ms >= self.from_s * 1e3) & (ms < self.to_s * 1e3))
+
 
 @attrs.frozen(kw_only=True)
 class Glitch:
@@ -105,6 +109,25 @@ def path(seconds: float, start: Place, *moves: Move) -> Float:
     return places
 
 
+def swayed(
+    places: Float,
+    reach_px: float,
+    rate_hz: float,
+    up: float = 0.3,
+    from_s: float = 2.0,
+    to_s: float = math.inf,
+) -> Float:
+    """A path with a sway that grows from from_s on and has ended at to_s. up: its height as a share
+    of its width.
+    """
+    t_s = np.arange(len(places)) / 1000
+    since_s = np.maximum(t_s - from_s, 0.0)
+    share = minimum_jerk(np.minimum(since_s, 1.0)) * minimum_jerk(np.clip(to_s - t_s, 0, 1))
+    angle = 2 * math.pi * rate_hz * since_s
+    sway = np.stack([np.sin(angle), up * np.sin(1.7 * angle), 0 * angle], axis=1)
+    return np.asarray(places + reach_px * share[:, None] * sway, np.float64)
+
+
 def person(places: Float, *dips: tuple[float, float, float], still: bool = False) -> Person:
     """A person on a path. dips: (from_s, to_s, logit) of times of other confidence."""
     logit = np.full(len(places), SUREST)
@@ -113,222 +136,170 @@ def person(places: Float, *dips: tuple[float, float, float], still: bool = False
     return Person(path_px=places, logit=logit, still=still)
 
 
-def sway(seconds: float, reach_px: float, rate_hz: float, up: float = 0.3) -> Float:
-    """A sway about SEAT from 2 s on. up: its height as a share of its width."""
-    places = path(seconds, SEAT)
-    t_s = np.maximum(np.arange(len(places)) / 1000 - 2.0, 0.0)
-    grown = minimum_jerk(np.minimum(t_s, 1.0)) * reach_px
-    angle = 2 * math.pi * rate_hz * t_s
-    places[:, 0] += grown * np.sin(angle)
-    places[:, 1] += grown * up * np.sin(1.7 * angle)
-    return places
+def _at(x: float, y: float = 240.0, apart: float = 60.0) -> Place:
+    return x, y, apart
 
 
 SEATED = Rest(*SEAT)
 SETTLED_S = 2.0  # after somebody sat down: the rest is measured, and the neutral position eased
+HIDDEN = -9.0  # logit of a face that cannot be found
+OUT_RIGHT = _at(730.0)
+OUT_LEFT = _at(-90.0)
+
+
+def settled(to_s: float, from_s: float = SETTLED_S, rest: Rest = SEATED) -> Window:
+    """The time in which somebody has settled, by default the viewer at SEAT."""
+    return Window(from_s=from_s, to_s=to_s, rest=rest)
+
+
+def after(event_s: float, to_s: float, rest: Rest = SEATED, person: int = 0) -> Window:
+    """The time after an event."""
+    return Window(from_s=event_s, to_s=to_s, rest=rest, person=person, event=True)
 
 
 def seated(name: str, places: Float, *glitches: Glitch, event_s: float = 0.0) -> Script:
     """A viewer who sits down at SEAT and stays near it. event_s: of what happens to them."""
     seconds = len(places) / 1000
-    windows = [Window(from_s=SETTLED_S, to_s=event_s or seconds, rest=SEATED)]
-    if event_s:
-        windows.append(Window(from_s=event_s, to_s=seconds, rest=SEATED, event=True))
+    windows = [settled(event_s or seconds)] + [after(event_s, seconds)] * (event_s > 0)
     return Script(name=name, people=(person(places),), windows=tuple(windows), glitches=glitches)
-
-
-def _at(x: float, y: float = 240.0, apart: float = 60.0) -> Place:
-    return x, y, apart
-
-
-OUT_RIGHT = _at(730.0)
-OUT_LEFT = _at(-90.0)
-
-
-def _steps() -> Script:
-    """Steps of 50 px at 200 px/s, with rests between them."""
-    moves = [
-        Move(2.0 + k, 2.25 + k, _at(320.0 + (50.0 if k % 2 == 0 else 0.0), 240.0), even=True)
-        for k in range(6)
-    ]
-    return seated("steps", path(8.5, SEAT, *moves))
-
-
-def _leans() -> Script:
-    """Out of the zone and back, with as long a stay as is no new seat."""
-    moves = Move(2.5, 3.3, _at(470.0)), Move(3.6, 4.4, SEAT)
-    return seated("leans out", path(6.0, SEAT, *moves), event_s=4.4)
-
-
-def _nearer() -> Script:
-    """Towards the screen and back."""
-    moves = Move(2.5, 3.5, _at(320.0, 240.0, 85.0)), Move(4.5, 5.5, SEAT)
-    return seated("leans in", path(7.5, SEAT, *moves))
 
 
 def _leaves(away_s: float) -> Script:
     """Leaves through the right side, and comes back elsewhere from the left."""
     goal = _at(190.0)
+    leaving = path(3.2, SEAT, Move(2.2, 3.2, OUT_RIGHT))
+    back = path(5.0, OUT_LEFT, Move(0.0, 1.0, goal))
     back_s = 3.2 + away_s
-    seconds = back_s + 5.0
-    places = path(seconds, SEAT, Move(2.2, 3.2, OUT_RIGHT), Move(back_s, back_s + 1.0, goal))
-    gone = slice(round(3.2 * 1000), round(back_s * 1000))
-    places[gone] = OUT_LEFT
-    back = path(seconds - back_s, OUT_LEFT, Move(0.0, 1.0, goal))
-    places[round(back_s * 1000) :] = back
-    windows = [Window(from_s=SETTLED_S, to_s=2.4, rest=SEATED)]
-    if away_s < 10.0:  # until a rest elsewhere, the seat is the old one
-        windows.append(Window(from_s=back_s + 1.0, to_s=back_s + 1.9, rest=SEATED, event=True))
-    rest = Rest(*goal)
-    windows.append(Window(from_s=back_s + 2.0, to_s=seconds, rest=rest, event=True))
+    # until a rest elsewhere, the seat is the old one
+    sat_down = [after(back_s + 1.0, back_s + 1.9)] * (away_s < 10.0)
     return Script(
-        name=f"back elsewhere after {away_s:g} s", people=(person(places),), windows=tuple(windows)
+        name=f"back elsewhere after {away_s:g} s",
+        people=(person(np.concatenate([leaving, path(away_s, OUT_LEFT), back])),),
+        windows=(settled(2.4), *sat_down, after(back_s + 2.0, back_s + 5.0, Rest(*goal))),
     )
-
-
-def _leaves_for_good() -> Script:
-    """Leaves through the right side; the view holds and eases to its middle."""
-    places = path(9.0, SEAT, Move(2.2, 3.2, OUT_RIGHT))
-    windows = (Window(from_s=SETTLED_S, to_s=2.4, rest=SEATED),)
-    return Script(name="leaves sideways", people=(person(places),), windows=windows)
-
-
-def _found_again() -> Script:
-    """Leaves beyond the zone, is half out of the picture, and comes back to the seat."""
-    places = path(8.0, SEAT, Move(2.2, 3.0, _at(640.0)), Move(3.6, 4.6, SEAT))
-    windows = (
-        Window(from_s=SETTLED_S, to_s=2.4, rest=SEATED),
-        Window(from_s=4.6, to_s=8.0, rest=SEATED, event=True),
-    )
-    return Script(name="half out of the picture", people=(person(places),), windows=windows)
-
-
-def _taken_over() -> Script:
-    """The viewer leans beyond the zone and hides; another, who stood behind, is followed."""
-    leaning = path(9.0, SEAT, Move(2.2, 3.0, _at(400.0)))
-    other = path(9.0, _at(500.0, 230.0, 52.0))
-    rest = Rest(500.0, 230.0, 52.0)
-    windows = (
-        Window(from_s=SETTLED_S, to_s=2.3, rest=SEATED),
-        Window(from_s=5.2, to_s=9.0, rest=rest, person=1, event=True),
-    )
-    people = person(leaning, (3.4, 9.0, -9.0)), person(other)
-    return Script(name="another takes over", people=people, windows=windows)
-
-
-def _two_people() -> Script:
-    """A neighbour as near as the viewer stays beside; somebody passes behind."""
-    places = sway(8.0, 30.0, 0.5)
-    neighbour = person(path(8.0, _at(520.0, 250.0, 55.0)))
-    passer = person(path(8.0, _at(30.0, 200.0, 34.0), Move(2.5, 6.5, _at(610.0, 200.0, 34.0))))
-    windows = (Window(from_s=SETTLED_S, to_s=8.0, rest=SEATED),)
-    people = person(places), neighbour, passer
-    return Script(name="two people and a passer-by", people=people, windows=windows)
-
-
-def _portrait() -> Script:
-    """A portrait on the wall is found first; then a viewer sits down beside it, and moves."""
-    portrait = person(path(20.0, _at(330.0, 180.0, 42.0)), still=True)
-    home = _at(240.0, 270.0, 52.0)
-    places = path(20.0, _at(-90.0, 270.0, 52.0), Move(4.0, 5.0, home))
-    t_s = np.maximum(np.arange(len(places)) / 1000 - 7.0, 0.0)
-    places[:, 0] += 15.0 * np.minimum(t_s, 1.0) * np.sin(math.pi * t_s)
-    rest = Rest(*home)
-    windows = (Window(from_s=10.0, to_s=20.0, rest=rest, person=1, event=True),)
-    people = portrait, person(places)
-    return Script(name="portrait first", people=people, windows=windows)
-
-
-def _walks_in() -> Script:
-    """Comes in at 1 m/s to an empty seat."""
-    start = _at(-90.0, 250.0)
-    seconds = 6.5
-    places = path(seconds, start, Move(1.0, 1.8, SEAT))
-    windows = (Window(from_s=1.0 + SETTLED_S, to_s=seconds, rest=SEATED, event=True),)
-    people = (person(places),)
-    return Script(name="walks in", people=people, windows=windows, steps_from_s=0.0)
-
-
-def _found_at_border() -> Script:
-    """A face appears at the border of the picture and stays there."""
-    place = _at(600.0, 245.0, 55.0)
-    places = path(6.0, place)
-    windows = (Window(from_s=1.0 + SETTLED_S, to_s=6.0, rest=Rest(*place)),)
-    hidden = person(places, (0.0, 1.0, -9.0))
-    return Script(name="found at the border", people=(hidden,), windows=windows, steps_from_s=0.0)
-
-
-def _unsure() -> Script:
-    """The confidence falls while the head moves at 200 px/s."""
-    places = path(6.0, SEAT, Move(2.5, 2.9, _at(370.0)), Move(3.5, 3.9, SEAT))
-    windows = (
-        Window(from_s=SETTLED_S, to_s=2.6, rest=SEATED),
-        Window(from_s=4.2, to_s=6.0, rest=SEATED, event=True),
-    )
-    people = (person(places, (2.7, 3.1, 6.0), (3.7, 4.1, 6.0)),)
-    return Script(name="confidence falls while moving", people=people, windows=windows)
-
-
-def _hidden() -> Script:
-    """No face for 0.3 s; then it is 30 px aside."""
-    places = path(6.0, SEAT, Move(2.5, 2.8, _at(350.0)))
-    windows = (
-        Window(from_s=SETTLED_S, to_s=2.5, rest=SEATED),
-        Window(from_s=2.8, to_s=6.0, rest=SEATED, event=True),
-    )
-    people = (person(places, (2.5, 2.8, -9.0)),)
-    return Script(name="hidden for 0.3 s", people=people, windows=windows)
 
 
 def _glitch(name: str, left: float, right: float, frames: int = 1) -> Script:
     """Wrong landmarks at rest and, after 4 s, in motion."""
-    places = sway(6.0, 30.0, 0.5)
-    places[:3500] = SEAT
-    places[3500:] = path(2.5, SEAT, Move(0.0, 1.5, _at(360.0)))
     glitches = [Glitch(at_s=at_s, left=left, right=right, frames=frames) for at_s in (2.51, 4.24)]
-    return seated(name, places, *glitches, event_s=2.51)
+    return seated(name, path(6.0, SEAT, Move(3.5, 5.0, _at(360.0))), *glitches, event_s=2.51)
 
 
-SCRIPTS: tuple[Callable[[], Script], ...] = (
-    lambda: seated("sits", path(6.0, SEAT)),
-    lambda: seated("sways at 0.5 Hz", sway(7.0, 40.0, 0.5)),
-    lambda: seated("sways at 1 Hz", sway(6.0, 40.0, 1.0)),
-    lambda: seated("sways at 2 Hz", sway(6.0, 25.0, 2.0)),
-    _steps,
-    lambda: seated("shakes", sway(5.0, 18.0, 3.5, 0.0)),
-    _leans,
-    _nearer,
-    _leaves_for_good,
-    _found_again,
-    _taken_over,
-    lambda: _leaves(2.0),
-    lambda: _leaves(12.0),
-    _walks_in,
-    _found_at_border,
-    _unsure,
-    _hidden,
-    lambda: _glitch("one frame wrong by .12", 0.12, 0.12),
-    lambda: _glitch("one frame wrong by .58", 0.58, 0.58),
-    lambda: _glitch("one eye wrong by .28", 0.28, 0.0),
-    lambda: _glitch("two frames wrong by .58", 0.58, 0.58, 2),
-    _two_people,
-    _portrait,
+def _steps(count: int, from_s: float) -> list[Move]:
+    """Steps of 50 px at 200 px/s to the right and back, with rests between them."""
+    return [
+        Move(from_s + k, from_s + 0.25 + k, _at(320.0 + 50.0 * (k % 2 == 0)), even=True)
+        for k in range(count)
+    ]
+
+
+SCRIPTS = (
+    seated("sits", path(6.0, SEAT)),
+    seated("sways at 0.5 Hz", swayed(path(7.0, SEAT), 40.0, 0.5)),
+    seated("sways at 1 Hz", swayed(path(6.0, SEAT), 40.0, 1.0)),
+    seated("sways at 2 Hz", swayed(path(6.0, SEAT), 25.0, 2.0)),
+    seated("steps", path(8.5, SEAT, *_steps(6, 2.0))),
+    seated("shakes", swayed(path(5.0, SEAT), 18.0, 3.5, up=0.0)),
+    # out of the zone and back, with as long a stay as is no new seat
+    seated(
+        "leans out",
+        path(6.0, SEAT, Move(2.5, 3.3, _at(470.0)), Move(3.6, 4.4, SEAT)),
+        event_s=4.4,
+    ),
+    # towards the screen and back
+    seated(
+        "leans in",
+        path(7.5, SEAT, Move(2.5, 3.5, _at(320.0, apart=85.0)), Move(4.5, 5.5, SEAT)),
+    ),
+    # through the right side and for good; the view holds and eases to its middle
+    Script(
+        name="leaves sideways",
+        people=(person(path(9.0, SEAT, Move(2.2, 3.2, OUT_RIGHT))),),
+        windows=(settled(2.4),),
+    ),
+    # beyond the zone, half out of the picture, and back to the seat
+    Script(
+        name="half out of the picture",
+        people=(person(path(8.0, SEAT, Move(2.2, 3.0, _at(640.0)), Move(3.6, 4.6, SEAT))),),
+        windows=(settled(2.4), after(4.6, 8.0)),
+    ),
+    # the viewer leans beyond the zone and hides; another, who stood behind, is followed
+    Script(
+        name="another takes over",
+        people=(
+            person(path(9.0, SEAT, Move(2.2, 3.0, _at(400.0))), (3.4, 9.0, HIDDEN)),
+            person(path(9.0, _at(500.0, 230.0, 52.0))),
+        ),
+        windows=(settled(2.3), after(5.2, 9.0, Rest(500.0, 230.0, 52.0), person=1)),
+    ),
+    _leaves(2.0),
+    _leaves(12.0),
+    # at 1 m/s, to an empty seat
+    Script(
+        name="walks in",
+        people=(person(path(6.5, _at(-90.0, 250.0), Move(1.0, 1.8, SEAT))),),
+        windows=(after(1.0 + SETTLED_S, 6.5),),
+        steps_from_s=0.0,
+    ),
+    # appears at the border of the picture and stays there
+    Script(
+        name="found at the border",
+        people=(person(path(6.0, _at(600.0, 245.0, 55.0)), (0.0, 1.0, HIDDEN)),),
+        windows=(settled(6.0, 1.0 + SETTLED_S, Rest(600.0, 245.0, 55.0)),),
+        steps_from_s=0.0,
+    ),
+    # the confidence falls while the head moves at 200 px/s
+    Script(
+        name="confidence falls while moving",
+        people=(
+            person(
+                path(6.0, SEAT, Move(2.5, 2.9, _at(370.0)), Move(3.5, 3.9, SEAT)),
+                (2.7, 3.1, 6.0),
+                (3.7, 4.1, 6.0),
+            ),
+        ),
+        windows=(settled(2.6), after(4.2, 6.0)),
+    ),
+    # no face for a time, and then 30 px aside
+    Script(
+        name="hidden for 0.3 s",
+        people=(person(path(6.0, SEAT, Move(2.5, 2.8, _at(350.0))), (2.5, 2.8, HIDDEN)),),
+        windows=(settled(2.5), after(2.8, 6.0)),
+    ),
+    _glitch("one frame wrong by .12", 0.12, 0.12),
+    _glitch("one frame wrong by .58", 0.58, 0.58),
+    _glitch("one eye wrong by .28", 0.28, 0.0),
+    _glitch("two frames wrong by .58", 0.58, 0.58, 2),
+    # a neighbour as near as the viewer stays beside; somebody passes behind
+    Script(
+        name="two people and a passer-by",
+        people=(
+            person(swayed(path(8.0, SEAT), 30.0, 0.5)),
+            person(path(8.0, _at(520.0, 250.0, 55.0))),
+            person(path(8.0, _at(30.0, 200.0, 34.0), Move(2.5, 6.5, _at(610.0, 200.0, 34.0)))),
+        ),
+        windows=(settled(8.0),),
+    ),
+    # a portrait on the wall is found first; then a viewer sits down beside it, and moves
+    Script(
+        name="portrait first",
+        people=(
+            person(path(20.0, _at(330.0, 180.0, 42.0)), still=True),
+            person(
+                swayed(
+                    path(20.0, _at(-90.0, 270.0, 52.0), Move(4.0, 5.0, _at(240.0, 270.0, 52.0))),
+                    reach_px=15.0,
+                    rate_hz=0.5,
+                    up=0.0,
+                    from_s=7.0,
+                )
+            ),
+        ),
+        windows=(after(10.0, 20.0, Rest(240.0, 270.0, 52.0), person=1),),
+    ),
 )
-
-
-def moving() -> Script:
-    """Sways at 0.7 Hz, then takes steps at 200 px/s."""
-    steps = [Move(6.0 + k, 6.25 + k, _at(320.0 + 50.0 * (k % 2 == 0)), even=True) for k in range(4)]
-    places = path(10.0, SEAT, *steps)
-    swaying = sway(10.0, 40.0, 0.7) - SEAT
-    t_s = np.arange(len(places)) / 1000
-    places += swaying * minimum_jerk(np.clip(5.5 - t_s, 0, 1))[:, None]
-    return seated("moves about", places)
-
-
-def scripts() -> Iterator[Script]:
-    """All of SCRIPTS."""
-    return (make() for make in SCRIPTS)
+# sways at 0.7 Hz, then takes steps at 200 px/s
+MOVES_ABOUT = seated("moves about", swayed(path(10.0, SEAT, *_steps(4, 6.0)), 40.0, 0.7, to_s=5.5))
 
 
 def recorded(paths: Sequence[Path]) -> Iterator[Script]:
@@ -337,6 +308,6 @@ def recorded(paths: Sequence[Path]) -> Iterator[Script]:
         places, visible = read_track(one)
         places += (FRAME_PX[0] / 2, FRAME_PX[1] / 2, 0.0)
         rest = Rest(*np.median(places[: round(SETTLED_S * 1000)], axis=0).tolist())
-        window = Window(from_s=SETTLED_S, to_s=len(places) / 1000, rest=rest)
-        viewer = Person(path_px=places, logit=np.where(visible, SUREST, -9.0))
+        viewer = Person(path_px=places, logit=np.where(visible, SUREST, HIDDEN))
+        window = settled(len(places) / 1000, rest=rest)
         yield Script(name=one.stem, people=(viewer,), windows=(window,))
