@@ -312,11 +312,11 @@ class Portrait(NamedTuple):
         return np.asarray(out, np.uint8), self.eyes @ linear.T + matrix[:, 2]
 
 
-def portraits(folder: Path) -> Iterator[Portrait]:
+def portraits(folder: Path, kinds: str = KINDS) -> Iterator[Portrait]:
     with (folder / "eyes_truth.csv").open(newline="") as file:
         for row in csv.DictReader(file):
             path = folder / "imm" / Path(row["frame_or_file"]).name
-            if row["set"] == "imm" and row["kind"] == "contour8_mean" and path.stem[3] in KINDS:
+            if row["set"] == "imm" and row["kind"] == "contour8_mean" and path.stem[3] in kinds:
                 eyes = np.array([float(row[name]) for name in NAMES]).reshape(2, 2)
                 yield Portrait(np.asarray(cv2.imread(str(path)), np.uint8), eyes)
 

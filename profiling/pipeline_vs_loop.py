@@ -23,6 +23,7 @@ from lfpipe.bench.pipeline import (
     SessionRun,
     run_loop,
     run_session,
+    settings_of,
     write_views,
 )
 from lfpipe.config import load
@@ -88,12 +89,7 @@ def main() -> None:
         cols=field.cols,
         decode=fast,
     )
-    options = [
-        f"--set=render.alpha_px={PAPER_ALPHA_PX}",
-        "--config",
-        args.config,
-        *(f"--set={text}" for text in args.sets),
-    ]
+    options = settings_of(args.config, [f"render.alpha_px={PAPER_ALPHA_PX}", *args.sets])
     pairs = []
     for k in range(args.rounds):
         runs = {

@@ -21,7 +21,8 @@ LAYERS = (
     {"capture", "track", "render", "record", "share"},
     {"supervisor"},
     {"replays", "observe", "export"},
-    {"bench", "api"},
+    {"api"},
+    {"bench"},
     {"sweep"},
     {"cli"},
 )

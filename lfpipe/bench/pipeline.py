@@ -5,13 +5,11 @@ against CPU and latency.
 import contextlib
 import itertools
 import json
-import os
-import signal
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,13 +20,14 @@ import numpy as np
 import psutil
 from numpy.typing import NDArray
 
+from lfpipe.api.session import Session
 from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.paper_loop import Loop
 from lfpipe.bench.results import Figures, rms
 from lfpipe.bench.runner import Candidate, Offer
-from lfpipe.config import Render
+from lfpipe.config import Render, converter, load
+from lfpipe.config.check import flat
 from lfpipe.files.safe_files import write_file
-from lfpipe.host.files import exists
 from lfpipe.scene.lightfield import LightField
 from lfpipe.sequence.eyes import Truth
 from lfpipe.sequence.folder import is_sequence
@@ -36,7 +35,6 @@ from lfpipe.track.models import package_folder
 
 PAPER_ALPHA_PX = 12.0  # px of the camera per view: chosen by hand, as the paper does
 STEADY_S = 1.0  # after the first picture every stage has started and found the face
-POLL_S, START_S = 0.05, 90.0  # until a first picture; a scene may be packed first
 LEAST_S, MAX_S = 1.0, 16.0  # of a measured session: enough for a median; the whole demo sequence
 SIDES = ("left", "right")
 STEP_NS, SKIP_NS, STILL_MS = 1_000_000, 1_000_000_000, 400  # of an aligned trace
@@ -55,64 +53,46 @@ class SessionRun:
     first_s: float
 
 
-def _cpu_ms(process: psutil.Process) -> float:
-    """CPU time of a process and its living descendants so far."""
+def _cpu_ms() -> float:
+    """CPU time of the living descendants of this process so far."""
     total = 0.0
-    for one in [process, *process.children(recursive=True)]:
+    for one in psutil.Process().children(recursive=True):
         with contextlib.suppress(psutil.Error):  # it has ended
             total += 1e3 * sum(one.cpu_times()[:2])
     return total
 
 
-def run_session(
-    scene: Path, video: Path, seconds: float, options: Sequence[str], pace: str = ""
-) -> SessionRun:
-    """`lfpipe up` on a scene and a video without a display, for `seconds` from its first picture
-    on.
+def settings_of(file: str, sets: Sequence[str] = ()) -> dict[str, Any]:
+    """Every key with its value, of a configuration file or a preset with changes."""
+    return {str(key): value for key, value in flat(converter().unstructure(load(file, sets)))}
 
-    options: of the command line. pace: of the video, in Hz, or "max". Raises RuntimeError if the
-    session fails.
+
+def run_session(
+    scene: Path, video: Path, seconds: float, settings: Mapping[str, Any], pace: str = ""
+) -> SessionRun:
+    """A session on a scene and a video without a display, for `seconds` from its first picture on.
+
+    pace: of the video, in Hz, or "max". Raises UserError if the session fails.
     """
     with tempfile.TemporaryDirectory() as folder:
         trace = Path(folder, "trace.jsonl")
-        camera = f"file:{video}?loop=1" + (f"&pace={pace}" if pace else "")
-        command = [sys.executable, "-m", "lfpipe", "up", str(scene), "--camera", camera]
-        # measure the requested quality even if it is too slow
-        command += ["--set=governor.quality=fixed"]
-        command += [
-            "--display",
-            "none",
-            "--trace",
-            str(trace),
-            "--session",
-            f"bench{os.getpid()}x{time.monotonic_ns() % 10**6}",
-        ]
         started_ns = time.monotonic_ns()
-        process = subprocess.Popen(
-            [*command, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        session = Session(
+            scene,
+            camera=f"file:{video}?loop=1" + (f"&pace={pace}" if pace else ""),
+            display="none",
+            trace=trace,
+            # measure the requested quality even if it is too slow
+            settings={**settings, "governor.quality": "fixed"},
         )
-        try:
-            while process.poll() is None and not (exists(trace) and trace.stat().st_size):
-                if time.monotonic_ns() - started_ns > START_S * 1e9:
-                    raise RuntimeError(f"no picture within {START_S:g} s")
-                time.sleep(POLL_S)
+        with session:
             time.sleep(STEADY_S)
             begun_s = time.monotonic()
-            used_ms = _cpu_ms(psutil.Process(process.pid))
+            used_ms = _cpu_ms()
             time.sleep(max(seconds - STEADY_S, LEAST_S))
-            cpu_ms_s = (_cpu_ms(psutil.Process(process.pid)) - used_ms) / (
-                time.monotonic() - begun_s
-            )
-            process.send_signal(signal.SIGINT)
-            _, err = process.communicate(timeout=30)
-        finally:
-            if process.poll() is None:
-                process.kill()
-                process.communicate()
-        if process.returncode:
-            raise RuntimeError(
-                f"`lfpipe up` exited with {process.returncode}: {err.strip()[-300:]}"
-            )
+            cpu_ms_s = (_cpu_ms() - used_ms) / (time.monotonic() - begun_s)
+            session.stop()
+            session.wait()  # raises if it failed
         rows = [json.loads(line) for line in trace.read_text().splitlines()]
         return SessionRun(rows, cpu_ms_s, (rows[0]["t_presented_ns"] - started_ns) / 1e9)
 
@@ -261,11 +241,11 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
         yield "warped views: the scene has no disparity, or blending is as good"
     alpha_px = _alpha_px(inputs)
     width_px, height_px = sequence.size_px
-    common = [
-        f"--set=render.alpha_px={alpha_px:.3f}",
-        f"--set=camera.width_px={width_px}",
-        f"--set=camera.height_px={height_px}",
-    ]
+    common = {
+        "render.alpha_px": round(alpha_px, 3),
+        "camera.width_px": width_px,
+        "camera.height_px": height_px,
+    }
     seconds = min(STEADY_S + sequence.count / sequence.rate_hz, MAX_S)  # the sequence once
 
     def candidate(
@@ -280,8 +260,8 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
             used=used,
         )
 
-    def session(*options: str) -> Callable[[], SessionRun]:
-        return partial(run_session, inputs.scene[0], sequence.path, seconds, [*common, *options])
+    def session(settings: dict[str, Any]) -> Callable[[], SessionRun]:
+        return partial(run_session, inputs.scene[0], sequence.path, seconds, settings | common)
 
     def loop() -> SessionRun:
         views = write_views(field, inputs.work / "views" / str(field.manifest["key"]))
@@ -305,11 +285,11 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
         )
     else:
         yield candidate("paper as a plain loop", loop, True)
-    yield candidate("paper's configuration", session("--config", "paper"), True)
+    yield candidate("paper's configuration", session(settings_of("paper")), True)
     for clock, method in itertools.product(
         ("display", "camera"), [best] if inputs.quick else ["nearest", best]
     ):
-        run = session(f"--set=render.clock={clock}", f"--set=render.method={method}")
+        run = session({"render.clock": clock, "render.method": method})
         yield candidate(
             f"{clock} clock, {method}", run, used=(clock, method) == (usual.clock, field.method)
         )

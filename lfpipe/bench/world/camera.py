@@ -82,8 +82,23 @@ class Frame:
     tracked_ns: int
 
 
-class MadeEngine(LitertEngine):
-    """The engine in use, with made faces in place of its three networks."""
+class WorldEngine(LitertEngine):
+    """The engine in use before a made camera."""
+
+    def picture(self, frame: Frame) -> NDArray[np.uint8]:
+        """What the camera sees: uint8 (480, 640, 3) BGR."""
+        raise NotImplementedError
+
+    def look(self, frame: Frame) -> tuple[Face | None, NDArray[np.uint8]]:
+        """The face that the engine follows in a frame, and the picture."""
+        picture = self.picture(frame)
+        face = self.detect(picture)
+        self.examine(picture)
+        return face, picture
+
+
+class MadeEngine(WorldEngine):
+    """Made faces in place of its three networks."""
 
     def __init__(self, script: Script, camera: Camera) -> None:
         self._script = script
@@ -104,13 +119,11 @@ class MadeEngine(LitertEngine):
     def _far(self) -> Any:
         return self._made
 
-    def look(self, frame: Frame) -> Face | None:
-        """The face that the engine follows in a frame."""
-        self._faces = [*self._visible(frame)]
+    def picture(self, frame: Frame) -> NDArray[np.uint8]:
+        """An empty one: its faces stand in for what the networks find in it."""
+        self._faces = self._visible(frame)
         self._made.faces = self._faces
-        face = self.detect(IMAGE)
-        self.examine(IMAGE)
-        return face
+        return IMAGE
 
     def measured(self, frame: Frame) -> list["MadeFace"]:
         """All faces of a frame, the surest and largest first."""

@@ -8,7 +8,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.bench.world.camera import IMAGE, T0_NS, Camera, MadeEngine
+from lfpipe.bench.world.camera import IMAGE, T0_NS, Camera, MadeEngine, WorldEngine
 from lfpipe.bench.world.scene import SCENES, WorldScene, scene_of
 from lfpipe.bench.world.screen import PacedScreen, Screen
 from lfpipe.bench.world.scripts import Script, Window
@@ -51,7 +51,9 @@ class Setup:
 
     def watch(self, script: Script) -> "Run":
         """What is on the screen for a script."""
-        return plain_loop(self, script) if self.track is None else watch(self, script)
+        if self.track is None:
+            return plain_loop(self, script)
+        return watch(self, MadeEngine(script, self.camera), script.count_ms / 1e3)
 
 
 @attrs.frozen(eq=False, kw_only=True)
@@ -84,19 +86,18 @@ class Shown(NamedTuple):
     key: Key
 
 
-def watch(setup: Setup, script: Script) -> Run:
-    """The product's pictures for a script."""
+def watch(setup: Setup, engine: WorldEngine, seconds: float) -> Run:
+    """The product's pictures for what an engine sees."""
     screen = setup.screen
     config = setup.config
-    engine = MadeEngine(script, setup.camera)
     loop_ns = round(screen.loop_ms * MS_NS)
     tracker = EyeTracker(config.track, loop_s=screen.loop_ms / 1e3, engine=engine)
     viewer = Viewer(setup.scene.field, config)
     source = EyesSource()
     clock = PacedScreen(screen)
     record = np.zeros((), EYES)
-    upcoming = deque(setup.camera.frames(script.count_ms / 1e3))
-    end_ns = T0_NS + script.count_ms * MS_NS - loop_ns
+    upcoming = deque(setup.camera.frames(seconds))
+    end_ns = T0_NS + round(seconds * 1e3) * MS_NS - loop_ns
     shown: list[Shown] = []
     choices = []
     while True:
@@ -105,8 +106,9 @@ def watch(setup: Setup, script: Script) -> Run:
             break
         while upcoming and upcoming[0].tracked_ns <= begun_ns:
             frame = upcoming.popleft()
-            tracker.update(engine.look(frame), frame.stamp_ns)
-            tracker.write(record, IMAGE)
+            face, picture = engine.look(frame)
+            tracker.update(face, frame.stamp_ns)
+            tracker.write(record, picture)
             stamps = frame.stamp_ns, frame.stamp_ns, frame.tracked_ns
             source.update(EyesRecord.of(record), Stamp(frame.seq, frame.seq, 0, *stamps, 0))
         started_ns = time.thread_time_ns()

@@ -102,7 +102,7 @@ class Move:
 def path(seconds: float, start: Place, *moves: Move) -> Float:
     """A path of float (n, 3), a place for each ms."""
     t_s = np.arange(round(seconds * 1000)) / 1000
-    places = np.tile(np.array(start), (len(t_s), 1))
+    places = np.tile(np.array(start, np.float64), (len(t_s), 1))
     for move in moves:
         share = np.clip((t_s - move.from_s) / (move.to_s - move.from_s), 0, 1)[:, None]
         places += (share if move.even else minimum_jerk(share)) * (move.place - places[-1])
