@@ -21,7 +21,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from types import CodeType, ModuleType
+from types import ModuleType
 
 from profiling.arguments import parser_of
 
@@ -38,7 +38,10 @@ MODULES = {  # module -> the tests that are about it
     "supervisor.governor": ["supervisor/test_governor.py"],
     "scene.orientation": ["scene/test_orientation_rules.py", "scene/test_orientation.py"],
 }
-AT_ONCE, LIMIT_S = 2, 90.0  # of one mutant's tests: one that never ends is killed, too
+AT_ONCE = 2
+LIMIT_S = 90.0  # CPU of one mutant's tests: one that never ends is killed, too
+TEST_S = 60  # wall time of a test
+HUNG_S = 300.0
 SWAPS: dict[type, type] = {
     ast.Add: ast.Sub,
     ast.Sub: ast.Add,
@@ -113,69 +116,55 @@ class Mutator(ast.NodeTransformer):
         return node
 
 
-def run_tests(module: str, code: CodeType) -> None:
-    """In a process of its own: exits with 0 if the module's tests pass with this code in
-    its place.
+def tried(module: str, chosen: int) -> tuple[str, bool]:
+    """(the fault of that number, whether the module's tests pass with it), in a process of its own.
+    -1: no fault.
     """
     import pytest
 
     os.chdir(ROOT)
     # also where this script was killed
     resource.setrlimit(resource.RLIMIT_CPU, (int(LIMIT_S), int(LIMIT_S)))
-    name = f"lfpipe.{module}"
+    mutator = Mutator(chosen)
+    tree = mutator.visit(ast.parse(source_of(module)))
+    code = compile(ast.fix_missing_locations(tree), f"lfpipe/{module}", "exec")
     null = os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 1)
     os.dup2(null, 2)
+    name = f"lfpipe.{module}"
     sys.modules[name] = ModuleType(name)
-    exec(code, sys.modules[name].__dict__)
-    words = [
-        "-q",
-        "-x",
-        "-n",
-        "0",
-        "-p",
-        "no:cacheprovider",
-        "--timeout",
-        "60",
-        "-m",
-        "not live and not soak",
-    ]
-    os._exit(int(pytest.main([*words, *(f"tests/{path}" for path in MODULES[module])])))
+    try:
+        exec(code, sys.modules[name].__dict__)
+    except Exception:  # the module cannot be loaded
+        return mutator.what, False
+    words = ["-q", "-x", "-n", "0", "-p", "no:cacheprovider", "-m", "not live and not soak"]
+    words += ["--timeout", str(TEST_S), *(f"tests/{path}" for path in MODULES[module])]
+    return mutator.what, pytest.main(words) == 0
+
+
+def source_of(module: str) -> str:
+    return (ROOT / "lfpipe" / f"{module.replace('.', '/')}.py").read_text()
 
 
 def survivors(module: str, most: int) -> tuple[int, list[str]]:
     """Number of mutants tried, and those that survive."""
-    source = (ROOT / "lfpipe" / f"{module.replace('.', '/')}.py").read_text()
     counter = Mutator()
-    counter.visit(ast.parse(source))
-    chosen = random.Random(1).sample(
-        range(counter.count), min(most or counter.count, counter.count)
-    )
-    # first without a fault: the tests pass
-    waiting: list[Mutator | None] = [None, *map(Mutator, sorted(chosen))]
-    running: list[tuple[Mutator | None, multiprocessing.process.BaseProcess, float]] = []
-    alive: list[Mutator | None] = []
-    while waiting or running:
-        while waiting and len(running) < AT_ONCE:
-            mutator = waiting.pop(0)
-            tree = ast.parse(source) if mutator is None else mutator.visit(ast.parse(source))
-            code = compile(ast.fix_missing_locations(tree), f"lfpipe/{module}", "exec")
-            process = multiprocessing.get_context("fork").Process(
-                target=run_tests, args=(module, code)
-            )
-            process.start()
-            running.append((mutator, process, time.monotonic()))
-        for entry in list(running):
-            mutator, child, began = entry
-            if child.is_alive() and time.monotonic() - began > LIMIT_S:
-                child.kill()
-            if not process.is_alive():
-                running.remove(entry)
-                alive += [mutator] if process.exitcode == 0 else []
-        time.sleep(0.02)
-    if None not in alive:
-        raise SystemExit(f"{module}: its tests fail without any fault")
-    return len(chosen), [mutator.what for mutator in alive if mutator is not None]
+    counter.visit(ast.parse(source_of(module)))
+    count = min(most or counter.count, counter.count)
+    chosen = sorted(random.Random(1).sample(range(counter.count), count))
+    alive = []
+    with multiprocessing.get_context("fork").Pool(AT_ONCE, maxtasksperchild=1) as pool:
+        # first without a fault: the tests pass
+        runs = [pool.apply_async(tried, (module, number)) for number in (-1, *chosen)]
+        for number, run in zip((-1, *chosen), runs, strict=True):
+            try:
+                what, passed = run.get(HUNG_S)
+            except multiprocessing.TimeoutError:  # its process was killed
+                passed = False
+            if number < 0 and not passed:
+                raise SystemExit(f"{module}: its tests fail without any fault")
+            alive += [what] * (passed and number >= 0)
+    return count, alive
 
 
 def mutation(modules: list[str], most: int) -> str:
