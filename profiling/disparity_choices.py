@@ -10,7 +10,6 @@ off. The time is the thread's CPU time to estimate the disparity of a view, all 
 
 import time
 from collections.abc import Iterator
-from itertools import product
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -21,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
-from lfpipe.bench.synthesis import subsample, view_at
+from lfpipe.bench.synthesis import left_out, subsample, view_at
 from lfpipe.bench.table import shaved, studio_luma
 from lfpipe.render.compositor import ViewRenderer
 from lfpipe.render.scoring import psnr_db
@@ -104,15 +103,11 @@ def score(views: NDArray[np.uint8], step: int, every: int, choice: Choice) -> tu
         patch.object(optical_flow, "_DESCENTS_NEAR", choice.descents_near),
     ):
         rows, cols = (range(0, count, step) for count in views.shape[:2])
-        renderer = ViewRenderer(subsample(field_of(views), rows, cols), "warp2")
-    between = [
-        place for place in product(*map(range, views.shape[:2])) if any(k % step for k in place)
-    ]
+        field = field_of(views)
+        renderer = ViewRenderer(subsample(field, rows, cols), "warp2")
     errors_db = []
-    for row, col in between[::every]:
-        off = studio_luma(view_at(renderer, (row / step, col / step))) - studio_luma(
-            views[row, col]
-        )
+    for place, view in list(left_out(field, rows, cols).items())[::every]:
+        off = studio_luma(view_at(renderer, place)) - studio_luma(view)
         errors_db.append(psnr_db(float(np.mean(np.square(shaved(off, BORDER_PX))))))
     return float(np.mean(errors_db)), float(np.median(spent))
 

@@ -10,16 +10,16 @@ module with a fixed seed; 0 stands for all.
 """
 
 import ast
-import importlib
+import contextlib
 import json
-import multiprocessing
 import os
 import random
 import re
-import resource
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 
@@ -39,9 +39,7 @@ MODULES = {  # module -> the tests that are about it
     "scene.orientation": ["scene/test_orientation_rules.py", "scene/test_orientation.py"],
 }
 AT_ONCE = 2
-LIMIT_S = 90.0  # CPU of one mutant's tests: one that never ends is killed, too
-TEST_S = 60  # wall time of a test
-HUNG_S = 300.0
+LIMIT_S = 300.0  # of one mutant's tests: one that never ends is killed, too
 SWAPS: dict[type, type] = {
     ast.Add: ast.Sub,
     ast.Sub: ast.Add,
@@ -116,34 +114,35 @@ class Mutator(ast.NodeTransformer):
         return node
 
 
-def tried(module: str, chosen: int) -> tuple[str, bool]:
-    """(the fault of that number, whether the module's tests pass with it), in a process of its own.
-    -1: no fault.
+def run_tests(module: str, number: int) -> None:
+    """Ends this process with 0 if the module's tests pass with the fault of that number; -1: no
+    fault.
     """
     import pytest
 
-    os.chdir(ROOT)
-    # also where this script was killed
-    resource.setrlimit(resource.RLIMIT_CPU, (int(LIMIT_S), int(LIMIT_S)))
-    mutator = Mutator(chosen)
-    tree = mutator.visit(ast.parse(source_of(module)))
+    tree = Mutator(number).visit(ast.parse(source_of(module)))
     code = compile(ast.fix_missing_locations(tree), f"lfpipe/{module}", "exec")
-    null = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(null, 1)
-    os.dup2(null, 2)
     name = f"lfpipe.{module}"
     sys.modules[name] = ModuleType(name)
-    try:
-        exec(code, sys.modules[name].__dict__)
-    except Exception:  # the module cannot be loaded
-        return mutator.what, False
+    exec(code, sys.modules[name].__dict__)
     words = ["-q", "-x", "-n", "0", "-p", "no:cacheprovider", "-m", "not live and not soak"]
-    words += ["--timeout", str(TEST_S), *(f"tests/{path}" for path in MODULES[module])]
-    return mutator.what, pytest.main(words) == 0
+    words += ["--timeout", "60", *(f"tests/{path}" for path in MODULES[module])]
+    sys.exit(pytest.main(words))
 
 
 def source_of(module: str) -> str:
     return (ROOT / "lfpipe" / f"{module.replace('.', '/')}.py").read_text()
+
+
+def passes(module: str, number: int) -> bool:
+    """Whether the module's tests pass with a fault."""
+    call = f"from profiling.tests_coverage import run_tests; run_tests({module!r}, {number})"
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        done = subprocess.run(
+            [sys.executable, "-c", call], cwd=ROOT, capture_output=True, timeout=LIMIT_S
+        )
+        return done.returncode == 0
+    return False
 
 
 def survivors(module: str, most: int) -> tuple[int, list[str]]:
@@ -152,25 +151,18 @@ def survivors(module: str, most: int) -> tuple[int, list[str]]:
     counter.visit(ast.parse(source_of(module)))
     count = min(most or counter.count, counter.count)
     chosen = sorted(random.Random(1).sample(range(counter.count), count))
-    alive = []
-    with multiprocessing.get_context("fork").Pool(AT_ONCE, maxtasksperchild=1) as pool:
-        # first without a fault: the tests pass
-        runs = [pool.apply_async(tried, (module, number)) for number in (-1, *chosen)]
-        for number, run in zip((-1, *chosen), runs, strict=True):
-            try:
-                what, passed = run.get(HUNG_S)
-            except multiprocessing.TimeoutError:  # its process was killed
-                passed = False
-            if number < 0 and not passed:
-                raise SystemExit(f"{module}: its tests fail without any fault")
-            alive += [what] * (passed and number >= 0)
-    return count, alive
+    with ThreadPoolExecutor(AT_ONCE) as pool:
+        whole, *passed = pool.map(partial(passes, module), (-1, *chosen))
+    if not whole:
+        raise SystemExit(f"{module}: its tests fail without any fault")
+    alive = [Mutator(number) for number, survives in zip(chosen, passed, strict=True) if survives]
+    for mutator in alive:
+        mutator.visit(ast.parse(source_of(module)))
+    return count, [mutator.what for mutator in alive]
 
 
 def mutation(modules: list[str], most: int) -> str:
     """The part of the report about mutants."""
-    for name in ("cv2", "hypothesis", "numpy", "pytest"):  # loaded once, before the forks
-        importlib.import_module(name)
     rows, left = [], []
     for module in modules:
         count, alive = survivors(module, most)

@@ -33,7 +33,7 @@ def subsample(field: LightField, rows: Sequence[int], cols: Sequence[int]) -> Li
     rows, cols: evenly spaced, with the same step on both axes. Raises ValueError if no disparity
     can be estimated.
     """
-    step = next((indices[1] - indices[0] for indices in (cols, rows) if len(indices) > 1), 1)
+    step = _step(rows, cols)
     kept_field = attrs.evolve(
         field,
         views=np.ascontiguousarray(np.asarray(field.views)[:1, rows][:, :, cols]),
@@ -59,6 +59,23 @@ def subsample(field: LightField, rows: Sequence[int], cols: Sequence[int]) -> Li
     )
 
 
+def _step(rows: Sequence[int], cols: Sequence[int]) -> int:
+    """Of the kept views: the same on both axes, as disparity is per step of the grid."""
+    return next((kept[1] - kept[0] for kept in (cols, rows) if len(kept) > 1), 1)
+
+
+def left_out(
+    field: LightField, rows: Sequence[int], cols: Sequence[int]
+) -> dict[Position, NDArray[np.uint8]]:
+    """The views between those of `subsample`, by their places among them."""
+    step = _step(rows, cols)
+    return {
+        ((r - rows[0]) / step, (c - cols[0]) / step): np.asarray(field.views[0, r, c])
+        for r, c in itertools.product(range(rows[0], rows[-1] + 1), range(cols[0], cols[-1] + 1))
+        if (r not in rows or c not in cols) and field.present[r, c]
+    }
+
+
 def view_at(renderer: ViewRenderer, position: Position) -> NDArray[np.float32]:
     """The view at position (row, col), float32 (channels, height, width)."""
     return np.stack(renderer.planes(*position)).astype(np.float32)
@@ -79,10 +96,14 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
         yield "warped views: the scene has no disparity"
     if min(field.rows, field.cols) == 1:
         yield "viewpoints off the line: one line of views: all left-out views lie on it"
-    # shared
-    kept = cache(partial(subsample, field, range(0, field.rows, 2), range(0, field.cols, 2)))
+    every_2nd = range(0, field.rows, 2), range(0, field.cols, 2)
+    kept = cache(partial(subsample, field, *every_2nd))  # shared
+    between = list(left_out(field, *every_2nd).items())
+    count = min(MAX_VIEWS[0 if inputs.quick else 1], len(between))  # spread evenly
+    places = np.unique(np.linspace(0, len(between) - 1, count).round()).astype(int)
+    truth = dict(between[place] for place in places)
     for method in methods:
-        prepare = partial(_prepare, inputs, method, kept)
+        prepare = partial(_prepare, kept, method, truth)
         yield Candidate(
             curve=method,
             knob="every 2nd view",
@@ -93,33 +114,26 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
 
 
 def _prepare(
-    inputs: Inputs, method: str, kept_views: Callable[[], LightField]
+    kept_views: Callable[[], LightField], method: str, truth: dict[Position, NDArray[np.uint8]]
 ) -> tuple[dict[str, float | Value], Turn]:
-    field = inputs.field
     kept_field = kept_views()
-    views = np.asarray(field.views)[0]
     renderer = ViewRenderer(kept_field, method)
     compositor = Compositor(kept_field, Render(method=method))  # type: ignore[arg-type]
-    between = np.ndindex(2 * kept_field.rows - 1, 2 * kept_field.cols - 1)
-    left_out = [(r, c) for r, c in between if (r % 2 or c % 2) and field.present[r, c]]
-    count = min(MAX_VIEWS[0 if inputs.quick else 1], len(left_out))  # spread evenly
-    places = np.unique(np.linspace(0, len(left_out) - 1, count).round()).astype(int)
-    sample = [left_out[k] for k in places.tolist()]
     squares = [
-        float(np.mean((view_at(renderer, (r / 2, c / 2)) - views[r, c]) ** 2)) for r, c in sample
+        float(np.mean((view_at(renderer, place) - view) ** 2)) for place, view in truth.items()
     ]
     figures: dict[str, float | Value] = {
         "rmse": rms_of(np.sqrt(squares).tolist()),
         "psnr_db": mean_of([psnr_db(square) for square in squares]),
         "jump": _jump(kept_field, renderer),
     }
-    upcoming = itertools.cycle((r / 2, c / 2) for r, c in sample)  # where the error is measured
+    upcoming = itertools.cycle(truth)  # where the error is measured
 
     def picture() -> None:
         place = next(upcoming)
         compositor.compose(place, place)
 
-    return figures, lambda: {"cpu_ms": cpu_ms(picture, len(sample))}
+    return figures, lambda: {"cpu_ms": cpu_ms(picture, len(truth))}
 
 
 def _jump(kept_field: LightField, renderer: ViewRenderer) -> float:

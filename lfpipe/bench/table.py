@@ -20,7 +20,7 @@ from lfpipe.bench.inputs import Progress
 from lfpipe.bench.results import Figures, Results, Row, Table
 from lfpipe.bench.runner import Candidate, Turn, conditions, cpu_ms, run
 from lfpipe.bench.subjects import TABLE
-from lfpipe.bench.synthesis import subsample, view_at
+from lfpipe.bench.synthesis import left_out, subsample, view_at
 from lfpipe.config.quality import METHODS, WARPS
 from lfpipe.errors import UserError
 from lfpipe.render.compositor import ViewRenderer
@@ -118,17 +118,13 @@ def measure(field: LightField, protocol: Protocol) -> Iterator[Candidate]:
     rows, cols = ([kept.start + k * step for k in range(len(kept))] for kept in axes)
     if not field.present[np.ix_(rows, cols)].all():
         raise ValueError("one of the kept views is missing")
-    size = (rows[-1] - rows[0] + 1, cols[-1] - cols[0] + 1)
-    views = np.asarray(field.views[0])
     truth = {
-        (r / step, c / step): shaved(
-            studio_luma(views[rows[0] + r, cols[0] + c]), protocol.border_px
-        )
-        for r, c in np.ndindex(size)
-        if (r % step or c % step) and field.present[rows[0] + r, cols[0] + c]
+        place: shaved(studio_luma(view), protocol.border_px)
+        for place, view in left_out(field, rows, cols).items()
     }
     kept_field = subsample(field, rows, cols)
-    grid = f"{len(rows)}x{len(cols)} -> {size[0]}x{size[1]}"
+    whole = f"{rows[-1] - rows[0] + 1}x{cols[-1] - cols[0] + 1}"
+    grid = f"{len(rows)}x{len(cols)} -> {whole}"
     for method in reversed(METHODS):
         if kept_field.disparity is not None or method not in WARPS:
             yield Candidate(
