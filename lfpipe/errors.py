@@ -11,9 +11,8 @@ class UserError(Exception):
     traceback, exit code 2.
 
     message names the thing and the value; remedy says what to do about it. Both may quote names and
-    values from files that
-    nobody has checked: they are made `plain` and short here, so that every terminal, log and
-    message can carry them.
+    values from files that nobody has checked: they are made `plain` and short here, so that every
+    terminal, log and message can carry them.
     """
 
     def __init__(self, message: str, remedy: str = "") -> None:

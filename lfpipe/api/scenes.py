@@ -74,14 +74,14 @@ def scene_path(
     if scene is None or isinstance(scene, str | os.PathLike):
         if known:
             raise UserError(
-                f"{', '.join(known)} with {scene or 'the demo'}: only for arrays", "leave it out"
+                f"{scene or 'the demo'}: only arrays have {', '.join(known)}", "leave them out"
             )
         return None if scene is None else named_scene(Path(scene), cache_dir(config))
     views = np.asarray(scene)
     if views.ndim == 6 and views.shape[3] in (1, 3) and views.shape[-1] > 3:
         raise UserError(
-            f"the array: its planes come before height and width: {views.shape}",
-            "np.moveaxis(views, 3, -1) puts them last, as in `field.views`",
+            f"the array has its planes before height and width: {views.shape}",
+            "put them last with np.moveaxis(views, 3, -1)",
         )
     require_views(views, "the array")
     arrays = {
@@ -152,7 +152,8 @@ def render_anaglyph(
 def _check(field: LightField, place: tuple[float, float], beyond: float, frame: int) -> None:
     if not isinstance(field, LightField):
         raise UserError(
-            f"field: {type(field).__name__}, not a light field", "open it with lfpipe.open_scene"
+            f"field is a {type(field).__name__}, not a light field",
+            "open it with lfpipe.open_scene",
         )
     if (
         isinstance(frame, bool)
@@ -160,17 +161,17 @@ def _check(field: LightField, place: tuple[float, float], beyond: float, frame: 
         or not 0 <= frame < field.frames
     ):
         raise UserError(
-            f"frame {frame!r}: the scene has {field.frames} frames", f"0 to {field.frames - 1}"
+            f"frame {frame!r}: the scene has {field.frames} frames", f"use 0 to {field.frames - 1}"
         )
     try:
         row, col = map(float, place)
     except (TypeError, ValueError):
         raise UserError(
-            f"{place!r}: not a place on the grid of views", "two numbers: (row, col)"
+            f"{place!r} is not a place on the grid of views", "give two numbers: (row, col)"
         ) from None
     for name, value, count in (("row", row, field.rows), ("col", col, field.cols)):
         if not -beyond <= value <= count - 1 + beyond:
             raise UserError(
                 f"{name} {value:g}: the scene has {count} views that way",
-                f"0 to {count - 1}, {beyond:g} beyond it",
+                f"use 0 to {count - 1}, or at most {beyond:g} beyond it",
             )

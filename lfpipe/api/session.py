@@ -78,7 +78,7 @@ class Attachment:
     def _require_session(self) -> None:
         """Raises UserError once the session has ended, or this object was closed."""
         if self._closed:
-            raise UserError(f"session {self.name!r}: closed here", "attach to it again")
+            raise UserError(f"session {self.name!r} was closed here", "attach to it again")
         if not self._watch.living():
             raise UserError(f"session {self.name!r} has ended{self._end()}", "start another one")
 
@@ -129,8 +129,8 @@ class Attachment:
             self._require_session()
             if time.monotonic() > end:
                 raise UserError(
-                    f"session {self.name!r}: nothing new for {timeout_s:g} s",
-                    "`lfpipe monitor` says why",
+                    f"session {self.name!r} sent nothing new for {timeout_s:g} s",
+                    "see why with `lfpipe monitor`",
                 )
             time.sleep(LOOK_S)
         return stamp
@@ -272,7 +272,7 @@ class Session(Attachment):
                 self.close()
             time.sleep(0.05)
         raise UserError(
-            f"session {name!r} did not start within {START_S:g} s", "`lfpipe monitor` says why"
+            f"session {name!r} did not start within {START_S:g} s", "see why with `lfpipe monitor`"
         )
 
     def _failure(self) -> UserError:
@@ -378,4 +378,4 @@ def _printed(text: str, otherwise: str) -> UserError:
     message, _, remedy = (
         text[text.rfind("error: ") :].removeprefix("error: ").strip().partition("\n  remedy: ")
     )
-    return UserError(message or otherwise, remedy or "`lfpipe doctor` checks this machine")
+    return UserError(message or otherwise, remedy or "check this machine with `lfpipe doctor`")

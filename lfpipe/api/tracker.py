@@ -86,7 +86,7 @@ class Tracker:
             what = f"{frame.dtype} {frame.shape}" if is_array else type(frame).__name__
             raise UserError(
                 f"{what}: not a picture",
-                "uint8 (height, width, 3), blue first; cv2.cvtColor turns grey into colour",
+                "give uint8 (height, width, 3), blue first; cv2.cvtColor turns grey into colour",
             )
         t_ns = time.monotonic_ns() if t_ns is None else t_ns
         tracker = self._tracker

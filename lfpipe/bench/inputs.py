@@ -105,12 +105,12 @@ def read_sequence(path: Path, most_frames: int) -> FrameSequence:
     with contextlib.closing(open_recording(path)) as recording:
         info = recording.info
     if not (count := sum(1 for _ in frames())):
-        raise UserError(f"{path}: no frame", "record it again")
+        raise UserError(f"{path}: contains no frame", "record it again")
     table = path.with_suffix(".csv")
     truth = read_truth(path) if is_sequence(path) else table_of(table) if is_file(table) else None
     if truth is not None and len(truth.t_ns) < count:
         raise UserError(
-            f"{path}: truth for {len(truth.t_ns)} of {count} frames",
+            f"{path}: has the truth of {len(truth.t_ns)} of {count} frames",
             "give one row per frame of the sequence",
         )
     return FrameSequence(

@@ -45,9 +45,8 @@ class Column:
 @attrs.frozen
 class Value:
     """A figure of a row. low, high: its 95 % interval, the range of few turns; 0: not known.
-    words: stand for a figure that is judged. state: the judgement. only: where a
-    value that is not ok matters, "" for what is in use by default, else the setting that reaches
-    it.
+    words: stand for a figure that is judged. state: the judgement. only: where a value that is not
+    ok matters, "" for what is in use by default, else the setting that reaches it.
     """
 
     value: float = 0.0
@@ -262,4 +261,6 @@ def read(folder: Path) -> dict[str, Results]:
             raise ValueError(f"format {content.get('format')!r:.100}, expected {FORMAT}")
         return cattrs.structure(content["subjects"], dict[str, Results])
     except (OSError, ValueError, KeyError, cattrs.BaseValidationError) as error:
-        raise UserError(f"{path}: no results of `lfpipe bench`: {error!s:.200}", remedy) from None
+        raise UserError(
+            f"{path}: contains no results of `lfpipe bench`: {error!s:.200}", remedy
+        ) from None

@@ -3,7 +3,7 @@
 
 PSNR and SSIM of luma are averaged over the synthesised views of a scene. The 7x7 views are the
 central ones of 9x9 (DistgASR). Smaller grids use the largest square that fits; the name of the row
-tells it.
+says so.
 """
 
 import itertools

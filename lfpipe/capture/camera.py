@@ -279,7 +279,7 @@ def open_device(path: Path) -> V4L2Device:
     device.close()
     if device.multi_planar:
         raise UserError(
-            f"camera {path}: a multi-planar camera, which lfpipe cannot read itself", LIBCAMERA
+            f"camera {path}: is multi-planar, which lfpipe cannot read itself", LIBCAMERA
         )
     raise UserError(
         f"camera {path}: this device delivers no pictures (a camera's node for metadata?)",

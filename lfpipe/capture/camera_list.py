@@ -27,7 +27,7 @@ ANSWER_S = 3.0  # drivers answer in microseconds; a stuck one never does
 LIST_S = 30.0  # thousands of calls on an emulated machine
 WITHOUT_CAMERA = "plug it in, or use --camera demo, or a recording with --camera file:PATH"
 LIBCAMERA = (
-    "a board's camera port needs libcamera: feed a v4l2loopback device from it, for example with "
+    "feed a v4l2loopback device from libcamera, for example with "
     "`gst-launch-1.0 libcamerasrc ! videoconvert ! v4l2sink device=/dev/video42`"
 )
 
@@ -141,11 +141,11 @@ def others(path: Path = Path()) -> str:
     if listed := ", ".join(
         f"camera:{camera.path} ({camera.name})" for camera in cameras() if camera.path != path
     ):
-        return f"available cameras: {listed}"
+        return f"use one of the available cameras: {listed}"
     for node in nodes():
         try:
             if asking(node.path, lambda device: device.multi_planar, ANSWER_S):
-                return f"{node.path} ({node.name}) is multi-planar; {LIBCAMERA}"
+                return f"{LIBCAMERA}: {node.path} ({node.name}) is multi-planar"
         except OSError:
             continue
     return WITHOUT_CAMERA

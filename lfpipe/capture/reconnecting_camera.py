@@ -2,8 +2,8 @@
 the driver.
 
 One thread makes all calls of the camera, because a dead device may block any of them: open, read,
-even close. After a failure it
-opens the camera again: after BACKOFF_S, then after twice as long each time, up to MAX_BACKOFF_S.
+even close. After a failure it opens the camera again: after BACKOFF_S, then after twice as long
+each time, up to MAX_BACKOFF_S.
 """
 
 import queue

@@ -159,7 +159,8 @@ def open_recording(path: Path) -> Recording:
     if not pictures:
         kinds = ", ".join(sorted(SUFFIXES))
         raise UserError(
-            f"{path}: a folder without pictures", f"it needs {kinds} files, or name a video in it"
+            f"{path}: the folder has no pictures",
+            f"give a folder of {kinds} files, or a video in it",
         )
     return _pictures(
         [path / name for name in sorted(pictures, key=lambda name: natural(name.lower()))]
@@ -171,9 +172,8 @@ class FileSource:
 
     pace a number: frame k is due exactly k periods later; "recorded": at the recording's own stamps
     and rate (camera.rate_hz if it has none); "max": each frame is due the moment it is decoded, but
-    those of a sequence at their stamps without waiting for
-    them: consumers that use stamps alone see the same as at the recorded pace. source_seq continues
-    when a looped file starts over.
+    those of a sequence at their stamps without waiting for them: consumers that use stamps alone
+    see the same as at the recorded pace. source_seq continues when a looped file starts over.
     """
 
     def __init__(self, spec: FileSpec, camera: config.Camera) -> None:

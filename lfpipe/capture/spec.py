@@ -55,13 +55,13 @@ Spec = CameraSpec | FileSpec | DemoSpec
 def _file(text: str) -> FileSpec:
     path, _, query = text.rpartition("?") if "?" in text else (text, "", "")
     if not path:
-        raise UserError("file: no path given", "use for example file:walk.mp4")
+        raise UserError("file: has no path", "use for example file:walk.mp4")
     parameters = dict(item.partition("=")[::2] for item in query.split("&") if item)
     loop, pace = parameters.pop("loop", ""), parameters.pop("pace", "recorded")
     hz = finite(pace, MIN_RATE_HZ, MAX_RATE_HZ)
     if parameters or loop not in ("", "0", "1") or (pace not in ("recorded", "max") and hz is None):
-        remedy = f"a file accepts {PARAMETERS}; if its path contains a '?', append another '?'"
-        raise UserError(f"{query!r} in {'file:' + text!r}: not understood", remedy)
+        remedy = f"use {PARAMETERS}; if the path of the file contains a '?', append another '?'"
+        raise UserError(f"{query!r} in {'file:' + text!r} is not understood", remedy)
     return FileSpec(
         Path(path).expanduser(),
         loop != "0",

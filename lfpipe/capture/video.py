@@ -50,8 +50,8 @@ class RecordedFrame:
 
 class Video:
     """A video, decoded by FFmpeg. Motion JPEG is only demuxed by it and decoded like a camera's
-    JPEGs, and its packets are
-    passed through: at 640x480 1.15 ms a frame, as with FFmpeg's own decoder.
+    JPEGs, and its packets are passed through: at 640x480 1.15 ms a frame, as with FFmpeg's own
+    decoder.
 
     width_px, height_px: frame size in the header. rate_hz: 0 if unknown. jpeg: its frames are
     JPEGs.

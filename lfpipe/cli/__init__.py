@@ -141,8 +141,8 @@ def _check_working_folder() -> None:
 
 
 def _drop_output() -> None:
-    """Writes what stdout still holds, if it can be written; nothing more goes there, at the
-    interpreter's end neither.
+    """Writes what stdout still holds, if it can be written; nothing more goes there, not even at
+    the interpreter's end.
     """
     if sys.stdout is None:
         return

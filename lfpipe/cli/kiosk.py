@@ -58,7 +58,7 @@ def kiosk_code(file: Path | None) -> str:
     if not (4 <= len(code) <= 64 and code.isascii() and code.isprintable() and len(set(code)) > 1):
         raise UserError(
             "the code must have 4 to 64 ASCII characters, not all the same",
-            "for example: leave2026",
+            "choose one such as leave2026",
         )
     return code
 

@@ -229,7 +229,7 @@ def prepare(arguments: UpArguments) -> SessionPlan:
         if scene.needs_eyes or len(scenes) > 1:
             viewer = watching(_viewer(source, display, config), scene.needs_eyes)
         elif arguments.share:
-            remedy = "`lfpipe up --no-picture --share TARGET` tracks without a scene"
+            remedy = "track without a scene: `lfpipe up --no-picture --share TARGET`"
             raise UserError(
                 f"--share with {scenes[0]}: its picture needs no eyes, so none are tracked",
                 remedy,

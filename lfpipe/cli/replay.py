@@ -165,8 +165,8 @@ def _check(pace: str, out: Path | None, expect: Path | None, update: bool) -> No
         parse_source(f"file:sequence?pace={'max' if pace == 'step' else pace}")
     except UserError:
         remedy = (
-            "step is the fastest that gives the same results every time; max plays without waiting,"
-            " 30 plays at 30 Hz"
+            "use step, the fastest that gives the same results every time, max to play without"
+            " waiting, or 30 to play at 30 Hz"
         )
         raise UserError(f"--pace {pace}: not {', '.join(PACES)} or a rate in Hz", remedy) from None
     if update and expect is None:

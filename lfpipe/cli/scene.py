@@ -50,11 +50,11 @@ def check_picture(path: Path, scene: Path, kinds: tuple[str, ...] = PICTURES) ->
     """
     if path.suffix.lower() not in kinds:
         raise UserError(
-            f"{path}: not {', '.join(kinds[:-1])} or {kinds[-1]}", "for example view.png"
+            f"{path}: not {', '.join(kinds[:-1])} or {kinds[-1]}", "use for example view.png"
         )
     if is_dir(scene) and path.resolve().is_relative_to(scene.resolve()):
         raise UserError(
-            f"{path}: in the folder of the scene, which would count it as a view",
+            f"{path}: is in the folder of the scene, which would count it as a view",
             "name a file in another folder",
         )
     check_output(path, [scene])
@@ -130,7 +130,7 @@ def clean(keys: tuple[str, ...], everything: bool, config: Config) -> None:
     }
     if unknown := sorted(set(keys).difference(*names.values())):
         raise UserError(
-            f"{', '.join(unknown)}: no such pack", "`lfpipe scene list` shows keys and names"
+            f"{', '.join(unknown)}: no such pack", "see keys and names with `lfpipe scene list`"
         )
     chosen = {folder: size for folder, _, size in cached if everything or names[folder] & set(keys)}
     removed_bytes = [size for folder, size in chosen.items() if remove(folder)]

@@ -31,7 +31,7 @@ FILE_FORM = (
     "correct that file (`lfpipe config init FILE` writes a complete one), or name a preset:"
     f" {', '.join(PRESETS)}"
 )
-SHOW = "`lfpipe config show` lists every key with its unit and range"
+SHOW = "see every key with its unit and range: `lfpipe config show`"
 TEXT_CHARS = 4096  # of any text; the longest path
 MOST_LISTED = 10  # problems that one message names
 NAMES = {int: "a whole number", float: "a number", bool: "true or false", str: "text"}
@@ -187,7 +187,7 @@ def parse_set(text: str) -> tuple[str, bool | int | float | str]:
     """
     key, sign, raw = (word.strip() for word in text.partition("="))
     if not sign or not key:
-        raise UserError(f"{quoted(text)} is not KEY=VALUE", "for example render.method=warp")
+        raise UserError(f"{quoted(text)} is not KEY=VALUE", "use for example render.method=warp")
     value: object = raw
     try:
         table = tomllib.loads(f"v = {raw}")

@@ -166,4 +166,4 @@ class PageExport:
 def check_page(path: Path) -> None:
     """Raises UserError if path names no page."""
     if path.suffix.lower() not in (".html", ".htm"):
-        raise UserError(f"{path}: not .html", "for example scene.html")
+        raise UserError(f"{path}: not .html", "use for example scene.html")

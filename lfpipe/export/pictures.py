@@ -68,7 +68,11 @@ class SceneExport:
             what = f"the scene has {self._field.cols} columns of views" + (
                 "" if self._last else ", one eye's"
             )
-            remedy = f"up to {self._last:g}" if self._last else "a scene with two columns or more"
+            remedy = (
+                f"use up to {self._last:g}"
+                if self._last
+                else "use a scene with two columns or more"
+            )
             raise UserError(f"--apart {apart_views:g}: {what}", remedy)
         return (self._last - apart_views) / 2, (self._last + apart_views) / 2
 
@@ -169,7 +173,7 @@ def parse_tiles(text: str) -> tuple[int, int]:
         and 0 < int(rows) <= MOST_TILES
     ):
         raise UserError(
-            f"--tiles {text}: not COLSxROWS", f"for example 8x6; 1 to {MOST_TILES} a side"
+            f"--tiles {text}: not COLSxROWS", f"use for example 8x6; 1 to {MOST_TILES} a side"
         )
     return int(cols), int(rows)
 
@@ -179,10 +183,11 @@ def check_clip(path: Path, count: int) -> None:
     here.
     """
     if path.suffix.lower() not in (".mp4", ".gif"):
-        raise UserError(f"{path}: not .mp4 or .gif", "for example boxes.mp4")
+        raise UserError(f"{path}: not .mp4 or .gif", "use for example boxes.mp4")
     if path.suffix.lower() == ".gif" and count > GIF_PICTURES:
         raise UserError(
-            f"{path}: {count} pictures, a GIF may have {GIF_PICTURES}", "a shorter one, or .mp4"
+            f"{path}: has {count} pictures; a GIF may have {GIF_PICTURES}",
+            "make a shorter one, or an .mp4",
         )
     if path.suffix.lower() == ".mp4":
         require_encoder()

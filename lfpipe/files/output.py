@@ -65,9 +65,9 @@ def check_output(
     of the same command or a file in an input folder, in use, written by another program, read by
     another command, or in a recording or reference. Changes nothing.
 
-    force: the value of the command's --force, which allows to replace a file of another program;
-    None without such an option.
-    label: the option's name, for the message. writes: the name in INPUTS of what is written.
+    force: the value of the command's --force, which allows replacing a file of another program;
+    None without such an option. label: the option's name, for the message. writes: the name in
+    INPUTS of what is written.
     """
     what = f"{label} {path}".lstrip()
     other = "name another file"
@@ -81,7 +81,7 @@ def check_output(
             where = f"{source}, which this command reads"
             raise UserError(
                 *(
-                    (f"{what}: in {where}", "name a file in another folder")
+                    (f"{what}: is in {where}", "name a file in another folder")
                     if is_dir(source)
                     else (f"{what}: belongs to {where}", other)
                 )
@@ -107,7 +107,7 @@ def check_outside(folder: Path, inputs: Iterable[Path | None], label: str = "") 
     for source in filter(None, inputs):
         if _is_input(Path(os.path.realpath(folder)), Path(os.path.realpath(source))):
             raise UserError(
-                f"{label} {folder}: in {source}, which this command reads".lstrip(),
+                f"{label} {folder}: is in {source}, which this command reads".lstrip(),
                 "name another folder",
             )
 

@@ -2,7 +2,7 @@
 
 `exists`, `is_file`, `is_dir` are False where a path cannot be examined. `Path.exists` and its like
 raise OSError up to Python 3.13, for a folder that may not be searched, a name that is too long, a
-network drive that has gone. Who needs the reason opens the path.
+network drive that has gone. To learn the reason, open the path.
 """
 
 import os

@@ -30,8 +30,9 @@ def allow_files() -> None:
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if 0 <= hard < OPEN_FILES:
         raise UserError(
-            f"{hard} open files are allowed here (RLIMIT_NOFILE), a session needs {OPEN_FILES}",
-            "`ulimit -n 1024` in the shell that starts it, or LimitNOFILE= in its systemd unit",
+            f"{hard} open files are allowed here (RLIMIT_NOFILE); a session needs {OPEN_FILES}",
+            "run `ulimit -n 1024` in the shell that starts it, or set LimitNOFILE= in its systemd"
+            " unit",
         )
     most = MOST_FILES if hard < 0 else min(hard, MOST_FILES)
     if 0 <= soft < most:

@@ -67,8 +67,7 @@ def end_with_parent(parent_pid: int) -> bool:
     ended.
 
     A thread reads the pipe that multiprocessing holds open in the parent until it ends. On Linux,
-    the kernel sends the signal
-    too: at once, and even to a process whose threads do not run.
+    the kernel sends the signal too: at once, and even to a process whose threads do not run.
     """
     _libc("prctl", PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
     parent = multiprocessing.parent_process()

@@ -23,7 +23,7 @@ from lfpipe.host.file_lock import lock_open
 
 SHM_DIR = Path("/dev/shm" if sys.platform == "linux" else tempfile.gettempdir())
 WRITABLE = (
-    f"a tmpfs at {SHM_DIR} that you may write to: docker run --shm-size=128m, or mount one there"
+    f"mount a tmpfs at {SHM_DIR} that you may write to; of a container: docker run --shm-size=128m"
 )
 PREFIX = "lfp-"  # of every segment's name
 MAGIC = b"LFSEGM1\0"
@@ -112,7 +112,7 @@ def create(name: str, size_bytes: int, run_dir: Path | None = None) -> Segment:
             f"{SHM_DIR} has {free:.1f} MB free of {total:.1f} MB; {name} needs"
             f" {whole_bytes / 1e6:.1f} MB"
         )
-        remedy = f"{more_room(whole_bytes)}, or smaller camera.width_px and camera.height_px"
+        remedy = f"{more_room(whole_bytes)}, or set smaller camera.width_px and camera.height_px"
         raise UserError(message, remedy) from None
 
 
@@ -202,8 +202,8 @@ def owned(prefix: str = PREFIX) -> dict[str, Path]:
 
 def abandoned(prefix: str = PREFIX) -> Iterator[tuple[str, Path]]:
     """Yields name and run directory of segments whose creator is dead. The caller may unlink each
-    by name before it takes the
-    next: until then no other process unlinks it, so the name cannot pass to another segment.
+    by name before it takes the next: until then no other process unlinks it, so the name cannot
+    pass to another segment.
     """
     for name, fd, owner in _opened(prefix):
         with contextlib.suppress(FileNotFoundError):

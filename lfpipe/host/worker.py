@@ -36,10 +36,9 @@ class Worker:
     """The parent's side of a running child.
 
     module: run as `python -m`. subject: what the request is about, for messages. limit_s: time
-    without a step, of its own CPU
-    time while it computes: a busy or emulated machine takes longer. fds: for a poller; call `read`
-    when they are readable.
-    on_step: called with every step. Raises UserError if no child can be started.
+    without a step, of its own CPU time while it computes: a busy or emulated machine takes longer.
+    fds: for a poller; call `read` when they are readable. on_step: called with every step. Raises
+    UserError if no child can be started.
     """
 
     def __init__(self, module: str, request: dict[str, Any], subject: str, limit_s: float) -> None:

@@ -86,7 +86,7 @@ class _CameraWindow:
 
 
 def median_of(apart_px: Collection[float]) -> tuple[float, bool]:
-    """The median of distances, and whether the viewer kept still enough for it; 0 of none."""
+    """The median of distances, and whether the viewer kept still enough for it; 0 without any."""
     low, median, high = np.percentile(list(apart_px) or [0.0], (25, 50, 75)).tolist()
     return median, high - low <= SPREAD * median > 0
 

@@ -229,7 +229,7 @@ def camera(device: CameraDevice) -> Check:
             "camera",
             True,
             f"{name}: {error.strerror}",
-            f"`fuser -v {device.path}` shows which program uses it",
+            f"close the program that uses it: `fuser -v {device.path}` shows it",
         )
     return Check("camera", True, f"{name}: {offered or 'formats unknown'}")
 

@@ -182,7 +182,7 @@ class _FlippingWindow:
 
     def _aimed_ns(self) -> int:
         """Flips until the camera sees the window in the middle of its picture; returns since when.
-        After AIM_S, and of a camera without stamps, the estimate says what is wrong.
+        After AIM_S, and for a camera without stamps, the estimate says what is wrong.
         """
         began_ns = look_ns = now_ns()
         while (t_ns := self._flip()) < began_ns + AIM_S * SECOND_NS and self._watch.stamped:

@@ -116,7 +116,7 @@ class Recording:
 
     @property
     def period_ms(self) -> float:
-        """The camera's period, even if most of its frames are lost; infinite of stamps that do not
+        """The camera's period, even if most of its frames are lost; infinite for stamps that do not
         rise.
         """
         steps = np.diff(self.t_frame_ns) / 1e6

@@ -38,7 +38,7 @@ KINDS = {
     ".css": "text/css; charset=utf-8",
 }
 COMMANDS = ("set", "pause", "resume", "recentre", "load", "reset")
-COMMAND_FORM = f"a JSON map with cmd, one of {', '.join(COMMANDS)}"
+COMMAND_FORM = f"send a JSON map with cmd, one of {', '.join(COMMANDS)}"
 # Limits, as docs/security.md states them: far above what a class-room of browsers needs, far below
 # what hurts a session.
 # for the headers of a request, for its body, between two requests, and to take an answer or a piece
@@ -76,7 +76,9 @@ def parse_address(text: str) -> tuple[str, int]:
     """`[HOST]:PORT` or PORT as (host, port); host defaults to 127.0.0.1. Raises UserError."""
     host, _, port = text.rpartition(":")
     if not (port.isascii() and port.isdigit() and len(port) <= 5 and int(port) <= 65535):
-        raise UserError(f"--web {text!r}: not a port from 0 to 65535", "for example: --web :9108")
+        raise UserError(
+            f"--web {text!r}: not a port from 0 to 65535", "use for example --web :9108"
+        )
     return host.removeprefix("[").removesuffix("]") or "127.0.0.1", int(port)
 
 
@@ -325,11 +327,11 @@ class Commands(Handler):
             raise UserError("the command was not sent as application/json", COMMAND_FORM)
         message = dict(json_fields(self.request.body, "the command", COMMAND_FORM).values)
         if message.get("cmd") not in COMMANDS:
-            raise UserError("not a command of the page", COMMAND_FORM)
+            raise UserError("the page has no such command", COMMAND_FORM)
         if message["cmd"] == "load" and set(message) != {"cmd", "at"}:
             raise UserError(
                 "the page loads only scenes of the playlist",
-                "`lfpipe ctl load SCENE` loads any other",
+                "load any other with `lfpipe ctl load SCENE`",
             )
         return message
 

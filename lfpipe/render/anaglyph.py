@@ -133,11 +133,11 @@ def recipe(anaglyph: str, light: str = "linear", ghost_compensation: float = 0.0
     """The recipe of a glasses method.
 
     anaglyph: a key of MATRICES. light: "linear" or "gamma"; it counts only where a method has cross
-    terms, as the others know no sum of two eyes. ghost_compensation: 0..100 %, the share to be
+    terms, as the others have no sum of two eyes. ghost_compensation: 0..100 %, the share to be
     taken out of the light that leaks through the other eye's glass: green through red; blue through
-    green and green through magenta. Of amber/blue glasses no spectra
-    are at hand: theirs is what the matrix takes out. A channel is raised by as much as it loses on
-    grey: grey stays grey. A channel whose row is empty stays dark, as for red/green glasses.
+    green and green through magenta. The spectra of amber/blue glasses are not known: the matrix
+    takes out their share. A channel is raised by as much as it loses on grey: grey stays grey. A
+    channel whose row is empty stays dark, as for red/green glasses.
     """
     stated = MATRICES[anaglyph]
     dark = [not any((*left, *right)) for left, right in stated]

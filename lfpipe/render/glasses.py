@@ -1,5 +1,5 @@
-"""A person's glasses: the question which they are (key e, and at the first start), and their test
-(key g).
+"""A person's glasses: the question which ones they are (key e, and at the first start), and their
+test (key g).
 """
 
 from functools import lru_cache

@@ -1,5 +1,5 @@
-"""Pages over the picture, at most one at a time: help, figures, the question which glasses, their
-test. The page of scenes is in `lfpipe.render.scenes`.
+"""Pages over the picture, at most one at a time: help, figures, the question about glasses, and
+their test. The page of scenes is in `lfpipe.render.scenes`.
 """
 
 from collections.abc import Callable
@@ -18,7 +18,7 @@ CHECKED = ("swap_eyes", "ghost_compensation")  # what a test of glasses may chan
 
 
 class Page:
-    """One that is opened, shown, and closed, again and again."""
+    """A page that is opened, shown and closed, again and again."""
 
     stays = False
     """Whether it remains when something else in the bar is chosen."""

@@ -83,7 +83,7 @@ class Presenter:
         self._key = None
 
     def draw_by(self, draw: Draw) -> None:
-        """Draws the following pictures so."""
+        """Draws the following pictures with this function."""
         self._draw = draw
         self.redraw()
 

@@ -65,7 +65,7 @@ class Showing:
 
 
 class Listener:
-    """Something that happens beside the pictures; what it does not need, it need not define."""
+    """Reacts to showings; a listener defines only the methods that it needs."""
 
     def set_options(self, options: SessionOptions) -> None:
         """Takes the session's options: called before the first showing, and when they change."""

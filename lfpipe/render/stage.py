@@ -306,8 +306,8 @@ class RenderStage:
             remember(self._field, word)
 
     def _after_picture(self) -> None:
-        """What does not change the picture just shown: keys and notices, without a window ten times
-        a second.
+        """Handles what does not change the picture just shown: keys and notices; without a window,
+        ten times a second.
         """
         if self._context.paused:
             # while nobody looks for a face, none is missed

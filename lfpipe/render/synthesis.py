@@ -88,9 +88,8 @@ class Synthesiser:
         """One plane for each source, at most four, seen from position.
 
         zero_plane_px: disparity that lies in the plane of the screen. outs: uint8 (height, width)
-        each, to draw into. Returns the
-        planes: an element of outs, the stored plane itself if that is the picture, or a shifted
-        copy.
+        each, to draw into. Returns the planes: an element of outs, the stored plane itself if that
+        is the picture, or a shifted copy.
         """
         views = view_weights(self.method, position, self._rows, self._cols)
         if self._warper is None:

@@ -261,7 +261,7 @@ class Viewer:
         return video_frame(t_ns, self._start_ns, self.field.frame_rate_hz)
 
     def _follow_distance(self, record: EyesRecord, eyes_px: Eyes, dt_s: float) -> None:
-        """What no face has is ignored: an average would never forget it."""
+        """Ignores a distance that no face has: an average would never forget it."""
         apart_px, generation = record.apart_px, record.generation
         if not LEAST_EYES_PX <= apart_px <= FAR_PX:  # not known: between the eyes in the picture
             apart_px = max(math.dist(eyes_px[:2], eyes_px[2:]), LEAST_EYES_PX)

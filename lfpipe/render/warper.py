@@ -132,7 +132,7 @@ class Warper:
         return position[0] - view.row + float(bend[0]), position[1] - view.col + float(bend[1])
 
     def aim(self, frame: int, view: ViewWeight, steps: Position, shift_px: Position) -> None:
-        """Prepare `maps` of the view as seen steps away from it, moved by shift_px.
+        """Prepares `maps` of the view as seen steps away from it, moved by shift_px.
 
         steps, shift_px: (row, col).
         """

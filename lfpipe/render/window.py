@@ -51,7 +51,7 @@ class ScreenWindow(Display):
     when the screen showed it.
 
     Its pixels are the screen's own: SDL asks a desktop that scales windows not to scale this one.
-    monitor: the window is on it.
+    monitor: the one that the window is on.
     """
 
     def __init__(

@@ -132,7 +132,7 @@ def check_reference(reference: Path, report: dict[str, Any]) -> None:
     be meaningless.
     """
     was = read_report(reference)
-    remedy = "use the reference that belongs to it, or --update to make one"
+    remedy = "use the reference that belongs to it, or make one with --update"
     for part, names in (("sequence", ("frames", "checksums")), ("scene", SHAPE)):
         for name in names:
             before = was[part].get(name)
@@ -143,7 +143,7 @@ def check_reference(reference: Path, report: dict[str, Any]) -> None:
                     if isinstance(now, dict)
                     else f": {name} {quoted(before)} in the reference, {quoted(now)} now"
                 )
-                raise UserError(f"{reference}: made with another {part}{values}", remedy)
+                raise UserError(f"{reference}: was made with another {part}{values}", remedy)
 
 
 def compare(reference: Path, folder: Path) -> Comparison:
@@ -176,18 +176,18 @@ def compare(reference: Path, folder: Path) -> Comparison:
     lines_before = read_trace(reference, most_lines=pictures + 1)
     if len(lines_before) != was["counts"]["pictures"]:
         values = (
-            f"{len(lines_before)} lines in its trace, {was['counts']['pictures']} pictures in its"
-            " report"
+            f"its trace has {len(lines_before)} lines, its report {was['counts']['pictures']}"
+            " pictures"
         )
         raise UserError(
-            f"{reference}: {values}", "copy the whole folder again, or --update to rewrite it"
+            f"{reference}: {values}", "copy the whole folder again, or rewrite it with --update"
         )
     stated = was.get("digests") or {}
     for name, digest in digests(lines_before).items():
         if digest != stated.get(name, digest):
             raise UserError(
-                f"{reference}: its trace has other {name} than the {name} in its report",
-                "copy the whole folder again, or --update to rewrite it",
+                f"{reference}: its trace and its report differ in {name}",
+                "copy the whole folder again, or rewrite it with --update",
             )
     in_frames, notes = _compare_frames(
         reference, folder, zip(lines_before, lines_now, strict=False), tolerance_px

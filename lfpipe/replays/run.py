@@ -173,8 +173,8 @@ def _writing(reference: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def update_of(reference: Path) -> Iterator[Callable[[Path], None]]:
-    """Keeps other updates of reference away. The function that it gives replaces reference by a
-    folder with those files of the run in a folder that a comparison reads.
+    """Keeps other updates of reference away. Yields a function that replaces reference by a folder
+    with those files of a run that a comparison reads.
 
     Raises UserError if reference could not be written, or anything but results would be removed;
     the function raises it if writing fails: the old reference is then kept. What a killed update

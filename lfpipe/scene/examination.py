@@ -227,8 +227,8 @@ def require_plausible_truth(source: SceneSource) -> None:
         where = f"{source.path}: true disparity of the view in row {row} column {col}"
         if values.shape != size:
             raise UserError(
-                f"{where} has {values.shape[1]}x{values.shape[0]} values, the views"
-                f" {size[1]}x{size[0]} px",
+                f"{where} has {values.shape[1]}x{values.shape[0]} values, but the"
+                f" views have {size[1]}x{size[0]} px",
                 remedy,
             )
         if bad := int(np.count_nonzero(~np.isfinite(values))):

@@ -131,7 +131,7 @@ def _entries(folder: Path) -> tuple[list[str], list[str]]:
             (folders if inner else names).append(entry.name)
             if len(names) + len(folders) > MAX_FILES:
                 raise UserError(
-                    f"{folder}: more than {MAX_FILES} files, no light field has so many views",
+                    f"{folder}: more than {MAX_FILES} files; no light field has so many views",
                     "give the folder that holds the views of one scene only",
                 )
     return names, folders

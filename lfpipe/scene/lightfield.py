@@ -52,10 +52,9 @@ class LightField:
         (gamma) values. A read-only memory map: touching one plane reads that plane only.
     disparity: int8 (frames or 1, rows, cols, height_d, width_d), or None; times disparity_scale_px,
     which is negative after
-        a half-turn, it is the shift in
-        px of a stored view per grid step, positive is nearer than the plane of zero disparity: what
-        stands at (x, y) in view (r, c) stands at (x - d*(c'-c), y - d*(r'-r)) in view (r', c').
-        UNKNOWN where it is not known.
+        a half-turn, it is the shift in px of a stored view per grid step, positive is nearer than
+        the plane of zero disparity: what stands at (x, y) in view (r, c) stands at (x - d*(c'-c), y
+        - d*(r'-r)) in view (r', c'). UNKNOWN where it is not known.
     offsets: float32 (rows, cols, 2), where a camera stood less its place on the regular grid, in
     grid steps
         (row, col); zeros on a regular grid.

@@ -23,11 +23,10 @@ def hides(right: int, wrong: int) -> int:
     open.
 
     right, wrong: places. Where glow, blur and repetition mislead, many places are wrong at once.
-    Right / wrong of
-    real light fields: antinous 104 / 1, stillLife 76 / 3, monasroom 57 / 0, lytro 46 / 2, all sure;
-    newshot01 44 / 4, quilt 77 / 42, lego knights 82 / 10, toys 4 / 0, airplane 0 / 2 and
-    illum_field 0 / 0 stay open. Of 170 made, turned and disturbed sets none is wrong; the nearest
-    to it is the airplane, noisy and turned, with 13 / 0.
+    Right / wrong of real light fields: antinous 104 / 1, stillLife 76 / 3, monasroom 57 / 0, lytro
+    46 / 2, all sure; newshot01 44 / 4, quilt 77 / 42, lego knights 82 / 10, toys 4 / 0, airplane 0
+    / 2 and illum_field 0 / 0 stay open. Of 170 made, turned and disturbed sets none is wrong; the
+    nearest to it is the airplane, noisy and turned, with 13 / 0.
     """
     return int(right - AGAINST * wrong >= UNMISTAKABLE) - int(
         wrong - AGAINST * right >= UNMISTAKABLE

@@ -375,7 +375,7 @@ def plausible(source: SceneSource, force: bool) -> tuple[SceneSource, Evidence |
         return source, evidence
     if verdict.kind == "no light field" and not force:
         grid = f"{source.rows}x{source.cols} views of layout {source.layout}"
-        anyway = "--set scene.force=true opens it all the same"
+        anyway = "open it all the same with --set scene.force=true"
         if len(source.files) > 1:
             anyway = (
                 f"give the folder of one scene, or one of the pictures: {source.files[0]}; {anyway}"

@@ -334,7 +334,7 @@ def rectify(views: list[Grey]) -> Rectified:
     if shared.sum() < _FEWEST_CORNERS:
         _refuse_zoom(_size_change(at_px))
         raise UserError(
-            f"only {int(shared.sum())} details are in all of the pictures, {_FEWEST_CORNERS} are"
+            f"only {int(shared.sum())} details are in all of the pictures; {_FEWEST_CORNERS} are"
             " needed",
             "slide more slowly and less far, in good light, with something still in view",
         )

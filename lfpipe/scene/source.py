@@ -131,8 +131,8 @@ class Layout:
 
     NAME: as `--layout` takes it. detect: how specific the match is, by names (and a glance at one
     picture) alone: 90 for a format that says what it is, 50 for a pattern of names, 10 for a last
-    resort; None where it is not this layout. describe: the scene, by the user's own word on grid
-    and so on; raises UserError.
+    resort; None where it is not this layout. describe: the scene, by the user's settings; raises
+    UserError.
     """
 
     NAME: str

@@ -32,8 +32,8 @@ def cut(sequence: Sequence, out: Path, begin_s: float, end_s: float) -> int:
     ]
     if not chosen:
         raise UserError(
-            f"no frame from {begin_s:g} s to {end_s:g} s",
-            f"{sequence.path} lasts {sequence.duration_s:.3f} s",
+            f"{sequence.path}: has no frame from {begin_s:g} s to {end_s:g} s",
+            f"use times up to {sequence.duration_s:.3f} s, where it ends",
         )
     about = {
         key: value for key, value in sequence.manifest.items() if key in ("versions", "config")

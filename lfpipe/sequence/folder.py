@@ -268,7 +268,7 @@ def open_sequence(path: Path, verify: bool = True) -> Sequence:
         complete=complete,
     )
     if sequence.codecs > {"eyes"}:
-        raise UserError(f"{path}: holds frames and eyes in their place", COPY)
+        raise UserError(f"{path}: mixes frames with eyes", COPY)
     if sequence.measured_hz > MOST_HZ:
         raise UserError(
             f"{path}: {len(packets)} frames in {sequence.duration_s:g} s: no camera is that fast",
@@ -293,14 +293,15 @@ def _manifest(path: Path) -> Fields:
             else "no such folder"
         )
         raise UserError(
-            f"{path}: {what}", "`lfpipe record OUT` or `lfpipe sequence import` makes one"
+            f"{path}: {what}", "make one with `lfpipe record OUT` or `lfpipe sequence import`"
         ) from None
     except OSError as error:
         raise UserError(f"{where}: cannot be read: {reason(error)}", COPY) from None
     fields = json_fields(data, str(where), COPY)
     if fields.values.get("format") != FORMAT:
         raise UserError(
-            f"{where}: not the manifest of a recorded sequence", f'its "format" must be "{FORMAT}"'
+            f"{where}: is not the manifest of a recorded sequence",
+            f'give a folder whose manifest has the "format" "{FORMAT}"',
         )
     if fields.values.get("version") != VERSION:
         version = fields.integer("version", 0, 1 << 30)

@@ -49,9 +49,8 @@ _CENTRED = MODEL - MODEL.mean(axis=0)  # its rows sum to 0, so the points need n
 @attrs.frozen(kw_only=True)
 class Head:
     """left_mm, right_mm: the viewer's own eyes. position_mm: the point between them. yaw to the
-    viewer's right, pitch up, roll to
-    the right shoulder: 0 for a head that faces along -z; applied in that order about intrinsic
-    axes.
+    viewer's right, pitch up, roll to the right shoulder: 0 for a head that faces along -z; applied
+    in that order about intrinsic axes.
     """
 
     left_mm: Point

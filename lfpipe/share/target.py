@@ -14,7 +14,7 @@ from lfpipe.errors import UserError, quoted
 from lfpipe.host.machine import install_command
 
 FORMS = (
-    "opentrack:HOST:PORT, osc:HOST:PORT or lsl[:NAME], with ?rate=HZ for predicted eyes at that"
+    "use opentrack:HOST:PORT, osc:HOST:PORT or lsl[:NAME], with ?rate=HZ for predicted eyes at that"
     " rate"
 )
 LIBRARIES = {"opentrack": "", "osc": "pythonosc", "lsl": "pylsl"}  # kind -> module that it needs
@@ -110,12 +110,12 @@ def check_targets(texts: Sequence[str], running: Sequence[str] = ()) -> tuple[st
     for text in texts:
         exact = str(check_target(text))
         if exact.partition("?")[0] in {target.partition("?")[0] for target in targets}:
-            raise UserError(f"--share {text}: already a target", "give each target once")
+            raise UserError(f"--share {text}: is a target already", "give each target once")
         targets.append(exact)
     if len(targets) > MAX_TARGETS:
         raise UserError(
-            f"--share: {len(targets)} targets, {MAX_TARGETS} at most",
-            "one program can pass them on to others",
+            f"--share: {len(targets)} targets are too many; at most {MAX_TARGETS} are allowed",
+            "let one program pass them on to others",
         )
     return tuple(targets[len(running) :])
 
@@ -129,7 +129,7 @@ def _resolved(text: str, target: Target) -> str:
             probe.connect(address)  # looks up a route; a datagram socket sends nothing for this
     except (OSError, ValueError) as error:
         why = error.strerror if isinstance(error, OSError) else "not a host name"
-        remedy = "the name or address of the receiver's machine, 127.0.0.1 for this one"
+        remedy = "give the name or address of the receiver's machine, 127.0.0.1 for this one"
         raise _refusal(text, f"{quoted(target.host)}: {why}", remedy) from None
     host = str(address[0])
     if socket.inet_pton(family, host.partition("%")[0]).strip(b"\0") == b"":

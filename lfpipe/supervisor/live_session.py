@@ -58,7 +58,7 @@ MAX_ERROR_CHARS = 2000  # of an answer: parts of the text came from outside
 INTERNAL = {
     "ok": False,
     "error": "internal error",
-    "remedy": "the session continues; please report the stack in its log",
+    "remedy": "report the stack in its log; the session continues",
 }
 REPLACED = {
     "ok": False,

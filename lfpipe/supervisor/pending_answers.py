@@ -91,5 +91,5 @@ class PendingAnswers:
             elif t_ns > act.until_ns:
                 stages = " and ".join(sorted(act.missing))
                 why = f"{stages} did not execute it within {EXECUTE_NS // SECOND_NS} s"
-                remedy = "`lfpipe monitor` shows what the session does"
+                remedy = "see what the session does: `lfpipe monitor`"
                 yield self._acts.pop(number).request, {"ok": False, "error": why, "remedy": remedy}

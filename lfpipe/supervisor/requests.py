@@ -149,16 +149,16 @@ def _output(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
     if not isinstance(path, str) or not (_absolute(path) or not path):
         raise BadMessage(f"{command} needs an absolute path, or an empty one to stop")
     if path and running:
-        raise UserError(f"a {what} to {running} is already running", f"`{typed} stop` ends it")
+        raise UserError(f"a {what} to {running} is already running", f"end it with `{typed} stop`")
     if not path and not running:
-        raise UserError(f"no {what} is running", f"`{typed} start OUT` starts one")
+        raise UserError(f"no {what} is running", f"start one with `{typed} start OUT`")
     if not path:
         none: dict[str, Any] = {option: ""}
         return Reply(answer={"path": running}, state=state.changed(**none))
     if command == "record" and not _has_eyes(state):
         raise UserError(
             "no camera is in use: the scene is a single view",
-            "`lfpipe record OUT` records without a scene",
+            "record without a scene: `lfpipe record OUT`",
         )
     source, record = state.options.viewer.source, state.options.record
     return Reply(check=FileCheck(check=command, path=path, source=source, record=record))
@@ -195,11 +195,11 @@ def _share(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
     }
     if missing := [text for text, targets in named.items() if not targets]:
         raise UserError(
-            f"{quoted(missing[0])}: not a current target",
-            f"current targets: {', '.join(running) or 'none'}",
+            f"{quoted(missing[0])} is not a current target",
+            f"name one of {', '.join(running)}" if running else "leave it out: nothing is shared",
         )
     if not running:
-        raise UserError("nothing is shared", "`lfpipe ctl share start TARGET` starts it")
+        raise UserError("nothing is shared", "start it with `lfpipe ctl share start TARGET`")
     ended = [target for targets in named.values() for target in targets] or list(running)
     left = tuple(target for target in running if target not in ended)
     return Reply(answer={"share": list(left)}, state=state.changed(share=left))

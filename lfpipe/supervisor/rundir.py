@@ -237,6 +237,6 @@ def find(name: str) -> Session:
         others = ", ".join(living)
         raise UserError(
             f"no session {name!r} is running",
-            f"running: {others}" if others else "start one: `lfpipe up --demo`",
+            f"use one that is running: {others}" if others else "start one: `lfpipe up --demo`",
         )
     return session

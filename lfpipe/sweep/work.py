@@ -27,7 +27,7 @@ from lfpipe.sweep.results import DIED, DIFFERS, FAILED, LEFT_OUT, OK, Outcome
 
 REASON_CHARS = 2000  # of a line of results: the end of a traceback
 REFERENCE = "figures.json"  # in the reference of a cell without pictures
-AGAIN = "copy the whole folder again, or --update to rewrite it"
+AGAIN = "copy the whole folder again, or rewrite it with --update"
 CLOSE = 1e-3  # relative tolerance of figures, for rounding on other processors
 # A command ends with the worker that started it; otherwise the stages of its session would
 # continue.

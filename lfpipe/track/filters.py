@@ -2,10 +2,9 @@
 motion, run in parallel and weighted by how well each predicts.
 
 Interacting multiple models (Blom and Bar-Shalom 1988; Bar-Shalom, Li, Kirubarajan 2001, section
-11.6.6), on the point midway
-between the eyes: one model of rest, which dominates at rest, so that noise does not move the
-picture; the others of constant velocity under accelerations of different strength, which take over
-within a frame. The half distance is smoothed separately.
+11.6.6), on the point midway between the eyes: one model of rest, which dominates at rest, so that
+noise does not move the picture; the others of constant velocity under accelerations of different
+strength, which take over within a frame. The half distance is smoothed separately.
 
 The noise is measured while running, from third differences of the half distance, in which head
 motion cancels. Constants are in distances between the eyes and in seconds, so they hold for any

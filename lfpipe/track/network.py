@@ -75,8 +75,8 @@ class Network:
         shape = tuple(int(size) for size in first["shape"])
         if shape != (1, size_px, size_px, 3) or any(size not in by_size for size in outputs):
             raise UserError(
-                f"track.engine = litert: {path}: another version: input {shape}, outputs of"
-                f" {sorted(by_size)} values, expected {(1, size_px, size_px, 3)} and"
+                f"track.engine = litert: {path}: has another version: input {shape}, outputs of"
+                f" {sorted(by_size)} values; expected {(1, size_px, size_px, 3)} and"
                 f" {sorted(outputs)}",
                 models.DAMAGED,
             )

@@ -40,8 +40,7 @@ class EyeFilter(ABC):
 
     def update(self, t_ns: int, measurement: Points) -> tuple[Points, Points]:
         """Adds the eyes measured at t_ns, float64 (2, 2) px; returns (position, velocity), both (2,
-        2), px and px/s, which the
-        filter still uses: copy them before you change them.
+        2), px and px/s, which the filter still uses: copy them before you change them.
 
         A measurement that is not finite or beyond LIMIT_PX counts as missing. A stamp less than
         MIN_STEP_NS after the last one means a duplicate frame, which is ignored. A step of at least

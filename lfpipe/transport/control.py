@@ -49,9 +49,11 @@ def encode(message: dict[str, Any]) -> bytes:
     try:
         data = bytes(msgpack.packb({"v": VERSION, **message}, unicode_errors="surrogateescape"))
     except (TypeError, ValueError, OverflowError) as error:  # UnicodeEncodeError is a ValueError
-        raise BadMessage(f"not a map of plain values: {type(error).__name__}") from None
+        raise BadMessage(
+            f"the message is not a map of plain values: {type(error).__name__}"
+        ) from None
     if len(data) > MAX_BYTES:
-        raise BadMessage(f"{len(data)} bytes; at most {MAX_BYTES} are allowed")
+        raise BadMessage(f"the message has {len(data)} bytes; at most {MAX_BYTES} are allowed")
     return data
 
 
@@ -68,25 +70,27 @@ def decode(data: bytes) -> dict[str, Any]:
 def unpack(data: bytes) -> dict[str, Any]:
     """Decodes the map in data, unchecked. Raises BadMessage if there is none."""
     if len(data) > MAX_BYTES:
-        raise BadMessage(f"{len(data)} bytes; at most {MAX_BYTES} are allowed")
+        raise BadMessage(f"the message has {len(data)} bytes; at most {MAX_BYTES} are allowed")
     try:
         message = msgpack.unpackb(
             data, raw=False, strict_map_key=True, max_ext_len=0, unicode_errors="surrogateescape"
         )
     # msgpack raises several types for hostile bytes; all mean the same here
     except Exception as error:
-        raise BadMessage(f"not msgpack: {type(error).__name__}") from None
+        raise BadMessage(f"the message is not msgpack: {type(error).__name__}") from None
     if not isinstance(message, dict):
-        raise BadMessage("not a map of plain values")
+        raise BadMessage("the message is not a map of plain values")
     return message
 
 
 def check(message: dict[str, Any]) -> None:
     """Raises BadMessage for a wrong depth, type or version."""
     if not _depth({key: value for key, value in message.items() if key != "id"}):
-        raise BadMessage(f"not a map of plain values, nested at most {MAX_DEPTH} levels")
+        raise BadMessage(
+            f"the message is not a map of plain values with at most {MAX_DEPTH} levels"
+        )
     if message.get("v") != VERSION or message["v"] is True:
-        raise BadMessage(f"version {message.get('v')!r:.100}, expected {VERSION}")
+        raise BadMessage(f"the message has version {message.get('v')!r:.100}, expected {VERSION}")
     if not _is_id(message.get("id")):
         raise BadMessage(
             f"an id is one number, text or byte string of at most {MAX_ID_BYTES} bytes"
@@ -159,7 +163,7 @@ def request(run_dir: Path, message: dict[str, Any], timeout_s: float = 2.0) -> d
         connect(socket, run_dir, "ctl")
         socket.send(data)
         if not socket.poll(int(timeout_s * 1000)):
-            remedy = "`lfpipe monitor --once` shows whether it runs"
+            remedy = "see whether it runs: `lfpipe monitor --once`"
             raise UserError(f"the session did not answer within {timeout_s:g} s", remedy)
         answer = decode(socket.recv())
     if not answer.get("ok"):

@@ -108,7 +108,7 @@ class RingInput:
         self.give_credit()
 
     def done(self) -> None:
-        """Everything taken has been processed.
+        """Reports that everything taken has been processed.
 
         If this process dies, its successor counts later slots as dropped.
         """
@@ -116,7 +116,7 @@ class RingInput:
             self._taken[self._index] = self.reader.last_seq
 
     def wait(self) -> None:
-        """The stage waits: in lock-step, everything taken has been processed."""
+        """Notes that the stage waits: in lock-step, everything taken has been processed."""
         if self._lock_step:
             self.give_credit()
 

@@ -123,7 +123,7 @@ def test_disparity_and_positions_come_with_an_array(cache: dict[str, Any], tmp_p
     np.testing.assert_array_equal(
         lfpipe.render_view(turned, 0, 0, method="nearest"), VIEWS[0, 0, ..., ::-1]
     )
-    with pytest.raises(lfpipe.UserError, match="only for arrays"):
+    with pytest.raises(lfpipe.UserError, match="only arrays have"):
         lfpipe.open_scene(tmp_path, disparity=disparity)
 
 

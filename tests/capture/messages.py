@@ -56,10 +56,10 @@ MESSAGES: dict[str, tuple[Cause, str]] = {
         "'fiel:a.mp4': not a frame source … camera:N, … file:PATH?loop=0|1 … demo",
     ),
     "no camera given": (parsed("camera: "), "'camera: ': not a frame source … camera:NAME"),
-    "no path": (parsed("file:?loop=0"), "file: no path given … file:walk.mp4"),
+    "no path": (parsed("file:?loop=0"), "file: has no path … file:walk.mp4"),
     "bad pace": (
         parsed("file:a?pace=nan"),
-        "'pace=nan' in 'file:a?pace=nan': … pace=recorded|max|HZ … 10000 … another '?'",
+        "'pace=nan' in 'file:a?pace=nan' is not … pace=recorded|max|HZ … 10000 … another '?'",
     ),
     "no file": (
         checked("a.avi", lambda path: None),
@@ -75,7 +75,7 @@ MESSAGES: dict[str, tuple[Cause, str]] = {
     ),
     "empty folder": (
         checked("a", Path.mkdir),
-        "/here/a: a folder without pictures … .png … or name a video in it",
+        "/here/a: the folder has no pictures … .png … or a video in it",
     ),
     "unplugged": (failing(errno.ENODEV), "camera /dev/video7: unplugged … plug it in again"),
     "no permission": (failing(errno.EACCES), "camera /dev/video7: no permission … group `video`"),

@@ -428,6 +428,6 @@ def test_an_update_removes_no_folder_of_a_person(first: Path, tmp_path: Path, na
 def test_a_reference_whose_trace_is_of_another_run_is_refused(first: Path, tmp_path: Path) -> None:
     reference = shutil.copytree(first, tmp_path / "ref")
     change_report(reference, setting("digests", "eyes", "0" * 64))
-    with pytest.raises(UserError, match="eyes in its report") as caught:
+    with pytest.raises(UserError, match="report differ in eyes") as caught:
         compare(reference, first)
     assert "--update" in caught.value.remedy

@@ -143,7 +143,7 @@ REFUSALS = {
     "no such scene": Refused(lambda here: here / "nowhere", "no such scene"),
     "more files than a light field has": Refused(
         too_many_files,
-        "more than 20000 files, no",
+        "more than 20000 files; no",
     ),
     "a view of other bits": Refused(
         hci(lambda f: made.write(f / "input_Cam003.png", GRID[0, 0].astype(np.uint16) * 257)),
@@ -211,7 +211,7 @@ REFUSALS = {
     ),
     "no tiles": Refused(
         one("x.png"),
-        "no tiles recognised in 64x48",
+        "no tiles were recognised in 64x48",
         again(grid="3x4", layout="mosaic"),
         config.Scene(layout="mosaic"),
     ),
@@ -236,7 +236,7 @@ REFUSALS = {
         data("x.jpg", PROMISED), "claims to contain a depth", AS_DEPTH
     ),
     "depth in false colours": Refused(
-        both(one("x.png"), one("x_depth.png", GRID[2, 2])), "a depth map in false colours", AS_DEPTH
+        both(one("x.png"), one("x_depth.png", GRID[2, 2])), "depth map has false colours", AS_DEPTH
     ),
     "depth in floats": Refused(
         both(one("x.png"), one("x_depth.tiff", made.middle_disparity(48, 64))),
@@ -245,12 +245,12 @@ REFUSALS = {
     ),
     "depth of another shape": Refused(
         both(one("x.png"), one("x_depth.png", GRID[2, 2, :, :30, 0])),
-        "a depth map of 30x48 px for a",
+        "the depth map has 30x48 px",
         AS_DEPTH,
     ),
     "depth of one value": Refused(
         both(one("x.png"), one("x_depth.png", GRID[2, 2, ..., 0] * 0)),
-        "a depth map of one value",
+        "the depth map has one value",
         AS_DEPTH,
     ),
     "HEIC": Refused(data("a.heic"), "a.heic: ", AS_VIEWS),
@@ -264,7 +264,7 @@ REFUSALS = {
     ),
     "a grid beyond all": Refused(
         grid("v_{r}_{c}.png"),
-        "9999x1000 views, at most 10000 along a",
+        "9999x1000 views; at most 10000 along a",
         again(grid="3x4"),
         config.Scene(grid="9999x1000"),
     ),

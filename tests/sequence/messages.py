@@ -83,7 +83,7 @@ MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
         line(crc32="x"),
         f"/here/seq/frames.jsonl:3: crc32 is 'x', expected a whole number … {COPY}",
     ),
-    "frames and eyes": (line(codec="eyes"), f"/here/seq: holds frames and eyes … {COPY}"),
+    "frames and eyes": (line(codec="eyes"), f"/here/seq: mixes frames with eyes … {COPY}"),
     "a bit": (
         file(PACKETS, lambda data: data[:99] + bytes([data[99] ^ 1]) + data[100:]),
         (
@@ -114,7 +114,7 @@ MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
     ),
     "another format": (
         manifest(format="zip"),
-        '/here/seq/manifest.json: not the manifest … "lfpipe-sequence"',
+        '/here/seq/manifest.json: is not the manifest … "lfpipe-sequence"',
     ),
     "nowhere": (
         lambda here: open_sequence(here / "nowhere"),
@@ -132,7 +132,7 @@ MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
     ),
     "cut of nothing": (
         lambda here: edit.cut(open_sequence(made_sequence(here / "seq")), here / "part", 9, 10),
-        "no frame from 9 s to 10 s … /here/seq lasts 0.167 s",
+        "/here/seq: has no frame from 9 s to 10 s … use times up to 0.167 s",
     ),
     "cut to what exists": (
         lambda here: edit.cut(open_sequence(made_sequence(here / "seq")), here / "seq", 0, 1),

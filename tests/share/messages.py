@@ -34,10 +34,10 @@ MESSAGES: dict[str, tuple[Cause, str]] = {
     ),
     "twice": (
         lambda here: check_targets(["lsl", "lsl:lfpipe?rate=60"]),
-        "--share lsl:lfpipe?rate=60: already a target … once",
+        "--share lsl:lfpipe?rate=60: is a target already … once",
     ),
     "nine": (
         lambda here: check_targets([f"osc:127.0.0.1:{9000 + k}" for k in range(9)]),
-        "--share: 9 targets, 8 at most … others",
+        "--share: 9 targets are too many; at most 8 … others",
     ),
 }

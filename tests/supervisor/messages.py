@@ -23,17 +23,17 @@ MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
     ),
     "a second recording": (
         lambda here: respond(made_state(record="/theirs"), {"cmd": "record", "path": "/mine"}, 0),
-        "a recording to /theirs is already running\n  remedy: `lfpipe ctl record stop` ends it",
+        "a recording to /theirs is already running\n  remedy: end it with `lfpipe ctl record stop`",
     ),
     "no timeline to stop": (
         lambda here: respond(made_state(), {"cmd": "trace", "path": ""}, 0),
-        "no trace is running\n  remedy: `lfpipe trace start OUT` starts one",
+        "no trace is running\n  remedy: start one with `lfpipe trace start OUT`",
     ),
     "a recording of a single view": (
         lambda here: respond(made_state(viewer=NoViewer()), {"cmd": "record", "path": "/x"}, 0),
         (
-            "no camera is in use: the scene is a single view\n  remedy: `lfpipe record OUT` records"
-            " without a scene"
+            "no camera is in use: the scene is a single view\n  remedy: record without a scene:"
+            " `lfpipe record OUT`"
         ),
     ),
     "nothing to share": (

@@ -25,7 +25,7 @@ def read_track(path: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     t_s, face, eyes = _table(path)
     known = np.flatnonzero(face)
     if len(known) < 2:
-        raise UserError(f"{path}: no face in it", REMEDY)
+        raise UserError(f"{path}: contains no face", REMEDY)
     ms = np.arange(int((t_s[-1] - t_s[0]) * 1000))
     at_s = t_s[0] + ms / 1000
     columns = [np.interp(at_s, t_s[known], eyes[known, k]) for k in range(4)]

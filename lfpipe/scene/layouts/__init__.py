@@ -56,7 +56,8 @@ def describe(path: str | os.PathLike[str], scene: config.Scene) -> SceneSource:
     known = layouts()
     if scene.layout not in ("auto", *known):
         raise UserError(
-            f"scene.layout: {scene.layout!r} is not a layout", f"one of: auto, {', '.join(known)}"
+            f"scene.layout: {scene.layout!r} is not a layout",
+            f"use one of: auto, {', '.join(known)}",
         )
     try:
         with library_errors(path):
@@ -242,14 +243,14 @@ def _checked(
         if listing.pictures():
             remedy = "name the views view_ROW_COLUMN.png, or give one picture by its own path"
         raise UserError(
-            f"{listing.path}: no layout of a light field recognised ({some}, ...)", remedy
+            f"{listing.path}: no layout of a light field was recognised ({some}, ...)", remedy
         )
     path = single_picture(listing) if mark < 90 else None  # others say what they are
     if path is None or not is_honeycomb(read_picture(path)[0]):
         return layout
     if not scene.force:
         raise UserError(
-            f"{path}: a raw picture of a plenoptic camera, a honeycomb of lenslets",
+            f"{path}: is a raw picture of a plenoptic camera, a honeycomb of lenslets",
             "decode it with PlenoptiCam or LFToolbox and give the folder of its views; --set"
             " scene.force=true shows it flat",
         )

@@ -44,7 +44,7 @@ def require_grid(rows: int, cols: int, what: str) -> None:
     if not (1 <= rows <= MAX_SIDE and 1 <= cols <= MAX_SIDE and rows * cols <= MAX_FILES):
         most = f"at most {MAX_SIDE} along a side and {MAX_FILES} together"
         raise UserError(
-            f"{what}: a grid of {rows}x{cols} views, {most} are expected",
+            f"{what}: the grid has {rows}x{cols} views; {most} are expected",
             "give the true one with --set scene.grid=ROWSxCOLS",
         )
 
@@ -53,13 +53,14 @@ def require_view(height: int, width: int, sample_bytes: int, what: str) -> None:
     """Raises UserError where no view is so large, or so small. what: who says so."""
     if min(height, width) < LEAST_VIEW_PX:
         raise UserError(
-            f"{what}: views of {width}x{height} px; expected at least {LEAST_VIEW_PX} on a side",
+            f"{what}: views have {width}x{height} px; a side has at least {LEAST_VIEW_PX}",
             "save the array with the axes (rows, columns, height, width, planes)",
         )
     if height * width * 3 * sample_bytes > MAX_DECODING_BYTES:
         most = f"at most {MAX_DECODING_BYTES / 1e6:.0f} MB each"
         raise UserError(
-            f"{what}: views of {width}x{height} px, expected {most}", "export it with smaller views"
+            f"{what}: views have {width}x{height} px; {most} are expected",
+            "export it with smaller views",
         )
 
 
@@ -102,9 +103,8 @@ def files_source(
         for own, usual in ((headers[name].size, first.size), (headers[name].bits, first.bits)):
             if own != usual:
                 raise UserError(
-                    f"{files[place]}: {own}, but {files[middle].name} has {usual}",
-                    "every view of a light field has the same size and depth; export this one"
-                    " again",
+                    f"{files[place]}: has {own}, but {files[middle].name} has {usual}",
+                    "export it again: every view of a light field has the same size and depth",
                 )
     full = first.max_value
     if full == 65535:
@@ -220,7 +220,7 @@ def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: boo
         in_order = grid is not None and grid[0] * grid[1] == len(numbered.views)
         raise UserError(
             f"{listing.path}: {wrong}",
-            "--set scene.layout=numbered takes the names in order"
+            "take the names in order with --set scene.layout=numbered"
             if in_order
             else "leave out scene.grid",
         )

@@ -112,9 +112,8 @@ class Tiling:
 
 def dip(grey: NDArray[np.float32], axis: int, period: float, plain: float = 1e-3) -> float:
     """Mean square difference between a picture and itself at a shift of one period along an axis,
-    relative to shifts of half a
-    period more or less: 1 where these are plain. What repeats has a dip there; the difference of an
-    ordinary picture only grows with the shift.
+    relative to shifts of half a period more or less: 1 where these are plain. What repeats has a
+    dip there; the difference of an ordinary picture only grows with the shift.
     """
     along = grey if axis == 0 else grey.T
     at, less, more = (
@@ -376,7 +375,7 @@ def tiling(
     picture: NDArray[Any], path: Path, scene: config.Scene, quilt: bool = False
 ) -> Tiling | None:
     """The tiling of the picture at path: from scene.grid or a quilt's name, else detected. quilt:
-    it is one line of views, which else the pictures say. Raises UserError if the given grid does
+    it is one line of views; otherwise the pictures decide. Raises UserError if the given grid does
     not divide it.
     """
     height, width = picture.shape[:2]

@@ -8,8 +8,8 @@ cols, height, width), px per view, nearer is larger; and `positions` (rows, cols
 camera stood, (down, right) in any unit. MATLAB files hold LF: LFToolbox's NAME__Decoded.mat and
 BasicLFSR's. v7.3 files are HDF5, axes in reverse order; older ones need scipy (the extra
 `scipy`). lf.h5 holds LF, GT_DEPTH and attributes, columns from right to left: Wanner,
-Meister, Goldluecke, "Datasets and Benchmarks for Densely Sampled 4D Light Fields", VMV 2013; a file
-without those attributes need not.
+Meister, Goldluecke, "Datasets and Benchmarks for Densely Sampled 4D Light Fields", VMV 2013; in a
+file without those attributes they may run either way.
 """
 
 import contextlib
@@ -164,7 +164,7 @@ def _numpy_source(listing: Listing, path: Path) -> SceneSource:
     ):
         if values is not None and (values.shape != shape or values.dtype.kind not in "fiu"):
             raise UserError(
-                f"{path}: {name} has sizes {values.shape}", f"expected {shape}, of numbers"
+                f"{path}: {name} has sizes {values.shape}", f"give numbers of the sizes {shape}"
             )
     if positions is not None and not np.isfinite(positions).all():
         raise UserError(

@@ -251,7 +251,7 @@ def _read(listing: Listing) -> _Photo:
         (picture, full), (stored, _) = read_picture(paths[0]), read_picture(paths[1])
         if _colour(stored) > _COLOURED:
             raise UserError(
-                f"{paths[1]}: a depth map in false colours",
+                f"{paths[1]}: the depth map has false colours",
                 "save it in grey, with near things white",
             )
         near, why, doubt = read_depth(
@@ -291,7 +291,7 @@ def _disparity(photo: _Photo, height: int, width: int) -> NDArray[np.float32]:
     of = photo.picture.shape
     if not 1 / _SAME_SHAPE < (near.shape[1] / near.shape[0]) / (of[1] / of[0]) < _SAME_SHAPE:
         what = (
-            f"{photo.paths[-1]}: a depth map of {near.shape[1]}x{near.shape[0]} px for a picture of"
+            f"{photo.paths[-1]}: the depth map has {near.shape[1]}x{near.shape[0]} px, the picture"
             f" {of[1]}x{of[0]}"
         )
         raise UserError(what, "turn or crop one of them to the shape of the other")
@@ -305,7 +305,8 @@ def _disparity(photo: _Photo, height: int, width: int) -> NDArray[np.float32]:
     )
     if not high > low:
         raise UserError(
-            f"{photo.paths[-1]}: a depth map of one value", "use one in which near and far differ"
+            f"{photo.paths[-1]}: the depth map has one value",
+            "use one in which near and far differ",
         )
     share = np.clip((near - np.float32(low)) / np.float32(high - low), 0, 1)
     if not known.all():  # what was not measured lies behind what is beside it

@@ -60,8 +60,8 @@ def _describe_picture(listing: Listing, scene: config.Scene) -> SceneSource:
     path = require_picture(listing)
     if not scene.force and _is_anaglyph(read_picture(path)[0], path.stem):
         raise UserError(
-            f"{path}: a red/cyan anaglyph: each eye's picture has lost its other colours, so they"
-            " cannot be shown apart",
+            f"{path}: is a red/cyan anaglyph: each eye's picture has lost its other colours, so"
+            " they cannot be shown apart",
             "give the stereo pair that it was made of; --set scene.force=true shows it flat",
         )
     notes = tuple(f"{name} is the same picture" for name in listing.pictures() if name != path.name)
@@ -155,7 +155,7 @@ def _describe_animation(listing: Listing, scene: config.Scene) -> SceneSource:
     evidence = gather_evidence(source) if unsteady else None
     if unsteady and not (evidence and evidence.change):
         raise UserError(
-            f"{path}: no tiles recognised in {width}x{height} px, and its frames form no grid",
+            f"{path}: no tiles were recognised in {width}x{height} px, and its frames form no grid",
             f"from a camera slid sideways, `lfpipe scene make {path}` makes views; give the tiles"
             " with --set scene.grid=ROWSxCOLS, or open the frames as one line with --set"
             " scene.layout=gif",

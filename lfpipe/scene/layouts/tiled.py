@@ -81,8 +81,8 @@ def _frames(layout: str, listing: Listing) -> tuple[list[Path], tuple[str, ...]]
         )
     for path, header in zip(paths, headers, strict=True):
         if header.size != usual:
-            what = f"{path}: {header.size}, {paths[0].name} has {usual}"
-            raise UserError(what, "all frames of a light-field video must have the same size")
+            what = f"{path}: has {header.size}, but {paths[0].name} has {usual}"
+            raise UserError(what, "export it again with frames of one size")
     return paths, ()
 
 
@@ -110,7 +110,7 @@ def _describe(layout: str, listing: Listing, scene: config.Scene) -> SceneSource
         remedy = "give the tiles with --set scene.grid=ROWSxCOLS"
         if _is_video(listing):
             remedy += "; from a camera slid sideways, `lfpipe scene make` makes views"
-        raise UserError(f"{paths[0]}: no tiles recognised in {width}x{height} px", remedy)
+        raise UserError(f"{paths[0]}: no tiles were recognised in {width}x{height} px", remedy)
     return SceneSource(
         certain=quilt,
         layout=layout,
