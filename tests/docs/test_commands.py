@@ -70,14 +70,13 @@ def test_commands_exist_with_their_options() -> None:
 
 
 # Names on the pages for which the small scene stands
-SCENES = "SCENE PATH views boxes antinous rectified Bikes buddha raster pair mosaics slide-views"
-SCENES += " photo.jpg photo.mpo photo_rgbd.png flower_eslf.png name_qs8x6a0.75.png atlas.png"
-SCENES += " scene.mat"
+SCENES = "SCENE PATH views boxes antinous rectified Bikes buddha raster pair slide-views photo.jpg"
+SCENES += " flower_eslf.png"
 ELSEWHERE = {  # commands that are not run here, and why
     r"--(web|kiosk|on|latency)\b|calibrate|kiosk": "runs until somebody ends it",
     r"cameras|record$": "needs a camera",
     r"models get|10\.0\.0\.7": "needs a network",
-    r"scenes/|lf\.h5|clip\.mp4|slide\.mp4|up wiggle": "needs more than a small scene",
+    r"scenes/|lf\.h5|slide\.mp4": "needs more than a small scene",
     r"bench table|scene make": "needs more than a small scene",
     r"lsl|share stop": "needs a library, or a target: tests/share",
     r"\b(WORD|KEY|NAME|OUT|REF|FILE|TARGET|HOST|SRC|V\?pace)\b|\[|\.\.\.": "needs an argument",

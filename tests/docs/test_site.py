@@ -79,3 +79,9 @@ def test_links_and_files_that_pages_name_exist() -> None:
             assert any((folder / name).exists() for folder in (ROOT, ROOT / "lfpipe")), (
                 f"{page.name}: {name}"
             )
+
+
+def test_the_pages_together_have_at_most_20000_words() -> None:
+    """As `cat README.md docs/*.md | wc -w` counts them, the generated ones included."""
+    pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
+    assert sum(len(page.read_text().split()) for page in pages) <= 20_000

@@ -174,14 +174,14 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
             (f"2 of {len(others) + 2} files used; the others are {some(others)}",) if others else ()
         )
         eyes = {(0, col): name for col, name in enumerate(pairs[0])}
-        said = not _recorded(listing)
+        by_name = not _recorded(listing)
         return files_source(
             NAME,
             listing,
             eyes,
             (1, 2),
-            turn=Turn() if said else None,
-            turn_by="the names say left and right" if said else "",
+            turn=Turn() if by_name else None,
+            turn_by="the names say left and right" if by_name else "",
             notes=notes,
         )
     path = _alone(listing) or require_picture(listing)
