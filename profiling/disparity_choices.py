@@ -26,8 +26,9 @@ from lfpipe.render.compositor import ViewRenderer
 from lfpipe.render.scoring import psnr_db
 from lfpipe.scene import disparity, optical_flow
 from lfpipe.scene.disparity import luma
-from lfpipe.scene.lightfield import Geometry, LightField
+from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.open_scene import open_scene
+from lfpipe.scene.source import Geometry
 from profiling.arguments import existing, parser_of, start
 from profiling.drawn_scenes import SCENES, SIDE, views_of
 
@@ -68,7 +69,6 @@ def field_of(views: NDArray[np.uint8]) -> LightField:
         frame_rate_hz=25.0,
         name="",
         method="warp2",
-        manifest={},
     )
 
 

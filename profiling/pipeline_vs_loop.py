@@ -76,7 +76,7 @@ def main() -> None:
     video = args.video or demo_sequence(cache / "bench", MOVING_S[1])
     scene = args.scene or demo_scene(cache)
     field = open_scene(scene, settings)
-    views = write_views(field, cache / "bench" / "views" / str(field.manifest["key"]))
+    views = write_views(field, cache / "bench" / "views" / field.manifest.key)
     fast = args.pace == "max"
     pace_hz = 0.0 if fast else float(args.pace)
     loop = Loop(

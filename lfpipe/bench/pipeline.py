@@ -264,7 +264,7 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
         return partial(run_session, inputs.scene[0], sequence.path, seconds, settings | common)
 
     def loop() -> SessionRun:
-        views = write_views(field, inputs.work / "views" / str(field.manifest["key"]))
+        views = write_views(field, inputs.work / "views" / field.manifest.key)
         return run_loop(
             Loop(
                 video=sequence.path,

@@ -21,7 +21,8 @@ from lfpipe.errors import UserError
 from lfpipe.observe.loop_delay import Recording, estimate
 from lfpipe.render.compositor import Compositor, ViewRenderer
 from lfpipe.render.viewpoint import ViewSolver, pair_clamped
-from lfpipe.scene.lightfield import UNKNOWN, Geometry, LightField
+from lfpipe.scene.lightfield import UNKNOWN, LightField
+from lfpipe.scene.source import Geometry
 from lfpipe.track.filters import make_filter
 
 FILTERS = (
@@ -207,7 +208,6 @@ def extreme_field(
         frame_rate_hz=0.0,
         name="extreme",
         method="warp2",
-        manifest={},
     )
 
 

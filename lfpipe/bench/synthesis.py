@@ -40,7 +40,7 @@ def subsample(field: LightField, rows: Sequence[int], cols: Sequence[int]) -> Li
         offsets=np.ascontiguousarray(field.offsets[rows][:, cols]) / np.float32(step),
         present=np.ones((len(rows), len(cols)), bool),
         # scores are of all views: by them, a cross-fade would be drawn in place of a warp
-        manifest={**field.manifest, "scores": {}},
+        manifest=attrs.evolve(field.manifest, scores={}),
     )
     if field.disparity is None:
         return kept_field

@@ -25,9 +25,11 @@ from lfpipe.render.compositor import ViewRenderer
 from lfpipe.render.plan import make_plan
 from lfpipe.scene.cache import cache_dir, packs, remove, sweep
 from lfpipe.scene.contact_sheet import contact_sheet
-from lfpipe.scene.info import expected_field, lines, pack_facts
+from lfpipe.scene.info import expected_field, facts, lines
 from lfpipe.scene.lightfield import LightField
+from lfpipe.scene.manifest import Manifest
 from lfpipe.scene.open_scene import ask_packer, open_scene, packed
+from lfpipe.scene.slide import Slide
 
 Command = Callable[..., Any]
 PICTURES = (".png", ".jpg", ".jpeg")
@@ -82,13 +84,8 @@ def pack(path: Path, as_json: bool, config: Config) -> None:
     field = opened(path, config)
     if as_json:
         plan = make_plan(field, config)
-        facts = {
-            "pack": field.folder,
-            "needs_tracking": plan.needs_tracking,
-            "method": plan.method,
-            **field.manifest,
-        }
-        print_result(json.dumps(facts))
+        session = {"pack": field.folder, "needs_tracking": plan.needs_tracking}
+        print_result(json.dumps({**session, **field.manifest.as_json()}))
     else:
         print_result(field.folder)
 
@@ -102,18 +99,22 @@ def list_packs(as_json: bool, config: Config) -> None:
     if as_json:
         keys = ("name", "source", "layout", "rows", "cols", "frames", "height", "width", "created")
         rows = [
-            {"key": folder.name, "bytes": size, **{key: about.get(key) for key in keys}}
-            for folder, about, size in cached
+            {
+                "key": pack.folder.name,
+                "bytes": pack.size_bytes,
+                **{key: getattr(pack.manifest, key, None) for key in keys},
+            }
+            for pack in cached
         ]
         print_result(json.dumps({"cache": str(cache_dir(config.scene)), "packs": rows}))
         return
-    for folder, about, size in cached:
-        grid = "{rows}x{cols} of {width}x{height}".format(**about) if "rows" in about else "damaged"
-        print_result(f"{folder.name} {size / 1e6:8.1f} MB  {grid}\n    {about.get('source', '')}")
-    print_result(
-        f"{len(cached)} packs, {sum(size for _, _, size in cached) / 1e6:.1f} MB in"
-        f" {cache_dir(config.scene)}"
-    )
+    for pack in cached:
+        about = pack.manifest or Manifest()
+        grid = f"{about.rows}x{about.cols} of {about.width}x{about.height}"
+        what = f"{grid}\n    {about.source}" if pack.manifest else "damaged"
+        print_result(f"{pack.folder.name} {pack.size_bytes / 1e6:8.1f} MB  {what}")
+    size_mb = sum(pack.size_bytes for pack in cached) / 1e6
+    print_result(f"{len(cached)} packs, {size_mb:.1f} MB in {cache_dir(config.scene)}")
 
 
 @scene.command()
@@ -125,17 +126,19 @@ def clean(keys: tuple[str, ...], everything: bool, config: Config) -> None:
     left. Packs that a session shows are kept.
     """
     cached = packs(config.scene)
-    names = {
-        folder: {folder.name, about.get("name"), about.get("source")} for folder, about, _ in cached
-    }
+    names: dict[Path, set[str]] = {}
+    for pack in cached:
+        about = pack.manifest
+        names[pack.folder] = {pack.folder.name, *((about.name, about.source) if about else ())}
     if unknown := sorted(set(keys).difference(*names.values())):
         raise UserError(
             f"{', '.join(unknown)}: no such pack", "see keys and names with `lfpipe scene list`"
         )
-    chosen = {folder: size for folder, _, size in cached if everything or names[folder] & set(keys)}
-    removed_bytes = [size for folder, size in chosen.items() if remove(folder)]
-    for folder in filter(is_dir, chosen):
-        print_result(f"kept, in use or with other files: {folder.name}")
+    chosen = [pack for pack in cached if everything or names[pack.folder] & set(keys)]
+    removed_bytes = [pack.size_bytes for pack in chosen if remove(pack.folder)]
+    for pack in chosen:
+        if is_dir(pack.folder):
+            print_result(f"kept, in use or with other files: {pack.folder.name}")
     leftovers = sweep(config.scene)
     count = "1 pack" if len(removed_bytes) == 1 else f"{len(removed_bytes)} packs"
     print_result(f"removed {count}, {sum(removed_bytes) / 1e6:.1f} MB, and {leftovers} leftovers")
@@ -153,8 +156,8 @@ def plan(path: Path, as_json: bool, config: Config) -> None:
     field = packed(path, config.scene)
     if field is None or not field.complete:
         with progress() as bar:
-            facts = ask_packer(path, config.scene, bar, do="info")
-        field = expected_field(facts) if facts["frames"] > 1 else opened(path, config)
+            manifest = ask_packer(Manifest, path, config.scene, bar, do="info")
+        field = expected_field(manifest) if manifest.frames > 1 else opened(path, config)
     plan = make_plan(field, config)
     if as_json:
         print_result(json.dumps({"scene": field.name, **attrs.asdict(plan)}))
@@ -186,16 +189,15 @@ def info(path: Path, as_json: bool, verbose: bool, config: Config) -> None:
     if verbose:
         set_up(1)
     field = None if verbose else packed(path, config.scene)
-    facts = (
-        pack_facts(field)
-        if field is not None and field.complete
-        else ask_packer(path, config.scene, do="info")
-    )
-    print_result(
-        json.dumps(facts)
-        if as_json
-        else "\n".join(filled(line[14:], line[:14]) for line in lines(facts))
-    )
+    if field is not None and field.complete:
+        manifest, pack = field.manifest, field.folder
+    else:
+        manifest, pack = ask_packer(Manifest, path, config.scene, do="info"), ""
+    if as_json:
+        print_result(json.dumps(facts(manifest, pack)))
+    else:
+        for line in lines(manifest, pack):
+            print_result(filled(line[14:], line[:14]))
 
 
 @scene.command()
@@ -380,19 +382,19 @@ def make(path: Path, out: Path | None, config: Config) -> None:
     """
     with progress() as bar:
         folder = out or path.with_name(f"{path.stem}-views")
-        facts = ask_packer(path, config.scene, bar, do="make", out=str(folder))
+        slide = ask_packer(Slide, path, config.scene, bar, do="make", out=str(folder))
     print_result(
-        f"{facts['views']} views of {facts['width_px']}x{facts['height_px']} px, chosen from"
-        f" {facts['frames']} pictures"
+        f"{slide.views} views of {slide.width_px}x{slide.height_px} px, chosen from"
+        f" {slide.frames} pictures"
     )
     parallax = (
-        f"{facts['spread_px']:.0f} px between outermost views, {facts['residual_px']:.2f} px"
+        f"{slide.spread_px:.0f} px between outermost views, {slide.residual_px:.2f} px"
         " vertical error (95 %)"
     )
     print_result(f"  parallax    {parallax}")
     print_result(
-        f"  direction   {facts['order']}"
-        f" ({'sure' if facts['order_sure'] else '`lfpipe scene sheet` shows near and far'})"
+        f"  direction   {slide.order}"
+        f" ({'sure' if slide.order_sure else '`lfpipe scene sheet` shows near and far'})"
     )
-    opened(Path(facts["folder"]), config)
-    print_result(facts["folder"])
+    opened(Path(slide.folder), config)
+    print_result(slide.folder)

@@ -33,9 +33,7 @@ TWO_VIEWS = ("side-by-side", "row-interleaved")  # outputs of each eye's view in
 
 def method_for(field: LightField, asked: str) -> str:
     """The method that makes views of field for render.method = asked; never "auto"."""
-    return method_in_use(
-        asked, field.method, field.disparity is not None, field.manifest.get("scores", {})
-    )
+    return method_in_use(asked, field.method, field.disparity is not None, field.manifest.scores)
 
 
 def settings_for_scene(field: LightField, method: str, render: Render) -> Render:

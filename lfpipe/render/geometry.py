@@ -18,7 +18,8 @@ import attrs
 
 from lfpipe.config import Config, Render
 from lfpipe.config.camera_pose import camera_focal_px
-from lfpipe.scene.lightfield import Geometry, LightField
+from lfpipe.scene.lightfield import LightField
+from lfpipe.scene.source import Geometry
 
 # width of a picture that fills a 24 inch screen, used if the monitor size is unknown
 PICTURE_MM = 530.0

@@ -11,8 +11,8 @@ recent; with "make", "out": the folder for a light field made of a video. Steps,
     {"summary": {...}}                          the pack can be shown, still without disparity
     {"log": "..."}                              what was decided, and why
 
-Result: the summary of the pack; the facts of the scene; nothing after previews, which are steps
-{"preview": path, "data": base 64, "" for none}; or those of the `Slide`.
+Result: the summary of the pack; the `Manifest` of the scene; nothing after previews, which are
+steps {"preview": path, "data": base 64, "" for none}; or the `Slide`.
 """
 
 import base64
@@ -39,7 +39,7 @@ from lfpipe.scene.cache import cache_dir, cache_root, packed
 from lfpipe.scene.contact_sheet import stored_view
 from lfpipe.scene.demo import named_scene
 from lfpipe.scene.examination import examine_scene
-from lfpipe.scene.info import scene_facts
+from lfpipe.scene.info import scene_manifest
 from lfpipe.scene.pack import open_pack, summarize
 from lfpipe.scene.packing import pack_scene
 from lfpipe.scene.recent_scenes import remember_scene
@@ -88,14 +88,13 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
         report(summary=attrs.asdict(summarize(open_pack(pack, settings.half_turn))))
 
     if request["do"] == "make":
-        slide = make_slide(paths[0], Path(request["out"]), progress)
-        return {**attrs.asdict(slide), "folder": str(slide.folder)}
+        return attrs.asdict(make_slide(paths[0], Path(request["out"]), progress))
     if request["do"] == "previews":
         for path in paths:
             report(preview=str(path), data=_preview(path, settings))
         return {}
     if request["do"] == "info":
-        return scene_facts(examine_scene(paths[0], settings))
+        return scene_manifest(examine_scene(paths[0], settings)).as_json()
     if request.get("expand"):
         paths = playlist(paths, settings)
         report(scenes=[str(path) for path in paths])

@@ -118,9 +118,7 @@ def _why_no_warp(plan: Plan, field: LightField, render: Render) -> str:
         return f"render.method is {plan.method}"
     if field.disparity is None:
         return "the scene has no disparity"
-    scores = ", ".join(
-        f"{name} {value:.1f} dB" for name, value in field.manifest.get("scores", {}).items()
-    )
+    scores = ", ".join(f"{name} {value:.1f} dB" for name, value in field.manifest.scores.items())
     return (
         f"{plan.method} predicts held-out views as well ({scores})"
         if scores

@@ -20,7 +20,6 @@ import shutil
 import stat
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import attrs
 import platformdirs
@@ -32,10 +31,10 @@ from lfpipe.host import file_lock
 from lfpipe.host.files import exists, is_dir
 from lfpipe.scene.files import Listing, list_scene
 from lfpipe.scene.lightfield import LightField
+from lfpipe.scene.manifest import VERSION, Manifest
 from lfpipe.scene.pack import (
     FILES,
     MANIFEST,
-    VERSION,
     VIEWS,
     DamagedPackError,
     open_pack,
@@ -195,19 +194,30 @@ def remember(root: Path, mark: str, key: str) -> None:
         write_file(root / "index" / mark, key.encode(), 0o666)
 
 
-def packs(scene: config.Scene) -> list[tuple[Path, dict[str, Any], int]]:
-    """Every pack as (folder, manifest, bytes on disk), newest first; the manifest is {} if it
-    cannot be read.
-    """
-    listed: list[tuple[Path, dict[str, Any], int]] = []
+@attrs.frozen(order=True)
+class CachedPack:
+    """A pack in the cache. created: "" and manifest: None where it cannot be read."""
+
+    created: str
+    folder: Path
+    size_bytes: int
+    manifest: Manifest | None = attrs.field(order=False)
+
+
+def packs(scene: config.Scene) -> list[CachedPack]:
+    """Every pack, newest first."""
+    listed = []
     for folder in (cache_dir(scene) / "scenes").glob("*/"):
         if not _KEY.fullmatch(folder.name) or folder.is_symlink():
             continue
-        manifest: dict[str, Any] = {}
+        manifest = None
         with contextlib.suppress(DamagedPackError):
             manifest = read_manifest(folder)
-        listed.append((folder, manifest, sum(file.lstat().st_size for file in folder.iterdir())))
-    return sorted(listed, key=lambda pack: str(pack[1].get("created", "")), reverse=True)
+        size_bytes = sum(file.lstat().st_size for file in folder.iterdir())
+        listed.append(
+            CachedPack(manifest.created if manifest else "", folder, size_bytes, manifest)
+        )
+    return sorted(listed, reverse=True)
 
 
 def _is_pack(folder: Path) -> bool:
@@ -254,7 +264,7 @@ def sweep(scene: config.Scene) -> int:
     """Removes what killed packers and other versions left, and index entries without a pack;
     returns the number removed. Raises UserError.
     """
-    removed = sum(remove(folder) for folder, manifest, _ in packs(scene) if not manifest)
+    removed = sum(remove(pack.folder) for pack in packs(scene) if pack.manifest is None)
     root = cache_dir(scene)
     for entry in (root / "index").iterdir() if (root / "index").is_dir() else ():
         ours = _STAMP.fullmatch(entry.name) or WORK_NAME.fullmatch(entry.name)

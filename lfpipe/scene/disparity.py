@@ -13,11 +13,9 @@ from numpy.typing import NDArray
 
 from lfpipe.host.machine import add
 from lfpipe.scene.lightfield import UNKNOWN
+from lfpipe.scene.manifest import Depth
 from lfpipe.scene.optical_flow import SMALLEST_PX, FloatMap, Grey, fine_flow, grid_xy
 
-# min_px, max_px, border_low_px, border_high_px: of a scene, px per grid step
-Depth = dict[str, float]
-NO_DEPTH: Depth = dict.fromkeys(("min_px", "max_px", "border_low_px", "border_high_px"), 0.0)
 # (picture, rows away, columns away), fractions allowed
 Neighbours = list[tuple[Grey, float, float]]
 
@@ -350,10 +348,11 @@ def estimate_disparity(
 def depth_range(disparity_px: FloatMap) -> Depth:
     """The range of a map (h, w), with what may be its errors left out, and that of its border."""
     low, high = (round(float(value), 4) for value in np.percentile(disparity_px, (1, 99)))
-    return {"min_px": low, "max_px": high, **border_range(disparity_px)}
+    border_low, border_high = border_range(disparity_px)
+    return Depth(min_px=low, max_px=high, border_low_px=border_low, border_high_px=border_high)
 
 
-def border_range(disparity_px: FloatMap) -> Depth:
+def border_range(disparity_px: FloatMap) -> tuple[float, float]:
     """Disparities of the farthest and the nearest thing at the left and right border of maps (...,
     h, w), which the edge of a screen cuts off; NaN is not known.
     """
@@ -361,7 +360,7 @@ def border_range(disparity_px: FloatMap) -> Depth:
     values = np.concatenate((disparity_px[..., :width], disparity_px[..., -width:]), axis=None)
     known = values[np.isfinite(values)]
     low, high = np.percentile(known, (EXTREME, 100 - EXTREME)) if len(known) else (0.0, 0.0)
-    return {"border_low_px": round(float(low), 4), "border_high_px": round(float(high), 4)}
+    return round(float(low), 4), round(float(high), 4)
 
 
 def quantised(disparity_px: FloatMap, scale_px: float) -> NDArray[np.int8]:

@@ -8,13 +8,13 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, TypeVar
 
+import attrs
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.host.processes import usable_cores
 from lfpipe.scene.disparity import (
-    NO_DEPTH,
     border_range,
     compared,
     halved,
@@ -29,6 +29,7 @@ from lfpipe.scene.disparity import (
 )
 from lfpipe.scene.examination import Examined, FrameIndex
 from lfpipe.scene.lightfield import UNKNOWN
+from lfpipe.scene.manifest import Disparity
 from lfpipe.scene.missing_views import fill_missing
 from lfpipe.scene.optical_flow import SMALLEST_PX
 from lfpipe.scene.pack import DISPARITY, INTERIM, VIEWS, make_array, mapper
@@ -63,7 +64,7 @@ def run_parallel(
         cv2.setNumThreads(threads)
 
 
-def write_disparity(scene: Examined, folder: Path, progress: Progress) -> dict[str, Any]:
+def write_disparity(scene: Examined, folder: Path, progress: Progress) -> Disparity:
     """Writes disparity.npy into the folder of a pack with views; returns its entry in the manifest.
 
     min_px and max_px are those of the truth if there is any ("source"), else robust extremes of the
@@ -71,15 +72,14 @@ def write_disparity(scene: Examined, folder: Path, progress: Progress) -> dict[s
     """
     frames, rows, cols, _, height, width = scene.shape
     if scene.apart or int(scene.present.sum()) < 2 or min(height, width) < SMALLEST_PX:
-        depth = scene.orientation.depth if scene.apart else None
-        return {"source": "none", "scale_px": 1 / 16, **(depth or NO_DEPTH)}
+        return Disparity(**attrs.asdict(scene.depth)) if scene.apart else Disparity()
     shape = (frames, rows, cols, (height + 1) // 2, (width + 1) // 2)
     views = mapper(folder / VIEWS)
     interim_file = folder / INTERIM
     interim = make_array(interim_file, shape, np.int16)
     out = make_array(folder / DISPARITY, shape, np.int8)
     about = _estimate(scene, views, interim, progress)
-    scale_px = about["scale_px"]
+    scale_px = about.scale_px
     for place in scene.views:
         steps = interim()[place].astype(np.float32)
         steps[steps == _UNKNOWN] = np.nan
@@ -88,7 +88,8 @@ def write_disparity(scene: Examined, folder: Path, progress: Progress) -> dict[s
         fill_missing(scene.present, views()[frame], out()[frame], scale_px)
     ends = out()[0, rows // 2, [0, cols // 2, cols - 1]]
     interim_file.unlink()
-    return about | border_range(np.where(ends == UNKNOWN, np.nan, ends * np.float32(scale_px)))
+    low, high = border_range(np.where(ends == UNKNOWN, np.nan, ends * np.float32(scale_px)))
+    return attrs.evolve(about, border_low_px=low, border_high_px=high)
 
 
 def _estimate(
@@ -96,7 +97,7 @@ def _estimate(
     views: Callable[[], NDArray[Any]],
     interim: Callable[[], NDArray[Any]],
     progress: Progress,
-) -> dict[str, Any]:
+) -> Disparity:
     """Writes every present view's map to interim(), in steps of _INTERIM_PX; returns the manifest's
     entry.
     """
@@ -150,9 +151,5 @@ def _estimate(
     if true_ranges:
         low = min(span[0] for span in true_ranges)
         high = max(span[1] for span in true_ranges)
-    return {
-        "source": "truth" if true_ranges else "estimated",
-        "scale_px": scale,
-        "min_px": low,
-        "max_px": high,
-    }
+    by = "truth" if true_ranges else "estimated"
+    return Disparity(source=by, scale_px=scale, min_px=low, max_px=high)

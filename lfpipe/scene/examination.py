@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene import layouts
-from lfpipe.scene.disparity import Depth
 from lfpipe.scene.files import library_errors
+from lfpipe.scene.manifest import Depth
 from lfpipe.scene.orientation import Orientation, orient
 from lfpipe.scene.plausibility import plausible
 from lfpipe.scene.source import SceneSource, Turn, ViewIndex
@@ -50,6 +50,11 @@ class Examined:
     def apart(self) -> bool:
         """Whether the views are too far apart to make others between them."""
         return self.evidence is not None and self.evidence.verdict.kind == "too far apart"
+
+    @property
+    def depth(self) -> Depth:
+        """Of the middle view, in the order of the pack; zeros where it is not known."""
+        return self.orientation.depth or Depth()
 
     @property
     def rows(self) -> int:
@@ -148,7 +153,7 @@ def _depth_of(source: SceneSource, order: Orientation, moved: tuple[float, float
     """
     width_px = source.width_px if order.packed.cols else -source.width_px
     low, high = sorted(round(width_px * move, 4) for move in moved)
-    return {"min_px": low, "max_px": high, "border_low_px": low, "border_high_px": high}
+    return Depth(min_px=low, max_px=high, border_low_px=low, border_high_px=high)
 
 
 def _gamma(source: SceneSource, scene: config.Scene, middle: NDArray[Any]) -> tuple[float, str]:

@@ -27,7 +27,7 @@ def folder() -> Path:
 def remembered(field: LightField) -> str:
     """ "yes", "no", "asked", or "" for a scene that nobody was asked about."""
     with contextlib.suppress(OSError, UnicodeDecodeError):
-        word = read_bytes(folder() / str(field.manifest["key"]), MAX_BYTES).decode()
+        word = read_bytes(folder() / field.manifest.key, MAX_BYTES).decode()
         return word if word in ("yes", "no", "asked") else ""
     return ""
 
@@ -38,15 +38,13 @@ def remember(field: LightField, word: str) -> None:
     Does nothing if the folder cannot be written: the session goes on.
     """
     with contextlib.suppress(OSError):
-        write_file(folder() / str(field.manifest["key"]), word.encode())
+        write_file(folder() / field.manifest.key, word.encode())
 
 
 def shown_as(field: LightField, setting: str) -> LightField:
     """The field in the order that scene.half_turn = setting asks for. Copies nothing."""
     word = setting if setting != "auto" else remembered(field)
-    turned = (
-        word == "yes" if word in ("yes", "no") else bool(field.manifest["orientation"]["half_turn"])
-    )
+    turned = word == "yes" if word in ("yes", "no") else field.manifest.orientation.half_turn
     return field if turned == field.half_turned else field.exchanged()
 
 
@@ -54,6 +52,6 @@ def undecided(field: LightField, setting: str) -> bool:
     """Whether near and far of the field are a guess that nobody was asked about."""
     return (
         setting == "auto"
-        and not field.manifest["orientation"]["half_turn_sure"]
+        and not field.manifest.orientation.half_turn_sure
         and not remembered(field)
     )

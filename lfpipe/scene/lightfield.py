@@ -4,11 +4,14 @@ left camera).
 
 import os
 from functools import cached_property
-from typing import Any, Self
+from typing import Self
 
 import attrs
 import numpy as np
 from numpy.typing import NDArray
+
+from lfpipe.scene.manifest import Manifest
+from lfpipe.scene.source import Geometry
 
 # in LightField.disparity: no value explains the neighbours, so views are cross-faded there
 UNKNOWN = -128
@@ -29,18 +32,6 @@ class Hold:
             os.close(fd)
 
     __del__ = close
-
-
-@attrs.frozen
-class Geometry:
-    """Known facts of the capture; None if the source does not state them.
-
-    focal_length_px is of a stored view.
-    """
-
-    baseline_mm: float | None = None
-    focus_distance_mm: float | None = None
-    focal_length_px: float | None = None
 
 
 @attrs.frozen(eq=False, repr=False, kw_only=True)
@@ -74,12 +65,45 @@ class LightField:
     frame_rate_hz: float  # of light-field video; 0 for a still
     name: str
     method: str  # the method that `auto` stands for: "nearest", "blend", "warp" or "warp2"
-    manifest: dict[str, Any]  # provenance, as stored; "flips" as shown
+    # provenance; its order is the one shown
+    manifest: Manifest = attrs.field(factory=Manifest)
     folder: str = ""  # of the pack, absolute
     hold: Hold | None = None  # keeps `lfpipe scene clean` from removing the pack
     # farthest and nearest at the left and right border, px per view
     border_px: tuple[float, float] = (0.0, 0.0)
     half_turned: bool = False  # rows and columns run against the pack's order
+
+    @classmethod
+    def of(
+        cls,
+        manifest: Manifest,
+        views: NDArray[np.uint8],
+        disparity: NDArray[np.int8] | None,
+        folder: str = "",
+        hold: Hold | None = None,
+    ) -> Self:
+        """The light field of the arrays of a pack with this manifest."""
+        grid = manifest.rows, manifest.cols
+        about = manifest.disparity
+        offsets = np.zeros((*grid, 2)) if manifest.offsets is None else manifest.offsets
+        return cls(
+            views=views,
+            disparity=disparity,
+            disparity_scale_px=about.scale_px,
+            disparity_min_px=about.min_px,
+            disparity_max_px=about.max_px,
+            disparity_source=about.source,
+            offsets=np.asarray(offsets, np.float32).reshape(*grid, 2),
+            present=np.asarray(manifest.present, bool).reshape(grid),
+            geometry=manifest.geometry,
+            frame_rate_hz=manifest.frame_rate_hz,
+            name=manifest.name,
+            method=manifest.method,
+            manifest=manifest,
+            folder=folder,
+            hold=hold,
+            border_px=(about.border_low_px, about.border_high_px),
+        )
 
     def __repr__(self) -> str:
         frames = f"{self.frames} frames of " if self.frames > 1 else ""
@@ -101,8 +125,6 @@ class LightField:
         """The same field with near and far exchanged: the grid turned by 180 degrees, disparities
         negated. Copies nothing.
         """
-        flips = self.manifest.get("flips")
-        turned = flips and {**flips, "rows": not flips["rows"], "cols": not flips["cols"]}
         return attrs.evolve(
             self,
             views=self.views[:, ::-1, ::-1],
@@ -113,7 +135,7 @@ class LightField:
             border_px=(-self.border_px[1], -self.border_px[0]),
             offsets=-self.offsets[::-1, ::-1],
             present=self.present[::-1, ::-1],
-            manifest={**self.manifest, "flips": turned} if turned else self.manifest,
+            manifest=self.manifest.exchanged(),
             half_turned=not self.half_turned,
         )
 
@@ -133,12 +155,7 @@ class LightField:
     @property
     def complete(self) -> bool:
         """Whether the packer has measured the disparity, as far as there is any."""
-        return bool(self.manifest.get("complete", True))
-
-    @property
-    def reach_px(self) -> float:
-        """The largest disparity either way, px per view."""
-        return max(-self.disparity_min_px, self.disparity_max_px)
+        return self.manifest.complete
 
     @property
     def frames(self) -> int:

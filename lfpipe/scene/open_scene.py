@@ -5,12 +5,12 @@ import logging
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import attrs
 
 from lfpipe import config
-from lfpipe.config import SceneSummary
+from lfpipe.config import SceneSummary, converter
 from lfpipe.host.files import is_dir
 from lfpipe.host.worker import Worker
 from lfpipe.scene import cache
@@ -24,6 +24,7 @@ log = logging.getLogger(__name__)
 
 SILENT_S = 60.0  # without a step: a large picture on a slow disk
 ScenePath = str | os.PathLike[str]
+T = TypeVar("T")
 
 
 class Packing(Worker):
@@ -144,11 +145,15 @@ def packed(path: ScenePath, settings: config.Scene) -> LightField | None:
 
 
 def ask_packer(
-    path: Path, settings: config.Scene, progress: Progress | None = None, **request: Any
-) -> dict[str, Any]:
-    """The packer's answer to a request other than to pack a scene. Raises UserError."""
+    kind: type[T],
+    path: Path,
+    settings: config.Scene,
+    progress: Progress | None = None,
+    **request: Any,
+) -> T:
+    """The packer's answer, a `kind`, to a request other than to pack a scene. Raises UserError."""
     with contextlib.closing(
         Packing([named_scene(path, cache_dir(settings))], settings, progress, **request)
     ) as packing:
         packing.wait()
-        return packing.result()
+        return converter().structure(packing.result(), kind)

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
-from lfpipe.scene.disparity import Depth, depth_range, mismatch, view_disparity
+from lfpipe.scene.disparity import depth_range, mismatch, view_disparity
+from lfpipe.scene.manifest import Depth, Order
 from lfpipe.scene.occlusion import hides, places
 from lfpipe.scene.optical_flow import (
     SMALLEST_PX,
@@ -90,16 +91,16 @@ class Orientation:
         )
 
     @property
-    def facts(self) -> dict[str, object]:
+    def facts(self) -> Order:
         """As manifests and `lfpipe scene info` have it."""
-        half_turn = {"half_turn": self.half_turn, "half_turn_sure": self.half_turn_sure}
-        return {
-            "by": self.by,
-            "sure": self.sure,
-            "said": self.reason,
-            "undecided": self.undecided,
-            **half_turn,
-        }
+        return Order(
+            by=self.by,
+            sure=self.sure,
+            said=self.reason,
+            undecided=self.undecided,
+            half_turn=self.half_turn,
+            half_turn_sure=self.half_turn_sure,
+        )
 
 
 @attrs.frozen(kw_only=True)

@@ -14,7 +14,7 @@ import contextlib
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,19 +22,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.config import SceneSummary
+from lfpipe.config import SceneSummary, converter
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import check_regular, open_regular, read_bytes, reason, write_file
 from lfpipe.files.untrusted import json_fields
 from lfpipe.host.file_lock import lock_open
 from lfpipe.host.files import reserve
 from lfpipe.scene.half_turn import shown_as
-from lfpipe.scene.lightfield import Geometry, Hold, LightField
+from lfpipe.scene.lightfield import Hold, LightField
+from lfpipe.scene.manifest import VERSION, Manifest
 
 VIEWS, DISPARITY, MANIFEST = "views.npy", "disparity.npy", "manifest.json"
 INTERIM = "interim.npy"  # while the disparity is estimated
 FILES = (VIEWS, DISPARITY, MANIFEST, INTERIM)
-VERSION = 11  # of the pack; another version is another key
 _MAX_BYTES = 16 << 20  # of a manifest: that of 20,000 views with their offsets has about 1 MB
 
 
@@ -42,16 +42,17 @@ class DamagedPackError(UserError):
     """A folder that is no pack of this version, or a damaged one."""
 
 
-def _checksum(manifest: dict[str, Any]) -> str:
+def _checksum(manifest: Mapping[str, Any]) -> str:
     body = {key: value for key, value in manifest.items() if key != "checksum"}
     return hashlib.blake2b(
         json.dumps(body, sort_keys=True, allow_nan=False).encode(), digest_size=16
     ).hexdigest()
 
 
-def write_manifest(folder: Path, manifest: dict[str, Any]) -> None:
+def write_manifest(folder: Path, manifest: Manifest) -> None:
     """Writes the manifest with its checksum atomically. Raises OSError."""
-    text = json.dumps({**manifest, "checksum": _checksum(manifest)}, indent=1, allow_nan=False)
+    body = manifest.as_json()
+    text = json.dumps({**body, "checksum": _checksum(body)}, indent=1, allow_nan=False)
     write_file(folder / MANIFEST, text.encode(), 0o666)
 
 
@@ -71,18 +72,18 @@ def _reading(folder: Path) -> Iterator[None]:
         ) from None
 
 
-def read_manifest(folder: Path) -> dict[str, Any]:
+def read_manifest(folder: Path) -> Manifest:
     """The manifest of a pack.
 
     Raises DamagedPackError if it is missing, changed or of another version.
     """
     with _reading(folder):
-        manifest = dict(json_fields(read_bytes(folder / MANIFEST, _MAX_BYTES), MANIFEST, "").values)
+        manifest = json_fields(read_bytes(folder / MANIFEST, _MAX_BYTES), MANIFEST, "").values
         if manifest.get("version") != VERSION:
             raise ValueError(f"of another version; this lfpipe reads version {VERSION}")
         if manifest.get("checksum") != _checksum(manifest):
             raise ValueError(f"{MANIFEST} was changed after the pack was made")
-        return manifest
+        return converter().structure(manifest, Manifest)
 
 
 def make_array(
@@ -131,41 +132,16 @@ def open_pack(folder: Path, half_turn: str = "auto") -> LightField:
         return shown_as(light_field(folder, read_manifest(folder), hold), half_turn)
 
 
-def light_field(folder: Path, manifest: dict[str, Any], hold: Hold | None = None) -> LightField:
+def light_field(folder: Path, manifest: Manifest, hold: Hold | None = None) -> LightField:
     """The light field of a pack with this manifest.
 
     Raises OSError, ValueError and others for what lfpipe did not write.
     """
-    rows, cols, frames, height, width = (
-        int(manifest[name]) for name in ("rows", "cols", "frames", "height", "width")
-    )
-    about = manifest["disparity"]
     disparity = None
-    if manifest["complete"] and about["source"] != "none":
-        disparity = _mapped(
-            folder / DISPARITY, (frames, rows, cols, (height + 1) // 2, (width + 1) // 2), np.int8
-        )
-    offsets = np.zeros((rows, cols, 2)) if manifest["offsets"] is None else manifest["offsets"]
-    return LightField(
-        views=_mapped(
-            folder / VIEWS, (frames, rows, cols, int(manifest["channels"]), height, width), np.uint8
-        ),
-        disparity=disparity,
-        disparity_scale_px=about["scale_px"],
-        disparity_min_px=about["min_px"],
-        disparity_max_px=about["max_px"],
-        disparity_source=about["source"],
-        offsets=np.asarray(offsets, np.float32).reshape(rows, cols, 2),
-        present=np.asarray(manifest["present"], bool).reshape(rows, cols),
-        geometry=Geometry(**manifest["geometry"]),
-        frame_rate_hz=manifest["frame_rate_hz"],
-        name=manifest["name"],
-        method=manifest["method"],
-        manifest=manifest,
-        folder=str(folder),
-        hold=hold,
-        border_px=(float(about["border_low_px"]), float(about["border_high_px"])),
-    )
+    if manifest.complete and manifest.disparity.source != "none":
+        disparity = _mapped(folder / DISPARITY, manifest.disparity_shape, np.int8)
+    views = _mapped(folder / VIEWS, manifest.views_shape, np.uint8)
+    return LightField.of(manifest, views, disparity, folder=str(folder), hold=hold)
 
 
 def summarize(field: LightField) -> SceneSummary:
@@ -177,7 +153,7 @@ def summarize(field: LightField) -> SceneSummary:
     return SceneSummary(
         pack=field.folder,
         has_disparity=field.disparity is not None,
-        scores=field.manifest["scores"],
+        scores=field.manifest.scores,
         disparity_min_px=field.disparity_min_px,
         disparity_max_px=field.disparity_max_px,
         **{name: getattr(field, name) for name in same},

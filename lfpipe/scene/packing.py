@@ -19,7 +19,6 @@ from lfpipe import config
 from lfpipe.errors import plain
 from lfpipe.host import file_lock
 from lfpipe.scene import cache
-from lfpipe.scene.disparity import NO_DEPTH
 from lfpipe.scene.disparity_maps import run_parallel, write_disparity
 from lfpipe.scene.examination import (
     STRIP_ROWS,
@@ -31,9 +30,9 @@ from lfpipe.scene.examination import (
 )
 from lfpipe.scene.files import library_errors
 from lfpipe.scene.lightfield import LightField
+from lfpipe.scene.manifest import Disparity, Manifest
 from lfpipe.scene.missing_views import nearest_present
 from lfpipe.scene.pack import (
-    VERSION,
     VIEWS,
     DamagedPackError,
     light_field,
@@ -105,46 +104,42 @@ def _whole(pack: Path, settings: config.Scene) -> LightField | None:
     return None
 
 
-def manifest_of(scene: Examined, key: str = "") -> dict[str, Any]:
+def manifest_of(scene: Examined, key: str = "") -> Manifest:
     """The manifest of a pack without disparity.
 
     Its range is that of the few views that were compared.
     """
     source = scene.source
-    depth = scene.orientation.depth
+    known = scene.orientation.depth is not None
     path = source.path.resolve()
-    return {
-        "version": VERSION,
-        "complete": False,
-        "lfpipe": lfpipe.__version__,
-        "key": key,
-        "name": plain(path.stem if source.path.is_file() else path.name, 300),
-        "source": plain(str(path), 10_000),
-        "layout": source.layout,
-        "files": len(source.files),
-        "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
-        "rows": scene.rows,
-        "cols": scene.cols,
-        "frames": source.frames,
-        "height": source.height_px,
-        "width": source.width_px,
-        "channels": scene.channels,
-        "bit_depth": source.bit_depth,
-        "frame_rate_hz": source.frame_rate_hz,
-        "flips": attrs.asdict(scene.turn),
-        "orientation": scene.orientation.facts,
-        "gamma": scene.gamma,
-        "gamma_by": scene.gamma_by,
-        "geometry": attrs.asdict(source.geometry),
-        "present": scene.present.astype(int).tolist(),
-        "offsets": scene.offsets.tolist() if source.coordinates is not None else None,
-        "disparity": {"source": "none", "scale_px": 1 / 16, **(depth or NO_DEPTH)},
-        "notes": list(source.notes),
-        "scores": {},
-        "method": best_method({}, max(-depth["min_px"], depth["max_px"]), False)
-        if depth
-        else "nearest",
-    }
+    return Manifest(
+        complete=False,
+        lfpipe=lfpipe.__version__,
+        key=key,
+        name=plain(path.stem if source.path.is_file() else path.name, 300),
+        source=plain(str(path), 10_000),
+        layout=source.layout,
+        files=len(source.files),
+        created=time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+        rows=scene.rows,
+        cols=scene.cols,
+        frames=source.frames,
+        height=source.height_px,
+        width=source.width_px,
+        channels=scene.channels,
+        bit_depth=source.bit_depth,
+        frame_rate_hz=source.frame_rate_hz,
+        flips=scene.turn,
+        orientation=scene.orientation.facts,
+        gamma=scene.gamma,
+        gamma_by=scene.gamma_by,
+        geometry=source.geometry,
+        present=scene.present.astype(int).tolist(),
+        offsets=scene.offsets.tolist() if source.coordinates is not None else None,
+        disparity=Disparity(**attrs.asdict(scene.depth)),
+        notes=source.notes,
+        method=best_method({}, scene.depth.reach_px, False) if known else "nearest",
+    )
 
 
 class NotGreyError(Exception):
@@ -219,16 +214,14 @@ def _complete(scene: Examined, folder: Path, score: Score, progress: Progress) -
     """Writes the disparity of a pack with views; the manifest that announces it comes last."""
     with cache.writing(folder.parents[1]):
         disparity = write_disparity(scene, folder, progress)
-        manifest = manifest_of(scene, folder.name) | {
-            "complete": True,
-            "disparity": disparity,
-            "method": "nearest",
-        }
+        manifest = attrs.evolve(
+            manifest_of(scene, folder.name), complete=True, disparity=disparity, method="nearest"
+        )
         if scene.rows * scene.cols > 1 and not scene.apart:
             progress("method", 0, 1)
             field = light_field(folder, manifest)
             scores = score(field)
-            manifest["scores"] = scores
-            manifest["method"] = best_method(scores, field.reach_px, field.disparity is not None)
+            method = best_method(scores, disparity.reach_px, field.disparity is not None)
+            manifest = attrs.evolve(manifest, scores=scores, method=method)
             progress("method", 1, 1)
         write_manifest(folder, manifest)

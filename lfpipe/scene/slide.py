@@ -59,7 +59,7 @@ _ZOOMED = 0.05  # change of size: more is no hand
 class Slide:
     """The row of views that was made."""
 
-    folder: Path
+    folder: str
     views: int
     width_px: int
     height_px: int
@@ -504,7 +504,7 @@ def make_slide(path: Path, out: Path, progress: Progress) -> Slide:
         ) from None
     height_px, width_px = row[0].shape[:2]
     return Slide(
-        folder=out,
+        folder=str(out),
         views=len(row),
         width_px=width_px,
         height_px=height_px,

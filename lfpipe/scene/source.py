@@ -11,10 +11,21 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.scene.files import Listing
-from lfpipe.scene.lightfield import Geometry
 
 Progress = Callable[[str, int, int], None]  # (task, steps done, steps in total)
 ViewIndex = tuple[int, int]  # (row, column)
+
+
+@attrs.frozen
+class Geometry:
+    """Known facts of the capture; None if the source does not state them.
+
+    focal_length_px is of a stored view.
+    """
+
+    baseline_mm: float | None = None
+    focus_distance_mm: float | None = None
+    focal_length_px: float | None = None
 
 
 @attrs.frozen

@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from lfpipe.bench.inputs import FrameSequence, Inputs
-from lfpipe.scene.lightfield import Geometry, LightField
+from lfpipe.scene.lightfield import LightField
+from lfpipe.scene.manifest import Manifest
+from lfpipe.scene.source import Geometry
 from tests.scene import made
 
 
@@ -30,7 +32,7 @@ def wall(rows: int, cols: int, side_px: int = 64, disparity: bool = True) -> Lig
         frame_rate_hz=0.0,
         name="wall",
         method="warp2" if disparity else "nearest",
-        manifest={"key": f"wall{rows}x{cols}"},
+        manifest=Manifest(key=f"wall{rows}x{cols}"),
     )
 
 

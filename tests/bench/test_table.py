@@ -19,6 +19,7 @@ from lfpipe.bench.table import Protocol, kept_views, measure_scenes
 from lfpipe.errors import UserError
 from lfpipe.render.scoring import psnr_db
 from lfpipe.scene.lightfield import LightField
+from lfpipe.scene.manifest import Manifest
 from tests.bench.inputs import wall
 from tests.support.world import World, write_scene
 
@@ -102,7 +103,7 @@ def test_a_method_is_measured_although_a_session_would_not_use_it() -> None:
     that are kept.
     """
     scores = {"blend": 50.0, "warp": 40.0, "warp2": 40.0}
-    field = attrs.evolve(wall(9, 9, 96), method="blend", manifest={"scores": scores})
+    field = attrs.evolve(wall(9, 9, 96), method="blend", manifest=Manifest(scores=scores))
     db = {row.curve: row.value("psnr_db") for row in _run([field]).rows}
     assert min(db["warp"], db["warp2"]) > db["blend"] + 5
 

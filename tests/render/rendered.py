@@ -18,7 +18,8 @@ from lfpipe.render.anaglyph import MATRICES
 from lfpipe.render.choice import Moment, TrackedEyes
 from lfpipe.render.showing import Showing
 from lfpipe.render.viewer import Viewpoints
-from lfpipe.scene.lightfield import Geometry, LightField
+from lfpipe.scene.lightfield import LightField
+from lfpipe.scene.source import Geometry
 from lfpipe.transport.ring import Stamp
 
 FAR, NEAR = -1.0, 2.0
@@ -170,5 +171,4 @@ def light_field(
         frame_rate_hz=25.0,
         name="drawn",
         method=method,
-        manifest={},
     )

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from lfpipe.config import Config, updated
 from lfpipe.config.camera_pose import camera_focal_px
 from lfpipe.render.geometry import PLANES, Parallax, parallax, zero_planes_px
-from lfpipe.scene.lightfield import Geometry, LightField
+from lfpipe.scene.lightfield import LightField
+from lfpipe.scene.source import Geometry
 from tests.render import rendered
 
 # The HCI scene "cotton": baseline 25 mm, focus 4.25 m, focal length 1462.9 px of 512, disparities

@@ -109,7 +109,7 @@ def packed(layout: str, write: Callable[[Path], None], folder: Path) -> LightFie
     (folder / layout).mkdir()
     write(folder / layout)
     field = pack_scene(folder / layout, Scene(cache_dir=str(folder / "cache")))
-    assert field.manifest["layout"] == layout
+    assert field.manifest.layout == layout
     return field
 
 

@@ -84,7 +84,8 @@ def test_values_that_are_no_numbers_are_stored_as_unknown() -> None:
 
 def chosen(field: LightField) -> str:
     """The method that a pack of the field has."""
-    return best_method(scores(field), field.reach_px, field.disparity is not None)
+    reach_px = max(-field.disparity_min_px, field.disparity_max_px)
+    return best_method(scores(field), reach_px, field.disparity is not None)
 
 
 def test_views_far_apart_are_never_cross_faded_by_choice() -> None:

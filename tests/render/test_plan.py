@@ -17,6 +17,7 @@ from lfpipe.render.plan import Plan, make_plan
 from lfpipe.render.viewer import Viewer
 from lfpipe.render.viewpoint import ViewSolver
 from lfpipe.scene.lightfield import LightField
+from lfpipe.scene.manifest import Manifest
 from tests.render import rendered
 from tests.render.rendered import METHODS, OUTPUTS, S, record
 
@@ -25,7 +26,7 @@ def field(rows: int, cols: int, **changes: Any) -> LightField:
     """Views of 48x64 px."""
     scene = attrs.evolve(
         rendered.noise(rows, cols, 48, 64, 3.0, seed=1),
-        manifest={"scores": {"nearest": 30.0, "blend": 41.0}},
+        manifest=Manifest(scores={"nearest": 30.0, "blend": 41.0}),
     )
     return attrs.evolve(
         scene,
@@ -98,12 +99,14 @@ def scenes(draw: st.DrawFn) -> LightField:
     scene = rendered.noise(
         rows, cols, 8, 8, extent_px, seed=1, channels=draw(st.sampled_from([1, 3]))
     )
-    scores = draw(st.dictionaries(st.sampled_from(METHODS), st.floats(20.0, 50.0)))
+    scores: dict[str, float] = draw(
+        st.dictionaries(st.sampled_from(METHODS), st.floats(20.0, 50.0))
+    )
     disparity = scene.disparity if draw(st.booleans()) else None
     return attrs.evolve(
         scene,
         method=draw(st.sampled_from(METHODS)),
-        manifest={"scores": scores},
+        manifest=Manifest(scores=scores),
         disparity=disparity,
     )
 
@@ -192,7 +195,7 @@ def test_equal_views_need_no_eyes() -> None:
     other = equal.views.copy()
     other[0, 1, 1, 0, 5, 5] ^= 1
     assert attrs.evolve(equal, views=other).needs_eyes, "one bit of a view in the middle"
-    early = attrs.evolve(equal, manifest={"complete": False, "scores": {}})
+    early = attrs.evolve(equal, manifest=Manifest(complete=False))
     assert early.needs_eyes, "views that are not written yet are equal, too"
 
 
@@ -220,7 +223,7 @@ def test_one_view_needs_no_eyes_and_is_drawn_in_its_own_colours() -> None:
             "auto",
             "blend predicts held-out views as well (nearest 30.0 dB, blend 41.0 dB)",
         ),
-        ({"method": "blend", "manifest": {}}, "auto", "the scene's own method is blend"),
+        ({"method": "blend", "manifest": Manifest()}, "auto", "the scene's own method is blend"),
         ({"disparity": None}, "warp", "the scene has no disparity"),
         ({}, "blend", "render.method is blend"),
     ],

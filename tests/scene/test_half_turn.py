@@ -13,7 +13,7 @@ from lfpipe.config import Render
 from lfpipe.config.tree import Decision, Method
 from lfpipe.render.compositor import Compositor
 from lfpipe.scene import half_turn
-from lfpipe.scene.info import pack_facts
+from lfpipe.scene.info import facts
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.occlusion import hides
 from lfpipe.scene.packing import pack_scene
@@ -49,8 +49,8 @@ def test_exchanged_it_is_bit_for_bit_a_pack_of_the_turned_grid(
     turned = pack_scene(scene, attrs.evolve(scene_config, flip="both"))
     exchanged = pack.exchanged()
     assert (
-        turned.manifest["key"] != pack.manifest["key"]
-        and exchanged.manifest["flips"] == turned.manifest["flips"]
+        turned.manifest.key != pack.manifest.key
+        and exchanged.manifest.flips == turned.manifest.flips
     )
     assert np.array_equal(exchanged.views, turned.views)
     assert exchanged.disparity is not None and turned.disparity is not None
@@ -103,8 +103,9 @@ def test_the_choice_is_remembered_for_the_scene_and_the_setting_wins(
     for word in ("yes", "no"):
         half_turn.remember(field, word)
         assert turned() == (word == "yes") and turned("yes") and not turned("no")
-        facts = pack_facts(pack_scene(scene, scene_config))
-        assert facts["flips"]["rows"] == facts["flips"]["cols"] == (word == "yes")
+        again = pack_scene(scene, scene_config)
+        flips = facts(again.manifest, again.folder)["flips"]
+        assert flips["rows"] == flips["cols"] == (word == "yes")
     assert len(list((Path(scene_config.cache_dir) / "scenes").iterdir())) == 1, (
         "nothing is packed again"
     )
@@ -121,7 +122,7 @@ def test_the_reversed_grid_is_packed_once_and_shown_as_its_pictures_say(
     field = pack_scene(scene, scene_config)
     assert field.half_turned and not half_turn.undecided(field, "auto")
     assert np.array_equal(field.views[0, 0, 0], grid[0, 0].transpose(2, 0, 1))
-    assert pack_facts(field)["flips"] == {"rows": True, "cols": True, "transpose": False}
+    assert facts(field.manifest)["flips"] == {"rows": True, "cols": True, "transpose": False}
 
 
 @pytest.mark.parametrize(

@@ -251,7 +251,7 @@ def test_a_missing_view_is_made_and_told(tmp_path: Path, scene_config: config.Sc
     field = pack_scene(tmp_path / "s", scene_config)
     assert any(
         "1 of 5x5 views missing, made from others: row 2 column 2" in note
-        for note in field.manifest["notes"]
+        for note in field.manifest.notes
     )
     assert not field.present[2, 2]
     true, stored = views[2, 2].transpose(2, 0, 1).astype(float), field.views[0, 2].astype(float)

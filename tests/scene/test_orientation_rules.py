@@ -215,14 +215,13 @@ def test_depth_is_that_of_the_middle_view_in_either_way(near_px: float, far_px: 
     ):
         depth = orient(source(grid, **more), AUTO).depth
         assert depth is not None
-        assert depth["max_px"] == pytest.approx(near_px, abs=0.4) and depth[
-            "min_px"
-        ] == pytest.approx(far_px, abs=0.4)
+        assert depth.max_px == pytest.approx(near_px, abs=0.4)
+        assert depth.min_px == pytest.approx(far_px, abs=0.4)
     column = orient(source(grid[:, 2:3], turn=Turn(), turn_by="names", turn_firm=True), AUTO).depth
-    assert column is not None and column["max_px"] == pytest.approx(near_px, abs=0.4)
+    assert column is not None and column.max_px == pytest.approx(near_px, abs=0.4)
     turned = orient(
         source(grid[::-1, ::-1], turn=Turn(True, True), turn_by="names", turn_firm=True), AUTO
     )
-    assert turned.depth is not None and turned.depth["max_px"] == pytest.approx(-far_px, abs=0.4), (
+    assert turned.depth is not None and turned.depth.max_px == pytest.approx(-far_px, abs=0.4), (
         "of the pack, without the half-turn"
     )

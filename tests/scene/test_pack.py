@@ -19,7 +19,7 @@ from lfpipe.errors import UserError
 from lfpipe.render.scoring import scores
 from lfpipe.scene import cache
 from lfpipe.scene.lightfield import LightField
-from lfpipe.scene.pack import DamagedPackError, open_pack, write_manifest
+from lfpipe.scene.pack import DamagedPackError, open_pack, read_manifest, write_manifest
 from lfpipe.scene.packing import pack_scene
 from tests.scene import made
 from tests.scene.people_sets import far_pair
@@ -76,7 +76,7 @@ def test_a_pack_holds_the_views_planar_and_the_disparity_and_is_made_once(
     assert np.median(wrong) < 0.15 and np.mean(wrong > 0.7) < 0.15  # the rims of the shapes
     assert (
         field.method in ("warp", "warp2")
-        and field.manifest["scores"]["warp"] > field.manifest["scores"]["nearest"]
+        and field.manifest.scores["warp"] > field.manifest.scores["nearest"]
     )
     assert [report for report in seen if report[0] == "views"][-1] == ("views", 9, 9) and left_over(
         scene_config
@@ -136,7 +136,7 @@ def test_gamma_grey_and_depth(tmp_path: Path, scene_config: config.Scene) -> Non
     for r, c in np.ndindex(2, 2):
         made.write_ppm(tmp_path / f"{r:03d}_{c:03d}.ppm", values[r, c], 1023)
     field = pack_scene(tmp_path, attrs.evolve(scene_config, gamma=2.0))
-    assert (field.channels, field.manifest["bit_depth"], field.manifest["gamma"]) == (1, 10, 2.0)
+    assert (field.channels, field.manifest.bit_depth, field.manifest.gamma) == (1, 10, 2.0)
     assert np.array_equal(field.views[0, :, :, 0], np.rint(255 * np.sqrt(values[..., 0] / 1023)))
 
 
@@ -175,9 +175,7 @@ def test_video_and_single_picture(tmp_path: Path, scene_config: config.Scene) ->
 
 def _other_version(pack: Path) -> None:
     """Whole, with a checksum of its own."""
-    manifest = json.loads((pack / "manifest.json").read_text())
-    del manifest["checksum"]
-    write_manifest(pack, {**manifest, "version": 99})
+    write_manifest(pack, attrs.evolve(read_manifest(pack), version=99))
 
 
 DAMAGES: dict[str, Callable[[Path], object]] = {
@@ -235,7 +233,7 @@ def test_a_pack_in_use_stays_until_nobody_has_it_open(
     folder: Path, scene_config: config.Scene
 ) -> None:
     pack_scene(folder, scene_config)
-    found = cache.packs(scene_config)[0][0]
+    found = cache.packs(scene_config)[0].folder
     field = open_pack(found)
     assert not cache.remove(found) and open_pack(found).rows == 3
     del field
@@ -277,7 +275,7 @@ def test_an_entry_of_the_index_that_is_no_small_file_is_passed_over(
     NO_FILES[kind](entry)
     cache.sweep(scene_config)
     if not entry.is_dir():
-        assert pack_scene(folder, scene_config).manifest["key"] == first.manifest["key"]
+        assert pack_scene(folder, scene_config).manifest.key == first.manifest.key
 
 
 def test_a_link_in_one_pack_hides_no_other(tmp_path: Path, scene_config: config.Scene) -> None:
@@ -329,5 +327,5 @@ def test_a_pair_that_is_too_far_apart_is_not_mixed(tmp_path: Path) -> None:
         made.write(tmp_path / "s" / f"x_{side}.png", view)
     field = pack_scene(tmp_path / "s", config.Scene(cache_dir=str(tmp_path / "cache")))
     assert (field.method, field.disparity, field.complete) == ("nearest", None, True)
-    assert "too far apart" in field.manifest["orientation"]["undecided"]
+    assert "too far apart" in field.manifest.orientation.undecided
     assert field.disparity_max_px > 200

@@ -19,6 +19,7 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.host.file_lock import waited_for
 from lfpipe.scene import cache
+from lfpipe.scene.manifest import Manifest
 from lfpipe.scene.open_scene import Packing, ask_packer, open_scene, open_scenes, packed
 from lfpipe.scene.pack import open_pack
 from tests.scene import made
@@ -34,8 +35,8 @@ def folder(tmp_path: Path) -> Path:
 def test_a_scene_is_packed_by_a_child_once_and_its_facts_need_no_pack(
     folder: Path, scene_config: config.Scene
 ) -> None:
-    facts = ask_packer(folder, scene_config, do="info")
-    assert (facts["rows"], facts["cols"], facts["pack"]) == (3, 3, None) and packed(
+    manifest = ask_packer(Manifest, folder, scene_config, do="info")
+    assert (manifest.rows, manifest.cols, manifest.key) == (3, 3, "") and packed(
         folder, scene_config
     ) is None
     steps: list[str] = []
@@ -118,7 +119,9 @@ def test_a_full_disk_is_a_refusal_and_never_a_whole_pack(
     command = [sys.executable, "-c", FULL, str(folder), scene_config.cache_dir, "5000", during]
     run = subprocess.run(command, capture_output=True, text=True, check=False)
     assert run.stderr.startswith("refused:") and "scene.cache_dir" in run.stderr, run.stderr
-    assert [manifest["complete"] for _, manifest, _ in cache.packs(scene_config)] == [False] * packs
+    assert [pack.manifest and pack.manifest.complete for pack in cache.packs(scene_config)] == [
+        False
+    ] * packs
     assert open_scene(folder, scene_config).complete
 
 
@@ -158,7 +161,7 @@ def test_who_waits_for_another_packer_says_so(folder: Path, scene_config: config
     field = open_scene(folder, scene_config)
     os.utime(folder / "input_Cam000.png")  # the key is found by content, under the lock
     with (
-        waited_for(Path(scene_config.cache_dir) / "locks" / field.manifest["key"], lambda: None),
+        waited_for(Path(scene_config.cache_dir) / "locks" / field.manifest.key, lambda: None),
         closing(Packing([folder], scene_config)) as packing,
     ):
         packing.wait(lambda: packing.step.startswith("waiting"))

@@ -180,5 +180,5 @@ def test_force_opens_what_was_refused(tmp_path: Path) -> None:
     assert list((tmp_path / "cache" / "scenes").iterdir()) == []
     forced = pack_scene(tmp_path / "s", attrs.evolve(scene, force=True))
     assert (forced.rows, forced.cols) == (3, 3)
-    assert forced.manifest["orientation"]["undecided"]
+    assert forced.manifest.orientation.undecided
     assert pack_scene(tmp_path / "s", scene).rows == 3  # packed once, it opens

@@ -15,7 +15,8 @@ from lfpipe.scene.demo_drawing import Ball, Picture, Quad, Solid, draw_view
 from lfpipe.scene.demo_scenes import solids_of
 from lfpipe.scene.demo_textures import TEXELS
 from lfpipe.scene.disparity import halved, quantised, scale_for
-from lfpipe.scene.lightfield import Geometry, LightField
+from lfpipe.scene.lightfield import LightField
+from lfpipe.scene.source import Geometry
 
 SIDE_PX = 224  # of a view
 Colour = tuple[int, int, int]
@@ -77,7 +78,6 @@ class WorldScene:
             frame_rate_hz=0.0,
             name=self.name,
             method="warp2",
-            manifest={},
             border_px=(low, self.zero_px),
         )
 

@@ -13,8 +13,7 @@ from lfpipe.scene.demo import MARKER, SIZE_PX
 from lfpipe.scene.demo_drawing import Floats, Picture, draw_view
 from lfpipe.scene.demo_scenes import OFFSET_PX, solids_of
 from lfpipe.scene.files import Listing, read_bytes
-from lfpipe.scene.lightfield import Geometry
-from lfpipe.scene.source import SceneSource, Turn
+from lfpipe.scene.source import Geometry, SceneSource, Turn
 
 NAME = "demo"
 GRID = 9  # views a side, as in the HCI benchmark, whose cameras have

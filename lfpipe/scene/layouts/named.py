@@ -39,8 +39,7 @@ from lfpipe.scene.layouts._grid import (
 from lfpipe.scene.layouts._names import MAX_SIDE
 from lfpipe.scene.layouts.arrays import LARGEST, disparity_of_depth
 from lfpipe.scene.layouts.plenoptic import lit
-from lfpipe.scene.lightfield import Geometry
-from lfpipe.scene.source import Layout, SceneSource, Turn
+from lfpipe.scene.source import Geometry, Layout, SceneSource, Turn
 
 _NUMBER, _PICTURE = r"(-?\d+(?:\.\d+)?(?:e[+-]?\d+)?)", r"\.(?:png|jpe?g|ppm)"
 _HCI = re.compile(rf"input_Cam(\d{{3,5}}){_PICTURE}", re.IGNORECASE)
