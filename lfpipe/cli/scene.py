@@ -23,12 +23,12 @@ from lfpipe.host.files import is_dir
 from lfpipe.log import set_up
 from lfpipe.render.compositor import ViewRenderer
 from lfpipe.render.plan import make_plan
-from lfpipe.scene.cache import cache_dir, packs, remove, sweep
+from lfpipe.scene.cache import cache_dir, packed, packs, remove, sweep
 from lfpipe.scene.contact_sheet import contact_sheet
 from lfpipe.scene.info import expected_field, facts, lines
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.manifest import Manifest
-from lfpipe.scene.open_scene import ask_packer, open_scene, packed
+from lfpipe.scene.open_scene import ask_packer, open_scene
 from lfpipe.scene.slide import Slide
 
 Command = Callable[..., Any]
@@ -109,9 +109,10 @@ def list_packs(as_json: bool, config: Config) -> None:
         print_result(json.dumps({"cache": str(cache_dir(config.scene)), "packs": rows}))
         return
     for pack in cached:
-        about = pack.manifest or Manifest()
-        grid = f"{about.rows}x{about.cols} of {about.width}x{about.height}"
-        what = f"{grid}\n    {about.source}" if pack.manifest else "damaged"
+        what = "damaged"
+        if about := pack.manifest:
+            grid = f"{about.rows}x{about.cols} of {about.width}x{about.height}"
+            what = f"{grid}\n    {about.source}"
         print_result(f"{pack.folder.name} {pack.size_bytes / 1e6:8.1f} MB  {what}")
     size_mb = sum(pack.size_bytes for pack in cached) / 1e6
     print_result(f"{len(cached)} packs, {size_mb:.1f} MB in {cache_dir(config.scene)}")
@@ -126,15 +127,11 @@ def clean(keys: tuple[str, ...], everything: bool, config: Config) -> None:
     left. Packs that a session shows are kept.
     """
     cached = packs(config.scene)
-    names: dict[Path, set[str]] = {}
-    for pack in cached:
-        about = pack.manifest
-        names[pack.folder] = {pack.folder.name, *((about.name, about.source) if about else ())}
-    if unknown := sorted(set(keys).difference(*names.values())):
+    if unknown := sorted(set(keys).difference(*(pack.names for pack in cached))):
         raise UserError(
             f"{', '.join(unknown)}: no such pack", "see keys and names with `lfpipe scene list`"
         )
-    chosen = [pack for pack in cached if everything or names[pack.folder] & set(keys)]
+    chosen = [pack for pack in cached if everything or pack.names & set(keys)]
     removed_bytes = [pack.size_bytes for pack in chosen if remove(pack.folder)]
     for pack in chosen:
         if is_dir(pack.folder):
@@ -153,8 +150,8 @@ def plan(path: Path, as_json: bool, config: Config) -> None:
 
     A video that is not packed yet is examined only: then the method is that of most scenes.
     """
-    field = packed(path, config.scene)
-    if field is None or not field.complete:
+    field = packed(path, config.scene, complete=True)
+    if field is None:
         with progress() as bar:
             manifest = ask_packer(Manifest, path, config.scene, bar, do="info")
         field = expected_field(manifest) if manifest.frames > 1 else opened(path, config)
@@ -188,11 +185,9 @@ def info(path: Path, as_json: bool, verbose: bool, config: Config) -> None:
     """Show SCENE's layout, grid, order of views, disparity and geometry."""
     if verbose:
         set_up(1)
-    field = None if verbose else packed(path, config.scene)
-    if field is not None and field.complete:
-        manifest, pack = field.manifest, field.folder
-    else:
-        manifest, pack = ask_packer(Manifest, path, config.scene, do="info"), ""
+    field = None if verbose else packed(path, config.scene, complete=True)
+    manifest = field.manifest if field else ask_packer(Manifest, path, config.scene, do="info")
+    pack = field.folder if field else ""
     if as_json:
         print_result(json.dumps(facts(manifest, pack)))
     else:

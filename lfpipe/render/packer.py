@@ -145,7 +145,7 @@ def _preview(path: Path, settings: config.Scene) -> str:
     there is none.
     """
     try:
-        view = _middle_view(named_scene(path, cache_dir(settings)), settings)
+        view = _middle_view(path, settings)
     except UserError:
         return ""
     _, _, width, height = fit_area((view.shape[1], view.shape[0]), PREVIEW_PX)
@@ -163,7 +163,7 @@ def _middle_view(path: Path, settings: config.Scene) -> NDArray[np.floating[Any]
     if (field := packed(path, settings)) is not None:
         stored = stored_view(field, field.rows // 2, field.cols // 2)
         return stored.astype(np.float32) / 255
-    source = layouts.describe(path, settings)
+    source = layouts.describe(named_scene(path, cache_dir(settings)), settings)
     view = source.read(0, *source.middle) / source.max_value
     return np.asarray(np.clip(view, 0, 1) ** (1 / 2.2 if source.linear else 1.0))
 

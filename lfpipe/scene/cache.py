@@ -29,6 +29,7 @@ from lfpipe.errors import UserError, quoted
 from lfpipe.files.safe_files import WORK_NAME, open_file, read_bytes, reason, write_file
 from lfpipe.host import file_lock
 from lfpipe.host.files import exists, is_dir
+from lfpipe.scene.demo import named_scene
 from lfpipe.scene.files import Listing, list_scene
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.manifest import VERSION, Manifest
@@ -173,16 +174,28 @@ def find_pack(path: str | os.PathLike[str], scene: config.Scene) -> Path | None:
     return _pack_of(root / "index" / stamp(path, scene), root)
 
 
-def packed(path: str | os.PathLike[str], scene: config.Scene) -> LightField | None:
-    """The light field of an unchanged scene, perhaps without disparity yet, or of a pack that is
-    given itself; None without a usable pack. Whoever asks whether the cache serves, asks here.
-    Reads no picture. Raises UserError if there is no scene.
+def usable(pack: Path, scene: config.Scene, *, complete: bool = False) -> LightField | None:
+    """The light field of a pack; None for one that is damaged or, if it must be complete, has no
+    disparity yet. Whether the cache serves is decided here alone.
     """
-    own = Path(path) if exists(Path(path) / MANIFEST) else None
-    for pack in filter(None, (own, find_pack(path, scene))):
-        with contextlib.suppress(DamagedPackError):
-            return open_pack(pack, scene.half_turn)
+    with contextlib.suppress(DamagedPackError):
+        field = open_pack(pack, scene.half_turn)
+        return field if field.complete or not complete else None
     return None
+
+
+def packed(
+    path: str | os.PathLike[str], scene: config.Scene, *, complete: bool = False
+) -> LightField | None:
+    """As `usable`, of the pack of an unchanged scene, of demo:NAME, or of a pack that is given
+    itself. Reads no picture. Raises UserError if there is no scene.
+    """
+    path = named_scene(Path(path), cache_dir(scene))
+    own = path if exists(path / MANIFEST) else None
+    fields = (
+        usable(pack, scene, complete=complete) for pack in (own, find_pack(path, scene)) if pack
+    )
+    return next(filter(None, fields), None)
 
 
 def remember(root: Path, mark: str, key: str) -> None:
@@ -202,6 +215,12 @@ class CachedPack:
     folder: Path
     size_bytes: int
     manifest: Manifest | None = attrs.field(order=False)
+
+    @property
+    def names(self) -> set[str]:
+        """What a person may call it: its key, its name and its source."""
+        about = self.manifest
+        return {self.folder.name, *((about.name, about.source) if about else ())}
 
 
 def packs(scene: config.Scene) -> list[CachedPack]:

@@ -13,8 +13,7 @@ from lfpipe import config
 from lfpipe.config import SceneSummary, converter
 from lfpipe.host.files import is_dir
 from lfpipe.host.worker import Worker
-from lfpipe.scene import cache
-from lfpipe.scene.cache import cache_dir
+from lfpipe.scene.cache import cache_dir, packed
 from lfpipe.scene.demo import demo_scene, named_scene
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.pack import open_pack
@@ -99,9 +98,9 @@ def open_scenes(
     paths = [named_scene(path, cache_dir(settings)) for path in paths] or [
         demo_scene(cache_dir(settings))
     ]
-    known = packed(paths[0], settings)
+    known = packed(paths[0], settings, complete=True)
     expand = expand and any(is_dir(path) and packed(path, settings) is None for path in paths)
-    if known is not None and known.complete and not expand:
+    if known is not None and not expand:
         return Opened(paths, known)
     packing = Packing(paths, settings, progress, expand=expand)
     try:
@@ -133,15 +132,6 @@ def open_scene(
 def absolute_path(path: Path, settings: config.Scene) -> Path:
     """A scene's path for another process; of demo:NAME its folder. Raises UserError."""
     return named_scene(path, cache_dir(settings)).resolve()
-
-
-def packed(path: ScenePath, settings: config.Scene) -> LightField | None:
-    """The pack of an unchanged scene, perhaps without disparity yet, or the one at path itself;
-    None without one.
-
-    Reads no picture.
-    """
-    return cache.packed(named_scene(Path(path), cache_dir(settings)), settings)
 
 
 def ask_packer(

@@ -2,7 +2,6 @@
 disparity.
 """
 
-import contextlib
 import os
 import shutil
 import time
@@ -34,7 +33,6 @@ from lfpipe.scene.manifest import Disparity, Manifest
 from lfpipe.scene.missing_views import nearest_present
 from lfpipe.scene.pack import (
     VIEWS,
-    DamagedPackError,
     light_field,
     make_array,
     open_pack,
@@ -67,8 +65,8 @@ def pack_scene(
     processes may call this at once; what a killed one leaves, a later call makes again. Raises
     UserError.
     """
-    field = cache.packed(path, settings)
-    if field is not None and field.complete:
+    field = cache.packed(path, settings, complete=True)
+    if field is not None:
         return field
     mark = cache.stamp(path, settings)
     root = cache.prepare_cache(settings)
@@ -84,7 +82,7 @@ def pack_scene(
         with file_lock.waited_for(
             root / "locks" / key, lambda: progress("waiting for another packer", 0, 1)
         ):
-            if _whole(folder, settings) is None:
+            if cache.usable(folder, settings, complete=True) is None:
                 scene = examine_source(source, settings)
                 try:
                     _write_views(scene, folder, can_be_shown, progress)
@@ -94,14 +92,6 @@ def pack_scene(
                 _complete(scene, folder, score, progress)
             cache.remember(root, mark, key)
             return open_pack(folder, settings.half_turn)
-
-
-def _whole(pack: Path, settings: config.Scene) -> LightField | None:
-    """The light field of a pack that is there and complete."""
-    with contextlib.suppress(DamagedPackError):
-        field = open_pack(pack, settings.half_turn)
-        return field if field.complete else None
-    return None
 
 
 def manifest_of(scene: Examined, key: str = "") -> Manifest:
