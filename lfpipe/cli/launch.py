@@ -45,7 +45,7 @@ from lfpipe.render.plan import Plan, make_plan
 from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.demo import NAMES, demo_scene
 from lfpipe.scene.lightfield import LightField
-from lfpipe.scene.open_scene import Packing, open_scenes
+from lfpipe.scene.open_scene import Opened, Packing, open_scenes
 from lfpipe.scene.pack import summarize
 from lfpipe.scene.recent_scenes import recent_scenes, remember_scene
 from lfpipe.share.target import check_targets
@@ -215,34 +215,22 @@ def prepare(arguments: UpArguments) -> SessionPlan:
     video = display.path if isinstance(display, VideoFile) else None
     halved = ("render.rate_hz=30",) if records_itself else ()  # for a small video
     config = configuration.load(arguments.config_file, (*halved, *arguments.sets))
-    source = arguments.source(config)
-    inputs = [path for path in (*arguments.scenes, source_file(source)) if path is not None]
-    check_outputs({"--display": video, "--trace": arguments.trace}, inputs, arguments.force)
+    inputs = (*arguments.scenes, source_file(arguments.source(config)))
+    check_outputs(
+        {"--display": video, "--trace": arguments.trace}, filter(None, inputs), arguments.force
+    )
     check_display(display, str(config.screen.monitor))
     share = check_targets(arguments.share)
     with progress() as bar:
         opened = open_scenes(arguments.scenes, config.scene, bar, complete=video is not None)
     try:
-        scenes = opened.scenes
         scene = summarize(opened.field)
-        viewer: Viewer = NoViewer()
-        if scene.needs_eyes or len(scenes) > 1:
-            viewer = watching(_viewer(source, display, config), scene.needs_eyes)
-        elif arguments.share:
-            remedy = "track without a scene: `lfpipe up --no-picture --share TARGET`"
-            raise UserError(
-                f"--share with {scenes[0]}: its picture needs no eyes, so none are tracked",
-                remedy,
-            )
-        clock: Clock = Live()
-        if viewer.source and isinstance(viewer, CameraViewer | RecordedEyes):
-            config = with_measured_focal(config, camera_name(viewer.source))
-            clock = clock_of(viewer.source)
-        config = with_engine(config) if viewer.tracked else config
+        config, viewer, clock = _watched(arguments, opened, scene.needs_eyes, display, config)
     except BaseException:
         if opened.packing is not None:
             opened.packing.close()
         raise
+    scenes = opened.scenes
     if arguments.scenes and not is_kiosk and not arguments.start:
         remember_scene(scenes[0])
     plan = make_plan(opened.field, config)
@@ -283,6 +271,27 @@ def prepare(arguments: UpArguments) -> SessionPlan:
         hold=opened.field.hold,
         packing=opened.packing,
     )
+
+
+def _watched(
+    arguments: UpArguments, opened: Opened, needs_eyes: bool, display: Target, config: Config
+) -> tuple[Config, Viewer, Clock]:
+    """Who looks at the scenes, by which clock, and the configuration with what the machine and the
+    camera lack or are known for. Raises UserError.
+    """
+    if not needs_eyes and len(opened.scenes) == 1:
+        if not arguments.share:
+            return config, NoViewer(), Live()
+        raise UserError(
+            f"--share with {opened.scenes[0]}: its picture needs no eyes, so none are tracked",
+            "track without a scene: `lfpipe up --no-picture --share TARGET`",
+        )
+    viewer = watching(_viewer(arguments.source(config), display, config), needs_eyes)
+    clock: Clock = Live()
+    if viewer.source and isinstance(viewer, CameraViewer | RecordedEyes):
+        config = with_measured_focal(config, camera_name(viewer.source))
+        clock = clock_of(viewer.source)
+    return (with_engine(config) if viewer.tracked else config), viewer, clock
 
 
 def _display(arguments: UpArguments) -> Target:

@@ -413,6 +413,89 @@ def common_area(inside: Mask) -> tuple[slice, slice]:
     return slice(top, bottom), slice(left, right)
 
 
+@attrs.frozen(kw_only=True)
+class _Row:
+    """Rectified views in the order of the camera's positions, which are in steps of the grid."""
+
+    views: list[NDArray[Any]]
+    position: NDArray[np.float64]
+    side_sure: bool  # whether the camera's own motion says which end is on the right
+    frames: int  # of the clip
+    residual_px: float
+    spread_px: float
+
+    def turned(self) -> "_Row":
+        """The same from the other end."""
+        position = (len(self.views) - 1 - self.position)[::-1]
+        return attrs.evolve(self, views=self.views[::-1], position=position, side_sure=False)
+
+
+def _rectified_row(count: int, read: Callable[[int], NDArray[Any]], progress: Progress) -> _Row:
+    """The views of a slide of count pictures. Raises UserError if it is unsuitable."""
+    numbers, position = choose_frames(count, read, progress)
+    views = _levelled([_reduced(read(number), _VIEW_PX) for number in numbers])
+    rectified = rectify([_grey(view) for view in views])
+    longer = max(views[0].shape[:2]) / views[0].shape[1]
+    to_the_right, side_sure = rectified.to_the_right(position, longer)
+    position = position if to_the_right else -position
+    views = [
+        _rectified(view, homography)
+        for view, homography in zip(views, rectified.homographies, strict=True)
+    ]
+    # half a px outside is black
+    inner = np.pad(np.ones((views[0].shape[0] - 2, views[0].shape[1] - 2), np.uint8), 1)
+    inside = [_rectified(inner, homography) > 0 for homography in rectified.homographies]
+    area = common_area(np.all(inside, axis=0))
+    shrink = _shrink(rectified, *views[0][area].shape[:2])
+    return _Row(
+        views=[
+            np.asarray(cv2.resize(views[k][area], None, None, shrink, shrink, cv2.INTER_AREA))
+            for k in np.argsort(position)
+        ],
+        position=(np.sort(position) - position.min()) / float(np.ptp(position)) * (len(views) - 1),
+        side_sure=side_sure,
+        frames=count,
+        residual_px=rectified.residual_px * shrink,
+        spread_px=rectified.spread_px * shrink,
+    )
+
+
+def _shrink(rectified: Rectified, height: int, width: int) -> float:
+    """The scale of the views: the remaining vertical motion comes from the hand, which also rises
+    and falls, and smaller views have less of it. Raises UserError if they would be too small.
+    """
+    residual_px = rectified.residual_px
+    shrink = min(1.0, _MAX_RESIDUAL_PX / max(residual_px, 1e-9))
+    if shrink * width < _MIN_VIEW_PX or shrink < _MIN_SHRINK:
+        _refuse_zoom(rectified.size_change)
+        raise UserError(
+            f"views of {width}x{height} px remain, which differ up and down by"
+            f" {residual_px:.2f} px (95 %); they need a width of {_MIN_VIEW_PX} and"
+            f" {_MAX_RESIDUAL_PX} px",
+            "slide along a straight line without turning the camera, past things that stand"
+            " still, in larger pictures",
+        )
+    return shrink
+
+
+def _write(out: Path, row: _Row, sure: bool, progress: Progress) -> None:
+    """Raises UserError."""
+    # only what is sure may stand in the names: coordinates are believed
+    form = "out_00_{0:02d}_0.000_{1:.3f}_.png" if sure else "view_{0:02d}.png"
+    try:
+        out.mkdir(parents=True)
+        for col, view in enumerate(row.views):
+            picture = view if view.ndim == 2 else cv2.cvtColor(view, cv2.COLOR_RGB2BGR)
+            data = cv2.imencode(".png", picture)[1]
+            write_file(out / form.format(col, row.position[col]), data.tobytes(), 0o644)
+            progress("views", col + 1, len(row.views))
+    except OSError as error:
+        raise UserError(
+            f"{out}: cannot be written: {reason(error)}",
+            "name a folder that does not exist yet with -o",
+        ) from None
+
+
 def make_slide(path: Path, out: Path, progress: Progress) -> Slide:
     """Writes a row of rectified views of the slide at path into the new folder out, named with
     their camera positions where their order is sure, else with numbers.
@@ -422,95 +505,36 @@ def make_slide(path: Path, out: Path, progress: Progress) -> Slide:
     with library_errors(path):
         count, read = _reader(path)
         try:
-            numbers, position = choose_frames(count, read, progress)
-            views = [read(number) for number in numbers]
-            views = [_reduced(view, _VIEW_PX) for view in views]
-            views = _levelled(views)
-            rectified = rectify([_grey(view) for view in views])
-            homographies = rectified.homographies
-            residual_px = rectified.residual_px
-            longer = max(views[0].shape[:2]) / views[0].shape[1]
-            to_the_right, side_sure = rectified.to_the_right(position, longer)
-            position = position if to_the_right else -position
-            views = [
-                _rectified(view, homography)
-                for view, homography in zip(views, homographies, strict=True)
-            ]
-            # half a px outside is black
-            inner = np.pad(np.ones((views[0].shape[0] - 2, views[0].shape[1] - 2), np.uint8), 1)
-            area = common_area(
-                np.all([_rectified(inner, homography) > 0 for homography in homographies], axis=0)
-            )
-            height, width = views[0][area].shape[:2]
-            # the remaining vertical motion comes from the hand, which also rises and falls: smaller
-            # views have less of it
-            shrink = min(1.0, _MAX_RESIDUAL_PX / max(residual_px, 1e-9))
-            if shrink * width < _MIN_VIEW_PX or shrink < _MIN_SHRINK:
-                _refuse_zoom(rectified.size_change)
-                raise UserError(
-                    f"views of {width}x{height} px remain, which differ up and down by"
-                    f" {residual_px:.2f} px (95 %); they need a width of {_MIN_VIEW_PX} and"
-                    f" {_MAX_RESIDUAL_PX} px",
-                    "slide along a straight line without turning the camera, past things that stand"
-                    " still, in larger pictures",
-                )
+            row = _rectified_row(count, read, progress)
         except UserError as error:
             raise UserError(f"{path}: {error.message}", error.remedy) from None
-        row = []
-        for k in np.argsort(position):
-            row.append(
-                np.asarray(
-                    cv2.resize(
-                        views[k][area], None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA
-                    ),
-                    np.uint8,
-                )
-            )
-    order = orient(
-        SceneSource(
-            layout="slide",
-            path=path,
-            files=(),
-            rows=1,
-            cols=len(row),
-            read=lambda f, r, c: row[c],
-            height_px=row[0].shape[0],
-            width_px=row[0].shape[1],
-        ),
-        config.Scene(),
+    height_px, width_px = row.views[0].shape[:2]
+    source = SceneSource(
+        layout="slide",
+        path=path,
+        files=(),
+        rows=1,
+        cols=len(row.views),
+        read=lambda f, r, c: row.views[c],
+        height_px=height_px,
+        width_px=width_px,
     )
-    position = (np.sort(position) - position.min()) / float(np.ptp(position)) * (len(row) - 1)
+    order = orient(source, config.Scene())
     why = order.reason
     if order.turn.cols:
-        row, position = row[::-1], (len(row) - 1 - position)[::-1]
-        side_sure = False  # what is hidden speaks against the motion
-    elif side_sure and not order.sure:
+        row = row.turned()  # what is hidden speaks against the motion
+    elif row.side_sure and not order.sure:
         why = f"{why}; the camera's own motion, without its turning, leads to the right"
-    sure = order.sure or side_sure
-    # only what is sure may stand in the names: coordinates are believed
-    form = "out_00_{0:02d}_0.000_{1:.3f}_.png" if sure else "view_{0:02d}.png"
-    try:
-        out.mkdir(parents=True)
-        for col, view in enumerate(row):
-            data = cv2.imencode(
-                ".png", view if view.ndim == 2 else cv2.cvtColor(view, cv2.COLOR_RGB2BGR)
-            )[1]
-            write_file(out / form.format(col, position[col]), data.tobytes(), 0o644)
-            progress("views", col + 1, len(row))
-    except OSError as error:
-        raise UserError(
-            f"{out}: cannot be written: {reason(error)}",
-            "name a folder that does not exist yet with -o",
-        ) from None
-    height_px, width_px = row[0].shape[:2]
+    sure = order.sure or row.side_sure
+    _write(out, row, sure, progress)
     return Slide(
         folder=str(out),
-        views=len(row),
+        views=len(row.views),
         width_px=width_px,
         height_px=height_px,
-        frames=count,
-        residual_px=residual_px * shrink,
-        spread_px=rectified.spread_px * shrink,
+        frames=row.frames,
+        residual_px=row.residual_px,
+        spread_px=row.spread_px,
         order=why,
         order_sure=sure,
     )
