@@ -100,12 +100,9 @@ def _replayed(
     for folder, label in ((out, "--out"), (expect if update else None, "--expect")):
         if folder is not None:
             check_outside(folder, [path, scene, None if folder is expect else expect], label)
-    if expect is not None and not update:
-        if not is_dir(expect):
-            run.recover_reference(expect)
-        if not is_dir(expect):
-            raise UserError(f"--expect {expect}: no such reference", "the first time, add --update")
-        read_report(expect)
+    against, new = (None, expect) if update else (expect, None)
+    if against is not None:
+        _require_reference(against)
     sequence = open_sequence(path)
     if not sequence.complete:
         say(
@@ -113,36 +110,48 @@ def _replayed(
             " frames"
         )
     config = run.replay_config(sequence, config_file, sets)
-    against = expect is not None and not update
+    compared = Comparison([], [])
     with contextlib.ExitStack() as held:
-        replace = (
-            held.enter_context(run.update_of(expect)) if expect is not None and update else None
-        )
+        replace = held.enter_context(run.update_of(new)) if new is not None else None
         folder = held.enter_context(temporary_folder("replay")) if out is None else out
         run.check_out(folder)
         field = opened(scene, config)
-        if expect is not None and against:
-            check_reference(
-                expect, {"sequence": about_sequence(sequence), "scene": about_scene(field)}
-            )
+        if against is not None:
+            inputs = {"sequence": about_sequence(sequence), "scene": about_scene(field)}
+            check_reference(against, inputs)
         run.clear_out(folder)
         kept = pace == "step" and (out is not None or expect is not None)
-        report = run.replay(sequence, field, config, pace, folder, kept, say)
-        _summary(report)
-        compared = compare(expect, folder) if expect is not None and against else Comparison([], [])
+        _summary(run.replay(sequence, field, config, pace, folder, kept, say))
+        if against is not None:
+            compared = compare(against, folder)
         if replace is not None:
             replace(folder)
-            say(f"reference written to {expect}")
+            say(f"reference written to {new}")
+    if against is None:
+        return []
+    _print_comparison(compared, against)
+    if compared.differences and out is None:
+        say("--out DIR keeps the pictures that show a difference")
+    sys.stdout.flush()  # detects a closed pipe here, while it still counts as a failure
+    return cases_of(compared.differences)
+
+
+def _require_reference(expect: Path) -> None:
+    """Raises UserError if there is none that can be read."""
+    if not is_dir(expect):
+        run.recover_reference(expect)
+    if not is_dir(expect):
+        raise UserError(f"--expect {expect}: no such reference", "the first time, add --update")
+    read_report(expect)
+
+
+def _print_comparison(compared: Comparison, expect: Path) -> None:
     for note in compared.notes:
         print_result(note)
     for difference in compared.differences:
         print_result(f"differs: {difference}")
-    if compared.differences and out is None:
-        say("--out DIR keeps the pictures that show a difference")
-    if against and not compared.differences:
+    if not compared.differences:
         print_result(f"matches {expect}")
-    sys.stdout.flush()  # detects a closed pipe here, while it still counts as a failure
-    return cases_of(compared.differences) if against else []
 
 
 def _check_junit(junit: Path | None, inputs: list[Path | None], out: Path | None) -> None:
