@@ -23,7 +23,6 @@ moves the point between the eyes at most, in views (4 between the eyes), median 
 """
 
 import copy
-import csv
 import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -31,6 +30,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.bench.world.tracks import read_table
 from lfpipe.config import Track
 from lfpipe.track.filters import make_filter
 from lfpipe.track.smoothing import EyeFilter, Kalman, Mean
@@ -120,22 +120,11 @@ class Clip:
 def clips(folder: Path) -> list[Clip]:
     out = []
     for path in sorted(folder.glob("*.csv")):
-        with path.open(newline="") as file:
-            rows = list(csv.DictReader(file))
-        start = 0
-        for end in range(len(rows) + 1):
-            if end < len(rows) and rows[end]["face"] == "1":
-                continue
-            part = rows[start:end]
-            start = end + 1
-            if len(part) > LEAST_FRAMES:
-                eyes = [
-                    [float(row[name]) for name in ("left_x", "left_y", "right_x", "right_y")]
-                    for row in part
-                ]
-                out.append(
-                    Clip(path.stem, np.array([float(row["t_s"]) for row in part]), np.array(eyes))
-                )
+        t_s, face, eyes = read_table(path)
+        edges = np.flatnonzero(np.diff(face, prepend=False, append=False))
+        for begin, end in edges.reshape(-1, 2).tolist():
+            if end - begin > LEAST_FRAMES:
+                out.append(Clip(path.stem, t_s[begin:end], eyes[begin:end]))
     return out
 
 

@@ -51,6 +51,12 @@ def test_recorded_tracks_are_scripts(tmp_path: Path) -> None:
     setup = Setup(screen=SCREEN, camera=Camera(noise_px=0.0))
     figures = viewpoint_figures(setup.watch(script), Truth(setup, script), script)
     assert figures["error_views"] < 0.3
-    table.write_text(f"{head}\n1,2\n")
-    with pytest.raises(UserError, match="not a head track"):
-        list(recorded([table]))
+    gone = [f"{t:.4f},0,,,," for t in t_s[40:50]]
+    table.write_text("\n".join((head, *rows[:40], *gone, *rows[50:])) + "\n")
+    (script,) = recorded([table])
+    hidden = script.people[0].logit < 0
+    assert hidden[1400:1600].all() and hidden.sum() == pytest.approx(333, abs=2)
+    for wrong in ("1,2", "1,1,2,3,4,", "x,1,2,3,4,5", ""):
+        table.write_text(f"{head}\n{wrong}\n")
+        with pytest.raises(UserError, match="not a head track"):
+            list(recorded([table]))

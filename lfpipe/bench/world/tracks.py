@@ -22,7 +22,7 @@ def read_track(path: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
 
     Raises UserError if the table cannot be read.
     """
-    t_s, face, eyes = _table(path)
+    t_s, face, eyes = read_table(path)
     known = np.flatnonzero(face)
     if len(known) < 2:
         raise UserError(f"{path}: contains no face", REMEDY)
@@ -39,16 +39,21 @@ def read_track(path: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     return places, visible
 
 
-def _table(path: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
-    """Times (n,) in s, whether there is a face, and eyes (n, 4)."""
+def read_table(path: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
+    """Times (n,) in s, whether there is a face, and eyes (n, 4) px. Raises UserError."""
     try:
         with path.open() as file:
             head = file.readline().strip()
             if head == COLUMNS:
-                rows = np.loadtxt(file, delimiter=",", ndmin=2, dtype=np.float64)
-                if rows.shape[1:] != (6,) or not len(rows) or not np.isfinite(rows).all():
+                rows = np.array(
+                    [[float(cell.strip() or "nan") for cell in line.split(",")] for line in file]
+                )
+                if rows.shape[1:] != (6,) or not len(rows):
                     raise ValueError("expected six numbers in each row")
-                return rows[:, 0], rows[:, 1] > 0, rows[:, 2:]
+                face = rows[:, 1] > 0
+                if not (np.isfinite(rows[:, :2]).all() and np.isfinite(rows[face]).all()):
+                    raise ValueError("only the eyes of a frame without a face may be missing")
+                return rows[:, 0], face, rows[:, 2:]
     except (OSError, ValueError) as error:
         raise UserError(f"{path}: not a head track: {error}", REMEDY) from None
     truth = table_of(path)
