@@ -10,7 +10,6 @@ import zlib
 from collections.abc import Sequence as Several
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import attrs
 import numpy as np
@@ -23,6 +22,7 @@ from lfpipe.files.trace import check_sides, trace_lines
 from lfpipe.files.untrusted import json_fields
 from lfpipe.host.machine import versions
 from lfpipe.render.listeners.replay_writer import PICTURES
+from lfpipe.replays.junit import TestCase, junit
 from lfpipe.scene.lightfield import LightField
 from lfpipe.sequence.eyes import Truth, read_truth, summary
 from lfpipe.sequence.folder import Sequence
@@ -37,7 +37,6 @@ STEADY = ("step", "max")  # paces whose results do not depend on any clock
 REPORT_BYTES = 1 << 20  # one of ours has some 10 kB
 COUNTED = ("frames", "pictures", "faces")  # equal in runs of equal results
 WRITTEN = "use a folder that `lfpipe replay --out` wrote; --update rewrites the reference"
-JUNIT_CHARS = 20_000  # of one test case
 Line = dict[str, Any]
 
 
@@ -225,25 +224,18 @@ def write_junit(
     Raises UserError if path cannot be written.
     """
     name = plain(name, 200)
-    failed = sum(bool(reasons) for _, reasons in cases)
-    counts = {
-        "tests": str(1 + len(cases)),
-        "failures": str(failed),
-        "errors": str(int(bool(error))),
-    }
-    suite = ElementTree.Element(
-        "testsuite", {"name": f"lfpipe replay {name}", **counts, "time": f"{seconds:.3f}"}
+    classname = f"lfpipe.replay.{name}"
+    whole = TestCase(
+        classname=classname, name="replay", kind="error" if error else "", message=error, text=error
     )
-    for case, reasons, kind in [
-        ("replay", [error] if error else [], "error"),
-        *((*case, "failure") for case in cases),
-    ]:
-        entry = ElementTree.SubElement(
-            suite, "testcase", {"classname": f"lfpipe.replay.{name}", "name": case}
+    parts = [
+        TestCase(
+            classname=classname,
+            name=case,
+            kind="failure" if reasons else "",
+            message=reasons[0] if reasons else "",
+            text="\n".join(reasons),
         )
-        if reasons:
-            ElementTree.SubElement(entry, kind, {"message": plain(reasons[0], 1000)}).text = plain(
-                "\n".join(reasons), JUNIT_CHARS
-            )
-    text = ElementTree.tostring(suite, "utf-8", xml_declaration=True)
-    write_output(path, text, label="--junit")
+        for case, reasons in cases
+    ]
+    write_output(path, junit(f"lfpipe replay {name}", [whole, *parts], seconds), label="--junit")

@@ -7,7 +7,6 @@ import json
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from xml.etree import ElementTree
 
 import attrs
 
@@ -15,6 +14,7 @@ from lfpipe.bench.style import document, html_table
 from lfpipe.errors import UserError, plain
 from lfpipe.files.output import check_output, write_output
 from lfpipe.files.safe_files import LineFile, reason
+from lfpipe.replays.junit import Kind, TestCase, junit
 from lfpipe.sweep.plan import Cell
 
 OK, DIFFERS, FAILED, LEFT_OUT = "ok", "differs", "failed", "left out"
@@ -24,7 +24,7 @@ LINES, TABLE, PAGE, JUNIT = "results.jsonl", "table.csv", "report.html", "junit.
 PLACE = "name a folder that you may write to, on a disk with free space: --out DIR"
 # with the class of the page's style
 STATES = {OK: "ok", DIFFERS: "failed", FAILED: "failed", LEFT_OUT: "degraded"}
-KINDS = {DIFFERS: "failure", FAILED: "error", LEFT_OUT: "skipped"}  # of JUnit
+KINDS: dict[str, Kind] = {DIFFERS: "failure", FAILED: "error", LEFT_OUT: "skipped"}
 ABOUT = ("state", "subject", "sequence", "scene", "config", "options", "seconds", "host", "reason")
 FORMULA = ("=", "+", "-", "@", "\t", "\r")  # a spreadsheet would compute a text that begins so
 
@@ -151,28 +151,15 @@ def _quoted(cell: str) -> str:
 
 
 def _junit(outcomes: Sequence[Outcome]) -> bytes:
-    counts = Counter(outcome.state for outcome in outcomes)
-    numbers = {
-        "tests": len(outcomes),
-        "failures": counts[DIFFERS],
-        "errors": counts[FAILED],
-        "skipped": counts[LEFT_OUT],
-    }
-    suite = ElementTree.Element(
-        "testsuite",
-        {"name": "lfpipe sweep", **{name: str(value) for name, value in numbers.items()}},
-    )
-    for outcome in outcomes:
-        about = {
-            "classname": f"lfpipe.sweep.{outcome.cell.subject}",
-            "name": plain(outcome.cell.name, 500),
-        }
-        case = ElementTree.SubElement(
-            suite, "testcase", {**about, "time": f"{outcome.seconds:.3f}"}
+    cases = [
+        TestCase(
+            classname=f"lfpipe.sweep.{outcome.cell.subject}",
+            name=outcome.cell.name,
+            kind=KINDS.get(outcome.state, ""),
+            message=outcome.reason.partition("\n")[0],
+            text=outcome.reason,
+            seconds=outcome.seconds,
         )
-        if outcome.state in KINDS:
-            first = plain(outcome.reason.partition("\n")[0], 1000)
-            ElementTree.SubElement(case, KINDS[outcome.state], {"message": first}).text = plain(
-                outcome.reason, 20_000
-            )
-    return bytes(ElementTree.tostring(suite, "utf-8", xml_declaration=True))
+        for outcome in outcomes
+    ]
+    return junit("lfpipe sweep", cases)
