@@ -5,7 +5,6 @@ from concurrent.futures import Executor
 from functools import lru_cache
 
 import attrs
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,7 +13,7 @@ from lfpipe.config.quality import method_in_use
 from lfpipe.render.anaglyph import MATRICES, Channel, Mixer, Plane, PlaneBuilder, Recipe, recipe
 from lfpipe.render.blocks import near_array
 from lfpipe.render.geometry import zero_plane_px
-from lfpipe.render.pair_layout import Pair
+from lfpipe.render.pair_layout import Pair, laid_out
 from lfpipe.render.synthesis import Source, Synthesiser
 from lfpipe.render.viewpoint import Position, extrapolation_views
 from lfpipe.scene.lightfield import LightField
@@ -203,17 +202,8 @@ class Compositor:
             return self._picture
         for position, whole in zip((left, right), self.pair, strict=True):
             self._mix(frame, position, position, whole)
-        if self._anaglyph == "row-interleaved":
-            for eye, whole in enumerate(self.pair):
-                self._picture[eye::2] = whole[eye::2]
-        else:
-            height, width = self._picture.shape[:2]
-            for whole, x0, x1 in ((self.pair[0], 0, width // 2), (self.pair[1], width // 2, width)):
-                if x1 > x0:
-                    self._picture[:, x0:x1] = cv2.resize(
-                        whole, (x1 - x0, height), interpolation=cv2.INTER_AREA
-                    )
-        return self._picture
+        height, width = self._picture.shape[:2]
+        return laid_out(self.pair, self._anaglyph, (width, height), out=self._picture)
 
     def _mix(self, frame: int, left: Position, right: Position, out: NDArray[np.uint8]) -> None:
         if self._helper is None:

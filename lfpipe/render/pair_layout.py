@@ -16,8 +16,7 @@ def scale_into(picture: NDArray[np.uint8], out: NDArray[np.uint8]) -> None:
     if picture.shape == out.shape:
         np.copyto(out, picture)
         return
-    shrinks = out.shape[0] < picture.shape[0]
-    way = cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC
+    way = cv2.INTER_AREA if out.size < picture.size else cv2.INTER_CUBIC
     cv2.resize(picture, (out.shape[1], out.shape[0]), dst=out, interpolation=way)
 
 
@@ -42,17 +41,18 @@ def laid_out(
     if out is None or out.shape != (height, width, 3):
         out = np.empty((height, width, 3), np.uint8)
     x, y, w, h = fit_area((pair[0].shape[1], pair[0].shape[0]), screen_px)
-    out[:] = 0
-    if how == "side-by-side":
-        for eye, view in enumerate(pair):
-            start, stop = eye * width // 2, (eye + 1) * width // 2
-            left = start + x // 2
-            right = min(start + (x + w) // 2, stop)
-            scale_into(view, out[y : y + h, left:right])
-        return out
-    both = np.empty((2, h, w, 3), np.uint8)
-    for view, scaled in zip(pair, both, strict=True):
-        scale_into(view, scaled)
-    for row in (0, 1):  # of the area: on the screen it is row first_row + y + row
-        out[y + row : y + h : 2, x : x + w] = both[(first_row + y + row) % 2, row::2]
+    if (w, h) != screen_px:
+        out[:] = 0
+    for eye, view in enumerate(pair):
+        if how == "side-by-side":
+            left, right = (eye * width + x) // 2, (eye * width + x + w) // 2
+            if left < right:  # else the screen is too narrow for two
+                scale_into(view, out[y : y + h, left:right])
+            continue
+        whole = view
+        if view.shape[:2] != (h, w):
+            whole = np.empty((h, w, 3), np.uint8)
+            scale_into(view, whole)
+        row = (eye - first_row - y) % 2  # of the area: on the screen it is row first_row + y + row
+        out[y + row : y + h : 2, x : x + w] = whole[row::2]
     return out
