@@ -44,7 +44,7 @@ MENU_SHARE, MENU_COLS, CELL_LINES = 0.9, 5, 6
 CELL_SHAPE = 0.75  # height over width of a cell's picture, at most: most cameras' views fill it
 
 
-@attrs.define(eq=False, kw_only=True)
+@attrs.frozen(eq=False, kw_only=True)
 class Panel:
     """A drawn surface.
 
@@ -200,9 +200,11 @@ def menu_panel(menu: Menu, selected: int, window_px: Place, text_px: int) -> Pan
 
 
 @lru_cache(16)
-def text_panel(text: Overlay, bottom_px: int | None, window_px: Place, text_px: int) -> Panel:
-    """The lines of text with a cross, its items and its inset, or else its notices: at the top
-    left, or in the middle above bottom_px. Letters are smaller if they do not fit.
+def text_panel(
+    text: Overlay, bottom_px: int | None, window_px: Place, text_px: int, top_px: int = EDGE_PX
+) -> Panel:
+    """The lines of text with a cross, its items and its inset, or else its notices: at the left
+    below top_px, or in the middle above bottom_px. Letters are smaller if they do not fit.
 
     White on black is the same for both eyes, so text lies in the plane of the screen through any
     glasses. The inset is left out if there is no room.
@@ -241,7 +243,7 @@ def text_panel(text: Overlay, bottom_px: int | None, window_px: Place, text_px: 
     for item, rect in cells:
         _draw_item(surface, letters, item, rect, False)
     at = (
-        (EDGE_PX, EDGE_PX)
+        (EDGE_PX, top_px)
         if bottom_px is None
         else ((window_px[0] - width) // 2, bottom_px - height - EDGE_PX)
     )
@@ -315,12 +317,15 @@ class OverlayView:
         bar_top_px = window_px[1] if bar is None else bar.at[1]
         pages, panels = list[Panel](), list[Panel]()
         bottom_px = bar_top_px if overlay.menu is None else window_px[1]
+        dots = list[Panel]()
+        top_px = EDGE_PX
+        if overlay.recording:
+            dots.append(recording_panel(overlay.recording, window_px, text_px))
+            top_px += dots[0].surface.get_height() + GAP_PX
         if overlay.lines:
             page = Overlay(lines=overlay.lines, inset=overlay.inset, items=overlay.items)
             low_px = bar_top_px if overlay.items else None
-            pages.append(text_panel(page, low_px, window_px, text_px))
-            if low_px is None:
-                pages[0].at = EDGE_PX, EDGE_PX
+            pages.append(text_panel(page, low_px, window_px, text_px, top_px))
             bottom_px = pages[0].at[1] if overlay.items else bottom_px
         for notice in reversed(overlay.notices):
             line = Overlay(notices=tuple(notice.splitlines()))
@@ -337,12 +342,7 @@ class OverlayView:
         if bar is not None and self._bar_end_s and (now_s >= self._bar_from_s or self._held):
             panels.append(bar)
             self._edge_px = bar_top_px
-        if overlay.recording:
-            dot = recording_panel(overlay.recording, window_px, text_px)
-            panels.append(dot)
-            if overlay.lines and not overlay.items:
-                pages[0].at = EDGE_PX, EDGE_PX + dot.surface.get_height() + GAP_PX
-        self._panels = [*pages, *panels]
+        self._panels = [*pages, *panels, *dots]
         return self._panels
 
     def key(self, name: str) -> str:
