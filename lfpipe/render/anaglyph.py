@@ -276,22 +276,25 @@ class PlaneBuilder:
         self._minus = np.empty((height_px, width_px), np.uint16)
         self._term = np.empty((height_px, width_px), np.uint16)
 
-    def build(self, view: NDArray[np.uint8], plane: Plane, out: NDArray[np.uint8]) -> None:
-        """view: uint8 (3, height, width), red, green, blue. out: uint8 (height, width)."""
-        plus = minus = False
+    def build(self, view: NDArray[np.uint8], plane: Plane) -> NDArray[np.uint8]:
+        """The plane, uint8 (height, width): a new one, or the channel of the view that it is.
+
+        view: uint8 (3, height, width), red, green, blue.
+        """
+        if len(plane.channels) == 1:
+            return np.asarray(view[plane.channels[0]])
         terms, back = _plane_tables(plane.weights, plane.linear)
-        for channel in plane.channels:
-            weight = plane.weights[channel]
-            table = terms[channel]
-            target = self._plus if weight > 0 else self._minus
-            first = not (plus if weight > 0 else minus)
-            cv2.LUT(view[channel], table, target if first else self._term)
-            if not first:
-                cv2.add(target, self._term, target)
-            plus, minus = plus or weight > 0, minus or weight < 0
-        if minus:
+        for sign, total in ((1, self._plus), (-1, self._minus)):
+            of_sign = [k for k in plane.channels if sign * plane.weights[k] > 0]
+            for number, channel in enumerate(of_sign):
+                cv2.LUT(view[channel], terms[channel], self._term if number else total)
+                if number:
+                    cv2.add(total, self._term, total)
+        if min(plane.weights) < 0:
             cv2.subtract(self._plus, self._minus, self._plus)
+        out = np.empty(view.shape[1:], np.uint8)
         wide_lookup(self._plus, back, out)
+        return out
 
 
 @lru_cache(maxsize=64)
@@ -322,10 +325,6 @@ def encode(left: NDArray[np.uint8], right: NDArray[np.uint8], how: Recipe) -> ND
     views = [
         np.ascontiguousarray(picture[..., ::-1].transpose(2, 0, 1)) for picture in (left, right)
     ]
-    planes = [views[plane.eye][plane.channels[0]] for plane in how.planes]
     builder = PlaneBuilder(height, width)
-    for k, plane in enumerate(how.planes):
-        if len(plane.channels) > 1:
-            planes[k] = np.empty((height, width), np.uint8)
-            builder.build(views[plane.eye], plane, planes[k])
+    planes = [builder.build(views[plane.eye], plane) for plane in how.planes]
     return Mixer(how, height, width).mix(planes, np.empty((height, width, 3), np.uint8))

@@ -10,7 +10,18 @@ from numpy.typing import NDArray
 
 from lfpipe.config import Render
 from lfpipe.config.quality import method_in_use
-from lfpipe.render.anaglyph import MATRICES, Channel, Mixer, Plane, PlaneBuilder, Recipe, recipe
+from lfpipe.render.anaglyph import (
+    BLUE,
+    GREEN,
+    MATRICES,
+    RED,
+    Channel,
+    Mixer,
+    Plane,
+    PlaneBuilder,
+    Recipe,
+    recipe,
+)
 from lfpipe.render.blocks import near_array
 from lfpipe.render.geometry import zero_plane_px
 from lfpipe.render.pair_layout import Pair, laid_out
@@ -21,9 +32,7 @@ from lfpipe.scene.lightfield import LightField
 # frame of a video, viewpoints of the eyes on a grid of small steps
 Key = tuple[int, Position, Position]
 
-_RGB = tuple(
-    Plane(0, weights, False) for weights in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-)
+_RGB = tuple(Plane(0, weights, False) for weights in (RED, GREEN, BLUE))
 # one eye's view in its own colours
 _WHOLE = Recipe(_RGB, (Channel(0), Channel(1), Channel(2)), False)
 BUDGET_BYTES = 64 << 20  # of planes that are built and kept
@@ -104,9 +113,7 @@ class PlaneStore:
         return lambda frame, row, col: views[frame, row, col, channels[0]]
 
     def _build(self, frame: int, row: int, col: int, plane: Plane) -> NDArray[np.uint8]:
-        out = np.empty(self._views.shape[4:], np.uint8)
-        self._builder.build(self._views[frame, row, col], plane, out)
-        return out
+        return self._builder.build(self._views[frame, row, col], plane)
 
 
 @attrs.frozen(kw_only=True)

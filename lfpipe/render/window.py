@@ -36,9 +36,10 @@ CODES = {
     pygame.K_ESCAPE: "escape",
     pygame.K_TAB: "choose",
     pygame.K_DELETE: "delete",
-}
-CODES |= {pygame.K_LEFT: "less", pygame.K_RIGHT: "more", pygame.K_UP: "up", pygame.K_DOWN: "down"}
-CODES |= {
+    pygame.K_LEFT: "less",
+    pygame.K_RIGHT: "more",
+    pygame.K_UP: "up",
+    pygame.K_DOWN: "down",
     pygame.K_PAGEDOWN: "next",
     pygame.K_PAGEUP: "previous",
     pygame.K_RETURN: "enter",
