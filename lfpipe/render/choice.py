@@ -114,8 +114,8 @@ class Choice(NamedTuple):
 
 def choose(viewer: Viewer, eyes: TrackedEyes | None, moment: Moment) -> Choice:
     """The picture for eyes at a moment. Moments must not decrease from call to call."""
-    viewer.video_lead_ns = round(VIDEO_LEAD * moment.refresh_ns) if moment.on_blanks else 0
+    lead_ns = round(VIDEO_LEAD * moment.refresh_ns) if moment.on_blanks else 0
     record, t_ns = (None, moment.seen_ns) if eyes is None else (eyes.record, eyes.t_ns)
-    viewpoints = viewer.viewpoints(record, t_ns, moment.seen_ns)
+    viewpoints = viewer.viewpoints(record, t_ns, moment.seen_ns, lead_ns)
     key = viewer.compositor.key(viewpoints.left, viewpoints.right, viewpoints.frame)
     return Choice(viewpoints, key)

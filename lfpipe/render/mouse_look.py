@@ -48,7 +48,6 @@ class MouseLook:
         self._ring = ring
         self._alone = ring is not None
         self._count = 0
-        viewer.neutral_is_fixed = self._alone
 
     @property
     def looks(self) -> bool:

@@ -19,7 +19,7 @@ from lfpipe.render.display import Display
 from lfpipe.render.glasses import glasses_test
 from lfpipe.render.mouse_look import MouseLook
 from lfpipe.render.pair_layout import Pair
-from lfpipe.render.refresh import COST_SHARE, Refresh, ScreenRefresh
+from lfpipe.render.refresh import COST_SHARE, Refresh
 from lfpipe.render.showing import ANSWER_NS, HANDOVER, Listener, Showing, take_known
 from lfpipe.render.viewer import Viewer
 from lfpipe.transport.clock import now_ns, sleep_until
@@ -104,7 +104,7 @@ class Presenter:
             t_handed_ns = now_ns()
         cost_ns = 0
         if drawing is not None:
-            t_handed_ns, handing_ns = self._hand_over(drawing)
+            t_handed_ns, handing_ns = self._hand_over(drawing, moment.on_blanks)
             cost_ns = t_composed_ns - t_started_ns + handing_ns
         showing = Showing(
             seq=self._seq,
@@ -121,10 +121,9 @@ class Presenter:
         self._seq += 1
         self._account(showing)
 
-    def _hand_over(self, drawing: Drawing) -> tuple[int, int]:
+    def _hand_over(self, drawing: Drawing, on_blanks: bool) -> tuple[int, int]:
         """(time of the hand-over, its work) in ns."""
         t_handing_ns = now_ns()
-        on_blanks = isinstance(self._refresh, ScreenRefresh)
         cpu_ns = time.process_time_ns() if on_blanks else 0
         how = self._viewer.config.render.anaglyph
         t_handed_ns = self._display.show(drawing.picture, drawing.pair, how)
@@ -154,7 +153,7 @@ class Presenter:
         """Tells the listeners of a showing whose time of display is known."""
         refresh = self._refresh
         planned = showing.composed and showing.due_ns and showing.by not in ("", HANDOVER)
-        if planned and isinstance(refresh, ScreenRefresh):
+        if planned and refresh is not None:
             showing.juddered = refresh.judge(
                 showing.due_ns, showing.t_handed_ns, showing.t_presented_ns
             )
@@ -164,7 +163,7 @@ class Presenter:
     def take_reports(self) -> None:
         """Processes the window system's reports of pictures and blanks."""
         answers = self._display.presented()
-        if answers and isinstance(self._refresh, ScreenRefresh):
+        if answers and self._refresh is not None:
             self._refresh.blanks(answers, self._display.nominal_hz())
         for showing in take_known(self._waiting, answers, self._display.blanks_by, now_ns()):
             self._report(showing)

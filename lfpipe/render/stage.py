@@ -108,7 +108,13 @@ class RenderStage:
                 if len(context.cores) > 1
                 else None
             )
-            self._viewer = Viewer(self._field, self._config, bool(options.kiosk), helper)
+            self._viewer = Viewer(
+                self._field,
+                self._config,
+                exhibition=bool(options.kiosk),
+                neutral_is_fixed=isinstance(options.viewer, MouseViewer | RecordedEyes),
+                helper=helper,
+            )
         self._keep_choice()
         # without a clock, pictures depend on the frames alone
         on_frames = self._lossless or self._config.render.clock == "camera"
@@ -120,7 +126,6 @@ class RenderStage:
         self._eyes = EyesInput(context, EyesSource(self._lossless))
         written = context.output("eyes") if isinstance(options.viewer, MouseViewer) else None
         self._mouse = MouseLook(context.config, self._viewer, written)
-        self._viewer.neutral_is_fixed |= isinstance(options.viewer, RecordedEyes)
         self._status = StatusRow(context.row, self._viewer, self._display)
         self._listeners = self._make_listeners()
         self._refresh = None if self._on_camera else self._make_refresh()

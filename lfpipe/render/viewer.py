@@ -63,10 +63,12 @@ class Viewer:
         field: LightField,
         config: Config,
         exhibition: bool = False,
+        neutral_is_fixed: bool = False,
         helper: Executor | None = None,
     ) -> None:
-        """exhibition: the picture moves while nobody is there. helper: a thread on another core,
-        for half of a large picture.
+        """exhibition: the picture moves while nobody is there. neutral_is_fixed: to the middle of
+        the camera picture, around which the mouse moves. helper: a thread on another core, for half
+        of a large picture.
         """
         self._helper = helper
         self.parallax: Parallax | None = None
@@ -84,11 +86,7 @@ class Viewer:
         self._size_px = (0, 0)  # of the camera picture
         self._pose: CameraPose | None = None
         self._tracked_ns = -1  # stamp of the last record that presence processed
-        self._start_ns = 0
-        # Start of a video before the time of the first picture: half a refresh of a screen. If the
-        # video's rate divides the screen's, times then lie well within its frames, and jitter of
-        # the clock never repeats or skips one.
-        self.video_lead_ns = 0
+        self._start_ns = 0  # of a video
         self._easing = ViewEasing()
         self._exhibition = exhibition
         self._alone_ns: int | None = None  # since when an exhibition has no viewer
@@ -97,8 +95,7 @@ class Viewer:
         self._raw: tuple[EyesRecord, int] | None = None  # the last frame with a face, its stamp
         self._found_ns = 0  # when its track began
         self._picture_mm: float | None = None
-        # to the middle of the picture: the viewer is the mouse, which moves around it
-        self.neutral_is_fixed = False
+        self._neutral_is_fixed = neutral_is_fixed
         self.last_viewpoints: Viewpoints | None = None
         self.set(field, config)
 
@@ -151,12 +148,12 @@ class Viewer:
             self.solver = None
 
     def viewpoints(
-        self, record: EyesRecord | None, t_sensor_ns: int, t_shown_ns: int
+        self, record: EyesRecord | None, t_sensor_ns: int, t_shown_ns: int, lead_ns: int = 0
     ) -> Viewpoints:
         """The viewpoints at t_shown_ns, from the newest eyes record and its frame's stamp; None if
-        nobody was seen yet.
+        nobody was seen yet. lead_ns: from a video's start to the time of its first picture.
         """
-        frame = self._frame(t_shown_ns) if self._is_video else 0
+        frame = self._frame(t_shown_ns, lead_ns) if self._is_video else 0
         camera_px = (
             None
             if record is None or not record.face
@@ -256,8 +253,8 @@ class Viewer:
         before = self.solver.place((lx - x, ly - y, rx - x, ry - y))
         return now[0] - before[0], now[1] - before[1], now[2] - before[2]
 
-    def _frame(self, t_ns: int) -> int:
-        self._start_ns = self._start_ns or t_ns - self.video_lead_ns
+    def _frame(self, t_ns: int, lead_ns: int) -> int:
+        self._start_ns = self._start_ns or t_ns - lead_ns
         return video_frame(t_ns, self._start_ns, self.field.frame_rate_hz)
 
     def _follow_distance(self, record: EyesRecord, eyes_px: Eyes, dt_s: float) -> None:
@@ -282,7 +279,7 @@ class Viewer:
         here = None if eyes_px is None else Rest(*middle_of(eyes_px), self._near_px)
         beyond = eyes_px is not None and solver.beyond(eyes_px)
         rest = self.presence.update(t_sensor_ns, here, generation, beyond)
-        if rest is not None and self._auto and not self.neutral_is_fixed:
+        if rest is not None and self._auto and not self._neutral_is_fixed:
             self._target_px = rest.x_px, rest.y_px
             self._choose(rest.apart_px)
             if self.presence.returned:
@@ -299,7 +296,7 @@ class Viewer:
             self._choose(self._apart_px)
         solver.alpha_px = self._apart_px / self.parallax.views_between_eyes
         self._dragged = False
-        if self.neutral_is_fixed:
+        if self._neutral_is_fixed:
             pass
         elif self.presence.state in (ViewerState.ARRIVING, ViewerState.EXCHANGED):
             if eyes_px is not None:
@@ -326,7 +323,7 @@ class Viewer:
         assert self.parallax is not None
         middle_px = self._size_px[0] / 2, self._size_px[1] / 2
         if self._auto and self._centre_px is None and eyes_px is not None:
-            self._centre_px = middle_px if self.neutral_is_fixed else middle_of(eyes_px)
+            self._centre_px = middle_px if self._neutral_is_fixed else middle_of(eyes_px)
         centre_px = self._centre_px or middle_px
         grid = self.field.rows, self.field.cols
         self.solver = ViewSolver(

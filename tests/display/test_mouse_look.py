@@ -26,7 +26,7 @@ class Session:
     """A viewer whose eyes are those of the mouse, one refresh after the other."""
 
     def __init__(self, alone: bool = True) -> None:
-        self.viewer = Viewer(field(5, 9), Config())
+        self.viewer = Viewer(field(5, 9), Config(), neutral_is_fixed=alone)
         ring = SimpleNamespace(begin=lambda: np.zeros((), EYES), publish=lambda *_: 0)
         self.mouse = MouseLook(Config(), self.viewer, ring if alone else None)  # type: ignore[arg-type]
         self.t_ns = 10**9

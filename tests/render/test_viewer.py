@@ -186,9 +186,9 @@ def test_a_video_keeps_its_cadence_on_a_screen_whose_clock_jitters(
     film = attrs.evolve(film, views=np.repeat(film.views, 500, axis=0))
     subject = Viewer(film, Config())
     random = np.random.default_rng(2)
-    subject.video_lead_ns = round(VIDEO_LEAD * S / screen_hz)
+    lead_ns = round(VIDEO_LEAD * S / screen_hz)
     moments = [round(7 * S + k * S / screen_hz + random.uniform(-3e5, 3e5)) for k in range(1200)]
-    frames = [subject.viewpoints(None, 0, t_ns).frame for t_ns in moments]
+    frames = [subject.viewpoints(None, 0, t_ns, lead_ns).frame for t_ns in moments]
     ratio = screen_hz / film_hz
     assert frames[0] == 0, "it begins when it is first shown"
     assert set(np.bincount(frames)[1:-1].tolist()) <= (
