@@ -12,8 +12,8 @@ disparity is refined at its own lower resolution.
 """
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
-import attrs
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -28,38 +28,12 @@ Array = NDArray[np.uint8]
 Source = Callable[[int, int, int], Array]  # (frame, row, col) -> a plane of that stored view
 
 
-@attrs.frozen
-class Layer:
+class Layer(NamedTuple):
     """A stored view in a cross-fade."""
 
     planes: list[Array]
     share: float  # of the sum of this layer and those below
     by: tuple[int, int]  # px down and right by which a pixel of the picture looks into the planes
-
-
-@attrs.frozen
-class CrossFade:
-    """A sum of stored views."""
-
-    layers: list[Layer]
-    whole: Box
-
-    def over(self, box: Box, outs: Sequence[Array]) -> list[Array]:
-        """A box of the sum, one plane for each of the layers' planes.
-
-        outs: to draw into, of the box's size. Returns them, or the stored planes themselves.
-        """
-        faded: list[Array] = []
-        for layer in self.layers:
-            planes = layer.planes
-            if any(layer.by) or box is not self.whole:
-                planes = [shifted(plane, *layer.by, box) for plane in planes]
-            if faded:
-                for plane, below, out in zip(planes, faded, outs, strict=False):
-                    cv2.addWeighted(plane, layer.share, below, 1 - layer.share, 0.0, out)
-                planes = list(outs[: len(planes)])
-            faded = planes
-        return faded
 
 
 class Synthesiser:
@@ -93,7 +67,8 @@ class Synthesiser:
         """
         views = view_weights(self.method, position, self._rows, self._cols)
         if self._warper is None:
-            return self._faded(frame, views, zero_plane_px, sources).over(self._whole, outs)
+            layers = self._layers(frame, views, zero_plane_px, sources)
+            return self._faded(layers, self._whole, outs)
         shift = (
             zero_plane_px * (self._centre[0] - position[0]),
             zero_plane_px * (self._centre[1] - position[1]),
@@ -111,20 +86,20 @@ class Synthesiser:
                 self._warper, view.weight / total, planes, drawn if view is views[-1] else []
             )
         # along no disparity: the cross-fade instead
-        fade: CrossFade | None = None
+        layers = []
         for box, share in self._warper.unknown(frame, position, shift):
-            if fade is None:
+            if not layers:
                 views = view_weights("blend", position, self._rows, self._cols)
-                fade = self._faded(frame, views, zero_plane_px, sources)
+                layers = self._layers(frame, views, zero_plane_px, sources)
             scratch = [np.empty(share.shape, np.uint8) for _ in sources]
-            for out, plane in zip(drawn, fade.over(box, scratch), strict=True):
+            for out, plane in zip(drawn, self._faded(layers, box, scratch), strict=True):
                 cv2.blendLinear(plane, out[box], share, 1 - share, out[box])
         return drawn
 
-    def _faded(
+    def _layers(
         self, frame: int, views: list[ViewWeight], zero_px: float, sources: Sequence[Source]
-    ) -> CrossFade:
-        """The weighted sum of the stored views, each shifted as a whole to its zero plane."""
+    ) -> list[Layer]:
+        """The stored views of a cross-fade, each shifted as a whole to its zero plane."""
         layers: list[Layer] = []
         total = 0.0
         for view in views:
@@ -135,7 +110,24 @@ class Synthesiser:
             )
             planes = [source(frame, view.row, view.col) for source in sources]
             layers.append(Layer(planes, view.weight / total, by))
-        return CrossFade(layers, self._whole)
+        return layers
+
+    def _faded(self, layers: list[Layer], box: Box, outs: Sequence[Array]) -> list[Array]:
+        """A box of the layers' sum, one plane for each of their planes.
+
+        outs: to draw into, of the box's size. Returns them, or the stored planes themselves.
+        """
+        faded: list[Array] = []
+        for layer in layers:
+            planes = layer.planes
+            if any(layer.by) or box is not self._whole:
+                planes = [shifted(plane, *layer.by, box) for plane in planes]
+            if faded:
+                for plane, below, out in zip(planes, faded, outs, strict=False):
+                    cv2.addWeighted(plane, layer.share, below, 1 - layer.share, 0.0, out)
+                planes = list(outs[: len(planes)])
+            faded = planes
+        return faded
 
     def _warp(self, warper: Warper, share: float, planes: list[Array], outs: list[Array]) -> None:
         """Warps planes of a view as aimed, and adds them in blocks with its share of the views so
