@@ -440,8 +440,10 @@ SETS: dict[str, list[PeopleSet]] = {
         opens("(U, V, H, W, C)", array(np.array(SMALL)), "array 5x5"),
         opens("(H, W, U, V, C)", array(SMALL.transpose(2, 3, 0, 1, 4)), "array 5x5"),
         opens("(H, W, U, V)", array(SMALL.transpose(2, 3, 0, 1, 4)[..., 1]), "array 5x5"),
-        refuses("views of 5x5 px", array(GRID[:, :, :5, :5]), "views of 5x5 px"),
-        refuses("views of 5x5 px, 9x9", array(np.zeros((9, 9, 5, 5, 3), np.uint8)), "of 5x5 px"),
+        refuses("views of 5x5 px", array(GRID[:, :, :5, :5]), "views have 5x5 px"),
+        refuses(
+            "views of 5x5 px, 9x9", array(np.zeros((9, 9, 5, 5, 3), np.uint8)), "views have 5x5 px"
+        ),
         opens("line of (1, 101, ...)", array(made.views(1, 60, 48, 64, 1.0, -0.5)), "array 1x60"),
     ],
     "sure or not": [

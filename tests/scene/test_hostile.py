@@ -215,7 +215,7 @@ ATTACKS: dict[str, tuple[Make, str]] = {
     },
     "JPEG": (bytes_of("a.jpg", jpeg_claiming(SMALL_JPEG, 20_000, 20_000)), "20000x20000"),
     "PNG, whole": (bytes_of("a.png", png_of(16_384, 16_384)), "16384x16384"),
-    "HDF5, large views": (claiming((9, 9, 40_000, 40_000, 3)), "views of 40000x40000"),
+    "HDF5, large views": (claiming((9, 9, 40_000, 40_000, 3)), "views have 40000x40000"),
     "HDF5, no end": (claiming((1, 2**40, 32, 32, 3)), r"lf\.h5"),
     "HDF5, truncated": (
         lambda f: os.truncate(h5(f), 4000),
