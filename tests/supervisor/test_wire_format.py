@@ -181,6 +181,8 @@ def test_answers_have_these_keys(tmp_path: Path) -> None:
 def test_a_session_answers_with_these_keys(world: World, scene: Path, tmp_path: Path) -> None:
     world.up(scene, "--set=governor.quality=fixed")
     world.pictures(5)
+    # The scores of a scene come with its disparity, after its first pictures.
+    world.wait_for(lambda: world.ask(cmd="hello")["options"]["scene"]["complete"], "disparity")
     requests: list[dict[str, Any]] = [
         {"cmd": "hello"},
         {"cmd": "status"},
