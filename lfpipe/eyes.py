@@ -61,8 +61,8 @@ class EyesRecord(NamedTuple):
 
 
 # Points of MediaPipe's face mesh that jaw and mouth do not move: tip of the nose, top of the
-# forehead, corners of the eyes from the right outer to the left outer one, temples, and in front of
-# the ears.
+# forehead, corners of the eyes from the right outer to the left outer one,
+# temples, and in front of the ears.
 HEAD_POINTS = (1, 10, 33, 133, 362, 263, 127, 356, 234, 454)
 
 # A picture shown, for who shares the session; the slot header repeats the stamps of the frame that

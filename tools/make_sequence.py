@@ -52,8 +52,8 @@ class Puppet:
             raise UserError(
                 "no face found in the portrait", "give a picture of one person from the front"
             )
-        # first to the size it has at home, with proper averaging: the warps that follow then hardly
-        # change it
+        # first to the size it has at home, with proper averaging:
+        # the warps that follow then hardly change it
         factor = (
             EYES_MM * FOCAL_PX / HOME_MM / float(np.linalg.norm(face.eyes_px[0] - face.eyes_px[1]))
         )

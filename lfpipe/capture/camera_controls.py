@@ -30,8 +30,8 @@ DARKER = (
 )
 
 
-# key: its control, steps per unit, unit, the control of its automatic, and that one's value for
-# "manual"
+# key: its control, steps per unit, unit,
+# the control of its automatic, and that one's value for "manual"
 AMOUNTS = {
     "camera.exposure": (EXPOSURE, 10, " ms", AUTO_EXPOSURE, 1),
     "camera.gain": (GAIN, 1, "", AUTO_GAIN, 0),

@@ -220,8 +220,8 @@ class CameraFinder:
             device for device in same_name if device.place not in self._twins
         ]
         candidates.sort(key=lambda device: device.path != known.path)
-        # nodes of one camera (pictures, metadata) share name and place, and may have exchanged
-        # their numbers
+        # nodes of one camera (pictures, metadata) share name and place,
+        # and may have exchanged their numbers
         current = next((device for device in candidates if _captures(device)), None)
         if current is None:
             raise UserError(f"camera {known.path} ({known.name}): unplugged", "plug it in again")

@@ -25,8 +25,8 @@ MAX_LISTED = 256  # entries of one list, in case a driver never ends it
 # the end of a list, or a driver without such lists or controls
 NOT_THERE = (errno.EINVAL, errno.ENOTTY)
 
-# one being decoded, one being filled, two spare; older frames are skipped, so spare buffers add no
-# latency
+# one being decoded, one being filled, two spare;
+# older frames are skipped, so spare buffers add no latency
 BUFFERS = 4
 MOST_BUFFERS = 32  # VIDEO_MAX_FRAME
 

@@ -22,8 +22,8 @@ from lfpipe.scene.video import FRAME_BYTES_PX, MAX_FRAME_PX, OPENING_BYTES
 
 TRIES = 16  # an undecodable frame looks like the end, unless a later one decodes
 REMEDY = "give a video (mp4, mkv, avi, ...), a picture or a folder of pictures"
-# Kinds allowed besides those of `is_video`. FFmpeg would also follow playlists of other files and
-# addresses.
+# Kinds allowed besides those of `is_video`.
+# FFmpeg would also follow playlists of other files and addresses.
 MORE_KINDS = (
     b"OggS",
     b"FLV\x01",

@@ -24,8 +24,8 @@ from lfpipe.log import set_up
 log = logging.getLogger(__name__)
 
 
-# in order of use: the module of lfpipe.cli that has the command, and its line in the list of
-# commands
+# in order of use: the module of lfpipe.cli that has the command,
+# and its line in the list of commands
 COMMANDS = {
     "up": ("up", "Show a light field from where your eyes are."),
     "monitor": ("sessions", "Show latency, rate, drops and load of a running session."),

@@ -17,8 +17,8 @@ from lfpipe.config import Config, QualityLevel, SessionOptions
 
 METHODS = ("warp2", "warp", "blend", "nearest")  # in order of falling cost
 WARPS = ("warp", "warp2")
-# between the farthest and the nearest: beyond, with the screen between them, a cross-fade shows
-# everything twice
+# between the farthest and the nearest:
+# beyond, with the screen between them, a cross-fade shows everything twice
 FADED_PX = 8.0
 LEAST_HZ = 25.0  # at lower rates the picture flickers whenever the head moves
 

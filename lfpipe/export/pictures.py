@@ -1,12 +1,11 @@
 """Exports of a light field: pictures, and short videos as MP4 or GIF. The method that suits the
 scene draws every view; light-field videos play on.
 
-quilt    views from left to right as tiles of one picture, the leftmost at the bottom left: Looking
-Glass displays
-         (https://docs.lookingglassfactory.com/keyconcepts/quilts)
-pair     the left eye's view beside the right eye's, both in full width
-wiggle   from the left eye's view to the right eye's and back, for ever
-sweep    along the middle row from the first column to the last and back
+    quilt    views from left to right as tiles of one picture, the leftmost at the bottom left, for
+             Looking Glass displays: https://docs.lookingglassfactory.com/keyconcepts/quilts
+    pair     the left eye's view beside the right eye's, both in full width
+    wiggle   from the left eye's view to the right eye's and back, for ever
+    sweep    along the middle row from the first column to the last and back
 """
 
 import io

@@ -17,8 +17,8 @@ OPEN_FILES = 128  # about 30 for a stage, as many for the supervisor, and a rese
 # A session on two cores starts 30, and each of its processes one more per core; a packer 10.
 SESSION_THREADS = 24 + 4 * len(usable_cores())
 WORKER_THREADS = 8 + len(usable_cores())
-# more is useless, and some programs close every number up to the limit; macOS refuses more than
-# OPEN_MAX
+# more is useless, and some programs close every number up to the limit;
+# macOS refuses more than OPEN_MAX
 MOST_FILES = 1 << 16 if sys.platform == "linux" else 1 << 13
 
 

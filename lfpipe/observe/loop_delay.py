@@ -360,8 +360,8 @@ def estimate(recording: Recording) -> LoopDelay:
     if recording.period_ms < 2 * RESPONSES_MS[-1]:
         kept_ms = KEPT_MS * max(0.0, (SURE_RATIO - ratio) / (SURE_RATIO - KEPT_RATIO))
     # The camera's readout is the time from row to row and the screen's own scan, which is unknown:
-    # it takes up to a refresh for the screen's visible height, and the camera up to a frame for its
-    # picture.
+    # it takes up to a refresh for the screen's visible height,
+    # and the camera up to a frame for its picture.
     readout_ms = max(0.0, scan_ms)
     longest_ms = max(
         readout_ms, min(scan_ms + recording.refresh_ms / bands.height, recording.period_ms)

@@ -42,8 +42,8 @@ GREEN: Weights = (0.0, 1.0, 0.0)
 BLUE: Weights = (0.0, 0.0, 1.0)
 NONE: Weights = (0.0, 0.0, 0.0)
 
-# Rows: red, green and blue of the output, from (red, green, blue) of the left eye and of the right
-# eye.
+# Rows: red, green and blue of the output,
+# from (red, green, blue) of the left eye and of the right eye.
 MATRICES: dict[
     str, tuple[tuple[Weights, Weights], tuple[Weights, Weights], tuple[Weights, Weights]]
 ] = {
@@ -68,8 +68,8 @@ MATRICES: dict[
     ),
 }
 
-# Luminance of red, green and blue through the left and the right glass, from measured spectra
-# (`bench.glasses.GLASS`).
+# Luminance of red, green and blue through the left and the right glass,
+# from measured spectra (`bench.glasses.GLASS`).
 _RED_CYAN = ((0.0922, 0.0135, 0.0001), (0.0009, 0.2381, 0.0658))
 _GREEN_MAGENTA = ((0.0006, 0.1266, 0.0170), (0.1174, 0.0153, 0.0043))
 LEAST_LEAK = 0.01  # a smaller leak is invisible: the right glass of red/cyan lets 0.4 % through

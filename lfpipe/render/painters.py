@@ -1,9 +1,9 @@
 """Painters put a picture into a window: SDL's renderer scales it and swaps in step with the screen;
 the processor fills the window's surface. Of both:
 
-size_px   (width, height) of the window in the screen's own pixels
-paint     draws uint8 (height, width, 3) BGR, scaled to fit, and panels over it, without showing
-them swap      hands the drawn picture to the window system
+    size_px   (width, height) of the window in the screen's own pixels
+    paint     draws uint8 (height, width, 3) BGR, scaled to fit, and panels over it; shows nothing
+    swap      hands the drawn picture to the window system
 """
 
 import contextlib
@@ -49,8 +49,8 @@ class SurfacePainter:
         self._window.flip()
 
     def _write(self, surface: pygame.Surface, picture: NDArray[np.uint8]) -> None:
-        # the views of the surface's memory end with this call: the surface is locked as long as one
-        # lives
+        # the views of the surface's memory end with this call:
+        # the surface is locked as long as one lives
         width, height = surface.get_size()
         memory: Any = surface.get_buffer()  # a buffer, though the type checker disagrees
         pixels = np.frombuffer(memory, np.uint8).reshape(height, surface.get_pitch() // 4, 4)[

@@ -33,8 +33,8 @@ class Plan:
     needs_rows: bool  # it depends on the eyes' height
     needs_warp: bool  # views are warped, so disparity is read
     needs_depth: bool  # it depends on the viewer's distance
-    # stored channels read for the left eye and for the right eye: 0 red, 1 green, 2 blue; 0 of a
-    # grey scene
+    # stored channels read for the left eye and for the right eye:
+    # 0 red, 1 green, 2 blue; 0 of a grey scene
     planes: tuple[tuple[int, ...], tuple[int, ...]]
     method: str  # never "auto"
     left_out: tuple[LeftOut, ...] = ()

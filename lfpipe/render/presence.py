@@ -45,8 +45,8 @@ RETURN_S = 30.0  # a passer-by is gone by then
 RETURN_SPAN, RETURN_DEPTH = 1.0, 0.2
 FOUND_S = 2.0  # as long as a face counts as just found
 
-# a hand before the face, a glance aside, a dropped pen: a viewer who is back soon finds the picture
-# they left
+# a hand before the face, a glance aside, a dropped pen:
+# a viewer who is back soon finds the picture they left
 HOLD_S = 3.0
 AWAY_S = 0.8  # time constant of easing to neutral: nobody is looking, no hurry
 # Views between two pictures at EASED_HZ that no motion explains: a visible move and no jump. From

@@ -45,8 +45,8 @@ def left_out(field: LightField, count: int) -> list[tuple[int, int]]:
         for c in range((field.cols - 1) // 2 * 2 + 1)
         if (r % 2 or c % 2) and field.present[r, c]
     ]
-    # a stride coprime to the pattern of the grid selects views between two and between four others
-    # equally often
+    # a stride coprime to the pattern of the grid selects views
+    # between two and between four others equally often
     chosen = (
         np.unique(np.linspace(0, len(inside) - 1, count).round().astype(int))
         if len(inside) > count

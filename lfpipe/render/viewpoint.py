@@ -26,8 +26,8 @@ _FAR = 1e12  # steps; larger values mean nothing and overflow
 
 # Half the width, in views, of the zone in which warp2 fades from one stored view to the next.
 # Against fading all the way (antinous): nothing lost with every 2nd view kept, 0.3 dB with every
-# 4th, largest over median step of a sweep 2.1 instead of 2.0, and half as many views to warp on
-# average.
+# 4th, largest over median step of a sweep 2.1 instead of 2.0,
+# and half as many views to warp on average.
 ROW_FADE, COL_FADE = 0.1, 0.25
 # Where four views meet, at most this is taken from each of their shares, so that mostly two remain:
 # a picture of all four for both eyes costs twice the median. Shares change at most 4 instead of 2

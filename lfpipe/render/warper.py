@@ -14,8 +14,8 @@ from lfpipe.render.blocks import Box, bands_of, places, shifted, size_of
 from lfpipe.render.viewpoint import Position, ViewWeight, cell_of, view_weights
 from lfpipe.scene.lightfield import UNKNOWN, LightField
 
-# separation of near and far above which hidden parts are handled, at a seventh of the cost of a
-# warp
+# separation of near and far above which hidden parts are handled,
+# at a seventh of the cost of a warp
 CAREFUL_PX = 1.0
 SOFT = 5  # values of disparity over which a cross-fade ramps up
 BOX_SHARE = 0.02  # what the work for a box costs before its first pixel, in parts of a whole map

@@ -19,8 +19,8 @@ from lfpipe.scene.optical_flow import SMALLEST_PX, FloatMap, Grey, fine_flow, gr
 # (picture, rows away, columns away), fractions allowed
 Neighbours = list[tuple[Grey, float, float]]
 
-# views of at least this many px on either side are compared at half their size, which maps have
-# anyway
+# views of at least this many px on either side are compared at half their size,
+# which maps have anyway
 HALVED_PX = 192
 ROUNDS = 2  # of refinement by all neighbours jointly
 REFINED_OVER_PX = 0.8  # sigma of the window of the refinement

@@ -145,8 +145,8 @@ def _estimate(
     )
     spans = np.array(list(ranges.values()))
     scale = scale_for(*(round(float(v), 4) for v in (spans[:, 0].min(), spans[:, 1].max())))
-    # truth is exact; the extremes of an estimate are its errors, so use robust extremes over all
-    # views
+    # truth is exact; the extremes of an estimate are its errors,
+    # so use robust extremes over all views
     low, high = (round(float(v), 4) for v in np.median(spans, axis=0))
     if true_ranges:
         low = min(span[0] for span in true_ranges)

@@ -22,8 +22,8 @@ from lfpipe.scene.verdict import Evidence
 
 STRIP_ROWS = 256  # of a large view, processed at a time to limit memory
 SCREEN_GAMMA = 2.2  # of linear-light pictures: out = in ** (1 / gamma)
-# median and mean of a linear-light picture of an ordinary scene are lower, those of a screen-ready
-# one higher
+# median and mean of a linear-light picture of an ordinary scene are lower,
+# those of a screen-ready one higher
 _DARK = 0.17
 FrameIndex = tuple[int, int, int]  # frame, row, column
 

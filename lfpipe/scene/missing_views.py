@@ -45,8 +45,8 @@ def warped_disparity(disparity: FloatMap, down: float, across: float) -> FloatMa
         empty = np.isinf(out)
         if not empty.any():
             break
-        # the default border is the largest float, which is less than infinity and would spread
-        # inwards
+        # the default border is the largest float,
+        # which is less than infinity and would spread inwards
         out = np.where(
             empty, cv2.erode(out, np.ones((3, 3), np.uint8), borderType=cv2.BORDER_REPLICATE), out
         )

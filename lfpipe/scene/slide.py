@@ -367,8 +367,8 @@ def rectify(views: list[Grey]) -> Rectified:
         fit[:5] = robust_fit(basis, vertical, _HUBER_PX / unit)
         left[k] = np.abs(vertical - basis @ fit[:5])
         pitch, roll, scale, yaw, pitch_2, _ = fit
-        # second-order terms of a rotation are the same two in both directions: those of a
-        # homography
+        # second-order terms of a rotation are the same two in both directions:
+        # those of a homography
         motion[k] = np.median(moved(k))
         shift = np.array([motion[k], pitch, 1])
         linear = np.array([[1 + scale, -roll, 0], [roll, 1 + scale, 0], [0, 0, 0]])

@@ -1,10 +1,12 @@
 """A recorded sequence: a folder with manifest.json, the packets of the frames, and further data
 about them.
 
-manifest.json  format, version, source, size, rate, versions, config; at its end also frames, and
-sha256 of SUMMED frames.bin, frames.jsonl   frames, or the eyes of the mouse: see
-lfpipe.sequence.packets truth.csv      true eyes of a generated sequence:
-source_seq,t_ns,left_x_px,left_y_px,right_x_px,right_y_px,...
+    manifest.json   format, version, source, size, rate, versions, config;
+                    once it is complete also frames, and sha256 of the files in SUMMED
+    frames.bin      the frames, or the eyes of the mouse (`lfpipe.sequence.packets`)
+    frames.jsonl    their index
+    truth.csv       true eyes of a generated sequence:
+                    source_seq,t_ns,left_x_px,left_y_px,right_x_px,right_y_px,...
 """
 
 import contextlib

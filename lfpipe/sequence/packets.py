@@ -2,8 +2,8 @@
 picture. Both append only.
 
     frames.bin     the packets, back to back
-    frames.jsonl   {"seq", "source_seq", "epoch", "t_sensor_ns", "t_read_ns", "codec", "offset",
-    "bytes", "crc32"} per packet
+    frames.jsonl   per packet {"seq", "source_seq", "epoch", "t_sensor_ns", "t_read_ns", "codec",
+                   "offset", "bytes", "crc32"}
 
 A packet is written before its line, each with one write. However the writer ends, every whole line
 belongs to a whole packet, so all frames but the current one can be read. Nothing calls fsync: a

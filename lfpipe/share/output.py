@@ -5,8 +5,8 @@ Streaming Layer, with the sensor's time on LSL's clock:
 
     NAME-eyes      16 x double64, one sample a frame; NaN without a face
     NAME-pictures   5 x double64, one sample per picture shown, at the time it was presented
-    NAME-markers    1 x string, "face found" and "face lost"; "face" or "no face" every second, for
-    a recorder that joins late
+    NAME-markers    1 x string, "face found" and "face lost"; "face" or "no face" every second,
+                    for a recorder that joins late
 
 All have an irregular rate, so that no reader smooths their stamps; the description holds the
 camera's rate. Channels are described as XDF recommends for streams of type Gaze

@@ -209,8 +209,8 @@ class QualityControl:
             self._before.clear()
             return None
         on_camera = state.config.render.clock == "camera" and state.options.viewer.tracked
-        # on a display's clock, only refreshes count as missed, not the eyes skipped between two
-        # refreshes
+        # on a display's clock, only refreshes count as missed,
+        # not the eyes skipped between two refreshes
         missed = {
             name: "missed" if name == SHOWN_BY and not on_camera else "drops" for name in used
         }
@@ -230,8 +230,8 @@ class QualityControl:
         """Replaces the levels, and starts at full quality."""
         self._levels = levels
         helped = [self._relieved(DOES[level.work]) for level in levels[1:]]
-        # Levels are lowered in order: a stage that only a later level relieves needs the earlier
-        # ones too.
+        # Levels are lowered in order: a stage that only a later
+        # level relieves needs the earlier ones too.
         self._governor = Governor(
             [frozenset[str]().union(*helped[number:]) for number in range(len(helped))]
         )

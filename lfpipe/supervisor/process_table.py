@@ -81,8 +81,8 @@ STAGES: tuple[Stage, ...] = (
 )
 
 NAMES = tuple(stage.name for stage in STAGES)
-# The source makes frames, and when it ends by itself, the session ends. The age of pictures is the
-# session's.
+# The source makes frames, and when it ends by itself, the session ends.
+# The age of pictures is the session's.
 SOURCE, TRACKED_BY, SHOWN_BY = (
     next(stage.name for stage in STAGES if ring in stage.writes)
     for ring in ("frames", "eyes", "shown")

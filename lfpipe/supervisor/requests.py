@@ -24,8 +24,8 @@ from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.control import BadMessage
 
-# what is written while a session runs: request -> option with its path, in words, as a person types
-# it
+# what is written while a session runs:
+# request -> option with its path, in words, as a person types it
 OUTPUTS = {
     "trace": ("timeline", "trace", "lfpipe trace"),
     "record": ("record", "recording", "lfpipe ctl record"),

@@ -29,8 +29,8 @@ REASON_CHARS = 2000  # of a line of results: the end of a traceback
 REFERENCE = "figures.json"  # in the reference of a cell without pictures
 AGAIN = "copy the whole folder again, or rewrite it with --update"
 CLOSE = 1e-3  # relative tolerance of figures, for rounding on other processors
-# A command ends with the worker that started it; otherwise the stages of its session would
-# continue.
+# A command ends with the worker that started it;
+# otherwise the stages of its session would continue.
 COMMAND = (
     "import runpy, sys; from lfpipe.host.processes import end_with_parent; sys.argv[0] = 'lfpipe';"
     " end_with_parent(int(sys.argv.pop(1))) and runpy.run_module('lfpipe', run_name='__main__')"

@@ -18,8 +18,8 @@ from lfpipe.track.network import Network, Roi, Warp, mapped, model_file, warp
 MIN_OVERLAP = 0.3  # boxes that overlap more are one face
 # overlap of one face's boxes in successive pictures: 0.3 at 2 m/s, arm's length and 30 Hz
 SAME = 0.2
-# overlap with the viewer's usual place: sides differ by less than a third, which excludes people
-# behind
+# overlap with the viewer's usual place:
+# sides differ by less than a third, which excludes people behind
 HOME = 0.45
 SCAN_PERIOD = 30  # pictures between two scans of the whole picture: about a second
 FAST_SCAN_PERIOD = 10  # the same while another face may be the viewer

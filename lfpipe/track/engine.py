@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 LIMIT_PX = 1e6  # beyond every camera's picture
 MIN_APART_PX = 0.5  # between the eyes; a tracked face has at least 4 px
-# distance between the eyes over the longer side of the face; 0.3 to 0.5 in faces, 1 in those of a
-# bad fit
+# distance between the eyes over the longer side of the face;
+# 0.3 to 0.5 in faces, 1 in those of a bad fit
 WIDEST = 1.5
 
 

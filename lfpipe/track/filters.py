@@ -24,8 +24,8 @@ from lfpipe.track.smoothing import EyeFilter, Kalman, Mean, OneEuro, Points
 
 Pair = tuple[float, float]
 
-# distances between the eyes per second (500 mm/s): all that is known of a face that has just
-# appeared
+# distances between the eyes per second (500 mm/s):
+# all that is known of a face that has just appeared
 FIRST_SPEED = 8.0
 RATE_HZ = 30.0  # of the recordings that the constants were chosen on
 # No head is further from its prediction than this, in distances between the eyes: 20 m/s^2, and
@@ -46,13 +46,13 @@ STEADY, STEADY_S = 6.0, 0.15
 # Motion since the last DRIFT_S: DRIFT of the way from there, or the speed times 1 / RATE_HZ.
 DRIFT, DRIFT_S = 0.6, 0.13
 # What lets the way that is predicted grow in a frame: a share of the frame's surprise, of the
-# velocity that this and the last surprise agree on, and of the last frame's growth. A glitch is
-# seen once.
+# velocity that this and the last surprise agree on, and of the last frame's growth.
+# A glitch is seen once.
 ONCE, AGAIN, GROWING = 0.7, 0.9, 1.5
 # The same as evidence: less than this leaves velocity at its full share, and acceleration near 0.
 UNPROVEN, NOTHING = 0.05, 0.01
-# a delay of camera and display after which a line adds so much more that twice as much must be
-# proved
+# a delay of camera and display after which a line adds so
+# much more that twice as much must be proved
 UNPROVEN_S = 0.1
 
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from lfpipe.eyes import HEAD_POINTS
 from lfpipe.track.network import Network, Warp, around, mapped, model_file, warp
 
-# The 16 points of each eyelid contour. The viewer's own left eye: at larger x in an unmirrored
-# picture.
+# The 16 points of each eyelid contour. The viewer's own left eye:
+# at larger x in an unmirrored picture.
 LEFT_EYE = np.array(
     [263, 249, 390, 373, 374, 380, 381, 382, 362, 398, 384, 385, 386, 387, 388, 466]
 )

@@ -43,8 +43,8 @@ KEPT = 0.2
 DOUBTFUL, CERTAIN = 0.005, 0.7
 DOUBTED_EVERY = 10  # pictures after which a doubtful face must be detected again
 CANDIDATES = 6  # faces per picture that the landmark network tries, 1.3 ms each
-# distance between the eyes over the picture's longer side (1.5 m away): the near detector misses
-# such faces
+# distance between the eyes over the picture's longer side (1.5 m away):
+# the near detector misses such faces
 SMALL = 0.04
 FAR_EVERY = 8  # pictures without a face between runs of the full-range detector (10 ms each)
 UPRIGHT_DEG = 80.0  # no head leans further; such a face is in a rotated picture

@@ -1,8 +1,9 @@
 """Control messages: msgpack maps in single-part ZeroMQ messages, checked before use.
 
-    ctl   ROUTER bound by the supervisor; stages and commands are DEALERs; `supervisor/requests.py`
-    answers bus   PULL bound by the supervisor; stages PUSH telemetry, dropped if not received tap
-    XPUB bound by the supervisor; monitors subscribe to events
+    ctl   ROUTER of the supervisor, answered by `supervisor/requests.py`; stages and commands are
+          DEALERs
+    bus   PULL of the supervisor; stages PUSH telemetry, which is dropped if nobody receives it
+    tap   XPUB of the supervisor; monitors subscribe to events
 
 State is never sent over tap: `hello` answers with a snapshot. Every message carries the version
 "v".

@@ -1,13 +1,13 @@
 """A ring of slots in shared memory: one writer, any number of readers, latest wins, no waiting.
 
-    page 0   0  magic "LFRING1\\0"      8  slots      16  slot stride      24  payload bytes      32
-    description bytes
+    page 0   0  magic "LFRING1\\0"
+             8  slots | slot stride | payload bytes | description bytes
            128  published: number of slots ever published, alone on its cache line
-           192  epoch: 0 for the ring's first writer; one more for each later writer, and for each
-           gap that a writer reports
+           192  epoch: 0 for the ring's first writer; one more for each later writer,
+                and for each gap that a writer reports
            256  description: JSON of shape and dtype, so that a reader needs no configuration
     slot i   0  seq | source_seq | epoch | t_sensor_ns | t_read_ns | t_publish_ns | kind | 0
-    (8 x int64)
+                (8 x int64)
             64  payload
              :  up to the stride, a multiple of 4096
 

@@ -17,8 +17,8 @@ from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.source import Geometry
 from tests.render import rendered
 
-# The HCI scene "cotton": baseline 25 mm, focus 4.25 m, focal length 1462.9 px of 512, disparities
-# -1.6..1.5
+# The HCI scene "cotton": baseline 25 mm, focus 4.25 m,
+# focal length 1462.9 px of 512, disparities -1.6..1.5
 COTTON = Geometry(25.0, 4250.0, 1462.9)
 
 

@@ -18,8 +18,8 @@ from tests.support.world import World
 
 ROOT = Path(__file__).parents[2]
 REFERENCE = Path(__file__).parent / "reference"
-# The plane of the screen by number: estimated disparity is not the same to the last bit in OpenCV 4
-# and 5.
+# The plane of the screen by number:
+# estimated disparity is not the same to the last bit in OpenCV 4 and 5.
 KEYS = (
     "render.method=nearest",
     "render.alpha_px=8",
@@ -27,8 +27,8 @@ KEYS = (
     "replay.latency_ms=20",
 )
 SETTINGS = tuple(f"--set={key}" for key in KEYS)
-# to make it anew: LFPIPE_UPDATE_REFERENCE=1 pytest tests/replay/test_reference.py -k
-# reference_in_git
+# to make it anew: LFPIPE_UPDATE_REFERENCE=1 pytest
+# tests/replay/test_reference.py -k reference_in_git
 
 
 def _eyes(lines: list[Line], name: str) -> np.ndarray:

@@ -123,8 +123,8 @@ def test_coordinates_of_any_sign_are_rows_and_columns(
         False,
         set(index),
     )
-    # A sign before every number may be a separator, so the order is that of the files or its
-    # reverse.
+    # A sign before every number may be a separator,
+    # so the order is that of the files or its reverse.
     assert any(
         all(
             Turn(*flips).file_index(*place, rows, cols) == index[name]

@@ -16,8 +16,8 @@ from lfpipe.render.showing import REPLACED, Listener, Showing
 from lfpipe.transport.clock import MS_NS, SECOND_NS
 from lfpipe.transport.status import Row
 
-# of the distance between the eyes: ten times the noise, yet the head has hardly moved; 3 px in
-# docs/photon.md
+# of the distance between the eyes:
+# ten times the noise, yet the head has hardly moved; 3 px in docs/photon.md
 ONSET = 0.05
 REST_NS = 400 * MS_NS  # at least this long within half of ONSET: a rest
 # from the rest to ONSET at most: slower, there is no moment at which the motion begins

@@ -48,8 +48,8 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
         return view(row, col)[0]
 
     geometry = Geometry(
-        # offset = baseline * focal length * width / (focus distance * sensor width), as in the HCI
-        # benchmark's tools
+        # offset = baseline * focal length * width / (focus distance * sensor width),
+        # as in the HCI benchmark's tools
         baseline_mm=OFFSET_PX / SIZE_PX * FOCUS_M * 1000 * SENSOR_MM / FOCAL_MM,
         focus_distance_mm=FOCUS_M * 1000,
         focal_length_px=FOCAL_MM / SENSOR_MM * size_px,

@@ -1,11 +1,9 @@
 """Pictures of R x C tiles, one view each.
 
 mosaic         one picture (an atlas, a contact sheet); also a quilt without its usual name
-quilt          Looking Glass: ..._qsCOLSxROWS[aASPECT], leftmost camera at the bottom left, then
-right, then up:
-               https://docs.lookingglassfactory.com/keyconcepts/quilts
-mosaic-video   numbered mosaics in a folder (25 a second), or a video file whose every frame is a
-mosaic
+quilt          Looking Glass: ..._qsCOLSxROWS[aASPECT], from the bottom left to the right, then
+               up: https://docs.lookingglassfactory.com/keyconcepts/quilts
+mosaic-video   numbered mosaics in a folder (25 a second), or a video of mosaics
 """
 
 from functools import partial
