@@ -1,10 +1,8 @@
 """The packer: the only program that reads a person's pictures, as a child with limits on memory,
 time and output.
 
-`python -m lfpipe.render.packer`, by `open_scene.Packing`. Request: {"do": "pack", "info",
-"previews" or "make", "scenes": [path, ...], "config": [scene]}; with "pack", "expand": whether
-folders of light fields stand for what is in them, and "remember": whether to note the scene as
-recent; with "make", "out": the folder for a light field made of a video. Steps, each a JSON object:
+`python -m lfpipe.render.packer`, by `open_scene.Packing`. Its request is a `PackerRequest`. Steps,
+each a JSON object:
 
     {"scenes": [path, ...]}                     expand: the light fields; the first is opened
     {"step": "views", "done": 7, "total": 81}   progress
@@ -28,7 +26,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe import config
+from lfpipe.config import Scene, converter
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import fit_area
 from lfpipe.host.files import is_dir
@@ -40,6 +38,7 @@ from lfpipe.scene.contact_sheet import stored_view
 from lfpipe.scene.demo import named_scene
 from lfpipe.scene.examination import examine_scene
 from lfpipe.scene.info import scene_manifest
+from lfpipe.scene.open_scene import PackerRequest
 from lfpipe.scene.pack import open_pack, summarize
 from lfpipe.scene.packing import pack_scene
 from lfpipe.scene.recent_scenes import remember_scene
@@ -73,11 +72,12 @@ class _LogOfParent(logging.Handler):
 
 def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
     """The result of a request. Raises UserError."""
-    settings = config.Scene(**request["config"])
+    asked = converter().structure(request, PackerRequest)
+    settings = asked.settings
     scene_log = logging.getLogger("lfpipe.scene")
     scene_log.setLevel(logging.INFO)
     scene_log.handlers = [_LogOfParent(report)]
-    paths = [Path(text) for text in request["scenes"]]
+    paths = [Path(text) for text in asked.scenes]
 
     def progress(what: str, done: int, total: int) -> None:
         report(step=what, done=done, total=total)
@@ -87,25 +87,25 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
             os.nice(NICE)  # from now on it works beside the session that shows the pack
         report(summary=attrs.asdict(summarize(open_pack(pack, settings.half_turn))))
 
-    if request["do"] == "make":
-        return attrs.asdict(make_slide(paths[0], Path(request["out"]), progress))
-    if request["do"] == "previews":
+    if asked.do == "make":
+        return attrs.asdict(make_slide(paths[0], Path(asked.out), progress))
+    if asked.do == "previews":
         for path in paths:
             report(preview=str(path), data=_preview(path, settings))
         return {}
-    if request["do"] == "info":
+    if asked.do == "info":
         return scene_manifest(examine_scene(paths[0], settings)).as_json()
-    if request.get("expand"):
+    if asked.expand:
         paths = playlist(paths, settings)
         report(scenes=[str(path) for path in paths])
     field = pack_scene(paths[0], settings, scores, progress, views_ready)
     # the demo is always there
-    if request.get("remember") and not paths[0].is_relative_to(cache_root(settings)):
+    if asked.remember and not paths[0].is_relative_to(cache_root(settings)):
         remember_scene(paths[0])
     return attrs.asdict(summarize(field))
 
 
-def playlist(paths: Iterable[Path], settings: config.Scene) -> list[Path]:
+def playlist(paths: Iterable[Path], settings: Scene) -> list[Path]:
     """Replaces each folder in paths that is no light field itself, or only by one of its files, by
     the light fields in it, in order of name.
 
@@ -133,14 +133,14 @@ def playlist(paths: Iterable[Path], settings: config.Scene) -> list[Path]:
     return scenes
 
 
-def _light_field_at(path: Path, settings: config.Scene) -> SceneSource | None:
+def _light_field_at(path: Path, settings: Scene) -> SceneSource | None:
     """The light field at path; None if there is none."""
     with contextlib.suppress(UserError):
         return layouts.describe(path, settings)
     return None
 
 
-def _preview(path: Path, settings: config.Scene) -> str:
+def _preview(path: Path, settings: Scene) -> str:
     """The view in the middle of a scene, of at most PREVIEW_PX, a PNG or JPEG in base 64; "" if
     there is none.
     """
@@ -158,7 +158,7 @@ def _preview(path: Path, settings: config.Scene) -> str:
     return base64.b64encode(data).decode()
 
 
-def _middle_view(path: Path, settings: config.Scene) -> NDArray[np.floating[Any]]:
+def _middle_view(path: Path, settings: Scene) -> NDArray[np.floating[Any]]:
     """A scene's middle view, RGB, 0 to 1: from its pack, or else from its pictures."""
     if (field := packed(path, settings)) is not None:
         stored = stored_view(field, field.rows // 2, field.cols // 2)

@@ -5,7 +5,7 @@ import logging
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import attrs
 
@@ -26,8 +26,28 @@ ScenePath = str | os.PathLike[str]
 T = TypeVar("T")
 
 
+def _plain(paths: Sequence[ScenePath]) -> tuple[str, ...]:
+    return tuple(os.fspath(path) for path in paths)
+
+
+@attrs.frozen(kw_only=True)
+class PackerRequest:
+    """What the packer is to do."""
+
+    # pack the first scene, examine it, make previews of all, or make a light field of a video
+    do: Literal["pack", "info", "previews", "make"] = "pack"
+    scenes: tuple[str, ...] = attrs.field(converter=_plain)
+    settings: config.Scene
+    # pack: whether folders of light fields stand for what is in them
+    expand: bool = False
+    # pack: whether to note the scene as recent
+    remember: bool = False
+    # make: folder of the light field
+    out: str = ""
+
+
 class Packing(Worker):
-    """The packer at work on the first of some scenes; see `packer` for the request.
+    """The packer at work on a request.
 
     views: the summary of the pack as soon as it can be shown. scenes: with expand, the light fields
     that the paths stand for.
@@ -35,21 +55,13 @@ class Packing(Worker):
     first.
     """
 
-    def __init__(
-        self,
-        scenes: Sequence[ScenePath],
-        settings: config.Scene,
-        progress: Progress | None = None,
-        **request: Any,
-    ) -> None:
+    def __init__(self, request: PackerRequest, progress: Progress | None = None) -> None:
         self.views: SceneSummary | None = None
         self.scenes: list[Path] = []
         self.step = ""
         self.share = 0.0
         self.progress = progress
-        paths = [os.fspath(path) for path in scenes]
-        request = {"do": "pack", "scenes": paths, "config": attrs.asdict(settings), **request}
-        super().__init__("lfpipe.render.packer", request, paths[0], SILENT_S)
+        super().__init__("lfpipe.render.packer", attrs.asdict(request), request.scenes[0], SILENT_S)
 
     def on_step(self, step: dict[str, Any]) -> None:
         """Notes a step of the packer."""
@@ -102,7 +114,7 @@ def open_scenes(
     expand = expand and any(is_dir(path) and packed(path, settings) is None for path in paths)
     if known is not None and not expand:
         return Opened(paths, known)
-    packing = Packing(paths, settings, progress, expand=expand)
+    packing = Packing(PackerRequest(scenes=paths, settings=settings, expand=expand), progress)
     try:
         packing.wait(lambda: packing.views is not None and not complete)
         summary = (
@@ -139,11 +151,13 @@ def ask_packer(
     path: Path,
     settings: config.Scene,
     progress: Progress | None = None,
-    **request: Any,
+    *,
+    do: Literal["info", "make"],
+    out: str = "",
 ) -> T:
-    """The packer's answer, a `kind`, to a request other than to pack a scene. Raises UserError."""
-    with contextlib.closing(
-        Packing([named_scene(path, cache_dir(settings))], settings, progress, **request)
-    ) as packing:
+    """The packer's answer, a `kind`, about the scene at path. Raises UserError."""
+    scenes = [named_scene(path, cache_dir(settings))]
+    request = PackerRequest(do=do, scenes=scenes, settings=settings, out=out)
+    with contextlib.closing(Packing(request, progress)) as packing:
         packing.wait()
         return converter().structure(packing.result(), kind)

@@ -10,7 +10,7 @@ from typing import Any
 import attrs
 
 from lfpipe.config import Scene, SceneSummary
-from lfpipe.scene.open_scene import Packing
+from lfpipe.scene.open_scene import PackerRequest, Packing
 from lfpipe.supervisor.control_sockets import Request
 from lfpipe.transport.clock import SECOND_NS, now_ns
 
@@ -100,7 +100,9 @@ class SceneLoads:
         """Begins to load a scene; returns the request that it replaces, if any."""
         replaced = self._end(self._wanted)
         self._wanted = None
-        self._wanted = _Load(Packing([path], settings, remember=True), request)
+        self._wanted = _Load(
+            Packing(PackerRequest(scenes=[path], settings=settings, remember=True)), request
+        )
         return replaced
 
     @property

@@ -10,7 +10,7 @@ import attrs
 
 from lfpipe.config import Scene
 from lfpipe.host.worker import Worker
-from lfpipe.scene.open_scene import SILENT_S
+from lfpipe.scene.open_scene import SILENT_S, PackerRequest
 
 logger = logging.getLogger(__name__)
 
@@ -22,8 +22,8 @@ class _Reader(Worker):
         self.scenes = scenes
         self.previews: list[dict[str, Any]] = []
         self.taken = 0
-        request = {"do": "previews", "scenes": list(scenes), "config": attrs.asdict(settings)}
-        super().__init__("lfpipe.render.packer", request, scenes[0], SILENT_S)
+        request = PackerRequest(do="previews", scenes=scenes, settings=settings)
+        super().__init__("lfpipe.render.packer", attrs.asdict(request), scenes[0], SILENT_S)
 
     def on_step(self, step: dict[str, Any]) -> None:
         """Keeps a preview; the packer also tells what it decided."""

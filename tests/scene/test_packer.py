@@ -20,7 +20,7 @@ from lfpipe.errors import UserError
 from lfpipe.host.file_lock import waited_for
 from lfpipe.scene import cache
 from lfpipe.scene.manifest import Manifest
-from lfpipe.scene.open_scene import Packing, ask_packer, open_scene, open_scenes
+from lfpipe.scene.open_scene import PackerRequest, Packing, ask_packer, open_scene, open_scenes
 from lfpipe.scene.pack import open_pack
 from tests.scene import made
 from tests.support.world import runs, until
@@ -77,7 +77,7 @@ def test_a_folder_of_scenes_stands_for_them(folder: Path, scene_config: config.S
 def test_a_killed_packer_leaves_a_pack_that_the_next_completes(
     folder: Path, scene_config: config.Scene
 ) -> None:
-    with closing(Packing([folder], scene_config)) as packing:
+    with closing(Packing(PackerRequest(scenes=[folder], settings=scene_config))) as packing:
         packing.wait(lambda: packing.views is not None)
         assert packing.views is not None and not packing.views.complete
         os.kill(packing._process.pid, signal.SIGKILL)
@@ -143,8 +143,10 @@ def test_too_much_memory_is_a_refusal(tmp_path: Path, scene_config: config.Scene
 
 def test_the_packer_ends_with_its_parent(folder: Path, scene_config: config.Scene) -> None:
     code = (
-        "import sys, os; from lfpipe import config; from lfpipe.scene.open_scene import Packing\n"
-        "packing = Packing([sys.argv[1]], config.Scene(cache_dir=sys.argv[2]))\n"
+        "import sys, os; from lfpipe import config\n"
+        "from lfpipe.scene.open_scene import PackerRequest, Packing\n"
+        "settings = config.Scene(cache_dir=sys.argv[2])\n"
+        "packing = Packing(PackerRequest(scenes=[sys.argv[1]], settings=settings))\n"
         "print(packing._process.pid, flush=True); os.kill(os.getpid(), 9)"
     )
     os.mkfifo(folder / "x")
@@ -162,7 +164,7 @@ def test_who_waits_for_another_packer_says_so(folder: Path, scene_config: config
     os.utime(folder / "input_Cam000.png")  # the key is found by content, under the lock
     with (
         waited_for(Path(scene_config.cache_dir) / "locks" / field.manifest.key, lambda: None),
-        closing(Packing([folder], scene_config)) as packing,
+        closing(Packing(PackerRequest(scenes=[folder], settings=scene_config))) as packing,
     ):
         packing.wait(lambda: packing.step.startswith("waiting"))
         assert not packing.done

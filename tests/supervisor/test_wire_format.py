@@ -25,7 +25,7 @@ from lfpipe.config.modes import (
     Window,
 )
 from lfpipe.host.worker import Worker
-from lfpipe.scene.open_scene import Packing
+from lfpipe.scene.open_scene import PackerRequest, Packing
 from lfpipe.supervisor import figures, live_session, scene_loads, scene_previews
 from lfpipe.supervisor.control_sockets import ControlSockets, Request
 from lfpipe.supervisor.file_checks import FileCheck, FileChecks
@@ -97,10 +97,10 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
 
 def test_child_processes_are_asked_with_these_lines(asked: list[Any]) -> None:
-    packing = Packing(["/a"], Scene(), expand=True)
-    Packing([Path("/b")], Scene(layout="quilt"), remember=True)
-    Packing([Path("/c")], Scene(), do="make", out="/out")
-    Packing([Path("/c")], Scene(), do="info")
+    packing = Packing(PackerRequest(scenes=["/a"], settings=Scene(), expand=True))
+    Packing(PackerRequest(scenes=[Path("/b")], settings=Scene(layout="quilt"), remember=True))
+    Packing(PackerRequest(do="make", scenes=[Path("/c")], settings=Scene(), out="/out"))
+    Packing(PackerRequest(do="info", scenes=[Path("/c")], settings=Scene()))
     ScenePreviews(print).begin(["/a", "/b"], Scene())
     check = FileCheck(check="share", path="osc:h:1", targets=("osc:h:1",), running=("lsl",))
     FileChecks().begin(Request(b"client", message={"cmd": "share"}), check)
@@ -114,7 +114,7 @@ def test_child_processes_are_asked_with_these_lines(asked: list[Any]) -> None:
 def test_the_window_hears_of_loading_and_previews_in_these_messages(
     asked: list[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    packing = Packing([Path("/a/" + "long" * 60)], Scene())
+    packing = Packing(PackerRequest(scenes=[Path("/a/" + "long" * 60)], settings=Scene()))
     packing.on_step({"step": "views", "done": 1, "total": 4})
     load = scene_loads._Load(packing, None)
     sent = [*load.news(), *load.news(end=True)]
