@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from lfpipe.bench.glasses import GLASS, GREEN_MAGENTA, RED_CYAN
 from lfpipe.config import choices
+from lfpipe.render import notices
 from lfpipe.render.anaglyph import (
     LEAKS,
     MATRICES,
@@ -129,8 +130,9 @@ def test_compensation_cancels_the_leak_through_the_red_glass() -> None:
 WITHOUT_SPECTRA = {"dubois-amber-blue"}  # nobody published those of its glasses
 
 
-def test_every_matrix_can_be_chosen_with_its_glasses_and_has_their_leaks_and_spectra() -> None:
+def test_every_anaglyph_can_be_chosen_and_has_words_glasses_leaks_and_spectra() -> None:
     assert {name for name in choices("render.anaglyph") if name in MATRICES} == set(MATRICES)
+    assert set(notices.GLASSES) == set(choices("render.anaglyph")), "add its words to GLASSES"
     assert set(MATRICES) - set(LEAKS) == WITHOUT_SPECTRA, "add its glasses to LEAKS"
     worn = [value for _, _, value in KINDS]
     for name in MATRICES:
