@@ -52,7 +52,8 @@ def _full_fence() -> Callable[[], object]:
         return barrier
     message = f"{platform.machine()}: no memory fence: the library libatomic is not installed"
     raise UserError(
-        message, "apt-get install libatomic1, dnf install libatomic, or apk add libatomic"
+        message,
+        "install it: apt-get install libatomic1, dnf install libatomic, or apk add libatomic",
     )
 
 

@@ -70,7 +70,7 @@ def require_views(views: NDArray[Any], what: str) -> NDArray[Any]:
     coloured = views[..., None] if views.ndim == 4 else views
     framed = coloured[None] if coloured.ndim == 5 else coloured
     if framed.ndim != 6 or framed.shape[-1] not in (1, 3) or framed.shape[0] < 1:
-        raise UserError(f"{what}: axes of sizes {views.shape}", f"expected {AXES}")
+        raise UserError(f"{what}: axes of sizes {views.shape}", f"save it with the axes {AXES}")
     if axis_order(framed.shape[1:], reversible=False) == _VIEWS_FIRST:
         framed = framed.transpose(0, *(axis + 1 for axis in _VIEWS_FIRST))
     _require_size(views.dtype, framed.shape[1:5], what)
@@ -153,7 +153,8 @@ def _numpy_source(listing: Listing, path: Path) -> SceneSource:
     arrays = _numpy_arrays(path)
     if VIEWS not in arrays:
         raise UserError(
-            f"{path}: no array {VIEWS!r}", f"numpy.savez(FILE, {VIEWS}=...) with axes {AXES}"
+            f"{path}: no array {VIEWS!r}",
+            f"save it by numpy.savez(FILE, {VIEWS}=...), with the axes {AXES}",
         )
     views = require_views(arrays[VIEWS], str(path))
     frames, rows, cols = views.shape[:3]
@@ -168,7 +169,7 @@ def _numpy_source(listing: Listing, path: Path) -> SceneSource:
             )
     if positions is not None and not np.isfinite(positions).all():
         raise UserError(
-            f"{path}: {POSITIONS} contains NaN or infinite values", "expected finite numbers"
+            f"{path}: {POSITIONS} contains NaN or infinite values", "give finite numbers"
         )
 
     turn = None if positions is None else coordinate_turn(np.asarray(positions, np.float64))

@@ -110,8 +110,8 @@ def _frames(path: Path) -> list[NDArray[Any]]:
         raise UserError(
             f"{path}: {video.frames} frames of {video.width_px}x{video.height_px} px: no tiles are"
             " recognised in them, and they are too many for views",
-            f"from a camera slid sideways, `lfpipe scene make {path}` makes views; frames of a grid"
-            " open from a folder of pictures",
+            f"if the camera slid sideways, make views with `lfpipe scene make {path}`; give the"
+            " frames of a grid as pictures in a folder",
         )
     return [video.read(frame) for frame in range(video.frames)]
 
@@ -156,8 +156,8 @@ def _describe_animation(listing: Listing, scene: config.Scene) -> SceneSource:
     if unsteady and not (evidence and evidence.change):
         raise UserError(
             f"{path}: no tiles were recognised in {width}x{height} px, and its frames form no grid",
-            f"from a camera slid sideways, `lfpipe scene make {path}` makes views; give the tiles"
-            " with --set scene.grid=ROWSxCOLS, or open the frames as one line with --set"
+            f"if the camera slid sideways, make views with `lfpipe scene make {path}`; else give"
+            " the tiles with --set scene.grid=ROWSxCOLS, or open the frames as one line with --set"
             " scene.layout=gif",
         )
     return source

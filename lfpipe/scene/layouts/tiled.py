@@ -107,7 +107,7 @@ def _describe(layout: str, listing: Listing, scene: config.Scene) -> SceneSource
         height, width = load(0).shape[:2]
         remedy = "give the tiles with --set scene.grid=ROWSxCOLS"
         if _is_video(listing):
-            remedy += "; from a camera slid sideways, `lfpipe scene make` makes views"
+            remedy += "; if the camera slid sideways, make views with `lfpipe scene make`"
         raise UserError(f"{paths[0]}: no tiles were recognised in {width}x{height} px", remedy)
     return SceneSource(
         certain=quilt,
