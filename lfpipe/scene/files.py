@@ -89,12 +89,12 @@ def list_scene(path: str | os.PathLike[str]) -> Listing:
         if not stat.S_ISDIR(mode):
             raise UserError(
                 f"{where}: neither a file nor a folder",
-                "give the folder of the views, or their file",
+                "give a folder of views, or a file that holds them",
             )
         names, folders = _entries(given)
     except FileNotFoundError:
         raise UserError(
-            f"{where}: no such scene", "give the folder of the views, or their file"
+            f"{where}: no such scene", "give a folder of views, or a file that holds them"
         ) from None
     except OSError as error:
         raise UserError(
@@ -106,7 +106,7 @@ def list_scene(path: str | os.PathLike[str]) -> Listing:
         ) from None
     if not names and not folders:
         raise UserError(
-            f"{where}: the folder is empty", "give the folder of the views, or their file"
+            f"{where}: the folder is empty", "give a folder of views, or a file that holds them"
         )
     return Listing(
         path=given,
