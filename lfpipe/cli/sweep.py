@@ -90,7 +90,7 @@ def sweep(
     from lfpipe.sweep.plan import read_plan
     from lfpipe.sweep.results import DIFFERS, FAILED, verdict, write
     from lfpipe.sweep.run import dask_workers, local_workers, run_sweep
-    from lfpipe.sweep.work import Order, check_references
+    from lfpipe.sweep.work import SweepOptions, check_references
 
     if update and expect is None:
         raise UserError("--update needs references", "name their folder with --expect DIR")
@@ -101,19 +101,19 @@ def sweep(
         )
     cells = read_plan(plan)
     inputs = {Path(place) for cell in cells for place in (cell.sequence, cell.scene) if place}
-    order = Order(limit, str(expect.resolve()) if expect else "", update)
+    options = SweepOptions(limit, str(expect.resolve()) if expect else "", update)
     check_outside(out, [*inputs, expect], "--out")
     if junit is not None:
         check_output(junit, [plan, *inputs, *filter(None, [expect])], label="--junit")
     if expect is not None:
         check_outside(expect, inputs if update else (), "--expect")
-        check_references(order, cells)
+        check_references(options, cells)
     workers = (
         dask_workers(address, insecure) if address else local_workers(jobs or len(usable_cores()))
     )
     try:
         with progress() as bar:
-            outcomes = run_sweep(cells, out, workers, order, bar, say)
+            outcomes = run_sweep(cells, out, workers, options, bar, say)
     except KeyboardInterrupt:
         say(f"interrupted; finished cells are in {out}; the same command continues")
         return 130

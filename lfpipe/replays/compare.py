@@ -358,9 +358,9 @@ def _save(folder: Path, frame: int, was: NDArray[np.uint8], now: NDArray[np.uint
     out = folder / DIFFERENCE
     sides = {"reference": was, "now": now}
     if was.shape == now.shape:
-        apart = cv2.absdiff(was, now)
+        difference = cv2.absdiff(was, now)
         sides["difference"] = np.asarray(
-            cv2.convertScaleAbs(apart, alpha=255 / max(1, int(apart.max()))), np.uint8
+            cv2.convertScaleAbs(difference, alpha=255 / max(1, int(difference.max()))), np.uint8
         )
     try:
         out.mkdir(exist_ok=True)

@@ -71,8 +71,8 @@ def write_disparity(scene: Examined, folder: Path, progress: Progress) -> Dispar
     estimates.
     """
     frames, rows, cols, _, height, width = scene.shape
-    if scene.apart or int(scene.present.sum()) < 2 or min(height, width) < SMALLEST_PX:
-        return Disparity(**attrs.asdict(scene.depth)) if scene.apart else Disparity()
+    if scene.too_far_apart or int(scene.present.sum()) < 2 or min(height, width) < SMALLEST_PX:
+        return Disparity(**attrs.asdict(scene.depth)) if scene.too_far_apart else Disparity()
     shape = (frames, rows, cols, (height + 1) // 2, (width + 1) // 2)
     views = mapper(folder / VIEWS)
     interim_file = folder / INTERIM

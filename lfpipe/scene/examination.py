@@ -47,7 +47,7 @@ class Examined:
         return self.orientation.packed
 
     @property
-    def apart(self) -> bool:
+    def too_far_apart(self) -> bool:
         """Whether the views are too far apart to make others between them."""
         return self.evidence is not None and self.evidence.verdict.kind == "too far apart"
 
@@ -134,8 +134,8 @@ def examine_source(source: SceneSource, scene: config.Scene) -> Examined:
         source.rendered or all(is_grey(source.read(0, *place)) for place in ends)
     )
     order = orient(source, scene)
-    if evidence is not None and evidence.apart is not None:
-        order = attrs.evolve(order, depth=_depth_of(source, order, evidence.apart))
+    if evidence is not None and evidence.missed_motion is not None:
+        order = attrs.evolve(order, depth=_depth_of(source, order, evidence.missed_motion))
     gamma, gamma_by = _gamma(source, scene, middle)
     return Examined(
         source=source,

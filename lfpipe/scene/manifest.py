@@ -35,7 +35,7 @@ class Disparity(Depth):
 
 
 @attrs.frozen(kw_only=True)
-class Order:
+class OrientationFacts:
     """The evidence for the order of the views, as `orientation.Orientation` has it."""
 
     by: str = "nothing"
@@ -68,7 +68,7 @@ class Manifest:
     bit_depth: int = 0
     frame_rate_hz: float = 0.0
     flips: Turn = attrs.field(factory=Turn)
-    orientation: Order = attrs.field(factory=Order)
+    orientation: OrientationFacts = attrs.field(factory=OrientationFacts)
     gamma: float = 1.0
     gamma_by: str = ""
     geometry: Geometry = attrs.field(factory=Geometry)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.scene.disparity import depth_range, mismatch, view_disparity
-from lfpipe.scene.manifest import Depth, Order
+from lfpipe.scene.manifest import Depth, OrientationFacts
 from lfpipe.scene.occlusion import hides, places
 from lfpipe.scene.optical_flow import (
     SMALLEST_PX,
@@ -91,9 +91,9 @@ class Orientation:
         )
 
     @property
-    def facts(self) -> Order:
+    def facts(self) -> OrientationFacts:
         """As manifests and `lfpipe scene info` have it."""
-        return Order(
+        return OrientationFacts(
             by=self.by,
             sure=self.sure,
             said=self.reason,

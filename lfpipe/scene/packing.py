@@ -207,7 +207,7 @@ def _complete(scene: Examined, folder: Path, score: Score, progress: Progress) -
         manifest = attrs.evolve(
             manifest_of(scene, folder.name), complete=True, disparity=disparity, method="nearest"
         )
-        if scene.rows * scene.cols > 1 and not scene.apart:
+        if scene.rows * scene.cols > 1 and not scene.too_far_apart:
             progress("method", 0, 1)
             field = light_field(folder, manifest)
             scores = score(field)

@@ -186,7 +186,7 @@ def _pair(a: Grey, b: Grey) -> Evidence:
         held_out_db=cv2.PSNR(displaced(b, ahead), a),
         explained=explained,
         moved_px=_moved_px(detail, ahead, confirmed),
-        apart=_blocks(a, b, ahead) if explained < EXPLAINED else None,
+        missed_motion=_blocks(a, b, ahead) if explained < EXPLAINED else None,
     )
 
 
@@ -319,7 +319,7 @@ def gather_evidence(source: SceneSource) -> Evidence | None:
         return Evidence.median(
             pairs,
             moved_px=max(pair.moved_px for pair in pairs),
-            apart=pairs[0].apart if len(pairs) == 1 else None,
+            missed_motion=pairs[0].missed_motion if len(pairs) == 1 else None,
         )
     triples = [_triple(*(grey(*line[k + len(line) // 2]) for k in (-1, 0, 1))) for line in lines]
     if not all(triple.fine for triple in triples):

@@ -47,7 +47,7 @@ class Evidence:
     change: str = ""  # how the pictures change otherwise than by a camera that moves sideways
     moved_px: float = np.inf  # motion between the farthest views, of nearly all of their detail
     # motion between two views that flow misses, in shares of the width
-    apart: tuple[float, float] | None = None
+    missed_motion: tuple[float, float] | None = None
 
     @classmethod
     def median(cls, samples: Sequence[Self], **more: object) -> Self:
@@ -71,14 +71,14 @@ class Evidence:
         if self.change and not (poor and unexplained):
             reason = f"the pictures do not fit together as a light field: {self.change}"
             return Verdict(kind="no light field", reason=reason)
-        if self.apart is None and (unexplained or (poor and self.explained < EXPLAINED)):
+        if self.missed_motion is None and (unexplained or (poor and self.explained < EXPLAINED)):
             reason = "these are different pictures, not one scene from several places"
             return Verdict(kind="no light field", reason=reason)
         if self.moved_px < NOTHING_PX and self.held_out_db > POOR_DB:
             reason = "nothing moves between these pictures: one of them is shown"
             return Verdict(kind="one view", reason=reason)
-        if self.apart is not None:
-            share = f"{max(map(abs, self.apart)):.0%} of the width"
+        if self.missed_motion is not None:
+            share = f"{max(map(abs, self.missed_motion)):.0%} of the width"
             reason = f"the views are too far apart ({share}): nothing is made between them"
             return Verdict(kind="too far apart", reason=reason)
         return Verdict(kind="light field")

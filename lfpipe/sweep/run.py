@@ -28,7 +28,7 @@ from lfpipe.host.machine import install_command, versions
 from lfpipe.sequence.folder import MANIFEST, is_sequence
 from lfpipe.sweep.plan import TIMED, Cell
 from lfpipe.sweep.results import DIED, FAILED, Outcome, Store
-from lfpipe.sweep.work import Order, measure_cell
+from lfpipe.sweep.work import SweepOptions, measure_cell
 
 AGAIN = "start it again, then run the same command"
 # a host that does not answer; workers that have just been started
@@ -43,7 +43,7 @@ class Workers:
     UserError if there are none.
     """
 
-    submit: Callable[[Cell, Order], Any]
+    submit: Callable[[Cell, SweepOptions], Any]
     count: Callable[[], int]
 
 
@@ -80,13 +80,17 @@ def _hash(*texts: str) -> str:
     return hashlib.blake2b(json.dumps(texts).encode(), digest_size=12).hexdigest()
 
 
-def keyed(cell: Cell, version: str, order: Order) -> Cell:
+def keyed(cell: Cell, version: str, options: SweepOptions) -> Cell:
     """The cell with its key: of the program, the cell, its inputs, and its reference, or, with
     update, whether there is one.
     """
-    place = order.reference(cell)
+    place = options.reference(cell)
     reference = (
-        "" if place is None else f"update {is_dir(place)}" if order.update else content(str(place))
+        ""
+        if place is None
+        else f"update {is_dir(place)}"
+        if options.update
+        else content(str(place))
     )
     inputs = (content(path) if path else "" for path in (cell.sequence, cell.scene))
     return attrs.evolve(cell, key=_hash(version, cell.name, *inputs, reference))
@@ -94,12 +98,12 @@ def keyed(cell: Cell, version: str, order: Order) -> Cell:
 
 @contextlib.contextmanager
 def local_workers(
-    jobs: int, work: Callable[[Cell, Order], Outcome] = measure_cell
+    jobs: int, work: Callable[[Cell, SweepOptions], Outcome] = measure_cell
 ) -> Iterator[Workers]:
     """Threads of this process. Cells that still run at the end are killed."""
     with ThreadPoolExecutor(jobs) as pool:
         try:
-            yield Workers(lambda cell, order: pool.submit(work, cell, order), lambda: jobs)
+            yield Workers(lambda cell, options: pool.submit(work, cell, options), lambda: jobs)
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
             for child in psutil.Process().children():
@@ -166,7 +170,7 @@ def dask_workers(address: str, insecure: bool = False) -> Iterator[Workers]:
 
 
 def outcomes(
-    workers: Workers, cells: Sequence[Cell], order: Order, notice: Notice
+    workers: Workers, cells: Sequence[Cell], options: SweepOptions, notice: Notice
 ) -> Iterator[Outcome]:
     """The outcomes of cells as they come, DIED for one whose process or worker died. While none
     comes, the oldest are named.
@@ -174,7 +178,7 @@ def outcomes(
     Raises UserError if no answer can come.
     """
     done: queue.SimpleQueue[Any] = queue.SimpleQueue()
-    running = {workers.submit(cell, order): cell for cell in cells}
+    running = {workers.submit(cell, options): cell for cell in cells}
     for future in running:
         future.add_done_callback(done.put)
     waited_s = 0.0
@@ -204,7 +208,7 @@ def outcomes(
 def run_cells(
     workers: Workers,
     cells: Sequence[Cell],
-    order: Order,
+    options: SweepOptions,
     take: Callable[[Outcome], None],
     notice: Notice,
 ) -> None:
@@ -213,11 +217,11 @@ def run_cells(
     """
     alone = [cell for cell in cells if cell.subject in TIMED]
     for outcome in outcomes(
-        workers, [cell for cell in cells if cell.subject not in TIMED], order, notice
+        workers, [cell for cell in cells if cell.subject not in TIMED], options, notice
     ):
         alone.append(outcome.cell) if outcome.state == DIED else take(outcome)
     for cell in alone:
-        (outcome,) = outcomes(workers, [cell], order, notice)
+        (outcome,) = outcomes(workers, [cell], options, notice)
         died = outcome.state == DIED
         take(
             attrs.evolve(outcome, state=FAILED, reason=f"{outcome.reason}, also alone")
@@ -230,7 +234,7 @@ def run_sweep(
     plan: Sequence[Cell],
     out: Path,
     place: AbstractContextManager[Workers],
-    order: Order,
+    options: SweepOptions,
     progress: Callable[[str, int, int], None],
     notice: Notice,
 ) -> list[Outcome]:
@@ -242,7 +246,7 @@ def run_sweep(
     cells are kept.
     """
     version = f"{source_digest()} {versions() | {'processor': ''}}"
-    every = [keyed(cell, version, order) for cell in plan]
+    every = [keyed(cell, version, options) for cell in plan]
     store = Store(out)
     # scenes of equal name and content are one cell
     todo = {cell.key: cell for cell in every if cell.key not in store.outcomes}
@@ -256,7 +260,7 @@ def run_sweep(
     try:
         if todo:
             with place as workers:
-                run_cells(workers, list(todo.values()), order, take, notice)
+                run_cells(workers, list(todo.values()), options, take, notice)
     finally:
         store.close()
     return [store.outcomes[cell.key] for cell in every]

@@ -39,7 +39,7 @@ Measured = tuple[str, str, dict[str, Any]]  # state, reason, figures
 
 
 @attrs.frozen
-class Order:
+class SweepOptions:
     """How to measure cells. references: folder with a folder for each replay and quality cell, ""
     compares nothing.
     update: they are written instead.
@@ -58,16 +58,16 @@ class Order:
         )
 
 
-def check_references(order: Order, cells: Iterable[Cell]) -> None:
+def check_references(options: SweepOptions, cells: Iterable[Cell]) -> None:
     """Raises UserError if the folder of references is missing, or, with update, if it is somebody's
     own folder or a cell would write into one.
     """
-    folder = Path(order.references)
-    if not order.update:
+    folder = Path(options.references)
+    if not options.update:
         if not is_dir(folder):
             raise UserError(f"--expect {folder}: no such folder", "the first time, add --update")
         return
-    places = [place for cell in cells if (place := order.reference(cell))]
+    places = [place for cell in cells if (place := options.reference(cell))]
     taken = [place for place in places if os.path.lexists(place) and not _is_reference(place)]
     entries = list(folder.glob("[!.]*"))
     if entries and not any(map(_is_reference, entries)):
@@ -84,7 +84,7 @@ def _is_reference(place: Path) -> bool:
     return is_dir(place) and any(exists(place / name) for name in (REFERENCE, REPORT))
 
 
-def measure_cell(cell: Cell, order: Order) -> Outcome:
+def measure_cell(cell: Cell, options: SweepOptions) -> Outcome:
     """The outcome of a cell, measured on this host. A failed cell raises nothing."""
     began_s = time.time()
     started_s = time.monotonic()
@@ -92,12 +92,12 @@ def measure_cell(cell: Cell, order: Order) -> Outcome:
     try:
         with temporary_folder("sweep") as work:
             measure = _replay if cell.subject in (REPLAY, TRUTH) else _bench
-            state, reason, figures = measure(cell, order, work)
-        if state == OK and (place := order.reference(cell)):
-            state, reason = _compared(cell, figures, place, order.update)
+            state, reason, figures = measure(cell, options, work)
+        if state == OK and (place := options.reference(cell)):
+            state, reason = _compared(cell, figures, place, options.update)
     except subprocess.TimeoutExpired:
         state = FAILED
-        reason = f"stopped after {order.limit_s:g} s; --limit gives more"
+        reason = f"stopped after {options.limit_s:g} s; --limit gives more"
     except subprocess.CalledProcessError as error:
         state = DIED
         signal = -error.returncode
@@ -123,7 +123,7 @@ def measure_cell(cell: Cell, order: Order) -> Outcome:
     )
 
 
-def _run(cell: Cell, order: Order, *words: str) -> tuple[int, str, str]:
+def _run(cell: Cell, options: SweepOptions, *words: str) -> tuple[int, str, str]:
     """Runs `lfpipe WORDS` with the settings of a cell, which ends with this process.
 
     Returns exit code, output, and the reason of a failure.
@@ -144,7 +144,7 @@ def _run(cell: Cell, order: Order, *words: str) -> tuple[int, str, str]:
         text=True,
         errors="replace",
         check=False,
-        timeout=order.limit_s,
+        timeout=options.limit_s,
     )
     if done.returncode < 0:
         raise subprocess.CalledProcessError(done.returncode, words)
@@ -159,7 +159,7 @@ def _run(cell: Cell, order: Order, *words: str) -> tuple[int, str, str]:
     )
 
 
-def _replay(cell: Cell, order: Order, work: Path) -> Measured:
+def _replay(cell: Cell, options: SweepOptions, work: Path) -> Measured:
     words = [
         "replay",
         cell.sequence,
@@ -169,10 +169,10 @@ def _replay(cell: Cell, order: Order, work: Path) -> Measured:
     ]
     if cell.subject == TRUTH:
         words += ["--pace", "max"]
-    elif (place := order.reference(cell)) and (order.update or is_dir(place)):
+    elif (place := options.reference(cell)) and (options.update or is_dir(place)):
         place.parent.mkdir(parents=True, exist_ok=True)
-        words += ["--expect", str(place), *(["--update"] if order.update else [])]
-    code, out, why = _run(cell, order, *words)
+        words += ["--expect", str(place), *(["--update"] if options.update else [])]
+    code, out, why = _run(cell, options, *words)
     differs = [line for line in out.splitlines() if line.startswith("differs: ")]
     if code and not (code == 1 and differs):
         return FAILED, why, {}
@@ -190,7 +190,7 @@ def _replay(cell: Cell, order: Order, work: Path) -> Measured:
     return DIFFERS if differs else OK, "\n".join(differs), {**counts, **errors, **digests}
 
 
-def _bench(cell: Cell, order: Order, work: Path) -> Measured:
+def _bench(cell: Cell, options: SweepOptions, work: Path) -> Measured:
     table = cell.subject in (QUALITY, TABLE)
     if table:
         words = [
@@ -202,7 +202,7 @@ def _bench(cell: Cell, order: Order, work: Path) -> Measured:
     else:
         words = [cell.subject, "--quick", *(["--scene", cell.scene] if cell.scene else [])]
         words += ["--sequence", cell.sequence] if cell.sequence else []
-    code, _, why = _run(cell, order, "bench", *words, "--out", str(work))
+    code, _, why = _run(cell, options, "bench", *words, "--out", str(work))
     # 1: a scene was left out
     if code and not (table and code == 1 and exists(work / "results.json")):
         return FAILED, why, {}

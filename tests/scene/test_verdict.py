@@ -16,7 +16,7 @@ CLOSER = "the camera comes nearer"
         (Evidence(held_out_db=40, explained=0.1), "no light field"),
         (Evidence(held_out_db=40, explained=0.9, change=CLOSER), "no light field"),
         (Evidence(held_out_db=40, explained=0.9, moved_px=0.1), "one view"),
-        (Evidence(held_out_db=20, explained=0.1, apart=(0.1, 0.3)), "too far apart"),
+        (Evidence(held_out_db=20, explained=0.1, missed_motion=(0.1, 0.3)), "too far apart"),
     ],
 )
 def test_evidence_has_one_verdict(evidence: Evidence, kind: str) -> None:

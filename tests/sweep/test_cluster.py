@@ -10,7 +10,7 @@ from lfpipe.sweep import run, work
 from lfpipe.sweep.plan import Cell
 from lfpipe.sweep.results import DIED, FAILED, OK, Outcome
 from lfpipe.sweep.run import dask_workers, local_workers, run_cells
-from lfpipe.sweep.work import Order, measure_cell
+from lfpipe.sweep.work import SweepOptions, measure_cell
 from tests.support.world import until
 from tests.sweep.conftest import write_wall
 
@@ -31,7 +31,7 @@ def test_cells_beside_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
     done: dict[str, Outcome] = {}
     notices: list[str] = []
 
-    def measured(cell: Cell, order: Order) -> Outcome:
+    def measured(cell: Cell, options: SweepOptions) -> Outcome:
         tries.append(cell.key)
         now.add(cell.key)
         beside[cell.key] = set(now)
@@ -50,7 +50,7 @@ def test_cells_beside_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
         run_cells(
             workers,
             CELLS,
-            Order(60.0),
+            SweepOptions(60.0),
             lambda one: done.update({one.cell.key: one}),
             notices.append,
         )
@@ -94,7 +94,7 @@ def test_a_cell_that_hangs_or_dies(
     code: str, state: str, reason: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(work, "COMMAND", code)
-    outcome = measure_cell(CELLS[0], Order(2.0))
+    outcome = measure_cell(CELLS[0], SweepOptions(2.0))
     assert outcome.state == state and reason in outcome.reason
 
 
@@ -105,6 +105,6 @@ def test_a_subject_of_the_benchmark_as_a_cell(
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     scene = write_wall(tmp_path / "wall", 0)
     outcome = measure_cell(
-        Cell(subject="stability", sequence="", scene=str(scene), key="k"), Order(100.0)
+        Cell(subject="stability", sequence="", scene=str(scene), key="k"), SweepOptions(100.0)
     )
     assert outcome.state == OK and outcome.figures, outcome.reason

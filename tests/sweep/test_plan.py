@@ -15,7 +15,7 @@ from lfpipe.errors import UserError
 from lfpipe.sweep.plan import Cell, read_plan
 from lfpipe.sweep.results import ABOUT, FAILED, LEFT_OUT, Outcome, Store, write
 from lfpipe.sweep.run import content, keyed
-from lfpipe.sweep.work import Order
+from lfpipe.sweep.work import SweepOptions
 from tests.sweep.conftest import write_plan
 
 FULL = """
@@ -33,7 +33,7 @@ border = [4]
 
 def test_every_combination_is_a_cell_with_a_key_of_its_own(tmp_path: Path, corpus: Path) -> None:
     plan = read_plan(write_plan(tmp_path, corpus, FULL))
-    found = [keyed(cell, "v1", Order(1.0)) for cell in plan]
+    found = [keyed(cell, "v1", SweepOptions(1.0)) for cell in plan]
     assert len(found) == 2 * 4 * 2 + 2 * 4 + 2 * 4 * 2
     assert all(
         len({getattr(cell, name) for cell in found}) == len(found)
@@ -41,11 +41,16 @@ def test_every_combination_is_a_cell_with_a_key_of_its_own(tmp_path: Path, corpu
     )
     assert all("track.filter=mean" in cell.sets for cell in found)
     assert {cell.sequence != "" for cell in found if cell.subject == "truth"} == {True}
-    assert not {keyed(cell, "v2", Order(1.0)).key for cell in plan} & {cell.key for cell in found}
+    assert not {keyed(cell, "v2", SweepOptions(1.0)).key for cell in plan} & {
+        cell.key for cell in found
+    }
     # whether they are compared matters
-    for order in (Order(1.0, str(tmp_path)), Order(1.0, str(tmp_path), update=True)):
+    for options in (
+        SweepOptions(1.0, str(tmp_path)),
+        SweepOptions(1.0, str(tmp_path), update=True),
+    ):
         assert {
-            keyed(cell, "v1", order).key == key
+            keyed(cell, "v1", options).key == key
             for cell, key in zip(plan, (c.key for c in found), strict=True)
             if cell.subject == "quality"
         } == {False}

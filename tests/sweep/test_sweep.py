@@ -17,7 +17,7 @@ import pytest
 
 from lfpipe.bench.results import read
 from lfpipe.sweep.plan import Cell
-from lfpipe.sweep.work import Order, measure_cell
+from lfpipe.sweep.work import SweepOptions, measure_cell
 from tests.support.world import World, runs
 from tests.sweep.conftest import write_plan, write_wall
 
@@ -233,7 +233,7 @@ def test_a_clock_that_is_set_back_changes_no_duration(
     hours = itertools.count(500, -1)
     monkeypatch.setattr("lfpipe.sweep.work.time.time", lambda: 3600.0 * next(hours))
     cell = Cell(subject="truth", sequence=str(tmp_path), scene="")
-    outcome = measure_cell(cell, Order(60.0))
+    outcome = measure_cell(cell, SweepOptions(60.0))
     assert outcome.state == "failed" and 0 < outcome.seconds < 60, outcome.reason
 
 
