@@ -99,7 +99,7 @@ def lines(manifest: Manifest, pack: str = "") -> list[str]:
     tone = f", gamma {manifest.gamma:g} ({manifest.gamma_by})" if manifest.gamma != 1 else ""
     say("depth", f"{manifest.bit_depth} bit, {colour}{tone}")
     evidence = f"{order.by}, sure" if order.sure else order.by
-    say("order", f"{turned or 'as in the files'}: {order.said} ({evidence})")
+    say("order", f"{turned or 'as in the files'}: {order.reason} ({evidence})")
     if order.undecided:
         say("undecided", order.undecided)
     if manifest.frames > 1:

@@ -7,7 +7,7 @@ import attrs
 
 from lfpipe.scene.source import Geometry, Turn
 
-VERSION = 11  # of the pack; another version is another key
+VERSION = 12  # of the pack; another version is another key
 
 
 @attrs.frozen(kw_only=True)
@@ -40,7 +40,7 @@ class OrientationFacts:
 
     by: str = "nothing"
     sure: bool = True
-    said: str = ""
+    reason: str = ""
     undecided: str = ""
     half_turn: bool = False  # whether near and far are exchanged in the pack
     half_turn_sure: bool = True

@@ -96,7 +96,7 @@ class Orientation:
         return OrientationFacts(
             by=self.by,
             sure=self.sure,
-            said=self.reason,
+            reason=self.reason,
             undecided=self.undecided,
             half_turn=self.half_turn,
             half_turn_sure=self.half_turn_sure,

@@ -30,7 +30,7 @@ MANIFEST = {
     "orientation": {
         "by": str,
         "sure": bool,
-        "said": str,
+        "reason": str,
         "undecided": str,
         "half_turn": bool,
         "half_turn_sure": bool,
