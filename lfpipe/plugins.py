@@ -78,7 +78,10 @@ class Guarded:
     """A part of a plug-in: its calls raise PluginError, also for a result of a wrong type."""
 
     def __init__(self, part: Any, group: str, name: str, results: Results) -> None:
-        self._part, self._group, self._name, self._results = part, group, name, results
+        self._part = part
+        self._group = group
+        self._name = name
+        self._results = results
 
     def __getattr__(self, attribute: str) -> Any:
         value = getattr(self._part, attribute)

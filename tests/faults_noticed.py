@@ -41,8 +41,8 @@ FAULTS = (
     Fault(
         "the filter's gain to speed is doubled",
         "track/filters.py",
-        "to_speed, kept = b / spread,",
-        "to_speed, kept = 2 * b / spread,",
+        "to_speed = b / spread",
+        "to_speed = 2 * b / spread",
     ),
     Fault(
         "the reported velocity is doubled",

@@ -37,7 +37,10 @@ PAPER_ALPHA_PX = 12.0  # px of the camera per view: chosen by hand, as the paper
 STEADY_S = 1.0  # after the first picture every stage has started and found the face
 LEAST_S, MAX_S = 1.0, 16.0  # of a measured session: enough for a median; the whole demo sequence
 SIDES = ("left", "right")
-STEP_NS, SKIP_NS, STILL_MS = 1_000_000, 1_000_000_000, 400  # of an aligned trace
+# of an aligned trace
+STEP_NS = 1_000_000
+SKIP_NS = 1_000_000_000
+STILL_MS = 400
 Trace = list[dict[str, Any]]
 Float = NDArray[np.float64]
 

@@ -166,7 +166,8 @@ class CameraSource:
         """device: open; closed by this object. Raises UserError if it cannot be configured or
         delivers no first frame.
         """
-        self._path, self._device = path, device
+        self._path = path
+        self._device = device
         with contextlib.ExitStack() as opened_so_far:
             opened_so_far.callback(device.close)
             try:

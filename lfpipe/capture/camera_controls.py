@@ -77,7 +77,8 @@ class CameraControls(threading.Thread):
     def __init__(self, device: V4L2Device, camera: config.Camera) -> None:
         """device: open; it belongs to the thread from now on."""
         super().__init__(name="camera-controls", daemon=True)
-        self._device, self._camera = device, camera
+        self._device = device
+        self._camera = camera
         self._before: list[tuple[int, int]] = []
         self._ending = threading.Event()
         self.applied = threading.Event()

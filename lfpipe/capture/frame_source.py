@@ -95,7 +95,8 @@ class OrientedSource:
     """
 
     def __init__(self, source: FrameSource, camera: config.Camera) -> None:
-        self._source, self._camera = source, camera
+        self._source = source
+        self._camera = camera
         self._taken = np.empty((camera.height_px, camera.width_px, 3), np.uint8)
 
     @property

@@ -43,13 +43,15 @@ class ReconnectingCamera:
 
         Returns when the camera is open or failed to open, after at most FIRST_S.
         """
-        self.info, self._open = info, open_
+        self.info = info
+        self._open = open_
         # where to write the next frame
         self._requests: queue.SimpleQueue[NDArray[np.uint8] | None] = queue.SimpleQueue()
         # one for each request
         self._answers: queue.SimpleQueue[Frame | Exception] = queue.SimpleQueue()
         self._requested = self._lost = False
-        self._opened, self._ended = threading.Event(), threading.Event()
+        self._opened = threading.Event()
+        self._ended = threading.Event()
         # start of the thread's present call; 0: it makes none
         self._called_ns = time.monotonic_ns()
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)

@@ -180,7 +180,8 @@ class FileSource:
         """Raises UserError if the file is missing or cannot be decoded."""
         self._spec = spec
         self._recording = open_recording(spec.path)
-        info, exact = self._recording.info, self._recording.exact
+        info = self._recording.info
+        exact = self._recording.exact
         rate_hz = spec.pace if isinstance(spec.pace, float) else info.rate_hz or camera.nominal_hz
         self._stamped = info.rate_hz > 0 and (
             spec.pace == "recorded" or (spec.pace == "max" and exact)
@@ -229,7 +230,8 @@ class FileSource:
                 if isinstance(error, BrokenFrame)
                 else undecodable(str(self._spec.path), error)
             )
-            self._seq, self._broken = self._seq + 1, self._broken + 1
+            self._seq += 1
+            self._broken += 1
             if self._broken > MAX_BROKEN:
                 raise UserError(
                     f"{broken.message}; the {MAX_BROKEN} before it are broken too", broken.remedy

@@ -22,7 +22,8 @@ class Schedule:
     def __init__(self, rate_hz: float, rounding_ns: int | None = None) -> None:
         # 29.97002997 stands for 30000/1001
         period = 1_000_000_000 / Fraction(rate_hz).limit_denominator(1001)
-        self._period_ns, self._parts = period.numerator, period.denominator
+        self._period_ns = period.numerator
+        self._parts = period.denominator
         self._step_ns = max(1, self._period_ns // self._parts)
         self._rounding_ns = rounding_ns
         # due time and stamp of the first frame of this round

@@ -57,7 +57,8 @@ def _file(text: str) -> FileSpec:
     if not path:
         raise UserError("file: has no path", "use for example file:walk.mp4")
     parameters = dict(item.partition("=")[::2] for item in query.split("&") if item)
-    loop, pace = parameters.pop("loop", ""), parameters.pop("pace", "recorded")
+    loop = parameters.pop("loop", "")
+    pace = parameters.pop("pace", "recorded")
     hz = finite(pace, MIN_RATE_HZ, MAX_RATE_HZ)
     if parameters or loop not in ("", "0", "1") or (pace not in ("recorded", "max") and hz is None):
         remedy = f"use {PARAMETERS}; if the path of the file contains a '?', append another '?'"

@@ -145,7 +145,8 @@ class CaptureStage:
         t_read_ns = frame.t_read_ns or self._wait_until_due(frame)
         if not t_read_ns:
             return
-        context, frames = self._context, self._frames
+        context = self._context
+        frames = self._frames
         t_sensor_ns = frame.t_sensor_ns + self._lateness.moved_ns
         if self._live:
             lost = frame.source_seq - self._next_seq

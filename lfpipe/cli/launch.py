@@ -139,7 +139,8 @@ def _is_for_open_window(arguments: UpArguments) -> bool:
     """Whether one scene is asked for and nothing else, and the session that runs shows scenes in a
     window.
     """
-    scenes, name = arguments.scenes, arguments.session_name
+    scenes = arguments.scenes
+    name = arguments.session_name
     if len(scenes) != 1 or arguments != UpArguments(scenes=scenes, session_name=name):
         return False
     options = snapshot(name).options

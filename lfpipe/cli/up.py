@@ -68,7 +68,8 @@ def up(**options: Any) -> int:
     from lfpipe.cli.kiosk import kiosk_code
     from lfpipe.cli.launch import UpArguments, launch
 
-    is_kiosk, code_file = options.pop("kiosk"), options.pop("code_file")
+    is_kiosk = options.pop("kiosk")
+    code_file = options.pop("code_file")
     if code_file and not is_kiosk:  # who thinks the window is locked must not find it open
         raise click.UsageError("--code-file needs --kiosk")
     return launch(UpArguments(**options, kiosk=kiosk_code(code_file) if is_kiosk else None))

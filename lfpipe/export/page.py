@@ -66,7 +66,8 @@ class PageExport:
     """Draws the views of a page. config: as for `SceneExport`."""
 
     def __init__(self, field: LightField, config: Config) -> None:
-        self._field, self._config = field, config
+        self._field = field
+        self._config = config
         self._zero_px = zero_plane_px(field, config.render)
         self._method = method_for(field, config.render.method)
         self._renderer = ViewRenderer(field, config.render.method, self._zero_px)
@@ -150,7 +151,8 @@ class PageExport:
         First the tiles shrink, to LEAST_SIDE_PX; then there are fewer views. Raises UserError.
         """
         longer_px = max(self._field.width_px, self._field.height_px)
-        scale, keep = min(1.0, MOST_SIDE_PX / longer_px), 1.0
+        scale = min(1.0, MOST_SIDE_PX / longer_px)
+        keep = 1.0
         while True:
             quilt = self._quilt(scale, keep)
             page = self._page(quilt, self._picture(quilt), credit) if quilt.fits else b""

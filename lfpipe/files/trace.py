@@ -66,7 +66,8 @@ class TraceFile:
         """since: for a restarted writer, a file that its session wrote at its start: lines after it
         are kept.
         """
-        self._path, self._lost = path, lost
+        self._path = path
+        self._lost = lost
         self._file: LineFile | None = None
         if path is not None:
             try:

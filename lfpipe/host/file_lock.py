@@ -30,7 +30,8 @@ class Lock:
     """
 
     def __init__(self, path: Path, fd: int) -> None:
-        self._path, self._fd = path, fd
+        self._path = path
+        self._fd = fd
 
     def in_place(self) -> bool:
         """Whether the locked file is still at its path. True if the path cannot be examined."""

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import IO
 
 __all__ = ["exists", "is_dir", "is_file"]
-is_dir, is_file = isdir, isfile
+is_dir = isdir
+is_file = isfile
 
 
 # for files that a user names: opening waits for no other process and acquires no terminal

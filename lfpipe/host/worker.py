@@ -43,7 +43,8 @@ class Worker:
 
     def __init__(self, module: str, request: dict[str, Any], subject: str, limit_s: float) -> None:
         check_threads(WORKER_THREADS)
-        self.subject, self._limit_s = subject, limit_s
+        self.subject = subject
+        self._limit_s = limit_s
         self._verdict: dict[str, Any] | None = None
         pipe = subprocess.PIPE
         # -P: imports nothing from the working directory, which may be anybody's
@@ -74,7 +75,8 @@ class Worker:
             self._computes = (used_ns - self._look_cpu_ns) / 1e9 > COMPUTING * (
                 now_s - self._look_s
             )
-            self._look_s, self._look_cpu_ns = now_s, used_ns
+            self._look_s = now_s
+            self._look_cpu_ns = used_ns
         silent = now_s - self._step_s >= self._limit_s
         return silent and (
             not self._computes or self._look_cpu_ns - self._step_cpu_ns >= self._limit_s * 1e9
@@ -114,7 +116,8 @@ class Worker:
             return
         if not isinstance(step, dict):
             return
-        self._step_s, self._step_cpu_ns = time.monotonic(), cpu_ns(self._process.pid)
+        self._step_s = time.monotonic()
+        self._step_cpu_ns = cpu_ns(self._process.pid)
         if "ok" in step:
             self._verdict = step
         else:

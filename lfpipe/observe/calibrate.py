@@ -99,7 +99,10 @@ def by_eyes(config: Config, camera: str | None, distance_mm: float) -> float:
     user cancels.
     """
     apart_px: deque[float] = deque(maxlen=MEASURED_FRAMES)
-    median_px, still, missed, accepted = 0.0, False, 0, False
+    median_px = 0.0
+    still = False
+    missed = 0
+    accepted = False
     with (
         closing(_CameraWindow(config, camera)) as camera_window,
         closing(make_engine(config.track)) as engine,

@@ -198,7 +198,8 @@ class _FlippingWindow:
         """Shows the other level when its hold is over; returns when it was handed over."""
         if self._watch.failure is not None:
             raise self._watch.failure
-        window, clock = self.window, self._clock
+        window = self.window
+        clock = self._clock
         reported = bool(window.blanks_by)
         hold_ns = int(self._rng.integers(HOLDS[0], HOLDS[1] + 1)) * self._step * clock.period_ns
         lead_ns = round(clock.period_ns / 2) * reported

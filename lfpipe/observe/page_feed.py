@@ -70,7 +70,9 @@ def place_px(look: Mapping[str, Any], row: float, col: float) -> tuple[float, fl
     """The position of an eye that sees the view, in px of the camera picture: the inverse of
     `ViewSolver.views`. look: render's message of that topic.
     """
-    (rows, cols), (x, y), alpha_px = look["grid"], look["centre_px"], look["alpha_px"]
+    rows, cols = look["grid"]
+    x, y = look["centre_px"]
+    alpha_px = look["alpha_px"]
     return x - (col - (cols - 1) / 2) * alpha_px, y + (row - (rows - 1) / 2) * alpha_px
 
 
@@ -78,7 +80,8 @@ def draw_over_eyes(picture: NDArray[np.uint8], look: Mapping[str, Any], scale: f
     """Draws into uint8 (height, width, 3) BGR, a camera picture scaled by `scale`: a dot per view,
     the left eye red, the right cyan. look: render's message of that topic.
     """
-    (rows, cols), alpha_px = look["grid"], look["alpha_px"]
+    rows, cols = look["grid"]
+    alpha_px = look["alpha_px"]
     if not alpha_px:  # nobody was seen yet
         return
     radius = min(max(alpha_px * scale / 8, 0.8), 4.0)

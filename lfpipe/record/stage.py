@@ -48,7 +48,8 @@ class FrameReader:
     """
 
     def __init__(self, context: Context) -> None:
-        options, self._row = context.options, context.row
+        options = context.options
+        self._row = context.row
         self._frames = context.input("frames")
         self._eyes = context.input("eyes")
         self._record = np.empty((), EYES)
@@ -119,7 +120,8 @@ class Store:
         # preempted while it holds the GIL, this thread would block the other one.
         self._thread = ThreadPoolExecutor(1, "store", yield_to_others)
         self._pending: deque[tuple[Stamp, int, Future[int]]] = deque()
-        self._begun_ns, self._hurry = 0, False
+        self._begun_ns = 0
+        self._hurry = False
         self.failure = ""
 
     @property
@@ -178,7 +180,8 @@ class Recorder:
 
     def __init__(self, context: Context, folder: Path) -> None:
         """Raises OSError if nothing can be written."""
-        self._context, self._folder = context, folder
+        self._context = context
+        self._folder = folder
         anew = not exists(folder / MANIFEST)
         self._lost_before = int(context.row["drops"]) if anew else 0
         self._frames = FrameReader(context)
@@ -214,7 +217,8 @@ class Recorder:
 
         After an error, reports it once and requests the end of the recording.
         """
-        context, store = self._context, self._store
+        context = self._context
+        store = self._store
         for stamp, t_taken_ns, t_stored_ns in store.results():
             context.row.tick(stamp.source_seq)
             context.row.measure(

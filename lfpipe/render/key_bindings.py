@@ -185,7 +185,8 @@ class KeyBindings:
             page.open()
 
     def _close(self) -> None:
-        page, self._open = self._open, None
+        page = self._open
+        self._open = None
         if page is not None:
             page.close()
 

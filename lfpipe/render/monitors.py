@@ -13,7 +13,8 @@ from lfpipe.render.window_system import pygame
 
 # of the monitor for a first window: of its width, and at most of its height, since panels and title
 # bars take some
-WIDTH_SHARE, HEIGHT_SHARE = 2 / 3, 0.85
+WIDTH_SHARE = 2 / 3
+HEIGHT_SHARE = 0.85
 INCH_MM = 25.4  # by definition
 ASPECTS_MM = (16.0, 160.0)  # widths in EDIDs that know only an aspect: 160 x 90, 16 x 10, ...
 NOMINAL_HZ = 60.0  # if a monitor does not report its rate

@@ -81,7 +81,8 @@ class MouseLook:
 
         record, stamp: of the camera, if there is one.
         """
-        solver, field = self._viewer.solver, self._viewer.field
+        solver = self._viewer.solver
+        field = self._viewer.field
         face = record if record is not None and record.face else None
         centre_px = (
             np.array(self._size_px) / 2.0

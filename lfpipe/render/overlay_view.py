@@ -182,7 +182,8 @@ def menu_panel(menu: Menu, selected: int, window_px: Place, text_px: int) -> Pan
         cols = max(1, min(MENU_COLS, width // least_px))
     rows = max(1, min((height - head_px) // least_px, -(-count // cols)))
     high = min((height - head_px) // rows, round(CELL_SHAPE * width / cols) + 2 * line)
-    page, first = rows * cols, selected // (rows * cols) * rows * cols
+    page = rows * cols
+    first = selected // (rows * cols) * rows * cols
     surface = pygame.Surface((width, head_px + rows * high), pygame.SRCALPHA)
     surface.fill(BACK)
     title = letters.render(

@@ -47,7 +47,9 @@ class Figures(Page):
     stays = True
 
     def __init__(self, context: Context, viewer: Viewer, presenter: Presenter) -> None:
-        self._context, self._viewer, self._presenter = context, viewer, presenter
+        self._context = context
+        self._viewer = viewer
+        self._presenter = presenter
         self._due_ns = 0
         self._lines = tuple[str, ...]()
 
@@ -82,7 +84,9 @@ class GlassesTest(Page):
         presenter: Presenter,
         keep: Callable[[dict[str, float | bool | str]], None],
     ) -> None:
-        self._context, self._viewer, self._presenter = context, viewer, presenter
+        self._context = context
+        self._viewer = viewer
+        self._presenter = presenter
         self._keep = keep
         self._before = context.config.render
 

@@ -66,8 +66,12 @@ class Presenter:
         """mouse: the viewer without a camera, or while its right button is held. refresh: the
         display's clock, None with one picture per camera frame. seq: of the first showing.
         """
-        self._viewer, self._source, self._mouse = viewer, source, mouse
-        self._display, self._refresh, self._listeners = display, refresh, listeners
+        self._viewer = viewer
+        self._source = source
+        self._mouse = mouse
+        self._display = display
+        self._refresh = refresh
+        self._listeners = listeners
         self._draw: Draw = partial(draw_scene, viewer)
         self._key: Key | None = None
         self._seq = seq

@@ -20,7 +20,8 @@ class RecordingIndicator:
     """Begins and ends recordings, and shows their time and size, whoever began them."""
 
     def __init__(self, context: Context, notices: Notices) -> None:
-        self._context, self._notices = context, notices
+        self._context = context
+        self._notices = notices
         self._folder = ""
         self._began_ns = self._due_ns = 0
         self.words = ""
@@ -42,7 +43,8 @@ class RecordingIndicator:
                 text = f"the recording is {path.name}\nin {path.parent}"
                 words = text if _size_bytes(path) else "no frame was recorded"
                 self._notices.say("record", words, ENDED_NS)
-            self._folder, self.words = folder, ""
+            self._folder = folder
+            self.words = ""
             self._began_ns = self._due_ns = t_ns
         if not folder or t_ns < self._due_ns:
             return False

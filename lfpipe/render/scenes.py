@@ -49,12 +49,14 @@ class SceneLoader:
     """
 
     def __init__(self, context: Context, notices: Notices) -> None:
-        self._context, self._notices = context, notices
+        self._context = context
+        self._notices = notices
         # the scene requested last that is not loaded yet
         self._asked = ""
         self._asked_ns = 0
         # the name of the scene being loaded, whoever requested it, and its progress
-        self._loading, self._step = "", ""
+        self._loading = ""
+        self._step = ""
         self.share: float | None = None
         self._first_due_ns = 0
 

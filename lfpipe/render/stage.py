@@ -163,7 +163,9 @@ class RenderStage:
         return Refresh(self._config.render.nominal_hz, now_ns())
 
     def _make_listeners(self) -> list[Listener]:
-        context, options, viewer = self._context, self._options, self._viewer
+        context = self._context
+        options = self._options
+        viewer = self._viewer
         session = context.spec.session
         listeners: list[Listener] = [self._status]
         if not isinstance(options.display, Nothing):
@@ -245,7 +247,9 @@ class RenderStage:
 
     def _take_news(self) -> None:
         """Applies changes of configuration, scene and quality, and commands."""
-        context, viewer, presenter = self._context, self._viewer, self._presenter
+        context = self._context
+        viewer = self._viewer
+        presenter = self._presenter
         old = self._options
         new = context.options
         other_pack = (new.pack, new.complete) != (old.pack, old.complete)
@@ -295,7 +299,8 @@ class RenderStage:
         elif half_turn != self._asked.scene.half_turn:
             self._field = shown_as(self._field, half_turn)
         self._keep_choice()
-        self._asked, self._options = context.config, context.options
+        self._asked = context.config
+        self._options = context.options
         self._config = lowered(self._asked, self._options)
         (self._viewer.complete if completed else self._viewer.set)(self._field, self._config)
         if other_pack:

@@ -22,7 +22,9 @@ FAR_PX = 1e6  # outside the picture's corner; no eye is further out
 # Time constants by which alpha follows the viewer's distance, seen as the distance between the
 # eyes: quickly to another distance, so that depth never stays beyond comfort; slowly where the
 # difference is the noise of a measurement.
-DISTANCE_S, STILL_S, STILL = 0.25, 1.0, 0.02
+DISTANCE_S = 0.25
+STILL_S = 1.0
+STILL = 0.02
 NEUTRAL_S = 0.5  # time constant of changes of the neutral position
 SETTLE_S = 0.25  # the same before it is measured, while the eyes stand still
 KNOWN_S = 0.25  # after which the motion of a face that was just found is believed
@@ -81,7 +83,9 @@ class Viewer:
         self._eyes_px: Eyes = (0.0, 0.0, 0.0, 0.0)
         self._seen = False
         self._apart_px = 0.0  # follows the distance slowly
-        self._near_px, self._generation = 0.0, 0  # the same, quickly, and at once for another face
+        # the same, quickly, and at once for another face
+        self._near_px = 0.0
+        self._generation = 0
         self._t_ns = 0
         self._size_px = (0, 0)  # of the camera picture
         self._pose: CameraPose | None = None
@@ -123,10 +127,8 @@ class Viewer:
         """
         large = self.field.width_px * self.field.height_px >= LARGE_PX
         self._is_video = self.field.frames > 1
-        self.config, self.compositor = (
-            config,
-            Compositor(self.field, config.render, self._helper if large else None),
-        )
+        self.config = config
+        self.compositor = Compositor(self.field, config.render, self._helper if large else None)
         self.method = self.compositor.method
         if self.solver is not None:
             self.solver.set_method(self.method)
@@ -259,13 +261,15 @@ class Viewer:
 
     def _follow_distance(self, record: EyesRecord, eyes_px: Eyes, dt_s: float) -> None:
         """Ignores a distance that no face has: an average would never forget it."""
-        apart_px, generation = record.apart_px, record.generation
+        apart_px = record.apart_px
+        generation = record.generation
         if not LEAST_EYES_PX <= apart_px <= FAR_PX:  # not known: between the eyes in the picture
             apart_px = max(math.dist(eyes_px[:2], eyes_px[2:]), LEAST_EYES_PX)
         if not self._seen:
             self._apart_px = apart_px
         if not self._seen or generation != self._generation:
-            self._near_px, self._generation = apart_px, generation
+            self._near_px = apart_px
+            self._generation = generation
         still = abs(apart_px - self._apart_px) < STILL * self._apart_px
         self._apart_px += (apart_px - self._apart_px) * low_pass_share(
             dt_s, STILL_S if still else DISTANCE_S

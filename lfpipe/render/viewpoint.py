@@ -103,9 +103,12 @@ class ViewSolver:
         centre_px: tuple[float, float],
         method: str = "warp2",
     ) -> None:
-        self.rows, self.cols, self._render = rows, cols, render
+        self.rows = rows
+        self.cols = cols
+        self._render = render
         self._middle = (rows - 1) / 2, (cols - 1) / 2
-        self.alpha_px, self.centre_px = alpha_px, centre_px
+        self.alpha_px = alpha_px
+        self.centre_px = centre_px
         self.set_method(method)
         # row, left col, right col
         self._held: tuple[float | None, float | None, float | None] = None, None, None
@@ -114,7 +117,8 @@ class ViewSolver:
         """Sets the method in use: the last views are held in nearest mode, and only warps
         extrapolate.
         """
-        self._snap, self._reach = method == "nearest", extrapolation_views(method, self._render)
+        self._snap = method == "nearest"
+        self._reach = extrapolation_views(method, self._render)
 
     def _steps(self, distance_px: float) -> float:
         """distance over alpha, always finite; NaN counts as 0, an alpha that is not finite as

@@ -70,7 +70,9 @@ class ScreenWindow(Display):
         """
         self._code = code
         self._typed = ""
-        self._title, self._fullscreen, self._asked_monitor = title, fullscreen, monitor
+        self._title = title
+        self._fullscreen = fullscreen
+        self._asked_monitor = monitor
         self._picture: NDArray[np.uint8] | None = None
         self._pair: Pair | None = None
         self._how = ""
@@ -174,7 +176,9 @@ class ScreenWindow(Display):
 
     def show(self, picture: NDArray[np.uint8], pair: Pair | None = None, how: str = "") -> int:
         """Returns the time at which the window system accepted the picture."""
-        self._picture, self._pair, self._how = picture, pair, how
+        self._picture = picture
+        self._pair = pair
+        self._how = how
         self._number += 1
         self._draw()
         return time.monotonic_ns()

@@ -266,7 +266,9 @@ def _compare_frames(
     for part in ("eyes", "views"):
         changed = [frame for frame in frames if _PART_OF.get(frame.cause) == part]
         if changed:
-            name, was, now = changed[0].cause, changed[0].was, changed[0].now
+            name = changed[0].cause
+            was = changed[0].was
+            now = changed[0].now
             what = (
                 f"{name} {_sides(was[name])} in the reference, {_sides(now[name])} now;"
                 f" {CAUSES[name]}"

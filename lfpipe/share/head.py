@@ -85,7 +85,8 @@ class HeadEstimator:
             if fresh
             else self._apart_px + (apart_px - self._apart_px) * ratio / (1 + ratio)
         )
-        self._t_ns, self._generation = t_sensor_ns, generation
+        self._t_ns = t_sensor_ns
+        self._generation = generation
 
     def head(self, record: NDArray[np.void], horizon_ns: int = 0) -> Head | None:
         """The head in the last record, its eyes predicted horizon_ns ahead; None without a face."""

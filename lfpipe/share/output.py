@@ -169,7 +169,8 @@ class LslOutput:
 
     def __init__(self, target: Target, run: str, rate_hz: float, pictures: bool) -> None:
         self._offset_s = clock_offset_s()
-        self._face, self._marked_ns = False, 0
+        self._face = False
+        self._marked_ns = 0
         names = [name for name in STREAMS if pictures or name != "pictures"]
         with quiet_stderr():  # liblsl prints a greeting
             self._outlets = {name: self._outlet(target, name, run, rate_hz) for name in names}

@@ -103,7 +103,8 @@ class LiveSession:
             state.options.clock, Lossless
         )
         self._cpus = process_table.cores(usable_cores()) if placed else {}
-        self._session, self._tell = session, tell
+        self._session = session
+        self._tell = tell
         self._outcome: Outcome | None = None
         self._rollback = ConfigRollback()
         self._busy_told = False

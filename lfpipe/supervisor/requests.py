@@ -160,7 +160,8 @@ def _output(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
             "no camera is in use: the scene is a single view",
             "record without a scene: `lfpipe record OUT`",
         )
-    source, record = state.options.viewer.source, state.options.record
+    source = state.options.viewer.source
+    record = state.options.record
     return Reply(check=FileCheck(check=command, path=path, source=source, record=record))
 
 

@@ -49,7 +49,8 @@ class _Load:
     """A packer at work, and what was reported of its progress."""
 
     def __init__(self, packing: Packing, request: Request | None) -> None:
-        self.packing, self.request = packing, request
+        self.packing = packing
+        self.request = request
         self.scene: SceneSummary | None = None  # once it is packed
         self._reported = ""
         self._report_ns = 0
@@ -128,7 +129,8 @@ class SceneLoads:
         load = self._wanted
         if load is None or load.request is None:
             return
-        packing, request = load.packing, load.request
+        packing = load.packing
+        request = load.request
         if packing.done:
             self._wanted = None
             yield from _result(load, lambda scene: SceneReady(request, scene))

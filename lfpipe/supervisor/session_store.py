@@ -31,7 +31,8 @@ class SessionStore:
     """
 
     def __init__(self, session: Session, state: SessionState) -> None:
-        self.state, self._session = state, session
+        self.state = state
+        self._session = session
         self._unsent: bytes | None = None
         self._rings: dict[str, Segment] = {}
         with contextlib.ExitStack() as undo:
@@ -62,7 +63,8 @@ class SessionStore:
         """
         message = control.encode(state.message()) if state.rev != self.state.rev else self._unsent
         self._make(state.rings())
-        self.state, self._unsent = state, message
+        self.state = state
+        self._unsent = message
         self._keep(rings(state.config).keys() | state.rings().keys())
 
     def _make(self, specs: Mapping[str, RingSpec]) -> None:

@@ -52,7 +52,9 @@ class StageProcess:
     """Starts, checks and ends one stage. row: its record of the status table, writable."""
 
     def __init__(self, stage: Stage, session: Session, row: NDArray[np.void]) -> None:
-        self.stage, self.row, self._session = stage, row, session
+        self.stage = stage
+        self.row = row
+        self._session = session
         self.process: BaseProcess | None = None
         self.must_run = False  # the session needs it now, so its end is a failure
         self.next_start_ns = 0
@@ -232,7 +234,9 @@ class StageProcesses:
         spec: Callable[[Stage], StageSpec],
         ask_to_stop: Callable[[str], None],
     ) -> None:
-        self._table, self._spec, self._ask_to_stop = table, spec, ask_to_stop
+        self._table = table
+        self._spec = spec
+        self._ask_to_stop = ask_to_stop
         self._all = {
             stage.name: StageProcess(stage, session, table.rows[stage.name]) for stage in STAGES
         }

@@ -111,7 +111,8 @@ class Detector:
     """Finds faces at one range. Raises UserError if the network is missing or wrong."""
 
     def __init__(self, range_: Range = SHORT, warp: Warp = warp) -> None:
-        self._range, self._warp = range_, warp
+        self._range = range_
+        self._warp = warp
         self._anchors = anchors(range_.grids)
         count = len(self._anchors)
         self._network = Network(

@@ -41,7 +41,8 @@ class HiddenFace:
         self._usual = 0.0
         self._sure_px = (0.0, 0.0)  # between the eyes
         self._moved = False  # when it was seen clearly
-        self.held, self.sure = False, True
+        self.held = False
+        self.sure = True
 
     def reset(self, sure: float, middle_px: tuple[float, float]) -> None:
         """Begins with the first frame of a track."""
@@ -97,7 +98,8 @@ class EyeTracker:
         self._face: Face | None = None
         self._box_px = (0.0, 0.0, 0.0, 0.0)
         self._seen_ns = 0
-        self._epoch, self._generation = -1, 0
+        self._epoch = -1
+        self._generation = 0
         self.seen = False
         self.fault = ""
 
@@ -106,7 +108,8 @@ class EyeTracker:
         if (settings, loop_s) != self._settings:
             self._settings = (settings, loop_s)
             self._filter = make_filter(settings, loop_s)
-            self._holds, self._averages = settings.filter == "predictive", settings.filter == "mean"
+            self._holds = settings.filter == "predictive"
+            self._averages = settings.filter == "mean"
 
     def reset(self) -> None:
         """Starts a new choice of the face."""
@@ -135,7 +138,8 @@ class EyeTracker:
             self._velocity_px_s = NOWHERE  # hold the position: the motion is unknown
             if self._averages:
                 self._filter.reset()  # the average must not mix positions before and after a loss
-        changed, self.seen = (face is not None) != self.seen, face is not None
+        changed = (face is not None) != self.seen
+        self.seen = face is not None
         return changed
 
     def _follow(self, face: Face, t_sensor_ns: int, epoch: int) -> None:

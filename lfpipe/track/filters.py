@@ -337,7 +337,8 @@ class Predictive(EyeFilter):
         Moments are taken about the measurement, so that the mixture of each model follows from
         common sums.
         """
-        tuning, models = self._tuning, self._models
+        tuning = self._tuning
+        models = self._models
         count = len(models)
         noise = (
             self._noise
@@ -390,7 +391,8 @@ class Predictive(EyeFilter):
             log = -tuning.caution * ((dx * dx + dy * dy) / (2 * spread) + math.log(spread))
             best = max(best, log)
             logs.append((prior, log))
-            to_speed, kept = b / spread, noise / spread
+            to_speed = b / spread
+            kept = noise / spread
             model.x, model.y = x + dx * kept, y + dy * kept
             model.u, model.v = u - to_speed * dx, v - to_speed * dy
             model.a = a * kept

@@ -62,7 +62,8 @@ class EyeFilter(ABC):
         step_ns = 0 if self._t_ns is None else t_ns - self._t_ns
         if self._t_ns is None or abs(step_ns) >= MAX_STEP_NS:
             self.reset()
-            self._t_ns, self._position = t_ns, measured
+            self._t_ns = t_ns
+            self._position = measured
             self._start(t_ns, measured)
         elif step_ns >= MIN_STEP_NS:
             self._t_ns = t_ns

@@ -99,7 +99,9 @@ class MotionLatency:
 
     def _add_lag(self, last: _Frame, frame: _Frame) -> None:
         """Compares the pictures between two frames with where the eyes were."""
-        period_ns, dx, dy = frame.t_ns - last.t_ns, frame.x - last.x, frame.y - last.y
+        period_ns = frame.t_ns - last.t_ns
+        dx = frame.x - last.x
+        dy = frame.y - last.y
         if math.hypot(dx, dy) / last.apart_px * SECOND_NS / period_ns < UNDER_WAY:
             self._under_way_ns = None
             return

@@ -33,7 +33,9 @@ class ReplayWriter(Listener):
         self, folder: Path, sequence: str, pictures: bool, lost: Callable[[str], None]
     ) -> None:
         """lost: is called with the reason if there is no room."""
-        self._folder, self._pictures, self._lost = folder, pictures, lost
+        self._folder = folder
+        self._pictures = pictures
+        self._lost = lost
         self._truth = read_truth(Path(sequence))
         self._first_ns: int | None = None
         self._digest = ""
@@ -46,7 +48,8 @@ class ReplayWriter(Listener):
         """Keeps the picture; adds eyes_filtered and the picture's digest to its line."""
         if showing.eyes is None:
             return
-        record, stamp = showing.eyes.record, showing.eyes.stamp
+        record = showing.eyes.record
+        stamp = showing.eyes.stamp
         self._first_ns = stamp.t_sensor_ns if self._first_ns is None else self._first_ns
         picture = showing.picture
         if picture is not None:

@@ -15,7 +15,9 @@ class StatusRow(Listener):
     """Counts showings, and measures them."""
 
     def __init__(self, row: Row, viewer: Viewer, display: Display) -> None:
-        self._row, self._viewer, self._display = row, viewer, display
+        self._row = row
+        self._viewer = viewer
+        self._display = display
 
     def handed_over(self, showing: Showing) -> None:
         row = self._row

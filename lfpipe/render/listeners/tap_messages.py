@@ -27,7 +27,9 @@ class TapMessages(Listener):
 
     def __init__(self, emit: Emit, viewer: Viewer, state: ViewerState) -> None:
         """state: the viewer's, as reported last."""
-        self._emit, self._viewer, self._state = emit, viewer, state
+        self._emit = emit
+        self._viewer = viewer
+        self._state = state
         self._options = SessionOptions()
         self._look_due_ns = 0
         self._parallax: Parallax | None = None  # reported last
@@ -58,7 +60,8 @@ class TapMessages(Listener):
                 self._emit("notice", text=parallax.summary)
 
     def _emit_look(self, showing: Showing) -> None:
-        field, solver = self._viewer.field, self._viewer.solver
+        field = self._viewer.field
+        solver = self._viewer.solver
         eyes_px = showing.viewpoints.eyes_px
         self._emit(
             "look",

@@ -16,7 +16,8 @@ def trace_line(showing: Showing, method: str, level: int) -> dict[str, Any]:
     """The line of a showing with eyes (docs/contracts.md). method, level: in force."""
     eyes = showing.eyes
     assert eyes is not None
-    stamp, raw_px = eyes.stamp, eyes.record.raw_px
+    stamp = eyes.stamp
+    raw_px = eyes.record.raw_px
     viewpoints = showing.viewpoints
     line = {
         "seq": showing.seq,
@@ -54,7 +55,9 @@ class Trace(Listener):
         process, which continues what the one before it wrote. lost: is called once with the reason
         if a file ends early.
         """
-        self._viewer, self._began, self._lost = viewer, began, lost
+        self._viewer = viewer
+        self._began = began
+        self._lost = lost
         self._trace = TraceFile(path, lost, began)
         self._timeline = TraceFile(None, lost)
         self._timeline_path = ""
