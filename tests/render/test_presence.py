@@ -3,6 +3,7 @@ nothing jumps.
 """
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule
@@ -15,11 +16,11 @@ from lfpipe.render.presence import (
     HOLD_S,
     REST_S,
     REST_SPAN,
-    RETURN_S,
     Presence,
     Rest,
     ViewEasing,
     ViewerState,
+    idle_place,
 )
 from lfpipe.render.viewpoint import Place
 
@@ -127,27 +128,33 @@ def watched(*faces: tuple[Rest | None, float, int]) -> tuple[Presence, Rest | No
     return subject, rest
 
 
-def test_a_viewer_found_again_is_the_one_who_was_lost() -> None:
-    """A seated viewer stays seated after a hand before the face; after a long absence a viewer
-    arrives.
-    """
-    for away_s, then in ((1.0, SE), (ABSENT_S + 1, A)):
-        assert watched((HOME, 2.0, 0), (None, away_s, 0), (HOME, 0.0, 1))[0].state is then
+@pytest.mark.parametrize(
+    ("away_s", "state"), [(1.0, SE), (9.8, SE), (10.2, A)], ids=["a hand", "before", "after"]
+)
+def test_presence_keeps_a_seat_for_ten_seconds_of_absence(
+    away_s: float, state: ViewerState
+) -> None:
+    assert watched((HOME, 3.0, 0), (None, away_s, 0))[0].state is (L if state is SE else N)
+    assert watched((HOME, 3.0, 0), (None, away_s, 0), (HOME, 0.0, 1))[0].state is state
 
 
-def test_who_returns_to_their_seat_is_seated_at_once_and_a_stranger_there_is_not() -> None:
-    for place, apart, away_s, known in (
-        (310.0, 62.0, 2.0, True),
-        (420.0, 62.0, 2.0, False),
-        (305.0, 80.0, 2.0, False),
-        (305.0, 60.0, RETURN_S + 1, False),
-    ):
-        subject, rest = watched(
-            (HOME, 2.0, 0),
-            (Rest(500.0, 210.0, 90.0), away_s, 1),
-            (Rest(place, 200.0, apart), 0.0, 2),
-        )
-        assert (subject.state is SE and rest is not None and rest.x_px == 300.0) == known
+@pytest.mark.parametrize(
+    ("back", "away_s", "known"),
+    [
+        (Rest(310.0, 200.0, 62.0), 2.0, True),
+        (Rest(310.0, 200.0, 62.0), 28.0, True),
+        (Rest(420.0, 200.0, 62.0), 2.0, False),
+        (Rest(305.0, 200.0, 80.0), 2.0, False),
+        (Rest(305.0, 200.0, 60.0), 32.0, False),
+    ],
+    ids=["soon", "in half a minute", "elsewhere", "nearer", "later"],
+)
+def test_presence_seats_at_once_who_returns_to_their_seat(
+    back: Rest, away_s: float, known: bool
+) -> None:
+    """While another face is there."""
+    subject, rest = watched((HOME, 3.0, 0), (Rest(500.0, 210.0, 90.0), away_s, 1), (back, 0.0, 2))
+    assert (subject.state is SE and rest is not None and rest.x_px == HOME.x_px) == known
 
 
 def test_who_comes_back_beyond_the_grid_and_stands_still_takes_it_along_and_back() -> None:
@@ -243,3 +250,21 @@ def test_any_step_of_time_is_stable(step_ns: int) -> None:
     for k in range(5):
         out = run(easing, k, 1, None if k % 2 else AWAY, step_ns=step_ns)
         assert np.all(out >= NEUTRAL) and np.all(out <= AWAY)
+
+
+@given(
+    rows=st.integers(1, 17),
+    cols=st.integers(1, 17),
+    t_s=st.floats(0, 1e5),
+    at=st.tuples(*[st.floats(0, 1)] * 3),
+)
+def test_idle_place_stays_in_the_grid(
+    rows: int, cols: int, t_s: float, at: tuple[float, float, float]
+) -> None:
+    """Wherever the last viewer left the picture."""
+    row, first, second = (
+        share * (size - 1) for share, size in zip(at, (rows, cols, cols), strict=True)
+    )
+    place = idle_place((row, min(first, second), max(first, second)), (rows, cols), t_s)
+    assert 0 <= place[0] <= rows - 1
+    assert all(0 <= col <= cols - 1 for col in place[1:])
