@@ -52,7 +52,7 @@ def lit_channels(name: str) -> NDArray[np.bool_]:
 @pytest.mark.parametrize("name", GLASSES)
 @pytest.mark.parametrize("light", ["linear", "gamma"])
 @pytest.mark.parametrize("ghost_compensation", [0.0, 40.0, 100.0])
-def test_grey_in_is_grey_out_at_every_level(
+def test_encode_keeps_greys_at_every_level(
     name: str, light: str, ghost_compensation: float
 ) -> None:
     grey = np.repeat(np.arange(256, dtype=np.uint8)[:, None, None], 3, axis=2)
@@ -64,7 +64,7 @@ def test_grey_in_is_grey_out_at_every_level(
 
 @pytest.mark.parametrize("name", GLASSES)
 @pytest.mark.parametrize("light", ["linear", "gamma"])
-def test_close_to_the_exact_matrix_on_moderate_colours(name: str, light: str) -> None:
+def test_encode_is_close_to_the_exact_matrix(name: str, light: str) -> None:
     left, right = smooth_pictures(3)
     error = np.abs(encode(left, right, recipe(name, light)) - exact(left, right, name, light))
     assert error.mean() < 0.6
@@ -72,7 +72,7 @@ def test_close_to_the_exact_matrix_on_moderate_colours(name: str, light: str) ->
 
 
 @pytest.mark.parametrize("name", GLASSES)
-def test_recipe_multiplied_out_is_the_published_matrix_whose_rows_sum_to_one(name: str) -> None:
+def test_recipe_multiplied_out_is_the_published_matrix(name: str) -> None:
     sums = np.array(MATRICES[name]).sum(axis=(1, 2))
     np.testing.assert_allclose(sums[lit_channels(name)], 1, atol=0.0025)
     how = recipe(name)
@@ -86,7 +86,7 @@ def test_recipe_multiplied_out_is_the_published_matrix_whose_rows_sum_to_one(nam
 
 
 @pytest.mark.parametrize(("name", "sign"), [("dubois", -1), ("colour", 0)])
-def test_what_crosses_over_only_takes_away(name: str, sign: int) -> None:
+def test_encode_only_subtracts_what_crosses_over(name: str, sign: int) -> None:
     """Dubois subtracts in the other eye's channels; nothing is ever added there."""
     dark, light, right = (np.full((1, 1, 3), value, np.uint8) for value in (0, 255, 128))
     change = encode(light, right, recipe(name)).astype(int) - encode(dark, right, recipe(name))
@@ -94,7 +94,7 @@ def test_what_crosses_over_only_takes_away(name: str, sign: int) -> None:
     assert change[0, 0, 2] > 200
 
 
-def test_the_papers_method_is_red_of_left_and_green_and_blue_of_right() -> None:
+def test_encode_colour_is_the_papers_method() -> None:
     rng = np.random.default_rng(0)
     left, right = rng.integers(0, 256, (2, 9, 7, 3), dtype=np.uint8)
     np.testing.assert_array_equal(
@@ -103,7 +103,7 @@ def test_the_papers_method_is_red_of_left_and_green_and_blue_of_right() -> None:
 
 
 @pytest.mark.parametrize("name", ["colour", "dubois", "half-colour"])
-def test_full_compensation_takes_out_all_that_leaks_whatever_the_matrix_takes_out(
+def test_ghost_compensation_takes_out_all_that_leaks(
     name: str,
 ) -> None:
     none, full = (recipe(name, "linear", strength).channels for strength in (0.0, 100.0))
@@ -111,7 +111,7 @@ def test_full_compensation_takes_out_all_that_leaks_whatever_the_matrix_takes_ou
     assert full[0].cross_gain == pytest.approx(-(green + blue) / red * none[1].own_gain)
 
 
-def test_compensation_cancels_the_leak_through_the_red_glass() -> None:
+def test_ghost_compensation_cancels_the_leak_through_the_red_glass() -> None:
     assert recipe("dubois-amber-blue", "linear", 100.0) == recipe(
         "dubois-amber-blue", "linear", 0.0
     )
@@ -141,7 +141,7 @@ def test_every_anaglyph_can_be_chosen_and_has_words_glasses_leaks_and_spectra() 
     assert all(leaks in spectra for leaks in LEAKS.values()), "add them to bench.glasses.GLASS"
 
 
-def test_wide_tables_are_read_alike_with_any_opencv(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_wide_lookup_reads_alike_with_any_opencv(monkeypatch: pytest.MonkeyPatch) -> None:
     from lfpipe.render import anaglyph
 
     rng = np.random.default_rng(5)
@@ -156,7 +156,7 @@ def test_wide_tables_are_read_alike_with_any_opencv(monkeypatch: pytest.MonkeyPa
 
 @pytest.mark.parametrize("light", ["linear", "gamma"])
 @pytest.mark.parametrize("empty", [0, 1, 2])
-def test_a_channel_without_a_row_stays_dark(
+def test_encode_leaves_a_channel_without_a_row_dark(
     monkeypatch: pytest.MonkeyPatch, light: str, empty: int
 ) -> None:
     nothing, grey = (0.0, 0.0, 0.0), (0.299, 0.587, 0.114)

@@ -22,7 +22,7 @@ def viewer() -> Viewer:
     return Viewer(field(9, 9, 16, 16), Config(render=Render(method="warp2", alpha_px=20.0)))
 
 
-def test_a_picture_is_made_for_the_middle_of_its_refresh_after_the_loop() -> None:
+def test_moment_is_the_middle_of_the_refresh_after_the_loop() -> None:
     """Of a head at constant speed, the mean error over the refresh is then zero."""
     source = EyesSource()
     velocity_px_s = 240.0
@@ -37,11 +37,11 @@ def test_a_picture_is_made_for_the_middle_of_its_refresh_after_the_loop() -> Non
         assert sum(errors) / len(errors) == pytest.approx(0, abs=0.01)
 
 
-def test_a_picture_for_one_camera_frame_is_made_for_its_hand_over() -> None:
+def test_moment_without_a_refresh_is_the_hand_over() -> None:
     assert Moment.of(S).seen_ns == S
 
 
-def test_eyes_of_a_tracker_that_died_are_nobody_after_half_a_second() -> None:
+def test_eyes_source_gives_nobody_half_a_second_after_the_last_eyes() -> None:
     source = EyesSource()
     assert source.at(S) is None
     source.update(record(), stamp(S))
@@ -56,7 +56,7 @@ def test_eyes_of_a_tracker_that_died_are_nobody_after_half_a_second() -> None:
     assert again is not None and again.record.face
 
 
-def test_a_dead_tracker_lets_the_view_return_to_its_middle() -> None:
+def test_choose_returns_to_the_middle_without_a_tracker() -> None:
     """The last eyes stand aside; the view must not stay frozen there."""
     subject = viewer()
     source = EyesSource()
@@ -72,7 +72,7 @@ def test_a_dead_tracker_lets_the_view_return_to_its_middle() -> None:
 
 
 @pytest.mark.parametrize("lossless", [False, True])
-def test_slow_frames_and_those_of_a_replay_are_not_stale(lossless: bool) -> None:
+def test_eyes_source_waits_for_slow_frames_and_replays(lossless: bool) -> None:
     """One frame a second is no death; a replay computes as slowly as it must."""
     source = EyesSource(lossless)
     for k in (1, 2):
@@ -83,7 +83,7 @@ def test_slow_frames_and_those_of_a_replay_are_not_stale(lossless: bool) -> None
     assert (late.record.face, dead.record.face) == (1, int(lossless))
 
 
-def test_the_mouse_is_the_viewer_while_its_right_button_is_held() -> None:
+def test_eyes_source_takes_the_mouse_while_its_right_button_is_held() -> None:
     subject = viewer()
     mouse = MouseLook(Config(), subject, None)
     source = EyesSource()
@@ -99,7 +99,7 @@ def test_the_mouse_is_the_viewer_while_its_right_button_is_held() -> None:
     assert held.stamp == stamp(S)
 
 
-def test_equal_eyes_at_rest_give_one_key_and_so_one_picture() -> None:
+def test_choose_gives_eyes_at_rest_one_key() -> None:
     subject = viewer()
     source = EyesSource()
     keys = set()

@@ -35,7 +35,7 @@ def bgr(field: Any, row: int, col: int, frame: int = 0) -> NDArray[np.uint8]:
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("anaglyph", sorted(MATRICES))
-def test_at_stored_views_a_picture_is_their_anaglyph_bit_for_bit(
+def test_compose_at_stored_views_is_their_anaglyph_bit_for_bit(
     method: Method, anaglyph: Anaglyph
 ) -> None:
     field = rendered.field(3, 4)
@@ -44,7 +44,7 @@ def test_at_stored_views_a_picture_is_their_anaglyph_bit_for_bit(
     np.testing.assert_array_equal(Compositor(field, how).compose((1.0, 0.0), (1.0, 3.0)), wanted)
 
 
-def test_outputs_without_glasses() -> None:
+def test_compose_for_screens_without_glasses() -> None:
     field = rendered.field(3, 5)
     left, middle, right = (bgr(field, 1, col) for col in (1, 2, 3))
 
@@ -67,7 +67,7 @@ def test_outputs_without_glasses() -> None:
 
 
 @pytest.mark.parametrize("anaglyph", OUTPUTS)
-def test_a_grey_light_field_gives_what_its_colours_would(anaglyph: Anaglyph) -> None:
+def test_compose_of_grey_views_is_that_of_their_colours(anaglyph: Anaglyph) -> None:
     colour = rendered.field(3, 3)
     same = np.repeat(colour.views[:, :, :, :1], 3, axis=3)
     pictures = [
@@ -79,7 +79,7 @@ def test_a_grey_light_field_gives_what_its_colours_would(anaglyph: Anaglyph) -> 
     assert np.abs(pictures[0].astype(int) - pictures[1]).max() <= 1
 
 
-def test_video_frames_are_told_apart_and_wrap_round() -> None:
+def test_key_tells_frames_of_a_video_apart() -> None:
     subject = Compositor(
         rendered.noise(2, 2, 8, 8, 1.0, seed=3), Render(method="nearest", anaglyph="colour")
     )
@@ -100,7 +100,7 @@ def test_video_frames_are_told_apart_and_wrap_round() -> None:
     st.sampled_from(METHODS),
     st.floats(-0.004, 0.004),
 )
-def test_equal_keys_mean_equal_pictures(
+def test_equal_keys_give_equal_pictures(
     row: float, left: float, right: float, method: Method, nudge: float
 ) -> None:
     field = rendered.field(4, 4, 32, 32)
@@ -112,7 +112,7 @@ def test_equal_keys_mean_equal_pictures(
         np.testing.assert_array_equal(first, subject.compose(*two))
 
 
-def test_the_rounding_of_a_key_shows_nowhere() -> None:
+def test_key_is_rounded_by_less_than_shows() -> None:
     field = rendered.field(5, 5, 96, 96, scale=2.0)
     for method in METHODS[1:]:
         subject = Compositor(field, Render(method=method, anaglyph="colour"))
@@ -139,7 +139,7 @@ def test_the_rounding_of_a_key_shows_nowhere() -> None:
     channels=st.sampled_from([1, 3]),
     light=st.sampled_from([0, 255, None]),
 )
-def test_nonsense_gives_a_picture_within_the_range_of_the_views(
+def test_compose_of_nonsense_stays_within_the_range_of_the_views(
     shape: tuple[int, int, int, int],
     extent_px: float,
     zero_plane_px: float,
@@ -168,7 +168,7 @@ def test_nonsense_gives_a_picture_within_the_range_of_the_views(
     alpha_px=st.sampled_from(["auto", 1e-9, 12.0, 1e9]),
     grid=st.sampled_from([(1, 1), (1, 4), (3, 3)]),
 )
-def test_a_viewer_of_whom_the_tracker_says_anything(
+def test_viewer_takes_whatever_a_tracker_says(
     strange: list[Any], alpha_px: Any, grid: tuple[int, int]
 ) -> None:
     viewer = Viewer(
@@ -187,7 +187,7 @@ def test_a_viewer_of_whom_the_tracker_says_anything(
 
 
 @pytest.mark.parametrize("method", ["nearest", "warp2"])
-def test_two_threads_draw_the_same_picture(method: Method) -> None:
+def test_compose_with_two_threads_is_the_same_picture(method: Method) -> None:
     field = rendered.field(2, 3, 130, 94)
     how = Render(method=method, anaglyph="dubois")
     with ThreadPoolExecutor(1) as helper:
@@ -197,7 +197,7 @@ def test_two_threads_draw_the_same_picture(method: Method) -> None:
             np.testing.assert_array_equal(one.compose(left, right), two.compose(left, right))
 
 
-def test_built_planes_are_bounded() -> None:
+def test_plane_store_bounds_its_planes() -> None:
     field = rendered.field(4, 4, 32, 32)
     store = PlaneStore(field, budget_bytes=10 * 32 * 32)
     get = store.source(recipe("dubois").planes[0])
@@ -220,7 +220,7 @@ def pair(size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("view", [(64, 64), (300, 200)])
 @pytest.mark.parametrize("screen", [(160, 90), (161, 91), (50, 120)])
 @pytest.mark.parametrize("first_row", [0, 1])
-def test_every_row_of_the_screen_is_one_eyes(
+def test_laid_out_gives_each_row_of_the_screen_to_one_eye(
     view: tuple[int, int], screen: tuple[int, int], first_row: int
 ) -> None:
     memory = np.ones((screen[1], screen[0], 3), np.uint8)
@@ -236,7 +236,7 @@ def test_every_row_of_the_screen_is_one_eyes(
 
 
 @pytest.mark.parametrize("screen", [(160, 90), (200, 200), (320, 100)])
-def test_each_half_when_stretched_is_its_view_in_its_own_shape(screen: tuple[int, int]) -> None:
+def test_laid_out_halves_keep_the_shape_of_their_views(screen: tuple[int, int]) -> None:
     out = laid_out(pair((60, 40)), "side-by-side", screen)
     for eye, colour in enumerate((LEFT, RIGHT)):
         stretched = out[:, eye * screen[0] // 2 : (eye + 1) * screen[0] // 2].repeat(2, axis=1)
@@ -254,7 +254,7 @@ sides, small = st.integers(1, 4000), st.integers(4, 40)
 
 
 @given(sides, sides, sides, sides)
-def test_the_picture_fills_one_direction_and_keeps_its_aspect(
+def test_fit_area_fills_one_direction_and_keeps_the_aspect(
     pw: int, ph: int, aw: int, ah: int
 ) -> None:
     x, y, w, h = fit_area((pw, ph), (aw, ah))
@@ -265,7 +265,7 @@ def test_the_picture_fills_one_direction_and_keeps_its_aspect(
 
 
 @given(small, small, st.integers(0, 255))
-def test_scaling_keeps_the_neighbours_and_a_flat_colour(w: int, h: int, value: int) -> None:
+def test_scale_into_keeps_the_neighbours_and_a_flat_colour(w: int, h: int, value: int) -> None:
     memory, wanted = (np.full((h + 2, w + 2, 4), 7, np.uint8) for _ in range(2))
     wanted[1:-1, 1:-1] = value
     scale_into(np.full((16, 16, 4), value, np.uint8), memory[1:-1, 1:-1])

@@ -47,7 +47,7 @@ def chosen(field: LightField, eyes_px: float = 63.0, **render: object) -> Parall
     return parallax(config, field, 640, eyes_px)
 
 
-def test_true_depth_of_a_known_capture_and_the_whole_grid_of_an_unknown_one() -> None:
+def test_parallax_at_true_depth() -> None:
     """alpha = focal length of the webcam * baseline / focus distance, whatever the distance of the
     viewer.
     """
@@ -65,7 +65,7 @@ def test_true_depth_of_a_known_capture_and_the_whole_grid_of_an_unknown_one() ->
     )
 
 
-def test_comfort_by_hand() -> None:
+def test_parallax_within_comfort() -> None:
     """At 600 mm one degree is 10.47 mm and 3 % of the width 8.97 mm; a view step moves the farthest
     1.6 px of 0.584 mm.
     """
@@ -92,7 +92,7 @@ def test_comfort_by_hand() -> None:
         (299.0, 600.0, 1.0, 0.03 * 299, 2.6, "3% of the picture's width"),
     ],
 )
-def test_each_limit_of_comfort_by_hand(
+def test_parallax_names_each_limit_of_comfort(
     width_mm: float, distance_mm: float, zero_px: float, limit_mm: float, extent_px: float, why: str
 ) -> None:
     screen = {"width_mm": width_mm, "distance_mm": distance_mm}
@@ -108,7 +108,7 @@ def test_each_limit_of_comfort_by_hand(
         )
 
 
-def test_the_advice_beyond_comfort_ends_it() -> None:
+def test_parallax_beyond_comfort_advises_an_alpha_that_ends_it() -> None:
     advised = 63.0 / (chosen(cotton(), alpha_px=3.5).comfort_views or 0)
     assert f"use render.alpha_px of at least {advised:.1f}" in str(chosen(cotton(), alpha_px=3.5))
     for factor, beyond in ((1.01, False), (0.99, True)):
@@ -117,7 +117,7 @@ def test_the_advice_beyond_comfort_ends_it() -> None:
         ) == beyond
 
 
-def test_the_least_of_room_comfort_and_nature_decides() -> None:
+def test_parallax_is_the_least_of_room_comfort_and_true_depth() -> None:
     # one metre away
     close_up = cotton(disparity_min_px=-0.1, disparity_max_px=0.1, geometry=Geometry(100.0, 1000.0))
     found = chosen(close_up)
@@ -140,7 +140,7 @@ def test_the_least_of_room_comfort_and_nature_decides() -> None:
     )
 
 
-def test_the_width_of_the_picture_is_the_persons_then_the_monitors_then_a_guess() -> None:
+def test_parallax_takes_the_width_that_is_set_then_the_monitors() -> None:
     auto = configured({"camera": {"focal_px": 600.0}})
     reported = parallax(auto, cotton(), 640, 63.0, 300.0)
     guessed = parallax(auto, cotton(), 640, 63.0)
@@ -151,7 +151,7 @@ def test_the_width_of_the_picture_is_the_persons_then_the_monitors_then_a_guess(
     assert parallax(by_hand, cotton(), 640, 63.0, 400.0) == chosen(cotton())
 
 
-def test_auto_puts_the_nearest_at_the_border_into_the_screen_and_chooses_alpha_for_it() -> None:
+def test_zero_plane_auto_is_the_nearest_at_the_border() -> None:
     offset = cotton(disparity_min_px=9.0, disparity_max_px=12.0, border_px=(9.0, 10.5))
     found, unmoved = chosen(offset), chosen(offset, zero_plane_px=0.0)
     assert found.zero_plane_px == 10.5 and "+10.50 px/view" in str(found)
@@ -163,7 +163,7 @@ def test_auto_puts_the_nearest_at_the_border_into_the_screen_and_chooses_alpha_f
     assert "comfort" not in str(found) and chosen(cotton()).zero_plane_px == 0.0
 
 
-def test_a_step_of_the_viewer_is_no_news_and_another_seat_is() -> None:
+def test_parallax_differs_from_that_of_another_seat() -> None:
     at = {eyes_px: chosen(cotton(), eyes_px) for eyes_px in (63.0, 68.0, 80.0)}
     assert not at[68.0].differs_from(at[63.0])
     assert at[80.0].differs_from(at[63.0]) and chosen(cotton(), alpha_px=20.0).differs_from(
@@ -171,7 +171,7 @@ def test_a_step_of_the_viewer_is_no_news_and_another_seat_is() -> None:
     )
 
 
-def test_focal_length_and_narrower_eyes_which_are_nearer() -> None:
+def test_camera_focal_px_and_distance_of_narrow_eyes() -> None:
     assert camera_focal_px(configured({"camera": {"fov_deg": 60.0}}), 640) == pytest.approx(
         320.0 * math.sqrt(3)
     )
@@ -183,7 +183,7 @@ def test_focal_length_and_narrower_eyes_which_are_nearer() -> None:
 
 
 @given(st.floats(-300, 300), st.floats(0, 600))
-def test_some_forty_presses_go_through_a_scene(low: float, span: float) -> None:
+def test_zero_planes_px_go_through_a_scene_in_some_forty_steps(low: float, span: float) -> None:
     first, last, step = zero_planes_px(low, low + span)
     assert 0.01 <= step == float(f"{step:.0g}")
     if span > 0.01 * PLANES:
@@ -204,7 +204,7 @@ def test_some_forty_presses_go_through_a_scene(low: float, span: float) -> None:
         [Geometry(), COTTON, Geometry(1e-9, 1e9, 1.0), Geometry(1e9, 1e-9, 1e9)]
     ),
 )
-def test_always_an_answer(
+def test_parallax_of_anything_is_finite(
     alpha: float | str,
     eyes_px: float | None,
     low: float,

@@ -137,7 +137,9 @@ def seen(
 
 
 @pytest.mark.parametrize("write", [stereo, rgbd])
-def test_near_is_crossed_in_3d_photographs(write: Callable[[Path], None], tmp_path: Path) -> None:
+def test_compositor_crosses_near_in_3d_photographs(
+    write: Callable[[Path], None], tmp_path: Path
+) -> None:
     field = packed(write.__name__, write, tmp_path)
     compositor = Compositor(field, Render(anaglyph="colour"))
     near, far = (
@@ -151,7 +153,7 @@ def test_near_is_crossed_in_3d_photographs(write: Callable[[Path], None], tmp_pa
 # One whose depth, and one whose order of views, has its own sense; that all others keep that order
 # is shown in tests/scene.
 @pytest.mark.parametrize("write", [hci_old, stanford])
-def test_near_is_crossed_and_the_viewer_sees_from_where_they_are(
+def test_compositor_crosses_near_and_shows_the_view_from_the_viewer(
     write: Callable[[Path], None], tmp_path: Path
 ) -> None:
     field = packed(write.__name__.replace("_", "-"), write, tmp_path)

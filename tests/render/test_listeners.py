@@ -52,7 +52,7 @@ class Blanks(Display):
 # trace
 
 
-def test_a_trace_and_a_timeline_get_the_same_lines(tmp_path: Path) -> None:
+def test_trace_and_timeline_get_the_same_lines(tmp_path: Path) -> None:
     trace = Trace(viewer(), tmp_path / "trace.jsonl", None, pytest.fail)
     trace.set_options(NONE)
     trace.presented(showing(seq=1))
@@ -83,7 +83,7 @@ def small_files() -> Iterator[None]:
     resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
-def test_a_trace_that_no_longer_fits_is_reported_once(tmp_path: Path, small_files: None) -> None:
+def test_trace_that_no_longer_fits_is_reported_once(tmp_path: Path, small_files: None) -> None:
     reasons: list[str] = []
     trace = Trace(viewer(), tmp_path / "trace.jsonl", None, reasons.append)
     for seq in range(20):
@@ -95,7 +95,7 @@ def test_a_trace_that_no_longer_fits_is_reported_once(tmp_path: Path, small_file
     assert text.endswith("}\n") and 3 < text.count("\n") < 20
 
 
-def test_a_lost_output_is_reported_and_ends_a_replay(tmp_path: Path) -> None:
+def test_render_stage_reports_a_lost_output_and_ends_a_replay(tmp_path: Path) -> None:
     """A replay needs its trace and its pictures."""
     reasons: list[str] = []
     stage = SimpleNamespace(_options=NONE, _context=SimpleNamespace(report_lost=reasons.append))
@@ -107,7 +107,7 @@ def test_a_lost_output_is_reported_and_ends_a_replay(tmp_path: Path) -> None:
         RenderStage._lost(stage, "full")  # type: ignore[arg-type]
 
 
-def test_a_restarted_process_continues_trace_and_timeline(tmp_path: Path) -> None:
+def test_trace_is_continued_by_a_restarted_process(tmp_path: Path) -> None:
     began = tmp_path / "session.json"
     began.touch()
     options = attrs.evolve(NONE, timeline=str(tmp_path / "timeline"))
@@ -123,7 +123,7 @@ def test_a_restarted_process_continues_trace_and_timeline(tmp_path: Path) -> Non
 # status row
 
 
-def test_a_row_counts_what_was_planned_and_what_came_otherwise() -> None:
+def test_status_row_counts_what_was_planned_and_what_came_otherwise() -> None:
     figures = row()
     status = StatusRow(figures, viewer(), Blanks())
     shown = showing(moment=Moment.of(S, REFRESH_NS), cost_ns=5_000_000, t_presented_ns=2 * S)
@@ -138,7 +138,7 @@ def test_a_row_counts_what_was_planned_and_what_came_otherwise() -> None:
     assert int(figures.record["busy"]["count"].sum()) == 2
 
 
-def test_without_reports_of_blanks_nothing_is_planned() -> None:
+def test_status_row_without_blanks_plans_nothing() -> None:
     figures = row()
     status = StatusRow(figures, viewer(), Display())
     status.handed_over(showing(moment=Moment.of(S, REFRESH_NS)))
@@ -146,7 +146,7 @@ def test_without_reports_of_blanks_nothing_is_planned() -> None:
     assert [figures[name] for name in ("planned", "juddered", "missed")] == [0, 0, 2]
 
 
-def test_a_row_without_eyes_keeps_the_last_face() -> None:
+def test_status_row_keeps_the_last_face() -> None:
     figures = row()
     status = StatusRow(figures, viewer(), Display())
     status.handed_over(showing())
@@ -157,7 +157,7 @@ def test_a_row_without_eyes_keeps_the_last_face() -> None:
 # messages
 
 
-def test_the_tap_hears_of_each_state_and_parallax_once() -> None:
+def test_tap_messages_tell_each_state_and_parallax_once() -> None:
     messages: list[tuple[str, dict[str, Any]]] = []
     subject = viewer()
     tap = TapMessages(
@@ -183,7 +183,7 @@ def test_the_tap_hears_of_each_state_and_parallax_once() -> None:
 # rings
 
 
-def test_a_ring_of_pictures_begins_with_the_one_on_the_screen() -> None:
+def test_picture_ring_begins_with_the_picture_on_the_screen() -> None:
     name = f"lfpipe-test-{os.getpid()}-pictures"
     segment = ring.create(name, RingSpec((4, 4, 3), np.dtype(np.uint8), 4))
     try:
@@ -208,7 +208,7 @@ def test_a_ring_of_pictures_begins_with_the_one_on_the_screen() -> None:
         segment.unlink()
 
 
-def test_stamps_are_shared_only_on_demand_and_only_of_what_was_seen() -> None:
+def test_share_stamps_only_on_demand_and_of_what_was_seen() -> None:
     records: list[tuple[int, int]] = []
     slot = np.zeros((), SHOWN)
     publish = lambda seq, *_: records.append((seq, int(slot["t_presented_ns"])))  # noqa: E731
@@ -222,7 +222,7 @@ def test_stamps_are_shared_only_on_demand_and_only_of_what_was_seen() -> None:
     assert records == [(1, 6)]
 
 
-def test_a_line_of_the_trace_holds_the_blank_that_the_picture_was_made_for() -> None:
+def test_trace_line_holds_the_blank_that_was_aimed_at() -> None:
     refresh_ns = 16_666_667
     line = trace_line(showing(moment=Moment.of(2 * S, refresh_ns)), "warp", 0)
     assert line["t_due_ns"] == 2 * S

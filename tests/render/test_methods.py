@@ -21,7 +21,7 @@ from tests.render.difficult import KINDS, scene
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_no_warp_is_worse_than_the_cross_fade(kind: str) -> None:
+def test_view_renderer_warp2_is_no_worse_than_blend(kind: str) -> None:
     field, truth = scene(kind)
 
     def score(method: str) -> float:
@@ -39,7 +39,7 @@ def test_no_warp_is_worse_than_the_cross_fade(kind: str) -> None:
 
 @pytest.mark.parametrize("method", ["warp", "warp2"])
 @pytest.mark.parametrize("zero_plane_px", [-40.0, 0.0, 40.0])
-def test_an_area_without_disparity_is_faded_softly_where_the_plane_of_the_screen_moves_it(
+def test_view_renderer_fades_softly_where_disparity_is_unknown(
     method: str, zero_plane_px: float
 ) -> None:
     field, _ = scene("ordinary")
@@ -60,7 +60,7 @@ def test_an_area_without_disparity_is_faded_softly_where_the_plane_of_the_screen
     )
 
 
-def test_unknown_disparity_goes_through_a_pack(tmp_path: Path) -> None:
+def test_pack_scene_keeps_unknown_disparity(tmp_path: Path) -> None:
     folder = tmp_path / "dither"
     folder.mkdir()
     field, _ = scene("fixed dither", 3)
@@ -77,7 +77,7 @@ def test_unknown_disparity_goes_through_a_pack(tmp_path: Path) -> None:
     assert np.isfinite([packed.disparity_min_px, packed.disparity_max_px]).all()
 
 
-def test_values_that_are_no_numbers_are_stored_as_unknown() -> None:
+def test_quantised_stores_what_is_no_number_as_unknown() -> None:
     found = quantised(np.array([[np.nan, 1.0, -400.0, 400.0]], np.float32), 0.5)
     assert found.tolist() == [[UNKNOWN, 2, -127, 127]]
 
@@ -88,7 +88,7 @@ def chosen(field: LightField) -> str:
     return best_method(scores(field), reach_px, field.disparity is not None)
 
 
-def test_views_far_apart_are_never_cross_faded_by_choice() -> None:
+def test_best_method_never_blends_views_far_apart() -> None:
     far = rendered.field(5, 5, scale=6.0)
     assert chosen(far) != "blend" and "blend" not in scores(far)
     pair = attrs.evolve(rendered.field(1, 2, scale=6.0), disparity=None)
@@ -96,14 +96,14 @@ def test_views_far_apart_are_never_cross_faded_by_choice() -> None:
 
 
 @pytest.mark.parametrize(("rows", "cols"), [(5, 5), (1, 5), (5, 1), (2, 5), (4, 4), (3, 6)])
-def test_a_scene_with_depth_is_warped(rows: int, cols: int) -> None:
+def test_best_method_warps_a_scene_with_depth(rows: int, cols: int) -> None:
     field = rendered.field(rows, cols, 96, 96, scale=2.0)
     db = scores(field)
     assert chosen(field).startswith("warp") and set(db) == {"nearest", "blend", "warp", "warp2"}
     assert db["nearest"] < db["blend"] < db["warp"]
 
 
-def test_wrong_disparities_are_found_out_and_a_scene_that_never_changes_gets_the_cheapest() -> None:
+def test_best_method_of_wrong_disparity_and_of_equal_views() -> None:
     field = rendered.field(5, 5, 96, 96)
     assert field.disparity is not None
     wrong = attrs.evolve(
@@ -114,13 +114,13 @@ def test_wrong_disparities_are_found_out_and_a_scene_that_never_changes_gets_the
     assert chosen(attrs.evolve(still, disparity=np.zeros_like(field.disparity))) == "nearest"
 
 
-def test_grids_too_small_for_leaving_out_are_warped() -> None:
+def test_best_method_warps_grids_too_small_for_scores() -> None:
     for rows, cols in ((1, 2), (2, 2)):
         field = rendered.field(rows, cols)
         assert (scores(field), chosen(field)) == ({}, "warp2")
 
 
-def test_left_out_views_are_present_inside_and_not_kept() -> None:
+def test_left_out_views_are_present_inside_and_not_kept_by_thinned() -> None:
     present = np.ones((6, 9), bool)
     present[1, 1] = False
     field = attrs.evolve(rendered.field(6, 9), present=present)

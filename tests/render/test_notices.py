@@ -27,7 +27,7 @@ def test_notices_pass_and_states_stay() -> None:
 @pytest.mark.parametrize(
     "anaglyph", [name for name in choices("render.anaglyph") if name in MATRICES]
 )
-def test_each_eyes_letter_is_in_its_own_channels(anaglyph: Anaglyph) -> None:
+def test_glasses_test_draws_each_letter_in_its_own_channels(anaglyph: Anaglyph) -> None:
     render = Render(anaglyph=anaglyph)
     plain, swapped = (
         glasses_test(attrs.evolve(render, swap_eyes=swap), (320, 200))[0].astype(int)
@@ -43,12 +43,12 @@ def test_each_eyes_letter_is_in_its_own_channels(anaglyph: Anaglyph) -> None:
 
 
 @pytest.mark.parametrize("anaglyph", ["side-by-side", "row-interleaved"])
-def test_screens_of_two_views_get_both(anaglyph: Anaglyph) -> None:
+def test_glasses_test_gives_screens_of_two_views_both(anaglyph: Anaglyph) -> None:
     picture, pair = glasses_test(Render(anaglyph=anaglyph), (320, 200))
     assert picture.shape == (200, 320, 3) and pair is not None and (pair[0] != pair[1]).any()
 
 
-def test_the_picture_says_how_far_a_scene_is_loaded_whoever_asked() -> None:
+def test_scene_loader_says_how_far_a_scene_is_loaded() -> None:
     asked: list[dict[str, object]] = []
     options = SimpleNamespace(kiosk="", playlist_at=0, playlist=("/a", "/b"))
     context = SimpleNamespace(

@@ -72,7 +72,7 @@ def read_channels(view: int, how: Config, channels: int) -> tuple[int, ...]:
 @pytest.mark.parametrize("channels", [1, 3])
 @pytest.mark.parametrize("ghost_compensation", [0.0, 50.0])
 @pytest.mark.parametrize("anaglyph", OUTPUTS)
-def test_planes_are_those_that_change_the_picture(
+def test_plan_planes_are_those_that_change_the_picture(
     anaglyph: str, ghost_compensation: float, channels: int
 ) -> None:
     how = with_keys(
@@ -132,7 +132,7 @@ class Untouchable:
 
 
 @given(scenes(), configs)
-def test_the_plan_is_what_the_stages_do(scene: LightField, how: Config) -> None:
+def test_plan_is_what_the_stages_do(scene: LightField, how: Config) -> None:
     plan = make_plan(scene, how)
     compositor = Compositor(scene, how.render)
     assert plan.method == compositor.method
@@ -167,7 +167,7 @@ def test_the_plan_is_what_the_stages_do(scene: LightField, how: Config) -> None:
 
 @settings(max_examples=50)
 @given(configs)
-def test_distance_is_needed_where_a_viewer_who_comes_nearer_changes_the_views(how: Config) -> None:
+def test_plan_needs_depth_where_distance_changes_the_views(how: Config) -> None:
     scene = rendered.noise(9, 9, 8, 8, 1.0, seed=1)
     scene = attrs.evolve(scene, disparity_min_px=0.0, disparity_max_px=0.0)
     how = updated(how, {"render.method": "blend"})  # nearest would round small changes away
@@ -184,7 +184,7 @@ def test_distance_is_needed_where_a_viewer_who_comes_nearer_changes_the_views(ho
     assert make_plan(scene, how).needs_depth == (not same)
 
 
-def test_equal_views_need_no_eyes() -> None:
+def test_plan_of_equal_views_needs_no_eyes() -> None:
     scene = field(3, 3)
     equal = attrs.evolve(
         scene,
@@ -199,7 +199,7 @@ def test_equal_views_need_no_eyes() -> None:
     assert early.needs_eyes, "views that are not written yet are equal, too"
 
 
-def test_one_view_needs_no_eyes_and_is_drawn_in_its_own_colours() -> None:
+def test_plan_of_one_view_needs_no_eyes() -> None:
     scene = field(1, 1)
     plan = make_plan(scene, Config())
     assert (plan.needs_tracking, plan.needs_warp, plan.needs_depth, plan.method) == (
@@ -228,7 +228,7 @@ def test_one_view_needs_no_eyes_and_is_drawn_in_its_own_colours() -> None:
         ({}, "blend", "render.method is blend"),
     ],
 )
-def test_why_nothing_is_warped(changes: dict[str, Any], method: str, why: str) -> None:
+def test_plan_says_why_nothing_is_warped(changes: dict[str, Any], method: str, why: str) -> None:
     plan = make_plan(
         field(5, 5, **{"disparity_min_px": -1.0, "disparity_max_px": 1.0} | changes),
         with_keys(render__method=method),
@@ -236,7 +236,7 @@ def test_why_nothing_is_warped(changes: dict[str, Any], method: str, why: str) -
     assert next(item.why for item in plan.left_out if item.what == "warping") == why
 
 
-def test_what_is_saved_is_counted_in_bytes_and_planes() -> None:
+def test_plan_counts_what_is_left_out_in_bytes_and_planes() -> None:
     """Views of 48 x 64 px, three planes each; frames of 640 x 480."""
     by_hand = with_keys(render__anaglyph="colour", render__method="nearest", render__alpha_px=32.0)
     assert saved(make_plan(field(3, 3), by_hand)) == {

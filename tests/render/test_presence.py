@@ -157,7 +157,7 @@ def test_presence_seats_at_once_who_returns_to_their_seat(
     assert (subject.state is SE and rest is not None and rest.x_px == HOME.x_px) == known
 
 
-def test_who_comes_back_beyond_the_grid_and_stands_still_takes_it_along_and_back() -> None:
+def test_presence_follows_a_rest_beyond_the_grid_and_back() -> None:
     subject, _ = watched((HOME, 2.0, 0), (None, 1.0, 0))
     t_ns = round(3.2e9)
     for k in range(20):
@@ -196,7 +196,7 @@ def run(
     return np.array(shown)
 
 
-def test_found_held_gone_and_found_again() -> None:
+def test_view_easing_holds_a_lost_view_and_leads_back() -> None:
     easing = ViewEasing()
     np.testing.assert_array_equal(run(easing, 0, 2, AWAY), [AWAY] * 2)  # nothing to ease from
     hold = round(HOLD_S / STEP_NS * 1e9)
@@ -210,7 +210,7 @@ def test_found_held_gone_and_found_again() -> None:
     np.testing.assert_array_equal(back[-1], AWAY)
 
 
-def test_motion_is_followed_at_once_and_only_in_its_own_direction() -> None:
+def test_view_easing_follows_motion_in_its_own_direction_alone() -> None:
     easing = ViewEasing()
     run(easing, 0, 1, NEUTRAL)
     forth = run(easing, 1, 1, AWAY, motion=60.0)[0]
@@ -225,7 +225,7 @@ def test_motion_is_followed_at_once_and_only_in_its_own_direction() -> None:
     )
 )
 @settings(max_examples=80)
-def test_never_a_jump_whatever_the_faces_do(spans: list[tuple[bool, int, float]]) -> None:
+def test_view_easing_never_jumps(spans: list[tuple[bool, int, float]]) -> None:
     """Faces come and go anywhere within 8 views: no picture leaps, none moves away from its target,
     and half a second later it is there.
     """
@@ -245,7 +245,7 @@ def test_never_a_jump_whatever_the_faces_do(spans: list[tuple[bool, int, float]]
 
 
 @given(st.integers(0, 10**18))
-def test_any_step_of_time_is_stable(step_ns: int) -> None:
+def test_view_easing_is_stable_at_any_step_of_time(step_ns: int) -> None:
     easing = ViewEasing()
     for k in range(5):
         out = run(easing, k, 1, None if k % 2 else AWAY, step_ns=step_ns)

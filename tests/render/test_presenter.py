@@ -97,7 +97,7 @@ class World:
         return self.listener.handed[-1]
 
 
-def test_a_picture_is_composed_only_if_it_differs_from_the_one_on_the_screen() -> None:
+def test_presenter_composes_only_what_differs_from_the_screen() -> None:
     world = World()
     assert [world.show().composed for _ in range(3)] == [True, False, False]
     world.presenter.redraw()
@@ -108,13 +108,13 @@ def test_a_picture_is_composed_only_if_it_differs_from_the_one_on_the_screen() -
     assert [showing.seq for showing in known] == list(range(7, 7 + len(known)))
 
 
-def test_on_the_cameras_clock_every_frame_gets_its_picture() -> None:
+def test_presenter_on_the_cameras_clock_shows_every_frame() -> None:
     world = World(on_camera=True)
     assert [world.show().number for _ in range(3)] == [1, 2, 3]
     assert all(showing.due_ns == 0 for showing in world.listener.known)
 
 
-def test_before_the_first_eyes_the_middle_view_is_shown() -> None:
+def test_presenter_shows_the_middle_view_before_the_first_eyes() -> None:
     world = World()
     world.presenter.show(Moment.of(now_ns(), REFRESH_NS))
     showing = world.listener.known[0]
@@ -125,7 +125,7 @@ def test_before_the_first_eyes_the_middle_view_is_shown() -> None:
     )
 
 
-def test_the_glasses_test_takes_the_place_of_the_scene() -> None:
+def test_presenter_draws_the_glasses_test_instead_of_the_scene() -> None:
     world = World()
     world.show()
     world.presenter.draw_by(partial(draw_glasses_test, world.viewer))
@@ -136,7 +136,7 @@ def test_the_glasses_test_takes_the_place_of_the_scene() -> None:
     assert np.array_equal(world.presenter.picture, expected)
 
 
-def test_pictures_are_reported_in_order_when_their_blanks_are_known() -> None:
+def test_presenter_reports_pictures_in_order_of_their_blanks() -> None:
     world = World(blanks_by="blanks")
     first = world.show()
     stayed = world.show()
@@ -152,7 +152,7 @@ def test_pictures_are_reported_in_order_when_their_blanks_are_known() -> None:
     assert (first.juddered, second.juddered) == (False, True)
 
 
-def test_the_last_pictures_are_reported_at_the_end() -> None:
+def test_presenter_reports_the_last_pictures_at_the_end() -> None:
     world = World(blanks_by="blanks")
     first = world.show()
     world.presenter.redraw()
@@ -165,7 +165,7 @@ def test_the_last_pictures_are_reported_at_the_end() -> None:
     assert world.listener.closed
 
 
-def test_cost_is_that_of_composing() -> None:
+def test_presenter_cost_is_that_of_composing() -> None:
     world = World(on_camera=True)
     costs = [world.show().cost_ns for _ in range(20)]
     assert min(costs) > 0

@@ -66,7 +66,7 @@ def off(refresh: Refresh, t_sensor_ns: int) -> float:
 @pytest.mark.parametrize("phase", [0.1, 0.5, 0.9])
 # frames lost on the way do not change the camera's rate
 @pytest.mark.parametrize(("count", "every"), [(2, 1), (300, 3)])
-def test_the_second_frame_sets_the_phase(
+def test_refresh_takes_its_phase_from_the_second_frame(
     display_hz: float, camera_hz: float, phase: float, count: int, every: int
 ) -> None:
     refresh = Refresh(display_hz, T0_NS - round(phase * 1e9 / display_hz))
@@ -80,7 +80,7 @@ def test_the_second_frame_sets_the_phase(
     # every third of 30 Hz would fit 50 Hz
     [(60, 25, 1), (60, 24, 1), (50, 30, 1), (30, 60, 1), (60, 59, 1), (50, 30, 3)],
 )
-def test_rates_that_do_not_fit_are_left_alone(
+def test_refresh_leaves_rates_alone_that_do_not_fit(
     display_hz: float, camera_hz: float, every: int
 ) -> None:
     refresh = Refresh(display_hz, T0_NS)
@@ -91,7 +91,7 @@ def test_rates_that_do_not_fit_are_left_alone(
 
 
 @pytest.mark.parametrize("true_hz", [29.97, 30.02])
-def test_a_camera_whose_rate_is_a_little_off_is_followed_by_steps_that_nobody_sees(
+def test_refresh_follows_a_rate_that_is_a_little_off(
     true_hz: float,
 ) -> None:
     refresh = Refresh(60.0, T0_NS)
@@ -108,7 +108,7 @@ def test_a_camera_whose_rate_is_a_little_off_is_followed_by_steps_that_nobody_se
     assert np.abs(gaps - 1).max() <= LARGEST_STEP + 1e-6
 
 
-def test_a_single_late_frame_moves_the_phase_by_no_more_than_the_largest_step() -> None:
+def test_refresh_moves_by_one_step_at_most_for_a_late_frame() -> None:
     refresh = Refresh(60.0, T0_NS)
     *before, (seq, t_ns) = frames(30.0, 100)
     for frame in before:
@@ -119,7 +119,7 @@ def test_a_single_late_frame_moves_the_phase_by_no_more_than_the_largest_step() 
 
 
 @pytest.mark.parametrize("restarted", [True, False])
-def test_after_a_gap_or_another_run_of_the_camera_the_phase_is_found_anew(restarted: bool) -> None:
+def test_refresh_finds_its_phase_anew_after_a_gap_or_a_restart(restarted: bool) -> None:
     refresh = Refresh(60.0, T0_NS)
     for seq, t_ns in frames(30.0, 30):
         hear(refresh, seq, t_ns)
@@ -129,13 +129,13 @@ def test_after_a_gap_or_another_run_of_the_camera_the_phase_is_found_anew(restar
     assert abs(off(refresh, t_ns)) < 1e-3
 
 
-def test_refreshes_that_pass_during_a_picture_are_counted() -> None:
+def test_refresh_counts_those_that_pass_during_a_picture() -> None:
     refresh = Refresh(50.0, T0_NS)
     assert refresh.advance(T0_NS) == 0 and refresh.due_ns() == T0_NS + 20 * MS
     assert refresh.advance(T0_NS + 75 * MS) == 2 and refresh.due_ns() == T0_NS + 80 * MS
 
 
-def test_dues_rise_whatever_the_camera_says() -> None:
+def test_refresh_due_ns_rises_whatever_the_camera_says() -> None:
     rng = np.random.default_rng(3)
     refresh = Refresh(60.0, T0_NS)
     t_ns = T0_NS
@@ -165,7 +165,7 @@ def grid(
     ("rate_hz", "nominal_hz"), [(59.94, 60), (75.0, 75), (71.4, 75), (143.98, 144), (23.976, 24)]
 )
 @pytest.mark.parametrize("shown", [1.0, 0.3])
-def test_the_grid_is_found_from_stamps_in_whole_ms(
+def test_screen_clock_finds_its_grid_from_stamps_in_whole_ms(
     rate_hz: float, nominal_hz: float, shown: float
 ) -> None:
     clock = ScreenClock(nominal_hz, T0_NS - 3 * MS)
@@ -179,7 +179,7 @@ def test_the_grid_is_found_from_stamps_in_whole_ms(
 
 
 @pytest.mark.parametrize("reported", [True, False])
-def test_a_window_on_another_monitor_follows_that_ones_rate(reported: bool) -> None:
+def test_screen_clock_follows_the_rate_of_another_monitor(reported: bool) -> None:
     """By the period that is reported, or else by the rate that the monitor claims."""
     clock = ScreenClock(60, T0_NS)
     later_ns = 10**10
@@ -198,7 +198,7 @@ def test_a_window_on_another_monitor_follows_that_ones_rate(reported: bool) -> N
     assert abs(clock.nearest(other[-1] + later_ns) - other[-1] - later_ns) < 0.5 * MS
 
 
-def test_blanks_that_are_on_no_grid_change_nothing_but_another_phase_is_followed() -> None:
+def test_screen_clock_ignores_a_stray_blank_and_follows_a_phase() -> None:
     clock = ScreenClock(60, T0_NS)
     for t_ns in grid(60.0, 100, 0):
         clock.blank(t_ns)
@@ -227,7 +227,7 @@ def paced(screen: Screen, pictures: int) -> tuple[float, float]:
 @pytest.mark.parametrize(
     ("rate_hz", "deadline_ms"), [(60.0, 0.0), (60.0, 3.0), (75.0, 6.0), (144.0, 3.0), (60.0, 18.0)]
 )  # the last one takes pictures a period ahead
-def test_pictures_begin_late_and_still_make_their_blank(rate_hz: float, deadline_ms: float) -> None:
+def test_screen_refresh_begins_late_and_makes_its_blank(rate_hz: float, deadline_ms: float) -> None:
     screen = Screen(rate_hz=rate_hz, deadline_ms=deadline_ms, cost_ms=1.0)
     juddered, lead_ms = paced(screen, 6000)
     assert juddered <= 0.005
@@ -235,16 +235,14 @@ def test_pictures_begin_late_and_still_make_their_blank(rate_hz: float, deadline
 
 
 @pytest.mark.parametrize(("slow", "most"), [(0.02, 0.02), (0.1, 0.05), (0.3, 0.12)])
-def test_a_busy_machine_costs_a_picture_now_and_then_and_never_runs_away(
-    slow: float, most: float
-) -> None:
+def test_screen_refresh_on_a_busy_machine_misses_few_blanks(slow: float, most: float) -> None:
     """slow: share of wake-ups that come 5 ms late on average."""
     juddered, lead_ms = paced(Screen(slow=slow, cost_ms=1.0), 4000)
     assert juddered <= most
     assert lead_ms < 3.0 + 16.7 + 3.0
 
 
-def test_a_stall_does_not_lengthen_the_lead_of_the_pictures_after_it() -> None:
+def test_screen_refresh_lead_is_not_lengthened_by_a_stall() -> None:
     refresh = ScreenRefresh(60.0, T0_NS)
     due_ns = T0_NS
 
@@ -265,7 +263,7 @@ def test_a_stall_does_not_lengthen_the_lead_of_the_pictures_after_it() -> None:
     assert refresh.lead_ns() - before_ns >= 3 * MS
 
 
-def test_a_busy_start_is_forgotten_within_seconds() -> None:
+def test_screen_refresh_lead_forgets_a_busy_start() -> None:
     refresh = ScreenRefresh(60.0, T0_NS)
     refresh.clock.blank(T0_NS)
     due_ns = T0_NS
@@ -286,7 +284,7 @@ def test_a_busy_start_is_forgotten_within_seconds() -> None:
     assert refresh.lead_ns() <= 9 * MS
 
 
-def test_a_lead_that_is_far_too_long_shrinks_to_what_is_needed() -> None:
+def test_screen_refresh_lead_shrinks_to_what_is_needed() -> None:
     refresh = ScreenRefresh(60.0, T0_NS)
     wide_ns = 0
     refresh.clock.blank(T0_NS)
@@ -326,15 +324,13 @@ def shown_on_demand(pictures: int, delay_ms: float, rest_ms: float) -> tuple[int
 
 @pytest.mark.parametrize("rest_ms", [5.0, 16.0, 17.0])
 @pytest.mark.parametrize("delay_ms", [1.0, 7.0])
-def test_a_screen_without_blanks_shows_an_even_rate_soon_after_each_hand_over(
-    delay_ms: float, rest_ms: float
-) -> None:
+def test_screen_refresh_without_blanks_shows_an_even_rate(delay_ms: float, rest_ms: float) -> None:
     juddered, lead_ms = shown_on_demand(6000, delay_ms, rest_ms)
     assert juddered == 0
     assert delay_ms + 3.0 < lead_ms < delay_ms + 4.5
 
 
-def test_a_picture_that_its_late_successor_replaced_widens_the_lead_too() -> None:
+def test_screen_refresh_lead_widens_where_a_picture_is_replaced() -> None:
     refresh = ScreenRefresh(60.0, T0_NS)
     refresh.clock.blank(T0_NS)
     before_ns = refresh.lead_ns()
@@ -346,7 +342,7 @@ def test_a_picture_that_its_late_successor_replaced_widens_the_lead_too() -> Non
     assert refresh.lead_ns() - before_ns > 5 * MS
 
 
-def test_refreshes_that_were_slept_through_are_missed_and_a_limit_takes_every_second() -> None:
+def test_screen_refresh_with_a_limit_takes_every_second_blank() -> None:
     refresh = ScreenRefresh(60.0, T0_NS, 30.0)
     refresh.clock.blank(T0_NS)
     assert refresh.period_ns == pytest.approx(2e9 / 60, abs=2)
@@ -371,7 +367,7 @@ def known(
     ]
 
 
-def test_a_picture_waits_for_its_blank_and_those_behind_it_wait_too() -> None:
+def test_take_known_waits_for_a_blank_in_order() -> None:
     waiting = deque((showing(1, 100), showing(0, 200, "blanks"), showing(2, 300)))
     assert known(waiting, [Presented(2, 350, 0)], 360) == []
     assert known(waiting, [Presented(1, 150, 0)], 370) == [
@@ -384,7 +380,7 @@ def test_a_picture_waits_for_its_blank_and_those_behind_it_wait_too() -> None:
     )
 
 
-def test_one_that_was_replaced_has_no_time_and_one_never_answered_its_hand_over() -> None:
+def test_take_known_of_replaced_and_unanswered_pictures() -> None:
     waiting = deque((showing(1, 100), showing(2, 200)))
     assert known(waiting, [Presented(1, 0, 0)], 300) == [(100, 0, REPLACED)]
     assert known(waiting, [], 200 + ANSWER_NS + 1) == [(200, 200, HANDOVER)]

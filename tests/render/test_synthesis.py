@@ -54,9 +54,7 @@ def scores(field: LightField, position: Position, scale: float) -> dict[str, flo
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("channels", [1, 2, 3])
-def test_whole_numbers_give_the_stored_views_bit_for_bit_also_off_a_regular_grid(
-    method: str, channels: int
-) -> None:
+def test_synthesiser_at_stored_views_is_exact(method: str, channels: int) -> None:
     regular = rendered.field(3, 4)
     offsets = np.random.default_rng(1).uniform(-0.2, 0.2, (3, 4, 2)).astype(np.float32)
     for field in (regular, attrs.evolve(regular, offsets=offsets)):
@@ -66,7 +64,7 @@ def test_whole_numbers_give_the_stored_views_bit_for_bit_also_off_a_regular_grid
             )
 
 
-def test_a_camera_off_the_grid_is_warped_from_where_it_stands() -> None:
+def test_synthesiser_uses_the_offsets_of_cameras() -> None:
     """Views drawn at offset places come out right between them only if the offsets are used, and
     used with their sign.
     """
@@ -93,7 +91,7 @@ def test_a_camera_off_the_grid_is_warped_from_where_it_stands() -> None:
 
 
 @pytest.mark.parametrize("position", [(2.5, 2.5), (2.0, 1.5), (1.5, 3.0), (2.3, 2.6), (2.0, 0.3)])
-def test_warping_meets_the_true_view_where_fading_doubles_it(position: Position) -> None:
+def test_synthesiser_warps_are_nearer_to_the_true_view_than_blend(position: Position) -> None:
     found = scores(rendered.field(5, 5, 96, 96, scale=2.0), position, 2.0)
     assert found["nearest"] < found["blend"] < found["warp"] - 3
     assert found["warp2"] > found["blend"] + 5
@@ -111,7 +109,7 @@ def test_warping_meets_the_true_view_where_fading_doubles_it(position: Position)
         ),
     ],
 )
-def test_what_is_hidden_or_was_never_seen_costs_no_method_its_lead_over_nearest(
+def test_synthesiser_warps_keep_their_lead_where_parts_are_hidden(
     side: int, scale: float, position: Position
 ) -> None:
     """Near and far part by up to 24 px: the warp must neither copy the square into what it uncovers
@@ -123,7 +121,7 @@ def test_what_is_hidden_or_was_never_seen_costs_no_method_its_lead_over_nearest(
 
 @pytest.mark.parametrize("method", ["blend", "warp2"])
 @pytest.mark.parametrize("along", [(0.0, 1.0), (1.0, 0.0), (0.7, 0.7)])
-def test_no_jumps_along_a_sweep(method: str, along: tuple[float, float]) -> None:
+def test_synthesiser_does_not_jump_along_a_sweep(method: str, along: tuple[float, float]) -> None:
     field = rendered.field(5, 5, 96, 96, scale=2.0)
     path = [(0.5 + along[0] * s, 0.5 + along[1] * s) for s in np.arange(0, 3, 0.05)]
     frames = [made(field, method, position).astype(float) for position in path]
@@ -132,7 +130,7 @@ def test_no_jumps_along_a_sweep(method: str, along: tuple[float, float]) -> None
 
 
 @pytest.mark.parametrize("method", ["nearest", "blend", "warp"])
-def test_the_zero_plane_stands_still_and_the_other_moves(method: str) -> None:
+def test_synthesiser_keeps_the_zero_plane_still(method: str) -> None:
     square = (0, slice(24, 40), slice(24, 40))
     for zero_plane_px in (rendered.NEAR, 0.0):
         here, there = (
@@ -162,7 +160,7 @@ def test_shifted_repeats_the_border(
 
 
 @pytest.mark.parametrize("method", WARPS)
-def test_a_picture_made_in_bands_is_the_same_picture(
+def test_synthesiser_in_bands_makes_the_same_picture(
     method: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fields = rendered.field(3, 3, scale=4.0), rendered.noise(3, 3, 37, 41, 30.0, seed=1)
@@ -209,7 +207,7 @@ def through(
 
 @settings(max_examples=60)
 @given(st.sampled_from(SIZES), st.integers(0, 1000), st.sampled_from([0.0, 0.6, 3.0, 100.0]))
-def test_blocks_sample_as_pixels_do_even_beyond_the_border(
+def test_blocks_sample_as_pixels_do_beyond_the_border_too(
     size: tuple[int, int], seed: int, reach_px: float
 ) -> None:
     height, width = size
@@ -229,7 +227,7 @@ def test_blocks_sample_as_pixels_do_even_beyond_the_border(
     )
 
 
-def test_large_planes_are_sampled_in_bands_that_cover_them() -> None:
+def test_bands_of_large_planes_cover_them() -> None:
     assert bands_of(128, 2048) == [slice(0, 128)], "256x256 stays whole"
     bands = bands_of(540, 8 * 1920)
     assert (
@@ -241,9 +239,7 @@ def test_large_planes_are_sampled_in_bands_that_cover_them() -> None:
 
 @settings(max_examples=60)
 @given(st.integers(0, 1000), st.integers(0, 60))
-def test_boxes_of_what_is_unknown_hold_it_all_in_less_than_the_box_around_it(
-    seed: int, count: int
-) -> None:
+def test_boxes_of_a_mask_hold_it_all_in_less_than_one_box(seed: int, count: int) -> None:
     rng = np.random.default_rng(seed)
     mask = np.zeros((40, 60), np.uint8)
     for y, x in rng.integers(0, (38, 56), (count, 2)).tolist():

@@ -64,22 +64,20 @@ def steps_views(shown: list[Viewpoints]) -> float:
     return float(np.abs(np.diff(cols, axis=0)).max())
 
 
-def test_nobody_yet_looks_from_the_middle() -> None:
+def test_viewer_looks_from_the_middle_before_the_first_face() -> None:
     for seen in (None, record(100.0, 50.0, face=0)):
         look = viewer().viewpoints(seen, 0, 0)
         assert look.left == look.right == (4.0, 4.0)
 
 
-def test_by_hand_the_grid_lies_on_the_cameras_middle_and_else_on_where_the_viewer_was_first() -> (
-    None
-):
+def test_viewer_neutral_is_the_cameras_middle_or_the_first_face() -> None:
     by_hand = viewer(alpha_px=12.0).viewpoints(record(344.0, 228.0), 0, 0)
     auto = viewer().viewpoints(record(344.0, 228.0), 0, 0)
     assert middle(by_hand) == (3.0, 2.0) and middle(auto) == (4.0, 4.0)
     assert by_hand.right[1] - by_hand.left[1] == pytest.approx(24 / 12)
 
 
-def test_an_exhibition_moves_without_a_viewer_and_is_exactly_the_same_with_one() -> None:
+def test_viewer_exhibition_moves_while_nobody_is_there() -> None:
     field = rendered.field(9, 9, 16, 16)
     config = Config(render=Render(method="warp2"))
     plain, shown = Viewer(field, config), Viewer(field, config, exhibition=True)
@@ -101,7 +99,7 @@ def test_an_exhibition_moves_without_a_viewer_and_is_exactly_the_same_with_one()
 
 
 @pytest.mark.parametrize("alpha_px", [12.0, "auto"])
-def test_recentre_makes_where_the_viewer_is_the_middle_and_keeps_the_step_in_another_scene_too(
+def test_viewer_recentre_makes_the_present_place_the_middle(
     alpha_px: Any,
 ) -> None:
     subject = viewer(alpha_px=alpha_px)
@@ -122,7 +120,7 @@ def test_recentre_makes_where_the_viewer_is_the_middle_and_keeps_the_step_in_ano
     )
 
 
-def test_eyes_are_taken_to_the_moment_of_light() -> None:
+def test_viewer_predicts_eyes_to_the_moment_of_light() -> None:
     subject = viewer(alpha_px=12.0)
     moving = record(velocity_px_s=[[120.0, 0.0], [120.0, 0.0]])
     subject.viewpoints(moving, 0, 0)
@@ -148,14 +146,14 @@ def distance_share(start: float, apart: float, seconds: float) -> float:
     [(61.0, 1.0, 1 - 1 / math.e), (30.0, 0.25, 1 - 1 / math.e), (30.0, 5.0, 1.0)],
     ids=["noise: 2 % or less", "beyond it", "at last"],
 )
-def test_viewer_follows_a_distance_in_a_quarter_second_and_noise_in_a_second(
+def test_viewer_follows_a_distance_fast_and_its_noise_slowly(
     apart: float, seconds: float, share: float
 ) -> None:
     """Time constants, in which alpha goes 1 - 1/e of its way."""
     assert distance_share(60.0, apart, seconds) == pytest.approx(share, abs=0.01)
 
 
-def test_viewer_holds_a_view_for_three_seconds_and_then_returns_to_its_middle() -> None:
+def test_viewer_holds_a_view_for_three_seconds_and_returns_to_the_middle() -> None:
     shown = script(viewer(alpha_px=20.0), (1.0, {"x": 370.0}), (12.0, {"x": 370.0, "face": 0}))
     columns = [middle(look)[1] for look in shown]
     left = columns[59]
@@ -166,7 +164,7 @@ def test_viewer_holds_a_view_for_three_seconds_and_then_returns_to_its_middle() 
     assert abs(columns[-1] - 4) < 0.05
 
 
-def test_a_lowered_quality_changes_how_views_are_drawn_and_not_where() -> None:
+def test_viewer_redraw_by_changes_how_views_are_drawn_and_not_where() -> None:
     subject = viewer(alpha_px=12.0)
     full = subject.viewpoints(record(349.0, 240.0), 0, 0)
     subject.redraw_by(
@@ -179,7 +177,7 @@ def test_a_lowered_quality_changes_how_views_are_drawn_and_not_where() -> None:
     assert max(abs(a - b) for a, b in zip(full.left, snapped.left, strict=True)) <= 0.6
 
 
-def test_another_width_on_the_display_makes_alpha_anew() -> None:
+def test_viewer_shown_as_wide_makes_alpha_anew() -> None:
     deep = attrs.evolve(rendered.field(9, 9, 16, 16), disparity_min_px=-6.0, disparity_max_px=6.0)
     subject = Viewer(deep, Config())
     assert subject.shown_as_wide(300.0) and not subject.shown_as_wide(300.0)
@@ -194,9 +192,7 @@ def test_another_width_on_the_display_makes_alpha_anew() -> None:
 
 @pytest.mark.parametrize("screen_hz", [60.0, 144.0])
 @pytest.mark.parametrize("film_hz", [24.0, 25.0, 30.0])
-def test_a_video_keeps_its_cadence_on_a_screen_whose_clock_jitters(
-    film_hz: float, screen_hz: float
-) -> None:
+def test_viewer_keeps_the_cadence_of_a_video(film_hz: float, screen_hz: float) -> None:
     """Every frame is shown for as many refreshes as its rate asks for, to one refresh, and those of
     30 on 60 Hz for two each.
     """
@@ -214,7 +210,7 @@ def test_a_video_keeps_its_cadence_on_a_screen_whose_clock_jitters(
     )
 
 
-def test_who_comes_in_from_the_side_and_sits_down_looks_from_the_middle() -> None:
+def test_viewer_neutral_is_where_a_face_comes_to_rest() -> None:
     """Neutral position and distance are those of the rest, not of the first sight."""
     subject = four_views()
     for k in range(60):
@@ -234,7 +230,7 @@ def test_who_comes_in_from_the_side_and_sits_down_looks_from_the_middle() -> Non
     )
 
 
-def test_a_viewer_who_rests_beyond_the_grid_gets_it_anew_without_a_jump() -> None:
+def test_viewer_neutral_follows_a_rest_beyond_the_grid() -> None:
     shown = script(four_views(), (2.0, {}), (8.0, {"x": 500.0}))[120:]
     assert shown[40].left[1] < 0.0 and shown[40].right[1] - shown[40].left[1] == pytest.approx(
         4.0
@@ -244,7 +240,7 @@ def test_a_viewer_who_rests_beyond_the_grid_gets_it_anew_without_a_jump() -> Non
     )
 
 
-def test_a_turned_head_keeps_alpha() -> None:
+def test_viewer_keeps_alpha_of_a_turned_head() -> None:
     subject = viewer()
     script(subject, (3.0, {"apart": 60.0, "apart_px": 60.0}))
     assert subject.solver is not None
@@ -259,7 +255,7 @@ UNEXPLAINED = 0.31  # views per picture
 @pytest.mark.parametrize(
     ("place", "seconds"), [(500.0, 1.5), (500.0, 3.0), (150.0, 1.5), (620.0, 1.5)]
 )
-def test_viewer_finds_their_view_again_after_a_passer_by_without_a_jump(
+def test_viewer_keeps_the_view_after_a_passer_by_without_a_jump(
     place: float, seconds: float
 ) -> None:
     seated = {"x": 300.0, "apart": 40.0}
@@ -270,7 +266,7 @@ def test_viewer_finds_their_view_again_after_a_passer_by_without_a_jump(
     assert middle(shown[-1])[1] == pytest.approx(middle(shown[170])[1], abs=0.5)
 
 
-def test_another_face_takes_over_from_a_viewer_who_leans_beyond_the_grid() -> None:
+def test_viewer_goes_over_to_another_face_without_a_jump() -> None:
     leaning = {"x": 390.0, "apart": 60.0}
     other = {"x": 470.0, "apart": 60.0, "generation": 1}
     shown = script(four_views(), (3.0, {"x": 260.0, "apart": 60.0}), (0.5, leaning), (1.0, other))
@@ -278,7 +274,7 @@ def test_another_face_takes_over_from_a_viewer_who_leans_beyond_the_grid() -> No
     assert middle(shown[-1])[1] == pytest.approx(4.0, abs=0.5)
 
 
-def test_who_comes_back_elsewhere_sees_the_right_picture_within_half_a_second() -> None:
+def test_viewer_finds_a_face_elsewhere_within_half_a_second() -> None:
     """He left to the left, comes in from the right and walks to a seat a little aside."""
     walk = [(1 / 30, {"x": 640.0 - 10.0 * k, "generation": 1}) for k in range(23)]
     subject = four_views()
@@ -290,7 +286,7 @@ def test_who_comes_back_elsewhere_sees_the_right_picture_within_half_a_second() 
     assert middle(shown[-1])[1] == pytest.approx(4.0, abs=0.1)
 
 
-def test_who_walks_in_does_not_make_the_picture_jump() -> None:
+def test_viewer_does_not_jump_for_a_face_that_walks_in() -> None:
     """The second record of a face adds its motion and its prediction at once. At 1 m/s."""
     speed_px_s = -950.0
     velocity = [[speed_px_s, 0.0]] * 2
@@ -305,13 +301,13 @@ def test_who_walks_in_does_not_make_the_picture_jump() -> None:
     assert steps_views([*shown[-1:], *found[:8]]) <= 0.4
 
 
-def test_a_face_lost_for_a_moment_does_not_make_the_picture_jump() -> None:
+def test_viewer_does_not_jump_for_a_face_lost_for_a_moment() -> None:
     # 20 px later, of the same track
     shown = script(four_views(), (3.0, {"x": 300.0}), (0.4, {"face": 0}), (0.5, {"x": 320.0}))
     assert steps_views(shown[120:]) <= 0.5 and middle(shown[-1])[1] < middle(shown[170])[1] - 2.0
 
 
-def test_leaning_in_exceeds_comfort_only_briefly_and_leaning_back_gives_depth_back() -> None:
+def test_viewer_leaning_in_exceeds_comfort_only_briefly() -> None:
     deep = attrs.evolve(
         rendered.field(9, 9, 16, 16),
         disparity_min_px=-2.0,
@@ -338,7 +334,7 @@ def test_leaning_in_exceeds_comfort_only_briefly_and_leaning_back_gives_depth_ba
 
 
 @pytest.mark.parametrize("apart_px", [math.nan, math.inf, -math.inf, 1e300, -5.0])
-def test_one_senseless_distance_is_forgotten(apart_px: float) -> None:
+def test_viewer_forgets_one_senseless_distance(apart_px: float) -> None:
     subject, plain = viewer(), viewer()
     for k in range(120):
         wrong = {"apart_px": apart_px} if k == 60 or k == 0 else {"apart_px": 24.0}
@@ -373,7 +369,7 @@ def seen_px(
 
 
 @given(heights, tilts, st.floats(-150, 150), st.floats(-150, 150), st.floats(350, 1500))
-def test_eyes_become_points_before_the_screen_and_come_back(
+def test_camera_pose_gives_points_before_the_screen_and_back(
     above_mm: float, tilt_deg: float, x: float, y: float, z: float
 ) -> None:
     config = Config(camera=Camera(above_mm=above_mm, tilt_deg=tilt_deg))
@@ -390,7 +386,7 @@ def test_eyes_become_points_before_the_screen_and_come_back(
 
 @pytest.mark.parametrize("depth", [0.0, 1.0])
 @pytest.mark.parametrize(("above_mm", "tilt_deg"), [(200.0, 15.0), (-150.0, -10.0)])
-def test_leaning_in_does_not_look_like_moving_down(
+def test_camera_pose_keeps_leaning_in_from_looking_like_moving_down(
     above_mm: float, tilt_deg: float, depth: float
 ) -> None:
     field = attrs.evolve(rendered.field(9, 9, 16, 16), disparity_min_px=0.0, disparity_max_px=0.0)
@@ -420,7 +416,7 @@ def test_leaning_in_does_not_look_like_moving_down(
     assert worst < 0.5 * was, "and on the way, while the distance is followed"
 
 
-def test_the_views_between_the_eyes_stay_when_disparity_arrives() -> None:
+def test_viewer_complete_keeps_the_views_between_the_eyes() -> None:
     """The range of a scene is known before its maps are."""
     complete = rendered.field(9, 9, 16, 16)
     early = attrs.evolve(complete, disparity=None, disparity_source="none", method="nearest")

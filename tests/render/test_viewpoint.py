@@ -29,7 +29,7 @@ def soft_clamp(value: float, count: int, reach: float) -> float:
     return limited(value, 0.0, count - 1.0, reach)
 
 
-def test_formula() -> None:
+def test_view_solver_formula() -> None:
     """The unmirrored picture shows the left eye, and a step to the viewer's left, at larger x; who
     sinks is at larger y.
     """
@@ -47,7 +47,7 @@ SENSELESS = st.sampled_from([0.0, -0.0, math.nan, math.inf, 1e-320])
     st.floats(0, 16),
     METHODS,
 )
-def test_always_finite_and_within_reach(
+def test_view_solver_is_finite_and_within_reach(
     p: tuple[float, float, float, float],
     alpha_px: float,
     rows: int,
@@ -63,12 +63,12 @@ def test_always_finite_and_within_reach(
         assert -reach <= col <= cols - 1 + reach
 
 
-def test_an_eye_that_is_no_number_looks_from_the_middle() -> None:
+def test_view_solver_of_no_numbers_is_the_middle() -> None:
     assert solver().views((math.nan,) * 4) == ((4.0, 4.0), (4.0, 4.0))
 
 
 @given(st.floats(-50, 50), st.floats(1e-6, 1), st.integers(1, 20), st.floats(0.01, 16))
-def test_soft_clamp_is_exact_inside_and_never_jumps_or_turns_back(
+def test_limited_is_exact_inside_and_never_jumps_or_turns_back(
     value: float, step: float, count: int, reach: float
 ) -> None:
     here, there = soft_clamp(value, count, reach), soft_clamp(value + step, count, reach)
@@ -81,9 +81,7 @@ def test_soft_clamp_is_exact_inside_and_never_jumps_or_turns_back(
 
 
 @given(st.lists(st.floats(-0.09, 0.09), min_size=1, max_size=50), st.floats(-3, 3))
-def test_noise_below_the_hysteresis_changes_the_view_at_most_once(
-    noise: list[float], place: float
-) -> None:
+def test_view_solver_nearest_has_hysteresis(noise: list[float], place: float) -> None:
     snapping = solver(method="nearest", extrapolate_views=0.0)
     views = [snapping.views((320 - 12 * (place + n), 240 + 12 * (n - place)) * 2)[0] for n in noise]
     for steps in zip(*views, strict=True):  # rows, then columns
@@ -95,7 +93,7 @@ PAIR = st.tuples(st.floats(-30, 30), st.floats(0, 12), COUNTS, st.floats(0, 16))
 
 
 @given(PAIR)
-def test_at_the_edge_the_distance_of_the_eyes_stays_and_what_is_inside_is_exact(
+def test_pair_clamped_keeps_the_distance_at_the_edge(
     pair: tuple[float, float, int, float],
 ) -> None:
     left, apart, count, reach = pair
@@ -113,7 +111,7 @@ def test_at_the_edge_the_distance_of_the_eyes_stays_and_what_is_inside_is_exact(
 
 
 @given(PAIR, st.floats(0, 1), st.floats(0, 1))
-def test_a_small_step_of_the_eyes_is_a_small_step_of_the_views(
+def test_pair_clamped_moves_no_further_than_the_eyes(
     pair: tuple[float, float, int, float], step: float, wider: float
 ) -> None:
     left, apart, count, reach = pair
@@ -124,7 +122,7 @@ def test_a_small_step_of_the_eyes_is_a_small_step_of_the_views(
     assert max(abs(a - b) for a, b in zip(here, spread, strict=True)) <= wider + 1e-9
 
 
-def test_as_printed_in_the_paper_each_eye_stops_by_itself() -> None:
+def test_view_solver_without_keep_depth_stops_each_eye_by_itself() -> None:
     eyes = (250.0, 240.0, 190.0, 240.0)  # 5 views apart, the middle 8.3 views to the right
     flat = solver(keep_depth=False, extrapolate_views=0.0).views(eyes)
     deep = solver(extrapolate_views=0.0).views(eyes)
@@ -134,15 +132,13 @@ def test_as_printed_in_the_paper_each_eye_stops_by_itself() -> None:
 
 
 @given(st.tuples(ANY, ANY), st.floats(1e-9, 1e9) | SENSELESS)
-def test_a_dragged_neutral_position_is_finite_for_finite_eyes(
-    centre: tuple[float, float], alpha_px: float
-) -> None:
+def test_dragged_is_finite_for_finite_eyes(centre: tuple[float, float], alpha_px: float) -> None:
     if all(map(math.isfinite, centre)):
         found = solver(alpha_px=alpha_px).dragged(centre, (350.0, 200.0, 290.0, 200.0))
         assert all(map(math.isfinite, found))
 
 
-def test_swapped_eyes_exchange_their_views() -> None:
+def test_view_solver_with_swap_eyes_exchanges_their_views() -> None:
     eyes = (350.0, 240.0, 290.0, 240.0)
     assert solver(swap_eyes=True).views(eyes) == solver().views(eyes)[::-1]
 
@@ -157,7 +153,7 @@ CENTRES = st.tuples(st.floats(-500, 1500), st.floats(-500, 1500))
     st.integers(1, 12),
     st.integers(2, 12),
 )
-def test_a_dragged_neutral_position_is_the_nearest_that_holds_the_eyes(
+def test_dragged_is_the_nearest_neutral_position_that_holds_the_eyes(
     centre: tuple[float, float],
     head: tuple[float, float, float],
     alpha_px: float,
@@ -190,7 +186,7 @@ def test_a_dragged_neutral_position_is_the_nearest_that_holds_the_eyes(
         ((330.0, 300.0, 310.0, 180.0), False),  # it is the middle of the eyes that has a row
     ],
 )
-def test_beyond_the_grid_are_both_eyes_on_one_side(
+def test_beyond_is_both_eyes_on_one_side_of_the_grid(
     eyes: tuple[float, float, float, float], beyond: bool
 ) -> None:
     assert solver().beyond(eyes) is beyond
@@ -207,7 +203,7 @@ def test_beyond_the_grid_are_both_eyes_on_one_side(
     st.floats(-1, 5),
     st.floats(-1, 5),
 )
-def test_a_picture_is_made_of_its_neighbours_by_their_nearness(
+def test_view_weights_are_those_of_near_neighbours(
     method: str, rows: int, cols: int, row: float, col: float
 ) -> None:
     weights = view_weights(method, (row, col), rows, cols)
@@ -230,7 +226,7 @@ def test_a_picture_is_made_of_its_neighbours_by_their_nearness(
 
 
 @given(st.floats(0, 4), st.floats(0, 4), st.sampled_from(["blend", "warp2"]))
-def test_weights_are_continuous(row: float, col: float, method: str) -> None:
+def test_view_weights_are_continuous(row: float, col: float, method: str) -> None:
     tables = np.zeros((2, 5, 5))
     for table, off in zip(tables, (0.0, 1e-6), strict=True):
         for one in view_weights(method, (row + off, col + off), 5, 5):
@@ -238,13 +234,13 @@ def test_weights_are_continuous(row: float, col: float, method: str) -> None:
     assert np.abs(tables[0] - tables[1]).max() < 2e-5  # twice as fast where four meet
 
 
-def test_few_positions_need_more_than_two_views_for_warp2() -> None:
+def test_view_weights_of_warp2_rarely_mix_more_than_two_views() -> None:
     places = np.linspace(0, 1, 100)
     counts = [len(view_weights("warp2", (row, col), 3, 3)) for row in places for col in places]
     assert np.mean([count > 2 for count in counts]) < 0.05
 
 
-def test_fading_is_narrow_for_warp2() -> None:
+def test_view_weights_of_warp2_fade_narrowly() -> None:
     def share_of_the_next(row: float, col: float) -> float:
         return sum(
             view.weight
