@@ -39,9 +39,7 @@ SLEEPS = {
     "faults/soak.py": 8,
     "faults/test_resume.py": 1,
     "scene/test_pack.py": 1,
-    "supervisor/test_rundir.py": 1,
     "support/world.py": 2,
-    "transport/test_ring.py": 1,
     "transport/test_segment.py": 1,
 }
 

@@ -15,6 +15,7 @@ from lfpipe.scene import layouts
 from lfpipe.track.filters import make_filter
 from lfpipe.track.make_engine import make_engine
 from tests.scene import made
+from tests.support.world import write_package
 
 MODULE = """
 import sys
@@ -57,11 +58,8 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install
 
     def installed(entries: dict[str, str], head: str = "", **bodies: str) -> None:
         folder = tmp_path / "packages"
-        about = folder / "bad-1.0.dist-info"
-        about.mkdir(parents=True)
-        (about / "METADATA").write_text("Metadata-Version: 2.1\nName: bad\nVersion: 1.0\n")
         groups = "".join(f"[{group}]\n{entry}\n" for group, entry in entries.items())
-        (about / "entry_points.txt").write_text(groups)
+        write_package(folder, groups, "bad")
         usual = {"detect": "return 99", "describe": "return 1", "engine": "return 1"}
         (folder / "bad_parts.py").write_text(head + MODULE.format(**usual | bodies))
         monkeypatch.syspath_prepend(folder)
@@ -115,10 +113,8 @@ def test_a_name_that_two_packages_offer_is_refused(
     install: Install, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     install({ENGINES: "bad = bad_parts:Engine"})
-    about = tmp_path / "more" / "other-2.0.dist-info"
-    about.mkdir(parents=True)
-    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: other\nVersion: 2.0\n")
-    (about / "entry_points.txt").write_text(f"[{ENGINES}]\nbad = bad_parts:Engine\n")
+    entry_points = f"[{ENGINES}]\nbad = bad_parts:Engine\n"
+    write_package(tmp_path / "more", entry_points, "other", "2.0")
     monkeypatch.syspath_prepend(tmp_path / "more")
     plugins.cache_clear()
     with pytest.raises(PluginError, match="is offered twice") as caught:

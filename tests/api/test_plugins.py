@@ -11,11 +11,16 @@ from pathlib import Path
 import pytest
 
 from tests.scene import made
-from tests.support.world import World
+from tests.support.world import World, write_package
 
 pytestmark = pytest.mark.live
 EXAMPLE = Path(__file__).parents[2] / "examples" / "lfpipe-example"
-BROKEN = {"lfpipe.engines": "broken = nowhere:x", "lfpipe.layouts": "worse = json:nothing"}
+BROKEN = """
+[lfpipe.engines]
+broken = nowhere:x
+[lfpipe.layouts]
+worse = json:nothing
+"""
 
 
 @pytest.fixture(scope="module")
@@ -38,12 +43,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ]
     done = subprocess.run([*command, "--target", folder, copy], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    broken = folder / "broken-2.0.dist-info"
-    broken.mkdir()
-    (broken / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 2.0\n")
-    (broken / "entry_points.txt").write_text(
-        "".join(f"[{group}]\n{line}\n" for group, line in BROKEN.items())
-    )
+    write_package(folder, BROKEN, "broken", "2.0")
     return folder
 
 
@@ -110,18 +110,20 @@ class Screen:
 def nothing(*_):
     return None
 """
+NEVER_ENTRIES = """
+[lfpipe.engines]
+engine = never:Engine
+crash = never:Crash
+[lfpipe.displays]
+screen = never:Screen
+nothing = never:nothing
+"""
 
 
 def install_never(world: World) -> None:
     """Installs the package of NEVER for the commands of world."""
     folder = world.root / "packages"
-    about = folder / "never-1.0.dist-info"
-    about.mkdir(parents=True)
-    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: never\nVersion: 1.0\n")
-    engines = "engine = never:Engine\ncrash = never:Crash"
-    displays = "screen = never:Screen\nnothing = never:nothing"
-    groups = f"[lfpipe.engines]\n{engines}\n[lfpipe.displays]\n{displays}\n"
-    (about / "entry_points.txt").write_text(groups)
+    write_package(folder, NEVER_ENTRIES, "never")
     (folder / "never.py").write_text(NEVER)
     world.env["PYTHONPATH"] += os.pathsep + str(folder)
 

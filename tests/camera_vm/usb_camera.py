@@ -87,7 +87,6 @@ class UsbCamera:
         self.mode = self._modes[0]
         self.interval = CLOCK // 30
         self.sent = 0
-        self._probe = b""
         self._socket: socket.socket | None = None
         self._port = -1
 
@@ -203,7 +202,6 @@ class UsbCamera:
             self.mode = modes[min(max(number, 1), len(modes)) - 1]
             offered = [round(CLOCK / hz) for hz in self.mode.rates_hz]
             self.interval = min(offered, key=lambda one: abs(one - interval))
-            self._probe = data
         index = self._formats.index(self.mode.fourcc) + 1
         number = self._modes_of(self.mode.fourcc).index(self.mode) + 1
         size = 2 * self.mode.width_px * self.mode.height_px

@@ -1,8 +1,9 @@
-"""The docs as a site: it has every page, every link works, and its drawing equals the tool's."""
+"""The docs as a site: it has every page, every link works, and one address of the project."""
 
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -85,3 +86,16 @@ def test_the_pages_together_have_at_most_20000_words() -> None:
     """As `cat README.md docs/*.md | wc -w` counts them, the generated ones included."""
     pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
     assert sum(len(page.read_text().split()) for page in pages) <= 20_000
+
+
+def test_every_page_names_the_address_of_the_project_file() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    address = project["urls"]["Source"]
+    citation = (ROOT / "CITATION.cff").read_text()
+    assert f"repository-code: {address}\n" in citation
+    assert f"version: {project['version']}\n" in citation
+    pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
+    named = {
+        name for page in pages for name in re.findall(r"git\+(https://[^\s`]+)", page.read_text())
+    }
+    assert named == {address}

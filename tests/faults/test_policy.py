@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from lfpipe.errors import UserError
-from tests.support.world import World, write_scene
+from tests.support.world import World, write_package, write_scene
 
 CAMERA = ("--set", "render.clock=camera", "--set", "render.method=nearest")
 
@@ -115,10 +115,7 @@ def test_a_part_that_never_works_is_named_and_ends_a_session_with_code_1(
     world: World, scene: Path, sets: tuple[str, ...], words: str
 ) -> None:
     folder = world.root / "parts"
-    about = folder / "parts-1.0.dist-info"
-    about.mkdir(parents=True)
-    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: parts\nVersion: 1.0\n")
-    (about / "entry_points.txt").write_text(ENTRIES)
+    write_package(folder, ENTRIES, "parts")
     (folder / "made_parts.py").write_text(PARTS)
     example = Path(__file__).parents[2] / "examples" / "lfpipe-example"
     world.env["PYTHONPATH"] += f":{folder}:{example}"

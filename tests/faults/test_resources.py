@@ -34,6 +34,14 @@ mounts = pytest.mark.skipif(not MAY_MOUNT, reason="no file system may be mounted
 Done = subprocess.CompletedProcess[str]
 
 
+@pytest.fixture
+def place(tmp_path: Path) -> Path:
+    """A folder for a small disk."""
+    made = tmp_path / "small"
+    made.mkdir()
+    return made
+
+
 def in_mounts(
     world: World, command: Iterable[object], *mounts: tuple[Path, str], after: str = ""
 ) -> Done:
@@ -99,9 +107,7 @@ def test_too_few_open_files_are_raised_or_said(
 
 
 @mounts
-def test_a_full_disk_under_the_run_directory(world: World, scene: Path) -> None:
-    place = world.root / "small"
-    place.mkdir()
+def test_a_full_disk_under_the_run_directory(world: World, scene: Path, place: Path) -> None:
     world.env["XDG_RUNTIME_DIR"] = str(place)
     command = ("up", scene, *PLAIN, "--session", world.name)
     done = in_mounts(world, command, (place, "nr_inodes=6"), after=f"ls -A {place}")
@@ -180,9 +186,7 @@ def test_full_disks_end_trace_and_video_and_keep_the_session(world: World, scene
 
 
 @mounts
-def test_files_without_room_are_named_and_not_left(world: World) -> None:
-    place = world.root / "settings"
-    place.mkdir()
+def test_files_without_room_are_named_and_not_left(world: World, place: Path) -> None:
     command = ("config", "init", place / "c.toml")
     done = in_mounts(world, command, (place, "size=4k"), after=f"ls -A {place}")
     assert done.returncode == 2 and f"{place}/c.toml: No space left on device" in done.stderr
@@ -197,9 +201,10 @@ def test_files_without_room_are_named_and_not_left(world: World) -> None:
 
 
 @mounts
-def test_a_replay_whose_results_have_no_room_says_so(world: World, scene: Path, clip: Path) -> None:
-    place, sequence = world.root / "small", world.root / "sequence"
-    place.mkdir()
+def test_a_replay_whose_results_have_no_room_says_so(
+    world: World, scene: Path, clip: Path, place: Path
+) -> None:
+    sequence = world.root / "sequence"
     assert world.run("sequence", "import", clip, sequence).returncode == 0
     done = in_mounts(
         world, ("replay", sequence, "--scene", scene, "--out", place / "out"), (place, "size=24k")
@@ -208,9 +213,9 @@ def test_a_replay_whose_results_have_no_room_says_so(world: World, scene: Path, 
 
 
 @mounts
-def test_a_recording_ends_with_its_last_whole_frame_where_the_disk_is_full(world: World) -> None:
-    place = world.root / "small"
-    place.mkdir()
+def test_a_recording_ends_with_its_last_whole_frame_where_the_disk_is_full(
+    world: World, place: Path
+) -> None:
     kept = world.root / "kept"
     after = f"cp -r {place}/rec {kept}"
     done = in_mounts(

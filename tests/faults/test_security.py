@@ -19,7 +19,7 @@ from lfpipe.host.segment import SHM_DIR
 from lfpipe.supervisor import rundir
 from lfpipe.transport import control
 from lfpipe.transport.session import Session
-from tests.support.world import World
+from tests.support.world import World, write_scene
 
 FORBIDDEN = {"pickle", "marshal", "shelve", "dill", "cloudpickle"}
 QUEUES = {
@@ -175,13 +175,15 @@ def test_paths_over_ctl_are_checked_as_on_the_command_line(guarded: World, tmp_p
 
 
 @pytest.mark.live
-def test_one_scene_is_loaded_at_a_time(guarded: World, scene: Path) -> None:
+def test_load_takes_one_scene_at_a_time_and_the_last_one_wins(
+    guarded: World, scene: Path, tmp_path: Path
+) -> None:
     """Each load is a process: a flood of them may not become a flood of processes."""
     pid = guarded.running[0].pid
     with control.context() as ctx, ctx.socket(zmq.DEALER) as socket:
         control.connect(socket, guarded.session_dir, "ctl")
-        for _ in range(30):
-            socket.send(control.encode({"cmd": "load", "scene": str(scene)}))
+        for path in [scene] * 29 + [write_scene(tmp_path / "last", 2, 2)]:
+            socket.send(control.encode({"cmd": "load", "scene": str(path)}))
         answers: list[dict[str, Any]] = []
         while len(answers) < 30 and socket.poll(60_000):
             answers.append(control.decode(socket.recv()))
@@ -189,3 +191,4 @@ def test_one_scene_is_loaded_at_a_time(guarded: World, scene: Path) -> None:
             assert len(children) <= 5, "three stages, the tracker of shared memory, one loader"
     assert sum(answer["ok"] for answer in answers) >= 1 and len(answers) == 30
     assert any(answer.get("replaced") for answer in answers)
+    assert Path(guarded.ask(cmd="hello")["options"]["scene"]["name"]).name == "last"

@@ -61,14 +61,6 @@ def test_after_a_kill_of_the_group_the_next_session_of_any_name_sweeps(
     assert other.returncode == 0 and not world.left(), other.stderr
 
 
-def test_a_session_whose_memory_is_removed_ends_in_words(world: World, scene: Path) -> None:
-    process = world.up(scene, *SMALL)
-    world.pictures(5)
-    status = SHM_DIR / next(name for name in world.segments("status"))
-    status.unlink()
-    assert f"{status} was removed" in world.ended(process, code=1)
-
-
 BEGIN_AND_END = """
 import os, sys
 from lfpipe import config
@@ -113,10 +105,17 @@ def test_sessions_that_begin_and_end_at_once_do_not_sweep_each_other(world: Worl
     assert not world.segments() and not list(other.iterdir())
 
 
-def test_a_session_whose_run_directory_is_removed_ends_in_order(world: World, scene: Path) -> None:
+@pytest.mark.parametrize("what", ["memory", "run directory"])
+def test_session_whose_memory_or_run_directory_is_removed_ends_in_words(
+    world: World, scene: Path, what: str
+) -> None:
     process = world.up(scene, *SMALL)
     world.pictures(5)
     pids = [stage["pid"] for stage in world.monitor()["stages"].values()]
-    run_dir = next(world.run_dir.iterdir())
-    shutil.rmtree(world.run_dir)
-    assert f"{run_dir} was removed" in world.ended(process, code=1) and _gone(pids)
+    if what == "memory":
+        removed = SHM_DIR / world.segments("status")[0]
+        removed.unlink()
+    else:
+        removed = next(world.run_dir.iterdir())
+        shutil.rmtree(world.run_dir)
+    assert f"{removed} was removed" in world.ended(process, code=1) and _gone(pids)

@@ -6,7 +6,6 @@ the page.
 import contextlib
 import json
 import subprocess
-import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,6 @@ import pytest
 import zmq
 
 from lfpipe import config
-from lfpipe.errors import UserError
 from lfpipe.render.packer import playlist
 from lfpipe.transport import control
 from tests.scene import made
@@ -69,29 +67,6 @@ def test_a_load_ends_with_its_client(session: World) -> None:
     if shown == "first":  # else the views were there before the client left
         session.wait_for(lambda: not packing(session), "the packer's end")
         assert scene_of(session)["name"] == "first"
-
-
-@pytest.mark.live
-def test_a_second_load_replaces_the_first(session: World) -> None:
-    first = slow_scene(session.root / "slow", 9)
-    second = write_scene(session.root / "quick", 2, 2)
-    refused: list[str] = []
-
-    def load_first() -> None:
-        try:
-            session.ask(cmd="load", scene=str(first))
-        except UserError as error:
-            refused.append(error.message)
-
-    client = threading.Thread(target=load_first)
-    client.start()
-    session.wait_for(lambda: packing(session), "a packer")
-    answer = session.ask(cmd="load", scene=str(second))
-    client.join()
-    assert answer["ok"] and scene_of(session)["name"] == "quick"
-    assert not refused or "another scene" in refused[0], (
-        "replaced, or its views were shown for a moment"
-    )
 
 
 @pytest.mark.live

@@ -133,12 +133,12 @@ def test_viewer_predicts_eyes_to_the_moment_of_light() -> None:
 def distance_share(start: float, apart: float, seconds: float) -> float:
     """The share of its way that alpha has gone after a face was suddenly at another distance."""
     subject = four_views()
-    alphas = []
+    alphas = list[float]()
     for k in range(round(seconds * 240) + 1):
         subject.viewpoints(record(apart=apart if k else start), k * S // 240, k * S // 240)
         assert subject.solver is not None
-        alphas.append(subject.solver.alpha_px * start / alphas[0] if k else subject.solver.alpha_px)
-    return (alphas[-1] - start) / (apart - start)
+        alphas.append(subject.solver.alpha_px)
+    return (alphas[-1] / alphas[0] - 1) / (apart / start - 1)
 
 
 @pytest.mark.parametrize(

@@ -62,6 +62,9 @@ def test_every_shape_of_request_is_answered_and_the_session_goes_on(
     client: zmq.Socket[bytes], world: World, tmp_path: Path, scene: Path
 ) -> None:
     before = ask(client, {"v": 1, "cmd": "hello"})
+    for name in ("ctl", "bus", "tap"):  # bytes of no protocol
+        send_raw(world.session_dir / name, byte_strings(200))
+    assert ask(client, {"v": 1, "cmd": "hello"}) == before
 
     @settings(max_examples=200, suppress_health_check=list(HealthCheck))
     @given(messages)
@@ -92,15 +95,6 @@ def test_every_shape_of_request_is_answered_and_the_session_goes_on(
     assert ask(client, {"v": 1, "cmd": "load", "scene": str(tmp_path)})["ok"] is False
     assert ask(client, {"v": 1, "cmd": "load", "scene": str(scene)})["ok"] is True
     send_telemetry_of_any_shape(world)
-
-
-def test_bytes_of_no_protocol_change_nothing(
-    client: zmq.Socket[bytes], world: World, scene: Path
-) -> None:
-    before = ask(client, {"v": 1, "cmd": "hello"})
-    for name in ("ctl", "bus", "tap"):
-        send_raw(world.session_dir / name, byte_strings(200))
-    assert ask(client, {"v": 1, "cmd": "hello"}) == before
 
 
 def test_escape_sequences_of_clients_reach_no_terminal(

@@ -9,7 +9,6 @@ import shutil
 import stat
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -21,6 +20,7 @@ from lfpipe.supervisor import rundir
 from lfpipe.transport.session import PREFIX, Session, default_name, place_prefix
 from tests.supervisor.holder import ROOT, Holder, gone, holding, inodes, remove, remove_lock
 from tests.supervisor.states import made_state
+from tests.support.world import stays
 
 
 def test_a_removed_run_directory_is_noticed(base: Path, name: str) -> None:
@@ -194,19 +194,6 @@ def test_a_session_name_that_cannot_be_is_named_with_a_remedy(
 NOBODY = 65534
 
 
-def test_a_session_of_the_same_name_elsewhere_leaves_a_living_one_alone(
-    base: Path, name: str
-) -> None:
-    other = base.parent / "other"
-    other.mkdir()
-    with holding(base, name) as first:
-        before = inodes(first)
-        with holding(other, name) as second:
-            assert not set(first) & set(second)
-        assert gone(second) and inodes(first) == before
-    assert gone(first)
-
-
 def test_the_same_directory_by_another_path_is_the_same_session(base: Path, name: str) -> None:
     link = base.parent / "link"
     link.symlink_to(base)
@@ -226,11 +213,15 @@ def test_a_reader_with_another_runtime_directory_finds_the_one_session_of_that_n
         assert [Session(name).segment(part) for part in ("status", "frames", "eyes")] == first
         with pytest.raises(FileNotFoundError):
             Session(f"{name}.2").segment("status")
-        with holding(others[1], name), pytest.raises(FileNotFoundError):  # which of the two?
-            Session(name).segment("status")
+        before = inodes(first)
+        with holding(others[1], name) as second:
+            assert not set(first) & set(second)
+            with pytest.raises(FileNotFoundError):  # which of the two?
+                Session(name).segment("status")
+        assert gone(second) and inodes(first) == before, "one leaves the other alone"
         with holding(base, name) as own:
             assert Session(name).segment("status") == own[0]
-    assert rundir.running() == []
+    assert rundir.running() == [] and gone(first)
 
 
 def squat(path: Path, kind: str) -> None:
@@ -313,8 +304,8 @@ def test_a_session_that_lost_its_run_directory_leaves_the_next_one_alone(
     first = Holder(base, name)
     first.ready()
     shutil.rmtree(base / f"{PREFIX}{name}")
-    second = Holder(base, name)  # waits for the first
-    time.sleep(0.3)
+    second = Holder(base, name)
+    stays(lambda: second.process.poll() is None, 0.3, "the wait for the first")
     first.end()
     segments = second.ready()
     assert rundir.running() == [name] and not gone(segments)

@@ -39,6 +39,14 @@ def write_scene(
     return folder
 
 
+def write_package(folder: Path, entry_points: str, name: str, version: str = "1.0") -> None:
+    """Writes to a folder of modules what makes them an installed package of that name."""
+    about = folder / f"{name}-{version}.dist-info"
+    about.mkdir(parents=True)
+    (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n")
+    (about / "entry_points.txt").write_text(entry_points)
+
+
 def runs(pid: int) -> bool:
     """Whether a process exists and has not ended: one whose parent was killed may wait long for
     init to read its exit code.

@@ -20,23 +20,25 @@ from lfpipe.transport.session import Session
 from lfpipe.transport.status import State
 
 
-@pytest.fixture
-def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Session]:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+def opened(folder: Path, patch: pytest.MonkeyPatch) -> tuple[Session, SessionStore]:
+    """A session with this runtime directory, and its memory."""
+    patch.setenv("XDG_RUNTIME_DIR", str(folder))
     made = Session(f"c{secrets.token_hex(4)}").with_token()
     made.run_dir.mkdir(mode=0o700)
-    memory = SessionStore(made, SessionState.first(Config(), SessionOptions()))
+    return made, SessionStore(made, SessionState.first(Config(), SessionOptions()))
+
+
+@pytest.fixture
+def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Session]:
+    made, memory = opened(tmp_path, monkeypatch)
     yield made
     memory.close()
 
 
-def test_closing_the_memory_does_not_hide_why_it_is_closed(
+def test_session_store_closed_does_not_hide_why(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    made = Session(f"c{secrets.token_hex(4)}").with_token()
-    made.run_dir.mkdir(mode=0o700)
-    memory = SessionStore(made, SessionState.first(Config(), SessionOptions()))
+    made, memory = opened(tmp_path, monkeypatch)
     with pytest.raises(ZeroDivisionError):
         try:
             row = memory.table.rows["render"]  # referenced by the stack of the error

@@ -4,14 +4,13 @@ either side.
 
 import secrets
 from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
-import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lfpipe.config import SessionOptions
-from lfpipe.host.segment import Segment
 from lfpipe.transport import ring
 from lfpipe.transport.packet_ring import PacketInput, PacketOutput, packet_dtype
 from lfpipe.transport.ring import RingSpec, Stamp
@@ -29,30 +28,27 @@ def stamp(seq: int, epoch: int = 0) -> Stamp:
     return Stamp(seq + 1, seq, epoch, seq * 10, seq * 10, seq * 10, 0)
 
 
-@pytest.fixture
-def session() -> Session:
-    return Session(f"t{secrets.token_hex(4)}").with_token()
+@contextmanager
+def ends() -> Iterator[tuple[Session, PacketOutput, PacketInput]]:
+    """A session with two rings of packets; an output that nobody has asked yet, and an input of the
+    first ring.
+    """
+    session = Session(f"t{secrets.token_hex(4)}").with_token()
+    spec = RingSpec((), packet_dtype(MOST_BYTES), SLOTS)
+    rings = [ring.create(session.segment(f"packets.{number}"), spec) for number in (1, 2)]
+    output, taken = PacketOutput(session), PacketInput(session, "packets.1")
+    yield session, output, taken
+    output.close()
+    taken.close()
+    for memory in rings:
+        memory.close()
+        memory.unlink()
 
 
-@pytest.fixture
-def made(session: Session) -> Iterator[Segment]:
-    memory = _made(session)
-    yield memory
-    memory.close()
-    memory.unlink()
+FIRST = SessionOptions(packets="packets.1")
 
 
-def _made(session: Session, part: str = "packets.1") -> Segment:
-    return ring.create(session.segment(part), RingSpec((), packet_dtype(MOST_BYTES), SLOTS))
-
-
-def opened(session: Session, part: str = "packets.1") -> PacketOutput:
-    output = PacketOutput(session)
-    output.set_options(SessionOptions(packets=part))
-    return output
-
-
-@settings(max_examples=MANY, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=MANY)
 @given(
     st.lists(st.tuples(st.sampled_from(KINDS), st.integers(0, 2)), max_size=30),
     st.integers(1, SLOTS - 2),
@@ -61,73 +57,58 @@ def test_each_frame_has_its_own_packet_or_none(kinds: list[tuple[str, int]], ahe
     """ahead: frames that capture is before the recorder. New epochs begin anywhere and count frames
     from anywhere.
     """
-    session = Session(f"t{secrets.token_hex(4)}").with_token()
-    memory = _made(session)
-    output = opened(session)
-    taken = PacketInput(session, "packets.1")
     epoch = 0
     waiting = list[tuple[Stamp, bytes | None]]()
 
-    def take() -> None:
+    def take(taken: PacketInput) -> None:
         wanted, packet = waiting.pop(0)
         assert taken.of(wanted) == packet
         assert taken.of(wanted) == packet, "and again, when it is asked for again"
 
-    for seq, (kind, new_epoch) in enumerate(kinds):
-        epoch += new_epoch == 2
-        size = MOST_BYTES + 1 if kind == "too large" else MOST_BYTES if seq % 2 else 7
-        packet = None if kind == "no packet" else data(seq, size)
-        output.publish(packet, seq, seq * 10, seq * 10, epoch)
-        if kind != "frame not asked for":
-            kept = packet.tobytes() if packet is not None and kind == "both" else None
-            waiting.append((stamp(seq, epoch), kept))
-        # further behind, what it wants would be gone
-        while waiting and seq - waiting[0][0].source_seq >= ahead:
-            take()
-    while waiting:
-        take()
-    taken.close()
-    output.close()
-    memory.close()
-    memory.unlink()
+    with ends() as (_, output, taken):
+        output.set_options(FIRST)
+        for seq, (kind, new_epoch) in enumerate(kinds):
+            epoch += new_epoch == 2
+            size = MOST_BYTES + 1 if kind == "too large" else MOST_BYTES if seq % 2 else 7
+            packet = None if kind == "no packet" else data(seq, size)
+            output.publish(packet, seq, seq * 10, seq * 10, epoch)
+            if kind != "frame not asked for":
+                kept = packet.tobytes() if packet is not None and kind == "both" else None
+                waiting.append((stamp(seq, epoch), kept))
+            # further behind, what it wants would be gone
+            while waiting and seq - waiting[0][0].source_seq >= ahead:
+                take(taken)
+        while waiting:
+            take(taken)
 
 
-def test_a_packet_that_was_overwritten_is_gone_and_the_next_ones_are_there(
-    session: Session, made: Segment
-) -> None:
-    output = opened(session)
-    taken = PacketInput(session, "packets.1")
-    for seq in range(10):
-        output.publish(data(seq), seq, 0, 0, 0)
-    assert taken.of(stamp(1)) is None
-    oldest = 10 - (SLOTS - 2) - 1
-    assert [taken.of(stamp(seq)) for seq in range(oldest, 10)] == [
-        data(seq).tobytes() for seq in range(oldest, 10)
-    ]
-    taken.close()
-    output.close()
+def test_a_packet_that_was_overwritten_is_gone_and_the_next_ones_are_there() -> None:
+    with ends() as (_, output, taken):
+        output.set_options(FIRST)
+        for seq in range(10):
+            output.publish(data(seq), seq, 0, 0, 0)
+        assert taken.of(stamp(1)) is None
+        oldest = 10 - (SLOTS - 2) - 1
+        assert [taken.of(stamp(seq)) for seq in range(oldest, 10)] == [
+            data(seq).tobytes() for seq in range(oldest, 10)
+        ]
 
 
-def test_packets_go_where_the_options_say_and_nowhere_else(session: Session, made: Segment) -> None:
-    output = PacketOutput(session)
-    output.publish(data(1), 1, 0, 0, 0)  # nobody records
-    output.set_options(SessionOptions())
-    output.set_options(SessionOptions(packets="packets.9"))  # taken back before it was used
-    output.publish(data(1), 1, 0, 0, 0)
-    taken = PacketInput(session, "packets.1")
-    output.set_options(SessionOptions(packets="packets.1"))
-    output.set_options(SessionOptions(packets="packets.1"))
-    output.publish(data(2), 2, 0, 0, 0)
-    assert taken.of(stamp(1)) is None and taken.of(stamp(2)) == data(2).tobytes()
-    other = _made(session, "packets.2")
-    second = PacketInput(session, "packets.2")
-    output.set_options(SessionOptions(packets="packets.2"))
-    output.publish(data(3), 3, 0, 0, 0)
-    assert taken.of(stamp(3)) is None and second.of(stamp(3)) == data(3).tobytes()
-    output.set_options(SessionOptions())
-    output.publish(data(4), 4, 0, 0, 0)
-    assert second.of(stamp(4)) is None
-    for end in (taken, second, output):
-        end.close()
-    other.close()
-    other.unlink()
+def test_packets_go_where_the_options_say_and_nowhere_else() -> None:
+    with ends() as (session, output, taken):
+        output.publish(data(1), 1, 0, 0, 0)  # nobody records
+        output.set_options(SessionOptions())
+        output.set_options(SessionOptions(packets="packets.9"))  # taken back before it was used
+        output.publish(data(1), 1, 0, 0, 0)
+        output.set_options(FIRST)
+        output.set_options(FIRST)
+        output.publish(data(2), 2, 0, 0, 0)
+        assert taken.of(stamp(1)) is None and taken.of(stamp(2)) == data(2).tobytes()
+        second = PacketInput(session, "packets.2")
+        output.set_options(SessionOptions(packets="packets.2"))
+        output.publish(data(3), 3, 0, 0, 0)
+        assert taken.of(stamp(3)) is None and second.of(stamp(3)) == data(3).tobytes()
+        output.set_options(SessionOptions())
+        output.publish(data(4), 4, 0, 0, 0)
+        assert second.of(stamp(4)) is None
+        second.close()
