@@ -16,15 +16,13 @@ ANY = st.recursive(
 
 
 @given(message=st.text(), remedy=st.text(), times=st.integers(1, 10_000))
-def test_a_message_is_short_and_holds_nothing_that_a_terminal_obeys(
-    message: str, remedy: str, times: int
-) -> None:
+def test_user_error_is_short_and_printable(message: str, remedy: str, times: int) -> None:
     text = str(UserError(f"first{message * times}last", remedy * times))
     assert len(text) <= 2000 and text.startswith("first") and "last" in text
     assert text.encode().decode() == text and all(c.isprintable() or c == "\n" for c in text)
 
 
-def test_plain_words_stay_as_they_are() -> None:
+def test_user_error_and_quoted_keep_plain_words() -> None:
     assert (
         str(UserError("Größe 5 µs → 日本\nzwei", "so")) == "Größe 5 µs → 日本\nzwei\n  remedy: so"
     )
@@ -47,10 +45,10 @@ LARGE = [
 
 
 @pytest.mark.parametrize("value", LARGE, ids=range(len(LARGE)))
-def test_a_large_value_is_shown_on_one_short_line(value: object) -> None:
+def test_quoted_of_a_large_value_is_one_short_line(value: object) -> None:
     assert quoted(value).isprintable() and len(quoted(value)) <= 130
 
 
 @given(ANY)
-def test_no_value_is_too_strange_to_be_shown(value: object) -> None:
+def test_quoted_shows_any_value(value: object) -> None:
     assert quoted(value).isprintable() and len(quoted(value)) <= 130

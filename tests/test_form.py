@@ -44,7 +44,7 @@ SLEEPS = {
 }
 
 
-def test_tests_wait_for_events() -> None:
+def test_sleeps_of_tests_are_these() -> None:
     found = {}
     tests = Path(__file__).parent
     for path in sorted(tests.rglob("*.py")):
@@ -78,14 +78,14 @@ def test_large_classes_take_keywords_only() -> None:
     assert not wrong, "add kw_only=True"
 
 
-def test_no_class_is_excused_that_takes_keywords() -> None:
+def test_positional_excuses_no_class_that_takes_keywords() -> None:
     positional = {(room, name) for room, name, by_keyword in large_classes() if not by_keyword}
     for room, names in POSITIONAL.items():
         for name in names.split():
             assert (room, name) in positional, f"remove {name} of {room} from POSITIONAL"
 
 
-def test_statements_are_counted_by_room_without_docstrings(tmp_path: Path) -> None:
+def test_statements_are_counted_without_docstrings(tmp_path: Path) -> None:
     path = tmp_path / "a.py"
     path.write_text(
         '"""Doc."""\n\n\ndef f():\n    """Doc."""\n    x = 1; y = 2\n    return x + y\n'

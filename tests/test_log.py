@@ -14,7 +14,7 @@ from lfpipe.errors import UserError
 from tests.support.world import World
 
 
-def test_the_terminal_is_silent_unless_asked(
+def test_log_is_silent_on_the_terminal_unless_asked(
     capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     logger = logging.getLogger("lfpipe.some.room")
@@ -30,7 +30,7 @@ def test_the_terminal_is_silent_unless_asked(
         log.set_up()
 
 
-def test_what_a_record_quotes_does_not_reach_the_terminal_as_commands(
+def test_log_escapes_what_a_record_quotes(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     log.set_up(1)
@@ -48,7 +48,7 @@ def _write(path: Path, word: str, count: int) -> None:
         )
 
 
-def test_the_file_of_several_processes_is_bounded_and_loses_no_line(tmp_path: Path) -> None:
+def test_log_session_file_is_bounded_and_loses_no_line(tmp_path: Path) -> None:
     path = tmp_path / log.FILE
     count = 1000
     writers = [
@@ -68,7 +68,7 @@ def test_the_file_of_several_processes_is_bounded_and_loses_no_line(tmp_path: Pa
     assert len(lines) == 3 * count, "the second file is not full: no line was dropped"
 
 
-def test_the_report_of_a_session_has_its_log_and_no_code(live: World, tmp_path: Path) -> None:
+def test_log_of_a_session_is_in_its_report(live: World, tmp_path: Path) -> None:
     """The log tells of every stage, from its own process; a report of the running session
     holds it.
     """

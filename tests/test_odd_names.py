@@ -28,12 +28,12 @@ def lfpipe(folder: Path, *words: str) -> subprocess.CompletedProcess[bytes]:
     )
 
 
-def test_a_path_is_printed_as_the_bytes_that_it_is(tmp_path: Path) -> None:
+def test_odd_name_is_printed_as_its_bytes(tmp_path: Path) -> None:
     done = lfpipe(tmp_path, "config", "init", ODD)
     assert (done.returncode, done.stdout, done.stderr) == (0, os.fsencode(ODD) + b"\n", b"")
 
 
-def test_half_a_surrogate_pair_is_escaped(tmp_path: Path) -> None:
+def test_odd_half_of_a_surrogate_pair_is_escaped(tmp_path: Path) -> None:
     script = (
         "import sys; sys.argv = ['lfpipe', 'x']; import lfpipe.cli as c; c.cli = lambda **_:"
         " print('a\\ud800b'); c.run()"
@@ -47,7 +47,7 @@ def test_half_a_surrogate_pair_is_escaped(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("camera", "display", "code"), [(f"file:{ODD}", "none", 0), ("demo", f"file:{ODD}", 2)]
 )
-def test_a_video_under_such_a_name_is_played_but_not_made(
+def test_odd_name_of_a_video_is_played_but_not_made(
     tmp_path: Path, scene: Path, clip: Path, camera: str, display: str, code: int
 ) -> None:
     shutil.copytree(scene, tmp_path / "scene")
@@ -58,7 +58,7 @@ def test_a_video_under_such_a_name_is_played_but_not_made(
     assert (done.returncode, b"must be UTF-8" in done.stderr) == (code, code == 2), done.stderr
 
 
-def test_a_video_under_such_a_name_is_imported_but_not_made(tmp_path: Path, clip: Path) -> None:
+def test_odd_name_of_a_video_is_imported_but_not_made(tmp_path: Path, clip: Path) -> None:
     shutil.copy(clip, tmp_path / ODD)
     assert lfpipe(tmp_path, "sequence", "import", ODD, "out").returncode == 0
     done = lfpipe(tmp_path, "sequence", "export", "out", f"new-{ODD}.mkv")

@@ -84,7 +84,7 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install
         {"head": "raise GeneratorExit"},
     ],
 )
-def test_a_layout_that_fails_is_named_and_skipped(
+def test_plugin_layout_that_fails_is_named_and_skipped(
     install: Install, tmp_path: Path, fault: dict[str, str]
 ) -> None:
     install({LAYOUTS: "bad = bad_parts"}, **fault)
@@ -101,7 +101,7 @@ def test_a_layout_that_fails_is_named_and_skipped(
         assert caught.value.remedy == "repair or uninstall bad"
 
 
-def test_a_view_that_is_no_array_is_of_its_package(install: Install, tmp_path: Path) -> None:
+def test_plugin_view_that_is_no_array_names_its_package(install: Install, tmp_path: Path) -> None:
     install({LAYOUTS: "bad = bad_parts"}, describe="return scene_of(listing)")
     scene = made.write_grid(tmp_path / "png", made.wall(2, 2, 32, 40))
     source = layouts.describe(scene, Scene(layout="bad"))
@@ -109,7 +109,7 @@ def test_a_view_that_is_no_array_is_of_its_package(install: Install, tmp_path: P
         source.read(0, 0, 0)
 
 
-def test_a_name_that_two_packages_offer_is_refused(
+def test_plugin_name_that_two_packages_offer_is_refused(
     install: Install, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     install({ENGINES: "bad = bad_parts:Engine"})
@@ -122,7 +122,7 @@ def test_a_name_that_two_packages_offer_is_refused(
     assert "bad 1.0" in caught.value.message and "other 2.0" in caught.value.message
 
 
-def test_a_layout_with_the_name_of_a_built_in_one_is_refused(install: Install) -> None:
+def test_plugin_layout_with_the_name_of_a_built_in_one_is_refused(install: Install) -> None:
     install({LAYOUTS: "array = bad_parts"})
     assert layouts.layouts()["array"] is layouts.built_in()["array"]
     with pytest.raises(PluginError, match=r"array of bad 1\.0 .* has the name of a built-in one"):
@@ -130,7 +130,7 @@ def test_a_layout_with_the_name_of_a_built_in_one_is_refused(install: Install) -
     assert "built-in" in plugin_check(LAYOUTS, "array", "bad 1.0").detail
 
 
-def test_an_engine_or_filter_that_fails_is_named(install: Install) -> None:
+def test_plugin_engine_or_filter_that_fails_is_named(install: Install) -> None:
     entries = {ENGINES: "bad = bad_parts:Engine\nworse = bad_parts:raising"}
     install(entries | {"lfpipe.filters": "bad = bad_parts:raising"})
     track = Track(engine="bad")  # type: ignore[arg-type]
@@ -142,6 +142,6 @@ def test_an_engine_or_filter_that_fails_is_named(install: Install) -> None:
         make_filter(Track(filter="bad"))  # type: ignore[arg-type]
 
 
-def test_a_part_without_a_method_is_refused(install: Install) -> None:
+def test_plugin_without_a_method_is_refused(install: Install) -> None:
     install({LAYOUTS: "bad = bad_parts:Engine"})
     assert loaded(LAYOUTS, (), {"describe": NoneType}) == {}

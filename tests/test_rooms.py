@@ -52,7 +52,7 @@ def room(path: Path) -> str:
     return path.relative_to(PACKAGE).with_suffix("").parts[0]
 
 
-def test_every_folder_is_a_room_and_imports_point_down() -> None:
+def test_rooms_import_downwards() -> None:
     folders = {
         entry.name for entry in PACKAGE.iterdir() if entry.is_dir() and any(entry.glob("*.py"))
     }
@@ -147,7 +147,7 @@ def system_names(path: Path) -> Iterator[str]:
             yield from (start for start in SYSTEM_PATHS if node.value.startswith(start))
 
 
-def test_only_host_names_an_operating_system() -> None:
+def test_host_alone_names_an_operating_system() -> None:
     wrong = []
     for path in PACKAGE.rglob("*.py"):
         name = f"lfpipe/{path.relative_to(PACKAGE)}"

@@ -17,13 +17,13 @@ from lfpipe.eyes import EYES
 HEAVY = ("numpy", "cv2", "zmq", "attrs", "lfpipe.cli", "lfpipe.config")
 
 
-def test_importing_the_package_loads_nothing_else() -> None:
+def test_import_lfpipe_loads_nothing_else() -> None:
     code = f"import sys, lfpipe; print([name for name in {HEAVY} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 
 
-def test_every_name_is_there_and_documented() -> None:
+def test_api_names_are_there_and_documented() -> None:
     page = (Path(__file__).parents[2] / "docs" / "python.md").read_text()
     for name in lfpipe.__all__:
         assert callable(getattr(lfpipe, name)) and name in dir(lfpipe), name
@@ -60,7 +60,7 @@ def field(scene: Path, tmp_path_factory: pytest.TempPathFactory) -> lfpipe.Light
     return lfpipe.open_scene(scene, {"scene.cache_dir": str(tmp_path_factory.mktemp("cache"))})
 
 
-def test_views_are_those_that_are_stored(field: lfpipe.LightField) -> None:
+def test_render_view_gives_stored_views(field: lfpipe.LightField) -> None:
     for row in range(3):
         for col in range(3):
             picture = lfpipe.render_view(field, row, col, method="nearest")
@@ -69,7 +69,7 @@ def test_views_are_those_that_are_stored(field: lfpipe.LightField) -> None:
             assert picture[0, 0].tolist() == [8 * row + 5, 8 * col + 5, 8 * (3 * row + col) + 5]
 
 
-def test_pictures_for_two_eyes(field: lfpipe.LightField) -> None:
+def test_render_anaglyph_for_two_eyes(field: lfpipe.LightField) -> None:
     anaglyph = lfpipe.render_anaglyph(
         field, (1, 0), (1, 2), mode="colour", settings={"render.method": "nearest"}
     )
@@ -104,7 +104,7 @@ CALLS: list[tuple[Callable[[Any], object], str]] = [
 
 
 @pytest.mark.parametrize(("call", "why"), CALLS)
-def test_mistakes_are_named_with_a_remedy(
+def test_api_names_mistakes_with_a_remedy(
     field: lfpipe.LightField, call: Callable[[Any], object], why: str
 ) -> None:
     with pytest.raises(lfpipe.UserError) as caught:
@@ -116,7 +116,7 @@ def test_mistakes_are_named_with_a_remedy(
     "frame",
     [None, np.zeros((48, 64), np.uint8), np.zeros((48, 64, 3)), np.zeros((0, 0, 3), np.uint8), "x"],
 )
-def test_what_is_no_picture_is_refused(frame: object) -> None:
+def test_tracker_refuses_what_is_no_picture(frame: object) -> None:
     with lfpipe.Tracker() as tracker:
         with pytest.raises(lfpipe.UserError, match="not a picture") as caught:
             tracker.update(frame)  # type: ignore[arg-type]
@@ -126,7 +126,7 @@ def test_what_is_no_picture_is_refused(frame: object) -> None:
     tracker.close()
 
 
-def test_the_tracker_finds_the_eyes_that_the_stage_finds(clip: Path) -> None:
+def test_tracker_finds_the_eyes_that_the_stage_finds(clip: Path) -> None:
     from lfpipe.config import Track
     from lfpipe.track.eye_tracker import EyeTracker
 
@@ -166,7 +166,7 @@ with lfpipe.open_scene("boxes", settings) as field:
 """
 
 
-def test_a_users_program_is_clean_under_mypy_strict(tmp_path: Path) -> None:
+def test_api_program_is_clean_under_mypy_strict(tmp_path: Path) -> None:
     program = tmp_path / "program.py"
     program.write_text(PROGRAM)
     command = [sys.executable, "-m", "mypy", "--strict", "--config-file=", str(program)]

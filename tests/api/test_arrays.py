@@ -24,7 +24,9 @@ def cache(tmp_path: Path) -> dict[str, Any]:
     return {"scene.cache_dir": str(tmp_path / "cache")}
 
 
-def test_an_array_gives_the_pictures_of_its_files(tmp_path: Path, cache: dict[str, Any]) -> None:
+def test_open_scene_of_an_array_gives_the_pictures_of_its_files(
+    tmp_path: Path, cache: dict[str, Any]
+) -> None:
     np.save(tmp_path / "a.npy", VIEWS)
     np.savez(tmp_path / "a.npz", views=VIEWS)
     files = lfpipe.open_scene(
@@ -54,7 +56,7 @@ def test_an_array_gives_the_pictures_of_its_files(tmp_path: Path, cache: dict[st
         lambda v: v.astype(np.float64).tolist(),
     ],
 )
-def test_every_documented_form_is_taken(change: Any, cache: dict[str, Any]) -> None:
+def test_open_scene_takes_every_documented_form(change: Any, cache: dict[str, Any]) -> None:
     given_as = change(VIEWS / 255 if "tolist" in change.__code__.co_names else VIEWS)
     field = lfpipe.open_scene(given_as, cache, half_turn=False)
     shown = lfpipe.render_view(field, 1, 2, method="nearest")
@@ -63,7 +65,7 @@ def test_every_documented_form_is_taken(change: Any, cache: dict[str, Any]) -> N
     assert np.abs(shown.astype(int) - expected).max() <= 1
 
 
-def test_an_open_light_field_and_its_views_open_again(cache: dict[str, Any]) -> None:
+def test_open_scene_takes_a_light_field_and_its_views(cache: dict[str, Any]) -> None:
     field = lfpipe.open_scene(VIEWS, cache)
     assert repr(field) == f"<LightField {field.name!r}: 2x3 views of 48x40, method {field.method}>"
     with lfpipe.open_scene(field, cache) as again:
@@ -77,14 +79,14 @@ def test_an_open_light_field_and_its_views_open_again(cache: dict[str, Any]) -> 
 
 
 @pytest.mark.parametrize("bits", [10, 12, 14, 16])
-def test_an_array_of_fewer_bits_opens_as_bright(bits: int, cache: dict[str, Any]) -> None:
+def test_open_scene_of_fewer_bits_is_as_bright(bits: int, cache: dict[str, Any]) -> None:
     deep = np.rint(VIEWS / 255 * (2**bits - 1)).astype(np.uint16)
     deep[0, 0, 0, 0] = 2**bits - 1
     shown = lfpipe.render_view(lfpipe.open_scene(deep, cache), 1, 2, method="nearest")
     assert np.abs(shown.astype(int) - VIEWS[1, 2, ..., ::-1]).max() <= 1
 
 
-def test_sixteen_bits_as_floats_are_refused_and_255_are_not(cache: dict[str, Any]) -> None:
+def test_open_scene_refuses_sixteen_bits_as_floats(cache: dict[str, Any]) -> None:
     views = np.random.default_rng(3).random((3, 3, 48, 64, 3)) * 255
     assert 100 < lfpipe.render_view(lfpipe.open_scene(views, cache), 1, 1).mean() < 155
     with pytest.raises(lfpipe.UserError, match="values up to 65") as caught:
@@ -92,7 +94,7 @@ def test_sixteen_bits_as_floats_are_refused_and_255_are_not(cache: dict[str, Any
     assert "views / 65535" in caught.value.remedy
 
 
-def test_negative_values_are_refused_and_a_filters_overshoot_is_not(cache: dict[str, Any]) -> None:
+def test_open_scene_refuses_negative_values(cache: dict[str, Any]) -> None:
     values = VIEWS / np.float32(255)
     with pytest.raises(lfpipe.UserError, match="below 0, down to -0") as caught:
         lfpipe.open_scene(2 * values - 1, cache)
@@ -101,7 +103,7 @@ def test_negative_values_are_refused_and_a_filters_overshoot_is_not(cache: dict[
     lfpipe.open_scene(values, cache)
 
 
-def test_disparity_and_positions_come_with_an_array(cache: dict[str, Any], tmp_path: Path) -> None:
+def test_open_scene_takes_disparity_and_positions(cache: dict[str, Any], tmp_path: Path) -> None:
     disparity = np.full((2, 3, 40, 48), 1.0, np.float32)  # the pictures say 2
     positions = np.stack([*np.mgrid[0:2, 0:3]], axis=-1) * 12.5
     field = lfpipe.open_scene(VIEWS, cache, disparity=disparity, positions=positions)
@@ -122,7 +124,7 @@ def test_disparity_and_positions_come_with_an_array(cache: dict[str, Any], tmp_p
     shape=st.lists(st.sampled_from([0, 1, 2, 3, 5, 15]), min_size=0, max_size=7).map(tuple),
     kind=st.sampled_from(["u1", "u2", "f4", "i8", "?", "c16"]),
 )
-def test_any_array_is_taken_or_refused(shape: tuple[int, ...], kind: str) -> None:
+def test_require_views_takes_or_refuses_any_array(shape: tuple[int, ...], kind: str) -> None:
     views = np.zeros(shape, kind)
     axes = (*shape, 1) if len(shape) == 4 else shape
     good = (
@@ -138,7 +140,7 @@ def test_any_array_is_taken_or_refused(shape: tuple[int, ...], kind: str) -> Non
         assert error.remedy and not good
 
 
-def test_damaged_files_are_refused(cache: dict[str, Any], tmp_path: Path) -> None:
+def test_open_scene_refuses_damaged_files(cache: dict[str, Any], tmp_path: Path) -> None:
     np.save(tmp_path / "whole.npy", VIEWS)
     whole = (tmp_path / "whole.npy").read_bytes()
     np.save(tmp_path / "objects.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)

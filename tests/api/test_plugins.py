@@ -47,7 +47,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_each_part_works_and_is_listed(world: World, installed: Path, clip: Path) -> None:
+def test_plugin_parts_work_and_are_listed(world: World, installed: Path, clip: Path) -> None:
     world.env["PYTHONPATH"] += os.pathsep + str(installed)
     scene = world.root / "scene"
     for name, view in zip(("left", "middle", "right"), made.wall(1, 3, 48, 64)[0], strict=True):
@@ -131,7 +131,7 @@ def install_never(world: World) -> None:
 @pytest.mark.parametrize(
     ("part", "method"), [("engine", "detect"), ("screen", "show"), ("nothing", "pointer")]
 )
-def test_a_part_that_never_worked_ends_the_session_and_is_named(
+def test_plugin_that_never_worked_ends_the_session_and_is_named(
     world: World, scene: Path, part: str, method: str
 ) -> None:
     install_never(world)
@@ -142,9 +142,7 @@ def test_a_part_that_never_worked_ends_the_session_and_is_named(
     assert f"{part} of never 1.0" in said and method in said, said
 
 
-def test_an_engine_that_ends_its_process_each_time_ends_the_session_with_code_1(
-    world: World, scene: Path
-) -> None:
+def test_plugin_engine_that_ends_its_process_ends_the_session(world: World, scene: Path) -> None:
     install_never(world)
     words = ("up", scene, "--camera", "demo", "--display", "none", "--set", "track.engine=crash")
     done = world.run(*words, "--duration", "2")

@@ -29,9 +29,7 @@ def home(world: World, monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
     yield world
 
 
-def test_a_session_is_started_changed_loaded_and_stopped_in_a_thread(
-    home: World, scene: Path
-) -> None:
+def test_session_in_a_thread_is_changed_loaded_and_stopped(home: World, scene: Path) -> None:
     failures: list[BaseException] = []
 
     def run() -> None:
@@ -73,7 +71,7 @@ def test_a_session_is_started_changed_loaded_and_stopped_in_a_thread(
     assert home.segments() == []
 
 
-def test_a_session_that_cannot_start_says_why(home: World, scene: Path) -> None:
+def test_session_that_cannot_start_says_why(home: World, scene: Path) -> None:
     with pytest.raises(lfpipe.UserError, match="nowhere") as caught:
         lfpipe.Session("/nowhere", camera="demo")
     assert caught.value.remedy
@@ -82,7 +80,7 @@ def test_a_session_that_cannot_start_says_why(home: World, scene: Path) -> None:
     assert home.segments() == []
 
 
-def test_errors_of_a_session_name_its_parameters(home: World, scene: Path) -> None:
+def test_session_errors_name_its_parameters(home: World, scene: Path) -> None:
     taken = home.root / "taken"
     taken.mkdir()
     for wrong, named in (
@@ -96,14 +94,14 @@ def test_errors_of_a_session_name_its_parameters(home: World, scene: Path) -> No
         assert named in text and "--" not in text, text
 
 
-def test_an_open_light_field_is_shown(home: World, scene: Path) -> None:
+def test_session_shows_an_open_light_field(home: World, scene: Path) -> None:
     field = lfpipe.open_scene(scene, half_turn=True)
     with field, lfpipe.Session(field, camera="demo", settings=QUICK) as session:
         shown = session.ask({"cmd": "hello"})["options"]["scene"]
     assert (shown["pack"], shown["half_turned"]) == (field.folder, True)
 
 
-def test_a_session_that_is_killed_says_how_it_ended(home: World, scene: Path) -> None:
+def test_session_that_is_killed_says_how_it_ended(home: World, scene: Path) -> None:
     with lfpipe.Session(scene, camera="demo", settings=QUICK) as session:
         os.kill(session.status()["stages"]["render"]["pid"], 0)
         os.kill(session._process.pid, signal.SIGKILL)
@@ -115,7 +113,9 @@ def test_a_session_that_is_killed_says_how_it_ended(home: World, scene: Path) ->
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
-def test_a_killed_interpreter_leaves_nothing(home: World, scene: Path, number: int) -> None:
+def test_session_of_a_killed_interpreter_leaves_nothing(
+    home: World, scene: Path, number: int
+) -> None:
     code = f"""
 import lfpipe, time
 with lfpipe.Session({str(scene)!r}, camera="demo", name="killed") as session:
@@ -132,9 +132,7 @@ with lfpipe.Session({str(scene)!r}, camera="demo", name="killed") as session:
     home.wait_for(lambda: not home.segments() and not list(home.run_dir.glob("*/ctl")), "clean end")
 
 
-def test_a_notebook_starts_changes_and_stops_a_session_in_three_cells(
-    home: World, scene: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_session_in_a_notebook(home: World, scene: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     nbclient, nbformat = pytest.importorskip("nbclient"), pytest.importorskip("nbformat")
     pytest.importorskip("ipykernel")
     monkeypatch.setenv("JUPYTER_DATA_DIR", str(home.root / "jupyter"))

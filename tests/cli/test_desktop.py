@@ -8,7 +8,7 @@ from pathlib import Path
 from tests.support.world import World
 
 
-def test_the_entries_are_valid_start_this_program_and_go_again(world: World) -> None:
+def test_desktop_entries_are_valid_and_go_again(world: World) -> None:
     data = world.root / "data"
     world.env["XDG_DATA_HOME"] = str(data)
     for _ in range(2):  # its own files are replaced

@@ -29,12 +29,14 @@ from tests.support.world import World
     ],
 )
 @pytest.mark.everyday
-def test_a_slip_is_named_with_its_remedy(words: tuple[str, ...], remedy: str, world: World) -> None:
+def test_cli_names_a_slip_with_its_remedy(
+    words: tuple[str, ...], remedy: str, world: World
+) -> None:
     assert remedy in world.refused(*words)
     assert not list(Path(world.root).glob("lfpipe-demo/*")) and not world.left()
 
 
-def test_tables_fit_80_columns(live: World, scene: Path) -> None:
+def test_cli_tables_fit_80_columns(live: World, scene: Path) -> None:
     live.env["COLUMNS"] = "80"
     scenes = (("scene", "list"), ("scene", "info", scene), ("scene", "plan", scene))
     for words in (("ctl", "status"), ("monitor", "--once"), *scenes):
@@ -46,7 +48,7 @@ def test_tables_fit_80_columns(live: World, scene: Path) -> None:
         assert not wide or all("/" in line for line in wide), wide
 
 
-def test_a_log_gets_a_line_for_work_that_takes_long_and_no_bar(
+def test_progress_in_a_log_is_a_line_and_no_bar(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     for quiet_s, said in ((60.0, ""), (-1.0, "rendering the demo scene: 0 of 81\n")):
@@ -67,7 +69,7 @@ def test_a_log_gets_a_line_for_work_that_takes_long_and_no_bar(
         ("monit", ["monitor"]),
     ],
 )
-def test_keys_words_and_sessions_are_offered(
+def test_completion_offers_keys_words_and_sessions(
     line: str, offered: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("lfpipe.supervisor.rundir.running", lambda: ["evening", "morning"])
@@ -77,11 +79,11 @@ def test_keys_words_and_sessions_are_offered(
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_every_shell_gets_a_script(shell: str) -> None:
+def test_completion_has_a_script_for_every_shell(shell: str) -> None:
     assert "_LFPIPE_COMPLETE" in CliRunner().invoke(cli, ["completion", shell]).output
 
 
-def test_a_reader_that_has_ended_is_no_failure_of_ours(world: World) -> None:
+def test_cli_into_a_closed_pipe_ends_quietly(world: World) -> None:
     reader, writer = os.pipe()
     os.close(reader)
     with os.fdopen(writer) as closed:

@@ -75,7 +75,7 @@ def owned(tmp_path_factory: pytest.TempPathFactory, clip: Path) -> Path:
         ("doctor --report notes.txt", "notes.txt"),
     ],
 )
-def test_a_file_of_a_person_is_kept(
+def test_outputs_keep_the_files_of_a_person(
     owned: Path, monkeypatch: pytest.MonkeyPatch, args: str, named: str
 ) -> None:
     monkeypatch.chdir(owned)
@@ -87,7 +87,7 @@ def test_a_file_of_a_person_is_kept(
     assert _content(owned) == before
 
 
-def test_a_file_that_is_shown_to_a_file_plays_once(world: World, scene: Path, clip: Path) -> None:
+def test_up_from_file_to_file_plays_once(world: World, scene: Path, clip: Path) -> None:
     done = world.done(
         "up",
         scene,
@@ -104,7 +104,7 @@ def test_a_file_that_is_shown_to_a_file_plays_once(world: World, scene: Path, cl
 
 
 @pytest.mark.everyday
-def test_without_a_screen_the_demo_leaves_a_video_and_a_picture(world: World) -> None:
+def test_up_demo_without_a_screen_leaves_a_video_and_a_picture(world: World) -> None:
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         world.env.pop(name, None)
     world.done("up", "--demo", "--duration", "1.5")
@@ -116,7 +116,7 @@ def test_without_a_screen_the_demo_leaves_a_video_and_a_picture(world: World) ->
     assert not world.left()
 
 
-def test_a_hidden_input_beside_the_output_is_kept(owned: Path, tmp_path: Path) -> None:
+def test_scene_view_keeps_a_hidden_file_beside_its_output(owned: Path, tmp_path: Path) -> None:
     view = tmp_path / ".b.new.png"
     shutil.copy(owned / "views" / "view_00_00.png", view)
     words = ["scene", "view", str(view), "--row", "0", "--col", "0", "-o", str(tmp_path / "b.png")]
@@ -124,7 +124,7 @@ def test_a_hidden_input_beside_the_output_is_kept(owned: Path, tmp_path: Path) -
     assert sorted(path.name for path in tmp_path.iterdir()) == [".b.new.png", "b.png"]
 
 
-def test_a_recording_of_nothing_leaves_nothing(world: World) -> None:
+def test_record_of_nothing_leaves_nothing(world: World) -> None:
     out = world.root / "rec"
     said = world.refused("record", out, "--camera", "demo", "--set", "camera.rate_hz=0")
     assert "camera.rate_hz" in said and not out.exists()

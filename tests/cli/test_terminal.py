@@ -31,7 +31,7 @@ def _prints(call: ast.Call) -> bool:
     )
 
 
-def test_nothing_else_prints() -> None:
+def test_print_stands_in_terminal_alone() -> None:
     printers = {
         str(path.relative_to(PACKAGE))
         for path in PACKAGE.rglob("*.py")
@@ -42,7 +42,7 @@ def test_nothing_else_prints() -> None:
 
 
 @pytest.mark.parametrize("out", [terminal.print_result, terminal.say])
-def test_lines_have_no_control_characters_and_are_whole(
+def test_print_result_and_say_escape_control_characters(
     out: object, capfd: pytest.CaptureFixture[str]
 ) -> None:
     assert callable(out)
@@ -51,7 +51,7 @@ def test_lines_have_no_control_characters_and_are_whole(
     assert printed == "a\\x1b[2Jb\n" + "c" * 20_000 + "\n"
 
 
-def test_a_path_is_escaped_on_a_terminal_and_whole_in_a_pipe(
+def test_print_result_of_a_path_is_whole_in_a_pipe(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     path = Path("/tmp/\x1b[2J")
@@ -62,7 +62,7 @@ def test_a_path_is_escaped_on_a_terminal_and_whole_in_a_pipe(
     assert capfd.readouterr().out == "/tmp/\\x1b[2J\n"
 
 
-def test_names_of_files_reach_no_terminal(tmp_path: Path) -> None:
+def test_cli_escapes_names_of_files(tmp_path: Path) -> None:
     views = tmp_path / "\x1b]0;owned\x07.npy"
     np.save(views, np.zeros((3, 3, 48, 64, 3), np.uint8))
     settings = ["--set", f"scene.cache_dir={tmp_path / 'cache'}"]
@@ -79,7 +79,7 @@ def test_names_of_files_reach_no_terminal(tmp_path: Path) -> None:
         assert "\x1b" not in text, command
 
 
-def test_a_word_too_many_reaches_no_terminal() -> None:
+def test_cli_escapes_a_word_too_many() -> None:
     """click quotes it as it is."""
     controller, terminal_fd = pty.openpty()
     words = [sys.executable, "-m", "lfpipe", "sweep", "plan.toml", "more\x1b]0;x\x07"]

@@ -40,7 +40,7 @@ def record(
     return display.dropped, display.notices()
 
 
-def test_motion_jpeg_is_small_and_close(tmp_path: Path) -> None:
+def test_file_display_avi_is_small_and_close(tmp_path: Path) -> None:
     y, x = np.mgrid[:240, :320].astype(np.float32)
     picture = np.dstack([np.sin(x / 9) * np.cos(y / 7) * 90 + 128] * 3).astype(np.uint8)
     for suffix in (".avi", ".mkv"):
@@ -51,7 +51,7 @@ def test_motion_jpeg_is_small_and_close(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("size", [(64, 48), (61, 37)])
-def test_every_value_comes_back(tmp_path: Path, size: tuple[int, int]) -> None:
+def test_file_display_mkv_keeps_every_value(tmp_path: Path, size: tuple[int, int]) -> None:
     pictures = noise(10, *size)
     dropped, _ = record(tmp_path / "out.mkv", pictures, 100.0, 0.01)
     cut = [frame[: size[1], : size[0]] for frame in read_back(tmp_path / "out.mkv")]
@@ -62,7 +62,7 @@ def test_every_value_comes_back(tmp_path: Path, size: tuple[int, int]) -> None:
     assert shown == sorted(shown) and dropped == 10 - len(set(shown)) <= 3
 
 
-def test_a_picture_stands_until_the_next(tmp_path: Path) -> None:
+def test_file_display_shows_a_picture_until_the_next(tmp_path: Path) -> None:
     pictures = noise(2, 32, 32)
     display = FileDisplay(tmp_path / "out.mkv", (32, 32), 50.0)
     moments = [time.monotonic()]
@@ -76,13 +76,13 @@ def test_a_picture_stands_until_the_next(tmp_path: Path) -> None:
     assert sum(counts) == len(frames) and np.abs(np.diff(moments) * 50 - counts).max() <= 3
 
 
-def test_a_flood_is_counted_and_does_not_stop_the_caller(tmp_path: Path) -> None:
+def test_file_display_counts_a_flood_and_does_not_block(tmp_path: Path) -> None:
     dropped, notices = record(tmp_path / "out.mkv", [noise(1, 640, 480)[0]] * 300, 30.0)
     assert dropped > 200 and len(read_back(tmp_path / "out.mkv")) < 300 - dropped + 60
     assert any(f"{dropped} pictures are missing" in notice.text for notice in notices)
 
 
-def test_pictures_of_another_shape_are_fitted(tmp_path: Path) -> None:
+def test_file_display_fits_pictures_of_another_shape(tmp_path: Path) -> None:
     record(
         tmp_path / "out.mkv",
         (np.zeros((32, 64, 3), np.uint8), np.full((40, 40, 3), 200, np.uint8)),
@@ -94,7 +94,7 @@ def test_pictures_of_another_shape_are_fitted(tmp_path: Path) -> None:
     assert (frame[:, 16:48] == 200).all() and not frame[:, :16].any() and not frame[:, 48:].any()
 
 
-def test_a_full_disk_ends_the_video_with_a_notice(
+def test_file_display_ends_the_video_on_a_full_disk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pictures = [noise(1, 32, 32)[0]] * (CHECK_FRAMES * 4)
@@ -115,7 +115,7 @@ def test_a_full_disk_ends_the_video_with_a_notice(
     assert any("the video ends here" in notice.text for notice in notices)
 
 
-def test_a_file_that_may_not_grow_ends_the_video(tmp_path: Path) -> None:
+def test_file_display_ends_a_video_that_may_not_grow(tmp_path: Path) -> None:
     code = f"""if True:
         import resource
         from pathlib import Path
@@ -129,7 +129,7 @@ def test_a_file_that_may_not_grow_ends_the_video(tmp_path: Path) -> None:
     assert "no longer grows" in done.stdout and done.stderr == ""
 
 
-def test_mp4_is_h264_whose_pictures_stand_and_whose_index_comes_first(tmp_path: Path) -> None:
+def test_file_display_mp4_is_h264_with_its_index_first(tmp_path: Path) -> None:
     import av
 
     record(
@@ -153,7 +153,7 @@ def test_mp4_is_h264_whose_pictures_stand_and_whose_index_comes_first(tmp_path: 
     ]
 
 
-def test_a_link_beside_an_mp4_is_not_written_through(tmp_path: Path) -> None:
+def test_file_display_mp4_writes_through_no_link(tmp_path: Path) -> None:
     victim = tmp_path / "victim"
     victim.write_text("mine")
     planted = [tmp_path / name for name in (".out.mp4.index", ".out.mp4", ".out.new.mp4")]
@@ -164,7 +164,7 @@ def test_a_link_beside_an_mp4_is_not_written_through(tmp_path: Path) -> None:
     assert not (tmp_path / "out.mp4").is_symlink() and read_back(tmp_path / "out.mp4")
 
 
-def test_mp4_of_a_killed_writer_plays(tmp_path: Path) -> None:
+def test_video_writer_killed_leaves_an_mp4_that_plays(tmp_path: Path) -> None:
     import av
 
     code = """if True:

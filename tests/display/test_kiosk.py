@@ -22,7 +22,7 @@ from tests.support.xvfb_screen import Screen, needs_xdotool
     ("code", "at", "alone_s", "loads"),
     [("bye42", 2, 61, 1), ("bye42", 2, 59, 0), ("bye42", 0, 99, 0), ("", 2, 99, 0)],
 )
-def test_the_next_visitor_begins_with_the_first_scene(
+def test_kiosk_begins_with_the_first_scene_for_the_next_visitor(
     code: str, at: int, alone_s: int, loads: int
 ) -> None:
     asked: list[dict[str, object]] = []
@@ -40,7 +40,7 @@ def test_the_next_visitor_begins_with_the_first_scene(
 exhibition = importlib.import_module("lfpipe.cli.kiosk")  # lfpipe.cli.kiosk is the command
 
 
-def test_an_exhibition_starts_again_until_it_ends_well(
+def test_kiosk_starts_again_until_it_ends_well(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(exhibition, "AGAIN_S", 0.0)
@@ -56,7 +56,7 @@ def test_an_exhibition_starts_again_until_it_ends_well(
 
 
 @needs_xdotool
-def test_the_picture_moves_with_nobody_there_and_keys_do_nothing_until_the_code_is_typed(
+def test_kiosk_moves_with_nobody_there_and_obeys_the_code_alone(
     world: World, scene: Path, screen: Screen
 ) -> None:
     world.env |= {"DISPLAY": screen.name, "LFPIPE_KIOSK_CODE": "bye42"}
@@ -80,9 +80,7 @@ def test_the_picture_moves_with_nobody_there_and_keys_do_nothing_until_the_code_
 
 
 @needs_xdotool
-def test_without_a_camera_it_starts_and_a_touch_looks_around(
-    world: World, scene: Path, screen: Screen
-) -> None:
+def test_kiosk_without_a_camera_follows_a_touch(world: World, scene: Path, screen: Screen) -> None:
     world.env |= {"DISPLAY": screen.name, "LFPIPE_KIOSK_CODE": "bye42"}
     process = world.up(scene, scene, "--kiosk", camera="camera:none such", display="fullscreen")
 
@@ -108,9 +106,7 @@ def test_without_a_camera_it_starts_and_a_touch_looks_around(
     assert "waits for its camera" in told and "Tab" not in told
 
 
-def test_the_unit_starts_it_again_and_quotes_what_systemd_would_expand(
-    world: World, scene: Path
-) -> None:
+def test_kiosk_install_writes_a_unit_of_systemd(world: World, scene: Path) -> None:
     odd = world.root / 'a "100 %" $HOME'
     scene_there = shutil.copytree(scene, odd)
     code = world.root / "code"

@@ -27,9 +27,7 @@ def calibrated(world: World, screen: Screen, node: Path, **optics: object) -> tu
 
 
 @pytest.mark.native("Video4Linux")
-def test_a_made_delay_is_found_through_the_real_window(
-    world: World, screen: Screen, tmp_path: Path
-) -> None:
+def test_calibrate_latency_finds_a_made_delay(world: World, screen: Screen, tmp_path: Path) -> None:
     node = tmp_path / "video0"
     optics = {"screen_ms": 25.0, "camera_ms": 30.0, "exposure_ms": 12.0}
     code, out, err = calibrated(world, screen, node, **optics)
@@ -47,9 +45,7 @@ def test_a_made_delay_is_found_through_the_real_window(
     assert "90 %" in out and "next session" in out
 
 
-def test_a_source_without_stamps_is_refused_and_nothing_is_written(
-    world: World, screen: Screen
-) -> None:
+def test_calibrate_latency_refuses_a_source_without_stamps(world: World, screen: Screen) -> None:
     world.env["DISPLAY"] = screen.name
     done = world.run("calibrate", "--latency", "--camera", "demo")
     assert done.returncode == 2 and "no stamps" in done.stderr and "remedy" in done.stderr

@@ -73,11 +73,11 @@ GREY = np.full((240, 240, 3), 90, np.uint8)
 @pytest.mark.parametrize(
     ("wanted", "number"), [("0", 0), ("2", 2), ("eDP-1", 0), ("edp", 0), ("27", 2), ("DP-1; 24", 1)]
 )
-def test_a_number_or_part_of_a_name(wanted: str, number: int) -> None:
+def test_find_monitor_by_number_or_part_of_a_name(wanted: str, number: int) -> None:
     assert find_monitor(wanted, DESK).number == number
 
 
-def test_sizes_that_cannot_be_are_not_believed() -> None:
+def test_pixel_mm_does_not_believe_sizes_that_cannot_be() -> None:
     assert pixel_mm((96.0, 96.0), 1920) == pytest.approx(508 / 1920)
     assert pixel_mm((0.0, 0.0), 1920) is None
     assert pixel_mm((1920 * 25.4 / 160, 1080 * 25.4 / 90), 1920) is None, (
@@ -147,7 +147,7 @@ def press(window: ScreenWindow, key: str) -> None:
     ],
 )
 @pytest.mark.parametrize("fullscreen", [True, False])
-def test_the_chosen_monitor(
+def test_screen_window_opens_on_the_chosen_monitor(
     x_with_two: str,
     monitor: str,
     whole: tuple[int, ...],
@@ -186,7 +186,7 @@ def test_monitors_are_listed_by_name_and_place(x_with_two: str) -> None:
 @pytest.mark.skipif(
     shutil.which("sway") is None, reason="sway is not installed (apt-get install sway)"
 )
-def test_on_a_desktop_that_scales_pixels_are_the_screens_own(
+def test_screen_window_on_a_scaled_desktop_has_the_screens_pixels(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     # as the tests on X have set it
@@ -234,14 +234,14 @@ def measured(camera: str = CAMERA, **changes: object) -> config.Config:
         (CAMERA, {"render.loop_measured": ""}, DESK, "set by hand"),
     ],
 )
-def test_what_changed_is_named(
+def test_loop_doubt_names_what_changed(
     camera: str, changes: dict[str, Any], desk: list[Monitor], named: str
 ) -> None:
     doubt = loop_doubt(measured(**changes), camera, desk)
     assert named in doubt if named else not doubt
 
 
-def test_up_says_whether_the_delay_is_trusted(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_loop_lines_say_whether_the_delay_is_trusted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lfpipe.cli.launch.detect_monitors", lambda: ("x11", DESK))
     known = measured("demo")
     assert loop_lines(known, DEMO, Window()) == ["loop    61.5 ms delay of camera and display"]

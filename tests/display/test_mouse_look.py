@@ -48,7 +48,7 @@ class Session:
         return columns
 
 
-def test_edge_to_edge_of_the_window_is_edge_to_edge_of_the_grid_without_a_jump() -> None:
+def test_mouse_look_from_edge_to_edge_without_a_jump() -> None:
     session = Session()
     assert session.cols(Pointer(0.5, 0.5))[-1] == pytest.approx(4, abs=0.05)
     way = session.cols(Pointer(0.0, 0.5))
@@ -60,7 +60,7 @@ def test_edge_to_edge_of_the_window_is_edge_to_edge_of_the_grid_without_a_jump()
         assert views is not None and least <= views.left[0] <= most
 
 
-def test_resting_aside_keeps_the_view_dragging_and_the_key_move_the_neutral_position() -> None:
+def test_mouse_look_recentres_by_dragging_and_by_key_alone() -> None:
     session = Session()
     session.cols(Pointer(0.5, 0.5))
     aside = session.cols(Pointer(0.7, 0.5), 600)
@@ -72,7 +72,7 @@ def test_resting_aside_keeps_the_view_dragging_and_the_key_move_the_neutral_posi
     assert session.cols(Pointer(0.9, 0.5))[-1] == pytest.approx(4, abs=0.05)
 
 
-def test_the_wheel_is_the_distance() -> None:
+def test_mouse_look_wheel_is_the_distance() -> None:
     session = Session()
     session.cols(Pointer(0.5, 0.5), 200)
     assert session.viewer.parallax is not None
@@ -82,7 +82,7 @@ def test_the_wheel_is_the_distance() -> None:
     assert session.viewer.parallax.distance_mm < 0.75 * before_mm
 
 
-def test_the_right_button_takes_over_from_a_camera_and_gives_it_back_without_a_jump() -> None:
+def test_mouse_look_right_button_takes_over_without_a_jump() -> None:
     session = Session(alone=False)
     camera = eyes_record(apart=60.0, apart_px=60.0, generation=1)
     still = session.cols(Pointer(0.1, 0.5), 200, camera)
@@ -95,7 +95,7 @@ def test_the_right_button_takes_over_from_a_camera_and_gives_it_back_without_a_j
 
 @pytest.mark.timeout(300)
 @needs_xdotool
-def test_a_session_of_the_mouse_needs_no_camera_is_recorded_and_played_again(
+def test_mouse_session_is_recorded_and_played_again(
     world: World, scene: Path, screen: Screen
 ) -> None:
     """The recording holds the eyes; two replays agree bit by bit, and a session follows them as it
@@ -173,6 +173,6 @@ def test_a_session_of_the_mouse_needs_no_camera_is_recorded_and_played_again(
     assert len(eyes) > 10 and eyes <= {tuple(line["eyes_raw"]["left"]) for line in lines}
 
 
-def test_nobody_moves_a_mouse_without_a_window(world: World, scene: Path) -> None:
+def test_mouse_session_without_a_window_is_refused(world: World, scene: Path) -> None:
     done = world.run("up", scene, "--camera", "mouse", "--display", "none")
     assert done.returncode == 2 and "no mouse" in done.stderr and "remedy" in done.stderr

@@ -59,7 +59,7 @@ class Screened(OverlayView):
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_every_entry_of_the_bar_can_be_clicked_and_the_middle_is_free(
+def test_bar_entries_can_be_clicked(
     size: tuple[int, int],
 ) -> None:
     screened = Screened(size, Overlay(bar=BAR))
@@ -74,14 +74,14 @@ def test_every_entry_of_the_bar_can_be_clicked_and_the_middle_is_free(
     }
 
 
-def test_every_entry_shows_its_key_and_what_a_session_lacks_is_left_out() -> None:
+def test_bar_items_show_their_keys() -> None:
     assert all(EVENTS[item.key] == item.event for item in BAR if item.event != DEPTH)
     assert len(EVENTS) == sum(len(row.keys.split()) for row in KEYS), "no key twice"
     fewer = bar_items(0.0, True, False, frozenset({DEPTH, "choose"}))
     assert len(fewer) == len(BAR) - 2 and any(item.warns for item in fewer)
 
 
-def test_the_bar_goes_by_itself_but_not_while_the_slider_is_held(
+def test_bar_goes_by_itself_but_not_while_the_slider_is_held(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     screened = Screened((1920, 1080), Overlay(bar=BAR))
@@ -99,7 +99,7 @@ def test_the_bar_goes_by_itself_but_not_while_the_slider_is_held(
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_each_kind_of_glasses_can_be_clicked_above_the_notices(size: tuple[int, int]) -> None:
+def test_glasses_menu_entries_can_be_clicked(size: tuple[int, int]) -> None:
     menu = glasses_menu("mono")
     assert {value for *_, value in KINDS} <= set(choices("render.anaglyph"))
     screened = Screened(size, Overlay(menu=menu, notices=("camera lost, trying again",)))
@@ -120,9 +120,7 @@ def test_each_kind_of_glasses_can_be_clicked_above_the_notices(size: tuple[int, 
     st.tuples(st.integers(120, 1400), st.integers(120, 900)),
     st.lists(st.sampled_from(ARROWS), max_size=30),
 )
-def test_the_selected_item_is_on_the_page(
-    count: int, size: tuple[int, int], keys: list[str]
-) -> None:
+def test_menu_shows_the_selected_item(count: int, size: tuple[int, int], keys: list[str]) -> None:
     items = tuple(
         Item(f"scene {k}", f"load /{k}", picture=np.zeros((6, 8, 3), np.uint8))
         for k in range(count)
@@ -143,7 +141,7 @@ def test_the_selected_item_is_on_the_page(
     ), "one key reaches all"
 
 
-def test_escape_closes_what_is_over_the_picture_then_leaves_the_full_screen() -> None:
+def test_overlay_escape_closes_what_is_over_the_picture() -> None:
     view = OverlayView()
     for overlay, event in (
         (Overlay(lines=HELP), "close"),
@@ -154,7 +152,7 @@ def test_escape_closes_what_is_over_the_picture_then_leaves_the_full_screen() ->
         assert view.key("escape") == event
 
 
-def test_the_bar_comes_with_the_mouse_and_a_click_is_a_key(
+def test_bar_comes_with_the_mouse_and_a_click_is_a_key(
     window: Callable[..., Display],  # noqa: F811
     screen: Screen,
 ) -> None:

@@ -22,7 +22,7 @@ def wayland() -> Iterator[str]:
 
 
 @pytest.mark.parametrize("system", ["x", "wayland"])
-def test_a_session_names_who_tells_when_its_pictures_were_shown(
+def test_presented_by_names_who_reports_blanks(
     system: str, world: World, scene: Path, request: pytest.FixtureRequest
 ) -> None:
     if system == "x":

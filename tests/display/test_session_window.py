@@ -36,7 +36,7 @@ def expected(line: dict[str, dict[str, list[float]]]) -> list[int]:
 
 @pytest.mark.everyday
 @needs_xdotool
-def test_the_planes_on_the_screen_come_from_the_right_views(
+def test_session_window_shows_the_views_of_the_trace(
     world: World, scene: Path, screen: Screen
 ) -> None:
     world.env["DISPLAY"] = screen.name
@@ -204,13 +204,13 @@ def _alpha(world: World) -> float:
     return float(world.monitor()["config"]["render"]["alpha_px"])
 
 
-def test_without_a_screen_it_is_the_help(world: World) -> None:
+def test_lfpipe_without_a_screen_is_the_help(world: World) -> None:
     done = world.run()
     assert done.returncode == 2 and "Usage: lfpipe" in done.stderr
 
 
 @needs_xdotool
-def test_scenes_shown_before_are_there_to_choose_from(world: World, screen: Screen) -> None:
+def test_session_window_offers_recent_scenes(world: World, screen: Screen) -> None:
     world.env |= {"DISPLAY": screen.name, "LFPIPE_SESSION": world.name}
     # the real one takes half a minute to make
     write_scene(world.root / "cache" / "lfpipe" / "demo" / NAME, 2, 2)
@@ -252,9 +252,7 @@ def _skin(screen: Screen) -> int:
 
 
 @needs_xdotool
-def test_a_second_scene_is_shown_in_the_open_window(
-    world: World, scene: Path, screen: Screen
-) -> None:
+def test_session_window_shows_a_second_scene(world: World, scene: Path, screen: Screen) -> None:
     world.env |= {"DISPLAY": screen.name, "LFPIPE_SESSION": world.name}
     process = world.up(scene, display="window")
     world.pictures(5)

@@ -18,7 +18,9 @@ HINTS = "(h shows the keys, g tests your glasses)"
 
 
 @needs_xdotool
-def test_pages_close_by_their_cross_and_by_another_entry(world: World, screen: Screen) -> None:
+def test_touch_closes_pages_by_their_cross_and_by_another_entry(
+    world: World, screen: Screen
+) -> None:
     world.env["DISPLAY"] = screen.name
     pygame.font.init()
     # its views are dark: white is in panels alone

@@ -52,7 +52,7 @@ def noise(width: int, height: int, seed: int = 3) -> np.ndarray:
     return np.random.default_rng(seed).integers(1, 256, (height, width, 3), np.uint8)
 
 
-def test_the_screen_shows_each_picture_to_the_bit(
+def test_screen_window_shows_each_picture_to_the_bit(
     window: Callable[..., Display], screen: Screen
 ) -> None:
     display = window((853, 479))
@@ -63,7 +63,9 @@ def test_the_screen_shows_each_picture_to_the_bit(
         assert becomes(lambda picture=picture: np.array_equal(screen.shown(), picture), display)
 
 
-def test_a_small_picture_is_scaled_up_whole(window: Callable[..., Display], screen: Screen) -> None:
+def test_screen_window_scales_a_small_picture_up(
+    window: Callable[..., Display], screen: Screen
+) -> None:
     picture = np.zeros((30, 40, 3), np.uint8)
     picture[:, :20, 2], picture[:15, 20:, 1], picture[15:, 20:, 0] = 200, 150, 100
     display = window((40, 30))
@@ -73,7 +75,7 @@ def test_a_small_picture_is_scaled_up_whole(window: Callable[..., Display], scre
     assert corners == [[0, 0, 200], [0, 150, 0], [100, 0, 0]]
 
 
-def test_lines_stand_at_the_top_and_notices_at_the_bottom_and_go_again(
+def test_screen_window_overlay_has_lines_above_and_notices_below(
     window: Callable[..., Display], screen: Screen
 ) -> None:
     display = window((853, 500))
@@ -116,7 +118,7 @@ def interleaved(screen: Screen) -> bool:
     return len(rows) > 200 and bool((shown[rows][:, cols] == colours[:, None]).all())
 
 
-def test_rows_of_two_views_are_rows_of_the_screen(
+def test_screen_window_interleaves_rows_of_the_screen(
     window: Callable[..., Display], screen: Screen
 ) -> None:
     display = window((70, 50))
@@ -129,7 +131,7 @@ def test_rows_of_two_views_are_rows_of_the_screen(
 
 
 @needs_xdotool
-def test_rows_stay_rows_of_the_screen_where_a_window_is_moved(
+def test_screen_window_moved_interleaves_rows_of_the_screen(
     window: Callable[..., Display], screen: Screen
 ) -> None:
     """Also above the top of the screen. No new picture comes meanwhile."""
@@ -148,7 +150,7 @@ def test_rows_stay_rows_of_the_screen_where_a_window_is_moved(
 
 
 @pytest.mark.skipif(shutil.which("Xvfb") is None, reason="apt-get install xvfb")
-def test_a_window_opens_on_a_screen_of_ten_bits_per_colour(
+def test_screen_window_on_ten_bits_per_colour(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("SDL_FRAMEBUFFER_ACCELERATION", raising=False)
@@ -169,7 +171,7 @@ def test_a_window_opens_on_a_screen_of_ten_bits_per_colour(
             display.close()
 
 
-def test_what_is_dropped_is_named_and_a_name_that_is_no_text_ends_nothing(
+def test_screen_window_names_what_is_dropped(
     window: Callable[..., Display], screen: Screen
 ) -> None:
     display = window((640, 480))
@@ -202,7 +204,7 @@ def pressed(display: Display, count: int = 1) -> list[str]:
 
 
 @needs_xdotool
-def test_every_key_arrives_and_keys_without_meaning_do_not(window: Callable[..., Display]) -> None:
+def test_screen_window_keys(window: Callable[..., Display]) -> None:
     display = window((640, 480))
     display.show(noise(640, 480))
     keys = {
@@ -232,9 +234,7 @@ def test_every_key_arrives_and_keys_without_meaning_do_not(window: Callable[...,
     assert pressed(display, len(keys)) == list(keys.values())
 
 
-def test_help_lists_every_key_over_the_picture(
-    window: Callable[..., Display], screen: Screen
-) -> None:
+def test_screen_window_help_lists_every_key(window: Callable[..., Display], screen: Screen) -> None:
     display = window((853, 500))
     display.show(GREY)
 
@@ -247,7 +247,7 @@ def test_help_lists_every_key_over_the_picture(
 
 
 @needs_xdotool
-def test_full_screen_keeps_the_aspect_with_black_bars_and_goes_back_with_the_last_picture(
+def test_screen_window_full_screen_keeps_the_aspect(
     window: Callable[..., Display], screen: Screen
 ) -> None:
     colour = (10, 120, 230)
@@ -267,7 +267,7 @@ def test_full_screen_keeps_the_aspect_with_black_bars_and_goes_back_with_the_las
     shutil.which("openbox") is None or shutil.which("Xvfb") is None,
     reason="apt-get install openbox xvfb",
 )
-def test_full_screen_and_back_leaves_a_framed_window_where_it_was(
+def test_screen_window_framed_stays_where_it_was_over_full_screen(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with x_server(["Xvfb", "-screen", "0", "1280x800x24"], tmp_path) as name:

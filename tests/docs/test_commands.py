@@ -50,7 +50,7 @@ def commands() -> dict[str, tuple[str, bool]]:
     return found
 
 
-def test_commands_exist_with_their_options() -> None:
+def test_docs_commands_exist_with_their_options() -> None:
     context = click.Context(cli)
     keys = config.options()
     for line, (page, _) in commands().items():
@@ -135,7 +135,7 @@ def session(tmp_path_factory: pytest.TempPathFactory, scene: Path, clip: Path) -
 
 @pytest.mark.live
 @pytest.mark.parametrize("page", [*PAGES, "lfpipe/"])
-def test_commands_run_as_printed(session: World, tmp_path: Path, page: str) -> None:
+def test_docs_commands_run_as_printed(session: World, tmp_path: Path, page: str) -> None:
     """Each that ends by itself, in the order of the page, while a session runs."""
     lines = {
         line: block

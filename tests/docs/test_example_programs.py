@@ -45,7 +45,7 @@ def run(world: World, python: Path, *words: str | Path) -> str:
         ("record_and_replay.sh SCENE demo", "matches reference"),
     ],
 )
-def test_a_program_runs(
+def test_example_program_runs(
     world: World, fresh: Path, scene: Path, clip: Path, words: str, printed: str
 ) -> None:
     places = {"SCENE": scene, "VIDEO": clip, "SEQ": world.root / "walk"}
@@ -61,8 +61,8 @@ def test_a_program_runs(
 EXAMPLE_FILES = sorted(path.name for path in EXAMPLES.iterdir() if path.suffix in (".py", ".sh"))
 
 
-def test_every_program_is_run_and_listed() -> None:
-    programs = {row[0].split()[0] for row in test_a_program_runs.pytestmark[0].args[1]}  # type: ignore[attr-defined]
+def test_example_programs_are_run_and_listed() -> None:
+    programs = {row[0].split()[0] for row in test_example_program_runs.pytestmark[0].args[1]}  # type: ignore[attr-defined]
     programs.add("eyes_to_page.py")  # runs until it is ended: test_examples.py
     assert programs == set(EXAMPLE_FILES)
     listed = re.findall(r"^\| `([\w.]+) ", (EXAMPLES / "README.md").read_text(), re.M)
@@ -70,7 +70,7 @@ def test_every_program_is_run_and_listed() -> None:
 
 
 @pytest.mark.parametrize("name", EXAMPLE_FILES)
-def test_a_program_without_arguments_prints_its_usage(name: str, tmp_path: Path) -> None:
+def test_example_program_without_arguments_prints_its_usage(name: str, tmp_path: Path) -> None:
     words = [sys.executable] if name.endswith(".py") else []
     done = subprocess.run(
         [*words, EXAMPLES / name], capture_output=True, text=True, cwd=tmp_path, timeout=60
@@ -80,7 +80,7 @@ def test_a_program_without_arguments_prints_its_usage(name: str, tmp_path: Path)
 
 
 @pytest.mark.parametrize("number", range(len(PROGRAMS)))
-def test_the_examples_for_python_run(
+def test_examples_of_python_md_run(
     number: int, world: World, fresh: Path, scene: Path, clip: Path, request: pytest.FixtureRequest
 ) -> None:
     """With a small scene in place of the demo's, which takes long to pack."""
@@ -103,7 +103,7 @@ def test_the_examples_for_python_run(
 
 
 @pytest.mark.live
-def test_the_programs_are_typed(fresh: Path, tmp_path: Path) -> None:
+def test_example_programs_are_typed(fresh: Path, tmp_path: Path) -> None:
     """As their readers would check them: against the installed package, strictly."""
     files = [*EXAMPLES.glob("*.py"), EXAMPLES / "lfpipe-example" / "lfpipe_example"]
     for number, program in enumerate(PROGRAMS):
@@ -151,7 +151,7 @@ def package(
         return url, names, about.read().decode()
 
 
-def test_the_package_names_licence_and_authors_shows_nobody_and_links_to_what_exists(
+def test_sdist_names_licence_and_authors_and_links_to_pages(
     package: tuple[str, list[str], str],
 ) -> None:
     url, names, about = package
@@ -175,7 +175,7 @@ def test_the_package_names_licence_and_authors_shows_nobody_and_links_to_what_ex
     assert "lfpipe up --demo" in about and "## How it is built" in about
 
 
-def test_the_container_runs_commands_that_exist() -> None:
+def test_containerfile_runs_commands_that_exist() -> None:
     text = (ROOT / "Containerfile").read_text()
     assert (
         re.search(r"^FROM python:3\.1[1-4]-slim$", text, re.M)
@@ -185,9 +185,7 @@ def test_the_container_runs_commands_that_exist() -> None:
 
 
 @pytest.mark.live
-def test_a_wheel_from_the_source_distribution_installs_into_an_empty_environment(
-    fresh: Path, tmp_path: Path
-) -> None:
+def test_wheel_from_the_sdist_installs(fresh: Path, tmp_path: Path) -> None:
     """As an installer without a wheel does: the archive has all that its own build reads."""
     code = (
         "import lfpipe, subprocess; print(lfpipe.__file__); subprocess.run(['lfpipe', '--version'],"

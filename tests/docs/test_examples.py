@@ -32,7 +32,7 @@ from tests.share.test_outputs import HEAD
 from tests.support.world import World, until
 
 
-def test_blocks_of_data_are_well_formed() -> None:
+def test_docs_blocks_of_data_are_well_formed() -> None:
     for page in PAGES:
         for block in blocks(page, "toml"):
             tomllib.loads(block)
@@ -40,7 +40,7 @@ def test_blocks_of_data_are_well_formed() -> None:
             json.loads(block)
 
 
-def test_the_ring_example_reads_a_frame(
+def test_ring_example_reads_a_frame(
     live: World, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     example = next(block for block in blocks("docs/contracts.md") if "Reader" in block)
@@ -56,9 +56,7 @@ def test_the_ring_example_reads_a_frame(
     )
 
 
-def test_the_layout_example_opens_its_scene(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_layout_example_opens_its_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     example = next(block for block in blocks("docs/extending.md") if "def detect" in block)
     (tmp_path / "trio.py").write_text(example)
     monkeypatch.setattr(layouts, "__path__", [*layouts.__path__, str(tmp_path)])
@@ -84,7 +82,7 @@ RUNNER = """
 """
 
 
-def test_the_stage_example_runs_in_a_session(world: World, scene: Path, tmp_path: Path) -> None:
+def test_stage_example_runs_in_a_session(world: World, scene: Path, tmp_path: Path) -> None:
     page = (ROOT / "docs" / "extending.md").read_text()
     row = re.search(r"`(Stage\(.*?\))`\.", page, re.S)
     assert row is not None
@@ -108,7 +106,9 @@ def program(word: str) -> str:
     return next(block for block in blocks("docs/recipes.md") if word in block)
 
 
-def test_the_window_keeps_the_screen_where_it_is(capsys: pytest.CaptureFixture[str]) -> None:
+def test_window_projection_example_keeps_the_screen_in_place(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     names: dict[str, object] = {}
     exec(program("window_projection"), names)
     assert capsys.readouterr().out.strip() == "[1. 1.]"
@@ -123,7 +123,7 @@ def test_the_window_keeps_the_screen_where_it_is(capsys: pytest.CaptureFixture[s
         np.testing.assert_allclose(behind[:2] / behind[3], at_screen[:2] / at_screen[3], atol=1e-9)
 
 
-def test_the_bridge_passes_eyes_on_to_a_page(tmp_path: Path) -> None:
+def test_eyes_to_page_example_passes_eyes_on(tmp_path: Path) -> None:
     from tornado.websocket import websocket_connect
 
     osc_port, web_port = free_port(), free_port()
@@ -149,7 +149,7 @@ def test_the_bridge_passes_eyes_on_to_a_page(tmp_path: Path) -> None:
     )
 
 
-def test_the_experiment_reads_eyes_on_its_own_clock(tmp_path: Path) -> None:
+def test_lab_eyes_example_reads_eyes(tmp_path: Path) -> None:
     pytest.importorskip("pylsl")
     os.environ |= lsl_environment(tmp_path)
     name = f"lab{os.getpid()}"

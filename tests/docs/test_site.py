@@ -25,7 +25,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_the_site_has_every_page(site: Path) -> None:
+def test_site_has_every_page(site: Path) -> None:
     assert {page.stem for page in (ROOT / "docs").glob("*.md")} <= {
         page.stem for page in site.glob("*.html")
     }
@@ -40,7 +40,7 @@ def brightness(browser: Browser, name: str) -> int:
 
 
 @pytest.mark.live
-def test_no_page_is_wider_than_its_screen(site: Path, tmp_path: Path) -> None:
+def test_site_pages_fit_their_screen(site: Path, tmp_path: Path) -> None:
     """On a desktop and on a phone, light and dark; and the text differs from its background."""
     if why := missing():
         pytest.skip(why)
@@ -64,7 +64,7 @@ def test_no_page_is_wider_than_its_screen(site: Path, tmp_path: Path) -> None:
             assert (paper > ink) != dark, (ink, paper)
 
 
-def test_links_and_files_that_pages_name_exist() -> None:
+def test_docs_links_and_files_exist() -> None:
     results = ROOT / "profiling" / "results"
     for page in (
         ROOT / "README.md",
@@ -82,13 +82,13 @@ def test_links_and_files_that_pages_name_exist() -> None:
             )
 
 
-def test_the_pages_together_have_at_most_20000_words() -> None:
+def test_docs_have_at_most_20000_words() -> None:
     """As `cat README.md docs/*.md | wc -w` counts them, the generated ones included."""
     pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
     assert sum(len(page.read_text().split()) for page in pages) <= 20_000
 
 
-def test_every_page_names_the_address_of_the_project_file() -> None:
+def test_docs_name_one_address_of_the_project() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     address = project["urls"]["Source"]
     citation = (ROOT / "CITATION.cff").read_text()

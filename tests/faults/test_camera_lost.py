@@ -29,7 +29,7 @@ def _rows(world: World) -> dict[str, tuple[str, int, int]]:
 
 
 @pytest.mark.native("Video4Linux")
-def test_one_session_outlives_all_that_happens_to_its_camera(
+def test_session_outlives_all_that_happens_to_its_camera(
     world: World, scene: Path, tmp_path: Path
 ) -> None:
     node = tmp_path / "video0"
@@ -118,7 +118,7 @@ def _read(camera: ReconnectingCamera, out: np.ndarray) -> tuple[Frame, list[Exce
             raised.append(error)
 
 
-def test_frames_count_on_over_connections_and_the_loss_is_told_once() -> None:
+def test_reconnecting_camera_counts_on_and_tells_a_loss_once() -> None:
     opened: list[Made] = []
     scripts: list[Any] = [
         [0, 0, UserError("gone")],

@@ -18,7 +18,7 @@ MANY = pytest.param(500, marks=(pytest.mark.soak, pytest.mark.timeout(7200)))
 
 @pytest.mark.timeout(240)
 @pytest.mark.parametrize("count", [len(LETHAL) + len(HARMLESS), MANY])
-def test_a_session_outlives_a_row_of_random_faults(
+def test_soak_session_outlives_random_faults(
     world: World, monkeypatch: pytest.MonkeyPatch, count: int
 ) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(world.run_dir))
@@ -33,7 +33,7 @@ def test_a_session_outlives_a_row_of_random_faults(
     assert not world.left()
 
 
-def test_a_torn_frame_would_be_seen(tmp_path: Path) -> None:
+def test_soak_is_whole_sees_a_torn_frame(tmp_path: Path) -> None:
     path = write_checked_frames(tmp_path / "frames", 2) / "f0001.bmp"
     frame = np.asarray(cv2.imread(str(path)), np.uint8)
     assert is_whole(frame)

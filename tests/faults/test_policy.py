@@ -19,9 +19,7 @@ def _ask(world: World, **message: Any) -> dict[str, Any]:
         return {"error": str(error)}
 
 
-def test_five_failures_end_the_session_with_stage_phase_frame_and_stack(
-    world: World, scene: Path
-) -> None:
+def test_stage_that_fails_five_times_ends_the_session(world: World, scene: Path) -> None:
     world.module = "tests.faults.picky_render"
     process = world.up(scene, *CAMERA, "--set", "render.loop_ms=9")
     _, err = process.communicate(timeout=120)
@@ -38,9 +36,7 @@ def test_five_failures_end_the_session_with_stage_phase_frame_and_stack(
     assert err.count("render ended with exit code 1 in RUNNING; restarting") == 4
 
 
-def test_a_change_is_taken_whole_or_not_at_all_and_never_ends_the_session(
-    world: World, scene: Path, tmp_path: Path
-) -> None:
+def test_set_is_taken_whole_or_rolled_back(world: World, scene: Path, tmp_path: Path) -> None:
     world.module = "tests.faults.picky_render"
     process = world.up(scene, *CAMERA)
     world.pictures(5)
@@ -111,7 +107,7 @@ broken = made_parts:nan_filter
         ),
     ],
 )
-def test_a_part_that_never_works_is_named_and_ends_a_session_with_code_1(
+def test_plugin_that_never_works_ends_a_session_with_code_1(
     world: World, scene: Path, sets: tuple[str, ...], words: str
 ) -> None:
     folder = world.root / "parts"

@@ -75,7 +75,7 @@ def assert_said(done: Done, world: World, *parts: str) -> None:
 
 @mounts
 @pytest.mark.native("/dev/shm")
-def test_too_little_shared_memory(world: World, scene: Path) -> None:
+def test_up_with_too_little_shared_memory(world: World, scene: Path) -> None:
     for options, named in (
         ("size=1m", "--shm-size"),
         ("size=64m,ro", "cannot create shared memory"),
@@ -91,7 +91,7 @@ def test_too_little_shared_memory(world: World, scene: Path) -> None:
 
 
 @pytest.mark.parametrize(("soft", "hard", "code"), [(24, 24, 2), (24, 4096, 0)])
-def test_too_few_open_files_are_raised_or_said(
+def test_up_raises_the_limit_of_open_files_or_says_it(
     world: World, scene: Path, soft: int, hard: int, code: int
 ) -> None:
     def limited() -> None:
@@ -107,7 +107,7 @@ def test_too_few_open_files_are_raised_or_said(
 
 
 @mounts
-def test_a_full_disk_under_the_run_directory(world: World, scene: Path, place: Path) -> None:
+def test_up_with_a_full_run_directory(world: World, scene: Path, place: Path) -> None:
     world.env["XDG_RUNTIME_DIR"] = str(place)
     command = ("up", scene, *PLAIN, "--session", world.name)
     done = in_mounts(world, command, (place, "nr_inodes=6"), after=f"ls -A {place}")
@@ -115,7 +115,9 @@ def test_a_full_disk_under_the_run_directory(world: World, scene: Path, place: P
     assert done.stdout.split("===\n")[1] == "", "the run directory is gone again"
 
 
-def test_directories_without_permission(world: World, scene: Path, as_nobody: list[str]) -> None:
+def test_outputs_in_directories_without_permission(
+    world: World, scene: Path, as_nobody: list[str]
+) -> None:
     def unprivileged(world: World, *command: object, **env: str) -> Done:
         words = [*as_nobody, sys.executable, "-m", "lfpipe", *map(str, command)]
         return subprocess.run(
@@ -161,7 +163,9 @@ def test_directories_without_permission(world: World, scene: Path, as_nobody: li
 
 
 @mounts
-def test_full_disks_end_trace_and_video_and_keep_the_session(world: World, scene: Path) -> None:
+def test_trace_and_video_end_on_full_disks_and_the_session_goes_on(
+    world: World, scene: Path
+) -> None:
     # apart: whichever is first would fill the other's disk
     videos, traces = world.root / "videos", world.root / "traces"
     for place in (videos, traces):
@@ -186,7 +190,7 @@ def test_full_disks_end_trace_and_video_and_keep_the_session(world: World, scene
 
 
 @mounts
-def test_files_without_room_are_named_and_not_left(world: World, place: Path) -> None:
+def test_config_init_and_report_without_room_leave_no_file(world: World, place: Path) -> None:
     command = ("config", "init", place / "c.toml")
     done = in_mounts(world, command, (place, "size=4k"), after=f"ls -A {place}")
     assert done.returncode == 2 and f"{place}/c.toml: No space left on device" in done.stderr
@@ -201,7 +205,7 @@ def test_files_without_room_are_named_and_not_left(world: World, place: Path) ->
 
 
 @mounts
-def test_a_replay_whose_results_have_no_room_says_so(
+def test_replay_without_room_for_results_says_so(
     world: World, scene: Path, clip: Path, place: Path
 ) -> None:
     sequence = world.root / "sequence"
@@ -213,9 +217,7 @@ def test_a_replay_whose_results_have_no_room_says_so(
 
 
 @mounts
-def test_a_recording_ends_with_its_last_whole_frame_where_the_disk_is_full(
-    world: World, place: Path
-) -> None:
+def test_record_on_a_full_disk_ends_with_a_whole_frame(world: World, place: Path) -> None:
     kept = world.root / "kept"
     after = f"cp -r {place}/rec {kept}"
     done = in_mounts(
@@ -235,9 +237,7 @@ def test_a_recording_ends_with_its_last_whole_frame_where_the_disk_is_full(
     assert not list(kept.glob("*.new")) and not world.left()
 
 
-def test_the_video_of_a_render_stage_that_was_killed_is_not_overwritten(
-    world: World, scene: Path
-) -> None:
+def test_file_display_restarted_keeps_the_video_before(world: World, scene: Path) -> None:
     video = world.root / "v.mkv"
     process = world.up(scene, display=f"file:{video}")
     world.pictures(20)

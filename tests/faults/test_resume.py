@@ -29,7 +29,7 @@ def _back_at(world: World, t_ns: int, rate_hz: float) -> bool:
     return any(b - a <= 5e8 for a, b in zip(stamps, stamps[int(0.45 * rate_hz) :], strict=False))
 
 
-def test_stopped_and_continued_each_process_and_all_are_back_at_rate(
+def test_processes_stopped_and_continued_are_back_at_rate(
     world: World, scene: Path, clip: Path
 ) -> None:
     sets = (
@@ -76,7 +76,7 @@ def test_stopped_and_continued_each_process_and_all_are_back_at_rate(
     }, "no stage counted as hung"
 
 
-def test_a_sleep_of_the_machine_is_noticed_once() -> None:
+def test_sleep_watch_notices_a_sleep_once() -> None:
     asleep_ns = 5_000_000_000
     watch = SleepWatch(lambda: asleep_ns)
     assert not watch.woke()
@@ -87,7 +87,7 @@ def test_a_sleep_of_the_machine_is_noticed_once() -> None:
     assert not SleepWatch().woke(), "this machine has not slept in between"
 
 
-def test_no_process_of_a_session_reads_the_wall_clock_after_its_start() -> None:
+def test_wall_clock_is_not_read_by_a_session() -> None:
     """So a step of the clock has no effect: only names and dates of files use it."""
     wall: dict[str, Any] = {
         "time": {"time", "time_ns", "gmtime", "localtime"},
@@ -107,7 +107,7 @@ def _alone(world: World, since_ns: int) -> list[dict[str, Any]]:
     return [line for line in world.lines() if not line["face"] and line["t_composed_ns"] > since_ns]
 
 
-def test_records_of_a_tracker_that_hangs_are_no_viewer(world: World, scene: Path) -> None:
+def test_tracker_that_hangs_shows_nobody(world: World, scene: Path) -> None:
     """Found after SIGKILL of track: "eyes predicted ahead p95 2588 ms"."""
     world.up(scene)
     world.wait_for(lambda: any(line["face"] for line in world.lines()), "a face")
@@ -121,7 +121,7 @@ def test_records_of_a_tracker_that_hangs_are_no_viewer(world: World, scene: Path
     assert world.monitor()["horizon"]["max_ms"] <= 1.02e3 * MAX_HORIZON_S
 
 
-def test_a_slow_camera_is_no_dead_tracker(world: World, scene: Path, clip: Path) -> None:
+def test_camera_that_is_slow_is_no_dead_tracker(world: World, scene: Path, clip: Path) -> None:
     """One frame in 800 ms is older than a dead tracker's last one when the next comes, and still
     shows where the viewer is.
     """

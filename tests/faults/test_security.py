@@ -62,7 +62,7 @@ def _unsafe(node: ast.AST) -> set[str]:
     return set()
 
 
-def test_no_module_unpickles_or_shares_a_lock() -> None:
+def test_modules_do_not_unpickle_or_share_a_lock() -> None:
     root = Path(rundir.__file__).parents[1]
     for path in root.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
@@ -70,7 +70,7 @@ def test_no_module_unpickles_or_shares_a_lock() -> None:
 
 
 @pytest.mark.parametrize("kind", ["link", "file"])
-def test_a_run_directory_that_is_another_thing_is_refused(
+def test_run_directory_that_is_another_thing_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
 ) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
@@ -86,9 +86,7 @@ def test_a_run_directory_that_is_another_thing_is_refused(
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can give a directory away")
-def test_a_run_directory_of_another_user_is_refused_left_alone_and_never_spoken_to(
-    world: World, scene: Path
-) -> None:
+def test_run_directory_of_another_user_is_refused_and_left_alone(world: World, scene: Path) -> None:
     theirs = world.session_dir
     theirs.mkdir(mode=0o755)
     with (theirs / "lock").open("w") as lock:
@@ -126,7 +124,7 @@ def guarded(tmp_path_factory: pytest.TempPathFactory, scene: Path) -> Iterator[W
 
 @pytest.mark.live
 @pytest.mark.native("FIFOs, sockets and segments that are files")
-def test_every_file_and_segment_of_a_session_is_the_users_alone(guarded: World) -> None:
+def test_files_and_segments_of_a_session_are_the_users_alone(guarded: World) -> None:
     run_dir = guarded.session_dir
     assert guarded.ask(cmd="pictures", lease_s=30)["ok"]
     assert stat.S_IMODE(run_dir.stat().st_mode) == 0o700
@@ -143,7 +141,7 @@ def test_every_file_and_segment_of_a_session_is_the_users_alone(guarded: World) 
 
 
 @pytest.mark.live
-def test_paths_over_ctl_are_checked_as_on_the_command_line(guarded: World, tmp_path: Path) -> None:
+def test_ctl_checks_paths_as_the_command_line_does(guarded: World, tmp_path: Path) -> None:
     before = guarded.ask(cmd="hello")
     (tmp_path / "view_00_00.png").write_bytes(b"not a picture")
     outputs = [

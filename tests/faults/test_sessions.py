@@ -29,9 +29,7 @@ def _gone(pids: list[int]) -> bool:
 
 
 @pytest.mark.parametrize("stopped", [1, 3])
-def test_no_stage_outlives_a_killed_supervisor_not_even_one_that_is_stopped(
-    world: World, scene: Path, stopped: int
-) -> None:
+def test_stages_do_not_outlive_a_killed_supervisor(world: World, scene: Path, stopped: int) -> None:
     """A stopped process does not handle the SIGTERM that the kernel sends when the supervisor dies.
     A sweep resumes it: by the first stage to end, or, if all are stopped, by the next session.
     """
@@ -49,9 +47,7 @@ def test_no_stage_outlives_a_killed_supervisor_not_even_one_that_is_stopped(
     world.wait_for(lambda: not world.left(), "clean end")
 
 
-def test_after_a_kill_of_the_group_the_next_session_of_any_name_sweeps(
-    world: World, scene: Path
-) -> None:
+def test_sweep_by_the_next_session_after_a_kill_of_the_group(world: World, scene: Path) -> None:
     process = world.up(scene, *SMALL, start_new_session=True)
     world.pictures(5)
     os.killpg(process.pid, signal.SIGKILL)
@@ -85,7 +81,7 @@ for _ in range(12):
 """
 
 
-def test_sessions_that_begin_and_end_at_once_do_not_sweep_each_other(world: World) -> None:
+def test_sweep_spares_sessions_that_begin_at_once(world: World) -> None:
     """A directory that is created but not yet locked looks like a dead session's to a concurrent
     sweep. Half of them have the names of the others, under another runtime directory.
     """

@@ -60,7 +60,7 @@ def frames(out: Path) -> int:
 
 
 @pytest.mark.parametrize("how", ["closed", "hung up", "quit"])
-def test_the_end_of_its_terminal_ends_a_recording_in_order(world: World, how: str) -> None:
+def test_record_ends_in_order_with_its_terminal(world: World, how: str) -> None:
     out = world.root / "rec"
     terminal = Terminal(world, f"exec {lfpipe('record', out, '--camera', 'demo', *LARGE)}")
     world.wait_for(lambda: frames(out) > 10, "frames")
@@ -86,9 +86,7 @@ def test_the_end_of_its_terminal_ends_a_recording_in_order(world: World, how: st
 
 
 @pytest.mark.parametrize("how", ["terminal", "closed"])
-def test_a_session_without_ears_goes_on_and_ends_when_asked(
-    world: World, scene: Path, how: str
-) -> None:
+def test_session_without_a_terminal_goes_on(world: World, scene: Path, how: str) -> None:
     """It has no output, and ignores the end of its terminal."""
     shown = ("--camera", "demo", "--display", "none", "--trace", world.trace)
     command = lfpipe("up", scene, *shown, "--session", world.name, *SMALL)
@@ -117,7 +115,7 @@ def test_a_session_without_ears_goes_on_and_ends_when_asked(
     assert not world.left() and not any(runs(pid) for pid in pids)
 
 
-def test_a_signal_while_the_stages_start_leaves_nothing(world: World, scene: Path) -> None:
+def test_sigint_while_the_stages_start_leaves_nothing(world: World, scene: Path) -> None:
     process = world.up(scene, *SMALL, start_new_session=True)
     world.wait_for(lambda: list(world.run_dir.glob("*/session.json")), "session")
     os.killpg(process.pid, signal.SIGINT)

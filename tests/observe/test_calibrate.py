@@ -26,7 +26,7 @@ from tests.support.xvfb_screen import Screen, outline
         "camera = { fov_deg = 60 } # one line\n",
     ],
 )
-def test_one_key_changes_and_nothing_else(before: str, tmp_path: Path) -> None:
+def test_write_keys_changes_one_key_alone(before: str, tmp_path: Path) -> None:
     expected = tomllib.loads(before)
     expected.setdefault("camera", {})["focal_px"] = 612.5
     path = tmp_path / "new" / "config.toml"
@@ -46,14 +46,14 @@ def test_one_key_changes_and_nothing_else(before: str, tmp_path: Path) -> None:
         assert path.read_text() == damaged
 
 
-def test_a_viewer_who_moves_is_no_measure() -> None:
+def test_median_of_tells_a_viewer_who_moves() -> None:
     assert median_of([]) == (0.0, False)
     median_px, still = median_of([60 + k % 2 * 0.5 for k in range(45)])
     assert still and abs(median_px - 60) <= 0.5
     assert not median_of(range(50, 95))[1]
 
 
-def test_without_a_screen_the_demo_is_measured_and_kept(world: World) -> None:
+def test_calibrate_without_a_screen_measures_the_demo(world: World) -> None:
     done = world.done("calibrate", "--camera", "demo", "--distance", "600")
     settings = world.root / "settings" / "lfpipe"
     written = tomllib.loads((settings / "cameras.toml").read_text())["demo"]
@@ -71,7 +71,7 @@ def test_without_a_screen_the_demo_is_measured_and_kept(world: World) -> None:
     assert "no face was detected" in world.refused("calibrate", "--camera", "file:wall.avi")
 
 
-def test_each_camera_keeps_its_own_focal_length(world: World, scene: Path, clip: Path) -> None:
+def test_focal_length_is_that_of_each_camera(world: World, scene: Path, clip: Path) -> None:
     settings = world.root / "settings" / "lfpipe"
     settings.mkdir(parents=True)
     (settings / "cameras.toml").write_text(
@@ -116,7 +116,7 @@ def held_up(path: Path) -> tuple[float, float]:
 @pytest.mark.skipif(
     not all(map(shutil.which, ("xdotool", "xwininfo"))), reason="apt-get install xdotool x11-utils"
 )
-def test_a_card_is_clicked_in_a_real_window(world: World, screen: Screen, tmp_path: Path) -> None:
+def test_calibrate_by_card_in_a_real_window(world: World, screen: Screen, tmp_path: Path) -> None:
     width_px, height_px = held_up(tmp_path / "card.avi")
     world.env["DISPLAY"] = screen.name
     settings = world.root / "settings" / "lfpipe" / "config.toml"

@@ -17,7 +17,7 @@ from tests.supervisor.holder import Holder, holding
 from tests.support.world import World
 
 
-def test_this_machine_passes_but_for_what_it_lacks_and_every_line_says_something() -> None:
+def test_doctor_passes_on_this_machine() -> None:
     checks = doctor.checks()
     assert {check.name for check in checks if not check.ok} <= {"camera"}
     assert {check.name for check in checks} > {
@@ -36,7 +36,7 @@ def test_this_machine_passes_but_for_what_it_lacks_and_every_line_says_something
     )
 
 
-def test_a_doubled_opencv_is_explained(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_doctor_explains_a_doubled_opencv(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     info = tmp_path / "opencv_python-4.9.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: opencv-python\nVersion: 4.9.0\n")
@@ -56,9 +56,7 @@ def test_a_doubled_opencv_is_explained(tmp_path: Path, monkeypatch: pytest.Monke
     )
 
 
-def test_missing_networks_are_named_with_what_would_fetch_them(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_doctor_names_missing_networks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(models, "package_folder", lambda: None)
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     fetchable = doctor.face_networks()
@@ -69,7 +67,7 @@ def test_missing_networks_are_named_with_what_would_fetch_them(
     assert not lost.ok and "neither uv nor pip" in lost.detail and "--from WHEEL" in lost.remedy
 
 
-def test_sdl_names_its_driver_or_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_doctor_names_the_driver_of_sdl(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
         monkeypatch.delenv(name, raising=False)
     check = doctor.sdl()
@@ -82,14 +80,14 @@ def test_sdl_names_its_driver_or_what_is_missing(monkeypatch: pytest.MonkeyPatch
     assert not check.ok and "no-such-driver" in check.detail and check.remedy
 
 
-def test_shared_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_doctor_checks_shared_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     full = doctor.shared_memory(1 << 62)
     monkeypatch.setattr("lfpipe.host.segment.SHM_DIR", tmp_path / "gone")
     for check in (full, doctor.shared_memory()):
         assert not check.ok and "shm-size" in check.remedy
 
 
-def test_the_first_camera_decides_unless_the_settings_name_another_source() -> None:
+def test_doctor_checks_the_first_camera_or_the_source() -> None:
     device = CameraDevice(Path("/dev/video97"), "Front")
     assert [check.ok for check in doctor.camera_checks("", [device, device])] == [PORTABLE, True], (
         "OpenCV asks no camera"
@@ -117,7 +115,7 @@ def test_doctor_fails_where_up_would_stop_and_fits_80_columns(world: World) -> N
     assert re.search(r"^FAIL settings .*camera\.sauce", failed.stdout, re.M | re.S)
 
 
-def test_leftovers_are_what_dead_sessions_left_wherever_they_ran(tmp_path: Path) -> None:
+def test_doctor_leftovers_are_those_of_dead_sessions(tmp_path: Path) -> None:
     dead = Holder(tmp_path, "dead")
     left = dead.ready()
     with holding(tmp_path, "living") as used:
@@ -134,7 +132,7 @@ def test_leftovers_are_what_dead_sessions_left_wherever_they_ran(tmp_path: Path)
     assert not set(left) & set(doctor.leftovers().detail.split(", "))
 
 
-def test_a_report_is_whole_private_and_can_be_written_again(tmp_path: Path) -> None:
+def test_write_report_is_whole_private_and_replaces_its_own(tmp_path: Path) -> None:
     path = tmp_path / "report.zip"
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (2000, hard))

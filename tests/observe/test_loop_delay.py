@@ -18,7 +18,7 @@ from profiling.photon import bad_recordings, outcome
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_the_delay_is_found_within_its_interval(seed: int) -> None:
+def test_estimate_holds_the_delay_in_its_interval(seed: int) -> None:
     loop = drawn(np.random.default_rng(seed), seed)
     found = estimate(recording(loop))
     assert (
@@ -26,7 +26,7 @@ def test_the_delay_is_found_within_its_interval(seed: int) -> None:
     )
 
 
-def test_what_cannot_be_measured_is_refused_with_the_reason() -> None:
+def test_estimate_refuses_bad_recordings() -> None:
     for what, word, made in bad_recordings(duration_s=8.0):
         answer = outcome(made)
         assert not isinstance(answer, LoopDelay) and word in answer, f"{what}: {answer}"
@@ -82,7 +82,7 @@ def test_estimate_of_slow_screens_and_automatic_exposure(loop: Loop, most_ms: fl
 
 
 @pytest.mark.parametrize("kept", [0.05, 0.1])
-def test_a_small_share_of_the_frame_before_is_in_the_interval(kept: float) -> None:
+def test_estimate_allows_for_a_small_share_of_the_frame_before(kept: float) -> None:
     """It looked like a slower screen, 1.2 to 1.5 ms off with "+-0.9"."""
     loop = Loop(camera_hz=59.1, kept=kept, seed=6005)
     try:
@@ -94,14 +94,14 @@ def test_a_small_share_of_the_frame_before_is_in_the_interval(kept: float) -> No
 
 
 @pytest.mark.parametrize("camera_hz", [30.02, 30.05])
-def test_a_camera_that_drifts_along_the_screen_is_known_as_far_as_it_drifted(
+def test_estimate_of_a_drifting_camera_has_a_wide_interval(
     camera_hz: float,
 ) -> None:
     found = estimate(recording(Loop(camera_hz=camera_hz, screen_hz=60.0024)))
     assert found.low_ms <= 60 <= found.high_ms and (found.half_ms > 1.5) == (camera_hz == 30.02)
 
 
-def test_a_long_delay_and_frames_delivered_twice_are_measured() -> None:
+def test_estimate_of_long_delays_and_doubled_frames() -> None:
     loop = Loop(camera_hz=29.9, delay_ms=350.0)
     made = recording(loop)
     stamps = np.repeat(made.t_frame_ns, 2)
@@ -113,7 +113,7 @@ def test_a_long_delay_and_frames_delivered_twice_are_measured() -> None:
         assert estimate(each).delay_ms == pytest.approx(350, abs=1)
 
 
-def test_a_tilted_and_half_hidden_screen_is_found_and_the_guide_says_where_to_aim() -> None:
+def test_find_area_of_a_tilted_and_half_hidden_screen() -> None:
     loop = Loop(roll_deg=20, hidden=0.4, size=0.6, duration_s=5.0)
     area = find_area(recording(loop))[0] > 0.4
     rng = np.random.default_rng(loop.seed)
@@ -127,7 +127,7 @@ def test_a_tilted_and_half_hidden_screen_is_found_and_the_guide_says_where_to_ai
         assert word in said and bool(word) == bool(said)
 
 
-def test_a_busy_machine_that_loses_frames_is_no_reason_to_refuse() -> None:
+def test_estimate_takes_recordings_with_lost_frames() -> None:
     loop = Loop(camera_hz=59.7, exposure_ms=8.0, duration_s=8.0)
     made = recording(loop)
     rng = np.random.default_rng(3)
@@ -171,7 +171,9 @@ class Stamped:
 @pytest.mark.parametrize(
     ("every", "stamped", "kept"), [(99, True, 40), (20, True, 38), (2, False, 20), (1, False, 0)]
 )
-def test_single_frames_without_a_stamp_are_left_out(every: int, stamped: bool, kept: int) -> None:
+def test_camera_watch_leaves_out_frames_without_a_stamp(
+    every: int, stamped: bool, kept: int
+) -> None:
     watch = CameraWatch(Stamped(every), (64, 48))
     watch.start()
     watch.join(10)
@@ -181,7 +183,7 @@ def test_single_frames_without_a_stamp_are_left_out(every: int, stamped: bool, k
 
 
 @pytest.mark.parametrize(("rotate", "mirror"), [(0, True), (90, False), (180, True), (270, True)])
-def test_rows_of_a_turned_camera_are_those_that_its_sensor_reads(rotate: int, mirror: bool) -> None:
+def test_as_read_gives_the_rows_of_the_sensor(rotate: int, mirror: bool) -> None:
     camera = config.Camera(width_px=64, height_px=48, rotate=rotate, mirror=mirror)  # type: ignore[arg-type]
     upright = np.empty((*camera.frame_px[::-1], 3), np.uint8)
     orient(Stamped(9), camera).read(upright)

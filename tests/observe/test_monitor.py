@@ -65,7 +65,7 @@ class Terminal:
         os.write(self._fd, key.encode())
 
 
-def test_a_small_terminal_names_what_it_leaves_out() -> None:
+def test_fitted_names_what_it_leaves_out() -> None:
     text = Text("\n".join(["x" * 79] * 15))
     assert fitted(text, 80, 24) is text
     for size, last in (
@@ -77,7 +77,7 @@ def test_a_small_terminal_names_what_it_leaves_out() -> None:
         assert len(lines) == min(16, size[1]) and lines[-1].startswith(f"left out: {last}"), lines
 
 
-def test_the_screen_its_keys_and_a_session_that_starts_again(world: World, scene: Path) -> None:
+def test_monitor_screen_keys_and_a_session_that_starts_again(world: World, scene: Path) -> None:
     world.up(scene)
     world.pictures(5)
     terminal, second = Terminal(world), Terminal(world)
@@ -118,7 +118,7 @@ def test_the_screen_its_keys_and_a_session_that_starts_again(world: World, scene
         assert each.ended() == 0
 
 
-def test_coming_and_going_leaves_nothing_and_costs_no_frame(live: World) -> None:
+def test_monitor_leaves_nothing_and_costs_no_frame(live: World) -> None:
     before = live.segments(), sorted(live.run_dir.rglob("*"))
     descriptors = len(list(Path("/proc/self/fd").iterdir()))
     with live.entered():
@@ -138,7 +138,7 @@ def test_coming_and_going_leaves_nothing_and_costs_no_frame(live: World) -> None
     assert all(stage["restarts"] == 0 for stage in live.monitor()["stages"].values())
 
 
-def test_the_horizon_is_what_the_trace_says_and_grows_with_the_displays_own_delay(
+def test_monitor_horizon_is_what_the_trace_says(
     live: World,
 ) -> None:
     live.pictures(90)
@@ -156,7 +156,7 @@ def test_the_horizon_is_what_the_trace_says_and_grows_with_the_displays_own_dela
     assert state["motion_to_photon"]["onset_ms"] is None, "no light without a screen"
 
 
-def test_streams_and_wrong_words(live: World) -> None:
+def test_monitor_streams_and_refuses_wrong_words(live: World) -> None:
     assert live.monitor()["stages"]["render"]["fps"] > 0
     assert "age of the picture" in live.run("monitor", "--session", live.name, "--once").stdout
     assert re.search(r"over \d+ pictures", live.run("ctl", "status", "--session", live.name).stdout)

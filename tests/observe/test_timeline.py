@@ -62,7 +62,7 @@ def check(made: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
 @given(
     st.lists(st.tuples(st.tuples(*[st.integers(0, 50_000_000)] * 5), st.booleans()), max_size=30)
 )
-def test_any_trace_gives_a_sound_timeline(made: list[tuple[Any, bool]]) -> None:
+def test_timeline_of_any_trace_is_sound(made: list[tuple[Any, bool]]) -> None:
     lines = [
         line(k // 2, 10**9 + (k // 2) * 33_000_000, steps, composed)
         for k, (steps, composed) in enumerate(made)
@@ -86,7 +86,7 @@ def written(path: Path) -> Path:
 
 @settings(max_examples=100)
 @given(seed=st.integers(0, 2**32))
-def test_a_damaged_trace_is_converted_or_refused(seed: int) -> None:
+def test_convert_takes_or_refuses_a_damaged_trace(seed: int) -> None:
     with tempfile.TemporaryDirectory() as folder:
         trace, out = Path(folder) / "t.jsonl", Path(folder) / "t.json"
         trace.write_bytes(hostile.damaged_lines(random.Random(seed), LINES))
@@ -98,7 +98,7 @@ def test_a_damaged_trace_is_converted_or_refused(seed: int) -> None:
             assert os.listdir(folder) == ["t.jsonl"]  # noqa: PTH208
 
 
-def test_a_conversion_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
+def test_convert_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
     out, bad = tmp_path / "t.json", tmp_path / "bad.jsonl"
     out.write_text("# written by lfpipe")
     bad.write_text(json.dumps(LINES[0]) + "\n{}\n")
@@ -124,7 +124,7 @@ def test_a_conversion_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
     assert slices["display"][0]["args"]["age_ms"] == pytest.approx(0.0086)
 
 
-def test_a_trace_of_a_running_session_and_its_timeline(live: World, tmp_path: Path) -> None:
+def test_trace_of_a_running_session_and_its_timeline(live: World, tmp_path: Path) -> None:
     named = ("--session", live.name)
     trace = tmp_path / "t.jsonl"
     assert live.run("trace", "stop", *named).returncode == 2, "none runs"

@@ -57,7 +57,7 @@ def slow_scene(folder: Path, views: int = 7) -> Path:
 
 
 @pytest.mark.live
-def test_a_load_ends_with_its_client(session: World) -> None:
+def test_load_ends_with_its_client(session: World) -> None:
     scene = slow_scene(session.root / "left")
     with control.context() as ctx, ctx.socket(zmq.DEALER) as socket:
         control.connect(socket, session.session_dir, "ctl")
@@ -70,7 +70,7 @@ def test_a_load_ends_with_its_client(session: World) -> None:
 
 
 @pytest.mark.live
-def test_views_are_shown_before_the_disparity_and_then_warped(session: World) -> None:
+def test_load_shows_views_before_their_disparity(session: World) -> None:
     assert session.ask(cmd="load", scene=str(slow_scene(session.root / "both", 5)))["ok"]
     early = scene_of(session)
     session.wait_for(lambda: scene_of(session)["complete"], "the disparity")
@@ -91,7 +91,7 @@ def mapped(pid: int) -> set[str]:
 
 
 @pytest.mark.live
-def test_packs_that_are_left_are_unmapped(session: World) -> None:
+def test_load_unmaps_the_packs_that_are_left(session: World) -> None:
     scenes = [write_scene(session.root / f"scene{n}", 2, 2 + n) for n in range(3)]
     for scene in scenes:
         assert session.ask(cmd="load", scene=str(scene))["ok"]
@@ -106,9 +106,7 @@ def test_packs_that_are_left_are_unmapped(session: World) -> None:
     assert max(files[3:]) - min(files[3:]) <= 2, files
 
 
-def test_packs_in_use_are_kept_also_while_no_render_stage_has_them_open(
-    world: World, scene: Path
-) -> None:
+def test_scene_clean_keeps_packs_in_use(world: World, scene: Path) -> None:
     world.up(scene, "--set", "render.clock=camera")
     world.pictures(5)
     world.kill("render")
@@ -147,7 +145,7 @@ def shown(world: World) -> tuple[int, int]:
 
 
 @pytest.mark.everyday
-def test_a_folder_of_scenes_is_a_list_and_a_scene_stays_one(tmp_path: Path) -> None:
+def test_playlist_of_a_folder_and_of_scenes(tmp_path: Path) -> None:
     folder = write_scenes(tmp_path / "scenes")
     settings = config.Scene(cache_dir=str(tmp_path / "cache"))
     names = [folder / name for name in ("amber", "birch", "cedar")]
@@ -161,7 +159,7 @@ def test_a_folder_of_scenes_is_a_list_and_a_scene_stays_one(tmp_path: Path) -> N
 
 
 @pytest.mark.everyday
-def test_the_next_and_the_previous_scene_come_by_command(listed: World) -> None:
+def test_ctl_load_goes_through_the_playlist(listed: World) -> None:
     def load(*words: str) -> subprocess.CompletedProcess[str]:
         return listed.run("ctl", "--session", listed.name, "load", *words)
 
@@ -181,7 +179,7 @@ def test_the_next_and_the_previous_scene_come_by_command(listed: World) -> None:
 
 
 @pytest.mark.live
-def test_the_page_has_the_list_and_loads_nothing_else(listed: World) -> None:
+def test_page_loads_from_the_playlist_alone(listed: World) -> None:
     with served(listed) as server:
         for at, rows in ((2, 4), (0, 2)):
             status, answer = server.ask("POST", "/ctl", {"cmd": "load", "at": at})

@@ -20,7 +20,7 @@ NEAREST = ("--set", "render.method=nearest", "--set", "render.alpha_px=12")
 
 
 @pytest.mark.everyday
-def test_every_frame_of_a_file_becomes_a_picture_and_the_session_ends_with_it(
+def test_session_shows_every_frame_of_a_file_and_ends(
     world: World, scene: Path, clip: Path
 ) -> None:
     process = world.up(scene, *CAMERA, *NEAREST, camera=f"file:{clip}?loop=0&pace=max")
@@ -47,7 +47,7 @@ def test_every_frame_of_a_file_becomes_a_picture_and_the_session_ends_with_it(
 
 
 @pytest.mark.everyday
-def test_monitor_and_ctl_see_and_change_the_next_picture(
+def test_monitor_and_ctl_change_the_next_picture(
     world: World, scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     world.up(scene, *CAMERA, *NEAREST)
@@ -145,9 +145,7 @@ def test_monitor_and_ctl_see_and_change_the_next_picture(
 
 
 @pytest.mark.everyday
-def test_stages_that_are_killed_or_hang_come_back_and_a_signal_ends_all(
-    world: World, scene: Path
-) -> None:
+def test_stages_that_are_killed_or_hang_come_back(world: World, scene: Path) -> None:
     process = world.up(scene, *CAMERA, start_new_session=True)
     world.pictures(10)
     for number, stage in enumerate(("capture", "track", "render"), 1):

@@ -58,7 +58,7 @@ def send_telemetry_of_any_shape(world: World) -> None:
         world.wait_for(lambda: received("last"), "the last message")
 
 
-def test_every_shape_of_request_is_answered_and_the_session_goes_on(
+def test_control_sockets_answer_every_shape_of_request(
     client: zmq.Socket[bytes], world: World, tmp_path: Path, scene: Path
 ) -> None:
     before = ask(client, {"v": 1, "cmd": "hello"})
@@ -97,7 +97,7 @@ def test_every_shape_of_request_is_answered_and_the_session_goes_on(
     send_telemetry_of_any_shape(world)
 
 
-def test_escape_sequences_of_clients_reach_no_terminal(
+def test_control_sockets_let_no_escape_sequence_through(
     world: World, scene: Path, tmp_path: Path
 ) -> None:
     process = world.up(scene)
@@ -114,7 +114,7 @@ def test_escape_sequences_of_clients_reach_no_terminal(
     assert "of the bus" in err and "\x1b" not in err
 
 
-def test_a_flood_keeps_neither_frames_nor_other_clients_waiting(
+def test_control_sockets_in_a_flood_serve_other_clients(
     client: zmq.Socket[bytes], world: World
 ) -> None:
     """Only a limited part of a flood is read per unit of time, from each client in turn."""
@@ -147,7 +147,7 @@ def test_a_flood_keeps_neither_frames_nor_other_clients_waiting(
         assert not any(stage["restarts"] for stage in world.monitor()["stages"].values())
 
 
-def test_a_client_is_connected_even_if_its_connection_has_the_number_of_one_that_ended_just_before(
+def test_connected_holds_a_client_whose_number_was_used_before(
     tmp_path: Path,
 ) -> None:
     """Else the server takes its request for abandoned and never answers."""
@@ -178,7 +178,7 @@ def _next(sockets: ControlSockets) -> Request:
         _poll(sockets)
 
 
-def test_ten_thousand_byte_strings_to_each_socket_leave_a_server_that_answers(
+def test_control_sockets_answer_after_ten_thousand_byte_strings(
     tmp_path: Path,
 ) -> None:
     with (
@@ -203,7 +203,7 @@ IDS = [None, True, 7, -1, 2**64 - 1, 1.5, "", "é" * 32, b"", bytes(64), "\udcff
 WRONG_IDS = ["x" * 65, "é" * 33, bytes(65), [1], {"a": 1}]
 
 
-def test_an_answer_repeats_the_id_and_the_command_of_its_request(tmp_path: Path) -> None:
+def test_answer_repeats_the_id_and_the_command_of_its_request(tmp_path: Path) -> None:
     with (
         control.context() as ctx,
         closing(ControlSockets(ctx, tmp_path)) as sockets,

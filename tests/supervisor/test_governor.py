@@ -74,7 +74,7 @@ spells = st.lists(
 
 @settings(max_examples=40)
 @given(spells)
-def test_one_level_at_a_time_down_after_half_a_second_of_lag_and_up_after_five_of_room(
+def test_governor_moves_one_level_at_a_time(
     load: list[tuple[Loads, float]],
 ) -> None:
     run = Run()
@@ -158,7 +158,7 @@ PLAYS: dict[str, list[Spell]] = {
 
 
 @pytest.mark.parametrize("name", PLAYS)
-def test_the_level_after_each_spell_of_load(name: str) -> None:
+def test_governor_level_after_each_spell_of_load(name: str) -> None:
     run = Run()
     for number, (loads, seconds, level) in enumerate(PLAYS[name]):
         run.feed_for(loads, seconds)
@@ -167,7 +167,7 @@ def test_the_level_after_each_spell_of_load(name: str) -> None:
 
 @settings(max_examples=20)
 @given(st.floats(GAP_S + 0.01, 3600))
-def test_a_gap_in_time_says_nothing(gap_s: float) -> None:
+def test_governor_forgets_over_a_gap_in_time(gap_s: float) -> None:
     run = Run()
     run.feed_for(LATE, 0.6)
     run.feed_for(EASY, 4.8)
@@ -179,7 +179,7 @@ def test_a_gap_in_time_says_nothing(gap_s: float) -> None:
     assert run.governor.level == 1
 
 
-def test_a_level_that_cannot_be_kept_is_tried_less_and_less_often() -> None:
+def test_governor_tries_a_level_in_vain_less_and_less_often() -> None:
     run = Run(levels=1)
     for _ in range(20_000):  # 2000 s: the machine is fast enough for level 1 and never for level 0
         run.feed(EASY if run.governor.level else LATE)
@@ -203,7 +203,7 @@ def test_a_level_that_cannot_be_kept_is_tried_less_and_less_often() -> None:
         ("blend", "nearest", {"nearest": 50.0, "blend": 40.0}, "blend"),
     ],
 )
-def test_a_warp_is_drawn_where_it_is_not_worse_than_the_scenes_own_cross_fade(
+def test_method_in_use_warps_where_that_is_not_worse(
     wanted: str, scene: str, scores: dict[str, float], drawn: str
 ) -> None:
     assert method_in_use(wanted, scene, True, scores) == drawn
@@ -224,7 +224,7 @@ def _options(method: str, disparity: bool, **more: Any) -> SessionOptions:
         ("blend", "warp2", True, ["blend", "nearest"]),
     ],
 )
-def test_the_ladder_begins_at_what_is_asked_for_and_goes_no_higher(
+def test_ladder_begins_at_what_is_asked_for(
     asked: str, scene: str, disparity: bool, wanted: list[str]
 ) -> None:
     config = Config(render=Render(method=asked))  # type: ignore[arg-type]
@@ -239,7 +239,7 @@ def test_the_ladder_begins_at_what_is_asked_for_and_goes_no_higher(
     assert wanted[0] == method_in_use(asked, scene, disparity, {}) and wanted[0] in METHODS
 
 
-def test_no_level_slows_the_camera_clock_and_none_is_there_where_nothing_is_shown() -> None:
+def test_ladder_holds_only_levels_that_help() -> None:
     options = _options("warp", True)
     paper = Config(render=Render(clock="camera", method="nearest"))
     assert len(ladder(paper, options)) == 1
@@ -262,7 +262,7 @@ def test_no_level_slows_the_camera_clock_and_none_is_there_where_nothing_is_show
     ] == [120, 60, 30, 30]
 
 
-def test_a_level_reaches_the_stages_and_leaves_the_configuration_alone() -> None:
+def test_lowered_applies_a_level_and_keeps_the_configuration() -> None:
     config = Config()
     options = _options("warp", True)
     for level in ladder(config, options):
@@ -331,13 +331,15 @@ def _session(
         ("display", "track", "left_out", False),
     ],
 )
-def test_lag_is_what_a_person_would_miss(clock: str, stage: str, lost: str, lags: bool) -> None:
+def test_quality_control_takes_for_lag_what_a_person_would_miss(
+    clock: str, stage: str, lost: str, lags: bool
+) -> None:
     session = _session(Config(render=Render(clock=clock)))  # type: ignore[arg-type]
     session.work(1.0, stage, lost)
     assert (session.state.level.number >= 1) == lags
 
 
-def test_another_scene_begins_at_full_quality_and_other_settings_keep_the_level() -> None:
+def test_quality_control_begins_another_scene_at_full_quality() -> None:
     session = _session()
     session.work(0.9, "render", "missed")
     assert session.state.level.number == 1
@@ -351,7 +353,7 @@ def test_another_scene_begins_at_full_quality_and_other_settings_keep_the_level(
     assert flat is not None and session.state.loaded(flat).level.number == 0
 
 
-def test_nothing_is_judged_while_a_stage_starts_and_shortly_after() -> None:
+def test_quality_control_judges_nothing_while_a_stage_starts() -> None:
     session = _session()
     session.rows["track"]["state"] = State.STARTING
     session.work(5.0, "render", "missed")
@@ -360,7 +362,7 @@ def test_nothing_is_judged_while_a_stage_starts_and_shortly_after() -> None:
     assert session.state.level.number == 0
 
 
-def test_a_stage_takes_no_level_where_none_that_is_left_helps_it() -> None:
+def test_quality_control_takes_no_level_that_does_not_help() -> None:
     apart: dict[str, tuple[int, ...]] = {"capture": (0,), "track": (1,), "render": (0,)}
     session = _session(Config(render=Render(clock="camera")), apart)
     session.work(5.0, "track", "drops")
@@ -375,7 +377,7 @@ def test_a_stage_takes_no_level_where_none_that_is_left_helps_it() -> None:
     assert session.state.level == session.state.levels[-1] and session.state.level.every == 2
 
 
-def test_a_step_tells_its_reason() -> None:
+def test_step_tells_its_reason() -> None:
     run = Run()
     for loads, seconds in ((EASY, 1), (LATE, 0.4), (TIGHT, 0.4), (LATE, 0.3)):
         run.feed_for(loads, seconds)
@@ -400,9 +402,7 @@ def test_a_step_tells_its_reason() -> None:
         (Load(6, 0, 60_000_000), False, False),
     ],
 )
-def test_the_edges_of_lag_and_room_are_where_they_are_said_to_be(
-    load: Load, lags: bool, room: bool
-) -> None:
+def test_governor_bounds_of_lag_and_room(load: Load, lags: bool, room: bool) -> None:
     full, lowered = Run(), Run(levels=1)
     full.feed_for({**EASY, "render": load}, 0.6)
     lowered.feed_for(LATE, 0.6)
@@ -410,7 +410,7 @@ def test_the_edges_of_lag_and_room_are_where_they_are_said_to_be(
     assert (full.governor.level, lowered.governor.level) == (int(lags), int(not room))
 
 
-def test_two_cores_give_tracking_one_of_its_own_and_more_or_fewer_leave_it_to_the_system() -> None:
+def test_cores_give_tracking_one_of_two() -> None:
     own = {"capture": (4,), "track": (6,), "render": (4,), "record": (6,), "share": (6,)}
     assert (
         process_table.cores([4, 6]).items() >= own.items()
@@ -418,7 +418,9 @@ def test_two_cores_give_tracking_one_of_its_own_and_more_or_fewer_leave_it_to_th
     )
 
 
-def test_the_table_is_read_every_tenth_of_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_quality_control_reads_the_table_every_tenth_of_a_second(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     session = _session()
     taken = list[int]()
     monkeypatch.setattr(Governor, "update", lambda _, t_ns, loads: taken.append(t_ns))

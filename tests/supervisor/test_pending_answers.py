@@ -11,7 +11,7 @@ def answers(pending: PendingAnswers, applied_rev: int, t_ns: int) -> list[tuple[
     return [(request.client, answer.get("applied", answer["ok"])) for request, answer in due]
 
 
-def test_a_change_is_answered_when_it_is_applied_or_too_late() -> None:
+def test_pending_answers_await_a_revision() -> None:
     pending = PendingAnswers()
     pending.await_revision(FIRST, {"ok": True}, 2, 0)
     pending.await_revision(SECOND, {"ok": True}, 3, 10)
@@ -23,7 +23,7 @@ def test_a_change_is_answered_when_it_is_applied_or_too_late() -> None:
     assert not pending
 
 
-def test_a_command_is_answered_when_all_its_stages_have_executed_it() -> None:
+def test_pending_answers_await_all_stages() -> None:
     pending = PendingAnswers()
     number = pending.await_stages(FIRST, ("render", "track"), 0)
     message = {"v": 1, "cmd": "executed", "number": number, "ok": True, "path": "/x"}
@@ -35,7 +35,7 @@ def test_a_command_is_answered_when_all_its_stages_have_executed_it() -> None:
     assert list(pending.due(bool, 1)) == [(FIRST, {"ok": True, "path": "/x"})] and not pending
 
 
-def test_a_stage_that_cannot_execute_a_command_or_is_silent_is_named() -> None:
+def test_pending_answers_name_a_stage_that_fails_or_is_silent() -> None:
     pending = PendingAnswers()
     number = pending.await_stages(FIRST, ("render", "track"), 0)
     pending.executed("render", {"number": number, "ok": False, "error": "no room"})

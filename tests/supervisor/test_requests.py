@@ -46,7 +46,7 @@ def reply_to(state: SessionState, message: Message) -> Reply | str:
 
 @settings(max_examples=800)
 @given(messages)
-def test_every_shape_of_request_is_answered_or_refused(message: Message) -> None:
+def test_respond_answers_or_refuses_every_shape_of_request(message: Message) -> None:
     state = made_state(record="/running")
     reply = reply_to(state, message)
     if isinstance(reply, str):
@@ -124,7 +124,7 @@ REFUSED: list[tuple[str, Message, str, list[Message]]] = [
 
 
 @pytest.mark.parametrize(("command", "options", "words", "wrong"), REFUSED)
-def test_what_cannot_be_done_is_refused_with_a_short_answer(
+def test_respond_refuses_in_few_words(
     command: str, options: Message, words: str, wrong: list[Message]
 ) -> None:
     for sent in wrong:
@@ -145,9 +145,7 @@ def test_what_cannot_be_done_is_refused_with_a_short_answer(
         ({"scene": "/x", "at": 1}, "/x"),
     ],
 )
-def test_a_scene_is_named_by_path_by_number_or_by_step_and_opened_by_a_child(
-    words: Message, path: str
-) -> None:
+def test_respond_load_takes_a_path_a_number_or_a_step(words: Message, path: str) -> None:
     cases: tuple[dict[str, Any], ...] = ({}, {"layout": "quilt", "grid": "4x8"})
     for settings_ in cases:
         reply = respond(made_state(**LIST), {"cmd": "load", **words, **settings_}, 0)
@@ -165,9 +163,7 @@ def test_a_scene_is_named_by_path_by_number_or_by_step_and_opened_by_a_child(
         ),
     ],
 )
-def test_outputs_are_looked_at_by_a_child_too_whether_eyes_are_of_a_camera_or_a_mouse(
-    message: Message, check: Message
-) -> None:
+def test_respond_has_outputs_checked_by_a_child(message: Message, check: Message) -> None:
     for viewer in (VIEWER, MouseViewer()):
         reply = respond(made_state(viewer=viewer), message, 0)
         sources = {} if message["cmd"] == "share" else {"source": viewer.source}
@@ -207,7 +203,7 @@ def test_outputs_are_looked_at_by_a_child_too_whether_eyes_are_of_a_camera_or_a_
         ),
     ],
 )
-def test_a_request_changes_the_option_that_it_names(
+def test_respond_changes_the_option_that_is_named(
     options: Message,
     message: Message,
     result: Message | SceneSummary | None,
@@ -229,12 +225,12 @@ def test_a_request_changes_the_option_that_it_names(
     )
 
 
-def test_what_another_client_did_meanwhile_is_respected() -> None:
+def test_respond_checked_respects_what_was_done_meanwhile() -> None:
     with pytest.raises(UserError, match="a recording to /theirs is already running"):
         respond_checked(made_state(record="/theirs"), {"cmd": "record", "path": "/mine"}, {}, 0)
 
 
-def test_simple_requests_and_their_answers() -> None:
+def test_respond_to_simple_requests() -> None:
     state = made_state()
     for cmd, paused in (("pause", True), ("resume", False)):
         reply = respond(state.changed(paused=not paused), {"cmd": cmd}, 0)
@@ -257,14 +253,14 @@ def test_simple_requests_and_their_answers() -> None:
     assert respond(state, {"cmd": "stop"}, 0) == Reply(stop=True) and not Reply().with_stages
 
 
-def test_disparity_of_a_scene_that_is_not_shown_any_more_changes_nothing() -> None:
+def test_on_complete_of_a_scene_no_longer_shown_changes_nothing() -> None:
     state = made_state(scene=attrs.evolve(SCENE, complete=False))
     after = on_complete(state, SCENE)
     assert after.options.complete and after.rev == state.rev + 1
     assert on_complete(state, attrs.evolve(SCENE, pack="/packs/other")) is state
 
 
-def test_every_command_has_a_row_in_the_contracts() -> None:
+def test_handlers_have_rows_in_the_contracts() -> None:
     page = (ROOT / "docs" / "contracts.md").read_text()
     table = page.partition("## Control")[2].partition("## Monitor")[0]
     first_cells = [line.split("|")[1] for line in table.splitlines() if line.startswith("| `")]
@@ -275,9 +271,7 @@ def test_every_command_has_a_row_in_the_contracts() -> None:
     ("lease", "lasts_s"),
     [({}, 5.0), ({"lease_s": 0.5}, 0.5), ({"lease_s": 60}, 60), ({"lease_s": 60.0}, 60)],
 )
-def test_a_lease_of_pictures_lasts_as_asked_and_five_seconds_without(
-    lease: Message, lasts_s: float
-) -> None:
+def test_respond_pictures_lends_for_as_long_as_asked(lease: Message, lasts_s: float) -> None:
     reply = respond(made_state(), {"cmd": "pictures", **lease}, 7)
     assert reply.state is not None and reply.state.pictures_until_ns == lasts_s * 10**9 + 7
     assert reply.answer == {"ring": reply.state.options.pictures}

@@ -23,7 +23,7 @@ from tests.supervisor.states import made_state
 from tests.support.world import stays
 
 
-def test_a_removed_run_directory_is_noticed(base: Path, name: str) -> None:
+def test_lock_notices_a_removed_run_directory(base: Path, name: str) -> None:
     session = Session(name)
     lock = rundir.acquire(session)
     assert lock.in_place()
@@ -49,7 +49,7 @@ rundir.sweep()
 """
 
 
-def test_an_entry_that_may_not_be_read_or_is_of_another_kind_shuts_nobody_out(
+def test_rundir_passes_over_entries_of_other_kinds(
     base: Path, name: str, as_nobody: list[str]
 ) -> None:
     words = ("lockdir", "locklink", "unreadable", "closed", "with folder", "a name", "file")
@@ -88,9 +88,7 @@ def test_an_entry_that_may_not_be_read_or_is_of_another_kind_shuts_nobody_out(
 @pytest.mark.parametrize(
     "kind", ["directory", pytest.param("link", marks=pytest.mark.native("a lock that is a file"))]
 )
-def test_a_lock_that_is_none_is_named_and_its_remedy_works(
-    base: Path, name: str, kind: str
-) -> None:
+def test_rundir_names_a_lock_that_is_none(base: Path, name: str, kind: str) -> None:
     lock = Session(name).lock
     lock.parent.mkdir(mode=0o700)
     if kind == "directory":
@@ -104,9 +102,7 @@ def test_a_lock_that_is_none_is_named_and_its_remedy_works(
         pass
 
 
-def test_what_lies_in_a_dead_run_directory_goes_with_it(
-    base: Path, name: str, tmp_path: Path
-) -> None:
+def test_sweep_removes_all_of_a_dead_run_directory(base: Path, name: str, tmp_path: Path) -> None:
     """Also folders, and links without what they lead to."""
     kept = tmp_path / "kept"
     kept.mkdir()
@@ -123,7 +119,7 @@ def test_what_lies_in_a_dead_run_directory_goes_with_it(
 
 
 @pytest.mark.native("sockets with a path")
-def test_the_remedy_for_a_path_too_long_for_sockets_works(
+def test_acquire_refuses_a_path_too_long_for_sockets(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     need = zmq.IPC_PATH_MAX_LEN - len(f"/{PREFIX}ab/ctl")  # what a session of two letters leaves
@@ -141,7 +137,7 @@ def test_the_remedy_for_a_path_too_long_for_sockets_works(
     rundir.release(Session("ab"), lock)
 
 
-def test_a_runtime_directory_that_cannot_be_is_named_with_a_remedy(
+def test_acquire_refuses_a_runtime_directory_that_cannot_be(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "file").touch()
@@ -179,9 +175,7 @@ def test_a_runtime_directory_that_cannot_be_is_named_with_a_remedy(
         "\udcff",
     ],
 )
-def test_a_session_name_that_cannot_be_is_named_with_a_remedy(
-    text: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_session_refuses_a_name_that_cannot_be(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(UserError) as error:
         Session(text)
     assert repr(text) in error.value.message and "1 to 32" in error.value.remedy
@@ -194,7 +188,7 @@ def test_a_session_name_that_cannot_be_is_named_with_a_remedy(
 NOBODY = 65534
 
 
-def test_the_same_directory_by_another_path_is_the_same_session(base: Path, name: str) -> None:
+def test_session_by_another_path_is_the_same(base: Path, name: str) -> None:
     link = base.parent / "link"
     link.symlink_to(base)
     with holding(link, name) as segments:
@@ -203,9 +197,7 @@ def test_the_same_directory_by_another_path_is_the_same_session(base: Path, name
         assert "is already running" in Holder(base, name).failed()
 
 
-def test_a_reader_with_another_runtime_directory_finds_the_one_session_of_that_name(
-    base: Path, name: str
-) -> None:
+def test_segment_is_found_from_another_runtime_directory(base: Path, name: str) -> None:
     others = [base.parent / "b", base.parent / "c"]
     for other in others:
         other.mkdir()
@@ -240,7 +232,7 @@ KINDS = ["directory", "link", "zeros"] + (["file of another"] if os.getuid() == 
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_what_is_not_ours_is_left_alone_in_shared_memory(base: Path, name: str, kind: str) -> None:
+def test_sweep_leaves_alone_what_is_not_ours(base: Path, name: str, kind: str) -> None:
     beside = SHM_DIR / f"{place_prefix(Session(name).run_dir)}{'0' * 16}-frames"
     squat(beside, kind)
     try:
@@ -253,9 +245,7 @@ def test_what_is_not_ours_is_left_alone_in_shared_memory(base: Path, name: str, 
     assert not list(base.iterdir())
 
 
-def test_no_stranger_can_take_the_names_of_memory_before_a_session_does(
-    base: Path, name: str
-) -> None:
+def test_segment_names_cannot_be_guessed(base: Path, name: str) -> None:
     with holding(base, name) as first:
         pass
     with holding(base, name) as second:
@@ -268,7 +258,7 @@ def test_no_stranger_can_take_the_names_of_memory_before_a_session_does(
     assert len(leased) == len(recorded) == 20
 
 
-def test_a_killed_session_is_swept_and_a_living_one_is_not(base: Path, name: str) -> None:
+def test_sweep_removes_a_killed_session_alone(base: Path, name: str) -> None:
     killed = Holder(base, name)
     left = killed.ready()
     killed.kill()
@@ -279,9 +269,7 @@ def test_a_killed_session_is_swept_and_a_living_one_is_not(base: Path, name: str
 
 
 @pytest.mark.parametrize("how", ["removed", "base removed", "moved"])
-def test_memory_whose_run_directory_is_gone_is_removed_once_its_session_is_dead(
-    base: Path, name: str, how: str
-) -> None:
+def test_sweep_removes_memory_without_a_run_directory(base: Path, name: str, how: str) -> None:
     """By whichever session of this user begins next, wherever its run directory is."""
     other = base.parent / "other"
     other.mkdir()
@@ -298,9 +286,7 @@ def test_memory_whose_run_directory_is_gone_is_removed_once_its_session_is_dead(
         assert gone(left)
 
 
-def test_a_session_that_lost_its_run_directory_leaves_the_next_one_alone(
-    base: Path, name: str
-) -> None:
+def test_session_without_its_run_directory_leaves_the_next_alone(base: Path, name: str) -> None:
     first = Holder(base, name)
     first.ready()
     shutil.rmtree(base / f"{PREFIX}{name}")

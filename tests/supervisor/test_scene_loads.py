@@ -60,7 +60,7 @@ def events(loads: SceneLoads) -> list[SceneEvent]:
     return happened
 
 
-def test_a_scene_is_ready_and_then_complete_and_its_progress_has_an_end(
+def test_scene_loads_make_a_scene_ready_then_complete(
     loads: SceneLoads, news: list[dict[str, Any]], scene: Path, settings: Scene
 ) -> None:
     assert loads.want(CLIENT, str(scene), settings) is None
@@ -73,7 +73,7 @@ def test_a_scene_is_ready_and_then_complete_and_its_progress_has_an_end(
     assert all(message["cmd"] == "loading" for message in news) and (not steps or steps[-1] == "")
 
 
-def test_a_second_request_replaces_the_first_and_a_refusal_is_its_clients(
+def test_scene_loads_replace_the_first_request(
     loads: SceneLoads, scene: Path, settings: Scene, tmp_path: Path
 ) -> None:
     loads.want(CLIENT, str(scene), settings)
@@ -84,6 +84,6 @@ def test_a_second_request_replaces_the_first_and_a_refusal_is_its_clients(
     assert isinstance(failed.error, UserError)
 
 
-def test_a_load_ends_with_its_client(loads: SceneLoads, scene: Path, settings: Scene) -> None:
+def test_scene_loads_end_with_their_client(loads: SceneLoads, scene: Path, settings: Scene) -> None:
     loads.want(CLIENT, str(scene), settings)
     assert loads.update({1, 2}) == [] and not loads.fds

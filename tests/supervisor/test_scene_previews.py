@@ -31,7 +31,7 @@ def finish(previews: ScenePreviews) -> None:
         previews.update()
 
 
-def test_every_scene_has_its_turn_also_after_one_that_ends_the_child(tmp_path: Path) -> None:
+def test_scene_previews_read_every_scene_in_turn(tmp_path: Path) -> None:
     messages: list[dict[str, Any]] = []
     previews = ScenePreviews(messages.append)
     scenes = [views(tmp_path / "dark", 60), str(tmp_path / "gone"), views(tmp_path / "light", 200)]
@@ -54,7 +54,7 @@ def test_every_scene_has_its_turn_also_after_one_that_ends_the_child(tmp_path: P
     assert [message["scene"] for message in messages] == scenes[1:]
 
 
-def test_another_page_ends_the_reading_of_the_one_before(tmp_path: Path) -> None:
+def test_scene_previews_of_another_page_end_those_before(tmp_path: Path) -> None:
     messages: list[dict[str, Any]] = []
     previews = ScenePreviews(messages.append)
     previews.begin([str(tmp_path)], Scene())
@@ -65,7 +65,7 @@ def test_another_page_ends_the_reading_of_the_one_before(tmp_path: Path) -> None
     assert messages == []
 
 
-def test_a_preview_of_noise_fits_a_message(tmp_path: Path) -> None:
+def test_scene_previews_of_noise_fit_a_message(tmp_path: Path) -> None:
     noise = np.random.default_rng(1).integers(0, 256, (480, 640, 3), np.uint8)
     for k in range(4):
         cv2.imwrite(str(tmp_path / f"view_{k // 2:02}_{k % 2:02}.png"), noise)

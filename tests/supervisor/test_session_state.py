@@ -52,7 +52,7 @@ def changed(state: SessionState, change: Change) -> SessionState:
 
 
 @given(st.lists(changes, max_size=30))
-def test_whatever_happens_rings_levels_and_revisions_agree(steps: list[Change]) -> None:
+def test_session_state_rings_levels_and_revisions_agree(steps: list[Change]) -> None:
     state = made_state()
     names = set[str]()
     for step in steps:
@@ -86,7 +86,7 @@ def test_whatever_happens_rings_levels_and_revisions_agree(steps: list[Change]) 
     ), "a rollback takes back configuration and scene, and leaves recordings and traces alone"
 
 
-def test_another_scene_starts_at_its_own_zero_plane() -> None:
+def test_loaded_starts_at_the_zero_plane_of_the_scene() -> None:
     state = made_state()
     state = state.changed(
         attrs.evolve(state.config, render=attrs.evolve(state.config.render, zero_plane_px=10.25))
@@ -105,7 +105,7 @@ def test_another_scene_starts_at_its_own_zero_plane() -> None:
     assert back.rolled_back().options.scene == state.known_good.scene
 
 
-def test_near_and_far_of_another_scene_are_its_own_and_its_summary_follows() -> None:
+def test_loaded_takes_half_turn_from_the_scene() -> None:
     state = made_state()
     order = attrs.evolve(state.config.scene, half_turn="yes")
     turned = state.changed(attrs.evolve(state.config, scene=order))
@@ -121,7 +121,7 @@ def test_near_and_far_of_another_scene_are_its_own_and_its_summary_follows() -> 
     )
 
 
-def test_a_renewed_lease_changes_nothing_that_stages_see() -> None:
+def test_with_pictures_renewed_changes_nothing_for_stages() -> None:
     state = made_state().with_pictures(10)
     longer = state.with_pictures(20)
     assert (
@@ -145,7 +145,7 @@ def test_a_renewed_lease_changes_nothing_that_stages_see() -> None:
     )
 
 
-def test_a_change_is_settled_once_every_stage_has_worked_by_it_for_a_while() -> None:
+def test_config_rollback_settles_what_stages_have_worked_by() -> None:
     rollback = ConfigRollback()
     state = made_state().changed(LOWER)
     begun_ns = 10**9
@@ -159,7 +159,7 @@ def test_a_change_is_settled_once_every_stage_has_worked_by_it_for_a_while() -> 
     assert rollback.watch(state, True, more, begun_ns + TRIAL_NS).known_good == state.basis
 
 
-def test_a_stage_that_fails_on_a_change_blames_it_and_one_that_is_killed_later_does_not() -> None:
+def test_config_rollback_blames_a_change_that_fails_at_once() -> None:
     rollback = ConfigRollback()
     good = made_state()
     state = good.changed(LOWER)
@@ -171,7 +171,7 @@ def test_a_stage_that_fails_on_a_change_blames_it_and_one_that_is_killed_later_d
     assert not rollback.to_blame(state, 0, True)
 
 
-def test_each_change_is_one_revision_and_each_ring_has_a_new_name() -> None:
+def test_session_state_change_is_one_revision() -> None:
     state = made_state()
     assert (state.paused, state.rev, state.pictures_until_ns) == (False, 1, 0)
     assert state.pictures_px == (0, 0)
@@ -189,7 +189,7 @@ def test_each_change_is_one_revision_and_each_ring_has_a_new_name() -> None:
     assert paused.changed(LOWER).paused and not paused.changed(paused=False).paused
 
 
-def test_quality_falls_by_number_and_is_full_again_where_the_levels_change() -> None:
+def test_with_level_is_full_again_where_the_levels_change() -> None:
     state = made_state()
     lower = state.with_level(1)
     assert (
@@ -206,7 +206,7 @@ def test_quality_falls_by_number_and_is_full_again_where_the_levels_change() -> 
         assert fixed.levels == state.levels[:1]
 
 
-def test_a_mouse_or_a_single_view_needs_no_tracking_and_a_line_of_views_does() -> None:
+def test_loaded_keeps_tracking_where_views_need_eyes() -> None:
     state = made_state(viewer=MouseViewer())
     assert state.loaded(OTHER).options.viewer == state.loaded(SCENE).options.viewer == MouseViewer()
     single = made_state().loaded(SINGLE)
@@ -218,7 +218,7 @@ def test_a_mouse_or_a_single_view_needs_no_tracking_and_a_line_of_views_does() -
     assert attrs.evolve(SCENE, rows=1, cols=5).needs_eyes
 
 
-def test_a_still_that_needs_no_eyes_is_drawn_once_and_has_no_lower_quality() -> None:
+def test_levels_of_a_still_without_eyes_are_one() -> None:
     """A video of one view is drawn again for each frame."""
     state = made_state().loaded(SINGLE)
     assert [level.words for level in state.levels] == ["full"]
@@ -226,7 +226,7 @@ def test_a_still_that_needs_no_eyes_is_drawn_once_and_has_no_lower_quality() -> 
     assert len(state.loaded(video).levels) > 1
 
 
-def test_a_stage_reads_the_names_of_plugins() -> None:
+def test_message_carries_the_names_of_plugins() -> None:
     config = attrs.evolve(made_state().config, track=Track(engine="of a plugin"))  # type: ignore[arg-type]
     message = control.decode(control.encode(made_state().changed(config).message()))
     assert converter().structure(message["config"], Config) == config

@@ -76,9 +76,7 @@ PHASES: dict[
 
 
 @pytest.mark.parametrize("phase", PHASES)
-def test_each_phase_has_its_time_without_a_beat(
-    phase: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_overdue_gives_each_phase_its_time(phase: str, monkeypatch: pytest.MonkeyPatch) -> None:
     row, limit_s = PHASES[phase]
     script = Script(monkeypatch, **row)
     assert script.after(3 * limit_s, beats=True) == "" and script.after(limit_s) == ""
@@ -96,7 +94,7 @@ def test_each_phase_has_its_time_without_a_beat(
         )
 
 
-def test_a_wait_for_a_disk_is_busy_declared_or_not_and_an_end_without_words_is_not_judged(
+def test_overdue_waits_for_a_disk(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     script = Script(monkeypatch)
@@ -105,7 +103,7 @@ def test_a_wait_for_a_disk_is_busy_declared_or_not_and_an_end_without_words_is_n
     assert Script(monkeypatch, state=State.STOPPING).after(1000) == ""
 
 
-def test_a_judge_that_slept_forgives_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_overdue_forgives_once_after_a_sleep(monkeypatch: pytest.MonkeyPatch) -> None:
     script = Script(monkeypatch)
     script.t_ns += int((ASLEEP_S + 10) * 1e9)
     assert script.after(STAGE.hang_timeout_s) == "" and "no beat" in script.after(0.5)
@@ -137,7 +135,7 @@ class Ending:
         self.signals.append(signum)
 
 
-def test_who_ends_a_session_waits_for_what_is_being_saved_and_for_nothing_else(
+def test_wait_for_end_waits_for_what_is_being_saved_alone(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     clock = [10**12]
@@ -156,7 +154,7 @@ def test_who_ends_a_session_waits_for_what_is_being_saved_and_for_nothing_else(
     assert hung.signals == [signals.END, signals.KILL] and len(reports) == 1
 
 
-def test_five_failures_in_a_minute_are_too_many_and_not_in_more(
+def test_failed_five_times_in_a_minute_is_too_often(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     script = Script(monkeypatch)
@@ -177,7 +175,7 @@ def test_five_failures_in_a_minute_are_too_many_and_not_in_more(
     assert not any(failures([20.0 * k for k in range(50)]))
 
 
-def test_a_stage_that_fails_again_starts_later_each_time_and_soon_after_a_quiet_minute(
+def test_failed_again_starts_later_each_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     script = Script(monkeypatch)

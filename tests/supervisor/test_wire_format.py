@@ -75,7 +75,7 @@ def assert_same(name: str, message: Any) -> None:
         ),
     ],
 )
-def test_a_snapshot_has_these_bytes(name: str, options: dict[str, Any]) -> None:
+def test_wire_format_of_a_snapshot(name: str, options: dict[str, Any]) -> None:
     state = made_state(**options)
     state = state.with_level(len(state.levels[1:2]))
     message = control.decode(control.encode(state.message()))
@@ -96,7 +96,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     return requests
 
 
-def test_child_processes_are_asked_with_these_lines(asked: list[Any]) -> None:
+def test_wire_format_of_requests_to_children(asked: list[Any]) -> None:
     packing = Packing(PackerRequest(scenes=["/a"], settings=Scene(), expand=True))
     Packing(PackerRequest(scenes=[Path("/b")], settings=Scene(layout="quilt"), remember=True))
     Packing(PackerRequest(do="make", scenes=[Path("/c")], settings=Scene(), out="/out"))
@@ -111,7 +111,7 @@ def test_child_processes_are_asked_with_these_lines(asked: list[Any]) -> None:
     assert packing.views == made_state().options.scene
 
 
-def test_the_window_hears_of_loading_and_previews_in_these_messages(
+def test_wire_format_of_messages_to_the_window(
     asked: list[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     packing = Packing(PackerRequest(scenes=[Path("/a/" + "long" * 60)], settings=Scene()))
@@ -137,7 +137,7 @@ def _row(name: str, **values: object) -> np.ndarray[Any, Any]:
     return row
 
 
-def test_figures_have_these_values(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_wire_format_of_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     for module in (figures, "lfpipe.transport.status", "lfpipe.transport.notices"):
         monkeypatch.setattr(f"{getattr(module, '__name__', module)}.now_ns", lambda: T_NS)
     monkeypatch.setattr(figures, "usable_cores", lambda pid: [0, 1])
@@ -165,7 +165,7 @@ def test_figures_have_these_values(monkeypatch: pytest.MonkeyPatch) -> None:
     assert_same("figures at a lower level, watched", made.to_dict())
 
 
-def test_answers_have_these_keys(tmp_path: Path) -> None:
+def test_wire_format_of_answers(tmp_path: Path) -> None:
     asked = Request(b"client", message={"v": 1, "cmd": "load", "id": 7})
     answers: list[Any] = [{"ok": True, "applied": False}, live_session.INTERNAL]
     answers.append(live_session.REPLACED)
@@ -178,7 +178,7 @@ def test_answers_have_these_keys(tmp_path: Path) -> None:
     assert_same("answers", [control.decode(data) for data in sent])
 
 
-def test_a_session_answers_with_these_keys(world: World, scene: Path, tmp_path: Path) -> None:
+def test_wire_format_of_a_session(world: World, scene: Path, tmp_path: Path) -> None:
     world.up(scene, "--set=governor.quality=fixed")
     world.pictures(5)
     # The scores of a scene come with its disparity, after its first pictures.

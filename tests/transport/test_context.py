@@ -89,9 +89,7 @@ def wakes(context: Context, seconds: float) -> int:
     return count
 
 
-def test_a_reader_that_has_taken_a_slot_does_not_keep_its_writer_awake(
-    session: Session, make: Make
-) -> None:
+def test_context_wait_is_not_ended_by_a_credit(session: Session, make: Make) -> None:
     """At pace=max, where a reader reports every slot to the writer, which looks at it only when it
     wants to publish again.
     """
@@ -108,7 +106,7 @@ def test_a_reader_that_has_taken_a_slot_does_not_keep_its_writer_awake(
     assert eyes.publish(0, 1, 1) == 1, "there is room"
 
 
-def test_what_wakes_a_stage_is_there_for_it(session: Session, make: Make) -> None:
+def test_context_wait_leaves_a_wake_for_the_stage(session: Session, make: Make) -> None:
     context = make("track", False)
     frames = context.input("frames")
     Wake(session.wake("frames", "track")).notify(1)
@@ -118,7 +116,7 @@ def test_what_wakes_a_stage_is_there_for_it(session: Session, make: Make) -> Non
     assert wakes(context, 0.35) <= 6
 
 
-def test_a_lost_output_is_counted_which_decides_the_exit_code(make: Make) -> None:
+def test_report_lost_counts_a_lost_output(make: Make) -> None:
     context = make("render", False)
     context.report_lost("trace: the disk is full")
     assert context.row["lost_outputs"] == 1

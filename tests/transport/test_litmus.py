@@ -270,16 +270,16 @@ def verdict(without: str = "") -> str:
     return "whole"
 
 
-def test_every_execution_gives_whole_slots() -> None:
+def test_ring_gives_whole_slots_in_every_execution() -> None:
     assert verdict() == "whole"
 
 
 @pytest.mark.parametrize("name", FENCES)
-def test_no_fence_can_be_left_out(name: str) -> None:
+def test_ring_without_a_fence_is_torn(name: str) -> None:
     assert verdict(name) != "whole"
 
 
-def test_the_model_knows_every_fence_of_the_ring() -> None:
+def test_ring_has_these_fences() -> None:
     programs = [writer_program(""), *(reader_program("", way, 0, 1)[0] for way in WAYS)]
     fences = [sum(access.place is None for access in program) for program in programs]
     assert fences == [2 * PUBLISHED, 2, 2, 3]

@@ -25,7 +25,7 @@ def told(rows: dict[str, NDArray[np.void]]) -> list[str]:
     return notices(rows, "capture", "render")
 
 
-def test_a_missing_face_is_told_after_a_while_and_only_while_all_run(
+def test_notices_tell_a_missing_face_while_all_run(
     rows: dict[str, NDArray[np.void]],
 ) -> None:
     assert told(rows) == []
@@ -37,7 +37,7 @@ def test_a_missing_face_is_told_after_a_while_and_only_while_all_run(
     assert told(rows) == [], "the mouse is the viewer"
 
 
-def test_a_part_that_does_not_work_is_told_instead_of_a_missing_face(
+def test_notices_tell_a_fault_instead_of_a_missing_face(
     rows: dict[str, NDArray[np.void]],
 ) -> None:
     rows["render"]["t_face_ns"] -= 1
@@ -51,7 +51,7 @@ def test_a_part_that_does_not_work_is_told_instead_of_a_missing_face(
     assert told(rows) == ["the filter is broken: the picture does not follow you"]
 
 
-def test_the_time_of_a_fault_is_that_of_its_first_frame() -> None:
+def test_judge_keeps_the_time_of_the_first_fault() -> None:
     row = Row(np.zeros((), ROW))
     row.judge("", True)
     assert (row["fault_since_ns"], row["worked"], row["spoilt"]) == (0, 1, 0)

@@ -53,7 +53,9 @@ FIRST = SessionOptions(packets="packets.1")
     st.lists(st.tuples(st.sampled_from(KINDS), st.integers(0, 2)), max_size=30),
     st.integers(1, SLOTS - 2),
 )
-def test_each_frame_has_its_own_packet_or_none(kinds: list[tuple[str, int]], ahead: int) -> None:
+def test_packet_input_gives_each_frame_its_own_packet(
+    kinds: list[tuple[str, int]], ahead: int
+) -> None:
     """ahead: frames that capture is before the recorder. New epochs begin anywhere and count frames
     from anywhere.
     """
@@ -82,7 +84,7 @@ def test_each_frame_has_its_own_packet_or_none(kinds: list[tuple[str, int]], ahe
             take(taken)
 
 
-def test_a_packet_that_was_overwritten_is_gone_and_the_next_ones_are_there() -> None:
+def test_packet_input_lacks_only_what_was_overwritten() -> None:
     with ends() as (_, output, taken):
         output.set_options(FIRST)
         for seq in range(10):
@@ -94,7 +96,7 @@ def test_a_packet_that_was_overwritten_is_gone_and_the_next_ones_are_there() -> 
         ]
 
 
-def test_packets_go_where_the_options_say_and_nowhere_else() -> None:
+def test_packet_output_goes_where_the_options_say() -> None:
     with ends() as (session, output, taken):
         output.publish(data(1), 1, 0, 0, 0)  # nobody records
         output.set_options(SessionOptions())

@@ -72,7 +72,7 @@ def stop_in_mid_slot(name: str, told: Any) -> None:
     told.recv()  # until it is killed
 
 
-def test_no_torn_frame_in_100000_reads_with_a_writer_at_full_speed(made: str) -> None:
+def test_read_100000_times_finds_nothing_torn(made: str) -> None:
     """Reads are counted, not frames: where both processes share a core, most reads find none."""
     writer = SPAWN.Process(target=write_for_ever, args=(made,), daemon=True)
     writer.start()
@@ -99,7 +99,7 @@ def test_no_torn_frame_in_100000_reads_with_a_writer_at_full_speed(made: str) ->
     reader.close()
 
 
-def test_a_writer_killed_in_mid_slot_harms_nobody(made: str) -> None:
+def test_writer_killed_in_mid_slot_harms_nobody(made: str) -> None:
     ours, theirs = SPAWN.Pipe()
     reader = Reader(made)
     out = np.empty((96, 512), np.uint8)
@@ -127,7 +127,7 @@ def test_a_writer_killed_in_mid_slot_harms_nobody(made: str) -> None:
 
 @settings(max_examples=60)
 @given(steps=st.lists(st.integers(0, 9), min_size=1, max_size=30), slots=st.integers(3, 6))
-def test_every_slot_is_either_read_or_counted(steps: list[int], slots: int) -> None:
+def test_read_takes_or_counts_every_slot(steps: list[int], slots: int) -> None:
     out = np.empty((), EYES)
     published = read = skipped = 0
     with ends(RingSpec((), EYES, slots)) as (writer, reader):
@@ -158,7 +158,7 @@ def test_every_slot_is_either_read_or_counted(steps: list[int], slots: int) -> N
     slots=st.integers(3, 6),
 )
 @pytest.mark.parametrize("lent", [False, True])
-def test_in_order_every_slot_comes_once_or_is_counted_and_all_that_are_still_there_come(
+def test_read_next_takes_every_slot_that_is_still_there(
     lent: bool, steps: list[tuple[int, int]], slots: int
 ) -> None:
     """steps: so many published, then so many asked for. slots - 2 may lie between the newest and
@@ -193,7 +193,7 @@ def test_in_order_every_slot_comes_once_or_is_counted_and_all_that_are_still_the
 
 
 @pytest.mark.parametrize("slots", [3, 4, 7])
-def test_a_slot_that_was_lent_counts_until_the_writer_may_have_touched_it(slots: int) -> None:
+def test_still_valid_until_the_writer_may_have_touched_a_slot(slots: int) -> None:
     with ends(RingSpec((2,), np.dtype("<i8"), slots)) as (writer, reader):
         writer.begin()
         writer.publish(0, 0, 0)
@@ -206,7 +206,7 @@ def test_a_slot_that_was_lent_counts_until_the_writer_may_have_touched_it(slots:
             writer.publish(0, 0, 0)
 
 
-def test_what_is_no_ring_is_said(name: str) -> None:
+def test_reader_refuses_what_is_no_ring(name: str) -> None:
     for slots, dtype in (
         (2, np.dtype("u1")),
         (4, np.dtype([(f"a field with a long name {k}", "<f8") for k in range(200)])),
@@ -220,7 +220,7 @@ def test_what_is_no_ring_is_said(name: str) -> None:
     memory.unlink()
 
 
-def test_a_reader_that_sees_the_writer_lap_it_takes_the_newest(made: str) -> None:
+def test_read_lapped_by_the_writer_takes_the_newest(made: str) -> None:
     """The writer overtakes between the copy and the second look: the copy must be thrown away."""
     writer = Writer(made)
     reader = Reader(made)
@@ -249,7 +249,7 @@ def test_a_reader_that_sees_the_writer_lap_it_takes_the_newest(made: str) -> Non
     reader.close()
 
 
-def test_readers_cannot_write_and_their_views_outlive_close_as_an_error_and_not_as_a_crash(
+def test_reader_cannot_write_nor_close_while_lent(
     made: str,
 ) -> None:
     reader = Reader(made)
@@ -263,7 +263,7 @@ def test_readers_cannot_write_and_their_views_outlive_close_as_an_error_and_not_
     reader._memory.close()
 
 
-def test_no_room_is_a_clear_error_and_leaves_nothing(name: str) -> None:
+def test_segment_create_without_room_leaves_nothing(name: str) -> None:
     size = shutil.disk_usage(segment.SHM_DIR).total * 2
     with pytest.raises(UserError, match=r"MB free of .* needs") as error:
         segment.create(name, size)
@@ -276,9 +276,7 @@ def test_no_room_is_a_clear_error_and_leaves_nothing(name: str) -> None:
     st.sampled_from(["u1", "<f4", "<i8"]),
     st.integers(3, 9),
 )
-def test_slots_are_whole_pages_and_no_more_than_they_need(
-    shape: list[int], kind: str, slots: int
-) -> None:
+def test_ring_spec_stride_is_whole_pages(shape: list[int], kind: str, slots: int) -> None:
     spec = RingSpec(tuple(shape), np.dtype(kind), slots)
     assert spec.payload_bytes == np.zeros(shape, kind).nbytes
     room = spec.stride - spec.payload_bytes - ring.SLOT_HEADER
@@ -289,7 +287,7 @@ def test_slots_are_whole_pages_and_no_more_than_they_need(
     )
 
 
-def test_a_slot_that_is_being_filled_cannot_be_read_and_carries_what_was_said_of_it() -> None:
+def test_peek_refuses_a_slot_that_is_being_filled() -> None:
     assert [(one.value, one.word) for one in ring.StampKind] == [
         (0, "scheduled"),
         (1, "read"),

@@ -55,7 +55,7 @@ def page(path: bytes, length: int | None = None, magic: bytes = segment.MAGIC) -
 @example(last=page(b"/" + b"x/" * 2030), pages=1)
 @example(last=page(b"\xff\xfe"), pages=1)
 @example(last=page(b"", 2**62), pages=1)
-def test_whatever_a_file_says_of_itself_nothing_fails(
+def test_owned_takes_whatever_a_file_says_of_itself(
     prefix: str, base: Path, last: bytes, pages: int
 ) -> None:
     """And what does not bear the mark is there afterwards."""
@@ -85,15 +85,13 @@ PARTS = st.one_of(
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(each=st.sets(st.tuples(NAMES, PARTS), max_size=20))
-def test_every_ring_of_every_session_has_a_name_of_its_own(
-    base: Path, each: set[tuple[str, str]]
-) -> None:
+def test_segment_gives_every_ring_its_own_name(base: Path, each: set[tuple[str, str]]) -> None:
     names = [Session(name, "token").segment(part) for name, part in each]
     assert len(set(names)) == len(each)
 
 
 @pytest.mark.native("a lock that ends with its descriptor")
-def test_a_segment_lives_as_long_as_the_process_that_made_it(prefix: str) -> None:
+def test_segment_is_abandoned_when_its_maker_ends(prefix: str) -> None:
     made = segment.create(f"{prefix}x", 100, Path("/nowhere/run"))
     assert not list(segment.abandoned(prefix))
     assert segment.owned(prefix) == {f"{prefix}x": Path("/nowhere/run")}
@@ -107,7 +105,7 @@ def test_a_segment_lives_as_long_as_the_process_that_made_it(prefix: str) -> Non
     assert not segment.owned(prefix)
 
 
-def test_unlink_removes_that_segment_and_no_other_of_its_name(prefix: str) -> None:
+def test_unlink_removes_no_other_segment_of_its_name(prefix: str) -> None:
     first = segment.create(f"{prefix}x", 100)
     segment.unlink(f"{prefix}x")
     second = segment.create(f"{prefix}x", 100)
@@ -133,7 +131,7 @@ for k in range(10**9):
 """
 
 
-def test_a_process_killed_at_any_moment_leaves_whole_segments_only(prefix: str) -> None:
+def test_segment_of_a_killed_process_is_whole(prefix: str) -> None:
     for k in range(8):
         maker = subprocess.Popen(
             [sys.executable, "-c", MAKE, f"{prefix}{k}."],
@@ -154,7 +152,7 @@ def test_a_process_killed_at_any_moment_leaves_whole_segments_only(prefix: str) 
     assert not sorted(entry.name for entry in segment.SHM_DIR.glob(f"{prefix}*"))
 
 
-def test_no_process_is_started_and_nothing_is_written_for_a_segment(prefix: str) -> None:
+def test_segment_create_starts_no_process(prefix: str) -> None:
     """Python's tracker would be one, and has something to say of what its process left."""
     script = (
         f"from lfpipe.host import segment; segment.create('{prefix}x', 100); import os; os._exit(0)"

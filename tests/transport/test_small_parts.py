@@ -26,7 +26,7 @@ from lfpipe.transport.status import Row, State, Table
 
 
 @given(rate=st.floats(0.5, 500), k=st.integers(1, 5000))
-def test_deadlines_do_not_drift(rate: float, k: int) -> None:
+def test_ticker_does_not_drift(rate: float, k: int) -> None:
     ticker = Ticker(rate, 10)
     for _ in range(k):
         ticker.advance(ticker.due_ns())
@@ -34,15 +34,13 @@ def test_deadlines_do_not_drift(rate: float, k: int) -> None:
 
 
 @given(late=st.integers(0, 10_000_000_000))
-def test_a_late_ticker_skips_to_the_future(late: int) -> None:
+def test_ticker_skips_to_the_future(late: int) -> None:
     ticker = Ticker(100.0, 0)
     ticker.advance(late)
     assert late < ticker.due_ns() <= late + 10_000_000
 
 
-def test_buckets_are_in_order_without_gap_and_stand_for_their_values_within_one_sixtyfourth() -> (
-    None
-):
+def test_bucket_of_any_value_is_within_one_sixtyfourth() -> None:
     middles = np.array([middle_us(i) for i in range(BUCKETS)])
     assert (np.diff(middles) > 0).all() and [bucket_of(int(m)) for m in middles] == list(
         range(BUCKETS)
@@ -50,7 +48,7 @@ def test_buckets_are_in_order_without_gap_and_stand_for_their_values_within_one_
     assert (np.diff(middles) / 2 <= np.maximum(middles[1:] / 64, 0.5)).all()
 
 
-def test_durations_that_cannot_be_are_counted_as_nothing_and_as_the_longest() -> None:
+def test_histogram_counts_durations_that_cannot_be() -> None:
     histogram = Histogram(np.zeros((), HISTOGRAM))
     histogram.add_ns(-5)
     assert [int(histogram.record[name]) for name in ("count", "sum_ns", "max_ns")] == [1, 0, 0]
@@ -60,7 +58,7 @@ def test_durations_that_cannot_be_are_counted_as_nothing_and_as_the_longest() ->
     assert histogram.record["sum_ns"] == histogram.record["max_ns"] == (1 << 63) - 1
 
 
-def test_a_bucket_is_represented_by_the_middle_of_its_values() -> None:
+def test_middle_us_is_the_middle_of_a_bucket() -> None:
     values: dict[int, list[int]] = {}
     for us in range(1 << 13):
         values.setdefault(bucket_of(us), []).append(us)
@@ -77,7 +75,7 @@ def test_a_bucket_is_represented_by_the_middle_of_its_values() -> None:
 
 
 @given(st.lists(st.integers(0, 10**13), max_size=40))
-def test_a_summary_is_that_of_the_values(values_ns: list[int]) -> None:
+def test_summary_ms_is_that_of_the_values(values_ns: list[int]) -> None:
     """To 0.1 us; percentiles by rank, as the middle of a bucket, at most the maximum."""
     histogram = Histogram()
     for value_ns in values_ns:
@@ -95,7 +93,7 @@ def test_a_summary_is_that_of_the_values(values_ns: list[int]) -> None:
     assert summary_ms(histogram.record) == pytest.approx(expected, abs=2e-4)
 
 
-def test_a_row_is_seen_by_another_attachment_and_outlives_its_writer() -> None:
+def test_status_row_is_seen_by_another_attachment() -> None:
     name = f"lfpipe-test-{os.getpid()}-status"
     memory = status.create(name, ["capture", "track"])
     table = Table(name, writable=True)
@@ -138,7 +136,7 @@ SIGNED = status.MAGIC + status.LAYOUT.to_bytes(8, "little")
         SIGNED,
     ],
 )
-def test_what_is_no_status_table_of_this_version_is_named(data: bytes) -> None:
+def test_status_table_refuses_another_version(data: bytes) -> None:
     """Another ring, one made just now, one of another version, one of other fields, anything else,
     and one that is cut short.
     """
@@ -155,7 +153,7 @@ def test_what_is_no_status_table_of_this_version_is_named(data: bytes) -> None:
         memory.unlink()
 
 
-def test_the_rate_is_that_of_the_newest_and_goes_stale() -> None:
+def test_rate_hz_is_that_of_the_newest() -> None:
     record = np.zeros((), status.ROW)
     assert status.rate_hz(record) == 0.0
     record["recent_ns"][:10] = 10**12 + np.arange(10) * 20_000_000
@@ -181,7 +179,7 @@ plain = st.recursive(
         st.text(min_size=1, max_size=8).filter(lambda k: k != "v"), plain, max_size=5
     )
 )
-def test_what_is_encoded_is_decoded_or_refused_as_too_deep(message: dict[str, object]) -> None:
+def test_decode_gives_what_was_encoded(message: dict[str, object]) -> None:
     try:
         assert control.decode(control.encode(message)) == {"v": control.VERSION, **message}
     except control.BadMessage as error:
@@ -189,14 +187,14 @@ def test_what_is_encoded_is_decoded_or_refused_as_too_deep(message: dict[str, ob
 
 
 @given(data=st.binary(max_size=300) | plain.map(msgpack.packb))
-def test_random_bytes_and_messages_of_another_shape_are_refused_and_never_worse(
+def test_decode_refuses_random_bytes(
     data: bytes,
 ) -> None:
     with pytest.raises(control.BadMessage):
         control.decode(data)
 
 
-def test_hostile_sizes_depths_and_types_are_refused() -> None:
+def test_decode_refuses_hostile_sizes_depths_and_types() -> None:
     deep: object = 1
     for _ in range(500):
         deep = [deep]
@@ -215,11 +213,11 @@ def test_hostile_sizes_depths_and_types_are_refused() -> None:
 
 
 @pytest.mark.native("sockets with a path")
-def test_a_path_too_long_for_a_socket_is_named() -> None:
+def test_check_place_names_a_path_too_long_for_a_socket() -> None:
     with pytest.raises(UserError, match="107"):
         control.check_place(Path("/tmp") / ("x" * 120), "ctl")
 
 
-def test_nobody_at_the_other_end_is_an_answer_in_time(tmp_path: Path) -> None:
+def test_request_to_nobody_is_refused_in_time(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"did not answer within 0\.2 s"):
         control.request(tmp_path, {"cmd": "status"}, timeout_s=0.2)

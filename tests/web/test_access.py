@@ -33,7 +33,7 @@ COMMAND = {"cmd": "pause"}
 
 
 @pytest.mark.parametrize("method", ["GET", "POST"])
-def test_nothing_is_served_without_the_token(live_server: Server, method: str) -> None:
+def test_page_serves_nothing_without_the_token(live_server: Server, method: str) -> None:
     wrong = live_server.token[:-1] + ("A" if live_server.token[-1] != "A" else "B")
     name = f"lfpipe-{live_server.port}"
     attempts: list[tuple[str, dict[str, str]]] = [
@@ -61,7 +61,7 @@ def test_nothing_is_served_without_the_token(live_server: Server, method: str) -
         assert "%ff" in query or "/?token=" in json.loads(data)["error"]
 
 
-def test_the_token_moves_into_a_cookie(live_server: Server) -> None:
+def test_token_moves_into_a_cookie(live_server: Server) -> None:
     answer, page = live_server.answer("GET", f"/?token={live_server.token}")
     assert answer.status == 200 and live_server.token.encode() not in page
     cookie, *attributes = answer.headers["Set-Cookie"].split("; ")
@@ -77,7 +77,7 @@ def test_the_token_moves_into_a_cookie(live_server: Server) -> None:
     assert live_server.ask("PUT", "/ctl", COMMAND)[0] == live_server.ask("GET", "/ctl")[0] == 405
 
 
-def test_the_other_token_shows_no_camera_and_takes_no_commands(live_server: Server) -> None:
+def test_watch_token_shows_no_camera_and_takes_no_commands(live_server: Server) -> None:
     token = live_server.watch_token
     answer, page = live_server.answer("GET", f"/?token={token}")
     assert answer.status == 200 and b'<body class="watch">' in page
@@ -90,7 +90,7 @@ def test_the_other_token_shows_no_camera_and_takes_no_commands(live_server: Serv
     assert sorted({name for name, _ in itertools.islice(watcher.events(), 30)}) == names
 
 
-def test_names_and_pages_of_others_are_refused(live_server: Server) -> None:
+def test_page_refuses_names_and_origins_of_others(live_server: Server) -> None:
     port = live_server.port
     for host in (
         "example.org",
@@ -116,7 +116,7 @@ def test_names_and_pages_of_others_are_refused(live_server: Server) -> None:
     )
 
 
-def test_only_commands_of_the_page_are_passed_on(server: Server, world: World) -> None:
+def test_page_passes_on_its_own_commands_alone(server: Server, world: World) -> None:
     bodies: list[object] = [
         {"cmd": "stop"},
         {"cmd": "load", "scene": "/"},
@@ -156,7 +156,7 @@ def stranger() -> Iterator[tuple[str, list[str]]]:
         served.shutdown()
 
 
-def test_in_a_browser_with_the_token_other_pages_get_nothing(
+def test_page_in_a_browser_gives_other_pages_nothing(
     live_server: Server, stranger: tuple[str, list[str]], tmp_path: Path
 ) -> None:
     if why := missing():
@@ -208,7 +208,7 @@ def test_in_a_browser_with_the_token_other_pages_get_nothing(
 
 
 @given(st.lists(st.text()))
-def test_no_other_text_opens(texts: list[str]) -> None:
+def test_opened_by_takes_the_tokens_alone(texts: list[str]) -> None:
     site = Site(host="127.0.0.1", port=1, feed=Feed("x"))
     assert not site.opened_by(texts) and len(site.token) >= 43
     for token in (site.watch_token, site.token):
@@ -220,14 +220,14 @@ def test_no_other_text_opens(texts: list[str]) -> None:
     st.from_regex(r"[a-z]([a-z0-9-]*[a-z0-9])?(\.[a-z]([a-z0-9-]*[a-z0-9])?)+", fullmatch=True),
     st.integers(0, 65535),
 )
-def test_names_that_may_point_here(name: str, port: int) -> None:
+def test_named_knows_its_own_names(name: str, port: int) -> None:
     assert not named(name, "127.0.0.1") and not named(f"{name}:{port}", "127.0.0.1")
     assert named(f"{name}:{port}", name), "the name that was asked for"
     for own in ("127.0.0.1", "localhost", "LOCALHOST", "10.1.2.3", "[::1]"):
         assert named(own, "127.0.0.1") and named(f"{own}:{port}", "127.0.0.1")
 
 
-def test_addresses() -> None:
+def test_parse_address() -> None:
     assert parse_address(":1") == parse_address("1") == ("127.0.0.1", 1)
     assert parse_address("[::1]:2") == ("::1", 2) and url_of("::1", 2) == "http://[::1]:2"
     assert url_of("lab", 3) == "http://lab:3" and "0.0.0.0" not in url_of("0.0.0.0", 5)

@@ -28,7 +28,7 @@ HALVES = (
 LARGE = 10_000_000
 
 
-def test_half_requests_hold_nothing_and_close_nobody_with_the_token(live_server: Server) -> None:
+def test_page_closes_half_requests(live_server: Server) -> None:
     assert live_server.ask("POST", "/ctl", {"cmd": "resume"})[0] == 200
     live_server.jpeg("picture")
     connection, viewer = live_server.viewer()
@@ -50,7 +50,7 @@ def test_half_requests_hold_nothing_and_close_nobody_with_the_token(live_server:
     connection.close()
 
 
-def test_large_requests_are_refused(live_server: Server) -> None:
+def test_page_refuses_large_requests(live_server: Server) -> None:
     threads = live_server.threads()
     for head in (f"Content-Length: {LARGE}", "Transfer-Encoding: chunked", f"X: {'y' * LARGE}"):
         start = (
@@ -74,7 +74,7 @@ def test_large_requests_are_refused(live_server: Server) -> None:
     assert live_server.ask("GET", "/page.js")[0] == 200 and live_server.threads() <= threads + 2
 
 
-def test_many_viewers(live_server: Server) -> None:
+def test_page_limits_its_viewers(live_server: Server) -> None:
     live_server.jpeg("picture")
     threads = live_server.threads()
     viewers = [live_server.viewer() for _ in range(2 * MAX_STREAMS)]
@@ -94,7 +94,7 @@ def test_many_viewers(live_server: Server) -> None:
     until(served_again, "place for a new viewer")
 
 
-def test_who_does_not_read_is_dropped(live_server: Server) -> None:
+def test_page_drops_who_does_not_read(live_server: Server) -> None:
     sockets = live_server.sockets()
     get = "GET {} HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: Bearer {}\r\n\r\n"
     with ExitStack() as stack:
@@ -107,7 +107,7 @@ def test_who_does_not_read_is_dropped(live_server: Server) -> None:
         until(lambda: live_server.sockets() <= sockets, "end of who does not read", 90)
 
 
-def test_a_server_that_nobody_looks_at_lets_go_of_the_session_and_ends_with_viewers(
+def test_page_without_viewers_lets_go_of_the_session(
     live: World,
 ) -> None:
     with served(live) as server:

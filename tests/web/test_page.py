@@ -13,7 +13,7 @@ from tests.web.browser import Browser, missing
 from tests.web.server import Server
 
 
-def test_the_picture_is_lent_at_full_chroma_taken_back_and_controlled(
+def test_page_picture_is_lent_at_full_chroma_and_taken_back(
     live: World, live_server: Server
 ) -> None:
     assert live.segments("pictures") == [], "nobody asks, no ring"
@@ -47,7 +47,7 @@ def test_the_picture_is_lent_at_full_chroma_taken_back_and_controlled(
 
 
 @pytest.mark.everyday
-def test_in_a_browser_charts_move_and_controls_work(
+def test_page_in_a_browser_moves_charts_and_takes_controls(
     world: World, scene: Path, server: Server, tmp_path: Path
 ) -> None:
     if why := missing():
@@ -133,7 +133,7 @@ def test_in_a_browser_charts_move_and_controls_work(
         assert server.ask("POST", "/ctl", {"cmd": "recentre"})[0] == 200
 
 
-def test_the_grid_is_where_the_mapping_says() -> None:
+def test_place_px_is_where_the_view_solver_says() -> None:
     from lfpipe.config import Render
     from lfpipe.render.viewpoint import ViewSolver
 
