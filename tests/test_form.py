@@ -1,4 +1,6 @@
-"""The form of the code: large classes take keywords, and the counter of statements counts."""
+"""The form of the code: large classes take keywords, conditionals are not nested, and the counter
+of statements counts.
+"""
 
 import ast
 from collections.abc import Iterator
@@ -54,6 +56,17 @@ def test_sleeps_of_tests_are_these() -> None:
         if count := sum(ast.unparse(node.func) == "time.sleep" for node in called):
             found[str(path.relative_to(tests))] = count
     assert found == SLEEPS, "wait for an event; remove from SLEEPS what sleeps no longer"
+
+
+def test_no_conditional_stands_in_another() -> None:
+    nested = [
+        f"{path.relative_to(PACKAGE)}:{node.lineno}"
+        for path in PACKAGE.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.IfExp)
+        and any(isinstance(part, ast.IfExp) for part in (node.body, node.test, node.orelse))
+    ]
+    assert not nested, "write an if statement"
 
 
 def large_classes() -> Iterator[tuple[str, str, bool]]:

@@ -107,7 +107,11 @@ def read_sequence(path: Path, most_frames: int) -> FrameSequence:
     if not (count := sum(1 for _ in frames())):
         raise UserError(f"{path}: contains no frame", "record it again")
     table = path.with_suffix(".csv")
-    truth = read_truth(path) if is_sequence(path) else table_of(table) if is_file(table) else None
+    truth = None
+    if is_sequence(path):
+        truth = read_truth(path)
+    elif is_file(table):
+        truth = table_of(table)
     if truth is not None and len(truth.t_ns) < count:
         raise UserError(
             f"{path}: has the truth of {len(truth.t_ns)} of {count} frames",

@@ -158,10 +158,8 @@ def judged_error(worst: float, ok: float, degraded: float) -> tuple[str, State]:
     """The worst error as words, and its state: ok up to `ok`, degraded up to `degraded`, failed
     above and for NaN.
     """
-    return (
-        f"{worst:.1e}" if worst else "0",
-        "ok" if worst <= ok else "degraded" if worst <= degraded else "failed",
-    )
+    state: State = "degraded" if worst <= degraded else "failed"
+    return f"{worst:.1e}" if worst else "0", "ok" if worst <= ok else state
 
 
 @attrs.define

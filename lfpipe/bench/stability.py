@@ -130,13 +130,9 @@ def filter_tables(rates_hz: tuple[int, ...]) -> Iterator[Table]:
             case: tuple[str, int], name: str, moving: bool = moving, frames: int = frames
         ) -> tuple[str, State]:
             peak, lasts_s = disturbed(name, *case, moving, frames)
-            state: State = (
-                "ok"
-                if peak <= 1.5 and lasts_s <= 0.7
-                else "degraded"
-                if lasts_s <= 1.5
-                else "failed"
-            )
+            state: State = "degraded" if lasts_s <= 1.5 else "failed"
+            if peak <= 1.5 and lasts_s <= 0.7:
+                state = "ok"
             return f"{peak:.2f}, {lasts_s:.2f} s", state
 
         title = f"Filters after {('one bad frame', 'two bad frames')[frames - 1]}, "

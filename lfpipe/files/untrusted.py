@@ -62,10 +62,11 @@ def _check(value: Any, level: int = 0) -> None:
         raise ValueError(f"nested more than {MAX_DEPTH} levels deep")
     if isinstance(value, int) and not -MAX_INTEGER - 1 <= value <= MAX_INTEGER:
         raise ValueError("an integer of more than 64 bits")
-    for item in (
-        value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
-    ):
-        _check(item, level + 1)
+    if isinstance(value, dict):
+        value = list(value.values())
+    if isinstance(value, list):
+        for item in value:
+            _check(item, level + 1)
 
 
 def _reason(error: Exception) -> str:

@@ -30,13 +30,9 @@ NOTE_S = 5.0  # display time of the answer to a key
 
 def ms(value: float) -> str:
     """A time in ms in five characters, with as many decimals as fit."""
-    return (
-        f"{value:5.2f}"
-        if value < 99.995
-        else f"{value:5.1f}"
-        if value < 999.95
-        else f"{value:5.0f}"
-    )
+    if value < 99.995:
+        return f"{value:5.2f}"
+    return f"{value:5.1f}" if value < 999.95 else f"{value:5.0f}"
 
 
 def photon_words(latency: MotionToPhoton) -> str:

@@ -246,7 +246,9 @@ class ScreenWindow(Display):
             return f"load {event.file}".rstrip()
         if event.type == pygame.KEYDOWN:
             name = self._view.key(CODES.get(event.key) or NAMES.get(event.unicode.lower(), ""))
-            return name if name != "escape" else "fullscreen" if self._fullscreen else ""
+            if name != "escape":
+                return name
+            return "fullscreen" if self._fullscreen else ""
         return self._mouse(event) if event.type in MOUSE else ""
 
     def _point(self, event: pygame.Event) -> None:

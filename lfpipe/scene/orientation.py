@@ -82,13 +82,9 @@ class Orientation:
         """
         holds = self.detected or self.turn
         changed = {self.packed.rows != holds.rows, self.packed.cols != holds.cols}
-        return (
-            0
-            if self.packed.transpose != holds.transpose or len(changed) > 1
-            else -1
-            if True in changed
-            else 1
-        )
+        if self.packed.transpose != holds.transpose or len(changed) > 1:
+            return 0
+        return -1 if True in changed else 1
 
     @property
     def facts(self) -> OrientationFacts:

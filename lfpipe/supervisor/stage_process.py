@@ -151,7 +151,9 @@ class StageProcess:
         if row["state"] == State.STOPPING and not words:
             return ""
         silent_s = (t_ns - max(int(row["beat_ns"]), int(row["started_ns"]), self._awake_ns)) / 1e9
-        limit_s = stage.startup_timeout_s if sets_up else BUSY_S if words else stage.hang_timeout_s
+        limit_s = BUSY_S if words else stage.hang_timeout_s
+        if sets_up:
+            limit_s = stage.startup_timeout_s
         if silent_s <= limit_s:
             return ""
         cpu_ns, on_disk = activity(int(row["pid"]))

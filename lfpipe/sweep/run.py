@@ -53,13 +53,10 @@ def content(path: str) -> str:
     checksums.
     """
     place = Path(path)
-    files = (
-        [place / MANIFEST]
-        if is_sequence(place)
-        else sorted(place.rglob("*"))
-        if is_dir(place)
-        else [place]
-    )
+    if is_sequence(place):
+        files = [place / MANIFEST]
+    else:
+        files = sorted(place.rglob("*")) if is_dir(place) else [place]
     digest = hashlib.blake2b(digest_size=12)
     for file in filter(is_file, files):
         digest.update(str(file.relative_to(place)).encode(errors="surrogateescape"))
@@ -85,13 +82,9 @@ def keyed(cell: Cell, version: str, options: SweepOptions) -> Cell:
     update, whether there is one.
     """
     place = options.reference(cell)
-    reference = (
-        ""
-        if place is None
-        else f"update {is_dir(place)}"
-        if options.update
-        else content(str(place))
-    )
+    reference = ""
+    if place is not None:
+        reference = f"update {is_dir(place)}" if options.update else content(str(place))
     inputs = (content(path) if path else "" for path in (cell.sequence, cell.scene))
     return attrs.evolve(cell, key=_hash(version, cell.name, *inputs, reference))
 

@@ -162,10 +162,11 @@ def installer(folder: Path) -> list[str]:
             *_ONLY,
             PACKAGE,
         ]
-    own = importlib.util.find_spec("pip")
+    words = ["download", "--dest", str(folder), *_PIP, *_ONLY, PACKAGE]
+    if importlib.util.find_spec("pip"):
+        return [sys.executable, "-m", "pip", *words]
     other = shutil.which("pip")
-    pip = [sys.executable, "-m", "pip"] if own else [other] if other else []
-    return [*pip, "download", "--dest", str(folder), *_PIP, *_ONLY, PACKAGE] if pip else []
+    return [other, *words] if other else []
 
 
 def fetch_models(say: Callable[[str], None]) -> Path:

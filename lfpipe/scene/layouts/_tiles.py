@@ -356,10 +356,8 @@ def one_picture_twice(listing: Listing) -> str | None:
 def single_picture(listing: Listing) -> Path | None:
     """The picture of a scene of one picture: the given file, or the only picture of the folder."""
     pictures = listing.pictures()
-    twice = one_picture_twice(listing)
-    return (
-        listing.file(pictures[0]) if len(pictures) == 1 else listing.file(twice) if twice else None
-    )
+    name = pictures[0] if len(pictures) == 1 else one_picture_twice(listing)
+    return listing.file(name) if name else None
 
 
 def require_picture(listing: Listing) -> Path:

@@ -164,7 +164,9 @@ def detect(listing: Listing) -> int | None:
         return None if path is None else 95
     arrangement = _arrangement(path)
     # the halves of a mosaic are also alike: without a word in the name, tiles come first
-    return None if arrangement is None else 65 if arrangement.named else 55
+    if arrangement is None:
+        return None
+    return 65 if arrangement.named else 55
 
 
 def describe(listing: Listing, scene: config.Scene) -> SceneSource:
