@@ -266,47 +266,6 @@ def test_viewer_keeps_the_view_after_a_passer_by_without_a_jump(
     assert middle(shown[-1])[1] == pytest.approx(middle(shown[170])[1], abs=0.5)
 
 
-def test_viewer_goes_over_to_another_face_without_a_jump() -> None:
-    leaning = {"x": 390.0, "apart": 60.0}
-    other = {"x": 470.0, "apart": 60.0, "generation": 1}
-    shown = script(four_views(), (3.0, {"x": 260.0, "apart": 60.0}), (0.5, leaning), (1.0, other))
-    assert middle(shown[209])[1] < 1.0 and steps_views(shown[209:]) <= UNEXPLAINED
-    assert middle(shown[-1])[1] == pytest.approx(4.0, abs=0.5)
-
-
-def test_viewer_finds_a_face_elsewhere_within_half_a_second() -> None:
-    """He left to the left, comes in from the right and walks to a seat a little aside."""
-    walk = [(1 / 30, {"x": 640.0 - 10.0 * k, "generation": 1}) for k in range(23)]
-    subject = four_views()
-    shown = script(subject, (3.0, {"x": 300.0}), (0.5, {"x": 0.0}), (1.5, {"face": 0}), *walk)
-    before = len(shown)
-    shown += script(subject, (2.0, {"x": 410.0, "generation": 1}), start_s=before / 60)
-    assert steps_views(shown[300:]) <= UNEXPLAINED
-    assert middle(shown[before + 30])[1] == pytest.approx(middle(shown[-1])[1], abs=1.0)
-    assert middle(shown[-1])[1] == pytest.approx(4.0, abs=0.1)
-
-
-def test_viewer_does_not_jump_for_a_face_that_walks_in() -> None:
-    """The second record of a face adds its motion and its prediction at once. At 1 m/s."""
-    speed_px_s = -950.0
-    velocity = [[speed_px_s, 0.0]] * 2
-    subject = four_views()
-    shown = script(subject, (3.0, {"x": 300.0, "apart": 60.0}), (11.0, {"face": 0}))
-    first = {"x": 640.0, "apart": 60.0, "generation": 1}
-    walk: list[tuple[float, dict[str, Any]]] = [(1 / 30, first)]
-    for k in range(1, 15):
-        x = 640.0 + speed_px_s * k / 30
-        walk.append((1 / 30, {"x": x, "apart": 60.0, "generation": 1, "velocity_px_s": velocity}))
-    found = script(subject, *walk, start_s=14.0)
-    assert steps_views([*shown[-1:], *found[:8]]) <= 0.4
-
-
-def test_viewer_does_not_jump_for_a_face_lost_for_a_moment() -> None:
-    # 20 px later, of the same track
-    shown = script(four_views(), (3.0, {"x": 300.0}), (0.4, {"face": 0}), (0.5, {"x": 320.0}))
-    assert steps_views(shown[120:]) <= 0.5 and middle(shown[-1])[1] < middle(shown[170])[1] - 2.0
-
-
 def test_viewer_leaning_in_exceeds_comfort_only_briefly() -> None:
     deep = attrs.evolve(
         rendered.field(9, 9, 16, 16),
