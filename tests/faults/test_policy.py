@@ -56,10 +56,8 @@ def test_set_is_taken_whole_or_rolled_back(world: World, scene: Path, tmp_path: 
                 lambda: _ask(world, cmd="status").get("config") == before, "configuration as it was"
             )
     world.more_pictures(3)
-    assert (
-        _ask(world, cmd="set", set={"render.swap_eyes": True, "render.loop_ms": 6})["applied"]
-        is True
-    )
+    accepted = {"render.swap_eyes": True, "render.loop_ms": 6}
+    world.wait_for(lambda: _ask(world, cmd="set", set=accepted)["applied"], "the stages' answers")
     assert "error" not in _ask(world, cmd="load", scene=str(write_scene(tmp_path / "other", 1, 5)))
     assert world.more_pictures(3)[-1]["view"]["left"][0] == 0
     _ask(world, cmd="stop")

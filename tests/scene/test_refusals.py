@@ -21,7 +21,8 @@ from tests.scene import made
 AUTO = config.Scene()
 GRID = made.views(3, 4, 48, 64)
 PAIR = made.views(1, 2, 192, 256, 6.0, -3.0)[0]
-HCI, PLENO, TEXT = "input_Cam{n:03d}.png", "{r:03d}_{c:03d}.png", "lf/{r:02d}_{c:02d}.png"
+HCI = "input_Cam{n:03d}.png"
+TEXT = "lf/{r:02d}_{c:02d}.png"
 Make = Callable[[Path], Path]
 Cure = Callable[[Path], tuple[Path, config.Scene]]
 
