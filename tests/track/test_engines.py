@@ -1,17 +1,13 @@
-"""The engines on a real face: the landmark network in-thread and its parts, MediaPipe's own graph,
-and the gate for what an
-engine returns: finite and plausible, else no face.
+"""The engines on a real face: the landmark network in-thread and its parts, and MediaPipe's own
+graph.
 """
 
-import math
 import subprocess
 import sys
 import types
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
-import attrs
 import cv2
 import numpy as np
 import pytest
@@ -19,10 +15,7 @@ from numpy.typing import NDArray
 
 from lfpipe.config import Track
 from lfpipe.errors import UserError
-from lfpipe.eyes import EYES
 from lfpipe.track.detector import SAME, overlap, suppressed
-from lfpipe.track.engine import Face
-from lfpipe.track.eye_tracker import EyeTracker, HiddenFace
 from lfpipe.track.litert_engine import LitertEngine
 from lfpipe.track.make_engine import make_engine
 from lfpipe.track.mediapipe_engine import MediapipeEngine
@@ -244,61 +237,3 @@ def test_the_portable_warp_differs_by_a_rounding_only(roi: Roi) -> None:
         for way in (warp, portable_warp)
     )
     assert np.abs(exact - rounded).max() <= 1 and rounded.std() > 5
-
-
-FRAME_NS = 33_333_333
-IMAGE = np.zeros((480, 640, 3), np.uint8)
-FACE = Face(
-    np.array([[350.0, 240.0], [290.0, 242.0]]),
-    0.98,
-    (250.0, 180.0, 390.0, 330.0),
-    62.0,
-    2.0,
-    np.ones((10, 3)),
-)
-BAD = [math.nan, math.inf, -math.inf, 1e300, -1e300]
-WRONG = [
-    *({"apart_px": value} for value in (*BAD, -60.0, 900.0, 0.1)),
-    *({"eyes_px": np.array([[350.0, 240.0], [290.0, value]])} for value in BAD),
-    {"eyes_px": np.array([[350.0, 240.0], [350.0, 240.0]])},
-    *({"confidence": value} for value in (math.nan, -0.5, 2.0)),
-    {"box_px": (math.nan, 0.0, 1.0, 1.0)},
-    {"box_px": (340.0, 200.0, 345.0, 205.0)},
-]
-
-
-@pytest.mark.parametrize("change", WRONG, ids=str)
-def test_an_implausible_face_is_no_face(change: dict[str, Any]) -> None:
-    tracker = EyeTracker(Track())
-    record = np.zeros((), EYES)
-    for k in range(5):
-        tracker.update(FACE, k * FRAME_NS)
-    assert tracker.update(attrs.evolve(FACE, **change), 5 * FRAME_NS) and not tracker.seen
-    tracker.write(record, IMAGE)
-    assert (
-        record["face"] == 0 and record["apart_px"] == 0 and np.isfinite(record["filtered_px"]).all()
-    )
-    assert tracker.update(FACE, 6 * FRAME_NS) and tracker.seen
-
-
-def test_faces_of_every_distance_and_lean_are_plausible() -> None:
-    for scale in (0.06, 1.0, 12.0):
-        x0, y0, x1, y1 = (scale * value for value in FACE.box_px)
-        assert Face(scale * FACE.eyes_px, 1.0, (x0, y0, x1, y1), scale * 62).plausible
-    profile = Face(
-        np.array([[300.0, 240.0], [296.0, 240.0]]), 0.9, (250.0, 180.0, 350.0, 330.0), 60.0
-    )
-    assert profile.plausible
-
-
-@pytest.mark.parametrize(("speed_px_s", "held"), [(10.0, True), (300.0, False)])
-def test_a_face_that_moves_is_not_held_when_its_confidence_falls(
-    speed_px_s: float, held: bool
-) -> None:
-    """It leaves the picture; a hand comes before a face that rests. Eyes 60 px apart."""
-    hidden = HiddenFace()
-    hidden.reset(20.0, (300.0, 200.0))
-    for k in range(1, 20):
-        hidden.update(20.0, (300.0 + speed_px_s * k / 30, 200.0), 60.0, 1 / 30, speed_px_s)
-    hidden.update(7.0, (300.0 + speed_px_s * 20 / 30, 200.0), 60.0, 1 / 30, speed_px_s)
-    assert hidden.held == held

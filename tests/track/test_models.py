@@ -36,8 +36,13 @@ def wheel(tmp_path: Path, contents: dict[str, bytes]) -> Path:
 
 @pytest.fixture
 def bare(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A machine without the package; returns where the networks will be kept."""
+    """A machine without the package and without an installer; returns where the networks will be
+    kept.
+    """
     monkeypatch.setattr(models, "package_folder", lambda: None)
+    monkeypatch.delenv("UV", raising=False)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setattr(models.importlib.util, "find_spec", lambda name: None)  # type: ignore[attr-defined]
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     return tmp_path / "data" / "lfpipe" / "models"
 
@@ -98,11 +103,8 @@ def test_a_bad_wheel_changes_nothing(
 
 @pytest.mark.parametrize("tool", ["uv", "pip"])
 def test_either_installer_fetches_by_name_and_says_so(
-    bare: Path, wheel: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tool: str
+    bare: Path, wheel: Path, tmp_path: Path, tool: str
 ) -> None:
-    monkeypatch.delenv("UV", raising=False)
-    monkeypatch.setenv("PATH", str(tmp_path))
-    monkeypatch.setattr(models.importlib.util, "find_spec", lambda name: None)  # type: ignore[attr-defined]
     target = "--target" if tool == "uv" else "--dest"
     unpack = (
         f"shutil.unpack_archive({str(wheel)!r}, there, 'zip')"
@@ -117,12 +119,7 @@ def test_either_installer_fetches_by_name_and_says_so(
     assert not models.missing_models()
 
 
-def test_what_keeps_the_networks_from_being_fetched_is_reported(
-    bare: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.delenv("UV", raising=False)
-    monkeypatch.setenv("PATH", str(tmp_path))
-    monkeypatch.setattr(models.importlib.util, "find_spec", lambda name: None)  # type: ignore[attr-defined]
+def test_what_keeps_the_networks_from_being_fetched_is_reported(bare: Path, tmp_path: Path) -> None:
     with pytest.raises(UserError, match="neither uv nor pip"):
         models.fetch_models(print)
     fake_installer(tmp_path / "pip", "sys.exit('no route to the index')")
