@@ -58,7 +58,7 @@ def test_log_session_file_is_bounded_and_loses_no_line(tmp_path: Path) -> None:
     for writer in writers:
         writer.start()
     for writer in writers:
-        writer.join()
+        writer.join(60)
     sizes = [entry.stat().st_size for entry in tmp_path.iterdir()]
     assert len(sizes) == 2 and max(sizes) < 2 * log.MAX_BYTES, (
         "others may write until the process that fills it has renamed it"

@@ -64,10 +64,10 @@ def test_session_in_a_thread_is_changed_loaded_and_stopped(home: World, scene: P
         except BaseException as error:
             failures.append(error)
 
-    thread = threading.Thread(target=run)
+    thread = threading.Thread(target=run, daemon=True)
     thread.start()
-    thread.join()
-    assert not failures, failures
+    thread.join(240)
+    assert not failures and not thread.is_alive(), failures
     assert home.segments() == []
 
 

@@ -206,7 +206,7 @@ def run(kernel: Kernel, command: str, out: Path, limit_s: float) -> tuple[int, s
         finally:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
+            process.wait(60)
         output = (printed if printed.exists() else console).read_text(errors="replace")
         if (out / "code").exists():
             return (

@@ -117,7 +117,7 @@ def test_another_program_holds_the_camera(vivid: Path) -> None:
             camera.read(OUT)
     finally:
         other.kill()
-        other.wait()
+        other.wait(60)
     read(camera, OUT)
     camera.close()
 

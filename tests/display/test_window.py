@@ -18,7 +18,7 @@ from lfpipe.render.overlay import EVENTS, HELP, KEYS, Item, Menu, Overlay
 from lfpipe.render.window import ScreenWindow
 from tests.support.world import until
 from tests.support.xdnd import drop
-from tests.support.xvfb_screen import Screen, needs_xdotool, outline, x_server
+from tests.support.xvfb_screen import Screen, end, needs_xdotool, outline, x_server
 
 WAIT_S = 60.0
 GREY = np.full((500, 853, 3), 90, np.uint8)  # of the width of a first window
@@ -301,5 +301,4 @@ def test_screen_window_framed_stays_where_it_was_over_full_screen(
         finally:
             if display is not None:
                 display.close()
-            manager.terminate()
-            manager.wait()
+            end(manager)

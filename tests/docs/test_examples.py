@@ -170,7 +170,7 @@ def test_lab_eyes_example_reads_eyes(tmp_path: Path) -> None:
                 until(send_until_ended, "end of the program", 60)
             finally:
                 process.kill()
-            out, err = process.communicate()
+            out, err = process.communicate(timeout=60)
     finally:
         output.close()
     lines = out.splitlines()

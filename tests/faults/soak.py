@@ -148,7 +148,7 @@ class Watcher(threading.Thread):
     def end(self) -> None:
         """Detaches from the session."""
         self._ended.set()
-        self.join()
+        self.join(60)
         self._frames.close()
         self._eyes.close()
         self.table.close()
@@ -329,7 +329,7 @@ class Soak:
 
     def _hog(self, _: str) -> None:
         for hog in [subprocess.Popen([sys.executable, "-c", HOG]) for _ in range(2)]:
-            hog.wait()
+            hog.wait(60)
 
     def _pause(self, _: str) -> None:
         """Every frame that comes meanwhile is left out, and counted."""

@@ -57,7 +57,7 @@ class Hogs:
     def end(self) -> None:
         for hog in self._running:
             hog.kill()
-            hog.wait()
+            hog.wait(60)
         self._running.clear()
 
 

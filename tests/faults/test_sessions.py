@@ -39,7 +39,7 @@ def test_stages_do_not_outlive_a_killed_supervisor(world: World, scene: Path, st
     for pid in pids[1:2] if stopped == 1 else pids:
         os.kill(pid, signal.SIGSTOP)
     process.kill()
-    process.wait()
+    process.wait(60)
     if stopped == 3:
         assert world.left() and not _gone(pids), "nobody to wake: this test shows nothing"
         world.run("up", scene, *OTHER)
@@ -47,11 +47,22 @@ def test_stages_do_not_outlive_a_killed_supervisor(world: World, scene: Path, st
     world.wait_for(lambda: not world.left(), "clean end")
 
 
+def test_world_end_ends_stopped_processes(world: World, scene: Path) -> None:
+    """Found where a test failed: what stopped stages wrote was awaited for ever."""
+    world.up(scene, *SMALL)
+    world.pictures(5)
+    pids = [stage["pid"] for stage in world.monitor()["stages"].values()]
+    for pid in pids:
+        os.kill(pid, signal.SIGSTOP)
+    world.end()
+    assert _gone(pids) and not world.segments()
+
+
 def test_sweep_by_the_next_session_after_a_kill_of_the_group(world: World, scene: Path) -> None:
     process = world.up(scene, *SMALL, start_new_session=True)
     world.pictures(5)
     os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
+    process.wait(60)
     assert world.left(), "nothing to sweep: this test shows nothing"
     other = world.run("up", scene, *OTHER)
     assert other.returncode == 0 and not world.left(), other.stderr

@@ -119,7 +119,7 @@ def test_a_recording_cut_off_by_sigkill_is_whole_to_its_last_frame(
     world.wait_for(lambda: frames(out) > 20, "frames")
     stages = psutil.Process(process.pid).children(recursive=True)
     os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
+    process.wait(60)
     world.wait_for(lambda: not any(runs(stage.pid) for stage in stages), "end of the stages")
     sequence = open_sequence(out)
     assert not sequence.complete and len(sequence.packets) > 20

@@ -118,7 +118,7 @@ def test_the_death_of_the_supervisor_loses_no_frame_that_the_recorder_had(
     world.wait_for(lambda: frames(out) > 20, "frames")
     ring = Reader(Session(f"record.{process.pid}").segment("frames"))
     process.kill()
-    process.wait()
+    process.wait(60)
     world.wait_for(
         lambda: json.loads((out / "manifest.json").read_text())["complete"],
         "end of the recording",

@@ -82,7 +82,7 @@ def test_load_and_cores_change_no_bit(world: World, short: Path, blocks: Path) -
     finally:
         for hog in hogs:
             hog.kill()
-            hog.wait()
+            hog.wait(60)
     quiet = world.root / "quiet"
     # by `lfpipe calibrate --latency`: of this screen, which a replay has not
     measured = ("--set", "render.loop_ms=60")

@@ -90,10 +90,10 @@ def osc_server(port: int) -> Iterator[list[tuple[str, tuple[Any, ...]]]]:
     dispatcher = Dispatcher()
     dispatcher.set_default_handler(lambda address, *values: heard.append((address, values)))
     with BlockingOSCUDPServer(("127.0.0.1", port), dispatcher) as server:
-        thread = threading.Thread(target=server.serve_forever, args=(0.05,))
+        thread = threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True)
         thread.start()
         try:
             yield heard
         finally:
             server.shutdown()
-            thread.join()
+            thread.join(60)

@@ -55,7 +55,7 @@ class Holder:
 
     def kill(self) -> None:
         self.process.kill()
-        self.process.communicate()
+        self.process.communicate(timeout=60)
 
 
 @contextmanager

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.support.world import until
+from tests.support.xvfb_screen import end
 
 NOBODY = 65534
 WAIT_S = 20.0
@@ -48,6 +49,5 @@ def sway(width_px: int, height_px: int, rate_hz: float, scale: int = 1) -> Itera
         assert socket.exists(), "sway does not start"
         yield str(socket)
     finally:
-        process.terminate()
-        process.wait()
+        end(process)
         shutil.rmtree(folder, ignore_errors=True)

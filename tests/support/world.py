@@ -10,18 +10,21 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
+import psutil
 import pytest
 import zmq
 
 from lfpipe.host import segment
 from lfpipe.transport import control
 from lfpipe.transport.session import PREFIX
+
+PATIENCE_S = 30.0  # with what was killed
 
 
 def write_scene(
@@ -81,6 +84,13 @@ def stays(condition: Callable[[], Any], seconds: float, what: str = "that") -> N
     while time.monotonic() < end:
         assert condition(), f"{what} has ended within {seconds} s"
         time.sleep(0.02)
+
+
+def written(process: subprocess.Popen[str]) -> tuple[str, str]:
+    """What a process that has ended wrote on stdout and stderr. Raises TimeoutExpired where one
+    that it started keeps them open.
+    """
+    return process.communicate(timeout=PATIENCE_S)
 
 
 class World:
@@ -198,8 +208,11 @@ class World:
         return until(condition, what, timeout_s, self._about_ended)
 
     def _about_ended(self) -> str:
-        ended = [(p.returncode, *p.communicate()) for p in self.running if p.poll() is not None]
-        return f"; ended processes: {ended}"
+        ended = [process for process in self.running if process.poll() is not None]
+        try:
+            return f"; ended processes: {[(one.returncode, *written(one)) for one in ended]}"
+        except subprocess.TimeoutExpired as error:
+            return f"; ended with its output open in another process: {error.cmd}"
 
     def pictures(self, more_than: int = 0) -> list[dict[str, Any]]:
         lines: list[dict[str, Any]] = self.wait_for(
@@ -268,10 +281,17 @@ class World:
         return sorted(name for name in owned if f"-{part}" in name)
 
     def end(self) -> None:
+        """Kills what is left in this world, also what lost its parent or is stopped: its output
+        would stay open for ever.
+        """
         for process in self.running:
-            if process.poll() is None:
-                process.kill()
-            process.communicate()
+            process.kill()
+        for child in psutil.process_iter(["environ"]):
+            if (child.info["environ"] or {}).get("XDG_RUNTIME_DIR") == str(self.run_dir):
+                with suppress(psutil.NoSuchProcess):
+                    child.kill()
+        for process in self.running:
+            written(process)
         if self.left():
             self.run("up", "--session", self.name, "nothing")  # sweeps what a killed one left
         for name in self.segments():

@@ -9,6 +9,7 @@ import struct
 import subprocess
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import attrs
 import numpy as np
@@ -72,8 +73,17 @@ def x_server(command: Sequence[str], folder: Path) -> Iterator[str]:
             # it chooses a free number and tells it when it is ready
             yield f":{told.readline().strip()}"
     finally:
-        server.terminate()
-        server.wait()
+        end(server)
+
+
+def end(process: subprocess.Popen[Any], patience_s: float = 20.0) -> None:
+    """Terminates a process, and kills one that does not end."""
+    process.terminate()
+    try:
+        process.wait(patience_s)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait(patience_s)
 
 
 def outline(title: str, name: str) -> tuple[int, int, int, int] | None:

@@ -93,7 +93,7 @@ def scheduler(world: World) -> Iterator[tuple[subprocess.Popen[bytes], str]]:
     yield started[0], address
     for process in started:
         process.kill()
-        process.wait()
+        process.wait(60)
 
 
 def test_every_cell_although_one_is_killed(world: World, corpus: Path) -> None:

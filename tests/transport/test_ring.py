@@ -95,7 +95,7 @@ def test_read_100000_times_finds_nothing_torn(made: str) -> None:
         assert seen == last - first > 0
     finally:
         writer.kill()
-        writer.join()
+        writer.join(60)
     reader.close()
 
 
@@ -105,9 +105,9 @@ def test_writer_killed_in_mid_slot_harms_nobody(made: str) -> None:
     out = np.empty((96, 512), np.uint8)
     writer = SPAWN.Process(target=stop_in_mid_slot, args=(made, theirs), daemon=True)
     writer.start()
-    assert ours.recv() == "half"
+    assert ours.poll(60) and ours.recv() == "half"
     writer.kill()
-    writer.join()
+    writer.join(60)
     stamp = reader.read(out)
     assert stamp is not None and stamp.seq == 1 and (out == 7).all()
     assert reader.read(out) is None

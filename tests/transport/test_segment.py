@@ -142,7 +142,7 @@ def test_segment_of_a_killed_process_is_whole(prefix: str) -> None:
         maker.stdout.readline()
         time.sleep(0.01 + 0.0037 * k)
         maker.send_signal(signal.SIGKILL)
-        maker.communicate()
+        maker.communicate(timeout=60)
     found = sorted(entry.name for entry in segment.SHM_DIR.glob(f"{prefix}*"))
     assert found and found == sorted(segment.owned(prefix)) == sorted(
         name for name, _ in segment.abandoned(prefix)

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.support.world import until
+from tests.support.xvfb_screen import end
 
 ELEMENT = "element-6066-11e4-a52e-4f735466cecf"
 ARGUMENTS = (
@@ -117,5 +118,4 @@ class Browser:
             if self._session:
                 self._call("DELETE", self._session)
         finally:
-            self._driver.terminate()
-            self._driver.wait()
+            end(self._driver)
