@@ -2,7 +2,6 @@
 server.
 """
 
-import faulthandler
 import logging
 import os
 import shutil
@@ -23,6 +22,7 @@ from lfpipe.track import models
 from tests.support.world import World, write_scene
 from tests.support.xvfb_screen import Screen, x_server
 
+pytest_plugins = ["tests.support.watchdog"]
 # These tests start hundreds of processes: without stored bytecode each compiles everything again,
 # which takes minutes.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
@@ -87,19 +87,6 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Func
     for item in items if PORTABLE else ():
         for mark in item.iter_markers("native"):
             item.add_marker(pytest.mark.skip(reason=f"of Linux's own host alone: {mark.args[0]}"))
-
-
-@pytest.hookimpl(trylast=True)
-def pytest_exception_interact(node: pytest.Item | pytest.Collector) -> None:
-    """A failure cancels both time-outs, as a debugger may begin: the teardown gets new ones."""
-    if not isinstance(node, pytest.Item):
-        return
-    timeouts, handler = map(node.config.pluginmanager.get_plugin, ("timeout", "faulthandler"))
-    settings = timeouts._get_item_settings(node)  # type: ignore[union-attr]
-    node.config.hook.pytest_timeout_set_timer(item=node, settings=settings)
-    if seconds := float(node.config.getini("faulthandler_timeout")):
-        stderr = node.config.stash[handler.fault_handler_stderr_fd_key]  # type: ignore[union-attr]
-        faulthandler.dump_traceback_later(seconds, file=stderr, exit=True)
 
 
 @pytest.fixture(scope="session", autouse=True)
