@@ -13,7 +13,7 @@ from zmq.utils.monitor import parse_monitor_message
 
 from lfpipe.transport import control
 from lfpipe.transport.clock import MS_NS, now_ns
-from lfpipe.transport.control import BadMessage
+from lfpipe.transport.control import BadMessage, Message
 
 HANDSHAKE_MS = 2000  # a connection that is silent for longer is closed
 # messages per interval and socket: at most 15 % of a core
@@ -28,12 +28,17 @@ class Request:
     client: bytes  # the identity of its socket; a stage's is the stage's name
     connection: int = -1  # descriptor of its connection, -1 if unknown
     parts: list[bytes] = attrs.field(factory=list)
-    message: dict[str, Any] = attrs.field(factory=dict)  # as far as it can be read
+    message: Message = attrs.field(factory=dict)  # as far as it can be read
 
     @property
     def command(self) -> str:
         """The command, "" without one."""
         return str(self.message.get("cmd", ""))
+
+    @property
+    def sender(self) -> str:
+        """The identity as text: the name of a stage, or that of no stage."""
+        return self.client.decode(errors="replace")
 
     def decode(self) -> None:
         """Reads the message. Raises BadMessage; the answer then repeats what could be read."""
@@ -41,29 +46,6 @@ class Request:
             raise BadMessage(f"a message has {len(self.parts)} parts; one is allowed")
         self.message = control.unpack(self.parts[0])
         control.check(self.message)
-
-
-class _Connections:
-    """The connections of a socket, from libzmq's events. Create it before the socket is bound."""
-
-    def __init__(self, socket: zmq.Socket[bytes]) -> None:
-        self.open: set[int] = set()  # descriptors, as ZMQ_SRCFD of a message names them
-        self._socket = socket
-        socket.setsockopt(zmq.HANDSHAKE_IVL, HANDSHAKE_MS)
-        self.events = socket.get_monitor_socket(zmq.EVENT_ACCEPTED | zmq.EVENT_DISCONNECTED)
-
-    def update(self) -> None:
-        """Processes the events since the last call."""
-        while self.events.poll(0):
-            event = parse_monitor_message(self.events.recv_multipart())
-            if event["event"] == zmq.EVENT_ACCEPTED:
-                self.open.add(event["value"])
-            else:
-                self.open.discard(event["value"])
-
-    def close(self) -> None:
-        """Ends the events; does not close the socket."""
-        self._socket.disable_monitor()
 
 
 def _connection(frame: zmq.Frame) -> int:
@@ -86,21 +68,24 @@ class ControlSockets:
         self._bus = ctx.socket(zmq.PULL)
         self._tap = ctx.socket(zmq.XPUB)
         self._ctl.setsockopt(zmq.ROUTER_HANDOVER, 1)  # a restarted stage has its old name
-        self._connections = _Connections(self._ctl)
+        self._ctl.setsockopt(zmq.HANDSHAKE_IVL, HANDSHAKE_MS)
+        # of connections; from before the socket is bound
+        self._events = self._ctl.get_monitor_socket(zmq.EVENT_ACCEPTED | zmq.EVENT_DISCONNECTED)
+        self._open: set[int] = set()  # descriptors, as ZMQ_SRCFD of a message names them
         for name, socket in {"ctl": self._ctl, "bus": self._bus, "tap": self._tap}.items():
             control.bind(socket, run_dir, name)
         self._rests_until_ns = 0
 
     def close(self) -> None:
         """Closes the sockets."""
-        self._connections.close()
+        self._ctl.disable_monitor()
         for socket in (self._ctl, self._bus, self._tap):
             socket.close()
 
     def register(self, poller: zmq.Poller) -> None:
         """Registers the sockets that should wake the supervisor now."""
         sockets = () if self.rest_ns() else (self._ctl, self._bus)
-        for source in (*sockets, self._connections.events):
+        for source in (*sockets, self._events):
             poller.register(source, zmq.POLLIN)
 
     def rest_ns(self) -> int:
@@ -112,7 +97,7 @@ class ControlSockets:
         for client, *parts in self._arrived(self._ctl):
             yield Request(client.bytes, _connection(client), [part.bytes for part in parts])
 
-    def telemetry(self) -> Iterator[dict[str, Any]]:
+    def telemetry(self) -> Iterator[Message]:
         """Yields the valid messages on bus, a slice of a flood, and passes them on to tap."""
         for part, *more in self._arrived(self._bus):
             if more:
@@ -140,10 +125,13 @@ class ControlSockets:
         """
         while self._tap.poll(0):
             self._tap.recv()  # subscriptions, which would accumulate
-        self._connections.update()
-        return self._connections.open
+        while self._events.poll(0):
+            event = parse_monitor_message(self._events.recv_multipart())
+            change = self._open.add if event["event"] == zmq.EVENT_ACCEPTED else self._open.discard
+            change(event["value"])
+        return self._open
 
-    def answer(self, request: Request, rev: int, answer: dict[str, Any]) -> None:
+    def answer(self, request: Request, rev: int, answer: Message) -> None:
         """Answers a request; the answer repeats its `id` and `cmd`. rev: of the state."""
         repeated = {"rev": rev, **control.repeated(request.message)}
         try:
@@ -153,7 +141,7 @@ class ControlSockets:
             data = control.encode({"ok": False, "error": why, **repeated})
         self._send(request.client, data)
 
-    def send(self, stage: str, message: dict[str, Any]) -> None:
+    def send(self, stage: str, message: Message) -> None:
         """Sends a message to a stage. It is lost if the stage is not connected; the stage will send
         hello later.
         """

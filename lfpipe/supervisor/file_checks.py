@@ -5,13 +5,13 @@ network drive or name server blocks who asks it.
 import logging
 from collections.abc import Collection
 from pathlib import Path
-from typing import Any
 
 import attrs
 
 from lfpipe.errors import UserError
 from lfpipe.host.worker import Report, Worker, serve
 from lfpipe.supervisor.control_sockets import Request
+from lfpipe.transport.control import Message
 
 logger = logging.getLogger(__name__)
 CHECK_S = 10.0  # time limit of a check: a network drive or name server may be dead
@@ -73,7 +73,7 @@ class FileChecks:
         self._running.clear()
 
 
-def check(request: dict[str, Any], _report: Report) -> dict[str, Any]:
+def check(request: Message, _report: Report) -> Message:
     """In the child: the result of a FileCheck as plain values. Raises UserError."""
     asked = FileCheck(**request)
     if asked.check == "trace":

@@ -9,7 +9,7 @@ less often.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import attrs
 import numpy as np
@@ -180,9 +180,9 @@ class Governor:
 
 
 class QualityControl:
-    """Decides the level. cores: stage -> cores it may run on, empty for all."""
+    """Decides the level. cores: stage -> cores that it may run on; all without an entry."""
 
-    def __init__(self, cores: Callable[[str], tuple[int, ...]]) -> None:
+    def __init__(self, cores: Mapping[str, tuple[int, ...]]) -> None:
         self._cores = cores
         self._levels: tuple[QualityLevel, ...] = ()
         self._before: dict[str, tuple[int, int, int]] = {}
@@ -240,7 +240,7 @@ class QualityControl:
         """The stages that run faster if `stage` has less work: those that may share a core
         with it.
         """
-        cores = {name: set(self._cores(name)) for name in CORE}
+        cores = {name: set(self._cores.get(name, ())) for name in CORE}
         alone = [
             name for name, of in cores.items() if of and cores[stage] and not of & cores[stage]
         ]

@@ -7,9 +7,9 @@ place.
 import contextlib
 import logging
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
 from functools import partial
-from typing import Any
 
 import attrs
 import zmq
@@ -26,18 +26,11 @@ from lfpipe.supervisor import child, process_table
 from lfpipe.supervisor.control_sockets import ControlSockets, Request
 from lfpipe.supervisor.figures import SessionFigures, session_figures
 from lfpipe.supervisor.file_checks import FileChecks
-from lfpipe.supervisor.governor import QualityControl
+from lfpipe.supervisor.governor import QualityControl, Step
 from lfpipe.supervisor.pending_answers import PendingAnswers
 from lfpipe.supervisor.process_table import NAMES, SHOWN_BY, SOURCE, STAGES, TRACKED_BY, Stage
 from lfpipe.supervisor.requests import Reply, on_complete, on_load, respond, respond_checked
-from lfpipe.supervisor.scene_loads import (
-    LoadFailed,
-    SceneComplete,
-    SceneEvent,
-    SceneLoads,
-    SceneReady,
-)
-from lfpipe.supervisor.scene_previews import ScenePreviews
+from lfpipe.supervisor.scene_loads import SceneEvent, SceneLoads, ScenePreviews
 from lfpipe.supervisor.session_state import ConfigRollback, SessionState
 from lfpipe.supervisor.session_store import SessionStore
 from lfpipe.supervisor.stage_process import (
@@ -47,7 +40,7 @@ from lfpipe.supervisor.stage_process import (
     StageProcesses,
 )
 from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
-from lfpipe.transport.control import EXECUTED, BadMessage
+from lfpipe.transport.control import EXECUTED, BadMessage, Message
 from lfpipe.transport.notices import faults
 from lfpipe.transport.ring_ends import StageSpec
 from lfpipe.transport.session import Session, SessionManifest
@@ -106,91 +99,96 @@ class LiveSession:
         self._session = session
         self._tell = tell
         self._outcome: Outcome | None = None
+        self._end_ns: int | None = None  # of --duration, once all stages are ready
         self._rollback = ConfigRollback()
         self._busy_told = False
         # parts that do not work, and whether they ever have
         self._faults: list[tuple[str, bool]] = []
-        self._checks = FileChecks()
         self._pending = PendingAnswers()
-        self._quality = QualityControl(lambda name: self._cpus.get(name, ()))
-        with contextlib.ExitStack() as steps:  # each step runs, even if another one raises
-            self._store = SessionStore(session, state)
-            steps.callback(self._store.close)
-            self._show_level()
+        self._quality = QualityControl(self._cpus)
+        with contextlib.ExitStack() as parts:  # each is closed, even if another one raises
+            self._store = parts.enter_context(closing(SessionStore(session, state)))
             self._started_ns = self._begin().started_ns
-            self.stages = StageProcesses(session, self._store.table, self._spec, self._ask_to_stop)
-            self._sockets = ControlSockets(ctx, session.run_dir)
-            steps.callback(self._sockets.close)
-            self._loads = SceneLoads(partial(self._sockets.send, SHOWN_BY), packing)
-            steps.callback(self._loads.close)
-            self._previews = ScenePreviews(partial(self._sockets.send, SHOWN_BY))
-            steps.callback(self._previews.close)
-            steps.callback(self._checks.close)
-            steps.callback(self.stages.close)
-            steps.callback(self.stages.stop, self.log)  # returns at once if they have ended
-            self._end_steps = steps.pop_all()
+            self._sockets = parts.enter_context(closing(ControlSockets(ctx, session.run_dir)))
+            send = partial(self._sockets.send, SHOWN_BY)
+            self._loads = parts.enter_context(closing(SceneLoads(send, packing)))
+            self._previews = parts.enter_context(closing(ScenePreviews(send)))
+            self._checks = parts.enter_context(closing(FileChecks()))
+            ask_to_stop = partial(self._sockets.send, message={"cmd": "stop"})
+            self.stages = parts.enter_context(
+                closing(
+                    StageProcesses(session, self._store.table, self._spec, ask_to_stop, self.log)
+                )
+            )
+            self._parts = parts.pop_all()
 
     def close(self) -> None:
         """Stops the stages and removes the memory."""
-        self._end_steps.close()
+        self._parts.close()
 
     def loop(self, duration_s: float | None, signals: Sequence[int], lock: Lock) -> Outcome:
         """Runs the session to its end. signals: those that have arrived. lock: the session's;
         without it, the session receives no commands any more, and the next one of that name cannot
         detect it.
         """
-        end_ns: int | None = None
         while self._outcome is None:
-            end_ns = self._step(duration_s, end_ns)
+            self._step(duration_s)
             if not lock.in_place():
-                why = f"{self._session.run_dir} was removed while the session ran"
-                remedy = "set XDG_RUNTIME_DIR to a directory that no program cleans"
-                self._end(Outcome("its run directory was removed", why, remedy))
+                self._end(
+                    "its run directory was removed",
+                    f"{self._session.run_dir} was removed while the session ran",
+                    "set XDG_RUNTIME_DIR to a directory that no program cleans",
+                )
             if removed := self._store.removed():
-                why = f"{removed} was removed while the session ran"
-                remedy = "find the program that cleans that folder, and exclude lfp-*"
-                self._end(Outcome("its shared memory was removed", why, remedy))
+                self._end(
+                    "its shared memory was removed",
+                    f"{removed} was removed while the session ran",
+                    "find the program that cleans that folder, and exclude lfp-*",
+                )
             if signals:
-                self._end(Outcome("interrupted"))
-            elif end_ns is not None and now_ns() >= end_ns:
-                self._end(Outcome("finished (--duration reached)"))
-        self._outcome.final = self.figures()
+                self._end("interrupted")
+            elif self._end_ns is not None and now_ns() >= self._end_ns:
+                self._end("finished (--duration reached)")
+        outcome = self._outcome
+        final = self.figures()
         self._faults = list(faults(self._store.table.rows, now_ns()))
-        self.stages.stop(self.log)
-        outcome = self._checked(self._outcome)
+        self.stages.stop()
+        if outcome.failure is None:
+            outcome = next(self._late_failures(outcome.reason), outcome)
         self._serve()  # final messages of the stages
-        return outcome
+        return attrs.evolve(outcome, final=final)
 
-    def _step(self, duration_s: float | None, end_ns: int | None) -> int | None:
-        """One turn of the loop; returns when the session must end, None while that is not known."""
-        stages = self.stages
-        stages.ensure_running(self._state.options)
+    def _step(self, duration_s: float | None) -> None:
+        """One turn of the loop."""
+        self._show_level()
+        self.stages.ensure_running(self._state.options)
         if (
             duration_s is not None
-            and end_ns is None
-            and all(int(p.row["ready_ns"]) for p in stages.needed(self._state.options))
+            and self._end_ns is None
+            and all(int(p.row["ready_ns"]) for p in self.stages.needed(self._state.options))
         ):
-            end_ns = now_ns() + int(duration_s * SECOND_NS)  # --duration excludes the start
+            self._end_ns = now_ns() + int(duration_s * SECOND_NS)
         poller = zmq.Poller()
         self._sockets.register(poller)
-        for fd in (*self._loads.fds, *self._previews.fds, *self._checks.fds):
+        for fd in (
+            *self._loads.fds,
+            *self._previews.fds,
+            *self._checks.fds,
+            *self.stages.sentinels,
+        ):
             poller.register(fd, zmq.POLLIN)
-        for process in stages:
-            if process.process is not None:
-                poller.register(process.process.sentinel, zmq.POLLIN)
-        poller.poll(self._wait_ms(end_ns))
+        poller.poll(self._wait_ms())
         self._serve()
-        for process, code in stages.judge(self.log):
+        for process, code in self.stages.judge():
             self._failed(process, code)
         self._follow_up()
-        self._flush()
-        self._show_level()
-        if stages.finished(self._state.level.every):
-            self._end(Outcome(SOURCE_ENDED))
-        if not stages.needed(self._state.options, or_alive=True):
+        if message := self._store.take_message():
+            self._sockets.broadcast(NAMES, message)
+        if self.stages.finished(self._state.level.every):
+            self._end(SOURCE_ENDED)
+        if not self.stages.needed(self._state.options, or_alive=True):
             why = "nothing is left to run"  # the recording was the only work, and it has ended
-            self._end(Outcome(why, why, "see the messages above"))
-        return end_ns
+            self._end(why, why, "see the messages above")
 
     def _begin(self) -> SessionManifest:
         """Writes the session's manifest and the head of its log."""
@@ -246,31 +244,32 @@ class LiveSession:
         if state is not self._state:
             self._store.apply(state)
         if step is not None:
-            level = state.level
-            lowest = len(state.levels) - 1
-            why = step.reason
-            self._sockets.publish(
-                "level",
-                level=level.number,
-                lowest=lowest,
-                words=level.words,
-                stage=step.stage,
-                why=why,
-            )
-            way = (
-                f"{'lowered' if step.stage else 'raised'} to {level.words} (level {level.number} of"
-                f" {lowest})"
-            )
-            logger.info("quality %s: %s", way if level.number else "restored", why)
-            if level.number and not self._busy_told:
-                self._busy_told = True
-                self.log(
-                    "busy computer: simpler picture for now (`lfpipe monitor` shows how and why)"
-                )
+            self._report_level(step)
 
-    def _end(self, outcome: Outcome) -> None:
-        """Records the outcome; only the first one counts."""
-        self._outcome = self._outcome or outcome
+    def _report_level(self, step: Step) -> None:
+        """Tells monitors, the log and, once, the person of a change of quality."""
+        level = self._state.level
+        lowest = len(self._state.levels) - 1
+        self._sockets.publish(
+            "level",
+            level=level.number,
+            lowest=lowest,
+            words=level.words,
+            stage=step.stage,
+            why=step.reason,
+        )
+        logger.info(
+            "quality level %d of %d, %s: %s", level.number, lowest, level.words, step.reason
+        )
+        if level.number and not self._busy_told:
+            self._busy_told = True
+            self.log("busy computer: simpler picture for now (`lfpipe monitor` shows how and why)")
+
+    def _end(
+        self, reason: str, failure: str | None = None, remedy: str = "", user_error: bool = False
+    ) -> None:
+        """Ends the session, see `Outcome`; only the first reason counts."""
+        self._outcome = self._outcome or Outcome(reason, failure, remedy, user_error)
 
     def _failed(self, process: StageProcess, code: int) -> None:
         """Rolls back, ends the session, or leaves the stage to be restarted."""
@@ -279,31 +278,30 @@ class LiveSession:
         row = process.row
         mistake = process.mistake() if code == child.EXIT_USER else None
         if self._rollback.to_blame(state, code, int(row["config_rev"]) >= state.rev):
-            self._roll_back(
-                name,
-                f"{mistake.message} ({mistake.remedy})" if mistake else f"{name} fails with it",
-            )
+            why = f"{mistake.message} ({mistake.remedy})" if mistake else f"{name} fails with it"
+            self._roll_back(name, why)
             return
         first = not row["seq"]  # it has never worked
         # later in a live session, the missing thing may return
         if mistake and (first or isinstance(state.options.clock, Lossless)):
             reason = f"{name} could not {'start' if first else 'continue'}"
-            self._end(Outcome(reason, mistake.message, mistake.remedy, user_error=True))
+            self._end(reason, mistake.message, mistake.remedy, user_error=True)
             return
         phase = "RUNNING" if row["ready_ns"] else "STARTING"
         how = f"signal {-code}" if code < 0 else f"exit code {code}"
-        why = f": {mistake.message}" if mistake else ""
+        how += f" in {phase}: {mistake.message}" if mistake else f" in {phase}"
         last = int(row["source_seq"])
         self._sockets.publish("failed", stage=name, code=code, phase=phase, source_seq=last)
         if not process.failed():
-            self.log(f"{name} ended with {how} in {phase}{why}; restarting")
+            self.log(f"{name} ended with {how}; restarting")
             return
         stack = process.last_stack()
         many = f"{name} failed {MAX_FAILURES} times in {MAX_RESTARTS_WINDOW_S:.0f} s"
-        failure = f"{many}, last in {phase} with {how}{why}, after source_seq {last}; "
-        failure += f"its last stack:\n{stack}" if stack else "it left no stack"
+        left = f"its last stack:\n{stack}" if stack else "it left no stack"
         self._end(
-            Outcome(many, failure, "see the messages above; `lfpipe doctor` checks the machine")
+            many,
+            f"{many}, last with {how}, after source_seq {last}; {left}",
+            "see the messages above; `lfpipe doctor` checks the machine",
         )
 
     def _roll_back(self, name: str, why: str) -> None:
@@ -317,73 +315,59 @@ class LiveSession:
         self._sockets.publish("refused", stage=name, why=why)
         self.log(f"the last change is rolled back: {why}")
 
-    def _checked(self, outcome: Outcome) -> Outcome:
-        """An output that ended early is a failure; in a lossless session also one that a stage
-        could not write at its end.
+    def _late_failures(self, reason: str) -> Iterator[Outcome]:
+        """What makes a session that ended for this reason a failure: an output that a stage of a
+        lossless session could not write at its end, a part that never worked, an output that ended
+        early.
         """
         for process in self.stages if isinstance(self._state.options.clock, Lossless) else ():
-            if (mistake := process.mistake()) and outcome.failure is None:
-                reason = f"{process.stage.name} could not end"
-                outcome = Outcome(
-                    reason, mistake.message, mistake.remedy, user_error=True, final=outcome.final
-                )
+            if mistake := process.mistake():
+                name = f"{process.stage.name} could not end"
+                yield Outcome(name, mistake.message, mistake.remedy, user_error=True)
+        rows = self._store.table.rows
         never = [words for words, worked in self._faults if not worked]
-        tracked = self._store.table.rows[TRACKED_BY]
-        if tracked["restarts"] and not tracked["seq"]:
+        if rows[TRACKED_BY]["restarts"] and not rows[TRACKED_BY]["seq"]:
             never.append(f"{TRACKED_BY} failed before its first eyes")
-        if never and outcome.failure is None:
-            outcome.failure = f"{outcome.reason}, but {never[0]}: it never worked"
-            outcome.remedy = "choose another one with --set track.engine or track.filter"
-        lost = sum(int(row["lost_outputs"]) for row in self._store.table.rows.values())
-        if lost and outcome.failure is None:
+        if never:
+            remedy = "choose another one with --set track.engine or track.filter"
+            yield Outcome(reason, f"{reason}, but {never[0]}: it never worked", remedy)
+        if lost := sum(int(row["lost_outputs"]) for row in rows.values()):
             files = "a file of the session is" if lost == 1 else f"{lost} files of the session are"
-            outcome.failure = f"{outcome.reason}, but {files} incomplete"
-            outcome.remedy = (
-                "see the messages above; make room on the disk, or name files on another one"
-            )
-        return outcome
+            remedy = "see the messages above; make room on the disk, or name files on another one"
+            yield Outcome(reason, f"{reason}, but {files} incomplete", remedy)
 
     # Requests and telemetry.
 
-    def _wait_ms(self, end_ns: int | None) -> int:
+    def _wait_ms(self) -> int:
         """How long the loop may sleep unless something wakes it."""
         times_ms = [TICK_MS]
         if rest_ns := self._sockets.rest_ns():
             times_ms.append(rest_ns // MS_NS + 1)
         if self._pending:
             times_ms.append(PENDING_MS)
-        if end_ns is not None:
-            times_ms.append((end_ns - now_ns()) // MS_NS + 1)
+        if self._end_ns is not None:
+            times_ms.append((self._end_ns - now_ns()) // MS_NS + 1)
         return max(0, min(times_ms))
 
     def _serve(self) -> None:
         """Handles what has arrived."""
         for request in self._sockets.requests():
-            self._guard(request, partial(self._take, request))
+            self._guard(request, self._take, request)
         for message in self._sockets.telemetry():
-            self._guard(None, partial(self._report, message))
+            self._guard(None, self._report, message)
         connections = self._sockets.connected()
         for event in self._loads.update(connections):
-            self._guard(
-                None if isinstance(event, SceneComplete) else event.request,
-                partial(self._take_event, event),
-            )
+            self._guard(event.request, self._take_event, event)
         self._guard(None, self._previews.update)
         for request, worker in self._checks.update(connections):
-            self._guard(request, partial(self._take_check, request, worker))
-        self._flush()
+            self._guard(request, self._take_check, request, worker)
         for request, answer in self._pending.due(self._applied, now_ns()):
             self._sockets.answer(request, self._state.rev, answer)
 
-    def _flush(self) -> None:
-        """Sends the state to the stages if it is new."""
-        if message := self._store.take_message():
-            self._sockets.broadcast(NAMES, message)
-
-    def _guard(self, request: Request | None, handle: Callable[[], None]) -> None:
+    def _guard(self, request: Request | None, handle: Callable[..., None], *what: object) -> None:
         """Handles one message; turns every error into an answer."""
         try:
-            handle()
+            handle(*what)
             return
         except BadMessage as error:
             answer = {"ok": False, "error": plain(str(error), MAX_ERROR_CHARS)}
@@ -398,35 +382,33 @@ class LiveSession:
         logger.info("refused: %s", answer["error"])
         if request is None:
             return
-        if request.client.decode(errors="replace") in NAMES:  # nobody reads a stage's answers
-            remedy = answer.get("remedy")
-            self.log(f"{answer['error']} ({remedy})" if remedy else str(answer["error"]))
+        if request.sender in NAMES:  # nobody reads a stage's answers
+            remedy = f" ({answer['remedy']})" if answer.get("remedy") else ""
+            self.log(f"{answer['error']}{remedy}")
         self._sockets.answer(request, self._state.rev, answer)
 
     def _take(self, request: Request) -> None:
         request.decode()
-        stage = request.client.decode(errors="replace")
-        if request.command == EXECUTED and stage in NAMES:
-            self._pending.executed(stage, request.message)
+        if request.command == EXECUTED and request.sender in NAMES:
+            self._pending.executed(request.sender, request.message)
             return
         level = logging.DEBUG if request.command in ASKED_OFTEN else logging.INFO
         logger.log(level, "request %.500s", request.message)
         self._carry_out(request, respond(self._state, request.message, now_ns()))
 
     def _take_event(self, event: SceneEvent) -> None:
-        if isinstance(event, LoadFailed):
-            raise event.error
-        if isinstance(event, SceneReady):
-            reply = on_load(self._state, event.request.message, event.scene)
-            self._carry_out(event.request, reply)
+        if isinstance(event.scene, Exception):
+            raise event.scene
+        if event.request is not None:
+            self._carry_out(event.request, on_load(self._state, event.request.message, event.scene))
         elif (state := on_complete(self._state, event.scene)) is not self._state:
-            scene = event.scene
-            logger.info("%s: disparity is complete, method %s", scene.name, scene.method)
+            logger.info(
+                "%s: disparity is complete, method %s", event.scene.name, event.scene.method
+            )
             self._store.apply(state)
 
     def _take_check(self, request: Request, worker: Worker) -> None:
-        result = worker.result()
-        reply = respond_checked(self._state, request.message, result, now_ns())
+        reply = respond_checked(self._state, request.message, worker.result(), now_ns())
         self._carry_out(request, reply)
 
     def _carry_out(self, request: Request, reply: Reply) -> None:
@@ -435,8 +417,7 @@ class LiveSession:
             self._checks.begin(request, reply.check)
             return
         if reply.load is not None:
-            replaced = self._loads.want(request, reply.load.path, reply.load.settings)
-            if replaced is not None:
+            if replaced := self._loads.want(request, reply.load):
                 self._sockets.answer(replaced, self._state.rev, REPLACED)
             return
         if reply.previews is not None:
@@ -457,8 +438,8 @@ class LiveSession:
         else:
             self._sockets.answer(request, rev, answer)
         if reply.stop:
-            by_window = request.client == SHOWN_BY.encode()
-            self._end(Outcome("the window was closed" if by_window else "stopped by command"))
+            by_window = request.sender == SHOWN_BY
+            self._end("the window was closed" if by_window else "stopped by command")
 
     def figures(self) -> SessionFigures:
         """The figures of the stages."""
@@ -480,7 +461,7 @@ class LiveSession:
         logger.info(text)
         self._tell(plain(text))
 
-    def _report(self, message: dict[str, Any]) -> None:
+    def _report(self, message: Message) -> None:
         """Logs telemetry that is for people; parallax, which changes with the viewer's distance,
         only in the log.
         """
@@ -491,9 +472,6 @@ class LiveSession:
         for text in notes if isinstance(notes, list) and notes else [message.get("text")]:
             if isinstance(text, str) and text:
                 (logger.info if topic == "parallax" else self.log)(text)
-
-    def _ask_to_stop(self, name: str) -> None:
-        self._sockets.send(name, {"cmd": "stop"})
 
     def _show_level(self) -> None:
         """For monitors, which read the table."""

@@ -3,93 +3,88 @@ command. Uses no socket and no clock.
 """
 
 import itertools
-from collections import deque
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import attrs
 
 from lfpipe.supervisor.control_sockets import Request
 from lfpipe.transport.clock import SECOND_NS
+from lfpipe.transport.control import Message
 
 APPLY_NS = SECOND_NS  # time limit for the stages to apply a change before the answer
 EXECUTE_NS = 2 * SECOND_NS  # time limit for the stages to execute a command
-Answer = dict[str, Any]
 
 
-@attrs.define
-class _Change:
-    """A request whose answer waits until the stages have applied a revision."""
-
-    request: Request
-    answer: Answer
-    rev: int
-    until_ns: int
-
-
-@attrs.define
-class _Act:
-    """A request whose answer waits until stages have executed its command."""
+@attrs.define(kw_only=True)
+class _Pending:
+    """A request that waits for the stages. answer: its answer, as far as it is known. rev: the
+    revision that they apply; 0 if they execute a command. missing: those that have not executed it.
+    """
 
     request: Request
-    missing: set[str]  # stages that have not answered yet
-    answer: Answer  # of those that have
+    answer: Message
     until_ns: int
+    rev: int = 0
+    missing: set[str] = attrs.field(factory=set)
 
 
 class PendingAnswers:
     """Requests that are answered later."""
 
     def __init__(self) -> None:
-        self._changes: deque[_Change] = deque()  # by revision, so by time as well
-        self._acts: dict[int, _Act] = {}  # by the number that the stages answer with
+        self._pending: dict[int, _Pending] = {}  # by the number that stages answer with
         self._numbers = itertools.count(1)
 
     def __bool__(self) -> bool:
-        return bool(self._changes or self._acts)
+        return bool(self._pending)
 
-    def await_revision(self, request: Request, answer: Answer, rev: int, t_ns: int) -> None:
+    def await_revision(self, request: Request, answer: Message, rev: int, t_ns: int) -> None:
         """The answer waits until the stages have applied revision rev. t_ns: now."""
-        self._changes.append(_Change(request, answer, rev, t_ns + APPLY_NS))
+        self._pending[next(self._numbers)] = _Pending(
+            request=request, answer=answer, until_ns=t_ns + APPLY_NS, rev=rev
+        )
 
     def await_stages(self, request: Request, stages: tuple[str, ...], t_ns: int) -> int:
         """The answer is that of the stages; returns the number to send with the command."""
         number = next(self._numbers)
-        self._acts[number] = _Act(request, set(stages), {"ok": True}, t_ns + EXECUTE_NS)
+        self._pending[number] = _Pending(
+            request=request, answer={"ok": True}, until_ns=t_ns + EXECUTE_NS, missing=set(stages)
+        )
         return number
 
-    def executed(self, stage: str, message: dict[str, Any]) -> None:
+    def executed(self, stage: str, message: Message) -> None:
         """Takes a stage's answer: `number`, `ok`, and what else its client receives."""
         number = message.get("number")
-        act = self._acts.get(number) if isinstance(number, int) else None
-        if act is None or stage not in act.missing:
+        pending = self._pending.get(number) if isinstance(number, int) else None
+        if pending is None or stage not in pending.missing:
             return
-        act.missing.discard(stage)
-        refused = not act.answer["ok"]
-        kept = act.answer if refused else {}
-        act.answer |= {
+        pending.missing.discard(stage)
+        said = {
             key: value for key, value in message.items() if key not in ("v", "cmd", "number", "id")
-        } | kept
+        }
+        refusal = {} if pending.answer["ok"] else pending.answer  # the first one stays
+        pending.answer = {**pending.answer, **said, **refusal}
 
-    def refuse_changes(self, why: str) -> Iterator[tuple[Request, Answer]]:
+    def refuse_changes(self, why: str) -> Iterator[tuple[Request, Message]]:
         """The answers to all that wait for a change: it was rolled back."""
-        while self._changes:
-            yield self._changes.popleft().request, {"ok": False, "error": why}
+        for number, pending in list(self._pending.items()):
+            if pending.rev:
+                del self._pending[number]
+                yield pending.request, {"ok": False, "error": why}
 
-    def due(self, applied: Callable[[int], bool], t_ns: int) -> Iterator[tuple[Request, Answer]]:
+    def due(self, applied: Callable[[int], bool], t_ns: int) -> Iterator[tuple[Request, Message]]:
         """The answers that wait no longer. applied: whether the stages have applied a revision."""
-        while self._changes:
-            change = self._changes[0]
-            done = applied(change.rev)
-            if not done and t_ns <= change.until_ns:
-                break
-            self._changes.popleft()
-            yield change.request, {**change.answer, "applied": done}
-        for number, act in list(self._acts.items()):
-            if not act.missing:
-                yield self._acts.pop(number).request, act.answer
-            elif t_ns > act.until_ns:
-                stages = " and ".join(sorted(act.missing))
+        for number, pending in list(self._pending.items()):
+            done = applied(pending.rev) if pending.rev else not pending.missing
+            if not done and t_ns <= pending.until_ns:
+                continue
+            del self._pending[number]
+            if pending.rev:
+                yield pending.request, {**pending.answer, "applied": done}
+            elif done:
+                yield pending.request, pending.answer
+            else:
+                stages = " and ".join(sorted(pending.missing))
                 why = f"{stages} did not execute it within {EXECUTE_NS // SECOND_NS} s"
                 remedy = "see what the session does: `lfpipe monitor`"
-                yield self._acts.pop(number).request, {"ok": False, "error": why, "remedy": remedy}
+                yield pending.request, {"ok": False, "error": why, "remedy": remedy}

@@ -9,20 +9,20 @@ changes nothing.
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import attrs
 
 from lfpipe import config as config_module
-from lfpipe.config import Scene, SceneSummary, converter
+from lfpipe.config import SceneSummary, converter
 from lfpipe.config.modes import MouseViewer
 from lfpipe.errors import UserError, quoted
+from lfpipe.scene.open_scene import PackerRequest
 from lfpipe.share.target import FORMS, MAX_TARGETS
 from lfpipe.supervisor.file_checks import FileCheck
 from lfpipe.supervisor.process_table import SHOWN_BY, STAGES, TRACKED_BY
 from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.clock import SECOND_NS
-from lfpipe.transport.control import BadMessage
+from lfpipe.transport.control import BadMessage, Message
 
 # what is written while a session runs:
 # request -> option with its path, in words, as a person types it
@@ -33,23 +33,15 @@ OUTPUTS = {
 LEASE_S, MAX_LEASE_S = 5.0, 60.0  # of the ring of pictures
 
 
-@attrs.frozen
-class SceneLoad:
-    """A scene to pack, with its settings."""
-
-    path: str
-    settings: Scene
-
-
 @attrs.frozen(kw_only=True)
 class Reply:
     """What a request leads to. Without `load`, `check` and `executed_by` it is answered as soon as
     the stages have applied `state`.
     """
 
-    answer: dict[str, Any] = attrs.field(factory=dict)
+    answer: Message = attrs.field(factory=dict)
     state: SessionState | None = None  # to store; a new revision goes to the stages
-    load: SceneLoad | None = None  # the real reply comes from `on_load`
+    load: PackerRequest | None = None  # the real reply comes from `on_load`
     previews: tuple[str, ...] | None = None  # scenes to read for the page that offers them
     check: FileCheck | None = None  # the real reply comes from `respond_checked`
     executed_by: tuple[str, ...] = ()  # the stages that execute the command, and then answer
@@ -57,10 +49,10 @@ class Reply:
     stop: bool = False  # the session ends
 
 
-Handler = Callable[[SessionState, dict[str, Any], int], Reply]
+Handler = Callable[[SessionState, Message, int], Reply]
 
 
-def respond(state: SessionState, message: dict[str, Any], t_ns: int) -> Reply:
+def respond(state: SessionState, message: Message, t_ns: int) -> Reply:
     """The reply to a request. t_ns: now. Raises BadMessage, UserError."""
     command = message.get("cmd")
     if not isinstance(command, str) or command not in HANDLERS:
@@ -68,7 +60,7 @@ def respond(state: SessionState, message: dict[str, Any], t_ns: int) -> Reply:
     return HANDLERS[command](state, message, t_ns)
 
 
-def _set(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
+def _set(state: SessionState, message: Message, _t_ns: int) -> Reply:
     sets = message.get("set")
     if not isinstance(sets, dict) or not sets:
         raise BadMessage("set needs a map of keys and values")
@@ -76,7 +68,7 @@ def _set(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
     return Reply(answer={"set": sets}, state=state.changed(config))
 
 
-def _pictures(state: SessionState, message: dict[str, Any], t_ns: int) -> Reply:
+def _pictures(state: SessionState, message: Message, t_ns: int) -> Reply:
     """Leases the ring of pictures; a client that keeps reading must renew the lease in time."""
     lease_s = message.get("lease_s", LEASE_S)
     if (
@@ -93,7 +85,7 @@ def _pictures(state: SessionState, message: dict[str, Any], t_ns: int) -> Reply:
     return Reply(answer={"ring": new.options.pictures}, state=new)
 
 
-def _load(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
+def _load(state: SessionState, message: Message, _t_ns: int) -> Reply:
     at = _place(state, message)
     scene = message.get("scene") if at is None or "scene" in message else state.options.playlist[at]
     if not isinstance(scene, str) or not _absolute(scene):
@@ -103,10 +95,11 @@ def _load(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
     if not state.options.show:
         raise UserError("the session shows no pictures", "start one that does: `lfpipe up SCENE`")
     how = {f"scene.{key}": message[key] for key in ("layout", "grid") if key in message}
-    return Reply(load=SceneLoad(scene, config_module.updated(state.config, how).scene))
+    settings = config_module.updated(state.config, how).scene
+    return Reply(load=PackerRequest(scenes=[scene], settings=settings, remember=True))
 
 
-def _previews(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
+def _previews(state: SessionState, message: Message, _t_ns: int) -> Reply:
     """Reads small pictures of scenes of the playlist for the stage that shows pictures."""
     scenes = message.get("scenes")
     if not isinstance(scenes, list) or not all(
@@ -116,7 +109,7 @@ def _previews(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply
     return Reply(previews=tuple(scenes))
 
 
-def _place(state: SessionState, message: dict[str, Any]) -> int | None:
+def _place(state: SessionState, message: Message) -> int | None:
     """The playlist index of the scene that `load` requests: by path, `at` an index, or a `step`
     from the one shown; None if it is not in the playlist.
     """
@@ -140,7 +133,7 @@ def _place(state: SessionState, message: dict[str, Any]) -> int | None:
     return number
 
 
-def _output(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
+def _output(state: SessionState, message: Message, _t_ns: int) -> Reply:
     """Begins the file or folder `path`; an empty one ends what is running."""
     command = message["cmd"]
     path = message.get("path")
@@ -153,8 +146,8 @@ def _output(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
     if not path and not running:
         raise UserError(f"no {what} is running", f"start one with `{typed} start OUT`")
     if not path:
-        none: dict[str, Any] = {option: ""}
-        return Reply(answer={"path": running}, state=state.changed(**none))
+        ended: Message = {option: ""}
+        return Reply(answer={"path": running}, state=state.changed(**ended))
     if command == "record" and not _has_eyes(state):
         raise UserError(
             "no camera is in use: the scene is a single view",
@@ -165,7 +158,7 @@ def _output(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
     return Reply(check=FileCheck(check=command, path=path, source=source, record=record))
 
 
-def _share(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
+def _share(state: SessionState, message: Message, _t_ns: int) -> Reply:
     """Adds the targets `start`, or removes the targets `stop` (all, if it is empty)."""
     start = message.get("start")
     stop = message.get("stop")
@@ -190,25 +183,18 @@ def _share(state: SessionState, message: dict[str, Any], _t_ns: int) -> Reply:
         names = ", ".join(start)[:200]
         targets = tuple(start)
         return Reply(check=FileCheck(check="share", path=names, targets=targets, running=running))
-    named = {
-        text: [target for target in running if text in (target, target.partition("?")[0])]
-        for text in texts
-    }
-    if missing := [text for text, targets in named.items() if not targets]:
-        raise UserError(
-            f"{quoted(missing[0])} is not a current target",
-            f"name one of {', '.join(running)}" if running else "leave it out: nothing is shared",
-        )
     if not running:
         raise UserError("nothing is shared", "start it with `lfpipe ctl share start TARGET`")
-    ended = [target for targets in named.values() for target in targets] or list(running)
-    left = tuple(target for target in running if target not in ended)
+    named = {target: {target, target.partition("?")[0]} for target in running}
+    if unknown := [text for text in texts if not any(text in one for one in named.values())]:
+        raise UserError(
+            f"{quoted(unknown[0])} is not a current target", f"name one of {', '.join(running)}"
+        )
+    left = tuple(target for target in running if texts and named[target].isdisjoint(texts))
     return Reply(answer={"share": list(left)}, state=state.changed(share=left))
 
 
-def respond_checked(
-    state: SessionState, message: dict[str, Any], result: dict[str, Any], t_ns: int
-) -> Reply:
+def respond_checked(state: SessionState, message: Message, result: Message, t_ns: int) -> Reply:
     """The reply to a request after its files were checked.
 
     The state may have changed meanwhile. Raises like `respond`.
@@ -227,7 +213,7 @@ def _has_eyes(state: SessionState) -> bool:
     return state.options.viewer.tracked or isinstance(state.options.viewer, MouseViewer)
 
 
-def on_load(state: SessionState, message: dict[str, Any], scene: SceneSummary) -> Reply:
+def on_load(state: SessionState, message: Message, scene: SceneSummary) -> Reply:
     """The reply to a request for a scene that can be shown now. Raises like `respond`."""
     at = _place(state, message)
     new = state.loaded(scene)
@@ -242,7 +228,7 @@ def on_complete(state: SessionState, scene: SceneSummary) -> SessionState:
     return state.loaded(scene) if shown is not None and shown.pack == scene.pack else state
 
 
-def _recentre(state: SessionState, _message: dict[str, Any], _t_ns: int) -> Reply:
+def _recentre(state: SessionState, _message: Message, _t_ns: int) -> Reply:
     stages = tuple(
         stage.name
         for stage in STAGES
@@ -258,12 +244,12 @@ def _absolute(path: str) -> bool:
     return path.startswith("/") and "\0" not in path
 
 
-def _status(state: SessionState, _message: dict[str, Any], _t_ns: int) -> Reply:
+def _status(state: SessionState, _message: Message, _t_ns: int) -> Reply:
     config = converter().unstructure(state.config)
     return Reply(answer={"paused": state.paused, "config": config}, with_stages=True)
 
 
-def _pause(state: SessionState, _message: dict[str, Any], _t_ns: int, *, paused: bool) -> Reply:
+def _pause(state: SessionState, _message: Message, _t_ns: int, *, paused: bool) -> Reply:
     return Reply(answer={"paused": paused}, state=state.changed(paused=paused))
 
 

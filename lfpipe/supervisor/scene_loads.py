@@ -1,173 +1,182 @@
 """The packers of a session: one works on the disparity of the scene on the screen, one on the scene
-that a request wants.
+that a request wants, one on small pictures for the page that offers scenes.
 """
 
 import logging
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any
 
 import attrs
 
 from lfpipe.config import Scene, SceneSummary
-from lfpipe.scene.open_scene import PackerRequest, Packing
+from lfpipe.host.worker import Worker
+from lfpipe.scene.open_scene import SILENT_S, PackerRequest, Packing
 from lfpipe.supervisor.control_sockets import Request
 from lfpipe.transport.clock import SECOND_NS, now_ns
+from lfpipe.transport.control import Message
 
 logger = logging.getLogger(__name__)
 STEP_NS = SECOND_NS // 5  # between two reports of progress
+WANTED, SHOWN = "wanted", "shown"  # scenes: of a request, and on the screen
 MAX_NAME_CHARS = 200  # more than a window has room for
+Send = Callable[[Message], None]  # to the stage that shows pictures
 
 
 @attrs.frozen
-class SceneReady:
-    """The wanted scene can be shown."""
+class SceneEvent:
+    """What a packer has come to. request: the one that wants the scene; None for the scene on the
+    screen. scene: it can be shown now, or why it cannot.
+    """
 
-    request: Request
-    scene: SceneSummary
-
-
-@attrs.frozen
-class SceneComplete:
-    """The scene on the screen has its disparity."""
-
-    scene: SceneSummary
-
-
-@attrs.frozen
-class LoadFailed:
-    """A packer refused its scene, or failed."""
-
-    request: Request | None  # None for the scene on the screen
-    error: Exception
-
-
-SceneEvent = SceneReady | SceneComplete | LoadFailed
+    request: Request | None
+    scene: SceneSummary | Exception
 
 
 class _Load:
     """A packer at work, and what was reported of its progress."""
 
-    def __init__(self, packing: Packing, request: Request | None) -> None:
+    def __init__(self, packing: Packing, send: Send, request: Request | None = None) -> None:
         self.packing = packing
         self.request = request
-        self.scene: SceneSummary | None = None  # once it is packed
+        self._send = send
         self._reported = ""
         self._report_ns = 0
 
-    def news(self, end: bool = False) -> Iterator[dict[str, Any]]:
-        """The message for the stage that shows pictures, if there is something new; step "" is the
-        end.
-        """
-        packing = self.packing
-        step = "" if end else packing.step
-        if step != self._reported and (end or now_ns() >= self._report_ns + STEP_NS):
-            self._reported = step
-            self._report_ns = now_ns()
-            name = Path(packing.subject).name[:MAX_NAME_CHARS]
-            share = 1.0 if end else packing.share
-            yield {
+    def report(self, end: bool = False) -> None:
+        """Sends the step of the packer if it is a new one; at its end "", at once."""
+        step = "" if end else self.packing.step
+        if step == self._reported or not (end or now_ns() >= self._report_ns + STEP_NS):
+            return
+        self._reported = step
+        self._report_ns = now_ns()
+        self._send(
+            {
                 "cmd": "loading",
-                "scene": name,
+                "scene": Path(self.packing.subject).name[:MAX_NAME_CHARS],
                 "step": step,
-                "share": share,
+                "share": 1.0 if end else self.packing.share,
                 "shown": self.request is None,
             }
+        )
 
-
-def _result(load: _Load, event: Callable[[SceneSummary], SceneEvent]) -> Iterator[SceneEvent]:
-    """What the end of a packer means: the event of its scene, or of its failure."""
-    try:
-        load.scene = load.packing.summary()
-    except Exception as error:  # who hears of it decides what to answer
-        yield LoadFailed(load.request, error)
-    else:
-        yield event(load.scene)
+    def event(self) -> SceneEvent | None:
+        """What has happened, if the packer has ended or a wanted scene can be shown."""
+        if self.packing.done:
+            try:
+                return SceneEvent(self.request, self.packing.summary())
+            except Exception as error:  # who hears of it decides what to answer
+                return SceneEvent(self.request, error)
+        views = self.packing.views
+        return SceneEvent(self.request, views) if self.request and views else None
 
 
 class SceneLoads:
-    """Both packers. report: receives their progress a few times a second, as a message. packing:
-    the packer of the session's first scene, while it works.
+    """The packers of both scenes. send: for their progress, a few times a second. packing: the
+    packer of the session's first scene, while it works.
     """
 
-    def __init__(
-        self, report: Callable[[dict[str, Any]], None], packing: Packing | None = None
-    ) -> None:
-        self._report = report
-        self._shown = None if packing is None else _Load(packing, None)
-        self._wanted: _Load | None = None
+    def __init__(self, send: Send, packing: Packing | None = None) -> None:
+        self._send = send
+        self._loads = {} if packing is None else {SHOWN: _Load(packing, send)}
 
-    def want(self, request: Request, path: str, settings: Scene) -> Request | None:
+    def want(self, request: Request, scene: PackerRequest) -> Request | None:
         """Begins to load a scene; returns the request that it replaces, if any."""
-        replaced = self._end(self._wanted)
-        self._wanted = None
-        self._wanted = _Load(
-            Packing(PackerRequest(scenes=[path], settings=settings, remember=True)), request
-        )
-        return replaced
+        replaced = self._loads.get(WANTED)
+        self._end(WANTED)
+        self._loads[WANTED] = _Load(Packing(scene), self._send, request)
+        return None if replaced is None else replaced.request
 
     @property
     def fds(self) -> list[int]:
         """Descriptors that wake the supervisor."""
-        return [fd for load in (self._shown, self._wanted) if load for fd in load.packing.fds]
+        return [fd for load in self._loads.values() for fd in load.packing.fds]
 
     def update(self, connections: Collection[int]) -> list[SceneEvent]:
         """Reads what the packers have printed; returns what has happened. Ends the load of a client
         that is not among these connections any more.
         """
-        if self._wanted and self._wanted.request.connection not in connections:  # type: ignore[union-attr]
-            logger.info("load cancelled: its client is gone")
-            self._end(self._wanted)
-            self._wanted = None
-        for load in (self._shown, self._wanted):
-            if load is not None:
-                load.packing.read()
-                self._pass_on(load.news())
-        return [*self._update_wanted(), *self._update_shown()]
+        events = []
+        for name in (WANTED, SHOWN):
+            load = self._loads.get(name)
+            if load is None:
+                continue
+            if load.request and load.request.connection not in connections:
+                logger.info("load cancelled: its client is gone")
+                self._end(name)
+                continue
+            load.packing.read()
+            load.report()
+            event = load.event()
+            if event is None:
+                continue
+            events.append(event)
+            if isinstance(event.scene, SceneSummary):
+                self._end(SHOWN)
+            if event.scene is load.packing.views:  # the packer goes on with its disparity
+                load.report(end=True)
+                self._loads = {SHOWN: _Load(load.packing, self._send)}
+            else:
+                self._end(name)
+        return events
 
-    def _update_wanted(self) -> Iterator[SceneEvent]:
-        load = self._wanted
-        if load is None or load.request is None:
-            return
-        packing = load.packing
-        request = load.request
-        if packing.done:
-            self._wanted = None
-            yield from _result(load, lambda scene: SceneReady(request, scene))
-            if load.scene is not None:
-                self._end(self._shown)
-                self._shown = None
-            self._end(load)
-        elif packing.views is not None:
-            self._end(self._shown)
-            self._pass_on(load.news(end=True))
-            self._shown = _Load(packing, None)
-            self._wanted = None
-            yield SceneReady(request, packing.views)
-
-    def _update_shown(self) -> Iterator[SceneEvent]:
-        load = self._shown
-        if load is not None and load.packing.done:
-            self._shown = None
-            yield from _result(load, SceneComplete)
-            self._end(load)
-
-    def _end(self, load: _Load | None) -> Request | None:
-        """Ends a packer; that of a scene which the session has left: the next opening completes its
-        pack. Returns its request.
-        """
-        if load is None:
-            return None
-        self._pass_on(load.news(end=True))
-        load.packing.close()
-        return load.request
-
-    def _pass_on(self, news: Iterator[dict[str, Any]]) -> None:
-        for message in news:
-            self._report(message)
+    def _end(self, name: str) -> None:
+        """Ends a packer. If the session has left its scene, the next opening completes its pack."""
+        if load := self._loads.pop(name, None):
+            load.report(end=True)
+            load.packing.close()
 
     def close(self) -> None:
         """Ends both packers."""
-        self._end(self._shown)
-        self._end(self._wanted)
-        self._shown = self._wanted = None
+        for name in list(self._loads):
+            self._end(name)
+
+
+class _PreviewReader(Worker):
+    """The packer at work on previews. left: the scenes that have not had their turn yet."""
+
+    def __init__(self, scenes: Sequence[str], settings: Scene, send: Send) -> None:
+        self.left = list(scenes)
+        self.settings = settings
+        self._send = send
+        request = PackerRequest(do="previews", scenes=scenes, settings=settings)
+        super().__init__("lfpipe.render.packer", attrs.asdict(request), scenes[0], SILENT_S)
+
+    def on_step(self, step: dict[str, Any]) -> None:
+        """Passes on a preview; the packer also tells what it decided."""
+        if "preview" in step:
+            self.left.pop(0)
+            self._send({"cmd": "preview", "scene": step["preview"], "data": step["data"]})
+
+
+class ScenePreviews:
+    """Small pictures of the scenes on one page of the window. send: for each, "" for none."""
+
+    def __init__(self, send: Send) -> None:
+        self._send = send
+        self._reader: _PreviewReader | None = None
+
+    def begin(self, scenes: Sequence[str], settings: Scene) -> None:
+        """Reads these scenes, in their order, instead of those before."""
+        self.close()
+        if scenes:
+            self._reader = _PreviewReader(scenes, settings, self._send)
+
+    @property
+    def fds(self) -> Sequence[int]:
+        """Descriptors that wake the supervisor."""
+        return () if self._reader is None else self._reader.fds
+
+    def update(self) -> None:
+        """Passes on what was read; goes on with the next scene if one has ended the child."""
+        reader = self._reader
+        if reader is not None:
+            reader.read()
+            if reader.done:
+                self.begin(reader.left[1:], reader.settings)
+
+    def close(self) -> None:
+        """Ends the child."""
+        if self._reader is not None:
+            self._reader.close()
+            self._reader = None

@@ -226,7 +226,7 @@ class StageProcesses:
     """All of them.
 
     table: the status table. spec: what a stage receives at its start. ask_to_stop: sends the stop
-    to a stage.
+    to a stage. log: reports to people.
     """
 
     def __init__(
@@ -235,8 +235,10 @@ class StageProcesses:
         table: Table,
         spec: Callable[[Stage], StageSpec],
         ask_to_stop: Callable[[str], None],
+        log: Callable[[str], None],
     ) -> None:
         self._table = table
+        self._log = log
         self._spec = spec
         self._ask_to_stop = ask_to_stop
         self._all = {
@@ -246,6 +248,11 @@ class StageProcesses:
 
     def __iter__(self) -> Iterator[StageProcess]:
         return iter(self._all.values())
+
+    @property
+    def sentinels(self) -> list[int]:
+        """Descriptors that wake the supervisor when a stage ends."""
+        return [one.process.sentinel for one in self if one.process is not None]
 
     def ensure_running(self, options: SessionOptions) -> None:
         """Starts stages that are needed, and asks stages that are no longer needed to stop."""
@@ -257,13 +264,13 @@ class StageProcesses:
             elif process.alive and not needed:
                 self._ask_to_stop(process.stage.name)
 
-    def judge(self, log: Callable[[str], None]) -> list[tuple[StageProcess, int]]:
+    def judge(self) -> list[tuple[StageProcess, int]]:
         """Kills hung stages, and returns stages that ended unexpectedly, with their exit codes."""
         ended = []
         for process in self:
             name = process.stage.name
             if why := process.overdue():
-                log(f"{name}: {why}, killed\n{process.kill_hung()}".rstrip())
+                self._log(f"{name}: {why}, killed\n{process.kill_hung()}".rstrip())
             code = process.reap()
             if code is None or (code == 0 and (process.stage.optional or not process.must_run)):
                 continue
@@ -301,15 +308,16 @@ class StageProcesses:
         for process in self:
             process.signal(signals.KILL)
 
-    def stop(self, log: Callable[[str], None]) -> None:
+    def stop(self) -> None:
         """Asks all stages to stop, then waits for all."""
         for process in self:
             process.must_run = False
             self._ask_to_stop(process.stage.name)
-        wait_for_end(self._all.values(), log)
+        wait_for_end(self._all.values(), self._log)
 
     def close(self) -> None:
-        """Releases the status table."""
+        """Stops the stages, unless they have ended, and releases the status table."""
+        self.stop()
         self._all.clear()
 
 

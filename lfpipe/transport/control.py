@@ -24,6 +24,7 @@ FILE_CHECK_TIMEOUT_S = 15.0  # for an answer to `trace` and `record`, whose path
 EXECUTED = "executed"  # with it, a stage answers a command that it has executed
 MAX_ID_BYTES = 64  # of the id of a request
 QUEUE = 64  # messages that may wait on either side of a socket, per client
+Message = dict[str, Any]  # plain values by name
 
 
 class BadMessage(ValueError):
@@ -40,7 +41,7 @@ def _depth(value: object, left: int = MAX_DEPTH) -> bool:
     return value is None or isinstance(value, bool | int | float | str)
 
 
-def encode(message: dict[str, Any]) -> bytes:
+def encode(message: Message) -> bytes:
     """Encodes a map of plain values, adding the version. Paths that are not UTF-8 are encoded with
     surrogates, as in Python.
 
@@ -58,7 +59,7 @@ def encode(message: dict[str, Any]) -> bytes:
     return data
 
 
-def decode(data: bytes) -> dict[str, Any]:
+def decode(data: bytes) -> Message:
     """Decodes and checks the map in data.
 
     Raises BadMessage for a wrong size, depth, type or version; never another exception.
@@ -68,7 +69,7 @@ def decode(data: bytes) -> dict[str, Any]:
     return message
 
 
-def unpack(data: bytes) -> dict[str, Any]:
+def unpack(data: bytes) -> Message:
     """Decodes the map in data, unchecked. Raises BadMessage if there is none."""
     if len(data) > MAX_BYTES:
         raise BadMessage(f"the message has {len(data)} bytes; at most {MAX_BYTES} are allowed")
@@ -84,7 +85,7 @@ def unpack(data: bytes) -> dict[str, Any]:
     return message
 
 
-def check(message: dict[str, Any]) -> None:
+def check(message: Message) -> None:
     """Raises BadMessage for a wrong depth, type or version."""
     if not _depth({key: value for key, value in message.items() if key != "id"}):
         raise BadMessage(
@@ -105,7 +106,7 @@ def _is_id(value: object) -> bool:
     return data is None or isinstance(data, bool | int | float)
 
 
-def repeated(message: dict[str, Any]) -> dict[str, Any]:
+def repeated(message: Message) -> Message:
     """What the answer to a message repeats of it: `cmd` and `id`, as far as they are valid."""
     command = message.get("cmd")
     head = {"cmd": command} if isinstance(command, str) and _is_id(command) else {}
@@ -148,7 +149,7 @@ def bind(socket: zmq.Socket[bytes], run_dir: Path, name: str) -> None:
     (run_dir / name).chmod(0o600)
 
 
-def request(run_dir: Path, message: dict[str, Any], timeout_s: float = 2.0) -> dict[str, Any]:
+def request(run_dir: Path, message: Message, timeout_s: float = 2.0) -> Message:
     """Sends one command to the session in run_dir and returns its answer.
 
     Raises UserError if there is no answer, or if the answer is an error.

@@ -297,7 +297,7 @@ class Session:
         self.state = state
         self.rows = _rows()
         self.t_ns = 0
-        self.control = QualityControl(lambda name: (cores or {}).get(name, ()))
+        self.control = QualityControl(cores or {})
 
     def work(self, seconds: float, of: str, lost: str) -> None:
         """Samples a session in which one count of one stage grows as fast as its outputs."""

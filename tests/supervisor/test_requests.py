@@ -13,11 +13,11 @@ from hypothesis import given, settings
 from lfpipe.config import Scene, SceneSummary
 from lfpipe.config.modes import MouseViewer, NoViewer
 from lfpipe.errors import UserError
+from lfpipe.scene.open_scene import PackerRequest
 from lfpipe.supervisor.file_checks import FileCheck
 from lfpipe.supervisor.requests import (
     HANDLERS,
     Reply,
-    SceneLoad,
     on_complete,
     on_load,
     respond,
@@ -149,7 +149,9 @@ def test_respond_load_takes_a_path_a_number_or_a_step(words: Message, path: str)
     cases: tuple[dict[str, Any], ...] = ({}, {"layout": "quilt", "grid": "4x8"})
     for settings_ in cases:
         reply = respond(made_state(**LIST), {"cmd": "load", **words, **settings_}, 0)
-        assert reply == Reply(load=SceneLoad(path, Scene(**settings_)))
+        assert reply == Reply(
+            load=PackerRequest(scenes=[path], settings=Scene(**settings_), remember=True)
+        )
 
 
 @pytest.mark.parametrize(

@@ -8,16 +8,11 @@ from typing import Any
 import pytest
 import zmq
 
-from lfpipe.config import Scene
+from lfpipe.config import Scene, SceneSummary
 from lfpipe.errors import UserError
+from lfpipe.scene.open_scene import PackerRequest
 from lfpipe.supervisor.control_sockets import Request
-from lfpipe.supervisor.scene_loads import (
-    LoadFailed,
-    SceneComplete,
-    SceneEvent,
-    SceneLoads,
-    SceneReady,
-)
+from lfpipe.supervisor.scene_loads import SceneEvent, SceneLoads
 
 CLIENT = Request(b"client", connection=5, message={"cmd": "load"})
 LIMIT_S = 120
@@ -42,7 +37,11 @@ def loads(news: list[dict[str, Any]]) -> Iterator[SceneLoads]:
 
 
 def _ends(event: SceneEvent) -> bool:
-    return isinstance(event, LoadFailed) or event.scene.complete
+    return isinstance(event.scene, Exception) or event.scene.complete
+
+
+def wanted(scene: Path, settings: Scene) -> PackerRequest:
+    return PackerRequest(scenes=[scene], settings=settings, remember=True)
 
 
 def events(loads: SceneLoads) -> list[SceneEvent]:
@@ -63,12 +62,12 @@ def events(loads: SceneLoads) -> list[SceneEvent]:
 def test_scene_loads_make_a_scene_ready_then_complete(
     loads: SceneLoads, news: list[dict[str, Any]], scene: Path, settings: Scene
 ) -> None:
-    assert loads.want(CLIENT, str(scene), settings) is None
+    assert loads.want(CLIENT, wanted(scene, settings)) is None
     happened = events(loads)
-    assert isinstance(happened[0], SceneReady) and happened[0].request is CLIENT
-    assert all(isinstance(event, SceneComplete) for event in happened[1:])
-    last = happened[-1]
-    assert not isinstance(last, LoadFailed) and last.scene.complete
+    assert happened[0].request is CLIENT and isinstance(happened[0].scene, SceneSummary)
+    assert all(event.request is None for event in happened[1:])
+    last = happened[-1].scene
+    assert isinstance(last, SceneSummary) and last.complete
     steps = [message["step"] for message in news]
     assert all(message["cmd"] == "loading" for message in news) and (not steps or steps[-1] == "")
 
@@ -76,14 +75,13 @@ def test_scene_loads_make_a_scene_ready_then_complete(
 def test_scene_loads_replace_the_first_request(
     loads: SceneLoads, scene: Path, settings: Scene, tmp_path: Path
 ) -> None:
-    loads.want(CLIENT, str(scene), settings)
+    loads.want(CLIENT, wanted(scene, settings))
     other = Request(b"other", connection=5)
-    assert loads.want(other, str(tmp_path / "nowhere"), settings) is CLIENT
+    assert loads.want(other, wanted(tmp_path / "nowhere", settings)) is CLIENT
     (failed,) = events(loads)
-    assert isinstance(failed, LoadFailed) and failed.request is other
-    assert isinstance(failed.error, UserError)
+    assert failed.request is other and isinstance(failed.scene, UserError)
 
 
 def test_scene_loads_end_with_their_client(loads: SceneLoads, scene: Path, settings: Scene) -> None:
-    loads.want(CLIENT, str(scene), settings)
+    loads.want(CLIENT, wanted(scene, settings))
     assert loads.update({1, 2}) == [] and not loads.fds

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from lfpipe.config import Scene
-from lfpipe.supervisor.scene_previews import ScenePreviews
+from lfpipe.supervisor.scene_loads import ScenePreviews
 from lfpipe.transport.control import MAX_BYTES, encode
 
 

@@ -26,11 +26,11 @@ from lfpipe.config.modes import (
 )
 from lfpipe.host.worker import Worker
 from lfpipe.scene.open_scene import PackerRequest, Packing
-from lfpipe.supervisor import figures, live_session, scene_loads, scene_previews
+from lfpipe.supervisor import figures, live_session, scene_loads
 from lfpipe.supervisor.control_sockets import ControlSockets, Request
 from lfpipe.supervisor.file_checks import FileCheck, FileChecks
 from lfpipe.supervisor.process_table import STAGES
-from lfpipe.supervisor.scene_previews import ScenePreviews
+from lfpipe.supervisor.scene_loads import ScenePreviews
 from lfpipe.transport import control
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.histogram import Histogram
@@ -116,14 +116,16 @@ def test_wire_format_of_messages_to_the_window(
 ) -> None:
     packing = Packing(PackerRequest(scenes=[Path("/a/" + "long" * 60)], settings=Scene()))
     packing.on_step({"step": "views", "done": 1, "total": 4})
-    load = scene_loads._Load(packing, None)
-    sent = [*load.news(), *load.news(end=True)]
+    sent: list[dict[str, Any]] = []
+    load = scene_loads._Load(packing, sent.append)
+    load.report()
+    load.report(end=True)
     monkeypatch.setattr(Worker, "read", lambda worker: None)
     monkeypatch.setattr(Worker, "done", False)
     previews = ScenePreviews(sent.append)
     previews.begin(["/a"], Scene())
     reader = previews._reader
-    assert isinstance(reader, scene_previews._Reader)
+    assert reader is not None
     reader.on_step({"preview": "/a", "data": "aGk="})
     previews.update()
     assert_same("messages to the window", [control.decode(control.encode(one)) for one in sent])
