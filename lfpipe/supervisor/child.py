@@ -11,7 +11,7 @@ import sys
 import traceback
 from pathlib import Path
 from types import FrameType
-from typing import Literal, NoReturn, TextIO
+from typing import NoReturn, TextIO
 
 from lfpipe import log
 from lfpipe.errors import UserError
@@ -28,9 +28,9 @@ EXIT_USER = 2  # a user's mistake: a restart cannot help
 EXIT_TERMINATED = 128 + signal.SIGTERM  # as a shell reports it
 
 
-def left_file(run_dir: Path, what: Literal["error", "stack"], stage: str) -> Path:
-    """The file in which a stage leaves a user's mistake, or its stack when it hangs (on SIGUSR1),
-    fails or crashes.
+def left_file(run_dir: Path, what: str, stage: str) -> Path:
+    """The file in which a stage leaves a user's mistake ("error"), or its "stack" when it hangs (on
+    SIGUSR1), fails or crashes.
     """
     return run_dir / f"{what}.{stage}"
 

@@ -215,10 +215,7 @@ def _has_eyes(state: SessionState) -> bool:
 
 def on_load(state: SessionState, message: Message, scene: SceneSummary) -> Reply:
     """The reply to a request for a scene that can be shown now. Raises like `respond`."""
-    at = _place(state, message)
-    new = state.loaded(scene)
-    if at is not None:
-        new = attrs.evolve(new, options=attrs.evolve(new.options, playlist_at=at))
+    new = state.loaded(scene, _place(state, message))
     return Reply(answer={"pack": scene.pack}, state=new)
 
 

@@ -49,10 +49,6 @@ class Basis:
     viewer: Viewer
     playlist_at: int
 
-    @classmethod
-    def of(cls, config: Config, options: SessionOptions) -> Basis:
-        return cls(config, options.scene, options.viewer, options.playlist_at)
-
 
 @attrs.frozen(kw_only=True)
 class SessionState:
@@ -64,7 +60,7 @@ class SessionState:
 
     config: Config
     options: SessionOptions
-    known_good: Basis
+    known_good: Basis = attrs.field(default=attrs.Factory(lambda self: self.basis, takes_self=True))
     paused: bool = False
     rev: int = 1
     pictures_until_ns: int = 0
@@ -74,13 +70,13 @@ class SessionState:
     @classmethod
     def first(cls, config: Config, options: SessionOptions) -> SessionState:
         """The state at the start of a session."""
-        known_good = Basis.of(config, options)
-        return cls(config=config, options=options, known_good=known_good)._with_packets()
+        return cls(config=config, options=options)._with_packets()
 
     @property
     def basis(self) -> Basis:
         """The part of the current state that can be rolled back."""
-        return Basis.of(self.config, self.options)
+        options = self.options
+        return Basis(self.config, options.scene, options.viewer, options.playlist_at)
 
     @property
     def levels(self) -> tuple[QualityLevel, ...]:
@@ -120,35 +116,37 @@ class SessionState:
 
         If that changes the quality levels, quality is full again.
         """
-        new = attrs.evolve(
-            self,
-            config=self.config if config is None else config,
-            paused=self.paused if paused is None else paused,
-            options=attrs.evolve(self.options, **options),
-            rev=self.rev + 1,
-        )
+        config = self.config if config is None else config
+        paused = self.paused if paused is None else paused
+        new = attrs.evolve(self, config=config, paused=paused, rev=self.rev + 1)._with(**options)
         if new.options.scene is not None:
-            scene = new.options.scene.shown_as(new.config.scene.half_turn)
-            new = attrs.evolve(new, options=attrs.evolve(new.options, scene=scene))
+            new = new._with(scene=new.options.scene.shown_as(config.scene.half_turn))
         if new.levels != self.levels:
-            new = attrs.evolve(new, options=attrs.evolve(new.options, level=None))
+            new = new._with(level=None)
         return new._with_packets()
 
-    def loaded(self, scene: SceneSummary) -> SessionState:
+    def _with(self, **options: Any) -> SessionState:
+        return attrs.evolve(self, options=attrs.evolve(self.options, **options))
+
+    def loaded(self, scene: SceneSummary, playlist_at: int | None = None) -> SessionState:
         """With another scene, at the zero plane of its last showing, or the default: a zero plane
-        is in px of its own scene. Near and far are as chosen for that scene before.
+        is in px of its own scene. Near and far are as chosen for that scene before. playlist_at:
+        its index, None if it is not in the playlist.
         """
         old = self.options.scene
-        viewer = watching(self.options.viewer, scene.needs_eyes)
-        if old is None or old.pack == scene.pack:
-            return self.changed(scene=scene, viewer=viewer)
-        zero_planes_px = {**self.zero_planes_px, old.pack: self.config.render.zero_plane_px}
-        render = attrs.evolve(
-            self.config.render, zero_plane_px=zero_planes_px.get(scene.pack, Render().zero_plane_px)
-        )
-        order = attrs.evolve(self.config.scene, half_turn="auto")
+        config = self.config
+        zero_planes_px = self.zero_planes_px
+        if old is not None and old.pack != scene.pack:
+            zero_planes_px = {**zero_planes_px, old.pack: config.render.zero_plane_px}
+            zero_plane_px = zero_planes_px.get(scene.pack, Render().zero_plane_px)
+            render = attrs.evolve(config.render, zero_plane_px=zero_plane_px)
+            order = attrs.evolve(config.scene, half_turn="auto")
+            config = attrs.evolve(config, render=render, scene=order)
         new = self.changed(
-            attrs.evolve(self.config, render=render, scene=order), scene=scene, viewer=viewer
+            config,
+            scene=scene,
+            viewer=watching(self.options.viewer, scene.needs_eyes),
+            playlist_at=self.options.playlist_at if playlist_at is None else playlist_at,
         )
         return attrs.evolve(new, zero_planes_px=zero_planes_px)
 
@@ -190,7 +188,7 @@ class SessionState:
         if records_jpegs == bool(self.options.packets):
             return self
         name = new_ring("packets") if records_jpegs else ""
-        return attrs.evolve(self, options=attrs.evolve(self.options, packets=name))
+        return self._with(packets=name)
 
 
 class ConfigRollback:

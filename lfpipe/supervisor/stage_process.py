@@ -9,7 +9,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterator
 from multiprocessing.process import BaseProcess
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +24,7 @@ from lfpipe.supervisor.process_table import SOURCE, STAGES, Stage
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.ring_ends import StageSpec
 from lfpipe.transport.session import Session
-from lfpipe.transport.status import ENDED, State, Table, busy_words
+from lfpipe.transport.status import ENDED, State, Table, busy_words, clear
 
 logger = logging.getLogger(__name__)
 MAX_RESTARTS_WINDOW_S, MAX_FAILURES = 60.0, 5  # five failures in a minute are no accident
@@ -44,7 +43,6 @@ ASLEEP_S = 1.0
 DRAIN_NS = 2 * SECOND_NS  # time for the stages to finish their work after the source has ended
 # time limits after "stop", after SIGTERM (on a busy machine), after SIGKILL
 STOP_S, TERM_S, KILL_S = 0.9, 3.0, 5.0
-LEFT: tuple[Literal["error", "stack"], ...] = ("error", "stack")  # files of a stage that has ended
 PASSES = ((STOP_S, signals.END), (TERM_S, signals.KILL), (KILL_S, None))
 
 
@@ -72,18 +70,14 @@ class StageProcess:
 
         Only from the main thread: PR_SET_PDEATHSIG is tied to the starting thread.
         """
-        for what in LEFT:
+        for what in ("error", "stack"):
             child.left_file(self._session.run_dir, what, self.stage.name).unlink(missing_ok=True)
         if self.row["pid"] and self.row["state"] != State.FINISHED:
             self.row["restarts"] += 1
         self._checked_ns = self._awake_ns = now_ns()
+        clear(self.row, "ready_ns", "busy_with", "busy_since_ns", "cpu_ns", "fault")
         self.row["state"] = State.STARTING
-        self.row["ready_ns"] = 0
         self.row["started_ns"] = self._checked_ns
-        self.row["busy_with"] = b""
-        self.row["busy_since_ns"] = 0
-        self.row["cpu_ns"] = 0
-        self.row["fault"] = b""
         self._killed = False
         self.lossless = isinstance(spec.options.clock, Lossless)
         self.process = multiprocessing.get_context("spawn").Process(
@@ -106,19 +100,16 @@ class StageProcess:
         """Exit code when the process has ended since the last call, else None."""
         if self.process is None or self.process.exitcode is None:
             return None
-        code = self.process.exitcode
+        code = int(self.process.exitcode)
         self.process.join()
         self.process.close()
         self.process = None
-        in_order = (0,) if self.must_run else (0, child.EXIT_TERMINATED)
-        # no work is left
-        finished = code in in_order and (
-            not self.must_run or self.stage.name == SOURCE or self.stage.optional
-        )
+        finished = code in (0, child.EXIT_TERMINATED)
+        if self.must_run:  # only these know that no work is left
+            finished = code == 0 and (self.stage.name == SOURCE or self.stage.optional)
+        clear(self.row, "busy_with", "busy_since_ns")
         self.row["state"] = State.FINISHED if finished else State.DEAD
         self.row["dead_ns"] = now_ns()
-        self.row["busy_with"] = b""
-        self.row["busy_since_ns"] = 0
         logger.info(
             "%s ended with code %d after %.1f s",
             self.stage.name,
@@ -127,7 +118,7 @@ class StageProcess:
         )
         if code == 0:
             self.row["taken_seq"] = 0  # its work was done, so its successor has missed nothing
-        return int(code)
+        return code
 
     def overdue(self) -> str:
         """Why the process counts as hung, or "": it gave no beat for longer than its phase allows.
@@ -212,7 +203,7 @@ class StageProcess:
         message, _, remedy = self._left("error").partition("\n")
         return UserError(message, remedy) if message else None
 
-    def _left(self, what: Literal["error", "stack"]) -> str:
+    def _left(self, what: str) -> str:
         path = child.left_file(self._session.run_dir, what, self.stage.name)
         return path.read_text(errors="replace") if exists(path) else ""
 
@@ -272,12 +263,10 @@ class StageProcesses:
             if why := process.overdue():
                 self._log(f"{name}: {why}, killed\n{process.kill_hung()}".rstrip())
             code = process.reap()
-            if code is None or (code == 0 and (process.stage.optional or not process.must_run)):
-                continue
-            if code == 0 and name == SOURCE:
+            if code is not None and process.row["state"] == State.DEAD:
+                ended.append((process, code))
+            elif code is not None and process.must_run and name == SOURCE:
                 self._drain_since_ns = now_ns()
-                continue
-            ended.append((process, code))
         return ended
 
     def finished(self, every: int) -> bool:

@@ -209,6 +209,12 @@ class Row:
             self.age.add_ns(age_ns)
 
 
+def clear(record: NDArray[np.void], *names: str) -> None:
+    """Sets fields of a row to 0, or to no text."""
+    for name in names:
+        record[name] = np.zeros((), ROW[name])
+
+
 def busy_words(record: NDArray[np.void]) -> str:
     """A stage's current work outside its loop; "" if none."""
     words: bytes = record["busy_with"].item()
