@@ -18,10 +18,12 @@ from lfpipe.errors import UserError, plain
 from lfpipe.host.terminal import Keyboard
 from lfpipe.observe.session_reader import Follower, Sample, Watch, ask, snapshot
 from lfpipe.observe.timeline import begin_trace, finish_trace
-from lfpipe.supervisor.figures import MotionToPhoton, SessionFigures
+from lfpipe.supervisor.figures import MotionToPhoton, SessionFigures, StageFigures
 from lfpipe.supervisor.rundir import find
+from lfpipe.transport.control import Message
 
 STATE_STYLE = {"RUNNING": "green", "STARTING": "yellow", "STOPPING": "yellow", "DEAD": "bold red"}
+WARNING = "bold yellow"
 KEYS_LINE = "q quit  p pause  r reset  t trace  w warp  m mode  c recentre"
 QUANTILES = ("p50_ms", "p95_ms", "p99_ms")
 PERIOD_S = 0.25  # four times a second: a person reads no faster
@@ -41,86 +43,72 @@ def photon_words(latency: MotionToPhoton) -> str:
     return ", ".join(f"{key} {value:.1f} ms" for key, value in times.items() if value is not None)
 
 
+def _stage_line(name: str, stage: StageFigures, loads: bool) -> Text:
+    """A stage in the table; loads: with its load."""
+    waits, busies = ([times[key] for key in QUANTILES] for times in (stage.wait, stage.busy))
+    times = "".join(f" {ms(value)}" for value in (*waits[:2], *busies, stage.max_ms))
+    return Text.assemble(
+        f"{name:<8}",
+        (f"{stage.state.lower():<9}", STATE_STYLE.get(stage.state, "")),
+        f"{stage.fps:5.1f}{times}",
+        (f" {stage.dropped:5d}", "bold red" if stage.dropped else ""),
+        (f" {stage.restarts:3d}", "bold red" if stage.restarts else ""),
+        f" {stage.cpu_percent or 0:4.0f}{stage.rss_mb or 0:4.0f}\n" if loads else "\n",
+        (plain(f"{'':<8}{stage.busy_with}\n") if stage.busy_with else "", "yellow"),
+    )
+
+
 def state_text(figures: SessionFigures, paused: bool = False) -> Text:
     """The table of stages (rate, wait, busy, drops, restarts, load if it is known), quality, and
     the age of the picture. At most 80 cells wide.
     """
-    out = Text(no_wrap=True, overflow="crop")
-    out.append(
-        f"up {timedelta(seconds=int(figures.uptime_s))}  camera {figures.camera_fps:.1f} Hz  "
-    )
-    if paused:
-        out.append("PAUSED  ", "bold yellow")
-    if figures.camera_light:
-        out.append(f"{figures.camera_light}  ", "bold yellow")
     tracked = figures.stages.get("track")
-    out.append(
-        f"viewer {figures.viewer}\n",
-        "green" if tracked is not None and tracked.face else "bold yellow",
-    )
+    has_face = tracked is not None and tracked.face
     stages = figures.used_stages
     loads = any(stage.cpu_percent is not None for stage in stages.values())
-    out.append(f"{'ms':>22}   wait                busy\n", "bold")
-    out.append(
-        f"{'stage':<8}{'state':<9}{'Hz':>5}   p50   p95   p50   p95   p99   max drops"
-        f" rst{' cpu%  MB' * loads}\n",
-        "bold",
-    )
-    for name, stage in stages.items():
-        waits, busies = (
-            [times[quantile] for quantile in QUANTILES] for times in (stage.wait, stage.busy)
-        )
-        times = "".join(f" {ms(value)}" for value in (*waits[:2], *busies, stage.max_ms))
-        out.append(f"{name:<8}").append(
-            f"{stage.state.lower():<9}", STATE_STYLE.get(stage.state, "")
-        )
-        out.append(f"{stage.fps:5.1f}{times}").append(
-            f" {stage.dropped:5d}", "bold red" if stage.dropped else ""
-        )
-        out.append(f" {stage.restarts:3d}", "bold red" if stage.restarts else "")
-        out.append(f" {stage.cpu_percent or 0:4.0f}{stage.rss_mb or 0:4.0f}\n" if loads else "\n")
-        if stage.busy_with:
-            out.append(plain(f"{'':<8}{stage.busy_with}\n"), "yellow")
     level = f"level {figures.level} of {figures.lowest_level}" if figures.level else "full"
-    out.append(f"quality {level}\n", "bold yellow" if figures.level else "dim")
-    for notice in figures.notices:
-        out.append(plain(f"now: {notice}\n"), "bold yellow")
     age, judder, ahead = figures.end_to_end, figures.judder, figures.horizon
+    parts: list[Text | str | tuple[str, str]] = [
+        f"up {timedelta(seconds=int(figures.uptime_s))}  camera {figures.camera_fps:.1f} Hz  ",
+        ("PAUSED  " if paused else "", WARNING),
+        (f"{figures.camera_light}  " if figures.camera_light else "", WARNING),
+        (f"viewer {figures.viewer}\n", "green" if has_face else WARNING),
+        (f"{'ms':>22}   wait                busy\n", "bold"),
+        (f"{'stage':<8}{'state':<9}{'Hz':>5}   p50   p95   p50   p95   p99   max drops", "bold"),
+        (f" rst{' cpu%  MB' * loads}\n", "bold"),
+        *(_stage_line(name, stage, loads) for name, stage in stages.items()),
+        (f"quality {level}\n", WARNING if figures.level else "dim"),
+        *((plain(f"now: {notice}\n"), WARNING) for notice in figures.notices),
+    ]
     if age["n"]:
-        out.append(
-            f"age of the picture at {'its blank' if judder.planned else 'hand-over'}", "bold"
+        times = ", ".join(
+            f"{key.removesuffix('_ms')} {age[key]:.2f}" for key in (*QUANTILES, "max_ms")
         )
-        out.append("; the delays of camera and display are not in it:\n")
-        out.append(
-            "  "
-            + ", ".join(
-                f"{key.removesuffix('_ms')} {age[key]:.2f}" for key in (*QUANTILES, "max_ms")
-            )
-        )
-        out.append(f" ms over {age['n']:.0f} pictures\n")
+        parts += [
+            (f"age of the picture at {'its blank' if judder.planned else 'hand-over'}", "bold"),
+            "; the delays of camera and display are not in it:\n",
+            f"  {times} ms over {age['n']:.0f} pictures\n",
+        ]
     if judder.planned:
-        out.append(
+        parts.append(
             f"judder: {judder.percent:.2f} % of {judder.planned} refreshes showed another"
             " picture than planned\n"
         )
     if ahead["n"]:
-        out.append(
+        parts.append(
             f"eyes predicted ahead of the sensor by p50 {ahead['p50_ms']:.2f}, p95"
             f" {ahead['p95_ms']:.2f} ms\n"
         )
     if words := photon_words(figures.motion_to_photon):
-        out.append(f"motion to photon: {words}\n")
-    return out
+        parts.append(f"motion to photon: {words}\n")
+    return Text.assemble(*parts, no_wrap=True, overflow="crop")
 
 
 def print_state(figures: SessionFigures, paused: bool = False) -> None:
     """Prints the state on stdout."""
-    console = Console(highlight=False, soft_wrap=True)
-    console.print(
-        Text.assemble("session ", (figures.session, "bold"))
-        .append("  ")
-        .append_text(state_text(figures, paused)),
-        end="",
+    head = Text.assemble("session ", (figures.session, "bold"), "  ")
+    Console(highlight=False, soft_wrap=True).print(
+        head.append_text(state_text(figures, paused)), end=""
     )
 
 
@@ -141,9 +129,9 @@ def screen_text(name: str, state: Sample | None, note: str = "") -> Text:
         alpha = render.alpha_px if isinstance(render.alpha_px, str) else f"{render.alpha_px:.1f}"
         out.append(f"{render.method} views, {render.anaglyph} anaglyph, alpha {alpha}", "dim")
         out.append(plain(f"\ntracing to {timeline}") if timeline else "", "dim")
-    out.append("\n").append_text(
-        state_text(state.figures, settings is not None and settings.paused)
-    ).append(plain(f"{note or KEYS_LINE}\n"), "bold" if note else "dim")
+    paused = settings is not None and settings.paused
+    out.append("\n").append_text(state_text(state.figures, paused))
+    out.append(plain(f"{note or KEYS_LINE}\n"), "bold" if note else "dim")
     return out.append("times of the last 10 s; rst: restarts", "dim")
 
 
@@ -170,25 +158,26 @@ def press(name: str, key: str) -> str:
         return ""
     settings = snapshot(name)
     render = settings.config.render
-    if key == "p":
-        ask(name, {"cmd": "resume" if settings.paused else "pause"})
-        return "resumed" if settings.paused else "paused: p resumes"
-    if key == "w":
-        method = "auto" if render.method == "nearest" else "nearest"
-        ask(name, {"cmd": "set", "set": {"render.method": method}})
-        return f"views: {method}"
-    if key == "m":
-        modes = choices("render.anaglyph")
-        mode = modes[(modes.index(render.anaglyph) + 1) % len(modes)]
-        ask(name, {"cmd": "set", "set": {"render.anaglyph": mode}})
-        return f"mode: {mode}"
-    if key == "c":
-        ask(name, {"cmd": "recentre"})
-        return "recentred"
-    if settings.options.timeline:
+    if key == "t" and settings.options.timeline:
         return f"trace: {finish_trace(partial(ask, name))}"
-    begin_trace(partial(ask, name), None)
-    return "tracing: t ends it"
+    if key == "t":
+        begin_trace(partial(ask, name), None)
+        return "tracing: t ends it"
+    method = "auto" if render.method == "nearest" else "nearest"
+    modes = choices("render.anaglyph")
+    mode = modes[(modes.index(render.anaglyph) + 1) % len(modes)]
+    sent: dict[str, tuple[Message, str]] = {
+        "p": (
+            {"cmd": "resume" if settings.paused else "pause"},
+            "resumed" if settings.paused else "paused: p resumes",
+        ),
+        "w": ({"cmd": "set", "set": {"render.method": method}}, f"views: {method}"),
+        "m": ({"cmd": "set", "set": {"render.anaglyph": mode}}, f"mode: {mode}"),
+        "c": ({"cmd": "recentre"}, "recentred"),
+    }
+    message, note = sent[key]
+    ask(name, message)
+    return note
 
 
 def run(name: str, once: bool, as_json: bool) -> None:
