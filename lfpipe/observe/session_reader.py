@@ -3,7 +3,6 @@ effects.
 """
 
 from collections import deque
-from typing import Any
 
 import attrs
 import numpy as np
@@ -18,6 +17,7 @@ from lfpipe.supervisor.process_table import SHOWN_BY
 from lfpipe.supervisor.rundir import find
 from lfpipe.transport import control
 from lfpipe.transport.clock import SECOND_NS, now_ns
+from lfpipe.transport.control import Message
 from lfpipe.transport.histogram import MIDDLES_US
 from lfpipe.transport.session import MANIFEST, Session, SessionManifest
 from lfpipe.transport.status import Table
@@ -29,7 +29,7 @@ Rows = dict[str, NDArray[np.void]]
 HISTOGRAMS = ("wait", "busy", "age", "horizon")
 
 
-def ask(name: str, message: dict[str, Any], timeout_s: float = 2.0) -> dict[str, Any]:
+def ask(name: str, message: Message, timeout_s: float = 2.0) -> Message:
     """Sends one command to the session that has this name now; returns its answer.
 
     Raises UserError.
@@ -50,7 +50,6 @@ class Watch:
     def __init__(self, session: Session) -> None:
         self.session = session
         try:
-            self._path = session.run_dir / MANIFEST
             self._mark = self._marked()
             self.manifest = SessionManifest.read(session.run_dir)
             self.table = Table(self.manifest.segments + "status")
@@ -61,10 +60,13 @@ class Watch:
                 f"session {session.name!r} is starting or ending", "try again in a second"
             ) from None
 
-    def read(self) -> SessionFigures:
-        """The figures since the session began."""
+    def read(self, rows: Rows | None = None) -> SessionFigures:
+        """The figures since the session began, or those in a copy of the table's rows."""
         return session_figures(
-            self.session.name, self.table.rows, self.table.session, self.manifest.started_ns
+            self.session.name,
+            self.table.rows if rows is None else rows,
+            self.table.session,
+            self.manifest.started_ns,
         )
 
     def living(self) -> bool:
@@ -75,7 +77,7 @@ class Watch:
             return False
 
     def _marked(self) -> tuple[int, int]:
-        entry = self._path.stat()
+        entry = (self.session.run_dir / MANIFEST).stat()
         return entry.st_ino, entry.st_mtime_ns
 
     def close(self) -> None:
@@ -136,9 +138,7 @@ class Follower:
             self._past.popleft()
         self._past.append((t_ns, now))
         then_ns, then = self._past[0]
-        rows = {name: _since(row, then[name]) for name, row in now.items()}
-        about = self.watch.manifest
-        figures = session_figures(self.name, rows, self.watch.table.session, about.started_ns)
+        figures = self.watch.read({name: _since(row, then[name]) for name, row in now.items()})
         stages = {}
         for name, stage in figures.stages.items():
             # of one process: less after a restart

@@ -208,7 +208,7 @@ class Handler(RequestHandler):
     def prepare(self) -> None:
         """Admits the request or raises HTTPError."""
         headers = self.request.headers
-        host = self.request.headers.get("Host", "")
+        host = headers.get("Host", "")
         if (
             not named(host, self.site.host)
             or headers.get("Origin", f"http://{host}") != f"http://{host}"
@@ -242,8 +242,7 @@ class Handler(RequestHandler):
         Closes the connection of one that does not, and returns False.
         """
         try:
-            async with asyncio.timeout(TIMEOUT_S):
-                await sending
+            await asyncio.wait_for(sending, TIMEOUT_S)
         except (TimeoutError, StreamClosedError):
             self.stream.close()
             return False

@@ -9,6 +9,7 @@ less often.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import attrs
@@ -53,10 +54,10 @@ class Load:
     def plus(self, more: Load) -> Load:
         """The work of both spans."""
         return Load(
-            *(
-                mine + theirs
-                for mine, theirs in zip(attrs.astuple(self), attrs.astuple(more), strict=True)
-            )
+            self.done + more.done,
+            self.missed + more.missed,
+            self.busy_ns + more.busy_ns,
+            self.span_s + more.span_s,
         )
 
     @property
@@ -107,10 +108,9 @@ class _Stage:
         self.silent = Load() if due else load
         if not due:
             return None if load.span_s > SILENT_S else True
-        if load.missed > LATE_SHARE * due or load.share > FULL_SHARE:
-            self.lag_s += min(load.span_s, HICCUP_S)
-        else:
-            self.lag_s = max(0.0, self.lag_s - FORGET * load.span_s)
+        lags = load.missed > LATE_SHARE * due or load.share > FULL_SHARE
+        change_s = min(load.span_s, HICCUP_S) if lags else -FORGET * load.span_s
+        self.lag_s = max(0.0, self.lag_s + change_s)
         self.lagging = self.lagging.plus(load) if self.lag_s else Load()
         return load.missed == 0 and load.share < ROOM_SHARE
 
@@ -122,29 +122,25 @@ class Governor:
         self.level = 0
         self._relieves = tuple(relieves)
         self._hold_s = ROOM_S  # room required to raise the level
-        self._raised_ns: int | None = None
-        self._t_ns: int | None = None
+        self._raised_ns = -math.inf
+        self._t_ns = -math.inf
         self._room_s = 0.0
         self._stages: dict[str, _Stage] = {}
 
-    def forget(self) -> None:
-        """Discards the past, because it does not describe the load: a stage starts, the machine was
-        suspended, ...
-        """
-        self._t_ns = None
+    def _forget(self) -> None:
+        """Discards the past, because it does not describe the load of now."""
         self._room_s = 0.0
         self._stages.clear()
 
     def update(self, t_ns: int, loads: Mapping[str, Load]) -> Step | None:
-        """Adds the work of every stage since the last sample; returns the resulting step,
-        if any.
+        """Adds the work of every stage since the last sample; returns the resulting step, if any.
+
+        After a gap it begins anew: a stage has started, the machine was suspended, ...
         """
-        last_ns = self._t_ns
+        dt_s = (t_ns - self._t_ns) / 1e9
         self._t_ns = t_ns
-        dt_s = 0.0 if last_ns is None else (t_ns - last_ns) / 1e9
-        if last_ns is None or dt_s > GAP_S:
-            self.forget()
-            self._t_ns = t_ns
+        if dt_s > GAP_S:
+            self._forget()
             return None
         rooms = [
             self._stages.setdefault(name, _Stage()).take(attrs.evolve(load, span_s=dt_s))
@@ -155,27 +151,20 @@ class Governor:
         elif rooms and None not in rooms:
             self._room_s += dt_s
         relieved = self._relieves[self.level] if self.level < len(self._relieves) else ()
-        worst = max(
-            (name for name in relieved if name in self._stages),
-            key=lambda name: self._stages[name].lag_s,
-            default="",
-        )
-        if worst and self._stages[worst].lag_s >= LAG_S:
-            failed = (
-                self._raised_ns is not None and (t_ns - self._raised_ns) / 1e9 < 2 * self._hold_s
-            )
+        lags = {name: stage for name, stage in self._stages.items() if name in relieved}
+        worst = max(lags, key=lambda name: lags[name].lag_s, default="")
+        if worst and lags[worst].lag_s >= LAG_S:
+            failed = (t_ns - self._raised_ns) / 1e9 < 2 * self._hold_s
             self._hold_s = min(2 * self._hold_s, LONGEST_S) if failed else ROOM_S
-            self._raised_ns = None
-            return self._step(Step(self.level + 1, worst, self._stages[worst].lagging))
-        if self.level and self._room_s >= self._hold_s:
+            self._raised_ns = -math.inf
+            step = Step(self.level + 1, worst, lags[worst].lagging)
+        elif self.level and self._room_s >= self._hold_s:
             self._raised_ns = t_ns
-            return self._step(Step(self.level - 1))
-        return None
-
-    def _step(self, step: Step) -> Step:
+            step = Step(self.level - 1)
+        else:
+            return None
         self.level = step.level
-        self._room_s = 0.0
-        self._stages.clear()
+        self._forget()
         return step
 
 
@@ -204,18 +193,15 @@ class QualityControl:
         }
         if any(row["state"] != State.RUNNING for row in used.values()):
             self._settled_ns = t_ns + SETTLE_NS
-        if t_ns < self._settled_ns:
-            self._governor.forget()
+        if t_ns < self._settled_ns:  # for the governor, a gap
             self._before.clear()
             return None
-        on_camera = state.config.render.clock == "camera" and state.options.viewer.tracked
         # on a display's clock, only refreshes count as missed,
         # not the eyes skipped between two refreshes
-        missed = {
-            name: "missed" if name == SHOWN_BY and not on_camera else "drops" for name in used
-        }
+        on_camera = state.config.render.clock == "camera" and state.options.viewer.tracked
+        late = {SHOWN_BY: "drops" if on_camera else "missed"}
         counts = {
-            name: (int(row["seq"]), int(row[missed[name]]), int(row["busy_ns"]))
+            name: (int(row["seq"]), int(row[late.get(name, "drops")]), int(row["busy_ns"]))
             for name, row in used.items()
         }
         before = self._before
@@ -229,19 +215,14 @@ class QualityControl:
     def _begin(self, levels: tuple[QualityLevel, ...]) -> None:
         """Replaces the levels, and starts at full quality."""
         self._levels = levels
-        helped = [self._relieved(DOES[level.work]) for level in levels[1:]]
+        helped = [self._relieved(level) for level in levels[1:]]
         # Levels are lowered in order: a stage that only a later
         # level relieves needs the earlier ones too.
         self._governor = Governor(
             [frozenset[str]().union(*helped[number:]) for number in range(len(helped))]
         )
 
-    def _relieved(self, stage: str) -> frozenset[str]:
-        """The stages that run faster if `stage` has less work: those that may share a core
-        with it.
-        """
-        cores = {name: set(self._cores.get(name, ())) for name in CORE}
-        alone = [
-            name for name, of in cores.items() if of and cores[stage] and not of & cores[stage]
-        ]
-        return frozenset(CORE).difference(alone)
+    def _relieved(self, level: QualityLevel) -> frozenset[str]:
+        """The stages that run faster at a level: those on the cores of the one that does less."""
+        cores = self._cores.get(DOES[level.work])
+        return frozenset(name for name in CORE if self._cores.get(name) == cores)
