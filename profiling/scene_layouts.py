@@ -25,7 +25,7 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene.examination import examine_scene
 from profiling.arguments import parser_of
-from tests.scene import made, people_sets, test_pictures, test_plausibility
+from tests.scene import made, people_sets, test_pictures, test_plausibility, writers
 
 Make = Callable[[Path], Path]
 SAMPLES = {
@@ -105,14 +105,6 @@ def written(folder: Path, grid: np.ndarray, name: str) -> Path:
     return folder
 
 
-def one(name: str, picture: np.ndarray) -> Make:
-    def make(folder: Path) -> Path:
-        made.write(folder / name, picture)
-        return folder / name
-
-    return make
-
-
 def depth(name: str, values: np.ndarray) -> Make:
     def make(folder: Path) -> Path:
         made.write(folder / "car.jpg", test_pictures.PICTURE)
@@ -158,14 +150,18 @@ def cases() -> Iterator[Case]:
         yield Case(
             "quilts without a name",
             f"{cols}x{rows}",
-            one("45_01.png", quilt),
+            writers.one("45_01.png", quilt),
             (1, cols * rows),
             line,
         )
     for rows, cols in ((5, 5), (9, 5), (3, 8)):
         views = made.views(rows, cols, 150, 200)
         yield Case(
-            "mosaics", f"{rows}x{cols}", one("lf.png", made.mosaic(views)), (rows, cols), views
+            "mosaics",
+            f"{rows}x{cols}",
+            writers.one("lf.png", made.mosaic(views)),
+            (rows, cols),
+            views,
         )
     pair = np.stack([test_pictures.LEFT, test_pictures.RIGHT])[None]
     for kind, make in test_pictures.PAIRS.items():
@@ -212,7 +208,7 @@ def cases() -> Iterator[Case]:
         yield Case(
             "none",
             "nine portraits",
-            people_sets.numbered(portraits, "{}.jpg"),
+            writers.numbered(portraits, "{}.jpg"),
             None,
         )
 

@@ -3,12 +3,10 @@ layout, packed, and seen through the glasses. Near objects must appear further r
 eye, and a viewer who moves must see them from there.
 """
 
-from collections.abc import Callable
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import get_args
 
-import h5py
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -20,6 +18,7 @@ from lfpipe.render.viewpoint import ViewSolver
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.packing import pack_scene
 from tests.scene import made
+from tests.scene.writers import Make, files, h5, stanford
 
 Grid = NDArray[np.uint8]  # (rows, cols, height, width, 3), top left camera first
 
@@ -76,36 +75,7 @@ def photographs(rows: int, cols: int) -> Grid:
 TRUTH = np.where(np.hypot(U - 18, V - 6) < RADIUS_PX, NEAR_PX, FAR_PX).astype(np.float32)
 
 
-def hci_old(folder: Path) -> None:
-    with h5py.File(folder / "lf.h5", "w") as file:
-        file["LF"] = photographs(5, 5)[:, ::-1]
-        file["GT_DEPTH"] = np.broadcast_to(
-            (0.5 * 20 / (TRUTH + 3)).astype(np.float32), (5, 5, HEIGHT, WIDTH)
-        )
-        file.attrs.update({"dH": 0.5, "focalLength": 20.0, "shift": 3.0, "hRes": HEIGHT})
-
-
-def stanford(folder: Path) -> None:
-    # shot from the right to the left and upwards: the coordinates say so
-    for row, col in np.ndindex(5, 5):
-        name = f"out_{row:02d}_{col:02d}_{-300 - 8.5 * row:.4f}_{1100 - 8.6 * col:.4f}_.png"
-        made.write(folder / name, photographs(5, 5)[4 - row, 4 - col])
-
-
-def stereo(folder: Path) -> None:
-    for col, eye in enumerate(("left", "right")):
-        made.write(folder / f"shop_{eye}.png", photographs(1, 2)[0, col])
-
-
-def rgbd(folder: Path) -> None:
-    made.write(folder / "shop.png", photographs(1, 1)[0, 0])
-    made.write(
-        folder / "shop_depth.png",
-        np.repeat(np.where(TRUTH > 0, 230, 60).astype(np.uint8)[..., None], 3, axis=2),
-    )
-
-
-def packed(layout: str, write: Callable[[Path], None], folder: Path) -> LightField:
+def packed(layout: str, write: Make, folder: Path) -> LightField:
     (folder / layout).mkdir()
     write(folder / layout)
     field = pack_scene(folder / layout, Scene(cache_dir=str(folder / "cache")))
@@ -136,11 +106,29 @@ def seen(
     return np.array(places)
 
 
-@pytest.mark.parametrize("write", [stereo, rgbd])
+@pytest.mark.parametrize(
+    ("layout", "write"),
+    [
+        (
+            "stereo",
+            files(
+                shop_left_png=photographs(1, 2)[0, 0],
+                shop_right_png=photographs(1, 2)[0, 1],
+            ),
+        ),
+        (
+            "rgbd",
+            files(
+                shop_png=photographs(1, 1)[0, 0],
+                shop_depth_png=np.where(TRUTH > 0, 230, 60).astype(np.uint8),
+            ),
+        ),
+    ],
+)
 def test_compositor_crosses_near_in_3d_photographs(
-    write: Callable[[Path], None], tmp_path: Path
+    layout: str, write: Make, tmp_path: Path
 ) -> None:
-    field = packed(write.__name__, write, tmp_path)
+    field = packed(layout, write, tmp_path)
     compositor = Compositor(field, Render(anaglyph="colour"))
     near, far = (
         seen(compositor, (field.rows, field.cols), bright, EYES_PX) for bright in (True, False)
@@ -152,11 +140,18 @@ def test_compositor_crosses_near_in_3d_photographs(
 
 # One whose depth, and one whose order of views, has its own sense; that all others keep that order
 # is shown in tests/scene.
-@pytest.mark.parametrize("write", [hci_old, stanford])
+@pytest.mark.parametrize(
+    ("layout", "write"),
+    [
+        ("hci-old", h5(photographs(5, 5)[:, ::-1], depth=(10 / (TRUTH + 3)).astype(np.float32))),
+        # shot from the right to the left and upwards: the coordinates say so
+        ("stanford", stanford(photographs(5, 5)[::-1, ::-1])),
+    ],
+)
 def test_compositor_crosses_near_and_shows_the_view_from_the_viewer(
-    write: Callable[[Path], None], tmp_path: Path
+    layout: str, write: Make, tmp_path: Path
 ) -> None:
-    field = packed(write.__name__.replace("_", "-"), write, tmp_path)
+    field = packed(layout, write, tmp_path)
     for method in get_args(Method):
         compositor = Compositor(field, Render(method=method, anaglyph="colour", zero_plane_px=0.0))
         for bright, disparity_px in ((True, NEAR_PX), (False, FAR_PX)):

@@ -3,23 +3,38 @@
 `tests/scene/test_people_sets.py` tests them, and `python -m profiling.scene_layouts` lists them.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import attrs
 import cv2
 import numpy as np
-from numpy.typing import NDArray
-from PIL import Image
 
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene.examination import examine_scene
-from tests.scene import made
+from lfpipe.scene.files import MAX_FILES
+from tests.scene import heic, made
+from tests.scene.writers import (
+    HCI,
+    HCI_TEXT,
+    Make,
+    Pictures,
+    array,
+    below,
+    files,
+    film,
+    gif,
+    grid,
+    h5,
+    numbered,
+    one,
+    together,
+    walk,
+)
 
-Pictures = NDArray[np.uint8]
-Make = Callable[[Path], Path]
+Cure = Callable[[Path], tuple[Path, config.Scene]]
 
 
 @attrs.frozen(kw_only=True)
@@ -32,6 +47,7 @@ class PeopleSet:
     sure: bool | None = None  # whether the reading is sure; None: either may be
     text: str = ""  # words of the refusal, of the doubt or of a note
     scene: config.Scene = attrs.field(factory=config.Scene)
+    cure: Cure | None = None  # of what is refused: the remedy carried out
 
 
 def verdict(case: PeopleSet, path: Path) -> tuple[str, str]:
@@ -41,92 +57,20 @@ def verdict(case: PeopleSet, path: Path) -> tuple[str, str]:
     try:
         examined = examine_scene(path, case.scene)
     except UserError as error:
-        what = f"{error.message} ({error.remedy})".replace(str(path), "PATH")
+        what = f"{error.message} (remedy: {error.remedy})".replace(str(path), "PATH")
         if case.opens:
             return "REFUSED", what
         return ("right" if case.text in what else "WRONG"), what
     order = examined.orientation
     rows, cols = order.turn.grid(examined.source.rows, examined.source.cols)
     opened = f"{examined.source.layout} {rows}x{cols}"
-    what = "; ".join(
-        [opened, "sure" if order.sure else f"undecided: {order.undecided}", *examined.source.notes]
-    )
+    size = f"{examined.source.width_px}x{examined.source.height_px} px"
+    sure = "sure" if order.sure else f"undecided: {order.undecided}"
+    what = "; ".join([opened, size, sure, *examined.source.notes])
     if not case.opens:
         return "OPENED", what
     right = opened == case.opens and case.sure in (None, order.sure) and case.text in what
     return ("right" if right else "WRONG"), what
-
-
-def walk(grid: Pictures) -> list[Pictures]:
-    """The views of a grid row by row."""
-    return [view for row in grid for view in row]
-
-
-def gif(frames: Iterable[Pictures], name: str = "walk.gif") -> Make:
-    def make(folder: Path) -> Path:
-        pictures = [Image.fromarray(f).quantize(255, dither=Image.Dither.NONE) for f in frames]
-        pictures[0].save(folder / name, save_all=True, append_images=pictures[1:], duration=80)
-        return folder / name
-
-    return make
-
-
-def film(frames: list[Pictures], name: str = "walk.mp4") -> Make:
-    return lambda folder: made.write_film(folder / name, frames, "mp4v")
-
-
-def numbered(frames: Sequence[NDArray[Any]], name: str = "frame_{:03d}.png") -> Make:
-    def make(folder: Path) -> Path:
-        for number, frame in enumerate(frames):
-            made.write(folder / name.format(number), frame)
-        return folder
-
-    return make
-
-
-def files(**pictures: NDArray[np.generic]) -> Make:
-    """Pictures in a folder; `__` stands for a slash and the last `_` for the dot."""
-
-    def make(folder: Path) -> Path:
-        for key, picture in pictures.items():
-            made.write(folder / ".".join(key.replace("__", "/").rsplit("_", 1)), picture)
-        return folder
-
-    return make
-
-
-def together(*makes: Callable[[Path], object]) -> Make:
-    def make_all(folder: Path) -> Path:
-        for make in makes:
-            make(folder)
-        return folder
-
-    return make_all
-
-
-def below(name: str, make: Callable[[Path], object]) -> Make:
-    def inner(folder: Path) -> Path:
-        (folder / name).mkdir(parents=True, exist_ok=True)
-        make(folder / name)
-        return folder
-
-    return inner
-
-
-def one(name: str, picture: NDArray[np.generic]) -> Make:
-    def make(folder: Path) -> Path:
-        made.write(folder / name, picture)
-        return folder / name
-
-    return make
-
-
-def array(values: NDArray[np.generic], name: str = "scene.npy") -> Make:
-    def make(folder: Path) -> Path:
-        np.save(folder / name, values)
-        return folder / name
-
-    return make
 
 
 def layered(
@@ -197,6 +141,7 @@ def anaglyph(pair: Pictures, down: int = 0) -> Pictures:
 
 GRID = made.views(5, 5, 96, 128)
 WIDE_PAIR = made.views(1, 2, 192, 256, 6.0, -3.0)[0]
+LEFT, RIGHT = WIDE_PAIR
 LINE12 = made.views(1, 12, 96, 128)
 PHOTO = made.texture(96, 128, 7)
 FLOOR_DEPTH = np.repeat(np.linspace(20, 230, 96).astype(np.uint8)[:, None], 128, axis=1)
@@ -285,8 +230,11 @@ def with_copy(count: int, again: int, last: bool) -> Make:
     return numbered(frames, "IMG_{:04d}.png")
 
 
-def refuses(kind: str, make: Make, text: str, **scene: object) -> PeopleSet:
-    return PeopleSet(kind=kind, make=make, text=text, scene=config.Scene(**scene))  # type: ignore[arg-type]
+def refuses(
+    kind: str, make: Make, text: str, cure: Cure | None = None, **scene: object
+) -> PeopleSet:
+    given = config.Scene(**scene)  # type: ignore[arg-type]
+    return PeopleSet(kind=kind, make=make, text=text, scene=given, cure=cure)
 
 
 def opens(
@@ -307,8 +255,64 @@ def opens(
     )
 
 
+def again(**words: Any) -> Cure:
+    """The same path, with settings."""
+    return lambda path: (path, config.Scene(**words))
+
+
+def inside(name: str) -> Cure:
+    return lambda path: (path / name, config.Scene())
+
+
+def without(*names: str) -> Cure:
+    return lambda path: (made.without(path, *names), config.Scene())
+
+
+def anew(make: Make) -> Cure:
+    """The scene written once more, or by another program."""
+
+    def cure(path: Path) -> tuple[Path, config.Scene]:
+        (path.parent / "anew").mkdir()
+        return make(path.parent / "anew"), config.Scene()
+
+    return cure
+
+
+def burst(group: tuple[bytes, int, int] | None) -> Make:
+    return lambda folder: heic.write(folder / "burst.heic", [PHOTO] * 3, group)
+
+
+def too_many_files(folder: Path) -> Path:
+    for number in range(MAX_FILES + 1):
+        (folder / f"v_{number}.png").touch()
+    return folder
+
+
 SMALL = made.views(5, 5, 60, 80)
 TEN = made.views(10, 10, 60, 80)
+TWELVE = made.views(3, 4, 48, 64)
+VIEW = TWELVE[0, 0]
+AS_PAIR = anew(files(x_left_png=LEFT, x_right_png=RIGHT))
+AS_VIEWS = anew(grid(TWELVE, "view_{n:03d}.jpg"))
+AS_DEPTH = anew(
+    files(x_png=VIEW, x_depth_png=(60 + 60 * made.middle_disparity(48, 64)).astype(np.uint8))
+)
+XMP = b"http://ns.adobe.com/xap/1.0/\0" + b'<x GDepth:Format="RangeInverse"/>'
+JPEG = cv2.imencode(".jpg", VIEW)[1].tobytes()
+PROMISED = JPEG[:2] + b"\xff\xe1" + (len(XMP) + 2).to_bytes(2) + XMP + JPEG[2:]
+PARAMETERS = "[extrinsics]\nnum_cams_x = 4\nnum_cams_y = 3\n"
+BY_TWO_NUMBERS = grid(TWELVE, "v_{r}_{c}.png")
+BY_ONE_NUMBER = grid(TWELVE, "v{n:02d}.png")
+EXPORT = grid(TWELVE, HCI_TEXT, attributes_dat="1 //dH\n2 //focalLength\n")
+NINE = np.broadcast_to(VIEW, (9, 9, *VIEW.shape))
+CROSS = [f"v_{r}_{c}.png" for r in range(9) for c in range(9) if r != 4 and c != 4]
+LEFT_PART = [f"v_{r}_{c}.png" for r in range(9) for c in range(4, 9) if (r, c) != (0, 8)]
+LINE45 = made.views(1, 45, 91, 102, 0.5, -0.3)[0]
+LARGE_TILES = np.array(
+    [[cv2.resize(LINE45[5 * (8 - r) + c], (819, 455)) for c in range(5)] for r in range(9)]
+)
+FRAMED = made.views(4, 6, 90, 120).copy()
+FRAMED[:, :, :12], FRAMED[:, :, -9:], FRAMED[:, :, :, :15], FRAMED[:, :, :, -15:] = 0, 0, 0, 0
 MOVED = "near and far"
 CIRCLE = "on a circle"
 DIFFERENT = "these are different pictures, not one scene from several places"
@@ -405,7 +409,7 @@ SETS: dict[str, list[PeopleSet]] = {
         opens(
             "left and right among others",
             together(
-                files(room_left_png=WIDE_PAIR[0], room_right_png=WIDE_PAIR[1]),
+                files(room_left_png=LEFT, room_right_png=RIGHT),
                 numbered(ALBUM[:4], "calib_{:02d}.png"),
             ),
             "stereo 1x2",
@@ -517,10 +521,322 @@ SETS: dict[str, list[PeopleSet]] = {
         refuses("album of 2", numbered(ALBUM[:2], "DSC{:05d}.jpg"), DIFFERENT),
     ],
     "remedies": [
+        refuses("a folder with one array", together(array(np.array(SMALL))), "PATH/scene.npy"),
+    ],
+    "names": [
+        opens(
+            "an odd picture among the views",
+            together(
+                BY_ONE_NUMBER,
+                # all views in one, by its size
+                files(v12_png=made.texture(80, 200, 1), juntos_jpg=made.texture(80, 200, 1)),
+            ),
+            "numbered 3x4",
+            text="12 of 14 files used; the others are juntos.jpg, v12.png (200x80 px)",
+        ),
+        *(
+            opens(
+                f"views in two formats, {end} of {kind}",
+                together(grid(TWELVE, "v_{r}_{c}.jpg"), grid(other, "v_{r}_{c}." + end)),
+                "rows-cols 3x4",
+                text=f"12 of 24 files used; the others are v_0_0.{unused}",
+            )
+            for end, kind, other, unused in (
+                ("png", "colour", TWELVE, "jpg"),
+                ("tif", "grey", TWELVE[..., 1], "tif"),
+            )
+        ),
+        opens(
+            "left/1.png, right/1.png",
+            files(left__1_png=LEFT, right__1_png=RIGHT),
+            "stereo 1x2",
+        ),
+        opens(
+            "rgb and depth of each view",
+            together(below("rgb", grid(TWELVE)), below("depth", grid(TWELVE[..., 1]))),
+            "rows-cols 3x4",
+            text="the pictures are those of rgb; not used: depth/",
+        ),
+        opens(
+            "rows in folders, and a preview",
+            together(grid(TWELVE, "row_{r}/{c}.png"), one("preview.png", TWELVE[1, 1])),
+            "rows-cols 3x4",
+            text="not used: preview.png",
+        ),
+        *(
+            refuses(f"gaps: {kind}", grid(NINE, "v_{r}_{c}.png", *gone), "the names span 9x9 views")
+            for kind, gone in (("a cross", CROSS), ("a part", LEFT_PART))
+        ),
+        *(
+            refuses(
+                f"scenes in {', '.join(names)}",
+                together(*(below(name, grid(TWELVE)) for name in names)),
+                f"folders: {', '.join(names)} (remedy: give one of them, PATH/{names[0]};",
+            )
+            for names in (
+                ("flowers", "knights"),
+                ("a", "scene 1", "scene 2"),
+                ("images", "images_4", "images_8"),
+            )
+        ),
+    ],
+    "one picture or two": [
+        opens("tiles that no pair has", one("x.png", made.mosaic(GRID[:4, :4])), "mosaic 4x4"),
+        opens("a wide picture", one("x.png", made.texture(192, 512, 5)), "picture 1x1"),
+        opens(
+            "an album of pairs",
+            files(
+                **{
+                    f"{number}_{eye}_png": np.roll(view, roll, 0)
+                    for number, roll in (("001", 0), ("002", 40), ("010", 80))
+                    for eye, view in zip("LR", WIDE_PAIR, strict=True)
+                }
+            ),
+            "stereo 1x2",
+            text="2 of 6 files used; the others are 002_L.png, 002_R.png, 010_L.png, 010_R.png",
+        ),
+        opens("car.jpg, car.png", files(car_jpg=PHOTO, car_png=FLOOR_DEPTH), "rgbd 5x9"),
+        opens(
+            "grey.jpg, grey.png",
+            files(grey_jpg=PHOTO[..., 1], grey_png=FLOOR_DEPTH),
+            "rgbd 5x9",
+            text="whether grey.png is the depth",
+        ),
+        *(
+            opens(
+                f"{name}.jpg, {name}.png",
+                files(**{f"{name}_jpg": picture, f"{name}_png": picture}),
+                "picture 1x1",
+                text=f"{name}.jpg",
+            )
+            for name, picture in (("moon", PHOTO[..., 1]), ("sun", PHOTO))
+        ),
+        opens(
+            "a photograph of a phone with depth",
+            files(
+                x_jpg=made.texture(1500, 2000, 1), x_depth_png=cv2.resize(FLOOR_DEPTH, (640, 480))
+            ),
+            "rgbd 5x9",
+            text="for speed",
+        ),
+        opens("a photograph in HEIC", lambda f: heic.write(f / "a.heic", [PHOTO]), "picture 1x1"),
+        opens(
+            "what heif-convert writes of a spatial photo",
+            files(**{"a-1_jpg": LEFT, "a-2_jpg": RIGHT}),
+            "numbered 1x2",
+        ),
+        *(
+            refuses(
+                f"a collection in HEIC, {kind}",
+                burst(group),
+                "a collection of 3 pictures",
+                AS_VIEWS,
+            )
+            for kind, group in (("no group", None), ("alternatives", (b"altr", 1, 2)))
+        ),
+    ],
+    "tiles": [
+        opens(
+            "a plain background", one("a.png", made.mosaic(FRAMED)), "mosaic 4x6", text="120x90 px"
+        ),
+        opens(
+            "a quilt whose tiles do not divide it",
+            one("45_01.jpg", np.pad(made.mosaic(LARGE_TILES), ((0, 1), (0, 1), (0, 0)))),
+            "mosaic 1x45",
+            text="819x455 px",
+            force=True,
+        ),
+        opens(
+            "two pictures that are no video",
+            files(
+                example01_png=made.mosaic(TWELVE),
+                example02_png=made.mosaic(TWELVE[:, :, ::-1, ::-1]),
+            ),
+            "mosaic-video 3x4",
+            text="example01.png",
+        ),
+    ],
+    "refused with a cure": [
+        refuses("no such scene", lambda folder: folder / "nowhere", "no such scene"),
         refuses(
-            "a folder with one array",
-            lambda f: array(np.array(SMALL))(f).parent,
-            "PATH/scene.npy",
+            "more files than a light field has", too_many_files, f"more than {MAX_FILES} files; no"
+        ),
+        refuses(
+            "a view of other bits",
+            together(
+                grid(TWELVE, HCI, parameters_cfg=PARAMETERS),
+                one("input_Cam003.png", VIEW.astype(np.uint16) * 257),
+            ),
+            "16-bit, but input_Cam006.png",
+        ),
+        refuses(
+            "beyond the grid of HCI",
+            grid(TWELVE, HCI),
+            "input_Cam011.png is outside",
+            again(grid="3x4"),
+            grid="3x3",
+        ),
+        refuses(
+            "h5: another name",
+            h5(TWELVE, key="views"),
+            "no array LF (it contains:",
+            anew(h5(TWELVE)),
+        ),
+        refuses("h5: wrong axes", h5(TWELVE[0]), "LF has 4 axes of sizes (4,", anew(h5(TWELVE))),
+        refuses(
+            "hci-text: no attributes",
+            lambda folder: EXPORT(folder) / "lf",
+            "no attributes.dat next to a",
+            lambda path: (path.parent, config.Scene()),
+            layout="hci-text",
+        ),
+        refuses(
+            "two files for a view",
+            together(BY_TWO_NUMBERS, one("v_01_01.png", VIEW)),
+            "v_01_01.png and v_1_1.png are",
+            without("v_1_1.png"),
+        ),
+        refuses(
+            "a running number",
+            BY_ONE_NUMBER,
+            "the names contain one running",
+            again(layout="numbered"),
+            layout="rows-cols",
+        ),
+        refuses(
+            "a grid that does not divide",
+            BY_ONE_NUMBER,
+            "12 views do not make 5x5",
+            again(),
+            grid="5x5",
+        ),
+        refuses(
+            "another grid than the names",
+            BY_TWO_NUMBERS,
+            "the names give a grid of 3x4,",
+            again(),
+            grid="4x4",
+        ),
+        refuses(
+            "another grid than the layout",
+            EXPORT,
+            "the layout hci-text has 3x4 views,",
+            again(),
+            grid="4x4",
+        ),
+        refuses(
+            "unnumbered pictures",
+            files(beach_png=VIEW, dog_png=VIEW, house_png=VIEW),
+            "no layout of a light field",
+            inside("beach.png"),
+        ),
+        refuses(
+            "numbered folders of two scenes",
+            together(grid(TWELVE, "set1/{r}_{c}.png"), grid(TWELVE, "set2/{r}_{c}.png")),
+            "pictures stand in 2 folders:",
+            inside("set1"),
+        ),
+        refuses(
+            "unknown files",
+            together(one("a.png", VIEW), *(one(f"{n}.xyz", b"x") for n in range(9))),
+            "9 of 10 files are of a kind",
+            inside("a.png"),
+        ),
+        refuses(
+            "tiles that do not divide",
+            one("m.png", made.mosaic(TWELVE)),
+            "256x144 px in 30 rows and 40 columns make",
+            again(grid="3x4"),
+            grid="30x40",
+        ),
+        refuses(
+            "no tiles",
+            one("x.png", VIEW),
+            "no tiles were recognised in 64x48",
+            again(grid="3x4", layout="mosaic"),
+            layout="mosaic",
+        ),
+        refuses(
+            "halves that do not match",
+            one("x.png", made.texture(96, 256, 5)),
+            "its halves are no stereo",
+            AS_PAIR,
+            layout="stereo",
+        ),
+        refuses(
+            "an anaglyph",
+            one("x.png", anaglyph(WIDE_PAIR)),
+            "a red/cyan anaglyph: each",
+            again(force=True),
+        ),
+        refuses(
+            "lenslets",
+            one("x.png", made.honeycomb(10.0)),
+            "a raw picture of a plenoptic",
+            again(force=True),
+        ),
+        refuses(
+            "no depth",
+            one("x_rgbd.png", VIEW),
+            "neither half is a grey depth",
+            AS_DEPTH,
+            layout="rgbd",
+        ),
+        refuses(
+            "depth that is promised only",
+            one("x.jpg", PROMISED),
+            "claims to contain a depth",
+            AS_DEPTH,
+        ),
+        refuses(
+            "depth in false colours",
+            files(x_png=VIEW, x_depth_png=TWELVE[2, 2]),
+            "depth map has false colours",
+            AS_DEPTH,
+        ),
+        refuses(
+            "depth in floats",
+            files(x_png=VIEW, x_depth_tiff=made.middle_disparity(48, 64)),
+            "not a readable picture",
+            AS_DEPTH,
+        ),
+        refuses(
+            "depth of another shape",
+            files(x_png=VIEW, x_depth_png=TWELVE[2, 2, :, :30, 0]),
+            "the depth map has 30x48 px",
+            AS_DEPTH,
+        ),
+        refuses(
+            "depth of one value",
+            files(x_png=VIEW, x_depth_png=VIEW[..., 0] * 0),
+            "the depth map has one value",
+            AS_DEPTH,
+        ),
+        refuses("HEIC that is none", one("a.heic", b"x"), "PATH: not a readable picture", AS_VIEWS),
+        refuses(
+            "Lytro's raw picture",
+            together(one("a.LFR", b"x")),
+            "a raw picture of a Lytro",
+            AS_VIEWS,
+        ),
+        refuses(
+            "no picture at all", together(one("notes.txt", b"x")), "no layout of a light field"
+        ),
+        refuses(
+            "no layout", BY_TWO_NUMBERS, "scene.layout: 'qilt' is not a", again(), layout="qilt"
+        ),
+        refuses("no grid", BY_TWO_NUMBERS, "'9' is not ROWSxCOLS", again(grid="3x4"), grid="9"),
+        refuses(
+            "a grid beyond all",
+            BY_TWO_NUMBERS,
+            "9999x1000 views; at most 10000 along a",
+            again(grid="3x4"),
+            grid="9999x1000",
+        ),
+        refuses(
+            "npz: no views",
+            lambda folder: made.write_npz(folder / "a.npz", other=TWELVE, more=TWELVE),
+            "no array 'views'",
         ),
     ],
 }

@@ -45,31 +45,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made.write_grid(tmp_path_factory.mktemp("views") / "scene", made.views(5, 5)[::-1])
 
 
-def test_info_as_json(shell: Shell, folder: Path) -> None:
-    shell.text("pack", folder)
-    told = shell.json("info", folder)
-    assert (told["layout"], told["rows"], told["cols"], told["height"], told["width"]) == (
-        "rows-cols",
-        5,
-        5,
-        96,
-        128,
-    )
-    assert (told["channels"], told["bit_depth"], told["frames"], told["views_missing"]) == (
-        3,
-        8,
-        1,
-        [],
-    )
-    assert told["flips"] == {"rows": True, "cols": False, "transpose": False}
-    assert told["orientation_evidence"]["by"] == "flow"
-    assert told["disparity"]["source"] == "estimated"
-    assert told["disparity"]["min"] == pytest.approx(-1, abs=0.2)
-    assert told["disparity"]["max"] == pytest.approx(2, abs=0.3)
-    assert set(told["geometry"]) == {"baseline_mm", "focus_distance_mm", "focal_length_px"}
-    assert set(told["scores_db"]) == {"nearest", "blend", "warp", "warp2"}
-
-
 def test_info_for_people_names_the_override(shell: Shell, folder: Path, tmp_path: Path) -> None:
     assert "rows reversed" in shell.text("info", folder)
     assert "set by scene.flip" in shell.text("info", folder, "--flip", "both")

@@ -14,7 +14,7 @@ import struct
 import sys
 import tempfile
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -38,6 +38,18 @@ from lfpipe.scene.files import read_pfm
 from lfpipe.scene.layouts.named import hci_attributes
 from lfpipe.scene.packing import pack_scene
 from tests.scene import made
+from tests.scene.writers import (
+    HCI,
+    HCI_TEXT,
+    Make,
+    film,
+    grid,
+    h5,
+    jpeg_pleno,
+    one,
+    stanford,
+    together,
+)
 from tests.support.hostile_files import (
     NO_FILES,
     PEAK_MB,
@@ -51,106 +63,64 @@ from tests.support.hostile_files import (
 CHECKOUT = Path(__file__).parents[2]
 GRID = made.views(3, 3, 32, 40)
 FRAME = made.mosaic(made.views(2, 3, 64, 80))
-# writes a scene into a folder; returns the path that is given if it is not the folder
-Make = Callable[[Path], object]
 DEPTH = 10 / (made.middle_disparity(32, 40) + 3)
 PARAMETERS = (
     "[extrinsics]\nnum_cams_x = 3\nnum_cams_y = 3\nbaseline_mm = 25\nfocus_distance_m = 4.25\n"
 )
 
 
-def hci(folder: Path, **parameters: str) -> None:
-    made.write_grid(folder, GRID, "input_Cam{n:03d}.png")
+def hci(**parameters: str) -> Make:
     text = PARAMETERS
     for key, value in parameters.items():
         text = re.sub(f"{key} = .*", f"{key} = {value}", text)
-    (folder / "parameters.cfg").write_text(text)
-    made.write_pfm(folder / "gt_disp_lowres.pfm", made.middle_disparity(32, 40))
+    truth = partial(made.write_pfm, values=made.middle_disparity(32, 40))
+    return together(grid(GRID, HCI, parameters_cfg=text), at("gt_disp_lowres.pfm", truth))
 
 
 def hci_text(
-    folder: Path, attributes: str = "3 //hRes\n3 //vRes\n.5 //dH\n3 //shift\n20 //focalLength\n"
-) -> None:
-    made.write_grid(folder / "lf", GRID, "{r:02d}_{c:02d}.png")
-    (folder / "attributes.dat").write_text(attributes)
-    (folder / "depth.bin").write_bytes(DEPTH.astype("<f4").tobytes())
+    attributes: str = "3 //hRes\n3 //vRes\n.5 //dH\n3 //shift\n20 //focalLength\n",
+) -> Make:
+    depth = one("depth.bin", DEPTH.astype("<f4").tobytes())
+    return together(grid(GRID, HCI_TEXT, attributes_dat=attributes), depth)
 
 
-def h5(
-    folder: Path, name: str = "lf.h5", values: np.ndarray = GRID[:, ::-1], **options: Any
-) -> Path:
-    with h5py.File(folder / name, "w", userblock_size=512) as file:
-        file.create_dataset("LF", data=values, **options)
-        file.attrs.update({"dH": 0.5, "focalLength": 20.0, "shift": 3.0})
-        file["GT_DEPTH"] = np.broadcast_to(DEPTH.astype(np.float32), (3, 3, 32, 40))
-    return folder / name
-
-
-def stanford(folder: Path, y: str = "{:.3f}", x: str = "{:.3f}") -> None:
-    for r, c in np.ndindex(3, 3):
-        made.write(
-            folder
-            / f"out_{r:02d}_{c:02d}_{y.format(-300 - 8.5 * r)}_{x.format(1100 - 8.6 * c)}_.png",
-            GRID[r, c],
-        )
-
-
-def jpeg_pleno(folder: Path) -> None:
-    for r, c in np.ndindex(3, 3):
-        made.write_ppm(folder / f"{r:03d}_{c:03d}.ppm", GRID[r, c].astype(np.uint16) * 4, 1023)
-
-
-def film(folder: Path, end: str = "avi", codec: str = "FFV1") -> Path:
-    return made.write_film(folder / f"film.{end}", [FRAME] * 2, codec)
+def old_hci(name: str = "lf.h5", values: np.ndarray = GRID[:, ::-1], **options: Any) -> Make:
+    return h5(values, name, depth=DEPTH.astype(np.float32), **options)
 
 
 SCENES: dict[str, Make] = {
-    "hci": hci,
-    "hci-text": hci_text,
-    "hci-old": h5,
-    "stanford": stanford,
-    "jpeg-pleno": jpeg_pleno,
-    "mat": lambda folder: scipy.io.savemat(folder / "a.mat", {"LF": GRID}, do_compression=True),
-    "mat 7.3": lambda folder: h5(
-        folder, "a.mat", GRID.transpose(), chunks=(1, 40, 32, 3, 3), compression="gzip"
+    "hci": hci(),
+    "hci-text": hci_text(),
+    "hci-old": old_hci(),
+    "stanford": stanford(GRID, "out_{r:02d}_{c:02d}_{y:.3f}_{x:.3f}_.png"),
+    "jpeg-pleno": jpeg_pleno(GRID.astype(np.uint16) * 4),
+    "mat": together(
+        lambda folder: scipy.io.savemat(folder / "a.mat", {"LF": GRID}, do_compression=True)
     ),
+    "mat 7.3": old_hci("a.mat", GRID.transpose(), chunks=(1, 40, 32, 3, 3), compression="gzip"),
     **{
-        f"views, {end}": partial(made.write_grid, grid=GRID, name="view_{r:02d}_{c:02d}." + end)
+        f"views, {end}": grid(GRID, "view_{r:02d}_{c:02d}." + end)
         for end in ("png", "jpg", "tif", "webp")
     },
+    **{name: one(name, FRAME) for name in ("atlas.png", "a_qs3x2.png", "a_eslf.png")},
     **{
-        name: at(name, lambda path: made.write(path, FRAME))
-        for name in ("atlas.png", "a_qs3x2.png", "a_eslf.png")
-    },
-    **{
-        f"film, {end}": partial(film, end=end, codec=codec)
+        f"film, {end}": film([FRAME] * 2, f"film.{end}", codec)
         for end, codec in (("mkv", "FFV1"), ("avi", "MJPG"), ("mp4", "mp4v"))
     },
-    "numbered": lambda folder: made.write_grid(folder, GRID[:1], "v{n}.png"),
+    "numbered": grid(GRID[:1], "v{n}.png"),
 }
 
 
-def bytes_of(name: str, body: bytes) -> Make:
-    return lambda folder: [(folder / name).write_bytes(body), folder / name][1]
-
-
-def beside(make: Make, name: str, body: bytes = b"", size: int = -1) -> Make:
-    """A scene in which one file has other bytes, or that size without any."""
-
-    def put(folder: Path) -> None:
-        make(folder)
-        (folder / name).write_bytes(body)
-        if size >= 0:
-            os.truncate(folder / name, size)
-
-    return put
+def beside(make: Make, name: str, size: int) -> Make:
+    """A scene in which one file has that size, without any bytes."""
+    return together(make, one(name, b""), at(name, partial(os.truncate, length=size)))
 
 
 def replaced(old: bytes, new: bytes, codec: str) -> Make:
     """A film in which some bytes are others."""
 
     def make(folder: Path) -> Path:
-        path = film(folder, "avi", codec)
+        path = film([FRAME] * 2, "film.avi", codec)(folder)
         assert old in path.read_bytes()
         path.write_bytes(path.read_bytes().replace(old, new))
         return path
@@ -158,28 +128,22 @@ def replaced(old: bytes, new: bytes, codec: str) -> Make:
     return make
 
 
-def claiming(shape: tuple[int, ...]) -> Make:
-    def make(folder: Path) -> None:
-        with h5py.File(folder / "lf.h5", "w") as file:
-            file.create_dataset("LF", shape, np.uint8)
-
-    return make
-
-
-def chained_links(folder: Path) -> None:
+def chained_links(folder: Path) -> Path:
     with h5py.File(folder / "lf.h5", "w") as file:
         file["away"] = h5py.ExternalLink("../secret.h5", "LF")
         file["LF"] = h5py.SoftLink("/away")
+    return folder
 
 
-def virtual(folder: Path) -> None:
+def virtual(folder: Path) -> Path:
     layout = h5py.VirtualLayout(GRID.shape, GRID.dtype)
     layout[:] = h5py.VirtualSource(str(folder.parent / "secret.h5"), "LF", GRID.shape)
     with h5py.File(folder / "lf.h5", "w") as file:
         file.create_virtual_dataset("LF", layout)
+    return folder
 
 
-def chunk_bomb(folder: Path) -> None:
+def chunk_bomb(folder: Path) -> Path:
     """A chunk of 34 kB as 0.5 MB that unpacks to 0.5 GB."""
     with h5py.File(folder / "lf.h5", "w") as file:
         data = file.create_dataset(
@@ -188,6 +152,14 @@ def chunk_bomb(folder: Path) -> None:
         engine = zlib.compressobj(6)
         packed = b"".join(engine.compress(b"\0" * (1 << 24)) for _ in range(32)) + engine.flush()
         data.id.write_direct_chunk((0,) * 5, packed)
+    return folder
+
+
+def array_of(*shape: int) -> Make:
+    """Claims to hold so many values."""
+    return together(
+        lambda f: h5py.File(f / "lf.h5", "w").create_dataset("LF", shape, np.uint8).file.close()
+    )
 
 
 SMALL_JPEG = cv2.imencode(".jpg", np.zeros((8, 8, 3), np.uint8))[1].tobytes()
@@ -196,29 +168,29 @@ HUGE = 2 << 40
 PLAYLIST = b"#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\nfilm.avi\n#EXT-X-ENDLIST\n"
 # and what is said of it: nothing where a number that cannot be is passed over
 ATTACKS: dict[str, tuple[Make, str]] = {
-    "far too many columns": (lambda f: hci(f, num_cams_x="1e18"), "^$"),
-    "many cameras": (lambda f: hci(f, num_cams_x="10000"), "views"),
-    "focus": (lambda f: hci(f, focus_distance_m="nan"), "^$"),
-    "far cameras": (lambda f: stanford(f, "1e308", "-1e308"), "^$"),
-    "attributes": (lambda f: hci_text(f, "1e308 //dH\n1e308 //focalLength\n"), "^$"),
+    "far too many columns": (hci(num_cams_x="1e18"), "^$"),
+    "many cameras": (hci(num_cams_x="10000"), "views"),
+    "focus": (hci(focus_distance_m="nan"), "^$"),
+    "far cameras": (stanford(GRID, "out_{r:02d}_{c:02d}_1e308_-1e308_.png"), "^$"),
+    "attributes": (hci_text("1e308 //dH\n1e308 //focalLength\n"), "^$"),
     "true disparity": (
-        lambda f: hci_text(f, "1 //dH\n1e-30 //focalLength\n3e8 //shift\n"),
+        hci_text("1 //dH\n1e-30 //focalLength\n3e8 //shift\n"),
         r"up to 3e\+08 px",
     ),
     **{
-        f"2 TB, {name}": (beside(hci, name, size=HUGE), name)
+        f"2 TB, {name}": (beside(hci(), name, HUGE), name)
         for name in ("input_Cam004.png", "parameters.cfg", "gt_disp_lowres.pfm")
     },
     **{
-        f"2 TB, {name}": (beside(lambda f: None, name, size=HUGE), name)
+        f"2 TB, {name}": (beside(together(), name, HUGE), name)
         for name in ("lf.h5", "a.mat", "film.mkv")
     },
-    "JPEG": (bytes_of("a.jpg", jpeg_claiming(SMALL_JPEG, 20_000, 20_000)), "20000x20000"),
-    "PNG, whole": (bytes_of("a.png", png_of(16_384, 16_384)), "16384x16384"),
-    "HDF5, large views": (claiming((9, 9, 40_000, 40_000, 3)), "views have 40000x40000"),
-    "HDF5, no end": (claiming((1, 2**40, 32, 32, 3)), r"lf\.h5"),
+    "JPEG": (one("a.jpg", jpeg_claiming(SMALL_JPEG, 20_000, 20_000)), "20000x20000"),
+    "PNG, whole": (one("a.png", png_of(16_384, 16_384)), "16384x16384"),
+    "HDF5, large views": (array_of(9, 9, 40_000, 40_000, 3), "views have 40000x40000"),
+    "HDF5, no end": (array_of(1, 2**40, 32, 32, 3), r"lf\.h5"),
     "HDF5, truncated": (
-        lambda f: os.truncate(h5(f), 4000),
+        together(lambda f: os.truncate(old_hci()(f), 4000)),
         "not a readable HDF5 file",
     ),
     "HDF5 bomb": (chunk_bomb, "bytes are stored for"),
@@ -234,7 +206,10 @@ ATTACKS: dict[str, tuple[Make, str]] = {
         ),
         r"film\.avi",
     ),
-    "playlist": (lambda f: [film(f), bytes_of("list.mp4", PLAYLIST)(f)][1], "not a readable video"),
+    "playlist": (
+        lambda f: [film([FRAME] * 2, "film.avi")(f), one("list.mp4", PLAYLIST)(f)][1],
+        "not a readable video",
+    ),
 }
 
 
@@ -305,8 +280,7 @@ def all_attacks(base: Path) -> dict[str, str]:
     said = {}
     for name, (make, _) in ATTACKS.items():
         (base / name).mkdir()
-        path = make(base / name)
-        said[name] = opened(path if isinstance(path, Path) else base / name, config.Scene())
+        said[name] = opened(make(base / name), config.Scene())
     return said
 
 
@@ -373,7 +347,8 @@ def test_the_command_refuses_with_code_2_and_escapes_what_a_terminal_obeys(tmp_p
 @pytest.mark.parametrize("kind", ["fifo", "endless device"])
 def test_what_is_no_file_neither_blocks_nor_is_read(tmp_path: Path, kind: str) -> None:
     for name in ("input_Cam004.png", "parameters.cfg", "gt_disp_lowres.pfm"):
-        hci(tmp_path / name)
+        (tmp_path / name).mkdir()
+        hci()(tmp_path / name)
         NO_FILES[kind](tmp_path / name / name)
         assert name in opened(tmp_path / name, config.Scene())
     for name in ("scene", "lf.h5", "a.mat", "film.mkv", "a.png"):
@@ -398,19 +373,16 @@ def test_paths_of_any_bytes_work(tmp_path: Path, scene_config: config.Scene) -> 
     for name in (b"\xff\xfe", b"sc\xe9ne", "日本".encode(), b"a b;'\"", b"\x1b[2J\x07"):
         # OpenCV alone crashes at such a path
         base = made.write_grid(tmp_path / "x", GRID).rename(tmp_path / os.fsdecode(name))
-        paths = [base, film(tmp_path, "mkv").rename(base.with_name(base.name + ".mkv"))]
-        paths.append(base.with_name(base.name + ".png"))
-        paths[-1].write_bytes(cv2.imencode(".png", GRID[0, 0])[1].tobytes())
-        for end, grid in (("h5", GRID), ("mat", GRID.transpose())):
-            h5(tmp_path, f"x.{end}", grid)
-            paths.append((tmp_path / f"x.{end}").rename(base.with_name(f"{base.name}.{end}")))
-        assert [examine_scene(path, config.Scene()).source.rows for path in paths] == [
-            3,
-            2,
-            1,
-            3,
-            3,
-        ]
+        beside = (
+            film([FRAME] * 2, "x.mkv", "FFV1"),
+            one("x.png", GRID[0, 0]),
+            h5(GRID, "x.h5"),
+            h5(GRID.transpose(), "x.mat"),
+        )
+        written = [make(tmp_path) for make in beside]
+        paths = [path.rename(base.with_name(base.name + path.suffix)) for path in written]
+        rows = [examine_scene(path, config.Scene()).source.rows for path in (base, *paths)]
+        assert rows == [3, 2, 1, 3, 3]
     pack_scene(base, config.Scene(cache_dir=scene_config.cache_dir + os.fsdecode(b"-\xff")))
 
 

@@ -99,9 +99,12 @@ def test_manifest_and_json_of_a_pack_have_their_keys(shell: Shell, tmp_path: Pat
     stored = json.loads((Path(facts["pack"]) / "manifest.json").read_text())
     assert len(stored.pop("checksum")) == 32 and kinds(stored) == MANIFEST
     assert kinds(facts) == {"pack": str, "needs_tracking": bool, "checksum": str, **MANIFEST}
-    assert kinds(shell.json("info", folder)) == FACTS
+    packed = shell.json("info", folder)
+    assert kinds(packed) == FACTS
+    sizes = ("layout", "rows", "cols", "height", "width", "channels", "bit_depth", "frames")
+    assert [packed[name] for name in sizes] == ["rows-cols", 5, 5, 96, 128, 3, 8, 1]
     shown = ({"rows": True, "cols": True, "transpose": False}, stored["orientation"])
-    for told in (unpacked, shell.json("info", folder)):
+    for told in (unpacked, packed):
         assert (told["flips"], told["orientation_evidence"]) == shown
         assert told["disparity"]["min"] == pytest.approx(-1, abs=0.3)
         assert told["disparity"]["max"] == pytest.approx(2, abs=0.4)

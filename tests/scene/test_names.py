@@ -2,7 +2,6 @@
 file is dropped in silence.
 """
 
-from collections.abc import Callable
 from itertools import product
 from pathlib import Path
 
@@ -14,11 +13,9 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from lfpipe import config
-from lfpipe.errors import UserError
 from lfpipe.scene import layouts
 from lfpipe.scene.layouts._names import _candidates, read_names
 from lfpipe.scene.layouts._running import find_columns
-from lfpipe.scene.packing import pack_scene
 from lfpipe.scene.source import Turn
 from tests.scene import made
 from tests.support.hostile_files import with_exif
@@ -232,107 +229,6 @@ def test_columns_of_a_running_number(rows: int, cols: int, near_px: float, order
     )
 
 
-def test_an_odd_picture_among_the_views_is_named(tmp_path: Path) -> None:
-    made.write_grid(tmp_path, GRID, "v{n:02d}.png")
-    made.write(tmp_path / "v12.png", made.texture(80, 200, 1))  # all views in one, by its size
-    made.write(tmp_path / "juntos.jpg", made.texture(80, 200, 1))
-    source = layouts.describe(tmp_path, AUTO)
-    assert (source.rows, source.cols) == (3, 4)
-    assert any(
-        "12 of 14 files used; the others are juntos.jpg, v12.png (200x80 px)" in note
-        for note in source.notes
-    )
-
-
-def test_a_missing_view_is_made_and_told(tmp_path: Path, scene_config: config.Scene) -> None:
-    views = made.views(5, 5, 96, 128)
-    made.write_grid(tmp_path / "s", views, "v_{r}_{c}.png")
-    (tmp_path / "s" / "v_2_2.png").unlink()
-    field = pack_scene(tmp_path / "s", scene_config)
-    assert any(
-        "1 of 5x5 views missing, made from others: row 2 column 2" in note
-        for note in field.manifest.notes
-    )
-    assert not field.present[2, 2]
-    true, stored = views[2, 2].transpose(2, 0, 1).astype(float), field.views[0, 2].astype(float)
-    assert np.abs(stored[2] - true).mean() < 0.4 * np.abs(stored[3] - true).mean()
-
-
-@pytest.mark.parametrize(
-    "inside", [lambda r, c: r == 4 or c == 4, lambda r, c: c < 4 or (r, c) == (0, 8)]
-)
-def test_a_grid_with_many_gaps_is_refused(
-    tmp_path: Path, inside: Callable[[int, int], bool]
-) -> None:
-    for r, c in product(range(9), range(9)):
-        if inside(r, c):
-            made.write(tmp_path / f"v_{r}_{c}.png", GRID[0, 0])
-    with pytest.raises(UserError, match="the names span 9x9 views"):
-        layouts.describe(tmp_path, AUTO)
-
-
-# names, and rows, columns and views of them
-HABITS: dict[str, tuple[list[str], tuple[int, int, int]]] = {
-    "a burst's cover": (
-        [f"IMG_BURST{n:03d}{'_COVER' * (n == 3)}.jpg" for n in range(9)],
-        (1, 9, 8),
-    ),
-    "half PNG, half JPEG": (
-        [f"v_{r}_{c}.{'png' if (r + c) % 2 else 'jpg'}" for r in range(5) for c in range(5)],
-        (5, 5, 25),
-    ),
-    "left and right cameras": (
-        [
-            f"{side} cam x {r:02d}_{c:02d}.png"
-            for side in ("left", "right")
-            for r in range(5)
-            for c in range(5)
-        ],
-        (5, 5, 25),
-    ),
-    "times": (
-        [f"Screenshot 2026-07-04 at 15.{30 + n // 12}.{5 * (n % 12):02d}.png" for n in range(25)],
-        (1, 25, 25),
-    ),
-    "uneven steps": (
-        [f"pos {100 * c // 8}% {100 * r // 8}%.png" for r in range(5) for c in range(5)],
-        (5, 5, 25),
-    ),
-    "frames of a line": (
-        [f"cam{c}_frame{f:03d}.png" for c in range(7) for f in range(3)],
-        (1, 7, 7),
-    ),
-    "exposures": ([f"{r}_{c}_ev{e}.png" for r, c in PLACES for e in (0, 1)], (3, 4, 12)),
-    "a copy is no cover": ([f"v_{n}.png" for n in range(9)] + ["v_copy_3.png"], (1, 9, 9)),
-    "a folder per camera": ([f"cam{n:02d}/frame.jpg" for n in range(16)], (1, 16, 16)),
-}
-
-
-@pytest.mark.parametrize("habit", HABITS)
-def test_numbers_that_count_no_views_are_told_apart(habit: str) -> None:
-    names, expected = HABITS[habit]
-    numbered = read_names(tuple(names))
-    assert numbered is not None
-    assert (numbered.rows, numbered.cols, len(numbered.views)) == expected
-    assert not numbered.clashes and not numbered.doubt
-
-
-def test_three_numbers_alike_leave_a_doubt_and_roman_numerals_say_nothing() -> None:
-    numbered = read_names(
-        tuple(f"{r}_{c}_{f}.png" for r in range(3) for c in range(4) for f in range(2))
-    )
-    assert numbered is not None and "frames" in numbered.doubt
-    assert (
-        read_names(
-            tuple(
-                f"view {name}.png"
-                for name in ("I", "II", "III", "IV", "V", "VI", "VII", "VIII", "IX")
-            )
-        )
-        is None
-    )
-
-
 def test_twenty_thousand_unrelated_names_are_read_at_once() -> None:
     rng = np.random.default_rng(0)
     words = [
@@ -356,49 +252,6 @@ def test_twenty_thousand_unrelated_names_are_read_at_once() -> None:
     # in a second; comparing each family with each other took minutes
     numbered = read_names(tuple(sorted(names)))
     assert numbered is not None and len(numbered.views) < 100
-
-
-def test_of_a_view_in_two_formats_the_lossless_one_in_colour_is_used(tmp_path: Path) -> None:
-    for folder, other, end in (("a", "png", ".png"), ("b", "tif", ".jpg")):
-        made.write_grid(tmp_path / folder, GRID, "v_{r}_{c}.jpg")
-        made.write_grid(
-            tmp_path / folder, GRID if other == "png" else GRID[..., 1], "v_{r}_{c}." + other
-        )
-        source = layouts.describe(tmp_path / folder, AUTO)
-        assert (source.rows, source.cols) == (3, 4) and {path.suffix for path in source.files} == {
-            end
-        }
-        assert any("12 of 24 files used" in note for note in source.notes)
-
-
-def test_folders_of_two_eyes_of_maps_and_of_rows(tmp_path: Path) -> None:
-    for side, view in (("left", GRID[0, 0]), ("right", GRID[0, 1])):
-        made.write(tmp_path / "eyes" / side / "1.png", view)
-    source = layouts.describe(tmp_path / "eyes", AUTO)
-    assert (source.layout, source.rows, source.cols) == ("stereo", 1, 2)
-    made.write_grid(tmp_path / "scene" / "rgb", GRID)
-    made.write_grid(tmp_path / "scene" / "depth", GRID[..., 1])
-    source = layouts.describe(tmp_path / "scene", AUTO)
-    assert (source.rows, source.cols) == (
-        3,
-        4,
-    ) and "the pictures are those of rgb; not used: depth/" in source.notes
-    made.write_grid(tmp_path / "rows", GRID, "row_{r}/{c}.png")
-    made.write(tmp_path / "rows" / "preview.png", GRID[1, 1])
-    source = layouts.describe(tmp_path / "rows", AUTO)
-    assert (source.rows, source.cols) == (3, 4) and "not used: preview.png" in source.notes
-
-
-@pytest.mark.parametrize(
-    "names",
-    [("flowers", "knights"), ("a", "scene 1", "scene 2"), ("images", "images_4", "images_8")],
-)
-def test_folders_of_several_scenes_are_refused(names: tuple[str, ...], tmp_path: Path) -> None:
-    for name in names:
-        made.write_grid(tmp_path / name, GRID)
-    with pytest.raises(UserError, match="folders") as caught:
-        layouts.describe(tmp_path, AUTO)
-    assert str(tmp_path / names[0]) in caught.value.remedy
 
 
 @pytest.mark.parametrize("below", ["old/edited/photo 2.jpg", "old/photo 2.jpg", "thumbs/photo.jpg"])
@@ -434,7 +287,7 @@ REAL_NAMES = {  # names as data sets, programs and cameras write them, and what 
     "HCI": (spread("input_Cam{n:03d}.png", NINE, NINE), "run of 81"),
     "HCI, with maps": (
         [*spread("input_Cam{n:03d}.png", NINE, NINE), "gt_disp_lowres.pfm.png", "mask_fine.png"],
-        "run of 81",
+        "run of 81, 81 of 83 files",
     ),
     "old HCI": (spread("{r:02d}_{c:02d}.png", THREE, THREE), "3x3"),
     "Stanford": (spread("out_{r:02d}_{c:02d}_-{r}01.5_{c}99.25_.png", NINE, NINE), "9x9"),
@@ -452,17 +305,55 @@ REAL_NAMES = {  # names as data sets, programs and cameras write them, and what 
     "KITTI": ([f"{n:010d}.png" for n in range(20)], "run of 20"),
     "TUM": ([f"1305031102.{175304 + 33333 * n}.png" for n in range(9)], "run of 9"),
     "screenshots": ([f"Screenshot 2026-07-04 at 15.3{n}.0{n}.png" for n in range(6)], "run of 6"),
+    "times of two minutes": (
+        [f"Screenshot 2026-07-04 at 15.{30 + n // 12}.{5 * (n % 12):02d}.png" for n in range(25)],
+        "run of 25",
+    ),
     "copies": (["photo.jpg", *(f"photo ({n}).jpg" for n in range(1, 9))], "run of 9"),
     "rows in folders": (spread("row_{r}/{c:02d}.png", THREE, range(5)), "3x5"),
     "signs": (spread("im_{r:+d}_{c:+d}.png", range(-1, 2), range(-2, 3)), "3x5"),
     "views and frames": (
         [f"v{r}_{c}_frame{t}.png" for r in THREE for c in THREE for t in range(4)],
-        "3x3",
+        "3x3, 9 of 36 files",
+    ),
+    "a burst's cover": (
+        [f"IMG_BURST{n:03d}{'_COVER' * (n == 3)}.jpg" for n in NINE],
+        "run of 9, 8 of 9 files",
+    ),
+    "half PNG, half JPEG": (
+        [f"v_{r}_{c}.{'png' if (r + c) % 2 else 'jpg'}" for r in NINE for c in NINE],
+        "9x9",
+    ),
+    "left and right cameras": (
+        [f"{side} cam x {r:02d}_{c:02d}.png" for side in ("left", "right") for r, c in PLACES],
+        "3x4, 12 of 24 files",
+    ),
+    "uneven steps": (
+        [f"pos {100 * c // 8}% {100 * r // 8}%.png" for r in NINE for c in NINE],
+        "9x9",
+    ),
+    "frames of a line": (
+        [f"cam{c}_frame{f:03d}.png" for c in range(7) for f in THREE],
+        "run of 7, 7 of 21 files",
+    ),
+    "exposures": ([f"{r}_{c}_ev{e}.png" for r, c in PLACES for e in (0, 1)], "3x4, 12 of 24 files"),
+    "a copy is no cover": (
+        [*(f"v_{n}.png" for n in NINE), "v_copy_3.png"],
+        "run of 9, 9 of 10 files",
+    ),
+    "a folder per camera": ([f"cam{n:02d}/frame.jpg" for n in range(16)], "run of 16"),
+    "three numbers alike": (
+        [f"{r}_{c}_{f}.png" for r, c in PLACES for f in (0, 1)],
+        "3x4, 12 of 24 files, in doubt",
+    ),
+    "Roman numerals": (
+        [f"view {n}.png" for n in ["I", "II", "III", "IV", "V", "VI", "VII", "VIII", "IX"]],
+        "nothing",
     ),
     "beach, dog, house": (["beach.jpg", "dog.jpg", "house.jpg"], "nothing"),
     "a grid and previews": (
         [*spread("view_{r}_{c}.png", THREE, range(5)), "preview_1.png", "preview_2.png"],
-        "3x5",
+        "3x5, 15 of 17 files",
     ),
 }
 
@@ -476,6 +367,9 @@ def test_real_names_say_what_they_say() -> None:
         if numbered is not None:
             shape = f"{numbered.rows}x{numbered.cols}"
             reading = f"run of {numbered.cols}" if numbered.runs else shape
+            if len(numbered.views) < len(names):
+                reading += f", {len(numbered.views)} of {len(names)} files"
+            reading += ", in doubt" * bool(numbered.doubt) + ", they clash" * bool(numbered.clashes)
         if reading != expected:
             others = [f"{c.score:.2f} {c.what}" for c in _candidates(tuple(names))]
             wrong.append(f"{kind}: {reading}, expected {expected}; {others}")

@@ -48,13 +48,6 @@ def test_flow_finds_the_direction_of_a_line(shape: tuple[int, int], flip: bool) 
         )
 
 
-def test_views_without_difference_are_undecided() -> None:
-    same = np.broadcast_to(made.texture(96, 128, 7), (3, 3, 96, 128, 3))
-    found = orient(as_source(same), AUTO)
-    assert found.turn == Turn()
-    assert "scene.flip" in found.undecided
-
-
 @pytest.mark.parametrize("half_turn", [False, True])
 def test_one_way_motion_does_not_decide_the_half_turn(half_turn: bool) -> None:
     # one surface: nothing hides anything, and cameras may converge in front of it
@@ -71,13 +64,6 @@ def test_one_way_motion_does_not_decide_the_half_turn(half_turn: bool) -> None:
     assert orient(as_source(grid[:, ::-1]), AUTO).turn in (Turn(cols=True), Turn(rows=True))
     habit = attrs.evolve(as_source(grid[:, ::-1]), turn=Turn(), turn_by="habit", turn_firm=False)
     assert orient(habit, AUTO).turn in (Turn(cols=True), Turn(rows=True))
-
-
-def test_the_users_word_wins() -> None:
-    source = as_source(made.views(5, 5))
-    assert orient(source, config.Scene(flip="rows")).turn == Turn(rows=True)
-    assert orient(source, config.Scene(flip="none", transpose="yes")).turn == Turn(transpose=True)
-    assert orient(source, config.Scene(flip="both")).by == "override"
 
 
 def test_a_layouts_habit_gives_way_to_clear_flow_only() -> None:

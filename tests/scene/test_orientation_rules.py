@@ -1,5 +1,7 @@
 """The rules of the order of views, each by its definition."""
 
+from typing import Any
+
 import attrs
 import numpy as np
 import pytest
@@ -7,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe import config
-from lfpipe.config.tree import Decision, Flip
 from lfpipe.scene.orientation import ALIKE, Axis, Orientation, examine_axis, orient, same_way
 from lfpipe.scene.source import Turn
 from tests.scene import made
@@ -104,7 +105,8 @@ def test_an_axis_is_measured_by_what_moves(sideways: bool, px: float) -> None:
 
 @pytest.mark.parametrize(("px", "by"), [(0.4, "flow"), (0.0, "nothing")])
 def test_motion_of_less_than_half_a_pixel_is_seen(px: float, by: str) -> None:
-    assert orient(source(made.views(5, 5, 96, 128, px, -px)), AUTO).by == by
+    order = orient(source(made.views(5, 5, 96, 128, px, -px)), AUTO)
+    assert order.by == by and ("scene.flip" in order.undecided) == (by == "nothing")
 
 
 def test_views_that_move_across_their_line_are_no_line() -> None:
@@ -174,14 +176,20 @@ def test_a_map_that_matches_nowhere_changes_nothing() -> None:
 
 
 @pytest.mark.parametrize(
-    ("flip", "transpose", "by"),
-    [("auto", "no", "flow"), ("auto", "yes", "override"), ("none", "auto", "override")],
+    ("words", "turn", "by"),
+    [
+        ({"flip": "rows"}, Turn(rows=True), "override"),
+        ({"flip": "none", "transpose": "yes"}, Turn(transpose=True), "override"),
+        ({"flip": "both"}, Turn(True, True), "override"),
+        ({"flip": "none"}, Turn(), "override"),
+        ({"transpose": "yes"}, Turn(transpose=True), "override"),
+        # a setting that changes nothing is none
+        ({"transpose": "no"}, Turn(), "flow"),
+    ],
 )
-def test_a_setting_that_changes_nothing_is_no_override(
-    flip: Flip, transpose: Decision, by: str
-) -> None:
-    order = orient(source(made.views(5, 5)), config.Scene(flip=flip, transpose=transpose))
-    assert order.by == by and order.depth is not None
+def test_the_users_word_wins(words: dict[str, Any], turn: Turn, by: str) -> None:
+    order = orient(source(made.views(5, 5)), config.Scene(**words))
+    assert (order.turn, order.by) == (turn, by) and order.depth is not None
     assert (order.detected is None) == (by == "flow")
 
 
