@@ -21,9 +21,11 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from profiling.made_recordings import Loop, drawn, recording
 
+LAST_NS = 2**63 - 1
+
 
 def bad_recordings(duration_s: float = 15.0) -> Iterator[tuple[str, str, Recording]]:
-    """(what is wrong, word that the refusal must hold, recording): 20 of them."""
+    """(what is wrong, word that the refusal must hold, recording)."""
     good = recording(Loop(duration_s=duration_s))
     rng = np.random.default_rng(7)
     shape = good.pictures.shape
@@ -73,6 +75,17 @@ def bad_recordings(duration_s: float = 15.0) -> Iterator[tuple[str, str, Recordi
         "presented",
         attrs.evolve(good, t_flip_ns=good.t_flip_ns[:9], bright=good.bright[:9]),
     )
+    yield "one pixel", "not see", attrs.evolve(good, pictures=good.pictures[:, :1, :1])
+    changes: tuple[tuple[str, str, dict[str, Any]], ...] = (
+        ("no flip", "presented", {"t_flip_ns": good.t_flip_ns[:0], "bright": good.bright[:0]}),
+        ("flips at one time", "presented", {"t_flip_ns": 0 * good.t_flip_ns}),
+        ("no frame", "frames", {"t_frame_ns": stuck[:0], "pictures": good.pictures[:0]}),
+        ("equal stamps", "frames", {"t_frame_ns": 0 * stuck}),
+        ("falling stamps", "irregular", {"t_frame_ns": good.t_frame_ns[::-1]}),
+        ("stamps of 292 years", "frames", {"t_frame_ns": stuck * (LAST_NS // stuck[-1])}),
+    )
+    for what, word, change in changes:
+        yield what, word, attrs.evolve(good, **change)
     exact = Loop(
         exposure_ms=1.0,
         rise_ms=0.0,

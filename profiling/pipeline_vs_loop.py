@@ -19,7 +19,6 @@ from lfpipe.bench.inputs import MOVING_S, demo_sequence
 from lfpipe.bench.paper_loop import Loop
 from lfpipe.bench.pipeline import (
     PAPER_ALPHA_PX,
-    STEADY_S,
     SessionRun,
     run_loop,
     run_session,
@@ -35,27 +34,14 @@ from profiling.arguments import existing, parser_of, start
 
 def figures(run: SessionRun) -> dict[str, float]:
     """Figures of a run after its start. lost: frames missing between those that pictures show."""
-    rows = [
-        row
-        for row in run.rows
-        if row["t_presented_ns"] > run.rows[0]["t_presented_ns"] + STEADY_S * 1e9
-    ]
+    rows = run.steady
+    spent_ns = [row["t_composed_ns"] - row["t_read_ns"] for row in rows if row["composed"]]
     steps = [b["source_seq"] - a["source_seq"] for a, b in itertools.pairwise(rows)]
+    span_s = (rows[-1]["t_presented_ns"] - rows[0]["t_presented_ns"]) / 1e9
     return {
-        "p50 ms": (
-            float(
-                np.median(
-                    [row["t_composed_ns"] - row["t_read_ns"] for row in rows if row["composed"]]
-                )
-            )
-            / 1e6
-        ),
-        "frames/s": (
-            sum(step != 0 for step in steps)
-            / (rows[-1]["t_presented_ns"] - rows[0]["t_presented_ns"])
-            * 1e9
-        ),
-        "cores": float(np.mean(run.cpu_ms_s)) / 1e3,
+        "p50 ms": float(np.median(spent_ns)) / 1e6,
+        "frames/s": sum(step != 0 for step in steps) / span_s,
+        "cores": run.cpu_ms_s / 1e3,
         "first s": run.first_s,
         "lost": sum(step - 1 for step in steps if step > 1),
     }
@@ -80,13 +66,12 @@ def main() -> None:
     fast = args.pace == "max"
     pace_hz = 0.0 if fast else float(args.pace)
     loop = Loop(
-        video=video,
-        views=views,
+        video=str(video),
+        views=str(views),
         pace_hz=pace_hz,
         seconds=args.seconds,
         alpha_px=PAPER_ALPHA_PX,
-        rows=field.rows,
-        cols=field.cols,
+        grid=(field.rows, field.cols),
         decode=fast,
     )
     options = settings_of(args.config, [f"render.alpha_px={PAPER_ALPHA_PX}", *args.sets])

@@ -5,10 +5,10 @@ folder.
 import contextlib
 import csv
 import io
+import os
 from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import attrs
 import cv2
@@ -16,22 +16,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe import config
+from lfpipe.capture.demo import DemoSource, demo_eyes_px
+from lfpipe.capture.recordings import open_recording
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import replaced
 from lfpipe.host.files import exists, is_file
+from lfpipe.scene.cache import prepare_cache
+from lfpipe.scene.demo import demo_scene
 from lfpipe.scene.lightfield import LightField
-from lfpipe.sequence.eyes import COLUMNS, Truth, read_truth, table_of
+from lfpipe.scene.open_scene import open_scene
+from lfpipe.sequence.eyes import COLUMNS, TRUTH, Truth, table_of
+from lfpipe.sequence.folder import is_sequence
 
 Progress = Callable[[str, int, int], None]
 
 HEAD = ("source_seq", "t_ns", *COLUMNS, "visible", "phase")  # of a table of true eyes
-SIZE_PX = (640, 480)  # the frames that a session asks of a camera
-# of the demo's sequence: quick and full; other sequences are cut to it
+SIZE_PX = (640, 480)  # of the frames that a session asks of a camera
+# of the demo's sequence; longer ones are cut to its length
 RATE_HZ = 30.0
 STILL_S = 2.0
-MOVING_S = (2.5, 10.0)
+MOVING_S = (2.5, 10.0)  # quick and full
 NOISE_DN = 2.0  # of a webcam in a room, by eye
-DEMO_SIDE_PX = 256  # of the views of the quick demo scene: a quarter of the time of its full size
+DEMO_SIDE_PX = (256, 512)  # of a view of the demo's scene: a quarter of the time, and its full size
 
 
 Picture = NDArray[np.uint8]
@@ -51,48 +57,64 @@ class FrameSequence:
     truth: Truth | None
 
 
-@attrs.define(eq=False, kw_only=True)
+@attrs.define(eq=False, kw_only=True, slots=False)
 class Inputs:
-    """Inputs, opened when a subject first asks for them. work: a folder for generated files, which
-    later runs reuse.
+    """Inputs, opened when a subject first asks for them: by default the demo's scene and sequence.
+    Raises UserError if a path does not exist.
 
     tracks: recorded head tracks for the made world. about: what is open, in words.
     """
 
-    open_scene: Callable[[], tuple[Path, LightField]]
-    open_sequence: Callable[[], FrameSequence]
+    scene_path: Path | None = None
+    sequence_path: Path | None = None
     quick: bool
-    work: Path
+    settings: config.Config = attrs.Factory(config.Config)
+    progress: Progress = lambda *_: None
     tracks: tuple[Path, ...] = ()
     about: dict[str, str] = attrs.Factory(dict)
 
+    def __attrs_post_init__(self) -> None:
+        for path in (self.scene_path, self.sequence_path):
+            if path is not None and not exists(path):
+                raise UserError(f"{path}: no such file or folder", "check the path")
+
     @cached_property
-    def scene(self) -> tuple[Path, LightField]:
-        path, one = self.open_scene()
+    def work(self) -> Path:
+        """A folder for generated files, which later runs reuse. Raises UserError."""
+        return prepare_cache(self.settings.scene) / "bench"
+
+    @cached_property
+    def scene(self) -> Path:
+        """The folder or file of the scene."""
+        cache = self.work.parent
+        size_px = DEMO_SIDE_PX[0 if self.quick else 1]
+        return self.scene_path or demo_scene(cache, size_px=size_px)
+
+    @cached_property
+    def field(self) -> LightField:
+        """The scene; a new one is packed. Raises UserError."""
+        one = open_scene(self.scene, self.settings.scene, self.progress)
         views = f"{one.rows}x{one.cols} views of {one.width_px}x{one.height_px} px"
         self.about["scene"] = f"{one.name}: {views}, disparity {one.disparity_source}"
-        return path, one
-
-    @property
-    def field(self) -> LightField:
-        return self.scene[1]
+        return one
 
     @cached_property
     def sequence(self) -> FrameSequence:
-        one = self.open_sequence()
+        """The frames. Raises UserError."""
+        moving_s = MOVING_S[0 if self.quick else 1]
+        path = self.sequence_path or demo_sequence(self.work, moving_s)
+        one = read_sequence(path, round((STILL_S + moving_s) * RATE_HZ))
+        frames = f"{one.count} frames at {one.rate_hz:g} Hz"
         truth = "truth known" if one.truth else "no truth"
-        self.about["sequence"] = (
-            f"{one.path.name}: {one.count} frames at {one.rate_hz:g} Hz, {truth}"
-        )
+        self.about["sequence"] = f"{one.path.name}: {frames}, {truth}"
         return one
 
 
 def read_sequence(path: Path, most_frames: int) -> FrameSequence:
     """The first frames of a recorded sequence, a video, or pictures in a folder, and their truth:
-    its own, or PATH with the suffix .csv. Raises UserError if one of them cannot be read.
+    that of the sequence, or PATH with the suffix .csv. Raises UserError if one of them cannot be
+    read.
     """
-    from lfpipe.capture.recordings import open_recording
-    from lfpipe.sequence.folder import is_sequence
 
     def frames() -> Iterator[Picture]:
         with contextlib.closing(open_recording(path)) as recording:
@@ -106,12 +128,8 @@ def read_sequence(path: Path, most_frames: int) -> FrameSequence:
         info = recording.info
     if not (count := sum(1 for _ in frames())):
         raise UserError(f"{path}: contains no frame", "record it again")
-    table = path.with_suffix(".csv")
-    truth = None
-    if is_sequence(path):
-        truth = read_truth(path)
-    elif is_file(table):
-        truth = table_of(table)
+    table = path / TRUTH if is_sequence(path) else path.with_suffix(".csv")
+    truth = table_of(table) if os.path.lexists(table) else None
     if truth is not None and len(truth.t_ns) < count:
         raise UserError(
             f"{path}: has the truth of {len(truth.t_ns)} of {count} frames",
@@ -159,8 +177,6 @@ def demo_sequence(folder: Path, moving_s: float) -> Path:
 
     Every frame has its own sensor noise: a still face would otherwise be a constant picture.
     """
-    from lfpipe.capture.demo import DemoSource, demo_eyes_px
-
     path = folder / f"demo-{moving_s:g}s-{RATE_HZ:g}hz.avi"
     if is_file(path) and is_file(path.with_suffix(".csv")):
         return path
@@ -186,48 +202,3 @@ def demo_sequence(folder: Path, moving_s: float) -> Path:
 
     write_video(path, RATE_HZ, frames())
     return path
-
-
-def world_inputs(tracks: tuple[Path, ...], quick: bool) -> Inputs:
-    """Inputs of the made world, which needs neither scene nor sequence."""
-
-    def nothing() -> Any:
-        raise ValueError("the made world has its own scenes and viewers")
-
-    return Inputs(
-        open_scene=nothing, open_sequence=nothing, quick=quick, work=Path(), tracks=tracks
-    )
-
-
-def make_inputs(
-    scene: Path | None,
-    sequence: Path | None,
-    quick: bool,
-    settings: config.Config,
-    progress: Progress,
-) -> Inputs:
-    """The scene (a new one is packed) and the sequence; the demo's without them.
-
-    Raises UserError if one does not exist.
-    """
-    from lfpipe.scene.cache import prepare_cache
-    from lfpipe.scene.demo import demo_scene
-    from lfpipe.scene.open_scene import open_scene
-
-    if missing := [path for path in (scene, sequence) if path is not None and not exists(path)]:
-        raise UserError(f"{missing[0]}: no such file or folder", "check the path")
-    cache = prepare_cache(settings.scene)
-    moving_s = MOVING_S[0 if quick else 1]
-    work = cache / "bench"
-    work.mkdir(exist_ok=True)
-
-    def field() -> tuple[Path, LightField]:
-        path = scene or (demo_scene(cache, size_px=DEMO_SIDE_PX) if quick else demo_scene(cache))
-        return path, open_scene(path, settings.scene, progress)
-
-    def frames() -> FrameSequence:
-        return read_sequence(
-            sequence or demo_sequence(work, moving_s), round((STILL_S + moving_s) * RATE_HZ)
-        )
-
-    return Inputs(open_scene=field, open_sequence=frames, quick=quick, work=work)

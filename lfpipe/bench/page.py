@@ -6,11 +6,11 @@ import base64
 import html
 import importlib.util
 import io
-import textwrap
+import math
 from pathlib import Path
 from typing import Any
 
-from lfpipe.bench.results import STATES, Column, Results, Row, Value, short
+from lfpipe.bench.results import STATES, Column, Results, Row, short
 from lfpipe.bench.style import document, html_table
 from lfpipe.bench.subjects import SUBJECTS, TABLE, Subject
 from lfpipe.files.output import write_output
@@ -21,23 +21,22 @@ TIE = 0.05
 MARKERS = "osD^vPX<>h"
 # for a colour vision deficiency, too
 COLOURS = ("#0072b2", "#d55e00", "#008a63", "#b1548f", "#8a6d00", "#4b4fc4", "#7a7f86")
-TITLE_CHARS = 78  # of a line of a chart's title
 HOW = (
     "<h2>How it was measured</h2><p class=soft>Times are CPU times of the thread, which other"
-    " programs hardly change: medians of turns that the methods take in random order, without the"
-    " first turn if there are many, with the 95 % interval of the median, or the range of fewer"
-    " than five turns. Errors have 95 %"
-    " intervals by resampling. Axes are logarithmic; an exact 0 is drawn at the edge. Lower left is"
-    " better. Square, bold: in use by default. Star, red: the paper.</p>"
+    " programs hardly change. Each is the median of turns that the methods take in random order,"
+    " with its 95 % interval, or with the range of fewer than five turns; of many turns, the first"
+    " does not count. Errors have 95 % intervals by resampling. Axes are logarithmic; an exact 0 is"
+    " drawn at the edge. Lower left is better. Square, bold: in use by default. Star, red: the"
+    " paper.</p>"
 )
 CITE = (
-    "<h2>To cite</h2><p class=soft>lfpipe, CITATION.cff of the repository; state the version, the"
-    " machine and the command above.</p>"
+    "<h2>To cite</h2><p class=soft>Cite lfpipe by CITATION.cff of its repository; state the"
+    " version, the machine and the command above.</p>"
 )
 WHAT_FAILED = (
     "<h2>What failed</h2><p class=soft>Failed: an exception, a number that is not finite, or a"
-    " figure beyond the limit of its table. Degraded: within that limit, but worse than what its"
-    " table calls ok. What only other settings reach does not concern a session by default.</p>"
+    " figure beyond the limit of its table. Degraded: within that limit, but worse than ok. What"
+    " only other settings reach does not concern a session with the defaults.</p>"
 )
 NO_CHARTS = (
     "<p>Without charts: matplotlib is not installed"
@@ -50,104 +49,92 @@ Verdict = tuple[str, str, str, str]
 def verdict(subject: Subject, results: Results) -> Verdict | None:
     """The choice of a subject: the least error among what fits its limit of cost; what is in use,
     if that ties; undecided where an interval contains the limit. Returns the key of the
-    configuration, what to use for this machine and these inputs, why, and its cost.
+    configuration, what to use for this machine and these inputs, why, and its cost; None for a
+    subject that decides nothing, or if nothing has both an error and a cost.
     """
     choice = subject.choice
-    x, y = (subject.column(key) for key in subject.charts[0]) if subject.charts else (None, None)
-    timed = [row for row in results.rows if x is not None and x.key in row.values]
-    if choice is None or x is None or y is None or not timed:
+    if choice is None:
         return None
-    used = next((row for row in timed if row.used), None)
-    rows = [row for row in timed if used is None or row.knob == used.knob]
-    known = [row for row in rows if y.key in row.values]
+    cost, error = (subject.column(key) for key in subject.charts[0])
+    measured = [row for row in results.rows if {cost.key, error.key} <= row.values.keys()]
+    used = next((row for row in measured if row.used), None)
+    known = [row for row in measured if used is None or row.knob == used.knob]
     if not known:
-        best = used or rows[0]
-        why = f"no error can be measured: {'; '.join(results.left_out) or 'see below'}"
-        return choice.key, _named(best), why, _cost(best, x)
-    fitting = [row for row in known if _most(row.values[x.key]) <= choice.limit]
+        return None
+    fitting = [row for row in known if row.values[cost.key].high <= choice.limit]
     unsure = [
-        row for row in known if row not in fitting and _least(row.values[x.key]) <= choice.limit
+        row for row in known if row.values[cost.key].low <= choice.limit and row not in fitting
     ]
-    limit = f"{short(choice.limit)} {x.unit} ({choice.reason})"
-    if not fitting and not unsure:
-        best = min(known, key=lambda row: row.value(x.key))
-        return choice.key, _named(best), f"the cheapest: none takes at most {limit}", _cost(best, x)
-    least = min(row.value(y.key) for row in fitting or unsure)
-    better = [row for row in unsure if row.value(y.key) < least * (1 - TIE) or not fitting]
+    least = min((row.value(error.key) for row in fitting), default=math.inf)
+    better = [row for row in unsure if row.value(error.key) < least * (1 - TIE)]
+    limit = f"{short(choice.limit)} {cost.unit} ({choice.reason})"
     if better:
-        best = min(better, key=lambda row: row.value(y.key))
-        why = f"{_cost(best, x)}: the interval contains the limit, {limit}; measure it alone"
-        return choice.key, f"undecided: {_named(best)}", why, _cost(best, x)
-    ties = [row for row in fitting if row.value(y.key) <= least * (1 + TIE)]
-    best = used if used in ties and used else min(ties, key=lambda row: row.value(x.key))
-    compared = f" at {best.knob}" if best.knob else ""
-    rank = "the least" if best.value(y.key) <= least else f"within {TIE:.0%} of the least"
-    why = f"{y.label} {best.values[y.key].text} {y.unit}".rstrip()
-    why += f", {rank} of the {len(fitting)} methods{compared} that take at most {limit}"
-    paper = next((row for row in timed if row.paper), None)
-    for what, row in (("the paper's way", paper), ("in use now", used)):
-        if row is not None and row is not best:
-            figures = f"{short(row.value(y.key))} for {short(row.value(x.key))} {x.unit}"
-            why += f"; {what} ({row.name}): {figures}"
-    return choice.key, _named(best), why, _cost(best, x)
+        best = min(better, key=lambda row: row.value(error.key))
+        why = f"{_cost(best, cost)}: the interval contains the limit, {limit}; measure it alone"
+        return choice.key, f"undecided: {_named(best)}", why, _cost(best, cost)
+    if not fitting:
+        best = min(known, key=lambda row: row.value(cost.key))
+        why = f"the cheapest: none takes at most {limit}"
+    else:
+        ties = [row for row in fitting if row.value(error.key) <= least * (1 + TIE)]
+        best = used if used in ties and used else min(ties, key=lambda row: row.value(cost.key))
+        rank = "the least" if best.value(error.key) <= least else f"within {TIE:.0%} of the least"
+        at = f" at {best.knob}" if best.knob else ""
+        why = f"{error.label} {best.values[error.key].text} {error.unit}".rstrip()
+        why += f", {rank} of the {len(fitting)} methods{at} that take at most {limit}"
+        paper = next((row for row in measured if row.paper), None)
+        for what, row in (("the paper's way", paper), ("in use now", used)):
+            if row is not None and row is not best:
+                figures = f"{short(row.value(error.key))} for {short(row.value(cost.key))}"
+                why += f"; {what} ({row.name}): {figures} {cost.unit}"
+    return choice.key, _named(best), why, _cost(best, cost)
 
 
 def _named(row: Row) -> str:
     return row.name + " (in use)" * row.used
 
 
-def _cost(row: Row, x: Column) -> str:
-    return f"{row.values[x.key].text} {x.unit}: {x.label}"
-
-
-def _least(value: Value) -> float:
-    return value.low if value.high else value.value
-
-
-def _most(value: Value) -> float:
-    return value.high or value.value
+def _cost(row: Row, cost: Column) -> str:
+    return f"{row.values[cost.key].text} {cost.unit}: {cost.label}"
 
 
 def write_report(results: dict[str, Results], out: Path) -> Path:
     """Writes report.html and returns its path. Raises UserError."""
     subjects = SUBJECTS | {TABLE.name: TABLE}
-    pairs = [(subjects[name], one) for name, one in results.items() if name in subjects]
+    pairs = [(subjects[name], one) for name, one in results.items()]
     links = " ".join(
         f'<a href="#{subject.name}">{html.escape(subject.title)}</a>' for subject, _ in pairs
     )
     wall_s = sum(one.wall_s for one in results.values())
     cpu_s = sum(one.cpu_s for one in results.values())
-    about = pairs[0][1].about if pairs else {}
-    facts = [about[name] for name in ("started", "machine") if name in about]
-    facts.append(f"{wall_s:.0f} s of wall time, {cpu_s:.0f} s of CPU")
-    body = f"<p class=soft>{html.escape('; '.join(facts))}.</p>"
+    about = pairs[0][1].about
+    facts = f"{about['started']}; {about['machine']}; {_time(wall_s, cpu_s)}"
+    body = f"<p class=soft>{html.escape(facts)}.</p>"
     body += "" if importlib.util.find_spec("matplotlib") else NO_CHARTS
     body += f"{_verdicts(pairs)}<nav>{links}</nav>"
     body += f"{''.join(_section(*pair) for pair in pairs)}{_failures(pairs)}{HOW}{CITE}"
-    write_output(
-        out / "report.html", document("Error against run time", body).encode(), label="--out"
-    )
+    page = document("Error against run time", body)
+    write_output(out / "report.html", page.encode(), label="--out")
     return out / "report.html"
+
+
+def _time(wall_s: float, cpu_s: float) -> str:
+    return f"{wall_s:.0f} s of wall time, {cpu_s:.0f} s of CPU"
 
 
 def _verdicts(pairs: Pairs) -> str:
     rows = [one for pair in pairs if (one := verdict(*pair))]
-    text = (
-        html_table(("setting", "for this machine and these inputs", "why", "what it costs"), rows)
-        if rows
-        else ""
-    )
+    head = ("setting", "for this machine and these inputs", "why", "what it costs")
+    text = html_table(head, rows) if rows else ""
     for subject, results in pairs:
         judged = [value for *_, value in results.judged()]
         used = [value.state for value in judged if not value.only]
         others = sum(value.state != "ok" for value in judged if value.only)
         counts = ", ".join(f"{used.count(state)} {state}" for state in STATES)
-        others_text = f"; {others} not ok, reached only with other settings" if others else ""
-        text += (
-            f"<p>{html.escape(subject.title)}: of what is in use {counts}{others_text}.</p>"
-            if judged
-            else ""
-        )
+        if others:
+            counts += f"; {others} not ok, reached only with other settings"
+        if judged:
+            text += f"<p>{html.escape(subject.title)}: of what is in use {counts}.</p>"
     return f"<h2>Verdicts</h2>{text}" if text else ""
 
 
@@ -156,32 +143,22 @@ def _failures(pairs: Pairs) -> str:
     matters.
     """
     rows = [
-        (subject.title, one, why, "yes")
+        (subject.title, name, why, "yes")
         for subject, results in pairs
-        for one, why in results.failures.items()
+        for name, why in results.failures.items()
     ]
-    # title, case of a failure or "", setting -> what
-    grouped: dict[tuple[str, str, str], list[str]] = {}
+    degraded: dict[tuple[str, str], list[str]] = {}
     for _, results in pairs:
         for table, row, column, value in results.judged():
-            if value.state != "ok":
-                case = row.name if value.state == "failed" else ""
-                grouped.setdefault((table.title, case, value.only), []).append(
-                    f"{column} {value.text}" if case else row.name
-                )
-    for (title, case, only), what in grouped.items():
-        words = (
-            f"failed: {'; '.join(what)}" if case else f"degraded in {len(what)} of the table below"
-        )
-        rows.append(
-            (
-                title,
-                case or ", ".join(dict.fromkeys(what)),
-                words,
-                f"only with {only}" if only else "yes: in use",
-            )
-        )
-    rows.sort(key=lambda row: (not row[3].startswith("yes"), not row[2].startswith("failed")))
+            matters = f"only with {value.only}" if value.only else "yes: in use"
+            if value.state == "failed":
+                rows.append((table.title, row.name, f"failed: {column} {value.text}", matters))
+            elif value.state == "degraded":
+                degraded.setdefault((table.title, matters), []).append(row.name)
+    for (title, matters), cases in degraded.items():
+        what = f"degraded: {len(cases)} values of the table"
+        rows.append((title, ", ".join(dict.fromkeys(cases)), what, matters))
+    rows.sort(key=lambda row: (row[3].startswith("only"), row[2].startswith("degraded")))
     if not rows:
         return "<h2>What failed</h2><p>Nothing.</p>"
     return WHAT_FAILED + html_table(("where", "case", "what", "does it matter?"), rows)
@@ -191,29 +168,26 @@ def _section(subject: Subject, results: Results) -> str:
     text = f'<h2 id="{subject.name}">{html.escape(subject.title)}</h2>'
     text += f"<p>{html.escape(subject.question)}</p>"
     text += f'<p class="soft">The paper: {html.escape(subject.paper)}.</p>' if subject.paper else ""
-    text += f"<p><code>{html.escape(results.about.get('command', ''))}</code></p>"
+    text += f"<p><code>{html.escape(results.about['command'])}</code></p>"
     text += "".join(chart(subject, results, *axes) for axes in subject.charts)
     if results.left_out:
         reasons = "".join(f"<li>{html.escape(reason)}</li>" for reason in results.left_out)
         text += f"<p>Left out:</p><ul>{reasons}</ul>"
     for table in results.tables:
         head, body = table.texts()
-        classes = [
-            (
-                [" ".join(["used"] * row.used + ["paper"] * row.paper)]
-                if row.curve
-                else ["", *(row.state(column.key) for column in table.filled)]
+        classes = []
+        for row in table.rows:
+            marks = "used " * row.used + "paper " * row.paper
+            states = (
+                row.values[one.key].state if one.key in row.values else "" for one in table.filled
             )
-            for row in table.rows
-        ]
-        note = table.note or "■ in use, ★ the paper."
-        title = table.title or f"All figures of {len(table.rows)} methods"
-        text += (
-            f"<details><summary>{html.escape(title)}</summary><p class=soft>{html.escape(note)}</p>"
-        )
+            classes.append([marks, *(marks + state for state in states)])
+        title = html.escape(table.title or f"All figures of {len(table.rows)} methods")
+        note = html.escape(table.note or "■ in use, ★ the paper.")
+        text += f"<details><summary>{title}</summary><p class=soft>{note}</p>"
         text += f"{html_table(head, body, classes)}</details>"
     facts = [(name, value) for name, value in results.about.items() if name != "command"]
-    facts.append(("time", f"{results.wall_s:.0f} s of wall time, {results.cpu_s:.0f} s of CPU"))
+    facts.append(("time", _time(results.wall_s, results.cpu_s)))
     return text + f"<details><summary>Conditions</summary>{html_table((), facts)}</details>"
 
 
@@ -239,7 +213,7 @@ def chart(subject: Subject, results: Results, x: str, y: str) -> str:
         axes = figure.add_subplot(
             xlabel=subject.column(x).axis,
             ylabel=subject.column(y).axis,
-            title=textwrap.fill(title, TITLE_CHARS),
+            title=title,
         )
         for k, curve in enumerate(dict.fromkeys(row.curve for row in rows)):
             points = [row for row in rows if row.curve == curve]
@@ -258,9 +232,9 @@ def chart(subject: Subject, results: Results, x: str, y: str) -> str:
             ("in use", "s", "none", [row for row in rows if row.used]),
             ("the paper", "*", "#e5484d", [row for row in rows if row.paper]),
         ):
-            values = [row.value(x) for row in marked], [row.value(y) for row in marked]
             axes.scatter(
-                *values,
+                [row.value(x) for row in marked],
+                [row.value(y) for row in marked],
                 s=190,
                 marker=marker,
                 facecolors=face,
@@ -270,10 +244,7 @@ def chart(subject: Subject, results: Results, x: str, y: str) -> str:
             )
         for set_scale, key in ((axes.set_xscale, x), (axes.set_yscale, y)):
             above = [row.value(key) for row in rows if row.value(key) > 0]
-            if len(above) == len(rows):
-                set_scale("log")
-            else:
-                set_scale("symlog", linthresh=min(above, default=1.0), linscale=0.4)
+            set_scale("symlog", linthresh=min(above, default=1.0), linscale=0.4)
         axes.grid(True, color="#e4e7eb")
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
         out = io.StringIO()
@@ -283,8 +254,6 @@ def chart(subject: Subject, results: Results, x: str, y: str) -> str:
 
 
 def _bars(rows: list[Row], key: str) -> tuple[list[float], list[float]]:
-    """The lengths of error bars, down and up; 0 where no interval is known."""
+    """The lengths of error bars, down and up."""
     values = [row.values[key] for row in rows]
-    down = [max(value.value - _least(value), 0.0) for value in values]
-    up = [max(_most(value) - value.value, 0.0) for value in values]
-    return down, up
+    return [one.value - one.low for one in values], [one.high - one.value for one in values]

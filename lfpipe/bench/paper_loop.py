@@ -8,6 +8,7 @@ It uses nothing from lfpipe except the landmarks' numbers.
 
 import itertools
 import json
+import math
 import sys
 import time
 from collections import deque
@@ -15,45 +16,43 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import attrs
+import cattrs
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.track.landmarks import LEFT_EYE, RIGHT_EYE
 
-WARM_UP = 10  # warm-up frames, not counted
+WARM_UP = 10  # frames, not counted
 PRELOADED = 600  # frames held in memory
+MEAN_OF = 5  # frames, of the moving average
+SIDES = ("left", "right")
 
 
 @attrs.frozen(kw_only=True)
 class Loop:
-    """views: a folder of rows x cols pictures whose sorted order is row-major. pace_hz: 0 for as
-    fast as possible.
-
-    decode: decode frames inside the loop, not before it. trace: the file to write.
+    """views: a folder of rows x cols PNG files whose sorted order is row-major. pace_hz: 0 for as
+    fast as possible. decode: decode frames inside the loop, not before it.
     """
 
-    video: Path = attrs.field(converter=Path)
-    views: Path = attrs.field(converter=Path)
+    video: str
+    views: str
     pace_hz: float
     seconds: float
     alpha_px: float
-    rows: int
-    cols: int
+    grid: tuple[int, int]
     size_px: tuple[int, int] = (640, 480)
-    k: int = 5
     decode: bool = True
-    trace: Path = attrs.field(default=Path("trace.jsonl"), converter=Path)
 
 
 def frames(
-    video: Path, decode: bool, size: tuple[int, int]
+    video: str, decode: bool, size: tuple[int, int]
 ) -> Iterator[tuple[int, NDArray[np.uint8]]]:
     """Yields indices in the video and BGR frames, forever.
 
     decode: on demand; else PRELOADED frames before the first.
     """
-    capture = cv2.VideoCapture(str(video))
+    capture = cv2.VideoCapture(video)
 
     def one_pass() -> Iterator[tuple[int, NDArray[np.uint8]]]:
         capture.set(cv2.CAP_PROP_POS_FRAMES, 0)
@@ -61,12 +60,9 @@ def frames(
             good, frame = capture.read()
             if not good:
                 return
-            yield (
-                index,
-                np.asarray(
-                    frame if frame.shape[1::-1] == size else cv2.resize(frame, size), np.uint8
-                ),
-            )
+            if frame.shape[1::-1] != size:
+                frame = cv2.resize(frame, size)
+            yield index, np.asarray(frame, np.uint8)
 
     while decode:
         yield from one_pass()
@@ -74,67 +70,45 @@ def frames(
         yield index, frame.copy()
 
 
-def run(loop: Loop) -> None:
-    """Runs the loop and writes its trace. Sets OpenCV to one thread."""
+def run(loop: Loop) -> Iterator[str]:
+    """Runs the loop, and yields the lines of its trace. Sets OpenCV to one thread."""
     import mediapipe
 
     cv2.setNumThreads(1)
-    width, height = loop.size_px
-    files = sorted(p for p in loop.views.iterdir() if p.suffix.lower() in (".png", ".jpg", ".bmp"))
-    grid = [np.asarray(cv2.imread(str(path)), np.uint8) for path in files[: loop.rows * loop.cols]]
+    views = [cv2.imread(str(path)) for path in sorted(Path(loop.views).glob("*.png"))]
     mesh = mediapipe.solutions.face_mesh.FaceMesh(max_num_faces=1, refine_landmarks=False)
-    source = frames(loop.video, loop.decode, (width, height))
-    left_eye, right_eye = LEFT_EYE.tolist(), RIGHT_EYE.tolist()
-    recent: deque[NDArray[np.float64]] = deque(maxlen=loop.k)
-    lines = []
-    start = 0.0
+    source = frames(loop.video, loop.decode, loop.size_px)
+    sides = LEFT_EYE.tolist(), RIGHT_EYE.tolist()
+    centre = np.array(loop.size_px) / 2
+    last = np.array(loop.grid) - 1
+    recent: deque[NDArray[np.float64]] = deque(maxlen=MEAN_OF)
+    start = math.inf
     for i in itertools.count(-WARM_UP):
         if i == 0:
             start = time.perf_counter()
-        if i >= 0:
-            if time.perf_counter() - start >= loop.seconds:
-                break
-            if loop.pace_hz:
-                time.sleep(max(0.0, start + i / loop.pace_hz - time.perf_counter()))
+        if time.perf_counter() - start >= loop.seconds:
+            return
+        if loop.pace_hz and i > 0:
+            time.sleep(max(0.0, start + i / loop.pace_hz - time.perf_counter()))
         t_sensor_ns = time.monotonic_ns()
         index, frame = next(source)
         t_read_ns = time.monotonic_ns()
         result = mesh.process(cv2.cvtColor(frame, cv2.COLOR_BGR2RGB))
         if result.multi_face_landmarks:
             marks = result.multi_face_landmarks[0].landmark
-            sides = [
-                [(marks[j].x * width, marks[j].y * height) for j in side]
-                for side in (left_eye, right_eye)
-            ]
-            recent.append(
-                np.array(
-                    [[sum(x for x, _ in side) / 16, sum(y for _, y in side) / 16] for side in sides]
-                )
-            )
+            points = [[(marks[j].x, marks[j].y) for j in side] for side in sides]
+            recent.append(np.mean(points, axis=1) * loop.size_px)
         if not recent:
             continue
         eyes = np.mean(recent, axis=0)
-        middle = (loop.rows - 1) / 2, (loop.cols - 1) / 2
-        cols = np.clip(
-            np.rint(middle[1] + (width / 2 - eyes[:, 0]) / loop.alpha_px), 0, loop.cols - 1
-        ).astype(int)
-        rows = np.clip(
-            np.rint(middle[0] + (eyes[:, 1] - height / 2) / loop.alpha_px), 0, loop.rows - 1
-        ).astype(int)
-        left, right = (grid[r * loop.cols + c] for r, c in zip(rows, cols, strict=True))
+        steps = (eyes - centre)[:, ::-1] / loop.alpha_px * (1, -1)
+        places = np.clip(np.rint(last / 2 + steps), 0, last).astype(int)
+        left, right = (views[row * loop.grid[1] + col] for row, col in places)
         picture = right.copy()
         picture[..., 2] = left[..., 2]
         t_composed_ns = time.monotonic_ns()
         if i >= 0:
-            pairs = {
-                "eyes_raw": recent[-1],
-                "eyes_used": eyes,
-                "view": np.stack([rows, cols], axis=1),
-            }
-            sided = {
-                name: {"left": pair[0].tolist(), "right": pair[1].tolist()}
-                for name, pair in pairs.items()
-            }
+            pairs = {"eyes_raw": recent[-1], "eyes_used": eyes, "view": places}
             line = {
                 "source_seq": index,
                 "composed": True,
@@ -143,12 +117,13 @@ def run(loop: Loop) -> None:
                 "t_read_ns": t_read_ns,
                 "t_composed_ns": t_composed_ns,
                 "t_presented_ns": t_composed_ns,
-                **sided,
+                **{
+                    name: dict(zip(SIDES, pair.tolist(), strict=True))
+                    for name, pair in pairs.items()
+                },
             }
-            lines.append(json.dumps(line) + "\n")
-    loop.trace.write_text("".join(lines))
+            yield json.dumps(line)
 
 
 if __name__ == "__main__":
-    loop_fields = json.loads(sys.argv[1])
-    run(Loop(**{**loop_fields, "size_px": tuple(loop_fields["size_px"])}))
+    print("\n".join(run(cattrs.structure(json.loads(sys.argv[1]), Loop))))

@@ -22,9 +22,10 @@ from numpy.typing import NDArray
 
 from lfpipe.api.session import Session
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.paper_loop import Loop
+from lfpipe.bench.paper_loop import SIDES, Loop
 from lfpipe.bench.results import Figures, rms
-from lfpipe.bench.runner import Candidate, Offer
+from lfpipe.bench.runner import Candidate, Offer, Prepared
+from lfpipe.bench.world.run import viewpoints
 from lfpipe.config import Render, converter, load
 from lfpipe.config.check import flat
 from lfpipe.files.safe_files import write_file
@@ -36,7 +37,6 @@ from lfpipe.track.models import package_folder
 PAPER_ALPHA_PX = 12.0  # px of the camera per view: chosen by hand, as the paper does
 STEADY_S = 1.0  # after the first picture every stage has started and found the face
 LEAST_S, MAX_S = 1.0, 16.0  # of a measured session: enough for a median; the whole demo sequence
-SIDES = ("left", "right")
 # of an aligned trace
 STEP_NS = 1_000_000
 SKIP_NS = 1_000_000_000
@@ -47,13 +47,24 @@ Float = NDArray[np.float64]
 
 @attrs.frozen
 class SessionRun:
-    """rows: of the trace. cpu_ms_s: CPU of all processes without the start, in ms per second.
-    first_s: from the start of the process to its first picture.
+    """rows: of the trace. started_ns: when its process was started. cpu_ms_s: CPU of all processes
+    without the start, in ms per second.
     """
 
     rows: Trace
+    started_ns: int
     cpu_ms_s: float
-    first_s: float
+
+    @property
+    def first_s(self) -> float:
+        """From the start of the process to its first picture."""
+        return float(self.rows[0]["t_presented_ns"] - self.started_ns) / 1e9
+
+    @property
+    def steady(self) -> Trace:
+        """The rows from STEADY_S after the first picture on."""
+        start_ns = self.rows[0]["t_presented_ns"] + STEADY_S * 1e9
+        return [row for row in self.rows if row["t_presented_ns"] > start_ns]
 
 
 def _cpu_ms() -> float:
@@ -96,44 +107,38 @@ def run_session(
             cpu_ms_s = (_cpu_ms() - used_ms) / (time.monotonic() - begun_s)
             session.stop()
             session.wait()  # raises if it failed
-        rows = [json.loads(line) for line in trace.read_text().splitlines()]
-        return SessionRun(rows, cpu_ms_s, (rows[0]["t_presented_ns"] - started_ns) / 1e9)
+        return SessionRun(_rows(trace.read_text()), started_ns, cpu_ms_s)
 
 
 def run_loop(loop: Loop) -> SessionRun:
     """The paper's loop in a process of its own. Raises RuntimeError if it fails."""
-    with tempfile.TemporaryDirectory() as folder:
-        loop = attrs.evolve(loop, trace=Path(folder, "trace.jsonl"))
-        started_ns = time.monotonic_ns()
-        command = [
-            sys.executable,
-            "-m",
-            "lfpipe.bench.paper_loop",
-            json.dumps(attrs.asdict(loop), default=str),
-        ]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        if done.returncode:
-            raise RuntimeError(
-                f"the loop exited with {done.returncode}: {done.stderr.strip()[-300:]}"
-            )
-        rows = [json.loads(line) for line in loop.trace.read_text().splitlines()]
-    steady = [
-        row for row in rows if row["t_presented_ns"] > rows[0]["t_presented_ns"] + STEADY_S * 1e9
-    ]
-    if not steady:
+    started_ns = time.monotonic_ns()
+    options = json.dumps(attrs.asdict(loop))
+    command = [sys.executable, "-m", "lfpipe.bench.paper_loop", options]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise RuntimeError(f"the loop exited with {done.returncode}: {done.stderr.strip()[-300:]}")
+    rows = _rows(done.stdout)
+    if not rows:
         raise RuntimeError("the loop found no face")
-    used_ns, span_ns = (steady[-1][name] - steady[0][name] for name in ("cpu_ns", "t_presented_ns"))
-    return SessionRun(rows, 1e3 * used_ns / span_ns, (rows[0]["t_presented_ns"] - started_ns) / 1e9)
+    run = SessionRun(rows, started_ns, 0.0)
+    first, *_, last = run.steady
+    used_ns = last["cpu_ns"] - first["cpu_ns"]
+    span_ns = last["t_presented_ns"] - first["t_presented_ns"]
+    return attrs.evolve(run, cpu_ms_s=1e3 * used_ns / span_ns)
+
+
+def _rows(trace: str) -> Trace:
+    return [json.loads(line) for line in trace.splitlines()]
 
 
 def write_views(field: LightField, folder: Path) -> Path:
     """Writes the views as PNG in row-major order for the loop, unless they exist."""
     if len(list(folder.glob("*.png"))) != field.rows * field.cols:
-        folder.mkdir(parents=True, exist_ok=True)
         for index, place in enumerate(np.ndindex(field.rows, field.cols)):
-            quick = [cv2.IMWRITE_PNG_COMPRESSION, 1]
             view = np.asarray(field.views)[0][place]
             picture = np.broadcast_to(view[::-1], (3, *view.shape[1:])).transpose(1, 2, 0)
+            quick = [cv2.IMWRITE_PNG_COMPRESSION, 1]
             _, data = cv2.imencode(".png", np.ascontiguousarray(picture), quick)
             write_file(folder / f"view_{index:04d}.png", data.tobytes())
     return folder
@@ -145,7 +150,7 @@ def displayed_errors(
     alpha_px: float,
     centre_px: tuple[float, float],
     grid: tuple[int, int],
-) -> dict[str, float]:
+) -> Figures:
     """RMS over both eyes while they are visible, and while a picture is on the screen: error_views,
     the distance of the viewpoint on screen from that of the true eyes; error_px, of the eyes that
     the picture was made for; jitter_px, their deviation from the mean of each rest, from STILL_MS
@@ -164,30 +169,22 @@ def displayed_errors(
     if not rows:
         raise ValueError("the trace holds no picture made for eyes")
     presented_ns = np.array([row["t_presented_ns"] for row in rows])
-    offset_ns = truth.t_ns[[row["source_seq"] for row in rows]] - [
-        row["t_sensor_ns"] for row in rows
-    ]
+    sensor_ns = np.array([row["t_sensor_ns"] for row in rows])
+    offset_ns = truth.t_ns[[row["source_seq"] for row in rows]] - sensor_ns
     t_ns = np.arange(presented_ns[0] + SKIP_NS, presented_ns[-1], STEP_NS)
     now = np.searchsorted(presented_ns, t_ns, side="right") - 1
     true_ns = t_ns + offset_ns[now]
     visible = truth.sees(true_ns)
-    true_px = truth.at(true_ns)
     if not visible.any():
         raise ValueError("the trace and the truth have no time in common")
-    used_px = np.array([[row["eyes_used"][side] for side in SIDES] for row in rows])[now]
-    drawn = np.maximum.accumulate(
-        [k if row.get("composed", True) else 0 for k, row in enumerate(rows)]
-    )
-    on_screen = np.array([[row["view"][side] for side in SIDES] for row in rows], np.float64)[
-        drawn[now]
-    ]
-    view_row = (grid[0] - 1) / 2 + (
-        true_px[..., 1].mean(axis=1, keepdims=True).repeat(2, axis=1) - centre_px[1]
-    ) / alpha_px
-    view_col = (grid[1] - 1) / 2 + (centre_px[0] - true_px[..., 0]) / alpha_px
-    true_view = np.clip(np.stack([view_row, view_col], axis=2), 0, np.array(grid) - 1)
+    true_px = truth.at(true_ns)
+    used_px = _pairs(rows, "eyes_used")[now]
+    composed = [row["composed"] for row in rows]
+    drawn = np.maximum.accumulate(np.where(composed, np.arange(len(rows)), 0))
+    on_screen = _pairs(rows, "view")[drawn[now]]
+    right = np.clip(viewpoints(true_px, alpha_px, centre_px, grid), 0, np.array(grid) - 1)
     errors = {
-        "error_views": _apart((on_screen - true_view)[visible]),
+        "error_views": _apart((on_screen - right)[visible]),
         "error_px": _apart((used_px - true_px)[visible]),
     }
     resting = visible & truth.still[np.searchsorted(truth.t_ns, true_ns, side="right") - 1]
@@ -195,11 +192,15 @@ def displayed_errors(
     moved = np.maximum.accumulate(np.where(resting, -1, np.arange(len(now))))
     still = np.arange(len(now)) - moved > STILL_MS
     rests = [used_px[still & (moved == start)] for start in np.unique(moved[still])]
-    return errors | (
-        {"jitter_px": _apart(np.concatenate([rest - rest.mean(axis=0) for rest in rests]))}
-        if rests
-        else {}
-    )
+    if rests:
+        off = np.concatenate([rest - rest.mean(axis=0) for rest in rests])
+        errors["jitter_px"] = _apart(off)
+    return errors
+
+
+def _pairs(rows: Trace, name: str) -> Float:
+    """What a trace holds for both eyes, (n, 2, 2)."""
+    return np.array([[row[name][side] for side in SIDES] for row in rows], np.float64)
 
 
 def _apart(offsets: Float) -> float:
@@ -212,20 +213,17 @@ def _alpha_px(inputs: Inputs) -> float:
     show the correct view.
     """
     truth = inputs.sequence.truth
-    field = inputs.field
-    if truth is None or field.cols == 1:
+    cols = inputs.field.cols
+    if truth is None or cols == 1:
         return PAPER_ALPHA_PX
-    reach_px = float(
-        np.abs(truth.eyes_px[truth.visible][:, :, 0] - inputs.sequence.size_px[0] / 2).max()
-    )
-    return max(PAPER_ALPHA_PX, reach_px / ((field.cols - 1) / 2))
+    off_px = truth.eyes_px[truth.visible][:, :, 0] - inputs.sequence.size_px[0] / 2
+    return max(PAPER_ALPHA_PX, float(np.abs(off_px).max()) / ((cols - 1) / 2))
 
 
 def measure(inputs: Inputs) -> Iterator[Offer]:
     """Clock x method, the paper's configuration and its plain loop."""
     field = inputs.field
     sequence = inputs.sequence
-    usual = Render()
     if field.rows * field.cols == 1:
         yield "pipeline: one view: nothing follows the eyes"
         return
@@ -250,66 +248,55 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
         "camera.height_px": height_px,
     }
     seconds = min(STEADY_S + sequence.count / sequence.rate_hz, MAX_S)  # the sequence once
-
-    def candidate(
-        name: str, run: Callable[[], SessionRun], paper: bool = False, used: bool = False
-    ) -> Candidate:
-        turn = partial(_figures, inputs, run, alpha_px)
-        return Candidate(
-            curve=name,
-            knob=f"{sequence.rate_hz:g} Hz",
-            prepare=lambda: ({}, turn),
-            paper=paper,
-            used=used,
-        )
-
-    def session(settings: dict[str, Any]) -> Callable[[], SessionRun]:
-        return partial(run_session, inputs.scene[0], sequence.path, seconds, settings | common)
-
-    def loop() -> SessionRun:
-        views = write_views(field, inputs.work / "views" / field.manifest.key)
-        return run_loop(
-            Loop(
-                video=sequence.path,
-                views=views,
-                pace_hz=sequence.rate_hz,
-                seconds=seconds,
-                alpha_px=alpha_px,
-                rows=field.rows,
-                cols=field.cols,
-                size_px=sequence.size_px,
-            )
-        )
-
+    runs: dict[str, Callable[[], SessionRun]] = {}
     if package_folder() is None or is_sequence(sequence.path):
         yield (
             "paper as a plain loop: it needs mediapipe, which is not installed, or a video; its"
             " configuration runs"
         )
     else:
-        yield candidate("paper as a plain loop", loop, True)
-    yield candidate("paper's configuration", session(settings_of("paper")), True)
-    for clock, method in itertools.product(
-        ("display", "camera"), [best] if inputs.quick else ["nearest", best]
-    ):
-        run = session({"render.clock": clock, "render.method": method})
-        yield candidate(
-            f"{clock} clock, {method}", run, used=(clock, method) == (usual.clock, field.method)
+        runs["paper as a plain loop"] = partial(_loop, inputs, seconds, alpha_px)
+    sessions = {"paper's configuration": settings_of("paper")}
+    methods = [best] if inputs.quick else ["nearest", best]
+    for clock, method in itertools.product(("display", "camera"), methods):
+        sessions[f"{clock} clock, {method}"] = {"render.clock": clock, "render.method": method}
+    for name, settings in sessions.items():
+        runs[name] = partial(run_session, inputs.scene, sequence.path, seconds, settings | common)
+    for name, run in runs.items():
+        yield Candidate(
+            curve=name,
+            knob=f"{sequence.rate_hz:g} Hz",
+            prepare=partial(_prepare, inputs, run, alpha_px),
+            paper=name.startswith("paper"),
+            used=name == f"{Render().clock} clock, {field.method}",
         )
 
 
-def _figures(inputs: Inputs, measured: Callable[[], SessionRun], alpha_px: float) -> Figures:
-    run = measured()
-    sequence = inputs.sequence
+def _loop(inputs: Inputs, seconds: float, alpha_px: float) -> SessionRun:
     field = inputs.field
-    # before, the tracker looks for the face
-    start_ns = run.rows[0]["t_presented_ns"] + STEADY_S * 1e9
-    rows = [
-        row for row in run.rows if row.get("composed", True) and row["t_presented_ns"] > start_ns
-    ]
-    p50_ms, p95_ms = np.percentile(
-        [(row["t_presented_ns"] - row["t_sensor_ns"]) / 1e6 for row in rows], (50, 95)
+    views = write_views(field, inputs.work / "views" / field.manifest.key)
+    loop = Loop(
+        video=str(inputs.sequence.path),
+        views=str(views),
+        pace_hz=inputs.sequence.rate_hz,
+        seconds=seconds,
+        alpha_px=alpha_px,
+        grid=(field.rows, field.cols),
+        size_px=inputs.sequence.size_px,
     )
+    return run_loop(loop)
+
+
+def _prepare(inputs: Inputs, run: Callable[[], SessionRun], alpha_px: float) -> Prepared:
+    return {}, lambda: _figures(inputs, run(), alpha_px)
+
+
+def _figures(inputs: Inputs, run: SessionRun, alpha_px: float) -> Figures:
+    sequence = inputs.sequence
+    ages_ms = [
+        (row["t_presented_ns"] - row["t_sensor_ns"]) / 1e6 for row in run.steady if row["composed"]
+    ]
+    p50_ms, p95_ms = np.percentile(ages_ms, (50, 95)).tolist()
     figures = {
         "latency_ms": p50_ms,
         "latency_p95_ms": p95_ms,
@@ -318,7 +305,6 @@ def _figures(inputs: Inputs, measured: Callable[[], SessionRun], alpha_px: float
     }
     if sequence.truth is not None:
         centre_px = sequence.size_px[0] / 2, sequence.size_px[1] / 2
-        figures |= displayed_errors(
-            sequence.truth, run.rows, alpha_px, centre_px, (field.rows, field.cols)
-        )
+        grid = inputs.field.rows, inputs.field.cols
+        figures |= displayed_errors(sequence.truth, run.rows, alpha_px, centre_px, grid)
     return figures

@@ -11,14 +11,14 @@ from typing import Literal, TypeVar
 import attrs
 import cattrs
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from lfpipe.errors import UserError
 from lfpipe.files.output import write_output
 from lfpipe.files.safe_files import read_bytes
 from lfpipe.files.untrusted import json_fields
 
-FORMAT = "lfpipe-bench-5"
+FORMAT = "lfpipe-bench-6"
 MAX_BYTES = 16 << 20  # of results.json; a full run of all subjects writes 0.2 MB
 Figures = dict[str, float]  # by the key of a column
 RESAMPLED = 2000  # times, for the interval of an error
@@ -44,30 +44,30 @@ class Column:
 
 @attrs.frozen
 class Value:
-    """A figure of a row. low, high: its 95 % interval, the range of few turns; 0: not known.
-    words: stand for a figure that is judged. state: the judgement. only: where a value that is not
-    ok matters, "" for what is in use by default, else the setting that reaches it.
+    """A figure of a row. low, high: its 95 % interval, or the range of few turns; the value itself
+    if none is known. words: replace the number. state: the judgement. only: the setting that
+    reaches the value, "" for what is in use by default.
     """
 
     value: float = 0.0
-    low: float = 0.0
-    high: float = 0.0
+    low: float = attrs.Factory(lambda self: self.value, takes_self=True)
+    high: float = attrs.Factory(lambda self: self.value, takes_self=True)
     words: str = ""
     state: State = ""
     only: str = ""
 
     @property
     def text(self) -> str:
-        return self.words or short(self.value) + (
-            f" ({short(self.low)} to {short(self.high)})" if self.high else ""
-        )
+        if self.words or self.low == self.high:
+            return self.words or short(self.value)
+        return f"{short(self.value)} ({short(self.low)} to {short(self.high)})"
 
 
 @attrs.frozen
 class Row:
-    """A measured method, a point of charts; or a case. curve, knob: of the chart, and the setting
-    that varies along the curve.
-    paper: this is what the paper does; used: what lfpipe does by default.
+    """A measured method, which is a point of a chart, or a case. curve: its curve in the chart.
+    knob: the setting that varies along the curve. paper: what the paper does. used: what lfpipe
+    does by default.
     """
 
     name: str
@@ -80,9 +80,6 @@ class Row:
     def value(self, key: str) -> float:
         """A figure as one number; NaN if it was not measured."""
         return self.values[key].value if key in self.values else math.nan
-
-    def state(self, key: str) -> State:
-        return self.values[key].state if key in self.values else ""
 
 
 @attrs.frozen
@@ -136,7 +133,7 @@ def judged_table(
     only: Callable[[R, C], str] = lambda _row, _column: "",
 ) -> Table:
     """A table of judged values, by the names of rows and columns. of: what a row is. judge: returns
-    words and state; an exception is a failure. only: the setting that reaches the value.
+    words and state; an exception counts as failed. only: the setting that reaches the value.
     """
 
     def value(row: R, column: C) -> Value:
@@ -164,9 +161,9 @@ def judged_error(worst: float, ok: float, degraded: float) -> tuple[str, State]:
 
 @attrs.define
 class Results:
-    """Of one subject. failures: methods that raised an exception, with the reason. left_out: what
-    was not measured, and why.
-    about: command, inputs, start. wall_s, cpu_s: of all processes.
+    """Results of one subject. failures: methods that raised an exception, with the reason.
+    left_out: what was not measured, and why. about: command, inputs, start. wall_s, cpu_s: of all
+    processes.
     """
 
     name: str
@@ -207,26 +204,17 @@ def timing(samples: Sequence[float]) -> Value:
     value = Value(float(np.median(ordered)), ordered[rank - 1], ordered[n - rank])
     if n >= LEAST_ROUNDS:
         return value
-    return attrs.evolve(value, words=f"{value.text[:-1]}, range of {n})")
+    words = (short(number) for number in (value.value, value.low, value.high))
+    return attrs.evolve(value, words="{} ({} to {}, range of {})".format(*words, n))
 
 
-def mean_of(samples: Sequence[float]) -> Value:
-    """The mean with its 95 % interval, by resampling."""
-    return _resampled(samples, lambda values: values.mean(axis=-1))
-
-
-def rms_of(samples: Sequence[float]) -> Value:
-    """The root of the mean square with its 95 % interval, by resampling."""
-    return _resampled(samples, lambda values: np.sqrt(np.square(values).mean(axis=-1)))
-
-
-def _resampled(
-    samples: Sequence[float], figure: Callable[[NDArray[np.float64]], NDArray[np.float64]]
-) -> Value:
-    values = np.asarray(samples, np.float64)
+def mean_of(samples: Sequence[float], power: int = 1) -> Value:
+    """The mean with its 95 % interval, by resampling. power: 2 for the root of the mean square."""
+    values = np.power(samples, power, dtype=np.float64)
     drawn = np.random.default_rng(1).choice(values, (RESAMPLED, len(values)))
-    low, high = np.percentile(figure(drawn), (2.5, 97.5)).tolist()
-    return Value(float(figure(values)), low, high)
+    means = drawn.mean(axis=-1) ** (1 / power)
+    low, high = np.percentile(means, (2.5, 97.5)).tolist()
+    return Value(float(values.mean() ** (1 / power)), low, high)
 
 
 def short(value: float) -> str:

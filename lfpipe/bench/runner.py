@@ -8,7 +8,7 @@ import platform
 import random
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 import attrs
@@ -34,18 +34,17 @@ from lfpipe.host.processes import usable_cores
 
 FILES = ("results.json", "report.html")
 Turn = Callable[[], Figures]  # takes one sample of each time
+# the errors of a method, and its turn; None if nothing is timed
+Prepared = tuple[dict[str, Value], Turn | None]
 
 
 @attrs.frozen(eq=False, kw_only=True)
 class Candidate:
-    """A method to be measured.
-
-    prepare: returns its errors, and its turn; None if nothing is timed.
-    """
+    """A method to be measured."""
 
     curve: str
     knob: str
-    prepare: Callable[[], tuple[Mapping[str, float | Value], Turn | None]]
+    prepare: Callable[[], Prepared]
     paper: bool = False
     used: bool = False
 
@@ -107,9 +106,9 @@ def run(subject: Subject, offers: Iterable[Offer], quick: bool, progress: Progre
     alike. The first of more than LEAST_ROUNDS does not count.
     """
     cv2.setNumThreads(1)  # as in a session
-    results = Results(subject.name)
     started_s = time.monotonic()
     cpu_s = sum(os.times()[:4])
+    results = Results(subject.name)
     candidates: list[Candidate] = []
     for offer in offers:
         if isinstance(offer, Candidate):
@@ -119,15 +118,16 @@ def run(subject: Subject, offers: Iterable[Offer], quick: bool, progress: Progre
         else:
             results.left_out.append(offer)
     rounds = subject.rounds[0 if quick else 1]
-    errors: dict[str, Mapping[str, float | Value]] = {}
+    errors: dict[str, dict[str, Value]] = {}
     turns: dict[str, Turn] = {}
     samples: dict[str, list[Figures]] = {one.name: [] for one in candidates}
     for k, one in enumerate(candidates):
         progress(subject.title, k, (1 + rounds) * len(candidates))
         with _failing(one.name, results):
             errors[one.name], turn = one.prepare()
-            _check(errors[one.name])
-            turns |= {one.name: turn} if turn else {}
+            _check({key: value.value for key, value in errors[one.name].items()})
+            if turn is not None:
+                turns[one.name] = turn
     shuffled = random.Random(1)
     for k in range(rounds if turns else 0):
         progress(subject.title, (1 + k) * len(candidates), (1 + rounds) * len(candidates))
@@ -139,16 +139,14 @@ def run(subject: Subject, offers: Iterable[Offer], quick: bool, progress: Progre
     rows = []
     for one in candidates:
         if one.name not in results.failures:
-            values = {
-                key: value if isinstance(value, Value) else Value(value)
-                for key, value in errors[one.name].items()
-            }
             # where there are enough, without the first turn: caches are cold
             taken = samples[one.name][rounds > LEAST_ROUNDS :]
-            values |= {
-                key: timing([sample[key] for sample in taken])
-                for key in (taken[0] if taken else ())
-            }
+            times = (
+                {key: timing([sample[key] for sample in taken]) for key in taken[0]}
+                if taken
+                else {}
+            )
+            values = errors[one.name] | times
             rows.append(Row(one.name, values, one.curve, one.knob, one.paper, one.used))
     if candidates:
         results.tables.insert(0, Table("method", subject.columns, tuple(rows)))
@@ -167,11 +165,8 @@ def _failing(name: str, results: Results) -> Iterator[None]:
         results.failures[name] = f"{type(error).__name__}: {error}"
 
 
-def _check(figures: Mapping[str, float | Value]) -> None:
-    numbers = {
-        key: value.value if isinstance(value, Value) else value for key, value in figures.items()
-    }
-    if wrong := [key for key, value in numbers.items() if not math.isfinite(value)]:
+def _check(figures: Figures) -> None:
+    if wrong := [key for key, value in figures.items() if not math.isfinite(value)]:
         raise ValueError(f"not finite: {', '.join(wrong)}")
 
 

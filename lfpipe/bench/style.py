@@ -1,6 +1,7 @@
 """The look of pages: the reports of `lfpipe bench` and `lfpipe sweep`."""
 
 import html
+import itertools
 from collections.abc import Sequence
 
 STYLE = """
@@ -39,15 +40,11 @@ def document(title: str, body: str) -> str:
 def html_table(
     head: Sequence[str], rows: Sequence[Sequence[str]], classes: Sequence[Sequence[str]] = ()
 ) -> str:
-    """An HTML table of texts. classes: of each cell; a row with one class has it for all."""
+    """An HTML table of texts. classes: of each cell."""
     body = ""
-    for k, row in enumerate(rows):
-        named = list(classes[k]) if classes else [""]
-        cells = zip(row, named if len(named) == len(row) else named * len(row), strict=True)
-        body += (
-            "<tr>"
-            + "".join(f'<td class="{name}">{html.escape(text)}</td>' for text, name in cells)
-            + "</tr>"
-        )
+    for row, names in itertools.zip_longest(rows, classes, fillvalue=()):
+        cells = itertools.zip_longest(row, names, fillvalue="")
+        texts = (f'<td class="{name}">{html.escape(text)}</td>' for text, name in cells)
+        body += f"<tr>{''.join(texts)}</tr>"
     titles = "".join(f"<th>{html.escape(text)}</th>" for text in head)
     return f'<div class="wide"><table><tr>{titles}</tr>{body}</table></div>'

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.results import Value, mean_of, rms_of
-from lfpipe.bench.runner import Candidate, Offer, Turn, cpu_ms
+from lfpipe.bench.results import Value, mean_of
+from lfpipe.bench.runner import Candidate, Offer, Prepared, cpu_ms
 from lfpipe.config import Render
 from lfpipe.config.quality import METHODS, WARPS
 from lfpipe.render.compositor import Compositor, ViewRenderer
@@ -103,11 +103,10 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
     places = np.unique(np.linspace(0, len(between) - 1, count).round()).astype(int)
     truth = dict(between[place] for place in places)
     for method in methods:
-        prepare = partial(_prepare, kept, method, truth)
         yield Candidate(
             curve=method,
             knob="every 2nd view",
-            prepare=prepare,
+            prepare=partial(_prepare, kept, method, truth),
             paper=method == "nearest",
             used=method == field.method,
         )
@@ -115,25 +114,21 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
 
 def _prepare(
     kept_views: Callable[[], LightField], method: str, truth: dict[Position, NDArray[np.uint8]]
-) -> tuple[dict[str, float | Value], Turn]:
+) -> Prepared:
     kept_field = kept_views()
     renderer = ViewRenderer(kept_field, method)
     compositor = Compositor(kept_field, Render(method=method))  # type: ignore[arg-type]
     squares = [
         float(np.mean((view_at(renderer, place) - view) ** 2)) for place, view in truth.items()
     ]
-    figures: dict[str, float | Value] = {
-        "rmse": rms_of(np.sqrt(squares).tolist()),
+    figures = {
+        "rmse": mean_of(np.sqrt(squares).tolist(), power=2),
         "psnr_db": mean_of([psnr_db(square) for square in squares]),
-        "jump": _jump(kept_field, renderer),
+        "jump": Value(_jump(kept_field, renderer)),
     }
-    upcoming = itertools.cycle(truth)  # where the error is measured
-
-    def picture() -> None:
-        place = next(upcoming)
-        compositor.compose(place, place)
-
-    return figures, lambda: {"cpu_ms": cpu_ms(picture, len(truth))}
+    places = itertools.cycle((place, place) for place in truth)  # where the error is measured
+    picture = partial(cpu_ms, lambda: compositor.compose(*next(places)), len(truth))
+    return figures, lambda: {"cpu_ms": picture()}
 
 
 def _jump(kept_field: LightField, renderer: ViewRenderer) -> float:

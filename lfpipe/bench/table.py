@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.bench.inputs import Progress
-from lfpipe.bench.results import Figures, Results, Row, Table
-from lfpipe.bench.runner import Candidate, Turn, conditions, cpu_ms, run
+from lfpipe.bench.results import Results, Row, Table, Value
+from lfpipe.bench.runner import Candidate, Prepared, conditions, cpu_ms, run
 from lfpipe.bench.subjects import TABLE
 from lfpipe.bench.synthesis import left_out, subsample, view_at
 from lfpipe.config.quality import METHODS, WARPS
@@ -136,22 +136,23 @@ def measure(field: LightField, protocol: Protocol) -> Iterator[Candidate]:
 
 def _prepare(
     kept_field: LightField, method: str, truth: dict[Position, Float], protocol: Protocol
-) -> tuple[Figures, Turn | None]:
+) -> Prepared:
     renderer = ViewRenderer(kept_field, method)
-    lumas = {
-        place: shaved(studio_luma(view_at(renderer, place)), protocol.border_px) for place in truth
-    }
-    db = [psnr_db(float(np.mean(np.square(true - lumas[place])))) for place, true in truth.items()]
-    similar = [ssim(true, lumas[place]) for place, true in truth.items()]
+    db = []
+    similar = []
+    for place, true in truth.items():
+        luma = shaved(studio_luma(view_at(renderer, place)), protocol.border_px)
+        db.append(psnr_db(float(np.mean(np.square(true - luma)))))
+        similar.append(ssim(true, luma))
     upcoming = itertools.cycle(truth)
     turn = partial(cpu_ms, lambda: renderer.planes(*next(upcoming)), len(truth))
     maps = kept_field.disparity if method in WARPS else None
     stored_bytes = kept_field.views.nbytes + (0 if maps is None else maps.nbytes)
     figures = {
-        "psnr_db": float(np.mean(db)),
-        "worst_db": min(db),
-        "ssim": float(np.mean(similar)),
-        "mb": stored_bytes / 1e6,
+        "psnr_db": Value(float(np.mean(db))),
+        "worst_db": Value(min(db)),
+        "ssim": Value(float(np.mean(similar))),
+        "mb": Value(stored_bytes / 1e6),
     }
     return figures, (lambda: {"ms": turn()}) if protocol.timed else None
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.bench.inputs import FrameSequence, Inputs, Picture
-from lfpipe.bench.results import Value, rms, rms_of
-from lfpipe.bench.runner import Candidate, Offer, Turn, cpu_ms
+from lfpipe.bench.results import Value, mean_of, rms
+from lfpipe.bench.runner import Candidate, Offer, Prepared, cpu_ms
 from lfpipe.config import Track
 from lfpipe.track.make_engine import make_engine
 from lfpipe.track.models import package_folder
@@ -35,7 +35,7 @@ def motion_errors(eyes: NDArray[np.float64], truth: NDArray[np.float64]) -> dict
     worst = np.linalg.norm(error - offset, axis=2).max(axis=1)
     blocks = np.array_split(worst, min(BLOCKS, len(worst)))
     return {
-        "error": rms_of([100 * rms(block) for block in blocks]),
+        "error": mean_of([100 * rms(block) for block in blocks], power=2),
         "offset": Value(float(np.linalg.norm(offset, axis=1).max())),
     }
 
@@ -51,50 +51,38 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
     widths = [width for width in offered if width <= width_px] or [width_px]
     if len(widths) < len(offered):
         yield f"input wider than {width_px} px: the frames of the sequence are smaller"
-    if not package_folder():
+    engines = ENGINES if package_folder() else ENGINES[:1]
+    if engines != ENGINES:
         yield "engine mediapipe: the package is not installed here"
-    for name, refine, width in itertools.product(
-        ENGINES if package_folder() else ENGINES[:1], (False, True), widths
-    ):
+    for name, refine, width in itertools.product(engines, (False, True), widths):
         size = (width, round(height_px * width / width_px))
         track = Track(engine=name, refine=refine)
-        paper, used = (
-            track == one and width == widths[0] for one in (Track(engine="mediapipe"), Track())
-        )
-        prepare = partial(_prepare, inputs.sequence, track, size)
         yield Candidate(
             curve=name + " with irises" * refine,
             knob=f"{size[0]}x{size[1]}",
-            prepare=prepare,
-            paper=paper,
-            used=used,
+            prepare=partial(_prepare, inputs.sequence, track, size),
+            paper=track == Track(engine="mediapipe") and width == widths[0],
+            used=track == Track() and width == widths[0],
         )
 
 
-def _prepare(
-    sequence: FrameSequence, track: Track, size: tuple[int, int]
-) -> tuple[dict[str, float | Value], Turn]:
+def _prepare(sequence: FrameSequence, track: Track, size: tuple[int, int]) -> Prepared:
     engine = make_engine(track)
     scale = sequence.size_px[0] / size[0]
 
     def frames() -> Iterator[Picture]:
         for frame in sequence.frames():
-            yield (
-                frame
-                if scale == 1
-                else np.asarray(cv2.resize(frame, size, interpolation=cv2.INTER_AREA), np.uint8)
-            )
+            yield np.asarray(cv2.resize(frame, size, interpolation=cv2.INTER_AREA), np.uint8)
 
     faces = [engine.detect(frame) for frame in frames()]
     if not any(faces):
         raise ValueError("no face found in any frame")
-    figures: dict[str, float | Value] = {"missed": faces.count(None) / len(faces)}
+    figures = {"missed": Value(faces.count(None) / len(faces))}
     if sequence.truth is not None:
         eyes = np.array(
             [np.full((2, 2), np.nan) if face is None else face.eyes_px * scale for face in faces]
         )
         figures |= motion_errors(eyes, sequence.truth.eyes_px[: len(eyes)])
     upcoming = itertools.cycle(itertools.islice(frames(), TURN_FRAMES))
-
     detect = partial(cpu_ms, lambda: engine.detect(next(upcoming)), TURN_FRAMES)
     return figures, lambda: {"cpu_ms": detect(time.process_time_ns)}

@@ -8,11 +8,10 @@ import numpy as np
 
 from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.results import Column, Figures, Row, Table, Value, mean_of
-from lfpipe.bench.runner import Candidate, Offer, Turn, cpu_ms
+from lfpipe.bench.runner import Candidate, Offer, Prepared, cpu_ms
 from lfpipe.bench.world.bounds import judged
 from lfpipe.bench.world.camera import NOISE_PX, Camera
 from lfpipe.bench.world.figures import (
-    Errors,
     Pictures,
     evenness,
     picture_figures,
@@ -254,32 +253,34 @@ def candidates(count: int) -> Iterator[Candidate]:
         )
 
 
-def _prepare(setup: Setup, count: int, ideal: bool) -> tuple[dict[str, float | Value], Turn]:
+def _prepare(setup: Setup, count: int, ideal: bool) -> Prepared:
+    """ideal: pictures for the right viewpoints, which nothing has to choose."""
     pictures = pictures_of(setup)
-    errors: list[Errors] = []
-    off: list[float] = []
     keys: list[Key] = []
-    choices = [0.0] * ideal
-    for script in SCRIPTS:
-        if script.name not in MOVING:
-            continue
+    levels = []
+    seen = []
+    off = []
+    choosing_ms: list[float] = []
+    for script in (script for script in SCRIPTS if script.name in MOVING):
         run = watched(setup, script)
         at = samples(run, script, count)
         right = Truth(setup, script).at(run.ms[at])
         chosen = [pictures.key(views) for views in right] if ideal else [run.keys[k] for k in at]
         keys += chosen
-        errors.append(pictures.errors(chosen, right))
+        errors = pictures.errors(chosen, right)
+        levels.append(float(errors.levels.mean()))
+        seen.append(float(errors.seen.mean()))
         off.append(0.0 if ideal else viewpoints(setup, script)["error_views"])
-        choices += [] if ideal else run.cpu_ms.tolist()
-    figures: dict[str, float | Value] = {
-        "error_levels": mean_of([float(one.levels.mean()) for one in errors]),
-        "error_seen": mean_of([float(one.seen.mean()) for one in errors]),
+        choosing_ms += [0.0] if ideal else run.cpu_ms.tolist()
+    figures = {
+        "error_levels": mean_of(levels),
+        "error_seen": mean_of(seen),
         "error_views": mean_of(off),
     }
+    choice_ms = float(np.median(choosing_ms))
     upcoming = itertools.cycle(keys)
-    choosing_ms = float(np.median(choices))
     drawing_ms = partial(cpu_ms, lambda: pictures.draw(next(upcoming)), TURN_PICTURES)
-    return figures, lambda: {"picture_ms": choosing_ms + drawing_ms()}
+    return figures, lambda: {"picture_ms": choice_ms + drawing_ms()}
 
 
 def _row(name: str, figures: Figures, of: str = "") -> Row:

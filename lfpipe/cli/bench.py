@@ -47,12 +47,15 @@ def _command(name: str, subjects: tuple[str, ...], about: str) -> click.Command:
     def run(
         scene: Path | None, sequence: Path | None, out: Path, quick: bool, config: Config
     ) -> None:
-        from lfpipe.bench.inputs import make_inputs
+        from lfpipe.bench.inputs import Inputs
         from lfpipe.bench.runner import measure
         from lfpipe.cli.terminal import progress
 
         with progress() as bar:
-            results = measure(subjects, make_inputs(scene, sequence, quick, config, bar), out, bar)
+            inputs = Inputs(
+                scene_path=scene, sequence_path=sequence, quick=quick, settings=config, progress=bar
+            )
+            results = measure(subjects, inputs, out, bar)
         _report(results, out)
 
     return click.command(name, help=about, short_help=about)(run)
@@ -90,13 +93,13 @@ def viewer(tracks: tuple[Path, ...], out: Path, quick: bool, check: bool) -> int
     Scripted viewers sit, sway, leave and come back before a made camera and screen; scenes are
     drawn exactly from any viewpoint. Time is simulated: every run gives the same errors.
     """
-    from lfpipe.bench.inputs import world_inputs
+    from lfpipe.bench.inputs import Inputs
     from lfpipe.bench.runner import measure
     from lfpipe.bench.world.bounds import beyond
     from lfpipe.cli.terminal import progress
 
     with progress() as bar:
-        results = measure(("viewer",), world_inputs(tracks, quick), out, bar)
+        results = measure(("viewer",), Inputs(quick=quick, tracks=tracks), out, bar)
     _report(results, out)
     lines = beyond(results["viewer"])
     if check:

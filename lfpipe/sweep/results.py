@@ -136,7 +136,7 @@ def write(outcomes: Sequence[Outcome], folder: Path, junit: Path | None) -> Path
         head = list(dict.fromkeys(name for row in of_subject for name in row))
         texts = [[plain(row.get(name, ""), 400) for name in head] for row in of_subject]
         page += f"<h2>{subject}</h2>" + html_table(
-            head, texts, [[STATES[row["state"]]] for row in of_subject]
+            head, texts, [[STATES[row["state"]]] * len(head) for row in of_subject]
         )
     write_output(folder / TABLE, text.getvalue().encode())
     write_output(folder / PAGE, document("Sweep", page).encode())

@@ -47,9 +47,9 @@ def inputs(field: LightField, work: Path, sequence: FrameSequence | None = None)
         rate_hz=30.0,
         truth=None,
     )
-    return Inputs(
-        open_scene=lambda: (work / "wall", field),
-        open_sequence=lambda: sequence or grey,
-        quick=True,
-        work=work,
-    )
+    given = Inputs(quick=True)
+    given.scene = work / "wall"
+    given.field = field
+    given.sequence = sequence or grey
+    given.work = work
+    return given

@@ -13,7 +13,6 @@ from lfpipe.bench import runner
 from lfpipe.bench.page import chart, verdict, write_report
 from lfpipe.bench.results import (
     Column,
-    Figures,
     Results,
     Row,
     State,
@@ -24,7 +23,7 @@ from lfpipe.bench.results import (
     timing,
     write,
 )
-from lfpipe.bench.runner import Candidate, Offer, Turn, run
+from lfpipe.bench.runner import Candidate, Offer, Prepared, run
 from lfpipe.bench.subjects import SUBJECTS, Choice, Subject
 from lfpipe.errors import UserError
 from tests.bench.inputs import inputs, wall
@@ -63,10 +62,10 @@ def measured() -> tuple[Results, list[str]]:
                 else 1.0 + 0.5 * (len(turns) % 2)
             }
 
-        def prepare() -> tuple[Figures, Turn]:
+        def prepare() -> Prepared:
             if name == "throws":
                 raise ArithmeticError("no root")
-            return {"error_px": 3.5}, turn
+            return {"error_px": Value(3.5)}, turn
 
         return Candidate(
             curve=name, knob="", prepare=prepare, paper=name == "one", used=name == "two"
@@ -160,7 +159,7 @@ def test_report_stands_alone_and_begins_with_verdicts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     results, _ = measured()
-    results.about = {"command": "lfpipe bench fake --quick", "machine": "<p>"}
+    results.about = {"command": "lfpipe bench fake --quick", "started": "now", "machine": "<p>"}
     columns = {"b": "", "c": "render.method=blend"}
     states: dict[str, State] = {"": "failed", "render.method=blend": "degraded"}
     table = judged_table(

@@ -173,7 +173,7 @@ def test_what_another_command_reads_is_never_replaced(tmp_path: Path) -> None:
     for name, file, head in (
         ("walk", "manifest.json", b'{\n "format": "lfpipe-sequence"'),
         ("ref", "report.json", b'{\n "format": 1,\n "versions": {\n  "lfpipe"'),
-        ("bench", "results.json", b'{"format": "lfpipe-bench-5"'),
+        ("bench", "results.json", b'{"format": "lfpipe-bench-6"'),
     ):
         (tmp_path / name).mkdir()
         (tmp_path / name / file).write_bytes(head)

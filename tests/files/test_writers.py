@@ -41,7 +41,6 @@ ALLOWED = {
     "scene/pack.py": "arrays in the folder of a pack that it has just made",
     "sequence/packets.py": "packets in the folder of a recording that it has just made",
     "supervisor/child.py": "a stage's stack, in the run directory",
-    "bench/paper_loop.py": "a trace in a temporary folder that its caller has just made",
     "bench/inputs.py": "OpenCV opens an OutputFile by its random name",
 }
 

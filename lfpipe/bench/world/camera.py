@@ -8,7 +8,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.bench.world.scripts import FRAME_PX, Glitch, Script
+from lfpipe.bench.world.scripts import FRAME_PX, Script
 from lfpipe.track.detector import Box, Detection, overlap
 from lfpipe.track.engine import Face
 from lfpipe.track.litert_engine import LitertEngine
@@ -112,7 +112,6 @@ class MadeEngine(WorldEngine):
         self.rotated_deg = 0
         self._size = IMAGE.shape[:2]
         self._own: Roi | None = None  # the region that the last landmarks gave
-        self._faces: list[MadeFace] = []
         self.reset()
 
     @property
@@ -120,47 +119,35 @@ class MadeEngine(WorldEngine):
         return self._made
 
     def picture(self, frame: Frame) -> NDArray[np.uint8]:
-        """An empty one: its faces stand in for what the networks find in it."""
-        self._faces = self._visible(frame)
-        self._made.faces = self._faces
+        """An empty one: its faces replace what the networks find in it."""
+        self._made.faces = self.visible(frame)
         return IMAGE
 
-    def measured(self, frame: Frame) -> list["MadeFace"]:
-        """All faces of a frame, the surest and largest first."""
-        return sorted(self._visible(frame), key=lambda face: -face.apart_px)
-
-    def _visible(self, frame: Frame) -> list["MadeFace"]:
+    def visible(self, frame: Frame) -> list["MadeFace"]:
+        """All faces of a frame."""
         ms = round(frame.ms)
-        wrong = np.zeros(2)
-        for glitch in self._script.glitches:
-            wrong += _wrong(glitch, frame.ms)
         faces = []
         for k, person in enumerate(self._script.people):
             eyes = person.eyes_px(ms)
             apart = float(eyes[0, 0] - eyes[1, 0])
-            (x, y) = eyes.mean(axis=0).tolist()
+            x, y = eyes.mean(axis=0).tolist()
             box = (x - 1.2 * apart, y - apart, x + 1.2 * apart, y + 1.6 * apart)
             share = _share_inside(box)
             logit = float(person.logit[min(ms, len(person.logit) - 1)]) - DOUBT * (1 - share)
             if logit <= 0 or not 0 <= x < FRAME_PX[0]:
                 continue
-            noise = self._noise[frame.seq, k] * (0.01 if person.still else 1.0) * apart / 60
-            offset = np.stack([wrong * apart, np.zeros(2)], axis=1) if k == 0 else 0.0
+            eyes += self._noise[frame.seq, k] * (0.01 if person.still else 1.0) * apart / 60
+            if k == 0:
+                eyes[:, 0] += apart * self._script.wrong(frame.ms)
             faces.append(
-                MadeFace(
-                    eyes_px=eyes + noise + offset,
-                    apart_px=apart,
-                    box_px=box,
-                    logit=logit,
-                    cut_off=share < 1,
-                )
+                MadeFace(eyes_px=eyes, apart_px=apart, box_px=box, logit=logit, cut_off=share < 1)
             )
         return faces
 
     def _measure(self, image: object, roi: Roi, least: float) -> tuple[Face, Roi] | None:
         half = roi.side_px / 2
         square = (roi.x_px - half, roi.y_px - half, roi.x_px + half, roi.y_px + half)
-        here = [face for face in self._faces if overlap(face.box_px, square) > 0.1]
+        here = [face for face in self._made.faces if overlap(face.box_px, square) > 0.1]
         if not here or _is_turned(roi):
             return None
         face = max(here, key=lambda one: overlap(one.box_px, square))
@@ -208,18 +195,12 @@ class MadeDetector:
         ]
 
 
-def _wrong(glitch: Glitch, ms: float) -> NDArray[np.float64]:
-    """What a glitch adds at ms to the x of the left and the right eye, in eye distances."""
-    shown = 0 <= ms - glitch.at_s * 1e3 < glitch.frames * 1e3 / 30
-    return np.array((glitch.left, glitch.right)) * shown
-
-
 def _is_turned(roi: Roi) -> bool:
     return abs(roi.angle) > math.pi / 4
 
 
 def _share_inside(box: Box) -> float:
+    """The share of a box that lies in the picture."""
+    left, top, right, bottom = np.clip(box, 0, FRAME_PX * 2).tolist()
     x0, y0, x1, y1 = box
-    width = max(min(x1, FRAME_PX[0]) - max(x0, 0), 0)
-    height = max(min(y1, FRAME_PX[1]) - max(y0, 0), 0)
-    return width * height / ((x1 - x0) * (y1 - y0))
+    return float((right - left) * (bottom - top) / ((x1 - x0) * (y1 - y0)))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.bench.glasses import GLASS, RED_CYAN, lightness
-from lfpipe.bench.results import Figures
+from lfpipe.bench.results import Figures, rms
 from lfpipe.bench.world.run import Run, Setup, Truth
 from lfpipe.bench.world.screen import Screen
 from lfpipe.bench.world.scripts import Script
@@ -36,41 +36,45 @@ def viewpoint_figures(run: Run, truth: Truth, script: Script) -> Figures:
     """
     errors = []
     depths = []
-    late = []
+    late_s = []
     power = 0.0
     behind = 0.0
     for window in script.windows:
         inside = window.holds(run.ms)
-        right = truth.views(run.ms[inside], window)
+        ms = run.ms[inside]
+        right = truth.views(ms, window)
         shown = run.views[inside]
         off = np.linalg.norm(shown - right, axis=2).max(axis=1)
-        if window.event:
-            late.append(_time_until_right(off, run.ms[inside], window.from_s * 1e3))
         errors.append(off)
-        apart = shown[:, 1, 1] - shown[:, 0, 1]
-        depths.append(apart >= DEPTH * (right[:, 1, 1] - right[:, 0, 1]))
-        velocity = np.gradient(right[..., 1].mean(axis=1), run.ms[inside])
+        depths.append(_apart(shown) >= DEPTH * _apart(right))
+        if window.event:
+            late_s.append(_time_until_right(off, ms, window.from_s * 1e3))
+        velocity = np.gradient(right[..., 1].mean(axis=1), ms)
         power += float(np.square(velocity).sum())
         behind += float(((right - shown)[..., 1].mean(axis=1) * velocity).sum())
     every = np.concatenate(errors)
     steps = np.abs(np.diff(run.views, axis=0)).max(axis=1)  # (n - 1, 2)
     # the depth that appears with the first face is a step that everybody wants
-    apart = run.views[:, 1, 1] - run.views[:, 0, 1]
-    first = int(((run.ms >= script.steps_from_s * 1e3) & (apart > 0)).argmax())
-    beyond = (steps - _near(truth.motion(run.ms), run.ms))[first:].max(axis=0)
+    first = int(((run.ms >= script.steps_from_s * 1e3) & (_apart(run.views) > 0)).argmax())
+    beyond = (steps - _near(truth.motion(run.ms), run.ms))[first:].max(axis=0, initial=0.0)
     figures = {
         "error_views": float(every.mean()),
         "error_p95": float(np.percentile(every, 95)),
         "error_worst": float(every.max()),
-        "step_cols": max(float(beyond[1]), 0.0),
-        "step_rows": max(float(beyond[0]), 0.0),
+        "step_cols": float(beyond[1]),
+        "step_rows": float(beyond[0]),
         "depth": float(np.concatenate(depths).mean()) * 100,
     }
-    if late:
-        figures["right_s"] = max(late)
+    if late_s:
+        figures["right_s"] = max(late_s)
     if power > 1e-9:
         figures["lag_ms"] = behind / power
     return figures
+
+
+def _apart(views: Float) -> Float:
+    """Views between the eyes (n,) of viewpoints (n, 2, 2)."""
+    return np.asarray(views[:, 1, 1] - views[:, 0, 1])
 
 
 def _near(motion: Float, ms: Float) -> Float:
@@ -142,23 +146,27 @@ class Pictures:
             ideal = ideal_light([view[::EVERY, ::EVERY] for view in exact])
             shown = DECODED[drawn[::EVERY, ::EVERY, ::-1]]
             seen.append(
-                [_rms(lightness_of(shown, eye), lightness_of(ideal, eye)) for eye in (0, 1)]
+                [_rms(_lightness_of(shown, eye), _lightness_of(ideal, eye)) for eye in (0, 1)]
             )
         return Errors(np.array(levels), np.array(seen), float(np.median(spent_ms)))
 
 
 def picture_figures(errors: Errors) -> Figures:
     """Mean, p95 and worst, in levels, L* and dB."""
-    figures = {}
-    for name, values, peak in (("levels", errors.levels, 255.0), ("seen", errors.seen, 100.0)):
+    figures: Figures = {}
+    for name, db_name, values, peak in (
+        ("levels", "db", errors.levels, 255.0),
+        ("seen", "seen_db", errors.seen, 100.0),
+    ):
         db = 20 * np.log10(peak / np.maximum(values, 1e-3))
-        figures[name] = float(values.mean())
-        figures[f"{name}_p95"] = float(np.percentile(values, 95))
-        figures[f"{name}_worst"] = float(values.max())
-        in_db = "db" if name == "levels" else "seen_db"
-        figures[in_db] = float(db.mean())
-        figures[f"{in_db}_p95"] = float(np.percentile(db, 5))
-        figures[f"{in_db}_worst"] = float(db.min())
+        figures |= {
+            name: float(values.mean()),
+            f"{name}_p95": float(np.percentile(values, 95)),
+            f"{name}_worst": float(values.max()),
+            db_name: float(db.mean()),
+            f"{db_name}_p95": float(np.percentile(db, 5)),
+            f"{db_name}_worst": float(db.min()),
+        }
     return figures
 
 
@@ -171,27 +179,27 @@ def ideal_light(views: Sequence[Picture]) -> Float:
     return np.asarray(np.clip(left + right, 0, 1), np.float64)
 
 
-def lightness_of(light: Float, eye: int) -> Float:
+def _lightness_of(light: Float, eye: int) -> Float:
     """L*, 0 to 100, of light through an eye's glass, for an eye that is adapted to its white."""
     row = GLASS[RED_CYAN[eye]][1]
     return lightness(light @ row, row.sum())
 
 
 def _rms(a: NDArray[Any], b: NDArray[Any]) -> float:
-    return float(np.sqrt(np.mean(np.square(a.astype(np.float32) - b))))
+    return rms(a.astype(np.float32) - b)
 
 
 def evenness(run: Run, screen: Screen, video_hz: float) -> float:
     """Share of blanks at which a video of this rate shows another frame than planned: at each
     blank the frame whose time it is.
     """
-    lead_ns = round(VIDEO_LEAD * screen.period_ns)
     settled = len(run.ms) // 2
     targets_ns = run.targets_ns[settled:]
-    start_ns = targets_ns[0] - lead_ns
-    shown = [video_frame(target_ns, start_ns, video_hz) for target_ns in targets_ns]
-    blanks_ns = (run.ms[settled:] - run.ms[settled]) * MS_NS
-    planned = [
-        video_frame(targets_ns[0] + round(ns), start_ns, video_hz) for ns in blanks_ns.tolist()
+    blanks_ns = targets_ns[0] + np.rint((run.ms[settled:] - run.ms[settled]) * MS_NS).astype(int)
+    start_ns = targets_ns[0] - round(VIDEO_LEAD * screen.period_ns)
+    pairs = zip(targets_ns, blanks_ns.tolist(), strict=True)
+    off_plan = [
+        video_frame(target_ns, start_ns, video_hz) != video_frame(blank_ns, start_ns, video_hz)
+        for target_ns, blank_ns in pairs
     ]
-    return float(np.mean(np.array(shown) != planned))
+    return float(np.mean(off_plan))

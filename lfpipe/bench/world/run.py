@@ -130,18 +130,16 @@ def plain_loop(setup: Setup, script: Script) -> Run:
     engine = MadeEngine(script, setup.camera)
     recent: deque[Float] = deque(maxlen=MEAN_OF)
     shown: list[Shown] = []
-    middle = np.array(((scene.rows - 1) / 2, (scene.cols - 1) / 2))
+    grid = scene.rows, scene.cols
     rest = script.windows[0].rest
-    alpha_px = Truth(setup, script).alpha_px(np.array([rest.apart_px]))[0]
+    alpha_px = Truth(setup, script).alpha_px(rest.apart_px)
     for frame in setup.camera.frames(script.count_ms / 1e3):
-        recent.extend(face.eyes_px for face in engine.measured(frame)[:1])
+        if faces := engine.visible(frame):
+            recent.append(max(faces, key=lambda face: face.apart_px).eyes_px)
         if not recent:
             continue
-        eyes = np.mean(recent, axis=0)
-        rows = middle[0] + (eyes[:, 1].mean() - rest.y_px) / alpha_px
-        cols = middle[1] + (rest.x_px - eyes[:, 0]) / alpha_px
-        views = np.stack([np.full(2, rows), cols], axis=1)
-        views = np.clip(np.rint(views), 0, (scene.rows - 1, scene.cols - 1))
+        views = viewpoints(np.mean(recent, axis=0), alpha_px, (rest.x_px, rest.y_px), grid)
+        views = np.clip(np.rint(views), 0, np.array(grid) - 1)
         blank = int((frame.tracked_ns - T0_NS) / screen.period_ns) + 1
         left, right = views.tolist()
         key = (0, (left[0], left[1]), (right[0], right[1]))
@@ -164,6 +162,21 @@ def _on_screen(shown: list[Shown], screen: Screen, cpu_ms: Float, late: float = 
     )
 
 
+def viewpoints(
+    eyes_px: Float, alpha_px: Float | float, centre_px: tuple[float, float], grid: tuple[int, int]
+) -> Float:
+    """The (row, col) that each eye looks from, (..., 2, 2), with one row for both, as if the grid
+    had no edge.
+
+    eyes_px: (..., 2, 2). alpha_px: px of the camera picture per view, (..., 1) or one. centre_px:
+    the eyes that look from the middle of the grid, rows x cols.
+    """
+    middle_y = eyes_px[..., 1].mean(axis=-1, keepdims=True)
+    rows = (grid[0] - 1) / 2 + (middle_y - centre_px[1]) / alpha_px
+    cols = (grid[1] - 1) / 2 + (centre_px[0] - eyes_px[..., 0]) / alpha_px
+    return np.stack([np.broadcast_to(rows, cols.shape), cols], axis=-1)
+
+
 class Truth:
     """The right viewpoints of a script before a scene: of the true eyes, by the formula of
     `lfpipe.render.viewpoint`, with the alpha for the true distance.
@@ -173,41 +186,35 @@ class Truth:
         self._scene = setup.scene
         self._script = script
         self._render = setup.config.render
-        fixed = self._render.alpha_px
-        if isinstance(fixed, str):
-            views = [
-                parallax(setup.config, self._scene.field, IMAGE.shape[1], apart).views_between_eyes
-                for apart in APARTS_PX.tolist()
-            ]
-            self._alphas_px = APARTS_PX / views
-        else:
-            self._alphas_px = np.full(len(APARTS_PX), float(fixed))
+        self._alphas_px = [
+            parallax(setup.config, self._scene.field, IMAGE.shape[1], apart).alpha_px
+            for apart in APARTS_PX.tolist()
+        ]
 
-    def alpha_px(self, apart_px: Float) -> Float:
-        """px of the camera picture per view, for eyes so far apart, (n,)."""
-        return np.interp(apart_px, APARTS_PX, self._alphas_px)
+    def alpha_px(self, apart_px: Float | float) -> Float:
+        """px of the camera picture per view, for eyes so far apart."""
+        return np.asarray(np.interp(apart_px, APARTS_PX, self._alphas_px))
 
     def views(self, ms: Float, window: Window) -> Float:
         """The right viewpoints (n, 2, 2) at these ms of a window."""
-        scene = self._scene
-        someone = self._script.people[window.person]
-        whole = np.rint(ms).astype(np.int64)
-        eyes = someone.eyes_px(whole)
+        rows = self._scene.rows
+        cols = self._scene.cols
+        eyes = self._script.people[window.person].eyes_px(np.rint(ms).astype(np.int64))
         alpha_px = self.alpha_px(eyes[:, 0, 0] - eyes[:, 1, 0])[:, None]
-        centre = window.rest
-        if not isinstance(self._render.alpha_px, str):  # the grid is fixed to the camera
-            centre = centre._replace(x_px=IMAGE.shape[1] / 2, y_px=IMAGE.shape[0] / 2)
-        cols = (scene.cols - 1) / 2 + (centre.x_px - eyes[..., 0]) / alpha_px
-        rows = (scene.rows - 1) / 2 + (eyes[..., 1] - centre.y_px) / alpha_px
+        centre_px = window.rest.x_px, window.rest.y_px
+        if self._render.alpha_px != "auto":  # the grid is fixed to the camera
+            centre_px = IMAGE.shape[1] / 2, IMAGE.shape[0] / 2
+        views = viewpoints(eyes, alpha_px, centre_px, (rows, cols))
         reach = self._render.extrapolate_views
-        inside = [pair_clamped(left, right, scene.cols, reach) for left, right in cols.tolist()]
-        row = [limited(row, 0.0, scene.rows - 1.0, reach) for row in rows[:, 0].tolist()]
-        return np.stack([np.repeat(np.array(row)[:, None], 2, axis=1), np.array(inside)], axis=2)
+        for left, right in views:
+            left[0] = right[0] = limited(left[0], 0.0, rows - 1.0, reach)
+            left[1], right[1] = pair_clamped(left[1], right[1], cols, reach)
+        return views
 
     def at(self, ms: Float) -> Float:
         """The right viewpoints (n, 2, 2) at these ms, each within a window."""
         windows = self._script.windows
-        starts = np.array([window.from_s * 1e3 for window in windows])
+        starts = [window.from_s * 1e3 for window in windows]
         of = np.searchsorted(starts, ms, side="right") - 1
         return np.array([self.views(ms[k : k + 1], windows[of[k]])[0] for k in range(len(ms))])
 
@@ -216,9 +223,9 @@ class Truth:
         cols, in views.
         """
         whole = np.rint(ms).astype(np.int64)
-        largest = np.zeros((len(ms) - 1, 2))
+        motions = []
         for someone in self._script.people:
-            places = someone.path_px[np.clip(whole, 0, len(someone.path_px) - 1)]
+            places = someone.path_px[np.minimum(whole, len(someone.path_px) - 1)]
             steps = np.abs(np.diff(places[:, 1::-1], axis=0))
-            largest = np.maximum(largest, steps / self.alpha_px(places[1:, 2])[:, None])
-        return largest
+            motions.append(steps / self.alpha_px(places[1:, 2])[:, None])
+        return np.asarray(np.max(motions, axis=0))

@@ -88,6 +88,16 @@ class Script:
     def count_ms(self) -> int:
         return len(self.people[0].path_px)
 
+    def wrong(self, ms: float) -> Float:
+        """What glitches add at ms to the x of the first person's left and right eye, in distances
+        between the eyes.
+        """
+        total = np.zeros(2)
+        for one in self.glitches:
+            if 0 <= ms - one.at_s * 1e3 < one.frames * 1e3 / 30:
+                total += one.left, one.right
+        return total
+
 
 @attrs.frozen
 class Move:
