@@ -21,6 +21,7 @@ from lfpipe.observe.timeline import begin_trace, finish_trace
 from lfpipe.supervisor.figures import MotionToPhoton, SessionFigures, StageFigures
 from lfpipe.supervisor.rundir import find
 from lfpipe.transport.control import Message
+from lfpipe.transport.notices import latency_lines
 
 STATE_STYLE = {"RUNNING": "green", "STARTING": "yellow", "STOPPING": "yellow", "DEAD": "bold red"}
 WARNING = "bold yellow"
@@ -67,7 +68,7 @@ def state_text(figures: SessionFigures, paused: bool = False) -> Text:
     stages = figures.used_stages
     loads = any(stage.cpu_percent is not None for stage in stages.values())
     level = f"level {figures.level} of {figures.lowest_level}" if figures.level else "full"
-    age, judder, ahead = figures.end_to_end, figures.judder, figures.horizon
+    age, judder = figures.end_to_end, figures.judder
     parts: list[Text | str | tuple[str, str]] = [
         f"up {timedelta(seconds=int(figures.uptime_s))}  camera {figures.camera_fps:.1f} Hz  ",
         ("PAUSED  " if paused else "", WARNING),
@@ -79,25 +80,16 @@ def state_text(figures: SessionFigures, paused: bool = False) -> Text:
         *(_stage_line(name, stage, loads) for name, stage in stages.items()),
         (f"quality {level}\n", WARNING if figures.level else "dim"),
         *((plain(f"now: {notice}\n"), WARNING) for notice in figures.notices),
+        *(f"{line}\n" for line in latency_lines(age, figures.horizon, bool(judder.planned))),
     ]
     if age["n"]:
-        times = ", ".join(
-            f"{key.removesuffix('_ms')} {age[key]:.2f}" for key in (*QUANTILES, "max_ms")
+        parts.append(
+            f"ages of {age['n']:.0f} pictures, without the delays of camera and display\n"
         )
-        parts += [
-            (f"age of the picture at {'its blank' if judder.planned else 'hand-over'}", "bold"),
-            "; the delays of camera and display are not in it:\n",
-            f"  {times} ms over {age['n']:.0f} pictures\n",
-        ]
     if judder.planned:
         parts.append(
             f"judder: {judder.percent:.2f} % of {judder.planned} refreshes showed another"
             " picture than planned\n"
-        )
-    if ahead["n"]:
-        parts.append(
-            f"eyes predicted ahead of the sensor by p50 {ahead['p50_ms']:.2f}, p95"
-            f" {ahead['p95_ms']:.2f} ms\n"
         )
     if words := photon_words(figures.motion_to_photon):
         parts.append(f"motion to photon: {words}\n")

@@ -101,6 +101,13 @@ class Channel:
     own_gain: float = 1.0
     cross_gain: float = 0.0
 
+    @property
+    def pair(self) -> tuple[int, int] | None:
+        """The indices of both planes, the lower first; None without a cross plane."""
+        if self.cross is None:
+            return None
+        return min(self.own, self.cross), max(self.own, self.cross)
+
 
 @attrs.frozen
 class Recipe:
@@ -203,13 +210,15 @@ def _compensated(
 
 
 @lru_cache(maxsize=64)
-def _table(own_gain: float, cross_gain: float, linear: bool, own_low: bool) -> NDArray[np.uint8]:
-    """(1, 65536) uint8: the channel for every pair of bytes; own_low: the own plane is the low byte
-    of the index.
+def _table(channel: Channel, linear: bool) -> NDArray[np.uint8]:
+    """(1, 65536) uint8: the channel for every pair of bytes, the first one of its pair of planes in
+    the low byte of the index.
     """
     code = np.arange(256) / 255.0
     light = decoded(code) if linear else code
-    low, high = (own_gain, cross_gain) if own_low else (cross_gain, own_gain)
+    low, high = channel.own_gain, channel.cross_gain
+    if channel.pair != (channel.own, channel.cross):
+        low, high = high, low
     mixed = high * light[:, None] + low * light[None, :]
     value = encoded(mixed) if linear else np.clip(mixed, 0.0, 1.0)
     return np.rint(value * 255).astype(np.uint8).reshape(1, -1)
@@ -218,23 +227,17 @@ def _table(own_gain: float, cross_gain: float, linear: bool, own_low: bool) -> N
 class Mixer:
     """Planes of one size to a picture; owns the scratch, so a call allocates nothing."""
 
-    def __init__(self, recipe: Recipe, height_px: int, width_px: int) -> None:
+    def __init__(self, recipe: Recipe, size_px: tuple[int, int]) -> None:
+        """size_px: (height, width) of the planes."""
+        self._own = [channel.own for channel in recipe.channels]
+        # of channels with a cross plane: the pair of planes, the table, and scratch
+        self._mixed = {
+            k: (channel.pair, _table(channel, recipe.linear), np.empty(size_px, np.uint8))
+            for k, channel in enumerate(recipe.channels)
+            if channel.pair
+        }
         # two planes as one index into a table
-        self._pairs: dict[tuple[int, int], NDArray[np.uint8]] = {}
-        # own plane, or a pair and its table
-        self._steps: list[tuple[int, tuple[int, int] | None, NDArray[np.uint8]]] = []
-        self._out = [np.empty((height_px, width_px), np.uint8) for _ in range(3)]
-        for channel in recipe.channels:
-            pair = None
-            table = np.empty(0, np.uint8)
-            if channel.cross is not None:
-                pair = (min(channel.own, channel.cross), max(channel.own, channel.cross))
-                table = _table(
-                    channel.own_gain, channel.cross_gain, recipe.linear, channel.own == pair[0]
-                )
-                if pair not in self._pairs:
-                    self._pairs[pair] = np.empty((height_px, width_px, 2), np.uint8)
-            self._steps.append((channel.own, pair, table))
+        self._pairs = {pair: np.empty((*size_px, 2), np.uint8) for pair, *_ in self._mixed.values()}
 
     def mix(
         self, planes: list[NDArray[np.uint8]], out: NDArray[np.uint8], rows: slice = slice(None)
@@ -244,11 +247,10 @@ class Mixer:
         """
         for (low, high), index in self._pairs.items():
             cv2.merge([planes[low][rows], planes[high][rows]], index[rows])
-        channels: list[NDArray[np.uint8]] = []
-        for (own, pair, table), scratch in zip(self._steps, self._out, strict=True):
-            channels.append(planes[own][rows] if pair is None else scratch[rows])
-            if pair is not None:
-                wide_lookup(self._pairs[pair][rows].view("<u2")[..., 0], table, scratch[rows])
+        channels = [planes[own][rows] for own in self._own]
+        for k, (pair, table, scratch) in self._mixed.items():
+            channels[k] = scratch[rows]
+            wide_lookup(self._pairs[pair][rows].view("<u2")[..., 0], table, channels[k])
         cv2.merge(channels[::-1], out[rows])
         return out
 
@@ -271,21 +273,21 @@ class PlaneBuilder:
     between.
     """
 
-    def __init__(self, height_px: int, width_px: int) -> None:
-        self._plus = np.empty((height_px, width_px), np.uint16)
-        self._minus = np.empty((height_px, width_px), np.uint16)
-        self._term = np.empty((height_px, width_px), np.uint16)
+    def __init__(self, size_px: tuple[int, int]) -> None:
+        """size_px: (height, width) of the views."""
+        self._plus, self._minus, self._term = np.empty((3, *size_px), np.uint16)
 
     def build(self, view: NDArray[np.uint8], plane: Plane) -> NDArray[np.uint8]:
         """The plane, uint8 (height, width): a new one, or the channel of the view that it is.
 
         view: uint8 (3, height, width), red, green, blue.
         """
-        if len(plane.channels) == 1:
-            return np.asarray(view[plane.channels[0]])
+        first, *others = plane.channels
+        if not others:
+            return np.asarray(view[first])
         terms, back = _plane_tables(plane.weights, plane.linear)
         for sign, total in ((1, self._plus), (-1, self._minus)):
-            of_sign = [k for k in plane.channels if sign * plane.weights[k] > 0]
+            of_sign = [k for k, weight in enumerate(plane.weights) if sign * weight > 0]
             for number, channel in enumerate(of_sign):
                 cv2.LUT(view[channel], terms[channel], self._term if number else total)
                 if number:
@@ -321,10 +323,9 @@ def encode(left: NDArray[np.uint8], right: NDArray[np.uint8], how: Recipe) -> ND
     """The anaglyph of two pictures, uint8 (height, width, 3) BGR each, as a new one: for notebooks,
     metrics and tests.
     """
-    height, width = left.shape[:2]
     views = [
         np.ascontiguousarray(picture[..., ::-1].transpose(2, 0, 1)) for picture in (left, right)
     ]
-    builder = PlaneBuilder(height, width)
+    builder = PlaneBuilder(left.shape[:2])
     planes = [builder.build(views[plane.eye], plane) for plane in how.planes]
-    return Mixer(how, height, width).mix(planes, np.empty((height, width, 3), np.uint8))
+    return Mixer(how, left.shape[:2]).mix(planes, np.empty_like(left))

@@ -65,8 +65,9 @@ def planes_of_eyes(render: Render) -> tuple[tuple[Plane, ...], tuple[Plane, ...]
     """Planes made from the left eye's viewpoint, and from the right eye's. The one viewpoint of
     `mono`, midway between the eyes, counts as the left eye's.
     """
-    planes = recipe_for(render).planes
-    left, right = (tuple(plane for plane in planes if plane.eye == eye) for eye in (0, 1))
+    left, right = (
+        tuple(plane for plane in recipe_for(render).planes if plane.eye == eye) for eye in (0, 1)
+    )
     return (left, left) if render.anaglyph in TWO_VIEWS else (left, right)
 
 
@@ -99,7 +100,7 @@ class PlaneStore:
         self._field = field
         # a plain view of the map: indexing an np.memmap costs microseconds
         self._views = np.asarray(field.views)
-        self._builder = PlaneBuilder(field.height_px, field.width_px)
+        self._builder = PlaneBuilder((field.height_px, field.width_px))
         self.built = lru_cache(max(8, budget_bytes // max(1, field.height_px * field.width_px)))(
             self._build
         )
@@ -107,10 +108,9 @@ class PlaneStore:
     def source(self, plane: Plane) -> Source:
         """A function (frame, row, col) -> uint8 (height, width), read-only."""
         channels = stored_channels(self._field, plane)
-        views = self._views
         if len(channels) > 1:
             return lambda frame, row, col: self.built(frame, row, col, plane)
-        return lambda frame, row, col: views[frame, row, col, channels[0]]
+        return lambda frame, row, col: self._views[frame, row, col, channels[0]]
 
     def _build(self, frame: int, row: int, col: int, plane: Plane) -> NDArray[np.uint8]:
         return self._builder.build(self._views[frame, row, col], plane)
@@ -140,29 +140,30 @@ class Compositor:
         render = settings_for_scene(field, self.method, render)
         self._anaglyph = render.anaglyph
         self._frames = field.frames
-        height, width = field.height_px, field.width_px
+        size_px = field.height_px, field.width_px
         mix = recipe_for(render)
-        self._mixer = Mixer(mix, height, width)
-        self._planes = [np.empty((height, width), np.uint8) for _ in mix.planes]
+        self._mixer = Mixer(mix, size_px)
+        self._planes = [np.empty(size_px, np.uint8) for _ in mix.planes]
         self._eyes: list[_Eye] = []
         for eye in (0, 1):
             of_eye = [k for k, plane in enumerate(mix.planes) if plane.eye == eye]
             if not eye or helper:
                 store = PlaneStore(field)
                 synthesiser = Synthesiser(field, self.method)
-            sources = [store.source(mix.planes[k]) for k in of_eye]
-            scratch = [self._planes[k] for k in of_eye]
             self._eyes.append(
-                _Eye(planes=of_eye, sources=sources, scratch=scratch, synthesiser=synthesiser)
+                _Eye(
+                    planes=of_eye,
+                    sources=[store.source(mix.planes[k]) for k in of_eye],
+                    scratch=[self._planes[k] for k in of_eye],
+                    synthesiser=synthesiser,
+                )
             )
         self._helper = helper if all(eye.planes for eye in self._eyes) else None
-        self._picture = near_array((height, width, 3))
-        self.pair: Pair | None = None  # the views of the last picture, if it consists of two
+        self._picture = near_array((*size_px, 3))
+        self.pair: Pair | None = None
+        """The views of the last picture, if it consists of two."""
         if render.anaglyph in TWO_VIEWS:
-            self.pair = (
-                np.empty((height, width, 3), np.uint8),
-                np.empty((height, width, 3), np.uint8),
-            )
+            self.pair = np.empty_like(self._picture), np.empty_like(self._picture)
         self._zero_px = zero_plane_px(field, render)
         extent_px = max(
             abs(edge - self._zero_px) for edge in (field.disparity_min_px, field.disparity_max_px)

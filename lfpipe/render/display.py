@@ -23,18 +23,16 @@ class DisplayNotice:
 
 
 class Display:
-    """Accepts pictures and shows nothing: `--display none`, and what other displays replace.
-    pointer: the mouse, as the last call of `events` left it.
-    """
+    """Accepts pictures and shows nothing: `--display none`, and what other displays replace."""
 
     pointer = Pointer()
-
-    @property
-    def blanks_by(self) -> str:
-        """Protocol that reports when pictures are shown: wp_presentation, wl_surface.frame or
-        x_present; empty if none does.
-        """
-        return ""
+    """The mouse, as the last call of `events` left it."""
+    blanks_by = ""
+    """Protocol that reports when pictures are shown: wp_presentation, wl_surface.frame or
+    x_present; empty if none does.
+    """
+    knows_rows = True
+    """Whether it knows which rows of the screen its pictures take."""
 
     def show(self, picture: NDArray[np.uint8], pair: Pair | None = None, how: str = "") -> int:
         """Puts uint8 (height, width, 3) BGR on the screen, scaled to fit; returns the time of
@@ -54,11 +52,6 @@ class Display:
     def nominal_hz(self) -> float:
         """The refresh rate that the screen claims; asked only if blanks are reported."""
         return 0.0
-
-    @property
-    def knows_rows(self) -> bool:
-        """Whether it knows which rows of the screen its pictures take."""
-        return True
 
     def events(self) -> list[str]:
         """Keys, clicks and drops since the last call: the events of `overlay.KEYS` and of the

@@ -8,6 +8,7 @@ from lfpipe.render.viewer import Viewer
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.histogram import summary_ms
+from lfpipe.transport.notices import latency_lines
 from lfpipe.transport.status import rate_hz
 
 SHOWN_NS = 2 * SECOND_NS  # a line is read in one
@@ -45,15 +46,13 @@ class Notices:
 def status_lines(context: Context, viewer: Viewer) -> tuple[str, ...]:
     """What the session does now, for the overlay; `lfpipe monitor` has more."""
     own, source = (context.table.rows[name] for name in (context.spec.name, context.spec.source))
-    age, horizon = (summary_ms(own[name]) for name in ("age", "horizon"))
     field = viewer.field
     render = context.config.render
     views = viewer.last_viewpoints
     alpha = f"alpha {viewer.parallax.alpha_px:.1f} px/view" if viewer.parallax else "no face yet"
     lines = [
         f"camera {rate_hz(source):5.1f} Hz   pictures {rate_hz(own):5.1f} Hz",
-        f"age of pictures p50 {age['p50_ms']:.1f} ms, p99 {age['p99_ms']:.1f} ms",
-        f"eyes predicted by p50 {horizon['p50_ms']:.1f} ms",
+        *latency_lines(summary_ms(own["age"]), summary_ms(own["horizon"]), bool(own["planned"])),
         (
             f"{viewer.method}, {render.anaglyph}, {alpha}, zero plane"
             f" {zero_plane_px(field, render):+.2f} px/view"

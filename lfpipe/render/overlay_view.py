@@ -183,7 +183,7 @@ def menu_panel(menu: Menu, selected: int, window_px: Place, text_px: int) -> Pan
     rows = max(1, min((height - head_px) // least_px, -(-count // cols)))
     high = min((height - head_px) // rows, round(CELL_SHAPE * width / cols) + 2 * line)
     page = rows * cols
-    first = selected // (rows * cols) * rows * cols
+    first = selected // page * page
     surface = pygame.Surface((width, head_px + rows * high), pygame.SRCALPHA)
     surface.fill(BACK)
     title = letters.render(
@@ -192,10 +192,9 @@ def menu_panel(menu: Menu, selected: int, window_px: Place, text_px: int) -> Pan
     surface.blit(title, title.get_rect(midtop=(width // 2, line // 2)))
     surface.blit(hint, hint.get_rect(midtop=(width // 2, 2 * line)))
     cells = _cells(menu.items[first : first + page], cols, width // cols, high, head_px)
+    cells.append(_cross(width, line))
     for number, (item, rect) in enumerate(cells, first):
         _draw_item(surface, letters, item, rect, number == selected)
-    cells.append(_cross(width, line))
-    _draw_item(surface, letters, *cells[-1], False)
     at = (window_px[0] - width) // 2, (window_px[1] - surface.get_height()) // 2
     return Panel(surface=surface, at=at, cells=cells, cols=cols, page=page)
 
@@ -283,7 +282,7 @@ class OverlayView:
         self._at = 0
         self._lit = ""
         self._held: Cell | None = None  # a slider
-        self._bar_from_s = self._bar_end_s = 0.0
+        self._bar_from_s = math.inf  # when the bar comes, for BAR_S
         self._edge_px = 0  # where a move of the mouse brings the bar, or keeps it
         self._menu: Panel | None = None
 
@@ -302,7 +301,7 @@ class OverlayView:
     @property
     def has_pointer(self) -> bool:
         """Whether there is something to point at."""
-        return self._overlay.menu is not None or self._bar_end_s > 0
+        return self._overlay.menu is not None or self._bar_from_s < math.inf
 
     def panels(self, window_px: Place, text_px: int) -> list[Panel]:
         """The panels, the topmost last; equal calls return the same ones.
@@ -312,17 +311,16 @@ class OverlayView:
         overlay = self._overlay
         now_s = time.monotonic()
         bar = bar_panel(overlay.bar, self._lit, window_px, text_px) if overlay.bar else None
-        if bar is None or (now_s > self._bar_end_s and self._held is None):
-            self._bar_end_s = 0.0
+        if bar is None or (now_s > self._bar_from_s + BAR_S and self._held is None):
+            self._bar_from_s = math.inf
         # the bar's place is left free, so that nothing moves when it comes
         bar_top_px = window_px[1] if bar is None else bar.at[1]
         pages, panels = list[Panel](), list[Panel]()
         bottom_px = bar_top_px if overlay.menu is None else window_px[1]
-        dots = list[Panel]()
         top_px = EDGE_PX
         if overlay.recording:
-            dots.append(recording_panel(overlay.recording, window_px, text_px))
-            top_px += dots[0].surface.get_height() + GAP_PX
+            panels.append(recording_panel(overlay.recording, window_px, text_px))
+            top_px += panels[0].surface.get_height() + GAP_PX
         if overlay.lines:
             page = Overlay(lines=overlay.lines, inset=overlay.inset, items=overlay.items)
             low_px = bar_top_px if overlay.items else None
@@ -340,10 +338,10 @@ class OverlayView:
             self._menu = menu_panel(overlay.menu, self._at, area_px, text_px)
             pages.append(self._menu)
         self._edge_px = round((1 - BAR_EDGE) * window_px[1])
-        if bar is not None and self._bar_end_s and (now_s >= self._bar_from_s or self._held):
+        if bar is not None and (now_s >= self._bar_from_s or self._held):
             panels.append(bar)
             self._edge_px = bar_top_px
-        self._panels = [*pages, *panels, *dots]
+        self._panels = [*pages, *panels]
         return self._panels
 
     def key(self, name: str) -> str:
@@ -374,7 +372,6 @@ class OverlayView:
         """The event that the mouse or a touch causes, "" for none. at_px: the pointer."""
         at_once = at_px[1] >= self._edge_px or event.type in PRESSED
         self._bar_from_s = time.monotonic() + (0.0 if at_once else REST_S)
-        self._bar_end_s = self._bar_from_s + BAR_S
         over = next(filter(None, (panel.cell(at_px) for panel in reversed(self._panels))), None)
         self._lit = over[0].event if over is not None else ""
         if event.type == pygame.MOUSEBUTTONUP:

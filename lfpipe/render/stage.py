@@ -37,18 +37,14 @@ from lfpipe.render.choice import EyesSource, Moment
 from lfpipe.render.display import Display
 from lfpipe.render.file_display import save
 from lfpipe.render.key_bindings import KeyBindings
-from lfpipe.render.listeners.motion_latency import MotionLatencyRow
-from lfpipe.render.listeners.picture_ring import PictureRing
-from lfpipe.render.listeners.replay_writer import ReplayWriter
-from lfpipe.render.listeners.share_stamps import ShareStamps
-from lfpipe.render.listeners.status_row import StatusRow
-from lfpipe.render.listeners.tap_messages import TapMessages
-from lfpipe.render.listeners.trace import Trace
+from lfpipe.render.listeners import PictureRing, ShareStamps, StatusRow, TapMessages, Trace
+from lfpipe.render.motion_latency import MotionLatencyRow
 from lfpipe.render.mouse_look import MouseLook
 from lfpipe.render.open_display import open_display
 from lfpipe.render.presence import ViewerState
 from lfpipe.render.presenter import Presenter
 from lfpipe.render.refresh import Refresh, ScreenRefresh
+from lfpipe.render.replay_writer import ReplayWriter
 from lfpipe.render.showing import Listener
 from lfpipe.render.viewer import Viewer
 from lfpipe.scene.half_turn import remember, shown_as
@@ -96,9 +92,8 @@ class RenderStage:
 
     def __init__(self, context: Context) -> None:
         self._context = context
-        self._asked = context.config
-        self._options = options = context.options
-        self._config = lowered(self._asked, options)
+        self._take_settings()
+        options = context.options
         self._lossless = isinstance(options.clock, Lossless)
         with context.setting_up("opening the scene"):
             self._field = open_pack(Path(options.pack), self._config.scene.half_turn)
@@ -144,6 +139,17 @@ class RenderStage:
         self._viewer.compositor.compose(middle, middle)
         context.row["t_face_ns"] = now_ns()
 
+    def _take_settings(self) -> None:
+        """Takes over configuration and options, as the context has them now."""
+        self._asked = self._context.config
+        self._options = options = self._context.options
+        self._config: Config = lowered(self._asked, options)
+        # Of camera and display together. A file has no light, and without a clock
+        # replay.latency_ms is the whole delay.
+        self._loop_ns = int(loop_ms(options.clock, self._config.render.loop_ms) * MS_NS)
+        if isinstance(options.display, VideoFile):
+            self._loop_ns = 0
+
     def _open_display(self) -> Display:
         options = self._options
         rate_hz = options.viewer.rate_hz if self._on_camera else self._asked.render.nominal_hz
@@ -173,11 +179,10 @@ class RenderStage:
         if replay := options.clock.output:
             folder = Path(replay.folder)
             listeners.append(ReplayWriter(folder, replay.sequence, replay.pictures, self._lost))
-        state = ViewerState(context.row["viewer"])
         trace = Path(options.trace) if options.trace else None
         began = session.run_dir / "session.json" if context.row["restarts"] else None
         listeners += (
-            TapMessages(context.emit, viewer, state),
+            TapMessages(context.emit, viewer, ViewerState(context.row["viewer"])),
             PictureRing(session.segment),
             ShareStamps(partial(context.output, "shown")),
             Trace(viewer, trace, began, self._lost),
@@ -236,43 +241,36 @@ class RenderStage:
         self._presenter.show(Moment.of(target_ns, refresh_ns, self._loop_ns, on_blanks))
         self._context.done()  # if this process dies, its successor counts later records as lost
 
-    @property
-    def _loop_ns(self) -> int:
-        """The delay of camera and display together. A file has no light, and without a clock
-        replay.latency_ms is the whole delay.
-        """
-        if isinstance(self._options.display, VideoFile):
-            return 0
-        return int(loop_ms(self._options.clock, self._config.render.loop_ms) * MS_NS)
-
     def _take_news(self) -> None:
         """Applies changes of configuration, scene and quality, and commands."""
         context = self._context
-        viewer = self._viewer
-        presenter = self._presenter
-        old = self._options
-        new = context.options
-        other_pack = (new.pack, new.complete) != (old.pack, old.complete)
-        if other_pack or context.config != self._asked:
+        asked = self._asked
+        drawn = self._config
+        options = self._options
+        self._take_settings()
+        other_pack = (self._options.pack, self._options.complete) != (
+            options.pack,
+            options.complete,
+        )
+        if other_pack or self._asked != asked:
+            completed = self._options.pack == options.pack and self._asked == asked
+            turned = self._asked.scene.half_turn != asked.scene.half_turn
             with context.setting_up("opening the scene"):
-                self._open_scene(other_pack)
-            presenter.redraw()
-        elif new is not old:
-            self._options = new
-            config: Config = lowered(self._asked, new)
-            if config != self._config:
-                self._config = config
-                logger.info("quality: %s at %s Hz", config.render.method, config.render.rate_hz)
-                viewer.redraw_by(config)
-                presenter.redraw()
+                self._open_scene(other_pack, completed, turned)
+            self._presenter.redraw()
+        elif self._config != drawn:
+            render = self._config.render
+            logger.info("quality: %s at %s Hz", render.method, render.rate_hz)
+            self._viewer.redraw_by(self._config)
+            self._presenter.redraw()
         for listener in self._listeners:
-            listener.set_options(new)
+            listener.set_options(self._options)
         context.ack_config()
         for word, message in context.commands():
             if word == "recentre":
                 if not self._mouse.recentre():
-                    viewer.recentre()
-                presenter.redraw()
+                    self._viewer.recentre()
+                self._presenter.redraw()
                 context.answer(message)
             elif word == "loading":
                 self._keys.scenes.report(message)
@@ -281,27 +279,20 @@ class RenderStage:
             elif not word:
                 self._keys.scenes.answered(message)
 
-    def _open_scene(self, other_pack: bool) -> None:
-        """Takes over configuration and options, with their scene.
+    def _open_scene(self, other_pack: bool, completed: bool, turned: bool) -> None:
+        """Shows the scene of the settings in force.
 
-        other_pack: it was packed anew, or further.
+        other_pack: it was packed anew, or further. completed: only its disparity is new. turned:
+        near and far were exchanged.
         """
-        context = self._context
-        half_turn = self._context.config.scene.half_turn
-        completed = context.options.pack == self._options.pack and context.config == self._asked
+        options = self._options
+        half_turn = self._asked.scene.half_turn
         if other_pack:
-            self._field = open_pack(Path(context.options.pack), half_turn)
-            logger.info(
-                "scene %s%s",
-                context.options.pack,
-                "" if context.options.complete else ", views only",
-            )
-        elif half_turn != self._asked.scene.half_turn:
+            self._field = open_pack(Path(options.pack), half_turn)
+            logger.info("scene %s%s", options.pack, "" if options.complete else ", views only")
+        elif turned:
             self._field = shown_as(self._field, half_turn)
         self._keep_choice()
-        self._asked = context.config
-        self._options = context.options
-        self._config = lowered(self._asked, self._options)
         (self._viewer.complete if completed else self._viewer.set)(self._field, self._config)
         if other_pack:
             # the old compositor's parts refer to one another, and to the maps of the pack

@@ -134,15 +134,15 @@ class Synthesiser:
         far. outs: to unpack into, after the last view.
         """
         for band in warper.bands:
-            reach = self._blocks.reach(band.rows, warper.most_px)
+            reach = self._blocks.reach(band, warper.most_px)
             x, y = warper.maps(band, reach[0])
             sample = self._sample[: len(x)]
             for k, plane in enumerate(planes):
-                blocks = self._sums[k][band.rows]
+                blocks = self._sums[k][band]
                 if share == 1:
                     self._blocks.sample(plane, x, y, reach, blocks)
                 else:
                     self._blocks.sample(plane, x, y, reach, sample)
                     cv2.addWeighted(sample, share, blocks, 1 - share, 0.0, blocks)
                 if outs:
-                    self._blocks.pixels(blocks, outs[k][2 * band.rows.start : 2 * band.rows.stop])
+                    self._blocks.pixels(blocks, outs[k][2 * band.start : 2 * band.stop])

@@ -126,7 +126,6 @@ class Viewer:
         stays unchanged.
         """
         large = self.field.width_px * self.field.height_px >= LARGE_PX
-        self._is_video = self.field.frames > 1
         self.config = config
         self.compositor = Compositor(self.field, config.render, self._helper if large else None)
         self.method = self.compositor.method
@@ -155,7 +154,10 @@ class Viewer:
         """The viewpoints at t_shown_ns, from the newest eyes record and its frame's stamp; None if
         nobody was seen yet. lead_ns: from a video's start to the time of its first picture.
         """
-        frame = self._frame(t_shown_ns, lead_ns) if self._is_video else 0
+        frame = 0
+        if self.field.frames > 1:
+            self._start_ns = self._start_ns or t_shown_ns - lead_ns
+            frame = video_frame(t_shown_ns, self._start_ns, self.field.frame_rate_hz)
         camera_px = (
             None
             if record is None or not record.face
@@ -164,9 +166,7 @@ class Viewer:
         if record is None or (camera_px is None and not self._seen):
             middle = (self.field.rows - 1) / 2, (self.field.cols - 1) / 2
             absent = record is None or _is_absent(t_sensor_ns, t_shown_ns)
-            place = self._easing.alone(
-                t_shown_ns, self._neutral((*middle, middle[1]), t_shown_ns, absent)
-            )
+            place = self._place_alone((*middle, middle[1]), t_shown_ns, absent)
             left, right = place[:2], (place[0], place[2])
             used_px = self._eyes_px
         else:
@@ -201,10 +201,7 @@ class Viewer:
             x, y = solver.centre_px
             half = self._apart_px / 2
             neutral = solver.place((x + half, y, x - half, y))
-            absent = _is_absent(t_sensor_ns, t_shown_ns)
-            target = place = self._easing.alone(
-                t_shown_ns, self._neutral(neutral, t_shown_ns, absent)
-            )
+            place = self._place_alone(neutral, t_shown_ns, _is_absent(t_sensor_ns, t_shown_ns))
             used_px = solver.eyes_at(place)
         else:
             self._alone_ns = None
@@ -218,13 +215,15 @@ class Viewer:
             used_px = _flat(pose.from_camera(np.reshape(used_px, (2, 2)), self._near_px))
         return used_px, left, right
 
-    def _neutral(self, neutral: Place, t_shown_ns: int, absent: bool) -> Place:
-        """The place without a face: neutral, or around it in an exhibition with nobody there."""
-        if not self._exhibition or not (absent or self.presence.state is ViewerState.NOBODY):
-            return neutral
-        self._alone_ns = t_shown_ns if self._alone_ns is None else self._alone_ns
-        grid = self.field.rows, self.field.cols
-        return idle_place(neutral, grid, (t_shown_ns - self._alone_ns) / 1e9)
+    def _place_alone(self, neutral: Place, t_shown_ns: int, absent: bool) -> Place:
+        """The place without a face, on the way to the neutral one; in an exhibition with nobody
+        there, around it.
+        """
+        if self._exhibition and (absent or self.presence.state is ViewerState.NOBODY):
+            self._alone_ns = t_shown_ns if self._alone_ns is None else self._alone_ns
+            t_s = (t_shown_ns - self._alone_ns) / 1e9
+            neutral = idle_place(neutral, (self.field.rows, self.field.cols), t_s)
+        return self._easing.alone(t_shown_ns, neutral)
 
     def _measure_motion(self, record: EyesRecord, t_sensor_ns: int) -> None:
         """Measures the speed of the raw eyes: that of a filter lacks the latest motion, or all."""
@@ -255,21 +254,16 @@ class Viewer:
         before = self.solver.place((lx - x, ly - y, rx - x, ry - y))
         return now[0] - before[0], now[1] - before[1], now[2] - before[2]
 
-    def _frame(self, t_ns: int, lead_ns: int) -> int:
-        self._start_ns = self._start_ns or t_ns - lead_ns
-        return video_frame(t_ns, self._start_ns, self.field.frame_rate_hz)
-
     def _follow_distance(self, record: EyesRecord, eyes_px: Eyes, dt_s: float) -> None:
         """Ignores a distance that no face has: an average would never forget it."""
         apart_px = record.apart_px
-        generation = record.generation
         if not LEAST_EYES_PX <= apart_px <= FAR_PX:  # not known: between the eyes in the picture
             apart_px = max(math.dist(eyes_px[:2], eyes_px[2:]), LEAST_EYES_PX)
         if not self._seen:
             self._apart_px = apart_px
-        if not self._seen or generation != self._generation:
+        if not self._seen or record.generation != self._generation:
             self._near_px = apart_px
-            self._generation = generation
+            self._generation = record.generation
         still = abs(apart_px - self._apart_px) < STILL * self._apart_px
         self._apart_px += (apart_px - self._apart_px) * low_pass_share(
             dt_s, STILL_S if still else DISTANCE_S
@@ -329,9 +323,13 @@ class Viewer:
         if self._auto and self._centre_px is None and eyes_px is not None:
             self._centre_px = middle_px if self._neutral_is_fixed else middle_of(eyes_px)
         centre_px = self._centre_px or middle_px
-        grid = self.field.rows, self.field.cols
         self.solver = ViewSolver(
-            *grid, self.config.render, self.parallax.alpha_px, centre_px, self.method
+            self.field.rows,
+            self.field.cols,
+            self.config.render,
+            self.parallax.alpha_px,
+            centre_px,
+            self.method,
         )
         return self.solver
 

@@ -77,11 +77,11 @@ def extrapolation_views(method: str, render: Render) -> float:
     return render.extrapolate_views if method in WARPS else 0.0
 
 
-def snapped(value: float, held: float | None) -> float:
+def _snapped(value: float, held: float) -> float:
     """The whole view for value: the held one until value is HYSTERESIS_VIEWS past halfway to its
-    neighbour.
+    neighbour; NaN: none is held.
     """
-    if held is not None and abs(value - held) <= 0.5 + HYSTERESIS_VIEWS:
+    if abs(value - held) <= 0.5 + HYSTERESIS_VIEWS:
         return held
     return math.floor(value + 0.5)
 
@@ -110,8 +110,7 @@ class ViewSolver:
         self.alpha_px = alpha_px
         self.centre_px = centre_px
         self.set_method(method)
-        # row, left col, right col
-        self._held: tuple[float | None, float | None, float | None] = None, None, None
+        self._held: Place = (math.nan, math.nan, math.nan)
 
     def set_method(self, method: str) -> None:
         """Sets the method in use: the last views are held in nearest mode, and only warps
@@ -188,15 +187,14 @@ class ViewSolver:
         """Viewpoints ((row, col) left, (row, col) right) at a place: whole views in nearest mode,
         exchanged if the configuration exchanges the eyes.
         """
-        if self._snap:
-            row, left, right = place
-            held = self._held
-            place = self._held = (
-                snapped(row, held[0]),
-                snapped(left, held[1]),
-                snapped(right, held[2]),
-            )
         row, left, right = place
+        if self._snap:
+            held = self._held
+            row, left, right = self._held = (
+                _snapped(row, held[0]),
+                _snapped(left, held[1]),
+                _snapped(right, held[2]),
+            )
         return (
             ((row, right), (row, left)) if self._render.swap_eyes else ((row, left), (row, right))
         )

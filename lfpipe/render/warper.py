@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections.abc import Iterator
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import attrs
 import cv2
@@ -24,23 +24,6 @@ MOST_BOXES = 30  # of unknown disparity: more are one
 Pair = tuple[NDArray[np.float32], NDArray[np.float32]]  # x, y
 Levels = NDArray[np.uint8]  # disparity in stored units, plus ZERO
 ZERO = 128
-
-
-@attrs.frozen(eq=False, kw_only=True)
-class Band:
-    """Rows of blocks processed at a time, with their parts of the arrays of a Warper."""
-
-    rows: slice
-    low: Levels
-    nearest: Levels  # of `Warper.aim`
-    cells: NDArray[np.int16]  # x and y of each disparity
-    places: Pair  # x and y of each block
-    # scratch
-    offsets: NDArray[np.int32]
-    targets: NDArray[np.int16]
-    moved: Pair
-    first: Levels
-    second: Levels
 
 
 @attrs.frozen(eq=False)
@@ -76,37 +59,25 @@ class Warper:
                 f"disparity of {self._stored.shape[3:]} values, not one for each 2x2 pixels:"
                 f" {rows, cols}"
             )
-        self._unknown_cells: dict[tuple[int, int, int], list[Unknown]] = {}
-        self._has_unknown: dict[tuple[int, int, int], bool] = {}
+        self._unknown_in = cache(self._find_unknown)
+        self._unknown_around = cache(self._find_unknown_around)
         # px of a view per px of its disparity
         self._step = (field.height_px / rows, field.width_px / cols)
         self._size = field.height_px, field.width_px
         self._low, self._steps_up, self._nearest = np.empty((3, rows, cols), np.uint8)
-        cells = np.ascontiguousarray(np.mgrid[:rows, :cols][::-1].transpose(1, 2, 0), np.int16)
-        place_x, place_y = places(field.height_px, field.width_px)
-        bands = bands_of(rows, 16 * cols)
-        size = bands[0].stop, cols
-        offsets = np.empty(size, np.int32)
-        targets = np.empty((*size, 2), np.int16)
-        moved_x, moved_y = np.empty((2, *size), np.float32)
-        first, second = np.empty((2, *size), np.uint8)
-        self.bands = []
-        for band in bands:
-            count = slice(band.stop - band.start)
-            self.bands.append(
-                Band(
-                    rows=band,
-                    low=self._low[band],
-                    nearest=self._nearest[band],
-                    cells=cells[band],
-                    places=(place_x[band], place_y[band]),
-                    offsets=offsets[count],
-                    targets=targets[count],
-                    moved=(moved_x[count], moved_y[count]),
-                    first=first[count],
-                    second=second[count],
-                )
-            )
+        # x and y of each disparity, and of each block
+        self._cells = np.ascontiguousarray(
+            np.mgrid[:rows, :cols][::-1].transpose(1, 2, 0), np.int16
+        )
+        self._places = places(field.height_px, field.width_px)
+        self.bands = bands_of(rows, 16 * cols)
+        """Rows of blocks to process at a time."""
+        # scratch of a band
+        size = self.bands[0].stop, cols
+        self._steps_to = np.empty(size, np.int32)
+        self._targets = np.empty((*size, 2), np.int16)
+        self._moved = np.empty((2, *size), np.float32)
+        self._first, self._second = np.empty((2, *size), np.uint8)
         self.most_px = 0.0
         # by level: px that a block moves along x and y; and whole cells
         self._moves = np.empty((2, 256), np.float32)
@@ -161,7 +132,7 @@ class Warper:
             cv2.LUT(stored, levels_up, steps_up)
         cv2.dilate(steps_up, _box(min(reach[0], rows), min(reach[1], cols)), self._nearest)
 
-    def maps(self, band: Band, first_row: int) -> Pair:
+    def maps(self, band: slice, first_row: int) -> Pair:
         """Maps (x, y), float32 (rows of band, columns) of blocks, that sample the view of `aim`.
 
         band: one of `bands`. first_row: of blocks, from which y counts. The maps are for
@@ -174,49 +145,49 @@ class Warper:
         between the front object and the background. The nearer value then samples the background
         right beside the object.
         """
+        count = band.stop - band.start
+        first = self._first[:count]
         if self._careful:
-            first = self._look_up(band, band.nearest, band.first)
-            disparity = self._look_up(band, first, band.second)
+            disparity = self._second[:count]
+            self._look_up(band, self._nearest[band], first)
+            self._look_up(band, first, disparity)
             cv2.max(first, disparity, disparity)
         else:
-            disparity = self._look_up(band, band.low, band.first)
+            disparity = first
+            self._look_up(band, self._low[band], disparity)
         across, down = self._moves
-        x = _moved(disparity, across, band.places[0], band.moved[0])
-        y = _moved(disparity, down - np.float32(first_row), band.places[1], band.moved[1])
-        return x, y
+        x, y = self._places
+        moved_x, moved_y = self._moved[:, :count]
+        return (
+            _moved(disparity, across, x[band], moved_x),
+            _moved(disparity, down - np.float32(first_row), y[band], moved_y),
+        )
 
     def _map(self, frame: int, row: int, col: int) -> NDArray[np.int8]:
         stored: NDArray[np.int8] = self._stored[min(frame, len(self._stored) - 1), row, col]
         return stored
 
-    def _unknown_in(self, frame: int, row: int, col: int) -> bool:
+    def _find_unknown(self, frame: int, row: int, col: int) -> bool:
         """Whether some disparity of a view is unknown."""
-        place = min(frame, len(self._stored) - 1), row, col
-        if place not in self._has_unknown:
-            self._has_unknown[place] = bool(self._map(*place).min() == UNKNOWN)
-        return self._has_unknown[place]
+        return bool(self._map(frame, row, col).min() == UNKNOWN)
 
-    def _unknown_around(self, frame: int, position: Position) -> list[Unknown]:
-        """All that is unknown in the four views around position."""
+    def _find_unknown_around(self, frame: int, row: int, col: int) -> list[Unknown]:
+        """All that is unknown in the four views from (row, col) on."""
         rows, cols = self._offsets.shape[:2]
-        r = cell_of(position[0], rows)[0]
-        c = cell_of(position[1], cols)[0]
-        if (frame, r, c) not in self._unknown_cells:
-            corners = itertools.product((r, min(r + 1, rows - 1)), (c, min(c + 1, cols - 1)))
-            masks = {
-                at: (self._map(frame, *at) == UNKNOWN).view(np.uint8)
-                for at in corners
-                if self._unknown_in(frame, *at)
-            }
-            around = np.zeros(self._low.shape, np.uint8)
-            for mask in masks.values():
-                around |= mask
-            cv2.dilate(around, _box(SOFT, SOFT), around)
-            self._unknown_cells[frame, r, c] = [
-                Unknown(box, {at: mask[box].astype(np.float32) for at, mask in masks.items()})
-                for box in _boxes_of(around)
-            ]
-        return self._unknown_cells[frame, r, c]
+        corners = itertools.product((row, min(row + 1, rows - 1)), (col, min(col + 1, cols - 1)))
+        masks = {
+            at: (self._map(frame, *at) == UNKNOWN).view(np.uint8)
+            for at in corners
+            if self._unknown_in(frame, *at)
+        }
+        around = np.zeros(self._low.shape, np.uint8)
+        for mask in masks.values():
+            around |= mask
+        cv2.dilate(around, _box(SOFT, SOFT), around)
+        return [
+            Unknown(box, {at: mask[box].astype(np.float32) for at, mask in masks.items()})
+            for box in _boxes_of(around)
+        ]
 
     def unknown(
         self, frame: int, position: Position, shift_px: Position
@@ -225,10 +196,13 @@ class Warper:
         by shift_px as by `aim`, and the share of the cross-fade at each of their pixels, float32, 0
         to 1. It is 0 everywhere else.
         """
-        areas = self._unknown_around(frame, position)
+        rows, cols = self._offsets.shape[:2]
+        row, _ = cell_of(position[0], rows)
+        col, _ = cell_of(position[1], cols)
+        areas = self._unknown_around(frame, row, col)
         if not areas:
             return
-        views = view_weights("blend", position, *self._offsets.shape[:2])
+        views = view_weights("blend", position, rows, cols)
         dy, dx = round(shift_px[0]), round(shift_px[1])
         for area in areas:
             top, left = area.box[0].start, area.box[1].start
@@ -241,24 +215,24 @@ class Warper:
                 continue
             cv2.blur(low, (SOFT, SOFT), low)
             share = cv2.resize(low, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR)
-            rows = _span(2 * top, len(share), dy, self._size[0])
-            cols = _span(2 * left, len(share[0]), dx, self._size[1])
-            if rows.start < rows.stop and cols.start < cols.stop:
-                box = rows, cols
+            box = (
+                _span(2 * top, len(share), dy, self._size[0]),
+                _span(2 * left, len(share[0]), dx, self._size[1]),
+            )
+            if all(span.start < span.stop for span in box):
                 yield (
                     box,
                     shifted(np.asarray(share, np.float32), dy - 2 * top, dx - 2 * left, box),
                 )
 
-    def _look_up(self, band: Band, at: Levels, out: Levels) -> Levels:
-        """The stored disparity at the place where each pixel of a band lands if its own is `at`.
-        The nearest value: a mean of two would be neither.
+    def _look_up(self, band: slice, at: Levels, out: Levels) -> None:
+        """Writes to out the stored disparity at the place where each pixel of a band lands if its
+        own is `at`. The nearest value: a mean of two would be neither.
         """
-        cv2.LUT(at, self._cell_moves, band.offsets)
-        offsets = band.offsets.view(np.int16).reshape(band.targets.shape)
-        cv2.add(band.cells, offsets, band.targets)
-        cv2.remap(self._low, band.targets, None, cv2.INTER_NEAREST, out, cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
-        return out
+        steps, targets = self._steps_to[: len(at)], self._targets[: len(at)]
+        cv2.LUT(at, self._cell_moves, steps)
+        cv2.add(self._cells[band], steps.view(np.int16).reshape(targets.shape), targets)
+        cv2.remap(self._low, targets, None, cv2.INTER_NEAREST, out, cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
 
 
 def _moved(

@@ -13,12 +13,11 @@ from lfpipe.host.processes import usable_cores
 from lfpipe.render.presence import ViewerState
 from lfpipe.supervisor.process_table import CORE, SHOWN_BY, SOURCE, TRACKED_BY
 from lfpipe.transport.clock import now_ns
-from lfpipe.transport.histogram import summary_ms
+from lfpipe.transport.histogram import Times, summary_ms
 from lfpipe.transport.notices import notices
 from lfpipe.transport.status import State, busy_words, rate_hz
 
 BUSY_SHOWN_S = 0.5  # shorter work is not shown
-Times = dict[str, float]  # of `summary_ms`
 
 
 @attrs.frozen(kw_only=True)

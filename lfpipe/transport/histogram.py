@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 LAST_OCTAVE = 26  # values to 2^32 us, 71 minutes; longer values go to the last bucket
 BUCKETS = (LAST_OCTAVE << 5) + 64  # 32 an octave, after 64 of single microseconds
 MOST_NS = (1 << 63) - 1  # of a 64-bit counter
+Times = dict[str, float]  # of `summary_ms`
 HISTOGRAM = np.dtype(
     [("count", "<i8"), ("sum_ns", "<i8"), ("max_ns", "<i8"), ("buckets", "<i8", (BUCKETS,))]
 )
@@ -65,7 +66,12 @@ class Histogram:
             top[0] = value_ns
 
 
-def summary_ms(record: NDArray[np.void]) -> dict[str, float]:
+def quantiles(times: Times, *keys: str) -> str:
+    """`p50 41.20, p95 50.11 ms`, of these keys of a summary."""
+    return ", ".join(f"{key.removesuffix('_ms')} {times[key]:.2f}" for key in keys) + " ms"
+
+
+def summary_ms(record: NDArray[np.void]) -> Times:
     """{"n", "mean_ms", "p50_ms", "p95_ms", "p99_ms", "max_ms"} of a HISTOGRAM record; zeros if it
     is empty.
 

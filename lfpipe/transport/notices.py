@@ -1,6 +1,4 @@
-"""What people should know now, from the status table alone: the window and every monitor say the
-same.
-"""
+"""What people should know, in words: the window and every monitor say the same."""
 
 from collections.abc import Iterator, Mapping
 
@@ -8,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.transport.clock import SECOND_NS, now_ns
+from lfpipe.transport.histogram import Times, quantiles
 from lfpipe.transport.status import State
 
 FACELESS_NS = 4 * SECOND_NS  # a head may be turned away briefly
@@ -41,3 +40,18 @@ def notices(rows: Rows, source: str, shows: str) -> list[str]:
         seconds = (t_ns - t_face_ns) // SECOND_NS
         return [f"{NO_FACE} for {seconds} s: move into the camera's view"]
     return []
+
+
+def latency_lines(age: Times, horizon: Times, blanks: bool) -> list[str]:
+    """The age of the pictures, at their blanks or at their hand-over, and how far ahead the eyes
+    are predicted: a line each, as far as they are known.
+    """
+    lines = []
+    if age["n"]:
+        at = "its blank" if blanks else "hand-over"
+        figures = quantiles(age, "p50_ms", "p95_ms", "p99_ms", "max_ms")
+        lines.append(f"age of the picture at {at}: {figures}")
+    if horizon["n"]:
+        figures = quantiles(horizon, "p50_ms", "p95_ms")
+        lines.append(f"eyes predicted ahead of the sensor by {figures}")
+    return lines

@@ -49,11 +49,7 @@ class Screen(Display):
     def __init__(self, blanks_by: str = "") -> None:
         self.pictures: list[NDArray[np.uint8]] = []
         self.reports: list[Presented] = []
-        self._by = blanks_by
-
-    @property
-    def blanks_by(self) -> str:
-        return self._by
+        self.blanks_by = blanks_by
 
     def show(self, picture: NDArray[np.uint8], pair: Pair | None = None, how: str = "") -> int:
         self.pictures.append(picture.copy())
