@@ -56,21 +56,6 @@ def test_eyes_source_gives_nobody_half_a_second_after_the_last_eyes() -> None:
     assert again is not None and again.record.face
 
 
-def test_choose_returns_to_the_middle_without_a_tracker() -> None:
-    """The last eyes stand aside; the view must not stay frozen there."""
-    subject = viewer()
-    source = EyesSource()
-    columns = []
-    for k in range(12 * 60):
-        t_ns = S + k * REFRESH_NS
-        if k < 60 and k % 2 == 0:
-            source.update(record(x=380.0), stamp(t_ns, k + 1))
-        left, right = choose(subject, source.at(t_ns), Moment.of(t_ns, REFRESH_NS)).key[1:]
-        columns.append((left[1] + right[1]) / 2)
-    assert abs(columns[59] - 4) > 1
-    assert columns[-1] == pytest.approx(4, abs=0.05)
-
-
 @pytest.mark.parametrize("lossless", [False, True])
 def test_eyes_source_waits_for_slow_frames_and_replays(lossless: bool) -> None:
     """One frame a second is no death; a replay computes as slowly as it must."""

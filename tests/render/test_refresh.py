@@ -5,7 +5,6 @@ their blank or by their hand-over.
 """
 
 from collections import deque
-from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
@@ -29,24 +28,21 @@ MS = 1_000_000
 AGE_NS = 5 * MS  # from a frame's stamp to its eyes
 
 
-def frames(
-    rate_hz: float, count: int, start_ns: int = T0_NS, every: int = 1
-) -> Iterator[tuple[int, int]]:
-    """(source_seq, t_sensor_ns)."""
-    return ((k, start_ns + round(k * 1e9 / rate_hz)) for k in range(0, count, every))
-
-
-def hear(refresh: Refresh, seq: int, t_sensor_ns: int) -> list[int]:
-    """Lets refreshes pass until the eyes of a frame come, and tells them; the times at which
-    pictures were due.
+def hear(
+    refresh: Refresh, camera_hz: float, numbers: range, start_ns: int = T0_NS
+) -> tuple[list[int], list[float]]:
+    """Lets refreshes pass until the eyes of each of these frames come, and tells them; the times at
+    which pictures were due, and how far off the refresh is after each frame.
     """
-    t_eyes_ns = t_sensor_ns + AGE_NS
-    due = []
-    while refresh.due_ns() <= t_eyes_ns:
-        due.append(refresh.due_ns())
-        refresh.advance(refresh.due_ns())
-    refresh.add_eyes(seq, t_sensor_ns, t_eyes_ns)
-    return due
+    due, away = [], []
+    for number in numbers:
+        t_sensor_ns = start_ns + round((number - numbers[0]) * 1e9 / camera_hz)
+        while refresh.due_ns() <= t_sensor_ns + AGE_NS:
+            due.append(refresh.due_ns())
+            refresh.advance(refresh.due_ns())
+        refresh.add_eyes(number, t_sensor_ns, t_sensor_ns + AGE_NS)
+        away.append(off(refresh, t_sensor_ns))
+    return due, away
 
 
 def off(refresh: Refresh, t_sensor_ns: int) -> float:
@@ -65,14 +61,12 @@ def off(refresh: Refresh, t_sensor_ns: int) -> float:
 )
 @pytest.mark.parametrize("phase", [0.1, 0.5, 0.9])
 # frames lost on the way do not change the camera's rate
-@pytest.mark.parametrize(("count", "every"), [(2, 1), (300, 3)])
+@pytest.mark.parametrize("numbers", [range(2), range(0, 300, 3)], ids=str)
 def test_refresh_takes_its_phase_from_the_second_frame(
-    display_hz: float, camera_hz: float, phase: float, count: int, every: int
+    display_hz: float, camera_hz: float, phase: float, numbers: range
 ) -> None:
     refresh = Refresh(display_hz, T0_NS - round(phase * 1e9 / display_hz))
-    for seq, t_ns in frames(camera_hz, count, every=every):
-        hear(refresh, seq, t_ns)
-    assert abs(off(refresh, t_ns)) < 1e-3
+    assert abs(hear(refresh, camera_hz, numbers)[1][-1]) < 1e-3
 
 
 @pytest.mark.parametrize(
@@ -83,50 +77,37 @@ def test_refresh_takes_its_phase_from_the_second_frame(
 def test_refresh_leaves_rates_alone_that_do_not_fit(
     display_hz: float, camera_hz: float, every: int
 ) -> None:
-    refresh = Refresh(display_hz, T0_NS)
-    due = list[int]()
-    for seq, t_ns in frames(camera_hz, 200 * every, every=every):
-        due += hear(refresh, seq, t_ns)
+    due, _ = hear(Refresh(display_hz, T0_NS), camera_hz, range(0, 200 * every, every))
     assert max(abs(t_ns - T0_NS - k * 1e9 / display_hz) for k, t_ns in enumerate(due)) <= 1
 
 
 @pytest.mark.parametrize("true_hz", [29.97, 30.02])
-def test_refresh_follows_a_rate_that_is_a_little_off(
-    true_hz: float,
-) -> None:
+def test_refresh_follows_a_rate_that_is_a_little_off(true_hz: float) -> None:
     refresh = Refresh(60.0, T0_NS)
-    due = list[int]()
-    away = list[float]()
-    for seq, t_ns in frames(true_hz, 3000):
-        passed = hear(refresh, seq, t_ns)
-        if seq > 10:
-            due += passed
-            away.append(off(refresh, t_ns))
+    due, away = hear(refresh, true_hz, range(3000))
     drift = abs(1 - 30 / true_hz) * 2  # of a display's period, a frame
     assert max(map(abs, away[500:])) < 1.2 * drift / GAIN
-    gaps = np.diff(due) / refresh.period_ns
+    gaps = np.diff(due[30:]) / refresh.period_ns
     assert np.abs(gaps - 1).max() <= LARGEST_STEP + 1e-6
 
 
 def test_refresh_moves_by_one_step_at_most_for_a_late_frame() -> None:
     refresh = Refresh(60.0, T0_NS)
-    *before, (seq, t_ns) = frames(30.0, 100)
-    for frame in before:
-        hear(refresh, *frame)
+    hear(refresh, 30.0, range(99))
+    t_ns = T0_NS + round(99e9 / 30)
     settled = off(refresh, t_ns)
-    refresh.add_eyes(seq, t_ns, t_ns + AGE_NS + 6 * MS)
+    refresh.add_eyes(99, t_ns, t_ns + AGE_NS + 6 * MS)
     assert 0 < off(refresh, t_ns) - settled <= LARGEST_STEP + 1e-6
 
 
-@pytest.mark.parametrize("restarted", [True, False])
-def test_refresh_finds_its_phase_anew_after_a_gap_or_a_restart(restarted: bool) -> None:
+@pytest.mark.parametrize(
+    ("first", "later_ms"), [(0, 100), (30, LONGEST_NS // MS + 300)], ids=["restart", "gap"]
+)
+def test_refresh_finds_its_phase_anew_after_a_gap_or_a_restart(first: int, later_ms: int) -> None:
     refresh = Refresh(60.0, T0_NS)
-    for seq, t_ns in frames(30.0, 30):
-        hear(refresh, seq, t_ns)
-    later_ns = t_ns + (100 * MS if restarted else LONGEST_NS + 300 * MS) + 5 * MS
-    for k, t_ns in frames(30.0, 3, later_ns):
-        hear(refresh, k if restarted else seq + 1 + k, t_ns)
-    assert abs(off(refresh, t_ns)) < 1e-3
+    hear(refresh, 30.0, range(30))
+    later_ns = T0_NS + round(29e9 / 30) + (later_ms + 5) * MS
+    assert abs(hear(refresh, 30.0, range(first, first + 3), later_ns)[1][-1]) < 1e-3
 
 
 def test_refresh_counts_those_that_pass_during_a_picture() -> None:
@@ -211,77 +192,72 @@ def test_screen_clock_ignores_a_stray_blank_and_follows_a_phase() -> None:
     assert abs(clock.nearest(moved[-1]) - moved[-1]) < MS // 10
 
 
-def paced(screen: Screen, pictures: int) -> tuple[float, float]:
-    """The share of pictures of the second half that miss their blank, and the mean lead, ms."""
+@pytest.mark.parametrize(
+    ("screen", "most", "least_ms", "most_ms"),
+    [
+        *(
+            (
+                Screen(rate_hz=rate_hz, deadline_ms=deadline_ms, cost_ms=1.0),
+                0.005,
+                deadline_ms + 1.0,
+                deadline_ms + 4.0,
+            )
+            # the last one takes pictures a period ahead
+            for rate_hz, deadline_ms in ((60, 0), (60, 3), (75, 6), (144, 3), (60, 18))
+        ),
+        # slow: share of wake-ups that come 5 ms late on average
+        *(
+            (Screen(slow=slow, cost_ms=1.0), most, 0.0, 3.0 + 16.7 + 3.0)
+            for slow, most in ((0.02, 0.02), (0.1, 0.05), (0.3, 0.12))
+        ),
+    ],
+)
+def test_screen_refresh_begins_late_and_misses_few_blanks(
+    screen: Screen, most: float, least_ms: float, most_ms: float
+) -> None:
+    """In the second half."""
     pace = PacedScreen(screen)
-    leads = []
-    for k in range(pictures):
-        if k == pictures // 2:
-            missed = pace.late + pace.missed
+    missed, leads = [], []
+    for _ in range(6000):
+        missed.append(pace.late + pace.missed)
         leads.append(pace.refresh.lead_ns() / MS)
         pace.hand(*pace.begin(), composed=True)
-    half = pictures // 2
-    return (pace.late + pace.missed - missed) / half, float(np.mean(leads[half:]))
+    assert (pace.late + pace.missed - missed[3000]) / 3000 <= most
+    assert least_ms < np.mean(leads[3000:]) < most_ms
 
 
-@pytest.mark.parametrize(
-    ("rate_hz", "deadline_ms"), [(60.0, 0.0), (60.0, 3.0), (75.0, 6.0), (144.0, 3.0), (60.0, 18.0)]
-)  # the last one takes pictures a period ahead
-def test_screen_refresh_begins_late_and_makes_its_blank(rate_hz: float, deadline_ms: float) -> None:
-    screen = Screen(rate_hz=rate_hz, deadline_ms=deadline_ms, cost_ms=1.0)
-    juddered, lead_ms = paced(screen, 6000)
-    assert juddered <= 0.005
-    assert deadline_ms + 1.0 < lead_ms < deadline_ms + 4.0
+class Composed:
+    """A refresh on blanks, and pictures that cost time."""
 
+    def __init__(self) -> None:
+        self.refresh = ScreenRefresh(60.0, T0_NS)
+        self.refresh.clock.blank(T0_NS)
+        self.due_ns = T0_NS
 
-@pytest.mark.parametrize(("slow", "most"), [(0.02, 0.02), (0.1, 0.05), (0.3, 0.12)])
-def test_screen_refresh_on_a_busy_machine_misses_few_blanks(slow: float, most: float) -> None:
-    """slow: share of wake-ups that come 5 ms late on average."""
-    juddered, lead_ms = paced(Screen(slow=slow, cost_ms=1.0), 4000)
-    assert juddered <= most
-    assert lead_ms < 3.0 + 16.7 + 3.0
+    def compose(self, cost_ms: float, late_by: int = 0) -> int:
+        """The lead after a picture that is shown so many blanks late."""
+        self.due_ns = self.refresh.clock.nearest(self.due_ns + 16_666_667)
+        start_ns = self.due_ns - self.refresh.lead_ns()
+        cost_ns = round(cost_ms * MS)
+        self.refresh.add_cost(cost_ns, start_ns, self.due_ns)
+        self.refresh.judge(self.due_ns, start_ns + cost_ns, self.due_ns + late_by * 16_666_667)
+        return self.refresh.lead_ns()
 
 
 def test_screen_refresh_lead_is_not_lengthened_by_a_stall() -> None:
-    refresh = ScreenRefresh(60.0, T0_NS)
-    due_ns = T0_NS
-
-    def compose(cost_ms: float) -> None:
-        nonlocal due_ns
-        due_ns += 16_666_667
-        start_ns = due_ns - refresh.lead_ns()
-        refresh.add_cost(round(cost_ms * MS), start_ns, due_ns)
-
-    for _ in range(2000):
-        compose(4.0)
-    before_ns = refresh.lead_ns()
-    for cost_ms in (30.0, 12.0, 4.0, 4.0, 4.0, 4.0, 4.0):
-        compose(cost_ms)
-    assert refresh.lead_ns() - before_ns <= MS // 2
-    for _ in range(100):
-        compose(8.0)  # but a cost that stays is followed
-    assert refresh.lead_ns() - before_ns >= 3 * MS
+    made = Composed()
+    before_ns = [made.compose(4.0) for _ in range(2000)][-1]
+    after_ns = [made.compose(cost_ms) for cost_ms in (30.0, 12.0, 4.0, 4.0, 4.0, 4.0, 4.0)][-1]
+    assert after_ns - before_ns <= MS // 2
+    stays_ns = [made.compose(8.0) for _ in range(100)][-1]
+    assert stays_ns - before_ns >= 3 * MS, "but a cost that stays is followed"
 
 
 def test_screen_refresh_lead_forgets_a_busy_start() -> None:
-    refresh = ScreenRefresh(60.0, T0_NS)
-    refresh.clock.blank(T0_NS)
-    due_ns = T0_NS
-
-    def compose(cost_ms: float, late_by: int = 0) -> None:
-        nonlocal due_ns
-        due_ns = refresh.clock.nearest(due_ns + 16_666_667)
-        start_ns = due_ns - refresh.lead_ns()
-        handed_ns = start_ns + round(cost_ms * MS)
-        refresh.add_cost(handed_ns - start_ns, start_ns, due_ns)
-        refresh.judge(due_ns, handed_ns, due_ns + late_by * 16_666_667)
-
-    for k in range(240):  # scenes are packed, stages start
-        compose(10.0, late_by=k % 30 == 0)
-    assert refresh.lead_ns() >= 14 * MS
-    for _ in range(1500):  # 25 s
-        compose(4.0)
-    assert refresh.lead_ns() <= 9 * MS
+    made = Composed()
+    # scenes are packed, stages start
+    assert [made.compose(10.0, late_by=k % 30 == 0) for k in range(240)][-1] >= 14 * MS
+    assert [made.compose(4.0) for _ in range(1500)][-1] <= 9 * MS, "after 25 s"
 
 
 def test_screen_refresh_lead_shrinks_to_what_is_needed() -> None:

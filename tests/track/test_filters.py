@@ -268,27 +268,6 @@ def test_one_wrong_landmark_is_not_magnified(rate_hz: int) -> None:
     assert np.abs(off[3 * rate_hz :]).max() < 0.05 * 60
 
 
-@pytest.mark.parametrize("loop_s", [0.0, 0.08])
-@pytest.mark.parametrize(
-    ("frames", "off"),
-    [(1, ((0.12, 0), (0.12, 0))), (1, ((0.25, 0), (0, 0))), (2, ((0.58, 0), (0.58, 0)))],
-)
-def test_a_glitch_below_the_gate_is_magnified_twice_at_most(
-    frames: int, off: tuple[tuple[float, float], ...], loop_s: float
-) -> None:
-    """Pictures of 60 Hz; off: of the eyes, in distances between them."""
-
-    def wrong(t_s: float) -> NDArray[np.float64]:
-        return 60 * np.array(off) * (90 <= round(t_s * 30) < 90 + frames)
-
-    ahead_s = 0.018 + loop_s, 0.018 + 1 / 60 + loop_s
-    ahead = predicted(make_filter(Track(), loop_s), wrong, range(150), *ahead_s)
-    used = ahead[..., 0].mean(axis=2).ravel()
-    true_px = 60 * abs(off[0][0] + off[1][0]) / 2
-    assert np.abs(used).max() < 2 * true_px + 1
-    assert np.abs(np.diff(used[100:])).max() < 2 * true_px + 1
-
-
 def lags_ms(x_px: Callable[[float], float], speed_px_s: float) -> float:
     """How late the prediction of a delay of 80 ms is, where eyes move as x_px: the error that
     follows the speed, over the speed.
