@@ -20,7 +20,7 @@ from lfpipe import log
 from lfpipe.host import PORTABLE
 from lfpipe.track import models
 from tests.support.world import World, write_scene
-from tests.support.xvfb_screen import Screen, x_server
+from tests.support.xvfb_screen import Screen, look_at, x_server
 
 pytest_plugins = ["tests.support.watchdog"]
 # These tests start hundreds of processes: without stored bytecode each compiles everything again,
@@ -182,7 +182,5 @@ def xvfb(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Screen]:
 
 @pytest.fixture
 def screen(xvfb: Screen, monkeypatch: pytest.MonkeyPatch) -> Screen:
-    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    monkeypatch.delenv("SDL_VIDEODRIVER", raising=False)
-    monkeypatch.setenv("DISPLAY", xvfb.name)
+    look_at(xvfb.name, monkeypatch)
     return xvfb

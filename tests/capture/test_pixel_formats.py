@@ -17,7 +17,6 @@ from tests.capture.fake_camera import FakeCamera, source
 from tests.capture.made_files import SIZE, jpeg, seen
 
 WIDTH, HEIGHT = 16, 8
-BAYER = {"BA81": "BGGR", "GBRG": "GBRG", "GRBG": "GRBG", "RGGB": "RGGB"}
 COLOUR = np.array([40, 120, 200], np.uint8)  # BGR
 
 
@@ -25,37 +24,34 @@ def rows(fourcc: str) -> list[bytes]:
     """A frame of COLOUR (of grey: of 120), one entry per row; 4:2:0 chroma rows after those of
     luma.
     """
-    flat = np.tile(COLOUR, (2, 2, 1))
-    y, u, v = (
-        int(value) for value in cv2.cvtColor(flat, cv2.COLOR_BGR2YUV_I420).reshape(-1)[[0, 4, 5]]
-    )
-    b, g, r = (int(value) for value in COLOUR)
-    pixel = {
-        "BGR3": (b, g, r),
-        "RGB3": (r, g, b),
-        "BGR4": (b, g, r, 0),
-        "XR24": (b, g, r, 0),
-        "GREY": (120,),
+    flat = cv2.cvtColor(np.tile(COLOUR, (2, 2, 1)), cv2.COLOR_BGR2YUV_I420)
+    y, u, v = flat.reshape(-1)[[0, 4, 5]].tolist()
+    b, g, r = COLOUR.tolist()
+    packed: dict[str, tuple[int, *tuple[tuple[int, ...], ...]]] = {  # pixels and bytes of lines
+        "BGR3": (1, (b, g, r)),
+        "RGB3": (1, (r, g, b)),
+        "BGR4": (1, (b, g, r, 0)),
+        "XR24": (1, (b, g, r, 0)),
+        "GREY": (1, (120,)),
+        "YUYV": (2, (y, u, y, v)),
+        "UYVY": (2, (u, y, v, y)),
+        "YVYU": (2, (y, v, y, u)),
+        "BA81": (2, (b, g), (g, r)),
+        "GBRG": (2, (g, b), (r, g)),
+        "GRBG": (2, (g, r), (b, g)),
+        "RGGB": (2, (r, g), (g, b)),
     }
-    pair = {"YUYV": (y, u, y, v), "UYVY": (u, y, v, y), "YVYU": (y, v, y, u)}
-    if fourcc in pixel:
-        return [bytes(pixel[fourcc]) * WIDTH] * HEIGHT
-    if fourcc in pair:
-        return [bytes(pair[fourcc]) * (WIDTH // 2)] * HEIGHT
-    if fourcc in BAYER:
-        values = {"B": b, "G": g, "R": r}
-        lines = [bytes(values[c] for c in BAYER[fourcc][k : k + 2]) * (WIDTH // 2) for k in (0, 2)]
-        return lines * (HEIGHT // 2)
-    chroma = {"NV12": (u, v), "NV21": (v, u)}
-    luma = [bytes([y]) * WIDTH] * HEIGHT
-    if fourcc in chroma:
-        return luma + [bytes(chroma[fourcc]) * (WIDTH // 2)] * (HEIGHT // 2)
-    first, second = (u, v) if fourcc == "YU12" else (v, u)
-    return (
-        luma
-        + [bytes([first]) * (WIDTH // 2)] * (HEIGHT // 2)
-        + [bytes([second]) * (WIDTH // 2)] * (HEIGHT // 2)
-    )
+    planar = {
+        "NV12": [(u, v)],
+        "NV21": [(v, u)],
+        "YU12": [(u,), (v,)],
+        "YV12": [(v,), (u,)],
+    }
+    if fourcc in packed:
+        pixels, *lines = packed[fourcc]
+        return [bytes(line) * (WIDTH // pixels) for line in lines] * (HEIGHT // len(lines))
+    chroma = [bytes(line) * (WIDTH // 2) for line in planar[fourcc] for _ in range(HEIGHT // 2)]
+    return [bytes([y]) * WIDTH] * HEIGHT + chroma
 
 
 @pytest.mark.parametrize("padding", [0, 4])

@@ -156,7 +156,8 @@ def test_file_display_mp4_is_h264_with_its_index_first(tmp_path: Path) -> None:
 def test_file_display_mp4_writes_through_no_link(tmp_path: Path) -> None:
     victim = tmp_path / "victim"
     victim.write_text("mine")
-    planted = [tmp_path / name for name in (".out.mp4.index", ".out.mp4", ".out.new.mp4")]
+    names = (".out.mp4.index", ".out.mp4", ".out.new.mp4", "..out.new.mp4.index", ".out.index")
+    planted = [tmp_path / name for name in (*names, ".out.new.mp4.index")]
     for link in planted:
         link.symlink_to(victim)
     record(tmp_path / "out.mp4", [np.full((36, 60, 3), 90, np.uint8)], 50.0, 0.2)

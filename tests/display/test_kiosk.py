@@ -4,38 +4,14 @@ import importlib
 import shutil
 import subprocess
 from pathlib import Path
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
 
 from lfpipe.errors import UserError
-from lfpipe.render.notices import Notices
-from lfpipe.render.scenes import SceneLoader
-from lfpipe.transport.clock import SECOND_NS
 from tests.support.world import World
 from tests.support.xvfb_screen import Screen, needs_xdotool
-
-
-@pytest.mark.parametrize(
-    ("code", "at", "alone_s", "loads"),
-    [("bye42", 2, 61, 1), ("bye42", 2, 59, 0), ("bye42", 0, 99, 0), ("", 2, 99, 0)],
-)
-def test_kiosk_begins_with_the_first_scene_for_the_next_visitor(
-    code: str, at: int, alone_s: int, loads: int
-) -> None:
-    asked: list[dict[str, object]] = []
-    options = SimpleNamespace(kiosk=code, playlist_at=at)
-    row = {"t_face_ns": SECOND_NS}
-    context = SimpleNamespace(
-        options=options, row=row, request=lambda word, **more: asked.append({word: more})
-    )
-    scenes = SceneLoader(context, Notices())  # type: ignore[arg-type]
-    for _ in range(3):  # asked for once, however often it is looked at
-        scenes.serve((1 + alone_s) * SECOND_NS)
-    assert asked == [{"load": {"at": 0}}] * loads
-
 
 exhibition = importlib.import_module("lfpipe.cli.kiosk")  # lfpipe.cli.kiosk is the command
 

@@ -28,7 +28,7 @@ from lfpipe.render.monitors import (
 )
 from lfpipe.render.window import USUAL_MM, ScreenWindow
 from tests.support.sway_screen import sway
-from tests.support.xvfb_screen import outline, x_server
+from tests.support.xvfb_screen import look_at, outline, x_server
 
 DESK = [
     Monitor(number=0, name="eDP-1", x=0, y=0, width=1920, height=1200, pixel_mm=0.18, rate_hz=60.0),
@@ -126,9 +126,7 @@ def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 @pytest.fixture
 def x_with_two(two: str, monkeypatch: pytest.MonkeyPatch) -> str:
-    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    monkeypatch.delenv("SDL_VIDEODRIVER", raising=False)
-    monkeypatch.setenv("DISPLAY", two)
+    look_at(two, monkeypatch)
     return two
 
 

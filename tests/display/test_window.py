@@ -18,7 +18,7 @@ from lfpipe.render.overlay import EVENTS, HELP, KEYS, Item, Menu, Overlay
 from lfpipe.render.window import ScreenWindow
 from tests.support.world import until
 from tests.support.xdnd import drop
-from tests.support.xvfb_screen import Screen, end, needs_xdotool, outline, x_server
+from tests.support.xvfb_screen import Screen, end, look_at, needs_xdotool, outline, x_server
 
 WAIT_S = 60.0
 GREY = np.full((500, 853, 3), 90, np.uint8)  # of the width of a first window
@@ -153,11 +153,9 @@ def test_screen_window_moved_interleaves_rows_of_the_screen(
 def test_screen_window_on_ten_bits_per_colour(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.delenv("SDL_FRAMEBUFFER_ACCELERATION", raising=False)
     command = ["Xvfb", "-screen", "0", "640x480x30", "-fbdir", str(tmp_path)]
     with x_server(command, tmp_path) as name:
-        monkeypatch.setenv("DISPLAY", name)
-        monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+        look_at(name, monkeypatch)
         display = ScreenWindow((640, 480), "lfpipe: a test", fullscreen=True)
         deep = Screen(name, tmp_path / "Xvfb_screen0")
         try:
@@ -271,8 +269,7 @@ def test_screen_window_framed_stays_where_it_was_over_full_screen(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with x_server(["Xvfb", "-screen", "0", "1280x800x24"], tmp_path) as name:
-        monkeypatch.setenv("DISPLAY", name)
-        monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+        look_at(name, monkeypatch)
         manager = subprocess.Popen(["openbox"], stderr=subprocess.DEVNULL)
         display = None
         try:

@@ -22,7 +22,6 @@ from lfpipe.files.output import (
     marked_picture,
     written_by_lfpipe,
 )
-from lfpipe.files.safe_files import replaced
 from lfpipe.files.trace import TraceFile
 from lfpipe.files.video_writer import VideoWriter
 
@@ -221,21 +220,6 @@ def test_a_restarted_writer_goes_on_and_a_new_session_begins_anew(tmp_path: Path
         trace.write(LINE)
         trace.close()
         assert path.read_bytes().count(b"\n") == lines
-
-
-def test_finishing_a_video_writes_through_no_link(tmp_path: Path) -> None:
-    (tmp_path / "victim").write_text("mine")
-    for name in (".o.mp4.index", "..o.new.mp4.index", ".o.new.mp4.index", ".o.index"):
-        (tmp_path / name).symlink_to("victim")
-    before = {path.name for path in tmp_path.iterdir()}
-    path = tmp_path / "o.mp4"
-    with replaced(path, 0o644) as file:
-        writer = VideoWriter(Path(file.name), (64, 48), 30)
-        writer.write(PICTURE)
-        writer.release(Path(file.name))
-    assert (tmp_path / "victim").read_text() == "mine" and not path.is_symlink()
-    assert {path.name for path in tmp_path.iterdir()} == before | {"o.mp4"}
-    assert path.read_bytes().index(b"moov") < path.read_bytes().index(b"mdat")
 
 
 def test_a_full_disk_keeps_the_trace_of_an_earlier_session(tmp_path: Path) -> None:

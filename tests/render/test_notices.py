@@ -12,7 +12,7 @@ from lfpipe.render.anaglyph import MATRICES
 from lfpipe.render.glasses import glasses_test
 from lfpipe.render.notices import SHOWN_NS, Notices
 from lfpipe.render.scenes import SceneLoader
-from lfpipe.transport.clock import now_ns
+from lfpipe.transport.clock import SECOND_NS, now_ns
 
 
 def test_notices_pass_and_states_stay() -> None:
@@ -37,9 +37,10 @@ def test_glasses_test_draws_each_letter_in_its_own_channels(anaglyph: Anaglyph) 
     left, right = plain[:, 20:150], plain[:, 170:300]
     contrast = [[int(np.ptp(half[..., channel])) for channel in range(3)] for half in (left, right)]
     assert max(contrast[0]) > 100 and max(contrast[1]) > 100
-    assert np.argmax(contrast[0]) != np.argmax(contrast[1]), (
-        "a letter stands out in channels of its own"
-    )
+    for eye in (0, 1):
+        channel = 2 - int(np.argmax(contrast[eye]))  # of a picture in BGR
+        shares = np.sum(MATRICES[anaglyph][channel], axis=1)
+        assert shares[eye] > shares[1 - eye], "a letter stands out in channels of its own eye"
 
 
 @pytest.mark.parametrize("anaglyph", ["side-by-side", "row-interleaved"])
@@ -48,16 +49,33 @@ def test_glasses_test_gives_screens_of_two_views_both(anaglyph: Anaglyph) -> Non
     assert picture.shape == (200, 320, 3) and pair is not None and (pair[0] != pair[1]).any()
 
 
-def test_scene_loader_says_how_far_a_scene_is_loaded() -> None:
+def loader(notices: Notices, **more: object) -> tuple[SceneLoader, list[dict[str, object]]]:
+    """A loader of a session with such options, and the requests that it makes."""
     asked: list[dict[str, object]] = []
-    options = SimpleNamespace(kiosk="", playlist_at=0, playlist=("/a", "/b"))
     context = SimpleNamespace(
-        options=options,
-        row={"t_face_ns": 0},
-        request=lambda word, **more: asked.append({word: more}),
+        options=SimpleNamespace(**{"kiosk": "", "playlist_at": 0, **more}),
+        row={"t_face_ns": SECOND_NS},
+        request=lambda word, **words: asked.append({word: words}),
     )
+    return SceneLoader(context, notices), asked  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("code", "at", "alone_s", "loads"),
+    [("bye42", 2, 61, 1), ("bye42", 2, 59, 0), ("bye42", 0, 99, 0), ("", 2, 99, 0)],
+)
+def test_scene_loader_of_a_kiosk_begins_with_the_first_scene_for_the_next_visitor(
+    code: str, at: int, alone_s: int, loads: int
+) -> None:
+    scenes, asked = loader(Notices(), kiosk=code, playlist_at=at)
+    for _ in range(3):  # asked for once, however often it is looked at
+        scenes.serve((1 + alone_s) * SECOND_NS)
+    assert asked == [{"load": {"at": 0}}] * loads
+
+
+def test_scene_loader_says_how_far_a_scene_is_loaded() -> None:
     notices = Notices()
-    scenes = SceneLoader(context, notices)  # type: ignore[arg-type]
+    scenes, asked = loader(notices, playlist=("/a", "/b"))
 
     def shown() -> list[str]:
         return list(filter(None, (*notices.lines(now_ns(), []), scenes.words(now_ns()))))

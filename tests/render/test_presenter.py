@@ -46,6 +46,8 @@ class Record(Listener):
 class Screen(Display):
     """Keeps pictures, and reports blanks as the test asks."""
 
+    blanks_by = ""
+
     def __init__(self, blanks_by: str = "") -> None:
         self.pictures: list[NDArray[np.uint8]] = []
         self.reports: list[Presented] = []

@@ -5,7 +5,6 @@ file is dropped in silence.
 from itertools import product
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -18,7 +17,6 @@ from lfpipe.scene.layouts._names import _candidates, read_names
 from lfpipe.scene.layouts._running import find_columns
 from lfpipe.scene.source import Turn
 from tests.scene import made
-from tests.support.hostile_files import with_exif
 
 AUTO = config.Scene()
 GRID = made.views(3, 4, 48, 64)
@@ -260,22 +258,6 @@ def test_a_picture_beside_no_more_than_one_below_it(below: str, tmp_path: Path) 
     made.write(tmp_path / below, made.texture(96, 128, 2))
     source = layouts.describe(tmp_path, AUTO)
     assert (source.layout, source.files, source.notes) == ("picture", (tmp_path / "photo.jpg",), ())
-
-
-@pytest.mark.parametrize("orientation", [3, 6, 8])
-def test_photographs_of_a_phone_held_upright(orientation: int, tmp_path: Path) -> None:
-    grid = made.views(1, 7, 128, 96)
-    lying = {3: cv2.ROTATE_180, 6: cv2.ROTATE_90_COUNTERCLOCKWISE, 8: cv2.ROTATE_90_CLOCKWISE}[
-        orientation
-    ]
-    for n, view in enumerate(grid[0]):
-        stored = cv2.imencode(
-            ".jpg", cv2.rotate(view[..., ::-1], lying), [cv2.IMWRITE_JPEG_QUALITY, 95]
-        )[1].tobytes()
-        (tmp_path / f"IMG_{4026 + n}.JPG").write_bytes(with_exif(stored, orientation))
-    source = layouts.describe(tmp_path, AUTO)
-    assert (source.rows, source.cols, source.height_px, source.width_px) == (1, 7, 128, 96)
-    assert all(np.abs(source.read(0, 0, c).astype(int) - grid[0, c]).mean() < 4 for c in range(7))
 
 
 def spread(text: str, rows: range, cols: range) -> list[str]:

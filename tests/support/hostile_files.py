@@ -173,7 +173,7 @@ def places(tree: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
 
 
 def damaged_tree(rng: random.Random, tree: Any) -> Any:
-    """tree with one place changed, removed, duplicated or moved."""
+    """tree with one place changed, removed, renamed or scaled."""
     tree = copy.deepcopy(tree)
     found = list(places(tree))
     if not found or rng.random() < 0.05:
@@ -183,18 +183,17 @@ def damaged_tree(rng: random.Random, tree: Any) -> Any:
     for key in way:
         holder = holder[key]
     kind = rng.randrange(6)
-    if kind == 0:
-        del holder[last]
-    elif kind == 1 and isinstance(holder, dict):
-        holder[rng.choice(("", "\0", "\ud800", "x" * 5000, f"{last} ", f"{last}"[:-1]))] = (
-            holder.pop(last)
-        )
-    elif kind == 2 and isinstance(holder[last], int | float):
-        holder[last] = rng.choice((-1, 2, 10**10, 10**30, 1e-9, 1e300)) * holder[last] + rng.choice(
-            (0, 1, -1, 0.5)
-        )
-    else:
-        holder[last] = copy.deepcopy(rng.choice(VALUES))
+    value = holder.pop(last)
+    if kind == 1 and isinstance(holder, dict):
+        holder[rng.choice(("", "\0", "\ud800", "x" * 5000, f"{last} ", f"{last}"[:-1]))] = value
+    elif kind > 0:
+        factor, more = rng.choice((-1, 2, 10**10, 10**30, 1e-9, 1e300)), rng.choice((0, 1, -1, 0.5))
+        scaled = kind == 2 and isinstance(value, int | float)
+        new = factor * value + more if scaled else copy.deepcopy(rng.choice(VALUES))
+        if isinstance(holder, dict):
+            holder[last] = new
+        else:
+            holder.insert(last, new)
     return tree
 
 
@@ -214,33 +213,25 @@ def damaged_json(rng: random.Random, tree: Any) -> bytes:
 
 def damaged_bytes(rng: random.Random, data: bytes) -> bytes:
     """data truncated, with flipped bits, or with parts removed, duplicated, overwritten or
-    inserted.
+    inserted; or something else.
     """
-    kind = rng.randrange(7)
-    size = len(data)
-    at = rng.randrange(size + 1)
-    end = min(size, at + rng.choice((1, 2, 4, 16, 300, 5000)))
-    if kind == 0:
-        return data[:at]
-    if kind == 1:
-        changed = bytearray(data)
-        for _ in range(rng.choice((1, 1, 3, 30)) if size else 0):
-            changed[rng.randrange(size)] ^= 1 << rng.randrange(8)
-        return bytes(changed)
-    if kind == 2:
-        return data[:at] + data[end:]
-    if kind == 3:
-        return data[:end] + data[at:]
-    if kind == 4:
-        return (
-            data[:at]
-            + rng.choice((b"\0", b"\xff", b"\n", b"\xed\xa0\x80", b'"', b"9")) * (end - at)
-            + data[end:]
-        )
-    if kind == 5:
-        return data[:at] + rng.randbytes(end - at) + data[at:]
+    at = rng.randrange(len(data) + 1)
+    end = min(len(data), at + rng.choice((1, 2, 4, 16, 300, 5000)))
+    fill = rng.choice((b"\0", b"\xff", b"\n", b"\xed\xa0\x80", b'"', b"9"))
+    flipped = bytearray(data)
+    for _ in range(rng.choice((1, 1, 3, 30)) if data else 0):
+        flipped[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
+    others = (b"", b"\0" * 100, b"\xff\xfe", b"\n" * 1000, rng.randbytes(500))
     return rng.choice(
-        (b"", b"\0" * 100, b"\xff\xfe", b"\n" * 1000, rng.randbytes(500), b"\xef\xbb\xbf" + data)
+        (
+            data[:at],
+            bytes(flipped),
+            data[:at] + data[end:],
+            data[:end] + data[at:],
+            data[:at] + fill * (end - at) + data[end:],
+            data[:at] + rng.randbytes(end - at) + data[at:],
+            rng.choice((*others, b"\xef\xbb\xbf" + data)),
+        )
     )
 
 
@@ -248,19 +239,19 @@ def damaged_lines(rng: random.Random, lines: list[Any]) -> bytes:
     """JSON Lines with one line damaged, missing, doubled, exchanged with another, or endless."""
     texts = [json.dumps(line).encode() for line in lines]
     at, other = rng.randrange(len(texts)), rng.randrange(len(texts))
-    kind = rng.randrange(7)
-    if kind == 0:
-        del texts[at]
-    elif kind == 1:
-        texts.insert(other, texts[at])
-    elif kind == 2:
-        texts[at], texts[other] = texts[other], texts[at]
-    elif kind == 3:
-        texts[at] = b"x" * 3_000_000
-    else:
-        texts[at] = damaged_json(rng, lines[at])
-    whole = b"".join(text + b"\n" for text in texts)
-    return damaged_bytes(rng, whole) if kind == 4 else whole
+    exchanged = texts.copy()
+    exchanged[at], exchanged[other] = texts[other], texts[at]
+    kinds = (
+        texts[:at] + texts[at + 1 :],
+        [*texts[:other], texts[at], *texts[other:]],
+        exchanged,
+        *(
+            [*texts[:at], line, *texts[at + 1 :]]
+            for line in (b"x" * 3_000_000, *(damaged_json(rng, lines[at]) for _ in range(3)))
+        ),
+    )
+    whole = b"".join(text + b"\n" for text in rng.choice(kinds))
+    return damaged_bytes(rng, whole) if rng.random() < 0.15 else whole
 
 
 CELLS = (
@@ -284,18 +275,12 @@ CELLS = (
 
 def damaged_table(rng: random.Random, text: str) -> bytes:
     """A CSV table with a cell, a column or bytes damaged."""
+    if rng.random() < 0.2:
+        return damaged_bytes(rng, text.encode())
     rows = [line.split(",") for line in text.splitlines()]
     row = rng.choice(rows)
     at = rng.randrange(len(row))
-    kind = rng.randrange(5)
-    if kind == 0:
-        del row[at]
-    elif kind == 1:
-        row.insert(at, "7")
-    elif kind == 2:
-        return damaged_bytes(rng, text.encode())
-    else:
-        row[at] = rng.choice(CELLS)
+    row[at : at + 1] = rng.choice(([], ["7", row[at]], [rng.choice(CELLS)], [rng.choice(CELLS)]))
     return "\n".join(",".join(row) for row in rows).encode() + b"\n"
 
 
@@ -383,14 +368,11 @@ def text_bomb(size: int) -> bytes:
 
 def jpeg_claiming(jpeg: bytes, width_px: int, height_px: int) -> bytes:
     """jpeg, whose frame header now says another size."""
-    at = 2
-    while at + 9 < len(jpeg):
-        marker = jpeg[at + 1]
-        size = int.from_bytes(jpeg[at + 2 : at + 4], "big")
-        if 0xC0 <= marker <= 0xC2:
-            return jpeg[: at + 5] + struct.pack(">HH", height_px, width_px) + jpeg[at + 9 :]
-        at += 2 + size
-    raise ValueError("no frame header")
+    head = re.compile(b"(\xff[\xc0-\xc2]..\x08)....", re.DOTALL)
+    size = struct.pack(">HH", height_px, width_px)
+    changed, count = head.subn(lambda match: match[1] + size, jpeg, count=1)
+    assert count == 1, "no frame header"
+    return changed
 
 
 def with_exif(data: bytes, orientation: int) -> bytes:

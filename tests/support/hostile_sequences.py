@@ -104,21 +104,19 @@ def hostile_picture(rng: random.Random, data: bytes) -> bytes:
         (SIZE[1], SIZE[0]),
         (63, 48),
     )
-    width_px, height_px = rng.choice(sizes)
-    kind = rng.randrange(7)
-    if kind == 0:
-        return hostile.jpeg_claiming(jpeg, width_px, height_px)
-    if kind == 1:
-        return hostile.png_of(width_px, height_px, body=zlib.compress(b"\0" * 1000))
-    if kind == 2:
-        return hostile.png_of(*SIZE, before=hostile.text_bomb(100_000_000) * rng.choice((1, 3)))
-    if kind == 3:
-        return hostile.png_of(*SIZE, depth=16)
-    if kind == 4:
-        return bytes(
-            cv2.imencode(rng.choice((".bmp", ".webp", ".tiff", ".ppm")), picture(0))[1].tobytes()
-        )
-    return hostile.damaged_bytes(rng, rng.choice((data, jpeg)))
+    claimed = rng.choice(sizes)
+    bombs = hostile.text_bomb(100_000_000) * rng.choice((1, 3))
+    other = cv2.imencode(rng.choice((".bmp", ".webp", ".tiff", ".ppm")), picture(0))[1]
+    kinds = (
+        hostile.jpeg_claiming(jpeg, *claimed),
+        hostile.png_of(*claimed, body=zlib.compress(b"\0" * 1000)),
+        hostile.png_of(*SIZE, before=bombs),
+        hostile.png_of(*SIZE, depth=16),
+        other.tobytes(),
+        hostile.damaged_bytes(rng, data),
+        hostile.damaged_bytes(rng, jpeg),
+    )
+    return rng.choice(kinds)
 
 
 def damage(rng: random.Random, *paths: Path) -> str:

@@ -56,6 +56,13 @@ class Screen:
         )
 
 
+def look_at(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Windows of this process open on the X server of that name."""
+    for variable in ("WAYLAND_DISPLAY", "SDL_VIDEODRIVER", "SDL_FRAMEBUFFER_ACCELERATION"):
+        monkeypatch.delenv(variable, raising=False)
+    monkeypatch.setenv("DISPLAY", name)
+
+
 @contextlib.contextmanager
 def x_server(command: Sequence[str], folder: Path) -> Iterator[str]:
     """A server for as long as the block lasts: its name for DISPLAY, ":" where it does not start.
