@@ -11,10 +11,10 @@ reads it) and OUT.csv, the truth:
 one row per frame: source_seq counts frames from 0; t_ns is the frame's time from the start of the
 video; eye centres (mean of the 16 periocular landmarks, the viewer's own left and right) in px of
 the unmirrored picture, with pixel centres at whole numbers; visible is 1 while both eyes are inside
-the picture; phase is still, reach, sway, stop, approach, retreat, leave or enter. The path is
-tools/head_path.py:viewer_path. The landmarks are found once, on a noise-free picture of the
-portrait; from then on truth is the known map from portrait to picture. Without --portrait: the
-demo's portrait.
+the picture; phase is still or move. The face moves as the viewers of `lfpipe bench viewer` do: PATH
+is in the terms of lfpipe/bench/world/scripts.py. The landmarks are found once, on a noise-free
+picture of the portrait; from then on truth is the known map from portrait to picture. Without
+--portrait: the demo's portrait.
 """
 
 import sys
@@ -27,22 +27,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.bench.inputs import SIZE_PX, write_video
+from lfpipe.bench.world.scripts import OUT_RIGHT, SEAT, Move, Place, path, swayed
 from lfpipe.capture.demo import PORTRAIT
 from lfpipe.errors import UserError
 from lfpipe.track.litert_engine import LitertEngine
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
-from tools.head_path import EYES_MM, FOCAL_PX, HOME_MM, duration_s, path_at, viewer_path
-
-WIDTH_PX, HEIGHT_PX = SIZE_PX
 BACKGROUND = np.array([96, 92, 88], np.float32)
+# reaches, sways, stops suddenly, comes nearer and goes back, leaves and returns; rests between them
+PATH = swayed(
+    path(
+        25.0,
+        SEAT,
+        Move(2.0, 3.0, (430.0, 240.0, 60.0)),
+        Move(4.0, 5.5, (250.0, 260.0, 60.0)),
+        Move(6.5, 7.3, SEAT),
+        Move(14.0, 14.3, (410.0, 240.0, 60.0), even=True),
+        Move(15.3, 16.3, SEAT),
+        Move(17.3, 18.5, (320.0, 240.0, 85.0)),
+        Move(19.5, 20.7, SEAT),
+        Move(21.7, 22.7, OUT_RIGHT),
+        Move(23.0, 24.0, SEAT),
+    ),
+    reach_px=60.0,
+    rate_hz=0.6,
+    from_s=8.0,
+    to_s=13.0,
+)
 
 
 class Puppet:
-    """A portrait that can be placed anywhere before a pinhole camera.
+    """A portrait that can be placed anywhere before the camera.
 
-    portrait: uint8 (h, w, 3) BGR. Raises UserError where no face is found in it.
+    portrait: uint8 (h, w, 3) BGR. Raises UserError if no face is found in it.
     """
 
     def __init__(self, portrait: NDArray[np.uint8]) -> None:
@@ -52,21 +68,16 @@ class Puppet:
             raise UserError(
                 "no face found in the portrait", "give a picture of one person from the front"
             )
-        # first to the size it has at home, with proper averaging:
+        # first to the size that it has at the seat, with proper averaging:
         # the warps that follow then hardly change it
-        factor = (
-            EYES_MM * FOCAL_PX / HOME_MM / float(np.linalg.norm(face.eyes_px[0] - face.eyes_px[1]))
-        )
+        factor = SEAT[2] / float(np.linalg.norm(face.eyes_px[0] - face.eyes_px[1]))
         how = cv2.INTER_AREA if factor < 1 else cv2.INTER_CUBIC
         self._picture = cv2.resize(portrait, None, fx=factor, fy=factor, interpolation=how)
-        height_px, width_px = self._picture.shape[:2]
-        edge = np.zeros((height_px, width_px), np.float32)
+        edge = np.zeros(self._picture.shape[:2], np.float32)
         edge[12:-12, 12:-12] = 1.0
-        self._mask = cv2.GaussianBlur(edge, (0, 0), 5.0)[..., None]
+        self._mask = cv2.GaussianBlur(edge, (0, 0), 5.0)
         self._middle = face.eyes_px.mean(axis=0) * factor
-        home = np.array([0.0, 0.0, HOME_MM])
-        still = self.draw(home).astype(np.uint8)
-        map_ = self.map(home)
+        still = self.draw(SEAT).astype(np.uint8)
         engine.reset()
         for _ in range(5):  # the region of interest settles
             face = engine.detect(still)
@@ -74,33 +85,24 @@ class Puppet:
             raise UserError(
                 "the face of the portrait is lost when scaled", "give a larger or sharper picture"
             )
-        self._eyes = (face.eyes_px - map_[:, 2]) @ np.linalg.inv(map_[:, :2]).T
+        self._eyes_px = face.eyes_px - SEAT[:2]
 
-    def map(self, position_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Affine (2, 3) from px of the scaled portrait to px of the picture."""
-        x, y, z = position_mm
-        scale = HOME_MM / z
-        middle = np.array(
-            [(WIDTH_PX - 1) / 2 + FOCAL_PX * x / z, (HEIGHT_PX - 1) / 2 + FOCAL_PX * y / z]
-        )
-        return np.column_stack([np.eye(2) * scale, middle - self._middle * scale])
-
-    def eyes_px(self, position_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+    def eyes_px(self, place: Place) -> NDArray[np.float64]:
         """True eye centres, (2, 2), left first."""
-        map_ = self.map(position_mm)
-        return np.asarray(self._eyes @ map_[:, :2].T + map_[:, 2], np.float64)
+        x, y, apart_px = place
+        return np.asarray(self._eyes_px * apart_px / SEAT[2] + (x, y), np.float64)
 
-    def draw(self, position_mm: NDArray[np.float64]) -> NDArray[np.float32]:
+    def draw(self, place: Place) -> NDArray[np.float32]:
         """The picture without noise: float32 (480, 640, 3), 0..255."""
-        map_ = self.map(position_mm)
-        size = (WIDTH_PX, HEIGHT_PX)
+        x, y, apart_px = place
+        scale = apart_px / SEAT[2]
+        move = (x, y) - self._middle * scale
+        matrix = np.column_stack([np.eye(2) * scale, move])
         face = cv2.warpAffine(
-            self._picture, map_, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
+            self._picture, matrix, SIZE_PX, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
         )
-        mask = np.asarray(
-            cv2.warpAffine(self._mask, map_, size, flags=cv2.INTER_LINEAR), np.float32
-        )[..., None]
-        return np.asarray(mask * face + (1 - mask) * BACKGROUND, np.float32)
+        share = cv2.warpAffine(self._mask, matrix, SIZE_PX)[..., None]
+        return np.asarray(share * face + (1 - share) * BACKGROUND, np.float32)
 
 
 @click.command()
@@ -143,24 +145,26 @@ def write(
 ) -> None:
     """See the module.
 
-    Raises UserError where the portrait cannot be read, holds no face, or OUT cannot be written.
+    Raises UserError if the portrait cannot be read or has no face, or OUT cannot be written.
     """
     picture = cv2.imread(str(portrait))
     if picture is None:
         raise UserError(f"{portrait}: not a picture that can be read", "give a JPEG or PNG file")
     puppet = Puppet(np.asarray(picture, np.uint8))
-    path = viewer_path(HOME_MM, WIDTH_PX / 2 * HOME_MM / FOCAL_PX)
-    count = round((min(seconds, duration_s(path)) if seconds else duration_s(path)) * rate_hz)
+    long_s = len(PATH) / 1000
+    count = round(min(seconds or long_s, long_s) * rate_hz)
     rng = np.random.default_rng(seed)
+    moves = np.gradient(PATH, axis=0).any(axis=1)
 
     def frames() -> Iterator[tuple[NDArray[np.uint8], NDArray[np.float64], bool, str]]:
-        for place, phase in zip(*path_at(path, np.arange(count) / rate_hz), strict=True):
-            image = puppet.draw(place) + rng.standard_normal(
-                (HEIGHT_PX, WIDTH_PX, 3), np.float32
-            ) * np.float32(noise_dn)
+        for ms in (np.arange(count) * 1000 / rate_hz).astype(int):
+            x, y, apart_px = PATH[ms].tolist()
+            place = x, y, apart_px
+            noise = rng.standard_normal((*SIZE_PX[::-1], 3), np.float32) * np.float32(noise_dn)
+            image = np.clip(np.rint(puppet.draw(place) + noise), 0, 255).astype(np.uint8)
             eyes = puppet.eyes_px(place)
             inside = bool(np.all(eyes >= 0) and np.all(eyes < SIZE_PX))
-            yield np.clip(np.rint(image), 0, 255).astype(np.uint8), eyes, inside, phase
+            yield image, eyes, inside, "move" if moves[ms] else "still"
 
     video = out.with_suffix(".avi")
     write_video(video, rate_hz, frames())
