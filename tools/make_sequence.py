@@ -154,7 +154,7 @@ def write(
     long_s = len(PATH) / 1000
     count = round(min(seconds or long_s, long_s) * rate_hz)
     rng = np.random.default_rng(seed)
-    moves = np.gradient(PATH, axis=0).any(axis=1)
+    moves = np.diff(PATH, axis=0, append=PATH[-1:]).any(axis=1)
 
     def frames() -> Iterator[tuple[NDArray[np.uint8], NDArray[np.float64], bool, str]]:
         for ms in (np.arange(count) * 1000 / rate_hz).astype(int):

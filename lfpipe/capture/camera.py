@@ -127,17 +127,15 @@ def negotiate(path: Path, device: V4L2Device, camera: config.Camera) -> tuple[Mo
     requested = choose(modes, *wanted_px, wanted_hz)
     if requested and requested.rates_hz and requested.rates_hz[0] > 0.98 * camera.highest_hz:
         wanted_hz = camera.highest_hz  # in the same format, whose frames cost no more
-    mode = (
-        device.configure(requested.fourcc, requested.width_px, requested.height_px, wanted_hz)
-        if requested
-        else None
-    )
+    mode = None
+    if requested is not None:
+        size_px = requested.width_px, requested.height_px
+        mode = device.configure(requested.fourcc, *size_px, wanted_hz)
+        offered = [mode.fourcc]
     if mode is None or mode.fourcc not in DECODED:
-        formats = offered if mode is None else [mode.fourcc]
-        remedy = f"use a camera with one of {', '.join(DECODED)}"
         raise UserError(
-            f"camera {path}: none of its pixel formats can be decoded ({', '.join(formats)})",
-            remedy,
+            f"camera {path}: none of its pixel formats can be decoded ({', '.join(offered)})",
+            f"use a camera with one of {', '.join(DECODED)}",
         )
     size_px = (mode.width_px, mode.height_px)
     rate_hz = mode.rate_hz or camera.nominal_hz
@@ -150,10 +148,9 @@ def negotiate(path: Path, device: V4L2Device, camera: config.Camera) -> tuple[Mo
     notes += size_notes(size_px, camera)
     if camera.rate_hz != "auto" and abs(rate_hz - wanted_hz) > 0.01 * wanted_hz:
         notes.append(f"{wanted_hz:g} Hz requested, {rate_hz:.4g} Hz delivered")
+    name = f"camera:{path}"
     jpeg = mode.fourcc in JPEGS
-    return mode, SourceInfo(
-        f"camera:{path}", size_px, rate_hz, live=True, jpeg=jpeg, notes=tuple(notes)
-    )
+    return mode, SourceInfo(name, size_px, rate_hz, live=True, jpeg=jpeg, notes=tuple(notes))
 
 
 class CameraSource:
@@ -198,24 +195,22 @@ class CameraSource:
         self._seq = -1
         self._sequence = first.sequence
         self._stamp_ns = first.stamp_ns
+        notes = list(info.notes)
         now_ns = time.monotonic_ns()
-        notes = info.notes
         if not self._clock.usable(first.stamp_ns, now_ns):
-            notes += ("the driver gives no usable time stamps: using the time of reading",)
+            notes.append("the driver gives no usable time stamps: using the time of reading")
             self._stamp_ns = now_ns
         if not self._controls.applied.wait(CONTROLS_S):
-            notes += (
-                (
-                    f"its controls have not answered for {CONTROLS_S:g} s: exposure and others may"
-                    " be set later, or never"
-                ),
+            notes.append(
+                f"its controls have not answered for {CONTROLS_S:g} s: exposure and others may be"
+                " set later, or never"
             )
         self.info = attrs.evolve(info, notes=(*notes, *self._controls.notes.values()))
 
     def _no_signal(self) -> UserError:
         return UserError(
             f"camera {self._path}: no signal at its input",
-            "connect and switch on what it is to show",
+            "connect its source and switch it on",
         )
 
     def read(self, out: NDArray[np.uint8]) -> Frame | None:
@@ -223,35 +218,32 @@ class CameraSource:
 
         Raises TimeoutError if the camera stalls, UserError if it is gone, fails or has no signal.
         """
-        until_ns = time.monotonic_ns() + int(self._stall_s * 1e9)
-        damaged = 0
         if not self._controls.signal:
             raise self._no_signal()
-        while True:
+        until_ns = time.monotonic_ns() + int(self._stall_s * 1e9)
+        damaged = 0
+        while (left_s := (until_ns - time.monotonic_ns()) / 1e9) > 0:
             try:
-                if (left_s := (until_ns - time.monotonic_ns()) / 1e9) < 0:
-                    raise TimeoutError
                 raw = self._device.read(left_s)
             except TimeoutError:
-                raise TimeoutError(
-                    f"camera {self._path}: no whole frame for {self._stall_s:.2g} s, {damaged}"
-                    " damaged"
-                ) from None
+                break
             except OSError as error:
                 raise trouble(self._path, error) from None
             read_ns = time.monotonic_ns()
             self._count(raw, read_ns)
             whole, packet = (False, None) if raw.damaged else self._decoder.decode(raw.data, out)
             if whole:
-                break
+                sensor_ns, kind = self._clock.middle_ns(
+                    raw.stamp_ns, self._kind, read_ns, self._controls.exposure_ns
+                )
+                return Frame(self._seq, sensor_ns, read_ns, packet, kind)
             damaged += 1
             log.debug(
                 "camera %s: damaged frame %d of %d bytes", self._path, raw.sequence, raw.data.size
             )
-        sensor_ns, kind = self._clock.middle_ns(
-            raw.stamp_ns, self._kind, read_ns, self._controls.exposure_ns
+        raise TimeoutError(
+            f"camera {self._path}: no whole frame for {self._stall_s:.2g} s, {damaged} damaged"
         )
-        return Frame(self._seq, sensor_ns, read_ns, packet, kind)
 
     def _count(self, raw: RawFrame, read_ns: int) -> None:
         """Advances the frame number by the driver's count, but never by more frames than the time

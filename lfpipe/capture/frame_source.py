@@ -24,8 +24,10 @@ class BrokenFrame(UserError):
     """
 
 
-def undecodable(what: str, error: MemoryError | cv2.error) -> BrokenFrame:
+def undecodable(what: str, error: BrokenFrame | MemoryError | cv2.error) -> BrokenFrame:
     """A decoder's failure or lack of memory as the user's error. what: file or device."""
+    if isinstance(error, BrokenFrame):
+        return error
     if isinstance(error, MemoryError) or error.code == NO_MEMORY:
         return BrokenFrame(
             f"{what}: decoding needs more memory than allowed or available",

@@ -33,12 +33,9 @@ class OpenCVCamera:
         self._seq = -1
         with opencv_logging():
             self._capture = cv2.VideoCapture(int(digits))
-        settings = {
-            cv2.CAP_PROP_FRAME_WIDTH: camera.width_px,
-            cv2.CAP_PROP_FRAME_HEIGHT: camera.height_px,
-        }
-        for key, value in (settings | {cv2.CAP_PROP_FPS: camera.highest_hz}).items():
-            self._capture.set(key, value)
+        self._capture.set(cv2.CAP_PROP_FRAME_WIDTH, camera.width_px)
+        self._capture.set(cv2.CAP_PROP_FRAME_HEIGHT, camera.height_px)
+        self._capture.set(cv2.CAP_PROP_FPS, camera.highest_hz)
         whole, frame = self._capture.read() if self._capture.isOpened() else (False, None)
         if not whole or frame is None:
             self.close()

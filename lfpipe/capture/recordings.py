@@ -107,19 +107,20 @@ def _sequence(path: Path) -> Recording:
             np.frombuffer(data, np.uint8) if packet.codec == "jpeg" else None,
         )
 
-    notes = (
-        [] if sequence.complete else [f"{path} was cut off after {len(sequence.packets)} frames"]
-    )
+    notes = []
+    if not sequence.complete:
+        notes.append(f"{path} was cut off after {len(sequence.packets)} frames")
+    if sequence.holds_eyes:
+        notes = ["holds the eyes of the mouse"]
     info = SourceInfo(
         str(path),
         sequence.size_px,
         sequence.measured_hz,
-        False,
-        sequence.codecs == {"jpeg"},
+        live=False,
+        jpeg=sequence.codecs == {"jpeg"},
+        eyes=str(path.resolve()) if sequence.holds_eyes else "",
         notes=tuple(notes),
     )
-    if sequence.holds_eyes:
-        info = attrs.evolve(info, eyes=str(path.resolve()), notes=("holds the eyes of the mouse",))
     return Recording(info, read, exact=True)
 
 
@@ -209,15 +210,13 @@ class FileSource:
             frame = self._next(out)
         if frame is None:
             return None
-        now_ns = time.monotonic_ns()
-        self._start_ns = self._start_ns or now_ns
-        due_ns = now_ns
+        due_ns = time.monotonic_ns()
+        self._start_ns = self._start_ns or due_ns
         if self._stamped or not hurries:
             due_ns = self._start_ns + self._schedule.due_ns(self._index - 1, frame.stamp_ns)
         self._seq += 1
-        return Frame(
-            self._seq - 1, due_ns, t_read_ns if hurries and self._stamped else 0, frame.packet
-        )
+        t_read_ns = t_read_ns if hurries and self._stamped else 0
+        return Frame(self._seq - 1, due_ns, t_read_ns, frame.packet)
 
     def _next(self, out: NDArray[np.uint8]) -> RecordedFrame | None:
         """The next frame of this round; gives up after MAX_BROKEN undecodable frames in a row."""
@@ -225,11 +224,7 @@ class FileSource:
         try:
             frame = self._recording.read_into(self._index - 1, out)
         except (BrokenFrame, MemoryError, cv2.error) as error:
-            broken = (
-                error
-                if isinstance(error, BrokenFrame)
-                else undecodable(str(self._spec.path), error)
-            )
+            broken = undecodable(str(self._spec.path), error)
             self._seq += 1
             self._broken += 1
             if self._broken > MAX_BROKEN:

@@ -156,29 +156,25 @@ class V4L2Device:
     def sizes(self, fourcc: str) -> list[FrameSizes]:
         """The frame sizes of a pixel format with their rates; a range of sizes is one entry."""
         code = abi.fourcc_code(fourcc)
-        sizes = []
+        sizes: list[FrameSizes] = []
         message = abi.FrameSize(pixelformat=code)
         for _ in self._listed(abi.ENUM_FRAMESIZES, message):
-            low_w, high_w, _, low_h, high_h, _ = message.sizes
+            width_px, height_px, *_ = message.sizes
+            largest_px = None
             if message.type != abi.DISCRETE:
-                return [
-                    FrameSizes(
-                        fourcc=fourcc,
-                        width_px=low_w,
-                        height_px=low_h,
-                        rates_hz=self._rates(code, low_w, low_h),
-                        largest_px=(high_w, high_h),
-                    )
-                ]
-            # of a discrete size: width, height
+                width_px, most_width_px, _, height_px, most_height_px, _ = message.sizes
+                largest_px = most_width_px, most_height_px
             sizes.append(
                 FrameSizes(
                     fourcc=fourcc,
-                    width_px=low_w,
-                    height_px=high_w,
-                    rates_hz=self._rates(code, low_w, high_w),
+                    width_px=width_px,
+                    height_px=height_px,
+                    rates_hz=self._rates(code, width_px, height_px),
+                    largest_px=largest_px,
                 )
             )
+            if largest_px is not None:
+                break
         return sizes
 
     def _rates(self, code: int, width_px: int, height_px: int) -> tuple[float, ...]:
@@ -274,27 +270,21 @@ class V4L2Device:
             self._taken = None
             self.ioctl(abi.QBUF, _buffer(index))
         until = time.monotonic() + timeout_s
-        while True:
+        newest: abi.Buffer | None = None
+        while newest is None:
             left_s = until - time.monotonic()
-            if (
-                self._poll.poll(max(0.0, left_s) * 1e3)
-                and (newest := self._dequeue_newest()) is not None
-            ):
-                break
-            if left_s <= 0:
+            if self._poll.poll(max(0.0, left_s) * 1e3):
+                newest = self._dequeue_newest()
+            if newest is None and left_s <= 0:
                 raise TimeoutError(f"no frame for {timeout_s:.1f} s")
         memory = self._maps[newest.index]
-        flags = int(newest.flags)
         stamp = newest.timestamp
-        data = np.frombuffer(memory, np.uint8, min(int(newest.bytesused), len(memory)))
-        stamp_ns = int(stamp.seconds) * 1_000_000_000 + int(stamp.microseconds) * 1000
-        start = flags & abi.STAMP_SOURCE_MASK == abi.STAMP_SOURCE_SOE
         return RawFrame(
-            data=data,
-            sequence=int(newest.sequence),
-            stamp_ns=stamp_ns,
-            start_of_exposure=start,
-            damaged=bool(flags & abi.BUF_FLAG_ERROR),
+            data=np.frombuffer(memory, np.uint8, min(newest.bytesused, len(memory))),
+            sequence=newest.sequence,
+            stamp_ns=stamp.seconds * 1_000_000_000 + stamp.microseconds * 1000,
+            start_of_exposure=newest.flags & abi.STAMP_SOURCE_MASK == abi.STAMP_SOURCE_SOE,
+            damaged=bool(newest.flags & abi.BUF_FLAG_ERROR),
         )
 
     def _dequeue_newest(self) -> abi.Buffer | None:
