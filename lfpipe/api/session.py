@@ -227,14 +227,15 @@ class Session(Attachment):
         # short: it is part of a socket's path
         name = name or f"py{os.getpid()}.{time.monotonic_ns() % 1000}"
         display = display or ("window" if has_display() else "none")
-        words = ["up", "--demo" if path is None else str(path.resolve()), *_set_words(settings)]
-        for option, value in {
-            "session": name,
-            "camera": camera,
-            "display": display,
-            "trace": trace,
-        }.items():
-            words += [f"--{option}", os.fspath(value)] if value is not None else []
+        words = _command_line(
+            "up",
+            "--demo" if path is None else str(path.resolve()),
+            settings,
+            session=name,
+            camera=camera,
+            display=display,
+            trace=trace,
+        )
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115  (open as long as the session)
         self._output = ""  # by the session, once it has ended
         self._closed = True  # nothing is open yet
@@ -338,32 +339,32 @@ def replay(
     path = scene_path(scene, updated(Config(), settings or {}).scene)
     with temporary_folder("replay") as folder:
         kept = Path(out) if out is not None else folder
-        words = [
-            sys.executable,
-            "-m",
-            "lfpipe",
-            "replay",
-            str(sequence),
-            "--pace",
-            pace,
-            "--out",
-            str(kept),
-        ]
-        words += [
-            *(["--scene", str(path)] if path is not None else []),
-            *_set_words(settings or {}),
-        ]
-        done = subprocess.run(words, capture_output=True, text=True, errors="replace", check=False)
+        words = _command_line(
+            "replay", str(sequence), settings or {}, pace=pace, out=kept, scene=path
+        )
+        done = subprocess.run(
+            [sys.executable, "-m", "lfpipe", *words],
+            capture_output=True,
+            text=True,
+            errors="replace",
+            check=False,
+        )
         if done.returncode != 0:
             raise _printed(done.stderr, "it was killed")
         report: dict[str, Any] = json.loads((kept / "report.json").read_text())
         return report
 
 
-def _set_words(settings: Mapping[str, Any]) -> list[str]:
-    return [
-        word for key, value in settings.items() for word in ("--set", f"{key}={json.dumps(value)}")
-    ]
+def _command_line(
+    command: str,
+    what: str,
+    settings: Mapping[str, Any],
+    **options: str | os.PathLike[str] | None,
+) -> list[str]:
+    """The words of a command about `what`, without the options that are None."""
+    given = {name: os.fspath(value) for name, value in options.items() if value is not None}
+    sets = (f"--set={key}={json.dumps(value)}" for key, value in settings.items())
+    return [command, what, *(f"--{name}={value}" for name, value in given.items()), *sets]
 
 
 def _by_parameter(text: str) -> str:

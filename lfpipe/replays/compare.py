@@ -251,10 +251,8 @@ def _compare_frames(
     frames = [
         ComparedFrame(was, now, _first_difference(was, now, tolerance_px)) for was, now in lines
     ]
-    differences = list[Difference]()
     notes = list[str]()
-    unflipped = [frame for frame in frames if frame.cause != FLIP]
-    if flips := len(frames) - len(unflipped):
+    if flips := sum(frame.cause == FLIP for frame in frames):
         notes = [
             f"views: {flips} of {len(frames)} flipped, with eyes within {tolerance_px:g} px of a"
             " boundary"
@@ -262,22 +260,17 @@ def _compare_frames(
     if flips > FLIPPED_SHARE * len(frames):
         frames = [attrs.evolve(frame, cause=frame.cause.replace(FLIP, "view")) for frame in frames]
         notes = []
-        unflipped = frames
+    differences = list[Difference]()
     for part in ("eyes", "views"):
-        changed = [frame for frame in frames if _PART_OF.get(frame.cause) == part]
-        if changed:
-            name = changed[0].cause
-            was = changed[0].was
-            now = changed[0].now
+        if changed := [frame for frame in frames if _PART_OF.get(frame.cause) == part]:
+            first = changed[0]
+            name = first.cause
             what = (
-                f"{name} {_sides(was[name])} in the reference, {_sides(now[name])} now;"
-                f" {CAUSES[name]}"
+                f"{name} {_sides(first.was[name])} in the reference, {_sides(first.now[name])} now;"
+                f" {CAUSES[name]}; {len(changed)} of {len(frames)} frames"
             )
-            differences.append(
-                Difference(
-                    part, f"{what}; {len(changed)} of {len(frames)} frames", now["source_seq"]
-                )
-            )
+            differences.append(Difference(part, what, first.now["source_seq"]))
+    unflipped = [frame for frame in frames if frame.cause != FLIP]
     pictures, note = _compare_pictures(reference, folder, unflipped, not tolerance_px)
     return differences + pictures, note + notes
 
