@@ -391,5 +391,5 @@ def make(path: Path, out: Path | None, config: Config) -> None:
         f"  direction   {slide.order}"
         f" ({'sure' if slide.order_sure else '`lfpipe scene sheet` shows near and far'})"
     )
-    opened(Path(slide.folder), config)
-    print_result(slide.folder)
+    opened(folder, config)
+    print_result(str(folder))

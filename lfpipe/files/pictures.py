@@ -124,13 +124,12 @@ def _header(file: IO[bytes]) -> Header | None:
                 turn = int(exif.get(_ORIENTATION, 1))
             width, height = image.size[::-1] if 5 <= turn <= 8 else image.size
             grey = image.mode in _GREY
-            full = _full_value(image)
             return Header(
                 format=kind,
                 width_px=width,
                 height_px=height,
                 grey=grey,
-                max_value=full,
+                max_value=_full_value(image),
                 orientation=turn if 1 <= turn <= 8 else 1,
                 frames=getattr(image, "n_frames", 1),
                 eyes=_eyes(image),
@@ -159,9 +158,9 @@ def _checked(path: Path, file: IO[bytes]) -> Header:
     if header is None:
         raise _unreadable(path, "truncated, damaged or another format")
     if header.decoded_bytes > MAX_DECODING_BYTES:
-        claim = f"{header.size}, {header.decoded_bytes / 1e6:.0f} MB"
         raise UserError(
-            f"{path}: too large: {claim}; at most {MAX_DECODING_BYTES / 1e6:.0f} MB are read",
+            f"{path}: too large: {header.size}, {header.decoded_bytes / 1e6:.0f} MB; at most"
+            f" {MAX_DECODING_BYTES / 1e6:.0f} MB are read",
             "make it smaller",
         )
     if header.format == "HEIF" and header.frames > 1 and not header.eyes:
@@ -243,9 +242,8 @@ def read_frames(path: Path, most_bytes: int = MAX_DECODING_BYTES) -> list[NDArra
     with open_file(path) as file:
         header = _checked(path, file)
         if header.frames * header.decoded_bytes > most_bytes:
-            size = f"{header.frames} frames of {header.size}"
             raise UserError(
-                f"{path}: {size} are too many to decode at once",
+                f"{path}: {header.frames} frames of {header.size} are too many to decode at once",
                 "give its frames as pictures in a folder",
             )
         return [

@@ -227,8 +227,9 @@ def read_text(path: Path, most_bytes: int, what: str, remedy: str) -> str:
     try:
         return read_bytes(path, most_bytes).decode()
     except UnicodeDecodeError as error:
-        why = f"not UTF-8: byte 0x{error.object[error.start]:02x} at {error.start}"
-        raise UserError(f"{what}: {why}", remedy) from None
+        raise UserError(
+            f"{what}: not UTF-8: byte 0x{error.object[error.start]:02x} at {error.start}", remedy
+        ) from None
     except OSError as error:
         raise UserError(f"{what}: cannot be read: {reason(error)}", remedy) from None
 

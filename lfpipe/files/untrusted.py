@@ -21,21 +21,6 @@ MAX_INTEGER = (1 << 63) - 1  # what NumPy, msgpack and every other reader can ho
 _MAX_TOML_LINE = 4096  # tomllib's time for dotted keys grows with the square of their number
 
 
-def parse_json(data: bytes | str, where: str, remedy: str) -> Any:
-    """The JSON value in data, UTF-8.
-
-    Unlike json.loads: no NaN or infinity, no integer beyond 64 bits, no deep nesting.
-    """
-    try:
-        value = json.loads(data.decode() if isinstance(data, bytes) else data)
-        _check(value)
-        # neither NaN nor half of a surrogate pair
-        json.dumps(value, ensure_ascii=False, allow_nan=False).encode()
-    except (ValueError, RecursionError) as error:
-        raise UserError(f"{where}: not valid JSON: {_reason(error)}", remedy) from None
-    return value
-
-
 def toml_table(data: bytes | str, where: str, remedy: str) -> dict[str, Any]:
     """The table of a TOML document, UTF-8.
 
@@ -76,8 +61,17 @@ def _reason(error: Exception) -> str:
 
 
 def json_fields(data: bytes | str, where: str, remedy: str) -> Fields:
-    """The JSON object in data, to be read field by field."""
-    value = parse_json(data, where, remedy)
+    """The JSON object in data, UTF-8, to be read field by field.
+
+    Unlike json.loads: no NaN or infinity, no integer beyond 64 bits, no deep nesting.
+    """
+    try:
+        value = json.loads(data.decode() if isinstance(data, bytes) else data)
+        _check(value)
+        # neither NaN nor half of a surrogate pair
+        json.dumps(value, ensure_ascii=False, allow_nan=False).encode()
+    except (ValueError, RecursionError) as error:
+        raise UserError(f"{where}: not valid JSON: {_reason(error)}", remedy) from None
     if not isinstance(value, dict):
         raise UserError(f"{where}: expected a JSON object, not {quoted(value)}", remedy)
     return Fields(value, where, remedy)
@@ -114,10 +108,11 @@ class Fields:
 
     def integer(self, key: str, low: int, high: int) -> int:
         """A whole number; 3.0 is refused."""
-        expected = f"a whole number from {low} to {high}"
         return int(
             self._read(
-                key, lambda v: _is_number(v) and isinstance(v, int) and low <= v <= high, expected
+                key,
+                lambda v: _is_number(v) and isinstance(v, int) and low <= v <= high,
+                f"a whole number from {low} to {high}",
             )
         )
 
@@ -127,27 +122,25 @@ class Fields:
 
     def text(self, key: str, most_chars: int = 10_000) -> str:
         """A string."""
-        expected = f"a string of at most {most_chars} characters"
-        return str(self._read(key, lambda v: isinstance(v, str) and len(v) <= most_chars, expected))
-
-    def items(self, key: str, most: int) -> list[Any]:
-        """A list of at most `most` items, which are not checked."""
-        return list(
+        return str(
             self._read(
                 key,
-                lambda v: isinstance(v, list) and len(v) <= most,
-                f"a list of at most {most} items",
+                lambda v: isinstance(v, str) and len(v) <= most_chars,
+                f"a string of at most {most_chars} characters",
             )
         )
 
     def numbers(self, key: str, count: int, low: float, high: float) -> list[float]:
         """A list of finite numbers of the given length."""
-        values = Fields(
-            {f"{key}[{k}]": value for k, value in enumerate(self.items(key, count))},
-            self.where,
-            self.remedy,
-        )
-        return [values.number(f"{key}[{k}]", low, high) for k in range(count)]
+
+        def fits(value: Any) -> bool:
+            return (
+                isinstance(value, list)
+                and len(value) == count
+                and all(_is_number(number) and low <= number <= high for number in value)
+            )
+
+        return list(self._read(key, fits, f"{count} numbers from {low:g} to {high:g}"))
 
     def table(self, key: str) -> Fields:
         """A mapping within this one."""

@@ -41,8 +41,10 @@ def require_encoder() -> None:
     except ImportError:
         codecs_available = set()
     if ENCODER not in codecs_available:
-        remedy = f"{install_command('av')}; .avi, .mkv and .gif do not need it"
-        raise UserError("no H.264 encoder: PyAV of PyPI is not installed", remedy)
+        raise UserError(
+            "no H.264 encoder: PyAV of PyPI is not installed",
+            f"{install_command('av')}; .avi, .mkv and .gif do not need it",
+        )
 
 
 class VideoWriter:
@@ -62,8 +64,10 @@ class VideoWriter:
             name, code = opencv_name(path.absolute()), cv2.VideoWriter.fourcc(*codec)
             self._by_opencv = cv2.VideoWriter(name, cv2.CAP_FFMPEG, code, rate_hz, self.size_px)
             if not self._by_opencv.isOpened():
-                what = f"{size_px[0]}x{size_px[1]} at {rate_hz:g} Hz"
-                raise UserError(f"{path}: cannot write a video of {what}", PLACE)
+                raise UserError(
+                    f"{path}: cannot write a video of {size_px[0]}x{size_px[1]} at {rate_hz:g} Hz",
+                    PLACE,
+                )
             return
         from av import open as open_container
 
@@ -136,10 +140,11 @@ def _move_index_first(path: Path) -> None:
     open_any = cast(Any, open_container)
     mode = path.stat().st_mode
     with contextlib.suppress(OSError, FFmpegError), new_file_beside(path) as file:
-        options = {"movflags": "faststart"}
         with (
             open_any(f"file:{path}") as old,
-            open_any(f"file:{path_to_write(file)}", "w", format="mp4", options=options) as indexed,
+            open_any(
+                f"file:{path_to_write(file)}", "w", format="mp4", options={"movflags": "faststart"}
+            ) as indexed,
         ):
             stream = indexed.add_stream_from_template(old.streams.video[0])
             for packet in old.demux(video=0):

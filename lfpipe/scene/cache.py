@@ -92,8 +92,10 @@ def writing(root: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        remedy = "free some space, or use another one with --set scene.cache_dir=DIR"
-        raise UserError(f"cache directory {root}: {reason(error)}", remedy) from None
+        raise UserError(
+            f"cache directory {root}: {reason(error)}",
+            "free some space, or use another one with --set scene.cache_dir=DIR",
+        ) from None
 
 
 def prepare_cache(scene: config.Scene) -> Path:

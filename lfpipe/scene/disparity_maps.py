@@ -136,11 +136,10 @@ def _estimate(
         interim()[place] = np.rint(steps).astype(np.int16)
 
     progress("disparity", 0, len(scene.views))
-    item_bytes = _WORKING_BYTES * source.height_px * source.width_px
     run_parallel(
         estimate,
         scene.views,
-        item_bytes,
+        _WORKING_BYTES * source.height_px * source.width_px,
         lambda done: progress("disparity", done, len(scene.views)),
     )
     spans = np.array(list(ranges.values()))
@@ -151,5 +150,6 @@ def _estimate(
     if true_ranges:
         low = min(span[0] for span in true_ranges)
         high = max(span[1] for span in true_ranges)
-    by = "truth" if true_ranges else "estimated"
-    return Disparity(source=by, scale_px=scale, min_px=low, max_px=high)
+    return Disparity(
+        source="truth" if true_ranges else "estimated", scale_px=scale, min_px=low, max_px=high
+    )

@@ -38,11 +38,13 @@ def scene_manifest(scene: Examined) -> Manifest:
     Offsets are rounded: a child's answer has at most 1 MB.
     """
     manifest = manifest_of(scene)
-    known = scene.orientation.depth is not None
     manifest = attrs.evolve(
         manifest,
         method="",
-        disparity=attrs.evolve(manifest.disparity, source="estimated" if known else "unknown"),
+        disparity=attrs.evolve(
+            manifest.disparity,
+            source="estimated" if scene.orientation.depth is not None else "unknown",
+        ),
         offsets=manifest.offsets and np.round(manifest.offsets, 3).tolist(),
     )
     return manifest.exchanged() if scene.orientation.half_turn else manifest
@@ -122,8 +124,12 @@ def lines(manifest: Manifest, pack: str = "") -> list[str]:
         say("method", f"{manifest.method}{quality}")
     for note in manifest.notes:
         say("note", note)
-    packed = f"{_size_bytes(pack) / 1e6:.1f} MB in {pack}"
-    say("pack", packed if pack else "none yet: `lfpipe scene pack` or `up` makes it")
+    say(
+        "pack",
+        f"{_size_bytes(pack) / 1e6:.1f} MB in {pack}"
+        if pack
+        else "none yet: `lfpipe scene pack` or `up` makes it",
+    )
     return out
 
 

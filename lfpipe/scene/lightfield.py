@@ -2,7 +2,7 @@
 left camera).
 """
 
-import os
+from collections.abc import Callable
 from functools import cached_property
 from typing import Self
 
@@ -15,23 +15,6 @@ from lfpipe.scene.source import Geometry
 
 # in LightField.disparity: no value explains the neighbours, so views are cross-faded there
 UNKNOWN = -128
-
-
-class Hold:
-    """Keeps `lfpipe scene clean` from removing a pack, by a lock, until it is closed or gone."""
-
-    def __init__(self, locked: int) -> None:
-        """locked: a descriptor with the lock, which may be closed afterwards."""
-        self._fd = os.dup(locked)
-
-    def close(self) -> None:
-        """Releases the lock. May be called again."""
-        fd = self._fd
-        self._fd = -1
-        if fd >= 0:
-            os.close(fd)
-
-    __del__ = close
 
 
 @attrs.frozen(eq=False, repr=False, kw_only=True)
@@ -68,7 +51,8 @@ class LightField:
     # provenance; its order is the one shown
     manifest: Manifest = attrs.field(factory=Manifest)
     folder: str = ""  # of the pack, absolute
-    hold: Hold | None = None  # keeps `lfpipe scene clean` from removing the pack
+    # ends the lock that keeps `lfpipe scene clean` from removing the pack
+    hold: Callable[[], object] | None = None
     # farthest and nearest at the left and right border, px per view
     border_px: tuple[float, float] = (0.0, 0.0)
     half_turned: bool = False  # rows and columns run against the pack's order
@@ -80,7 +64,7 @@ class LightField:
         views: NDArray[np.uint8],
         disparity: NDArray[np.int8] | None,
         folder: str = "",
-        hold: Hold | None = None,
+        hold: Callable[[], object] | None = None,
     ) -> Self:
         """The light field of the arrays of a pack with this manifest."""
         grid = manifest.rows, manifest.cols
@@ -107,13 +91,15 @@ class LightField:
 
     def __repr__(self) -> str:
         frames = f"{self.frames} frames of " if self.frames > 1 else ""
-        size = f"{self.rows}x{self.cols} views of {self.width_px}x{self.height_px}"
-        return f"<LightField {self.name!r}: {frames}{size}, method {self.method}>"
+        return (
+            f"<LightField {self.name!r}: {frames}{self.rows}x{self.cols} views of"
+            f" {self.width_px}x{self.height_px}, method {self.method}>"
+        )
 
     def close(self) -> None:
         """Lets `lfpipe scene clean` remove the pack. Its maps last as long as their arrays."""
         if self.hold is not None:
-            self.hold.close()
+            self.hold()
 
     def __enter__(self) -> Self:
         return self

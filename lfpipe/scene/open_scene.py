@@ -121,8 +121,11 @@ def open_scenes(
             packing.views if not packing.done and packing.views is not None else packing.summary()
         )
         packing.progress = None
-        field = open_pack(Path(summary.pack), settings.half_turn)
-        return Opened(packing.scenes or paths, field, None if packing.done else packing)
+        return Opened(
+            packing.scenes or paths,
+            open_pack(Path(summary.pack), settings.half_turn),
+            None if packing.done else packing,
+        )
     except BaseException:
         packing.close()
         raise
@@ -157,7 +160,8 @@ def ask_packer(
 ) -> T:
     """The packer's answer, a `kind`, about the scene at path. Raises UserError."""
     scenes = [named_scene(path, cache_dir(settings))]
-    request = PackerRequest(do=do, scenes=scenes, settings=settings, out=out)
-    with contextlib.closing(Packing(request, progress)) as packing:
+    with contextlib.closing(
+        Packing(PackerRequest(do=do, scenes=scenes, settings=settings, out=out), progress)
+    ) as packing:
         packing.wait()
         return converter().structure(packing.result(), kind)

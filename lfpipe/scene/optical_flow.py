@@ -9,7 +9,7 @@ import math
 import threading
 from collections.abc import Callable
 from functools import lru_cache
-from itertools import groupby, product
+from itertools import groupby
 from typing import Any
 
 import cv2
@@ -35,17 +35,14 @@ _FIT_ROUNDS = 6  # of a robust fit: weights hardly change any more
 _LUMA = np.array([[0.299, 0.587, 0.114]], np.float32)  # BT.601's, as OpenCV turns colours to grey
 LOOK_PX = 1 << 17  # of a view, enough to judge order and fit
 _DARK = 0.2  # views with a lower mean are brightened
-_here = threading.local()  # of flow engines: they own buffers, so each serves one thread
+_here = threading.local()  # flow engines of each thread
 
 
 def flow(a: Grey, b: Grey) -> FloatMap:
     """Dense flow from a to b, float32 (h, w, 2) in px (x, y): the point at x in a is at x + flow in
     b.
     """
-    engines = _here.__dict__
-    if "coarse" not in engines:
-        engines["coarse"] = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-    return _calculated(engines["coarse"], a, b, None)
+    return _calculated(_engine(fine=False), a, b, None)
 
 
 def fine_flow(a: Grey, b: Grey, start: FloatMap | None = None) -> FloatMap:
@@ -54,16 +51,22 @@ def fine_flow(a: Grey, b: Grey, start: FloatMap | None = None) -> FloatMap:
     start: a guess, float32 (h, w, 2), overwritten. Each patch begins at the guess or at what the
     next coarser scale says, whichever matches better.
     """
-    engines = _here.__dict__
-    if "fine" not in engines:
-        engine = engines["fine"] = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-        engine.setFinestScale(_FINEST_SCALE)
-        engine.setPatchSize(_PATCH_PX)
-        engine.setPatchStride(_PATCH_STRIDE_PX)
-        engine.setVariationalRefinementIterations(_SMOOTHINGS)
-    fine: cv2.DISOpticalFlow = engines["fine"]
-    fine.setGradientDescentIterations(_DESCENTS if start is None else _DESCENTS_NEAR)
-    return _calculated(fine, a, b, start)
+    engine = _engine(fine=True)
+    engine.setGradientDescentIterations(_DESCENTS if start is None else _DESCENTS_NEAR)
+    return _calculated(engine, a, b, start)
+
+
+def _engine(fine: bool) -> cv2.DISOpticalFlow:
+    """This thread's engine: engines own buffers."""
+    engines: dict[bool, cv2.DISOpticalFlow] = _here.__dict__.setdefault("engines", {})
+    if fine not in engines:
+        engine = engines[fine] = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+        if fine:
+            engine.setFinestScale(_FINEST_SCALE)
+            engine.setPatchSize(_PATCH_PX)
+            engine.setPatchStride(_PATCH_STRIDE_PX)
+            engine.setVariationalRefinementIterations(_SMOOTHINGS)
+    return engines[fine]
 
 
 def _calculated(engine: cv2.DISOpticalFlow, a: Grey, b: Grey, start: FloatMap | None) -> FloatMap:
@@ -103,8 +106,8 @@ def returned_flow(a: Grey, b: Grey) -> tuple[FloatMap, Mask]:
         borderMode=cv2.BORDER_CONSTANT,
         borderValue=(1e4, 1e4, 0, 0),
     )
-    off = np.hypot(ahead[..., 0] + returned[..., 0], ahead[..., 1] + returned[..., 1])
-    return ahead, off < _RETURN_PX + _RETURN_SHARE * np.hypot(ahead[..., 0], ahead[..., 1])
+    off = np.hypot(*cv2.split(ahead + returned))
+    return ahead, off < _RETURN_PX + _RETURN_SHARE * np.hypot(*cv2.split(ahead))
 
 
 def robust_fit(
@@ -152,10 +155,7 @@ def grey_views(source: SceneSource, most_px: float = LOOK_PX) -> Callable[[int, 
             np.minimum(plane.astype(np.float32) * np.float32(1 / source.max_value), 1), np.float32
         )
 
-    last = min(
-        product(range(source.rows), range(source.cols)),
-        key=lambda place: (place in source.missing, -sum(place)),
-    )
+    last = max(source.places, key=sum)
     lift = 0.5 if float(share(*last).mean()) < _DARK else 1.0
 
     @lru_cache(maxsize=64)
@@ -175,7 +175,7 @@ def present_lines(source: SceneSource) -> tuple[list[ViewIndex], list[ViewIndex]
         off = abs(2 * place[0] - source.rows) + abs(2 * place[1] - source.cols)
         return sum(len(source.missing.intersection(line)) for line in lines(*place)), off
 
-    across, down = lines(*min(product(range(source.rows), range(source.cols)), key=key))
+    across, down = lines(*min(np.ndindex(source.rows, source.cols), key=key))
     return _longest_run(across, source), _longest_run(down, source)
 
 

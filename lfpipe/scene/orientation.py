@@ -139,9 +139,12 @@ def orient(source: SceneSource, scene: config.Scene) -> Orientation:
     if scene.transpose != "auto":
         turn = attrs.evolve(turn, transpose=scene.transpose == "yes")
     if scene.flip != "auto" or (scene.transpose != "auto" and turn != best.turn):
-        reason = f"set by scene.flip or scene.transpose; without that: {best.reason}"
         best = Orientation(
-            turn=turn, by="override", reason=reason, undecided=source.doubt, detected=best.turn
+            turn=turn,
+            by="override",
+            reason=f"set by scene.flip or scene.transpose; without that: {best.reason}",
+            undecided=source.doubt,
+            detected=best.turn,
         )
     unknown = best.depth is None and best.by != "nothing" and source.rows * source.cols > 1
     return attrs.evolve(best, depth=_depth(source, best)) if unknown else best
@@ -155,8 +158,7 @@ def _depth(source: SceneSource, order: Orientation) -> Depth | None:
     sideways = order.packed.grid(source.rows, source.cols)[1] > 1
     back = order.packed.cols if sideways else order.packed.rows
     grey = grey_views(source)
-    lines = present_lines(source)
-    line = lines[0 if sideways != order.packed.transpose else 1]
+    line = present_lines(source)[0 if sideways != order.packed.transpose else 1]
     if len(line) < 2 or min(source.height_px, source.width_px) < SMALLEST_PX:
         return None
     here, there = (grey(*place) for place in line[len(line) // 2 - 1 :][:2])
@@ -231,9 +233,10 @@ def _by_truth(source: SceneSource) -> Turn | None:
         for step in ((0, 1), (1, 0)):
             down, across = step[::-1] if turn.transpose else step
             canonical = -down if turn.rows else down, -across if turn.cols else across
-            there = grey(row + step[0], col + step[1])
             errors[turn] = errors.get(turn, 0.0) + float(
-                mismatch(grey(row, col), there, disparity, *canonical).mean()
+                mismatch(
+                    grey(row, col), grey(row + step[0], col + step[1]), disparity, *canonical
+                ).mean()
             )
     best, second = sorted(errors, key=lambda turn: errors[turn])[:2]
     return best if errors[best] < (1 - TRUTH_LEADS) * errors[second] else source.turn
@@ -254,8 +257,10 @@ def _by_flow(source: SceneSource) -> Orientation:
     if min(source.height_px, source.width_px) < SMALLEST_PX:
         return unknown("the views are too small for optical flow")
     grey = grey_views(source)
-    lines = present_lines(source)
-    across, down = (examine_axis(lambda k, line=line: grey(*line[k]), len(line)) for line in lines)  # type: ignore[misc]
+    across, down = (
+        examine_axis(lambda k, line=line: grey(*line[k]), len(line))  # type: ignore[misc]
+        for line in present_lines(source)
+    )
     moving = [axis for axis in (across, down) if axis is not None and axis.along_px > LEAST_PX]
     if not moving:
         return unknown("the views hardly differ")

@@ -14,11 +14,13 @@ import contextlib
 import hashlib
 import json
 import os
+import weakref
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,7 +31,7 @@ from lfpipe.files.untrusted import json_fields
 from lfpipe.host.file_lock import lock_open
 from lfpipe.host.files import reserve
 from lfpipe.scene.half_turn import shown_as
-from lfpipe.scene.lightfield import Hold, LightField
+from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.manifest import VERSION, Manifest
 
 VIEWS, DISPARITY, MANIFEST = "views.npy", "disparity.npy", "manifest.json"
@@ -122,17 +124,17 @@ def open_pack(folder: Path, half_turn: str = "auto") -> LightField:
 
     Raises DamagedPackError if it is missing, damaged, changed or of another version.
     """
-    with _reading(folder):
-        with open_regular(folder / VIEWS) as file:
-            locked = lock_open(file.fileno(), shared=True)
-            here = os.path.samestat(os.fstat(file.fileno()), (folder / VIEWS).stat())
-            if not locked or not here:
-                raise ValueError("it is being removed")
-            hold = Hold(file.fileno())
-        return shown_as(light_field(folder, read_manifest(folder), hold), half_turn)
+    with _reading(folder), open_regular(folder / VIEWS) as file:
+        locked = lock_open(file.fileno(), shared=True)
+        if not locked or not os.path.samestat(os.fstat(file.fileno()), (folder / VIEWS).stat()):
+            raise ValueError("it is being removed")
+        field = light_field(folder, read_manifest(folder))
+        # the copy of the descriptor keeps the lock as long as the map of the views lives
+        hold = weakref.finalize(field.views.base, os.close, os.dup(file.fileno()))
+        return shown_as(attrs.evolve(field, hold=hold), half_turn)
 
 
-def light_field(folder: Path, manifest: Manifest, hold: Hold | None = None) -> LightField:
+def light_field(folder: Path, manifest: Manifest) -> LightField:
     """The light field of a pack with this manifest.
 
     Raises OSError, ValueError and others for what lfpipe did not write.
@@ -140,8 +142,12 @@ def light_field(folder: Path, manifest: Manifest, hold: Hold | None = None) -> L
     disparity = None
     if manifest.complete and manifest.disparity.source != "none":
         disparity = _mapped(folder / DISPARITY, manifest.disparity_shape, np.int8)
-    views = _mapped(folder / VIEWS, manifest.views_shape, np.uint8)
-    return LightField.of(manifest, views, disparity, folder=str(folder), hold=hold)
+    return LightField.of(
+        manifest,
+        _mapped(folder / VIEWS, manifest.views_shape, np.uint8),
+        disparity,
+        folder=str(folder),
+    )
 
 
 def summarize(field: LightField) -> SceneSummary:

@@ -211,7 +211,10 @@ def _complete(scene: Examined, folder: Path, score: Score, progress: Progress) -
             progress("method", 0, 1)
             field = light_field(folder, manifest)
             scores = score(field)
-            method = best_method(scores, disparity.reach_px, field.disparity is not None)
-            manifest = attrs.evolve(manifest, scores=scores, method=method)
+            manifest = attrs.evolve(
+                manifest,
+                scores=scores,
+                method=best_method(scores, disparity.reach_px, field.disparity is not None),
+            )
             progress("method", 1, 1)
         write_manifest(folder, manifest)

@@ -90,8 +90,7 @@ def _motion(a: Grey, b: Grey) -> Motion | None:
         for k, axis in enumerate(values.reshape(2, -1))
     )
     # along x and y; a fit that adds motion explains none
-    raw_px = _spread_px(values)
-    left_px = np.minimum(raw_px, _spread_px(values - matrix @ fit))
+    left_px = np.minimum(_spread_px(values), _spread_px(values - matrix @ fit))
     shift_px = float(np.hypot(*fit[:2]))
     crosswise = left_px.min() > _STILL_PX and left_px.max() < _ROUND * left_px.min() > 2 * shift_px
     return Motion(
@@ -383,8 +382,9 @@ def plausible(source: SceneSource, force: bool) -> tuple[SceneSource, Evidence |
         raise UserError(f"{source.path}: {verdict.reason} (read as {grid})", anyway)
     if verdict.kind == "one view":
         source = _as_one(source)
-    doubt = "; ".join(filter(None, (source.doubt, verdict.reason)))
-    return attrs.evolve(source, doubt=doubt), evidence
+    return attrs.evolve(
+        source, doubt="; ".join(filter(None, (source.doubt, verdict.reason)))
+    ), evidence
 
 
 def _as_one(source: SceneSource) -> SceneSource:

@@ -39,6 +39,7 @@ _GLANCE_PX, _VIEW_PX = 320, 1280  # widths: for measuring motion, and of the vie
 _STEP_SHARE, _MIN_PARALLAX = 0.004, 0.008
 _FEWEST, _MOST = 5, 15  # views
 _SHARED = 0.3  # share of the middle frame's details visible in a frame
+_FEWEST_SHARED = 20  # details to compare two frames by
 # sharpness of the chosen frames: over that of the sharpest tenth, and at least
 _BLURRED, _SHARPNESS = 0.15, 4.0
 # that are followed through the views, and that a rotation needs
@@ -59,7 +60,6 @@ _ZOOMED = 0.05  # change of size: more is no hand
 class Slide:
     """The row of views that was made."""
 
-    folder: str
     views: int
     width_px: int
     height_px: int
@@ -77,7 +77,6 @@ class Rectified:
     homographies: list[NDArray[np.float64]]  # (3, 3), from rectified pixels to those of each view
     residual_px: float  # vertical disparity that is left; 95 % are smaller
     spread_px: float  # parallax between the outermost views
-    size_change: float  # share by which the largest picture exceeds the smallest
     moved: NDArray[np.float64]  # by view, the motion of the picture along x, in half widths
     aside: NDArray[np.float64]  # by view and corner, what exceeds that
     yaw: NDArray[np.float64]  # by view, the share x y of its motion along y, in half widths
@@ -158,26 +157,14 @@ def _size_change(at: NDArray[np.float64]) -> float:
     """Share by which the largest picture exceeds the smallest, by followed corners (`follow`). Both
     axes must agree: parallax stretches one.
     """
-    sizes = []
+    sizes = [np.ones(2)]
     for there in at:
         use = np.isfinite(there[:, 0])
-        if np.count_nonzero(use) >= 20:
-            spreads = [
-                np.ptp(np.percentile(view[use], (10, 90), axis=0), axis=0)
-                for view in (there, at[len(at) // 2])
-            ]
-            sizes.append(spreads[0] / np.maximum(spreads[1], 1e-9))
-    return float(np.ptp(sizes, axis=0).min()) if sizes else 0.0
-
-
-def _refuse_zoom(change: float) -> None:
-    """Raises UserError where the pictures differ in size by more than a hand makes them."""
-    if change > _ZOOMED:
-        raise UserError(
-            "the lens zoomed, or the camera came nearer: the pictures differ in size by"
-            f" {change:.0%}",
-            "slide the camera sideways, at one zoom and one distance",
-        )
+        if np.count_nonzero(use) >= _FEWEST_SHARED:
+            both = np.percentile((there[use], at[len(at) // 2][use]), (10, 90), axis=1)
+            own, middle = np.ptp(both, axis=0)
+            sizes.append(own / np.maximum(middle, 1e-9))
+    return float(np.ptp(sizes, axis=0).min())
 
 
 def _rectified(picture: NDArray[Any], homography: NDArray[np.float64]) -> NDArray[Any]:
@@ -230,21 +217,20 @@ def follow(views: list[Grey], most: int) -> NDArray[np.float64]:
     return at
 
 
-def _motion(glances: list[Grey]) -> tuple[int, NDArray[np.float64]]:
+def _motion(at: NDArray[np.float64], shape: tuple[int, ...]) -> tuple[int, NDArray[np.float64]]:
     """The first of the frames that share enough detail; and where the camera stood at each of them,
     px of parallax between the nearest and the farthest, rising to either side: the first principal
-    motion of corners after removing the common part. Raises UserError.
+    motion of corners (`follow`) after removing the common part. shape: of a frame. Raises
+    UserError.
     """
-    middle = len(glances) // 2
-    count = len(glances)
-    at = follow(glances, 400)
+    count = len(at)
+    middle = count // 2
     share = np.isfinite(at[..., 0]).mean(axis=1) if at.size else np.zeros(count)
     bad = np.flatnonzero(share <= _SHARED)
     first = int(max(bad[bad < middle], default=-1)) + 1
     last = int(min(bad[bad > middle], default=count)) - 1
     kept = np.isfinite(at[first : last + 1, :, 0]).all(axis=0)
-    if kept.sum() < 20 or last - first + 1 < _FEWEST:
-        _refuse_zoom(_size_change(at))
+    if kept.sum() < _FEWEST_SHARED or last - first + 1 < _FEWEST:
         raise UserError(
             "the pictures share too little detail: the camera moves too fast, or they are blurred"
             " or too dark",
@@ -252,22 +238,17 @@ def _motion(glances: list[Grey]) -> tuple[int, NDArray[np.float64]]:
             " view",
         )
     moved = at[first : last + 1, kept] - at[middle, kept]
-    parallax = _without_rotation(moved, at[middle, kept], glances[middle].shape)
-    mode = np.linalg.svd(parallax.reshape(len(parallax), -1), full_matrices=False)[2][0].reshape(
-        -1, 2
-    )
-    reach = np.ptp(np.percentile(mode, (5, 95), axis=0), axis=0)
-    position = parallax.reshape(len(parallax), -1) @ mode.ravel() * float(np.hypot(*reach))
-    if float(np.ptp(position)) / glances[middle].shape[1] < _MIN_PARALLAX:
-        _refuse_zoom(_size_change(at[first : last + 1]))
-    return first, position
+    parallax = _without_rotation(moved, at[middle, kept], shape)
+    mode = np.linalg.svd(parallax, full_matrices=False)[2][0]
+    reach = np.ptp(np.percentile(mode.reshape(-1, 2), (5, 95), axis=0), axis=0)
+    return first, parallax @ mode * float(np.hypot(*reach))
 
 
 def _without_rotation(
     moved: NDArray[np.float64], at: NDArray[np.float64], size: tuple[int, ...]
 ) -> NDArray[np.float64]:
     """Motion (frames, points, 2) minus the part explained by rotation or forward motion of the
-    camera.
+    camera, as (frames, points * 2).
     """
     x, y = ((at - np.array(size[::-1]) / 2) / size[1]).T
     one = np.ones_like(x)
@@ -275,28 +256,17 @@ def _without_rotation(
     terms = [(one, none), (none, one), (-y, x), (x, y), (x * x, x * y), (x * y, y * y)]
     basis = np.stack([np.stack(term, axis=1).ravel() for term in terms], axis=1)
     flat = moved.reshape(len(moved), -1)
-    left = flat - (basis @ np.linalg.lstsq(basis, flat.T, rcond=None)[0]).T
-    return np.asarray(left.reshape(moved.shape))
+    return np.asarray(flat - (basis @ np.linalg.lstsq(basis, flat.T, rcond=None)[0]).T)
 
 
-def choose_frames(
-    count: int, read: Callable[[int], NDArray[Any]], progress: Progress
+def _chosen_frames(
+    glances: list[Grey], at: NDArray[np.float64]
 ) -> tuple[list[int], NDArray[np.float64]]:
     """Frames at even steps between the ends of the slide, the sharpest near each step; and where
-    the camera stood, in any unit, rising to either side. Raises UserError.
+    the camera stood, in any unit, rising to either side. at: their corners (`follow`). Raises
+    UserError.
     """
-    numbers = list(range(0, count, -(-count // _MAX_FRAMES)))
-    if len(numbers) < _FEWEST:
-        raise UserError(
-            f"{len(numbers)} pictures are too few; at least {_FEWEST} are needed",
-            "slide for at least two seconds",
-        )
-    glances = []
-    for number in numbers:
-        glances.append(_grey(_reduced(read(number), _GLANCE_PX)))
-        progress("motion", len(glances), len(numbers))
-    sharp = np.array([float(cv2.Laplacian(glance, cv2.CV_32F).var()) for glance in glances])
-    start, position = _motion(_levelled(glances))
+    start, position = _motion(at, glances[0].shape)
     first, last = sorted((int(np.argmin(position)), int(np.argmax(position))))
     travelled = np.abs(position - position[first])[first : last + 1]
     parallax = float(travelled[-1]) / _GLANCE_PX
@@ -308,7 +278,7 @@ def choose_frames(
         )
     views = int(np.clip(parallax / _STEP_SHARE, _FEWEST, _MOST))
     step = travelled[-1] / (views - 1)
-    sharp = sharp[start + first :]
+    sharp = [float(cv2.Laplacian(glance, cv2.CV_32F).var()) for glance in glances[start + first :]]
     steps: set[int] = set()
     for goal in np.linspace(0, travelled[-1], views):
         near = np.flatnonzero(np.abs(travelled - goal) <= step / 4)
@@ -316,9 +286,11 @@ def choose_frames(
             int(max(near, key=lambda k: sharp[k], default=np.argmin(np.abs(travelled - goal))))
         )
     chosen = sorted(steps)
-    if np.median(sharp[chosen]) < max(_BLURRED * float(np.percentile(sharp, 90)), _SHARPNESS):
+    if np.median([sharp[k] for k in chosen]) < max(
+        _BLURRED * float(np.percentile(sharp, 90)), _SHARPNESS
+    ):
         raise UserError("the pictures are blurred", "slide more slowly, in more light")
-    return [numbers[start + first + k] for k in chosen], position[first:][chosen]
+    return [start + first + k for k in chosen], position[first:][chosen]
 
 
 def rectify(views: list[Grey]) -> Rectified:
@@ -332,7 +304,6 @@ def rectify(views: list[Grey]) -> Rectified:
     at_px = follow(views, _CORNERS)
     shared = np.isfinite(at_px).all(axis=(0, 2))
     if shared.sum() < _FEWEST_CORNERS:
-        _refuse_zoom(_size_change(at_px))
         raise UserError(
             f"only {int(shared.sum())} details are in all of the pictures; {_FEWEST_CORNERS} are"
             " needed",
@@ -376,12 +347,10 @@ def rectify(views: list[Grey]) -> Rectified:
             to_px @ (linear - np.outer(shift, [yaw, pitch_2, -1])) @ along @ np.linalg.inv(to_px)
         )
     residual = float(np.percentile(left[others], 95)) / float(np.hypot(1, slope)) * unit
-    spread = float(np.ptp(np.percentile(aside[-1] - aside[0], (5, 95)))) * unit
     return Rectified(
         homographies=homographies,
         residual_px=residual,
-        spread_px=spread,
-        size_change=float(np.ptp(fits[:, 2])),
+        spread_px=float(np.ptp(np.percentile(aside[-1] - aside[0], (5, 95)))) * unit,
         moved=motion,
         aside=aside,
         yaw=fits[:, 3],
@@ -390,27 +359,16 @@ def rectify(views: list[Grey]) -> Rectified:
 
 
 def common_area(inside: Mask) -> tuple[slice, slice]:
-    """Rows and columns of the largest part of a picture that is inside everywhere, found by
-    shrinking all sides in turn.
+    """Rows and columns of the largest part of a picture that is inside everywhere, by moving in the
+    emptiest side again and again.
     """
-    top = 0
-    bottom = inside.shape[0]
-    left = 0
-    right = inside.shape[1]
-    while top < bottom and left < right and not inside[top:bottom, left:right].all():
-        empty = ~inside[top:bottom, left:right]
-        sides = {
-            "top": empty[0].mean(),
-            "bottom": empty[-1].mean(),
-            "left": empty[:, 0].mean(),
-            "right": empty[:, -1].mean(),
-        }
-        worst = max(sides, key=lambda side: sides[side])
-        top = top + (worst == "top")
-        bottom = bottom - (worst == "bottom")
-        left = left + (worst == "left")
-        right = right - (worst == "right")
-    return slice(top, bottom), slice(left, right)
+    height, width = inside.shape
+    sides = np.array([0, height, 0, width])
+    while not (part := inside[slice(*sides[:2]), slice(*sides[2:])]).all():
+        full = [side.mean() for side in (part[0], part[-1], part[:, 0], part[:, -1])]
+        worst = np.argmin(full)
+        sides[worst] += (1, -1, 1, -1)[worst]
+    return slice(*sides[:2]), slice(*sides[2:])
 
 
 @attrs.frozen(kw_only=True)
@@ -420,7 +378,6 @@ class _Row:
     views: list[NDArray[Any]]
     position: NDArray[np.float64]
     side_sure: bool  # whether the camera's own motion says which end is on the right
-    frames: int  # of the clip
     residual_px: float
     spread_px: float
 
@@ -430,10 +387,9 @@ class _Row:
         return attrs.evolve(self, views=self.views[::-1], position=position, side_sure=False)
 
 
-def _rectified_row(count: int, read: Callable[[int], NDArray[Any]], progress: Progress) -> _Row:
-    """The views of a slide of count pictures. Raises UserError if it is unsuitable."""
-    numbers, position = choose_frames(count, read, progress)
-    views = _levelled([_reduced(read(number), _VIEW_PX) for number in numbers])
+def _rectified_row(pictures: list[NDArray[Any]], position: NDArray[np.float64]) -> _Row:
+    """The rectified views of chosen pictures. Raises UserError."""
+    views = _levelled([_reduced(picture, _VIEW_PX) for picture in pictures])
     rectified = rectify([_grey(view) for view in views])
     longer = max(views[0].shape[:2]) / views[0].shape[1]
     to_the_right, side_sure = rectified.to_the_right(position, longer)
@@ -454,10 +410,35 @@ def _rectified_row(count: int, read: Callable[[int], NDArray[Any]], progress: Pr
         ],
         position=(np.sort(position) - position.min()) / float(np.ptp(position)) * (len(views) - 1),
         side_sure=side_sure,
-        frames=count,
         residual_px=rectified.residual_px * shrink,
         spread_px=rectified.spread_px * shrink,
     )
+
+
+def _row(count: int, read: Callable[[int], NDArray[Any]], progress: Progress) -> _Row:
+    """The views of a slide of count pictures. Raises UserError if it is unsuitable."""
+    numbers = list(range(0, count, -(-count // _MAX_FRAMES)))
+    if len(numbers) < _FEWEST:
+        raise UserError(
+            f"{len(numbers)} pictures are too few; at least {_FEWEST} are needed",
+            "slide for at least two seconds",
+        )
+    glances = []
+    for number in numbers:
+        glances.append(_grey(_reduced(read(number), _GLANCE_PX)))
+        progress("motion", len(glances), len(numbers))
+    at = follow(_levelled(glances), 400)
+    try:
+        chosen, position = _chosen_frames(glances, at)
+        return _rectified_row([read(numbers[k]) for k in chosen], position)
+    except UserError:
+        if (change := _size_change(at)) > _ZOOMED:  # more than a hand makes
+            raise UserError(
+                "the lens zoomed, or the camera came nearer: the pictures differ in size by"
+                f" {change:.0%}",
+                "slide the camera sideways, at one zoom and one distance",
+            ) from None
+        raise
 
 
 def _shrink(rectified: Rectified, height: int, width: int) -> float:
@@ -467,7 +448,6 @@ def _shrink(rectified: Rectified, height: int, width: int) -> float:
     residual_px = rectified.residual_px
     shrink = min(1.0, _MAX_RESIDUAL_PX / max(residual_px, 1e-9))
     if shrink * width < _MIN_VIEW_PX or shrink < _MIN_SHRINK:
-        _refuse_zoom(rectified.size_change)
         raise UserError(
             f"views of {width}x{height} px remain, which differ up and down by"
             f" {residual_px:.2f} px (95 %); they need a width of {_MIN_VIEW_PX} and"
@@ -486,8 +466,11 @@ def _write(out: Path, row: _Row, sure: bool, progress: Progress) -> None:
         out.mkdir(parents=True)
         for col, view in enumerate(row.views):
             picture = view if view.ndim == 2 else cv2.cvtColor(view, cv2.COLOR_RGB2BGR)
-            data = cv2.imencode(".png", picture)[1]
-            write_file(out / form.format(col, row.position[col]), data.tobytes(), 0o644)
+            write_file(
+                out / form.format(col, row.position[col]),
+                cv2.imencode(".png", picture)[1].tobytes(),
+                0o644,
+            )
             progress("views", col + 1, len(row.views))
     except OSError as error:
         raise UserError(
@@ -505,7 +488,7 @@ def make_slide(path: Path, out: Path, progress: Progress) -> Slide:
     with library_errors(path):
         count, read = _reader(path)
         try:
-            row = _rectified_row(count, read, progress)
+            row = _row(count, read, progress)
         except UserError as error:
             raise UserError(f"{path}: {error.message}", error.remedy) from None
     height_px, width_px = row.views[0].shape[:2]
@@ -528,11 +511,10 @@ def make_slide(path: Path, out: Path, progress: Progress) -> Slide:
     sure = order.sure or row.side_sure
     _write(out, row, sure, progress)
     return Slide(
-        folder=str(out),
         views=len(row.views),
         width_px=width_px,
         height_px=height_px,
-        frames=row.frames,
+        frames=count,
         residual_px=row.residual_px,
         spread_px=row.spread_px,
         order=why,

@@ -1,7 +1,6 @@
 """A scene on disk as its layout describes it, before it is turned or packed."""
 
 from collections.abc import Callable, Mapping
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -117,15 +116,15 @@ class SceneSource:
             )
 
     @property
+    def places(self) -> list[ViewIndex]:
+        """Where there is a view, row by row."""
+        return [place for place in np.ndindex(self.rows, self.cols) if place not in self.missing]
+
+    @property
     def middle(self) -> ViewIndex:
         """The present view closest to the middle of the grid."""
-        present = (
-            place
-            for place in product(range(self.rows), range(self.cols))
-            if place not in self.missing
-        )
         return min(
-            present,
+            self.places,
             key=lambda place: abs(place[0] - self.rows // 2) + abs(place[1] - self.cols // 2),
         )
 

@@ -69,18 +69,27 @@ class Evidence:
         poor = self.held_out_db < POOR_DB
         unexplained = self.explained < UNEXPLAINED
         if self.change and not (poor and unexplained):
-            reason = f"the pictures do not fit together as a light field: {self.change}"
-            return Verdict(kind="no light field", reason=reason)
+            return Verdict(
+                kind="no light field",
+                reason=f"the pictures do not fit together as a light field: {self.change}",
+            )
         if self.missed_motion is None and (unexplained or (poor and self.explained < EXPLAINED)):
-            reason = "these are different pictures, not one scene from several places"
-            return Verdict(kind="no light field", reason=reason)
+            return Verdict(
+                kind="no light field",
+                reason="these are different pictures, not one scene from several places",
+            )
         if self.moved_px < NOTHING_PX and self.held_out_db > POOR_DB:
-            reason = "nothing moves between these pictures: one of them is shown"
-            return Verdict(kind="one view", reason=reason)
+            return Verdict(
+                kind="one view",
+                reason="nothing moves between these pictures: one of them is shown",
+            )
         if self.missed_motion is not None:
-            share = f"{max(map(abs, self.missed_motion)):.0%} of the width"
-            reason = f"the views are too far apart ({share}): nothing is made between them"
-            return Verdict(kind="too far apart", reason=reason)
+            share = max(map(abs, self.missed_motion))
+            return Verdict(
+                kind="too far apart",
+                reason=f"the views are too far apart ({share:.0%} of the width): nothing is made"
+                " between them",
+            )
         return Verdict(kind="light field")
 
 

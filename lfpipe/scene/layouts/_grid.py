@@ -42,9 +42,9 @@ def parse_grid(text: str) -> ViewIndex | None:
 def require_grid(rows: int, cols: int, what: str) -> None:
     """Raises UserError where no light field has such a grid. what: who says so."""
     if not (1 <= rows <= MAX_SIDE and 1 <= cols <= MAX_SIDE and rows * cols <= MAX_FILES):
-        most = f"at most {MAX_SIDE} along a side and {MAX_FILES} together"
         raise UserError(
-            f"{what}: the grid has {rows}x{cols} views; {most} are expected",
+            f"{what}: the grid has {rows}x{cols} views; at most {MAX_SIDE} along a side and"
+            f" {MAX_FILES} together are expected",
             "give the true one with --set scene.grid=ROWSxCOLS",
         )
 
@@ -57,9 +57,9 @@ def require_view(height: int, width: int, sample_bytes: int, what: str) -> None:
             "save the array with the axes (rows, columns, height, width, planes)",
         )
     if height * width * 3 * sample_bytes > MAX_DECODING_BYTES:
-        most = f"at most {MAX_DECODING_BYTES / 1e6:.0f} MB each"
         raise UserError(
-            f"{what}: views have {width}x{height} px; {most} are expected",
+            f"{what}: views have {width}x{height} px; at most {MAX_DECODING_BYTES / 1e6:.0f} MB"
+            " each are expected",
             "export it with smaller views",
         )
 
@@ -126,11 +126,10 @@ def files_source(
         return pixels
 
     missing = frozenset(place for place in np.ndindex(shape) if place not in files)
-    paths = tuple(files[place] for place in sorted(files))
     return SceneSource(
         layout=layout,
         path=listing.path,
-        files=paths,
+        files=tuple(files[place] for place in sorted(files)),
         rows=shape[0],
         cols=shape[1],
         read=read,
@@ -217,11 +216,10 @@ def describe_views(layout: str, listing: Listing, scene: config.Scene, runs: boo
             f"the names give a grid of {numbered.rows}x{numbered.cols}, scene.grid says"
             f" {scene.grid}"
         )
-        in_order = grid is not None and grid[0] * grid[1] == len(numbered.views)
         raise UserError(
             f"{listing.path}: {wrong}",
             "take the names in order with --set scene.layout=numbered"
-            if in_order
+            if grid is not None and grid[0] * grid[1] == len(numbered.views)
             else "leave out scene.grid",
         )
     if runs and not numbered.clashes:
@@ -251,8 +249,9 @@ def _laid_out(
     twice = [
         f"{names[late]} is the same picture as {names[early]}" for late, early in again.items()
     ]
-    note = "; ".join([*twice, described_run(run, grid)])
-    return attrs.evolve(numbered, views=views, rows=run.rows, cols=run.cols, doubt=run.doubt), note
+    return attrs.evolve(
+        numbered, views=views, rows=run.rows, cols=run.cols, doubt=run.doubt
+    ), "; ".join([*twice, described_run(run, grid)])
 
 
 def misfit(what: str, count: int, grid: ViewIndex | None) -> UserError:
@@ -324,9 +323,8 @@ def _views_source(
     require_grid(rows, cols, str(listing.path))
     holes = [place for place in np.ndindex(rows, cols) if place not in views]
     if len(holes) > _MADE_SHARE * rows * cols:
-        wrong = f"the names span {rows}x{cols} views, {len(views)} files are there"
         raise UserError(
-            f"{listing.path}: {wrong}",
+            f"{listing.path}: the names span {rows}x{cols} views, {len(views)} files are there",
             "give a folder with a whole row or a whole grid of one scene",
         )
     notes = [note] if note else []

@@ -34,6 +34,11 @@ _FRAME_WORDS = ("f", "fr", "frame", "frames", "time", "ev", "exp", "exposure", "
 _ROW_WORDS = ("row", "rows", "r", "y", "v", "t")
 _COL_WORDS = ("col", "cols", "column", "c", "x", "u", "s")
 _MIN_COVERAGE = 0.15  # of a lattice by files: less is no grid. A cross in a 13x13 grid has 0.148
+# Of scores: a name of a run, against 1 of a grid; a grid without gaps. Among equals: numbers from 0
+# or 1 in steps of 1, or after a word; less for numbers further behind, and for a later reading
+_RUN, _WHOLE = 0.9, 0.2
+_PLAIN, _LATER, _NEXT_READING = 0.002, 1e-5, 0.003
+_CLEAR = 0.001  # lead of a score on the next one that leaves no doubt
 _MAX_FIELDS = 12  # a date with its time has six
 _UNIT = 10**9  # of numbers, which have up to nine decimals
 MAX_SIDE = 10_000  # views along one side of a grid
@@ -211,63 +216,96 @@ def _together(columns: Collection[_Column]) -> list[tuple[int, ...]]:
     return list(zip(*(column.numbers for column in columns), strict=True))
 
 
-def _read(names: list[str], columns: list[_Column]) -> NumberedNames:
-    """What the numbers of a family say."""
-    count = len(names)
-    varying = [column for column in columns if len(column.values) > 1]
-    keys = [column for column in varying if len(column.values) == count]
-    if not keys and (frame := _frame_column(varying, count)):
-        column, doubt = frame
-        first = [at for at, number in enumerate(column.numbers) if number == column.values[0]]
-        kept = [
-            attrs.evolve(other, numbers=tuple(other.numbers[at] for at in first))
-            for other in varying
-            if other != column
-        ]
-        return attrs.evolve(_read([names[at] for at in first], kept), doubt=doubt, explained=count)
-    grid = _grid([column for column in varying if column not in keys], names)
-    if grid is not None and (grid.explained > 0.9 * count or not keys):
-        return grid
-    if keys:
-        column = min(keys, key=lambda key: key.count)
-        counts = 3 * column.count <= 4 * count  # numbers with large gaps count nothing
-        column = column if counts else column.ordered()
-        return placed(names, None, column.places, (1, column.count), counts)
-    together = _together(varying) or [()] * count  # the numbers together run
-    order = {numbers: position for position, numbers in enumerate(sorted(set(together)))}
-    return placed(
-        names, None, [order[numbers] for numbers in together], (1, len(order)), counts=False
+def _way(numbered: NumberedNames, order: float = 0.0, frames: int = 1) -> Candidate[NumberedNames]:
+    """A way to count with its score: how many names it explains (a run's count less, so that a grid
+    of nearly all of them beats it), then how full its grid is, then `order` among equals.
+    """
+    shape = f"a run of {numbered.cols}" if numbered.runs else f"{numbered.rows}x{numbered.cols}"
+    return Candidate(
+        what=shape + f" with {frames} frames" * (frames > 1),
+        score=numbered.explained * (_RUN if numbered.runs else 1) + _WHOLE * numbered.share + order,
+        value=numbered,
+        evidence={
+            "names explained": numbered.explained,
+            "places with a name": numbered.share,
+            "clashes": len(numbered.clashes),
+        },
     )
 
 
-def _grid(columns: list[_Column], names: list[str]) -> NumberedNames | None:
-    """The names by the two numbers that count rows and columns best; None if no two do."""
-    best: tuple[tuple[float, float, bool, int], _Column, _Column] | None = None
+def _ways(names: list[str], columns: list[_Column]) -> list[Candidate[NumberedNames]]:
+    """What the numbers of a family may count, the likeliest first; with a doubt where the second
+    is as likely.
+    """
+    varying = [column for column in columns if len(column.values) > 1]
+    keys = [column for column in varying if len(column.values) == len(names)]
+    frames = [] if keys else _frame_columns(varying, len(names))
+    ways = [way for column in frames for way in _without_frames(names, column, varying)]
+    if len(frames) != 1:
+        ways += _grids(names, [column for column in varying if column not in keys])
+    if keys:
+        column = min(keys, key=lambda key: key.count)
+        counts = 3 * column.count <= 4 * len(names)  # numbers with large gaps count nothing
+        places = column.places if counts else column.ordered().places
+        ways.append(_way(placed(names, None, places, (1, max(places) + 1), counts)))
+    if not ways:  # the numbers together run
+        together = _together(varying) or [()] * len(names)
+        order = {numbers: position for position, numbers in enumerate(sorted(set(together)))}
+        places = [order[numbers] for numbers in together]
+        ways.append(_way(placed(names, None, places, (1, len(order)), counts=False)))
+    best, *others = sorted(ways, key=lambda way: -way.score)
+    near = [
+        way.what
+        for way in others
+        if way.score > best.score - _CLEAR and way.value.views != best.value.views
+    ]
+    if near:
+        best = attrs.evolve(
+            best,
+            value=attrs.evolve(
+                best.value, doubt=f"what the numbers in the names count: {best.what}, or {near[0]}"
+            ),
+        )
+    return [best, *others]
+
+
+def _grids(names: list[str], columns: list[_Column]) -> Iterator[Candidate[NumberedNames]]:
+    """The names by every two numbers that may count rows and columns."""
     for (first, down), (second, across) in combinations(enumerate(columns), 2):
-        pairs = len(set(_together((down, across))))
         plain = all(column.steps[:2] in ((0, _UNIT), (_UNIT, _UNIT)) for column in (down, across))
-        # then order counts where steps are uneven
+        pairs = len(set(_together((down, across))))
         if pairs == len(names) == len(down.values) * len(across.values):
-            even = [
+            # then order counts where steps are uneven
+            down, across = (
                 column.ordered() if column.count > 2 * len(column.values) else column
                 for column in (down, across)
-            ]
-            plain = plain and even == [down, across]
-            down, across = even
-        if (
-            max(down.count, across.count) > MAX_SIDE
-            or pairs < _MIN_COVERAGE * down.count * across.count
+            )
+        if max(down.count, across.count) > MAX_SIDE or pairs < _MIN_COVERAGE * (
+            down.count * across.count
         ):
             continue
-        rank = pairs / len(names), pairs / (down.count * across.count), plain, -first - second
-        if best is None or rank > best[0]:
-            best = rank, down, across
-    if best is None:
-        return None
-    _, down, across = best
-    if down.word in _COL_WORDS and across.word in _ROW_WORDS:
-        down, across = across, down
-    return placed(names, down.places, across.places, (down.count, across.count))
+        if down.word in _COL_WORDS and across.word in _ROW_WORDS:
+            down, across = across, down
+        yield _way(
+            placed(names, down.places, across.places, (down.count, across.count)),
+            _PLAIN * plain - _LATER * (first + second),
+        )
+
+
+def _without_frames(
+    names: list[str], frames: _Column, columns: list[_Column]
+) -> Iterator[Candidate[NumberedNames]]:
+    """What the other numbers count, in the names of the first frame."""
+    first = [at for at, number in enumerate(frames.numbers) if number == frames.values[0]]
+    kept = [
+        attrs.evolve(column, numbers=tuple(column.numbers[at] for at in first))
+        for column in columns
+        if column != frames
+    ]
+    for way in _ways([names[at] for at in first], kept):
+        numbered = attrs.evolve(way.value, explained=len(names))
+        order = _PLAIN if frames.word in _FRAME_WORDS else _LATER * columns.index(frames)
+        yield _way(numbered, order, len(frames.values))
 
 
 def placed(
@@ -283,7 +321,6 @@ def placed(
             clashes.append((views[index], name))
         else:
             views[index] = name
-    share = len(views) / (shape[0] * shape[1]) if counts else 0.0
     return NumberedNames(
         views=views,
         rows=shape[0],
@@ -291,26 +328,21 @@ def placed(
         runs=rows is None,
         clashes=tuple(clashes),
         explained=len(views),
-        share=share,
+        share=len(views) / (shape[0] * shape[1]) if counts else 0.0,
     )
 
 
-def _frame_column(varying: list[_Column], count: int) -> tuple[_Column, str] | None:
-    """The number that counts frames or exposures, and what that leaves open, where the numbers of
-    views and it fill a box: by the word before it, else the last of three.
+def _frame_columns(varying: list[_Column], count: int) -> list[_Column]:
+    """The numbers that may count frames or exposures, where those of views and they fill a box: the
+    one after a word that says so, else each of three.
     """
     for columns in [*combinations(varying, 3), *combinations(varying, 2)]:
-        if (
-            math.prod(len(column.values) for column in columns)
-            == count
-            == len(set(_together(columns)))
-        ):
-            named = next((column for column in columns if column.word in _FRAME_WORDS), None)
-            if named is not None:
-                return named, ""
-            if len(columns) == 3:
-                return columns[2], "which of three numbers in the names counts frames"
-    return None
+        whole = math.prod(len(column.values) for column in columns)
+        if whole == count == len(set(_together(columns))):
+            named = [column for column in columns if column.word in _FRAME_WORDS]
+            if named or len(columns) == 3:
+                return named[:1] or list(columns)
+    return []
 
 
 def _by_folder(names: tuple[str, ...]) -> NumberedNames | None:
@@ -331,40 +363,29 @@ def _by_folder(names: tuple[str, ...]) -> NumberedNames | None:
     return NumberedNames(views=views, rows=len(folders), cols=counts.pop(), runs=False)
 
 
-# of a score whose whole part is the number of explained names (of maps, half as many): a grid beats
-# a run, and a whole grid one with gaps
-_GRID_BONUS, _WHOLE_BONUS = 0.25, 0.2
-
-
 def _candidates(names: tuple[str, ...]) -> Iterator[Candidate[NumberedNames]]:
     """What each family says by each reading; no more once nothing can be better."""
     stems = _stems(names)
-    for reading in _READINGS:
+    for number, reading in enumerate(_READINGS):
         families = reading.families(stems)
         most = max((len(family) for family in families.values()), default=0)
         for texts, family in families.items():
             if len(family) < 2 or 2 * len(family) < most:
                 continue
             fields = zip(zip(*family.values(), strict=True), texts, strict=False)
-            numbered = _read(
-                list(family), [_Column.of(numbers, before) for numbers, before in fields]
-            )
-            if not reading.accepts(numbered, len(family), len(names)):
-                continue
+            columns = [_Column.of(numbers, before) for numbers, before in fields]
             maps = any(MAPS.search(text) for text in texts)
-            grid_bonus = 0.0 if numbered.runs else _GRID_BONUS
-            yield Candidate(
-                what=f"{'#'.join(texts[: len(texts) - 1])}: {reading.name},"
-                f" {'a run of ' if numbered.runs else ''}{numbered.rows}x{numbered.cols}",
-                score=numbered.explained / (1 + maps) + grid_bonus + _WHOLE_BONUS * numbered.share,
-                value=numbered,
-                evidence={
-                    "names explained": numbered.explained,
-                    "places with a name": numbered.share,
-                    "clashes": len(numbered.clashes),
-                },
-            )
-            if numbered.explained == len(names) and numbered.share == 1 and grid_bonus and not maps:
+            ways = [
+                attrs.evolve(
+                    way,
+                    what=f"{'#'.join(texts[:-1])}: {reading.name}, {way.what}",
+                    score=way.score / (1 + maps) - _NEXT_READING * number,
+                )
+                for way in _ways(list(family), columns)
+                if reading.accepts(way.value, len(family), len(names))
+            ]
+            yield from ways
+            if ways and ways[0].score > len(names) + _WHOLE - _NEXT_READING * (number + 1):
                 return
 
 
@@ -375,6 +396,6 @@ def read_names(names: tuple[str, ...]) -> NumberedNames | None:
     """
     order = ranked(f"how {len(names)} names count", list(_candidates(names)))
     best = order[0].value if order else None
-    if (best is None or best.runs or best.clashes) and (rows := _by_folder(names)) is not None:
-        return rows
+    if best is None or best.runs or best.clashes:
+        return _by_folder(names) or best
     return best

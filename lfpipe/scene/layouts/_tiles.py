@@ -250,9 +250,12 @@ def _candidates(picture: NDArray[Any], name: str) -> Iterator[Candidate[Tiling]]
         yield _candidate("likeness along one axis", strip, 0.0, min(row_unlike, col_unlike))
         if unlike <= _PLAIN:
             either = f"{rows}x{cols}, or {strip.shape[0]}x{strip.shape[1]}"
-            doubt = f"the tiles: {either} (--set scene.grid=ROWSxCOLS)"
-            doubted = attrs.evolve(grid, doubt=doubt)
-            yield _candidate("likeness along both axes", doubted, _BY_TWO_AXES, unlike)
+            yield _candidate(
+                "likeness along both axes",
+                attrs.evolve(grid, doubt=f"the tiles: {either} (--set scene.grid=ROWSxCOLS)"),
+                _BY_TWO_AXES,
+                unlike,
+            )
 
 
 def _candidate(why: str, tiling: Tiling, prior: float, unlike: float = 0.0) -> Candidate[Tiling]:
@@ -276,11 +279,10 @@ def _as_quilt(picture: NDArray[Any], plain: Tiling) -> Tiling:
     readings = {}
     for down in (False, True):
         quilt = attrs.evolve(plain, quilt=True, down=down)
-        grid = Running(rows=rows, cols=cols)
         best = likeliest(
             lambda at, quilt=quilt: plane_of(quilt.cut(picture, 0, at)),  # type: ignore[misc]
             [True] * rows * cols,
-            [grid, line],
+            [Running(rows=rows, cols=cols), line],
         )
         readings[down] = best, quilt
     lines = [reading for reading in readings.values() if reading[0].run.rows == 1]
@@ -364,8 +366,10 @@ def require_picture(listing: Listing) -> Path:
     """As `single_picture`. Raises UserError if there is none, or more than one."""
     path = single_picture(listing)
     if path is None:
-        what = f"{listing.path}: contains {len(listing.pictures())} pictures, not one"
-        raise UserError(what, "give the file itself, or leave out scene.layout")
+        raise UserError(
+            f"{listing.path}: contains {len(listing.pictures())} pictures, not one",
+            "give the file itself, or leave out scene.layout",
+        )
     return path
 
 
@@ -389,8 +393,12 @@ def tiling(
                 "give the grid that was rendered with --set scene.grid=ROWSxCOLS",
             )
         # programs for such displays leave a remainder
-        whole = bool(named) or UNEVEN.get((width, height)) == (cols, rows)
-        tiles = Tiling.even(picture, rows, cols, resized=not whole)
+        tiles = Tiling.even(
+            picture,
+            rows,
+            cols,
+            resized=not (bool(named) or UNEVEN.get((width, height)) == (cols, rows)),
+        )
     if tiles is None or quilt or grid is not None or scene.layout == "mosaic":  # the user's word
         return tiles and attrs.evolve(tiles, quilt=quilt, doubt="")
     return _as_quilt(picture, tiles)

@@ -172,7 +172,8 @@ def _numpy_source(listing: Listing, path: Path) -> SceneSource:
             f"{path}: {POSITIONS} contains NaN or infinite values", "give finite numbers"
         )
 
-    turn = None if positions is None else coordinate_turn(np.asarray(positions, np.float64))
+    stood = None if positions is None else np.asarray(positions, np.float64)
+    turn = None if stood is None else coordinate_turn(stood)
     places = () if disparity is None else np.ndindex(rows, cols)
     source = _source(
         "array",
@@ -190,7 +191,7 @@ def _numpy_source(listing: Listing, path: Path) -> SceneSource:
             if turn
             else "rows of the array are counted from the top, columns from the left"
         ),
-        coordinates=None if positions is None else np.asarray(positions, np.float64),
+        coordinates=stood,
         truth={place: partial(np.asarray, disparity[place], np.float32) for place in places},  # type: ignore[index]
     )
     if views.dtype != np.uint16:
@@ -312,16 +313,14 @@ def _ordered_source(
 
 def _reader(array: Any, order: tuple[int, ...]) -> Callable[[int, int, int], NDArray[Any]]:
     """A function that reads the view at (frame, row, col), as (y, x[, planes]), of an array whose
-    axes are in that order. An axis of frames may be before them.
+    axes are in that order.
     """
-    kept = sorted(order[2:])
-    turned = [kept.index(axis) for axis in order[2:]]
+    turned = np.argsort(np.argsort(order[2:]))
 
     def raw(frame: int, row: int, col: int) -> NDArray[Any]:
         index: list[Any] = [slice(None)] * len(order)
         index[order[0]], index[order[1]] = row, col
-        place = (frame, *index) if array.ndim > len(order) else tuple(index)
-        return np.asarray(np.asarray(array[place]).transpose(turned))
+        return np.asarray(array[tuple(index)]).transpose(turned)
 
     return raw
 
@@ -337,8 +336,10 @@ def _matlab_array(path: Path) -> tuple[Any, list[str]]:
         try:
             import scipy.io
         except ImportError:
-            remedy = f"{install_command('scipy')}, or save it with -v7.3"
-            raise UserError(f"{path}: a .mat file older than v7.3 needs scipy", remedy) from None
+            raise UserError(
+                f"{path}: a .mat file older than v7.3 needs scipy",
+                f"{install_command('scipy')}, or save it with -v7.3",
+            ) from None
         with _damage(path, "not a readable .mat file", "save it again, with -v7.3"):
             names = [name for name, _, _ in scipy.io.whosmat(file)]
             file.seek(0)
@@ -357,8 +358,13 @@ def _matlab_source(listing: Listing, path: Path) -> SceneSource:
         source = attrs.evolve(source, max_value=top)
     if not {"LFMetadata", "DecodeOptions", "RectOptions", "WhiteImageMetadata"} & set(names):
         return source
-    by = "LFToolbox counts rows from the top and columns from the left"
-    return attrs.evolve(source, linear=True, turn=Turn(), turn_by=by, turn_firm=False)
+    return attrs.evolve(
+        source,
+        linear=True,
+        turn=Turn(),
+        turn_by="LFToolbox counts rows from the top and columns from the left",
+        turn_firm=False,
+    )
 
 
 def disparity_of_depth(
@@ -372,33 +378,31 @@ def disparity_of_depth(
         return np.asarray(unit / depth - np.float32(known.get("shift", 0.0)), np.float32)
 
 
+def _is_one_number(stored: Any) -> bool:
+    """By its type and shape: nothing large is read."""
+    return stored.dtype.kind in "uif" and stored.shape in ((), (1,))
+
+
 def _hci_old_source(listing: Listing, path: Path) -> SceneSource:
     file = _hdf5(path)
     source = _ordered_source("hci-old", listing, path, _hdf5_array(path, file, *_KEYS), [*file])
     with _damage(path, "the attributes cannot be read"):
-        stored = {
-            name: file.attrs.get_id(name)
+        values = {
+            name: float(np.ravel(file.attrs[name])[0])
             for name in ("dH", "focalLength", "shift")
-            if name in file.attrs
+            if name in file.attrs and _is_one_number(file.attrs.get_id(name))
         }
-        single = [
-            name
-            for name, about in stored.items()
-            if about.dtype.kind in "uif" and about.shape in ((), (1,))
-        ]
-        values = {name: float(np.ravel(file.attrs[name])[0]) for name in single}
     known = {name: value for name, value in values.items() if abs(value) <= LARGEST}
     depth = _hdf5_array(path, file, "GT_DEPTH")
+    if not values:  # another program's
+        return source
     truth = {}
     shape = source.rows, source.cols, source.height_px, source.width_px
     if depth is not None and depth.shape == shape and known.get("dH") and known.get("focalLength"):
-        places = np.ndindex(source.rows, source.cols)
         truth = {
             place: lambda at=place: disparity_of_depth(depth[at].astype(np.float32), known)
-            for place in places
+            for place in source.places
         }
-    if not values:  # another program's
-        return source
     return attrs.evolve(
         source,
         truth=truth,

@@ -102,10 +102,9 @@ def _describe_hci(listing: Listing, scene: config.Scene) -> SceneSource:
     # only the names are of the benchmark: the pictures decide, and may contradict the order
     if not rows * cols and not maps:
         source = describe_views("hci", listing, scene, runs=True)
-        usual = source.rows == source.cols and not source.doubt
         return (
             attrs.evolve(source, turn=Turn(), turn_firm=False, turn_by=convention)
-            if usual
+            if (source.rows == source.cols and not source.doubt)
             else source
         )
     last = max(views, key=lambda name: views[name])
@@ -179,8 +178,11 @@ def _describe_hci_text(listing: Listing, scene: config.Scene) -> SceneSource:
             data = read_bytes(path, 1 << 28)
             expected = 4 * math.prod(size)
             if len(data) != expected:
-                wrong = f"{len(data)} bytes, {expected} expected of {size[1]}x{size[0]} float32"
-                raise UserError(f"{path}: {wrong}", "fetch it again, or move it away")
+                raise UserError(
+                    f"{path}: {len(data)} bytes, {expected} expected of {size[1]}x{size[0]}"
+                    " float32",
+                    "fetch it again, or move it away",
+                )
             depth = np.frombuffer(data, "<f4").reshape(size).astype(np.float32)
             return disparity_of_depth(depth, known) if known["focalLength"] else depth
 
@@ -194,19 +196,18 @@ def _describe_stanford(listing: Listing, scene: config.Scene) -> SceneSource:
         "stanford", listing, {name: (int(m[1]), int(m[2])) for name, m in matches.items()}
     )
     stood = np.full((source.rows, source.cols, 2), np.nan)
-    places = [
-        place for place in np.ndindex(source.rows, source.cols) if place not in source.missing
-    ]
-    for place, path in zip(places, source.files, strict=True):
+    for place, path in zip(source.places, source.files, strict=True):
         for axis in (0, 1):
             value = finite(matches[path.name][3 + axis], -LARGEST, LARGEST)
             stood[place][axis] = np.nan if value is None else value
     turn = coordinate_turn(stood)
     if turn is None:
         return source
-    coordinates = stood if np.isfinite(stood).all() else None
     return attrs.evolve(
-        source, coordinates=coordinates, turn=turn, turn_by="camera coordinates in the names"
+        source,
+        coordinates=stood if np.isfinite(stood).all() else None,
+        turn=turn,
+        turn_by="camera coordinates in the names",
     )
 
 

@@ -259,8 +259,11 @@ def _read(listing: Listing) -> _Photo:
         )
         if _numbered_frames(listing) == pair:
             doubt = "; ".join(filter(None, (_FRAMES, doubt)))
-        recorded = "/" in pair[0]
-        if paths[0].stem.lower() == paths[1].stem.lower() and picture.ndim == 2 and not recorded:
+        if (
+            paths[0].stem.lower() == paths[1].stem.lower()
+            and picture.ndim == 2
+            and "/" not in pair[0]
+        ):
             doubt = "; ".join(filter(None, (f"whether {pair[1]} is the depth of {pair[0]}", doubt)))
         return _Photo(paths=paths, picture=picture, full=full, nearness=near, why=why, doubt=doubt)
     path = require_picture(listing)
@@ -360,7 +363,6 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
             picture, disparity, disparity_at(row, col), row - rows // 2, col - cols // 2
         )
 
-    truth = {place: partial(disparity_at, *place) for place in np.ndindex(rows, cols)}
     return SceneSource(
         layout=NAME,
         path=listing.path,
@@ -371,7 +373,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
         height_px=height,
         width_px=width,
         max_value=photo.full,
-        truth=truth,
+        truth={place: partial(disparity_at, *place) for place in np.ndindex(rows, cols)},
         rendered=True,
         turn=Turn(),
         turn_by=f"the views are made in order; {photo.why}",

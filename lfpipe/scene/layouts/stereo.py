@@ -93,8 +93,9 @@ def _recorded(listing: Listing) -> list[tuple[str, str]]:
         (name, right + name.removeprefix(left)) for name in names if name.startswith(f"{left}/")
     ]
     pairs = [pair for pair in pairs if pair[1] in names]
-    alike = len(pairs) >= _RECORDED and _differ_sideways(*map(listing.file, pairs[0]))
-    return pairs if alike else []
+    return (
+        pairs if len(pairs) >= _RECORDED and _differ_sideways(*map(listing.file, pairs[0])) else []
+    )
 
 
 @lru_cache(maxsize=2)

@@ -79,8 +79,10 @@ def _frames(layout: str, listing: Listing) -> tuple[list[Path], tuple[str, ...]]
         )
     for path, header in zip(paths, headers, strict=True):
         if header.size != usual:
-            what = f"{path}: has {header.size}, but {paths[0].name} has {usual}"
-            raise UserError(what, "export it again with frames of one size")
+            raise UserError(
+                f"{path}: has {header.size}, but {paths[0].name} has {usual}",
+                "export it again with frames of one size",
+            )
     return paths, ()
 
 
