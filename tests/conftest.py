@@ -139,8 +139,7 @@ def live(tmp_path_factory: pytest.TempPathFactory, scene: Path) -> Iterator[Worl
         "render.alpha_px=12",
         "render.loop_ms=100",
     )
-    made.up(scene, *(f"--set={text}" for text in shown))
-    made.pictures(5)
+    made.shows(scene, *(f"--set={text}" for text in shown))
     yield made
     made.end()
 

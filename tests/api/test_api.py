@@ -1,7 +1,6 @@
 """The public interface: promises of docs/python.md that its examples do not show."""
 
 import inspect
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -13,14 +12,14 @@ import pytest
 
 import lfpipe
 from lfpipe.eyes import EYES
+from tests.support.processes import printed
 
 HEAVY = ("numpy", "cv2", "zmq", "attrs", "lfpipe.cli", "lfpipe.config")
 
 
 def test_import_lfpipe_loads_nothing_else() -> None:
     code = f"import sys, lfpipe; print([name for name in {HEAVY} if name in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+    assert printed(sys.executable, "-c", code) == "[]\n"
 
 
 def test_api_names_are_there_and_documented() -> None:
@@ -149,26 +148,3 @@ def test_tracker_finds_the_eyes_that_the_stage_finds(clip: Path) -> None:
         )
         assert tracker.update(np.zeros_like(frame), 10**9) is None
     stage.engine.close()
-
-
-PROGRAM = """
-import lfpipe
-
-settings = {"render.method": "nearest", "render.alpha_px": 12, "render.swap_eyes": True}
-with lfpipe.open_scene("boxes", settings) as field:
-    print(lfpipe.render_view(field, 0.5, 1).shape)
-    with lfpipe.Session(field, camera="demo", settings=settings) as session:
-        session.set({"render.depth": 0.5, "render.anaglyph": "grey"})
-        for eyes in session.stream():
-            if eyes is not None and eyes.head is not None:
-                print(eyes.head.position_mm)
-    report = lfpipe.replay("walk", field, settings=settings)
-"""
-
-
-def test_api_program_is_clean_under_mypy_strict(tmp_path: Path) -> None:
-    program = tmp_path / "program.py"
-    program.write_text(PROGRAM)
-    command = [sys.executable, "-m", "mypy", "--strict", "--config-file=", str(program)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
-    assert done.returncode == 0, done.stdout

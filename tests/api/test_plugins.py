@@ -4,13 +4,13 @@ and skipped.
 
 import os
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
 from tests.scene import made
+from tests.support.processes import printed
 from tests.support.world import World, write_package
 
 pytestmark = pytest.mark.live
@@ -41,8 +41,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "--python",
         sys.executable,
     ]
-    done = subprocess.run([*command, "--target", folder, copy], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+    printed(*command, "--target", folder, copy)
     write_package(folder, BROKEN, "broken", "2.0")
     return folder
 

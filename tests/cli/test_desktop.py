@@ -12,14 +12,13 @@ def test_desktop_entries_are_valid_and_go_again(world: World) -> None:
     data = world.root / "data"
     world.env["XDG_DATA_HOME"] = str(data)
     for _ in range(2):  # its own files are replaced
-        done = world.run("desktop", "install")
-        assert done.returncode == 0, done.stderr
+        done = world.done("desktop", "install")
     entry, opens, icon = map(Path, done.stdout.splitlines())
     assert f'Exec="{sys.executable}" -m lfpipe\n' in entry.read_text()
     assert " -m lfpipe up %f\n" in opens.read_text() and icon.suffix == ".svg"
     if shutil.which("desktop-file-validate"):
         subprocess.run(["desktop-file-validate", entry, opens], check=True)
     icon.write_text("drawn by somebody else")
-    assert world.run("desktop", "install").returncode == 2
+    world.refused("desktop", "install")
     assert world.run("desktop", "remove").stdout.splitlines() == [str(entry), str(opens)]
     assert [path for path in data.rglob("*") if path.is_file()] == [icon]

@@ -22,6 +22,7 @@ from tests.support.world import World
         (("up", "--demo", "--set", "render.rate_hz=9999"), "lfpipe config show"),
         (("replay", "walk", "--pace", "fast"), "step, max, recorded or a rate"),
         (("monitor", "--once", "--web"), "--web excludes --once"),
+        (("monitor", "--web", "--json"), "--web excludes --json"),
         (("up",), "--demo"),
         (("up", "--durtion", "3"), "--duration"),
         (("up", "--demo", "--code-file", "code.txt"), "--code-file needs --kiosk"),

@@ -15,7 +15,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from lfpipe import config
-from lfpipe.config import Config, Track, converter
+from lfpipe.config import Config, converter
 from lfpipe.config.check import flat
 from lfpipe.config.user_files import commented
 from lfpipe.errors import UserError
@@ -42,11 +42,6 @@ def test_the_text_of_any_configuration_reads_back_as_itself() -> None:
     for tree in (Config(), config.load("paper")):
         assert read(tomllib.loads(commented(tree))) == tree
         assert converter().structure(converter().unstructure(tree), Config) == tree
-
-
-def test_the_name_of_a_plug_in_reaches_the_stages() -> None:
-    tree = Config(track=Track(engine="centre", filter="newest"))  # type: ignore[arg-type]
-    assert converter().structure(converter().unstructure(tree), Config) == tree
 
 
 def test_every_error_of_every_layer_is_named_at_once(user_folder: Path, tmp_path: Path) -> None:

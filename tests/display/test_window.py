@@ -16,9 +16,10 @@ from lfpipe.render.display import Display
 from lfpipe.render.open_display import HINT, open_display, parse_display
 from lfpipe.render.overlay import EVENTS, HELP, KEYS, Item, Menu, Overlay
 from lfpipe.render.window import ScreenWindow
+from tests.support.processes import end
 from tests.support.world import until
 from tests.support.xdnd import drop
-from tests.support.xvfb_screen import Screen, end, look_at, needs_xdotool, outline, x_server
+from tests.support.xvfb_screen import Screen, look_at, needs_xdotool, outline, x_server
 
 WAIT_S = 60.0
 GREY = np.full((500, 853, 3), 90, np.uint8)  # of the width of a first window

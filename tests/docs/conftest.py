@@ -1,13 +1,15 @@
 """What pages hold, and an environment as a person has it who never heard of uv."""
 
+import functools
 import re
-import subprocess
 import sys
 import sysconfig
 import tarfile
 from pathlib import Path
 
 import pytest
+
+from tests.support.processes import printed
 
 ROOT = Path(__file__).parents[2]
 PAGES = ["README.md", *(f"docs/{path.name}" for path in sorted((ROOT / "docs").glob("*.md")))]
@@ -29,16 +31,8 @@ def fresh(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """
     folder = tmp_path_factory.mktemp("fresh")
 
-    def run(*words: str | Path, cwd: Path = folder) -> None:
-        done = subprocess.run(
-            words,
-            cwd=cwd,
-            capture_output=True,
-            text=True,
-            env={"PATH": "/usr/bin:/bin", "HOME": str(folder)},
-        )
-        assert done.returncode == 0, done.stderr
-
+    env = {"PATH": "/usr/bin:/bin", "HOME": str(folder)}
+    run = functools.partial(printed, cwd=folder, env=env)
     run(sys.executable, "-c", BUILD, "sdist", folder, cwd=ROOT)
     with tarfile.open(next(folder.glob("*.tar.gz"))) as archive:
         archive.extractall(folder, filter="data")

@@ -127,8 +127,7 @@ def session(tmp_path_factory: pytest.TempPathFactory, scene: Path, clip: Path) -
     made.done("sequence", "import", clip, "walk")
     for name in ("talk", "tests/walk"):
         shutil.copytree(made.root / "walk", made.root / name)
-    made.up(scene, scene)  # a playlist
-    made.pictures(1)
+    made.shows(scene, scene, pictures=1)
     yield made
     made.end()
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from tests.docs.conftest import BUILD, ROOT, blocks
+from tests.support.processes import printed
 from tests.support.world import World
 
 EXAMPLES = ROOT / "examples"
@@ -27,11 +28,7 @@ def run(world: World, python: Path, *words: str | Path) -> str:
         "MPLBACKEND": "agg"
     }
     env["PATH"] = f"{python.parent}{os.pathsep}{os.environ['PATH']}"
-    done = subprocess.run(
-        [str(word) for word in words], capture_output=True, text=True, cwd=world.root, env=env
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
+    return printed(*words, cwd=world.root, env=env)
 
 
 @pytest.mark.parametrize(
@@ -110,7 +107,7 @@ def test_example_programs_are_typed(fresh: Path, tmp_path: Path) -> None:
         path = tmp_path / f"block_{number}.py"
         path.write_text(program)
         files.append(path)
-    words = [
+    words: list[str | Path] = [
         sys.executable,
         "-m",
         "mypy",
@@ -121,10 +118,7 @@ def test_example_programs_are_typed(fresh: Path, tmp_path: Path) -> None:
         tmp_path / "cache",
         *files,
     ]
-    done = subprocess.run(
-        [str(word) for word in words], capture_output=True, text=True, cwd=tmp_path
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
+    printed(*words, cwd=tmp_path, timeout_s=250)
 
 
 @pytest.fixture(scope="module", params=["", "served.example/lfpipe"])
@@ -135,14 +129,7 @@ def package(
     out = tmp_path_factory.mktemp("dist")
     url = f"https://{request.param}" if request.param else ""
     env = {"PATH": "/usr/bin:/bin", "HOME": str(out), **({"LFPIPE_URL": url} if url else {})}
-    done = subprocess.run(
-        [sys.executable, "-c", BUILD, "sdist", str(out)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        env=env,
-    )
-    assert done.returncode == 0, done.stderr
+    printed(sys.executable, "-c", BUILD, "sdist", out, cwd=ROOT, env=env)
     with tarfile.open(next(out.glob("*.tar.gz"))) as archive:
         names = [name.partition("/")[2] for name in archive.getnames()]
         found = next(member for member in archive if re.fullmatch("[^/]+/PKG-INFO", member.name))
@@ -182,21 +169,3 @@ def test_containerfile_runs_commands_that_exist() -> None:
         and '"lfpipe", "up", "--demo"' in text
         and "pytest" in text
     )
-
-
-@pytest.mark.live
-def test_wheel_from_the_sdist_installs(fresh: Path, tmp_path: Path) -> None:
-    """As an installer without a wheel does: the archive has all that its own build reads."""
-    code = (
-        "import lfpipe, subprocess; print(lfpipe.__file__); subprocess.run(['lfpipe', '--version'],"
-        " check=True)"
-    )
-    env = {"PATH": f"{fresh.parent}:/usr/bin:/bin", "HOME": str(tmp_path)}
-    done = subprocess.run(
-        (fresh, "-c", code), cwd=tmp_path, capture_output=True, text=True, env=env
-    )
-    assert (
-        done.returncode == 0
-        and str(fresh.parents[1]) in done.stdout
-        and "lfpipe, version" in done.stdout
-    ), done.stderr

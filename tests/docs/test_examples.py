@@ -9,6 +9,7 @@ import json
 import os
 import re
 import runpy
+import signal
 import socket
 import subprocess
 import sys
@@ -93,12 +94,9 @@ def test_stage_example_runs_in_a_session(world: World, scene: Path, tmp_path: Pa
     )
     world.module = "runner"
     world.env["PYTHONPATH"] = os.pathsep.join([str(tmp_path), str(ROOT)])
-    process = world.up(scene)
-    world.pictures(1)
+    process = world.shows(scene, pictures=1)
     world.wait_for(lambda: world.monitor()["stages"]["away"]["count"] > 5, "outputs of the stage")
-    process.terminate()
-    _, err = process.communicate(timeout=60)
-    assert process.returncode == 0 and "failed" not in err, err
+    assert "failed" not in world.ended(process, signal.SIGTERM)
 
 
 def program(word: str) -> str:

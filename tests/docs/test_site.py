@@ -1,13 +1,13 @@
 """The docs as a site: it has every page, every link works, and one address of the project."""
 
 import re
-import subprocess
 import sys
 import tomllib
 from pathlib import Path
 
 import pytest
 
+from tests.support.processes import printed
 from tests.web.browser import Browser, missing
 
 ROOT = Path(__file__).parents[2]
@@ -19,9 +19,7 @@ FILE = re.compile(r"(?<![\w./~-])([\w-]+(?:/[\w.-]+)*/[\w-]+\.(?:py|toml|sh|yml)
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of the built site."""
     folder = tmp_path_factory.mktemp("docs") / "site"
-    words = [sys.executable, "-m", "mkdocs", "build", "--strict", "-q", "-d", str(folder)]
-    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=100)
-    assert done.returncode == 0, done.stdout + done.stderr
+    printed(sys.executable, "-m", "mkdocs", "build", "--strict", "-q", "-d", folder, cwd=ROOT)
     return folder
 
 

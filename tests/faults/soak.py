@@ -16,7 +16,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import zmq
 from numpy.typing import NDArray
 
 from lfpipe import config
@@ -25,8 +24,7 @@ from lfpipe.transport import control, ring, status
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.session import Session
 from lfpipe.transport.status import State
-from tests.faults.hostile import hostile
-from tests.support.world import World, write_scene
+from tests.support.world import World, connected, write_scene
 
 STAGES = ("capture", "track", "render")
 LETHAL = ("kill", "terminate", "stop")
@@ -94,8 +92,7 @@ class Watcher(threading.Thread):
     def run(self) -> None:
         pictures: ring.Reader | None = None
         lease_ns = 0
-        with control.context() as ctx, ctx.socket(zmq.DEALER) as ctl:
-            control.connect(ctl, self._session.run_dir, "ctl")
+        with connected(self._session.run_dir) as ctl:
             while not self._ended.wait(0.004):
                 self._look_at_frames()
                 self._read_trace()
@@ -166,14 +163,14 @@ class Soak:
             f"--set={key}"
             for key in (f"camera.width_px={SIZE_PX[0]}", f"camera.height_px={SIZE_PX[1]}", *SETS)
         )
-        self._supervisor = world.up(
+        self._supervisor = world.shows(
             write_scene(world.root / "plain"),
             *sets,
             camera=f"file:{frames}?loop=1&pace=30",
             stdout=self._log,
             stderr=self._log,
+            pictures=20,
         )
-        world.pictures(20)
         self._session = Session(world.name)
         self.watcher = Watcher(self._session, world.trace)
         self.watcher.start()
@@ -356,10 +353,9 @@ class Soak:
         return source_seq - seq - drops - left_out, left_out
 
     def _send_garbage(self, _stage: str) -> None:
-        with control.context() as ctx, ctx.socket(zmq.DEALER) as socket:
-            control.connect(socket, self._session.run_dir, "ctl")
+        with connected(self._session.run_dir) as socket:
             for _ in range(200):
-                socket.send(hostile(self._rng))
+                socket.send(self._rng.randbytes(self._rng.randrange(1, 200)))
             for _ in range(200):
                 assert socket.poll(60_000) and control.decode(socket.recv())["ok"] is False
 

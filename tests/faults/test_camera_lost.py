@@ -35,8 +35,7 @@ def test_session_outlives_all_that_happens_to_its_camera(
     node = tmp_path / "video0"
     node.write_text("frames")
     world.module = "tests.faults.scripted_camera"
-    process = world.up(scene, *CAMERA, camera=f"camera:{node}")
-    world.pictures(10)
+    process = world.shows(scene, *CAMERA, camera=f"camera:{node}", pictures=10)
     before = _rows(world)
     pid = before["capture"][1]
     steps = contextlib.ExitStack()

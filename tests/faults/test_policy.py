@@ -38,8 +38,7 @@ def test_stage_that_fails_five_times_ends_the_session(world: World, scene: Path)
 
 def test_set_is_taken_whole_or_rolled_back(world: World, scene: Path, tmp_path: Path) -> None:
     world.module = "tests.faults.picky_render"
-    process = world.up(scene, *CAMERA)
-    world.pictures(5)
+    process = world.shows(scene, *CAMERA)
     before = _ask(world, cmd="status")["config"]
     for sets, why in (
         ({"render.swap_eyes": True, "render.alpha_px": -4}, "render.alpha_px"),
@@ -61,8 +60,7 @@ def test_set_is_taken_whole_or_rolled_back(world: World, scene: Path, tmp_path: 
     assert "error" not in _ask(world, cmd="load", scene=str(write_scene(tmp_path / "other", 1, 5)))
     assert world.more_pictures(3)[-1]["view"]["left"][0] == 0
     _ask(world, cmd="stop")
-    _, err = process.communicate(timeout=120)
-    assert process.returncode == 0, err
+    err = world.ended(process)
     assert err.count("the last change is rolled back: render.loop_ms = 7: not for me") == 3
     assert err.count("the last change is rolled back: render fails with it") == 3
 
@@ -113,8 +111,7 @@ def test_plugin_that_never_works_ends_a_session_with_code_1(
     (folder / "made_parts.py").write_text(PARTS)
     example = Path(__file__).parents[2] / "examples" / "lfpipe-example"
     world.env["PYTHONPATH"] += f":{folder}:{example}"
-    process = world.up(scene, *(f"--set={text}" for text in sets))
-    world.pictures(5)
+    process = world.shows(scene, *(f"--set={text}" for text in sets))
     told = f"{words}: the picture does not follow you"
     world.wait_for(lambda: told in world.monitor()["notices"], "notice")
     assert world.ask(cmd="stop")["ok"]

@@ -136,8 +136,9 @@ def test_left_out_frames_are_not_counted_as_lost(world: World, scene: Path, hogs
     first, last = sorted(os.sched_getaffinity(0))[:2]
     sets = ("camera.rate_hz=120", "render.method=nearest", "render.rate_hz=30")
     words = [f"--set={word}" for word in sets]
-    world.up(scene, *words, preexec_fn=lambda: os.sched_setaffinity(0, (first, last)))
-    world.pictures(60)
+    world.shows(
+        scene, *words, preexec_fn=lambda: os.sched_setaffinity(0, (first, last)), pictures=60
+    )
     before = world.monitor()["stages"]
     assert [before[name]["cpus"] for name in ("capture", "track", "render")] == [
         [first],

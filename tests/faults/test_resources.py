@@ -97,13 +97,11 @@ def test_up_raises_the_limit_of_open_files_or_says_it(
     def limited() -> None:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
-    process = world.start("up", scene, *PLAIN, "--session", world.name, preexec_fn=limited)
-    out, err = process.communicate(timeout=120)
-    done = subprocess.CompletedProcess([], process.returncode, out, err)
+    done = world.run("up", scene, *PLAIN, "--session", world.name, preexec_fn=limited)
     if code:
         assert_said(done, world, "24 open files", "ulimit -n")
     else:
-        assert process.returncode == 0, err
+        assert done.returncode == 0, done.stderr
 
 
 @mounts
@@ -118,48 +116,23 @@ def test_up_with_a_full_run_directory(world: World, scene: Path, place: Path) ->
 def test_outputs_in_directories_without_permission(
     world: World, scene: Path, as_nobody: list[str]
 ) -> None:
-    def unprivileged(world: World, *command: object, **env: str) -> Done:
-        words = [*as_nobody, sys.executable, "-m", "lfpipe", *map(str, command)]
-        return subprocess.run(
-            words,
-            capture_output=True,
-            text=True,
-            cwd=world.root,
-            env={**world.env, **env},
-            timeout=60,
-        )
-
     closed = world.root / "closed"
     closed.mkdir(mode=0o500)
     up = ("up", scene, *PLAIN, "--session", world.name)
-    denied = "Permission denied"
-    assert_said(
-        unprivileged(world, *up, XDG_RUNTIME_DIR=str(closed)),
-        world,
-        str(closed),
-        denied,
-        "XDG_RUNTIME_DIR",
-    )
-    assert_said(
-        unprivileged(world, *up, "--set", f"scene.cache_dir={closed}"),
-        world,
-        str(closed),
-        denied,
-        "scene.cache_dir",
-    )
-    assert_said(unprivileged(world, *up, "--trace", closed / "t.jsonl"), world, "t.jsonl", denied)
-    assert_said(
-        unprivileged(world, "up", scene, "--camera", "demo", "--display", f"file:{closed}/v.mkv"),
-        world,
-        "v.mkv",
-        denied,
-    )
-    assert_said(
-        unprivileged(world, "record", closed / "rec", "--camera", "demo"),
-        world,
-        str(closed / "rec"),
-        denied,
-    )
+    video = ("up", scene, "--camera", "demo", "--display", f"file:{closed}/v.mkv")
+    for command, named in (
+        (up, (str(closed), "XDG_RUNTIME_DIR")),
+        ((*up, "--set", f"scene.cache_dir={closed}"), (str(closed), "scene.cache_dir")),
+        ((*up, "--trace", closed / "t.jsonl"), ("t.jsonl",)),
+        (video, ("v.mkv",)),
+        (("record", closed / "rec", "--camera", "demo"), (str(closed / "rec"),)),
+    ):
+        words = [*as_nobody, sys.executable, "-m", "lfpipe", *map(str, command)]
+        env = world.env | ({"XDG_RUNTIME_DIR": str(closed)} if command is up else {})
+        done = subprocess.run(
+            words, capture_output=True, text=True, cwd=world.root, env=env, timeout=60
+        )
+        assert_said(done, world, "Permission denied", *named)
 
 
 @mounts
@@ -239,8 +212,7 @@ def test_record_on_a_full_disk_ends_with_a_whole_frame(world: World, place: Path
 
 def test_file_display_restarted_keeps_the_video_before(world: World, scene: Path) -> None:
     video = world.root / "v.mkv"
-    process = world.up(scene, display=f"file:{video}")
-    world.pictures(20)
+    process = world.shows(scene, display=f"file:{video}", pictures=20)
     world.wait_for(lambda: video.exists() and video.stat().st_size > 1000, "video on disk")
     world.kill("render")
     world.more_pictures(20)

@@ -40,10 +40,13 @@ def test_processes_stopped_and_continued_are_back_at_rate(
         "--set",
         "render.method=nearest",
     )
-    supervisor = world.up(
-        scene, *sets, camera=f"file:{clip}?loop=1&pace={RATE_HZ}", start_new_session=True
+    supervisor = world.shows(
+        scene,
+        *sets,
+        camera=f"file:{clip}?loop=1&pace={RATE_HZ}",
+        start_new_session=True,
+        pictures=30,
     )
-    world.pictures(30)
     before = {name: stage["pid"] for name, stage in world.monitor()["stages"].items()}
     pids = {name: [pid] for name, pid in before.items()} | {"supervisor": [supervisor.pid]}
     pids["all"] = list(itertools.chain.from_iterable(pids.values()))

@@ -33,8 +33,7 @@ def test_stages_do_not_outlive_a_killed_supervisor(world: World, scene: Path, st
     """A stopped process does not handle the SIGTERM that the kernel sends when the supervisor dies.
     A sweep resumes it: by the first stage to end, or, if all are stopped, by the next session.
     """
-    process = world.up(scene, *SMALL, start_new_session=True)
-    world.pictures(5)
+    process = world.shows(scene, *SMALL, start_new_session=True)
     pids = [stage["pid"] for stage in world.monitor()["stages"].values()]
     for pid in pids[1:2] if stopped == 1 else pids:
         os.kill(pid, signal.SIGSTOP)
@@ -42,30 +41,19 @@ def test_stages_do_not_outlive_a_killed_supervisor(world: World, scene: Path, st
     process.wait(60)
     if stopped == 3:
         assert world.left() and not _gone(pids), "nobody to wake: this test shows nothing"
-        world.run("up", scene, *OTHER)
+        world.done("up", scene, *OTHER)
     world.wait_for(lambda: _gone(pids), "end of all")
     world.wait_for(lambda: not world.left(), "clean end")
 
 
 def test_world_end_ends_stopped_processes(world: World, scene: Path) -> None:
     """Found where a test failed: what stopped stages wrote was awaited for ever."""
-    world.up(scene, *SMALL)
-    world.pictures(5)
+    world.shows(scene, *SMALL)
     pids = [stage["pid"] for stage in world.monitor()["stages"].values()]
     for pid in pids:
         os.kill(pid, signal.SIGSTOP)
     world.end()
     assert _gone(pids) and not world.segments()
-
-
-def test_sweep_by_the_next_session_after_a_kill_of_the_group(world: World, scene: Path) -> None:
-    process = world.up(scene, *SMALL, start_new_session=True)
-    world.pictures(5)
-    os.killpg(process.pid, signal.SIGKILL)
-    process.wait(60)
-    assert world.left(), "nothing to sweep: this test shows nothing"
-    other = world.run("up", scene, *OTHER)
-    assert other.returncode == 0 and not world.left(), other.stderr
 
 
 BEGIN_AND_END = """
@@ -116,8 +104,7 @@ def test_sweep_spares_sessions_that_begin_at_once(world: World) -> None:
 def test_session_whose_memory_or_run_directory_is_removed_ends_in_words(
     world: World, scene: Path, what: str
 ) -> None:
-    process = world.up(scene, *SMALL)
-    world.pictures(5)
+    process = world.shows(scene, *SMALL)
     pids = [stage["pid"] for stage in world.monitor()["stages"].values()]
     if what == "memory":
         removed = SHM_DIR / world.segments("status")[0]

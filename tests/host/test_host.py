@@ -23,6 +23,7 @@ from lfpipe.errors import UserError
 from lfpipe.host import file_lock, machine, wake, worker
 from lfpipe.host.worker import Worker
 from lfpipe.transport import ring
+from tests.support.processes import printed
 
 FEW_THREADS = """
 import resource
@@ -85,10 +86,7 @@ def test_a_lock_ends_with_its_process_and_follows_no_link(tmp_path: Path) -> Non
     code += "print(take(Path(sys.argv[1])) is not None, flush=True); os._exit(0)"
 
     def taken_elsewhere() -> bool:
-        done = subprocess.run(
-            [sys.executable, "-c", code, path], capture_output=True, text=True, check=True
-        )
-        return done.stdout.strip() == "True"
+        return printed(sys.executable, "-c", code, path) == "True\n"
 
     assert taken_elsewhere() and not file_lock.is_held(path), "the dead hold nothing"
     lock = file_lock.take(path)

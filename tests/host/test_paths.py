@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from lfpipe.host import files
+from tests.support.processes import printed
 from tests.support.world import World
 
 LONG = "x" * 300  # longer than any file system allows
@@ -72,13 +73,8 @@ def test_what_cannot_be_examined_is_neither_there_nor_missing(
         " sys.argv[1];"
     )
     code += "print(exists(p), is_file(p), is_dir(p), is_missing(p))"
-    done = subprocess.run(
-        [*as_nobody, sys.executable, "-c", code, locked / "in"],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert done.stdout.split() == ["False", "False", "False", "False"]
+    seen = printed(*as_nobody, sys.executable, "-c", code, locked / "in")
+    assert seen.split() == ["False", "False", "False", "False"]
     assert not files.exists(LONG) and not files.is_missing(LONG)
     assert files.is_missing(locked.parent / "absent" / "in") and not files.is_missing(locked)
 

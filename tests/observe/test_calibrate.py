@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import subprocess
 import tomllib
 from pathlib import Path
 
@@ -77,8 +76,7 @@ def test_focal_length_is_that_of_each_camera(world: World, scene: Path, clip: Pa
     (settings / "cameras.toml").write_text(
         f'[demo]\nfocal_px = 400\nwidth_px = 320\n["file:{clip}"]\nfocal_px = 5\n'
     )
-    world.up(scene)
-    world.pictures(3)
+    world.shows(scene, pictures=3)
     # at 640
     assert json.loads(world.ctl("status", "--json"))["config"]["camera"]["focal_px"] == 800
     world.ctl("stop")
@@ -136,12 +134,9 @@ def test_calibrate_by_card_in_a_real_window(world: World, screen: Screen, tmp_pa
     x0, y0, width, _ = world.wait_for(lambda: outline("lfpipe calibrate", screen.name), "window")
     world.wait_for(lambda: len(screen.shown()), "picture")
 
-    def tool(*words: object) -> None:
-        subprocess.run(["xdotool", *map(str, words)], env=world.env, check=True)
-
     def drawn(*words: object) -> None:
         before = screen.picture()
-        tool(*words)
+        world.xdotool(*words)
         world.wait_for(lambda: not np.array_equal(screen.picture(), before), "other picture")
 
     drawn("key", "Return")
@@ -149,7 +144,7 @@ def test_calibrate_by_card_in_a_real_window(world: World, screen: Screen, tmp_pa
     # two slips, then the edges
     for x, y in ((30, 30), (90, 40), (CARD_PX[0], middle), (CARD_PX[0] + width_px, middle)):
         drawn("mousemove", round(x0 + x * width / 640), round(y0 + y * width / 640), "click", 1)
-    tool("key", "Return")
+    world.xdotool("key", "Return")
     out, err = process.communicate(timeout=60)
     assert process.returncode == 0, err
     cameras = settings.with_name("cameras.toml")

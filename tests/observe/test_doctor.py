@@ -1,7 +1,6 @@
 """The checks of `lfpipe doctor`, on this machine and on simulated faults."""
 
 import re
-import resource
 import stat
 import zipfile
 from pathlib import Path
@@ -14,6 +13,7 @@ from lfpipe.host import PORTABLE
 from lfpipe.observe import doctor
 from lfpipe.track import models
 from tests.supervisor.holder import Holder, holding
+from tests.support.processes import largest_file
 from tests.support.world import World
 
 
@@ -134,13 +134,8 @@ def test_doctor_leftovers_are_those_of_dead_sessions(tmp_path: Path) -> None:
 
 def test_write_report_is_whole_private_and_replaces_its_own(tmp_path: Path) -> None:
     path = tmp_path / "report.zip"
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (2000, hard))
-    try:
-        with pytest.raises(UserError, match=r"report\.zip"):
-            doctor.write_report(path, [])
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    with largest_file(2000), pytest.raises(UserError, match=r"report\.zip"):
+        doctor.write_report(path, [])
     assert list(tmp_path.iterdir()) == []
     for _ in range(2):
         doctor.write_report(path, [])

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from lfpipe.errors import UserError
 from lfpipe.observe.timeline import TRACKS, convert, events
 from tests.support import hostile_files as hostile
+from tests.support.processes import open_umask
 from tests.support.world import World
 
 
@@ -131,16 +132,13 @@ def test_trace_of_a_running_session_and_its_timeline(live: World, tmp_path: Path
     for place in (tmp_path, tmp_path / "gone" / "t.jsonl", "/dev/null"):
         refusal = live.refused("trace", "start", place, *named)
         assert str(place) in refusal and "remedy" in refusal
-    umask = os.umask(0)
-    try:
+    with open_umask():
         live.done("trace", "start", trace, *named)
         other = tmp_path / "u.jsonl"
         assert "t.jsonl is already" in live.refused("trace", "start", other, *named)
         live.pictures(len(live.lines()) + 40)
         assert str(trace) in live.done("trace", "stop", *named).stdout
         live.done("trace", "timeline", trace)
-    finally:
-        os.umask(umask)
     written = [json.loads(text) for text in trace.read_text().splitlines()]
     whole = {each["seq"]: each for each in live.lines()}
     assert written and all(each == whole[each["seq"]] for each in written), "one format"

@@ -5,28 +5,25 @@ the page.
 
 import contextlib
 import json
-import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import psutil
 import pytest
-import zmq
 
 from lfpipe import config
 from lfpipe.render.packer import playlist
 from lfpipe.transport import control
 from tests.scene import made
-from tests.support.world import World, write_scene
+from tests.support.world import World, connected, write_scene
 from tests.web.server import served
 
 
 def running(root: Path, name: str, write: Callable[[Path], Path]) -> Iterator[World]:
     """A session that shows what `write` writes to a folder of this name."""
     world = World(root)
-    world.up(write(world.root / name))
-    world.pictures(3)
+    world.shows(write(world.root / name), pictures=3)
     yield world
     world.end()
 
@@ -59,8 +56,7 @@ def slow_scene(folder: Path, views: int = 7) -> Path:
 @pytest.mark.live
 def test_load_ends_with_its_client(session: World) -> None:
     scene = slow_scene(session.root / "left")
-    with control.context() as ctx, ctx.socket(zmq.DEALER) as socket:
-        control.connect(socket, session.session_dir, "ctl")
+    with connected(session.session_dir) as socket:
         socket.send(control.encode({"cmd": "load", "scene": str(scene)}))
         session.wait_for(lambda: packing(session), "a packer")
         shown = scene_of(session)["name"]
@@ -107,15 +103,10 @@ def test_load_unmaps_the_packs_that_are_left(session: World) -> None:
 
 
 def test_scene_clean_keeps_packs_in_use(world: World, scene: Path) -> None:
-    world.up(scene, "--set", "render.clock=camera")
-    world.pictures(5)
+    world.shows(scene, "--set", "render.clock=camera")
     world.kill("render")
-    cleaned = world.run("scene", "clean", "--all")
-    assert (
-        cleaned.returncode == 0
-        and "kept, in use" in cleaned.stdout
-        and "removed 0 packs" in cleaned.stdout
-    )
+    cleaned = world.done("scene", "clean", "--all").stdout
+    assert "kept, in use" in cleaned and "removed 0 packs" in cleaned
     world.more_pictures(5)
     world.ctl("stop")
     world.wait_for(lambda: not world.left(), "end of the session")
@@ -160,9 +151,6 @@ def test_playlist_of_a_folder_and_of_scenes(tmp_path: Path) -> None:
 
 @pytest.mark.everyday
 def test_ctl_load_goes_through_the_playlist(listed: World) -> None:
-    def load(*words: str) -> subprocess.CompletedProcess[str]:
-        return listed.run("ctl", "--session", listed.name, "load", *words)
-
     assert shown(listed) == (0, 2)
     for word, wanted in (
         ("--next", (1, 3)),
@@ -170,12 +158,12 @@ def test_ctl_load_goes_through_the_playlist(listed: World) -> None:
         ("--next", (0, 2)),
         ("--previous", (2, 4)),
     ):
-        done = load(word)
-        assert done.returncode == 0 and shown(listed) == wanted, done.stderr
-    # which is in the list
-    assert load(str(listed.root / "scenes" / "amber")).returncode == 0 and shown(listed) == (0, 2)
+        listed.ctl("load", word)
+        assert shown(listed) == wanted
+    listed.ctl("load", listed.root / "scenes" / "amber")
+    assert shown(listed) == (0, 2), "which is in the list"
     for words in ((), ("--next", "amber")):
-        assert load(*words).returncode == 2
+        listed.refused("ctl", "--session", listed.name, "load", *words)
 
 
 @pytest.mark.live

@@ -47,11 +47,8 @@ def test_session_shows_every_frame_of_a_file_and_ends(
 
 
 @pytest.mark.everyday
-def test_monitor_and_ctl_change_the_next_picture(
-    world: World, scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    world.up(scene, *CAMERA, *NEAREST)
-    world.pictures(10)
+def test_monitor_and_ctl_change_the_next_picture(world: World, scene: Path, tmp_path: Path) -> None:
+    world.shows(scene, *CAMERA, *NEAREST, pictures=10)
     world.wait_for(lambda: world.monitor()["camera_fps"] > 20, "camera rate")
     state = world.monitor()
     assert state["session"] == world.name and set(state["stages"]) == {"capture", "track", "render"}
@@ -65,21 +62,18 @@ def test_monitor_and_ctl_change_the_next_picture(
     assert 0 < state["end_to_end"]["p50_ms"] <= state["end_to_end"]["max_ms"]
 
     def ctl(*words: str) -> Any:
-        done = world.run("ctl", *words, "--session", world.name, "--json")
-        assert done.returncode == 0, done.stderr
-        return json.loads(done.stdout)
+        return json.loads(world.ctl("--json", *words))
 
     assert ctl("set", "render.swap_eyes=true")["applied"] is True
     line = world.more_pictures(2)[-1]
     assert line["view"]["left"][1] >= line["view"]["right"][1]
     assert ctl("set", "render.swap_eyes=false", "render.alpha_px=3")["ok"] is True
-    bad = world.run(
-        "ctl", "--session", world.name, "set", "render.alpha_px=4", "render.method=neerest"
-    )
-    assert bad.returncode == 2 and "did you mean 'nearest'" in bad.stderr
+    named = ("ctl", "--session", world.name)
+    wrong = ("set", "render.alpha_px=4", "render.method=neerest")
+    assert "did you mean 'nearest'" in world.refused(*named, *wrong)
     assert ctl("status")["config"]["render"]["alpha_px"] == 3.0, "applied whole or not at all"
-    fixed = world.run("ctl", "--session", world.name, "set", "camera.width_px=320")
-    assert fixed.returncode == 2 and "fixed while a session runs" in fixed.stderr
+    why = "fixed while a session runs"
+    assert why in world.refused(*named, "set", "camera.width_px=320")
 
     # then views tell where in the camera picture the middle lies
     ctl("set", "render.alpha_px=100", "render.method=blend")
@@ -119,14 +113,12 @@ def test_monitor_and_ctl_change_the_next_picture(
     )
 
     ctl("pause")
-    status = ("ctl", "--session", world.name, "status")
-    world.wait_for(lambda: "PAUSED" in world.run(*status).stdout, "pause")
+    world.wait_for(lambda: "PAUSED" in world.ctl("status"), "pause")
     count = len(world.lines())
     stays(lambda: len(world.lines()) == count, 0.5, "the pause")
     paused_ns = time.monotonic_ns()
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(world.run_dir))
     # otherwise "no face" is reported after 4 s
-    with contextlib.closing(Watch(find(world.name))) as watch:
+    with world.entered(), contextlib.closing(Watch(find(world.name))) as watch:
         world.wait_for(
             lambda: watch.table.rows["render"]["t_face_ns"] > paused_ns,
             "nobody is missed while paused",
@@ -137,8 +129,7 @@ def test_monitor_and_ctl_change_the_next_picture(
     ctl("set", "render.alpha_px=12", "render.method=nearest")
     ctl("load", str(write_scene(tmp_path / "other", 1, 5)))
     assert world.more_pictures(5)[-1]["view"]["left"][0] == 0
-    missing = world.run("ctl", "--session", world.name, "load", "nowhere")
-    assert missing.returncode == 2 and "nowhere" in missing.stderr
+    assert "nowhere" in world.refused(*named, "load", "nowhere")
     world.more_pictures(5)
     ctl("stop")
     world.wait_for(lambda: not world.left(), "clean end")
@@ -146,8 +137,7 @@ def test_monitor_and_ctl_change_the_next_picture(
 
 @pytest.mark.everyday
 def test_stages_that_are_killed_or_hang_come_back(world: World, scene: Path) -> None:
-    process = world.up(scene, *CAMERA, start_new_session=True)
-    world.pictures(10)
+    process = world.shows(scene, *CAMERA, start_new_session=True, pictures=10)
     for number, stage in enumerate(("capture", "track", "render"), 1):
         before = world.monitor()
         world.kill(stage, signal.SIGSTOP if stage == "track" else signal.SIGKILL)

@@ -30,10 +30,9 @@ def frames(out: Path) -> int:
 @pytest.mark.everyday
 def test_a_live_session_is_recorded_without_a_hole(world: World, short: Path, blocks: Path) -> None:
     out = world.root / "rec"
-    process = world.up(
+    process = world.shows(
         blocks, *SMALL, camera=f"file:{short}?loop=1&pace=60", preexec_fn=lambda: os.umask(0)
     )
-    world.pictures(5)
 
     assert json.loads(world.ctl("--json", "record", "start", out))["path"] == str(out)
     assert "is already running" in world.refused(
@@ -46,10 +45,9 @@ def test_a_live_session_is_recorded_without_a_hole(world: World, short: Path, bl
     world.wait_for(lambda: json.loads((out / "manifest.json").read_text())["complete"], "manifest")
     stopped = world.monitor()
     world.pictures(len(world.lines()) + 5)  # the session continues
-    process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=60)
-    assert process.returncode == 0 and f"recorded {len(open_sequence(out).packets)} frames" in err
+    said = world.ended(process, signal.SIGINT)
     sequence = open_sequence(out)
+    assert f"recorded {len(sequence.packets)} frames" in said
     source = open_sequence(short)
     seqs = [packet.source_seq for packet in sequence.packets]
     for packet in itertools.islice(sequence.packets, 10):
@@ -176,8 +174,7 @@ def test_a_live_session_lends_the_ring_only_while_it_records_each_whole(
     def recorder() -> Any:
         return world.monitor()["stages"]["record"]
 
-    world.up(blocks, *SMALL, camera=f"file:{short}?loop=1&pace=60")
-    world.pictures(3)
+    world.shows(blocks, *SMALL, camera=f"file:{short}?loop=1&pace=60", pictures=3)
     for number, out in enumerate(outs):
         assert world.segments("packets") == []
         world.ask(cmd="record", path=str(out))

@@ -73,8 +73,7 @@ def stopped(disk: Path) -> Iterator[None]:
 def test_a_disk_that_stalls_costs_nothing_and_nobody_is_killed(
     world: World, scene: Path, disk: Path
 ) -> None:
-    process = world.up(scene, *SMALL)
-    world.pictures(5)
+    process = world.shows(scene, *SMALL)
     out = disk / "rec"
     world.ctl("record", "start", out)
     world.wait_for(lambda: frames(out) > 30, "frames")

@@ -5,7 +5,6 @@ field and value.
 import json
 import os
 import random
-import resource
 import shutil
 import stat
 import sys
@@ -32,6 +31,7 @@ from lfpipe.sequence.packets import INDEX, PACKETS
 from tests.support import hostile_files, hostile_sequences
 from tests.support.hostile_files import NO_FILES, at
 from tests.support.hostile_sequences import put_packets, typed
+from tests.support.processes import largest_file, open_umask
 
 
 def opened(folder: Path, out: Path) -> None:
@@ -237,13 +237,10 @@ def test_all_broken_frames_are_named_and_those_before_can_be_cut_out(
 
 
 def test_what_shows_a_person_is_for_its_owner_alone(whole: Path, tmp_path: Path) -> None:
-    umask = os.umask(0)
-    try:
+    with open_umask():
         edit.cut(open_sequence(whole), tmp_path / "cut", 0.0, 1.0)
         edit.export(open_sequence(whole), tmp_path / "video.mkv")
         typed("import", tmp_path / "video.mkv", tmp_path / "back", "--truth", whole / TRUTH)
-    finally:
-        os.umask(umask)
     assert (tmp_path / "back" / TRUTH).read_bytes() == (whole / TRUTH).read_bytes()
     for path in tmp_path.rglob("*"):
         assert stat.S_IMODE(path.stat().st_mode) == (0o700 if path.is_dir() else 0o600), path
@@ -257,7 +254,6 @@ def test_nothing_that_is_there_is_overwritten_and_nothing_half_stays(
     (tmp_path / "notes.avi").write_text("no video")
     edit.export(open_sequence(whole), tmp_path / "good.mkv")
     before = sorted(path.name for path in tmp_path.iterdir())
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
 
     def refused(*args: str | Path) -> None:
         with pytest.raises(UserError) as caught:
@@ -278,13 +274,10 @@ def test_nothing_that_is_there_is_overwritten_and_nothing_half_stays(
     ):
         refused(*args)
     for room in (0, 4000):  # of a full disk
-        resource.setrlimit(resource.RLIMIT_FSIZE, (room, hard))
-        try:
+        with largest_file(room):
             refused("cut", whole, tmp_path / "new")
             refused("import", tmp_path / "good.mkv", tmp_path / "new")
             refused("export", whole, tmp_path / "new.mkv")
-        finally:
-            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert (tmp_path / "mine.csv").read_text() == "mine" and not list(
         (tmp_path / "folder").iterdir()
     )

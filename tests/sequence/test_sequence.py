@@ -3,7 +3,6 @@ names every damage.
 """
 
 import json
-import resource
 import zlib
 from pathlib import Path
 
@@ -31,6 +30,7 @@ from lfpipe.sequence.packets import (
 )
 from tests.capture.made_files import video
 from tests.support.hostile_sequences import FRAMES, typed
+from tests.support.processes import largest_file
 
 NOISE = np.random.default_rng(1).integers(0, 256, (24, 32, 3), dtype=np.uint8)
 
@@ -89,13 +89,8 @@ def test_whatever_is_cut_off_the_whole_frames_before_it_are_read_and_written_on(
 def test_a_full_disk_leaves_the_frames_before_it(tmp_path: Path) -> None:
     writer = PacketWriter(tmp_path)
     writer.append(b"x" * 4000, "raw", 0, 0, 1, 1)
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (6000, hard))
-    try:
-        with pytest.raises(OSError):
-            writer.append(b"y" * 4000, "raw", 1, 0, 2, 2)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    with largest_file(6000), pytest.raises(OSError):
+        writer.append(b"y" * 4000, "raw", 1, 0, 2, 2)
     writer.append(b"z", "raw", 2, 0, 3, 3)
     writer.close()
     assert [(p.source_seq, p.bytes) for p in read_index(tmp_path, complete=True)] == [

@@ -19,34 +19,23 @@ from lfpipe.transport import control
 from lfpipe.transport.control import BadMessage
 from tests.supervisor.raw_bytes import byte_strings, send_raw
 from tests.supervisor.states import messages
-from tests.support.world import World
+from tests.support.world import World, answer_of, connected
 
 
 @pytest.fixture
 def client(world: World, scene: Path) -> Iterator[zmq.Socket[bytes]]:
     """A client of a session that runs, with which nothing is wrong afterwards."""
-    process = world.up(scene)
-    world.pictures(5)
-    with control.context() as ctx, ctx.socket(zmq.DEALER) as socket:
-        control.connect(socket, world.session_dir, "ctl")
+    process = world.shows(scene)
+    with connected(world.session_dir) as socket:
         yield socket
-        assert ask(socket, {"v": 1, "cmd": "status"})["ok"]
+        assert answer_of(socket, {"v": 1, "cmd": "status"})["ok"]
         world.more_pictures(3)
-        assert ask(socket, {"v": 1, "cmd": "stop"})["ok"]
+        assert answer_of(socket, {"v": 1, "cmd": "stop"})["ok"]
     world.ended(process)
 
 
-def ask(socket: zmq.Socket[bytes], message: dict[str, Any]) -> dict[str, Any]:
-    socket.send(msgpack.packb(message, unicode_errors="surrogatepass"))
-    assert socket.poll(60_000), f"no answer to {message!r:.200}"
-    data = socket.recv()
-    assert len(data) <= control.MAX_BYTES
-    return control.decode(data)
-
-
 def send_telemetry_of_any_shape(world: World) -> None:
-    with control.context() as ctx, ctx.socket(zmq.PUSH) as bus, world.tap() as received:
-        control.connect(bus, world.session_dir, "bus")
+    with connected(world.session_dir, zmq.PUSH, "bus") as bus, world.tap() as received:
         shapes: list[Any] = [5, None, [5], {"a": 1}, "text", [["deep"]], "\x1b[2J"]
         for topic, shape in itertools.product(
             ("notice", "source", "parallax", "level", 5, None, ["notice"]), shapes
@@ -61,24 +50,22 @@ def send_telemetry_of_any_shape(world: World) -> None:
 def test_control_sockets_answer_every_shape_of_request(
     client: zmq.Socket[bytes], world: World, tmp_path: Path, scene: Path
 ) -> None:
-    before = ask(client, {"v": 1, "cmd": "hello"})
-    for name in ("ctl", "bus", "tap"):  # bytes of no protocol
-        send_raw(world.session_dir / name, byte_strings(200))
-    assert ask(client, {"v": 1, "cmd": "hello"}) == before
+    before = answer_of(client, {"v": 1, "cmd": "hello"})
 
     @settings(max_examples=200, suppress_health_check=list(HealthCheck))
     @given(messages)
     def attack(message: dict[str, Any]) -> None:
         # what these may do to a session is tested elsewhere
         if message["cmd"] not in ("stop", "load", "record", "trace"):
-            answer = ask(client, message)
+            answer = answer_of(client, message)
             assert answer["ok"] in (True, False) and (answer["ok"] or answer["error"])
 
     attack()
     client.send_multipart([b"stop", b"stop"])
     assert client.poll(60_000) and control.decode(client.recv())["ok"] is False
     assert (
-        ask(client, {"v": 1, "cmd": "status", "why": "x" * (control.MAX_BYTES + 1)})["ok"] is False
+        answer_of(client, {"v": 1, "cmd": "status", "why": "x" * (control.MAX_BYTES + 1)})["ok"]
+        is False
     )
     for path in (
         "/\udcff",
@@ -87,23 +74,21 @@ def test_control_sockets_answer_every_shape_of_request(
         "/dev/zero",
         "/proc/self/mem",
     ):
-        assert ask(client, {"v": 1, "cmd": "load", "scene": path})["ok"] is False
-    assert ask(client, {"v": 1, "cmd": "resume"})["ok"]
-    after = ask(client, {"v": 1, "cmd": "hello"})
+        assert answer_of(client, {"v": 1, "cmd": "load", "scene": path})["ok"] is False
+    assert answer_of(client, {"v": 1, "cmd": "resume"})["ok"]
+    after = answer_of(client, {"v": 1, "cmd": "hello"})
     assert {**after["config"], "render": 0} == {**before["config"], "render": 0}
     os.mkfifo(tmp_path / "view_00_00.png")
-    assert ask(client, {"v": 1, "cmd": "load", "scene": str(tmp_path)})["ok"] is False
-    assert ask(client, {"v": 1, "cmd": "load", "scene": str(scene)})["ok"] is True
+    assert answer_of(client, {"v": 1, "cmd": "load", "scene": str(tmp_path)})["ok"] is False
+    assert answer_of(client, {"v": 1, "cmd": "load", "scene": str(scene)})["ok"] is True
     send_telemetry_of_any_shape(world)
 
 
 def test_control_sockets_let_no_escape_sequence_through(
     world: World, scene: Path, tmp_path: Path
 ) -> None:
-    process = world.up(scene)
-    world.pictures(5)
-    with world.tap() as heard, control.context() as ctx, ctx.socket(zmq.PUSH) as bus:
-        control.connect(bus, world.session_dir, "bus")
+    process = world.shows(scene)
+    with world.tap() as heard, connected(world.session_dir, zmq.PUSH, "bus") as bus:
         bus.send(control.encode({"topic": "notice", "text": "\x1b[2J\x1b]0;owned\x07 of the bus"}))
         world.wait_for(lambda: heard("notice"), "notice")
     out = tmp_path / "\x1b[2J"
@@ -118,13 +103,7 @@ def test_control_sockets_in_a_flood_serve_other_clients(
     client: zmq.Socket[bytes], world: World
 ) -> None:
     """Only a limited part of a flood is read per unit of time, from each client in turn."""
-    with (
-        control.context() as ctx,
-        ctx.socket(zmq.DEALER) as flood,
-        ctx.socket(zmq.DEALER) as stranger,
-    ):
-        for socket in (flood, stranger):
-            control.connect(socket, world.session_dir, "ctl")
+    with connected(world.session_dir) as flood, connected(world.session_dir) as stranger:
         # is not even read
         stranger.send(msgpack.packb({"v": 1, "cmd": "stop", "why": "x" * (3 * control.MAX_BYTES)}))
         flood.set_hwm(100_000)
@@ -133,7 +112,7 @@ def test_control_sockets_in_a_flood_serve_other_clients(
             flood.send(message)
         begin = time.monotonic()
         for _ in range(10):
-            assert ask(client, {"v": 1, "cmd": "status"})["ok"], "a flood shuts others out"
+            assert answer_of(client, {"v": 1, "cmd": "status"})["ok"], "a flood shuts others out"
         took_s = time.monotonic() - begin
         answered = 0
         while flood.poll(0):
@@ -155,8 +134,7 @@ def test_connected_holds_a_client_whose_number_was_used_before(
         numbers = []
         # the end of the first is not processed before the second one's message is read
         for _ in range(2):
-            with control.context() as other, other.socket(zmq.DEALER) as client:
-                control.connect(client, tmp_path, "ctl")
+            with connected(tmp_path) as client:
                 client.send(b"")
                 numbers.append(_next(sockets).connection)
                 if len(numbers) == 2:
@@ -190,8 +168,7 @@ def test_control_sockets_answer_after_ten_thousand_byte_strings(
         while not attack.done():
             _serve_once(sockets)
         assert attack.result() == 30_000
-        with control.context() as other, other.socket(zmq.DEALER) as client:
-            control.connect(client, tmp_path, "ctl")
+        with connected(tmp_path) as client:
             client.send(control.encode({"cmd": "status", "id": 7}))
             while not client.poll(1):
                 _serve_once(sockets)
@@ -207,10 +184,8 @@ def test_answer_repeats_the_id_and_the_command_of_its_request(tmp_path: Path) ->
     with (
         control.context() as ctx,
         closing(ControlSockets(ctx, tmp_path)) as sockets,
-        control.context() as other,
-        other.socket(zmq.DEALER) as client,
+        connected(tmp_path) as client,
     ):
-        control.connect(client, tmp_path, "ctl")
 
         def answered(message: dict[str, Any]) -> dict[str, Any]:
             client.send(msgpack.packb(message, unicode_errors="surrogateescape"))

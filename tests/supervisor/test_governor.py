@@ -292,9 +292,11 @@ class Session:
     """A state whose level follows from the load, as in the supervisor's loop."""
 
     def __init__(
-        self, state: SessionState, cores: dict[str, tuple[int, ...]] | None = None
+        self,
+        config: Config | None = None,
+        cores: dict[str, tuple[int, ...]] | None = None,
     ) -> None:
-        self.state = state
+        self.state = SessionState.first(config or Config(), _options("warp", True))
         self.rows = _rows()
         self.t_ns = 0
         self.control = QualityControl(cores or {})
@@ -313,12 +315,6 @@ class Session:
                 self.state = self.state.with_level(step.level)
 
 
-def _session(
-    config: Config | None = None, cores: dict[str, tuple[int, ...]] | None = None, **options: Any
-) -> Session:
-    return Session(SessionState.first(config or Config(), _options("warp", True, **options)), cores)
-
-
 @pytest.mark.parametrize(
     ("clock", "stage", "lost", "lags"),
     [
@@ -334,13 +330,13 @@ def _session(
 def test_quality_control_takes_for_lag_what_a_person_would_miss(
     clock: str, stage: str, lost: str, lags: bool
 ) -> None:
-    session = _session(Config(render=Render(clock=clock)))  # type: ignore[arg-type]
+    session = Session(Config(render=Render(clock=clock)))  # type: ignore[arg-type]
     session.work(1.0, stage, lost)
     assert (session.state.level.number >= 1) == lags
 
 
 def test_quality_control_begins_another_scene_at_full_quality() -> None:
-    session = _session()
+    session = Session()
     session.work(0.9, "render", "missed")
     assert session.state.level.number == 1
     config = session.state.config
@@ -354,7 +350,7 @@ def test_quality_control_begins_another_scene_at_full_quality() -> None:
 
 
 def test_quality_control_judges_nothing_while_a_stage_starts() -> None:
-    session = _session()
+    session = Session()
     session.rows["track"]["state"] = State.STARTING
     session.work(5.0, "render", "missed")
     session.rows["track"]["state"] = State.RUNNING
@@ -364,7 +360,7 @@ def test_quality_control_judges_nothing_while_a_stage_starts() -> None:
 
 def test_quality_control_takes_no_level_that_does_not_help() -> None:
     apart: dict[str, tuple[int, ...]] = {"capture": (0,), "track": (1,), "render": (0,)}
-    session = _session(Config(render=Render(clock="camera")), apart)
+    session = Session(Config(render=Render(clock="camera")), apart)
     session.work(5.0, "track", "drops")
     assert len(session.state.levels) > 1 and session.state.level.number == 0, (
         "cheaper views give no time to a core of its own"
@@ -372,7 +368,7 @@ def test_quality_control_takes_no_level_that_does_not_help() -> None:
     session.t_ns = 100 * SECOND_NS
     session.work(1.0, "capture", "drops")
     assert session.state.level.number >= 1, "but to capture, on the same core"
-    session = _session(cores=apart)  # the last level helps: the others are taken on the way to it
+    session = Session(cores=apart)  # the last level helps: the others are taken on the way to it
     session.work(5.0, "track", "drops")
     assert session.state.level == session.state.levels[-1] and session.state.level.every == 2
 
@@ -421,7 +417,7 @@ def test_cores_give_tracking_one_of_two() -> None:
 def test_quality_control_reads_the_table_every_tenth_of_a_second(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    session = _session()
+    session = Session()
     taken = list[int]()
     monkeypatch.setattr(Governor, "update", lambda _, t_ns, loads: taken.append(t_ns))
     for t_ms in range(0, 3000, 7):

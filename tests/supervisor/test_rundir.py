@@ -7,7 +7,6 @@ import contextlib
 import os
 import shutil
 import stat
-import subprocess
 import sys
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from lfpipe.supervisor import rundir
 from lfpipe.transport.session import PREFIX, Session, default_name, place_prefix
 from tests.supervisor.holder import ROOT, Holder, gone, holding, inodes, remove, remove_lock
 from tests.supervisor.states import made_state
+from tests.support.processes import printed
 from tests.support.world import stays
 
 
@@ -67,15 +67,7 @@ def test_rundir_passes_over_entries_of_other_kinds(
     closed.chmod(0)
     holder = Holder(base, name, *as_nobody)
     holder.ready()
-    env = {**os.environ, "XDG_RUNTIME_DIR": str(base)}
-    done = subprocess.run(
-        [*as_nobody, sys.executable, "-c", LOOK, name],
-        capture_output=True,
-        text=True,
-        cwd=ROOT,
-        env=env,
-    )
-    assert done.returncode == 0 and done.stdout == f"['{name}'] {name}\n", done.stderr
+    assert printed(*as_nobody, sys.executable, "-c", LOOK, name, cwd=ROOT) == f"['{name}'] {name}\n"
     rundir.sweep()
     assert rundir.running() == [name] and (lock_link / "lock").is_symlink(), (
         "a link is not followed"

@@ -13,15 +13,12 @@ import numpy as np
 from lfpipe.config import Scene
 from lfpipe.supervisor.scene_loads import ScenePreviews
 from lfpipe.transport.control import MAX_BYTES, encode
+from tests.scene import made
 
 
 def views(folder: Path, value: int) -> str:
     """A scene of 2x2 views of one grey."""
-    folder.mkdir()
-    for k in range(4):
-        picture = np.full((48, 64, 3), value, np.uint8)
-        cv2.imwrite(str(folder / f"view_{k // 2:02}_{k % 2:02}.png"), picture)
-    return str(folder)
+    return str(made.write_grid(folder, np.full((2, 2, 48, 64, 3), value, np.uint8)))
 
 
 def finish(previews: ScenePreviews) -> None:
@@ -66,11 +63,11 @@ def test_scene_previews_of_another_page_end_those_before(tmp_path: Path) -> None
 
 
 def test_scene_previews_of_noise_fit_a_message(tmp_path: Path) -> None:
-    noise = np.random.default_rng(1).integers(0, 256, (480, 640, 3), np.uint8)
-    for k in range(4):
-        cv2.imwrite(str(tmp_path / f"view_{k // 2:02}_{k % 2:02}.png"), noise)
+    noise = np.random.default_rng(1).integers(0, 256, (2, 2, 480, 640, 3), np.uint8)
     messages: list[dict[str, Any]] = []
     previews = ScenePreviews(messages.append)
-    previews.begin([str(tmp_path)], Scene(cache_dir=str(tmp_path / "cache")))
+    previews.begin(
+        [str(made.write_grid(tmp_path / "noise", noise))], Scene(cache_dir=str(tmp_path / "cache"))
+    )
     finish(previews)
     assert 10_000 < len(encode(messages[0])) < MAX_BYTES

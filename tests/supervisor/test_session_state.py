@@ -1,5 +1,7 @@
 """The state of a session: pure changes, rings on demand, quality levels, rollback."""
 
+from collections.abc import Callable
+
 import attrs
 from hypothesis import given
 from hypothesis import strategies as st
@@ -14,50 +16,30 @@ OTHER = attrs.evolve(SCENE, pack="/packs/two", height_px=96)
 SINGLE = attrs.evolve(SCENE, pack="/packs/single", rows=1, cols=1, needs_eyes=False)
 LOWER = Config(render=Render(method="nearest"))
 
-Change = str
-changes = st.sampled_from(
-    [
-        "set",
-        "load",
-        "other",
-        "single",
-        "pause",
-        "lower",
-        "record",
-        "stop",
-        "pictures",
-        "drop",
-        "settle",
-        "roll",
-    ]
-)
+Change = Callable[[SessionState], SessionState]
+CHANGES: dict[str, Change] = {
+    "set": lambda state: state.changed(LOWER if state.config == Config() else Config()),
+    "load": lambda state: state.loaded(SCENE),
+    "other": lambda state: state.loaded(OTHER),
+    "single": lambda state: state.loaded(SINGLE),
+    "pause": lambda state: state.changed(paused=not state.paused),
+    "lower": lambda state: state.with_level(min(1, len(state.levels) - 1)),
+    "record": lambda state: state.changed(record="/out"),
+    "stop": lambda state: state.changed(record=""),
+    "pictures": lambda state: state.with_pictures(10),
+    "drop": lambda state: state.without_pictures() if state.options.pictures else state,
+    "settle": SessionState.settled,
+    "roll": SessionState.rolled_back,
+}
 
 
-def changed(state: SessionState, change: Change) -> SessionState:
-    steps = {
-        "set": lambda: state.changed(LOWER if state.config == Config() else Config()),
-        "load": lambda: state.loaded(SCENE),
-        "other": lambda: state.loaded(OTHER),
-        "single": lambda: state.loaded(SINGLE),
-        "pause": lambda: state.changed(paused=not state.paused),
-        "lower": lambda: state.with_level(min(1, len(state.levels) - 1)),
-        "record": lambda: state.changed(record="/out"),
-        "stop": lambda: state.changed(record=""),
-        "pictures": lambda: state.with_pictures(10),
-        "drop": lambda: state.without_pictures() if state.options.pictures else state,
-        "settle": state.settled,
-        "roll": state.rolled_back,
-    }
-    return steps[change]()
-
-
-@given(st.lists(changes, max_size=30))
-def test_session_state_rings_levels_and_revisions_agree(steps: list[Change]) -> None:
+@given(st.lists(st.sampled_from(list(CHANGES)), max_size=30))
+def test_session_state_rings_levels_and_revisions_agree(steps: list[str]) -> None:
     state = made_state()
     names = set[str]()
     for step in steps:
         before = state
-        state = changed(state, step)
+        state = CHANGES[step](state)
         same_work = (state.config, state.options, state.paused) == (
             before.config,
             before.options,

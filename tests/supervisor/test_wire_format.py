@@ -11,7 +11,6 @@ from typing import Any
 import attrs
 import numpy as np
 import pytest
-import zmq
 
 from lfpipe.config import Config, Scene
 from lfpipe.config.modes import (
@@ -36,7 +35,7 @@ from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.histogram import Histogram
 from lfpipe.transport.status import ROW, SESSION, State
 from tests.supervisor.states import made_state
-from tests.support.world import World
+from tests.support.world import World, answer_of, connected
 
 WIRE: dict[str, Any] = json.loads((Path(__file__).parent / "wire_format.json").read_text())
 EXACT = ("ok", "cmd", "error", "remedy", "v", "topic")
@@ -181,8 +180,7 @@ def test_wire_format_of_answers(tmp_path: Path) -> None:
 
 
 def test_wire_format_of_a_session(world: World, scene: Path, tmp_path: Path) -> None:
-    world.up(scene, "--set=governor.quality=fixed")
-    world.pictures(5)
+    world.shows(scene, "--set=governor.quality=fixed")
     # The scores of a scene come with its disparity, after its first pictures.
     world.wait_for(lambda: world.ask(cmd="hello")["options"]["scene"]["complete"], "disparity")
     requests: list[dict[str, Any]] = [
@@ -203,22 +201,14 @@ def test_wire_format_of_a_session(world: World, scene: Path, tmp_path: Path) -> 
         {"cmd": "load", "at": 5},
         {"cmd": "set", "set": {"render.method": 5}},
         {"cmd": "trace", "path": ""},
-        {"cmd": "stop"},
     ]
-    with control.context() as ctx, ctx.socket(zmq.DEALER) as socket, world.tap() as heard:
-        control.connect(socket, world.session_dir, "ctl")
-
-        def answer(message: dict[str, Any]) -> dict[str, Any]:
-            socket.send(control.encode(message))
-            assert socket.poll(60_000)
-            return control.decode(socket.recv())
-
-        answers = [shape(answer(message)) for message in requests[:-1]]
+    with connected(world.session_dir) as socket, world.tap() as heard:
+        answers = [shape(answer_of(socket, {"v": 1, **message})) for message in requests]
         world.wait_for(lambda: heard("look"), "eyes of a picture")
         looked = shape(heard("look")[0])
         printed = world.ctl("--json", "status"), world.ctl("--json", "pause")
         figures_json = world.done("monitor", "--session", world.name, "--once", "--json").stdout
-        answers.append(shape(answer(requests[-1])))
+        answers.append(shape(answer_of(socket, {"v": 1, "cmd": "stop"})))
     assert_same("answers of a session", answers)
     assert_same("look", looked)
     assert_same("ctl --json", [shape(json.loads(text)) for text in printed])

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from tests.support.processes import end
 from tests.support.world import until
-from tests.support.xvfb_screen import end
 
 NOBODY = 65534
 WAIT_S = 20.0

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import msgpack
 import numpy as np
 import psutil
 import pytest
@@ -23,8 +24,7 @@ import zmq
 from lfpipe.host import segment
 from lfpipe.transport import control
 from lfpipe.transport.session import PREFIX
-
-PATIENCE_S = 30.0  # with what was killed
+from tests.support.processes import PATIENCE_S
 
 
 def write_scene(
@@ -93,8 +93,27 @@ def written(process: subprocess.Popen[str]) -> tuple[str, str]:
     return process.communicate(timeout=PATIENCE_S)
 
 
+@contextmanager
+def connected(
+    run_dir: Path, kind: int = zmq.DEALER, place: str = "ctl"
+) -> Iterator[zmq.Socket[bytes]]:
+    """A client of a session's control socket, or of another one of its."""
+    with control.context() as ctx, ctx.socket(kind) as socket:
+        control.connect(socket, run_dir, place)
+        yield socket
+
+
+def answer_of(socket: zmq.Socket[bytes], message: dict[str, Any]) -> dict[str, Any]:
+    """The answer to a message of any shape."""
+    socket.send(msgpack.packb(message, unicode_errors="surrogatepass"))
+    assert socket.poll(60_000), f"no answer to {message!r:.200}"
+    data = socket.recv()
+    assert len(data) <= control.MAX_BYTES
+    return control.decode(data)
+
+
 class World:
-    """Starts `lfpipe` commands; `session` waits until a session shows pictures."""
+    """Starts `lfpipe` commands; `shows` waits until a session shows pictures."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
@@ -135,11 +154,12 @@ class World:
         self.running.append(process)
         return process
 
-    def run(self, *args: object, timeout_s: float = 120) -> subprocess.CompletedProcess[str]:
+    def run(
+        self, *args: object, timeout_s: float = 120, **more: Any
+    ) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, "-m", "lfpipe", *map(str, args)]
-        return subprocess.run(
-            command, capture_output=True, text=True, cwd=self.root, env=self.env, timeout=timeout_s
-        )
+        usual = {"capture_output": True, "text": True, "cwd": self.root, "env": self.env}
+        return subprocess.run(command, timeout=timeout_s, **{**usual, **more})
 
     def done(self, *args: object) -> subprocess.CompletedProcess[str]:
         """A command that succeeds."""
@@ -176,6 +196,14 @@ class World:
             self.name,
         )
         return self.start("up", scene, *fixed, *args, **more)
+
+    def shows(
+        self, scene: Path, *args: object, pictures: int = 5, **more: Any
+    ) -> subprocess.Popen[str]:
+        """A session, once it has shown more than so many pictures."""
+        process = self.up(scene, *args, **more)
+        self.pictures(pictures)
+        return process
 
     def kill(self, stage: str, signum: int = signal.SIGKILL) -> int:
         """Sends a signal to a stage; its pid."""
@@ -236,10 +264,11 @@ class World:
     def tap(self) -> Iterator[Callable[[str], list[dict[str, Any]]]]:
         """What the session publishes from now on, by topic."""
         messages: list[dict[str, Any]] = []
-        with control.context() as ctx, ctx.socket(zmq.SUB) as tap, ctx.socket(zmq.PUSH) as bus:
+        with (
+            connected(self.session_dir, zmq.SUB, "tap") as tap,
+            connected(self.session_dir, zmq.PUSH, "bus") as bus,
+        ):
             tap.subscribe(b"")
-            control.connect(tap, self.session_dir, "tap")
-            control.connect(bus, self.session_dir, "bus")
 
             def heard(topic: str) -> list[dict[str, Any]]:
                 while tap.poll(0):

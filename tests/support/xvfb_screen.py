@@ -9,11 +9,12 @@ import struct
 import subprocess
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import attrs
 import numpy as np
 import pytest
+
+from tests.support.processes import end
 
 needs_xdotool = pytest.mark.skipif(
     shutil.which("xdotool") is None, reason="apt-get install xdotool"
@@ -81,16 +82,6 @@ def x_server(command: Sequence[str], folder: Path) -> Iterator[str]:
             yield f":{told.readline().strip()}"
     finally:
         end(server)
-
-
-def end(process: subprocess.Popen[Any], patience_s: float = 20.0) -> None:
-    """Terminates a process, and kills one that does not end."""
-    process.terminate()
-    try:
-        process.wait(patience_s)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait(patience_s)
 
 
 def outline(title: str, name: str) -> tuple[int, int, int, int] | None:

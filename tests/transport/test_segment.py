@@ -157,10 +157,6 @@ def test_segment_create_starts_no_process(prefix: str) -> None:
     script = (
         f"from lfpipe.host import segment; segment.create('{prefix}x', 100); import os; os._exit(0)"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", script],
-        capture_output=True,
-        text=True,
-        cwd=Path(__file__).parents[2],
-    )
+    words = [sys.executable, "-c", script]
+    done = subprocess.run(words, capture_output=True, cwd=Path(__file__).parents[2])
     assert done.returncode == 0 and not done.stderr and segment.owned(prefix)

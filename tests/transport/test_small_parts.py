@@ -212,12 +212,6 @@ def test_decode_refuses_hostile_sizes_depths_and_types() -> None:
             control.decode(data)
 
 
-@pytest.mark.native("sockets with a path")
-def test_check_place_names_a_path_too_long_for_a_socket() -> None:
-    with pytest.raises(UserError, match="107"):
-        control.check_place(Path("/tmp") / ("x" * 120), "ctl")
-
-
 def test_request_to_nobody_is_refused_in_time(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"did not answer within 0\.2 s"):
         control.request(tmp_path, {"cmd": "status"}, timeout_s=0.2)

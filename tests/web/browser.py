@@ -14,8 +14,8 @@ import urllib.request
 from pathlib import Path
 from typing import Any
 
+from tests.support.processes import end
 from tests.support.world import until
-from tests.support.xvfb_screen import end
 
 ELEMENT = "element-6066-11e4-a52e-4f735466cecf"
 ARGUMENTS = (

@@ -52,8 +52,8 @@ def test_page_in_a_browser_moves_charts_and_takes_controls(
 ) -> None:
     if why := missing():
         pytest.skip(why)
-    world.up(scene, "--set=governor.quality=fixed")  # nearest views of a busy machine seldom change
-    world.pictures(5)
+    # nearest views of a busy machine seldom change
+    world.shows(scene, "--set=governor.quality=fixed")
     with Browser(tmp_path / "profile") as browser:
         browser.open(server.url)
         until(
