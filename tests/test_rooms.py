@@ -5,11 +5,9 @@ stages do not know each other.
 import ast
 import re
 from collections.abc import Iterator
-from pathlib import Path
 
-import lfpipe
+from tests.support.source import PACKAGE, modules, nodes, room
 
-PACKAGE = Path(lfpipe.__file__).parent
 # From the bottom up; rooms of one layer do not know each other. Loose modules (`errors`, `eyes`)
 # are below them all.
 LAYERS = (
@@ -29,27 +27,20 @@ LAYERS = (
 LAYER = {room: layer for layer, rooms in enumerate(LAYERS) for room in rooms}
 
 
-def imported(path: Path) -> Iterator[str]:
-    """Names of the parts of lfpipe that a file imports, at its head or within a function."""
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
-            yield from (f"{node.module}.{one.name}" for one in node.names)
-        elif isinstance(node, ast.Import):
-            yield from (one.name for one in node.names)
-        elif (
-            isinstance(node, ast.Constant)
-            and isinstance(node.value, str)
-            and re.match(r"lfpipe\.\w+(\.\S*)?$", node.value)
-        ):
-            yield node.value  # a module that is named and not imported, to be run or imported later
+def imported(node: ast.AST) -> list[str]:
+    """Names of the parts of lfpipe that a node imports, at a module's head or within a function."""
+    if isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+        return [f"{node.module}.{one.name}" for one in node.names]
+    if isinstance(node, ast.Import):
+        return [one.name for one in node.names]
+    text = node.value if isinstance(node, ast.Constant) else None
+    # a module that is named and not imported, to be run or imported later
+    named = isinstance(text, str) and re.match(r"lfpipe\.\w+(\.\S*)?$", text)
+    return [str(text)] if named else []
 
 
 # Programs of rooms above that a file starts, with limits and an answer in JSON: no import.
 PROGRAMS = {"scene/open_scene.py": "lfpipe.render.packer"}
-
-
-def room(path: Path) -> str:
-    return path.relative_to(PACKAGE).with_suffix("").parts[0]
 
 
 def test_rooms_import_downwards() -> None:
@@ -61,18 +52,18 @@ def test_rooms_import_downwards() -> None:
         "few modules stand loose"
     )
     wrong = []
-    for path in PACKAGE.rglob("*.py"):
-        here = room(path)
-        for name in imported(path):
+    for module, node in nodes(ast.AST):
+        here = room(module)
+        for name in imported(node):
             there = name.split(".")[1] if name.startswith("lfpipe.") else here
             if (
                 there != here
                 and there in LAYER
                 and LAYER[there] >= LAYER.get(here, 0)
                 and here not in ("__init__", "__main__")
-                and PROGRAMS.get(path.relative_to(PACKAGE).as_posix()) != name
+                and PROGRAMS.get(module) != name
             ):
-                wrong.append(f"{path.relative_to(PACKAGE)}: {name}")
+                wrong.append(f"{module}: {name}")
     assert not wrong, "\n".join(wrong)
 
 
@@ -123,9 +114,8 @@ ALLOWED = {
 }
 
 
-def system_names(path: Path) -> Iterator[str]:
-    """What in a file belongs to an operating system."""
-    tree = ast.parse(path.read_text())
+def system_names(tree: ast.Module) -> Iterator[str]:
+    """What in a module belongs to an operating system."""
     bodies = (
         node.body
         for node in ast.walk(tree)
@@ -148,11 +138,12 @@ def system_names(path: Path) -> Iterator[str]:
 
 
 def test_host_alone_names_an_operating_system() -> None:
-    wrong = []
-    for path in PACKAGE.rglob("*.py"):
-        name = f"lfpipe/{path.relative_to(PACKAGE)}"
-        if room(path) != "host" and name not in ALLOWED:
-            wrong += [f"{name}: {found}" for found in system_names(path)]
+    wrong = [
+        f"{module}: {name}"
+        for module, tree in modules().items()
+        if room(module) != "host" and f"lfpipe/{module}" not in ALLOWED
+        for name in system_names(tree)
+    ]
     assert not wrong, "\n".join(wrong)
 
 
@@ -160,19 +151,74 @@ def test_paths_are_examined_without_exceptions() -> None:
     """`Path.exists` and its like raise up to Python 3.13, for a folder that may not be searched:
     `host.files` does not.
     """
-    wrong = []
-    for path in PACKAGE.rglob("*.py"):
-        if room(path) in ("scene", "files"):
-            continue
-        calls = (
-            node
-            for node in ast.walk(ast.parse(path.read_text()))
-            if isinstance(node, ast.Call) and not node.args
+    wrong = [
+        f"{module}: {ast.unparse(call)}"
+        for module, call in nodes(ast.Call)
+        if room(module) not in ("scene", "files")
+        and not call.args
+        and isinstance(call.func, ast.Attribute)
+        and call.func.attr in ("exists", "is_file", "is_dir")
+    ]
+    assert not wrong, wrong
+
+
+FORBIDDEN = {"pickle", "marshal", "shelve", "dill", "cloudpickle"}
+QUEUES = {
+    "Queue",
+    "SimpleQueue",
+    "JoinableQueue",
+    "Manager",
+    "Pipe",
+    "Lock",
+    "Event",
+    "Condition",
+    "Value",
+}
+
+
+def unsafe(node: ast.AST) -> set[str]:
+    """Names in a node that execute their input (pickle), or that a killed process takes with it
+    (queues and locks).
+    """
+    if isinstance(node, ast.Import):
+        return {alias.name.split(".")[0] for alias in node.names} & FORBIDDEN
+    if isinstance(node, ast.ImportFrom) and node.module:
+        top = node.module.split(".")[0]
+        return ({top} & FORBIDDEN) | (
+            {alias.name for alias in node.names} & QUEUES if top == "multiprocessing" else set()
         )
-        methods = [call.func.attr for call in calls if isinstance(call.func, ast.Attribute)]
-        wrong += [
-            f"{path.relative_to(PACKAGE)}: {name}"
-            for name in methods
-            if name in ("exists", "is_file", "is_dir")
-        ]
+    if (
+        isinstance(node, ast.Attribute)
+        and isinstance(node.value, ast.Name)
+        and node.value.id in ("multiprocessing", "mp")
+    ):
+        return {node.attr} & QUEUES
+    if isinstance(node, ast.keyword) and node.arg == "allow_pickle":
+        return (
+            set()
+            if isinstance(node.value, ast.Constant) and node.value.value is False
+            else {"allow_pickle"}
+        )
+    return set()
+
+
+def test_modules_do_not_unpickle_or_share_a_lock() -> None:
+    wrong = [f"{module}: {ast.unparse(node)}" for module, node in nodes(ast.AST) if unsafe(node)]
+    assert not wrong, wrong
+
+
+def test_wall_clock_is_not_read_by_a_session() -> None:
+    """So a step of the clock has no effect: only names and dates of files use it."""
+    wall = {
+        "time": {"time", "time_ns", "gmtime", "localtime"},
+        "datetime": {"now", "utcnow", "today"},
+    }
+    rooms = ("capture", "track", "render", "transport", "supervisor", "sequence", "replays")
+    wrong = [
+        f"{module}: {ast.unparse(node)}"
+        for module, node in nodes(ast.Attribute)
+        if room(module) in rooms
+        and isinstance(node.value, ast.Name)
+        and node.attr in wall.get(node.value.id, ())
+    ]
     assert not wrong, wrong

@@ -13,6 +13,7 @@ import pytest
 import lfpipe
 from lfpipe.eyes import EYES
 from tests.support.processes import printed
+from tests.support.refusal import refusal
 
 HEAVY = ("numpy", "cv2", "zmq", "attrs", "lfpipe.cli", "lfpipe.config")
 
@@ -49,9 +50,7 @@ def test_replay_is_a_function_with_its_own_signature() -> None:
         "settings",
     ]
     assert lfpipe.replay.__doc__ is not None and "recorded sequence" in lfpipe.replay.__doc__
-    with pytest.raises(lfpipe.UserError, match="no such folder") as caught:
-        lfpipe.replay("/nowhere")
-    assert caught.value.remedy
+    assert "no such folder" in str(refusal(lfpipe.replay, "/nowhere"))
 
 
 @pytest.fixture(scope="module")
@@ -106,9 +105,7 @@ CALLS: list[tuple[Callable[[Any], object], str]] = [
 def test_api_names_mistakes_with_a_remedy(
     field: lfpipe.LightField, call: Callable[[Any], object], why: str
 ) -> None:
-    with pytest.raises(lfpipe.UserError) as caught:
-        call(field)
-    assert why in caught.value.message and caught.value.remedy
+    assert why in refusal(call, field).message
 
 
 @pytest.mark.parametrize(
@@ -120,8 +117,7 @@ def test_tracker_refuses_what_is_no_picture(frame: object) -> None:
         with pytest.raises(lfpipe.UserError, match="not a picture") as caught:
             tracker.update(frame)  # type: ignore[arg-type]
         assert caught.value.remedy
-    with pytest.raises(lfpipe.UserError, match="closed"):
-        tracker.update(np.zeros((48, 64, 3), np.uint8))
+    assert "closed" in str(refusal(tracker.update, np.zeros((48, 64, 3), np.uint8)))
     tracker.close()
 
 

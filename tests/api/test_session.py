@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import lfpipe
+from tests.support.refusal import refusal
 from tests.support.world import World
 
 pytestmark = pytest.mark.live
@@ -48,19 +49,17 @@ def test_session_in_a_thread_is_changed_loaded_and_stopped(home: World, scene: P
                 with lfpipe.attach(session.name) as other:
                     assert other.ask({"cmd": "hello"})["config"]["render"]["method"] == "blend"
                     other.load(np.full((2, 2, 32, 40, 3), 90, np.uint8))
-                    with pytest.raises(lfpipe.UserError) as caught:
-                        other.set({"render.method": "wrap"})
-                    assert caught.value.remedy
-                    with pytest.raises(lfpipe.UserError, match="already running"):
-                        lfpipe.Session(scene, camera="demo", name=session.name)
+                    refusal(other.set, {"render.method": "wrap"})
+                    assert "already running" in str(
+                        refusal(lfpipe.Session, scene, camera="demo", name=session.name)
+                    )
                     session.stop()
                     assert other.wait(60) and session.wait()
                 for ended in (session, other):
                     for call in (ended.status, ended.eyes, lambda ended=ended: ended.set({})):
                         with pytest.raises(lfpipe.UserError, match=r"has ended|closed"):
                             call()
-                with pytest.raises(lfpipe.UserError, match="has ended: it was stopped"):
-                    session.eyes()
+                assert "has ended: it was stopped" in str(refusal(session.eyes))
         except BaseException as error:
             failures.append(error)
 
@@ -71,27 +70,19 @@ def test_session_in_a_thread_is_changed_loaded_and_stopped(home: World, scene: P
     assert home.segments() == []
 
 
-def test_session_that_cannot_start_says_why(home: World, scene: Path) -> None:
-    with pytest.raises(lfpipe.UserError, match="nowhere") as caught:
-        lfpipe.Session("/nowhere", camera="demo")
-    assert caught.value.remedy
-    with pytest.raises(lfpipe.UserError, match="did you mean"):
-        lfpipe.Session(scene, settings={"render.methd": "warp"})
-    assert home.segments() == []
-
-
-def test_session_errors_name_its_parameters(home: World, scene: Path) -> None:
+def test_session_that_cannot_start_names_its_parameter(home: World, scene: Path) -> None:
     taken = home.root / "taken"
     taken.mkdir()
     for wrong, named in (
+        ({"scene": "/nowhere"}, "nowhere"),
+        ({"settings": {"render.methd": "warp"}}, "did you mean"),
         ({"trace": taken}, "trace"),
         ({"name": "a/b"}, "name"),
         ({"display": "x"}, "display='x'"),
     ):
-        with pytest.raises(lfpipe.UserError) as caught:
-            lfpipe.Session(scene, camera="demo", **wrong)
-        text = str(caught.value)
+        text = str(refusal(lfpipe.Session, **{"scene": scene, "camera": "demo", **wrong}))
         assert named in text and "--" not in text, text
+    assert home.segments() == []
 
 
 def test_session_shows_an_open_light_field(home: World, scene: Path) -> None:
@@ -108,8 +99,7 @@ def test_session_that_is_killed_says_how_it_ended(home: World, scene: Path) -> N
         with pytest.raises(lfpipe.UserError, match="has ended"):
             while True:
                 session.status()
-        with pytest.raises(lfpipe.UserError):
-            session.wait()
+        refusal(session.wait)
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-import lfpipe
 from lfpipe.cli import cli, terminal
+from tests.support.source import nodes
 
-PACKAGE = Path(lfpipe.__file__).parent
 PRINTERS = {
     "cli/terminal.py": "here",
     "observe/monitor.py": "JSON, and tables whose text is made plain",
@@ -32,12 +31,7 @@ def _prints(call: ast.Call) -> bool:
 
 
 def test_print_stands_in_terminal_alone() -> None:
-    printers = {
-        str(path.relative_to(PACKAGE))
-        for path in PACKAGE.rglob("*.py")
-        for node in ast.walk(ast.parse(path.read_text()))
-        if isinstance(node, ast.Call) and _prints(node)
-    }
+    printers = {module for module, call in nodes(ast.Call) if _prints(call)}
     assert printers == set(PRINTERS)
 
 

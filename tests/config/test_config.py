@@ -21,6 +21,7 @@ from lfpipe.config.user_files import commented
 from lfpipe.errors import UserError
 from tests.support import hostile_files
 from tests.support.hostile_files import NO_FILES, TOML_TEXTS, VALUES, deep, ended
+from tests.support.refusal import refusal
 from tools.make_reference import DOCS, PAGES
 
 
@@ -63,8 +64,7 @@ def test_every_error_of_every_layer_is_named_at_once(user_folder: Path, tmp_path
         "render={}",
         "screen.distance_mm=1" + "0" * 30,
     ]
-    with pytest.raises(UserError) as error:
-        config.load(tmp_path / "mine.toml", sets)
+    said = str(refusal(config.load, tmp_path / "mine.toml", sets))
     for part in (
         "config.toml: camera.rate_hz: -3 is out of range: 0.1 to 1000 Hz",
         "config.toml: trakc: unknown key, did you mean 'track'?",
@@ -83,10 +83,8 @@ def test_every_error_of_every_layer_is_named_at_once(user_folder: Path, tmp_path
         "screen.distance_mm: inf is out of range",
         "remedy:",
     ):
-        assert part in str(error.value), error.value
-    with pytest.raises(UserError) as error:
-        config.load()
-    assert "config init FILE" in error.value.remedy, (
+        assert part in said, said
+    assert "config init FILE" in refusal(config.load).remedy, (
         "`config show` fails as long as the user's own file is wrong"
     )
 
@@ -245,8 +243,7 @@ def test_what_is_no_file_is_refused_at_once(
     ):
         NO_FILES[kind](path)
         monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path if name is None else tmp_path / "none"))
-        with pytest.raises(UserError, match=path.name):
-            config.load(name)
+        assert path.name in str(refusal(config.load, name))
     for wrong in (
         "papr",
         "a\0b",
@@ -257,23 +254,18 @@ def test_what_is_no_file_is_refused_at_once(
         "/proc/self/mem",
         "/dev/stdin/x",
     ):
-        with pytest.raises(UserError, match="--config"):
-            config.load(wrong)
+        assert "--config" in str(refusal(config.load, wrong))
 
 
 def test_thousands_of_unknown_keys_make_a_short_message(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text("[render]\n" + "".join(f"alpha_px{n} = 1\n" for n in range(3626)))
-    with pytest.raises(UserError) as caught:
-        config.load(path)
-    said = str(caught.value)
+    said = str(refusal(config.load, path))
     assert "and more" in said and len(said.replace(str(path), "mine.toml")) < 1000
     everything = {key: "\x1b" * 100 for key in KEYS} | {
         f"render.alpha_pix{n}": 1 for n in range(100)
     }
-    with pytest.raises(UserError) as caught:
-        config.updated(Config(), everything)
-    assert len(str(caught.value)) <= 2000
+    assert len(str(refusal(config.updated, Config(), everything))) <= 2000
 
 
 # files that cost time or memory if they are read carelessly

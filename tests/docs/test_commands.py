@@ -16,6 +16,7 @@ import pytest
 from lfpipe import config
 from lfpipe.cli import cli
 from tests.docs.conftest import PAGES, ROOT, blocks
+from tests.support.source import nodes
 from tests.support.world import World
 
 
@@ -26,14 +27,13 @@ def texts() -> Iterator[tuple[str, list[str], bool]]:
             yield page, block.splitlines(), True
         text = re.sub("^#.*$", "", (ROOT / page).read_text(), flags=re.M)  # usage of commands
         yield page, re.findall(r"`((?:uv run )?(?:lfpipe|python -m) [^`]+)`", text), False
-    for path in sorted((ROOT / "lfpipe").rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.JoinedStr | ast.Constant):
-                # what a message fills in: an option after a word, else an argument
-                text = re.sub(r"(?<=\w)\{[^}]*\}", "", ast.unparse(node)).replace("\\n", " ")
-                text = re.sub(r"\{[^}]*\}", "NAME", text)
-                named = re.findall(r"`(lfpipe (?![A-Z])[^`]+)`", text)
-                yield str(path.relative_to(ROOT)), [" ".join(line.split()) for line in named], False
+    for module, node in nodes(ast.expr):
+        if isinstance(node, ast.JoinedStr | ast.Constant):
+            # what a message fills in: an option after a word, else an argument
+            text = re.sub(r"(?<=\w)\{[^}]*\}", "", ast.unparse(node)).replace("\\n", " ")
+            text = re.sub(r"\{[^}]*\}", "NAME", text)
+            named = re.findall(r"`(lfpipe (?![A-Z])[^`]+)`", text)
+            yield f"lfpipe/{module}", [" ".join(line.split()) for line in named], False
 
 
 def commands() -> dict[str, tuple[str, bool]]:

@@ -2,7 +2,6 @@
 a starved host.
 """
 
-import ast
 import itertools
 import os
 import signal
@@ -10,7 +9,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-import lfpipe
 from lfpipe.eyes import MAX_HORIZON_S
 from lfpipe.supervisor.process_table import STAGES
 from lfpipe.transport.clock import SLEPT_NS, SleepWatch
@@ -88,22 +86,6 @@ def test_sleep_watch_notices_a_sleep_once() -> None:
     asleep_ns += 1
     assert watch.woke() and not watch.woke()
     assert not SleepWatch().woke(), "this machine has not slept in between"
-
-
-def test_wall_clock_is_not_read_by_a_session() -> None:
-    """So a step of the clock has no effect: only names and dates of files use it."""
-    wall: dict[str, Any] = {
-        "time": {"time", "time_ns", "gmtime", "localtime"},
-        "datetime": {"now", "utcnow", "today"},
-    }
-    root = Path(lfpipe.__file__).parent
-    for room in ("capture", "track", "render", "transport", "supervisor", "sequence", "replays"):
-        for path in sorted((root / room).rglob("*.py")):
-            for node in ast.walk(ast.parse(path.read_text())):
-                if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
-                    assert node.attr not in wall.get(node.value.id, ()), (
-                        f"{path.name}: {node.value.id}.{node.attr}"
-                    )
 
 
 def _alone(world: World, since_ns: int) -> list[dict[str, Any]]:

@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 
 from lfpipe.sequence.folder import open_sequence
+from tests.replay.test_record import frames
 from tests.support.world import World, runs
 
 LARGE = (
@@ -53,10 +54,6 @@ class Terminal:
 
 def lfpipe(*words: str | Path) -> str:
     return shlex.join([sys.executable, "-m", "lfpipe", *map(str, words)])
-
-
-def frames(out: Path) -> int:
-    return (out / "frames.jsonl").read_text().count("\n") if (out / "frames.jsonl").exists() else 0
 
 
 @pytest.mark.parametrize("how", ["closed", "hung up", "quit"])

@@ -1,46 +1,53 @@
 """`BlankAnswers`: which picture each blank of an X server showed."""
 
+import pytest
+
 from lfpipe.host.presentation import BlankAnswers, Presented
 from lfpipe.transport.clock import MS_NS
 
 PERIOD_NS = 16 * MS_NS
+THIRD, FOURTH = 3 * PERIOD_NS, 4 * PERIOD_NS  # the times of blanks
+LAST = (None, [Presented(4, FOURTH, PERIOD_NS)])
+Step = tuple[tuple[int, int, int] | None, list[Presented]]
+# when pictures 3 and 4 were asked for; then answers (None: a rest), and what they say was shown
+PLAYS: dict[str, tuple[tuple[int, int], list[Step]]] = {
+    "the last of two before one blank was shown": (
+        (THIRD - 8 * MS_NS, THIRD - 2 * MS_NS),
+        [
+            ((3, THIRD, 3), []),
+            ((4, THIRD, 3), [Presented(3, 0, 0)]),
+            (None, [Presented(4, THIRD, PERIOD_NS)]),
+        ],
+    ),
+    "one that was put off is that of its own blank": (
+        (THIRD - 8 * MS_NS, FOURTH - 8 * MS_NS),
+        [
+            ((4, FOURTH, 4), []),
+            ((3, FOURTH + MS_NS, 4), [Presented(3, THIRD + MS_NS, PERIOD_NS)]),
+            LAST,
+        ],
+    ),
+    "one is held while another may follow": (
+        (THIRD - 8 * MS_NS, FOURTH - 8 * MS_NS),
+        [
+            ((3, THIRD, 3), []),
+            (None, []),
+            ((4, FOURTH, 4), [Presented(3, THIRD, PERIOD_NS)]),
+            LAST,
+        ],
+    ),
+}
 
 
-def started() -> BlankAnswers:
-    """After two pictures: the period is known."""
+@pytest.mark.parametrize("name", PLAYS)
+def test_blank_answers(name: str) -> None:
     answers = BlankAnswers()
-    for number in (1, 2):
+    for number in (1, 2):  # then the period is known
         answers.asked(number, number * PERIOD_NS - 8 * MS_NS)
         answers.answered(number, number * PERIOD_NS, number)
         answers.rest()
-    return answers
-
-
-def test_the_last_of_two_pictures_before_one_blank_was_shown() -> None:
-    answers = started()
-    answers.asked(3, 3 * PERIOD_NS - 8 * MS_NS)
-    answers.asked(4, 3 * PERIOD_NS - 2 * MS_NS)
-    assert answers.answered(3, 3 * PERIOD_NS, 3) == []
-    assert answers.answered(4, 3 * PERIOD_NS, 3) == [Presented(3, 0, 0)]
-    assert answers.rest() == [Presented(4, 3 * PERIOD_NS, PERIOD_NS)]
-
-
-def test_an_answer_that_was_put_off_by_a_blank_is_that_of_its_own_blank() -> None:
-    answers = started()
-    answers.asked(3, 3 * PERIOD_NS - 8 * MS_NS)
-    answers.asked(4, 4 * PERIOD_NS - 8 * MS_NS)
-    assert answers.answered(4, 4 * PERIOD_NS, 4) == []
-    assert answers.answered(3, 4 * PERIOD_NS + MS_NS, 4) == [
-        Presented(3, 3 * PERIOD_NS + MS_NS, PERIOD_NS)
-    ]
-    assert answers.rest() == [Presented(4, 4 * PERIOD_NS, PERIOD_NS)]
-
-
-def test_an_answer_is_held_while_another_may_follow() -> None:
-    answers = started()
-    answers.asked(3, 3 * PERIOD_NS - 8 * MS_NS)
-    answers.asked(4, 4 * PERIOD_NS - 8 * MS_NS)
-    answers.answered(3, 3 * PERIOD_NS, 3)
-    assert answers.rest() == []
-    assert answers.answered(4, 4 * PERIOD_NS, 4) == [Presented(3, 3 * PERIOD_NS, PERIOD_NS)]
-    assert answers.rest() == [Presented(4, 4 * PERIOD_NS, PERIOD_NS)]
+    asked_ns, steps = PLAYS[name]
+    for number, t_ns in enumerate(asked_ns, 3):
+        answers.asked(number, t_ns)
+    for step, shown in steps:
+        assert (answers.answered(*step) if step else answers.rest()) == shown

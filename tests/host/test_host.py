@@ -24,6 +24,7 @@ from lfpipe.host import file_lock, machine, wake, worker
 from lfpipe.host.worker import Worker
 from lfpipe.transport import ring
 from tests.support.processes import printed
+from tests.support.refusal import refusal
 
 FEW_THREADS = """
 import resource
@@ -134,9 +135,9 @@ def test_a_machine_without_a_fence_is_refused_before_a_ring_exists(
 ) -> None:
     only(monkeypatch, own=SimpleNamespace())
     monkeypatch.setattr(ring, "fence", machine._fence)
-    with pytest.raises(UserError, match="libatomic is not installed") as error:
-        ring.create("lfpipe-test-no-fence", ring.RingSpec((4,), np.dtype("u1")))
-    assert "libatomic1" in error.value.remedy
+    spec = ring.RingSpec((4,), np.dtype("u1"))
+    refused = refusal(ring.create, "lfpipe-test-no-fence", spec)
+    assert "libatomic is not installed" in refused.message and "libatomic1" in refused.remedy
     monkeypatch.undo()
     with pytest.raises(FileNotFoundError):
         ring.Reader("lfpipe-test-no-fence")
@@ -200,8 +201,7 @@ def test_noise_without_end_neither_blocks_nor_fills_memory(child: Start) -> None
         "import sys\nfor _ in range(300): sys.stderr.write('warning ' * 10000);"
         " sys.stdout.write('x' * 10000)\n"
     )
-    with pytest.raises(UserError, match="exit code 0"):
-        running.result()
+    assert "exit code 0" in str(refusal(running.result))
     assert len(running._log) <= worker.MAX_LOG_BYTES and len(running._rest) <= worker.MAX_LINE_BYTES
 
 
@@ -209,8 +209,7 @@ def test_noise_without_end_neither_blocks_nor_fills_memory(child: Start) -> None
     "answer", ["", "[]", '{"ok": true, "result": 5}', '{"ok": 0, "error": 1}', "[" * 100_000]
 )
 def test_an_answer_that_is_none_is_a_refusal(child: Start, answer: str) -> None:
-    with pytest.raises(UserError, match="/some/file"):
-        child(f"print({answer!r})").result()
+    assert "/some/file" in str(refusal(child(f"print({answer!r})").result))
 
 
 @pytest.mark.parametrize(
@@ -226,6 +225,5 @@ def test_a_child_that_fails_says_how_and_is_gone(
     child: Start, program: str, limit_s: float, how: str
 ) -> None:
     running = child(program, limit_s=limit_s)
-    with pytest.raises(UserError, match=how):
-        running.result()
+    assert how in str(refusal(running.result))
     assert running._process.poll() is not None

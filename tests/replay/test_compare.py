@@ -34,6 +34,7 @@ from lfpipe.sequence.packets import INDEX, PACKETS, PacketWriter, decoded, encod
 from lfpipe.transport.ring import Stamp
 from tests.render import rendered
 from tests.support.hostile_sequences import damage
+from tests.support.refusal import refusal
 
 REFERENCE = Path(__file__).parent / "reference"
 FRAMES = 12
@@ -161,10 +162,8 @@ def test_another_scene_or_sequence_is_refused_and_other_views_are_named(run: Pat
     ]
     for part, key, was in (("scene", "rows", 5), ("sequence", "frames", 300)):
         change_report(run, setting(part, key, 9))
-        with pytest.raises(
-            UserError, match=f"made with another {part}: {key} {was} in the reference, 9 now"
-        ):
-            compare(REFERENCE, run)
+        said = f"made with another {part}: {key} {was} in the reference, 9 now"
+        assert said in str(refusal(compare, REFERENCE, run))
         shutil.copy(REFERENCE / REPORT, run / REPORT)
 
 
@@ -278,8 +277,7 @@ def test_a_reference_with_thousands_of_other_settings_is_told_in_a_few_lines(
             {"x" * 200 + str(n): "v" * 1000 for n in range(3626)}
         ),
     )
-    with pytest.raises(UserError, match="bytes"):
-        compare(reference, first)
+    assert "bytes" in str(refusal(compare, reference, first))
 
 
 def test_what_is_not_whole_or_leads_elsewhere_is_refused(first: Path, tmp_path: Path) -> None:
@@ -288,12 +286,10 @@ def test_what_is_not_whole_or_leads_elsewhere_is_refused(first: Path, tmp_path: 
         (reference / TRACE).write_bytes(
             b"".join((first / TRACE).read_bytes().splitlines(keepends=True)[:keep])[:-9]
         )
-        with pytest.raises(UserError, match=f"{keep - 1} lines"):
-            compare(reference, first)
+        assert f"{keep - 1} lines" in str(refusal(compare, reference, first))
     (reference / TRACE).unlink()
     (reference / TRACE).symlink_to(first / TRACE)
-    with pytest.raises(UserError, match=r"trace\.jsonl: a link to "):
-        compare(reference, first)
+    assert "trace.jsonl: a link to " in str(refusal(compare, reference, first))
 
 
 def test_only_results_are_cleared_and_links_are_none(tmp_path: Path) -> None:
@@ -303,12 +299,10 @@ def test_only_results_are_cleared_and_links_are_none(tmp_path: Path) -> None:
     for name in ("photo", "pictures/photo", "trace.jsonl"):
         (tmp_path / "out" / name).parent.mkdir(exist_ok=True)
         (tmp_path / "out" / name).write_text("mine")
-        with pytest.raises(UserError, match=name):
-            clear_out(tmp_path / "out")
+        assert name in str(refusal(clear_out, tmp_path / "out"))
         (tmp_path / "out" / name).unlink()
     (tmp_path / "out" / "difference").symlink_to(tmp_path / "mine")
-    with pytest.raises(UserError, match="difference"):
-        clear_out(tmp_path / "out")
+    assert "difference" in str(refusal(clear_out, tmp_path / "out"))
     (tmp_path / "out" / "difference").unlink()
     clear_out(tmp_path / "out")
     assert not list((tmp_path / "out").iterdir())
@@ -365,8 +359,7 @@ def test_an_update_without_room_leaves_the_reference(first: Path, tmp_path: Path
     before = {path.name: path.read_bytes() for path in reference.rglob("*") if path.is_file()}
     (tmp_path / "now").mkdir()
     (tmp_path / "now" / REPORT).write_text("{}")  # no trace: as if the disk were full there
-    with pytest.raises(UserError):
-        update_reference(reference, tmp_path / "now")
+    refusal(update_reference, reference, tmp_path / "now")
     assert {
         path.name: path.read_bytes() for path in reference.rglob("*") if path.is_file()
     } == before
@@ -419,14 +412,12 @@ def test_an_update_removes_no_folder_of_a_person(first: Path, tmp_path: Path, na
     reference = shutil.copytree(first, tmp_path / "ref")
     (tmp_path / name).mkdir()
     (tmp_path / name / "notes.txt").write_text("mine")
-    with pytest.raises(UserError, match="notes"):
-        update_reference(reference, first)
+    assert "notes" in str(refusal(update_reference, reference, first))
     assert (tmp_path / name / "notes.txt").exists() and compare(reference, first).differences == []
 
 
 def test_a_reference_whose_trace_is_of_another_run_is_refused(first: Path, tmp_path: Path) -> None:
     reference = shutil.copytree(first, tmp_path / "ref")
     change_report(reference, setting("digests", "eyes", "0" * 64))
-    with pytest.raises(UserError, match="report differ in eyes") as caught:
-        compare(reference, first)
-    assert "--update" in caught.value.remedy
+    caught = refusal(compare, reference, first)
+    assert "report differ in eyes" in caught.message and "--update" in caught.remedy

@@ -11,7 +11,6 @@ import subprocess
 import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +21,7 @@ from lfpipe.sequence.folder import SequenceWriter, open_sequence
 from lfpipe.sequence.packets import encoded
 from lfpipe.transport.ring import Reader, Stamp
 from lfpipe.transport.session import Session
-from tests.replay.test_record import frames
+from tests.replay.test_record import frames, recorder
 from tests.support.world import World, stays, until
 
 SMALL = (
@@ -34,10 +33,6 @@ SMALL = (
     "camera.rate_hz=60",
 )
 SHAPE = (120, 160, 3)
-
-
-def recorder(world: World) -> Any:
-    return world.monitor()["stages"].get("record", {"state": "NONE"})
 
 
 @pytest.fixture

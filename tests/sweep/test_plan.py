@@ -16,6 +16,7 @@ from lfpipe.sweep.plan import Cell, read_plan
 from lfpipe.sweep.results import ABOUT, FAILED, LEFT_OUT, Outcome, Store, write
 from lfpipe.sweep.run import content, keyed
 from lfpipe.sweep.work import SweepOptions
+from tests.support.refusal import refusal
 from tests.sweep.conftest import write_plan
 
 FULL = """
@@ -89,9 +90,8 @@ def test_a_key_follows_contents_not_the_place(tmp_path: Path, corpus: Path) -> N
     ],
 )
 def test_mistakes_are_named_before_anything_runs(tmp_path: Path, text: str, said: str) -> None:
-    with pytest.raises(UserError, match=r"plan\.toml|configuration") as caught:
-        read_plan(write_plan(tmp_path, tmp_path, text))
-    assert said in str(caught.value)
+    refused = str(refusal(read_plan, write_plan(tmp_path, tmp_path, text)))
+    assert said in refused and ("plan.toml" in refused or "configuration" in refused)
 
 
 def test_no_name_of_a_file_is_a_formula_of_a_spreadsheet(tmp_path: Path) -> None:
@@ -125,8 +125,7 @@ def test_no_name_of_a_file_is_a_formula_of_a_spreadsheet(tmp_path: Path) -> None
     for name in ("results.jsonl", "table.csv", "report.html", "junit.xml"):
         mine = tmp_path / name
         mine.write_text("my own notes")
-        with pytest.raises(UserError, match=name):
-            Store(tmp_path)
+        assert name in str(refusal(Store, tmp_path))
         assert mine.read_text() == "my own notes"
         mine.unlink()
 

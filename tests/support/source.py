@@ -1,0 +1,30 @@
+"""The code of the package as trees, for rules about its form."""
+
+import ast
+import functools
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TypeVar
+
+import lfpipe
+
+PACKAGE = Path(lfpipe.__file__).parent
+Node = TypeVar("Node", bound=ast.AST)
+
+
+@functools.cache
+def modules() -> dict[str, ast.Module]:
+    """The tree of each module, by its place in the package."""
+    paths = sorted(PACKAGE.rglob("*.py"))
+    return {path.relative_to(PACKAGE).as_posix(): ast.parse(path.read_text()) for path in paths}
+
+
+def nodes(kind: type[Node]) -> Iterator[tuple[str, Node]]:
+    """Every node of that kind, with its module."""
+    for name, tree in modules().items():
+        yield from ((name, node) for node in ast.walk(tree) if isinstance(node, kind))
+
+
+def room(module: str) -> str:
+    """The folder of a module, or its own name where it stands loose."""
+    return Path(module).with_suffix("").parts[0]
