@@ -211,17 +211,6 @@ def test_a_file_in_use_is_refused_until_its_writer_ends(tmp_path: Path) -> None:
     assert not _refused(path) and written_by_lfpipe(path)
 
 
-def test_a_restarted_writer_goes_on_and_a_new_session_begins_anew(tmp_path: Path) -> None:
-    path, began = tmp_path / "t.jsonl", tmp_path / "session.json"
-    for since, lines in ((None, 1), (began, 2), (None, 1)):
-        began.touch()
-        os.utime(began, ns=(1, 1))
-        trace = TraceFile(path, pytest.fail, since)
-        trace.write(LINE)
-        trace.close()
-        assert path.read_bytes().count(b"\n") == lines
-
-
 def test_a_full_disk_keeps_the_trace_of_an_earlier_session(tmp_path: Path) -> None:
     path = tmp_path / "t.jsonl"
     old = _written(tmp_path, "jsonl").rename(path).read_bytes()

@@ -92,14 +92,6 @@ def test_encode_only_subtracts_what_crosses_over(name: str, sign: int) -> None:
     assert change[0, 0, 2] > 200
 
 
-def test_encode_colour_is_the_papers_method() -> None:
-    rng = np.random.default_rng(0)
-    left, right = rng.integers(0, 256, (2, 9, 7, 3), dtype=np.uint8)
-    np.testing.assert_array_equal(
-        encode(left, right, recipe("colour")), np.dstack([right[..., :2], left[..., 2:]])
-    )
-
-
 def test_ghost_compensation_cancels_the_leak_through_the_red_glass() -> None:
     assert recipe("dubois-amber-blue", "linear", 100.0) == recipe(
         "dubois-amber-blue", "linear", 0.0

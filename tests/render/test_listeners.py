@@ -110,17 +110,20 @@ def test_render_stage_reports_a_lost_output_and_ends_a_replay(tmp_path: Path) ->
         RenderStage._lost(stage, "full")  # type: ignore[arg-type]
 
 
-def test_trace_is_continued_by_a_restarted_process(tmp_path: Path) -> None:
+def test_trace_is_continued_by_a_restarted_process_and_begins_anew_with_a_session(
+    tmp_path: Path,
+) -> None:
     began = tmp_path / "session.json"
     began.touch()
+    os.utime(began, ns=(1, 1))
     options = attrs.evolve(NONE, timeline=str(tmp_path / "timeline"))
-    for restarts in (0, 1, 2):
-        trace = Trace(viewer(), tmp_path / "trace", began if restarts else None, pytest.fail)
+    for since, count in ((None, 1), (began, 2), (began, 3), (None, 1)):
+        trace = Trace(viewer(), tmp_path / "trace", since, pytest.fail)
         trace.set_options(options)
-        trace.presented(showing(seq=restarts))
+        trace.presented(showing())
         trace.close()
-    assert (tmp_path / "trace").read_text().count("\n") == 3
-    assert (tmp_path / "timeline").read_text().count("\n") == 3
+        assert (tmp_path / "trace").read_text().count("\n") == count
+        assert (tmp_path / "timeline").read_text().count("\n") == count
 
 
 # status row

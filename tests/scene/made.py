@@ -29,6 +29,40 @@ def texture(height: int, width: int, seed: int) -> NDArray[np.uint8]:
     return np.asarray(np.clip(out * 220 + 20, 0, 255), np.uint8)
 
 
+_painted = lru_cache(maxsize=16)(texture)
+
+
+def view(
+    x: float,
+    y: float,
+    height: int = 96,
+    width: int = 128,
+    near_px: float = 2.0,
+    far_px: float = -1.0,
+) -> NDArray[np.uint8]:
+    """What a camera (x, y) steps from the middle sees, uint8 (height, width, 3): a far wall, a
+    middle and a near shape.
+    """
+    yy, xx = np.mgrid[:height, :width].astype(np.float32)
+    out = np.empty((height, width, 3), np.uint8)
+    for seed, d, disc in (
+        (1, far_px, None),
+        (2, (near_px + far_px) / 2, (0.3, 0.35, 0.2)),
+        (3, near_px, (0.62, 0.6, 0.22)),
+    ):
+        # What stands at x in the middle view stands at x - d * step here, so x here shows x + d *
+        # step of the layer.
+        at_x, at_y = xx + np.float32(d * x), yy + np.float32(d * y)
+        painted = _painted(height * 2, width * 2, seed)
+        seen = cv2.remap(painted, at_x + width / 2, at_y + height / 2, cv2.INTER_LINEAR)
+        inside = np.ones((height, width), bool)
+        if disc is not None:
+            away = np.hypot(at_x - disc[0] * width, at_y - disc[1] * height)
+            inside = away < disc[2] * min(height, width) * 1.3
+        out[inside] = seen[inside]
+    return out
+
+
 @lru_cache(maxsize=8)
 def views(
     rows: int,
@@ -38,31 +72,11 @@ def views(
     near_px: float = 2.0,
     far_px: float = -1.0,
 ) -> NDArray[np.uint8]:
-    """Canonical views, uint8 (rows, cols, height, width, 3): a far wall, a middle and a near shape.
-    Not to be written to.
-    """
+    """Canonical views of a grid, uint8 (rows, cols, height, width, 3). Not to be written to."""
     out = np.empty((rows, cols, height, width, 3), np.uint8)
-    yy, xx = np.mgrid[:height, :width].astype(np.float32)
-    layers = [
-        (far_px, texture(height * 2, width * 2, 1), None),
-        ((near_px + far_px) / 2, texture(height * 2, width * 2, 2), (0.3, 0.35, 0.2)),
-        (near_px, texture(height * 2, width * 2, 3), (0.62, 0.6, 0.22)),
-    ]
-    for r in range(rows):
-        for c in range(cols):
-            for d, painted, disc in layers:
-                # What stands at x in the middle view stands at x - d * step here, so x here shows x
-                # + d * step of the layer.
-                x, y = xx + d * (c - (cols - 1) / 2), yy + d * (r - (rows - 1) / 2)
-                seen = cv2.remap(painted, x + width / 2, y + height / 2, cv2.INTER_LINEAR)
-                if disc is None:
-                    out[r, c] = seen
-                else:
-                    inside = (
-                        np.hypot(x - disc[0] * width, y - disc[1] * height)
-                        < disc[2] * min(height, width) * 1.3
-                    )
-                    out[r, c][inside] = seen[inside]
+    for r, c in np.ndindex(rows, cols):
+        x, y = c - (cols - 1) / 2, r - (rows - 1) / 2
+        out[r, c] = view(x, y, height, width, near_px, far_px)
     out.setflags(write=False)
     return out
 
@@ -153,12 +167,6 @@ def write_film(
     for frame in frames:
         writer.write(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
     writer.release()
-    return path
-
-
-def write_npz(path: Path, **arrays: NDArray[Any]) -> Path:
-    """Arrays in one file; returns its path."""
-    np.savez(path, allow_pickle=True, **arrays)
     return path
 
 

@@ -73,29 +73,9 @@ def verdict(case: PeopleSet, path: Path) -> tuple[str, str]:
     return ("right" if right else "WRONG"), what
 
 
-def layered(
-    x: float, y: float, height: int = 120, width: int = 160, near_px: float = 2.0
-) -> Pictures:
-    """A view from (x, y) in steps of the camera: a wall, a shape before it, and a nearer one."""
-    yy, xx = np.mgrid[:height, :width].astype(np.float32)
-    out = np.zeros((height, width, 3), np.uint8)
-    for far_share, seed, disc in (
-        (-0.5, 1, None),
-        (0.25, 2, (0.3, 0.35, 0.2)),
-        (1.0, 3, (0.62, 0.6, 0.22)),
-    ):
-        px = near_px * far_share
-        at_x = xx + np.float32(px * x)
-        at_y = yy + np.float32(px * y)
-        painted = made.texture(2 * height, 2 * width, seed)
-        seen = cv2.remap(painted, at_x + width // 2, at_y + height // 2, cv2.INTER_LINEAR)
-        if disc is None:
-            out = np.asarray(seen, np.uint8)
-        else:
-            away = np.hypot(at_x - disc[0] * width, at_y - disc[1] * height)
-            inside = away < disc[2] * 1.3 * height
-            out[inside] = seen[inside]
-    return out
+def layered(x: float, y: float, near_px: float = 2.0) -> Pictures:
+    """A view from (x, y) in steps of the camera."""
+    return made.view(x, y, 120, 160, near_px, -near_px / 2)
 
 
 def circle(count: int, radius: float = 3.0, upright: float | None = None) -> list[Pictures]:
@@ -280,6 +260,11 @@ def anew(make: Make) -> Cure:
 
 def burst(group: tuple[bytes, int, int] | None) -> Make:
     return lambda folder: heic.write(folder / "burst.heic", [PHOTO] * 3, group)
+
+
+def without_views(folder: Path) -> Path:
+    np.savez(folder / "a.npz", other=TWELVE, more=TWELVE)
+    return folder / "a.npz"
 
 
 def too_many_files(folder: Path) -> Path:
@@ -835,7 +820,7 @@ SETS: dict[str, list[PeopleSet]] = {
         ),
         refuses(
             "npz: no views",
-            lambda folder: made.write_npz(folder / "a.npz", other=TWELVE, more=TWELVE),
+            without_views,
             "no array 'views'",
         ),
     ],
