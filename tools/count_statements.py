@@ -1,4 +1,4 @@
-"""Counts the statements of the program and its tests, without docstrings, by room, beside their
+"""Counts the statements of the program and its tests, without docstrings, by room, with their
 goals: `python -m tools.count_statements`. Ends with 1 if a goal is exceeded.
 """
 

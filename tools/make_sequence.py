@@ -127,7 +127,7 @@ class Puppet:
     show_default=True,
     help="Deviation of the sensor noise, DN.",
 )
-@click.option("--seed", default=1, show_default=True, help="Of the noise.")
+@click.option("--seed", default=1, show_default=True, help="Seed of the noise.")
 def main(
     out: Path, portrait: Path | None, seconds: float | None, rate: float, noise: float, seed: int
 ) -> None:
@@ -154,7 +154,7 @@ def write(
     long_s = len(PATH) / 1000
     count = round(min(seconds or long_s, long_s) * rate_hz)
     rng = np.random.default_rng(seed)
-    moves = np.diff(PATH, axis=0, append=PATH[-1:]).any(axis=1)
+    moves = np.abs(np.diff(PATH, axis=0, append=PATH[-1:])).sum(axis=1) > 0
 
     def frames() -> Iterator[tuple[NDArray[np.uint8], NDArray[np.float64], bool, str]]:
         for ms in (np.arange(count) * 1000 / rate_hz).astype(int):

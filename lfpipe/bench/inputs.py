@@ -45,8 +45,8 @@ Picture = NDArray[np.uint8]
 
 @attrs.frozen(eq=False, kw_only=True)
 class FrameSequence:
-    """frames: reads its frames, uint8 (height, width, 3) BGR, from the first on. truth: None if no
-    table of true eyes is beside the video.
+    """frames: reads its frames, uint8 (height, width, 3) BGR, from the first on. truth: None if the
+    video has no table of true eyes.
     """
 
     path: Path
@@ -148,7 +148,7 @@ def read_sequence(path: Path, most_frames: int) -> FrameSequence:
 def write_video(
     path: Path, rate_hz: float, frames: Iterable[tuple[Picture, NDArray[np.float64], bool, str]]
 ) -> None:
-    """Writes a video, every frame a JPEG, and the true eyes beside it. frames: (BGR of SIZE_PX,
+    """Writes a video, every frame a JPEG, and its table of true eyes. frames: (BGR of SIZE_PX,
     eyes (2, 2) px, whether they are visible, phase). Raises UserError.
     """
     quality = [cv2.VIDEOWRITER_PROP_QUALITY, 95]

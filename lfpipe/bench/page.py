@@ -19,7 +19,7 @@ from lfpipe.host.machine import install_command
 # errors that differ by less than this share are equal for a verdict: the noise of short sequences
 TIE = 0.05
 MARKERS = "osD^vPX<>h"
-# for a colour vision deficiency, too
+# distinct with a colour vision deficiency
 COLOURS = ("#0072b2", "#d55e00", "#008a63", "#b1548f", "#8a6d00", "#4b4fc4", "#7a7f86")
 HOW = (
     "<h2>How it was measured</h2><p class=soft>Times are CPU times of the thread, which other"

@@ -35,8 +35,8 @@ Float = NDArray[np.float64]
 LAST_NS = 2**63 - 1
 
 
-# Name -> what is added to the stamp (ns) and to the eyes (px) of a frame. What the tracker's gate
-# refuses anyway (not finite, out of all proportion) is no face.
+# Name -> what is added to the stamp (ns) and to the eyes (px) of a frame. The tracker's gate would
+# refuse values that are not finite or out of all proportion: they count as no face.
 DISTURBANCES: dict[str, tuple[int, Float | float]] = {
     "wrong by half an eye distance": (0, np.array((APART_PX / 2, 0.0))),
     "one eye wrong by an eye distance": (0, np.array(((APART_PX, 0.0), (0.0, 0.0)))),
@@ -52,9 +52,9 @@ DISTURBANCES: dict[str, tuple[int, Float | float]] = {
 def disturbed(
     name: str, what: str, rate_hz: int, moving: bool, frames: int = 1
 ) -> tuple[float, float]:
-    """What a disturbance of so many frames in a row does to a filter: the largest distance from its
-    undisturbed run, in eye distances AHEAD_MS ahead, and the seconds until it stays below 2 %;
-    infinite if any output is not finite.
+    """The effect of a disturbance of `frames` successive frames on a filter: the largest distance
+    from its undisturbed run, in eye distances AHEAD_MS ahead, and the seconds until it stays below
+    2 %; infinite if any output is not finite.
 
     The head rests, or sways by 100 px at half a hertz; then stamps jitter by a tenth of the period,
     and every ninth is a duplicate of its predecessor.
@@ -88,7 +88,7 @@ def disturbed(
 
 
 def filter_table(rates_hz: tuple[int, ...], moving: bool, frames: int) -> Table:
-    """Every filter with every disturbance of so many frames."""
+    """Every filter with every disturbance of this many frames."""
 
     def judge(case: tuple[str, int], name: str) -> tuple[str, State]:
         peak, lasts_s = disturbed(name, *case, moving, frames)

@@ -60,7 +60,7 @@ def subsample(field: LightField, rows: Sequence[int], cols: Sequence[int]) -> Li
 
 
 def _step(rows: Sequence[int], cols: Sequence[int]) -> int:
-    """Of the kept views: the same on both axes, as disparity is per step of the grid."""
+    """The step between kept views: the same on both axes, as disparity is per step of the grid."""
     return next((kept[1] - kept[0] for kept in (cols, rows) if len(kept) > 1), 1)
 
 

@@ -143,7 +143,7 @@ def script_tables(some: Iterable[Script], count: int) -> Iterator[Table]:
     """What each script does to the viewpoints, and to `count` pictures of it."""
     some = list(some)
     note = (
-        "Of the demo's scene, camera at 30 Hz, screen at 60 Hz,"
+        "The demo's scene, a camera at 30 Hz, a screen at 60 Hz,"
         f" {Screen().loop_ms:g} ms from exposure to light."
     )
     steps = (
@@ -163,7 +163,7 @@ def script_tables(some: Iterable[Script], count: int) -> Iterator[Table]:
 
 
 def script_viewpoints(script: Script) -> Figures:
-    """Of the columns VIEWPOINTS."""
+    """The figures of the columns VIEWPOINTS."""
     now = viewpoints(Setup(screen=Screen(loop_ms=0.0)), script)
     bare = viewpoints(Setup(track=Track(filter="mean", mean_k=1)), script)
     plain = viewpoints(plain_loop(), script)
@@ -177,7 +177,7 @@ def script_viewpoints(script: Script) -> Figures:
 
 
 def script_pictures(script: Script, count: int) -> Figures:
-    """Of the columns PICTURE_COLUMNS."""
+    """The figures of the columns PICTURE_COLUMNS."""
     usual = Setup()
     pictures = pictures_of(usual)
     run = watched(usual, script)

@@ -23,7 +23,7 @@ FRAME_PX = (640, 480)  # lengths in px refer to this size; other sizes scale
 
 
 def _scale(width_px: int, height_px: int) -> float:
-    """Of lengths in a frame of that size."""
+    """The scale of lengths in a frame of that size."""
     return min(width_px / FRAME_PX[0], height_px / FRAME_PX[1])
 
 

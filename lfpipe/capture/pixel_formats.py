@@ -100,8 +100,8 @@ class FrameDecoder:
     """Decodes the frames of a mode, one of DECODED, to BGR. Raises ValueError for an impossible
     stride.
 
-    libjpeg decodes damaged JPEGs, too, and reports the damage on stderr alone, so that is where
-    this looks; nothing of it reaches the terminal.
+    libjpeg also decodes damaged JPEGs, and reports the damage on stderr alone. This class reads it
+    there; none of it reaches the terminal.
     """
 
     def __init__(self, mode: Mode) -> None:

@@ -14,7 +14,7 @@ FORMS = (
     "camera:N, camera:/dev/videoN, camera:NAME, file:PATH, file:PATH?loop=0|1&pace=recorded|max|HZ,"
     " or demo"
 )
-# below, a person takes it for a picture; above, no camera or disk delivers it
+# below, it looks like a still picture; above, no camera or disk delivers it
 MIN_RATE_HZ, MAX_RATE_HZ = 0.1, 10_000.0
 PARAMETERS = f"loop=0|1 and pace=recorded|max|HZ, HZ from {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g}"
 

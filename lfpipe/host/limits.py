@@ -40,8 +40,8 @@ def allow_files() -> None:
 
 
 def check_threads(count: int) -> None:
-    """Raises UserError unless this user may start so many more threads or processes now. Where they
-    may not, libraries abort or fail with words of their own.
+    """Raises UserError unless this user may start that many more threads or processes now.
+    Otherwise libraries would abort, or fail with messages of their own.
     """
     release = threading.Event()
     threads: list[threading.Thread] = []

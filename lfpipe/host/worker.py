@@ -23,7 +23,7 @@ from lfpipe.host.processes import cpu_ns
 
 MAX_LINE_BYTES = 1 << 20  # of the child's output; a longer line is not one of ours
 MAX_LOG_BYTES = 2000  # the end of what the child wrote to stderr
-# of a core: a child that gets less than that from a busy machine cannot be told from one that hangs
+# of a core: a child that gets less from a busy machine looks like one that hangs
 COMPUTING = 0.03
 LAST_WORDS_S = 0.5  # how long what a child wrote before its end may take to arrive
 

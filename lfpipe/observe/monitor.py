@@ -83,9 +83,7 @@ def state_text(figures: SessionFigures, paused: bool = False) -> Text:
         *(f"{line}\n" for line in latency_lines(age, figures.horizon, bool(judder.planned))),
     ]
     if age["n"]:
-        parts.append(
-            f"ages of {age['n']:.0f} pictures, without the delays of camera and display\n"
-        )
+        parts.append(f"ages of {age['n']:.0f} pictures, without the delays of camera and display\n")
     if judder.planned:
         parts.append(
             f"judder: {judder.percent:.2f} % of {judder.planned} refreshes showed another"

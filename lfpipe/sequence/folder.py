@@ -85,7 +85,7 @@ def check_out(path: Path) -> None:
 
 
 def remove_empty(path: Path) -> None:
-    """Removes the folder of a sequence that holds no whole frame, and nothing of anybody else."""
+    """Removes the folder of a sequence without a complete frame, unless it holds other files."""
     with contextlib.suppress(OSError, UserError):
         names = {entry.name for entry in path.iterdir() if not WORK_NAME.fullmatch(entry.name)}
         if names <= {MANIFEST, PACKETS, INDEX} and not (

@@ -20,7 +20,7 @@ log = logging.getLogger(__name__)
 # behind a hand.
 SUREST, FALL, BACK, SURE = 20.0, 10.0, 4.0, 2.0
 USUAL_S = 1.0  # time constant of a face's usual confidence: nothing is held for much longer
-# in distances between the eyes: by what a hand pulls a face at most; what nobody sees
+# in distances between the eyes: the most that a hand pulls a face; what nobody notices
 NEAR, UNSEEN = 0.7, 0.1
 # The same per second: a face that moved faster when it was seen clearly is not held. It leaves the
 # picture or turns away; a hand comes before faces that rest.
@@ -38,17 +38,13 @@ class HiddenFace:
     """
 
     def __init__(self) -> None:
-        self._usual = 0.0
-        self._sure_px = (0.0, 0.0)  # between the eyes
-        self._moved = False  # when it was seen clearly
-        self.held = False
-        self.sure = True
+        self.reset(0.0, (0.0, 0.0))
 
     def reset(self, sure: float, middle_px: tuple[float, float]) -> None:
         """Begins with the first frame of a track."""
         self._usual = sure
-        self._sure_px = middle_px
-        self._moved = False
+        self._sure_px = middle_px  # between the eyes
+        self._moved = False  # when it was seen clearly
         self.held = False
         self.sure = True
 
@@ -120,7 +116,7 @@ class EyeTracker:
         """Adds the engine's result for a frame. Returns whether a face was found or lost. epoch: a
         new value means a new run.
 
-        An implausible face counts as none: whoever averages what follows would never forget it.
+        An implausible face counts as none: an average would never forget it.
         """
         if face is not None and not face.plausible:
             log.info("implausible face: %s", face)

@@ -168,24 +168,29 @@ class Extrapolation:
         """
         began_ns, (x, y), (u, v), (ax, ay) = self._lines.popleft()
         ahead_s = (t_ns - began_ns) / 1e9
+        bend = ahead_s * ahead_s / 2
         share = min(max(self._moved / self._pointed, 0.0), 1.0)
         dx = measured[0] - x
         dy = measured[1] - y
         px = u * ahead_s
         py = v * ahead_s
-        pointed, moved = (px * px + py * py) / unit, (dx * px + dy * py) / unit
-        weight = 1 / (1 + pointed / MOST_MOVED) ** 2
-        self._pointed += weight * pointed
-        self._moved += weight * min(max(moved, -MOST_GAINED * pointed), MOST_GAINED * pointed)
-        bend = ahead_s * ahead_s / 2
-        dx = dx - share * px
-        dy = dy - share * py
-        px = ax * bend
-        py = ay * bend
-        bent, gained = (px * px + py * py) / unit, (dx * px + dy * py) / unit
-        weight = 1 / (1 + bent / MOST_BENT) ** 2
-        self._bent += weight * bent
-        self._gained += weight * min(max(gained, -MOST_GAINED * bent), MOST_GAINED * bent)
+        pointed, moved = _proof(px, py, dx, dy, unit, MOST_MOVED)
+        self._pointed += pointed
+        self._moved += moved
+        bent, gained = _proof(
+            ax * bend, ay * bend, dx - share * px, dy - share * py, unit, MOST_BENT
+        )
+        self._bent += bent
+        self._gained += gained
+
+
+def _proof(x: float, y: float, dx: float, dy: float, unit: float, most: float) -> Pair:
+    """What a motion by (x, y) px that was predicted, and one by (dx, dy) that came, add to the sums
+    whose ratio is the share to use. most: the length, squared, from which on they count less.
+    """
+    length, along = (x * x + y * y) / unit, (dx * x + dy * y) / unit
+    weight = 1 / (1 + length / most) ** 2
+    return weight * length, weight * min(max(along, -MOST_GAINED * length), MOST_GAINED * length)
 
 
 class Predictive(EyeFilter):

@@ -149,7 +149,9 @@ class LitertEngine:
         if own:
             box = max(own, key=lambda one: overlap(followed.box_px, one.box_px)).box_px
             self._liveness.scanned(box)
-        candidates = [one for one in candidates if one in own or not self._is_portrait(one)]
+        candidates = [
+            one for one in candidates if one in own or not self._liveness.is_portrait(one)
+        ]
         measured = self._living(image, candidates, followed) if self._liveness.still else None
         if measured is None:
             rival = self._selector.rival(candidates, followed.box_px, width_px, height_px)
@@ -172,9 +174,6 @@ class LitertEngine:
         best = max(alive, key=lambda face: prominence(face.box_px, *size_px), default=None)
         return None if best is None else regions[id(best)]
 
-    def _is_portrait(self, candidate: Detection) -> bool:
-        return self._liveness.is_portrait(candidate)
-
     @cached_property
     def _far(self) -> Detector:
         return Detector(FULL, self._warp)
@@ -191,7 +190,7 @@ class LitertEngine:
         looks.append((DOUBTFUL, [one for one in near if one.score >= CERTAIN]))
         for least, candidates in looks:
             ranked = self._selector.rank(candidates, width_px, height_px)
-            ranked.sort(key=self._is_portrait)  # somebody is better than nobody
+            ranked.sort(key=self._liveness.is_portrait)  # somebody is better than nobody
             for candidate in ranked[:CANDIDATES]:
                 if (measured := self._acquire(image, candidate, least)) is not None:
                     return measured
@@ -265,11 +264,8 @@ class LitertEngine:
         angle = QUARTERS[self._without // FAR_EVERY % 3]
         whole = Roi(width_px / 2, height_px / 2, max(width_px, height_px), angle)
         for candidate in self._near.detect(image, whole)[:1]:
-            if (
-                measured := self._measure(
-                    image, around(candidate.box_px, *candidate.points_px[:2]), FOUND
-                )
-            ) is not None:
+            roi = around(candidate.box_px, *candidate.points_px[:2])
+            if (measured := self._measure(image, roi, FOUND)) is not None:
                 self._is_rotated(measured[0])
 
     def _run(

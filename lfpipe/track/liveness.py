@@ -12,11 +12,11 @@ from lfpipe.track.detector import SAME, Box, Detection, overlap
 from lfpipe.track.engine import Face
 
 MOVED = 0.0075  # of low-passed eyes, from where they last were
-SMOOTHING = 8  # pictures; so many more after a face was found do not count
+SMOOTHING = 8  # pictures; twice as many after a face was found do not count
 # pictures without motion that make a portrait: of a face that never moved, and of one that did
 NEVER_MOVED, STILL = 60, 300
 KNOWN = 0.7  # overlap of a portrait's boxes in two pictures: it does not move
-# By what a face that is not followed moves between scans: each measures it anew, so noise is more.
+# Motion between scans of a face that is not followed: each scan measures it anew, with more noise.
 # One much smaller than the portrait is somebody who passes behind.
 ALIVE, LEAST_SIZE = 0.03, 0.65
 

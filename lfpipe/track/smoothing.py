@@ -92,7 +92,7 @@ class Mean(EyeFilter):
     prediction.
 
     The sum is computed afresh each time: a running sum would accumulate rounding errors and keep
-    glitches for ever.
+    glitches forever.
     """
 
     def __init__(self, k: int) -> None:

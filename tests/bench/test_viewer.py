@@ -18,7 +18,7 @@ def check(tables: Iterator[Table]) -> None:
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.name)
 def test_no_figure_of_a_script_is_beyond_its_bound(script: Script) -> None:
-    """Of two of its pictures."""
+    """Two of its pictures are compared."""
     assert script.name in BOUNDS
     check(script_tables([script], 2))
 

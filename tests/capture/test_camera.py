@@ -278,9 +278,9 @@ def test_a_slow_camera_is_given_the_time_of_its_frames() -> None:
 def test_real_errors_of_real_paths(
     text: str, says: str, remedy: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    with pytest.raises(UserError, match=says) as told:
+    with pytest.raises(UserError, match=says) as caught:
         check_source(text, config.Camera())
-    assert told.value.remedy and remedy in told.value.remedy
+    assert caught.value.remedy and remedy in caught.value.remedy
     assert capfd.readouterr() == ("", "")
 
 

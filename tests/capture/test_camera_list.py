@@ -1,4 +1,4 @@
-"""Which device is the camera: listed, found again, told from others of its model."""
+"""Which device is the camera: listed, found again, distinguished from others of its model."""
 
 import shutil
 from pathlib import Path

@@ -156,13 +156,13 @@ def test_a_source_of_broken_frames_only_gives_up(tmp_path: Path) -> None:
     for path in tmp_path.iterdir():
         path.unlink()
     broken = 0
-    with pytest.raises(UserError, match=f"the {MAX_BROKEN} before it are broken too") as told:
+    with pytest.raises(UserError, match=f"the {MAX_BROKEN} before it are broken too") as caught:
         while True:
             try:
                 source.read(OUT)
             except BrokenFrame:
                 broken += 1
-    assert broken == MAX_BROKEN and not isinstance(told.value, BrokenFrame)
+    assert broken == MAX_BROKEN and not isinstance(caught.value, BrokenFrame)
 
 
 @pytest.mark.parametrize("error", [MemoryError(), cv2.error("boom\nfrom within")])
@@ -174,9 +174,9 @@ def test_errors_of_libraries_reach_nobody(
 
     source = FileSource(FileSpec(six(tmp_path / "v.avi")), CAMERA)
     source._recording = attrs.evolve(source._recording, read=fails)
-    with pytest.raises(BrokenFrame) as told:
+    with pytest.raises(BrokenFrame) as caught:
         source.read(OUT)
-    assert "v.avi" in told.value.message and "boom" not in told.value.message
+    assert "v.avi" in caught.value.message and "boom" not in caught.value.message
     source.close()
     monkeypatch.setattr(open_source_module, "open_source", fails)
     with pytest.raises(UserError):
@@ -197,9 +197,9 @@ def test_what_is_no_recording_is_refused_at_once_by_name(tmp_path: Path, kind: s
             path.write_text(LISTS[kind])
         else:
             NO_FILES[kind](path)
-        with pytest.raises(UserError) as told:
+        with pytest.raises(UserError) as caught:
             check_source(f"file:{path}", CAMERA)
-        assert str(path) in told.value.message and told.value.remedy
+        assert str(path) in caught.value.message and caught.value.remedy
 
 
 @pytest.mark.parametrize(
@@ -238,6 +238,6 @@ def test_nobody_waits_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(open_source_module, "FILE_S", 0.2)
     monkeypatch.setattr(open_source_module, "CAMERA_S", 0.2)
     for text in ("file:x.avi", "camera:/dev/video7"):
-        with pytest.raises(UserError, match=r"no answer for 0\.2 s") as told:
+        with pytest.raises(UserError, match=r"no answer for 0\.2 s") as caught:
             check_source(text, CAMERA)
-        assert told.value.message.startswith(text)
+        assert caught.value.message.startswith(text)

@@ -19,7 +19,7 @@ def _bounds() -> dict[str, dict[str, float]]:
 
 
 BOUNDS = _bounds()
-"""Of each script, scene, camera and screen: the largest right value of its figures; of LEAST, the
+"""By script, scene, camera and screen: the largest right value of each figure; for LEAST, the
 smallest.
 """
 

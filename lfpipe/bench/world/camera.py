@@ -35,14 +35,14 @@ class Camera:
     jitter_ms: float = 0.0
     """Standard deviation of the time between exposure and its place on the even grid."""
     dropped: float = 0.0
-    """Share of frames that never come."""
+    """Share of frames that are lost."""
     doubled: float = 0.0
     """Share of frames that repeat the one before, with a stamp of their own."""
     stamp_noise_ms: float = 0.0
     stamp_late_ms: float = 0.0
-    """All stamps are so much later than the exposure; negative: earlier."""
+    """Lateness of every stamp after the exposure; negative: earlier."""
     wrong_stamp_ms: float = 0.0
-    """One stamp every 2 s is off by so much."""
+    """Error of one stamp every 2 s."""
     noise_px: float = NOISE_PX
 
     def frames(self, seconds: float) -> list["Frame"]:
@@ -119,7 +119,7 @@ class MadeEngine(WorldEngine):
         return self._made
 
     def picture(self, frame: Frame) -> NDArray[np.uint8]:
-        """An empty one: its faces replace what the networks find in it."""
+        """An empty picture: its faces replace what the networks would find."""
         self._made.faces = self.visible(frame)
         return IMAGE
 

@@ -21,8 +21,8 @@ from lfpipe.scene.demo_drawing import Picture
 from lfpipe.transport.clock import MS_NS
 
 RIGHT_VIEWS = 0.25  # a picture closer than this to the right viewpoint is right
-RIGHT_MS = 200.0  # and stays so for so long
-NEAR_MS = 100.0  # the true motion within so long of a step explains it: a picture may be late
+RIGHT_MS = 200.0  # if it stays so for this time
+NEAR_MS = 100.0  # true motion within this time of a step explains it: a picture may be late
 DEPTH = 0.9  # a smaller share of the right distance between the eyes is not full depth
 EVERY = 2  # of the pixels along both sides that are compared through the glasses
 Float = NDArray[np.float64]

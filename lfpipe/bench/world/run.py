@@ -192,7 +192,7 @@ class Truth:
         ]
 
     def alpha_px(self, apart_px: Float | float) -> Float:
-        """px of the camera picture per view, for eyes so far apart."""
+        """px of the camera picture per view, for eyes at this distance from each other."""
         return np.asarray(np.interp(apart_px, APARTS_PX, self._alphas_px))
 
     def views(self, ms: Float, window: Window) -> Float:

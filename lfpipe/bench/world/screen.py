@@ -24,9 +24,9 @@ class Screen:
     slow: float = 0.0
     """Share of late wake-ups."""
     deadline_ms: float = 3.0
-    """Pictures handed over so long before a blank appear at it."""
+    """A picture appears at a blank if it is handed over this long before it."""
     cost_ms: float = 1.5
-    """Of making a picture: warp2 at 512x512."""
+    """CPU time of a picture: warp2 at 512x512."""
 
     @property
     def period_ns(self) -> float:

@@ -168,7 +168,7 @@ def after(event_s: float, to_s: float, rest: Rest = SEATED, person: int = 0) -> 
 
 
 def seated(name: str, places: Float, *glitches: Glitch, event_s: float = 0.0) -> Script:
-    """A viewer who sits down at SEAT and stays near it. event_s: of what happens to them."""
+    """A viewer who sits down at SEAT and stays near it. event_s: when something happens to them."""
     seconds = len(places) / 1000
     windows = [settled(event_s or seconds)] + [after(event_s, seconds)] * (event_s > 0)
     return Script(name=name, people=(person(places),), windows=tuple(windows), glitches=glitches)
@@ -233,7 +233,7 @@ SCRIPTS = (
         people=(person(path(8.0, SEAT, Move(2.2, 3.0, _at(640.0)), Move(3.6, 4.6, SEAT))),),
         windows=(settled(2.4), after(4.6, 8.0)),
     ),
-    # the viewer leans beyond the zone and hides; another, who stood behind, is followed
+    # the viewer leans out of the zone and hides; the tracker follows another, who stood behind
     Script(
         name="another takes over",
         people=(
@@ -280,7 +280,7 @@ SCRIPTS = (
     _glitch("one frame wrong by .58", 0.58, 0.58),
     _glitch("one eye wrong by .28", 0.28, 0.0),
     _glitch("two frames wrong by .58", 0.58, 0.58, 2),
-    # a neighbour as near as the viewer stays beside; somebody passes behind
+    # a neighbour who is as near as the viewer stays; somebody passes behind
     Script(
         name="two people and a passer-by",
         people=(
@@ -290,7 +290,7 @@ SCRIPTS = (
         ),
         windows=(settled(8.0),),
     ),
-    # a portrait on the wall is found first; then a viewer sits down beside it, and moves
+    # the tracker finds a portrait on the wall; then a viewer sits down next to it, and moves
     Script(
         name="portrait first",
         people=(
