@@ -47,19 +47,18 @@ class CameraPose:
 
     @classmethod
     def of(cls, config: Config, size_px: tuple[int, int]) -> CameraPose | None:
-        """From the configuration, for pictures of size_px (width, height); None if the camera is
-        assumed to be in the middle of the screen.
-        """
-        above_mm = config.camera.above_mm
-        tilt = math.radians(config.camera.tilt_deg)
-        if not above_mm and not tilt:
-            return None
-        middle_px = size_px[0] / 2, size_px[1] / 2
+        """As `configured`; None if the camera is assumed to be in the middle of the screen."""
+        pose = cls.configured(config, size_px)
+        return pose if pose.above_mm or pose.tilt else None
+
+    @classmethod
+    def configured(cls, config: Config, size_px: tuple[int, int]) -> CameraPose:
+        """From the configuration, for pictures of size_px (width, height)."""
         return cls(
-            above_mm=above_mm,
-            tilt=tilt,
+            above_mm=config.camera.above_mm,
+            tilt=math.radians(config.camera.tilt_deg),
             focal_px=camera_focal_px(config, size_px[0]),
-            middle_px=middle_px,
+            middle_px=(size_px[0] / 2, size_px[1] / 2),
             eyes_mm=config.screen.eyes_mm,
         )
 

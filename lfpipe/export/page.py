@@ -142,8 +142,8 @@ class PageExport:
             "QUILT": base64.b64encode(picture).decode(),
         }
         template = Path(__file__).with_name("page.html").read_text("utf-8")
-        text = re.sub("@([A-Z]+)@", lambda mark: texts[mark[1]], template)
-        return text.encode("utf-8", "replace")
+        page = re.sub("@([A-Z]+)@", lambda mark: texts[mark[1]], template)
+        return page.encode("utf-8", "replace")
 
     def write(self, path: Path, credit: str = "") -> Quilt:
         """Writes the page, which has at most MOST_BYTES, to a path that `check_page` allows.

@@ -36,7 +36,7 @@ GIF_PICTURES = 300  # a GIF is held in memory
 QUILT_PX = 8192  # of a side: the largest that they accept
 MOST_TILES = 20  # a side: the quilts of Looking Glass have up to 11
 RATE_HZ = 30.0  # smooth, and half the size of 60
-JPEG_QUALITY = 95  # hardly to be told from the original
+JPEG_QUALITY = 95  # hardly different from the original
 WIGGLE_S, SWEEP_S = 0.8, 6.0  # there and back
 
 

@@ -188,9 +188,14 @@ class Recorder:
         self._reported = self._slow = False
         self._last_ns = 0
         viewer = context.options.viewer
-        rate_hz = viewer.rate_hz or context.config.render.nominal_hz
-        about = {"versions": versions(), "config": attrs.asdict(context.config)}
-        self._writer = SequenceWriter(folder, viewer.source, self._frames.size_px, rate_hz, **about)
+        self._writer = SequenceWriter(
+            folder,
+            viewer.source,
+            self._frames.size_px,
+            viewer.rate_hz or context.config.render.nominal_hz,
+            versions=versions(),
+            config=attrs.asdict(context.config),
+        )
         self._store = Store(self._writer, 3 * math.prod(context.config.camera.frame_px))
         if anew:
             self._frames.skip()

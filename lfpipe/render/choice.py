@@ -89,16 +89,18 @@ class EyesSource:
         if old is not None and stamp.epoch == old.stamp.epoch:
             interval_ns = stamp.t_sensor_ns - old.stamp.t_sensor_ns
             self._stale_ns = max(STALE_NS, STALE_FRAMES * interval_ns)
-        waited_ns = max(t_ns - stamp.t_publish_ns, 0)
-        self._newest = TrackedEyes(record, stamp, stamp.t_sensor_ns, waited_ns)
+        self._newest = TrackedEyes(
+            record, stamp, stamp.t_sensor_ns, waited_ns=max(t_ns - stamp.t_publish_ns, 0)
+        )
 
     def at(self, t_ns: int, mouse: MouseLook | None = None) -> TrackedEyes | None:
         """The eyes for a picture that is begun at t_ns; None before the first record."""
         newest = self._newest
         if mouse is not None and mouse.looks:
             record, stamp = mouse.eyes(newest and newest.record, newest and newest.stamp, t_ns)
-            waited_ns = newest.waited_ns if newest else 0
-            return TrackedEyes(record, stamp, t_ns, waited_ns, by_mouse=True)
+            return TrackedEyes(
+                record, stamp, t_ns, newest.waited_ns if newest else 0, by_mouse=True
+            )
         if newest is None or self._lossless or t_ns - newest.t_ns <= self._stale_ns:
             return newest
         # the tracker died or hangs
@@ -117,5 +119,4 @@ def choose(viewer: Viewer, eyes: TrackedEyes | None, moment: Moment) -> Choice:
     lead_ns = round(VIDEO_LEAD * moment.refresh_ns) if moment.on_blanks else 0
     record, t_ns = (None, moment.seen_ns) if eyes is None else (eyes.record, eyes.t_ns)
     viewpoints = viewer.viewpoints(record, t_ns, moment.seen_ns, lead_ns)
-    key = viewer.compositor.key(viewpoints.left, viewpoints.right, viewpoints.frame)
-    return Choice(viewpoints, key)
+    return Choice(viewpoints, viewer.compositor.key(*viewpoints[1:]))

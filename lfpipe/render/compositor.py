@@ -190,9 +190,12 @@ class Compositor:
         if self._anaglyph == "mono":
             left = right = (left[0] + right[0]) / 2, (left[1] + right[1]) / 2
         row = self._rounded(left[0], last_row)
-        left_eye = row, self._rounded(left[1], last_col)
-        row = row if right[0] == left[0] else self._rounded(right[0], last_row)
-        return frame % self._frames, left_eye, (row, self._rounded(right[1], last_col))
+        right_row = row if right[0] == left[0] else self._rounded(right[0], last_row)
+        return (
+            frame % self._frames,
+            (row, self._rounded(left[1], last_col)),
+            (right_row, self._rounded(right[1], last_col)),
+        )
 
     def compose(self, left: Position, right: Position, frame: int = 0) -> NDArray[np.uint8]:
         """The picture for two viewpoints: uint8 (height, width, 3) BGR, valid until the

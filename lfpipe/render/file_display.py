@@ -40,11 +40,11 @@ AHEAD_FRAMES = 2  # pictures faster than the rate are accepted until the video i
 def check_file(path: Path) -> None:
     """Raises UserError if path names no kind of video that can be written here."""
     if path.suffix.lower() not in SUFFIXES:
-        remedy = (
+        raise UserError(
+            f"--display file:{path}: not .mkv, .avi or .mp4",
             "use for example file:out.mkv, which is lossless; .mp4 and .avi are small and play"
-            " everywhere"
+            " everywhere",
         )
-        raise UserError(f"--display file:{path}: not .mkv, .avi or .mp4", remedy)
     opencv_name(path)
     if path.suffix.lower() == ".mp4":
         try:

@@ -63,8 +63,10 @@ class Parallax:
         """Whether a person should be informed: another number of views between the eyes, or a
         distance changed by 15 %.
         """
-        views = abs(self.views_between_eyes - other.views_between_eyes)
-        return views > 0.005 or abs(self.alpha_px / other.alpha_px - 1) > 0.15
+        return (
+            abs(self.views_between_eyes - other.views_between_eyes) > 0.005
+            or abs(self.alpha_px / other.alpha_px - 1) > 0.15
+        )
 
     @property
     def summary(self) -> str:
@@ -98,7 +100,7 @@ def parallax(
     """
     render = config.render
     screen = config.screen
-    eyes_mm = config.screen.eyes_mm
+    eyes_mm = screen.eyes_mm
     focal_px = camera_focal_px(config, frame_width_px)
     seen_px = (
         eyes_px if eyes_px is not None and LEAST_EYES_PX <= eyes_px <= frame_width_px else None
@@ -133,8 +135,10 @@ def parallax(
         alpha_px = render.alpha_px
     reasons.append(f"{views:.2f} views between the eyes: {why}")
     if comfort is not None and views > comfort * (1 + 1e-9):
-        best = f"use render.alpha_px of at least {apart_px / comfort:.1f}"
-        reasons.append(f"beyond the comfort limit of {comfort:.2f} views ({limit}): {best}")
+        reasons.append(
+            f"beyond the comfort limit of {comfort:.2f} views ({limit}): use render.alpha_px of at"
+            f" least {apart_px / comfort:.1f}"
+        )
     if zero_px and render.zero_plane_px == "auto":
         reasons.append(
             f"screen at {zero_px:+.2f} px/view: the nearest at the left and right border is in it"

@@ -114,10 +114,10 @@ def instructions(render: Render) -> tuple[tuple[str, ...], tuple[Item, ...]]:
     swap = Item("Swap the eyes", "swap", "x")
     if render.anaglyph not in MATRICES:
         return ("Close your left eye: you should see only R.",), (swap, *others)
-    ghost = Item("Less of the ghost", GHOST, slider=render.ghost_compensation / 100)
     lines = (
         "Close your left eye: you should see only R.",
         "A faint L too? Move the slider, or press the right and left arrow:"
         f" {render.ghost_compensation:.0f} %.",
     )
+    ghost = Item("Less of the ghost", GHOST, slider=render.ghost_compensation / 100)
     return lines, (swap, ghost, *others)

@@ -65,10 +65,8 @@ class KeyBindings:
         # at most one, so that pictures go on meanwhile
         self._dialog: subprocess.Popen[str] | None = None
         self._recording = RecordingIndicator(context, self._notices)
-        self._help = Help()
-        self._figures = Figures(context, viewer, presenter)
         self._question = GlassesQuestion(context)
-        self._test = GlassesTest(context, viewer, presenter, self._keep)
+        self._test = GlassesTest(context, presenter, self._keep)
         first = not context.row["restarts"]
         # over the picture
         self._open: Page | None = self._question if context.options.ask_glasses and first else None
@@ -85,8 +83,8 @@ class KeyBindings:
             "quit": partial(context.request, "stop"),
             "recentre": self._recentre,
             "screenshot": self._screenshot,
-            "overlay": partial(self._switch, self._figures),
-            "help": partial(self._switch, self._help),
+            "overlay": partial(self._switch, Figures(context, viewer, presenter)),
+            "help": partial(self._switch, Help()),
             "freeze": lambda: context.request("resume" if context.paused else "pause"),
             "mode": lambda: self._set(
                 anaglyph=MODES[(MODES.index(context.config.render.anaglyph) + 1) % len(MODES)]
@@ -150,7 +148,7 @@ class KeyBindings:
         self._mouse.move(self._display.pointer, t_ns)
         self.pass_on_notices()
         # a larger picture has larger parallax
-        if self._viewer.shown_as_wide(self._display.width_mm()):
+        if self._viewer.set_width(self._display.width_mm()):
             self._presenter.redraw()
         self.scenes.serve(t_ns)
         self._notice_changes()
@@ -303,8 +301,8 @@ class KeyBindings:
         before, level_before, scene_before, half_turned_before = self._known
         self._known = (render, level, field.name, field.half_turned)
         if render is not before:
-            plane_px = zero_plane_px(field, before)
-            for subject, text in changes(before, render, self._alpha_px, plane_px).items():
+            texts = changes(before, render, self._alpha_px, zero_plane_px(field, before))
+            for subject, text in texts.items():
                 self._notices.say(subject, text)
         if self._viewer.parallax is not None:
             self._alpha_px = self._viewer.parallax.alpha_px
@@ -326,11 +324,11 @@ class KeyBindings:
         is_exhibition = bool(context.options.kiosk)
         if context.paused:
             lines.append("paused" if is_exhibition else "paused: p or space resumes")
-        told = notices(context.table.rows, context.spec.source, context.spec.name)
-        if told and is_exhibition:  # what else it says is for its operator
-            is_alone = any(line.startswith(NO_FACE) for line in told)
-            told = [INVITATION if is_alone else TOUCH]
-        return [*lines, *told]
+        current = notices(context.table.rows, context.spec.source, context.spec.name)
+        if current and is_exhibition:  # the notices themselves are for its operator
+            is_alone = any(line.startswith(NO_FACE) for line in current)
+            current = [INVITATION if is_alone else TOUCH]
+        return [*lines, *current]
 
     def pass_on_notices(self) -> None:
         """Emits the display's notices."""

@@ -64,10 +64,13 @@ def pixel_mm(dots_per_inch: tuple[float, float], width_px: int) -> float | None:
 
 def monitors() -> list[Monitor]:
     """All monitors, by number. pygame.display must be initialised."""
-    sizes = pygame.display.get_desktop_sizes()
-    rates_hz = pygame.display.get_desktop_refresh_rates()
+    facts = zip(
+        pygame.display.get_desktop_sizes(),
+        pygame.display.get_desktop_refresh_rates(),
+        strict=True,
+    )
     connected = []
-    for number, ((width_px, _), rate_hz) in enumerate(zip(sizes, rates_hz, strict=True)):
+    for number, ((width_px, _), rate_hz) in enumerate(facts):
         name, (x, y, width, height), dots_per_inch = window_system.monitor_facts(number)
         connected.append(
             Monitor(
@@ -95,8 +98,10 @@ def find_monitor(asked: str, offered: list[Monitor]) -> Monitor:
         if len(matches) == 1:
             return matches[0]
     what = "several monitors are called that" if similar else "no such monitor"
-    remedy = "use the number or part of the name of one of: " + "; ".join(map(str, offered))
-    raise UserError(f"screen.monitor {asked!r}: {what}", remedy)
+    raise UserError(
+        f"screen.monitor {asked!r}: {what}",
+        "use the number or part of the name of one of: " + "; ".join(map(str, offered)),
+    )
 
 
 def detect_monitors() -> tuple[str, list[Monitor]]:

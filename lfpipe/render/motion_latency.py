@@ -66,7 +66,7 @@ class MotionLatency:
         self._onsets = 0
         self._lag = self._power = 0.0
 
-    def measured(self, t_sensor_ns: int, eyes_px: Eyes | None) -> None:
+    def add_eyes(self, t_sensor_ns: int, eyes_px: Eyes | None) -> None:
         """Adds a frame's measured eyes; None without a face.
 
         A frame that was added before counts once.
@@ -89,7 +89,7 @@ class MotionLatency:
         while len(self._frames) > 2 and self._frames[1].t_ns <= t_sensor_ns - REST_NS:
             self._frames.popleft()
 
-    def pictured(self, t_presented_ns: int, after_ns: int, loop_ns: int, eyes_px: Eyes) -> None:
+    def add_picture(self, t_presented_ns: int, after_ns: int, loop_ns: int, eyes_px: Eyes) -> None:
         """Adds a presented picture, made for eyes_px at after_ns later; loop_ns: the delay of
         camera and display in that.
         """
@@ -169,14 +169,15 @@ class MotionLatencyRow(Listener):
     def handed_over(self, showing: Showing) -> None:
         eyes = showing.eyes
         if showing.moment.loop_ns and eyes is not None and not eyes.by_mouse:
-            self._latency.measured(eyes.t_ns, eyes.record.raw_px if showing.face else None)
+            self._latency.add_eyes(eyes.t_ns, eyes.record.raw_px if showing.face else None)
 
     def presented(self, showing: Showing) -> None:
         moment = showing.moment
         if not (moment.loop_ns and showing.composed and showing.face) or showing.by == REPLACED:
             return
         after_ns = moment.seen_ns - (showing.due_ns or showing.t_handed_ns)
-        eyes_px = showing.viewpoints.eyes_px
-        self._latency.pictured(showing.t_presented_ns, after_ns, moment.loop_ns, eyes_px)
+        self._latency.add_picture(
+            showing.t_presented_ns, after_ns, moment.loop_ns, showing.viewpoints.eyes_px
+        )
         self._row["onset_ns"] = self._latency.onset_ns
         self._row["steady_ns"] = self._latency.steady_ns

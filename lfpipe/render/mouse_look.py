@@ -97,7 +97,7 @@ class MouseLook:
             x, y = self._pointer.x - self._anchor[0], self._pointer.y - self._anchor[1]
             across = max(field.cols - 1, 1) * solver.alpha_px
             down = max(field.rows - 1, 1) * solver.alpha_px
-            # who moves right is further left in the camera's picture
+            # a viewer who moves right is further left in the camera's picture
             target_px = centre_px + np.array((-x * across, y * down))
         if self._eased_px is None:
             self._eased_px = (start_px, start_px)
@@ -111,9 +111,10 @@ class MouseLook:
         apart_px = self._focal_px * self._eyes_mm / self._distance_mm
         if face is not None:
             apart_px = face.apart_px or math.dist(face.filtered_px[:2], face.filtered_px[2:])
-        eyes = _apart(target_px, apart_px), _apart(middle_px, apart_px), (0.0, 0.0, 0.0, 0.0)
         mouse_eyes = EyesRecord(
-            *eyes,
+            _apart(target_px, apart_px),
+            _apart(middle_px, apart_px),
+            (0.0, 0.0, 0.0, 0.0),
             apart_px,
             1.0,
             *self._size_px,

@@ -59,8 +59,10 @@ def status_lines(context: Context, viewer: Viewer) -> tuple[str, ...]:
         ),
     ]
     if views:
-        columns = f"columns {views.left[1]:.1f} and {views.right[1]:.1f}"
-        lines.append(f"row {views.left[0]:.1f}, {columns} of {field.rows}x{field.cols} views")
+        lines.append(
+            f"row {views.left[0]:.1f}, columns {views.left[1]:.1f} and {views.right[1]:.1f} of"
+            f" {field.rows}x{field.cols} views"
+        )
     return tuple(lines)
 
 

@@ -88,8 +88,10 @@ def check_display(target: Target, monitor: str = "") -> None:
                     if named
                     else "neither WAYLAND_DISPLAY nor DISPLAY is set"
                 )
-                remedy = "use --display none or --display file:OUT.mkv, or run on a desktop"
-                raise UserError(f"--display {target}: no screen here ({why})", remedy)
+                raise UserError(
+                    f"--display {target}: no screen here ({why})",
+                    "use --display none or --display file:OUT.mkv, or run on a desktop",
+                )
             if monitor:
                 from lfpipe.render.monitors import detect_monitors, find_monitor
 

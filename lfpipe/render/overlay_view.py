@@ -18,7 +18,7 @@ from lfpipe.render.window_system import drawable, font, pygame
 Place = tuple[int, int]
 Cell = tuple[Item, pygame.Rect]
 BAR_S = 3.0  # the bar stays so long: the time to read its entries
-REST_S = 0.5  # who looks around with the mouse pauses for less
+REST_S = 0.5  # people who look around with the mouse pause for less
 BAR_EDGE = 0.1  # of the height: where a move of the mouse brings the bar at once
 PRESSED = (pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP)
 WHITE = (255, 255, 255)
@@ -31,7 +31,7 @@ TEXT_BACK = (0, 0, 0, 160)
 EDGE_PX, PAD_PX, PROGRESS_PX = 12, 8, 4
 GAP_PX = 2  # between two notices
 LEAST_TEXT_PX = 12  # still legible
-# of the window that lines of text may take: one sees that they lie over a picture
+# of the window that lines of text may take: the picture below stays visible
 TEXT_SHARE = 0.94
 COLUMN = "PgDn PgUpM"  # as wide as the keys of the help
 # of the height, at most: not the middle; width of a window for two rows, in text heights; and the
@@ -195,8 +195,13 @@ def menu_panel(menu: Menu, selected: int, window_px: Place, text_px: int) -> Pan
     cells.append(_cross(width, line))
     for number, (item, rect) in enumerate(cells, first):
         _draw_item(surface, letters, item, rect, number == selected)
-    at = (window_px[0] - width) // 2, (window_px[1] - surface.get_height()) // 2
-    return Panel(surface=surface, at=at, cells=cells, cols=cols, page=page)
+    return Panel(
+        surface=surface,
+        at=((window_px[0] - width) // 2, (window_px[1] - surface.get_height()) // 2),
+        cells=cells,
+        cols=cols,
+        page=page,
+    )
 
 
 @lru_cache(16)
@@ -260,8 +265,7 @@ def recording_panel(text: str, window_px: Place, text_px: int) -> Panel:
     surface.fill(TEXT_BACK)
     pygame.draw.circle(surface, RED, (line * 3 // 4, surface.get_height() // 2), line // 3)
     surface.blit(words, (line * 3 // 2, PAD_PX // 2))
-    place = (window_px[0] - surface.get_width() - EDGE_PX, EDGE_PX)
-    return Panel(surface=surface, at=place)
+    return Panel(surface=surface, at=(window_px[0] - surface.get_width() - EDGE_PX, EDGE_PX))
 
 
 @lru_cache(1)
@@ -323,8 +327,9 @@ class OverlayView:
             top_px += panels[0].surface.get_height() + GAP_PX
         if overlay.lines:
             page = Overlay(lines=overlay.lines, inset=overlay.inset, items=overlay.items)
-            low_px = bar_top_px if overlay.items else None
-            pages.append(text_panel(page, low_px, window_px, text_px, top_px))
+            pages.append(
+                text_panel(page, bar_top_px if overlay.items else None, window_px, text_px, top_px)
+            )
             bottom_px = pages[0].at[1] if overlay.items else bottom_px
         for notice in reversed(overlay.notices):
             line = Overlay(notices=tuple(notice.splitlines()))

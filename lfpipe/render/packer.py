@@ -161,8 +161,7 @@ def _preview(path: Path, settings: Scene) -> str:
 def _middle_view(path: Path, settings: Scene) -> NDArray[np.floating[Any]]:
     """A scene's middle view, RGB, 0 to 1: from its pack, or else from its pictures."""
     if (field := packed(path, settings)) is not None:
-        stored = stored_view(field, field.rows // 2, field.cols // 2)
-        return stored.astype(np.float32) / 255
+        return stored_view(field, field.rows // 2, field.cols // 2).astype(np.float32) / 255
     source = layouts.describe(named_scene(path, cache_dir(settings)), settings)
     view = source.read(0, *source.middle) / source.max_value
     return np.asarray(np.clip(view, 0, 1) ** (1 / 2.2 if source.linear else 1.0))

@@ -3,7 +3,8 @@ their test. The page of scenes is in `lfpipe.render.scenes`.
 """
 
 from collections.abc import Callable
-from functools import partial
+
+import attrs
 
 from lfpipe.render.glasses import glasses_menu, instructions
 from lfpipe.render.notices import status_lines
@@ -80,26 +81,23 @@ class GlassesTest(Page):
     def __init__(
         self,
         context: Context,
-        viewer: Viewer,
         presenter: Presenter,
         keep: Callable[[dict[str, float | bool | str]], None],
     ) -> None:
         self._context = context
-        self._viewer = viewer
         self._presenter = presenter
         self._keep = keep
         self._before = context.config.render
 
     def open(self) -> None:
         self._before = self._context.config.render
-        self._presenter.draw_by(partial(draw_glasses_test, self._viewer))
+        self._presenter.draw_by(draw_glasses_test)
 
     def close(self) -> None:
-        self._presenter.draw_by(partial(draw_scene, self._viewer))
-        now = self._context.config.render
-        changed = {name: getattr(now, name) for name in CHECKED}
+        self._presenter.draw_by(draw_scene)
+        now = attrs.asdict(self._context.config.render)
         self._keep(
-            {name: value for name, value in changed.items() if value != getattr(self._before, name)}
+            {name: now[name] for name in CHECKED if now[name] != getattr(self._before, name)}
         )
 
     def overlay(self, t_ns: int) -> Overlay:

@@ -4,6 +4,7 @@ Only a report: stages do not read it. Each entry comes from the function that th
 to decide.
 """
 
+import math
 from collections.abc import Iterator
 
 import attrs
@@ -66,13 +67,12 @@ def _left_out(plan: Plan, field: LightField, config: Config) -> Iterator[LeftOut
     plane_bytes = field.height_px * field.width_px
     render = settings_for_scene(field, plan.method, config.render)
     if not plan.needs_tracking:
-        frame = _size(config.camera.width_px * config.camera.height_px * 3)
         yield LeftOut(
             "capture and tracking",
             "a single view does not depend on the eyes"
             if field.rows * field.cols == 1
             else "all views are equal",
-            f"2 processes, {frame} per frame",
+            f"2 processes, {_size(math.prod(config.camera.frame_px) * 3)} per frame",
         )
     # nearest takes one view, whatever the row
     elif not plan.needs_rows and plan.method != "nearest":
@@ -83,9 +83,10 @@ def _left_out(plan: Plan, field: LightField, config: Config) -> Iterator[LeftOut
         )
         yield LeftOut("row coordinate", "the scene has one row of views", saves)
     if plan.needs_tracking and not plan.needs_warp:
-        count = sum(map(len, planes_of_eyes(render)))
         yield LeftOut(
-            "warping", _why_no_warp(plan, field, render), f"{count} warped planes per picture"
+            "warping",
+            _why_no_warp(plan, field, render),
+            f"{sum(map(len, planes_of_eyes(render)))} warped planes per picture",
         )
         if field.disparity is not None:
             yield LeftOut(

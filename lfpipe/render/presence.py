@@ -32,16 +32,16 @@ from typing import NamedTuple
 from lfpipe.render.viewpoint import Place
 from lfpipe.transport.clock import SECOND_NS
 
-# who passes by does not stand that long; at 8 Hz and more the second decides
+# people who pass by do not stand still that long; at 8 Hz and more the second decides
 REST_S, REST_FRAMES = 1.0, 8
 REST_SPAN = 0.3  # of the distance between the eyes: 2 cm
 REST_DEPTH = 0.06  # of the same
-ABSENT_S = 10.0  # who is back sooner sits as before
+ABSENT_S = 10.0  # a viewer who is back sooner sits as before
 GAP_S = 0.5  # as long as filters remember a face
-# who walks does not stand that long: a neutral place that is not measured yet may follow the eyes
+# people who walk do not stand still that long: until a rest, the neutral place may follow the eyes
 SETTLED_S, SETTLED_FRAMES = 0.2, 4
 RETURN_S = 30.0  # a passer-by is gone by then
-# of the distance between the eyes; who sits down again sits a little aside
+# of the distance between the eyes: people who sit down again sit a little aside
 RETURN_SPAN, RETURN_DEPTH = 1.0, 0.2
 FOUND_S = 2.0  # as long as a face counts as just found
 
@@ -229,13 +229,10 @@ class ViewEasing:
         """Forgets the place shown: the next target is shown at once."""
         self._shown = None
 
-    def followed(
-        self, t_ns: int, target: Place, motion: Callable[[float], Place] | None = None
-    ) -> Place:
+    def followed(self, t_ns: int, target: Place, motion: Callable[[float], Place]) -> Place:
         """The place to show at t_ns (not decreasing) for eyes that look from target.
 
-        motion: steps of the target that the motion of the eyes explains in so many seconds; None:
-        no motion.
+        motion: steps of the target that the motion of the eyes explains in so many seconds.
         """
         dt_s = max(t_ns - self._t_ns, 0) / 1e9
         self._t_ns = t_ns
@@ -244,10 +241,9 @@ class ViewEasing:
         if shown is not None and dt_s < PAUSE_S and shown != target:
             step = EASED_VIEWS * min(dt_s * EASED_HZ, 1.0)
             if max(abs(b - a) for a, b in zip(shown, target, strict=True)) > step:
-                moved = motion(dt_s) if motion is not None else (0.0, 0.0, 0.0)
                 row, left, right = (
                     a + min(max(b - a, min(m, 0.0) - step), max(m, 0.0) + step)
-                    for a, b, m in zip(shown, target, moved, strict=True)
+                    for a, b, m in zip(shown, target, motion(dt_s), strict=True)
                 )
                 target = row, left, right
         self._shown = target

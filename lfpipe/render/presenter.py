@@ -7,7 +7,6 @@ What does not change the next picture happens after the hand-over, in the listen
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -35,7 +34,7 @@ class Drawing(NamedTuple):
     pair: Pair | None
 
 
-Draw = Callable[[Key], Drawing]
+Draw = Callable[[Viewer, Key], Drawing]
 
 
 def draw_scene(viewer: Viewer, key: Key) -> Drawing:
@@ -45,8 +44,8 @@ def draw_scene(viewer: Viewer, key: Key) -> Drawing:
 
 def draw_glasses_test(viewer: Viewer, key: Key) -> Drawing:
     """The test of the glasses instead, as large as the scene's pictures."""
-    size_px = (viewer.field.width_px, viewer.field.height_px)
-    return Drawing(*glasses_test(viewer.config.render, size_px))
+    field = viewer.field
+    return Drawing(*glasses_test(viewer.config.render, (field.width_px, field.height_px)))
 
 
 class Presenter:
@@ -72,7 +71,7 @@ class Presenter:
         self._display = display
         self._refresh = refresh
         self._listeners = listeners
-        self._draw: Draw = partial(draw_scene, viewer)
+        self._draw: Draw = draw_scene
         self._key: Key | None = None
         self._seq = seq
         self._number = 0
@@ -99,7 +98,7 @@ class Presenter:
         drawing = None
         if key != self._key or not moment.refresh_ns:
             self._key = key
-            drawing = self._draw(key)
+            drawing = self._draw(self._viewer, key)
             self.picture = drawing.picture
             self._number += 1
         t_composed_ns = t_handed_ns = now_ns()
@@ -129,8 +128,7 @@ class Presenter:
         """(time of the hand-over, its work) in ns."""
         t_handing_ns = now_ns()
         cpu_ns = time.process_time_ns() if on_blanks else 0
-        how = self._viewer.config.render.anaglyph
-        t_handed_ns = self._display.show(drawing.picture, drawing.pair, how)
+        t_handed_ns = self._display.show(*drawing, self._viewer.config.render.anaglyph)
         handing_ns = t_handed_ns - t_handing_ns
         if on_blanks:  # a swap may wait for the screen, which is not work
             handing_ns = min(handing_ns, time.process_time_ns() - cpu_ns)
@@ -174,8 +172,7 @@ class Presenter:
 
     def close(self) -> None:
         """Reports what still waits for its light, and ends the listeners."""
-        late_ns = now_ns() + 2 * ANSWER_NS
-        for showing in take_known(self._waiting, (), self._display.blanks_by, late_ns):
+        for showing in take_known(self._waiting, (), "", now_ns() + 2 * ANSWER_NS):
             self._report(showing)
         for listener in self._listeners:
             listener.close()

@@ -35,7 +35,7 @@ REFUSED_NS = 6 * SECOND_NS
 LINE_CHARS = 60
 TYPED = re.compile(r"`|--|\blfpipe \w|\w=\w")  # what only a terminal takes
 MAX_LINES = 5
-# between two pictures of the camera: one sees oneself move, and the scene keeps its rate
+# between two pictures of the camera: a motion is visible, and the scene keeps its rate
 CAMERA_NS = SECOND_NS // 5
 THUMBNAILS = Path(__file__).parent / "thumbnails"  # by tools.make_docs_pictures
 KEPT_PX = (480, 360)  # of a thumbnail, at most: larger than a cell of most menus
@@ -134,11 +134,6 @@ class SceneLoader:
             self._context.request("load", at=0)
 
 
-def _small(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    _, _, width, height = fit_area((picture.shape[1], picture.shape[0]), KEPT_PX)
-    return np.asarray(cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
-
-
 class ScenePage(Page):
     """The scenes of the playlist as a menu, with the camera's picture."""
 
@@ -160,8 +155,8 @@ class ScenePage(Page):
         ]
         if self._camera is not None:
             items.append(self._camera_item)
-        hint = HINT.format("Delete removes a scene; " if self._context.options.start else "")
-        return Menu("Choose a scene", hint, tuple(items), self._at)
+        delete = "Delete removes a scene; " if self._context.options.start else ""
+        return Menu("Choose a scene", HINT.format(delete), tuple(items), self._at)
 
     def open(self) -> None:
         """Selects the scene on show; asks for all pictures again, as one may have been packed
@@ -213,14 +208,16 @@ class ScenePage(Page):
     def _see_camera(self, camera: Reader) -> None:
         """Takes the camera's newest picture, mirrored."""
         options = self._context.options
-        width_px, height_px = self._context.config.camera.frame_px
-        frame = np.empty((height_px, width_px, 3), np.uint8)
+        frame_px = self._context.config.camera.frame_px
+        frame = np.empty((*frame_px[::-1], 3), np.uint8)
         if camera.read(frame) is None:
             return
+        small_px = fit_area(frame_px, KEPT_PX)[2:]
+        small = np.asarray(cv2.resize(frame, small_px, interpolation=cv2.INTER_AREA), np.uint8)
         caption = "a face: here you are" if self._context.row["face"] else "no face seen"
         if options.viewer.source.startswith("demo"):
             caption = "demo face: no camera found" if options.start else "demo face"
-        self._camera_item = Item(caption, picture=_small(frame)[:, ::-1, ::-1])
+        self._camera_item = Item(caption, picture=small[:, ::-1, ::-1])
 
 
 # A portal's answer is a signal to the connection that asked; `gdbus call` and `busctl call` have

@@ -117,10 +117,13 @@ class RenderStage:
         self._display = self._open_display()
         self._interactive = isinstance(options.display, Window | Plugin)
         self._serve_ns = 0
-        self._viewer.shown_as_wide(self._display.width_mm())
+        self._viewer.set_width(self._display.width_mm())
         self._eyes = EyesInput(context, EyesSource(self._lossless))
-        written = context.output("eyes") if isinstance(options.viewer, MouseViewer) else None
-        self._mouse = MouseLook(context.config, self._viewer, written)
+        self._mouse = MouseLook(
+            context.config,
+            self._viewer,
+            context.output("eyes") if isinstance(options.viewer, MouseViewer) else None,
+        )
         self._status = StatusRow(context.row, self._viewer, self._display)
         self._listeners = self._make_listeners()
         self._refresh = None if self._on_camera else self._make_refresh()
@@ -177,8 +180,9 @@ class RenderStage:
         if not isinstance(options.display, Nothing):
             listeners.append(MotionLatencyRow(context.row))
         if replay := options.clock.output:
-            folder = Path(replay.folder)
-            listeners.append(ReplayWriter(folder, replay.sequence, replay.pictures, self._lost))
+            listeners.append(
+                ReplayWriter(Path(replay.folder), replay.sequence, replay.pictures, self._lost)
+            )
         trace = Path(options.trace) if options.trace else None
         began = session.run_dir / "session.json" if context.row["restarts"] else None
         listeners += (
@@ -261,7 +265,7 @@ class RenderStage:
         elif self._config != drawn:
             render = self._config.render
             logger.info("quality: %s at %s Hz", render.method, render.rate_hz)
-            self._viewer.redraw_by(self._config)
+            self._viewer.set_quality(self._config)
             self._presenter.redraw()
         for listener in self._listeners:
             listener.set_options(self._options)

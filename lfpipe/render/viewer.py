@@ -108,7 +108,7 @@ class Viewer:
         self.field = field
         self.parallax = self.solver = None
         self._easing.reset()
-        self.redraw_by(config)
+        self.set_quality(config)
         self._auto = alpha_is_automatic(config)
         self._size_px = (0, 0)
 
@@ -117,11 +117,11 @@ class Viewer:
         between the eyes stay, or follow.
         """
         self.field = field
-        self.redraw_by(config)
+        self.set_quality(config)
         if self.parallax is not None:
             self._choose(self._apart_px)
 
-    def redraw_by(self, config: Config) -> None:
+    def set_quality(self, config: Config) -> None:
         """Sets a configuration that differs only in render.method and render.rate_hz: geometry
         stays unchanged.
         """
@@ -132,7 +132,7 @@ class Viewer:
         if self.solver is not None:
             self.solver.set_method(self.method)
 
-    def shown_as_wide(self, width_mm: float | None) -> bool:
+    def set_width(self, width_mm: float | None) -> bool:
         """Sets the width of the picture on the screen, as the display reports it; returns whether
         alpha must be chosen again.
         """
@@ -322,13 +322,12 @@ class Viewer:
         middle_px = self._size_px[0] / 2, self._size_px[1] / 2
         if self._auto and self._centre_px is None and eyes_px is not None:
             self._centre_px = middle_px if self._neutral_is_fixed else middle_of(eyes_px)
-        centre_px = self._centre_px or middle_px
         self.solver = ViewSolver(
             self.field.rows,
             self.field.cols,
             self.config.render,
             self.parallax.alpha_px,
-            centre_px,
+            self._centre_px or middle_px,
             self.method,
         )
         return self.solver

@@ -108,8 +108,14 @@ class ScreenWindow(Display):
         size, at = (self._windowed, self._at)
         if whole:
             size, at = (self.monitor.width, self.monitor.height), (self.monitor.x, self.monitor.y)
-        flags = {"fullscreen_desktop": whole, "resizable": not whole, "allow_high_dpi": True}
-        self._window = pygame.Window(self._title, size, at, **flags)
+        self._window = pygame.Window(
+            self._title,
+            size,
+            at,
+            fullscreen_desktop=whole,
+            resizable=not whole,
+            allow_high_dpi=True,
+        )
         self._window.set_icon(window_system.icon())
         self._painter = open_painter(self._window, self._driver)
         if not whole and pygame.WINDOWPOS_UNDEFINED not in self._at:
@@ -217,13 +223,12 @@ class ScreenWindow(Display):
             if event.type in RESIZED:
                 self._find_monitor()
             again |= event.type in REDRAWN
-            if name := self._meaning(event):
-                names.append(name)
-            if name == "fullscreen":
+            names.append(self._meaning(event))
+            if names[-1] == "fullscreen":
                 self._toggle()
                 again = True
         self._draw(again)
-        return names
+        return [name for name in names if name]
 
     def _meaning(self, event: pygame.Event) -> str:
         """The name of what a person did, "" for nothing."""

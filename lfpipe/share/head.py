@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import Config
-from lfpipe.config.camera_pose import CameraPose, camera_focal_px
+from lfpipe.config.camera_pose import CameraPose
 from lfpipe.eyes import extrapolated
 
 Point = tuple[float, float, float]
@@ -97,16 +97,8 @@ class HeadEstimator:
             eyes_px = extrapolated(eyes_px, record["velocity_px_s"], horizon_ns)
         if not np.isfinite(eyes_px).all():
             return None
-        width_px, height_px = int(record["width_px"]), int(record["height_px"])
-        camera = self.config.camera
-        tilt = math.radians(camera.tilt_deg)
-        focal_px = camera_focal_px(self.config, width_px)
-        pose = CameraPose(
-            above_mm=camera.above_mm,
-            tilt=tilt,
-            focal_px=focal_px,
-            middle_px=(width_px / 2, height_px / 2),
-            eyes_mm=self.config.screen.eyes_mm,
+        pose = CameraPose.configured(
+            self.config, (int(record["width_px"]), int(record["height_px"]))
         )
         return _head(
             pose, np.asarray(eyes_px, np.float64), self._apart_px, head_rotation(record["head_px"])
@@ -148,16 +140,13 @@ def _head(
         tuple(point) for point in (*eyes_mm.tolist(), eyes_mm.mean(axis=0).tolist())
     )
     r = (to_screen @ turned @ _FLIP).tolist()
-    yaw = -math.atan2(r[0][2], r[2][2])
-    pitch = math.asin(min(max(-r[1][2], -1.0), 1.0))
-    roll = -math.atan2(r[1][0], r[1][1])
     return Head(
         left_mm=left_mm,
         right_mm=right_mm,
         position_mm=between_mm,
-        yaw_deg=math.degrees(yaw),
-        pitch_deg=math.degrees(pitch),
-        roll_deg=math.degrees(roll),
+        yaw_deg=-math.degrees(math.atan2(r[0][2], r[2][2])),
+        pitch_deg=math.degrees(math.asin(min(max(-r[1][2], -1.0), 1.0))),
+        roll_deg=-math.degrees(math.atan2(r[1][0], r[1][1])),
     )
 
 

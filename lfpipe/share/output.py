@@ -35,8 +35,7 @@ MM_PER_CM = 10.0
 @attrs.frozen
 class Sample:
     """Eyes at one moment. t_ns: the sensor's stamp or, for predicted eyes, the time of sending.
-    head: None without a face.
-    confidence: of the face, 0..1; 0 without one.
+    head: None without a face. confidence: of the face, 0..1; 0 without one.
     """
 
     source_seq: int
@@ -91,10 +90,9 @@ class UdpOutput:
 
     def __init__(self, target: Target) -> None:
         self._encode = opentrack_datagram if target.kind == "opentrack" else osc_datagram
-        addresses = socket.getaddrinfo(
+        (family, kind, _, _, address), *_ = socket.getaddrinfo(
             target.host, target.port, type=socket.SOCK_DGRAM, flags=socket.AI_NUMERICHOST
         )
-        family, kind, _, _, address = addresses[0]
         self._address: tuple[Any, ...] = tuple(address)
         self._socket = socket.socket(family, kind)
         self._socket.setblocking(False)
@@ -111,24 +109,22 @@ class UdpOutput:
         self._socket.close()
 
 
-KEYS = ("label", "eye", "type", "unit")  # of a channel; type in XDF's words where it has one
+# of each channel: label, eye, type and unit
+FRAME = ("source_seq", "both", "FrameNumber", "count")
 EYES = [
-    (f"{eye}_{axis}", eye, f"Position{axis.upper()}", "mm")
-    for eye in ("left", "right")
-    for axis in "xyz"
-]
-EYES += [(f"head_{axis}", "both", f"Head{axis.upper()}", "mm") for axis in "xyz"]
-EYES += [(angle, "both", f"Head{angle.title()}", "degrees") for angle in ("yaw", "pitch", "roll")]
-EYES += [("face", "both", "Validity", "normalized"), ("source_seq", "both", "FrameNumber", "count")]
-EYES += [
+    *((f"left_{axis}", "left", f"Position{axis.upper()}", "mm") for axis in "xyz"),
+    *((f"right_{axis}", "right", f"Position{axis.upper()}", "mm") for axis in "xyz"),
+    *((f"head_{axis}", "both", f"Head{axis.upper()}", "mm") for axis in "xyz"),
+    *((angle, "both", f"Head{angle.title()}", "degrees") for angle in ("yaw", "pitch", "roll")),
+    ("face", "both", "Validity", "normalized"),
+    FRAME,
     ("t_sensor", "both", "Timestamp", "seconds"),
     ("confidence", "both", "Confidence", "normalized"),
 ]
-PICTURES = [("source_seq", "both", "FrameNumber", "count")]
-PICTURES += [
-    (f"{eye}_{axis}", eye, f"View{axis.title()}", "views")
-    for eye in ("left", "right")
-    for axis in ("row", "col")
+PICTURES = [
+    FRAME,
+    *((f"left_{axis}", "left", f"View{axis.title()}", "views") for axis in ("row", "col")),
+    *((f"right_{axis}", "right", f"View{axis.title()}", "views") for axis in ("row", "col")),
 ]
 MARKERS = [("marker", "both", "Marker", "text")]
 STREAMS = {
@@ -162,6 +158,13 @@ def source_id(run: str, stream: str) -> str:
     return f"lfpipe-{socket.gethostname()}-{run}-{stream}"
 
 
+def _append(parent: Any, name: str, **texts: str) -> None:
+    """Adds an element to an XML description, with a child for each text."""
+    element = parent.append_child(name)
+    for key, value in texts.items():
+        element.append_child_value(key, value)
+
+
 class LslOutput:
     """The streams of one target. run: see `Session.run`. pictures: whether the session shows any.
     rate_hz: the camera's.
@@ -171,9 +174,12 @@ class LslOutput:
         self._offset_s = clock_offset_s()
         self._face = False
         self._marked_ns = 0
-        names = [name for name in STREAMS if pictures or name != "pictures"]
         with quiet_stderr():  # liblsl prints a greeting
-            self._outlets = {name: self._outlet(target, name, run, rate_hz) for name in names}
+            self._outlets = {
+                name: self._outlet(target, name, run, rate_hz)
+                for name in STREAMS
+                if pictures or name != "pictures"
+            }
 
     def _outlet(self, target: Target, stream: str, run: str, rate_hz: float) -> Any:
         import pylsl
@@ -186,21 +192,17 @@ class LslOutput:
         )
         description = info.desc()
         listed = description.append_child("channels")
-        for channel in channels:
-            entry = listed.append_child("channel")
-            for key, value in zip(KEYS, channel, strict=True):
-                entry.append_child_value(key, value)
-        clock = description.append_child("clock")
-        clock.append_child_value("source", "CLOCK_MONOTONIC").append_child_value(
-            "offset_s", f"{self._offset_s:.9f}"
-        )
-        about = description.append_child("acquisition")
-        about.append_child_value("camera_rate_hz", f"{rate_hz:g}").append_child_value(
-            "predicted_rate_hz", f"{target.rate_hz:g}"
-        )
-        about.append_child_value(
-            "axes",
-            "mm from the middle of the picture: x to the viewer's right, y up, z to the viewer",
+        for label, eye, form, unit in channels:
+            # type in XDF's words where it has one
+            _append(listed, "channel", label=label, eye=eye, type=form, unit=unit)
+        _append(description, "clock", source="CLOCK_MONOTONIC", offset_s=f"{self._offset_s:.9f}")
+        _append(
+            description,
+            "acquisition",
+            camera_rate_hz=f"{rate_hz:g}",
+            predicted_rate_hz=f"{target.rate_hz:g}",
+            axes="mm from the middle of the picture: x to the viewer's right, y up, z to the"
+            " viewer",
         )
         return pylsl.StreamOutlet(info, max_buffered=BUFFER_S)
 
@@ -210,7 +212,6 @@ class LslOutput:
     def send(self, sample: Sample) -> bool:
         """See `UdpOutput.send`. Markers have the time of the sample."""
         head = sample.head
-        t_s = self._lsl_s(sample.t_ns)
         values = [math.nan] * 12
         if head is not None:
             values = [
@@ -222,13 +223,13 @@ class LslOutput:
                 head.roll_deg,
             ]
         face = head is not None
-        frame = [
+        values += [
             float(face),
             float(sample.source_seq),
             self._lsl_s(sample.t_sensor_ns),
             sample.confidence,
         ]
-        self._outlets["eyes"].push_sample(values + frame, t_s)
+        self._outlets["eyes"].push_sample(values, self._lsl_s(sample.t_ns))
         if face != self._face:
             self._mark("face found" if face else "face lost", sample.t_ns)
         elif sample.t_ns - self._marked_ns >= REPEAT_NS:

@@ -59,7 +59,7 @@ class Sharer:
     def _open(self, text: str) -> None:
         context = self._context
         target = parse_target(text)
-        options = self._context.options
+        options = context.options
         try:
             with context.busy_with(f"opening {target.kind}"):
                 output: UdpOutput | LslOutput

@@ -52,13 +52,13 @@ def session(
     for frame in range(900):
         stamp = frame * 33_333_333
         measured = path(stamp) + rng.normal(0, noise_px, (2, 2))
-        latency.measured(stamp, record_px(measured))
+        latency.add_eyes(stamp, record_px(measured))
         filter_.update(stamp, measured)
         for refresh in range(2):
             presented = stamp + (20 + 17 * refresh) * MS
             after = (LOOP_MS + 8) * MS
             eyes = made_for(presented + after) if made_for else filter_.predict(presented + after)
-            latency.pictured(presented, after, LOOP_MS * MS, record_px(eyes))
+            latency.add_picture(presented, after, LOOP_MS * MS, record_px(eyes))
     return latency
 
 
@@ -92,6 +92,6 @@ def test_motion_latency_of_a_still_viewer_is_none(speed_px_s: float, leaves: boo
     for frame in range(300):
         stamp = frame * 33 * MS
         measured = eyes_at(200 + speed_px_s * stamp / 1e9) + rng.normal(0, 0.3, (2, 2))
-        latency.measured(stamp, None if leaves and frame % 10 == 9 else record_px(measured))
-        latency.pictured(stamp + 20 * MS, 8 * MS, 0, record_px(eyes_at(200) + 1))
+        latency.add_eyes(stamp, None if leaves and frame % 10 == 9 else record_px(measured))
+        latency.add_picture(stamp + 20 * MS, 8 * MS, 0, record_px(eyes_at(200) + 1))
     assert latency.steady_ns == 0 and latency.onset_ns == 0

@@ -1,7 +1,5 @@
 """Presenter: what is composed, handed over and reported, on displays that show nothing."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -126,7 +124,7 @@ def test_presenter_shows_the_middle_view_before_the_first_eyes() -> None:
 def test_presenter_draws_the_glasses_test_instead_of_the_scene() -> None:
     world = World()
     world.show()
-    world.presenter.draw_by(partial(draw_glasses_test, world.viewer))
+    world.presenter.draw_by(draw_glasses_test)
     world.show()
     expected, _ = glasses_test(world.viewer.config.render, (16, 16))
     assert world.presenter.picture is not None

@@ -153,10 +153,10 @@ def test_viewer_holds_a_view_for_three_seconds_and_returns_to_the_middle() -> No
     assert abs(columns[-1] - 4) < 0.05
 
 
-def test_viewer_redraw_by_changes_how_views_are_drawn_and_not_where() -> None:
+def test_viewer_set_quality_changes_how_views_are_drawn_and_not_where() -> None:
     subject = viewer(alpha_px=12.0)
     full = subject.viewpoints(record(349.0, 240.0), 0, 0)
-    subject.redraw_by(
+    subject.set_quality(
         attrs.evolve(subject.config, render=attrs.evolve(subject.config.render, method="nearest"))
     )
     snapped = subject.viewpoints(record(349.0, 240.0), S, S)
@@ -166,17 +166,17 @@ def test_viewer_redraw_by_changes_how_views_are_drawn_and_not_where() -> None:
     assert max(abs(a - b) for a, b in zip(full.left, snapped.left, strict=True)) <= 0.6
 
 
-def test_viewer_shown_as_wide_makes_alpha_anew() -> None:
+def test_viewer_set_width_makes_alpha_anew() -> None:
     deep = attrs.evolve(rendered.field(9, 9, 16, 16), disparity_min_px=-6.0, disparity_max_px=6.0)
     subject = Viewer(deep, Config())
-    assert subject.shown_as_wide(300.0) and not subject.shown_as_wide(300.0)
+    assert subject.set_width(300.0) and not subject.set_width(300.0)
     subject.viewpoints(record(), 0, 0)
     solver = subject.solver
     assert solver is not None and "300 mm" in str(subject.parallax)
-    assert subject.shown_as_wide(600.0) and subject.solver is None
-    assert not Viewer(
-        deep, Config(screen=attrs.evolve(Config().screen, width_mm=500.0))
-    ).shown_as_wide(300.0)
+    assert subject.set_width(600.0) and subject.solver is None
+    assert not Viewer(deep, Config(screen=attrs.evolve(Config().screen, width_mm=500.0))).set_width(
+        300.0
+    )
 
 
 @pytest.mark.parametrize("screen_hz", [60.0, 144.0])
