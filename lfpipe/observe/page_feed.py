@@ -53,17 +53,22 @@ def figures_of(state: Sample) -> dict[str, Any]:
     scenes; `playlist_at`.
     """
     figures = state.figures
-    told = {"alive": True, **figures.to_dict()}
-    told["motion_to_photon"] = photon_words(figures.motion_to_photon)
-    told["stages"] = {name: told["stages"][name] for name in figures.used_stages}
+    shown = figures.to_dict()
+    shown |= {
+        "alive": True,
+        "motion_to_photon": photon_words(figures.motion_to_photon),
+        "stages": {name: shown["stages"][name] for name in figures.used_stages},
+    }
     if (settings := state.settings) is None:
-        return told
-    told |= {"config": converter().unstructure(settings.config), "paused": settings.paused}
+        return shown
+    shown |= {"config": converter().unstructure(settings.config), "paused": settings.paused}
     if (scene := settings.options.scene) is not None:
-        told["playlist"] = [Path(path).name for path in settings.options.playlist]
-        told["playlist_at"] = settings.options.playlist_at
-        told["depth_px"] = zero_planes_px(scene.disparity_min_px, scene.disparity_max_px)
-    return told
+        shown |= {
+            "playlist": [Path(path).name for path in settings.options.playlist],
+            "playlist_at": settings.options.playlist_at,
+            "depth_px": zero_planes_px(scene.disparity_min_px, scene.disparity_max_px),
+        }
+    return shown
 
 
 def place_px(look: Mapping[str, Any], row: float, col: float) -> tuple[float, float]:

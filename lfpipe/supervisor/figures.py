@@ -133,14 +133,14 @@ def session_figures(
     """The figures of a session. rows: of the stages, dtype ROW. quality: dtype SESSION."""
     source, display = rows[SOURCE], rows[SHOWN_BY]
     viewer = ViewerState(int(display["viewer"]))
-    # without a picture nobody follows where the viewer sits
+    # without pictures, no stage follows the viewer
     if display["state"] == State.NONE and rows[TRACKED_BY]["face"]:
         viewer = ViewerState.SEATED
     level = int(quality["level"])
     words = quality["words"].item().decode(errors="replace")
     planned, juddered = int(display["planned"]), int(display["juddered"])
     light = f"too little light for {int(source['nominal_mhz']) / 1000:.3g} Hz"
-    told = notices(rows, SOURCE, SHOWN_BY)
+    now = notices(rows, SOURCE, SHOWN_BY)
     stages = {
         name: StageFigures.of(row)
         for name, row in rows.items()
@@ -155,7 +155,7 @@ def session_figures(
         lowest_level=int(quality["lowest"]),
         level_words=words,
         viewer=viewer.word,
-        notices=[*told, f"quality lowered: {words}"] if level else told,
+        notices=[*now, f"quality lowered: {words}"] if level else now,
         stages=stages,
         end_to_end=summary_ms(display["age"]),
         judder=Judder(

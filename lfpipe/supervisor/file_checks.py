@@ -1,5 +1,5 @@
 """Checks of paths and targets by a child process, `python -m lfpipe.supervisor.file_checks`: a dead
-network drive or name server blocks who asks it.
+network drive or name server blocks the process that asks it.
 """
 
 import logging

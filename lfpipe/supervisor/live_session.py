@@ -101,9 +101,9 @@ class LiveSession:
         self._outcome: Outcome | None = None
         self._end_ns: int | None = None  # of --duration, once all stages are ready
         self._rollback = ConfigRollback()
-        self._busy_told = False
-        # parts that do not work, and whether they ever have
-        self._faults: list[tuple[str, bool]] = []
+        self._busy_reported = False
+        # part that does not work -> whether it ever has
+        self._faults: dict[str, bool] = {}
         self._pending = PendingAnswers()
         self._quality = QualityControl(self._cpus)
         with contextlib.ExitStack() as parts:  # each is closed, even if another one raises
@@ -151,7 +151,7 @@ class LiveSession:
                 self._end("finished (--duration reached)")
         outcome = self._outcome
         final = self.figures()
-        self._faults = list(faults(self._store.table.rows, now_ns()))
+        self._faults = dict(faults(self._store.table.rows, now_ns()))
         self.stages.stop()
         if outcome.failure is None:
             outcome = next(self._late_failures(outcome.reason), outcome)
@@ -233,11 +233,11 @@ class LiveSession:
         state = self._rollback.watch(state, self._applied(state.rev), outputs, t_ns)
         if state.options.pictures and t_ns > state.pictures_until_ns:
             state = state.without_pictures()
-        found = list(faults(self._store.table.rows, t_ns))
-        for words, _ in found:
-            if words not in (told for told, _ in self._faults):
+        broken = dict(faults(self._store.table.rows, t_ns))
+        for words in broken:
+            if words not in self._faults:
                 self.log(words)
-        self._faults = found or self._faults
+        self._faults = broken or self._faults
         step = self._quality.sample(state, self._store.table.rows, t_ns)
         if step is not None:
             state = state.with_level(step.level)
@@ -261,8 +261,8 @@ class LiveSession:
         logger.info(
             "quality level %d of %d, %s: %s", level.number, lowest, level.words, step.reason
         )
-        if level.number and not self._busy_told:
-            self._busy_told = True
+        if level.number and not self._busy_reported:
+            self._busy_reported = True
             self.log("busy computer: simpler picture for now (`lfpipe monitor` shows how and why)")
 
     def _end(
@@ -325,7 +325,7 @@ class LiveSession:
                 name = f"{process.stage.name} could not end"
                 yield Outcome(name, mistake.message, mistake.remedy, user_error=True)
         rows = self._store.table.rows
-        never = [words for words, worked in self._faults if not worked]
+        never = [words for words, worked in self._faults.items() if not worked]
         if rows[TRACKED_BY]["restarts"] and not rows[TRACKED_BY]["seq"]:
             never.append(f"{TRACKED_BY} failed before its first eyes")
         if never:

@@ -59,11 +59,11 @@ class PendingAnswers:
         if pending is None or stage not in pending.missing:
             return
         pending.missing.discard(stage)
-        said = {
+        result = {
             key: value for key, value in message.items() if key not in ("v", "cmd", "number", "id")
         }
         refusal = {} if pending.answer["ok"] else pending.answer  # the first one stays
-        pending.answer = {**pending.answer, **said, **refusal}
+        pending.answer = {**pending.answer, **result, **refusal}
 
     def refuse_changes(self, why: str) -> Iterator[tuple[Request, Message]]:
         """The answers to all that wait for a change: it was rolled back."""

@@ -65,7 +65,7 @@ class _Load:
         if self.packing.done:
             try:
                 return SceneEvent(self.request, self.packing.summary())
-            except Exception as error:  # who hears of it decides what to answer
+            except Exception as error:  # the client's answer
                 return SceneEvent(self.request, error)
         views = self.packing.views
         return SceneEvent(self.request, views) if self.request and views else None
