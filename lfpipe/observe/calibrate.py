@@ -116,10 +116,9 @@ def by_eyes(config: Config, camera: str | None, distance_mm: float) -> float:
             median_px, still = median_of(apart_px)
             missed = missed + 1 if face is None or not still else 0
             state = f"eyes {median_px:.1f} px apart" if face is not None else "no face detected"
-            request = f"Eyes {distance_mm:g} mm from the camera. Look into it and keep still."
             accepted = camera_window.show(
                 [] if face is None else face.eyes_px.tolist(),
-                request,
+                f"Eyes {distance_mm:g} mm from the camera. Look into it and keep still.",
                 state,
                 "Enter accepts, Esc cancels",
             )

@@ -59,14 +59,11 @@ class Check:
 def python() -> Check:
     """The interpreter, and the cores that it may use."""
     count = len(usable_cores())
-    detail = (
-        f"{platform.python_version()} ({platform.python_implementation()}, {sys.executable}),"
-        f" {count} cores"
-    )
     return Check(
         "python",
         True,
-        detail,
+        f"{platform.python_version()} ({platform.python_implementation()}, {sys.executable}),"
+        f" {count} cores",
         "" if count > 1 else "use at least two cores; on one, the rates are lower",
     )
 
@@ -102,24 +99,23 @@ def opencv() -> Check:
     version, which fits the installed numpy.
     """
     installed = {
-        ((dist.name or "").lower(), dist.version) for dist in importlib.metadata.distributions()
+        (dist.name.lower(), dist.version)
+        for dist in importlib.metadata.distributions()
+        if (dist.name or "").lower().startswith("opencv-")
     }
-    distributions = sorted(
-        f"{name} {version}" for name, version in installed if name.startswith("opencv-")
-    )
-    names = ", ".join(distributions) or "no distribution"
     versions = sorted(
-        {name.split()[1] for name in distributions},
+        {version for _, version in installed},
         key=lambda text: [int(n) for n in re.findall(r"\d+", text)],
     )
-    package = "opencv-contrib-python-headless" + (f"=={versions[0]}" if versions else "")
+    names = sorted(map(" ".join, installed))
     gui = re.search(r"^\s*GUI: +(.*)$", cv2.getBuildInformation(), re.MULTILINE)
-    detail = f"{names}, GUI {gui[1] if gui else '?'}"
-    if len(distributions) > 1 and (len(versions) > 1 or "GUI NONE" not in detail):
+    detail = f"{', '.join(names) or 'no distribution'}, GUI {gui[1] if gui else '?'}"
+    if len(names) > 1 and (len(versions) > 1 or "GUI NONE" not in detail):
+        package = f"opencv-contrib-python-headless=={versions[0]}"
         return Check(
             "opencv",
             True,  # this one was imported
-            f"{detail}: {len(distributions)} in one folder, cv2 {cv2.__version__} is in use",
+            f"{detail}: {len(names)} in one folder, cv2 {cv2.__version__} is in use",
             install_command("--force-reinstall", "--no-deps", package),
         )
     return Check("opencv", True, detail)
@@ -179,13 +175,9 @@ def sdl() -> Check:
     except Exception as error:  # any error of SDL is what the user needs to read
         remedy = f"{install_command('--force-reinstall', 'pygame-ce')}, or use --display none"
         return Check("display", False, f"SDL does not start: {error}", remedy)
+    version = ".".join(map(str, pygame.version.SDL))
     listed = "; ".join(f"monitor {monitor}" for monitor in monitors)
-    how = drawn_by(driver)
-    return Check(
-        "display",
-        True,
-        f"SDL {'.'.join(map(str, pygame.version.SDL))}, driver {driver}, {how}; {listed}",
-    )
+    return Check("display", True, f"SDL {version}, driver {driver}, {drawn_by(driver)}; {listed}")
 
 
 def settings() -> Check:
@@ -238,12 +230,13 @@ def shared_memory(need_bytes: int = SHM_NEED_BYTES) -> Check:
     """Free shared memory for the rings."""
     remedy = segment.more_room(need_bytes)
     try:
-        usage = shutil.disk_usage(segment.SHM_DIR)
+        total_bytes, _, free_bytes = shutil.disk_usage(segment.SHM_DIR)
     except OSError as error:
         return Check("shm", False, f"{segment.SHM_DIR}: {error.strerror}", remedy)
-    ok = usage.free >= need_bytes
-    room = f"{segment.SHM_DIR}: {usage.free / 1e6:.0f} MB free of {usage.total / 1e6:.0f} MB"
-    return Check("shm", ok, room, "" if ok else remedy)
+    room = f"{segment.SHM_DIR}: {free_bytes / 1e6:.0f} MB free of {total_bytes / 1e6:.0f} MB"
+    return (
+        Check("shm", False, room, remedy) if free_bytes < need_bytes else Check("shm", True, room)
+    )
 
 
 def leftovers() -> Check:

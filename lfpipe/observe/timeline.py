@@ -45,9 +45,16 @@ def events(trace: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
         """
         start = max(start, end_ns[name])
         end_ns[name] = end = max(end, start)
-        args = {"source_seq": line["source_seq"], "epoch": line["epoch"], **about}
-        where = {"name": name, "cat": "stage", "ph": "X", "pid": PID, "tid": TRACKS.index(name) + 1}
-        return {**where, "ts": start / 1e3, "dur": (end - start) / 1e3, "args": args}
+        return {
+            "name": name,
+            "cat": "stage",
+            "ph": "X",
+            "pid": PID,
+            "tid": TRACKS.index(name) + 1,
+            "ts": start / 1e3,
+            "dur": (end - start) / 1e3,
+            "args": {"source_seq": line["source_seq"], "epoch": line["epoch"], **about},
+        }
 
     before = None
     for line in trace:

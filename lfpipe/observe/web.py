@@ -344,9 +344,9 @@ def serve(name: str, address: str, tell: Callable[[str], None]) -> None:
     try:
         sockets = bind_sockets(port, host)
     except OSError as error:
-        why = f"--web {host}:{port}: {error.strerror or error}"
         raise UserError(
-            why, "use another port, 0 for a free one, or an address of this machine"
+            f"--web {host}:{port}: {error.strerror or error}",
+            "use another port, 0 for a free one, or an address of this machine",
         ) from None
     for sock in sockets:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)

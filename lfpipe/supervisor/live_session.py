@@ -408,8 +408,9 @@ class LiveSession:
             self._store.apply(state)
 
     def _take_check(self, request: Request, worker: Worker) -> None:
-        reply = respond_checked(self._state, request.message, worker.result(), now_ns())
-        self._carry_out(request, reply)
+        self._carry_out(
+            request, respond_checked(self._state, request.message, worker.result(), now_ns())
+        )
 
     def _carry_out(self, request: Request, reply: Reply) -> None:
         """Carries out a reply; answers now, or when it is done."""
@@ -438,8 +439,9 @@ class LiveSession:
         else:
             self._sockets.answer(request, rev, answer)
         if reply.stop:
-            by_window = request.sender == SHOWN_BY
-            self._end("the window was closed" if by_window else "stopped by command")
+            self._end(
+                "the window was closed" if request.sender == SHOWN_BY else "stopped by command"
+            )
 
     def figures(self) -> SessionFigures:
         """The figures of the stages."""

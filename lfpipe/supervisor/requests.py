@@ -64,8 +64,8 @@ def _set(state: SessionState, message: Message, _t_ns: int) -> Reply:
     sets = message.get("set")
     if not isinstance(sets, dict) or not sets:
         raise BadMessage("set needs a map of keys and values")
-    config = config_module.updated(state.config, sets, live_only=True)
-    return Reply(answer={"set": sets}, state=state.changed(config))
+    new = state.changed(config_module.updated(state.config, sets, live_only=True))
+    return Reply(answer={"set": sets}, state=new)
 
 
 def _pictures(state: SessionState, message: Message, t_ns: int) -> Reply:
@@ -153,9 +153,12 @@ def _output(state: SessionState, message: Message, _t_ns: int) -> Reply:
             "no camera is in use: the scene is a single view",
             "record without a scene: `lfpipe record OUT`",
         )
-    source = state.options.viewer.source
-    record = state.options.record
-    return Reply(check=FileCheck(check=command, path=path, source=source, record=record))
+    options = state.options
+    return Reply(
+        check=FileCheck(
+            check=command, path=path, source=options.viewer.source, record=options.record
+        )
+    )
 
 
 def _share(state: SessionState, message: Message, _t_ns: int) -> Reply:
@@ -180,9 +183,14 @@ def _share(state: SessionState, message: Message, _t_ns: int) -> Reply:
                 "no eyes are tracked: the scene is a single view",
                 "use `lfpipe up --no-picture --share TARGET`",
             )
-        names = ", ".join(start)[:200]
-        targets = tuple(start)
-        return Reply(check=FileCheck(check="share", path=names, targets=targets, running=running))
+        return Reply(
+            check=FileCheck(
+                check="share",
+                path=", ".join(start)[:200],
+                targets=tuple(start),
+                running=running,
+            )
+        )
     if not running:
         raise UserError("nothing is shared", "start it with `lfpipe ctl share start TARGET`")
     named = {target: {target, target.partition("?")[0]} for target in running}
@@ -215,8 +223,7 @@ def _has_eyes(state: SessionState) -> bool:
 
 def on_load(state: SessionState, message: Message, scene: SceneSummary) -> Reply:
     """The reply to a request for a scene that can be shown now. Raises like `respond`."""
-    new = state.loaded(scene, _place(state, message))
-    return Reply(answer={"pack": scene.pack}, state=new)
+    return Reply(answer={"pack": scene.pack}, state=state.loaded(scene, _place(state, message)))
 
 
 def on_complete(state: SessionState, scene: SceneSummary) -> SessionState:
@@ -242,8 +249,10 @@ def _absolute(path: str) -> bool:
 
 
 def _status(state: SessionState, _message: Message, _t_ns: int) -> Reply:
-    config = converter().unstructure(state.config)
-    return Reply(answer={"paused": state.paused, "config": config}, with_stages=True)
+    return Reply(
+        answer={"paused": state.paused, "config": converter().unstructure(state.config)},
+        with_stages=True,
+    )
 
 
 def _pause(state: SessionState, _message: Message, _t_ns: int, *, paused: bool) -> Reply:

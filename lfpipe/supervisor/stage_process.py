@@ -194,8 +194,7 @@ class StageProcess:
         t_ns = now_ns()
         self.failures.append(t_ns)
         recent = [f for f in self.failures if t_ns - f < MAX_RESTARTS_WINDOW_S * 1e9]
-        backoff_s = FIRST_BACKOFF_S * 2 ** (len(recent) - 1)
-        self.next_start_ns = t_ns + int(backoff_s * 1e9)
+        self.next_start_ns = t_ns + int(FIRST_BACKOFF_S * 2 ** (len(recent) - 1) * 1e9)
         return len(recent) >= MAX_FAILURES
 
     def mistake(self) -> UserError | None:
