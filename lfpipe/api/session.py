@@ -158,10 +158,8 @@ class Attachment:
         """Shows another light field, a path, an open one or an array as for `open_scene`; returns
         when it is shown.
         """
-        config = self._config().scene
-        self.ask(
-            {"cmd": "load", "scene": str(Path(scene_path(scene, config) or "").resolve())}, LOAD_S
-        )
+        path = Path(scene_path(scene, self._config().scene) or "")
+        self.ask({"cmd": "load", "scene": str(path.resolve())}, LOAD_S)
 
     def wait(self, timeout_s: float | None = None) -> bool:
         """Waits until the session has ended; False if it still runs after timeout_s."""

@@ -84,7 +84,12 @@ def kiosk() -> None:
 
 @kiosk.command()
 @click.argument("scenes", nargs=-1, required=True, metavar="SCENE...", type=PATH)
-@click.option("--code-file", type=PATH, metavar="FILE", help=f"It holds the code; or {VARIABLE}.")
+@click.option(
+    "--code-file",
+    type=PATH,
+    metavar="FILE",
+    help=f"A file with the code that ends it; or set {VARIABLE}.",
+)
 def install(scenes: tuple[Path, ...], code_file: Path | None) -> None:
     """Write a systemd unit that shows SCENE in full screen when this user's desktop starts, and
     restarts it after any failure.

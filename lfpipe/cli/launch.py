@@ -193,8 +193,7 @@ def _prepare_tracking(arguments: UpArguments) -> SessionPlan:
     )
     for target in share:
         say(f"share   eyes and head to {target}")
-    clock = clock_of(viewer.source)
-    options = SessionOptions(viewer=viewer, clock=clock, show=False, share=share)
+    options = SessionOptions(viewer=viewer, clock=clock_of(viewer.source), show=False, share=share)
     return SessionPlan(config=config, options=options, duration_s=arguments.duration_s)
 
 
@@ -262,13 +261,11 @@ def prepare(arguments: UpArguments) -> SessionPlan:
         still=str(still.resolve()) if still else "",
         share=share,
     )
-    files = tuple(path for path in (video, still, arguments.trace) if path is not None)
-    duration_s = arguments.duration_s or (DEMO_S if records_itself else None)
     return SessionPlan(
         config=config,
         options=options,
-        duration_s=duration_s,
-        files=files,
+        duration_s=arguments.duration_s or (DEMO_S if records_itself else None),
+        files=tuple(path for path in (video, still, arguments.trace) if path is not None),
         hold=opened.field.hold,
         packing=opened.packing,
     )
@@ -359,8 +356,10 @@ def _viewer(camera: str, display: Target, config: Config) -> Viewer:
     has_mouse = isinstance(display, Window) and not is_exhibition
     if camera == MouseViewer.source and not has_mouse:
         where = "--kiosk" if is_exhibition else f"--display {display}"
-        remedy = "use --display window, or another source: --camera demo"
-        raise UserError(f"--camera mouse with {where}: there is no mouse", remedy)
+        raise UserError(
+            f"--camera mouse with {where}: there is no mouse",
+            "use --display window, or another source: --camera demo",
+        )
     try:
         once = playing_once(camera) if camera and isinstance(display, VideoFile) else camera
         if camera == MouseViewer.source:

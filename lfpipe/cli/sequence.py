@@ -60,9 +60,9 @@ def record(out: Path, camera: str | None, duration_s: float | None, config: Conf
     check_out(out)
     # the tracker plays recorded eyes
     viewer = attrs.evolve(viewer, tracked=isinstance(viewer, RecordedEyes))
-    clock = clock_of(viewer.source)
-    record = str(out.resolve())
-    options = SessionOptions(viewer=viewer, clock=clock, show=False, record=record)
+    options = SessionOptions(
+        viewer=viewer, clock=clock_of(viewer.source), show=False, record=str(out.resolve())
+    )
     try:
         outcome = run_session(Session(f"record.{os.getpid()}"), config, options, say, duration_s)
     finally:

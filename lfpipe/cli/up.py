@@ -52,7 +52,7 @@ Examples:
     "--code-file",
     type=PATH,
     metavar="FILE",
-    help="With --kiosk: holds the code; or LFPIPE_KIOSK_CODE.",
+    help="With --kiosk: a file with the code that ends it; or set LFPIPE_KIOSK_CODE.",
 )
 @click.option("--force", is_flag=True, help="Replace output files that lfpipe did not write.")
 @click.option("--no-picture", is_flag=True, help="Track the eyes only: no SCENE, no window.")

@@ -235,8 +235,7 @@ def replay(
     # tracked also with a scene of one view: the eyes are compared
     viewer: Viewer = CameraViewer(source=source, rate_hz=rate_hz)
     if sequence.holds_eyes:
-        recording = str(sequence.path.resolve())
-        viewer = RecordedEyes(source=source, rate_hz=rate_hz, folder=recording)
+        viewer = RecordedEyes(source=source, rate_hz=rate_hz, folder=str(sequence.path.resolve()))
     options = SessionOptions(
         scene=summarize(field),
         viewer=viewer,

@@ -151,15 +151,17 @@ def _quoted(cell: str) -> str:
 
 
 def _junit(outcomes: Sequence[Outcome]) -> bytes:
-    cases = [
-        TestCase(
-            classname=f"lfpipe.sweep.{outcome.cell.subject}",
-            name=outcome.cell.name,
-            kind=KINDS.get(outcome.state, ""),
-            message=outcome.reason.partition("\n")[0],
-            text=outcome.reason,
-            seconds=outcome.seconds,
-        )
-        for outcome in outcomes
-    ]
-    return junit("lfpipe sweep", cases)
+    return junit(
+        "lfpipe sweep",
+        [
+            TestCase(
+                classname=f"lfpipe.sweep.{outcome.cell.subject}",
+                name=outcome.cell.name,
+                kind=KINDS.get(outcome.state, ""),
+                message=outcome.reason.partition("\n")[0],
+                text=outcome.reason,
+                seconds=outcome.seconds,
+            )
+            for outcome in outcomes
+        ],
+    )

@@ -237,8 +237,7 @@ def _compared(cell: Cell, figures: dict[str, Any], place: Path, update: bool) ->
         write_output(place / REFERENCE, json.dumps(figures, indent=1).encode(), label="--expect")
         return OK, ""
     path = place / REFERENCE
-    text = read_text(path, REPORT_BYTES, str(path), AGAIN)
-    was = json_fields(text, str(path), AGAIN)
+    was = json_fields(read_text(path, REPORT_BYTES, str(path), AGAIN), str(path), AGAIN)
     wrong = [
         f"{name}: {value} in the reference, now {figures.get(name)}"
         for name in was.values
