@@ -194,7 +194,9 @@ class KeyBindings:
             self.scenes.load(Path(path).absolute())
         else:
             self._notices.say(
-                "scene", "not loaded: rename it to plain letters, then drop it again", 2 * SHOWN_NS
+                "scene",
+                "the file is not loaded: rename it to plain letters, then drop it again",
+                2 * SHOWN_NS,
             )
 
     def _ask_for(self, folder: bool) -> None:
@@ -313,7 +315,7 @@ class KeyBindings:
             self._notices.say("scene", field.name)
             self._ask_about_depth()
         elif field.half_turned != half_turned_before:
-            self._notices.say("near and far", "near and far exchanged: d exchanges them again")
+            self._notices.say("near and far", "near and far are exchanged: d exchanges them again")
 
     def _standing(self, t_ns: int) -> list[str]:
         """The notices that stay as long as they are true."""

@@ -172,10 +172,7 @@ class ScreenClock:
         if count <= 0:
             return
         self._t_ns += count * self.period_ns + PHASE_GAIN * error_ns
-        period_ns_now = self.period_ns + PERIOD_GAIN * error_ns / count
-        low_ns = self._nominal_ns * (1 - PERIOD_RANGE)
-        high_ns = self._nominal_ns * (1 + PERIOD_RANGE)
-        self.period_ns = min(max(period_ns_now, low_ns), high_ns)
+        self._set_period(self.period_ns + PERIOD_GAIN * error_ns / count, PERIOD_RANGE)
 
     def repaint(self, t_ns: int, late_ns: int) -> None:
         """Adds a repaint at t_ns, late_ns after it was due, of a screen without blanks."""
@@ -184,9 +181,12 @@ class ScreenClock:
         stall_ns = max(late_ns - STALL_NS, 0)
         self._t_ns = self.nearest(t_ns) + GAIN * late_ns + PHASE_GAIN * stall_ns
         if round(interval_ns / self.period_ns) == 1:
-            period_ns = self.period_ns + GAIN * (interval_ns - self.period_ns)
-            low_ns = self._nominal_ns * (1 - REPAINT_RANGE)
-            self.period_ns = min(max(period_ns, low_ns), self._nominal_ns * (1 + REPAINT_RANGE))
+            self._set_period(self.period_ns + GAIN * (interval_ns - self.period_ns), REPAINT_RANGE)
+
+    def _set_period(self, period_ns: float, share: float) -> None:
+        """Sets the period, within a share of the nominal one."""
+        low_ns, high_ns = self._nominal_ns * (1 - share), self._nominal_ns * (1 + share)
+        self.period_ns = min(max(period_ns, low_ns), high_ns)
 
     def nearest(self, t_ns: float) -> int:
         """The blank nearest to t_ns."""

@@ -39,7 +39,10 @@ MAX_LINES = 5
 CAMERA_NS = SECOND_NS // 5
 THUMBNAILS = Path(__file__).parent / "thumbnails"  # by tools.make_docs_pictures
 KEPT_PX = (480, 360)  # of a thumbnail, at most: larger than a cell of most menus
-HINT = "Click, or arrows and Enter; {}Tab goes back.\nOr drop a folder of views onto the window."
+HINT = (
+    "Click, or use the arrows and Enter. {}Tab goes back.\n"
+    "Or drop a folder of views onto the window."
+)
 
 
 class SceneLoader:
@@ -95,9 +98,8 @@ class SceneLoader:
             self._asked = ""
 
     def report(self, news: dict[str, Any]) -> None:
-        """Takes the progress of loading, whoever requested the scene.
-
-        Of the scene on the screen, only a line shows it.
+        """Takes the progress of loading, whoever requested the scene. A line alone shows that of
+        the scene on the screen.
         """
         self._loading, self._step = ("", "") if news["shown"] else (news["scene"], news["step"])
         self.share = news["share"] if news["shown"] and news["step"] else None
@@ -155,7 +157,7 @@ class ScenePage(Page):
         ]
         if self._camera is not None:
             items.append(self._camera_item)
-        delete = "Delete removes a scene; " if self._context.options.start else ""
+        delete = "Delete removes a scene. " if self._context.options.start else ""
         return Menu("Choose a scene", HINT.format(delete), tuple(items), self._at)
 
     def open(self) -> None:

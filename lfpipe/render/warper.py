@@ -33,11 +33,6 @@ class Unknown:
     box: Box  # with as much around what is unknown as `SOFT` reaches
     masks: dict[tuple[int, int], NDArray[np.float32]]  # of a view: 1 where it is unknown, else 0
 
-    @property
-    def shape(self) -> tuple[int, int]:
-        rows, cols = self.box
-        return rows.stop - rows.start, cols.stop - cols.start
-
 
 class Warper:
     """Sampling maps from the disparity of a light field; owns its buffers, so a call allocates
@@ -206,7 +201,7 @@ class Warper:
         dy, dx = round(shift_px[0]), round(shift_px[1])
         for area in areas:
             top, left = area.box[0].start, area.box[1].start
-            low = np.full(area.shape, -1, np.float32)  # other views know the rest
+            low = np.full_like(next(iter(area.masks.values())), -1)  # other views know the rest
             for view in views:
                 if (mask := area.masks.get((view.row, view.col))) is not None:
                     cv2.scaleAdd(mask, 2 * view.weight, low, low)

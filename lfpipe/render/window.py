@@ -73,9 +73,8 @@ class ScreenWindow(Display):
         self._title = title
         self._fullscreen = fullscreen
         self._asked_monitor = monitor
-        self._picture: NDArray[np.uint8] | None = None
-        self._pair: Pair | None = None
-        self._how = ""
+        # the arguments of the last call of `show`
+        self._shown: tuple[NDArray[np.uint8], Pair | None, str] | None = None
         self._laid: NDArray[np.uint8] | None = None
         self._view = OverlayView()
         self._drawn = list[Panel]()
@@ -176,9 +175,7 @@ class ScreenWindow(Display):
 
     def show(self, picture: NDArray[np.uint8], pair: Pair | None = None, how: str = "") -> int:
         """Returns the time at which the window system accepted the picture."""
-        self._picture = picture
-        self._pair = pair
-        self._how = how
+        self._shown = picture, pair, how
         self._number += 1
         self._draw()
         return time.monotonic_ns()
@@ -187,20 +184,20 @@ class ScreenWindow(Display):
         """Draws picture and overlay. again: also if neither has changed."""
         pygame.mouse.set_visible(not self._fullscreen or self._view.has_pointer)
         window_px = self._painter.size_px()
-        picture = self._picture
         text_px = round(
             max(TEXT_PX, TEXT_SHARE * self.monitor.height) * window_px[0] / self._window.size[0]
         )
         panels = self._view.panels(window_px, text_px)
         unchanged = panels == self._drawn
         self._drawn = panels
-        if picture is None or (unchanged and not again):
+        if self._shown is None or (unchanged and not again):
             return
+        picture, pair, how = self._shown
         self._shown_px = fit_area((picture.shape[1], picture.shape[0]), window_px)[2]
-        if self._pair is not None:
+        if pair is not None:
             # the row of the screen on which the window begins, negative above its top
             first_row = 0 if self._fullscreen else self._window.position[1] - self.monitor.y
-            picture = self._laid = laid_out(self._pair, self._how, window_px, first_row, self._laid)
+            picture = self._laid = laid_out(pair, how, window_px, first_row, self._laid)
         self._painter.paint(picture, panels)
         self._handed += 1
         if self._presentation is not None:
@@ -275,10 +272,8 @@ class ScreenWindow(Display):
         if name:
             # a click, and no drag of the view
             self.pointer = attrs.evolve(self.pointer, left=False)
-        elif (
-            event.type == pygame.MOUSEBUTTONDOWN and event.button == 1 and self._picture is not None
-        ):
-            rows, cols = self._picture.shape[:2]
+        elif event.type == pygame.MOUSEBUTTONDOWN and event.button == 1 and self._shown is not None:
+            rows, cols = self._shown[0].shape[:2]
             left, top, width, height = fit_area((cols, rows), (x_px, y_px))
             name = (
                 f"click {(self.pointer.x * x_px - left) * cols / width}"

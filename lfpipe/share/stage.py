@@ -47,14 +47,11 @@ class Sharer:
         """Opens and closes targets as the session's options require."""
         targets = self._context.options.share
         self._estimator.config = self._context.config
-        if tuple(self._channels) == targets:
-            return
         for text in self._channels.keys() - targets:
             self._channels.pop(text).output.close()
         for text in targets:
             if text not in self._channels:
                 self._open(text)
-        self._channels = {text: self._channels[text] for text in targets if text in self._channels}
 
     def _open(self, text: str) -> None:
         context = self._context

@@ -133,5 +133,5 @@ def _resolved(text: str, target: Target) -> str:
         raise _refusal(text, f"{quoted(target.host)}: {why}", remedy) from None
     host = str(address[0])
     if socket.inet_pton(family, host.partition("%")[0]).strip(b"\0") == b"":
-        raise _refusal(text, f"{host} is no address to send to")
+        raise _refusal(text, f"{host} is not an address to send to")
     return host

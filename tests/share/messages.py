@@ -18,7 +18,7 @@ MESSAGES: dict[str, tuple[Cause, str]] = {
     "port 0": (of("osc:127.0.0.1:0"), f"--share 'osc:127.0.0.1:0': '0' is not a port … {FORMS}"),
     "every address": (
         of("osc:[::]:9000"),
-        f"--share 'osc:[::]:9000': :: is no address to send to … {FORMS}",
+        f"--share 'osc:[::]:9000': :: is not an address to send to … {FORMS}",
     ),
     "broadcast": (
         of("osc:255.255.255.255:9000"),
