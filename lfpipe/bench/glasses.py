@@ -31,8 +31,7 @@ def seen_xyz(picture: NDArray[np.uint8], through: Float) -> Float:
     """XYZ, float64 (..., 3), that reaches an eye from uint8 (..., 3) BGR through a matrix of GLASS,
     or BARE.
     """
-    light: Float = decoded(picture[..., ::-1].astype(np.float64) / 255) @ through.T
-    return light
+    return np.asarray(decoded(picture[..., ::-1].astype(np.float64) / 255) @ through.T)
 
 
 def curve(ratio: Float) -> Float:
@@ -44,5 +43,4 @@ def curve(ratio: Float) -> Float:
 
 def lightness(luminance: Float, white: float) -> Float:
     """CIE L*, 0..100 for luminance up to white."""
-    value: Float = 116 * curve(luminance / white) - 16
-    return value
+    return np.asarray(116 * curve(luminance / white) - 16)

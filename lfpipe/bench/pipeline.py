@@ -123,8 +123,7 @@ def run_loop(loop: Loop) -> SessionRun:
         raise RuntimeError("the loop found no face")
     run = SessionRun(rows, started_ns, 0.0)
     first, *_, last = run.steady
-    used_ns = last["cpu_ns"] - first["cpu_ns"]
-    span_ns = last["t_presented_ns"] - first["t_presented_ns"]
+    used_ns, span_ns = (last[name] - first[name] for name in ("cpu_ns", "t_presented_ns"))
     return attrs.evolve(run, cpu_ms_s=1e3 * used_ns / span_ns)
 
 
@@ -256,12 +255,12 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
         )
     else:
         runs["paper as a plain loop"] = partial(_loop, inputs, seconds, alpha_px)
-    sessions = {"paper's configuration": settings_of("paper")}
+    session = partial(run_session, inputs.scene, sequence.path, seconds)
+    runs["paper's configuration"] = partial(session, settings_of("paper") | common)
     methods = [best] if inputs.quick else ["nearest", best]
     for clock, method in itertools.product(("display", "camera"), methods):
-        sessions[f"{clock} clock, {method}"] = {"render.clock": clock, "render.method": method}
-    for name, settings in sessions.items():
-        runs[name] = partial(run_session, inputs.scene, sequence.path, seconds, settings | common)
+        settings = common | {"render.clock": clock, "render.method": method}
+        runs[f"{clock} clock, {method}"] = partial(session, settings)
     for name, run in runs.items():
         yield Candidate(
             curve=name,
@@ -274,17 +273,17 @@ def measure(inputs: Inputs) -> Iterator[Offer]:
 
 def _loop(inputs: Inputs, seconds: float, alpha_px: float) -> SessionRun:
     field = inputs.field
-    views = write_views(field, inputs.work / "views" / field.manifest.key)
-    loop = Loop(
-        video=str(inputs.sequence.path),
-        views=str(views),
-        pace_hz=inputs.sequence.rate_hz,
-        seconds=seconds,
-        alpha_px=alpha_px,
-        grid=(field.rows, field.cols),
-        size_px=inputs.sequence.size_px,
+    return run_loop(
+        Loop(
+            video=str(inputs.sequence.path),
+            views=str(write_views(field, inputs.work / "views" / field.manifest.key)),
+            pace_hz=inputs.sequence.rate_hz,
+            seconds=seconds,
+            alpha_px=alpha_px,
+            grid=(field.rows, field.cols),
+            size_px=inputs.sequence.size_px,
+        )
     )
-    return run_loop(loop)
 
 
 def _prepare(inputs: Inputs, run: Callable[[], SessionRun], alpha_px: float) -> Prepared:

@@ -10,15 +10,10 @@ from lfpipe.bench.results import Results, Row, Value, short
 LEAST = ("depth",)
 
 
-def _bounds() -> dict[str, dict[str, float]]:
-    with (Path(__file__).parent / "bounds.csv").open(newline="") as file:
-        return {
-            row.pop("row"): {figure: float(text) for figure, text in row.items() if text}
-            for row in csv.DictReader(file)
-        }
-
-
-BOUNDS = _bounds()
+BOUNDS: dict[str, dict[str, float]] = {
+    row.pop("row"): {figure: float(text) for figure, text in row.items() if text}
+    for row in csv.DictReader(Path(__file__).with_name("bounds.csv").read_text().splitlines())
+}
 """By script, scene, camera and screen: the largest right value of each figure; for LEAST, the
 smallest.
 """

@@ -1,8 +1,8 @@
 """The made camera: when frames are taken, how they are stamped, and what landmarks they give."""
 
 import math
-from collections.abc import Sequence
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, NamedTuple
 
 import attrs
 import numpy as np
@@ -97,16 +97,23 @@ class WorldEngine(LitertEngine):
         return face, picture
 
 
+class Seen(NamedTuple):
+    """A face in a frame. cut_off: the border of the picture hides a part of it."""
+
+    face: Face
+    cut_off: bool
+
+
 class MadeEngine(WorldEngine):
     """Made faces in place of its three networks."""
 
     def __init__(self, script: Script, camera: Camera) -> None:
         self._script = script
-        count = len(script.people)
         frames = int(script.count_ms / 1e3 * camera.rate_hz) + 1
-        rng = np.random.default_rng(30)
-        self._noise = rng.normal(0.0, camera.noise_px, (frames, count, 2, 2))
-        self._near = self._made = MadeDetector()  # type: ignore[assignment]
+        size = frames, len(script.people), 2, 2
+        self._noise = np.random.default_rng(30).normal(0.0, camera.noise_px, size)
+        self._seen: list[Seen] = []
+        self._near = self._far = SimpleNamespace(detect=self._found)  # type: ignore[assignment]
         self._irises = None
         self._liveness = Liveness()
         self.rotated_deg = 0
@@ -114,19 +121,15 @@ class MadeEngine(WorldEngine):
         self._own: Roi | None = None  # the region that the last landmarks gave
         self.reset()
 
-    @property
-    def _far(self) -> Any:
-        return self._made
-
     def picture(self, frame: Frame) -> NDArray[np.uint8]:
         """An empty picture: its faces replace what the networks would find."""
-        self._made.faces = self.visible(frame)
+        self._seen = self.seen(frame)
         return IMAGE
 
-    def visible(self, frame: Frame) -> list["MadeFace"]:
+    def seen(self, frame: Frame) -> list[Seen]:
         """All faces of a frame."""
         ms = round(frame.ms)
-        faces = []
+        seen = []
         for k, person in enumerate(self._script.people):
             eyes = person.eyes_px(ms)
             apart = float(eyes[0, 0] - eyes[1, 0])
@@ -139,60 +142,34 @@ class MadeEngine(WorldEngine):
             eyes += self._noise[frame.seq, k] * (0.01 if person.still else 1.0) * apart / 60
             if k == 0:
                 eyes[:, 0] += apart * self._script.wrong(frame.ms)
-            faces.append(
-                MadeFace(eyes_px=eyes, apart_px=apart, box_px=box, logit=logit, cut_off=share < 1)
-            )
-        return faces
+            seen.append(Seen(Face(eyes, 1 / (1 + math.exp(-logit)), box, apart), share < 1))
+        return seen
+
+    def _found(self, image: object, region: Roi | None = None) -> list[Detection]:
+        """See Detector.detect: a whole picture shows every face, a region none."""
+        return [
+            Detection(one.face.box_px, np.concatenate([one.face.eyes_px[::-1]] * 3), 0.9)
+            for one in (self._seen if region is None else ())
+        ]
 
     def _measure(self, image: object, roi: Roi, least: float) -> tuple[Face, Roi] | None:
         half = roi.side_px / 2
         square = (roi.x_px - half, roi.y_px - half, roi.x_px + half, roi.y_px + half)
-        here = [face for face in self._made.faces if overlap(face.box_px, square) > 0.1]
+        here = [one for one in self._seen if overlap(one.face.box_px, square) > 0.1]
         if not here or _is_turned(roi):
             return None
-        face = max(here, key=lambda one: overlap(one.box_px, square))
-        confidence = 1 / (1 + math.exp(-face.logit))
-        if confidence < least:
+        face, cut_off = max(here, key=lambda one: overlap(one.face.box_px, square))
+        if face.confidence < least:
             return None
-        wrong = CUT_OFF * face.apart_px if face.cut_off and roi is not self._own else 0.0
-        eyes = face.eyes_px + np.array((0.0, wrong))
-        self._own = face.region
-        return Face(eyes, confidence, face.box_px, face.apart_px), self._own
+        if cut_off and roi is not self._own:
+            wrong = np.array((0.0, CUT_OFF * face.apart_px))
+            face = attrs.evolve(face, eyes_px=face.eyes_px + wrong)
+        x0, y0, x1, y1 = face.box_px
+        self._own = Roi((x0 + x1) / 2, (y0 + y1) / 2, 1.5 * (y1 - y0), 0.0)
+        return face, self._own
 
     def _run(self, image: object, roi: Roi) -> Any:
         return None, None, -TURNED if _is_turned(roi) else 0.0
-
-
-@attrs.frozen(eq=False, kw_only=True)
-class MadeFace:
-    """cut_off: the border of the picture hides a part of it."""
-
-    eyes_px: NDArray[np.float64]
-    apart_px: float
-    box_px: Box
-    logit: float
-    cut_off: bool
-
-    @property
-    def region(self) -> Roi:
-        x0, y0, x1, y1 = self.box_px
-        return Roi((x0 + x1) / 2, (y0 + y1) / 2, 1.5 * (y1 - y0), 0.0)
-
-
-class MadeDetector:
-    """Finds all faces of the frame, as both detectors do."""
-
-    def __init__(self) -> None:
-        self.faces: Sequence[MadeFace] = ()
-
-    def detect(self, image: object, region: Roi | None = None) -> list[Detection]:
-        """See Detector.detect."""
-        if region is not None:
-            return []
-        return [
-            Detection(face.box_px, np.concatenate([face.eyes_px[::-1]] * 3), 0.9)
-            for face in self.faces
-        ]
 
 
 def _is_turned(roi: Roi) -> bool:

@@ -134,7 +134,7 @@ def plain_loop(setup: Setup, script: Script) -> Run:
     rest = script.windows[0].rest
     alpha_px = Truth(setup, script).alpha_px(rest.apart_px)
     for frame in setup.camera.frames(script.count_ms / 1e3):
-        if faces := engine.visible(frame):
+        if faces := [one.face for one in engine.seen(frame)]:
             recent.append(max(faces, key=lambda face: face.apart_px).eyes_px)
         if not recent:
             continue

@@ -7,13 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.errors import UserError
-from lfpipe.sequence.eyes import table_of
 
 COLUMNS = "t_s,face,left_x,left_y,right_x,right_y"
 SMOOTH_MS = 25.0  # standard deviation of the kernel that separates motion from landmark noise
 APART_S = 1.0  # the same for the distance between the eyes, which a turning head changes
 APART_PX = 60.0  # of the made viewer, to which every track is scaled
-REMEDY = f"give a table with the columns {COLUMNS}, or one of true eyes"
+REMEDY = f"give a table with the columns {COLUMNS}"
 
 
 def read_track(path: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
@@ -26,38 +25,33 @@ def read_track(path: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     known = np.flatnonzero(face)
     if len(known) < 2:
         raise UserError(f"{path}: contains no face", REMEDY)
-    ms = np.arange(int((t_s[-1] - t_s[0]) * 1000))
-    at_s = t_s[0] + ms / 1000
-    columns = [np.interp(at_s, t_s[known], eyes[known, k]) for k in range(4)]
-    lx, ly, rx, ry = columns
+    at_s = t_s[0] + np.arange(int((t_s[-1] - t_s[0]) * 1000)) / 1000
+    lx, ly, rx, ry = (np.interp(at_s, t_s[known], eyes[known, k]) for k in range(4))
     apart = _smoothed(np.hypot(lx - rx, ly - ry), APART_S * 1000)
-    scale = APART_PX / float(np.median(apart))
     x = _smoothed((lx + rx) / 2, SMOOTH_MS)
     y = _smoothed((ly + ry) / 2, SMOOTH_MS)
-    places = np.stack([x - np.median(x), y - np.median(y), apart], axis=1) * scale
+    places = np.stack([x - np.median(x), y - np.median(y), apart], axis=1)
     visible = face[np.searchsorted(t_s, at_s, side="right") - 1]
-    return places, visible
+    return places * (APART_PX / float(np.median(apart))), visible
 
 
 def read_table(path: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
     """Times (n,) in s, whether there is a face, and eyes (n, 4) px. Raises UserError."""
     try:
-        with path.open() as file:
-            head = file.readline().strip()
-            if head == COLUMNS:
-                rows = np.array(
-                    [[float(cell.strip() or "nan") for cell in line.split(",")] for line in file]
-                )
-                if rows.shape[1:] != (6,) or not len(rows):
-                    raise ValueError("expected six numbers in each row")
-                face = rows[:, 1] > 0
-                if not (np.isfinite(rows[:, :2]).all() and np.isfinite(rows[face]).all()):
-                    raise ValueError("only the eyes of a frame without a face may be missing")
-                return rows[:, 0], face, rows[:, 2:]
+        head, *lines = path.read_text().splitlines() or [""]
+        if head.strip() != COLUMNS:
+            raise ValueError("wrong columns")
+        rows = np.array(
+            [[float(cell.strip() or "nan") for cell in line.split(",")] for line in lines]
+        )
+        if rows.shape[1:] != (6,):
+            raise ValueError("expected six numbers in each row")
+        face = rows[:, 1] > 0
+        if not (np.isfinite(rows[:, :2]).all() and np.isfinite(rows[face]).all()):
+            raise ValueError("only the eyes of a frame without a face may be missing")
     except (OSError, ValueError) as error:
         raise UserError(f"{path}: not a head track: {error}", REMEDY) from None
-    truth = table_of(path)
-    return truth.t_ns / 1e9, truth.visible, truth.eyes_px.reshape(-1, 4)
+    return rows[:, 0], face, rows[:, 2:]
 
 
 def _smoothed(values: NDArray[np.float64], sigma: float) -> NDArray[np.float64]:
