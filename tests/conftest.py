@@ -10,7 +10,6 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-import cv2
 import hypothesis
 import numpy as np
 import psutil
@@ -19,6 +18,7 @@ import pytest
 from lfpipe import log
 from lfpipe.host import PORTABLE
 from lfpipe.track import models
+from tests.support.films import write_film
 from tests.support.world import World, write_scene
 from tests.support.xvfb_screen import Screen, look_at, x_server
 
@@ -155,16 +155,12 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from lfpipe import config
     from lfpipe.capture.open_source import open_source
 
-    path = tmp_path_factory.mktemp("clips") / "face.avi"
     source = open_source("demo", config.Camera())
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (640, 480))
-    frame = np.empty((480, 640, 3), np.uint8)
-    for _ in range(60):
+    frames = np.empty((60, 480, 640, 3), np.uint8)
+    for frame in frames:
         source.read(frame)
-        writer.write(frame)
-    writer.release()
     source.close()
-    return path
+    return write_film(tmp_path_factory.mktemp("clips") / "face.avi", frames)
 
 
 @pytest.fixture(scope="session")

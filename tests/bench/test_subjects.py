@@ -92,11 +92,11 @@ def test_pipeline_skips_what_does_not_apply(tmp_path: Path, sequence: FrameSeque
     assert sum(one.paper for one in found.values()) == 1 + len(PAPER)
 
 
-def test_the_loop_names_the_frame_it_shows(tmp_path: Path) -> None:
+@pytest.mark.parametrize("decode", [False, True])
+def test_the_loop_names_the_frame_it_shows(tmp_path: Path, decode: bool) -> None:
     video = demo_sequence(tmp_path, 0.1)  # 63 frames
-    for decode in (False, True):
-        given = itertools.islice(paper_loop.frames(str(video), decode, (640, 480)), 70)
-        assert [place for place, _ in given] == [*range(63), *range(7)]
+    given = itertools.islice(paper_loop.frames(str(video), decode, (640, 480)), 70)
+    assert [place for place, _ in given] == [*range(63), *range(7)]
 
 
 def test_displayed_error_of_a_known_trace() -> None:

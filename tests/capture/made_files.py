@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from lfpipe import config
+from tests.support.films import write_film
 
 SIZE = (64, 48)
 SHAPE = (SIZE[1], SIZE[0], 3)
@@ -40,10 +41,5 @@ def seen(packet: bytes) -> np.ndarray:
 
 def video(path: Path, fourcc: str, frames: list[np.ndarray]) -> Path:
     """Motion JPEG is written by OpenCV itself, whose packets are those of a camera."""
-    size = frames[0].shape[1::-1]
     backend = cv2.CAP_OPENCV_MJPEG if fourcc == "MJPG" else cv2.CAP_ANY
-    writer = cv2.VideoWriter(str(path), backend, cv2.VideoWriter.fourcc(*fourcc), RATE_HZ, size)
-    for frame in frames:
-        writer.write(frame)
-    writer.release()
-    return path
+    return write_film(path, frames, fourcc, RATE_HZ, backend)

@@ -27,19 +27,19 @@ def rows(fourcc: str) -> list[bytes]:
     flat = cv2.cvtColor(np.tile(COLOUR, (2, 2, 1)), cv2.COLOR_BGR2YUV_I420)
     y, u, v = flat.reshape(-1)[[0, 4, 5]].tolist()
     b, g, r = COLOUR.tolist()
-    packed: dict[str, tuple[int, *tuple[tuple[int, ...], ...]]] = {  # pixels and bytes of lines
-        "BGR3": (1, (b, g, r)),
-        "RGB3": (1, (r, g, b)),
-        "BGR4": (1, (b, g, r, 0)),
-        "XR24": (1, (b, g, r, 0)),
-        "GREY": (1, (120,)),
-        "YUYV": (2, (y, u, y, v)),
-        "UYVY": (2, (u, y, v, y)),
-        "YVYU": (2, (y, v, y, u)),
-        "BA81": (2, (b, g), (g, r)),
-        "GBRG": (2, (g, b), (r, g)),
-        "GRBG": (2, (g, r), (b, g)),
-        "RGGB": (2, (r, g), (g, b)),
+    packed: dict[str, tuple[int, list[tuple[int, ...]]]] = {  # pixels and bytes of lines
+        "BGR3": (1, [(b, g, r)]),
+        "RGB3": (1, [(r, g, b)]),
+        "BGR4": (1, [(b, g, r, 0)]),
+        "XR24": (1, [(b, g, r, 0)]),
+        "GREY": (1, [(120,)]),
+        "YUYV": (2, [(y, u, y, v)]),
+        "UYVY": (2, [(u, y, v, y)]),
+        "YVYU": (2, [(y, v, y, u)]),
+        "BA81": (2, [(b, g), (g, r)]),
+        "GBRG": (2, [(g, b), (r, g)]),
+        "GRBG": (2, [(g, r), (b, g)]),
+        "RGGB": (2, [(r, g), (g, b)]),
     }
     planar = {
         "NV12": [(u, v)],
@@ -48,7 +48,7 @@ def rows(fourcc: str) -> list[bytes]:
         "YV12": [(v,), (u,)],
     }
     if fourcc in packed:
-        pixels, *lines = packed[fourcc]
+        pixels, lines = packed[fourcc]
         return [bytes(line) * (WIDTH // pixels) for line in lines] * (HEIGHT // len(lines))
     chroma = [bytes(line) * (WIDTH // 2) for line in planar[fourcc] for _ in range(HEIGHT // 2)]
     return [bytes([y]) * WIDTH] * HEIGHT + chroma

@@ -103,8 +103,7 @@ def test_mouse_session_is_recorded_and_played_again(
     """
     world.env["DISPLAY"] = screen.name
     out = world.root / "rec"
-    process = world.up(scene, camera="mouse", display="fullscreen")
-    world.pictures(5)
+    process = world.shows(scene, camera="mouse", display="fullscreen")
 
     def col_at(x: int) -> float:
         """The left eye's column when the picture has followed the mouse there and rests."""
@@ -138,7 +137,7 @@ def test_mouse_session_is_recorded_and_played_again(
     world.wait_for(lambda: json.loads((out / "manifest.json").read_text())["complete"], "manifest")
     world.ctl("stop")
     assert "no tracking" in world.ended(process)
-    assert world.run("sequence", "check", out).returncode == 0
+    world.done("sequence", "check", out)
     recorded = open_sequence(out)
     known = {line["t_sensor_ns"]: line for line in world.lines()}
     for packet in recorded.packets:
@@ -147,8 +146,7 @@ def test_mouse_session_is_recorded_and_played_again(
         assert line["eyes_raw"] == {"left": left, "right": right}
     digests = []
     for name in ("one", "two"):
-        done = world.run("replay", out, "--scene", scene, "--out", world.root / name)
-        assert done.returncode == 0, done.stderr
+        world.done("replay", out, "--scene", scene, "--out", world.root / name)
         digests.append(json.loads((world.root / name / "report.json").read_text())["digests"])
     assert digests[0] == digests[1]
     lines = [
@@ -159,12 +157,10 @@ def test_mouse_session_is_recorded_and_played_again(
         and np.ptp([line["view"]["left"][1] for line in lines]) > 0.5
     )
     played = world.root / "played.jsonl"
-    done = world.run(
-        "up", scene, "--camera", f"file:{out}?loop=0", "--display", "none", "--trace", played
-    )
-    assert done.returncode == 0, done.stderr
+    once = f"file:{out}?loop=0"
+    world.done("up", scene, "--camera", once, "--display", "none", "--trace", played)
     again = world.root / "again"
-    assert world.run("record", again, "--camera", f"file:{out}?loop=0&pace=max").returncode == 0
+    world.done("record", again, "--camera", f"{once}&pace=max")
     assert all(
         np.array_equal(open_sequence(again).eyes(k), recorded.eyes(k))
         for k in range(len(recorded.packets))
@@ -174,5 +170,5 @@ def test_mouse_session_is_recorded_and_played_again(
 
 
 def test_mouse_session_without_a_window_is_refused(world: World, scene: Path) -> None:
-    done = world.run("up", scene, "--camera", "mouse", "--display", "none")
-    assert done.returncode == 2 and "no mouse" in done.stderr and "remedy" in done.stderr
+    refused = world.refused("up", scene, "--camera", "mouse", "--display", "none")
+    assert "no mouse" in refused and "remedy" in refused

@@ -141,15 +141,18 @@ def test_menu_shows_the_selected_item(count: int, size: tuple[int, int], keys: l
     ), "one key reaches all"
 
 
-def test_overlay_escape_closes_what_is_over_the_picture() -> None:
-    view = OverlayView()
-    for overlay, event in (
+@pytest.mark.parametrize(
+    ("overlay", "event"),
+    [
         (Overlay(lines=HELP), "close"),
         (Overlay(menu=glasses_menu("mono")), "close"),
         (Overlay(), "escape"),
-    ):
-        view.set(overlay)
-        assert view.key("escape") == event
+    ],
+)
+def test_overlay_escape_closes_what_is_over_the_picture(overlay: Overlay, event: str) -> None:
+    view = OverlayView()
+    view.set(overlay)
+    assert view.key("escape") == event
 
 
 def test_bar_comes_with_the_mouse_and_a_click_is_a_key(

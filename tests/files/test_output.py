@@ -4,7 +4,6 @@ recognised.
 
 import json
 import os
-import resource
 from pathlib import Path
 
 import cv2
@@ -24,6 +23,7 @@ from lfpipe.files.output import (
 )
 from lfpipe.files.trace import TraceFile
 from lfpipe.files.video_writer import VideoWriter
+from tests.support.processes import largest_file
 
 LINE = dict.fromkeys(
     (
@@ -216,11 +216,7 @@ def test_a_full_disk_keeps_the_trace_of_an_earlier_session(tmp_path: Path) -> No
     old = _written(tmp_path, "jsonl").rename(path).read_bytes()
     lost: list[str] = []
     trace = TraceFile(path, lost.append)
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (10, hard))
-    try:
+    with largest_file(10):
         trace.write(LINE)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert len(lost) == 1 and not trace.wanted
     assert path.read_bytes() == old and [p.name for p in tmp_path.iterdir()] == ["t.jsonl"]

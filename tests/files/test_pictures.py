@@ -49,22 +49,22 @@ def encoded(end: str, options: list[int], pixels: np.ndarray) -> bytes:
 
 
 @pytest.mark.parametrize(("end", "options", "planes", "deep"), KINDS)
+@pytest.mark.parametrize(("width", "height"), [(1, 1), (7, 5), (300, 2)])
 def test_a_picture_is_read_as_opencv_alone_reads_it(
-    tmp_path: Path, end: str, options: list[int], planes: int, deep: bool
+    tmp_path: Path, end: str, options: list[int], planes: int, deep: bool, width: int, height: int
 ) -> None:
-    for width, height in ((1, 1), (7, 5), (300, 2)):
-        data = encoded(end, options, picture(width, height, planes, deep))
-        (tmp_path / "p").write_bytes(data)
-        header = open_header(tmp_path / "p")
-        assert (header.width_px, header.height_px, header.frames) == (width, height, 1)
-        pixels, full = read_picture(tmp_path / "p")
-        wanted = np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED))
-        wanted = wanted if wanted.ndim == 2 else cv2.cvtColor(wanted[..., :3], cv2.COLOR_BGR2RGB)
-        assert (
-            np.array_equal(pixels if pixels.ndim == wanted.ndim else pixels[..., 0], wanted)
-            and pixels.dtype == wanted.dtype
-        )
-        assert full == (65535 if deep else 255)
+    data = encoded(end, options, picture(width, height, planes, deep))
+    (tmp_path / "p").write_bytes(data)
+    header = open_header(tmp_path / "p")
+    assert (header.width_px, header.height_px, header.frames) == (width, height, 1)
+    pixels, full = read_picture(tmp_path / "p")
+    wanted = np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED))
+    wanted = wanted if wanted.ndim == 2 else cv2.cvtColor(wanted[..., :3], cv2.COLOR_BGR2RGB)
+    assert (
+        np.array_equal(pixels if pixels.ndim == wanted.ndim else pixels[..., 0], wanted)
+        and pixels.dtype == wanted.dtype
+    )
+    assert full == (65535 if deep else 255)
 
 
 @pytest.mark.parametrize("kind", ["AVIF", "GIF", "MPO"])

@@ -11,6 +11,7 @@ import pytest
 from lfpipe.errors import UserError
 from lfpipe.files import safe_files
 from tests.support import hostile_files
+from tests.support.processes import open_umask
 
 
 def names(folder: Path) -> list[str]:
@@ -86,14 +87,11 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path) -> None:
 
 
 def test_what_shows_a_person_is_for_its_owner(tmp_path: Path) -> None:
-    umask = os.umask(0)
-    try:
+    with open_umask():
         with safe_files.create_private(tmp_path / "a"), safe_files.replaced(tmp_path / "b"):
             pass
         with pytest.raises(FileExistsError):
             safe_files.create_private(tmp_path / "a")
-    finally:
-        os.umask(umask)
     assert {stat.S_IMODE((tmp_path / name).stat().st_mode) for name in "ab"} == {0o600}
 
 

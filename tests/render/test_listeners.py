@@ -3,8 +3,6 @@
 import json
 import os
 import re
-import resource
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -35,6 +33,7 @@ from lfpipe.transport import ring
 from lfpipe.transport.ring import RingSpec
 from lfpipe.transport.status import ROW, Row
 from tests.render.rendered import S, field, record, showing
+from tests.support.processes import largest_file
 
 REFRESH_NS = S // 60
 NONE = SessionOptions()
@@ -77,21 +76,13 @@ def test_trace_and_timeline_get_the_same_lines(tmp_path: Path) -> None:
     )
 
 
-@pytest.fixture
-def small_files() -> Iterator[None]:
-    """No file of this process may grow beyond a page."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
-    yield
-    resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
-def test_trace_that_no_longer_fits_is_reported_once(tmp_path: Path, small_files: None) -> None:
+def test_trace_that_no_longer_fits_is_reported_once(tmp_path: Path) -> None:
     reasons: list[str] = []
     trace = Trace(viewer(), tmp_path / "trace.jsonl", None, reasons.append)
-    for seq in range(20):
-        trace.presented(showing(seq=seq))
-    trace.close()
+    with largest_file(4096):
+        for seq in range(20):
+            trace.presented(showing(seq=seq))
+        trace.close()
     assert len(reasons) == 1
     assert str(tmp_path / "trace.jsonl") in reasons[0] and "it ends here" in reasons[0]
     text = (tmp_path / "trace.jsonl").read_text()

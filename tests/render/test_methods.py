@@ -114,10 +114,10 @@ def test_best_method_of_wrong_disparity_and_of_equal_views() -> None:
     assert chosen(attrs.evolve(still, disparity=np.zeros_like(field.disparity))) == "nearest"
 
 
-def test_best_method_warps_grids_too_small_for_scores() -> None:
-    for rows, cols in ((1, 2), (2, 2)):
-        field = rendered.field(rows, cols)
-        assert (scores(field), chosen(field)) == ({}, "warp2")
+@pytest.mark.parametrize(("rows", "cols"), [(1, 2), (2, 2)])
+def test_best_method_warps_grids_too_small_for_scores(rows: int, cols: int) -> None:
+    field = rendered.field(rows, cols)
+    assert (scores(field), chosen(field)) == ({}, "warp2")
 
 
 def test_left_out_views_are_present_inside_and_not_kept_by_thinned() -> None:

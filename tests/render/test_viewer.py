@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from lfpipe.config import Camera, Config, Render
 from lfpipe.config.camera_pose import CameraPose, camera_focal_px
+from lfpipe.eyes import EyesRecord
 from lfpipe.render.geometry import parallax
 from lfpipe.render.viewer import VIDEO_LEAD, Viewer, Viewpoints
 from tests.render import rendered
@@ -63,10 +64,10 @@ def steps_views(shown: list[Viewpoints]) -> float:
     return float(np.abs(np.diff(cols, axis=0)).max())
 
 
-def test_viewer_looks_from_the_middle_before_the_first_face() -> None:
-    for seen in (None, record(100.0, 50.0, face=0)):
-        look = viewer().viewpoints(seen, 0, 0)
-        assert look.left == look.right == (4.0, 4.0)
+@pytest.mark.parametrize("seen", [None, record(100.0, 50.0, face=0)])
+def test_viewer_looks_from_the_middle_before_the_first_face(seen: EyesRecord | None) -> None:
+    look = viewer().viewpoints(seen, 0, 0)
+    assert look.left == look.right == (4.0, 4.0)
 
 
 def test_viewer_neutral_is_the_cameras_middle_or_the_first_face() -> None:

@@ -5,7 +5,6 @@
 import io
 import struct
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,20 +25,6 @@ def _boxes(data: bytes) -> list[tuple[bytes, bytes]]:
         listed.append((data[4:8], data[8:size]))
         data = data[size:]
     return listed
-
-
-def _moved(iloc: bytes, by: int) -> bytes:
-    """The body of an iloc box whose items lie further back."""
-    version = iloc[0]
-    offset, length, base = iloc[4] >> 4, iloc[4] & 15, iloc[5] >> 4
-    out = bytearray(iloc)
-    at = 8
-    for _ in range(struct.unpack(">H", iloc[6:8])[0]):
-        at += 2 + (2 if version else 0) + 2 + base + 2
-        place = int.from_bytes(iloc[at : at + offset]) + by
-        out[at : at + offset] = place.to_bytes(offset)
-        at += offset + length
-    return bytes(out)
 
 
 def _with_property(iprp: bytes, item: int, new: bytes) -> bytes:
@@ -68,8 +53,9 @@ def write(
         file.add_from_pillow(Image.fromarray(picture))
     buffer = io.BytesIO()
     file.save(buffer, quality=-1, chroma=444)
-    parts = dict(_boxes(buffer.getvalue()))
-    head, children = parts[b"meta"][:4], dict(_boxes(parts[b"meta"][4:]))
+    data = buffer.getvalue()
+    meta = dict(_boxes(data))[b"meta"]
+    children = dict(_boxes(meta[4:]))
     if group is not None:
         kind, first, second = group
         children[b"grpl"] = _box(kind, struct.pack(">5I", 0, 100, 2, first, second))
@@ -79,11 +65,7 @@ def write(
         children[b"iprp"] = _with_property(children[b"iprp"], item, kind_of)
         reference = _box(b"auxl", struct.pack(">3H", item, 1, 1))
         children[b"iref"] = bytes(4) + reference
-
-    def meta(boxes: dict[bytes, Any]) -> bytes:
-        return _box(b"meta", head + b"".join(_box(kind, body) for kind, body in boxes.items()))
-
-    grown = len(meta(children)) - len(_box(b"meta", parts[b"meta"]))
-    children[b"iloc"] = _moved(children[b"iloc"], grown)
-    path.write_bytes(_box(b"ftyp", parts[b"ftyp"]) + meta(children) + _box(b"mdat", parts[b"mdat"]))
+    grown = meta[:4] + b"".join(_box(kind, body) for kind, body in children.items())
+    # the pictures stay where they are: the old box is skipped, and a new one follows them
+    path.write_bytes(data.replace(b"meta", b"free", 1) + _box(b"meta", grown))
     return path

@@ -134,12 +134,6 @@ def write_grid(
     return folder
 
 
-def write_pfm(path: Path, values: NDArray[np.float32]) -> None:
-    """A PFM map, little-endian."""
-    body = np.ascontiguousarray(values[::-1], "<f4").tobytes()
-    path.write_bytes(f"Pf\n{values.shape[1]} {values.shape[0]}\n-1.0\n".encode() + body)
-
-
 def write_ppm(path: Path, values: NDArray[np.uint16], full: int) -> None:
     """A binary PPM of 16-bit samples with that maximal value."""
     path.write_bytes(
@@ -154,20 +148,6 @@ def mosaic(grid: NDArray[Any]) -> NDArray[Any]:
     return np.ascontiguousarray(
         grid.transpose(0, 2, 1, 3, 4).reshape(rows * height, cols * width, planes)
     )
-
-
-def write_film(
-    path: Path, frames: list[NDArray[Any]], codec: str = "MJPG", rate_hz: float = 12.0
-) -> Path:
-    """A video of RGB frames; returns its path."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    writer = cv2.VideoWriter(
-        str(path), cv2.VideoWriter.fourcc(*codec), rate_hz, frames[0].shape[1::-1]
-    )
-    for frame in frames:
-        writer.write(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
-    writer.release()
-    return path
 
 
 def honeycomb(pitch_px: float, turned: bool = False) -> NDArray[np.uint8]:

@@ -79,17 +79,22 @@ def test_view_is_canonical_and_fractions_are_made(
     assert wrong["warp"] < 0.6 * wrong["nearest"]
 
 
-def test_views_outside_are_refused(shell: Shell, folder: Path, tmp_path: Path) -> None:
-    for row, col, frame, message in (
+@pytest.mark.parametrize(
+    ("row", "col", "frame", "message"),
+    [
         (5, 0, 0, "--row 5"),
         ("nan", 0, 0, "--row nan"),
         (0, -0.1, 0, "--col -0.1"),
         (0, 0, 1, "--frame 1"),
-    ):
-        refused = shell(
-            "view", folder, "-o", tmp_path / "v.png", "--row", row, "--col", col, "--frame", frame
-        ).exception
-        assert isinstance(refused, UserError) and message in refused.message
+    ],
+)
+def test_views_outside_are_refused(
+    shell: Shell, folder: Path, tmp_path: Path, row: object, col: object, frame: int, message: str
+) -> None:
+    refused = shell(
+        "view", folder, "-o", tmp_path / "v.png", "--row", row, "--col", col, "--frame", frame
+    ).exception
+    assert isinstance(refused, UserError) and message in refused.message
 
 
 def test_sheet_shows_all_views_in_canonical_order(
@@ -131,11 +136,14 @@ def test_plan_says_what_is_left_out(shell: Shell, folder: Path, tmp_path: Path) 
     assert "capture and tracking" in shell.text("plan", tmp_path / "photo.png")
 
 
-def test_words_of_the_user_are_checked(shell: Shell, folder: Path) -> None:
-    for words in (
+@pytest.mark.parametrize(
+    "words",
+    [
         ["--grid", "2"],
         ["--set", "scene.gamma=wrong"],
         ["--set", "scene.gamma=0"],
         ["--layout", "unknown"],
-    ):
-        assert isinstance(shell("info", folder, *words).exception, UserError), words
+    ],
+)
+def test_words_of_the_user_are_checked(shell: Shell, folder: Path, words: list[str]) -> None:
+    assert isinstance(shell("info", folder, *words).exception, UserError), words

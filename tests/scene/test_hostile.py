@@ -73,7 +73,7 @@ def hci(**parameters: str) -> Make:
     text = PARAMETERS
     for key, value in parameters.items():
         text = re.sub(f"{key} = .*", f"{key} = {value}", text)
-    truth = partial(made.write_pfm, values=made.middle_disparity(32, 40))
+    truth = partial(made.write, rgb=made.middle_disparity(32, 40))
     return together(grid(GRID, HCI, parameters_cfg=text), at("gt_disp_lowres.pfm", truth))
 
 

@@ -24,6 +24,7 @@ from tests.scene.writers import (
     Make,
     below,
     files,
+    film,
     grid,
     h5,
     jpeg_pleno,
@@ -163,8 +164,8 @@ def test_every_view_stands_where_it_belongs(tmp_path: Path, form: str) -> None:
 
 def test_hci_with_geometry_and_truth_of_two_views(tmp_path: Path) -> None:
     grid(SQUARE, HCI, parameters_cfg=CFG.format(3, 3))(tmp_path)
-    made.write_pfm(tmp_path / "gt_disp_lowres.pfm", TRUTH)
-    made.write_pfm(tmp_path / "gt_disp_lowres_Cam002.pfm", TRUTH + 1)
+    made.write(tmp_path / "gt_disp_lowres.pfm", TRUTH)
+    made.write(tmp_path / "gt_disp_lowres_Cam002.pfm", TRUTH + 1)
     source = described(tmp_path, "hci")
     assert (source.geometry.baseline_mm, source.geometry.focus_distance_mm) == (25, 4250)
     assert source.geometry.focal_length_px == pytest.approx(80 * 100 / 35)
@@ -310,13 +311,17 @@ def test_find_tiles_ranks_what_the_name_and_the_pictures_say(
     assert "4x6, by likeness along both axes" in second
 
 
-def test_the_scale_of_a_pfm_map_is_its_byte_order_only(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("scale", "order"), [("-1", "<f4"), ("-0.25", "<f4"), ("1.0", ">f4"), ("300", ">f4")]
+)
+def test_the_scale_of_a_pfm_map_is_its_byte_order_only(
+    tmp_path: Path, scale: str, order: str
+) -> None:
     values = np.arange(12, dtype=np.float32).reshape(3, 4)
-    for scale, order in (("-1", "<f4"), ("-0.25", "<f4"), ("1.0", ">f4"), ("300", ">f4")):
-        (tmp_path / "x.pfm").write_bytes(
-            f"Pf\n4 3\n{scale}\n".encode() + values[::-1].astype(order).tobytes()
-        )
-        np.testing.assert_allclose(read_pfm(tmp_path / "x.pfm"), values, rtol=1e-6)
+    (tmp_path / "x.pfm").write_bytes(
+        f"Pf\n4 3\n{scale}\n".encode() + values[::-1].astype(order).tobytes()
+    )
+    np.testing.assert_allclose(read_pfm(tmp_path / "x.pfm"), values, rtol=1e-6)
 
 
 @pytest.mark.parametrize(("layout", "shape"), [("quilt", (1, 45)), ("mosaic", (9, 5))])
@@ -336,7 +341,7 @@ def test_light_field_video_from_pictures_and_from_a_file(tmp_path: Path) -> None
     grids = [GRID, made.views(3, 4, 64, 80, 1.8)]
     pictures = [made.mosaic(views) for views in grids]
     below("frames", numbered(pictures, "frame_{:04d}.png"))(tmp_path)
-    made.write_film(tmp_path / "lf.mkv", pictures, "FFV1")
+    film(pictures, "lf.mkv", "FFV1")(tmp_path)
     for path, rate_hz in ((tmp_path / "frames", 25.0), (tmp_path / "lf.mkv", 12.0)):
         source = described(path, "mosaic-video")
         assert (source.frames, source.rows, source.cols, source.frame_rate_hz) == (2, 3, 4, rate_hz)

@@ -149,16 +149,16 @@ def test_sample_scenes_need_no_override(name: str) -> None:
         assert not blind.half_turn_sure or (blind.turn, blind.undecided) == (found.turn, "")
 
 
-def test_views_too_small_for_flow_are_said_to_be() -> None:
-    for size in ((1, 1), (6, 8), (23, 200)):
-        order = orient(
-            as_source(np.random.default_rng(0).integers(0, 256, (3, 3, *size, 3), np.uint8)), AUTO
-        )
-        assert (
-            (order.turn, order.by) == (Turn(), "nothing")
-            and "too small" in order.reason
-            and order.undecided
-        )
+@pytest.mark.parametrize("size", [(1, 1), (6, 8), (23, 200)])
+def test_views_too_small_for_flow_are_said_to_be(size: tuple[int, int]) -> None:
+    order = orient(
+        as_source(np.random.default_rng(0).integers(0, 256, (3, 3, *size, 3), np.uint8)), AUTO
+    )
+    assert (
+        (order.turn, order.by) == (Turn(), "nothing")
+        and "too small" in order.reason
+        and order.undecided
+    )
 
 
 def disturbed(grid: np.ndarray, kind: int) -> np.ndarray:

@@ -33,7 +33,7 @@ def folder(tmp_path: Path) -> Path:
 
 def with_truth(folder: Path, count: int) -> Path:
     made.write_grid(folder, made.views(count, count), "input_Cam{n:03d}.png")
-    made.write_pfm(folder / "gt_disp_lowres.pfm", made.middle_disparity())
+    made.write(folder / "gt_disp_lowres.pfm", made.middle_disparity())
     return folder
 
 

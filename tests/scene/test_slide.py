@@ -18,6 +18,7 @@ from lfpipe.scene.examination import examine_scene
 from lfpipe.scene.slide import Slide, make_slide
 from tests.scene import made
 from tests.scene.test_plausibility import zoomed
+from tests.scene.writers import film
 
 SIZE = (240, 320)
 FOCAL_PX = 1.2 * SIZE[1]
@@ -153,7 +154,7 @@ def test_known_positions_come_back(tmp_path: Path) -> None:
 
 
 def test_a_video_by_the_command(tmp_path: Path) -> None:
-    made.write_film(tmp_path / "clip.avi", shaken(SLID, 0.3))
+    film(shaken(SLID, 0.3), "clip.avi", "MJPG")(tmp_path)
     done = CliRunner().invoke(
         scene,
         ["make", str(tmp_path / "clip.avi"), "--set", f"scene.cache_dir={tmp_path / 'cache'}"],

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tests.scene import made
+from tests.support.films import write_film
 
 Pictures = NDArray[np.uint8]
 Make = Callable[[Path], Path]
@@ -90,8 +91,10 @@ def gif(frames: Iterable[Pictures], name: str = "walk.gif") -> Make:
     return make
 
 
-def film(frames: list[Pictures], name: str = "walk.mp4", codec: str = "mp4v") -> Make:
-    return lambda folder: made.write_film(folder / name, frames, codec)
+def film(frames: Iterable[Pictures], name: str = "walk.mp4", codec: str = "mp4v") -> Make:
+    """A video of RGB frames at 12 Hz."""
+    bgr = [cv2.cvtColor(frame, cv2.COLOR_RGB2BGR) for frame in frames]
+    return lambda folder: write_film(folder / name, bgr, codec, 12.0)
 
 
 def array(values: NDArray[np.generic], name: str = "scene.npy") -> Make:

@@ -19,15 +19,19 @@ class Finger:
     without: frozenset[str] = frozenset()
 
     @property
+    def place(self) -> tuple[int, int, int, int]:
+        """x, y, width, height of the window."""
+        found = outline(self.title, self.screen.name)
+        assert found is not None
+        return found
+
+    @property
     def size_px(self) -> tuple[int, int]:
-        place = outline(self.title, self.screen.name)
-        assert place is not None
-        return place[2:]
+        return self.place[2:]
 
     def tap(self, x: int, y: int) -> None:
-        place = outline(self.title, self.screen.name)
-        assert place is not None
-        self.world.xdotool("mousemove", place[0] + x, place[1] + y, "click", 1)
+        left, top, _, _ = self.place
+        self.world.xdotool("mousemove", left + x, top + y, "click", 1)
 
     def touch(self, panel: Panel, event: str) -> None:
         """Taps on the item of that event."""
@@ -45,9 +49,7 @@ class Finger:
 
     def dark(self, panel: Panel) -> bool:
         """Whether the panel lies over the picture, which the bar and panels darken."""
-        place = outline(self.title, self.screen.name)
-        assert place is not None
-        left, top = place[0] + panel.at[0], place[1] + panel.at[1]
+        left, top = self.place[0] + panel.at[0], self.place[1] + panel.at[1]
         rows, cols = panel.surface.get_height(), panel.surface.get_width()
         shown = self.screen.picture()[top : top + rows, left : left + cols]
         return bool((shown == 255).all(axis=-1).any())
