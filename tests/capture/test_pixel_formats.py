@@ -41,7 +41,7 @@ def rows(fourcc: str) -> list[bytes]:
         "GRBG": (2, [(g, r), (b, g)]),
         "RGGB": (2, [(r, g), (g, b)]),
     }
-    planar = {
+    planar: dict[str, list[tuple[int, ...]]] = {
         "NV12": [(u, v)],
         "NV21": [(v, u)],
         "YU12": [(u,), (v,)],
