@@ -113,7 +113,11 @@ def models() -> None:
 
 @models.command()
 @click.option(
-    "--from", "wheel", type=PATH, metavar="WHEEL", help="Take them from this file; no network."
+    "--from",
+    "wheel",
+    type=PATH,
+    metavar="WHEEL",
+    help="Take them from this file, without a network.",
 )
 def get(wheel: Path | None) -> None:
     """Fetch the face networks with uv or pip if the package mediapipe is not installed.

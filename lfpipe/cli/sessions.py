@@ -34,7 +34,7 @@ Send = Callable[..., None]  # of one message, and perhaps timeout_s
     metavar="[[HOST]:PORT]",
     help=(
         "Serve a page with charts, pictures and controls on 127.0.0.1, or on HOST. It prints two"
-        " addresses: one to control, one to watch only, without the camera's picture."
+        " addresses: one for control, one for watching only, without the camera's picture."
     ),
 )
 def monitor(session_name: str, once: bool, as_json: bool, web: str | None) -> None:

@@ -1,5 +1,5 @@
-"""All that commands print: results on stdout, words for people on stderr, neither with control
-characters; progress as a bar, or in a log as a line for what takes long.
+"""Everything that commands print: results on stdout, words for people on stderr, neither with
+control characters; progress as a bar, or, in a log, as one line for each slow task.
 """
 
 import math
@@ -16,7 +16,7 @@ import click
 
 from lfpipe.errors import escaped, plain
 
-QUIET_S = 5.0  # who waits for less needs no line
+QUIET_S = 5.0  # a shorter wait needs no line
 Progress = Callable[[str, int, int], None]  # (task, steps done, steps in total)
 
 
@@ -54,7 +54,7 @@ def filled(text: str, head: str) -> str:
 @contextmanager
 def progress() -> Iterator[Progress]:
     """Yields a callback that draws one bar per task on a terminal; elsewhere it writes one line for
-    a task of QUIET_S or more: nobody should take a minute of silence for a hang.
+    a task of QUIET_S or more, so that a minute of silence does not look like a hang.
     """
     if not sys.stderr.isatty():
         began: dict[str, float] = {}

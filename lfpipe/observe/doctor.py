@@ -92,7 +92,7 @@ def plugin_check(group: str, name: str, package: str) -> Check:
 
 
 def opencv() -> Check:
-    """Which distributions provide cv2, and its GUI backend.
+    """The distributions that provide cv2, and its GUI backend.
 
     MediaPipe requires the windowed distribution, whose files overlap with the headless one's: pip
     installs both, and the last one wins. The remedy puts the headless files on top, in the oldest
@@ -240,7 +240,7 @@ def shared_memory(need_bytes: int = SHM_NEED_BYTES) -> Check:
 
 
 def leftovers() -> Check:
-    """This user's segments whose session is dead, whatever its run directory."""
+    """This user's segments of dead sessions, in any run directory."""
     if not (run_dirs := dict(segment.abandoned())):
         return Check("left over", True, "nothing")
     places = sorted({str(run_dir.parent) for run_dir in run_dirs.values()})

@@ -76,7 +76,7 @@ WIDEST_MS = 3.0  # half of the widest acceptable interval
 # model. This share of the phases that were never seen is added to the interval: of 16.7 ms, errors
 # of up to 3.3 ms were measured.
 IN_STEP_SHARE = 0.2
-# some cameras deliver each frame twice or more; one that delivers the same always sees nothing
+# some cameras deliver each frame twice or more; one whose frames are all alike sees nothing
 MOST_AGAIN = 0.8
 # Temporal noise reduction keeps a share of the frame before. Of made cameras that keep none, models
 # that keep this share leave at least 1.17 times as much unexplained; of those that keep 0.15 or
@@ -201,7 +201,7 @@ def _correlations(
 def find_area(recording: Recording) -> tuple[Float, float]:
     """Correlation of each pixel with the pattern, float (height, width), at the best delay within
     half a frame; that delay in ms.
-    Makes no decision: without a screen all correlations are small.
+    It makes no decision: if no screen is visible, all correlations are small.
     """
     levels = recording.pictures.reshape(len(recording.pictures), -1).astype(float)
     delays = np.arange(*DELAYS_MS, COARSE_STEP_MS)
@@ -416,8 +416,8 @@ def _checked(recording: Recording) -> Recording:
     """
     if not recording.stamped:
         raise UserError(
-            "the frames have no stamps of the camera's driver",
-            "use another camera: only a driver's stamps tell when a frame was exposed",
+            "the camera's driver does not stamp the frames",
+            "use another camera: only its driver knows when a frame was exposed",
         )
     # of two flips at one blank, the first was never seen
     visible = np.diff(recording.t_flip_ns, append=np.iinfo(np.int64).max) > 0

@@ -126,7 +126,9 @@ def screen_text(name: str, state: Sample | None, note: str = "") -> Text:
 
 
 def fitted(text: Text, width: int, height: int) -> Text:
-    """What a terminal of that size shows of text; its last line then says how much is left out."""
+    """The part of text that fits a terminal of that size; its last line then says how much is left
+    out.
+    """
     lines = text.split("\n")
     columns = max(line.cell_len for line in lines) - width
     if columns <= 0 and len(lines) <= height:

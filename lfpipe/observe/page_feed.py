@@ -189,7 +189,9 @@ class Pictures:
 
 
 class Feed:
-    """Belongs to one event loop. One thread takes samples, another sends commands, in order."""
+    """The samples for all viewers, in one event loop. One thread takes them, another one sends
+    commands, in order.
+    """
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -205,7 +207,7 @@ class Feed:
 
     async def events(self, with_camera: bool) -> AsyncGenerator[bytes]:
         """Yields the newest sample as server-sent events until the feed ends: figures as JSON,
-        pictures as JPEG in base64. with_camera: whether the camera's is one of them.
+        pictures as JPEG in base64. with_camera: whether to include the camera's picture.
         """
         self.viewers += 1
         if self._sampler is None:

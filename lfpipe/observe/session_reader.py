@@ -107,8 +107,8 @@ class Sample:
 
 
 class Follower:
-    """What monitors show of the session of a name. It detaches when the session ends and attaches
-    to the next one.
+    """What monitors show of the session with a given name. It detaches when the session ends, and
+    attaches to the next one of that name.
 
     watch: the attachment, None without a session.
     """

@@ -1,5 +1,5 @@
-"""The page of `lfpipe monitor --web`: charts, pictures and controls, for holders of the token; for
-holders of another one to watch only, without the camera's picture.
+"""The page of `lfpipe monitor --web`: charts, pictures and controls for holders of the token.
+Holders of the other token can only watch, and do not see the camera's picture.
 
 Its requests need a token and must come from its own page: any local user reaches 127.0.0.1.
 Tornado serves them in one thread, with limits on time, sizes and connections, so that clients
@@ -117,8 +117,8 @@ def named(host_header: str, bound: str) -> bool:
 
 @attrs.frozen(kw_only=True)
 class Site:
-    """What all handlers share. host, port: where the server is bound. token: 256 random bits;
-    watch_token: as many, to watch only.
+    """What all handlers share. host, port: where the server is bound. token: 256 random bits.
+    watch_token: as many, for those who only watch.
 
     path: of the cookie that keeps the token. Browsers send a cookie to every port of a host, so
     also to servers of other users on this machine; the path is random, and no other server has an
@@ -306,7 +306,7 @@ class Commands(Handler):
     async def post(self) -> None:
         """Passes a command on and sends the session's answer."""
         if self.only_watches:
-            raise HTTPError(HTTPStatus.FORBIDDEN, "this address is to watch only")
+            raise HTTPError(HTTPStatus.FORBIDDEN, "this address is for watching only")
         if len(self.request.body) > MAX_COMMAND_BYTES:
             raise HTTPError(
                 HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"at most {MAX_COMMAND_BYTES} bytes"
@@ -362,7 +362,7 @@ def serve(name: str, address: str, tell: Callable[[str], None]) -> None:
     cv2.setNumThreads(1)  # the session's stages need the cores
     url = url_of(site.host, site.port)
     tell(f"session {name!r} on {url}/?token={site.token} (Ctrl-C ends)")
-    tell(f"to watch only, without the camera's picture: {url}/?token={site.watch_token}")
+    tell(f"for watching only, without the camera's picture: {url}/?token={site.watch_token}")
 
     async def serving() -> None:
         server = Server(app)

@@ -82,7 +82,7 @@ def _run_stage(spec: StageSpec, parent_pid: int, run_dir: Path, stack: TextIO) -
             sys.excepthook(*sys.exc_info())
             code = 1
     if terminated and code == 0:
-        # the work is not finished; the supervisor ignores this code if it asked for the stop
+        # its work is not finished; the supervisor ignores this code if it requested the stop
         code = EXIT_TERMINATED
     context.row["state"] = State.STOPPING
     context.close()

@@ -1,5 +1,5 @@
-"""The sockets of a session: requests on ctl and their answers, telemetry from bus to tap. They know
-nothing of what is asked. Nothing here blocks, whatever bytes arrive.
+"""The sockets of a session: requests on ctl and their answers, telemetry from bus to tap. They do
+not interpret requests. Nothing here blocks, whatever bytes arrive.
 """
 
 import contextlib

@@ -3,8 +3,8 @@ clock or file.
 
 A stage lags if it misses more than a tenth of what was due, or works nearly all the time. It has
 room if it misses nothing and works little. Half a second of lag lowers the quality by one level;
-five seconds of room raise it. A level that is restored and lost again at once is tried less and
-less often.
+five seconds of room raise it. If a restored level is lost again at once, the next attempt comes
+later each time.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.status import State
 
-# a viewer notices lag at once, and a level that comes and goes more than a lower one
+# a viewer notices lag at once, and is disturbed more by a level that comes and goes than by a lower
+# one
 LAG_S, ROOM_S = 0.5, 5.0
 LONGEST_S = 300.0  # longest wait before a higher level is tried
 # of the outputs due; one or two frames in half a second are the scheduler's fault, not lag

@@ -178,12 +178,10 @@ class LiveSession:
         ):
             poller.register(fd, zmq.POLLIN)
         poller.poll(self._wait_ms())
-        self._serve()
         for process, code in self.stages.judge():
             self._failed(process, code)
         self._follow_up()
-        if message := self._store.take_message():
-            self._sockets.broadcast(NAMES, message)
+        self._serve()
         if self.stages.finished(self._state.level.every):
             self._end(SOURCE_ENDED)
         if not self.stages.needed(self._state.options, or_alive=True):
@@ -350,7 +348,7 @@ class LiveSession:
         return max(0, min(times_ms))
 
     def _serve(self) -> None:
-        """Handles what has arrived."""
+        """Handles what has arrived, and sends the state to the stages if it is new."""
         for request in self._sockets.requests():
             self._guard(request, self._take, request)
         for message in self._sockets.telemetry():
@@ -361,6 +359,8 @@ class LiveSession:
         self._guard(None, self._previews.update)
         for request, worker in self._checks.update(connections):
             self._guard(request, self._take_check, request, worker)
+        if message := self._store.take_message():
+            self._sockets.broadcast(NAMES, message)
         for request, answer in self._pending.due(self._applied, now_ns()):
             self._sockets.answer(request, self._state.rev, answer)
 

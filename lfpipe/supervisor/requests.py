@@ -24,8 +24,8 @@ from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.control import BadMessage, Message
 
-# what is written while a session runs:
-# request -> option with its path, in words, as a person types it
+# outputs that can begin and end while a session runs:
+# request -> the option that holds its path, its name in words, the command that a person types
 OUTPUTS = {
     "trace": ("timeline", "trace", "lfpipe trace"),
     "record": ("record", "recording", "lfpipe ctl record"),

@@ -36,7 +36,7 @@ COMPUTING = 5
 # Time of its own on a CPU, without a beat: emulated, one search for a face takes more than 10 s. In
 # a lossless replay nobody waits for a picture.
 LIVE_CPU_S, LOSSLESS_CPU_S = 30.0, 60.0
-# of the time: more than polling takes, less than a share beside dozens of busy programs
+# of the time: more than polling takes, less than its share among dozens of busy programs
 COMPUTING_SHARE = 0.03
 # after such a gap between checks, the supervisor was stopped or starved, probably like the stages
 ASLEEP_S = 1.0
