@@ -96,7 +96,7 @@ class EyesSource:
     def at(self, t_ns: int, mouse: MouseLook | None = None) -> TrackedEyes | None:
         """The eyes for a picture that is begun at t_ns; None before the first record."""
         newest = self._newest
-        if mouse is not None and mouse.looks:
+        if mouse is not None and mouse.is_viewer:
             record, stamp = mouse.eyes(newest and newest.record, newest and newest.stamp, t_ns)
             return TrackedEyes(
                 record, stamp, t_ns, newest.waited_ns if newest else 0, by_mouse=True

@@ -22,7 +22,7 @@ from lfpipe.host.terminal import OPENCV_ERROR, opencv_logging
 from lfpipe.render.display import Display, DisplayNotice
 from lfpipe.render.pair_layout import Pair
 
-# it reports past Python; notices report the same
+# FFmpeg prints its errors by itself; notices say the same
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 SUFFIXES = (".mkv", ".avi", ".mp4")

@@ -68,9 +68,9 @@ class KeyBindings:
         self._question = GlassesQuestion(context)
         self._test = GlassesTest(context, presenter, self._keep)
         first = not context.row["restarts"]
-        # over the picture
+        # the page over the picture
         self._open: Page | None = self._question if context.options.ask_glasses and first else None
-        # for the answer, and for the test of the glasses
+        # the page of scenes comes after the answer, and after the test of the glasses
         self._scenes_wait = context.options.start and first
         self._alpha_px = 0.0
         self._known = (

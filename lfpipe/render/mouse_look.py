@@ -23,7 +23,7 @@ from lfpipe.transport.ring_ends import RingOutput
 EASE_S = 0.06  # time constant of two low-passes in a row: a move of the mouse becomes one of a head
 # the way back to the camera's eyes: eight times EASE_S leave nothing to see
 BACK_NS = SECOND_NS // 2
-# range of the wheel, from reading to across a room; a step is as one of key +
+# range of the wheel, from reading to across a room; a step is that of key +
 NEAR_MM, FAR_MM, STEP = 250.0, 4000.0, 1.1
 
 
@@ -50,7 +50,7 @@ class MouseLook:
         self._count = 0
 
     @property
-    def looks(self) -> bool:
+    def is_viewer(self) -> bool:
         """Whether the mouse is the viewer now."""
         return self._alone or self._pointer.right or self._eased_px is not None
 
@@ -58,12 +58,12 @@ class MouseLook:
         """Takes the pointer's state at t_ns."""
         before = self._pointer
         self._pointer = pointer
-        if pointer.left and before.left and self.looks:
+        if pointer.left and before.left and self.is_viewer:
             self._anchor = (
                 self._anchor[0] + pointer.x - before.x,
                 self._anchor[1] + pointer.y - before.y,
             )
-        if pointer.wheel and self.looks:
+        if pointer.wheel and self.is_viewer:
             self._distance_mm = min(max(self._distance_mm * STEP**-pointer.wheel, NEAR_MM), FAR_MM)
         if before.right and not pointer.right:
             self._released_ns = t_ns

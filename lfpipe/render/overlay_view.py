@@ -1,7 +1,7 @@
 """The overlay in one window: its panels, and what a key, a click or a touch on them means.
 
 A panel is a surface with the places of its items: what is drawn there is what a click finds there.
-Equal calls of one panel's function after another return the same panel.
+Two equal calls of a panel's function in a row return the same panel.
 """
 
 import math

@@ -79,7 +79,7 @@ class Rest(NamedTuple):
     y_px: float
     apart_px: float
 
-    def holds(self, other: "Rest", span: float, depth: float) -> bool:
+    def contains(self, other: "Rest", span: float, depth: float) -> bool:
         """Whether other is within span of here, and as large but for depth; both are shares of the
         distance between the eyes.
         """
@@ -151,7 +151,7 @@ class Presence:
         elif other and gap_ns < GAP_S * SECOND_NS:
             seat = self._recent_seat(t_ns)
             self._leave(t_ns)
-            if seat is not None and seat.last.holds(here, RETURN_SPAN, RETURN_DEPTH):
+            if seat is not None and seat.last.contains(here, RETURN_SPAN, RETURN_DEPTH):
                 return self._return(seat, here)
         self._last = here
         rest = self._rest(t_ns, here, other)
@@ -160,7 +160,7 @@ class Presence:
             self._leave(t_ns)
         if self.state is ViewerState.EXCHANGED:
             seat = self._recent_seat(t_ns)
-            if seat is not None and seat.rest.holds(here, REST_SPAN, RETURN_DEPTH):
+            if seat is not None and seat.rest.contains(here, REST_SPAN, RETURN_DEPTH):
                 return self._return(seat, here)
         if rest is None or (self.state is ViewerState.SEATED and not beyond):
             return None
@@ -194,7 +194,7 @@ class Presence:
 
         other: another face than before.
         """
-        if other or self._first is None or not self._first.holds(here, REST_SPAN, REST_DEPTH):
+        if other or self._first is None or not self._first.contains(here, REST_SPAN, REST_DEPTH):
             self._first = here
             self._since_ns = t_ns
             self._sums = (0.0, 0.0, 0.0)

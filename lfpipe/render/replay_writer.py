@@ -71,9 +71,9 @@ class ReplayWriter(Listener):
     def _error_px(self, showing: Showing) -> float:
         if not self._truth:
             return -1.0
-        used_px = showing.viewpoints.eyes_px
+        used_px = np.reshape(showing.viewpoints.eyes_px, (2, 2))
         seen_ns = showing.moment.seen_ns - (self._first_ns or 0)
-        return float(self._truth.error_px((used_px[:2], used_px[2:]), seen_ns))
+        return float(self._truth.error_px(used_px, seen_ns))
 
     def _store(self, stamp: Stamp, picture: NDArray[np.uint8]) -> None:
         if stamp.source_seq % self._stride:
@@ -89,18 +89,15 @@ class ReplayWriter(Listener):
     def close(self) -> None:
         """Writes the pictures."""
         try:
-            self._write()
+            (self._folder / PICTURES).mkdir()
+            writer = PacketWriter(self._folder / PICTURES)
+            for seq, (stamp, data) in sorted(self._kept.items()):
+                writer.append(
+                    data, "png", seq, stamp.epoch, stamp.t_sensor_ns - (self._first_ns or 0), 0
+                )
+            writer.close()
+            for name, picture in self._named.items():
+                _, data = encoded(picture, fast=False)
+                write_file(self._folder / f"{name}.png", marked_picture(data))
         except OSError as error:
             self._lost(f"{self._folder}: {error.strerror}")
-
-    def _write(self) -> None:
-        (self._folder / PICTURES).mkdir()
-        writer = PacketWriter(self._folder / PICTURES)
-        for seq, (stamp, data) in sorted(self._kept.items()):
-            writer.append(
-                data, "png", seq, stamp.epoch, stamp.t_sensor_ns - (self._first_ns or 0), 0
-            )
-        writer.close()
-        for name, picture in self._named.items():
-            _, data = encoded(picture, fast=False)
-            write_file(self._folder / f"{name}.png", marked_picture(data))

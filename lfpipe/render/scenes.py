@@ -143,7 +143,7 @@ class ScenePage(Page):
         self._context = context
         self._scenes: list[str] = list(context.options.playlist)
         self._at = 0
-        # of those that were read; None: it has none
+        # of the scenes that were read; None: there is none
         self._pictures: dict[str, NDArray[np.uint8] | None] = {}
         self._camera: Reader | None = None
         self._camera_due_ns = 0

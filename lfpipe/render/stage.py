@@ -54,7 +54,7 @@ from lfpipe.transport.context import Context
 from lfpipe.transport.ring import Stamp
 
 logger = logging.getLogger(__name__)
-SERVE_NS = 100 * MS_NS  # between two looks at keys and notices without a window: nobody presses one
+SERVE_NS = 100 * MS_NS  # between two looks at the notices of a display without keys
 
 
 class EyesInput:
@@ -97,7 +97,7 @@ class RenderStage:
         self._lossless = isinstance(options.clock, Lossless)
         with context.setting_up("opening the scene"):
             self._field = open_pack(Path(options.pack), self._config.scene.half_turn)
-            # on any of them
+            # a thread on any core, for half of a large picture
             helper = (
                 ThreadPoolExecutor(1, "half", run_on, (context.cores,))
                 if len(context.cores) > 1

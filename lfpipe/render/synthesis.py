@@ -85,7 +85,7 @@ class Synthesiser:
             self._warp(
                 self._warper, view.weight / total, planes, drawn if view is views[-1] else []
             )
-        # along no disparity: the cross-fade instead
+        # where disparity is unknown: the cross-fade instead
         layers = []
         for box, share in self._warper.unknown(frame, position, shift):
             if not layers:

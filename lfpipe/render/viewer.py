@@ -126,6 +126,7 @@ class Viewer:
         stays unchanged.
         """
         large = self.field.width_px * self.field.height_px >= LARGE_PX
+        self._is_video = self.field.frames > 1
         self.config = config
         self.compositor = Compositor(self.field, config.render, self._helper if large else None)
         self.method = self.compositor.method
@@ -155,7 +156,7 @@ class Viewer:
         nobody was seen yet. lead_ns: from a video's start to the time of its first picture.
         """
         frame = 0
-        if self.field.frames > 1:
+        if self._is_video:
             self._start_ns = self._start_ns or t_shown_ns - lead_ns
             frame = video_frame(t_shown_ns, self._start_ns, self.field.frame_rate_hz)
         camera_px = (

@@ -214,7 +214,7 @@ class Warper:
                 _span(2 * top, len(share), dy, self._size[0]),
                 _span(2 * left, len(share[0]), dx, self._size[1]),
             )
-            if all(span.start < span.stop for span in box):
+            if box[0].start < box[0].stop and box[1].start < box[1].stop:
                 yield (
                     box,
                     shifted(np.asarray(share, np.float32), dy - 2 * top, dx - 2 * left, box),

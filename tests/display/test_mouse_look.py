@@ -41,7 +41,7 @@ class Session:
             self.mouse.move(pointer, self.t_ns)
             record = camera
             t_ns = self.t_ns
-            if self.mouse.looks:
+            if self.mouse.is_viewer:
                 record, _ = self.mouse.eyes(camera, Stamp(1, 1, 0, t_ns, t_ns, t_ns, 0), t_ns)
             views = self.viewer.viewpoints(record, t_ns, t_ns)
             columns.append((views.left[1] + views.right[1]) / 2)
@@ -86,11 +86,11 @@ def test_mouse_look_right_button_takes_over_without_a_jump() -> None:
     session = Session(alone=False)
     camera = eyes_record(apart=60.0, apart_px=60.0, generation=1)
     still = session.cols(Pointer(0.1, 0.5), 200, camera)
-    assert not session.mouse.looks
+    assert not session.mouse.is_viewer
     away = session.cols(Pointer(0.1, 0.5, right=True), 120, camera)
     back = session.cols(Pointer(0.1, 0.5), 200, camera)
     assert away[-1] < still[-1] - 1.5 and back[-1] == pytest.approx(still[-1], abs=0.3)
-    assert max(np.abs(np.diff([*still, *away, *back]))) < 0.6 and not session.mouse.looks
+    assert max(np.abs(np.diff([*still, *away, *back]))) < 0.6 and not session.mouse.is_viewer
 
 
 @pytest.mark.timeout(300)
