@@ -157,7 +157,7 @@ def _failures(pairs: Pairs) -> str:
                 degraded.setdefault((table.title, matters), []).append(row.name)
     for (title, matters), cases in degraded.items():
         what = f"degraded: {len(cases)} values of the table"
-        rows.append((title, ", ".join(dict.fromkeys(cases)), what, matters))
+        rows.append((title, "; ".join(dict.fromkeys(cases)), what, matters))
     rows.sort(key=lambda row: (row[3].startswith("only"), row[2].startswith("degraded")))
     if not rows:
         return "<h2>What failed</h2><p>Nothing.</p>"

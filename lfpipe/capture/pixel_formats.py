@@ -35,23 +35,8 @@ PLANAR = {
 }
 DECODED = (*JPEGS, *INTERLEAVED, *PLANAR)
 # cheapest to decode first; grey last, because the tracker's model was trained on colours
-CHEAPEST = (
-    *(
-        "YUYV",
-        "UYVY",
-        "YVYU",
-        "NV12",
-        "NV21",
-        "YU12",
-        "YV12",
-        "BGR3",
-        "RGB3",
-        "BGR4",
-        "XR24",
-        *JPEGS,
-    ),
-    *("RGGB", "BA81", "GBRG", "GRBG", "GREY"),
-)
+PLAIN = ("YUYV", "UYVY", "YVYU", "NV12", "NV21", "YU12", "YV12", "BGR3", "RGB3", "BGR4", "XR24")
+CHEAPEST = (*PLAIN, *JPEGS, "RGGB", "BA81", "GBRG", "GRBG", "GREY")
 SMALL_PX = 640 * 480  # up to this size uncompressed frames at 30 Hz fit USB 2
 JPEG_END = np.array([0xFF, 0xD9], np.uint8)  # end of image
 

@@ -25,15 +25,19 @@ def _words(*names: str) -> tuple[tuple[str, Any], ...]:
 
 class Capability(Structure):
     _fields_ = (
-        *(("driver", c_char * 16), ("card", c_char * 32), ("bus_info", c_char * 32)),
+        ("driver", c_char * 16),
+        ("card", c_char * 32),
+        ("bus_info", c_char * 32),
         *_words("version", "capabilities", "device_caps", "reserved0", "reserved1", "reserved2"),
     )
 
 
 class FormatDescription(Structure):
     _fields_ = (
-        *(*_words("index", "type", "flags"), ("description", c_char * 32)),
-        *(*_words("pixelformat", "mbus_code"), ("reserved", c_uint32 * 3)),
+        *_words("index", "type", "flags"),
+        ("description", c_char * 32),
+        *_words("pixelformat", "mbus_code"),
+        ("reserved", c_uint32 * 3),
     )
 
 
@@ -52,24 +56,15 @@ class FrameInterval(Structure):
 
     _fields_ = (
         *_words("index", "pixelformat", "width", "height", "type"),
-        *(("interval", c_uint32 * 6), ("reserved", c_uint32 * 2)),
+        ("interval", c_uint32 * 6),
+        ("reserved", c_uint32 * 2),
     )
 
 
 class PixelFormat(Structure):
     _fields_ = (
-        *_words(
-            "width",
-            "height",
-            "pixelformat",
-            "field",
-            "bytesperline",
-            "sizeimage",
-            "colorspace",
-            "priv",
-            "flags",
-        ),
-        *_words("ycbcr_enc", "quantization", "xfer_func"),
+        *_words("width", "height", "pixelformat", "field", "bytesperline", "sizeimage"),
+        *_words("colorspace", "priv", "flags", "ycbcr_enc", "quantization", "xfer_func"),
     )
 
 
@@ -93,8 +88,12 @@ class StreamParameters(Structure):
 
 class Input(Structure):
     _fields_ = (
-        *(("index", c_uint32), ("name", c_char * 32), *_words("type", "audioset", "tuner")),
-        *(("std", ctypes.c_uint64), *_words("status", "capabilities"), ("reserved", c_uint32 * 3)),
+        ("index", c_uint32),
+        ("name", c_char * 32),
+        *_words("type", "audioset", "tuner"),
+        ("std", ctypes.c_uint64),
+        *_words("status", "capabilities"),
+        ("reserved", c_uint32 * 3),
     )
 
 
@@ -114,24 +113,26 @@ class TimeValue(Structure):
 
 class Buffer(Structure):
     _fields_ = (
-        *(
-            *_words("index", "type", "bytesused", "flags", "field"),
-            ("timestamp", TimeValue),
-            ("timecode", c_uint32 * 4),
-        ),
-        *(
-            *_words("sequence", "memory"),
-            ("offset", c_ulong),
-            *_words("length", "reserved"),
-            ("request_fd", c_int32),
-        ),
+        *_words("index", "type", "bytesused", "flags", "field"),
+        ("timestamp", TimeValue),
+        ("timecode", c_uint32 * 4),
+        *_words("sequence", "memory"),
+        ("offset", c_ulong),
+        *_words("length", "reserved"),
+        ("request_fd", c_int32),
     )
 
 
 class QueryControl(Structure):
     _fields_ = (
-        *(*_words("id", "type"), ("name", c_char * 32), ("minimum", c_int32), ("maximum", c_int32)),
-        *(("step", c_int32), ("default", c_int32), ("flags", c_uint32), ("reserved", c_uint32 * 2)),
+        *_words("id", "type"),
+        ("name", c_char * 32),
+        ("minimum", c_int32),
+        ("maximum", c_int32),
+        ("step", c_int32),
+        ("default", c_int32),
+        ("flags", c_uint32),
+        ("reserved", c_uint32 * 2),
     )
 
 

@@ -32,19 +32,19 @@ class _Complete(ctypes.Structure):
 
     _pack_ = 1
     _fields_ = (
-        *(
-            ("response_type", ctypes.c_uint8),
-            ("extension", ctypes.c_uint8),
-            ("sequence", ctypes.c_uint16),
-        ),
-        *(
-            ("length", ctypes.c_uint32),
-            ("event_type", ctypes.c_uint16),
-            ("kind", ctypes.c_uint8),
-            ("mode", ctypes.c_uint8),
-        ),
-        *(("event", ctypes.c_uint32), ("window", ctypes.c_uint32), ("serial", ctypes.c_uint32)),
-        *(("ust", ctypes.c_uint64), ("full_sequence", ctypes.c_uint32), ("msc", ctypes.c_uint64)),
+        ("response_type", ctypes.c_uint8),
+        ("extension", ctypes.c_uint8),
+        ("sequence", ctypes.c_uint16),
+        ("length", ctypes.c_uint32),
+        ("event_type", ctypes.c_uint16),
+        ("kind", ctypes.c_uint8),
+        ("mode", ctypes.c_uint8),
+        ("event", ctypes.c_uint32),
+        ("window", ctypes.c_uint32),
+        ("serial", ctypes.c_uint32),
+        ("ust", ctypes.c_uint64),
+        ("full_sequence", ctypes.c_uint32),
+        ("msc", ctypes.c_uint64),
     )
 
 
