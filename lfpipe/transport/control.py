@@ -152,7 +152,8 @@ def bind(socket: zmq.Socket[bytes], run_dir: Path, name: str) -> None:
 def request(run_dir: Path, message: Message, timeout_s: float = 2.0) -> Message:
     """Sends one command to the session in run_dir and returns its answer.
 
-    Raises UserError if there is no answer, or if the answer is an error.
+    Raises UserError if there is no answer, if the session ends meanwhile, or if the answer is an
+    error.
     """
     try:
         data = encode(message)
@@ -161,12 +162,18 @@ def request(run_dir: Path, message: Message, timeout_s: float = 2.0) -> Message:
             f"{message['cmd']}: the request cannot be sent: {error}",
             "use a shorter one, of plain values",
         ) from None
-    with context() as ctx, ctx.socket(zmq.DEALER) as socket:
+    remedy = "see whether it runs: `lfpipe monitor --once`"
+    with (
+        context() as ctx,
+        ctx.socket(zmq.DEALER) as socket,
+        socket.get_monitor_socket(zmq.EVENT_DISCONNECTED) as end,
+    ):
         connect(socket, run_dir, "ctl")
         socket.send(data)
-        if not socket.poll(int(timeout_s * 1000)):
-            remedy = "see whether it runs: `lfpipe monitor --once`"
+        if not zmq.select([socket, end], [], [], timeout_s)[0]:
             raise UserError(f"the session did not answer within {timeout_s:g} s", remedy)
+        if not socket.poll(0):  # its last answer may have come with the end
+            raise UserError("the session ended before it answered", remedy)
         answer = decode(socket.recv())
     if not answer.get("ok"):
         raise UserError(str(answer.get("error", "refused")), str(answer.get("remedy", "")))

@@ -1,11 +1,13 @@
 """Clock, histogram, status, wake and control, each against its contract."""
 
 import os
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import msgpack
 import numpy as np
 import pytest
+import zmq
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -216,3 +218,16 @@ def test_request_to_nobody_is_refused_in_time(tmp_path: Path) -> None:
     assert "did not answer within 0.2 s" in str(
         refusal(control.request, tmp_path, {"cmd": "status"}, timeout_s=0.2)
     )
+
+
+@pytest.mark.native("sockets with a path")
+def test_request_ends_with_a_session_that_ends_before_it_answers(tmp_path: Path) -> None:
+    def serve() -> None:
+        with control.context() as ctx, ctx.socket(zmq.ROUTER) as session:
+            control.bind(session, tmp_path, "ctl")
+            session.recv_multipart()
+
+    with ThreadPoolExecutor(1) as threads:
+        threads.submit(serve)
+        error = refusal(control.request, tmp_path, {"cmd": "load"}, timeout_s=60.0)
+    assert "ended before it answered" in str(error)
