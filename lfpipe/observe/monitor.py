@@ -19,6 +19,7 @@ from lfpipe.host.terminal import Keyboard
 from lfpipe.observe.session_reader import Follower, Sample, Watch, ask, snapshot
 from lfpipe.observe.timeline import begin_trace, finish_trace
 from lfpipe.supervisor.figures import MotionToPhoton, SessionFigures, StageFigures
+from lfpipe.supervisor.process_table import SOURCE
 from lfpipe.supervisor.rundir import find
 from lfpipe.transport.control import Message
 from lfpipe.transport.notices import latency_lines
@@ -68,9 +69,10 @@ def state_text(figures: SessionFigures, paused: bool = False) -> Text:
     stages = figures.used_stages
     loads = any(stage.cpu_percent is not None for stage in stages.values())
     level = f"level {figures.level} of {figures.lowest_level}" if figures.level else "full"
+    camera = f"camera {figures.camera_fps:.1f} Hz" if SOURCE in stages else "no camera"
     age, judder = figures.end_to_end, figures.judder
     parts: list[Text | str | tuple[str, str]] = [
-        f"up {timedelta(seconds=int(figures.uptime_s))}  camera {figures.camera_fps:.1f} Hz  ",
+        f"up {timedelta(seconds=int(figures.uptime_s))}  {camera}  ",
         ("PAUSED  " if paused else "", WARNING),
         (f"{figures.camera_light}  " if figures.camera_light else "", WARNING),
         (f"viewer {figures.viewer}\n", "green" if has_face else WARNING),

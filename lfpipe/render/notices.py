@@ -9,7 +9,7 @@ from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.histogram import summary_ms
 from lfpipe.transport.notices import latency_lines
-from lfpipe.transport.status import rate_hz
+from lfpipe.transport.status import State, rate_hz
 
 SHOWN_NS = 2 * SECOND_NS  # a line is read in one
 GLASSES = {  # a value of render.anaglyph -> whom its colours are for
@@ -50,8 +50,10 @@ def status_lines(context: Context, viewer: Viewer) -> tuple[str, ...]:
     render = context.config.render
     views = viewer.last_viewpoints
     alpha = f"alpha {viewer.parallax.alpha_px:.1f} px/view" if viewer.parallax else "no face yet"
+    has_camera = source["state"] != State.NONE
+    camera = f"camera {rate_hz(source):5.1f} Hz" if has_camera else "no camera"
     lines = [
-        f"camera {rate_hz(source):5.1f} Hz   pictures {rate_hz(own):5.1f} Hz",
+        f"{camera}   pictures {rate_hz(own):5.1f} Hz",
         *latency_lines(summary_ms(own["age"]), summary_ms(own["horizon"]), bool(own["planned"])),
         (
             f"{viewer.method}, {render.anaglyph}, {alpha}, zero plane"

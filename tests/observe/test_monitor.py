@@ -14,12 +14,16 @@ import termios
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rich.text import Text
 
-from lfpipe.observe.monitor import fitted
+from lfpipe.observe.monitor import fitted, state_text
 from lfpipe.observe.session_reader import Watch
+from lfpipe.supervisor.figures import session_figures
+from lfpipe.supervisor.process_table import CORE, SOURCE
 from lfpipe.supervisor.rundir import find
+from lfpipe.transport.status import ROW, SESSION, State
 from tests.support.world import World
 
 ESCAPES = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
@@ -61,6 +65,14 @@ class Terminal:
 
     def press(self, key: str) -> None:
         os.write(self._fd, key.encode())
+
+
+def test_state_says_that_there_is_no_camera() -> None:
+    rows = {name: np.zeros((), ROW) for name in CORE}
+    quality = np.zeros((), SESSION)
+    assert "no camera" in state_text(session_figures("mine", rows, quality, 0)).plain
+    rows[SOURCE]["state"] = State.STARTING
+    assert "camera 0.0 Hz" in state_text(session_figures("mine", rows, quality, 0)).plain
 
 
 def test_fitted_names_what_it_leaves_out() -> None:

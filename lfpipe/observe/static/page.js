@@ -122,7 +122,8 @@ function draw(event) {
   page.last = sample;
   if (!sample.alive) { $("state").textContent = "no session; waiting for one"; return; }
   const minutes = Math.floor(sample.uptime_s / 60), seconds = Math.floor(sample.uptime_s % 60).toString().padStart(2, "0");
-  $("state").textContent = `up ${minutes}:${seconds}, camera ${sample.camera_fps.toFixed(1)} Hz${sample.camera_light ? ` (${sample.camera_light})` : ""}, viewer ${sample.viewer}`
+  const camera = sample.stages.capture.state === "NONE" ? "no camera" : `camera ${sample.camera_fps.toFixed(1)} Hz`;
+  $("state").textContent = `up ${minutes}:${seconds}, ${camera}${sample.camera_light ? ` (${sample.camera_light})` : ""}, viewer ${sample.viewer}`
     + `${sample.paused ? ", paused" : ""}`
     + `${sample.level ? `, quality lowered to ${sample.level_words} (${sample.level} of ${sample.lowest_level})` : ""}; age of pictures p50 ${dash(sample.end_to_end, "p50_ms")}, p99 ${dash(sample.end_to_end, "p99_ms")} ms, `
     + `eyes predicted by ${dash(sample.horizon, "p50_ms")} ms${sample.motion_to_photon ? `; motion to photon: ${sample.motion_to_photon}` : ""}`;
