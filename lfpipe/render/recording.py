@@ -32,6 +32,7 @@ class RecordingIndicator:
         path = ""
         if not self._context.options.record:
             path = str(picture_folder() / time.strftime("lfpipe-recording-%Y%m%d-%H%M%S"))
+            self._notices.say("record", "the recording starts")
         self._context.request("record", path=path)
 
     def serve(self, t_ns: int) -> bool:

@@ -40,7 +40,9 @@ class FileChecks:
     def begin(self, request: Request, check: FileCheck) -> None:
         """Starts a check. Raises UserError if another one of that command runs."""
         if request.command in self._running:
-            raise UserError(f"another {request.command} is running", "wait until it is done")
+            raise UserError(
+                f"another {request.command} request is being checked", "try again in a second"
+            )
         worker = Worker("lfpipe.supervisor.file_checks", attrs.asdict(check), check.path, CHECK_S)
         self._running[request.command] = request, worker
 

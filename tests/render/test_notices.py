@@ -11,6 +11,7 @@ from lfpipe.config.tree import Anaglyph
 from lfpipe.render.anaglyph import MATRICES
 from lfpipe.render.glasses import glasses_test
 from lfpipe.render.notices import SHOWN_NS, Notices
+from lfpipe.render.recording import RecordingIndicator
 from lfpipe.render.scenes import SceneLoader
 from lfpipe.transport.clock import SECOND_NS, now_ns
 
@@ -47,6 +48,15 @@ def test_glasses_test_draws_each_letter_in_its_own_channels(anaglyph: Anaglyph) 
 def test_glasses_test_gives_screens_of_two_views_both(anaglyph: Anaglyph) -> None:
     picture, pair = glasses_test(Render(anaglyph=anaglyph), (320, 200))
     assert picture.shape == (200, 320, 3) and pair is not None and (pair[0] != pair[1]).any()
+
+
+def test_a_recording_that_takes_time_to_start_is_said_at_once() -> None:
+    notices = Notices()
+    context = SimpleNamespace(
+        options=SimpleNamespace(record=""), request=lambda word, **words: None
+    )
+    RecordingIndicator(context, notices).toggle()  # type: ignore[arg-type]
+    assert notices.lines(now_ns(), []) == ("the recording starts",)
 
 
 def loader(notices: Notices, **more: object) -> tuple[SceneLoader, list[dict[str, object]]]:
