@@ -98,7 +98,8 @@ def parse_source(text: str) -> Spec:
     if scheme == "file" and colon:
         return _file(rest)
     if scheme != "camera" or not rest.strip():
-        raise UserError(f"{text!r}: not a frame source", f"use one of {FORMS}")
+        remedy = f"use camera:{text}" if text.isdecimal() else f"use one of {FORMS}"
+        raise UserError(f"{text!r}: not a frame source", remedy)
     if rest.isascii() and rest.isdigit():
         return CameraSpec(Path(f"/dev/video{int(rest)}"))
     return CameraSpec(Path(rest)) if rest.startswith("/") else CameraSpec(Path(), rest.strip())

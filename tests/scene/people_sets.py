@@ -805,7 +805,9 @@ SETS: dict[str, list[PeopleSet]] = {
             AS_VIEWS,
         ),
         refuses(
-            "no picture at all", together(one("notes.txt", b"x")), "no layout of a light field"
+            "no picture at all",
+            together(one("notes.txt", b"x")),
+            "no layout of a light field was recognised (notes.txt)",
         ),
         refuses(
             "no layout", BY_TWO_NUMBERS, "scene.layout: 'qilt' is not a", again(), layout="qilt"

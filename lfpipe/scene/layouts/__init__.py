@@ -236,14 +236,15 @@ def _checked(
     if layout is known["picture"] and math.prod(parse_grid(scene.grid) or (1,)) > 1:
         return known["mosaic"]  # the user's word: its tiles are unlike each other, or resized
     if layout is None:
-        some = ", ".join(listing.names[:3] or listing.folders[:3])
+        names = listing.names or listing.folders
+        some = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
         remedy = "give the folder of the views, or one file that holds them all by its own path"
         if single := [name for name in listing.names if name.lower().endswith(_HOLDS_ALL)]:
             remedy = f"give {listing.folder / single[0]}"
         if listing.pictures():
             remedy = "name the views view_ROW_COLUMN.png, or give one picture by its own path"
         raise UserError(
-            f"{listing.path}: no layout of a light field was recognised ({some}, ...)", remedy
+            f"{listing.path}: no layout of a light field was recognised ({some})", remedy
         )
     path = single_picture(listing) if mark < 90 else None  # others say what they are
     if path is None or not is_honeycomb(read_picture(path)[0]):
