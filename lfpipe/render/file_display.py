@@ -175,7 +175,7 @@ class FileDisplay(Display):
         free = shutil.disk_usage(self._path.parent).free
         size = self._output.current.stat().st_size
         if free < self._reserve:
-            raise OSError(errno.ENOSPC, f"the disk is full but for {free / 1e6:.0f} MB")
+            raise OSError(errno.ENOSPC, f"the disk is full ({free / 1e6:.0f} MB free)")
         if (
             self._writer.lossless
             and size + HELD_BYTES < self._written * self._size[0] * self._size[1] * LEAST_BITS / 8

@@ -218,7 +218,7 @@ class ScenePage(Page):
         small = np.asarray(cv2.resize(frame, small_px, interpolation=cv2.INTER_AREA), np.uint8)
         caption = "a face: here you are" if self._context.row["face"] else "no face seen"
         if options.viewer.source.startswith("demo"):
-            caption = "demo face: no camera found" if options.start else "demo face"
+            caption = "demo, no camera" if options.start else "demo face"
         self._camera_item = Item(caption, picture=small[:, ::-1, ::-1])
 
 
