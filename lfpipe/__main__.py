@@ -6,8 +6,10 @@ Nothing is imported at the top: spawned stages read this module again.
 
 def main() -> None:
     """Runs the command line."""
-    from lfpipe.cli import run
-
+    try:
+        from lfpipe.cli import run
+    except KeyboardInterrupt:  # Ctrl-C at once; `run` handles it later
+        raise SystemExit(130) from None
     run()
 
 

@@ -6,11 +6,13 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 from click.shell_completion import ShellComplete
 from click.testing import CliRunner
 
+from lfpipe.__main__ import main
 from lfpipe.cli import cli, terminal
 from tests.support.world import World
 
@@ -35,6 +37,16 @@ def test_cli_names_a_slip_with_its_remedy(
 ) -> None:
     assert remedy in world.refused(*words)
     assert not list(Path(world.root).glob("lfpipe-demo/*")) and not world.left()
+
+
+def test_cli_ends_at_ctrl_c_while_it_is_imported(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Interrupted(ModuleType):
+        def __getattr__(self, name: str) -> object:
+            raise KeyboardInterrupt
+
+    monkeypatch.setitem(sys.modules, "lfpipe.cli", Interrupted("lfpipe.cli"))
+    with pytest.raises(SystemExit, match="130"):
+        main()
 
 
 def test_cli_tables_fit_80_columns(live: World, scene: Path) -> None:
