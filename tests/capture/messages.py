@@ -97,7 +97,7 @@ MESSAGES: dict[str, tuple[Cause, str]] = {
         failing(errno.EIO),
         "camera /dev/video7: its driver failed (Input/output error) … plug it in again",
     ),
-    "no signal": (camera(signal=False), "camera /dev/null: no signal at its input … switch on"),
+    "no signal": (camera(signal=False), "camera /dev/null: no signal at its input … switch it on"),
     "no picture": (
         camera(frames=[TimeoutError()]),
         "camera /dev/null: no picture for 5 s … plug it in again",

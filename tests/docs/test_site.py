@@ -86,12 +86,16 @@ def test_docs_have_at_most_20000_words() -> None:
     assert sum(len(page.read_text().split()) for page in pages) <= 20_000
 
 
-def test_docs_name_one_address_of_the_project() -> None:
+def test_docs_name_one_address_and_one_date_of_the_release() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     address = project["urls"]["Source"]
     citation = (ROOT / "CITATION.cff").read_text()
     assert f"repository-code: {address}\n" in citation
     assert f"version: {project['version']}\n" in citation
+    changes = (ROOT / "CHANGELOG.md").read_text()
+    (date,) = re.findall(rf"## {project['version']}, (\d{{4}}-\d\d-\d\d)\n", changes)
+    assert f"date-released: {date}\n" in citation
+    assert max(map(len, changes.splitlines())) <= 100
     pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
     named = {
         name for page in pages for name in re.findall(r"git\+(https://[^\s`]+)", page.read_text())
