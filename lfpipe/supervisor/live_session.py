@@ -287,18 +287,18 @@ class LiveSession:
             return
         phase = "RUNNING" if row["ready_ns"] else "STARTING"
         how = f"signal {-code}" if code < 0 else f"exit code {code}"
-        how += f" in {phase}: {mistake.message}" if mistake else f" in {phase}"
+        why = f": {mistake.message}" if mistake else ""
         last = int(row["source_seq"])
         self._sockets.publish("failed", stage=name, code=code, phase=phase, source_seq=last)
         if not process.failed():
-            self.log(f"{name} ended with {how}; restarting")
+            self.log(f"{name} ended with {how} in {phase}{why}; restarting")
             return
         stack = process.last_stack()
         many = f"{name} failed {MAX_FAILURES} times in {MAX_RESTARTS_WINDOW_S:.0f} s"
         left = f"its last stack:\n{stack}" if stack else "it left no stack"
         self._end(
             many,
-            f"{many}, last with {how}, after source_seq {last}; {left}",
+            f"{many}, last in {phase} with {how}{why}, after source_seq {last}; {left}",
             "see the messages above; `lfpipe doctor` checks the machine",
         )
 
@@ -359,8 +359,8 @@ class LiveSession:
         self._guard(None, self._previews.update)
         for request, worker in self._checks.update(connections):
             self._guard(request, self._take_check, request, worker)
-        if message := self._store.take_message():
-            self._sockets.broadcast(NAMES, message)
+        if new_state := self._store.take_message():
+            self._sockets.broadcast(NAMES, new_state)
         for request, answer in self._pending.due(self._applied, now_ns()):
             self._sockets.answer(request, self._state.rev, answer)
 

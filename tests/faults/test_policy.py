@@ -60,7 +60,8 @@ def test_set_is_taken_whole_or_rolled_back(world: World, scene: Path, tmp_path: 
     assert "error" not in _ask(world, cmd="load", scene=str(write_scene(tmp_path / "other", 1, 5)))
     assert world.more_pictures(3)[-1]["view"]["left"][0] == 0
     _ask(world, cmd="stop")
-    err = world.ended(process)
+    _, err = process.communicate(timeout=120)  # with the stacks of a stage that failed
+    assert process.returncode == 0, err
     assert err.count("the last change is rolled back: render.loop_ms = 7: not for me") == 3
     assert err.count("the last change is rolled back: render fails with it") == 3
 
