@@ -128,31 +128,44 @@ def row(name: str, time_ms: float, error_px: float, paper: bool = False, used: b
     return Row(name, values, name, "", paper, used)
 
 
-def test_a_verdict_keeps_what_ties_and_names_the_cost() -> None:
-    old = row("old", 2.0, 9.0, paper=True)
-    best = row("best", 5.0, 3.0)
-    slow = row("slow", 50.0, 1.0)
-    for error_px, choice, words in ((3.05, "ours (in use)", "(old)"), (6.0, "best", "(ours)")):
-        rows = (old, row("ours", 4.0, error_px, used=True), best, slow)
-        one = verdict(FAKE, Results("fake", [Table("method", COLUMNS, rows)]))
-        assert (
-            one is not None
-            and one[:2] == ("track.fake", choice)
-            and words in one[2]
-            and "11 ms" in one[2]
-        )
-        assert one[3].endswith(") ms: time")
+OURS = row("ours", 4.0, 6.0, used=True)
+# rows, the verdict, and words of its reason
+VERDICTS: dict[str, tuple[tuple[Row, ...], str, list[str]]] = {
+    "what ties is kept": (
+        (
+            row("old", 2.0, 9.0, paper=True),
+            row("ours", 4.0, 3.05, used=True),
+            row("best", 5.0, 3.0),
+            row("slow", 50.0, 1.0),
+        ),
+        "ours (in use)",
+        ["(old)", "11 ms"],
+    ),
+    "what is better costs": (
+        (row("old", 2.0, 9.0, paper=True), OURS, row("best", 5.0, 3.0), row("slow", 50.0, 1.0)),
+        "best",
+        ["(ours)", "11 ms"],
+    ),
+    # the same run beside other work gives the same verdict
+    "a limit within an interval": (
+        (OURS, row("near", 11.0, 3.0), row("slow", 50.0, 1.0)),
+        "undecided: near",
+        ["9.9 to 12.1", "11 ms"],
+    ),
+    "undecided, but no better": (
+        (OURS, row("near", 11.0, 5.9), row("slow", 50.0, 1.0)),
+        "ours (in use)",
+        [],
+    ),
+}
 
 
-def test_a_limit_within_an_interval_is_undecided() -> None:
-    """The same run beside other work gives the same verdict."""
-    rows = (row("ours", 4.0, 6.0, used=True), row("near", 11.0, 3.0), row("slow", 50.0, 1.0))
-    one = verdict(FAKE, Results("fake", [Table("method", COLUMNS, rows)]))
-    assert one is not None and one[1] == "undecided: near"
-    assert "9.9 to 12.1" in one[2] and "11 ms" in one[2]
-    alike = (rows[0], row("near", 11.0, 5.9), rows[2])
-    one = verdict(FAKE, Results("fake", [Table("method", COLUMNS, alike)]))
-    assert one is not None and one[1] == "ours (in use)", "undecided, but no better"
+@pytest.mark.parametrize("kind", VERDICTS)
+def test_verdict_keeps_what_ties_and_names_the_cost(kind: str) -> None:
+    rows, choice, words = VERDICTS[kind]
+    found = verdict(FAKE, Results("fake", [Table("method", COLUMNS, rows)]))
+    assert found is not None and found[:2] == ("track.fake", choice)
+    assert all(word in found[2] for word in words) and found[3].endswith(") ms: time")
 
 
 def test_report_stands_alone_and_begins_with_verdicts(

@@ -69,37 +69,49 @@ def test_values_are_in_range_while_it_runs_and_as_before_afterwards(
     assert values(device) == values(failing) == before and failing.closed
 
 
-def test_auto_leaves_everything_and_the_dynamic_frame_rate_is_switched_off_with_a_word() -> None:
+FAILS = "camera.{}: the camera does not take it"
+# settings, controls that fail, values that change, and what is noted
+NOTED: dict[str, tuple[dict[str, Any], set[int], dict[int, int], list[str]]] = {
+    "all automatic": ({"dynamic_framerate": "auto"}, set(), {}, []),
+    "as configured": ({}, set(), {DYNAMIC_FRAMERATE: 0}, ["dynamic frame rate switched off"]),
+    "manual values switch the automatics off": (
+        {"exposure": 8.0, "gain": 50, "power_line_hz": 60, "dynamic_framerate": "off"},
+        set(),
+        {AUTO_EXPOSURE: 1, EXPOSURE: 80, AUTO_GAIN: 0, GAIN: 50, POWER_LINE: 2}
+        | {DYNAMIC_FRAMERATE: 0},
+        ["dynamic frame rate switched off"],
+    ),
+    "beyond what is possible": (
+        {"exposure": 500.0, "gain": 70.0, "dynamic_framerate": "auto"},
+        set(),
+        {AUTO_EXPOSURE: 1, EXPOSURE: 2047, AUTO_GAIN: 0, GAIN: 70},
+        ["camera.exposure = 500 ms: using 204.7 (0.3 to 204.7 ms possible)"],
+    ),
+    "controls that fail": (
+        {"exposure": 8.0, "power_line_hz": 60},
+        {EXPOSURE, POWER_LINE, DYNAMIC_FRAMERATE},
+        {AUTO_EXPOSURE: 1},
+        [
+            FAILS.format(f"camera.{key}")
+            for key in ("exposure", "power_line_hz", "dynamic_framerate")
+        ],
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", NOTED)
+def test_controls_are_set_and_noted(kind: str) -> None:
+    settings, refused, changed, notes = NOTED[kind]
     device = webcam()
-    before = values(device)
-    camera = source(device, dynamic_framerate="auto")
-    assert values(device) == before and len(camera.info.notes) == 1
-    assert any("dynamic frame rate switched off" in note for note in source(device).info.notes)
-    assert device.controls[DYNAMIC_FRAMERATE].value == 0
-    assert len(source(device).info.notes) == 1, "nothing was changed"
+    device.refused = refused
+    wanted = values(device) | changed
+    found = source(device, **settings).info.notes[1:]
+    assert values(device) == wanted
+    assert sorted(found) == [note for note in sorted(found) if any(word in note for word in notes)]
+    assert len(found) == len(notes)
 
 
-def test_manual_values_switch_the_automatics_off() -> None:
-    device = webcam()
-    camera = source(device, exposure=8.0, gain=50, power_line_hz=60)
-    assert values(device) == {
-        AUTO_EXPOSURE: 1,
-        EXPOSURE: 80,
-        AUTO_GAIN: 0,
-        GAIN: 50,
-        POWER_LINE: 2,
-        DYNAMIC_FRAMERATE: 0,
-    }
-    assert camera._controls.exposure_ns == 8_000_000
-    camera.close()
-
-
-def test_what_the_camera_cannot_do_is_noted() -> None:
-    notes = " ".join(source(webcam(), exposure=500.0, gain=70.0).info.notes)
-    assert (
-        "camera.exposure = 500 ms: using 204.7 (0.3 to 204.7 ms possible)" in notes
-        and "gain" not in notes
-    )
+def test_controls_that_a_camera_lacks_are_noted() -> None:
     notes = " ".join(source(FakeCamera(), exposure=5.0, gain=7.0, power_line_hz=50).info.notes)
     assert notes.count("no such control") == 2 and "camera.power_line_hz = 50" in notes
 
@@ -130,16 +142,6 @@ def test_a_control_that_answers_in_a_second_stops_no_frame(monkeypatch: pytest.M
         assert camera.read(out) is not None
     assert time.monotonic() - began < 0.9
     camera.close()
-
-
-def test_controls_that_fail_are_said() -> None:
-    device = webcam()
-    device.refused = {EXPOSURE, POWER_LINE, DYNAMIC_FRAMERATE}
-    notes = source(device, exposure=8.0, power_line_hz=60).info.notes
-    for key in ("camera.exposure", "camera.power_line_hz", "camera.dynamic_framerate"):
-        assert sum(note.startswith(f"{key}: the camera does not take it") for note in notes) == 1, (
-            notes
-        )
 
 
 def test_the_exposure_is_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:

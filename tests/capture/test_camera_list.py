@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from lfpipe.capture.camera_list import CameraFinder, NoCamera, by_name, cameras, nodes
+from lfpipe.capture.camera_list import CameraFinder, by_name, cameras, nodes
 from lfpipe.capture.spec import CameraSpec
 from lfpipe.errors import UserError
 
@@ -43,79 +43,69 @@ def test_only_devices_that_exist_are_listed(tmp_path: Path) -> None:
     assert cameras() == []
 
 
-class Plugs:
-    """A finder, and the devices that it sees."""
+CAM1, CAM2, OTHER = ("Cam", "usb1"), ("Cam", "usb2"), ("Other", "usb3")
+ELSEWHERE = ("Cam", "usb9")  # plugged in at another port
+NOBODY, GONE = "no camera found", "unplugged"
+# the device that is asked for; and, one after the other, the devices that are there, those of them
+# that are for metadata, and the one that is found
+STORIES: dict[str, tuple[str, list[tuple[dict[str, tuple[str, str]], set[str], str]]]] = {
+    "found again by its place and name": (
+        "video0",
+        [
+            ({"video0": CAM2, "video2": OTHER}, set(), "video0"),
+            ({"video0": OTHER, "video3": CAM2}, set(), "video3"),
+            ({"video0": OTHER}, set(), GONE),  # another camera at its number is not it
+            ({"video0": OTHER, "video5": ELSEWHERE}, set(), "video5"),
+            ({"video5": ELSEWHERE}, set(), "video5"),
+        ],
+    ),
+    "the first one may come later": (
+        "",
+        [
+            ({}, set(), NOBODY),
+            ({"video4": CAM2, "video5": OTHER}, set(), "video4"),
+            ({"video5": OTHER}, set(), GONE),  # from then on it is that one
+        ],
+    ),
+    # replugged while another device holds a number, the picture node moves up and the metadata node
+    # takes its place
+    "a metadata node at the old number": (
+        "Cam",
+        [
+            ({"video1": CAM1, "video2": CAM1}, {"video2"}, "video1"),
+            ({"video0": CAM1, "video1": CAM1}, {"video1"}, "video0"),
+        ],
+    ),
+    "another camera of the model does not take over": (
+        "video0",
+        [
+            ({"video0": CAM1, "video1": CAM2}, set(), "video0"),
+            *[({"video1": CAM2}, set[str](), GONE)] * 3,  # the twin was there before
+            ({"video1": CAM2, "video4": CAM1}, set(), "video4"),
+            ({"video1": CAM2}, set(), GONE),
+            ({"video1": CAM2, "video3": ELSEWHERE}, set(), "video3"),
+        ],
+    ),
+}
 
-    def __init__(
-        self, root: Path, monkeypatch: pytest.MonkeyPatch, spec: CameraSpec | None = None
-    ) -> None:
-        self._root = root
-        self.metadata = set[str]()
+
+@pytest.mark.parametrize("story", STORIES)
+def test_camera_finder_finds_the_camera_again_and_no_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, story: str
+) -> None:
+    asked, steps = STORIES[story]
+    specs = {"": None, "Cam": CameraSpec(Path(), "Cam")}
+    finder = CameraFinder(specs.get(asked, CameraSpec(tmp_path / "dev" / asked)))
+    for devices, metadata, expected in steps:
+        _kernel(tmp_path, **devices)
         monkeypatch.setattr(
             "lfpipe.capture.camera_list._captures",
-            lambda device: device.path.name not in self.metadata,
+            lambda device, metadata=metadata: device.path.name not in metadata,
         )
-        self.finder = CameraFinder(spec or CameraSpec(_kernel(root) / "video0"))
-
-    def found(self, **devices: tuple[str, str]) -> str:
-        """The device that is found among these; "" if none is."""
-        _kernel(self._root, **devices)
         try:
-            return self.finder.path().name
+            assert finder.path().name == expected
         except UserError as error:
-            assert "unplugged" in error.message
-            return ""
-
-
-def test_a_camera_is_found_again_by_its_place_and_name(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    plugs = Plugs(tmp_path, monkeypatch)
-    assert plugs.found(video0=("Cam", "usb2"), video2=("Other", "usb3")) == "video0"
-    assert plugs.found(video0=("Other", "usb3"), video3=("Cam", "usb2")) == "video3", (
-        "same place and name"
-    )
-    assert plugs.found(video0=("Other", "usb3")) == "", "another camera at its number is not it"
-    assert plugs.found(video0=("Other", "usb3"), video5=("Cam", "usb9")) == "video5", (
-        "plugged in elsewhere"
-    )
-    assert plugs.found(video5=("Cam", "usb9")) == "video5"
-
-
-def test_the_first_camera_may_come_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    plugs = Plugs(tmp_path, monkeypatch)
-    plugs.finder = CameraFinder(None)
-    with pytest.raises(NoCamera):
-        plugs.finder.path()
-    assert plugs.found(video4=("Cam", "usb2"), video5=("Other", "usb3")) == "video4"
-    assert plugs.found(video5=("Other", "usb3")) == "", "from then on it is that one"
-
-
-def test_a_metadata_node_at_the_old_number_is_not_the_camera(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Replugged while another device holds a number, the picture node moves up and the metadata
-    node takes its place.
-    """
-    plugs = Plugs(tmp_path, monkeypatch, CameraSpec(Path(), "Cam"))
-    plugs.metadata = {"video2"}
-    assert plugs.found(video1=("Cam", "usb1"), video2=("Cam", "usb1")) == "video1"
-    plugs.metadata = {"video1"}
-    assert plugs.found(video0=("Cam", "usb1"), video1=("Cam", "usb1")) == "video0"
-
-
-def test_another_camera_of_the_model_does_not_take_over(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    plugs = Plugs(tmp_path, monkeypatch)
-    assert plugs.found(video0=("Cam", "usb1"), video1=("Cam", "usb2")) == "video0"
-    for _ in range(3):
-        assert plugs.found(video1=("Cam", "usb2")) == "", "the twin was there before"
-    assert plugs.found(video1=("Cam", "usb2"), video4=("Cam", "usb1")) == "video4"
-    assert plugs.found(video1=("Cam", "usb2")) == ""
-    assert plugs.found(video1=("Cam", "usb2"), video3=("Cam", "usb7")) == "video3", (
-        "the camera, at another port"
-    )
+            assert expected in error.message
 
 
 def test_a_name_means_one_camera(tmp_path: Path) -> None:

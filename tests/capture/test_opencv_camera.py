@@ -1,7 +1,7 @@
 """Cameras through OpenCV, with a fake one: the portable host uses them without Video4Linux."""
 
 from pathlib import Path
-from typing import Any
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
@@ -14,30 +14,19 @@ from lfpipe.errors import UserError
 from lfpipe.transport.ring import StampKind
 
 
-class FakeCapture:
+def capture(number: int) -> Mock:
     """As cv2.VideoCapture: camera 1 gives three frames of 80x60."""
-
-    def __init__(self, number: int) -> None:
-        self.left = 3 if number == 1 else 0
-
-    def isOpened(self) -> bool:
-        return self.left > 0
-
-    def set(self, key: int, value: float) -> None: ...
-
-    def get(self, key: int) -> float:
-        return 25.0 if key == cv2.CAP_PROP_FPS else 0.0
-
-    def read(self) -> tuple[bool, Any]:
-        self.left -= 1
-        return self.left >= 0, np.full((60, 80, 3), 7, np.uint8) if self.left >= 0 else None
-
-    def release(self) -> None: ...
+    frames = [(True, np.full((60, 80, 3), 7, np.uint8))] * 3 if number == 1 else []
+    return Mock(
+        isOpened=lambda: bool(frames),
+        get=lambda key: 25.0 if key == cv2.CAP_PROP_FPS else 0.0,
+        read=lambda: frames.pop() if frames else (False, None),
+    )
 
 
 @pytest.fixture(autouse=True)
 def portable(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cv2, "VideoCapture", FakeCapture)
+    monkeypatch.setattr(cv2, "VideoCapture", capture)
     listed = [
         CameraDevice(Path(f"/dev/video{n}"), name)
         for n, name in enumerate(("Front", "Back", "Back two"))

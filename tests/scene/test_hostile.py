@@ -12,9 +12,7 @@ import re
 import shutil
 import struct
 import sys
-import tempfile
 import zlib
-from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -393,31 +391,14 @@ def test_a_name_does_not_make_lines_of_its_own(tmp_path: Path) -> None:
     )
 
 
-@pytest.fixture
-def base() -> Iterator[Path]:
-    """A folder, made by root where it is root, who then is nobody: permissions count, as they do
-    for everybody else.
-    """
-    with tempfile.TemporaryDirectory() as name:
-        base = Path(name)
-        before = os.geteuid()
-        base.chmod(0o777)
-        if before == 0:
-            os.seteuid(65534)
-        yield base
-        for folder in base.iterdir():
-            folder.chmod(0o755)
-        os.seteuid(before)
-
-
-def test_permissions_are_named(base: Path) -> None:
-    listed, holding = base / "listed", base / "holding"
-    for folder in (listed, holding):
-        made.write_grid(folder, GRID)
-    listed.chmod(0o444)
-    (holding / "view_01_01.png").chmod(0)
-    assert "Permission denied" in opened(listed, config.Scene())
-    assert "view_01_01.png: cannot be read: Permission denied" in opened(holding, config.Scene())
+@pytest.mark.parametrize("name", ["", "view_01_01.png"])
+def test_permissions_are_named(tmp_path: Path, as_nobody: list[str], name: str) -> None:
+    locked = made.write_grid(tmp_path / "views", GRID) / name
+    locked.chmod(0o444 if locked.is_dir() else 0)
+    words = ["-m", "lfpipe", "scene", "info", str(tmp_path / "views")]
+    code, _, err, _ = ended([*as_nobody, sys.executable, *words])
+    locked.chmod(0o755)
+    assert code == 2 and str(locked) in err and "cannot be read: Permission denied" in err
 
 
 @settings(max_examples=60)

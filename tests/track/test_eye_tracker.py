@@ -1,6 +1,7 @@
 """`EyeTracker`: what an engine or a filter gives is finite and plausible, else it is no face."""
 
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import attrs
@@ -34,24 +35,7 @@ WRONG = [
 ]
 
 
-class NoEngine:
-    name, model, rotated_deg = "made", "none", 0
-
-    def detect(self, image: NDArray[np.uint8]) -> Face | None:
-        return None
-
-    def examine(self, image: NDArray[np.uint8]) -> None: ...
-
-    def reset(self) -> None: ...
-
-    def close(self) -> None: ...
-
-
-class NanFilter:
-    def update(self, t_ns: int, eyes_px: object) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        return np.full((2, 2), math.nan), np.zeros((2, 2))
-
-    def reset(self) -> None: ...
+ENGINE: Any = SimpleNamespace(name="made", model="none", rotated_deg=0, reset=lambda: None)
 
 
 def record_of(tracker: EyeTracker) -> NDArray[np.void]:
@@ -63,7 +47,7 @@ def record_of(tracker: EyeTracker) -> NDArray[np.void]:
 
 @pytest.mark.parametrize("change", WRONG, ids=str)
 def test_eye_tracker_takes_an_implausible_face_for_none(change: dict[str, Any]) -> None:
-    tracker = EyeTracker(Track(), engine=NoEngine())
+    tracker = EyeTracker(Track(), engine=ENGINE)
     for k in range(5):
         tracker.update(FACE, k * FRAME_NS)
     assert tracker.update(attrs.evolve(FACE, **change), 5 * FRAME_NS) and not tracker.seen
@@ -96,7 +80,7 @@ def test_a_face_that_moves_is_not_held_when_its_confidence_falls(
 
 
 def test_eye_tracker_names_an_engine_without_a_usable_face_until_it_gives_one() -> None:
-    tracker = EyeTracker(Track(), engine=NoEngine())
+    tracker = EyeTracker(Track(), engine=ENGINE)
     tracker.update(None, 0)
     assert tracker.fault == "", "nobody is there"
     tracker.update(attrs.evolve(FACE, eyes_px=np.full((2, 2), math.nan)), 10**8)
@@ -110,8 +94,10 @@ def test_eye_tracker_names_an_engine_without_a_usable_face_until_it_gives_one() 
 def test_eye_tracker_names_a_filter_that_returns_nan_and_its_eyes_are_no_face(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    tracker = EyeTracker(Track(), engine=NoEngine())
-    monkeypatch.setattr(tracker, "_filter", NanFilter())
+    tracker = EyeTracker(Track(), engine=ENGINE)
+    no_eyes = np.full((2, 2), math.nan), np.zeros((2, 2))
+    made = SimpleNamespace(update=lambda *_: no_eyes, reset=lambda: None)
+    monkeypatch.setattr(tracker, "_filter", made)
     tracker.update(FACE, 10**8)
     assert tracker.fault == "the filter gives eyes that are not finite" and not tracker.seen
     assert not record_of(tracker)["face"]
