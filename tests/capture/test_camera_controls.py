@@ -91,10 +91,7 @@ NOTED: dict[str, tuple[dict[str, Any], set[int], dict[int, int], list[str]]] = {
         {"exposure": 8.0, "power_line_hz": 60},
         {EXPOSURE, POWER_LINE, DYNAMIC_FRAMERATE},
         {AUTO_EXPOSURE: 1},
-        [
-            FAILS.format(f"camera.{key}")
-            for key in ("exposure", "power_line_hz", "dynamic_framerate")
-        ],
+        [FAILS.format(key) for key in ("exposure", "power_line_hz", "dynamic_framerate")],
     ),
 }
 

@@ -47,38 +47,125 @@ def chosen(field: LightField, eyes_px: float = 63.0, **render: object) -> Parall
     return parallax(config, field, 640, eyes_px)
 
 
-def test_parallax_at_true_depth() -> None:
-    """alpha = focal length of the webcam * baseline / focus distance, whatever the distance of the
-    viewer.
-    """
-    for eyes_px in (63.0, 31.5):
-        true = chosen(cotton(), eyes_px, depth=1.0)
-        assert true.alpha_px == pytest.approx(
-            600 * 25 / 4250
-        ) and true.compression == pytest.approx(1.0)
-    here = chosen(cotton()).true_views
-    nearer = chosen(cotton(), zero_plane_px=1.5).true_views
-    assert here == pytest.approx(17.85, abs=0.01) and nearer is not None and nearer < 17
-    assert chosen(cotton(geometry=Geometry()), depth=1.0).views_between_eyes == pytest.approx(8.0)
-    assert chosen(cotton(), depth=0.5).views_between_eyes == pytest.approx(
-        math.sqrt(4 * 17.85), abs=0.01
-    )
+def small(rows: int, cols: int, extent_px: float) -> LightField:
+    """A scene that nothing but its grid limits."""
+    field = rendered.field(rows, cols, 4, 64)
+    return attrs.evolve(field, disparity_min_px=-extent_px, disparity_max_px=extent_px)
 
 
-def test_parallax_within_comfort() -> None:
-    """At 600 mm one degree is 10.47 mm and 3 % of the width 8.97 mm; a view step moves the farthest
-    1.6 px of 0.584 mm.
-    """
-    near, far = chosen(cotton()), chosen(cotton(), 31.5)
-    assert near.distance_mm == pytest.approx(600.0)
-    assert near.comfort_views == pytest.approx(8.97 / (1.6 * 299 / 512), rel=1e-3)
-    assert near.views_between_eyes == 4.0 and near.alpha_px == pytest.approx(63.0 / 4), (
-        "half of nine columns decides"
-    )
-    assert near.compression == pytest.approx(4 / 17.85, rel=1e-3)
-    assert far.distance_mm == pytest.approx(1200.0) and far.alpha_px == pytest.approx(
-        near.alpha_px / 2
-    )
+# of cotton, from 600 mm, where the eyes are 63 px apart
+TRUE_VIEWS = 63 * 4250 / (600 * 25)
+# 3 % of the picture's width are 8.97 mm, less than the 10.47 of one degree; a view step moves the
+# farthest 1.6 px of 0.584 mm
+COMFORT_VIEWS = 8.97 / (1.6 * 299 / 512)
+# one metre away
+CLOSE_UP = cotton(disparity_min_px=-0.1, disparity_max_px=0.1, geometry=Geometry(100.0, 1000.0))
+OFFSET = cotton(disparity_min_px=9.0, disparity_max_px=12.0, border_px=(9.0, 10.5))
+# a scene, px between the eyes, keys of render, the figures of the parallax, and words of its text
+FOUND: dict[str, tuple[LightField, float, dict[str, object], dict[str, float], str]] = {
+    # alpha = focal length of the webcam * baseline / focus distance, whatever the distance
+    **{
+        f"true depth from {distance_mm} mm": (
+            cotton(),
+            eyes_px,
+            {"depth": 1.0},
+            {"alpha_px": 600 * 25 / 4250, "compression": 1.0, "distance_mm": distance_mm},
+            "",
+        )
+        for eyes_px, distance_mm in ((63.0, 600), (31.5, 1200))
+    },
+    "a plane before the middle": (
+        cotton(),
+        63.0,
+        {"zero_plane_px": 1.5},
+        {"true_views": 63 * (1462.9 / (1462.9 / 4250 + 1.5 / 25)) / (600 * 25)},
+        "",
+    ),
+    "true depth that is not known": (
+        cotton(geometry=Geometry()),
+        63.0,
+        {"depth": 1.0},
+        {"views_between_eyes": 8.0},
+        "",
+    ),
+    "half of the depth": (
+        cotton(),
+        63.0,
+        {"depth": 0.5},
+        {"views_between_eyes": math.sqrt(4 * TRUE_VIEWS)},
+        "",
+    ),
+    "half of nine columns": (
+        cotton(),
+        63.0,
+        {},
+        {"views_between_eyes": 4.0, "alpha_px": 63.0 / 4, "compression": 4 / TRUE_VIEWS}
+        | {"true_views": TRUE_VIEWS, "comfort_views": COMFORT_VIEWS, "distance_mm": 600.0}
+        | {"zero_plane_px": 0.0},
+        "",
+    ),
+    "twice as far": (cotton(), 31.5, {}, {"distance_mm": 1200.0, "alpha_px": 63.0 / 8}, ""),
+    "a scene that is near": (
+        CLOSE_UP,
+        63.0,
+        {},
+        {
+            "views_between_eyes": 63 / (0.1 * 600),
+            "true_views": 63 / (0.1 * 600),
+            "compression": 1.0,
+        },
+        "true depth",
+    ),
+    # without the capture's focal length the zero plane's depth is not known
+    "its plane moved": (
+        CLOSE_UP,
+        63.0,
+        {"zero_plane_px": 0.05},
+        {"true_views": 63 / (0.1 * 600)},
+        "",
+    ),
+    **{
+        f"room of {rows}x{cols}": (
+            small(rows, cols, extent_px),
+            63.0,
+            {},
+            {"views_between_eyes": room},
+            "",
+        )
+        for rows, cols, extent_px, room in (
+            (9, 9, 1e-3, 4.0),
+            (9, 1, 1e-3, 4.0),
+            (1, 5, 1e-3, 2.0),
+            (1, 1, 1e-3, 0.5),
+            (1, 40, 0.0, 4.0),
+        )
+    },
+    "far before the screen": (
+        OFFSET,
+        63.0,
+        {"zero_plane_px": 0.0},
+        {"views_between_eyes": 1.28},
+        "",
+    ),
+    # the budget is that of the plane that is chosen, the nearest at the border
+    "automatic plane": (
+        OFFSET,
+        63.0,
+        {},
+        {"zero_plane_px": 10.5, "views_between_eyes": 4.0, "comfort_views": 1.28 * 12.0 / 1.5},
+        "+10.50 px/view",
+    ),
+    "what was far is near": (OFFSET.exchanged(), 63.0, {}, {"zero_plane_px": -9.0}, ""),
+}
+
+
+@pytest.mark.parametrize("kind", FOUND)
+def test_parallax_is_the_least_of_room_comfort_and_true_depth(kind: str) -> None:
+    field, eyes_px, render, figures, words = FOUND[kind]
+    found = chosen(field, eyes_px, **render)
+    assert {name: getattr(found, name) for name in figures} == pytest.approx(figures, rel=1e-3)
+    beyond = found.views_between_eyes > (found.comfort_views or math.inf)
+    assert words in str(found) and ("comfort" in str(found)) == beyond
 
 
 @pytest.mark.parametrize(
@@ -117,29 +204,6 @@ def test_parallax_beyond_comfort_advises_an_alpha_that_ends_it() -> None:
         ) == beyond
 
 
-def test_parallax_is_the_least_of_room_comfort_and_true_depth() -> None:
-    # one metre away
-    close_up = cotton(disparity_min_px=-0.1, disparity_max_px=0.1, geometry=Geometry(100.0, 1000.0))
-    found = chosen(close_up)
-    assert found.views_between_eyes == found.true_views == pytest.approx(63 / (0.1 * 600))
-    assert "true depth" in str(found) and found.compression == 1.0
-    zeroed = chosen(close_up, zero_plane_px=0.05)
-    assert zeroed.true_views == found.true_views, (
-        "without the capture's focal length the zero plane's depth is not known"
-    )
-    for rows, cols, room in ((9, 9, 4.0), (9, 1, 4.0), (1, 5, 2.0), (1, 1, 0.5)):
-        grid = attrs.evolve(
-            rendered.field(rows, cols, 4, 64), disparity_min_px=-1e-3, disparity_max_px=1e-3
-        )
-        assert chosen(grid).views_between_eyes == room, (rows, cols)
-    assert (
-        chosen(
-            attrs.evolve(rendered.field(1, 40, 4, 64), disparity_min_px=0.0, disparity_max_px=0.0)
-        ).views_between_eyes
-        == 4.0
-    )
-
-
 def test_parallax_takes_the_width_that_is_set_then_the_monitors() -> None:
     auto = configured({"camera": {"focal_px": 600.0}})
     reported = parallax(auto, cotton(), 640, 63.0, 300.0)
@@ -149,18 +213,6 @@ def test_parallax_takes_the_width_that_is_set_then_the_monitors() -> None:
     )
     by_hand = configured({"camera": {"focal_px": 600.0}, "screen": {"width_mm": 299.0}})
     assert parallax(by_hand, cotton(), 640, 63.0, 400.0) == chosen(cotton())
-
-
-def test_zero_plane_auto_is_the_nearest_at_the_border() -> None:
-    offset = cotton(disparity_min_px=9.0, disparity_max_px=12.0, border_px=(9.0, 10.5))
-    found, unmoved = chosen(offset), chosen(offset, zero_plane_px=0.0)
-    assert found.zero_plane_px == 10.5 and "+10.50 px/view" in str(found)
-    assert found.comfort_views == pytest.approx((unmoved.comfort_views or 0) * 12.0 / 1.5), (
-        "the budget is that of this screen"
-    )
-    assert found.views_between_eyes == 4.0 > 2 * unmoved.views_between_eyes
-    assert chosen(offset.exchanged()).zero_plane_px == -9.0, "what was far is near"
-    assert "comfort" not in str(found) and chosen(cotton()).zero_plane_px == 0.0
 
 
 def test_parallax_differs_from_that_of_another_seat() -> None:
