@@ -1,5 +1,6 @@
 """The rules of the order of views, each by its definition."""
 
+from collections.abc import Callable
 from typing import Any
 
 import attrs
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 
 from lfpipe import config
 from lfpipe.scene.orientation import ALIKE, Axis, Orientation, examine_axis, orient, same_way
-from lfpipe.scene.source import Turn
+from lfpipe.scene.source import SceneSource, Turn
 from tests.scene import made
 from tests.scene.made import TURNS, turned
 from tests.scene.made import as_source as source
@@ -103,28 +104,6 @@ def test_an_axis_is_measured_by_what_moves(sideways: bool, px: float) -> None:
     )
 
 
-@pytest.mark.parametrize(("px", "by"), [(0.4, "flow"), (0.0, "nothing")])
-def test_motion_of_less_than_half_a_pixel_is_seen(px: float, by: str) -> None:
-    order = orient(source(made.views(5, 5, 96, 128, px, -px)), AUTO)
-    assert order.by == by and ("scene.flip" in order.undecided) == (by == "nothing")
-
-
-def test_views_that_move_across_their_line_are_no_line() -> None:
-    wall = made.texture(192, 256, 4)
-    steep = np.array([[wall[4 * k : 96 + 4 * k, 4 * k : 128 + 4 * k] for k in range(7)]])
-    order = orient(source(steep), AUTO)
-    assert order.by == "nothing" and "across the line" in order.reason and not order.half_turn_sure
-
-
-def test_a_grid_whose_columns_stand_still_is_a_doubtful_one() -> None:
-    line = made.views(1, 7)
-    order = orient(source(np.repeat(line, 3, axis=0)), AUTO)
-    assert (order.by, order.turn.transpose) == (
-        "flow",
-        False,
-    ) and "whether the grid is one" in order.undecided
-
-
 TRUTH = {(2, 2): made.middle_disparity}
 
 
@@ -160,43 +139,99 @@ def test_true_disparity_corrects_a_layout(turn: Turn) -> None:
         assert orient(line, AUTO).by != "truth", "no view below, or none beside"
 
 
-def test_a_map_that_matches_nowhere_changes_nothing() -> None:
-    flat = {(2, 2): lambda: np.zeros((96, 128), np.float32)}
-    assert orient(
-        source(made.views(5, 5), turn=Turn(rows=True), turn_by="names", truth=flat), AUTO
-    ).turn == Turn(rows=True)
-    both = {
-        (1, 1): lambda: -made.middle_disparity(),
-        **TRUTH,
-        (3, 3): lambda: -made.middle_disparity(),
-    }
-    assert orient(
-        source(made.views(5, 5)[::-1], turn=Turn(), turn_by="names", truth=both), AUTO
-    ).turn == Turn(rows=True)
+FLAT: dict[tuple[int, int], Callable[[], np.ndarray]] = {
+    (2, 2): lambda: np.zeros((96, 128), np.float32)
+}
+AROUND = {place: lambda: -made.middle_disparity() for place in ((1, 1), (3, 3))}
+NAMED = {"turn_by": "names"}
+HABIT: dict[str, Any] = {"turn": Turn(), "turn_by": "habit", "turn_firm": False}
+PAINTED = made.texture(192, 256, 4)
+STEEP = np.array([[PAINTED[4 * k : 96 + 4 * k, 4 * k : 128 + 4 * k] for k in range(7)]])
+NOISE = np.array([[made.texture(96, 128, 10 * r + c) for c in range(3)] for r in range(3)])
+GRID = made.views(5, 5)
+# views, settings, what is found of their order, and words of the reason or of the doubt
+ORDERS: dict[str, tuple[SceneSource, dict[str, Any], dict[str, Any], str]] = {
+    "motion of 0.4 px": (source(made.views(5, 5, 96, 128, 0.4, -0.4)), {}, {"by": "flow"}, ""),
+    "no motion": (source(made.views(5, 5, 96, 128, 0.0, 0.0)), {}, {"by": "nothing"}, "scene.flip"),
+    "views that move across their line": (
+        source(STEEP),
+        {},
+        {"by": "nothing", "half_turn_sure": False},
+        "across the line",
+    ),
+    "columns that stand still": (
+        source(np.repeat(made.views(1, 7), 3, axis=0)),
+        {},
+        {"by": "flow", "turn": Turn()},
+        "whether the grid is one",
+    ),
+    # nothing hides anything, and cameras may converge in front of it
+    **{
+        f"one wall, {way}": (
+            source(made.wall(5, 5, 96, 128, 4)[::step, ::step]),
+            {},
+            {"turn": Turn(), "half_turn_sure": False},
+            "near and far",
+        )
+        for way, step in (("as it is", 1), ("half-turned", -1))
+    },
+    **{
+        f"too small: {height}x{width}": (
+            source(np.random.default_rng(0).integers(0, 256, (3, 3, height, width, 3), np.uint8)),
+            {},
+            {"turn": Turn(), "by": "nothing", "sure": False},
+            "too small",
+        )
+        for height, width in ((1, 1), (6, 8), (23, 200))
+    },
+    "a map that matches nowhere": (
+        source(GRID, turn=Turn(rows=True), truth=FLAT, **NAMED),
+        {},
+        {"turn": Turn(rows=True)},
+        "",
+    ),
+    "maps of other views, too": (
+        source(GRID[::-1], turn=Turn(), truth={**AROUND, **TRUTH}, **NAMED),
+        {},
+        {"turn": Turn(rows=True)},
+        "",
+    ),
+    "a doubt of the layout": (
+        source(GRID, doubt="perhaps 3x3"),
+        {},
+        {"undecided": "perhaps 3x3", "sure": False, "half_turn_sure": False},
+        "",
+    ),
+    "a doubt about one view": (source(made.views(1, 1), doubt="x"), {}, {"turn": Turn()}, ""),
+    "a habit against clear flow": (
+        source(made.views(5, 7)[::-1], **HABIT),
+        {},
+        {"turn": Turn(rows=True)},
+        "",
+    ),
+    "a habit against noise": (source(NOISE, **HABIT), {}, {"turn": Turn(), "by": "layout"}, ""),
+    **{
+        f"the user's word: {words}": (source(GRID), words, {"turn": turn, "by": by}, "")
+        for words, turn, by in (
+            ({"flip": "rows"}, Turn(rows=True), "override"),
+            ({"flip": "none", "transpose": "yes"}, Turn(transpose=True), "override"),
+            ({"flip": "both"}, Turn(True, True), "override"),
+            ({"flip": "none"}, Turn(), "override"),
+            ({"transpose": "yes"}, Turn(transpose=True), "override"),
+            # a setting that changes nothing is none
+            ({"transpose": "no"}, Turn(), "flow"),
+        )
+    },
+}
 
 
-@pytest.mark.parametrize(
-    ("words", "turn", "by"),
-    [
-        ({"flip": "rows"}, Turn(rows=True), "override"),
-        ({"flip": "none", "transpose": "yes"}, Turn(transpose=True), "override"),
-        ({"flip": "both"}, Turn(True, True), "override"),
-        ({"flip": "none"}, Turn(), "override"),
-        ({"transpose": "yes"}, Turn(transpose=True), "override"),
-        # a setting that changes nothing is none
-        ({"transpose": "no"}, Turn(), "flow"),
-    ],
-)
-def test_the_users_word_wins(words: dict[str, Any], turn: Turn, by: str) -> None:
-    order = orient(source(made.views(5, 5)), config.Scene(**words))
-    assert (order.turn, order.by) == (turn, by) and order.depth is not None
-    assert (order.detected is None) == (by == "flow")
-
-
-def test_a_doubt_of_the_layout_is_kept() -> None:
-    order = orient(source(made.views(5, 5), doubt="perhaps 3x3"), AUTO)
-    assert order.undecided == "perhaps 3x3" and not order.sure and not order.half_turn_sure
-    assert orient(source(made.views(1, 1), doubt="x"), AUTO).turn == Turn()
+@pytest.mark.parametrize("kind", ORDERS)
+def test_order_of_views(kind: str) -> None:
+    views, words, expected, said = ORDERS[kind]
+    order = orient(views, config.Scene(**words))
+    assert {name: getattr(order, name) for name in expected} == expected
+    assert said in order.reason + order.undecided
+    assert not words or (order.detected is None) == (order.by == "flow")
 
 
 @pytest.mark.parametrize("turn", TURNS, ids=str)
