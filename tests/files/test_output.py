@@ -5,6 +5,7 @@ recognised.
 import json
 import os
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -131,66 +132,80 @@ def test_a_mark_changes_no_pixel(tmp_path: Path) -> None:
         assert kind != "mkv" or np.array_equal(frames[2][1], PICTURE)
 
 
-def test_places_that_are_no_files(tmp_path: Path) -> None:
+READ = {  # what commands read, and files of others
+    "in.avi": b"",
+    "in.csv": b"seq,source_seq,epoch,t_sensor_ns,t_read_ns\n",
+    "theirs.avi": b"",
+    "theirs.csv": b"time\n",
+    "walk/manifest.json": b'{\n "format": "lfpipe-sequence"',
+    "ref/report.json": b'{\n "format": 1,\n "versions": {\n  "lfpipe"',
+    "ref/pictures/none": b"",
+    "bench/results.json": b'{"format": "lfpipe-bench-5"',
+    "scene/sub/none": b"",
+    "scene/new/none": b"",
+    "file": b"",
+}
+LINKS = {"loop": "loop", "scene/soft.png": "view.png", "scene/link": "."}
+IN_SCENE = ("view.png", "sub/../view.png", "hard.png", "soft.png", "link/view.png", "new/inner.png")
+
+
+@pytest.fixture
+def read(tmp_path: Path) -> Path:
+    for name, data in READ.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_bytes(data)
+    for name, target in LINKS.items():
+        (tmp_path / name).symlink_to(target)
     os.mkfifo(tmp_path / "fifo")
-    (tmp_path / "loop").symlink_to("loop")
-    (tmp_path / "file").write_bytes(b"")
-    wrong = ["fifo", "loop", ".", "missing/x", "file/x", "n" * 300, "a\0b", "/dev/null"]
-    assert [name for name in wrong if not _refused(tmp_path / name, force=True)] == []
-
-
-def test_an_input_is_never_an_output(tmp_path: Path) -> None:
-    scene = tmp_path / "scene"
-    for name in ("sub", "new"):
-        (scene / name).mkdir(parents=True)
-    _written(scene, "png").rename(scene / "view.png")
-    for name in ("new/inner.png", "hard.png"):
-        (scene / name).hardlink_to(scene / "view.png")
-    (scene / "soft.png").symlink_to("view.png")
-    (scene / "link").symlink_to(".")
-    before = _tree(tmp_path)
-    for name in (
-        "view.png",
-        "sub/../view.png",
-        "hard.png",
-        "soft.png",
-        "link/view.png",
-        "new/inner.png",
+    _written(tmp_path, "png").rename(tmp_path / "scene/view.png")
+    for name, other in (
+        ("scene/new/inner.png", "scene/view.png"),
+        ("scene/hard.png", "scene/view.png"),
+        ("other", _written(tmp_path, "jsonl").name),
     ):
-        assert _refused(scene / name, scene, force=True) and _refused(
-            scene / name, scene / "view.png", force=True
-        )
-    assert _tree(tmp_path) == before
-    assert _refused(scene / "trace.jsonl", scene) and not _refused(tmp_path / "new.png", scene)
+        (tmp_path / name).hardlink_to(tmp_path / other)
+    return tmp_path
 
 
-def test_what_another_command_reads_is_never_replaced(tmp_path: Path) -> None:
-    (tmp_path / "in.avi").write_bytes(b"")
-    (tmp_path / "in.csv").write_bytes(b"seq,source_seq,epoch,t_sensor_ns,t_read_ns\n")
-    (tmp_path / "theirs.avi").write_bytes(b"")
-    (tmp_path / "theirs.csv").write_bytes(b"time\n")
-    for name, file, head in (
-        ("walk", "manifest.json", b'{\n "format": "lfpipe-sequence"'),
-        ("ref", "report.json", b'{\n "format": 1,\n "versions": {\n  "lfpipe"'),
-        ("bench", "results.json", b'{"format": "lfpipe-bench-6"'),
-    ):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / file).write_bytes(head)
-        assert _refused(tmp_path / name / file, force=True)
-    for new in ("walk/truth.csv", "walk/out.png", "ref/trace.jsonl", "ref/pictures/frames.bin"):
-        (tmp_path / new).parent.mkdir(exist_ok=True)
-        assert _refused(tmp_path / new, force=True), new
-    assert not _refused(tmp_path / "bench" / "report.html")
-    assert _refused(tmp_path / "in.csv", force=True)
-    assert _refused(tmp_path / "in.csv", tmp_path / "in.avi", force=True, writes=TABLE)
-    assert _refused(tmp_path / "theirs.csv", tmp_path / "theirs.avi", force=True)
-    assert not _refused(tmp_path / "theirs.csv", force=True)
-
-
-def test_a_file_of_several_names_is_kept(tmp_path: Path) -> None:
-    path = _written(tmp_path, "jsonl")
-    (tmp_path / "other").hardlink_to(path)
-    assert _refused(path, force=True) and _refused(tmp_path / "other", force=True)
+@pytest.mark.parametrize(
+    ("name", "inputs", "more", "refused"),
+    [
+        # no files
+        *(
+            (name, [], {"force": True}, True)
+            for name in ("fifo", "loop", ".", "missing/x", "file/x", "n" * 300, "a\0b", "/dev/null")
+        ),
+        # a file of several names
+        ("ours.jsonl", [], {"force": True}, True),
+        ("other", [], {"force": True}, True),
+        # an input
+        *(
+            (f"scene/{name}", [given], {"force": True}, True)
+            for name in IN_SCENE
+            for given in ("scene", "scene/view.png")
+        ),
+        ("scene/trace.jsonl", ["scene"], {}, True),
+        ("new.png", ["scene"], {}, False),
+        # what another command reads
+        *(
+            (name, [], {"force": True}, True)
+            for name in (
+                *("walk/manifest.json", "ref/report.json", "bench/results.json", "walk/truth.csv"),
+                *("walk/out.png", "ref/trace.jsonl", "ref/pictures/frames.bin", "in.csv"),
+            )
+        ),
+        ("bench/report.html", [], {}, False),
+        ("in.csv", ["in.avi"], {"force": True, "writes": TABLE}, True),
+        ("theirs.csv", ["theirs.avi"], {"force": True}, True),
+        ("theirs.csv", [], {"force": True}, False),
+    ],
+)
+def test_no_file_that_is_read_or_none_is_replaced(
+    read: Path, name: str, inputs: list[str], more: dict[str, Any], refused: bool
+) -> None:
+    before = _tree(read)
+    assert _refused(read / name, *(read / given for given in inputs), **more) == refused
+    assert _tree(read) == before
 
 
 def test_two_outputs_of_one_command_differ(tmp_path: Path) -> None:

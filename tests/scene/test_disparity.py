@@ -34,12 +34,6 @@ def test_refinement_pulls_a_map_to_where_all_neighbours_agree_and_leaves_flat_pi
     np.testing.assert_allclose(found, 1.7, atol=1e-4)
 
 
-def test_four_corners_of_a_wall_are_met_within_a_tenth_of_a_pixel() -> None:
-    found = estimate_disparity(wall(2, 2, 96).views[0])
-    assert found is not None
-    assert np.abs(found - 2)[:, :, 4:-4, 4:-4].mean() < 0.1
-
-
 def test_scales_hold_the_range() -> None:
     assert scale_for(-3.1, 2.7) == 1 / 16
     for low, high in ((-14.6, 8.4), (-1.0, 30.0)):
@@ -48,25 +42,42 @@ def test_scales_hold_the_range() -> None:
         assert np.allclose(ends, (low, high), atol=scale / 2 + 1e-6)
 
 
-def test_disparity_of_a_subset_of_views_is_per_its_own_step() -> None:
-    grid = made.views(5, 5).transpose(0, 1, 4, 2, 3)
-    found = estimate_disparity(grid[::2, ::2])
-    assert found is not None and found.shape == (3, 3, 48, 64)
-    assert np.median(np.abs(found[1, 1] - 2 * made.middle_disparity()[::2, ::2])) < 0.25
-    assert (
-        estimate_disparity(grid[:1, :1])
-        is estimate_disparity(grid[:, :, :, : SMALLEST_PX - 1])
-        is None
-    )
+def test_four_corners_of_a_wall_are_met_within_a_tenth_of_a_pixel() -> None:
+    found = estimate_disparity(wall(2, 2, 96).views[0])
+    assert found is not None
+    assert np.abs(found - 2)[:, :, 4:-4, 4:-4].mean() < 0.1
 
 
-def test_disparity_across_40_px_between_views() -> None:
-    views = made.views(3, 3, 192, 192, near_px=40.0, far_px=0.0).transpose(0, 1, 4, 2, 3)
-    disparity = estimate_disparity(views)
-    assert disparity is not None
-    off = np.abs(disparity[1, 1] - made.middle_disparity(192, 192, 40.0, 0.0)[::2, ::2])
-    right = off < 2  # false where it is unknown
-    assert right.mean() > 0.9
+def planar(*grid: float) -> np.ndarray:
+    return made.views(*map(int, grid[:4]), *grid[4:]).transpose(0, 1, 4, 2, 3)
+
+
+FIVE = planar(5, 5, 96, 128, 2.0, -1.0)
+# views, the true disparity of one in the middle, and how far off this share of it is at most
+KNOWN: dict[str, tuple[np.ndarray, np.ndarray, float, float]] = {
+    "of its own step, of a subset": (FIVE[::2, ::2], 2 * made.middle_disparity(), 0.25, 0.5),
+    "across 40 px between views": (
+        planar(3, 3, 192, 192, 40.0, 0.0),
+        made.middle_disparity(192, 192, 40.0, 0.0),
+        2.0,
+        0.9,
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", KNOWN)
+def test_estimate_disparity_of_known_views(kind: str) -> None:
+    views, truth, most_px, share = KNOWN[kind]
+    found = estimate_disparity(views)
+    assert found is not None and found.shape[:2] == views.shape[:2]
+    middle = found[len(views) // 2, views.shape[1] // 2]
+    # false where it is unknown
+    assert np.mean(np.abs(middle - truth[::2, ::2]) < most_px) > share
+
+
+def test_estimate_disparity_needs_two_views_that_are_not_too_small() -> None:
+    assert estimate_disparity(FIVE[:1, :1]) is None
+    assert estimate_disparity(FIVE[:, :, :, : SMALLEST_PX - 1]) is None
 
 
 def test_cameras_off_the_grid_are_divided_by_their_true_distance() -> None:
