@@ -7,7 +7,10 @@ import os
 import shutil
 import time
 from collections.abc import Callable
+from functools import partial
+from operator import attrgetter
 from pathlib import Path
+from typing import Any
 
 import attrs
 import numpy as np
@@ -22,7 +25,7 @@ from lfpipe.scene.pack import DamagedPackError, open_pack, read_manifest, write_
 from lfpipe.scene.packing import pack_scene
 from tests.scene import made
 from tests.scene.people_sets import far_pair
-from tests.scene.writers import h5
+from tests.scene.writers import Make, files, grid, h5, jpeg_pleno, numbered, one
 from tests.support.hostile_files import NO_FILES, at
 
 
@@ -108,43 +111,74 @@ def test_threads_that_change_places_anywhere_write_a_pack(
         gc.set_threshold(*often)
 
 
-def test_the_users_word_makes_another_pack(folder: Path, scene_config: config.Scene) -> None:
-    plain = pack_scene(folder, scene_config)
-    turned = pack_scene(folder, attrs.evolve(scene_config, flip="both"))
-    assert np.array_equal(turned.views, plain.views[:, ::-1, ::-1])
-    # Near and far exchanged: truth follows with its sign.
-    assert (turned.disparity_min_px, turned.disparity_max_px) == (-2.0, 1.0)
-    assert (
-        pack_scene(folder, attrs.evolve(scene_config, flip="rows")).disparity_source == "estimated"
-    )
+VIEWS = made.views(3, 3)
+GREY = np.repeat(made.views(4, 4, 48, 64)[..., :1], 3, axis=-1)
+DEEP = GREY.astype(np.uint16) * 4
+ONE_COLOURED = GREY.copy()
+ONE_COLOURED[1, 1, 5, 5] = (1, 2, 3)  # not among the views looked at first
+FILM = [made.mosaic(made.views(2, 3, 64, 80, near)) for near in (2.0, 1.5)]
+FAR_LEFT, FAR_RIGHT = far_pair(240)
+# a scene, settings, what its pack has, and its views
+PACKS: dict[str, tuple[Make, dict[str, Any], dict[str, Any], np.ndarray | None]] = {
+    # near and far exchanged: truth follows with its sign
+    "both flipped": (
+        partial(with_truth, count=3),
+        {"flip": "both"},
+        {"disparity_source": "truth", "disparity_min_px": -2.0, "disparity_max_px": 1.0},
+        VIEWS[::-1, ::-1],
+    ),
+    "rows flipped": (
+        partial(with_truth, count=3),
+        {"flip": "rows"},
+        {"disparity_source": "estimated"},
+        VIEWS[::-1],
+    ),
+    # its columns run the other way than the layout's: its own depth says so, and stays of use
+    "an lf.h5 with depth": (
+        h5(VIEWS, depth=(10 / (made.middle_disparity() + 3)).astype(np.float32)),
+        {},
+        {"disparity_source": "truth"}
+        | {"disparity_min_px": pytest.approx(-1), "disparity_max_px": pytest.approx(2)},
+        VIEWS,
+    ),
+    "10 bits of grey, with gamma": (
+        jpeg_pleno(DEEP),
+        {"gamma": 2.0},
+        {"channels": 1, "manifest.bit_depth": 10, "manifest.gamma": 2.0},
+        np.rint(255 * np.sqrt(DEEP[..., :1] / 1023)),
+    ),
+    "one coloured view": (grid(ONE_COLOURED), {}, {"channels": 3}, None),
+    "a film": (
+        numbered(FILM),
+        {},
+        {"frames": 2, "frame_rate_hz": 25.0, "disparity.shape": (2, 2, 3, 32, 40)},
+        None,
+    ),
+    "one picture": (
+        one("photo.png", made.texture(60, 80, 3)),
+        {},
+        {"rows": 1, "cols": 1, "disparity": None, "method": "nearest"},
+        None,
+    ),
+    "a pair that is too far apart": (
+        files(x_left_png=FAR_LEFT, x_right_png=FAR_RIGHT),
+        {},
+        {"method": "nearest", "disparity": None, "complete": True}
+        | {"disparity_max_px": pytest.approx(290, abs=90)},
+        None,
+    ),
+}
 
 
-def test_truth_holds_with_the_order_it_told(tmp_path: Path, scene_config: config.Scene) -> None:
-    """An lf.h5 whose columns run the other way than the layout's: its own depth says so, and stays
-    of use.
-    """
-    depth = (10 / (made.middle_disparity() + 3)).astype(np.float32)
-    field = pack_scene(h5(made.views(3, 3), depth=depth)(tmp_path), scene_config)
-    assert np.array_equal(pictures(field), made.views(3, 3)) and field.disparity_source == "truth"
-    assert (field.disparity_min_px, field.disparity_max_px) == pytest.approx((-1, 2), abs=1e-4)
-
-
-def test_gamma_grey_and_depth(tmp_path: Path, scene_config: config.Scene) -> None:
-    values = np.repeat(made.views(2, 2, 48, 64)[..., :1], 3, axis=-1).astype(np.uint16) * 4
-    for r, c in np.ndindex(2, 2):
-        made.write_ppm(tmp_path / f"{r:03d}_{c:03d}.ppm", values[r, c], 1023)
-    field = pack_scene(tmp_path, attrs.evolve(scene_config, gamma=2.0))
-    assert (field.channels, field.manifest.bit_depth, field.manifest.gamma) == (1, 10, 2.0)
-    assert np.array_equal(field.views[0, :, :, 0], np.rint(255 * np.sqrt(values[..., 0] / 1023)))
-
-
-def test_one_coloured_view_makes_a_scene_coloured(
-    tmp_path: Path, scene_config: config.Scene
+@pytest.mark.parametrize("kind", PACKS)
+def test_a_pack_has_what_its_scene_and_settings_say(
+    tmp_path: Path, scene_config: config.Scene, kind: str
 ) -> None:
-    grid = np.repeat(made.views(4, 4, 48, 64)[..., :1], 3, axis=-1)
-    grid[1, 1, 5, 5] = (1, 2, 3)  # not among the views looked at first
-    made.write_grid(tmp_path, grid)
-    assert pack_scene(tmp_path, scene_config).channels == 3
+    make, settings, expected, views = PACKS[kind]
+    field = pack_scene(make(tmp_path), attrs.evolve(scene_config, **settings))
+    for name, value in expected.items():
+        assert attrgetter(name)(field) == value, name
+    assert views is None or np.array_equal(pictures(field), views)
 
 
 @pytest.mark.parametrize(("row", "share"), [(0, 0.6), (2, 0.4)], ids=["corner", "middle"])
@@ -160,17 +194,6 @@ def test_a_missing_view_is_made_from_the_nearest_and_told(
     filled, beside = pictures(field)[row, row : row + 2].astype(float)
     off = np.abs(filled - views[row, row]).mean()
     assert off < share * np.abs(beside - views[row, row]).mean()
-
-
-def test_video_and_single_picture(tmp_path: Path, scene_config: config.Scene) -> None:
-    for n, near in enumerate((2.0, 1.5)):
-        made.write(tmp_path / "video" / f"f{n}.png", made.mosaic(made.views(2, 3, 64, 80, near)))
-    field = pack_scene(tmp_path / "video", scene_config)
-    assert (field.frames, field.frame_rate_hz) == (2, 25.0)
-    assert field.disparity is not None and field.disparity.shape[0] == 2
-    made.write(tmp_path / "one" / "photo.png", made.texture(60, 80, 3))
-    single = pack_scene(tmp_path / "one", scene_config)
-    assert (single.rows, single.cols, single.disparity, single.method) == (1, 1, None, "nearest")
 
 
 def _other_version(pack: Path) -> None:
@@ -316,12 +339,3 @@ def test_only_packs_are_removed_and_a_folder_of_a_person_is_no_cache(
     assert sorted(path.name[:1] for path in pack.parent.iterdir()) == ["0", "1", "2"]
     assert (pack.with_name("0" * 24) / "notes.txt").read_text() == "mine"
     assert len(list(mine.iterdir())) == 4
-
-
-def test_a_pair_that_is_too_far_apart_is_not_mixed(tmp_path: Path) -> None:
-    for side, view in zip(("left", "right"), far_pair(240), strict=True):
-        made.write(tmp_path / "s" / f"x_{side}.png", view)
-    field = pack_scene(tmp_path / "s", config.Scene(cache_dir=str(tmp_path / "cache")))
-    assert (field.method, field.disparity, field.complete) == ("nearest", None, True)
-    assert "too far apart" in field.manifest.orientation.undecided
-    assert field.disparity_max_px > 200
