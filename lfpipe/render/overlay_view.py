@@ -321,10 +321,8 @@ class OverlayView:
         bar_top_px = window_px[1] if bar is None else bar.at[1]
         pages, panels = list[Panel](), list[Panel]()
         bottom_px = bar_top_px if overlay.menu is None else window_px[1]
-        top_px = EDGE_PX
-        if overlay.recording:
-            panels.append(recording_panel(overlay.recording, window_px, text_px))
-            top_px += panels[0].surface.get_height() + GAP_PX
+        dots = [recording_panel(overlay.recording, window_px, text_px)] if overlay.recording else []
+        top_px = EDGE_PX + sum(panel.surface.get_height() + GAP_PX for panel in dots)
         if overlay.lines:
             page = Overlay(lines=overlay.lines, inset=overlay.inset, items=overlay.items)
             pages.append(
@@ -346,7 +344,7 @@ class OverlayView:
         if bar is not None and (now_s >= self._bar_from_s or self._held):
             panels.append(bar)
             self._edge_px = bar_top_px
-        self._panels = [*pages, *panels]
+        self._panels = [*pages, *panels, *dots]
         return self._panels
 
     def key(self, name: str) -> str:

@@ -18,7 +18,7 @@ from lfpipe.render.display import Display
 from lfpipe.render.glasses import glasses_test
 from lfpipe.render.mouse_look import MouseLook
 from lfpipe.render.pair_layout import Pair
-from lfpipe.render.refresh import COST_SHARE, Refresh
+from lfpipe.render.refresh import COST_SHARE, Refresh, ScreenRefresh
 from lfpipe.render.showing import ANSWER_NS, HANDOVER, Listener, Showing, take_known
 from lfpipe.render.viewer import Viewer
 from lfpipe.transport.clock import now_ns, sleep_until
@@ -102,7 +102,7 @@ class Presenter:
             self.picture = drawing.picture
             self._number += 1
         t_composed_ns = t_handed_ns = now_ns()
-        if self._refresh is not None and moment.refresh_ns:
+        if self._refresh is not None:
             sleep_until(self._refresh.earliest_ns(moment.target_ns))
             t_handed_ns = now_ns()
         cost_ns = 0
@@ -153,10 +153,9 @@ class Presenter:
 
     def _report(self, showing: Showing) -> None:
         """Tells the listeners of a showing whose time of display is known."""
-        refresh = self._refresh
         planned = showing.composed and showing.due_ns and showing.by not in ("", HANDOVER)
-        if planned and refresh is not None:
-            showing.juddered = refresh.judge(
+        if planned and isinstance(self._refresh, ScreenRefresh):
+            showing.juddered = self._refresh.judge(
                 showing.due_ns, showing.t_handed_ns, showing.t_presented_ns
             )
         for listener in self._listeners:
@@ -165,7 +164,7 @@ class Presenter:
     def take_reports(self) -> None:
         """Processes the window system's reports of pictures and blanks."""
         answers = self._display.presented()
-        if answers and self._refresh is not None:
+        if answers and isinstance(self._refresh, ScreenRefresh):
             self._refresh.blanks(answers, self._display.nominal_hz())
         for showing in take_known(self._waiting, answers, self._display.blanks_by, now_ns()):
             self._report(showing)

@@ -55,18 +55,6 @@ class Refresh:
         share = COST_SHARE if self._cost_ns else 1.0
         self._cost_ns += int(share * (cost_ns - self._cost_ns))
 
-    def judge(self, target_ns: int, t_handed_ns: int, t_presented_ns: int) -> bool:
-        """Learns from a picture whose time of display is known; returns whether it was not the
-        planned one.
-        """
-        return False
-
-    def blanks(self, reports: list[Presented], nominal_hz: float) -> None:
-        """Takes the window system's reports.
-
-        nominal_hz: the rate that the window's monitor claims.
-        """
-
     def limit(self, rate_hz: float | str, nominal_hz: float) -> None:
         """Takes `render.rate_hz` now in force; nominal_hz: the rate if it is "auto"."""
         if 1e9 / nominal_hz != self._period_ns:
@@ -236,8 +224,8 @@ class ScreenRefresh(Refresh):
             super().add_cost(cost_ns, t_started_ns, target_ns)
 
     def judge(self, target_ns: int, t_handed_ns: int, t_presented_ns: int) -> bool:
-        """Judges a picture for the blank target_ns, shown at t_presented_ns, 0 for never; returns
-        whether that was not its blank.
+        """Learns from a picture for the blank target_ns, shown at t_presented_ns, 0 for never;
+        returns whether that was not its blank.
 
         One that was replaced would have been shown when its successor was.
         """
@@ -300,6 +288,10 @@ class ScreenRefresh(Refresh):
         self._margin_ns = min(max(self._margin_ns, LEAST_MARGIN_NS), most_ns)
 
     def blanks(self, reports: list[Presented], nominal_hz: float) -> None:
+        """Takes the window system's reports.
+
+        nominal_hz: the rate that the window's monitor claims.
+        """
         self.clock.claim(nominal_hz)
         for report in reports:
             if report.t_ns:

@@ -92,9 +92,7 @@ class HeadEstimator:
         """The head in the last record, its eyes predicted horizon_ns ahead; None without a face."""
         if not record["face"] or not self._apart_px:
             return None
-        eyes_px = record["filtered_px"]
-        if horizon_ns > 0:
-            eyes_px = extrapolated(eyes_px, record["velocity_px_s"], horizon_ns)
+        eyes_px = extrapolated(record["filtered_px"], record["velocity_px_s"], horizon_ns)
         if not np.isfinite(eyes_px).all():
             return None
         pose = CameraPose.configured(

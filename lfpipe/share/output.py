@@ -57,6 +57,12 @@ def opentrack_datagram(sample: Sample) -> bytes:
     return POSE.pack(-x, y, z, head.yaw_deg, head.pitch_deg, -head.roll_deg)
 
 
+def _numbers(head: Head) -> tuple[float, ...]:
+    """The positions of both eyes and of the point between them, and yaw, pitch and roll."""
+    angles = head.yaw_deg, head.pitch_deg, head.roll_deg
+    return *head.left_mm, *head.right_mm, *head.position_mm, *angles
+
+
 def osc_datagram(sample: Sample) -> bytes:
     """One bundle a frame, its time tag that of the eyes: /lfpipe/frame always, /lfpipe/eyes and
     /lfpipe/head with a face.
@@ -69,11 +75,9 @@ def osc_datagram(sample: Sample) -> bytes:
         "frame": [("i", int(head is not None)), ("h", sample.source_seq), ("h", sample.t_ns)]
     }
     if head is not None:
-        messages["eyes"] = [("f", value) for value in (*head.left_mm, *head.right_mm)]
-        messages["head"] = [
-            ("f", value)
-            for value in (*head.position_mm, head.yaw_deg, head.pitch_deg, head.roll_deg)
-        ]
+        numbers = [("f", value) for value in _numbers(head)]
+        messages["eyes"] = numbers[:6]
+        messages["head"] = numbers[6:]
     # the wall clock may be set while a session runs
     unix_s = (sample.t_ns + time.time_ns() - now_ns()) / 1e9
     bundle = OscBundleBuilder(unix_s)  # type: ignore[arg-type]  # it takes fractions
@@ -212,17 +216,8 @@ class LslOutput:
     def send(self, sample: Sample) -> bool:
         """See `UdpOutput.send`. Markers have the time of the sample."""
         head = sample.head
-        values = [math.nan] * 12
-        if head is not None:
-            values = [
-                *head.left_mm,
-                *head.right_mm,
-                *head.position_mm,
-                head.yaw_deg,
-                head.pitch_deg,
-                head.roll_deg,
-            ]
         face = head is not None
+        values = [math.nan] * 12 if head is None else list(_numbers(head))
         values += [
             float(face),
             float(sample.source_seq),
