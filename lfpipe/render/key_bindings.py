@@ -288,10 +288,10 @@ class KeyBindings:
 
     def _ask_about_depth(self) -> None:
         """Says, the first time an undecided scene is shown, how to exchange near and far."""
-        context = self._context
+        options = self._context.options
         field = self._viewer.field
-        on_screen = isinstance(context.options.display, Window) and not context.options.kiosk
-        if on_screen and undecided(field, context.config.scene.half_turn):
+        on_screen = isinstance(options.display, Window) and not options.kiosk
+        if on_screen and undecided(field, self._context.config.scene.half_turn):
             self._notices.say("near and far", "press d if near and far are exchanged", ASKED_NS)
             remember(field, "asked")
 

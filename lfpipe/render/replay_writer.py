@@ -48,7 +48,6 @@ class ReplayWriter(Listener):
         """Keeps the picture; adds eyes_filtered and the picture's digest to its line."""
         if showing.eyes is None:
             return
-        record = showing.eyes.record
         stamp = showing.eyes.stamp
         self._first_ns = stamp.t_sensor_ns if self._first_ns is None else self._first_ns
         picture = showing.picture
@@ -64,7 +63,7 @@ class ReplayWriter(Listener):
             if error_px > self._worst_px:  # false where the truth is not seen
                 self._named["worst"] = picture.copy()
                 self._worst_px = error_px
-        filtered_px = record.filtered_px
+        filtered_px = showing.eyes.record.filtered_px
         showing.more["eyes_filtered"] = {"left": filtered_px[:2], "right": filtered_px[2:]}
         showing.more["picture"] = self._digest
 

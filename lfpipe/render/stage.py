@@ -154,13 +154,12 @@ class RenderStage:
             self._loop_ns = 0
 
     def _open_display(self) -> Display:
-        options = self._options
-        rate_hz = options.viewer.rate_hz if self._on_camera else self._asked.render.nominal_hz
+        camera_hz = self._options.viewer.rate_hz
         return open_display(
-            options.display,
+            self._options.display,
             (self._field.width_px, self._field.height_px),
             f"lfpipe: {self._field.name}",
-            float(rate_hz),
+            float(camera_hz if self._on_camera else self._asked.render.nominal_hz),
             str(self._config.screen.monitor),
             self._context.row["restarts"],
         )
@@ -174,7 +173,6 @@ class RenderStage:
     def _make_listeners(self) -> list[Listener]:
         context = self._context
         options = self._options
-        viewer = self._viewer
         session = context.spec.session
         listeners: list[Listener] = [self._status]
         if not isinstance(options.display, Nothing):
@@ -186,10 +184,10 @@ class RenderStage:
         trace = Path(options.trace) if options.trace else None
         began = session.run_dir / "session.json" if context.row["restarts"] else None
         listeners += (
-            TapMessages(context.emit, viewer, ViewerState(context.row["viewer"])),
+            TapMessages(context.emit, self._viewer, ViewerState(context.row["viewer"])),
             PictureRing(session.segment),
             ShareStamps(partial(context.output, "shown")),
-            Trace(viewer, trace, began, self._lost),
+            Trace(self._viewer, trace, began, self._lost),
         )
         for listener in listeners:
             listener.set_options(options)

@@ -56,7 +56,6 @@ class Sharer:
     def _open(self, text: str) -> None:
         context = self._context
         target = parse_target(text)
-        options = context.options
         try:
             with context.busy_with(f"opening {target.kind}"):
                 output: UdpOutput | LslOutput
@@ -64,7 +63,10 @@ class Sharer:
                     # liblsl's threads inherit it: many receivers do not delay a picture
                     yield_to_others()
                     output = LslOutput(
-                        target, context.spec.session.run, options.viewer.rate_hz, options.show
+                        target,
+                        context.spec.session.run,
+                        context.options.viewer.rate_hz,
+                        context.options.show,
                     )
                 else:
                     output = UdpOutput(target)
