@@ -77,13 +77,19 @@ def test_find_monitor_by_number_or_part_of_a_name(wanted: str, number: int) -> N
     assert find_monitor(wanted, DESK).number == number
 
 
-def test_pixel_mm_does_not_believe_sizes_that_cannot_be() -> None:
-    assert pixel_mm((96.0, 96.0), 1920) == pytest.approx(508 / 1920)
-    assert pixel_mm((0.0, 0.0), 1920) is None
-    assert pixel_mm((1920 * 25.4 / 160, 1080 * 25.4 / 90), 1920) is None, (
-        "160 x 90 mm is an aspect, no size"
-    )
-    assert pixel_mm((96.0, 150.0), 1920) is None
+@pytest.mark.parametrize(
+    ("dpi", "size_mm"),
+    [
+        ((96.0, 96.0), 508 / 1920),
+        ((0.0, 0.0), None),
+        ((1920 * 25.4 / 160, 1080 * 25.4 / 90), None),  # 160 x 90 mm is an aspect, no size
+        ((96.0, 150.0), None),
+    ],
+)
+def test_pixel_mm_does_not_believe_sizes_that_cannot_be(
+    dpi: tuple[float, float], size_mm: float | None
+) -> None:
+    assert pixel_mm(dpi, 1920) == (None if size_mm is None else pytest.approx(size_mm))
 
 
 @pytest.fixture(scope="module")

@@ -26,7 +26,7 @@ from lfpipe.render.listeners import (
     trace_line,
 )
 from lfpipe.render.presence import ViewerState
-from lfpipe.render.showing import REPLACED
+from lfpipe.render.showing import REPLACED, Showing
 from lfpipe.render.stage import RenderStage
 from lfpipe.render.viewer import Viewer
 from lfpipe.transport import ring
@@ -41,10 +41,6 @@ NONE = SessionOptions()
 
 def viewer() -> Viewer:
     return Viewer(field(9, 9, 16, 16), Config(render=Render(method="warp2")))
-
-
-def row() -> Row:
-    return Row(np.zeros((), ROW))
 
 
 class Blanks(Display):
@@ -120,35 +116,51 @@ def test_trace_is_continued_by_a_restarted_process_and_begins_anew_with_a_sessio
 # status row
 
 
-def test_status_row_counts_what_was_planned_and_what_came_otherwise() -> None:
-    figures = row()
-    status = StatusRow(figures, viewer(), Blanks())
-    shown = showing(moment=Moment.of(S, REFRESH_NS), cost_ns=5_000_000, t_presented_ns=2 * S)
-    status.handed_over(shown)
-    status.handed_over(showing(number=0, moment=Moment.of(S, REFRESH_NS)))
-    status.missed(3)
-    status.presented(shown)
-    status.presented(showing(juddered=True, by=REPLACED))
-    assert [figures[name] for name in ("seq", "planned", "missed", "juddered")] == [2, 5, 3, 4]
-    assert figures["face"] == 1 and figures["t_face_ns"] == S
-    assert int(figures.record["age"]["count"].sum()) == 1, "one was seen"
-    assert int(figures.record["busy"]["count"].sum()) == 2
+ON_TIME = Moment.of(S, REFRESH_NS)
+SEEN = showing(moment=ON_TIME, cost_ns=5_000_000, t_presented_ns=2 * S)
 
 
-def test_status_row_without_blanks_plans_nothing() -> None:
-    figures = row()
-    status = StatusRow(figures, viewer(), Display())
-    status.handed_over(showing(moment=Moment.of(S, REFRESH_NS)))
-    status.missed(2)
-    assert [figures[name] for name in ("planned", "juddered", "missed")] == [0, 0, 2]
-
-
-def test_status_row_keeps_the_last_face() -> None:
-    figures = row()
-    status = StatusRow(figures, viewer(), Display())
-    status.handed_over(showing())
-    status.handed_over(showing(eyes=None))
-    assert figures["face"] == 1 and figures["source_seq"] == -1
+@pytest.mark.parametrize(
+    ("display", "handed", "missed", "presented", "figures"),
+    [
+        # what was planned, and what came otherwise; one was seen
+        (
+            Blanks(),
+            [SEEN, showing(number=0, moment=ON_TIME)],
+            3,
+            [SEEN, showing(juddered=True, by=REPLACED)],
+            {"seq": 2, "planned": 5, "missed": 3, "juddered": 4, "face": 1, "t_face_ns": S}
+            | {"age": 1, "busy": 2},
+        ),
+        # without blanks nothing is planned
+        (
+            Display(),
+            [showing(moment=ON_TIME)],
+            2,
+            [],
+            {"planned": 0, "juddered": 0, "missed": 2},
+        ),
+        # the last face stays
+        (Display(), [showing(), showing(eyes=None)], 0, [], {"face": 1, "source_seq": -1}),
+    ],
+)
+def test_status_row_counts(
+    display: Display,
+    handed: list[Showing],
+    missed: int,
+    presented: list[Showing],
+    figures: dict[str, int],
+) -> None:
+    row = Row(np.zeros((), ROW))
+    status = StatusRow(row, viewer(), display)
+    for one in handed:
+        status.handed_over(one)
+    status.missed(missed)
+    for one in presented:
+        status.presented(one)
+    counts = {name: int(row.record[name]["count"].sum()) for name in ("age", "busy")}
+    found = {name: counts[name] if name in counts else row[name] for name in figures}
+    assert found == figures
 
 
 # messages

@@ -29,11 +29,32 @@ def soft_clamp(value: float, count: int, reach: float) -> float:
     return limited(value, 0.0, count - 1.0, reach)
 
 
-def test_view_solver_formula() -> None:
-    """The unmirrored picture shows the left eye, and a step to the viewer's left, at larger x; who
-    sinks is at larger y.
-    """
-    assert solver().views((326.0, 252.0, 302.0, 252.0)) == ((4 + 1.0, 4 - 0.5), (4 + 1.0, 4 + 1.5))
+APART = (250.0, 240.0, 190.0, 240.0)  # 5 views, the middle 8.3 views to the right
+
+
+@pytest.mark.parametrize(
+    ("render", "eyes", "views"),
+    [
+        # The unmirrored picture shows the left eye, and a step to the viewer's left, at larger x;
+        # who sinks is at larger y.
+        ({}, (326.0, 252.0, 302.0, 252.0), ((5.0, 3.5), (5.0, 5.5))),
+        ({"swap_eyes": True}, (326.0, 252.0, 302.0, 252.0), ((5.0, 5.5), (5.0, 3.5))),
+        ({}, (math.nan,) * 4, ((4.0, 4.0), (4.0, 4.0))),
+        # at the edge depth stays, or each eye stops by itself
+        ({"extrapolate_views": 0.0}, APART, ((4.0, 3.0), (4.0, 8.0))),
+        ({"extrapolate_views": 0.0, "keep_depth": False}, APART, ((4.0, 8.0), (4.0, 8.0))),
+        (
+            {"extrapolate_views": 0.0, "keep_depth": False},
+            (450.0, 240.0, 390.0, 240.0),
+            ((4.0, 0.0), (4.0, 0.0)),
+        ),
+    ],
+)
+def test_view_solver_formula(
+    render: dict[str, object], eyes: tuple[float, ...], views: tuple[tuple[float, float], ...]
+) -> None:
+    found = solver(**render).views(eyes)  # type: ignore[arg-type]
+    assert np.ravel(found).tolist() == pytest.approx(np.ravel(views).tolist(), abs=1e-12)
 
 
 SENSELESS = st.sampled_from([0.0, -0.0, math.nan, math.inf, 1e-320])
@@ -61,10 +82,6 @@ def test_view_solver_is_finite_and_within_reach(
     for row, col in found:
         assert -reach <= row <= rows - 1 + reach
         assert -reach <= col <= cols - 1 + reach
-
-
-def test_view_solver_of_no_numbers_is_the_middle() -> None:
-    assert solver().views((math.nan,) * 4) == ((4.0, 4.0), (4.0, 4.0))
 
 
 @given(st.floats(-50, 50), st.floats(1e-6, 1), st.integers(1, 20), st.floats(0.01, 16))
@@ -122,25 +139,11 @@ def test_pair_clamped_moves_no_further_than_the_eyes(
     assert max(abs(a - b) for a, b in zip(here, spread, strict=True)) <= wider + 1e-9
 
 
-def test_view_solver_without_keep_depth_stops_each_eye_by_itself() -> None:
-    eyes = (250.0, 240.0, 190.0, 240.0)  # 5 views apart, the middle 8.3 views to the right
-    flat = solver(keep_depth=False, extrapolate_views=0.0).views(eyes)
-    deep = solver(extrapolate_views=0.0).views(eyes)
-    left = solver(keep_depth=False, extrapolate_views=0.0).views((450.0, 240.0, 390.0, 240.0))
-    assert [col for _, col in left] == [0.0, 0.0] and [col for _, col in flat] == [8.0, 8.0]
-    assert [col for _, col in deep] == pytest.approx([3.0, 8.0])
-
-
 @given(st.tuples(ANY, ANY), st.floats(1e-9, 1e9) | SENSELESS)
 def test_dragged_is_finite_for_finite_eyes(centre: tuple[float, float], alpha_px: float) -> None:
     if all(map(math.isfinite, centre)):
         found = solver(alpha_px=alpha_px).dragged(centre, (350.0, 200.0, 290.0, 200.0))
         assert all(map(math.isfinite, found))
-
-
-def test_view_solver_with_swap_eyes_exchanges_their_views() -> None:
-    eyes = (350.0, 240.0, 290.0, 240.0)
-    assert solver(swap_eyes=True).views(eyes) == solver().views(eyes)[::-1]
 
 
 CENTRES = st.tuples(st.floats(-500, 1500), st.floats(-500, 1500))
