@@ -4,6 +4,7 @@ import os
 import stat
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -18,49 +19,63 @@ def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
 
-@pytest.mark.parametrize("kind", sorted(set(hostile_files.NO_FILES) - {"empty"}))
-def test_what_is_no_file_is_refused_at_once_by_name(tmp_path: Path, kind: str) -> None:
-    path = tmp_path / "thing"
-    hostile_files.NO_FILES[kind](path)
-    with pytest.raises(UserError, match="thing: cannot be read: ") as caught:
-        safe_files.read_text(path, 1000, str(path), "another one")
-    assert "another one" in str(caught.value)
+STATUS = Path("/proc/self/status")  # a file that does not know its size
+NO_FILES = [f"no files/{kind}" for kind in sorted(set(hostile_files.NO_FILES) - {"empty"})]
+Read = Callable[[Path], object]
 
 
-def test_no_more_is_read_than_may_be(tmp_path: Path) -> None:
-    path = tmp_path / "text"
-    path.write_bytes(b"x" * 1000)
-    assert safe_files.read_bytes(path, 1000) == b"x" * 1000
-    with pytest.raises(OSError, match="has more than 999 bytes"):
-        safe_files.read_bytes(path, 999)
-    with pytest.raises(UserError, match="has 1000 bytes; at most 999"):
-        safe_files.open_file(path, 999)
-    assert len(safe_files.read_bytes(Path("/proc/self/status"), 100_000)) > 100, (
-        "a file that does not know its size"
-    )
-    with pytest.raises(OSError, match="more than 10 bytes"):
-        safe_files.read_bytes(Path("/proc/self/status"), 10)
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for name in ("a/row", "b", "no files"):
+        (tmp_path / name).mkdir(parents=True)
+    for name, target in (("inside", "row"), ("loop", "loop"), ("outside", "../b")):
+        (tmp_path / "a" / name).symlink_to(target)
+    (tmp_path / "1000").write_bytes(b"x" * 1000)
+    (tmp_path / "latin").write_bytes(b"ab\xff")
+    for name in NO_FILES:
+        hostile_files.NO_FILES[name.partition("/")[2]](tmp_path / name)
+    return tmp_path
 
 
-def test_a_path_that_is_none_and_a_text_that_is_none(tmp_path: Path) -> None:
-    for path in (Path("a\0b"), tmp_path / ("x" * 300), tmp_path / "gone" / "x"):
-        with pytest.raises(UserError, match="cannot be read"):
-            safe_files.read_text(path, 10, repr(path), "r")
-    (tmp_path / "t").write_bytes(b"ab\xff")
-    with pytest.raises(UserError, match="not UTF-8: byte 0xff at 2"):
-        safe_files.read_text(tmp_path / "t", 10, "t", "r")
+def text(name: str) -> Read:
+    return lambda folder: safe_files.read_text(folder / name, 1000, name, "another one")
 
 
-def test_links_out_of_a_folder_are_refused(tmp_path: Path) -> None:
-    for folder in ("a", "b", "a/row"):
-        (tmp_path / folder).mkdir()
-    (tmp_path / "a" / "inside").symlink_to("row")
-    (tmp_path / "a" / "loop").symlink_to("loop")
-    (tmp_path / "a" / "outside").symlink_to("../b")
-    safe_files.check_links(tmp_path / "a", ["inside", "inside/x", "loop", "row/x", "x"])
-    for name in ("outside", "outside/x"):
-        with pytest.raises(UserError, match="outside of the folder"):
-            safe_files.check_links(tmp_path / "a", ["x", name])
+def links(*names: str) -> Read:
+    return lambda folder: safe_files.check_links(folder / "a", names)
+
+
+@pytest.mark.parametrize(
+    ("read", "error", "why"),
+    [
+        *(
+            (text(name), UserError, f"{name}: cannot be read: .*\n.*another one")
+            for name in (*NO_FILES, "x" * 300, "gone/x")
+        ),
+        (text("a\0b"), UserError, r"a.*b: cannot be read: .*\n.*another one"),
+        (text("latin"), UserError, "not UTF-8: byte 0xff at 2"),
+        (lambda f: safe_files.read_bytes(f / "1000", 999), OSError, "has more than 999 bytes"),
+        (
+            lambda f: safe_files.open_file(f / "1000", 999),
+            UserError,
+            "has 1000 bytes; at most 999",
+        ),
+        (lambda f: safe_files.read_bytes(STATUS, 10), OSError, "more than 10 bytes"),
+        (links("x", "outside"), UserError, "outside of the folder"),
+        (links("x", "outside/x"), UserError, "outside of the folder"),
+    ],
+)
+def test_what_may_not_be_read_is_refused_at_once_by_name(
+    folder: Path, read: Read, error: type[Exception], why: str
+) -> None:
+    with pytest.raises(error, match=f"(?s){why}"):
+        read(folder)
+
+
+def test_what_may_be_read_is(folder: Path) -> None:
+    links("inside", "inside/x", "loop", "row/x", "x")(folder)
+    assert safe_files.read_bytes(folder / "1000", 1000) == b"x" * 1000
+    assert len(safe_files.read_bytes(STATUS, 100_000)) > 100
 
 
 def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path) -> None:
