@@ -41,31 +41,37 @@ def test_moment_without_a_refresh_is_the_hand_over() -> None:
     assert Moment.of(S).seen_ns == S
 
 
-def test_eyes_source_gives_nobody_half_a_second_after_the_last_eyes() -> None:
-    source = EyesSource()
-    assert source.at(S) is None
-    source.update(record(), stamp(S))
-    for late_ns, face in ((0, 1), (490 * MS, 1), (510 * MS, 0), (5 * S, 0)):
-        eyes = source.at(S + late_ns)
-        assert eyes is not None
-        assert eyes.record.face == face, late_ns
-        assert eyes.stamp == stamp(S)
-        assert eyes.t_ns == (S if face else S + late_ns)
-    source.update(record(), stamp(9 * S, epoch=1))
-    again = source.at(9 * S + 30 * MS)
-    assert again is not None and again.record.face
+# whether it is a replay, when eyes came and of which epoch, and whether a face is there later
+GIVEN: dict[str, tuple[bool, list[tuple[int, int]], list[tuple[int, int | None]]]] = {
+    "nobody yet": (False, [], [(S, None)]),
+    "half a second after the last eyes": (
+        False,
+        [(S, 0)],
+        [(S, 1), (S + 490 * MS, 1), (S + 510 * MS, 0), (6 * S, 0)],
+    ),
+    "a tracker that is back": (False, [(S, 0), (9 * S, 1)], [(9 * S + 30 * MS, 1)]),
+    # one frame a second is no death
+    "slow frames": (
+        False,
+        [(S, 0), (2 * S, 0)],
+        [(2 * S + 2900 * MS, 1), (2 * S + 3100 * MS, 0)],
+    ),
+    # it computes as slowly as it must
+    "a replay": (True, [(S, 0), (2 * S, 0)], [(2 * S + 2900 * MS, 1), (2 * S + 3100 * MS, 1)]),
+}
 
 
-@pytest.mark.parametrize("lossless", [False, True])
-def test_eyes_source_waits_for_slow_frames_and_replays(lossless: bool) -> None:
-    """One frame a second is no death; a replay computes as slowly as it must."""
+@pytest.mark.parametrize("kind", GIVEN)
+def test_eyes_source_gives_nobody_once_its_tracker_has_died(kind: str) -> None:
+    lossless, updates, seen = GIVEN[kind]
     source = EyesSource(lossless)
-    for k in (1, 2):
-        source.update(record(), stamp(k * S, k))
-    late = source.at(2 * S + 2900 * MS)
-    dead = source.at(2 * S + 3100 * MS)
-    assert late is not None and dead is not None
-    assert (late.record.face, dead.record.face) == (1, int(lossless))
+    for k, (t_ns, epoch) in enumerate(updates):
+        source.update(record(), stamp(t_ns, k + 1, epoch))
+    for t_ns, face in seen:
+        eyes = source.at(t_ns)
+        assert (None if eyes is None else eyes.record.face) == face, t_ns
+        assert eyes is None or eyes.t_ns == (updates[-1][0] if face else t_ns)
+        assert eyes is None or eyes.stamp.t_sensor_ns == updates[-1][0]
 
 
 def test_eyes_source_takes_the_mouse_while_its_right_button_is_held() -> None:
