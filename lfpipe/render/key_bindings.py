@@ -79,7 +79,8 @@ class KeyBindings:
             viewer.field.name,
             viewer.field.half_turned,
         )
-        self._actions: dict[str, Callable[[], None]] = {
+        # by an event's first word; the rest of it is the argument
+        self._actions: dict[str, Callable[..., None]] = {
             "quit": partial(context.request, "stop"),
             "recentre": self._recentre,
             "screenshot": self._screenshot,
@@ -114,9 +115,6 @@ class KeyBindings:
             "glasses": partial(self._switch, self._test),
             "more": partial(self._compensate_ghost, GHOST_STEP),
             "less": partial(self._compensate_ghost, -GHOST_STEP),
-        }
-        # events with an argument
-        self._choices: dict[str, Callable[[str], None]] = {
             DEPTH: lambda share: self._set(alpha_px="auto", depth=float(share)),
             GHOST: lambda share: self._set(ghost_compensation=round(100 * float(share))),
             "load": self._load,
@@ -132,13 +130,11 @@ class KeyBindings:
         """Handles the keys since the last call and refreshes what lies over the picture."""
         for event in self._display.events():
             self._presenter.redraw()
-            word, _, argument = event.partition(" ")
+            word, *argument = event.split(" ", 1)
             if word in CLOSING and not (self._open and self._open.stays):
                 self._close()
             if word in self._actions:
-                self._actions[word]()
-            elif word in self._choices:
-                self._choices[word](argument)
+                self._actions[word](*argument)
         if self._dialog is not None and self._dialog.poll() is not None:
             path = self._dialog.communicate()[0].rstrip("\n")
             self._dialog = None
@@ -188,7 +184,7 @@ class KeyBindings:
         if page is not None:
             page.close()
 
-    def _load(self, path: str) -> None:
+    def _load(self, path: str = "") -> None:
         self._close()
         if path:
             self.scenes.load(Path(path).absolute())
