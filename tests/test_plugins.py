@@ -7,10 +7,12 @@ from types import NoneType
 import numpy as np
 import pytest
 
+from lfpipe import config
 from lfpipe.config import Scene, Track
 from lfpipe.errors import UserError
 from lfpipe.observe.doctor import plugin_check
-from lfpipe.plugins import ENGINES, LAYOUTS, PluginError, load, loaded, plugins
+from lfpipe.plugins import DISPLAYS, ENGINES, LAYOUTS, PluginError, load, loaded, plugins
+from lfpipe.render.open_display import parse_display
 from lfpipe.scene import layouts
 from lfpipe.track.filters import make_filter
 from lfpipe.track.make_engine import make_engine
@@ -145,3 +147,12 @@ def test_plugin_engine_or_filter_that_fails_is_named(install: Install) -> None:
 def test_plugin_without_a_method_is_refused(install: Install) -> None:
     install({LAYOUTS: "bad = bad_parts:Engine"})
     assert loaded(LAYOUTS, (), {"describe": NoneType}) == {}
+
+
+def test_plugin_is_named_where_its_name_is_mistyped(install: Install) -> None:
+    install({"lfpipe.filters": "newest = bad_parts:raising", DISPLAYS: "count = bad_parts:raising"})
+    with pytest.raises(UserError, match=r"one of predictive, .*newest \(did you mean 'newest'"):
+        config.load(None, ("track.filter=newset",))
+    with pytest.raises(UserError) as error:
+        parse_display("cuont:x")
+    assert "count:ARGUMENT" in error.value.remedy

@@ -44,8 +44,10 @@ def _problem(name: object, value: object) -> str:
     if not isinstance(name, str):
         return f"{quoted(name)}: unknown key"
     if name in options():
-        plugged = name in PLUGGABLE and isinstance(value, str) and value in plugins(PLUGGABLE[name])
-        why = "" if plugged else _wrong(value, options()[name])
+        key = options()[name]
+        if name in PLUGGABLE:
+            key = attrs.evolve(key, words=(*key.words, *plugins(PLUGGABLE[name])))
+        why = _wrong(value, key)
         return why and f"{name}: {why}"
     if name in SECTIONS:
         first = next(key for key in options() if key.startswith(f"{name}."))

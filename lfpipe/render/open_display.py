@@ -56,7 +56,8 @@ def parse_display(text: str) -> Target:
         case _ if name in plugins(DISPLAYS):
             return Plugin(name, argument)
         case _:
-            raise UserError(f"--display {text!r}: not a display", f"use one of {FORMS}")
+            plugged = "".join(f", or {name}:ARGUMENT" for name in plugins(DISPLAYS))
+            raise UserError(f"--display {text!r}: not a display", f"use one of {FORMS}{plugged}")
 
 
 RESULTS: Results = {  # of the methods of a display, and its attributes
