@@ -140,7 +140,7 @@ class Attachment:
         self._require_session()
         return self._watch.read().to_dict()
 
-    def ask(self, message: dict[str, Any], timeout_s: float = 3.0) -> dict[str, Any]:
+    def ask(self, message: control.Message, timeout_s: float = 3.0) -> control.Message:
         """Sends a command (docs/contracts.md) and returns the answer.
 
         Raises lfpipe.UserError if it is refused, or if the session has ended.

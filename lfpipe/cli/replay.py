@@ -21,7 +21,14 @@ from lfpipe.files.safe_files import temporary_folder
 from lfpipe.host.files import is_dir
 from lfpipe.replays import run
 from lfpipe.replays.compare import Comparison, cases_of, check_reference, compare
-from lfpipe.replays.report import STEADY, about_scene, about_sequence, read_report, write_junit
+from lfpipe.replays.report import (
+    STEADY,
+    Report,
+    about_scene,
+    about_sequence,
+    read_report,
+    write_junit,
+)
 from lfpipe.sequence.folder import open_sequence
 
 PACES = ("step", "max", "recorded")
@@ -191,7 +198,7 @@ def _check(pace: str, out: Path | None, expect: Path | None, update: bool) -> No
         )
 
 
-def _summary(report: dict[str, Any]) -> None:
+def _summary(report: Report) -> None:
     counts = report["counts"]
     latency = report["latency"]["end_to_end"]
     dropped = sum(counts["dropped"].values())

@@ -5,7 +5,6 @@ import json
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -17,7 +16,7 @@ from lfpipe.observe.monitor import print_state, run
 from lfpipe.observe.session_reader import ask
 from lfpipe.observe.timeline import begin_trace, convert, finish_trace
 from lfpipe.supervisor.figures import SessionFigures
-from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S
+from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S, Message
 
 LOAD_S = 900.0  # packing a large scene takes minutes
 Send = Callable[..., None]  # of one message, and perhaps timeout_s
@@ -82,9 +81,7 @@ def ctl(context: click.Context, session_name: str, as_json: bool) -> None:
     context.obj = partial(_send, session_name, as_json)
 
 
-def _send(
-    session_name: str, as_json: bool, message: dict[str, Any], timeout_s: float = 3.0
-) -> None:
+def _send(session_name: str, as_json: bool, message: Message, timeout_s: float = 3.0) -> None:
     answer = ask(session_name, message, timeout_s)
     answer.pop("v", None)
     if as_json:

@@ -115,7 +115,7 @@ class Pictures:
         self.session = session
         self._readers: dict[str, ring.Reader] = {}
         self._events: dict[str, bytes] = {}
-        self._look: dict[str, Any] | None = None  # render's last message about the eyes
+        self._look: control.Message | None = None  # render's last message about the eyes
         # the ring of the picture on the screen
         self._lent = ""
         self._lease_end_ns = 0
@@ -173,7 +173,7 @@ class Pictures:
             self._events[which] = b""
         return reader
 
-    def _newest_look(self) -> dict[str, Any] | None:
+    def _newest_look(self) -> control.Message | None:
         while self._tap.poll(0):
             message = control.decode(self._tap.recv())
             if message["topic"] == "look":
@@ -220,7 +220,7 @@ class Feed:
         finally:
             self.viewers -= 1
 
-    async def command(self, message: dict[str, Any]) -> dict[str, Any]:
+    async def command(self, message: control.Message) -> control.Message:
         """Returns the session's answer.
 
         `reset` counts drops and times from now on. Raises UserError.

@@ -17,12 +17,12 @@ from lfpipe.files.output import PLACE, check_output
 from lfpipe.files.safe_files import reason, replaced
 from lfpipe.files.trace import trace_lines
 from lfpipe.supervisor.process_table import CORE
-from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S
+from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S, Message
 
 TRACKS = (*CORE, "display")
 PID = 1
 # sends the session a command, perhaps with timeout_s; returns its answer
-Ask = Callable[..., dict[str, Any]]
+Ask = Callable[..., Message]
 
 
 def events(trace: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:

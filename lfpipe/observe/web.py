@@ -17,7 +17,7 @@ from collections.abc import Awaitable, Callable, Iterable
 from contextlib import aclosing
 from http import HTTPStatus
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import attrs
 import cv2
@@ -30,6 +30,7 @@ from tornado.web import Application, HTTPError, RequestHandler
 from lfpipe.errors import UserError
 from lfpipe.files.untrusted import json_fields
 from lfpipe.observe.page_feed import Feed
+from lfpipe.transport.control import Message
 
 STATIC = Path(__file__).parent / "static"
 KINDS = {
@@ -197,8 +198,7 @@ class Handler(RequestHandler):
     @property
     def site(self) -> Site:
         """The site."""
-        site: Site = self.settings["site"]
-        return site
+        return cast(Site, self.settings["site"])
 
     @property
     def stream(self) -> Any:
@@ -318,7 +318,7 @@ class Commands(Handler):
             answer = {"ok": False, "error": error.message, "remedy": error.remedy}
         await self.sent(self.finish(answer))
 
-    def _command(self) -> dict[str, Any]:
+    def _command(self) -> Message:
         if (
             self.request.headers.get("Content-Type", "").partition(";")[0].strip()
             != "application/json"

@@ -27,6 +27,7 @@ from lfpipe.replays.report import (
     COUNTED,
     DIFFERENCE,
     Line,
+    Report,
     digests,
     pair,
     read_report,
@@ -127,7 +128,7 @@ def cases_of(differences: list[Difference]) -> list[tuple[str, list[str]]]:
     ]
 
 
-def check_reference(reference: Path, report: dict[str, Any]) -> None:
+def check_reference(reference: Path, report: Report) -> None:
     """Raises UserError if reference has another sequence or scene than report: a comparison would
     be meaningless.
     """

@@ -37,7 +37,8 @@ STEADY = ("step", "max")  # paces whose results do not depend on any clock
 REPORT_BYTES = 1 << 20  # one of ours has some 10 kB
 COUNTED = ("frames", "pictures", "faces")  # equal in runs of equal results
 WRITTEN = "use a folder that `lfpipe replay --out` wrote; --update rewrites the reference"
-Line = dict[str, Any]
+Line = dict[str, Any]  # of a trace
+Report = dict[str, Any]  # report.json, with the keys of docs/replay.md
 
 
 def read_trace(folder: Path, steady: bool = True, most_lines: int = sys.maxsize) -> list[Line]:
@@ -56,7 +57,7 @@ def read_trace(folder: Path, steady: bool = True, most_lines: int = sys.maxsize)
     return read
 
 
-def read_report(folder: Path) -> dict[str, Any]:
+def read_report(folder: Path) -> Report:
     """The report in folder: of this version, with all tables that a comparison reads, and counts
     that are numbers.
 
@@ -165,7 +166,7 @@ def make_report(
     pace: str,
     folder: Path,
     final: SessionFigures,
-) -> dict[str, Any]:
+) -> Report:
     """The report of a run whose trace is in folder.
 
     final: the session at its end. Keys as in docs/replay.md.

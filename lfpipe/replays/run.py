@@ -14,7 +14,6 @@ import re
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 from lfpipe import config as config_module
 from lfpipe.config import Config, SessionOptions
@@ -25,7 +24,7 @@ from lfpipe.files.safe_files import PRIVATE_FOLDER, WORK_NAME, reason
 from lfpipe.host.file_lock import take_folder
 from lfpipe.host.files import is_dir
 from lfpipe.render.replay_writer import PICTURES
-from lfpipe.replays.report import DIFFERENCE, REPORT, STEADY, TRACE, make_report
+from lfpipe.replays.report import DIFFERENCE, REPORT, STEADY, TRACE, Report, make_report
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.pack import summarize
 from lfpipe.sequence.folder import MANIFEST
@@ -217,7 +216,7 @@ def replay(
     folder: Path,
     pictures: bool,
     tell: Callable[[str], None] = print,
-) -> dict[str, Any]:
+) -> Report:
     """Runs sequence through the stages and writes trace, report and pictures to folder (see
     `clear_out`); returns the report.
 

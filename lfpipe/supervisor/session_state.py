@@ -27,6 +27,7 @@ from lfpipe.config.quality import ladder
 from lfpipe.supervisor.child import EXIT_TERMINATED
 from lfpipe.supervisor.process_table import packet_ring, picture_ring
 from lfpipe.transport.clock import SECOND_NS
+from lfpipe.transport.control import Message
 from lfpipe.transport.ring import RingSpec
 
 # counted after all stages have applied a change; a stage that cannot use it fails sooner
@@ -90,7 +91,7 @@ class SessionState:
         """The current level."""
         return self.options.level or self.levels[0]
 
-    def message(self) -> dict[str, Any]:
+    def message(self) -> Message:
         """The control message for the stages."""
         snapshot = Snapshot(
             rev=self.rev, config=self.config, options=self.options, paused=self.paused

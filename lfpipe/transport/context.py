@@ -42,7 +42,7 @@ class Context:
         self._inputs: list[RingInput] = []
         # kept until the end: mappings must outlive their views
         self._open: list[RingInput | RingOutput] = []
-        self._commands: list[tuple[str, dict[str, Any]]] = []
+        self._commands: list[tuple[str, control.Message]] = []
         self._zmq = control.context()
         self._ctl = self._zmq.socket(zmq.DEALER)
         self._ctl.setsockopt(zmq.IDENTITY, spec.name.encode())
@@ -150,7 +150,7 @@ class Context:
         self._ctl.send(control.encode({"cmd": word, **values}))
         self._used = True
 
-    def answer(self, command: dict[str, Any], error: str = "", **result: Any) -> None:
+    def answer(self, command: control.Message, error: str = "", **result: Any) -> None:
         """Answers a command of `commands` once it is executed: its client receives the result, or
         why it could not be executed.
         """
@@ -161,7 +161,7 @@ class Context:
         """Acknowledges the current `config`, `options` and `paused`."""
         self.row["config_rev"] = self._rev
 
-    def commands(self) -> list[tuple[str, dict[str, Any]]]:
+    def commands(self) -> list[tuple[str, control.Message]]:
         """Commands since the last call, as (command, message). A change of configuration is already
         in `config`. The answer to a `request` is ("", answer).
         """
