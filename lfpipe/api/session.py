@@ -259,14 +259,9 @@ class Session(Attachment):
             with contextlib.suppress(UserError, FileNotFoundError):
                 super().__init__(name)
                 # else this name is already taken
-                rows = self._watch.table.rows
                 own = self._watch.manifest.pid == self._process.pid
-                if (
-                    own
-                    and "render" in rows
-                    and rows["render"]["state"] == State.RUNNING
-                    and int(rows["render"]["seq"]) > 0
-                ):
+                rows = self._watch.table.rows  # no row itself: `close` could not unmap it
+                if own and rows["render"]["state"] == State.RUNNING and rows["render"]["seq"]:
                     return
                 self.close()
             time.sleep(0.05)

@@ -107,18 +107,8 @@ def install(scenes: tuple[Path, ...], code_file: Path | None) -> None:
         )
     unit = Path(platformdirs.user_config_dir("systemd")) / "user" / "lfpipe-kiosk.service"
     kept = user_file().parent / "kiosk-code"
-    words = [
-        sys.executable,
-        "-m",
-        "lfpipe",
-        "up",
-        "--session",
-        "kiosk",
-        "--kiosk",
-        "--code-file",
-        str(kept),
-    ]
-    words += map(str, scenes)
+    options = ["-m", "lfpipe", "up", "--session", "kiosk", "--kiosk", "--code-file"]
+    words = [sys.executable, *options, str(kept), *map(str, scenes)]
     unit.parent.mkdir(parents=True, exist_ok=True)
     check_output(unit, scenes, label="the unit")
     write_file(kept, code.encode())

@@ -37,8 +37,8 @@ def cameras(as_json: bool) -> None:
             "name": device.name,
             "formats": [],
             "controls": [],
+            "trouble": "",
         }
-        about["trouble"] = ""
         try:
             about["formats"], about["controls"] = camera_list.asking(
                 device.path, lambda opened: (_formats(opened, as_json), control_texts(opened))

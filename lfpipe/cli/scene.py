@@ -83,8 +83,8 @@ def pack(path: Path, as_json: bool, config: Config) -> None:
     """Pack SCENE into the cache, as `lfpipe up` does by itself."""
     field = opened(path, config)
     if as_json:
-        plan = make_plan(field, config)
-        session = {"pack": field.folder, "needs_tracking": plan.needs_tracking}
+        needs_tracking = make_plan(field, config).needs_tracking
+        session = {"pack": field.folder, "needs_tracking": needs_tracking}
         print_result(json.dumps({**session, **field.manifest.as_json()}))
     else:
         print_result(field.folder)
@@ -357,9 +357,9 @@ def page(path: Path, out: Path, credit: str, config: Config) -> None:
         f" {quilt.width_px}x{quilt.height_px} px"
     )
     if quilt.wanted != (quilt.rows, quilt.cols):
-        wanted = "x".join(map(str, quilt.wanted))
+        rows, cols = quilt.wanted
         print_result(
-            f"  fewer than the {wanted} views of a smooth cross-fade: it would be too large"
+            f"  fewer than the {rows}x{cols} views of a smooth cross-fade: it would be too large"
         )
     if field.frames > 1:
         print_result(f"  the first of {field.frames} frames")
@@ -382,11 +382,10 @@ def make(path: Path, out: Path | None, config: Config) -> None:
         f"{slide.views} views of {slide.width_px}x{slide.height_px} px, chosen from"
         f" {slide.frames} pictures"
     )
-    parallax = (
-        f"{slide.spread_px:.0f} px between outermost views, {slide.residual_px:.2f} px"
-        " vertical error (95 %)"
+    print_result(
+        f"  parallax    {slide.spread_px:.0f} px between outermost views,"
+        f" {slide.residual_px:.2f} px vertical error (95 %)"
     )
-    print_result(f"  parallax    {parallax}")
     print_result(
         f"  direction   {slide.order}"
         f" ({'sure' if slide.order_sure else '`lfpipe scene sheet` shows near and far'})"
