@@ -105,10 +105,9 @@ def write_report(results: dict[str, Results], out: Path) -> Path:
     links = " ".join(
         f'<a href="#{subject.name}">{html.escape(subject.title)}</a>' for subject, _ in pairs
     )
-    wall_s = sum(one.wall_s for one in results.values())
-    cpu_s = sum(one.cpu_s for one in results.values())
     about = pairs[0][1].about
-    facts = f"{about['started']}; {about['machine']}; {_time(wall_s, cpu_s)}"
+    wall_s = sum(one.wall_s for one in results.values())
+    facts = f"{about['started']}; {about['machine']}; {wall_s:.0f} s of wall time"
     body = f"<p class=soft>{html.escape(facts)}.</p>"
     body += "" if importlib.util.find_spec("matplotlib") else NO_CHARTS
     body += f"{_verdicts(pairs)}<nav>{links}</nav>"
@@ -116,10 +115,6 @@ def write_report(results: dict[str, Results], out: Path) -> Path:
     page = document("Error against run time", body)
     write_output(out / "report.html", page.encode(), label="--out")
     return out / "report.html"
-
-
-def _time(wall_s: float, cpu_s: float) -> str:
-    return f"{wall_s:.0f} s of wall time, {cpu_s:.0f} s of CPU"
 
 
 def _verdicts(pairs: Pairs) -> str:
@@ -187,7 +182,7 @@ def _section(subject: Subject, results: Results) -> str:
         text += f"<details><summary>{title}</summary><p class=soft>{note}</p>"
         text += f"{html_table(head, body, classes)}</details>"
     facts = [(name, value) for name, value in results.about.items() if name != "command"]
-    facts.append(("time", _time(results.wall_s, results.cpu_s)))
+    facts.append(("time", f"{results.wall_s:.0f} s"))
     return text + f"<details><summary>Conditions</summary>{html_table((), facts)}</details>"
 
 

@@ -162,8 +162,8 @@ def judged_error(worst: float, ok: float, degraded: float) -> tuple[str, State]:
 @attrs.define
 class Results:
     """Results of one subject. failures: methods that raised an exception, with the reason.
-    left_out: what was not measured, and why. about: command, inputs, start. wall_s, cpu_s: of all
-    processes.
+    left_out: what was not measured, and why. about: command, inputs, start. wall_s: of the whole
+    run.
     """
 
     name: str
@@ -172,7 +172,6 @@ class Results:
     left_out: list[str] = attrs.Factory(list)
     about: dict[str, str] = attrs.Factory(dict)
     wall_s: float = 0.0
-    cpu_s: float = 0.0
 
     @property
     def rows(self) -> list[Row]:

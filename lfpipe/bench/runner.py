@@ -107,16 +107,13 @@ def run(subject: Subject, offers: Iterable[Offer], quick: bool, progress: Progre
     """
     cv2.setNumThreads(1)  # as in a session
     started_s = time.monotonic()
-    cpu_s = sum(os.times()[:4])
-    results = Results(subject.name)
-    candidates: list[Candidate] = []
-    for offer in offers:
-        if isinstance(offer, Candidate):
-            candidates.append(offer)
-        elif isinstance(offer, Table):
-            results.tables.append(offer)
-        else:
-            results.left_out.append(offer)
+    offered = list(offers)
+    candidates = [one for one in offered if isinstance(one, Candidate)]
+    results = Results(
+        subject.name,
+        tables=[one for one in offered if isinstance(one, Table)],
+        left_out=[one for one in offered if isinstance(one, str)],
+    )
     rounds = subject.rounds[0 if quick else 1]
     errors: dict[str, dict[str, Value]] = {}
     turns: dict[str, Turn] = {}
@@ -151,7 +148,6 @@ def run(subject: Subject, offers: Iterable[Offer], quick: bool, progress: Progre
     if candidates:
         results.tables.insert(0, Table("method", subject.columns, tuple(rows)))
     results.wall_s = round(time.monotonic() - started_s, 1)
-    results.cpu_s = round(sum(os.times()[:4]) - cpu_s, 1)
     progress(subject.title, 1, 1)
     return results
 

@@ -169,15 +169,13 @@ def measure_scenes(
     for path, open_field in scenes:
         try:
             results = run(TABLE, measure(open_field(), protocol), False, progress)
+            rows += results.rows
+            whole.failures |= results.failures
+            whole.wall_s += results.wall_s
         except UserError as error:
             whole.failures[path.name] = str(error)
-            continue
         except ValueError as error:
             whole.left_out.append(f"{path.name}: {error}")
-            continue
-        rows += results.rows
-        whole.failures |= results.failures
-        whole.wall_s, whole.cpu_s = whole.wall_s + results.wall_s, whole.cpu_s + results.cpu_s
     note = (
         f"{protocol.keep}x{protocol.keep} views kept of the central 7x7, {protocol.border_px} px"
         " shaved off each side."
