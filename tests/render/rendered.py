@@ -12,12 +12,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.config import Config, Render
 from lfpipe.config.tree import Method
 from lfpipe.eyes import EYES, EyesRecord
 from lfpipe.render.anaglyph import MATRICES
 from lfpipe.render.choice import Moment, TrackedEyes
 from lfpipe.render.showing import Showing
-from lfpipe.render.viewer import Viewpoints
+from lfpipe.render.viewer import Viewer, Viewpoints
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.source import Geometry
 from lfpipe.transport.ring import Stamp
@@ -45,6 +46,11 @@ def eyes_array(
 def record(*place: float, **more: Any) -> EyesRecord:
     """The same as a record."""
     return EyesRecord.of(eyes_array(*place, **more))
+
+
+def viewer(**render: Any) -> Viewer:
+    """Of nine by nine small views, warped."""
+    return Viewer(field(9, 9, 16, 16), Config(render=Render(method="warp2", **render)))
 
 
 def showing(**fields: Any) -> Showing:

@@ -2,13 +2,12 @@
 
 import pytest
 
-from lfpipe.config import Config, Render
+from lfpipe.config import Config
 from lfpipe.render.choice import EyesSource, Moment, choose
 from lfpipe.render.mouse_look import MouseLook
 from lfpipe.render.overlay import Pointer
-from lfpipe.render.viewer import Viewer
 from lfpipe.transport.ring import Stamp
-from tests.render.rendered import S, field, record
+from tests.render.rendered import S, record, viewer
 
 MS = S // 1000
 REFRESH_NS = S // 60
@@ -18,20 +17,16 @@ def stamp(t_ns: int, seq: int = 1, epoch: int = 0) -> Stamp:
     return Stamp(seq, seq, epoch, t_ns, t_ns, t_ns, 0)
 
 
-def viewer() -> Viewer:
-    return Viewer(field(9, 9, 16, 16), Config(render=Render(method="warp2", alpha_px=20.0)))
-
-
 def test_moment_is_the_middle_of_the_refresh_after_the_loop() -> None:
     """Of a head at constant speed, the mean error over the refresh is then zero."""
     source = EyesSource()
     velocity_px_s = 240.0
     source.update(record(velocity_px_s=[[velocity_px_s, 0.0]] * 2), stamp(S))
-    resting = choose(viewer(), source.at(S), Moment.of(S)).viewpoints.eyes_px
+    resting = choose(viewer(alpha_px=20.0), source.at(S), Moment.of(S)).viewpoints.eyes_px
     for loop_ns in (0, 80 * MS):
         moment = Moment.of(S + 20 * MS, REFRESH_NS, loop_ns)
         assert moment.seen_ns == S + 20 * MS + loop_ns + REFRESH_NS // 2
-        eyes_px = choose(viewer(), source.at(S + 10 * MS), moment).viewpoints.eyes_px
+        eyes_px = choose(viewer(alpha_px=20.0), source.at(S + 10 * MS), moment).viewpoints.eyes_px
         lit_s = [(20 * MS + loop_ns + REFRESH_NS * k / 100) / S for k in range(101)]
         errors = [eyes_px[0] - resting[0] - velocity_px_s * t_s for t_s in lit_s]
         assert sum(errors) / len(errors) == pytest.approx(0, abs=0.01)
@@ -75,7 +70,7 @@ def test_eyes_source_gives_nobody_once_its_tracker_has_died(kind: str) -> None:
 
 
 def test_eyes_source_takes_the_mouse_while_its_right_button_is_held() -> None:
-    subject = viewer()
+    subject = viewer(alpha_px=20.0)
     mouse = MouseLook(Config(), subject, None)
     source = EyesSource()
     source.update(record(), stamp(S))
@@ -91,7 +86,7 @@ def test_eyes_source_takes_the_mouse_while_its_right_button_is_held() -> None:
 
 
 def test_choose_gives_eyes_at_rest_one_key() -> None:
-    subject = viewer()
+    subject = viewer(alpha_px=20.0)
     source = EyesSource()
     keys = set()
     for k in range(120):

@@ -11,7 +11,7 @@ import attrs
 import numpy as np
 import pytest
 
-from lfpipe.config import Config, Render, SessionOptions
+from lfpipe.config import SessionOptions
 from lfpipe.config.modes import Lossless, ReplayOutput
 from lfpipe.errors import UserError
 from lfpipe.eyes import SHOWN
@@ -28,19 +28,14 @@ from lfpipe.render.listeners import (
 from lfpipe.render.presence import ViewerState
 from lfpipe.render.showing import REPLACED, Showing
 from lfpipe.render.stage import RenderStage
-from lfpipe.render.viewer import Viewer
 from lfpipe.transport import ring
 from lfpipe.transport.ring import RingSpec
 from lfpipe.transport.status import ROW, Row
-from tests.render.rendered import S, field, record, showing
+from tests.render.rendered import S, record, showing, viewer
 from tests.support.processes import largest_file
 
 REFRESH_NS = S // 60
 NONE = SessionOptions()
-
-
-def viewer() -> Viewer:
-    return Viewer(field(9, 9, 16, 16), Config(render=Render(method="warp2")))
 
 
 class Blanks(Display):
@@ -203,13 +198,15 @@ def test_picture_ring_begins_with_the_picture_on_the_screen() -> None:
         listener.set_options(attrs.evolve(NONE, pictures=name))
         out = np.zeros((4, 4, 3), np.uint8)
         assert reader.read(out) is not None and np.array_equal(out, picture)
-        listener.handed_over(showing(number=0, picture=picture))
-        assert reader.read(out) is None, "it stayed on the screen"
-        listener.handed_over(showing(picture=np.zeros((8, 8, 3), np.uint8)))
-        assert reader.read(out) is None, "another size"
-        listener.handed_over(showing(picture=picture + 1))
-        stamp = reader.read(out)
-        assert stamp is not None and stamp.t_sensor_ns == S and out[0, 0, 0] == 8
+        for one, level in (
+            (showing(number=0, picture=picture), None),  # it stayed on the screen
+            (showing(picture=np.zeros((8, 8, 3), np.uint8)), None),  # another size
+            (showing(picture=picture + 1), 8),
+        ):
+            listener.handed_over(one)
+            stamp = reader.read(out)
+            assert level == (None if stamp is None else out[0, 0, 0])
+        assert stamp is not None and stamp.t_sensor_ns == S
         listener.set_options(attrs.evolve(NONE, pictures="lfpipe-test-none"))  # released since
         reader.close()
     finally:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lfpipe.config import Config, Render
+from lfpipe.config import Config
 from lfpipe.host.presentation import Presented
 from lfpipe.render.choice import EyesSource, Moment
 from lfpipe.render.display import Display
@@ -14,10 +14,9 @@ from lfpipe.render.pair_layout import Pair
 from lfpipe.render.presenter import Presenter, draw_glasses_test
 from lfpipe.render.refresh import Refresh, ScreenRefresh
 from lfpipe.render.showing import HANDOVER, REPLACED, Listener, Showing
-from lfpipe.render.viewer import Viewer
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.ring import Stamp
-from tests.render.rendered import field, record
+from tests.render.rendered import record, viewer
 
 REFRESH_NS = 1_000_000_000 // 60
 
@@ -67,7 +66,7 @@ class World:
     """A Presenter without a process."""
 
     def __init__(self, blanks_by: str = "", on_camera: bool = False) -> None:
-        self.viewer = Viewer(field(9, 9, 16, 16), Config(render=Render(method="warp2")))
+        self.viewer = viewer()
         self.source = EyesSource()
         self.display = Screen(blanks_by)
         self.listener = Record()

@@ -18,11 +18,7 @@ from lfpipe.eyes import EyesRecord
 from lfpipe.render.geometry import parallax
 from lfpipe.render.viewer import VIDEO_LEAD, Viewer, Viewpoints
 from tests.render import rendered
-from tests.render.rendered import S, record
-
-
-def viewer(**render: Any) -> Viewer:
-    return Viewer(rendered.field(9, 9, 16, 16), Config(render=Render(method="warp2", **render)))
+from tests.render.rendered import S, record, viewer
 
 
 def four_views() -> Viewer:

@@ -12,6 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.config import Scene
+from lfpipe.scene.orientation import orient
 from lfpipe.scene.source import SceneSource, Turn
 
 SAMPLES = Path(__file__).parents[3] / "shared" / "data" / "lightfields"  # beside the checkout
@@ -192,3 +194,11 @@ def turned(grid: np.ndarray, turn: Turn) -> np.ndarray:
     if turn.cols:
         grid = grid[:, ::-1]
     return grid.swapaxes(0, 1) if turn.transpose else grid
+
+
+def canonical(source: SceneSource, scene: Scene | None = None) -> np.ndarray:
+    """All views of a source in canonical order as the packer places them, uint8 or uint16."""
+    turn = orient(source, scene or Scene()).turn
+    rows, cols = turn.grid(source.rows, source.cols)
+    places = [[turn.file_index(r, c, rows, cols) for c in range(cols)] for r in range(rows)]
+    return np.array([[source.read(0, *place) for place in row] for row in places])

@@ -45,18 +45,6 @@ CFG = (
 )
 
 
-def canonical(source: SceneSource, scene: config.Scene = AUTO) -> np.ndarray:
-    """All views of a source in canonical order as the packer places them, uint8 or uint16."""
-    turn = orient(source, scene).turn
-    rows, cols = turn.grid(source.rows, source.cols)
-    return np.array(
-        [
-            [source.read(0, *turn.file_index(r, c, rows, cols)) for c in range(cols)]
-            for r in range(rows)
-        ]
-    )
-
-
 def described(path: Path, layout: str, scene: config.Scene = AUTO) -> SceneSource:
     source = layouts.describe(path, scene)
     assert source.layout == layout
@@ -159,7 +147,7 @@ FORMS: dict[str, tuple[str, Make, np.ndarray]] = {  # layout, files, views in ca
 def test_every_view_stands_where_it_belongs(tmp_path: Path, form: str) -> None:
     layout, make, views = FORMS[form]
     source = described(make(tmp_path), layout)
-    assert np.array_equal(canonical(source), views) and source.linear == (form == "LFToolbox")
+    assert np.array_equal(made.canonical(source), views) and source.linear == (form == "LFToolbox")
 
 
 def test_hci_with_geometry_and_truth_of_two_views(tmp_path: Path) -> None:
@@ -239,7 +227,7 @@ def test_mat_both_versions_and_types(tmp_path: Path, modern: bool, dtype: str) -
     source = described(tmp_path, "mat")
     assert source.max_value == (255 if dtype == "u1" else 65535)
     views = (
-        canonical(source, config.Scene(flip="none", transpose="no")).astype(np.float64)
+        made.canonical(source, config.Scene(flip="none", transpose="no")).astype(np.float64)
         / source.max_value
     )
     assert np.abs(views - GRID / 255).max() < 1e-4

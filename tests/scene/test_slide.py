@@ -47,14 +47,10 @@ def shaken(views: np.ndarray, degrees: float, seed: int = 1) -> list[np.ndarray]
     ]
 
 
-def silent(what: str, done: int, total: int) -> None:
-    pass
-
-
 def slide(folder: Path, views: list[np.ndarray]) -> Slide:
     for number, view in enumerate(views):
         made.write(folder / "clip" / f"f{number:03d}.png", view)
-    return make_slide(folder / "clip", folder / "out", silent)
+    return make_slide(folder / "clip", folder / "out", lambda *_: None)
 
 
 def vertical_px(folder: Path) -> float:
