@@ -85,27 +85,25 @@ def draw_over_eyes(picture: NDArray[np.uint8], look: Mapping[str, Any], scale: f
     """Draws into uint8 (height, width, 3) BGR, a camera picture scaled by `scale`: a dot per view,
     the left eye red, the right cyan. look: render's message of that topic.
     """
-    rows, cols = look["grid"]
     alpha_px = look["alpha_px"]
     if not alpha_px:  # nobody was seen yet
         return
     radius = min(max(alpha_px * scale / 8, 0.8), 4.0)
-    far = 4.0 * max(picture.shape)
-
-    def dot(
-        x: float, y: float, radius: float, colour: tuple[int, int, int], thickness: int = -1
-    ) -> None:
-        if abs(x) < far and abs(y) < far:
-            x, y, radius = (round(value * (1 << _SHIFT)) for value in (x, y, radius))
-            cv2.circle(picture, (x, y), max(1, radius), colour, thickness, cv2.LINE_AA, _SHIFT)
-
-    for row, col in itertools.product(range(rows), range(cols)):
-        x, y = place_px(look, row, col)
-        dot(x * scale, y * scale, radius, GRID_BGR)
-    for (x, y), colour in zip(look["eyes_px"], (LEFT_BGR, RIGHT_BGR), strict=True):
+    rows, cols = look["grid"]
+    dots = [
+        (place_px(look, row, col), radius, GRID_BGR, cv2.FILLED)
+        for row, col in itertools.product(range(rows), range(cols))
+    ]
+    for eye_px, colour in zip(look["eyes_px"], (LEFT_BGR, RIGHT_BGR), strict=True):
         if look["face"]:
-            dot(x * scale, y * scale, max(6.0 * scale, 3 * radius), colour, 1)
-            dot(x * scale, y * scale, max(2.0 * scale, radius), colour)
+            dots.append((eye_px, max(6.0 * scale, 3 * radius), colour, 1))
+            dots.append((eye_px, max(2.0 * scale, radius), colour, cv2.FILLED))
+    far_px = 4.0 * max(picture.shape) / scale
+    for (x, y), size, colour, thickness in dots:
+        if abs(x) < far_px and abs(y) < far_px:
+            at = round(x * scale * (1 << _SHIFT)), round(y * scale * (1 << _SHIFT))
+            size_px = max(1, round(size * (1 << _SHIFT)))
+            cv2.circle(picture, at, size_px, colour, thickness, cv2.LINE_AA, _SHIFT)
 
 
 class Pictures:
@@ -139,11 +137,9 @@ class Pictures:
         frame: NDArray[np.uint8] = np.empty(reader.shape, np.uint8)
         if reader.read(frame) is not None:
             scale = min(1.0, PICTURES[which] / max(frame.shape))
-            if scale < 1:
-                frame = np.asarray(
-                    cv2.resize(frame, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA),
-                    np.uint8,
-                )
+            frame = np.asarray(
+                cv2.resize(frame, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8
+            )
             if which == "camera" and (look := self._newest_look()) is not None:
                 draw_over_eyes(frame, look, scale)
             jpeg = cv2.imencode(".jpg", frame, FULL_CHROMA)[1].tobytes()

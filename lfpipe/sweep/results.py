@@ -47,13 +47,13 @@ class Outcome:
     def row(self) -> dict[str, str]:
         """As a row of a table: the columns ABOUT, then the figures."""
         cell = self.cell
-        paths = (Path(cell.sequence).name, Path(cell.scene).name)
-        sets = (" ".join(cell.sets), " ".join(cell.options))
         about = (
             self.state,
             cell.subject,
-            *paths,
-            *sets,
+            Path(cell.sequence).name,
+            Path(cell.scene).name,
+            " ".join(cell.sets),
+            " ".join(cell.options),
             f"{self.seconds:.2f}",
             self.host,
             self.reason,

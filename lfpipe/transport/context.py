@@ -126,15 +126,9 @@ class Context:
 
     def emit(self, topic: str, **values: Any) -> None:
         """Sends telemetry to the subscribers of the tap; without a subscriber it is lost."""
-        try:
-            self._bus.send(
-                control.encode(
-                    {"topic": topic, "stage": self.spec.name, "t_ns": now_ns(), **values}
-                ),
-                zmq.NOBLOCK,
-            )
-        except zmq.Again:
-            return
+        message = {"topic": topic, "stage": self.spec.name, "t_ns": now_ns(), **values}
+        with contextlib.suppress(zmq.Again):
+            self._bus.send(control.encode(message), zmq.NOBLOCK)
 
     def report_lost(self, why: str) -> None:
         """Reports that a file of the session ended early, or was not written: then the session's
@@ -210,7 +204,8 @@ class Context:
 
     def _take_messages(self) -> None:
         while self._ctl.poll(0):
-            self.news, message = True, control.decode(self._ctl.recv())
+            self.news = True
+            message = control.decode(self._ctl.recv())
             word = message.get("cmd", "")
             answered = "ok" in message
             if word == "stop" and not answered:
