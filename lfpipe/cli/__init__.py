@@ -158,9 +158,13 @@ def _reader_ended() -> NoReturn:
 
 
 def _fail(error: UserError) -> NoReturn:
+    from lfpipe.cli.desktop import show_error
+
     log.debug("the command failed", exc_info=True)
     _drop_output()
-    say(f"error: {error}")
+    text = f"error: {error}"
+    say(text)
+    show_error(text)
     sys.exit(2)
 
 

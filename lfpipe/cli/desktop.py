@@ -1,5 +1,8 @@
 """`lfpipe desktop`: the entry in the desktop's menu, and "Open with" for files of light fields."""
 
+import os
+import shutil
+import subprocess
 import sys
 from pathlib import Path
 
@@ -11,6 +14,13 @@ from lfpipe.files.output import check_output, write_output, written_by_lfpipe
 TYPES = (
     "image/png;image/jpeg;image/tiff;image/webp;image/heic;application/zip;application/x-hdf;"
     "video/mp4;video/quicktime;video/webm;video/x-matroska;"
+)
+FROM_MENU = "LFPIPE_FROM_MENU"  # set in the environment by the entries
+# what shows a text, the first that is installed
+DIALOGS = (
+    ("zenity", "--error", "--no-markup", "--text"),
+    ("kdialog", "--error"),
+    ("notify-send", "lfpipe"),
 )
 # folders are not among the types: some desktops would then open every folder with lfpipe
 ENTRY = """\
@@ -41,13 +51,20 @@ def _files() -> dict[Path, str]:
     program = sys.executable.replace("%", "%%")
     for character in '\\"`$':  # quoted for Exec, and once more as a value of the file
         program = program.replace(character, "\\\\" + character)
-    command = f'"{program}" -m lfpipe'
+    command = f'env {FROM_MENU}=1 "{program}" -m lfpipe'
     opens = f" up %f\nNoDisplay=true\nMimeType={TYPES}"
     return {
         data / "applications" / "lfpipe.desktop": ENTRY.format(command=command, more=""),
         data / "applications" / "lfpipe-open.desktop": ENTRY.format(command=command, more=opens),
         data / "icons" / "hicolor" / "scalable" / "apps" / "lfpipe.svg": ICON,
     }
+
+
+def show_error(text: str) -> None:
+    """Shows an error in a dialog if the desktop started this command: it has no terminal."""
+    installed = [command for command in DIALOGS if shutil.which(command[0])]
+    if os.environ.get(FROM_MENU) and installed:
+        subprocess.run([*installed[0], text], check=False)
 
 
 @click.group()

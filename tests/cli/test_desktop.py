@@ -1,5 +1,6 @@
 """`lfpipe desktop`: its files are valid, name this program and go again."""
 
+import os
 import shutil
 import subprocess
 import sys
@@ -14,7 +15,7 @@ def test_desktop_entries_are_valid_and_go_again(world: World) -> None:
     for _ in range(2):  # its own files are replaced
         done = world.done("desktop", "install")
     entry, opens, icon = map(Path, done.stdout.splitlines())
-    assert f'Exec="{sys.executable}" -m lfpipe\n' in entry.read_text()
+    assert f'Exec=env LFPIPE_FROM_MENU=1 "{sys.executable}" -m lfpipe\n' in entry.read_text()
     assert " -m lfpipe up %f\n" in opens.read_text() and icon.suffix == ".svg"
     if shutil.which("desktop-file-validate"):
         subprocess.run(["desktop-file-validate", entry, opens], check=True)
@@ -22,3 +23,17 @@ def test_desktop_entries_are_valid_and_go_again(world: World) -> None:
     world.refused("desktop", "install")
     assert world.run("desktop", "remove").stdout.splitlines() == [str(entry), str(opens)]
     assert [path for path in data.rglob("*") if path.is_file()] == [icon]
+
+
+def test_desktop_shows_a_refusal_in_a_dialog_only_where_it_began(world: World) -> None:
+    seen = world.root / "seen"
+    dialog = world.root / "bin" / "zenity"
+    dialog.parent.mkdir()
+    dialog.write_text(f'#!/bin/sh\nfor word; do :; done; echo "$word" > {seen}\n')
+    dialog.chmod(0o755)
+    world.env["PATH"] = f"{dialog.parent}:{os.environ['PATH']}"
+    world.refused("up", "nowhere")
+    assert not seen.exists()
+    world.env["LFPIPE_FROM_MENU"] = "1"
+    world.refused("up", "nowhere")
+    assert "nowhere: no such scene" in seen.read_text()
