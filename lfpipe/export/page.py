@@ -112,10 +112,8 @@ class PageExport:
         for number, (row, col) in enumerate(places):
             view = self._renderer.render(float(row), float(col))
             y, x = size[1] * (number // quilt.across), size[0] * (number % quilt.across)
-            whole[y : y + size[1], x : x + size[0]] = (
-                view
-                if view.shape[1::-1] == size
-                else cv2.resize(view, size, interpolation=cv2.INTER_AREA)
+            whole[y : y + size[1], x : x + size[0]] = cv2.resize(
+                view, size, interpolation=cv2.INTER_AREA
             )
         return cv2.imencode(".jpg", whole, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()
 

@@ -84,14 +84,10 @@ class SceneExport:
         width, height = (
             max(1, math.floor(scale * side)) for side in (field.width_px, field.height_px)
         )
-        tiles = []
-        for col in np.linspace(0, self._last, cols * rows):
-            view = self._view(float(col))
-            tiles.append(
-                view
-                if scale == 1
-                else cv2.resize(view, (width, height), interpolation=cv2.INTER_AREA)
-            )
+        tiles = [
+            cv2.resize(self._view(float(col)), (width, height), interpolation=cv2.INTER_AREA)
+            for col in np.linspace(0, self._last, cols * rows)
+        ]
         return np.vstack(
             [np.hstack(tiles[row * cols : (row + 1) * cols]) for row in reversed(range(rows))]
         )

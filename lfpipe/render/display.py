@@ -27,12 +27,15 @@ class Display:
 
     pointer = Pointer()
     """The mouse, as the last call of `events` left it."""
-    blanks_by = ""
-    """Protocol that reports when pictures are shown: wp_presentation, wl_surface.frame or
-    x_present; empty if none does.
-    """
     knows_rows = True
     """Whether it knows which rows of the screen its pictures take."""
+
+    @property
+    def blanks_by(self) -> str:
+        """Protocol that reports now when pictures are shown: wp_presentation, wl_surface.frame or
+        x_present; empty if none does.
+        """
+        return ""
 
     def show(self, picture: NDArray[np.uint8], pair: Pair | None = None, how: str = "") -> int:
         """Puts uint8 (height, width, 3) BGR on the screen, scaled to fit; returns the time of

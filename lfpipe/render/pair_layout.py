@@ -11,11 +11,8 @@ from lfpipe.files.decoding import fit_area
 
 def scale_into(picture: NDArray[np.uint8], out: NDArray[np.uint8]) -> None:
     """Scales picture into out, which has equally many channels: cubic to enlarge (as fast as
-    linear), by area to shrink.
+    linear), by area to shrink; a copy if the sizes are equal.
     """
-    if picture.shape == out.shape:
-        np.copyto(out, picture)
-        return
     way = cv2.INTER_AREA if out.size < picture.size else cv2.INTER_CUBIC
     cv2.resize(picture, (out.shape[1], out.shape[0]), dst=out, interpolation=way)
 
@@ -49,10 +46,8 @@ def laid_out(
             if left < right:  # else the screen is too narrow for two
                 scale_into(view, out[y : y + h, left:right])
             continue
-        whole = view
-        if view.shape[:2] != (h, w):
-            whole = np.empty((h, w, 3), np.uint8)
-            scale_into(view, whole)
+        whole = np.empty((h, w, 3), np.uint8)
+        scale_into(view, whole)
         row = (eye - first_row - y) % 2  # of the area: on the screen it is row first_row + y + row
         out[y + row : y + h : 2, x : x + w] = whole[row::2]
     return out

@@ -47,11 +47,8 @@ def left_out(field: LightField, count: int) -> list[tuple[int, int]]:
     ]
     # a stride coprime to the pattern of the grid selects views
     # between two and between four others equally often
-    chosen = (
-        np.unique(np.linspace(0, len(inside) - 1, count).round().astype(int))
-        if len(inside) > count
-        else range(len(inside))
-    )
+    count = min(count, len(inside))
+    chosen = np.unique(np.linspace(0, len(inside) - 1, count).round().astype(int))
     return [inside[int(k)] for k in chosen]
 
 

@@ -121,7 +121,6 @@ class ScreenWindow(Display):
             # else a window manager places the frame there, and the picture below its title
             self._window.position = self._at
         self._presentation = open_presentation(self._window)
-        self.blanks_by = self._presentation.name if self._presentation is not None else ""
         # Wayland tells no window where it is
         self.knows_rows = whole or self._driver != "wayland"
         self._numbers.clear()
@@ -130,6 +129,10 @@ class ScreenWindow(Display):
         if self._presentation is not None:
             self._presentation.close()
         self._window.destroy()
+
+    @property
+    def blanks_by(self) -> str:
+        return self._presentation.name if self._presentation is not None else ""
 
     def nominal_hz(self) -> float:
         return self.monitor.rate_hz

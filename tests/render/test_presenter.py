@@ -43,12 +43,14 @@ class Record(Listener):
 class Screen(Display):
     """Keeps pictures, and reports blanks as the test asks."""
 
-    blanks_by = ""
-
     def __init__(self, blanks_by: str = "") -> None:
         self.pictures: list[NDArray[np.uint8]] = []
         self.reports: list[Presented] = []
-        self.blanks_by = blanks_by
+        self._by = blanks_by
+
+    @property
+    def blanks_by(self) -> str:
+        return self._by
 
     def show(self, picture: NDArray[np.uint8], pair: Pair | None = None, how: str = "") -> int:
         self.pictures.append(picture.copy())
