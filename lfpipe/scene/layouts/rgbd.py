@@ -36,9 +36,9 @@ NAME = "rgbd"
 _NAMED = re.compile(r"rgb-?[dz](?![a-z])")
 _DEPTH = re.compile(r"depth|disparity|(?<![a-z])(dpt|disp)(?![a-z])")
 _BETWEEN = re.compile(r"[-_. ]+")
-_COLOUR = ("rgb", "color", "colour", "image", "images", "img", "photo", "picture")
-_NUMBERED_COLOUR = re.compile(r"(?:rgb|colou?r)[-_. ]*(\d{1,9})")
-_NUMBERED_DEPTH = re.compile(r"depth[-_. ]*(\d{1,9})")
+_COLOUR = re.compile(r"(?<![a-z])(rgb|colou?r|images?|img|photo|picture)(?![a-z])")
+# of a recording: colour and depth of one number in one folder; other words may name views
+_FRAME = re.compile(r"(rgb|colou?r)[-_. ]*\d{1,9}")
 _INVERSE = re.compile(r"disp|inverse|inv[-_ ]?depth")  # larger is nearer by definition
 _GRID = (5, 9)  # of made views: eyes move sideways more than up and down
 _MOST_PX = 700_000  # of the made views: 45 of them are packed in ten seconds
@@ -80,28 +80,24 @@ def read_depth(
     darker. by_format: the format says that white is near.
     """
     values = stored.astype(np.float32)
-    stretched = stored.dtype == np.uint8 or (int(stored.min()) == 0 and int(stored.max()) == 65535)
-    by_format = by_format or bool(_INVERSE.search(name))
-    if not stretched and not by_format:
+    if by_format or _INVERSE.search(name):
+        return values, "white is near", ""
+    if stored.dtype == np.uint16 and (int(stored.min()) > 0 or int(stored.max()) < 65535):
         with np.errstate(divide="ignore"):
             near = np.where(stored > 0, 1 / values, np.float32(np.nan)).astype(np.float32)
         against = _lower_is_nearer(near) < -_LOWER
-        doubt = (
-            "whether the depth map holds distances: what stands lower would be farther;"
-            f" {_LEFT_OPEN}"
-            if against
-            else ""
+        doubt = "whether the depth map holds distances: what stands lower would be farther"
+        return (
+            near,
+            "near is small in the depth map, as in distances; 0 was not measured",
+            f"{doubt}; {_LEFT_OPEN}" if against else "",
         )
-        return near, "near is small in the depth map, as in distances; 0 was not measured", doubt
-    lower = 1.0 if by_format else _lower_is_nearer(values)
+    lower = _lower_is_nearer(values)
     if lower < -_LOWER:
         what = f"whether black is near in the depth map: what stands lower is darker; {_LEFT_OPEN}"
         return -values, "black is near: what stands lower in the depth map is darker", what
-    return (
-        values,
-        "white is near",
-        "" if lower > _LOWER else f"whether white is near in the depth map; {_LEFT_OPEN}",
-    )
+    doubt = f"whether white is near in the depth map; {_LEFT_OPEN}"
+    return values, "white is near", "" if lower > _LOWER else doubt
 
 
 def _lower_is_nearer(nearness: NDArray[np.float32]) -> float:
@@ -127,41 +123,24 @@ def _pair(listing: Listing) -> tuple[str, str] | None:
     pictures = [name for name in names if name not in depths and not MAPS.search(Path(name).stem)]
     if not depths or not pictures:
         return None
-    if read_names(tuple(pictures)) is not None:  # views of which each may have its own, or frames
-        return _numbered_frames(listing)
     if len(pictures) == 1 and len(depths) == 1:
         return pictures[0], depths[0]
-    named = {_words(name): name for name in pictures}
-    usual = next((named[word] for word in _COLOUR if word in named), None)
-    for depth in depths:
-        picture = named.get(_words(depth), None if _words(depth) else usual)
-        if picture is not None:
-            return picture, depth
-    return None
-
-
-def _numbered_frames(listing: Listing) -> tuple[str, str] | None:
-    """The first picture and its depth of a recording by a depth camera, colour and depth of one
-    number in one folder (rgb_0001, depth_0001); None where other words name the pictures, which
-    then may be views, or where several numbers may count rows and columns.
-    """
-    colours: dict[str, str] = {}
-    maps: dict[str, str] = {}
-    for name in listing.pictures():
-        stem = Path(name).stem.lower()
-        if words := _NUMBERED_COLOUR.fullmatch(stem):
-            colours[words[1]] = name
-        elif words := _NUMBERED_DEPTH.fullmatch(stem):
-            maps[words[1]] = name
-    both = sorted(colours.keys() & maps.keys(), key=int)
-    if len(both) < 2 or 2 * len(both) < len(colours):
+    named = {_words(name): name for name in reversed(pictures)}
+    pairs = [(named[_words(depth)], depth) for depth in depths if _words(depth) in named]
+    counted = read_names(tuple(pictures)) is not None  # views, of which each may have its own depth
+    if not pairs or (counted and 2 * len(_frames(listing)) < len(pictures)):
         return None
-    return colours[both[0]], maps[both[0]]
+    return pairs[0]
+
+
+def _frames(listing: Listing) -> list[str]:
+    """The pictures of a recording by a depth camera (rgb_0001, depth_0001)."""
+    return [name for name in listing.pictures() if _FRAME.fullmatch(Path(name).stem.lower())]
 
 
 def _words(name: str) -> str:
-    """A name without its ending and the words for depth."""
-    return _BETWEEN.sub("", _DEPTH.sub("", Path(name).stem.lower()))
+    """A name without its ending and the words for depth and colour."""
+    return _BETWEEN.sub("", _COLOUR.sub("", _DEPTH.sub("", Path(name).stem.lower())))
 
 
 @lru_cache(maxsize=2)
@@ -177,21 +156,14 @@ def _recorded(listing: Listing) -> tuple[str, str] | None:
     numbered = read_names(tuple(pictures))
     if not pictures or not maps or (numbered is not None and not numbered.runs):
         return None  # a grid of views, each with its depth
-    numbers = {name: _number(name) for name in (pictures[0], *maps)}
-    nearest_map = min(
-        maps,
-        key=lambda name: (
-            Path(name).stem != Path(pictures[0]).stem,
-            abs(numbers[name] - numbers[pictures[0]]),
-        ),
-    )
+    stem, number = Path(pictures[0]).stem, _number(pictures[0])
+    nearest_map = min(maps, key=lambda name: (Path(name).stem != stem, abs(_number(name) - number)))
     return f"{colour}/{pictures[0]}", f"{depth}/{nearest_map}"
 
 
 def _number(name: str) -> float:
     """The last number in a name, 0 without one."""
-    numbers = re.findall(r"\d{1,18}(?:\.\d{1,9})?", Path(name).stem)
-    return float(numbers[-1]) if numbers else 0.0
+    return float(["0", *re.findall(r"\d{1,18}(?:\.\d{1,9})?", Path(name).stem)][-1])
 
 
 def _by_content(listing: Listing, names: list[str]) -> tuple[str, str] | None:
@@ -203,10 +175,9 @@ def _by_content(listing: Listing, names: list[str]) -> tuple[str, str] | None:
     looks = {name: glance(listing.file(name)) for name in names}
     colours = {name: _colour(look) for name, look in looks.items()}
     grey = [name for name in names if colours[name] < _GREY]
-    if (len(grey) == 1 and max(colours.values()) < _COLOURED) or not grey:
+    if not grey or (len(grey) == 1 and max(colours.values()) < _COLOURED):
         return None
-    detail = {name: float(np.abs(cv2.Laplacian(looks[name], cv2.CV_32F)).mean()) for name in grey}
-    depth = min(grey, key=lambda name: detail[name])
+    depth = min(grey, key=lambda name: float(np.abs(cv2.Laplacian(looks[name], cv2.CV_32F)).mean()))
     return next(name for name in names if name != depth), depth
 
 
@@ -257,7 +228,7 @@ def _read(listing: Listing) -> _Photo:
         near, why, doubt = read_depth(
             stored if stored.ndim == 2 else stored[..., 1], pair[1].lower().rpartition(".")[0]
         )
-        if _numbered_frames(listing) == pair:
+        if len(_frames(listing)) > 1:
             doubt = "; ".join(filter(None, (_FRAMES, doubt)))
         if (
             paths[0].stem.lower() == paths[1].stem.lower()
@@ -327,10 +298,9 @@ def _unused(listing: Listing, photo: _Photo) -> list[str]:
     """The other pictures of the folder, or of the folders of a recording."""
     if not _recorded(listing):
         return [name for name in listing.pictures() if listing.file(name) not in photo.paths]
-    folders = dict.fromkeys(path.parent for path in photo.paths)
     return [
         f"{folder.name}/{name}"
-        for folder in folders
+        for folder in dict.fromkeys(path.parent for path in photo.paths)
         for name in list_scene(folder).pictures()
         if folder / name not in photo.paths
     ]
