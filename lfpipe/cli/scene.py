@@ -26,8 +26,7 @@ from lfpipe.render.plan import make_plan
 from lfpipe.scene.cache import cache_dir, packed, packs, remove, sweep
 from lfpipe.scene.contact_sheet import contact_sheet
 from lfpipe.scene.info import expected_field, facts, lines
-from lfpipe.scene.lightfield import LightField
-from lfpipe.scene.manifest import Manifest
+from lfpipe.scene.lightfield import LightField, Manifest
 from lfpipe.scene.open_scene import ask_packer, open_scene
 from lfpipe.scene.slide import Slide
 

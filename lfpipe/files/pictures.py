@@ -123,12 +123,11 @@ def _header(file: IO[bytes]) -> Header | None:
                 exif.load(image.info.get("exif", b"") if kind != "TIFF" else b"")
                 turn = int(exif.get(_ORIENTATION, 1))
             width, height = image.size[::-1] if 5 <= turn <= 8 else image.size
-            grey = image.mode in _GREY
             return Header(
                 format=kind,
                 width_px=width,
                 height_px=height,
-                grey=grey,
+                grey=image.mode in _GREY,
                 max_value=_full_value(image),
                 orientation=turn if 1 <= turn <= 8 else 1,
                 frames=getattr(image, "n_frames", 1),

@@ -11,6 +11,7 @@ import shutil
 import stat
 import tempfile
 from collections.abc import Iterable, Iterator
+from functools import partial
 from io import BufferedReader, BufferedWriter
 from pathlib import Path
 
@@ -112,9 +113,7 @@ def lines(path: Path, longest: int, remedy: str) -> Iterator[tuple[int, bytes]]:
     Raises UserError if a line is longer than that, OSError if path is not a file.
     """
     with open_regular(path) as file:
-        number = 0
-        while line := file.readline(longest + 1):
-            number += 1
+        for number, line in enumerate(iter(partial(file.readline, longest + 1), b""), 1):
             if len(line) > longest:
                 raise UserError(f"{path}:{number}: a line of more than {longest} bytes", remedy)
             yield number, line
@@ -130,10 +129,9 @@ def create_private(path: Path, mode: int = PRIVATE) -> BufferedWriter:
 
 def in_use(path: Path) -> bool:
     """Whether an lfpipe is writing path, as an `OutputFile` or a `LineFile`."""
-    try:
+    with contextlib.suppress(OSError):
         return is_held(path)
-    except OSError:
-        return False
+    return False
 
 
 class OutputFile:

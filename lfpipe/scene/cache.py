@@ -31,8 +31,7 @@ from lfpipe.host import file_lock
 from lfpipe.host.files import exists, is_dir
 from lfpipe.scene.demo import named_scene
 from lfpipe.scene.files import Listing, list_scene
-from lfpipe.scene.lightfield import LightField
-from lfpipe.scene.manifest import VERSION, Manifest
+from lfpipe.scene.lightfield import VERSION, LightField, Manifest
 from lfpipe.scene.pack import (
     FILES,
     MANIFEST,
@@ -80,7 +79,8 @@ def cache_dir(scene: config.Scene) -> Path:
                 if not known.fullmatch(path.name):
                     foreign = quoted(str(path.relative_to(root)))
                     raise UserError(
-                        f"scene.cache_dir {root}: holds {foreign}, which is not of lfpipe's cache",
+                        f"scene.cache_dir {root}: holds {foreign}, which does not belong to"
+                        " lfpipe's cache",
                         "name a new folder: --set scene.cache_dir=DIR",
                     )
     return root

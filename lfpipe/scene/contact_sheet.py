@@ -38,24 +38,20 @@ def contact_sheet(field: LightField) -> NDArray[np.uint8]:
         [stored_view(field, r, field.cols // 2)[:, field.width_px // 2] for r in range(field.rows)],
         axis=1,
     )
-    across = np.asarray(
-        cv2.resize(across.repeat(_SLICE_PX, axis=0), (sheet_width, _SLICE_PX * field.cols)),
-        np.uint8,
-    )
-    down = np.asarray(
-        cv2.resize(down.repeat(_SLICE_PX, axis=1), (_SLICE_PX * field.rows, sheet_height)), np.uint8
-    )
+    across_px, down_px = _SLICE_PX * field.cols, _SLICE_PX * field.rows
     out = np.full(
-        (sheet_height + across.shape[0] + _GAP_PX, sheet_width + down.shape[1] + _GAP_PX, 3),
-        32,
-        np.uint8,
+        (sheet_height + across_px + _GAP_PX, sheet_width + down_px + _GAP_PX, 3), 32, np.uint8
+    )
+    out[sheet_height : sheet_height + across_px, :sheet_width] = cv2.resize(
+        across.repeat(_SLICE_PX, axis=0), (sheet_width, across_px)
+    )
+    out[:sheet_height, sheet_width : sheet_width + down_px] = cv2.resize(
+        down.repeat(_SLICE_PX, axis=1), (down_px, sheet_height)
     )
     for r, c in np.ndindex(field.rows, field.cols):
         small = cv2.resize(stored_view(field, r, c), (width, height), interpolation=cv2.INTER_AREA)
         y, x = _GAP_PX + r * (height + _GAP_PX), _GAP_PX + c * (width + _GAP_PX)
         out[y : y + height, x : x + width] = small if field.present[r, c] else small // 3
-    out[sheet_height : sheet_height + across.shape[0], : across.shape[1]] = across
-    out[: down.shape[0], sheet_width : sheet_width + down.shape[1]] = down
     if field.disparity is None:
         return out
     place = field.rows // 2, field.cols // 2

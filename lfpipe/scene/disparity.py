@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.host.machine import add
-from lfpipe.scene.lightfield import UNKNOWN
-from lfpipe.scene.manifest import Depth
+from lfpipe.scene.lightfield import UNKNOWN, Depth
 from lfpipe.scene.optical_flow import SMALLEST_PX, FloatMap, Grey, fine_flow, grid_xy
 
 # (picture, rows away, columns away), fractions allowed

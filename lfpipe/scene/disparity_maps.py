@@ -28,8 +28,7 @@ from lfpipe.scene.disparity import (
     view_disparity,
 )
 from lfpipe.scene.examination import Examined, FrameIndex
-from lfpipe.scene.lightfield import UNKNOWN
-from lfpipe.scene.manifest import Disparity
+from lfpipe.scene.lightfield import UNKNOWN, Disparity
 from lfpipe.scene.missing_views import fill_missing
 from lfpipe.scene.optical_flow import SMALLEST_PX
 from lfpipe.scene.pack import DISPARITY, INTERIM, VIEWS, make_array, mapper

@@ -14,7 +14,7 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.scene import layouts
 from lfpipe.scene.files import library_errors
-from lfpipe.scene.manifest import Depth
+from lfpipe.scene.lightfield import Depth
 from lfpipe.scene.orientation import Orientation, orient
 from lfpipe.scene.plausibility import plausible
 from lfpipe.scene.source import SceneSource, Turn, ViewIndex

@@ -35,6 +35,7 @@ PICTURES = (
     ".gif",
     *((".heic", ".heif") if find_spec("pillow_heif") else ()),
 )
+_GIVE = "give a folder of views, or a file that holds them"
 VIDEOS = (".mp4", ".mkv", ".avi", ".mov", ".webm", ".m4v")
 
 
@@ -87,15 +88,10 @@ def list_scene(path: str | os.PathLike[str]) -> Listing:
                 path=given, folder=given.parent, names=(given.name,), folders=(), is_file=True
             )
         if not stat.S_ISDIR(mode):
-            raise UserError(
-                f"{where}: neither a file nor a folder",
-                "give a folder of views, or a file that holds them",
-            )
+            raise UserError(f"{where}: neither a file nor a folder", _GIVE)
         names, folders = _entries(given)
     except FileNotFoundError:
-        raise UserError(
-            f"{where}: no such scene", "give a folder of views, or a file that holds them"
-        ) from None
+        raise UserError(f"{where}: no such scene", _GIVE) from None
     except OSError as error:
         raise UserError(
             f"{where}: cannot be read: {reason(error)}", "check the path and its permissions"
@@ -105,9 +101,7 @@ def list_scene(path: str | os.PathLike[str]) -> Listing:
             f"{quoted(str(given))}: not a path: {error}", "give the folder of the views"
         ) from None
     if not names and not folders:
-        raise UserError(
-            f"{where}: the folder is empty", "give a folder of views, or a file that holds them"
-        )
+        raise UserError(f"{where}: the folder is empty", _GIVE)
     return Listing(
         path=given,
         folder=given,

@@ -9,8 +9,7 @@ import attrs
 import numpy as np
 
 from lfpipe.scene.examination import Examined
-from lfpipe.scene.lightfield import LightField
-from lfpipe.scene.manifest import Manifest
+from lfpipe.scene.lightfield import LightField, Manifest
 from lfpipe.scene.packing import manifest_of
 
 _NAMES = (

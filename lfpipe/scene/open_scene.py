@@ -32,7 +32,7 @@ def _plain(paths: Sequence[ScenePath]) -> tuple[str, ...]:
 
 @attrs.frozen(kw_only=True)
 class PackerRequest:
-    """What the packer is to do."""
+    """A request for the packer."""
 
     # pack the first scene, examine it, make previews of all, or make a light field of a video
     do: Literal["pack", "info", "previews", "make"] = "pack"

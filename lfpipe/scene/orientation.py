@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from lfpipe import config
 from lfpipe.scene.disparity import depth_range, mismatch, view_disparity
-from lfpipe.scene.manifest import Depth, OrientationFacts
+from lfpipe.scene.lightfield import Depth, OrientationFacts
 from lfpipe.scene.occlusion import hides, places
 from lfpipe.scene.optical_flow import (
     SMALLEST_PX,

@@ -31,8 +31,7 @@ from lfpipe.files.untrusted import json_fields
 from lfpipe.host.file_lock import lock_open
 from lfpipe.host.files import reserve
 from lfpipe.scene.half_turn import shown_as
-from lfpipe.scene.lightfield import LightField
-from lfpipe.scene.manifest import VERSION, Manifest
+from lfpipe.scene.lightfield import VERSION, LightField, Manifest
 
 VIEWS, DISPARITY, MANIFEST = "views.npy", "disparity.npy", "manifest.json"
 INTERIM = "interim.npy"  # while the disparity is estimated
@@ -41,7 +40,7 @@ _MAX_BYTES = 16 << 20  # of a manifest: that of 20,000 views with their offsets 
 
 
 class DamagedPackError(UserError):
-    """A folder that is no pack of this version, or a damaged one."""
+    """A folder that is not a pack of this version, or is damaged."""
 
 
 def _checksum(manifest: Mapping[str, Any]) -> str:
@@ -70,7 +69,7 @@ def _reading(folder: Path) -> Iterator[None]:
     except (UserError, OSError, ValueError, TypeError, LookupError, OverflowError) as error:
         why = reason(error) if isinstance(error, OSError) else str(error)
         raise DamagedPackError(
-            f"{folder}: no pack: {why}", "`lfpipe scene pack` makes it again"
+            f"{folder}: not a usable pack: {why}", "make it again with `lfpipe scene pack`"
         ) from None
 
 
@@ -82,7 +81,7 @@ def read_manifest(folder: Path) -> Manifest:
     with _reading(folder):
         manifest = json_fields(read_bytes(folder / MANIFEST, _MAX_BYTES), MANIFEST, "").values
         if manifest.get("version") != VERSION:
-            raise ValueError(f"of another version; this lfpipe reads version {VERSION}")
+            raise ValueError(f"it has another version; this lfpipe reads version {VERSION}")
         if manifest.get("checksum") != _checksum(manifest):
             raise ValueError(f"{MANIFEST} was changed after the pack was made")
         return converter().structure(manifest, Manifest)

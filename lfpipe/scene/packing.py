@@ -28,8 +28,7 @@ from lfpipe.scene.examination import (
     is_grey,
 )
 from lfpipe.scene.files import library_errors
-from lfpipe.scene.lightfield import LightField
-from lfpipe.scene.manifest import Disparity, Manifest
+from lfpipe.scene.lightfield import Disparity, LightField, Manifest
 from lfpipe.scene.missing_views import nearest_present
 from lfpipe.scene.pack import (
     VIEWS,
@@ -46,15 +45,11 @@ Score = Callable[[LightField], dict[str, float]]
 FIRST_VIEWS = 5  # the middle and its neighbours: a viewer begins in the middle of the grid
 
 
-def silent(_what: str, _done: int, _total: int) -> None:
-    """Ignores progress."""
-
-
 def pack_scene(
     path: str | os.PathLike[str],
     settings: config.Scene,
     score: Score = lambda field: {},
-    progress: Progress = silent,
+    progress: Progress = lambda what, done, total: None,
     views_ready: Callable[[Path], None] = lambda pack: None,
 ) -> LightField:
     """The light field at path, from its pack, which is made now unless there is a complete one.

@@ -38,11 +38,7 @@ _REACH, _FEWEST_POINTS = 8, 100  # views from the middle; pixels to fit motion t
 _BLOCKS = 8  # along the shorter side
 # views; pixels that move between them; share of these seen half-way round
 _SHORTEST_CIRCLE, _FEWEST_PX, _STAYS = 8, 200, 0.5
-_CLOSING = 2.0  # step from the last view to the first over that from the first to the second
-_AROUND, _ROUNDNESS = (
-    12,
-    0.3,
-)  # views of a circle to examine; least over most of its radius
+_AROUND, _ROUNDNESS = 12, 0.3  # views of a circle to examine; least over most of its radius
 _NEARLY_ALL = 97  # percentile of the motion that counts
 # blocks that are looked for in the other view of a pair, along the width and the height
 _BLOCK_ROWS, _BLOCK_COLS = 6, 8
@@ -67,7 +63,7 @@ class Motion:
                 "the pictures differ in size, as when focus breathes, the lens zooms or the camera"
                 " comes nearer"
             )
-        return "" if self.directed else "what moves, moves in no direction"
+        return "" if self.directed else "their motion has no common direction"
 
 
 def _motion(a: Grey, b: Grey) -> Motion | None:
@@ -120,8 +116,8 @@ def _change(views: list[Grey], every: list[Grey]) -> str:
     still = all(motion is not None and motion.parallax_px < _STILL_PX for motion in motions)
     if still and (ratio := _refocused(every)) > _REFOCUSED:
         return (
-            f"their focus or exposure differs (sharpness by a factor of {ratio:.0f}), their"
-            " viewpoint does not"
+            f"they differ in focus or exposure (sharpness by a factor of {ratio:.0f}), not in"
+            " viewpoint"
         )
     return ""
 
@@ -269,8 +265,7 @@ def _is_circle(line: list[Grey]) -> str:
     stays = float(returned_flow(first, middle)[1][detail][moving].mean())
     if comes > EXPLAINED and stays < _STAYS:
         return "the last picture follows the first one: a turntable, or a walk around something"
-    closing = float(np.median(np.hypot(*back[moving].T) / step_px[moving]))
-    if closing < _CLOSING and stays >= _STAYS and _goes_round(line):
+    if _goes_round(line):
         return "the camera walks on a circle, not along a line or over a grid"
     return ""
 
@@ -328,12 +323,7 @@ def gather_evidence(source: SceneSource) -> Evidence | None:
                 min(len(line) - 2, len(line) - 1 - len(line) // 5),
             } - {len(line) // 2}:
                 triples.append(_triple(*(grey(*line[middle + k]) for k in (-1, 0, 1))))
-    places = [
-        (r, c)
-        for r in range(source.rows)
-        for c in range(source.cols)
-        if (r, c) not in source.missing
-    ]
+    places = source.places
     every = [
         grey(*places[k]) for k in sorted({round(p) for p in np.linspace(0, len(places) - 1, 9)})
     ]

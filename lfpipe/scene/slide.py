@@ -272,8 +272,8 @@ def _chosen_frames(
     parallax = float(travelled[-1]) / _GLANCE_PX
     if parallax < _MIN_PARALLAX:
         raise UserError(
-            f"near and far move against each other by {parallax:.2%} of the picture only: "
-            "the camera was turned, not slid, or hardly moved, or all is far away",
+            f"near and far move against each other by only {parallax:.2%} of the picture: the"
+            " camera was turned, not slid, or hardly moved, or everything is far away",
             "slide the camera sideways by a hand's breadth without turning it, past something near",
         )
     views = int(np.clip(parallax / _STEP_SHARE, _FEWEST, _MOST))
@@ -305,7 +305,7 @@ def rectify(views: list[Grey]) -> Rectified:
     shared = np.isfinite(at_px).all(axis=(0, 2))
     if shared.sum() < _FEWEST_CORNERS:
         raise UserError(
-            f"only {int(shared.sum())} details are in all of the pictures; {_FEWEST_CORNERS} are"
+            f"only {int(shared.sum())} details are visible in all pictures; {_FEWEST_CORNERS} are"
             " needed",
             "slide more slowly and less far, in good light, with something still in view",
         )
@@ -449,9 +449,9 @@ def _shrink(rectified: Rectified, height: int, width: int) -> float:
     shrink = min(1.0, _MAX_RESIDUAL_PX / max(residual_px, 1e-9))
     if shrink * width < _MIN_VIEW_PX or shrink < _MIN_SHRINK:
         raise UserError(
-            f"views of {width}x{height} px remain, which differ up and down by"
-            f" {residual_px:.2f} px (95 %); they need a width of {_MIN_VIEW_PX} and"
-            f" {_MAX_RESIDUAL_PX} px",
+            f"views of only {width}x{height} px remain, which differ up and down by"
+            f" {residual_px:.2f} px (95 %); they need a width of {_MIN_VIEW_PX} px and at most"
+            f" {_MAX_RESIDUAL_PX} px of difference",
             "slide along a straight line without turning the camera, past things that stand"
             " still, in larger pictures",
         )

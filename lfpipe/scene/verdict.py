@@ -60,7 +60,7 @@ class Evidence:
 
     @property
     def fine(self) -> bool:
-        """Whether a look at other views can tell nothing more."""
+        """Whether other views need no examination."""
         return self.held_out_db >= FINE_DB and self.explained >= FINE_SHARE
 
     @property
@@ -87,8 +87,8 @@ class Evidence:
             share = max(map(abs, self.missed_motion))
             return Verdict(
                 kind="too far apart",
-                reason=f"the views are too far apart ({share:.0%} of the width): nothing is made"
-                " between them",
+                reason=f"the views are too far apart ({share:.0%} of the width): no views are"
+                " made between them",
             )
         return Verdict(kind="light field")
 

@@ -56,7 +56,7 @@ class Video:
         while self.frames < MAX_FRAMES and self._capture.grab():
             self.frames += 1
         if not self.frames:
-            raise UserError(f"{path}: a video without decodable frames", "export it again")
+            raise UserError(f"{path}: no frame of this video can be decoded", "export it again")
         self._open(self.width_px * self.height_px)
 
     def _open(self, frame_px: int) -> None:

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from lfpipe.bench.inputs import FrameSequence, Inputs
-from lfpipe.scene.lightfield import LightField
-from lfpipe.scene.manifest import Manifest
+from lfpipe.scene.lightfield import LightField, Manifest
 from lfpipe.scene.source import Geometry
 from tests.scene import made
 

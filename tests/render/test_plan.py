@@ -16,8 +16,7 @@ from lfpipe.render.geometry import parallax
 from lfpipe.render.plan import Plan, make_plan
 from lfpipe.render.viewer import Viewer
 from lfpipe.render.viewpoint import ViewSolver
-from lfpipe.scene.lightfield import LightField
-from lfpipe.scene.manifest import Manifest
+from lfpipe.scene.lightfield import LightField, Manifest
 from tests.render import rendered
 from tests.render.rendered import METHODS, OUTPUTS, S, record
 

@@ -714,7 +714,7 @@ SETS: dict[str, list[PeopleSet]] = {
         refuses(
             "unknown files",
             together(one("a.png", VIEW), *(one(f"{n}.xyz", b"x") for n in range(9))),
-            "9 of 10 files are of a kind",
+            "9 of 10 files have a format",
             inside("a.png"),
         ),
         refuses(
@@ -734,7 +734,7 @@ SETS: dict[str, list[PeopleSet]] = {
         refuses(
             "halves that do not match",
             one("x.png", made.texture(96, 256, 5)),
-            "its halves are no stereo",
+            "its halves are not a stereo",
             AS_PAIR,
             layout="stereo",
         ),

@@ -258,7 +258,7 @@ def test_a_pack_in_use_stays_until_nobody_has_it_open(
     del field
     assert cache.remove(found) and cache.packs(scene_config) == []
     assert cache.sweep(scene_config) == 1  # its line in the index
-    with pytest.raises(DamagedPackError, match="no pack"):
+    with pytest.raises(DamagedPackError, match="not a usable pack"):
         open_pack(found)
 
 

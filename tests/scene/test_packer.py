@@ -19,7 +19,7 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.host.file_lock import waited_for
 from lfpipe.scene import cache
-from lfpipe.scene.manifest import Manifest
+from lfpipe.scene.lightfield import Manifest
 from lfpipe.scene.open_scene import PackerRequest, Packing, ask_packer, open_scene, open_scenes
 from lfpipe.scene.pack import open_pack
 from tests.scene import made

@@ -110,7 +110,7 @@ _CONVERTED = {  # what other programs turn into pictures, by the ends of names
         ),
     ),
     (".jxl", ".psd", ".exr"): (
-        "a picture of a kind that is not decoded here",
+        "a picture in a format that lfpipe does not decode",
         "export it as PNG or JPEG, and give that",
     ),
     (".cr2", ".cr3", ".nef", ".arw", ".dng", ".raf", ".orf", ".rw2"): (
@@ -170,8 +170,9 @@ def _require_pictures(listing: Listing, certain: bool) -> None:
         some = ", ".join([name for name in listing.names if Path(name).suffix.lower() == kind][:3])
         remedy = f"; {pictures[0]} alone: give {listing.folder / pictures[0]}" if pictures else ""
         raise UserError(
-            f"{listing.path}: {count} of {len(listing.names)} files are of a kind that is not read:"
-            f" {some}, ...",
+            f"{listing.path}: {count} of {len(listing.names)} files have a format that lfpipe"
+            " does not"
+            f" read: {some}, ...",
             f"convert them to PNG and give their folder{remedy}",
         )
 

@@ -1,4 +1,4 @@
-"""One picture file per view: from the numbers in the names to a grid of views, with a word on every
+"""One picture file per view: from the numbers in the names to a grid of views. A note names every
 file that is not used.
 """
 

@@ -36,6 +36,7 @@ class Running:
     rows: int
     cols: int
     snake: bool = False
+    upwards: int = 0  # of a quilt: tiles in a row; its lowest row is the first
     ring: bool = False  # on a circle, which is no line: its ends are neighbours
     doubt: str = ""  # what is left open
     score: float = 0.0  # how well it explains the likeness of the pictures, at most 1
@@ -46,6 +47,9 @@ class Running:
 
     def index(self, position: int) -> ViewIndex:
         """The grid index of a position of the run."""
+        if self.upwards:
+            row, col = divmod(position, self.upwards)
+            position = (self.cols // self.upwards - 1 - row) * self.upwards + col
         row, col = divmod(position, self.cols)
         return row, self.cols - 1 - col if self.snake and row % 2 else col
 
@@ -141,7 +145,8 @@ def likeliest(
         f"how {len(present)} views in order fill a grid",
         [
             Candidate(
-                what=f"{run.rows}x{run.cols}{', a snake' * run.snake}{', a circle' * run.ring}",
+                what=f"{run.rows}x{run.cols}{', a snake' * run.snake}{', a circle' * run.ring}"
+                f"{', upwards' * (run.upwards > 0)}",
                 score=round(_explained(run, pairs, unlike), 4),
                 value=run,
             )

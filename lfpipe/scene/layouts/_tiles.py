@@ -275,28 +275,22 @@ def _as_quilt(picture: NDArray[Any], plain: Tiling) -> Tiling:
     rows, cols = plain.shape
     if min(rows, cols) < 2:
         return plain
-    line = Running(rows=1, cols=rows * cols)
-    readings = {}
-    for down in (False, True):
-        quilt = attrs.evolve(plain, quilt=True, down=down)
-        best = likeliest(
-            lambda at, quilt=quilt: plane_of(quilt.cut(picture, 0, at)),  # type: ignore[misc]
-            [True] * rows * cols,
-            [Running(rows=rows, cols=cols), line],
-        )
-        readings[down] = best, quilt
-    lines = [reading for reading in readings.values() if reading[0].run.rows == 1]
+    likely = likeliest(
+        lambda at: plane_of(plain.cut(picture, *divmod(at, cols))),
+        [True] * rows * cols,
+        [
+            Running(rows=rows, cols=cols),
+            Running(rows=1, cols=rows * cols, upwards=cols),
+            Running(rows=1, cols=rows * cols),
+        ],
+    )
     doubt = f"one line of {rows * cols} views (--set scene.layout=quilt), or {rows}x{cols} (mosaic)"
-    if not lines:
-        return (
-            plain
-            if all(best.clear for best, _ in readings.values())
-            else attrs.evolve(plain, doubt=doubt)
-        )
-    best, quilt = max(lines, key=lambda reading: reading[0].score)
-    if not best.clear:
-        return attrs.evolve(quilt, doubt=doubt)
-    return attrs.evolve(quilt, doubt=_FROM_THE_TOP) if quilt.down else quilt
+    if likely.run.rows > 1:
+        return plain if likely.clear else attrs.evolve(plain, doubt=doubt)
+    down = not likely.run.upwards
+    if likely.clear:
+        doubt = _FROM_THE_TOP if down else ""
+    return attrs.evolve(plain, quilt=True, down=down, doubt=doubt)
 
 
 def last_picture(load: Callable[[int], NDArray[Any]]) -> Callable[[int], NDArray[Any]]:
@@ -389,7 +383,7 @@ def tiling(
         if min(height // rows, width // cols) < LEAST_VIEW_PX:
             raise UserError(
                 f"{path}: {width}x{height} px in {rows} rows and {cols} columns make tiles of"
-                f" {width // cols}x{height // rows} px, which show nothing",
+                f" {width // cols}x{height // rows} px, too small to show anything",
                 "give the grid that was rendered with --set scene.grid=ROWSxCOLS",
             )
         # programs for such displays leave a remainder

@@ -370,8 +370,8 @@ def _matlab_source(listing: Listing, path: Path) -> SceneSource:
 def disparity_of_depth(
     depth: NDArray[np.float32], known: Mapping[str, float]
 ) -> NDArray[np.float32]:
-    """Disparity in px per view of the first HCI data set's depth: dH * focalLength / depth
-    - shift.
+    """Disparity in px per view from depth as the first HCI data set has it:
+    dH * focalLength / depth - shift.
     """
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         unit = np.float32(known.get("dH", 0.0) * known.get("focalLength", 0.0))
@@ -428,7 +428,7 @@ def _layout(
     def describe(listing: Listing, scene: config.Scene) -> SceneSource:
         if (path := only(listing)) is None:
             raise UserError(
-                f"{listing.path}: not exactly one {ends[0]} file",
+                f"{listing.path}: contains no {ends[0]} file, or several",
                 "give the file itself by its own path",
             )
         return source(listing, path)

@@ -61,7 +61,7 @@ def _describe_picture(listing: Listing, scene: config.Scene) -> SceneSource:
     if not scene.force and _is_anaglyph(read_picture(path)[0], path.stem):
         raise UserError(
             f"{path}: is a red/cyan anaglyph: each eye's picture has lost its other colours, so"
-            " they cannot be shown apart",
+            " the two cannot be separated",
             "give the stereo pair that it was made of; --set scene.force=true shows it flat",
         )
     notes = tuple(f"{name} is the same picture" for name in listing.pictures() if name != path.name)

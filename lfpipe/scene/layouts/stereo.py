@@ -216,8 +216,11 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
             else ""
         )
     else:
-        what = f"{path}: its halves are no stereo pair, neither side by side nor above one another"
-        raise UserError(what, "give two files x_left.png and x_right.png")
+        raise UserError(
+            f"{path}: its halves are not a stereo pair, neither side by side nor one above the"
+            " other",
+            "give two files x_left.png and x_right.png",
+        )
     crossed = path.suffix.lower() == ".jps" or bool(_CROSSED.search(name))
     if crossed:
         why = "the name or format says that the right eye's picture comes first"
