@@ -155,16 +155,13 @@ def _is_input(target: Path, source: Path) -> bool:
     return target in (source, source.with_suffix(".csv"))
 
 
-def _head(path: Path) -> bytes:
-    """The beginning of a file; nothing if it cannot be read."""
-    with contextlib.suppress(OSError), open_regular(path) as file:
-        return file.read(_HEAD_BYTES)
-    return b""
-
-
 def _kind(path: Path) -> str:
-    """The name in INPUTS of a file that lfpipe wrote and reads; "" for others."""
-    head = _head(path)
+    """The name in INPUTS of a file that lfpipe wrote and reads; "" for others, and for one that
+    cannot be read.
+    """
+    head = b""
+    with contextlib.suppress(OSError), open_regular(path) as file:
+        head = file.read(_HEAD_BYTES)
     return next((name for name, pattern in INPUTS.items() if pattern.match(head)), "")
 
 
