@@ -387,9 +387,8 @@ class _Row:
         return attrs.evolve(self, views=self.views[::-1], position=position, side_sure=False)
 
 
-def _rectified_row(pictures: list[NDArray[Any]], position: NDArray[np.float64]) -> _Row:
+def _rectified_row(views: list[NDArray[Any]], position: NDArray[np.float64]) -> _Row:
     """The rectified views of chosen pictures. Raises UserError."""
-    views = _levelled([_reduced(picture, _VIEW_PX) for picture in pictures])
     rectified = rectify([_grey(view) for view in views])
     longer = max(views[0].shape[:2]) / views[0].shape[1]
     to_the_right, side_sure = rectified.to_the_right(position, longer)
@@ -430,7 +429,8 @@ def _row(count: int, read: Callable[[int], NDArray[Any]], progress: Progress) ->
     at = follow(_levelled(glances), 400)
     try:
         chosen, position = _chosen_frames(glances, at)
-        return _rectified_row([read(numbers[k]) for k in chosen], position)
+        pictures = [_reduced(read(numbers[k]), _VIEW_PX) for k in chosen]
+        return _rectified_row(_levelled(pictures), position)
     except UserError:
         if (change := _size_change(at)) > _ZOOMED:  # more than a hand makes
             raise UserError(

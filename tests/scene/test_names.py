@@ -13,6 +13,7 @@ from PIL import Image
 
 from lfpipe import config
 from lfpipe.scene import layouts
+from lfpipe.scene.layouts._candidates import ranked
 from lfpipe.scene.layouts._names import _candidates, read_names
 from lfpipe.scene.layouts._running import find_columns
 from lfpipe.scene.source import Turn
@@ -356,3 +357,11 @@ def test_real_names_say_what_they_say() -> None:
             others = [f"{c.score:.2f} {c.what}" for c in _candidates(tuple(names))]
             wrong.append(f"{kind}: {reading}, expected {expected}; {others}")
     assert not wrong, "\n".join(wrong)
+
+
+def test_a_doubt_about_names_is_about_the_second_reading() -> None:
+    names = tuple(REAL_NAMES["three numbers alike"][0])
+    first, second, *_ = ranked("names", list(_candidates(names)))
+    best, next_best = (reading.what.rpartition(", ")[2] for reading in (first, second))
+    assert (best, next_best) == ("3x4 with 2 frames", "3x2 with 4 frames")
+    assert first.value.doubt.endswith(f"{best}, or {next_best}") and not second.value.doubt
