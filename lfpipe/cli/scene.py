@@ -84,7 +84,7 @@ def pack(path: Path, as_json: bool, config: Config) -> None:
     if as_json:
         needs_tracking = make_plan(field, config).needs_tracking
         session = {"pack": field.folder, "needs_tracking": needs_tracking}
-        print_result(json.dumps({**session, **field.manifest.as_json()}))
+        print_result(json.dumps({**session, **attrs.asdict(field.manifest)}))
     else:
         print_result(field.folder)
 

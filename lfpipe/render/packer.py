@@ -94,7 +94,7 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
             report(preview=str(path), data=_preview(path, settings))
         return {}
     if asked.do == "info":
-        return scene_manifest(examine_scene(paths[0], settings)).as_json()
+        return attrs.asdict(scene_manifest(examine_scene(paths[0], settings)))
     if asked.expand:
         paths = playlist(paths, settings)
         report(scenes=[str(path) for path in paths])

@@ -51,7 +51,7 @@ def scene_manifest(scene: Examined) -> Manifest:
 
 def facts(manifest: Manifest, pack: str = "") -> dict[str, Any]:
     """The facts of `lfpipe scene info --json`. pack: the folder, "" of what is not packed."""
-    told = manifest.as_json()
+    told = attrs.asdict(manifest)
     disparity = told["disparity"]
     low_px, high_px = disparity.pop("min_px"), disparity.pop("max_px")
     known = manifest.disparity.source != "unknown"

@@ -4,7 +4,7 @@ left camera); and its manifest, what manifest.json of a pack says: everything bu
 
 from collections.abc import Callable, Mapping
 from functools import cached_property
-from typing import Any, Self
+from typing import Self
 
 import attrs
 import numpy as np
@@ -111,10 +111,6 @@ class Manifest:
                 border_high_px=0.0 - depth.border_low_px,
             ),
         )
-
-    def as_json(self) -> dict[str, Any]:
-        """For json.dumps."""
-        return attrs.asdict(self)
 
 
 # in LightField.disparity: no value explains the neighbours, so views are cross-faded there

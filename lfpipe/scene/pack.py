@@ -52,7 +52,7 @@ def _checksum(manifest: Mapping[str, Any]) -> str:
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:
     """Writes the manifest with its checksum atomically. Raises OSError."""
-    body = manifest.as_json()
+    body = attrs.asdict(manifest)
     text = json.dumps({**body, "checksum": _checksum(body)}, indent=1, allow_nan=False)
     write_file(folder / MANIFEST, text.encode(), 0o666)
 
