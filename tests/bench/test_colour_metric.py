@@ -53,28 +53,32 @@ def test_rivalry_and_colour_error_of_the_encodings() -> None:
     assert errors["colour"] < errors["dubois"] < errors["grey"]
 
 
-def test_ghosts_and_their_compensation() -> None:
-    left, right = ghost(encoder("colour"))
-    assert left == pytest.approx(0.148, abs=0.002), "green light through the red glass"
-    assert right < 0.005 and abs(ghost(encoder("dubois"))[0]) < 0.03
-    for name in ("colour", "grey", "half-colour", "wimmer", "dubois"):
-        assert abs(ghost(encoder(name, "linear", 100.0))[0]) < 0.03
-    assert (
-        min(abs(leak) for leak in ghost(encoder("dubois-green-magenta"), glasses=GREEN_MAGENTA))
-        > 0.03
-    )
-    assert (
-        max(
-            abs(leak)
-            for leak in ghost(
-                encoder("dubois-green-magenta", "linear", 100.0), glasses=GREEN_MAGENTA
-            )
-        )
-        < 0.03
-    )
-    assert ghost(encoder("colour", "linear", 100.0), pedestal=0.0)[0] > 0.1, (
-        "on black there is nothing to take away"
-    )
+@pytest.mark.parametrize(
+    ("name", "compensation", "least", "most"),
+    [
+        ("colour", 0.0, 0.146, 0.150),  # green light through the red glass
+        ("dubois", 0.0, -0.03, 0.03),
+        *(
+            (name, 100.0, -0.03, 0.03)
+            for name in ("colour", "grey", "half-colour", "wimmer", "dubois")
+        ),
+    ],
+)
+def test_ghosts_and_their_compensation(
+    name: str, compensation: float, least: float, most: float
+) -> None:
+    assert least < ghost(encoder(name, "linear", compensation))[0] < most
+
+
+@pytest.mark.parametrize(("compensation", "much"), [(0.0, True), (100.0, False)])
+def test_ghosts_through_green_and_magenta(compensation: float, much: bool) -> None:
+    how = encoder("dubois-green-magenta", "linear", compensation)
+    assert all((abs(leak) > 0.03) == much for leak in ghost(how, glasses=GREEN_MAGENTA))
+
+
+def test_ghosts_on_black_have_nothing_to_take_away() -> None:
+    assert ghost(encoder("colour"))[1] < 0.005
+    assert ghost(encoder("colour", "linear", 100.0), pedestal=0.0)[0] > 0.1
 
 
 def test_leaks_are_those_of_the_simulated_glasses() -> None:

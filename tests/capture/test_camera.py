@@ -221,35 +221,48 @@ def test_frames_that_the_driver_lost_leave_gaps(monkeypatch: pytest.MonkeyPatch)
     assert seqs == [0, 3, 4, 5, 6, 7]
 
 
-def test_damaged_frames_are_skipped_but_not_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = bytes([9, 128] * (640 * 480))
-    device = FakeCamera(frames=[whole, whole[:-2], whole])  # the last line is cut off
-    camera = source(device)
-    frame = camera.read(OUT)
-    assert frame is not None and frame.source_seq == 1, "the damaged one is missing"
-    device.damaged = True
-    monkeypatch.setattr("lfpipe.capture.camera.STALL_S", 0.05)
-    with pytest.raises(TimeoutError, match="damaged"):
-        camera.read(OUT)
-
-
 @pytest.mark.parametrize("error", [TimeoutError(), OSError(errno.EBUSY, "busy")])
-def test_a_camera_without_a_first_frame_is_closed_and_a_later_stall_is_a_time_out(
-    error: Exception,
-) -> None:
+def test_a_camera_without_a_first_frame_is_closed(error: Exception) -> None:
     device = FakeCamera(frames=[error])
     with pytest.raises(UserError):
         source(device)
     assert device.closed
-    frame = bytes([9, 128] * (640 * 480))
-    camera = source(
-        FakeCamera(frames=[frame, TimeoutError(), frame, OSError(errno.ENODEV, "gone")])
-    )
-    with pytest.raises(TimeoutError):
-        camera.read(OUT)
-    assert camera.read(OUT) is not None, "the next frame counts on"
-    with pytest.raises(UserError, match="unplugged"):
-        camera.read(OUT)
+
+
+WHOLE = bytes([9, 128] * (640 * 480))
+GONE = OSError(errno.ENODEV, "gone")
+
+
+@pytest.mark.parametrize(
+    ("frames", "flag", "read"),
+    [
+        # after a stall the next frame counts on
+        ([TimeoutError(), WHOLE, GONE], False, ["s, 0 damaged", 0, "unplugged"]),
+        # the last line is cut off: the damaged one is missing
+        ([WHOLE[:-2], WHOLE, GONE], False, [1, "unplugged"]),
+        # but not for ever, as the driver says or as it is
+        ([WHOLE], True, ["no whole frame"]),
+        ([WHOLE[:-2]], False, ["no whole frame"]),
+    ],
+)
+def test_what_is_no_frame_is_skipped_or_reported(
+    monkeypatch: pytest.MonkeyPatch,
+    frames: list[bytes | Exception],
+    flag: bool,
+    read: list[object],
+) -> None:
+    monkeypatch.setattr("lfpipe.capture.camera.STALL_S", 0.05)
+    device = FakeCamera(frames=[WHOLE, *frames])
+    camera = source(device)
+    device.damaged = flag
+    found: list[object] = []
+    for _ in read:
+        try:
+            frame = camera.read(OUT)
+            found.append(None if frame is None else frame.source_seq)
+        except (TimeoutError, UserError) as error:
+            found.append(str(error))
+    assert all(str(wanted) in str(one) for wanted, one in zip(read, found, strict=True)), found
 
 
 @pytest.mark.parametrize(("rate_hz", "least_s", "most_s"), [(30.0, 0.8, 0.9), (0.5, 5.9, 6.0)])

@@ -4,6 +4,7 @@ import importlib
 import shutil
 import subprocess
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -20,13 +21,7 @@ def test_kiosk_starts_again_until_it_ends_well(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(exhibition, "AGAIN_S", 0.0)
-    codes = iter([None, 1, 0])
-
-    def again() -> int:
-        if (code := next(codes)) is None:
-            raise UserError("no camera found", "plug one in")
-        return code
-
+    again = Mock(side_effect=[UserError("no camera found", "plug one in"), 1, 0])
     assert exhibition.until_it_ends(lambda: 1, again) == 0
     assert capsys.readouterr().err.count("restarts") == 3
 

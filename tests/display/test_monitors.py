@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 from collections.abc import Iterator
+from contextlib import closing
 from typing import Any
 
 import attrs
@@ -158,8 +159,7 @@ def test_screen_window_opens_on_the_chosen_monitor(
     windowed: tuple[int, ...],
     fullscreen: bool,
 ) -> None:
-    window = ScreenWindow((240, 240), "lfpipe: a test", fullscreen, monitor)
-    try:
+    with closing(ScreenWindow((240, 240), "lfpipe: a test", fullscreen, monitor)) as window:
         window.show(GREY)
         for now in (fullscreen, not fullscreen, fullscreen):
             assert outline("lfpipe: a test", x_with_two) == (whole if now else windowed)
@@ -173,8 +173,6 @@ def test_screen_window_opens_on_the_chosen_monitor(
             press(window, "f")
             press(window, "f")
             assert outline("lfpipe: a test", x_with_two) == whole
-    finally:
-        window.close()
 
 
 def test_monitors_are_listed_by_name_and_place(x_with_two: str) -> None:
@@ -198,8 +196,7 @@ def test_screen_window_on_a_scaled_desktop_has_the_screens_pixels(
     with sway(1280, 800, 60, scale=2) as name:
         monkeypatch.setenv("WAYLAND_DISPLAY", name)
         monkeypatch.setenv("SDL_VIDEODRIVER", "wayland")
-        window = ScreenWindow((500, 400), "lfpipe: a test")
-        try:
+        with closing(ScreenWindow((500, 400), "lfpipe: a test")) as window:
             window.show(np.full((400, 500, 3), 90, np.uint8))
             share = window.width_mm() / USUAL_MM  # type: ignore[operator]
             assert monitors()[0].width == 640 < window._shown_px and share == pytest.approx(
@@ -208,8 +205,6 @@ def test_screen_window_on_a_scaled_desktop_has_the_screens_pixels(
             assert not window.knows_rows
             press(window, "f")
             assert window.knows_rows, "in full screen"
-        finally:
-            window.close()
 
 
 DEMO = CameraViewer(source="demo")

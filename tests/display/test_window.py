@@ -6,6 +6,7 @@ import subprocess
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -157,17 +158,14 @@ def test_screen_window_on_ten_bits_per_colour(
     command = ["Xvfb", "-screen", "0", "640x480x30", "-fbdir", str(tmp_path)]
     with x_server(command, tmp_path) as name:
         look_at(name, monkeypatch)
-        display = ScreenWindow((640, 480), "lfpipe: a test", fullscreen=True)
         deep = Screen(name, tmp_path / "Xvfb_screen0")
-        try:
+        with closing(ScreenWindow((640, 480), "lfpipe: a test", fullscreen=True)) as display:
             picture = np.full((480, 640, 3), (200, 100, 50), np.uint8)
             display.show(picture)
             levels = [round(level * 1023 / 255) for level in (50, 100, 200)]
             assert becomes(lambda: np.ptp(deep.pixels() & 0x3FFFFFFF) == 0, display)
             pixel = int(deep.pixels().flat[0]) & 0x3FFFFFFF
             assert [pixel >> 20, pixel >> 10 & 1023, pixel & 1023] == pytest.approx(levels, abs=2)
-        finally:
-            display.close()
 
 
 def test_screen_window_names_what_is_dropped(

@@ -1,5 +1,7 @@
 """Presenter: what is composed, handed over and reported, on displays that show nothing."""
 
+from unittest.mock import Mock
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -13,31 +15,12 @@ from lfpipe.render.mouse_look import MouseLook
 from lfpipe.render.pair_layout import Pair
 from lfpipe.render.presenter import Presenter, draw_glasses_test
 from lfpipe.render.refresh import Refresh, ScreenRefresh
-from lfpipe.render.showing import HANDOVER, REPLACED, Listener, Showing
+from lfpipe.render.showing import HANDOVER, REPLACED, Showing
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.ring import Stamp
 from tests.render.rendered import record, viewer
 
 REFRESH_NS = 1_000_000_000 // 60
-
-
-class Record(Listener):
-    """Keeps what was handed over and what was presented."""
-
-    def __init__(self) -> None:
-        self.handed: list[Showing] = []
-        self.known: list[Showing] = []
-        self.closed = False
-
-    def handed_over(self, showing: Showing) -> None:
-        self.handed.append(showing)
-
-    def presented(self, showing: Showing) -> None:
-        assert showing in self.handed
-        self.known.append(showing)
-
-    def close(self) -> None:
-        self.closed = True
 
 
 class Screen(Display):
@@ -71,7 +54,9 @@ class World:
         self.viewer = viewer()
         self.source = EyesSource()
         self.display = Screen(blanks_by)
-        self.listener = Record()
+        self.handed: list[Showing] = []
+        self.known: list[Showing] = []
+        self.listener = Mock(handed_over=self.handed.append, presented=self.known.append)
         self.refresh = (ScreenRefresh if blanks_by else Refresh)(60.0, now_ns())
         self.presenter = Presenter(
             viewer=self.viewer,
@@ -91,7 +76,7 @@ class World:
         on_blanks = bool(self.display.blanks_by)
         refresh_ns = 0 if self.on_camera else REFRESH_NS
         self.presenter.show(Moment.of(t_ns + refresh_ns, refresh_ns, on_blanks=on_blanks))
-        return self.listener.handed[-1]
+        return self.handed[-1]
 
 
 def test_presenter_composes_only_what_differs_from_the_screen() -> None:
@@ -100,7 +85,7 @@ def test_presenter_composes_only_what_differs_from_the_screen() -> None:
     world.presenter.redraw()
     assert world.show().composed
     assert any(world.show(x=400).composed for _ in range(120)), "the eyes moved"
-    known = world.listener.known
+    known = world.known
     assert len(world.display.pictures) == sum(showing.composed for showing in known)
     assert [showing.seq for showing in known] == list(range(7, 7 + len(known)))
 
@@ -108,13 +93,13 @@ def test_presenter_composes_only_what_differs_from_the_screen() -> None:
 def test_presenter_on_the_cameras_clock_shows_every_frame() -> None:
     world = World(on_camera=True)
     assert [world.show().number for _ in range(3)] == [1, 2, 3]
-    assert all(showing.due_ns == 0 for showing in world.listener.known)
+    assert all(showing.due_ns == 0 for showing in world.known)
 
 
 def test_presenter_shows_the_middle_view_before_the_first_eyes() -> None:
     world = World()
     world.presenter.show(Moment.of(now_ns(), REFRESH_NS))
-    showing = world.listener.known[0]
+    showing = world.known[0]
     assert showing.eyes is None and not showing.face
     assert showing.viewpoints.left == showing.viewpoints.right == (4.0, 4.0)
     assert np.array_equal(
@@ -137,14 +122,14 @@ def test_presenter_reports_pictures_in_order_of_their_blanks() -> None:
     world = World(blanks_by="blanks")
     first = world.show()
     stayed = world.show()
-    assert not stayed.composed and world.listener.known == []
+    assert not stayed.composed and world.known == []
     world.presenter.redraw()
     second = world.show()
     late_ns = second.due_ns + 2 * REFRESH_NS
     world.display.reports = [Presented(1, first.due_ns, REFRESH_NS), Presented(2, late_ns, 0)]
     world.presenter.take_reports()
-    assert [showing.seq for showing in world.listener.known] == [7, 8, 9]
-    assert [showing.by for showing in world.listener.known] == ["blanks"] * 3
+    assert [showing.seq for showing in world.known] == [7, 8, 9] and world.known == world.handed
+    assert [showing.by for showing in world.known] == ["blanks"] * 3
     assert stayed.t_presented_ns == stayed.due_ns
     assert (first.juddered, second.juddered) == (False, True)
 
@@ -156,10 +141,10 @@ def test_presenter_reports_the_last_pictures_at_the_end() -> None:
     second = world.show()
     world.display.reports = [Presented(1, 0, 0)]
     world.presenter.take_reports()
-    assert [showing.by for showing in world.listener.known] == [REPLACED] and first.juddered
+    assert [showing.by for showing in world.known] == [REPLACED] and first.juddered
     world.presenter.close()
     assert second.by == HANDOVER and second.t_presented_ns == second.t_handed_ns
-    assert world.listener.closed
+    assert world.listener.close.called
 
 
 def test_presenter_cost_is_that_of_composing() -> None:
@@ -167,6 +152,6 @@ def test_presenter_cost_is_that_of_composing() -> None:
     costs = [world.show().cost_ns for _ in range(20)]
     assert min(costs) > 0
     assert 0 < world.presenter.cost_ns <= max(costs)
-    assert world.listener.known[-1].t_composed_ns == pytest.approx(
-        world.listener.known[-1].t_started_ns + costs[-1], abs=max(costs)
+    assert world.known[-1].t_composed_ns == pytest.approx(
+        world.known[-1].t_started_ns + costs[-1], abs=max(costs)
     )

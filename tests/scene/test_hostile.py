@@ -247,25 +247,22 @@ def damage(rng: random.Random, folder: Path) -> None:
     """Does something to one file of a scene: to its bytes, to numbers in its text or name, or puts
     no file in its place.
     """
-    files = [
-        path
-        for path in folder.rglob("*")
-        if path.is_file() and not path.is_symlink() and path.stat().st_size < 10_000_000
-    ]
+    whole = [path for path in folder.rglob("*") if path.is_file() and not path.is_symlink()]
+    files = sorted(path for path in whole if path.stat().st_size < 10_000_000)
     if not files:
         return
-    path = rng.choice(sorted(files))
-    kind = rng.randrange(5)
+    path = rng.choice(files)
     data = path.read_bytes()
     head = rng.choice((200, 10**9))
+    numbers = list(re.finditer(rb"-?\d+(\.\d+)?(e[+-]?\d+)?", data[:2000]))
+    start, end = rng.choice(numbers).span() if numbers else (0, 0)
+    new = re.sub(r"\d+", lambda part: rng.choice((part[0], *NUMBERS, "\udcff"))[:40], path.name)
+    kind = rng.randrange(5)
     if kind <= 1:
         path.write_bytes(damaged_bytes(rng, data[:head]) + data[head:])
     elif kind == 2:
-        numbers = list(re.finditer(rb"-?\d+(\.\d+)?(e[+-]?\d+)?", data[:2000]))
-        spot = rng.choice(numbers).span() if numbers else (0, 0)
-        path.write_bytes(data[: spot[0]] + rng.choice(NUMBERS).encode() + data[spot[1] :])
+        path.write_bytes(data[:start] + rng.choice(NUMBERS).encode() + data[end:])
     elif kind == 3:
-        new = re.sub(r"\d+", lambda part: rng.choice((part[0], *NUMBERS, "\udcff"))[:40], path.name)
         path.rename(path.with_name(new or "x"))
     else:
         NO_FILES[rng.choice(sorted(set(NO_FILES) - {"directory"}))](path)

@@ -9,6 +9,7 @@ import hashlib
 import json
 import random
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -128,16 +129,16 @@ def damage(rng: random.Random, *paths: Path) -> str:
         kind = rng.choice(sorted(hostile.NO_FILES))
         hostile.NO_FILES[kind](path)
         return f"{kind} as {path.name}"
-    if path.suffix == ".json":
-        path.write_bytes(hostile.damaged_json(rng, json.loads(path.read_text())))
-    elif path.suffix == ".jsonl":
-        path.write_bytes(
-            hostile.damaged_lines(rng, [json.loads(line) for line in path.read_text().splitlines()])
-        )
-    elif path.suffix == ".csv":
-        path.write_bytes(hostile.damaged_table(rng, path.read_text()))
+    data = path.read_bytes()
+    damaged: dict[str, Callable[[], bytes]] = {
+        ".json": lambda: hostile.damaged_json(rng, json.loads(data)),
+        ".jsonl": lambda: hostile.damaged_lines(rng, list(map(json.loads, data.splitlines()))),
+        ".csv": lambda: hostile.damaged_table(rng, data.decode()),
+    }
+    if path.suffix in damaged:
+        path.write_bytes(damaged[path.suffix]())
     elif rng.random() < 0.3:
-        path.write_bytes(hostile.damaged_bytes(rng, path.read_bytes()))
+        path.write_bytes(hostile.damaged_bytes(rng, data))
     else:
         found = packets(path.parent)
         for at in range(rng.randrange(3) + 1):
