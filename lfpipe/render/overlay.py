@@ -110,6 +110,7 @@ class Overlay:
 
 
 CLOSE = Item("×", "close")
+TURNS = (Item("◀", "previous"), Item("▶", "next"))  # the pages of a menu that has several
 # entries of the bar that close a page; the others open another one
 CLOSING = {DEPTH} | {row.events for row in KEYS if row.label} - {
     "choose",

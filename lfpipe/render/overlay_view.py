@@ -12,7 +12,7 @@ import attrs
 import cv2
 
 from lfpipe.files.decoding import fit_area
-from lfpipe.render.overlay import CLOSE, Item, Menu, Overlay
+from lfpipe.render.overlay import CLOSE, TURNS, Item, Menu, Overlay
 from lfpipe.render.window_system import drawable, font, pygame
 
 Place = tuple[int, int]
@@ -189,10 +189,17 @@ def menu_panel(menu: Menu, selected: int, window_px: Place, text_px: int) -> Pan
     title = letters.render(
         menu.title + (f"   {selected + 1} of {count}" if page < count else ""), True, WHITE
     )
-    surface.blit(title, title.get_rect(midtop=(width // 2, line // 2)))
+    place = title.get_rect(midtop=(width // 2, line // 2))
+    surface.blit(title, place)
     surface.blit(hint, hint.get_rect(midtop=(width // 2, 2 * line)))
     cells = _cells(menu.items[first : first + page], cols, width // cols, high, head_px)
     cells.append(_cross(width, line))
+    if page < count:
+        lefts = (place.left - 2 * line, place.right)
+        cells += [
+            (turn, pygame.Rect(left, 0, 2 * line, 2 * line - line // 4))  # beside the title
+            for turn, left in zip(TURNS, lefts, strict=True)
+        ]
     for number, (item, rect) in enumerate(cells, first):
         _draw_item(surface, letters, item, rect, number == selected)
     return Panel(
@@ -380,6 +387,8 @@ class OverlayView:
         if event.type == pygame.MOUSEBUTTONUP:
             self._held = None
         elif event.type == pygame.MOUSEBUTTONDOWN and event.button == 1 and over is not None:
+            if over[0] in TURNS:
+                return self.key(over[0].event)
             if over[0].slider is None:
                 return over[0].event
             self._held = over

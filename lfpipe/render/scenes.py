@@ -39,10 +39,7 @@ MAX_LINES = 5
 CAMERA_NS = SECOND_NS // 5
 THUMBNAILS = Path(__file__).parent / "thumbnails"  # by tools.make_docs_pictures
 KEPT_PX = (480, 360)  # of a thumbnail, at most: larger than a cell of most menus
-HINT = (
-    "Click, or use the arrows and Enter. {}Tab goes back.\n"
-    "Or drop a folder of views onto the window."
-)
+HINT = "Click, or use the arrows and Enter. Tab goes back.\nDrop a folder of views to open it.{}"
 
 
 class SceneLoader:
@@ -157,7 +154,7 @@ class ScenePage(Page):
         ]
         if self._camera is not None:
             items.append(self._camera_item)
-        delete = "Delete removes a scene. " if self._context.options.start else ""
+        delete = " Delete removes a scene." if self._context.options.start else ""
         return Menu("Choose a scene", HINT.format(delete), tuple(items), self._at)
 
     def open(self) -> None:
@@ -218,7 +215,7 @@ class ScenePage(Page):
         small = np.asarray(cv2.resize(frame, small_px, interpolation=cv2.INTER_AREA), np.uint8)
         caption = "a face: here you are" if self._context.row["face"] else "no face seen"
         if options.viewer.source.startswith("demo"):
-            caption = "demo, no camera" if options.start else "demo face"
+            caption = "no camera" if options.start else "demo face"
         self._camera_item = Item(caption, picture=small[:, ::-1, ::-1])
 
 

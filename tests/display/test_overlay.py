@@ -114,6 +114,21 @@ def test_glasses_menu_entries_can_be_clicked(size: tuple[int, int]) -> None:
     ]
 
 
+@pytest.mark.parametrize("size", SIZES)
+def test_menu_of_several_pages_is_turned_by_touch(size: tuple[int, int]) -> None:
+    items = tuple(Item(f"scene {number}", f"load {number}") for number in range(99))
+    screened = Screened(size, Overlay(menu=Menu("Choose a scene", "a hint", items)))
+    reached = set[str]()
+    for turn in ("next", "previous"):
+        for _ in items:
+            cells = screened.draw().cells
+            reached |= {item.event for item, _ in cells}
+            (rect,) = (rect for item, rect in cells if item.event == turn)
+            assert screened.click(*rect.move(screened.draw().at).center) == ""
+        assert screened.key("enter") == ("load 98" if turn == "next" else "load 0")
+    assert {item.event for item in items} <= reached
+
+
 @settings(max_examples=20)
 @given(
     st.integers(1, 40),
