@@ -66,7 +66,7 @@ def verdict(case: PeopleSet, path: Path) -> tuple[str, str]:
     opened = f"{examined.source.layout} {rows}x{cols}"
     size = f"{examined.source.width_px}x{examined.source.height_px} px"
     sure = "sure" if order.sure else f"undecided: {order.undecided}"
-    what = "; ".join([opened, size, sure, *examined.source.notes])
+    what = "; ".join([opened, size, sure, *examined.source.notes]) + "."
     if not case.opens:
         return "OPENED", what
     right = opened == case.opens and case.sure in (None, order.sure) and case.text in what
@@ -288,7 +288,6 @@ LARGE_TILES = np.array(
 )
 FRAMED = made.views(4, 6, 90, 120).copy()
 FRAMED[:, :, :12], FRAMED[:, :, -9:], FRAMED[:, :, :, :15], FRAMED[:, :, :, -15:] = 0, 0, 0, 0
-MOVED = "near and far"
 CIRCLE = "on a circle"
 DIFFERENT = "these are different pictures, not one scene from several places"
 NOTHING = "nothing moves between these pictures"
@@ -556,6 +555,15 @@ SETS: dict[str, list[PeopleSet]] = {
         ),
     ],
     "one picture or two": [
+        *(
+            opens(
+                f"a picture beside {below_it}",
+                files(**{"photo_jpg": PHOTO, below_it + "_jpg": PHOTO[:48, :64]}),
+                "picture 1x1",
+                text="128x96 px; sure.",
+            )
+            for below_it in ("old__edited__photo 2", "old__photo 2", "thumbs__photo")
+        ),
         opens("tiles that no pair has", one("x.png", made.mosaic(GRID[:4, :4])), "mosaic 4x4"),
         opens("a wide picture", one("x.png", made.texture(192, 512, 5)), "picture 1x1"),
         opens(

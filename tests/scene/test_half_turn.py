@@ -114,17 +114,6 @@ def test_the_choice_is_remembered_for_the_scene_and_the_setting_wins(
         assert turned() == plain
 
 
-def test_the_reversed_grid_is_packed_once_and_shown_as_its_pictures_say(
-    scene_config: config.Scene, tmp_path: Path
-) -> None:
-    grid = made.views(5, 5)
-    scene = made.write_grid(tmp_path / "reversed", grid[::-1, ::-1])
-    field = pack_scene(scene, scene_config)
-    assert field.half_turned and not half_turn.undecided(field, "auto")
-    assert np.array_equal(field.views[0, 0, 0], grid[0, 0].transpose(2, 0, 1))
-    assert facts(field.manifest)["flips"] == {"rows": True, "cols": True, "transpose": False}
-
-
 @pytest.mark.parametrize(
     ("right", "wrong", "verdict"),
     [

@@ -253,14 +253,6 @@ def test_twenty_thousand_unrelated_names_are_read_at_once() -> None:
     assert numbered is not None and len(numbered.views) < 100
 
 
-@pytest.mark.parametrize("below", ["old/edited/photo 2.jpg", "old/photo 2.jpg", "thumbs/photo.jpg"])
-def test_a_picture_beside_no_more_than_one_below_it(below: str, tmp_path: Path) -> None:
-    made.write(tmp_path / "photo.jpg", made.texture(96, 128, 1))
-    made.write(tmp_path / below, made.texture(96, 128, 2))
-    source = layouts.describe(tmp_path, AUTO)
-    assert (source.layout, source.files, source.notes) == ("picture", (tmp_path / "photo.jpg",), ())
-
-
 def spread(text: str, rows: range, cols: range) -> list[str]:
     return [text.format(r=r, c=c, n=r * len(cols) + c) for r in rows for c in cols]
 

@@ -133,6 +133,13 @@ PACKS: dict[str, tuple[Make, dict[str, Any], dict[str, Any], np.ndarray | None]]
         {"disparity_source": "estimated"},
         VIEWS[::-1],
     ),
+    # packed as it lies, and shown as its pictures say
+    "a reversed grid": (
+        grid(made.views(5, 5)[::-1, ::-1]),
+        {},
+        {"half_turned": True, "manifest.orientation.half_turn_sure": True},
+        made.views(5, 5),
+    ),
     # its columns run the other way than the layout's: its own depth says so, and stays of use
     "an lf.h5 with depth": (
         h5(VIEWS, depth=(10 / (made.middle_disparity() + 3)).astype(np.float32)),
