@@ -116,14 +116,6 @@ def test_up_demo_without_a_screen_leaves_a_video_and_a_picture(world: World) -> 
     assert not world.left()
 
 
-def test_scene_view_keeps_a_hidden_file_beside_its_output(owned: Path, tmp_path: Path) -> None:
-    view = tmp_path / ".b.new.png"
-    shutil.copy(owned / "views" / "view_00_00.png", view)
-    words = ["scene", "view", str(view), "--row", "0", "--col", "0", "-o", str(tmp_path / "b.png")]
-    assert CliRunner().invoke(cli, words).exit_code == 0
-    assert sorted(path.name for path in tmp_path.iterdir()) == [".b.new.png", "b.png"]
-
-
 def test_record_of_nothing_leaves_nothing(world: World) -> None:
     out = world.root / "rec"
     said = world.refused("record", out, "--camera", "demo", "--set", "camera.rate_hz=0")

@@ -40,13 +40,8 @@ def test_set_is_taken_whole_or_rolled_back(world: World, scene: Path, tmp_path: 
     world.module = "tests.faults.picky_render"
     process = world.shows(scene, *CAMERA)
     before = _ask(world, cmd="status")["config"]
-    for sets, why in (
-        ({"render.swap_eyes": True, "render.alpha_px": -4}, "render.alpha_px"),
-        ({"render.swap_eyes": True, "render.alfa_px": 4}, "alpha_px"),
-        ({"render.swap_eyes": True, "render.alpha_px": "true"}, "render.alpha_px"),
-    ):
-        assert why in _ask(world, cmd="set", set=sets)["error"]
-    assert "nowhere" in _ask(world, cmd="load", scene=str(tmp_path / "nowhere"))["error"]
+    wrong = {"render.swap_eyes": True, "render.alpha_px": -4}
+    assert "render.alpha_px" in _ask(world, cmd="set", set=wrong)["error"]
     assert _ask(world, cmd="status")["config"] == before
     for loop_ms in (7, 8):  # acknowledged, and then it failed
         for _ in range(3):  # more failures in total than end an unattended session

@@ -129,9 +129,6 @@ def test_trace_of_a_running_session_and_its_timeline(live: World, tmp_path: Path
     named = ("--session", live.name)
     trace = tmp_path / "t.jsonl"
     assert live.run("trace", "stop", *named).returncode == 2, "none runs"
-    for place in (tmp_path, tmp_path / "gone" / "t.jsonl", "/dev/null"):
-        refusal = live.refused("trace", "start", place, *named)
-        assert str(place) in refusal and "remedy" in refusal
     with open_umask():
         live.done("trace", "start", trace, *named)
         other = tmp_path / "u.jsonl"

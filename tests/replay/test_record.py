@@ -39,9 +39,6 @@ def test_a_live_session_is_recorded_without_a_hole(world: World, short: Path, bl
     )
 
     assert json.loads(world.ctl("--json", "record", "start", out))["path"] == str(out)
-    assert "is already running" in world.refused(
-        "ctl", "--session", world.name, "record", "start", world.root / "other"
-    )
     world.wait_for(lambda: frames(out) > 60, "recording")
     stage = world.monitor()["stages"]["record"]
     assert stage["state"] == "RUNNING" and stage["dropped"] == 0
