@@ -29,14 +29,12 @@ def main() -> int:
         "--optional", action="store_true", help="exit code 0 where the machine cannot run"
     )
     parser.add_argument("-k", default="", help="as pytest's")
-    parser.add_argument("--limit", type=float, default=0, help="seconds")
-    parser.add_argument("--cache", type=Path, default=platformdirs.user_cache_path("lfpipe-vm"))
     arguments = parser.parse_args()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that the machine is ended, too
     out = Path(tempfile.mkdtemp(prefix="lfpipe-vm-"))
     try:
         machine.install_tools()
-        kernel = machine.prepare(arguments.cache)
+        kernel = machine.prepare(platformdirs.user_cache_path("lfpipe-vm"))
         chosen = arguments.k or (SHORT if arguments.short else "")
         words = [
             sys.executable,
@@ -52,9 +50,7 @@ def main() -> int:
         words += ["-v", "-n0", "--junitxml=/guest/junit.xml", *(["-k", chosen] if chosen else [])]
         env = {"LFPIPE_GUEST": "1", "PYTHONUNBUFFERED": "1", "PYTHONPATH": str(Path.cwd())}
         command = " ".join([*(f"{name}={value}" for name, value in env.items()), shlex.join(words)])
-        code, output = machine.run(
-            kernel, command, out, arguments.limit or (170 if arguments.short else 900)
-        )
+        code, output = machine.run(kernel, command, out, 170.0 if arguments.short else 900.0)
     except machine.UnavailableError as error:
         print(f"camera tests in a virtual machine: not run: {error}")
         return 0 if arguments.optional else 3

@@ -118,7 +118,7 @@ def test_example_programs_are_typed(fresh: Path, tmp_path: Path) -> None:
         tmp_path / "cache",
         *files,
     ]
-    printed(*words, cwd=tmp_path, timeout_s=250)
+    printed(*words, cwd=tmp_path)
 
 
 @pytest.fixture(scope="module", params=["", "served.example/lfpipe"])

@@ -2,7 +2,6 @@
 reports it.
 """
 
-import contextlib
 import os
 import signal
 import time
@@ -38,50 +37,48 @@ def test_session_outlives_all_that_happens_to_its_camera(
     process = world.shows(scene, *CAMERA, camera=f"camera:{node}", pictures=10)
     before = _rows(world)
     pid = before["capture"][1]
-    steps = contextlib.ExitStack()
-    heard = steps.enter_context(world.tap())
-    for outage, word in enumerate(("stall", "hang", ""), 1):
-        if word:
-            node.write_text(word)
-        else:
-            node.unlink()
-        world.wait_for(
-            lambda: _rows(world)["capture"] == ("READY", pid, 0),
-            f"word of the {word or 'unplugged'} camera",
+    with world.tap() as heard:
+        for outage, word in enumerate(("stall", "hang", ""), 1):
+            if word:
+                node.write_text(word)
+            else:
+                node.unlink()
+            world.wait_for(
+                lambda: _rows(world)["capture"] == ("READY", pid, 0),
+                f"word of the {word or 'unplugged'} camera",
+            )
+            stays(
+                lambda: _rows(world)["capture"] == ("READY", pid, 0),
+                2.2 if word == "hang" else 0.5,  # longer than a stage may be silent
+                "the beat",
+            )
+            node.write_text("frames")
+            assert world.more_pictures(3)[-1]["epoch"] == outage, (
+                "downstream must forget what was before"
+            )
+            world.wait_for(lambda n=outage: len(heard("camera")) == 2 * n, "word on the tap")
+            assert _rows(world)["capture"] == ("RUNNING", pid, 0)
+        lost, back = heard("camera")[-2:]
+        assert lost["lost"] and not back["lost"] and back["away_s"] > 0.4
+        world.wait_for(lambda: "is back after" in heard("notice")[-1]["text"], "last notice")
+        texts = [message["text"] for message in heard("notice")]
+        assert (
+            sum("camera lost, trying again" in text for text in texts)
+            == sum("is back after" in text for text in texts)
+            == 3
         )
-        stays(
-            lambda: _rows(world)["capture"] == ("READY", pid, 0),
-            2.2 if word == "hang" else 0.5,  # longer than a stage may be silent
-            "the beat",
-        )
-        node.write_text("frames")
-        assert world.more_pictures(3)[-1]["epoch"] == outage, (
-            "downstream must forget what was before"
-        )
-        world.wait_for(lambda n=outage: len(heard("camera")) == 2 * n, "word on the tap")
-        assert _rows(world)["capture"] == ("RUNNING", pid, 0)
-    lost, back = heard("camera")[-2:]
-    assert lost["lost"] and not back["lost"] and back["away_s"] > 0.4
-    world.wait_for(lambda: "is back after" in heard("notice")[-1]["text"], "last notice")
-    texts = [message["text"] for message in heard("notice")]
-    assert (
-        sum("camera lost, trying again" in text for text in texts)
-        == sum("is back after" in text for text in texts)
-        == 3
-    )
-    seqs = [line["source_seq"] for line in world.lines()]
-    assert seqs == sorted(set(seqs)), "the camera's count goes on"
+        seqs = [line["source_seq"] for line in world.lines()]
+        assert seqs == sorted(set(seqs)), "the camera's count goes on"
 
-    # also unplugged while its process dies: a new process waits for it like the old one
-    node.unlink()
-    os.kill(pid, signal.SIGKILL)
-    world.wait_for(lambda: _rows(world)["capture"][0::2] == ("READY", 1), "waiting capture")
-    node.write_text("frames")
-    world.more_pictures(3)
-    assert all(_rows(world)[name] == before[name] for name in ("track", "render"))
-    node.write_text("stall")
-    world.wait_for(lambda: _rows(world)["capture"][0] == "READY", "stall")
-    steps.close()
+        # also unplugged while its process dies: a new process waits for it like the old one
+        node.unlink()
+        os.kill(pid, signal.SIGKILL)
+        world.wait_for(lambda: _rows(world)["capture"][0::2] == ("READY", 1), "waiting capture")
+        node.write_text("frames")
+        world.more_pictures(3)
+        assert all(_rows(world)[name] == before[name] for name in ("track", "render"))
+        node.write_text("stall")
+        world.wait_for(lambda: _rows(world)["capture"][0] == "READY", "stall")
     assert "camera lost, trying again" in world.ended(process, signal.SIGTERM)
 
 

@@ -91,8 +91,7 @@ def test_a_disk_that_stalls_costs_nothing_and_nobody_is_killed(
     assert open_sequence(out).lost <= stages["capture"]["dropped"] + stages["record"]["dropped"], (
         "every hole is counted"
     )
-    process.send_signal(signal.SIGINT)
-    assert process.wait(60) == 0
+    world.ended(process, signal.SIGINT)
 
 
 def test_the_death_of_the_supervisor_loses_no_frame_that_the_recorder_had(

@@ -69,11 +69,6 @@ def holding(base: Path, name: str) -> Iterator[list[str]]:
         holder.kill()
 
 
-def inodes(segments: list[str]) -> list[int]:
-    """Of segments that are there; raises FileNotFoundError where one is gone."""
-    return [(SHM_DIR / each).stat().st_ino for each in segments]
-
-
 def gone(segments: list[str]) -> bool:
     return not any((SHM_DIR / each).exists() for each in segments)
 

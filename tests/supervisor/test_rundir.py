@@ -16,7 +16,7 @@ import zmq
 from lfpipe.host.segment import SHM_DIR
 from lfpipe.supervisor import rundir
 from lfpipe.transport.session import PREFIX, Session, default_name, place_prefix
-from tests.supervisor.holder import ROOT, Holder, gone, holding, inodes, remove, remove_lock
+from tests.supervisor.holder import ROOT, Holder, gone, holding, remove, remove_lock
 from tests.supervisor.states import made_state
 from tests.support.processes import printed
 from tests.support.refusal import refusal
@@ -190,12 +190,14 @@ def test_segment_is_found_from_another_runtime_directory(base: Path, name: str) 
         assert [Session(name).segment(part) for part in ("status", "frames", "eyes")] == first
         with pytest.raises(FileNotFoundError):
             Session(f"{name}.2").segment("status")
-        before = inodes(first)
+        before = [(SHM_DIR / name).stat().st_ino for name in first]
         with holding(others[1], name) as second:
             assert not set(first) & set(second)
             with pytest.raises(FileNotFoundError):  # which of the two?
                 Session(name).segment("status")
-        assert gone(second) and inodes(first) == before, "one leaves the other alone"
+        assert gone(second) and before == [(SHM_DIR / name).stat().st_ino for name in first], (
+            "one leaves the other alone"
+        )
         with holding(base, name) as own:
             assert Session(name).segment("status") == own[0]
     assert rundir.running() == [] and gone(first)

@@ -11,7 +11,7 @@ from typing import Any
 PATIENCE_S = 30.0  # with what is ended
 
 
-def printed(*words: str | Path, timeout_s: float = 120.0, **more: Any) -> str:
+def printed(*words: str | Path, timeout_s: float = 250.0, **more: Any) -> str:
     """What a program prints that succeeds."""
     done = subprocess.run(words, capture_output=True, text=True, timeout=timeout_s, **more)
     assert done.returncode == 0, done.stdout + done.stderr
