@@ -57,7 +57,7 @@ def bad_recordings(duration_s: float = 15.0) -> Iterator[tuple[str, str, Recordi
     for exposure_ms in (75.0, 95.0):
         long = Loop(camera_hz=10.03, exposure_ms=exposure_ms, duration_s=duration_s)
         yield f"exposure of {exposure_ms:g} ms at 10 Hz", "exposure", recording(long)
-    yield "no stamps", "no stamps", attrs.evolve(good, stamped=False)
+    yield "no stamps", "not stamp", attrs.evolve(good, stamped=False)
     for jitter_ms in (9.0, 14.0):
         off_ms = rng.normal(0, jitter_ms, shape[:1])
         times = good.t_frame_ns + (off_ms * 1e6).astype(np.int64)
