@@ -67,6 +67,9 @@ def record(out: Path, camera: str | None, duration_s: float | None, config: Conf
         outcome = run_session(Session(f"record.{os.getpid()}"), config, options, say, duration_s)
     finally:
         remove_empty(out)
+    if not exists(out) and outcome.failure is None:
+        outcome.failure = f"{out}: no frame was recorded"
+        outcome.remedy = "record for longer: the camera takes some seconds to start"
     return exit_code(outcome)
 
 

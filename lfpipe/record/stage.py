@@ -254,7 +254,7 @@ class Recorder:
             self._frames.close()
             missed = int(context.row["drops"]) - self._lost_before
             text = f"recorded {self._writer.count} frames to {self._folder}" + (
-                f", {missed} lost" if missed else ""
+                f"; {missed} more were not stored" if missed else ""
             )
             try:
                 self._writer.complete()

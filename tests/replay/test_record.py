@@ -14,9 +14,12 @@ import cv2
 import numpy as np
 import psutil
 import pytest
+from click.testing import CliRunner
 
+from lfpipe.cli.sequence import record
 from lfpipe.sequence.folder import Sequence, open_sequence
 from lfpipe.sequence.packets import INDEX
+from lfpipe.supervisor.live_session import Outcome
 from tests.support.world import World, runs
 
 SMALL = ("--set", "camera.width_px=320", "--set", "camera.height_px=240")
@@ -63,6 +66,16 @@ def test_a_live_session_is_recorded_without_a_hole(world: World, short: Path, bl
     assert {stat.S_IMODE(path.stat().st_mode) for path in out.iterdir()} == {
         0o600
     } and stat.S_IMODE(out.stat().st_mode) == 0o700
+
+
+def test_record_that_ends_before_its_first_frame_fails(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ctrl-C while the camera starts left nothing, said nothing, and ended with 0."""
+    monkeypatch.setattr("lfpipe.cli.sequence.run_session", lambda *_: Outcome("interrupted"))
+    words = [str(tmp_path / "walk"), "--camera", "demo"]
+    ended = CliRunner().invoke(record, words, standalone_mode=False)
+    assert ended.return_value == 1 and "walk: no frame was recorded" in ended.output
 
 
 def test_recorded_and_replayed_stamps_and_rate_agree(
