@@ -121,9 +121,8 @@ def as_nobody() -> list[str]:
 
 @pytest.fixture
 def world(tmp_path: Path) -> Iterator[World]:
-    made = World(tmp_path)
-    yield made
-    made.end()
+    with World(tmp_path) as made:
+        yield made
 
 
 @pytest.fixture(scope="module")
@@ -132,16 +131,15 @@ def live(tmp_path_factory: pytest.TempPathFactory, scene: Path) -> Iterator[Worl
 
     Pictures reach light after 100 ms.
     """
-    made = World(tmp_path_factory.mktemp("live"))
     shown = (
         "render.anaglyph=colour",
         "render.method=nearest",
         "render.alpha_px=12",
         "render.loop_ms=100",
     )
-    made.shows(scene, *(f"--set={text}" for text in shown))
-    yield made
-    made.end()
+    with World(tmp_path_factory.mktemp("live")) as made:
+        made.shows(scene, *(f"--set={text}" for text in shown))
+        yield made
 
 
 @pytest.fixture(scope="session")

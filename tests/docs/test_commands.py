@@ -115,21 +115,20 @@ def ending(line: str) -> list[str]:
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory, scene: Path, clip: Path) -> Iterator[World]:
     """A running session, and what the pages' commands find in their folder."""
-    made = World(tmp_path_factory.mktemp("commands"))
-    (made.root / "tests").mkdir()
-    for name in (*SCENES.split(), "tests/views"):
-        (made.root / name).symlink_to(scene)
-    for name in ("me.avi", "VIDEO"):
-        (made.root / name).symlink_to(clip)
-    np.save(made.root / "views.npy", np.zeros((3, 3, 48, 64, 3), np.uint8))
-    plan = 'sequences = ["walk"]\nscenes = ["SCENE"]\nsubjects = ["replay"]\n'
-    (made.root / "plan.toml").write_text(plan)
-    made.done("sequence", "import", clip, "walk")
-    for name in ("talk", "tests/walk"):
-        shutil.copytree(made.root / "walk", made.root / name)
-    made.shows(scene, scene, pictures=1)
-    yield made
-    made.end()
+    with World(tmp_path_factory.mktemp("commands")) as made:
+        (made.root / "tests").mkdir()
+        for name in (*SCENES.split(), "tests/views"):
+            (made.root / name).symlink_to(scene)
+        for name in ("me.avi", "VIDEO"):
+            (made.root / name).symlink_to(clip)
+        np.save(made.root / "views.npy", np.zeros((3, 3, 48, 64, 3), np.uint8))
+        plan = 'sequences = ["walk"]\nscenes = ["SCENE"]\nsubjects = ["replay"]\n'
+        (made.root / "plan.toml").write_text(plan)
+        made.done("sequence", "import", clip, "walk")
+        for name in ("talk", "tests/walk"):
+            shutil.copytree(made.root / "walk", made.root / name)
+        made.shows(scene, scene, pictures=1)
+        yield made
 
 
 @pytest.mark.live

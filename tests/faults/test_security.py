@@ -59,18 +59,17 @@ def test_run_directory_of_another_user_is_refused_and_left_alone(world: World, s
 @pytest.fixture(scope="module")
 def guarded(tmp_path_factory: pytest.TempPathFactory, scene: Path) -> Iterator[World]:
     """A session whose user's shell allows everything to others."""
-    made = World(tmp_path_factory.mktemp("guarded"))
-    made.shows(
-        scene,
-        "--set",
-        "render.clock=camera",
-        "--set",
-        "governor.quality=fixed",
-        preexec_fn=lambda: os.umask(0),
-    )
-    made.wait_for(lambda: made.ask(cmd="hello")["options"]["scene"]["complete"], "disparity")
-    yield made
-    made.end()
+    with World(tmp_path_factory.mktemp("guarded")) as made:
+        made.shows(
+            scene,
+            "--set",
+            "render.clock=camera",
+            "--set",
+            "governor.quality=fixed",
+            preexec_fn=lambda: os.umask(0),
+        )
+        made.wait_for(lambda: made.ask(cmd="hello")["options"]["scene"]["complete"], "disparity")
+        yield made
 
 
 @pytest.mark.live

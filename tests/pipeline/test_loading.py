@@ -22,10 +22,9 @@ from tests.web.server import served
 
 def running(root: Path, name: str, write: Callable[[Path], Path]) -> Iterator[World]:
     """A session that shows what `write` writes to a folder of this name."""
-    world = World(root)
-    world.shows(write(world.root / name), pictures=3)
-    yield world
-    world.end()
+    with World(root) as world:
+        world.shows(write(world.root / name), pictures=3)
+        yield world
 
 
 @pytest.fixture(scope="module")

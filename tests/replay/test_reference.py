@@ -93,10 +93,17 @@ def test_load_and_cores_change_no_bit(world: World, short: Path, blocks: Path) -
 @pytest.fixture(scope="module")
 def of_short(tmp_path_factory: pytest.TempPathFactory, short: Path, blocks: Path) -> Path:
     """The reference of the short sequence."""
-    world = World(tmp_path_factory.mktemp("reference"))
-    world.done(
-        "replay", short, "--scene", blocks, *SETTINGS, "--expect", world.root / "made", "--update"
-    )
+    with World(tmp_path_factory.mktemp("reference")) as world:
+        world.done(
+            "replay",
+            short,
+            "--scene",
+            blocks,
+            *SETTINGS,
+            "--expect",
+            world.root / "made",
+            "--update",
+        )
     return world.root / "made"
 
 

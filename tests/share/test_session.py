@@ -39,23 +39,21 @@ class Sharing:
 
 @pytest.fixture(scope="module")
 def sharing(tmp_path_factory: pytest.TempPathFactory, scene: Path) -> Iterator[Sharing]:
-    world = World(tmp_path_factory.mktemp("sharing"))
-    config = lsl_environment(world.root)
-    world.env |= config
+    config = lsl_environment(tmp_path_factory.mktemp("lsl"))
     os.environ |= config  # of liblsl in this process, read when it is loaded
     ports = free_port(), free_port()
     targets = (f"opentrack:localhost:{ports[0]}", f"osc:127.0.0.1:{ports[1]}", f"lsl:{LSL_NAME}")
-    opentrack = OpentrackReceiver(ports[0])
-    with osc_server(ports[1]) as heard:
-        options = [word for text in targets for word in ("--share", text)]
+    options = [word for text in targets for word in ("--share", text)]
+    with (
+        World(tmp_path_factory.mktemp("sharing")) as world,
+        closing(OpentrackReceiver(ports[0])) as opentrack,
+        osc_server(ports[1]) as heard,
+        world.entered(),
+    ):
+        world.env |= config
         world.shows(scene, *options, "--set=render.method=nearest", "--set=render.anaglyph=colour")
         world.wait_for(lambda: len(heard) > 30, "frames by OSC")
-        try:
-            with world.entered():
-                yield Sharing(world, *ports, heard, opentrack)
-        finally:
-            opentrack.close()
-            world.end()
+        yield Sharing(world, *ports, heard, opentrack)
 
 
 def test_opentrack_gets_the_pose_in_its_layout(sharing: Sharing) -> None:

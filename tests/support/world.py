@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import cv2
 import msgpack
@@ -113,7 +113,9 @@ def answer_of(socket: zmq.Socket[bytes], message: dict[str, Any]) -> dict[str, A
 
 
 class World:
-    """Starts `lfpipe` commands; `shows` waits until a session shows pictures."""
+    """Starts `lfpipe` commands; `shows` waits until a session shows pictures. A context: what runs
+    in it ends with it, also where its set-up fails.
+    """
 
     def __init__(self, root: Path) -> None:
         self.root = root
@@ -140,6 +142,12 @@ class World:
         self.name = f"t{secrets.token_hex(4)}"
         self.trace = root / "trace.jsonl"
         self.running: list[subprocess.Popen[str]] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.end()
 
     def start(self, *args: object, **more: Any) -> subprocess.Popen[str]:
         command = [sys.executable, "-m", self.module, *map(str, args)]
@@ -331,10 +339,9 @@ class World:
 @contextmanager
 def private_world() -> Iterator[World]:
     """A world for a script: what it leaves goes, and what this process looks for is there."""
-    with tempfile.TemporaryDirectory(prefix="lfworld") as folder:
-        world = World(Path(folder))
-        try:
-            with world.entered():
-                yield world
-        finally:
-            world.end()
+    with (
+        tempfile.TemporaryDirectory(prefix="lfworld") as folder,
+        World(Path(folder)) as world,
+        world.entered(),
+    ):
+        yield world
