@@ -38,6 +38,7 @@ _REACH, _FEWEST_POINTS = 8, 100  # views from the middle; pixels to fit motion t
 _BLOCKS = 8  # along the shorter side
 # views; pixels that move between them; share of these seen half-way round
 _SHORTEST_CIRCLE, _FEWEST_PX, _STAYS = 8, 200, 0.5
+_CLOSING = 2.0  # step from the last view to the first over that from the first to the second
 _AROUND, _ROUNDNESS = 12, 0.3  # views of a circle to examine; least over most of its radius
 _NEARLY_ALL = 97  # percentile of the motion that counts
 # blocks that are looked for in the other view of a pair, along the width and the height
@@ -265,7 +266,9 @@ def _is_circle(line: list[Grey]) -> str:
     stays = float(returned_flow(first, middle)[1][detail][moving].mean())
     if comes > EXPLAINED and stays < _STAYS:
         return "the last picture follows the first one: a turntable, or a walk around something"
-    if _goes_round(line):
+    closing = float(np.median(np.hypot(*back[moving].T) / step_px[moving]))
+    # the cheap sign first: the flows of a whole circle cost much
+    if closing < _CLOSING and stays >= _STAYS and _goes_round(line):
         return "the camera walks on a circle, not along a line or over a grid"
     return ""
 
