@@ -37,14 +37,18 @@ from lfpipe.render.choice import EyesSource, Moment
 from lfpipe.render.display import Display
 from lfpipe.render.file_display import save
 from lfpipe.render.key_bindings import KeyBindings
-from lfpipe.render.listeners import PictureRing, ShareStamps, StatusRow, TapMessages, Trace
-from lfpipe.render.motion_latency import MotionLatencyRow
+from lfpipe.render.listeners.motion_latency import MotionLatencyRow
+from lfpipe.render.listeners.picture_ring import PictureRing
+from lfpipe.render.listeners.replay_writer import ReplayWriter
+from lfpipe.render.listeners.share_stamps import ShareStamps
+from lfpipe.render.listeners.status_row import StatusRow
+from lfpipe.render.listeners.tap_messages import TapMessages
+from lfpipe.render.listeners.trace import Trace
 from lfpipe.render.mouse_look import MouseLook
 from lfpipe.render.open_display import open_display
 from lfpipe.render.presence import ViewerState
 from lfpipe.render.presenter import Presenter
 from lfpipe.render.refresh import Refresh, ScreenRefresh
-from lfpipe.render.replay_writer import ReplayWriter
 from lfpipe.render.showing import Listener
 from lfpipe.render.viewer import Viewer
 from lfpipe.scene.half_turn import remember, shown_as

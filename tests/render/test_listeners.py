@@ -17,14 +17,11 @@ from lfpipe.errors import UserError
 from lfpipe.eyes import SHOWN
 from lfpipe.render.choice import Moment
 from lfpipe.render.display import Display
-from lfpipe.render.listeners import (
-    PictureRing,
-    ShareStamps,
-    StatusRow,
-    TapMessages,
-    Trace,
-    trace_line,
-)
+from lfpipe.render.listeners.picture_ring import PictureRing
+from lfpipe.render.listeners.share_stamps import ShareStamps
+from lfpipe.render.listeners.status_row import StatusRow
+from lfpipe.render.listeners.tap_messages import TapMessages
+from lfpipe.render.listeners.trace import Trace, trace_line
 from lfpipe.render.presence import ViewerState
 from lfpipe.render.showing import REPLACED, Showing
 from lfpipe.render.stage import RenderStage

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lfpipe.config import Track
-from lfpipe.render.motion_latency import MotionLatency
+from lfpipe.render.listeners.motion_latency import MotionLatency
 from lfpipe.track.filters import make_filter
 
 MS = 1_000_000

@@ -24,9 +24,9 @@ from hypothesis import strategies as st
 
 from lfpipe.errors import UserError
 from lfpipe.host.machine import OPENCV
-from lfpipe.render import replay_writer
 from lfpipe.render.choice import TrackedEyes
-from lfpipe.render.replay_writer import PICTURES, ReplayWriter
+from lfpipe.render.listeners import replay_writer
+from lfpipe.render.listeners.replay_writer import PICTURES, ReplayWriter
 from lfpipe.replays.compare import MOST_FIELDS, compare
 from lfpipe.replays.report import REPORT, TRACE, about_scene, digests, read_trace
 from lfpipe.replays.run import clear_out, recover_reference, update_of

@@ -1,0 +1,55 @@
+"""The ring of pictures, for previews and exports."""
+
+import contextlib
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.config import SessionOptions
+from lfpipe.render.showing import Listener, Showing
+from lfpipe.transport import ring
+from lfpipe.transport.ring import Stamp
+
+
+class PictureRing(Listener):
+    """Writes every new picture to the ring of option "pictures", for previews and exports; without
+    a request there is no ring and no copy. The ring ends with the process.
+    """
+
+    def __init__(self, segment: Callable[[str], str]) -> None:
+        """segment: the shared memory of a ring."""
+        self._segment = segment
+        self._name = ""
+        self._ring: ring.Writer | None = None
+        self._picture: NDArray[np.uint8] | None = None  # on the screen, for a new ring
+
+    def set_options(self, options: SessionOptions) -> None:
+        if options.pictures == self._name:
+            return
+        self._name = options.pictures
+        if self._ring is not None:
+            self._ring.close()
+        self._ring = None
+        if options.pictures:
+            with contextlib.suppress(FileNotFoundError):  # released before it was used
+                self._ring = ring.Writer(self._segment(options.pictures))
+        self._write(None)
+
+    def handed_over(self, showing: Showing) -> None:
+        self._picture = showing.picture
+        if showing.composed:
+            self._write(showing.eyes.stamp if showing.eyes else None)
+
+    def _write(self, stamp: Stamp | None) -> None:
+        """Writes the picture. One of another size, right after a change of scene, is left out."""
+        picture = self._picture
+        if self._ring is None or picture is None or picture.shape != self._ring.shape:
+            return
+        np.copyto(self._ring.begin(), picture)
+        if stamp is None:
+            self._ring.publish(-1, 0, 0)
+        else:
+            self._ring.publish(
+                stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch, stamp.kind
+            )

@@ -1,0 +1,34 @@
+"""Stamps of the pictures, for the stage that shares a session with other programs."""
+
+from collections.abc import Callable
+
+from lfpipe.config import SessionOptions
+from lfpipe.render.showing import REPLACED, Listener, Showing
+from lfpipe.transport.ring_ends import RingOutput
+
+
+class ShareStamps(Listener):
+    """Writes a record of dtype SHOWN for each showing while a target of `--share` wants them."""
+
+    def __init__(self, open_ring: Callable[[], RingOutput]) -> None:
+        """open_ring: opens the ring "shown"; called when it is first needed."""
+        self._open_ring = open_ring
+        self._ring: RingOutput | None = None
+        self._wanted = False
+
+    def set_options(self, options: SessionOptions) -> None:
+        self._wanted = any(target.startswith("lsl") for target in options.share)
+
+    def presented(self, showing: Showing) -> None:
+        if not self._wanted or showing.by == REPLACED or showing.eyes is None:
+            return
+        self._ring = self._ring or self._open_ring()
+        record = self._ring.begin()
+        record["t_presented_ns"] = showing.t_presented_ns
+        record["view"] = (showing.viewpoints.left, showing.viewpoints.right)
+        record["composed"] = showing.composed
+        record["face"] = showing.face
+        stamp = showing.eyes.stamp
+        self._ring.publish(
+            stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch, stamp.kind
+        )

@@ -1,0 +1,83 @@
+"""A line per showing: the trace of a session, and a timeline that was started later."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from lfpipe.config import SessionOptions
+from lfpipe.config.quality import level_number
+from lfpipe.files.trace import TraceFile
+from lfpipe.render.showing import Listener, Showing
+from lfpipe.render.viewer import Viewer
+from lfpipe.transport.ring import StampKind
+
+
+def trace_line(showing: Showing, method: str, level: int) -> dict[str, Any]:
+    """The line of a showing with eyes (docs/contracts.md). method, level: in force."""
+    eyes = showing.eyes
+    assert eyes is not None
+    stamp = eyes.stamp
+    raw_px = eyes.record.raw_px
+    viewpoints = showing.viewpoints
+    line = {
+        "seq": showing.seq,
+        "source_seq": stamp.source_seq,
+        "epoch": stamp.epoch,
+        "t_sensor_ns": stamp.t_sensor_ns,
+        "t_read_ns": stamp.t_read_ns,
+        "stamp": StampKind(stamp.kind).word,
+        "t_tracked_ns": eyes.record.t_tracked_ns,
+        "t_started_ns": showing.t_started_ns,
+        "t_composed_ns": showing.t_composed_ns,
+        "t_due_ns": showing.due_ns,
+        "t_presented_ns": showing.t_presented_ns,
+        "face": showing.face,
+        "eyes_raw": {"left": raw_px[:2], "right": raw_px[2:]},
+        "eyes_used": {"left": viewpoints.eyes_px[:2], "right": viewpoints.eyes_px[2:]},
+        "view": {"left": list(viewpoints.left), "right": list(viewpoints.right)},
+        "method": method,
+        "level": level,
+        "composed": showing.composed,
+        **showing.more,
+    }
+    if showing.by:
+        line["presented_by"] = showing.by
+    return line
+
+
+class Trace(Listener):
+    """Writes a line per showing: the trace of a session and, while one is wanted, a timeline."""
+
+    def __init__(
+        self, viewer: Viewer, path: Path | None, began: Path | None, lost: Callable[[str], None]
+    ) -> None:
+        """path: of the trace. began: a file that the session wrote at its start, for a restarted
+        process, which continues what the one before it wrote. lost: is called once with the reason
+        if a file ends early.
+        """
+        self._viewer = viewer
+        self._began = began
+        self._lost = lost
+        self._trace = TraceFile(path, lost, began)
+        self._timeline = TraceFile(None, lost)
+        self._timeline_path = ""
+        self._level = 0
+
+    def set_options(self, options: SessionOptions) -> None:
+        self._level = level_number(options)
+        if options.timeline != self._timeline_path:
+            self._timeline_path = options.timeline
+            self._timeline.close()
+            path = Path(options.timeline) if options.timeline else None
+            self._timeline = TraceFile(path, self._lost, self._began)
+        self._began = None
+
+    def presented(self, showing: Showing) -> None:
+        if showing.eyes is not None and (self._trace.wanted or self._timeline.wanted):
+            line = trace_line(showing, self._viewer.method, self._level)
+            self._trace.write(line)
+            self._timeline.write(line)
+
+    def close(self) -> None:
+        self._trace.close()
+        self._timeline.close()
