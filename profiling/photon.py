@@ -1,5 +1,5 @@
-"""How well the delay of the loop is found: made cameras before made screens, and recordings that
-must be refused.
+"""How well the delay of the loop is measured: simulated cameras in front of simulated screens, and
+recordings that must be refused.
 
 `python -m profiling.photon [--runs N]` prints the table of profiling/results/photon.md.
 """
@@ -19,7 +19,7 @@ from lfpipe.observe.loop_delay import LoopDelay, Recording, estimate
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from profiling.made_recordings import Loop, drawn, recording
+from profiling.simulated_recordings import Loop, drawn, recording
 
 LAST_NS = 2**63 - 1
 

@@ -62,7 +62,7 @@ class Inputs:
     """Inputs, opened when a subject first asks for them: by default the demo's scene and sequence.
     Raises UserError if a path does not exist.
 
-    tracks: recorded head tracks for the made world. about: what is open, in words.
+    tracks: recorded head tracks for the simulated world. about: what is open, in words.
     """
 
     scene_path: Path | None = None

@@ -47,9 +47,8 @@ _ALL = (
         name="viewer",
         title="What each eye sees",
         question="How far is the picture of each eye from the exact one for the true eyes at the"
-        " time of its"
-        " light? A made world with a known answer: scripted viewers, cameras and screens, simulated"
-        " time.",
+        " time of its light? A simulation knows the answer: viewers, cameras, screens and time are"
+        " scripted.",
         columns=(
             Column("error_levels", "error of each eye's picture, RMS", "levels"),
             Column("error_seen", "the same through the glasses", "L*"),

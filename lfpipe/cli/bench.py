@@ -88,10 +88,10 @@ for _name, _subject in SUBJECTS.items():
 @click.option("--quick", is_flag=True, help="Fewer pictures.")
 @click.option("--check", is_flag=True, help="Exit with 1 if a figure is beyond its bound.")
 def viewer(tracks: tuple[Path, ...], out: Path, quick: bool, check: bool) -> int:
-    """Measure what each eye sees against what it should see, in a made world.
+    """Measure what each eye sees against what it should see, in a simulated world.
 
-    Scripted viewers sit, sway, leave and come back before a made camera and screen; scenes are
-    drawn exactly from any viewpoint. Time is simulated: every run gives the same errors.
+    Scripted viewers sit, sway, leave and come back in front of a simulated camera and screen;
+    scenes are drawn exactly from any viewpoint. Time is simulated: every run gives the same errors.
     """
     from lfpipe.bench.inputs import Inputs
     from lfpipe.bench.runner import measure

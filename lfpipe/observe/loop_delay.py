@@ -78,13 +78,13 @@ WIDEST_MS = 3.0  # half of the widest acceptable interval
 IN_STEP_SHARE = 0.2
 # some cameras deliver each frame twice or more; one whose frames are all alike sees nothing
 MOST_AGAIN = 0.8
-# Temporal noise reduction keeps a share of the frame before. Of made cameras that keep none, models
-# that keep this share leave at least 1.17 times as much unexplained; of those that keep 0.15 or
-# more, at most 0.93 times as much.
+# Temporal noise reduction keeps a share of the frame before. For simulated cameras that keep none,
+# models that keep this share leave at least 1.17 times as much unexplained; for those that keep
+# 0.15 or more, at most 0.93 times as much.
 KEPT_SHARES, KEPT_RATIO = (0.1, 0.25), 1.05
-# Of a fast camera, a share of the frame before looks like a slow screen, and shifts the delay
-# unnoticed: in made recordings by up to KEPT_MS where the models that keep a share leave less than
-# SURE_RATIO times as much unexplained.
+# With a fast camera, a share of the frame before looks like a slow screen, and shifts the delay
+# unnoticed: in simulated recordings by up to KEPT_MS where the models that keep a share leave less
+# than SURE_RATIO times as much unexplained.
 SURE_RATIO, KEPT_MS = 2.5, 1.8
 # No exposure is longer than the camera's period, but a mean of two frames seems to be: a step of
 # EXPOSURES_MS is 1.4.

@@ -13,8 +13,8 @@ from lfpipe.errors import UserError
 from lfpipe.observe.loop_calibration import CameraWatch, advice
 from lfpipe.observe.loop_delay import LoopDelay, estimate, find_area
 from lfpipe.transport.ring import StampKind
-from profiling.made_recordings import HEIGHT_PX, WIDTH_PX, Loop, drawn, geometry, recording
 from profiling.photon import bad_recordings, outcome
+from profiling.simulated_recordings import HEIGHT_PX, WIDTH_PX, Loop, drawn, geometry, recording
 
 
 @pytest.mark.parametrize("seed", range(4))

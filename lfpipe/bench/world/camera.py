@@ -1,4 +1,4 @@
-"""The made camera: when frames are taken, how they are stamped, and what landmarks they give."""
+"""The simulated camera: when it takes frames, how it stamps them, and what landmarks they give."""
 
 import math
 from types import SimpleNamespace
@@ -83,7 +83,7 @@ class Frame:
 
 
 class WorldEngine(LitertEngine):
-    """The engine in use before a made camera."""
+    """The engine in use in front of a simulated camera."""
 
     def picture(self, frame: Frame) -> NDArray[np.uint8]:
         """What the camera sees: uint8 (480, 640, 3) BGR."""

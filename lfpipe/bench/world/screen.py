@@ -1,4 +1,4 @@
-"""The made screen: blanks at an even rate, which the product's own clock finds and meets."""
+"""The simulated screen: blanks at an even rate, which the product's own clock finds and meets."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Recorded head tracks as paths of made viewers."""
+"""Recorded head tracks as paths of simulated viewers."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from lfpipe.errors import UserError
 COLUMNS = "t_s,face,left_x,left_y,right_x,right_y"
 SMOOTH_MS = 25.0  # standard deviation of the kernel that separates motion from landmark noise
 APART_S = 1.0  # the same for the distance between the eyes, which a turning head changes
-APART_PX = 60.0  # of the made viewer, to which every track is scaled
+APART_PX = 60.0  # of the simulated viewer, to which every track is scaled
 REMEDY = f"give a table with the columns {COLUMNS}"
 
 

@@ -1,5 +1,5 @@
-"""A made camera before a made screen that shows the calibration pattern: a Recording whose delay is
-known.
+"""A simulated camera in front of a simulated screen with the calibration pattern: a Recording whose
+delay is known.
 """
 
 import math
