@@ -22,6 +22,7 @@ from lfpipe.host.terminal import protect_output
 from lfpipe.log import set_up
 
 log = logging.getLogger(__name__)
+FROM_MENU = "LFPIPE_FROM_MENU"  # the desktop's entries set it in the environment
 
 
 # in order of use: the module of lfpipe.cli that has the command,
@@ -158,13 +159,14 @@ def _reader_ended() -> NoReturn:
 
 
 def _fail(error: UserError) -> NoReturn:
-    from lfpipe.cli.desktop import show_error
-
     log.debug("the command failed", exc_info=True)
     _drop_output()
     text = f"error: {error}"
     say(text)
-    show_error(text)
+    if os.environ.get(FROM_MENU):  # there is no terminal
+        from lfpipe.cli.desktop import show_error
+
+        show_error(text)
     sys.exit(2)
 
 

@@ -1,6 +1,5 @@
 """`lfpipe desktop`: the entry in the desktop's menu, and "Open with" for files of light fields."""
 
-import os
 import shutil
 import subprocess
 import sys
@@ -8,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from lfpipe.cli import FROM_MENU
 from lfpipe.cli.terminal import print_result
 from lfpipe.files.output import check_output, write_output, written_by_lfpipe
 
@@ -15,7 +15,6 @@ TYPES = (
     "image/png;image/jpeg;image/tiff;image/webp;image/heic;application/zip;application/x-hdf;"
     "video/mp4;video/quicktime;video/webm;video/x-matroska;"
 )
-FROM_MENU = "LFPIPE_FROM_MENU"  # set in the environment by the entries
 # what shows a text, the first that is installed
 DIALOGS = (
     ("zenity", "--error", "--no-markup", "--text"),
@@ -61,9 +60,9 @@ def _files() -> dict[Path, str]:
 
 
 def show_error(text: str) -> None:
-    """Shows an error in a dialog if the desktop started this command: it has no terminal."""
+    """Shows an error in a dialog, if a program for that is installed."""
     installed = [command for command in DIALOGS if shutil.which(command[0])]
-    if os.environ.get(FROM_MENU) and installed:
+    if installed:
         subprocess.run([*installed[0], text], check=False)
 
 

@@ -32,8 +32,8 @@ def test_desktop_shows_a_refusal_in_a_dialog_only_where_it_began(world: World) -
     dialog.write_text(f'#!/bin/sh\nfor word; do :; done; echo "$word" > {seen}\n')
     dialog.chmod(0o755)
     world.env["PATH"] = f"{dialog.parent}:{os.environ['PATH']}"
-    world.refused("up", "nowhere")
+    world.refused("up", "nowhere", "--display", "none")
     assert not seen.exists()
     world.env["LFPIPE_FROM_MENU"] = "1"
-    world.refused("up", "nowhere")
+    world.refused("up", "nowhere", "--display", "none")
     assert "nowhere: no such scene" in seen.read_text()

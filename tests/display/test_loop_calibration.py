@@ -48,7 +48,7 @@ def test_calibrate_latency_finds_a_made_delay(world: World, screen: Screen, tmp_
 def test_calibrate_latency_refuses_a_source_without_stamps(world: World, screen: Screen) -> None:
     world.env["DISPLAY"] = screen.name
     refused = world.refused("calibrate", "--latency", "--camera", "demo")
-    assert "no stamps" in refused and "remedy" in refused
+    assert "does not stamp" in refused and "remedy" in refused
     del world.env["DISPLAY"]
     assert "needs a screen" in world.refused("calibrate", "--latency", "--camera", "demo")
     assert not (world.root / "settings" / "lfpipe").exists()
