@@ -82,10 +82,12 @@ def state_text(figures: SessionFigures, paused: bool = False) -> Text:
         *(_stage_line(name, stage, loads) for name, stage in stages.items()),
         (f"quality {level}\n", WARNING if figures.level else "dim"),
         *((plain(f"now: {notice}\n"), WARNING) for notice in figures.notices),
-        *(f"{line}\n" for line in latency_lines(age, figures.horizon, bool(judder.planned))),
     ]
+    lines = latency_lines(age, figures.horizon, bool(judder.planned))
     if age["n"]:
-        parts.append(f"ages of {age['n']:.0f} pictures, without the delays of camera and display\n")
+        counted = f"  over {age['n']:.0f} pictures; the delays of camera and display are not in it"
+        lines.insert(1, counted)
+    parts += [f"{line}\n" for line in lines]
     if judder.planned:
         parts.append(
             f"judder: {judder.percent:.2f} % of {judder.planned} refreshes showed another"
