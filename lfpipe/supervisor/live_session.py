@@ -185,7 +185,7 @@ class LiveSession:
         if self.stages.finished(self._state.level.every):
             self._end(SOURCE_ENDED)
         if not self.stages.needed(self._state.options, or_alive=True):
-            why = "the recording, the only work of this session, ended early"
+            why = "the recording, the only work of the session, ended early"
             self._end(why, why, "see the messages above")
 
     def _begin(self) -> SessionManifest:
