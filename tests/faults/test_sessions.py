@@ -19,7 +19,7 @@ import pytest
 from lfpipe.host.segment import SHM_DIR
 from lfpipe.sequence.folder import open_sequence
 from tests.replay.test_record import frames
-from tests.support.world import World, runs
+from tests.support.world import LARGE, World, runs
 
 SMALL = tuple(
     f"--set={key}"
@@ -122,16 +122,6 @@ def test_session_whose_memory_or_run_directory_is_removed_ends_in_words(
         removed = next(world.run_dir.iterdir())
         shutil.rmtree(world.run_dir)
     assert f"{removed} was removed" in world.ended(process, code=1) and _gone(pids)
-
-
-LARGE = (
-    "--set",
-    "camera.width_px=1280",
-    "--set",
-    "camera.height_px=720",
-    "--set",
-    "camera.rate_hz=60",
-)
 
 
 class Terminal:

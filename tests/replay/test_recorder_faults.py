@@ -22,7 +22,7 @@ from lfpipe.sequence.packets import encoded
 from lfpipe.transport.ring import Reader, Stamp
 from lfpipe.transport.session import Session
 from tests.replay.test_record import frames, recorder
-from tests.support.world import World, stays, until
+from tests.support.world import LARGE, World, stays, until
 
 SMALL = (
     "--set",
@@ -99,15 +99,7 @@ def test_the_death_of_the_supervisor_loses_no_frame_that_the_recorder_had(
 ) -> None:
     out = world.root / "rec"
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(world.run_dir))
-    large = (
-        "--set",
-        "camera.width_px=1280",
-        "--set",
-        "camera.height_px=720",
-        "--set",
-        "camera.rate_hz=60",
-    )
-    process = world.start("record", out, "--camera", "demo", *large)
+    process = world.start("record", out, "--camera", "demo", *LARGE)
     world.wait_for(lambda: frames(out) > 20, "frames")
     ring = Reader(Session(f"record.{process.pid}").segment("frames"))
     process.kill()

@@ -26,6 +26,12 @@ from lfpipe.transport import control
 from lfpipe.transport.session import PREFIX
 from tests.support.processes import PATIENCE_S
 
+LARGE = (  # a camera whose frames keep a recorder busy
+    "--set=camera.width_px=1280",
+    "--set=camera.height_px=720",
+    "--set=camera.rate_hz=60",
+)
+
 
 def write_scene(
     folder: Path, rows: int = 3, cols: int = 3, size: tuple[int, int] = (48, 64)

@@ -1,6 +1,7 @@
 """The simulated camera: when it takes frames, how it stamps them, and what landmarks they give."""
 
 import math
+from abc import ABC, abstractmethod
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -82,12 +83,12 @@ class Frame:
     tracked_ns: int
 
 
-class WorldEngine(LitertEngine):
+class WorldEngine(LitertEngine, ABC):
     """The engine in use in front of a simulated camera."""
 
+    @abstractmethod
     def picture(self, frame: Frame) -> NDArray[np.uint8]:
         """What the camera sees: uint8 (480, 640, 3) BGR."""
-        raise NotImplementedError
 
     def look(self, frame: Frame) -> tuple[Face | None, NDArray[np.uint8]]:
         """The face that the engine follows in a frame, and the picture."""
