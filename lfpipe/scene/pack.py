@@ -117,19 +117,32 @@ def _mapped(path: Path, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
     return np.asarray(array)
 
 
+def hold_pack(folder: Path) -> int:
+    """An open descriptor of a pack: `lfpipe scene clean` does not remove the pack until it is
+    closed.
+
+    Raises OSError, and ValueError if the pack is being removed.
+    """
+    with open_regular(folder / VIEWS) as file:
+        locked = lock_open(file.fileno(), shared=True)
+        if not locked or not os.path.samestat(os.fstat(file.fileno()), (folder / VIEWS).stat()):
+            raise ValueError("it is being removed")
+        return os.dup(file.fileno())  # shares the lock
+
+
 def open_pack(folder: Path, half_turn: str = "auto") -> LightField:
     """The light field of a pack, in the order that scene.half_turn asks for. `lfpipe scene clean`
     does not remove the pack while this object lives.
 
     Raises DamagedPackError if it is missing, damaged, changed or of another version.
     """
-    with _reading(folder), open_regular(folder / VIEWS) as file:
-        locked = lock_open(file.fileno(), shared=True)
-        if not locked or not os.path.samestat(os.fstat(file.fileno()), (folder / VIEWS).stat()):
-            raise ValueError("it is being removed")
+    with _reading(folder), contextlib.ExitStack() as undo:
+        held = hold_pack(folder)
+        undo.callback(os.close, held)
         field = light_field(folder, read_manifest(folder))
-        # the copy of the descriptor keeps the lock as long as the map of the views lives
-        hold = weakref.finalize(field.views.base, os.close, os.dup(file.fileno()))
+        undo.pop_all()
+        # held as long as the map of the views lives
+        hold = weakref.finalize(field.views.base, os.close, held)
         return shown_as(attrs.evolve(field, hold=hold), half_turn)
 
 

@@ -5,10 +5,13 @@ Only the supervisor creates and removes them.
 
 import contextlib
 import gc
+import os
 from collections.abc import Collection, Mapping
+from pathlib import Path
 
 from lfpipe.host import wake
 from lfpipe.host.segment import SHM_DIR, Segment
+from lfpipe.scene.pack import hold_pack
 from lfpipe.supervisor.process_table import STAGES, consumers, rings
 from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport import control, ring, status
@@ -24,7 +27,8 @@ def _remove(memory: Segment) -> None:
 
 class SessionStore:
     """state: the current state; its rings exist, with the FIFOs that wake their readers. table: the
-    status table; drop all references to its rows before `close`.
+    status table; drop all references to its rows before `close`. The state's pack is held: no
+    `lfpipe scene clean` removes it while the stage that shows it is restarted.
 
     Raises UserError if memory is short, OSError if no FIFO can be created; then nothing is left
     behind.
@@ -35,12 +39,15 @@ class SessionStore:
         self._session = session
         self._unsent: bytes | None = None
         self._rings: dict[str, Segment] = {}
+        self._pack = contextlib.ExitStack()
         with contextlib.ExitStack() as undo:
             self._status = status.create(
                 session.segment("status"), [stage.name for stage in STAGES], session.run_dir
             )
             undo.callback(_remove, self._status)
             undo.callback(self._keep, ())
+            undo.callback(self._pack.close)
+            self._hold(state.options.pack)
             self._make(rings(state.config))
             self._make(state.rings())
             for name, readers in consumers().items():
@@ -63,9 +70,18 @@ class SessionStore:
         """
         message = control.encode(state.message()) if state.rev != self.state.rev else self._unsent
         self._make(state.rings())
+        if state.options.pack != self.state.options.pack:
+            self._hold(state.options.pack)
         self.state = state
         self._unsent = message
         self._keep(rings(state.config).keys() | state.rings().keys())
+
+    def _hold(self, pack: str) -> None:
+        """Holds another pack, or "" for none; one that cannot be held fails where it is shown."""
+        self._pack.close()
+        with contextlib.suppress(OSError, ValueError):
+            if pack:
+                self._pack.callback(os.close, hold_pack(Path(pack)))
 
     def _make(self, specs: Mapping[str, RingSpec]) -> None:
         """Creates rings that do not exist yet: all, or none and a UserError if memory is short."""
