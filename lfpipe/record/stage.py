@@ -237,12 +237,10 @@ class Recorder:
             context.row.set_busy("waiting for the disk" if self._slow else "")
         if store.failure and not self._reported:
             self._reported = True
-            ends = (
-                f"its last frame is {self._writer.count - 1}"
-                if self._writer.count
-                else "no frame was recorded"
+            _give_up(
+                context,
+                f"recording {self._folder}: {store.failure}; frames stored: {self._writer.count}",
             )
-            _give_up(context, f"recording {self._folder}: {store.failure}; {ends}")
 
     def end(self) -> None:
         """Stores the rest from rings and memory, and completes the sequence."""

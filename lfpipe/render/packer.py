@@ -114,6 +114,10 @@ def playlist(paths: Iterable[Path], settings: Scene) -> list[Path]:
     """
     scenes: list[Path] = []
     for path in paths:
+        with contextlib.suppress(UserError):
+            if packed(path, settings) is not None:
+                scenes.append(path)
+                continue
         inside: list[Path] = []
         own = _light_field_at(path, settings)
         if is_dir(path) and (own is None or len(own.files) == 1):

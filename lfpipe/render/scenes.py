@@ -138,7 +138,8 @@ class ScenePage(Page):
 
     def __init__(self, context: Context) -> None:
         self._context = context
-        self._scenes: list[str] = list(context.options.playlist)
+        self._playlist = context.options.playlist
+        self._scenes = list(self._playlist)  # without those taken off the start page
         self._at = 0
         # of the scenes that were read; None: there is none
         self._pictures: dict[str, NDArray[np.uint8] | None] = {}
@@ -162,6 +163,9 @@ class ScenePage(Page):
         since. Those of our own making are in the package: their views take a while to render.
         """
         options = self._context.options
+        if options.playlist != self._playlist:
+            self._playlist = options.playlist
+            self._scenes = list(self._playlist)
         now = options.playlist[options.playlist_at]
         self._at = self._scenes.index(now) if now in self._scenes else 0
         stored = {scene: THUMBNAILS / f"{Path(scene).name}.jpg" for scene in self._scenes}

@@ -37,10 +37,7 @@ PACKET_BYTES = 3 * MAX_PIXELS + (1 << 20)
 MAX_PACKETS = 1 << 20  # 9.7 hours at 30 Hz; each takes 300 bytes of memory
 LINE_BYTES = 1024  # one of ours has some 150
 COPY = "copy the whole folder again from where it was recorded"
-REPAIR = (
-    "list all such frames with `lfpipe sequence check`; copy those before it with"
-    " `lfpipe sequence cut`"
-)
+REPAIR = "copy the frames before it with `lfpipe sequence cut`"
 # of a JPEG: each scan of a dozen bytes can cost one more pass over the whole picture
 SCAN = b"\xff\xda"
 MAX_SCANS = 100

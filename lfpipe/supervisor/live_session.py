@@ -400,7 +400,8 @@ class LiveSession:
         if isinstance(event.scene, Exception):
             raise event.scene
         if event.request is not None:
-            self._carry_out(event.request, on_load(self._state, event.request.message, event.scene))
+            reply = on_load(self._state, event.request.message, event.scene, event.scenes)
+            self._carry_out(event.request, reply)
         elif (state := on_complete(self._state, event.scene)) is not self._state:
             logger.info(
                 "%s: disparity is complete, method %s", event.scene.name, event.scene.method

@@ -96,7 +96,9 @@ def _load(state: SessionState, message: Message, _t_ns: int) -> Reply:
         raise UserError("the session shows no pictures", "start one that does: `lfpipe up SCENE`")
     how = {f"scene.{key}": message[key] for key in ("layout", "grid") if key in message}
     settings = config_module.updated(state.config, how).scene
-    return Reply(load=PackerRequest(scenes=[scene], settings=settings, remember=True))
+    return Reply(
+        load=PackerRequest(scenes=[scene], settings=settings, expand=at is None, remember=True)
+    )
 
 
 def _previews(state: SessionState, message: Message, _t_ns: int) -> Reply:
@@ -221,9 +223,18 @@ def _has_eyes(state: SessionState) -> bool:
     return state.options.viewer.tracked or isinstance(state.options.viewer, MouseViewer)
 
 
-def on_load(state: SessionState, message: Message, scene: SceneSummary) -> Reply:
-    """The reply to a request for a scene that can be shown now. Raises like `respond`."""
-    return Reply(answer={"pack": scene.pack}, state=state.loaded(scene, _place(state, message)))
+def on_load(
+    state: SessionState, message: Message, scene: SceneSummary, scenes: tuple[str, ...] = ()
+) -> Reply:
+    """The reply to a request for a scene that can be shown now. scenes: of a folder of light
+    fields, all of them: the new playlist. Raises like `respond`.
+    """
+    new = (
+        state.loaded(scene, 0, scenes)
+        if len(scenes) > 1
+        else state.loaded(scene, _place(state, message))
+    )
+    return Reply(answer={"pack": scene.pack}, state=new)
 
 
 def on_complete(state: SessionState, scene: SceneSummary) -> SessionState:

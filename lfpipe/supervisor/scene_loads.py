@@ -26,11 +26,13 @@ Send = Callable[[Message], None]  # to the stage that shows pictures
 @attrs.frozen
 class SceneEvent:
     """What a packer has come to. request: the one that wants the scene; None for the scene on the
-    screen. scene: it can be shown now, or why it cannot.
+    screen. scene: it can be shown now, or why it cannot. scenes: the paths of the light fields that
+    the wanted path stands for; the scene is the first.
     """
 
     request: Request | None
     scene: SceneSummary | Exception
+    scenes: tuple[str, ...] = ()
 
 
 class _Load:
@@ -62,13 +64,14 @@ class _Load:
 
     def event(self) -> SceneEvent | None:
         """What has happened, if the packer has ended or a wanted scene can be shown."""
+        scenes = tuple(map(str, self.packing.scenes))
         if self.packing.done:
             try:
-                return SceneEvent(self.request, self.packing.summary())
+                return SceneEvent(self.request, self.packing.summary(), scenes)
             except Exception as error:  # the client's answer
                 return SceneEvent(self.request, error)
         views = self.packing.views
-        return SceneEvent(self.request, views) if self.request and views else None
+        return SceneEvent(self.request, views, scenes) if self.request and views else None
 
 
 class SceneLoads:

@@ -48,6 +48,7 @@ class Basis:
     config: Config
     scene: SceneSummary | None
     viewer: Viewer
+    playlist: tuple[str, ...]
     playlist_at: int
 
 
@@ -77,7 +78,9 @@ class SessionState:
     def basis(self) -> Basis:
         """The part of the current state that can be rolled back."""
         options = self.options
-        return Basis(self.config, options.scene, options.viewer, options.playlist_at)
+        return Basis(
+            self.config, options.scene, options.viewer, options.playlist, options.playlist_at
+        )
 
     @property
     def levels(self) -> tuple[QualityLevel, ...]:
@@ -129,10 +132,15 @@ class SessionState:
     def _with(self, **options: Any) -> SessionState:
         return attrs.evolve(self, options=attrs.evolve(self.options, **options))
 
-    def loaded(self, scene: SceneSummary, playlist_at: int | None = None) -> SessionState:
+    def loaded(
+        self,
+        scene: SceneSummary,
+        playlist_at: int | None = None,
+        playlist: tuple[str, ...] | None = None,
+    ) -> SessionState:
         """With another scene, at the zero plane of its last showing, or the default: a zero plane
         is in px of its own scene. Near and far are as chosen for that scene before. playlist_at:
-        its index, None if it is not in the playlist.
+        its index, None if it is not in the playlist. playlist: another one, None for the same.
         """
         old = self.options.scene
         config = self.config
@@ -147,6 +155,7 @@ class SessionState:
             config,
             scene=scene,
             viewer=watching(self.options.viewer, scene.needs_eyes),
+            playlist=self.options.playlist if playlist is None else playlist,
             playlist_at=self.options.playlist_at if playlist_at is None else playlist_at,
         )
         return attrs.evolve(new, zero_planes_px=zero_planes_px)
@@ -180,7 +189,11 @@ class SessionState:
         """With the basis that is known to work; all else unchanged."""
         good = self.known_good
         return self.changed(
-            good.config, scene=good.scene, viewer=good.viewer, playlist_at=good.playlist_at
+            good.config,
+            scene=good.scene,
+            viewer=good.viewer,
+            playlist=good.playlist,
+            playlist_at=good.playlist_at,
         )
 
     def _with_packets(self) -> SessionState:

@@ -251,6 +251,11 @@ def test_session_window_shows_a_second_scene(world: World, scene: Path, screen: 
     assert shows("meadow")
     world.ctl("load", other)
     assert shows("the other")
+    pair = [write_scene(world.root / "pair" / name, 2, 2) for name in ("amber", "birch")]
+    world.done("up", world.root / "pair")
+    assert shows("amber") and world.ask(cmd="hello")["options"]["playlist"] == [*map(str, pair)]
+    world.xdotool("key", "Next")
+    world.wait_for(lambda: shows("birch"), "the second scene of the folder")
     assert "running" in world.refused("up", other, "--display", "none")
     world.xdotool("key", "q")
     world.ended(process)

@@ -86,10 +86,7 @@ MESSAGES: dict[str, tuple[Callable[[Path], object], str]] = {
     "frames and eyes": (line(codec="eyes"), f"/here/seq: mixes frames with eyes … {COPY}"),
     "a bit": (
         file(PACKETS, lambda data: data[:99] + bytes([data[99] ^ 1]) + data[100:]),
-        (
-            "/here/seq: frame 0: its bytes were changed … `lfpipe sequence check` … `lfpipe"
-            " sequence cut`"
-        ),
+        "/here/seq: frame 0: its bytes were changed … `lfpipe sequence cut`",
     ),
     "another time": (line(t_read_ns=1), f"/here/seq/frames.jsonl: wrong checksum … {COPY}"),
     "no packets": (

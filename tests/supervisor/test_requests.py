@@ -228,6 +228,16 @@ def test_respond_changes_the_option_that_is_named(
     )
 
 
+def test_on_load_takes_the_scenes_of_a_folder_as_the_playlist() -> None:
+    state = made_state(playlist=("/a", "/b", "/c"), playlist_at=2)
+    reply = on_load(state, {"cmd": "load", "scene": "/d"}, SCENE, ("/d/one", "/d/two"))
+    assert reply.state is not None
+    assert reply.state.options.playlist == ("/d/one", "/d/two")
+    assert reply.state.options.playlist_at == 0
+    back = reply.state.rolled_back().options
+    assert (back.playlist, back.playlist_at) == (("/a", "/b", "/c"), 2)
+
+
 def test_respond_checked_respects_what_was_done_meanwhile() -> None:
     request = {"cmd": "record", "path": "/mine"}
     refused = refusal(respond_checked, made_state(record="/theirs"), request, {}, 0)

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import attrs
 import pytest
 import zmq
 
@@ -13,6 +14,7 @@ from lfpipe.errors import UserError
 from lfpipe.scene.open_scene import PackerRequest
 from lfpipe.supervisor.control_sockets import Request
 from lfpipe.supervisor.scene_loads import SceneEvent, SceneLoads
+from tests.support.world import write_scene
 
 CLIENT = Request(b"client", connection=5, message={"cmd": "load"})
 LIMIT_S = 120
@@ -70,6 +72,16 @@ def test_scene_loads_make_a_scene_ready_then_complete(
     assert isinstance(last, SceneSummary) and last.complete
     steps = [message["step"] for message in news]
     assert all(message["cmd"] == "loading" for message in news) and (not steps or steps[-1] == "")
+
+
+def test_scene_loads_open_a_folder_of_scenes_at_its_first(
+    loads: SceneLoads, settings: Scene, tmp_path: Path
+) -> None:
+    scenes = [write_scene(tmp_path / "scenes" / name, 2, 2) for name in ("amber", "birch")]
+    loads.want(CLIENT, attrs.evolve(wanted(tmp_path / "scenes", settings), expand=True))
+    first = events(loads)[0]
+    assert first.scenes == tuple(map(str, scenes))
+    assert isinstance(first.scene, SceneSummary) and first.scene.name == "amber"
 
 
 def test_scene_loads_replace_the_first_request(
