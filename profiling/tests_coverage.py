@@ -125,7 +125,8 @@ def run_tests(module: str, number: int) -> None:
     name = f"lfpipe.{module}"
     sys.modules[name] = ModuleType(name)
     exec(code, sys.modules[name].__dict__)
-    words = ["-q", "-x", "-n", "0", "-p", "no:cacheprovider", "-m", "not live and not soak"]
+    words = ["-q", "-x", "-n", "0", "-p", "no:cacheprovider"]
+    words += ["-m", "not live and not alone and not soak"]
     words += ["--timeout", "60", *(f"tests/{path}" for path in MODULES[module])]
     sys.exit(pytest.main(words))
 

@@ -81,7 +81,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Func
     items.sort(key=lambda item: item.path.parent.name not in LONGEST_ROOMS)
     for item in items:
         if SESSIONS & set(item.fixturenames) and not any(
-            map(item.get_closest_marker, ("everyday", "soak", "camera_vm"))
+            map(item.get_closest_marker, ("everyday", "alone", "soak", "camera_vm"))
         ):
             item.add_marker(pytest.mark.live)
     for item in items if PORTABLE else ():

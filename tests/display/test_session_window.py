@@ -251,7 +251,9 @@ def test_session_window_shows_a_second_scene(world: World, scene: Path, screen: 
     assert shows("meadow")
     world.ctl("load", other)
     assert shows("the other")
-    pair = [write_scene(world.root / "pair" / name, 2, 2) for name in ("amber", "birch")]
+    pair = [
+        write_scene(world.root / "pair" / name, 2, n) for name, n in (("amber", 2), ("birch", 3))
+    ]
     world.done("up", world.root / "pair")
     assert shows("amber") and world.ask(cmd="hello")["options"]["playlist"] == [*map(str, pair)]
     world.xdotool("key", "Next")

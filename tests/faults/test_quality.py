@@ -18,6 +18,7 @@ HOG = (
     "import os, sys\nos.sched_setaffinity(0, {int(sys.argv[1])})\nwhile os.getppid() =="
     " int(sys.argv[2]): pass"
 )
+pytestmark = pytest.mark.alone
 PER_CORE = 12
 BEFORE_OTHERS = -15
 

@@ -105,6 +105,7 @@ def connected(
 ) -> Iterator[zmq.Socket[bytes]]:
     """A client of a session's control socket, or of another one of its."""
     with control.context() as ctx, ctx.socket(kind) as socket:
+        socket.set_hwm(0)  # what arrives waits until the test reads it, however long that takes
         control.connect(socket, run_dir, place)
         yield socket
 
