@@ -41,7 +41,7 @@ def new_ring(kind: str) -> str:
     return f"{kind}.{secrets.token_hex(4)}"
 
 
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class Basis:
     """The part of the state that a stage may fail on; it can be rolled back."""
 
@@ -79,7 +79,11 @@ class SessionState:
         """The part of the current state that can be rolled back."""
         options = self.options
         return Basis(
-            self.config, options.scene, options.viewer, options.playlist, options.playlist_at
+            config=self.config,
+            scene=options.scene,
+            viewer=options.viewer,
+            playlist=options.playlist,
+            playlist_at=options.playlist_at,
         )
 
     @property

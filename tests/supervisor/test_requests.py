@@ -150,8 +150,9 @@ def test_respond_load_takes_a_path_a_number_or_a_step(words: Message, path: str)
     cases: tuple[dict[str, Any], ...] = ({}, {"layout": "quilt", "grid": "4x8"})
     for settings_ in cases:
         reply = respond(made_state(**LIST), {"cmd": "load", **words, **settings_}, 0)
-        asked = {"scenes": [path], "settings": Scene(**settings_), "expand": path == "/x"}
-        assert reply == Reply(load=PackerRequest(**asked, remember=True))
+        settings = Scene(**settings_)
+        asked = PackerRequest(scenes=[path], settings=settings, expand=path == "/x", remember=True)
+        assert reply == Reply(load=asked)
 
 
 @pytest.mark.parametrize(
