@@ -15,6 +15,7 @@ interval is wide.
 import itertools
 import math
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Self
 
 import attrs
@@ -114,7 +115,7 @@ class Recording:
         zero = self.t_flip_ns[0]
         return (self.t_frame_ns - zero) / 1e6, (self.t_flip_ns - zero) / 1e6
 
-    @property
+    @cached_property
     def period_ms(self) -> float:
         """The camera's period, even if most of its frames are lost; infinite for stamps that do not
         rise.
@@ -178,10 +179,14 @@ def mean_light(recording: Recording, t_ms: Float, model: Model) -> Float:
 
 
 def _correlations(
-    recording: Recording, levels: Float, delays_ms: Float, model: Model, kept: float = 0.0
+    recording: Recording,
+    levels: Float,
+    delays_ms: Float,
+    model: Model,
+    kept: Sequence[float] = (0.0,),
 ) -> Float:
-    """How well k series of levels, (n, k), follow the pattern at each delay: float (delays, k), 0
-    not at all, 1 exactly.
+    """How well k series of levels, (n, k), follow the pattern at each delay, for each share of the
+    frame before that the camera keeps: float (shares, delays, k), 0 not at all, 1 exactly.
     """
     seen = recording.changes(levels)
     # below 0.3 levels there is no signal
@@ -189,13 +194,17 @@ def _correlations(
     # the mean of the response is part of the delay
     at_ms = recording.times_ms()[0][:, None] - (delays_ms - model.response_ms)
     light = mean_light(recording, at_ms, model)
-    expected = (np.clip(light, 0, 1) + STRAY) ** (1 / GAMMA)
-    if kept:
-        for frame, before in zip(expected[1:], expected[:-1], strict=True):
-            frame += kept * (before - frame)
-    expected = recording.changes(expected)
-    expected /= np.maximum(np.linalg.norm(expected, axis=0), 1e-9)
-    return np.clip(expected.T @ seen, 0, 1)
+    frames = (np.clip(light, 0, 1) + STRAY) ** (1 / GAMMA)
+    found = []
+    for share in kept:
+        mixed = frames.copy()
+        if share:
+            for frame, before in zip(mixed[1:], mixed[:-1], strict=True):
+                frame += share * (before - frame)
+        expected = recording.changes(mixed)
+        expected /= np.maximum(np.linalg.norm(expected, axis=0), 1e-9)
+        found.append(expected.T @ seen)
+    return np.clip(found, 0, 1)
 
 
 def find_area(recording: Recording) -> tuple[Float, float]:
@@ -207,7 +216,7 @@ def find_area(recording: Recording) -> tuple[Float, float]:
     delays = np.arange(*DELAYS_MS, COARSE_STEP_MS)
     tried = np.stack(
         [
-            _correlations(recording, levels, delays, Model(exposure_ms, 1.0, 1.0))
+            _correlations(recording, levels, delays, Model(exposure_ms, 1.0, 1.0))[0]
             for exposure_ms in COARSE_EXPOSURES_MS
         ]
     )
@@ -253,7 +262,7 @@ class Bands:
             / height
             - 0.5
         )
-        return cls(levels / masses, places, masses, (rows[-1] + 1 - rows[0]) / height)
+        return cls(levels / masses, places, masses, float(rows[-1] + 1 - rows[0]) / height)
 
     @property
     def row(self) -> float:
@@ -270,10 +279,16 @@ class Bands:
 
 
 def _matches(
-    recording: Recording, levels: Float, delays_ms: Float, models: Sequence[Model], kept: float = 0
+    recording: Recording,
+    levels: Float,
+    delays_ms: Float,
+    models: Sequence[Model],
+    kept: Sequence[float] = (0.0,),
 ) -> Float:
-    """`_correlations` with each of the models: float (models, delays, k)."""
-    return np.stack([_correlations(recording, levels, delays_ms, model, kept) for model in models])
+    """`_correlations` with each of the models: float (shares, models, delays, k)."""
+    return np.stack(
+        [_correlations(recording, levels, delays_ms, model, kept) for model in models], axis=1
+    )
 
 
 def _fitted(
@@ -325,11 +340,12 @@ def estimate(recording: Recording) -> LoopDelay:
     bands = Bands.of(recording, r * area)
     mean = bands.mean()
     delays_ms = coarse_ms + np.arange(-NEAR_MS, NEAR_MS, COARSE_STEP_MS)
-    scores = _matches(recording, mean, delays_ms, MODELS).max(axis=(1, 2))
-    mixed = max(_matches(recording, mean, delays_ms, MODELS, kept).max() for kept in KEPT_SHARES)
+    tried = _matches(recording, mean, delays_ms, MODELS, (0.0, *KEPT_SHARES))
+    scores = tried[0].max(axis=(1, 2))
+    mixed = tried[1:].max()
     models = [MODELS[k] for k in np.argsort(scores)[-MOST_MODELS:]]
     delays_ms = coarse_ms + np.arange(-NEAR_MS, NEAR_MS, STEP_MS)
-    matches = _matches(recording, bands.levels, delays_ms, models)
+    matches = _matches(recording, bands.levels, delays_ms, models)[0]
     if bands.explained(matches) < LEAST_R2:
         raise UserError(
             "the camera sees something like the pattern, but not clearly enough",
