@@ -143,7 +143,7 @@ FAULTS = (
         "render/viewer.py",
         "return (lx, ly, rx, ry) if near else None",
         "return lx, ly, rx, ry",
-        "render/test_compositor.py",
+        "render/test_compositor.py::test_viewer_takes_whatever_a_tracker_says",
     ),
     Fault(
         "a warp uses the neighbour's disparity",
