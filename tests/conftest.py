@@ -36,6 +36,10 @@ hypothesis.settings.register_profile(
 hypothesis.settings.register_profile(
     "same", hypothesis.settings.get_profile("explore"), derandomize=True, database=None
 )
+# for copies with a fault, which only have to fail
+hypothesis.settings.register_profile(
+    "unshrunk", hypothesis.settings.get_profile("same"), phases=[hypothesis.Phase.generate]
+)
 hypothesis.settings.load_profile("same")
 # A runner in the background, or under nohup, has these ignored and hands that down.
 signal.signal(signal.SIGINT, signal.default_int_handler)

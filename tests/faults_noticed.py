@@ -18,6 +18,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 COPIED = ("lfpipe", "tests", "profiling", "tools", "pyproject.toml", "config.toml")
 PYTEST = (sys.executable, "-m", "pytest", "-q", "-x", "-n", "0", "-p", "no:cacheprovider")
+PROFILE = "--hypothesis-profile=unshrunk"
 
 
 class Fault(NamedTuple):
@@ -236,7 +237,7 @@ def noticed_by(fault: Fault, folder: Path) -> str:
     text = fault.text().replace(fault.old, fault.new)
     (folder / "lfpipe" / fault.file).write_text(text)
     run = subprocess.run(
-        [*PYTEST, f"tests/{fault.tests}"],
+        [*PYTEST, PROFILE, f"tests/{fault.tests}"],
         cwd=folder,
         env={**os.environ, "PYTHONPATH": str(folder)},  # before the package that is installed
         capture_output=True,
