@@ -49,11 +49,17 @@ def test_session_shows_every_frame_of_a_file_and_ends(
 @pytest.mark.everyday
 def test_monitor_and_ctl_change_the_next_picture(world: World, scene: Path, tmp_path: Path) -> None:
     world.shows(scene, *CAMERA, *NEAREST, pictures=10)
-    world.wait_for(lambda: world.monitor()["camera_fps"] > 20, "camera rate")
-    state = world.monitor()
+
+    def at_rate() -> dict[str, Any] | None:
+        """The figures, unless render is just opening the scene again, with its disparity."""
+        state = world.monitor()
+        ready = {stage["state"] for stage in state["stages"].values()} == {"RUNNING"}
+        return state if ready and state["camera_fps"] > 20 else None
+
+    state = world.wait_for(at_rate, "camera rate")
     assert state["session"] == world.name and set(state["stages"]) == {"capture", "track", "render"}
     for stage in state["stages"].values():
-        assert stage["state"] == "RUNNING" and stage["restarts"] == 0 and 0 < stage["fps"] < 90
+        assert stage["restarts"] == 0 and 0 < stage["fps"] < 90
         os.kill(stage["pid"], 0)
     assert 0 < state["end_to_end"]["p50_ms"] <= state["end_to_end"]["max_ms"]
 
