@@ -5,9 +5,7 @@ recordings that must be refused.
 """
 
 import argparse
-import sys
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import attrs
@@ -16,9 +14,6 @@ import numpy as np
 
 from lfpipe.errors import UserError
 from lfpipe.observe.loop_delay import LoopDelay, Recording, estimate
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 from profiling.simulated_recordings import Loop, drawn, recording
 
 LAST_NS = 2**63 - 1
