@@ -57,7 +57,8 @@ class EyesRecord(NamedTuple):
 
     def write(self, record: NDArray[np.void]) -> None:
         """Fills a record of dtype EYES but for head_px."""
-        PLAIN.pack_into(record, 0, *self.raw_px, *self.filtered_px, *self.velocity_px_s, *self[3:])  # type: ignore[arg-type]
+        points = (*self.raw_px, *self.filtered_px, *self.velocity_px_s)
+        PLAIN.pack_into(record, 0, *points, *self[3:])  # type: ignore[arg-type]
 
 
 # Points of MediaPipe's face mesh that jaw and mouth do not move: tip of the nose, top of the

@@ -37,8 +37,9 @@ hypothesis.settings.register_profile(
     "same", hypothesis.settings.get_profile("explore"), derandomize=True, database=None
 )
 # for copies with a fault, which only have to fail
+UNSHRUNK = (hypothesis.Phase.explicit, hypothesis.Phase.generate)
 hypothesis.settings.register_profile(
-    "unshrunk", hypothesis.settings.get_profile("same"), phases=[hypothesis.Phase.generate]
+    "unshrunk", hypothesis.settings.get_profile("same"), phases=UNSHRUNK
 )
 hypothesis.settings.load_profile("same")
 # A runner in the background, or under nohup, has these ignored and hands that down.

@@ -1,5 +1,5 @@
-"""The form of the code: large classes take keywords, conditionals are not nested, and the counter
-of statements counts.
+"""The form of the code: lines are short, large classes take keywords, conditionals are not nested,
+and the counter of statements counts.
 """
 
 import ast
@@ -43,6 +43,19 @@ SLEEPS = {
     "support/world.py": 2,
     "transport/test_segment.py": 1,
 }
+
+
+def test_no_line_has_more_than_100_columns() -> None:
+    """ruff passes a line that ends with a comment for tools, or that has no space to break at."""
+    root = Path(__file__).parents[1]
+    long = [
+        f"{path.relative_to(root)}:{number}"
+        for room in ("lfpipe", "tests", "tools", "profiling", "examples")
+        for path in sorted((root / room).rglob("*.py"))
+        for number, line in enumerate(path.read_text().splitlines(), 1)
+        if len(line) > 100
+    ]
+    assert not long
 
 
 def test_sleeps_of_tests_are_these() -> None:

@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -15,7 +16,10 @@ ODD = os.fsdecode(b"caf\xe9-\xff.avi")
 
 
 def lfpipe(world: World, *words: str) -> subprocess.CompletedProcess[bytes]:
-    return world.run(*words, text=False, env=world.env | {"PYTHONUTF8": "1"})  # type: ignore[return-value]
+    ended: subprocess.CompletedProcess[Any] = world.run(
+        *words, text=False, env=world.env | {"PYTHONUTF8": "1"}
+    )
+    return ended  # its output is bytes
 
 
 def test_odd_name_is_printed_as_its_bytes(world: World) -> None:

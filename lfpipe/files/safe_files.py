@@ -53,7 +53,8 @@ def check_links(folder: Path, names: Iterable[str]) -> None:
     any readable file. A name may begin with that of a subfolder.
     """
     for path in (folder / name for name in names):
-        linked = os.path.islink(path) or os.path.islink(path.parent)  # noqa: PTH114  (raises nothing where nobody may search)
+        # os.path raises nothing where nobody may search
+        linked = any(map(os.path.islink, (path, path.parent)))
         if linked and not Path(target := os.path.realpath(path)).is_relative_to(
             os.path.realpath(folder)
         ):
@@ -63,13 +64,17 @@ def check_links(folder: Path, names: Iterable[str]) -> None:
             )
 
 
+def _open_carefully(path: str, flags: int) -> int:
+    return os.open(path, flags | CAREFUL)
+
+
 def open_regular(path: Path) -> BufferedReader:
     """Opens path for reading.
 
     Raises OSError if it is not a regular file: a FIFO would block, a device may do anything.
     """
     check_regular(path)
-    file = open(path, "rb", opener=lambda path, flags: os.open(path, flags | CAREFUL))  # noqa: SIM115
+    file = open(path, "rb", opener=_open_carefully)  # noqa: SIM115
     if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
         file.close()
         raise OSError(errno.EINVAL, "changed while it was opened", str(path))

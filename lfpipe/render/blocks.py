@@ -59,7 +59,8 @@ def shifted(plane: NDArray[Pixel], dy: int, dx: int, box: Box) -> NDArray[Pixel]
     left, right, before, after = _span(cols.start + dx, cols.stop + dx, plane.shape[1])
     inside = plane[top:bottom, left:right]
     if above or below or before or after:
-        return cv2.copyMakeBorder(inside, above, below, before, after, cv2.BORDER_REPLICATE)  # type: ignore[return-value]
+        edged = cv2.copyMakeBorder(inside, above, below, before, after, cv2.BORDER_REPLICATE)
+        return np.asarray(edged, plane.dtype)
     return inside
 
 

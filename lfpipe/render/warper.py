@@ -4,6 +4,7 @@ import itertools
 import math
 from collections.abc import Iterator
 from functools import cache, lru_cache
+from typing import Any
 
 import attrs
 import cv2
@@ -227,7 +228,8 @@ class Warper:
         steps, targets = self._steps_to[: len(at)], self._targets[: len(at)]
         cv2.LUT(at, self._cell_moves, steps)
         cv2.add(self._cells[band], steps.view(np.int16).reshape(targets.shape), targets)
-        cv2.remap(self._low, targets, None, cv2.INTER_NEAREST, out, cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
+        second: Any = None  # targets hold both coordinates
+        cv2.remap(self._low, targets, second, cv2.INTER_NEAREST, out, cv2.BORDER_REPLICATE)
 
 
 def _moved(

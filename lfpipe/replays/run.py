@@ -32,7 +32,8 @@ from lfpipe.sequence.folder import Sequence as Recorded
 from lfpipe.sequence.packets import COPY, INDEX, PACKETS
 
 _FILE = re.compile(
-    r"report\.json|trace\.jsonl|(first|last|worst)\.png|pictures/frames\.(bin|jsonl)|difference/frame_\d+_\w+\.png"
+    r"report\.json|trace\.jsonl|(first|last|worst)\.png|pictures/frames\.(bin|jsonl)"
+    r"|difference/frame_\d+_\w+\.png"
 )
 PLACE = "name a folder that you may write to, on a disk with free space"
 

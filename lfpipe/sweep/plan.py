@@ -171,6 +171,7 @@ def _expanded(plan: Path, patterns: list[str]) -> list[str]:
     paths: dict[str, None] = {}
     for pattern in patterns:
         whole = str(plan.resolve().parent / Path(pattern).expanduser())
-        matches = sorted(glob.glob(whole)) if any(sign in pattern for sign in "*?[") else []  # noqa: PTH207
+        is_pattern = any(sign in pattern for sign in "*?[")
+        matches = sorted(glob.glob(whole)) if is_pattern else []  # noqa: PTH207
         paths |= dict.fromkeys(matches or [whole])
     return list(paths)

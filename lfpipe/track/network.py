@@ -183,7 +183,8 @@ class Roi:
         moved = matrix.copy()
         moved[0, 2] -= x0
         moved[1, 2] -= y0
-        return warp(cv2.cvtColor(image[y0:y1, x0:x1], cv2.COLOR_BGR2BGRA), moved, size_px, border)  # type: ignore[arg-type]
+        part = cv2.cvtColor(image[y0:y1, x0:x1], cv2.COLOR_BGR2BGRA)
+        return warp(part, moved, size_px, border)  # type: ignore[arg-type]
 
 
 def mapped(points: NDArray[np.floating], matrix: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,8 +28,8 @@ class Session:
 
     def __init__(self, alone: bool = True) -> None:
         self.viewer = Viewer(field(5, 9), Config(), neutral_is_fixed=alone)
-        ring = SimpleNamespace(begin=lambda: np.zeros((), EYES), publish=lambda *_: 0)
-        self.mouse = MouseLook(Config(), self.viewer, ring if alone else None)  # type: ignore[arg-type]
+        ring: Any = SimpleNamespace(begin=lambda: np.zeros((), EYES), publish=lambda *_: 0)
+        self.mouse = MouseLook(Config(), self.viewer, ring if alone else None)
         self.t_ns = 10**9
 
     def cols(

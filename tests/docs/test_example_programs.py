@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tarfile
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -59,7 +60,8 @@ EXAMPLE_FILES = sorted(path.name for path in EXAMPLES.iterdir() if path.suffix i
 
 
 def test_example_programs_are_run_and_listed() -> None:
-    programs = {row[0].split()[0] for row in test_example_program_runs.pytestmark[0].args[1]}  # type: ignore[attr-defined]
+    marks: Any = test_example_program_runs.pytestmark  # type: ignore[attr-defined]
+    programs = {row[0].split()[0] for row in marks[0].args[1]}
     programs.add("eyes_to_page.py")  # runs until it is ended: test_examples.py
     assert programs == set(EXAMPLE_FILES)
     listed = re.findall(r"^\| `([\w.]+) ", (EXAMPLES / "README.md").read_text(), re.M)

@@ -3,6 +3,8 @@
 Many more: `python -m profiling.photon`.
 """
 
+from typing import Literal
+
 import attrs
 import numpy as np
 import pytest
@@ -182,8 +184,10 @@ def test_camera_watch_leaves_out_frames_without_a_stamp(
 
 
 @pytest.mark.parametrize(("rotate", "mirror"), [(0, True), (90, False), (180, True), (270, True)])
-def test_as_read_gives_the_rows_of_the_sensor(rotate: int, mirror: bool) -> None:
-    camera = config.Camera(width_px=64, height_px=48, rotate=rotate, mirror=mirror)  # type: ignore[arg-type]
+def test_as_read_gives_the_rows_of_the_sensor(
+    rotate: Literal[0, 90, 180, 270], mirror: bool
+) -> None:
+    camera = config.Camera(width_px=64, height_px=48, rotate=rotate, mirror=mirror)
     upright = np.empty((*camera.frame_px[::-1], 3), np.uint8)
     orient(Stamped(9), camera).read(upright)
     plain = np.empty((48, 64, 3), np.uint8)

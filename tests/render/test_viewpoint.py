@@ -4,6 +4,7 @@ may deliver.
 
 import itertools
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,9 +21,9 @@ METHODS = st.sampled_from(["nearest", "blend", "warp2"])
 
 
 def solver(
-    rows: int = 9, cols: int = 9, alpha_px: float = 12.0, method: str = "warp2", **render: object
+    rows: int = 9, cols: int = 9, alpha_px: float = 12.0, method: Any = "warp2", **render: Any
 ) -> ViewSolver:
-    return ViewSolver(rows, cols, Render(**render), alpha_px, (320.0, 240.0), method)  # type: ignore[arg-type]
+    return ViewSolver(rows, cols, Render(**render), alpha_px, (320.0, 240.0), method)
 
 
 def soft_clamp(value: float, count: int, reach: float) -> float:

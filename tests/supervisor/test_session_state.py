@@ -203,6 +203,7 @@ def test_levels_of_a_still_without_eyes_are_one() -> None:
 
 
 def test_message_carries_the_names_of_plugins() -> None:
-    config = attrs.evolve(made_state().config, track=Track(engine="of a plugin"))  # type: ignore[arg-type]
+    track = Track(engine="of a plugin")  # type: ignore[arg-type]
+    config = attrs.evolve(made_state().config, track=track)
     message = control.decode(control.encode(made_state().changed(config).message()))
     assert converter().structure(message["config"], Config) == config

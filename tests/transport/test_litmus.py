@@ -225,7 +225,9 @@ def executions(writer: list[Access], reader: list[Access], p: int) -> Iterator[t
     """
     stores, store_after = _before(writer)
     loads, load_after = _before(reader)
-    todo = [(0, 0, (), ())]  # type: list[tuple[int, int, tuple[tuple[Place, int], ...], tuple[tuple[int, int], ...]]]
+    memory: tuple[tuple[Place, int], ...] = ()
+    found: tuple[tuple[int, int], ...] = ()
+    todo = [(0, 0, memory, found)]
     seen = set(todo)
     while todo:
         written, read, memory, found = todo.pop()

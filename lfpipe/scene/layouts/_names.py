@@ -43,7 +43,8 @@ _MAX_FIELDS = 12  # a date with its time has six
 _UNIT = 10**9  # of numbers, which have up to nine decimals
 MAX_SIDE = 10_000  # views along one side of a grid
 _TIME = re.compile(
-    r"(?:19|20)\d\d([-_.]?)[01]\d\1[0-3]\d\D{0,4}[0-2]\d([-_.:]?)[0-5]\d\2[0-5]\d(?:\d{3}(?!\d))?(?!\d)"
+    r"(?:19|20)\d\d([-_.]?)[01]\d\1[0-3]\d\D{0,4}"
+    r"[0-2]\d([-_.:]?)[0-5]\d\2[0-5]\d(?:\d{3}(?!\d))?(?!\d)"
 )
 _SUM = re.compile(r"[-_. ](?=[0-9a-f]*[a-f])(?=[0-9a-f]*[0-9])[0-9a-f]{6,40}$", re.IGNORECASE)
 _SUM_OR_NUMBER = re.compile(r"[-_. ][0-9a-f]{6,40}$", re.IGNORECASE)

@@ -13,6 +13,7 @@ file without those attributes they may run either way.
 """
 
 import contextlib
+import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
@@ -174,7 +175,14 @@ def _numpy_source(listing: Listing, path: Path) -> SceneSource:
 
     stood = None if positions is None else np.asarray(positions, np.float64)
     turn = None if stood is None else coordinate_turn(stood)
-    places = () if disparity is None else np.ndindex(rows, cols)
+    truth = (
+        {}
+        if disparity is None
+        else {
+            place: partial(np.asarray, disparity[place], np.float32)
+            for place in itertools.product(range(rows), range(cols))
+        }
+    )
     source = _source(
         "array",
         path,
@@ -192,7 +200,7 @@ def _numpy_source(listing: Listing, path: Path) -> SceneSource:
             else "rows of the array are counted from the top, columns from the left"
         ),
         coordinates=stood,
-        truth={place: partial(np.asarray, disparity[place], np.float32) for place in places},  # type: ignore[index]
+        truth=truth,
     )
     if views.dtype != np.uint16:
         return source
