@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from lfpipe.api.tracker import Eyes, Tracker
     from lfpipe.errors import UserError
     from lfpipe.scene.lightfield import LightField
-    from lfpipe.share.head import Head
+    from lfpipe.track.head import Head
 
 __version__ = "1.0.0"
 __all__ = [

@@ -6,7 +6,7 @@ lfpipe.engines    a function of `config.Track` that returns a `lfpipe.track.engi
 lfpipe.filters    a function of `config.Track` and loop_s that returns a
                   `lfpipe.track.smoothing.EyeFilter`; a value of track.filter
 lfpipe.displays   a function of (argument, size_px, title, rate_hz) that returns a
-                  `lfpipe.render.display.Display`; `--display NAME[:ARGUMENT]`
+                  `lfpipe.render.display.display.Display`; `--display NAME[:ARGUMENT]`
 
 Another package's code runs in here only: whatever it raises becomes a PluginError.
 """

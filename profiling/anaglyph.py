@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.bench.glasses import BARE, GLASS, GREEN_MAGENTA, RED_CYAN, curve, lightness, seen_xyz
-from lfpipe.bench.world.scene import SCENES, scene_of
-from lfpipe.render.anaglyph import MATRICES, encode, recipe
+from lfpipe.bench.simulator.scene import SCENES, scene_of
+from lfpipe.render.synthesis.anaglyph import MATRICES, encode, recipe
 
 Float = NDArray[np.float64]
 # (left, right) BGR -> anaglyph BGR

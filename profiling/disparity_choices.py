@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.bench.synthesis import left_out, subsample, view_at
 from lfpipe.bench.table import shaved, studio_luma
-from lfpipe.render.compositor import ViewRenderer
-from lfpipe.render.scoring import psnr_db
+from lfpipe.render.synthesis.compositor import ViewRenderer
+from lfpipe.render.synthesis.scoring import psnr_db
 from lfpipe.scene import disparity, optical_flow
 from lfpipe.scene.disparity import luma
 from lfpipe.scene.lightfield import LightField

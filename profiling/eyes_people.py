@@ -18,13 +18,13 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+from lfpipe.bench.simulator.metrics import viewpoint_figures
 from numpy.typing import NDArray
 
-from lfpipe.bench.world.camera import TRACKED_MS, Camera, Frame, WorldEngine
-from lfpipe.bench.world.figures import viewpoint_figures
-from lfpipe.bench.world.run import Run, Setup, Truth, watch
-from lfpipe.bench.world.screen import Screen
-from lfpipe.bench.world.scripts import (
+from lfpipe.bench.simulator.camera import TRACKED_MS, Camera, Frame, WorldEngine
+from lfpipe.bench.simulator.run import Run, Setup, Truth, watch
+from lfpipe.bench.simulator.screen import Screen
+from lfpipe.bench.simulator.scripts import (
     SCRIPTS,
     SEAT,
     SETTLED_S,
@@ -36,7 +36,7 @@ from lfpipe.bench.world.scripts import (
     settled,
     swayed,
 )
-from lfpipe.render.presence import Rest
+from lfpipe.render.viewer.presence import Rest
 from lfpipe.track.engine import Face
 from profiling.arguments import existing, parser_of, start
 from profiling.eyes_conditions import Picture, Portrait, portraits

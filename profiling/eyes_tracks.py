@@ -30,7 +30,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.bench.world.tracks import read_table
+from lfpipe.bench.simulator.tracks import read_table
 from lfpipe.config import Track
 from lfpipe.track.filters import make_filter
 from lfpipe.track.smoothing import EyeFilter, Kalman, Mean

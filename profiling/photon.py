@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from lfpipe.errors import UserError
-from lfpipe.observe.loop_delay import LoopDelay, Recording, estimate
+from lfpipe.extras.latency.estimate import LoopDelay, Recording, estimate
 from profiling.simulated_recordings import Loop, drawn, recording
 
 LAST_NS = 2**63 - 1

@@ -26,7 +26,7 @@ from pathlib import Path
 import cv2
 
 from lfpipe import config
-from lfpipe.render.compositor import Compositor
+from lfpipe.render.synthesis.compositor import Compositor
 from lfpipe.scene.lightfield import LightField
 from profiling.arguments import LFPIPE, existing, parser_of, start
 from tests.render import rendered

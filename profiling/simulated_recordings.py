@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.observe.loop_delay import Recording
+from lfpipe.extras.latency.estimate import Recording
 
 WIDTH_PX, HEIGHT_PX = 64, 48
 FINE_MS = 0.1

@@ -10,9 +10,9 @@ import pytest
 from lfpipe import config
 from lfpipe.config import Scene, Track
 from lfpipe.errors import UserError
-from lfpipe.observe.doctor import plugin_check
+from lfpipe.monitor.doctor import plugin_check
 from lfpipe.plugins import DISPLAYS, ENGINES, LAYOUTS, PluginError, load, loaded, plugins
-from lfpipe.render.open_display import parse_display
+from lfpipe.render.display.open_display import parse_display
 from lfpipe.scene import layouts
 from lfpipe.track.filters import make_filter
 from lfpipe.track.make_engine import make_engine

@@ -34,14 +34,14 @@ from rich.console import Console
 
 import lfpipe
 from lfpipe.config import Scene
-from lfpipe.observe.monitor import screen_text
-from lfpipe.observe.session_reader import Follower
-from lfpipe.render.scenes import THUMBNAILS
+from lfpipe.monitor.monitor import screen_text
+from lfpipe.monitor.session_reader import Follower
+from lfpipe.render.ui.scenes import THUMBNAILS
 from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.demo import NAMES, demo_scene
+from tests.extras.web.browser import Browser, missing
 from tests.support.world import World, private_world
 from tests.support.xvfb_screen import Screen, x_server
-from tests.web.browser import Browser, missing
 
 # of the animation: two seconds for a head to go and come back, as people do
 FRAMES, STEP_MS = 20, 100

@@ -12,7 +12,7 @@ one row per frame: source_seq counts frames from 0; t_ns is the frame's time fro
 video; eye centres (mean of the 16 periocular landmarks, the viewer's own left and right) in px of
 the unmirrored picture, with pixel centres at whole numbers; visible is 1 while both eyes are inside
 the picture; phase is still or move. The face moves as the viewers of `lfpipe bench viewer` do: PATH
-is in the terms of lfpipe/bench/world/scripts.py. The landmarks are found once, on a noise-free
+is in the terms of lfpipe/bench/simulator/scripts.py. The landmarks are found once, on a noise-free
 picture of the portrait; from then on truth is the known map from portrait to picture. Without
 --portrait: the demo's portrait.
 """
@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.bench.inputs import SIZE_PX, write_video
-from lfpipe.bench.world.scripts import OUT_RIGHT, SEAT, Move, Place, path, swayed
+from lfpipe.bench.simulator.scripts import OUT_RIGHT, SEAT, Move, Place, path, swayed
 from lfpipe.capture.demo import PORTRAIT
 from lfpipe.errors import UserError
 from lfpipe.track.litert_engine import LitertEngine

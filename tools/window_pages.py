@@ -17,12 +17,12 @@ import cv2
 import numpy as np
 
 from lfpipe.config import Render, Scene
-from lfpipe.render.glasses import glasses_menu, instructions
-from lfpipe.render.overlay import CLOSE, HELP, Item, Menu, Overlay
-from lfpipe.render.overlay_view import Panel, menu_panel, text_panel
-from lfpipe.render.scenes import HINT as SCENES_HINT
-from lfpipe.render.window import TEXT_PX
-from lfpipe.render.window_system import pygame
+from lfpipe.render.display.window import TEXT_PX
+from lfpipe.render.display.window_system import pygame
+from lfpipe.render.ui.glasses import glasses_menu, instructions
+from lfpipe.render.ui.overlay import CLOSE, HELP, Item, Menu, Overlay
+from lfpipe.render.ui.overlay_view import Panel, menu_panel, text_panel
+from lfpipe.render.ui.scenes import HINT as SCENES_HINT
 from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.demo import NAMES, demo_scene
 from tests.support.finger import Finger

@@ -15,7 +15,7 @@ from lfpipe.config import Config, Scene, updated
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import replaced
 from lfpipe.host.files import is_file
-from lfpipe.render.compositor import Compositor, ViewRenderer
+from lfpipe.render.synthesis.compositor import Compositor, ViewRenderer
 from lfpipe.scene import open_scene as scenes
 from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.demo import named_scene

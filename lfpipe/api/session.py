@@ -23,11 +23,11 @@ from lfpipe.api.tracker import Eyes
 from lfpipe.config import Config, Snapshot, converter, updated
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import temporary_folder
-from lfpipe.observe.session_reader import Watch
-from lfpipe.render.open_display import has_display
+from lfpipe.monitor.session_reader import Watch
+from lfpipe.render.display.open_display import has_display
 from lfpipe.scene.lightfield import LightField
-from lfpipe.share.head import HeadEstimator
 from lfpipe.supervisor.rundir import find
+from lfpipe.track.head import HeadEstimator
 from lfpipe.transport import control
 from lfpipe.transport.ring import Reader, Stamp
 from lfpipe.transport.status import State

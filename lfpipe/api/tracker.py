@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 from lfpipe.config import Config, updated
 from lfpipe.errors import UserError
 from lfpipe.eyes import EYES, extrapolated
-from lfpipe.share.head import Head, HeadEstimator
 from lfpipe.track.eye_tracker import EyeTracker
+from lfpipe.track.head import Head, HeadEstimator
 
 
 @attrs.frozen(eq=False, kw_only=True)
 class Eyes:
     """A viewer's eyes in one frame. t_ns: its time. raw_px, filtered_px: (2, 2), [[left x, y],
     [right x, y]] of the viewer's own eyes in px of the unmirrored picture, as measured and
-    smoothed. velocity_px_s: (2, 2). head: in mm before the screen, see `lfpipe.share.head`; None if
+    smoothed. velocity_px_s: (2, 2). head: in mm before the screen, see `lfpipe.track.head`; None if
     the distance between the eyes cannot be a face's.
     """
 

@@ -9,7 +9,7 @@ angler.js, after Woods' measurements) over the CIE 1931 observer. The display's 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.render.anaglyph import decoded
+from lfpipe.render.synthesis.anaglyph import decoded
 
 Float = NDArray[np.float64]
 

@@ -10,9 +10,9 @@ import math
 from pathlib import Path
 from typing import Any
 
+from lfpipe.bench.benchmarks import SUBJECTS, TABLE, Subject
 from lfpipe.bench.results import STATES, Column, Results, Row, short
 from lfpipe.bench.style import document, html_table
-from lfpipe.bench.subjects import SUBJECTS, TABLE, Subject
 from lfpipe.files.output import write_output
 from lfpipe.host.machine import install_command
 

@@ -25,7 +25,7 @@ from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.paper_loop import SIDES, Loop
 from lfpipe.bench.results import Figures, rms
 from lfpipe.bench.runner import Candidate, Offer, Prepared
-from lfpipe.bench.world.run import viewpoints
+from lfpipe.bench.simulator.run import viewpoints
 from lfpipe.config import Render, converter, load
 from lfpipe.config.check import flat
 from lfpipe.files.safe_files import write_file

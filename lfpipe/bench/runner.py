@@ -14,6 +14,7 @@ from pathlib import Path
 import attrs
 import cv2
 
+from lfpipe.bench.benchmarks import SUBJECTS, Subject
 from lfpipe.bench.inputs import Inputs, Progress
 from lfpipe.bench.results import (
     LEAST_ROUNDS,
@@ -26,7 +27,6 @@ from lfpipe.bench.results import (
     timing,
     write,
 )
-from lfpipe.bench.subjects import SUBJECTS, Subject
 from lfpipe.errors import UserError
 from lfpipe.files.output import RESULTS, check_output
 from lfpipe.host.machine import versions

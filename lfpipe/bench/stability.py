@@ -16,8 +16,8 @@ from lfpipe.bench.runner import Offer
 from lfpipe.bench.synthesis import view_at
 from lfpipe.config import Render, Track
 from lfpipe.config.quality import METHODS, WARPS
-from lfpipe.render.compositor import Compositor, ViewRenderer
-from lfpipe.render.viewpoint import ViewSolver, pair_clamped
+from lfpipe.render.synthesis.compositor import Compositor, ViewRenderer
+from lfpipe.render.synthesis.viewpoint import ViewSolver, pair_clamped
 from lfpipe.scene.lightfield import UNKNOWN, LightField
 from lfpipe.scene.source import Geometry
 from lfpipe.track.filters import make_filter

@@ -16,16 +16,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lfpipe.bench.benchmarks import TABLE
 from lfpipe.bench.inputs import Progress
 from lfpipe.bench.results import Results, Row, Table, Value
 from lfpipe.bench.runner import Candidate, Prepared, conditions, cpu_ms, run
-from lfpipe.bench.subjects import TABLE
 from lfpipe.bench.synthesis import left_out, subsample, view_at
 from lfpipe.config.quality import METHODS, WARPS
 from lfpipe.errors import UserError
-from lfpipe.render.compositor import ViewRenderer
-from lfpipe.render.scoring import psnr_db
-from lfpipe.render.viewpoint import Position
+from lfpipe.render.synthesis.compositor import ViewRenderer
+from lfpipe.render.synthesis.scoring import psnr_db
+from lfpipe.render.synthesis.viewpoint import Position
 from lfpipe.scene.lightfield import LightField
 
 SIDE = 7  # views per side in the printed protocol

@@ -1,4 +1,4 @@
-"""Subject: what each eye sees, against what it should see, in the world of `lfpipe.bench.world`."""
+"""Subject: what each eye sees, against what it should see, in the world of `lfpipe.bench.simulator`."""
 
 import itertools
 from collections.abc import Iterable, Iterator
@@ -9,22 +9,22 @@ import numpy as np
 from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.results import Column, Figures, Row, Table, Value, mean_of
 from lfpipe.bench.runner import Candidate, Offer, Prepared, cpu_ms
-from lfpipe.bench.world.bounds import judged
-from lfpipe.bench.world.camera import NOISE_PX, Camera
-from lfpipe.bench.world.figures import (
+from lfpipe.bench.simulator.bounds import judged
+from lfpipe.bench.simulator.camera import NOISE_PX, Camera
+from lfpipe.bench.simulator.metrics import (
     Pictures,
     evenness,
     picture_figures,
     samples,
     viewpoint_figures,
 )
-from lfpipe.bench.world.run import Run, Setup, Truth
-from lfpipe.bench.world.scene import SCENES, scene_of
-from lfpipe.bench.world.screen import Screen
-from lfpipe.bench.world.scripts import MOVES_ABOUT, SCRIPTS, Script, recorded
+from lfpipe.bench.simulator.run import Run, Setup, Truth
+from lfpipe.bench.simulator.scene import SCENES, scene_of
+from lfpipe.bench.simulator.screen import Screen
+from lfpipe.bench.simulator.scripts import MOVES_ABOUT, SCRIPTS, Script, recorded
 from lfpipe.config import Track
 from lfpipe.config.quality import METHODS
-from lfpipe.render.compositor import Key
+from lfpipe.render.synthesis.compositor import Key
 
 PICTURES = (2, 24)  # compared of each script, quick and full
 TURN_PICTURES = 8

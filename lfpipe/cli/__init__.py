@@ -112,7 +112,7 @@ def cli(context: click.Context, verbose: int) -> int | None:
     set_up(verbose)
     if context.invoked_subcommand is not None:
         return None
-    from lfpipe.render.open_display import has_display
+    from lfpipe.render.display.open_display import has_display
 
     if not has_display():
         raise click.exceptions.NoArgsIsHelpError(context)
@@ -164,7 +164,7 @@ def _fail(error: UserError) -> NoReturn:
     text = f"error: {error}"
     say(text)
     if os.environ.get(FROM_MENU):  # there is no terminal
-        from lfpipe.cli.desktop import show_error
+        from lfpipe.extras.exhibition.desktop import show_error
 
         show_error(text)
     sys.exit(2)

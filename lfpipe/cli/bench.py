@@ -5,8 +5,8 @@ from pathlib import Path
 
 import click
 
+from lfpipe.bench.benchmarks import SUBJECTS, TABLE
 from lfpipe.bench.results import Results
-from lfpipe.bench.subjects import SUBJECTS, TABLE
 from lfpipe.cli.options import PATH, with_config
 from lfpipe.cli.terminal import print_result, say
 from lfpipe.config import Config
@@ -95,7 +95,7 @@ def viewer(tracks: tuple[Path, ...], out: Path, quick: bool, check: bool) -> int
     """
     from lfpipe.bench.inputs import Inputs
     from lfpipe.bench.runner import measure
-    from lfpipe.bench.world.bounds import beyond
+    from lfpipe.bench.simulator.bounds import beyond
     from lfpipe.cli.terminal import progress
 
     with progress() as bar:

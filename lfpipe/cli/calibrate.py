@@ -13,9 +13,9 @@ from lfpipe.cli.terminal import print_result
 from lfpipe.config import Config, load, user_file
 from lfpipe.config.user_files import camera_file, write_keys
 from lfpipe.errors import UserError
-from lfpipe.observe.calibrate import by_card, by_eyes
-from lfpipe.observe.loop_calibration import measure_loop
-from lfpipe.render.monitors import loop_conditions
+from lfpipe.extras.latency.calibration import measure_loop
+from lfpipe.monitor.calibrate import by_card, by_eyes
+from lfpipe.render.display.monitors import loop_conditions
 
 BANK_CARD_MM = 85.60  # ISO/IEC 7810 ID-1
 USUAL_DEG = (30, 130)  # fields of view of webcams, narrow to wide

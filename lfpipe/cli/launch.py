@@ -12,7 +12,6 @@ from lfpipe import config as configuration
 from lfpipe.capture.camera_list import NoCamera
 from lfpipe.capture.open_source import camera_name, camera_settings, check_source, clock_of
 from lfpipe.capture.spec import CameraSpec, parse_source, playing_once, source_file
-from lfpipe.cli.kiosk import until_it_ends
 from lfpipe.cli.sessions import load_scene
 from lfpipe.cli.terminal import print_result, progress, say
 from lfpipe.config import Config, SessionOptions
@@ -32,23 +31,24 @@ from lfpipe.config.modes import (
 )
 from lfpipe.config.user_files import has_key, with_measured_focal
 from lfpipe.errors import UserError
+from lfpipe.extras.exhibition.kiosk import until_it_ends
+from lfpipe.extras.share.target import check_targets
 from lfpipe.files.output import check_outputs
 from lfpipe.files.video_writer import require_encoder
 from lfpipe.host.files import exists
 from lfpipe.host.machine import has_gpu
-from lfpipe.observe.monitor import print_state
-from lfpipe.observe.session_reader import snapshot
-from lfpipe.render.compositor import settings_for_scene
-from lfpipe.render.monitors import detect_monitors, loop_doubt
-from lfpipe.render.open_display import check_display, has_display, parse_display
+from lfpipe.monitor.monitor import print_state
+from lfpipe.monitor.session_reader import snapshot
+from lfpipe.render.display.monitors import detect_monitors, loop_doubt
+from lfpipe.render.display.open_display import check_display, has_display, parse_display
 from lfpipe.render.plan import Plan, make_plan
+from lfpipe.render.synthesis.compositor import settings_for_scene
 from lfpipe.scene.cache import cache_dir
 from lfpipe.scene.demo import NAMES, demo_scene
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.open_scene import Opened, Packing, open_scenes
 from lfpipe.scene.pack import summarize
 from lfpipe.scene.recent_scenes import recent_scenes, remember_scene
-from lfpipe.share.target import check_targets
 from lfpipe.supervisor import rundir
 from lfpipe.supervisor.live_session import Outcome
 from lfpipe.supervisor.supervisor import run_session

@@ -17,7 +17,7 @@ from lfpipe.config import Config, load, user_file
 from lfpipe.config.user_files import commented
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import write_file
-from lfpipe.observe.doctor import checks, write_report
+from lfpipe.monitor.doctor import checks, write_report
 from lfpipe.scene.cache import cache_dir
 from lfpipe.track.models import SHA256, fetch_models, find_model, install_models, missing_models
 

@@ -16,19 +16,19 @@ from lfpipe.cli.terminal import filled, print_result, progress
 from lfpipe.config import Config
 from lfpipe.config.quality import METHODS, WARPS
 from lfpipe.errors import UserError
-from lfpipe.export import pictures
-from lfpipe.export.page import PageExport, check_page
+from lfpipe.extras.export import pictures
+from lfpipe.extras.export.page import PageExport, check_page
+from lfpipe.extras.phone.slide import Slide
 from lfpipe.files.output import check_output, marked_picture, write_output
 from lfpipe.host.files import is_dir
 from lfpipe.log import set_up
-from lfpipe.render.compositor import ViewRenderer
 from lfpipe.render.plan import make_plan
+from lfpipe.render.synthesis.compositor import ViewRenderer
 from lfpipe.scene.cache import cache_dir, packed, packs, remove, sweep
 from lfpipe.scene.contact_sheet import contact_sheet
 from lfpipe.scene.info import expected_field, facts, lines
 from lfpipe.scene.lightfield import LightField, Manifest
 from lfpipe.scene.open_scene import ask_packer, open_scene
-from lfpipe.scene.slide import Slide
 
 Command = Callable[..., Any]
 PICTURES = (".png", ".jpg", ".jpeg")

@@ -12,10 +12,10 @@ from lfpipe import config as configuration
 from lfpipe.cli.options import PATH, SESSION, complete_settings
 from lfpipe.cli.terminal import print_result
 from lfpipe.config import converter, parse_set
-from lfpipe.observe.monitor import print_state, run
-from lfpipe.observe.session_reader import ask
-from lfpipe.observe.timeline import begin_trace, convert, finish_trace
-from lfpipe.supervisor.figures import SessionFigures
+from lfpipe.monitor.monitor import print_state, run
+from lfpipe.monitor.session_reader import ask
+from lfpipe.monitor.timeline import begin_trace, convert, finish_trace
+from lfpipe.supervisor.metrics import SessionFigures
 from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S, Message
 
 LOAD_S = 900.0  # packing a large scene takes minutes
@@ -48,7 +48,7 @@ def monitor(session_name: str, once: bool, as_json: bool, web: str | None) -> No
         return
     if once or as_json:
         raise click.UsageError(f"--web excludes {'--once' if once else '--json'}")
-    from lfpipe.observe.web import serve  # Tornado is not needed for anything else
+    from lfpipe.extras.web.server import serve  # Tornado is not needed for anything else
 
     serve(session_name, web or ":8765", print_result)
 

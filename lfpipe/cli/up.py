@@ -65,8 +65,8 @@ def up(**options: Any) -> int:
     In the window, h shows the keys. While a window is open, `lfpipe up SCENE` shows SCENE there;
     --session NAME opens another one.
     """
-    from lfpipe.cli.kiosk import kiosk_code
     from lfpipe.cli.launch import UpArguments, launch
+    from lfpipe.extras.exhibition.kiosk import kiosk_code
 
     is_kiosk = options.pop("kiosk")
     code_file = options.pop("code_file")

@@ -107,7 +107,7 @@ class SessionOptions:
     # names of rings that exist only on demand
     pictures: str = ""
     packets: str = ""
-    # where eyes are sent to, as `lfpipe.share.target` writes it
+    # where eyes are sent to, as `lfpipe.extras.share.target` writes it
     share: tuple[str, ...] = ()
     # the scenes to step through, and the index of the one on show
     playlist: tuple[str, ...] = ()

@@ -16,9 +16,9 @@ from typing import NamedTuple
 import attrs
 
 from lfpipe.eyes import EyesRecord
-from lfpipe.render.compositor import Key
-from lfpipe.render.mouse_look import MouseLook
-from lfpipe.render.viewer import VIDEO_LEAD, Viewer, Viewpoints
+from lfpipe.render.synthesis.compositor import Key
+from lfpipe.render.viewer.mouse_look import MouseLook
+from lfpipe.render.viewer.viewer import VIDEO_LEAD, Viewer, Viewpoints
 from lfpipe.transport.clock import MS_NS
 from lfpipe.transport.ring import Stamp
 

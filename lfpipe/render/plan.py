@@ -12,8 +12,13 @@ import attrs
 from lfpipe.config import Config, Render
 from lfpipe.config.camera_pose import CameraPose
 from lfpipe.config.quality import WARPS
-from lfpipe.render.compositor import method_for, planes_of_eyes, settings_for_scene, stored_channels
-from lfpipe.render.geometry import alpha_is_automatic
+from lfpipe.render.synthesis.compositor import (
+    method_for,
+    planes_of_eyes,
+    settings_for_scene,
+    stored_channels,
+)
+from lfpipe.render.viewer.geometry import alpha_is_automatic
 from lfpipe.scene.lightfield import LightField
 
 

@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.render.choice import EyesSource, Moment, choose
-from lfpipe.render.compositor import Key
-from lfpipe.render.display import Display
-from lfpipe.render.glasses import glasses_test
-from lfpipe.render.mouse_look import MouseLook
-from lfpipe.render.pair_layout import Pair
-from lfpipe.render.refresh import COST_SHARE, Refresh, ScreenRefresh
-from lfpipe.render.showing import ANSWER_NS, HANDOVER, Listener, Showing, take_known
-from lfpipe.render.viewer import Viewer
+from lfpipe.render.display.display import Display
+from lfpipe.render.display.refresh import COST_SHARE, Refresh, ScreenRefresh
+from lfpipe.render.presentation import ANSWER_NS, HANDOVER, Listener, Showing, take_known
+from lfpipe.render.synthesis.compositor import Key
+from lfpipe.render.synthesis.pair_layout import Pair
+from lfpipe.render.ui.glasses import glasses_test
+from lfpipe.render.viewer.mouse_look import MouseLook
+from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.transport.clock import now_ns, sleep_until
 
 

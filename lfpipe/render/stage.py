@@ -34,9 +34,10 @@ from lfpipe.errors import UserError
 from lfpipe.eyes import EYES, EyesRecord
 from lfpipe.host.processes import run_on
 from lfpipe.render.choice import EyesSource, Moment
-from lfpipe.render.display import Display
-from lfpipe.render.file_display import save
-from lfpipe.render.key_bindings import KeyBindings
+from lfpipe.render.display.display import Display
+from lfpipe.render.display.file_display import save
+from lfpipe.render.display.open_display import open_display
+from lfpipe.render.display.refresh import Refresh, ScreenRefresh
 from lfpipe.render.listeners.motion_latency import MotionLatencyRow
 from lfpipe.render.listeners.picture_ring import PictureRing
 from lfpipe.render.listeners.replay_writer import ReplayWriter
@@ -44,14 +45,13 @@ from lfpipe.render.listeners.share_stamps import ShareStamps
 from lfpipe.render.listeners.status_row import StatusRow
 from lfpipe.render.listeners.tap_messages import TapMessages
 from lfpipe.render.listeners.trace import Trace
-from lfpipe.render.mouse_look import MouseLook
-from lfpipe.render.open_display import open_display
-from lfpipe.render.presence import ViewerState
+from lfpipe.render.presentation import Listener
 from lfpipe.render.presenter import Presenter
-from lfpipe.render.refresh import Refresh, ScreenRefresh
-from lfpipe.render.showing import Listener
-from lfpipe.render.viewer import Viewer
-from lfpipe.scene.half_turn import remember, shown_as
+from lfpipe.render.ui.key_bindings import KeyBindings
+from lfpipe.render.viewer.mouse_look import MouseLook
+from lfpipe.render.viewer.presence import ViewerState
+from lfpipe.render.viewer.viewer import Viewer
+from lfpipe.scene.inverted_depth import remember, shown_as
 from lfpipe.scene.pack import open_pack
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.context import Context

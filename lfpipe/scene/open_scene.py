@@ -61,7 +61,7 @@ class Packing(Worker):
         self.step = ""
         self.share = 0.0
         self.progress = progress
-        super().__init__("lfpipe.render.packer", attrs.asdict(request), request.scenes[0], SILENT_S)
+        super().__init__("lfpipe.scene.packer", attrs.asdict(request), request.scenes[0], SILENT_S)
 
     def on_step(self, step: dict[str, Any]) -> None:
         """Notes a step of the packer."""

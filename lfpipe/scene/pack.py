@@ -30,7 +30,7 @@ from lfpipe.files.safe_files import check_regular, open_regular, read_bytes, rea
 from lfpipe.files.untrusted import json_fields
 from lfpipe.host.file_lock import lock_open
 from lfpipe.host.files import reserve
-from lfpipe.scene.half_turn import shown_as
+from lfpipe.scene.inverted_depth import shown_as
 from lfpipe.scene.lightfield import VERSION, LightField, Manifest
 
 VIEWS, DISPARITY, MANIFEST = "views.npy", "disparity.npy", "manifest.json"

@@ -20,7 +20,7 @@ from lfpipe.host import processes, signals
 from lfpipe.host.terminal import protect_output
 from lfpipe.supervisor import rundir
 from lfpipe.transport.context import Context
-from lfpipe.transport.ring_ends import StageSpec
+from lfpipe.transport.ring_io import StageSpec
 from lfpipe.transport.status import State
 
 logger = logging.getLogger(__name__)

@@ -90,7 +90,7 @@ def check(request: Message, _report: Report) -> Message:
 
         check_out(Path(asked.path))
         return {}
-    from lfpipe.share.target import check_targets
+    from lfpipe.extras.share.target import check_targets
 
     return {"targets": list(check_targets(asked.targets, asked.running))}
 

@@ -24,9 +24,9 @@ from lfpipe.host.worker import Worker
 from lfpipe.scene.open_scene import Packing
 from lfpipe.supervisor import child, process_table
 from lfpipe.supervisor.control_sockets import ControlSockets, Request
-from lfpipe.supervisor.figures import SessionFigures, session_figures
 from lfpipe.supervisor.file_checks import FileChecks
 from lfpipe.supervisor.governor import QualityControl, Step
+from lfpipe.supervisor.metrics import SessionFigures, session_figures
 from lfpipe.supervisor.pending_answers import PendingAnswers
 from lfpipe.supervisor.process_table import NAMES, SHOWN_BY, SOURCE, STAGES, TRACKED_BY, Stage
 from lfpipe.supervisor.requests import Reply, on_complete, on_load, respond, respond_checked
@@ -42,7 +42,7 @@ from lfpipe.supervisor.stage_process import (
 from lfpipe.transport.clock import MS_NS, SECOND_NS, now_ns
 from lfpipe.transport.control import EXECUTED, BadMessage, Message
 from lfpipe.transport.notices import faults
-from lfpipe.transport.ring_ends import StageSpec
+from lfpipe.transport.ring_io import StageSpec
 from lfpipe.transport.session import Session, SessionManifest
 
 PENDING_MS = 4  # the loop's period while answers wait for the stages

@@ -72,7 +72,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="share",
-        module="lfpipe.share.stage",
+        module="lfpipe.extras.share.stage",
         needed=lambda options: bool(options.share),
         reads=("eyes", "shown"),
         optional=True,

@@ -16,8 +16,8 @@ from lfpipe import config as config_module
 from lfpipe.config import SceneSummary, converter
 from lfpipe.config.modes import MouseViewer
 from lfpipe.errors import UserError, quoted
+from lfpipe.extras.share.target import FORMS, MAX_TARGETS
 from lfpipe.scene.open_scene import PackerRequest
-from lfpipe.share.target import FORMS, MAX_TARGETS
 from lfpipe.supervisor.file_checks import FileCheck
 from lfpipe.supervisor.process_table import SHOWN_BY, STAGES, TRACKED_BY
 from lfpipe.supervisor.session_state import SessionState

@@ -143,7 +143,7 @@ class _PreviewReader(Worker):
         self.settings = settings
         self._send = send
         request = PackerRequest(do="previews", scenes=scenes, settings=settings)
-        super().__init__("lfpipe.render.packer", attrs.asdict(request), scenes[0], SILENT_S)
+        super().__init__("lfpipe.scene.packer", attrs.asdict(request), scenes[0], SILENT_S)
 
     def on_step(self, step: dict[str, Any]) -> None:
         """Passes on a preview; the packer also tells what it decided."""

@@ -22,7 +22,7 @@ from lfpipe.host.processes import activity
 from lfpipe.supervisor import child
 from lfpipe.supervisor.process_table import SOURCE, STAGES, Stage
 from lfpipe.transport.clock import SECOND_NS, now_ns
-from lfpipe.transport.ring_ends import StageSpec
+from lfpipe.transport.ring_io import StageSpec
 from lfpipe.transport.session import Session
 from lfpipe.transport.status import ENDED, State, Table, busy_words, clear
 

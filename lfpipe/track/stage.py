@@ -21,7 +21,7 @@ from lfpipe.track.eye_tracker import EyeTracker
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.ring import Stamp
-from lfpipe.transport.ring_ends import RingOutput
+from lfpipe.transport.ring_io import RingOutput
 
 log = logging.getLogger(__name__)
 

@@ -15,7 +15,7 @@ from lfpipe.host.processes import usable_cores
 from lfpipe.host.wake import Wake, readable
 from lfpipe.transport import control, status
 from lfpipe.transport.clock import MS_NS, now_ns
-from lfpipe.transport.ring_ends import RingInput, RingOutput, StageSpec
+from lfpipe.transport.ring_io import RingInput, RingOutput, StageSpec
 from lfpipe.transport.status import State
 
 logger = logging.getLogger(__name__)

@@ -78,7 +78,7 @@ NEVER = """
 import os
 import sys
 
-from lfpipe.render.overlay import Pointer
+from lfpipe.render.ui.overlay import Pointer
 
 class Engine:
     name, model, rotated_deg = "never", "none", 0

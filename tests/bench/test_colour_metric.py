@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lfpipe.bench.glasses import BARE, GLASS, GREEN_MAGENTA, RED_CYAN, lightness, seen_xyz
-from lfpipe.render.anaglyph import LEAKS, encode, recipe
+from lfpipe.render.synthesis.anaglyph import LEAKS, encode, recipe
 from profiling.anaglyph import Encoder, fused_error, ghost, lab, rivalry
 
 

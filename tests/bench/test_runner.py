@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from lfpipe.bench import runner
+from lfpipe.bench.benchmarks import SUBJECTS, Choice, Subject
 from lfpipe.bench.page import chart, verdict, write_report
 from lfpipe.bench.results import (
     Column,
@@ -24,7 +25,6 @@ from lfpipe.bench.results import (
     write,
 )
 from lfpipe.bench.runner import Candidate, Offer, Prepared, run
-from lfpipe.bench.subjects import SUBJECTS, Choice, Subject
 from lfpipe.errors import UserError
 from tests.bench.inputs import inputs, wall
 

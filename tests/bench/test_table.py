@@ -17,7 +17,7 @@ from lfpipe.bench import table as metrics
 from lfpipe.bench.results import Results
 from lfpipe.bench.table import Protocol, kept_views, measure_scenes
 from lfpipe.errors import UserError
-from lfpipe.render.scoring import psnr_db
+from lfpipe.render.synthesis.scoring import psnr_db
 from lfpipe.scene.lightfield import LightField, Manifest
 from tests.bench.inputs import wall
 from tests.support.world import World, write_scene

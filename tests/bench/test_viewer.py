@@ -5,13 +5,13 @@ from collections.abc import Iterator
 import pytest
 
 from lfpipe.bench.results import Results, Table
+from lfpipe.bench.simulator.bounds import BOUNDS, beyond
+from lfpipe.bench.simulator.scripts import SCRIPTS, Script
 from lfpipe.bench.viewer import other_tables, script_tables
-from lfpipe.bench.world.bounds import BOUNDS, beyond
-from lfpipe.bench.world.scripts import SCRIPTS, Script
 
 
 def check(tables: Iterator[Table]) -> None:
-    """What `--check` prints; `tests/faults_noticed.py` reads it."""
+    """What `--check` prints; `tests/mutation_check.py` reads it."""
     lines = beyond(Results("viewer", list(tables)))
     assert not lines, "\n".join(lines)
 

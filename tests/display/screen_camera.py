@@ -171,7 +171,7 @@ def note_blanks(window_class: Any) -> None:
 
 if __name__ == "__main__":
     from lfpipe.cli import run
-    from lfpipe.render.window import ScreenWindow
+    from lfpipe.render.display.window import ScreenWindow
     from tests.display import screen_camera
 
     driver.open_camera = screen_camera.open_screen

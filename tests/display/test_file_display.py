@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from lfpipe.files.video_writer import VideoWriter
-from lfpipe.render.display import DisplayNotice
-from lfpipe.render.file_display import CHECK_FRAMES, FileDisplay
+from lfpipe.render.display.display import DisplayNotice
+from lfpipe.render.display.file_display import CHECK_FRAMES, FileDisplay
 
 
 def read_back(path: Path) -> list[np.ndarray]:

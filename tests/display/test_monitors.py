@@ -20,7 +20,7 @@ from lfpipe import config
 from lfpipe.cli.launch import loop_lines
 from lfpipe.config.modes import CameraViewer, Nothing, Window
 from lfpipe.errors import UserError
-from lfpipe.render.monitors import (
+from lfpipe.render.display.monitors import (
     Monitor,
     find_monitor,
     loop_conditions,
@@ -28,7 +28,7 @@ from lfpipe.render.monitors import (
     monitors,
     pixel_mm,
 )
-from lfpipe.render.window import USUAL_MM, ScreenWindow
+from lfpipe.render.display.window import USUAL_MM, ScreenWindow
 from tests.support.sway_screen import sway
 from tests.support.xvfb_screen import look_at, outline, x_server
 

@@ -10,9 +10,9 @@ import pytest
 
 from lfpipe.config import Config
 from lfpipe.eyes import EYES, EyesRecord
-from lfpipe.render.mouse_look import MouseLook
-from lfpipe.render.overlay import Pointer
-from lfpipe.render.viewer import Viewer
+from lfpipe.render.ui.overlay import Pointer
+from lfpipe.render.viewer.mouse_look import MouseLook
+from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.sequence.folder import open_sequence
 from lfpipe.transport.ring import Stamp
 from tests.render.rendered import field

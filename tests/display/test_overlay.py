@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lfpipe.config import choices
-from lfpipe.render.display import Display
-from lfpipe.render.glasses import KINDS, glasses_menu
-from lfpipe.render.overlay import DEPTH, EVENTS, HELP, KEYS, Item, Menu, Overlay, bar_items
-from lfpipe.render.overlay_view import BAR_SHARE, OverlayView, Panel, bar_panel
-from lfpipe.render.window import TEXT_PX
+from lfpipe.render.display.display import Display
+from lfpipe.render.display.window import TEXT_PX
+from lfpipe.render.ui.glasses import KINDS, glasses_menu
+from lfpipe.render.ui.overlay import DEPTH, EVENTS, HELP, KEYS, Item, Menu, Overlay, bar_items
+from lfpipe.render.ui.overlay_view import BAR_SHARE, OverlayView, Panel, bar_panel
 from tests.display.test_window import GREY, becomes, pressed, window  # noqa: F401  (fixture)
 from tests.support.xvfb_screen import Screen
 

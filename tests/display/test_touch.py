@@ -5,11 +5,11 @@ another entry of the bar; a recording is shown as long as it runs.
 import tomllib
 
 from lfpipe.config import Render
-from lfpipe.render.glasses import glasses_menu, instructions
-from lfpipe.render.overlay import CLOSE, HELP, Overlay
-from lfpipe.render.overlay_view import Panel, menu_panel, text_panel
-from lfpipe.render.window import TEXT_PX
-from lfpipe.render.window_system import pygame
+from lfpipe.render.display.window import TEXT_PX
+from lfpipe.render.display.window_system import pygame
+from lfpipe.render.ui.glasses import glasses_menu, instructions
+from lfpipe.render.ui.overlay import CLOSE, HELP, Overlay
+from lfpipe.render.ui.overlay_view import Panel, menu_panel, text_panel
 from tests.support.finger import Finger
 from tests.support.world import World, write_scene
 from tests.support.xvfb_screen import Screen, needs_xdotool, outline

@@ -13,10 +13,10 @@ import numpy as np
 import pygame
 import pytest
 
-from lfpipe.render.display import Display
-from lfpipe.render.open_display import HINT, open_display, parse_display
-from lfpipe.render.overlay import EVENTS, HELP, KEYS, Item, Menu, Overlay
-from lfpipe.render.window import ScreenWindow
+from lfpipe.render.display.display import Display
+from lfpipe.render.display.open_display import HINT, open_display, parse_display
+from lfpipe.render.display.window import ScreenWindow
+from lfpipe.render.ui.overlay import EVENTS, HELP, KEYS, Item, Menu, Overlay
 from tests.support.processes import end
 from tests.support.world import until
 from tests.support.xdnd import drop

@@ -23,13 +23,13 @@ import numpy as np
 import pytest
 
 from lfpipe import config
+from lfpipe.extras.share.output import LslOutput, Sample, osc_datagram
+from lfpipe.extras.share.target import Target
 from lfpipe.scene import layouts
-from lfpipe.share.output import LslOutput, Sample, osc_datagram
-from lfpipe.share.target import Target
 from lfpipe.transport.clock import now_ns
 from tests.docs.conftest import PAGES, ROOT, blocks
-from tests.share.receivers import free_port, lsl_environment
-from tests.share.test_outputs import HEAD
+from tests.extras.share.receivers import free_port, lsl_environment
+from tests.extras.share.test_outputs import HEAD
 from tests.support.world import World, until
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.extras.web.browser import Browser, missing
 from tests.support.processes import printed
-from tests.web.browser import Browser, missing
 
 ROOT = Path(__file__).parents[2]
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")

@@ -13,11 +13,11 @@ import psutil
 import pytest
 
 from lfpipe import config
-from lfpipe.render.packer import playlist
+from lfpipe.scene.packer import playlist
 from lfpipe.transport import control
+from tests.extras.web.server import served
 from tests.scene import made
 from tests.support.world import World, connected, write_scene
-from tests.web.server import served
 
 
 def running(root: Path, name: str, write: Callable[[Path], Path]) -> Iterator[World]:
@@ -40,7 +40,7 @@ def packing(world: World) -> bool:
     """Whether a packer of this world runs."""
     for process in psutil.process_iter(["cmdline", "environ"]):
         with contextlib.suppress(psutil.Error, KeyError, TypeError):
-            if "lfpipe.render.packer" in process.info["cmdline"] and str(world.root) in str(
+            if "lfpipe.scene.packer" in process.info["cmdline"] and str(world.root) in str(
                 process.info["environ"]
             ):
                 return True

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lfpipe.observe.session_reader import Watch
+from lfpipe.monitor.session_reader import Watch
 from lfpipe.supervisor.rundir import find
 from tests.support.world import World, stays, write_scene
 

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from lfpipe.config import Config, Render
 from lfpipe.config.tree import Method
 from lfpipe.eyes import EYES, EyesRecord
-from lfpipe.render.anaglyph import MATRICES
 from lfpipe.render.choice import Moment, TrackedEyes
-from lfpipe.render.showing import Showing
-from lfpipe.render.viewer import Viewer, Viewpoints
+from lfpipe.render.presentation import Showing
+from lfpipe.render.synthesis.anaglyph import MATRICES
+from lfpipe.render.viewer.viewer import Viewer, Viewpoints
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.source import Geometry
 from lfpipe.transport.ring import Stamp

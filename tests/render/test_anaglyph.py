@@ -5,8 +5,8 @@ import pytest
 from numpy.typing import NDArray
 
 from lfpipe.config import choices
-from lfpipe.render import notices
-from lfpipe.render.anaglyph import (
+from lfpipe.render.ui import notices
+from lfpipe.render.synthesis.anaglyph import (
     LEAKS,
     MATRICES,
     SHARED_TOLERANCE,
@@ -15,7 +15,7 @@ from lfpipe.render.anaglyph import (
     encoded,
     recipe,
 )
-from lfpipe.render.glasses import KINDS
+from lfpipe.render.ui.glasses import KINDS
 
 GLASSES = sorted(MATRICES)
 CROSSED = [name for name in GLASSES if name.startswith("dubois")]
@@ -121,7 +121,7 @@ def test_every_anaglyph_can_be_chosen_and_has_words_glasses_and_leaks() -> None:
 
 
 def test_wide_lookup_reads_alike_with_any_opencv(monkeypatch: pytest.MonkeyPatch) -> None:
-    from lfpipe.render import anaglyph
+    from lfpipe.render.synthesis import anaglyph
 
     rng = np.random.default_rng(5)
     index = rng.integers(0, 65536, (37, 41), np.uint16)

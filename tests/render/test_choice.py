@@ -4,8 +4,8 @@ import pytest
 
 from lfpipe.config import Config
 from lfpipe.render.choice import EyesSource, Moment, choose
-from lfpipe.render.mouse_look import MouseLook
-from lfpipe.render.overlay import Pointer
+from lfpipe.render.ui.overlay import Pointer
+from lfpipe.render.viewer.mouse_look import MouseLook
 from lfpipe.transport.ring import Stamp
 from tests.render.rendered import S, record, viewer
 

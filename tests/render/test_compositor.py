@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from lfpipe.config import Config, Render
 from lfpipe.config.tree import Anaglyph, Method
 from lfpipe.files.decoding import fit_area
-from lfpipe.render.anaglyph import MATRICES, encode, recipe
-from lfpipe.render.compositor import Compositor, PlaneStore
-from lfpipe.render.pair_layout import laid_out, scale_into
-from lfpipe.render.viewer import Viewer
+from lfpipe.render.synthesis.anaglyph import MATRICES, encode, recipe
+from lfpipe.render.synthesis.compositor import Compositor, PlaneStore
+from lfpipe.render.synthesis.pair_layout import laid_out, scale_into
+from lfpipe.render.viewer.viewer import Viewer
 from tests.render import rendered
 from tests.render.rendered import METHODS, OUTPUTS
 

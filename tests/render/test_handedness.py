@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from lfpipe.config import Render, Scene
 from lfpipe.config.tree import Method
-from lfpipe.render.compositor import Compositor
-from lfpipe.render.viewpoint import ViewSolver
+from lfpipe.render.synthesis.compositor import Compositor
+from lfpipe.render.synthesis.viewpoint import ViewSolver
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.packing import pack_scene
 from tests.scene import made

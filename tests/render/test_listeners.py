@@ -16,15 +16,15 @@ from lfpipe.config.modes import Lossless, ReplayOutput
 from lfpipe.errors import UserError
 from lfpipe.eyes import SHOWN
 from lfpipe.render.choice import Moment
-from lfpipe.render.display import Display
+from lfpipe.render.display.display import Display
 from lfpipe.render.listeners.picture_ring import PictureRing
 from lfpipe.render.listeners.share_stamps import ShareStamps
 from lfpipe.render.listeners.status_row import StatusRow
 from lfpipe.render.listeners.tap_messages import TapMessages
 from lfpipe.render.listeners.trace import Trace, trace_line
-from lfpipe.render.presence import ViewerState
-from lfpipe.render.showing import REPLACED, Showing
+from lfpipe.render.presentation import REPLACED, Showing
 from lfpipe.render.stage import RenderStage
+from lfpipe.render.viewer.presence import ViewerState
 from lfpipe.transport import ring
 from lfpipe.transport.ring import RingSpec
 from lfpipe.transport.status import ROW, Row

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from lfpipe import config
-from lfpipe.render.compositor import ViewRenderer
-from lfpipe.render.scoring import left_out, psnr_db, scores, thinned
+from lfpipe.render.synthesis.compositor import ViewRenderer
+from lfpipe.render.synthesis.scoring import left_out, psnr_db, scores, thinned
 from lfpipe.scene.disparity import quantised
 from lfpipe.scene.lightfield import UNKNOWN, LightField
 from lfpipe.scene.packing import pack_scene

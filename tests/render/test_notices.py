@@ -8,11 +8,11 @@ import pytest
 
 from lfpipe.config import Render, choices
 from lfpipe.config.tree import Anaglyph
-from lfpipe.render.anaglyph import MATRICES
-from lfpipe.render.glasses import glasses_test
-from lfpipe.render.notices import SHOWN_NS, Notices
-from lfpipe.render.recording import RecordingIndicator
-from lfpipe.render.scenes import SceneLoader
+from lfpipe.render.synthesis.anaglyph import MATRICES
+from lfpipe.render.ui.glasses import glasses_test
+from lfpipe.render.ui.notices import SHOWN_NS, Notices
+from lfpipe.render.ui.recording import RecordingIndicator
+from lfpipe.render.ui.scenes import SceneLoader
 from lfpipe.transport.clock import SECOND_NS, now_ns
 
 

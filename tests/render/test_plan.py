@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from lfpipe.config import Config, SceneSummary, updated
-from lfpipe.render.compositor import Compositor
-from lfpipe.render.geometry import parallax
 from lfpipe.render.plan import Plan, make_plan
-from lfpipe.render.viewer import Viewer
-from lfpipe.render.viewpoint import ViewSolver
+from lfpipe.render.synthesis.compositor import Compositor
+from lfpipe.render.synthesis.viewpoint import ViewSolver
+from lfpipe.render.viewer.geometry import parallax
+from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.scene.lightfield import LightField, Manifest
 from tests.render import rendered
 from tests.render.rendered import METHODS, OUTPUTS, S, record

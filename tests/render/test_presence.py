@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule
 
-from lfpipe.render.presence import (
+from lfpipe.render.synthesis.viewpoint import Place
+from lfpipe.render.viewer.presence import (
     ABSENT_S,
     AWAY_S,
     EASED_VIEWS,
@@ -22,7 +23,6 @@ from lfpipe.render.presence import (
     ViewerState,
     idle_place,
 )
-from lfpipe.render.viewpoint import Place
 
 FRAME_NS = 33_333_333
 HOME = Rest(300.0, 200.0, 60.0)

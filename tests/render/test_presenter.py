@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from lfpipe.config import Config
 from lfpipe.host.presentation import Presented
 from lfpipe.render.choice import EyesSource, Moment
-from lfpipe.render.display import Display
-from lfpipe.render.glasses import glasses_test
-from lfpipe.render.mouse_look import MouseLook
-from lfpipe.render.pair_layout import Pair
+from lfpipe.render.display.display import Display
+from lfpipe.render.display.refresh import Refresh, ScreenRefresh
+from lfpipe.render.presentation import HANDOVER, REPLACED, Showing
 from lfpipe.render.presenter import Presenter, draw_glasses_test
-from lfpipe.render.refresh import Refresh, ScreenRefresh
-from lfpipe.render.showing import HANDOVER, REPLACED, Showing
+from lfpipe.render.synthesis.pair_layout import Pair
+from lfpipe.render.ui.glasses import glasses_test
+from lfpipe.render.viewer.mouse_look import MouseLook
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.ring import Stamp
 from tests.render.rendered import record, viewer

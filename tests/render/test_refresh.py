@@ -10,10 +10,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from lfpipe.bench.world.camera import T0_NS
-from lfpipe.bench.world.screen import PacedScreen, Screen
+from lfpipe.bench.simulator.camera import T0_NS
+from lfpipe.bench.simulator.screen import PacedScreen, Screen
 from lfpipe.host.presentation import Presented
-from lfpipe.render.refresh import (
+from lfpipe.render.display.refresh import (
     GAIN,
     LARGEST_STEP,
     LONGEST_NS,
@@ -21,7 +21,7 @@ from lfpipe.render.refresh import (
     ScreenClock,
     ScreenRefresh,
 )
-from lfpipe.render.showing import ANSWER_NS, HANDOVER, REPLACED, Showing, take_known
+from lfpipe.render.presentation import ANSWER_NS, HANDOVER, REPLACED, Showing, take_known
 from tests.render import rendered
 
 MS = 1_000_000

@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from lfpipe.config.quality import WARPS
-from lfpipe.render import warper
-from lfpipe.render.blocks import Blocks, bands_of, places, shifted, size_of
-from lfpipe.render.scoring import psnr_db
-from lfpipe.render.synthesis import Synthesiser
-from lfpipe.render.viewpoint import Position
+from lfpipe.render.synthesis import warper
+from lfpipe.render.synthesis.blocks import Blocks, bands_of, places, shifted, size_of
+from lfpipe.render.synthesis.engine import Synthesiser
+from lfpipe.render.synthesis.scoring import psnr_db
+from lfpipe.render.synthesis.viewpoint import Position
 from lfpipe.scene.lightfield import LightField
 from tests.render import rendered
 from tests.render.rendered import METHODS

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from lfpipe.config import Camera, Config, Render
 from lfpipe.config.camera_pose import CameraPose, camera_focal_px
 from lfpipe.eyes import EyesRecord
-from lfpipe.render.geometry import parallax
-from lfpipe.render.viewer import VIDEO_LEAD, Viewer, Viewpoints
+from lfpipe.render.viewer.geometry import parallax
+from lfpipe.render.viewer.viewer import VIDEO_LEAD, Viewer, Viewpoints
 from tests.render import rendered
 from tests.render.rendered import S, record, viewer
 

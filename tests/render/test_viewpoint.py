@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lfpipe.config import Render
-from lfpipe.render.viewpoint import ViewSolver, limited, pair_clamped, view_weights
+from lfpipe.render.synthesis.viewpoint import ViewSolver, limited, pair_clamped, view_weights
 
 ANY = st.floats(allow_nan=True, allow_infinity=True)
 COUNTS = st.integers(1, 30)

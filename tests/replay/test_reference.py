@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from lfpipe.replays.report import Line, pair, read_trace
+from lfpipe.replay.report import Line, pair, read_trace
 from tests.support.world import World
 
 ROOT = Path(__file__).parents[2]
@@ -130,7 +130,7 @@ def _changed(root: Path, file: str, before: str, after: str) -> Path:
             "the filter or its constants",
         ),
         (
-            "render/anaglyph.py",
+            "render/synthesis/anaglyph.py",
             "0.4561, 0.500484",
             "0.4571, 0.499484",
             "pictures",

@@ -29,11 +29,11 @@ from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.pictures import read_picture
 from lfpipe.host.limits import MemoryLimit
-from lfpipe.render.packer import MEMORY_BYTES
 from lfpipe.scene import layouts
 from lfpipe.scene.examination import examine_scene
 from lfpipe.scene.files import read_pfm
 from lfpipe.scene.layouts.named import hci_attributes
+from lfpipe.scene.packer import MEMORY_BYTES
 from lfpipe.scene.packing import pack_scene
 from tests.scene import made
 from tests.scene.writers import (

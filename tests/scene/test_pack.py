@@ -18,7 +18,7 @@ import pytest
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.render.scoring import scores
+from lfpipe.render.synthesis.scoring import scores
 from lfpipe.scene import cache
 from lfpipe.scene.lightfield import LightField
 from lfpipe.scene.pack import DamagedPackError, open_pack, read_manifest, write_manifest

@@ -14,7 +14,7 @@ from PIL import Image
 
 from lfpipe import config
 from lfpipe.errors import UserError
-from lfpipe.export.pictures import write_clip
+from lfpipe.extras.export.pictures import write_clip
 from lfpipe.scene import layouts
 from lfpipe.scene.layouts.plenoptic import is_honeycomb
 from lfpipe.scene.missing_views import warped_disparity, warped_view

@@ -25,7 +25,7 @@ from lfpipe.config.modes import (
 )
 from lfpipe.host.worker import Worker
 from lfpipe.scene.open_scene import PackerRequest, Packing
-from lfpipe.supervisor import figures, live_session, scene_loads
+from lfpipe.supervisor import live_session, metrics, scene_loads
 from lfpipe.supervisor.control_sockets import ControlSockets, Request
 from lfpipe.supervisor.file_checks import FileCheck, FileChecks
 from lfpipe.supervisor.process_table import STAGES
@@ -156,11 +156,11 @@ def test_wire_format_of_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     for key, value in {"planned": 400, "juddered": 3, "viewer": 2, "onset_ns": 61_200_000}.items():
         rows["render"][key] = value
     session = np.zeros((), SESSION)
-    made = figures.session_figures("one", rows, session, T_NS - 5 * SECOND_NS)
+    made = metrics.session_figures("one", rows, session, T_NS - 5 * SECOND_NS)
     assert_same("figures", made.to_dict())
     session["level"], session["lowest"], session["words"] = 1, 4, b"nearest views"
     rows["render"]["planned"] = rows["render"]["onset_ns"] = 0
-    made = figures.session_figures("one", rows, session, T_NS - 5 * SECOND_NS)
+    made = metrics.session_figures("one", rows, session, T_NS - 5 * SECOND_NS)
     watched = attrs.evolve(made.stages["track"], cpu_percent=12.5, rss_mb=80.0)
     made = attrs.evolve(made, stages={"track": watched})
     assert_same("figures at a lower level, watched", made.to_dict())

@@ -2,9 +2,9 @@
 
 import attrs
 
-from lfpipe.render.overlay import bar_items
-from lfpipe.render.overlay_view import Panel, bar_panel
-from lfpipe.render.window import TEXT_PX
+from lfpipe.render.display.window import TEXT_PX
+from lfpipe.render.ui.overlay import bar_items
+from lfpipe.render.ui.overlay_view import Panel, bar_panel
 from tests.support.world import World
 from tests.support.xvfb_screen import Screen, outline
 

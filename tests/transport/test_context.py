@@ -15,7 +15,7 @@ from lfpipe.supervisor.session_state import SessionState
 from lfpipe.supervisor.session_store import SessionStore
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.context import Context
-from lfpipe.transport.ring_ends import StageSpec
+from lfpipe.transport.ring_io import StageSpec
 from lfpipe.transport.session import Session
 from lfpipe.transport.status import State
 

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import Track
-from lfpipe.render.display import Display
-from lfpipe.render.pair_layout import Pair
+from lfpipe.render.display.display import Display
+from lfpipe.render.synthesis.pair_layout import Pair
 from lfpipe.track.engine import Face
 from lfpipe.track.smoothing import EyeFilter, Points
 

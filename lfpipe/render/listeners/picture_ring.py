@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import SessionOptions
-from lfpipe.render.showing import Listener, Showing
+from lfpipe.render.presentation import Listener, Showing
 from lfpipe.transport import ring
 from lfpipe.transport.ring import Stamp
 

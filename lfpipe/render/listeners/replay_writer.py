@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lfpipe.files.output import marked_picture
 from lfpipe.files.safe_files import write_file
-from lfpipe.render.showing import Listener, Showing
+from lfpipe.render.presentation import Listener, Showing
 from lfpipe.sequence.eyes import read_truth
 from lfpipe.sequence.packets import PacketWriter, encoded
 from lfpipe.transport.ring import Stamp

@@ -3,8 +3,8 @@
 from collections.abc import Callable
 
 from lfpipe.config import SessionOptions
-from lfpipe.render.showing import REPLACED, Listener, Showing
-from lfpipe.transport.ring_ends import RingOutput
+from lfpipe.render.presentation import REPLACED, Listener, Showing
+from lfpipe.transport.ring_io import RingOutput
 
 
 class ShareStamps(Listener):

@@ -3,9 +3,9 @@
 import time
 
 from lfpipe.eyes import MAX_HORIZON_S
-from lfpipe.render.display import Display
-from lfpipe.render.showing import REPLACED, Listener, Showing
-from lfpipe.render.viewer import Viewer
+from lfpipe.render.display.display import Display
+from lfpipe.render.presentation import REPLACED, Listener, Showing
+from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.transport.status import Row
 
 HORIZON_NS = int(MAX_HORIZON_S * 1e9)

@@ -4,10 +4,10 @@ from collections.abc import Callable
 
 from lfpipe.config import SessionOptions
 from lfpipe.config.modes import Lossless, MouseViewer
-from lfpipe.render.geometry import Parallax
-from lfpipe.render.presence import ViewerState
-from lfpipe.render.showing import Listener, Showing
-from lfpipe.render.viewer import Viewer
+from lfpipe.render.presentation import Listener, Showing
+from lfpipe.render.viewer.geometry import Parallax
+from lfpipe.render.viewer.presence import ViewerState
+from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.transport.clock import MS_NS
 
 LOOK_NS = 100 * MS_NS  # between two messages "look"

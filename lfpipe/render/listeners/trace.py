@@ -7,8 +7,8 @@ from typing import Any
 from lfpipe.config import SessionOptions
 from lfpipe.config.quality import level_number
 from lfpipe.files.trace import TraceFile
-from lfpipe.render.showing import Listener, Showing
-from lfpipe.render.viewer import Viewer
+from lfpipe.render.presentation import Listener, Showing
+from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.transport.ring import StampKind
 
 

@@ -1,0 +1,184 @@
+"""The simulated camera: when it takes frames, how it stamps them, and what landmarks they give."""
+
+import math
+from abc import ABC, abstractmethod
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.bench.simulator.scripts import FRAME_PX, Script
+from lfpipe.track.detector import Box, Detection, overlap
+from lfpipe.track.engine import Face
+from lfpipe.track.litert_engine import LitertEngine
+from lfpipe.track.liveness import Liveness
+from lfpipe.track.network import Roi
+from lfpipe.transport.clock import MS_NS
+
+NOISE_PX = 0.3  # of live faces at 640x480, whose eyes are 60 px apart: 0.22 to 0.34 px measured
+TRACKED_MS = 10.0  # from a frame's stamp to its eyes, with a read and the networks between
+T0_NS = 10**12  # the world's beginning
+# A face at the border of the picture is measured wrongly at first, in distances between the eyes:
+# the detector's region is cut off, that of its landmarks is not.
+CUT_OFF = 0.27
+DOUBT = 26.0  # logits of confidence per share of a face that the picture cuts off
+TURNED = 20.0  # logits by which a region that is turned by quarters is less sure
+IMAGE = np.broadcast_to(np.uint8(0), (FRAME_PX[1], FRAME_PX[0], 3))
+
+
+@attrs.frozen(kw_only=True)
+class Camera:
+    """A camera and what goes wrong with it."""
+
+    rate_hz: float = 30.0
+    jitter_ms: float = 0.0
+    """Standard deviation of the time between exposure and its place on the even grid."""
+    dropped: float = 0.0
+    """Share of frames that are lost."""
+    doubled: float = 0.0
+    """Share of frames that repeat the one before, with a stamp of their own."""
+    stamp_noise_ms: float = 0.0
+    stamp_late_ms: float = 0.0
+    """Lateness of every stamp after the exposure; negative: earlier."""
+    wrong_stamp_ms: float = 0.0
+    """Error of one stamp every 2 s."""
+    noise_px: float = NOISE_PX
+
+    def frames(self, seconds: float) -> list["Frame"]:
+        """The frames of a time, in the order of their arrival."""
+        rng = np.random.default_rng(round(self.rate_hz))
+        frames = []
+        taken_ms = 0.0
+        for k in range(int(seconds * self.rate_hz)):
+            jitter_ms, noise_ms = rng.normal(0.0, 1.0, 2) * (self.jitter_ms, self.stamp_noise_ms)
+            drop, double = rng.random(2) < (self.dropped, self.doubled)
+            here_ms = max(k * 1e3 / self.rate_hz + jitter_ms, 0.0)
+            if not double:
+                taken_ms = here_ms
+            if drop and k:
+                continue
+            late_ms = self.stamp_late_ms + noise_ms
+            if k % round(2 * self.rate_hz) == round(self.rate_hz):
+                late_ms += self.wrong_stamp_ms
+            frames.append(
+                Frame(
+                    seq=k,
+                    ms=taken_ms,
+                    stamp_ns=T0_NS + round((here_ms + late_ms) * MS_NS),
+                    tracked_ns=T0_NS + round((here_ms + TRACKED_MS) * MS_NS),
+                )
+            )
+        return frames
+
+
+@attrs.frozen(kw_only=True)
+class Frame:
+    """A frame: what it shows is of `ms`, and its eyes are known at `tracked_ns`."""
+
+    seq: int
+    ms: float
+    stamp_ns: int
+    tracked_ns: int
+
+
+class WorldEngine(LitertEngine, ABC):
+    """The engine in use in front of a simulated camera."""
+
+    @abstractmethod
+    def picture(self, frame: Frame) -> NDArray[np.uint8]:
+        """What the camera sees: uint8 (480, 640, 3) BGR."""
+
+    def look(self, frame: Frame) -> tuple[Face | None, NDArray[np.uint8]]:
+        """The face that the engine follows in a frame, and the picture."""
+        picture = self.picture(frame)
+        face = self.detect(picture)
+        self.examine(picture)
+        return face, picture
+
+
+class Seen(NamedTuple):
+    """A face in a frame. cut_off: the border of the picture hides a part of it."""
+
+    face: Face
+    cut_off: bool
+
+
+class MadeEngine(WorldEngine):
+    """Made faces in place of its three networks."""
+
+    def __init__(self, script: Script, camera: Camera) -> None:
+        self._script = script
+        frames = int(script.count_ms / 1e3 * camera.rate_hz) + 1
+        size = frames, len(script.people), 2, 2
+        self._noise = np.random.default_rng(30).normal(0.0, camera.noise_px, size)
+        self._seen: list[Seen] = []
+        self._near = self._far = SimpleNamespace(detect=self._found)  # type: ignore[assignment]
+        self._irises = None
+        self._liveness = Liveness()
+        self.rotated_deg = 0
+        self._size = IMAGE.shape[:2]
+        self._own: Roi | None = None  # the region that the last landmarks gave
+        self.reset()
+
+    def picture(self, frame: Frame) -> NDArray[np.uint8]:
+        """An empty picture: its faces replace what the networks would find."""
+        self._seen = self.seen(frame)
+        return IMAGE
+
+    def seen(self, frame: Frame) -> list[Seen]:
+        """All faces of a frame."""
+        ms = round(frame.ms)
+        seen = []
+        for k, person in enumerate(self._script.people):
+            eyes = person.eyes_px(ms)
+            apart = float(eyes[0, 0] - eyes[1, 0])
+            x, y = eyes.mean(axis=0).tolist()
+            box = (x - 1.2 * apart, y - apart, x + 1.2 * apart, y + 1.6 * apart)
+            share = _share_inside(box)
+            logit = float(person.logit[min(ms, len(person.logit) - 1)]) - DOUBT * (1 - share)
+            if logit <= 0 or not 0 <= x < FRAME_PX[0]:
+                continue
+            eyes += self._noise[frame.seq, k] * (0.01 if person.still else 1.0) * apart / 60
+            if k == 0:
+                eyes[:, 0] += apart * self._script.wrong(frame.ms)
+            seen.append(Seen(Face(eyes, 1 / (1 + math.exp(-logit)), box, apart), share < 1))
+        return seen
+
+    def _found(self, image: object, region: Roi | None = None) -> list[Detection]:
+        """See Detector.detect: a whole picture shows every face, a region none."""
+        return [
+            Detection(one.face.box_px, np.concatenate([one.face.eyes_px[::-1]] * 3), 0.9)
+            for one in (self._seen if region is None else ())
+        ]
+
+    def _measure(self, image: object, roi: Roi, least: float) -> tuple[Face, Roi] | None:
+        half = roi.side_px / 2
+        square = (roi.x_px - half, roi.y_px - half, roi.x_px + half, roi.y_px + half)
+        here = [one for one in self._seen if overlap(one.face.box_px, square) > 0.1]
+        if not here or _is_turned(roi):
+            return None
+        face, cut_off = max(here, key=lambda one: overlap(one.face.box_px, square))
+        if face.confidence < least:
+            return None
+        if cut_off and roi is not self._own:
+            wrong = np.array((0.0, CUT_OFF * face.apart_px))
+            face = attrs.evolve(face, eyes_px=face.eyes_px + wrong)
+        x0, y0, x1, y1 = face.box_px
+        self._own = Roi((x0 + x1) / 2, (y0 + y1) / 2, 1.5 * (y1 - y0), 0.0)
+        return face, self._own
+
+    def _run(self, image: object, roi: Roi) -> Any:
+        return None, None, -TURNED if _is_turned(roi) else 0.0
+
+
+def _is_turned(roi: Roi) -> bool:
+    return abs(roi.angle) > math.pi / 4
+
+
+def _share_inside(box: Box) -> float:
+    """The share of a box that lies in the picture."""
+    left, top, right, bottom = np.clip(box, 0, FRAME_PX * 2).tolist()
+    x0, y0, x1, y1 = box
+    return float((right - left) * (bottom - top) / ((x1 - x0) * (y1 - y0)))

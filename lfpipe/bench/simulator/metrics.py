@@ -1,0 +1,205 @@
+"""What a run gave, against the truth."""
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.bench.glasses import GLASS, RED_CYAN, lightness
+from lfpipe.bench.results import Figures, rms
+from lfpipe.bench.simulator.run import Run, Setup, Truth
+from lfpipe.bench.simulator.screen import Screen
+from lfpipe.bench.simulator.scripts import Script
+from lfpipe.config import Render
+from lfpipe.render.synthesis.anaglyph import MATRICES, decoded
+from lfpipe.render.synthesis.compositor import Compositor, Key
+from lfpipe.render.viewer.viewer import VIDEO_LEAD, video_frame
+from lfpipe.scene.demo_drawing import Picture
+from lfpipe.transport.clock import MS_NS
+
+RIGHT_VIEWS = 0.25  # a picture closer than this to the right viewpoint is right
+RIGHT_MS = 200.0  # if it stays so for this time
+NEAR_MS = 100.0  # true motion within this time of a step explains it: a picture may be late
+DEPTH = 0.9  # a smaller share of the right distance between the eyes is not full depth
+EVERY = 2  # of the pixels along both sides that are compared through the glasses
+Float = NDArray[np.float64]
+DECODED = decoded(np.arange(256) / 255.0)  # linear light of code values
+
+
+def viewpoint_figures(run: Run, truth: Truth, script: Script) -> Figures:
+    """error_views (mean over the windows; p95, worst), step_cols and step_rows (largest step that
+    is not in the true motion), right_s (longest time from an event until the picture is right),
+    depth (share of time with full depth), lag_ms.
+    """
+    errors = []
+    depths = []
+    late_s = []
+    power = 0.0
+    behind = 0.0
+    for window in script.windows:
+        inside = window.holds(run.ms)
+        ms = run.ms[inside]
+        right = truth.views(ms, window)
+        shown = run.views[inside]
+        off = np.linalg.norm(shown - right, axis=2).max(axis=1)
+        errors.append(off)
+        depths.append(_apart(shown) >= DEPTH * _apart(right))
+        if window.event:
+            late_s.append(_time_until_right(off, ms, window.from_s * 1e3))
+        velocity = np.gradient(right[..., 1].mean(axis=1), ms)
+        power += float(np.square(velocity).sum())
+        behind += float(((right - shown)[..., 1].mean(axis=1) * velocity).sum())
+    every = np.concatenate(errors)
+    steps = np.abs(np.diff(run.views, axis=0)).max(axis=1)  # (n - 1, 2)
+    # the depth that appears with the first face is a step that everybody wants
+    first = int(((run.ms >= script.steps_from_s * 1e3) & (_apart(run.views) > 0)).argmax())
+    beyond = (steps - _near(truth.motion(run.ms), run.ms))[first:].max(axis=0, initial=0.0)
+    figures = {
+        "error_views": float(every.mean()),
+        "error_p95": float(np.percentile(every, 95)),
+        "error_worst": float(every.max()),
+        "step_cols": float(beyond[1]),
+        "step_rows": float(beyond[0]),
+        "depth": float(np.concatenate(depths).mean()) * 100,
+    }
+    if late_s:
+        figures["right_s"] = max(late_s)
+    if power > 1e-9:
+        figures["lag_ms"] = behind / power
+    return figures
+
+
+def _apart(views: Float) -> Float:
+    """Views between the eyes (n,) of viewpoints (n, 2, 2)."""
+    return np.asarray(views[:, 1, 1] - views[:, 0, 1])
+
+
+def _near(motion: Float, ms: Float) -> Float:
+    """The largest true motion within NEAR_MS of each."""
+    reach = max(round(NEAR_MS / float(np.median(np.diff(ms)))), 1)
+    padded = np.pad(motion, ((reach, reach), (0, 0)), mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1, axis=0)
+    return np.asarray(windows.max(axis=-1), np.float64)
+
+
+def _time_until_right(off: Float, ms: Float, event_ms: float) -> float:
+    """Seconds from the event until errors `off` stay right for RIGHT_MS, or to the end."""
+    count = max(round(RIGHT_MS / float(np.median(np.diff(ms)))), 1)
+    right = np.convolve(off <= RIGHT_VIEWS, np.ones(count), mode="valid") > count - 0.5
+    first = int(right.argmax()) if right.any() else len(ms) - 1
+    return float(ms[first] - event_ms) / 1e3
+
+
+def samples(run: Run, script: Script, count: int) -> list[int]:
+    """Refreshes spread evenly over the windows, whose pictures are compared."""
+    known = np.flatnonzero(np.any([window.holds(run.ms) for window in script.windows], axis=0))
+    places = np.linspace(0, len(known) - 1, min(count, len(known))).round().astype(int)
+    return [int(known[place]) for place in np.unique(places)]
+
+
+@attrs.frozen(eq=False)
+class Errors:
+    """RMS errors (n, 2) of pictures for the left and the right eye: in levels before the anaglyph,
+    and in L* through the glasses. cpu_ms: thread CPU of drawing one, median.
+    """
+
+    levels: Float
+    seen: Float
+    cpu_ms: float
+
+
+class Pictures:
+    """Draws pictures of a scene as the product does, and compares them with the exact ones."""
+
+    def __init__(self, setup: Setup) -> None:
+        self._scene = setup.scene
+        render = setup.config.render
+        self._compositor = Compositor(self._scene.field, render)
+        # a view for each eye, in its own colours
+        whole = attrs.evolve(render, anaglyph="row-interleaved")
+        self._pairs = Compositor(self._scene.field, whole)
+
+    def key(self, views: Float) -> Key:
+        """The key of a picture for viewpoints (2, 2)."""
+        left, right = views.tolist()
+        return self._compositor.key((left[0], left[1]), (right[0], right[1]))
+
+    def draw(self, key: Key) -> Picture:
+        return self._compositor.draw(key)
+
+    def errors(self, keys: Sequence[Key], right: Float) -> Errors:
+        """Errors of the pictures of keys against those for the right viewpoints (n, 2, 2)."""
+        levels = []
+        seen = []
+        spent_ms = []
+        for key, views in zip(keys, right.tolist(), strict=True):
+            exact = [self._scene.picture((row, col)) for row, col in views]
+            self._pairs.draw(key)
+            assert self._pairs.pair is not None
+            levels.append([_rms(a, b) for a, b in zip(self._pairs.pair, exact, strict=True)])
+            started_ns = time.thread_time_ns()
+            drawn = self._compositor.draw(key)
+            spent_ms.append((time.thread_time_ns() - started_ns) / 1e6)
+            ideal = ideal_light([view[::EVERY, ::EVERY] for view in exact])
+            shown = DECODED[drawn[::EVERY, ::EVERY, ::-1]]
+            seen.append(
+                [_rms(_lightness_of(shown, eye), _lightness_of(ideal, eye)) for eye in (0, 1)]
+            )
+        return Errors(np.array(levels), np.array(seen), float(np.median(spent_ms)))
+
+
+def picture_figures(errors: Errors) -> Figures:
+    """Mean, p95 and worst, in levels, L* and dB."""
+    figures: Figures = {}
+    for name, db_name, values, peak in (
+        ("levels", "db", errors.levels, 255.0),
+        ("seen", "seen_db", errors.seen, 100.0),
+    ):
+        db = 20 * np.log10(peak / np.maximum(values, 1e-3))
+        figures |= {
+            name: float(values.mean()),
+            f"{name}_p95": float(np.percentile(values, 95)),
+            f"{name}_worst": float(values.max()),
+            db_name: float(db.mean()),
+            f"{db_name}_p95": float(np.percentile(db, 5)),
+            f"{db_name}_worst": float(db.min()),
+        }
+    return figures
+
+
+def ideal_light(views: Sequence[Picture]) -> Float:
+    """The light, RGB 0 to 1, of the anaglyph of two views, uint8 (h, w, 3) BGR, by the published
+    matrix in linear light.
+    """
+    matrix = np.array(MATRICES[Render().anaglyph])
+    left, right = (DECODED[view[..., ::-1]] @ matrix[:, k].T for k, view in enumerate(views))
+    return np.asarray(np.clip(left + right, 0, 1), np.float64)
+
+
+def _lightness_of(light: Float, eye: int) -> Float:
+    """L*, 0 to 100, of light through an eye's glass, for an eye that is adapted to its white."""
+    row = GLASS[RED_CYAN[eye]][1]
+    return lightness(light @ row, row.sum())
+
+
+def _rms(a: NDArray[Any], b: NDArray[Any]) -> float:
+    return rms(a.astype(np.float32) - b)
+
+
+def evenness(run: Run, screen: Screen, video_hz: float) -> float:
+    """Share of blanks at which a video of this rate shows another frame than planned: at each
+    blank the frame whose time it is.
+    """
+    settled = len(run.ms) // 2
+    targets_ns = run.targets_ns[settled:]
+    blanks_ns = targets_ns[0] + np.rint((run.ms[settled:] - run.ms[settled]) * MS_NS).astype(int)
+    start_ns = targets_ns[0] - round(VIDEO_LEAD * screen.period_ns)
+    pairs = zip(targets_ns, blanks_ns.tolist(), strict=True)
+    off_plan = [
+        video_frame(target_ns, start_ns, video_hz) != video_frame(blank_ns, start_ns, video_hz)
+        for target_ns, blank_ns in pairs
+    ]
+    return float(np.mean(off_plan))

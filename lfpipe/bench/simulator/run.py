@@ -1,0 +1,231 @@
+"""A script through the product, and through what it is compared with."""
+
+import time
+from collections import deque
+from typing import NamedTuple
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.bench.simulator.camera import IMAGE, T0_NS, Camera, MadeEngine, WorldEngine
+from lfpipe.bench.simulator.scene import SCENES, WorldScene, scene_of
+from lfpipe.bench.simulator.screen import PacedScreen, Screen
+from lfpipe.bench.simulator.scripts import Script, Window
+from lfpipe.config import Config, Render, Track
+from lfpipe.eyes import EYES, EyesRecord
+from lfpipe.render.choice import EyesSource, Moment, choose
+from lfpipe.render.synthesis.compositor import Key
+from lfpipe.render.synthesis.viewpoint import limited, pair_clamped
+from lfpipe.render.viewer.geometry import parallax
+from lfpipe.render.viewer.viewer import Viewer
+from lfpipe.track.eye_tracker import EyeTracker
+from lfpipe.transport.clock import MS_NS
+from lfpipe.transport.ring import Stamp
+
+MEAN_OF = 5  # frames, of the plain loop
+APARTS_PX = np.arange(5.0, 301.0)  # distances between the eyes at which the right alpha is tabled
+Float = NDArray[np.float64]
+
+
+@attrs.frozen(kw_only=True)
+class Setup:
+    """What stands before a viewer, and what follows them."""
+
+    scene: WorldScene = attrs.field(factory=lambda: scene_of(SCENES[0]))
+    camera: Camera = attrs.Factory(Camera)
+    screen: Screen = attrs.Factory(Screen)
+    track: Track | None = attrs.Factory(Track)
+    """None: the paper's plain loop."""
+    method: str = "auto"
+
+    @property
+    def config(self) -> Config:
+        """The configuration of a session before this screen."""
+        render = Render(
+            loop_ms=self.screen.loop_ms,
+            method=self.method,  # type: ignore[arg-type]
+            alpha_px=self.scene.alpha_px or "auto",
+        )
+        return Config(track=self.track or Track(), render=render)
+
+    def watch(self, script: Script) -> "Run":
+        """What is on the screen for a script."""
+        if self.track is None:
+            return plain_loop(self, script)
+        return watch(self, MadeEngine(script, self.camera), script.count_ms / 1e3)
+
+
+@attrs.frozen(eq=False, kw_only=True)
+class Run:
+    """What was on the screen: an entry per refresh of the screen, at the middle of its light."""
+
+    ms: Float
+    """(n,) of the light, since the beginning."""
+    views: Float
+    """(n, 2, 2): (row, col) of the left eye and of the right one."""
+    keys: list[Key]
+    targets_ns: list[int]
+    """The blanks that the pictures were made for."""
+    cpu_ms: Float
+    """Thread CPU of each choice of eyes, moment and viewpoint."""
+    late: float = 0.0
+    """Share of pictures that missed their blank."""
+
+    def key_at(self, ms: float) -> Key:
+        """The key of the picture whose light is seen at ms."""
+        return self.keys[max(int(np.searchsorted(self.ms, ms, side="right")) - 1, 0)]
+
+
+class Shown(NamedTuple):
+    """A picture that was handed over for a blank, due at a time."""
+
+    blank: int
+    due_ns: int
+    views: Float
+    key: Key
+
+
+def watch(setup: Setup, engine: WorldEngine, seconds: float) -> Run:
+    """The product's pictures for what an engine sees."""
+    screen = setup.screen
+    config = setup.config
+    loop_ns = round(screen.loop_ms * MS_NS)
+    tracker = EyeTracker(config.track, loop_s=screen.loop_ms / 1e3, engine=engine)
+    viewer = Viewer(setup.scene.field, config)
+    source = EyesSource()
+    clock = PacedScreen(screen)
+    record = np.zeros((), EYES)
+    upcoming = deque(setup.camera.frames(seconds))
+    end_ns = T0_NS + round(seconds * 1e3) * MS_NS - loop_ns
+    shown: list[Shown] = []
+    choices = []
+    while True:
+        begun_ns, due_ns = clock.begin()
+        if due_ns > end_ns:
+            break
+        while upcoming and upcoming[0].tracked_ns <= begun_ns:
+            frame = upcoming.popleft()
+            face, picture = engine.look(frame)
+            tracker.update(face, frame.stamp_ns)
+            tracker.write(record, picture)
+            stamps = frame.stamp_ns, frame.stamp_ns, frame.tracked_ns
+            source.update(EyesRecord.of(record), Stamp(frame.seq, frame.seq, 0, *stamps, 0))
+        started_ns = time.thread_time_ns()
+        moment = Moment.of(due_ns, clock.refresh.period_ns, loop_ns, on_blanks=True)
+        choice = choose(viewer, source.at(begun_ns), moment)
+        choices.append((time.thread_time_ns() - started_ns) / 1e6)
+        composed = not shown or choice.key != shown[-1].key
+        blank = clock.hand(begun_ns, due_ns, composed)
+        views = np.array((choice.viewpoints.left, choice.viewpoints.right))
+        shown.append(Shown(blank, due_ns, views, choice.key))
+    late = (clock.late + clock.missed) / len(shown)
+    return _on_screen(shown, screen, np.array(choices), late)
+
+
+def plain_loop(setup: Setup, script: Script) -> Run:
+    """The paper's loop: the mean of 5 frames, a picture for each frame, the nearest views."""
+    scene = setup.scene
+    screen = setup.screen
+    engine = MadeEngine(script, setup.camera)
+    recent: deque[Float] = deque(maxlen=MEAN_OF)
+    shown: list[Shown] = []
+    grid = scene.rows, scene.cols
+    rest = script.windows[0].rest
+    alpha_px = Truth(setup, script).alpha_px(rest.apart_px)
+    for frame in setup.camera.frames(script.count_ms / 1e3):
+        if faces := [one.face for one in engine.seen(frame)]:
+            recent.append(max(faces, key=lambda face: face.apart_px).eyes_px)
+        if not recent:
+            continue
+        views = viewpoints(np.mean(recent, axis=0), alpha_px, (rest.x_px, rest.y_px), grid)
+        views = np.clip(np.rint(views), 0, np.array(grid) - 1)
+        blank = int((frame.tracked_ns - T0_NS) / screen.period_ns) + 1
+        left, right = views.tolist()
+        key = (0, (left[0], left[1]), (right[0], right[1]))
+        shown.append(Shown(blank, screen.blank_ns(blank), views, key))
+    return _on_screen(shown, screen, np.zeros(1))
+
+
+def _on_screen(shown: list[Shown], screen: Screen, cpu_ms: Float, late: float = 0.0) -> Run:
+    """What stands on the screen at every blank: the newest picture handed over for it or before."""
+    at = np.array([one.blank for one in shown])
+    blanks = np.arange(at[0], at[-1] + 1)
+    newest = np.searchsorted(at, blanks, side="right") - 1
+    return Run(
+        ms=(blanks + 0.5) * screen.period_ns / MS_NS + screen.loop_ms,
+        views=np.array([shown[k].views for k in newest]),
+        keys=[shown[k].key for k in newest],
+        targets_ns=[shown[k].due_ns for k in newest],
+        cpu_ms=cpu_ms,
+        late=late,
+    )
+
+
+def viewpoints(
+    eyes_px: Float, alpha_px: Float | float, centre_px: tuple[float, float], grid: tuple[int, int]
+) -> Float:
+    """The (row, col) that each eye looks from, (..., 2, 2), with one row for both, as if the grid
+    had no edge.
+
+    eyes_px: (..., 2, 2). alpha_px: px of the camera picture per view, (..., 1) or one. centre_px:
+    the eyes that look from the middle of the grid, rows x cols.
+    """
+    middle_y = eyes_px[..., 1].mean(axis=-1, keepdims=True)
+    rows = (grid[0] - 1) / 2 + (middle_y - centre_px[1]) / alpha_px
+    cols = (grid[1] - 1) / 2 + (centre_px[0] - eyes_px[..., 0]) / alpha_px
+    return np.stack([np.broadcast_to(rows, cols.shape), cols], axis=-1)
+
+
+class Truth:
+    """The right viewpoints of a script before a scene: of the true eyes, by the formula of
+    `lfpipe.render.synthesis.viewpoint`, with the alpha for the true distance.
+    """
+
+    def __init__(self, setup: Setup, script: Script) -> None:
+        self._scene = setup.scene
+        self._script = script
+        self._render = setup.config.render
+        self._alphas_px = [
+            parallax(setup.config, self._scene.field, IMAGE.shape[1], apart).alpha_px
+            for apart in APARTS_PX.tolist()
+        ]
+
+    def alpha_px(self, apart_px: Float | float) -> Float:
+        """px of the camera picture per view, for eyes at this distance from each other."""
+        return np.asarray(np.interp(apart_px, APARTS_PX, self._alphas_px))
+
+    def views(self, ms: Float, window: Window) -> Float:
+        """The right viewpoints (n, 2, 2) at these ms of a window."""
+        rows = self._scene.rows
+        cols = self._scene.cols
+        eyes = self._script.people[window.person].eyes_px(np.rint(ms).astype(np.int64))
+        alpha_px = self.alpha_px(eyes[:, 0, 0] - eyes[:, 1, 0])[:, None]
+        centre_px = window.rest.x_px, window.rest.y_px
+        if self._render.alpha_px != "auto":  # the grid is fixed to the camera
+            centre_px = IMAGE.shape[1] / 2, IMAGE.shape[0] / 2
+        views = viewpoints(eyes, alpha_px, centre_px, (rows, cols))
+        reach = self._render.extrapolate_views
+        for left, right in views:
+            left[0] = right[0] = limited(left[0], 0.0, rows - 1.0, reach)
+            left[1], right[1] = pair_clamped(left[1], right[1], cols, reach)
+        return views
+
+    def at(self, ms: Float) -> Float:
+        """The right viewpoints (n, 2, 2) at these ms, each within a window."""
+        windows = self._script.windows
+        starts = [window.from_s * 1e3 for window in windows]
+        of = np.searchsorted(starts, ms, side="right") - 1
+        return np.array([self.views(ms[k : k + 1], windows[of[k]])[0] for k in range(len(ms))])
+
+    def motion(self, ms: Float) -> Float:
+        """Largest true motion of any person from each refresh to the next, (n - 1, 2): rows and
+        cols, in views.
+        """
+        whole = np.rint(ms).astype(np.int64)
+        motions = []
+        for someone in self._script.people:
+            places = someone.path_px[np.minimum(whole, len(someone.path_px) - 1)]
+            steps = np.abs(np.diff(places[:, 1::-1], axis=0))
+            motions.append(steps / self.alpha_px(places[1:, 2])[:, None])
+        return np.asarray(np.max(motions, axis=0))

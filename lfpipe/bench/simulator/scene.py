@@ -1,0 +1,157 @@
+"""Scenes drawn exactly from any viewpoint, as light fields with exact disparity."""
+
+from collections.abc import Sequence
+from functools import cached_property, lru_cache
+
+import attrs
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.render.synthesis.viewpoint import Position
+from lfpipe.scene import demo_textures as textures
+from lfpipe.scene.demo import NAME, SIZE_PX
+from lfpipe.scene.demo_drawing import Ball, Picture, Quad, Solid, draw_view
+from lfpipe.scene.demo_scenes import solids_of
+from lfpipe.scene.demo_textures import TEXELS
+from lfpipe.scene.disparity import halved, quantised, scale_for
+from lfpipe.scene.lightfield import LightField
+from lfpipe.scene.source import Geometry
+
+SIDE_PX = 224  # of a view
+Colour = tuple[int, int, int]
+
+
+@attrs.frozen(eq=False, kw_only=True)
+class WorldScene:
+    """A scene whose picture from any viewpoint is known."""
+
+    name: str
+    solids: tuple[Solid, ...]
+    """Back to front, in px of a view of SIDE_PX."""
+    rows: int
+    cols: int
+    zero_px: float
+    """The disparity in the plane of the screen."""
+    alpha_px: float | None = None
+    """`render.alpha_px`; None for the automatic one."""
+
+    @cached_property
+    def _before_screen(self) -> list[Solid]:
+        return [moved(solid, -self.zero_px) for solid in self.solids]
+
+    def picture(self, position: Position) -> Picture:
+        """The exact picture from (row, col), uint8 (SIDE_PX, SIDE_PX, 3) BGR, with the zero plane
+        in the screen.
+        """
+        u = position[1] - (self.cols - 1) / 2
+        v = position[0] - (self.rows - 1) / 2
+        return np.ascontiguousarray(draw_view(self._before_screen, u, v, SIDE_PX)[0][..., ::-1])
+
+    @cached_property
+    def field(self) -> LightField:
+        """The light field of its views and their exact disparities."""
+        rows = self.rows
+        cols = self.cols
+        views = np.empty((1, rows, cols, 3, SIDE_PX, SIDE_PX), np.uint8)
+        half = SIDE_PX // 2
+        maps = np.empty((1, rows, cols, half, half), np.float32)
+        for row, col in np.ndindex(rows, cols):
+            u = col - (cols - 1) / 2
+            v = row - (rows - 1) / 2
+            colour, disparity = draw_view(list(self.solids), u, v, SIDE_PX)
+            views[0, row, col] = colour.transpose(2, 0, 1)
+            maps[0, row, col] = halved(disparity)
+        low = float(maps.min())
+        high = float(maps.max())
+        scale = scale_for(low, high)
+        return LightField(
+            views=views,
+            disparity=quantised(maps, scale),
+            disparity_scale_px=scale,
+            disparity_min_px=low,
+            disparity_max_px=high,
+            disparity_source="truth",
+            offsets=np.zeros((rows, cols, 2), np.float32),
+            present=np.ones((rows, cols), bool),
+            geometry=Geometry(),
+            frame_rate_hz=0.0,
+            name=self.name,
+            method="warp2",
+            border_px=(low, self.zero_px),
+        )
+
+
+def moved(solid: Solid, d: float) -> Solid:
+    """The solid with disparity d added."""
+    if isinstance(solid, Ball):
+        return attrs.evolve(solid, d=solid.d + d)
+    return attrs.evolve(solid, corners=solid.corners + np.array((0.0, 0.0, d)))
+
+
+def scaled(solid: Solid, share: float) -> Solid:
+    """The solid at another size of the views, with a texture of as many texels to a px."""
+    size = [max(round(length * share), 1) for length in solid.texture.shape[1::-1]]
+    texture = np.asarray(cv2.resize(solid.texture, size, interpolation=cv2.INTER_AREA), np.uint8)
+    if isinstance(solid, Quad):
+        return Quad(texture, solid.corners * share)
+    x, y, d, radius, depth = (
+        share * length for length in (solid.x, solid.y, solid.d, solid.radius, solid.depth)
+    )
+    return Ball(texture=texture, x=x, y=y, d=d, radius=radius, depth=depth, gloss=solid.gloss)
+
+
+def _upright(texture: NDArray[np.generic], box: Sequence[float], d: float) -> Quad:
+    """A picture that faces the viewer. box: left, top, right, bottom."""
+    left, top, right, bottom = box
+    corners = [(left, top, d), (right, top, d), (right, bottom, d), (left, bottom, d)]
+    return Quad(textures.opaque(texture), np.array(corners))
+
+
+def _wall(rng: np.random.Generator, margin: float, d: float, grain: float, contrast: float) -> Quad:
+    """A wall behind everything. grain: px of its largest features."""
+    side = round((SIDE_PX + 2 * margin) * TEXELS)
+    pattern = textures.noise(rng, side, side, (grain * TEXELS, grain * TEXELS))
+    colour = textures.mixed(0.5 + contrast * pattern, (40, 62, 92), (206, 190, 160))
+    return _upright(colour, (-margin, -margin, SIDE_PX + margin, SIDE_PX + margin), d)
+
+
+def _wide() -> tuple[Solid, ...]:
+    """Thin posts and leaves up to 40 px between views before a wall."""
+    rng = np.random.default_rng(4)
+    solids: list[Solid] = [_wall(rng, 40.0, -12.0, 24.0, 0.25)]
+    card = textures.marble(rng, 180, 160)
+    solids.append(_upright(card, (96, 70, 176, 160), 2.0))
+    for k, d in enumerate(np.linspace(4.0, 28.0, 7).tolist()):
+        x = 20.0 + 31.0 * (k * 3 % 7)
+        bands = textures.noise(rng, 400, 10, (9, 40))
+        post = textures.mixed(0.5 + 0.4 * bands, (70 + 20 * k, 40, 30), (230, 200 - 15 * k, 150))
+        solids.append(_upright(post, (x, -40, x + 4.0, SIDE_PX + 40), d))
+    return tuple(solids)
+
+
+def _plain() -> tuple[Solid, ...]:
+    """Smooth surfaces with hardly any texture."""
+    rng = np.random.default_rng(6)
+    solids: list[Solid] = [_wall(rng, 12.0, -1.6, 300.0, 0.12)]
+    for x, y, d, radius, shade in ((70, 90, -0.4, 40.0, 150), (150, 140, 1.1, 34.0, 90)):
+        skin = np.full((64, 128, 3), (shade, 120, 240 - shade), np.uint8)
+        solids.append(
+            Ball(texture=skin, x=x, y=y, d=d, radius=radius, depth=0.0075 * radius, gloss=0.0)
+        )
+    return tuple(solids)
+
+
+@lru_cache(maxsize=3)
+def scene_of(name: str) -> WorldScene:
+    """One of SCENES."""
+    if name == "wide baseline":
+        return WorldScene(name=name, solids=_wide(), rows=3, cols=5, zero_px=6.0, alpha_px=60.0)
+    if name == "little texture":
+        return WorldScene(name=name, solids=_plain(), rows=5, cols=5, zero_px=0.0)
+    share = SIDE_PX / SIZE_PX
+    solids = tuple(scaled(solid, share) for solid in solids_of(NAME))
+    return WorldScene(name=name, solids=solids, rows=9, cols=9, zero_px=0.7)
+
+
+SCENES = ("demo", "wide baseline", "little texture")

@@ -1,0 +1,79 @@
+"""The simulated screen: blanks at an even rate, which the product's own clock finds and meets."""
+
+import math
+
+import attrs
+import numpy as np
+
+from lfpipe.bench.simulator.camera import T0_NS
+from lfpipe.render.display.refresh import ScreenRefresh
+from lfpipe.transport.clock import MS_NS
+
+COST_SPREAD = 0.2  # standard deviation of the logarithm of a picture's cost
+WAKE_MS = 0.1  # lateness of wake-ups on a quiet machine
+SLOW_MS = 5.0  # the same of a late one on a busy machine
+
+
+@attrs.frozen(kw_only=True)
+class Screen:
+    """A screen and its compositor."""
+
+    rate_hz: float = 60.0
+    loop_ms: float = 80.0
+    """Delay of camera and display together."""
+    slow: float = 0.0
+    """Share of late wake-ups."""
+    deadline_ms: float = 3.0
+    """A picture appears at a blank if it is handed over this long before it."""
+    cost_ms: float = 1.5
+    """CPU time of a picture: warp2 at 512x512."""
+
+    @property
+    def period_ns(self) -> float:
+        return 1e9 / self.rate_hz
+
+    def blank_ns(self, blank: int) -> int:
+        """The time of a blank, counted from the beginning."""
+        return round(T0_NS + blank * self.period_ns)
+
+
+class PacedScreen:
+    """Runs `ScreenRefresh` against a screen: `begin` returns when a picture is begun, and `hand`
+    at which blank it appears.
+    """
+
+    def __init__(self, screen: Screen) -> None:
+        self._screen = screen
+        self._random = np.random.default_rng(5)
+        self.refresh = ScreenRefresh(screen.rate_hz, T0_NS)
+        self.refresh.clock.blank(T0_NS)
+        self._now_ns = T0_NS
+        self.late = 0
+        self.missed = 0
+
+    def begin(self) -> tuple[int, int]:
+        """(when the next picture is begun, the blank's time that it is due at), ns."""
+        refresh = self.refresh
+        random = self._random
+        due_ns = refresh.due_ns()
+        begin_ns = max(self._now_ns, due_ns - refresh.lead_ns())
+        late_ms = random.exponential(WAKE_MS)
+        late_ms += (random.random() < self._screen.slow) * random.exponential(SLOW_MS)
+        self._cost_ms = self._screen.cost_ms * random.lognormal(0, COST_SPREAD)
+        return round(begin_ns + late_ms * MS_NS), due_ns
+
+    def hand(self, begun_ns: int, due_ns: int, composed: bool) -> int:
+        """Hands the picture over; returns the blank that shows it, counted from the beginning."""
+        refresh = self.refresh
+        screen = self._screen
+        cost_ns = round(self._cost_ms * MS_NS) * composed
+        handed_ns = max(begun_ns + cost_ns, refresh.earliest_ns(due_ns))
+        blank = math.ceil((handed_ns + screen.deadline_ms * MS_NS - T0_NS) / screen.period_ns)
+        if composed:
+            refresh.add_cost(cost_ns, begun_ns, due_ns)
+            shown_ns = screen.blank_ns(blank) // MS_NS * MS_NS + MS_NS // 2  # reported in whole ms
+            self.late += refresh.judge(due_ns, handed_ns, shown_ns)
+            refresh.clock.blank(shown_ns)
+        self._now_ns = handed_ns
+        self.missed += refresh.advance(handed_ns)
+        return blank

@@ -1,0 +1,323 @@
+"""Scripted viewers: where both eyes of each person are at every millisecond, and what is right.
+
+Lengths are px of a camera picture of 640x480, in which the eyes of somebody at 0.63 m are 60 px
+apart; 950 px/s are then 1 m/s. Moves follow the minimum-jerk profile of human movements (Flash and
+Hogan 1985), unless they are even.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.bench.simulator.tracks import read_track
+from lfpipe.render.viewer.presence import Rest
+
+Float = NDArray[np.float64]
+FRAME_PX = (640, 480)
+SEAT = (320.0, 240.0, 60.0)  # x and y between the eyes, and their distance
+SUREST = 20.0  # logit of the confidence in a face that nothing hides
+Place = tuple[float, float, float]
+
+
+def minimum_jerk(share: Float) -> Float:
+    """Shares of the way at shares of the time, both 0 to 1. The largest slope is 1.875."""
+    return share**3 * (10 + share * (-15 + 6 * share))
+
+
+@attrs.frozen(eq=False, kw_only=True)
+class Person:
+    """path_px: float (n, 3), x and y between the eyes, and their distance, at each ms."""
+
+    path_px: Float
+    logit: Float
+    """(n,) of the confidence of the landmarks; negative: no face can be found."""
+    still: bool = False
+    """A portrait: nothing moves, and there is no sensor noise in its place."""
+
+    def eyes_px(self, ms: NDArray[np.int64] | int) -> Float:
+        """The true eyes (..., 2, 2), left first, at these ms."""
+        place = self.path_px[np.minimum(ms, len(self.path_px) - 1)]
+        half = place[..., 2] / 2
+        x = np.stack([place[..., 0] + half, place[..., 0] - half], axis=-1)
+        return np.stack([x, np.broadcast_to(place[..., 1:2], x.shape)], axis=-1)
+
+
+@attrs.frozen(kw_only=True)
+class Window:
+    """A time in which the right picture is known: the eyes of a person, from this rest."""
+
+    from_s: float
+    to_s: float
+    rest: Rest
+    person: int = 0
+    event: bool = False
+    """It begins with an event, from which the time until the picture is right counts."""
+
+    def holds(self, ms: Float) -> NDArray[np.bool_]:
+        """Which of these moments lie in it."""
+        return np.asarray((ms >= self.from_s * 1e3) & (ms < self.to_s * 1e3))
+
+
+@attrs.frozen(kw_only=True)
+class Glitch:
+    """Landmarks that are wrong in some frames, by shares of the distance between the eyes."""
+
+    at_s: float
+    left: float
+    right: float
+    frames: int = 1
+
+
+@attrs.frozen(eq=False, kw_only=True)
+class Script:
+    """A scene with viewers."""
+
+    name: str
+    people: tuple[Person, ...]
+    windows: tuple[Window, ...]
+    """Rising; errors count in them."""
+    glitches: tuple[Glitch, ...] = ()
+    steps_from_s: float = 1.0
+    """Steps count from here on: by default, after depth has appeared with the first face."""
+
+    @property
+    def count_ms(self) -> int:
+        return len(self.people[0].path_px)
+
+    def wrong(self, ms: float) -> Float:
+        """What glitches add at ms to the x of the first person's left and right eye, in distances
+        between the eyes.
+        """
+        total = np.zeros(2)
+        for one in self.glitches:
+            if 0 <= ms - one.at_s * 1e3 < one.frames * 1e3 / 30:
+                total += one.left, one.right
+        return total
+
+
+@attrs.frozen
+class Move:
+    """A move that ends at a place. even: at constant speed."""
+
+    from_s: float
+    to_s: float
+    place: Place
+    even: bool = False
+
+
+def path(seconds: float, start: Place, *moves: Move) -> Float:
+    """A path of float (n, 3), a place for each ms."""
+    t_s = np.arange(round(seconds * 1000)) / 1000
+    places = np.tile(np.array(start, np.float64), (len(t_s), 1))
+    for move in moves:
+        share = np.clip((t_s - move.from_s) / (move.to_s - move.from_s), 0, 1)[:, None]
+        places += (share if move.even else minimum_jerk(share)) * (move.place - places[-1])
+    return places
+
+
+def swayed(
+    places: Float,
+    reach_px: float,
+    rate_hz: float,
+    up: float = 0.3,
+    from_s: float = 2.0,
+    to_s: float = math.inf,
+) -> Float:
+    """A path with a sway that grows from from_s on and has ended at to_s. up: its height as a share
+    of its width.
+    """
+    t_s = np.arange(len(places)) / 1000
+    since_s = np.maximum(t_s - from_s, 0.0)
+    share = minimum_jerk(np.minimum(since_s, 1.0)) * minimum_jerk(np.clip(to_s - t_s, 0, 1))
+    angle = 2 * math.pi * rate_hz * since_s
+    sway = np.stack([np.sin(angle), up * np.sin(1.7 * angle), 0 * angle], axis=1)
+    return np.asarray(places + reach_px * share[:, None] * sway, np.float64)
+
+
+def person(places: Float, *dips: tuple[float, float, float], still: bool = False) -> Person:
+    """A person on a path. dips: (from_s, to_s, logit) of times of other confidence."""
+    logit = np.full(len(places), SUREST)
+    for from_s, to_s, value in dips:
+        logit[round(from_s * 1000) : round(to_s * 1000)] = value
+    return Person(path_px=places, logit=logit, still=still)
+
+
+def _at(x: float, y: float = 240.0, apart: float = 60.0) -> Place:
+    return x, y, apart
+
+
+SEATED = Rest(*SEAT)
+SETTLED_S = 2.0  # after somebody sat down: the rest is measured, and the neutral position eased
+HIDDEN = -9.0  # logit of a face that cannot be found
+OUT_RIGHT = _at(730.0)
+OUT_LEFT = _at(-90.0)
+
+
+def settled(to_s: float, from_s: float = SETTLED_S, rest: Rest = SEATED) -> Window:
+    """The time in which somebody has settled, by default the viewer at SEAT."""
+    return Window(from_s=from_s, to_s=to_s, rest=rest)
+
+
+def after(event_s: float, to_s: float, rest: Rest = SEATED, person: int = 0) -> Window:
+    """The time after an event."""
+    return Window(from_s=event_s, to_s=to_s, rest=rest, person=person, event=True)
+
+
+def seated(name: str, places: Float, *glitches: Glitch, event_s: float = 0.0) -> Script:
+    """A viewer who sits down at SEAT and stays near it. event_s: when something happens to them."""
+    seconds = len(places) / 1000
+    windows = [settled(event_s or seconds)] + [after(event_s, seconds)] * (event_s > 0)
+    return Script(name=name, people=(person(places),), windows=tuple(windows), glitches=glitches)
+
+
+def _leaves(away_s: float) -> Script:
+    """Leaves through the right side, and comes back elsewhere from the left."""
+    goal = _at(190.0)
+    leaving = path(3.2, SEAT, Move(2.2, 3.2, OUT_RIGHT))
+    back = path(5.0, OUT_LEFT, Move(0.0, 1.0, goal))
+    back_s = 3.2 + away_s
+    # until a rest elsewhere, the seat is the old one
+    sat_down = [after(back_s + 1.0, back_s + 1.9)] * (away_s < 10.0)
+    return Script(
+        name=f"back elsewhere after {away_s:g} s",
+        people=(person(np.concatenate([leaving, path(away_s, OUT_LEFT), back])),),
+        windows=(settled(2.4), *sat_down, after(back_s + 2.0, back_s + 5.0, Rest(*goal))),
+    )
+
+
+def _glitch(name: str, left: float, right: float, frames: int = 1) -> Script:
+    """Wrong landmarks at rest and, after 4 s, in motion."""
+    glitches = [Glitch(at_s=at_s, left=left, right=right, frames=frames) for at_s in (2.51, 4.24)]
+    return seated(name, path(6.0, SEAT, Move(3.5, 5.0, _at(360.0))), *glitches, event_s=2.51)
+
+
+def _steps(count: int, from_s: float) -> list[Move]:
+    """Steps of 50 px at 200 px/s to the right and back, with rests between them."""
+    return [
+        Move(from_s + k, from_s + 0.25 + k, _at(320.0 + 50.0 * (k % 2 == 0)), even=True)
+        for k in range(count)
+    ]
+
+
+SCRIPTS = (
+    seated("sits", path(6.0, SEAT)),
+    seated("sways at 0.5 Hz", swayed(path(7.0, SEAT), 40.0, 0.5)),
+    seated("sways at 1 Hz", swayed(path(6.0, SEAT), 40.0, 1.0)),
+    seated("sways at 2 Hz", swayed(path(6.0, SEAT), 25.0, 2.0)),
+    seated("steps", path(8.5, SEAT, *_steps(6, 2.0))),
+    seated("shakes", swayed(path(5.0, SEAT), 18.0, 3.5, up=0.0)),
+    # out of the zone and back, with as long a stay as is no new seat
+    seated(
+        "leans out",
+        path(6.0, SEAT, Move(2.5, 3.3, _at(470.0)), Move(3.6, 4.4, SEAT)),
+        event_s=4.4,
+    ),
+    # towards the screen and back
+    seated(
+        "leans in",
+        path(7.5, SEAT, Move(2.5, 3.5, _at(320.0, apart=85.0)), Move(4.5, 5.5, SEAT)),
+    ),
+    # through the right side and for good; the view holds and eases to its middle
+    Script(
+        name="leaves sideways",
+        people=(person(path(9.0, SEAT, Move(2.2, 3.2, OUT_RIGHT))),),
+        windows=(settled(2.4),),
+    ),
+    # beyond the zone, half out of the picture, and back to the seat
+    Script(
+        name="half out of the picture",
+        people=(person(path(8.0, SEAT, Move(2.2, 3.0, _at(640.0)), Move(3.6, 4.6, SEAT))),),
+        windows=(settled(2.4), after(4.6, 8.0)),
+    ),
+    # the viewer leans out of the zone and hides; the tracker follows another, who stood behind
+    Script(
+        name="another takes over",
+        people=(
+            person(path(9.0, SEAT, Move(2.2, 3.0, _at(400.0))), (3.4, 9.0, HIDDEN)),
+            person(path(9.0, _at(500.0, 230.0, 52.0))),
+        ),
+        windows=(settled(2.3), after(5.2, 9.0, Rest(500.0, 230.0, 52.0), person=1)),
+    ),
+    _leaves(2.0),
+    _leaves(12.0),
+    # at 1 m/s, to an empty seat
+    Script(
+        name="walks in",
+        people=(person(path(6.5, _at(-90.0, 250.0), Move(1.0, 1.8, SEAT))),),
+        windows=(after(1.0 + SETTLED_S, 6.5),),
+        steps_from_s=0.0,
+    ),
+    # appears at the border of the picture and stays there
+    Script(
+        name="found at the border",
+        people=(person(path(6.0, _at(600.0, 245.0, 55.0)), (0.0, 1.0, HIDDEN)),),
+        windows=(settled(6.0, 1.0 + SETTLED_S, Rest(600.0, 245.0, 55.0)),),
+        steps_from_s=0.0,
+    ),
+    # the confidence falls while the head moves at 200 px/s
+    Script(
+        name="confidence falls while moving",
+        people=(
+            person(
+                path(6.0, SEAT, Move(2.5, 2.9, _at(370.0)), Move(3.5, 3.9, SEAT)),
+                (2.7, 3.1, 6.0),
+                (3.7, 4.1, 6.0),
+            ),
+        ),
+        windows=(settled(2.6), after(4.2, 6.0)),
+    ),
+    # no face for a time, and then 30 px aside
+    Script(
+        name="hidden for 0.3 s",
+        people=(person(path(6.0, SEAT, Move(2.5, 2.8, _at(350.0))), (2.5, 2.8, HIDDEN)),),
+        windows=(settled(2.5), after(2.8, 6.0)),
+    ),
+    _glitch("one frame wrong by .12", 0.12, 0.12),
+    _glitch("one frame wrong by .58", 0.58, 0.58),
+    _glitch("one eye wrong by .28", 0.28, 0.0),
+    _glitch("two frames wrong by .58", 0.58, 0.58, 2),
+    # a neighbour who is as near as the viewer stays; somebody passes behind
+    Script(
+        name="two people and a passer-by",
+        people=(
+            person(swayed(path(8.0, SEAT), 30.0, 0.5)),
+            person(path(8.0, _at(520.0, 250.0, 55.0))),
+            person(path(8.0, _at(30.0, 200.0, 34.0), Move(2.5, 6.5, _at(610.0, 200.0, 34.0)))),
+        ),
+        windows=(settled(8.0),),
+    ),
+    # the tracker finds a portrait on the wall; then a viewer sits down next to it, and moves
+    Script(
+        name="portrait first",
+        people=(
+            person(path(20.0, _at(330.0, 180.0, 42.0)), still=True),
+            person(
+                swayed(
+                    path(20.0, _at(-90.0, 270.0, 52.0), Move(4.0, 5.0, _at(240.0, 270.0, 52.0))),
+                    reach_px=15.0,
+                    rate_hz=0.5,
+                    up=0.0,
+                    from_s=7.0,
+                )
+            ),
+        ),
+        windows=(after(10.0, 20.0, Rest(240.0, 270.0, 52.0), person=1),),
+    ),
+)
+# sways at 0.7 Hz, then takes steps at 200 px/s
+MOVES_ABOUT = seated("moves about", swayed(path(10.0, SEAT, *_steps(4, 6.0)), 40.0, 0.7, to_s=5.5))
+
+
+def recorded(paths: Sequence[Path]) -> Iterator[Script]:
+    """A script for each recorded head track. Raises UserError if one cannot be read."""
+    for one in paths:
+        places, visible = read_track(one)
+        places += (FRAME_PX[0] / 2, FRAME_PX[1] / 2, 0.0)
+        rest = Rest(*np.median(places[: round(SETTLED_S * 1000)], axis=0).tolist())
+        viewer = Person(path_px=places, logit=np.where(visible, SUREST, HIDDEN))
+        window = settled(len(places) / 1000, rest=rest)
+        yield Script(name=one.stem, people=(viewer,), windows=(window,))

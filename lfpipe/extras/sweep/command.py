@@ -1,0 +1,126 @@
+"""`lfpipe sweep`: runs many measurements over a corpus, on this machine or on a cluster."""
+
+from pathlib import Path
+
+import click
+
+from lfpipe.cli.options import PATH, Number
+from lfpipe.cli.terminal import print_result, say
+from lfpipe.errors import UserError
+
+
+@click.command()
+@click.argument("plan", type=PATH, metavar="PLAN.toml")
+@click.option(
+    "--out",
+    type=PATH,
+    default=Path("lfpipe-sweep"),
+    show_default=True,
+    metavar="DIR",
+    help="Folder for results.",
+)
+@click.option(
+    "--jobs",
+    type=click.IntRange(1, 1024),
+    metavar="N",
+    help="Workers on this machine. Default: one per core.",
+)
+@click.option(
+    "--on",
+    "address",
+    default="",
+    metavar="tls://SCHEDULER",
+    help="Use the workers of a Dask scheduler instead.",
+)
+@click.option(
+    "--insecure",
+    is_flag=True,
+    help="With --on: accept a scheduler without TLS. Whoever reaches it can run code.",
+)
+@click.option(
+    "--limit",
+    type=Number(1),
+    default=3600.0,
+    show_default=True,
+    metavar="S",
+    help="Seconds for one cell.",
+)
+@click.option(
+    "--expect",
+    type=PATH,
+    metavar="DIR",
+    help="Compare replays and quality with the references in this folder.",
+)
+@click.option("--update", is_flag=True, help="Write the references of --expect instead.")
+@click.option(
+    "--junit",
+    type=PATH,
+    metavar="FILE",
+    help="Write the outcome as JUnit XML.  [default: junit.xml in DIR]",
+)
+def sweep(
+    plan: Path,
+    out: Path,
+    jobs: int | None,
+    address: str,
+    insecure: bool,
+    limit: float,
+    expect: Path | None,
+    update: bool,
+    junit: Path | None,
+) -> int:
+    """Run replays, quality and benchmarks over all recordings and scenes of PLAN.toml.
+
+    \b
+    sequences = ["recordings/*"]
+    scenes = ["scenes/*"]
+    subjects = ["replay", "truth", "quality", "table", "synthesis"]
+    [config]
+    "render.method" = ["warp", "warp2"]
+    [table]
+    keep = [2, 3]
+
+    Each combination is a cell. Finished cells are not run again; an interrupted sweep continues
+    with the same command.
+    Exit code 0: all as expected, 1: a cell failed or differs, 2: bad input.
+    """
+    from lfpipe.cli.terminal import progress
+    from lfpipe.extras.sweep.plan import read_plan
+    from lfpipe.extras.sweep.results import DIFFERS, FAILED, verdict, write
+    from lfpipe.extras.sweep.run import dask_workers, local_workers, run_sweep
+    from lfpipe.extras.sweep.work import SweepOptions, check_references
+    from lfpipe.files.output import check_output, check_outside
+    from lfpipe.host.processes import usable_cores
+
+    if update and expect is None:
+        raise UserError("--update needs references", "name their folder with --expect DIR")
+    if jobs and address:
+        raise UserError(
+            "--jobs and --on exclude each other",
+            "leave --jobs out: the scheduler has its own workers",
+        )
+    cells = read_plan(plan)
+    inputs = {Path(place) for cell in cells for place in (cell.sequence, cell.scene) if place}
+    options = SweepOptions(limit, str(expect.resolve()) if expect else "", update)
+    check_outside(out, [*inputs, expect], "--out")
+    if junit is not None:
+        check_output(junit, [plan, *inputs, *filter(None, [expect])], label="--junit")
+    if expect is not None:
+        check_outside(expect, inputs if update else (), "--expect")
+        check_references(options, cells)
+    workers = (
+        dask_workers(address, insecure) if address else local_workers(jobs or len(usable_cores()))
+    )
+    try:
+        with progress() as bar:
+            outcomes = run_sweep(cells, out, workers, options, bar, say)
+    except KeyboardInterrupt:
+        say(f"interrupted; finished cells are in {out}; the same command continues")
+        return 130
+    page = write(outcomes, out, junit)
+    wrong = [outcome for outcome in outcomes if outcome.state in (FAILED, DIFFERS)]
+    for outcome in wrong:
+        print_result(f"{outcome.state}: {outcome.cell.name}: {outcome.reason}")
+    print_result(verdict(outcomes))
+    print_result(page)
+    return 1 if wrong else 0

@@ -1,0 +1,378 @@
+"""The page of `lfpipe monitor --web`: charts, pictures and controls for holders of the token.
+Holders of the other token can only watch, and do not see the camera's picture.
+
+Its requests need a token and must come from its own page: any local user reaches 127.0.0.1.
+Tornado serves them in one thread, with limits on time, sizes and connections, so that clients
+cannot exhaust it.
+"""
+
+import asyncio
+import contextlib
+import hmac
+import ipaddress
+import logging
+import secrets
+import socket
+from collections.abc import Awaitable, Callable, Iterable
+from contextlib import aclosing
+from http import HTTPStatus
+from pathlib import Path
+from typing import Any, cast
+
+import attrs
+import cv2
+from tornado.httpserver import HTTPServer
+from tornado.httputil import HTTPConnection, HTTPMessageDelegate
+from tornado.iostream import StreamClosedError
+from tornado.netutil import bind_sockets
+from tornado.web import Application, HTTPError, RequestHandler
+
+from lfpipe.errors import UserError
+from lfpipe.extras.web.page_feed import Feed
+from lfpipe.files.untrusted import json_fields
+from lfpipe.transport.control import Message
+
+STATIC = Path(__file__).parent / "static"
+KINDS = {
+    ".html": "text/html; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+}
+COMMANDS = ("set", "pause", "resume", "recentre", "load", "reset")
+COMMAND_FORM = f"send a JSON map with cmd, one of {', '.join(COMMANDS)}"
+# Limits, as docs/security.md states them: far above what a class-room of browsers needs, far below
+# what hurts a session.
+# for the headers of a request, for its body, between two requests, and to take an answer or a piece
+# of a stream
+TIMEOUT_S = 10.0
+MAX_HEADER_BYTES = 16 << 10
+MAX_BODY_BYTES = 64 << 10
+MAX_COMMAND_BYTES = 4 << 10
+MAX_STREAMS, MAX_WATCHERS = 32, 30  # a class leaves room for its teacher
+MAX_STRANGERS = 64  # connections not yet admitted; one more closes the oldest of them
+# of the kernel; small, so that a slow reader of a stream skips to the newest data
+SEND_BUFFER_BYTES = 64 << 10
+NO_TOKEN = (
+    "the token is missing or wrong: open the address that `lfpipe monitor --web` printed; it ends"
+    " in /?token=..."
+)
+NOT_OURS = "requests must be for this server's own address and come from its own page"
+POLICY = (
+    "frame-ancestors 'none'; default-src 'self'; img-src 'self' data:; base-uri 'self'; form-action"
+    " 'none'"
+)
+WATCH_BODY = b"<body>", b'<body class="watch">'
+HEADERS = {
+    "Content-Security-Policy": POLICY,
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Referrer-Policy": "no-referrer",
+    "X-Frame-Options": "DENY",
+    "X-Content-Type-Options": "nosniff",
+    "Cache-Control": "no-store",
+}
+log = logging.getLogger(__name__)
+
+
+def parse_address(text: str) -> tuple[str, int]:
+    """`[HOST]:PORT` or PORT as (host, port); host defaults to 127.0.0.1. Raises UserError."""
+    host, _, port = text.rpartition(":")
+    if not (port.isascii() and port.isdigit() and len(port) <= 5 and int(port) <= 65535):
+        raise UserError(
+            f"--web {text!r}: not a port from 0 to 65535", "use for example --web :9108"
+        )
+    return host.removeprefix("[").removesuffix("]") or "127.0.0.1", int(port)
+
+
+def url_of(host: str, port: int) -> str:
+    """The address of a server, for a browser; a server on all interfaces is named by the outgoing
+    one, for phones.
+    """
+    if host in ("0.0.0.0", "::"):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                # a documentation address; connecting a datagram socket sends nothing
+                probe.connect(("192.0.2.1", 9))
+                host = probe.getsockname()[0]
+            except OSError:  # no network
+                host = socket.gethostname()
+    return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
+
+
+def named(host_header: str, bound: str) -> bool:
+    """Whether a Host header names a server bound to `bound` by an IP address, as localhost, or by
+    its own name.
+
+    Any other name may be an attacker's, pointed at this machine so that the attacker's page can
+    read answers (DNS rebinding).
+    """
+    name, _, port = host_header.lower().rpartition(":")
+    name = name if port.isdigit() else host_header.lower()
+    if name in ("localhost", bound.lower(), socket.gethostname().lower()):
+        return True
+    try:
+        ipaddress.ip_address(name.removeprefix("[").removesuffix("]"))
+    except ValueError:
+        return False
+    return True
+
+
+@attrs.frozen(kw_only=True)
+class Site:
+    """What all handlers share. host, port: where the server is bound. token: 256 random bits.
+    watch_token: as many, for those who only watch.
+
+    path: of the cookie that keeps the token. Browsers send a cookie to every port of a host, so
+    also to servers of other users on this machine; the path is random, and no other server has an
+    address below it.
+    """
+
+    host: str
+    port: int
+    feed: Feed
+    token: str = attrs.field(factory=lambda: secrets.token_urlsafe(32))
+    watch_token: str = attrs.field(factory=lambda: secrets.token_urlsafe(32))
+    path: str = attrs.field(factory=lambda: f"/{secrets.token_urlsafe(16)}/")
+
+    @property
+    def cookie(self) -> str:
+        """Name of the cookie: two servers on one host each have their own."""
+        return f"lfpipe-{self.port}"
+
+    def opened_by(self, offered: Iterable[str]) -> str:
+        """The token among the texts, the one with more rights first; empty if there is none. The
+        comparison takes constant time.
+        """
+        texts = [text.encode(errors="replace") for text in offered]
+        for token in (self.token, self.watch_token):
+            if any([hmac.compare_digest(text, token.encode()) for text in texts]):
+                return token
+        return ""
+
+
+class Server(HTTPServer):
+    """Tornado's server with limits. Must be created inside a running event loop."""
+
+    def initialize(self, app: Application) -> None:  # type: ignore[override]
+        """Tornado's replacement for __init__."""
+        self._admitted: dict[Any, bool] = {}  # streams in order of arrival
+        app.settings.update(admit=self.admit, log_function=lambda handler: None)
+        super().initialize(
+            app,
+            idle_connection_timeout=TIMEOUT_S,
+            body_timeout=TIMEOUT_S,
+            max_header_size=MAX_HEADER_BYTES,
+            max_body_size=MAX_BODY_BYTES,
+        )
+
+    def admit(self, stream: Any) -> None:
+        """The connection is no longer a stranger's."""
+        self._admitted[stream] = True
+
+    def start_request(self, server_conn: Any, request_conn: HTTPConnection) -> HTTPMessageDelegate:
+        """Called by Tornado when a connection starts to wait for a request."""
+        self._admitted.setdefault(server_conn.stream, False)
+        strangers = [stream for stream, admitted in self._admitted.items() if not admitted]
+        for stream in strangers[:-MAX_STRANGERS]:
+            stream.close()
+        return super().start_request(server_conn, request_conn)
+
+    def on_close(self, server_conn: Any) -> None:
+        """Called by Tornado when a connection has ended."""
+        self._admitted.pop(server_conn.stream, None)
+        super().on_close(server_conn)
+
+
+class Handler(RequestHandler):
+    """One request, with the token in the cookie, in `Authorization: Bearer TOKEN` or in
+    `?token=TOKEN`.
+
+    Every answer carries HEADERS; errors are JSON; nothing sent by a client reaches a log.
+    """
+
+    def set_default_headers(self) -> None:
+        """Called by Tornado for every answer, errors included."""
+        self.clear_header("Server")
+        for name, value in HEADERS.items():
+            self.set_header(name, value)
+
+    @property
+    def site(self) -> Site:
+        """The site."""
+        return cast(Site, self.settings["site"])
+
+    @property
+    def stream(self) -> Any:
+        """The connection."""
+        return self.request.connection.stream  # type: ignore[union-attr]
+
+    def prepare(self) -> None:
+        """Admits the request or raises HTTPError."""
+        headers = self.request.headers
+        host = headers.get("Host", "")
+        if (
+            not named(host, self.site.host)
+            or headers.get("Origin", f"http://{host}") != f"http://{host}"
+        ):
+            raise HTTPError(HTTPStatus.FORBIDDEN, NOT_OURS)
+        scheme, _, bearer = headers.get("Authorization", "").partition(" ")
+        offered = [self.get_cookie(self.site.cookie) or "", *self.get_query_arguments("token")]
+        offered.append(bearer if scheme.lower() == "bearer" else "")
+        self.token = self.site.opened_by(offered)
+        if not self.token:
+            raise HTTPError(HTTPStatus.FORBIDDEN, NO_TOKEN)
+        self.only_watches = self.token == self.site.watch_token
+        self.settings["admit"](self.stream)
+
+    def write_error(self, status_code: int, **kwargs: Any) -> None:
+        """{"ok": false, "error": why}."""
+        error = kwargs.get("exc_info", (None, None, None))[1]
+        why = error.log_message if isinstance(error, HTTPError) else None
+        self.finish({"ok": False, "error": why or HTTPStatus(status_code).phrase.lower()})
+
+    def log_exception(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        """Logs defects of this program, without the query of the address, which may contain the
+        token.
+        """
+        if not isinstance(error, HTTPError | StreamClosedError):
+            log.error("%s %s", self.request.method, self.request.path, exc_info=error)
+
+    async def sent(self, sending: Awaitable[None]) -> bool:
+        """Waits until the client has taken what is sent.
+
+        Closes the connection of one that does not, and returns False.
+        """
+        try:
+            await asyncio.wait_for(sending, TIMEOUT_S)
+        except (TimeoutError, StreamClosedError):
+            self.stream.close()
+            return False
+        return True
+
+
+class Unknown(Handler):
+    """An unknown address: 403 without the token, else 404."""
+
+    def prepare(self) -> None:
+        super().prepare()
+        raise HTTPError(HTTPStatus.NOT_FOUND, "no such page")
+
+
+class File(Handler):
+    """A file of the page, from memory; without a name the page itself."""
+
+    async def get(self, name: str = "index.html") -> None:
+        """Sends it. If the address contains the token, also sets the cookie; the page then hides
+        the token.
+
+        This is not a redirect: browsers do not send a SameSite=Strict cookie on a redirect that
+        began at a link elsewhere.
+        """
+        if name not in self.settings["files"]:
+            raise HTTPError(HTTPStatus.NOT_FOUND, "no such page")
+        if self.get_query_arguments("token"):
+            self.set_cookie(
+                self.site.cookie,
+                self.token,
+                path=self.site.path,
+                httponly=True,
+                samesite="Strict",
+            )
+        self.set_header("Content-Type", KINDS[Path(name).suffix])
+        page = self.settings["files"][name]
+        await self.sent(self.finish(page.replace(*WATCH_BODY) if self.only_watches else page))
+
+
+class Events(Handler):
+    """Figures and pictures as server-sent events."""
+
+    async def get(self) -> None:
+        """Sends the newest until the viewer leaves or reads too slowly."""
+        limit = MAX_WATCHERS if self.only_watches else MAX_STREAMS
+        if self.site.feed.viewers >= limit:
+            raise HTTPError(
+                HTTPStatus.SERVICE_UNAVAILABLE, f"the limit of {limit} viewers is reached"
+            )
+        self.set_header("Content-Type", "text/event-stream")
+        async with aclosing(self.site.feed.events(with_camera=not self.only_watches)) as events:
+            async for event in events:
+                self.write(event)
+                if not await self.sent(self.flush()):
+                    return
+
+
+class Commands(Handler):
+    """Commands to the session, as JSON: a map with `cmd`, one of COMMANDS."""
+
+    async def post(self) -> None:
+        """Passes a command on and sends the session's answer."""
+        if self.only_watches:
+            raise HTTPError(HTTPStatus.FORBIDDEN, "this address is for watching only")
+        if len(self.request.body) > MAX_COMMAND_BYTES:
+            raise HTTPError(
+                HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"at most {MAX_COMMAND_BYTES} bytes"
+            )
+        try:
+            answer = await self.site.feed.command(self._command())
+        except UserError as error:
+            self.set_status(HTTPStatus.BAD_REQUEST)
+            answer = {"ok": False, "error": error.message, "remedy": error.remedy}
+        await self.sent(self.finish(answer))
+
+    def _command(self) -> Message:
+        if (
+            self.request.headers.get("Content-Type", "").partition(";")[0].strip()
+            != "application/json"
+        ):
+            raise UserError("the command was not sent as application/json", COMMAND_FORM)
+        message = dict(json_fields(self.request.body, "the command", COMMAND_FORM).values)
+        if message.get("cmd") not in COMMANDS:
+            raise UserError("the page has no such command", COMMAND_FORM)
+        if message["cmd"] == "load" and set(message) != {"cmd", "at"}:
+            raise UserError(
+                "the page loads only scenes of the playlist",
+                "load any other with `lfpipe ctl load SCENE`",
+            )
+        return message
+
+
+def serve(name: str, address: str, tell: Callable[[str], None]) -> None:
+    """Serves the page of session `name` on `[HOST]:PORT` until Ctrl-C.
+
+    Raises UserError if the port is in use.
+    """
+    host, port = parse_address(address)
+    try:
+        sockets = bind_sockets(port, host)
+    except OSError as error:
+        raise UserError(
+            f"--web {host}:{port}: {error.strerror or error}",
+            "use another port, 0 for a free one, or an address of this machine",
+        ) from None
+    for sock in sockets:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
+    site = Site(host=host, port=int(sockets[0].getsockname()[1]), feed=Feed(name))
+    files = {path.name: path.read_bytes() for path in STATIC.iterdir() if path.suffix in KINDS}
+    files["index.html"] = files["index.html"].replace(
+        b'<base href="/">', f'<base href="{site.path}">'.encode()
+    )
+    routes = [("", File), ("events", Events), ("ctl", Commands), (r"([\w.]+)", File)]
+    # at the root and below the cookie's path
+    handlers = [(f"(?:{site.path}|/){path}", handler) for path, handler in routes]
+    app = Application(handlers, default_handler_class=Unknown, site=site, files=files)
+    cv2.setNumThreads(1)  # the session's stages need the cores
+    url = url_of(site.host, site.port)
+    tell(f"session {name!r} on {url}/?token={site.token} (Ctrl-C ends)")
+    tell(f"for watching only, without the camera's picture: {url}/?token={site.watch_token}")
+
+    async def serving() -> None:
+        server = Server(app)
+        server.add_sockets(sockets)
+        try:
+            await asyncio.Event().wait()
+        finally:
+            server.stop()
+            await site.feed.end()
+            await server.close_all_connections()
+
+    with contextlib.suppress(KeyboardInterrupt):
+        asyncio.run(serving())

@@ -1,0 +1,163 @@
+"""Measures an object of known size in the camera's picture.
+
+A window guides the user if there is a screen.
+"""
+
+import math
+from collections import deque
+from collections.abc import Collection, Sequence
+from contextlib import closing
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.capture.open_source import camera_settings, open_source
+from lfpipe.config import Config
+from lfpipe.errors import UserError
+from lfpipe.render.display.open_display import has_display
+from lfpipe.render.ui.overlay import Overlay
+from lfpipe.track.make_engine import make_engine
+
+MEASURED_FRAMES = 45  # with a face: one and a half seconds
+SPREAD = 0.05  # quartiles further apart than this share of the median: the viewer moved
+PATIENCE_FRAMES = 600  # without a still face, 20 s at 30 Hz, before giving up
+EDGES = (
+    "Click the middle of one short edge.",
+    "First edge marked. Click the middle of the other short edge.",
+)
+AGAIN = UserError("nothing was measured", "start again when you are ready")
+NOBODY = UserError(
+    "no face was detected",
+    "sit in good light and look into the camera; `lfpipe up --demo --camera SRC` shows its picture",
+)
+RESTLESS = UserError(
+    "the eyes did not stay still long enough", "rest your head, keep the distance, and try again"
+)
+
+
+class _CameraWindow:
+    """The camera and, where there is a screen, a window with its picture and lines of text.
+
+    clicks: px of the picture.
+    """
+
+    def __init__(self, config: Config, camera: str | None) -> None:
+        width_px, height_px = config.camera.frame_px
+        self.picture: NDArray[np.uint8] = np.empty((height_px, width_px, 3), np.uint8)
+        self.clicks: list[tuple[float, float]] = []
+        self.source = open_source(camera or config.camera.source, camera_settings(config))
+        self.window = None
+        if has_display():
+            from lfpipe.render.display.window import ScreenWindow
+
+            # large: clicks fall between pixels too
+            self.window = ScreenWindow((2 * width_px, 2 * height_px), "lfpipe calibrate")
+
+    def read(self) -> bool:
+        """Reads the next picture. False at the end of the source."""
+        return self.source.read(self.picture) is not None
+
+    def show(self, marks: Sequence[Sequence[float]], *lines: str) -> bool:
+        """Shows the picture with crosses at marks. Returns whether Enter was pressed; without a
+        window it is. Raises UserError if the person cancels.
+        """
+        if self.window is None:
+            return True
+        marked = self.picture.copy()
+        for x, y in marks:
+            # visible on a face and on a white card
+            for colour, thick_px in (((0, 0, 0), 5), ((255, 255, 255), 2)):
+                cv2.drawMarker(marked, (round(x), round(y)), colour, cv2.MARKER_CROSS, 21, thick_px)
+        self.window.overlay(Overlay(lines=lines))
+        self.window.show(marked)
+        events = [event.split() for event in self.window.events()]
+        if any(word in ("quit", "close") for word, *_ in events):
+            raise AGAIN
+        self.clicks += [
+            (float(place[0]), float(place[1])) for word, *place in events if word == "click"
+        ]
+        return any(word in ("enter", "freeze") for word, *_ in events)
+
+    def close(self) -> None:
+        self.source.close()
+        if self.window is not None:
+            self.window.close()
+
+
+def median_of(apart_px: Collection[float]) -> tuple[float, bool]:
+    """The median of distances, and whether the viewer kept still enough for it; 0 without any."""
+    low, median, high = np.percentile(list(apart_px) or [0.0], (25, 50, 75)).tolist()
+    return median, high - low <= SPREAD * median > 0
+
+
+def by_eyes(config: Config, camera: str | None, distance_mm: float) -> float:
+    """Distance between the viewer's eyes in px of a frame of config's size; median over several
+    frames.
+
+    Raises UserError if no face is detected, the face does not stay still, the source ends, or the
+    user cancels.
+    """
+    apart_px: deque[float] = deque(maxlen=MEASURED_FRAMES)
+    median_px = 0.0
+    still = False
+    missed = 0
+    accepted = False
+    with (
+        closing(_CameraWindow(config, camera)) as camera_window,
+        closing(make_engine(config.track)) as engine,
+    ):
+        while not (len(apart_px) == MEASURED_FRAMES and still and accepted):
+            if not camera_window.read() or missed > PATIENCE_FRAMES:
+                raise RESTLESS if apart_px else NOBODY
+            face = engine.detect(camera_window.picture)
+            if face is not None:
+                apart_px.append(math.dist(*face.eyes_px.tolist()))
+            median_px, still = median_of(apart_px)
+            missed = missed + 1 if face is None or not still else 0
+            state = f"eyes {median_px:.1f} px apart" if face is not None else "no face detected"
+            accepted = camera_window.show(
+                [] if face is None else face.eyes_px.tolist(),
+                f"Eyes {distance_mm:g} mm from the camera. Look into it and keep still.",
+                state,
+                "Enter accepts, Esc cancels",
+            )
+    return median_px
+
+
+def by_card(config: Config, camera: str | None, distance_mm: float) -> float:
+    """Width of the card in px of a frame of config's size, from two clicks on a frozen frame.
+
+    Raises UserError without a screen, if the source ends before a frame is frozen, or if the user
+    cancels.
+    """
+    if not has_display():
+        raise UserError(
+            "--by card needs a screen for a window to click in",
+            "run it on a desktop, or use --by eyes",
+        )
+    with closing(_CameraWindow(config, camera)) as camera_window:
+        frozen = False
+        while not frozen:
+            if not camera_window.read():
+                raise UserError(
+                    "the source ended before Enter was pressed",
+                    "use a longer recording, ?loop=1, or a camera",
+                )
+            frozen = camera_window.show(
+                (),
+                f"Card {distance_mm:g} mm from the camera, facing it.",
+                "Enter freezes it, Esc cancels",
+            )
+        clicks = camera_window.clicks
+        clicks.clear()
+        while True:
+            del clicks[: 2 * (len(clicks) > 2)]  # a third click starts again
+            card_px = math.dist(*clicks) if len(clicks) == 2 else 0.0
+            state = (
+                f"{card_px:.1f} px wide. Enter accepts, a click starts again."
+                if card_px
+                else EDGES[len(clicks)]
+            )
+            if camera_window.show(clicks, state, "Esc cancels") and card_px:
+                return card_px

@@ -1,0 +1,304 @@
+"""Checks whether `lfpipe up SCENE` would run on this machine, each check with its remedy, and packs
+a report for a bug. Starts no camera, opens no window.
+"""
+
+import contextlib
+import errno
+import importlib.metadata
+import io
+import json
+import platform
+import re
+import shutil
+import sys
+import zipfile
+from collections.abc import Callable, Collection
+from pathlib import Path
+
+import attrs
+import cv2
+
+from lfpipe import config, log
+from lfpipe.capture.camera_list import CameraDevice, asking, cameras
+from lfpipe.config.user_files import commented
+from lfpipe.errors import UserError
+from lfpipe.files.output import MARK, check_output, write_output
+from lfpipe.files.safe_files import PRIVATE
+from lfpipe.host import segment
+from lfpipe.host.files import is_missing
+from lfpipe.host.machine import install_command, versions
+from lfpipe.host.processes import usable_cores
+from lfpipe.plugins import DISPLAYS, ENGINES, FILTERS, GROUPS, LAYOUTS, guarded, load, plugins
+from lfpipe.render.display.open_display import BUILT_IN as DISPLAY_NAMES
+from lfpipe.render.display.open_display import has_display
+from lfpipe.scene.files import Listing
+from lfpipe.scene.layouts import RESULTS, built_in
+from lfpipe.supervisor import rundir
+from lfpipe.track import models
+from lfpipe.transport.session import Session
+
+NO_CAMERA = (
+    "plug it in, or use --camera mouse, --camera demo, or a recording with --camera file:PATH"
+)
+SHM_NEED_BYTES = 16 << 20  # rings for frames of 640x480, with a margin
+
+
+@attrs.frozen
+class Check:
+    """ok is False if `lfpipe up SCENE` would fail, whatever its --display.
+
+    A remedy with ok = True suggests an improvement.
+    """
+
+    name: str
+    ok: bool
+    detail: str
+    remedy: str = ""
+
+
+def python() -> Check:
+    """The interpreter, and the cores that it may use."""
+    count = len(usable_cores())
+    return Check(
+        "python",
+        True,
+        f"{platform.python_version()} ({platform.python_implementation()}, {sys.executable}),"
+        f" {count} cores",
+        "" if count > 1 else "use at least two cores; on one, the rates are lower",
+    )
+
+
+BUILT_IN: dict[str, Callable[[], Collection[str]]] = {  # names that no plug-in may have
+    LAYOUTS: built_in,
+    ENGINES: lambda: config.choices("track.engine"),
+    FILTERS: lambda: config.choices("track.filter"),
+    DISPLAYS: lambda: DISPLAY_NAMES,
+}
+
+
+NO_FILES = Listing(path=Path(), folder=Path(), names=(), folders=(), is_file=False)
+
+
+def plugin_check(group: str, name: str, package: str) -> Check:
+    """What another package adds; sessions skip a broken one."""
+    what = f"{group.removeprefix('lfpipe.').removesuffix('s')} {name}, from {package}"
+    try:
+        part = load(group, name, BUILT_IN[group]())
+        if group == LAYOUTS:
+            guarded(part, group, name, RESULTS).detect(NO_FILES)
+    except UserError as error:
+        return Check("plugin", True, f"{what}: skipped: {error.message}", error.remedy)
+    return Check("plugin", True, what)
+
+
+def opencv() -> Check:
+    """The distributions that provide cv2, and its GUI backend.
+
+    MediaPipe requires the windowed distribution, whose files overlap with the headless one's: pip
+    installs both, and the last one wins. The remedy puts the headless files on top, in the oldest
+    version, which fits the installed numpy.
+    """
+    installed = {
+        (dist.name.lower(), dist.version)
+        for dist in importlib.metadata.distributions()
+        if (dist.name or "").lower().startswith("opencv-")
+    }
+    versions = sorted(
+        {version for _, version in installed},
+        key=lambda text: [int(n) for n in re.findall(r"\d+", text)],
+    )
+    names = sorted(map(" ".join, installed))
+    gui = re.search(r"^\s*GUI: +(.*)$", cv2.getBuildInformation(), re.MULTILINE)
+    detail = f"{', '.join(names) or 'no distribution'}, GUI {gui[1] if gui else '?'}"
+    if len(names) > 1 and (len(versions) > 1 or "GUI NONE" not in detail):
+        package = f"opencv-contrib-python-headless=={versions[0]}"
+        return Check(
+            "opencv",
+            True,  # this one was imported
+            f"{detail}: {len(names)} in one folder, cv2 {cv2.__version__} is in use",
+            install_command("--force-reinstall", "--no-deps", package),
+        )
+    return Check("opencv", True, detail)
+
+
+def face_networks() -> Check:
+    """The model files, or how they will be fetched."""
+    if not (missing := models.missing_models()):
+        folders = {
+            str(path.parent) for relative in models.SHA256 if (path := models.find_model(relative))
+        }
+        return Check("models", True, f"in {', '.join(sorted(folders))}")
+    names = ", ".join(Path(relative).name for relative in missing)
+    if command := models.installer(Path()):
+        by = Path(command[0]).name
+        return Check(
+            "models",
+            True,
+            f"not fetched yet: {names}; the first `lfpipe up` fetches them with {by}",
+            models.REMEDY,
+        )
+    return Check(
+        "models",
+        False,
+        f"missing: {names}; neither uv nor pip is installed to fetch them",
+        models.REMEDY,
+    )
+
+
+def litert() -> Check:
+    """track.engine = litert: runs the model once."""
+    from lfpipe.track.litert_engine import LitertEngine
+
+    version = importlib.metadata.version("ai-edge-litert")
+    if models.missing_models():
+        return Check("litert", True, f"{version}, not run: its face networks are missing")
+    try:
+        return Check("litert", True, f"{version}, track.engine litert runs {LitertEngine().model}")
+    except UserError as error:
+        return Check("litert", False, f"{version}: {error.message}", error.remedy)
+
+
+def sdl() -> Check:
+    """SDL's video driver and how it presents pictures."""
+    if not has_display():
+        remedy = (
+            "run on a desktop, or use --display none or --display file:OUT.mkv; `lfpipe up --demo`"
+            " needs none"
+        )
+        # as in CI and on servers, which replay, record and measure
+        return Check("display", True, "no screen here", remedy)
+    try:
+        from lfpipe.render.display.monitors import detect_monitors
+        from lfpipe.render.display.window_system import drawn_by, pygame
+
+        driver, monitors = detect_monitors()
+    except Exception as error:  # any error of SDL is what the user needs to read
+        remedy = f"{install_command('--force-reinstall', 'pygame-ce')}, or use --display none"
+        return Check("display", False, f"SDL does not start: {error}", remedy)
+    version = ".".join(map(str, pygame.version.SDL))
+    listed = "; ".join(f"monitor {monitor}" for monitor in monitors)
+    return Check("display", True, f"SDL {version}, driver {driver}, {drawn_by(driver)}; {listed}")
+
+
+def settings() -> Check:
+    """The user's own settings, which every command reads."""
+    path = config.user_file()
+    try:
+        config.load()
+    except UserError as error:
+        return Check("settings", False, error.message, error.remedy)
+    return Check("settings", True, f"none ({path}): defaults" if is_missing(path) else str(path))
+
+
+def camera_checks(source: str, devices: list[CameraDevice]) -> list[Check]:
+    """All cameras; `lfpipe up` uses the first. source: camera.source of the settings."""
+    if source and not source.startswith("camera:"):
+        return [Check("camera", True, f"camera.source is {source}"), *map(camera, devices)]
+    if not devices and not source:
+        return [Check("camera", True, "none: over the window, the mouse is the viewer")]
+    if not devices:
+        return [Check("camera", False, f"none, but camera.source is {source}", NO_CAMERA)]
+    first, *others = map(camera, devices)
+    return [attrs.evolve(first, ok=source != "" or not first.remedy), *others]
+
+
+def camera(device: CameraDevice) -> Check:
+    """One camera with its formats."""
+    name = f"{device.path} {device.name}".strip()
+    try:
+        offered = " ".join(asking(device.path, lambda opened: opened.fourccs()))
+    except PermissionError:
+        return Check(
+            "camera",
+            True,
+            f"{name}: no permission",
+            "add yourself to the group `video` and log in again",
+        )
+    except OSError as error:
+        if error.errno == errno.ENOTSUP:
+            return Check("camera", True, f"{name}: formats are not known here")
+        return Check(
+            "camera",
+            True,
+            f"{name}: {error.strerror}",
+            f"close the program that uses it: `fuser -v {device.path}` shows it",
+        )
+    return Check("camera", True, f"{name}: {offered or 'formats unknown'}")
+
+
+def shared_memory(need_bytes: int = SHM_NEED_BYTES) -> Check:
+    """Free shared memory for the rings."""
+    remedy = segment.more_room(need_bytes)
+    try:
+        total_bytes, _, free_bytes = shutil.disk_usage(segment.SHM_DIR)
+    except OSError as error:
+        return Check("shm", False, f"{segment.SHM_DIR}: {error.strerror}", remedy)
+    room = f"{segment.SHM_DIR}: {free_bytes / 1e6:.0f} MB free of {total_bytes / 1e6:.0f} MB"
+    return (
+        Check("shm", False, room, remedy) if free_bytes < need_bytes else Check("shm", True, room)
+    )
+
+
+def leftovers() -> Check:
+    """This user's segments of dead sessions, in any run directory."""
+    if not (run_dirs := dict(segment.abandoned())):
+        return Check("left over", True, "nothing")
+    places = sorted({str(run_dir.parent) for run_dir in run_dirs.values()})
+    remedy = f"run `lfpipe up`, which removes them, with XDG_RUNTIME_DIR={' or '.join(places)}"
+    return Check("left over", True, ", ".join(run_dirs), remedy)
+
+
+def checks() -> list[Check]:
+    """All checks, in the order in which to fix problems."""
+    own = settings()
+    return [
+        python(),
+        own,
+        opencv(),
+        face_networks(),
+        litert(),
+        sdl(),
+        *camera_checks(config.load().camera.source if own.ok else "", cameras()),
+        shared_memory(),
+        leftovers(),
+        *(
+            plugin_check(group, name, package)
+            for group in GROUPS
+            for name, package in plugins(group).items()
+        ),
+    ]
+
+
+def write_report(path: Path, results: list[Check]) -> None:
+    """Writes a ZIP file with versions, settings, the checks, and the log and state of the user's
+    sessions, private to its owner. Raises UserError.
+    """
+    check_output(path, label="--report")
+    contents: dict[str, str | bytes] = {
+        "versions.json": json.dumps({**versions(), "system": platform.platform()}, indent=1),
+        "doctor.txt": "\n".join(
+            f"{'' if one.ok else 'FAIL '}{one.name}: {one.detail}; {one.remedy}" for one in results
+        ),
+    }
+    try:
+        contents["config.toml"] = commented(config.load())
+    except UserError as error:
+        contents["config.txt"] = str(error)
+    with contextlib.suppress(OSError):
+        contents[log.last_file().name] = log.last_file().read_bytes()
+    for name in rundir.running():
+        run_dir = Session(name).run_dir
+        with contextlib.suppress(OSError, ValueError):  # it has just ended
+            about = json.loads((run_dir / "session.json").read_text())
+            contents[f"{name}/session.json"] = json.dumps(about, indent=1)
+            contents[f"{name}/{log.FILE}"] = log.lines(run_dir)
+            contents |= {
+                f"{name}/{stack.name}": stack.read_bytes()
+                for stack in sorted(run_dir.glob("stack.*"))
+            }
+    data = io.BytesIO()
+    with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED) as report:
+        report.comment = MARK
+        for name, content in contents.items():
+            report.writestr(name, content)
+    write_output(path, data.getvalue(), PRIVATE, label="--report")

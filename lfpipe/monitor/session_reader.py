@@ -1,0 +1,173 @@
+"""Reads running sessions: attaches to their status tables untracked and read-only, without side
+effects.
+"""
+
+from collections import deque
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.config import Snapshot, converter
+from lfpipe.errors import UserError
+from lfpipe.host.processes import rss_bytes
+from lfpipe.host.segment import WrongSegment
+from lfpipe.supervisor.metrics import SessionFigures, session_figures
+from lfpipe.supervisor.process_table import SHOWN_BY
+from lfpipe.supervisor.rundir import find
+from lfpipe.transport import control
+from lfpipe.transport.clock import SECOND_NS, now_ns
+from lfpipe.transport.control import Message
+from lfpipe.transport.histogram import MIDDLES_US
+from lfpipe.transport.session import MANIFEST, Session, SessionManifest
+from lfpipe.transport.status import Table
+
+# of what monitors show: long enough for a p99 at 30 Hz, short enough to see a change
+WINDOW_S = 10.0
+HELLO_S = 0.5  # timeout for the settings; figures need no answer
+Rows = dict[str, NDArray[np.void]]
+HISTOGRAMS = ("wait", "busy", "age", "horizon")
+
+
+def ask(name: str, message: Message, timeout_s: float = 2.0) -> Message:
+    """Sends one command to the session that has this name now; returns its answer.
+
+    Raises UserError.
+    """
+    return control.request(find(name).run_dir, message, timeout_s)
+
+
+def snapshot(name: str, timeout_s: float = 2.0) -> Snapshot:
+    """What the session of that name works by. Raises UserError."""
+    return converter().structure(ask(name, {"cmd": "hello"}, timeout_s), Snapshot)
+
+
+class Watch:
+    """One attachment. manifest, table: of the session. Raises UserError if it ends meanwhile, or if
+    its table has another version.
+    """
+
+    def __init__(self, session: Session) -> None:
+        self.session = session
+        try:
+            self._mark = self._marked()
+            self.manifest = SessionManifest.read(session.run_dir)
+            self.table = Table(self.manifest.segments + "status")
+        except WrongSegment:
+            raise
+        except (FileNotFoundError, ValueError):
+            raise UserError(
+                f"session {session.name!r} is starting or ending", "try again in a second"
+            ) from None
+
+    def read(self, rows: Rows | None = None) -> SessionFigures:
+        """The figures since the session began, or those in a copy of the table's rows."""
+        return session_figures(
+            self.session.name,
+            self.table.rows if rows is None else rows,
+            self.table.session,
+            self.manifest.started_ns,
+        )
+
+    def living(self) -> bool:
+        """Whether the session is still the one that was attached to."""
+        try:
+            return self._marked() == self._mark
+        except FileNotFoundError:
+            return False
+
+    def _marked(self) -> tuple[int, int]:
+        entry = (self.session.run_dir / MANIFEST).stat()
+        return entry.st_ino, entry.st_mtime_ns
+
+    def close(self) -> None:
+        """Releases the table."""
+        self.table.close()
+
+
+def _since(row: NDArray[np.void], before: NDArray[np.void]) -> NDArray[np.void]:
+    """row with its histograms counted from `before` on; maxima are then the middle of their bucket
+    (1.6 %).
+    """
+    out = row.copy()
+    for name in HISTOGRAMS:
+        for field in ("count", "sum_ns", "buckets"):
+            out[name][field] -= before[name][field]
+        filled = np.flatnonzero(out[name]["buckets"])
+        out[name]["max_ns"] = int(1e3 * MIDDLES_US[filled[-1]]) if len(filled) else 0
+    return out
+
+
+@attrs.frozen
+class Sample:
+    """A session at one moment."""
+
+    figures: SessionFigures
+    settings: Snapshot | None = None  # None if the session does not answer
+
+
+class Follower:
+    """What monitors show of the session with a given name. It detaches when the session ends, and
+    attaches to the next one of that name.
+
+    watch: the attachment, None without a session.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.watch: Watch | None = None
+        self._past: deque[tuple[int, Rows]] = deque()  # time, and a copy of the table
+        self._dropped: dict[str, int] = {}  # at the reset
+        self._settings: Snapshot | None = None
+        self._revision = -1  # of the settings
+
+    def read(self) -> Sample | None:
+        """The figures with the times of the last WINDOW_S, and the settings; None without a
+        session.
+        """
+        if self.watch is not None and not self.watch.living():
+            self.close()
+        if self.watch is None:
+            try:
+                self.watch = Watch(find(self.name))
+            except UserError:
+                return None
+        t_ns = now_ns()
+        now = {name: row.copy() for name, row in self.watch.table.rows.items()}
+        while self._past and t_ns - self._past[0][0] > WINDOW_S * SECOND_NS:
+            self._past.popleft()
+        self._past.append((t_ns, now))
+        then_ns, then = self._past[0]
+        figures = self.watch.read({name: _since(row, then[name]) for name, row in now.items()})
+        stages = {}
+        for name, stage in figures.stages.items():
+            # of one process: less after a restart
+            spent_ns = int(now[name]["cpu_ns"]) - int(then[name]["cpu_ns"])
+            stages[name] = attrs.evolve(
+                stage,
+                cpu_percent=round(max(0.0, 100.0 * spent_ns / max(t_ns - then_ns, 1)), 1),
+                rss_mb=round(rss_bytes(stage.pid) / 1e6, 1),
+                dropped=stage.dropped - self._dropped.get(name, 0),
+            )
+        if (revision := int(now[SHOWN_BY]["config_rev"])) != self._revision:
+            try:
+                self._settings = snapshot(self.name, HELLO_S)
+                self._revision = revision
+            except UserError:
+                self._settings = None
+        return Sample(attrs.evolve(figures, stages=stages), self._settings)
+
+    def reset(self) -> None:
+        """Counts drops and times from the last reading on, for this monitor only."""
+        if self._past:
+            self._past = deque([self._past[-1]])
+            self._dropped = {name: int(row["drops"]) for name, row in self._past[0][1].items()}
+
+    def close(self) -> None:
+        """Detaches."""
+        if self.watch is not None:
+            self.watch.close()
+        self.watch = None
+        self._revision = -1
+        self._dropped = {}
+        self._past.clear()

@@ -1,0 +1,292 @@
+"""The window on the screen: pictures through a painter, the overlay, keys and clicks as events, and
+the times of display.
+"""
+
+import contextlib
+import time
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.errors import UserError
+from lfpipe.files.decoding import fit_area
+from lfpipe.host.presentation import Presented
+from lfpipe.render.display import window_system
+from lfpipe.render.display.display import Display
+from lfpipe.render.display.monitors import find_monitor, monitors
+from lfpipe.render.display.painters import open_painter
+from lfpipe.render.display.window_system import open_presentation, pygame
+from lfpipe.render.synthesis.pair_layout import Pair, laid_out
+from lfpipe.render.ui.overlay import EVENTS, Overlay
+from lfpipe.render.ui.overlay_view import OverlayView, Panel
+
+USUAL_MM = 531.0  # width of a 24-inch screen of 16:9, for monitors that report no size
+# of the monitor's height: TEXT_PX is too small on a fine monitor
+TEXT_PX = 22
+TEXT_SHARE = 1 / 50
+BUTTONS = {1: "left", 3: "right"}
+MOUSE = (pygame.MOUSEMOTION, pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP, pygame.MOUSEWHEEL)
+RESIZED = (pygame.WINDOWSIZECHANGED, pygame.WINDOWDISPLAYCHANGED)
+# a move may exchange the rows of the screen under two views
+REDRAWN = (pygame.WINDOWEXPOSED, pygame.WINDOWMOVED, *RESIZED)
+NAMES = EVENTS | {"=": "alpha+", " ": "freeze", "?": "help"}
+CODES = {
+    pygame.K_F11: "fullscreen",
+    pygame.K_ESCAPE: "escape",
+    pygame.K_TAB: "choose",
+    pygame.K_DELETE: "delete",
+    pygame.K_LEFT: "less",
+    pygame.K_RIGHT: "more",
+    pygame.K_UP: "up",
+    pygame.K_DOWN: "down",
+    pygame.K_PAGEDOWN: "next",
+    pygame.K_PAGEUP: "previous",
+    pygame.K_RETURN: "enter",
+    pygame.K_KP_ENTER: "enter",
+}
+
+
+class ScreenWindow(Display):
+    """A resizable window or the full screen. `show` hands a picture over at once; `presented` says
+    when the screen showed it.
+
+    Its pixels are the screen's own: SDL asks a desktop that scales windows not to scale this one.
+    monitor: the one that the window is on.
+    """
+
+    def __init__(
+        self,
+        size_px: tuple[int, int],
+        title: str,
+        fullscreen: bool = False,
+        monitor: str = "",
+        code: str = "",
+    ) -> None:
+        """size_px: (width, height) of the pictures. monitor: a number or name, as for
+        `monitors.find_monitor`; empty: the desktop chooses. code: only these letters have an
+        effect, and quit; other keys, buttons and drops have none. Raises UserError if no window can
+        be opened, or the monitor is missing.
+        """
+        self._code = code
+        self._typed = ""
+        self._title = title
+        self._fullscreen = fullscreen
+        self._asked_monitor = monitor
+        # the arguments of the last call of `show`
+        self._shown: tuple[NDArray[np.uint8], Pair | None, str] | None = None
+        self._laid: NDArray[np.uint8] | None = None
+        self._view = OverlayView()
+        self._drawn = list[Panel]()
+        # of the picture, and of the hand-over: a picture may be drawn again
+        self._number = self._handed = 0
+        self._numbers: dict[int, int] = {}  # hand-over -> picture
+        try:
+            self._driver = window_system.start()
+            self.monitor = find_monitor(monitor, monitors()) if monitor else monitors()[0]
+            self._windowed = self.monitor.window_for(size_px)
+            place = (
+                pygame.WINDOWPOS_CENTERED | self.monitor.number
+                if monitor
+                else pygame.WINDOWPOS_UNDEFINED
+            )
+            self._at = place, place
+            pygame.font.init()
+            self._open()
+        except UserError:
+            pygame.display.quit()
+            raise
+        except pygame.error as error:
+            raise UserError(
+                f"no window can be opened: {error}", "use --display none or --display file:OUT.mkv"
+            ) from None
+        self._shown_px = fit_area(size_px, self._painter.size_px())[2]
+
+    def _open(self) -> None:
+        whole = self._fullscreen
+        size, at = (self._windowed, self._at)
+        if whole:
+            size, at = (self.monitor.width, self.monitor.height), (self.monitor.x, self.monitor.y)
+        self._window = pygame.Window(
+            self._title,
+            size,
+            at,
+            fullscreen_desktop=whole,
+            resizable=not whole,
+            allow_high_dpi=True,
+        )
+        self._window.set_icon(window_system.icon())
+        self._painter = open_painter(self._window, self._driver)
+        if not whole and pygame.WINDOWPOS_UNDEFINED not in self._at:
+            # else a window manager places the frame there, and the picture below its title
+            self._window.position = self._at
+        self._presentation = open_presentation(self._window)
+        # Wayland tells no window where it is
+        self.knows_rows = whole or self._driver != "wayland"
+        self._numbers.clear()
+
+    def _close(self) -> None:
+        if self._presentation is not None:
+            self._presentation.close()
+        self._window.destroy()
+
+    @property
+    def blanks_by(self) -> str:
+        return self._presentation.name if self._presentation is not None else ""
+
+    def nominal_hz(self) -> float:
+        return self.monitor.rate_hz
+
+    def presented(self) -> list[Presented]:
+        answers: list[Presented] = []
+        for answer in self._presentation.take() if self._presentation is not None else []:
+            number = self._numbers.pop(answer.serial, None)
+            # else it was drawn again
+            if number is not None and (answer.t_ns or number not in self._numbers.values()):
+                answers.append(Presented(number, answer.t_ns, answer.period_ns))
+        return answers
+
+    def _toggle(self) -> None:
+        """Switches to full screen on the chosen monitor, or else on the window's; or back to the
+        window's old position.
+
+        Opens the window again: without a window manager SDL neither moves nor shrinks an open one.
+        """
+        if not self._fullscreen:
+            self._windowed, self._at = self._window.size, self._window.position
+        self._find_monitor()
+        if self._asked_monitor:
+            with contextlib.suppress(UserError):  # the chosen one was unplugged
+                self.monitor = find_monitor(self._asked_monitor, monitors())
+        self._fullscreen = not self._fullscreen
+        self._close()
+        self._open()
+
+    def _find_monitor(self) -> None:
+        """The monitor that the window is on now; others may have been plugged or unplugged."""
+        offered = monitors()
+        number = window_system.monitor_number(self._window)
+        self.monitor = next(
+            (monitor for monitor in offered if monitor.number == number), offered[0]
+        )
+
+    def width_mm(self) -> float | None:
+        if self.monitor.pixel_mm:
+            return self._shown_px * self.monitor.pixel_mm
+        scaled = self._painter.size_px()[0] / self._window.size[0]
+        return self._shown_px / (self.monitor.width * scaled) * USUAL_MM
+
+    def show(self, picture: NDArray[np.uint8], pair: Pair | None = None, how: str = "") -> int:
+        """Returns the time at which the window system accepted the picture."""
+        self._shown = picture, pair, how
+        self._number += 1
+        self._draw()
+        return time.monotonic_ns()
+
+    def _draw(self, again: bool = True) -> None:
+        """Draws picture and overlay. again: also if neither has changed."""
+        pygame.mouse.set_visible(not self._fullscreen or self._view.has_pointer)
+        window_px = self._painter.size_px()
+        text_px = round(
+            max(TEXT_PX, TEXT_SHARE * self.monitor.height) * window_px[0] / self._window.size[0]
+        )
+        panels = self._view.panels(window_px, text_px)
+        unchanged = panels == self._drawn
+        self._drawn = panels
+        if self._shown is None or (unchanged and not again):
+            return
+        picture, pair, how = self._shown
+        self._shown_px = fit_area((picture.shape[1], picture.shape[0]), window_px)[2]
+        if pair is not None:
+            # the row of the screen on which the window begins, negative above its top
+            first_row = 0 if self._fullscreen else self._window.position[1] - self.monitor.y
+            picture = self._laid = laid_out(pair, how, window_px, first_row, self._laid)
+        self._painter.paint(picture, panels)
+        self._handed += 1
+        if self._presentation is not None:
+            self._numbers[self._handed] = self._number
+            self._presentation.expect(self._handed)
+        self._painter.swap()
+        if self._presentation is not None:
+            self._presentation.handed_over(self._handed)
+
+    def overlay(self, overlay: Overlay) -> None:
+        self._view.set(overlay)
+        self._draw(again=False)
+
+    def events(self) -> list[str]:
+        """Handles full screen itself, and redraws after it was covered or resized."""
+        names = []
+        again = False
+        self.pointer = attrs.evolve(self.pointer, wheel=0)
+        for event in window_system.take_events():
+            if event.type in RESIZED:
+                self._find_monitor()
+            again |= event.type in REDRAWN
+            names.append(self._meaning(event))
+            if names[-1] == "fullscreen":
+                self._toggle()
+                again = True
+        self._draw(again)
+        return [name for name in names if name]
+
+    def _meaning(self, event: pygame.Event) -> str:
+        """The name of what a person did, "" for nothing."""
+        if self._code:
+            self._typed = (self._typed + (event.unicode if event.type == pygame.KEYDOWN else ""))[
+                -len(self._code) :
+            ]
+            if event.type in MOUSE:
+                self._point(event)
+            return "quit" if self._typed == self._code else ""
+        if event.type == pygame.QUIT:
+            return "quit"
+        if event.type == pygame.DROPFILE:
+            return f"load {event.file}".rstrip()
+        if event.type == pygame.KEYDOWN:
+            name = self._view.key(CODES.get(event.key) or NAMES.get(event.unicode.lower(), ""))
+            if name != "escape":
+                return name
+            return "fullscreen" if self._fullscreen else ""
+        return self._mouse(event) if event.type in MOUSE else ""
+
+    def _point(self, event: pygame.Event) -> None:
+        """Moves the pointer. In an exhibition any touch or button looks around, as elsewhere the
+        right button does.
+        """
+        if event.type == pygame.MOUSEWHEEL:
+            self.pointer = attrs.evolve(self.pointer, wheel=self.pointer.wheel + event.y)
+        else:
+            x, y = (
+                min(max(at / size, 0.0), 1.0)
+                for at, size in zip(event.pos, self._window.size, strict=True)
+            )
+            button = BUTTONS.get(event.button) if event.type != pygame.MOUSEMOTION else None
+            if button and self._code:
+                button = "right"
+            held = {button: event.type == pygame.MOUSEBUTTONDOWN} if button else {}
+            self.pointer = attrs.evolve(self.pointer, x=x, y=y, **held)
+
+    def _mouse(self, event: pygame.Event) -> str:
+        """Moves the pointer; the name of what a click or a touch means."""
+        self._point(event)
+        x_px, y_px = self._painter.size_px()
+        name = self._view.mouse(event, (round(self.pointer.x * x_px), round(self.pointer.y * y_px)))
+        if name:
+            # a click, and no drag of the view
+            self.pointer = attrs.evolve(self.pointer, left=False)
+        elif event.type == pygame.MOUSEBUTTONDOWN and event.button == 1 and self._shown is not None:
+            rows, cols = self._shown[0].shape[:2]
+            left, top, width, height = fit_area((cols, rows), (x_px, y_px))
+            name = (
+                f"click {(self.pointer.x * x_px - left) * cols / width}"
+                f" {(self.pointer.y * y_px - top) * rows / height}"
+            )
+        return name
+
+    def title(self, name: str) -> None:
+        self._title = self._window.title = f"lfpipe: {window_system.drawable(name)}"
+
+    def close(self) -> None:
+        self._close()
+        pygame.display.quit()

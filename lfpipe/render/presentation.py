@@ -1,0 +1,104 @@
+"""What each refresh showed, and pictures between hand-over and light: each waits for its blank and
+is reported in order.
+"""
+
+from collections import deque
+from collections.abc import Iterable
+from typing import Any
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.config import SessionOptions
+from lfpipe.host.presentation import Presented
+from lfpipe.render.choice import Moment, TrackedEyes
+from lfpipe.render.viewer.viewer import Viewpoints
+from lfpipe.transport.clock import MS_NS
+
+ANSWER_NS = 250 * MS_NS  # a hidden window gets no report
+HANDOVER, REPLACED = "handover", "replaced"
+
+
+@attrs.define(kw_only=True)
+class Showing:
+    """What one refresh, or one camera frame, showed."""
+
+    seq: int
+    """Counts showings, over all restarts of the stage."""
+    number: int
+    """Of the picture, from 1; 0: the picture on the screen stayed."""
+    moment: Moment
+    eyes: TrackedEyes | None
+    """The eyes it was made for; None: no record has come yet."""
+    viewpoints: Viewpoints
+    picture: NDArray[np.uint8] | None
+    """On the screen now, uint8 (height, width, 3) BGR; valid until the next picture."""
+    t_started_ns: int
+    t_composed_ns: int
+    t_handed_ns: int
+    cost_ns: int
+    """Of composing and handing over; 0: the picture stayed."""
+    t_presented_ns: int = 0
+    """0: never seen, or not known yet."""
+    by: str = ""
+    """The protocol that reported t_presented_ns, HANDOVER or REPLACED; empty: not known yet."""
+    juddered: bool = False
+    """Whether it was shown at another blank than planned."""
+    more: dict[str, Any] = attrs.field(factory=dict)
+    """Fields that a listener adds to its line of the trace."""
+
+    @property
+    def composed(self) -> bool:
+        """Whether it was a new picture."""
+        return self.number > 0
+
+    @property
+    def face(self) -> bool:
+        """Whether it was made for a face."""
+        return self.eyes is not None and bool(self.eyes.record.face)
+
+    @property
+    def due_ns(self) -> int:
+        """The refresh that it was made for; 0 for none."""
+        return self.moment.target_ns if self.moment.refresh_ns else 0
+
+
+class Listener:
+    """Reacts to showings; a listener defines only the methods that it needs."""
+
+    def set_options(self, options: SessionOptions) -> None:
+        """Takes the session's options: called before the first showing, and when they change."""
+
+    def handed_over(self, showing: Showing) -> None:
+        """Takes what was handed to the display."""
+
+    def presented(self, showing: Showing) -> None:
+        """Takes a showing whose time of display is known; each is handed over first."""
+
+    def close(self) -> None:
+        """Ends its outputs."""
+
+
+def take_known(
+    waiting: deque[Showing], answers: Iterable[Presented], by: str, t_ns: int
+) -> list[Showing]:
+    """Takes those, in their order, whose time of display is known at t_ns: their blank, 0 if the
+    next picture replaced them before one, or their hand-over if no report came within ANSWER_NS.
+    by: the protocol that reports; it is set already where a refresh repeated the picture on the
+    screen.
+    """
+    unanswered = {
+        showing.number: showing for showing in waiting if showing.composed and not showing.by
+    }
+    for answer in answers:
+        if (showing := unanswered.get(answer.serial)) is not None:
+            showing.t_presented_ns = answer.t_ns
+            showing.by = by if answer.t_ns else REPLACED
+    known = []
+    while waiting and (waiting[0].by or t_ns - waiting[0].t_handed_ns > ANSWER_NS):
+        known.append(showing := waiting.popleft())
+        if not showing.by:
+            showing.t_presented_ns = showing.t_handed_ns
+            showing.by = HANDOVER
+    return known

@@ -1,0 +1,269 @@
+"""From two viewpoints to one picture, and from one viewpoint to one camera's view."""
+
+import math
+from concurrent.futures import Executor
+from functools import lru_cache
+
+import attrs
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.config import Render
+from lfpipe.config.quality import method_in_use
+from lfpipe.render.synthesis.anaglyph import (
+    BLUE,
+    GREEN,
+    MATRICES,
+    RED,
+    Channel,
+    Mixer,
+    Plane,
+    PlaneBuilder,
+    Recipe,
+    recipe,
+)
+from lfpipe.render.synthesis.blocks import near_array
+from lfpipe.render.synthesis.engine import Source, Synthesiser
+from lfpipe.render.synthesis.pair_layout import Pair, laid_out
+from lfpipe.render.synthesis.viewpoint import Position, extrapolation_views
+from lfpipe.render.viewer.geometry import zero_plane_px
+from lfpipe.scene.lightfield import LightField
+
+# frame of a video, viewpoints of the eyes on a grid of small steps
+Key = tuple[int, Position, Position]
+
+_RGB = tuple(Plane(0, weights, False) for weights in (RED, GREEN, BLUE))
+# one eye's view in its own colours
+_WHOLE = Recipe(_RGB, (Channel(0), Channel(1), Channel(2)), False)
+BUDGET_BYTES = 64 << 20  # of planes that are built and kept
+TWO_VIEWS = ("side-by-side", "row-interleaved")  # outputs of each eye's view in its own colours
+
+
+def method_for(field: LightField, asked: str) -> str:
+    """The method that makes views of field for render.method = asked; never "auto"."""
+    return method_in_use(asked, field.method, field.disparity is not None, field.manifest.scores)
+
+
+def settings_for_scene(field: LightField, method: str, render: Render) -> Render:
+    """render as it applies to a scene: where both eyes see the same view, it is drawn in its own
+    colours.
+    """
+    same = field.cols == 1 and not extrapolation_views(method, render)
+    return attrs.evolve(render, anaglyph="mono") if same and render.anaglyph in MATRICES else render
+
+
+def recipe_for(render: Render) -> Recipe:
+    """The recipe for mixing pictures; outputs without glasses show a view in its own colours."""
+    return (
+        recipe(render.anaglyph, render.light, render.ghost_compensation)
+        if render.anaglyph in MATRICES
+        else _WHOLE
+    )
+
+
+def planes_of_eyes(render: Render) -> tuple[tuple[Plane, ...], tuple[Plane, ...]]:
+    """Planes made from the left eye's viewpoint, and from the right eye's. The one viewpoint of
+    `mono`, midway between the eyes, counts as the left eye's.
+    """
+    left, right = (
+        tuple(plane for plane in recipe_for(render).planes if plane.eye == eye) for eye in (0, 1)
+    )
+    return (left, left) if render.anaglyph in TWO_VIEWS else (left, right)
+
+
+def _quantum(method: str, disparity_px: float) -> float:
+    """Grid step to which coordinates are rounded, a power of two, at least 1/1024. Up to 64 px per
+    view it moves nothing by more than 1/32 px, and it changes the weights of a cross-fade by at
+    most 1/512, of two warped views by at most 1/128.
+    """
+    if method == "nearest":
+        return 1.0
+    if method == "blend":
+        return 1 / 256
+    step = 1 / 16 if method == "warp" else 1 / 64
+    if disparity_px > 0:
+        step = min(step, 1 / (16 * disparity_px))
+    return max(1 / 1024, 2.0 ** math.floor(math.log2(step)))
+
+
+def stored_channels(field: LightField, plane: Plane) -> tuple[int, ...]:
+    """Stored channels of a plane. Weights sum to 1: every plane of a grey view is the view."""
+    return (0,) if field.channels == 1 else plane.channels
+
+
+class PlaneStore:
+    """Planes of stored views: channels without a copy, others built when first shown and kept while
+    they fit.
+    """
+
+    def __init__(self, field: LightField, budget_bytes: int = BUDGET_BYTES) -> None:
+        self._field = field
+        # a plain view of the map: indexing an np.memmap costs microseconds
+        self._views = np.asarray(field.views)
+        self._builder = PlaneBuilder((field.height_px, field.width_px))
+        self.built = lru_cache(max(8, budget_bytes // max(1, field.height_px * field.width_px)))(
+            self._build
+        )
+
+    def source(self, plane: Plane) -> Source:
+        """A function (frame, row, col) -> uint8 (height, width), read-only."""
+        channels = stored_channels(self._field, plane)
+        if len(channels) > 1:
+            return lambda frame, row, col: self.built(frame, row, col, plane)
+        return lambda frame, row, col: self._views[frame, row, col, channels[0]]
+
+    def _build(self, frame: int, row: int, col: int, plane: Plane) -> NDArray[np.uint8]:
+        return self._builder.build(self._views[frame, row, col], plane)
+
+
+@attrs.frozen(kw_only=True)
+class _Eye:
+    """What one eye's view gives."""
+
+    planes: list[int]  # their numbers in the picture
+    sources: list[Source]  # of each plane
+    scratch: list[NDArray[np.uint8]]  # of each plane
+    synthesiser: Synthesiser
+
+
+class Compositor:
+    """Draws pictures of one light field with one set of render settings; a changed setting is a new
+    Compositor.
+
+    method: the method in use: `auto` resolved, and `nearest` for a light field that cannot be
+    warped for want of disparity. Starts with a few small tables; views are built when first shown.
+    helper: a thread that draws the right eye's planes, and mixes half of the picture.
+    """
+
+    def __init__(self, field: LightField, render: Render, helper: Executor | None = None) -> None:
+        self.method = method_for(field, render.method)
+        render = settings_for_scene(field, self.method, render)
+        self._anaglyph = render.anaglyph
+        self._frames = field.frames
+        size_px = field.height_px, field.width_px
+        mix = recipe_for(render)
+        self._mixer = Mixer(mix, size_px)
+        self._planes = [np.empty(size_px, np.uint8) for _ in mix.planes]
+        self._eyes: list[_Eye] = []
+        for eye in (0, 1):
+            of_eye = [k for k, plane in enumerate(mix.planes) if plane.eye == eye]
+            if not eye or helper:
+                store = PlaneStore(field)
+                synthesiser = Synthesiser(field, self.method)
+            self._eyes.append(
+                _Eye(
+                    planes=of_eye,
+                    sources=[store.source(mix.planes[k]) for k in of_eye],
+                    scratch=[self._planes[k] for k in of_eye],
+                    synthesiser=synthesiser,
+                )
+            )
+        self._helper = helper if all(eye.planes for eye in self._eyes) else None
+        self._picture = near_array((*size_px, 3))
+        self.pair: Pair | None = None
+        """The views of the last picture, if it consists of two."""
+        if render.anaglyph in TWO_VIEWS:
+            self.pair = np.empty_like(self._picture), np.empty_like(self._picture)
+        self._zero_px = zero_plane_px(field, render)
+        extent_px = max(
+            abs(edge - self._zero_px) for edge in (field.disparity_min_px, field.disparity_max_px)
+        )
+        self._quantum = _quantum(self.method, extent_px)
+        self._reach = extrapolation_views(self.method, render)
+        self._last = (field.rows - 1, field.cols - 1)
+
+    def _rounded(self, value: float, last: int) -> float:
+        """value on an axis of views 0 to last, rounded to the key's grid, within the extrapolated
+        zone; the middle if not finite.
+        """
+        inside = (
+            min(max(value, -self._reach), last + self._reach) if math.isfinite(value) else last / 2
+        )
+        return math.floor(inside / self._quantum + 0.5) * self._quantum
+
+    def key(self, left: Position, right: Position, frame: int = 0) -> Key:
+        """What `draw` draws for (row, col) viewpoints of the eyes: equal keys mean the same
+        picture, which need not be drawn again. frame: of light-field video, taken modulo its
+        length.
+        """
+        last_row, last_col = self._last
+        if self._anaglyph == "mono":
+            left = right = (left[0] + right[0]) / 2, (left[1] + right[1]) / 2
+        row = self._rounded(left[0], last_row)
+        right_row = row if right[0] == left[0] else self._rounded(right[0], last_row)
+        return (
+            frame % self._frames,
+            (row, self._rounded(left[1], last_col)),
+            (right_row, self._rounded(right[1], last_col)),
+        )
+
+    def compose(self, left: Position, right: Position, frame: int = 0) -> NDArray[np.uint8]:
+        """The picture for two viewpoints: uint8 (height, width, 3) BGR, valid until the
+        next call.
+        """
+        return self.draw(self.key(left, right, frame))
+
+    def draw(self, key: Key) -> NDArray[np.uint8]:
+        """The picture of a key of this Compositor: uint8 (height, width, 3) BGR, valid until the
+        next call.
+        """
+        frame, left, right = key
+        if self.pair is None:
+            self._mix(frame, left, right, self._picture)
+            return self._picture
+        for position, whole in zip((left, right), self.pair, strict=True):
+            self._mix(frame, position, position, whole)
+        height, width = self._picture.shape[:2]
+        return laid_out(self.pair, self._anaglyph, (width, height), out=self._picture)
+
+    def _mix(self, frame: int, left: Position, right: Position, out: NDArray[np.uint8]) -> None:
+        if self._helper is None:
+            self._draw_eye(self._eyes[0], frame, left)
+            self._draw_eye(self._eyes[1], frame, right)
+            self._mixer.mix(self._planes, out)
+            return
+        drawn = self._helper.submit(self._draw_eye, self._eyes[1], frame, right)
+        self._draw_eye(self._eyes[0], frame, left)
+        drawn.result()
+        middle = len(out) // 2
+        mixed = self._helper.submit(self._mixer.mix, self._planes, out, slice(middle, None))
+        self._mixer.mix(self._planes, out, slice(middle))
+        mixed.result()
+
+    def _draw_eye(self, eye: _Eye, frame: int, position: Position) -> None:
+        if eye.planes:
+            drawn = eye.synthesiser.render(position, frame, self._zero_px, eye.sources, eye.scratch)
+            for k, plane in zip(eye.planes, drawn, strict=True):
+                self._planes[k] = plane
+
+
+class ViewRenderer:
+    """Draws one camera's views of a light field, in its own colours; keeps its tables from view to
+    view. method: as `render.method`. zero_plane_px: disparity that stays in place from view to
+    view; only warps shift by it.
+    """
+
+    def __init__(self, field: LightField, method: str = "auto", zero_plane_px: float = 0.0) -> None:
+        self._frames = field.frames
+        self._zero_plane_px = zero_plane_px
+        self._synthesiser = Synthesiser(field, method_for(field, method))
+        store = PlaneStore(field)
+        self._sources = [store.source(channel) for channel in _RGB[: field.channels]]
+        self._outs = [
+            np.empty((field.height_px, field.width_px), np.uint8) for _ in range(field.channels)
+        ]
+
+    def planes(self, row: float, col: float, frame: int = 0) -> list[NDArray[np.uint8]]:
+        """The planes of the view at (row, col), fractions allowed: uint8 (height, width) each, one
+        or red, green and blue, valid until the next call.
+
+        frame: of a light-field video.
+        """
+        return self._synthesiser.render(
+            (row, col), frame % self._frames, self._zero_plane_px, self._sources, self._outs
+        )
+
+    def render(self, row: float, col: float, frame: int = 0) -> NDArray[np.uint8]:
+        """As `planes`, as a new uint8 (height, width, 3) BGR."""
+        planes = self.planes(row, col, frame)
+        return np.stack(planes * 3 if len(planes) == 1 else planes[::-1], axis=2)

@@ -1,0 +1,148 @@
+"""Views between the stored views, and a little beyond them.
+
+A viewpoint is (row, col), fractional, in grid steps. Whole numbers are the stored views, which
+every method returns bit for bit. Between them a stored view b is warped backwards along its own
+disparity d (px per grid step, nearer is positive):
+
+    picture(x, y) = view_b(x + d * (col - b_col), y + d * (row - b_row)),   d taken where it lands
+    (fixed point)
+
+All methods work on single planes at the light field's resolution, in blocks of 2x2 pixels;
+disparity is refined at its own lower resolution.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.config.quality import WARPS
+from lfpipe.render.synthesis.blocks import Blocks, Box, shifted, size_of
+from lfpipe.render.synthesis.viewpoint import Position, ViewWeight, view_weights
+from lfpipe.render.synthesis.warper import Warper
+from lfpipe.scene.lightfield import LightField
+
+Array = NDArray[np.uint8]
+Source = Callable[[int, int, int], Array]  # (frame, row, col) -> a plane of that stored view
+
+
+class Layer(NamedTuple):
+    """A stored view in a cross-fade."""
+
+    planes: list[Array]
+    share: float  # of the sum of this layer and those below
+    by: tuple[int, int]  # px down and right by which a pixel of the picture looks into the planes
+
+
+class Synthesiser:
+    """Planes of a light field from any viewpoint."""
+
+    def __init__(self, field: LightField, method: str) -> None:
+        self.method = method
+        self._rows, self._cols = field.rows, field.cols
+        self._centre = ((field.rows - 1) / 2, (field.cols - 1) / 2)
+        self._warper = Warper(field) if method in WARPS else None
+        height, width = field.height_px, field.width_px
+        self._whole = slice(0, height), slice(0, width)
+        self._blocks = Blocks(height, width)
+        *self._sums, self._sample = (
+            np.empty((*size_of(height, width), 4), np.uint8) for _ in range(5)
+        )
+
+    def render(
+        self,
+        position: Position,
+        frame: int,
+        zero_plane_px: float,
+        sources: Sequence[Source],
+        outs: Sequence[Array],
+    ) -> list[Array]:
+        """One plane for each source, at most four, seen from position.
+
+        zero_plane_px: disparity that lies in the plane of the screen. outs: uint8 (height, width)
+        each, to draw into. Returns the planes: an element of outs, the stored plane itself if that
+        is the picture, or a shifted copy.
+        """
+        views = view_weights(self.method, position, self._rows, self._cols)
+        if self._warper is None:
+            layers = self._layers(frame, views, zero_plane_px, sources)
+            return self._faded(layers, self._whole, outs)
+        shift = (
+            zero_plane_px * (self._centre[0] - position[0]),
+            zero_plane_px * (self._centre[1] - position[1]),
+        )
+        drawn = list(outs[: len(sources)])
+        total = 0.0
+        for view in views:
+            steps = self._warper.offset(view, position)
+            planes = [source(frame, view.row, view.col) for source in sources]
+            if steps == (0.0, 0.0) and not any(shift):
+                return planes
+            self._warper.aim(frame, view, steps, shift)
+            total += view.weight
+            self._warp(
+                self._warper, view.weight / total, planes, drawn if view is views[-1] else []
+            )
+        # where disparity is unknown: the cross-fade instead
+        layers = []
+        for box, share in self._warper.unknown(frame, position, shift):
+            if not layers:
+                views = view_weights("blend", position, self._rows, self._cols)
+                layers = self._layers(frame, views, zero_plane_px, sources)
+            scratch = [np.empty(share.shape, np.uint8) for _ in sources]
+            for out, plane in zip(drawn, self._faded(layers, box, scratch), strict=True):
+                cv2.blendLinear(plane, out[box], share, 1 - share, out[box])
+        return drawn
+
+    def _layers(
+        self, frame: int, views: list[ViewWeight], zero_px: float, sources: Sequence[Source]
+    ) -> list[Layer]:
+        """The stored views of a cross-fade, each shifted as a whole to its zero plane."""
+        layers: list[Layer] = []
+        total = 0.0
+        for view in views:
+            total += view.weight
+            by = (
+                round(zero_px * (self._centre[0] - view.row)),
+                round(zero_px * (self._centre[1] - view.col)),
+            )
+            planes = [source(frame, view.row, view.col) for source in sources]
+            layers.append(Layer(planes, view.weight / total, by))
+        return layers
+
+    def _faded(self, layers: list[Layer], box: Box, outs: Sequence[Array]) -> list[Array]:
+        """A box of the layers' sum, one plane for each of their planes.
+
+        outs: to draw into, of the box's size. Returns them, or the stored planes themselves.
+        """
+        faded: list[Array] = []
+        for layer in layers:
+            planes = layer.planes
+            if any(layer.by) or box is not self._whole:
+                planes = [shifted(plane, *layer.by, box) for plane in planes]
+            if faded:
+                for plane, below, out in zip(planes, faded, outs, strict=False):
+                    cv2.addWeighted(plane, layer.share, below, 1 - layer.share, 0.0, out)
+                planes = list(outs[: len(planes)])
+            faded = planes
+        return faded
+
+    def _warp(self, warper: Warper, share: float, planes: list[Array], outs: list[Array]) -> None:
+        """Warps planes of a view as aimed, and adds them in blocks with its share of the views so
+        far. outs: to unpack into, after the last view.
+        """
+        for band in warper.bands:
+            reach = self._blocks.reach(band, warper.most_px)
+            x, y = warper.maps(band, reach[0])
+            sample = self._sample[: len(x)]
+            for k, plane in enumerate(planes):
+                blocks = self._sums[k][band]
+                if share == 1:
+                    self._blocks.sample(plane, x, y, reach, blocks)
+                else:
+                    self._blocks.sample(plane, x, y, reach, sample)
+                    cv2.addWeighted(sample, share, blocks, 1 - share, 0.0, blocks)
+                if outs:
+                    self._blocks.pixels(blocks, outs[k][2 * band.start : 2 * band.stop])

@@ -1,0 +1,304 @@
+"""The position in a stored view of each pixel of a new picture, and whether that view sees it."""
+
+import itertools
+import math
+from collections.abc import Iterator
+from functools import cache, lru_cache
+from typing import Any
+
+import attrs
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.render.synthesis.blocks import Box, bands_of, places, shifted, size_of
+from lfpipe.render.synthesis.viewpoint import Position, ViewWeight, cell_of, view_weights
+from lfpipe.scene.lightfield import UNKNOWN, LightField
+
+# separation of near and far above which hidden parts are handled,
+# at a seventh of the cost of a warp
+CAREFUL_PX = 1.0
+SOFT = 5  # values of disparity over which a cross-fade ramps up
+BOX_SHARE = 0.02  # what the work for a box costs before its first pixel, in parts of a whole map
+MOST_BOXES = 30  # of unknown disparity: more are one
+
+Pair = tuple[NDArray[np.float32], NDArray[np.float32]]  # x, y
+Levels = NDArray[np.uint8]  # disparity in stored units, plus ZERO
+ZERO = 128
+
+
+@attrs.frozen(eq=False)
+class Unknown:
+    """A box of the maps of four views in which some disparity is unknown."""
+
+    box: Box  # with as much around what is unknown as `SOFT` reaches
+    masks: dict[tuple[int, int], NDArray[np.float32]]  # of a view: 1 where it is unknown, else 0
+
+
+class Warper:
+    """Sampling maps from the disparity of a light field; owns its buffers, so a call allocates
+    nothing.
+    """
+
+    def __init__(self, field: LightField) -> None:
+        if field.disparity is None:
+            raise ValueError("a light field without disparity cannot be warped")
+        self._stored = np.asarray(field.disparity)
+        self._offsets = field.offsets.astype(np.float64)
+        self._regular = not self._offsets.any()
+        self._unit_px = abs(float(field.disparity_scale_px))
+        self._turned = field.disparity_scale_px < 0
+        self._span_px = field.disparity_max_px - field.disparity_min_px
+        rows, cols = size_of(field.height_px, field.width_px)
+        if self._stored.shape[3:] != (rows, cols):
+            raise ValueError(
+                f"disparity of {self._stored.shape[3:]} values, not one for each 2x2 pixels:"
+                f" {rows, cols}"
+            )
+        self._unknown_in = cache(self._find_unknown)
+        self._unknown_around = cache(self._find_unknown_around)
+        # px of a view per px of its disparity
+        self._step = (field.height_px / rows, field.width_px / cols)
+        self._size = field.height_px, field.width_px
+        self._low, self._steps_up, self._nearest = np.empty((3, rows, cols), np.uint8)
+        # x and y of each disparity, and of each block
+        self._cells = np.ascontiguousarray(
+            np.mgrid[:rows, :cols][::-1].transpose(1, 2, 0), np.int16
+        )
+        self._places = places(field.height_px, field.width_px)
+        self.bands = bands_of(rows, 16 * cols)
+        """Rows of blocks to process at a time."""
+        # scratch of a band
+        size = self.bands[0].stop, cols
+        self._steps_to = np.empty(size, np.int32)
+        self._targets = np.empty((*size, 2), np.int16)
+        self._moved = np.empty((2, *size), np.float32)
+        self._first, self._second = np.empty((2, *size), np.uint8)
+        self.most_px = 0.0
+        # by level: px that a block moves along x and y; and whole cells
+        self._moves = np.empty((2, 256), np.float32)
+        self._cell_moves = np.empty((1, 256), np.int32)
+        self._careful = False  # whether near and far separate enough to hide each other
+
+    def offset(self, view: ViewWeight, position: Position) -> Position:
+        """Steps from the view's camera to position. Cameras off the regular grid bend the
+        coordinates: whole numbers are always the cameras themselves, and offsets between them are
+        interpolated.
+        """
+        if self._regular:
+            return position[0] - view.row, position[1] - view.col
+        rows, cols = self._offsets.shape[:2]
+        r, up = cell_of(position[0], rows)
+        c, right = cell_of(position[1], cols)
+        r1, c1 = min(r + 1, rows - 1), min(c + 1, cols - 1)
+        near, far = self._offsets[r], self._offsets[r1]
+        bend = (1 - up) * ((1 - right) * near[c] + right * near[c1]) + up * (
+            (1 - right) * far[c] + right * far[c1]
+        )
+        bend -= self._offsets[view.row, view.col]
+        return position[0] - view.row + float(bend[0]), position[1] - view.col + float(bend[1])
+
+    def aim(self, frame: int, view: ViewWeight, steps: Position, shift_px: Position) -> None:
+        """Prepares `maps` of the view as seen steps away from it, moved by shift_px.
+
+        steps, shift_px: (row, col).
+        """
+        down, right = steps
+        shift_y, shift_x = shift_px
+        stored = self._map(frame, view.row, view.col).view(np.uint8)
+        levels, levels_up = _LEVELS_TURNED if self._turned else _LEVELS
+        cv2.LUT(stored, levels, self._low)
+        # by which a pixel is moved down or up at most
+        self.most_px = ZERO * self._unit_px * abs(down) + abs(shift_y)
+        per_level = np.array((right * self._unit_px, down * self._unit_px))
+        moves = np.rint((_UNITS * per_level + (shift_x, shift_y)) / _STEP_PX) * _STEP_PX
+        self._moves = np.ascontiguousarray(moves.T, np.float32)
+        cells = np.floor(np.clip(moves / self._step[::-1], -_FAR, _FAR) + 0.5).astype(np.int16)
+        self._cell_moves = cells.view(np.int32).reshape(1, 256)
+        apart_x = abs(right) * self._span_px
+        apart_y = abs(down) * self._span_px
+        self._careful = max(apart_x, apart_y) >= CAREFUL_PX
+        if not self._careful:
+            return
+        reach = (math.ceil(apart_y / self._step[0]), math.ceil(apart_x / self._step[1]))
+        rows, cols = self._low.shape
+        steps_up = self._low
+        if self._unknown_in(frame, view.row, view.col):  # which is never nearest
+            steps_up = self._steps_up
+            cv2.LUT(stored, levels_up, steps_up)
+        cv2.dilate(steps_up, _box(min(reach[0], rows), min(reach[1], cols)), self._nearest)
+
+    def maps(self, band: slice, first_row: int) -> Pair:
+        """Maps (x, y), float32 (rows of band, columns) of blocks, that sample the view of `aim`.
+
+        band: one of `bands`. first_row: of blocks, from which y counts. The maps are for
+        `Blocks.sample`, not to be written to, and valid until the next call.
+
+        They follow the view's disparity at the place where each pixel lands: d(x + d * steps). One
+        iteration of the fixed point from d(x) suffices if little is hidden. If near and far
+        separate by more than CAREFUL_PX, the search starts from the nearest object in reach, so
+        that the front object wins. A point hidden in the view does not converge: it alternates
+        between the front object and the background. The nearer value then samples the background
+        right beside the object.
+        """
+        count = band.stop - band.start
+        first = self._first[:count]
+        if self._careful:
+            disparity = self._second[:count]
+            self._look_up(band, self._nearest[band], first)
+            self._look_up(band, first, disparity)
+            cv2.max(first, disparity, disparity)
+        else:
+            disparity = first
+            self._look_up(band, self._low[band], disparity)
+        across, down = self._moves
+        x, y = self._places
+        moved_x, moved_y = self._moved[:, :count]
+        return (
+            _moved(disparity, across, x[band], moved_x),
+            _moved(disparity, down - np.float32(first_row), y[band], moved_y),
+        )
+
+    def _map(self, frame: int, row: int, col: int) -> NDArray[np.int8]:
+        stored: NDArray[np.int8] = self._stored[min(frame, len(self._stored) - 1), row, col]
+        return stored
+
+    def _find_unknown(self, frame: int, row: int, col: int) -> bool:
+        """Whether some disparity of a view is unknown."""
+        return bool(self._map(frame, row, col).min() == UNKNOWN)
+
+    def _find_unknown_around(self, frame: int, row: int, col: int) -> list[Unknown]:
+        """All that is unknown in the four views from (row, col) on."""
+        rows, cols = self._offsets.shape[:2]
+        corners = itertools.product((row, min(row + 1, rows - 1)), (col, min(col + 1, cols - 1)))
+        masks = {
+            at: (self._map(frame, *at) == UNKNOWN).view(np.uint8)
+            for at in corners
+            if self._unknown_in(frame, *at)
+        }
+        around = np.zeros(self._low.shape, np.uint8)
+        for mask in masks.values():
+            around |= mask
+        cv2.dilate(around, _box(SOFT, SOFT), around)
+        return [
+            Unknown(box, {at: mask[box].astype(np.float32) for at, mask in masks.items()})
+            for box in _boxes_of(around)
+        ]
+
+    def unknown(
+        self, frame: int, position: Position, shift_px: Position
+    ) -> Iterator[tuple[Box, NDArray[np.float32]]]:
+        """Where a picture is cross-faded because disparity is unknown: boxes of the picture, moved
+        by shift_px as by `aim`, and the share of the cross-fade at each of their pixels, float32, 0
+        to 1. It is 0 everywhere else.
+        """
+        rows, cols = self._offsets.shape[:2]
+        row, _ = cell_of(position[0], rows)
+        col, _ = cell_of(position[1], cols)
+        areas = self._unknown_around(frame, row, col)
+        if not areas:
+            return
+        views = view_weights("blend", position, rows, cols)
+        dy, dx = round(shift_px[0]), round(shift_px[1])
+        for area in areas:
+            top, left = area.box[0].start, area.box[1].start
+            low = np.full_like(next(iter(area.masks.values())), -1)  # other views know the rest
+            for view in views:
+                if (mask := area.masks.get((view.row, view.col))) is not None:
+                    cv2.scaleAdd(mask, 2 * view.weight, low, low)
+            cv2.max(low, 0, low)  # type: ignore[call-overload]
+            if not low.any():
+                continue
+            cv2.blur(low, (SOFT, SOFT), low)
+            share = cv2.resize(low, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR)
+            box = (
+                _span(2 * top, len(share), dy, self._size[0]),
+                _span(2 * left, len(share[0]), dx, self._size[1]),
+            )
+            if box[0].start < box[0].stop and box[1].start < box[1].stop:
+                yield (
+                    box,
+                    shifted(np.asarray(share, np.float32), dy - 2 * top, dx - 2 * left, box),
+                )
+
+    def _look_up(self, band: slice, at: Levels, out: Levels) -> None:
+        """Writes to out the stored disparity at the place where each pixel of a band lands if its
+        own is `at`. The nearest value: a mean of two would be neither.
+        """
+        steps, targets = self._steps_to[: len(at)], self._targets[: len(at)]
+        cv2.LUT(at, self._cell_moves, steps)
+        cv2.add(self._cells[band], steps.view(np.int16).reshape(targets.shape), targets)
+        second: Any = None  # targets hold both coordinates
+        cv2.remap(self._low, targets, second, cv2.INTER_NEAREST, out, cv2.BORDER_REPLICATE)
+
+
+def _moved(
+    disparity: Levels,
+    move: NDArray[np.float32],
+    start: NDArray[np.float32],
+    out: NDArray[np.float32],
+) -> NDArray[np.float32]:
+    """start + move[disparity], in out; start itself if nothing moves."""
+    if not move.any():
+        return start
+    cv2.LUT(disparity, move[None], out)
+    cv2.add(start, out, out)
+    return out
+
+
+def _levels(turned: bool) -> tuple[Levels, Levels]:
+    """Tables from a stored byte to its level. Unknown is ZERO in the first, and below all others in
+    the second. turned: near and far are exchanged.
+    """
+    up = np.arange(256, dtype=np.uint8) ^ np.uint8(ZERO)
+    if turned:
+        up = np.negative(up)  # 1 to 255 in reverse; 0, unknown, stays
+    known = up.copy()
+    known[np.int8(UNKNOWN).view(np.uint8)] = ZERO
+    return known, up
+
+
+_LEVELS, _LEVELS_TURNED = _levels(False), _levels(True)
+_UNITS = np.arange(256)[:, None] - float(ZERO)
+_STEP_PX = 1 / 1024  # of a move: then its sum with a place is exact, whatever the band
+_FAR = 1 << 14  # cells beyond any picture, which 16 bits hold together with a place in it
+
+
+def _span(start: int, length: int, moved: int, most: int) -> slice:
+    """The pixels on an axis of `most` that show start to start + length of a plane after a move;
+    what touches a border of the plane reaches to that of the picture.
+    """
+    stop = start + length
+    return slice(
+        max(start - moved, 0) if start else 0, min(stop - moved, most) if stop < most else most
+    )
+
+
+def _boxes_of(mask: NDArray[np.uint8]) -> list[Box]:
+    """Boxes that hold all of a mask, uint8 (h, w), and cost the least work."""
+    count, _, areas, _ = cv2.connectedComponentsWithStats(mask)
+    rects = areas[1:, :4].tolist() if count - 1 <= MOST_BOXES else [cv2.boundingRect(mask)]
+    boxes = [(y, x, y + height, x + width) for x, y, width, height in rects]
+
+    def work(box: tuple[int, int, int, int]) -> float:
+        return (box[2] - box[0]) * (box[3] - box[1]) + BOX_SHARE * mask.size
+
+    def joined(
+        a: tuple[int, int, int, int], b: tuple[int, int, int, int]
+    ) -> tuple[int, int, int, int]:
+        return min(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), max(a[3], b[3])
+
+    def saved(pair: tuple[tuple[int, int, int, int], tuple[int, int, int, int]]) -> float:
+        return work(pair[0]) + work(pair[1]) - work(joined(*pair))
+
+    while len(boxes) > 1:
+        pair = max(itertools.combinations(boxes, 2), key=saved)
+        if saved(pair) <= 0:
+            break
+        boxes = [box for box in boxes if box not in pair] + [joined(*pair)]
+    return [np.s_[top:bottom, left:right] for top, left, bottom, right in boxes]
+
+
+@lru_cache(maxsize=256)
+def _box(down: int, right: int) -> NDArray[np.uint8]:
+    return np.ones((2 * down + 1, 2 * right + 1), np.uint8)

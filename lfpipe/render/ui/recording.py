@@ -1,0 +1,73 @@
+"""Recording the camera by key r: where to, and what the window says of it."""
+
+import os
+import time
+from pathlib import Path
+
+import platformdirs
+
+from lfpipe.host.files import is_dir
+from lfpipe.render.ui.notices import Notices
+from lfpipe.sequence.packets import PACKETS
+from lfpipe.transport.clock import SECOND_NS
+from lfpipe.transport.context import Context
+
+SIZE_NS = SECOND_NS // 2  # between two readings of its size
+ENDED_NS = 8 * SECOND_NS  # time to read a path
+
+
+class RecordingIndicator:
+    """Begins and ends recordings, and shows their time and size, whoever began them."""
+
+    def __init__(self, context: Context, notices: Notices) -> None:
+        self._context = context
+        self._notices = notices
+        self._folder = ""
+        self._began_ns = self._due_ns = 0
+        self.words = ""
+        """Time and size of the recording that runs; "" for none."""
+
+    def toggle(self) -> None:
+        """Begins a recording of the camera with the eyes, beside the pictures, or ends it."""
+        path = ""
+        if not self._context.options.record:
+            path = str(picture_folder() / time.strftime("lfpipe-recording-%Y%m%d-%H%M%S"))
+            self._notices.say("record", "the recording starts")
+        self._context.request("record", path=path)
+
+    def serve(self, t_ns: int) -> bool:
+        """Updates the words; returns whether they changed."""
+        folder = self._context.options.record
+        if folder != self._folder:
+            if self._folder:
+                path = Path(self._folder)
+                text = f"the recording is {path.name}\nin {path.parent}"
+                words = text if _size_bytes(path) else "no frame was recorded"
+                self._notices.say("record", words, ENDED_NS)
+            self._folder = folder
+            self.words = ""
+            self._began_ns = self._due_ns = t_ns
+        if not folder or t_ns < self._due_ns:
+            return False
+        self._due_ns = t_ns + SIZE_NS
+        minutes, seconds = divmod((t_ns - self._began_ns) // SECOND_NS, 60)
+        self.words = f"{minutes}:{seconds:02}  {_size_bytes(Path(folder)) / 1e6:.0f} MB"
+        return True
+
+
+def _size_bytes(folder: Path) -> int:
+    """Size of a recording's frames."""
+    try:
+        return (folder / PACKETS).stat().st_size
+    except OSError:
+        return 0
+
+
+def picture_folder() -> Path:
+    """The desktop's folder for pictures, or else the working directory."""
+    folder = platformdirs.user_pictures_path()
+    return (
+        folder
+        if folder != Path.home() and is_dir(folder) and os.access(folder, os.W_OK)
+        else Path.cwd()
+    )

@@ -1,0 +1,253 @@
+"""Other scenes: requests for one of the playlist or a dropped one, their choice by pictures (key
+Tab), and the desktop's dialog.
+
+The old scene stays on the screen until the packer has the views of the new one. A second request
+replaces the first.
+"""
+
+import base64
+import re
+import shutil
+import subprocess
+import textwrap
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.files.decoding import fit_area
+from lfpipe.host.files import exists
+from lfpipe.render.ui.notices import Notices
+from lfpipe.render.ui.overlay import Item, Menu, Overlay
+from lfpipe.render.ui.pages import Page
+from lfpipe.scene.cache import cache_root
+from lfpipe.scene.recent_scenes import forget_scene
+from lfpipe.transport.clock import SECOND_NS, now_ns
+from lfpipe.transport.context import Context
+from lfpipe.transport.ring import Reader
+
+ALONE_NS = 60 * SECOND_NS  # then the visitor is assumed to have left
+NO_OTHER = "there is no other scene: press l, or drop a folder of views onto the window"
+# of a refusal in the picture; lines of the reason, and of the remedy
+REFUSED_NS = 6 * SECOND_NS
+LINE_CHARS = 60
+TYPED = re.compile(r"`|--|\blfpipe \w|\w=\w")  # what only a terminal takes
+MAX_LINES = 5
+# between two pictures of the camera: a motion is visible, and the scene keeps its rate
+CAMERA_NS = SECOND_NS // 5
+THUMBNAILS = Path(__file__).parent / "thumbnails"  # by tools.make_docs_pictures
+KEPT_PX = (480, 360)  # of a thumbnail, at most: larger than a cell of most menus
+HINT = "Click, or use the arrows and Enter. Tab goes back.\nDrop a folder of views to open it.{}"
+
+
+class SceneLoader:
+    """Requests scenes.
+
+    share: of the packer's work on the scene on the screen that is done; None without.
+    """
+
+    def __init__(self, context: Context, notices: Notices) -> None:
+        self._context = context
+        self._notices = notices
+        # the scene requested last that is not loaded yet
+        self._asked = ""
+        self._asked_ns = 0
+        # the name of the scene being loaded, whoever requested it, and its progress
+        self._loading = ""
+        self._step = ""
+        self.share: float | None = None
+        self._first_due_ns = 0
+
+    def step(self, step: int) -> None:
+        """Requests the scene of the playlist that many steps from the one requested last."""
+        scenes = self._context.options.playlist
+        if len(scenes) < 2:
+            self._notices.say("scene", NO_OTHER)
+            return
+        at = (
+            scenes.index(self._asked)
+            if self._asked in scenes
+            else self._context.options.playlist_at
+        )
+        self.load(Path(scenes[(at + step) % len(scenes)]))
+
+    def load(self, scene: Path) -> None:
+        """Requests the scene at a path, instead of one requested before."""
+        self._context.request("load", scene=str(scene))
+        self._asked = str(scene)
+        self._asked_ns = now_ns()
+
+    def answered(self, answer: dict[str, Any]) -> None:
+        """Handles the answer to a request: the picture shows a refusal for a while."""
+        if answer.get("replaced"):
+            return
+        if not answer["ok"]:
+            lines = [f"{self._what()}: refused".removeprefix(": ")]
+            remedy = answer.get("remedy", "")
+            # a command line is of no use in the window
+            shown = "" if TYPED.search(remedy) else remedy
+            for text in (answer["error"], shown):
+                lines += textwrap.wrap(text, LINE_CHARS)[:MAX_LINES]
+            self._notices.say("refused", "\n".join(lines), REFUSED_NS)
+        if not answer["ok"] or "pack" in answer:
+            self._asked = ""
+
+    def report(self, news: dict[str, Any]) -> None:
+        """Takes the progress of loading, whoever requested the scene. A line alone shows that of
+        the scene on the screen.
+        """
+        self._loading, self._step = ("", "") if news["shown"] else (news["scene"], news["step"])
+        self.share = news["share"] if news["shown"] and news["step"] else None
+
+    def _what(self) -> str:
+        scenes = self._context.options.playlist
+        if self._asked:
+            place = (
+                f": {scenes.index(self._asked) + 1} of {len(scenes)}"
+                if self._asked in scenes
+                else ""
+            )
+            return f"loading {Path(self._asked).name}{place}"
+        return f"loading {self._loading}" if self._step else ""
+
+    def words(self, t_ns: int) -> str:
+        """What is being loaded, how far it is, and for how long; "" for nothing."""
+        waited_s = (t_ns - self._asked_ns) // SECOND_NS if self._asked else 0
+        return ", ".join(
+            filter(None, [self._what(), self._step, f"{waited_s} s" if waited_s else ""])
+        )
+
+    def serve(self, t_ns: int) -> None:
+        """In an exhibition, requests the first scene for the next visitor."""
+        options = self._context.options
+        alone_ns = t_ns - int(self._context.row["t_face_ns"])
+        if (
+            options.kiosk
+            and options.playlist_at
+            and alone_ns > ALONE_NS
+            and t_ns > self._first_due_ns
+        ):
+            self._first_due_ns = t_ns + ALONE_NS  # it may need packing again
+            self._context.request("load", at=0)
+
+
+class ScenePage(Page):
+    """The scenes of the playlist as a menu, with the camera's picture."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._playlist = context.options.playlist
+        self._scenes = list(self._playlist)  # without those taken off the start page
+        self._at = 0
+        # of the scenes that were read; None: there is none
+        self._pictures: dict[str, NDArray[np.uint8] | None] = {}
+        self._camera: Reader | None = None
+        self._camera_due_ns = 0
+        self._camera_item = Item("the camera")
+
+    def menu(self) -> Menu:
+        """The page with the pictures read so far."""
+        items = [
+            Item(Path(scene).name, f"load {scene}", picture=self._pictures.get(scene))
+            for scene in self._scenes
+        ]
+        if self._camera is not None:
+            items.append(self._camera_item)
+        delete = " Delete removes a scene." if self._context.options.start else ""
+        return Menu("Choose a scene", HINT.format(delete), tuple(items), self._at)
+
+    def open(self) -> None:
+        """Selects the scene on show; asks for all pictures again, as one may have been packed
+        since. Those of our own making are in the package: their views take a while to render.
+        """
+        options = self._context.options
+        if options.playlist != self._playlist:
+            self._playlist = options.playlist
+            self._scenes = list(self._playlist)
+        now = options.playlist[options.playlist_at]
+        self._at = self._scenes.index(now) if now in self._scenes else 0
+        stored = {scene: THUMBNAILS / f"{Path(scene).name}.jpg" for scene in self._scenes}
+        self._pictures = {
+            scene: np.asarray(cv2.imread(str(path)), np.uint8)[..., ::-1]
+            for scene, path in stored.items()
+            if self._is_own(scene) and exists(path)
+        }
+        rest = [scene for scene in self._scenes if scene not in self._pictures]
+        self._context.request("previews", scenes=rest)
+        if options.viewer.tracked and self._camera is None:
+            self._camera = Reader(self._context.spec.session.segment("frames"))
+
+    def close(self) -> None:
+        """Ends what reads pictures."""
+        if len(self._pictures) < len(self._scenes):
+            self._context.request("previews", scenes=[])
+
+    def add(self, preview: dict[str, Any]) -> None:
+        """Takes a picture that the packer has read."""
+        picture = None
+        if preview["data"]:
+            data = np.frombuffer(base64.b64decode(preview["data"]), np.uint8)
+            picture = np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), np.uint8)[..., ::-1]
+        self._pictures[preview["scene"]] = picture
+
+    def _is_own(self, scene: str) -> bool:
+        """Whether a scene is of our own making: it is always there."""
+        return Path(scene).is_relative_to(cache_root(self._context.config.scene))
+
+    def forget(self, scene: str) -> None:
+        """Takes a scene off the start page; the demos stay, and so do all files."""
+        if self._context.options.start and scene in self._scenes and not self._is_own(scene):
+            self._scenes.remove(scene)
+            forget_scene(Path(scene))
+
+    def overlay(self, t_ns: int) -> Overlay:
+        if self._camera is not None and t_ns >= self._camera_due_ns:
+            self._camera_due_ns = t_ns + CAMERA_NS
+            self._see_camera(self._camera)
+        return Overlay(menu=self.menu())
+
+    def _see_camera(self, camera: Reader) -> None:
+        """Takes the camera's newest picture, mirrored."""
+        options = self._context.options
+        frame_px = self._context.config.camera.frame_px
+        frame = np.empty((*frame_px[::-1], 3), np.uint8)
+        if camera.read(frame) is None:
+            return
+        small_px = fit_area(frame_px, KEPT_PX)[2:]
+        small = np.asarray(cv2.resize(frame, small_px, interpolation=cv2.INTER_AREA), np.uint8)
+        caption = "a face: here you are" if self._context.row["face"] else "no face seen"
+        if options.viewer.source.startswith("demo"):
+            caption = "no camera" if options.start else "demo face"
+        self._camera_item = Item(caption, picture=small[:, ::-1, ::-1])
+
+
+# A portal's answer is a signal to the connection that asked; `gdbus call` and `busctl call` have
+# closed theirs by then.
+NO_DIALOG = "drop a folder or a file onto the window (zenity or kdialog would give a dialog)"
+
+
+def file_dialog(folder: bool) -> subprocess.Popen[str] | None:
+    """The desktop's own dialog for a folder or a file, a child process that prints its path; None
+    if there is none.
+    """
+    title = "Open a folder of views" if folder else "Open a light field"
+    if program := shutil.which("zenity"):
+        command = [
+            program,
+            "--file-selection",
+            f"--title={title}",
+            *(["--directory"] if folder else []),
+        ]
+    elif program := shutil.which("kdialog"):
+        command = [
+            program,
+            "--title",
+            title,
+            "--getexistingdirectory" if folder else "--getopenfilename",
+            str(Path.home()),
+        ]
+    else:
+        return None
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)

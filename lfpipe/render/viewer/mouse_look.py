@@ -1,0 +1,138 @@
+"""The mouse as the viewer: without a camera, and with one while the right button is held.
+
+The pointer's place over the window is the place of the eyes before the grid of views: at the left
+edge they see the leftmost view, at the top the topmost. The wheel is the distance, dragging moves
+the neutral position, and the eyes follow as smoothly as a head.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.config import Config
+from lfpipe.config.camera_pose import camera_focal_px
+from lfpipe.eyes import Eyes, EyesRecord
+from lfpipe.render.ui.overlay import Pointer
+from lfpipe.render.viewer.geometry import SEAT_MM
+from lfpipe.render.viewer.viewer import Viewer, low_pass_share
+from lfpipe.transport.clock import SECOND_NS
+from lfpipe.transport.ring import Stamp
+from lfpipe.transport.ring_io import RingOutput
+
+EASE_S = 0.06  # time constant of two low-passes in a row: a move of the mouse becomes one of a head
+# the way back to the camera's eyes: eight times EASE_S leave nothing to see
+BACK_NS = SECOND_NS // 2
+# range of the wheel, from reading to across a room; a step is that of key +
+NEAR_MM, FAR_MM, STEP = 250.0, 4000.0, 1.1
+
+
+class MouseLook:
+    """Makes eyes records from the pointer.
+
+    ring: "eyes", which it writes in a session without a camera; None with a camera.
+    """
+
+    def __init__(self, config: Config, viewer: Viewer, ring: RingOutput | None) -> None:
+        self._viewer = viewer
+        self._size_px = config.camera.frame_px
+        self._pointer = Pointer()
+        self._anchor = 0.5, 0.5  # where the pointer must be for the neutral position
+        self._focal_px = camera_focal_px(config, self._size_px[0])
+        self._eyes_mm = config.screen.eyes_mm
+        distance_mm = config.screen.distance_mm
+        self._distance_mm = SEAT_MM if distance_mm == "auto" else float(distance_mm)
+        # the middle of the eyes after one low-pass, and after both
+        self._eased_px: tuple[NDArray[np.float64], ...] | None = None
+        self._t_ns = self._released_ns = 0
+        self._ring = ring
+        self._alone = ring is not None
+        self._count = 0
+
+    @property
+    def is_viewer(self) -> bool:
+        """Whether the mouse is the viewer now."""
+        return self._alone or self._pointer.right or self._eased_px is not None
+
+    def move(self, pointer: Pointer, t_ns: int) -> None:
+        """Takes the pointer's state at t_ns."""
+        before = self._pointer
+        self._pointer = pointer
+        if pointer.left and before.left and self.is_viewer:
+            self._anchor = (
+                self._anchor[0] + pointer.x - before.x,
+                self._anchor[1] + pointer.y - before.y,
+            )
+        if pointer.wheel and self.is_viewer:
+            self._distance_mm = min(max(self._distance_mm * STEP**-pointer.wheel, NEAR_MM), FAR_MM)
+        if before.right and not pointer.right:
+            self._released_ns = t_ns
+
+    def recentre(self) -> bool:
+        """Makes the pointer's place the neutral one; returns whether the mouse is the viewer."""
+        if self._alone:
+            self._anchor = self._pointer.x, self._pointer.y
+        return self._alone
+
+    def eyes(
+        self, record: EyesRecord | None, stamp: Stamp | None, t_ns: int
+    ) -> tuple[EyesRecord, Stamp]:
+        """The record and stamp of the eyes at t_ns.
+
+        record, stamp: of the camera, if there is one.
+        """
+        solver = self._viewer.solver
+        field = self._viewer.field
+        face = record if record is not None and record.face else None
+        centre_px = (
+            np.array(self._size_px) / 2.0
+            if solver is None or self._alone
+            else np.array(solver.centre_px)
+        )
+        start_px = centre_px if face is None else np.reshape(face.filtered_px, (2, 2)).mean(axis=0)
+        target_px = centre_px
+        if not self._alone and not self._pointer.right:
+            target_px = start_px
+        elif solver is not None:
+            x, y = self._pointer.x - self._anchor[0], self._pointer.y - self._anchor[1]
+            across = max(field.cols - 1, 1) * solver.alpha_px
+            down = max(field.rows - 1, 1) * solver.alpha_px
+            # a viewer who moves right is further left in the camera's picture
+            target_px = centre_px + np.array((-x * across, y * down))
+        if self._eased_px is None:
+            self._eased_px = (start_px, start_px)
+            self._t_ns = t_ns
+        share = low_pass_share(max(t_ns - self._t_ns, 0) / 1e9, EASE_S)
+        self._t_ns = t_ns
+        once_px = self._eased_px[0] + (target_px - self._eased_px[0]) * share
+        middle_px = self._eased_px[1] + (once_px - self._eased_px[1]) * share
+        self._eased_px = once_px, middle_px
+
+        apart_px = self._focal_px * self._eyes_mm / self._distance_mm
+        if face is not None:
+            apart_px = face.apart_px or math.dist(face.filtered_px[:2], face.filtered_px[2:])
+        mouse_eyes = EyesRecord(
+            _apart(target_px, apart_px),
+            _apart(middle_px, apart_px),
+            (0.0, 0.0, 0.0, 0.0),
+            apart_px,
+            1.0,
+            *self._size_px,
+            t_ns,
+            1,
+            record.generation if record is not None else 0,
+        )
+        if self._alone or stamp is None:
+            self._count += 1
+            stamp = Stamp(self._count, self._count, 0, t_ns, t_ns, t_ns, 0)
+        if self._ring is not None:
+            mouse_eyes.write(self._ring.begin())
+            self._ring.publish(self._count, t_ns, t_ns, 0, 0)
+        if not self._alone and not self._pointer.right and t_ns - self._released_ns > BACK_NS:
+            self._eased_px = None  # the camera's eyes again
+        return mouse_eyes, stamp
+
+
+def _apart(middle_px: NDArray[np.float64], apart_px: float) -> Eyes:
+    x, y = middle_px.tolist()
+    return x + apart_px / 2, y, x - apart_px / 2, y

@@ -1,0 +1,289 @@
+"""The viewer's presence: a state machine that decides when to measure the resting position, and the
+easing of the view.
+
+    state      when                                                    then
+    nobody     a face                                                  arriving
+    arriving   it rests                                                seated, measured
+    seated     it rests with both eyes beyond the grid                 seated, measured again
+               it was just found beyond the grid and stands still      exchanged
+    arriving, seated, exchanged
+               another face took over                                  exchanged
+               no face                                                 lost
+    exchanged  it rests                                                seated, measured again
+               the face of a seat left less than RETURN_S ago, or      seated, as measured then
+               any face where that seat was measured
+    lost       a face, before ABSENT_S have passed                     as before the loss
+               no face for ABSENT_S                                    nobody
+
+"Rests": for REST_S and REST_FRAMES the eyes stay within REST_SPAN of a point, and their distance
+from each other within REST_DEPTH. "Another face took over": a face of another track follows within
+GAP_S of the last; a longer gap means that the camera stood still. A face is that of a seat if it is
+where the seat's face was last, and as large (RETURN_SPAN, RETURN_DEPTH). The measurement is the
+mean over the rest of the eyes' position and of their distance from each other, which gives the
+viewer's distance. While no face is seen, and when one returns, the view holds, glides to neutral
+and is eased back; it never jumps.
+"""
+
+import enum
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+from lfpipe.render.synthesis.viewpoint import Place
+from lfpipe.transport.clock import SECOND_NS
+
+# people who pass by do not stand still that long; at 8 Hz and more the second decides
+REST_S, REST_FRAMES = 1.0, 8
+REST_SPAN = 0.3  # of the distance between the eyes: 2 cm
+REST_DEPTH = 0.06  # of the same
+ABSENT_S = 10.0  # a viewer who is back sooner sits as before
+GAP_S = 0.5  # as long as filters remember a face
+# people who walk do not stand still that long: until a rest, the neutral place may follow the eyes
+SETTLED_S, SETTLED_FRAMES = 0.2, 4
+RETURN_S = 30.0  # a passer-by is gone by then
+# of the distance between the eyes: people who sit down again sit a little aside
+RETURN_SPAN, RETURN_DEPTH = 1.0, 0.2
+FOUND_S = 2.0  # as long as a face counts as just found
+
+# a hand before the face, a glance aside, a dropped pen:
+# a viewer who is back soon finds the picture they left
+HOLD_S = 3.0
+AWAY_S = 0.8  # time constant of easing to neutral: nobody is looking, no hurry
+# Views between two pictures at EASED_HZ that no motion explains: a visible move and no jump. From
+# one end of the usual grid to the other within half a second.
+EASED_VIEWS, EASED_HZ = 0.3, 60.0
+PAUSE_S = 0.5  # after so long without a picture there is nothing to ease from
+
+
+class ViewerState(enum.IntEnum):
+    """The state, numbered as in the status table."""
+
+    NOBODY = 0
+    ARRIVING = 1
+    SEATED = 2
+    LOST = 3
+    EXCHANGED = 4
+
+    @property
+    def word(self) -> str:
+        return self.name.lower()
+
+
+class Rest(NamedTuple):
+    """The position of a resting viewer.
+
+    x_px, y_px: the point between the eyes; apart_px: the distance between them.
+    """
+
+    x_px: float
+    y_px: float
+    apart_px: float
+
+    def contains(self, other: "Rest", span: float, depth: float) -> bool:
+        """Whether other is within span of here, and as large but for depth; both are shares of the
+        distance between the eyes.
+        """
+        aside_px = max(abs(other.x_px - self.x_px), abs(other.y_px - self.y_px))
+        return (
+            aside_px <= span * self.apart_px
+            and abs(other.apart_px - self.apart_px) <= depth * self.apart_px
+        )
+
+
+class Seat(NamedTuple):
+    """A seat whose viewer another face has replaced.
+
+    last: where the viewer was seen last. rest: as measured.
+    """
+
+    last: Rest
+    rest: Rest
+    t_ns: int
+
+
+class Presence:
+    """The state machine. Call `update` once for every tracked frame."""
+
+    def __init__(self) -> None:
+        self.state = ViewerState.NOBODY
+        self._before = ViewerState.ARRIVING  # the state to return to when the face is found again
+        self._generation = 0
+        self._t_ns = self._since_ns = 0  # of the last face; when its rest began
+        self._found_ns = -round(FOUND_S * SECOND_NS)  # when the last loss ended
+        self._first: Rest | None = None  # where the rest began
+        # of x, y and apart since then
+        self._sums = (0.0, 0.0, 0.0)
+        self._count = 0
+        self._last: Rest | None = None  # of the viewer who is followed
+        self._measured: Rest | None = None  # the same
+        self._left: Seat | None = None
+        self.returned = False  # whether the last frame's face is back in its seat
+        self.settled = False  # whether the eyes stand still, be it briefly
+
+    def update(
+        self, t_ns: int, here: Rest | None, generation: int = 0, beyond: bool = False
+    ) -> Rest | None:
+        """Processes the frame of t_ns. here: position of the eyes, None without a face; generation:
+        of the face's track; beyond: both eyes are beyond the grid. Returns the rest that gives
+        neutral position and distance when it is time to measure them, else None.
+        """
+        state = self.state
+        self.returned = self.settled = False
+        if here is None:
+            self._first = None
+            if state not in (ViewerState.NOBODY, ViewerState.LOST):
+                self._before = state
+                self.state = ViewerState.LOST
+            elif state is ViewerState.LOST and t_ns - self._t_ns >= ABSENT_S * SECOND_NS:
+                self.state = ViewerState.NOBODY
+            return None
+        gap_ns = t_ns - self._t_ns
+        self._t_ns = t_ns
+        other = generation != self._generation
+        self._generation = generation
+        if state is ViewerState.NOBODY or (
+            state is ViewerState.LOST and gap_ns >= ABSENT_S * SECOND_NS
+        ):
+            self.state = ViewerState.ARRIVING
+        elif state is ViewerState.LOST:
+            self.state = self._before
+            self._found_ns = t_ns
+        elif other and gap_ns < GAP_S * SECOND_NS:
+            seat = self._recent_seat(t_ns)
+            self._leave(t_ns)
+            if seat is not None and seat.last.contains(here, RETURN_SPAN, RETURN_DEPTH):
+                return self._return(seat, here)
+        self._last = here
+        rest = self._rest(t_ns, here, other)
+        just_found = t_ns - self._found_ns < FOUND_S * SECOND_NS
+        if self.state is ViewerState.SEATED and beyond and self.settled and just_found:
+            self._leave(t_ns)
+        if self.state is ViewerState.EXCHANGED:
+            seat = self._recent_seat(t_ns)
+            if seat is not None and seat.rest.contains(here, REST_SPAN, RETURN_DEPTH):
+                return self._return(seat, here)
+        if rest is None or (self.state is ViewerState.SEATED and not beyond):
+            return None
+        self.state = ViewerState.SEATED
+        self._first = None
+        self._measured = rest
+        return rest
+
+    def _leave(self, t_ns: int) -> None:
+        """Another place is looked from; the seat is remembered."""
+        if self._last is not None and self._measured is not None:
+            self._left = Seat(self._last, self._measured, t_ns)
+        self.state = ViewerState.EXCHANGED
+        self._measured = None
+
+    def _recent_seat(self, t_ns: int) -> Seat | None:
+        seat = self._left
+        return seat if seat is not None and t_ns - seat.t_ns < RETURN_S * SECOND_NS else None
+
+    def _return(self, seat: Seat, here: Rest) -> Rest:
+        """The seat is taken again: returns its rest."""
+        self.state = ViewerState.SEATED
+        self._first = None
+        self._last = here
+        self._measured = seat.rest
+        self.returned = True
+        return seat.rest
+
+    def _rest(self, t_ns: int, here: Rest, other: bool) -> Rest | None:
+        """The mean since the eyes came to rest, if that is at least REST_S ago.
+
+        other: another face than before.
+        """
+        if other or self._first is None or not self._first.contains(here, REST_SPAN, REST_DEPTH):
+            self._first = here
+            self._since_ns = t_ns
+            self._sums = (0.0, 0.0, 0.0)
+            self._count = 0
+        x, y, apart = self._sums
+        self._sums = x, y, apart = x + here.x_px, y + here.y_px, apart + here.apart_px
+        self._count += 1
+        rest_ns = t_ns - self._since_ns
+        self.settled = rest_ns >= SETTLED_S * SECOND_NS and self._count >= SETTLED_FRAMES
+        if rest_ns < REST_S * SECOND_NS or self._count < REST_FRAMES:
+            return None
+        return Rest(x / self._count, y / self._count, apart / self._count)
+
+
+class ViewEasing:
+    """Moves the picture from place to place on the grid, and is the only thing that does.
+
+    With a face, a picture differs from the one before by the motion of the eyes and EASED_VIEWS at
+    most; what is left follows with the next pictures. So it needs no causes: another face, a found
+    or corrected one, a new neutral place and another distance all move the target, and the picture
+    never leaves the way to it. After a loss it holds for HOLD_S, then glides to the neutral place
+    as (1 + s) exp(-s), s = t / AWAY_S, in closed form for any time step.
+    """
+
+    def __init__(self) -> None:
+        self._shown: Place | None = None
+        self._t_ns = 0
+        self._lost_ns: int | None = None
+        self._left: Place = (0.0, 0.0, 0.0)  # where the glide to the neutral place begins
+
+    def reset(self) -> None:
+        """Forgets the place shown: the next target is shown at once."""
+        self._shown = None
+
+    def followed(self, t_ns: int, target: Place, motion: Callable[[float], Place]) -> Place:
+        """The place to show at t_ns (not decreasing) for eyes that look from target.
+
+        motion: steps of the target that the motion of the eyes explains in so many seconds.
+        """
+        dt_s = max(t_ns - self._t_ns, 0) / 1e9
+        self._t_ns = t_ns
+        self._lost_ns = None
+        shown = self._shown
+        if shown is not None and dt_s < PAUSE_S and shown != target:
+            step = EASED_VIEWS * min(dt_s * EASED_HZ, 1.0)
+            if max(abs(b - a) for a, b in zip(shown, target, strict=True)) > step:
+                row, left, right = (
+                    a + min(max(b - a, min(m, 0.0) - step), max(m, 0.0) + step)
+                    for a, b, m in zip(shown, target, motion(dt_s), strict=True)
+                )
+                target = row, left, right
+        self._shown = target
+        return target
+
+    def alone(self, t_ns: int, neutral: Place) -> Place:
+        """The place to show at t_ns (not decreasing) while there is no face."""
+        self._t_ns = t_ns
+        if self._shown is None:
+            self._shown = self._left = neutral
+            self._lost_ns = t_ns - round(HOLD_S * SECOND_NS)
+        elif self._lost_ns is None:
+            self._lost_ns = t_ns
+            self._left = self._shown
+        s = max((t_ns - self._lost_ns) / SECOND_NS - HOLD_S, 0.0) / AWAY_S
+        rest = (1 + s) * math.exp(-s) if s < 700 else 0.0
+        row, left, right = (
+            to + (start - to) * rest for start, to in zip(self._left, neutral, strict=True)
+        )
+        self._shown = row, left, right
+        return self._shown
+
+
+# no common multiple within eight minutes: no visible loop
+PERIOD_COLS_S, PERIOD_ROWS_S = 17.0, 29.0
+REACH = 0.7  # of the way from the middle of the grid to its edge
+APART_VIEWS = 1.0  # at most, between the eyes, before any eyes were seen
+
+
+def idle_place(neutral: Place, grid: tuple[int, int], t_s: float) -> Place:
+    """The neutral place of an exhibition's picture after t_s with nobody there: it sways slowly
+    through grid (rows, cols).
+    """
+    row, left, right = neutral
+    rows, cols = grid
+    row += REACH * (rows - 1) / 2 * math.sin(math.tau * t_s / PERIOD_ROWS_S)
+    across = REACH * (cols - 1) / 2 * math.sin(math.tau * t_s / PERIOD_COLS_S)
+    apart = min(APART_VIEWS, (cols - 1) / 2) / 2 if left == right else 0.0
+    return (
+        min(max(row, 0.0), rows - 1.0),
+        min(max(left + across - apart, 0.0), cols - 1.0),
+        min(max(right + across + apart, 0.0), cols - 1.0),
+    )

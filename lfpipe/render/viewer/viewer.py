@@ -1,0 +1,382 @@
+"""The viewer before the screen: from the position of the eyes to the two viewpoints and the
+picture.
+"""
+
+import math
+from concurrent.futures import Executor
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from lfpipe.config import Config
+from lfpipe.config.camera_pose import CameraPose
+from lfpipe.eyes import MAX_HORIZON_S, Eyes, EyesRecord, middle_of
+from lfpipe.render.synthesis.compositor import Compositor
+from lfpipe.render.synthesis.viewpoint import Place, Position, ViewSolver
+from lfpipe.render.viewer.geometry import LEAST_EYES_PX, Parallax, alpha_is_automatic, parallax
+from lfpipe.render.viewer.presence import (
+    ABSENT_S,
+    Presence,
+    Rest,
+    ViewEasing,
+    ViewerState,
+    idle_place,
+)
+from lfpipe.scene.lightfield import LightField
+from lfpipe.transport.clock import SECOND_NS
+
+FAR_PX = 1e6  # outside the picture's corner; no eye is further out
+# Time constants by which alpha follows the viewer's distance, seen as the distance between the
+# eyes: quickly to another distance, so that depth never stays beyond comfort; slowly where the
+# difference is the noise of a measurement.
+DISTANCE_S = 0.25
+STILL_S = 1.0
+STILL = 0.02
+NEUTRAL_S = 0.5  # time constant of changes of the neutral position
+SETTLE_S = 0.25  # the same before it is measured, while the eyes stand still
+KNOWN_S = 0.25  # after which the motion of a face that was just found is believed
+POSE_S = 0.1  # time constant of the distance that gives the position before the screen
+MOVED = 0.01  # change of the distance after which the views between the eyes are chosen again
+
+# From a video's start to its first blank, in refreshes. On 60, 75 and 144 Hz, frames of 24, 25 and
+# 30 Hz begin at multiples of 1, 1/2 or 1/5 of a refresh (once 1/8, once 1/25): 0.3 keeps a tenth
+# away from all blanks. At a blank, noise would choose the frame.
+VIDEO_LEAD = 0.3
+
+LARGE_PX = 1 << 20  # of a picture: drawing one takes most of a refresh of 60 Hz
+
+
+class Viewpoints(NamedTuple):
+    """The viewpoints of a picture.
+
+    eyes_px: after filter and prediction. left, right: (row, col). frame: of a video.
+    """
+
+    eyes_px: Eyes
+    left: Position
+    right: Position
+    frame: int
+
+
+class Viewer:
+    """Holds the neutral position, alpha and the compositor; a changed configuration or scene keeps
+    the position.
+
+    Positions are px of the camera picture; where the camera's pose is known, of the picture that a
+    camera in the middle of the screen would take (`CameraPose`). All arithmetic uses plain numbers,
+    which cost a tenth of numpy's small arrays.
+    """
+
+    def __init__(
+        self,
+        field: LightField,
+        config: Config,
+        exhibition: bool = False,
+        neutral_is_fixed: bool = False,
+        helper: Executor | None = None,
+    ) -> None:
+        """exhibition: the picture moves while nobody is there. neutral_is_fixed: to the middle of
+        the camera picture, around which the mouse moves. helper: a thread on another core, for half
+        of a large picture.
+        """
+        self._helper = helper
+        self.parallax: Parallax | None = None
+        # the mapping from eyes to views; None until a face was seen
+        self.solver: ViewSolver | None = None
+        self.presence = Presence()
+        self._target_px: tuple[float, float] | None = None  # neutral position; None: not measured
+        self._dragged = False  # whether the eyes drag the neutral position along
+        self._centre_px: tuple[float, float] | None = None  # the same, while moving there
+        self._eyes_px: Eyes = (0.0, 0.0, 0.0, 0.0)
+        self._seen = False
+        self._apart_px = 0.0  # follows the distance slowly
+        # the same, quickly, and at once for another face
+        self._near_px = 0.0
+        self._generation = 0
+        self._t_ns = 0
+        self._size_px = (0, 0)  # of the camera picture
+        self._pose: CameraPose | None = None
+        self._tracked_ns = -1  # stamp of the last record that presence processed
+        self._start_ns = 0  # of a video
+        self._easing = ViewEasing()
+        self._exhibition = exhibition
+        self._alone_ns: int | None = None  # since when an exhibition has no viewer
+        # px per second of the raw eyes, by the last two frames of a track
+        self._raw_px_s = (0.0, 0.0)
+        self._raw: tuple[EyesRecord, int] | None = None  # the last frame with a face, its stamp
+        self._found_ns = 0  # when its track began
+        self._picture_mm: float | None = None
+        self._neutral_is_fixed = neutral_is_fixed
+        self.last_viewpoints: Viewpoints | None = None
+        self.set(field, config)
+
+    def set(self, field: LightField, config: Config) -> None:
+        """Sets scene and configuration from the next viewpoints on."""
+        self.field = field
+        self.parallax = self.solver = None
+        self._easing.reset()
+        self.set_quality(config)
+        self._auto = alpha_is_automatic(config)
+        self._size_px = (0, 0)
+
+    def complete(self, field: LightField, config: Config) -> None:
+        """Sets the same scene, now with its disparity: viewpoint, neutral position and views
+        between the eyes stay, or follow.
+        """
+        self.field = field
+        self.set_quality(config)
+        if self.parallax is not None:
+            self._choose(self._apart_px)
+
+    def set_quality(self, config: Config) -> None:
+        """Sets a configuration that differs only in render.method and render.rate_hz: geometry
+        stays unchanged.
+        """
+        large = self.field.width_px * self.field.height_px >= LARGE_PX
+        self._is_video = self.field.frames > 1
+        self.config = config
+        self.compositor = Compositor(self.field, config.render, self._helper if large else None)
+        self.method = self.compositor.method
+        if self.solver is not None:
+            self.solver.set_method(self.method)
+
+    def set_width(self, width_mm: float | None) -> bool:
+        """Sets the width of the picture on the screen, as the display reports it; returns whether
+        alpha must be chosen again.
+        """
+        new = width_mm != self._picture_mm and self.config.screen.width_mm == "auto"
+        self._picture_mm = width_mm
+        if new:
+            self.parallax = self.solver = None
+        return new
+
+    def recentre(self) -> None:
+        """Makes the last position of the eyes the neutral position."""
+        if self._seen:
+            self._target_px = self._centre_px = middle_of(self._eyes_px)
+            self.solver = None
+
+    def viewpoints(
+        self, record: EyesRecord | None, t_sensor_ns: int, t_shown_ns: int, lead_ns: int = 0
+    ) -> Viewpoints:
+        """The viewpoints at t_shown_ns, from the newest eyes record and its frame's stamp; None if
+        nobody was seen yet. lead_ns: from a video's start to the time of its first picture.
+        """
+        frame = 0
+        if self._is_video:
+            self._start_ns = self._start_ns or t_shown_ns - lead_ns
+            frame = video_frame(t_shown_ns, self._start_ns, self.field.frame_rate_hz)
+        camera_px = (
+            None
+            if record is None or not record.face
+            else _predicted(record, t_shown_ns - t_sensor_ns)
+        )
+        if record is None or (camera_px is None and not self._seen):
+            middle = (self.field.rows - 1) / 2, (self.field.cols - 1) / 2
+            absent = record is None or _is_absent(t_sensor_ns, t_shown_ns)
+            place = self._place_alone((*middle, middle[1]), t_shown_ns, absent)
+            left, right = place[:2], (place[0], place[2])
+            used_px = self._eyes_px
+        else:
+            used_px, left, right = self._follow(record, camera_px, t_sensor_ns, t_shown_ns)
+        self.last_viewpoints = Viewpoints(used_px, left, right, frame)
+        return self.last_viewpoints
+
+    def _follow(
+        self, record: EyesRecord, camera_px: Eyes | None, t_sensor_ns: int, t_shown_ns: int
+    ) -> tuple[Eyes, Position, Position]:
+        """(eyes used, in px of the camera picture; left and right viewpoint)."""
+        dt_s = max(t_shown_ns - self._t_ns, 0) / 1e9 if self._seen else 0.0
+        self._t_ns = t_shown_ns
+        if camera_px is not None:
+            self._follow_distance(record, camera_px, dt_s)
+        if self._size_px != (record.width_px, record.height_px):
+            self._size_px = record.width_px, record.height_px
+            self._pose = CameraPose.of(self.config, self._size_px)
+        pose = self._pose
+        eyes_px = camera_px
+        if camera_px is not None and pose is not None:
+            eyes_px = _flat(pose.from_screen(np.reshape(camera_px, (2, 2)), self._near_px))
+        solver = self.solver or self._make_solver(eyes_px)
+        if t_sensor_ns != self._tracked_ns:  # once per frame
+            self._tracked_ns = t_sensor_ns
+            self._follow_presence(record.generation, t_sensor_ns, solver, eyes_px)
+            self._measure_motion(record, t_sensor_ns)
+        self._seen = True
+        if self._auto and self._centre_px is not None:
+            self._follow_neutral(solver, self._centre_px, eyes_px, dt_s)
+        if eyes_px is None:
+            x, y = solver.centre_px
+            half = self._apart_px / 2
+            neutral = solver.place((x + half, y, x - half, y))
+            place = self._place_alone(neutral, t_shown_ns, _is_absent(t_sensor_ns, t_shown_ns))
+            used_px = solver.eyes_at(place)
+        else:
+            self._alone_ns = None
+            self._eyes_px = used_px = eyes_px
+            target = solver.place(eyes_px)
+            place = self._easing.followed(t_shown_ns, target, self._explained)
+            if place != target:
+                used_px = solver.eyes_at(place)
+        left, right = solver.positions(place)
+        if pose is not None:
+            used_px = _flat(pose.from_camera(np.reshape(used_px, (2, 2)), self._near_px))
+        return used_px, left, right
+
+    def _place_alone(self, neutral: Place, t_shown_ns: int, absent: bool) -> Place:
+        """The place without a face, on the way to the neutral one; in an exhibition with nobody
+        there, around it.
+        """
+        if self._exhibition and (absent or self.presence.state is ViewerState.NOBODY):
+            self._alone_ns = t_shown_ns if self._alone_ns is None else self._alone_ns
+            t_s = (t_shown_ns - self._alone_ns) / 1e9
+            neutral = idle_place(neutral, (self.field.rows, self.field.cols), t_s)
+        return self._easing.alone(t_shown_ns, neutral)
+
+    def _measure_motion(self, record: EyesRecord, t_sensor_ns: int) -> None:
+        """Measures the speed of the raw eyes: that of a filter lacks the latest motion, or all."""
+        last, last_ns = self._raw or (record, t_sensor_ns)
+        same = self._raw is not None and record.generation == last.generation
+        self._raw = (record, t_sensor_ns) if record.face else None
+        if not same:
+            self._found_ns = t_sensor_ns
+        dt_s = (t_sensor_ns - last_ns) / 1e9
+        self._raw_px_s = (0.0, 0.0)
+        if same and record.face and dt_s > 0:
+            (x, y), (was_x, was_y) = middle_of(record.raw_px), middle_of(last.raw_px)
+            self._raw_px_s = (x - was_x) / dt_s, (y - was_y) / dt_s
+
+    def _explained(self, dt_s: float) -> Place:
+        """Steps on the grid that the motion of the eyes explains in dt_s: none of a face that was
+        just found, and none while the eyes drag the neutral position along.
+        """
+        assert self.solver is not None
+        known = self._raw is not None and self._raw[1] - self._found_ns >= KNOWN_S * 1e9
+        if self._raw is None or not known or self._dragged:
+            return 0.0, 0.0, 0.0
+        (u, v, p, q), (raw_u, raw_v) = self._raw[0].velocity_px_s, self._raw_px_s
+        x = max((u + p) / 2, raw_u, key=abs) * dt_s
+        y = max((v + q) / 2, raw_v, key=abs) * dt_s
+        lx, ly, rx, ry = self._eyes_px
+        now = self.solver.place(self._eyes_px)
+        before = self.solver.place((lx - x, ly - y, rx - x, ry - y))
+        return now[0] - before[0], now[1] - before[1], now[2] - before[2]
+
+    def _follow_distance(self, record: EyesRecord, eyes_px: Eyes, dt_s: float) -> None:
+        """Ignores a distance that no face has: an average would never forget it."""
+        apart_px = record.apart_px
+        if not LEAST_EYES_PX <= apart_px <= FAR_PX:  # not known: between the eyes in the picture
+            apart_px = max(math.dist(eyes_px[:2], eyes_px[2:]), LEAST_EYES_PX)
+        if not self._seen:
+            self._apart_px = apart_px
+        if not self._seen or record.generation != self._generation:
+            self._near_px = apart_px
+            self._generation = record.generation
+        still = abs(apart_px - self._apart_px) < STILL * self._apart_px
+        self._apart_px += (apart_px - self._apart_px) * low_pass_share(
+            dt_s, STILL_S if still else DISTANCE_S
+        )
+        self._near_px += (apart_px - self._near_px) * low_pass_share(dt_s, POSE_S)
+
+    def _follow_presence(
+        self, generation: int, t_sensor_ns: int, solver: ViewSolver, eyes_px: Eyes | None
+    ) -> None:
+        """Measures neutral position and distance when somebody has come to rest."""
+        here = None if eyes_px is None else Rest(*middle_of(eyes_px), self._near_px)
+        beyond = eyes_px is not None and solver.beyond(eyes_px)
+        rest = self.presence.update(t_sensor_ns, here, generation, beyond)
+        if rest is not None and self._auto and not self._neutral_is_fixed:
+            self._target_px = rest.x_px, rest.y_px
+            self._choose(rest.apart_px)
+            if self.presence.returned:
+                self._centre_px = solver.centre_px = self._target_px
+
+    def _follow_neutral(
+        self, solver: ViewSolver, centre_px: tuple[float, float], eyes_px: Eyes | None, dt_s: float
+    ) -> None:
+        """Moves the neutral position to the measured one, and alpha with the distance; until a rest
+        the grid follows the eyes, and whoever stands still comes to its middle.
+        """
+        assert self.parallax is not None
+        if eyes_px is not None and abs(self._apart_px / self.parallax.eyes_px - 1) > MOVED:
+            self._choose(self._apart_px)
+        solver.alpha_px = self._apart_px / self.parallax.views_between_eyes
+        self._dragged = False
+        if self._neutral_is_fixed:
+            pass
+        elif self.presence.state in (ViewerState.ARRIVING, ViewerState.EXCHANGED):
+            if eyes_px is not None:
+                inside_px = solver.dragged(centre_px, eyes_px)
+                self._dragged = inside_px != centre_px
+                centre_px = inside_px
+                if self.presence.settled:
+                    centre_px = _towards(centre_px, middle_of(eyes_px), dt_s, SETTLE_S)
+        elif self._target_px is not None:
+            centre_px = _towards(centre_px, self._target_px, dt_s, NEUTRAL_S)
+        self._centre_px = solver.centre_px = centre_px
+
+    def _choose(self, apart_px: float) -> None:
+        """Chooses the views between the eyes for a viewer at the distance that apart_px implies."""
+        self.parallax = parallax(
+            self.config, self.field, self._size_px[0], apart_px, self._picture_mm
+        )
+
+    def _make_solver(self, eyes_px: Eyes | None) -> ViewSolver:
+        """A fixed alpha centres the grid in the camera picture, as in the paper; alpha from
+        geometry centres it on the viewer, who is never in the middle of a webcam above the screen.
+        """
+        self._choose(self._apart_px)
+        assert self.parallax is not None
+        middle_px = self._size_px[0] / 2, self._size_px[1] / 2
+        if self._auto and self._centre_px is None and eyes_px is not None:
+            self._centre_px = middle_px if self._neutral_is_fixed else middle_of(eyes_px)
+        self.solver = ViewSolver(
+            self.field.rows,
+            self.field.cols,
+            self.config.render,
+            self.parallax.alpha_px,
+            self._centre_px or middle_px,
+            self.method,
+        )
+        return self.solver
+
+
+def _predicted(record: EyesRecord, horizon_ns: int) -> Eyes | None:
+    """The eyes after horizon_ns, as `lfpipe.eyes.extrapolated`; None if impossible: a NaN would
+    stay in the averages for ever.
+    """
+    s = min(max(horizon_ns, 0) / 1e9, MAX_HORIZON_S)
+    (lx, ly, rx, ry), (u, v, p, q) = record.filtered_px, record.velocity_px_s
+    lx, ly, rx, ry = lx + u * s, ly + v * s, rx + p * s, ry + q * s
+    # false for NaN
+    near = abs(lx) < FAR_PX and abs(ly) < FAR_PX and abs(rx) < FAR_PX and abs(ry) < FAR_PX
+    return (lx, ly, rx, ry) if near else None
+
+
+def _flat(points: np.ndarray[Any, Any]) -> Eyes:
+    lx, ly, rx, ry = points.ravel().tolist()
+    return lx, ly, rx, ry
+
+
+def _towards(
+    place: tuple[float, float], to: tuple[float, float], dt_s: float, time_s: float
+) -> tuple[float, float]:
+    """place after dt_s on its way to another, by a low-pass of time constant time_s."""
+    share = low_pass_share(dt_s, time_s)
+    return place[0] + (to[0] - place[0]) * share, place[1] + (to[1] - place[1]) * share
+
+
+def _is_absent(t_sensor_ns: int, t_shown_ns: int) -> bool:
+    """Whether no frame has come for so long that its viewer has gone."""
+    return t_shown_ns - t_sensor_ns > ABSENT_S * SECOND_NS
+
+
+def low_pass_share(dt_s: float, time_s: float) -> float:
+    """Share of the new value in a low-pass over dt_s: backward Euler, stable for any step."""
+    ratio = dt_s / time_s
+    return ratio / (1 + ratio)
+
+
+def video_frame(t_ns: int, start_ns: int, rate_hz: float) -> int:
+    """The number of a video's frame at t_ns."""
+    return int((t_ns - start_ns) * rate_hz / 1e9)

@@ -1,0 +1,370 @@
+"""Compares a run with a reference: the first difference, its cause, and pictures that show it.
+
+With the same versions on the same kind of processor, everything must be equal to the last bit.
+Otherwise, numbers may differ by the effect of different rounding (TOLERANCES; between x86 and ARM
+networks round more, MACHINE_PX), a whole view may flip where the eyes are within that of its
+boundary, and pictures may differ by invisible amounts (LEAST_DB).
+"""
+
+import os
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import attrs
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.config import Config, options
+from lfpipe.config.check import flat
+from lfpipe.errors import VALUE_CHARS, UserError, plain, quoted
+from lfpipe.files.output import PLACE, marked_picture, write_output
+from lfpipe.files.pictures import header_of
+from lfpipe.files.safe_files import reason
+from lfpipe.render.listeners.replay_writer import PICTURES
+from lfpipe.replay.report import (
+    COUNTED,
+    DIFFERENCE,
+    Line,
+    Report,
+    digests,
+    pair,
+    read_report,
+    read_trace,
+)
+from lfpipe.sequence.packets import INDEX, decoded, encoded, read_index, read_packet
+
+VERSION_PX = 0.05  # of eyes
+TOLERANCES = {  # name in the trace -> (absolute, relative), where versions differ
+    "eyes_raw": (VERSION_PX, 1e-4),
+    "eyes_filtered": (VERSION_PX, 1e-4),
+    "eyes_used": (VERSION_PX, 1e-4),
+    "view": (0.01, 0.0),  # 1/5 of a px at the smallest alpha in use
+}
+MACHINE_PX = 0.1  # between x86-64 and ARM: 0.02 median, 0.08 at most were measured
+# of frames: eyes uncertain by 0.1 px are near a boundary of views 4 px wide; more is another map
+FLIPPED_SHARE = 0.05
+LEAST_DB = 50.0  # 0.8 levels root mean square: nobody sees that
+MOST_FIELDS = 20  # listed per part
+# of a scene; its name is that of a folder, which may be renamed
+SHAPE = ("frames", "rows", "cols", "height_px", "width_px")
+FLIP = "flip"
+CAUSES = {  # in the order of the pipeline: an earlier difference causes the later ones
+    "face": (
+        "tracking finds a face in other frames (lfpipe/track: engine, detector, choice of the face)"
+    ),
+    "eyes_raw": (
+        "the engine measures other eyes in the same frame (lfpipe/track: engine, region of"
+        " interest, landmarks)"
+    ),
+    "eyes_filtered": (
+        "raw eyes are equal: the filter or its constants changed (track.filter,"
+        " lfpipe/track/filters.py)"
+    ),
+    "eyes_used": (
+        "filtered eyes are equal: prediction or easing changed (replay.latency_ms, lfpipe/eyes.py,"
+        " lfpipe/render)"
+    ),
+    "view": (
+        "eyes are equal: the map to views changed (alpha, centre, lfpipe/render/synthesis/viewpoint.py,"
+        " geometry.py)"
+    ),
+    "method": "another way of making views was chosen (render.method, the scene's scores)",
+    "picture": (
+        "views are equal: the drawing changed (anaglyph coefficients, synthesis, or the scene's"
+        " pictures and their order)"
+    ),
+}
+
+
+@attrs.frozen
+class Difference:
+    """part: config, plan, counts, scene, eyes, views or pictures. frame: source_seq of the first
+    one, None for the whole run.
+    """
+
+    part: str
+    what: str
+    frame: int | None = None
+
+    def __str__(self) -> str:
+        return (
+            f"{self.part}: {self.what}"
+            if self.frame is None
+            else f"{self.part}: frame {self.frame}: {self.what}"
+        )
+
+
+@attrs.frozen
+class ComparedFrame:
+    """Its lines in the reference and now.
+
+    cause: name of their first difference in CAUSES, FLIP, or "" for none.
+    """
+
+    was: Line
+    now: Line
+    cause: str
+
+
+@attrs.frozen
+class Comparison:
+    """differences: empty if everything matches. notes: how the comparison was made, for people."""
+
+    differences: list[Difference]
+    notes: list[str]
+
+
+PARTS = ("config", "plan", "scene", "counts", "eyes", "views", "pictures")
+_PART_OF = {**dict.fromkeys(("face", *TOLERANCES), "eyes"), "view": "views", "method": "views"}
+
+
+def cases_of(differences: list[Difference]) -> list[tuple[str, list[str]]]:
+    """(test case, its failures) of a comparison."""
+    return [
+        (part, [str(difference) for difference in differences if difference.part == part])
+        for part in PARTS
+    ]
+
+
+def check_reference(reference: Path, report: Report) -> None:
+    """Raises UserError if reference has another sequence or scene than report: a comparison would
+    be meaningless.
+    """
+    was = read_report(reference)
+    remedy = "use the reference that belongs to it, or make one with --update"
+    for part, names in (("sequence", ("frames", "checksums")), ("scene", SHAPE)):
+        for name in names:
+            before = was[part].get(name)
+            now = report[part][name]
+            if before != now:
+                values = (
+                    ""
+                    if isinstance(now, dict)
+                    else f": {name} {quoted(before)} in the reference, {quoted(now)} now"
+                )
+                raise UserError(f"{reference}: was made with another {part}{values}", remedy)
+
+
+def compare(reference: Path, folder: Path) -> Comparison:
+    """Compares the reference with the run in folder. Saves the pictures that show differences to
+    folder/difference.
+
+    Raises UserError if the reference cannot be read or has another sequence or scene.
+    """
+    was, now = read_report(reference), read_report(folder)
+    check_reference(reference, now)
+    tolerance_px, versions = _tolerance(was["versions"], now["versions"])
+    # a key that one of them does not know had its default's effect
+    before, after = (
+        dict(flat(attrs.asdict(Config()))) | dict(flat(report["config"])) for report in (was, now)
+    )
+    compared = [name for name, key in options().items() if key.replays]
+    differences = _unequal(
+        "config", *({name: settings[name] for name in compared} for settings in (before, after))
+    )
+    differences += _unequal("plan", was["plan"], now["plan"])
+    if was["scene"].get("views") != now["scene"]["views"]:
+        differences.append(Difference("scene", "the pictures of its views differ"))
+    elif was["scene"].get("order") != now["scene"]["order"]:
+        differences.append(Difference("scene", "the same views in another order"))
+    differences += _unequal(
+        "counts", *({key: report["counts"][key] for key in COUNTED} for report in (was, now))
+    )
+    lines_now = read_trace(folder)
+    pictures = min(was["counts"]["pictures"], now["sequence"]["frames"])  # one per frame, at most
+    lines_before = read_trace(reference, most_lines=pictures + 1)
+    if len(lines_before) != was["counts"]["pictures"]:
+        values = (
+            f"its trace has {len(lines_before)} lines, its report {was['counts']['pictures']}"
+            " pictures"
+        )
+        raise UserError(
+            f"{reference}: {values}", "copy the whole folder again, or rewrite it with --update"
+        )
+    stated = was.get("digests") or {}
+    for name, digest in digests(lines_before).items():
+        if digest != stated.get(name, digest):
+            raise UserError(
+                f"{reference}: its trace and its report differ in {name}",
+                "copy the whole folder again, or rewrite it with --update",
+            )
+    in_frames, notes = _compare_frames(
+        reference, folder, zip(lines_before, lines_now, strict=False), tolerance_px
+    )
+    return Comparison(differences + in_frames, ([versions] if versions else []) + notes)
+
+
+def _tolerance(was: dict[str, str], now: dict[str, str]) -> tuple[float, str]:
+    """The tolerance of eyes in px, 0 for the last bit, with the reason."""
+    names = [name for name in sorted(was.keys() & now.keys()) if was[name] != now[name]]
+    if not names:
+        return 0.0, ""
+    values = ", ".join(
+        f"{name} {plain(str(was[name]), VALUE_CHARS)} in the reference, {now[name]} now"
+        for name in names
+    )
+    px = MACHINE_PX if "machine" in names else VERSION_PX
+    return px, f"compared with tolerances, not bit by bit: {values}"
+
+
+def _unequal(part: str, was: dict[str, Any], now: dict[str, Any]) -> list[Difference]:
+    keys = [key for key in sorted(was | now) if was.get(key) != now.get(key)]
+    texts = [
+        f"{key[:80]}: {quoted(was.get(key))} in the reference, {quoted(now.get(key))} now"
+        for key in keys[:MOST_FIELDS]
+    ]
+    texts += [f"and {len(keys) - MOST_FIELDS} more keys"] if len(keys) > MOST_FIELDS else []
+    return [Difference(part, text) for text in texts]
+
+
+def _first_difference(was: Line, now: Line, tolerance_px: float) -> str:
+    """The first name of CAUSES whose values differ by more than rounding, FLIP for a view at its
+    boundary, "" for none.
+    """
+    whole = now["method"] == "nearest"
+    for name in CAUSES:
+        if was[name] == now[name]:
+            continue
+        if name not in TOLERANCES or not tolerance_px:
+            return name
+        a, b = np.array(pair(was, name)), np.array(pair(now, name))
+        absolute, relative = TOLERANCES[name]
+        absolute *= tolerance_px / VERSION_PX
+        if name == "view" and whole:
+            near = np.abs(a - b).max() <= 1 and pair(was, "eyes_used") != pair(now, "eyes_used")
+            return FLIP if near else name
+        if not np.all(
+            np.abs(a - b) <= np.maximum(absolute, relative * np.maximum(np.abs(a), np.abs(b)))
+        ):
+            return name
+    return ""
+
+
+def _compare_frames(
+    reference: Path, folder: Path, lines: Iterable[tuple[Line, Line]], tolerance_px: float
+) -> tuple[list[Difference], list[str]]:
+    """The first difference of each part, frame by frame, and notes.
+
+    lines: those of each frame, the reference's first.
+    """
+    frames = [
+        ComparedFrame(was, now, _first_difference(was, now, tolerance_px)) for was, now in lines
+    ]
+    notes = list[str]()
+    if flips := sum(frame.cause == FLIP for frame in frames):
+        notes = [
+            f"views: {flips} of {len(frames)} flipped, with eyes within {tolerance_px:g} px of a"
+            " boundary"
+        ]
+    if flips > FLIPPED_SHARE * len(frames):
+        frames = [attrs.evolve(frame, cause=frame.cause.replace(FLIP, "view")) for frame in frames]
+        notes = []
+    differences = list[Difference]()
+    for part in ("eyes", "views"):
+        if changed := [frame for frame in frames if _PART_OF.get(frame.cause) == part]:
+            first = changed[0]
+            name = first.cause
+            what = (
+                f"{name} {_sides(first.was[name])} in the reference, {_sides(first.now[name])} now;"
+                f" {CAUSES[name]}; {len(changed)} of {len(frames)} frames"
+            )
+            differences.append(Difference(part, what, first.now["source_seq"]))
+    unflipped = [frame for frame in frames if frame.cause != FLIP]
+    pictures, note = _compare_pictures(reference, folder, unflipped, not tolerance_px)
+    return differences + pictures, note + notes
+
+
+def _sides(value: Any) -> str:
+    return (
+        f"left {value['left']} right {value['right']}" if isinstance(value, dict) else repr(value)
+    )
+
+
+def _stored(folder: Path, lines: list[Line]) -> Callable[[str], NDArray[np.uint8] | None]:
+    """Reads the pictures that a run stored, by digest.
+
+    Equal digests mean equal pictures, whatever the frame.
+    """
+    place = folder / PICTURES
+    digest_of = {line["source_seq"]: line["picture"] for line in lines}
+    packets = read_index(place, complete=True) if os.path.lexists(place / INDEX) else []
+    by_digest = {
+        digest_of[packet.source_seq]: packet for packet in packets if packet.source_seq in digest_of
+    }
+
+    def read(digest: str) -> NDArray[np.uint8] | None:
+        if (packet := by_digest.get(digest)) is None:
+            return None
+        data = read_packet(place, packet)
+        header = header_of(data)
+        return decoded(
+            packet, data, header.width_px if header else 0, header.height_px if header else 0, place
+        )
+
+    return read
+
+
+def _compare_pictures(
+    reference: Path, folder: Path, frames: list[ComparedFrame], exact: bool
+) -> tuple[list[Difference], list[str]]:
+    """Differences of pictures with equal views, and the pictures of the first frame that differs in
+    anything; a note.
+    """
+    theirs = _stored(reference, [frame.was for frame in frames])
+    ours = _stored(folder, [frame.now for frame in frames])
+    unequal = [
+        (frame.was, frame.now) for frame in frames if frame.was["picture"] != frame.now["picture"]
+    ]
+    drawn = [(frame.was, frame.now) for frame in frames if frame.cause == "picture"]
+    first = None
+    least_db = 100.0
+    for was, now in unequal:
+        a = theirs(was["picture"])
+        b = ours(now["picture"])
+        if a is not None and b is not None:
+            first = first or (now["source_seq"], a, b)
+            least_db = min(least_db, cv2.PSNR(a, b) if a.shape == b.shape else 0.0)
+    wrong = bool(drawn) and (exact or first is None or least_db < LEAST_DB)
+    if not wrong and len(unequal) == len(drawn):
+        note = (
+            f"pictures: {len(drawn)} of {len(frames)} digests differ, least PSNR {least_db:.1f} dB"
+            f" ({LEAST_DB:g} wanted)"
+        )
+        return [], [note] if drawn else []
+    where = (
+        f"least PSNR {least_db:.1f} dB, see {_save(folder, *first)}"
+        if first
+        else "no frame has a stored picture in both"
+    )
+    was, now = drawn[0] if wrong else unequal[0]
+    what = f"{len(unequal)} of {len(frames)} differ, as a result of the differences above"
+    if wrong:
+        digests = f"digest {was['picture']} in the reference, {now['picture']} now"
+        what = f"{digests}; {CAUSES['picture']}; {len(drawn)} of {len(frames)} frames"
+    return [Difference("pictures", f"{what}; {where}", now["source_seq"])], []
+
+
+def _save(folder: Path, frame: int, was: NDArray[np.uint8], now: NDArray[np.uint8]) -> str:
+    """Saves both pictures and their difference (scaled so that the largest is white).
+
+    Returns their folder.
+    """
+    out = folder / DIFFERENCE
+    sides = {"reference": was, "now": now}
+    if was.shape == now.shape:
+        difference = cv2.absdiff(was, now)
+        sides["difference"] = np.asarray(
+            cv2.convertScaleAbs(difference, alpha=255 / max(1, int(difference.max()))), np.uint8
+        )
+    try:
+        out.mkdir(exist_ok=True)
+        for name, picture in sides.items():
+            write_output(
+                out / f"frame_{frame:06d}_{name}.png",
+                marked_picture(encoded(picture, fast=False)[1]),
+            )
+    except OSError as error:
+        raise UserError(f"{out}: {reason(error)}", PLACE) from None
+    return f"{out}/frame_{frame:06d}_*.png"

@@ -1,0 +1,175 @@
+"""The packer: the only program that reads a person's pictures, as a child with limits on memory,
+time and output.
+
+`python -m lfpipe.scene.packer`, by `open_scene.Packing`. Its request is a `PackerRequest`. Steps,
+each a JSON object:
+
+    {"scenes": [path, ...]}                     expand: the light fields; the first is opened
+    {"step": "views", "done": 7, "total": 81}   progress
+    {"summary": {...}}                          the pack can be shown, still without disparity
+    {"log": "..."}                              what was decided, and why
+
+Result: the summary of the pack; the `Manifest` of the scene; nothing after previews, which are
+steps {"preview": path, "data": base 64, "" for none}; or the `Slide`.
+"""
+
+import base64
+import contextlib
+import logging
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import attrs
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lfpipe.config import Scene, converter
+from lfpipe.errors import UserError
+from lfpipe.extras.phone.slide import make_slide
+from lfpipe.files.decoding import fit_area
+from lfpipe.host.files import is_dir
+from lfpipe.host.worker import Report, serve
+from lfpipe.render.synthesis.scoring import scores
+from lfpipe.scene import layouts
+from lfpipe.scene.cache import cache_dir, cache_root, packed
+from lfpipe.scene.contact_sheet import stored_view
+from lfpipe.scene.demo import named_scene
+from lfpipe.scene.examination import examine_scene
+from lfpipe.scene.info import scene_manifest
+from lfpipe.scene.open_scene import PackerRequest
+from lfpipe.scene.pack import open_pack, summarize
+from lfpipe.scene.packing import pack_scene
+from lfpipe.scene.recent_scenes import remember_scene
+from lfpipe.scene.source import SceneSource
+
+NICE = 15  # below everything that draws
+PREVIEW_PX = (320, 240)  # at most
+PREVIEW_BYTES = 45_000  # a control message has room for this
+# the first that fits: lossless, for people's pictures, and for noise
+PREVIEW_FORMATS: tuple[tuple[str, tuple[int, ...]], ...] = (
+    (".png", ()),
+    (".jpg", (cv2.IMWRITE_JPEG_QUALITY, 85)),
+    (".jpg", (cv2.IMWRITE_JPEG_QUALITY, 25)),
+)
+MEMORY_BYTES = 1 << 30  # mapped files do not count
+MAX_ENTRIES = 1000  # entries of a folder to examine
+
+
+class _LogOfParent(logging.Handler):
+    """Hands what is logged to the parent, which shows it with -v."""
+
+    def __init__(self, report: Report) -> None:
+        super().__init__()
+        self._report = report
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Reports a record's text as a step."""
+        self._report(log=record.getMessage())
+
+
+def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
+    """The result of a request. Raises UserError."""
+    asked = converter().structure(request, PackerRequest)
+    settings = asked.settings
+    scene_log = logging.getLogger("lfpipe.scene")
+    scene_log.setLevel(logging.INFO)
+    scene_log.handlers = [_LogOfParent(report)]
+    paths = [Path(text) for text in asked.scenes]
+
+    def progress(what: str, done: int, total: int) -> None:
+        report(step=what, done=done, total=total)
+
+    def views_ready(pack: Path) -> None:
+        with contextlib.suppress(OSError):
+            os.nice(NICE)  # from now on it works beside the session that shows the pack
+        report(summary=attrs.asdict(summarize(open_pack(pack, settings.half_turn))))
+
+    if asked.do == "make":
+        return attrs.asdict(make_slide(paths[0], Path(asked.out), progress))
+    if asked.do == "previews":
+        for path in paths:
+            report(preview=str(path), data=_preview(path, settings))
+        return {}
+    if asked.do == "info":
+        return attrs.asdict(scene_manifest(examine_scene(paths[0], settings)))
+    if asked.expand:
+        paths = playlist(paths, settings)
+        report(scenes=[str(path) for path in paths])
+    field = pack_scene(paths[0], settings, scores, progress, views_ready)
+    # the demo is always there
+    if asked.remember and not paths[0].is_relative_to(cache_root(settings)):
+        remember_scene(paths[0])
+    return attrs.asdict(summarize(field))
+
+
+def playlist(paths: Iterable[Path], settings: Scene) -> list[Path]:
+    """Replaces each folder in paths that is no light field itself, or only by one of its files, by
+    the light fields in it, in order of name.
+
+    A path that is neither stays: opening it reports the error. Single pictures in a folder do not
+    count.
+    """
+    scenes: list[Path] = []
+    for path in paths:
+        with contextlib.suppress(UserError):
+            if packed(path, settings) is not None:
+                scenes.append(path)
+                continue
+        inside: list[Path] = []
+        own = _light_field_at(path, settings)
+        if is_dir(path) and (own is None or len(own.files) == 1):
+            with contextlib.suppress(OSError):
+                inside = sorted(path.iterdir())[:MAX_ENTRIES]
+        sources = {
+            entry: _light_field_at(entry, settings)
+            for entry in inside
+            if not entry.name.startswith(".")
+        }
+        fields = [
+            entry
+            for entry, source in sources.items()
+            if source is not None and source.rows * source.cols > 1
+        ]
+        scenes += [path] if not fields or (own is not None and len(fields) == 1) else fields
+    return scenes
+
+
+def _light_field_at(path: Path, settings: Scene) -> SceneSource | None:
+    """The light field at path; None if there is none."""
+    with contextlib.suppress(UserError):
+        return layouts.describe(path, settings)
+    return None
+
+
+def _preview(path: Path, settings: Scene) -> str:
+    """The view in the middle of a scene, of at most PREVIEW_PX, a PNG or JPEG in base 64; "" if
+    there is none.
+    """
+    try:
+        view = _middle_view(path, settings)
+    except UserError:
+        return ""
+    _, _, width, height = fit_area((view.shape[1], view.shape[0]), PREVIEW_PX)
+    small = cv2.resize(view, (width, height), interpolation=cv2.INTER_AREA)
+    bgr = np.rint(255 * np.clip(small, 0, 1)).astype(np.uint8)[..., ::-1]
+    for suffix, options in PREVIEW_FORMATS:
+        data = cv2.imencode(suffix, bgr, options)[1].tobytes()
+        if len(data) <= PREVIEW_BYTES:
+            break
+    return base64.b64encode(data).decode()
+
+
+def _middle_view(path: Path, settings: Scene) -> NDArray[np.floating[Any]]:
+    """A scene's middle view, RGB, 0 to 1: from its pack, or else from its pictures."""
+    if (field := packed(path, settings)) is not None:
+        return stored_view(field, field.rows // 2, field.cols // 2).astype(np.float32) / 255
+    source = layouts.describe(named_scene(path, cache_dir(settings)), settings)
+    view = source.read(0, *source.middle) / source.max_value
+    return np.asarray(np.clip(view, 0, 1) ** (1 / 2.2 if source.linear else 1.0))
+
+
+if __name__ == "__main__":
+    serve(work, MEMORY_BYTES)

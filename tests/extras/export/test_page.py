@@ -1,0 +1,163 @@
+"""A light field as a web page: what a browser shows is what `render_view` draws, whatever draws it
+there; the page is small, whole, and loads nothing.
+"""
+
+import base64
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from numpy.typing import NDArray
+
+import lfpipe
+from lfpipe.cli.scene import scene as command
+from lfpipe.config import Config, Scene
+from lfpipe.extras.export import page
+from lfpipe.extras.export.page import PageExport, check_page
+from lfpipe.files.output import written_by_lfpipe
+from lfpipe.scene.lightfield import LightField
+from tests.extras.web.browser import Browser, missing
+from tests.support.refusal import refusal
+
+FLAT = "render.zero_plane_px=0"
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return str(tmp_path_factory.mktemp("cache"))
+
+
+@pytest.fixture(scope="module")
+def field(cache: str) -> LightField:
+    return lfpipe.open_scene("demo:marbles", {"scene.cache_dir": cache})
+
+
+@pytest.fixture(scope="module")
+def written(cache: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("page") / "marbles.html"
+    words = ["export", "page", "demo:marbles", "-o", str(path), "--credit", "<b>A & B</b>"]
+    for _ in range(2):  # our own page is replaced
+        done = CliRunner().invoke(
+            command, [*words, "--set", FLAT, "--set", f"scene.cache_dir={cache}"]
+        )
+        assert done.exit_code == 0, done.output + repr(done.exception)
+    assert re.search(r"marbles\.html  \d\.\d\d MB, \d+x\d+ views of \d+x\d+ px", done.output)
+    return path
+
+
+def test_a_page_is_one_small_file_that_names_nobody_else(written: Path) -> None:
+    text = written.read_text()
+    assert len(text) <= page.MOST_BYTES and written_by_lfpipe(written)
+    assert "&lt;b&gt;A &amp; B&lt;/b&gt;" in text and "<b>A" not in text
+    outside = re.sub(r"base64,[^\"]+", "", text)
+    assert not re.search(r"https?:|//[a-z]+\.|@import|url\(", outside, re.IGNORECASE)
+    assert "default-src 'none'" in text
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    if why := missing():
+        pytest.skip(why)
+    with Browser(tmp_path_factory.mktemp("profile"), "--enable-unsafe-swiftshader") as opened:
+        yield opened
+
+
+def opened(browser: Browser, path: Path, how: str) -> None:
+    """Opens the page, drawn by webgl or canvas, at rest."""
+    browser.open("about:blank")  # another part of one page would not be loaded anew
+    browser.open(f"{path.as_uri()}{'#canvas' if how == 'canvas' else ''}")
+    browser.until("typeof draw !== 'undefined' && draw !== null")
+    browser.ask("(moved = true)")
+
+
+def shown(browser: Browser, row: float, col: float) -> NDArray[np.uint8]:
+    """What the page's picture holds for a viewpoint of the page's grid."""
+    url = browser.ask(f"(look({row}, {col}), canvas.toDataURL())")
+    data = base64.b64decode(url.partition(",")[2])
+    return np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR), np.uint8)
+
+
+@pytest.mark.parametrize("how", ["webgl", "canvas"])
+def test_a_browser_shows_what_render_view_draws(
+    browser: Browser, field: LightField, written: Path, how: str
+) -> None:
+    opened(browser, written, how)
+    assert browser.ask("canvas.getContext('webgl') ? 'webgl' : 'canvas'") == how
+    about = browser.ask("scene")
+    size = (about["width"], about["height"])
+    steps = [(about[axis] - 1) / (getattr(field, axis) - 1) for axis in ("rows", "cols")]
+    for row, col in ((0, 0), (field.rows - 1, field.cols - 1), (4, 4), (2.3, 5.6), (6.9, 0.4)):
+        whole = lfpipe.render_view(field, row, col)
+        wanted = cv2.resize(whole, size, interpolation=cv2.INTER_AREA)
+        picture = shown(browser, row * steps[0], col * steps[1])
+        assert picture.shape == wanted.shape
+        assert cv2.PSNR(picture, wanted) > 32, (row, col)
+        apart = lfpipe.render_view(field, field.rows - 1 - row, 8 - col if col != 4 else 0)
+        other = cv2.resize(apart, size, interpolation=cv2.INTER_AREA)
+        assert cv2.PSNR(picture, wanted) > cv2.PSNR(picture, other) + 3
+    assert browser.ask("performance.getEntriesByType('resource').length") == 0
+
+
+@pytest.mark.parametrize("how", ["webgl", "canvas"])
+def test_the_button_gives_each_eye_its_colour(
+    browser: Browser, field: LightField, written: Path, how: str
+) -> None:
+    opened(browser, written, how)
+    browser.click("button")
+    about = browser.ask("scene")
+    middle = (about["rows"] - 1) / 2, (about["cols"] - 1) / 2
+    picture = shown(browser, *middle)
+    browser.click("button")
+    half = about["apart"] / 2
+    assert half > 0
+    left, right = (shown(browser, middle[0], middle[1] + side) for side in (-half, half))
+
+    def alike(a: NDArray[np.uint8], b: NDArray[Any]) -> float:
+        return float(np.corrcoef(a.ravel(), b.ravel())[0, 1])
+
+    grey = [cv2.cvtColor(eye, cv2.COLOR_BGR2GRAY) for eye in (left, right)]
+    assert alike(picture[..., 2], grey[0]) > alike(picture[..., 2], grey[1]) + 0.01
+    assert alike(picture[..., 0], grey[1]) > alike(picture[..., 0], grey[0]) + 0.01
+
+
+def test_mouse_and_keys_move_the_viewpoint(browser: Browser, written: Path) -> None:
+    opened(browser, written, "webgl")
+    browser.ask("(window.box = canvas.getBoundingClientRect(), null)")
+    for x, y in ((0.25, 0.5), (0.75, 0.1)):
+        at = f"clientX: box.left + {x} * box.width, clientY: box.top + {y} * box.height"
+        event = f"new PointerEvent('pointermove', {{pointerType: 'mouse', {at}}})"
+        browser.ask(f"(dispatchEvent({event}), null)")
+        place, last = browser.ask("place"), browser.ask("last")
+        assert place == pytest.approx([y * last[0], x * last[1]], abs=0.05)
+    before = browser.ask("place[1]")
+    key = "new KeyboardEvent('keydown', {key: 'ArrowLeft'})"
+    assert browser.ask(f"(canvas.dispatchEvent({key}), place[1])") < before
+
+
+@pytest.mark.parametrize(("most_bytes", "fewer"), [(400_000, True), (page.MOST_BYTES, False)])
+def test_a_page_that_would_be_too_large_has_fewer_views(
+    field: LightField, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, most_bytes: int, fewer: bool
+) -> None:
+    monkeypatch.setattr(page, "MOST_BYTES", most_bytes)
+    quilt = PageExport(field, Config()).write(tmp_path / "x.html")
+    assert (tmp_path / "x.html").stat().st_size <= most_bytes
+    assert (quilt.wanted != (quilt.rows, quilt.cols)) is fewer
+    assert quilt.fits and quilt.across * quilt.down >= quilt.rows * quilt.cols
+
+
+def test_any_scene_has_a_page(tmp_path: Path, cache: str) -> None:
+    picture = np.random.default_rng(1).integers(0, 255, (1, 1, 40, 60, 3), np.uint8)
+    one = lfpipe.open_scene(picture, {"scene.cache_dir": cache})
+    PageExport(one, Config()).write(tmp_path / "one.html")
+    (found,) = re.findall(r"scene = (\{.*\});", (tmp_path / "one.html").read_text())
+    about = json.loads(found)
+    assert (about["rows"], about["cols"], about["apart"]) == (1, 1, 0)
+    for name in ("x.png", "x"):
+        assert "not .html" in str(refusal(check_page, tmp_path / name))
+    assert Scene().cache_dir == ""

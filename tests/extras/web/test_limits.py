@@ -1,0 +1,156 @@
+"""Limits on clients: partial, large and many requests, unread answers, and commands of any
+bytes.
+"""
+
+import itertools
+import json
+import socket
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from lfpipe.extras.web.server import MAX_STRANGERS, MAX_STREAMS
+from lfpipe.host.segment import PREFIX
+from tests.extras.web.server import Server, served
+from tests.supervisor.states import messages, values
+from tests.support.world import World, until
+
+HALVES = (
+    b"",
+    b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n",
+    b"POST /ctl HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 100\r\n\r\n{",
+    b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n",  # whole and refused, and then nothing more
+)
+LARGE = 10_000_000
+
+
+def test_page_closes_half_requests(live_server: Server) -> None:
+    assert live_server.ask("POST", "/ctl", {"cmd": "resume"})[0] == 200
+    live_server.jpeg("picture")
+    connection, viewer = live_server.viewer()
+    threads = live_server.threads()
+    sockets = live_server.sockets()
+    with ExitStack() as stack:
+        for _ in range(100):
+            for half in HALVES:
+                stack.enter_context(live_server.send(half))
+        assert (
+            live_server.ask("GET", "/")[0]
+            == live_server.ask("POST", "/ctl", {"cmd": "resume"})[0]
+            == 200
+        )
+        assert live_server.threads() <= threads
+        assert live_server.sockets() <= sockets + MAX_STRANGERS + 2
+        assert all(viewer.readline() for _ in range(12))
+        until(lambda: live_server.sockets() <= sockets, "end of the half requests")
+    connection.close()
+
+
+def test_page_refuses_large_requests(live_server: Server) -> None:
+    threads = live_server.threads()
+    for head in (f"Content-Length: {LARGE}", "Transfer-Encoding: chunked", f"X: {'y' * LARGE}"):
+        start = (
+            "POST /ctl HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: Bearer"
+            f" {live_server.token}\r\n{head}\r\n\r\n".encode()
+        )
+        piece = b"8000\r\n" + 0x8000 * b" " + b"\r\n" if "chunked" in head else 0x8000 * b" "
+        answer = b""
+        with socket.create_connection(("127.0.0.1", live_server.port), timeout=60) as connection:
+            try:
+                connection.sendall(start)
+                for _ in range(LARGE // len(piece)):
+                    connection.sendall(piece)
+                while got := connection.recv(65536):
+                    answer += got
+            except (BrokenPipeError, ConnectionResetError):
+                pass  # closed while it was sent
+            else:
+                assert answer.startswith(b"HTTP/1.1 4"), answer[:100]
+    assert live_server.ask("POST", "/ctl", b" " * 60_000)[0] == 413
+    assert live_server.ask("GET", "/page.js")[0] == 200 and live_server.threads() <= threads + 2
+
+
+def test_page_limits_its_viewers(live_server: Server) -> None:
+    live_server.jpeg("picture")
+    threads = live_server.threads()
+    viewers = [live_server.viewer() for _ in range(2 * MAX_STREAMS)]
+    statuses = [answer.status for _, answer in viewers]
+    assert statuses.count(200) == statuses.count(503) == MAX_STREAMS
+    for _, answer in viewers[:MAX_STREAMS]:
+        assert answer.readline().startswith(b"data: ")
+    assert live_server.threads() <= threads
+    for connection, _ in viewers:
+        connection.close()
+
+    def served_again() -> bool:
+        connection, answer = live_server.viewer()
+        connection.close()
+        return answer.status == 200
+
+    until(served_again, "place for a new viewer")
+
+
+def test_page_drops_who_does_not_read(live_server: Server) -> None:
+    sockets = live_server.sockets()
+    get = "GET {} HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: Bearer {}\r\n\r\n"
+    with ExitStack() as stack:
+        for path, count in (("/events", 1), ("/page.js", 500)):
+            lazy = stack.enter_context(socket.socket())
+            lazy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            lazy.connect(("127.0.0.1", live_server.port))
+            lazy.sendall(count * get.format(path, live_server.token).encode())
+        until(lambda: live_server.sockets() > sockets, "connections")
+        until(lambda: live_server.sockets() <= sockets, "end of who does not read", 90)
+
+
+def test_page_without_viewers_lets_go_of_the_session(
+    live: World,
+) -> None:
+    with served(live) as server:
+        maps = Path(f"/proc/{server.pid}/maps")
+        for _ in itertools.islice(server.events(), 6):
+            assert f"/{PREFIX}" in maps.read_text()
+        until(lambda: f"/{PREFIX}" not in maps.read_text(), "end of the attachment")
+        connection, viewer = server.viewer()
+        assert viewer.readline().startswith(b"data: ")
+    connection.close()
+
+
+DEEP = st.sampled_from([7, 8, 9, 31, 33, 500, 1900]).flatmap(
+    lambda depth: st.sampled_from([depth * "[" + depth * "]", depth * '{"a":' + "1" + depth * "}"])
+)
+BODIES = st.one_of(
+    (messages | values).map(lambda value: json.dumps(value).encode()),
+    st.tuples(messages, DEEP).map(
+        lambda both: (json.dumps(both[0])[:-1] + f',"set":{both[1]}}}').encode()
+    ),
+    messages.map(lambda value: json.dumps(value).encode("utf-16")),
+    st.sampled_from(
+        [
+            b'{"cmd":"set","set":{"render.alpha_px":%s}}' % number
+            for number in (b"1e999", b"1e-400", b"9" * 3900)
+        ]
+    ),
+    st.binary(max_size=100),
+)
+
+
+def test_ctl_of_the_page_answers_any_body_and_goes_on(live_server: Server) -> None:
+    @settings(max_examples=200, suppress_health_check=list(HealthCheck))
+    @given(BODIES)
+    def attack(body: bytes) -> None:
+        status, data = live_server.ask("POST", "/ctl", body)
+        assert status in (200, 400, 413), (status, data)
+        answer: Any = json.loads(data, parse_constant=pytest.fail)
+        assert answer["ok"] is (status == 200) and (status == 200 or answer["error"])
+        assert "Traceback" not in data.decode()
+
+    attack()
+    command = {"cmd": "set", "set": {"render.alpha_px": 12.0}}
+    assert json.loads(live_server.ask("POST", "/ctl", command)[1])["ok"] is True
+    assert live_server.ask("POST", "/ctl", {"cmd": "resume"})[0] == 200
+    assert live_server.jpeg("picture")

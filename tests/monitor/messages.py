@@ -1,0 +1,28 @@
+"""Refusals of monitors, timelines and calibration."""
+
+from lfpipe import config
+from lfpipe.extras.web.server import parse_address
+from lfpipe.monitor.calibrate import by_card
+from lfpipe.monitor.session_reader import Watch
+from lfpipe.monitor.timeline import convert
+from lfpipe.transport.session import Session
+from tests.test_messages import Cause
+
+MESSAGES: dict[str, tuple[Cause, str]] = {
+    "an address without a port": (
+        lambda here: parse_address("host:"),
+        "--web 'host:': not a port … --web :9108",
+    ),
+    "a session that is starting": (
+        lambda here: Watch(Session("nobody")),
+        "session 'nobody' is starting or ending … try again",
+    ),
+    "a trace that is gone": (
+        lambda here: convert(here / "gone", here / "out.json"),
+        "/here/gone: cannot be read: No such file … `lfpipe up --trace`",
+    ),
+    "a card without a screen": (
+        lambda here: by_card(config.Config(), "demo", 450.0),
+        "--by card needs a screen … --by eyes",
+    ),
+}

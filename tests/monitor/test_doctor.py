@@ -1,0 +1,147 @@
+"""The checks of `lfpipe doctor`, on this machine and on simulated faults."""
+
+import re
+import stat
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from lfpipe.capture.camera_list import CameraDevice
+from lfpipe.errors import UserError
+from lfpipe.host import PORTABLE
+from lfpipe.monitor import doctor
+from lfpipe.track import models
+from tests.supervisor.holder import Holder, holding
+from tests.support.processes import largest_file
+from tests.support.refusal import refusal
+from tests.support.world import World
+
+
+def test_doctor_passes_on_this_machine() -> None:
+    checks = doctor.checks()
+    assert {check.name for check in checks if not check.ok} <= {"camera"}
+    assert {check.name for check in checks} > {
+        "python",
+        "settings",
+        "opencv",
+        "models",
+        "litert",
+        "shm",
+        "left over",
+    }
+    details = {check.name: check.detail for check in checks}
+    assert all(details.values())
+    assert re.search(
+        r"litert runs face_landmark\.tflite \(mediapipe 0\.10\.\d+, sha256 \w+\)", details["litert"]
+    )
+
+
+def test_doctor_explains_a_doubled_opencv(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    info = tmp_path / "opencv_python-4.9.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: opencv-python\nVersion: 4.9.0\n")
+    check = doctor.opencv()
+    assert (
+        check.ok
+        and "opencv-contrib-python-headless" in check.detail
+        and "GUI NONE" in check.detail
+        and not check.remedy
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    check = doctor.opencv()
+    assert check.ok and "2 in one folder" in check.detail
+    assert (
+        check.remedy.endswith("opencv-contrib-python-headless==4.9.0")
+        and "--no-deps" in check.remedy
+    )
+
+
+def test_doctor_names_missing_networks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(models, "package_folder", lambda: None)
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    fetchable = doctor.face_networks()
+    assert "iris_landmark.tflite" in fetchable.detail and "lfpipe models get" in fetchable.remedy
+    assert doctor.litert().ok and "missing" in doctor.litert().detail
+    monkeypatch.setattr(models, "installer", lambda folder: [])
+    lost = doctor.face_networks()
+    assert not lost.ok and "neither uv nor pip" in lost.detail and "--from WHEEL" in lost.remedy
+
+
+def test_doctor_names_the_driver_of_sdl(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
+        monkeypatch.delenv(name, raising=False)
+    check = doctor.sdl()
+    assert check.ok and "no screen" in check.detail and "file:" in check.remedy
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    assert doctor.sdl().ok and "driver dummy" in doctor.sdl().detail
+    monkeypatch.setattr(doctor, "has_display", lambda: True)
+    monkeypatch.setenv("SDL_VIDEODRIVER", "no-such-driver")
+    check = doctor.sdl()
+    assert not check.ok and "no-such-driver" in check.detail and check.remedy
+
+
+def test_doctor_checks_shared_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    full = doctor.shared_memory(1 << 62)
+    monkeypatch.setattr("lfpipe.host.segment.SHM_DIR", tmp_path / "gone")
+    for check in (full, doctor.shared_memory()):
+        assert not check.ok and "shm-size" in check.remedy
+
+
+def test_doctor_checks_the_first_camera_or_the_source() -> None:
+    device = CameraDevice(Path("/dev/video97"), "Front")
+    assert [check.ok for check in doctor.camera_checks("", [device, device])] == [PORTABLE, True], (
+        "OpenCV asks no camera"
+    )
+    assert [
+        check.ok for check in (*doctor.camera_checks("", []), *doctor.camera_checks("camera:0", []))
+    ] == [True, False]
+    assert all(check.ok for check in doctor.camera_checks("demo", [device]))
+    assert PORTABLE or "Front: No such file" in doctor.camera(device).detail
+
+
+def test_doctor_fails_where_up_would_stop_and_fits_80_columns(world: World) -> None:
+    world.env["COLUMNS"] = "80"
+    done = world.run("doctor")
+    assert done.returncode == 0, "without a screen, sessions show to a file"
+    assert re.search(r"^ok   display +no screen", done.stdout, re.M)
+    assert max(len(line) for line in done.stdout.splitlines() if "/" not in line) <= 80
+    settings = world.root / "settings" / "lfpipe" / "config.toml"
+    settings.parent.mkdir(parents=True)
+    settings.write_text('[camera]\nsource = "demo"\n')
+    assert re.search(r"^ok   camera +camera\.source is demo", world.run("doctor").stdout, re.M)
+    settings.write_text("[camera]\nsauce = 3\n")
+    failed = world.run("doctor")
+    assert failed.returncode == 1
+    assert re.search(r"^FAIL settings .*camera\.sauce", failed.stdout, re.M | re.S)
+
+
+def test_doctor_leftovers_are_those_of_dead_sessions(tmp_path: Path) -> None:
+    dead = Holder(tmp_path, "dead")
+    left = dead.ready()
+    with holding(tmp_path, "living") as used:
+        assert not {*left, *used} & set(doctor.leftovers().detail.split(", "))
+        dead.kill()
+        check = doctor.leftovers()
+        assert (
+            check.ok
+            and set(left) <= set(check.detail.split(", "))
+            and not set(used) & set(check.detail.split(", "))
+        )
+        assert "lfpipe up" in check.remedy and str(tmp_path) in check.remedy
+    Holder(tmp_path, "next").end()
+    assert not set(left) & set(doctor.leftovers().detail.split(", "))
+
+
+def test_write_report_is_whole_private_and_replaces_its_own(tmp_path: Path) -> None:
+    path = tmp_path / "report.zip"
+    with largest_file(2000), pytest.raises(UserError, match=r"report\.zip"):
+        doctor.write_report(path, [])
+    assert list(tmp_path.iterdir()) == []
+    for _ in range(2):
+        doctor.write_report(path, [])
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    assert "versions.json" in zipfile.ZipFile(path).namelist()
+    with zipfile.ZipFile(tmp_path / "mine.zip", "w") as archive:
+        archive.writestr("notes", "mine")
+    assert "not written by lfpipe" in str(refusal(doctor.write_report, tmp_path / "mine.zip", []))

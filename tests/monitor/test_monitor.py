@@ -1,0 +1,175 @@
+"""The monitor on real sessions: the screen in a pseudo-terminal, streams, coming and going."""
+
+import contextlib
+import fcntl
+import json
+import os
+import pty
+import re
+import select
+import signal
+import statistics
+import struct
+import termios
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.text import Text
+
+from lfpipe.monitor.monitor import fitted, state_text
+from lfpipe.monitor.session_reader import Watch
+from lfpipe.supervisor.metrics import session_figures
+from lfpipe.supervisor.process_table import CORE, SOURCE
+from lfpipe.supervisor.rundir import find
+from lfpipe.transport.status import ROW, SESSION, State
+from tests.support.world import World
+
+ESCAPES = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
+
+
+class Terminal:
+    """`lfpipe monitor` in a terminal of 80x24."""
+
+    def __init__(self, world: World, *args: str, term: str = "xterm-256color") -> None:
+        self._fd, inner = pty.openpty()
+        fcntl.ioctl(inner, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
+        env = {**world.env, "TERM": term, "NO_COLOR": "1"}
+        env.pop("COLUMNS", None)
+        pipes = {"stdin": inner, "stdout": inner, "stderr": inner, "text": False, "env": env}
+        self.process = world.start("monitor", "--session", world.name, *args, **pipes)
+        os.close(inner)
+        self.raw = ""
+
+    def until(self, pattern: str, timeout_s: float = 60) -> str:
+        """The text since the last match, up to and including the match."""
+        end = time.monotonic() + timeout_s
+        while time.monotonic() < end:
+            if found := re.search(pattern, ESCAPES.sub("", self.raw)):
+                text = ESCAPES.sub("", self.raw)[: found.end()]
+                self.raw = ""
+                return text
+            if select.select([self._fd], [], [], 0.1)[0]:
+                self.raw += os.read(self._fd, 65536).decode(errors="replace")
+        raise AssertionError(f"no {pattern!r} in {ESCAPES.sub('', self.raw)[-2000:]!r}")
+
+    def ended(self, timeout_s: float = 60) -> int | None:
+        """The exit code; what it still writes is taken, as a terminal would."""
+        end = time.monotonic() + timeout_s
+        while self.process.poll() is None and time.monotonic() < end:
+            with contextlib.suppress(OSError):
+                if select.select([self._fd], [], [], 0.05)[0]:
+                    os.read(self._fd, 65536)
+        return self.process.poll()
+
+    def press(self, key: str) -> None:
+        os.write(self._fd, key.encode())
+
+
+def test_state_says_that_there_is_no_camera() -> None:
+    rows = {name: np.zeros((), ROW) for name in CORE}
+    quality = np.zeros((), SESSION)
+    assert "no camera" in state_text(session_figures("mine", rows, quality, 0)).plain
+    rows[SOURCE]["state"] = State.STARTING
+    assert "camera 0.0 Hz" in state_text(session_figures("mine", rows, quality, 0)).plain
+
+
+def test_fitted_names_what_it_leaves_out() -> None:
+    text = Text("\n".join(["x" * 79] * 15))
+    assert fitted(text, 80, 24) is text
+    for size, last in (
+        ((40, 24), "39 columns"),
+        ((80, 12), "4 lines"),
+        ((40, 12), "39 columns, 4"),
+    ):
+        lines = fitted(text, *size).plain.splitlines()
+        assert len(lines) == min(16, size[1]) and lines[-1].startswith(f"left out: {last}"), lines
+
+
+def test_monitor_screen_keys_and_a_session_that_starts_again(world: World, scene: Path) -> None:
+    world.shows(scene)
+    terminal, second = Terminal(world), Terminal(world)
+    terminal.until("age of the picture")
+    # render opens its scene again once the disparity is there
+    shown = terminal.until(r"(?s)capture running.*render  running.*q quit.*rst: restarts")
+    newest = shown[shown.rindex("lfpipe ") :]  # without what was left of the screen before
+    assert max(len(line) for line in newest.splitlines()) <= 80, newest
+    terminal.until(r"viewer (arriving|seated)")
+    terminal.until(r"eyes predicted ahead of the sensor by p50 \d")
+    for key, answer in (
+        ("w", "nearest views"),
+        ("m", "dubois-green-magenta anaglyph"),
+        ("p", "PAUSED"),
+        ("p", "resumed"),
+        ("c", "recentred"),
+        ("r", "counts reset"),
+        ("t", "tracing to"),
+    ):
+        terminal.press(key)
+        terminal.until(answer)
+    second.until("nearest views")
+    world.wait_for(
+        lambda: any(trace.stat().st_size > 2000 for trace in world.root.glob("lfpipe-*.jsonl")),
+        "traced pictures",
+    )
+    terminal.press("t")
+    terminal.until(r"trace: /")
+    assert [path.suffix for path in world.root.glob("lfpipe-*")] == [".jsonl"]
+    world.ctl("stop")
+    terminal.until("no session")
+    world.wait_for(lambda: not world.left(), "clean end")
+    world.trace.unlink()
+    world.up(scene)
+    terminal.until("capture running")
+    for each in (terminal, second):
+        each.press("q")
+        assert each.ended() == 0
+
+
+def test_monitor_leaves_nothing_and_costs_no_frame(live: World) -> None:
+    before = live.segments(), sorted(live.run_dir.rglob("*"))
+    descriptors = len(list(Path("/proc/self/fd").iterdir()))
+    with live.entered():
+        for _ in range(20):
+            with contextlib.closing(Watch(find(live.name))) as watch:
+                assert watch.living() and watch.read().stages
+    for signum in (signal.SIGKILL, signal.SIGINT):  # whole processes, killed and ended cleanly
+        viewer = live.start("monitor", "--session", live.name, "--json")
+        assert (
+            viewer.stdout is not None
+            and json.loads(viewer.stdout.readline())["session"] == live.name
+        )
+        viewer.send_signal(signum)
+        viewer.communicate(timeout=60)
+    assert len(list(Path("/proc/self/fd").iterdir())) <= descriptors + 1
+    assert (live.segments(), sorted(live.run_dir.rglob("*"))) == before
+    assert all(stage["restarts"] == 0 for stage in live.monitor()["stages"].values())
+
+
+def test_monitor_horizon_is_what_the_trace_says(
+    live: World,
+) -> None:
+    live.pictures(90)
+    state = live.monitor()
+    horizon = state["horizon"]
+    # what the monitor saw is written by then
+    live.pictures(max(len(live.lines()), horizon["n"]) + 30)
+    counted = [line for line in live.lines() if line["face"]][: horizon["n"]]
+    horizon_ms = (
+        statistics.median((line["t_presented_ns"] - line["t_sensor_ns"]) / 1e6 for line in counted)
+        + 100
+        + 1e3 / 120
+    )
+    assert len(counted) >= 60 and horizon["p50_ms"] == pytest.approx(horizon_ms, rel=0.1)
+    assert state["motion_to_photon"]["onset_ms"] is None, "no light without a screen"
+
+
+def test_monitor_streams_and_refuses_wrong_words(live: World) -> None:
+    assert live.monitor()["stages"]["render"]["fps"] > 0
+    assert "age of the picture" in live.run("monitor", "--session", live.name, "--once").stdout
+    assert re.search(r"over \d+ pictures", live.run("ctl", "status", "--session", live.name).stdout)
+    plain = Terminal(live, term="dumb")
+    plain.until(r"drops rst[^\x1b]*quality")  # nothing but text
+    assert plain.ended() == 0
+    assert live.run("monitor", "--session", "nobody").returncode == 2

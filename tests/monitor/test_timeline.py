@@ -1,0 +1,145 @@
+"""Traces of running sessions, and timelines: trace-event JSON that a strict reader accepts."""
+
+import itertools
+import json
+import os
+import random
+import stat
+import tempfile
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lfpipe.errors import UserError
+from lfpipe.monitor.timeline import TRACKS, convert, events
+from tests.support import hostile_files as hostile
+from tests.support.processes import open_umask
+from tests.support.refusal import refusal
+from tests.support.world import World
+
+
+def line(
+    source_seq: int, sensor: int, steps: tuple[int, int, int, int, int], composed: bool = True
+) -> dict[str, Any]:
+    stamps = list(itertools.accumulate((sensor, *steps)))
+    names = ("sensor", "read", "tracked", "started", "composed", "presented")
+    view = {"left": [1.0, 1.0], "right": [1.0, 2.0]}
+    about = {
+        "source_seq": source_seq,
+        "epoch": 0,
+        "face": True,
+        "view": view,
+        "method": "warp",
+        "composed": composed,
+    }
+    return {**about, **{f"t_{name}_ns": stamp for name, stamp in zip(names, stamps, strict=True)}}
+
+
+def check(made: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
+    """Checks "Trace Event Format": known phases, slices that do not overlap on a track. Returns the
+    slices by track.
+    """
+    tracks = {
+        e["tid"]: e["args"]["name"] for e in made if e["ph"] == "M" and e["name"] == "thread_name"
+    }
+    assert tuple(tracks.values()) == TRACKS
+    slices: dict[str, list[dict[str, Any]]] = defaultdict(list)
+    for event in made:
+        assert event["ph"] in "MX" and event["pid"] == 1 and isinstance(event["name"], str)
+        if event["ph"] == "X":
+            assert event["ts"] >= 0 and event["dur"] >= 0
+            slices[tracks[event["tid"]]].append(event)
+    for found in slices.values():
+        for before, after in itertools.pairwise(sorted(found, key=lambda e: (e["ts"], e["dur"]))):
+            assert before["ts"] + before["dur"] <= after["ts"] + 1e-3, (
+                "slices of a track do not overlap"
+            )
+    return slices
+
+
+@given(
+    st.lists(st.tuples(st.tuples(*[st.integers(0, 50_000_000)] * 5), st.booleans()), max_size=30)
+)
+def test_timeline_of_any_trace_is_sound(made: list[tuple[Any, bool]]) -> None:
+    lines = [
+        line(k // 2, 10**9 + (k // 2) * 33_000_000, steps, composed)
+        for k, (steps, composed) in enumerate(made)
+    ]
+    slices = check(list(events(lines)))
+    assert len(slices["capture"]) == len({each["source_seq"] for each in lines})
+    assert (
+        len(slices["render"]) == len(slices["display"]) == sum(each["composed"] for each in lines)
+    )
+    seen = {s["args"]["source_seq"] for found in slices.values() for s in found}
+    assert seen == {each["source_seq"] for each in lines}
+
+
+LINES = [line(k, 10**9 + k * 33_000_000, (1000, 3000, 500, 4000, 100)) for k in range(6)]
+
+
+def written(path: Path) -> Path:
+    path.write_text("".join(json.dumps(each) + "\n" for each in LINES))
+    return path
+
+
+@settings(max_examples=100)
+@given(seed=st.integers(0, 2**32))
+def test_convert_takes_or_refuses_a_damaged_trace(seed: int) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        trace, out = Path(folder) / "t.jsonl", Path(folder) / "t.json"
+        trace.write_bytes(hostile.damaged_lines(random.Random(seed), LINES))
+        try:
+            convert(trace, out)
+            assert json.loads(out.read_text(), parse_constant=pytest.fail)["traceEvents"]
+        except UserError as error:
+            assert str(trace) in error.message and error.remedy and len(str(error)) <= 2000
+            assert os.listdir(folder) == ["t.jsonl"]  # noqa: PTH208
+
+
+def test_convert_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
+    out, bad = tmp_path / "t.json", tmp_path / "bad.jsonl"
+    out.write_text("# written by lfpipe")
+    bad.write_text(json.dumps(LINES[0]) + "\n{}\n")
+    with pytest.raises(UserError, match=r"bad\.jsonl.*line 2: source_seq is missing"):
+        convert(bad, out)
+    assert out.read_text() == "# written by lfpipe"
+    os.mkfifo(tmp_path / "fifo")
+    for source, place in (
+        (tmp_path / "fifo", out),
+        (tmp_path, out),
+        (written(bad), tmp_path / "fifo"),
+        (bad, tmp_path),
+    ):
+        refusal(convert, source, place)
+    convert(bad, out)
+    slices = check(json.loads(out.read_text())["traceEvents"])
+    assert stat.S_IMODE(out.stat().st_mode) == 0o600
+    assert (
+        slices["render"][0]["ts"] == pytest.approx(1_000_004.5)
+        and slices["render"][0]["dur"] == 4.0
+    ), "microseconds"
+    assert slices["display"][0]["args"]["age_ms"] == pytest.approx(0.0086)
+
+
+def test_trace_of_a_running_session_and_its_timeline(live: World, tmp_path: Path) -> None:
+    named = ("--session", live.name)
+    trace = tmp_path / "t.jsonl"
+    assert live.run("trace", "stop", *named).returncode == 2, "none runs"
+    with open_umask():
+        live.done("trace", "start", trace, *named)
+        other = tmp_path / "u.jsonl"
+        assert "t.jsonl is already" in live.refused("trace", "start", other, *named)
+        live.pictures(len(live.lines()) + 40)
+        assert str(trace) in live.done("trace", "stop", *named).stdout
+        live.done("trace", "timeline", trace)
+    written = [json.loads(text) for text in trace.read_text().splitlines()]
+    whole = {each["seq"]: each for each in live.lines()}
+    assert written and all(each == whole[each["seq"]] for each in written), "one format"
+    slices = check(json.loads((tmp_path / "t.json").read_text())["traceEvents"])
+    assert all(len(slices[name]) > 5 for name in ("capture", "track"))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["t.json", "t.jsonl"]
+    assert {stat.S_IMODE(path.stat().st_mode) for path in tmp_path.iterdir()} == {0o600}

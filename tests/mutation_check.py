@@ -1,0 +1,271 @@
+"""Faults, each one line in a copy of the package: the short form of `lfpipe bench viewer --check`
+notices it, or a file of the default suite.
+
+`pytest -m live tests/mutation_check.py` tries all of them; who noticed is in
+profiling/results/tests.md (`python -m tests.mutation_check` prints its table).
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+COPIED = ("lfpipe", "tests", "profiling", "tools", "pyproject.toml", "config.toml")
+PYTEST = (sys.executable, "-m", "pytest", "-q", "-x", "-n", "0", "-p", "no:cacheprovider")
+PROFILE = "--hypothesis-profile=unshrunk"
+
+
+class Fault(NamedTuple):
+    """old becomes new in a file of lfpipe; these tests notice it."""
+
+    name: str
+    file: str
+    old: str
+    new: str
+    tests: str = "bench/test_viewer.py"
+
+    def text(self) -> str:
+        """The file as it is. Raises AssertionError unless old stands in it once."""
+        text = (ROOT / "lfpipe" / self.file).read_text()
+        assert text.count(self.old) == 1, f"{self.file}: {self.old!r} stands there not once"
+        return text
+
+
+FAULTS = (
+    # of measures taken on 23 November 2026: ten of these passed every subject of `lfpipe bench`
+    Fault(
+        "the filter's gain to speed is doubled",
+        "track/filters.py",
+        "to_speed = b / spread",
+        "to_speed = 2 * b / spread",
+    ),
+    Fault(
+        "the reported velocity is doubled",
+        "track/filters.py",
+        "np.array(((u, v), (u, v)))",
+        "np.array(((2 * u, 2 * v), (2 * u, 2 * v)))",
+    ),
+    Fault(
+        "ViewSolver exchanges the eyes",
+        "render/synthesis/viewpoint.py",
+        "if self._render.swap_eyes",
+        "if not self._render.swap_eyes",
+    ),
+    Fault(
+        "the mixer exchanges red and blue",
+        "render/synthesis/anaglyph.py",
+        "cv2.merge(channels[::-1], out[rows])",
+        "cv2.merge(channels, out[rows])",
+    ),
+    Fault(
+        "pictures are due one blank late",
+        "render/display/refresh.py",
+        "return self.clock.nearest(self._due_ns)",
+        "return self.clock.nearest(self._due_ns + self.clock.period_ns)",
+    ),
+    Fault(
+        "a distance that is NaN stays",
+        "render/viewer/viewer.py",
+        "if not LEAST_EYES_PX <= apart_px <= FAR_PX:",
+        "if apart_px < LEAST_EYES_PX:",
+        "render/test_viewer.py",
+    ),
+    Fault(
+        "the gate for glitches is open",
+        "track/filters.py",
+        "if off > (STEP",
+        "if off > 1e9 * (STEP",
+    ),
+    Fault(
+        "a filter is not reset after a gap",
+        "track/smoothing.py",
+        "abs(step_ns) >= MAX_STEP_NS",
+        "abs(step_ns) >= 1000 * MAX_STEP_NS",
+        "track/test_filters.py",
+    ),
+    Fault(
+        "a warp reads the neighbour's picture",
+        "render/synthesis/engine.py",
+        "planes = [source(frame, view.row, view.col) for source in sources]\n"
+        "            if steps ==",
+        "planes = [source(frame, view.row, max(view.col - 1, 0)) for source in sources]\n"
+        "            if steps ==",
+    ),
+    Fault(
+        "a warp goes the wrong way",
+        "render/synthesis/warper.py",
+        "np.array((right * self._unit_px,",
+        "np.array((-right * self._unit_px,",
+    ),
+    Fault(
+        "the picture exchanges the views of the eyes",
+        "render/synthesis/compositor.py",
+        "frame, left, right = key",
+        "frame, right, left = key",
+    ),
+    Fault(
+        "a picture is one refresh late",
+        "render/choice.py",
+        "seen_ns=target_ns + loop_ns + refresh_ns // 2,",
+        "seen_ns=target_ns + loop_ns - refresh_ns // 2,",
+    ),
+    Fault(
+        "the row of the eyes is ignored",
+        "render/synthesis/viewpoint.py",
+        "r0 + self._steps(middle_v - cy)",
+        "r0",
+    ),
+    Fault(
+        "alpha is doubled",
+        "render/viewer/viewer.py",
+        "solver.alpha_px = self._apart_px / self.parallax",
+        "solver.alpha_px = 2 * self._apart_px / self.parallax",
+    ),
+    Fault(
+        "the view jumps to its middle when a face is lost",
+        "render/viewer/presence.py",
+        "s = max((t_ns - self._lost_ns) / SECOND_NS - HOLD_S, 0.0) / AWAY_S",
+        "s = 1e6",
+    ),
+    Fault(
+        "steps of the picture are not eased",
+        "render/viewer/presence.py",
+        "step = EASED_VIEWS * min(dt_s * EASED_HZ, 1.0)",
+        "step = 10 * EASED_VIEWS",
+    ),
+    Fault(
+        "impossible eyes are not refused",
+        "render/viewer/viewer.py",
+        "return (lx, ly, rx, ry) if near else None",
+        "return lx, ly, rx, ry",
+        "render/test_compositor.py::test_viewer_takes_whatever_a_tracker_says",
+    ),
+    Fault(
+        "a warp uses the neighbour's disparity",
+        "render/synthesis/warper.py",
+        "stored = self._map(frame, view.row, view.col)",
+        "stored = self._map(frame, view.row, max(view.col - 1, 0))",
+    ),
+    # twelve more
+    Fault(
+        "the loop's delay is left out",
+        "render/choice.py",
+        "seen_ns=target_ns + loop_ns + refresh_ns // 2,",
+        "seen_ns=target_ns + refresh_ns // 2,",
+    ),
+    Fault(
+        "a dead tracker's eyes stay",
+        "render/choice.py",
+        "t_ns - newest.t_ns <= self._stale_ns",
+        "t_ns - newest.t_ns <= 1000 * self._stale_ns",
+        "render/test_choice.py",
+    ),
+    Fault(
+        "viewpoints are rounded to half a view",
+        "render/synthesis/compositor.py",
+        "return max(1 / 1024, 2.0 ** math.floor(math.log2(step)))",
+        "return 0.5",
+    ),
+    Fault(
+        "the plane of the screen moves the wrong way",
+        "render/synthesis/engine.py",
+        "zero_plane_px * (self._centre[1] - position[1])",
+        "zero_plane_px * (position[1] - self._centre[1])",
+    ),
+    Fault(
+        "warp2 fades from one view to the other the wrong way round",
+        "render/synthesis/viewpoint.py",
+        "up, right = _faded(up, ROW_FADE), _faded(right, COL_FADE)",
+        "up, right = 1 - _faded(up, ROW_FADE), 1 - _faded(right, COL_FADE)",
+    ),
+    Fault(
+        "no rest is ever measured",
+        "render/viewer/presence.py",
+        "if rest_ns < REST_S * SECOND_NS",
+        "if rest_ns < 1000 * REST_S * SECOND_NS",
+    ),
+    Fault(
+        "depth ends at the edge of the zone",
+        "render/synthesis/viewpoint.py",
+        "if self._render.keep_depth:",
+        "if not self._render.keep_depth:",
+    ),
+    Fault(
+        "the neutral position follows slowly",
+        "render/viewer/viewer.py",
+        "NEUTRAL_S = 0.5",
+        "NEUTRAL_S = 5.0",
+    ),
+    Fault(
+        "a neighbour takes over who is no nearer",
+        "track/detector.py",
+        "NEARER = 1.6",
+        "NEARER = 0.5",
+    ),
+    Fault(
+        "pictures begin without a lead",
+        "render/display/refresh.py",
+        "return int(self._cost_ns + self._margin_ns)",
+        "return 0",
+    ),
+    Fault(
+        "near and far of hidden parts are exchanged",
+        "render/synthesis/warper.py",
+        "cv2.max(first, disparity, disparity)",
+        "cv2.min(first, disparity, disparity)",
+    ),
+    Fault(
+        "acceleration is used against the motion",
+        "track/filters.py",
+        "speed * velocity[0] + ahead_s * ax",
+        "speed * velocity[0] - ahead_s * ax",
+    ),
+)
+
+
+def noticed_by(fault: Fault, folder: Path) -> str:
+    """Which figure or test notices a fault in a copy of the package; "" if none does."""
+    for name in COPIED:
+        copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
+        copy(ROOT / name, folder / name)
+    text = fault.text().replace(fault.old, fault.new)
+    (folder / "lfpipe" / fault.file).write_text(text)
+    run = subprocess.run(
+        [*PYTEST, PROFILE, f"tests/{fault.tests}"],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(folder)},  # before the package that is installed
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    lines = run.stdout.splitlines()
+    figures = [line.rpartition("Error: ")[2] for line in lines if " is right" in line]
+    failed = [line for line in lines if line.startswith("FAILED ")]
+    if failed and figures:
+        return f"`bench viewer`: {figures[0]}"
+    return failed[0].removeprefix("FAILED ").partition(" - ")[0] if failed else ""
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
+def test_fault_fits_the_program(fault: Fault) -> None:
+    fault.text()
+
+
+@pytest.mark.live
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
+def test_fault_is_noticed(fault: Fault, tmp_path: Path) -> None:
+    assert noticed_by(fault, tmp_path), f"{fault.file}: {fault.new}"
+
+
+if __name__ == "__main__":
+    print("| fault | file | noticed by |\n|---|---|---|")
+    for one in FAULTS:
+        with tempfile.TemporaryDirectory() as name:
+            who = noticed_by(one, Path(name)) or "**nobody**"
+        print(f"| {one.name} | {one.file} | {who} |", flush=True)

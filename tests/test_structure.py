@@ -1,0 +1,224 @@
+"""Every import between the rooms of the package points down: no room knows those above it, and
+stages do not know each other.
+"""
+
+import ast
+import re
+from collections.abc import Iterator
+
+from tests.support.source import PACKAGE, modules, nodes, room
+
+# From the bottom up; rooms of one layer do not know each other. Loose modules (`errors`, `eyes`)
+# are below them all.
+LAYERS = (
+    {"host"},
+    {"files"},
+    {"config"},
+    {"transport"},
+    {"scene", "sequence"},
+    {"capture", "track", "render", "record", "share"},
+    {"supervisor"},
+    {"replays", "observe", "export"},
+    {"api"},
+    {"bench"},
+    {"sweep"},
+    {"cli"},
+)
+LAYER = {room: layer for layer, rooms in enumerate(LAYERS) for room in rooms}
+
+
+def imported(node: ast.AST) -> list[str]:
+    """Names of the parts of lfpipe that a node imports, at a module's head or within a function."""
+    if isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+        return [f"{node.module}.{one.name}" for one in node.names]
+    if isinstance(node, ast.Import):
+        return [one.name for one in node.names]
+    text = node.value if isinstance(node, ast.Constant) else None
+    # a module that is named and not imported, to be run or imported later
+    named = isinstance(text, str) and re.match(r"lfpipe\.\w+(\.\S*)?$", text)
+    return [str(text)] if named else []
+
+
+# Programs of rooms above that a file starts, with limits and an answer in JSON: no import.
+PROGRAMS = {"scene/open_scene.py": "lfpipe.scene.packer"}
+
+
+def test_rooms_import_downwards() -> None:
+    folders = {
+        entry.name for entry in PACKAGE.iterdir() if entry.is_dir() and any(entry.glob("*.py"))
+    }
+    assert folders == set(LAYER)
+    assert len({path.stem for path in PACKAGE.glob("*.py")} - {"__init__", "__main__"}) <= 4, (
+        "few modules stand loose"
+    )
+    wrong = []
+    for module, node in nodes(ast.AST):
+        here = room(module)
+        for name in imported(node):
+            there = name.split(".")[1] if name.startswith("lfpipe.") else here
+            if (
+                there != here
+                and there in LAYER
+                and LAYER[there] >= LAYER.get(here, 0)
+                and here not in ("__init__", "__main__")
+                and PROGRAMS.get(module) != name
+            ):
+                wrong.append(f"{module}: {name}")
+    assert not wrong, "\n".join(wrong)
+
+
+# Modules, functions and paths that not every operating system has: `host` alone may name them.
+SYSTEM_MODULES = {"ctypes", "fcntl", "grp", "pwd", "resource", "select", "termios", "tty"}
+SYSTEM_FUNCTIONS = {
+    "AF_UNIX",
+    "CLOCK_BOOTTIME",
+    "O_DIRECTORY",
+    "O_NOCTTY",
+    "O_NOFOLLOW",
+    "O_NONBLOCK",
+    "SIGCONT",
+    "SIGHUP",
+    "SIGKILL",
+    "SIGSTOP",
+    "SIGUSR1",
+    "posix_fadvise",
+    "set_blocking",
+    "fork",
+    "getpgid",
+    "getpriority",
+    "getsid",
+    "geteuid",
+    "killpg",
+    "mkfifo",
+    "posix_fallocate",
+    "sched_getaffinity",
+    "sched_setaffinity",
+    "sched_setscheduler",
+    "setpgid",
+    "setpriority",
+    "setsid",
+    "sysconf",
+    "uname",
+    "pthread_sigmask",
+}
+SYSTEM_PATHS = ("/proc", "/sys/", "/dev/shm", "/dev/dri")
+# What is about one system by its nature, or the C library of a dependency; each with its reason.
+ALLOWED = {
+    "lfpipe/capture/camera_list.py": "Video4Linux is Linux's own",
+    "lfpipe/capture/camera.py": "a parameter of Linux's driver for webcams",
+    "lfpipe/capture/v4l2_abi.py": "Video4Linux is Linux's own",
+    "lfpipe/capture/v4l2_device.py": "Video4Linux is Linux's own",
+    "lfpipe/render/display/open_display.py": "X and Wayland listen at Unix sockets",
+    "lfpipe/render/display/window_system.py": "calls the SDL library that pygame loads",
+    "lfpipe/track/network.py": "maps a tensor's memory",
+}
+
+
+def system_names(tree: ast.Module) -> Iterator[str]:
+    """What in a module belongs to an operating system."""
+    bodies = (
+        node.body
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
+    )
+    documents = {id(body[0].value) for body in bodies if body and isinstance(body[0], ast.Expr)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (one.name for one in node.names if one.name in SYSTEM_MODULES)
+        elif isinstance(node, ast.ImportFrom) and node.module in SYSTEM_MODULES:
+            yield node.module
+        elif isinstance(node, ast.Attribute) and node.attr in SYSTEM_FUNCTIONS:
+            yield node.attr
+        elif (
+            isinstance(node, ast.Constant)
+            and isinstance(node.value, str)
+            and id(node) not in documents
+        ):
+            yield from (start for start in SYSTEM_PATHS if node.value.startswith(start))
+
+
+def test_host_alone_names_an_operating_system() -> None:
+    wrong = [
+        f"{module}: {name}"
+        for module, tree in modules().items()
+        if room(module) != "host" and f"lfpipe/{module}" not in ALLOWED
+        for name in system_names(tree)
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_paths_are_examined_without_exceptions() -> None:
+    """`Path.exists` and its like raise up to Python 3.13, for a folder that may not be searched:
+    `host.files` does not.
+    """
+    wrong = [
+        f"{module}: {ast.unparse(call)}"
+        for module, call in nodes(ast.Call)
+        if room(module) not in ("scene", "files")
+        and not call.args
+        and isinstance(call.func, ast.Attribute)
+        and call.func.attr in ("exists", "is_file", "is_dir")
+    ]
+    assert not wrong, wrong
+
+
+FORBIDDEN = {"pickle", "marshal", "shelve", "dill", "cloudpickle"}
+QUEUES = {
+    "Queue",
+    "SimpleQueue",
+    "JoinableQueue",
+    "Manager",
+    "Pipe",
+    "Lock",
+    "Event",
+    "Condition",
+    "Value",
+}
+
+
+def unsafe(node: ast.AST) -> set[str]:
+    """Names in a node that execute their input (pickle), or that a killed process takes with it
+    (queues and locks).
+    """
+    if isinstance(node, ast.Import):
+        return {alias.name.split(".")[0] for alias in node.names} & FORBIDDEN
+    if isinstance(node, ast.ImportFrom) and node.module:
+        top = node.module.split(".")[0]
+        return ({top} & FORBIDDEN) | (
+            {alias.name for alias in node.names} & QUEUES if top == "multiprocessing" else set()
+        )
+    if (
+        isinstance(node, ast.Attribute)
+        and isinstance(node.value, ast.Name)
+        and node.value.id in ("multiprocessing", "mp")
+    ):
+        return {node.attr} & QUEUES
+    if isinstance(node, ast.keyword) and node.arg == "allow_pickle":
+        return (
+            set()
+            if isinstance(node.value, ast.Constant) and node.value.value is False
+            else {"allow_pickle"}
+        )
+    return set()
+
+
+def test_modules_do_not_unpickle_or_share_a_lock() -> None:
+    wrong = [f"{module}: {ast.unparse(node)}" for module, node in nodes(ast.AST) if unsafe(node)]
+    assert not wrong, wrong
+
+
+def test_wall_clock_is_not_read_by_a_session() -> None:
+    """So a step of the clock has no effect: only names and dates of files use it."""
+    wall = {
+        "time": {"time", "time_ns", "gmtime", "localtime"},
+        "datetime": {"now", "utcnow", "today"},
+    }
+    rooms = ("capture", "track", "render", "transport", "supervisor", "sequence", "replays")
+    wrong = [
+        f"{module}: {ast.unparse(node)}"
+        for module, node in nodes(ast.Attribute)
+        if room(module) in rooms
+        and isinstance(node.value, ast.Name)
+        and node.attr in wall.get(node.value.id, ())
+    ]
+    assert not wrong, wrong
