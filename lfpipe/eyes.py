@@ -16,7 +16,7 @@ EYES = np.dtype(
         ("raw_px", "<f8", (2, 2)),
         ("filtered_px", "<f8", (2, 2)),
         ("velocity_px_s", "<f8", (2, 2)),
-        ("apart_px", "<f8"),  # between the eyes as if the head were not turned; 0: not known
+        ("eye_distance_px", "<f8"),  # between the eyes as if the head were not turned; 0: not known
         ("confidence", "<f8"),
         ("width_px", "<i4"),
         ("height_px", "<i4"),
@@ -41,7 +41,7 @@ class EyesRecord(NamedTuple):
     raw_px: Eyes
     filtered_px: Eyes
     velocity_px_s: Eyes
-    apart_px: float
+    eye_distance_px: float
     confidence: float
     width_px: int
     height_px: int
@@ -72,7 +72,7 @@ SHOWN = np.dtype(
     [("t_presented_ns", "<i8"), ("view", "<f8", (2, 2)), ("composed", "<i4"), ("face", "<i4")]
 )
 
-MAX_HORIZON_S = 0.25  # beyond a quarter of a second a straight line says nothing about a head
+MAX_PREDICTION_S = 0.25  # beyond a quarter of a second a straight line says nothing about a head
 
 
 def middle_of(eyes: Eyes) -> tuple[float, float]:
@@ -82,12 +82,12 @@ def middle_of(eyes: Eyes) -> tuple[float, float]:
 
 
 def extrapolated(
-    position_px: NDArray[np.float64], velocity_px_s: NDArray[np.float64], horizon_ns: int
+    position_px: NDArray[np.float64], velocity_px_s: NDArray[np.float64], prediction_ns: int
 ) -> NDArray[np.float64]:
-    """Where the eyes will be horizon_ns after their frame was taken; the horizon is clamped to 0 ..
-    MAX_HORIZON_S.
+    """Where the eyes will be prediction_ns after their frame was taken; the horizon is clamped to
+    0 .. MAX_PREDICTION_S.
 
     position_px, velocity_px_s: (2, 2). Returns (2, 2) px.
     """
-    horizon_s = min(max(horizon_ns, 0) / 1e9, MAX_HORIZON_S)
-    return position_px + velocity_px_s * horizon_s
+    prediction_s = min(max(prediction_ns, 0) / 1e9, MAX_PREDICTION_S)
+    return position_px + velocity_px_s * prediction_s

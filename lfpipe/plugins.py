@@ -3,7 +3,7 @@
 lfpipe.layouts    a module or object with NAME, detect and describe (`lfpipe.scene.source.Layout`)
 lfpipe.engines    a function of `config.Track` that returns a `lfpipe.track.engine.Engine`; a value
                   of track.engine
-lfpipe.filters    a function of `config.Track` and loop_s that returns a
+lfpipe.filters    a function of `config.Track` and device_latency_s that returns a
                   `lfpipe.track.smoothing.EyeFilter`; a value of track.filter
 lfpipe.displays   a function of (argument, size_px, title, rate_hz) that returns a
                   `lfpipe.render.display.display.Display`; `--display NAME[:ARGUMENT]`

@@ -103,11 +103,11 @@ def main() -> None:
                 mixed = [encode(view, view, how) for view in views]
                 pairs = zip(views, mixed, strict=True)
                 fused = np.mean([fused_error(view, picture, glasses) for view, picture in pairs])
-                apart = np.mean([rivalry(picture, glasses) for picture in mixed])
+                eye_distance = np.mean([rivalry(picture, glasses) for picture in mixed])
                 leaks = ghost(partial(encode, how=how), 0.5, glasses)
                 worst = 100 * max(map(abs, leaks))
-                figures = f"{share:.0f} % | {fused:.1f} | {apart:.1f} | {worst:.1f} %"
-                print(f"| {name} | {light if crossed else '-'} | {figures} |")
+                metrics = f"{share:.0f} % | {fused:.1f} | {eye_distance:.1f} | {worst:.1f} %"
+                print(f"| {name} | {light if crossed else '-'} | {metrics} |")
 
 
 if __name__ == "__main__":

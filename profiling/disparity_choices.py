@@ -125,11 +125,11 @@ def rows_of(scenes: list[Path]) -> Iterator[str]:
         if len(whole) == SIDE:
             kinds.append(("2nd", np.ascontiguousarray(whole[1:6, 1:6]), 2, 2))
         for kind, views, step, every in kinds:
-            figures = {key: score(views, step, every, choice) for key, choice in CHOICES.items()}
-            before = figures["3 each (22 and 23 November)"][0]
-            for key, (level_db, _) in figures.items():
+            metrics = {key: score(views, step, every, choice) for key, choice in CHOICES.items()}
+            before = metrics["3 each (22 and 23 November)"][0]
+            for key, (level_db, _) in metrics.items():
                 gains[key].append(level_db - before)
-            cells = [f"{level_db:.2f}, {ms:.0f}" for level_db, ms in figures.values()]
+            cells = [f"{level_db:.2f}, {ms:.0f}" for level_db, ms in metrics.values()]
             yield f"| {name}, {kind} | {' | '.join(cells)} |"
     cells = [f"{np.mean(gain):+.2f} ({min(gain):+.2f})" for gain in gains.values()]
     yield f"| mean gain over 3 each (worst) | {' | '.join(cells)} |"

@@ -31,7 +31,7 @@ Colour = tuple[int, int, int]
 Paint = Callable[[Picture, float], Picture]  # of a picture whose eyes are so many px apart
 WIDTH, HEIGHT = 640, 480
 MIDDLE = np.array([320.0, 200.0])  # between the eyes
-APART_PX = 63.0
+EYE_DISTANCE_PX = 63.0
 KINDS = "134"  # of portrait: frontal, turned to either side
 LOOKS, LEAD = 9, 6
 WRONG = 0.25
@@ -41,8 +41,8 @@ BLACK: Colour = (25, 25, 25)
 RIGHT, LEFT = (-0.5, 0.0), (0.5, 0.0)  # the person's own eyes
 
 
-def pixel(place: tuple[float, float], apart_px: float) -> tuple[int, int]:
-    x, y = MIDDLE + apart_px * np.array(place)
+def pixel(place: tuple[float, float], eye_distance_px: float) -> tuple[int, int]:
+    x, y = MIDDLE + eye_distance_px * np.array(place)
     return round(x), round(y)
 
 
@@ -51,22 +51,24 @@ def covered(
 ) -> Paint:
     """An ellipse; colour None: of the skin."""
 
-    def paint(picture: Picture, apart_px: float) -> Picture:
+    def paint(picture: Picture, eye_distance_px: float) -> Picture:
         mask = np.zeros(picture.shape[:2], np.float32)
-        axes = round(half[0] * apart_px), round(half[1] * apart_px)
-        cv2.ellipse(mask, pixel(place, apart_px), axes, 0, 0, 360, 1.0, -1)
-        x, y = pixel(SKIN_AT, apart_px)
+        axes = round(half[0] * eye_distance_px), round(half[1] * eye_distance_px)
+        cv2.ellipse(mask, pixel(place, eye_distance_px), axes, 0, 0, 360, 1.0, -1)
+        x, y = pixel(SKIN_AT, eye_distance_px)
         skin = picture[y - 3 : y + 4, x - 3 : x + 4].mean(axis=(0, 1))
-        return blended(picture, skin if colour is None else np.array(colour), mask, soft * apart_px)
+        return blended(
+            picture, skin if colour is None else np.array(colour), mask, soft * eye_distance_px
+        )
 
     return paint
 
 
 def filled(corners: list[tuple[float, float]], colour: Colour, soft: float = 0.02) -> Paint:
-    def paint(picture: Picture, apart_px: float) -> Picture:
+    def paint(picture: Picture, eye_distance_px: float) -> Picture:
         mask = np.zeros(picture.shape[:2], np.float32)
-        cv2.fillPoly(mask, [np.array([pixel(place, apart_px) for place in corners])], 1.0)
-        return blended(picture, np.array(colour), mask, soft * apart_px)
+        cv2.fillPoly(mask, [np.array([pixel(place, eye_distance_px) for place in corners])], 1.0)
+        return blended(picture, np.array(colour), mask, soft * eye_distance_px)
 
     return paint
 
@@ -77,68 +79,71 @@ def blended(picture: Picture, colour: Float, mask: NDArray[np.float32], soft_px:
 
 
 def drawn(*lines: tuple[tuple[float, float], tuple[float, float]], width: float = 0.06) -> Paint:
-    def paint(picture: Picture, apart_px: float) -> Picture:
+    def paint(picture: Picture, eye_distance_px: float) -> Picture:
         out = picture.copy()
         for begin, end in lines:
-            ends = pixel(begin, apart_px), pixel(end, apart_px)
-            cv2.line(out, *ends, BLACK, max(round(width * apart_px), 1), cv2.LINE_AA)
+            ends = pixel(begin, eye_distance_px), pixel(end, eye_distance_px)
+            cv2.line(out, *ends, BLACK, max(round(width * eye_distance_px), 1), cv2.LINE_AA)
         return out
 
     return paint
 
 
 def rims(width: float) -> Paint:
-    def paint(picture: Picture, apart_px: float) -> Picture:
+    def paint(picture: Picture, eye_distance_px: float) -> Picture:
         out = picture.copy()
-        axes = round(0.38 * apart_px), round(0.27 * apart_px)
+        axes = round(0.38 * eye_distance_px), round(0.27 * eye_distance_px)
         for place in (RIGHT, LEFT):
-            at = pixel((place[0], 0.04), apart_px)
-            cv2.ellipse(out, at, axes, 0, 0, 360, BLACK, max(round(width * apart_px), 1))
-        return drawn(((-0.12, 0.0), (0.12, 0.0)), width=width)(out, apart_px)
+            at = pixel((place[0], 0.04), eye_distance_px)
+            cv2.ellipse(out, at, axes, 0, 0, 360, BLACK, max(round(width * eye_distance_px), 1))
+        return drawn(((-0.12, 0.0), (0.12, 0.0)), width=width)(out, eye_distance_px)
 
     return paint
 
 
-def filters(picture: Picture, apart_px: float) -> Picture:
+def filters(picture: Picture, eye_distance_px: float) -> Picture:
     """Red before the person's left eye, cyan before the right one."""
     out = picture.astype(np.float32)
     for place, light in ((LEFT, (0.1, 0.12, 0.75)), (RIGHT, (0.7, 0.65, 0.06))):
-        x0, y0 = pixel((place[0] - 0.4, -0.24), apart_px)
-        x1, y1 = pixel((place[0] + 0.4, 0.32), apart_px)
+        x0, y0 = pixel((place[0] - 0.4, -0.24), eye_distance_px)
+        x1, y1 = pixel((place[0] + 0.4, 0.32), eye_distance_px)
         out[y0:y1, x0:x1] *= np.array(light, np.float32)
-    return rimmed(out.astype(np.uint8), apart_px)
+    return rimmed(out.astype(np.uint8), eye_distance_px)
 
 
-def rimmed(picture: Picture, apart_px: float) -> Picture:
+def rimmed(picture: Picture, eye_distance_px: float) -> Picture:
     """The white card that film glasses are made of."""
     out = picture.copy()
     for x, _ in (RIGHT, LEFT):
-        low, high = pixel((x - 0.42, -0.26), apart_px), pixel((x + 0.42, 0.34), apart_px)
-        cv2.rectangle(out, low, high, (225, 230, 230), max(round(0.08 * apart_px), 1))
+        low, high = (
+            pixel((x - 0.42, -0.26), eye_distance_px),
+            pixel((x + 0.42, 0.34), eye_distance_px),
+        )
+        cv2.rectangle(out, low, high, (225, 230, 230), max(round(0.08 * eye_distance_px), 1))
     return out
 
 
 def lenses(scale: float) -> Paint:
     """Glasses that show the eyes so much larger."""
 
-    def paint(picture: Picture, apart_px: float) -> Picture:
+    def paint(picture: Picture, eye_distance_px: float) -> Picture:
         y, x = np.mgrid[:HEIGHT, :WIDTH].astype(np.float32)
         for place in (RIGHT, LEFT):
-            cx, cy = MIDDLE + apart_px * np.array(place)
-            inside = np.hypot((x - cx) / 0.4, (y - cy) / 0.3) < apart_px
+            cx, cy = MIDDLE + eye_distance_px * np.array(place)
+            inside = np.hypot((x - cx) / 0.4, (y - cy) / 0.3) < eye_distance_px
             x = np.where(inside, cx + (x - cx) / scale, x)
             y = np.where(inside, cy + (y - cy) / scale, y)
         bent = cv2.remap(picture, x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR)
-        return rims(0.04)(np.asarray(bent, np.uint8), apart_px)
+        return rims(0.04)(np.asarray(bent, np.uint8), eye_distance_px)
 
     return paint
 
 
-def glare(picture: Picture, apart_px: float) -> Picture:
+def glare(picture: Picture, eye_distance_px: float) -> Picture:
     for x in (-0.6, 0.4):
         bar = [(x, -0.2), (x + 0.2, -0.2), (x + 0.1, 0.25), (x - 0.1, 0.25)]
-        picture = filled(bar, (250, 250, 250), 0.05)(picture, apart_px)
-    return rims(0.04)(picture, apart_px)
+        picture = filled(bar, (250, 250, 250), 0.05)(picture, eye_distance_px)
+    return rims(0.04)(picture, eye_distance_px)
 
 
 def mask_of(colour: Colour, shaded: bool, top: float = 0.42) -> Paint:
@@ -146,51 +151,51 @@ def mask_of(colour: Colour, shaded: bool, top: float = 0.42) -> Paint:
     outline = [(-0.85, 0.6), (-0.15, top), (0.15, top), (0.85, 0.6), (0.7, 1.45), (0.3, 1.75)]
     outline += [(-0.3, 1.75), (-0.7, 1.45)]
 
-    def paint(picture: Picture, apart_px: float) -> Picture:
-        out = filled(outline, colour, 0.01)(picture, apart_px)
+    def paint(picture: Picture, eye_distance_px: float) -> Picture:
+        out = filled(outline, colour, 0.01)(picture, eye_distance_px)
         if not shaded:
             return out
-        y, x = (np.mgrid[:HEIGHT, :WIDTH] - MIDDLE[::-1, None, None]) / apart_px
+        y, x = (np.mgrid[:HEIGHT, :WIDTH] - MIDDLE[::-1, None, None]) / eye_distance_px
         light = 1.0 - 0.35 * np.square(x / 0.85) + 0.12 * np.exp(-np.square(x / 0.15))
         for pleat in (0.85, 1.05, 1.25):
             light = light - 0.18 * np.exp(-np.square((y - pleat) / 0.02))
         inside = (np.abs(out.astype(int) - picture).sum(axis=2, keepdims=True) > 0).astype(float)
         out = np.clip(out * (1 + inside * (light[..., None] - 1)), 0, 255).astype(np.uint8)
         return drawn(((-0.85, 0.6), (-1.2, 0.1)), ((0.85, 0.6), (1.2, 0.1)), width=0.03)(
-            out, apart_px
+            out, eye_distance_px
         )
 
     return paint
 
 
-def beard(picture: Picture, apart_px: float) -> Picture:
-    y, x = (np.mgrid[:HEIGHT, :WIDTH] - MIDDLE[::-1, None, None]) / apart_px
+def beard(picture: Picture, eye_distance_px: float) -> Picture:
+    y, x = (np.mgrid[:HEIGHT, :WIDTH] - MIDDLE[::-1, None, None]) / eye_distance_px
     share = (np.hypot(x / 0.85, (y - 1.1) / 0.75) < 1) & (y > 0.75)
     share &= np.hypot(x / 0.35, (y - 1.08) / 0.1) > 1
     noise = np.random.default_rng(1).normal(40, 14, (HEIGHT, WIDTH, 1)).clip(5, 90)
-    soft = cv2.GaussianBlur(share.astype(np.float32), (0, 0), 0.05 * apart_px)[..., None]
+    soft = cv2.GaussianBlur(share.astype(np.float32), (0, 0), 0.05 * eye_distance_px)[..., None]
     return np.asarray(picture + 0.85 * soft * (noise - picture), np.uint8)
 
 
-def hat(picture: Picture, apart_px: float) -> Picture:
-    y, x = (np.mgrid[:HEIGHT, :WIDTH] - MIDDLE[::-1, None, None]) / apart_px
+def hat(picture: Picture, eye_distance_px: float) -> Picture:
+    y, x = (np.mgrid[:HEIGHT, :WIDTH] - MIDDLE[::-1, None, None]) / eye_distance_px
     below = (y > -0.5) & (np.abs(x) < 1.1)
     shade = 1 - 0.55 * np.clip((0.55 - y) / 0.4, 0, 1)[..., None] * below[..., None]
     out = np.asarray(picture * shade, np.uint8)
     crown = [(-1.1, -0.45), (-1.0, -1.4), (-0.5, -1.8), (0.5, -1.8), (1.0, -1.4), (1.1, -0.45)]
-    out = filled(crown, (60, 45, 40))(out, apart_px)
+    out = filled(crown, (60, 45, 40))(out, eye_distance_px)
     brim = [(-1.6, -0.35), (-1.1, -0.6), (1.1, -0.6), (1.6, -0.35), (0.0, -0.42)]
-    return filled(brim, (45, 35, 30))(out, apart_px)
+    return filled(brim, (45, 35, 30))(out, eye_distance_px)
 
 
 def skin(share: float) -> Paint:
     """A face that reflects this share of the light."""
 
-    def paint(picture: Picture, apart_px: float) -> Picture:
+    def paint(picture: Picture, eye_distance_px: float) -> Picture:
         mask = np.zeros(picture.shape[:2], np.float32)
-        axes = round(1.15 * apart_px), round(1.65 * apart_px)
-        cv2.ellipse(mask, pixel((0.0, 0.45), apart_px), axes, 0, 0, 360, 1.0, -1)
-        soft = cv2.GaussianBlur(mask, (0, 0), 0.1 * apart_px)[..., None]
+        axes = round(1.15 * eye_distance_px), round(1.65 * eye_distance_px)
+        cv2.ellipse(mask, pixel((0.0, 0.45), eye_distance_px), axes, 0, 0, 360, 1.0, -1)
+        soft = cv2.GaussianBlur(mask, (0, 0), 0.1 * eye_distance_px)[..., None]
         return np.asarray(picture * (1 + soft * (share - 1)), np.uint8)
 
     return paint
@@ -199,7 +204,7 @@ def skin(share: float) -> Paint:
 def dark(share: float) -> Paint:
     """This share of the light, with the noise of its photons."""
 
-    def paint(picture: Picture, apart_px: float) -> Picture:
+    def paint(picture: Picture, eye_distance_px: float) -> Picture:
         few = np.random.default_rng(1).poisson(picture * share * 2.0) / 2.0
         return np.clip(few, 0, 255).astype(np.uint8)
 
@@ -209,17 +214,17 @@ def dark(share: float) -> Paint:
 def blurred(length_px: int) -> Paint:
     kernel = np.zeros((length_px, length_px), np.float32)
     kernel[length_px // 2] = 1 / length_px
-    return lambda picture, apart_px: np.asarray(cv2.filter2D(picture, -1, kernel), np.uint8)
+    return lambda picture, eye_distance_px: np.asarray(cv2.filter2D(picture, -1, kernel), np.uint8)
 
 
-def plain(picture: Picture, apart_px: float) -> Picture:
+def plain(picture: Picture, eye_distance_px: float) -> Picture:
     return picture
 
 
 def both(*paints: Paint) -> Paint:
-    def paint(picture: Picture, apart_px: float) -> Picture:
+    def paint(picture: Picture, eye_distance_px: float) -> Picture:
         for one in paints:
-            picture = one(picture, apart_px)
+            picture = one(picture, eye_distance_px)
         return picture
 
     return paint
@@ -231,16 +236,16 @@ def closed(*places: tuple[float, float]) -> Paint:
     return both(*lids, lashes)
 
 
-def sunglasses(picture: Picture, apart_px: float) -> Picture:
+def sunglasses(picture: Picture, eye_distance_px: float) -> Picture:
     for x, y in (RIGHT, LEFT):
-        picture = covered((x, y + 0.04), (0.38, 0.27), BLACK)(picture, apart_px)
-    return drawn((RIGHT, LEFT))(picture, apart_px)
+        picture = covered((x, y + 0.04), (0.38, 0.27), BLACK)(picture, eye_distance_px)
+    return drawn((RIGHT, LEFT))(picture, eye_distance_px)
 
 
 class Condition(NamedTuple):
     name: str
     paint: Paint
-    apart_px: float = APART_PX
+    eye_distance_px: float = EYE_DISTANCE_PX
     lean_deg: float = 0.0
 
 
@@ -294,11 +299,11 @@ class Portrait(NamedTuple):
     head: Picture
     eyes: Float  # (2, 2): the person's left and right one, px
 
-    def placed(self, apart_px: float, lean_deg: float = 0.0) -> tuple[Picture, Float]:
+    def placed(self, eye_distance_px: float, lean_deg: float = 0.0) -> tuple[Picture, Float]:
         """A picture with the head in it, and its eyes there."""
         head = self.head
         between, middle = self.eyes[0] - self.eyes[1], self.eyes.mean(axis=0)
-        scale = apart_px / float(np.hypot(*between))
+        scale = eye_distance_px / float(np.hypot(*between))
         turn = np.deg2rad(lean_deg) - np.arctan2(between[1], between[0])
         c, s = np.cos(turn) * scale, np.sin(turn) * scale
         linear = np.array([[c, -s], [s, c]])
@@ -335,17 +340,17 @@ def row_of(
     errors: list[float] = []
     shifts: list[float] = []
     for head in heads:
-        apart_px, lean_deg = condition.apart_px, condition.lean_deg
-        clean, truth = head.placed(apart_px, lean_deg)
-        spoilt = condition.paint(clean, apart_px)
-        new = looked(engine, [spoilt] * LOOKS)
-        leads = [head.placed(apart_px, deg)[0] for deg in np.arange(0.0, lean_deg, 5.0)]
-        known = looked(engine, [*(leads or [clean] * LEAD), *[spoilt] * LOOKS])[-LOOKS:]
+        eye_distance_px, lean_deg = condition.eye_distance_px, condition.lean_deg
+        clean, truth = head.placed(eye_distance_px, lean_deg)
+        outputs_faulty = condition.paint(clean, eye_distance_px)
+        new = looked(engine, [outputs_faulty] * LOOKS)
+        leads = [head.placed(eye_distance_px, deg)[0] for deg in np.arange(0.0, lean_deg, 5.0)]
+        known = looked(engine, [*(leads or [clean] * LEAD), *[outputs_faulty] * LOOKS])[-LOOKS:]
         first += new[0] is not None
         nine += any(eyes is not None for eyes in new)
         kept += known[-1] is not None
         off = [
-            float(np.hypot(*(eyes - truth).T).mean()) / apart_px
+            float(np.hypot(*(eyes - truth).T).mean()) / eye_distance_px
             for eyes in (*new, *known)
             if eyes is not None
         ]
@@ -354,9 +359,9 @@ def row_of(
         last = next((eyes for eyes in reversed(new) if eyes is not None), None)
         unspoilt = looked(engine, [clean] * LEAD)[-1]
         if last is not None:
-            errors.append(float(np.hypot(*(last - truth).T).mean()) / apart_px)
+            errors.append(float(np.hypot(*(last - truth).T).mean()) / eye_distance_px)
             if unspoilt is not None:
-                shifts.append(100 * float(np.hypot(*(last - unspoilt).T).mean()) / apart_px)
+                shifts.append(100 * float(np.hypot(*(last - unspoilt).T).mean()) / eye_distance_px)
     shares = [f"{100 * count / len(heads):.0f}" for count in (first, nine, kept)]
     shares.append(f"{100 * wrong / taken:.0f}" if taken else "-")
     middle = [f"{np.mean(errors):.3f} | {np.percentile(errors, 95):.3f}" if errors else "- | -"]

@@ -54,7 +54,7 @@ def frontal(face: Face) -> bool:
     ) > 0.38 * (x1 - x0)
 
 
-def apart_px(first: Faces, second: Faces, frontal_only: bool = False) -> float:
+def eye_distance_px(first: Faces, second: Faces, frontal_only: bool = False) -> float:
     """RMS distance of eye centres where both found a face."""
     pairs = [
         (a, b)
@@ -86,11 +86,15 @@ def main() -> None:
             sum(alone),
             longest,
         )
-        figures = (apart_px(ours, theirs), apart_px(ours, theirs, True), apart_px(theirs, shaken))
+        metrics = (
+            eye_distance_px(ours, theirs),
+            eye_distance_px(ours, theirs, True),
+            eye_distance_px(theirs, shaken),
+        )
         print(
             f"{video.stem[:33]:34}"
             + "".join(f"{n:10}" for n in counts)
-            + "".join(f"{px:10.3f}" for px in figures),
+            + "".join(f"{px:10.3f}" for px in metrics),
             flush=True,
         )
 

@@ -18,10 +18,10 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from lfpipe.bench.simulator.metrics import viewpoint_figures
 from numpy.typing import NDArray
 
 from lfpipe.bench.simulator.camera import TRACKED_MS, Camera, Frame, WorldEngine
+from lfpipe.bench.simulator.metrics import viewpoint_metrics
 from lfpipe.bench.simulator.run import Run, Setup, Truth, watch
 from lfpipe.bench.simulator.screen import Screen
 from lfpipe.bench.simulator.scripts import (
@@ -128,10 +128,10 @@ class Cut(NamedTuple):
         return cls(light.astype(np.float32), head.eyes - (cols.min(), rows.min()))
 
     def pasted(
-        self, scene: NDArray[np.float32], x: float, y: float, apart_px: float
+        self, scene: NDArray[np.float32], x: float, y: float, eye_distance_px: float
     ) -> NDArray[np.float32]:
         """The scene with the head at a place."""
-        scale = apart_px / float(np.hypot(*(self.eyes[0] - self.eyes[1])))
+        scale = eye_distance_px / float(np.hypot(*(self.eyes[0] - self.eyes[1])))
         middle = self.eyes.mean(axis=0)
         matrix = np.array([[scale, 0, x - scale * middle[0]], [0, scale, y - scale * middle[1]]])
         soft = cv2.GaussianBlur(self.light, (0, 0), max(0.4 / scale, 0.3))
@@ -154,9 +154,9 @@ class Room(WorldEngine):
         picture = self._scene
         for someone, head in self._people:
             at = min(round(frame.ms), len(someone.path_px) - 1)
-            x, y, apart_px = someone.path_px[at].tolist()
+            x, y, eye_distance_px = someone.path_px[at].tolist()
             if someone.logit[at] > 0 and -200 < x < WIDTH + 200:
-                picture = head.pasted(picture, x, y, apart_px)
+                picture = head.pasted(picture, x, y, eye_distance_px)
         y, x = self._random.integers(0, (HEIGHT, WIDTH)).tolist()
         noisy = picture + self._noise[y : y + HEIGHT, x : x + WIDTH]
         return np.asarray(np.clip(noisy, 0, 255), np.uint8)
@@ -184,8 +184,8 @@ class Film(WorldEngine):
 
 def script_row(script: Script, engine: WorldEngine, setup: Setup) -> str:
     run = watch(setup, engine, script.count_ms / 1e3)
-    figures = viewpoint_figures(run, Truth(setup, script), script)
-    cells = [f"{figures[key]:.2f}" if key in figures else "" for key in COLUMNS]
+    metrics = viewpoint_metrics(run, Truth(setup, script), script)
+    cells = [f"{metrics[key]:.2f}" if key in metrics else "" for key in COLUMNS]
     return f"| {script.name} | {' | '.join(cells)} |"
 
 
@@ -196,7 +196,7 @@ def film_row(film: Path, screen: Screen) -> str:
     setup = Setup(camera=Camera(rate_hz=rate_hz), screen=screen)
     run: Run = watch(setup, engine, source.get(cv2.CAP_PROP_FRAME_COUNT) / rate_hz)
     ms, faces = (np.array(column) for column in zip(*engine.found, strict=True))
-    changes_ms = ms[1:][faces[1:] != faces[:-1]] + TRACKED_MS + screen.loop_ms
+    changes_ms = ms[1:][faces[1:] != faces[:-1]] + TRACKED_MS + screen.device_latency_ms
     steps = np.abs(np.diff(run.views, axis=0)).max(axis=(1, 2))
     near = (np.abs(run.ms[1:, None] - changes_ms) < CHANGE_MS).any(axis=1)
     at_change = f"{steps[near].max():.2f}" if near.any() else "-"
@@ -207,23 +207,23 @@ def film_row(film: Path, screen: Screen) -> str:
 
 
 def main() -> None:
-    parser = parser_of(__doc__, loop_ms=Screen().loop_ms)
+    parser = parser_of(__doc__, device_latency_ms=Screen().device_latency_ms)
     parser.add_argument("faces", type=existing)
     given = parser.parse_args()
     cv2.setNumThreads(1)
     heads = [Cut.of(portrait) for portrait in portraits(given.faces, "1")]
     room = np.asarray(cv2.imread(str(sorted((given.faces / "no_face").glob("*.jpg"))[0])), np.uint8)
     scene = np.asarray(cv2.GaussianBlur(cv2.resize(room, (WIDTH, HEIGHT)), (0, 0), 6), np.float32)
-    setup = Setup(screen=Screen(loop_ms=given.loop_ms))
+    setup = Setup(screen=Screen(device_latency_ms=given.device_latency_ms))
     print(
-        f"| {given.loop_ms:.0f} ms | step | up and down | error, mean | until right, s |"
+        f"| {given.device_latency_ms:.0f} ms | step | up and down | error, mean | until right, s |"
         f" full depth, % |\n|---|{'---:|' * 5}"
     )
     for script in (*(script for script in SCRIPTS if not script.glitches), *OWN):
         print(script_row(script, Room(script, heads, scene), setup), flush=True)
     print(
-        f"\n| recording, {given.loop_ms:.0f} ms | pictures | lost or found | step, tracked |"
-        f" step, lost or found | p99 | > .5, % |\n|---|{'---:|' * 6}"
+        f"\n| recording, {given.device_latency_ms:.0f} ms | pictures | lost or found |"
+        f" step, tracked | step, lost or found | p99 | > .5, % |\n|---|{'---:|' * 6}"
     )
     folder: Path = given.faces
     for film in sorted([*folder.glob("videos/*.mp4"), *folder.glob("fgnet/*.avi")]):

@@ -40,8 +40,8 @@ REFRESH_S = 1 / 60
 AGE_S = 0.010
 SMOOTH_S = 0.05
 FINE_S = 0.002
-LEAST_FRAMES = 60
-LOOPS_S = (0.0, 0.04, 0.08)
+MIN_FRAMES = 60
+DEVICE_LATENCIES_S = (0.0, 0.04, 0.08)
 CAMERAS_HZ = (0, 60, 120)  # 0: as recorded, 25 or 30 Hz
 LAGS = 8
 AGILITIES = tuple(float(one) for one in np.geomspace(1e3, 1e6, 7))
@@ -66,7 +66,9 @@ class Clip:
         self.name = name
         self.t_s = t_s - t_s[0]
         self.eyes = eyes
-        self.apart_px = float(np.median(np.hypot(eyes[:, 0] - eyes[:, 2], eyes[:, 1] - eyes[:, 3])))
+        self.eye_distance_px = float(
+            np.median(np.hypot(eyes[:, 0] - eyes[:, 2], eyes[:, 1] - eyes[:, 3]))
+        )
         smooth, slope = self._smoothed()
         self.fine_s = np.arange(0.6, self.t_s[-1] - 0.05, FINE_S)
         k = np.clip(np.searchsorted(self.t_s, self.fine_s, side="right") - 1, 0, len(t_s) - 2)
@@ -75,7 +77,7 @@ class Clip:
         ends = (1 + 2 * u) * (1 - u) ** 2 * smooth[k] + u * u * (3 - 2 * u) * smooth[k + 1]
         self.truth = ends + u * (1 - u) ** 2 * h * slope[k] + u * u * (u - 1) * h * slope[k + 1]
         self.velocity = np.gradient(self.truth, FINE_S, axis=0)
-        self.speed = np.sqrt(np.square(self.velocity).sum(axis=1) / 2) / self.apart_px
+        self.speed = np.sqrt(np.square(self.velocity).sum(axis=1) / 2) / self.eye_distance_px
         slow = np.cumsum(np.r_[0, self.speed < 0.1])
         half = int(0.1 / FINE_S)
         low, high = (
@@ -123,19 +125,21 @@ def clips(folder: Path) -> list[Clip]:
         t_s, face, eyes = read_table(path)
         edges = np.flatnonzero(np.diff(face, prepend=False, append=False))
         for begin, end in edges.reshape(-1, 2).tolist():
-            if end - begin > LEAST_FRAMES:
+            if end - begin > MIN_FRAMES:
                 out.append(Clip(path.stem, t_s[begin:end], eyes[begin:end]))
     return out
 
 
-def shown(clip: Clip, one: EyeFilter, display: bool, loop_s: float = 0.0) -> tuple[Float, Float]:
+def shown(
+    clip: Clip, one: EyeFilter, display: bool, device_latency_s: float = 0.0
+) -> tuple[Float, Float]:
     """When the light of pictures appeared, and the eyes (n, 4) that they were made for."""
     times: list[float] = []
     used: list[Float] = []
     due_s = clip.t_s[0] + 0.003
     i = 0
     if not display:
-        return clip.t_s + AGE_S + loop_s, np.array(
+        return clip.t_s + AGE_S + device_latency_s, np.array(
             [
                 one.update(round(t * 1e9), eyes.reshape(2, 2))[0].ravel()
                 for t, eyes in zip(clip.t_s, clip.eyes, strict=True)
@@ -146,20 +150,22 @@ def shown(clip: Clip, one: EyeFilter, display: bool, loop_s: float = 0.0) -> tup
             one.update(round(clip.t_s[i] * 1e9), clip.eyes[i].reshape(2, 2))
             i += 1
         if i:
-            times.append(due_s + loop_s)
-            used.append(one.predict(round((due_s + REFRESH_S / 2 + loop_s) * 1e9)).ravel())
+            times.append(due_s + device_latency_s)
+            used.append(
+                one.predict(round((due_s + REFRESH_S / 2 + device_latency_s) * 1e9)).ravel()
+            )
         due_s += REFRESH_S
     return np.array(times), np.array(used)
 
 
-def fitted(clip: Clip, loop_s: float) -> tuple[Float, Float]:
+def fitted(clip: Clip, device_latency_s: float) -> tuple[Float, Float]:
     """As shown, by the best linear predictor: least squares of where the truth will be on the last
     LAGS steps of the point between the eyes, on the clip itself. It knows the answers: a bound.
     """
     due_s = np.arange(clip.t_s[0] + 0.003, clip.t_s[-1], REFRESH_S)
     k = np.searchsorted(clip.t_s, due_s - AGE_S, side="right") - 1
     due_s, k = due_s[k > LAGS], k[k > LAGS]
-    light_s = due_s + REFRESH_S / 2 + loop_s
+    light_s = due_s + REFRESH_S / 2 + device_latency_s
     middle = (clip.eyes[:, :2] + clip.eyes[:, 2:]) / 2
     dt_s = np.diff(clip.t_s)
     velocity = np.diff(middle, axis=0) / dt_s[:, None]
@@ -171,41 +177,46 @@ def fitted(clip: Clip, loop_s: float) -> tuple[Float, Float]:
     known = (light_s >= clip.fine_s[0]) & (light_s <= clip.fine_s[-1])
     x, y = inputs[known].reshape(-1, 2 * LAGS), targets[known].reshape(-1)
     factors = np.linalg.lstsq(x, y, rcond=None)[0]
-    return due_s + loop_s, clip.eyes[k] + np.tile(inputs @ factors, (1, 2))
+    return due_s + device_latency_s, clip.eyes[k] + np.tile(inputs @ factors, (1, 2))
 
 
-def best_kalman(clip: Clip, loop_s: float) -> Float:
+def best_kalman(clip: Clip, device_latency_s: float) -> Float:
     """Its figures with the agility that gives this clip the least error over all time."""
-    rows = [figures(clip, *shown(clip, Kalman(one), True, loop_s)) for one in AGILITIES]
+    rows = [metrics(clip, *shown(clip, Kalman(one), True, device_latency_s)) for one in AGILITIES]
     return np.array(min(rows, key=lambda row: row[4]))
 
 
-def figures(clip: Clip, times: Float, used: Float) -> list[float]:
+def metrics(clip: Clip, times: Float, used: Float) -> list[float]:
     """moving, still, step, overshoot, all; NaN where the clip has none of it."""
     k = np.clip(np.searchsorted(times, clip.fine_s, side="right") - 1, 0, None)
     off = used[k] - clip.truth
     square = np.square(off).sum(axis=1) / 2
 
     def rms(values: Float) -> float:
-        return 100 * math.sqrt(values.mean()) / clip.apart_px if len(values) > 40 else math.nan
+        return (
+            100 * math.sqrt(values.mean()) / clip.eye_distance_px if len(values) > 40 else math.nan
+        )
 
     seen = np.unique(k[clip.still])
     seen = seen[seen > 0]
     steps = np.square(used[seen] - used[seen - 1]).sum(axis=1) / 2
-    step = 100 * math.sqrt(steps.mean()) / clip.apart_px if len(steps) > 5 else math.nan
+    step = 100 * math.sqrt(steps.mean()) / clip.eye_distance_px if len(steps) > 5 else math.nan
     ahead = [
         float((off[i : i + int(0.2 / FINE_S)] @ way).max()) / math.sqrt(2)
         for i, way in clip.stops()
     ]
-    over = 100 * float(np.median(ahead)) / clip.apart_px if ahead else math.nan
+    over = 100 * float(np.median(ahead)) / clip.eye_distance_px if ahead else math.nan
     return [rms(square[clip.speed > 0.5]), rms(square[clip.still]), step, over, rms(square)]
 
 
-def table(found: list[Clip], ways: list[Way], loop_s: float) -> dict[str, Float]:
+def table(found: list[Clip], ways: list[Way], device_latency_s: float) -> dict[str, Float]:
     """figures (stretches, 5) of every filter."""
     return {
         name: np.array(
-            [figures(clip, *shown(clip, make(loop_s), display, loop_s)) for clip in found]
+            [
+                metrics(clip, *shown(clip, make(device_latency_s), display, device_latency_s))
+                for clip in found
+            ]
         )
         for name, make, display in ways
     }
@@ -216,9 +227,16 @@ def bad_frames(found: list[Clip], ways: list[Way], loops_s: Sequence[float]) -> 
     for fault, (left, right, frames) in FAULTS.items():
         for name, make, display in ways:
             cells = []
-            for loop_s in loops_s:
+            for device_latency_s in loops_s:
                 peaks = [
-                    added(clip, make(loop_s), make(loop_s), display, loop_s, (left, right, frames))
+                    added(
+                        clip,
+                        make(device_latency_s),
+                        make(device_latency_s),
+                        display,
+                        device_latency_s,
+                        (left, right, frames),
+                    )
                     for clip in found
                 ]
                 cells.append(f"{np.median(peaks):.2f} ({max(peaks):.2f})")
@@ -230,7 +248,7 @@ def added(
     one: EyeFilter,
     other: EyeFilter,
     display: bool,
-    loop_s: float,
+    device_latency_s: float,
     fault: tuple[float, float, int],
 ) -> float:
     """How far a fault (of left and right eye, frames) moves the point between the eyes, views."""
@@ -239,11 +257,14 @@ def added(
     wrong.eyes = clip.eyes.copy()
     for at_s in np.arange(FAULT_S, clip.t_s[-1], FAULT_S):
         k = int(np.searchsorted(clip.t_s, at_s))
-        wrong.eyes[k : k + frames, 0] += left * clip.apart_px
-        wrong.eyes[k : k + frames, 2] += right * clip.apart_px
-    off = shown(wrong, one, display, loop_s)[1] - shown(clip, other, display, loop_s)[1]
+        wrong.eyes[k : k + frames, 0] += left * clip.eye_distance_px
+        wrong.eyes[k : k + frames, 2] += right * clip.eye_distance_px
+    off = (
+        shown(wrong, one, display, device_latency_s)[1]
+        - shown(clip, other, display, device_latency_s)[1]
+    )
     middle = (off[:, :2] + off[:, 2:]) / 2
-    return VIEWS * float(np.hypot(*middle.T).max()) / clip.apart_px
+    return VIEWS * float(np.hypot(*middle.T).max()) / clip.eye_distance_px
 
 
 def main() -> None:
@@ -256,11 +277,11 @@ def main() -> None:
     if given.half:
         recorded = recorded[given.half == "odd" :: 2]
     ways: list[Way] = [
-        ("paper, mean 5", lambda loop_s: Mean(5), False),
-        ("none", lambda loop_s: Mean(1), True),
-        ("one-euro", lambda loop_s: make_filter(Track(filter="one-euro")), True),
-        ("kalman", lambda loop_s: make_filter(Track(filter="kalman")), True),
-        ("predictive", lambda loop_s: make_filter(Track(), loop_s), True),
+        ("paper, mean 5", lambda device_latency_s: Mean(5), False),
+        ("none", lambda device_latency_s: Mean(1), True),
+        ("one-euro", lambda device_latency_s: make_filter(Track(filter="one-euro")), True),
+        ("kalman", lambda device_latency_s: make_filter(Track(filter="kalman")), True),
+        ("predictive", lambda device_latency_s: make_filter(Track(), device_latency_s), True),
     ]
     if given.tables != "bad":
         print(
@@ -271,15 +292,15 @@ def main() -> None:
         for camera_hz in CAMERAS_HZ:
             found = [clip.measured(camera_hz) for clip in recorded] if camera_hz else recorded
             camera = f"{camera_hz} Hz" if camera_hz else "as recorded"
-            for loop_s in LOOPS_S:
-                delay = f"{loop_s * 1000:.0f}"
-                every = table(found, ways, loop_s)
+            for device_latency_s in DEVICE_LATENCIES_S:
+                delay = f"{device_latency_s * 1000:.0f}"
+                every = table(found, ways, device_latency_s)
                 if not camera_hz:
                     every["kalman, best of each clip"] = np.array(
-                        [best_kalman(clip, loop_s) for clip in found]
+                        [best_kalman(clip, device_latency_s) for clip in found]
                     )
                     every["linear, fitted to each clip"] = np.array(
-                        [figures(clip, *fitted(clip, loop_s)) for clip in found]
+                        [metrics(clip, *fitted(clip, device_latency_s)) for clip in found]
                     )
                 for name, rows in every.items():
                     medians = " | ".join(f"{value:.2f}" for value in np.nanmedian(rows, axis=0))
@@ -290,9 +311,11 @@ def main() -> None:
         print(f"\n| all time | loop | filter | {names} |\n|---|---:|---|{'---:|' * len(recorded)}")
         print("\n".join(by_clip))
     if given.tables != "filters":
-        delays = " | ".join(f"{loop_s * 1000:.0f} ms" for loop_s in LOOPS_S)
-        print(f"\n| bad frames | filter | {delays} |\n|---|---|{'---:|' * len(LOOPS_S)}")
-        for row in bad_frames(recorded, ways[1:], LOOPS_S):
+        delays = " | ".join(
+            f"{device_latency_s * 1000:.0f} ms" for device_latency_s in DEVICE_LATENCIES_S
+        )
+        print(f"\n| bad frames | filter | {delays} |\n|---|---|{'---:|' * len(DEVICE_LATENCIES_S)}")
+        for row in bad_frames(recorded, ways[1:], DEVICE_LATENCIES_S):
             print(row, flush=True)
 
 

@@ -32,7 +32,7 @@ from lfpipe.scene.open_scene import open_scene
 from profiling.arguments import existing, parser_of, start
 
 
-def figures(run: SessionRun) -> dict[str, float]:
+def metrics(run: SessionRun) -> dict[str, float]:
     """Figures of a run after its start. lost: frames missing between those that pictures show."""
     rows = run.steady
     spent_ns = [row["t_composed_ns"] - row["t_read_ns"] for row in rows if row["composed"]]
@@ -78,8 +78,8 @@ def main() -> None:
     pairs = []
     for k in range(args.rounds):
         runs = {
-            "lfpipe": figures(run_session(scene, video, args.seconds, options, args.pace)),
-            "loop": figures(run_loop(loop)),
+            "lfpipe": metrics(run_session(scene, video, args.seconds, options, args.pace)),
+            "loop": metrics(run_loop(loop)),
         }
         if not k:
             print("round      " + "".join(f"{name:>12}" for name in runs["loop"]))

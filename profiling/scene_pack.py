@@ -72,14 +72,14 @@ def cost(*words: str) -> tuple[int, float, float, float]:
     done = subprocess.run(
         [sys.executable, "-c", COST, *LFPIPE, *words], capture_output=True, text=True, check=True
     )
-    code, *figures = json.loads(done.stdout)
+    code, *metrics = json.loads(done.stdout)
     if code:
         raise SystemExit(f"{' '.join(words)}: exit code {code}\n{done.stderr}")
-    return tuple(figures)
+    return tuple(metrics)
 
 
 def row(scene: str, folder: Path) -> str:
-    """The figures of a scene, "" for the demo."""
+    """The metrics of a scene, "" for the demo."""
     cache = f"--set=scene.cache_dir={folder}/cache"
     trace = folder / "trace.jsonl"
     words = [
@@ -147,11 +147,11 @@ def pictures() -> Iterator[str]:
         # alternating: the machine drifts
         pairs = [(picture_us(small, method), picture_us(large, method)) for _ in range(5)]
         ratio = statistics.median(b / a for a, b in pairs)
-        figures = (
+        metrics = (
             f"{pairs[0][0]:.0f} us from 3x3 views of 480x320, {pairs[0][1]:.0f} us from 27x27,"
             f" ratio {ratio:.3f}"
         )
-        yield f"A picture by {method}: {figures}."
+        yield f"A picture by {method}: {metrics}."
 
 
 def main() -> None:

@@ -140,7 +140,7 @@ def live(tmp_path_factory: pytest.TempPathFactory, scene: Path) -> Iterator[Worl
         "render.anaglyph=colour",
         "render.method=nearest",
         "render.alpha_px=12",
-        "render.loop_ms=100",
+        "render.device_latency_ms=100",
     )
     with World(tmp_path_factory.mktemp("live")) as made:
         made.shows(scene, *(f"--set={text}" for text in shown))

@@ -72,8 +72,8 @@ FAULTS = (
     Fault(
         "a distance that is NaN stays",
         "render/viewer/viewer.py",
-        "if not LEAST_EYES_PX <= apart_px <= FAR_PX:",
-        "if apart_px < LEAST_EYES_PX:",
+        "if not MIN_EYES_PX <= eye_distance_px <= FAR_PX:",
+        "if eye_distance_px < MIN_EYES_PX:",
         "render/test_viewer.py",
     ),
     Fault(
@@ -112,8 +112,8 @@ FAULTS = (
     Fault(
         "a picture is one refresh late",
         "render/choice.py",
-        "seen_ns=target_ns + loop_ns + refresh_ns // 2,",
-        "seen_ns=target_ns + loop_ns - refresh_ns // 2,",
+        "seen_ns=target_ns + device_latency_ns + refresh_ns // 2,",
+        "seen_ns=target_ns + device_latency_ns - refresh_ns // 2,",
     ),
     Fault(
         "the row of the eyes is ignored",
@@ -124,8 +124,8 @@ FAULTS = (
     Fault(
         "alpha is doubled",
         "render/viewer/viewer.py",
-        "solver.alpha_px = self._apart_px / self.parallax",
-        "solver.alpha_px = 2 * self._apart_px / self.parallax",
+        "solver.alpha_px = self._eye_distance_px / self.parallax",
+        "solver.alpha_px = 2 * self._eye_distance_px / self.parallax",
     ),
     Fault(
         "the view jumps to its middle when a face is lost",
@@ -156,7 +156,7 @@ FAULTS = (
     Fault(
         "the loop's delay is left out",
         "render/choice.py",
-        "seen_ns=target_ns + loop_ns + refresh_ns // 2,",
+        "seen_ns=target_ns + device_latency_ns + refresh_ns // 2,",
         "seen_ns=target_ns + refresh_ns // 2,",
     ),
     Fault(
@@ -245,10 +245,10 @@ def noticed_by(fault: Fault, folder: Path) -> str:
         check=False,
     )
     lines = run.stdout.splitlines()
-    figures = [line.rpartition("Error: ")[2] for line in lines if " is right" in line]
+    metrics = [line.rpartition("Error: ")[2] for line in lines if " is right" in line]
     failed = [line for line in lines if line.startswith("FAILED ")]
-    if failed and figures:
-        return f"`bench viewer`: {figures[0]}"
+    if failed and metrics:
+        return f"`bench viewer`: {metrics[0]}"
     return failed[0].removeprefix("FAILED ").partition(" - ")[0] if failed else ""
 
 

@@ -16,13 +16,13 @@ LAYERS = (
     {"config"},
     {"transport"},
     {"scene", "sequence"},
-    {"capture", "track", "render", "record", "share"},
+    {"capture", "track", "render", "record"},
     {"supervisor"},
-    {"replays", "observe", "export"},
+    {"replay", "monitor"},
     {"api"},
     {"bench"},
-    {"sweep"},
     {"cli"},
+    {"extras"},  # registers itself by entry points; nothing imports it
 )
 LAYER = {room: layer for layer, rooms in enumerate(LAYERS) for room in rooms}
 

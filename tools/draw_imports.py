@@ -84,7 +84,7 @@ def draw(files: dict[str, str], out: Path) -> None:
         for n, level in enumerate(levels)
         for i, name in enumerate(level)
     }
-    figure, axes = plt.subplots(figsize=(10, 1.1 * len(levels) + 1))
+    metric, axes = plt.subplots(figsize=(10, 1.1 * len(levels) + 1))
     for (here, there), count in sorted(arrows.items()):
         up = floor[here] <= floor[there]
         style = {
@@ -106,7 +106,7 @@ def draw(files: dict[str, str], out: Path) -> None:
         )
     axes.set(xlim=(0, 1), ylim=(-0.6, len(levels) - 0.4))
     axes.axis("off")
-    figure.savefig(out, dpi=110, bbox_inches="tight")
+    metric.savefig(out, dpi=110, bbox_inches="tight")
     print(f"{sum(lines.values())} lines, {len(files)} files; written to {out}")
 
 

@@ -72,7 +72,7 @@ STAMPS = (
     "t_presented_ns",
 )
 # lines that a session takes to find its pace; drawn behind the present, not in the trace
-SETTLED, LOOP_MS = 60, 45.0
+SETTLED, DEVICE_LATENCY_MS = 60, 45.0
 
 
 def panel(picture: np.ndarray) -> Image.Image:
@@ -256,12 +256,14 @@ def timeline(lines: Sequence[dict[str, Any]], out: Path, frames: int = 3) -> Non
     with mpl.rc_context(
         {"svg.hashsalt": "lfpipe", "font.family": "DejaVu Sans", "svg.fonttype": "path"}
     ):
-        figure = Figure(figsize=(10, 4.2), layout="constrained")
-        axes = figure.subplots()
+        metric = Figure(figsize=(10, 4.2), layout="constrained")
+        axes = metric.subplots()
         high = 0.8 / len(pictures)  # each frame has a lane of its own in every row
         for number, picture in enumerate(pictures):
             times = [(picture[name] - pictures[0]["t_sensor_ns"]) / 1e6 for name in STAMPS]
-            for row, (start, end) in enumerate(itertools.pairwise([*times, times[-1] + LOOP_MS])):
+            for row, (start, end) in enumerate(
+                itertools.pairwise([*times, times[-1] + DEVICE_LATENCY_MS])
+            ):
                 lane = row - 0.4 + (number + 0.5) * high
                 axes.barh(
                     lane,
@@ -275,7 +277,7 @@ def timeline(lines: Sequence[dict[str, Any]], out: Path, frames: int = 3) -> Non
         axes.invert_yaxis()
         axes.set_xlabel("ms after the stamp of the first frame", fontsize=9)
         axes.spines[["top", "right"]].set_visible(False)
-        figure.savefig(
+        metric.savefig(
             out / "timeline.svg", metadata={"Date": None, "Creator": "tools/make_docs_pictures.py"}
         )
 

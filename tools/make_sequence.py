@@ -89,13 +89,13 @@ class Puppet:
 
     def eyes_px(self, place: Place) -> NDArray[np.float64]:
         """True eye centres, (2, 2), left first."""
-        x, y, apart_px = place
-        return np.asarray(self._eyes_px * apart_px / SEAT[2] + (x, y), np.float64)
+        x, y, eye_distance_px = place
+        return np.asarray(self._eyes_px * eye_distance_px / SEAT[2] + (x, y), np.float64)
 
     def draw(self, place: Place) -> NDArray[np.float32]:
         """The picture without noise: float32 (480, 640, 3), 0..255."""
-        x, y, apart_px = place
-        scale = apart_px / SEAT[2]
+        x, y, eye_distance_px = place
+        scale = eye_distance_px / SEAT[2]
         move = (x, y) - self._middle * scale
         matrix = np.column_stack([np.eye(2) * scale, move])
         face = cv2.warpAffine(
@@ -158,8 +158,8 @@ def write(
 
     def frames() -> Iterator[tuple[NDArray[np.uint8], NDArray[np.float64], bool, str]]:
         for ms in (np.arange(count) * 1000 / rate_hz).astype(int):
-            x, y, apart_px = PATH[ms].tolist()
-            place = x, y, apart_px
+            x, y, eye_distance_px = PATH[ms].tolist()
+            place = x, y, eye_distance_px
             noise = rng.standard_normal((*SIZE_PX[::-1], 3), np.float32) * np.float32(noise_dn)
             image = np.clip(np.rint(puppet.draw(place) + noise), 0, 255).astype(np.uint8)
             eyes = puppet.eyes_px(place)

@@ -72,7 +72,7 @@ def walk(finger: Finger, scenes: Sequence[Path]) -> Iterator[str]:
     finger.touch(_text(finger, Overlay(lines=HELP)), CLOSE.event)
     finger.use_bar("overlay")
     time.sleep(3.0)  # the bar goes
-    yield "figures"
+    yield "metrics"
     finger.use_bar("overlay")
     finger.use_bar("freeze")
     yield "paused"
@@ -82,7 +82,7 @@ def walk(finger: Finger, scenes: Sequence[Path]) -> Iterator[str]:
     yield "recording"
     finger.use_bar("record", recording=True)
     yield "recorded"
-    finger.use_bar("half-turn")
+    finger.use_bar("invert-depth")
     yield "near-and-far"
     finger.use_bar("open")
     yield "no-dialog"

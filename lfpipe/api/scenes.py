@@ -32,7 +32,7 @@ def open_scene(
     *,
     disparity: ArrayLike | None = None,
     positions: ArrayLike | None = None,
-    half_turn: bool | None = None,
+    invert_depth: bool | None = None,
 ) -> LightField:
     """The light field at a path, in any layout, or of an array; the demo's if scene is omitted; a
     light field that is open already opens once more.
@@ -41,14 +41,14 @@ def open_scene(
     uint16 or float 0 .. 1. Row 0 is the top row of cameras, column 0 the left one. Only with an
     array: disparity, (rows, cols, height, width), px per view, nearer is larger, used where it
     matches the views better than flow; positions, (rows, cols, 2), (down, right) of each camera.
-    half_turn: near and far are exchanged; None: detect it.
+    invert_depth: near and far are exchanged; None: detect it.
 
     The first call packs it into the cache, which may take a minute; later calls return at once.
     settings: as for `--set`, for example {"scene.layout": "hci"}. Raises lfpipe.UserError.
     """
     config = updated(Config(), settings or {}).scene
-    if half_turn is not None:
-        config = attrs.evolve(config, half_turn="yes" if half_turn else "no")
+    if invert_depth is not None:
+        config = attrs.evolve(config, invert_depth="yes" if invert_depth else "no")
     return scenes.open_scene(
         scene_path(scene, config, disparity=disparity, positions=positions), config
     )

@@ -220,8 +220,8 @@ class Session(Attachment):
     ) -> None:
         settings = dict(settings or {})
         path = scene_path(scene, updated(Config(), settings).scene)
-        if isinstance(scene, LightField) and scene.half_turned:
-            settings.setdefault("scene.half_turn", "yes")
+        if isinstance(scene, LightField) and scene.depth_inverted:
+            settings.setdefault("scene.invert_depth", "yes")
         # short: it is part of a socket's path
         name = name or f"py{os.getpid()}.{time.monotonic_ns() % 1000}"
         display = display or ("window" if has_display() else "none")

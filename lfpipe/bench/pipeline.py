@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from lfpipe.api.session import Session
 from lfpipe.bench.inputs import Inputs
 from lfpipe.bench.paper_loop import SIDES, Loop
-from lfpipe.bench.results import Figures, rms
+from lfpipe.bench.results import MetricsPage, rms
 from lfpipe.bench.runner import Candidate, Offer, Prepared
 from lfpipe.bench.simulator.run import viewpoints
 from lfpipe.config import Render, converter, load
@@ -36,7 +36,7 @@ from lfpipe.track.models import package_folder
 
 PAPER_ALPHA_PX = 12.0  # px of the camera per view: chosen by hand, as the paper does
 STEADY_S = 1.0  # after the first picture every stage has started and found the face
-LEAST_S, MAX_S = 1.0, 16.0  # of a measured session: enough for a median; the whole demo sequence
+MIN_S, MAX_S = 1.0, 16.0  # of a measured session: enough for a median; the whole demo sequence
 # of an aligned trace
 STEP_NS = 1_000_000
 SKIP_NS = 1_000_000_000
@@ -103,7 +103,7 @@ def run_session(
             time.sleep(STEADY_S)
             begun_s = time.monotonic()
             used_ms = _cpu_ms()
-            time.sleep(max(seconds - STEADY_S, LEAST_S))
+            time.sleep(max(seconds - STEADY_S, MIN_S))
             cpu_ms_s = (_cpu_ms() - used_ms) / (time.monotonic() - begun_s)
             session.stop()
             session.wait()  # raises if it failed
@@ -149,7 +149,7 @@ def displayed_errors(
     alpha_px: float,
     centre_px: tuple[float, float],
     grid: tuple[int, int],
-) -> Figures:
+) -> MetricsPage:
     """RMS over both eyes while they are visible, and while a picture is on the screen: error_views,
     the distance of the viewpoint on screen from that of the true eyes; error_px, of the eyes that
     the picture was made for; jitter_px, their deviation from the mean of each rest, from STILL_MS
@@ -183,8 +183,8 @@ def displayed_errors(
     on_screen = _pairs(rows, "view")[drawn[now]]
     right = np.clip(viewpoints(true_px, alpha_px, centre_px, grid), 0, np.array(grid) - 1)
     errors = {
-        "error_views": _apart((on_screen - right)[visible]),
-        "error_px": _apart((used_px - true_px)[visible]),
+        "error_views": _eye_distance((on_screen - right)[visible]),
+        "error_px": _eye_distance((used_px - true_px)[visible]),
     }
     resting = visible & truth.still[np.searchsorted(truth.t_ns, true_ns, side="right") - 1]
     # the last sample in motion
@@ -193,7 +193,7 @@ def displayed_errors(
     rests = [used_px[still & (moved == start)] for start in np.unique(moved[still])]
     if rests:
         off = np.concatenate([rest - rest.mean(axis=0) for rest in rests])
-        errors["jitter_px"] = _apart(off)
+        errors["jitter_px"] = _eye_distance(off)
     return errors
 
 
@@ -202,7 +202,7 @@ def _pairs(rows: Trace, name: str) -> Float:
     return np.array([[row[name][side] for side in SIDES] for row in rows], np.float64)
 
 
-def _apart(offsets: Float) -> float:
+def _eye_distance(offsets: Float) -> float:
     """RMS length of offsets (n, 2, 2)."""
     return rms(np.linalg.norm(offsets, axis=2))
 
@@ -287,16 +287,16 @@ def _loop(inputs: Inputs, seconds: float, alpha_px: float) -> SessionRun:
 
 
 def _prepare(inputs: Inputs, run: Callable[[], SessionRun], alpha_px: float) -> Prepared:
-    return {}, lambda: _figures(inputs, run(), alpha_px)
+    return {}, lambda: _metrics(inputs, run(), alpha_px)
 
 
-def _figures(inputs: Inputs, run: SessionRun, alpha_px: float) -> Figures:
+def _metrics(inputs: Inputs, run: SessionRun, alpha_px: float) -> MetricsPage:
     sequence = inputs.sequence
     ages_ms = [
         (row["t_presented_ns"] - row["t_sensor_ns"]) / 1e6 for row in run.steady if row["composed"]
     ]
     p50_ms, p95_ms = np.percentile(ages_ms, (50, 95)).tolist()
-    figures = {
+    metrics = {
         "latency_ms": p50_ms,
         "latency_p95_ms": p95_ms,
         "cpu_ms_s": run.cpu_ms_s,
@@ -305,5 +305,5 @@ def _figures(inputs: Inputs, run: SessionRun, alpha_px: float) -> Figures:
     if sequence.truth is not None:
         centre_px = sequence.size_px[0] / 2, sequence.size_px[1] / 2
         grid = inputs.field.rows, inputs.field.cols
-        figures |= displayed_errors(sequence.truth, run.rows, alpha_px, centre_px, grid)
-    return figures
+        metrics |= displayed_errors(sequence.truth, run.rows, alpha_px, centre_px, grid)
+    return metrics

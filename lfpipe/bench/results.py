@@ -20,9 +20,9 @@ from lfpipe.files.untrusted import json_fields
 
 FORMAT = "lfpipe-bench-6"
 MAX_BYTES = 16 << 20  # of results.json; a full run of all subjects writes 0.2 MB
-Figures = dict[str, float]  # by the key of a column
+MetricsPage = dict[str, float]  # by the key of a column
 RESAMPLED = 2000  # times, for the interval of an error
-LEAST_ROUNDS = 5  # of an interval of the median
+MIN_ROUNDS = 5  # of an interval of the median
 R = TypeVar("R")
 C = TypeVar("C")
 State = Literal["", "ok", "degraded", "failed"]
@@ -194,14 +194,14 @@ def rms(values: ArrayLike) -> float:
 
 def timing(samples: Sequence[float]) -> Value:
     """The median with its 95 % interval by order statistics, for any distribution; the range of
-    fewer samples than LEAST_ROUNDS, which have no such interval.
+    fewer samples than MIN_ROUNDS, which have no such interval.
     """
     ordered = sorted(samples)
     n = len(samples)
     tail = np.cumsum([math.comb(n, k) / 2**n for k in range(n // 2)])
     rank = max(1, int(np.searchsorted(tail, 0.025, side="right")))
     value = Value(float(np.median(ordered)), ordered[rank - 1], ordered[n - rank])
-    if n >= LEAST_ROUNDS:
+    if n >= MIN_ROUNDS:
         return value
     words = (short(number) for number in (value.value, value.low, value.high))
     return attrs.evolve(value, words="{} ({} to {}, range of {})".format(*words, n))

@@ -17,8 +17,8 @@ import cv2
 from lfpipe.bench.benchmarks import SUBJECTS, Subject
 from lfpipe.bench.inputs import Inputs, Progress
 from lfpipe.bench.results import (
-    LEAST_ROUNDS,
-    Figures,
+    MIN_ROUNDS,
+    MetricsPage,
     Results,
     Row,
     Table,
@@ -33,9 +33,9 @@ from lfpipe.host.machine import versions
 from lfpipe.host.processes import usable_cores
 
 FILES = ("results.json", "report.html")
-Turn = Callable[[], Figures]  # takes one sample of each time
+GridTransform = Callable[[], MetricsPage]  # takes one sample of each time
 # the errors of a method, and its turn; None if nothing is timed
-Prepared = tuple[dict[str, Value], Turn | None]
+Prepared = tuple[dict[str, Value], GridTransform | None]
 
 
 @attrs.frozen(eq=False, kw_only=True)
@@ -103,7 +103,7 @@ def run(subject: Subject, offers: Iterable[Offer], quick: bool, progress: Progre
     failure with the reason.
 
     Rounds of one turn each, in a new order every round: other load on the machine affects all
-    alike. The first of more than LEAST_ROUNDS does not count.
+    alike. The first of more than MIN_ROUNDS does not count.
     """
     cv2.setNumThreads(1)  # as in a session
     started_s = time.monotonic()
@@ -116,8 +116,8 @@ def run(subject: Subject, offers: Iterable[Offer], quick: bool, progress: Progre
     )
     rounds = subject.rounds[0 if quick else 1]
     errors: dict[str, dict[str, Value]] = {}
-    turns: dict[str, Turn] = {}
-    samples: dict[str, list[Figures]] = {one.name: [] for one in candidates}
+    turns: dict[str, GridTransform] = {}
+    samples: dict[str, list[MetricsPage]] = {one.name: [] for one in candidates}
     for k, one in enumerate(candidates):
         progress(subject.title, k, (1 + rounds) * len(candidates))
         with _failing(one.name, results):
@@ -137,7 +137,7 @@ def run(subject: Subject, offers: Iterable[Offer], quick: bool, progress: Progre
     for one in candidates:
         if one.name not in results.failures:
             # where there are enough, without the first turn: caches are cold
-            taken = samples[one.name][rounds > LEAST_ROUNDS :]
+            taken = samples[one.name][rounds > MIN_ROUNDS :]
             times = (
                 {key: timing([sample[key] for sample in taken]) for key in taken[0]}
                 if taken
@@ -161,8 +161,8 @@ def _failing(name: str, results: Results) -> Iterator[None]:
         results.failures[name] = f"{type(error).__name__}: {error}"
 
 
-def _check(figures: Figures) -> None:
-    if wrong := [key for key, value in figures.items() if not math.isfinite(value)]:
+def _check(metrics: MetricsPage) -> None:
+    if wrong := [key for key, value in metrics.items() if not math.isfinite(value)]:
         raise ValueError(f"not finite: {', '.join(wrong)}")
 
 

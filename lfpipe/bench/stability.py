@@ -29,7 +29,7 @@ FILTERS = (
 )
 RATES_HZ = (15, 30, 60, 120, 240)  # of webcams in the dark to high-speed cameras
 EYES = np.array([[350.0, 240.0], [290.0, 242.0]])  # px, of somebody before the middle of 640x480
-APART_PX = 60.0  # of EYES
+EYE_DISTANCE_PX = 60.0  # of EYES
 AHEAD_MS = 100  # a usual time from exposure to light
 Float = NDArray[np.float64]
 LAST_NS = 2**63 - 1
@@ -38,8 +38,8 @@ LAST_NS = 2**63 - 1
 # Name -> what is added to the stamp (ns) and to the eyes (px) of a frame. The tracker's gate would
 # refuse values that are not finite or out of all proportion: they count as no face.
 DISTURBANCES: dict[str, tuple[int, Float | float]] = {
-    "wrong by half an eye distance": (0, np.array((APART_PX / 2, 0.0))),
-    "one eye wrong by an eye distance": (0, np.array(((APART_PX, 0.0), (0.0, 0.0)))),
+    "wrong by half an eye distance": (0, np.array((EYE_DISTANCE_PX / 2, 0.0))),
+    "one eye wrong by an eye distance": (0, np.array(((EYE_DISTANCE_PX, 0.0), (0.0, 0.0)))),
     "another face, 200 px away": (0, 200.0),
     "no number": (0, math.nan),
     "infinite": (0, math.inf),
@@ -78,7 +78,7 @@ def disturbed(
                 filter_.update(min(t_ns + late_ns, LAST_NS), eyes + off_px)
             else:
                 filter_.update(t_ns, eyes)
-            outputs.append(filter_.predict(t_ns + AHEAD_MS * MS_NS) / APART_PX)
+            outputs.append(filter_.predict(t_ns + AHEAD_MS * MS_NS) / EYE_DISTANCE_PX)
         runs.append(np.array(outputs))
     off = np.abs(runs[1] - runs[0]).max(axis=(1, 2))[at:]
     if not np.isfinite(off).all():

@@ -121,14 +121,14 @@ def _prepare(
     squares = [
         float(np.mean((view_at(renderer, place) - view) ** 2)) for place, view in truth.items()
     ]
-    figures = {
+    metrics = {
         "rmse": mean_of(np.sqrt(squares).tolist(), power=2),
         "psnr_db": mean_of([psnr_db(square) for square in squares]),
         "jump": Value(_jump(kept_field, renderer)),
     }
     places = itertools.cycle((place, place) for place in truth)  # where the error is measured
     picture = partial(cpu_ms, lambda: compositor.compose(*next(places)), len(truth))
-    return figures, lambda: {"cpu_ms": picture()}
+    return metrics, lambda: {"cpu_ms": picture()}
 
 
 def _jump(kept_field: LightField, renderer: ViewRenderer) -> float:

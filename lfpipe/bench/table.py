@@ -148,13 +148,13 @@ def _prepare(
     turn = partial(cpu_ms, lambda: renderer.planes(*next(upcoming)), len(truth))
     maps = kept_field.disparity if method in WARPS else None
     stored_bytes = kept_field.views.nbytes + (0 if maps is None else maps.nbytes)
-    figures = {
+    metrics = {
         "psnr_db": Value(float(np.mean(db))),
         "worst_db": Value(min(db)),
         "ssim": Value(float(np.mean(similar))),
         "mb": Value(stored_bytes / 1e6),
     }
-    return figures, (lambda: {"ms": turn()}) if protocol.timed else None
+    return metrics, (lambda: {"ms": turn()}) if protocol.timed else None
 
 
 def measure_scenes(

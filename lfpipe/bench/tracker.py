@@ -77,12 +77,12 @@ def _prepare(sequence: FrameSequence, track: Track, size: tuple[int, int]) -> Pr
     faces = [engine.detect(frame) for frame in frames()]
     if not any(faces):
         raise ValueError("no face found in any frame")
-    figures = {"missed": Value(faces.count(None) / len(faces))}
+    metrics = {"missed": Value(faces.count(None) / len(faces))}
     if sequence.truth is not None:
         eyes = np.array(
             [np.full((2, 2), np.nan) if face is None else face.eyes_px * scale for face in faces]
         )
-        figures |= motion_errors(eyes, sequence.truth.eyes_px[: len(eyes)])
+        metrics |= motion_errors(eyes, sequence.truth.eyes_px[: len(eyes)])
     upcoming = itertools.cycle(itertools.islice(frames(), TURN_FRAMES))
     detect = partial(cpu_ms, lambda: engine.detect(next(upcoming)), TURN_FRAMES)
-    return figures, lambda: {"cpu_ms": detect(time.process_time_ns)}
+    return metrics, lambda: {"cpu_ms": detect(time.process_time_ns)}

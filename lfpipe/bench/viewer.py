@@ -1,4 +1,6 @@
-"""Subject: what each eye sees, against what it should see, in the world of `lfpipe.bench.simulator`."""
+"""Subject: what each eye sees, against what it should see, in the world of
+`lfpipe.bench.simulator`.
+"""
 
 import itertools
 from collections.abc import Iterable, Iterator
@@ -7,16 +9,16 @@ from functools import cache, partial
 import numpy as np
 
 from lfpipe.bench.inputs import Inputs
-from lfpipe.bench.results import Column, Figures, Row, Table, Value, mean_of
+from lfpipe.bench.results import Column, MetricsPage, Row, Table, Value, mean_of
 from lfpipe.bench.runner import Candidate, Offer, Prepared, cpu_ms
 from lfpipe.bench.simulator.bounds import judged
 from lfpipe.bench.simulator.camera import NOISE_PX, Camera
 from lfpipe.bench.simulator.metrics import (
     Pictures,
     evenness,
-    picture_figures,
+    picture_metrics,
     samples,
-    viewpoint_figures,
+    viewpoint_metrics,
 )
 from lfpipe.bench.simulator.run import Run, Setup, Truth
 from lfpipe.bench.simulator.scene import SCENES, scene_of
@@ -29,7 +31,7 @@ from lfpipe.render.synthesis.compositor import Key
 PICTURES = (2, 24)  # compared of each script, quick and full
 TURN_PICTURES = 8
 VIEWPOINTS_PER_SCENE = 8
-APART_VIEWS = 1.5  # between the eyes, at most, of the viewpoints of scenes
+EYE_DISTANCE_VIEWS = 1.5  # between the eyes, at most, of the viewpoints of scenes
 VIDEOS_HZ = (24.0, 25.0, 30.0, 50.0, 60.0)
 # scripts of the candidates
 MOVING = ("sways at 0.5 Hz", "sways at 1 Hz", "sways at 2 Hz", "steps", "shakes", "leans in")
@@ -94,7 +96,7 @@ SCREENS = {
     "59.94 Hz": Screen(rate_hz=59.94),
     "143.98 Hz": Screen(rate_hz=143.98),
     "60 Hz, busy machine": Screen(slow=0.02),
-    **{f"60 Hz, delay of {ms:g} ms": Screen(loop_ms=ms) for ms in (0.0, 40.0, 120.0)},
+    **{f"60 Hz, delay of {ms:g} ms": Screen(device_latency_ms=ms) for ms in (0.0, 40.0, 120.0)},
 }
 
 
@@ -134,9 +136,9 @@ def pictures_of(setup: Setup) -> Pictures:
     return Pictures(setup)
 
 
-def viewpoints(setup: Setup, script: Script) -> Figures:
-    """See `viewpoint_figures`."""
-    return viewpoint_figures(watched(setup, script), Truth(setup, script), script)
+def viewpoints(setup: Setup, script: Script) -> MetricsPage:
+    """See `viewpoint_metrics`."""
+    return viewpoint_metrics(watched(setup, script), Truth(setup, script), script)
 
 
 def script_tables(some: Iterable[Script], count: int) -> Iterator[Table]:
@@ -144,7 +146,7 @@ def script_tables(some: Iterable[Script], count: int) -> Iterator[Table]:
     some = list(some)
     note = (
         "The demo's scene, a camera at 30 Hz, a screen at 60 Hz,"
-        f" {Screen().loop_ms:g} ms from exposure to light."
+        f" {Screen().device_latency_ms:g} ms from exposure to light."
     )
     steps = (
         " Step: the largest change from one refresh to the next that the true motion around it"
@@ -162,9 +164,9 @@ def script_tables(some: Iterable[Script], count: int) -> Iterator[Table]:
     yield Table("script", PICTURE_COLUMNS, tuple(rows), "Pictures by script", note + against)
 
 
-def script_viewpoints(script: Script) -> Figures:
+def script_viewpoints(script: Script) -> MetricsPage:
     """The figures of the columns VIEWPOINTS."""
-    now = viewpoints(Setup(screen=Screen(loop_ms=0.0)), script)
+    now = viewpoints(Setup(screen=Screen(device_latency_ms=0.0)), script)
     bare = viewpoints(Setup(track=Track(filter="mean", mean_k=1)), script)
     plain = viewpoints(plain_loop(), script)
     return viewpoints(Setup(), script) | {
@@ -176,7 +178,7 @@ def script_viewpoints(script: Script) -> Figures:
     }
 
 
-def script_pictures(script: Script, count: int) -> Figures:
+def script_pictures(script: Script, count: int) -> MetricsPage:
     """The figures of the columns PICTURE_COLUMNS."""
     usual = Setup()
     pictures = pictures_of(usual)
@@ -187,7 +189,7 @@ def script_pictures(script: Script, count: int) -> Figures:
     ideal = pictures.errors([pictures.key(views) for views in right], right)
     loop = watched(plain_loop(), script)
     plain = pictures_of(plain_loop()).errors([loop.key_at(ms) for ms in run.ms[at].tolist()], right)
-    return picture_figures(product) | {
+    return picture_metrics(product) | {
         "ideal": float(ideal.levels.mean()),
         "plain": float(plain.levels.mean()),
         "plain_seen": float(plain.seen.mean()),
@@ -202,11 +204,14 @@ def scene_table() -> Table:
         scene = scene_of(name)
         pictures = pictures_of(Setup(scene=scene, method=method))
         right = np.random.default_rng(1).uniform(0, 1, (VIEWPOINTS_PER_SCENE, 3))
-        right *= (scene.rows - 1, scene.cols - 1 - APART_VIEWS, APART_VIEWS)
+        right *= (scene.rows - 1, scene.cols - 1 - EYE_DISTANCE_VIEWS, EYE_DISTANCE_VIEWS)
         views = np.stack([right[:, :2], right[:, :2] + right[:, 2:] * (0, 1)], axis=1)
         errors = pictures.errors([pictures.key(pair) for pair in views], views)
-        rows.append(_row(f"{name}, {method}", picture_figures(errors)))
-    note = f"{VIEWPOINTS_PER_SCENE} random viewpoints per scene, up to {APART_VIEWS:g} views apart."
+        rows.append(_row(f"{name}, {method}", picture_metrics(errors)))
+    note = (
+        f"{VIEWPOINTS_PER_SCENE} random viewpoints per scene,"
+        f" up to {EYE_DISTANCE_VIEWS:g} views apart."
+    )
     return Table("scene, method", PICTURE_COLUMNS, tuple(rows), "Pictures by scene", note)
 
 
@@ -215,13 +220,13 @@ def condition_table(title: str, of: str, setups: dict[str, Setup]) -> Table:
     rows = []
     for name, setup in setups.items():
         run = watched(setup, MOVES_ABOUT)
-        figures = viewpoints(setup, MOVES_ABOUT) | {"late": 100 * run.late}
+        metrics = viewpoints(setup, MOVES_ABOUT) | {"late": 100 * run.late}
         if of == "screen":
             for hz in VIDEOS_HZ:
-                figures[f"video_{hz:g}hz"] = 100 * evenness(run, setup.screen, hz)
+                metrics[f"video_{hz:g}hz"] = 100 * evenness(run, setup.screen, hz)
             loop = viewpoints(plain_loop(setup.screen), MOVES_ABOUT)
-            figures |= {"plain_error": loop["error_views"], "plain_lag_ms": loop["lag_ms"]}
-        rows.append(_row(name, figures, of))
+            metrics |= {"plain_error": loop["error_views"], "plain_lag_ms": loop["lag_ms"]}
+        rows.append(_row(name, metrics, of))
     note = "A viewer who sways at 0.7 Hz and takes steps of 200 px/s."
     return Table(of, CONDITION_COLUMNS, tuple(rows), title, note)
 
@@ -272,7 +277,7 @@ def _prepare(setup: Setup, count: int, ideal: bool) -> Prepared:
         seen.append(float(errors.seen.mean()))
         off.append(0.0 if ideal else viewpoints(setup, script)["error_views"])
         choosing_ms += [0.0] if ideal else run.cpu_ms.tolist()
-    figures = {
+    metrics = {
         "error_levels": mean_of(levels),
         "error_seen": mean_of(seen),
         "error_views": mean_of(off),
@@ -280,9 +285,9 @@ def _prepare(setup: Setup, count: int, ideal: bool) -> Prepared:
     choice_ms = float(np.median(choosing_ms))
     upcoming = itertools.cycle(keys)
     drawing_ms = partial(cpu_ms, lambda: pictures.draw(next(upcoming)), TURN_PICTURES)
-    return figures, lambda: {"picture_ms": choice_ms + drawing_ms()}
+    return metrics, lambda: {"picture_ms": choice_ms + drawing_ms()}
 
 
-def _row(name: str, figures: Figures, of: str = "") -> Row:
+def _row(name: str, metrics: MetricsPage, of: str = "") -> Row:
     """A row with its figures compared with their bounds. of: what it is, if no script."""
-    return judged(Row(name, {key: Value(value) for key, value in figures.items()}), of)
+    return judged(Row(name, {key: Value(value) for key, value in metrics.items()}), of)

@@ -28,7 +28,7 @@ NOT_THERE = (errno.EINVAL, errno.ENOTTY)
 # one being decoded, one being filled, two spare;
 # older frames are skipped, so spare buffers add no latency
 BUFFERS = 4
-MOST_BUFFERS = 32  # VIDEO_MAX_FRAME
+MAX_BUFFERS = 32  # VIDEO_MAX_FRAME
 
 S = TypeVar("S", bound=Structure)
 
@@ -252,7 +252,7 @@ class V4L2Device:
 
     def start(self) -> None:
         """Streams in the mode of `configure` until `close`."""
-        count = min(int(self.ioctl(abi.REQBUFS, _buffers(BUFFERS)).count), MOST_BUFFERS)
+        count = min(int(self.ioctl(abi.REQBUFS, _buffers(BUFFERS)).count), MAX_BUFFERS)
         if not count:
             raise OSError(errno.ENOMEM, "the driver has no buffers")
         for index in range(count):

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from lfpipe.capture.frame_source import BrokenFrame
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import is_jpeg, is_video, picture_of
-from lfpipe.host.files import path_of
+from lfpipe.host.files import proc_fd_path
 from lfpipe.host.limits import MemoryLimit
 from lfpipe.host.terminal import opencv_logging
 from lfpipe.scene.video import FRAME_BYTES_PX, MAX_FRAME_PX, OPENING_BYTES
@@ -94,7 +94,9 @@ class Video:
         # no faster. The path is that of the checked descriptor; OpenCV would crash on names that
         # are not UTF-8.
         with self._memory, opencv_logging():
-            self._capture.open(path_of(self._file), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
+            self._capture.open(
+                proc_fd_path(self._file), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1]
+            )
             if self.jpeg:
                 self._capture.set(cv2.CAP_PROP_FORMAT, -1)
         self._grabbed = False  # whether a frame is ready to be retrieved

@@ -25,27 +25,30 @@ log = logging.getLogger(__name__)
 FROM_MENU = "LFPIPE_FROM_MENU"  # the desktop's entries set it in the environment
 
 
-# in order of use: the module of lfpipe.cli that has the command,
+# in order of use: the module that has the command,
 # and its line in the list of commands
 COMMANDS = {
-    "up": ("up", "Show a light field from where your eyes are."),
-    "monitor": ("sessions", "Show latency, rate, drops and load of a running session."),
-    "ctl": ("sessions", "Query and control a running session."),
-    "scene": ("scene", "Pack, list and inspect light fields."),
-    "cameras": ("machine", "List cameras with formats, sizes and rates."),
-    "calibrate": ("calibrate", "Measure the camera's focal length and store it."),
-    "doctor": ("machine", "Check this machine."),
-    "models": ("machine", "Fetch the face networks if mediapipe has no wheel here."),
-    "kiosk": ("kiosk", "Run an exhibition that starts with the desktop."),
-    "desktop": ("desktop", "Add lfpipe to the desktop's menu."),
-    "config": ("machine", "Write, show and check the configuration."),
-    "trace": ("sessions", "Record timelines of a running session for Perfetto."),
-    "record": ("sequence", "Record a camera to a new folder."),
-    "replay": ("replay", "Run a recorded sequence; compare with a reference."),
-    "sequence": ("sequence", "Inspect, cut, import and export recordings."),
-    "bench": ("bench", "Measure error against run time."),
-    "sweep": ("sweep", "Run replays, quality and benchmarks over a whole corpus."),
-    "completion": ("options", "Print the completion script of a shell."),
+    "up": ("lfpipe.cli.up", "Show a light field from where your eyes are."),
+    "monitor": ("lfpipe.cli.sessions", "Show latency, rate, drops and load of a running session."),
+    "ctl": ("lfpipe.cli.sessions", "Query and control a running session."),
+    "scene": ("lfpipe.cli.scene", "Pack, list and inspect light fields."),
+    "cameras": ("lfpipe.cli.machine", "List cameras with formats, sizes and rates."),
+    "calibrate": ("lfpipe.cli.calibrate", "Measure the camera's focal length and store it."),
+    "doctor": ("lfpipe.cli.machine", "Check this machine."),
+    "models": ("lfpipe.cli.machine", "Fetch the face networks if mediapipe has no wheel here."),
+    "kiosk": ("lfpipe.extras.exhibition.kiosk", "Run an exhibition that starts with the desktop."),
+    "desktop": ("lfpipe.extras.exhibition.desktop", "Add lfpipe to the desktop's menu."),
+    "config": ("lfpipe.cli.machine", "Write, show and check the configuration."),
+    "trace": ("lfpipe.cli.sessions", "Record timelines of a running session for Perfetto."),
+    "record": ("lfpipe.cli.sequence", "Record a camera to a new folder."),
+    "replay": ("lfpipe.cli.replay", "Run a recorded sequence; compare with a reference."),
+    "sequence": ("lfpipe.cli.sequence", "Inspect, cut, import and export recordings."),
+    "bench": ("lfpipe.cli.bench", "Measure error against run time."),
+    "sweep": (
+        "lfpipe.extras.sweep.command",
+        "Run replays, quality and benchmarks over a whole corpus.",
+    ),
+    "completion": ("lfpipe.cli.options", "Print the completion script of a shell."),
 }
 
 
@@ -67,9 +70,7 @@ class Commands(click.Group):
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
         if name not in COMMANDS:
             return None
-        command: click.Command = getattr(
-            importlib.import_module(f"lfpipe.cli.{COMMANDS[name][0]}"), name
-        )
+        command: click.Command = getattr(importlib.import_module(COMMANDS[name][0]), name)
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

@@ -13,9 +13,9 @@ from lfpipe.cli.terminal import print_result
 from lfpipe.config import Config, load, user_file
 from lfpipe.config.user_files import camera_file, write_keys
 from lfpipe.errors import UserError
-from lfpipe.extras.latency.calibration import measure_loop
+from lfpipe.extras.latency.calibration import measure_device_latency
 from lfpipe.monitor.calibrate import by_card, by_eyes
-from lfpipe.render.display.monitors import loop_conditions
+from lfpipe.render.display.monitors import device_latency_conditions
 
 BANK_CARD_MM = 85.60  # ISO/IEC 7810 ID-1
 USUAL_DEG = (30, 130)  # fields of view of webcams, narrow to wide
@@ -94,19 +94,27 @@ def calibrate(
 
 
 def _latency(config: Config, camera: str | None, name: str) -> None:
-    """Measures and stores render.loop_ms."""
-    delay, monitor = measure_loop(config, camera)
-    loop_ms = round(max(delay.delay_ms, 0.0), 1)
+    """Measures and stores render.device_latency_ms."""
+    delay, monitor = measure_device_latency(config, camera)
+    device_latency_ms = round(max(delay.delay_ms, 0.0), 1)
     print_result(
-        f"total delay of camera and display: {loop_ms} ms (90 %: {delay.low_ms:.1f} to"
+        f"total delay of camera and display: {device_latency_ms} ms (90 %: {delay.low_ms:.1f} to"
         f" {delay.high_ms:.1f} ms)"
     )
     print_result(
         f"exposure {delay.exposure_ms:.0f} ms, on monitor {monitor.name} at {monitor.rate_hz:g} Hz"
     )
-    here = loop_conditions(datetime.date.today().isoformat(), name, config.camera, monitor)
-    _store(user_file(), "render", {"loop_ms": loop_ms, "loop_measured": here})
-    print_result(f"render.loop_ms written to {user_file()}: the next session predicts by it")
+    here = device_latency_conditions(
+        datetime.date.today().isoformat(), name, config.camera, monitor
+    )
+    _store(
+        user_file(),
+        "render",
+        {"device_latency_ms": device_latency_ms, "device_latency_measured": here},
+    )
+    print_result(
+        f"render.device_latency_ms written to {user_file()}: the next session predicts by it"
+    )
 
 
 def _store(path: Path, section: str, values: Mapping[str, float | str | None]) -> None:

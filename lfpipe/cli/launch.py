@@ -39,7 +39,7 @@ from lfpipe.host.files import exists
 from lfpipe.host.machine import has_gpu
 from lfpipe.monitor.monitor import print_state
 from lfpipe.monitor.session_reader import snapshot
-from lfpipe.render.display.monitors import detect_monitors, loop_doubt
+from lfpipe.render.display.monitors import detect_monitors, device_latency_doubt
 from lfpipe.render.display.open_display import check_display, has_display, parse_display
 from lfpipe.render.plan import Plan, make_plan
 from lfpipe.render.synthesis.compositor import settings_for_scene
@@ -236,7 +236,7 @@ def prepare(arguments: UpArguments) -> SessionPlan:
     plan = make_plan(opened.field, config)
     for line in (
         *startup_lines(config, opened.field, plan, viewer, display),
-        *loop_lines(config, viewer, display),
+        *device_latency_lines(config, viewer, display),
     ):
         say(line)
     for target in share:
@@ -408,13 +408,17 @@ def startup_lines(
     ]
 
 
-def loop_lines(config: Config, viewer: Viewer, display: Target) -> list[str]:
+def device_latency_lines(config: Config, viewer: Viewer, display: Target) -> list[str]:
     """The delay of the loop if pictures go to a screen, with a warning if it is doubtful."""
     render = config.render
-    if not render.loop_ms or not isinstance(display, Window) or isinstance(viewer, MouseViewer):
+    if (
+        not render.device_latency_ms
+        or not isinstance(display, Window)
+        or isinstance(viewer, MouseViewer)
+    ):
         return []
-    doubt = loop_doubt(
+    doubt = device_latency_doubt(
         config, camera_name(viewer.source) if viewer.source else "", detect_monitors()[1]
     )
     why = f"; doubtful: {doubt}; `lfpipe calibrate --latency` measures it" if doubt else ""
-    return [f"loop    {render.loop_ms:g} ms delay of camera and display{why}"]
+    return [f"loop    {render.device_latency_ms:g} ms delay of camera and display{why}"]

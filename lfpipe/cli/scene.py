@@ -257,7 +257,7 @@ def _out(help_text: str) -> Callable[[Command], Command]:
     return click.option("-o", "--out", type=PATH, required=True, help=help_text)
 
 
-APART = click.option(
+EYE_DISTANCE = click.option(
     "--apart", type=float, metavar="VIEWS", help="Views between the eyes.  [default: comfortable]"
 )
 
@@ -291,30 +291,32 @@ def quilt(path: Path, out: Path, tiles: str, config: Config) -> None:
 @export.command()
 @SCENE
 @_out("Picture (.png, .jpg, .jps, .mpo) or clip (.mp4); _sbs or _LR is appended to its name.")
-@APART
+@EYE_DISTANCE
 @_seconds(pictures.SWEEP_S)
 @with_scene
-def pair(path: Path, out: Path, apart: float | None, seconds: float, config: Config) -> None:
+def pair(path: Path, out: Path, eye_distance: float | None, seconds: float, config: Config) -> None:
     """Write the views of both eyes, for stereo viewers. MP4 needs the extra media."""
     out = pictures.pair_name(out)
     if out.suffix.lower() == ".mp4":
-        _write_clip(path, out, "pair", apart, seconds, config)
+        _write_clip(path, out, "pair", eye_distance, seconds, config)
         return
     check_picture(out, path, PAIRS)
     exported = pictures.SceneExport(opened(path, config), config)
-    write_output(out, pictures.stereo_file(*exported.eyes(apart), out.suffix.lower()))
+    write_output(out, pictures.stereo_file(*exported.eyes(eye_distance), out.suffix.lower()))
     print_result(out)
 
 
 @export.command()
 @SCENE
 @_out("Clip (.gif, .mp4).")
-@APART
+@EYE_DISTANCE
 @_seconds(pictures.WIGGLE_S)
 @with_scene
-def wiggle(path: Path, out: Path, apart: float | None, seconds: float, config: Config) -> None:
+def wiggle(
+    path: Path, out: Path, eye_distance: float | None, seconds: float, config: Config
+) -> None:
     """Write a clip from one eye's view to the other's and back: depth without glasses."""
-    _write_clip(path, out, "wiggle", apart, seconds, config)
+    _write_clip(path, out, "wiggle", eye_distance, seconds, config)
 
 
 @export.command("sweep")
@@ -328,12 +330,12 @@ def sweep_clip(path: Path, out: Path, seconds: float, config: Config) -> None:
 
 
 def _write_clip(
-    path: Path, out: Path, form: str, apart: float | None, seconds: float, config: Config
+    path: Path, out: Path, form: str, eye_distance: float | None, seconds: float, config: Config
 ) -> None:
     pictures.check_clip(out, round(seconds * pictures.RATE_HZ))
     check_output(out, [path])
     exported = pictures.SceneExport(opened(path, config), config)
-    pictures.write_clip(out, exported.clip(form, apart, seconds), pictures.RATE_HZ)
+    pictures.write_clip(out, exported.clip(form, eye_distance, seconds), pictures.RATE_HZ)
     print_result(f"{out}  {out.stat().st_size / 1e6:.2f} MB")
 
 

@@ -41,7 +41,7 @@ from lfpipe.sequence.packets import encoded
 from lfpipe.supervisor.supervisor import run_session
 from lfpipe.transport.session import Session
 
-MOST_ERRORS = 5  # listed per sequence: a damaged disk gives one per frame
+MAX_ERRORS = 5  # listed per sequence: a damaged disk gives one per frame
 SEQUENCES = click.argument("paths", type=PATH, metavar="SEQ...", nargs=-1, required=True)
 
 
@@ -146,9 +146,9 @@ def _check(path: Path) -> None:
         except UserError as error:
             errors.append(error)
     if errors:
-        more = [f"and {len(errors) - MOST_ERRORS} more"] * (len(errors) > MOST_ERRORS)
+        more = [f"and {len(errors) - MAX_ERRORS} more"] * (len(errors) > MAX_ERRORS)
         raise UserError(
-            "\n  ".join([error.message for error in errors[:MOST_ERRORS]] + more), errors[0].remedy
+            "\n  ".join([error.message for error in errors[:MAX_ERRORS]] + more), errors[0].remedy
         )
     state = (
         "complete"

@@ -15,7 +15,7 @@ from lfpipe.config import converter, parse_set
 from lfpipe.monitor.monitor import print_state, run
 from lfpipe.monitor.session_reader import ask
 from lfpipe.monitor.timeline import begin_trace, convert, finish_trace
-from lfpipe.supervisor.metrics import SessionFigures
+from lfpipe.supervisor.metrics import SessionMetrics
 from lfpipe.transport.control import FILE_CHECK_TIMEOUT_S, Message
 
 LOAD_S = 900.0  # packing a large scene takes minutes
@@ -87,7 +87,7 @@ def _send(session_name: str, as_json: bool, message: Message, timeout_s: float =
     if as_json:
         print_result(json.dumps(answer))
     elif message["cmd"] == "status":
-        print_state(converter().structure(answer, SessionFigures), answer["paused"])
+        print_state(converter().structure(answer, SessionMetrics), answer["paused"])
     else:
         facts = [
             f"{key} {value}"

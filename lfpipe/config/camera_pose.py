@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from lfpipe.config.tree import Config
 
-LEAST_Z_MM = 50.0  # eyes are never nearer to the screen
+MIN_Z_MM = 50.0  # eyes are never nearer to the screen
 
 
 def camera_focal_px(config: Config, frame_width_px: int) -> float:
@@ -62,11 +62,13 @@ class CameraPose:
             eyes_mm=config.screen.eyes_mm,
         )
 
-    def points_mm(self, eyes_px: NDArray[np.float64], apart_px: float) -> NDArray[np.float64]:
-        """Eyes (2, 2) px, apart_px apart if the head were not turned, as points (2, 3) mm on the
-        screen's axes.
+    def points_mm(
+        self, eyes_px: NDArray[np.float64], eye_distance_px: float
+    ) -> NDArray[np.float64]:
+        """Eyes (2, 2) px, eye_distance_px apart if the head were not turned, as points (2, 3) mm
+        on the screen's axes.
         """
-        depth_mm = self.focal_px * self.eyes_mm / max(apart_px, 1e-6)
+        depth_mm = self.focal_px * self.eyes_mm / max(eye_distance_px, 1e-6)
         across, down = (eyes_px - self.middle_px).T * (depth_mm / self.focal_px)
         c = math.cos(self.tilt)
         s = math.sin(self.tilt)
@@ -74,20 +76,22 @@ class CameraPose:
             [across, down * c + depth_mm * s - self.above_mm, depth_mm * c - down * s], axis=1
         )
 
-    def from_screen(self, eyes_px: NDArray[np.float64], apart_px: float) -> NDArray[np.float64]:
+    def from_screen(
+        self, eyes_px: NDArray[np.float64], eye_distance_px: float
+    ) -> NDArray[np.float64]:
         """Eyes (2, 2) px of the camera's picture in px of the picture taken from the middle of the
         screen.
         """
-        points = self.points_mm(eyes_px, apart_px)
-        return (
-            self.focal_px * points[:, :2] / np.maximum(points[:, 2:], LEAST_Z_MM) + self.middle_px
-        )
+        points = self.points_mm(eyes_px, eye_distance_px)
+        return self.focal_px * points[:, :2] / np.maximum(points[:, 2:], MIN_Z_MM) + self.middle_px
 
-    def from_camera(self, screen_px: NDArray[np.float64], apart_px: float) -> NDArray[np.float64]:
+    def from_camera(
+        self, screen_px: NDArray[np.float64], eye_distance_px: float
+    ) -> NDArray[np.float64]:
         """The inverse of `from_screen`: px of the camera's picture, for the same depth along the
         camera's axis.
         """
-        depth_mm = self.focal_px * self.eyes_mm / max(apart_px, 1e-6)
+        depth_mm = self.focal_px * self.eyes_mm / max(eye_distance_px, 1e-6)
         c = math.cos(self.tilt)
         s = math.sin(self.tilt)
         slope = (screen_px - self.middle_px) / self.focal_px  # x / z and y / z on the screen's axes
@@ -95,7 +99,7 @@ class CameraPose:
         down_mm = (slope[:, 1] * depth_mm * c - depth_mm * s + self.above_mm) / (
             c + slope[:, 1] * s
         )
-        z_mm = np.maximum(depth_mm * c - down_mm * s, LEAST_Z_MM)
+        z_mm = np.maximum(depth_mm * c - down_mm * s, MIN_Z_MM)
         return (
             self.focal_px / depth_mm * np.stack([slope[:, 0] * z_mm, down_mm], axis=1)
             + self.middle_px

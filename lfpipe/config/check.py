@@ -33,7 +33,7 @@ FILE_FORM = (
 )
 SHOW = "see every key with its unit and range: `lfpipe config show`"
 TEXT_CHARS = 4096  # of any text; the longest path
-MOST_LISTED = 10  # problems that one message names
+MAX_LISTED = 10  # problems that one message names
 NAMES = {int: "a whole number", float: "a number", bool: "true or false", str: "text"}
 # keys whose words other packages may add
 PLUGGABLE = {"track.engine": ENGINES, "track.filter": FILTERS}
@@ -118,13 +118,13 @@ def closest(value: object, texts: Iterable[str], cutoff: float = 0.6) -> str:
 
 
 def problems(values: Iterable[tuple[object, object]]) -> list[str]:
-    """The problems of (dotted key, value) pairs: the first MOST_LISTED, and whether there
+    """The problems of (dotted key, value) pairs: the first MAX_LISTED, and whether there
     are more.
     """
     wrong = list(
-        itertools.islice(filter(None, itertools.starmap(_problem, values)), MOST_LISTED + 1)
+        itertools.islice(filter(None, itertools.starmap(_problem, values)), MAX_LISTED + 1)
     )
-    return [*wrong[:MOST_LISTED], "and more"] if len(wrong) > MOST_LISTED else wrong
+    return [*wrong[:MAX_LISTED], "and more"] if len(wrong) > MAX_LISTED else wrong
 
 
 def refusal(wrong: list[str], remedy: str = SHOW) -> UserError:

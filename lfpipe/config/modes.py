@@ -107,8 +107,8 @@ class Lossless:
 Clock = Live | Lossless
 
 
-def loop_ms(clock: Clock, measured_ms: float) -> float:
-    """The delay of camera and display to predict over. measured_ms: render.loop_ms."""
+def device_latency_ms(clock: Clock, measured_ms: float) -> float:
+    """The delay of camera and display to predict over. measured_ms: render.device_latency_ms."""
     return 0.0 if isinstance(clock, Lossless) else measured_ms
 
 

@@ -20,7 +20,7 @@ WARPS = ("warp", "warp2")
 # between the farthest and the nearest:
 # beyond, with the screen between them, a cross-fade shows everything twice
 FADED_PX = 8.0
-LEAST_HZ = 25.0  # at lower rates the picture flickers whenever the head moves
+MIN_HZ = 25.0  # at lower rates the picture flickers whenever the head moves
 
 
 def method_in_use(
@@ -65,7 +65,7 @@ def ladder(config: Config, options: SessionOptions) -> tuple[QualityLevel, ...]:
     steps: list[tuple[str, str, Any]] = [("pictures", "method", name) for name in cheaper]
     if config.render.clock == "display" or not options.viewer.tracked:
         rate_hz = config.render.nominal_hz / 2
-        while rate_hz >= LEAST_HZ:
+        while rate_hz >= MIN_HZ:
             steps.append(("pictures", "rate_hz", rate_hz))
             rate_hz /= 2
         if options.viewer.tracked:

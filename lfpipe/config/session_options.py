@@ -50,7 +50,7 @@ class SceneSummary:
     disparity_min_px: float = 0.0
     disparity_max_px: float = 0.0
     # whether the views run against the order of the pack
-    half_turned: bool = False
+    depth_inverted: bool = False
     # whether the picture depends on the eyes
     needs_eyes: bool = attrs.field(
         default=attrs.Factory(lambda self: self.rows * self.cols > 1, takes_self=True)
@@ -58,13 +58,16 @@ class SceneSummary:
     # of light-field video, 1 of a still
     frames: int = 1
 
-    def shown_as(self, half_turn: str) -> Self:
-        """With near and far as scene.half_turn asks; "auto" leaves them as they are."""
-        if half_turn == "auto" or (half_turn == "yes") == self.half_turned:
+    def shown_as(self, invert_depth: str) -> Self:
+        """With near and far as scene.invert_depth asks; "auto" leaves them as they are."""
+        if invert_depth == "auto" or (invert_depth == "yes") == self.depth_inverted:
             return self
         low, high = -self.disparity_max_px, -self.disparity_min_px
         return attrs.evolve(
-            self, disparity_min_px=low, disparity_max_px=high, half_turned=not self.half_turned
+            self,
+            disparity_min_px=low,
+            disparity_max_px=high,
+            depth_inverted=not self.depth_inverted,
         )
 
 

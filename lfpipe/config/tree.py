@@ -272,7 +272,7 @@ class Render:
     swap_eyes: bool = key(
         False, live=True, doc="swap the eyes, for glasses worn or printed the other way round"
     )
-    loop_ms: float = key(
+    device_latency_ms: float = key(
         0.0,
         "ms",
         0,
@@ -284,10 +284,10 @@ class Render:
             " prediction adds it; `lfpipe calibrate --latency` measures it"
         ),
     )
-    loop_measured: str = key(
+    device_latency_measured: str = key(
         "",
         replays=False,
-        doc="date, camera and monitor of the measurement of loop_ms; empty: not measured",
+        doc="date, camera and monitor of the measurement of device_latency_ms; empty: not measured",
     )
 
     @property
@@ -339,7 +339,7 @@ class Scene:
     grid: str = key("", doc="ROWSxCOLS, if the files do not define it; empty: detect it")
     flip: Flip = key("auto", doc="reverse the order of the views; auto: detect it")
     transpose: Decision = key("auto", doc="exchange rows and columns of the grid; auto: detect it")
-    half_turn: Decision = key(
+    invert_depth: Decision = key(
         "auto",
         live=True,
         doc=(

@@ -19,7 +19,7 @@ from PIL import Image, ImageFile
 
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import open_file
-from lfpipe.host.files import path_of
+from lfpipe.host.files import proc_fd_path
 
 # 8192x8192 px of 8-bit colour, 7574x5264 px (lenslets of a Lytro Illum) of 16-bit colour
 MAX_DECODING_BYTES = 240_000_000
@@ -203,7 +203,7 @@ def _frames(
 def _imread(path: Path, file: IO[bytes], flags: int) -> NDArray[Any]:
     """The pixels as stored, by OpenCV. Raises UserError."""
     with contextlib.suppress(cv2.error):
-        pixels = cv2.imread(path_of(file), flags | cv2.IMREAD_IGNORE_ORIENTATION)
+        pixels = cv2.imread(proc_fd_path(file), flags | cv2.IMREAD_IGNORE_ORIENTATION)
         if pixels is not None:
             return np.asarray(pixels)
     raise _unreadable(path, "truncated, damaged or not what its header claims")

@@ -33,7 +33,7 @@ def is_missing(path: str | os.PathLike[str]) -> bool:
     return False
 
 
-def path_of(file: IO[bytes]) -> str:
+def proc_fd_path(file: IO[bytes]) -> str:
     """A plain ASCII path to an open file, whatever its own name is, and even if it has none."""
     return f"{_DESCRIPTORS}/{file.fileno()}"
 
@@ -42,7 +42,7 @@ def path_to_write(file: IO[bytes]) -> str:
     """A path by which a library opens this very file anew, as often as it likes: whatever is put
     in place of its name meanwhile. On macOS, the name: `/dev/fd` shares one position there.
     """
-    return path_of(file) if sys.platform == "linux" else str(file.name)
+    return proc_fd_path(file) if sys.platform == "linux" else str(file.name)
 
 
 def reserve(path: Path) -> None:

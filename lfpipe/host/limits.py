@@ -19,7 +19,7 @@ SESSION_THREADS = 24 + 4 * len(usable_cores())
 WORKER_THREADS = 8 + len(usable_cores())
 # more is useless, and some programs close every number up to the limit;
 # macOS refuses more than OPEN_MAX
-MOST_FILES = 1 << 16 if sys.platform == "linux" else 1 << 13
+MAX_FILES = 1 << 16 if sys.platform == "linux" else 1 << 13
 
 
 def allow_files() -> None:
@@ -34,7 +34,7 @@ def allow_files() -> None:
             "run `ulimit -n 1024` in the shell that starts it, or set LimitNOFILE= in its systemd"
             " unit",
         )
-    most = MOST_FILES if hard < 0 else min(hard, MOST_FILES)
+    most = MAX_FILES if hard < 0 else min(hard, MAX_FILES)
     if 0 <= soft < most:
         resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
 

@@ -11,7 +11,7 @@ import time
 import attrs
 
 _GENERIC_EVENT, _COMPLETE_NOTIFY_MASK, _NOTIFY_MSC = 35, 2, 1  # Xproto.h, presenttokens.h
-_MOST_WAITING = 64  # answers outstanding
+_MAX_WAITING = 64  # answers outstanding
 _PERIOD_GAIN = 0.05  # of each new period in the average
 
 
@@ -58,7 +58,7 @@ class _Extension(ctypes.Structure):
     )
 
 
-class BlankAnswers:
+class VblankAnswers:
     """What the server's answers, each naming a blank, say of the pictures they were asked for."""
 
     def __init__(self) -> None:
@@ -143,7 +143,7 @@ class XPresentation:
             *[ctypes.c_uint64] * 3,
         ]
         self._window = window
-        self._answers = BlankAnswers()
+        self._answers = VblankAnswers()
         self._connection = self._xcb.xcb_connect(None, None)
         extension = None
         if not self._xcb.xcb_connection_has_error(self._connection):
@@ -164,7 +164,7 @@ class XPresentation:
 
     def handed_over(self, serial: int) -> None:
         """Asks for the next blank."""
-        if self._answers.waiting < _MOST_WAITING:
+        if self._answers.waiting < _MAX_WAITING:
             number = serial & 0xFFFFFFFF
             self._answers.asked(number, time.monotonic_ns())
             self._present.xcb_present_notify_msc(self._connection, self._window, number, 0, 1, 0)

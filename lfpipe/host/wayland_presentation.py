@@ -18,7 +18,7 @@ from lfpipe.host.presentation import Presented
 # numbers of requests
 _PRESENTATION_FEEDBACK, _DISPLAY_GET_REGISTRY, _REGISTRY_BIND, _SURFACE_FRAME = 1, 1, 0, 3
 _CLOCK_MONOTONIC = 1
-_MOST_WAITING = 64  # answers outstanding; a hidden window gets none
+_MAX_WAITING = 64  # answers outstanding; a hidden window gets none
 _UNANSWERED = 30  # after this many frame callbacks without feedback none is expected
 # a frame's stamp further from now comes from another clock
 _CLOCK_MS = 1000
@@ -237,7 +237,7 @@ class WaylandPresentation:
 
     def expect(self, serial: int) -> None:
         """Announces picture number serial as the next to be handed over."""
-        if not self._answered and len(self._frames) < _MOST_WAITING:
+        if not self._answered and len(self._frames) < _MAX_WAITING:
             frame = self._request(
                 self._framer, _SURFACE_FRAME, self._callback_interface, [_Argument()]
             )
@@ -246,7 +246,7 @@ class WaylandPresentation:
         expected = self._clock == _CLOCK_MONOTONIC and (
             self._answered or self._unanswered < _UNANSWERED
         )
-        if expected and len(self._waiting) < _MOST_WAITING:
+        if expected and len(self._waiting) < _MAX_WAITING:
             arguments = [_Argument(o=self._surface), _Argument()]
             feedback = self._request(
                 self._presentation, _PRESENTATION_FEEDBACK, ctypes.addressof(_FEEDBACK), arguments

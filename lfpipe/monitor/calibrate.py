@@ -85,9 +85,9 @@ class _CameraWindow:
             self.window.close()
 
 
-def median_of(apart_px: Collection[float]) -> tuple[float, bool]:
+def median_of(eye_distance_px: Collection[float]) -> tuple[float, bool]:
     """The median of distances, and whether the viewer kept still enough for it; 0 without any."""
-    low, median, high = np.percentile(list(apart_px) or [0.0], (25, 50, 75)).tolist()
+    low, median, high = np.percentile(list(eye_distance_px) or [0.0], (25, 50, 75)).tolist()
     return median, high - low <= SPREAD * median > 0
 
 
@@ -98,7 +98,7 @@ def by_eyes(config: Config, camera: str | None, distance_mm: float) -> float:
     Raises UserError if no face is detected, the face does not stay still, the source ends, or the
     user cancels.
     """
-    apart_px: deque[float] = deque(maxlen=MEASURED_FRAMES)
+    eye_distance_px: deque[float] = deque(maxlen=MEASURED_FRAMES)
     median_px = 0.0
     still = False
     missed = 0
@@ -107,13 +107,13 @@ def by_eyes(config: Config, camera: str | None, distance_mm: float) -> float:
         closing(_CameraWindow(config, camera)) as camera_window,
         closing(make_engine(config.track)) as engine,
     ):
-        while not (len(apart_px) == MEASURED_FRAMES and still and accepted):
+        while not (len(eye_distance_px) == MEASURED_FRAMES and still and accepted):
             if not camera_window.read() or missed > PATIENCE_FRAMES:
-                raise RESTLESS if apart_px else NOBODY
+                raise RESTLESS if eye_distance_px else NOBODY
             face = engine.detect(camera_window.picture)
             if face is not None:
-                apart_px.append(math.dist(*face.eyes_px.tolist()))
-            median_px, still = median_of(apart_px)
+                eye_distance_px.append(math.dist(*face.eyes_px.tolist()))
+            median_px, still = median_of(eye_distance_px)
             missed = missed + 1 if face is None or not still else 0
             state = f"eyes {median_px:.1f} px apart" if face is not None else "no face detected"
             accepted = camera_window.show(

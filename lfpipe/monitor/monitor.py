@@ -18,7 +18,7 @@ from lfpipe.errors import UserError, plain
 from lfpipe.host.terminal import Keyboard
 from lfpipe.monitor.session_reader import Follower, Sample, Watch, ask, snapshot
 from lfpipe.monitor.timeline import begin_trace, finish_trace
-from lfpipe.supervisor.metrics import MotionToPhoton, SessionFigures, StageFigures
+from lfpipe.supervisor.metrics import MotionToPhoton, SessionMetrics, StageMetrics
 from lfpipe.supervisor.process_table import SOURCE
 from lfpipe.supervisor.rundir import find
 from lfpipe.transport.control import Message
@@ -45,7 +45,7 @@ def photon_words(latency: MotionToPhoton) -> str:
     return ", ".join(f"{key} {value:.1f} ms" for key, value in times.items() if value is not None)
 
 
-def _stage_line(name: str, stage: StageFigures, loads: bool) -> Text:
+def _stage_line(name: str, stage: StageMetrics, loads: bool) -> Text:
     """A stage in the table; loads: with its load."""
     waits, busies = ([times[key] for key in QUANTILES] for times in (stage.wait, stage.busy))
     times = "".join(f" {ms(value)}" for value in (*waits[:2], *busies, stage.max_ms))
@@ -60,30 +60,30 @@ def _stage_line(name: str, stage: StageFigures, loads: bool) -> Text:
     )
 
 
-def state_text(figures: SessionFigures, paused: bool = False) -> Text:
+def state_text(metrics: SessionMetrics, paused: bool = False) -> Text:
     """The table of stages (rate, wait, busy, drops, restarts, load if it is known), quality, and
     the age of the picture. At most 80 cells wide.
     """
-    tracked = figures.stages.get("track")
+    tracked = metrics.stages.get("track")
     has_face = tracked is not None and tracked.face
-    stages = figures.used_stages
+    stages = metrics.used_stages
     loads = any(stage.cpu_percent is not None for stage in stages.values())
-    level = f"level {figures.level} of {figures.lowest_level}" if figures.level else "full"
-    camera = f"camera {figures.camera_fps:.1f} Hz" if SOURCE in stages else "no camera"
-    age, judder = figures.end_to_end, figures.judder
+    level = f"level {metrics.level} of {metrics.lowest_level}" if metrics.level else "full"
+    camera = f"camera {metrics.camera_fps:.1f} Hz" if SOURCE in stages else "no camera"
+    age, judder = metrics.end_to_end, metrics.judder
     parts: list[Text | str | tuple[str, str]] = [
-        f"up {timedelta(seconds=int(figures.uptime_s))}  {camera}  ",
+        f"up {timedelta(seconds=int(metrics.uptime_s))}  {camera}  ",
         ("PAUSED  " if paused else "", WARNING),
-        (f"{figures.camera_light}  " if figures.camera_light else "", WARNING),
-        (f"viewer {figures.viewer}\n", "green" if has_face else WARNING),
+        (f"{metrics.camera_light}  " if metrics.camera_light else "", WARNING),
+        (f"viewer {metrics.viewer}\n", "green" if has_face else WARNING),
         (f"{'ms':>22}   wait                busy\n", "bold"),
         (f"{'stage':<8}{'state':<9}{'Hz':>5}   p50   p95   p50   p95   p99   max drops", "bold"),
         (f" rst{' cpu%  MB' * loads}\n", "bold"),
         *(_stage_line(name, stage, loads) for name, stage in stages.items()),
-        (f"quality {level}\n", WARNING if figures.level else "dim"),
-        *((plain(f"now: {notice}\n"), WARNING) for notice in figures.notices),
+        (f"quality {level}\n", WARNING if metrics.level else "dim"),
+        *((plain(f"now: {notice}\n"), WARNING) for notice in metrics.notices),
     ]
-    lines = latency_lines(age, figures.horizon, bool(judder.planned))
+    lines = latency_lines(age, metrics.prediction, bool(judder.planned))
     if age["n"]:
         counted = f"  over {age['n']:.0f} pictures; the delays of camera and display are not in it"
         lines.insert(1, counted)
@@ -93,16 +93,16 @@ def state_text(figures: SessionFigures, paused: bool = False) -> Text:
             f"judder: {judder.percent:.2f} % of {judder.planned} refreshes showed another"
             " picture than planned\n"
         )
-    if words := photon_words(figures.motion_to_photon):
+    if words := photon_words(metrics.motion_to_photon):
         parts.append(f"motion to photon: {words}\n")
     return Text.assemble(*parts, no_wrap=True, overflow="crop")
 
 
-def print_state(figures: SessionFigures, paused: bool = False) -> None:
+def print_state(metrics: SessionMetrics, paused: bool = False) -> None:
     """Prints the state on stdout."""
-    head = Text.assemble("session ", (figures.session, "bold"), "  ")
+    head = Text.assemble("session ", (metrics.session, "bold"), "  ")
     Console(highlight=False, soft_wrap=True).print(
-        head.append_text(state_text(figures, paused)), end=""
+        head.append_text(state_text(metrics, paused)), end=""
     )
 
 
@@ -124,7 +124,7 @@ def screen_text(name: str, state: Sample | None, note: str = "") -> Text:
         out.append(f"{render.method} views, {render.anaglyph} anaglyph, alpha {alpha}", "dim")
         out.append(plain(f"\ntracing to {timeline}") if timeline else "", "dim")
     paused = settings is not None and settings.paused
-    out.append("\n").append_text(state_text(state.figures, paused))
+    out.append("\n").append_text(state_text(state.metrics, paused))
     out.append(plain(f"{note or KEYS_LINE}\n"), "bold" if note else "dim")
     return out.append("times of the last 10 s; rst: restarts", "dim")
 

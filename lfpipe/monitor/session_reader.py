@@ -12,7 +12,7 @@ from lfpipe.config import Snapshot, converter
 from lfpipe.errors import UserError
 from lfpipe.host.processes import rss_bytes
 from lfpipe.host.segment import WrongSegment
-from lfpipe.supervisor.metrics import SessionFigures, session_figures
+from lfpipe.supervisor.metrics import SessionMetrics, session_metrics
 from lfpipe.supervisor.process_table import SHOWN_BY
 from lfpipe.supervisor.rundir import find
 from lfpipe.transport import control
@@ -26,7 +26,7 @@ from lfpipe.transport.status import Table
 WINDOW_S = 10.0
 HELLO_S = 0.5  # timeout for the settings; figures need no answer
 Rows = dict[str, NDArray[np.void]]
-HISTOGRAMS = ("wait", "busy", "age", "horizon")
+HISTOGRAMS = ("wait", "busy", "age", "prediction")
 
 
 def ask(name: str, message: Message, timeout_s: float = 2.0) -> Message:
@@ -60,9 +60,9 @@ class Watch:
                 f"session {session.name!r} is starting or ending", "try again in a second"
             ) from None
 
-    def read(self, rows: Rows | None = None) -> SessionFigures:
+    def read(self, rows: Rows | None = None) -> SessionMetrics:
         """The figures since the session began, or those in a copy of the table's rows."""
-        return session_figures(
+        return session_metrics(
             self.session.name,
             self.table.rows if rows is None else rows,
             self.table.session,
@@ -102,7 +102,7 @@ def _since(row: NDArray[np.void], before: NDArray[np.void]) -> NDArray[np.void]:
 class Sample:
     """A session at one moment."""
 
-    figures: SessionFigures
+    metrics: SessionMetrics
     settings: Snapshot | None = None  # None if the session does not answer
 
 
@@ -138,9 +138,9 @@ class Follower:
             self._past.popleft()
         self._past.append((t_ns, now))
         then_ns, then = self._past[0]
-        figures = self.watch.read({name: _since(row, then[name]) for name, row in now.items()})
+        metrics = self.watch.read({name: _since(row, then[name]) for name, row in now.items()})
         stages = {}
-        for name, stage in figures.stages.items():
+        for name, stage in metrics.stages.items():
             # of one process: less after a restart
             spent_ns = int(now[name]["cpu_ns"]) - int(then[name]["cpu_ns"])
             stages[name] = attrs.evolve(
@@ -155,7 +155,7 @@ class Follower:
                 self._revision = revision
             except UserError:
                 self._settings = None
-        return Sample(attrs.evolve(figures, stages=stages), self._settings)
+        return Sample(attrs.evolve(metrics, stages=stages), self._settings)
 
     def reset(self) -> None:
         """Counts drops and times from the last reading on, for this monitor only."""

@@ -35,7 +35,7 @@ from lfpipe.transport.ring import Stamp
 FULL_NS = 5 * MS_NS  # between looks whether a full store has room again
 # buffer of frames to encode: some seconds, so that a slow disk loses no frame
 ROOM_BYTES = 128 << 20
-LEAST_FRAMES = 8  # in that buffer, however large they are
+MIN_FRAMES = 8  # in that buffer, however large they are
 SLOW_NS = SECOND_NS // 2  # a longer time per frame is reported
 
 # a packet with its codec or, with codec "", a picture
@@ -115,7 +115,7 @@ class Store:
 
     def __init__(self, writer: SequenceWriter, frame_bytes: int) -> None:
         self._writer = writer
-        self._room = max(LEAST_FRAMES, ROOM_BYTES // frame_bytes)
+        self._room = max(MIN_FRAMES, ROOM_BYTES // frame_bytes)
         # Yields to threads that wake up for a live picture. A lower priority would be wrong:
         # preempted while it holds the GIL, this thread would block the other one.
         self._thread = ThreadPoolExecutor(1, "store", yield_to_others)

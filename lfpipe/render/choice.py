@@ -4,7 +4,7 @@ Nothing here reads a clock or needs a process: the caller gives every time, so t
 runs the same choices as the render stage. For each refresh:
 
     source.update(EyesRecord.of(buffer), stamp)      # when a newer record has come
-    moment = Moment.of(target_ns, refresh_ns, loop_ns)
+    moment = Moment.of(target_ns, refresh_ns, device_latency_ns)
     eyes = source.at(t_ns, mouse)                    # t_ns: now, when the picture is begun
     choice = choose(viewer, eyes, moment)
     if choice.key != key:                            # else the picture on the screen stays
@@ -27,33 +27,37 @@ STALE_FRAMES = 3  # frames come so slowly that it is younger than this many of t
 
 
 @attrs.frozen(kw_only=True)
-class Moment:
+class DisplayTime:
     """When a picture is shown and seen, in monotonic ns."""
 
     target_ns: int
     """The refresh that the picture is due at; without refreshes, the expected hand-over."""
     refresh_ns: int
     """How long it stays on the screen; 0: until the next camera frame."""
-    loop_ns: int
+    device_latency_ns: int
     """Delay of camera and display together, which the frames' stamps and target_ns lack."""
     seen_ns: int
     """The time that the picture is made for."""
-    on_blanks: bool
+    on_vblanks: bool
     """Whether target_ns is a vertical blank that the window system reports."""
 
     @classmethod
     def of(
-        cls, target_ns: int, refresh_ns: int = 0, loop_ns: int = 0, on_blanks: bool = False
-    ) -> "Moment":
+        cls,
+        target_ns: int,
+        refresh_ns: int = 0,
+        device_latency_ns: int = 0,
+        on_vblanks: bool = False,
+    ) -> "DisplayTime":
         """The moment of a picture that is due at target_ns: the middle of its refresh, where the
         error over its time is least, after the delay.
         """
         return cls(
             target_ns=target_ns,
             refresh_ns=refresh_ns,
-            loop_ns=loop_ns,
-            seen_ns=target_ns + loop_ns + refresh_ns // 2,
-            on_blanks=on_blanks,
+            device_latency_ns=device_latency_ns,
+            seen_ns=target_ns + device_latency_ns + refresh_ns // 2,
+            on_vblanks=on_vblanks,
         )
 
 
@@ -114,9 +118,9 @@ class Choice(NamedTuple):
     key: Key
 
 
-def choose(viewer: Viewer, eyes: TrackedEyes | None, moment: Moment) -> Choice:
+def choose(viewer: Viewer, eyes: TrackedEyes | None, display_time: DisplayTime) -> Choice:
     """The picture for eyes at a moment. Moments must not decrease from call to call."""
-    lead_ns = round(VIDEO_LEAD * moment.refresh_ns) if moment.on_blanks else 0
-    record, t_ns = (None, moment.seen_ns) if eyes is None else (eyes.record, eyes.t_ns)
-    viewpoints = viewer.viewpoints(record, t_ns, moment.seen_ns, lead_ns)
+    lead_ns = round(VIDEO_LEAD * display_time.refresh_ns) if display_time.on_vblanks else 0
+    record, t_ns = (None, display_time.seen_ns) if eyes is None else (eyes.record, eyes.t_ns)
+    viewpoints = viewer.viewpoints(record, t_ns, display_time.seen_ns, lead_ns)
     return Choice(viewpoints, viewer.compositor.key(*viewpoints[1:]))

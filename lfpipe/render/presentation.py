@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lfpipe.config import SessionOptions
 from lfpipe.host.presentation import Presented
-from lfpipe.render.choice import Moment, TrackedEyes
+from lfpipe.render.choice import DisplayTime, TrackedEyes
 from lfpipe.render.viewer.viewer import Viewpoints
 from lfpipe.transport.clock import MS_NS
 
@@ -21,14 +21,14 @@ HANDOVER, REPLACED = "handover", "replaced"
 
 
 @attrs.define(kw_only=True)
-class Showing:
+class Presentation:
     """What one refresh, or one camera frame, showed."""
 
     seq: int
     """Counts showings, over all restarts of the stage."""
     number: int
     """Of the picture, from 1; 0: the picture on the screen stayed."""
-    moment: Moment
+    display_time: DisplayTime
     eyes: TrackedEyes | None
     """The eyes it was made for; None: no record has come yet."""
     viewpoints: Viewpoints
@@ -61,7 +61,7 @@ class Showing:
     @property
     def due_ns(self) -> int:
         """The refresh that it was made for; 0 for none."""
-        return self.moment.target_ns if self.moment.refresh_ns else 0
+        return self.display_time.target_ns if self.display_time.refresh_ns else 0
 
 
 class Listener:
@@ -70,10 +70,10 @@ class Listener:
     def set_options(self, options: SessionOptions) -> None:
         """Takes the session's options: called before the first showing, and when they change."""
 
-    def handed_over(self, showing: Showing) -> None:
+    def handed_over(self, presentation: Presentation) -> None:
         """Takes what was handed to the display."""
 
-    def presented(self, showing: Showing) -> None:
+    def presented(self, presentation: Presentation) -> None:
         """Takes a showing whose time of display is known; each is handed over first."""
 
     def close(self) -> None:
@@ -81,24 +81,26 @@ class Listener:
 
 
 def take_known(
-    waiting: deque[Showing], answers: Iterable[Presented], by: str, t_ns: int
-) -> list[Showing]:
+    waiting: deque[Presentation], answers: Iterable[Presented], by: str, t_ns: int
+) -> list[Presentation]:
     """Takes those, in their order, whose time of display is known at t_ns: their blank, 0 if the
     next picture replaced them before one, or their hand-over if no report came within ANSWER_NS.
     by: the protocol that reports; it is set already where a refresh repeated the picture on the
     screen.
     """
     unanswered = {
-        showing.number: showing for showing in waiting if showing.composed and not showing.by
+        presentation.number: presentation
+        for presentation in waiting
+        if presentation.composed and not presentation.by
     }
     for answer in answers:
-        if (showing := unanswered.get(answer.serial)) is not None:
-            showing.t_presented_ns = answer.t_ns
-            showing.by = by if answer.t_ns else REPLACED
+        if (presentation := unanswered.get(answer.serial)) is not None:
+            presentation.t_presented_ns = answer.t_ns
+            presentation.by = by if answer.t_ns else REPLACED
     known = []
     while waiting and (waiting[0].by or t_ns - waiting[0].t_handed_ns > ANSWER_NS):
-        known.append(showing := waiting.popleft())
-        if not showing.by:
-            showing.t_presented_ns = showing.t_handed_ns
-            showing.by = HANDOVER
+        known.append(presentation := waiting.popleft())
+        if not presentation.by:
+            presentation.t_presented_ns = presentation.t_handed_ns
+            presentation.by = HANDOVER
     return known

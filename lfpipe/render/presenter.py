@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.render.choice import EyesSource, Moment, choose
+from lfpipe.render.choice import DisplayTime, EyesSource, choose
 from lfpipe.render.display.display import Display
 from lfpipe.render.display.refresh import COST_SHARE, Refresh, ScreenRefresh
-from lfpipe.render.presentation import ANSWER_NS, HANDOVER, Listener, Showing, take_known
+from lfpipe.render.presentation import ANSWER_NS, HANDOVER, Listener, Presentation, take_known
 from lfpipe.render.synthesis.compositor import Key
 from lfpipe.render.synthesis.pair_layout import Pair
 from lfpipe.render.ui.glasses import glasses_test
@@ -75,7 +75,7 @@ class Presenter:
         self._key: Key | None = None
         self._seq = seq
         self._number = 0
-        self._waiting: deque[Showing] = deque()  # between hand-over and light
+        self._waiting: deque[Presentation] = deque()  # between hand-over and light
         self.cost_ns = 0
         """Running mean of composing and showing a picture."""
         self.picture: NDArray[np.uint8] | None = None
@@ -90,29 +90,29 @@ class Presenter:
         self._draw = draw
         self.redraw()
 
-    def show(self, moment: Moment) -> None:
+    def show(self, display_time: DisplayTime) -> None:
         """Shows the picture for a moment; without refreshes, always a new one."""
         t_started_ns = now_ns()
         eyes = self._source.at(t_started_ns, self._mouse)
-        viewpoints, key = choose(self._viewer, eyes, moment)
+        viewpoints, key = choose(self._viewer, eyes, display_time)
         drawing = None
-        if key != self._key or not moment.refresh_ns:
+        if key != self._key or not display_time.refresh_ns:
             self._key = key
             drawing = self._draw(self._viewer, key)
             self.picture = drawing.picture
             self._number += 1
         t_composed_ns = t_handed_ns = now_ns()
         if self._refresh is not None:
-            sleep_until(self._refresh.earliest_ns(moment.target_ns))
+            sleep_until(self._refresh.earliest_ns(display_time.target_ns))
             t_handed_ns = now_ns()
         cost_ns = 0
         if drawing is not None:
-            t_handed_ns, handing_ns = self._hand_over(drawing, moment.on_blanks)
+            t_handed_ns, handing_ns = self._hand_over(drawing, display_time.on_vblanks)
             cost_ns = t_composed_ns - t_started_ns + handing_ns
-        showing = Showing(
+        presentation = Presentation(
             seq=self._seq,
             number=self._number if drawing is not None else 0,
-            moment=moment,
+            display_time=display_time,
             eyes=eyes,
             viewpoints=viewpoints,
             picture=self.picture,
@@ -122,56 +122,62 @@ class Presenter:
             cost_ns=cost_ns,
         )
         self._seq += 1
-        self._account(showing)
+        self._account(presentation)
 
-    def _hand_over(self, drawing: Drawing, on_blanks: bool) -> tuple[int, int]:
+    def _hand_over(self, drawing: Drawing, on_vblanks: bool) -> tuple[int, int]:
         """(time of the hand-over, its work) in ns."""
         t_handing_ns = now_ns()
-        cpu_ns = time.process_time_ns() if on_blanks else 0
+        cpu_ns = time.process_time_ns() if on_vblanks else 0
         t_handed_ns = self._display.show(*drawing, self._viewer.config.render.anaglyph)
         handing_ns = t_handed_ns - t_handing_ns
-        if on_blanks:  # a swap may wait for the screen, which is not work
+        if on_vblanks:  # a swap may wait for the screen, which is not work
             handing_ns = min(handing_ns, time.process_time_ns() - cpu_ns)
         return t_handed_ns, handing_ns
 
-    def _account(self, showing: Showing) -> None:
+    def _account(self, presentation: Presentation) -> None:
         """Learns what it cost, and tells the listeners."""
-        if showing.composed:
-            self.cost_ns += int(COST_SHARE * (showing.cost_ns - self.cost_ns))
+        if presentation.composed:
+            self.cost_ns += int(COST_SHARE * (presentation.cost_ns - self.cost_ns))
             if self._refresh is not None:
-                self._refresh.add_cost(showing.cost_ns, showing.t_started_ns, showing.due_ns)
+                self._refresh.add_cost(
+                    presentation.cost_ns, presentation.t_started_ns, presentation.due_ns
+                )
         for listener in self._listeners:
-            listener.handed_over(showing)
-        if not self._display.blanks_by:
-            showing.t_presented_ns = showing.t_handed_ns
-            self._report(showing)
+            listener.handed_over(presentation)
+        if not self._display.vblank_source:
+            presentation.t_presented_ns = presentation.t_handed_ns
+            self._report(presentation)
             return
-        if not showing.composed:
-            showing.t_presented_ns = showing.due_ns or showing.t_handed_ns
-            showing.by = self._display.blanks_by
-        self._waiting.append(showing)
+        if not presentation.composed:
+            presentation.t_presented_ns = presentation.due_ns or presentation.t_handed_ns
+            presentation.by = self._display.vblank_source
+        self._waiting.append(presentation)
 
-    def _report(self, showing: Showing) -> None:
+    def _report(self, presentation: Presentation) -> None:
         """Tells the listeners of a showing whose time of display is known."""
-        planned = showing.composed and showing.due_ns and showing.by not in ("", HANDOVER)
+        planned = (
+            presentation.composed and presentation.due_ns and presentation.by not in ("", HANDOVER)
+        )
         if planned and isinstance(self._refresh, ScreenRefresh):
-            showing.juddered = self._refresh.judge(
-                showing.due_ns, showing.t_handed_ns, showing.t_presented_ns
+            presentation.juddered = self._refresh.judge(
+                presentation.due_ns, presentation.t_handed_ns, presentation.t_presented_ns
             )
         for listener in self._listeners:
-            listener.presented(showing)
+            listener.presented(presentation)
 
     def take_reports(self) -> None:
         """Processes the window system's reports of pictures and blanks."""
         answers = self._display.presented()
         if answers and isinstance(self._refresh, ScreenRefresh):
-            self._refresh.blanks(answers, self._display.nominal_hz())
-        for showing in take_known(self._waiting, answers, self._display.blanks_by, now_ns()):
-            self._report(showing)
+            self._refresh.vblanks(answers, self._display.nominal_hz())
+        for presentation in take_known(
+            self._waiting, answers, self._display.vblank_source, now_ns()
+        ):
+            self._report(presentation)
 
     def close(self) -> None:
         """Reports what still waits for its light, and ends the listeners."""
-        for showing in take_known(self._waiting, (), "", now_ns() + 2 * ANSWER_NS):
-            self._report(showing)
+        for presentation in take_known(self._waiting, (), "", now_ns() + 2 * ANSWER_NS):
+            self._report(presentation)
         for listener in self._listeners:
             listener.close()

@@ -27,13 +27,13 @@ from lfpipe.config.modes import (
     RecordedEyes,
     VideoFile,
     Window,
-    loop_ms,
+    device_latency_ms,
 )
 from lfpipe.config.quality import lowered
 from lfpipe.errors import UserError
 from lfpipe.eyes import EYES, EyesRecord
 from lfpipe.host.processes import run_on
-from lfpipe.render.choice import EyesSource, Moment
+from lfpipe.render.choice import DisplayTime, EyesSource
 from lfpipe.render.display.display import Display
 from lfpipe.render.display.file_display import save
 from lfpipe.render.display.open_display import open_display
@@ -100,7 +100,7 @@ class RenderStage:
         options = context.options
         self._lossless = isinstance(options.clock, Lossless)
         with context.setting_up("opening the scene"):
-            self._field = open_pack(Path(options.pack), self._config.scene.half_turn)
+            self._field = open_pack(Path(options.pack), self._config.scene.invert_depth)
             # a thread on any core, for half of a large picture
             helper = (
                 ThreadPoolExecutor(1, "half", run_on, (context.cores,))
@@ -153,9 +153,11 @@ class RenderStage:
         self._config: Config = lowered(self._asked, options)
         # Of camera and display together. A file has no light, and without a clock
         # replay.latency_ms is the whole delay.
-        self._loop_ns = int(loop_ms(options.clock, self._config.render.loop_ms) * MS_NS)
+        self._device_latency_ns = int(
+            device_latency_ms(options.clock, self._config.render.device_latency_ms) * MS_NS
+        )
         if isinstance(options.display, VideoFile):
-            self._loop_ns = 0
+            self._device_latency_ns = 0
 
     def _open_display(self) -> Display:
         camera_hz = self._options.viewer.rate_hz
@@ -170,7 +172,7 @@ class RenderStage:
 
     def _make_refresh(self) -> Refresh:
         """The screen's blanks if they are reported, else an even rate."""
-        if self._display.blanks_by:
+        if self._display.vblank_source:
             return ScreenRefresh(self._display.nominal_hz(), now_ns())
         return Refresh(self._config.render.nominal_hz, now_ns())
 
@@ -242,9 +244,11 @@ class RenderStage:
             self._after_picture()
 
     def _show(self, target_ns: int, refresh_ns: int = 0) -> None:
-        on_blanks = isinstance(self._refresh, ScreenRefresh)
+        on_vblanks = isinstance(self._refresh, ScreenRefresh)
         self._eyes.pending = False
-        self._presenter.show(Moment.of(target_ns, refresh_ns, self._loop_ns, on_blanks))
+        self._presenter.show(
+            DisplayTime.of(target_ns, refresh_ns, self._device_latency_ns, on_vblanks)
+        )
         self._context.done()  # if this process dies, its successor counts later records as lost
 
     def _take_news(self) -> None:
@@ -260,7 +264,7 @@ class RenderStage:
         )
         if other_pack or self._asked != asked:
             completed = self._options.pack == options.pack and self._asked == asked
-            turned = self._asked.scene.half_turn != asked.scene.half_turn
+            turned = self._asked.scene.invert_depth != asked.scene.invert_depth
             with context.setting_up("opening the scene"):
                 self._open_scene(other_pack, completed, turned)
             self._presenter.redraw()
@@ -292,12 +296,12 @@ class RenderStage:
         near and far were exchanged.
         """
         options = self._options
-        half_turn = self._asked.scene.half_turn
+        invert_depth = self._asked.scene.invert_depth
         if other_pack:
-            self._field = open_pack(Path(options.pack), half_turn)
+            self._field = open_pack(Path(options.pack), invert_depth)
             logger.info("scene %s%s", options.pack, "" if options.complete else ", views only")
         elif turned:
-            self._field = shown_as(self._field, half_turn)
+            self._field = shown_as(self._field, invert_depth)
         self._keep_choice()
         (self._viewer.complete if completed else self._viewer.set)(self._field, self._config)
         if other_pack:
@@ -308,7 +312,7 @@ class RenderStage:
 
     def _keep_choice(self) -> None:
         """Remembers near and far as a person chose them; a replay only applies what was chosen."""
-        word = self._context.config.scene.half_turn
+        word = self._context.config.scene.invert_depth
         if word != "auto" and not self._lossless:
             remember(self._field, word)
 
@@ -322,7 +326,7 @@ class RenderStage:
         if self._interactive or now_ns() >= self._serve_ns:
             self._serve_ns = now_ns() + SERVE_NS
             self._keys.serve()
-        if self._display.blanks_by:
+        if self._display.vblank_source:
             self._presenter.take_reports()
 
     def close(self) -> None:

@@ -3,7 +3,7 @@
 With the same versions on the same kind of processor, everything must be equal to the last bit.
 Otherwise, numbers may differ by the effect of different rounding (TOLERANCES; between x86 and ARM
 networks round more, MACHINE_PX), a whole view may flip where the eyes are within that of its
-boundary, and pictures may differ by invisible amounts (LEAST_DB).
+boundary, and pictures may differ by invisible amounts (MIN_DB).
 """
 
 import os
@@ -45,8 +45,8 @@ TOLERANCES = {  # name in the trace -> (absolute, relative), where versions diff
 MACHINE_PX = 0.1  # between x86-64 and ARM: 0.02 median, 0.08 at most were measured
 # of frames: eyes uncertain by 0.1 px are near a boundary of views 4 px wide; more is another map
 FLIPPED_SHARE = 0.05
-LEAST_DB = 50.0  # 0.8 levels root mean square: nobody sees that
-MOST_FIELDS = 20  # listed per part
+MIN_DB = 50.0  # 0.8 levels root mean square: nobody sees that
+MAX_FIELDS = 20  # listed per part
 # of a scene; its name is that of a folder, which may be renamed
 SHAPE = ("frames", "rows", "cols", "height_px", "width_px")
 FLIP = "flip"
@@ -67,8 +67,8 @@ CAUSES = {  # in the order of the pipeline: an earlier difference causes the lat
         " lfpipe/render)"
     ),
     "view": (
-        "eyes are equal: the map to views changed (alpha, centre, lfpipe/render/synthesis/viewpoint.py,"
-        " geometry.py)"
+        "eyes are equal: the map to views changed (alpha, centre,"
+        " render/synthesis/viewpoint.py, render/viewer/geometry.py)"
     ),
     "method": "another way of making views was chosen (render.method, the scene's scores)",
     "picture": (
@@ -213,9 +213,9 @@ def _unequal(part: str, was: dict[str, Any], now: dict[str, Any]) -> list[Differ
     keys = [key for key in sorted(was | now) if was.get(key) != now.get(key)]
     texts = [
         f"{key[:80]}: {quoted(was.get(key))} in the reference, {quoted(now.get(key))} now"
-        for key in keys[:MOST_FIELDS]
+        for key in keys[:MAX_FIELDS]
     ]
-    texts += [f"and {len(keys) - MOST_FIELDS} more keys"] if len(keys) > MOST_FIELDS else []
+    texts += [f"and {len(keys) - MAX_FIELDS} more keys"] if len(keys) > MAX_FIELDS else []
     return [Difference(part, text) for text in texts]
 
 
@@ -326,11 +326,11 @@ def _compare_pictures(
         if a is not None and b is not None:
             first = first or (now["source_seq"], a, b)
             least_db = min(least_db, cv2.PSNR(a, b) if a.shape == b.shape else 0.0)
-    wrong = bool(drawn) and (exact or first is None or least_db < LEAST_DB)
+    wrong = bool(drawn) and (exact or first is None or least_db < MIN_DB)
     if not wrong and len(unequal) == len(drawn):
         note = (
             f"pictures: {len(drawn)} of {len(frames)} digests differ, least PSNR {least_db:.1f} dB"
-            f" ({LEAST_DB:g} wanted)"
+            f" ({MIN_DB:g} wanted)"
         )
         return [], [note] if drawn else []
     where = (

@@ -27,7 +27,7 @@ from lfpipe.scene.lightfield import LightField
 from lfpipe.sequence.eyes import Truth, read_truth, summary
 from lfpipe.sequence.folder import Sequence
 from lfpipe.sequence.packets import INDEX, PACKETS
-from lfpipe.supervisor.metrics import SessionFigures
+from lfpipe.supervisor.metrics import SessionMetrics
 
 FORMAT = 1
 REPORT, TRACE = "report.json", "trace.jsonl"
@@ -165,7 +165,7 @@ def make_report(
     config: Config,
     pace: str,
     folder: Path,
-    final: SessionFigures,
+    final: SessionMetrics,
 ) -> Report:
     """The report of a run whose trace is in folder.
 

@@ -114,7 +114,7 @@ def _settings_key(scene: config.Scene) -> str:
     used = {
         key: value
         for key, value in attrs.asdict(scene).items()
-        if key not in ("cache_dir", "force", "half_turn")
+        if key not in ("cache_dir", "force", "invert_depth")
     }
     return json.dumps({"version": VERSION, **used}, sort_keys=True)
 
@@ -181,7 +181,7 @@ def usable(pack: Path, scene: config.Scene, *, complete: bool = False) -> LightF
     disparity yet. Whether the cache serves is decided here alone.
     """
     with contextlib.suppress(DamagedPackError):
-        field = open_pack(pack, scene.half_turn)
+        field = open_pack(pack, scene.invert_depth)
         return field if field.complete or not complete else None
     return None
 

@@ -30,9 +30,9 @@ MEDIAN_PX = 3  # side of the last filter
 SOFTNESS = 2.0  # grey levels by which a neighbour may match worse and still count
 # Where disparity serves, over windows of WINDOW_PX: it explains a tenth of the squared difference
 # between a view and one of its neighbours, and a picture midway between them differs less between
-# the two warps than the cross-fade differs from their mean. Smaller areas than LEAST_AREA_PX on a
+# the two warps than the cross-fade differs from their mean. Smaller areas than MIN_AREA_PX on a
 # side are left alone, gaps between areas up to GAP_PX count with them.
-LEAST_EXPLAINED, WINDOW_PX, LEAST_AREA_PX, GAP_PX = 0.1, 9, 15, 25
+MIN_EXPLAINED, WINDOW_PX, MIN_AREA_PX, GAP_PX = 0.1, 9, 15, 25
 EXPLAINED_ALL = 4.0  # squared grey levels: a smaller difference needs no explanation
 # squared error of a warp per squared difference between two; see profiling/results/synthesis.md
 DISAGREEMENT = 1.5
@@ -204,14 +204,14 @@ def unexplained(here: Grey, neighbours: Neighbours, disparity_px: FloatMap) -> N
         worse.append(
             _windows(np.nan_to_num(warped)) > _windows(np.nan_to_num(faded)) + UNSEEN_ERROR
         )
-    unmoved = np.min(along, axis=0) > (1 - LEAST_EXPLAINED) * np.min(still, axis=0) + EXPLAINED_ALL
+    unmoved = np.min(along, axis=0) > (1 - MIN_EXPLAINED) * np.min(still, axis=0) + EXPLAINED_ALL
     return _areas(unmoved) | _areas(np.all(worse, axis=0))
 
 
 def _areas(places: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """places without small ones, and with the gaps between the others."""
     opened = cv2.morphologyEx(
-        places.astype(np.uint8), cv2.MORPH_OPEN, np.ones((LEAST_AREA_PX, LEAST_AREA_PX), np.uint8)
+        places.astype(np.uint8), cv2.MORPH_OPEN, np.ones((MIN_AREA_PX, MIN_AREA_PX), np.uint8)
     )
     return np.asarray(
         cv2.morphologyEx(opened, cv2.MORPH_CLOSE, np.ones((GAP_PX, GAP_PX), np.uint8)), bool

@@ -17,7 +17,7 @@ from lfpipe.scene.files import library_errors
 from lfpipe.scene.lightfield import Depth
 from lfpipe.scene.orientation import Orientation, orient
 from lfpipe.scene.plausibility import plausible
-from lfpipe.scene.source import SceneSource, Turn, ViewIndex
+from lfpipe.scene.source import GridTransform, SceneSource, ViewIndex
 from lfpipe.scene.verdict import Evidence
 
 STRIP_ROWS = 256  # of a large view, processed at a time to limit memory
@@ -43,7 +43,7 @@ class Examined:
     evidence: Evidence | None = None
 
     @property
-    def turn(self) -> Turn:
+    def turn(self) -> GridTransform:
         return self.orientation.packed
 
     @property

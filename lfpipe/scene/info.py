@@ -46,7 +46,7 @@ def scene_manifest(scene: Examined) -> Manifest:
         ),
         offsets=manifest.offsets and np.round(manifest.offsets, 3).tolist(),
     )
-    return manifest.exchanged() if scene.orientation.half_turn else manifest
+    return manifest.exchanged() if scene.orientation.invert_depth else manifest
 
 
 def facts(manifest: Manifest, pack: str = "") -> dict[str, Any]:

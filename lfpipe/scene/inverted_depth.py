@@ -2,7 +2,7 @@
 
 A half-turn reverses rows and columns and the sign of disparity. Pictures rarely tell which order is
 right, so a pack holds the views without it, and the order is state of the session:
-`scene.half_turn`, else what a person chose for this scene before, else what the pack's evidence
+`scene.invert_depth`, else what a person chose for this scene before, else what the pack's evidence
 says.
 
     STATE/half_turns/KEY       "yes", "no", or "asked" once the window has asked
@@ -42,16 +42,16 @@ def remember(field: LightField, word: str) -> None:
 
 
 def shown_as(field: LightField, setting: str) -> LightField:
-    """The field in the order that scene.half_turn = setting asks for. Copies nothing."""
+    """The field in the order that scene.invert_depth = setting asks for. Copies nothing."""
     word = setting if setting != "auto" else remembered(field)
-    turned = word == "yes" if word in ("yes", "no") else field.manifest.orientation.half_turn
-    return field if turned == field.half_turned else field.exchanged()
+    turned = word == "yes" if word in ("yes", "no") else field.manifest.orientation.invert_depth
+    return field if turned == field.depth_inverted else field.exchanged()
 
 
 def undecided(field: LightField, setting: str) -> bool:
     """Whether near and far of the field are a guess that nobody was asked about."""
     return (
         setting == "auto"
-        and not field.manifest.orientation.half_turn_sure
+        and not field.manifest.orientation.depth_order_sure
         and not remembered(field)
     )

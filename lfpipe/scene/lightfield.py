@@ -10,7 +10,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.scene.source import Geometry, Turn
+from lfpipe.scene.source import Geometry, GridTransform
 
 VERSION = 12  # of the pack; another version is another key
 
@@ -47,8 +47,8 @@ class OrientationFacts:
     sure: bool = True
     reason: str = ""
     undecided: str = ""
-    half_turn: bool = False  # whether near and far are exchanged in the pack
-    half_turn_sure: bool = True
+    invert_depth: bool = False  # whether near and far are exchanged in the pack
+    depth_order_sure: bool = True
 
 
 @attrs.frozen(kw_only=True)
@@ -72,7 +72,7 @@ class Manifest:
     channels: int = 0
     bit_depth: int = 0
     frame_rate_hz: float = 0.0
-    flips: Turn = attrs.field(factory=Turn)
+    flips: GridTransform = attrs.field(factory=GridTransform)
     orientation: OrientationFacts = attrs.field(factory=OrientationFacts)
     gamma: float = 1.0
     gamma_by: str = ""
@@ -155,7 +155,7 @@ class LightField:
     hold: Callable[[], object] | None = None
     # farthest and nearest at the left and right border, px per view
     border_px: tuple[float, float] = (0.0, 0.0)
-    half_turned: bool = False  # rows and columns run against the pack's order
+    depth_inverted: bool = False  # rows and columns run against the pack's order
 
     @classmethod
     def of(
@@ -222,7 +222,7 @@ class LightField:
             offsets=-self.offsets[::-1, ::-1],
             present=self.present[::-1, ::-1],
             manifest=self.manifest.exchanged(),
-            half_turned=not self.half_turned,
+            depth_inverted=not self.depth_inverted,
         )
 
     @cached_property

@@ -123,7 +123,7 @@ def open_scenes(
         packing.progress = None
         return Opened(
             packing.scenes or paths,
-            open_pack(Path(summary.pack), settings.half_turn),
+            open_pack(Path(summary.pack), settings.invert_depth),
             None if packing.done else packing,
         )
     except BaseException:

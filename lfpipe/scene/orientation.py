@@ -29,17 +29,17 @@ from lfpipe.scene.optical_flow import (
     returned_flow,
     textured,
 )
-from lfpipe.scene.source import SceneSource, Turn
+from lfpipe.scene.source import GridTransform, SceneSource
 
 # motion per step that is no noise; motion along a line of views over motion across it
-LEAST_PX, ALONG = 0.05, 2.0
+MIN_PX, ALONG = 0.05, 2.0
 ALIKE = 0.4  # least correlation of the disparities along rows and along columns of a grid in order
 TRUTH_LEADS = 0.2  # share by which true disparity matches better in one order than in all others
 SPREAD_PX = 3.0  # flow that separates surfaces
 FEWEST = 200  # reliable pixels; fewer mean nothing
 _TURN_HELP = "scene.flip=rows or cols and scene.transpose=yes turn it"
 _DEPTH_HELP = (
-    "near and far: press d in the window, or set scene.half_turn=yes, if they are exchanged"
+    "near and far: press d in the window, or set scene.invert_depth=yes, if they are exchanged"
 )
 
 
@@ -47,16 +47,16 @@ _DEPTH_HELP = (
 class Orientation:
     """turn: from file order to canonical. by: "override", "coordinates", "truth", "layout", "flow"
     or "nothing". reason: for people. undecided: what the evidence does not settle, "" for nothing.
-    half_turn_sure: whether it settles near and far. detected: the turn without the user's setting,
-    if that differs. depth: of the middle view, in the order of the pack.
+    depth_order_sure: whether it settles near and far. detected: the turn without the user's
+    setting, if that differs. depth: of the middle view, in the order of the pack.
     """
 
-    turn: Turn
+    turn: GridTransform
     by: str
     reason: str
     undecided: str = ""
-    half_turn_sure: bool = True
-    detected: Turn | None = None
+    depth_order_sure: bool = True
+    detected: GridTransform | None = None
     depth: Depth | None = None
 
     @property
@@ -64,16 +64,20 @@ class Orientation:
         return not self.undecided
 
     @property
-    def half_turn(self) -> bool:
+    def invert_depth(self) -> bool:
         """Whether the canonical grid is a half-turn of what a pack holds; "override" is packed as
         asked.
         """
         return self.by != "override" and self.turn.cols
 
     @property
-    def packed(self) -> Turn:
+    def packed(self) -> GridTransform:
         """The turn of a pack: without the half-turn, which the session decides."""
-        return Turn(not self.turn.rows, False, self.turn.transpose) if self.half_turn else self.turn
+        return (
+            GridTransform(not self.turn.rows, False, self.turn.transpose)
+            if self.invert_depth
+            else self.turn
+        )
 
     @property
     def truth_sign(self) -> int:
@@ -94,8 +98,8 @@ class Orientation:
             sure=self.sure,
             reason=self.reason,
             undecided=self.undecided,
-            half_turn=self.half_turn,
-            half_turn_sure=self.half_turn_sure,
+            invert_depth=self.invert_depth,
+            depth_order_sure=self.depth_order_sure,
         )
 
 
@@ -129,7 +133,7 @@ def orient(source: SceneSource, scene: config.Scene) -> Orientation:
         best = attrs.evolve(
             best,
             undecided="; ".join(filter(None, (source.doubt, best.undecided))),
-            half_turn_sure=False,
+            depth_order_sure=False,
         )
     turn = best.turn
     if scene.flip != "auto":
@@ -169,7 +173,7 @@ def _depth(source: SceneSource, order: Orientation) -> Depth | None:
 def _detected(source: SceneSource) -> Orientation:
     """Orientation without the user's setting."""
     if source.rows * source.cols == 1:
-        return Orientation(turn=Turn(), by="layout", reason="there is one view")
+        return Orientation(turn=GridTransform(), by="layout", reason="there is one view")
     if source.turn is None:
         return _by_flow(source)
     truth = None if source.rendered else _by_truth(source)
@@ -194,9 +198,11 @@ def _detected(source: SceneSource) -> Orientation:
         return attrs.evolve(
             stated, reason=f"{stated.reason}; {by_flow.reason}", depth=by_flow.depth
         )
-    half_turned = attrs.evolve(source.turn, rows=not source.turn.rows, cols=not source.turn.cols)
+    depth_inverted = attrs.evolve(source.turn, rows=not source.turn.rows, cols=not source.turn.cols)
     proven = (
-        by_flow.by == "flow" and min(source.rows, source.cols) > 1 and by_flow.turn != half_turned
+        by_flow.by == "flow"
+        and min(source.rows, source.cols) > 1
+        and by_flow.turn != depth_inverted
     )
     if by_flow.sure or proven:
         return attrs.evolve(
@@ -206,11 +212,11 @@ def _detected(source: SceneSource) -> Orientation:
         stated,
         reason=f"{stated.reason}; {by_flow.reason}",
         undecided=by_flow.undecided,
-        half_turn_sure=False,
+        depth_order_sure=False,
     )
 
 
-def _by_truth(source: SceneSource) -> Turn | None:
+def _by_truth(source: SceneSource) -> GridTransform | None:
     """The turn under which the true map of the middle view matches its neighbours best; the
     layout's if no other one is clearly better; None without a map.
     """
@@ -228,8 +234,8 @@ def _by_truth(source: SceneSource) -> Turn | None:
         return None
     disparity = source.truth[row, col]()
     grey = grey_views(source, math.inf)
-    errors: dict[Turn, float] = {}
-    for turn in (Turn(*flags) for flags in product((False, True), repeat=3)):
+    errors: dict[GridTransform, float] = {}
+    for turn in (GridTransform(*flags) for flags in product((False, True), repeat=3)):
         for step in ((0, 1), (1, 0)):
             down, across = step[::-1] if turn.transpose else step
             canonical = -down if turn.rows else down, -across if turn.cols else across
@@ -247,11 +253,11 @@ def _by_flow(source: SceneSource) -> Orientation:
 
     def unknown(reason: str, what: str = "the order of the views") -> Orientation:
         return Orientation(
-            turn=Turn(),
+            turn=GridTransform(),
             by="nothing",
             reason=reason,
             undecided=f"{what}; {_TURN_HELP}; {_DEPTH_HELP}",
-            half_turn_sure=False,
+            depth_order_sure=False,
         )
 
     if min(source.height_px, source.width_px) < SMALLEST_PX:
@@ -261,7 +267,7 @@ def _by_flow(source: SceneSource) -> Orientation:
         examine_axis(lambda k, line=line: grey(*line[k]), len(line))  # type: ignore[misc]
         for line in present_lines(source)
     )
-    moving = [axis for axis in (across, down) if axis is not None and axis.along_px > LEAST_PX]
+    moving = [axis for axis in (across, down) if axis is not None and axis.along_px > MIN_PX]
     if not moving:
         return unknown("the views hardly differ")
     transpose = moving[0].sideways != (moving[0] is across)
@@ -294,14 +300,14 @@ def _by_flow(source: SceneSource) -> Orientation:
         reason += f"; near surfaces hide far ones in {max(right, wrong)} of {right + wrong} places"
     else:
         undecided = "; ".join(filter(None, (undecided, _DEPTH_HELP)))
-    turn = Turn((verdict or 1) * relative < 0, verdict < 0, transpose)
+    turn = GridTransform((verdict or 1) * relative < 0, verdict < 0, transpose)
     depth = moving[0].disparity * np.float32(source.width_px / moving[0].disparity.shape[1])
     return Orientation(
         turn=turn,
         by="flow",
         reason=reason,
         undecided=undecided,
-        half_turn_sure=bool(verdict),
+        depth_order_sure=bool(verdict),
         depth=depth_range(depth),
     )
 

@@ -130,9 +130,9 @@ def hold_pack(folder: Path) -> int:
         return os.dup(file.fileno())  # shares the lock
 
 
-def open_pack(folder: Path, half_turn: str = "auto") -> LightField:
-    """The light field of a pack, in the order that scene.half_turn asks for. `lfpipe scene clean`
-    does not remove the pack while this object lives.
+def open_pack(folder: Path, invert_depth: str = "auto") -> LightField:
+    """The light field of a pack, in the order that scene.invert_depth asks for. `lfpipe scene
+    clean` does not remove the pack while this object lives.
 
     Raises DamagedPackError if it is missing, damaged, changed or of another version.
     """
@@ -143,7 +143,7 @@ def open_pack(folder: Path, half_turn: str = "auto") -> LightField:
         undo.pop_all()
         # held as long as the map of the views lives
         hold = weakref.finalize(field.views.base, os.close, held)
-        return shown_as(attrs.evolve(field, hold=hold), half_turn)
+        return shown_as(attrs.evolve(field, hold=hold), invert_depth)
 
 
 def light_field(folder: Path, manifest: Manifest) -> LightField:
@@ -166,7 +166,7 @@ def summarize(field: LightField) -> SceneSummary:
     """What a session needs to know of an opened pack."""
     same = (
         *("name", "frames", "rows", "cols", "height_px", "width_px"),
-        *("method", "complete", "half_turned", "needs_eyes"),
+        *("method", "complete", "depth_inverted", "needs_eyes"),
     )
     return SceneSummary(
         pack=field.folder,

@@ -85,7 +85,7 @@ def work(request: dict[str, Any], report: Report) -> dict[str, Any]:
     def views_ready(pack: Path) -> None:
         with contextlib.suppress(OSError):
             os.nice(NICE)  # from now on it works beside the session that shows the pack
-        report(summary=attrs.asdict(summarize(open_pack(pack, settings.half_turn))))
+        report(summary=attrs.asdict(summarize(open_pack(pack, settings.invert_depth))))
 
     if asked.do == "make":
         return attrs.asdict(make_slide(paths[0], Path(asked.out), progress))

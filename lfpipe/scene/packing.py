@@ -112,7 +112,7 @@ def pack_scene(
                     _write_views(scene, folder, can_be_shown, progress)
                 _complete(scene, folder, score, progress)
             cache.remember(root, mark, key)
-            return open_pack(folder, settings.half_turn)
+            return open_pack(folder, settings.invert_depth)
 
 
 def manifest_of(scene: Examined, key: str = "") -> Manifest:

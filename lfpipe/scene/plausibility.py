@@ -23,7 +23,7 @@ from lfpipe.scene.optical_flow import (
     robust_fit,
     textured,
 )
-from lfpipe.scene.source import SceneSource, Turn
+from lfpipe.scene.source import GridTransform, SceneSource
 from lfpipe.scene.verdict import EXPLAINED, Evidence
 
 log = logging.getLogger(__name__)
@@ -390,7 +390,7 @@ def _as_one(source: SceneSource) -> SceneSource:
         read=lambda frame, row, col: source.read(frame, *at),
         small=None,
         missing=frozenset(),
-        turn=Turn(),
+        turn=GridTransform(),
         turn_by="there is one view",
         coordinates=None,
         truth={},

@@ -28,7 +28,7 @@ class Geometry:
 
 
 @attrs.frozen
-class Turn:
+class GridTransform:
     """The transform from file order to canonical order: transpose first, then reverse rows and
     columns.
     """
@@ -94,7 +94,7 @@ class SceneSource:
     frames: int = 1
     frame_rate_hz: float = 0.0
     missing: frozenset[tuple[int, int]] = frozenset()
-    turn: Turn | None = None
+    turn: GridTransform | None = None
     turn_by: str = ""
     turn_firm: bool = True
     coordinates: NDArray[np.float64] | None = None

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lfpipe.errors import UserError
 from lfpipe.files.decoding import is_video
 from lfpipe.files.safe_files import open_file
-from lfpipe.host.files import path_of
+from lfpipe.host.files import proc_fd_path
 
 OPENING_BYTES = 200_000_000  # memory limit of a decoder before the frame size is known
 FRAME_BYTES_PX = 20  # memory limit per pixel afterwards; measured: 6 to 15 with FFV1, MPEG-4, VP9
@@ -65,7 +65,7 @@ class Video:
         FFmpeg decodes; large frames on one thread, because each thread holds its own frames.
         """
         threads = [cv2.CAP_PROP_N_THREADS, 2 if frame_px <= 12_000_000 else 1]
-        self._capture = cv2.VideoCapture(path_of(self._file), cv2.CAP_FFMPEG, threads)
+        self._capture = cv2.VideoCapture(proc_fd_path(self._file), cv2.CAP_FFMPEG, threads)
         self._next = 0
 
     def read(self, frame: int) -> NDArray[Any]:

@@ -169,9 +169,9 @@ def summary(errors_px: NDArray[np.float64]) -> dict[str, float] | None:
     errors = errors_px[np.isfinite(errors_px)]
     if not len(errors):
         return None
-    figures = {
+    metrics = {
         "rms_px": np.sqrt(np.mean(errors**2)),
         "p95_px": np.percentile(errors, 95),
         "max_px": errors.max(),
     }
-    return {"n": len(errors), **{name: round(float(value), 4) for name, value in figures.items()}}
+    return {"n": len(errors), **{name: round(float(value), 4) for name, value in metrics.items()}}

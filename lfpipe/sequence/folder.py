@@ -59,7 +59,7 @@ FILES = (PACKETS, INDEX, TRUTH)
 SUMMED = (INDEX, TRUTH)
 SUMMED_BYTES = MAX_PACKETS * LINE_BYTES  # of the longest index
 MANIFEST_BYTES = 1 << 18  # one of ours has some 1 kB
-MOST_HZ = 100_000.0  # no camera is faster
+MAX_HZ = 100_000.0  # no camera is faster
 
 
 def is_sequence(path: Path) -> bool:
@@ -252,7 +252,7 @@ def open_sequence(path: Path, verify: bool = True) -> Sequence:
             " allowed",
             COPY,
         )
-    rate_hz = fields.number("rate_hz", 1e-3, MOST_HZ)
+    rate_hz = fields.number("rate_hz", 1e-3, MAX_HZ)
     complete = fields.flag("complete")
     frames = fields.integer("frames", 1, MAX_PACKETS) if complete else MAX_PACKETS
     packets = read_index(path, complete, frames)
@@ -271,7 +271,7 @@ def open_sequence(path: Path, verify: bool = True) -> Sequence:
     )
     if sequence.codecs > {"eyes"}:
         raise UserError(f"{path}: mixes frames with eyes", COPY)
-    if sequence.measured_hz > MOST_HZ:
+    if sequence.measured_hz > MAX_HZ:
         raise UserError(
             f"{path}: {len(packets)} frames in {sequence.duration_s:g} s: no camera is that fast",
             "record it again",

@@ -28,7 +28,7 @@ EXIT_USER = 2  # a user's mistake: a restart cannot help
 EXIT_TERMINATED = 128 + signal.SIGTERM  # as a shell reports it
 
 
-def left_file(run_dir: Path, what: str, stage: str) -> Path:
+def crash_report_path(run_dir: Path, what: str, stage: str) -> Path:
     """The file in which a stage leaves a user's mistake ("error"), or its "stack" when it hangs (on
     SIGUSR1), fails or crashes.
     """
@@ -44,7 +44,7 @@ def run(spec: StageSpec, parent_pid: int) -> None:
         return
     processes.set_up(f"lfpipe-{spec.name}")
     run_dir = spec.session.run_dir
-    stack = left_file(run_dir, "stack", spec.name).open("w")
+    stack = crash_report_path(run_dir, "stack", spec.name).open("w")
     faulthandler.enable(stack)
     faulthandler.register(signals.LEAVE_STACK, stack)
     log.set_up()
@@ -72,7 +72,9 @@ def _run_stage(spec: StageSpec, parent_pid: int, run_dir: Path, stack: TextIO) -
     except UserError as error:
         logger.info("%s: %s", spec.name, error)
         text = f"{error.message}\n{error.remedy}"
-        write_file(left_file(run_dir, "error", spec.name), text.encode(errors="backslashreplace"))
+        write_file(
+            crash_report_path(run_dir, "error", spec.name), text.encode(errors="backslashreplace")
+        )
         code = EXIT_USER
     except Exception:
         logger.exception("%s failed", spec.name)

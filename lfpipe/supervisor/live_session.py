@@ -26,7 +26,7 @@ from lfpipe.supervisor import child, process_table
 from lfpipe.supervisor.control_sockets import ControlSockets, Request
 from lfpipe.supervisor.file_checks import FileChecks
 from lfpipe.supervisor.governor import QualityControl, Step
-from lfpipe.supervisor.metrics import SessionFigures, session_figures
+from lfpipe.supervisor.metrics import SessionMetrics, session_metrics
 from lfpipe.supervisor.pending_answers import PendingAnswers
 from lfpipe.supervisor.process_table import NAMES, SHOWN_BY, SOURCE, STAGES, TRACKED_BY, Stage
 from lfpipe.supervisor.requests import Reply, on_complete, on_load, respond, respond_checked
@@ -75,7 +75,7 @@ class Outcome:
     failure: str | None = None
     remedy: str = ""
     user_error: bool = False
-    final: SessionFigures | None = None
+    final: SessionMetrics | None = None
 
 
 class LiveSession:
@@ -150,7 +150,7 @@ class LiveSession:
             elif self._end_ns is not None and now_ns() >= self._end_ns:
                 self._end("finished (--duration reached)")
         outcome = self._outcome
-        final = self.figures()
+        final = self.metrics()
         self._faults = dict(faults(self._store.table.rows, now_ns()))
         self.stages.stop()
         if outcome.failure is None:
@@ -323,7 +323,7 @@ class LiveSession:
                 name = f"{process.stage.name} could not end"
                 yield Outcome(name, mistake.message, mistake.remedy, user_error=True)
         rows = self._store.table.rows
-        never = [words for words, worked in self._faults.items() if not worked]
+        never = [words for words, outputs_ok in self._faults.items() if not outputs_ok]
         if rows[TRACKED_BY]["restarts"] and not rows[TRACKED_BY]["seq"]:
             never.append(f"{TRACKED_BY} failed before its first eyes")
         if never:
@@ -431,7 +431,7 @@ class LiveSession:
             return
         answer = {"ok": True, **reply.answer}
         if reply.with_stages:
-            answer |= self.figures().to_dict()
+            answer |= self.metrics().to_dict()
         rev = self._state.rev
         if reply.state is not None:
             self._store.apply(reply.state)
@@ -444,9 +444,9 @@ class LiveSession:
                 "the window was closed" if request.sender == SHOWN_BY else "stopped by command"
             )
 
-    def figures(self) -> SessionFigures:
+    def metrics(self) -> SessionMetrics:
         """The figures of the stages."""
-        return session_figures(
+        return session_metrics(
             self._session.name, self._store.table.rows, self._store.table.session, self._started_ns
         )
 

@@ -21,7 +21,7 @@ BUSY_SHOWN_S = 0.5  # shorter work is not shown
 
 
 @attrs.frozen(kw_only=True)
-class StageFigures:
+class StageMetrics:
     """One stage."""
 
     state: str  # a name of `State`
@@ -48,7 +48,7 @@ class StageFigures:
     rss_mb: float | None = None
 
     @classmethod
-    def of(cls, row: NDArray[np.void]) -> "StageFigures":
+    def of(cls, row: NDArray[np.void]) -> "StageMetrics":
         """The figures in a row of the table."""
         busy = summary_ms(row["busy"])
         words = busy_words(row)
@@ -94,7 +94,7 @@ class MotionToPhoton:
 
 
 @attrs.frozen(kw_only=True)
-class SessionFigures:
+class SessionMetrics:
     """A session, as `lfpipe monitor --once --json` prints it."""
 
     session: str
@@ -106,14 +106,14 @@ class SessionFigures:
     level_words: str  # what is reduced; perhaps of another level during a change
     viewer: str  # a word of `ViewerState`
     notices: list[str]  # for people
-    stages: dict[str, StageFigures]
+    stages: dict[str, StageMetrics]
     end_to_end: Times  # age of a picture, from the sensor's stamp to its presentation
     judder: Judder
-    horizon: Times  # how far ahead of the sensor's stamp the eyes are predicted
+    prediction: Times  # how far ahead of the sensor's stamp the eyes are predicted
     motion_to_photon: MotionToPhoton
 
     @property
-    def used_stages(self) -> dict[str, StageFigures]:
+    def used_stages(self) -> dict[str, StageMetrics]:
         """The stages that the session has needed."""
         return {name: stage for name, stage in self.stages.items() if stage.state != "NONE"}
 
@@ -127,9 +127,9 @@ class SessionFigures:
 EXTRA = ("cpu_percent", "rss_mb")  # present only if known
 
 
-def session_figures(
+def session_metrics(
     session: str, rows: Mapping[str, NDArray[np.void]], quality: NDArray[np.void], started_ns: int
-) -> SessionFigures:
+) -> SessionMetrics:
     """The figures of a session. rows: of the stages, dtype ROW. quality: dtype SESSION."""
     source, display = rows[SOURCE], rows[SHOWN_BY]
     viewer = ViewerState(int(display["viewer"]))
@@ -142,11 +142,11 @@ def session_figures(
     light = f"too little light for {int(source['nominal_mhz']) / 1000:.3g} Hz"
     now = notices(rows, SOURCE, SHOWN_BY)
     stages = {
-        name: StageFigures.of(row)
+        name: StageMetrics.of(row)
         for name, row in rows.items()
         if name in CORE or row["state"] != State.NONE
     }
-    return SessionFigures(
+    return SessionMetrics(
         session=session,
         uptime_s=round((now_ns() - started_ns) / 1e9, 2),
         camera_fps=stages[SOURCE].fps,
@@ -163,7 +163,7 @@ def session_figures(
             juddered=juddered,
             percent=round(100 * juddered / planned, 3) if planned else None,
         ),
-        horizon=summary_ms(display["horizon"]),
+        prediction=summary_ms(display["prediction"]),
         motion_to_photon=MotionToPhoton(
             onset_ms=round(int(display["onset_ns"]) / 1e6, 2) or None,
             steady_ms=round(int(display["steady_ns"]) / 1e6, 2) or None,

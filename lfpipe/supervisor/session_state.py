@@ -128,7 +128,7 @@ class SessionState:
         paused = self.paused if paused is None else paused
         new = attrs.evolve(self, config=config, paused=paused, rev=self.rev + 1)._with(**options)
         if new.options.scene is not None:
-            new = new._with(scene=new.options.scene.shown_as(config.scene.half_turn))
+            new = new._with(scene=new.options.scene.shown_as(config.scene.invert_depth))
         if new.levels != self.levels:
             new = new._with(level=None)
         return new._with_packets()
@@ -153,7 +153,7 @@ class SessionState:
             zero_planes_px = {**zero_planes_px, old.pack: config.render.zero_plane_px}
             zero_plane_px = zero_planes_px.get(scene.pack, Render().zero_plane_px)
             render = attrs.evolve(config.render, zero_plane_px=zero_plane_px)
-            order = attrs.evolve(config.scene, half_turn="auto")
+            order = attrs.evolve(config.scene, invert_depth="auto")
             config = attrs.evolve(config, render=render, scene=order)
         new = self.changed(
             config,

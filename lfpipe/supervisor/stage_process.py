@@ -71,7 +71,9 @@ class StageProcess:
         Only from the main thread: PR_SET_PDEATHSIG is tied to the starting thread.
         """
         for what in ("error", "stack"):
-            child.left_file(self._session.run_dir, what, self.stage.name).unlink(missing_ok=True)
+            child.crash_report_path(self._session.run_dir, what, self.stage.name).unlink(
+                missing_ok=True
+            )
         if self.row["pid"] and self.row["state"] != State.FINISHED:
             self.row["restarts"] += 1
         self._checked_ns = self._awake_ns = now_ns()
@@ -203,7 +205,7 @@ class StageProcess:
         return UserError(message, remedy) if message else None
 
     def _left(self, what: str) -> str:
-        path = child.left_file(self._session.run_dir, what, self.stage.name)
+        path = child.crash_report_path(self._session.run_dir, what, self.stage.name)
         return path.read_text(errors="replace") if exists(path) else ""
 
     def signal(self, signum: int) -> None:

@@ -17,8 +17,8 @@ WIDEST = 1.5
 @attrs.frozen(eq=False)
 class Face:
     """One face. eyes_px: float64 (2, 2), [[left x, y], [right x, y]] of the viewer's own eyes in px
-    of the picture given, confidence 0..1, box_px: (x0, y0, x1, y1). apart_px: distance between the
-    eyes as if the head were not turned, 0 if unknown.
+    of the picture given, confidence 0..1, box_px: (x0, y0, x1, y1). eye_distance_px: distance
+    between the eyes as if the head were not turned, 0 if unknown.
     lean_deg: lean towards the shoulder, clockwise in the picture.
     head_px: float (10, 3), `lfpipe.eyes.HEAD_POINTS` in the picture: right, down, away from the
     camera; None if unknown.
@@ -27,7 +27,7 @@ class Face:
     eyes_px: NDArray[np.float64]
     confidence: float
     box_px: tuple[float, float, float, float]
-    apart_px: float = 0.0
+    eye_distance_px: float = 0.0
     lean_deg: float = 0.0
     head_px: NDArray[np.float64] | None = None
 
@@ -38,14 +38,14 @@ class Face:
         """
         (lx, ly), (rx, ry) = self.eyes_px.tolist()
         x0, y0, x1, y1 = self.box_px
-        numbers = (lx, ly, rx, ry, x0, y0, x1, y1, self.apart_px, self.confidence)
+        numbers = (lx, ly, rx, ry, x0, y0, x1, y1, self.eye_distance_px, self.confidence)
         if math.isnan(sum(numbers)) or max(map(abs, numbers)) > LIMIT_PX:
             return False
         side_px = max(x1 - x0, y1 - y0)
-        apart_px = math.hypot(lx - rx, ly - ry)
+        eye_distance_px = math.hypot(lx - rx, ly - ry)
         widest_px = WIDEST * side_px
-        known = self.apart_px == 0 or MIN_APART_PX <= self.apart_px <= widest_px
-        return MIN_APART_PX <= apart_px <= widest_px and known and 0 <= self.confidence <= 1
+        known = self.eye_distance_px == 0 or MIN_APART_PX <= self.eye_distance_px <= widest_px
+        return MIN_APART_PX <= eye_distance_px <= widest_px and known and 0 <= self.confidence <= 1
 
 
 class Engine(Protocol):

@@ -28,7 +28,7 @@ HELD_SPEED = 1.0
 NOWHERE: Eyes = (0.0, 0.0, 0.0, 0.0)
 
 
-class HiddenFace:
+class OcclusionHold:
     """Whether something hides the face: its confidence falls, and landmarks follow a hand instead
     of the eyes.
 
@@ -52,7 +52,7 @@ class HiddenFace:
         self,
         sure: float,
         middle_px: tuple[float, float],
-        apart_px: float,
+        eye_distance_px: float,
         dt_s: float,
         speed_px_s: float,
     ) -> bool:
@@ -60,14 +60,14 @@ class HiddenFace:
         confidence. dt_s, speed_px_s: since and at the last frame.
         """
         self._usual = max(sure, self._usual + min(dt_s / USUAL_S, 1.0) * (sure - self._usual))
-        off = math.dist(middle_px, self._sure_px) / max(apart_px, 1.0)
+        off = math.dist(middle_px, self._sure_px) / max(eye_distance_px, 1.0)
         held = self.held
         hidden = sure < self._usual - (BACK if self.held else FALL)
         self.held = hidden and not self._moved and off < NEAR
         self.sure = sure > self._usual - SURE or (held and not self.held)
         if self.sure:
             self._sure_px = middle_px
-            self._moved = speed_px_s > HELD_SPEED * apart_px
+            self._moved = speed_px_s > HELD_SPEED * eye_distance_px
         return held and not self.held and off > UNSEEN
 
 
@@ -75,21 +75,21 @@ class EyeTracker:
     """engine: finds faces; by default, the one that the settings name. seen: whether the last frame
     had a face. fault: which part gives numbers that cannot be used, in words; "" while all work.
 
-    portable: see `LitertEngine`. loop_s: delay of camera and display. Raises UserError if an
-    engine's libraries or models are missing.
+    portable: see `LitertEngine`. device_latency_s: delay of camera and display. Raises UserError
+    if an engine's libraries or models are missing.
     """
 
     def __init__(
         self,
         settings: Track,
         portable: bool = False,
-        loop_s: float = 0.0,
+        device_latency_s: float = 0.0,
         engine: Engine | None = None,
     ) -> None:
         self.engine = engine or make_engine(settings, portable)
         self._settings: tuple[Track, float] | None = None
-        self.set(settings, loop_s)
-        self._hidden = HiddenFace()
+        self.set(settings, device_latency_s)
+        self._hidden = OcclusionHold()
         self._raw_px = self._position_px = self._velocity_px_s = self._sure_position_px = NOWHERE
         self._face: Face | None = None
         self._box_px = (0.0, 0.0, 0.0, 0.0)
@@ -99,11 +99,11 @@ class EyeTracker:
         self.seen = False
         self.fault = ""
 
-    def set(self, settings: Track, loop_s: float = 0.0) -> None:
+    def set(self, settings: Track, device_latency_s: float = 0.0) -> None:
         """Replaces the filter, but not the engine."""
-        if (settings, loop_s) != self._settings:
-            self._settings = (settings, loop_s)
-            self._filter = make_filter(settings, loop_s)
+        if (settings, device_latency_s) != self._settings:
+            self._settings = (settings, device_latency_s)
+            self._filter = make_filter(settings, device_latency_s)
             self._holds = settings.filter == "predictive"
             self._averages = settings.filter == "mean"
 
@@ -152,9 +152,11 @@ class EyeTracker:
             anew = True
             self._hidden.reset(sure, middle_px)
         else:
-            apart_px = face.apart_px or math.dist((lx, ly), (rx, ry))
+            eye_distance_px = face.eye_distance_px or math.dist((lx, ly), (rx, ry))
             speed_px_s = math.hypot(*self._velocity_px_s[:2])
-            anew = self._hidden.update(sure, middle_px, apart_px, max(away_ns, 0) / 1e9, speed_px_s)
+            anew = self._hidden.update(
+                sure, middle_px, eye_distance_px, max(away_ns, 0) / 1e9, speed_px_s
+            )
         self._raw_px = (lx, ly, rx, ry)
         self._box_px = face.box_px
         self._seen_ns = t_sensor_ns
@@ -175,9 +177,11 @@ class EyeTracker:
         """Fills a record of dtype EYES, except t_tracked_ns. image: the frame."""
         face = self._face
         height_px, width_px = image.shape[:2]
-        apart_px, confidence = (face.apart_px, face.confidence) if face is not None else (0.0, 0.0)
+        eye_distance_px, confidence = (
+            (face.eye_distance_px, face.confidence) if face is not None else (0.0, 0.0)
+        )
         eyes = self._raw_px, self._position_px, self._velocity_px_s
         EyesRecord(
-            *eyes, apart_px, confidence, width_px, height_px, 0, self.seen, self._generation
+            *eyes, eye_distance_px, confidence, width_px, height_px, 0, self.seen, self._generation
         ).write(record)
         record["head_px"] = 0.0 if face is None or face.head_px is None else face.head_px

@@ -36,10 +36,10 @@ STEP, STEP_S2 = 0.12, 158.0
 FRAME_S = 0.07
 SMOOTH_S = 0.03  # time constant of the acceleration: about one frame of a webcam
 MEMORY_S = 10.0  # of what is learnt: a person's way of moving changes slowly
-MOST_GAINED = 2.0  # by one line, times what it adds; more is a glitch of the landmarks
+MAX_GAINED = 2.0  # by one line, times what it adds; more is a glitch of the landmarks
 # Squared distances between the eyes that a line of velocity or of acceleration adds at most;
 # landmarks that jump add more.
-MOST_MOVED, MOST_BENT = 1.0, 0.1
+MAX_MOVED, MAX_BENT = 1.0, 0.1
 # A velocity whose change over the delay is small beside it is used in full, whatever the share: a
 # head at constant speed does not lag. The change is that of the last STEADY_S.
 STEADY, STEADY_S = 6.0, 0.15
@@ -112,15 +112,15 @@ class Extrapolation:
     too far, and over a long delay a velocity does, too. So the shares of both that are used are
     least-squares factors, measured over the delay that predictions cover: of velocity between where
     the head went and where the velocity pointed, of acceleration between what that missed and what
-    acceleration would have added. loop_s: delay of camera and display.
+    acceleration would have added. device_latency_s: delay of camera and display.
     """
 
-    def __init__(self, loop_s: float) -> None:
-        self._horizon_ns = round((FRAME_S + loop_s) * 1e9)
+    def __init__(self, device_latency_s: float) -> None:
+        self._prediction_ns = round((FRAME_S + device_latency_s) * 1e9)
         self._velocity = self._acceleration = (0.0, 0.0)
         # stamp, position, velocity, acceleration
         self._lines: deque[tuple[int, Pair, Pair, Pair]] = deque()
-        self._unproven = unproven = UNPROVEN * (1 + loop_s / UNPROVEN_S)
+        self._unproven = unproven = UNPROVEN * (1 + device_latency_s / UNPROVEN_S)
         self._moved = self._pointed = unproven
         self._gained = self._bent = 0.0
         self._change = 0.0  # of the velocity over the horizon, low-passed, px/s
@@ -132,7 +132,7 @@ class Extrapolation:
         position: Pair,
         velocity: Pair,
         measured: Pair,
-        apart_px: float,
+        eye_distance_px: float,
     ) -> Pair:
         """The velocity to predict with from t_ns on.
 
@@ -148,17 +148,19 @@ class Extrapolation:
         self._moved = unproven + keep * (self._moved - unproven)
         self._pointed = unproven + keep * (self._pointed - unproven)
         self._gained, self._bent = keep * self._gained, keep * self._bent
-        while self._lines and t_ns - self._lines[0][0] > self._horizon_ns:
-            self._score(t_ns, measured, apart_px * apart_px)
+        while self._lines and t_ns - self._lines[0][0] > self._prediction_ns:
+            self._score(t_ns, measured, eye_distance_px * eye_distance_px)
         self._velocity = velocity
         self._acceleration = (ax, ay)
         self._lines.append((t_ns, position, velocity, (ax, ay)))
         speed = min(max(self._moved / self._pointed, 0.0), 1.0)
-        change = math.hypot(ax, ay) * self._horizon_ns / 1e9
+        change = math.hypot(ax, ay) * self._prediction_ns / 1e9
         self._change += dt_s / (dt_s + STEADY_S) * (change - self._change)
         square = velocity[0] * velocity[0] + velocity[1] * velocity[1]
         speed += (1 - speed) * square / max(square + (STEADY * self._change) ** 2, 1e-300)
-        ahead_s = self._horizon_ns / 2e9 * min(max(self._gained / (self._bent + NOTHING), 0.0), 1.0)
+        ahead_s = (
+            self._prediction_ns / 2e9 * min(max(self._gained / (self._bent + NOTHING), 0.0), 1.0)
+        )
         return speed * velocity[0] + ahead_s * ax, speed * velocity[1] + ahead_s * ay
 
     def _score(self, t_ns: int, measured: Pair, unit: float) -> None:
@@ -174,11 +176,11 @@ class Extrapolation:
         dy = measured[1] - y
         px = u * ahead_s
         py = v * ahead_s
-        pointed, moved = _proof(px, py, dx, dy, unit, MOST_MOVED)
+        pointed, moved = _proof(px, py, dx, dy, unit, MAX_MOVED)
         self._pointed += pointed
         self._moved += moved
         bent, gained = _proof(
-            ax * bend, ay * bend, dx - share * px, dy - share * py, unit, MOST_BENT
+            ax * bend, ay * bend, dx - share * px, dy - share * py, unit, MAX_BENT
         )
         self._bent += bent
         self._gained += gained
@@ -190,31 +192,33 @@ def _proof(x: float, y: float, dx: float, dy: float, unit: float, most: float) -
     """
     length, along = (x * x + y * y) / unit, (dx * x + dy * y) / unit
     weight = 1 / (1 + length / most) ** 2
-    return weight * length, weight * min(max(along, -MOST_GAINED * length), MOST_GAINED * length)
+    return weight * length, weight * min(max(along, -MAX_GAINED * length), MAX_GAINED * length)
 
 
-class Predictive(EyeFilter):
+class ImmFilter(EyeFilter):
     """See the module. All arithmetic uses plain numbers: numpy's overhead would dominate for so
     few.
 
-    loop_s: delay of camera and display that predictions must cover.
+    device_latency_s: delay of camera and display that predictions must cover.
     """
 
-    def __init__(self, tuning: Tuning | None = None, loop_s: float = 0.0) -> None:
+    def __init__(self, tuning: Tuning | None = None, device_latency_s: float = 0.0) -> None:
         self._tuning = tuning or Tuning()
-        self._loop_s = loop_s
+        self._device_latency_s = device_latency_s
         super().__init__()
 
     def _start(self, t_ns: int, measured: Points) -> None:
         (lx, ly), (rx, ry) = measured.tolist()
         half = (lx - rx) / 2, (ly - ry) / 2
-        apart = max(2 * math.hypot(*half), 1.0)
+        eye_distance = max(2 * math.hypot(*half), 1.0)
         self._halves = [half]
         self._half = half
-        self._noise = (self._tuning.first * apart) ** 2  # variance of the half distance, px^2
+        self._noise = (
+            self._tuning.first * eye_distance
+        ) ** 2  # variance of the half distance, px^2
         spread = self._noise * self._tuning.common**2
         x, y = (lx + rx) / 2, (ly + ry) / 2
-        fast = (FIRST_SPEED * apart) ** 2
+        fast = (FIRST_SPEED * eye_distance) ** 2
         motions = (None, *self._tuning.accelerations)
         self._models = [
             _Model(
@@ -234,7 +238,7 @@ class Predictive(EyeFilter):
         self._before = x, y  # the low-passed position
         self._surprise = 0.0, 0.0  # of the last frame
         self._growth = 0.0, 0.0  # of the velocity in the last frame
-        self._extrapolation = Extrapolation(self._loop_s)
+        self._extrapolation = Extrapolation(self._device_latency_s)
         self._held: Pair | None = None
         self._used_ns = t_ns
 
@@ -248,8 +252,8 @@ class Predictive(EyeFilter):
         off = max(
             math.hypot(lx - plx - px, ly - ply - py), math.hypot(rx - prx - px, ry - pry - py)
         )
-        apart = max(2 * math.hypot(*self._half), 1.0)
-        if off > (STEP + STEP_S2 * used_s * used_s) * apart and not self._confirmed(
+        eye_distance = max(2 * math.hypot(*self._half), 1.0)
+        if off > (STEP + STEP_S2 * used_s * used_s) * eye_distance and not self._confirmed(
             x, y, (plx + prx) / 2 + px, (ply + pry) / 2 + py
         ):
             self._held = x, y
@@ -257,9 +261,9 @@ class Predictive(EyeFilter):
         self._held = None
         self._used_ns = t_ns
         half = (lx - rx) / 2, (ly - ry) / 2
-        apart = max(2 * math.hypot(*half), 1.0)
-        self._measure_noise(half, apart, used_s)
-        self._update(x, y, apart, used_s)
+        eye_distance = max(2 * math.hypot(*half), 1.0)
+        self._measure_noise(half, eye_distance, used_s)
+        self._update(x, y, eye_distance, used_s)
         hx, hy = self._half
         dx, dy = half[0] - hx, half[1] - hy
         off = dx * dx + dy * dy
@@ -281,21 +285,21 @@ class Predictive(EyeFilter):
         noise = self._tuning.motion_band**2 * self._noise
         fast = moved * moved / max(moved * moved + noise * noise, 1e-300)
         velocity = self._extrapolation.corrected(
-            t_ns, used_s, (mx, my), (fast * u, fast * v), (x, y), apart
+            t_ns, used_s, (mx, my), (fast * u, fast * v), (x, y), eye_distance
         )
-        surprise = x - (plx + prx) / 2 - px, y - (ply + pry) / 2 - py
-        u, v = self._believed(velocity, surprise, used_s)
+        innovation = x - (plx + prx) / 2 - px, y - (ply + pry) / 2 - py
+        u, v = self._believed(velocity, innovation, used_s)
         return np.array(((mx + hx, my + hy), (mx - hx, my - hy))), np.array(((u, v), (u, v)))
 
-    def _believed(self, velocity: Pair, surprise: Pair, dt_s: float) -> Pair:
+    def _believed(self, velocity: Pair, innovation: Pair, dt_s: float) -> Pair:
         """As much of a new velocity as the surprise (px, measured minus predicted) of this frame
         and the last one supports. A velocity that only falls is believed at once.
         """
-        (u, v), (dx, dy), (last_x, last_y) = velocity, surprise, self._surprise
-        self._surprise = surprise
+        (u, v), (dx, dy), (last_x, last_y) = velocity, innovation, self._surprise
+        self._surprise = innovation
         size = math.hypot(dx, dy)
         again = max(dx * last_x + dy * last_y, 0.0) / size if size > 0 else 0.0
-        limit = ONCE * size / (FRAME_S + self._loop_s) + AGAIN * again / dt_s
+        limit = ONCE * size / (FRAME_S + self._device_latency_s) + AGAIN * again / dt_s
         old_u, old_v = self._velocity[0].tolist()
         square = old_u * old_u + old_v * old_v
         kept = min(max((u * old_u + v * old_v) / square, 0.0), 1.0) if square > 0 else 0.0
@@ -319,7 +323,7 @@ class Predictive(EyeFilter):
             x - ahead_x, y - ahead_y
         )
 
-    def _measure_noise(self, half: Pair, apart: float, dt_s: float) -> None:
+    def _measure_noise(self, half: Pair, eye_distance: float, dt_s: float) -> None:
         """The variance of a third difference is 20 times that of its input. A glitch counts as at
         most three standard deviations.
         """
@@ -333,9 +337,9 @@ class Predictive(EyeFilter):
         self._noise += (min(variance, 9 * self._noise) - self._noise) * min(
             dt_s / self._tuning.noise_s, 1.0
         )
-        self._noise = max(self._noise, (self._tuning.least * apart) ** 2)
+        self._noise = max(self._noise, (self._tuning.least * eye_distance) ** 2)
 
-    def _update(self, x: float, y: float, apart: float, dt_s: float) -> None:
+    def _update(self, x: float, y: float, eye_distance: float, dt_s: float) -> None:
         """One cycle of the models: mix, predict, compare with the point (x, y) between the eyes,
         and update the weights.
 
@@ -384,9 +388,9 @@ class Predictive(EyeFilter):
             c = max((leave * sc + own * model.c) / prior - (u * u + v * v) / 2, 0.0)
             if model.acceleration is None:
                 u = v = b = c = 0.0
-                a += tuning.wander * apart**2 * dt_s
+                a += tuning.wander * eye_distance**2 * dt_s
             else:  # white acceleration of density q, exactly
-                q = model.acceleration * apart**2
+                q = model.acceleration * eye_distance**2
                 dx, dy = dx + u * dt_s, dy + v * dt_s
                 a += dt_s * (2 * b + dt_s * (c + q * dt_s / 3))
                 b += dt_s * (c + q * dt_s / 2)
@@ -411,19 +415,21 @@ class Predictive(EyeFilter):
             model.share /= total
 
 
-def make_filter(track: Track, loop_s: float = 0.0) -> EyeFilter:
+def make_filter(track: Track, device_latency_s: float = 0.0) -> EyeFilter:
     """A new filter of the name in track.
 
-    loop_s: delay of camera and display that predictions must cover.
+    device_latency_s: delay of camera and display that predictions must cover.
     """
     name: str = track.filter
     if name == "predictive":
-        return Predictive(loop_s=loop_s)
+        return ImmFilter(device_latency_s=device_latency_s)
     if name == "mean":
         return Mean(track.mean_k)
     if name == "one-euro":
         return OneEuro(1.0, 2.0, 4.0)
     if name == "kalman":
         return Kalman(1e4)
-    plugin: EyeFilter = make(FILTERS, name, {"update": tuple, "reset": NoneType}, track, loop_s)
+    plugin: EyeFilter = make(
+        FILTERS, name, {"update": tuple, "reset": NoneType}, track, device_latency_s
+    )
     return plugin

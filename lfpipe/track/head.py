@@ -25,7 +25,7 @@ Point = tuple[float, float, float]
 # time constant of the depth: the distance between the eyes is noisier than their position
 NEAR_S = 0.1
 LOST_NS = 500_000_000  # after such a gap the old depth means nothing
-LEAST_PX = 0.5  # eyes closer together than this are not a face's
+MIN_PX = 0.5  # eyes closer together than this are not a face's
 
 # The points of `lfpipe.eyes.HEAD_POINTS` in the canonical model, cm: x to the face's left, y up, z
 # out of the face.
@@ -66,40 +66,52 @@ class HeadEstimator:
 
     def __init__(self, config: Config) -> None:
         self.config = config
-        self._apart_px = 0.0
+        self._eye_distance_px = 0.0
         self._t_ns = self._generation = 0
 
     def update(self, record: NDArray[np.void], t_sensor_ns: int) -> None:
         """Adds a record of dtype EYES and its frame's stamp, each once and in order."""
         if not record["face"]:
             return
-        apart_px = float(record["apart_px"]) or math.dist(*record["filtered_px"].tolist())
-        if not LEAST_PX <= apart_px < math.inf:
+        eye_distance_px = float(record["eye_distance_px"]) or math.dist(
+            *record["filtered_px"].tolist()
+        )
+        if not MIN_PX <= eye_distance_px < math.inf:
             return
         step_ns = t_sensor_ns - self._t_ns
         generation = int(record["generation"])
-        fresh = not self._apart_px or not 0 <= step_ns < LOST_NS or generation != self._generation
+        fresh = (
+            not self._eye_distance_px
+            or not 0 <= step_ns < LOST_NS
+            or generation != self._generation
+        )
         ratio = step_ns / 1e9 / NEAR_S
-        self._apart_px = (
-            apart_px
+        self._eye_distance_px = (
+            eye_distance_px
             if fresh
-            else self._apart_px + (apart_px - self._apart_px) * ratio / (1 + ratio)
+            else self._eye_distance_px
+            + (eye_distance_px - self._eye_distance_px) * ratio / (1 + ratio)
         )
         self._t_ns = t_sensor_ns
         self._generation = generation
 
-    def head(self, record: NDArray[np.void], horizon_ns: int = 0) -> Head | None:
-        """The head in the last record, its eyes predicted horizon_ns ahead; None without a face."""
-        if not record["face"] or not self._apart_px:
+    def head(self, record: NDArray[np.void], prediction_ns: int = 0) -> Head | None:
+        """The head in the last record, its eyes predicted prediction_ns ahead; None without a
+        face.
+        """
+        if not record["face"] or not self._eye_distance_px:
             return None
-        eyes_px = extrapolated(record["filtered_px"], record["velocity_px_s"], horizon_ns)
+        eyes_px = extrapolated(record["filtered_px"], record["velocity_px_s"], prediction_ns)
         if not np.isfinite(eyes_px).all():
             return None
         pose = CameraPose.configured(
             self.config, (int(record["width_px"]), int(record["height_px"]))
         )
         return _head(
-            pose, np.asarray(eyes_px, np.float64), self._apart_px, head_rotation(record["head_px"])
+            pose,
+            np.asarray(eyes_px, np.float64),
+            self._eye_distance_px,
+            head_rotation(record["head_px"]),
         )
 
 
@@ -122,14 +134,17 @@ _FLIP = np.diag([-1.0, -1.0, 1.0])
 
 
 def _head(
-    pose: CameraPose, eyes_px: NDArray[np.float64], apart_px: float, rotation: NDArray[np.float64]
+    pose: CameraPose,
+    eyes_px: NDArray[np.float64],
+    eye_distance_px: float,
+    rotation: NDArray[np.float64],
 ) -> Head:
     # of the eyes, on the camera's axes
     rays = np.column_stack([(eyes_px - pose.middle_px) / pose.focal_px, np.ones(2)])
     turned = _along(rays.mean(axis=0)) @ rotation  # of the head on the camera's axes
     # additional distance of the left eye over the point between them
     aside_mm = turned[2, 0] * pose.eyes_mm / 2
-    depths_mm = pose.focal_px * pose.eyes_mm / apart_px + np.array([[aside_mm], [-aside_mm]])
+    depths_mm = pose.focal_px * pose.eyes_mm / eye_distance_px + np.array([[aside_mm], [-aside_mm]])
     c = math.cos(pose.tilt)
     s = math.sin(pose.tilt)
     to_screen = np.array([[-1.0, 0, 0], [0, -c, -s], [0, -s, c]])

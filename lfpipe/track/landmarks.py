@@ -31,7 +31,7 @@ IRIS_PX = 64  # side of the crop
 # In distances between the eyes. A gaze moves both irises off the middle of the lids equally, and
 # only as far as the lids allow. If the two irises disagree, glasses or glare hide them, and the
 # lids are the better estimate.
-APART, ASIDE = 0.06, 0.13
+EYE_DISTANCE, ASIDE = 0.06, 0.13
 _IRIS_SCALE = 2.3  # width of the crop in distances between the eye's corners
 # inner and outer of the viewer's left eye, outer and inner of the right: both left to right
 _CORNERS = ((362, 263), (33, 133))
@@ -70,8 +70,8 @@ def eye_points(
     right = 2 * _LIDS
     left = 2 * _LIDS + 1
     eyes = (lx + up_x + out_x, ly + up_y + out_y), (rx + up_x - out_x, ry + up_y - out_y)
-    apart = (1 + 2 * _SPREAD) * math.sqrt(dx * dx + dy * dy + (lz - rz) ** 2)
-    return *eyes, (xs[left], ys[left]), (xs[right], ys[right]), apart, keys[:, _HEAD:].T
+    eye_distance = (1 + 2 * _SPREAD) * math.sqrt(dx * dx + dy * dy + (lz - rz) ** 2)
+    return *eyes, (xs[left], ys[left]), (xs[right], ys[right]), eye_distance, keys[:, _HEAD:].T
 
 
 class Irises:
@@ -92,11 +92,11 @@ class Irises:
         image: NDArray[np.uint8],
         mesh_px: NDArray[np.float64],
         lids_px: NDArray[np.float64],
-        apart_px: float,
+        eye_distance_px: float,
     ) -> NDArray[np.float64]:
         """The centres of the irises where they are seen, else lids_px; (2, 2), left first, px of
         image, uint8 (h, w, 3) BGR.
-        mesh_px: (468, 2) points of the face mesh. apart_px: between the eyes.
+        mesh_px: (468, 2) points of the face mesh. eye_distance_px: between the eyes.
         """
         centres_px = np.empty((2, 2))
         for eye, (start, end) in enumerate(_CORNERS):
@@ -111,6 +111,8 @@ class Irises:
             # then z, and four points around the centre
             x, y = self._network.run(crop if eye else crop[:, ::-1])[0][:2].tolist()
             centres_px[eye] = mapped(np.array([[x if eye else IRIS_PX - x, y]]), matrix)
-        off = (centres_px - lids_px) / max(apart_px, 1.0)
-        hidden = float(np.hypot(*(off[0] - off[1]))) > APART or float(np.abs(off).max()) > ASIDE
+        off = (centres_px - lids_px) / max(eye_distance_px, 1.0)
+        hidden = (
+            float(np.hypot(*(off[0] - off[1]))) > EYE_DISTANCE or float(np.abs(off).max()) > ASIDE
+        )
         return lids_px if hidden else centres_px

@@ -143,7 +143,7 @@ class LitertEngine:
         self._scan = False
         height_px, width_px = image.shape[:2]
         candidates = self._near.detect(image)
-        if followed.apart_px < SMALL * max(width_px, height_px):
+        if followed.eye_distance_px < SMALL * max(width_px, height_px):
             candidates += self._far.detect(image)
         own = [one for one in candidates if overlap(followed.box_px, one.box_px) > SAME]
         if own:
@@ -294,7 +294,7 @@ class LitertEngine:
         points = matrix[:, :1] * mesh[:, 0] + matrix[:, 1:2] * mesh[:, 1]  # (2, 468) px from (x, y)
         x0, y0 = np.minimum.reduce(points, axis=1).tolist()
         x1, y1 = np.maximum.reduce(points, axis=1).tolist()
-        (lx, ly), (rx, ry), left, right, apart_px, head_px = eye_points(
+        (lx, ly), (rx, ry), left, right, eye_distance_px, head_px = eye_points(
             points, mesh[:, 2], np.float32(roi.side_px / SIZE_PX)
         )
         edges = x0 + x, y0 + y, x1 + x, y1 + y
@@ -304,9 +304,9 @@ class LitertEngine:
             return None
         eyes_px = np.array(((lx + x, ly + y), (rx + x, ry + y)))
         if self._irises is not None:
-            eyes_px = self._irises.refined(image, points.T + matrix[:, 2], eyes_px, apart_px)
+            eyes_px = self._irises.refined(image, points.T + matrix[:, 2], eyes_px, eye_distance_px)
         return Face(
-            eyes_px, confidence, edges, apart_px, math.degrees(region.angle), head_px
+            eyes_px, confidence, edges, eye_distance_px, math.degrees(region.angle), head_px
         ), region
 
 

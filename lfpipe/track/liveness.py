@@ -18,7 +18,7 @@ NEVER_MOVED, STILL = 60, 300
 KNOWN = 0.7  # overlap of a portrait's boxes in two pictures: it does not move
 # Motion between scans of a face that is not followed: each scan measures it anew, with more noise.
 # One much smaller than the portrait is somebody who passes behind.
-ALIVE, LEAST_SIZE = 0.03, 0.65
+ALIVE, MIN_SIZE = 0.03, 0.65
 
 Middle = tuple[float, float]
 
@@ -50,7 +50,7 @@ class Liveness:
         self._smooth = smooth = x + (here[0] - x) / SMOOTHING, y + (here[1] - y) / SMOOTHING
         self._pictures += 1
         settling = self._pictures <= 2 * SMOOTHING
-        if settling or math.dist(smooth, self._anchor) > MOVED * max(face.apart_px, 1.0):
+        if settling or math.dist(smooth, self._anchor) > MOVED * max(face.eye_distance_px, 1.0):
             self._has_moved |= not settling
             self._anchor = smooth
             self._resting = 0
@@ -79,8 +79,8 @@ class Liveness:
             here = _middle(face)
             first = next((at for box, at in before if overlap(box, face.box_px) > SAME), here)
             self._others.append((face.box_px, first))
-            large = face.apart_px >= LEAST_SIZE * followed.apart_px
-            if large and math.dist(first, here) > ALIVE * face.apart_px:
+            large = face.eye_distance_px >= MIN_SIZE * followed.eye_distance_px
+            if large and math.dist(first, here) > ALIVE * face.eye_distance_px:
                 alive.append(face)
         return alive
 

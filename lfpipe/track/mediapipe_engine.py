@@ -76,11 +76,11 @@ class MediapipeEngine:
             for j in EYE_LINE
         )
         flat = max(float(np.hypot(*(left - right)[:2])), 1e-9)
-        apart_px = (
+        eye_distance_px = (
             float(np.hypot(*(centres[0] - centres[1]))) * float(np.linalg.norm(left - right)) / flat
         )
         (x0, y0), (x1, y1) = edges[:, :2].min(axis=0).tolist(), edges[:, :2].max(axis=0).tolist()
-        return Face(centres, 1.0, (x0, y0, x1, y1), apart_px, head_px=head_px)
+        return Face(centres, 1.0, (x0, y0, x1, y1), eye_distance_px, head_px=head_px)
 
     def examine(self, image: NDArray[np.uint8]) -> None:
         """Does nothing: the graph keeps following its face."""

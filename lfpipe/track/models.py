@@ -38,7 +38,7 @@ SHA256 = {
         "d1744d2a09c25f501d39eba4faff47e53ecca8852c5ce19bce8eeac39357521f"
     ),
 }
-MOST_BYTES = 16 << 20  # limit per network; the largest has 2.6 MB
+MAX_BYTES = 16 << 20  # limit per network; the largest has 2.6 MB
 REMEDY = (
     "`lfpipe models get`, or without a network `lfpipe models get --from WHEEL` with any wheel of "
     + PACKAGE
@@ -124,10 +124,10 @@ def _read(wheel: Path, name: str) -> bytes:
     """One file of a wheel, or of a folder with its contents. Raises UserError."""
     try:
         if is_dir(wheel):
-            return read_bytes(wheel / name, MOST_BYTES)
+            return read_bytes(wheel / name, MAX_BYTES)
         check_regular(wheel)
         with zipfile.ZipFile(wheel) as archive, archive.open(name) as file:
-            return file.read(MOST_BYTES)
+            return file.read(MAX_BYTES)
     except KeyError:
         why = f"has no {name}"
     except OSError as error:

@@ -71,8 +71,8 @@ class EyeFilter(ABC):
         return self._position, self._velocity
 
     def predict(self, t_ns: int) -> Points:
-        """The predicted eyes at t_ns, (2, 2) px; at most `lfpipe.eyes.MAX_HORIZON_S` ahead, never
-        back.
+        """The predicted eyes at t_ns, (2, 2) px; at most `lfpipe.eyes.MAX_PREDICTION_S` ahead,
+        never back.
         """
         return extrapolated(
             self._position, self._velocity, 0 if self._t_ns is None else int(t_ns) - self._t_ns
@@ -186,8 +186,8 @@ class Kalman(EyeFilter):
     # variance of the first velocity over that of a measurement, 1/s^2: covers all head motion
     START_SPREAD = 1e6
 
-    def __init__(self, agility: float) -> None:
-        self._agility = agility
+    def __init__(self, q_over_r: float) -> None:
+        self._agility = q_over_r
         super().__init__()
 
     def _start(self, t_ns: int, measured: Points) -> None:
@@ -198,8 +198,8 @@ class Kalman(EyeFilter):
             dt_s, self._agility
         ).measured(1.0)
         ahead = self._position + self._velocity * dt_s
-        surprise = measured - ahead
-        return ahead + k_position * surprise, self._velocity + k_velocity * surprise
+        innovation = measured - ahead
+        return ahead + k_position * innovation, self._velocity + k_velocity * innovation
 
 
 def weight(cutoff_hz: float, dt_s: float) -> float:
@@ -222,5 +222,5 @@ def speed(velocity_px_s: Points, eyes_px: Points) -> float:
     """Speed of the head in distances between the eyes per second, both (2, 2); the distance counts
     as at least one pixel.
     """
-    apart_px = max(float(np.hypot(*(eyes_px[0] - eyes_px[1]))), 1.0)
-    return math.sqrt(float(np.square(velocity_px_s).sum()) / 2) / apart_px
+    eye_distance_px = max(float(np.hypot(*(eyes_px[0] - eyes_px[1]))), 1.0)
+    return math.sqrt(float(np.square(velocity_px_s).sum()) / 2) / eye_distance_px

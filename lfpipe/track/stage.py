@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.config.modes import RecordedEyes, loop_ms
+from lfpipe.config.modes import RecordedEyes, device_latency_ms
 from lfpipe.config.quality import tracked_every
 from lfpipe.sequence.folder import open_sequence
 from lfpipe.track.eye_tracker import EyeTracker
@@ -40,7 +40,7 @@ def _track(context: Context) -> None:
     tracker = EyeTracker(
         context.config.track,
         is_replay,
-        _loop_s(context),
+        _device_latency_s(context),
     )
     engine = tracker.engine
     hinted = 0
@@ -52,7 +52,7 @@ def _track(context: Context) -> None:
     try:
         while context.wait():
             if context.news:
-                tracker.set(context.config.track, _loop_s(context))
+                tracker.set(context.config.track, _device_latency_s(context))
                 every = tracked_every(context.options)
                 context.ack_config()
                 for word, message in context.commands():
@@ -128,6 +128,6 @@ def _publish(
     )
 
 
-def _loop_s(context: Context) -> float:
+def _device_latency_s(context: Context) -> float:
     """The delay of camera and display; none where pictures depend on the frames alone."""
-    return loop_ms(context.options.clock, context.config.render.loop_ms) / 1e3
+    return device_latency_ms(context.options.clock, context.config.render.device_latency_ms) / 1e3

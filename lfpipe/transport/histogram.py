@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 LAST_OCTAVE = 26  # values to 2^32 us, 71 minutes; longer values go to the last bucket
 BUCKETS = (LAST_OCTAVE << 5) + 64  # 32 an octave, after 64 of single microseconds
-MOST_NS = (1 << 63) - 1  # of a 64-bit counter
+MAX_NS = (1 << 63) - 1  # of a 64-bit counter
 Times = dict[str, float]  # of `summary_ms`
 HISTOGRAM = np.dtype(
     [("count", "<i8"), ("sum_ns", "<i8"), ("max_ns", "<i8"), ("buckets", "<i8", (BUCKETS,))]
@@ -55,13 +55,13 @@ class Histogram:
     def add_ns(self, value_ns: int) -> None:
         """Adds one duration in nanoseconds; a negative one counts as 0.
 
-        Sum and maximum stop at MOST_NS.
+        Sum and maximum stop at MAX_NS.
         """
-        value_ns = min(max(value_ns, 0), MOST_NS)
+        value_ns = min(max(value_ns, 0), MAX_NS)
         self._buckets[bucket_of(value_ns // 1000)] += 1
         count, total, top = self._head
         count[0] += 1
-        total[0] = min(total[0] + value_ns, MOST_NS)
+        total[0] = min(total[0] + value_ns, MAX_NS)
         if value_ns > top[0]:
             top[0] = value_ns
 

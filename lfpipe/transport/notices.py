@@ -22,7 +22,7 @@ def faults(rows: Rows, t_ns: int) -> Iterator[tuple[str, bool]]:
     for row in rows.values():
         words = row["fault"].item().decode(errors="replace")
         if words and t_ns - int(row["fault_since_ns"]) > FAULT_NS:
-            yield words, bool(row["worked"] > WORKED_SHARE * row["spoilt"])
+            yield words, bool(row["outputs_ok"] > WORKED_SHARE * row["outputs_faulty"])
 
 
 def notices(rows: Rows, source: str, shows: str) -> list[str]:
@@ -42,16 +42,16 @@ def notices(rows: Rows, source: str, shows: str) -> list[str]:
     return []
 
 
-def latency_lines(age: Times, horizon: Times, blanks: bool) -> list[str]:
+def latency_lines(age: Times, prediction: Times, vblanks: bool) -> list[str]:
     """The age of the pictures, at their blanks or at their hand-over, and how far ahead the eyes
     are predicted: a line each, as far as they are known.
     """
     lines = []
     if age["n"]:
-        at = "its blank" if blanks else "hand-over"
-        figures = quantiles(age, "p50_ms", "p95_ms", "p99_ms", "max_ms")
-        lines.append(f"age of the picture at {at}: {figures}")
-    if horizon["n"]:
-        figures = quantiles(horizon, "p50_ms", "p95_ms")
-        lines.append(f"eyes predicted ahead of the sensor by {figures}")
+        at = "its blank" if vblanks else "hand-over"
+        metrics = quantiles(age, "p50_ms", "p95_ms", "p99_ms", "max_ms")
+        lines.append(f"age of the picture at {at}: {metrics}")
+    if prediction["n"]:
+        metrics = quantiles(prediction, "p50_ms", "p95_ms")
+        lines.append(f"eyes predicted ahead of the sensor by {metrics}")
     return lines

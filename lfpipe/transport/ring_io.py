@@ -70,7 +70,7 @@ class RingInput:
         self.wake.drain()
         stamp = self.reader.read_next(out) if in_order or self._credit else self.reader.read(out)
         if stamp is not None:
-            self._took(stamp)
+            self._on_read(stamp)
         return stamp
 
     def peek(self, in_order: bool = False) -> tuple[ring.Stamp, NDArray[Any]] | None:
@@ -80,7 +80,7 @@ class RingInput:
         self.wake.drain()
         peeked = self.reader.peek(in_order or self._credit is not None)
         if peeked is not None:
-            self._took(peeked[0])
+            self._on_read(peeked[0])
         return peeked
 
     def still_valid(self, stamp: ring.Stamp) -> bool:
@@ -91,7 +91,7 @@ class RingInput:
         self._row["drops"] += not valid
         return valid
 
-    def _took(self, stamp: ring.Stamp) -> None:
+    def _on_read(self, stamp: ring.Stamp) -> None:
         if self._credit and self.reader.published > stamp.seq:
             # another slot is waiting, but its wake-up has just been consumed
             self.wake.notify(stamp.seq)

@@ -78,8 +78,8 @@ ROW = np.dtype(
         ("fault", "S96"),  # which part of the stage does not work now, in words; empty if all do
         ("fault_since_ns", "<i8"),
         # outputs with a result while all parts worked, and those without it while one did not
-        ("worked", "<i8"),
-        ("spoilt", "<i8"),
+        ("outputs_ok", "<i8"),
+        ("outputs_faulty", "<i8"),
         ("nominal_mhz", "<i8"),  # of capture: frames per 1000 s that the camera agreed to deliver
         ("dim", "<i8"),  # of capture: the camera delivers clearly fewer, although none is lost
         # of render: when a picture was last made for a face, or the stage began
@@ -92,7 +92,7 @@ ROW = np.dtype(
         ("busy", HISTOGRAM),  # from taken to published
         ("age", HISTOGRAM),  # from the sensor to publication: the output's age
         # of render: from the sensor stamp to the time of the predicted eyes, at every refresh
-        ("horizon", HISTOGRAM),
+        ("prediction", HISTOGRAM),
     ]
 )
 PAGE_ROWS = 8  # stages: five, and room for more
@@ -159,8 +159,8 @@ class Row:
             if ROW[name] == np.dtype("<i8")
         }
         self._recent = record["recent_ns"].data
-        self.wait, self.busy, self.age, self.horizon = (
-            Histogram(record[name]) for name in ("wait", "busy", "age", "horizon")
+        self.wait, self.busy, self.age, self.prediction = (
+            Histogram(record[name]) for name in ("wait", "busy", "age", "prediction")
         )
 
     def __getitem__(self, name: str) -> int:
@@ -182,7 +182,7 @@ class Row:
         """Counts an output. fault: which part of the stage does not work, at most 96 bytes; "" if
         all do.
         """
-        self._int["spoilt" if fault else "worked"][0] += bool(fault) or has_result
+        self._int["outputs_faulty" if fault else "outputs_ok"][0] += bool(fault) or has_result
         data = fault.encode()[:96]
         if data != self.record["fault"].item():
             self._int["fault_since_ns"][0] = now_ns()

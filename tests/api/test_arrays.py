@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import lfpipe
-from lfpipe.scene.layouts._grid import LEAST_VIEW_PX
+from lfpipe.scene.layouts._grid import MIN_VIEW_PX
 from lfpipe.scene.layouts.arrays import require_views
 from tests.scene import made
 from tests.support.hostile_sequences import made_sequence
@@ -59,7 +59,7 @@ def test_open_scene_of_an_array_gives_the_pictures_of_its_files(
 )
 def test_open_scene_takes_every_documented_form(change: Any, cache: dict[str, Any]) -> None:
     given_as = change(VIEWS / 255 if "tolist" in change.__code__.co_names else VIEWS)
-    field = lfpipe.open_scene(given_as, cache, half_turn=False)
+    field = lfpipe.open_scene(given_as, cache, invert_depth=False)
     shown = lfpipe.render_view(field, 1, 2, method="nearest")
     grey = np.asarray(given_as).shape[-1] == 1
     expected = np.repeat(VIEWS[1, 2, ..., :1], 3, axis=2) if grey else VIEWS[1, 2, ..., ::-1]
@@ -129,7 +129,7 @@ def test_require_views_takes_or_refuses_any_array(shape: tuple[int, ...], kind: 
         and axes[-1] in (1, 3)
         and 0 not in axes
         and kind in ("u1", "u2", "f4")
-        and min(max(axes[-3:-1], axes[-5:-3], key=math.prod)) >= LEAST_VIEW_PX
+        and min(max(axes[-3:-1], axes[-5:-3], key=math.prod)) >= MIN_VIEW_PX
     )
     try:
         assert require_views(views, "x").ndim == 6 and good

@@ -98,7 +98,7 @@ class Screen:
     events = presented = notices = lambda *_: []
     overlay = title = width_mm = close = lambda *_: None
     nominal_hz = lambda *_: 60.0
-    blanks_by, knows_rows, pointer = "test", True, Pointer()
+    vblank_source, knows_rows, pointer = "test", True, Pointer()
 
     def __init__(self, *_):
         pass

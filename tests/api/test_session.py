@@ -86,10 +86,10 @@ def test_session_that_cannot_start_names_its_parameter(home: World, scene: Path)
 
 
 def test_session_shows_an_open_light_field(home: World, scene: Path) -> None:
-    field = lfpipe.open_scene(scene, half_turn=True)
+    field = lfpipe.open_scene(scene, invert_depth=True)
     with field, lfpipe.Session(field, camera="demo", settings=QUICK) as session:
         shown = session.ask({"cmd": "hello"})["options"]["scene"]
-    assert (shown["pack"], shown["half_turned"]) == (field.folder, True)
+    assert (shown["pack"], shown["depth_inverted"]) == (field.folder, True)
 
 
 def test_session_that_is_killed_says_how_it_ended(home: World, scene: Path) -> None:

@@ -42,8 +42,8 @@ def test_tracker_follows_the_demo_within_a_pixel(tmp_path: Path, sequence: Frame
     assert sequence.truth is not None and np.ptp(sequence.truth.eyes_px[61:], axis=0).max() > 5, (
         "it moves after two seconds"
     )
-    figures, turn = found["litert, 640x480"].prepare()
-    assert figures["error"].value < 2.0
+    metrics, turn = found["litert, 640x480"].prepare()
+    assert metrics["error"].value < 2.0
     assert turn is not None and set(turn()) == {"cpu_ms"}
     found, skipped = split(
         tracker.measure(inputs(wall(2, 2), tmp_path, attrs.evolve(sequence, truth=None)))

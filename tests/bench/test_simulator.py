@@ -4,16 +4,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from lfpipe.bench.simulator.metrics import Pictures, viewpoint_figures
 
 from lfpipe.bench.simulator.camera import Camera
+from lfpipe.bench.simulator.metrics import Pictures, viewpoint_metrics
 from lfpipe.bench.simulator.run import Setup, Truth
 from lfpipe.bench.simulator.scene import SCENES, scene_of
 from lfpipe.bench.simulator.screen import Screen
 from lfpipe.bench.simulator.scripts import MOVES_ABOUT, recorded
 from lfpipe.errors import UserError
 
-SCREEN = Screen(loop_ms=0.0)
+SCREEN = Screen(device_latency_ms=0.0)
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -49,8 +49,8 @@ def test_recorded_tracks_are_scripts(tmp_path: Path) -> None:
     assert np.median(places[:, 2]) == pytest.approx(60, abs=0.1)
     assert np.ptp(places[:, 0]) == pytest.approx(0.6 * np.ptp(x), rel=0.02)
     setup = Setup(screen=SCREEN, camera=Camera(noise_px=0.0))
-    figures = viewpoint_figures(setup.watch(script), Truth(setup, script), script)
-    assert figures["error_views"] < 0.3
+    metrics = viewpoint_metrics(setup.watch(script), Truth(setup, script), script)
+    assert metrics["error_views"] < 0.3
     gone = [f"{t:.4f},0,,,," for t in t_s[40:50]]
     table.write_text("\n".join((head, *rows[:40], *gone, *rows[50:])) + "\n")
     (script,) = recorded([table])

@@ -45,9 +45,11 @@ def test_every_format_that_can_be_decoded_gives_the_same_picture(vivid: Path) ->
         source = open_camera(vivid, attrs.evolve(SMALL, format=cast(PixelFormat, fourcc)))
         assert f"delivers {fourcc} 320x180 at 10 Hz" in source.info.notes[0]
         picture, _ = frames(source, 1)
-        apart = np.abs(picture.astype(int) - (grey if fourcc == "GREY" else reference))
-        if np.median(apart) > 4 or np.quantile(apart, 0.9) > 24:  # edges of the bars, limited range
-            wrong[fourcc] = (float(np.median(apart)), float(np.quantile(apart, 0.9)))
+        eye_distance = np.abs(picture.astype(int) - (grey if fourcc == "GREY" else reference))
+        if (
+            np.median(eye_distance) > 4 or np.quantile(eye_distance, 0.9) > 24
+        ):  # edges of the bars, limited range
+            wrong[fourcc] = (float(np.median(eye_distance)), float(np.quantile(eye_distance, 0.9)))
     assert not wrong
 
 

@@ -22,7 +22,7 @@ from lfpipe.capture.v4l2_device import Mode, RawFrame
 from tests.faults.scripted_camera import ScriptedDevice
 
 SAMPLE_S, STEP_PX = 0.002, 20
-XVFB_HZ, LEAST_HEARD, MOST_GAP_S = 60, 5, 0.008
+XVFB_HZ, MIN_HEARD, MAX_GAP_S = 60, 5, 0.008
 WIDTH, HEIGHT = 160, 120
 NOISE = 2.0
 
@@ -79,7 +79,7 @@ class ScreenCamera(ScriptedDevice):
     def _shown(self) -> list[tuple[float, np.ndarray]]:
         """Since when the screen has shown what, of the last second."""
         recent = self.samples[-400:]
-        if len(HEARD) < LEAST_HEARD:
+        if len(HEARD) < MIN_HEARD:
             return recent
         heard = np.array(sorted(HEARD.values())[-60:]) / 1e9
         slope, first = np.polyfit(np.round((heard - heard[-1]) * XVFB_HZ), heard - heard[-1], 1)
@@ -88,10 +88,10 @@ class ScreenCamera(ScriptedDevice):
             np.ceil((times[0] - heard[-1] - first) / slope),
             (times[-1] - heard[-1] - first) // slope + 1,
         )
-        blanks = heard[-1] + first + slope * count
+        vblanks = heard[-1] + first + slope * count
         return [
             (float(t), recent[k][1])
-            for t, k in zip(blanks, np.searchsorted(times, blanks) - 1, strict=True)
+            for t, k in zip(vblanks, np.searchsorted(times, vblanks) - 1, strict=True)
         ]
 
     def _saw_all(self, from_s: float, to_s: float) -> bool:
@@ -101,7 +101,7 @@ class ScreenCamera(ScriptedDevice):
         near = (times[1:] > from_s) & (times[:-1] < to_s)
         return bool(
             times[0] < from_s
-            and gaps[near].max(initial=0.0) < max(MOST_GAP_S, 1.6 * np.median(gaps))
+            and gaps[near].max(initial=0.0) < max(MAX_GAP_S, 1.6 * np.median(gaps))
         )
 
     def configure(self, fourcc: str, width_px: int, height_px: int, rate_hz: float) -> Mode:
@@ -158,7 +158,7 @@ def open_screen(path: Path, camera: config.Camera) -> driver.CameraSource:
 HEARD: dict[int, int] = {}  # blanks that the window has heard of, ns, by picture
 
 
-def note_blanks(window_class: Any) -> None:
+def note_vblanks(window_class: Any) -> None:
     presented = window_class.presented
 
     def noted(self: Any) -> list[Any]:
@@ -175,5 +175,5 @@ if __name__ == "__main__":
     from tests.display import screen_camera
 
     driver.open_camera = screen_camera.open_screen
-    screen_camera.note_blanks(ScreenWindow)
+    screen_camera.note_vblanks(ScreenWindow)
     run()

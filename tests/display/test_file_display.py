@@ -65,15 +65,15 @@ def test_file_display_mkv_keeps_every_value(tmp_path: Path, size: tuple[int, int
 def test_file_display_shows_a_picture_until_the_next(tmp_path: Path) -> None:
     pictures = noise(2, 32, 32)
     display = FileDisplay(tmp_path / "out.mkv", (32, 32), 50.0)
-    moments = [time.monotonic()]
+    display_times = [time.monotonic()]
     for picture in pictures:
         display.show(picture)
         time.sleep(0.4)
-        moments.append(time.monotonic())
+        display_times.append(time.monotonic())
     display.close()
     frames = read_back(tmp_path / "out.mkv")
     counts = [sum(np.array_equal(frame, picture) for frame in frames) for picture in pictures]
-    assert sum(counts) == len(frames) and np.abs(np.diff(moments) * 50 - counts).max() <= 3
+    assert sum(counts) == len(frames) and np.abs(np.diff(display_times) * 50 - counts).max() <= 3
 
 
 def test_file_display_counts_a_flood_and_does_not_block(tmp_path: Path) -> None:

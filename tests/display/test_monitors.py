@@ -17,14 +17,14 @@ import pygame
 import pytest
 
 from lfpipe import config
-from lfpipe.cli.launch import loop_lines
+from lfpipe.cli.launch import device_latency_lines
 from lfpipe.config.modes import CameraViewer, Nothing, Window
 from lfpipe.errors import UserError
 from lfpipe.render.display.monitors import (
     Monitor,
+    device_latency_conditions,
+    device_latency_doubt,
     find_monitor,
-    loop_conditions,
-    loop_doubt,
     monitors,
     pixel_mm,
 )
@@ -216,8 +216,8 @@ def measured(camera: str = CAMERA, **changes: object) -> config.Config:
     """A configuration in which the loop was measured on the second monitor; then something
     changed.
     """
-    here = loop_conditions("2026-11-21", camera, config.Camera(), DESK[1])
-    sets = {"render.loop_ms": 61.5, "render.loop_measured": here}
+    here = device_latency_conditions("2026-11-21", camera, config.Camera(), DESK[1])
+    sets = {"render.device_latency_ms": 61.5, "render.device_latency_measured": here}
     return config.updated(config.updated(config.Config(), sets), changes)
 
 
@@ -231,13 +231,13 @@ def measured(camera: str = CAMERA, **changes: object) -> config.Config:
         (CAMERA, {"screen.monitor": "eDP"}, DESK, "eDP-1, 60 Hz"),
         (CAMERA, {}, [], "another monitor"),
         (CAMERA, {}, [DESK[0], attrs.evolve(DESK[1], rate_hz=120.0)], "120 Hz"),
-        (CAMERA, {"render.loop_measured": ""}, DESK, "set by hand"),
+        (CAMERA, {"render.device_latency_measured": ""}, DESK, "set by hand"),
     ],
 )
 def test_loop_doubt_names_what_changed(
     camera: str, changes: dict[str, Any], desk: list[Monitor], named: str
 ) -> None:
-    doubt = loop_doubt(measured(**changes), camera, desk)
+    doubt = device_latency_doubt(measured(**changes), camera, desk)
     assert named in doubt if named else not doubt
 
 
@@ -258,4 +258,4 @@ def test_loop_lines_say_whether_the_delay_is_trusted(
     monkeypatch: pytest.MonkeyPatch, configured: config.Config, display: Any, words: str
 ) -> None:
     monkeypatch.setattr("lfpipe.cli.launch.detect_monitors", lambda: ("x11", DESK))
-    assert re.search(words, "\n".join(loop_lines(configured, DEMO, display)))
+    assert re.search(words, "\n".join(device_latency_lines(configured, DEMO, display)))

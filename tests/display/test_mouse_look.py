@@ -85,7 +85,7 @@ def test_mouse_look_wheel_is_the_distance() -> None:
 
 def test_mouse_look_right_button_takes_over_without_a_jump() -> None:
     session = Session(alone=False)
-    camera = eyes_record(apart=60.0, apart_px=60.0, generation=1)
+    camera = eyes_record(eye_distance=60.0, eye_distance_px=60.0, generation=1)
     still = session.cols(Pointer(0.1, 0.5), 200, camera)
     assert not session.mouse.is_viewer
     away = session.cols(Pointer(0.1, 0.5, right=True), 120, camera)

@@ -61,7 +61,7 @@ def test_session_window_shows_the_views_of_the_trace(
     else:
         pytest.fail("the eyes see the same view: this test shows nothing")
     for exchange in (
-        lambda word: world.ctl("set", f"scene.half_turn={word}"),
+        lambda word: world.ctl("set", f"scene.invert_depth={word}"),
         lambda _: press("d"),
     ):
         _exchange_near_and_far(world, screen, exchange)
@@ -113,7 +113,7 @@ def _exchange_near_and_far(world: World, screen: Screen, exchange: Callable[[str
 
         world.wait_for(
             lambda turned=turned: _steady(world, screen) == turned(),
-            f"the picture with half_turn={word}",
+            f"the picture with invert_depth={word}",
         )
         assert [
             file.read_text() for file in (world.root / "state" / "lfpipe" / "half_turns").iterdir()
@@ -299,7 +299,7 @@ def test_presented_by_names_who_reports_blanks(
     seen = [line for line in lines if line["composed"] and line["presented_by"] != "replaced"]
     assert all(-20e6 <= line["t_presented_ns"] - line["t_composed_ns"] < 1e9 for line in seen)
     assert not any(line["t_presented_ns"] for line in lines if line["presented_by"] == "replaced")
-    blanks = [line["t_presented_ns"] for line in seen if line["presented_by"] in reporters]
-    assert all(a < b for a, b in pairwise(blanks)), "no two pictures at one blank"
+    vblanks = [line["t_presented_ns"] for line in seen if line["presented_by"] in reporters]
+    assert all(a < b for a, b in pairwise(vblanks)), "no two pictures at one blank"
     monitor = world.monitor()
     assert monitor["judder"]["planned"] > 0 and 0 <= monitor["judder"]["percent"] <= 100

@@ -1,7 +1,7 @@
 """`lfpipe` with a render stage that fails with some settings, and one that dies again and again.
 
-render.loop_ms = 7: it ends with a UserError after it has confirmed the setting; 8: with another
-error; 9: always, at its first picture.
+render.device_latency_ms = 7: it ends with a UserError after it has confirmed the setting; 8: with
+another error; 9: always, at its first picture.
 """
 
 from typing import Any
@@ -18,11 +18,11 @@ def main(context: Context) -> None:
     usual = presenter.Presenter.show
 
     def show(self: presenter.Presenter, *args: Any, **more: Any) -> None:
-        loop_ms = context.config.render.loop_ms
-        if loop_ms == 7:
-            raise UserError("render.loop_ms = 7: not for me", "another number")
-        if loop_ms in (8, 9):
-            raise ZeroDivisionError(f"show at {loop_ms:g}")
+        device_latency_ms = context.config.render.device_latency_ms
+        if device_latency_ms == 7:
+            raise UserError("render.device_latency_ms = 7: not for me", "another number")
+        if device_latency_ms in (8, 9):
+            raise ZeroDivisionError(f"show at {device_latency_ms:g}")
         usual(self, *args, **more)
 
     presenter.Presenter.show = show  # type: ignore[method-assign]

@@ -218,7 +218,7 @@ class Soak:
         table = self.watcher.table
         pid = self._supervisor.pid
         names = {int(row["pid"]): name for name, row in table.rows.items()} | {pid: "supervisor"}
-        figures: dict[str, tuple[float, ...]] = {}
+        metrics: dict[str, tuple[float, ...]] = {}
         for process in (
             pid,
             *map(int, Path(f"/proc/{pid}/task/{pid}/children").read_text().split()),
@@ -231,13 +231,13 @@ class Soak:
                 )
                 # a helper of multiprocessing
                 name = names.get(process) or Path(f"/proc/{process}/comm").read_text().strip()
-                figures[name] = anonymous_mb, len(list(Path(f"/proc/{process}/fd").iterdir()))
+                metrics[name] = anonymous_mb, len(list(Path(f"/proc/{process}/fd").iterdir()))
         files = [
             path.name
             for path in self._session.run_dir.iterdir()
             if not path.name.startswith(("error.", "stack."))
         ]
-        return figures | dict.fromkeys((*files, *self.world.segments()), (0.0,))
+        return metrics | dict.fromkeys((*files, *self.world.segments()), (0.0,))
 
     def _wait_for_pictures(self, after: str) -> None:
         """Waits for every stage to run and for a picture of a new frame."""

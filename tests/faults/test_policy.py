@@ -21,7 +21,7 @@ def _ask(world: World, **message: Any) -> dict[str, Any]:
 
 def test_stage_that_fails_five_times_ends_the_session(world: World, scene: Path) -> None:
     world.module = "tests.faults.picky_render"
-    process = world.up(scene, *CAMERA, "--set", "render.loop_ms=9")
+    process = world.up(scene, *CAMERA, "--set", "render.device_latency_ms=9")
     _, err = process.communicate(timeout=120)
     assert process.returncode == 1 and not world.left(), err
     last = err[err.index("error: ") :]
@@ -43,21 +43,27 @@ def test_set_is_taken_whole_or_rolled_back(world: World, scene: Path, tmp_path: 
     wrong = {"render.swap_eyes": True, "render.alpha_px": -4}
     assert "render.alpha_px" in _ask(world, cmd="set", set=wrong)["error"]
     assert _ask(world, cmd="status")["config"] == before
-    for loop_ms in (7, 8):  # acknowledged, and then it failed
+    for device_latency_ms in (7, 8):  # acknowledged, and then it failed
         for _ in range(3):  # more failures in total than end an unattended session
-            _ask(world, cmd="set", set={"render.swap_eyes": True, "render.loop_ms": loop_ms})
+            _ask(
+                world,
+                cmd="set",
+                set={"render.swap_eyes": True, "render.device_latency_ms": device_latency_ms},
+            )
             world.wait_for(
                 lambda: _ask(world, cmd="status").get("config") == before, "configuration as it was"
             )
     world.more_pictures(3)
-    accepted = {"render.swap_eyes": True, "render.loop_ms": 6}
+    accepted = {"render.swap_eyes": True, "render.device_latency_ms": 6}
     world.wait_for(lambda: _ask(world, cmd="set", set=accepted)["applied"], "the stages' answers")
     assert "error" not in _ask(world, cmd="load", scene=str(write_scene(tmp_path / "other", 1, 5)))
     assert world.more_pictures(3)[-1]["view"]["left"][0] == 0
     _ask(world, cmd="stop")
     _, err = process.communicate(timeout=120)  # with the stacks of a stage that failed
     assert process.returncode == 0, err
-    assert err.count("the last change is rolled back: render.loop_ms = 7: not for me") == 3
+    assert (
+        err.count("the last change is rolled back: render.device_latency_ms = 7: not for me") == 3
+    )
     assert err.count("the last change is rolled back: render fails with it") == 3
 
 
@@ -77,7 +83,7 @@ class NanFilter(Newest):
 
     _start = lambda self, t_ns, measured: None
 
-def nan_filter(track, loop_s):
+def nan_filter(track, device_latency_s):
     return NanFilter()
 """
 ENTRIES = """

@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from lfpipe.eyes import MAX_HORIZON_S
+from lfpipe.eyes import MAX_PREDICTION_S
 from lfpipe.supervisor.process_table import STAGES
 from lfpipe.transport.clock import SLEPT_NS, SleepWatch
 from tests.support.world import World
@@ -103,4 +103,4 @@ def test_tracker_that_hangs_shows_nobody(world: World, scene: Path) -> None:
     finally:
         os.kill(pid, signal.SIGCONT)
     assert lines[0]["t_composed_ns"] - lines[0]["t_sensor_ns"] < 0.7e9
-    assert world.monitor()["horizon"]["max_ms"] <= 1.02e3 * MAX_HORIZON_S
+    assert world.monitor()["prediction"]["max_ms"] <= 1.02e3 * MAX_PREDICTION_S

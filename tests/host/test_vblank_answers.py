@@ -1,8 +1,8 @@
-"""`BlankAnswers`: which picture each blank of an X server showed."""
+"""`VblankAnswers`: which picture each blank of an X server showed."""
 
 import pytest
 
-from lfpipe.host.presentation import BlankAnswers, Presented
+from lfpipe.host.presentation import Presented, VblankAnswers
 from lfpipe.transport.clock import MS_NS
 
 PERIOD_NS = 16 * MS_NS
@@ -41,7 +41,7 @@ PLAYS: dict[str, tuple[tuple[int, int], list[Step]]] = {
 
 @pytest.mark.parametrize("name", PLAYS)
 def test_blank_answers(name: str) -> None:
-    answers = BlankAnswers()
+    answers = VblankAnswers()
     for number in (1, 2):  # then the period is known
         answers.asked(number, number * PERIOD_NS - 8 * MS_NS)
         answers.answered(number, number * PERIOD_NS, number)

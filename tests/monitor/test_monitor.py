@@ -20,7 +20,7 @@ from rich.text import Text
 
 from lfpipe.monitor.monitor import fitted, state_text
 from lfpipe.monitor.session_reader import Watch
-from lfpipe.supervisor.metrics import session_figures
+from lfpipe.supervisor.metrics import session_metrics
 from lfpipe.supervisor.process_table import CORE, SOURCE
 from lfpipe.supervisor.rundir import find
 from lfpipe.transport.status import ROW, SESSION, State
@@ -70,9 +70,9 @@ class Terminal:
 def test_state_says_that_there_is_no_camera() -> None:
     rows = {name: np.zeros((), ROW) for name in CORE}
     quality = np.zeros((), SESSION)
-    assert "no camera" in state_text(session_figures("mine", rows, quality, 0)).plain
+    assert "no camera" in state_text(session_metrics("mine", rows, quality, 0)).plain
     rows[SOURCE]["state"] = State.STARTING
-    assert "camera 0.0 Hz" in state_text(session_figures("mine", rows, quality, 0)).plain
+    assert "camera 0.0 Hz" in state_text(session_metrics("mine", rows, quality, 0)).plain
 
 
 def test_fitted_names_what_it_leaves_out() -> None:
@@ -152,16 +152,16 @@ def test_monitor_horizon_is_what_the_trace_says(
 ) -> None:
     live.pictures(90)
     state = live.monitor()
-    horizon = state["horizon"]
+    prediction = state["prediction"]
     # what the monitor saw is written by then
-    live.pictures(max(len(live.lines()), horizon["n"]) + 30)
-    counted = [line for line in live.lines() if line["face"]][: horizon["n"]]
-    horizon_ms = (
+    live.pictures(max(len(live.lines()), prediction["n"]) + 30)
+    counted = [line for line in live.lines() if line["face"]][: prediction["n"]]
+    prediction_ms = (
         statistics.median((line["t_presented_ns"] - line["t_sensor_ns"]) / 1e6 for line in counted)
         + 100
         + 1e3 / 120
     )
-    assert len(counted) >= 60 and horizon["p50_ms"] == pytest.approx(horizon_ms, rel=0.1)
+    assert len(counted) >= 60 and prediction["p50_ms"] == pytest.approx(prediction_ms, rel=0.1)
     assert state["motion_to_photon"]["onset_ms"] is None, "no light without a screen"
 
 

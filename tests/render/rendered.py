@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from lfpipe.config import Config, Render
 from lfpipe.config.tree import Method
 from lfpipe.eyes import EYES, EyesRecord
-from lfpipe.render.choice import Moment, TrackedEyes
-from lfpipe.render.presentation import Showing
+from lfpipe.render.choice import DisplayTime, TrackedEyes
+from lfpipe.render.presentation import Presentation
 from lfpipe.render.synthesis.anaglyph import MATRICES
 from lfpipe.render.viewer.viewer import Viewer, Viewpoints
 from lfpipe.scene.lightfield import LightField
@@ -32,12 +32,12 @@ S = 1_000_000_000
 
 
 def eyes_array(
-    x: float = 320.0, y: float = 240.0, apart: float = 24.0, **more: Any
+    x: float = 320.0, y: float = 240.0, eye_distance: float = 24.0, **more: Any
 ) -> NDArray[np.void]:
     """Eyes around (x, y) in a picture of 640x480: of dtype EYES, shape ()."""
     eyes = np.zeros((), EYES)
     eyes["face"], eyes["width_px"], eyes["height_px"] = 1, 640, 480
-    eyes["raw_px"] = eyes["filtered_px"] = [[x + apart / 2, y], [x - apart / 2, y]]
+    eyes["raw_px"] = eyes["filtered_px"] = [[x + eye_distance / 2, y], [x - eye_distance / 2, y]]
     for name, value in more.items():
         eyes[name] = value
     return eyes
@@ -53,13 +53,13 @@ def viewer(**render: Any) -> Viewer:
     return Viewer(field(9, 9, 16, 16), Config(render=Render(method="warp2", **render)))
 
 
-def showing(**fields: Any) -> Showing:
+def presentation(**fields: Any) -> Presentation:
     """A new picture for eyes in the middle, handed over after 1 s; fields: other values."""
     eyes = TrackedEyes(record(), Stamp(1, 1, 0, S, S, S, 0), S)
     plain: dict[str, Any] = {
         "seq": 0,
         "number": 1,
-        "moment": Moment.of(S),
+        "moment": DisplayTime.of(S),
         "eyes": eyes,
         "viewpoints": Viewpoints(eyes.record.filtered_px, (0.0, 0.0), (0.0, 0.0), 0),
         "picture": None,
@@ -68,7 +68,7 @@ def showing(**fields: Any) -> Showing:
         "t_handed_ns": S,
         "cost_ns": 0,
     }
-    return Showing(**(plain | fields))
+    return Presentation(**(plain | fields))
 
 
 def _texture(x: NDArray[np.float64], y: NDArray[np.float64], seed: int) -> NDArray[np.float64]:

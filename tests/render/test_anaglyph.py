@@ -5,7 +5,6 @@ import pytest
 from numpy.typing import NDArray
 
 from lfpipe.config import choices
-from lfpipe.render.ui import notices
 from lfpipe.render.synthesis.anaglyph import (
     LEAKS,
     MATRICES,
@@ -15,6 +14,7 @@ from lfpipe.render.synthesis.anaglyph import (
     encoded,
     recipe,
 )
+from lfpipe.render.ui import notices
 from lfpipe.render.ui.glasses import KINDS
 
 GLASSES = sorted(MATRICES)

@@ -3,7 +3,7 @@
 import pytest
 
 from lfpipe.config import Config
-from lfpipe.render.choice import EyesSource, Moment, choose
+from lfpipe.render.choice import DisplayTime, EyesSource, choose
 from lfpipe.render.ui.overlay import Pointer
 from lfpipe.render.viewer.mouse_look import MouseLook
 from lfpipe.transport.ring import Stamp
@@ -22,18 +22,20 @@ def test_moment_is_the_middle_of_the_refresh_after_the_loop() -> None:
     source = EyesSource()
     velocity_px_s = 240.0
     source.update(record(velocity_px_s=[[velocity_px_s, 0.0]] * 2), stamp(S))
-    resting = choose(viewer(alpha_px=20.0), source.at(S), Moment.of(S)).viewpoints.eyes_px
-    for loop_ns in (0, 80 * MS):
-        moment = Moment.of(S + 20 * MS, REFRESH_NS, loop_ns)
-        assert moment.seen_ns == S + 20 * MS + loop_ns + REFRESH_NS // 2
-        eyes_px = choose(viewer(alpha_px=20.0), source.at(S + 10 * MS), moment).viewpoints.eyes_px
-        lit_s = [(20 * MS + loop_ns + REFRESH_NS * k / 100) / S for k in range(101)]
+    resting = choose(viewer(alpha_px=20.0), source.at(S), DisplayTime.of(S)).viewpoints.eyes_px
+    for device_latency_ns in (0, 80 * MS):
+        display_time = DisplayTime.of(S + 20 * MS, REFRESH_NS, device_latency_ns)
+        assert display_time.seen_ns == S + 20 * MS + device_latency_ns + REFRESH_NS // 2
+        eyes_px = choose(
+            viewer(alpha_px=20.0), source.at(S + 10 * MS), display_time
+        ).viewpoints.eyes_px
+        lit_s = [(20 * MS + device_latency_ns + REFRESH_NS * k / 100) / S for k in range(101)]
         errors = [eyes_px[0] - resting[0] - velocity_px_s * t_s for t_s in lit_s]
         assert sum(errors) / len(errors) == pytest.approx(0, abs=0.01)
 
 
 def test_moment_without_a_refresh_is_the_hand_over() -> None:
-    assert Moment.of(S).seen_ns == S
+    assert DisplayTime.of(S).seen_ns == S
 
 
 # whether it is a replay, when eyes came and of which epoch, and whether a face is there later
@@ -76,7 +78,7 @@ def test_eyes_source_takes_the_mouse_while_its_right_button_is_held() -> None:
     source.update(record(), stamp(S))
     camera = source.at(S, mouse)
     assert camera is not None and camera.t_ns == S
-    choose(subject, camera, Moment.of(S, REFRESH_NS))
+    choose(subject, camera, DisplayTime.of(S, REFRESH_NS))
     mouse.move(Pointer(1.0, 0.5, right=True), S)
     source.at(S, mouse)
     held = source.at(S + 100 * MS, mouse)
@@ -92,5 +94,5 @@ def test_choose_gives_eyes_at_rest_one_key() -> None:
     for k in range(120):
         t_ns = S + k * REFRESH_NS
         source.update(record(), stamp(t_ns, k + 1))
-        keys.add(choose(subject, source.at(t_ns), Moment.of(t_ns, REFRESH_NS)).key)
+        keys.add(choose(subject, source.at(t_ns), DisplayTime.of(t_ns, REFRESH_NS)).key)
     assert len(keys) == 1

@@ -18,7 +18,7 @@ from lfpipe.config.tree import Anaglyph, Method
 from lfpipe.files.decoding import fit_area
 from lfpipe.render.synthesis.anaglyph import MATRICES, encode, recipe
 from lfpipe.render.synthesis.compositor import Compositor, PlaneStore
-from lfpipe.render.synthesis.pair_layout import laid_out, scale_into
+from lfpipe.render.synthesis.pair_layout import arrange_stereo_pair, scale_into
 from lfpipe.render.viewer.viewer import Viewer
 from tests.render import rendered
 from tests.render.rendered import METHODS, OUTPUTS
@@ -224,8 +224,8 @@ def test_laid_out_gives_each_row_of_the_screen_to_one_eye(
     view: tuple[int, int], screen: tuple[int, int], first_row: int
 ) -> None:
     memory = np.ones((screen[1], screen[0], 3), np.uint8)
-    out = laid_out(pair(view), "row-interleaved", screen, first_row, memory)
-    assert out is memory and laid_out(
+    out = arrange_stereo_pair(pair(view), "row-interleaved", screen, first_row, memory)
+    assert out is memory and arrange_stereo_pair(
         pair(view), "row-interleaved", (7, 9), first_row, memory
     ).shape == (9, 7, 3)
     for row in range(screen[1]):
@@ -237,7 +237,7 @@ def test_laid_out_gives_each_row_of_the_screen_to_one_eye(
 
 @pytest.mark.parametrize("screen", [(160, 90), (200, 200), (320, 100)])
 def test_laid_out_halves_keep_the_shape_of_their_views(screen: tuple[int, int]) -> None:
-    out = laid_out(pair((60, 40)), "side-by-side", screen)
+    out = arrange_stereo_pair(pair((60, 40)), "side-by-side", screen)
     for eye, colour in enumerate((LEFT, RIGHT)):
         stretched = out[:, eye * screen[0] // 2 : (eye + 1) * screen[0] // 2].repeat(2, axis=1)
         assert (stretched[stretched.any(axis=2)] == colour).all()

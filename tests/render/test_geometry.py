@@ -161,9 +161,9 @@ FOUND: dict[str, tuple[LightField, float, dict[str, object], dict[str, float], s
 
 @pytest.mark.parametrize("kind", FOUND)
 def test_parallax_is_the_least_of_room_comfort_and_true_depth(kind: str) -> None:
-    field, eyes_px, render, figures, words = FOUND[kind]
+    field, eyes_px, render, metrics, words = FOUND[kind]
     found = chosen(field, eyes_px, **render)
-    assert {name: getattr(found, name) for name in figures} == pytest.approx(figures, rel=1e-3)
+    assert {name: getattr(found, name) for name in metrics} == pytest.approx(metrics, rel=1e-3)
     beyond = found.views_between_eyes > (found.comfort_views or math.inf)
     assert words in str(found) and ("comfort" in str(found)) == beyond
 

@@ -15,28 +15,28 @@ from lfpipe.config import SessionOptions
 from lfpipe.config.modes import Lossless, ReplayOutput
 from lfpipe.errors import UserError
 from lfpipe.eyes import SHOWN
-from lfpipe.render.choice import Moment
+from lfpipe.render.choice import DisplayTime
 from lfpipe.render.display.display import Display
 from lfpipe.render.listeners.picture_ring import PictureRing
 from lfpipe.render.listeners.share_stamps import ShareStamps
 from lfpipe.render.listeners.status_row import StatusRow
 from lfpipe.render.listeners.tap_messages import TapMessages
 from lfpipe.render.listeners.trace import Trace, trace_line
-from lfpipe.render.presentation import REPLACED, Showing
+from lfpipe.render.presentation import REPLACED, Presentation
 from lfpipe.render.stage import RenderStage
 from lfpipe.render.viewer.presence import ViewerState
 from lfpipe.transport import ring
 from lfpipe.transport.ring import RingSpec
 from lfpipe.transport.status import ROW, Row
-from tests.render.rendered import S, record, showing, viewer
+from tests.render.rendered import S, presentation, record, viewer
 from tests.support.processes import largest_file
 
 REFRESH_NS = S // 60
 NONE = SessionOptions()
 
 
-class Blanks(Display):
-    blanks_by = "blanks"
+class Vblanks(Display):
+    vblank_source = "blanks"
 
 
 # trace
@@ -45,12 +45,12 @@ class Blanks(Display):
 def test_trace_and_timeline_get_the_same_lines(tmp_path: Path) -> None:
     trace = Trace(viewer(), tmp_path / "trace.jsonl", None, pytest.fail)
     trace.set_options(NONE)
-    trace.presented(showing(seq=1))
+    trace.presented(presentation(seq=1))
     trace.set_options(attrs.evolve(NONE, timeline=str(tmp_path / "timeline")))
-    trace.presented(showing(seq=2, eyes=None))
-    trace.presented(showing(seq=3))
+    trace.presented(presentation(seq=2, eyes=None))
+    trace.presented(presentation(seq=3))
     trace.set_options(NONE)
-    trace.presented(showing(seq=4, by="blanks", more={"picture": "0"}))
+    trace.presented(presentation(seq=4, by="blanks", more={"picture": "0"}))
     trace.close()
     lines, timeline = (
         [json.loads(line) for line in (tmp_path / name).read_text().splitlines()]
@@ -69,7 +69,7 @@ def test_trace_that_no_longer_fits_is_reported_once(tmp_path: Path) -> None:
     trace = Trace(viewer(), tmp_path / "trace.jsonl", None, reasons.append)
     with largest_file(4096):
         for seq in range(20):
-            trace.presented(showing(seq=seq))
+            trace.presented(presentation(seq=seq))
         trace.close()
     assert len(reasons) == 1
     assert str(tmp_path / "trace.jsonl") in reasons[0] and "it ends here" in reasons[0]
@@ -99,7 +99,7 @@ def test_trace_is_continued_by_a_restarted_process_and_begins_anew_with_a_sessio
     for since, count in ((None, 1), (began, 2), (began, 3), (None, 1)):
         trace = Trace(viewer(), tmp_path / "trace", since, pytest.fail)
         trace.set_options(options)
-        trace.presented(showing())
+        trace.presented(presentation())
         trace.close()
         assert (tmp_path / "trace").read_text().count("\n") == count
         assert (tmp_path / "timeline").read_text().count("\n") == count
@@ -108,40 +108,46 @@ def test_trace_is_continued_by_a_restarted_process_and_begins_anew_with_a_sessio
 # status row
 
 
-ON_TIME = Moment.of(S, REFRESH_NS)
-SEEN = showing(moment=ON_TIME, cost_ns=5_000_000, t_presented_ns=2 * S)
+ON_TIME = DisplayTime.of(S, REFRESH_NS)
+SEEN = presentation(display_time=ON_TIME, cost_ns=5_000_000, t_presented_ns=2 * S)
 
 
 @pytest.mark.parametrize(
-    ("display", "handed", "missed", "presented", "figures"),
+    ("display", "handed", "missed", "presented", "metrics"),
     [
         # what was planned, and what came otherwise; one was seen
         (
-            Blanks(),
-            [SEEN, showing(number=0, moment=ON_TIME)],
+            Vblanks(),
+            [SEEN, presentation(number=0, display_time=ON_TIME)],
             3,
-            [SEEN, showing(juddered=True, by=REPLACED)],
+            [SEEN, presentation(juddered=True, by=REPLACED)],
             {"seq": 2, "planned": 5, "missed": 3, "juddered": 4, "face": 1, "t_face_ns": S}
             | {"age": 1, "busy": 2},
         ),
         # without blanks nothing is planned
         (
             Display(),
-            [showing(moment=ON_TIME)],
+            [presentation(display_time=ON_TIME)],
             2,
             [],
             {"planned": 0, "juddered": 0, "missed": 2},
         ),
         # the last face stays
-        (Display(), [showing(), showing(eyes=None)], 0, [], {"face": 1, "source_seq": -1}),
+        (
+            Display(),
+            [presentation(), presentation(eyes=None)],
+            0,
+            [],
+            {"face": 1, "source_seq": -1},
+        ),
     ],
 )
 def test_status_row_counts(
     display: Display,
-    handed: list[Showing],
+    handed: list[Presentation],
     missed: int,
-    presented: list[Showing],
-    figures: dict[str, int],
+    presented: list[Presentation],
+    metrics: dict[str, int],
 ) -> None:
     row = Row(np.zeros((), ROW))
     status = StatusRow(row, viewer(), display)
@@ -151,8 +157,8 @@ def test_status_row_counts(
     for one in presented:
         status.presented(one)
     counts = {name: int(row.record[name]["count"].sum()) for name in ("age", "busy")}
-    found = {name: counts[name] if name in counts else row[name] for name in figures}
-    assert found == figures
+    found = {name: counts[name] if name in counts else row[name] for name in metrics}
+    assert found == metrics
 
 
 # messages
@@ -166,7 +172,7 @@ def test_tap_messages_tell_each_state_and_parallax_once() -> None:
     )
     for k in range(120):
         subject.viewpoints(record(), k * REFRESH_NS, k * REFRESH_NS)
-        tap.handed_over(showing(t_handed_ns=k * REFRESH_NS))
+        tap.handed_over(presentation(t_handed_ns=k * REFRESH_NS))
     topics = [topic for topic, _ in messages]
     assert [values["state"] for topic, values in messages if topic == "viewer"] == [
         "arriving",
@@ -177,7 +183,7 @@ def test_tap_messages_tell_each_state_and_parallax_once() -> None:
     assert re.fullmatch(r"viewer \d+ mm from the screen: \d+\.\d views between the eyes.*", notice)
     tap.set_options(attrs.evolve(NONE, pictures="ring"))
     for k in range(60):
-        tap.handed_over(showing(t_handed_ns=3 * S + k * REFRESH_NS))
+        tap.handed_over(presentation(t_handed_ns=3 * S + k * REFRESH_NS))
     assert 8 <= sum(topic == "look" for topic, _ in messages) <= 10, "ten a second at most"
 
 
@@ -190,15 +196,15 @@ def test_picture_ring_begins_with_the_picture_on_the_screen() -> None:
     try:
         listener = PictureRing(lambda asked: asked)
         picture = np.full((4, 4, 3), 7, np.uint8)
-        listener.handed_over(showing(picture=picture))
+        listener.handed_over(presentation(picture=picture))
         reader = ring.Reader(name)
         listener.set_options(attrs.evolve(NONE, pictures=name))
         out = np.zeros((4, 4, 3), np.uint8)
         assert reader.read(out) is not None and np.array_equal(out, picture)
         for one, level in (
-            (showing(number=0, picture=picture), None),  # it stayed on the screen
-            (showing(picture=np.zeros((8, 8, 3), np.uint8)), None),  # another size
-            (showing(picture=picture + 1), 8),
+            (presentation(number=0, picture=picture), None),  # it stayed on the screen
+            (presentation(picture=np.zeros((8, 8, 3), np.uint8)), None),  # another size
+            (presentation(picture=picture + 1), 8),
         ):
             listener.handed_over(one)
             stamp = reader.read(out)
@@ -217,16 +223,16 @@ def test_share_stamps_only_on_demand_and_of_what_was_seen() -> None:
     publish = lambda seq, *_: records.append((seq, int(slot["t_presented_ns"])))  # noqa: E731
     opened = SimpleNamespace(begin=lambda: slot, publish=publish)
     stamps = ShareStamps(lambda: opened)  # type: ignore[arg-type, return-value]
-    stamps.presented(showing(t_presented_ns=5))
+    stamps.presented(presentation(t_presented_ns=5))
     stamps.set_options(attrs.evolve(NONE, share=("lsl",)))
-    stamps.presented(showing(t_presented_ns=6))
-    stamps.presented(showing(by=REPLACED))
-    stamps.presented(showing(eyes=None))
+    stamps.presented(presentation(t_presented_ns=6))
+    stamps.presented(presentation(by=REPLACED))
+    stamps.presented(presentation(eyes=None))
     assert records == [(1, 6)]
 
 
 def test_trace_line_holds_the_blank_that_was_aimed_at() -> None:
     refresh_ns = 16_666_667
-    line = trace_line(showing(moment=Moment.of(2 * S, refresh_ns)), "warp", 0)
+    line = trace_line(presentation(display_time=DisplayTime.of(2 * S, refresh_ns)), "warp", 0)
     assert line["t_due_ns"] == 2 * S
-    assert trace_line(showing(), "warp", 0)["t_due_ns"] == 0
+    assert trace_line(presentation(), "warp", 0)["t_due_ns"] == 0

@@ -13,7 +13,7 @@ from lfpipe.render.listeners.motion_latency import MotionLatency
 from lfpipe.track.filters import make_filter
 
 MS = 1_000_000
-LOOP_MS, STEP_PX_S = 60, 200.0
+DEVICE_LATENCY_MS, STEP_PX_S = 60, 200.0
 
 
 def eyes_at(x: float) -> np.ndarray:
@@ -43,8 +43,8 @@ def session(
     noise_px: float,
     track: Track,
 ) -> MotionLatency:
-    """30 Hz, presented 20 and 37 ms after the frame's stamp, light LOOP_MS later; made for the
-    middle of the refresh, by the filter or as made_for gives the eyes.
+    """30 Hz, presented 20 and 37 ms after the frame's stamp, light DEVICE_LATENCY_MS later; made
+    for the middle of the refresh, by the filter or as made_for gives the eyes.
     """
     latency = MotionLatency()
     filter_ = make_filter(track)
@@ -56,9 +56,9 @@ def session(
         filter_.update(stamp, measured)
         for refresh in range(2):
             presented = stamp + (20 + 17 * refresh) * MS
-            after = (LOOP_MS + 8) * MS
+            after = (DEVICE_LATENCY_MS + 8) * MS
             eyes = made_for(presented + after) if made_for else filter_.predict(presented + after)
-            latency.add_picture(presented, after, LOOP_MS * MS, record_px(eyes))
+            latency.add_picture(presented, after, DEVICE_LATENCY_MS * MS, record_px(eyes))
     return latency
 
 

@@ -171,11 +171,11 @@ def test_plan_needs_depth_where_distance_changes_the_views(how: Config) -> None:
     scene = attrs.evolve(scene, disparity_min_px=0.0, disparity_max_px=0.0)
     how = updated(how, {"render.method": "blend"})  # nearest would round small changes away
     seen = []
-    for apart in (30.0, 60.0):  # the same direction, half the distance
+    for eye_distance in (30.0, 60.0):  # the same direction, half the distance
         viewer = Viewer(scene, how)
         viewer.viewpoints(record(320.0, 240.0, 30.0), 0, 0)
         for k in range(1, 41):
-            viewer.viewpoints(record(330.0, 250.0, apart), k * S // 4, k * S // 4)
+            viewer.viewpoints(record(330.0, 250.0, eye_distance), k * S // 4, k * S // 4)
         assert viewer.solver is not None and viewer.last_viewpoints is not None
         left, right = viewer.last_viewpoints.left, viewer.last_viewpoints.right
         seen.append((viewer.solver.alpha_px, left[0], left[1] + right[1]))

@@ -54,7 +54,9 @@ class Watched(RuleBasedStateMachine):
             assert before in (A, E, L) or beyond or self.exchanged, (
                 "a seated viewer is measured anew beyond the grid alone"
             )
-            assert self.exchanged or abs(rest.x_px - here.x_px) <= 2 * REST_SPAN * here.apart_px
+            assert (
+                self.exchanged or abs(rest.x_px - here.x_px) <= 2 * REST_SPAN * here.eye_distance_px
+            )
         if here is None:
             assert after in (N, L)
         return rest

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from lfpipe.config import Config
 from lfpipe.host.presentation import Presented
-from lfpipe.render.choice import EyesSource, Moment
+from lfpipe.render.choice import DisplayTime, EyesSource
 from lfpipe.render.display.display import Display
 from lfpipe.render.display.refresh import Refresh, ScreenRefresh
-from lfpipe.render.presentation import HANDOVER, REPLACED, Showing
+from lfpipe.render.presentation import HANDOVER, REPLACED, Presentation
 from lfpipe.render.presenter import Presenter, draw_glasses_test
 from lfpipe.render.synthesis.pair_layout import Pair
 from lfpipe.render.ui.glasses import glasses_test
@@ -26,13 +26,13 @@ REFRESH_NS = 1_000_000_000 // 60
 class Screen(Display):
     """Keeps pictures, and reports blanks as the test asks."""
 
-    def __init__(self, blanks_by: str = "") -> None:
+    def __init__(self, vblank_source: str = "") -> None:
         self.pictures: list[NDArray[np.uint8]] = []
         self.reports: list[Presented] = []
-        self._by = blanks_by
+        self._by = vblank_source
 
     @property
-    def blanks_by(self) -> str:
+    def vblank_source(self) -> str:
         return self._by
 
     def show(self, picture: NDArray[np.uint8], pair: Pair | None = None, how: str = "") -> int:
@@ -50,14 +50,14 @@ class Screen(Display):
 class World:
     """A Presenter without a process."""
 
-    def __init__(self, blanks_by: str = "", on_camera: bool = False) -> None:
+    def __init__(self, vblank_source: str = "", on_camera: bool = False) -> None:
         self.viewer = viewer()
         self.source = EyesSource()
-        self.display = Screen(blanks_by)
-        self.handed: list[Showing] = []
-        self.known: list[Showing] = []
+        self.display = Screen(vblank_source)
+        self.handed: list[Presentation] = []
+        self.known: list[Presentation] = []
         self.listener = Mock(handed_over=self.handed.append, presented=self.known.append)
-        self.refresh = (ScreenRefresh if blanks_by else Refresh)(60.0, now_ns())
+        self.refresh = (ScreenRefresh if vblank_source else Refresh)(60.0, now_ns())
         self.presenter = Presenter(
             viewer=self.viewer,
             source=self.source,
@@ -69,13 +69,13 @@ class World:
         )
         self.on_camera = on_camera
 
-    def show(self, *, x: float = 320.0) -> Showing:
+    def show(self, *, x: float = 320.0) -> Presentation:
         """Shows a picture for eyes of now."""
         t_ns = now_ns()
         self.source.update(record(x), Stamp(1, 1, 0, t_ns, t_ns, t_ns, 0))
-        on_blanks = bool(self.display.blanks_by)
+        on_vblanks = bool(self.display.vblank_source)
         refresh_ns = 0 if self.on_camera else REFRESH_NS
-        self.presenter.show(Moment.of(t_ns + refresh_ns, refresh_ns, on_blanks=on_blanks))
+        self.presenter.show(DisplayTime.of(t_ns + refresh_ns, refresh_ns, on_vblanks=on_vblanks))
         return self.handed[-1]
 
 
@@ -86,22 +86,22 @@ def test_presenter_composes_only_what_differs_from_the_screen() -> None:
     assert world.show().composed
     assert any(world.show(x=400).composed for _ in range(120)), "the eyes moved"
     known = world.known
-    assert len(world.display.pictures) == sum(showing.composed for showing in known)
-    assert [showing.seq for showing in known] == list(range(7, 7 + len(known)))
+    assert len(world.display.pictures) == sum(presentation.composed for presentation in known)
+    assert [presentation.seq for presentation in known] == list(range(7, 7 + len(known)))
 
 
 def test_presenter_on_the_cameras_clock_shows_every_frame() -> None:
     world = World(on_camera=True)
     assert [world.show().number for _ in range(3)] == [1, 2, 3]
-    assert all(showing.due_ns == 0 for showing in world.known)
+    assert all(presentation.due_ns == 0 for presentation in world.known)
 
 
 def test_presenter_shows_the_middle_view_before_the_first_eyes() -> None:
     world = World()
-    world.presenter.show(Moment.of(now_ns(), REFRESH_NS))
-    showing = world.known[0]
-    assert showing.eyes is None and not showing.face
-    assert showing.viewpoints.left == showing.viewpoints.right == (4.0, 4.0)
+    world.presenter.show(DisplayTime.of(now_ns(), REFRESH_NS))
+    presentation = world.known[0]
+    assert presentation.eyes is None and not presentation.face
+    assert presentation.viewpoints.left == presentation.viewpoints.right == (4.0, 4.0)
     assert np.array_equal(
         world.display.pictures[0], world.viewer.compositor.compose((4, 4), (4, 4))
     )
@@ -119,7 +119,7 @@ def test_presenter_draws_the_glasses_test_instead_of_the_scene() -> None:
 
 
 def test_presenter_reports_pictures_in_order_of_their_blanks() -> None:
-    world = World(blanks_by="blanks")
+    world = World(vblank_source="blanks")
     first = world.show()
     stayed = world.show()
     assert not stayed.composed and world.known == []
@@ -128,20 +128,24 @@ def test_presenter_reports_pictures_in_order_of_their_blanks() -> None:
     late_ns = second.due_ns + 2 * REFRESH_NS
     world.display.reports = [Presented(1, first.due_ns, REFRESH_NS), Presented(2, late_ns, 0)]
     world.presenter.take_reports()
-    assert [showing.seq for showing in world.known] == [7, 8, 9] and world.known == world.handed
-    assert [showing.by for showing in world.known] == ["blanks"] * 3
+    assert [presentation.seq for presentation in world.known] == [
+        7,
+        8,
+        9,
+    ] and world.known == world.handed
+    assert [presentation.by for presentation in world.known] == ["blanks"] * 3
     assert stayed.t_presented_ns == stayed.due_ns
     assert (first.juddered, second.juddered) == (False, True)
 
 
 def test_presenter_reports_the_last_pictures_at_the_end() -> None:
-    world = World(blanks_by="blanks")
+    world = World(vblank_source="blanks")
     first = world.show()
     world.presenter.redraw()
     second = world.show()
     world.display.reports = [Presented(1, 0, 0)]
     world.presenter.take_reports()
-    assert [showing.by for showing in world.known] == [REPLACED] and first.juddered
+    assert [presentation.by for presentation in world.known] == [REPLACED] and first.juddered
     world.presenter.close()
     assert second.by == HANDOVER and second.t_presented_ns == second.t_handed_ns
     assert world.listener.close.called

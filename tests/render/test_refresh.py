@@ -21,7 +21,7 @@ from lfpipe.render.display.refresh import (
     ScreenClock,
     ScreenRefresh,
 )
-from lfpipe.render.presentation import ANSWER_NS, HANDOVER, REPLACED, Showing, take_known
+from lfpipe.render.presentation import ANSWER_NS, HANDOVER, REPLACED, Presentation, take_known
 from tests.render import rendered
 
 MS = 1_000_000
@@ -150,11 +150,11 @@ def test_screen_clock_finds_its_grid_from_stamps_in_whole_ms(
     rate_hz: float, nominal_hz: float, shown: float
 ) -> None:
     clock = ScreenClock(nominal_hz, T0_NS - 3 * MS)
-    blanks = grid(rate_hz, 4000, 0.5 * MS, shown=shown)
-    for t_ns in blanks:
-        clock.blank(t_ns)
+    vblanks = grid(rate_hz, 4000, 0.5 * MS, shown=shown)
+    for t_ns in vblanks:
+        clock.vblank(t_ns)
     assert clock.measured and clock.rate_hz == pytest.approx(rate_hz, rel=2e-3)
-    k = round((blanks[-1] - T0_NS) * rate_hz / 1e9)
+    k = round((vblanks[-1] - T0_NS) * rate_hz / 1e9)
     true_ns = T0_NS + (k + 1) * 1e9 / rate_hz
     assert abs(clock.nearest(true_ns + 2 * MS) - true_ns) < MS
 
@@ -165,7 +165,7 @@ def test_screen_clock_follows_the_rate_of_another_monitor(reported: bool) -> Non
     clock = ScreenClock(60, T0_NS)
     later_ns = 10**10
     for t_ns in grid(60.0, 200, 0.2 * MS):
-        clock.blank(t_ns, 16_666_667 * reported)
+        clock.vblank(t_ns, 16_666_667 * reported)
         clock.claim(60)
     measured = clock.measured
     assert measured
@@ -174,7 +174,7 @@ def test_screen_clock_follows_the_rate_of_another_monitor(reported: bool) -> Non
         assert not clock.measured and clock.rate_hz == pytest.approx(75)
     other = grid(71.4, 600, 0.2 * MS)
     for t_ns in other:
-        clock.blank(t_ns + later_ns, 14_005_602 * reported)
+        clock.vblank(t_ns + later_ns, 14_005_602 * reported)
     assert clock.rate_hz == pytest.approx(71.4, rel=2e-3)
     assert abs(clock.nearest(other[-1] + later_ns) - other[-1] - later_ns) < 0.5 * MS
 
@@ -182,13 +182,13 @@ def test_screen_clock_follows_the_rate_of_another_monitor(reported: bool) -> Non
 def test_screen_clock_ignores_a_stray_blank_and_follows_a_phase() -> None:
     clock = ScreenClock(60, T0_NS)
     for t_ns in grid(60.0, 100, 0):
-        clock.blank(t_ns)
+        clock.vblank(t_ns)
     before = clock.nearest(T0_NS)
-    clock.blank(T0_NS + 2 * 10**9 + 8 * MS)
+    clock.vblank(T0_NS + 2 * 10**9 + 8 * MS)
     assert clock.nearest(T0_NS) == before
     moved = [T0_NS + 3 * 10**9 + 8 * MS + round(k * 1e9 / 60) for k in range(20)]
     for t_ns in moved:
-        clock.blank(t_ns)
+        clock.vblank(t_ns)
     assert abs(clock.nearest(moved[-1]) - moved[-1]) < MS // 10
 
 
@@ -231,7 +231,7 @@ class Composed:
 
     def __init__(self) -> None:
         self.refresh = ScreenRefresh(60.0, T0_NS)
-        self.refresh.clock.blank(T0_NS)
+        self.refresh.clock.vblank(T0_NS)
         self.due_ns = T0_NS
 
     def compose(self, cost_ms: float, late_by: int = 0) -> int:
@@ -263,7 +263,7 @@ def test_screen_refresh_lead_forgets_a_busy_start() -> None:
 def test_screen_refresh_lead_shrinks_to_what_is_needed() -> None:
     refresh = ScreenRefresh(60.0, T0_NS)
     wide_ns = 0
-    refresh.clock.blank(T0_NS)
+    refresh.clock.vblank(T0_NS)
     for k in range(80):  # late, each begun after the one before; then a period early
         t_ns = k * 100 * MS
         late_ms = 17 if k < 40 else -17
@@ -290,7 +290,7 @@ def shown_on_demand(pictures: int, delay_ms: float, rest_ms: float) -> tuple[int
         now_ns = max(begun_ns + cost_ns, refresh.earliest_ns(due_ns))
         shown_ns = max(round(now_ns + delay_ms * MS), shown_ns + round(rest_ms * MS))
         late = refresh.judge(due_ns, now_ns, shown_ns)
-        refresh.blanks([Presented(k, shown_ns, 0)], 60.0)
+        refresh.vblanks([Presented(k, shown_ns, 0)], 60.0)
         refresh.advance(now_ns)
         if k > pictures // 2:
             juddered += late
@@ -308,7 +308,7 @@ def test_screen_refresh_without_blanks_shows_an_even_rate(delay_ms: float, rest_
 
 def test_screen_refresh_lead_widens_where_a_picture_is_replaced() -> None:
     refresh = ScreenRefresh(60.0, T0_NS)
-    refresh.clock.blank(T0_NS)
+    refresh.clock.vblank(T0_NS)
     before_ns = refresh.lead_ns()
     for k in range(10, 60, 2):  # every second one is replaced, its successor is in time
         due_ns = refresh.clock.nearest(T0_NS + k * 16_666_667)
@@ -320,7 +320,7 @@ def test_screen_refresh_lead_widens_where_a_picture_is_replaced() -> None:
 
 def test_screen_refresh_with_a_limit_takes_every_second_blank() -> None:
     refresh = ScreenRefresh(60.0, T0_NS, 30.0)
-    refresh.clock.blank(T0_NS)
+    refresh.clock.vblank(T0_NS)
     assert refresh.period_ns == pytest.approx(2e9 / 60, abs=2)
     refresh.advance(T0_NS)
     first_ns = refresh.due_ns()
@@ -328,14 +328,14 @@ def test_screen_refresh_with_a_limit_takes_every_second_blank() -> None:
     assert refresh.due_ns() - first_ns == pytest.approx(6e9 / 60, abs=4)
 
 
-def showing(number: int, t_ns: int, by: str = "") -> Showing:
-    return rendered.showing(
+def presentation(number: int, t_ns: int, by: str = "") -> Presentation:
+    return rendered.presentation(
         number=number, t_handed_ns=t_ns, t_presented_ns=t_ns if by else 0, by=by
     )
 
 
 def known(
-    waiting: deque[Showing], answers: list[Presented], t_ns: int
+    waiting: deque[Presentation], answers: list[Presented], t_ns: int
 ) -> list[tuple[int, int, str]]:
     return [
         (one.t_handed_ns, one.t_presented_ns, one.by)
@@ -344,7 +344,7 @@ def known(
 
 
 def test_take_known_waits_for_a_blank_in_order() -> None:
-    waiting = deque((showing(1, 100), showing(0, 200, "blanks"), showing(2, 300)))
+    waiting = deque((presentation(1, 100), presentation(0, 200, "blanks"), presentation(2, 300)))
     assert known(waiting, [Presented(2, 350, 0)], 360) == []
     assert known(waiting, [Presented(1, 150, 0)], 370) == [
         (100, 150, "blanks"),
@@ -357,6 +357,6 @@ def test_take_known_waits_for_a_blank_in_order() -> None:
 
 
 def test_take_known_of_replaced_and_unanswered_pictures() -> None:
-    waiting = deque((showing(1, 100), showing(2, 200)))
+    waiting = deque((presentation(1, 100), presentation(2, 200)))
     assert known(waiting, [Presented(1, 0, 0)], 300) == [(100, 0, REPLACED)]
     assert known(waiting, [], 200 + ANSWER_NS + 1) == [(200, 200, HANDOVER)]

@@ -116,15 +116,17 @@ def test_viewer_recentre_makes_the_present_place_the_middle(
     )
 
 
-def distance_share(start: float, apart: float, seconds: float) -> float:
+def distance_share(start: float, eye_distance: float, seconds: float) -> float:
     """The share of its way that alpha has gone after a face was suddenly at another distance."""
     subject = four_views()
     alphas = list[float]()
     for k in range(round(seconds * 240) + 1):
-        subject.viewpoints(record(apart=apart if k else start), k * S // 240, k * S // 240)
+        subject.viewpoints(
+            record(eye_distance=eye_distance if k else start), k * S // 240, k * S // 240
+        )
         assert subject.solver is not None
         alphas.append(subject.solver.alpha_px)
-    return (alphas[-1] / alphas[0] - 1) / (apart / start - 1)
+    return (alphas[-1] / alphas[0] - 1) / (eye_distance / start - 1)
 
 
 @pytest.mark.parametrize(
@@ -133,10 +135,10 @@ def distance_share(start: float, apart: float, seconds: float) -> float:
     ids=["noise: 2 % or less", "beyond it", "at last"],
 )
 def test_viewer_follows_a_distance_fast_and_its_noise_slowly(
-    apart: float, seconds: float, share: float
+    eye_distance: float, seconds: float, share: float
 ) -> None:
     """Time constants, in which alpha goes 1 - 1/e of its way."""
-    assert distance_share(60.0, apart, seconds) == pytest.approx(share, abs=0.01)
+    assert distance_share(60.0, eye_distance, seconds) == pytest.approx(share, abs=0.01)
 
 
 def test_viewer_holds_a_view_for_three_seconds_and_returns_to_the_middle() -> None:
@@ -187,8 +189,10 @@ def test_viewer_keeps_the_cadence_of_a_video(film_hz: float, screen_hz: float) -
     subject = Viewer(film, Config())
     random = np.random.default_rng(2)
     lead_ns = round(VIDEO_LEAD * S / screen_hz)
-    moments = [round(7 * S + k * S / screen_hz + random.uniform(-3e5, 3e5)) for k in range(1200)]
-    frames = [subject.viewpoints(None, 0, t_ns, lead_ns).frame for t_ns in moments]
+    display_times = [
+        round(7 * S + k * S / screen_hz + random.uniform(-3e5, 3e5)) for k in range(1200)
+    ]
+    frames = [subject.viewpoints(None, 0, t_ns, lead_ns).frame for t_ns in display_times]
     ratio = screen_hz / film_hz
     assert frames[0] == 0, "it begins when it is first shown"
     assert set(np.bincount(frames)[1:-1].tolist()) <= (
@@ -208,10 +212,10 @@ def test_viewer_neutral_follows_a_rest_beyond_the_grid() -> None:
 
 def test_viewer_keeps_alpha_of_a_turned_head() -> None:
     subject = viewer()
-    script(subject, (3.0, {"apart": 60.0, "apart_px": 60.0}))
+    script(subject, (3.0, {"apart": 60.0, "eye_distance_px": 60.0}))
     assert subject.solver is not None
     alpha = subject.solver.alpha_px
-    script(subject, (3.0, {"apart": 53.0, "apart_px": 60.0}), start_s=3.0)
+    script(subject, (3.0, {"apart": 53.0, "eye_distance_px": 60.0}), start_s=3.0)
     assert subject.solver.alpha_px == pytest.approx(alpha, rel=1e-6)
 
 
@@ -231,9 +235,9 @@ def test_viewer_leaning_in_exceeds_comfort_only_briefly() -> None:
         np.full(90, 16.0),
     ]
     beyond = []
-    for k, apart in enumerate(np.concatenate(sizes).tolist()):
-        look = subject.viewpoints(record(apart=apart), k * S // 60, k * S // 60)
-        limit = parallax(subject.config, deep, 640, apart).comfort_views or 0.0
+    for k, eye_distance in enumerate(np.concatenate(sizes).tolist()):
+        look = subject.viewpoints(record(eye_distance=eye_distance), k * S // 60, k * S // 60)
+        limit = parallax(subject.config, deep, 640, eye_distance).comfort_views or 0.0
         beyond.append((look.right[1] - look.left[1]) / min(limit, 4.0))
     assert max(beyond) < 1.5 and max(beyond[230:270]) < 1.12, (
         "a third of a second after leaning in by a third"
@@ -241,13 +245,17 @@ def test_viewer_leaning_in_exceeds_comfort_only_briefly() -> None:
     assert beyond[-1] > 0.9
 
 
-@pytest.mark.parametrize("apart_px", [math.nan, math.inf, -math.inf, 1e300, -5.0])
-def test_viewer_forgets_one_senseless_distance(apart_px: float) -> None:
+@pytest.mark.parametrize("eye_distance_px", [math.nan, math.inf, -math.inf, 1e300, -5.0])
+def test_viewer_forgets_one_senseless_distance(eye_distance_px: float) -> None:
     subject, plain = viewer(), viewer()
     for k in range(120):
-        wrong = {"apart_px": apart_px} if k == 60 or k == 0 else {"apart_px": 24.0}
+        wrong = (
+            {"eye_distance_px": eye_distance_px} if k == 60 or k == 0 else {"eye_distance_px": 24.0}
+        )
         seen = subject.viewpoints(record(300.0 + k / 4, **wrong), k * S // 60, k * S // 60)
-        same = plain.viewpoints(record(300.0 + k / 4, apart_px=24.0), k * S // 60, k * S // 60)
+        same = plain.viewpoints(
+            record(300.0 + k / 4, eye_distance_px=24.0), k * S // 60, k * S // 60
+        )
     assert seen.left == pytest.approx(same.left, abs=1e-6) and seen.right == pytest.approx(
         same.right, abs=1e-6
     )
@@ -281,15 +289,15 @@ def test_camera_pose_gives_points_before_the_screen_and_back(
     above_mm: float, tilt_deg: float, x: float, y: float, z: float
 ) -> None:
     config = Config(camera=Camera(above_mm=above_mm, tilt_deg=tilt_deg))
-    eyes_px, apart_px = seen_px(config, np.array([x, y, z]), above_mm, tilt_deg)
+    eyes_px, eye_distance_px = seen_px(config, np.array([x, y, z]), above_mm, tilt_deg)
     pose = CameraPose.of(config, SIZE)
     if pose is None:
         return
     np.testing.assert_allclose(
-        pose.points_mm(eyes_px, apart_px).mean(axis=0), (x, y, z), atol=1e-6 * z
+        pose.points_mm(eyes_px, eye_distance_px).mean(axis=0), (x, y, z), atol=1e-6 * z
     )
-    there = pose.from_screen(eyes_px, apart_px)
-    np.testing.assert_allclose(pose.from_camera(there, apart_px), eyes_px, atol=1e-6)
+    there = pose.from_screen(eyes_px, eye_distance_px)
+    np.testing.assert_allclose(pose.from_camera(there, eye_distance_px), eyes_px, atol=1e-6)
 
 
 @pytest.mark.parametrize("depth", [0.0, 1.0])
@@ -308,10 +316,10 @@ def test_camera_pose_keeps_leaning_in_from_looking_like_moving_down(
         found = []
         for k in range(300):
             z_mm = 600.0 - 200.0 * min(max((k - 90) / 60, 0.0), 1.0)
-            eyes_px, apart_px = seen_px(
+            eyes_px, eye_distance_px = seen_px(
                 subject.config, np.array([0.0, 0.0, z_mm]), above_mm, tilt_deg
             )
-            seen = record(filtered_px=eyes_px, apart_px=apart_px)
+            seen = record(filtered_px=eyes_px, eye_distance_px=eye_distance_px)
             found.append(subject.viewpoints(seen, k * S // 30, k * S // 30).left[0])
         return found
 

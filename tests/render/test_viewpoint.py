@@ -30,7 +30,7 @@ def soft_clamp(value: float, count: int, reach: float) -> float:
     return limited(value, 0.0, count - 1.0, reach)
 
 
-APART = (250.0, 240.0, 190.0, 240.0)  # 5 views, the middle 8.3 views to the right
+EYE_DISTANCE = (250.0, 240.0, 190.0, 240.0)  # 5 views, the middle 8.3 views to the right
 
 
 @pytest.mark.parametrize(
@@ -42,8 +42,8 @@ APART = (250.0, 240.0, 190.0, 240.0)  # 5 views, the middle 8.3 views to the rig
         ({"swap_eyes": True}, (326.0, 252.0, 302.0, 252.0), ((5.0, 5.5), (5.0, 3.5))),
         ({}, (math.nan,) * 4, ((4.0, 4.0), (4.0, 4.0))),
         # at the edge depth stays, or each eye stops by itself
-        ({"extrapolate_views": 0.0}, APART, ((4.0, 3.0), (4.0, 8.0))),
-        ({"extrapolate_views": 0.0, "keep_depth": False}, APART, ((4.0, 8.0), (4.0, 8.0))),
+        ({"extrapolate_views": 0.0}, EYE_DISTANCE, ((4.0, 3.0), (4.0, 8.0))),
+        ({"extrapolate_views": 0.0, "keep_depth": False}, EYE_DISTANCE, ((4.0, 8.0), (4.0, 8.0))),
         (
             {"extrapolate_views": 0.0, "keep_depth": False},
             (450.0, 240.0, 390.0, 240.0),
@@ -114,17 +114,19 @@ PAIR = st.tuples(st.floats(-30, 30), st.floats(0, 12), COUNTS, st.floats(0, 16))
 def test_pair_clamped_keeps_the_distance_at_the_edge(
     pair: tuple[float, float, int, float],
 ) -> None:
-    left, apart, count, reach = pair
-    found = pair_clamped(left, left + apart, count, reach)
-    kept = min(apart, count - 1.0)
-    assert found[1] - found[0] >= kept - 1e-9 and found[1] - found[0] <= apart + 1e-9, "depth stays"
-    assert all(-reach <= col <= count - 1 + reach for col in found)
-    assert apart > count - 1 or pair_clamped(-1e6, apart - 1e6, count, reach)[0] == pytest.approx(
-        -reach
+    left, eye_distance, count, reach = pair
+    found = pair_clamped(left, left + eye_distance, count, reach)
+    kept = min(eye_distance, count - 1.0)
+    assert found[1] - found[0] >= kept - 1e-9 and found[1] - found[0] <= eye_distance + 1e-9, (
+        "depth stays"
     )
-    if left >= 0 and left + apart <= count - 1:
-        assert found == (left, left + apart)
-    mirrored = pair_clamped(count - 1 - left - apart, count - 1 - left, count, reach)
+    assert all(-reach <= col <= count - 1 + reach for col in found)
+    assert eye_distance > count - 1 or pair_clamped(-1e6, eye_distance - 1e6, count, reach)[
+        0
+    ] == pytest.approx(-reach)
+    if left >= 0 and left + eye_distance <= count - 1:
+        assert found == (left, left + eye_distance)
+    mirrored = pair_clamped(count - 1 - left - eye_distance, count - 1 - left, count, reach)
     assert found == pytest.approx((count - 1 - mirrored[1], count - 1 - mirrored[0]), abs=1e-9)
 
 
@@ -132,11 +134,11 @@ def test_pair_clamped_keeps_the_distance_at_the_edge(
 def test_pair_clamped_moves_no_further_than_the_eyes(
     pair: tuple[float, float, int, float], step: float, wider: float
 ) -> None:
-    left, apart, count, reach = pair
-    here = pair_clamped(left, left + apart, count, reach)
-    moved = pair_clamped(left + step, left + step + apart, count, reach)
+    left, eye_distance, count, reach = pair
+    here = pair_clamped(left, left + eye_distance, count, reach)
+    moved = pair_clamped(left + step, left + step + eye_distance, count, reach)
     assert -1e-9 <= moved[0] - here[0] <= step + 1e-9, "never back, never faster"
-    spread = pair_clamped(left, left + apart + wider, count, reach)
+    spread = pair_clamped(left, left + eye_distance + wider, count, reach)
     assert max(abs(a - b) for a, b in zip(here, spread, strict=True)) <= wider + 1e-9
 
 

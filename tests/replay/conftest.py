@@ -29,9 +29,14 @@ class Portrait:
     def __init__(self) -> None:
         picture, middle = backdrop(*SIZE)
         self._picture = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2BGRA), np.uint8)
-        apart = PORTRAIT_EYES_PX - PORTRAIT_EYES_PX.mean(axis=0)
-        scale = EYE_DISTANCE_PX * SIZE[0] / FRAME_PX[0] / np.linalg.norm(apart[0] - apart[1])
-        self._eyes = (middle + apart * scale) @ (1, 1j)
+        eye_distance = PORTRAIT_EYES_PX - PORTRAIT_EYES_PX.mean(axis=0)
+        scale = (
+            EYE_DISTANCE_PX
+            * SIZE[0]
+            / FRAME_PX[0]
+            / np.linalg.norm(eye_distance[0] - eye_distance[1])
+        )
+        self._eyes = (middle + eye_distance * scale) @ (1, 1j)
 
     def at(self, eyes_px: np.ndarray) -> np.ndarray:
         """With the eyes there: turned, scaled and moved as they say, uint8 (height, width,

@@ -27,7 +27,7 @@ from lfpipe.host.machine import OPENCV
 from lfpipe.render.choice import TrackedEyes
 from lfpipe.render.listeners import replay_writer
 from lfpipe.render.listeners.replay_writer import PICTURES, ReplayWriter
-from lfpipe.replay.compare import MOST_FIELDS, compare
+from lfpipe.replay.compare import MAX_FIELDS, compare
 from lfpipe.replay.report import REPORT, TRACE, about_scene, digests, read_trace
 from lfpipe.replay.run import clear_out, recover_reference, update_of
 from lfpipe.sequence.packets import INDEX, PACKETS, PacketWriter, decoded, encoded, read_index
@@ -141,7 +141,7 @@ def test_the_same_results_under_another_name_need_no_word_and_settings_count_whe
         )
         return [str(difference) for difference in compare(REFERENCE, run).differences]
 
-    render = {"rate_hz": 50.0, "clock": "camera", "loop_ms": 60.0}
+    render = {"rate_hz": 50.0, "clock": "camera", "device_latency_ms": 60.0}
     assert changed(render=render, screen={"monitor": "DP-1"}, scene={"cache_dir": "/x"}) == []
     assert changed(track={"filter": "mean"}) == [
         "config: track.filter: 'predictive' in the reference, 'mean' now"
@@ -270,7 +270,7 @@ def test_a_reference_with_thousands_of_other_settings_is_told_in_a_few_lines(
         reference, lambda report: report.update(plan={f"x{n}": "v" * 50 for n in range(3626)})
     )
     found = [str(each) for each in compare(reference, first).differences]
-    assert len(found) == MOST_FIELDS + 1 and found[-1].endswith("more keys")
+    assert len(found) == MAX_FIELDS + 1 and found[-1].endswith("more keys")
     change_report(
         reference,
         lambda report: report["config"].update(
@@ -322,7 +322,7 @@ def test_kept_pictures_of_two_runs_have_frames_in_common(
             picture = rng.integers(0, 256, (size, size, 3), dtype=np.uint8)
             stamp = Stamp(seq + 1, seq, 0, seq, seq, seq, 0)
             eyes = TrackedEyes(rendered.record(), stamp, seq)
-            keeping.handed_over(rendered.showing(eyes=eyes, picture=picture))
+            keeping.handed_over(rendered.presentation(eyes=eyes, picture=picture))
         keeping.close()
         packets = read_index(folder / PICTURES, complete=True)
         assert sum(packet.bytes for packet in packets) <= 20_000 and (folder / "last.png").exists()

@@ -85,7 +85,7 @@ def test_load_and_cores_change_no_bit(world: World, short: Path, blocks: Path) -
             hog.wait(60)
     quiet = world.root / "quiet"
     # by `lfpipe calibrate --latency`: of this screen, which a replay has not
-    measured = ("--set", "render.loop_ms=60")
+    measured = ("--set", "render.device_latency_ms=60")
     world.done("replay", short, "--scene", blocks, *SETTINGS, *measured, "--out", quiet)
     assert found == [json.loads((quiet / "report.json").read_text())["digests"]] * 2
 

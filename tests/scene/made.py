@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lfpipe.config import Scene
 from lfpipe.scene.orientation import orient
-from lfpipe.scene.source import SceneSource, Turn
+from lfpipe.scene.source import GridTransform, SceneSource
 
 SAMPLES = Path(__file__).parents[3] / "shared" / "data" / "lightfields"  # beside the checkout
 
@@ -163,7 +163,7 @@ def honeycomb(pitch_px: float, turned: bool = False) -> NDArray[np.uint8]:
     return np.asarray(lens[..., None] * texture(420, 560, 4), np.uint8)
 
 
-TURNS = [Turn(*flags) for flags in product((False, True), repeat=3)]
+TURNS = [GridTransform(*flags) for flags in product((False, True), repeat=3)]
 
 
 def as_source(grid: np.ndarray, **more: Any) -> SceneSource:
@@ -187,7 +187,7 @@ def as_source(grid: np.ndarray, **more: Any) -> SceneSource:
     )
 
 
-def turned(grid: np.ndarray, turn: Turn) -> np.ndarray:
+def turned(grid: np.ndarray, turn: GridTransform) -> np.ndarray:
     """File order that `turn` brings back to canonical order."""
     if turn.rows:
         grid = grid[::-1]

@@ -84,7 +84,7 @@ def test_unknown_disparity_stays_unknown() -> None:
         field.exchanged(),
         disparity=negated[:, ::-1, ::-1],
         disparity_scale_px=field.disparity_scale_px,
-        half_turned=False,
+        depth_inverted=False,
     )
     for a, b in zip(pictures(field.exchanged(), "warp2"), pictures(by_hand, "warp2"), strict=True):
         assert np.array_equal(a, b)
@@ -94,10 +94,10 @@ def test_the_choice_is_remembered_for_the_scene_and_the_setting_wins(
     scene: Path, scene_config: config.Scene
 ) -> None:
     def turned(setting: Decision = "auto") -> bool:
-        return pack_scene(scene, attrs.evolve(scene_config, half_turn=setting)).half_turned
+        return pack_scene(scene, attrs.evolve(scene_config, invert_depth=setting)).depth_inverted
 
     field = pack_scene(scene, scene_config)
-    plain = field.half_turned
+    plain = field.depth_inverted
     inverted_depth.remember(field, "asked")
     assert turned() == plain, "a question is no answer"
     for word in ("yes", "no"):
@@ -110,7 +110,7 @@ def test_the_choice_is_remembered_for_the_scene_and_the_setting_wins(
         "nothing is packed again"
     )
     for content in (b"perhaps", b"\xff\xfe", b"x" * 100):
-        next(half_turn.folder().iterdir()).write_bytes(content)
+        next(inverted_depth.folder().iterdir()).write_bytes(content)
         assert turned() == plain
 
 

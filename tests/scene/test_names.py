@@ -16,7 +16,7 @@ from lfpipe.scene import layouts
 from lfpipe.scene.layouts._candidates import ranked
 from lfpipe.scene.layouts._names import _candidates, read_names
 from lfpipe.scene.layouts._running import find_columns
-from lfpipe.scene.source import Turn
+from lfpipe.scene.source import GridTransform
 from tests.scene import made
 
 AUTO = config.Scene()
@@ -123,7 +123,7 @@ def test_coordinates_of_any_sign_are_rows_and_columns(
     # so the order is that of the files or its reverse.
     assert any(
         all(
-            Turn(*flips).file_index(*place, rows, cols) == index[name]
+            GridTransform(*flips).file_index(*place, rows, cols) == index[name]
             for place, name in numbered.views.items()
         )
         for flips in product((False, True), repeat=2)

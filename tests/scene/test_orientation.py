@@ -18,7 +18,7 @@ from lfpipe.scene.examination import grid_offsets
 from lfpipe.scene.layouts._grid import coordinate_turn
 from lfpipe.scene.orientation import orient
 from lfpipe.scene.plausibility import gather_evidence
-from lfpipe.scene.source import Turn
+from lfpipe.scene.source import GridTransform
 from tests.scene import made
 from tests.scene.made import TURNS, as_source, turned
 
@@ -26,10 +26,10 @@ AUTO = config.Scene()
 
 
 @pytest.mark.parametrize("turn", TURNS, ids=str)
-def test_flow_finds_every_turn(turn: Turn) -> None:
+def test_flow_finds_every_turn(turn: GridTransform) -> None:
     found = orient(as_source(turned(made.views(5, 7), turn)), AUTO)
     assert (found.turn, found.by, found.undecided) == (turn, "flow", "")
-    assert found.half_turn_sure
+    assert found.depth_order_sure
 
 
 @pytest.mark.parametrize(("shape", "flip"), list(product([(1, 9), (9, 1)], [False, True])))
@@ -45,18 +45,20 @@ def test_flow_finds_the_direction_of_a_line(
 
 
 @pytest.mark.parametrize(
-    "more", [{}, {"turn": Turn(), "turn_by": "habit", "turn_firm": False}], ids=["", "habit"]
+    "more",
+    [{}, {"turn": GridTransform(), "turn_by": "habit", "turn_firm": False}],
+    ids=["", "habit"],
 )
 def test_one_way_motion_decides_all_but_the_half_turn(more: dict[str, Any]) -> None:
     found = orient(as_source(made.wall(5, 5, 96, 128, 4)[:, ::-1], **more), AUTO)
-    assert found.turn in (Turn(cols=True), Turn(rows=True))
+    assert found.turn in (GridTransform(cols=True), GridTransform(rows=True))
 
 
 @given(st.booleans(), st.booleans(), st.booleans(), st.integers(1, 6), st.integers(1, 6))
 def test_a_turn_visits_every_place_once(
     flip_rows: bool, flip_cols: bool, transpose: bool, rows: int, cols: int
 ) -> None:
-    turn = Turn(flip_rows, flip_cols, transpose)
+    turn = GridTransform(flip_rows, flip_cols, transpose)
     file_rows, file_cols = turn.grid(rows, cols)
     seen = {turn.file_index(r, c, rows, cols) for r in range(rows) for c in range(cols)}
     assert seen == {(r, c) for r in range(file_rows) for c in range(file_cols)}
@@ -73,7 +75,7 @@ def test_a_turn_visits_every_place_once(
 def test_coordinates_give_the_turn_and_the_jitter(
     rows_on: bool, cols_on: bool, across: bool, rows: int, cols: int, seed: int
 ) -> None:
-    turn = Turn(rows_on, cols_on, across)
+    turn = GridTransform(rows_on, cols_on, across)
     rng = np.random.default_rng(seed)
     jitter = rng.uniform(-0.1, 0.1, (rows, cols, 2))
     canonical = (
@@ -88,16 +90,16 @@ def test_coordinates_give_the_turn_and_the_jitter(
 
 
 SCENES = {
-    "atlas_jarabo_toys_9x9": ("mosaic", 9, 9, Turn()),
-    "hci_antinous": ("hci", 9, 9, Turn()),
-    "hci_old_stillLife_3x3": ("hci-text", 3, 3, Turn()),
-    "hci_style_vr_newshot01": ("hci", 9, 9, Turn()),
-    "hci_old_monasroom_2x2": ("rows-cols", 2, 2, Turn()),
-    "lfvideo_airplane_8x8": ("mosaic-video", 8, 8, Turn()),
-    "lytro_illum_field": ("rows-cols", 9, 9, Turn()),
-    "lytro_2067": ("rows-cols", 9, 9, Turn()),
-    "quilt_4x8": ("mosaic-video", 1, 32, Turn()),
-    "stanford_lego_knights_17x17": ("stanford", 17, 17, Turn(rows=True, cols=True)),
+    "atlas_jarabo_toys_9x9": ("mosaic", 9, 9, GridTransform()),
+    "hci_antinous": ("hci", 9, 9, GridTransform()),
+    "hci_old_stillLife_3x3": ("hci-text", 3, 3, GridTransform()),
+    "hci_style_vr_newshot01": ("hci", 9, 9, GridTransform()),
+    "hci_old_monasroom_2x2": ("rows-cols", 2, 2, GridTransform()),
+    "lfvideo_airplane_8x8": ("mosaic-video", 8, 8, GridTransform()),
+    "lytro_illum_field": ("rows-cols", 9, 9, GridTransform()),
+    "lytro_2067": ("rows-cols", 9, 9, GridTransform()),
+    "quilt_4x8": ("mosaic-video", 1, 32, GridTransform()),
+    "stanford_lego_knights_17x17": ("stanford", 17, 17, GridTransform(rows=True, cols=True)),
 }
 
 
@@ -108,7 +110,7 @@ def test_sample_scenes_need_no_override(name: str) -> None:
     source = layouts.describe(made.SAMPLES / name, AUTO)
     found = orient(source, AUTO)
     assert (source.layout, source.rows, source.cols, found.turn) == SCENES[name]
-    assert found.half_turn_sure != ("near and far" in found.undecided)
+    assert found.depth_order_sure != ("near and far" in found.undecided)
     # plausible, as is every fourth view of it
     rows, cols = (source.rows + 3) // 4, (source.cols + 3) // 4
     for views in (
@@ -122,8 +124,8 @@ def test_sample_scenes_need_no_override(name: str) -> None:
     # flow agrees, or says that it does not know
     if name in ("hci_antinous", "stanford_lego_knights_17x17"):
         blind = orient(attrs.evolve(source, turn=None, truth={}, coordinates=None), AUTO)
-        assert (blind.by, blind.half_turn_sure) == ("flow", name == "hci_antinous")
-        assert not blind.half_turn_sure or (blind.turn, blind.undecided) == (found.turn, "")
+        assert (blind.by, blind.depth_order_sure) == ("flow", name == "hci_antinous")
+        assert not blind.depth_order_sure or (blind.turn, blind.undecided) == (found.turn, "")
 
 
 def disturbed(grid: np.ndarray, kind: int) -> np.ndarray:

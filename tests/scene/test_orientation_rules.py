@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from lfpipe import config
 from lfpipe.scene.orientation import ALIKE, Axis, Orientation, examine_axis, orient, same_way
-from lfpipe.scene.source import SceneSource, Turn
+from lfpipe.scene.source import GridTransform, SceneSource
 from tests.scene import made
 from tests.scene.made import TURNS, turned
 from tests.scene.made import as_source as source
@@ -108,9 +108,11 @@ TRUTH = {(2, 2): made.middle_disparity}
 
 
 @pytest.mark.parametrize("turn", TURNS, ids=str)
-def test_true_disparity_corrects_a_layout(turn: Turn) -> None:
+def test_true_disparity_corrects_a_layout(turn: GridTransform) -> None:
     """The map of the middle view lands on the neighbouring views in one order only."""
-    whole = source(turned(made.views(5, 5), turn), turn=Turn(), turn_by="names", truth=TRUTH)
+    whole = source(
+        turned(made.views(5, 5), turn), turn=GridTransform(), turn_by="names", truth=TRUTH
+    )
     asked = attrs.evolve(
         whole,
         read=lambda f, r, c: (
@@ -120,11 +122,11 @@ def test_true_disparity_corrects_a_layout(turn: Turn) -> None:
     order = orient(asked, AUTO)
     assert (
         order.turn == turn
-        and order.by == ("layout" if turn == Turn() else "truth")
+        and order.by == ("layout" if turn == GridTransform() else "truth")
         and order.sure
-        and order.half_turn_sure
+        and order.depth_order_sure
     )
-    assert orient(attrs.evolve(asked, rendered=True), AUTO).turn == Turn(), (
+    assert orient(attrs.evolve(asked, rendered=True), AUTO).turn == GridTransform(), (
         "not asked where the program drew it"
     )
     assert orient(attrs.evolve(asked, missing=frozenset({(2, 3)})), AUTO).by != "truth", (
@@ -135,7 +137,9 @@ def test_true_disparity_corrects_a_layout(turn: Turn) -> None:
     )
     for shape in ((1, 5), (5, 1)):
         middle = {(shape[0] // 2, shape[1] // 2): made.middle_disparity}
-        line = source(made.views(*shape)[::-1, ::-1], turn=Turn(), turn_by="names", truth=middle)
+        line = source(
+            made.views(*shape)[::-1, ::-1], turn=GridTransform(), turn_by="names", truth=middle
+        )
         assert orient(line, AUTO).by != "truth", "no view below, or none beside"
 
 
@@ -144,7 +148,7 @@ FLAT: dict[tuple[int, int], Callable[[], np.ndarray]] = {
 }
 AROUND = {place: lambda: -made.middle_disparity() for place in ((1, 1), (3, 3))}
 NAMED = {"turn_by": "names"}
-HABIT: dict[str, Any] = {"turn": Turn(), "turn_by": "habit", "turn_firm": False}
+HABIT: dict[str, Any] = {"turn": GridTransform(), "turn_by": "habit", "turn_firm": False}
 PAINTED = made.texture(192, 256, 4)
 STEEP = np.array([[PAINTED[4 * k : 96 + 4 * k, 4 * k : 128 + 4 * k] for k in range(7)]])
 NOISE = np.array([[made.texture(96, 128, 10 * r + c) for c in range(3)] for r in range(3)])
@@ -156,13 +160,13 @@ ORDERS: dict[str, tuple[SceneSource, dict[str, Any], dict[str, Any], str]] = {
     "views that move across their line": (
         source(STEEP),
         {},
-        {"by": "nothing", "half_turn_sure": False},
+        {"by": "nothing", "depth_order_sure": False},
         "across the line",
     ),
     "columns that stand still": (
         source(np.repeat(made.views(1, 7), 3, axis=0)),
         {},
-        {"by": "flow", "turn": Turn()},
+        {"by": "flow", "turn": GridTransform()},
         "whether the grid is one",
     ),
     # nothing hides anything, and cameras may converge in front of it
@@ -170,7 +174,7 @@ ORDERS: dict[str, tuple[SceneSource, dict[str, Any], dict[str, Any], str]] = {
         f"one wall, {way}": (
             source(made.wall(5, 5, 96, 128, 4)[::step, ::step]),
             {},
-            {"turn": Turn(), "half_turn_sure": False},
+            {"turn": GridTransform(), "depth_order_sure": False},
             "near and far",
         )
         for way, step in (("as it is", 1), ("half-turned", -1))
@@ -179,47 +183,57 @@ ORDERS: dict[str, tuple[SceneSource, dict[str, Any], dict[str, Any], str]] = {
         f"too small: {height}x{width}": (
             source(np.random.default_rng(0).integers(0, 256, (3, 3, height, width, 3), np.uint8)),
             {},
-            {"turn": Turn(), "by": "nothing", "sure": False},
+            {"turn": GridTransform(), "by": "nothing", "sure": False},
             "too small",
         )
         for height, width in ((1, 1), (6, 8), (23, 200))
     },
     "a map that matches nowhere": (
-        source(GRID, turn=Turn(rows=True), truth=FLAT, **NAMED),
+        source(GRID, turn=GridTransform(rows=True), truth=FLAT, **NAMED),
         {},
-        {"turn": Turn(rows=True)},
+        {"turn": GridTransform(rows=True)},
         "",
     ),
     "maps of other views, too": (
-        source(GRID[::-1], turn=Turn(), truth={**AROUND, **TRUTH}, **NAMED),
+        source(GRID[::-1], turn=GridTransform(), truth={**AROUND, **TRUTH}, **NAMED),
         {},
-        {"turn": Turn(rows=True)},
+        {"turn": GridTransform(rows=True)},
         "",
     ),
     "a doubt of the layout": (
         source(GRID, doubt="perhaps 3x3"),
         {},
-        {"undecided": "perhaps 3x3", "sure": False, "half_turn_sure": False},
+        {"undecided": "perhaps 3x3", "sure": False, "depth_order_sure": False},
         "",
     ),
-    "a doubt about one view": (source(made.views(1, 1), doubt="x"), {}, {"turn": Turn()}, ""),
+    "a doubt about one view": (
+        source(made.views(1, 1), doubt="x"),
+        {},
+        {"turn": GridTransform()},
+        "",
+    ),
     "a habit against clear flow": (
         source(made.views(5, 7)[::-1], **HABIT),
         {},
-        {"turn": Turn(rows=True)},
+        {"turn": GridTransform(rows=True)},
         "",
     ),
-    "a habit against noise": (source(NOISE, **HABIT), {}, {"turn": Turn(), "by": "layout"}, ""),
+    "a habit against noise": (
+        source(NOISE, **HABIT),
+        {},
+        {"turn": GridTransform(), "by": "layout"},
+        "",
+    ),
     **{
         f"the user's word: {words}": (source(GRID), words, {"turn": turn, "by": by}, "")
         for words, turn, by in (
-            ({"flip": "rows"}, Turn(rows=True), "override"),
-            ({"flip": "none", "transpose": "yes"}, Turn(transpose=True), "override"),
-            ({"flip": "both"}, Turn(True, True), "override"),
-            ({"flip": "none"}, Turn(), "override"),
-            ({"transpose": "yes"}, Turn(transpose=True), "override"),
+            ({"flip": "rows"}, GridTransform(rows=True), "override"),
+            ({"flip": "none", "transpose": "yes"}, GridTransform(transpose=True), "override"),
+            ({"flip": "both"}, GridTransform(True, True), "override"),
+            ({"flip": "none"}, GridTransform(), "override"),
+            ({"transpose": "yes"}, GridTransform(transpose=True), "override"),
             # a setting that changes nothing is none
-            ({"transpose": "no"}, Turn(), "flow"),
+            ({"transpose": "no"}, GridTransform(), "flow"),
         )
     },
 }
@@ -235,13 +249,15 @@ def test_order_of_views(kind: str) -> None:
 
 
 @pytest.mark.parametrize("turn", TURNS, ids=str)
-def test_a_pack_leaves_the_half_turn_to_the_session(turn: Turn) -> None:
+def test_a_pack_leaves_the_half_turn_to_the_session(turn: GridTransform) -> None:
     order = Orientation(turn=turn, by="flow", reason="")
-    assert order.half_turn is turn.cols
-    assert order.packed == (Turn(not turn.rows, False, turn.transpose) if turn.cols else turn)
+    assert order.invert_depth is turn.cols
+    assert order.packed == (
+        GridTransform(not turn.rows, False, turn.transpose) if turn.cols else turn
+    )
     assert order.truth_sign == (-1 if turn.cols else 1)
-    asked = Orientation(turn=turn, by="override", reason="", detected=Turn())
-    assert (asked.half_turn, asked.packed) == (False, turn)
+    asked = Orientation(turn=turn, by="override", reason="", detected=GridTransform())
+    assert (asked.invert_depth, asked.packed) == (False, turn)
     assert asked.truth_sign == (
         0 if turn.transpose or turn.rows != turn.cols else -1 if turn.cols else 1
     )
@@ -252,18 +268,21 @@ def test_depth_is_that_of_the_middle_view_in_either_way(near_px: float, far_px: 
     grid = made.views(5, 5, 96, 128, near_px, far_px)
     true = {(2, 2): lambda: made.middle_disparity(96, 128, near_px, far_px)}
     for more in (
-        {"turn": Turn(), "turn_by": "names", "turn_firm": True, "truth": true},
-        {"turn": Turn(), "turn_by": "names"},
+        {"turn": GridTransform(), "turn_by": "names", "turn_firm": True, "truth": true},
+        {"turn": GridTransform(), "turn_by": "names"},
         {},
     ):
         depth = orient(source(grid, **more), AUTO).depth
         assert depth is not None
         assert depth.max_px == pytest.approx(near_px, abs=0.4)
         assert depth.min_px == pytest.approx(far_px, abs=0.4)
-    column = orient(source(grid[:, 2:3], turn=Turn(), turn_by="names", turn_firm=True), AUTO).depth
+    column = orient(
+        source(grid[:, 2:3], turn=GridTransform(), turn_by="names", turn_firm=True), AUTO
+    ).depth
     assert column is not None and column.max_px == pytest.approx(near_px, abs=0.4)
     turned = orient(
-        source(grid[::-1, ::-1], turn=Turn(True, True), turn_by="names", turn_firm=True), AUTO
+        source(grid[::-1, ::-1], turn=GridTransform(True, True), turn_by="names", turn_firm=True),
+        AUTO,
     )
     assert turned.depth is not None and turned.depth.max_px == pytest.approx(-far_px, abs=0.4), (
         "of the pack, without the half-turn"

@@ -137,7 +137,7 @@ PACKS: dict[str, tuple[Make, dict[str, Any], dict[str, Any], np.ndarray | None]]
     "a reversed grid": (
         grid(made.views(5, 5)[::-1, ::-1]),
         {},
-        {"half_turned": True, "manifest.orientation.half_turn_sure": True},
+        {"depth_inverted": True, "manifest.orientation.depth_order_sure": True},
         made.views(5, 5),
     ),
     # its columns run the other way than the layout's: its own depth says so, and stays of use

@@ -129,7 +129,7 @@ def test_near_moves_to_the_left_as_the_camera_moves_to_the_right(tmp_path: Path,
     y, x = np.nonzero(np.roll(inner, -shift, axis=1))
     assert np.abs(moved[y, x] - np.roll(PICTURE, -shift, axis=1)[y, x]).mean() < 3
     if form == "two files":
-        assert "whether white is near" in source.doubt and "half_turn" in source.doubt
+        assert "whether white is near" in source.doubt and "invert_depth" in source.doubt
 
 
 def test_what_was_hidden_is_filled_from_behind() -> None:

@@ -359,8 +359,8 @@ def test_quality_control_judges_nothing_while_a_stage_starts() -> None:
 
 
 def test_quality_control_takes_no_level_that_does_not_help() -> None:
-    apart: dict[str, tuple[int, ...]] = {"capture": (0,), "track": (1,), "render": (0,)}
-    session = Session(Config(render=Render(clock="camera")), apart)
+    eye_distance: dict[str, tuple[int, ...]] = {"capture": (0,), "track": (1,), "render": (0,)}
+    session = Session(Config(render=Render(clock="camera")), eye_distance)
     session.work(5.0, "track", "drops")
     assert len(session.state.levels) > 1 and session.state.level.number == 0, (
         "cheaper views give no time to a core of its own"
@@ -368,7 +368,9 @@ def test_quality_control_takes_no_level_that_does_not_help() -> None:
     session.t_ns = 100 * SECOND_NS
     session.work(1.0, "capture", "drops")
     assert session.state.level.number >= 1, "but to capture, on the same core"
-    session = Session(cores=apart)  # the last level helps: the others are taken on the way to it
+    session = Session(
+        cores=eye_distance
+    )  # the last level helps: the others are taken on the way to it
     session.work(5.0, "track", "drops")
     assert session.state.level == session.state.levels[-1] and session.state.level.every == 2
 

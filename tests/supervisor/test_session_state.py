@@ -89,16 +89,16 @@ def test_loaded_starts_at_the_zero_plane_of_the_scene() -> None:
 
 def test_loaded_takes_half_turn_from_the_scene() -> None:
     state = made_state()
-    order = attrs.evolve(state.config.scene, half_turn="yes")
+    order = attrs.evolve(state.config.scene, invert_depth="yes")
     turned = state.changed(attrs.evolve(state.config, scene=order))
     assert turned.options.scene == attrs.evolve(
         SCENE,
         disparity_min_px=-SCENE.disparity_max_px,
         disparity_max_px=-SCENE.disparity_min_px,
-        half_turned=True,
+        depth_inverted=True,
     )
     assert (
-        turned.loaded(OTHER).config.scene.half_turn == "auto"
+        turned.loaded(OTHER).config.scene.invert_depth == "auto"
         and turned.loaded(OTHER).options.scene == OTHER
     )
 

@@ -139,14 +139,14 @@ def _row(name: str, **values: object) -> np.ndarray[Any, Any]:
 
 
 def test_wire_format_of_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (figures, "lfpipe.transport.status", "lfpipe.transport.notices"):
+    for module in (metrics, "lfpipe.transport.status", "lfpipe.transport.notices"):
         monkeypatch.setattr(f"{getattr(module, '__name__', module)}.now_ns", lambda: T_NS)
-    monkeypatch.setattr(figures, "usable_cores", lambda pid: [0, 1])
+    monkeypatch.setattr(metrics, "usable_cores", lambda pid: [0, 1])
     rows = {stage.name: _row(stage.name) for stage in STAGES}
     for name in ("capture", "track", "render"):
         rows[name] = _row(name, pid=7, state=State.RUNNING, seq=9, drops=1, busy_ns=4, face=1)
         rows[name]["recent_ns"][:3] = T_NS - np.array([2, 1, 0]) * SECOND_NS // 30
-        for histogram in ("wait", "busy", "age", "horizon"):
+        for histogram in ("wait", "busy", "age", "prediction"):
             for ms in (1, 2, 30):
                 Histogram(rows[name][histogram]).add_ns(ms * 1_000_000)
     rows["capture"]["dim"] = 1
@@ -156,11 +156,11 @@ def test_wire_format_of_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     for key, value in {"planned": 400, "juddered": 3, "viewer": 2, "onset_ns": 61_200_000}.items():
         rows["render"][key] = value
     session = np.zeros((), SESSION)
-    made = metrics.session_figures("one", rows, session, T_NS - 5 * SECOND_NS)
-    assert_same("figures", made.to_dict())
+    made = metrics.session_metrics("one", rows, session, T_NS - 5 * SECOND_NS)
+    assert_same("metrics", made.to_dict())
     session["level"], session["lowest"], session["words"] = 1, 4, b"nearest views"
     rows["render"]["planned"] = rows["render"]["onset_ns"] = 0
-    made = metrics.session_figures("one", rows, session, T_NS - 5 * SECOND_NS)
+    made = metrics.session_metrics("one", rows, session, T_NS - 5 * SECOND_NS)
     watched = attrs.evolve(made.stages["track"], cpu_percent=12.5, rss_mb=80.0)
     made = attrs.evolve(made, stages={"track": watched})
     assert_same("figures at a lower level, watched", made.to_dict())
@@ -207,9 +207,9 @@ def test_wire_format_of_a_session(world: World, scene: Path, tmp_path: Path) -> 
         world.wait_for(lambda: heard("look"), "eyes of a picture")
         looked = shape(heard("look")[0])
         printed = world.ctl("--json", "status"), world.ctl("--json", "pause")
-        figures_json = world.done("monitor", "--session", world.name, "--once", "--json").stdout
+        metrics_json = world.done("monitor", "--session", world.name, "--once", "--json").stdout
         answers.append(shape(answer_of(socket, {"v": 1, "cmd": "stop"})))
     assert_same("answers of a session", answers)
     assert_same("look", looked)
     assert_same("ctl --json", [shape(json.loads(text)) for text in printed])
-    assert_same("monitor --json", shape(json.loads(figures_json)))
+    assert_same("monitor --json", shape(json.loads(metrics_json)))

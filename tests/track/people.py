@@ -64,16 +64,16 @@ def backdrop(seed: int = 1) -> Picture:
     return np.asarray(cv2.resize(small, SIZE, interpolation=cv2.INTER_CUBIC), np.uint8)
 
 
-def eyes_apart_px(name: str) -> float:
+def eye_distance_px(name: str) -> float:
     """Distance between the eyes in a portrait, as marked by hand."""
     _, eyes = portrait(name)
     return float(np.hypot(*(eyes[0] - eyes[1])))
 
 
 @lru_cache(maxsize=8)
-def _cut_out(name: str, apart_px: float) -> tuple[Picture, NDArray[np.float32]]:
-    """A portrait, blurred so that a warp to apart_px does not alias, and the soft mask (H, W) of
-    its head.
+def _cut_out(name: str, eye_distance_px: float) -> tuple[Picture, NDArray[np.float32]]:
+    """A portrait, blurred so that a warp to eye_distance_px does not alias, and the soft mask (H,
+    W) of its head.
     """
     head, eyes = portrait(name)
     middle = eyes.mean(axis=0)
@@ -82,27 +82,27 @@ def _cut_out(name: str, apart_px: float) -> tuple[Picture, NDArray[np.float32]]:
     oval = (int(middle[0]), int(middle[1] + 0.45 * wide)), (int(1.35 * wide), int(1.95 * wide))
     cv2.ellipse(mask, *oval, 0, 0, 360, 1.0, -1)
     mask = np.asarray(cv2.GaussianBlur(mask, (0, 0), 0.06 * wide), np.float32)
-    if apart_px < wide:
-        head = np.asarray(cv2.GaussianBlur(head, (0, 0), 0.4 * wide / apart_px), np.uint8)
+    if eye_distance_px < wide:
+        head = np.asarray(cv2.GaussianBlur(head, (0, 0), 0.4 * wide / eye_distance_px), np.uint8)
     return head, mask
 
 
 def placed(
-    picture: Picture, name: str, x: float, y: float, apart_px: float, roll_deg: float = 0.0
+    picture: Picture, name: str, x: float, y: float, eye_distance_px: float, roll_deg: float = 0.0
 ) -> Picture:
-    """picture with the head of a portrait before it: eyes apart_px apart, their middle at (x, y),
-    turned clockwise.
+    """picture with the head of a portrait before it: eyes eye_distance_px apart, their middle at
+    (x, y), turned clockwise.
     """
     eyes = portrait(name)[1]
     between = eyes[0] - eyes[1]
     middle = eyes.mean(axis=0)
     wide = float(np.hypot(*between))
     turn = np.deg2rad(roll_deg) - np.arctan2(between[1], between[0])
-    c, s = np.cos(turn) * apart_px / wide, np.sin(turn) * apart_px / wide
+    c, s = np.cos(turn) * eye_distance_px / wide, np.sin(turn) * eye_distance_px / wide
     matrix = np.array(
         [[c, -s, x - c * middle[0] + s * middle[1]], [s, c, y - s * middle[0] - c * middle[1]]]
     )
-    head, mask = _cut_out(name, apart_px)
+    head, mask = _cut_out(name, eye_distance_px)
     share = np.asarray(cv2.warpAffine(mask, matrix, SIZE, flags=cv2.INTER_LINEAR), np.float32)
     drawn = np.asarray(cv2.warpAffine(head, matrix, SIZE, flags=cv2.INTER_LINEAR), np.uint8)
     return np.asarray(cv2.blendLinear(drawn, picture, share, 1 - share), np.uint8)
@@ -118,7 +118,7 @@ class Seen:
     face: bool
     raw_px: NDArray[np.float64]
     used_px: NDArray[np.float64]
-    apart_px: float
+    eye_distance_px: float
     generation: int
 
 
@@ -146,7 +146,7 @@ def watched(frames: Iterable[Picture], refine: bool = False) -> list[Seen]:
                 face=bool(record["face"]),
                 raw_px=record["raw_px"].mean(axis=0),
                 used_px=record["filtered_px"].mean(axis=0),
-                apart_px=float(record["apart_px"]),
+                eye_distance_px=float(record["eye_distance_px"]),
                 generation=int(record["generation"]),
             )
         )

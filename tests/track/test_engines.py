@@ -40,7 +40,7 @@ def found(engine: Engine, picture: Picture) -> Face:
     return face
 
 
-def apart(eyes_px: NDArray[np.float64]) -> float:
+def eye_distance(eyes_px: NDArray[np.float64]) -> float:
     return float(np.linalg.norm(eyes_px[0] - eyes_px[1]))
 
 
@@ -72,12 +72,12 @@ def test_same_eyes_as_facemesh_on_a_moving_face(engine: LitertEngine, placed: Pl
             errors.append(found(engine, picture).eyes_px - found(mesh, picture).eyes_px)
     finally:
         mesh.close()
-    apart_px = 0.7 * 89
+    eye_distance_px = 0.7 * 89
     # ours rest on corners and lower lid, theirs on both lids
-    assert np.abs(np.mean(errors, axis=0)).max() < 0.02 * apart_px
+    assert np.abs(np.mean(errors, axis=0)).max() < 0.02 * eye_distance_px
     assert (
         float(np.sqrt(np.square(errors - np.mean(errors, axis=0)).sum(axis=-1).mean()))
-        < 0.005 * apart_px
+        < 0.005 * eye_distance_px
     )
 
 
@@ -119,7 +119,7 @@ def test_every_size_of_frame(engine: LitertEngine, placed: Placed, size: tuple[i
         "tiny pictures hold no face"
     )
     face = found(engine, placed((0.5 * size[0], 0.42 * size[1], 0.7 * factor), size=size))
-    assert apart(face.eyes_px) == pytest.approx(89 * 0.7 * factor, rel=0.08)
+    assert eye_distance(face.eyes_px) == pytest.approx(89 * 0.7 * factor, rel=0.08)
 
 
 def test_iris_refinement_stays_within_the_eye(placed: Placed) -> None:
@@ -128,7 +128,7 @@ def test_iris_refinement_stays_within_the_eye(placed: Placed) -> None:
     picture = placed((320, 200, 0.8))
     a, b = found(plain, picture), found(refined, picture)
     moved = np.linalg.norm(a.eyes_px - b.eyes_px, axis=1)
-    assert np.all(moved > 0.05) and np.all(moved < 0.08 * apart(a.eyes_px))
+    assert np.all(moved > 0.05) and np.all(moved < 0.08 * eye_distance(a.eyes_px))
     assert "iris" in refined.model and "iris" not in plain.model
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lfpipe.config import Track
 from lfpipe.eyes import EYES
 from lfpipe.track.engine import Face
-from lfpipe.track.eye_tracker import EyeTracker, HiddenFace
+from lfpipe.track.eye_tracker import EyeTracker, OcclusionHold
 
 FRAME_NS = 33_333_333
 IMAGE = np.zeros((480, 640, 3), np.uint8)
@@ -26,7 +26,7 @@ FACE = Face(
 )
 BAD = [math.nan, math.inf, -math.inf, 1e300, -1e300]
 WRONG = [
-    *({"apart_px": value} for value in (*BAD, -60.0, 900.0, 0.1)),
+    *({"eye_distance_px": value} for value in (*BAD, -60.0, 900.0, 0.1)),
     *({"eyes_px": np.array([[350.0, 240.0], [290.0, value]])} for value in BAD),
     {"eyes_px": np.array([[350.0, 240.0], [350.0, 240.0]])},
     *({"confidence": value} for value in (math.nan, -0.5, 2.0)),
@@ -52,7 +52,7 @@ def test_eye_tracker_takes_an_implausible_face_for_none(change: dict[str, Any]) 
         tracker.update(FACE, k * FRAME_NS)
     assert tracker.update(attrs.evolve(FACE, **change), 5 * FRAME_NS) and not tracker.seen
     record = record_of(tracker)
-    assert record["face"] == record["apart_px"] == 0
+    assert record["face"] == record["eye_distance_px"] == 0
     assert tracker.update(FACE, 6 * FRAME_NS) and tracker.seen
 
 
@@ -71,7 +71,7 @@ def test_a_face_that_moves_is_not_held_when_its_confidence_falls(
     speed_px_s: float, held: bool
 ) -> None:
     """It leaves the picture; a hand comes before a face that rests. Eyes 60 px apart."""
-    hidden = HiddenFace()
+    hidden = OcclusionHold()
     hidden.reset(20.0, (300.0, 200.0))
     for k in range(1, 20):
         hidden.update(20.0, (300.0 + speed_px_s * k / 30, 200.0), 60.0, 1 / 30, speed_px_s)

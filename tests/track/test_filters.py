@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from lfpipe.config import Track
-from lfpipe.track.filters import Predictive, Tuning, make_filter
+from lfpipe.track.filters import ImmFilter, Tuning, make_filter
 from lfpipe.track.smoothing import (
     LIMIT_PX,
     MAX_STEP_NS,
@@ -320,8 +320,8 @@ def test_a_velocity_is_trusted_over_a_long_loop_as_far_as_it_carries() -> None:
     prediction.
     """
     short, loop = (
-        missed_px(make_filter(Track(), loop_s), swaying(15, 1.5), range(480), 0.17)
-        for loop_s in (0.0, 0.12)
+        missed_px(make_filter(Track(), device_latency_s), swaying(15, 1.5), range(480), 0.17)
+        for device_latency_s in (0.0, 0.12)
     )
     assert loop < 0.9 * short
 
@@ -366,8 +366,8 @@ def test_one_euro_is_the_published_filter(
                 s + w / (1 + w) * ((e - x) / (step_ms / 1e3) - s)
                 for s, e, x in zip(slopes, eyes, last, strict=True)
             )
-            apart_px = max(math.hypot(eyes[0] - eyes[2], eyes[1] - eyes[3]), 1.0)
-            speed = math.sqrt(sum(s * s for s in slopes) / 2) / apart_px
+            eye_distance_px = max(math.hypot(eyes[0] - eyes[2], eyes[1] - eyes[3]), 1.0)
+            speed = math.sqrt(sum(s * s for s in slopes) / 2) / eye_distance_px
             w = 2 * math.pi * (least_hz + beta * speed) * step_ms / 1e3
             at = tuple(a + w / (1 + w) * (e - a) for a, e in zip(at, eyes, strict=True))
             last = eyes
@@ -449,7 +449,7 @@ def test_the_default_filter_keeps_its_digits_and_stays_positive() -> None:
         (1e-6, 1.0, 1200.0, 1e9), (1e-6, 1e-3, 1.0), (200_000, 4_166_667, 400_000_000)
     ):
         tuning = Tuning(accelerations=(q,), stay_s=1e300, rate_common=0.0, first=noise, least=noise)
-        filter_ = Predictive(tuning)
+        filter_ = ImmFilter(tuning)
         filter_.update(0, eyes)
         one = filter_._models[1]
         start = (one.a, one.b, one.c)

@@ -18,7 +18,7 @@ from lfpipe.track.mediapipe_engine import MediapipeEngine
 from tests.track.people import FACES, needs_faces, needs_mediapipe
 
 SIZE = (640, 480)
-APART_MM = 63.0
+EYE_DISTANCE_MM = 63.0
 T0_NS = 10**9
 
 
@@ -45,10 +45,12 @@ def record_of(config: Config, position_mm: np.ndarray, turned: np.ndarray) -> np
     axes = np.stack([right, np.cross(ahead, right), ahead])  # down = ahead x right
     made = np.zeros((), EYES)
     for k, side in enumerate((-0.5, 0.5)):  # the left eye first
-        x, y, z = axes @ (position_mm + turned @ (side * APART_MM, 0, 0) - (0, camera.above_mm, 0))
+        x, y, z = axes @ (
+            position_mm + turned @ (side * EYE_DISTANCE_MM, 0, 0) - (0, camera.above_mm, 0)
+        )
         made["filtered_px"][k] = focal_px * x / z + SIZE[0] / 2, focal_px * y / z + SIZE[1] / 2
     middle = axes @ (position_mm - (0, camera.above_mm, 0))
-    made["apart_px"] = focal_px * APART_MM / middle[2]
+    made["eye_distance_px"] = focal_px * EYE_DISTANCE_MM / middle[2]
     # the network's points are turned against the line of sight
     sight = middle / np.linalg.norm(middle)
     axis = np.cross([0, 0, 1.0], sight)
@@ -86,7 +88,7 @@ def test_a_head_before_the_screen_is_found_where_it_is(
     np.testing.assert_allclose(found.position_mm, position, atol=3)
     np.testing.assert_allclose((found.yaw_deg, found.pitch_deg, found.roll_deg), turn, atol=0.6)
     for eye_mm, side in ((found.left_mm, -0.5), (found.right_mm, 0.5)):
-        expected = np.array(position) + rotation(*turn) @ (side * APART_MM, 0, 0)
+        expected = np.array(position) + rotation(*turn) @ (side * EYE_DISTANCE_MM, 0, 0)
         np.testing.assert_allclose(eye_mm, expected, atol=3)
 
 
@@ -94,7 +96,11 @@ def test_the_axes_are_those_that_are_documented() -> None:
     record = np.zeros((), EYES)
     # in an unmirrored picture: to the viewer's right, and above
     record["filtered_px"] = [[200, 100], [140, 100]]
-    record["apart_px"], record["width_px"], record["height_px"], record["face"] = 60, *SIZE, 1
+    record["eye_distance_px"], record["width_px"], record["height_px"], record["face"] = (
+        60,
+        *SIZE,
+        1,
+    )
     head = head_in(Config(), record)
     assert head.position_mm[0] > 0 and head.position_mm[1] > 0 and head.position_mm[2] > 0
 
@@ -163,7 +169,7 @@ def test_portraits_turned_to_either_side(engine: type[LitertEngine]) -> None:
         assert face is not None and face.head_px is not None
         record["face"] = 1
         record["filtered_px"] = face.eyes_px
-        record["apart_px"] = face.apart_px
+        record["eye_distance_px"] = face.eye_distance_px
         record["head_px"], record["width_px"], record["height_px"] = face.head_px, *SIZE
         estimator.update(record, T0_NS)
         head = estimator.head(record)

@@ -15,7 +15,7 @@ from tests.track.people import (
     SIZE,
     Picture,
     backdrop,
-    eyes_apart_px,
+    eye_distance_px,
     near,
     needs_faces,
     placed,
@@ -54,10 +54,12 @@ def poster(picture: Picture, seed: int, x: int, y: int, side: int) -> Picture:
     return out
 
 
-@pytest.mark.parametrize(("name", "apart_px"), [("02-1m", 25.0), ("08-1f", 15.0), ("05-1m", 12.6)])
-def test_a_viewer_is_found_from_1_to_3_m(name: str, apart_px: float) -> None:
-    seen = watched([placed(backdrop(), name, 250, 190, apart_px)] * 45)
-    assert sum(one.face for one in seen) >= 10 and near(seen[-1:], 250, 190, 0.15 * apart_px)
+@pytest.mark.parametrize(
+    ("name", "eye_distance_px"), [("02-1m", 25.0), ("08-1f", 15.0), ("05-1m", 12.6)]
+)
+def test_a_viewer_is_found_from_1_to_3_m(name: str, eye_distance_px: float) -> None:
+    seen = watched([placed(backdrop(), name, 250, 190, eye_distance_px)] * 45)
+    assert sum(one.face for one in seen) >= 10 and near(seen[-1:], 250, 190, 0.15 * eye_distance_px)
 
 
 def before_a_poster(seed: int) -> list[Picture]:
@@ -174,7 +176,7 @@ def test_a_blink_moves_the_eyes_less_than_its_lids() -> None:
     before, during = (
         np.mean([one.raw_px for one in some], axis=0) for some in (seen[10:20], seen[21:26])
     )
-    assert abs(during[1] - before[1]) < 0.032 * seen[15].apart_px, (
+    assert abs(during[1] - before[1]) < 0.032 * seen[15].eye_distance_px, (
         "the mean over both lids sinks by 4.1 %, this one by 2.6 %"
     )
 
@@ -185,11 +187,11 @@ def test_a_head_that_turns_stays_at_its_distance(person: str) -> None:
 
     Both portraits keep the scale of their photographs, which were taken from the same place.
     """
-    frontal_px, aside_px = (eyes_apart_px(f"{person}-{kind}m") for kind in (1, 3))
+    frontal_px, aside_px = (eye_distance_px(f"{person}-{kind}m") for kind in (1, 3))
     frontal = placed(backdrop(), f"{person}-1m", 300, 220, 60.0)
     aside = placed(backdrop(), f"{person}-3m", 300, 220, 60.0 * aside_px / frontal_px)
     seen = watched([frontal] * 5 + [aside] * 10)
-    assert seen[-1].apart_px == pytest.approx(seen[4].apart_px, rel=0.06)
+    assert seen[-1].eye_distance_px == pytest.approx(seen[4].eye_distance_px, rel=0.06)
 
 
 @pytest.mark.parametrize("turn", [90, 180, 270])

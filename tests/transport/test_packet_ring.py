@@ -16,7 +16,7 @@ from lfpipe.transport.packet_ring import PacketInput, PacketOutput, packet_dtype
 from lfpipe.transport.ring import RingSpec, Stamp
 from lfpipe.transport.session import Session
 
-MOST_BYTES, SLOTS, MANY = 64, 6, 100
+MAX_BYTES, SLOTS, MANY = 64, 6, 100
 KINDS = "both", "no packet", "too large", "frame not asked for"
 
 
@@ -34,7 +34,7 @@ def ends() -> Iterator[tuple[Session, PacketOutput, PacketInput]]:
     first ring.
     """
     session = Session(f"t{secrets.token_hex(4)}").with_token()
-    spec = RingSpec((), packet_dtype(MOST_BYTES), SLOTS)
+    spec = RingSpec((), packet_dtype(MAX_BYTES), SLOTS)
     rings = [ring.create(session.segment(f"packets.{number}"), spec) for number in (1, 2)]
     output, taken = PacketOutput(session), PacketInput(session, "packets.1")
     yield session, output, taken
@@ -71,7 +71,7 @@ def test_packet_input_gives_each_frame_its_own_packet(
         output.set_options(FIRST)
         for seq, (kind, new_epoch) in enumerate(kinds):
             epoch += new_epoch == 2
-            size = MOST_BYTES + 1 if kind == "too large" else MOST_BYTES if seq % 2 else 7
+            size = MAX_BYTES + 1 if kind == "too large" else MAX_BYTES if seq % 2 else 7
             packet = None if kind == "no packet" else data(seq, size)
             output.publish(packet, seq, seq * 10, seq * 10, epoch)
             if kind != "frame not asked for":

@@ -272,7 +272,7 @@ def test_notices_tell_a_fault_instead_of_a_missing_face(
     rows["track"]["fault_since_ns"] = T_NS - FAULT_NS
     assert list(faults(rows, T_NS)) == [], "a few frames"
     assert list(faults(rows, T_NS + 1)) == [("the filter is broken", False)]
-    rows["track"]["spoilt"] = rows["track"]["worked"] = 30
+    rows["track"]["outputs_faulty"] = rows["track"]["outputs_ok"] = 30
     rows["track"]["fault_since_ns"] -= 1
     assert list(faults(rows, T_NS)) == [("the filter is broken", True)]
     assert told(rows) == ["the filter is broken: the picture does not follow you"]
@@ -281,10 +281,10 @@ def test_notices_tell_a_fault_instead_of_a_missing_face(
 def test_judge_keeps_the_time_of_the_first_fault() -> None:
     row = Row(np.zeros((), ROW))
     row.judge("", True)
-    assert (row["fault_since_ns"], row["worked"], row["spoilt"]) == (0, 1, 0)
+    assert (row["fault_since_ns"], row["outputs_ok"], row["outputs_faulty"]) == (0, 1, 0)
     row.judge("broken", False)
     since_ns = row["fault_since_ns"]
     row.judge("broken", False)
-    assert row["fault_since_ns"] == since_ns > 0 and row["spoilt"] == 2
+    assert row["fault_since_ns"] == since_ns > 0 and row["outputs_faulty"] == 2
     row.judge("", False)
-    assert not row.record["fault"].item() and row["worked"] == 1, "nobody there proves nothing"
+    assert not row.record["fault"].item() and row["outputs_ok"] == 1, "nobody there proves nothing"

@@ -26,10 +26,15 @@ class CentreEngine:
 
     def detect(self, image: NDArray[np.uint8]) -> Face | None:
         height, width = image.shape[:2]
-        x, y, apart = width / 2, height / 2, width / 10
+        x, y, eye_distance = width / 2, height / 2, width / 10
         # the viewer's own left eye is at the larger x
-        eyes = np.array([[x + apart / 2, y], [x - apart / 2, y]])
-        return Face(eyes, 1.0, (x - apart, y - apart, x + apart, y + apart), apart_px=apart)
+        eyes = np.array([[x + eye_distance / 2, y], [x - eye_distance / 2, y]])
+        return Face(
+            eyes,
+            1.0,
+            (x - eye_distance, y - eye_distance, x + eye_distance, y + eye_distance),
+            eye_distance_px=eye_distance,
+        )
 
     def examine(self, image: NDArray[np.uint8]) -> None:
         pass
@@ -51,7 +56,7 @@ class Newest(EyeFilter):
         return measured, np.zeros((2, 2))
 
 
-def newest(track: Track, loop_s: float) -> Newest:
+def newest(track: Track, device_latency_s: float) -> Newest:
     return Newest()
 
 

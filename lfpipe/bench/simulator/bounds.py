@@ -11,7 +11,7 @@ LEAST = ("depth",)
 
 
 BOUNDS: dict[str, dict[str, float]] = {
-    row.pop("row"): {figure: float(text) for figure, text in row.items() if text}
+    row.pop("row"): {metric: float(text) for metric, text in row.items() if text}
     for row in csv.DictReader(Path(__file__).with_name("bounds.csv").read_text().splitlines())
 }
 """By script, scene, camera and screen: the largest right value of each figure; for LEAST, the

@@ -105,7 +105,7 @@ class Seen(NamedTuple):
     cut_off: bool
 
 
-class MadeEngine(WorldEngine):
+class SyntheticEngine(WorldEngine):
     """Made faces in place of its three networks."""
 
     def __init__(self, script: Script, camera: Camera) -> None:
@@ -133,17 +133,22 @@ class MadeEngine(WorldEngine):
         seen = []
         for k, person in enumerate(self._script.people):
             eyes = person.eyes_px(ms)
-            apart = float(eyes[0, 0] - eyes[1, 0])
+            eye_distance = float(eyes[0, 0] - eyes[1, 0])
             x, y = eyes.mean(axis=0).tolist()
-            box = (x - 1.2 * apart, y - apart, x + 1.2 * apart, y + 1.6 * apart)
+            box = (
+                x - 1.2 * eye_distance,
+                y - eye_distance,
+                x + 1.2 * eye_distance,
+                y + 1.6 * eye_distance,
+            )
             share = _share_inside(box)
             logit = float(person.logit[min(ms, len(person.logit) - 1)]) - DOUBT * (1 - share)
             if logit <= 0 or not 0 <= x < FRAME_PX[0]:
                 continue
-            eyes += self._noise[frame.seq, k] * (0.01 if person.still else 1.0) * apart / 60
+            eyes += self._noise[frame.seq, k] * (0.01 if person.still else 1.0) * eye_distance / 60
             if k == 0:
-                eyes[:, 0] += apart * self._script.wrong(frame.ms)
-            seen.append(Seen(Face(eyes, 1 / (1 + math.exp(-logit)), box, apart), share < 1))
+                eyes[:, 0] += eye_distance * self._script.wrong(frame.ms)
+            seen.append(Seen(Face(eyes, 1 / (1 + math.exp(-logit)), box, eye_distance), share < 1))
         return seen
 
     def _found(self, image: object, region: Roi | None = None) -> list[Detection]:
@@ -163,7 +168,7 @@ class MadeEngine(WorldEngine):
         if face.confidence < least:
             return None
         if cut_off and roi is not self._own:
-            wrong = np.array((0.0, CUT_OFF * face.apart_px))
+            wrong = np.array((0.0, CUT_OFF * face.eye_distance_px))
             face = attrs.evolve(face, eyes_px=face.eyes_px + wrong)
         x0, y0, x1, y1 = face.box_px
         self._own = Roi((x0 + x1) / 2, (y0 + y1) / 2, 1.5 * (y1 - y0), 0.0)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.bench.glasses import GLASS, RED_CYAN, lightness
-from lfpipe.bench.results import Figures, rms
+from lfpipe.bench.results import MetricsPage, rms
 from lfpipe.bench.simulator.run import Run, Setup, Truth
 from lfpipe.bench.simulator.screen import Screen
 from lfpipe.bench.simulator.scripts import Script
@@ -29,7 +29,7 @@ Float = NDArray[np.float64]
 DECODED = decoded(np.arange(256) / 255.0)  # linear light of code values
 
 
-def viewpoint_figures(run: Run, truth: Truth, script: Script) -> Figures:
+def viewpoint_metrics(run: Run, truth: Truth, script: Script) -> MetricsPage:
     """error_views (mean over the windows; p95, worst), step_cols and step_rows (largest step that
     is not in the true motion), right_s (longest time from an event until the picture is right),
     depth (share of time with full depth), lag_ms.
@@ -46,7 +46,7 @@ def viewpoint_figures(run: Run, truth: Truth, script: Script) -> Figures:
         shown = run.views[inside]
         off = np.linalg.norm(shown - right, axis=2).max(axis=1)
         errors.append(off)
-        depths.append(_apart(shown) >= DEPTH * _apart(right))
+        depths.append(_eye_distance(shown) >= DEPTH * _eye_distance(right))
         if window.event:
             late_s.append(_time_until_right(off, ms, window.from_s * 1e3))
         velocity = np.gradient(right[..., 1].mean(axis=1), ms)
@@ -55,9 +55,9 @@ def viewpoint_figures(run: Run, truth: Truth, script: Script) -> Figures:
     every = np.concatenate(errors)
     steps = np.abs(np.diff(run.views, axis=0)).max(axis=1)  # (n - 1, 2)
     # the depth that appears with the first face is a step that everybody wants
-    first = int(((run.ms >= script.steps_from_s * 1e3) & (_apart(run.views) > 0)).argmax())
+    first = int(((run.ms >= script.steps_from_s * 1e3) & (_eye_distance(run.views) > 0)).argmax())
     beyond = (steps - _near(truth.motion(run.ms), run.ms))[first:].max(axis=0, initial=0.0)
-    figures = {
+    metrics = {
         "error_views": float(every.mean()),
         "error_p95": float(np.percentile(every, 95)),
         "error_worst": float(every.max()),
@@ -66,13 +66,13 @@ def viewpoint_figures(run: Run, truth: Truth, script: Script) -> Figures:
         "depth": float(np.concatenate(depths).mean()) * 100,
     }
     if late_s:
-        figures["right_s"] = max(late_s)
+        metrics["right_s"] = max(late_s)
     if power > 1e-9:
-        figures["lag_ms"] = behind / power
-    return figures
+        metrics["lag_ms"] = behind / power
+    return metrics
 
 
-def _apart(views: Float) -> Float:
+def _eye_distance(views: Float) -> Float:
     """Views between the eyes (n,) of viewpoints (n, 2, 2)."""
     return np.asarray(views[:, 1, 1] - views[:, 0, 1])
 
@@ -151,15 +151,15 @@ class Pictures:
         return Errors(np.array(levels), np.array(seen), float(np.median(spent_ms)))
 
 
-def picture_figures(errors: Errors) -> Figures:
+def picture_metrics(errors: Errors) -> MetricsPage:
     """Mean, p95 and worst, in levels, L* and dB."""
-    figures: Figures = {}
+    metrics: MetricsPage = {}
     for name, db_name, values, peak in (
         ("levels", "db", errors.levels, 255.0),
         ("seen", "seen_db", errors.seen, 100.0),
     ):
         db = 20 * np.log10(peak / np.maximum(values, 1e-3))
-        figures |= {
+        metrics |= {
             name: float(values.mean()),
             f"{name}_p95": float(np.percentile(values, 95)),
             f"{name}_worst": float(values.max()),
@@ -167,7 +167,7 @@ def picture_figures(errors: Errors) -> Figures:
             f"{db_name}_p95": float(np.percentile(db, 5)),
             f"{db_name}_worst": float(db.min()),
         }
-    return figures
+    return metrics
 
 
 def ideal_light(views: Sequence[Picture]) -> Float:
@@ -195,11 +195,11 @@ def evenness(run: Run, screen: Screen, video_hz: float) -> float:
     """
     settled = len(run.ms) // 2
     targets_ns = run.targets_ns[settled:]
-    blanks_ns = targets_ns[0] + np.rint((run.ms[settled:] - run.ms[settled]) * MS_NS).astype(int)
+    vblanks_ns = targets_ns[0] + np.rint((run.ms[settled:] - run.ms[settled]) * MS_NS).astype(int)
     start_ns = targets_ns[0] - round(VIDEO_LEAD * screen.period_ns)
-    pairs = zip(targets_ns, blanks_ns.tolist(), strict=True)
+    pairs = zip(targets_ns, vblanks_ns.tolist(), strict=True)
     off_plan = [
-        video_frame(target_ns, start_ns, video_hz) != video_frame(blank_ns, start_ns, video_hz)
-        for target_ns, blank_ns in pairs
+        video_frame(target_ns, start_ns, video_hz) != video_frame(vblank_ns, start_ns, video_hz)
+        for target_ns, vblank_ns in pairs
     ]
     return float(np.mean(off_plan))

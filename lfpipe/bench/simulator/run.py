@@ -8,13 +8,13 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.bench.simulator.camera import IMAGE, T0_NS, Camera, MadeEngine, WorldEngine
+from lfpipe.bench.simulator.camera import IMAGE, T0_NS, Camera, SyntheticEngine, WorldEngine
 from lfpipe.bench.simulator.scene import SCENES, WorldScene, scene_of
 from lfpipe.bench.simulator.screen import PacedScreen, Screen
 from lfpipe.bench.simulator.scripts import Script, Window
 from lfpipe.config import Config, Render, Track
 from lfpipe.eyes import EYES, EyesRecord
-from lfpipe.render.choice import EyesSource, Moment, choose
+from lfpipe.render.choice import DisplayTime, EyesSource, choose
 from lfpipe.render.synthesis.compositor import Key
 from lfpipe.render.synthesis.viewpoint import limited, pair_clamped
 from lfpipe.render.viewer.geometry import parallax
@@ -24,7 +24,9 @@ from lfpipe.transport.clock import MS_NS
 from lfpipe.transport.ring import Stamp
 
 MEAN_OF = 5  # frames, of the plain loop
-APARTS_PX = np.arange(5.0, 301.0)  # distances between the eyes at which the right alpha is tabled
+EYE_DISTANCES_PX = np.arange(
+    5.0, 301.0
+)  # distances between the eyes at which the right alpha is tabled
 Float = NDArray[np.float64]
 
 
@@ -43,7 +45,7 @@ class Setup:
     def config(self) -> Config:
         """The configuration of a session before this screen."""
         render = Render(
-            loop_ms=self.screen.loop_ms,
+            device_latency_ms=self.screen.device_latency_ms,
             method=self.method,  # type: ignore[arg-type]
             alpha_px=self.scene.alpha_px or "auto",
         )
@@ -53,7 +55,7 @@ class Setup:
         """What is on the screen for a script."""
         if self.track is None:
             return plain_loop(self, script)
-        return watch(self, MadeEngine(script, self.camera), script.count_ms / 1e3)
+        return watch(self, SyntheticEngine(script, self.camera), script.count_ms / 1e3)
 
 
 @attrs.frozen(eq=False, kw_only=True)
@@ -80,7 +82,7 @@ class Run:
 class Shown(NamedTuple):
     """A picture that was handed over for a blank, due at a time."""
 
-    blank: int
+    vblank: int
     due_ns: int
     views: Float
     key: Key
@@ -90,14 +92,16 @@ def watch(setup: Setup, engine: WorldEngine, seconds: float) -> Run:
     """The product's pictures for what an engine sees."""
     screen = setup.screen
     config = setup.config
-    loop_ns = round(screen.loop_ms * MS_NS)
-    tracker = EyeTracker(config.track, loop_s=screen.loop_ms / 1e3, engine=engine)
+    device_latency_ns = round(screen.device_latency_ms * MS_NS)
+    tracker = EyeTracker(
+        config.track, device_latency_s=screen.device_latency_ms / 1e3, engine=engine
+    )
     viewer = Viewer(setup.scene.field, config)
     source = EyesSource()
     clock = PacedScreen(screen)
     record = np.zeros((), EYES)
     upcoming = deque(setup.camera.frames(seconds))
-    end_ns = T0_NS + round(seconds * 1e3) * MS_NS - loop_ns
+    end_ns = T0_NS + round(seconds * 1e3) * MS_NS - device_latency_ns
     shown: list[Shown] = []
     choices = []
     while True:
@@ -112,13 +116,15 @@ def watch(setup: Setup, engine: WorldEngine, seconds: float) -> Run:
             stamps = frame.stamp_ns, frame.stamp_ns, frame.tracked_ns
             source.update(EyesRecord.of(record), Stamp(frame.seq, frame.seq, 0, *stamps, 0))
         started_ns = time.thread_time_ns()
-        moment = Moment.of(due_ns, clock.refresh.period_ns, loop_ns, on_blanks=True)
-        choice = choose(viewer, source.at(begun_ns), moment)
+        display_time = DisplayTime.of(
+            due_ns, clock.refresh.period_ns, device_latency_ns, on_vblanks=True
+        )
+        choice = choose(viewer, source.at(begun_ns), display_time)
         choices.append((time.thread_time_ns() - started_ns) / 1e6)
         composed = not shown or choice.key != shown[-1].key
-        blank = clock.hand(begun_ns, due_ns, composed)
+        vblank = clock.hand(begun_ns, due_ns, composed)
         views = np.array((choice.viewpoints.left, choice.viewpoints.right))
-        shown.append(Shown(blank, due_ns, views, choice.key))
+        shown.append(Shown(vblank, due_ns, views, choice.key))
     late = (clock.late + clock.missed) / len(shown)
     return _on_screen(shown, screen, np.array(choices), late)
 
@@ -127,33 +133,33 @@ def plain_loop(setup: Setup, script: Script) -> Run:
     """The paper's loop: the mean of 5 frames, a picture for each frame, the nearest views."""
     scene = setup.scene
     screen = setup.screen
-    engine = MadeEngine(script, setup.camera)
+    engine = SyntheticEngine(script, setup.camera)
     recent: deque[Float] = deque(maxlen=MEAN_OF)
     shown: list[Shown] = []
     grid = scene.rows, scene.cols
     rest = script.windows[0].rest
-    alpha_px = Truth(setup, script).alpha_px(rest.apart_px)
+    alpha_px = Truth(setup, script).alpha_px(rest.eye_distance_px)
     for frame in setup.camera.frames(script.count_ms / 1e3):
         if faces := [one.face for one in engine.seen(frame)]:
-            recent.append(max(faces, key=lambda face: face.apart_px).eyes_px)
+            recent.append(max(faces, key=lambda face: face.eye_distance_px).eyes_px)
         if not recent:
             continue
         views = viewpoints(np.mean(recent, axis=0), alpha_px, (rest.x_px, rest.y_px), grid)
         views = np.clip(np.rint(views), 0, np.array(grid) - 1)
-        blank = int((frame.tracked_ns - T0_NS) / screen.period_ns) + 1
+        vblank = int((frame.tracked_ns - T0_NS) / screen.period_ns) + 1
         left, right = views.tolist()
         key = (0, (left[0], left[1]), (right[0], right[1]))
-        shown.append(Shown(blank, screen.blank_ns(blank), views, key))
+        shown.append(Shown(vblank, screen.vblank_ns(vblank), views, key))
     return _on_screen(shown, screen, np.zeros(1))
 
 
 def _on_screen(shown: list[Shown], screen: Screen, cpu_ms: Float, late: float = 0.0) -> Run:
     """What stands on the screen at every blank: the newest picture handed over for it or before."""
-    at = np.array([one.blank for one in shown])
-    blanks = np.arange(at[0], at[-1] + 1)
-    newest = np.searchsorted(at, blanks, side="right") - 1
+    at = np.array([one.vblank for one in shown])
+    vblanks = np.arange(at[0], at[-1] + 1)
+    newest = np.searchsorted(at, vblanks, side="right") - 1
     return Run(
-        ms=(blanks + 0.5) * screen.period_ns / MS_NS + screen.loop_ms,
+        ms=(vblanks + 0.5) * screen.period_ns / MS_NS + screen.device_latency_ms,
         views=np.array([shown[k].views for k in newest]),
         keys=[shown[k].key for k in newest],
         targets_ns=[shown[k].due_ns for k in newest],
@@ -187,13 +193,13 @@ class Truth:
         self._script = script
         self._render = setup.config.render
         self._alphas_px = [
-            parallax(setup.config, self._scene.field, IMAGE.shape[1], apart).alpha_px
-            for apart in APARTS_PX.tolist()
+            parallax(setup.config, self._scene.field, IMAGE.shape[1], eye_distance).alpha_px
+            for eye_distance in EYE_DISTANCES_PX.tolist()
         ]
 
-    def alpha_px(self, apart_px: Float | float) -> Float:
+    def alpha_px(self, eye_distance_px: Float | float) -> Float:
         """px of the camera picture per view, for eyes at this distance from each other."""
-        return np.asarray(np.interp(apart_px, APARTS_PX, self._alphas_px))
+        return np.asarray(np.interp(eye_distance_px, EYE_DISTANCES_PX, self._alphas_px))
 
     def views(self, ms: Float, window: Window) -> Float:
         """The right viewpoints (n, 2, 2) at these ms of a window."""

@@ -19,7 +19,7 @@ class Screen:
     """A screen and its compositor."""
 
     rate_hz: float = 60.0
-    loop_ms: float = 80.0
+    device_latency_ms: float = 80.0
     """Delay of camera and display together."""
     slow: float = 0.0
     """Share of late wake-ups."""
@@ -32,9 +32,9 @@ class Screen:
     def period_ns(self) -> float:
         return 1e9 / self.rate_hz
 
-    def blank_ns(self, blank: int) -> int:
+    def vblank_ns(self, vblank: int) -> int:
         """The time of a blank, counted from the beginning."""
-        return round(T0_NS + blank * self.period_ns)
+        return round(T0_NS + vblank * self.period_ns)
 
 
 class PacedScreen:
@@ -46,7 +46,7 @@ class PacedScreen:
         self._screen = screen
         self._random = np.random.default_rng(5)
         self.refresh = ScreenRefresh(screen.rate_hz, T0_NS)
-        self.refresh.clock.blank(T0_NS)
+        self.refresh.clock.vblank(T0_NS)
         self._now_ns = T0_NS
         self.late = 0
         self.missed = 0
@@ -68,12 +68,14 @@ class PacedScreen:
         screen = self._screen
         cost_ns = round(self._cost_ms * MS_NS) * composed
         handed_ns = max(begun_ns + cost_ns, refresh.earliest_ns(due_ns))
-        blank = math.ceil((handed_ns + screen.deadline_ms * MS_NS - T0_NS) / screen.period_ns)
+        vblank = math.ceil((handed_ns + screen.deadline_ms * MS_NS - T0_NS) / screen.period_ns)
         if composed:
             refresh.add_cost(cost_ns, begun_ns, due_ns)
-            shown_ns = screen.blank_ns(blank) // MS_NS * MS_NS + MS_NS // 2  # reported in whole ms
+            shown_ns = (
+                screen.vblank_ns(vblank) // MS_NS * MS_NS + MS_NS // 2
+            )  # reported in whole ms
             self.late += refresh.judge(due_ns, handed_ns, shown_ns)
-            refresh.clock.blank(shown_ns)
+            refresh.clock.vblank(shown_ns)
         self._now_ns = handed_ns
         self.missed += refresh.advance(handed_ns)
-        return blank
+        return vblank

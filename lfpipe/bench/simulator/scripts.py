@@ -146,8 +146,8 @@ def person(places: Float, *dips: tuple[float, float, float], still: bool = False
     return Person(path_px=places, logit=logit, still=still)
 
 
-def _at(x: float, y: float = 240.0, apart: float = 60.0) -> Place:
-    return x, y, apart
+def _at(x: float, y: float = 240.0, eye_distance: float = 60.0) -> Place:
+    return x, y, eye_distance
 
 
 SEATED = Rest(*SEAT)
@@ -219,7 +219,7 @@ SCRIPTS = (
     # towards the screen and back
     seated(
         "leans in",
-        path(7.5, SEAT, Move(2.5, 3.5, _at(320.0, apart=85.0)), Move(4.5, 5.5, SEAT)),
+        path(7.5, SEAT, Move(2.5, 3.5, _at(320.0, eye_distance=85.0)), Move(4.5, 5.5, SEAT)),
     ),
     # through the right side and for good; the view holds and eases to its middle
     Script(

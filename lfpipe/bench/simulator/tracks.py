@@ -10,14 +10,14 @@ from lfpipe.errors import UserError
 
 COLUMNS = "t_s,face,left_x,left_y,right_x,right_y"
 SMOOTH_MS = 25.0  # standard deviation of the kernel that separates motion from landmark noise
-APART_S = 1.0  # the same for the distance between the eyes, which a turning head changes
-APART_PX = 60.0  # of the simulated viewer, to which every track is scaled
+EYE_DISTANCE_S = 1.0  # the same for the distance between the eyes, which a turning head changes
+EYE_DISTANCE_PX = 60.0  # of the simulated viewer, to which every track is scaled
 REMEDY = f"give a table with the columns {COLUMNS}"
 
 
 def read_track(path: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """The path (n, 3) of a track at each ms, about (0, 0): x and y between the eyes, and their
-    distance, scaled so that its median is APART_PX; and where there is a face, (n,).
+    distance, scaled so that its median is EYE_DISTANCE_PX; and where there is a face, (n,).
 
     Raises UserError if the table cannot be read.
     """
@@ -27,12 +27,12 @@ def read_track(path: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         raise UserError(f"{path}: contains no face", REMEDY)
     at_s = t_s[0] + np.arange(int((t_s[-1] - t_s[0]) * 1000)) / 1000
     lx, ly, rx, ry = (np.interp(at_s, t_s[known], eyes[known, k]) for k in range(4))
-    apart = _smoothed(np.hypot(lx - rx, ly - ry), APART_S * 1000)
+    eye_distance = _smoothed(np.hypot(lx - rx, ly - ry), EYE_DISTANCE_S * 1000)
     x = _smoothed((lx + rx) / 2, SMOOTH_MS)
     y = _smoothed((ly + ry) / 2, SMOOTH_MS)
-    places = np.stack([x - np.median(x), y - np.median(y), apart], axis=1)
+    places = np.stack([x - np.median(x), y - np.median(y), eye_distance], axis=1)
     visible = face[np.searchsorted(t_s, at_s, side="right") - 1]
-    return places * (APART_PX / float(np.median(apart))), visible
+    return places * (EYE_DISTANCE_PX / float(np.median(eye_distance))), visible
 
 
 def read_table(path: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:

@@ -23,15 +23,15 @@ from lfpipe.render.synthesis.compositor import ViewRenderer, method_for
 from lfpipe.render.viewer.geometry import parallax, zero_plane_px
 from lfpipe.scene.lightfield import LightField
 
-MOST_BYTES = 8_000_000  # of the page
-MOST_PX = 32_000_000  # of the quilt: 128 MB of a phone's graphics memory
-MOST_SIDE_PX = 8192  # of the quilt: a texture of phones since 2016
-LEAST_SIDE_PX = 320  # of a view's longer side, before views are left out
+MAX_BYTES = 8_000_000  # of the page
+MAX_PX = 32_000_000  # of the quilt: 128 MB of a phone's graphics memory
+MAX_SIDE_PX = 8192  # of the quilt: a texture of phones since 2016
+MIN_SIDE_PX = 320  # of a view's longer side, before views are left out
 JPEG_QUALITY = 85
 # disparity up to which a cross-fade of neighbours shows no double edges worth mentioning; eyes move
 # less up and down
 STEP_PX = {"cols": 1.5, "rows": 3.0}
-LEAST_VIEWS = 5  # per axis, as far as the scene has them: what is hidden appears step by step
+MIN_VIEWS = 5  # per axis, as far as the scene has them: what is hidden appears step by step
 SHRINK = 0.95  # per attempt
 
 
@@ -59,7 +59,7 @@ class Quilt:
     def fits(self) -> bool:
         """Whether a phone can show it."""
         width, height = self.across * self.width_px, self.down * self.height_px
-        return width * height <= MOST_PX and max(width, height) <= MOST_SIDE_PX
+        return width * height <= MAX_PX and max(width, height) <= MAX_SIDE_PX
 
 
 class PageExport:
@@ -78,7 +78,7 @@ class PageExport:
             return count
         ends = (self._field.disparity_min_px, self._field.disparity_max_px)
         across_px = scale * (count - 1) * max(abs(end - self._zero_px) for end in ends)
-        return max(min(count, LEAST_VIEWS), math.ceil(across_px / step_px) + 1)
+        return max(min(count, MIN_VIEWS), math.ceil(across_px / step_px) + 1)
 
     def _quilt(self, scale: float, keep: float) -> Quilt:
         """The quilt of tiles of a scale. keep: share of the wanted views along each axis."""
@@ -90,7 +90,7 @@ class PageExport:
         kept_rows, kept_cols = (min(n, max(2, round(keep * n))) for n in (rows, cols))
         width, height = (max(1, round(scale * px)) for px in (field.width_px, field.height_px))
         count = kept_rows * kept_cols
-        across = min(count, math.ceil(math.sqrt(count * height / width)), MOST_SIDE_PX // width)
+        across = min(count, math.ceil(math.sqrt(count * height / width)), MAX_SIDE_PX // width)
         return Quilt(
             rows=kept_rows,
             cols=kept_cols,
@@ -121,7 +121,7 @@ class PageExport:
         field = self._field
         chosen = parallax(self._config, field, self._config.camera.frame_px[0], None)
         step = (quilt.cols - 1) / max(1, field.cols - 1)
-        apart = min(chosen.views_between_eyes, field.cols - 1) * step
+        eye_distance = min(chosen.views_between_eyes, field.cols - 1) * step
         matrix = np.array(MATRICES["dubois"])  # (channels, eyes, weights)
         about = {
             "rows": quilt.rows,
@@ -129,7 +129,7 @@ class PageExport:
             "width": quilt.width_px,
             "height": quilt.height_px,
             "across": quilt.across,
-            "apart": apart,
+            "apart": eye_distance,
             "fromLeft": matrix[:, 0].T.ravel().tolist(),
             "fromRight": matrix[:, 1].T.ravel().tolist(),
         }
@@ -144,20 +144,20 @@ class PageExport:
         return page.encode("utf-8", "replace")
 
     def write(self, path: Path, credit: str = "") -> Quilt:
-        """Writes the page, which has at most MOST_BYTES, to a path that `check_page` allows.
+        """Writes the page, which has at most MAX_BYTES, to a path that `check_page` allows.
 
-        First the tiles shrink, to LEAST_SIDE_PX; then there are fewer views. Raises UserError.
+        First the tiles shrink, to MIN_SIDE_PX; then there are fewer views. Raises UserError.
         """
         longer_px = max(self._field.width_px, self._field.height_px)
-        scale = min(1.0, MOST_SIDE_PX / longer_px)
+        scale = min(1.0, MAX_SIDE_PX / longer_px)
         keep = 1.0
         while True:
             quilt = self._quilt(scale, keep)
             page = self._page(quilt, self._picture(quilt), credit) if quilt.fits else b""
-            if quilt.fits and len(page) <= MOST_BYTES:
+            if quilt.fits and len(page) <= MAX_BYTES:
                 write_output(path, page)
                 return quilt
-            if scale * SHRINK * longer_px >= LEAST_SIDE_PX:
+            if scale * SHRINK * longer_px >= MIN_SIDE_PX:
                 scale *= SHRINK
             else:
                 keep *= SHRINK

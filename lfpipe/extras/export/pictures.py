@@ -34,7 +34,7 @@ Picture = NDArray[np.uint8]
 
 GIF_PICTURES = 300  # a GIF is held in memory
 QUILT_PX = 8192  # of a side: the largest that they accept
-MOST_TILES = 20  # a side: the quilts of Looking Glass have up to 11
+MAX_TILES = 20  # a side: the quilts of Looking Glass have up to 11
 RATE_HZ = 30.0  # smooth, and half the size of 60
 JPEG_QUALITY = 95  # hardly different from the original
 WIGGLE_S, SWEEP_S = 0.8, 6.0  # there and back
@@ -56,14 +56,14 @@ class SceneExport:
     def _view(self, col: float, frame: int = 0) -> Picture:
         return self._renderer.render((self._field.rows - 1) / 2, col, frame)
 
-    def _columns(self, apart_views: float | None) -> tuple[float, float]:
+    def _columns(self, eye_distance_views: float | None) -> tuple[float, float]:
         """Columns of the left and the right eye; by default as a session would choose them before
         it sees a face. Raises UserError.
         """
-        if apart_views is None:
+        if eye_distance_views is None:
             chosen = parallax(self._config, self._field, self._config.camera.frame_px[0], None)
-            apart_views = min(chosen.views_between_eyes, self._last)
-        if not 0 < apart_views <= self._last:
+            eye_distance_views = min(chosen.views_between_eyes, self._last)
+        if not 0 < eye_distance_views <= self._last:
             what = f"the scene has {self._field.cols} columns of views" + (
                 "" if self._last else ", one eye's"
             )
@@ -72,8 +72,8 @@ class SceneExport:
                 if self._last
                 else "use a scene with two columns or more"
             )
-            raise UserError(f"--apart {apart_views:g}: {what}", remedy)
-        return (self._last - apart_views) / 2, (self._last + apart_views) / 2
+            raise UserError(f"--apart {eye_distance_views:g}: {what}", remedy)
+        return (self._last - eye_distance_views) / 2, (self._last + eye_distance_views) / 2
 
     def quilt(self, cols: int, rows: int) -> Picture:
         """cols * rows views, evenly from the first column to the last; tiles shrink if the quilt
@@ -92,18 +92,20 @@ class SceneExport:
             [np.hstack(tiles[row * cols : (row + 1) * cols]) for row in reversed(range(rows))]
         )
 
-    def eyes(self, apart_views: float | None = None) -> tuple[Picture, Picture]:
+    def eyes(self, eye_distance_views: float | None = None) -> tuple[Picture, Picture]:
         """The left and the right eye's view. Raises UserError."""
-        left, right = self._columns(apart_views)
+        left, right = self._columns(eye_distance_views)
         return self._view(left), self._view(right)
 
-    def clip(self, form: str, apart_views: float | None, seconds: float) -> Iterator[Picture]:
+    def clip(
+        self, form: str, eye_distance_views: float | None, seconds: float
+    ) -> Iterator[Picture]:
         """One turn at RATE_HZ, whose last picture leads to the first. form: "sweep", "wiggle", or
         "pair", two views side by side that sweep. Raises UserError.
         """
         if form == "sweep":
             return self._swing(0.0, self._last, seconds)
-        left, right = self._columns(apart_views)
+        left, right = self._columns(eye_distance_views)
         if form == "wiggle":
             return self._swing(left, right, seconds)
         room = self._last - (right - left)
@@ -164,11 +166,11 @@ def parse_tiles(text: str) -> tuple[int, int]:
     if not (
         cols.isdecimal()
         and rows.isdecimal()
-        and 0 < int(cols) <= MOST_TILES
-        and 0 < int(rows) <= MOST_TILES
+        and 0 < int(cols) <= MAX_TILES
+        and 0 < int(rows) <= MAX_TILES
     ):
         raise UserError(
-            f"--tiles {text}: not COLSxROWS", f"use for example 8x6; 1 to {MOST_TILES} a side"
+            f"--tiles {text}: not COLSxROWS", f"use for example 8x6; 1 to {MAX_TILES} a side"
         )
     return int(cols), int(rows)
 

@@ -1,6 +1,6 @@
 """Measures the delay of the loop.
 
-A window flips between black and white, the camera watches it, and `loop_delay` compares.
+A window flips between black and white, the camera watches it, and `device_latency` compares.
 """
 
 import threading
@@ -17,8 +17,8 @@ from lfpipe.config import Config
 from lfpipe.errors import UserError
 from lfpipe.extras.latency.estimate import (
     AREA_R,
-    LEAST_FRAMES,
-    LEAST_PIXELS,
+    MIN_FRAMES,
+    MIN_PIXELS,
     SPAN,
     LoopDelay,
     Recording,
@@ -48,7 +48,7 @@ ASK = (
 AGAIN = UserError("nothing was measured", "start again when you are ready")
 SMALL_PX, INSET_PX = 64, 240  # widths: of the pictures that are compared, and for the person
 # frames without a stamp that a good driver delivers too, at its start and later
-MOST_UNSTAMPED, UNSTAMPED_SHARE = 5, 0.1
+MAX_UNSTAMPED, UNSTAMPED_SHARE = 5, 0.1
 
 
 class CameraWatch(threading.Thread):
@@ -99,7 +99,7 @@ class CameraWatch(threading.Thread):
         """Whether the driver stamps the frames: nearly all; single frames without a stamp are left
         out.
         """
-        return self._unstamped < max(MOST_UNSTAMPED, len(self._frames) * UNSTAMPED_SHARE)
+        return self._unstamped < max(MAX_UNSTAMPED, len(self._frames) * UNSTAMPED_SHARE)
 
     def frames(self, since_ns: int) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
         """Stamps (n,) and pictures (n, height, width) from since_ns on."""
@@ -125,7 +125,7 @@ def advice(area: NDArray[np.bool_]) -> str:
     )
 
 
-def measure_loop(config: Config, camera: str | None) -> tuple[LoopDelay, Monitor]:
+def measure_device_latency(config: Config, camera: str | None) -> tuple[LoopDelay, Monitor]:
     """Returns the delay of the loop and the monitor on which it was measured. Takes MEASURE_S once
     the camera sees the window.
 
@@ -200,7 +200,7 @@ class _FlippingWindow:
             raise self._watch.failure
         window = self.window
         clock = self._clock
-        reported = bool(window.blanks_by)
+        reported = bool(window.vblank_source)
         hold_ns = int(self._rng.integers(HOLDS[0], HOLDS[1] + 1)) * self._step * clock.period_ns
         lead_ns = round(clock.period_ns / 2) * reported
         # after a late flip no hold is cut short
@@ -220,7 +220,7 @@ class _FlippingWindow:
             self._presented_ns[self._number] = t_ns
         for answer in window.presented():
             if answer.t_ns:
-                clock.blank(answer.t_ns, answer.period_ns)
+                clock.vblank(answer.t_ns, answer.period_ns)
                 self._presented_ns.setdefault(answer.serial, answer.t_ns)
         return t_ns
 
@@ -243,14 +243,11 @@ class _FlippingWindow:
     def _advice(self, since_ns: int) -> str:
         """How to move the camera; "" if it sees the window in the middle of its picture."""
         recording = self._recording(since_ns)
-        if (
-            len(recording.t_frame_ns) < LEAST_FRAMES / 2
-            or len(recording.t_flip_ns) < LEAST_FRAMES / 4
-        ):
+        if len(recording.t_frame_ns) < MIN_FRAMES / 2 or len(recording.t_flip_ns) < MIN_FRAMES / 4:
             return ASK
         r = find_area(recording)[0]
         area = r > max(CLEAR_R, AREA_R * r.max())
-        return advice(area) if area.sum() >= LEAST_PIXELS else ASK
+        return advice(area) if area.sum() >= MIN_PIXELS else ASK
 
     def _say(self, state: str, inset: NDArray[np.uint8] | None) -> None:
         self.window.overlay(Overlay(lines=(state, "f full screen, q ends"), inset=inset))

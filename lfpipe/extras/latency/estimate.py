@@ -54,19 +54,19 @@ RESPONSES_MS = (0.7, 3.0, 6.0, 9.5, 14.0)
 MODELS = tuple(
     Model(*values) for values in itertools.product(EXPOSURES_MS, RESPONSES_MS, RESPONSES_MS)
 )
-MOST_MODELS = 48  # the likeliest, of which the delay is computed in fine steps
+MAX_MODELS = 48  # the likeliest, of which the delay is computed in fine steps
 # Of a usual camera, and light of the room as a share of the screen's: where they are others, rises
 # and falls of the light seem to be off in opposite directions, and the delay stays.
 GAMMA, STRAY = 2.1, 0.05
 BANDS = 6  # of rows: enough for the time from row to row
 MODEL_MS = 0.35  # error of the delay from a non-exponential pixel response, in simulated recordings
 # of 15 s at 15 Hz, a quarter; fewer leave several delays possible
-LEAST_FRAMES, LEAST_FLIPS = 60, 30
+MIN_FRAMES, MIN_FLIPS = 60, 30
 OFF_BEAT, OFF_BEAT_SHARE = 0.25, 0.1  # of a period, and of all frames
 # correlation of a pixel, as a share of the best pixel, squared of the bands
-LEAST_R, AREA_R, LEAST_R2 = 0.25, 0.5, 0.5
-LEAST_CHANGE = 0.35  # of a pixel, as a share of the 98th percentile's
-LEAST_PIXELS = 4  # of 64 across: a screen of a twentieth of the picture's height and width
+MIN_R, AREA_R, MIN_R2 = 0.25, 0.5, 0.5
+MIN_CHANGE = 0.35  # of a pixel, as a share of the 98th percentile's
+MIN_PIXELS = 4  # of 64 across: a screen of a twentieth of the picture's height and width
 # quantile: of steps from frame to frame, one period still; of holds, as a busy machine may cut a
 # single one short
 SHORT = 0.1
@@ -78,7 +78,7 @@ WIDEST_MS = 3.0  # half of the widest acceptable interval
 # of up to 3.3 ms were measured.
 IN_STEP_SHARE = 0.2
 # some cameras deliver each frame twice or more; one whose frames are all alike sees nothing
-MOST_AGAIN = 0.8
+MAX_AGAIN = 0.8
 # Temporal noise reduction keeps a share of the frame before. For simulated cameras that keep none,
 # models that keep this share leave at least 1.17 times as much unexplained; for those that keep
 # 0.15 or more, at most 0.93 times as much.
@@ -226,7 +226,7 @@ def find_area(recording: Recording) -> tuple[Float, float]:
     r = tried[exposure][near].max(axis=0)
     # What only automatic exposure brightens and darkens follows the pattern, too, but later.
     sizes = recording.changes(levels).std(axis=0)
-    r[sizes < LEAST_CHANGE * np.quantile(sizes, 0.98)] = 0
+    r[sizes < MIN_CHANGE * np.quantile(sizes, 0.98)] = 0
     return r.reshape(recording.pictures.shape[1:]), float(delays[at])
 
 
@@ -331,8 +331,8 @@ def estimate(recording: Recording) -> LoopDelay:
     """
     recording = _checked(recording)
     r, coarse_ms = find_area(recording)
-    area = (r > LEAST_R) & (r > AREA_R * r.max())
-    if area.sum() < LEAST_PIXELS:
+    area = (r > MIN_R) & (r > AREA_R * r.max())
+    if area.sum() < MIN_PIXELS:
         raise UserError(
             "the camera does not see the pattern",
             "turn the camera to the screen, or hold a mirror before it, and dim the room",
@@ -343,10 +343,10 @@ def estimate(recording: Recording) -> LoopDelay:
     tried = _matches(recording, mean, delays_ms, MODELS, (0.0, *KEPT_SHARES))
     scores = tried[0].max(axis=(1, 2))
     mixed = tried[1:].max()
-    models = [MODELS[k] for k in np.argsort(scores)[-MOST_MODELS:]]
+    models = [MODELS[k] for k in np.argsort(scores)[-MAX_MODELS:]]
     delays_ms = coarse_ms + np.arange(-NEAR_MS, NEAR_MS, STEP_MS)
     matches = _matches(recording, bands.levels, delays_ms, models)[0]
-    if bands.explained(matches) < LEAST_R2:
+    if bands.explained(matches) < MIN_R2:
         raise UserError(
             "the camera sees something like the pattern, but not clearly enough",
             "fill more of its picture with the screen, keep still, and dim the room",
@@ -440,14 +440,14 @@ def _checked(recording: Recording) -> Recording:
     recording = attrs.evolve(
         recording, t_flip_ns=recording.t_flip_ns[visible], bright=recording.bright[visible]
     )
-    if len(recording.t_flip_ns) < LEAST_FLIPS:
+    if len(recording.t_flip_ns) < MIN_FLIPS:
         raise UserError(
             "the pattern was not presented",
             "keep the window in sight, and close what keeps the machine busy",
         )
     times, flips = recording.times_ms()
     kept = (times > DELAYS_MS[1]) & (times < flips[-1])
-    if kept.sum() < LEAST_FRAMES:
+    if kept.sum() < MIN_FRAMES:
         raise UserError(
             f"the camera delivered only {kept.sum()} frames while the pattern was shown",
             "check the camera's cable and light, and try again",
@@ -465,7 +465,7 @@ def _checked(recording: Recording) -> Recording:
             " another camera",
         )
     again = np.append(False, (recording.pictures[1:] == recording.pictures[:-1]).all(axis=(1, 2)))
-    if again.mean() >= MOST_AGAIN:
+    if again.mean() >= MAX_AGAIN:
         return recording
     return attrs.evolve(
         recording, t_frame_ns=recording.t_frame_ns[~again], pictures=recording.pictures[~again]

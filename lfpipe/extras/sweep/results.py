@@ -39,7 +39,7 @@ class Outcome:
     cell: Cell
     state: str
     reason: str = ""
-    figures: dict[str, float | str] = attrs.Factory(dict)
+    metrics: dict[str, float | str] = attrs.Factory(dict)
     seconds: float = 0.0
     host: str = ""
     began_s: float = 0.0
@@ -58,11 +58,11 @@ class Outcome:
             self.host,
             self.reason,
         )
-        figures = {
+        metrics = {
             name: value if isinstance(value, str) else f"{value:.6g}"
-            for name, value in self.figures.items()
+            for name, value in self.metrics.items()
         }
-        return {**dict(zip(ABOUT, about, strict=True)), **figures}
+        return {**dict(zip(ABOUT, about, strict=True)), **metrics}
 
 
 class Store:

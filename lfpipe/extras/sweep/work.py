@@ -26,16 +26,16 @@ from lfpipe.host.files import exists, is_dir
 from lfpipe.replay.report import REPORT, REPORT_BYTES, read_report
 
 REASON_CHARS = 2000  # of a line of results: the end of a traceback
-REFERENCE = "figures.json"  # in the reference of a cell without pictures
+REFERENCE = "metrics.json"  # in the reference of a cell without pictures
 AGAIN = "copy the whole folder again, or rewrite it with --update"
-CLOSE = 1e-3  # relative tolerance of figures, for rounding on other processors
+CLOSE = 1e-3  # relative tolerance of metrics, for rounding on other processors
 # A command ends with the worker that started it;
 # otherwise the stages of its session would continue.
 COMMAND = (
     "import runpy, sys; from lfpipe.host.processes import end_with_parent; sys.argv[0] = 'lfpipe';"
     " end_with_parent(int(sys.argv.pop(1))) and runpy.run_module('lfpipe', run_name='__main__')"
 )
-Measured = tuple[str, str, dict[str, Any]]  # state, reason, figures
+Measured = tuple[str, str, dict[str, Any]]  # state, reason, metrics
 
 
 @attrs.frozen
@@ -88,13 +88,13 @@ def measure_cell(cell: Cell, options: SweepOptions) -> Outcome:
     """The outcome of a cell, measured on this host. A failed cell raises nothing."""
     began_s = time.time()
     started_s = time.monotonic()
-    figures = dict[str, Any]()
+    metrics = dict[str, Any]()
     try:
         with temporary_folder("sweep") as work:
             measure = _replay if cell.subject in (REPLAY, TRUTH) else _bench
-            state, reason, figures = measure(cell, options, work)
+            state, reason, metrics = measure(cell, options, work)
         if state == OK and (place := options.reference(cell)):
-            state, reason = _compared(cell, figures, place, options.update)
+            state, reason = _compared(cell, metrics, place, options.update)
     except subprocess.TimeoutExpired:
         state = FAILED
         reason = f"stopped after {options.limit_s:g} s; --limit gives more"
@@ -109,7 +109,7 @@ def measure_cell(cell: Cell, options: SweepOptions) -> Outcome:
         reason = str(error) if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
     numbers = {
         name: value
-        for name, value in figures.items()
+        for name, value in metrics.items()
         if isinstance(value, str) or math.isfinite(value)
     }
     return Outcome(
@@ -179,9 +179,9 @@ def _replay(cell: Cell, options: SweepOptions, work: Path) -> Measured:
     report = read_report(work / "out")
     tables = {name: table or {} for name, table in (report["truth_error"] or {}).items()}
     errors = {
-        f"truth.{name}.{figure}": value
+        f"truth.{name}.{metric}": value
         for name, table in tables.items()
-        for figure, value in table.items()
+        for metric, value in table.items()
     }
     if cell.subject == TRUTH:
         return (OK, "", errors) if errors else (LEFT_OUT, "the sequence has no truth", {})
@@ -208,23 +208,23 @@ def _bench(cell: Cell, options: SweepOptions, work: Path) -> Measured:
         return FAILED, why, {}
     results = read(work)[TABLE if table else cell.subject]
     named = [(f"{row.curve}." if table else f"{row.name}: ", row.values) for row in results.rows]
-    figures = {name + key: one.value for name, values in named for key, one in values.items()}
+    metrics = {name + key: one.value for name, values in named for key, one in values.items()}
     if states := [value.state for *_, value in results.judged() if not value.only]:
-        figures |= {f"cells {state}": float(states.count(state)) for state in STATES}
+        metrics |= {f"cells {state}": float(states.count(state)) for state in STATES}
     if results.failures:
         return (
             FAILED,
             "; ".join(f"{one}: {reason}" for one, reason in results.failures.items()),
-            figures,
+            metrics,
         )
     return (
-        (OK, "", figures)
-        if figures
+        (OK, "", metrics)
+        if metrics
         else (LEFT_OUT, "; ".join(results.left_out) or "nothing to measure", {})
     )
 
 
-def _compared(cell: Cell, figures: dict[str, Any], place: Path, update: bool) -> tuple[str, str]:
+def _compared(cell: Cell, metrics: dict[str, Any], place: Path, update: bool) -> tuple[str, str]:
     """State and reason by its reference, which is written with update; `lfpipe replay` compares and
     writes its own.
     """
@@ -234,16 +234,16 @@ def _compared(cell: Cell, figures: dict[str, Any], place: Path, update: bool) ->
         return OK, ""
     if update:
         place.mkdir(parents=True, exist_ok=True)
-        write_output(place / REFERENCE, json.dumps(figures, indent=1).encode(), label="--expect")
+        write_output(place / REFERENCE, json.dumps(metrics, indent=1).encode(), label="--expect")
         return OK, ""
     path = place / REFERENCE
     was = json_fields(read_text(path, REPORT_BYTES, str(path), AGAIN), str(path), AGAIN)
     wrong = [
-        f"{name}: {value} in the reference, now {figures.get(name)}"
+        f"{name}: {value} in the reference, now {metrics.get(name)}"
         for name in was.values
         if not math.isclose(
             value := was.number(name, -math.inf, math.inf),
-            float(figures.get(name, "nan")),
+            float(metrics.get(name, "nan")),
             rel_tol=0.0,
             abs_tol=CLOSE * abs(value),
         )

@@ -46,18 +46,18 @@ _SHIFT = 4  # sub-pixel bits of OpenCV's drawing
 log = logging.getLogger(__name__)
 
 
-def figures_of(state: Sample) -> dict[str, Any]:
+def metrics_of(state: Sample) -> dict[str, Any]:
     """A state as the page shows it, without the options, which are not for every viewer.
 
     Adds `depth_px`: smallest and largest zero plane to offer, and step; `playlist`: names of
     scenes; `playlist_at`.
     """
-    figures = state.figures
-    shown = figures.to_dict()
+    metrics = state.metrics
+    shown = metrics.to_dict()
     shown |= {
         "alive": True,
-        "motion_to_photon": photon_words(figures.motion_to_photon),
-        "stages": {name: shown["stages"][name] for name in figures.used_stages},
+        "motion_to_photon": photon_words(metrics.motion_to_photon),
+        "stages": {name: shown["stages"][name] for name in metrics.used_stages},
     }
     if (settings := state.settings) is None:
         return shown
@@ -261,8 +261,8 @@ class Feed:
                 self._release_pictures()
             if state is not None and watch is not None:
                 self._pictures = self._pictures or Pictures(watch.session)
-                figures = f"data: {json.dumps(figures_of(state))}\n\n".encode()
-                return figures + self._pictures.event("picture"), self._pictures.event("camera")
+                metrics = f"data: {json.dumps(metrics_of(state))}\n\n".encode()
+                return metrics + self._pictures.event("picture"), self._pictures.event("camera")
         except Exception:  # a defect, or a half-removed session: viewers see "no session"
             log.exception("no sample of the session")
         return b'data: {"alive": false}\n\n', b""

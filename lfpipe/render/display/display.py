@@ -31,7 +31,7 @@ class Display:
     """Whether it knows which rows of the screen its pictures take."""
 
     @property
-    def blanks_by(self) -> str:
+    def vblank_source(self) -> str:
         """Protocol that reports now when pictures are shown: wp_presentation, wl_surface.frame or
         x_present; empty if none does.
         """

@@ -31,7 +31,7 @@ QUEUE_PICTURES = 8  # a short wait for the disk
 RESERVE_BYTES = 64 << 20
 CHECK_FRAMES = 16  # between two looks at the disk: four a second at 60 Hz
 HELD_BYTES = 8 << 20  # not in the file yet: more than the 5 MB that the container may hold back
-LEAST_BITS = 3  # a pixel takes at least a bit a channel
+MIN_BITS = 3  # a pixel takes at least a bit a channel
 # an encoder that lags by more than a short wait for the disk no longer repeats pictures
 BEHIND_S = 0.5
 AHEAD_FRAMES = 2  # pictures faster than the rate are accepted until the video is this far ahead
@@ -178,7 +178,7 @@ class FileDisplay(Display):
             raise OSError(errno.ENOSPC, f"the disk is full ({free / 1e6:.0f} MB free)")
         if (
             self._writer.lossless
-            and size + HELD_BYTES < self._written * self._size[0] * self._size[1] * LEAST_BITS / 8
+            and size + HELD_BYTES < self._written * self._size[0] * self._size[1] * MIN_BITS / 8
         ):
             raise OSError(errno.EFBIG, "it no longer grows (quota or size limit)")
 

@@ -112,8 +112,8 @@ def detect_monitors() -> tuple[str, list[Monitor]]:
         pygame.display.quit()
 
 
-def loop_conditions(date: str, camera: str, asked: Camera, monitor: Monitor) -> str:
-    """The value of render.loop_measured.
+def device_latency_conditions(date: str, camera: str, asked: Camera, monitor: Monitor) -> str:
+    """The value of render.device_latency_measured.
 
     date: YYYY-MM-DD. camera: the driver's name. asked: its settings.
     """
@@ -123,13 +123,14 @@ def loop_conditions(date: str, camera: str, asked: Camera, monitor: Monitor) -> 
     return "; ".join(text.replace(";", ",") for text in texts)
 
 
-def loop_doubt(config: Config, camera: str, monitors: list[Monitor]) -> str:
-    """The reason to distrust render.loop_ms now; "" if there is none. camera: name of the camera in
-    use. monitors: all connected ones; without screen.monitor the window may be on any of them.
+def device_latency_doubt(config: Config, camera: str, monitors: list[Monitor]) -> str:
+    """The reason to distrust render.device_latency_ms now; "" if there is none. camera: name of
+    the camera in use. monitors: all connected ones; without screen.monitor the window may be on
+    any of them.
     """
-    date, _, then = config.render.loop_measured.partition("; ")
+    date, _, then = config.render.device_latency_measured.partition("; ")
     if not then:
-        return "it was set by hand, not measured" if config.render.loop_ms else ""
+        return "it was set by hand, not measured" if config.render.device_latency_ms else ""
     asked = str(config.screen.monitor).lower()
     here = [
         monitor
@@ -137,7 +138,7 @@ def loop_doubt(config: Config, camera: str, monitors: list[Monitor]) -> str:
         if asked in ("", str(monitor.number)) or asked in monitor.name.lower()
     ]
     now = [
-        loop_conditions(date, camera, config.camera, monitor).removeprefix(f"{date}; ")
+        device_latency_conditions(date, camera, config.camera, monitor).removeprefix(f"{date}; ")
         for monitor in here
     ]
     if then in now:

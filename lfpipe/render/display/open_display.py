@@ -62,7 +62,7 @@ def parse_display(text: str) -> Target:
 
 RESULTS: Results = {  # of the methods of a display, and its attributes
     "pointer": Pointer,
-    "blanks_by": str,
+    "vblank_source": str,
     "knows_rows": bool,
     "show": int,
     "events": list,

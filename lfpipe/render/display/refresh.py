@@ -106,16 +106,16 @@ EARLY_NS = MS_NS // 4  # after a blank; no hand-over for the next one before thi
 # The lead is the mean cost of a picture and a margin, which holds the rest: how much costs vary,
 # how late the process wakes up, how long before a blank the window system takes a picture.
 MARGIN_NS = 4 * MS_NS  # at first: most window systems need less
-LEAST_MARGIN_NS = MS_NS // 2
+MIN_MARGIN_NS = MS_NS // 2
 EARLY_STEP_NS = MS_NS
 # The first late picture for a while widens the margin by the least step, for a machine that stands
 # still now and then is late with any margin; the next ones by twice as much each.
-LEAST_STEP_NS, MOST_STEP_NS = MS_NS // 2, MS_NS
+MIN_STEP_NS, MAX_STEP_NS = MS_NS // 2, MS_NS
 SOON = 20  # pictures
 # Punctual pictures narrow the margin, by the cube of their number since the last late one: by the
 # least step in 500, so that 1 picture in 500 is late, and by 8 ms in 1000.
-NARROWING = 4 * LEAST_STEP_NS / 500**4
-MOST_PERIODS = 2.5  # a compositor may require a picture a whole period before its blank
+NARROWING = 4 * MIN_STEP_NS / 500**4
+MAX_PERIODS = 2.5  # a compositor may require a picture a whole period before its blank
 
 
 class ScreenClock:
@@ -141,7 +141,7 @@ class ScreenClock:
             self._claimed_ns = self._nominal_ns = self.period_ns = 1e9 / nominal_hz
             self.measured = False
 
-    def blank(self, t_ns: int, period_ns: int = 0) -> None:
+    def vblank(self, t_ns: int, period_ns: int = 0) -> None:
         """Adds a blank at t_ns. period_ns: reported with it, or 0."""
         if period_ns and abs(period_ns / self._nominal_ns - 1) > PERIOD_RANGE and period_ns > MS_NS:
             # another monitor, or one that claims another rate
@@ -193,8 +193,8 @@ class ScreenRefresh(Refresh):
         self._due_ns = t0_ns
         self._cost_ns = 0
         self._punctual = 0  # pictures since the last late one
-        self._step_ns = LEAST_STEP_NS
-        self._has_blanks = True
+        self._step_ns = MIN_STEP_NS
+        self._has_vblanks = True
         self._late_ns = 0  # of the last repaint
         self._unjudged: list[tuple[int, int]] = []  # (target, hand-over) of replaced pictures
         self._margin_ns = float(MARGIN_NS)
@@ -234,13 +234,13 @@ class ScreenRefresh(Refresh):
         self._unjudged.append((target_ns, t_handed_ns))
         if not t_presented_ns:
             return True
-        if not self._has_blanks:
+        if not self._has_vblanks:
             self._unjudged.clear()
             return self._judge_repaint(target_ns, t_presented_ns)
         for unjudged in self._unjudged:
-            blanks = self._judge_blank(*unjudged, t_presented_ns)
+            vblanks = self._record_vblank(*unjudged, t_presented_ns)
         self._unjudged.clear()
-        return bool(blanks)
+        return bool(vblanks)
 
     def _judge_repaint(self, target_ns: int, t_presented_ns: int) -> bool:
         """Whether the interval to the previous picture was not as planned.
@@ -251,13 +251,13 @@ class ScreenRefresh(Refresh):
         late_ns = t_presented_ns - target_ns
         changed_ns = late_ns - self._late_ns
         self._late_ns = late_ns
-        self._margin_ns += min(max(GAIN * late_ns, -LEAST_STEP_NS), LEAST_STEP_NS)
+        self._margin_ns += min(max(GAIN * late_ns, -MIN_STEP_NS), MIN_STEP_NS)
         self._margin_ns -= REPAINT_NARROWING_NS
         self._limit_margin()
         self.clock.repaint(t_presented_ns, late_ns)
         return abs(changed_ns) > self.clock.period_ns / 2
 
-    def _judge_blank(self, target_ns: int, t_handed_ns: int, t_presented_ns: int) -> int:
+    def _record_vblank(self, target_ns: int, t_handed_ns: int, t_presented_ns: int) -> int:
         """By how many blanks the picture was late.
 
         Late: the lead was too short. A whole period early: too long. A picture begun before the
@@ -265,15 +265,15 @@ class ScreenRefresh(Refresh):
         a period too late nothing at all.
         """
         period_ns = self.clock.period_ns
-        blanks = round((t_presented_ns - target_ns) / period_ns)
+        vblanks = round((t_presented_ns - target_ns) / period_ns)
         if t_handed_ns <= self._changed_ns or t_handed_ns >= target_ns + period_ns:
-            return blanks
-        if blanks:
-            if blanks < 0:
+            return vblanks
+        if vblanks:
+            if vblanks < 0:
                 self._margin_ns -= EARLY_STEP_NS
             else:
                 again = self._punctual < SOON
-                self._step_ns = min(2 * self._step_ns, MOST_STEP_NS) if again else LEAST_STEP_NS
+                self._step_ns = min(2 * self._step_ns, MAX_STEP_NS) if again else MIN_STEP_NS
                 self._margin_ns += self._step_ns
             self._changed_ns = max(t_presented_ns, t_handed_ns)
             self._punctual = 0
@@ -281,13 +281,13 @@ class ScreenRefresh(Refresh):
             self._punctual += 1
             self._margin_ns -= NARROWING * self._punctual**3
         self._limit_margin()
-        return blanks
+        return vblanks
 
     def _limit_margin(self) -> None:
-        most_ns = MOST_PERIODS * self.clock.period_ns
-        self._margin_ns = min(max(self._margin_ns, LEAST_MARGIN_NS), most_ns)
+        most_ns = MAX_PERIODS * self.clock.period_ns
+        self._margin_ns = min(max(self._margin_ns, MIN_MARGIN_NS), most_ns)
 
-    def blanks(self, reports: list[Presented], nominal_hz: float) -> None:
+    def vblanks(self, reports: list[Presented], nominal_hz: float) -> None:
         """Takes the window system's reports.
 
         nominal_hz: the rate that the window's monitor claims.
@@ -295,9 +295,9 @@ class ScreenRefresh(Refresh):
         self.clock.claim(nominal_hz)
         for report in reports:
             if report.t_ns:
-                self._has_blanks = bool(report.period_ns)
-                if self._has_blanks or not self.clock.measured:
-                    self.clock.blank(report.t_ns, report.period_ns)
+                self._has_vblanks = bool(report.period_ns)
+                if self._has_vblanks or not self.clock.measured:
+                    self.clock.vblank(report.t_ns, report.period_ns)
 
     def limit(self, rate_hz: float | str, nominal_hz: float) -> None:
         self._limit_hz = 0.0 if rate_hz == "auto" else nominal_hz

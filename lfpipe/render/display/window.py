@@ -17,7 +17,7 @@ from lfpipe.render.display.display import Display
 from lfpipe.render.display.monitors import find_monitor, monitors
 from lfpipe.render.display.painters import open_painter
 from lfpipe.render.display.window_system import open_presentation, pygame
-from lfpipe.render.synthesis.pair_layout import Pair, laid_out
+from lfpipe.render.synthesis.pair_layout import Pair, arrange_stereo_pair
 from lfpipe.render.ui.overlay import EVENTS, Overlay
 from lfpipe.render.ui.overlay_view import OverlayView, Panel
 
@@ -131,7 +131,7 @@ class ScreenWindow(Display):
         self._window.destroy()
 
     @property
-    def blanks_by(self) -> str:
+    def vblank_source(self) -> str:
         return self._presentation.name if self._presentation is not None else ""
 
     def nominal_hz(self) -> float:
@@ -200,7 +200,7 @@ class ScreenWindow(Display):
         if pair is not None:
             # the row of the screen on which the window begins, negative above its top
             first_row = 0 if self._fullscreen else self._window.position[1] - self.monitor.y
-            picture = self._laid = laid_out(pair, how, window_px, first_row, self._laid)
+            picture = self._laid = arrange_stereo_pair(pair, how, window_px, first_row, self._laid)
         self._painter.paint(picture, panels)
         self._handed += 1
         if self._presentation is not None:

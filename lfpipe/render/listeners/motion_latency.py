@@ -12,7 +12,7 @@ from collections import deque
 from typing import NamedTuple
 
 from lfpipe.eyes import Eyes, middle_of
-from lfpipe.render.presentation import REPLACED, Listener, Showing
+from lfpipe.render.presentation import REPLACED, Listener, Presentation
 from lfpipe.transport.clock import MS_NS, SECOND_NS
 from lfpipe.transport.status import Row
 
@@ -28,7 +28,7 @@ UNDER_WAY = 0.5  # distances between the eyes per second; slower, noise is most 
 SETTLED_NS = 300 * MS_NS
 KEPT = 0.995  # decay of the sums per picture: some 200 pictures in motion
 SHARE = 0.2  # weight of the newest onset in its running mean, which begins as a plain mean
-MOST_PICTURES = 240  # of a second and more, at every rate of a screen
+MAX_PICTURES = 240  # of a second and more, at every rate of a screen
 GAP_NS = SECOND_NS // 4  # from frame to frame; after a longer gap the time between is unknown
 
 
@@ -38,7 +38,7 @@ class _Frame(NamedTuple):
     t_ns: int
     x: float
     y: float
-    apart_px: float
+    eye_distance_px: float
 
 
 class _Picture(NamedTuple):
@@ -58,7 +58,7 @@ class MotionLatency:
     def __init__(self) -> None:
         self.onset_ns = self.steady_ns = 0
         self._frames: deque[_Frame] = deque()  # of the last REST_NS
-        self._pictures: deque[_Picture] = deque(maxlen=MOST_PICTURES)
+        self._pictures: deque[_Picture] = deque(maxlen=MAX_PICTURES)
         self._rest: _Frame | None = None  # the middle of the last rest, and its end
         # when the last one began, from where; its reach, px
         self._motion: tuple[_Frame, float] | None = None
@@ -89,12 +89,16 @@ class MotionLatency:
         while len(self._frames) > 2 and self._frames[1].t_ns <= t_sensor_ns - REST_NS:
             self._frames.popleft()
 
-    def add_picture(self, t_presented_ns: int, after_ns: int, loop_ns: int, eyes_px: Eyes) -> None:
-        """Adds a presented picture, made for eyes_px at after_ns later; loop_ns: the delay of
-        camera and display in that.
+    def add_picture(
+        self, t_presented_ns: int, after_ns: int, device_latency_ns: int, eyes_px: Eyes
+    ) -> None:
+        """Adds a presented picture, made for eyes_px at after_ns later; device_latency_ns: the
+        delay of camera and display in that.
         """
         self._pictures.append(
-            _Picture(t_presented_ns + loop_ns, t_presented_ns + after_ns, *middle_of(eyes_px))
+            _Picture(
+                t_presented_ns + device_latency_ns, t_presented_ns + after_ns, *middle_of(eyes_px)
+            )
         )
 
     def _add_lag(self, last: _Frame, frame: _Frame) -> None:
@@ -102,7 +106,7 @@ class MotionLatency:
         period_ns = frame.t_ns - last.t_ns
         dx = frame.x - last.x
         dy = frame.y - last.y
-        if math.hypot(dx, dy) / last.apart_px * SECOND_NS / period_ns < UNDER_WAY:
+        if math.hypot(dx, dy) / last.eye_distance_px * SECOND_NS / period_ns < UNDER_WAY:
             self._under_way_ns = None
             return
         if self._under_way_ns is None:
@@ -120,13 +124,13 @@ class MotionLatency:
         """Finds the end of a rest: the moment at which the eyes were ONSET from where they had
         rested.
         """
-        reach_px = ONSET * last.apart_px
+        reach_px = ONSET * last.eye_distance_px
         frames = self._frames
         if frames[0].t_ns <= last.t_ns - 0.9 * REST_NS:
             x = sum([f.x for f in frames]) / len(frames)
             y = sum([f.y for f in frames]) / len(frames)
             if max([math.hypot(f.x - x, f.y - y) for f in frames]) < reach_px / 2:
-                self._rest = _Frame(last.t_ns, x, y, last.apart_px)
+                self._rest = _Frame(last.t_ns, x, y, last.eye_distance_px)
         rest = self._rest
         if rest is None:
             return
@@ -166,18 +170,24 @@ class MotionLatencyRow(Listener):
         self._row = row
         self._latency = MotionLatency()
 
-    def handed_over(self, showing: Showing) -> None:
-        eyes = showing.eyes
-        if showing.moment.loop_ns and eyes is not None and not eyes.by_mouse:
-            self._latency.add_eyes(eyes.t_ns, eyes.record.raw_px if showing.face else None)
+    def handed_over(self, presentation: Presentation) -> None:
+        eyes = presentation.eyes
+        if presentation.display_time.device_latency_ns and eyes is not None and not eyes.by_mouse:
+            self._latency.add_eyes(eyes.t_ns, eyes.record.raw_px if presentation.face else None)
 
-    def presented(self, showing: Showing) -> None:
-        moment = showing.moment
-        if not (moment.loop_ns and showing.composed and showing.face) or showing.by == REPLACED:
+    def presented(self, presentation: Presentation) -> None:
+        display_time = presentation.display_time
+        if (
+            not (display_time.device_latency_ns and presentation.composed and presentation.face)
+            or presentation.by == REPLACED
+        ):
             return
-        after_ns = moment.seen_ns - (showing.due_ns or showing.t_handed_ns)
+        after_ns = display_time.seen_ns - (presentation.due_ns or presentation.t_handed_ns)
         self._latency.add_picture(
-            showing.t_presented_ns, after_ns, moment.loop_ns, showing.viewpoints.eyes_px
+            presentation.t_presented_ns,
+            after_ns,
+            display_time.device_latency_ns,
+            presentation.viewpoints.eyes_px,
         )
         self._row["onset_ns"] = self._latency.onset_ns
         self._row["steady_ns"] = self._latency.steady_ns

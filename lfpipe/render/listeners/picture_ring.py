@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.config import SessionOptions
-from lfpipe.render.presentation import Listener, Showing
+from lfpipe.render.presentation import Listener, Presentation
 from lfpipe.transport import ring
 from lfpipe.transport.ring import Stamp
 
@@ -36,10 +36,10 @@ class PictureRing(Listener):
                 self._ring = ring.Writer(self._segment(options.pictures))
         self._write(None)
 
-    def handed_over(self, showing: Showing) -> None:
-        self._picture = showing.picture
-        if showing.composed:
-            self._write(showing.eyes.stamp if showing.eyes else None)
+    def handed_over(self, presentation: Presentation) -> None:
+        self._picture = presentation.picture
+        if presentation.composed:
+            self._write(presentation.eyes.stamp if presentation.eyes else None)
 
     def _write(self, stamp: Stamp | None) -> None:
         """Writes the picture. One of another size, right after a change of scene, is left out."""

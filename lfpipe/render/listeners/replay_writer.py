@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lfpipe.files.output import marked_picture
 from lfpipe.files.safe_files import write_file
-from lfpipe.render.presentation import Listener, Showing
+from lfpipe.render.presentation import Listener, Presentation
 from lfpipe.sequence.eyes import read_truth
 from lfpipe.sequence.packets import PacketWriter, encoded
 from lfpipe.transport.ring import Stamp
@@ -44,34 +44,34 @@ class ReplayWriter(Listener):
         self._named: dict[str, NDArray[np.uint8]] = {}  # first, last and worst picture
         self._worst_px = -1.0
 
-    def handed_over(self, showing: Showing) -> None:
+    def handed_over(self, presentation: Presentation) -> None:
         """Keeps the picture; adds eyes_filtered and the picture's digest to its line."""
-        if showing.eyes is None:
+        if presentation.eyes is None:
             return
-        stamp = showing.eyes.stamp
+        stamp = presentation.eyes.stamp
         self._first_ns = stamp.t_sensor_ns if self._first_ns is None else self._first_ns
-        picture = showing.picture
+        picture = presentation.picture
         if picture is not None:
-            if showing.composed:
+            if presentation.composed:
                 self._digest = f"{zlib.crc32(picture.data):08x}"
                 if self._pictures:
                     self._store(stamp, picture)
                 if not self._named:
                     self._named["first"] = picture.copy()
                 self._named["last"] = picture
-            error_px = self._error_px(showing)
+            error_px = self._error_px(presentation)
             if error_px > self._worst_px:  # false where the truth is not seen
                 self._named["worst"] = picture.copy()
                 self._worst_px = error_px
-        filtered_px = showing.eyes.record.filtered_px
-        showing.more["eyes_filtered"] = {"left": filtered_px[:2], "right": filtered_px[2:]}
-        showing.more["picture"] = self._digest
+        filtered_px = presentation.eyes.record.filtered_px
+        presentation.more["eyes_filtered"] = {"left": filtered_px[:2], "right": filtered_px[2:]}
+        presentation.more["picture"] = self._digest
 
-    def _error_px(self, showing: Showing) -> float:
+    def _error_px(self, presentation: Presentation) -> float:
         if not self._truth:
             return -1.0
-        used_px = np.reshape(showing.viewpoints.eyes_px, (2, 2))
-        seen_ns = showing.moment.seen_ns - (self._first_ns or 0)
+        used_px = np.reshape(presentation.viewpoints.eyes_px, (2, 2))
+        seen_ns = presentation.display_time.seen_ns - (self._first_ns or 0)
         return float(self._truth.error_px(used_px, seen_ns))
 
     def _store(self, stamp: Stamp, picture: NDArray[np.uint8]) -> None:

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from lfpipe.config import SessionOptions
-from lfpipe.render.presentation import REPLACED, Listener, Showing
+from lfpipe.render.presentation import REPLACED, Listener, Presentation
 from lfpipe.transport.ring_io import RingOutput
 
 
@@ -19,16 +19,16 @@ class ShareStamps(Listener):
     def set_options(self, options: SessionOptions) -> None:
         self._wanted = any(target.startswith("lsl") for target in options.share)
 
-    def presented(self, showing: Showing) -> None:
-        if not self._wanted or showing.by == REPLACED or showing.eyes is None:
+    def presented(self, presentation: Presentation) -> None:
+        if not self._wanted or presentation.by == REPLACED or presentation.eyes is None:
             return
         self._ring = self._ring or self._open_ring()
         record = self._ring.begin()
-        record["t_presented_ns"] = showing.t_presented_ns
-        record["view"] = (showing.viewpoints.left, showing.viewpoints.right)
-        record["composed"] = showing.composed
-        record["face"] = showing.face
-        stamp = showing.eyes.stamp
+        record["t_presented_ns"] = presentation.t_presented_ns
+        record["view"] = (presentation.viewpoints.left, presentation.viewpoints.right)
+        record["composed"] = presentation.composed
+        record["face"] = presentation.face
+        stamp = presentation.eyes.stamp
         self._ring.publish(
             stamp.source_seq, stamp.t_sensor_ns, stamp.t_read_ns, stamp.epoch, stamp.kind
         )

@@ -2,13 +2,13 @@
 
 import time
 
-from lfpipe.eyes import MAX_HORIZON_S
+from lfpipe.eyes import MAX_PREDICTION_S
 from lfpipe.render.display.display import Display
-from lfpipe.render.presentation import REPLACED, Listener, Showing
+from lfpipe.render.presentation import REPLACED, Listener, Presentation
 from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.transport.status import Row
 
-HORIZON_NS = int(MAX_HORIZON_S * 1e9)
+MAX_PREDICTION_NS = int(MAX_PREDICTION_S * 1e9)
 
 
 class StatusRow(Listener):
@@ -19,30 +19,34 @@ class StatusRow(Listener):
         self._viewer = viewer
         self._display = display
 
-    def handed_over(self, showing: Showing) -> None:
+    def handed_over(self, presentation: Presentation) -> None:
         row = self._row
-        eyes = showing.eyes
+        eyes = presentation.eyes
         row.tick(eyes.stamp.source_seq if eyes else -1)
         row["cpu_ns"] = time.process_time_ns()
-        row["planned"] += bool(showing.due_ns and self._display.blanks_by)
+        row["planned"] += bool(presentation.due_ns and self._display.vblank_source)
         if eyes is None:
             return
         row["viewer"] = int(self._viewer.presence.state)
-        row["face"] = showing.face
-        if showing.face:
-            row["t_face_ns"] = showing.t_started_ns
-            row.horizon.add_ns(min(showing.moment.seen_ns - eyes.t_ns, HORIZON_NS))
+        row["face"] = presentation.face
+        if presentation.face:
+            row["t_face_ns"] = presentation.t_started_ns
+            row.prediction.add_ns(
+                min(presentation.display_time.seen_ns - eyes.t_ns, MAX_PREDICTION_NS)
+            )
 
     def missed(self, count: int) -> None:
         """Counts refreshes that passed with no new picture begun: the previous one stayed."""
         self._row["missed"] += count
-        if self._display.blanks_by:
+        if self._display.vblank_source:
             self._row["planned"] += count
             self._row["juddered"] += count
 
-    def presented(self, showing: Showing) -> None:
-        self._row["juddered"] += showing.juddered
-        eyes = showing.eyes
-        if eyes is not None and showing.composed:
-            age_ns = showing.t_presented_ns - eyes.t_ns if showing.by != REPLACED else None
-            self._row.measure(eyes.waited_ns, showing.cost_ns, age_ns)
+    def presented(self, presentation: Presentation) -> None:
+        self._row["juddered"] += presentation.juddered
+        eyes = presentation.eyes
+        if eyes is not None and presentation.composed:
+            age_ns = (
+                presentation.t_presented_ns - eyes.t_ns if presentation.by != REPLACED else None
+            )
+            self._row.measure(eyes.waited_ns, presentation.cost_ns, age_ns)

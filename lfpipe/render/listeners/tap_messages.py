@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from lfpipe.config import SessionOptions
 from lfpipe.config.modes import Lossless, MouseViewer
-from lfpipe.render.presentation import Listener, Showing
+from lfpipe.render.presentation import Listener, Presentation
 from lfpipe.render.viewer.geometry import Parallax
 from lfpipe.render.viewer.presence import ViewerState
 from lfpipe.render.viewer.viewer import Viewer
@@ -32,15 +32,15 @@ class TapMessages(Listener):
     def set_options(self, options: SessionOptions) -> None:
         self._options = options
 
-    def handed_over(self, showing: Showing) -> None:
+    def handed_over(self, presentation: Presentation) -> None:
         viewer = self._viewer
-        if showing.eyes is not None:
+        if presentation.eyes is not None:
             if viewer.presence.state is not self._state:
                 self._state = viewer.presence.state
                 self._emit("viewer", state=self._state.word)
-            if self._options.pictures and showing.t_handed_ns >= self._look_due_ns:
-                self._look_due_ns = showing.t_handed_ns + LOOK_NS
-                self._emit_look(showing)
+            if self._options.pictures and presentation.t_handed_ns >= self._look_due_ns:
+                self._look_due_ns = presentation.t_handed_ns + LOOK_NS
+                self._emit_look(presentation)
         parallax = viewer.parallax
         if parallax is None or isinstance(self._options.clock, Lossless):  # nobody watches a replay
             return
@@ -52,13 +52,13 @@ class TapMessages(Listener):
             if not isinstance(self._options.viewer, MouseViewer):  # its distance is assumed
                 self._emit("notice", text=parallax.summary)
 
-    def _emit_look(self, showing: Showing) -> None:
+    def _emit_look(self, presentation: Presentation) -> None:
         field = self._viewer.field
         solver = self._viewer.solver
-        eyes_px = showing.viewpoints.eyes_px
+        eyes_px = presentation.viewpoints.eyes_px
         self._emit(
             "look",
-            face=showing.face,
+            face=presentation.face,
             eyes_px=[list(eyes_px[:2]), list(eyes_px[2:])],
             grid=[field.rows, field.cols],
             alpha_px=solver.alpha_px if solver else 0.0,

@@ -7,41 +7,41 @@ from typing import Any
 from lfpipe.config import SessionOptions
 from lfpipe.config.quality import level_number
 from lfpipe.files.trace import TraceFile
-from lfpipe.render.presentation import Listener, Showing
+from lfpipe.render.presentation import Listener, Presentation
 from lfpipe.render.viewer.viewer import Viewer
 from lfpipe.transport.ring import StampKind
 
 
-def trace_line(showing: Showing, method: str, level: int) -> dict[str, Any]:
+def trace_line(presentation: Presentation, method: str, level: int) -> dict[str, Any]:
     """The line of a showing with eyes (docs/contracts.md). method, level: in force."""
-    eyes = showing.eyes
+    eyes = presentation.eyes
     assert eyes is not None
     stamp = eyes.stamp
     raw_px = eyes.record.raw_px
-    viewpoints = showing.viewpoints
+    viewpoints = presentation.viewpoints
     line = {
-        "seq": showing.seq,
+        "seq": presentation.seq,
         "source_seq": stamp.source_seq,
         "epoch": stamp.epoch,
         "t_sensor_ns": stamp.t_sensor_ns,
         "t_read_ns": stamp.t_read_ns,
         "stamp": StampKind(stamp.kind).word,
         "t_tracked_ns": eyes.record.t_tracked_ns,
-        "t_started_ns": showing.t_started_ns,
-        "t_composed_ns": showing.t_composed_ns,
-        "t_due_ns": showing.due_ns,
-        "t_presented_ns": showing.t_presented_ns,
-        "face": showing.face,
+        "t_started_ns": presentation.t_started_ns,
+        "t_composed_ns": presentation.t_composed_ns,
+        "t_due_ns": presentation.due_ns,
+        "t_presented_ns": presentation.t_presented_ns,
+        "face": presentation.face,
         "eyes_raw": {"left": raw_px[:2], "right": raw_px[2:]},
         "eyes_used": {"left": viewpoints.eyes_px[:2], "right": viewpoints.eyes_px[2:]},
         "view": {"left": list(viewpoints.left), "right": list(viewpoints.right)},
         "method": method,
         "level": level,
-        "composed": showing.composed,
-        **showing.more,
+        "composed": presentation.composed,
+        **presentation.more,
     }
-    if showing.by:
-        line["presented_by"] = showing.by
+    if presentation.by:
+        line["presented_by"] = presentation.by
     return line
 
 
@@ -72,9 +72,9 @@ class Trace(Listener):
             self._timeline = TraceFile(path, self._lost, self._began)
         self._began = None
 
-    def presented(self, showing: Showing) -> None:
-        if showing.eyes is not None and (self._trace.wanted or self._timeline.wanted):
-            line = trace_line(showing, self._viewer.method, self._level)
+    def presented(self, presentation: Presentation) -> None:
+        if presentation.eyes is not None and (self._trace.wanted or self._timeline.wanted):
+            line = trace_line(presentation, self._viewer.method, self._level)
             self._trace.write(line)
             self._timeline.write(line)
 

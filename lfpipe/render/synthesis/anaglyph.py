@@ -72,7 +72,7 @@ MATRICES: dict[
 # from measured spectra (`bench.glasses.GLASS`).
 _RED_CYAN = ((0.0922, 0.0135, 0.0001), (0.0009, 0.2381, 0.0658))
 _GREEN_MAGENTA = ((0.0006, 0.1266, 0.0170), (0.1174, 0.0153, 0.0043))
-LEAST_LEAK = 0.01  # a smaller leak is invisible: the right glass of red/cyan lets 0.4 % through
+MIN_LEAK = 0.01  # a smaller leak is invisible: the right glass of red/cyan lets 0.4 % through
 LEAKS = {name: _RED_CYAN for name in ("colour", "grey", "half-colour", "wimmer", "dubois")}
 LEAKS["dubois-green-magenta"] = _GREEN_MAGENTA
 WIDE_LUT = int(cv2.__version__.split(".")[0]) >= 5  # cv2.LUT takes 16-bit indices
@@ -199,7 +199,7 @@ def _compensated(
         others = [c for c in range(3) if eyes[c] != eye]
         worst = max(others, key=lambda c: through[c])
         leak = add(through[c] for c in others) / through[main]
-        if leak >= LEAST_LEAK:
+        if leak >= MIN_LEAK:
             cross_gain = (1 - share) * channels[main].cross_gain + share * -leak * channels[
                 worst
             ].own_gain

@@ -33,7 +33,7 @@ def size_of(height_px: int, width_px: int) -> tuple[int, int]:
     return (height_px + 1) // 2, (width_px + 1) // 2
 
 
-def near_array(shape: tuple[int, ...]) -> NDArray[np.uint8]:
+def unaligned_array(shape: tuple[int, ...]) -> NDArray[np.uint8]:
     """A new uint8 array at an odd address: cv2.merge writes to aligned arrays past the caches, and
     the next reader waits for memory (512x512: sampling blocks takes 0.14 instead of 0.24 ms,
     merging three planes 0.020 instead of 0.029).
@@ -83,7 +83,7 @@ class Blocks:
         self._size = height_px, width_px
         rows, cols = self._count = size_of(height_px, width_px)
         self._padded = np.empty((height_px + 2, width_px + 2), np.uint8)
-        self._whole = near_array((height_px + 1, width_px + 2, 4))
+        self._whole = unaligned_array((height_px + 1, width_px + 2, 4))
         self._rows: dict[
             int, tuple[NDArray[np.uint8], list[NDArray[np.uint8]], NDArray[np.uint8]]
         ] = {}

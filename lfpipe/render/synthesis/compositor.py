@@ -22,9 +22,9 @@ from lfpipe.render.synthesis.anaglyph import (
     Recipe,
     recipe,
 )
-from lfpipe.render.synthesis.blocks import near_array
+from lfpipe.render.synthesis.blocks import unaligned_array
 from lfpipe.render.synthesis.engine import Source, Synthesiser
-from lfpipe.render.synthesis.pair_layout import Pair, laid_out
+from lfpipe.render.synthesis.pair_layout import Pair, arrange_stereo_pair
 from lfpipe.render.synthesis.viewpoint import Position, extrapolation_views
 from lfpipe.render.viewer.geometry import zero_plane_px
 from lfpipe.scene.lightfield import LightField
@@ -159,7 +159,7 @@ class Compositor:
                 )
             )
         self._helper = helper if all(eye.planes for eye in self._eyes) else None
-        self._picture = near_array((*size_px, 3))
+        self._picture = unaligned_array((*size_px, 3))
         self.pair: Pair | None = None
         """The views of the last picture, if it consists of two."""
         if render.anaglyph in TWO_VIEWS:
@@ -214,7 +214,7 @@ class Compositor:
         for position, whole in zip((left, right), self.pair, strict=True):
             self._mix(frame, position, position, whole)
         height, width = self._picture.shape[:2]
-        return laid_out(self.pair, self._anaglyph, (width, height), out=self._picture)
+        return arrange_stereo_pair(self.pair, self._anaglyph, (width, height), out=self._picture)
 
     def _mix(self, frame: int, left: Position, right: Position, out: NDArray[np.uint8]) -> None:
         if self._helper is None:

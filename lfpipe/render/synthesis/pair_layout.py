@@ -20,7 +20,7 @@ def scale_into(picture: NDArray[np.uint8], out: NDArray[np.uint8]) -> None:
 Pair = tuple[NDArray[np.uint8], NDArray[np.uint8]]
 
 
-def laid_out(
+def arrange_stereo_pair(
     pair: Pair,
     how: str,
     screen_px: tuple[int, int],

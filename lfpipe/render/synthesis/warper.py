@@ -20,7 +20,7 @@ from lfpipe.scene.lightfield import UNKNOWN, LightField
 CAREFUL_PX = 1.0
 SOFT = 5  # values of disparity over which a cross-fade ramps up
 BOX_SHARE = 0.02  # what the work for a box costs before its first pixel, in parts of a whole map
-MOST_BOXES = 30  # of unknown disparity: more are one
+MAX_BOXES = 30  # of unknown disparity: more are one
 
 Pair = tuple[NDArray[np.float32], NDArray[np.float32]]  # x, y
 Levels = NDArray[np.uint8]  # disparity in stored units, plus ZERO
@@ -115,12 +115,12 @@ class Warper:
         self._moves = np.ascontiguousarray(moves.T, np.float32)
         cells = np.floor(np.clip(moves / self._step[::-1], -_FAR, _FAR) + 0.5).astype(np.int16)
         self._cell_moves = cells.view(np.int32).reshape(1, 256)
-        apart_x = abs(right) * self._span_px
-        apart_y = abs(down) * self._span_px
-        self._careful = max(apart_x, apart_y) >= CAREFUL_PX
+        offset_x = abs(right) * self._span_px
+        offset_y = abs(down) * self._span_px
+        self._careful = max(offset_x, offset_y) >= CAREFUL_PX
         if not self._careful:
             return
-        reach = (math.ceil(apart_y / self._step[0]), math.ceil(apart_x / self._step[1]))
+        reach = (math.ceil(offset_y / self._step[0]), math.ceil(offset_x / self._step[1]))
         rows, cols = self._low.shape
         steps_up = self._low
         if self._unknown_in(frame, view.row, view.col):  # which is never nearest
@@ -277,7 +277,7 @@ def _span(start: int, length: int, moved: int, most: int) -> slice:
 def _boxes_of(mask: NDArray[np.uint8]) -> list[Box]:
     """Boxes that hold all of a mask, uint8 (h, w), and cost the least work."""
     count, _, areas, _ = cv2.connectedComponentsWithStats(mask)
-    rects = areas[1:, :4].tolist() if count - 1 <= MOST_BOXES else [cv2.boundingRect(mask)]
+    rects = areas[1:, :4].tolist() if count - 1 <= MAX_BOXES else [cv2.boundingRect(mask)]
     boxes = [(y, x, y + height, x + width) for x, y, width, height in rects]
 
     def work(box: tuple[int, int, int, int]) -> float:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lfpipe.config import Render
 from lfpipe.render.synthesis.anaglyph import MATRICES, encode
 from lfpipe.render.synthesis.compositor import recipe_for
-from lfpipe.render.synthesis.pair_layout import Pair, laid_out
+from lfpipe.render.synthesis.pair_layout import Pair, arrange_stereo_pair
 from lfpipe.render.ui.overlay import Item, Menu
 
 Colour = tuple[int, int, int]
@@ -103,7 +103,7 @@ def glasses_test(render: Render, size_px: tuple[int, int]) -> tuple[NDArray[np.u
         return encode(*pair, recipe_for(render)), None
     if render.anaglyph == "mono":
         return np.maximum(*pair), None
-    return laid_out(pair, render.anaglyph, size_px), pair
+    return arrange_stereo_pair(pair, render.anaglyph, size_px), pair
 
 
 def instructions(render: Render) -> tuple[tuple[str, ...], tuple[Item, ...]]:

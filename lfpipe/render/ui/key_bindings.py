@@ -22,7 +22,7 @@ from lfpipe.render.presenter import Presenter
 from lfpipe.render.ui.glasses import GHOST, WORDS
 from lfpipe.render.ui.notices import SHOWN_NS, Notices, changes
 from lfpipe.render.ui.overlay import CLOSING, DEPTH, Item, Overlay, bar_items
-from lfpipe.render.ui.pages import Figures, GlassesQuestion, GlassesTest, Help, Page
+from lfpipe.render.ui.pages import GlassesQuestion, GlassesTest, Help, MetricsPage, Page
 from lfpipe.render.ui.recording import RecordingIndicator, picture_folder
 from lfpipe.render.ui.scenes import NO_DIALOG, NO_OTHER, SceneLoader, ScenePage, file_dialog
 from lfpipe.render.viewer.geometry import zero_plane_px, zero_planes_px
@@ -77,14 +77,14 @@ class KeyBindings:
             context.config.render,
             level_number(context.options),
             viewer.field.name,
-            viewer.field.half_turned,
+            viewer.field.depth_inverted,
         )
         # by an event's first word; the rest of it is the argument
         self._actions: dict[str, Callable[..., None]] = {
             "quit": partial(context.request, "stop"),
             "recentre": self._recentre,
             "screenshot": self._screenshot,
-            "overlay": partial(self._switch, Figures(context, viewer, presenter)),
+            "overlay": partial(self._switch, MetricsPage(context, viewer, presenter)),
             "help": partial(self._switch, Help()),
             "freeze": lambda: context.request("resume" if context.paused else "pause"),
             "mode": lambda: self._set(
@@ -101,8 +101,8 @@ class KeyBindings:
                 depth=Render().depth,
             ),
             "swap": lambda: self._set(swap_eyes=not context.config.render.swap_eyes),
-            "half-turn": lambda: context.request(
-                "set", set={"scene.half_turn": "no" if viewer.field.half_turned else "yes"}
+            "invert-depth": lambda: context.request(
+                "set", set={"scene.invert_depth": "no" if viewer.field.depth_inverted else "yes"}
             ),
             "record": self._recording.toggle,
             "choose": partial(self._switch, self.page),
@@ -209,7 +209,7 @@ class KeyBindings:
         if not options.viewer.tracked:
             without.add("record")
         if field.rows * field.cols == 1:
-            without |= {DEPTH, "half-turn", "recentre", "which"}
+            without |= {DEPTH, "invert-depth", "recentre", "which"}
         return bar_items(
             self._context.config.render.depth,
             bool(options.record),
@@ -287,7 +287,7 @@ class KeyBindings:
         options = self._context.options
         field = self._viewer.field
         on_screen = isinstance(options.display, Window) and not options.kiosk
-        if on_screen and undecided(field, self._context.config.scene.half_turn):
+        if on_screen and undecided(field, self._context.config.scene.invert_depth):
             self._notices.say("near and far", "press d if near and far are exchanged", ASKED_NS)
             remember(field, "asked")
 
@@ -296,8 +296,8 @@ class KeyBindings:
         render = self._context.config.render
         level = level_number(self._context.options)
         field = self._viewer.field
-        before, level_before, scene_before, half_turned_before = self._known
-        self._known = (render, level, field.name, field.half_turned)
+        before, level_before, scene_before, depth_inverted_before = self._known
+        self._known = (render, level, field.name, field.depth_inverted)
         if render is not before:
             texts = changes(before, render, self._alpha_px, zero_plane_px(field, before))
             for subject, text in texts.items():
@@ -310,7 +310,7 @@ class KeyBindings:
             self._display.title(field.name)
             self._notices.say("scene", field.name)
             self._ask_about_depth()
-        elif field.half_turned != half_turned_before:
+        elif field.depth_inverted != depth_inverted_before:
             self._notices.say("near and far", "near and far are exchanged: d exchanges them again")
 
     def _standing(self, t_ns: int) -> list[str]:

@@ -54,7 +54,7 @@ def status_lines(context: Context, viewer: Viewer) -> tuple[str, ...]:
     camera = f"camera {rate_hz(source):5.1f} Hz" if has_camera else "no camera"
     lines = [
         f"{camera}   pictures {rate_hz(own):5.1f} Hz",
-        *latency_lines(summary_ms(own["age"]), summary_ms(own["horizon"]), bool(own["planned"])),
+        *latency_lines(summary_ms(own["age"]), summary_ms(own["prediction"]), bool(own["planned"])),
         (
             f"{viewer.method}, {render.anaglyph}, {alpha}, zero plane"
             f" {zero_plane_px(field, render):+.2f} px/view"

@@ -31,7 +31,7 @@ KEYS = (
     Key("i", "open-file", "open a light field in one file", "Open file"),
     Key("e", "which", "which glasses do you have?", "Glasses"),
     Key("+ -", "alpha+ alpha-", "more, less head movement from view to view", "Depth"),
-    Key("d", "half-turn", "exchange near and far", "Near/far"),
+    Key("d", "invert-depth", "exchange near and far", "Near/far"),
     Key("c", "recentre", "look straight ahead from where you are now", "Straight ahead"),
     Key("p", "freeze", "pause or resume (space)", "Pause"),
     Key("o", "overlay", "rate, latency and the views on show, on and off", "Figures"),

@@ -30,7 +30,7 @@ TEXT_BACK = (0, 0, 0, 160)
 # from the window's edge, around text; height of the line of progress
 EDGE_PX, PAD_PX, PROGRESS_PX = 12, 8, 4
 GAP_PX = 2  # between two notices
-LEAST_TEXT_PX = 12  # still legible
+MIN_TEXT_PX = 12  # still legible
 # of the window that lines of text may take: the picture below stays visible
 TEXT_SHARE = 0.94
 COLUMN = "PgDn PgUpM"  # as wide as the keys of the help
@@ -141,9 +141,7 @@ def bar_panel(items: tuple[Item, ...], lit: str, window_px: Place, text_px: int)
     """The items in rows at the bottom edge, never over the middle. lit: an event."""
     width, height = window_px
     spans = sum(map(_span, items))
-    for size_px in range(
-        max(BAR_TEXT_PX, min(text_px, width // BAR_LETTERS)), LEAST_TEXT_PX - 1, -1
-    ):
+    for size_px in range(max(BAR_TEXT_PX, min(text_px, width // BAR_LETTERS)), MIN_TEXT_PX - 1, -1):
         letters = font(size_px)
         line = letters.get_linesize()
         widest_px = max(letters.size(item.label)[0] / _span(item) for item in items)
@@ -166,7 +164,7 @@ def bar_panel(items: tuple[Item, ...], lit: str, window_px: Place, text_px: int)
 def menu_panel(menu: Menu, selected: int, window_px: Place, text_px: int) -> Panel:
     """The page with the selected item, in the middle of a window of that size."""
     width, height = (round(MENU_SHARE * side) for side in window_px)
-    letters = font(max(LEAST_TEXT_PX, min(round(1.2 * text_px), width // 26)))
+    letters = font(max(MIN_TEXT_PX, min(round(1.2 * text_px), width // 26)))
     line = letters.get_linesize()
     count = len(menu.items)
     hint = letters.render(menu.hint, True, GREY, None, width - line)
@@ -224,7 +222,7 @@ def text_panel(
     lines = [drawable(line).partition("\t")[::2] for line in text.lines or text.notices]
     columns = list(zip(*lines, strict=True))
     room = [TEXT_SHARE * (side - 2 * EDGE_PX) for side in window_px]
-    for size_px in range(text_px, LEAST_TEXT_PX - 1, -1):
+    for size_px in range(text_px, MIN_TEXT_PX - 1, -1):
         letters = font(size_px)
         line = letters.get_linesize()
         before, after = (letters.render("\n".join(column), True, WHITE) for column in columns)

@@ -42,7 +42,7 @@ class Help(Page):
         return Overlay(lines=HELP)
 
 
-class Figures(Page):
+class MetricsPage(Page):
     """Rate, latency and viewpoint."""
 
     stays = True

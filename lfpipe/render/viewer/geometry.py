@@ -29,10 +29,10 @@ NEAREST_MM, FARTHEST_MM = 50.0, 50000.0  # the range of screen.distance_mm
 FUSED_RAD = math.radians(1.0)
 FUSED_WIDTH = 0.03
 DEFAULT_VIEWS = 4.0  # between the eyes, if the disparities are unknown
-LEAST_VIEWS = 1e-3  # so that alpha stays finite
-LEAST_EYES_PX = 0.5  # eyes closer together than this are not a face's
+MIN_VIEWS = 1e-3  # so that alpha stays finite
+MIN_EYES_PX = 0.5  # eyes closer together than this are not a face's
 # zero planes from the farthest to the nearest of a scene; the least step between them
-PLANES, LEAST_STEP_PX = 40, 0.01
+PLANES, MIN_STEP_PX = 40, 0.01
 UNKNOWN_PX = (-2.0, 2.0)  # disparities if they are unknown, or all equal
 
 
@@ -102,9 +102,7 @@ def parallax(
     screen = config.screen
     eyes_mm = screen.eyes_mm
     focal_px = camera_focal_px(config, frame_width_px)
-    seen_px = (
-        eyes_px if eyes_px is not None and LEAST_EYES_PX <= eyes_px <= frame_width_px else None
-    )
+    seen_px = eyes_px if eyes_px is not None and MIN_EYES_PX <= eyes_px <= frame_width_px else None
     if screen.distance_mm != "auto":
         distance_mm = float(screen.distance_mm)
         why = "configured"
@@ -115,7 +113,7 @@ def parallax(
         distance_mm = SEAT_MM
         why = "assumed until a face is detected"
     reasons = [f"viewer {distance_mm:.0f} mm from the screen ({why})"]
-    apart_px = seen_px or focal_px * eyes_mm / distance_mm
+    eye_distance_px = seen_px or focal_px * eyes_mm / distance_mm
     width_mm = picture_mm or PICTURE_MM
     source = "on this monitor" if picture_mm else "assumed: monitor size unknown"
     if screen.width_mm != "auto":
@@ -128,16 +126,16 @@ def parallax(
     if isinstance(render.alpha_px, str):
         reasons.append(f"picture {width_mm:.0f} mm wide ({source})")
         views, why = _automatic_views(field, render.depth, (comfort, limit), true)
-        alpha_px = apart_px / views
+        alpha_px = eye_distance_px / views
     else:
-        views = apart_px / render.alpha_px
+        views = eye_distance_px / render.alpha_px
         why = "from render.alpha_px"
         alpha_px = render.alpha_px
     reasons.append(f"{views:.2f} views between the eyes: {why}")
     if comfort is not None and views > comfort * (1 + 1e-9):
         reasons.append(
             f"beyond the comfort limit of {comfort:.2f} views ({limit}): use render.alpha_px of at"
-            f" least {apart_px / comfort:.1f}"
+            f" least {eye_distance_px / comfort:.1f}"
         )
     if zero_px and render.zero_plane_px == "auto":
         reasons.append(
@@ -149,7 +147,7 @@ def parallax(
         comfort_views=comfort,
         true_views=true,
         distance_mm=distance_mm,
-        eyes_px=apart_px,
+        eyes_px=eye_distance_px,
         zero_plane_px=zero_px,
         reasons=tuple(reasons),
     )
@@ -169,7 +167,7 @@ def _automatic_views(
     if true is not None:
         limits.append((true, "true depth"))
     views, why = min(limits)
-    views = max(views, LEAST_VIEWS)
+    views = max(views, MIN_VIEWS)
     most = max(float(count - 1) if true is None else true, views)
     if not depth or most <= views:
         return views, why
@@ -225,6 +223,6 @@ def zero_planes_px(low_px: float, high_px: float) -> tuple[float, float, float]:
     high_px, and half their range beyond either end.
     """
     low_px, high_px = (low_px, high_px) if high_px > low_px else UNKNOWN_PX
-    step_px = float(f"{max((high_px - low_px) / PLANES, LEAST_STEP_PX):.0g}")
-    room_px = max((high_px - low_px) / 2, 10 * LEAST_STEP_PX)
+    step_px = float(f"{max((high_px - low_px) / PLANES, MIN_STEP_PX):.0g}")
+    room_px = max((high_px - low_px) / 2, 10 * MIN_STEP_PX)
     return low_px - room_px, high_px + room_px, step_px

@@ -108,14 +108,16 @@ class MouseLook:
         middle_px = self._eased_px[1] + (once_px - self._eased_px[1]) * share
         self._eased_px = once_px, middle_px
 
-        apart_px = self._focal_px * self._eyes_mm / self._distance_mm
+        eye_distance_px = self._focal_px * self._eyes_mm / self._distance_mm
         if face is not None:
-            apart_px = face.apart_px or math.dist(face.filtered_px[:2], face.filtered_px[2:])
+            eye_distance_px = face.eye_distance_px or math.dist(
+                face.filtered_px[:2], face.filtered_px[2:]
+            )
         mouse_eyes = EyesRecord(
-            _apart(target_px, apart_px),
-            _apart(middle_px, apart_px),
+            _eye_distance(target_px, eye_distance_px),
+            _eye_distance(middle_px, eye_distance_px),
             (0.0, 0.0, 0.0, 0.0),
-            apart_px,
+            eye_distance_px,
             1.0,
             *self._size_px,
             t_ns,
@@ -133,6 +135,6 @@ class MouseLook:
         return mouse_eyes, stamp
 
 
-def _apart(middle_px: NDArray[np.float64], apart_px: float) -> Eyes:
+def _eye_distance(middle_px: NDArray[np.float64], eye_distance_px: float) -> Eyes:
     x, y = middle_px.tolist()
-    return x + apart_px / 2, y, x - apart_px / 2, y
+    return x + eye_distance_px / 2, y, x - eye_distance_px / 2, y

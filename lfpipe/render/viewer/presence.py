@@ -72,12 +72,12 @@ class ViewerState(enum.IntEnum):
 class Rest(NamedTuple):
     """The position of a resting viewer.
 
-    x_px, y_px: the point between the eyes; apart_px: the distance between them.
+    x_px, y_px: the point between the eyes; eye_distance_px: the distance between them.
     """
 
     x_px: float
     y_px: float
-    apart_px: float
+    eye_distance_px: float
 
     def contains(self, other: "Rest", span: float, depth: float) -> bool:
         """Whether other is within span of here, and as large but for depth; both are shares of the
@@ -85,8 +85,8 @@ class Rest(NamedTuple):
         """
         aside_px = max(abs(other.x_px - self.x_px), abs(other.y_px - self.y_px))
         return (
-            aside_px <= span * self.apart_px
-            and abs(other.apart_px - self.apart_px) <= depth * self.apart_px
+            aside_px <= span * self.eye_distance_px
+            and abs(other.eye_distance_px - self.eye_distance_px) <= depth * self.eye_distance_px
         )
 
 
@@ -199,14 +199,18 @@ class Presence:
             self._since_ns = t_ns
             self._sums = (0.0, 0.0, 0.0)
             self._count = 0
-        x, y, apart = self._sums
-        self._sums = x, y, apart = x + here.x_px, y + here.y_px, apart + here.apart_px
+        x, y, eye_distance = self._sums
+        self._sums = x, y, eye_distance = (
+            x + here.x_px,
+            y + here.y_px,
+            eye_distance + here.eye_distance_px,
+        )
         self._count += 1
         rest_ns = t_ns - self._since_ns
         self.settled = rest_ns >= SETTLED_S * SECOND_NS and self._count >= SETTLED_FRAMES
         if rest_ns < REST_S * SECOND_NS or self._count < REST_FRAMES:
             return None
-        return Rest(x / self._count, y / self._count, apart / self._count)
+        return Rest(x / self._count, y / self._count, eye_distance / self._count)
 
 
 class ViewEasing:
@@ -270,7 +274,7 @@ class ViewEasing:
 # no common multiple within eight minutes: no visible loop
 PERIOD_COLS_S, PERIOD_ROWS_S = 17.0, 29.0
 REACH = 0.7  # of the way from the middle of the grid to its edge
-APART_VIEWS = 1.0  # at most, between the eyes, before any eyes were seen
+EYE_DISTANCE_VIEWS = 1.0  # at most, between the eyes, before any eyes were seen
 
 
 def idle_place(neutral: Place, grid: tuple[int, int], t_s: float) -> Place:
@@ -281,9 +285,9 @@ def idle_place(neutral: Place, grid: tuple[int, int], t_s: float) -> Place:
     rows, cols = grid
     row += REACH * (rows - 1) / 2 * math.sin(math.tau * t_s / PERIOD_ROWS_S)
     across = REACH * (cols - 1) / 2 * math.sin(math.tau * t_s / PERIOD_COLS_S)
-    apart = min(APART_VIEWS, (cols - 1) / 2) / 2 if left == right else 0.0
+    eye_distance = min(EYE_DISTANCE_VIEWS, (cols - 1) / 2) / 2 if left == right else 0.0
     return (
         min(max(row, 0.0), rows - 1.0),
-        min(max(left + across - apart, 0.0), cols - 1.0),
-        min(max(right + across + apart, 0.0), cols - 1.0),
+        min(max(left + across - eye_distance, 0.0), cols - 1.0),
+        min(max(right + across + eye_distance, 0.0), cols - 1.0),
     )

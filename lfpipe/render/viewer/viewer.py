@@ -10,10 +10,10 @@ import numpy as np
 
 from lfpipe.config import Config
 from lfpipe.config.camera_pose import CameraPose
-from lfpipe.eyes import MAX_HORIZON_S, Eyes, EyesRecord, middle_of
+from lfpipe.eyes import MAX_PREDICTION_S, Eyes, EyesRecord, middle_of
 from lfpipe.render.synthesis.compositor import Compositor
 from lfpipe.render.synthesis.viewpoint import Place, Position, ViewSolver
-from lfpipe.render.viewer.geometry import LEAST_EYES_PX, Parallax, alpha_is_automatic, parallax
+from lfpipe.render.viewer.geometry import MIN_EYES_PX, Parallax, alpha_is_automatic, parallax
 from lfpipe.render.viewer.presence import (
     ABSENT_S,
     Presence,
@@ -89,7 +89,7 @@ class Viewer:
         self._centre_px: tuple[float, float] | None = None  # the same, while moving there
         self._eyes_px: Eyes = (0.0, 0.0, 0.0, 0.0)
         self._seen = False
-        self._apart_px = 0.0  # follows the distance slowly
+        self._eye_distance_px = 0.0  # follows the distance slowly
         # the same, quickly, and at once for another face
         self._near_px = 0.0
         self._generation = 0
@@ -126,7 +126,7 @@ class Viewer:
         self.field = field
         self.set_quality(config)
         if self.parallax is not None:
-            self._choose(self._apart_px)
+            self._choose(self._eye_distance_px)
 
     def set_quality(self, config: Config) -> None:
         """Sets a configuration that differs only in render.method and render.rate_hz: geometry
@@ -207,7 +207,7 @@ class Viewer:
             self._follow_neutral(solver, self._centre_px, eyes_px, dt_s)
         if eyes_px is None:
             x, y = solver.centre_px
-            half = self._apart_px / 2
+            half = self._eye_distance_px / 2
             neutral = solver.place((x + half, y, x - half, y))
             place = self._place_alone(neutral, t_shown_ns, _is_absent(t_sensor_ns, t_shown_ns))
             used_px = solver.eyes_at(place)
@@ -264,19 +264,21 @@ class Viewer:
 
     def _follow_distance(self, record: EyesRecord, eyes_px: Eyes, dt_s: float) -> None:
         """Ignores a distance that no face has: an average would never forget it."""
-        apart_px = record.apart_px
-        if not LEAST_EYES_PX <= apart_px <= FAR_PX:  # not known: between the eyes in the picture
-            apart_px = max(math.dist(eyes_px[:2], eyes_px[2:]), LEAST_EYES_PX)
+        eye_distance_px = record.eye_distance_px
+        if (
+            not MIN_EYES_PX <= eye_distance_px <= FAR_PX
+        ):  # not known: between the eyes in the picture
+            eye_distance_px = max(math.dist(eyes_px[:2], eyes_px[2:]), MIN_EYES_PX)
         if not self._seen:
-            self._apart_px = apart_px
+            self._eye_distance_px = eye_distance_px
         if not self._seen or record.generation != self._generation:
-            self._near_px = apart_px
+            self._near_px = eye_distance_px
             self._generation = record.generation
-        still = abs(apart_px - self._apart_px) < STILL * self._apart_px
-        self._apart_px += (apart_px - self._apart_px) * low_pass_share(
+        still = abs(eye_distance_px - self._eye_distance_px) < STILL * self._eye_distance_px
+        self._eye_distance_px += (eye_distance_px - self._eye_distance_px) * low_pass_share(
             dt_s, STILL_S if still else DISTANCE_S
         )
-        self._near_px += (apart_px - self._near_px) * low_pass_share(dt_s, POSE_S)
+        self._near_px += (eye_distance_px - self._near_px) * low_pass_share(dt_s, POSE_S)
 
     def _follow_presence(
         self, generation: int, t_sensor_ns: int, solver: ViewSolver, eyes_px: Eyes | None
@@ -287,7 +289,7 @@ class Viewer:
         rest = self.presence.update(t_sensor_ns, here, generation, beyond)
         if rest is not None and self._auto and not self._neutral_is_fixed:
             self._target_px = rest.x_px, rest.y_px
-            self._choose(rest.apart_px)
+            self._choose(rest.eye_distance_px)
             if self.presence.returned:
                 self._centre_px = solver.centre_px = self._target_px
 
@@ -298,9 +300,9 @@ class Viewer:
         the grid follows the eyes, and whoever stands still comes to its middle.
         """
         assert self.parallax is not None
-        if eyes_px is not None and abs(self._apart_px / self.parallax.eyes_px - 1) > MOVED:
-            self._choose(self._apart_px)
-        solver.alpha_px = self._apart_px / self.parallax.views_between_eyes
+        if eyes_px is not None and abs(self._eye_distance_px / self.parallax.eyes_px - 1) > MOVED:
+            self._choose(self._eye_distance_px)
+        solver.alpha_px = self._eye_distance_px / self.parallax.views_between_eyes
         self._dragged = False
         if self._neutral_is_fixed:
             pass
@@ -315,17 +317,19 @@ class Viewer:
             centre_px = _towards(centre_px, self._target_px, dt_s, NEUTRAL_S)
         self._centre_px = solver.centre_px = centre_px
 
-    def _choose(self, apart_px: float) -> None:
-        """Chooses the views between the eyes for a viewer at the distance that apart_px implies."""
+    def _choose(self, eye_distance_px: float) -> None:
+        """Chooses the views between the eyes for a viewer at the distance that eye_distance_px
+        implies.
+        """
         self.parallax = parallax(
-            self.config, self.field, self._size_px[0], apart_px, self._picture_mm
+            self.config, self.field, self._size_px[0], eye_distance_px, self._picture_mm
         )
 
     def _make_solver(self, eyes_px: Eyes | None) -> ViewSolver:
         """A fixed alpha centres the grid in the camera picture, as in the paper; alpha from
         geometry centres it on the viewer, who is never in the middle of a webcam above the screen.
         """
-        self._choose(self._apart_px)
+        self._choose(self._eye_distance_px)
         assert self.parallax is not None
         middle_px = self._size_px[0] / 2, self._size_px[1] / 2
         if self._auto and self._centre_px is None and eyes_px is not None:
@@ -341,11 +345,11 @@ class Viewer:
         return self.solver
 
 
-def _predicted(record: EyesRecord, horizon_ns: int) -> Eyes | None:
-    """The eyes after horizon_ns, as `lfpipe.eyes.extrapolated`; None if impossible: a NaN would
+def _predicted(record: EyesRecord, prediction_ns: int) -> Eyes | None:
+    """The eyes after prediction_ns, as `lfpipe.eyes.extrapolated`; None if impossible: a NaN would
     stay in the averages for ever.
     """
-    s = min(max(horizon_ns, 0) / 1e9, MAX_HORIZON_S)
+    s = min(max(prediction_ns, 0) / 1e9, MAX_PREDICTION_S)
     (lx, ly, rx, ry), (u, v, p, q) = record.filtered_px, record.velocity_px_s
     lx, ly, rx, ry = lx + u * s, ly + v * s, rx + p * s, ry + q * s
     # false for NaN

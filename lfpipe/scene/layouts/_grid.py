@@ -18,10 +18,10 @@ from lfpipe.files.pictures import MAX_DECODING_BYTES, Header, open_header, read_
 from lfpipe.scene.files import MAX_FILES, Listing
 from lfpipe.scene.layouts._names import MAX_SIDE, NumberedNames, placed, read_names, spaced
 from lfpipe.scene.layouts._running import MAX_PICTURES, Running, lay_out
-from lfpipe.scene.source import SceneSource, Turn, ViewIndex
+from lfpipe.scene.source import GridTransform, SceneSource, ViewIndex
 
 LOSSY = (".jpg", ".jpeg", ".webp", ".avif", ".gif")
-LEAST_VIEW_PX = 12  # side of a view: a smaller one shows nothing
+MIN_VIEW_PX = 12  # side of a view: a smaller one shows nothing
 _MADE_SHARE = 0.25  # of a grid that may be missing: those views are made from their neighbours
 _SMALL_PX = 96 * 128  # of pictures that the columns of a running number follow from
 
@@ -51,9 +51,9 @@ def require_grid(rows: int, cols: int, what: str) -> None:
 
 def require_view(height: int, width: int, sample_bytes: int, what: str) -> None:
     """Raises UserError where no view is so large, or so small. what: who says so."""
-    if min(height, width) < LEAST_VIEW_PX:
+    if min(height, width) < MIN_VIEW_PX:
         raise UserError(
-            f"{what}: views have {width}x{height} px; a side has at least {LEAST_VIEW_PX}",
+            f"{what}: views have {width}x{height} px; a side has at least {MIN_VIEW_PX}",
             "save the array with the axes (rows, columns, height, width, planes)",
         )
     if height * width * 3 * sample_bytes > MAX_DECODING_BYTES:
@@ -353,7 +353,7 @@ def _views_source(
     )
 
 
-def coordinate_turn(stood: NDArray[np.float64]) -> Turn | None:
+def coordinate_turn(stood: NDArray[np.float64]) -> GridTransform | None:
     """From coordinates (rows, cols, 2) as (down, right) in file order, NaN where unknown: the turn
     to canonical order, or None if they do not determine it. Along each index axis the mean step of
     the coordinate that moves most decides.
@@ -365,5 +365,5 @@ def coordinate_turn(stood: NDArray[np.float64]) -> Turn | None:
     if not abs(straight - crossed) > 0:  # equal, or not known
         return None
     if straight > crossed:
-        return Turn(rows=bool(down_by_row < 0), cols=bool(right_by_col < 0))
-    return Turn(rows=bool(down_by_col < 0), cols=bool(right_by_row < 0), transpose=True)
+        return GridTransform(rows=bool(down_by_row < 0), cols=bool(right_by_col < 0))
+    return GridTransform(rows=bool(down_by_col < 0), cols=bool(right_by_row < 0), transpose=True)

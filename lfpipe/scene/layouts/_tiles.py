@@ -20,7 +20,7 @@ from lfpipe.errors import UserError
 from lfpipe.files.pictures import read_picture
 from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._candidates import Candidate, ranked
-from lfpipe.scene.layouts._grid import LEAST_VIEW_PX, LOSSY, parse_grid
+from lfpipe.scene.layouts._grid import LOSSY, MIN_VIEW_PX, parse_grid
 from lfpipe.scene.layouts._running import Running, likeliest
 
 # Sizes and tiles (columns, rows) of displays whose tiles do not divide the picture: the remainder
@@ -31,7 +31,7 @@ QUILT_NAME = re.compile(r"_qs(\d{1,2})x(\d{1,2})(?:a[\d.]+)?", re.IGNORECASE)
 _SAME_PICTURE = 0.98  # correlation of two files of one picture
 _LOOK_PX = 32  # side of pictures that are compared
 _FROM_THE_TOP = "whether its first view is the top left tile: a quilt begins at the bottom left"
-MOST_TILES = 64  # along one side
+MAX_TILES = 64  # along one side
 _SMALLEST_TILE_PX = 24  # less shows nothing
 _GLANCE_PX = 1024  # longer side of the reduced picture in which tiles are detected
 # limits of `_unlike` for neighbouring tiles; above the last, there are none
@@ -127,7 +127,7 @@ def _unlike(grey: NDArray[np.float32], axis: int) -> dict[int, float]:
     """By number of tiles along an axis, the dip at a shift of one tile."""
     size = grey.shape[axis]
     return {
-        count: dip(grey, axis, size / count) for count in range(2, min(MOST_TILES, size // 8) + 1)
+        count: dip(grey, axis, size / count) for count in range(2, min(MAX_TILES, size // 8) + 1)
     }
 
 
@@ -173,7 +173,7 @@ def _even(runs: list[tuple[int, int]], whole_px: int) -> bool:
     """Whether runs have one size and lines between them another, smaller one."""
     sizes, gaps = [last - first for first, last in runs], [b[0] - a[1] for a, b in pairwise(runs)]
     if (
-        len(runs) > MOST_TILES
+        len(runs) > MAX_TILES
         or min(sizes) < _SMALLEST_TILE_PX
         or max(sizes) - min(sizes) > _SOFT_PX
     ):
@@ -380,7 +380,7 @@ def tiling(
     tiles = None if quilt and grid else find_tiles(picture, f"{path.parent.name}/{path.stem}")
     if grid is not None and (tiles is None or tiles.shape != grid):
         rows, cols = grid
-        if min(height // rows, width // cols) < LEAST_VIEW_PX:
+        if min(height // rows, width // cols) < MIN_VIEW_PX:
             raise UserError(
                 f"{path}: {width}x{height} px in {rows} rows and {cols} columns make tiles of"
                 f" {width // cols}x{height // rows} px, too small to show anything",

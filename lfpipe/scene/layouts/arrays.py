@@ -27,18 +27,18 @@ from numpy.typing import NDArray
 from lfpipe import config
 from lfpipe.errors import UserError
 from lfpipe.files.safe_files import open_file
-from lfpipe.host.files import path_of
+from lfpipe.host.files import proc_fd_path
 from lfpipe.host.machine import install_command
 from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._grid import (
-    LEAST_VIEW_PX,
+    MIN_VIEW_PX,
     coordinate_turn,
     require_grid,
     require_view,
     true_max,
 )
 from lfpipe.scene.layouts.plenoptic import lit
-from lfpipe.scene.source import Layout, SceneSource, Turn
+from lfpipe.scene.source import GridTransform, Layout, SceneSource
 
 VIEWS, DISPARITY, POSITIONS = "views", "disparity", "positions"
 AXES = "(rows, cols, height, width, 1 or 3), or (frames, rows, cols, height, width, 1 or 3)"
@@ -192,7 +192,7 @@ def _numpy_source(listing: Listing, path: Path) -> SceneSource:
         lambda frame, row, col: np.asarray(views[frame, row, col]),
         frames=frames,
         frame_rate_hz=30.0 if frames > 1 else 0.0,
-        turn=turn or Turn(),
+        turn=turn or GridTransform(),
         turn_firm=False,
         turn_by=(
             "positions of the cameras"
@@ -224,7 +224,7 @@ def _hdf5(path: Path) -> Any:
     import h5py  # 0.1 s, and only two layouts need it
 
     with open_file(path) as file, _damage(path, "not a readable HDF5 file"):
-        return h5py.File(path_of(file), "r")
+        return h5py.File(proc_fd_path(file), "r")
 
 
 def _hdf5_array(path: Path, file: Any, *keys: str) -> Any:
@@ -289,7 +289,7 @@ def axis_order(shape: tuple[int, ...], reversible: bool = True) -> tuple[int, ..
             axes = tuple(axis - (order[4] == 0) for axis in order[:4])
         rows, cols, height, width, planes = (sizes[axis] for axis in order)
         ratio = height * width / (rows * cols)
-        large = min(height, width) >= LEAST_VIEW_PX and ratio >= 1
+        large = min(height, width) >= MIN_VIEW_PX and ratio >= 1
         if planes in _PLANES and large and (best is None or ratio > best[0]):
             best = ratio, axes
     return best and best[1]
@@ -338,7 +338,7 @@ def _matlab_array(path: Path) -> tuple[Any, list[str]]:
     import h5py
 
     with open_file(path) as file:
-        if h5py.is_hdf5(path_of(file)):  # v7.3, after MATLAB's own header
+        if h5py.is_hdf5(proc_fd_path(file)):  # v7.3, after MATLAB's own header
             data = _hdf5(path)
             return _hdf5_array(path, data, *_KEYS), [*data]
         try:
@@ -369,7 +369,7 @@ def _matlab_source(listing: Listing, path: Path) -> SceneSource:
     return attrs.evolve(
         source,
         linear=True,
-        turn=Turn(),
+        turn=GridTransform(),
         turn_by="LFToolbox counts rows from the top and columns from the left",
         turn_firm=False,
     )
@@ -414,7 +414,7 @@ def _hci_old_source(listing: Listing, path: Path) -> SceneSource:
     return attrs.evolve(
         source,
         truth=truth,
-        turn=Turn(cols=True),
+        turn=GridTransform(cols=True),
         turn_by="the columns of lf.h5 run from right to left",
     )
 

@@ -13,7 +13,7 @@ from lfpipe.scene.demo import MARKER, SIZE_PX
 from lfpipe.scene.demo_drawing import Floats, Picture, draw_view
 from lfpipe.scene.demo_scenes import OFFSET_PX, solids_of
 from lfpipe.scene.files import Listing, read_bytes
-from lfpipe.scene.source import Geometry, SceneSource, Turn
+from lfpipe.scene.source import Geometry, GridTransform, SceneSource
 
 NAME = "demo"
 GRID = 9  # views a side, as in the HCI benchmark, whose cameras have
@@ -67,7 +67,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
         read=read,
         height_px=size_px,
         width_px=size_px,
-        turn=Turn(),
+        turn=GridTransform(),
         rendered=True,
         truth=truth,
         turn_by="the demo is rendered in this order",

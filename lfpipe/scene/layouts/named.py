@@ -39,7 +39,7 @@ from lfpipe.scene.layouts._grid import (
 from lfpipe.scene.layouts._names import MAX_SIDE
 from lfpipe.scene.layouts.arrays import LARGEST, disparity_of_depth
 from lfpipe.scene.layouts.plenoptic import lit
-from lfpipe.scene.source import Geometry, Layout, SceneSource, Turn
+from lfpipe.scene.source import Geometry, GridTransform, Layout, SceneSource
 
 _NUMBER, _PICTURE = r"(-?\d+(?:\.\d+)?(?:e[+-]?\d+)?)", r"\.(?:png|jpe?g|ppm)"
 _HCI = re.compile(rf"input_Cam(\d{{3,5}}){_PICTURE}", re.IGNORECASE)
@@ -103,7 +103,7 @@ def _describe_hci(listing: Listing, scene: config.Scene) -> SceneSource:
     if not rows * cols and not maps:
         source = describe_views("hci", listing, scene, runs=True)
         return (
-            attrs.evolve(source, turn=Turn(), turn_firm=False, turn_by=convention)
+            attrs.evolve(source, turn=GridTransform(), turn_firm=False, turn_by=convention)
             if (source.rows == source.cols and not source.doubt)
             else source
         )
@@ -120,7 +120,7 @@ def _describe_hci(listing: Listing, scene: config.Scene) -> SceneSource:
         listing,
         {name: divmod(index, cols) for name, index in views.items()},
         (rows, cols),
-        turn=Turn(),
+        turn=GridTransform(),
         turn_by=convention,
         geometry=geometry,
     )
@@ -165,7 +165,7 @@ def _describe_hci_text(listing: Listing, scene: config.Scene) -> SceneSource:
         "hci-text",
         inner,
         places,
-        turn=Turn(),
+        turn=GridTransform(),
         turn_by="this export counts rows from the top and columns from the left",
     )
     size = (source.height_px, source.width_px)
@@ -218,7 +218,7 @@ def _describe_jpeg_pleno(listing: Listing, scene: config.Scene) -> SceneSource:
             "jpeg-pleno",
             listing,
             {name: (int(m[1]), int(m[2])) for name, m in matches.items()},
-            turn=Turn(),
+            turn=GridTransform(),
             turn_firm=False,
             turn_by="JPEG Pleno counts rows from the top and columns from the left",
         )

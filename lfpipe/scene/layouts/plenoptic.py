@@ -15,7 +15,7 @@ from lfpipe.files.pictures import read_picture
 from lfpipe.scene.files import Listing
 from lfpipe.scene.layouts._grid import parse_grid
 from lfpipe.scene.layouts._tiles import dip, require_picture, single_picture
-from lfpipe.scene.source import SceneSource, Turn, ViewIndex
+from lfpipe.scene.source import GridTransform, SceneSource, ViewIndex
 
 NAME = "eslf"
 _USUAL = 14  # pitch of a Lytro Illum
@@ -159,7 +159,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
             height_px=picture.shape[0] // rows,
             width_px=picture.shape[1] // cols,
             max_value=full,
-            turn=Turn(),
+            turn=GridTransform(),
             turn_firm=False,
             turn_by="an ESLF picture counts rows from the top and columns from the left",
         )

@@ -30,7 +30,7 @@ from lfpipe.scene.layouts._tiles import (
     single_picture,
 )
 from lfpipe.scene.missing_views import nearest, warped_disparity, warped_view
-from lfpipe.scene.source import SceneSource, Turn
+from lfpipe.scene.source import GridTransform, SceneSource
 
 NAME = "rgbd"
 _NAMED = re.compile(r"rgb-?[dz](?![a-z])")
@@ -41,14 +41,14 @@ _COLOUR = re.compile(r"(?<![a-z])(rgb|colou?r|images?|img|photo|picture)(?![a-z]
 _FRAME = re.compile(r"(rgb|colou?r)[-_. ]*\d{1,9}")
 _INVERSE = re.compile(r"disp|inverse|inv[-_ ]?depth")  # larger is nearer by definition
 _GRID = (5, 9)  # of made views: eyes move sideways more than up and down
-_MOST_PX = 700_000  # of the made views: 45 of them are packed in ten seconds
+_MAX_PX = 700_000  # of the made views: 45 of them are packed in ten seconds
 _SAME_SHAPE = 1.2  # most ratio of the aspects of a picture and its depth map
 _RANGE_SHARE = 0.008  # of the width: disparity between the nearest and the farthest, per view
 # levels between channels: at most for a depth map, at least for a picture
 _GREY, _COLOURED = 2.0, 6.0
 _LOWER = 0.35  # correlation of height with nearness that means something
 _HOLE_PX = 7  # around holes, where the edge of what is in front may lie
-_LEFT_OPEN = "press d in the window, or set scene.half_turn=yes, if they are exchanged"
+_LEFT_OPEN = "press d in the window, or set scene.invert_depth=yes, if they are exchanged"
 _FRAMES = (
     "whether the numbered pictures are frames of one camera"
     " (--set scene.layout=numbered opens them as views)"
@@ -314,7 +314,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
     notes = [f"{rows}x{cols} views are made from one picture and its depth; {photo.why}"]
     if unused := _unused(listing, photo):
         notes.append(f"not used: {some(unused)}")
-    scale = (_MOST_PX / (picture.shape[0] * picture.shape[1])) ** 0.5
+    scale = (_MAX_PX / (picture.shape[0] * picture.shape[1])) ** 0.5
     if scale < 1:
         picture = np.asarray(
             cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
@@ -345,7 +345,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
         max_value=photo.full,
         truth={place: partial(disparity_at, *place) for place in np.ndindex(rows, cols)},
         rendered=True,
-        turn=Turn(),
+        turn=GridTransform(),
         turn_by=f"the views are made in order; {photo.why}",
         doubt=photo.doubt,
         notes=tuple(notes),

@@ -46,7 +46,7 @@ from lfpipe.scene.layouts._tiles import (
 from lfpipe.scene.layouts.stereo import are_a_pair
 from lfpipe.scene.optical_flow import returned_flow, textured
 from lfpipe.scene.plausibility import gather_evidence
-from lfpipe.scene.source import Layout, SceneSource, Turn
+from lfpipe.scene.source import GridTransform, Layout, SceneSource
 from lfpipe.scene.video import USUAL_RATE_HZ, Video
 
 # longer side of the examined copy; px of detail that red and green must share
@@ -94,7 +94,7 @@ def _describe_picture(listing: Listing, scene: config.Scene) -> SceneSource:
         listing,
         {(0, 0): path.name},
         (1, 1),
-        turn=Turn(),
+        turn=GridTransform(),
         turn_by="there is one view",
         notes=notes,
     )
@@ -289,7 +289,7 @@ def _describe_tiles(layout: str, listing: Listing, scene: config.Scene) -> Scene
         max_value=full,
         doubt=cut.doubt,
         # without its name, or the user's word, nothing says where a quilt begins
-        turn=Turn() if quilt else None,
+        turn=GridTransform() if quilt else None,
         turn_by="a quilt runs from the leftmost camera" if quilt else "",
         notes=notes,
     )

@@ -23,12 +23,12 @@ from lfpipe.scene.layouts._grid import files_source, some
 from lfpipe.scene.layouts._names import MAPS, read_names, side_of
 from lfpipe.scene.layouts._tiles import halves, plane_of, reduced, require_picture, single_picture
 from lfpipe.scene.optical_flow import returned_flow, textured
-from lfpipe.scene.source import SceneSource, Turn
+from lfpipe.scene.source import GridTransform, SceneSource
 
 NAME = "stereo"
 # Middlebury's pairs, the left one first
 _NUMBERED = {"im2": "im6", "im0": "im1", "view1": "view5", "img_left": "img_right"}
-_MOST_NUMBERED = 4  # pictures in such a folder; more are all views of such a set
+_MAX_NUMBERED = 4  # pictures in such a folder; more are all views of such a set
 # folders of two cameras that recorded side by side
 _CAMERAS = re.compile(r"(image|img|cam|camera|eye|sensor)s?[-_ ]?\d{1,2}(/.*)?")
 _RECORDED = 3  # pictures of each of them, at least: fewer are rows of a small grid
@@ -66,7 +66,7 @@ def _pairs(listing: Listing) -> list[tuple[str, str]]:
             re.fullmatch(left.rstrip("0123456789") + r"\d{1,4}", stem) is not None
             for stem in by_stem
         )
-        if left in by_stem and right in by_stem and numbered <= _MOST_NUMBERED:
+        if left in by_stem and right in by_stem and numbered <= _MAX_NUMBERED:
             return [(by_stem[left], by_stem[right])]
     if recorded := _recorded(listing):
         return recorded
@@ -183,7 +183,7 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
             listing,
             eyes,
             (1, 2),
-            turn=Turn() if by_name else None,
+            turn=GridTransform() if by_name else None,
             turn_by="the names say left and right" if by_name else "",
             notes=notes,
         )
@@ -235,6 +235,6 @@ def describe(listing: Listing, scene: config.Scene) -> SceneSource:
         height_px=views[0].shape[0],
         width_px=views[0].shape[1],
         max_value=full,
-        turn=Turn(cols=crossed) if why else None,
+        turn=GridTransform(cols=crossed) if why else None,
         turn_by=why,
     )

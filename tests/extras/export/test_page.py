@@ -53,7 +53,7 @@ def written(cache: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_page_is_one_small_file_that_names_nobody_else(written: Path) -> None:
     text = written.read_text()
-    assert len(text) <= page.MOST_BYTES and written_by_lfpipe(written)
+    assert len(text) <= page.MAX_BYTES and written_by_lfpipe(written)
     assert "&lt;b&gt;A &amp; B&lt;/b&gt;" in text and "<b>A" not in text
     outside = re.sub(r"base64,[^\"]+", "", text)
     assert not re.search(r"https?:|//[a-z]+\.|@import|url\(", outside, re.IGNORECASE)
@@ -98,8 +98,8 @@ def test_a_browser_shows_what_render_view_draws(
         picture = shown(browser, row * steps[0], col * steps[1])
         assert picture.shape == wanted.shape
         assert cv2.PSNR(picture, wanted) > 32, (row, col)
-        apart = lfpipe.render_view(field, field.rows - 1 - row, 8 - col if col != 4 else 0)
-        other = cv2.resize(apart, size, interpolation=cv2.INTER_AREA)
+        eye_distance = lfpipe.render_view(field, field.rows - 1 - row, 8 - col if col != 4 else 0)
+        other = cv2.resize(eye_distance, size, interpolation=cv2.INTER_AREA)
         assert cv2.PSNR(picture, wanted) > cv2.PSNR(picture, other) + 3
     assert browser.ask("performance.getEntriesByType('resource').length") == 0
 
@@ -140,11 +140,11 @@ def test_mouse_and_keys_move_the_viewpoint(browser: Browser, written: Path) -> N
     assert browser.ask(f"(canvas.dispatchEvent({key}), place[1])") < before
 
 
-@pytest.mark.parametrize(("most_bytes", "fewer"), [(400_000, True), (page.MOST_BYTES, False)])
+@pytest.mark.parametrize(("most_bytes", "fewer"), [(400_000, True), (page.MAX_BYTES, False)])
 def test_a_page_that_would_be_too_large_has_fewer_views(
     field: LightField, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, most_bytes: int, fewer: bool
 ) -> None:
-    monkeypatch.setattr(page, "MOST_BYTES", most_bytes)
+    monkeypatch.setattr(page, "MAX_BYTES", most_bytes)
     quilt = PageExport(field, Config()).write(tmp_path / "x.html")
     assert (tmp_path / "x.html").stat().st_size <= most_bytes
     assert (quilt.wanted != (quilt.rows, quilt.cols)) is fewer

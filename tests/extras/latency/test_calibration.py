@@ -37,11 +37,17 @@ def test_calibrate_latency_finds_a_made_delay(world: World, screen: Screen, tmp_
         "render"
     ]
     low_ms, high_ms = map(float, re.findall(r"90 %: ([\d.]+) to ([\d.]+) ms", out)[0])
-    assert abs(written["loop_ms"] - truth_ms) < 1.5 and low_ms < written["loop_ms"] < high_ms, (
+    assert (
+        abs(written["device_latency_ms"] - truth_ms) < 1.5
+        and low_ms < written["device_latency_ms"] < high_ms
+    ), (
         out,
         truth_ms,
     )
-    assert str(node) in written["loop_measured"] and "160x120" in written["loop_measured"]
+    assert (
+        str(node) in written["device_latency_measured"]
+        and "160x120" in written["device_latency_measured"]
+    )
     assert "90 %" in out and "next session" in out
 
 

@@ -24,7 +24,7 @@ from lfpipe.track.head import Head
 from lfpipe.transport.clock import now_ns
 from lfpipe.transport.session import Session
 from tests.extras.share.receivers import lsl_environment
-from tests.extras.share.test_head import rotation
+from tests.track.test_head import rotation
 
 LSL_NAME = f"outputs{os.getpid()}"
 STATES = ["no face", "face found", "face"]

@@ -107,4 +107,4 @@ def test_a_subject_of_the_benchmark_as_a_cell(
     outcome = measure_cell(
         Cell(subject="stability", sequence="", scene=str(scene), key="k"), SweepOptions(100.0)
     )
-    assert outcome.state == OK and outcome.figures, outcome.reason
+    assert outcome.state == OK and outcome.metrics, outcome.reason

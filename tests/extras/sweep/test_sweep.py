@@ -116,7 +116,7 @@ def test_every_cell_although_one_is_killed(world: World, corpus: Path) -> None:
     )
     for row in read(world.root / "hand")["table"].rows:
         assert all(
-            of_sweep["figures"][f"{row.curve}.{name}"] == row.value(name)
+            of_sweep["metrics"][f"{row.curve}.{name}"] == row.value(name)
             for name in ("psnr_db", "ssim")
         )
 
@@ -168,12 +168,12 @@ def test_a_cluster(
         "one at a time"
     )
     for one, other in zip(by_subject["quality"], by_subject["table"], strict=True):
-        figures = {
+        metrics = {
             name: value
-            for name, value in other["figures"].items()
+            for name, value in other["metrics"].items()
             if "psnr" in name or "ssim" in name
         }
-        assert figures == {name: one["figures"][name] for name in figures} != {}, (
+        assert metrics == {name: one["metrics"][name] for name in metrics} != {}, (
             "whoever measures them"
         )
     other_plan = write_plan(world.root, corpus, PLAN)
@@ -209,7 +209,7 @@ def test_missing(world: World, corpus: Path) -> None:
         == states["truth", "walk", "s0"]
         == "ok"
     )
-    assert found["truth", "walk", "s0"]["figures"]["truth.used.rms_px"] > 0
+    assert found["truth", "walk", "s0"]["metrics"]["truth.used.rms_px"] > 0
     suite = ElementTree.parse(world.root / "out" / "junit.xml").getroot()
     assert suite.get("tests") == "10" and suite.get("errors") == str(
         sum(state == "failed" for state in states.values())
@@ -223,8 +223,8 @@ def test_missing(world: World, corpus: Path) -> None:
         "hand",
     )
     digests = json.loads((world.root / "hand" / "report.json").read_text())["digests"]
-    figures = found["replay", "walk", "s0"]["figures"]
-    assert {name: figures[f"digest.{name}"] for name in digests} == digests
+    metrics = found["replay", "walk", "s0"]["metrics"]
+    assert {name: metrics[f"digest.{name}"] for name in digests} == digests
 
 
 def test_a_clock_that_is_set_back_changes_no_duration(

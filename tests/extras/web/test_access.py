@@ -162,7 +162,7 @@ def test_page_in_a_browser_gives_other_pages_nothing(
         pytest.skip(why)
     with Browser(tmp_path / "profile") as browser:
         browser.open(live_server.url)
-        until(lambda: browser.ask("window.lfpipe.events > 2"), "figures")
+        until(lambda: browser.ask("window.lfpipe.events > 2"), "metrics")
         page = str(browser.ask("location.href"))
         assert (
             "token" not in page
