@@ -39,7 +39,7 @@ _MODULES = {
     "api.tracker": ("Eyes", "Tracker"),
     "errors": ("UserError",),
     "scene.lightfield": ("LightField",),
-    "share.head": ("Head",),
+    "track.head": ("Head",),
 }
 
 # OpenCV reads these when it is imported. The first is a second limit behind lfpipe.files.pictures;

@@ -17,9 +17,8 @@ POSITIONAL = {
     "capture": "Frame Mode SourceInfo",
     "config": "Key",
     "render": "Item Pointer",
-    "share": "Sample",
+    "extras": "Outcome Sample",
     "supervisor": "Outcome",
-    "sweep": "Outcome",
     "track": "Face",
     "transport": "Stamp",
 }

@@ -18,7 +18,7 @@ LAYERS = (
     {"scene", "sequence"},
     {"capture", "track", "render", "record"},
     {"supervisor"},
-    {"replay", "monitor"},
+    {"replays", "monitor"},
     {"api"},
     {"bench"},
     {"cli"},

@@ -17,7 +17,7 @@ GOALS = {
     "lfpipe/bench": 1_500,
     "lfpipe/capture": 1_400,
     "lfpipe/supervisor": 1_250,
-    "lfpipe/observe": 1_050,
+    "lfpipe/monitor": 1_050,
     "lfpipe/files": 600,
 }
 
