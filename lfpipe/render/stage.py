@@ -54,7 +54,7 @@ from lfpipe.render.ui.controller import Ui
 from lfpipe.render.viewer.mouse_look import MouseLook
 from lfpipe.render.viewer.presence import ViewerState
 from lfpipe.render.viewer.viewer import Viewer
-from lfpipe.scene.inverted_depth import remember, shown_as
+from lfpipe.scene.inverted_depth import shown_as
 from lfpipe.scene.pack import open_pack
 from lfpipe.transport.clock import MS_NS, now_ns
 from lfpipe.transport.context import Context
@@ -307,7 +307,7 @@ class RenderStage:
         """Shows the scene of the settings in force.
 
         other_pack: it was packed anew, or further. completed: only its disparity is new. turned:
-        near and far were exchanged.
+        depth was inverted.
         """
         options = self._options
         invert_depth = self._asked.scene.invert_depth
@@ -325,10 +325,10 @@ class RenderStage:
             gc.freeze()
 
     def _keep_choice(self) -> None:
-        """Remembers near and far as a person chose them; a replay only applies what was chosen."""
+        """Keeps the depth order that a person chose; a replay only applies it."""
         word = self._context.config.scene.invert_depth
         if word != "auto" and not self._lossless:
-            remember(self._field, word)
+            self._context.request("keep", depth=word)
 
     def _after_picture(self) -> None:
         """Handles what does not change the picture just shown: keys and notices; without a window,

@@ -101,8 +101,8 @@ def test_scene_loader_says_how_far_a_scene_is_loaded() -> None:
     report("b", "disparity 3 of 81")
     assert shown() == ["loading b: 2 of 2, disparity 3 of 81"]
     scenes.step(1)  # from the one that is on its way: the first, which replaces it
-    scenes.handle({"ok": False, "error": "replaced", "replaced": True})
+    scenes.handle({"cmd": "load", "ok": False, "error": "replaced", "replaced": True})
     assert asked == [{"load": {"scene": "/b"}}, {"load": {"scene": "/a"}}]
     report("a", "")
-    scenes.handle({"ok": False, "error": "/a: the folder is empty"})
+    scenes.handle({"cmd": "load", "ok": False, "error": "/a: the folder is empty"})
     assert shown() == ["loading a: 1 of 2: refused\n/a: the folder is empty"]

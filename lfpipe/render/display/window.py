@@ -47,6 +47,9 @@ NAMES = {
 }
 
 
+LEAVE_FULLSCREEN = Event("leave-fullscreen")  # Esc where it closes nothing
+
+
 class OverlayView(Protocol):
     """Draws an overlay, and maps keys and the mouse to events."""
 
@@ -249,12 +252,12 @@ class ScreenWindow(Display):
                 self._find_monitor()
             again |= native.type in REDRAWN
             event = self._event(native)
+            if event == LEAVE_FULLSCREEN:
+                event = Event("fullscreen") if self._fullscreen else None
             if event is None:
                 continue
             events.append(event)
-            if event.name == "fullscreen" or (
-                event.name == "leave-fullscreen" and self._fullscreen
-            ):
+            if event.name == "fullscreen":
                 self._toggle()
                 again = True
         self._draw(again)

@@ -91,10 +91,11 @@ class Ui:
 
     def handle(self, message: Message) -> None:
         """Handles the answer to a request of the window."""
-        if message.get("kept"):
-            self.notices.show("kept", self.settings.kept_text(message["kept"]))
-        else:
+        command = message.get("cmd")
+        if command in ("load", "dialog") or not message["ok"]:
             self.scenes.handle(message)
+        elif command == "keep" and "values" in message:
+            self.notices.show("kept", self.settings.kept_text(message["values"]))
 
     def open_page(self, page: Page) -> None:
         """Opens a page in place of another; closes it if it is open."""

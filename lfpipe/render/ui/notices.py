@@ -5,7 +5,7 @@ from lfpipe.config.modes import Window
 from lfpipe.config.quality import level_number
 from lfpipe.render.synthesis.zero_plane import zero_plane_px
 from lfpipe.render.viewer.viewer import Viewer
-from lfpipe.scene.inverted_depth import remember, undecided
+from lfpipe.scene.inverted_depth import undecided
 from lfpipe.transport.clock import SECOND_NS, now_ns
 from lfpipe.transport.context import Context
 from lfpipe.transport.histogram import summary_ms
@@ -143,7 +143,7 @@ class ChangeNotices:
         on_screen = isinstance(options.display, Window) and not options.kiosk
         if on_screen and undecided(field, self._context.config.scene.invert_depth):
             self._shown.show("depth order", "press d if the depth looks inverted", ASKED_NS)
-            remember(field, "asked")
+            self._context.request("keep", depth="asked")
 
 
 def standing_notices(context: Context, knows_rows: bool) -> list[str]:

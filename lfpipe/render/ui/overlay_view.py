@@ -28,6 +28,7 @@ KEY_ACTIONS = ACTION_OF | {
     "=": "alpha+",
     " ": "freeze",
     "?": "help",
+    "enter": "enter",
     "left": "less",
     "right": "more",
     "pagedown": "next",
@@ -293,6 +294,10 @@ def progress_panel(share: float, window_px: Place) -> ItemPanel:
     return ItemPanel(surface=line, at=(0, window_px[1] - PROGRESS_PX))
 
 
+def _action(key: str) -> Event | None:
+    return Event(KEY_ACTIONS[key]) if key in KEY_ACTIONS else None
+
+
 class OverlayView:
     """Draws an overlay, and maps what happens on it to events."""
 
@@ -373,7 +378,7 @@ class OverlayView:
             return Event("close" if covered else "leave-fullscreen")
         panel = self._menu
         if menu is None or not menu.items or panel is None:
-            return Event(KEY_ACTIONS.get(key, key))
+            return _action(key)
         moves = {
             "left": -1,
             "right": 1,
@@ -390,7 +395,7 @@ class OverlayView:
             return None
         if key == "enter":
             return event
-        return Event("delete", event.text) if key == "delete" else Event(KEY_ACTIONS.get(key, key))
+        return Event("delete", event.text) if key == "delete" else _action(key)
 
     def mouse(self, event: pygame.Event, at_px: Place) -> Event | None:
         """The event of the mouse or a touch. at_px: the pointer."""

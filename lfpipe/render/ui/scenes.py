@@ -89,7 +89,7 @@ class SceneLoader:
             for text in (answer["error"], shown):
                 lines += textwrap.wrap(text, LINE_CHARS)[:MAX_LINES]
             self._notices.show("refused", "\n".join(lines), REFUSED_NS)
-        if not answer["ok"] or "pack" in answer:
+        if answer.get("cmd") in ("load", "dialog"):
             self._asked = ""
 
     def report(self, news: Message) -> None:
