@@ -51,6 +51,7 @@ from lfpipe.scene.pack import summarize
 from lfpipe.scene.recent_scenes import recent_scenes, remember_scene
 from lfpipe.supervisor import rundir
 from lfpipe.supervisor.live_session import Outcome
+from lfpipe.supervisor.process_table import SCORER
 from lfpipe.supervisor.supervisor import run_session
 from lfpipe.track import models
 from lfpipe.transport.session import Session, default_name
@@ -222,7 +223,9 @@ def prepare(arguments: UpArguments) -> SessionPlan:
     check_display(display, str(config.screen.monitor))
     share = check_targets(arguments.share)
     with progress() as bar:
-        opened = open_scenes(arguments.scenes, config.scene, bar, complete=video is not None)
+        opened = open_scenes(
+            arguments.scenes, config.scene, bar, scorer=SCORER, complete=video is not None
+        )
     try:
         scene = summarize(opened.field)
         config, viewer, clock = _watched(arguments, opened, scene.needs_eyes, display, config)

@@ -29,6 +29,7 @@ from lfpipe.scene.contact_sheet import contact_sheet
 from lfpipe.scene.info import expected_field, facts, lines
 from lfpipe.scene.lightfield import LightField, Manifest
 from lfpipe.scene.open_scene import ask_packer, open_scene
+from lfpipe.supervisor.process_table import SCORER
 
 Command = Callable[..., Any]
 PICTURES = (".png", ".jpg", ".jpeg")
@@ -41,7 +42,7 @@ def opened(path: Path | None, config: Config) -> LightField:
     Raises UserError.
     """
     with progress() as bar:
-        return open_scene(path, config.scene, bar)
+        return open_scene(path, config.scene, bar, scorer=SCORER)
 
 
 def check_picture(path: Path, scene: Path, kinds: tuple[str, ...] = PICTURES) -> None:

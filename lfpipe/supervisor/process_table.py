@@ -40,6 +40,8 @@ class Stage:
     hang_timeout_s: float = 2.0
 
 
+# of a scene's methods, run by the packer, which is below the packages that draw
+SCORER = "lfpipe.render.synthesis.scoring:scores"
 FRAMES_BYTES = 16 << 20  # a recorder may fall behind by the number of slots minus two
 
 

@@ -20,7 +20,7 @@ from lfpipe.errors import UserError, quoted
 from lfpipe.extras.share.target import FORMS, MAX_TARGETS
 from lfpipe.scene.open_scene import PackerRequest
 from lfpipe.supervisor.file_checks import FileCheck
-from lfpipe.supervisor.process_table import SHOWN_BY, STAGES, TRACKED_BY
+from lfpipe.supervisor.process_table import SCORER, SHOWN_BY, STAGES, TRACKED_BY
 from lfpipe.supervisor.session_state import SessionState
 from lfpipe.transport.clock import SECOND_NS
 from lfpipe.transport.control import BadMessage, Message
@@ -107,7 +107,9 @@ def _load(state: SessionState, message: Message, _t_ns: int) -> Reply:
     how = {f"scene.{key}": message[key] for key in ("layout", "grid") if key in message}
     settings = config_module.updated(state.config, how).scene
     return Reply(
-        load=PackerRequest(scenes=[scene], settings=settings, expand=at is None, remember=True)
+        load=PackerRequest(
+            scenes=[scene], settings=settings, expand=at is None, remember=True, scorer=SCORER
+        )
     )
 
 

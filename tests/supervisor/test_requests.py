@@ -15,6 +15,7 @@ from lfpipe.config.modes import MouseViewer, NoViewer
 from lfpipe.errors import UserError
 from lfpipe.scene.open_scene import PackerRequest
 from lfpipe.supervisor.file_checks import FileCheck
+from lfpipe.supervisor.process_table import SCORER
 from lfpipe.supervisor.requests import (
     HANDLERS,
     Reply,
@@ -158,7 +159,9 @@ def test_respond_load_takes_a_path_a_number_or_a_step(words: Message, path: str)
     for settings_ in cases:
         reply = respond(made_state(**LIST), {"cmd": "load", **words, **settings_}, 0)
         settings = Scene(**settings_)
-        asked = PackerRequest(scenes=[path], settings=settings, expand=path == "/x", remember=True)
+        asked = PackerRequest(
+            scenes=[path], settings=settings, expand=path == "/x", remember=True, scorer=SCORER
+        )
         assert reply == Reply(load=asked)
 
 
