@@ -150,6 +150,19 @@ def wires(seed: int, near_px: float, far_px: float) -> list[Solid]:
     return solids
 
 
+def fence(seed: int, lattice: bool) -> list[Solid]:
+    """Posts, or a lattice, of 5 px before a textured wall."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[:WIDE_PX, :WIDE_PX]
+    bars = (x % 41 < 5) | (lattice & (y % 41 < 5))
+    end_px = SIZE_PX + MARGIN_PX
+    front = noise(rng, WIDE_PX, WIDE_PX, 3, 190, 220)
+    return [
+        wall(noise(rng, WIDE_PX, WIDE_PX, 1.2, 70, 150), -1.0),
+        painted(front, (-MARGIN_PX, -MARGIN_PX, end_px, end_px), 2.0, bars * 1.0),
+    ]
+
+
 def demo(name: str, spacing: float) -> list[Solid]:
     """A scene of the demo with its cameras this many times as far apart."""
     solids: list[Solid] = []
@@ -174,6 +187,8 @@ SCENES: dict[str, tuple[Callable[[], list[Solid]], float]] = {
     "teeth, smooth": (lambda: teeth(31, 1.5, 2.5, 60), 2.0),
     "teeth, plain": (lambda: teeth(33, 2.0, 5.0, 30), 1.0),
     "stripes": (lambda: stripes(2), 2.0),
+    "fence": (lambda: fence(5, lattice=False), 1.0),
+    "lattice": (lambda: fence(6, lattice=True), 1.0),
     "dots": (lambda: dots(3), 4.0),
     "plain room": (lambda: plain_room(13, 4, -4), 0.7),
     "plain room, wide": (lambda: plain_room(11, 8.4, -10), 0.7),

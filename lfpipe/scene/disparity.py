@@ -4,7 +4,7 @@ positive is nearer.
 
 from collections.abc import Callable
 from functools import partial
-from itertools import chain, groupby, product
+from itertools import groupby, product
 from typing import Any
 
 import cv2
@@ -28,6 +28,10 @@ OUTLIER = 6.0  # grey levels above which a pixel counts less
 LARGEST_STEP_PX = 0.5  # a gradient describes the picture no further
 MEDIAN_PX = 3  # side of the last filter
 SOFTNESS = 2.0  # grey levels by which a neighbour may match worse and still count
+# sigma of the window of gradient energies; squared grey levels per px^2 that every direction has
+ENERGY_PX, ENERGY_FLOOR = 1.5, 0.05
+# A neighbour can tell a value if the energy along its baseline is this share of the largest.
+TELLING_SHARE = 0.25
 # Where disparity serves, over windows of WINDOW_PX: it explains a tenth of the squared difference
 # between a view and one of its neighbours, and a picture midway between them differs less between
 # the two warps than the cross-fade differs from their mean. Smaller areas than MIN_AREA_PX on a
@@ -74,15 +78,18 @@ def mismatch(a: Grey, b: Grey, disparity_px: FloatMap, d_row: float, d_col: floa
 def view_disparity(here: Grey, neighbours: Neighbours) -> FloatMap:
     """Disparity of one view, float32 (h, w), from its neighbours, one or more.
 
-    Each neighbour gives one map; where it is blind (occlusion, border), it matches badly and loses
-    its weight. The flow to a pair of opposite neighbours starts from the disparity that the pair
-    before gave: what one direction cannot tell (a far displacement, an edge along it), the other
-    can.
+    Each neighbour gives one map. Its weight at a pixel is how well it matches there, less where
+    something is hidden or outside, times how well its direction determines the value: the gradient
+    energy along its baseline (an edge along the baseline matches at any disparity). The flow to a
+    pair of opposite neighbours starts from the disparity of the pairs before.
     """
-    pairs = [list(pair) for _, pair in groupby(sorted(neighbours, key=_line), _line)]
+    energies = gradient_energies(here, neighbours)
+    order = sorted(range(len(neighbours)), key=lambda k: _line(neighbours[k]))
+    neighbours = [neighbours[k] for k in order]
+    energies = [energies[k] for k in order]
     maps, errors = list[FloatMap](), list[FloatMap]()
     start: FloatMap | None = None
-    for pair in pairs:
+    for _, pair in groupby(neighbours, _line):
         for neighbour, d_row, d_col in pair:
             shift = None if start is None else np.dstack((-d_col * start, -d_row * start))
             shift = fine_flow(here, neighbour, shift)
@@ -92,11 +99,11 @@ def view_disparity(here: Grey, neighbours: Neighbours) -> FloatMap:
                 - shift[..., 1] * np.float32(d_row / square)
             )
             errors.append(mismatch(here, neighbour, maps[-1], d_row, d_col))
-        start = _agreed(pair, maps[-len(pair) :], errors[-len(pair) :])
-    ordered = list(chain.from_iterable(pairs))
-    joint = _agreed(ordered, maps, errors)
+        start = _weighted_mean(neighbours, maps, errors, energies)
+    assert start is not None
+    joint = start
     for _ in range(ROUNDS):
-        joint = refined(here, ordered, joint)
+        joint = refined(here, neighbours, joint)
     return np.asarray(cv2.medianBlur(joint, MEDIAN_PX), np.float32)
 
 
@@ -106,11 +113,42 @@ def _line(neighbour: tuple[Grey, float, float]) -> int:
     return round(abs(d_row)) + 3 * round(abs(d_col)) + 9 * (d_row * d_col < -0.25)
 
 
-def _agreed(neighbours: Neighbours, maps: list[FloatMap], errors: list[FloatMap]) -> FloatMap:
-    """The mean of the neighbours' maps, weighted by how well each matches at each pixel."""
-    shares = _shares(errors)
-    weighted = [share * one for share, one in zip(shares, maps, strict=True)]
-    return _total(neighbours, weighted) / _total(neighbours, shares)
+def gradient_energies(here: Grey, neighbours: Neighbours) -> list[FloatMap]:
+    """Gradient energy of a view along the baseline to each neighbour, squared grey levels per px^2,
+    float32 (h, w): b' S b for the unit vector b of the baseline and the structure tensor S.
+    """
+    across, down = (
+        cv2.Scharr(here, cv2.CV_32F, *axes) * np.float32(1 / 32) for axes in ((1, 0), (0, 1))
+    )
+    xx, xy, yy = (
+        cv2.GaussianBlur(product, (0, 0), ENERGY_PX)
+        for product in (across * across, across * down, down * down)
+    )
+    energies = []
+    for _, d_row, d_col in neighbours:
+        square = d_row * d_row + d_col * d_col
+        energies.append(
+            xx * np.float32(d_col * d_col / square)
+            + xy * np.float32(2 * d_row * d_col / square)
+            + yy * np.float32(d_row * d_row / square)
+        )
+    return energies
+
+
+def _weighted_mean(
+    neighbours: Neighbours,
+    maps: list[FloatMap],
+    errors: list[FloatMap],
+    energies: list[FloatMap],
+) -> FloatMap:
+    """The mean of the maps of the first neighbours, weighted by match and by gradient energy."""
+    used = neighbours[: len(maps)]
+    weights = [
+        share * (np.maximum(energy, 0) + np.float32(ENERGY_FLOOR))
+        for share, energy in zip(_match_weights(errors), energies, strict=False)
+    ]
+    weighted = [weight * one for weight, one in zip(weights, maps, strict=True)]
+    return _total(used, weighted) / _total(used, weights)
 
 
 def _total(neighbours: Neighbours, values: list[FloatMap]) -> FloatMap:
@@ -126,7 +164,7 @@ def _total(neighbours: Neighbours, values: list[FloatMap]) -> FloatMap:
     return sum(others, first)
 
 
-def _shares(errors: list[FloatMap]) -> list[FloatMap]:
+def _match_weights(errors: list[FloatMap]) -> list[FloatMap]:
     """Weight of each neighbour at each pixel: 1 for the best match, less for worse ones."""
     best: FloatMap = np.min(np.stack(errors), axis=0)
     return [np.exp((best - error) * np.float32(1 / SOFTNESS)) for error in errors]
@@ -154,7 +192,7 @@ def refined(here: Grey, neighbours: Neighbours, disparity_px: FloatMap) -> Float
         errors.append(np.asarray(cv2.blur(np.abs(wrong), _BOX), np.float32))
     weighted = [
         slope * share / (1 + np.square(wrong * np.float32(1 / OUTLIER)))
-        for wrong, slope, share in zip(wrongs, slopes, _shares(errors), strict=True)
+        for wrong, slope, share in zip(wrongs, slopes, _match_weights(errors), strict=True)
     ]
     pull = _total(
         neighbours, [weight * wrong for weight, wrong in zip(weighted, wrongs, strict=True)]
@@ -178,10 +216,13 @@ def unexplained(here: Grey, neighbours: Neighbours, disparity_px: FloatMap) -> N
     place (glass, highlights), texture at the limit of sampling.
     """
     own = here.astype(np.float32)
+    energies = gradient_energies(here, neighbours)
+    telling_energy = np.float32(TELLING_SHARE) * np.max(energies, axis=0)
     worse = list[NDArray[np.bool_]]()
     along = list[FloatMap]()
     still = list[FloatMap]()
-    for neighbour, d_row, d_col in neighbours:
+    for (neighbour, d_row, d_col), energy in zip(neighbours, energies, strict=True):
+        blind = energy < telling_energy  # an edge along the baseline matches at any disparity
         other = neighbour.astype(np.float32)
 
         def seen(
@@ -196,6 +237,7 @@ def unexplained(here: Grey, neighbours: Neighbours, disparity_px: FloatMap) -> N
         moved = np.square(seen(other, 1.0, cv2.INTER_LINEAR) - own)
         along.append(_windows(np.where(np.isnan(moved), same, moved)))
         still.append(_windows(same))
+        along[-1][blind] = still[-1][blind] = np.inf
         sharp = seen(own, -0.5, cv2.INTER_CUBIC), seen(other, 0.5, cv2.INTER_CUBIC)
         mean = (sharp[0] + sharp[1]) / 2
         blur = (seen(own, -0.5, cv2.INTER_LINEAR) + seen(other, 0.5, cv2.INTER_LINEAR)) / 2 - mean
@@ -205,10 +247,10 @@ def unexplained(here: Grey, neighbours: Neighbours, disparity_px: FloatMap) -> N
             _windows(np.nan_to_num(warped)) > _windows(np.nan_to_num(faded)) + UNSEEN_ERROR
         )
     unmoved = np.min(along, axis=0) > (1 - MIN_EXPLAINED) * np.min(still, axis=0) + EXPLAINED_ALL
-    return _areas(unmoved) | _areas(np.all(worse, axis=0))
+    return _clean_mask(unmoved) | _clean_mask(np.all(worse, axis=0))
 
 
-def _areas(places: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _clean_mask(places: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """places without small ones, and with the gaps between the others."""
     opened = cv2.morphologyEx(
         places.astype(np.uint8), cv2.MORPH_OPEN, np.ones((MIN_AREA_PX, MIN_AREA_PX), np.uint8)

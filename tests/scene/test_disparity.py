@@ -1,5 +1,6 @@
 """Disparity of a view from all that stands around it."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -92,3 +93,64 @@ def test_cameras_off_the_grid_are_divided_by_their_true_distance() -> None:
     assert known is not None and blind is not None
     assert np.isnan(known).mean() < 0.01 and np.nanmean(np.abs(known - 5)) < 0.1
     assert np.nanmean(np.abs(blind - 5)) > 1, "if it is not marked as unknown"
+
+
+def _drawn(pattern: np.ndarray, shift_px: float, opacity: np.ndarray | None = None) -> np.ndarray:
+    """3x3 views, uint8 (3, 3, 1, S, S), of a pattern that moves by shift_px per view, before a
+    textured wall that does not move where opacity (0 to 1) is lower.
+    """
+    random = np.random.default_rng(1)
+    side = len(pattern) - 2 * MARGIN
+    wall = cv2.GaussianBlur(random.normal(size=pattern.shape), (0, 0), 1.2)
+    wall = 125 + wall / wall.std() * 22
+
+    def moved(picture: np.ndarray, row: int, col: int) -> np.ndarray:
+        by = np.array([[1, 0, -MARGIN - shift_px * col], [0, 1, -MARGIN - shift_px * row]])
+        return cv2.warpAffine(picture, by, (side, side), flags=cv2.INTER_CUBIC)
+
+    views = np.empty((3, 3, 1, side, side), np.uint8)
+    for row, col in np.ndindex(3, 3):
+        view = moved(pattern, row - 1, col - 1)
+        if opacity is not None:
+            share = np.clip(moved(opacity, row - 1, col - 1), 0, 1)
+            view = share * view + (1 - share) * wall[MARGIN:-MARGIN, MARGIN:-MARGIN]
+        views[row, col, 0] = np.clip(np.rint(view + random.normal(0, 0.7, view.shape)), 0, 255)
+    return views
+
+
+def _middle_errors(views: np.ndarray, shift_px: float, inside: np.ndarray) -> np.ndarray:
+    """Errors of the middle view's disparity, px, where inside, (S, S), is true."""
+    found = estimate_disparity(views)
+    assert found is not None
+    return np.abs(found[1, 1] - shift_px)[inside[::2, ::2]]
+
+
+MARGIN = 40
+Y, X = np.mgrid[: 160 + 2 * MARGIN, : 160 + 2 * MARGIN].astype(np.float64)
+
+
+@pytest.mark.parametrize("shift_px", [1.5, 3.0])
+@pytest.mark.parametrize("upright", [True, False])
+def test_striped_patch_has_its_disparity_in_both_directions(upright: bool, shift_px: float) -> None:
+    """A neighbour along the stripes matches at any disparity, so it must not decide."""
+    stripes = 128 + 80 * np.sign(np.sin(2 * np.pi * (X if upright else Y) / 12))
+    opacity = ((np.abs(X - 120) < 34) & (np.abs(Y - 120) < 34)) * 1.0
+    inside = (opacity > 0)[MARGIN:-MARGIN, MARGIN:-MARGIN]
+    inside = cv2.erode(inside.astype(np.uint8), np.ones((17, 17))).astype(bool)
+    errors = _middle_errors(
+        _drawn(cv2.GaussianBlur(stripes, (0, 0), 0.7), shift_px, opacity), shift_px, inside
+    )
+    assert np.nanmedian(errors) <= 0.1 and np.nanpercentile(errors, 95) <= 1.0
+    assert np.isnan(errors).mean() < 0.05
+
+
+@pytest.mark.parametrize("shift_px", [1.5, 3.0, 6.0])
+@pytest.mark.parametrize("kind", ["upright fence", "lying fence", "lattice"])
+def test_fence_and_lattice_have_their_disparity(kind: str, shift_px: float) -> None:
+    posts, rails = X % 37 < 3, Y % 37 < 3
+    bars = {"upright fence": posts, "lying fence": rails, "lattice": posts | rails}[kind]
+    picture = cv2.GaussianBlur(np.where(bars, 200.0, 90.0), (0, 0), 0.5)
+    inside = bars[MARGIN:-MARGIN, MARGIN:-MARGIN].copy()
+    inside[:20], inside[-20:], inside[:, :20], inside[:, -20:] = False, False, False, False
+    errors = _middle_errors(_drawn(picture, shift_px), shift_px, inside)
+    assert np.nanmedian(errors) <= 0.1 and np.nanpercentile(errors, 95) <= 1.0
