@@ -25,15 +25,18 @@ moves the point between the eyes at most, in views (4 between the eyes), median 
 import copy
 import math
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.bench.simulator.tracks import read_table
-from lfpipe.config import Track
-from lfpipe.track.filters import make_filter
-from lfpipe.track.smoothing import EyeFilter, Kalman, Mean
+from lfpipe.config import FILTER_MODULES, Track
+from lfpipe.track.filters.base import EyeFilter
+from lfpipe.track.filters.kalman import Kalman
+from lfpipe.track.filters.mean import Mean
+from lfpipe.track.filters.table import make_filter
 from profiling.arguments import existing, parser_of, start
 
 REFRESH_S = 1 / 60
@@ -267,6 +270,10 @@ def added(
     return VIEWS * float(np.hypot(*middle.T).max()) / clip.eye_distance_px
 
 
+def _filter(name: str, device_latency_s: float) -> EyeFilter:
+    return make_filter(Track(filter=name), device_latency_s)
+
+
 def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("folder", type=existing)
@@ -279,9 +286,7 @@ def main() -> None:
     ways: list[Way] = [
         ("paper, mean 5", lambda device_latency_s: Mean(5), False),
         ("none", lambda device_latency_s: Mean(1), True),
-        ("one-euro", lambda device_latency_s: make_filter(Track(filter="one-euro")), True),
-        ("kalman", lambda device_latency_s: make_filter(Track(filter="kalman")), True),
-        ("predictive", lambda device_latency_s: make_filter(Track(), device_latency_s), True),
+        *((name, partial(_filter, name), True) for name in reversed(FILTER_MODULES)),
     ]
     if given.tables != "bad":
         print(

@@ -31,7 +31,7 @@ MODULES = {  # module -> the tests that are about it
     "transport.ring": ["transport/test_ring.py", "transport/test_packet_ring.py"],
     "transport.histogram": ["transport/test_small_parts.py"],
     "render.viewpoint": ["render/test_viewpoint.py", "render/test_handedness.py"],
-    "track.smoothing": ["track/test_filters.py"],
+    "track.filters.base": ["track/test_filters.py"],
     "render.anaglyph": ["render/test_anaglyph.py"],
     "supervisor.requests": ["supervisor/test_requests.py"],
     "supervisor.session_state": ["supervisor/test_session_state.py", "supervisor/test_governor.py"],

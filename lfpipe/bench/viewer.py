@@ -24,7 +24,7 @@ from lfpipe.bench.simulator.run import Run, Setup, Truth
 from lfpipe.bench.simulator.scene import SCENES, scene_of
 from lfpipe.bench.simulator.screen import Screen
 from lfpipe.bench.simulator.scripts import MOVES_ABOUT, SCRIPTS, Script, recorded
-from lfpipe.config import Track
+from lfpipe.config import FILTER_MODULES, Track
 from lfpipe.config.quality import METHODS
 from lfpipe.render.synthesis.compositor import Key
 
@@ -239,7 +239,8 @@ def candidates(count: int) -> Iterator[Candidate]:
         *((used, method, Setup(method=method)) for method in reversed(METHODS)),
         *(
             (name, best, Setup(track=Track(filter=name), method=best))
-            for name in ("mean", "one-euro", "kalman")
+            for name in FILTER_MODULES
+            if name != used
         ),
         *(
             (used, f"landmarks of {px:g} px", Setup(camera=Camera(noise_px=px)))

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from lfpipe.config import Config
 from lfpipe.config.camera_pose import CameraPose
-from lfpipe.eyes import extrapolated
+from lfpipe.eyes import extrapolated, low_pass_gain
 
 Point = tuple[float, float, float]
 
@@ -85,13 +85,8 @@ class HeadEstimator:
             or not 0 <= step_ns < LOST_NS
             or generation != self._generation
         )
-        ratio = step_ns / 1e9 / NEAR_S
-        self._eye_distance_px = (
-            eye_distance_px
-            if fresh
-            else self._eye_distance_px
-            + (eye_distance_px - self._eye_distance_px) * ratio / (1 + ratio)
-        )
+        gain = 1.0 if fresh else low_pass_gain(step_ns / 1e9, NEAR_S)
+        self._eye_distance_px += gain * (eye_distance_px - self._eye_distance_px)
         self._t_ns = t_sensor_ns
         self._generation = generation
 
