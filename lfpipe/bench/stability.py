@@ -1,5 +1,5 @@
-"""Subject: stiff and extreme cases of numerics: the filters, compared with their undisturbed run;
-eyes to viewpoints; and views at the ends of the range. Values are ok, degraded or failed.
+"""Benchmark: stiff and extreme cases of numerics: the filters against their undisturbed run, eyes
+to viewpoints, and views at the ends of the range. Values are ok, degraded or failed.
 """
 
 import itertools

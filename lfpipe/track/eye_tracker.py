@@ -81,8 +81,9 @@ class OcclusionHold:
 class EyeTracker:
     """Follows one viewer's eyes from frame to frame.
 
-    portable: see `LitertEngine`. device_latency_s: delay of camera and display. engine: by default,
-    the one that the settings name. Raises UserError if its libraries or models are missing.
+    portable: see `LitertNetworks`. device_latency_s: delay of camera and display. engine: by
+    default, the one that the settings name. Raises UserError if its libraries or models are
+    missing.
     """
 
     def __init__(

@@ -30,7 +30,7 @@ def test_subjects_from_the_command_line_share_a_folder(
     )
     # credited to itself only
     world.done("bench", "stability", "--quick", "--scene", scene, "--out", "out")
-    both = json.loads((world.root / "out" / "results.json").read_text())["subjects"]
+    both = json.loads((world.root / "out" / "results.json").read_text())["benchmarks"]
     assert [one["about"]["command"].split()[2] for one in both.values()] == [
         "synthesis",
         "stability",
@@ -39,7 +39,7 @@ def test_subjects_from_the_command_line_share_a_folder(
 
 def test_mistakes_are_named(world: World, clip: Path) -> None:
     alone = world.run("bench")
-    assert "Measure every subject" in alone.stdout + alone.stderr, "its help"
+    assert "Run every benchmark" in alone.stdout + alone.stderr, "its help"
     for words, text in (
         (("bench", "trackers"), "trackers"),
         (("bench", "stability", "--quick", "--scene", "nowhere", "--sequence", clip), "nowhere"),

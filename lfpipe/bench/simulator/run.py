@@ -8,8 +8,15 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.bench.simulator.camera import IMAGE, T0_NS, Camera, SyntheticEngine, WorldEngine
-from lfpipe.bench.simulator.scene import SCENES, WorldScene, scene_of
+from lfpipe.bench.simulator.camera import (
+    IMAGE,
+    T0_NS,
+    Camera,
+    Observer,
+    SyntheticNetworks,
+    SyntheticPeople,
+)
+from lfpipe.bench.simulator.scene import SCENES, SimulatedScene, scene_of
 from lfpipe.bench.simulator.screen import PacedScreen, Screen
 from lfpipe.bench.simulator.scripts import Script, Window
 from lfpipe.config import Config, Render, Track
@@ -34,7 +41,7 @@ Float = NDArray[np.float64]
 class Setup:
     """What stands before a viewer, and what follows them."""
 
-    scene: WorldScene = attrs.field(factory=lambda: scene_of(SCENES[0]))
+    scene: SimulatedScene = attrs.field(factory=lambda: scene_of(SCENES[0]))
     camera: Camera = attrs.Factory(Camera)
     screen: Screen = attrs.Factory(Screen)
     track: Track | None = attrs.Factory(Track)
@@ -55,7 +62,7 @@ class Setup:
         """What is on the screen for a script."""
         if self.track is None:
             return plain_loop(self, script)
-        return watch(self, SyntheticEngine(script, self.camera), script.count_ms / 1e3)
+        return watch(self, SyntheticPeople(script, self.camera), script.count_ms / 1e3)
 
 
 @attrs.frozen(eq=False, kw_only=True)
@@ -88,13 +95,13 @@ class Shown(NamedTuple):
     key: Key
 
 
-def watch(setup: Setup, engine: WorldEngine, seconds: float) -> Run:
-    """The product's pictures for what an engine sees."""
+def watch(setup: Setup, observer: Observer, seconds: float) -> Run:
+    """The product's pictures for what an observer sees."""
     screen = setup.screen
     config = setup.config
     device_latency_ns = round(screen.device_latency_ms * MS_NS)
     tracker = EyeTracker(
-        config.track, device_latency_s=screen.device_latency_ms / 1e3, engine=engine
+        config.track, device_latency_s=screen.device_latency_ms / 1e3, engine=observer.engine
     )
     viewer = Viewer(setup.scene.field, config)
     source = EyesSource()
@@ -110,7 +117,7 @@ def watch(setup: Setup, engine: WorldEngine, seconds: float) -> Run:
             break
         while upcoming and upcoming[0].tracked_ns <= begun_ns:
             frame = upcoming.popleft()
-            face, picture = engine.look(frame)
+            face, picture = observer.look(frame)
             tracker.update(face, frame.stamp_ns)
             tracker.write(record, picture)
             stamps = frame.stamp_ns, frame.stamp_ns, frame.tracked_ns
@@ -133,14 +140,14 @@ def plain_loop(setup: Setup, script: Script) -> Run:
     """The paper's loop: the mean of 5 frames, a picture for each frame, the nearest views."""
     scene = setup.scene
     screen = setup.screen
-    engine = SyntheticEngine(script, setup.camera)
+    networks = SyntheticNetworks(script, setup.camera)
     recent: deque[Float] = deque(maxlen=MEAN_OF)
     shown: list[Shown] = []
     grid = scene.rows, scene.cols
     rest = script.windows[0].rest
     alpha_px = Truth(setup, script).alpha_px(rest.eye_distance_px)
     for frame in setup.camera.frames(script.count_ms / 1e3):
-        if faces := [one.face for one in engine.seen(frame)]:
+        if faces := [one.face for one in networks.seen(frame)]:
             recent.append(max(faces, key=lambda face: face.eye_distance_px).eyes_px)
         if not recent:
             continue
