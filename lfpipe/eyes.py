@@ -72,6 +72,7 @@ SHOWN = np.dtype(
     [("t_presented_ns", "<i8"), ("view", "<f8", (2, 2)), ("composed", "<i4"), ("face", "<i4")]
 )
 
+MIN_EYE_DISTANCE_PX = 0.5  # of a plausible face; a tracked one has at least 4 px
 MAX_EYE_PX = 1e6  # coordinates beyond it are outside every camera's picture
 MAX_PREDICTION_S = 0.25  # beyond a quarter of a second a straight line says nothing about a head
 

@@ -72,8 +72,8 @@ FAULTS = (
     Fault(
         "a distance that is NaN stays",
         "render/viewer/viewer.py",
-        "if not MIN_EYES_PX <= eye_distance_px <= MAX_EYE_PX:",
-        "if eye_distance_px < MIN_EYES_PX:",
+        "if not MIN_EYE_DISTANCE_PX <= eye_distance_px <= MAX_EYE_PX:",
+        "if eye_distance_px < MIN_EYE_DISTANCE_PX:",
         "render/test_viewer.py",
     ),
     Fault(
@@ -205,8 +205,8 @@ FAULTS = (
     Fault(
         "a neighbour takes over who is no nearer",
         "track/detector.py",
-        "NEARER = 1.6",
-        "NEARER = 0.5",
+        "MIN_NEARER_RATIO = 1.6",
+        "MIN_NEARER_RATIO = 0.5",
     ),
     Fault(
         "pictures begin without a lead",

@@ -7,9 +7,8 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from lfpipe.eyes import is_plausible_px
+from lfpipe.eyes import MIN_EYE_DISTANCE_PX, is_plausible_px
 
-MIN_EYE_DISTANCE_PX = 0.5  # a tracked face has at least 4 px
 # Eye distance over the longer side of the face: 0.3 to 0.5 in faces, 1 in those of a bad fit.
 MAX_EYE_DISTANCE = 1.5
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from lfpipe.config import Track
 from lfpipe.eyes import Eyes, EyesRecord
-from lfpipe.track.detector import SAME, overlap
+from lfpipe.track.detector import SAME_OVERLAP, overlap
 from lfpipe.track.engine import Engine, Face
 from lfpipe.track.filters.base import MAX_STEP_NS
 from lfpipe.track.filters.table import make_filter
@@ -152,7 +152,7 @@ class EyeTracker:
         logit = min(math.log(confidence / (1 - confidence)), MAX_LOGIT)
         away_ns = t_sensor_ns - self._seen_ns
         # a hidden face's box is as wrong as its eyes
-        same = self._occlusion.held or overlap(self._box_px, face.box_px) > SAME
+        same = self._occlusion.held or overlap(self._box_px, face.box_px) > SAME_OVERLAP
         if epoch != self._epoch or away_ns >= MAX_STEP_NS or not same:
             # earlier runs say nothing about this one
             self._epoch = epoch

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfpipe.track.detector import (
-    SAME,
+    SAME_OVERLAP,
     Detection,
     FaceSelector,
     overlap,
@@ -27,29 +27,28 @@ from lfpipe.track.face_networks import FaceNetworks, LitertNetworks
 from lfpipe.track.liveness import Liveness
 from lfpipe.track.network import Roi, around
 
-FOUND = 0.5  # confidence that a new face needs
-# the same for a small face: its detector has many false alarms, and real faces get high confidence
-FOUND_FAR = 0.9
-# confidence that a followed face needs: a hand in front of it lowers confidence more than accuracy
-KEPT = 0.2
+NEW_CONFIDENCE = 0.5  # that a new face needs
+# That a small new face needs: its detector has many false alarms, and real faces get more.
+NEW_FAR_CONFIDENCE = 0.9
+# That a followed face needs: a hand in front of it lowers confidence more than accuracy.
+KEPT_CONFIDENCE = 0.2
 # The same behind a mask and film glasses (-5.3 logits in one of 20), where the detector is sure: it
 # gives 0.7 to 19 of 20 of these faces, and 0.6 to the likeliest scene without one.
-DOUBTFUL, CERTAIN = 0.005, 0.7
-DOUBTED_EVERY = 10  # pictures after which a doubtful face must be detected again
-CANDIDATES = 6  # faces per picture that the landmark network tries, 1.3 ms each
-# distance between the eyes over the picture's longer side (1.5 m away):
-# the near detector misses such faces
-SMALL = 0.04
-FAR_EVERY = 8  # pictures without a face between runs of the full-range detector (10 ms each)
-UPRIGHT_DEG = 80.0  # no head leans further; such a face is in a rotated picture
-# a new face that leans further is measured again, at most REPEATS times
-LEANING_DEG, REPEATS = 30.0, 4
-# the ways in which a camera or a picture stands wrong
-QUARTERS = (math.pi, math.pi / 2, -math.pi / 2)
-# logits by which a face is surer in a region turned by quarters: upside down by 11 to 32, behind a
-# mask by up to 4.3
-SURER = 5.0
-ROTATED_FACES = 3  # number of rotated faces before the hint appears
+DOUBTFUL_CONFIDENCE, CERTAIN_SCORE = 0.005, 0.7
+RECHECK_PICTURES = 10  # pictures after which a doubtful face must be detected again
+MAX_CANDIDATES = 6  # faces per picture that the landmark network tries, 1.3 ms each
+# Eye distance over the picture's longer side (1.5 m away): the near detector misses such faces.
+SMALL_EYE_DISTANCE = 0.04
+FAR_PERIOD = 8  # pictures without a face between runs of the full-range detector (10 ms each)
+MAX_LEAN_DEG = 80.0  # no head leans further; such a face is in a rotated picture
+# A new face that leans further is measured again, at most MAX_REMEASUREMENTS times.
+REMEASURE_DEG, MAX_REMEASUREMENTS = 30.0, 4
+# Wrong orientations of a camera or a picture.
+QUARTER_TURNS = (math.pi, math.pi / 2, -math.pi / 2)
+# Logits that a face gains in a region rotated by quarter turns: upside down 11 to 32, behind a mask
+# up to 4.3.
+ROTATED_LOGITS = 5.0
+HINT_FACES = 3  # rotated faces before the hint appears
 
 log = logging.getLogger(__name__)
 
@@ -86,7 +85,9 @@ class LitertEngine:
             self._size = image.shape[:2]
             self._liveness = Liveness()
             self.reset()
-        measured = self._networks.measure(image, self._roi, DOUBTFUL) if self._roi else None
+        measured = (
+            self._networks.measure(image, self._roi, DOUBTFUL_CONFIDENCE) if self._roi else None
+        )
         if measured is None or not self._keeps(image, measured[0]):
             measured = self._search(image)
             self._liveness.begin()
@@ -101,20 +102,21 @@ class LitertEngine:
         return self._followed
 
     def _keeps(self, image: NDArray[np.uint8], face: Face) -> bool:
-        """Whether to go on following a face: it is upright, and if the landmark network is not
-        sure, the detector is, now and then.
+        """Whether to keep following a face: it is upright, and where the landmark network is
+        unsure, the detector confirms it now and then.
         """
-        if abs(face.lean_deg) > UPRIGHT_DEG:
+        if abs(face.lean_deg) > MAX_LEAN_DEG:
             return False
-        if face.confidence >= KEPT:
+        if face.confidence >= KEPT_CONFIDENCE:
             self._doubts = 0
             return True
         self._doubts += 1
-        if self._doubts % DOUBTED_EVERY != 1:
+        if self._doubts % RECHECK_PICTURES != 1:
             return True
         found = self._networks.detect(image)
         return any(
-            one.score >= CERTAIN and overlap(one.box_px, face.box_px) > SAME for one in found
+            one.score >= CERTAIN_SCORE and overlap(one.box_px, face.box_px) > SAME_OVERLAP
+            for one in found
         )
 
     def examine(self, image: NDArray[np.uint8]) -> None:
@@ -128,9 +130,9 @@ class LitertEngine:
         self._scan = False
         height_px, width_px = image.shape[:2]
         candidates = self._networks.detect(image)
-        if followed.eye_distance_px < SMALL * max(width_px, height_px):
+        if followed.eye_distance_px < SMALL_EYE_DISTANCE * max(width_px, height_px):
             candidates += self._networks.detect_far(image)
-        own = [one for one in candidates if overlap(followed.box_px, one.box_px) > SAME]
+        own = [one for one in candidates if overlap(followed.box_px, one.box_px) > SAME_OVERLAP]
         if own:
             box = max(own, key=lambda one: overlap(followed.box_px, one.box_px)).box_px
             self._liveness.scanned(box)
@@ -140,7 +142,7 @@ class LitertEngine:
         measured = self._living(image, candidates, followed) if self._liveness.still else None
         if measured is None:
             rival = self._selector.rival(candidates, followed.box_px, width_px, height_px)
-            measured = self._acquire(image, rival, FOUND) if rival else None
+            measured = self._acquire(image, rival, NEW_CONFIDENCE) if rival else None
         if measured is not None:
             face, self._roi = measured
             log.info("another face is followed: %s instead of %s", face.box_px, followed.box_px)
@@ -151,8 +153,8 @@ class LitertEngine:
         self, image: NDArray[np.uint8], candidates: list[Detection], followed: Face
     ) -> tuple[Face, Roi] | None:
         """The most prominent face that lives, to follow instead of a portrait."""
-        others = [one for one in candidates if overlap(followed.box_px, one.box_px) <= SAME]
-        measured = [self._acquire(image, one, FOUND) for one in others[:CANDIDATES]]
+        others = [one for one in candidates if overlap(followed.box_px, one.box_px) <= SAME_OVERLAP]
+        measured = [self._acquire(image, one, NEW_CONFIDENCE) for one in others[:MAX_CANDIDATES]]
         regions = {id(one[0]): one for one in measured if one is not None}
         alive = self._liveness.others_alive([one for one, _ in regions.values()], followed)
         size_px = image.shape[1], image.shape[0]
@@ -163,16 +165,16 @@ class LitertEngine:
         """Searches the whole picture for a face."""
         height_px, width_px = image.shape[:2]
         near = self._networks.detect(image)
-        looks = [(FOUND, near)]
-        if self._without % FAR_EVERY == FAR_EVERY - 1:
-            looks.append((FOUND_FAR, self._look_far(image)))
-        elif self._without % FAR_EVERY == FAR_EVERY // 2:
+        looks = [(NEW_CONFIDENCE, near)]
+        if self._without % FAR_PERIOD == FAR_PERIOD - 1:
+            looks.append((NEW_FAR_CONFIDENCE, self._look_far(image)))
+        elif self._without % FAR_PERIOD == FAR_PERIOD // 2:
             self._look_rotated(image)
-        looks.append((DOUBTFUL, [one for one in near if one.score >= CERTAIN]))
+        looks.append((DOUBTFUL_CONFIDENCE, [one for one in near if one.score >= CERTAIN_SCORE]))
         for min_confidence, candidates in looks:
             ranked = self._selector.rank(candidates, width_px, height_px)
-            ranked.sort(key=self._liveness.is_portrait)  # somebody is better than nobody
-            for candidate in ranked[:CANDIDATES]:
+            ranked.sort(key=self._liveness.is_portrait)  # a portrait is better than nobody
+            for candidate in ranked[:MAX_CANDIDATES]:
                 if (measured := self._acquire(image, candidate, min_confidence)) is not None:
                     return measured
         return None
@@ -191,23 +193,25 @@ class LitertEngine:
         measured = self._networks.measure(
             image, around(candidate.box_px, *candidate.points_px[:2]), min_confidence
         )
-        for k in range(REPEATS):
+        for k in range(MAX_REMEASUREMENTS):
             if measured is None:
                 break
             face = measured[0]
             again = k == 0 and _is_cut_off(face, image)
-            if not again and abs(face.lean_deg) < LEANING_DEG:
+            if not again and abs(face.lean_deg) < REMEASURE_DEG:
                 break
-            measured = self._networks.measure(image, measured[1], min(KEPT, min_confidence))
+            measured = self._networks.measure(
+                image, measured[1], min(KEPT_CONFIDENCE, min_confidence)
+            )
         if measured is None or self._is_rotated(measured[0]):
             return None
         region = measured[1]
-        turned = [attrs.evolve(region, angle=region.angle + angle) for angle in QUARTERS]
+        turned = [attrs.evolve(region, angle=region.angle + angle) for angle in QUARTER_TURNS]
         sure, *logits = (self._networks.logit(image, roi) for roi in (region, *turned))
-        surest = max(range(len(QUARTERS)), key=logits.__getitem__)
+        surest = max(range(len(QUARTER_TURNS)), key=logits.__getitem__)
         rotated = (
-            self._networks.measure(image, turned[surest], FOUND)
-            if logits[surest] > sure + SURER
+            self._networks.measure(image, turned[surest], NEW_CONFIDENCE)
+            if logits[surest] > sure + ROTATED_LOGITS
             else None
         )
         if rotated is None:
@@ -218,10 +222,10 @@ class LitertEngine:
         """Whether a face leans further than a head can: the picture is rotated. The most frequent
         rotation is the hint.
         """
-        if abs(face.lean_deg) <= UPRIGHT_DEG:
+        if abs(face.lean_deg) <= MAX_LEAN_DEG:
             return False
         self._rotated[round(-face.lean_deg / 90) * 90 % 360] += 1
-        if not self.rotated_deg and self._rotated.total() >= ROTATED_FACES:
+        if not self.rotated_deg and self._rotated.total() >= HINT_FACES:
             ((self.rotated_deg, _),) = self._rotated.most_common(1)
             log.info("faces are rotated: %s", dict(self._rotated))
         return True
@@ -231,7 +235,7 @@ class LitertEngine:
         parts that cover its width.
         """
         height_px, width_px = image.shape[:2]
-        turn = self._without // FAR_EVERY % 4
+        turn = self._without // FAR_PERIOD % 4
         if turn == 0:
             return self._networks.detect_far(image)
         side_px = 0.6 * max(width_px, height_px)
@@ -246,11 +250,11 @@ class LitertEngine:
         the picture is rotated.
         """
         height_px, width_px = image.shape[:2]
-        angle = QUARTERS[self._without // FAR_EVERY % 3]
+        angle = QUARTER_TURNS[self._without // FAR_PERIOD % 3]
         whole = Roi(width_px / 2, height_px / 2, max(width_px, height_px), angle)
         for candidate in self._networks.detect(image, whole)[:1]:
             roi = around(candidate.box_px, *candidate.points_px[:2])
-            if (measured := self._networks.measure(image, roi, FOUND)) is not None:
+            if (measured := self._networks.measure(image, roi, NEW_CONFIDENCE)) is not None:
                 self._is_rotated(measured[0])
 
 

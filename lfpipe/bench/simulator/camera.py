@@ -18,7 +18,7 @@ from lfpipe.transport.clock import MS_NS
 NOISE_PX = 0.3  # of live faces at 640x480, whose eyes are 60 px apart: 0.22 to 0.34 px measured
 TRACKED_MS = 10.0  # from a frame's stamp to its eyes, with a read and the networks between
 T0_NS = 10**12  # when the simulation begins
-# A face at the border of the picture is measured wrongly at first, in distances between the eyes:
+# A face at the border of the picture is measured wrongly at first, in eye distances:
 # the detector's region is cut off, that of its landmarks is not.
 CUT_OFF = 0.27
 DOUBT = 26.0  # logits of confidence per share of a face that the picture cuts off

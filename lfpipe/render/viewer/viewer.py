@@ -13,6 +13,7 @@ from lfpipe.config.camera_pose import CameraPose
 from lfpipe.eyes import (
     MAX_EYE_PX,
     MAX_PREDICTION_S,
+    MIN_EYE_DISTANCE_PX,
     Eyes,
     EyesRecord,
     is_plausible_px,
@@ -21,7 +22,7 @@ from lfpipe.eyes import (
 )
 from lfpipe.render.synthesis.compositor import Compositor
 from lfpipe.render.synthesis.viewpoint import Place, Position, ViewSolver
-from lfpipe.render.viewer.geometry import MIN_EYES_PX, Parallax, alpha_is_automatic, parallax
+from lfpipe.render.viewer.geometry import Parallax, alpha_is_automatic, parallax
 from lfpipe.render.viewer.presence import (
     ABSENT_S,
     Presence,
@@ -272,8 +273,9 @@ class Viewer:
     def _follow_distance(self, record: EyesRecord, eyes_px: Eyes, dt_s: float) -> None:
         """Rejects impossible eye distances, which would persist in the running average."""
         eye_distance_px = record.eye_distance_px
-        if not MIN_EYES_PX <= eye_distance_px <= MAX_EYE_PX:  # not known: that in the picture
-            eye_distance_px = max(math.dist(eyes_px[:2], eyes_px[2:]), MIN_EYES_PX)
+        # not known: that in the picture
+        if not MIN_EYE_DISTANCE_PX <= eye_distance_px <= MAX_EYE_PX:
+            eye_distance_px = max(math.dist(eyes_px[:2], eyes_px[2:]), MIN_EYE_DISTANCE_PX)
         if not self._seen:
             self._eye_distance_px = eye_distance_px
         if not self._seen or record.generation != self._generation:
