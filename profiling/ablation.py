@@ -8,6 +8,7 @@ and measures, separated by spaces. A neutral value makes the rule that has the c
 Each line is measured in a copy of the packages, two lines at a time:
 
 eyes      `profiling.eyes_tracks`: the default filter on the tracks of --tracks
+faces     failures of tests/track/test_people.py: real heads, hands and portraits
 viewer    viewpoints of every script of `lfpipe bench viewer`, the default settings
 pictures  `lfpipe bench viewer --quick`, pictures too
 layouts   `profiling.scene_layouts`
@@ -37,7 +38,7 @@ import numpy as np
 from profiling.arguments import existing, parser_of, start
 
 ROOT = Path(__file__).parents[1]
-COPIED = ("lfpipe", "profiling", "tests")
+COPIED = ("lfpipe", "profiling", "tests", "pyproject.toml")
 NOISE = 0.01  # relative changes below it count as none
 SMALL_FIGURE = 0.05  # changes of smaller figures are relative to this
 AT_ONCE = 2
@@ -146,6 +147,18 @@ def viewer() -> Figures:
     return figures | {BOUNDED: beyond}
 
 
+def faces() -> Figures:
+    words = ["pytest", "-q", "-n", "0", "--tb=no", "-p", "no:cacheprovider"]
+    done = subprocess.run(
+        [sys.executable, "-m", *words, "tests/track/test_people.py"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    failed = re.search(r"(\d+) failed", done.stdout)
+    return {"failed tests": float(failed[1]) if failed else 0.0}
+
+
 def _bench(*words: str) -> list[tuple[str, str, float]]:
     """(row, column, value) of `lfpipe bench`."""
     with tempfile.TemporaryDirectory() as out:
@@ -179,7 +192,7 @@ def layouts() -> Figures:
     with tempfile.TemporaryDirectory() as out:
         file = Path(out, "layouts.md")
         command = [sys.executable, "-m", "profiling.scene_layouts", "--out", str(file)]
-        subprocess.run(command, cwd=ROOT, capture_output=True, check=True)
+        subprocess.run(command, capture_output=True, check=True)
         rows = re.findall(r"^\| ([^|]+)\|(.*)$", file.read_text(), re.MULTILINE)
     wrong = re.compile("WRONG|REFUSED|OPENED|undecided")
     return {name.strip(): float(bool(wrong.search(rest))) for name, rest in rows}
@@ -189,6 +202,7 @@ def measure(names: Sequence[str], tracks: Path | None, scenes: Sequence[Path]) -
     """The figures of these measures, of the package that is imported."""
     every: dict[str, Callable[[], Figures]] = {
         "eyes": lambda: eyes(tracks) if tracks else {},
+        "faces": faces,
         "viewer": viewer,
         "pictures": pictures,
         "layouts": layouts,
@@ -201,9 +215,8 @@ def measured(trial: Trial | None, names: Sequence[str], options: Sequence[str]) 
     """The figures in a copy of the packages, with the neutral value; a text says why not."""
     with tempfile.TemporaryDirectory() as folder:
         for name in COPIED:
-            shutil.copytree(
-                ROOT / name, Path(folder, name), ignore=shutil.ignore_patterns("__pycache__")
-            )
+            copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
+            copy(ROOT / name, Path(folder, name))
         if trial is not None:
             file = Path(folder, "lfpipe", trial.file)
             file.write_text(replaced(file.read_text(), trial.constant, trial.neutral))
@@ -242,7 +255,9 @@ def line(trial: Trial, before: Figures, after: Figures | str) -> str:
     worst = max(found, key=lambda key: found[key])
     mean = sum(found.values()) / len(found)
     counts = f"{sum(one > 0 for one in found.values())}, {sum(one < 0 for one in found.values())}"
-    exceeded = any(change > 0 for key, change in found.items() if key.endswith(BOUNDED))
+    exceeded = any(
+        change > 0 for key, change in found.items() if key.endswith((BOUNDED, "failed tests"))
+    )
     verdict = "earns its place" if mean > 0 or exceeded else "better without"
     return (
         f"{head} {worst} | {before[worst]:.4g} | {after[worst]:.4g} | {counts} | {verdict}:"
