@@ -22,10 +22,10 @@ BLOCKS = 10  # stretches of a sequence, for the interval of its error: frames re
 
 
 def motion_errors(eyes: NDArray[np.float64], truth: NDArray[np.float64]) -> dict[str, Value]:
-    """Figures of measured eyes (n, 2, 2) against the true ones, over frames with a face.
+    """Errors of measured eyes (n, 2, 2) against the true ones, over frames with a face.
 
     Engines define the centre of an eye differently (lids or iris). The median offset from the
-    truth, in distances between the eyes, is therefore subtracted and reported as `offset`.
+    truth, in eye distances, is therefore subtracted and reported as `offset`.
     """
     seen = np.isfinite(eyes).all(axis=(1, 2))
     between_px = np.linalg.norm(truth[seen, 0] - truth[seen, 1], axis=1)

@@ -70,7 +70,7 @@ PICTURE_COLUMNS = (
 CONDITION_COLUMNS = (
     *VIEWPOINTS[:5],
     Column("lag_ms", "lag", "ms"),
-    Column("late", "pictures that missed their blank", "%"),
+    Column("late", "pictures that missed their vblank", "%"),
     *(Column(f"video_{hz:g}hz", f"video of {hz:g} Hz off plan", "%") for hz in VIDEOS_HZ),
     Column("plain_error", "plain loop: error", "views"),
     Column("plain_lag_ms", "plain loop: lag", "ms"),
@@ -165,7 +165,7 @@ def script_tables(some: Iterable[Script], count: int) -> Iterator[Table]:
 
 
 def script_viewpoints(script: Script) -> Metrics:
-    """The figures of the columns VIEWPOINTS."""
+    """The values of the columns VIEWPOINTS."""
     now = viewpoints(Setup(screen=Screen(device_latency_ms=0.0)), script)
     bare = viewpoints(Setup(track=Track(filter="mean", mean_k=1)), script)
     plain = viewpoints(plain_loop(), script)
@@ -179,7 +179,7 @@ def script_viewpoints(script: Script) -> Metrics:
 
 
 def script_pictures(script: Script, count: int) -> Metrics:
-    """The figures of the columns PICTURE_COLUMNS."""
+    """The values of the columns PICTURE_COLUMNS."""
     usual = Setup()
     pictures = pictures_of(usual)
     run = watched(usual, script)
@@ -290,5 +290,5 @@ def _prepare(setup: Setup, count: int, ideal: bool) -> Prepared:
 
 
 def _row(name: str, metrics: Metrics, of: str = "") -> Row:
-    """A row with its figures compared with their bounds. of: what it is, if no script."""
+    """A row with its values compared with their bounds. of: what it is, if no script."""
     return judged(Row(name, {key: Value(value) for key, value in metrics.items()}), of)

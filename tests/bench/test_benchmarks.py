@@ -51,10 +51,10 @@ def test_tracker_follows_the_demo_within_a_pixel(tmp_path: Path, sequence: Frame
     assert "error of tracking" in skipped and set(found["litert, 320x240"].prepare()[0]) == {
         "missed"
     }
-    blank, skipped = split(tracker.measure(inputs(wall(2, 2), tmp_path)))
+    vblank, skipped = split(tracker.measure(inputs(wall(2, 2), tmp_path)))
     assert "input wider than 160 px" in skipped
     with pytest.raises(ValueError, match="no face"):
-        blank["litert, 160x120"].prepare()
+        vblank["litert, 160x120"].prepare()
 
 
 def test_synthesis_of_a_wall_and_what_does_not_apply(tmp_path: Path) -> None:

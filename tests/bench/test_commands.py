@@ -19,7 +19,7 @@ SCRIPTS = sorted(path for path in FILES if path.stem not in NO_SCRIPTS)
 WITH_DATA = ("eyes_engines", "pipeline_vs_loop", "scene_pack")
 
 
-def test_subjects_from_the_command_line_share_a_folder(
+def test_benchmarks_from_the_command_line_share_a_folder(
     world: World, scene: Path, clip: Path
 ) -> None:
     first = world.done(

@@ -96,7 +96,7 @@ def test_failures_are_kept_with_their_reason_and_repetitions_are_interleaved() -
     )
 
 
-def test_a_cold_first_turn_does_not_count() -> None:
+def test_the_first_repetition_does_not_count() -> None:
     times_ms = iter([50.0, *[2.0] * 6])
     one = Variant(
         curve="one", parameter="", prepare=lambda: ({}, lambda: {"time_ms": next(times_ms)})

@@ -190,8 +190,8 @@ def _rms(a: NDArray[Any], b: NDArray[Any]) -> float:
 
 
 def evenness(run: Run, screen: Screen, video_hz: float) -> float:
-    """Share of blanks at which a video of this rate shows another frame than planned: at each
-    blank the frame whose time it is.
+    """Share of vblanks at which a video of this rate shows another frame than planned: at each
+    vblank the frame whose time it is.
     """
     settled = len(run.ms) // 2
     targets_ns = run.targets_ns[settled:]
