@@ -18,12 +18,10 @@ log = logging.getLogger(__name__)
 
 # Logits of the confidence: 20 for a face that nothing hides, 13 to 20 for turned heads, 1 to 10
 # behind a hand. Drops are from the face's usual confidence.
-MAX_LOGIT = 20.0
 HIDE_DROP, RELEASE_DROP = 10.0, 4.0  # a face is held below the first, released above the second
 TRUST_DROP = 2.0  # above it, a frame's position is one to hold later
 USUAL_S = 1.0  # time constant of the usual confidence: nothing is held for much longer
-# Eye distances: the most that a hand pulls the landmarks; what a restart of the filter may jump.
-MAX_PULL, MAX_UNNOTICED = 0.7, 0.1
+MAX_PULL = 0.7  # eye distances: the most that a hand pulls the landmarks
 # Eye distances per second: a face that moved faster when it was seen clearly is not held. It leaves
 # the picture or turns away; a hand comes before faces that rest.
 MAX_HELD_SPEED = 1.0
@@ -61,7 +59,7 @@ class OcclusionHold:
         dt_s: float,
         speed_px_s: float,
     ) -> bool:
-        """Adds a frame; returns whether the face is elsewhere after it was held.
+        """Adds a frame; returns whether a hold has just ended: the filter then starts anew.
 
         dt_s, speed_px_s: since and at the last frame.
         """
@@ -75,7 +73,7 @@ class OcclusionHold:
         if self.trusted:
             self._trusted_px = middle_px
             self._moved = speed_px_s > MAX_HELD_SPEED * eye_distance_px
-        return released and off > MAX_UNNOTICED
+        return released
 
 
 class EyeTracker:
@@ -148,8 +146,8 @@ class EyeTracker:
     def _follow(self, face: Face, t_sensor_ns: int, epoch: int) -> None:
         (lx, ly), (rx, ry) = face.eyes_px.tolist()
         middle_px = ((lx + rx) / 2, (ly + ry) / 2)
-        confidence = min(max(face.confidence, 1e-9), 1 - 1e-10)
-        logit = min(math.log(confidence / (1 - confidence)), MAX_LOGIT)
+        confidence = min(max(face.confidence, 1e-9), 1 - 2e-9)  # logits of -20 to 20
+        logit = math.log(confidence / (1 - confidence))
         away_ns = t_sensor_ns - self._seen_ns
         # a hidden face's box is as wrong as its eyes
         same = self._occlusion.held or overlap(self._box_px, face.box_px) > SAME_OVERLAP
